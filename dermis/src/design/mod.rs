@@ -1,0 +1,204 @@
+//! What a skin is: its body, its sheet, its electrodes, its protocol and its image.
+
+use crate::geom::{Point3, Surface};
+use crate::protocol::Protocol;
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// A design that cannot be read or built: where, what, and the fix.
+#[derive(Debug, Error)]
+#[error("{message}")]
+pub struct DesignError {
+    /// What is wrong, naming the field and the numbers.
+    pub message: String,
+    /// How to mend it, where that is known.
+    pub fix: Option<String>,
+    /// The file's name and its text, for an excerpt.
+    pub source_text: Option<(String, String)>,
+    /// Byte range of the offending text in the file.
+    pub span: Option<std::ops::Range<usize>>,
+}
+
+/// A skin, complete and checked.
+#[derive(Debug, Clone)]
+pub struct SkinDesign {
+    /// Name for tables and pictures.
+    pub name: String,
+    /// The body that wears the skin.
+    pub body: Body,
+    /// The conductive coat.
+    pub sheet: Sheet,
+    /// The electrodes, in the order of their numbers.
+    pub electrodes: Vec<Electrode>,
+    /// The order of a frame's values.
+    pub protocol: Protocol,
+    /// The image to reconstruct.
+    pub image: ImageLayout,
+    /// How fine the generated mesh is.
+    pub mesh: MeshOptions,
+}
+
+/// The body that wears the skin.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Body {
+    /// A cylinder's wall: axis z from 0 to the length.
+    Cylinder {
+        /// Length along z, m.
+        length_m: f64,
+        /// Diameter, m.
+        diameter_m: f64,
+    },
+    /// A flat disk round the origin in the plane z = 0.
+    Disk {
+        /// Diameter, m.
+        diameter_m: f64,
+    },
+    /// A flat rectangle in the plane z = 0: x from 0 to the width, y from 0 to the height.
+    Rectangle {
+        /// Extent along x, m.
+        width_m: f64,
+        /// Extent along y, m.
+        height_m: f64,
+    },
+    /// A mesh file: Gmsh `.msh` (with electrode groups, triangles or tetrahedra), STL, OBJ or PLY.
+    Mesh {
+        /// The file.
+        path: PathBuf,
+        /// Metres per unit of the file.
+        unit_m: f64,
+    },
+}
+
+impl Body {
+    /// The surface on which contacts live.
+    pub fn surface(&self) -> Surface {
+        match *self {
+            Body::Cylinder { length_m, diameter_m } => Surface::Cylinder { radius_m: diameter_m / 2.0, length_m },
+            Body::Disk { .. } | Body::Rectangle { .. } => Surface::Plane,
+            Body::Mesh { .. } => Surface::Free,
+        }
+    }
+}
+
+/// Which way a touch turns the conductance of the sheet.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TouchEffect {
+    /// Pressing raises it, as on the paper's skin.
+    ConductanceRises,
+    /// Pressing lowers it, as on membranes that are stretched.
+    ConductanceFalls,
+}
+
+impl TouchEffect {
+    /// +1 where a touch raises conductance, -1 where it lowers it.
+    pub fn sign(self) -> f64 {
+        match self {
+            TouchEffect::ConductanceRises => 1.0,
+            TouchEffect::ConductanceFalls => -1.0,
+        }
+    }
+}
+
+/// The conductive coat.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sheet {
+    /// Untouched conductance: sheet conductance in S for a surface, conductivity in S/m for a volume.
+    pub conductance: f64,
+    /// Parts of another conductance.
+    pub regions: Vec<Region>,
+    /// Which way a touch turns it.
+    pub touch: TouchEffect,
+}
+
+/// A named part of the sheet with a conductance of its own.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Region {
+    /// Its name.
+    pub name: String,
+    /// Untouched conductance there, as in [`Sheet::conductance`].
+    pub conductance: f64,
+    /// Where it is.
+    pub place: RegionPlace,
+}
+
+/// Where a region of the sheet is.
+#[derive(Debug, Clone, PartialEq)]
+pub enum RegionPlace {
+    /// The cells whose centre lies in a box given by opposite corners, m: (z, s = radius * theta) on a cylinder,
+    /// (x, y) on a flat skin.
+    Box {
+        /// Lower corner.
+        low_m: [f64; 2],
+        /// Upper corner.
+        high_m: [f64; 2],
+    },
+    /// The physical group of that name in a mesh file.
+    Group,
+}
+
+/// One electrode.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Electrode {
+    /// Its centre on the surface, m.
+    pub centre_m: Point3,
+    /// What it covers.
+    pub shape: ElectrodeShape,
+    /// Contact impedance: ohm m2 for discs and faces, ohm m for arcs, unused for points.
+    pub contact_impedance: f64,
+}
+
+/// What an electrode covers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ElectrodeShape {
+    /// A round patch inside the surface, clipped where it crosses an edge of the body.
+    Disc {
+        /// Radius along the surface, m.
+        radius_m: f64,
+    },
+    /// A piece of the body's edge.
+    Arc {
+        /// Length along the edge, m.
+        length_m: f64,
+    },
+    /// A single point.
+    Point,
+    /// Whatever the mesh file's physical group `electrode_<n>` holds.
+    Group,
+}
+
+/// The image to reconstruct.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ImageLayout {
+    /// A grid of pixels: rows along z and columns round theta on a cylinder; rows along y and columns along x on a
+    /// flat skin (pixels outside a disk are masked).
+    Grid {
+        /// Pixels along z or y.
+        rows: usize,
+        /// Pixels round theta or along x.
+        columns: usize,
+    },
+    /// A pixel for every cell of the mesh.
+    Cells,
+}
+
+/// How fine the generated mesh is. Lengths in m.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MeshOptions {
+    /// Longest edge allowed anywhere.
+    pub max_edge_m: f64,
+    /// Length of the edges along an electrode's outline.
+    pub electrode_edge_m: f64,
+    /// Growth of the edge length per length of distance from the nearest electrode outline.
+    pub growth: f64,
+}
+
+impl MeshOptions {
+    /// The same grading with every length multiplied by `factor`.
+    pub fn scaled(self, factor: f64) -> Self {
+        MeshOptions {
+            max_edge_m: self.max_edge_m * factor,
+            electrode_edge_m: self.electrode_edge_m * factor,
+            growth: self.growth,
+        }
+    }
+}

@@ -1,0 +1,32 @@
+//! The crate's error: one variant per module.
+
+use thiserror::Error as ThisError;
+
+/// Shorthand for a result with the crate's [`enum@Error`].
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// Everything that can go wrong in this crate, by the module that noticed it.
+#[derive(Debug, ThisError)]
+pub enum Error {
+    /// A design that cannot be read or cannot be built.
+    #[error(transparent)]
+    Design(#[from] crate::design::DesignError),
+    /// A protocol that does not fit its electrodes.
+    #[error(transparent)]
+    Protocol(#[from] crate::protocol::ProtocolError),
+    /// A table of numbers (frames, conductivities, truths, images) that cannot be read or written.
+    #[error(transparent)]
+    Table(#[from] crate::frame::TableError),
+    /// A mesh that cannot be generated, read or used.
+    #[error(transparent)]
+    Mesh(#[from] crate::mesh::MeshError),
+    /// A forward problem without a solution.
+    #[error(transparent)]
+    Forward(#[from] crate::forward::ForwardError),
+    /// A reconstruction that cannot be set up or carried out.
+    #[error(transparent)]
+    Reconstruct(#[from] crate::reconstruct::ReconstructError),
+    /// A score that cannot be computed.
+    #[error(transparent)]
+    Evaluate(#[from] crate::evaluate::EvaluateError),
+}

@@ -1,0 +1,79 @@
+//! Frames of voltages, baselines, and the tables that hold them.
+
+use std::ops::{Deref, DerefMut, Sub};
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// A table of numbers that cannot be read or written: the file, the row and column, what is wrong.
+#[derive(Debug, Error)]
+pub enum TableError {
+    /// A file that cannot be opened, read or written.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A value or a row that does not belong there.
+    #[error("{}, row {row}{}: {message}", path.display(), column.map(|c| format!(", column {c}")).unwrap_or_default())]
+    Cell {
+        /// The file.
+        path: PathBuf,
+        /// 1-based row of the file.
+        row: usize,
+        /// 1-based column, where one value is at fault.
+        column: Option<usize>,
+        /// What is wrong, and the fix.
+        message: String,
+    },
+    /// A file that is wrong as a whole.
+    #[error("{}: {message}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, and the fix.
+        message: String,
+    },
+}
+
+/// The values of one frame, or of a difference of two, in the order of the protocol's channels; ohm.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Frame(pub Vec<f64>);
+
+impl Deref for Frame {
+    type Target = [f64];
+    fn deref(&self) -> &[f64] {
+        &self.0
+    }
+}
+
+impl DerefMut for Frame {
+    fn deref_mut(&mut self) -> &mut [f64] {
+        &mut self.0
+    }
+}
+
+impl Sub for &Frame {
+    type Output = Frame;
+    /// The difference value by value.
+    ///
+    /// # Panics
+    /// Where the frames differ in length.
+    fn sub(self, other: &Frame) -> Frame {
+        assert_eq!(self.len(), other.len(), "frames of different protocols");
+        Frame(self.iter().zip(other.iter()).map(|(a, b)| a - b).collect())
+    }
+}
+
+/// The mean of some frames of equal length; `None` without a frame.
+pub fn mean(frames: &[Frame]) -> Option<Frame> {
+    let first = frames.first()?;
+    let mut sum = vec![0.0; first.len()];
+    for frame in frames {
+        for (total, value) in sum.iter_mut().zip(frame.iter()) {
+            *total += value;
+        }
+    }
+    Some(Frame(sum.into_iter().map(|total| total / frames.len() as f64).collect()))
+}

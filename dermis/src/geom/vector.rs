@@ -1,0 +1,79 @@
+//! Arithmetic on points and vectors, as plain arrays.
+
+/// A point or vector in the plane, or on an unrolled surface.
+pub type Point2 = [f64; 2];
+/// A point or vector in space.
+pub type Point3 = [f64; 3];
+
+/// `a + b`.
+#[inline]
+pub fn add(a: Point3, b: Point3) -> Point3 {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+/// `a - b`.
+#[inline]
+pub fn sub(a: Point3, b: Point3) -> Point3 {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+/// `factor * a`.
+#[inline]
+pub fn scale(a: Point3, factor: f64) -> Point3 {
+    [a[0] * factor, a[1] * factor, a[2] * factor]
+}
+
+/// The scalar product.
+#[inline]
+pub fn dot(a: Point3, b: Point3) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// The vector product.
+#[inline]
+pub fn cross(a: Point3, b: Point3) -> Point3 {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+/// The Euclidean length.
+#[inline]
+pub fn norm(a: Point3) -> f64 {
+    dot(a, a).sqrt()
+}
+
+/// The Euclidean distance between two points.
+#[inline]
+pub fn distance(a: Point3, b: Point3) -> f64 {
+    norm(sub(a, b))
+}
+
+/// `a` at length one; the zero vector stays zero.
+#[inline]
+pub fn normalize(a: Point3) -> Point3 {
+    let length = norm(a);
+    if length > 0.0 { scale(a, 1.0 / length) } else { a }
+}
+
+/// The mean of some points.
+pub fn centroid(points: &[Point3]) -> Point3 {
+    let sum = points.iter().fold([0.0; 3], |sum, &point| add(sum, point));
+    scale(sum, 1.0 / points.len() as f64)
+}
+
+/// The area of a triangle in space.
+#[inline]
+pub fn triangle_area(corners: [Point3; 3]) -> f64 {
+    let [a, b, c] = corners;
+    0.5 * norm(cross(sub(b, a), sub(c, a)))
+}
+
+/// The volume of a tetrahedron, positive where `d` lies on the side of `abc` from which it runs clockwise.
+#[inline]
+pub fn tetrahedron_volume(corners: [Point3; 4]) -> f64 {
+    let [a, b, c, d] = corners;
+    dot(cross(sub(b, a), sub(c, a)), sub(d, a)) / 6.0
+}

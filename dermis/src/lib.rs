@@ -1,0 +1,35 @@
+//! Touch for robots, from a handful of electrodes.
+//!
+//! A skin's [design](design::SkinDesign) becomes a [mesh](mesh::Mesh), the mesh a
+//! [forward model](forward::ForwardModel); the forward model makes [frames](frame::Frame) of voltages
+//! and the Jacobian; a [reconstruction](reconstruct::Reconstruct) makes an [image](image::Image) from a
+//! frame; [detection](detect) finds the contacts in it, and [evaluation](evaluate) scores them against
+//! the truth.
+//!
+//! Signs, orders, axes and units are those of `docs/conventions.md`: SI everywhere, indices from 0.
+
+// Floor 0
+pub mod geom;
+pub mod linalg;
+// Floor 1
+pub mod contact;
+pub mod protocol;
+// Floor 2
+pub mod design;
+pub mod frame;
+// Floor 3
+pub mod mesh;
+// Floor 4
+pub mod fem;
+pub mod image;
+// Floor 5
+pub mod forward;
+// Floor 6
+pub mod reconstruct;
+// Floor 7
+pub mod detect;
+// Floor 8
+pub mod evaluate;
+
+mod error;
+pub use error::{Error, Result};

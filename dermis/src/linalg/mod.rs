@@ -1,0 +1,1 @@
+//! Sparse Cholesky, symbolic apart from numeric, and small dense algebra.

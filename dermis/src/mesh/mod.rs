@@ -1,0 +1,117 @@
+//! Surface triangles in space or tetrahedra, with electrode patches.
+
+use crate::geom::vector::{self, Point3};
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// A mesh that cannot be generated, read, written or used.
+#[derive(Debug, Error)]
+pub enum MeshError {
+    /// A file that cannot be opened, read or written.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A file that is not what its name says.
+    #[error("{}: {message}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong and where, and the fix.
+        message: String,
+    },
+    /// A mesh that no forward problem can be solved on.
+    #[error("{0}")]
+    Invalid(String),
+    /// A design that no mesh can be made for.
+    #[error("{0}")]
+    Generate(String),
+}
+
+/// The cells of a mesh, as indices of nodes.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Cells {
+    /// A surface: triangles, counter-clockwise as seen from outside.
+    Triangles(Vec<[usize; 3]>),
+    /// A volume: tetrahedra of positive volume.
+    Tetrahedra(Vec<[usize; 4]>),
+}
+
+impl Cells {
+    /// Number of cells.
+    pub fn len(&self) -> usize {
+        match self {
+            Cells::Triangles(cells) => cells.len(),
+            Cells::Tetrahedra(cells) => cells.len(),
+        }
+    }
+
+    /// Whether there is no cell.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The nodes of a cell.
+    pub fn corners(&self, cell: usize) -> &[usize] {
+        match self {
+            Cells::Triangles(cells) => &cells[cell],
+            Cells::Tetrahedra(cells) => &cells[cell],
+        }
+    }
+}
+
+/// The part of a mesh that an electrode touches.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ElectrodePatch {
+    /// Whole triangles of a surface mesh, by cell index.
+    Cells(Vec<usize>),
+    /// Edges of a surface mesh.
+    Edges(Vec<[usize; 2]>),
+    /// Faces of a volume mesh.
+    Faces(Vec<[usize; 3]>),
+    /// One node.
+    Node(usize),
+}
+
+/// A mesh of a skin.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mesh {
+    /// Positions of the nodes, m.
+    pub nodes: Vec<Point3>,
+    /// The cells.
+    pub cells: Cells,
+    /// What each electrode touches, in the order of the electrodes.
+    pub electrodes: Vec<ElectrodePatch>,
+    /// Named groups of cells, by cell index (from a file's physical groups; empty on generated meshes).
+    pub regions: Vec<(String, Vec<usize>)>,
+}
+
+impl Mesh {
+    /// Number of nodes.
+    pub fn node_count(&self) -> usize {
+        self.nodes.len()
+    }
+
+    /// Number of cells.
+    pub fn cell_count(&self) -> usize {
+        self.cells.len()
+    }
+
+    /// Area (m2) of a triangle or volume (m3) of a tetrahedron.
+    pub fn cell_measure(&self, cell: usize) -> f64 {
+        match &self.cells {
+            Cells::Triangles(cells) => vector::triangle_area(cells[cell].map(|node| self.nodes[node])),
+            Cells::Tetrahedra(cells) => vector::tetrahedron_volume(cells[cell].map(|node| self.nodes[node])),
+        }
+    }
+
+    /// The centre of a cell, m.
+    pub fn cell_centre(&self, cell: usize) -> Point3 {
+        let corners = self.cells.corners(cell);
+        let sum = corners.iter().fold([0.0; 3], |sum, &node| vector::add(sum, self.nodes[node]));
+        vector::scale(sum, 1.0 / corners.len() as f64)
+    }
+}

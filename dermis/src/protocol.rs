@@ -1,0 +1,261 @@
+//! Which electrodes are driven and which are read for every value of a frame.
+
+use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
+use thiserror::Error;
+
+/// Two electrodes: for a drive, where current enters and leaves; for a measure, plus and minus.
+pub type Pair = [usize; 2];
+
+/// One value of a frame: `V[measure[0]] - V[measure[1]]` per ampere that enters at `drive[0]` and leaves at `drive[1]`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Channel {
+    /// Electrodes where the current enters and leaves.
+    pub drive: Pair,
+    /// Electrodes between which the voltage is read.
+    pub measure: Pair,
+}
+
+impl Channel {
+    /// Whether an electrode of the measure pair is driven too, so that the value feels a contact impedance.
+    pub fn touches_driven(&self) -> bool {
+        self.measure.iter().any(|electrode| self.drive.contains(electrode))
+    }
+
+    /// The channel with drive and measure exchanged, which reads the same value by reciprocity.
+    pub fn reciprocal(&self) -> Channel {
+        Channel { drive: self.measure, measure: self.drive }
+    }
+}
+
+/// A protocol that names what does not exist or drives what cannot be driven.
+#[derive(Debug, Error, PartialEq)]
+pub enum ProtocolError {
+    /// Fewer electrodes than an image can be made from.
+    #[error("{electrode_count} electrodes are too few: a skin needs at least 4")]
+    TooFewElectrodes {
+        /// Number of electrodes asked for.
+        electrode_count: usize,
+    },
+    /// An electrode that the skin does not have.
+    #[error("channel {channel} names electrode {electrode}, but the skin has electrodes 0 to {}", electrode_count - 1)]
+    NoSuchElectrode {
+        /// Index of the channel.
+        channel: usize,
+        /// The electrode named.
+        electrode: usize,
+        /// Number of electrodes of the skin.
+        electrode_count: usize,
+    },
+    /// A pair of one electrode with itself.
+    #[error("channel {channel} {verb} electrode {electrode} against itself")]
+    SelfPair {
+        /// Index of the channel.
+        channel: usize,
+        /// "drives" or "measures".
+        verb: &'static str,
+        /// The electrode.
+        electrode: usize,
+    },
+    /// A skip that brings a pair back to its first electrode.
+    #[error("skip {skip} pairs every electrode with itself on a skin of {electrode_count} electrodes")]
+    BadSkip {
+        /// Electrodes skipped.
+        skip: usize,
+        /// Number of electrodes of the skin.
+        electrode_count: usize,
+    },
+    /// Opposite drive needs an even number of electrodes.
+    #[error("opposite drive needs an even number of electrodes, not {electrode_count}")]
+    OddOpposite {
+        /// Number of electrodes of the skin.
+        electrode_count: usize,
+    },
+    /// A protocol without a channel.
+    #[error("the protocol has no channel")]
+    Empty,
+    /// A channel table that cannot be read.
+    #[error("{path}, line {line}: {message}")]
+    Table {
+        /// The file.
+        path: String,
+        /// 1-based line.
+        line: u64,
+        /// What is wrong, and the fix.
+        message: String,
+    },
+}
+
+/// The order of a frame's values, and which electrodes each drives and reads.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Protocol {
+    electrode_count: usize,
+    channels: Vec<Channel>,
+    amplitude_only: bool,
+}
+
+impl Protocol {
+    /// A protocol from its channels.
+    ///
+    /// # Errors
+    /// Fewer than four electrodes, no channel, an electrode that does not exist, a pair of an electrode with itself.
+    pub fn new(electrode_count: usize, channels: Vec<Channel>) -> Result<Self, ProtocolError> {
+        if electrode_count < 4 {
+            return Err(ProtocolError::TooFewElectrodes { electrode_count });
+        }
+        if channels.is_empty() {
+            return Err(ProtocolError::Empty);
+        }
+        for (index, channel) in channels.iter().enumerate() {
+            for (verb, pair) in [("drives", channel.drive), ("measures", channel.measure)] {
+                if let Some(&electrode) = pair.iter().find(|&&electrode| electrode >= electrode_count) {
+                    return Err(ProtocolError::NoSuchElectrode { channel: index, electrode, electrode_count });
+                }
+                if pair[0] == pair[1] {
+                    return Err(ProtocolError::SelfPair { channel: index, verb, electrode: pair[0] });
+                }
+            }
+        }
+        Ok(Protocol { electrode_count, channels, amplitude_only: false })
+    }
+
+    /// Adjacent drive, adjacent measure, all pairs but the driven one: `L (L - 1)` values, drive-major.
+    ///
+    /// # Errors
+    /// Fewer than four electrodes.
+    pub fn adjacent(electrode_count: usize) -> Result<Self, ProtocolError> {
+        Self::cyclic(electrode_count, 1, |drive, measure| drive != measure)
+    }
+
+    /// Adjacent drive, adjacent measure, without any pair that holds a driven electrode: `L (L - 3)` values.
+    ///
+    /// # Errors
+    /// Fewer than four electrodes.
+    pub fn adjacent_undriven(electrode_count: usize) -> Result<Self, ProtocolError> {
+        Self::cyclic(electrode_count, 1, |drive, measure| drive.iter().all(|e| !measure.contains(e)))
+    }
+
+    /// Drive `d` to `d + 1 + skip`, adjacent measure, without any pair that holds a driven electrode.
+    ///
+    /// # Errors
+    /// Fewer than four electrodes; a skip that pairs an electrode with itself.
+    pub fn skip(electrode_count: usize, skip: usize) -> Result<Self, ProtocolError> {
+        if electrode_count > 0 && (skip + 1).is_multiple_of(electrode_count) {
+            return Err(ProtocolError::BadSkip { skip, electrode_count });
+        }
+        Self::cyclic(electrode_count, skip + 1, |drive, measure| drive.iter().all(|e| !measure.contains(e)))
+    }
+
+    /// Drive `d` to `d + L/2`, adjacent measure, without any pair that holds a driven electrode.
+    ///
+    /// # Errors
+    /// Fewer than four electrodes, or an odd number of them.
+    pub fn opposite(electrode_count: usize) -> Result<Self, ProtocolError> {
+        if electrode_count % 2 == 1 {
+            return Err(ProtocolError::OddOpposite { electrode_count });
+        }
+        Self::cyclic(electrode_count, electrode_count / 2, |drive, measure| drive.iter().all(|e| !measure.contains(e)))
+    }
+
+    /// Drives `d -> d + step` and adjacent measures, drive-major, measure ascending, where `keep` says so.
+    fn cyclic(electrode_count: usize, step: usize, keep: impl Fn(Pair, Pair) -> bool) -> Result<Self, ProtocolError> {
+        let count = electrode_count;
+        let mut channels = Vec::new();
+        for d in 0..count {
+            let drive = [d, (d + step) % count];
+            for m in 0..count {
+                let measure = [m, (m + 1) % count];
+                if keep(drive, measure) {
+                    channels.push(Channel { drive, measure });
+                }
+            }
+        }
+        if count < 4 {
+            return Err(ProtocolError::TooFewElectrodes { electrode_count });
+        }
+        Self::new(count, channels)
+    }
+
+    /// The same protocol for an instrument that reports amplitudes: signs are lost and the model's untouched
+    /// signs have to be put back.
+    pub fn with_amplitude_only(mut self, amplitude_only: bool) -> Self {
+        self.amplitude_only = amplitude_only;
+        self
+    }
+
+    /// Whether the instrument reports amplitudes without their sign.
+    pub fn amplitude_only(&self) -> bool {
+        self.amplitude_only
+    }
+
+    /// Number of electrodes of the skin.
+    pub fn electrode_count(&self) -> usize {
+        self.electrode_count
+    }
+
+    /// Number of values of a frame.
+    pub fn channel_count(&self) -> usize {
+        self.channels.len()
+    }
+
+    /// The channels in the order of a frame.
+    pub fn channels(&self) -> &[Channel] {
+        &self.channels
+    }
+
+    /// The distinct drive pairs in order of first use, and for each channel the index of its own.
+    pub fn drives(&self) -> (Vec<Pair>, Vec<usize>) {
+        distinct(self.channels.iter().map(|channel| channel.drive))
+    }
+
+    /// The distinct measure pairs in order of first use, and for each channel the index of its own.
+    pub fn measures(&self) -> (Vec<Pair>, Vec<usize>) {
+        distinct(self.channels.iter().map(|channel| channel.measure))
+    }
+
+    /// The channel table as CSV: `channel,drive_source,drive_sink,measure_plus,measure_minus`.
+    pub fn to_csv(&self) -> String {
+        let mut text = String::from("channel,drive_source,drive_sink,measure_plus,measure_minus\n");
+        for (index, Channel { drive, measure }) in self.channels.iter().enumerate() {
+            text += &format!("{index},{},{},{},{}\n", drive[0], drive[1], measure[0], measure[1]);
+        }
+        text
+    }
+}
+
+fn distinct(pairs: impl Iterator<Item = Pair>) -> (Vec<Pair>, Vec<usize>) {
+    let mut order = Vec::new();
+    let mut index_of = HashMap::new();
+    let indices = pairs
+        .map(|pair| {
+            *index_of.entry(pair).or_insert_with(|| {
+                order.push(pair);
+                order.len() - 1
+            })
+        })
+        .collect();
+    (order, indices)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_papers_protocol_has_870_values_of_which_60_touch_a_driven_electrode() {
+        let protocol = Protocol::adjacent(30).unwrap();
+        assert_eq!(protocol.channel_count(), 870);
+        assert_eq!(protocol.channels().iter().filter(|c| c.touches_driven()).count(), 60);
+        assert_eq!(protocol.channels()[0], Channel { drive: [0, 1], measure: [1, 2] });
+        assert_eq!(protocol.channels()[869], Channel { drive: [29, 0], measure: [28, 29] });
+    }
+
+    #[test]
+    fn a_pair_of_an_electrode_with_itself_is_named() {
+        let channel = Channel { drive: [2, 2], measure: [0, 1] };
+        let error = Protocol::new(16, vec![channel]).unwrap_err();
+        assert_eq!(error, ProtocolError::SelfPair { channel: 0, verb: "drives", electrode: 2 });
+        assert!(Protocol::skip(16, 15).is_err());
+        assert!(Protocol::adjacent(3).is_err());
+    }
+}
