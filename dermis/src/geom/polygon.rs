@@ -25,10 +25,7 @@ pub fn clip_half_plane(corners: &[Point2], normal: Point2, offset: f64) -> Vec<P
         let (from, to) = (side(previous), side(corner));
         if (from > 0.0) != (to > 0.0) {
             let t = from / (from - to);
-            kept.push([
-                previous[0] + t * (corner[0] - previous[0]),
-                previous[1] + t * (corner[1] - previous[1]),
-            ]);
+            kept.push([previous[0] + t * (corner[0] - previous[0]), previous[1] + t * (corner[1] - previous[1])]);
         }
         if to <= 0.0 {
             kept.push(corner);

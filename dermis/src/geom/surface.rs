@@ -45,9 +45,7 @@ impl Surface {
     /// The point of a cylinder at `(z, theta)`; `None` off cylinders.
     pub fn at(&self, z_m: f64, theta_rad: f64) -> Option<Point3> {
         match *self {
-            Surface::Cylinder { radius_m, .. } => {
-                Some([radius_m * theta_rad.cos(), radius_m * theta_rad.sin(), z_m])
-            }
+            Surface::Cylinder { radius_m, .. } => Some([radius_m * theta_rad.cos(), radius_m * theta_rad.sin(), z_m]),
             _ => None,
         }
     }
