@@ -1,1 +1,15 @@
 //! Sparse Cholesky, symbolic apart from numeric, and small dense algebra.
+//!
+//! The sparse matrices of this crate are symmetric and positive definite, share one pattern over many values, and
+//! often end in a few unknowns (the electrodes) of which only the Schur complement is wanted. [`Symbolic`] holds all
+//! that follows from the pattern; [`Factor`] the numbers.
+
+mod dense;
+mod factor;
+mod matrix;
+mod symbolic;
+
+pub use dense::{cholesky_in_place, invert_spd};
+pub use factor::{Factor, NotPositiveDefinite, Workspace};
+pub use matrix::Matrix;
+pub use symbolic::Symbolic;

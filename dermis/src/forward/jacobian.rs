@@ -1,0 +1,133 @@
+//! The derivative of a frame by the conductivity, by the adjoint method.
+//!
+//! With `u_d` the field of 1 A through drive `d` and `u_m` that of 1 A through measure pair `m`, the voltage at `m` for
+//! `d` changes by `-integral of grad u_d . grad u_m` per conductivity over the part that changes
+//! (Geselowitz, 1971, DOI 10.1109/TBME.1971.4502787).
+
+use super::{ForwardError, ForwardModel};
+use crate::fem::Gradients;
+use crate::image::PixelSpace;
+use crate::linalg::Matrix;
+use crate::mesh::Mesh;
+use crate::protocol::Protocol;
+
+/// Cells or pixels whose derivatives are computed before they are written out together, so that the writes, a frame
+/// apart, fill whole cache lines (64 bytes hold 8 values).
+const BLOCK: usize = 8;
+
+impl ForwardModel {
+    /// The derivative of the frame by the conductivity of each cell, channels x cells, ohm per S (ohm per S/m in
+    /// volumes).
+    ///
+    /// # Errors
+    /// As [`solve`](Self::solve).
+    pub fn jacobian(&self, conductivity: &[f64]) -> Result<Matrix, ForwardError> {
+        let cells: Vec<Vec<(usize, f64)>> = (0..self.mesh().cell_count()).map(|cell| vec![(cell, 1.0)]).collect();
+        self.derivative_by(&cells, conductivity)
+    }
+
+    /// The derivative of the frame by the conductivity of each pixel, channels x pixels: the cells' derivatives
+    /// summed with the fraction of each that lies in the pixel; ohm per S.
+    ///
+    /// # Errors
+    /// As [`solve`](Self::solve).
+    pub fn pixel_jacobian(&self, conductivity: &[f64], pixels: &PixelSpace) -> Result<Matrix, ForwardError> {
+        self.derivative_by(&pixels.overlaps, conductivity)
+    }
+
+    /// The derivative by the conductivity of parts, each a list of cells with the fraction of them that changes.
+    fn derivative_by(&self, parts: &[Vec<(usize, f64)>], conductivity: &[f64]) -> Result<Matrix, ForwardError> {
+        let potentials = self.potentials(conductivity)?;
+        let fields = Fields::new(self.mesh(), &potentials);
+        let mut jacobian = Matrix::zeros(self.protocol().channel_count(), parts.len());
+        pulp::Arch::new().dispatch(|| fill(&fields, parts, self.protocol(), &mut jacobian));
+        Ok(jacobian)
+    }
+}
+
+/// The gradient of every electrode's field on every cell.
+struct Fields {
+    electrode_count: usize,
+    dimension: usize,
+    /// Per cell, per dimension, per electrode.
+    values: Vec<f64>,
+    measures: Vec<f64>,
+}
+
+impl Fields {
+    fn new(mesh: &Mesh, potentials: &Matrix) -> Self {
+        let electrode_count = potentials.columns;
+        let dimension = mesh.cells.corners(0).len() - 1;
+        let mut values = vec![0.0; mesh.cell_count() * dimension * electrode_count];
+        let mut measures = Vec::with_capacity(mesh.cell_count());
+        for (cell, field) in values.chunks_exact_mut(dimension * electrode_count).enumerate() {
+            let gradients = Gradients::new(mesh, cell);
+            let local = in_local_axes(&gradients);
+            measures.push(gradients.measure);
+            for (axis, row) in field.chunks_exact_mut(electrode_count).enumerate() {
+                for (&node, gradient) in mesh.cells.corners(cell).iter().zip(&local) {
+                    for (value, potential) in row.iter_mut().zip(potentials.row(node)) {
+                        *value += gradient[axis] * potential;
+                    }
+                }
+            }
+        }
+        Fields { electrode_count, dimension, values, measures }
+    }
+
+    #[inline(always)]
+    fn of_cell(&self, cell: usize) -> &[f64] {
+        let size = self.dimension * self.electrode_count;
+        &self.values[cell * size..(cell + 1) * size]
+    }
+}
+
+/// The gradients in axes of the cell: a triangle's need two only.
+fn in_local_axes(gradients: &Gradients) -> [[f64; 3]; 4] {
+    use crate::geom::vector::{dot, normalize, scale, sub};
+    if gradients.corner_count == 4 {
+        return gradients.of_corner;
+    }
+    let [a, b, _, _] = gradients.of_corner;
+    let first = normalize(a);
+    let second = normalize(sub(b, scale(first, dot(b, first))));
+    gradients.of_corner.map(|gradient| [dot(gradient, first), dot(gradient, second), 0.0])
+}
+
+#[inline(always)]
+fn fill(fields: &Fields, parts: &[Vec<(usize, f64)>], protocol: &Protocol, jacobian: &mut Matrix) {
+    let count = fields.electrode_count;
+    let mut products = vec![0.0; BLOCK * count * count];
+    for (block, parts) in parts.chunks(BLOCK).enumerate() {
+        for (part, product) in parts.iter().zip(products.chunks_exact_mut(count * count)) {
+            accumulate(fields, part, product);
+        }
+        for (channel, row) in protocol.channels().iter().zip(jacobian.values.chunks_exact_mut(jacobian.columns)) {
+            let ([source, sink], [plus, minus]) = (channel.drive, channel.measure);
+            let target = &mut row[block * BLOCK..block * BLOCK + parts.len()];
+            for (value, product) in target.iter_mut().zip(products.chunks_exact(count * count)) {
+                let (from, to) = (&product[source * count..][..count], &product[sink * count..][..count]);
+                *value = (to[plus] - to[minus]) - (from[plus] - from[minus]);
+            }
+        }
+    }
+}
+
+/// The integral of the products of all electrodes' fields over a part.
+#[inline(always)]
+fn accumulate(fields: &Fields, part: &[(usize, f64)], product: &mut [f64]) {
+    let count = fields.electrode_count;
+    product.fill(0.0);
+    for &(cell, fraction) in part {
+        let weight = fraction * fields.measures[cell];
+        let field = fields.of_cell(cell);
+        for (k, row) in product.chunks_exact_mut(count).enumerate() {
+            for axis in field.chunks_exact(count) {
+                let factor = weight * axis[k];
+                for (value, other) in row.iter_mut().zip(axis) {
+                    *value += factor * other;
+                }
+            }
+        }
+    }
+}

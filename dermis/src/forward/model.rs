@@ -1,0 +1,260 @@
+//! The forward model of one skin on one mesh.
+
+use super::assembly::Assembly;
+use super::{ForwardError, Network};
+use crate::design::{RegionPlace, SkinDesign};
+use crate::frame::Frame;
+use crate::geom::Surface;
+use crate::linalg::{Factor, Matrix, NotPositiveDefinite, Symbolic, Workspace};
+use crate::mesh::{ElectrodePatch, Mesh};
+use crate::protocol::Protocol;
+use std::sync::Arc;
+
+/// The forward model of one skin on one mesh: everything that does not depend on the conductivity, computed once.
+///
+/// Cheap to clone.
+#[derive(Debug, Clone)]
+pub struct ForwardModel {
+    shared: Arc<Shared>,
+}
+
+#[derive(Debug)]
+struct Shared {
+    mesh: Mesh,
+    protocol: Protocol,
+    contact_impedances: Vec<f64>,
+    rest_conductivity: Vec<f64>,
+    assembly: Assembly,
+    symbolic: Symbolic,
+}
+
+/// Memory for many solves of one model, one after the other.
+#[derive(Debug, Clone)]
+pub struct Solver {
+    model: ForwardModel,
+    entry_values: Vec<f64>,
+    factor: Factor,
+    workspace: Workspace,
+}
+
+impl ForwardModel {
+    /// The model of a design on its mesh.
+    ///
+    /// # Errors
+    /// A mesh with another number of electrodes than the design, or one that no forward problem can be solved on.
+    pub fn new(design: &SkinDesign, mesh: &Mesh) -> crate::Result<Self> {
+        check_count("electrodes of the mesh", mesh.electrodes.len(), design.electrodes.len())?;
+        let impedances: Vec<f64> = design.electrodes.iter().map(|electrode| electrode.contact_impedance).collect();
+        Self::from_parts(mesh, &impedances, &design.protocol, &rest_conductivity(design, mesh))
+    }
+
+    /// The model of a mesh without a design. `contact_impedances` has one value per electrode (ohm m2 on cells and
+    /// faces, ohm m on edges, unused on nodes), `rest_conductivity` one per cell (S on surfaces, S/m in volumes).
+    ///
+    /// # Errors
+    /// Lists of the wrong length, values that are not positive, two point electrodes on one node.
+    pub fn from_parts(
+        mesh: &Mesh,
+        contact_impedances: &[f64],
+        protocol: &Protocol,
+        rest_conductivity: &[f64],
+    ) -> crate::Result<Self> {
+        check_count("contact impedances", contact_impedances.len(), mesh.electrodes.len())?;
+        check_count("electrodes of the mesh", mesh.electrodes.len(), protocol.electrode_count())?;
+        check_contact_impedances(mesh, contact_impedances)?;
+        check_conductivity(mesh, rest_conductivity)?;
+        let assembly = Assembly::new(mesh, contact_impedances)?;
+        let symbolic = Symbolic::new(assembly.unknown_count, mesh.electrodes.len(), &assembly.entries);
+        Ok(ForwardModel {
+            shared: Arc::new(Shared {
+                mesh: mesh.clone(),
+                protocol: protocol.clone(),
+                contact_impedances: contact_impedances.to_vec(),
+                rest_conductivity: rest_conductivity.to_vec(),
+                assembly,
+                symbolic,
+            }),
+        })
+    }
+
+    /// The mesh.
+    pub fn mesh(&self) -> &Mesh {
+        &self.shared.mesh
+    }
+
+    /// The order of a frame's values.
+    pub fn protocol(&self) -> &Protocol {
+        &self.shared.protocol
+    }
+
+    /// The contact impedance of each electrode.
+    pub fn contact_impedances(&self) -> &[f64] {
+        &self.shared.contact_impedances
+    }
+
+    /// Conductivity of the untouched skin, a value per cell.
+    pub fn rest_conductivity(&self) -> &[f64] {
+        &self.shared.rest_conductivity
+    }
+
+    /// The symbolic factorisation of the system, electrodes last.
+    pub fn symbolic(&self) -> &Symbolic {
+        &self.shared.symbolic
+    }
+
+    /// The unknown of each node in the system.
+    pub(super) fn unknown_of_node(&self) -> &[usize] {
+        &self.shared.assembly.unknown_of_node
+    }
+
+    /// Memory for many solves.
+    pub fn solver(&self) -> Solver {
+        Solver {
+            entry_values: vec![0.0; self.shared.symbolic.entry_count()],
+            factor: self.shared.symbolic.empty_factor(),
+            workspace: self.shared.symbolic.workspace(),
+            model: self.clone(),
+        }
+    }
+
+    /// The frame of a skin with the given conductivity per cell, ohm.
+    ///
+    /// # Errors
+    /// A conductivity of the wrong length, or one that is not positive and finite.
+    pub fn solve(&self, conductivity: &[f64]) -> Result<Frame, ForwardError> {
+        Ok(self.network(conductivity)?.frame(self.protocol()))
+    }
+
+    /// The network between the electrodes at a conductivity per cell.
+    ///
+    /// # Errors
+    /// As [`solve`](Self::solve).
+    pub fn network(&self, conductivity: &[f64]) -> Result<Network, ForwardError> {
+        self.solver().network(conductivity)
+    }
+
+    /// The potentials of all nodes, nodes x electrodes, V: column `k` for 1 A that enters at electrode `k` and leaves
+    /// through all electrodes in equal parts, so that the difference of two columns is a drive's field.
+    ///
+    /// # Errors
+    /// As [`solve`](Self::solve).
+    pub fn potentials(&self, conductivity: &[f64]) -> Result<Matrix, ForwardError> {
+        self.solver().potentials(conductivity)
+    }
+}
+
+impl Solver {
+    /// The model it solves.
+    pub fn model(&self) -> &ForwardModel {
+        &self.model
+    }
+
+    /// The frame of a skin with the given conductivity per cell, into memory of the caller, ohm.
+    ///
+    /// # Errors
+    /// A conductivity of the wrong length, or one that is not positive and finite.
+    ///
+    /// # Panics
+    /// Where `values` has another length than the protocol.
+    pub fn solve_into(&mut self, conductivity: &[f64], values: &mut [f64]) -> Result<(), ForwardError> {
+        assert_eq!(values.len(), self.model.protocol().channel_count(), "a value per channel");
+        let network = self.network(conductivity)?;
+        network.frame_into(self.model.protocol(), values);
+        Ok(())
+    }
+
+    /// The network between the electrodes at a conductivity per cell.
+    ///
+    /// # Errors
+    /// As [`solve_into`](Self::solve_into).
+    pub fn network(&mut self, conductivity: &[f64]) -> Result<Network, ForwardError> {
+        let shared = &self.model.shared;
+        check_conductivity(&shared.mesh, conductivity)?;
+        shared.assembly.values_into(conductivity, &mut self.entry_values);
+        shared
+            .symbolic
+            .factor_into(&self.entry_values, &mut self.factor, &mut self.workspace)
+            .map_err(|error| self.name_singular(error))?;
+        Network::new(self.factor.schur().clone())
+    }
+
+    /// [`ForwardModel::potentials`].
+    ///
+    /// # Errors
+    /// As [`solve_into`](Self::solve_into).
+    pub fn potentials(&mut self, conductivity: &[f64]) -> Result<Matrix, ForwardError> {
+        let network = self.network(conductivity)?;
+        let shared = &self.model.shared;
+        let electrode_count = shared.mesh.electrodes.len();
+        let mut unknowns = Matrix::zeros(shared.assembly.unknown_count, electrode_count);
+        let interior = (shared.assembly.unknown_count - electrode_count) * electrode_count;
+        unknowns.values[interior..].copy_from_slice(&network.transfer_impedance.values);
+        self.factor.extend_homogeneous(&shared.symbolic, &mut unknowns);
+        let mut potentials = Matrix::zeros(shared.mesh.node_count(), electrode_count);
+        for (node, &unknown) in self.model.unknown_of_node().iter().enumerate() {
+            potentials.row_mut(node).copy_from_slice(unknowns.row(unknown));
+        }
+        Ok(potentials)
+    }
+
+    fn name_singular(&self, error: NotPositiveDefinite) -> ForwardError {
+        let node = self.model.unknown_of_node().iter().position(|&unknown| unknown == error.unknown);
+        ForwardError::Singular { place: node.map_or("an electrode".into(), |node| format!("node {node}")) }
+    }
+}
+
+/// The untouched conductance of each cell: the region's that holds its centre, or the sheet's.
+fn rest_conductivity(design: &SkinDesign, mesh: &Mesh) -> Vec<f64> {
+    let mut values = vec![design.sheet.conductance; mesh.cell_count()];
+    for region in &design.sheet.regions {
+        match region.place {
+            RegionPlace::Group => {
+                let groups = mesh.regions.iter().filter(|(name, _)| *name == region.name);
+                for &cell in groups.flat_map(|(_, cells)| cells) {
+                    values[cell] = region.conductance;
+                }
+            }
+            RegionPlace::Box { low_m, high_m } => {
+                for (cell, value) in values.iter_mut().enumerate() {
+                    let place = region_coordinates(design.body.surface(), mesh, cell);
+                    if (0..2).all(|axis| (low_m[axis]..=high_m[axis]).contains(&place[axis])) {
+                        *value = region.conductance;
+                    }
+                }
+            }
+        }
+    }
+    values
+}
+
+/// A cell's centre as regions name places: (z, radius * theta) on a cylinder, (x, y) elsewhere.
+fn region_coordinates(surface: Surface, mesh: &Mesh, cell: usize) -> [f64; 2] {
+    let centre = mesh.cell_centre(cell);
+    match (surface, surface.theta_rad(centre)) {
+        (Surface::Cylinder { radius_m, .. }, Some(theta)) => [centre[2], radius_m * theta],
+        _ => [centre[0], centre[1]],
+    }
+}
+
+fn check_count(what: &'static str, got: usize, expected: usize) -> Result<(), ForwardError> {
+    if got == expected { Ok(()) } else { Err(ForwardError::Count { what, got, expected }) }
+}
+
+pub(super) fn check_conductivity(mesh: &Mesh, conductivity: &[f64]) -> Result<(), ForwardError> {
+    check_count("conductivities", conductivity.len(), mesh.cell_count())?;
+    match conductivity.iter().position(|value| !(value.is_finite() && *value > 0.0)) {
+        Some(cell) => Err(ForwardError::Conductivity { cell, value: conductivity[cell] }),
+        None => Ok(()),
+    }
+}
+
+fn check_contact_impedances(mesh: &Mesh, contact_impedances: &[f64]) -> Result<(), ForwardError> {
+    let bad = |(electrode, value): (usize, &f64)| {
+        let is_point = matches!(mesh.electrodes[electrode], ElectrodePatch::Node(_));
+        !is_point && !(value.is_finite() && *value > 0.0)
+    };
+    match contact_impedances.iter().enumerate().position(bad) {
+        Some(electrode) => Err(ForwardError::ContactImpedance { electrode, value: contact_impedances[electrode] }),
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,52 @@
+//! The resistor network between the electrodes that is left when all nodes are eliminated.
+
+use super::ForwardError;
+use crate::frame::Frame;
+use crate::linalg::{Matrix, invert_spd};
+use crate::protocol::Protocol;
+
+/// The skin as its electrodes see it: `I = Y U` and `U = S I`.
+///
+/// `Y` is the Schur complement of the nodes in the finite-element system (Kron, 1939: Tensor Analysis of Networks);
+/// `S`, the paper's transfer impedance (its Eq. 3-5), is the pseudo-inverse of `Y`. Both are symmetric of rank `L - 1`,
+/// their null vector the constant.
+#[derive(Debug, Clone)]
+pub struct Network {
+    /// `Y`, electrodes x electrodes, S.
+    pub admittance: Matrix,
+    /// `S`, electrodes x electrodes, ohm.
+    pub transfer_impedance: Matrix,
+}
+
+impl Network {
+    /// The network of an admittance.
+    ///
+    /// With `c = trace(Y) / L` and `P = 1 1' / L` the projector on the null space, `S = (Y + c P)^-1 - P / c`.
+    pub(super) fn new(admittance: Matrix) -> Result<Self, ForwardError> {
+        let count = admittance.rows;
+        let trace: f64 = (0..count).map(|electrode| admittance.at(electrode, electrode)).sum();
+        let scale = trace / count as f64;
+        let mut shifted = admittance.clone();
+        shifted.values.iter_mut().for_each(|value| *value += scale / count as f64);
+        let mut transfer_impedance = invert_spd(&shifted)
+            .map_err(|error| ForwardError::Singular { place: format!("electrode {}", error.unknown) })?;
+        transfer_impedance.values.iter_mut().for_each(|value| *value -= 1.0 / (scale * count as f64));
+        Ok(Network { admittance, transfer_impedance })
+    }
+
+    /// The frame of a protocol: for each channel the measured voltage per ampere driven, ohm.
+    pub fn frame(&self, protocol: &Protocol) -> Frame {
+        let mut values = vec![0.0; protocol.channel_count()];
+        self.frame_into(protocol, &mut values);
+        Frame(values)
+    }
+
+    /// [`frame`](Self::frame) into memory of the caller.
+    pub fn frame_into(&self, protocol: &Protocol, values: &mut [f64]) {
+        let s = &self.transfer_impedance;
+        for (value, channel) in values.iter_mut().zip(protocol.channels()) {
+            let ([source, sink], [plus, minus]) = (channel.drive, channel.measure);
+            *value = (s.at(source, plus) - s.at(source, minus)) - (s.at(sink, plus) - s.at(sink, minus));
+        }
+    }
+}

@@ -1,0 +1,252 @@
+//! The numbers of a sparse Cholesky factorisation.
+
+use super::dense::eliminate;
+use super::matrix::Matrix;
+use super::symbolic::{Supernode, Symbolic};
+use thiserror::Error;
+
+/// A matrix that is not positive definite.
+#[derive(Debug, Error, Clone, Copy, PartialEq, Eq)]
+#[error("the matrix is not positive definite: the pivot of unknown {unknown} is not positive")]
+pub struct NotPositiveDefinite {
+    /// The unknown whose pivot is not positive.
+    pub unknown: usize,
+}
+
+/// Memory that factorisations of one pattern share.
+#[derive(Debug, Clone)]
+pub struct Workspace {
+    front: Vec<f64>,
+    stack: Vec<f64>,
+}
+
+/// The Cholesky factor `L` of the eliminated unknowns, and the Schur complement of the kept ones.
+#[derive(Debug, Clone)]
+pub struct Factor {
+    values: Vec<f64>,
+    /// The Schur complement of the kept unknowns, both triangles.
+    schur: Matrix,
+}
+
+impl Symbolic {
+    /// Memory for [`factor_into`](Self::factor_into).
+    pub fn workspace(&self) -> Workspace {
+        Workspace { front: vec![0.0; self.front_max * self.front_max], stack: vec![0.0; self.stack_max] }
+    }
+
+    /// A factor to be filled by [`factor_into`](Self::factor_into).
+    pub fn empty_factor(&self) -> Factor {
+        Factor { values: vec![0.0; self.value_count], schur: Matrix::zeros(self.kept_count, self.kept_count) }
+    }
+
+    /// Factors the matrix whose entries have the given values, in the order in which the pattern listed them.
+    ///
+    /// # Errors
+    /// A matrix that is not positive definite on the eliminated unknowns.
+    ///
+    /// # Panics
+    /// Where the number of values is not the pattern's.
+    pub fn factor(&self, values: &[f64]) -> Result<Factor, NotPositiveDefinite> {
+        let mut factor = self.empty_factor();
+        self.factor_into(values, &mut factor, &mut self.workspace())?;
+        Ok(factor)
+    }
+
+    /// [`factor`](Self::factor) into memory of the caller.
+    ///
+    /// # Errors
+    /// A matrix that is not positive definite on the eliminated unknowns.
+    ///
+    /// # Panics
+    /// Where the number of values is not the pattern's, or the memory another pattern's.
+    pub fn factor_into(
+        &self,
+        values: &[f64],
+        factor: &mut Factor,
+        workspace: &mut Workspace,
+    ) -> Result<(), NotPositiveDefinite> {
+        assert_eq!(values.len(), self.entry_count(), "values of another pattern");
+        assert_eq!(factor.values.len(), self.value_count, "factor of another pattern");
+        assert_eq!(workspace.stack.len(), self.stack_max, "workspace of another pattern");
+        pulp::Arch::new().dispatch(|| self.eliminate_all(values, factor, workspace))
+    }
+
+    #[inline(always)]
+    fn eliminate_all(
+        &self,
+        values: &[f64],
+        factor: &mut Factor,
+        workspace: &mut Workspace,
+    ) -> Result<(), NotPositiveDefinite> {
+        let Workspace { front, stack } = workspace;
+        let mut top = 0;
+        for supernode in &self.supernodes {
+            let (width, height) = (supernode.width(), supernode.height());
+            let front = &mut front[..height * height];
+            front.fill(0.0);
+            for &(entry, target) in &self.entry_plan[supernode.entries.clone()] {
+                front[target] += values[entry];
+            }
+            for &child in self.children[supernode.children.clone()].iter().rev() {
+                top -= self.extend_add(&self.supernodes[child], &stack[..top], front, height);
+            }
+            eliminate(front, height, width)
+                .map_err(|pivot| NotPositiveDefinite { unknown: self.order[supernode.columns.start + pivot] })?;
+            factor.values[supernode.start..supernode.start + width * height].copy_from_slice(&front[..width * height]);
+            let rows = height - width;
+            for column in 0..rows {
+                let from = (width + column) * height + width;
+                stack[top + column * rows + column..top + (column + 1) * rows]
+                    .copy_from_slice(&front[from + column..from + rows]);
+            }
+            top += rows * rows;
+        }
+        self.finish_schur(values, &stack[..top], &mut factor.schur);
+        Ok(())
+    }
+
+    /// Adds the update on top of the stack, which is `child`'s, to a front; returns its size.
+    #[inline(always)]
+    fn extend_add(&self, child: &Supernode, stack: &[f64], front: &mut [f64], height: usize) -> usize {
+        let rows = child.rows.len();
+        let update = &stack[stack.len() - rows * rows..];
+        let place = &self.row_in_parent[child.row_in_parent.clone()];
+        for (column, &target_column) in place.iter().enumerate() {
+            let target = &mut front[target_column * height..(target_column + 1) * height];
+            let source = &update[column * rows + column..(column + 1) * rows];
+            for (&row, value) in place[column..].iter().zip(source) {
+                target[row] += value;
+            }
+        }
+        rows * rows
+    }
+
+    /// The kept block: its own entries and the roots' updates.
+    #[inline(always)]
+    fn finish_schur(&self, values: &[f64], stack: &[f64], schur: &mut Matrix) {
+        schur.values.fill(0.0);
+        for &(entry, target) in &self.kept_entries {
+            schur.values[target] += values[entry];
+        }
+        let mut top = stack.len();
+        for &root in self.roots.iter().rev() {
+            top -= self.extend_add(&self.supernodes[root], &stack[..top], &mut schur.values, self.kept_count);
+        }
+        for column in 0..self.kept_count {
+            for row in column + 1..self.kept_count {
+                schur.values[row * self.kept_count + column] = schur.values[column * self.kept_count + row];
+            }
+        }
+    }
+}
+
+impl Factor {
+    /// The Schur complement of the kept unknowns.
+    pub fn schur(&self) -> &Matrix {
+        &self.schur
+    }
+
+    /// Given the kept unknowns' values, the eliminated ones' that make their equations homogeneous:
+    /// `A_ii x_i + A_ik x_k = 0`.
+    ///
+    /// `x` holds a row per unknown, in the caller's order, and a column per problem; the last rows are given, the rest
+    /// is filled.
+    ///
+    /// # Panics
+    /// Where `x` has the wrong number of rows.
+    pub fn extend_homogeneous(&self, symbolic: &Symbolic, x: &mut Matrix) {
+        assert_eq!(x.rows, symbolic.unknown_count, "a row per unknown");
+        let interior = symbolic.unknown_count - symbolic.kept_count;
+        x.values[..interior * x.columns].fill(0.0);
+        self.back_substitute(symbolic, x);
+    }
+
+    /// Solves `A x = b` in place for a matrix without kept unknowns; a row per unknown, a column per problem.
+    ///
+    /// # Panics
+    /// Where unknowns are kept or `x` has the wrong number of rows.
+    pub fn solve_in_place(&self, symbolic: &Symbolic, x: &mut Matrix) {
+        assert_eq!(symbolic.kept_count, 0, "no unknown kept");
+        assert_eq!(x.rows, symbolic.unknown_count, "a row per unknown");
+        self.forward_substitute(symbolic, x);
+        self.back_substitute(symbolic, x);
+    }
+
+    /// `x <- L^-1 x`
+    fn forward_substitute(&self, symbolic: &Symbolic, x: &mut Matrix) {
+        let columns = x.columns;
+        let mut buffer = vec![0.0; symbolic.front_max * columns];
+        pulp::Arch::new().dispatch(|| {
+            for supernode in &symbolic.supernodes {
+                let (width, height) = (supernode.width(), supernode.height());
+                let block = &self.values[supernode.start..supernode.start + width * height];
+                gather(symbolic, supernode, x, &mut buffer);
+                for pivot in 0..width {
+                    let column = &block[pivot * height..(pivot + 1) * height];
+                    let (head, tail) = buffer.split_at_mut((pivot + 1) * columns);
+                    let solved = &mut head[pivot * columns..];
+                    scale_row(solved, 1.0 / column[pivot]);
+                    for (row, target) in tail.chunks_exact_mut(columns).take(height - pivot - 1).enumerate() {
+                        subtract_row(target, column[pivot + 1 + row], solved);
+                    }
+                }
+                scatter(symbolic, supernode, height, x, &buffer);
+            }
+        });
+    }
+
+    /// `x <- L^-T x` on the eliminated unknowns, given the kept ones.
+    fn back_substitute(&self, symbolic: &Symbolic, x: &mut Matrix) {
+        let columns = x.columns;
+        let mut buffer = vec![0.0; symbolic.front_max * columns];
+        pulp::Arch::new().dispatch(|| {
+            for supernode in symbolic.supernodes.iter().rev() {
+                let (width, height) = (supernode.width(), supernode.height());
+                let block = &self.values[supernode.start..supernode.start + width * height];
+                gather(symbolic, supernode, x, &mut buffer);
+                for pivot in (0..width).rev() {
+                    let column = &block[pivot * height..(pivot + 1) * height];
+                    let (head, tail) = buffer.split_at_mut((pivot + 1) * columns);
+                    let solved = &mut head[pivot * columns..];
+                    for (row, known) in tail.chunks_exact(columns).take(height - pivot - 1).enumerate() {
+                        subtract_row(solved, column[pivot + 1 + row], known);
+                    }
+                    scale_row(solved, 1.0 / column[pivot]);
+                }
+                scatter(symbolic, supernode, width, x, &buffer);
+            }
+        });
+    }
+}
+
+/// Copies a front's rows of `x` into `buffer`.
+#[inline(always)]
+fn gather(symbolic: &Symbolic, supernode: &Supernode, x: &Matrix, buffer: &mut [f64]) {
+    let rows = supernode.columns.clone().chain(symbolic.rows[supernode.rows.clone()].iter().copied());
+    for (target, row) in buffer.chunks_exact_mut(x.columns).zip(rows) {
+        target.copy_from_slice(x.row(symbolic.order[row]));
+    }
+}
+
+/// Copies the first `count` rows of a front back into `x`.
+#[inline(always)]
+fn scatter(symbolic: &Symbolic, supernode: &Supernode, count: usize, x: &mut Matrix, buffer: &[f64]) {
+    let rows = supernode.columns.clone().chain(symbolic.rows[supernode.rows.clone()].iter().copied());
+    for (source, row) in buffer.chunks_exact(x.columns).zip(rows).take(count) {
+        x.row_mut(symbolic.order[row]).copy_from_slice(source);
+    }
+}
+
+#[inline(always)]
+fn subtract_row(target: &mut [f64], factor: f64, source: &[f64]) {
+    for (value, other) in target.iter_mut().zip(source) {
+        *value -= factor * other;
+    }
+}
+
+#[inline(always)]
+fn scale_row(row: &mut [f64], factor: f64) {
+    for value in row {
+        *value *= factor;
+    }
+}

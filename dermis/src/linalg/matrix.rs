@@ -1,0 +1,71 @@
+//! A dense matrix in row-major order.
+
+/// A dense matrix in row-major order.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Matrix {
+    /// Number of rows.
+    pub rows: usize,
+    /// Number of columns.
+    pub columns: usize,
+    /// Row-major values.
+    pub values: Vec<f64>,
+}
+
+impl Matrix {
+    /// A matrix of zeros.
+    pub fn zeros(rows: usize, columns: usize) -> Self {
+        Matrix { rows, columns, values: vec![0.0; rows * columns] }
+    }
+
+    /// One row.
+    #[inline]
+    pub fn row(&self, row: usize) -> &[f64] {
+        &self.values[row * self.columns..(row + 1) * self.columns]
+    }
+
+    /// One row, to change.
+    #[inline]
+    pub fn row_mut(&mut self, row: usize) -> &mut [f64] {
+        &mut self.values[row * self.columns..(row + 1) * self.columns]
+    }
+
+    /// One value.
+    #[inline]
+    pub fn at(&self, row: usize, column: usize) -> f64 {
+        self.values[row * self.columns + column]
+    }
+
+    /// One value, to change.
+    #[inline]
+    pub fn at_mut(&mut self, row: usize, column: usize) -> &mut f64 {
+        &mut self.values[row * self.columns + column]
+    }
+
+    /// The product with a vector, into `out`.
+    ///
+    /// # Panics
+    /// Where the lengths do not fit.
+    pub fn product_into(&self, vector: &[f64], out: &mut [f64]) {
+        assert_eq!(vector.len(), self.columns, "vector length");
+        assert_eq!(out.len(), self.rows, "output length");
+        pulp::Arch::new().dispatch(|| {
+            for (value, row) in out.iter_mut().zip(self.values.chunks_exact(self.columns)) {
+                *value = lane_dot(row, vector);
+            }
+        });
+    }
+}
+
+/// A scalar product summed in eight lanes, so that every instruction set gives the same bits.
+#[inline(always)]
+fn lane_dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut lanes = [0.0; 8];
+    let (a_chunks, b_chunks) = (a.chunks_exact(8), b.chunks_exact(8));
+    let tail: f64 = a_chunks.remainder().iter().zip(b_chunks.remainder()).map(|(x, y)| x * y).sum();
+    for (x, y) in a_chunks.zip(b_chunks) {
+        for lane in 0..8 {
+            lanes[lane] += x[lane] * y[lane];
+        }
+    }
+    lanes.iter().sum::<f64>() + tail
+}
