@@ -23,6 +23,9 @@ pub enum Error {
     /// A forward problem without a solution.
     #[error(transparent)]
     Forward(#[from] crate::forward::ForwardError),
+    /// A touch or a noise that cannot be simulated.
+    #[error(transparent)]
+    Touch(#[from] crate::touch::TouchError),
     /// A reconstruction that cannot be set up or carried out.
     #[error(transparent)]
     Reconstruct(#[from] crate::reconstruct::ReconstructError),

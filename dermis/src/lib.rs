@@ -22,6 +22,7 @@ pub mod mesh;
 // Floor 4
 pub mod fem;
 pub mod image;
+pub mod touch;
 // Floor 5
 pub mod forward;
 // Floor 6
