@@ -1,0 +1,137 @@
+//! Pixels on a surface, and images made of them.
+
+mod cells;
+mod grid;
+#[cfg(test)]
+mod tests;
+
+use crate::design::{Body, ImageLayout, SkinDesign};
+use crate::geom::{Point3, Surface};
+use crate::mesh::{Mesh, MeshError};
+use std::sync::Arc;
+
+/// The pixels of a skin's image: where they are, which are neighbours, and which part of each mesh cell they hold.
+///
+/// Only pixels that overlap the body exist here; `position_in_grid` places them in the picture.
+#[derive(Debug, Clone)]
+pub struct PixelSpace {
+    /// The surface on which they lie.
+    pub surface: Surface,
+    /// Rows and columns of the picture; `None` where every cell is a pixel.
+    pub grid: Option<[usize; 2]>,
+    /// Index in the picture, row-major, of each pixel (the cell's index without a grid).
+    pub position_in_grid: Vec<usize>,
+    /// Centre of each pixel on the surface, m (of the part inside the body).
+    pub centres_m: Vec<Point3>,
+    /// Outward unit normals at the centres.
+    pub normals: Vec<Point3>,
+    /// Area of the part of each pixel inside the body, m2 (volume of a tetrahedron, m3).
+    pub areas: Vec<f64>,
+    /// Pixels that share an edge with each, by index in this list (a face, in a volume).
+    pub neighbours: Vec<Vec<usize>>,
+    /// For each pixel the cells it overlaps with the fraction of the cell's measure that lies in it. The fractions of
+    /// one cell over all pixels add up to one.
+    pub overlaps: Vec<Vec<(usize, f64)>>,
+}
+
+impl PixelSpace {
+    /// The pixels that a design asks for, on its mesh.
+    ///
+    /// On a cylinder pixel `(i, j)` of a picture of `rows` x `columns` is the part of the wall with z between `i` and
+    /// `i + 1` times `length / rows` and theta between `j` and `j + 1` times `2 pi / columns`; on a flat skin rows run
+    /// along y and columns along x over the box that bounds the body. The overlap of a pixel and a triangle is the
+    /// area of the clipped triangle, on a cylinder of its unrolled image (whose edges are straight in z and theta, so
+    /// that the unrolled triangles tile the wall).
+    ///
+    /// # Errors
+    /// A picture asked for on a body that has no rows and columns (a mesh file), or on a volume.
+    pub fn for_design(design: &SkinDesign, mesh: &Mesh) -> Result<Self, MeshError> {
+        match design.image {
+            ImageLayout::Cells => Ok(Self::cells(mesh, design.body.surface())),
+            ImageLayout::Grid { rows, columns } => grid::pixels(&design.body, [rows, columns], mesh),
+        }
+    }
+
+    /// A pixel for every cell of a mesh; neighbours share an edge (triangles) or a face (tetrahedra).
+    ///
+    /// The normal of a tetrahedron is that of the body's outside nearest to it, counted in cells.
+    pub fn cells(mesh: &Mesh, surface: Surface) -> Self {
+        cells::pixels(mesh, surface)
+    }
+
+    /// Number of pixels.
+    pub fn len(&self) -> usize {
+        self.centres_m.len()
+    }
+
+    /// Whether there is no pixel.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The mean of a value per cell over each pixel, weighted by the measure of the overlap.
+    ///
+    /// # Panics
+    /// Where there is not a value and a measure for every cell.
+    pub fn average_cells(&self, mesh: &Mesh, cell_values: &[f64]) -> Vec<f64> {
+        assert_eq!(cell_values.len(), mesh.cell_count(), "a value per cell");
+        let mean = |overlaps: &Vec<(usize, f64)>| {
+            let (mut sum, mut measure) = (0.0, 0.0);
+            for &(cell, fraction) in overlaps {
+                let part = fraction * mesh.cell_measure(cell);
+                sum += part * cell_values[cell];
+                measure += part;
+            }
+            sum / measure
+        };
+        self.overlaps.iter().map(mean).collect()
+    }
+
+    /// Half of the distance between pixel centres that are as far apart as the side of a square of mean area: the
+    /// position of anything in an image is rounded to about this, m. In a volume the side of a cube.
+    pub fn half_pixel_m(&self) -> f64 {
+        let mean = self.areas.iter().sum::<f64>() / self.len().max(1) as f64;
+        0.5 * mean.sqrt()
+    }
+}
+
+/// What a body's picture covers: the lower corner and the size of the box in the chart (x, y) of a flat skin, or
+/// (theta, z) of a cylinder.
+pub(crate) fn picture_box(body: &Body) -> Option<([f64; 2], [f64; 2])> {
+    match *body {
+        Body::Cylinder { length_m, .. } => Some(([0.0, 0.0], [std::f64::consts::TAU, length_m])),
+        Body::Disk { diameter_m } => Some(([-0.5 * diameter_m; 2], [diameter_m; 2])),
+        Body::Rectangle { width_m, height_m } => Some(([0.0; 2], [width_m, height_m])),
+        Body::Mesh { .. } => None,
+    }
+}
+
+/// One image: a value for each pixel. A touch is positive, whichever way it turns the conductance; the values are
+/// relative changes of conductance.
+#[derive(Debug, Clone)]
+pub struct Image {
+    /// The pixels.
+    pub space: Arc<PixelSpace>,
+    /// A value for each pixel, in the order of the space.
+    pub values: Vec<f64>,
+}
+
+impl Image {
+    /// The picture, row-major with `NaN` outside the body; without a grid the values as they are, one per cell.
+    pub fn to_grid(&self) -> Vec<f64> {
+        let mut picture = match self.space.grid {
+            Some([rows, columns]) => vec![f64::NAN; rows * columns],
+            None => vec![f64::NAN; self.values.len()],
+        };
+        for (&position, &value) in self.space.position_in_grid.iter().zip(&self.values) {
+            picture[position] = value;
+        }
+        picture
+    }
+
+    /// The pixel with the largest value and that value; `None` where no value is a number.
+    pub fn peak(&self) -> Option<(usize, f64)> {
+        let numbers = self.values.iter().copied().enumerate().filter(|(_, value)| !value.is_nan());
+        numbers.reduce(|best, next| if next.1 > best.1 { next } else { best })
+    }
+}

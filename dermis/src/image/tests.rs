@@ -1,0 +1,205 @@
+use crate::design::{Body, ImageLayout, MeshOptions, Sheet, SkinDesign, TouchEffect};
+use crate::geom::vector::{Point3, distance, dot};
+use crate::geom::{Surface, vector};
+use crate::image::{Image, PixelSpace};
+use crate::mesh::{Cells, Mesh};
+use crate::protocol::Protocol;
+use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
+
+fn design(body: Body, image: ImageLayout) -> SkinDesign {
+    SkinDesign {
+        name: "test".into(),
+        body,
+        sheet: Sheet { conductance: 1e-3, regions: Vec::new(), touch: TouchEffect::ConductanceRises },
+        electrodes: Vec::new(),
+        protocol: Protocol::adjacent(4).unwrap(),
+        image,
+        mesh: MeshOptions { max_edge_m: 6e-3, electrode_edge_m: 1e-3, growth: 0.2 },
+    }
+}
+
+fn surface_mesh(nodes: Vec<Point3>, triangles: Vec<[usize; 3]>) -> Mesh {
+    Mesh { nodes, cells: Cells::Triangles(triangles), electrodes: Vec::new(), regions: Vec::new() }
+}
+
+/// A lattice of `rows` x `columns` squares, each cut in two; `place` puts its nodes, `wraps` closes the columns.
+fn lattice(rows: usize, columns: usize, wraps: bool, place: impl Fn(f64, f64) -> Point3) -> Mesh {
+    let stride = if wraps { columns } else { columns + 1 };
+    let node = |row: usize, column: usize| row * stride + column % stride;
+    let mut nodes = Vec::new();
+    for row in 0..=rows {
+        for column in 0..stride {
+            nodes.push(place(row as f64 / rows as f64, column as f64 / columns as f64));
+        }
+    }
+    let mut triangles = Vec::new();
+    for row in 0..rows {
+        for column in 0..columns {
+            let (a, b) = (node(row, column), node(row, column + 1));
+            let (c, d) = (node(row + 1, column + 1), node(row + 1, column));
+            triangles.push([a, b, c]);
+            triangles.push([a, c, d]);
+        }
+    }
+    surface_mesh(nodes, triangles)
+}
+
+/// A cylinder of the paper's size, its lattice sheared and turned so that no edge lies on a pixel's edge or the seam.
+fn cylinder() -> (Body, Mesh) {
+    let mesh = lattice(23, 37, true, |along, round| {
+        let theta = TAU * round + 0.05 + 0.6 * along;
+        [0.05 * theta.cos(), 0.05 * theta.sin(), 0.3 * along]
+    });
+    (Body::Cylinder { length_m: 0.3, diameter_m: 0.1 }, mesh)
+}
+
+/// A disk of radius 1 made of rings of triangles round its middle.
+fn disk() -> (Body, Mesh) {
+    let (rings, spokes) = (7, 29);
+    let mut nodes = vec![[0.0; 3]];
+    for ring in 1..=rings {
+        let radius = ring as f64 / rings as f64;
+        let angle = |spoke: usize| TAU * spoke as f64 / spokes as f64 + 0.1;
+        nodes.extend((0..spokes).map(|spoke| [radius * angle(spoke).cos(), radius * angle(spoke).sin(), 0.0]));
+    }
+    let node = |ring: usize, spoke: usize| if ring == 0 { 0 } else { 1 + (ring - 1) * spokes + spoke % spokes };
+    let mut triangles = Vec::new();
+    for ring in 0..rings {
+        for spoke in 0..spokes {
+            triangles.push([node(ring, spoke), node(ring + 1, spoke), node(ring + 1, spoke + 1)]);
+            if ring > 0 {
+                triangles.push([node(ring, spoke), node(ring + 1, spoke + 1), node(ring, spoke + 1)]);
+            }
+        }
+    }
+    (Body::Disk { diameter_m: 2.0 }, surface_mesh(nodes, triangles))
+}
+
+fn mesh_area(mesh: &Mesh) -> f64 {
+    (0..mesh.cell_count()).map(|cell| mesh.cell_measure(cell)).sum()
+}
+
+/// What holds for every pixel space: fractions of a cell add up to one, areas to the mesh's, a constant stays one,
+/// neighbours are mutual and centres lie on the surface.
+fn assert_partition(space: &PixelSpace, mesh: &Mesh) {
+    let mut sums = vec![0.0; mesh.cell_count()];
+    for &(cell, fraction) in space.overlaps.iter().flatten() {
+        assert!(fraction > 0.0 && fraction <= 1.0 + 1e-14, "cell {cell}: {fraction}");
+        sums[cell] += fraction;
+    }
+    for (cell, sum) in sums.iter().enumerate() {
+        assert!((sum - 1.0).abs() < 1e-13, "cell {cell}: fractions add up to {sum}");
+    }
+    let area: f64 = space.areas.iter().sum();
+    assert!((area / mesh_area(mesh) - 1.0).abs() < 1e-12, "{area}");
+    let constant = space.average_cells(mesh, &vec![0.7; mesh.cell_count()]);
+    assert!(constant.iter().all(|value| (value - 0.7).abs() < 1e-13));
+    for (pixel, neighbours) in space.neighbours.iter().enumerate() {
+        assert!(neighbours.iter().all(|&other| other != pixel && space.neighbours[other].contains(&pixel)));
+    }
+    assert_eq!(space.normals.len(), space.len());
+}
+
+#[test]
+fn the_cylinders_pixels_share_out_every_triangle_and_wrap_at_the_seam() {
+    let (body, mesh) = cylinder();
+    let space = PixelSpace::for_design(&design(body, ImageLayout::Grid { rows: 30, columns: 30 }), &mesh).unwrap();
+    assert_partition(&space, &mesh);
+    assert_eq!((space.len(), space.grid), (900, Some([30, 30])));
+    // Pixel (i, j) is centred at z = (i + 0.5) 10 mm, theta = (j + 0.5) 12 degrees.
+    let expected = space.surface.at(0.145, 29.5 * PI / 15.0).unwrap();
+    assert!(distance(space.centres_m[14 * 30 + 29], expected) < 1e-15);
+    assert!(dot(space.normals[0], space.centres_m[0]) > 0.0);
+    // Pixels of one size on a mesh of one size: equal areas to the difference of chord and arc.
+    let arc = 0.01 * 0.05 * PI / 15.0;
+    assert!(space.areas.iter().all(|area| (area / arc - 1.0).abs() < 0.005));
+    assert_eq!(space.neighbours[14 * 30], vec![13 * 30, 14 * 30 + 1, 14 * 30 + 29, 15 * 30]);
+    assert_eq!(space.neighbours[0], vec![1, 29, 30]);
+}
+
+#[test]
+fn a_step_in_z_is_halved_by_the_ring_of_pixels_that_straddles_it() {
+    // A step halfway up, in a ring of pixels that straddles it: every pixel of that ring gets one half.
+    let mesh =
+        lattice(2, 12, true, |along, round| [0.05 * (TAU * round).cos(), 0.05 * (TAU * round).sin(), 0.3 * along]);
+    let body = Body::Cylinder { length_m: 0.3, diameter_m: 0.1 };
+    let space = PixelSpace::for_design(&design(body, ImageLayout::Grid { rows: 5, columns: 7 }), &mesh).unwrap();
+    let upper: Vec<f64> = (0..mesh.cell_count()).map(|cell| f64::from(mesh.cell_centre(cell)[2] > 0.15)).collect();
+    let means = space.average_cells(&mesh, &upper);
+    for (row, expected) in [0.0, 0.0, 0.5, 1.0, 1.0].into_iter().enumerate() {
+        for value in &means[row * 7..(row + 1) * 7] {
+            assert!((value - expected).abs() < 1e-12, "row {row}: {value}");
+        }
+    }
+}
+
+#[test]
+fn the_disks_pixels_end_at_its_rim() {
+    let (body, mesh) = disk();
+    let space = PixelSpace::for_design(&design(body, ImageLayout::Grid { rows: 16, columns: 16 }), &mesh).unwrap();
+    assert_partition(&space, &mesh);
+    assert!(space.len() < 256, "the corners of the box lie outside");
+    assert!(space.centres_m.iter().all(|c| c[0].hypot(c[1]) < 1.0 && c[2] == 0.0));
+    let image = Image { values: vec![1.0; space.len()], space: Arc::new(space.clone()) };
+    let picture = image.to_grid();
+    assert!(picture[0].is_nan() && picture[255].is_nan() && picture[8 * 16 + 8] == 1.0);
+    assert_eq!(picture.iter().filter(|value| !value.is_nan()).count(), space.len());
+    // A centre is the centroid of the part inside: weighted by area they balance in the middle.
+    for axis in 0..2 {
+        let moment: f64 = space.centres_m.iter().zip(&space.areas).map(|(c, area)| c[axis] * area).sum();
+        assert!(moment.abs() < 1e-12, "{moment}");
+    }
+}
+
+#[test]
+fn a_square_of_two_triangles_is_cut_into_known_pieces() {
+    let mesh = lattice(1, 1, false, |up, right| [right, up, 0.0]);
+    let body = Body::Rectangle { width_m: 1.0, height_m: 1.0 };
+    let space = PixelSpace::for_design(&design(body, ImageLayout::Grid { rows: 2, columns: 2 }), &mesh).unwrap();
+    assert_partition(&space, &mesh);
+    // The diagonal halves pixels (0, 0) and (1, 1); (0, 1) belongs to the lower triangle, (1, 0) to the upper.
+    let expected = [vec![(0, 0.25), (1, 0.25)], vec![(0, 0.5)], vec![(1, 0.5)], vec![(0, 0.25), (1, 0.25)]];
+    for (overlaps, expected) in space.overlaps.iter().zip(&expected) {
+        assert_eq!(overlaps.len(), expected.len());
+        for (got, want) in overlaps.iter().zip(expected) {
+            assert!(got.0 == want.0 && (got.1 - want.1).abs() < 1e-15, "{got:?} for {want:?}");
+        }
+    }
+    assert!(distance(space.centres_m[1], [0.75, 0.25, 0.0]) < 1e-15);
+}
+
+#[test]
+fn every_cell_is_a_pixel_of_a_mesh_body() {
+    let (_, mesh) = cylinder();
+    let space = PixelSpace::cells(&mesh, Surface::Free);
+    assert_partition(&space, &mesh);
+    assert_eq!(space.len(), mesh.cell_count());
+    // Normals come from the triangles and point outwards; inner cells have three neighbours.
+    assert!(space.centres_m.iter().zip(&space.normals).all(|(c, n)| dot([c[0], c[1], 0.0], *n) > 0.99 * 0.0497));
+    assert!(space.neighbours.iter().all(|list| list.len() == 2 || list.len() == 3));
+    let body = Body::Mesh { path: "skin.msh".into(), unit_m: 1.0 };
+    let picture = design(body, ImageLayout::Grid { rows: 4, columns: 4 });
+    assert!(PixelSpace::for_design(&picture, &mesh).is_err());
+}
+
+#[test]
+fn tetrahedra_are_neighbours_across_faces_and_look_outwards() {
+    // A cube round the origin cut into five: four corners and a middle one.
+    let nodes: Vec<Point3> = (0..8).map(|i| [i & 1, (i >> 1) & 1, (i >> 2) & 1].map(|v| v as f64 - 0.5)).collect();
+    let mut cells = vec![[0, 1, 2, 4], [3, 2, 1, 7], [5, 4, 7, 1], [6, 7, 4, 2], [1, 2, 4, 7]];
+    for cell in &mut cells {
+        if vector::tetrahedron_volume(cell.map(|node| nodes[node])) < 0.0 {
+            cell.swap(0, 1);
+        }
+    }
+    let mesh = Mesh { nodes, cells: Cells::Tetrahedra(cells), electrodes: Vec::new(), regions: Vec::new() };
+    let space = PixelSpace::cells(&mesh, Surface::Free);
+    assert_partition(&space, &mesh);
+    assert_eq!(space.neighbours[4], vec![0, 1, 2, 3]);
+    assert_eq!(space.neighbours[0], vec![4]);
+    for corner in 0..4 {
+        let outwards = vector::normalize(space.centres_m[corner]);
+        assert!((dot(space.normals[corner], outwards) - 1.0).abs() < 1e-12);
+    }
+}
