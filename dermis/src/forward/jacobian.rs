@@ -10,6 +10,7 @@ use crate::image::PixelSpace;
 use crate::linalg::Matrix;
 use crate::mesh::Mesh;
 use crate::protocol::Protocol;
+use pulp::{Simd, WithSimd};
 
 /// Cells or pixels whose derivatives are computed before they are written out together, so that the writes, a frame
 /// apart, fill whole cache lines (64 bytes hold 8 values).
@@ -40,14 +41,24 @@ impl ForwardModel {
         let potentials = self.potentials(conductivity)?;
         let fields = Fields::new(self.mesh(), &potentials);
         let mut jacobian = Matrix::zeros(self.protocol().channel_count(), parts.len());
-        pulp::Arch::new().dispatch(|| fill(&fields, parts, self.protocol(), &mut jacobian));
+        let jacobian_values = &mut jacobian;
+        pulp::Arch::new().dispatch(Fill {
+            fields: &fields,
+            parts,
+            protocol: self.protocol(),
+            jacobian: jacobian_values,
+        });
         Ok(jacobian)
     }
 }
 
+/// Electrodes are worked on in groups of this many, the lanes of the widest vectors.
+const LANES: usize = 8;
+
 /// The gradient of every electrode's field on every cell.
 struct Fields {
-    electrode_count: usize,
+    /// Number of electrodes, rounded up to whole lanes with fields of zero.
+    stride: usize,
     dimension: usize,
     /// Per cell, per dimension, per electrode.
     values: Vec<f64>,
@@ -56,15 +67,15 @@ struct Fields {
 
 impl Fields {
     fn new(mesh: &Mesh, potentials: &Matrix) -> Self {
-        let electrode_count = potentials.columns;
+        let stride = potentials.columns.next_multiple_of(LANES);
         let dimension = mesh.cells.corners(0).len() - 1;
-        let mut values = vec![0.0; mesh.cell_count() * dimension * electrode_count];
+        let mut values = vec![0.0; mesh.cell_count() * dimension * stride];
         let mut measures = Vec::with_capacity(mesh.cell_count());
-        for (cell, field) in values.chunks_exact_mut(dimension * electrode_count).enumerate() {
+        for (cell, field) in values.chunks_exact_mut(dimension * stride).enumerate() {
             let gradients = Gradients::new(mesh, cell);
             let local = in_local_axes(&gradients);
             measures.push(gradients.measure);
-            for (axis, row) in field.chunks_exact_mut(electrode_count).enumerate() {
+            for (axis, row) in field.chunks_exact_mut(stride).enumerate() {
                 for (&node, gradient) in mesh.cells.corners(cell).iter().zip(&local) {
                     for (value, potential) in row.iter_mut().zip(potentials.row(node)) {
                         *value += gradient[axis] * potential;
@@ -72,12 +83,12 @@ impl Fields {
                 }
             }
         }
-        Fields { electrode_count, dimension, values, measures }
+        Fields { stride, dimension, values, measures }
     }
 
     #[inline(always)]
     fn of_cell(&self, cell: usize) -> &[f64] {
-        let size = self.dimension * self.electrode_count;
+        let size = self.dimension * self.stride;
         &self.values[cell * size..(cell + 1) * size]
     }
 }
@@ -94,9 +105,25 @@ fn in_local_axes(gradients: &Gradients) -> [[f64; 3]; 4] {
     gradients.of_corner.map(|gradient| [dot(gradient, first), dot(gradient, second), 0.0])
 }
 
+struct Fill<'a> {
+    fields: &'a Fields,
+    parts: &'a [Vec<(usize, f64)>],
+    protocol: &'a Protocol,
+    jacobian: &'a mut Matrix,
+}
+
+impl WithSimd for Fill<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        fill(self.fields, self.parts, self.protocol, self.jacobian);
+    }
+}
+
 #[inline(always)]
 fn fill(fields: &Fields, parts: &[Vec<(usize, f64)>], protocol: &Protocol, jacobian: &mut Matrix) {
-    let count = fields.electrode_count;
+    let count = fields.stride;
     let mut products = vec![0.0; BLOCK * count * count];
     for (block, parts) in parts.chunks(BLOCK).enumerate() {
         for (part, product) in parts.iter().zip(products.chunks_exact_mut(count * count)) {
@@ -116,7 +143,7 @@ fn fill(fields: &Fields, parts: &[Vec<(usize, f64)>], protocol: &Protocol, jacob
 /// The integral of the products of all electrodes' fields over a part.
 #[inline(always)]
 fn accumulate(fields: &Fields, part: &[(usize, f64)], product: &mut [f64]) {
-    let count = fields.electrode_count;
+    let count = fields.stride;
     product.fill(0.0);
     for &(cell, fraction) in part {
         let weight = fraction * fields.measures[cell];
@@ -124,8 +151,10 @@ fn accumulate(fields: &Fields, part: &[(usize, f64)], product: &mut [f64]) {
         for (k, row) in product.chunks_exact_mut(count).enumerate() {
             for axis in field.chunks_exact(count) {
                 let factor = weight * axis[k];
-                for (value, other) in row.iter_mut().zip(axis) {
-                    *value += factor * other;
+                for (values, others) in row.as_chunks_mut::<LANES>().0.iter_mut().zip(axis.as_chunks::<LANES>().0) {
+                    for lane in 0..LANES {
+                        values[lane] += factor * others[lane];
+                    }
                 }
             }
         }

@@ -2,6 +2,7 @@
 
 use super::factor::NotPositiveDefinite;
 use super::matrix::Matrix;
+use pulp::{Simd, WithSimd};
 
 /// How many pivots are applied to a column at once: their values are loaded once per four updates, so that arithmetic
 /// rather than memory is the limit.
@@ -92,9 +93,23 @@ pub fn cholesky_in_place(matrix: &mut Matrix) -> Result<(), NotPositiveDefinite>
     assert_eq!(matrix.rows, matrix.columns, "a square matrix");
     let order = matrix.rows;
     transpose(matrix);
-    let outcome = pulp::Arch::new().dispatch(|| eliminate(&mut matrix.values, order, order));
+    let outcome = pulp::Arch::new().dispatch(EliminateDense { values: &mut matrix.values, order });
     transpose(matrix);
     outcome.map_err(|unknown| NotPositiveDefinite { unknown })
+}
+
+struct EliminateDense<'a> {
+    values: &'a mut [f64],
+    order: usize,
+}
+
+impl WithSimd for EliminateDense<'_> {
+    type Output = Result<(), usize>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        eliminate(self.values, self.order, self.order)
+    }
 }
 
 fn transpose(matrix: &mut Matrix) {

@@ -3,7 +3,12 @@
 use super::dense::eliminate;
 use super::matrix::Matrix;
 use super::symbolic::{Supernode, Symbolic};
+use pulp::{Simd, WithSimd};
 use thiserror::Error;
+
+/// Right-hand sides are worked on in groups of this many, the lanes of the widest vectors: a shorter rest would be
+/// done one by one.
+const LANES: usize = 8;
 
 /// A matrix that is not positive definite.
 #[derive(Debug, Error, Clone, Copy, PartialEq, Eq)]
@@ -68,7 +73,7 @@ impl Symbolic {
         assert_eq!(values.len(), self.entry_count(), "values of another pattern");
         assert_eq!(factor.values.len(), self.value_count, "factor of another pattern");
         assert_eq!(workspace.stack.len(), self.stack_max, "workspace of another pattern");
-        pulp::Arch::new().dispatch(|| self.eliminate_all(values, factor, workspace))
+        pulp::Arch::new().dispatch(Eliminate { symbolic: self, values, factor, workspace })
     }
 
     #[inline(always)]
@@ -174,73 +179,159 @@ impl Factor {
 
     /// `x <- L^-1 x`
     fn forward_substitute(&self, symbolic: &Symbolic, x: &mut Matrix) {
-        let columns = x.columns;
-        let mut buffer = vec![0.0; symbolic.front_max * columns];
-        pulp::Arch::new().dispatch(|| {
-            for supernode in &symbolic.supernodes {
-                let (width, height) = (supernode.width(), supernode.height());
-                let block = &self.values[supernode.start..supernode.start + width * height];
-                gather(symbolic, supernode, x, &mut buffer);
-                for pivot in 0..width {
-                    let column = &block[pivot * height..(pivot + 1) * height];
-                    let (head, tail) = buffer.split_at_mut((pivot + 1) * columns);
-                    let solved = &mut head[pivot * columns..];
-                    scale_row(solved, 1.0 / column[pivot]);
-                    for (row, target) in tail.chunks_exact_mut(columns).take(height - pivot - 1).enumerate() {
-                        subtract_row(target, column[pivot + 1 + row], solved);
-                    }
-                }
-                scatter(symbolic, supernode, height, x, &buffer);
-            }
-        });
+        let stride = x.columns.next_multiple_of(LANES);
+        let mut buffer = vec![0.0; symbolic.front_max * stride];
+        pulp::Arch::new().dispatch(ForwardSubstitute { symbolic, factor: self, x, buffer: &mut buffer, stride });
     }
 
     /// `x <- L^-T x` on the eliminated unknowns, given the kept ones.
     fn back_substitute(&self, symbolic: &Symbolic, x: &mut Matrix) {
-        let columns = x.columns;
-        let mut buffer = vec![0.0; symbolic.front_max * columns];
-        pulp::Arch::new().dispatch(|| {
-            for supernode in symbolic.supernodes.iter().rev() {
-                let (width, height) = (supernode.width(), supernode.height());
-                let block = &self.values[supernode.start..supernode.start + width * height];
-                gather(symbolic, supernode, x, &mut buffer);
-                for pivot in (0..width).rev() {
-                    let column = &block[pivot * height..(pivot + 1) * height];
-                    let (head, tail) = buffer.split_at_mut((pivot + 1) * columns);
-                    let solved = &mut head[pivot * columns..];
-                    for (row, known) in tail.chunks_exact(columns).take(height - pivot - 1).enumerate() {
-                        subtract_row(solved, column[pivot + 1 + row], known);
-                    }
-                    scale_row(solved, 1.0 / column[pivot]);
-                }
-                scatter(symbolic, supernode, width, x, &buffer);
-            }
-        });
+        let stride = x.columns.next_multiple_of(LANES);
+        let mut buffer = vec![0.0; symbolic.front_max * stride];
+        pulp::Arch::new().dispatch(BackSubstitute { symbolic, factor: self, x, buffer: &mut buffer, stride });
+    }
+
+    /// The column-major block of a supernode.
+    #[inline(always)]
+    fn block(&self, supernode: &Supernode) -> &[f64] {
+        &self.values[supernode.start..supernode.start + supernode.width() * supernode.height()]
     }
 }
 
-/// Copies a front's rows of `x` into `buffer`.
+// The loops below are compiled once per instruction set (`pulp` calls them inside a function with the features on); a
+// closure would be compiled without.
+
+struct Eliminate<'a> {
+    symbolic: &'a Symbolic,
+    values: &'a [f64],
+    factor: &'a mut Factor,
+    workspace: &'a mut Workspace,
+}
+
+impl WithSimd for Eliminate<'_> {
+    type Output = Result<(), NotPositiveDefinite>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        self.symbolic.eliminate_all(self.values, self.factor, self.workspace)
+    }
+}
+
+struct ForwardSubstitute<'a> {
+    symbolic: &'a Symbolic,
+    factor: &'a Factor,
+    x: &'a mut Matrix,
+    buffer: &'a mut [f64],
+    stride: usize,
+}
+
+impl WithSimd for ForwardSubstitute<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        for supernode in &self.symbolic.supernodes {
+            gather(self.symbolic, supernode, self.x, self.buffer, self.stride);
+            forward_block(self.factor.block(supernode), supernode, self.buffer, self.stride);
+            scatter(self.symbolic, supernode, supernode.height(), self.x, self.buffer, self.stride);
+        }
+    }
+}
+
+struct BackSubstitute<'a> {
+    symbolic: &'a Symbolic,
+    factor: &'a Factor,
+    x: &'a mut Matrix,
+    buffer: &'a mut [f64],
+    stride: usize,
+}
+
+impl WithSimd for BackSubstitute<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        for supernode in self.symbolic.supernodes.iter().rev() {
+            gather(self.symbolic, supernode, self.x, self.buffer, self.stride);
+            backward_block(self.factor.block(supernode), supernode, self.buffer, self.stride);
+            scatter(self.symbolic, supernode, supernode.width(), self.x, self.buffer, self.stride);
+        }
+    }
+}
+
+/// Solves a supernode's rows and takes their share out of the rows below.
 #[inline(always)]
-fn gather(symbolic: &Symbolic, supernode: &Supernode, x: &Matrix, buffer: &mut [f64]) {
+fn forward_block(block: &[f64], supernode: &Supernode, buffer: &mut [f64], stride: usize) {
+    let height = supernode.height();
+    for pivot in 0..supernode.width() {
+        let column = &block[pivot * height..(pivot + 1) * height];
+        let (head, tail) = buffer.split_at_mut((pivot + 1) * stride);
+        let solved = &mut head[pivot * stride..];
+        scale_row(solved, 1.0 / column[pivot]);
+        for (&factor, target) in column[pivot + 1..].iter().zip(tail.chunks_exact_mut(stride)) {
+            subtract_row(target, factor, solved);
+        }
+    }
+}
+
+/// Takes the share of the rows below out of a supernode's rows, and solves them.
+#[inline(always)]
+fn backward_block(block: &[f64], supernode: &Supernode, buffer: &mut [f64], stride: usize) {
+    let height = supernode.height();
+    for pivot in (0..supernode.width()).rev() {
+        let column = &block[pivot * height..(pivot + 1) * height];
+        let (head, tail) = buffer.split_at_mut((pivot + 1) * stride);
+        let solved = &mut head[pivot * stride..];
+        let wide = stride - stride % (4 * LANES);
+        for first in (0..wide).step_by(4 * LANES) {
+            subtract_rows::<{ 4 * LANES }>(solved, &column[pivot + 1..], tail, first, stride);
+        }
+        for first in (wide..stride).step_by(LANES) {
+            subtract_rows::<LANES>(solved, &column[pivot + 1..], tail, first, stride);
+        }
+        scale_row(solved, 1.0 / column[pivot]);
+    }
+}
+
+/// Takes multiples of many rows out of `COUNT` columns of one, which stay in registers meanwhile.
+#[inline(always)]
+fn subtract_rows<const COUNT: usize>(solved: &mut [f64], factors: &[f64], rows: &[f64], first: usize, stride: usize) {
+    let Some(target) = solved[first..].first_chunk_mut::<COUNT>() else { return };
+    let mut sum = *target;
+    for (&factor, row) in factors.iter().zip(rows.chunks_exact(stride)) {
+        let Some(known) = row[first..].first_chunk::<COUNT>() else { return };
+        for lane in 0..COUNT {
+            sum[lane] -= factor * known[lane];
+        }
+    }
+    *target = sum;
+}
+
+/// Copies a front's rows of `x` into `buffer`, whose rows are `stride` apart.
+#[inline(always)]
+fn gather(symbolic: &Symbolic, supernode: &Supernode, x: &Matrix, buffer: &mut [f64], stride: usize) {
     let rows = supernode.columns.clone().chain(symbolic.rows[supernode.rows.clone()].iter().copied());
-    for (target, row) in buffer.chunks_exact_mut(x.columns).zip(rows) {
-        target.copy_from_slice(x.row(symbolic.order[row]));
+    for (target, row) in buffer.chunks_exact_mut(stride).zip(rows) {
+        target[..x.columns].copy_from_slice(x.row(symbolic.order[row]));
     }
 }
 
 /// Copies the first `count` rows of a front back into `x`.
 #[inline(always)]
-fn scatter(symbolic: &Symbolic, supernode: &Supernode, count: usize, x: &mut Matrix, buffer: &[f64]) {
+fn scatter(symbolic: &Symbolic, supernode: &Supernode, count: usize, x: &mut Matrix, buffer: &[f64], stride: usize) {
     let rows = supernode.columns.clone().chain(symbolic.rows[supernode.rows.clone()].iter().copied());
-    for (source, row) in buffer.chunks_exact(x.columns).zip(rows).take(count) {
-        x.row_mut(symbolic.order[row]).copy_from_slice(source);
+    for (source, row) in buffer.chunks_exact(stride).zip(rows).take(count) {
+        let columns = x.columns;
+        x.row_mut(symbolic.order[row]).copy_from_slice(&source[..columns]);
     }
 }
 
 #[inline(always)]
 fn subtract_row(target: &mut [f64], factor: f64, source: &[f64]) {
-    for (value, other) in target.iter_mut().zip(source) {
-        *value -= factor * other;
+    for (target, source) in target.as_chunks_mut::<LANES>().0.iter_mut().zip(source.as_chunks::<LANES>().0) {
+        for lane in 0..LANES {
+            target[lane] -= factor * source[lane];
+        }
     }
 }
 

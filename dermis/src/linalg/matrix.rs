@@ -1,5 +1,7 @@
 //! A dense matrix in row-major order.
 
+use pulp::{Simd, WithSimd};
+
 /// A dense matrix in row-major order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Matrix {
@@ -48,11 +50,24 @@ impl Matrix {
     pub fn product_into(&self, vector: &[f64], out: &mut [f64]) {
         assert_eq!(vector.len(), self.columns, "vector length");
         assert_eq!(out.len(), self.rows, "output length");
-        pulp::Arch::new().dispatch(|| {
-            for (value, row) in out.iter_mut().zip(self.values.chunks_exact(self.columns)) {
-                *value = lane_dot(row, vector);
-            }
-        });
+        pulp::Arch::new().dispatch(Product { matrix: self, vector, out });
+    }
+}
+
+struct Product<'a> {
+    matrix: &'a Matrix,
+    vector: &'a [f64],
+    out: &'a mut [f64],
+}
+
+impl WithSimd for Product<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        for (value, row) in self.out.iter_mut().zip(self.matrix.values.chunks_exact(self.matrix.columns)) {
+            *value = lane_dot(row, self.vector);
+        }
     }
 }
 
