@@ -1,5 +1,7 @@
 //! Which electrodes are driven and which are read for every value of a frame.
 
+mod table;
+
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use thiserror::Error;

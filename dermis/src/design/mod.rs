@@ -1,23 +1,17 @@
 //! What a skin is: its body, its sheet, its electrodes, its protocol and its image.
 
+mod check;
+mod error;
+mod file;
+mod layout;
+mod resolve;
+mod shipped;
+
+pub use error::DesignError;
+
 use crate::geom::{Point3, Surface};
 use crate::protocol::Protocol;
 use std::path::PathBuf;
-use thiserror::Error;
-
-/// A design that cannot be read or built: where, what, and the fix.
-#[derive(Debug, Error)]
-#[error("{message}")]
-pub struct DesignError {
-    /// What is wrong, naming the field and the numbers.
-    pub message: String,
-    /// How to mend it, where that is known.
-    pub fix: Option<String>,
-    /// The file's name and its text, for an excerpt.
-    pub source_text: Option<(String, String)>,
-    /// Byte range of the offending text in the file.
-    pub span: Option<std::ops::Range<usize>>,
-}
 
 /// A skin, complete and checked.
 #[derive(Debug, Clone)]
@@ -36,6 +30,52 @@ pub struct SkinDesign {
     pub image: ImageLayout,
     /// How fine the generated mesh is.
     pub mesh: MeshOptions,
+}
+
+impl SkinDesign {
+    /// Names of the designs that are shipped.
+    pub const SHIPPED: [&str; 3] = shipped::NAMES;
+
+    /// A design by name (see [`SHIPPED`](Self::SHIPPED)) or by path. A file of that name comes first.
+    ///
+    /// # Errors
+    /// No such file or name; whatever [`parse`](Self::parse) refuses.
+    pub fn load(name_or_path: &str) -> Result<Self, DesignError> {
+        resolve::load(name_or_path)
+    }
+
+    /// A shipped design; `None` where there is none of that name.
+    pub fn shipped(name: &str) -> Option<Self> {
+        let text = shipped::text(name)?;
+        Some(Self::parse(text, name).expect("shipped designs are valid: a test reads each"))
+    }
+
+    /// The text of a shipped design; `None` where there is none of that name.
+    pub fn shipped_text(name: &str) -> Option<&'static str> {
+        shipped::text(name)
+    }
+
+    /// A design from the text of a TOML file. Files that it names are sought in the folder of `name`, its path.
+    ///
+    /// # Errors
+    /// A text that is not TOML; unknown, missing or mistyped keys; sizes that no skin has; electrodes that leave the
+    /// body or overlap; a protocol that does not fit the electrodes. The error knows the line.
+    pub fn parse(text: &str, name: &str) -> Result<Self, DesignError> {
+        resolve::parse(text, name)
+    }
+
+    /// Checks a design that was built or changed by a program as [`parse`](Self::parse) checks a file.
+    ///
+    /// # Errors
+    /// As [`parse`](Self::parse), without a line.
+    pub fn check(&self) -> Result<(), DesignError> {
+        check::check(self).map_err(|problem| DesignError::new(problem.message, problem.fix))
+    }
+
+    /// JSON schema of the design file.
+    pub fn json_schema() -> serde_json::Value {
+        schemars::schema_for!(file::DesignFile).to_value()
+    }
 }
 
 /// The body that wears the skin.
@@ -99,9 +139,20 @@ impl TouchEffect {
     }
 }
 
+/// Whether the conductor is a coat or fills the body.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SheetKind {
+    /// A coat on a surface (triangles), told by its sheet conductance.
+    Surface,
+    /// A volume (tetrahedra), told by its conductivity.
+    Volume,
+}
+
 /// The conductive coat.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sheet {
+    /// Whether it is a coat or fills the body.
+    pub kind: SheetKind,
     /// Untouched conductance: sheet conductance in S for a surface, conductivity in S/m for a volume.
     pub conductance: f64,
     /// Parts of another conductance.
@@ -139,7 +190,7 @@ pub enum RegionPlace {
 /// One electrode.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Electrode {
-    /// Its centre on the surface, m.
+    /// Its centre on the surface, m; `NaN` for a group, whose place only the mesh file knows.
     pub centre_m: Point3,
     /// What it covers.
     pub shape: ElectrodeShape,
@@ -202,3 +253,6 @@ impl MeshOptions {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -11,7 +11,12 @@ fn design(body: Body, image: ImageLayout) -> SkinDesign {
     SkinDesign {
         name: "test".into(),
         body,
-        sheet: Sheet { conductance: 1e-3, regions: Vec::new(), touch: TouchEffect::ConductanceRises },
+        sheet: Sheet {
+            kind: crate::design::SheetKind::Surface,
+            conductance: 1e-3,
+            regions: Vec::new(),
+            touch: TouchEffect::ConductanceRises,
+        },
         electrodes: Vec::new(),
         protocol: Protocol::adjacent(4).unwrap(),
         image,

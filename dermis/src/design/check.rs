@@ -1,0 +1,341 @@
+//! Checks that a design can be built: sizes, places, overlaps.
+
+use crate::design::layout::{MOST_ELECTRODES, name};
+use crate::design::resolve::Place;
+use crate::design::{Body, Electrode, ElectrodeShape, ImageLayout, RegionPlace, SkinDesign};
+use crate::geom::surface::angle_difference;
+use crate::geom::vector::distance;
+
+/// What is wrong with a design, and where.
+pub(super) struct Problem {
+    pub place: Place,
+    pub message: String,
+    pub fix: Option<String>,
+}
+
+fn problem(place: Place, message: impl Into<String>) -> Problem {
+    Problem { place, message: message.into(), fix: None }
+}
+
+impl Problem {
+    fn fix(mut self, fix: impl Into<String>) -> Self {
+        self.fix = Some(fix.into());
+        self
+    }
+}
+
+/// Sizes beyond these are another unit than metres: no skin is 0.1 mm or 20 m across.
+const SMALLEST_BODY_M: f64 = 1e-4;
+const LARGEST_BODY_M: f64 = 20.0;
+
+/// Most pixels of an image: a thousand times the paper's.
+const MOST_PIXELS: usize = 1_000_000;
+
+/// Most cells that a mesh may be asked to have.
+const MOST_CELLS: f64 = 1e7;
+
+/// Distance from an edge, relative to the body, that rounding explains.
+const ROUNDING: f64 = 1e-9;
+
+/// Everything that can be checked without a mesh.
+pub(super) fn check(design: &SkinDesign) -> Result<(), Problem> {
+    body(&design.body)?;
+    sheet(design)?;
+    let count = design.electrodes.len();
+    if !(4..=MOST_ELECTRODES).contains(&count) {
+        return Err(problem(Place::Electrodes, format!("{count} electrodes, but a skin has 4 to {MOST_ELECTRODES}")));
+    }
+    for (index, one) in design.electrodes.iter().enumerate() {
+        electrode(&design.body, index, one)?;
+    }
+    overlaps(&design.body, &design.electrodes)?;
+    if design.protocol.electrode_count() != count {
+        let message = format!("the protocol is for {} electrodes, not {count}", design.protocol.electrode_count());
+        return Err(problem(Place::Protocol, message));
+    }
+    image(design)?;
+    mesh(design)
+}
+
+/// Sizes that a body can have.
+pub(super) fn body(body: &Body) -> Result<(), Problem> {
+    let sizes: &[(&str, f64)] = match *body {
+        Body::Cylinder { length_m, diameter_m } => &[("length_m", length_m), ("diameter_m", diameter_m)],
+        Body::Disk { diameter_m } => &[("diameter_m", diameter_m)],
+        Body::Rectangle { width_m, height_m } => &[("width_m", width_m), ("height_m", height_m)],
+        Body::Mesh { unit_m, .. } if unit_m > 0.0 && unit_m.is_finite() => return Ok(()),
+        Body::Mesh { unit_m, .. } => {
+            let message = format!("unit_m is {unit_m}: it must be positive and finite");
+            return Err(problem(Place::Body, message).fix("metres per unit of the file: 0.001 for millimetres"));
+        }
+    };
+    for &(key, size_m) in sizes {
+        if !(size_m > 0.0 && size_m.is_finite()) {
+            return Err(problem(Place::Body, format!("{key} is {size_m}: it must be positive and finite")));
+        }
+        if size_m > LARGEST_BODY_M {
+            let message = format!("{key} is {size_m} m, more than any skin: lengths are in metres");
+            return Err(problem(Place::Body, message).fix(format!("for {size_m} mm write {}", size_m / 1000.0)));
+        }
+        if size_m < SMALLEST_BODY_M {
+            let message = format!("{key} is {size_m} m, less than any skin: lengths are in metres");
+            return Err(problem(Place::Body, message));
+        }
+    }
+    Ok(())
+}
+
+fn sheet(design: &SkinDesign) -> Result<(), Problem> {
+    let positive = |value: f64| value > 0.0 && value.is_finite();
+    if !positive(design.sheet.conductance) {
+        let message =
+            format!("the sheet's conductance is {}: it must be positive and finite", design.sheet.conductance);
+        return Err(problem(Place::Sheet, message));
+    }
+    for (index, region) in design.sheet.regions.iter().enumerate() {
+        let wrong = |message: String| problem(Place::Region(index), format!("region `{}`: {message}", region.name));
+        if !positive(region.conductance) {
+            return Err(wrong(format!("the conductance is {}: it must be positive and finite", region.conductance)));
+        }
+        match (&region.place, &design.body) {
+            (RegionPlace::Box { .. }, Body::Mesh { .. }) => {
+                return Err(wrong("a box needs a cylinder, a disk or a rectangle".into())
+                    .fix("name a physical group of the mesh file and leave the box out"));
+            }
+            (RegionPlace::Box { low_m, high_m }, _) => {
+                let ordered = (0..2).all(|axis| low_m[axis] < high_m[axis] && (high_m[axis] - low_m[axis]).is_finite());
+                if !ordered {
+                    return Err(wrong(format!("low_m {low_m:?} must lie below high_m {high_m:?} on both axes")));
+                }
+            }
+            (RegionPlace::Group, Body::Mesh { .. }) => {}
+            (RegionPlace::Group, body) => {
+                return Err(wrong(format!("{} has no groups", name(body))).fix("give `low_m` and `high_m`"));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// One electrode by itself: its size, its place, its contact impedance.
+fn electrode(body: &Body, index: usize, electrode: &Electrode) -> Result<(), Problem> {
+    let wrong = |message: String| problem(Place::Electrode(index), format!("electrode {index} {message}"));
+    let Electrode { centre_m, shape, contact_impedance } = *electrode;
+    if shape == ElectrodeShape::Group {
+        return impedance(index, contact_impedance);
+    }
+    if centre_m.iter().any(|coordinate| !coordinate.is_finite()) {
+        return Err(wrong(format!("is at {centre_m:?}: its place must be finite")));
+    }
+    let (size_key, size_m) = match shape {
+        ElectrodeShape::Disc { radius_m } => ("radius_m", radius_m),
+        ElectrodeShape::Arc { length_m } => ("length_m", length_m),
+        ElectrodeShape::Point | ElectrodeShape::Group => ("", 1.0),
+    };
+    if !(size_m > 0.0 && size_m.is_finite()) {
+        return Err(wrong(format!("has {size_key} = {size_m}: it must be positive and finite")));
+    }
+    if let Some((where_it_is, limits)) = off_body(body, centre_m) {
+        return Err(wrong(format!("leaves the body: its centre is at {where_it_is}, but the body {limits}"))
+            .fix("only an outline may cross an edge, where it is clipped"));
+    }
+    match shape {
+        ElectrodeShape::Disc { radius_m } => {
+            let room_m = extent_m(body);
+            if 2.0 * radius_m >= room_m {
+                let message = format!(
+                    "is larger than the body: {} mm across on a body of {} mm",
+                    millimetres(2.0 * radius_m),
+                    millimetres(room_m)
+                );
+                return Err(wrong(message).fix("radius_m is in metres"));
+            }
+        }
+        ElectrodeShape::Arc { length_m } => arc(body, index, electrode, length_m)?,
+        ElectrodeShape::Point | ElectrodeShape::Group => return Ok(()),
+    }
+    impedance(index, contact_impedance)
+}
+
+fn impedance(index: usize, value: f64) -> Result<(), Problem> {
+    if value > 0.0 && value.is_finite() {
+        return Ok(());
+    }
+    let message = format!("the contact impedance of electrode {index} is {value}: it must be positive and finite");
+    Err(problem(Place::ContactImpedance, message))
+}
+
+/// An arc lies on an edge and is shorter than it.
+fn arc(body: &Body, index: usize, electrode: &Electrode, length_m: f64) -> Result<(), Problem> {
+    let wrong = |message: String| problem(Place::Electrode(index), format!("electrode {index} {message}"));
+    let [x, y, z] = electrode.centre_m;
+    let (on_edge, edge_m) = match *body {
+        Body::Cylinder { length_m, diameter_m } => (z == 0.0 || z == length_m, std::f64::consts::PI * diameter_m),
+        Body::Disk { diameter_m } => {
+            ((x.hypot(y) - 0.5 * diameter_m).abs() <= ROUNDING * diameter_m, std::f64::consts::PI * diameter_m)
+        }
+        Body::Rectangle { width_m, height_m } => {
+            let near = |a: f64, b: f64| (a - b).abs() <= ROUNDING * width_m.max(height_m);
+            let on_edge = near(x, 0.0) || near(x, width_m) || near(y, 0.0) || near(y, height_m);
+            (on_edge, 2.0 * (width_m + height_m))
+        }
+        Body::Mesh { .. } => {
+            return Err(wrong("is an arc, which a mesh file cannot hold".into())
+                .fix("use a disc or a point, or groups of edges in the file"));
+        }
+    };
+    if !on_edge {
+        return Err(wrong("is an arc, but its centre is not on an edge of the body".into()));
+    }
+    if length_m >= edge_m {
+        let message = format!("is {} mm long on an edge of {} mm", millimetres(length_m), millimetres(edge_m));
+        return Err(wrong(message).fix("length_m is in metres"));
+    }
+    Ok(())
+}
+
+/// Where a centre is and the body's limits, if it lies off the body.
+fn off_body(body: &Body, [x, y, z]: [f64; 3]) -> Option<(String, String)> {
+    let beyond = |value: f64, high: f64| value < -ROUNDING * high || value > high * (1.0 + ROUNDING);
+    match *body {
+        Body::Cylinder { length_m, diameter_m } => {
+            let off_wall = (x.hypot(y) - 0.5 * diameter_m).abs() > 1e-6 * diameter_m;
+            (off_wall || beyond(z, length_m))
+                .then(|| (format!("z_m = {z}"), format!("reaches from z_m = 0 to {length_m}")))
+        }
+        Body::Disk { diameter_m } => beyond(x.hypot(y), 0.5 * diameter_m)
+            .then(|| (format!("({x}, {y})"), format!("reaches {} m from its middle", 0.5 * diameter_m))),
+        Body::Rectangle { width_m, height_m } => (beyond(x, width_m) || beyond(y, height_m))
+            .then(|| (format!("({x}, {y})"), format!("reaches from (0, 0) to ({width_m}, {height_m})"))),
+        Body::Mesh { .. } => None,
+    }
+}
+
+/// The narrowest way across a body.
+fn extent_m(body: &Body) -> f64 {
+    match *body {
+        Body::Cylinder { length_m, diameter_m } => length_m.min(std::f64::consts::PI * diameter_m),
+        Body::Disk { diameter_m } => diameter_m,
+        Body::Rectangle { width_m, height_m } => width_m.min(height_m),
+        Body::Mesh { .. } => f64::INFINITY,
+    }
+}
+
+fn overlaps(body: &Body, electrodes: &[Electrode]) -> Result<(), Problem> {
+    for (j, b) in electrodes.iter().enumerate() {
+        for (i, a) in electrodes[..j].iter().enumerate() {
+            let apart_m = distance_m(body, a, b);
+            let needed_m = reach_m(a.shape) + reach_m(b.shape);
+            // Rounding may bring two that touch a hair apart; no mesh fits between them.
+            if apart_m <= needed_m * (1.0 + ROUNDING) {
+                let message = format!(
+                    "electrodes {i} and {j} overlap: their centres are {} mm apart, and they reach {} mm",
+                    millimetres(apart_m),
+                    millimetres(needed_m)
+                );
+                return Err(problem(Place::Electrode(j), message).fix("move them apart or make them smaller"));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Half of an electrode's extent.
+fn reach_m(shape: ElectrodeShape) -> f64 {
+    match shape {
+        ElectrodeShape::Disc { radius_m } => radius_m,
+        ElectrodeShape::Arc { length_m } => 0.5 * length_m,
+        ElectrodeShape::Point | ElectrodeShape::Group => 0.0,
+    }
+}
+
+/// The distance of two electrodes: along the edge between arcs, along the surface otherwise. Groups have no place,
+/// hence no distance (`NaN`, which overlaps nothing).
+fn distance_m(body: &Body, a: &Electrode, b: &Electrode) -> f64 {
+    let both_arcs = matches!((a.shape, b.shape), (ElectrodeShape::Arc { .. }, ElectrodeShape::Arc { .. }));
+    let ([ax, ay, _], [bx, by, _]) = (a.centre_m, b.centre_m);
+    match *body {
+        Body::Disk { diameter_m } if both_arcs => 0.5 * diameter_m * angle_difference(ay.atan2(ax), by.atan2(bx)).abs(),
+        Body::Rectangle { width_m, height_m } if both_arcs => {
+            let round_m = 2.0 * (width_m + height_m);
+            let apart_m = (perimeter_m([ax, ay], width_m, height_m) - perimeter_m([bx, by], width_m, height_m)).abs();
+            apart_m.min(round_m - apart_m)
+        }
+        Body::Mesh { .. } => distance(a.centre_m, b.centre_m),
+        _ => body.surface().distance_m(a.centre_m, b.centre_m),
+    }
+}
+
+/// How far along a rectangle's edge a point of it lies, counter-clockwise from the origin.
+fn perimeter_m([x, y]: [f64; 2], width_m: f64, height_m: f64) -> f64 {
+    let sides =
+        [(y.abs(), x), ((x - width_m).abs(), width_m + y), ((y - height_m).abs(), 2.0 * width_m + height_m - x)];
+    let last = (x.abs(), 2.0 * (width_m + height_m) - y);
+    let nearest = sides.into_iter().fold(last, |best, side| if side.0 < best.0 { side } else { best });
+    nearest.1
+}
+
+fn image(design: &SkinDesign) -> Result<(), Problem> {
+    let ImageLayout::Grid { rows, columns } = design.image else { return Ok(()) };
+    if matches!(design.body, Body::Mesh { .. }) {
+        let message = "a mesh file has no grid of pixels";
+        return Err(problem(Place::Image, message).fix("write `image = \"cells\"` above the first table"));
+    }
+    if rows == 0 || columns == 0 || rows.saturating_mul(columns) > MOST_PIXELS {
+        let message = format!("an image of {rows} x {columns} pixels: it has 1 to {MOST_PIXELS}");
+        return Err(problem(Place::Image, message));
+    }
+    if matches!(design.body, Body::Disk { .. }) && rows != columns {
+        let message = format!("an image of {rows} x {columns} pixels: a disk's grid is square");
+        return Err(problem(Place::Image, message).fix("make rows and columns equal"));
+    }
+    Ok(())
+}
+
+fn mesh(design: &SkinDesign) -> Result<(), Problem> {
+    if matches!(design.body, Body::Mesh { .. }) {
+        return Ok(());
+    }
+    let options = design.mesh;
+    for (key, value) in
+        [("max_edge_m", options.max_edge_m), ("electrode_edge_m", options.electrode_edge_m), ("growth", options.growth)]
+    {
+        if !(value > 0.0 && value.is_finite()) {
+            return Err(problem(Place::Mesh, format!("{key} is {value}: it must be positive and finite")));
+        }
+    }
+    if options.electrode_edge_m > options.max_edge_m {
+        let message = format!(
+            "electrode_edge_m ({}) is longer than max_edge_m ({})",
+            options.electrode_edge_m, options.max_edge_m
+        );
+        return Err(problem(Place::Mesh, message));
+    }
+    let cells = cell_estimate(design);
+    if cells > MOST_CELLS {
+        let message = format!("a mesh this fine would have about {cells:.0e} cells, more than {MOST_CELLS:.0e}");
+        return Err(problem(Place::Mesh, message).fix("lengths are in metres; make the edges longer"));
+    }
+    Ok(())
+}
+
+/// About how many cells the mesh will have: the body in its longest edges, the electrodes in theirs.
+fn cell_estimate(design: &SkinDesign) -> f64 {
+    use std::f64::consts::PI;
+    let area_m2 = match design.body {
+        Body::Cylinder { length_m, diameter_m } => PI * diameter_m * length_m,
+        Body::Disk { diameter_m } => 0.25 * PI * diameter_m * diameter_m,
+        Body::Rectangle { width_m, height_m } => width_m * height_m,
+        Body::Mesh { .. } => 0.0,
+    };
+    let fine_m2: f64 = design.electrodes.iter().map(|electrode| reach_m(electrode.shape).powi(2) * PI).sum();
+    // An equilateral triangle of side h has the area sqrt(3)/4 h^2.
+    let per_area = |edge_m: f64| 1.0 / (0.433 * edge_m * edge_m);
+    area_m2 * per_area(design.mesh.max_edge_m) + fine_m2 * per_area(design.mesh.electrode_edge_m)
+}
+
+/// A length in mm as people write it.
+fn millimetres(length_m: f64) -> String {
+    let text = format!("{:.3}", length_m * 1000.0);
+    text.trim_end_matches('0').trim_end_matches('.').to_string()
+}

@@ -1,0 +1,96 @@
+//! What is wrong with a design, where in its file, and how to mend it.
+
+use std::ops::Range;
+use thiserror::Error;
+
+/// A design that cannot be read or built: where, what, and the fix.
+#[derive(Debug, Error)]
+#[error("{}{message}{}", self.location(), self.fix.as_ref().map(|fix| format!(" ({fix})")).unwrap_or_default())]
+pub struct DesignError {
+    /// What is wrong, naming the field and the numbers.
+    pub message: String,
+    /// How to mend it, where that is known.
+    pub fix: Option<String>,
+    /// The file's name and its text, for an excerpt.
+    pub source_text: Option<(String, String)>,
+    /// Byte range of the offending text in the file.
+    pub span: Option<Range<usize>>,
+}
+
+impl DesignError {
+    /// An error that belongs to no place in a file.
+    pub(crate) fn new(message: impl Into<String>, fix: Option<String>) -> Self {
+        DesignError { message: message.into(), fix, source_text: None, span: None }
+    }
+
+    /// 1-based line of the offending text.
+    pub fn line(&self) -> Option<usize> {
+        let ((_, text), span) = (self.source_text.as_ref()?, self.span.as_ref()?);
+        let before = text.as_bytes().get(..span.start)?;
+        Some(1 + before.iter().filter(|&&byte| byte == b'\n').count())
+    }
+
+    fn location(&self) -> String {
+        match (&self.source_text, self.line()) {
+            (Some((name, _)), Some(line)) => format!("{name}:{line}: "),
+            (Some((name, _)), None) => format!("{name}: "),
+            _ => String::new(),
+        }
+    }
+}
+
+/// A TOML error in our words, and the name or the unit that was probably meant.
+pub(crate) fn from_toml(message: &str) -> (String, Option<String>) {
+    if let Some((keys, known)) =
+        message.strip_prefix("unexpected keys in table: ").and_then(|rest| rest.split_once(", available keys: "))
+    {
+        let written = keys.split(", ").next().unwrap_or(keys);
+        let known: Vec<&str> = known.split(", ").collect();
+        let listed: Vec<String> = known.iter().map(|name| format!("`{name}`")).collect();
+        let message = format!("unknown field `{written}`, expected {}", listed.join(" or "));
+        return (message, meant(written, &known));
+    }
+    let names: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
+    let unknown = message.starts_with("unknown field") || message.starts_with("unknown variant");
+    let fix = names.split_first().filter(|_| unknown).and_then(|(written, known)| meant(written, known));
+    (message.to_string(), fix)
+}
+
+/// Which of the known names was probably meant.
+fn meant(written: &str, known: &[&str]) -> Option<String> {
+    if let Some(name) = known.iter().find(|name| stem(name) == stem(written) && **name != written) {
+        return Some(format!("did you mean `{name}`? The unit is part of the name"));
+    }
+    nearest(written, known.iter().copied()).map(|name| format!("did you mean `{name}`?"))
+}
+
+/// A name without its unit.
+fn stem(name: &str) -> &str {
+    const UNITS: [&str; 14] = [
+        "_s_per_m", "_ohm_m2", "_ohm_mm2", "_ohm_cm2", "_ohm_m", "_kohm", "_ohm", "_rad", "_deg", "_degrees", "_mm",
+        "_cm", "_um", "_m",
+    ];
+    UNITS.iter().find_map(|unit| name.strip_suffix(unit)).unwrap_or(name)
+}
+
+/// The name most like the one written, if any is like it at all.
+pub(crate) fn nearest<'a>(written: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let (distance, name) = known.map(|name| (edit_distance(written, name), name)).min()?;
+    (distance <= 1 + written.len() / 4).then_some(name)
+}
+
+/// The number of insertions, deletions and replacements that turn one word into the other (Levenshtein, 1966).
+fn edit_distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, from) in a.chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, &to) in b.iter().enumerate() {
+            let replaced = diagonal + usize::from(from != to);
+            diagonal = row[j + 1];
+            row[j + 1] = replaced.min(row[j] + 1).min(diagonal + 1);
+        }
+    }
+    row[b.len()]
+}

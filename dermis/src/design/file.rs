@@ -1,0 +1,307 @@
+//! A design file as it is written: the tables and keys of the TOML, before they are checked.
+
+use schemars::{JsonSchema, Schema, SchemaGenerator};
+use serde::{Deserialize, Deserializer};
+use std::borrow::Cow;
+use std::ops::Range;
+use std::path::PathBuf;
+use toml::Spanned;
+
+/// A value and its place in the file.
+#[derive(Debug, Clone)]
+pub struct At<T> {
+    pub value: T,
+    pub span: Range<usize>,
+}
+
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for At<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let spanned = Spanned::<T>::deserialize(deserializer)?;
+        Ok(At { span: spanned.span(), value: spanned.into_inner() })
+    }
+}
+
+impl<T: JsonSchema> JsonSchema for At<T> {
+    fn schema_name() -> Cow<'static, str> {
+        T::schema_name()
+    }
+    fn schema_id() -> Cow<'static, str> {
+        T::schema_id()
+    }
+    fn inline_schema() -> bool {
+        T::inline_schema()
+    }
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        T::json_schema(generator)
+    }
+}
+
+/// A skin: its body, its sheet, its electrodes, its protocol and its image. Lengths are metres, angles radians.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(title = "Dermis skin design")]
+pub struct DesignFile {
+    /// Name for tables and pictures; the file's name without it.
+    pub name: Option<String>,
+    /// The body that wears the skin.
+    pub body: At<BodyTable>,
+    /// The conductive coat.
+    pub sheet: At<SheetTable>,
+    /// The electrodes.
+    pub electrodes: At<ElectrodesTable>,
+    /// The order of a frame's values.
+    pub protocol: At<ProtocolTable>,
+    /// The image to reconstruct: a grid of 30 x 30 without it, a value per cell on a mesh body.
+    pub image: Option<At<ImageTable>>,
+    /// How fine the generated mesh is; chosen from the sizes of the body and the electrodes without it.
+    pub mesh: Option<At<MeshTable>>,
+}
+
+/// The body that wears the skin.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum BodyTable {
+    /// A cylinder's wall, its axis along z from 0 to the length.
+    Cylinder {
+        /// Length along z, m.
+        length_m: At<f64>,
+        /// Diameter, m.
+        diameter_m: At<f64>,
+    },
+    /// A flat disk round the origin in the plane z = 0.
+    Disk {
+        /// Diameter, m.
+        diameter_m: At<f64>,
+    },
+    /// A flat rectangle in the plane z = 0, from the origin to (width, height).
+    Rectangle {
+        /// Extent along x, m.
+        width_m: At<f64>,
+        /// Extent along y, m.
+        height_m: At<f64>,
+    },
+    /// A mesh file: Gmsh .msh, STL, OBJ or PLY.
+    Mesh {
+        /// The file, as seen from the folder of the design.
+        path: At<PathBuf>,
+        /// Metres per unit of the file: 0.001 for a file in millimetres.
+        unit_m: At<f64>,
+    },
+}
+
+/// Which way a touch turns the conductance of the sheet.
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum TouchName {
+    /// Pressing raises it, as on the paper's skin.
+    ConductanceRises,
+    /// Pressing lowers it, as on membranes that are stretched.
+    ConductanceFalls,
+}
+
+/// The conductive coat.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SheetTable {
+    /// Sheet resistance of a surface, ohm per square.
+    pub sheet_resistance_ohm: Option<At<f64>>,
+    /// Conductivity of a volume (a mesh of tetrahedra), S/m; in place of the sheet resistance.
+    pub conductivity_s_per_m: Option<At<f64>>,
+    /// Which way a touch turns the conductance.
+    pub touch: TouchName,
+    /// Parts of another conductance; where they overlap, the later one holds.
+    #[serde(default)]
+    pub regions: Vec<At<RegionTable>>,
+}
+
+/// A named part of the sheet with a conductance of its own.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RegionTable {
+    /// Its name; without a box, the physical group of that name in the mesh file.
+    pub name: String,
+    /// Sheet resistance there, ohm per square.
+    pub sheet_resistance_ohm: Option<At<f64>>,
+    /// Conductivity there, S/m; in place of the sheet resistance.
+    pub conductivity_s_per_m: Option<At<f64>>,
+    /// Lower corner of a box, m: (z, s = radius * theta) on a cylinder, (x, y) on a flat skin.
+    pub low_m: Option<At<[f64; 2]>>,
+    /// Upper corner of the box, m.
+    pub high_m: Option<At<[f64; 2]>>,
+}
+
+/// One number for all, or a list with one for each.
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[serde(untagged, expecting = "expected a number, or a list with a number for each electrode")]
+pub enum OneOrEach {
+    /// The same for every electrode.
+    One(f64),
+    /// One for each electrode, in the order of their numbers.
+    Each(Vec<f64>),
+}
+
+/// The electrodes.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ElectrodesTable {
+    /// What each covers.
+    pub shape: At<ShapeTable>,
+    /// Where they are.
+    pub layout: At<LayoutTable>,
+    /// Contact impedance of discs and of groups of faces, ohm m2: one number, or one for each electrode.
+    pub contact_impedance_ohm_m2: Option<At<OneOrEach>>,
+    /// Contact impedance of arcs and of groups of edges, ohm m: one number, or one for each electrode.
+    pub contact_impedance_ohm_m: Option<At<OneOrEach>>,
+}
+
+/// What an electrode covers.
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum ShapeTable {
+    /// A round patch inside the surface, clipped where it crosses an edge of the body.
+    Disc {
+        /// Radius along the surface, m.
+        radius_m: f64,
+    },
+    /// A piece of the body's edge, its middle at the electrode's place.
+    Arc {
+        /// Length along the edge, m.
+        length_m: f64,
+    },
+    /// A single point.
+    Point,
+    /// The physical group `electrode_<n>` of the mesh file, n from 0.
+    Group,
+}
+
+/// Where the electrodes are.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum LayoutTable {
+    /// Rings round a cylinder. Electrode k of ring r has the number `per_ring * r + k`.
+    Rings {
+        /// Number of rings.
+        rings: At<usize>,
+        /// Electrodes on each ring.
+        per_ring: At<usize>,
+        /// Distance from ring to ring along z, m.
+        spacing_m: At<f64>,
+        /// Height of ring 0, m; 0 (the lower rim) without it.
+        first_z_m: Option<At<f64>>,
+        /// Angle of electrode 0, rad; 0 without it.
+        first_theta_rad: Option<At<f64>>,
+        /// How far rings 1, 3, 5, ... are turned, as a fraction of the step from electrode to electrode; 0 without it.
+        stagger: Option<At<f64>>,
+    },
+    /// Evenly along the rim of a disk, counter-clockwise.
+    Rim {
+        /// Number of electrodes.
+        count: At<usize>,
+        /// Angle of electrode 0 from +x towards +y, rad; 0 without it.
+        first_theta_rad: Option<At<f64>>,
+    },
+    /// A grid on a rectangle: row by row from y = 0, each from x = 0.
+    Grid {
+        /// Rows along y.
+        rows: At<usize>,
+        /// Columns along x.
+        columns: At<usize>,
+        /// Distance of the outer electrodes from the edges, m; half a step without it.
+        margin_m: Option<At<f64>>,
+    },
+    /// One by one: (z_m, theta_rad) on a cylinder, (x_m, y_m) on a flat skin, (x_m, y_m, z_m) on a mesh.
+    Positions(Vec<At<PositionTable>>),
+    /// As many physical groups `electrode_<n>` as the mesh file has.
+    Groups {
+        /// Number of electrodes.
+        count: At<usize>,
+    },
+}
+
+/// The place of one electrode.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PositionTable {
+    /// Along x, m.
+    pub x_m: Option<f64>,
+    /// Along y, m.
+    pub y_m: Option<f64>,
+    /// Along z, m.
+    pub z_m: Option<f64>,
+    /// Round a cylinder, rad.
+    pub theta_rad: Option<f64>,
+    /// What this electrode covers, where it differs from the others.
+    pub shape: Option<ShapeTable>,
+}
+
+/// The order of a frame's values.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ProtocolTable {
+    /// Which electrodes are driven and which are read.
+    pub pattern: At<PatternTable>,
+    /// The instrument reports amplitudes: the sign of a value is lost, and the model's is put back.
+    #[serde(default)]
+    pub amplitude_only: bool,
+    /// Where the measure pairs of a drive begin.
+    #[serde(default)]
+    pub measures_start: MeasuresStart,
+    /// Read V[m + 1] - V[m] in place of V[m] - V[m + 1].
+    #[serde(default)]
+    pub measures_reversed: bool,
+}
+
+/// Which electrodes are driven and which are read.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum PatternTable {
+    /// Drive d to d + 1, every adjacent measure but the drive pair itself: L (L - 1) values.
+    Adjacent,
+    /// Drive d to d + 1, every adjacent measure that holds no driven electrode: L (L - 3) values.
+    AdjacentUndriven,
+    /// Drive d to d + L/2, every adjacent measure that holds no driven electrode: L (L - 4) values.
+    Opposite,
+    /// Drive d to d + 1 + the number of electrodes skipped, every adjacent measure without a driven electrode.
+    Skip(usize),
+    /// A channel table (CSV: channel,drive_source,drive_sink,measure_plus,measure_minus), as seen from the folder
+    /// of the design.
+    Table(PathBuf),
+}
+
+/// Where the measure pairs of a drive begin.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum MeasuresStart {
+    /// At electrode 0.
+    #[default]
+    ElectrodeZero,
+    /// At the electrode where the current enters.
+    Drive,
+}
+
+/// The image to reconstruct.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum ImageTable {
+    /// Rows along z and columns round theta on a cylinder; rows along y and columns along x on a flat skin.
+    Grid {
+        /// Pixels along z or y.
+        rows: At<usize>,
+        /// Pixels round theta or along x.
+        columns: At<usize>,
+    },
+    /// A pixel for every cell of the mesh.
+    Cells,
+}
+
+/// How fine the generated mesh is.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MeshTable {
+    /// Longest edge allowed anywhere, m.
+    pub max_edge_m: Option<At<f64>>,
+    /// Length of the edges along an electrode's outline, m.
+    pub electrode_edge_m: Option<At<f64>>,
+    /// Growth of the edge length per length of distance from the nearest electrode outline.
+    pub growth: Option<At<f64>>,
+}

@@ -1,0 +1,327 @@
+//! From the tables of a design file to a skin.
+
+use crate::design::check;
+use crate::design::error::{DesignError, from_toml, nearest};
+use crate::design::file::{
+    At, BodyTable, DesignFile, ElectrodesTable, ImageTable, LayoutTable, MeasuresStart, MeshTable, OneOrEach,
+    PatternTable, ProtocolTable, ShapeTable, SheetTable, TouchName,
+};
+use crate::design::layout;
+use crate::design::{
+    Body, Electrode, ElectrodeShape, ImageLayout, MeshOptions, Region, RegionPlace, Sheet, SheetKind, SkinDesign,
+    TouchEffect, shipped,
+};
+use crate::protocol::{Channel, Protocol};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+/// A place in a design, as a check names it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Place {
+    Body,
+    Sheet,
+    Region(usize),
+    Electrodes,
+    Electrode(usize),
+    ContactImpedance,
+    Protocol,
+    Image,
+    Mesh,
+}
+
+/// A design by name or by path.
+pub(super) fn load(name_or_path: &str) -> Result<SkinDesign, DesignError> {
+    let path = Path::new(name_or_path);
+    if let (false, Some(design)) = (path.is_file(), SkinDesign::shipped(name_or_path)) {
+        return Ok(design);
+    }
+    let text = std::fs::read_to_string(path).map_err(|error| {
+        let meant = nearest(name_or_path, shipped::NAMES.into_iter());
+        let fix = match meant {
+            Some(name) => format!("did you mean `{name}`?"),
+            None => format!("give the path of a design file, or one of {}", shipped::NAMES.join(", ")),
+        };
+        DesignError::new(format!("cannot read the design {name_or_path}: {error}"), Some(fix))
+    })?;
+    parse(&text, name_or_path)
+}
+
+/// A design from the text of a TOML file.
+pub(super) fn parse(text: &str, name: &str) -> Result<SkinDesign, DesignError> {
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    let source = Source { name, text };
+    let file: DesignFile = toml::from_str(text).map_err(|error| {
+        let (message, fix) = from_toml(error.message());
+        source.fail(error.span(), message, fix)
+    })?;
+    let design = source.resolve(&file)?;
+    check::check(&design)
+        .map_err(|problem| source.fail(Some(locate(&file, problem.place)), problem.message, problem.fix))?;
+    Ok(design)
+}
+
+/// Where in the file a place is.
+fn locate(file: &DesignFile, place: Place) -> Range<usize> {
+    let electrodes = &file.electrodes.value;
+    match place {
+        Place::Body => file.body.span.clone(),
+        Place::Sheet => {
+            let sheet = &file.sheet.value;
+            let value = sheet.sheet_resistance_ohm.as_ref().or(sheet.conductivity_s_per_m.as_ref());
+            value.map_or(file.sheet.span.clone(), |value| value.span.clone())
+        }
+        Place::Region(index) => file.sheet.value.regions[index].span.clone(),
+        Place::Electrodes => electrodes.layout.span.clone(),
+        Place::Electrode(index) => match &electrodes.layout.value {
+            LayoutTable::Positions(list) => list[index].span.clone(),
+            _ => electrodes.layout.span.clone(),
+        },
+        Place::ContactImpedance => {
+            let value = electrodes.contact_impedance_ohm_m2.as_ref().or(electrodes.contact_impedance_ohm_m.as_ref());
+            value.map_or(file.electrodes.span.clone(), |value| value.span.clone())
+        }
+        Place::Protocol => file.protocol.value.pattern.span.clone(),
+        Place::Image => file.image.as_ref().map_or(file.body.span.clone(), |image| image.span.clone()),
+        Place::Mesh => file.mesh.as_ref().map_or(file.body.span.clone(), |mesh| mesh.span.clone()),
+    }
+}
+
+/// The file's name and text, for its errors.
+pub(super) struct Source<'a> {
+    name: &'a str,
+    text: &'a str,
+}
+
+impl Source<'_> {
+    /// An error at a place of the file.
+    pub fn fail(&self, span: Option<Range<usize>>, message: impl Into<String>, fix: Option<String>) -> DesignError {
+        DesignError {
+            message: message.into(),
+            fix,
+            source_text: Some((self.name.to_string(), self.text.to_string())),
+            span,
+        }
+    }
+
+    /// A file that the design names, as seen from its own folder.
+    fn beside(&self, path: &Path) -> PathBuf {
+        Path::new(self.name).parent().unwrap_or(Path::new("")).join(path)
+    }
+
+    fn resolve(&self, file: &DesignFile) -> Result<SkinDesign, DesignError> {
+        let body = self.body(&file.body.value);
+        check::body(&body).map_err(|p| self.fail(Some(file.body.span.clone()), p.message, p.fix))?;
+        let electrodes = self.electrodes(&body, &file.electrodes)?;
+        let image = match file.image.as_ref().map(|image| &image.value) {
+            Some(ImageTable::Cells) => ImageLayout::Cells,
+            Some(ImageTable::Grid { rows, columns }) => ImageLayout::Grid { rows: rows.value, columns: columns.value },
+            None if matches!(body, Body::Mesh { .. }) => ImageLayout::Cells,
+            None => ImageLayout::Grid { rows: 30, columns: 30 },
+        };
+        Ok(SkinDesign {
+            name: file.name.clone().unwrap_or_else(|| self.stem()),
+            sheet: self.sheet(&file.sheet)?,
+            protocol: self.protocol(&file.protocol.value, electrodes.len())?,
+            mesh: mesh_options(&body, &electrodes, file.mesh.as_ref().map(|mesh| &mesh.value)),
+            body,
+            electrodes,
+            image,
+        })
+    }
+
+    fn stem(&self) -> String {
+        Path::new(self.name).file_stem().map_or(self.name.to_string(), |stem| stem.to_string_lossy().into_owned())
+    }
+
+    fn body(&self, table: &BodyTable) -> Body {
+        match table {
+            BodyTable::Cylinder { length_m, diameter_m } => {
+                Body::Cylinder { length_m: length_m.value, diameter_m: diameter_m.value }
+            }
+            BodyTable::Disk { diameter_m } => Body::Disk { diameter_m: diameter_m.value },
+            BodyTable::Rectangle { width_m, height_m } => {
+                Body::Rectangle { width_m: width_m.value, height_m: height_m.value }
+            }
+            BodyTable::Mesh { path, unit_m } => Body::Mesh { path: self.beside(&path.value), unit_m: unit_m.value },
+        }
+    }
+
+    fn sheet(&self, table: &At<SheetTable>) -> Result<Sheet, DesignError> {
+        let sheet = &table.value;
+        let (kind, conductance) =
+            self.conductance(&sheet.sheet_resistance_ohm, &sheet.conductivity_s_per_m, &table.span, "the sheet")?;
+        let mut regions = Vec::with_capacity(sheet.regions.len());
+        for At { value: region, span } in &sheet.regions {
+            let what = format!("region `{}`", region.name);
+            let (region_kind, conductance) =
+                self.conductance(&region.sheet_resistance_ohm, &region.conductivity_s_per_m, span, &what)?;
+            if region_kind != kind {
+                let message = format!("{what} and the sheet state different quantities");
+                return Err(self.fail(Some(span.clone()), message, Some("give both the same key".into())));
+            }
+            let place = match (&region.low_m, &region.high_m) {
+                (Some(low), Some(high)) => RegionPlace::Box { low_m: low.value, high_m: high.value },
+                (None, None) => RegionPlace::Group,
+                _ => {
+                    let message = format!("{what} has only one corner of its box");
+                    return Err(self.fail(Some(span.clone()), message, Some("give `low_m` and `high_m`".into())));
+                }
+            };
+            regions.push(Region { name: region.name.clone(), conductance, place });
+        }
+        let touch = match sheet.touch {
+            TouchName::ConductanceRises => TouchEffect::ConductanceRises,
+            TouchName::ConductanceFalls => TouchEffect::ConductanceFalls,
+        };
+        Ok(Sheet { kind, conductance, regions, touch })
+    }
+
+    /// The conductance of a sheet or a region from whichever of the two keys is there.
+    fn conductance(
+        &self,
+        resistance_ohm: &Option<At<f64>>,
+        conductivity_s_per_m: &Option<At<f64>>,
+        span: &Range<usize>,
+        what: &str,
+    ) -> Result<(SheetKind, f64), DesignError> {
+        let (value, key) = match (resistance_ohm, conductivity_s_per_m) {
+            (Some(value), None) => (value, "sheet_resistance_ohm"),
+            (None, Some(value)) => (value, "conductivity_s_per_m"),
+            (given, _) => {
+                let count = if given.is_some() { "both" } else { "neither" };
+                let message = format!(
+                    "{what} needs `sheet_resistance_ohm` (a surface) or `conductivity_s_per_m` (a volume), not {count}"
+                );
+                return Err(self.fail(Some(span.clone()), message, None));
+            }
+        };
+        if !(value.value > 0.0 && value.value.is_finite()) {
+            let message = format!("{key} of {what} is {}: it must be positive and finite", value.value);
+            return Err(self.fail(Some(value.span.clone()), message, None));
+        }
+        if resistance_ohm.is_some() {
+            Ok((SheetKind::Surface, 1.0 / value.value))
+        } else {
+            Ok((SheetKind::Volume, value.value))
+        }
+    }
+
+    fn electrodes(&self, body: &Body, table: &At<ElectrodesTable>) -> Result<Vec<Electrode>, DesignError> {
+        let electrodes = &table.value;
+        let places = layout::places(self, body, electrodes)?;
+        let mut list = Vec::with_capacity(places.len());
+        for (index, (centre_m, shape)) in places.iter().copied().enumerate() {
+            let contact_impedance = self.contact_impedance(index, places.len(), shape, table)?;
+            list.push(Electrode { centre_m, shape, contact_impedance });
+        }
+        Ok(list)
+    }
+
+    fn contact_impedance(
+        &self,
+        index: usize,
+        count: usize,
+        shape: ElectrodeShape,
+        table: &At<ElectrodesTable>,
+    ) -> Result<f64, DesignError> {
+        let per_area = table.value.contact_impedance_ohm_m2.as_ref();
+        let per_length = table.value.contact_impedance_ohm_m.as_ref();
+        let (given, needed) = match shape {
+            ElectrodeShape::Point => return Ok(0.0),
+            ElectrodeShape::Disc { .. } => (per_area, "contact_impedance_ohm_m2"),
+            ElectrodeShape::Arc { .. } => (per_length, "contact_impedance_ohm_m"),
+            // Faces or edges: only the mesh file knows.
+            ElectrodeShape::Group => (per_area.or(per_length), "contact_impedance_ohm_m2"),
+        };
+        let Some(given) = given else {
+            let other = per_area.or(per_length).map_or(table.span.clone(), |other| other.span.clone());
+            let message = format!("electrode {index} needs `{needed}`");
+            return Err(self.fail(
+                Some(other),
+                message,
+                Some(
+                    "a contact impedance has the unit of its electrode: \
+                ohm m2 on an area, ohm m on an edge"
+                        .into(),
+                ),
+            ));
+        };
+        match &given.value {
+            OneOrEach::One(value) => Ok(*value),
+            OneOrEach::Each(values) if values.len() == count => Ok(values[index]),
+            OneOrEach::Each(values) => {
+                let message = format!("`{needed}` has {} values for {count} electrodes", values.len());
+                Err(self.fail(Some(given.span.clone()), message, Some("give one number, or one each".into())))
+            }
+        }
+    }
+
+    fn protocol(&self, table: &ProtocolTable, electrode_count: usize) -> Result<Protocol, DesignError> {
+        let fail = |error: crate::protocol::ProtocolError| {
+            self.fail(Some(table.pattern.span.clone()), error.to_string(), None)
+        };
+        let protocol = match &table.pattern.value {
+            PatternTable::Adjacent => Protocol::adjacent(electrode_count),
+            PatternTable::AdjacentUndriven => Protocol::adjacent_undriven(electrode_count),
+            PatternTable::Opposite => Protocol::opposite(electrode_count),
+            PatternTable::Skip(skip) => Protocol::skip(electrode_count, *skip),
+            PatternTable::Table(path) => Protocol::load(&self.beside(path), electrode_count),
+        }
+        .map_err(fail)?;
+        let mut channels = protocol.channels().to_vec();
+        if table.measures_start == MeasuresStart::Drive {
+            let turn = |c: &Channel| (c.measure[0] + electrode_count - c.drive[0]) % electrode_count;
+            for drive in channels.chunk_by_mut(|a, b| a.drive == b.drive) {
+                drive.sort_by_key(turn);
+            }
+        }
+        if table.measures_reversed {
+            channels.iter_mut().for_each(|channel| channel.measure.reverse());
+        }
+        let protocol = Protocol::new(electrode_count, channels).map_err(fail)?;
+        Ok(protocol.with_amplitude_only(table.amplitude_only))
+    }
+}
+
+/// The grading that the file asks for, the rest from the sizes of the body and its electrodes.
+fn mesh_options(body: &Body, electrodes: &[Electrode], table: Option<&MeshTable>) -> MeshOptions {
+    let given = |pick: fn(&MeshTable) -> Option<&At<f64>>| table.and_then(pick).map(|at| at.value);
+    let max_edge_m = given(|t| t.max_edge_m.as_ref()).unwrap_or_else(|| default_edge_m(body));
+    let size_m = electrodes.iter().filter_map(|electrode| match electrode.shape {
+        ElectrodeShape::Disc { radius_m } => Some(radius_m),
+        ElectrodeShape::Arc { length_m } => Some(length_m),
+        ElectrodeShape::Point | ElectrodeShape::Group => None,
+    });
+    let smallest_m = size_m.fold(f64::INFINITY, f64::min);
+    MeshOptions {
+        max_edge_m,
+        // Five edges to a radius resolve the current crowding at a disc's outline on the paper's skin.
+        electrode_edge_m: given(|t| t.electrode_edge_m.as_ref())
+            .unwrap_or_else(|| (smallest_m / 5.0).min(max_edge_m / 4.0)),
+        growth: given(|t| t.growth.as_ref()).unwrap_or(0.3),
+    }
+}
+
+/// A fiftieth of the side of a square of the body's area: 6 mm on the paper's skin.
+fn default_edge_m(body: &Body) -> f64 {
+    use std::f64::consts::PI;
+    let area_m2 = match *body {
+        Body::Cylinder { length_m, diameter_m } => PI * diameter_m * length_m,
+        Body::Disk { diameter_m } => PI * diameter_m * diameter_m / 4.0,
+        Body::Rectangle { width_m, height_m } => width_m * height_m,
+        // A mesh file has its own edges.
+        Body::Mesh { .. } => return f64::INFINITY,
+    };
+    area_m2.sqrt() / 50.0
+}
+
+impl From<ShapeTable> for ElectrodeShape {
+    fn from(table: ShapeTable) -> Self {
+        match table {
+            ShapeTable::Disc { radius_m } => ElectrodeShape::Disc { radius_m },
+            ShapeTable::Arc { length_m } => ElectrodeShape::Arc { length_m },
+            ShapeTable::Point => ElectrodeShape::Point,
+            ShapeTable::Group => ElectrodeShape::Group,
+        }
+    }
+}
