@@ -1,5 +1,20 @@
 //! From a frame's difference to an image.
 
+mod alpha;
+mod linearised;
+mod noise_figure;
+mod one_step;
+mod prior;
+mod system;
+#[cfg(test)]
+mod testing;
+
+pub use alpha::Alpha;
+pub use linearised::Linearised;
+pub use noise_figure::noise_figure;
+pub use one_step::{Difference, OneStep, OneStepOptions};
+pub use prior::Prior;
+
 use crate::frame::Frame;
 use crate::image::{Image, PixelSpace};
 use std::sync::Arc;
@@ -15,6 +30,22 @@ pub enum ReconstructError {
         got: usize,
         /// Channels of the protocol.
         expected: usize,
+    },
+    /// An image of another length than the list of pixels.
+    #[error("the image has {got} values, but there are {expected} pixels")]
+    ImageLength {
+        /// Values in the image.
+        got: usize,
+        /// Number of pixels.
+        expected: usize,
+    },
+    /// A value that is not a number, or infinite.
+    #[error("channel {channel} of the frame is {value}: leave the channel out or mend the frame")]
+    NotFinite {
+        /// Index of the channel.
+        channel: usize,
+        /// Its value.
+        value: f64,
     },
     /// A parameter out of its range.
     #[error("{0}")]
@@ -53,5 +84,29 @@ pub trait Reconstruct: Send + Sync {
     /// in the frame spreads over the image.
     fn matrix(&self) -> Option<&crate::forward::Matrix> {
         None
+    }
+}
+
+/// Checks a difference and the image it is to become.
+pub(crate) fn check_lengths(
+    difference: &[f64],
+    channels: usize,
+    values: &[f64],
+    pixels: usize,
+) -> Result<(), ReconstructError> {
+    if difference.len() != channels {
+        return Err(ReconstructError::FrameLength { got: difference.len(), expected: channels });
+    }
+    if values.len() != pixels {
+        return Err(ReconstructError::ImageLength { got: values.len(), expected: pixels });
+    }
+    check_finite(difference)
+}
+
+/// Checks that a difference holds nothing but numbers.
+pub(crate) fn check_finite(difference: &[f64]) -> Result<(), ReconstructError> {
+    match difference.iter().position(|value| !value.is_finite()) {
+        Some(channel) => Err(ReconstructError::NotFinite { channel, value: difference[channel] }),
+        None => Ok(()),
     }
 }

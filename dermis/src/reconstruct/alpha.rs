@@ -1,0 +1,280 @@
+//! How strongly the prior counts: rules that choose alpha, none of which needs a label.
+
+use crate::image::PixelSpace;
+use crate::reconstruct::noise_figure;
+use crate::reconstruct::one_step::{Channels, OneStepOptions};
+use crate::reconstruct::system::System;
+use crate::reconstruct::{ReconstructError, check_finite};
+use faer::{Mat, Side};
+
+/// How strongly the prior counts.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Alpha {
+    /// A number without a unit: the prior is scaled by `trace(J'J) / trace(R)`, J taken against relative changes.
+    Given(f64),
+    /// A number in units of the Jacobian against the conductance itself, the prior unscaled: EIDORS's hyperparameter.
+    Absolute(f64),
+    /// So that the [noise figure](noise_figure::noise_figure) of a small target is this.
+    NoiseFigure(f64),
+    /// The corner of the L-curve of the examples: where `log |y - J x|` over `log sqrt(x'Rx)` bends most (Hansen and O'Leary
+    /// 1993, DOI 10.1137/0914086).
+    LCurve,
+    /// Where generalised cross-validation of the examples is least (Golub, Heath and Wahba 1979,
+    /// DOI 10.1080/00401706.1979.10489751).
+    Gcv,
+    /// A rule of this crate that needs no data: a noise figure of one half.
+    #[default]
+    Auto,
+}
+
+/// The noise figure that [`Alpha::Auto`] asks for.
+const AUTO_NOISE_FIGURE: f64 = 0.5;
+/// Range of `mu` over the largest eigenvalue of `J R^-1 J'` in which a rule looks: from where rounding drowns
+/// the small eigenvalues to where images
+/// are a thousandth of their size.
+const RELATIVE_RANGE: [f64; 2] = [1e-12, 1e3];
+
+/// The alpha that the options ask for, for a problem whose prior is multiplied by `alpha^2 scale`.
+pub(crate) fn choose(
+    system: &System,
+    scale: f64,
+    channels: &Channels,
+    pixels: &PixelSpace,
+    options: &OneStepOptions,
+) -> Result<f64, ReconstructError> {
+    let mu = match options.alpha {
+        Alpha::Given(alpha) | Alpha::Absolute(alpha) => return positive("alpha", alpha),
+        Alpha::NoiseFigure(value) => {
+            mu_at_noise_figure(system, scale, positive("the noise figure", value)?, pixels, options)?
+        }
+        Alpha::Auto => mu_at_noise_figure(system, scale, AUTO_NOISE_FIGURE, pixels, options)?,
+        Alpha::LCurve => Spectrum::new(system, channels, options)?.corner()?,
+        Alpha::Gcv => Spectrum::new(system, channels, options)?.least_gcv()?,
+    };
+    Ok((mu / scale).sqrt())
+}
+
+fn positive(what: &str, value: f64) -> Result<f64, ReconstructError> {
+    if value.is_finite() && value > 0.0 {
+        Ok(value)
+    } else {
+        Err(ReconstructError::Parameter(format!("{what} is {value}: it must be positive and finite")))
+    }
+}
+
+/// The `mu` at which the noise figure is `wanted`, to 1e-9 of itself; it falls as `mu` rises.
+fn mu_at_noise_figure(
+    system: &System,
+    scale: f64,
+    wanted: f64,
+    pixels: &PixelSpace,
+    options: &OneStepOptions,
+) -> Result<f64, ReconstructError> {
+    let figure = NoiseFigure::new(system, pixels, &options.target)?;
+    let gap = |log_mu: f64| Ok::<f64, ReconstructError>(figure.at(log_mu.exp())?.ln() - wanted.ln());
+    // From alpha = 0.1 outwards, a factor of ten in mu a step.
+    let step = 10.0_f64.ln();
+    let (mut low, mut high) = ((0.01 * scale).ln(), (0.01 * scale).ln());
+    let (mut gap_low, mut gap_high) = (gap(low)?, gap(high)?);
+    for _ in 0..16 {
+        if gap_low >= 0.0 && gap_high <= 0.0 {
+            return root(&gap, [low, high], [gap_low, gap_high]).map(f64::exp);
+        }
+        if gap_low < 0.0 {
+            (high, gap_high, low) = (low, gap_low, low - step);
+            gap_low = gap(low)?;
+        } else {
+            (low, gap_low, high) = (high, gap_high, high + step);
+            gap_high = gap(high)?;
+        }
+    }
+    let reached = wanted * if gap_low < 0.0 { gap_low.exp() } else { gap_high.exp() };
+    let message = format!("no alpha gives the noise figure {wanted}: the nearest found is {reached:.3e}");
+    Err(ReconstructError::Parameter(message))
+}
+
+/// The root of a falling function between two points (Illinois form of the false position).
+fn root(
+    function: &impl Fn(f64) -> Result<f64, ReconstructError>,
+    mut ends: [f64; 2],
+    mut values: [f64; 2],
+) -> Result<f64, ReconstructError> {
+    for _ in 0..60 {
+        if values[0] == values[1] || ends[1] - ends[0] < 1e-12 {
+            break;
+        }
+        let middle = (ends[0] * values[1] - ends[1] * values[0]) / (values[1] - values[0]);
+        let value = function(middle)?;
+        if value.abs() < 1e-9 {
+            return Ok(middle);
+        }
+        let side = usize::from(value < 0.0);
+        (ends[side], values[side]) = (middle, value);
+        values[1 - side] *= 0.5;
+    }
+    Ok(0.5 * (ends[0] + ends[1]))
+}
+
+/// The noise figure of a system as a function of `mu`.
+struct NoiseFigure<'a> {
+    system: &'a System,
+    /// The difference that the target makes, in the system's units.
+    difference: Vec<f64>,
+    areas: &'a [f64],
+}
+
+impl<'a> NoiseFigure<'a> {
+    fn new(system: &'a System, pixels: &'a PixelSpace, target: &[usize]) -> Result<Self, ReconstructError> {
+        if let Some(&pixel) = target.iter().find(|&&pixel| pixel >= pixels.len()) {
+            let message = format!("the target holds pixel {pixel}, but there are {} pixels", pixels.len());
+            return Err(ReconstructError::Parameter(message));
+        }
+        let jacobian = system.jacobian();
+        let target = if target.is_empty() { noise_figure::least_seen(jacobian, pixels) } else { target.to_vec() };
+        let difference: Vec<f64> =
+            (0..jacobian.nrows()).map(|channel| target.iter().map(|&p| jacobian[(channel, p)]).sum()).collect();
+        if difference.iter().all(|&value| value == 0.0) {
+            return Err(ReconstructError::Singular("no channel sees the target of the noise figure".into()));
+        }
+        Ok(NoiseFigure { system, difference, areas: &pixels.areas })
+    }
+
+    fn at(&self, mu: f64) -> Result<f64, ReconstructError> {
+        Ok(noise_figure::of_matrix(self.system.inverse(mu)?.as_ref(), self.areas, &self.difference))
+    }
+}
+
+/// The eigenvalues of `J R^-1 J'`, and how much of the examples falls on each.
+///
+/// Images that the prior does not see (`N`) are fitted without a penalty, so both are taken in the complement of the range of
+/// `T = J N`.
+pub(crate) struct Spectrum {
+    eigenvalues: Vec<f64>,
+    /// Square of the examples' component along each eigenvector, summed over the examples.
+    power: Vec<f64>,
+    /// Eigenvalues that are zero only because of the projection.
+    projected: usize,
+    channel_count: usize,
+}
+
+impl Spectrum {
+    pub(crate) fn new(
+        system: &System,
+        channels: &Channels,
+        options: &OneStepOptions,
+    ) -> Result<Self, ReconstructError> {
+        let examples = &options.examples;
+        if examples.is_empty() {
+            let message = "the L-curve and cross-validation look at measured differences: give some as examples";
+            return Err(ReconstructError::Parameter(message.into()));
+        }
+        let form = system.data_form()?;
+        let basis = (form.trend.ncols() > 0).then(|| form.trend.qr().compute_thin_Q());
+        let project = |matrix: &Mat<f64>| match &basis {
+            Some(basis) => matrix - basis * (basis.transpose() * matrix),
+            None => matrix.clone(),
+        };
+        let mut data = Mat::zeros(channels.kept.len(), examples.len());
+        for (column, example) in examples.iter().enumerate() {
+            if let Some(&channel) = channels.kept.iter().find(|&&channel| channel >= example.len()) {
+                return Err(ReconstructError::FrameLength { got: example.len(), expected: channel + 1 });
+            }
+            check_finite(example)?;
+            for (row, (&channel, scale)) in channels.kept.iter().zip(&channels.scale).enumerate() {
+                data[(row, column)] = example[channel] * scale;
+            }
+        }
+        let kernel = project(&project(&form.kernel).transpose().to_owned());
+        let spectrum = kernel
+            .self_adjoint_eigen(Side::Lower)
+            .map_err(|error| ReconstructError::Singular(format!("J R^-1 J' has no eigenvalues: {error:?}")))?;
+        let components = spectrum.U().transpose() * project(&data);
+        Ok(Spectrum {
+            eigenvalues: spectrum.S().column_vector().iter().map(|&value| value.max(0.0)).collect(),
+            power: (0..components.nrows()).map(|row| components.row(row).squared_norm_l2()).collect(),
+            projected: form.trend.ncols(),
+            channel_count: channels.kept.len(),
+        })
+    }
+
+    /// Sum of `term(eigenvalue, power)`.
+    fn sum(&self, term: impl Fn(f64, f64) -> f64) -> f64 {
+        self.eigenvalues.iter().zip(&self.power).map(|(&eigenvalue, &power)| term(eigenvalue, power)).sum()
+    }
+
+    /// `|y - J x|^2 = sum c^2 mu^2 / (l + mu)^2`, summed over the examples.
+    pub(crate) fn misfit(&self, mu: f64) -> f64 {
+        self.sum(|l, power| power * (mu / (l + mu)).powi(2))
+    }
+
+    /// `x'Rx = sum c^2 l / (l + mu)^2`, summed over the examples.
+    pub(crate) fn roughness(&self, mu: f64) -> f64 {
+        self.sum(|l, power| power * l / (l + mu).powi(2))
+    }
+
+    /// `m |y - J x|^2 / trace(I - H)^2`, H being the map from the data to what the image explains of them.
+    pub(crate) fn gcv(&self, mu: f64) -> f64 {
+        let trace = self.sum(|l, _| mu / (l + mu)) - self.projected as f64;
+        self.channel_count as f64 * self.misfit(mu) / (trace * trace)
+    }
+
+    /// The curvature of `log |y - J x|` over `log sqrt(x'Rx)`, positive at the corner.
+    ///
+    /// With `u = ln mu`, `f = ln misfit / 2` and `g = ln roughness / 2`: `(f' g'' - f'' g') / (f'^2 + g'^2)^(3/2)`.
+    pub(crate) fn curvature(&self, mu: f64) -> f64 {
+        let (misfit, roughness) = (self.misfit(mu), self.roughness(mu));
+        let first = -2.0 * mu * self.sum(|l, power| power * l / (l + mu).powi(3));
+        let second = first + 6.0 * mu * mu * self.sum(|l, power| power * l / (l + mu).powi(4));
+        // The misfit's derivative by mu is -mu times the roughness's.
+        let misfit_first = -mu * first;
+        let misfit_second = -mu * (first + second);
+        let halves = |value: f64, first: f64, second: f64| {
+            (0.5 * first / value, 0.5 * (second * value - first * first) / (value * value))
+        };
+        let (f1, f2) = halves(misfit, misfit_first, misfit_second);
+        let (g1, g2) = halves(roughness, first, second);
+        (f1 * g2 - f2 * g1) / (f1 * f1 + g1 * g1).powf(1.5)
+    }
+
+    /// The `mu` at the corner of the L-curve.
+    pub(crate) fn corner(&self) -> Result<f64, ReconstructError> {
+        self.maximum(|mu| self.curvature(mu), "the L-curve of the examples has no corner")
+    }
+
+    /// The `mu` of the smallest cross-validation error.
+    pub(crate) fn least_gcv(&self) -> Result<f64, ReconstructError> {
+        self.maximum(|mu| -self.gcv(mu), "generalised cross-validation of the examples has no minimum")
+    }
+
+    /// The `mu` at which a function is largest: a grid in the logarithm, then golden sections.
+    fn maximum(&self, function: impl Fn(f64) -> f64, failure: &str) -> Result<f64, ReconstructError> {
+        const STEPS: usize = 340;
+        let largest = self.eigenvalues.iter().fold(0.0, |a: f64, &b| a.max(b));
+        let [low, high] = RELATIVE_RANGE.map(|factor| (factor * largest).ln());
+        let at = |step: usize| low + (high - low) * step as f64 / STEPS as f64;
+        let of = |log_mu: f64| function(log_mu.exp());
+        let values: Vec<f64> = (0..=STEPS).map(|step| of(at(step))).collect();
+        let best =
+            (0..=STEPS).filter(|&step| values[step].is_finite()).max_by(|&a, &b| values[a].total_cmp(&values[b]));
+        match best {
+            Some(best) if best > 0 && best < STEPS => Ok(golden(of, at(best - 1), at(best + 1)).exp()),
+            _ => {
+                let message = format!("{failure}: choose alpha in another way, or give other examples");
+                Err(ReconstructError::Parameter(message))
+            }
+        }
+    }
+}
+
+/// The maximum of a function with a single one between two points, by golden sections.
+fn golden(function: impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
+    const SECTION: f64 = 0.618_033_988_749_894_8;
+    while high - low > 1e-7 {
+        let (left, right) = (high - SECTION * (high - low), low + SECTION * (high - low));
+        if function(left) > function(right) { high = right } else { low = left }
+    }
+    0.5 * (low + high)
+}
+
+#[cfg(test)]
+mod tests;

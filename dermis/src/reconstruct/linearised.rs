@@ -1,0 +1,90 @@
+//! The forward model made linear about the untouched skin: what every linear method starts from.
+
+use crate::forward::{ForwardModel, Matrix};
+use crate::image::PixelSpace;
+use crate::reconstruct::ReconstructError;
+
+/// The forward model made linear about the untouched skin.
+///
+/// A relative change `x` of the pixels' conductance changes the frame by `jacobian x` (ohm).
+#[derive(Debug, Clone)]
+pub struct Linearised {
+    /// The derivative of the frame by the relative change of each pixel's conductance, channels x pixels, ohm.
+    pub jacobian: Matrix,
+    /// The untouched frame, ohm.
+    pub rest_frame: Vec<f64>,
+    /// Conductance of each untouched pixel (mean over its cells weighted by their overlap).
+    pub rest_conductivity: Vec<f64>,
+}
+
+impl Linearised {
+    /// The linear model about the rest conductivity of a forward model, seen in pixels.
+    ///
+    /// # Errors
+    /// A forward problem that cannot be solved, pixels that name cells beyond the mesh.
+    pub fn new(forward: &ForwardModel, pixels: &PixelSpace) -> crate::Result<Self> {
+        let rest = forward.rest_conductivity();
+        if let Some(cell) = pixels.overlaps.iter().flatten().map(|o| o.0).find(|&cell| cell >= rest.len()) {
+            let message = format!("a pixel overlaps cell {cell}, but the mesh has {} cells", rest.len());
+            return Err(ReconstructError::Parameter(message).into());
+        }
+        // J times sigma cell by cell, before the cells are summed into pixels: a change relative to the cell's own rest.
+        let mut relative = pixels.clone();
+        for (cell, fraction) in relative.overlaps.iter_mut().flatten() {
+            *fraction *= rest[*cell];
+        }
+        let mesh = forward.mesh();
+        let rest_conductivity = pixels.overlaps.iter().map(|overlaps| {
+            let weight = |&(cell, fraction): &(usize, f64)| fraction * mesh.cell_measure(cell);
+            let total: f64 = overlaps.iter().map(weight).sum();
+            overlaps.iter().map(|overlap| weight(overlap) * rest[overlap.0]).sum::<f64>() / total
+        });
+        Ok(Linearised {
+            rest_conductivity: rest_conductivity.collect(),
+            jacobian: forward.pixel_jacobian(rest, &relative)?,
+            rest_frame: forward.solve(rest)?.0,
+        })
+    }
+
+    /// Number of values of a frame.
+    pub fn channel_count(&self) -> usize {
+        self.jacobian.rows
+    }
+
+    /// Number of pixels.
+    pub fn pixel_count(&self) -> usize {
+        self.jacobian.columns
+    }
+
+    /// Checks that the lists fit each other and hold nothing but numbers.
+    pub(crate) fn validate(&self, pixels: &PixelSpace) -> Result<(), ReconstructError> {
+        let Matrix { rows, columns, ref values } = self.jacobian;
+        for (what, got, expected) in [
+            ("the Jacobian", values.len(), rows * columns),
+            ("the untouched frame", self.rest_frame.len(), rows),
+            ("the rest conductivity", self.rest_conductivity.len(), columns),
+            ("the list of pixels", pixels.len(), columns),
+            ("the list of the pixels' neighbours", pixels.neighbours.len(), columns),
+            ("the list of the pixels' areas", pixels.areas.len(), columns),
+        ] {
+            if got != expected {
+                let message = format!("{what} has {got} values, but {expected} are needed");
+                return Err(ReconstructError::Parameter(message));
+            }
+        }
+        if rows == 0 || columns == 0 {
+            return Err(ReconstructError::Parameter("a reconstruction needs a channel and a pixel at least".into()));
+        }
+        if let Some(at) = values.iter().position(|value| !value.is_finite()) {
+            let (channel, pixel) = (at / columns, at % columns);
+            let message = format!("the Jacobian is {} at channel {channel}, pixel {pixel}", values[at]);
+            return Err(ReconstructError::Parameter(message));
+        }
+        if let Some(pixel) = self.rest_conductivity.iter().position(|&value| !(value.is_finite() && value > 0.0)) {
+            let value = self.rest_conductivity[pixel];
+            let message = format!("the rest conductivity of pixel {pixel} is {value}: it must be positive and finite");
+            return Err(ReconstructError::Parameter(message));
+        }
+        Ok(())
+    }
+}
