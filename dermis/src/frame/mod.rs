@@ -1,8 +1,21 @@
 //! Frames of voltages, baselines, and the tables that hold them.
 
+mod csv;
+mod npy;
+mod output;
+mod table;
+mod truth;
+
+pub use output::write_whole;
+pub use table::{Table, read_conductivities, read_frames, read_table, write_array, write_frames};
+pub use truth::{Truth, read_truth};
+
 use std::ops::{Deref, DerefMut, Sub};
 use std::path::PathBuf;
 use thiserror::Error;
+
+#[cfg(test)]
+mod tests;
 
 /// A table of numbers that cannot be read or written: the file, the row and column, what is wrong.
 #[derive(Debug, Error)]
@@ -20,7 +33,7 @@ pub enum TableError {
     Cell {
         /// The file.
         path: PathBuf,
-        /// 1-based row of the file.
+        /// 1-based row of the file, its header included.
         row: usize,
         /// 1-based column, where one value is at fault.
         column: Option<usize>,

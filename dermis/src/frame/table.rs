@@ -1,0 +1,147 @@
+//! Tables of numbers in CSV, NPY and NPZ files.
+
+use crate::frame::output::write_whole;
+use crate::frame::{Frame, TableError, csv, npy};
+use crate::protocol::Protocol;
+use std::path::Path;
+
+/// Rows of numbers, all of the same length.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Table {
+    /// The names of the columns, where the file has a header.
+    pub header: Option<Vec<String>>,
+    /// The rows.
+    pub rows: Vec<Vec<f64>>,
+    /// Row of the file (1-based, its header included) of each row.
+    pub file_rows: Vec<usize>,
+}
+
+/// Reads a table: CSV, or NPY or NPZ told by their first bytes. In an NPZ file of several arrays the one called
+/// `array` is read. Values may be `NaN` or infinite here.
+///
+/// # Errors
+/// A file that cannot be read, is empty, or holds anything but rows of numbers of equal length (row and column named).
+pub fn read_table(path: &Path, array: &str) -> Result<Table, TableError> {
+    let bytes = std::fs::read(path).map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
+    let table = parse_table(&bytes, path, array)?;
+    if table.rows.is_empty() {
+        return Err(file_error(path, "the file is empty: it holds no row of numbers"));
+    }
+    let columns = table.rows[0].len();
+    for (row, &file_row) in table.rows.iter().zip(&table.file_rows) {
+        if row.len() != columns {
+            return Err(count_error(path, file_row, row.len(), columns, "the rows before"));
+        }
+    }
+    Ok(table)
+}
+
+/// [`read_table`] from bytes; rows may still differ in length.
+fn parse_table(bytes: &[u8], path: &Path, array: &str) -> Result<Table, TableError> {
+    let array = if npy::is_npz(bytes) {
+        npy::read_npz(bytes, array)
+    } else if npy::is_npy(bytes) {
+        npy::read_npy(bytes)
+    } else {
+        let csv::Rows { header, rows } = csv::parse(bytes, path)?;
+        let (file_rows, rows) = rows.into_iter().unzip();
+        return Ok(Table { header, rows, file_rows });
+    };
+    let npy::Array { shape, values } = array.map_err(|message| file_error(path, message))?;
+    let columns = match shape.as_slice() {
+        [columns] => *columns,
+        [_, columns] => *columns,
+        _ => return Err(file_error(path, format!("an array of shape {shape:?}, but rows x columns are needed"))),
+    };
+    let rows: Vec<Vec<f64>> = values.chunks(columns.max(1)).map(<[f64]>::to_vec).collect();
+    Ok(Table { header: None, file_rows: (1..=rows.len()).collect(), rows })
+}
+
+fn file_error(path: &Path, message: impl Into<String>) -> TableError {
+    TableError::File { path: path.to_path_buf(), message: message.into() }
+}
+
+fn count_error(path: &Path, row: usize, got: usize, expected: usize, what: &str) -> TableError {
+    let amount = if got < expected { "too few" } else { "too many" };
+    let message = format!("{amount} values: {got}, but {what} have {expected}");
+    TableError::Cell { path: path.to_path_buf(), row, column: None, message }
+}
+
+/// Reads frames (or differences of frames) of a protocol, ohm: a row each.
+///
+/// # Errors
+/// As [`read_table`]; rows that do not have a value for every channel; a value that is `NaN` or infinite.
+pub fn read_frames(path: &Path, protocol: &Protocol) -> Result<Vec<Frame>, TableError> {
+    let table = read_table(path, "frames")?;
+    let expected = protocol.channel_count();
+    let mut frames = Vec::with_capacity(table.rows.len());
+    for (row, file_row) in table.rows.into_iter().zip(table.file_rows) {
+        if row.len() != expected {
+            return Err(count_error(path, file_row, row.len(), expected, "frames of this protocol"));
+        }
+        if let Some(column) = row.iter().position(|value| !value.is_finite()) {
+            let message = format!("the value is {}: it must be finite", row[column]);
+            let column = Some(column + 1);
+            return Err(TableError::Cell { path: path.to_path_buf(), row: file_row, column, message });
+        }
+        frames.push(Frame(row));
+    }
+    Ok(frames)
+}
+
+/// Reads maps of conductivity, a row each with a value per cell in the order of the mesh (S on surfaces, S/m in
+/// volumes).
+///
+/// # Errors
+/// As [`read_table`]; rows that do not have a value for every cell; a value that is not positive and finite.
+pub fn read_conductivities(path: &Path, cell_count: usize) -> Result<Vec<Vec<f64>>, TableError> {
+    let table = read_table(path, "conductivity")?;
+    for (row, &file_row) in table.rows.iter().zip(&table.file_rows) {
+        if row.len() == 1 && table.rows.len() == cell_count && cell_count > 1 {
+            return Err(file_error(
+                path,
+                format!("one value in each of {cell_count} rows: write all cells in one row"),
+            ));
+        }
+        if row.len() != cell_count {
+            return Err(count_error(path, file_row, row.len(), cell_count, "maps of this mesh"));
+        }
+        if let Some(cell) = row.iter().position(|value| !(*value > 0.0 && value.is_finite())) {
+            let message = format!("the conductivity of cell {cell} is {}: it must be positive and finite", row[cell]);
+            let column = Some(cell + 1);
+            return Err(TableError::Cell { path: path.to_path_buf(), row: file_row, column, message });
+        }
+    }
+    Ok(table.rows)
+}
+
+/// Writes an array in row-major order, whole or not at all: NPY or NPZ (float64; the array is called `name`) by the
+/// file's extension, else CSV with a row per first index.
+///
+/// # Errors
+/// A path that cannot be written, a full disk.
+///
+/// # Panics
+/// Where the shape does not hold as many values.
+pub fn write_array(path: &Path, name: &str, shape: &[usize], values: &[f64]) -> Result<(), TableError> {
+    assert_eq!(shape.iter().product::<usize>(), values.len(), "shape {shape:?}");
+    let extension = path.extension().map(|extension| extension.to_ascii_lowercase());
+    write_whole(path, |writer| match extension.as_ref().and_then(|extension| extension.to_str()) {
+        Some("npy") => npy::write_npy(writer, shape, values),
+        Some("npz") => npy::write_npz(writer, name, shape, values),
+        _ => csv::write(writer, values, shape.iter().skip(1).product()),
+    })
+}
+
+/// Writes frames, a row each: NPY, NPZ or CSV by the file's extension.
+///
+/// # Errors
+/// As [`write_array`].
+///
+/// # Panics
+/// Where the frames differ in length.
+pub fn write_frames(path: &Path, frames: &[Frame]) -> Result<(), TableError> {
+    let columns = frames.first().map_or(0, |frame| frame.len());
+    let values: Vec<f64> = frames.iter().flat_map(|frame| frame.iter().copied()).collect();
+    write_array(path, "frames", &[frames.len(), columns], &values)
+}

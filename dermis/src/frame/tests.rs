@@ -1,0 +1,197 @@
+//! What tables are read, and what is said of those that are not.
+
+use crate::frame::{
+    Frame, Truth, read_conductivities, read_frames, read_table, read_truth, write_array, write_frames, write_whole,
+};
+use crate::geom::Surface;
+use crate::geom::vector::distance;
+use crate::protocol::Protocol;
+use std::path::PathBuf;
+
+/// A folder with one file in it.
+fn file(name: &str, content: impl AsRef<[u8]>) -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    std::fs::write(&path, content).unwrap();
+    (folder, path)
+}
+
+/// Four electrodes, twelve values.
+fn protocol() -> Protocol {
+    Protocol::adjacent(4).unwrap()
+}
+
+fn row(last: &str) -> String {
+    format!("1,2,3,4,5,6,7,8,9,10,11,{last}")
+}
+
+/// What is said of a file of frames.
+fn frame_error(content: impl AsRef<[u8]>) -> String {
+    let (_folder, path) = file("f.csv", content);
+    let message = read_frames(&path, &protocol()).unwrap_err().to_string();
+    message.split_once("f.csv").unwrap().1.to_string()
+}
+
+#[test]
+fn headers_byte_order_marks_and_carriage_returns_do_no_harm() {
+    let names: Vec<String> = (0..12).map(|channel| format!("v{channel}")).collect();
+    for text in [
+        format!("{}\n{}\n", row("12"), row("1e-3")),
+        format!("{}\n{}\n{}", names.join(","), row("12"), row("1e-3")),
+        format!("\u{feff}{}\r\n{}\r\n\r\n", row(" 12 "), row("0.001")),
+    ] {
+        let (_folder, path) = file("f.csv", text);
+        let frames = read_frames(&path, &protocol()).unwrap();
+        assert_eq!((frames.len(), frames[0][11], frames[1][11]), (2, 12.0, 0.001));
+    }
+}
+
+#[test]
+fn a_bad_value_is_named_by_row_and_column() {
+    let two = |last: &str| format!("{}\n{}\n", row("12"), row(last));
+    assert_eq!(frame_error(two("NaN")), ", row 2, column 12: the value is NaN: it must be finite");
+    assert_eq!(frame_error(two("-inf")), ", row 2, column 12: the value is -inf: it must be finite");
+    assert_eq!(frame_error(two("1e999")), ", row 2, column 12: the value is inf: it must be finite");
+    assert_eq!(frame_error(two("open")), ", row 2, column 12: `open` is no number");
+    assert_eq!(frame_error(two("")), ", row 2, column 12: no value");
+    assert_eq!(frame_error(two("1,13")), ", row 2: too many values: 13, but the rows before have 12");
+    assert_eq!(frame_error("1,2,3\n"), ", row 1: too few values: 3, but frames of this protocol have 12");
+    assert_eq!(frame_error(format!("{}\n\n{}\n", row("1"), row("1"))), ", row 2: an empty line between rows");
+}
+
+#[test]
+fn a_file_that_is_wrong_as_a_whole_is_named() {
+    for empty in ["", "\u{feff}", "\r\n", "a,b,c\n"] {
+        assert_eq!(frame_error(empty), ": the file is empty: it holds no row of numbers");
+    }
+    assert!(frame_error([0xff, 0xfe, 0, 1]).contains("not UTF-8"));
+    assert!(frame_error(b"PK\x03\x04rubbish").contains("not an NPZ file"));
+    assert!(frame_error(b"\x93NUMPY\x01").contains("cut short"));
+    let missing = read_table(&PathBuf::from("no/such.csv"), "frames").unwrap_err().to_string();
+    assert!(missing.starts_with("no/such.csv: "), "{missing}");
+}
+
+#[test]
+fn a_conductivity_that_no_matter_has_is_named_by_its_cell() {
+    let error = |text: &str| {
+        let (_folder, path) = file("c.csv", text);
+        read_conductivities(&path, 3).unwrap_err().to_string()
+    };
+    for value in ["0", "-1", "nan", "inf"] {
+        let message = error(&format!("1,1,1\n1,{value},1\n"));
+        assert!(message.contains("row 2, column 2: the conductivity of cell 1 is"), "{message}");
+    }
+    assert!(error("1,1\n").contains("too few values: 2, but maps of this mesh have 3"));
+    assert!(error("1\n1\n1\n").contains("write all cells in one row"));
+}
+
+#[test]
+fn numbers_come_back_bit_for_bit_in_every_format() {
+    let frames = vec![Frame(vec![1.0 / 3.0, -2.5e-300, 0.1 + 0.2]), Frame(vec![f64::MAX, -0.0, 1e22])];
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["f.csv", "f.npy", "f.npz"] {
+        let path = folder.path().join(name);
+        write_frames(&path, &frames).unwrap();
+        let table = read_table(&path, "frames").unwrap();
+        let bits = |values: &[f64]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+        for (frame, row) in frames.iter().zip(&table.rows) {
+            assert_eq!(bits(frame), bits(row), "{name}");
+        }
+    }
+}
+
+/// An NPY file as `numpy.save` writes it, from its header's entries and its data.
+fn npy(descr: &str, fortran: &str, shape: &str, data: &[u8]) -> Vec<u8> {
+    let header = format!("{{'descr': '{descr}', 'fortran_order': {fortran}, 'shape': {shape}, }}\n");
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((header.len() as u16).to_le_bytes());
+    bytes.extend(header.as_bytes());
+    bytes.extend(data);
+    bytes
+}
+
+#[test]
+fn npy_files_of_other_types_and_orders_are_read() {
+    let rows = |bytes: Vec<u8>| {
+        let (_folder, path) = file("a.npy", bytes);
+        read_table(&path, "frames").map(|table| table.rows).map_err(|error| error.to_string())
+    };
+    let f32s: Vec<u8> = [1.0_f32, 2.0, 3.0, 4.0, 5.0, 6.0].iter().flat_map(|v| v.to_le_bytes()).collect();
+    let expected = vec![vec![1.0, 2.0, 3.0], vec![4.0, 5.0, 6.0]];
+    assert_eq!(rows(npy("<f4", "False", "(2, 3)", &f32s)).unwrap(), expected);
+    let columns: Vec<u8> = [1_i32, 4, 2, 5, 3, 6].iter().flat_map(|v| v.to_be_bytes()).collect();
+    assert_eq!(rows(npy(">i4", "True", "(2, 3)", &columns)).unwrap(), expected);
+    assert_eq!(rows(npy("|u1", "False", "(3,)", &[1, 2, 3])).unwrap(), vec![vec![1.0, 2.0, 3.0]]);
+    assert!(rows(npy("<c16", "False", "(1, 1)", &[0; 16])).unwrap_err().contains("`<c16` is no real number"));
+    assert!(rows(npy("<f4", "False", "(9, 9)", &f32s)).unwrap_err().contains("but there are 6 values"));
+    let huge = format!("({0}, {0})", usize::MAX);
+    assert!(rows(npy("<f4", "False", &huge, &f32s)).unwrap_err().contains("but there are 6 values"));
+    assert!(rows(npy("<f4", "False", "(2, 3)", &f32s[1..])).unwrap_err().contains("cut short"));
+}
+
+#[test]
+fn a_result_that_fails_half_way_leaves_the_older_file() {
+    let (folder, path) = file("f.csv", "1,2\n");
+    let failed = write_whole(&path, |writer| {
+        writer.write_all(b"3,")?;
+        Err(std::io::Error::other("no space left"))
+    });
+    assert!(failed.unwrap_err().to_string().contains("f.csv: no space left"));
+    assert_eq!(std::fs::read_to_string(&path).unwrap(), "1,2\n");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is left behind");
+    let nowhere = folder.path().join("no/such/folder.npy");
+    assert!(write_array(&nowhere, "a", &[1], &[1.0]).unwrap_err().to_string().contains("folder.npy"));
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_device_is_an_error_and_stays_a_device() {
+    let full = PathBuf::from("/dev/full");
+    let error = write_array(&full, "a", &[2, 2], &[1.0; 4]).unwrap_err().to_string();
+    assert!(error.starts_with("/dev/full: "), "{error}");
+    assert!(!std::fs::metadata(&full).unwrap().is_file());
+}
+
+#[test]
+fn truths_are_read_for_each_kind_of_body() {
+    let read = |text: &str, surface: Surface| {
+        let (_folder, path) = file("t.csv", text);
+        read_truth(&path, &surface, 3).map_err(|error| error.to_string())
+    };
+    let cylinder = Surface::Cylinder { radius_m: 0.05, length_m: 0.3 };
+    let Truth::OnSkin(touches) = read("frame,z_m,theta_rad,force_n\n2,0.1,0.0,5\n2,0.2,1,6\n", cylinder).unwrap()
+    else {
+        panic!("a truth with a header is on the skin")
+    };
+    assert_eq!(touches.iter().map(Vec::len).collect::<Vec<_>>(), [0, 0, 2]);
+    assert!(distance(touches[2][0].position_m, [0.05, 0.0, 0.1]) < 1e-15);
+    assert_eq!((touches[2][1].force_n, touches[2][1].id), (6.0, 1));
+    let free = read("frame,x_m,y_m,z_m\n0,1,2,3\n", Surface::Free).unwrap();
+    assert!(matches!(free, Truth::OnSkin(touches) if touches[0][0].position_m == [1.0, 2.0, 3.0]));
+    let robot = read("1,2,3\n4,5,6\n7,8,9\n", Surface::Plane).unwrap();
+    assert_eq!(robot, Truth::Elsewhere(vec![[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]]));
+    let beyond = read("frame,x_m,y_m\n0,0,0\n3,0,0\n", Surface::Plane).unwrap_err();
+    assert!(beyond.ends_with("row 3, column 1: frame 3, but the frames are 0 to 2"), "{beyond}");
+    assert!(read("frame,x_m,y_m\n0.5,0,0\n", Surface::Plane).unwrap_err().contains("frame 0.5"));
+    assert!(
+        read("frame,x_m,y_m\n0,0,0\n", cylinder)
+            .unwrap_err()
+            .contains("unknown column `x_m`; the columns are frame,z_m")
+    );
+    assert!(read("frame,x_m\n0,0\n", Surface::Plane).unwrap_err().contains("no column `y_m`"));
+    assert!(read("1,2,3\n", Surface::Plane).unwrap_err().contains("1 presses for 3 frames"));
+    assert!(read("1,2\n1,2\n1,2\n", Surface::Plane).unwrap_err().contains("x, y, z in each row, not 2"));
+}
+
+proptest::proptest! {
+    /// Whatever a file holds, reading it is a table or an error, never a panic.
+    #[test]
+    fn no_bytes_panic(head in 0_usize..4, tail in proptest::collection::vec(proptest::num::u8::ANY, 0..120)) {
+        let mut bytes: Vec<u8> = [&b""[..], b"1,2\n", b"\x93NUMPY\x01\x00\x10\x00{'shape': (", b"PK\x03\x04"][head].to_vec();
+        bytes.extend(tail);
+        let (_folder, path) = file("f", bytes);
+        if let Err(error) = read_table(&path, "frames") {
+            let _ = error.to_string();
+        }
+    }
+}

@@ -1,0 +1,111 @@
+//! Where a skin was really touched.
+
+use crate::contact::Contact;
+use crate::frame::TableError;
+use crate::frame::table::{Table, read_table};
+use crate::geom::{Point3, Surface};
+use std::path::Path;
+
+/// Where a skin was really touched.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Truth {
+    /// Touches in the body's frame, for each frame those that it shows.
+    OnSkin(Vec<Vec<Contact>>),
+    /// One press a frame in another frame of space, m (a robot's): to be aligned.
+    Elsewhere(Vec<Point3>),
+}
+
+/// Reads a truth, a row per touch: `frame,z_m,theta_rad[,force_n]` on a cylinder, `frame,x_m,y_m[,force_n]` on a flat
+/// skin, `frame,x_m,y_m,z_m[,force_n]` on any other body; `frame` counts from 0. A file without a header holds
+/// x, y, z of one press for each frame in turn, in a frame of space of its own.
+///
+/// # Errors
+/// As [`read_table`]; columns that are missing or unknown; a frame that is not there; values that are not finite.
+pub fn read_truth(path: &Path, surface: &Surface, frame_count: usize) -> Result<Truth, TableError> {
+    let table = read_table(path, "truth")?;
+    for (row, &file_row) in table.rows.iter().zip(&table.file_rows) {
+        if let Some(column) = row.iter().position(|value| !value.is_finite()) {
+            let message = format!("the value is {}: it must be finite", row[column]);
+            return Err(TableError::Cell {
+                path: path.to_path_buf(),
+                row: file_row,
+                column: Some(column + 1),
+                message,
+            });
+        }
+    }
+    match &table.header {
+        Some(header) => on_skin(path, &table, header, surface, frame_count),
+        None => elsewhere(path, &table, frame_count),
+    }
+}
+
+/// The columns that place a touch on a surface.
+fn place_columns(surface: &Surface) -> &'static [&'static str] {
+    match surface {
+        Surface::Cylinder { .. } => &["z_m", "theta_rad"],
+        Surface::Plane => &["x_m", "y_m"],
+        Surface::Free => &["x_m", "y_m", "z_m"],
+    }
+}
+
+fn on_skin(
+    path: &Path,
+    table: &Table,
+    header: &[String],
+    surface: &Surface,
+    frame_count: usize,
+) -> Result<Truth, TableError> {
+    let place = place_columns(surface);
+    let known = |name: &str| name == "frame" || name == "force_n" || place.contains(&name);
+    let wrong_header = |message: String| {
+        let message = format!("{message}; the columns are frame,{}[,force_n]", place.join(","));
+        TableError::Cell { path: path.to_path_buf(), row: 1, column: None, message }
+    };
+    if let Some(name) = header.iter().find(|name| !known(name)) {
+        return Err(wrong_header(format!("unknown column `{name}`")));
+    }
+    let column = |name: &str| header.iter().position(|column| column == name);
+    let needed = |name: &str| column(name).ok_or_else(|| wrong_header(format!("no column `{name}`")));
+    let frame_column = needed("frame")?;
+    let place = place.iter().map(|name| needed(name)).collect::<Result<Vec<_>, _>>()?;
+    if table.rows[0].len() != header.len() {
+        return Err(wrong_header(format!("{} names over {} values", header.len(), table.rows[0].len())));
+    }
+    let mut touches = vec![Vec::new(); frame_count];
+    for (row, &file_row) in table.rows.iter().zip(&table.file_rows) {
+        let frame = row[frame_column];
+        if frame.fract() != 0.0 || frame < 0.0 || frame >= frame_count as f64 {
+            let message = match frame_count {
+                0 => format!("frame {frame}, but there are no frames"),
+                _ => format!("frame {frame}, but the frames are 0 to {}", frame_count - 1),
+            };
+            let column = Some(frame_column + 1);
+            return Err(TableError::Cell { path: path.to_path_buf(), row: file_row, column, message });
+        }
+        let force_n = column("force_n").map_or(f64::NAN, |column| row[column]);
+        let position_m = match (surface, place.as_slice()) {
+            (Surface::Cylinder { .. }, &[z, theta]) => surface.at(row[z], row[theta]).expect("a cylinder"),
+            (_, &[x, y]) => [row[x], row[y], 0.0],
+            (_, place) => [row[place[0]], row[place[1]], row[place[2]]],
+        };
+        let normal = surface.normal(position_m).unwrap_or([f64::NAN; 3]);
+        let frame_touches: &mut Vec<Contact> = &mut touches[frame as usize];
+        let id = frame_touches.len() as u64;
+        frame_touches.push(Contact { id, ..Contact::truth(position_m, normal, force_n) });
+    }
+    Ok(Truth::OnSkin(touches))
+}
+
+fn elsewhere(path: &Path, table: &Table, frame_count: usize) -> Result<Truth, TableError> {
+    let wrong = |message: String| TableError::File { path: path.to_path_buf(), message };
+    if table.rows[0].len() != 3 {
+        let message = format!("a truth without a header has x, y, z in each row, not {} values", table.rows[0].len());
+        return Err(wrong(message));
+    }
+    if table.rows.len() != frame_count {
+        let message = format!("{} presses for {frame_count} frames: there must be one each", table.rows.len());
+        return Err(wrong(message));
+    }
+    Ok(Truth::Elsewhere(table.rows.iter().map(|row| [row[0], row[1], row[2]]).collect()))
+}
