@@ -26,6 +26,7 @@ pub mod touch;
 // Floor 5
 pub mod forward;
 // Floor 6
+pub mod experiment;
 pub mod reconstruct;
 // Floor 7
 pub mod detect;
