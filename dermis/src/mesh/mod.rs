@@ -1,5 +1,8 @@
 //! Surface triangles in space or tetrahedra, with electrode patches.
 
+pub mod export;
+pub mod import;
+
 use crate::geom::vector::{self, Point3};
 use std::path::PathBuf;
 use thiserror::Error;

@@ -1,0 +1,93 @@
+//! Mesh files: Gmsh's own samples, round trips, and files that are wrong.
+
+mod shapes;
+
+use dermis::mesh::{Cells, ElectrodePatch, Mesh, export, import};
+use std::path::{Path, PathBuf};
+
+fn sample(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/bodies").join(name)
+}
+
+fn all_codings(stem: &str) -> Vec<Mesh> {
+    let endings = ["2.2_ascii", "2.2_binary", "4.1_ascii", "4.1_binary"];
+    endings.iter().map(|ending| import::load(&sample(&format!("{stem}_{ending}.msh")), 1e-3).unwrap()).collect()
+}
+
+fn total_measure(mesh: &Mesh) -> f64 {
+    (0..mesh.cell_count()).map(|cell| mesh.cell_measure(cell)).sum()
+}
+
+fn area(mesh: &Mesh, faces: &[[usize; 3]]) -> f64 {
+    faces.iter().map(|face| dermis::geom::vector::triangle_area(face.map(|node| mesh.nodes[node]))).sum()
+}
+
+#[test]
+fn gmsh_volumes_of_both_versions_and_codings_are_one_mesh() {
+    let meshes = all_codings("block");
+    let mesh = &meshes[3];
+    assert!(matches!(mesh.cells, Cells::Tetrahedra(_)));
+    assert!((total_measure(mesh) - 8e-6).abs() < 1e-18, "the block holds 40 x 20 x 10 mm");
+    assert_eq!(mesh.electrodes.len(), 3);
+    for electrode in &mesh.electrodes[..2] {
+        let ElectrodePatch::Faces(faces) = electrode else { panic!("{electrode:?}") };
+        assert!((area(mesh, faces) - 2e-4).abs() < 1e-16, "an end is 20 x 10 mm");
+    }
+    let ElectrodePatch::Node(node) = mesh.electrodes[2] else { panic!() };
+    assert_eq!(mesh.nodes[node], [0.0; 3]);
+    assert_eq!(mesh.regions, [("gel".to_string(), (0..mesh.cell_count()).collect::<Vec<_>>())]);
+    same(&meshes);
+}
+
+#[test]
+fn gmsh_surfaces_of_both_versions_and_codings_are_one_mesh() {
+    let meshes = all_codings("sheet");
+    let mesh = &meshes[3];
+    assert!((total_measure(mesh) - 8e-4).abs() < 1e-16);
+    let area_of = |cells: &[usize]| cells.iter().map(|&cell| mesh.cell_measure(cell)).sum::<f64>();
+    let ElectrodePatch::Edges(edges) = &mesh.electrodes[0] else { panic!() };
+    assert!(edges.iter().flatten().all(|&node| mesh.nodes[node][0] == 0.0));
+    let ElectrodePatch::Cells(disc) = &mesh.electrodes[2] else { panic!() };
+    // A polygon in a circle: a little less than pi r2.
+    let ratio = area_of(disc) / (std::f64::consts::PI * 9e-6);
+    assert!(ratio > 0.7 && ratio < 1.0, "{ratio}");
+    let names: Vec<&str> = mesh.regions.iter().map(|region| region.0.as_str()).collect();
+    assert_eq!(names, ["sheet", "core", "left"]);
+    assert_eq!(mesh.regions[0].1.len(), mesh.cell_count());
+    assert_eq!(&mesh.regions[1].1, disc);
+    assert!((area_of(&mesh.regions[2].1) - 2e-4).abs() < 1e-16);
+    same(&meshes);
+}
+
+/// Version 2.2 writes text with 16 digits, so positions agree to rounding only.
+fn same(meshes: &[Mesh]) {
+    for mesh in &meshes[1..] {
+        assert_eq!(mesh.cells, meshes[0].cells);
+        assert_eq!(mesh.electrodes, meshes[0].electrodes);
+        assert_eq!(mesh.regions, meshes[0].regions);
+        let pairs = mesh.nodes.iter().flatten().zip(meshes[0].nodes.iter().flatten());
+        assert!(
+            pairs.clone().all(|(a, b)| (a - b).abs() < 1e-16),
+            "{:?}",
+            pairs.max_by(|a, b| (a.0 - a.1).abs().total_cmp(&(b.0 - b.1).abs()))
+        );
+    }
+}
+
+#[test]
+fn what_is_written_as_msh_is_read_back_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("mesh.msh");
+    let mut strip = shapes::strip(0.3, 0.1, 6, 3);
+    strip.electrodes.push(ElectrodePatch::Cells(vec![3, 4, 9]));
+    strip.regions = vec![("left half".into(), vec![0, 1, 4, 5]), ("empty".into(), vec![])];
+    let block = shapes::block([0.3, 0.1, 0.1], [6, 2, 3]);
+    let mut meshes = all_codings("sheet");
+    meshes.extend(all_codings("block"));
+    meshes.extend([strip, block]);
+    for mesh in meshes {
+        let conductivity = vec![0.25; mesh.cell_count()];
+        export::save(&mesh, &path, Some(&conductivity)).unwrap();
+        assert_eq!(import::load(&path, 1.0).unwrap(), mesh);
+    }
+}
