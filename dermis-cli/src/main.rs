@@ -1,1 +1,32 @@
-fn main() {}
+//! `dermis`: skins, meshes, frames, images and contacts from the command line.
+
+mod command;
+mod console;
+mod failure;
+
+use clap::Parser;
+use std::process::ExitCode;
+
+/// Touch for robots, from a handful of electrodes.
+#[derive(Debug, Parser)]
+#[command(
+    name = "dermis",
+    version,
+    about,
+    after_help = "A DESIGN is the path of a design file or a shipped name: \
+    cylinder30, skin16, tank16. Exit codes: 0 done, 2 a mistake in what was given, 1 a fault of dermis."
+)]
+struct Arguments {
+    #[command(subcommand)]
+    command: command::Command,
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    // A panic is our bug: it ends with code 1 like every other fault of ours.
+    match std::panic::catch_unwind(|| arguments.command.run()) {
+        Ok(Ok(())) => ExitCode::SUCCESS,
+        Ok(Err(failure)) => failure.report(),
+        Err(_) => failure::report_panic(),
+    }
+}

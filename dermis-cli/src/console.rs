@@ -1,0 +1,61 @@
+//! What a person sees while a command runs and when it is done.
+
+use crate::failure::{Failure, Outcome};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::io::Write;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Prints a result. A reader that has seen enough (`dermis ... | head`) is no error.
+pub fn print(text: &str) -> Outcome {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(Failure::given(format!("cannot write to standard output: {error}"), None))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Prints a value as JSON.
+pub fn print_json(value: &impl serde::Serialize) -> Outcome {
+    let text = serde_json::to_string_pretty(value).map_err(|error| Failure::Ours(error.to_string()))?;
+    print(&format!("{text}\n"))
+}
+
+/// A bar with the time left, on work that takes longer than two seconds, where standard error is a terminal.
+#[derive(Debug)]
+pub struct Progress {
+    bar: ProgressBar,
+    begun: Instant,
+    shown: AtomicBool,
+}
+
+impl Progress {
+    /// How long work may take without a bar.
+    const QUIET: Duration = Duration::from_secs(2);
+
+    /// A bar over `count` steps.
+    pub fn new(what: &str, count: usize) -> Self {
+        let bar = ProgressBar::with_draw_target(Some(count as u64), ProgressDrawTarget::hidden());
+        let style = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len}, {eta} left").expect("a valid template");
+        bar.set_style(style);
+        bar.set_message(what.to_string());
+        Progress { bar, begun: Instant::now(), shown: AtomicBool::new(false) }
+    }
+
+    /// One step is done.
+    pub fn step(&self) {
+        if self.begun.elapsed() > Self::QUIET && !self.shown.swap(true, Ordering::Relaxed) {
+            // Draws nothing where standard error is no terminal.
+            self.bar.set_draw_target(ProgressDrawTarget::stderr());
+        }
+        self.bar.inc(1);
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}

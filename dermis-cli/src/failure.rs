@@ -1,0 +1,120 @@
+//! What went wrong, told to a person, and the code to exit with.
+
+use dermis::design::DesignError;
+use miette::{Diagnostic, NamedSource, SourceSpan};
+use std::fmt;
+use std::process::ExitCode;
+
+/// The result of a command.
+pub type Outcome<T = ()> = Result<T, Failure>;
+
+/// Why a command did not finish.
+#[derive(Debug)]
+pub enum Failure {
+    /// Something that was given is wrong or missing, or a result cannot be written: exit code 2.
+    Given(miette::Report),
+    /// A fault of ours: exit code 1.
+    Ours(String),
+}
+
+impl Failure {
+    /// A mistake in the arguments, and how to mend it.
+    pub fn given(message: impl fmt::Display, fix: Option<&str>) -> Self {
+        let fix = fix.map(str::to_string);
+        Failure::Given(Excerpt { message: message.to_string(), fix, source: None, span: None }.into())
+    }
+
+    /// Tells the person and gives the code to exit with.
+    pub fn report(self) -> ExitCode {
+        match self {
+            Failure::Given(report) => {
+                eprintln!("{report:?}");
+                ExitCode::from(2)
+            }
+            Failure::Ours(message) => {
+                eprintln!(
+                    "Error: {message}\nThis is a fault of dermis: please report it with the command and its files."
+                );
+                ExitCode::from(1)
+            }
+        }
+    }
+}
+
+/// Tells the person of a panic, whose own message stands above.
+pub fn report_panic() -> ExitCode {
+    Failure::Ours("an unexpected state (see above)".into()).report()
+}
+
+/// A message with the part of the file at fault.
+#[derive(Debug)]
+struct Excerpt {
+    message: String,
+    fix: Option<String>,
+    source: Option<NamedSource<String>>,
+    span: Option<SourceSpan>,
+}
+
+impl fmt::Display for Excerpt {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(&self.message)
+    }
+}
+
+impl std::error::Error for Excerpt {}
+
+impl Diagnostic for Excerpt {
+    fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
+        self.fix.as_ref().map(|fix| Box::new(fix) as Box<dyn fmt::Display>)
+    }
+
+    fn source_code(&self) -> Option<&dyn miette::SourceCode> {
+        self.source.as_ref().map(|source| source as &dyn miette::SourceCode)
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = miette::LabeledSpan> + '_>> {
+        let span = self.span?;
+        Some(Box::new(std::iter::once(miette::LabeledSpan::new_with_span(Some("here".into()), span))))
+    }
+}
+
+impl From<DesignError> for Failure {
+    fn from(error: DesignError) -> Self {
+        let DesignError { message, fix, source_text, span } = error;
+        let source = source_text.map(|(name, text)| NamedSource::new(name, text).with_language("TOML"));
+        Failure::Given(Excerpt { message, fix, source, span: span.map(first_line_of) }.into())
+    }
+}
+
+/// A table can be long: only where it begins is marked.
+fn first_line_of(span: std::ops::Range<usize>) -> SourceSpan {
+    const MOST: usize = 80;
+    (span.start, span.len().min(MOST)).into()
+}
+
+impl From<dermis::Error> for Failure {
+    fn from(error: dermis::Error) -> Self {
+        match error {
+            dermis::Error::Design(error) => error.into(),
+            error => Failure::given(error, None),
+        }
+    }
+}
+
+/// The errors of single modules.
+macro_rules! from_modules {
+    ($($error:ty),*) => {
+        $(impl From<$error> for Failure {
+            fn from(error: $error) -> Self {
+                dermis::Error::from(error).into()
+            }
+        })*
+    };
+}
+from_modules!(
+    dermis::frame::TableError,
+    dermis::mesh::MeshError,
+    dermis::forward::ForwardError,
+    dermis::reconstruct::ReconstructError,
+    dermis::evaluate::EvaluateError
+);
