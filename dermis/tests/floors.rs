@@ -1,0 +1,229 @@
+//! The house stands on its floors: a module imports only from lower floors, a crate only what its row allows.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The floors of `dermis`, lowest first. `ARCHITECTURE.md` draws them; this table is what is enforced.
+const FLOORS: &[&[&str]] = &[
+    &["geom", "linalg"],
+    &["contact", "protocol"],
+    &["design", "frame"],
+    &["mesh"],
+    &["fem", "image", "touch"],
+    &["forward"],
+    &["experiment", "reconstruct"],
+    &["detect"],
+    &["evaluate"],
+];
+
+/// Belongs to every floor: the crate's error gathers one variant per module, `lib.rs` declares them all.
+const EXEMPT: &[&str] = &["lib", "error"];
+
+/// Which crates of the workspace each crate may depend on.
+const CRATES: &[(&str, &[&str])] = &[("dermis", &[]), ("dermis-cli", &["dermis"]), ("dermis-bench", &["dermis"])];
+
+fn floor_of(module: &str) -> Option<usize> {
+    FLOORS.iter().position(|floor| floor.contains(&module))
+}
+
+fn workspace_root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the crate lies in the workspace").to_owned()
+}
+
+/// The source without comments, strings and character literals, so that only code is searched for paths.
+fn code_only(source: &str) -> String {
+    let mut code = String::with_capacity(source.len());
+    let mut rest = source;
+    while let Some(next) = rest.chars().next() {
+        let skipped = match next {
+            '/' if rest.starts_with("//") => rest.find('\n').unwrap_or(rest.len()),
+            '/' if rest.starts_with("/*") => rest.find("*/").map_or(rest.len(), |end| end + 2),
+            'r' if rest.starts_with("r\"") || rest.starts_with("r#") => raw_string_length(rest),
+            '"' => string_length(rest),
+            '\'' if rest.starts_with("'\"'") => 3,
+            '\'' if rest.starts_with("'\\") => rest[2..].find('\'').map_or(rest.len(), |end| end + 3),
+            _ => 0,
+        };
+        if skipped == 0 {
+            code.push(next);
+            rest = &rest[next.len_utf8()..];
+        } else {
+            code.push(' ');
+            rest = &rest[skipped..];
+        }
+    }
+    code
+}
+
+/// Length of the string literal that `text` begins with.
+fn string_length(text: &str) -> usize {
+    let mut escaped = false;
+    for (position, byte) in text.bytes().enumerate().skip(1) {
+        match byte {
+            _ if escaped => escaped = false,
+            b'\\' => escaped = true,
+            b'"' => return position + 1,
+            _ => {}
+        }
+    }
+    text.len()
+}
+
+/// Length of the raw string literal that `text` begins with, or 0 for a raw identifier.
+fn raw_string_length(text: &str) -> usize {
+    let hashes = text[1..].bytes().take_while(|&byte| byte == b'#').count();
+    if text.as_bytes().get(1 + hashes) != Some(&b'"') {
+        return 0;
+    }
+    let close = format!("\"{}", "#".repeat(hashes));
+    let body = hashes + 2;
+    text[body..].find(&close).map_or(text.len(), |end| body + end + close.len())
+}
+
+fn identifier(text: &str) -> &str {
+    let end = text.find(|c: char| !(c.is_alphanumeric() || c == '_')).unwrap_or(text.len());
+    &text[..end]
+}
+
+/// First names of a path's tail: `mesh::Mesh` gives `mesh`, `{mesh::Mesh, fem}` gives both.
+fn first_names(tail: &str) -> Vec<&str> {
+    let tail = tail.trim_start();
+    let Some(group) = tail.strip_prefix('{') else {
+        return vec![identifier(tail)];
+    };
+    let (mut depth, mut names, mut at_start) = (0, Vec::new(), true);
+    for (position, character) in group.char_indices() {
+        match character {
+            '{' => depth += 1,
+            '}' if depth == 0 => break,
+            '}' => depth -= 1,
+            ',' if depth == 0 => at_start = true,
+            c if at_start && !c.is_whitespace() => {
+                names.push(identifier(&group[position..]));
+                at_start = false;
+            }
+            _ => {}
+        }
+    }
+    names
+}
+
+/// Top-level modules that `source` reaches by `crate::...`, or by a chain of `super::` as long as its file lies deep.
+fn imports(source: &str, file_depth: usize) -> BTreeSet<String> {
+    let code = code_only(source);
+    let mut found = BTreeSet::new();
+    let starts_path =
+        |at: usize| !code[..at].ends_with(|before: char| before.is_alphanumeric() || before == '_' || before == ':');
+    for (at, _) in code.match_indices("crate::").filter(|&(at, _)| starts_path(at)) {
+        found.extend(first_names(&code[at + "crate::".len()..]).into_iter().map(str::to_owned));
+    }
+    for (at, _) in code.match_indices("super::").filter(|&(at, _)| starts_path(at)) {
+        let (mut tail, mut climbs) = (&code[at..], 0);
+        while let Some(above) = tail.strip_prefix("super::") {
+            (tail, climbs) = (above, climbs + 1);
+        }
+        if climbs >= file_depth {
+            found.extend(first_names(tail).into_iter().map(str::to_owned));
+        }
+    }
+    found
+}
+
+/// Imports of `source`, a file of `module`, that reach its own floor or a higher one.
+fn trespasses(module: &str, file_depth: usize, source: &str) -> Vec<String> {
+    let own = floor_of(module).unwrap_or_else(|| panic!("module `{module}` stands on no floor of the table"));
+    let reached = imports(source, file_depth);
+    let climbs = |name: &&String| name.as_str() != module && floor_of(name).is_some_and(|floor| floor >= own);
+    reached.iter().filter(climbs).cloned().collect()
+}
+
+fn source_files(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in fs::read_dir(folder).expect("the sources are readable") {
+        let path = entry.expect("the sources are readable").path();
+        if path.is_dir() {
+            source_files(&path, found);
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            found.push(path);
+        }
+    }
+}
+
+#[test]
+fn every_module_imports_only_from_lower_floors() {
+    let source_root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let mut files = Vec::new();
+    source_files(&source_root, &mut files);
+    let mut complaints = Vec::new();
+    for file in &files {
+        let inside = file.strip_prefix(&source_root).expect("found under it").with_extension("");
+        let names: Vec<&str> = inside.iter().map(|name| name.to_str().expect("ASCII file names")).collect();
+        if EXEMPT.contains(&names[0]) {
+            continue;
+        }
+        let depth = names.len() - usize::from(names.last() == Some(&"mod"));
+        let source = fs::read_to_string(file).expect("the sources are readable");
+        for reached in trespasses(names[0], depth, &source) {
+            complaints.push(format!("src/{}.rs ({}) imports `{reached}`", inside.display(), names[0]));
+        }
+    }
+    assert!(files.len() > FLOORS.len(), "only {} source files found", files.len());
+    assert!(complaints.is_empty(), "imports from the same or a higher floor:\n{}", complaints.join("\n"));
+}
+
+#[test]
+fn the_table_lists_the_modules_that_exist() {
+    let lib = include_str!("../src/lib.rs");
+    let mut floor = None;
+    let mut declared = BTreeSet::new();
+    for line in lib.lines().map(str::trim) {
+        if let Some(number) = line.strip_prefix("// Floor ") {
+            floor = number.parse::<usize>().ok();
+        } else if let Some(name) = line.strip_prefix("pub mod ").and_then(|rest| rest.strip_suffix(';')) {
+            assert_eq!(floor_of(name), floor, "floor of `{name}` here and in lib.rs");
+            declared.insert(name);
+        }
+    }
+    let tabled: BTreeSet<&str> = FLOORS.iter().flat_map(|floor| floor.iter().copied()).collect();
+    assert_eq!(declared, tabled, "modules of lib.rs and of the table");
+}
+
+#[test]
+fn a_planted_trespass_is_caught() {
+    let cases = [
+        ("mesh", 1, "use crate::forward::ForwardModel;", vec!["forward"]),
+        ("image", 1, "fn f(m: &crate::fem::Stiffness) {}", vec!["fem"]),
+        ("mesh", 2, "use crate::{geom::Point, evaluate, fem::{a, b}};", vec!["evaluate", "fem"]),
+        ("mesh", 2, "use super::super::detect::detect;", vec!["detect"]),
+        ("mesh", 1, "use super::detect::detect;", vec!["detect"]),
+        ("mesh", 2, "use super::detect;", vec![]),
+        ("forward", 1, "use crate::mesh::Mesh; use crate::{Error, forward::network};", vec![]),
+        ("mesh", 1, "// crate::forward\nlet text = \"crate::forward\"; /* crate::detect */", vec![]),
+    ];
+    for (module, depth, source, expected) in cases {
+        assert_eq!(trespasses(module, depth, source), expected, "{module}: {source}");
+    }
+}
+
+#[test]
+fn every_crate_depends_only_on_what_its_row_allows() {
+    let root = workspace_root();
+    let workspace: toml::Table = read_manifest(&root.join("Cargo.toml"));
+    let members = workspace["workspace"]["members"].as_array().expect("a list of members");
+    for member in members.iter().map(|member| member.as_str().expect("a folder")) {
+        let manifest = read_manifest(&root.join(member).join("Cargo.toml"));
+        let name = manifest["package"]["name"].as_str().expect("a name");
+        let row = CRATES.iter().find(|(listed, _)| *listed == name);
+        let (_, allowed) = row.unwrap_or_else(|| panic!("crate `{name}` stands in no row of the table"));
+        let dependencies = manifest.get("dependencies").and_then(toml::Value::as_table);
+        for dependency in dependencies.into_iter().flat_map(toml::Table::keys) {
+            let ours = dependency == "dermis" || dependency.starts_with("dermis-");
+            assert!(!ours || allowed.contains(&dependency.as_str()), "crate `{name}` may not depend on `{dependency}`");
+        }
+    }
+}
+
+fn read_manifest(path: &Path) -> toml::Table {
+    let text = fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    text.parse().unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}
