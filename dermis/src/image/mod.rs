@@ -3,7 +3,7 @@
 mod cells;
 mod grid;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 use crate::design::{Body, ImageLayout, SkinDesign};
 use crate::geom::{Point3, Surface};

@@ -208,3 +208,21 @@ fn tetrahedra_are_neighbours_across_faces_and_look_outwards() {
         assert!((dot(space.normals[corner], outwards) - 1.0).abs() < 1e-12);
     }
 }
+
+/// The paper's 30 x 30 pixels, for tests of the floors above.
+pub(crate) fn cylinder_space() -> Arc<PixelSpace> {
+    let (body, mesh) = cylinder();
+    let layout = ImageLayout::Grid { rows: 30, columns: 30 };
+    Arc::new(PixelSpace::for_design(&design(body, layout), &mesh).unwrap())
+}
+
+/// An image of Gaussian bumps: place, height and width.
+pub(crate) fn bumps(space: &Arc<PixelSpace>, bumps: &[(Point3, f64, f64)]) -> Image {
+    let value = |&at: &Point3| -> f64 {
+        let bump = |&(centre, height, width): &(Point3, f64, f64)| {
+            height * (-0.5 * (space.surface.distance_m(at, centre) / width).powi(2)).exp()
+        };
+        bumps.iter().map(bump).sum()
+    };
+    Image { values: space.centres_m.iter().map(value).collect(), space: Arc::clone(space) }
+}

@@ -39,11 +39,25 @@ impl Linearised {
             let total: f64 = overlaps.iter().map(weight).sum();
             overlaps.iter().map(|overlap| weight(overlap) * rest[overlap.0]).sum::<f64>() / total
         });
-        Ok(Linearised {
+        let mut model = Linearised {
             rest_conductivity: rest_conductivity.collect(),
             jacobian: forward.pixel_jacobian(rest, &relative)?,
             rest_frame: forward.solve(rest)?.0,
-        })
+        };
+        if forward.protocol().amplitude_only() {
+            model.drop_signs();
+        }
+        Ok(model)
+    }
+
+    /// The model of an instrument that reports amplitudes: `d|V| = sign(V) dV` about the untouched frame.
+    fn drop_signs(&mut self) {
+        for (row, value) in self.jacobian.values.chunks_exact_mut(self.jacobian.columns).zip(&mut self.rest_frame) {
+            if *value < 0.0 {
+                row.iter_mut().for_each(|entry| *entry = -*entry);
+                *value = -*value;
+            }
+        }
     }
 
     /// Number of values of a frame.

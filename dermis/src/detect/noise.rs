@@ -1,0 +1,107 @@
+//! The noise of images: from that of the frames, or from images of the untouched skin.
+
+use crate::forward::Matrix;
+use crate::geom::Surface;
+use crate::geom::vector::{Point3, add, dot, scale, sub};
+use crate::image::Image;
+
+/// The noise of images: how independent sources of unit variance spread over the pixels.
+#[derive(Debug, Clone)]
+pub struct ImageNoise {
+    /// Pixels x sources.
+    spread: Matrix,
+    /// Standard deviation of each pixel.
+    sd: Vec<f64>,
+}
+
+impl ImageNoise {
+    /// The noise of a linear reconstruction's images, from its matrix (pixels x channels) and the standard deviation of
+    /// each channel's noise in a difference: `sd_p^2 = sum_c (B_pc s_c)^2`.
+    ///
+    /// # Panics
+    /// Where there is not a standard deviation for each channel.
+    pub fn from_matrix(matrix: &Matrix, channel_sd_ohm: &[f64]) -> Self {
+        assert_eq!(matrix.columns, channel_sd_ohm.len(), "a standard deviation per channel");
+        let mut values = matrix.values.clone();
+        for row in values.chunks_exact_mut(matrix.columns) {
+            row.iter_mut().zip(channel_sd_ohm).for_each(|(value, sd)| *value *= sd);
+        }
+        Self::new(Matrix { rows: matrix.rows, columns: matrix.columns, values })
+    }
+
+    /// The noise of any reconstruction's images, from images of untouched frames (their mean is their true value, zero);
+    /// `None` without an image. Twenty of them give each standard deviation to a sixth.
+    ///
+    /// # Panics
+    /// Where the images differ in length.
+    pub fn from_untouched(images: &[Image]) -> Option<Self> {
+        let pixels = images.first()?.values.len();
+        let scale = 1.0 / (images.len() as f64).sqrt();
+        let mut values = vec![0.0; pixels * images.len()];
+        for (source, image) in images.iter().enumerate() {
+            assert_eq!(image.values.len(), pixels, "images of one skin");
+            for (pixel, value) in image.values.iter().enumerate() {
+                values[pixel * images.len() + source] = value * scale;
+            }
+        }
+        Some(Self::new(Matrix { rows: pixels, columns: images.len(), values }))
+    }
+
+    fn new(spread: Matrix) -> Self {
+        let norm = |row: &[f64]| row.iter().map(|value| value * value).sum::<f64>().sqrt();
+        let sd = spread.values.chunks_exact(spread.columns.max(1)).map(norm).collect();
+        ImageNoise { spread, sd }
+    }
+
+    /// Standard deviation of each pixel's noise.
+    pub fn sd(&self) -> &[f64] {
+        &self.sd
+    }
+
+    /// Number of pixels.
+    pub fn pixel_count(&self) -> usize {
+        self.sd.len()
+    }
+
+    /// Variance per axis of the centroid `c = sum w_p x_p / W` of some pixels, with the weights
+    /// `w_p = a_p (v_p - f v_peak)`: by the first derivatives
+    /// `dc = sum_p a_p (x_p - c) / W (dv_p - f dv_peak)`.
+    pub(super) fn centroid_variance_m2(
+        &self,
+        image: &Image,
+        inside: &[usize],
+        peak: usize,
+        weight_fraction: f64,
+        centroid: Point3,
+    ) -> f64 {
+        let space = &image.space;
+        let floor = weight_fraction * image.values[peak];
+        let total: f64 = inside.iter().map(|&p| (image.values[p] - floor) * space.areas[p]).sum();
+        let mut gradient = vec![[0.0; 3]; self.spread.columns];
+        let mut add_row = |pixel: usize, factor: Point3| {
+            let row = &self.spread.values[pixel * self.spread.columns..][..self.spread.columns];
+            for (sum, value) in gradient.iter_mut().zip(row) {
+                *sum = add(*sum, scale(factor, *value));
+            }
+        };
+        let mut together = [0.0; 3];
+        for &pixel in inside {
+            let factor = scale(arm(&space.surface, centroid, space.centres_m[pixel]), space.areas[pixel] / total);
+            together = add(together, factor);
+            add_row(pixel, factor);
+        }
+        add_row(peak, scale(together, -weight_fraction));
+        0.5 * gradient.iter().map(|&g| dot(g, g)).sum::<f64>()
+    }
+}
+
+/// Where a point lies as seen from another, along the surface.
+fn arm(surface: &Surface, from: Point3, to: Point3) -> Point3 {
+    match surface {
+        Surface::Free => sub(to, from),
+        _ => {
+            let [u, v] = surface.chart(from, to);
+            [u, v, 0.0]
+        }
+    }
+}

@@ -1,0 +1,171 @@
+use crate::detect::{DetectOptions, Detector, GATE_M, ImageNoise, detect, normal_tail, whole_image_centroid};
+use crate::forward::Matrix;
+use crate::geom::Surface;
+use crate::image::tests::{bumps, cylinder_space};
+use crate::image::{Image, PixelSpace};
+use crate::mesh::{Cells, Mesh};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::f64::consts::TAU;
+use std::sync::Arc;
+
+/// A standard normal number (Box and Muller 1958).
+fn normal(rng: &mut ChaCha8Rng) -> f64 {
+    let radius = (-2.0 * (1.0 - rng.random::<f64>()).ln()).sqrt();
+    radius * (TAU * rng.random::<f64>()).cos()
+}
+
+fn with_white_noise(image: &Image, sd: f64, rng: &mut ChaCha8Rng) -> Image {
+    let values = image.values.iter().map(|value| value + sd * normal(rng)).collect();
+    Image { space: Arc::clone(&image.space), values }
+}
+
+/// White noise of the pixels themselves.
+fn white(space: &PixelSpace, sd: f64) -> ImageNoise {
+    let count = space.len();
+    let mut unit = Matrix { rows: count, columns: count, values: vec![0.0; count * count] };
+    (0..count).for_each(|pixel| unit.values[pixel * count + pixel] = 1.0);
+    ImageNoise::from_matrix(&unit, &vec![sd; count])
+}
+
+#[test]
+fn a_bump_is_found_at_its_centre_wherever_it_lies_across_the_seam() {
+    let space = cylinder_space();
+    for theta in [0.0, 0.03, 0.1, 1.234, TAU - 0.05] {
+        let centre = space.surface.at(0.1537, theta).unwrap();
+        let image = bumps(&space, &[(centre, 2.0, 0.015)]);
+        let contacts = detect(&image, &DetectOptions::default());
+        assert_eq!(contacts.len(), 1, "theta {theta}");
+        // A twentieth of a pixel.
+        let error = space.surface.distance_m(contacts[0].position_m, centre);
+        assert!(error < 0.5e-3, "theta {theta}: {error}");
+        // Half height of a Gaussian: pi 2 ln 2 width^2.
+        let area = std::f64::consts::PI * 2.0 * 2.0_f64.ln() * 0.015 * 0.015;
+        assert!((contacts[0].area_m2 / area - 1.0).abs() < 0.15, "{}", contacts[0].area_m2);
+        assert!(contacts[0].sd_m < GATE_M && contacts[0].confidence > 0.95);
+        let outwards = space.surface.normal(centre).unwrap();
+        assert!(crate::geom::vector::dot(contacts[0].normal, outwards) > 0.999);
+        assert!(space.surface.distance_m(whole_image_centroid(&image).unwrap(), centre) < 0.5e-3);
+    }
+}
+
+#[test]
+fn two_bumps_are_two_contacts_the_higher_first_and_a_ripple_is_none() {
+    let space = cylinder_space();
+    let (a, b) = (space.surface.at(0.10, 0.02).unwrap(), space.surface.at(0.16, 6.2).unwrap());
+    let contacts = detect(&bumps(&space, &[(a, 1.0, 0.012), (b, 2.0, 0.012)]), &DetectOptions::default());
+    assert_eq!(contacts.iter().map(|contact| contact.id).collect::<Vec<_>>(), vec![0, 1]);
+    assert!(space.surface.distance_m(contacts[0].position_m, b) < 1e-3);
+    assert!(space.surface.distance_m(contacts[1].position_m, a) < 1e-3);
+    assert!(contacts[0].confidence > contacts[1].confidence);
+    // Closer than a width they are one.
+    let near = space.surface.at(0.111, 0.02).unwrap();
+    assert_eq!(detect(&bumps(&space, &[(a, 1.0, 0.012), (near, 1.0, 0.012)]), &DetectOptions::default()).len(), 1);
+    // A side lobe below the part of the peak that counts.
+    assert_eq!(detect(&bumps(&space, &[(a, 0.2, 0.012), (b, 2.0, 0.012)]), &DetectOptions::default()).len(), 1);
+}
+
+#[test]
+fn noise_alone_makes_no_contact() {
+    let space = cylinder_space();
+    let nothing = bumps(&space, &[]);
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let known = Detector::default().with_noise(white(&space, 0.3));
+    for _ in 0..50 {
+        let image = with_white_noise(&nothing, 0.3, &mut rng);
+        assert!(known.detect(&image).is_empty());
+        assert!(detect(&image, &DetectOptions::default()).is_empty());
+    }
+    assert!(detect(&nothing, &DetectOptions::default()).is_empty());
+    assert_eq!(whole_image_centroid(&nothing), None);
+}
+
+#[test]
+fn the_position_scatters_as_its_standard_deviation_says() {
+    let space = cylinder_space();
+    let centre = space.surface.at(0.152, 3.0).unwrap();
+    let image = bumps(&space, &[(centre, 1.0, 0.02)]);
+    let sd = 0.03;
+    let noise = white(&space, sd);
+    let detector = Detector::default().with_noise(noise.clone());
+    let mut rng = ChaCha8Rng::seed_from_u64(7);
+    let still = detector.detect(&image)[0].position_m;
+    let (mut scatter, mut predicted, count) = (0.0, 0.0, 400);
+    for _ in 0..count {
+        let noisy = with_white_noise(&image, sd, &mut rng);
+        let contacts = detector.detect(&noisy);
+        assert_eq!(contacts.len(), 1);
+        let [round, along] = space.surface.chart(still, contacts[0].position_m);
+        scatter += 0.5 * (round * round + along * along) / count as f64;
+        let inside: Vec<usize> =
+            (0..space.len()).filter(|&p| image.values[p] > 0.3 * image.peak().unwrap().1).collect();
+        let peak = image.peak().unwrap().0;
+        predicted += noise.centroid_variance_m2(&image, &inside, peak, 0.3, still) / count as f64;
+    }
+    // 400 draws of two axes give a standard deviation to 2.5 %; noise at the border of the contact adds a little.
+    let ratio = (scatter / predicted).sqrt();
+    assert!((0.9..1.3).contains(&ratio), "{ratio}");
+}
+
+#[test]
+fn untouched_images_tell_the_noise_as_the_matrix_does() {
+    let space = cylinder_space();
+    let nothing = bumps(&space, &[]);
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let images: Vec<Image> = (0..200).map(|_| with_white_noise(&nothing, 0.5, &mut rng)).collect();
+    let noise = ImageNoise::from_untouched(&images).unwrap();
+    let mean = noise.sd().iter().sum::<f64>() / noise.pixel_count() as f64;
+    assert!((mean / 0.5 - 1.0).abs() < 0.01, "{mean}");
+    assert!(ImageNoise::from_untouched(&[]).is_none());
+}
+
+#[test]
+fn values_that_are_not_finite_are_no_contact() {
+    let space = cylinder_space();
+    let centre = space.surface.at(0.15, 1.0).unwrap();
+    let mut image = bumps(&space, &[(centre, 1.0, 0.02)]);
+    image.values[0] = f64::NAN;
+    image.values[1] = f64::INFINITY;
+    let contacts = detect(&image, &DetectOptions::default());
+    assert_eq!(contacts.len(), 1);
+    assert!(space.surface.distance_m(contacts[0].position_m, centre) < 1e-3);
+    image.values.fill(f64::NAN);
+    assert!(detect(&image, &DetectOptions::default()).is_empty());
+    assert_eq!(whole_image_centroid(&image), None);
+}
+
+#[test]
+fn on_a_free_surface_a_contact_lies_on_the_surface() {
+    // A square tilted by 45 degrees round x.
+    let n = 12;
+    let half = 0.5_f64.sqrt();
+    let node = |i: usize, j: usize| j * (n + 1) + i;
+    let nodes =
+        (0..=n).flat_map(|j| (0..=n).map(move |i| [0.01 * i as f64, 0.01 * j as f64 * half, 0.01 * j as f64 * half]));
+    let cells = (0..n).flat_map(|j| {
+        (0..n).flat_map(move |i| {
+            let corners = [node(i, j), node(i + 1, j), node(i + 1, j + 1), node(i, j + 1)];
+            [[corners[0], corners[1], corners[2]], [corners[0], corners[2], corners[3]]]
+        })
+    });
+    let mesh = Mesh {
+        nodes: nodes.collect(),
+        cells: Cells::Triangles(cells.collect()),
+        electrodes: Vec::new(),
+        regions: Vec::new(),
+    };
+    let space = Arc::new(PixelSpace::cells(&mesh, Surface::Free));
+    let centre = [0.06, 0.05 * half, 0.05 * half];
+    let contacts = detect(&bumps(&space, &[(centre, 1.0, 0.015)]), &DetectOptions::default());
+    assert_eq!(contacts.len(), 1);
+    let [x, y, z] = contacts[0].position_m;
+    assert!((y - z).abs() < 1e-12 && (x - 0.06).hypot((y - centre[1]).hypot(z - centre[2])) < 1e-3);
+    assert!((contacts[0].normal[2] - half).abs() < 1e-12);
+}
+
+#[test]
+fn the_tail_of_the_normal_distribution_is_known() {
+    for (z, tail) in [(0.0, 0.5), (1.0, 0.158_655_254), (3.0, 1.349_898e-3), (5.0, 2.866_516e-7)] {
+        assert!((normal_tail(z) - tail).abs() < 8e-8, "{z}: {}", normal_tail(z));
+    }
+}
