@@ -2,6 +2,8 @@
 
 pub mod export;
 pub mod import;
+mod place;
+mod remesh;
 
 use crate::geom::vector::{self, Point3};
 use std::path::PathBuf;

@@ -2,6 +2,8 @@
 
 use super::cursor::Problem;
 use super::msh::{Element, Gmsh, Kind};
+use super::orient;
+use super::shape::is_flat;
 use crate::geom::vector;
 use crate::mesh::{Cells, ElectrodePatch, Mesh};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -21,18 +23,63 @@ pub(super) fn mesh(gmsh: &Gmsh, unit_m: f64) -> Result<Mesh, Problem> {
     let index_of_node = used_nodes(gmsh, elements.of_kind(cell_kind))?;
     let corners = |element: &Element, k: usize| index_of_node[&element.nodes[k]];
     let cells = elements.of_kind(cell_kind);
-    let cells = match cell_kind {
+    let indexed = match cell_kind {
         Kind::Tetrahedron => Cells::Tetrahedra(cells.iter().map(|e| [0, 1, 2, 3].map(|k| corners(e, k))).collect()),
         _ => Cells::Triangles(cells.iter().map(|e| [0, 1, 2].map(|k| corners(e, k))).collect()),
     };
     let mut mesh = Mesh {
         nodes: index_of_node.keys().map(|tag| vector::scale(gmsh.nodes[tag], unit_m)).collect(),
-        cells,
+        cells: indexed,
         electrodes: Vec::new(),
         regions: regions(gmsh, &elements, cell_kind),
     };
+    check_positions(&mesh)?;
+    if let Some(cell) = (0..mesh.cell_count()).find(|&cell| is_flat(&mesh, cell)) {
+        let corners: Vec<_> = mesh.cells.corners(cell).iter().map(|&node| mesh.nodes[node]).collect();
+        let what = if cell_kind == Kind::Triangle { "area" } else { "volume" };
+        return Err(Problem(format!("element {} with the corners {corners:?} m has no {what}", cells[cell].tag)));
+    }
+    turn_cells(&mut mesh, cells)?;
     mesh.electrodes = electrodes(gmsh, &elements, cell_kind, &index_of_node, &mesh)?;
     Ok(mesh)
+}
+
+fn check_positions(mesh: &Mesh) -> Result<(), Problem> {
+    match mesh.nodes.iter().find(|node| node.iter().any(|x| !x.is_finite())) {
+        Some(node) => Err(Problem(format!("a node is at {node:?} m, too far to compute with"))),
+        None => Ok(()),
+    }
+}
+
+/// Gives the cells the order of corners that [`Cells`] asks for. A part of a mesh that is turned as a whole only orders
+/// its corners in another way, and is turned back; one cell turned against its neighbours is inverted.
+fn turn_cells(mesh: &mut Mesh, elements: &[&Element]) -> Result<(), Problem> {
+    let inverted = |cell: usize, fix: &str| {
+        Problem(format!("element {} is inverted, unlike its neighbours: {fix}", elements[cell].tag))
+    };
+    match &mut mesh.cells {
+        Cells::Tetrahedra(cells) => {
+            let is_negative = |cell: &[usize; 4]| vector::tetrahedron_volume(cell.map(|node| mesh.nodes[node])) < 0.0;
+            let first = cells.iter().position(is_negative);
+            if cells.iter().all(is_negative) {
+                cells.iter_mut().for_each(|cell| cell.swap(2, 3));
+            } else if let Some(cell) = first {
+                return Err(inverted(cell, "its volume is negative; mesh the body anew"));
+            }
+        }
+        Cells::Triangles(cells) => {
+            for part in orient::parts(&mesh.nodes, cells)? {
+                let turned = part.iter().filter(|(_, turn)| *turn).count();
+                let fewer = 2 * turned <= part.len();
+                match part.iter().find(|(_, turn)| *turn == fewer) {
+                    Some(&(cell, _)) => return Err(inverted(cell, "swap two of its nodes, or mesh the body anew")),
+                    None if turned > 0 => part.iter().for_each(|&(cell, _)| cells[cell].swap(1, 2)),
+                    None => {}
+                }
+            }
+        }
+    }
+    Ok(())
 }
 
 /// The different elements of a file, each kind in the order of their tags, and the groups that hold them.

@@ -3,8 +3,15 @@
 mod cursor;
 mod groups;
 mod msh;
+mod obj;
+mod orient;
+mod ply;
+mod shape;
+mod soup;
+mod stl;
 
-use crate::mesh::{Mesh, MeshError};
+use crate::design::{Body, ElectrodeShape, SkinDesign};
+use crate::mesh::{Mesh, MeshError, place};
 use cursor::Problem;
 use std::fs::File;
 use std::io::Read;
@@ -15,24 +22,96 @@ pub(crate) use groups::ELECTRODE;
 /// Largest file that is read, bytes: some tens of millions of cells, far more than a forward model can use.
 const LARGEST_FILE: u64 = 1 << 31;
 
-/// The mesh in a file, with the electrodes and regions of its physical groups; `unit_m` is the length of the file's
-/// unit, m.
+/// The mesh in a file; `unit_m` is the length of the file's unit, m.
+///
+/// A Gmsh `.msh` file brings its physical groups: electrodes (`electrode_<n>`) and regions. An STL, OBJ or PLY file is a
+/// surface without electrodes; its doubled vertices are welded and its triangles turned outwards.
 ///
 /// # Errors
 /// A file that cannot be read, is not of the format its name says, or describes no usable mesh.
 pub fn load(path: &Path, unit_m: f64) -> Result<Mesh, MeshError> {
     let in_file = |Problem(message)| MeshError::File { path: path.to_path_buf(), message };
+    let format = Format::of(path).map_err(in_file)?;
     check_unit(unit_m).map_err(in_file)?;
-    let extension = extension(path);
-    if extension != "msh" {
-        return Err(in_file(Problem(format!("a mesh file ends in .msh, not in .{extension}"))));
-    }
-    let bytes = contents(path)?;
-    parse_msh(&bytes, unit_m).map_err(in_file)
+    format.parse(&contents(path)?, unit_m).map_err(in_file)
 }
 
-fn parse_msh(bytes: &[u8], unit_m: f64) -> Result<Mesh, Problem> {
-    groups::mesh(&msh::read(bytes)?, unit_m)
+/// The mesh of a design whose body is a mesh file.
+///
+/// A file with electrodes of its own (physical groups of a `.msh`) is taken as it is. On any other surface the electrodes
+/// of the design are placed, and the surface is remeshed to the design's sizes: see [`MeshOptions`].
+///
+/// # Errors
+/// As [`load`]; a body that is no file; another number of electrodes than the design's; an electrode that lies off the
+/// surface.
+///
+/// [`MeshOptions`]: crate::design::MeshOptions
+pub fn from_design(design: &SkinDesign) -> Result<Mesh, MeshError> {
+    let Body::Mesh { path, unit_m } = &design.body else {
+        return Err(MeshError::Generate("the body of the design is no mesh file".into()));
+    };
+    let mesh = load(path, *unit_m)?;
+    let wrong = |message| MeshError::File { path: path.clone(), message };
+    let mut grouped = design.electrodes.iter().map(|electrode| electrode.shape == ElectrodeShape::Group);
+    if grouped.any(|is_group| is_group) {
+        if mesh.electrodes.len() != design.electrodes.len() {
+            let message = format!(
+                "the file has {} physical groups {ELECTRODE}0, {ELECTRODE}1, ..., but the design has {} electrodes",
+                mesh.electrodes.len(),
+                design.electrodes.len()
+            );
+            return Err(wrong(message));
+        }
+        return Ok(mesh);
+    }
+    place::electrodes(&mesh, &design.electrodes, design.mesh).map_err(|error| match error {
+        MeshError::Generate(message) => wrong(message),
+        other => other,
+    })
+}
+
+/// The formats that meshes are read from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// Gmsh, versions 2.2 and 4.1, ASCII and binary.
+    Msh,
+    /// STL, ASCII and binary.
+    Stl,
+    /// Wavefront OBJ.
+    Obj,
+    /// PLY, ASCII and binary.
+    Ply,
+}
+
+impl Format {
+    fn of(path: &Path) -> Result<Self, Problem> {
+        match extension(path).as_str() {
+            "msh" => Ok(Format::Msh),
+            "stl" => Ok(Format::Stl),
+            "obj" => Ok(Format::Obj),
+            "ply" => Ok(Format::Ply),
+            other => Err(Problem(format!("a mesh file ends in .msh, .stl, .obj or .ply, not in `.{other}`"))),
+        }
+    }
+
+    fn parse(self, bytes: &[u8], unit_m: f64) -> Result<Mesh, Problem> {
+        match self {
+            Format::Msh => groups::mesh(&msh::read(bytes)?, unit_m),
+            Format::Stl => stl::read(bytes)?.into_mesh(unit_m),
+            Format::Obj => obj::read(bytes)?.into_mesh(unit_m),
+            Format::Ply => ply::read(bytes)?.into_mesh(unit_m),
+        }
+    }
+}
+
+/// The mesh in the bytes of a file. As [`load`], where the format is known and the file is at hand.
+///
+/// # Errors
+/// As [`load`].
+pub fn parse(bytes: &[u8], format: Format, unit_m: f64) -> Result<Mesh, MeshError> {
+    let wrong = |Problem(message)| MeshError::Invalid(message);
+    check_unit(unit_m).map_err(wrong)?;
+    format.parse(bytes, unit_m).map_err(wrong)
 }
 
 fn extension(path: &Path) -> String {

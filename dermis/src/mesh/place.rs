@@ -1,0 +1,377 @@
+//! Electrodes of a design on a surface from a file.
+
+use super::remesh::{self, Curve, Patchwork, Target};
+use super::{Cells, ElectrodePatch, Mesh, MeshError};
+use crate::design::{Electrode, ElectrodeShape, MeshOptions};
+use crate::geom::vector::{self, Point3, add, distance, normalize, scale, sub};
+use crate::geom::{TriangleTree, vector::triangle_area};
+
+/// A centre may lie this far off the surface, or as far as its electrode's radius: points are copied from drawings by
+/// hand, to a tenth of a millimetre or so.
+const LEAST_REACH_M: f64 = 1e-3;
+
+/// An outline has at least this many edges to its radius; with two, a disc is a dodecagon that lacks 4.5 % of its area.
+const LEAST_EDGES_PER_RADIUS: f64 = 2.0;
+
+/// Most triangles of a remeshed surface, as many as the mesh of a design may have.
+const MOST_TRIANGLES: usize = 2_000_000;
+
+/// Rounds of remeshing before the electrodes are cut out, and after. Botsch and Kobbelt find 5 to 10 enough.
+const ROUNDS: usize = 6;
+
+/// The surface with electrodes, remeshed to the sizes asked for.
+///
+/// A disc is what a ball of its radius round its centre, brought onto the surface, cuts out of the surface: its outline
+/// becomes edges. A ball's cut of a sphere has just the area `pi r^2`.
+pub(super) fn electrodes(surface: &Mesh, electrodes: &[Electrode], options: MeshOptions) -> Result<Mesh, MeshError> {
+    let Cells::Triangles(triangles) = &surface.cells else {
+        return Err(MeshError::Generate(
+            "the body is a volume: give its electrodes as physical groups `electrode_<n>` of triangles in the mesh file"
+                .into(),
+        ));
+    };
+    let tree = TriangleTree::new(triangles.iter().map(|t| t.map(|node| surface.nodes[node])));
+    let spots = spots(&tree, electrodes)?;
+    let sizes = Sizes::new(surface, &spots, options);
+    let size = |point: Point3| sizes.at(point);
+    let onto_curve = |point: Point3, curve: Curve| match curve {
+        // The middle of a straight piece of a crease is on it.
+        Curve::Crease => point,
+        Curve::Outline(electrode) => onto_outline(&tree, &spots[electrode], point),
+    };
+    let target = Target { surface: &tree, size: &size, onto_curve: &onto_curve, most_triangles: MOST_TRIANGLES };
+    let mut patchwork = Patchwork::new(surface.nodes.clone(), triangles.clone());
+    remesh::find_creases(&mut patchwork);
+    refine(&mut patchwork, &target)?;
+    for (electrode, spot) in spots.iter().enumerate() {
+        match spot.radius_m {
+            Some(radius_m) => cut_disc(&mut patchwork, &tree, electrode, spot, radius_m)?,
+            None => put_point(&mut patchwork, spot, &size),
+        }
+    }
+    refine(&mut patchwork, &target)?;
+    let mut mesh = finished(&patchwork, &spots)?;
+    mesh.regions = regions(surface, &tree, &mesh);
+    Ok(mesh)
+}
+
+/// The regions of the surface on its new cells: a cell belongs where its centre does.
+fn regions(surface: &Mesh, tree: &TriangleTree, mesh: &Mesh) -> Vec<(String, Vec<usize>)> {
+    if surface.regions.is_empty() {
+        return Vec::new();
+    }
+    let old_cell: Vec<usize> =
+        (0..mesh.cell_count()).map(|cell| tree.nearest(mesh.cell_centre(cell)).triangle).collect();
+    let on_new_cells = |(name, cells): &(String, Vec<usize>)| {
+        let members: std::collections::HashSet<usize> = cells.iter().copied().collect();
+        (name.clone(), (0..mesh.cell_count()).filter(|&cell| members.contains(&old_cell[cell])).collect())
+    };
+    surface.regions.iter().map(on_new_cells).collect()
+}
+
+fn refine(patchwork: &mut Patchwork, target: &Target<'_>) -> Result<(), MeshError> {
+    if remesh::remesh(patchwork, target, ROUNDS) {
+        return Ok(());
+    }
+    let message = format!(
+        "a mesh this fine would have more than {MOST_TRIANGLES} triangles: make `max_edge_m` and `electrode_edge_m` \
+         larger, or check the body's `unit_m`"
+    );
+    Err(MeshError::Generate(message))
+}
+
+/// An electrode's place on the surface.
+#[derive(Debug, Clone, Copy)]
+struct Spot {
+    centre: Point3,
+    /// None for a point.
+    radius_m: Option<f64>,
+}
+
+/// The centres of the electrodes, brought onto the surface.
+fn spots(tree: &TriangleTree, electrodes: &[Electrode]) -> Result<Vec<Spot>, MeshError> {
+    let mut spots = Vec::new();
+    for (index, electrode) in electrodes.iter().enumerate() {
+        let radius_m = match electrode.shape {
+            ElectrodeShape::Disc { radius_m } => Some(radius_m),
+            ElectrodeShape::Point => None,
+            ElectrodeShape::Arc { .. } | ElectrodeShape::Group => {
+                let message =
+                    format!("electrode {index}: the mesh file has no electrodes, so it must be a disc or a point");
+                return Err(MeshError::Generate(message));
+            }
+        };
+        let nearest = tree.nearest(electrode.centre_m);
+        let reach_m = radius_m.unwrap_or(0.0).max(LEAST_REACH_M);
+        // Written so that a centre that is no number fails too.
+        if !(nearest.distance_m <= reach_m) {
+            let message = format!(
+                "electrode {index}: its centre {:?} m lies {:.4} m off the body, more than {reach_m} m; the nearest point \
+                 of the body is {:?} m",
+                electrode.centre_m, nearest.distance_m, nearest.point
+            );
+            return Err(MeshError::Generate(message));
+        }
+        spots.push(Spot { centre: nearest.point, radius_m });
+    }
+    check_apart(&spots)?;
+    Ok(spots)
+}
+
+fn check_apart(spots: &[Spot]) -> Result<(), MeshError> {
+    for (second, b) in spots.iter().enumerate() {
+        for (first, a) in spots[..second].iter().enumerate() {
+            let (apart_m, needed_m) =
+                (distance(a.centre, b.centre), a.radius_m.unwrap_or(0.0) + b.radius_m.unwrap_or(0.0));
+            if apart_m <= needed_m {
+                let message = format!(
+                    "electrodes {first} and {second} overlap: on the body their centres are {apart_m:.5} m apart, but their \
+                     radii sum to {needed_m} m"
+                );
+                return Err(MeshError::Generate(message));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The wanted edge lengths: those of an outline there, growing with the distance from it.
+struct Sizes<'a> {
+    spots: &'a [Spot],
+    longest_m: f64,
+    outline_m: Vec<f64>,
+    growth: f64,
+}
+
+impl<'a> Sizes<'a> {
+    fn new(surface: &Mesh, spots: &'a [Spot], options: MeshOptions) -> Self {
+        let area_m2: f64 = (0..surface.cell_count()).map(|cell| surface.cell_measure(cell)).sum();
+        // Without a length asked for, the same as on generated bodies: a fiftieth of the side of a square of its area.
+        let longest_m = if options.max_edge_m.is_finite() { options.max_edge_m } else { area_m2.sqrt() / 50.0 };
+        let asked_m = options.electrode_edge_m.min(longest_m);
+        let outline_m = spots.iter().map(|spot| match spot.radius_m {
+            Some(radius_m) => asked_m.min(radius_m / LEAST_EDGES_PER_RADIUS),
+            None => asked_m.min(longest_m / 4.0),
+        });
+        Sizes { spots, longest_m, outline_m: outline_m.collect(), growth: options.growth }
+    }
+
+    fn at(&self, point: Point3) -> f64 {
+        let mut size_m = self.longest_m;
+        for (spot, outline_m) in self.spots.iter().zip(&self.outline_m) {
+            let distance_m = (distance(point, spot.centre) - spot.radius_m.unwrap_or(0.0)).abs();
+            size_m = size_m.min(outline_m + self.growth * distance_m);
+        }
+        size_m
+    }
+}
+
+/// The point of an electrode's outline near `point`: on the surface, and at the radius from the centre.
+fn onto_outline(tree: &TriangleTree, spot: &Spot, point: Point3) -> Point3 {
+    let Some(radius_m) = spot.radius_m else { return spot.centre };
+    let mut at = point;
+    // Going to and fro between ball and surface; where they cross steeply each pass gains digits, and what is left of
+    // the distance after the last is no more than the chord's own error.
+    for _ in 0..30 {
+        let on_ball = add(spot.centre, scale(normalize(sub(at, spot.centre)), radius_m));
+        at = tree.nearest(on_ball).point;
+        if (distance(at, spot.centre) - radius_m).abs() < 1e-9 * radius_m {
+            break;
+        }
+    }
+    at
+}
+
+/// Cuts a disc's outline into the mesh and marks the triangles within.
+fn cut_disc(
+    patchwork: &mut Patchwork,
+    tree: &TriangleTree,
+    electrode: usize,
+    spot: &Spot,
+    radius_m: f64,
+) -> Result<(), MeshError> {
+    let height = |patchwork: &Patchwork, point: usize| distance(patchwork.points[point], spot.centre) - radius_m;
+    // Nearer than this to the ball is on it: far below any edge, far above rounding.
+    let on_outline_m = 1e-6 * radius_m;
+    snap_to_outline(patchwork, tree, spot, on_outline_m);
+    for [a, b] in patchwork.edges() {
+        let (from, to) = (height(patchwork, a), height(patchwork, b));
+        let crosses = from.min(to) < -on_outline_m && from.max(to) > on_outline_m;
+        if !crosses || patchwork.at_edge(a, b).is_empty() {
+            continue;
+        }
+        let crossing = crossing(patchwork.points[a], patchwork.points[b], spot.centre, radius_m);
+        // A point on a crease stays on it.
+        let position = match patchwork.curve(a, b) {
+            Some(_) => crossing,
+            None => onto_outline(tree, spot, crossing),
+        };
+        let middle = patchwork.split(a, b, position);
+        if patchwork.curve(a, middle).is_some() {
+            patchwork.pin(middle);
+        }
+    }
+    let is_inside = |patchwork: &Patchwork, triangle: usize| {
+        let corners = patchwork.triangles[triangle];
+        let lowest = corners.iter().map(|&point| height(patchwork, point)).fold(f64::INFINITY, f64::min);
+        let centre = vector::centroid(&patchwork.corners(triangle));
+        if lowest < -on_outline_m { true } else { distance(centre, spot.centre) < radius_m && lowest <= on_outline_m }
+    };
+    let disc = connected_disc(patchwork, spot, is_inside);
+    if disc.is_empty() {
+        return Err(MeshError::Generate(format!(
+            "electrode {electrode}: no triangle lies within its radius {radius_m} m"
+        )));
+    }
+    for &triangle in &disc {
+        if let Some(other) = patchwork.covered_by[triangle].replace(electrode) {
+            return Err(MeshError::Generate(format!("electrodes {other} and {electrode} overlap on the body")));
+        }
+    }
+    mark_outline(patchwork, electrode, &disc);
+    Ok(())
+}
+
+/// Moves points close to the outline onto it, so that cutting leaves no slivers.
+fn snap_to_outline(patchwork: &mut Patchwork, tree: &TriangleTree, spot: &Spot, on_outline_m: f64) {
+    let radius_m = spot.radius_m.unwrap_or(0.0);
+    // A third of the way to the next point on the other side.
+    const NEAR: f64 = 1.0 / 3.0;
+    for point in 0..patchwork.points.len() {
+        if !patchwork.is_free(point) || patchwork.around(point).is_empty() {
+            continue;
+        }
+        let height = |point: usize| distance(patchwork.points[point], spot.centre) - radius_m;
+        let own = height(point);
+        if own.abs() <= on_outline_m || own.abs() > radius_m {
+            continue;
+        }
+        let near_share = |&other: &usize| {
+            let theirs = height(other);
+            own * theirs < 0.0 && own.abs() < NEAR * (own.abs() + theirs.abs())
+        };
+        if patchwork.neighbours(point).iter().any(near_share) {
+            let position = onto_outline(tree, spot, patchwork.points[point]);
+            patchwork.shift(point, position);
+        }
+    }
+}
+
+/// Where a straight edge crosses the ball: the root of `|a + t (b - a) - c| = r` between its ends.
+fn crossing(a: Point3, b: Point3, centre: Point3, radius_m: f64) -> Point3 {
+    let (mut inside, mut outside) = if distance(a, centre) < radius_m { (a, b) } else { (b, a) };
+    for _ in 0..60 {
+        let middle = scale(add(inside, outside), 0.5);
+        if distance(middle, centre) < radius_m {
+            inside = middle;
+        } else {
+            outside = middle;
+        }
+    }
+    outside
+}
+
+/// The triangles inside the outline that hang together with the one at the centre: a ball can also reach a far side of
+/// a thin body.
+fn connected_disc(patchwork: &Patchwork, spot: &Spot, is_inside: impl Fn(&Patchwork, usize) -> bool) -> Vec<usize> {
+    let offset = |triangle: usize| {
+        let nearest = crate::geom::surface::nearest_on_triangle(spot.centre, patchwork.corners(triangle));
+        distance(nearest, spot.centre)
+    };
+    let inside = patchwork.alive().filter(|&triangle| is_inside(patchwork, triangle));
+    let Some(start) = inside.min_by(|&a, &b| offset(a).total_cmp(&offset(b))) else { return Vec::new() };
+    let mut disc = vec![start];
+    let mut seen = std::collections::BTreeSet::from([start]);
+    let mut next = 0;
+    while next < disc.len() {
+        let [a, b, c] = patchwork.triangles[disc[next]];
+        next += 1;
+        for (from, to) in [(a, b), (b, c), (c, a)] {
+            for other in patchwork.at_edge(from, to) {
+                if is_inside(patchwork, other) && seen.insert(other) {
+                    disc.push(other);
+                }
+            }
+        }
+    }
+    disc
+}
+
+/// Makes curves of the edges between a disc and the rest, and pins the points where they meet a crease.
+fn mark_outline(patchwork: &mut Patchwork, electrode: usize, disc: &[usize]) {
+    for &triangle in disc {
+        let [a, b, c] = patchwork.triangles[triangle];
+        for (from, to) in [(a, b), (b, c), (c, a)] {
+            let is_rim = patchwork.at_edge(from, to).iter().any(|&t| patchwork.covered_by[t] != Some(electrode));
+            if is_rim && patchwork.curve(from, to).is_none() {
+                patchwork.set_curve(from, to, Curve::Outline(electrode));
+            }
+        }
+    }
+    for &triangle in disc {
+        for point in patchwork.triangles[triangle] {
+            let ends = patchwork.curves_at(point);
+            let is_mixed = ends.iter().any(|(_, curve)| *curve != ends[0].1);
+            if ends.len() > 2 || is_mixed {
+                patchwork.pin(point);
+            }
+        }
+    }
+}
+
+/// Puts a point electrode's node where it belongs: the nearest point of the mesh is moved there, or a new one made.
+fn put_point(patchwork: &mut Patchwork, spot: &Spot, size: &dyn Fn(Point3) -> f64) {
+    let offset = |&point: &usize| distance(patchwork.points[point], spot.centre);
+    let near = (0..patchwork.points.len()).filter(|&point| !patchwork.around(point).is_empty());
+    let nearest = near.min_by(|a, b| offset(a).total_cmp(&offset(b)));
+    if let Some(point) = nearest.filter(|point| offset(point) < 0.4 * size(spot.centre)) {
+        if patchwork.points[point] == spot.centre || (patchwork.is_free(point) && patchwork.shift(point, spot.centre)) {
+            patchwork.pin(point);
+            return;
+        }
+    }
+    let off = |triangle: usize| {
+        let nearest = crate::geom::surface::nearest_on_triangle(spot.centre, patchwork.corners(triangle));
+        distance(nearest, spot.centre)
+    };
+    let home = patchwork.alive().min_by(|&a, &b| off(a).total_cmp(&off(b)));
+    if let Some(triangle) = home {
+        let point = match nearest_edge(patchwork, triangle, spot.centre) {
+            Some([a, b]) => patchwork.split(a, b, spot.centre),
+            None => patchwork.split_triangle(triangle, spot.centre),
+        };
+        patchwork.pin(point);
+    }
+}
+
+/// The edge of a triangle on which a point lies, as good as.
+fn nearest_edge(patchwork: &Patchwork, triangle: usize, point: Point3) -> Option<[usize; 2]> {
+    let [a, b, c] = patchwork.triangles[triangle];
+    let whole = triangle_area(patchwork.corners(triangle));
+    [[a, b], [b, c], [c, a]].into_iter().find(|&[from, to]| {
+        // A hundredth of the height: a triangle of its own there would be a sliver.
+        triangle_area([patchwork.points[from], patchwork.points[to], point]) < 0.01 * whole
+    })
+}
+
+/// The mesh with its electrodes.
+fn finished(patchwork: &Patchwork, spots: &[Spot]) -> Result<Mesh, MeshError> {
+    let (nodes, triangles, covered_by, _) = patchwork.compact();
+    let mut electrodes = Vec::new();
+    for (index, spot) in spots.iter().enumerate() {
+        let patch = match spot.radius_m {
+            Some(_) => {
+                let cells = (0..triangles.len()).filter(|&triangle| covered_by[triangle] == Some(index)).collect();
+                ElectrodePatch::Cells(cells)
+            }
+            None => {
+                let node = nodes.iter().position(|&node| node == spot.centre);
+                ElectrodePatch::Node(node.ok_or_else(|| {
+                    MeshError::Generate(format!("electrode {index}: no node could be put at {:?} m", spot.centre))
+                })?)
+            }
+        };
+        electrodes.push(patch);
+    }
+    Ok(Mesh { nodes, cells: Cells::Triangles(triangles), electrodes, regions: Vec::new() })
+}

@@ -1,0 +1,202 @@
+//! Isotropic remeshing of a surface to a wanted edge length (Botsch and Kobbelt, A remeshing approach to multiresolution
+//! modeling, 2004, DOI 10.1145/1057432.1057457, section 4): long edges are split, short ones collapsed, edges flipped
+//! until the mesh is Delaunay, points moved towards the middle of their neighbours and back onto the surface.
+
+mod patchwork;
+
+pub(crate) use patchwork::{Curve, Patchwork};
+
+use patchwork::angle;
+
+use crate::geom::vector::{add, cross, dot, norm, scale, sub};
+use crate::geom::{Point3, TriangleTree};
+use std::f64::consts::PI;
+
+/// What remeshing aims at.
+pub(crate) struct Target<'a> {
+    /// The surface that the points stay on.
+    pub surface: &'a TriangleTree,
+    /// The wanted edge length at a point, m.
+    pub size: &'a dyn Fn(Point3) -> f64,
+    /// Brings a point near a curve onto it.
+    pub onto_curve: &'a dyn Fn(Point3, Curve) -> Point3,
+    /// Most triangles that may come about.
+    pub most_triangles: usize,
+}
+
+/// An edge longer than this part of the wanted length is split, one shorter than [`SHORT`] collapsed: then neither
+/// undoes the other (Botsch and Kobbelt, section 4).
+const LONG: f64 = 4.0 / 3.0;
+const SHORT: f64 = 4.0 / 5.0;
+
+/// Triangles that meet at more than this angle (cosine of 40 degrees) make a crease, which remeshing keeps.
+const CREASE: f64 = 0.766;
+
+/// A crease that turns more than this (cosine of 40 degrees) at a point has a corner there.
+const CORNER: f64 = 0.766;
+
+/// Marks the boundary and the sharp edges as curves, and pins their corners.
+pub(crate) fn find_creases(patchwork: &mut Patchwork) {
+    for [a, b] in patchwork.edges() {
+        let is_crease = match patchwork.at_edge(a, b)[..] {
+            [one, other] => {
+                let (one, other) = (patchwork.area_vector(one), patchwork.area_vector(other));
+                dot(one, other) < CREASE * norm(one) * norm(other)
+            }
+            _ => true,
+        };
+        if is_crease {
+            patchwork.set_curve(a, b, Curve::Crease);
+        }
+    }
+    for point in 0..patchwork.points.len() {
+        let is_corner = match *patchwork.curves_at(point) {
+            [] => false,
+            [(a, _), (b, _)] => {
+                let here = patchwork.points[point];
+                let (u, v) = (sub(here, patchwork.points[a]), sub(patchwork.points[b], here));
+                dot(u, v) < CORNER * norm(u) * norm(v)
+            }
+            _ => true,
+        };
+        if is_corner {
+            patchwork.pin(point);
+        }
+    }
+}
+
+/// Remeshes in some rounds; false where the mesh would have more triangles than allowed.
+pub(crate) fn remesh(patchwork: &mut Patchwork, target: &Target<'_>, rounds: usize) -> bool {
+    for _ in 0..rounds {
+        if !split_long(patchwork, target) {
+            return false;
+        }
+        collapse_short(patchwork, target);
+        flip_to_delaunay(patchwork);
+        relax(patchwork, target);
+        flip_to_delaunay(patchwork);
+    }
+    true
+}
+
+fn split_long(patchwork: &mut Patchwork, target: &Target<'_>) -> bool {
+    // Each pass halves the longest edges; 60 halve the largest number a thousand times over.
+    for _ in 0..60 {
+        let mut changed = false;
+        for [a, b] in patchwork.edges() {
+            let middle = patchwork.middle(a, b);
+            let is_there = !patchwork.at_edge(a, b).is_empty();
+            if !is_there || patchwork.length(a, b) <= LONG * (target.size)(middle) {
+                continue;
+            }
+            let position = match patchwork.curve(a, b) {
+                Some(curve) => (target.onto_curve)(middle, curve),
+                None => target.surface.nearest(middle).point,
+            };
+            patchwork.split(a, b, position);
+            changed = true;
+            if patchwork.triangles.len() > target.most_triangles {
+                return false;
+            }
+        }
+        if !changed {
+            break;
+        }
+        flip_to_delaunay(patchwork);
+    }
+    true
+}
+
+fn collapse_short(patchwork: &mut Patchwork, target: &Target<'_>) {
+    let longest = |middle: Point3| LONG * (target.size)(middle);
+    for [a, b] in patchwork.edges() {
+        let is_there = !patchwork.at_edge(a, b).is_empty();
+        if is_there && patchwork.length(a, b) < SHORT * (target.size)(patchwork.middle(a, b)) {
+            let _ = patchwork.collapse(b, a, longest) || patchwork.collapse(a, b, longest);
+        }
+    }
+}
+
+/// Flips edges whose opposite angles exceed half a turn together.
+fn flip_to_delaunay(patchwork: &mut Patchwork) {
+    // A plane needs few passes; on curved surfaces flips may go in circles, and some edges then stay as they are.
+    for _ in 0..20 {
+        let mut changed = false;
+        for [a, b] in patchwork.edges() {
+            if opposite_angles(patchwork, a, b).is_some_and(|sum| sum > PI + 1e-9) {
+                changed |= patchwork.flip(a, b);
+            }
+        }
+        if !changed {
+            break;
+        }
+    }
+}
+
+fn opposite_angles(patchwork: &Patchwork, a: usize, b: usize) -> Option<f64> {
+    let [first, second] = patchwork.at_edge(a, b)[..] else { return None };
+    let at = |triangle: usize| {
+        let corner = patchwork.opposite(triangle, a, b)?;
+        Some(angle([corner, a, b].map(|point| patchwork.points[point])))
+    };
+    Some(at(first)? + at(second)?)
+}
+
+/// Moves free points towards the middle of the triangles round them, along the surface, and points of outlines
+/// towards the middle of their neighbours on it.
+fn relax(patchwork: &mut Patchwork, target: &Target<'_>) {
+    for point in 0..patchwork.points.len() {
+        if patchwork.around(point).is_empty() || patchwork.is_pinned(point) {
+            continue;
+        }
+        match *patchwork.curves_at(point) {
+            [] => {
+                let aim = target.surface.nearest(relaxed(patchwork, target, point)).point;
+                patchwork.shift(point, aim);
+            }
+            [(a, Curve::Outline(one)), (b, Curve::Outline(other))] if one == other => {
+                let aim = (target.onto_curve)(patchwork.middle(a, b), Curve::Outline(one));
+                patchwork.shift(point, aim);
+            }
+            [(a, Curve::Crease), (b, Curve::Crease)] if is_straight(patchwork, a, point, b) => {
+                let aim = patchwork.middle(a, b);
+                patchwork.shift(point, aim);
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Whether a point lies on the line between two others, as far as a body's accuracy goes: sliding it there moves the
+/// line by less than a thousandth of its length.
+fn is_straight(patchwork: &Patchwork, a: usize, point: usize, b: usize) -> bool {
+    let [a, point, b] = [a, point, b].map(|point| patchwork.points[point]);
+    let (u, v) = (sub(point, a), sub(b, point));
+    norm(cross(u, v)) < 1e-3 * norm(u) * norm(v)
+}
+
+/// The middle of the triangles round a point, those that are large for their place weighing more, in the point's
+/// tangent plane.
+fn relaxed(patchwork: &Patchwork, target: &Target<'_>, point: usize) -> Point3 {
+    let here = patchwork.points[point];
+    let mut normal = [0.0; 3];
+    let mut mean = [0.0; 3];
+    let mut weight_sum = 0.0;
+    for &triangle in patchwork.around(point) {
+        let [a, b, c] = patchwork.corners(triangle);
+        let centre = scale(add(add(a, b), c), 1.0 / 3.0);
+        let area_vector = cross(sub(b, a), sub(c, a));
+        let size = (target.size)(centre);
+        let weight = norm(area_vector) / (size * size);
+        normal = add(normal, area_vector);
+        mean = add(mean, scale(sub(centre, here), weight));
+        weight_sum += weight;
+    }
+    let length = norm(normal);
+    if !(weight_sum > 0.0 && length > 0.0) {
+        return here;
+    }
+    let step = scale(mean, 1.0 / weight_sum);
+    let normal = scale(normal, 1.0 / length);
+    add(here, sub(step, scale(normal, dot(step, normal))))
+}
