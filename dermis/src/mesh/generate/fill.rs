@@ -1,0 +1,232 @@
+//! Points between the fixed ones, as dense as wanted, and their relaxation.
+
+use super::domain::Domain;
+use super::sizing::Sizing;
+use super::triangulate::triangulate;
+use crate::geom::vector::Point2;
+use crate::mesh::MeshError;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::collections::{HashMap, HashSet};
+
+/// Points are placed no closer than this share of the edge length wanted: between the densest random placing without
+/// crowding (0.7) and a regular lattice (1).
+const CLOSEST: f64 = 0.76;
+/// And no closer to the body's edge than this share.
+const CLOSEST_TO_EDGE: f64 = 0.55;
+/// Rounds of relaxation; the smallest angle stops improving after about thirty.
+const ROUNDS: usize = 30;
+/// Rounds in which edges longer than allowed are divided.
+const LENGTH_ROUNDS: usize = 100;
+/// Edges beyond these multiples of the length wanted are divided or contracted, in the rounds before the last ten.
+const TOO_LONG: f64 = 1.45;
+const TOO_SHORT: f64 = 0.62;
+
+/// Points by place, to find those near a point.
+struct Cells {
+    size: f64,
+    columns: i64,
+    wraps: bool,
+    points: HashMap<(i64, i64), Vec<usize>>,
+}
+
+impl Cells {
+    fn new(domain: &Domain, size: f64) -> Self {
+        let (low, high) = domain.bounds();
+        let columns = (((high[0] - low[0]) / size).floor() as i64).max(1);
+        Cells { size, columns, wraps: domain.period().is_some(), points: HashMap::new() }
+    }
+
+    fn key(&self, point: Point2) -> (i64, i64) {
+        ((point[0] / self.size).floor() as i64, (point[1] / self.size).floor() as i64)
+    }
+
+    fn insert(&mut self, point: Point2, index: usize) {
+        self.points.entry(self.key(point)).or_default().push(index);
+    }
+
+    /// The points in the cell of a point and all round it; the last column may be wider than the others.
+    fn near(&self, point: Point2) -> impl Iterator<Item = usize> + '_ {
+        let (x, y) = self.key(point);
+        let span = if self.wraps { 2 } else { 1 };
+        (-span..=span).flat_map(move |dx| {
+            (-1..=1).flat_map(move |dy| {
+                let column = if self.wraps { (x + dx).rem_euclid(self.columns + 1) } else { x + dx };
+                self.points.get(&(column, y + dy)).into_iter().flatten().copied()
+            })
+        })
+    }
+}
+
+/// Adds points to the fixed ones: a regular lattice where the longest edges are wanted, random ones elsewhere.
+pub(super) fn fill(domain: &Domain, sizing: &Sizing, points: &mut Vec<Point2>) {
+    let mut cells = Cells::new(domain, sizing.largest);
+    for (index, &point) in points.iter().enumerate() {
+        cells.insert(point, index);
+    }
+    let mut offer = |point: Point2, closest: f64, points: &mut Vec<Point2>| {
+        let wanted = sizing.at(point);
+        if domain.depth(point) < CLOSEST_TO_EDGE * wanted {
+            return false;
+        }
+        let crowded = cells.near(point).any(|other| domain.distance(points[other], point) < closest * wanted);
+        if !crowded {
+            cells.insert(point, points.len());
+            points.push(point);
+        }
+        !crowded
+    };
+    for point in lattice(domain, sizing.largest) {
+        if sizing.at(point) >= sizing.largest {
+            offer(point, CLOSEST, points);
+        }
+    }
+    let mut random = ChaCha8Rng::seed_from_u64(0);
+    let mut seeds: Vec<usize> = (0..points.len()).collect();
+    // Points are offered in a ring round each accepted one (Bridson, 2007, DOI 10.1145/1278780.1278807).
+    while let Some(seed) = seeds.pop() {
+        let centre = points[seed];
+        for _ in 0..20 {
+            let distance = sizing.at(centre) * random.random_range(CLOSEST..2.0 * CLOSEST);
+            let (sin, cos) = random.random_range(0.0..std::f64::consts::TAU).sin_cos();
+            let point = domain.wrap([centre[0] + distance * cos, centre[1] + distance * sin]);
+            if offer(point, CLOSEST, points) {
+                seeds.push(points.len() - 1);
+            }
+        }
+    }
+}
+
+/// Equilateral triangles that close round a cylinder.
+fn lattice(domain: &Domain, side: f64) -> Vec<Point2> {
+    let (low, high) = domain.bounds();
+    let columns = ((high[0] - low[0]) / side).round().max(1.0);
+    let rows = ((high[1] - low[1]) / (side * 0.75f64.sqrt())).round().max(1.0);
+    let mut points = Vec::new();
+    for row in 0..rows as usize {
+        for column in 0..columns as usize {
+            let shift = if row % 2 == 0 { 0.25 } else { 0.75 };
+            points.push([
+                low[0] + (high[0] - low[0]) * (column as f64 + shift) / columns,
+                low[1] + (high[1] - low[1]) * (row as f64 + 0.5) / rows,
+            ]);
+        }
+    }
+    points
+}
+
+/// Moves the free points (from `fixed` on) to the middles of their triangles, divides edges that are too long and
+/// contracts those too short; returns the triangles.
+pub(super) fn relax(
+    domain: &Domain,
+    sizing: &Sizing,
+    points: &mut Vec<Point2>,
+    fixed: usize,
+    constraints: &[[usize; 2]],
+    longest: f64,
+) -> Result<Vec<[usize; 3]>, MeshError> {
+    let reach = 6.0 * sizing.largest;
+    for round in 0..ROUNDS {
+        let triangles = triangulate(domain, points, constraints, reach)?;
+        move_to_centres(domain, sizing, points, fixed, &triangles);
+        if round + 10 < ROUNDS && round % 5 == 4 {
+            let triangles = triangulate(domain, points, constraints, reach)?;
+            adapt(domain, sizing, points, fixed, &triangles);
+        }
+    }
+    for _ in 0..LENGTH_ROUNDS {
+        let triangles = triangulate(domain, points, constraints, reach)?;
+        let added = divide_longest(domain, points, &triangles, longest);
+        if added == 0 {
+            return Ok(triangles);
+        }
+        for _ in 0..3 {
+            let triangles = triangulate(domain, points, constraints, reach)?;
+            move_to_centres(domain, sizing, points, fixed, &triangles);
+        }
+    }
+    triangulate(domain, points, constraints, reach)
+}
+
+/// Adds the middles of the edges that are too long, longest first, no two of them near each other; returns their number.
+fn divide_longest(domain: &Domain, points: &mut Vec<Point2>, triangles: &[[usize; 3]], longest: f64) -> usize {
+    let length = |&[a, b]: &[usize; 2]| domain.distance(points[a], points[b]);
+    let mut long: Vec<[usize; 2]> = edges(triangles).into_iter().filter(|edge| length(edge) > longest).collect();
+    long.sort_by(|a, b| length(b).total_cmp(&length(a)));
+    let mut middles: Vec<Point2> = Vec::new();
+    for [a, b] in long {
+        let place = middle(domain, points[a], points[b]);
+        let alone = middles.iter().all(|&other| domain.distance(other, place) > 1.5 * longest);
+        if alone && domain.depth(place) > 0.1 * longest {
+            middles.push(place);
+        }
+    }
+    points.extend(&middles);
+    middles.len()
+}
+
+fn middle(domain: &Domain, a: Point2, b: Point2) -> Point2 {
+    let [x, y] = domain.offset(a, b);
+    domain.wrap([a[0] + 0.5 * x, a[1] + 0.5 * y])
+}
+
+fn edges(triangles: &[[usize; 3]]) -> Vec<[usize; 2]> {
+    let mut edges: Vec<[usize; 2]> =
+        triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).map(|[a, b]| [a.min(b), a.max(b)]).collect();
+    edges.sort_unstable();
+    edges.dedup();
+    edges
+}
+
+/// One round of centroidal patch smoothing (Chen and Holst, 2011, DOI 10.1016/j.cma.2010.11.007): each free point goes
+/// to the mean of the centres of its triangles, weighted by area and by the density `h^-4` that makes edges as long as
+/// wanted.
+fn move_to_centres(domain: &Domain, sizing: &Sizing, points: &mut [Point2], fixed: usize, triangles: &[[usize; 3]]) {
+    let mut sums = vec![[0.0; 3]; points.len()];
+    for &corners in triangles {
+        let [a, b, c] = corners.map(|corner| points[corner]);
+        let (ab, ac) = (domain.offset(a, b), domain.offset(a, c));
+        let centre = [(ab[0] + ac[0]) / 3.0, (ab[1] + ac[1]) / 3.0];
+        let area = 0.5 * (ab[0] * ac[1] - ab[1] * ac[0]).abs();
+        let place = [a[0] + centre[0], a[1] + centre[1]];
+        let weight = area * sizing.at(domain.wrap(place)).powi(-2);
+        for corner in corners.into_iter().filter(|&corner| corner >= fixed) {
+            let [x, y] = domain.offset(points[corner], place);
+            sums[corner][0] += weight * x;
+            sums[corner][1] += weight * y;
+            sums[corner][2] += weight;
+        }
+    }
+    for (point, [x, y, weight]) in points.iter_mut().zip(sums) {
+        if weight > 0.0 {
+            *point = domain.wrap([point[0] + x / weight, point[1] + y / weight]);
+        }
+    }
+}
+
+/// Divides edges between free points that are too long and removes a free end of those too short.
+fn adapt(domain: &Domain, sizing: &Sizing, points: &mut Vec<Point2>, fixed: usize, triangles: &[[usize; 3]]) {
+    let mut touched = HashSet::new();
+    let mut removed = HashSet::new();
+    let mut added = Vec::new();
+    for [a, b] in edges(triangles) {
+        if touched.contains(&a) || touched.contains(&b) {
+            continue;
+        }
+        let place = middle(domain, points[a], points[b]);
+        let ratio = domain.distance(points[a], points[b]) / sizing.at(place);
+        if ratio < TOO_SHORT && b >= fixed {
+            removed.insert(b);
+            touched.extend([a, b]);
+        } else if ratio > TOO_LONG && domain.depth(place) > CLOSEST_TO_EDGE * sizing.at(place) {
+            added.push(place);
+            touched.extend([a, b]);
+        }
+    }
+    let mut index = 0;
+    points.retain(|_| {
+        index += 1;
+        !removed.contains(&(index - 1))
+    });
+    points.extend(added);
+}

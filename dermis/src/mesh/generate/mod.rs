@@ -1,0 +1,123 @@
+//! Meshes made from a design: cylinder, disk, rectangle.
+//!
+//! The body is unrolled; its edges and the electrodes' outlines are divided into edges as long as the [sizing](sizing)
+//! wants; points are laid between them and relaxed on their Delaunay triangulation. All of it is deterministic.
+
+mod domain;
+mod fill;
+mod layout;
+mod outline;
+mod sizing;
+mod triangulate;
+
+use crate::design::{Body, MeshOptions, SkinDesign};
+use crate::geom::vector::Point2;
+use crate::mesh::{Cells, ElectrodePatch, Mesh, MeshError, import};
+use domain::Domain;
+use layout::{Layout, Marking};
+use outline::Outline;
+use sizing::Sizing;
+use std::collections::HashMap;
+
+/// A skin with more nodes than this is a mistake in its options: no solver of this crate would finish on it.
+const NODES_AT_MOST: f64 = 2e6;
+
+impl Mesh {
+    /// The mesh of a design: a cylinder, disk or rectangle as fine as it says, a mesh file's as it is.
+    ///
+    /// # Errors
+    /// Electrodes or options that no mesh can be made for; a file that holds no usable mesh.
+    pub fn generate(design: &SkinDesign) -> Result<Self, MeshError> {
+        match (&design.body, Domain::new(&design.body)) {
+            (_, Some(domain)) => lay(&domain, design, &design.mesh),
+            (Body::Mesh { path, unit_m }, None) => import::load(path, *unit_m),
+            (_, None) => unreachable!("every body that is not a file can be unrolled"),
+        }
+    }
+}
+
+fn lay(domain: &Domain, design: &SkinDesign, options: &MeshOptions) -> Result<Mesh, MeshError> {
+    let smallest = domain.area() / (options.max_edge_m * options.max_edge_m);
+    if smallest > NODES_AT_MOST {
+        return Err(MeshError::Generate(format!(
+            "edges of {} m make a mesh of more than {smallest:.0} nodes: make max_edge_m longer",
+            options.max_edge_m
+        )));
+    }
+    let outlines = design
+        .electrodes
+        .iter()
+        .enumerate()
+        .map(|(index, electrode)| {
+            Outline::new(domain, electrode, options.electrode_edge_m).ok_or_else(|| {
+                MeshError::Generate(format!("electrode {index} is a group of a mesh file, but the body is not a file"))
+            })
+        })
+        .collect::<Result<Vec<_>, _>>()?;
+    let sizing = Sizing::new(domain, &outlines, options);
+    let layout = Layout::new(domain, &outlines, &sizing)?;
+    let mut points = layout.points.clone();
+    let fixed = points.len();
+    fill::fill(domain, &sizing, &mut points);
+    let triangles = fill::relax(domain, &sizing, &mut points, fixed, &layout.constraints, options.max_edge_m)?;
+    Ok(assemble(domain, &points, triangles, &layout.electrodes))
+}
+
+fn assemble(domain: &Domain, points: &[Point2], triangles: Vec<[usize; 3]>, markings: &[Marking]) -> Mesh {
+    let neighbours = Neighbours::new(&triangles);
+    let electrodes = markings
+        .iter()
+        .map(|marking| match marking {
+            Marking::Inside(outline) => ElectrodePatch::Cells(neighbours.inside(outline)),
+            Marking::Along(edges) => ElectrodePatch::Edges(edges.clone()),
+            Marking::At(node) => ElectrodePatch::Node(*node),
+        })
+        .collect();
+    Mesh {
+        nodes: points.iter().map(|&point| domain.roll(point)).collect(),
+        cells: Cells::Triangles(triangles),
+        electrodes,
+        regions: Vec::new(),
+    }
+}
+
+/// The triangle on the left of every directed edge.
+struct Neighbours<'a> {
+    triangles: &'a [[usize; 3]],
+    left_of: HashMap<[usize; 2], usize>,
+}
+
+impl<'a> Neighbours<'a> {
+    fn new(triangles: &'a [[usize; 3]]) -> Self {
+        let mut left_of = HashMap::with_capacity(3 * triangles.len());
+        for (index, &[a, b, c]) in triangles.iter().enumerate() {
+            for edge in [[a, b], [b, c], [c, a]] {
+                left_of.insert(edge, index);
+            }
+        }
+        Neighbours { triangles, left_of }
+    }
+
+    /// The triangles on the left of an outline, up to it.
+    fn inside(&self, outline: &[[usize; 2]]) -> Vec<usize> {
+        let walls: std::collections::HashSet<[usize; 2]> =
+            outline.iter().flat_map(|&[a, b]| [[a, b], [b, a]]).collect();
+        let mut found: Vec<usize> = Vec::new();
+        let mut stack: Vec<usize> = outline.iter().filter_map(|edge| self.left_of.get(edge).copied()).collect();
+        let mut seen = std::collections::HashSet::new();
+        while let Some(triangle) = stack.pop() {
+            if !seen.insert(triangle) {
+                continue;
+            }
+            found.push(triangle);
+            let [a, b, c] = self.triangles[triangle];
+            for [from, to] in [[a, b], [b, c], [c, a]] {
+                if !walls.contains(&[from, to]) {
+                    stack.extend(self.left_of.get(&[to, from]).copied());
+                }
+            }
+        }
+        found.sort_unstable();
+        found
+    }
+}

@@ -1,0 +1,128 @@
+//! How long edges should be, from place to place.
+
+use super::domain::Domain;
+use super::outline::Outline;
+use crate::design::MeshOptions;
+use crate::geom::vector::Point2;
+
+/// Edges on average are this share of the longest allowed: a relaxed mesh has edges up to a fifth longer than its mean.
+const MEAN_OF_LONGEST: f64 = 0.87;
+
+/// Squares of the grid by which electrodes near a point are found.
+const SQUARES: f64 = 4096.0;
+
+/// `h(x) = min(h_max, h_electrode + growth * distance to the nearest electrode outline)`.
+///
+/// Round an electrode of radius `a` the field falls off like `1 / r`, its second derivative like `1 / r^2`; the energy
+/// that linear elements miss is even over the mesh when `h` grows in proportion to `r`, hence the linear growth.
+#[derive(Debug)]
+pub(super) struct Sizing {
+    domain: Domain,
+    features: Vec<Feature>,
+    /// The features that can matter, by square of a grid over the body.
+    nearby: Vec<Vec<usize>>,
+    columns: usize,
+    rows: usize,
+    at_electrode: f64,
+    pub largest: f64,
+    growth: f64,
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Feature {
+    Circle { centre: Point2, radius: f64 },
+    Point { at: Point2 },
+}
+
+impl Sizing {
+    pub fn new(domain: &Domain, outlines: &[Outline], options: &MeshOptions) -> Self {
+        let mut features = Vec::new();
+        let edges = domain.edges();
+        for outline in outlines {
+            match *outline {
+                Outline::Disc { centre, radius, .. } => features.push(Feature::Circle { centre, radius }),
+                Outline::Arc { edge, from, to } => {
+                    features.push(Feature::Point { at: edges[edge].point(from) });
+                    features.push(Feature::Point { at: edges[edge].point(to) });
+                }
+                Outline::Point { at } => features.push(Feature::Point { at }),
+            }
+        }
+        let mut sizing = Sizing {
+            domain: domain.clone(),
+            features,
+            nearby: Vec::new(),
+            columns: 0,
+            rows: 0,
+            at_electrode: options.electrode_edge_m,
+            largest: MEAN_OF_LONGEST * options.max_edge_m,
+            growth: options.growth,
+        };
+        sizing.sort_features();
+        sizing
+    }
+
+    /// Lists for every square of a grid the features within reach of it: beyond, edges are as long as allowed anyway.
+    fn sort_features(&mut self) {
+        let (low, high) = self.domain.bounds();
+        let size = [high[0] - low[0], high[1] - low[1]];
+        let side = (size[0] * size[1] / SQUARES).sqrt();
+        (self.columns, self.rows) = ((size[0] / side).ceil() as usize, (size[1] / side).ceil() as usize);
+        let half_diagonal = 0.5 * (size[0] / self.columns as f64).hypot(size[1] / self.rows as f64);
+        let reach = ((self.largest - self.at_electrode) / self.growth).max(0.0) + half_diagonal;
+        for row in 0..self.rows {
+            for column in 0..self.columns {
+                let centre = [
+                    low[0] + size[0] * (column as f64 + 0.5) / self.columns as f64,
+                    low[1] + size[1] * (row as f64 + 0.5) / self.rows as f64,
+                ];
+                let near = |&feature: &usize| self.distance(feature, centre) <= reach;
+                self.nearby.push((0..self.features.len()).filter(near).collect());
+            }
+        }
+    }
+
+    fn distance(&self, feature: usize, point: Point2) -> f64 {
+        match self.features[feature] {
+            Feature::Circle { centre, radius } => (self.domain.distance(point, centre) - radius).abs(),
+            Feature::Point { at } => self.domain.distance(point, at),
+        }
+    }
+
+    fn square(&self, point: Point2) -> usize {
+        let (low, high) = self.domain.bounds();
+        let index = |axis: usize, count: usize| {
+            let share = (point[axis] - low[axis]) / (high[axis] - low[axis]);
+            ((share * count as f64).max(0.0) as usize).min(count - 1)
+        };
+        index(1, self.rows) * self.columns + index(0, self.columns)
+    }
+
+    /// The edge length wanted at a point.
+    pub fn at(&self, point: Point2) -> f64 {
+        let nearby = &self.nearby[self.square(self.domain.wrap(point))];
+        let distance = nearby.iter().map(|&feature| self.distance(feature, point)).fold(f64::INFINITY, f64::min);
+        (self.at_electrode + self.growth * distance).min(self.largest)
+    }
+
+    /// Divides `from..to` of a curve into parts as long as wanted, at least one; the inner division points.
+    pub fn divide(&self, from: f64, to: f64, point: impl Fn(f64) -> Point2) -> Vec<f64> {
+        let samples = (8.0 * (to - from) / self.at_electrode.min(to - from)).ceil() as usize;
+        let place = |k: usize| from + (to - from) * k as f64 / samples as f64;
+        let mut count = vec![0.0];
+        for k in 0..samples {
+            let middle = 0.5 * (place(k) + place(k + 1));
+            count.push(count[k] + (place(k + 1) - place(k)) / self.at(point(middle)));
+        }
+        let total = count[samples];
+        let parts = total.round().max(1.0) as usize;
+        (1..parts)
+            .map(|part| {
+                let wanted = total * part as f64 / parts as f64;
+                let k = count.partition_point(|&reached| reached < wanted).clamp(1, samples);
+                let t = (wanted - count[k - 1]) / (count[k] - count[k - 1]);
+                place(k - 1) + t * (place(k) - place(k - 1))
+            })
+            .collect()
+    }
+}
