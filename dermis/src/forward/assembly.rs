@@ -6,6 +6,9 @@ use crate::geom::vector::{distance, triangle_area};
 use crate::mesh::{ElectrodePatch, Mesh};
 use std::collections::BTreeMap;
 
+/// One entry while it is gathered: its fixed part, and cells with their coefficients.
+type Entry = (f64, Vec<(usize, f64)>);
+
 /// Not a node of the system's interior.
 const UNSET: usize = usize::MAX;
 
@@ -25,7 +28,7 @@ pub(super) struct Assembly {
 impl Assembly {
     pub fn new(mesh: &Mesh, contact_impedances: &[f64]) -> Result<Self, ForwardError> {
         let (unknown_of_node, unknown_count) = number_unknowns(mesh)?;
-        let mut entries: BTreeMap<[usize; 2], (f64, Vec<(usize, f64)>)> = BTreeMap::new();
+        let mut entries: BTreeMap<[usize; 2], Entry> = BTreeMap::new();
         for unknown in 0..unknown_count {
             entries.insert([unknown, unknown], (0.0, Vec::new()));
         }
@@ -49,11 +52,7 @@ impl Assembly {
         Ok(Self::from_map(unknown_of_node, unknown_count, entries))
     }
 
-    fn from_map(
-        unknown_of_node: Vec<usize>,
-        unknown_count: usize,
-        map: BTreeMap<[usize; 2], (f64, Vec<(usize, f64)>)>,
-    ) -> Self {
+    fn from_map(unknown_of_node: Vec<usize>, unknown_count: usize, map: BTreeMap<[usize; 2], Entry>) -> Self {
         let (mut entries, mut fixed, mut starts, mut terms) = (Vec::new(), Vec::new(), vec![0], Vec::new());
         for (entry, (constant, list)) in map {
             entries.push(entry);
@@ -120,7 +119,7 @@ pub(super) fn patch_parts(mesh: &Mesh, patch: &ElectrodePatch) -> Vec<(Vec<usize
 
 /// Adds `integral of (u - U)^2 / z` over one simplex of a patch.
 fn add_contact(
-    entries: &mut BTreeMap<[usize; 2], (f64, Vec<(usize, f64)>)>,
+    entries: &mut BTreeMap<[usize; 2], Entry>,
     unknown_of_node: &[usize],
     electrode: usize,
     corners: &[usize],
