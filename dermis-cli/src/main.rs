@@ -3,6 +3,9 @@
 mod command;
 mod console;
 mod failure;
+mod frames;
+mod method;
+mod skin;
 
 use clap::Parser;
 use std::process::ExitCode;

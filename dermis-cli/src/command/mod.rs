@@ -1,6 +1,12 @@
 //! The commands: each a module with its arguments and what it does with them.
 
+mod contacts;
+mod evaluate;
+mod forward;
+mod jacobian;
+mod mesh;
 mod new;
+mod reconstruct;
 mod schema;
 
 use crate::failure::Outcome;
@@ -9,6 +15,18 @@ use clap::Subcommand;
 /// What to do.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// Make the mesh of a design, write it and report on it.
+    Mesh(mesh::Arguments),
+    /// Solve for the frames of given conductivities.
+    Forward(forward::Arguments),
+    /// Write the derivative of a frame by the conductivity.
+    Jacobian(jacobian::Arguments),
+    /// Make images from frames.
+    Reconstruct(reconstruct::Arguments),
+    /// Find the contacts in frames.
+    Contacts(contacts::Arguments),
+    /// Score contacts against what truly touched the skin.
+    Evaluate(evaluate::Arguments),
     /// Write a commented design file to start from.
     New(new::Arguments),
     /// Print the JSON schema of design files.
@@ -19,6 +37,12 @@ impl Command {
     /// Does it.
     pub fn run(self) -> Outcome {
         match self {
+            Command::Mesh(arguments) => arguments.run(),
+            Command::Forward(arguments) => arguments.run(),
+            Command::Jacobian(arguments) => arguments.run(),
+            Command::Reconstruct(arguments) => arguments.run(),
+            Command::Contacts(arguments) => arguments.run(),
+            Command::Evaluate(arguments) => arguments.run(),
             Command::New(arguments) => arguments.run(),
             Command::Schema => schema::run(),
         }

@@ -25,7 +25,12 @@ enum BodyKind {
     Cylinder,
     Disk,
     Rectangle,
+    /// A body of any shape, from a file: a forearm, whose file is written beside.
+    Mesh,
 }
+
+/// The body of the design that `dermis new mesh` writes.
+const FOREARM: (&str, &[u8]) = ("forearm.stl", include_bytes!("../../../data/bodies/forearm.stl"));
 
 impl BodyKind {
     fn template(self) -> (&'static str, &'static str) {
@@ -33,6 +38,7 @@ impl BodyKind {
             BodyKind::Cylinder => ("cylinder", include_str!("new/cylinder.toml")),
             BodyKind::Disk => ("disk", include_str!("new/disk.toml")),
             BodyKind::Rectangle => ("rectangle", include_str!("new/rectangle.toml")),
+            BodyKind::Mesh => ("mesh", include_str!("new/mesh.toml")),
         }
     }
 }
@@ -42,11 +48,17 @@ impl Arguments {
     pub fn run(self) -> Outcome {
         let (name, text) = self.body.template();
         let path = self.output.unwrap_or_else(|| format!("{name}.toml").into());
-        if !self.force && path.is_file() {
-            let message = format!("{} is there already", path.display());
-            return Err(Failure::given(message, Some("choose another file with -o, or replace it with --force")));
+        let mut files = vec![(path.clone(), text.as_bytes())];
+        if let BodyKind::Mesh = self.body {
+            files.push((path.with_file_name(FOREARM.0), FOREARM.1));
         }
-        write_whole(&path, |writer| writer.write_all(text.as_bytes()))?;
+        if let Some((there, _)) = files.iter().find(|(path, _)| !self.force && path.is_file()) {
+            let message = format!("{} is there already", there.display());
+            return Err(Failure::given(message, Some("choose another place with -o, or replace it with --force")));
+        }
+        for (path, content) in files {
+            write_whole(&path, |writer| writer.write_all(content))?;
+        }
         print(&format!("wrote {0}\nnext: dermis mesh {0} -o skin.vtu\n", path.display()))
     }
 }

@@ -1,0 +1,49 @@
+//! `dermis reconstruct`: frames to images.
+
+use crate::console::print;
+use crate::failure::Outcome;
+use crate::frames::FrameArguments;
+use crate::method::MethodArguments;
+use crate::skin::{Per, Skin};
+use clap::Args;
+use dermis::frame::write_array;
+use std::path::PathBuf;
+
+/// The arguments of `dermis reconstruct`.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// The design: a path, or a shipped name.
+    design: String,
+    #[command(flatten)]
+    frames: FrameArguments,
+    #[command(flatten)]
+    method: MethodArguments,
+    /// What an image has a value for.
+    #[arg(long, value_enum, default_value_t = Per::Pixel)]
+    per: Per,
+    /// The images to write: NPY or NPZ of frames x rows x columns (NaN outside the body) or frames x cells; CSV with a
+    /// row per image.
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+}
+
+impl Arguments {
+    /// Makes the images and writes them.
+    pub fn run(self) -> Outcome {
+        let skin = Skin::load(&self.design)?;
+        let differences = self.frames.read(&skin.design.protocol)?;
+        let method = self.method.prepare(&skin, self.per, &differences)?;
+        let images = method.images(&differences.frames)?;
+        let space = method.reconstruct.pixels();
+        let mut shape = vec![images.len()];
+        match space.grid {
+            Some([rows, columns]) => shape.extend([rows, columns]),
+            None => shape.push(space.len()),
+        }
+        let values: Vec<f64> = images.iter().flat_map(|image| image.to_grid()).collect();
+        write_array(&self.output, "images", &shape, &values)?;
+        let sizes: Vec<String> = shape.iter().map(usize::to_string).collect();
+        let alpha = method.alpha.map(|alpha| format!(", alpha {alpha:.4}")).unwrap_or_default();
+        print(&format!("{}: {} ({}{alpha})\n", self.output.display(), sizes.join(" x "), method.reconstruct.name()))
+    }
+}

@@ -1,0 +1,356 @@
+//! The commands as others script against them: shapes of results, exit codes, messages.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use tempfile::TempDir;
+
+/// A folder to work in, with a small skin `disk.toml` in it: 8 points on a rim, 8 x 5 = 40 values, 8 x 8 pixels.
+struct Workplace {
+    folder: TempDir,
+}
+
+const DISK: &str = r#"
+[body.disk]
+diameter_m = 0.1
+[sheet]
+sheet_resistance_ohm = 1000
+touch = "conductance_rises"
+[electrodes]
+shape.arc.length_m = 0.005
+contact_impedance_ohm_m = 0.01
+layout.rim.count = 8
+[protocol]
+pattern = "adjacent_undriven"
+[image.grid]
+rows = 8
+columns = 8
+[mesh]
+max_edge_m = 0.01
+electrode_edge_m = 0.0025
+"#;
+
+const VALUES: usize = 40;
+
+impl Workplace {
+    fn new() -> Self {
+        let workplace = Workplace { folder: tempfile::tempdir().unwrap() };
+        workplace.write("disk.toml", DISK);
+        workplace
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn write(&self, name: &str, content: impl AsRef<[u8]>) -> PathBuf {
+        std::fs::write(self.path(name), content).unwrap();
+        self.path(name)
+    }
+
+    fn run(&self, arguments: &str) -> Output {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_dermis"));
+        command.args(arguments.split_whitespace()).current_dir(self.folder.path());
+        // Colours and wrapped lines would depend on where the test runs.
+        command.env("NO_COLOR", "1").output().unwrap()
+    }
+
+    /// Runs a command that must succeed; what it prints.
+    fn good(&self, arguments: &str) -> String {
+        let output = self.run(arguments);
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "dermis {arguments}: {stderr}");
+        assert_eq!(stderr, "", "nothing but results is said where no terminal listens");
+        String::from_utf8(output.stdout).unwrap()
+    }
+
+    /// Runs a command that must refuse what it is given; what it says, on one line.
+    fn refused(&self, arguments: &str) -> String {
+        let output = self.run(arguments);
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "dermis {arguments}: {stderr}");
+        let words: Vec<&str> = stderr.split_whitespace().filter(|word| *word != "│").collect();
+        words.join(" ")
+    }
+
+    /// Frames of the small skin: an untouched one, and one for each of a few conductivities.
+    fn frames(&self) {
+        self.good("forward disk.toml -o rest.csv");
+        let cells = self.cell_count();
+        let touched = |from: usize| {
+            let value = |cell: usize| if (from..from + 3).contains(&cell) { "1.5e-3" } else { "1e-3" };
+            (0..cells).map(value).collect::<Vec<_>>().join(",")
+        };
+        self.write("cells.csv", format!("{}\n{}\n", touched(10), touched(40)));
+        self.good("forward disk.toml --conductivity cells.csv -o frames.csv");
+    }
+
+    fn cell_count(&self) -> usize {
+        let matrix = read_npy_shape(&self.npy("jacobian disk.toml --per cell -o per_cell.npy", "per_cell.npy"));
+        matrix[1]
+    }
+
+    fn npy(&self, arguments: &str, name: &str) -> PathBuf {
+        self.good(arguments);
+        self.path(name)
+    }
+}
+
+/// The shape that an NPY file states.
+fn read_npy_shape(path: &Path) -> Vec<usize> {
+    let bytes = std::fs::read(path).unwrap();
+    let header = String::from_utf8_lossy(&bytes[..128]).into_owned();
+    assert!(header.contains("'descr': '<f8'"), "{header}");
+    let shape = header.split_once("'shape': (").unwrap().1.split_once(')').unwrap().0;
+    let shape: Vec<usize> =
+        shape.split(',').filter(|side| !side.trim().is_empty()).map(|side| side.trim().parse().unwrap()).collect();
+    let header_length = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+    assert_eq!(header_length % 64, 0);
+    assert_eq!(bytes.len() - header_length, 8 * shape.iter().product::<usize>());
+    shape
+}
+
+/// The numbers of a CSV file.
+fn read_csv(path: &Path) -> Vec<Vec<f64>> {
+    let text = std::fs::read_to_string(path).unwrap();
+    text.lines().map(|line| line.split(',').map(|field| field.parse().unwrap()).collect()).collect()
+}
+
+#[test]
+fn results_have_the_shapes_that_scripts_expect() {
+    let at = Workplace::new();
+    at.frames();
+    assert!(at.good("mesh disk.toml -o m.vtu").contains("nodes"));
+    for mesh in ["m.msh", "m.stl"] {
+        at.good(&format!("mesh disk.toml -o {mesh}"));
+        assert!(at.path(mesh).is_file());
+    }
+    let frames = read_csv(&at.path("frames.csv"));
+    assert_eq!((frames.len(), frames[0].len()), (2, VALUES));
+    let cells = at.cell_count();
+    let pixels = read_npy_shape(&at.npy("jacobian disk.toml -o j.npy", "j.npy"));
+    assert_eq!(pixels[0], VALUES);
+    assert!(pixels[1] > 40 && pixels[1] <= 64, "the pixels that overlap the disk: {}", pixels[1]);
+    let input = "disk.toml --frames frames.csv --baseline rest.csv";
+    let images = at.npy(&format!("reconstruct {input} -o images.npy"), "images.npy");
+    assert_eq!(read_npy_shape(&images), [2, 8, 8]);
+    let images = at.npy(&format!("reconstruct {input} --per cell --alpha 0.1 -o cells.npy"), "cells.npy");
+    assert_eq!(read_npy_shape(&images), [2, cells]);
+    at.good(&format!("reconstruct {input} -o images.csv"));
+    let images = read_csv(&at.path("images.csv"));
+    assert_eq!((images.len(), images[0].len()), (2, 64));
+    assert!(images[0][0].is_nan() && images[0][28].is_finite(), "NaN outside the disk, numbers inside");
+    at.good(&format!("contacts {input} -o contacts.csv"));
+    let contacts = std::fs::read_to_string(at.path("contacts.csv")).unwrap();
+    let header = "frame,id,x_m,y_m,z_m,theta_rad,nx,ny,nz,area_m2,strength,confidence,sd_m\n";
+    assert!(contacts.starts_with(header), "{contacts}");
+    let first: Vec<&str> = contacts.lines().nth(1).expect("a contact").split(',').collect();
+    assert_eq!((first.len(), first[5]), (13, ""), "theta is empty off cylinders");
+}
+
+#[test]
+fn every_format_holds_the_same_frames() {
+    let at = Workplace::new();
+    at.frames();
+    for name in ["frames.npy", "frames.npz"] {
+        at.good(&format!("forward disk.toml --conductivity cells.csv -o {name}"));
+        at.good(&format!("reconstruct disk.toml --frames {name} --baseline rest.csv -o {name}.csv"));
+    }
+    at.good("reconstruct disk.toml --frames frames.csv --baseline rest.csv -o csv.csv");
+    let expected = std::fs::read(at.path("csv.csv")).unwrap();
+    assert_eq!(std::fs::read(at.path("frames.npy.csv")).unwrap(), expected);
+    assert_eq!(std::fs::read(at.path("frames.npz.csv")).unwrap(), expected);
+}
+
+#[test]
+fn differences_are_taken_as_they_are() {
+    let at = Workplace::new();
+    at.frames();
+    let rest = &read_csv(&at.path("rest.csv"))[0];
+    let rows: Vec<String> = read_csv(&at.path("frames.csv"))
+        .iter()
+        .map(|frame| frame.iter().zip(rest).map(|(a, b)| format!("{:?}", a - b)).collect::<Vec<_>>().join(","))
+        .collect();
+    at.write("differences.csv", rows.join("\r\n"));
+    at.good("reconstruct disk.toml --frames frames.csv --baseline rest.csv --alpha 0.1 -o a.csv");
+    at.good("reconstruct disk.toml --frames differences.csv --difference --alpha 0.1 -o b.csv");
+    assert_eq!(std::fs::read(at.path("a.csv")).unwrap(), std::fs::read(at.path("b.csv")).unwrap());
+    let both = at.refused("reconstruct disk.toml --frames frames.csv --baseline rest.csv --difference -o c.csv");
+    assert!(both.contains("cannot be used with"), "{both}");
+    let neither = at.refused("reconstruct disk.toml --frames frames.csv -o c.csv");
+    assert!(neither.contains("--baseline"), "{neither}");
+}
+
+#[test]
+fn alpha_is_a_number_or_a_rule() {
+    let at = Workplace::new();
+    at.frames();
+    let run = |alpha: &str| format!("reconstruct disk.toml --frames frames.csv --baseline rest.csv {alpha} -o a.csv");
+    for alpha in ["--alpha 0.1", "--alpha auto", "--alpha noise-figure:0.7", "--alpha noise-figure"] {
+        at.good(&run(alpha));
+    }
+    // These two look at the frames, which need some noise for an alpha to be best.
+    let noisy: Vec<String> = read_csv(&at.path("frames.csv"))
+        .iter()
+        .map(|frame| {
+            let noise = |channel: usize| 0.002 * ((channel * 7919) % 101) as f64 - 0.1;
+            let row = frame.iter().enumerate().map(|(channel, value)| format!("{}", value + noise(channel)));
+            row.collect::<Vec<_>>().join(",")
+        })
+        .collect();
+    at.write("noisy.csv", noisy.join("\n"));
+    for alpha in ["l-curve", "gcv"] {
+        at.good(&format!("reconstruct disk.toml --frames noisy.csv --baseline rest.csv --alpha {alpha} -o b.csv"));
+    }
+    at.good(&run("--alpha-absolute 0.1"));
+    let absolute = std::fs::read(at.path("a.csv")).unwrap();
+    at.good(&run("--alpha 0.1 --alpha-absolute"));
+    assert_eq!(std::fs::read(at.path("a.csv")).unwrap(), absolute);
+    for wrong in ["--alpha -1", "--alpha 0", "--alpha nan", "--alpha much", "--alpha noise-figure:x"] {
+        at.refused(&run(wrong));
+    }
+    assert!(at.refused(&run("--alpha-absolute")).contains("--alpha-absolute needs a number"));
+    assert!(at.refused(&run("--alpha 1 --alpha-absolute 2")).contains("two alphas"));
+}
+
+#[test]
+fn methods_are_told_apart() {
+    let at = Workplace::new();
+    at.frames();
+    for method in ["noser", "tikhonov", "laplace"] {
+        at.good(&format!(
+            "reconstruct disk.toml --frames frames.csv --baseline rest.csv --method {method} --alpha 0.1 -o {method}.csv"
+        ));
+    }
+    let image = |name: &str| std::fs::read(at.path(name)).unwrap();
+    assert_ne!(image("noser.csv"), image("tikhonov.csv"));
+    assert_ne!(image("noser.csv"), image("laplace.csv"));
+    let wrong = at.refused("reconstruct disk.toml --frames frames.csv --baseline rest.csv --method noise -o a.csv");
+    assert!(wrong.contains("noser"), "{wrong}");
+}
+
+#[test]
+fn an_evaluation_is_a_table_or_json() {
+    let at = Workplace::new();
+    at.frames();
+    at.write("truth.csv", "frame,x_m,y_m,force_n\n0,0.01,0.02,2\n1,-0.02,0,1\n");
+    let input = "evaluate disk.toml --frames frames.csv --baseline rest.csv --truth truth.csv";
+    assert!(at.good(input).contains("mm"));
+    let json: serde_json::Value = serde_json::from_str(&at.good(&format!("{input} --json"))).unwrap();
+    assert_eq!(json["presses"], 2);
+    for key in ["misses", "ghosts", "localisation_m", "eq11_m", "sensitivity_spread", "method", "alpha"] {
+        assert!(json.get(key).is_some(), "{key}");
+    }
+    for key in ["mean", "sd", "median", "p95"] {
+        assert!(json["eq11_m"][key].is_number(), "{key}");
+    }
+    at.write("truth.csv", "frame,x_m,y_m\n0,0,0\n2,0,0\n");
+    assert!(at.refused(input).contains("truth.csv, row 3, column 1: frame 2, but the frames are 0 to 1"));
+}
+
+#[test]
+fn a_new_design_is_read_and_meshed_as_it_is() {
+    let at = Workplace { folder: tempfile::tempdir().unwrap() };
+    for body in ["cylinder", "disk", "rectangle", "mesh"] {
+        at.good(&format!("new {body}"));
+        at.good(&format!("mesh {body}.toml -o {body}.vtu"));
+    }
+    assert!(at.refused("new disk").contains("is there already"));
+    at.good("new disk --force");
+    at.good("new disk -o other.toml");
+    assert!(at.path("other.toml").is_file());
+}
+
+#[test]
+fn the_schema_is_json() {
+    let schema: serde_json::Value = serde_json::from_str(&Workplace::new().good("schema")).unwrap();
+    assert!(schema["properties"]["electrodes"].is_object());
+}
+
+#[test]
+fn a_wrong_design_is_shown_with_its_line() {
+    let at = Workplace::new();
+    let refused = |from: &str, to: &str| {
+        at.write("bad.toml", DISK.replace(from, to));
+        at.refused("mesh bad.toml -o m.vtu")
+    };
+    let message = refused("diameter_m", "diametre_m");
+    assert!(message.contains("unknown field `diametre_m`") && message.contains("bad.toml:3:1"), "{message}");
+    assert!(message.contains("help: did you mean `diameter_m`?"), "{message}");
+    assert!(refused("diameter_m = 0.1", "diameter_mm = 100").contains("bad.toml:3:1"));
+    assert!(refused("diameter_m = 0.1", "diameter_m = \"0.1 m\"").contains("invalid type: string"));
+    assert!(refused("diameter_m = 0.1", "diameter_m = 100").contains("lengths are in metres"));
+    assert!(refused("count = 8", "count = 3").contains("3 electrodes are too few"));
+    assert!(refused("length_m = 0.005", "length_m = 0.05").contains("electrodes 0 and 1 overlap"));
+    assert!(refused("touch = \"conductance_rises\"", "").contains("missing field `touch`"));
+    assert!(!at.path("m.vtu").exists());
+    let message = at.refused("mesh cylinder31 -o m.vtu");
+    assert!(message.contains("did you mean `cylinder30`?"), "{message}");
+    at.write("bad.toml", [0xff, 0xfe, 0x00]);
+    assert!(at.refused("mesh bad.toml -o m.vtu").contains("bad.toml"));
+}
+
+#[test]
+fn a_protocol_must_fit_the_electrodes_and_the_frames() {
+    let at = Workplace::new();
+    at.frames();
+    let refused = |rows: &str| {
+        at.write("channels.csv", format!("channel,drive_source,drive_sink,measure_plus,measure_minus\n{rows}"));
+        at.write("bad.toml", DISK.replace("pattern = \"adjacent_undriven\"", "pattern.table = \"channels.csv\""));
+        at.refused("reconstruct bad.toml --frames frames.csv --baseline rest.csv -o a.csv")
+    };
+    assert!(refused("0,0,1,2,8\n").contains("channel 0 names electrode 8"));
+    assert!(refused("0,3,3,1,2\n").contains("drives electrode 3 against itself"));
+    assert!(refused("0,0,1,2,3\n").contains("too many values: 40, but frames of this protocol have 1"));
+}
+
+#[test]
+fn bad_frames_are_named_by_row_and_column() {
+    let at = Workplace::new();
+    at.frames();
+    let good = vec!["1"; VALUES].join(",");
+    let refused = |frames: String| {
+        at.write("bad.csv", frames);
+        at.refused("reconstruct disk.toml --frames bad.csv --difference -o a.csv")
+    };
+    assert!(refused(String::new()).contains("bad.csv: the file is empty"));
+    assert!(refused(format!("{good}\n{good},1\n")).contains("bad.csv, row 2: too many values: 41"));
+    assert!(refused("1,2\n".into()).contains("bad.csv, row 1: too few values: 2"));
+    assert!(
+        refused(format!("{good}\n{}\n", good.replacen('1', "nan", 1))).contains("row 2, column 1: the value is NaN")
+    );
+    assert!(
+        refused(format!("{good}\n{}\n", good.replacen('1', "inf", 1))).contains("row 2, column 1: the value is inf")
+    );
+    assert!(
+        refused(format!("{good}\n{}\n", good.replacen('1', "open", 1)))
+            .contains("row 2, column 1: `open` is no number")
+    );
+    at.write("mark.csv", format!("\u{feff}{good}\r\n{good}\r\n"));
+    at.good("reconstruct disk.toml --frames mark.csv --difference -o a.csv");
+}
+
+#[test]
+fn bad_conductivities_are_named_by_their_cell() {
+    let at = Workplace::new();
+    let cells = at.cell_count();
+    for (value, said) in [("0", "is 0"), ("-1", "is -1"), ("nan", "is NaN")] {
+        let mut row = vec!["1e-3"; cells];
+        row[7] = value;
+        at.write("cells.csv", row.join(","));
+        let message = at.refused("forward disk.toml --conductivity cells.csv -o f.csv");
+        assert!(message.contains(&format!("the conductivity of cell 7 {said}")), "{message}");
+    }
+    at.write("cells.csv", "1,1\n1,1\n");
+    assert!(at.refused("forward disk.toml --conductivity cells.csv -o f.csv").contains("too few values: 2"));
+    assert!(!at.path("f.csv").exists());
+}
+
+#[test]
+fn results_that_cannot_be_written_are_said() {
+    let at = Workplace::new();
+    assert!(at.refused("forward disk.toml -o no/such/folder.csv").contains("no/such/folder.csv"));
+    assert!(at.refused("mesh disk.toml -o mesh.xyz").contains(".vtu, .msh or .stl"));
+    if cfg!(target_os = "linux") {
+        assert!(at.refused("forward disk.toml -o /dev/full").contains("/dev/full: No space left"));
+    }
+}
