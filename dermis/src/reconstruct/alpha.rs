@@ -1,8 +1,9 @@
 //! How strongly the prior counts: rules that choose alpha, none of which needs a label.
 
 use crate::image::PixelSpace;
+use crate::reconstruct::channels::Channels;
 use crate::reconstruct::noise_figure;
-use crate::reconstruct::one_step::{Channels, OneStepOptions};
+use crate::reconstruct::one_step::OneStepOptions;
 use crate::reconstruct::system::System;
 use crate::reconstruct::{ReconstructError, check_finite};
 use faer::{Mat, Side};
@@ -54,7 +55,7 @@ pub(crate) fn choose(
     Ok((mu / scale).sqrt())
 }
 
-fn positive(what: &str, value: f64) -> Result<f64, ReconstructError> {
+pub(crate) fn positive(what: &str, value: f64) -> Result<f64, ReconstructError> {
     if value.is_finite() && value > 0.0 {
         Ok(value)
     } else {
@@ -62,7 +63,7 @@ fn positive(what: &str, value: f64) -> Result<f64, ReconstructError> {
     }
 }
 
-/// The `mu` at which the noise figure is `wanted`, to 1e-9 of itself; it falls as `mu` rises.
+/// The `mu` at which the noise figure of the options' target is `wanted`.
 fn mu_at_noise_figure(
     system: &System,
     scale: f64,
@@ -71,10 +72,19 @@ fn mu_at_noise_figure(
     options: &OneStepOptions,
 ) -> Result<f64, ReconstructError> {
     let figure = NoiseFigure::new(system, pixels, &options.target)?;
-    let gap = |log_mu: f64| Ok::<f64, ReconstructError>(figure.at(log_mu.exp())?.ln() - wanted.ln());
-    // From alpha = 0.1 outwards, a factor of ten in mu a step.
+    // From alpha = 0.1 outwards.
+    mu_where(&|mu| figure.at(mu), wanted, 0.01 * scale)
+}
+
+/// The `mu` at which a noise figure is `wanted`, to 1e-9 of itself, looked for from `start` outwards; it falls as `mu` rises.
+pub(crate) fn mu_where(
+    noise_figure: &impl Fn(f64) -> Result<f64, ReconstructError>,
+    wanted: f64,
+    start: f64,
+) -> Result<f64, ReconstructError> {
+    let gap = |log_mu: f64| Ok::<f64, ReconstructError>(noise_figure(log_mu.exp())?.ln() - wanted.ln());
     let step = 10.0_f64.ln();
-    let (mut low, mut high) = ((0.01 * scale).ln(), (0.01 * scale).ln());
+    let (mut low, mut high) = (start.ln(), start.ln());
     let (mut gap_low, mut gap_high) = (gap(low)?, gap(high)?);
     for _ in 0..16 {
         if gap_low >= 0.0 && gap_high <= 0.0 {

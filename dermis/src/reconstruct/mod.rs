@@ -1,19 +1,29 @@
 //! From a frame's difference to an image.
 
 mod alpha;
+mod channels;
+mod gauss_newton;
+mod greit;
 mod linearised;
+mod merit;
 mod noise_figure;
 mod one_step;
 mod prior;
 mod system;
 #[cfg(test)]
 mod testing;
+mod total_variation;
 
 pub use alpha::Alpha;
+pub use channels::Difference;
+pub use gauss_newton::{GaussNewton, GaussNewtonOptions, Solution};
+pub use greit::{Greit, GreitOptions};
 pub use linearised::Linearised;
+pub use merit::{FiguresOfMerit, figures_of_merit};
 pub use noise_figure::noise_figure;
-pub use one_step::{Difference, OneStep, OneStepOptions};
+pub use one_step::{OneStep, OneStepOptions};
 pub use prior::Prior;
+pub use total_variation::{TotalVariation, TotalVariationOptions};
 
 use crate::frame::Frame;
 use crate::image::{Image, PixelSpace};

@@ -5,26 +5,12 @@ use crate::forward::{ForwardModel, Matrix};
 use crate::frame::Frame;
 use crate::image::PixelSpace;
 use crate::reconstruct::alpha::{self, Alpha};
+use crate::reconstruct::channels::{Channels, Difference};
 use crate::reconstruct::linearised::Linearised;
 use crate::reconstruct::prior::Prior;
 use crate::reconstruct::system::System;
 use crate::reconstruct::{Reconstruct, ReconstructError, check_lengths};
-use faer::{Mat, MatRef};
 use std::sync::Arc;
-
-/// How the differences of the channels are weighed against each other.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Difference {
-    /// As they are, ohm: the noise is alike in every channel.
-    #[default]
-    Plain,
-    /// Divided by the untouched values, and weighted by their squares: the noise is alike in every channel in ohm, and
-    /// only a prior made from the Jacobian feels the division. This is EIDORS's normalised difference.
-    Normalised,
-    /// Divided by the untouched values, and none is trusted more than another: the noise of a channel is proportional
-    /// to its untouched value.
-    NormalisedEven,
-}
 
 /// How a one-step reconstruction is made.
 #[derive(Debug, Clone)]
@@ -99,7 +85,7 @@ impl OneStep {
         options: &OneStepOptions,
     ) -> Result<Self, ReconstructError> {
         model.validate(&pixels)?;
-        let channels = Channels::new(model, options)?;
+        let channels = Channels::new(model, options.difference, &options.excluded)?;
         let absolute = matches!(options.alpha, Alpha::Absolute(_));
         let penalty = {
             let for_prior = channels.jacobian(model, &channels.prior_scale, absolute);
@@ -146,72 +132,6 @@ impl Reconstruct for OneStep {
 
     fn matrix(&self) -> Option<&Matrix> {
         Some(&self.matrix)
-    }
-}
-
-/// The channels in use and what their differences are multiplied by.
-pub(crate) struct Channels {
-    /// Index of each channel in use.
-    pub(crate) kept: Vec<usize>,
-    /// Factor of each channel in use in the data term: the square root of its weight over its normalisation.
-    pub(crate) scale: Vec<f64>,
-    /// Factor of each channel in use in the Jacobian from which the prior is made: its normalisation alone.
-    pub(crate) prior_scale: Vec<f64>,
-}
-
-impl Channels {
-    fn new(model: &Linearised, options: &OneStepOptions) -> Result<Self, ReconstructError> {
-        let count = model.channel_count();
-        if let Some(&channel) = options.excluded.iter().find(|&&channel| channel >= count) {
-            let message = format!("channel {channel} is to be left out, but the frame has {count} values");
-            return Err(ReconstructError::Parameter(message));
-        }
-        let mut keep = vec![true; count];
-        options.excluded.iter().for_each(|&channel| keep[channel] = false);
-        let kept: Vec<usize> = (0..count).filter(|&channel| keep[channel]).collect();
-        if kept.is_empty() {
-            return Err(ReconstructError::Parameter("every channel is left out: keep some".into()));
-        }
-        let ones = vec![1.0; kept.len()];
-        if options.difference == Difference::Plain {
-            return Ok(Channels { kept, scale: ones.clone(), prior_scale: ones });
-        }
-        let inverse = |&channel: &usize| {
-            let value = model.rest_frame[channel];
-            if value != 0.0 && value.is_finite() {
-                Ok(1.0 / value)
-            } else {
-                let message =
-                    format!("a normalised difference divides by the untouched value of channel {channel}, {value}");
-                Err(ReconstructError::Parameter(message))
-            }
-        };
-        let inverses = kept.iter().map(inverse).collect::<Result<Vec<_>, _>>()?;
-        let even = options.difference == Difference::NormalisedEven;
-        Ok(Channels { scale: if even { inverses.clone() } else { ones }, prior_scale: inverses, kept })
-    }
-
-    /// The Jacobian's rows of the channels in use, each by its factor.
-    fn jacobian(&self, model: &Linearised, scale: &[f64], absolute: bool) -> Mat<f64> {
-        let Matrix { rows, columns, ref values } = model.jacobian;
-        let full = MatRef::from_row_major_slice(values, rows, columns);
-        Mat::from_fn(self.kept.len(), columns, |row, pixel| {
-            let value = full[(self.kept[row], pixel)] * scale[row];
-            if absolute { value / model.rest_conductivity[pixel] } else { value }
-        })
-    }
-
-    /// The matrix for whole frames in ohm, giving relative changes that are positive where touched.
-    fn spread(&self, inverse: MatRef<'_, f64>, model: &Linearised, absolute: bool, sign: f64) -> Matrix {
-        let (rows, columns) = (inverse.nrows(), model.channel_count());
-        let mut values = vec![0.0; rows * columns];
-        for (pixel, row) in values.chunks_exact_mut(columns).enumerate() {
-            let unit = if absolute { sign / model.rest_conductivity[pixel] } else { sign };
-            for (at, (&channel, scale)) in self.kept.iter().zip(&self.scale).enumerate() {
-                row[channel] = unit * scale * inverse[(pixel, at)];
-            }
-        }
-        Matrix { rows, columns, values }
     }
 }
 

@@ -53,7 +53,7 @@ impl Prior {
                 let power = |column: usize| jacobian.col(column).squared_norm_l2().powf(exponent);
                 Ok(Penalty::Diagonal((0..count).map(power).collect()))
             }
-            Prior::Laplace => Ok(Penalty::Graph(Graph::new(&pixels.neighbours)?)),
+            Prior::Laplace => Ok(Penalty::Graph(Graph::new(&pixels.neighbours, |_, _| 2.0)?)),
         }
     }
 }
@@ -63,7 +63,7 @@ impl Prior {
 pub(crate) enum Penalty {
     /// A diagonal. A pixel of weight zero is one that no channel sees.
     Diagonal(Vec<f64>),
-    /// Twice a graph's Laplacian.
+    /// A graph's Laplacian.
     Graph(Graph),
 }
 
@@ -71,20 +71,19 @@ impl Penalty {
     pub(crate) fn trace(&self) -> f64 {
         match self {
             Penalty::Diagonal(weights) => weights.iter().sum(),
-            Penalty::Graph(graph) => graph.neighbours.iter().map(|list| 2.0 * list.len() as f64).sum(),
+            Penalty::Graph(graph) => graph.edges.iter().flatten().map(|edge| edge.1).sum(),
         }
     }
 
     /// `R x`.
-    #[cfg(test)]
     pub(crate) fn apply(&self, image: &[f64]) -> Vec<f64> {
         match self {
             Penalty::Diagonal(weights) => weights.iter().zip(image).map(|(w, x)| w * x).collect(),
             Penalty::Graph(graph) => {
-                let difference = |(pixel, list): (usize, &Vec<usize>)| {
-                    list.iter().map(|&other| 2.0 * (image[pixel] - image[other])).sum()
+                let pull = |(pixel, edges): (usize, &Vec<(usize, f64)>)| {
+                    edges.iter().map(|&(other, weight)| weight * (image[pixel] - image[other])).sum()
                 };
-                graph.neighbours.iter().enumerate().map(difference).collect()
+                graph.edges.iter().enumerate().map(pull).collect()
             }
         }
     }
@@ -98,10 +97,10 @@ impl Penalty {
                 }
             }
             Penalty::Graph(graph) => {
-                for (pixel, list) in graph.neighbours.iter().enumerate() {
-                    matrix[(pixel, pixel)] += factor * 2.0 * list.len() as f64;
-                    for &other in list {
-                        matrix[(pixel, other)] -= factor * 2.0;
+                for (pixel, edges) in graph.edges.iter().enumerate() {
+                    for &(other, weight) in edges {
+                        matrix[(pixel, pixel)] += factor * weight;
+                        matrix[(pixel, other)] -= factor * weight;
                     }
                 }
             }
@@ -128,14 +127,15 @@ impl Penalty {
     }
 }
 
-/// The graph of pixels that share an edge.
+/// The graph of pixels that share an edge, with a weight for each edge.
 ///
-/// Its Laplacian is singular: a constant on a connected component costs nothing. With the first pixel of each component
+/// Its Laplacian, `x'Rx = sum over edges of weight (x_i - x_j)^2`, is singular: a constant on a connected component costs nothing. With the first pixel of each component
 /// held at zero the rest is positive definite; the constants are then fitted to the data (see
 /// [`super::system`]).
 #[derive(Debug, Clone)]
 pub(crate) struct Graph {
-    neighbours: Vec<Vec<usize>>,
+    /// For each pixel its neighbours and the weight of the edge between them.
+    edges: Vec<Vec<(usize, f64)>>,
     /// Component of each pixel.
     component: Vec<usize>,
     component_count: usize,
@@ -144,7 +144,11 @@ pub(crate) struct Graph {
 }
 
 impl Graph {
-    fn new(neighbours: &[Vec<usize>]) -> Result<Self, ReconstructError> {
+    /// The graph of the neighbours; `weight` tells the weight of the edge between two pixels and must be symmetric.
+    pub(crate) fn new(
+        neighbours: &[Vec<usize>],
+        weight: impl Fn(usize, usize) -> f64,
+    ) -> Result<Self, ReconstructError> {
         for (pixel, list) in neighbours.iter().enumerate() {
             if let Some(&other) = list.iter().find(|&&o| o >= neighbours.len() || !neighbours[o].contains(&pixel)) {
                 let message =
@@ -153,7 +157,7 @@ impl Graph {
             }
         }
         let mut graph = Graph {
-            neighbours: neighbours.to_vec(),
+            edges: neighbours.iter().map(|list| list.iter().map(|&other| (other, 0.0)).collect()).collect(),
             component: vec![usize::MAX; neighbours.len()],
             component_count: 0,
             free: Vec::with_capacity(neighbours.len()),
@@ -165,9 +169,22 @@ impl Graph {
                 graph.flood(start);
             }
         }
+        graph.reweigh(weight);
         let mut count = 0..;
         graph.free.extend(held.into_iter().map(|is_held| if is_held { None } else { count.next() }));
         Ok(graph)
+    }
+
+    /// The same graph with other weights.
+    pub(crate) fn reweigh(&mut self, weight: impl Fn(usize, usize) -> f64) {
+        for (pixel, edges) in self.edges.iter_mut().enumerate() {
+            edges.iter_mut().for_each(|(other, value)| *value = weight(pixel, *other));
+        }
+    }
+
+    /// For each pixel its neighbours and the weight of the edge between them.
+    pub(crate) fn edges(&self) -> &[Vec<(usize, f64)>] {
+        &self.edges
     }
 
     /// Marks all that hangs together with a pixel as one component.
@@ -175,7 +192,7 @@ impl Graph {
         let mut waiting = vec![start];
         self.component[start] = self.component_count;
         while let Some(pixel) = waiting.pop() {
-            for &other in &self.neighbours[pixel] {
+            for &(other, _) in &self.edges[pixel] {
                 if self.component[other] == usize::MAX {
                     self.component[other] = self.component_count;
                     waiting.push(other);
@@ -185,13 +202,14 @@ impl Graph {
         self.component_count += 1;
     }
 
-    /// The Laplacian, doubled, without the rows and columns of the held pixels.
+    /// The Laplacian without the rows and columns of the held pixels.
     fn factor(&self, free_count: usize) -> Result<Llt<usize, f64>, ReconstructError> {
         let mut entries = Vec::new();
-        for (pixel, list) in self.neighbours.iter().enumerate() {
+        for (pixel, edges) in self.edges.iter().enumerate() {
             let Some(row) = self.free[pixel] else { continue };
-            entries.push(Triplet::new(row, row, 2.0 * list.len() as f64));
-            entries.extend(list.iter().filter_map(|&other| self.free[other]).map(|col| Triplet::new(row, col, -2.0)));
+            entries.push(Triplet::new(row, row, edges.iter().map(|edge| edge.1).sum()));
+            let free = |&(other, weight): &(usize, f64)| Some(Triplet::new(row, self.free[other]?, -weight));
+            entries.extend(edges.iter().filter_map(free));
         }
         SparseColMat::<usize, f64>::try_new_from_triplets(free_count, free_count, &entries)
             .map_err(|error| ReconstructError::Singular(format!("the Laplace prior has no matrix: {error:?}")))?

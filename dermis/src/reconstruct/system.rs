@@ -15,7 +15,7 @@
 use crate::reconstruct::ReconstructError;
 use crate::reconstruct::prior::Penalty;
 use faer::linalg::solvers::{Llt, Solve};
-use faer::{Mat, MatRef, Side};
+use faer::{ColRef, Mat, MatRef, Side};
 
 /// `min |y - J x|^2 + mu x'Rx` with everything prepared that does not depend on `mu`.
 #[derive(Debug, Clone)]
@@ -97,6 +97,33 @@ impl System {
         }
     }
 
+    /// The image of `y` alone, without the whole matrix.
+    pub(crate) fn solve(&self, data: &[f64], mu: f64) -> Result<Vec<f64>, ReconstructError> {
+        let data = ColRef::from_slice(data).as_mat();
+        let image = match &self.form {
+            Form::Parameter { normal } => {
+                let mut matrix = normal.clone();
+                self.penalty.add_to(&mut matrix, mu);
+                cholesky(&matrix, "J'J + mu R", mu)?.solve(self.jacobian.transpose() * data)
+            }
+            Form::Data(form) => form.solve(data, mu)?,
+        };
+        Ok(image.col(0).iter().copied().collect())
+    }
+
+    /// The same data with another penalty.
+    pub(crate) fn set_penalty(&mut self, penalty: Penalty) -> Result<(), ReconstructError> {
+        if let Form::Data(form) = &mut self.form {
+            *form = DataForm::new(self.jacobian.as_ref(), &penalty)?;
+        }
+        self.penalty = penalty;
+        Ok(())
+    }
+
+    pub(crate) fn penalty(&self) -> &Penalty {
+        &self.penalty
+    }
+
     /// The data-space matrices, prepared if the problem is in the other form.
     pub(crate) fn data_form(&self) -> Result<std::borrow::Cow<'_, DataForm>, ReconstructError> {
         use std::borrow::Cow;
@@ -121,12 +148,31 @@ impl DataForm {
         Ok(DataForm { smoothed, kernel, trend, component: component.to_vec() })
     }
 
-    fn inverse(&self, mu: f64) -> Result<Mat<f64>, ReconstructError> {
+    /// `S = K + mu I`.
+    fn factor(&self, mu: f64) -> Result<Llt<f64>, ReconstructError> {
         let mut system = self.kernel.clone();
         for channel in 0..system.nrows() {
             system[(channel, channel)] += mu;
         }
-        let factor = cholesky(&system, "J R^-1 J' + mu I", mu)?;
+        cholesky(&system, "J R^-1 J' + mu I", mu)
+    }
+
+    fn solve(&self, data: MatRef<'_, f64>, mu: f64) -> Result<Mat<f64>, ReconstructError> {
+        let factor = self.factor(mu)?;
+        if self.trend.ncols() == 0 {
+            return Ok(&self.smoothed * factor.solve(data));
+        }
+        let solved = factor.solve(&self.trend);
+        let fit = cholesky(&(self.trend.transpose() * &solved), "T' S^-1 T", mu)?.solve(solved.transpose() * data);
+        let mut image = &self.smoothed * factor.solve(data - &self.trend * &fit);
+        for (pixel, &component) in self.component.iter().enumerate() {
+            image[(pixel, 0)] += fit[(component, 0)];
+        }
+        Ok(image)
+    }
+
+    fn inverse(&self, mu: f64) -> Result<Mat<f64>, ReconstructError> {
+        let factor = self.factor(mu)?;
         let mut transposed = self.smoothed.transpose().to_owned();
         factor.solve_in_place(transposed.as_mut());
         let mut inverse = transposed.transpose().to_owned();

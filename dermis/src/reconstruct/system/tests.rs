@@ -27,6 +27,12 @@ fn both_forms_are_equal() {
             let difference = relative(&data.inverse(mu).unwrap(), &parameter.inverse(mu).unwrap());
             println!("{channels} channels, {pieces:?} pixels, {}: forms differ by {difference:.1e}", prior.name());
             assert!(difference < FORMS);
+            for system in [&parameter, &data] {
+                let frame: Vec<f64> = (0..channels).map(|channel| (channel as f64).cos()).collect();
+                let whole = system.inverse(mu).unwrap() * faer::ColRef::from_slice(&frame).as_mat();
+                let alone = system.solve(&frame, mu).unwrap();
+                assert!((0..alone.len()).all(|p| (alone[p] - whole[(p, 0)]).abs() < FORMS * whole.norm_l2()));
+            }
         }
     }
 }

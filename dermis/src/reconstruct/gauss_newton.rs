@@ -1,0 +1,222 @@
+//! Iterative Gauss-Newton: the nonlinear least-squares image, of a difference or of a frame by itself.
+
+use crate::forward::{ForwardModel, Matrix};
+use crate::frame::Frame;
+use crate::image::PixelSpace;
+use crate::reconstruct::channels::Channels;
+use crate::reconstruct::linearised::Linearised;
+use crate::reconstruct::prior::Penalty;
+use crate::reconstruct::system::System;
+use crate::reconstruct::{OneStepOptions, Reconstruct, ReconstructError, alpha, check_lengths};
+use std::sync::Arc;
+
+/// How a Gauss-Newton iteration runs.
+#[derive(Debug, Clone)]
+pub struct GaussNewtonOptions {
+    /// Prior, alpha, channels and sign, as for one step; alpha is chosen on the linear model.
+    pub linear: OneStepOptions,
+    /// Steps at most.
+    pub max_iterations: usize,
+    /// The iteration ends where a step lowers the objective by less than this part of it.
+    pub tolerance: f64,
+}
+
+impl Default for GaussNewtonOptions {
+    fn default() -> Self {
+        GaussNewtonOptions { linear: OneStepOptions::default(), max_iterations: 30, tolerance: 1e-6 }
+    }
+}
+
+/// Iterative Gauss-Newton.
+///
+/// The unknowns `x` are the relative changes of the pixels' conductance from the rest. With `f` the forward model, `v` the
+/// voltages and `g` the weights of the channels it minimises
+///
+/// ```text
+/// |g (f(x) - v)|^2 + alpha^2 c (x - x0)' R (x - x0),    x > -1
+/// ```
+///
+/// where `x0` is zero for a difference (`v = f(0) + difference`) and the best even change for a frame by itself. Each step
+/// solves the linearised problem, keeps every conductance positive and is halved until the objective falls.
+#[derive(Debug, Clone)]
+pub struct GaussNewton {
+    forward: ForwardModel,
+    pixels: Arc<PixelSpace>,
+    channels: Channels,
+    penalty: Penalty,
+    mu: f64,
+    rest_frame: Vec<f64>,
+    options: GaussNewtonOptions,
+}
+
+/// What an iteration came to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Solution {
+    /// Relative change of each pixel's conductance from the rest.
+    pub change: Vec<f64>,
+    /// Conductivity of each cell.
+    pub conductivity: Vec<f64>,
+    /// Weighted misfit of the voltages, `|g (f - v)|`; ohm for plain differences.
+    pub misfit: f64,
+    /// The objective before the first step and after each.
+    pub objectives: Vec<f64>,
+}
+
+/// A point of the iteration.
+struct Point {
+    change: Vec<f64>,
+    conductivity: Vec<f64>,
+    /// `g (v - f)`.
+    residual: Vec<f64>,
+    objective: f64,
+}
+
+impl GaussNewton {
+    /// The iteration for a skin.
+    ///
+    /// # Errors
+    /// Options out of their range, a forward problem that cannot be solved.
+    pub fn new(forward: &ForwardModel, pixels: Arc<PixelSpace>, options: &GaussNewtonOptions) -> crate::Result<Self> {
+        let model = Linearised::new(forward, &pixels)?;
+        model.validate(&pixels)?;
+        let linear = &options.linear;
+        alpha::positive("the tolerance", options.tolerance)?;
+        let channels = Channels::new(&model, linear.difference, &linear.excluded)?;
+        let for_prior = channels.jacobian(&model, &channels.prior_scale, false);
+        let penalty = linear.prior.matrix(for_prior.as_ref(), &pixels)?;
+        let system = System::new(channels.jacobian(&model, &channels.scale, false), penalty.clone())?;
+        let scale = if matches!(linear.alpha, alpha::Alpha::Absolute(_)) { 1.0 } else { system.scale()? };
+        let alpha = alpha::choose(&system, scale, &channels, &pixels, linear)?;
+        Ok(GaussNewton {
+            forward: forward.clone(),
+            pixels,
+            channels,
+            penalty,
+            mu: alpha * alpha * scale,
+            rest_frame: model.rest_frame,
+            options: options.clone(),
+        })
+    }
+
+    /// The conductance that explains a frame by itself, without a baseline.
+    ///
+    /// # Errors
+    /// A frame of the wrong length or with a value that is not finite, or of which no even skin has the signs.
+    pub fn absolute(&self, frame: &Frame) -> crate::Result<Solution> {
+        check_lengths(frame, self.rest_frame.len(), &[], 0)?;
+        let (rest, measured) = (self.channels.gather(&self.rest_frame), self.channels.gather(frame));
+        let along = rest.iter().zip(&measured).map(|(f, v)| f * v).sum::<f64>();
+        // Voltages go with the inverse of an even conductance, but for the contacts.
+        let ratio = rest.iter().map(|f| f * f).sum::<f64>() / along;
+        if !(ratio.is_finite() && ratio > 0.0) {
+            let message = "the frame has the opposite sign of the model's: is a drive or a measure turned round?";
+            return Err(ReconstructError::Parameter(message.into()).into());
+        }
+        self.minimise(&measured, ratio - 1.0)
+    }
+
+    /// The conductance that explains a difference from the untouched skin.
+    ///
+    /// # Errors
+    /// A difference of the wrong length or with a value that is not finite.
+    pub fn difference(&self, difference: &[f64]) -> crate::Result<Solution> {
+        check_lengths(difference, self.rest_frame.len(), &[], 0)?;
+        let target: Vec<f64> = self.rest_frame.iter().zip(difference).map(|(rest, change)| rest + change).collect();
+        self.minimise(&self.channels.gather(&target), 0.0)
+    }
+
+    /// Steps from an even change until the objective falls no more.
+    fn minimise(&self, target: &[f64], origin: f64) -> crate::Result<Solution> {
+        let mut point = self.point(vec![origin; self.pixels.len()], target, origin)?;
+        let mut objectives = vec![point.objective];
+        for _ in 0..self.options.max_iterations {
+            let Some(next) = self.step(&point, target, origin)? else { break };
+            let gain = point.objective - next.objective;
+            point = next;
+            objectives.push(point.objective);
+            if gain <= self.options.tolerance * point.objective {
+                break;
+            }
+        }
+        let misfit = point.residual.iter().map(|r| r * r).sum::<f64>().sqrt();
+        Ok(Solution { change: point.change, conductivity: point.conductivity, misfit, objectives })
+    }
+
+    /// A Gauss-Newton step, halved until the objective falls; `None` where it does not.
+    fn step(&self, point: &Point, target: &[f64], origin: f64) -> crate::Result<Option<Point>> {
+        /// A step leaves a pixel this part of its conductance at least.
+        const KEPT: f64 = 0.1;
+        /// Halvings before a step is given up; a millionth of a step is none.
+        const HALVINGS: usize = 20;
+        let system = System::new(self.jacobian(point)?, self.penalty.clone())?;
+        let shift: Vec<f64> = point.change.iter().map(|x| x - origin).collect();
+        let explained = system.jacobian() * faer::ColRef::from_slice(&shift);
+        let data: Vec<f64> = point.residual.iter().zip(explained.iter()).map(|(r, e)| r + e).collect();
+        let goal = system.solve(&data, self.mu)?;
+        let step: Vec<f64> = goal.iter().zip(&shift).map(|(goal, from)| goal - from).collect();
+        let mut factor = 1.0;
+        for _ in 0..HALVINGS {
+            let moved = |(x, step): (&f64, &f64)| (x + factor * step).max(KEPT * (1.0 + x) - 1.0);
+            let moved = point.change.iter().zip(&step).map(moved).collect();
+            let next = self.point(moved, target, origin)?;
+            if next.objective < point.objective {
+                return Ok(Some(next));
+            }
+            factor *= 0.5;
+        }
+        Ok(None)
+    }
+
+    /// The objective for a frame by itself at some relative changes `x`, with `x0` zero.
+    ///
+    /// # Errors
+    /// Changes or a frame of the wrong length, a conductance that is not positive.
+    pub fn objective(&self, change: &[f64], frame: &Frame) -> crate::Result<f64> {
+        check_lengths(frame, self.rest_frame.len(), change, self.pixels.len())?;
+        Ok(self.point(change.to_vec(), &self.channels.gather(frame), 0.0)?.objective)
+    }
+
+    fn point(&self, change: Vec<f64>, target: &[f64], origin: f64) -> crate::Result<Point> {
+        let mut factors = vec![1.0; self.forward.rest_conductivity().len()];
+        for (overlaps, x) in self.pixels.overlaps.iter().zip(&change) {
+            overlaps.iter().for_each(|&(cell, fraction)| factors[cell] += fraction * x);
+        }
+        let conductivity: Vec<f64> =
+            self.forward.rest_conductivity().iter().zip(&factors).map(|(rest, factor)| rest * factor).collect();
+        let frame = self.channels.gather(&self.forward.solve(&conductivity)?);
+        let residual: Vec<f64> = target.iter().zip(&frame).map(|(v, f)| v - f).collect();
+        let shift: Vec<f64> = change.iter().map(|x| x - origin).collect();
+        let roughness: f64 = self.penalty.apply(&shift).iter().zip(&shift).map(|(r, x)| r * x).sum();
+        let objective = residual.iter().map(|r| r * r).sum::<f64>() + self.mu * roughness;
+        Ok(Point { change, conductivity, residual, objective })
+    }
+
+    /// The derivative of the weighted frame by the relative changes.
+    fn jacobian(&self, point: &Point) -> crate::Result<faer::Mat<f64>> {
+        let rest = self.forward.rest_conductivity();
+        let mut weighted = PixelSpace::clone(&self.pixels);
+        for (cell, fraction) in weighted.overlaps.iter_mut().flatten() {
+            *fraction *= rest[*cell];
+        }
+        let jacobian: Matrix = self.forward.pixel_jacobian(&point.conductivity, &weighted)?;
+        Ok(self.channels.rows(&jacobian, &self.channels.scale))
+    }
+}
+
+impl Reconstruct for GaussNewton {
+    fn name(&self) -> String {
+        format!("Gauss-Newton {}", self.options.linear.prior.name())
+    }
+
+    fn pixels(&self) -> &Arc<PixelSpace> {
+        &self.pixels
+    }
+
+    fn reconstruct_into(&self, difference: &[f64], values: &mut [f64]) -> Result<(), ReconstructError> {
+        check_lengths(difference, self.rest_frame.len(), values, self.pixels.len())?;
+        let solution = self.difference(difference).map_err(|error| ReconstructError::Singular(error.to_string()))?;
+        let sign = self.options.linear.touch.sign();
+        values.iter_mut().zip(&solution.change).for_each(|(value, x)| *value = sign * x);
+        Ok(())
+    }
+}
