@@ -180,7 +180,7 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--write", action="store_true", help="put the tables into docs/benchmarks.md")
     parser.add_argument("--rounds", type=int, default=20)
-    parser.add_argument("--cases", nargs="*", default=["disk30"])
+    parser.add_argument("--cases", nargs="*", default=["cylinder30", "disk30"])
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")
     results = [compare(case, arguments.rounds, True) for case in arguments.cases]

@@ -18,7 +18,7 @@ use problem::Problem;
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [case, folder] = &arguments[..] else {
-        return Err("usage: dermis-bench disk30|disk30-points FOLDER".into());
+        return Err("usage: dermis-bench cylinder30|cylinder30-points|disk30|disk30-points FOLDER".into());
     };
     let problem = Problem::named(case)?;
     let folder = PathBuf::from(folder);

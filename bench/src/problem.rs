@@ -29,6 +29,7 @@ impl Problem {
         };
         let mut skin = match skin {
             "disk30" => disk30()?,
+            "cylinder30" => cylinder30()?,
             _ => return Err(format!("no problem is called `{case}`").into()),
         };
         if with_points {
@@ -55,6 +56,24 @@ struct Skin {
 fn varied(rest: &[f64], index: u64) -> Vec<f64> {
     let mut rng = sample_rng(30, index);
     rest.iter().map(|value| value * (LOG_SPREAD * standard_normal(&mut rng)).exp()).collect()
+}
+
+/// The shipped skin on its own mesh.
+fn cylinder30() -> Result<Skin, Box<dyn Error>> {
+    let design = SkinDesign::load("cylinder30")?;
+    let mesh = Mesh::generate(&design)?;
+    let nearest = |centre: [f64; 3]| {
+        let squared = |node: usize| (0..3).map(|axis| (mesh.nodes[node][axis] - centre[axis]).powi(2)).sum::<f64>();
+        (0..mesh.node_count()).min_by(|&a, &b| squared(a).total_cmp(&squared(b))).expect("a mesh has nodes")
+    };
+    Ok(Skin {
+        contact_impedances: design.electrodes.iter().map(|electrode| electrode.contact_impedance).collect(),
+        protocol: design.protocol.clone(),
+        rest: vec![design.sheet.conductance; mesh.cell_count()],
+        centre_nodes: design.electrodes.iter().map(|electrode| nearest(electrode.centre_m)).collect(),
+        imaging: design,
+        mesh,
+    })
 }
 
 /// The reference disk: `data/reference/disk30_5k`.
