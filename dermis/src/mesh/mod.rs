@@ -5,6 +5,7 @@ mod generate;
 pub mod import;
 mod place;
 mod remesh;
+mod validate;
 
 use crate::geom::vector::{self, Point3};
 use std::path::PathBuf;

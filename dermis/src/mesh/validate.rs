@@ -1,0 +1,399 @@
+//! Checks that a forward problem can be solved on a mesh.
+
+use crate::geom::vector::{Point3, cross, distance, sub, tetrahedron_volume};
+use crate::mesh::{Cells, ElectrodePatch, Mesh, MeshError};
+use std::collections::{BTreeMap, HashMap};
+
+/// A triangle whose height is less than this part of its longest edge has no area but for rounding; likewise a
+/// tetrahedron whose volume is less than this part of its longest edge cubed.
+const FLAT: f64 = 1e-10;
+
+impl Mesh {
+    /// Checks that a forward problem can be solved on this mesh.
+    ///
+    /// # Errors
+    /// A node that is not finite or belongs to no cell; an index out of range; a cell without area or turned inside
+    /// out; an edge of more than two triangles (a face of more than two tetrahedra); a tear, where two boundary nodes
+    /// lie at one place; an electrode without faces, or two on one cell; a part of the mesh without an electrode.
+    pub fn validate(&self) -> Result<(), MeshError> {
+        self.check_indices()?;
+        self.check_nodes()?;
+        self.check_cells()?;
+        let boundary = match &self.cells {
+            Cells::Triangles(cells) => triangle_boundary(cells)?,
+            Cells::Tetrahedra(cells) => tetrahedron_boundary(cells)?,
+        };
+        self.check_tears(&boundary)?;
+        self.check_electrodes(&boundary)?;
+        self.check_parts()
+    }
+
+    fn check_indices(&self) -> Result<(), MeshError> {
+        let (nodes, cells) = (self.node_count(), self.cell_count());
+        if self.cells.is_empty() {
+            return invalid("the mesh has no cells");
+        }
+        for cell in 0..cells {
+            let corners = self.cells.corners(cell);
+            if let Some(node) = corners.iter().find(|&&node| node >= nodes) {
+                return invalid(format!("cell {cell} names node {node}, but the mesh has {nodes} nodes"));
+            }
+            if (1..corners.len()).any(|k| corners[..k].contains(&corners[k])) {
+                return invalid(format!("cell {cell} names a node twice: {corners:?}"));
+            }
+        }
+        for (electrode, patch) in self.electrodes.iter().enumerate() {
+            let (what, count, highest) = match patch {
+                ElectrodePatch::Cells(list) => ("cell", cells, list.iter().max().copied()),
+                ElectrodePatch::Edges(list) => ("node", nodes, list.iter().flatten().max().copied()),
+                ElectrodePatch::Faces(list) => ("node", nodes, list.iter().flatten().max().copied()),
+                ElectrodePatch::Node(node) => ("node", nodes, Some(*node)),
+            };
+            match highest {
+                None => return invalid(format!("electrode {electrode} has no faces")),
+                Some(index) if index >= count => {
+                    return invalid(format!("electrode {electrode} names {what} {index}, but there are {count}"));
+                }
+                Some(_) => {}
+            }
+        }
+        for (name, list) in &self.regions {
+            if let Some(cell) = list.iter().find(|&&cell| cell >= cells) {
+                return invalid(format!("region `{name}` names cell {cell}, but the mesh has {cells} cells"));
+            }
+        }
+        Ok(())
+    }
+
+    fn check_nodes(&self) -> Result<(), MeshError> {
+        if let Some(node) = self.nodes.iter().position(|node| node.iter().any(|x| !x.is_finite())) {
+            return invalid(format!("node {node} is at {:?}: its place must be finite", self.nodes[node]));
+        }
+        let mut used = vec![false; self.node_count()];
+        for cell in 0..self.cell_count() {
+            self.cells.corners(cell).iter().for_each(|&node| used[node] = true);
+        }
+        match used.iter().position(|used| !used) {
+            Some(node) => invalid(format!("node {node} belongs to no cell")),
+            None => Ok(()),
+        }
+    }
+
+    fn check_cells(&self) -> Result<(), MeshError> {
+        for cell in 0..self.cell_count() {
+            let corners = self.cells.corners(cell);
+            let longest = longest_edge(corners, &self.nodes);
+            let (relative, what) = match &self.cells {
+                Cells::Triangles(_) => (2.0 * self.cell_measure(cell) / (longest * longest), "area"),
+                Cells::Tetrahedra(cells) => {
+                    let volume = tetrahedron_volume(cells[cell].map(|node| self.nodes[node]));
+                    (6.0 * volume / longest.powi(3), "volume")
+                }
+            };
+            if relative < -FLAT {
+                return invalid(format!("cell {cell} is inverted: its volume is negative"));
+            }
+            // Negated so that the NaN of a cell whose corners are one point is caught too.
+            if !(relative > FLAT) {
+                return invalid(format!("cell {cell} has no {what}"));
+            }
+        }
+        match &self.cells {
+            Cells::Triangles(cells) => self.check_flat_orientation(cells),
+            Cells::Tetrahedra(_) => Ok(()),
+        }
+    }
+
+    /// In a plane, triangles that run the other way round than the most are folded over.
+    fn check_flat_orientation(&self, cells: &[[usize; 3]]) -> Result<(), MeshError> {
+        let normal = |corners: &[usize; 3]| {
+            let [a, b, c] = corners.map(|node| self.nodes[node]);
+            cross(sub(b, a), sub(c, a))
+        };
+        let Some(axis) = plane_axis(&self.nodes) else { return Ok(()) };
+        let negative: Vec<usize> =
+            (0..cells.len()).filter(|&cell| normal(&cells[cell])[axis].is_sign_negative()).collect();
+        let first = if 2 * negative.len() <= cells.len() {
+            negative.first().copied()
+        } else {
+            (0..cells.len()).find(|cell| negative.binary_search(cell).is_err())
+        };
+        match first {
+            Some(cell) => invalid(format!("cell {cell} is inverted: its corners run the other way round")),
+            None => Ok(()),
+        }
+    }
+
+    /// Two boundary nodes at one place are a crack that current cannot cross.
+    fn check_tears(&self, boundary: &BTreeMap<Vec<usize>, usize>) -> Result<(), MeshError> {
+        let mut at: HashMap<[u64; 3], usize> = HashMap::new();
+        let mut seen = vec![false; self.node_count()];
+        for &node in boundary.keys().flatten() {
+            if std::mem::replace(&mut seen[node], true) {
+                continue;
+            }
+            // Adding zero makes the two zeros one.
+            let place = self.nodes[node].map(|x| (x + 0.0).to_bits());
+            if let Some(other) = at.insert(place, node) {
+                let (low, high) = (other.min(node), other.max(node));
+                return invalid(format!("the mesh is torn: nodes {low} and {high} lie at one place; merge them"));
+            }
+        }
+        Ok(())
+    }
+
+    fn check_electrodes(&self, boundary: &BTreeMap<Vec<usize>, usize>) -> Result<(), MeshError> {
+        let mut owner: HashMap<Vec<usize>, usize> = HashMap::new();
+        let edges = match &self.cells {
+            Cells::Triangles(cells) => triangle_edges(cells),
+            Cells::Tetrahedra(_) => HashMap::new(),
+        };
+        for (electrode, patch) in self.electrodes.iter().enumerate() {
+            let on = |what: &str| format!("electrode {electrode} covers {what}");
+            let pieces: Vec<Vec<usize>> = match (patch, &self.cells) {
+                (ElectrodePatch::Node(node), _) => vec![vec![*node]],
+                (ElectrodePatch::Cells(list), Cells::Triangles(cells)) => {
+                    list.iter().map(|&cell| sorted(&cells[cell])).collect()
+                }
+                (ElectrodePatch::Edges(list), Cells::Triangles(_)) => list.iter().map(|edge| sorted(edge)).collect(),
+                (ElectrodePatch::Faces(list), Cells::Tetrahedra(_)) => list.iter().map(|face| sorted(face)).collect(),
+                (ElectrodePatch::Faces(_), _) => return invalid(on("faces, which a surface has not")),
+                (ElectrodePatch::Cells(_) | ElectrodePatch::Edges(_), _) => {
+                    return invalid(on("cells or edges of a volume: it must cover faces of its boundary"));
+                }
+            };
+            for piece in pieces {
+                let known = match (piece.len(), patch) {
+                    (2, _) => edges.contains_key(&[piece[0], piece[1]]),
+                    (3, ElectrodePatch::Faces(_)) => boundary.contains_key(&piece),
+                    _ => true,
+                };
+                if !known {
+                    return invalid(on(&format!("nodes {piece:?}, which are no edge or outer face of the mesh")));
+                }
+                if let Some(other) = owner.insert(piece, electrode) {
+                    return invalid(if other == electrode {
+                        on("the same face twice")
+                    } else {
+                        format!("electrodes {other} and {electrode} cover the same face")
+                    });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn check_parts(&self) -> Result<(), MeshError> {
+        let mut part: Vec<usize> = (0..self.node_count()).collect();
+        fn root(part: &mut [usize], mut node: usize) -> usize {
+            while part[node] != node {
+                part[node] = part[part[node]];
+                node = part[node];
+            }
+            node
+        }
+        for cell in 0..self.cell_count() {
+            let corners = self.cells.corners(cell);
+            for &corner in &corners[1..] {
+                let (a, b) = (root(&mut part, corners[0]), root(&mut part, corner));
+                part[a.max(b)] = a.min(b);
+            }
+        }
+        let mut touched = vec![false; self.node_count()];
+        for patch in &self.electrodes {
+            let nodes: Vec<usize> = match patch {
+                ElectrodePatch::Cells(list) => list.iter().map(|&cell| self.cells.corners(cell)[0]).collect(),
+                ElectrodePatch::Edges(list) => list.iter().map(|edge| edge[0]).collect(),
+                ElectrodePatch::Faces(list) => list.iter().map(|face| face[0]).collect(),
+                ElectrodePatch::Node(node) => vec![*node],
+            };
+            for node in nodes {
+                touched[root(&mut part, node)] = true;
+            }
+        }
+        for cell in 0..self.cell_count() {
+            if !touched[root(&mut part, self.cells.corners(cell)[0])] {
+                return invalid(format!("no electrode touches the part of the mesh that holds cell {cell}"));
+            }
+        }
+        Ok(())
+    }
+}
+
+fn invalid<T>(message: impl Into<String>) -> Result<T, MeshError> {
+    Err(MeshError::Invalid(message.into()))
+}
+
+fn sorted(nodes: &[usize]) -> Vec<usize> {
+    let mut nodes = nodes.to_vec();
+    nodes.sort_unstable();
+    nodes
+}
+
+fn longest_edge(corners: &[usize], nodes: &[Point3]) -> f64 {
+    let mut longest: f64 = 0.0;
+    for (k, &a) in corners.iter().enumerate() {
+        for &b in &corners[..k] {
+            longest = longest.max(distance(nodes[a], nodes[b]));
+        }
+    }
+    longest
+}
+
+/// The axis across the plane z = constant (or x, or y) in which all nodes lie.
+fn plane_axis(nodes: &[Point3]) -> Option<usize> {
+    (0..3).find(|&axis| nodes.iter().all(|node| node[axis] == nodes[0][axis]))
+}
+
+/// Each edge with the cells on it.
+fn triangle_edges(cells: &[[usize; 3]]) -> HashMap<[usize; 2], Vec<usize>> {
+    let mut edges: HashMap<[usize; 2], Vec<usize>> = HashMap::with_capacity(cells.len() * 3 / 2);
+    for (cell, &[a, b, c]) in cells.iter().enumerate() {
+        for [from, to] in [[a, b], [b, c], [c, a]] {
+            edges.entry([from.min(to), from.max(to)]).or_default().push(cell);
+        }
+    }
+    edges
+}
+
+/// The edges of one triangle, each with it, after a check that all others have two that agree which side is outside.
+fn triangle_boundary(cells: &[[usize; 3]]) -> Result<BTreeMap<Vec<usize>, usize>, MeshError> {
+    let mut directed: BTreeMap<[usize; 2], usize> = BTreeMap::new();
+    for (edge, owners) in triangle_edges(cells) {
+        if owners.len() > 2 {
+            let listed = &owners[..owners.len().min(4)];
+            return invalid(format!(
+                "the edge between nodes {} and {} has more than two cells: {listed:?}",
+                edge[0], edge[1]
+            ));
+        }
+    }
+    for (cell, &[a, b, c]) in cells.iter().enumerate() {
+        for edge in [[a, b], [b, c], [c, a]] {
+            if let Some(other) = directed.insert(edge, cell) {
+                return invalid(format!(
+                    "cells {other} and {cell} do not agree which side is outside: one is inverted"
+                ));
+            }
+        }
+    }
+    let open = directed.iter().filter(|(edge, _)| !directed.contains_key(&[edge[1], edge[0]]));
+    Ok(open.map(|(edge, &cell)| (sorted(edge), cell)).collect())
+}
+
+/// The faces of one tetrahedron, each with it, after a check that none has more than two.
+fn tetrahedron_boundary(cells: &[[usize; 4]]) -> Result<BTreeMap<Vec<usize>, usize>, MeshError> {
+    let mut faces: BTreeMap<Vec<usize>, Vec<usize>> = BTreeMap::new();
+    for (cell, &[a, b, c, d]) in cells.iter().enumerate() {
+        for face in [[b, c, d], [a, c, d], [a, b, d], [a, b, c]] {
+            let owners = faces.entry(sorted(&face)).or_default();
+            owners.push(cell);
+            if owners.len() > 2 {
+                return invalid(format!("the face of nodes {face:?} has more than two cells: {owners:?}"));
+            }
+        }
+    }
+    Ok(faces.into_iter().filter(|(_, owners)| owners.len() == 1).map(|(face, owners)| (face, owners[0])).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A square of four triangles round a middle node, electrodes on two of its edges.
+    fn square() -> Mesh {
+        Mesh {
+            nodes: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [0.5, 0.5, 0.0]],
+            cells: Cells::Triangles(vec![[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]),
+            electrodes: vec![ElectrodePatch::Edges(vec![[0, 1]]), ElectrodePatch::Cells(vec![2])],
+            regions: Vec::new(),
+        }
+    }
+
+    fn complaint(change: impl FnOnce(&mut Mesh)) -> String {
+        let mut mesh = square();
+        change(&mut mesh);
+        mesh.validate().unwrap_err().to_string()
+    }
+
+    fn triangles(mesh: &mut Mesh) -> &mut Vec<[usize; 3]> {
+        match &mut mesh.cells {
+            Cells::Triangles(cells) => cells,
+            Cells::Tetrahedra(_) => unreachable!("the square has triangles"),
+        }
+    }
+
+    #[test]
+    fn a_good_mesh_passes() {
+        square().validate().unwrap();
+    }
+
+    #[test]
+    fn bad_nodes_and_cells_are_named() {
+        assert!(complaint(|mesh| mesh.nodes[3][1] = f64::NAN).contains("node 3"));
+        assert!(complaint(|mesh| mesh.nodes.push([9.0; 3])).contains("node 5 belongs to no cell"));
+        assert!(complaint(|mesh| triangles(mesh)[1][0] = 77).contains("cell 1 names node 77"));
+        assert!(complaint(|mesh| triangles(mesh)[1] = [1, 1, 4]).contains("cell 1 names a node twice"));
+        assert!(complaint(|mesh| mesh.nodes[4] = [0.5, 0.0, 0.0]).contains("cell 0 has no area"));
+        assert!(complaint(|mesh| mesh.nodes[4] = [0.5, -0.1, 0.0]).contains("cell 0 is inverted"));
+        assert!(complaint(|mesh| triangles(mesh)[2].swap(0, 1)).contains("cell 2 is inverted"));
+        assert!(complaint(|mesh| mesh.cells = Cells::Triangles(Vec::new())).contains("no cells"));
+    }
+
+    #[test]
+    fn an_inverted_cell_in_space_is_named() {
+        let bent = complaint(|mesh| {
+            mesh.nodes[4][2] = 0.3;
+            triangles(mesh)[2].swap(0, 1);
+        });
+        assert!(bent.contains("inverted") && bent.contains('2'), "{bent}");
+    }
+
+    #[test]
+    fn tears_and_fins_are_named() {
+        let torn = complaint(|mesh| {
+            mesh.nodes.push(mesh.nodes[4]);
+            triangles(mesh)[2][2] = 5;
+        });
+        assert!(torn.contains("torn: nodes 4 and 5"), "{torn}");
+        let fin = complaint(|mesh| {
+            mesh.nodes.push([0.5, 0.5, 1.0]);
+            triangles(mesh).push([0, 4, 5]);
+        });
+        assert!(fin.contains("nodes 0 and 4 has more than two cells"), "{fin}");
+    }
+
+    #[test]
+    fn bad_electrodes_are_named() {
+        let set = |index: usize, patch: ElectrodePatch| complaint(move |mesh| mesh.electrodes[index] = patch);
+        assert!(set(1, ElectrodePatch::Cells(Vec::new())).contains("electrode 1 has no faces"));
+        assert!(set(0, ElectrodePatch::Edges(Vec::new())).contains("electrode 0 has no faces"));
+        assert!(set(1, ElectrodePatch::Cells(vec![4])).contains("electrode 1 names cell 4"));
+        assert!(set(1, ElectrodePatch::Node(5)).contains("electrode 1 names node 5"));
+        assert!(set(0, ElectrodePatch::Edges(vec![[0, 2]])).contains("electrode 0 covers nodes [0, 2]"));
+        assert!(set(0, ElectrodePatch::Cells(vec![2])).contains("electrodes 0 and 1"));
+        assert!(set(0, ElectrodePatch::Faces(vec![[0, 1, 4]])).contains("faces, which a surface has not"));
+    }
+
+    #[test]
+    fn a_part_without_an_electrode_is_named() {
+        let apart = complaint(|mesh| {
+            mesh.nodes.extend([[3.0, 0.0, 0.0], [4.0, 0.0, 0.0], [3.0, 1.0, 0.0]]);
+            triangles(mesh).push([5, 6, 7]);
+        });
+        assert!(apart.contains("holds cell 4"), "{apart}");
+    }
+
+    #[test]
+    fn an_inverted_tetrahedron_is_named() {
+        let mut mesh = Mesh {
+            nodes: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            cells: Cells::Tetrahedra(vec![[0, 1, 2, 3]]),
+            electrodes: vec![ElectrodePatch::Faces(vec![[0, 1, 2]])],
+            regions: Vec::new(),
+        };
+        mesh.validate().unwrap();
+        mesh.nodes[3][2] = -1.0;
+        assert!(mesh.validate().unwrap_err().to_string().contains("cell 0 is inverted"));
+    }
+}
