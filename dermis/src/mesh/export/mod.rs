@@ -4,9 +4,9 @@ mod msh;
 mod stl;
 mod vtu;
 
+use crate::frame::{TableError, write_whole};
 use crate::mesh::{Cells, ElectrodePatch, Mesh, MeshError};
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::Write;
 use std::path::Path;
 
 /// Writes a mesh in the format that the file's name asks for.
@@ -37,31 +37,10 @@ pub fn save(mesh: &Mesh, path: &Path, conductivity: Option<&[f64]>) -> Result<()
     if !matches!(extension.as_deref(), Some("vtu" | "msh" | "stl")) {
         return Err(wrong("a mesh is written as .vtu, .msh or .stl".into()));
     }
-    write_whole(path, write).map_err(|source| MeshError::Io { path: path.to_path_buf(), source })
-}
-
-/// Writes a file beside its place and renames it, so that a failure leaves no half of it. What exists and is no plain
-/// file (a pipe, a device) is written to directly: renaming would replace it.
-fn write_whole(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
-    if std::fs::metadata(path).is_ok_and(|metadata| !metadata.is_file()) {
-        let mut out = BufWriter::new(File::options().write(true).open(path)?);
-        write(&mut out)?;
-        return out.flush();
-    }
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut builder = tempfile::Builder::new();
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // Temporary files are private by default; this one becomes an ordinary file (the umask still applies).
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    let mut out = BufWriter::new(builder.tempfile_in(folder)?);
-    write(&mut out)?;
-    let file = out.into_inner().map_err(|error| error.into_error())?;
-    file.as_file().sync_all()?;
-    file.persist(path).map_err(|error| error.error)?;
-    Ok(())
+    write_whole(path, write).map_err(|error| match error {
+        TableError::Io { path, source } => MeshError::Io { path, source },
+        other => wrong(other.to_string()),
+    })
 }
 
 /// A part of an electrode that is no cell of the mesh: an edge, a face or a node.
