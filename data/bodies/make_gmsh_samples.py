@@ -16,15 +16,16 @@ def save(name):
 
 
 def block():
-    """40 x 20 x 10 mm, in mm: electrodes 0 and 1 on the ends x = 0 and 40, 2 a point at a corner; one region."""
+    """40 x 20 x 10 mm, in mm: electrodes 0 and 1 on the ends x = 0 and 40, 2 and 3 points at their corners; one region."""
     gmsh.model.add("block")
     gmsh.model.occ.addBox(0, 0, 0, 40, 20, 10)
     gmsh.model.occ.synchronize()
     for electrode, x in enumerate((0, 40)):
         face = gmsh.model.occ.getEntitiesInBoundingBox(x - 1, -1, -1, x + 1, 21, 11, 2)
         gmsh.model.addPhysicalGroup(2, [tag for _, tag in face], name=f"electrode_{electrode}")
-    corner = gmsh.model.occ.getEntitiesInBoundingBox(-1, -1, -1, 1, 1, 1, 0)
-    gmsh.model.addPhysicalGroup(0, [tag for _, tag in corner], name="electrode_2")
+    for electrode, x in ((2, 0), (3, 40)):
+        corner = gmsh.model.occ.getEntitiesInBoundingBox(x - 1, -1, -1, x + 1, 1, 1, 0)
+        gmsh.model.addPhysicalGroup(0, [tag for _, tag in corner], name=f"electrode_{electrode}")
     gmsh.model.addPhysicalGroup(3, [1], name="gel")
     gmsh.option.setNumber("Mesh.MeshSizeMax", 12)
     gmsh.model.mesh.generate(3)
@@ -32,7 +33,7 @@ def block():
 
 
 def sheet():
-    """40 x 20 mm, in mm: electrodes 0 and 1 the edges x = 0 and 40, 2 a disc of radius 3 at (20, 10).
+    """40 x 20 mm, in mm: electrodes 0 and 1 the edges x = 0 and 40, 2 a disc of radius 3 at (20, 10), 3 a point at (40, 20).
 
     The region "sheet" is everything, "core" the disc of the electrode and "left" what lies left of x = 10.
     """
@@ -48,6 +49,8 @@ def sheet():
     left = [tag for _, tag in occ.getEntitiesInBoundingBox(-1, -1, -1, 11, 21, 1, 2)]
     everything = [tag for _, tag in occ.getEntities(2)]
     gmsh.model.addPhysicalGroup(2, disc, name="electrode_2")
+    corner = occ.getEntitiesInBoundingBox(39, 19, -1, 41, 21, 1, 0)
+    gmsh.model.addPhysicalGroup(0, [tag for _, tag in corner], name="electrode_3")
     gmsh.model.addPhysicalGroup(2, everything, name="sheet")
     gmsh.model.addPhysicalGroup(2, disc, name="core")
     gmsh.model.addPhysicalGroup(2, left, name="left")

@@ -5,9 +5,11 @@
 mod forearm;
 
 use dermis::design::{Body, Electrode, ElectrodeShape, MeshOptions, SkinDesign};
+use dermis::forward::ForwardModel;
 use dermis::geom::Point3;
 use dermis::geom::vector::{distance, triangle_area};
 use dermis::mesh::{Cells, ElectrodePatch, Mesh, MeshError, export, import};
+use dermis::protocol::{Channel, Protocol};
 use std::f64::consts::PI;
 use std::path::Path;
 
@@ -193,4 +195,49 @@ fn electrodes_off_the_body_or_on_top_of_one_another_are_errors() {
     assert!(error.contains("electrodes 0 and 1 overlap"), "{error}");
     let error = placed(&square(0.1), &good.map(|centre| (centre, disc(0.01))), 1e-5).unwrap_err().to_string();
     assert!(error.contains("max_edge_m"), "{error}");
+}
+
+/// Laws that hold in exact arithmetic.
+const EXACT: f64 = 1e-10;
+
+#[test]
+fn the_forearm_obeys_reciprocity_and_scaling() {
+    let design = forearm_design();
+    let mesh = Mesh::generate(&design).unwrap();
+    let model = ForwardModel::new(&design, &mesh).unwrap();
+    let uneven: Vec<f64> = (0..mesh.cell_count()).map(|cell| 1e-3 * (1.5 + (cell as f64 * 0.7).sin())).collect();
+    let frame = model.solve(&uneven).unwrap();
+    assert_eq!(frame.len(), 20 * 19);
+    let channels = design.protocol.channels();
+    for (index, channel) in channels.iter().enumerate() {
+        let twin = channels.iter().position(|other| *other == channel.reciprocal()).unwrap();
+        assert!((frame[index] - frame[twin]).abs() < EXACT * frame[0].abs(), "{channel:?}");
+    }
+    let factor = 37.0;
+    let more: Vec<f64> = uneven.iter().map(|value| value * factor).collect();
+    let better = vec![2e-5 / factor; 20];
+    let scaled = ForwardModel::from_parts(&mesh, &better, &design.protocol, &more).unwrap().solve(&more).unwrap();
+    for (value, scaled) in frame.iter().zip(scaled.iter()) {
+        assert!((value - scaled * factor).abs() < EXACT * frame[0].abs());
+    }
+}
+
+/// A potential that is linear along the block is exact on any mesh of it: `R = l / (sigma A) + 2 z / A`, and without the
+/// contacts `l / (sigma A)` between points on the two ends.
+#[test]
+fn a_block_from_a_file_has_its_exact_resistance() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/bodies/block_4.1_binary.msh");
+    let mesh = import::load(&path, 1e-3).unwrap();
+    let (conductivity, z) = (0.7, 0.013);
+    let (length, area) = (0.04, 2e-4);
+    let channels = [[0, 1], [2, 3]].map(|measure| Channel { drive: [0, 1], measure });
+    let protocol = Protocol::new(4, channels.to_vec()).unwrap();
+    let model = ForwardModel::from_parts(&mesh, &[z; 4], &protocol, &vec![conductivity; mesh.cell_count()]).unwrap();
+    let frame = model.solve(model.rest_conductivity()).unwrap();
+    let inner = length / (conductivity * area);
+    let exact = [inner + 2.0 * z / area, inner];
+    for (value, exact) in frame.iter().zip(exact) {
+        println!("block from a file: {:.1e} from the exact {exact:.1} ohm", value / exact - 1.0);
+        assert!((value / exact - 1.0).abs() < EXACT, "{value} ohm, exact {exact} ohm");
+    }
 }

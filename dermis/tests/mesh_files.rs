@@ -28,7 +28,7 @@ fn gmsh_volumes_of_both_versions_and_codings_are_one_mesh() {
     let mesh = &meshes[3];
     assert!(matches!(mesh.cells, Cells::Tetrahedra(_)));
     assert!((total_measure(mesh) - 8e-6).abs() < 1e-18, "the block holds 40 x 20 x 10 mm");
-    assert_eq!(mesh.electrodes.len(), 3);
+    assert_eq!(mesh.electrodes.len(), 4);
     for electrode in &mesh.electrodes[..2] {
         let ElectrodePatch::Faces(faces) = electrode else { panic!("{electrode:?}") };
         assert!((area(mesh, faces) - 2e-4).abs() < 1e-16, "an end is 20 x 10 mm");

@@ -40,6 +40,7 @@ pub(super) fn electrodes(surface: &Mesh, electrodes: &[Electrode], options: Mesh
         Curve::Outline(electrode) => onto_outline(&tree, &spots[electrode], point),
     };
     let target = Target { surface: &tree, size: &size, onto_curve: &onto_curve, most_triangles: MOST_TRIANGLES };
+    sizes.check_count()?;
     let mut patchwork = Patchwork::new(surface.nodes.clone(), triangles.clone());
     remesh::find_creases(&mut patchwork);
     refine(&mut patchwork, &target)?;
@@ -70,14 +71,14 @@ fn regions(surface: &Mesh, tree: &TriangleTree, mesh: &Mesh) -> Vec<(String, Vec
 }
 
 fn refine(patchwork: &mut Patchwork, target: &Target<'_>) -> Result<(), MeshError> {
-    if remesh::remesh(patchwork, target, ROUNDS) {
-        return Ok(());
-    }
-    let message = format!(
+    if remesh::remesh(patchwork, target, ROUNDS) { Ok(()) } else { Err(too_fine()) }
+}
+
+fn too_fine() -> MeshError {
+    MeshError::Generate(format!(
         "a mesh this fine would have more than {MOST_TRIANGLES} triangles: make `max_edge_m` and `electrode_edge_m` \
          larger, or check the body's `unit_m`"
-    );
-    Err(MeshError::Generate(message))
+    ))
 }
 
 /// An electrode's place on the surface.
@@ -137,6 +138,7 @@ fn check_apart(spots: &[Spot]) -> Result<(), MeshError> {
 
 /// The wanted edge lengths: those of an outline there, growing with the distance from it.
 struct Sizes<'a> {
+    area_m2: f64,
     spots: &'a [Spot],
     longest_m: f64,
     outline_m: Vec<f64>,
@@ -153,7 +155,14 @@ impl<'a> Sizes<'a> {
             Some(radius_m) => asked_m.min(radius_m / LEAST_EDGES_PER_RADIUS),
             None => asked_m.min(longest_m / 4.0),
         });
-        Sizes { spots, longest_m, outline_m: outline_m.collect(), growth: options.growth }
+        Sizes { area_m2, spots, longest_m, outline_m: outline_m.collect(), growth: options.growth }
+    }
+
+    /// Refuses at once what would take minutes to fail: even triangles of the longest edge are too many already.
+    fn check_count(&self) -> Result<(), MeshError> {
+        let triangle_m2 = 3f64.sqrt() / 4.0 * self.longest_m * self.longest_m;
+        // Negated so that a size that is no number fails too.
+        if !(self.area_m2 / triangle_m2 <= MOST_TRIANGLES as f64) { Err(too_fine()) } else { Ok(()) }
     }
 
     fn at(&self, point: Point3) -> f64 {

@@ -30,7 +30,7 @@ impl Mesh {
     pub fn generate(design: &SkinDesign) -> Result<Self, MeshError> {
         match (&design.body, Domain::new(&design.body)) {
             (_, Some(domain)) => lay(&domain, design, &design.mesh),
-            (Body::Mesh { path, unit_m }, None) => import::load(path, *unit_m),
+            (Body::Mesh { .. }, None) => import::from_design(design),
             (_, None) => unreachable!("every body that is not a file can be unrolled"),
         }
     }
