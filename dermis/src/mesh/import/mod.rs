@@ -43,7 +43,7 @@ pub fn load(path: &Path, unit_m: f64) -> Result<Mesh, MeshError> {
 ///
 /// # Errors
 /// As [`load`]; a body that is no file; another number of electrodes than the design's; an electrode that lies off the
-/// surface.
+/// surface; a mesh that [`validate`](Mesh::validate) refuses.
 ///
 /// [`MeshOptions`]: crate::design::MeshOptions
 pub fn from_design(design: &SkinDesign) -> Result<Mesh, MeshError> {
@@ -52,6 +52,10 @@ pub fn from_design(design: &SkinDesign) -> Result<Mesh, MeshError> {
     };
     let mesh = load(path, *unit_m)?;
     let wrong = |message| MeshError::File { path: path.clone(), message };
+    let in_file = |error| match error {
+        MeshError::Invalid(message) | MeshError::Generate(message) => wrong(message),
+        other => other,
+    };
     let mut grouped = design.electrodes.iter().map(|electrode| electrode.shape == ElectrodeShape::Group);
     if grouped.any(|is_group| is_group) {
         if mesh.electrodes.len() != design.electrodes.len() {
@@ -62,12 +66,12 @@ pub fn from_design(design: &SkinDesign) -> Result<Mesh, MeshError> {
             );
             return Err(wrong(message));
         }
+        mesh.validate().map_err(in_file)?;
         return Ok(mesh);
     }
-    place::electrodes(&mesh, &design.electrodes, design.mesh).map_err(|error| match error {
-        MeshError::Generate(message) => wrong(message),
-        other => other,
-    })
+    let mesh = place::electrodes(&mesh, &design.electrodes, design.mesh).map_err(in_file)?;
+    mesh.validate().map_err(in_file)?;
+    Ok(mesh)
 }
 
 /// The formats that meshes are read from.
