@@ -44,6 +44,15 @@ impl Progress {
         Progress { bar, begun: Instant::now(), shown: AtomicBool::new(false) }
     }
 
+    /// A sign of life on work whose steps are not known; it shows how long the work has taken.
+    pub fn waiting(what: &str) -> Self {
+        let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
+        bar.set_style(ProgressStyle::with_template("{msg} {spinner} {elapsed}").expect("a valid template"));
+        bar.set_message(what.to_string());
+        bar.enable_steady_tick(Duration::from_millis(200));
+        Progress { bar, begun: Instant::now(), shown: AtomicBool::new(true) }
+    }
+
     /// One step is done.
     pub fn step(&self) {
         if self.begun.elapsed() > Self::QUIET && !self.shown.swap(true, Ordering::Relaxed) {

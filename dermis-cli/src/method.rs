@@ -7,7 +7,10 @@ use crate::skin::{Per, Skin};
 use clap::{Args, ValueEnum};
 use dermis::detect::{Detector, ImageNoise};
 use dermis::image::{Image, PixelSpace};
-use dermis::reconstruct::{Alpha, Difference, OneStep, OneStepOptions, Prior, Reconstruct};
+use dermis::reconstruct::{
+    Alpha, Difference, GaussNewton, GaussNewtonOptions, Greit, GreitOptions, Linearised, OneStep, OneStepOptions,
+    Prior, Reconstruct, TotalVariation, TotalVariationOptions,
+};
 use rayon::prelude::*;
 use std::str::FromStr;
 use std::sync::Arc;
@@ -15,9 +18,9 @@ use std::sync::Arc;
 /// How images are made.
 #[derive(Debug, Clone, Args)]
 pub struct MethodArguments {
-    /// How images are made.
-    #[arg(long, value_enum, default_value_t = MethodName::Noser)]
-    method: MethodName,
+    /// How images are made; NOSER without it.
+    #[arg(long, value_enum)]
+    method: Option<MethodName>,
     /// How strongly the prior counts: a number, `auto`, `noise-figure` or `noise-figure:0.5`, `l-curve`, `gcv`.
     #[arg(long, value_name = "ALPHA")]
     alpha: Option<AlphaChoice>,
@@ -26,11 +29,14 @@ pub struct MethodArguments {
     #[arg(long, value_name = "NUMBER", num_args = 0..=1)]
     alpha_absolute: Option<Option<f64>>,
     /// Exponent of the NOSER prior: 0 is Tikhonov's, 1 the original NOSER.
-    #[arg(long, default_value_t = 0.5)]
+    #[arg(long, value_name = "NUMBER", default_value_t = 0.5)]
     noser_exponent: f64,
     /// How the channels are weighed against each other.
     #[arg(long, value_enum, default_value_t = Weighing::Plain)]
     weighing: Weighing,
+    /// Channels to leave out: numbers and ranges, as in 0-23,40.
+    #[arg(long, value_name = "CHANNELS", default_value = "", hide_default_value = true)]
+    leave_out: Channels,
 }
 
 /// A method by name.
@@ -42,6 +48,35 @@ enum MethodName {
     Tikhonov,
     /// One step, neighbours alike.
     Laplace,
+    /// Iterations on the nonlinear model, each pixel small by its own sensitivity.
+    GaussNewton,
+    /// Even patches with sharp edges (total variation).
+    Tv,
+    /// Trained to answer small targets as told (Adler et al. 2009).
+    Greit,
+}
+
+/// Channels by number, as in `0-23,40`.
+#[derive(Debug, Clone, Default)]
+struct Channels(Vec<usize>);
+
+impl FromStr for Channels {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let number = |text: &str| text.trim().parse::<usize>().map_err(|_| format!("`{text}` is no channel's number"));
+        let mut channels = Vec::new();
+        for part in text.split(',').filter(|part| !part.trim().is_empty()) {
+            let (first, last) = part.split_once('-').unwrap_or((part, part));
+            let (first, last) = (number(first)?, number(last)?);
+            // A protocol of the most electrodes a skin may have has about a million channels.
+            if last < first || last - first > 2_000_000 {
+                return Err(format!("`{part}` is no range of channels"));
+            }
+            channels.extend(first..=last);
+        }
+        Ok(Channels(channels))
+    }
 }
 
 /// How the channels are weighed against each other.
@@ -81,14 +116,6 @@ impl FromStr for AlphaChoice {
     }
 }
 
-/// A method ready to make images.
-pub struct Method {
-    /// The method.
-    pub reconstruct: Box<dyn Reconstruct>,
-    /// Its alpha, where it has one.
-    pub alpha: Option<f64>,
-}
-
 impl MethodArguments {
     /// The alpha that the arguments ask for.
     fn alpha(&self) -> Outcome<Alpha> {
@@ -109,39 +136,119 @@ impl MethodArguments {
 
     /// Prepares the method for a skin. Rules that choose alpha from data look at the differences.
     pub fn prepare(&self, skin: &Skin, per: Per, differences: &Differences) -> Outcome<Method> {
+        let channel_count = skin.design.protocol.channel_count();
+        if let Some(&beyond) = self.leave_out.0.iter().find(|&&channel| channel >= channel_count) {
+            let message =
+                format!("channel {beyond} is to be left out, but the channels are 0 to {}", channel_count - 1);
+            return Err(Failure::given(message, None));
+        }
         let pixels = skin.pixels(per)?;
         let alpha = self.alpha()?;
-        self.one_step(skin, pixels, alpha, differences)
+        let _waiting = Progress::waiting("preparing");
+        match self.method.unwrap_or(MethodName::Noser) {
+            MethodName::Noser => {
+                self.one_step(Prior::Noser { exponent: self.noser_exponent }, skin, pixels, differences)
+            }
+            MethodName::Tikhonov => self.one_step(Prior::Tikhonov, skin, pixels, differences),
+            MethodName::Laplace => self.one_step(Prior::Laplace, skin, pixels, differences),
+            MethodName::GaussNewton => self.gauss_newton(skin, pixels, differences),
+            MethodName::Tv => self.total_variation(alpha, skin, pixels),
+            MethodName::Greit => self.greit(alpha, skin, pixels),
+        }
     }
 
-    fn one_step(
-        &self,
-        skin: &Skin,
-        pixels: Arc<PixelSpace>,
-        alpha: Alpha,
-        differences: &Differences,
-    ) -> Outcome<Method> {
+    fn one_step_options(&self, prior: Prior, skin: &Skin, differences: &Differences) -> Outcome<OneStepOptions> {
+        let alpha = self.alpha()?;
         let looks_at_data = matches!(alpha, Alpha::LCurve | Alpha::Gcv);
-        let options = OneStepOptions {
-            prior: match self.method {
-                MethodName::Noser => Prior::Noser { exponent: self.noser_exponent },
-                MethodName::Tikhonov => Prior::Tikhonov,
-                MethodName::Laplace => Prior::Laplace,
-            },
+        Ok(OneStepOptions {
+            prior,
             alpha,
             difference: match self.weighing {
                 Weighing::Plain => Difference::Plain,
                 Weighing::Normalised => Difference::Normalised,
                 Weighing::NormalisedEven => Difference::NormalisedEven,
             },
+            excluded: self.leave_out.0.clone(),
             touch: skin.design.sheet.touch,
             noise_ohm: differences.noise_ohm(),
             examples: if looks_at_data { differences.frames.clone() } else { Vec::new() },
             ..OneStepOptions::default()
-        };
+        })
+    }
+
+    fn one_step(
+        &self,
+        prior: Prior,
+        skin: &Skin,
+        pixels: Arc<PixelSpace>,
+        differences: &Differences,
+    ) -> Outcome<Method> {
+        let options = self.one_step_options(prior, skin, differences)?;
         let method = OneStep::new(&skin.forward, pixels, &options)?;
         Ok(Method { alpha: Some(method.alpha()), reconstruct: Box::new(method) })
     }
+
+    fn gauss_newton(&self, skin: &Skin, pixels: Arc<PixelSpace>, differences: &Differences) -> Outcome<Method> {
+        let prior = Prior::Noser { exponent: self.noser_exponent };
+        let linear = self.one_step_options(prior, skin, differences)?;
+        let options = GaussNewtonOptions { linear, ..GaussNewtonOptions::default() };
+        let method = GaussNewton::new(&skin.forward, pixels, &options)?;
+        Ok(Method { alpha: Some(method.alpha()), reconstruct: Box::new(method) })
+    }
+
+    fn total_variation(&self, alpha: Alpha, skin: &Skin, pixels: Arc<PixelSpace>) -> Outcome<Method> {
+        self.needs_plain_weighing("total variation")?;
+        let mut options = TotalVariationOptions {
+            excluded: self.leave_out.0.clone(),
+            touch: skin.design.sheet.touch,
+            ..TotalVariationOptions::default()
+        };
+        match alpha {
+            Alpha::Auto => {}
+            Alpha::Given(value) => options.alpha = value,
+            _ => {
+                let fix = "its alpha is a part of the weight from which on an image stays even: try 0.03";
+                return Err(Failure::given("total variation knows no rule for alpha", Some(fix)));
+            }
+        }
+        let model = Linearised::new(&skin.forward, &pixels)?;
+        let method = TotalVariation::from_linearised(&model, pixels, &options)?;
+        Ok(Method { alpha: Some(options.alpha), reconstruct: Box::new(method) })
+    }
+
+    fn greit(&self, alpha: Alpha, skin: &Skin, pixels: Arc<PixelSpace>) -> Outcome<Method> {
+        self.needs_plain_weighing("GREIT")?;
+        let mut options = GreitOptions {
+            excluded: self.leave_out.0.clone(),
+            touch: skin.design.sheet.touch,
+            ..GreitOptions::default()
+        };
+        match alpha {
+            Alpha::Auto => {}
+            Alpha::NoiseFigure(value) => options.noise_figure = value,
+            _ => {
+                let fix = "write --alpha noise-figure:0.5";
+                return Err(Failure::given("GREIT is weighed by its noise figure alone", Some(fix)));
+            }
+        }
+        let method = Greit::new(&skin.forward, pixels, &options)?;
+        Ok(Method { alpha: None, reconstruct: Box::new(method) })
+    }
+
+    fn needs_plain_weighing(&self, method: &str) -> Outcome {
+        if self.weighing == Weighing::Plain {
+            return Ok(());
+        }
+        Err(Failure::given(format!("{method} takes differences as they are: leave out --weighing"), None))
+    }
+}
+
+/// A method ready to make images.
+pub struct Method {
+    /// The method.
+    pub reconstruct: Box<dyn Reconstruct>,
+    /// Its alpha, where it has one.
+    pub alpha: Option<f64>,
 }
 
 /// Fewest untouched frames from whose images the noise of a method that is not linear is told: it is then known to a

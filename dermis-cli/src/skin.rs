@@ -1,5 +1,6 @@
 //! A skin ready for computing: its design, mesh, forward model and pixels.
 
+use crate::console::Progress;
 use crate::failure::{Failure, Outcome};
 use clap::ValueEnum;
 use dermis::design::{Body, SkinDesign};
@@ -30,6 +31,7 @@ impl Skin {
     /// The skin of a design, by name or by path.
     pub fn load(design: &str) -> Outcome<Self> {
         let design = SkinDesign::load(design)?;
+        let _waiting = Progress::waiting("meshing");
         let forward = ForwardModel::new(&design, &mesh(&design)?)?;
         Ok(Skin { design, forward })
     }

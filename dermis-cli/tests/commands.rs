@@ -224,6 +224,19 @@ fn methods_are_told_apart() {
     let image = |name: &str| std::fs::read(at.path(name)).unwrap();
     assert_ne!(image("noser.csv"), image("tikhonov.csv"));
     assert_ne!(image("noser.csv"), image("laplace.csv"));
+    at.good(
+        "reconstruct disk.toml --frames frames.csv --baseline rest.csv --method gauss-newton --alpha 0.1 -o gn.csv",
+    );
+    at.good("reconstruct disk.toml --frames frames.csv --baseline rest.csv --method tv --leave-out 0-2,7 -o tv.csv");
+    at.good(
+        "reconstruct disk.toml --frames frames.csv --baseline rest.csv --method greit --alpha noise-figure:1 -o g.csv",
+    );
+    assert_ne!(image("noser.csv"), image("gn.csv"));
+    let wrong =
+        at.refused("reconstruct disk.toml --frames frames.csv --baseline rest.csv --method greit --alpha 1 -o g.csv");
+    assert!(wrong.contains("noise-figure"), "{wrong}");
+    let wrong = at.refused("reconstruct disk.toml --frames frames.csv --baseline rest.csv --leave-out 40 -o a.csv");
+    assert!(wrong.contains("channel 40 is to be left out, but the channels are 0 to 39"), "{wrong}");
     let wrong = at.refused("reconstruct disk.toml --frames frames.csv --baseline rest.csv --method noise -o a.csv");
     assert!(wrong.contains("noser"), "{wrong}");
 }

@@ -41,9 +41,9 @@ impl ForwardModel {
     /// The model of a design on its mesh.
     ///
     /// # Errors
-    /// A mesh with another number of electrodes than the design, or one that no forward problem can be solved on.
+    /// A mesh without the electrodes or regions of the design, or one that no forward problem can be solved on.
     pub fn new(design: &SkinDesign, mesh: &Mesh) -> crate::Result<Self> {
-        check_count("electrodes of the mesh", mesh.electrodes.len(), design.electrodes.len())?;
+        mesh.check_fits(design)?;
         let impedances: Vec<f64> = design.electrodes.iter().map(|electrode| electrode.contact_impedance).collect();
         Self::from_parts(mesh, &impedances, &design.protocol, &rest_conductivity(design, mesh))
     }

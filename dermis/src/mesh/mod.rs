@@ -1,6 +1,7 @@
 //! Surface triangles in space or tetrahedra, with electrode patches.
 
 pub mod export;
+mod fit;
 mod generate;
 pub mod import;
 mod place;

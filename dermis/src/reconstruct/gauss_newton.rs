@@ -44,6 +44,7 @@ pub struct GaussNewton {
     pixels: Arc<PixelSpace>,
     channels: Channels,
     penalty: Penalty,
+    alpha: f64,
     mu: f64,
     rest_frame: Vec<f64>,
     options: GaussNewtonOptions,
@@ -92,10 +93,16 @@ impl GaussNewton {
             pixels,
             channels,
             penalty,
+            alpha,
             mu: alpha * alpha * scale,
             rest_frame: model.rest_frame,
             options: options.clone(),
         })
+    }
+
+    /// The alpha in use: as given, or as chosen on the linear model.
+    pub fn alpha(&self) -> f64 {
+        self.alpha
     }
 
     /// The conductance that explains a frame by itself, without a baseline.

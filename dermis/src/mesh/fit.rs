@@ -1,0 +1,79 @@
+//! Whether a mesh is the mesh of a design.
+
+use crate::design::{RegionPlace, SheetKind, SkinDesign};
+use crate::mesh::{Cells, Mesh, MeshError};
+
+impl Mesh {
+    /// Checks that the mesh has what a design names: its electrodes, its regions, a surface for a sheet resistance and a
+    /// volume for a conductivity.
+    ///
+    /// # Errors
+    /// What the mesh lacks.
+    pub fn check_fits(&self, design: &SkinDesign) -> Result<(), MeshError> {
+        let (kind, has) = match self.cells {
+            Cells::Triangles(_) => (SheetKind::Surface, "a surface: state its sheet_resistance_ohm"),
+            Cells::Tetrahedra(_) => (SheetKind::Volume, "a volume: state its conductivity_s_per_m"),
+        };
+        if design.sheet.kind != kind {
+            return Err(MeshError::Invalid(format!("the mesh of the design `{}` is {has}", design.name)));
+        }
+        let (named, found) = (design.electrodes.len(), self.electrodes.len());
+        if named != found {
+            let message = format!("the design `{}` has {named} electrodes, but its mesh has {found}", design.name);
+            return Err(MeshError::Invalid(message));
+        }
+        for region in design.sheet.regions.iter().filter(|region| region.place == RegionPlace::Group) {
+            if !self.regions.iter().any(|(name, _)| *name == region.name) {
+                let known: Vec<&str> = self.regions.iter().map(|(name, _)| name.as_str()).collect();
+                let known = if known.is_empty() { "none".to_string() } else { known.join(", ") };
+                let message = format!("the mesh has no region `{}`; it has {known}", region.name);
+                return Err(MeshError::Invalid(message));
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::design::SkinDesign;
+    use crate::mesh::import;
+
+    const SHEET: &str = r#"
+[body.mesh]
+path = "data/bodies/sheet_4.1_ascii.msh"
+unit_m = 0.001
+[sheet]
+sheet_resistance_ohm = 1000
+touch = "conductance_rises"
+[[sheet.regions]]
+name = "left"
+sheet_resistance_ohm = 500
+[electrodes]
+shape = "group"
+layout.groups.count = 4
+contact_impedance_ohm_m2 = 1e-5
+[protocol]
+pattern = "adjacent"
+"#;
+
+    #[test]
+    fn what_a_design_names_must_be_in_its_mesh() {
+        // As if the design lay at the root of the workspace.
+        let name = concat!(env!("CARGO_MANIFEST_DIR"), "/../skin.toml");
+        let mesh =
+            import::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../data/bodies/sheet_4.1_ascii.msh").as_ref(), 1e-3);
+        let mut mesh = mesh.unwrap();
+        let said = |text: &str, mesh: &crate::mesh::Mesh| {
+            mesh.check_fits(&SkinDesign::parse(text, name).unwrap()).map_err(|error| error.to_string())
+        };
+        let error = said(SHEET, &mesh).unwrap_err();
+        assert!(error.contains("has 4 electrodes, but its mesh has 3"), "{error}");
+        mesh.electrodes.push(mesh.electrodes[0].clone());
+        said(SHEET, &mesh).unwrap();
+        let error = said(&SHEET.replace("\"left\"", "\"right\""), &mesh).unwrap_err();
+        assert!(error.contains("no region `right`; it has") && error.contains("left"), "{error}");
+        let error = said(&SHEET.replace("sheet_resistance_ohm", "conductivity_s_per_m"), &mesh).unwrap_err();
+        assert!(error.contains("is a surface: state its sheet_resistance_ohm"), "{error}");
+    }
+}
