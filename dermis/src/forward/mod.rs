@@ -10,6 +10,7 @@
 mod assembly;
 mod jacobian;
 mod model;
+mod near_field;
 mod network;
 
 pub use crate::linalg::Matrix;
@@ -32,6 +33,14 @@ pub enum ForwardError {
     /// A contact impedance that no contact has.
     #[error("the contact impedance of electrode {electrode} is {value}: it must be positive and finite")]
     ContactImpedance {
+        /// Index of the electrode.
+        electrode: usize,
+        /// Its value.
+        value: f64,
+    },
+    /// A series resistance that is no number.
+    #[error("the series resistance of electrode {electrode} is {value}: it must be finite")]
+    SeriesResistance {
         /// Index of the electrode.
         electrode: usize,
         /// Its value.

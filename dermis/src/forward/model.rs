@@ -1,7 +1,7 @@
 //! The forward model of one skin on one mesh.
 
 use super::assembly::Assembly;
-use super::{ForwardError, Network};
+use super::{ForwardError, Network, near_field};
 use crate::design::{RegionPlace, SkinDesign};
 use crate::frame::Frame;
 use crate::geom::Surface;
@@ -16,6 +16,7 @@ use std::sync::Arc;
 #[derive(Debug, Clone)]
 pub struct ForwardModel {
     shared: Arc<Shared>,
+    series_resistances: Vec<f64>,
 }
 
 #[derive(Debug)]
@@ -45,7 +46,30 @@ impl ForwardModel {
     pub fn new(design: &SkinDesign, mesh: &Mesh) -> crate::Result<Self> {
         mesh.check_fits(design)?;
         let impedances: Vec<f64> = design.electrodes.iter().map(|electrode| electrode.contact_impedance).collect();
-        Self::from_parts(mesh, &impedances, &design.protocol, &rest_conductivity(design, mesh))
+        let model = Self::from_parts(mesh, &impedances, &design.protocol, &rest_conductivity(design, mesh))?;
+        let series = near_field::series_resistances(design, mesh, model.rest_conductivity())?;
+        Ok(model.with_series_resistances(&series)?)
+    }
+
+    /// The same model with a resistance in series with each electrode, ohm.
+    ///
+    /// [`new`](Self::new) puts there what its mesh misses next to each electrode; a resistance of the wiring comes on
+    /// top of [`series_resistances`](Self::series_resistances).
+    ///
+    /// # Errors
+    /// A list of another length than the electrodes; a value that is not finite.
+    pub fn with_series_resistances(mut self, resistances: &[f64]) -> Result<Self, ForwardError> {
+        check_count("series resistances", resistances.len(), self.mesh().electrodes.len())?;
+        if let Some(electrode) = resistances.iter().position(|value| !value.is_finite()) {
+            return Err(ForwardError::SeriesResistance { electrode, value: resistances[electrode] });
+        }
+        self.series_resistances = resistances.to_vec();
+        Ok(self)
+    }
+
+    /// The resistance in series with each electrode, ohm.
+    pub fn series_resistances(&self) -> &[f64] {
+        &self.series_resistances
     }
 
     /// The model of a mesh without a design. `contact_impedances` has one value per electrode (ohm m2 on cells and
@@ -66,6 +90,7 @@ impl ForwardModel {
         let assembly = Assembly::new(mesh, contact_impedances)?;
         let symbolic = Symbolic::new(assembly.unknown_count, mesh.electrodes.len(), &assembly.entries);
         Ok(ForwardModel {
+            series_resistances: vec![0.0; mesh.electrodes.len()],
             shared: Arc::new(Shared {
                 mesh: mesh.clone(),
                 protocol: protocol.clone(),
@@ -168,6 +193,15 @@ impl Solver {
     /// # Errors
     /// As [`solve_into`](Self::solve_into).
     pub fn network(&mut self, conductivity: &[f64]) -> Result<Network, ForwardError> {
+        let network = self.bare_network(conductivity)?;
+        match self.model.series_resistances.iter().all(|&resistance| resistance == 0.0) {
+            true => Ok(network),
+            false => network.with_series(&self.model.series_resistances),
+        }
+    }
+
+    /// The network of the mesh alone.
+    fn bare_network(&mut self, conductivity: &[f64]) -> Result<Network, ForwardError> {
         let shared = &self.model.shared;
         check_conductivity(&shared.mesh, conductivity)?;
         shared.assembly.values_into(conductivity, &mut self.entry_values);
@@ -183,7 +217,7 @@ impl Solver {
     /// # Errors
     /// As [`solve_into`](Self::solve_into).
     pub fn potentials(&mut self, conductivity: &[f64]) -> Result<Matrix, ForwardError> {
-        let network = self.network(conductivity)?;
+        let network = self.bare_network(conductivity)?;
         let shared = &self.model.shared;
         let electrode_count = shared.mesh.electrodes.len();
         let mut unknowns = Matrix::zeros(shared.assembly.unknown_count, electrode_count);

@@ -20,18 +20,25 @@ pub struct Network {
 
 impl Network {
     /// The network of an admittance.
-    ///
-    /// With `c = trace(Y) / L` and `P = 1 1' / L` the projector on the null space, `S = (Y + c P)^-1 - P / c`.
     pub(super) fn new(admittance: Matrix) -> Result<Self, ForwardError> {
-        let count = admittance.rows;
-        let trace: f64 = (0..count).map(|electrode| admittance.at(electrode, electrode)).sum();
-        let scale = trace / count as f64;
-        let mut shifted = admittance.clone();
-        shifted.values.iter_mut().for_each(|value| *value += scale / count as f64);
-        let mut transfer_impedance = invert_spd(&shifted)
-            .map_err(|error| ForwardError::Singular { place: format!("electrode {}", error.unknown) })?;
-        transfer_impedance.values.iter_mut().for_each(|value| *value -= 1.0 / (scale * count as f64));
+        let transfer_impedance = pseudo_inverse(&admittance)?;
         Ok(Network { admittance, transfer_impedance })
+    }
+
+    /// The network with a resistance in series with each electrode, ohm: `S' = S + P diag(r) P`, `P` the projector
+    /// that leaves currents that add up to zero.
+    pub(super) fn with_series(mut self, resistances: &[f64]) -> Result<Self, ForwardError> {
+        let count = resistances.len();
+        let mean = resistances.iter().sum::<f64>() / count as f64;
+        for i in 0..count {
+            for j in 0..count {
+                let own = if i == j { resistances[i] } else { 0.0 };
+                let shared = (resistances[i] + resistances[j] - mean) / count as f64;
+                *self.transfer_impedance.at_mut(i, j) += own - shared;
+            }
+        }
+        self.admittance = pseudo_inverse(&self.transfer_impedance)?;
+        Ok(self)
     }
 
     /// The frame of a protocol: for each channel the measured voltage per ampere driven, ohm.
@@ -49,4 +56,18 @@ impl Network {
             *value = (s.at(source, plus) - s.at(source, minus)) - (s.at(sink, plus) - s.at(sink, minus));
         }
     }
+}
+
+/// The pseudo-inverse of a symmetric matrix of order `L` whose null vector is the constant: with `c = trace(Y) / L` and
+/// `P = 1 1' / L` the projector on the null space, `(Y + c P)^-1 - P / c`.
+fn pseudo_inverse(matrix: &Matrix) -> Result<Matrix, ForwardError> {
+    let count = matrix.rows;
+    let trace: f64 = (0..count).map(|electrode| matrix.at(electrode, electrode)).sum();
+    let scale = trace / count as f64;
+    let mut shifted = matrix.clone();
+    shifted.values.iter_mut().for_each(|value| *value += scale / count as f64);
+    let mut inverse = invert_spd(&shifted)
+        .map_err(|error| ForwardError::Singular { place: format!("electrode {}", error.unknown) })?;
+    inverse.values.iter_mut().for_each(|value| *value -= 1.0 / (scale * count as f64));
+    Ok(inverse)
 }
