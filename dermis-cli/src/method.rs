@@ -170,7 +170,6 @@ impl MethodArguments {
             },
             excluded: self.leave_out.0.clone(),
             touch: skin.design.sheet.touch,
-            noise_ohm: differences.noise_ohm(),
             examples: if looks_at_data { differences.frames.clone() } else { Vec::new() },
             ..OneStepOptions::default()
         })

@@ -25,8 +25,6 @@ pub struct OneStepOptions {
     pub excluded: Vec<usize>,
     /// Which way a touch turns the conductance: images are positive where touched.
     pub touch: TouchEffect,
-    /// Standard deviation of a value's noise, ohm, for [`Alpha::Auto`]; `None` takes 50 dB below the untouched frame.
-    pub noise_ohm: Option<f64>,
     /// Pixels of the small target for which a noise figure is computed; none takes the pixel that the electrodes see
     /// least, with its neighbours.
     pub target: Vec<usize>,
@@ -42,7 +40,6 @@ impl Default for OneStepOptions {
             difference: Difference::Plain,
             excluded: Vec::new(),
             touch: TouchEffect::ConductanceRises,
-            noise_ohm: None,
             target: Vec::new(),
             examples: Vec::new(),
         }

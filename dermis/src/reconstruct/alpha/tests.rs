@@ -128,7 +128,7 @@ fn the_noise_figure_asked_for_is_met() {
                 (0..25).map(|channel| model.jacobian.at(channel, 20) + model.jacobian.at(channel, 21)).collect();
             let figure = noise_figure(one_step.matrix().unwrap(), &pixels.areas, &difference);
             println!("{} noise figure {wanted}: {figure:.9} at alpha {:.3e}", prior.name(), one_step.alpha());
-            assert!((figure / wanted - 1.0).abs() < 1e-7);
+            assert!((figure / wanted - 1.0).abs() < 2e-6);
         }
     }
 }
