@@ -40,7 +40,7 @@ pub(super) fn electrodes(surface: &Mesh, electrodes: &[Electrode], options: Mesh
         Curve::Outline(electrode) => onto_outline(&tree, &spots[electrode], point),
     };
     let target = Target { surface: &tree, size: &size, onto_curve: &onto_curve, most_triangles: MOST_TRIANGLES };
-    sizes.check_count()?;
+    sizes.check()?;
     let mut patchwork = Patchwork::new(surface.nodes.clone(), triangles.clone());
     remesh::find_creases(&mut patchwork);
     refine(&mut patchwork, &target)?;
@@ -104,8 +104,8 @@ fn spots(tree: &TriangleTree, electrodes: &[Electrode]) -> Result<Vec<Spot>, Mes
         };
         let nearest = tree.nearest(electrode.centre_m);
         let reach_m = radius_m.unwrap_or(0.0).max(LEAST_REACH_M);
-        // Written so that a centre that is no number fails too.
-        if !(nearest.distance_m <= reach_m) {
+        // A centre that is no number is infinitely far.
+        if nearest.distance_m > reach_m {
             let message = format!(
                 "electrode {index}: its centre {:?} m lies {:.4} m off the body, more than {reach_m} m; the nearest point \
                  of the body is {:?} m",
@@ -158,11 +158,20 @@ impl<'a> Sizes<'a> {
         Sizes { area_m2, spots, longest_m, outline_m: outline_m.collect(), growth: options.growth }
     }
 
-    /// Refuses at once what would take minutes to fail: even triangles of the longest edge are too many already.
-    fn check_count(&self) -> Result<(), MeshError> {
+    /// Refuses lengths that make no mesh, and at once what would take minutes to fail: even triangles of the longest
+    /// edge are too many already.
+    fn check(&self) -> Result<(), MeshError> {
+        let lengths_m = self.outline_m.iter().chain([&self.longest_m]);
+        for &length_m in lengths_m {
+            if !(length_m.is_finite() && length_m > 0.0) {
+                return Err(MeshError::Generate(format!("edges of {length_m} m: their length must be positive")));
+            }
+        }
+        if !(self.growth.is_finite() && self.growth >= 0.0) {
+            return Err(MeshError::Generate(format!("growth is {}: it must not be negative", self.growth)));
+        }
         let triangle_m2 = 3f64.sqrt() / 4.0 * self.longest_m * self.longest_m;
-        // Negated so that a size that is no number fails too.
-        if !(self.area_m2 / triangle_m2 <= MOST_TRIANGLES as f64) { Err(too_fine()) } else { Ok(()) }
+        if self.area_m2 / triangle_m2 > MOST_TRIANGLES as f64 { Err(too_fine()) } else { Ok(()) }
     }
 
     fn at(&self, point: Point3) -> f64 {
@@ -333,11 +342,12 @@ fn put_point(patchwork: &mut Patchwork, spot: &Spot, size: &dyn Fn(Point3) -> f6
     let offset = |&point: &usize| distance(patchwork.points[point], spot.centre);
     let near = (0..patchwork.points.len()).filter(|&point| !patchwork.around(point).is_empty());
     let nearest = near.min_by(|a, b| offset(a).total_cmp(&offset(b)));
-    if let Some(point) = nearest.filter(|point| offset(point) < 0.4 * size(spot.centre)) {
-        if patchwork.points[point] == spot.centre || (patchwork.is_free(point) && patchwork.shift(point, spot.centre)) {
-            patchwork.pin(point);
-            return;
-        }
+    // Nearer than this a point of its own would make an edge that is too short.
+    if let Some(point) = nearest.filter(|point| offset(point) < 0.4 * size(spot.centre))
+        && (patchwork.points[point] == spot.centre || (patchwork.is_free(point) && patchwork.shift(point, spot.centre)))
+    {
+        patchwork.pin(point);
+        return;
     }
     let off = |triangle: usize| {
         let nearest = crate::geom::surface::nearest_on_triangle(spot.centre, patchwork.corners(triangle));
@@ -365,7 +375,7 @@ fn nearest_edge(patchwork: &Patchwork, triangle: usize, point: Point3) -> Option
 
 /// The mesh with its electrodes.
 fn finished(patchwork: &Patchwork, spots: &[Spot]) -> Result<Mesh, MeshError> {
-    let (nodes, triangles, covered_by, _) = patchwork.compact();
+    let (nodes, triangles, covered_by) = patchwork.compact();
     let mut electrodes = Vec::new();
     for (index, spot) in spots.iter().enumerate() {
         let patch = match spot.radius_m {

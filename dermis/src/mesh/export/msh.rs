@@ -9,6 +9,9 @@ use std::io::{self, Write};
 /// A set of physical groups, by tag; elements of one dimension that share it form an entity.
 type Groups = Vec<usize>;
 
+/// Elements, each with its tag and nodes, by dimension and groups.
+type Entities<'a> = BTreeMap<(usize, Groups), Vec<(usize, &'a [usize])>>;
+
 pub(super) fn write(mesh: &Mesh, conductivity: Option<&[f64]>, out: &mut dyn Write) -> io::Result<()> {
     let dimension = match mesh.cells {
         Cells::Triangles(_) => 2,
@@ -16,7 +19,7 @@ pub(super) fn write(mesh: &Mesh, conductivity: Option<&[f64]>, out: &mut dyn Wri
     };
     let parts = electrode_parts(mesh);
     // Elements by entity, each with its tag; cells come first, so that their tags are their numbers from 1.
-    let mut entities: BTreeMap<(usize, Groups), Vec<(usize, &[usize])>> = BTreeMap::new();
+    let mut entities = Entities::new();
     for (cell, groups) in groups_of_cells(mesh).into_iter().enumerate() {
         entities.entry((dimension, groups)).or_default().push((cell + 1, mesh.cells.corners(cell)));
     }
@@ -85,11 +88,7 @@ fn physical_names(mesh: &Mesh, dimension: usize, out: &mut dyn Write) -> io::Res
 }
 
 /// The entities with their groups; Gmsh wants a box round each, and the mesh's serves for all.
-fn entity_table(
-    entities: &BTreeMap<(usize, Groups), Vec<(usize, &[usize])>>,
-    mesh: &Mesh,
-    out: &mut dyn Write,
-) -> io::Result<()> {
+fn entity_table(entities: &Entities<'_>, mesh: &Mesh, out: &mut dyn Write) -> io::Result<()> {
     let bound = |pick: fn(f64, f64) -> f64, start: f64| {
         mesh.nodes.iter().fold([start; 3], |b, n| [pick(b[0], n[0]), pick(b[1], n[1]), pick(b[2], n[2])])
     };

@@ -80,7 +80,7 @@ impl Soup {
         };
         let (low, high) = (bound(f64::min, f64::INFINITY), bound(f64::max, f64::NEG_INFINITY));
         let tolerance = WELD * distance(low, high);
-        if !self.points.is_empty() && !(tolerance.is_normal() && tolerance > 0.0) {
+        if !self.points.is_empty() && !tolerance.is_normal() {
             return Err(Problem::new("the body has no extent, or one that overflows"));
         }
         let box_of = |point: Point3| [0, 1, 2].map(|axis| ((point[axis] - low[axis]) / tolerance).floor() as i64);

@@ -299,9 +299,9 @@ impl Patchwork {
         true
     }
 
-    /// The points and triangles that are left, renumbered in their order: positions, corners, the electrode on each
-    /// triangle, and the new number of each old point.
-    pub fn compact(&self) -> (Vec<Point3>, Vec<[usize; 3]>, Vec<Option<usize>>, Vec<usize>) {
+    /// The points and triangles that are left, renumbered in their order: positions, corners, and the electrode on each
+    /// triangle.
+    pub fn compact(&self) -> (Vec<Point3>, Vec<[usize; 3]>, Vec<Option<usize>>) {
         let mut number_of = vec![usize::MAX; self.points.len()];
         let mut points = Vec::new();
         for (point, position) in self.points.iter().enumerate() {
@@ -312,7 +312,7 @@ impl Patchwork {
         }
         let triangles = self.alive().map(|t| self.triangles[t].map(|point| number_of[point])).collect();
         let covered_by = self.alive().map(|t| self.covered_by[t]).collect();
-        (points, triangles, covered_by, number_of)
+        (points, triangles, covered_by)
     }
 }
 
