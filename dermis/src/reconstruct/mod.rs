@@ -9,6 +9,7 @@ mod merit;
 mod noise_figure;
 mod one_step;
 mod prior;
+mod sensitivity;
 mod system;
 #[cfg(test)]
 mod testing;
