@@ -7,7 +7,7 @@ mod table;
 mod truth;
 
 pub use output::write_whole;
-pub use table::{Table, read_conductivities, read_frames, read_table, write_array, write_frames};
+pub use table::{Table, read_array, read_conductivities, read_frames, read_table, write_array, write_frames};
 pub use truth::{Truth, read_truth};
 
 use std::ops::{Deref, DerefMut, Sub};

@@ -57,6 +57,25 @@ fn parse_table(bytes: &[u8], path: &Path, array: &str) -> Result<Table, TableErr
     Ok(Table { header: None, file_rows: (1..=rows.len()).collect(), rows })
 }
 
+/// Reads an array of any shape from an NPY or NPZ file (in an NPZ file of several the one called `array`), row-major, with
+/// its shape. A table of numbers (CSV) has the shape rows x columns.
+///
+/// # Errors
+/// As [`read_table`].
+pub fn read_array(path: &Path, array: &str) -> Result<(Vec<usize>, Vec<f64>), TableError> {
+    let bytes = std::fs::read(path).map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
+    let read = if npy::is_npz(&bytes) {
+        npy::read_npz(&bytes, array)
+    } else if npy::is_npy(&bytes) {
+        npy::read_npy(&bytes)
+    } else {
+        let table = read_table(path, array)?;
+        return Ok((vec![table.rows.len(), table.rows[0].len()], table.rows.concat()));
+    };
+    let npy::Array { shape, values } = read.map_err(|message| file_error(path, message))?;
+    Ok((shape, values))
+}
+
 fn file_error(path: &Path, message: impl Into<String>) -> TableError {
     TableError::File { path: path.to_path_buf(), message: message.into() }
 }
