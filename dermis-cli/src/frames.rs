@@ -11,13 +11,13 @@ use std::path::PathBuf;
 pub struct FrameArguments {
     /// Frames, a row each (CSV, NPY or NPZ; ohm).
     #[arg(long, value_name = "FILE")]
-    frames: PathBuf,
+    pub frames: PathBuf,
     /// Untouched frames, a row each; their mean is taken off.
     #[arg(long, value_name = "FILE", required_unless_present = "difference", conflicts_with = "difference")]
-    baseline: Option<PathBuf>,
+    pub baseline: Option<PathBuf>,
     /// The frames are differences from the untouched skin already.
     #[arg(long)]
-    difference: bool,
+    pub difference: bool,
 }
 
 /// Differences from the untouched skin, and what is known of their noise.

@@ -5,6 +5,8 @@ mod console;
 mod failure;
 mod frames;
 mod method;
+mod picture;
+mod report;
 mod skin;
 
 use clap::Parser;

@@ -1,11 +1,13 @@
 //! The commands: each a module with its arguments and what it does with them.
 
 mod contacts;
+mod demo;
 mod evaluate;
 mod forward;
 mod jacobian;
 mod mesh;
 mod new;
+mod plot;
 mod reconstruct;
 mod schema;
 
@@ -27,8 +29,12 @@ pub enum Command {
     Contacts(contacts::Arguments),
     /// Score contacts against what truly touched the skin.
     Evaluate(evaluate::Arguments),
+    /// Press the paper's skin 900 times in simulation and write a report.
+    Demo(demo::Arguments),
     /// Write a commented design file to start from.
     New(new::Arguments),
+    /// Draw a skin: mesh, electrodes, sensitivity, an image, where touches were found.
+    Plot(plot::Arguments),
     /// Print the JSON schema of design files.
     Schema,
 }
@@ -43,7 +49,9 @@ impl Command {
             Command::Reconstruct(arguments) => arguments.run(),
             Command::Contacts(arguments) => arguments.run(),
             Command::Evaluate(arguments) => arguments.run(),
+            Command::Demo(arguments) => arguments.run(),
             Command::New(arguments) => arguments.run(),
+            Command::Plot(arguments) => arguments.run(),
             Command::Schema => schema::run(),
         }
     }

@@ -1,0 +1,295 @@
+//! `dermis plot`: pictures of a skin.
+
+use crate::failure::{Failure, Outcome};
+use crate::frames::FrameArguments;
+use crate::method::MethodArguments;
+use crate::picture::colour::Scale;
+use crate::picture::{Drawing, Key, Picture, Scene, View};
+use crate::skin::{self, Per, Skin};
+use clap::ValueEnum;
+use dermis::contact::Contact;
+use dermis::design::{Body, SkinDesign, TouchEffect};
+use dermis::detect::Detector;
+use dermis::evaluate::match_contacts;
+use dermis::forward::ForwardModel;
+use dermis::frame::{Truth, read_array, read_truth, write_whole};
+use dermis::image::{Image, PixelSpace};
+use dermis::mesh::Mesh;
+use dermis::reconstruct::Linearised;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// The arguments of `dermis plot`.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// The design: a path, or a shipped name.
+    design: String,
+    /// What to draw.
+    #[arg(long, value_enum, default_value = "electrodes")]
+    what: What,
+    /// From where; without it flat where the body can be laid out flat, else in space.
+    #[arg(long, value_enum)]
+    view: Option<ViewName>,
+    /// Images to draw, as `dermis reconstruct` writes them.
+    #[arg(long, value_name = "FILE", conflicts_with = "frames")]
+    images: Option<PathBuf>,
+    /// Frames to make images of and draw, a row each (CSV, NPY or NPZ; ohm).
+    #[arg(long, value_name = "FILE")]
+    frames: Option<PathBuf>,
+    /// Untouched frames, a row each; their mean is taken off.
+    #[arg(long, value_name = "FILE", requires = "frames", conflicts_with = "difference")]
+    baseline: Option<PathBuf>,
+    /// The frames are differences from the untouched skin already.
+    #[arg(long, requires = "frames")]
+    difference: bool,
+    #[command(flatten)]
+    method: MethodArguments,
+    /// Which image or frame, from 0 (for `--what image`).
+    #[arg(long, default_value_t = 0)]
+    frame: usize,
+    /// Where the skin was truly touched (for `--what localisation`), as for `dermis evaluate`.
+    #[arg(long, value_name = "FILE")]
+    truth: Option<PathBuf>,
+    /// The picture to write: .svg or .png.
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+}
+
+/// What there is to draw.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum What {
+    /// The cells and the electrodes.
+    Mesh,
+    /// The electrodes with their numbers.
+    Electrodes,
+    /// How strongly each place speaks in a frame.
+    Sensitivity,
+    /// An image with the contacts found in it.
+    Image,
+    /// True places, estimates and the errors between them.
+    Localisation,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum ViewName {
+    /// Laid out flat.
+    Unrolled,
+    /// In space.
+    #[value(name = "3d")]
+    Solid,
+}
+
+impl Arguments {
+    /// Draws the picture and writes it.
+    pub fn run(self) -> Outcome {
+        let format = Format::of(&self.output)?;
+        let design = SkinDesign::load(&self.design)?;
+        let mesh = skin::mesh(&design)?;
+        let mut scene = self.scene(&design, &mesh)?;
+        if scene.title.is_empty() {
+            scene.title = format!("{}: {}", design.name, self.what_name());
+        }
+        let view = self.view(&design, &mesh);
+        let picture = view.draw(&scene, &design).map_err(|error| Failure::given(error, None))?;
+        save(&picture, &self.output, format)?;
+        crate::console::print(&format!("wrote {}\n", self.output.display()))
+    }
+
+    fn what_name(&self) -> &'static str {
+        match self.what {
+            What::Mesh => "mesh",
+            What::Electrodes => "electrodes",
+            What::Sensitivity => "sensitivity",
+            What::Image => "image",
+            What::Localisation => "localisation",
+        }
+    }
+
+    fn view(&self, design: &SkinDesign, mesh: &Mesh) -> View {
+        match self.view {
+            Some(ViewName::Unrolled) => View::Unrolled,
+            None if !matches!(design.body, Body::Mesh { .. }) => View::Unrolled,
+            _ => View::solid(design, mesh),
+        }
+    }
+
+    fn scene(&self, design: &SkinDesign, mesh: &Mesh) -> Outcome<Scene> {
+        let drawing = Drawing::new(design, mesh);
+        Ok(match self.what {
+            What::Mesh => {
+                let subtitle = format!("{} nodes, {} cells", mesh.node_count(), mesh.cell_count());
+                Scene { subtitle, ..drawing.mesh() }
+            }
+            What::Electrodes => drawing.electrodes(),
+            What::Sensitivity => {
+                let space = PixelSpace::for_design(design, mesh)?;
+                let forward = ForwardModel::new(design, mesh)?;
+                sensitivity_scene(&drawing, &space, &Linearised::new(&forward, &space)?.sensitivity(&space))
+            }
+            What::Image => {
+                let (images, detector, how) = self.images(design, mesh)?;
+                let image = images.get(self.frame).ok_or_else(|| self.no_such_frame(images.len()))?;
+                let mut scene = image_scene(&drawing, image, design.sheet.touch);
+                drawing.add_contacts(&mut scene, &detector.detect(image));
+                scene.title = format!("{}: image of frame {}", design.name, self.frame);
+                Scene { subtitle: how, ..scene }
+            }
+            What::Localisation => {
+                let (images, detector, how) = self.images(design, mesh)?;
+                let truth = self.truth(design, images.len())?;
+                let contacts: Vec<Vec<Contact>> = images.iter().map(|image| detector.detect(image)).collect();
+                Scene { subtitle: how, ..localisation_scene(&drawing, design, &truth, &contacts) }
+            }
+        })
+    }
+
+    fn no_such_frame(&self, count: usize) -> Failure {
+        let message = format!("there is no image {}: there are {count}, counted from 0", self.frame);
+        Failure::given(message, Some("choose another with --frame"))
+    }
+
+    fn truth(&self, design: &SkinDesign, frame_count: usize) -> Outcome<Vec<Vec<Contact>>> {
+        let Some(path) = &self.truth else {
+            let message = "a picture of the localisation needs the true places";
+            return Err(Failure::given(message, Some("name their file with --truth")));
+        };
+        match read_truth(path, &design.body.surface(), frame_count)? {
+            Truth::OnSkin(touches) => Ok(touches),
+            Truth::Elsewhere(_) => {
+                let message = format!("{} holds places in a frame of space of its own", path.display());
+                Err(Failure::given(message, Some("align it first: see `dermis evaluate --align`")))
+            }
+        }
+    }
+
+    /// The images to draw, the detector that knows their noise, and a line on how they were made.
+    fn images(&self, design: &SkinDesign, mesh: &Mesh) -> Outcome<(Vec<Image>, Detector, String)> {
+        if let Some(path) = &self.images {
+            let how = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+            return Ok((read_images(path, design, mesh)?, Detector::default(), how));
+        }
+        let Some(frames) = &self.frames else {
+            let fix = "name images with --images, or frames with --frames and --baseline";
+            return Err(Failure::given("there is nothing to make an image of", Some(fix)));
+        };
+        if self.baseline.is_none() && !self.difference {
+            let fix = "name the untouched frames with --baseline, or say --difference";
+            return Err(Failure::given("frames need a baseline", Some(fix)));
+        }
+        let (frames, baseline) = (frames.clone(), self.baseline.clone());
+        let frames = FrameArguments { frames, baseline, difference: self.difference };
+        let skin = Skin { design: design.clone(), forward: ForwardModel::new(design, mesh)? };
+        let differences = frames.read(&design.protocol)?;
+        let method = self.method.prepare(&skin, Per::Pixel, &differences)?;
+        let alpha = method.alpha.map(|alpha| format!(", alpha {alpha:.3}")).unwrap_or_default();
+        let how = format!("{}{alpha}", method.reconstruct.name());
+        Ok((method.images(&differences.frames)?, method.detector(&differences)?, how))
+    }
+}
+
+/// An image as colours: white where nothing changed.
+pub fn image_scene(drawing: &Drawing<'_>, image: &Image, touch: TouchEffect) -> Scene {
+    let label = match touch {
+        TouchEffect::ConductanceRises => "relative rise of conductance",
+        TouchEffect::ConductanceFalls => "relative fall of conductance",
+    };
+    let scale = Scale::diverging(image.values.iter().copied());
+    drawing.field(&image.space, &image.values, Key { scale, label: label.into() })
+}
+
+/// Parts of the skin's area, of least and of most sensitivity, that share the colours at the ends of the scale: under an
+/// electrode it falls by a hundred dB, and all else would be one colour.
+const SENSITIVITY_ENDS: [f64; 2] = [0.05, 0.005];
+
+/// The sensitivity in dB above and below its median over the area: it spans decades.
+pub fn sensitivity_scene(drawing: &Drawing<'_>, space: &PixelSpace, sensitivity: &[f64]) -> Scene {
+    let mut order: Vec<usize> = (0..sensitivity.len()).collect();
+    order.sort_by(|&a, &b| sensitivity[a].total_cmp(&sensitivity[b]));
+    let total: f64 = space.areas.iter().sum();
+    let quantile = |part: f64| {
+        let mut below = 0.0;
+        let reaches = |&&pixel: &&usize| {
+            below += space.areas[pixel];
+            below >= part * total
+        };
+        order.iter().find(reaches).or(order.last()).map_or(1.0, |&pixel| sensitivity[pixel])
+    };
+    let median = quantile(0.5);
+    let decibels = |value: f64| 20.0 * (value / median).log10();
+    let values: Vec<f64> = sensitivity.iter().map(|&value| decibels(value)).collect();
+    let [low, high] = [quantile(SENSITIVITY_ENDS[0]), quantile(1.0 - SENSITIVITY_ENDS[1])].map(decibels);
+    let key = Key { scale: Scale::sequential([low, high]), label: "sensitivity above its median (dB)".into() };
+    let subtitle = "change of a frame by a small touch".to_string();
+    Scene { subtitle, ..drawing.field(space, &values, key) }
+}
+
+/// Where touches were and where they were found.
+pub fn localisation_scene(
+    drawing: &Drawing<'_>,
+    design: &SkinDesign,
+    truth: &[Vec<Contact>],
+    contacts: &[Vec<Contact>],
+) -> Scene {
+    let (mut pairs, mut ghosts) = (Vec::new(), Vec::new());
+    for (touches, found) in truth.iter().zip(contacts) {
+        let matched = match_contacts(touches, found, &design.body.surface());
+        pairs.extend(matched.pairs.iter().map(|&(touch, contact, _)| (touches[touch], Some(found[contact]))));
+        pairs.extend(matched.missed.iter().map(|&touch| (touches[touch], None)));
+        ghosts.extend(matched.ghosts.iter().map(|&ghost| found[ghost]));
+    }
+    drawing.localisation(&pairs, &ghosts)
+}
+
+/// Images from a file: frames x rows x columns of the design's image, or frames x cells.
+fn read_images(path: &Path, design: &SkinDesign, mesh: &Mesh) -> Outcome<Vec<Image>> {
+    let (shape, values) = read_array(path, "images")?;
+    let size: usize = shape.iter().skip(1).product();
+    let mut space = PixelSpace::for_design(design, mesh)?;
+    let grid = space.grid.map(|[rows, columns]| rows * columns);
+    if size == mesh.cell_count() {
+        space = PixelSpace::cells(mesh, design.body.surface());
+    } else if grid != Some(size) || shape.len() < 2 {
+        let wanted = space.grid.map(|[rows, columns]| format!("{rows} x {columns} pixels or ")).unwrap_or_default();
+        let cells = mesh.cell_count();
+        let message = format!(
+            "{}: an array of shape {shape:?}, but each of this design's images has {wanted}{cells} cells",
+            path.display()
+        );
+        return Err(Failure::given(message, Some("draw the images with the design that they were made with")));
+    }
+    let space = Arc::new(space);
+    let pick = |picture: &[f64]| space.position_in_grid.iter().map(|&position| picture[position]).collect();
+    let image = |picture: &[f64]| Image { space: Arc::clone(&space), values: pick(picture) };
+    Ok(values.chunks_exact(size.max(1)).map(image).collect())
+}
+
+/// A format of pictures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Format {
+    Svg,
+    Png,
+}
+
+impl Format {
+    fn of(path: &Path) -> Outcome<Self> {
+        match path.extension().and_then(|extension| extension.to_str()).map(str::to_ascii_lowercase).as_deref() {
+            Some("svg") => Ok(Format::Svg),
+            Some("png") => Ok(Format::Png),
+            _ => {
+                let message = format!("{}: no kind of picture known", path.display());
+                Err(Failure::given(message, Some("name the picture .svg or .png")))
+            }
+        }
+    }
+}
+
+/// Dots per pixel of a PNG: sharp on screens of high resolution and on paper.
+const PNG_SCALE: f64 = 2.0;
+
+fn save(picture: &Picture, path: &Path, format: Format) -> Outcome {
+    let bytes = match format {
+        Format::Svg => picture.to_svg().into_bytes(),
+        Format::Png => picture.to_png(PNG_SCALE).map_err(Failure::Ours)?,
+    };
+    Ok(write_whole(path, |writer| writer.write_all(&bytes))?)
+}
