@@ -77,8 +77,7 @@ impl Demo {
         let recording = record_presses(&design, &fine, &truth, &conditions)?;
 
         let model = Linearised::new(&forward, &pixels)?;
-        let noise_ohm = Some(recording.noise.sd_ohm);
-        let options = OneStepOptions { noise_ohm, touch: design.sheet.touch, ..OneStepOptions::default() };
+        let options = OneStepOptions { touch: design.sheet.touch, ..OneStepOptions::default() };
         let method = OneStep::from_linearised(&model, Arc::clone(&pixels), &options)?;
         let mut images = images(&method, &recording)?;
         let detector = detector(&method, recording.noise.sd_ohm);
