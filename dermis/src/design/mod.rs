@@ -244,12 +244,13 @@ pub struct MeshOptions {
 }
 
 impl MeshOptions {
-    /// The same grading with every length multiplied by `factor`.
+    /// The same grading with every edge multiplied by `factor`: at any place edges are that much longer, hence they grow
+    /// that much faster with the distance.
     pub fn scaled(self, factor: f64) -> Self {
         MeshOptions {
             max_edge_m: self.max_edge_m * factor,
             electrode_edge_m: self.electrode_edge_m * factor,
-            growth: self.growth,
+            growth: self.growth * factor,
         }
     }
 }

@@ -3,8 +3,10 @@
 pub mod export;
 mod fit;
 mod generate;
+mod hash;
 pub mod import;
 mod place;
+pub mod quality;
 mod remesh;
 mod validate;
 

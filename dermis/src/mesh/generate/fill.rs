@@ -17,7 +17,7 @@ const CLOSEST_TO_EDGE: f64 = 0.55;
 /// Rounds of relaxation; the smallest angle stops improving after about thirty.
 const ROUNDS: usize = 30;
 /// Rounds in which edges longer than allowed are divided.
-const LENGTH_ROUNDS: usize = 100;
+const LENGTH_ROUNDS: usize = 40;
 /// Edges beyond these multiples of the length wanted are divided or contracted, in the rounds before the last ten.
 const TOO_LONG: f64 = 1.45;
 const TOO_SHORT: f64 = 0.62;
@@ -128,7 +128,7 @@ pub(super) fn relax(
     let reach = 6.0 * sizing.largest;
     for round in 0..ROUNDS {
         let triangles = triangulate(domain, points, constraints, reach)?;
-        move_to_centres(domain, sizing, points, fixed, &triangles);
+        move_to_centres(domain, sizing, points, |point| point >= fixed, &triangles);
         if round + 10 < ROUNDS && round % 5 == 4 {
             let triangles = triangulate(domain, points, constraints, reach)?;
             adapt(domain, sizing, points, fixed, &triangles);
@@ -136,20 +136,31 @@ pub(super) fn relax(
     }
     for _ in 0..LENGTH_ROUNDS {
         let triangles = triangulate(domain, points, constraints, reach)?;
-        let added = divide_longest(domain, points, &triangles, longest);
-        if added == 0 {
+        let first = points.len();
+        divide_longest(domain, points, &triangles, longest);
+        if points.len() == first {
             return Ok(triangles);
         }
-        for _ in 0..3 {
+        // Only what lies round the new points moves: elsewhere edges stay as short as they are.
+        let movable = near(domain, points, first, 2.5 * longest);
+        for _ in 0..2 {
             let triangles = triangulate(domain, points, constraints, reach)?;
-            move_to_centres(domain, sizing, points, fixed, &triangles);
+            move_to_centres(domain, sizing, points, |point| point >= fixed && movable[point], &triangles);
         }
     }
     triangulate(domain, points, constraints, reach)
 }
 
-/// Adds the middles of the edges that are too long, longest first, no two of them near each other; returns their number.
-fn divide_longest(domain: &Domain, points: &mut Vec<Point2>, triangles: &[[usize; 3]], longest: f64) -> usize {
+/// Which points lie within `reach` of one of those from `first` on.
+fn near(domain: &Domain, points: &[Point2], first: usize, reach: f64) -> Vec<bool> {
+    let mut cells = Cells::new(domain, reach);
+    (first..points.len()).for_each(|point| cells.insert(points[point], point));
+    let within = |point: Point2| cells.near(point).any(|new| domain.distance(points[new], point) < reach);
+    points.iter().map(|&point| within(point)).collect()
+}
+
+/// Adds the middles of the edges that are too long, longest first, no two of them near each other.
+fn divide_longest(domain: &Domain, points: &mut Vec<Point2>, triangles: &[[usize; 3]], longest: f64) {
     let length = |&[a, b]: &[usize; 2]| domain.distance(points[a], points[b]);
     let mut long: Vec<[usize; 2]> = edges(triangles).into_iter().filter(|edge| length(edge) > longest).collect();
     long.sort_by(|a, b| length(b).total_cmp(&length(a)));
@@ -162,7 +173,6 @@ fn divide_longest(domain: &Domain, points: &mut Vec<Point2>, triangles: &[[usize
         }
     }
     points.extend(&middles);
-    middles.len()
 }
 
 fn middle(domain: &Domain, a: Point2, b: Point2) -> Point2 {
@@ -170,7 +180,8 @@ fn middle(domain: &Domain, a: Point2, b: Point2) -> Point2 {
     domain.wrap([a[0] + 0.5 * x, a[1] + 0.5 * y])
 }
 
-fn edges(triangles: &[[usize; 3]]) -> Vec<[usize; 2]> {
+/// The edges of some triangles, each once.
+pub(super) fn edges(triangles: &[[usize; 3]]) -> Vec<[usize; 2]> {
     let mut edges: Vec<[usize; 2]> =
         triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).map(|[a, b]| [a.min(b), a.max(b)]).collect();
     edges.sort_unstable();
@@ -181,7 +192,13 @@ fn edges(triangles: &[[usize; 3]]) -> Vec<[usize; 2]> {
 /// One round of centroidal patch smoothing (Chen and Holst, 2011, DOI 10.1016/j.cma.2010.11.007): each free point goes
 /// to the mean of the centres of its triangles, weighted by area and by the density `h^-4` that makes edges as long as
 /// wanted.
-fn move_to_centres(domain: &Domain, sizing: &Sizing, points: &mut [Point2], fixed: usize, triangles: &[[usize; 3]]) {
+fn move_to_centres(
+    domain: &Domain,
+    sizing: &Sizing,
+    points: &mut [Point2],
+    is_free: impl Fn(usize) -> bool,
+    triangles: &[[usize; 3]],
+) {
     let mut sums = vec![[0.0; 3]; points.len()];
     for &corners in triangles {
         let [a, b, c] = corners.map(|corner| points[corner]);
@@ -190,7 +207,7 @@ fn move_to_centres(domain: &Domain, sizing: &Sizing, points: &mut [Point2], fixe
         let area = 0.5 * (ab[0] * ac[1] - ab[1] * ac[0]).abs();
         let place = [a[0] + centre[0], a[1] + centre[1]];
         let weight = area * sizing.at(domain.wrap(place)).powi(-2);
-        for corner in corners.into_iter().filter(|&corner| corner >= fixed) {
+        for corner in corners.into_iter().filter(|&corner| is_free(corner)) {
             let [x, y] = domain.offset(points[corner], place);
             sums[corner][0] += weight * x;
             sums[corner][1] += weight * y;

@@ -28,6 +28,7 @@ impl Mesh {
     /// # Errors
     /// Electrodes or options that no mesh can be made for; a file that holds no usable mesh.
     pub fn generate(design: &SkinDesign) -> Result<Self, MeshError> {
+        design.check().map_err(|error| MeshError::Generate(error.to_string()))?;
         match (&design.body, Domain::new(&design.body)) {
             (_, Some(domain)) => lay(&domain, design, &design.mesh),
             (Body::Mesh { .. }, None) => import::from_design(design),
@@ -60,7 +61,25 @@ fn lay(domain: &Domain, design: &SkinDesign, options: &MeshOptions) -> Result<Me
     let fixed = points.len();
     fill::fill(domain, &sizing, &mut points);
     let triangles = fill::relax(domain, &sizing, &mut points, fixed, &layout.constraints, options.max_edge_m)?;
-    Ok(assemble(domain, &points, triangles, &layout.electrodes))
+    let mesh = assemble(domain, &points, triangles, &layout.electrodes);
+    check_whole(domain, &mesh)?;
+    Ok(mesh)
+}
+
+/// A finished mesh must be whole: sound cells, and nodes - edges + cells as of a tube (0) or a disk (1).
+fn check_whole(domain: &Domain, mesh: &Mesh) -> Result<(), MeshError> {
+    let crowded = |what: String| {
+        MeshError::Generate(format!(
+            "no mesh fits between the electrodes and edges of the body ({what}): move electrodes apart that nearly touch \
+             each other or an edge, or make electrode_edge_m shorter"
+        ))
+    };
+    mesh.validate().map_err(|error| crowded(error.to_string()))?;
+    let Cells::Triangles(triangles) = &mesh.cells else { unreachable!("bodies are laid with triangles") };
+    let edges = fill::edges(triangles).len() as isize;
+    let euler = mesh.node_count() as isize - edges + triangles.len() as isize;
+    let expected = isize::from(domain.period().is_none());
+    if euler == expected { Ok(()) } else { Err(crowded(format!("its Euler characteristic is {euler}"))) }
 }
 
 fn assemble(domain: &Domain, points: &[Point2], triangles: Vec<[usize; 3]>, markings: &[Marking]) -> Mesh {

@@ -30,8 +30,15 @@ pub(super) struct Sizing {
 
 #[derive(Debug, Clone, Copy)]
 enum Feature {
-    Circle { centre: Point2, radius: f64 },
-    Point { at: Point2 },
+    /// The outline of a disc and the length of its sides, which a small disc has shorter than asked for.
+    Circle {
+        centre: Point2,
+        radius: f64,
+        side: f64,
+    },
+    Point {
+        at: Point2,
+    },
 }
 
 impl Sizing {
@@ -40,7 +47,10 @@ impl Sizing {
         let edges = domain.edges();
         for outline in outlines {
             match *outline {
-                Outline::Disc { centre, radius, .. } => features.push(Feature::Circle { centre, radius }),
+                Outline::Disc { centre, radius, step, .. } => {
+                    let side = (radius * step).min(options.electrode_edge_m);
+                    features.push(Feature::Circle { centre, radius, side });
+                }
                 Outline::Arc { edge, from, to } => {
                     features.push(Feature::Point { at: edges[edge].point(from) });
                     features.push(Feature::Point { at: edges[edge].point(to) });
@@ -69,23 +79,26 @@ impl Sizing {
         let side = (size[0] * size[1] / SQUARES).sqrt();
         (self.columns, self.rows) = ((size[0] / side).ceil() as usize, (size[1] / side).ceil() as usize);
         let half_diagonal = 0.5 * (size[0] / self.columns as f64).hypot(size[1] / self.rows as f64);
-        let reach = ((self.largest - self.at_electrode) / self.growth).max(0.0) + half_diagonal;
+        let slack = self.growth * half_diagonal;
         for row in 0..self.rows {
             for column in 0..self.columns {
                 let centre = [
                     low[0] + size[0] * (column as f64 + 0.5) / self.columns as f64,
                     low[1] + size[1] * (row as f64 + 0.5) / self.rows as f64,
                 ];
-                let near = |&feature: &usize| self.distance(feature, centre) <= reach;
+                let near = |&feature: &usize| self.allowed(feature, centre) <= self.largest + slack;
                 self.nearby.push((0..self.features.len()).filter(near).collect());
             }
         }
     }
 
-    fn distance(&self, feature: usize, point: Point2) -> f64 {
+    /// The edge length that a feature allows at a point.
+    fn allowed(&self, feature: usize, point: Point2) -> f64 {
         match self.features[feature] {
-            Feature::Circle { centre, radius } => (self.domain.distance(point, centre) - radius).abs(),
-            Feature::Point { at } => self.domain.distance(point, at),
+            Feature::Circle { centre, radius, side } => {
+                side + self.growth * (self.domain.distance(point, centre) - radius).abs()
+            }
+            Feature::Point { at } => self.at_electrode + self.growth * self.domain.distance(point, at),
         }
     }
 
@@ -101,8 +114,7 @@ impl Sizing {
     /// The edge length wanted at a point.
     pub fn at(&self, point: Point2) -> f64 {
         let nearby = &self.nearby[self.square(self.domain.wrap(point))];
-        let distance = nearby.iter().map(|&feature| self.distance(feature, point)).fold(f64::INFINITY, f64::min);
-        (self.at_electrode + self.growth * distance).min(self.largest)
+        nearby.iter().map(|&feature| self.allowed(feature, point)).fold(self.largest, f64::min)
     }
 
     /// Divides `from..to` of a curve into parts as long as wanted, at least one; the inner division points.

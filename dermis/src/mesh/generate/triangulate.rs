@@ -7,20 +7,23 @@ use spade::{ConstrainedDelaunayTriangulation, Point2 as SpadePoint, Triangulatio
 
 /// The constrained Delaunay triangles of some points; the constraints are edges of it.
 ///
-/// On a cylinder the points near the seam are repeated one turn away on both sides, and of the triangles' copies the one
-/// whose centre lies in the turn `[0, period)` is kept: the triangulation of a periodic set is periodic.
+/// On a cylinder the points near the seam are repeated one turn away on both sides. The triangulation of a periodic set
+/// is periodic if the copies are exact and no four points lie on a circle; of a triangle's copies that one is kept whose
+/// first point is the original.
 pub(super) fn triangulate(
     domain: &Domain,
     points: &[Point2],
     constraints: &[[usize; 2]],
     reach: f64,
 ) -> Result<Vec<[usize; 3]>, MeshError> {
-    let mut copies: Vec<(Point2, usize)> = points.iter().copied().zip(0..).collect();
-    let mut copied_edges = constraints.to_vec();
-    if let Some(period) = domain.period() {
-        (copies, copied_edges) = unrolled(domain, points, constraints, period, reach);
-    }
-    let vertices = copies.iter().map(|(point, _)| SpadePoint::new(point[0], point[1])).collect();
+    let (copies, copied_edges) = match domain.period() {
+        Some(period) => unrolled(domain, points, constraints, period, reach),
+        None => {
+            let copies = points.iter().zip(0..).map(|(&place, point)| Placed { place, point, turn: 0 }).collect();
+            (copies, constraints.to_vec())
+        }
+    };
+    let vertices = copies.iter().map(|copy| SpadePoint::new(copy.place[0], copy.place[1])).collect();
     let triangulation = ConstrainedDelaunayTriangulation::<SpadePoint<f64>>::bulk_load_cdt(vertices, copied_edges)
         .map_err(|error| MeshError::Generate(format!("a point of the mesh cannot be placed: {error}")))?;
     if triangulation.num_vertices() != copies.len() {
@@ -28,41 +31,65 @@ pub(super) fn triangulate(
     }
     let mut triangles = Vec::with_capacity(2 * points.len());
     for face in triangulation.inner_faces() {
-        let corners = face.vertices().map(|vertex| vertex.fix().index());
-        let centre = corners.iter().map(|&corner| copies[corner].0[0]).sum::<f64>() / 3.0;
-        if domain.period().is_none_or(|period| (0.0..period).contains(&centre)) {
-            triangles.push(corners.map(|corner| copies[corner].1));
+        let corners = face.vertices().map(|vertex| copies[vertex.fix().index()]);
+        let first = corners.iter().min_by_key(|copy| copy.point).expect("a triangle has corners");
+        if first.turn == 0 {
+            triangles.push(corners.map(|copy| copy.point));
         }
     }
     Ok(triangles)
 }
 
-/// Points and constraints with their copies one turn away, within `reach` of the seam.
+/// A point as it is triangulated.
+#[derive(Debug, Clone, Copy)]
+struct Placed {
+    place: Point2,
+    point: usize,
+    turn: i8,
+}
+
+/// Parts of a turn in which copies are placed: whole numbers so small that adding a turn rounds nothing.
+const PARTS: f64 = (1u64 << 44) as f64;
+
+/// Points are moved by up to so many of these parts, 4e-12 of a turn, by a pattern of their index, so that the four
+/// points of no two triangles lie on a circle, where copies could be divided in different ways.
+const NUDGE: u64 = 64;
+
+/// Points, in parts of a turn, and constraints with their copies one turn away, within `reach` of the seam.
 fn unrolled(
     domain: &Domain,
     points: &[Point2],
     constraints: &[[usize; 2]],
     period: f64,
     reach: f64,
-) -> (Vec<(Point2, usize)>, Vec<[usize; 2]>) {
+) -> (Vec<Placed>, Vec<[usize; 2]>) {
     let mut copies = Vec::with_capacity(points.len() * 5 / 4);
     let mut index_of = vec![[None; 3]; points.len()];
-    for (turn, shift) in [0.0, -period, period].into_iter().enumerate() {
-        for (index, point) in points.iter().enumerate() {
-            let round = point[0] + shift;
-            if turn == 0 || (-reach..period + reach).contains(&round) {
-                index_of[index][turn] = Some(copies.len());
-                copies.push(([round, point[1]], index));
+    for (slot, turn) in [0i8, -1, 1].into_iter().enumerate() {
+        let shift = f64::from(turn) * period;
+        for (index, &point) in points.iter().enumerate() {
+            if turn == 0 || (-reach..period + reach).contains(&(point[0] + shift)) {
+                let [x, y] = nudged(point, index, period, domain.depth(point) > 0.0);
+                index_of[index][slot] = Some(copies.len());
+                copies.push(Placed { place: [x + f64::from(turn) * PARTS, y], point: index, turn });
             }
         }
     }
     let mut edges = Vec::new();
     for &[a, b] in constraints {
         for from in index_of[a].into_iter().flatten() {
-            let near = |to: usize| (copies[to].0[0] - copies[from].0[0]).abs() < 0.5 * period;
+            let near = |to: usize| (copies[to].place[0] - copies[from].place[0]).abs() < 0.5 * PARTS;
             edges.extend(index_of[b].into_iter().flatten().find(|&to| near(to)).map(|to| [from, to]));
         }
     }
-    debug_assert!(domain.period().is_some());
     (copies, edges)
+}
+
+/// A point in parts of a turn, moved off its place by its index; a point of the body's edge stays on it.
+fn nudged(point: Point2, index: usize, period: f64, is_inside: bool) -> Point2 {
+    // Knuth's multiplicative hash, its upper bits.
+    let pattern = (index as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    let nudge = |bits: u64| (bits % (2 * NUDGE)) as f64 - NUDGE as f64;
+    let [x, y] = point.map(|coordinate| (coordinate / period * PARTS).round());
+    [x + nudge(pattern >> 32), if is_inside { y + nudge(pattern >> 48) } else { y }]
 }
