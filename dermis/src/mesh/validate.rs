@@ -93,8 +93,8 @@ impl Mesh {
             if relative < -FLAT {
                 return invalid(format!("cell {cell} is inverted: its volume is negative"));
             }
-            // Negated so that the NaN of a cell whose corners are one point is caught too.
-            if !(relative > FLAT) {
+            // The NaN of a cell whose corners are one point has no area either.
+            if relative.is_nan() || relative <= FLAT {
                 return invalid(format!("cell {cell} has no {what}"));
             }
         }
