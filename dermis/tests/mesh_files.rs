@@ -91,3 +91,59 @@ fn what_is_written_as_msh_is_read_back_the_same() {
         assert_eq!(import::load(&path, 1.0).unwrap(), mesh);
     }
 }
+
+/// The numbers of a VTU file's array.
+fn vtu_array(text: &str, name: &str) -> Vec<f64> {
+    let start = text.find(&format!("Name=\"{name}\"")).unwrap_or_else(|| panic!("no array {name}"));
+    let body = &text[start..];
+    let body = &body[body.find('>').unwrap() + 1..body.find("</DataArray>").unwrap()];
+    body.split_whitespace().map(|word| word.parse().unwrap()).collect()
+}
+
+#[test]
+fn a_vtu_file_holds_the_mesh_its_electrodes_and_its_conductivity() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("mesh.vtu");
+    for mesh in [all_codings("block").remove(0), all_codings("sheet").remove(0)] {
+        let conductivity: Vec<f64> = (0..mesh.cell_count()).map(|cell| 1.0 / (cell + 3) as f64).collect();
+        export::save(&mesh, &path, Some(&conductivity)).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert_eq!(vtu_array(&text, "Points"), mesh.nodes.as_flattened());
+        let ends: Vec<usize> = vtu_array(&text, "offsets").iter().map(|&end| end as usize).collect();
+        let corners: Vec<usize> = vtu_array(&text, "connectivity").iter().map(|&node| node as usize).collect();
+        let electrode = vtu_array(&text, "electrode");
+        let cells: Vec<&[usize]> =
+            (0..ends.len()).map(|k| &corners[if k == 0 { 0 } else { ends[k - 1] }..ends[k]]).collect();
+        for cell in 0..mesh.cell_count() {
+            assert_eq!(cells[cell], mesh.cells.corners(cell));
+        }
+        for (number, patch) in mesh.electrodes.iter().enumerate() {
+            let shown: Vec<usize> = (0..cells.len()).filter(|&k| electrode[k] == number as f64).collect();
+            let nodes: Vec<Vec<usize>> = shown.iter().map(|&k| cells[k].to_vec()).collect();
+            match patch {
+                ElectrodePatch::Cells(list) => assert_eq!(&shown, list),
+                ElectrodePatch::Edges(list) => assert_eq!(nodes, list.iter().map(|e| e.to_vec()).collect::<Vec<_>>()),
+                ElectrodePatch::Faces(list) => assert_eq!(nodes, list.iter().map(|f| f.to_vec()).collect::<Vec<_>>()),
+                ElectrodePatch::Node(node) => assert_eq!(nodes, [[*node]]),
+            }
+        }
+        assert_eq!(vtu_array(&text, "conductivity")[..mesh.cell_count()], conductivity);
+    }
+}
+
+#[test]
+fn the_outside_of_a_volume_is_written_as_stl() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("mesh.stl");
+    export::save(&shapes::block([0.5, 0.25, 0.125], [4, 2, 1]), &path, None).unwrap();
+    let mesh = import::load(&path, 1.0).unwrap();
+    assert_eq!(mesh.cell_count(), 2 * 2 * (8 + 4 + 2));
+    assert_eq!(total_measure(&mesh), 2.0 * (0.5 * 0.25 + 0.5 * 0.125 + 0.25 * 0.125));
+    // Written outwards, so that reading turns nothing.
+    let bytes = std::fs::read(&path).unwrap();
+    let number = |at: usize| f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+    let first = [0, 1, 2].map(|k| number(84 + 4 * k));
+    let corner = [0, 1, 2].map(|k| number(96 + 4 * k));
+    let centre = [0.25, 0.125, 0.0625];
+    assert!((0..3).map(|k| first[k] * (corner[k] - centre[k])).sum::<f32>() > 0.0);
+}
