@@ -228,3 +228,46 @@ impl Reconstruct for Greit {
         Some(&self.matrix)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geom::Surface;
+
+    /// Turned by a column, the wanted image turns by a column, across the seam as elsewhere; targets near a rim count for
+    /// nothing, those near the seam like all others.
+    #[test]
+    fn wanted_images_wrap_round_the_seam() {
+        const ROWS: usize = 9;
+        const COLUMNS: usize = 12;
+        let surface = Surface::Cylinder { radius_m: 0.05, length_m: 0.3 };
+        let turn = std::f64::consts::TAU / COLUMNS as f64;
+        let centre = |at: usize| {
+            let (row, column) = ((at / COLUMNS) as f64 + 0.5, (at % COLUMNS) as f64 + 0.5);
+            surface.at(0.3 * row / ROWS as f64, turn * column).unwrap()
+        };
+        let count = ROWS * COLUMNS;
+        let pixels = PixelSpace {
+            surface,
+            grid: Some([ROWS, COLUMNS]),
+            position_in_grid: (0..count).collect(),
+            centres_m: (0..count).map(centre).collect(),
+            normals: vec![[0.0; 3]; count],
+            areas: vec![1e-3; count],
+            neighbours: vec![Vec::new(); count],
+            overlaps: vec![Vec::new(); count],
+        };
+        let (desired, weights) = desired_images(&pixels, &vec![1e-4; count], 0.04, 0.8);
+        let turned = |at: usize| at / COLUMNS * COLUMNS + (at % COLUMNS + 1) % COLUMNS;
+        for target in 0..count {
+            for pixel in 0..count {
+                let (here, there) = (desired[(pixel, target)], desired[(turned(pixel), turned(target))]);
+                assert!((here - there).abs() < 1e-12 * here.max(1e-3), "pixel {pixel}, target {target}");
+            }
+            let volume: f64 = desired.col(target).iter().map(|value| value * 1e-3).sum();
+            assert!((volume / 1e-4 - 1.0).abs() < 1e-12);
+            assert_eq!(weights[target], weights[turned(target)]);
+        }
+        assert_eq!((weights[0], weights[count / 2]), (0.0, 1e-3));
+    }
+}
