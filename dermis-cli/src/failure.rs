@@ -115,6 +115,7 @@ from_modules!(
     dermis::frame::TableError,
     dermis::mesh::MeshError,
     dermis::forward::ForwardError,
+    dermis::touch::TouchError,
     dermis::reconstruct::ReconstructError,
     dermis::evaluate::EvaluateError
 );

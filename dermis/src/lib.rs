@@ -35,3 +35,8 @@ pub mod evaluate;
 
 mod error;
 pub use error::{Error, Result};
+
+/// The README's code compiles and does what it says.
+#[cfg(doctest)]
+#[doc = include_str!("../../README.md")]
+pub struct Readme;

@@ -1,12 +1,16 @@
-//! `dermis forward`: conductivities to frames.
+//! `dermis forward`: conductivities, or touches, to frames.
 
 use crate::console::{Progress, print};
-use crate::failure::Outcome;
+use crate::failure::{Failure, Outcome};
 use crate::skin::Skin;
 use clap::Args;
-use dermis::frame::{Frame, write_frames};
+use dermis::frame::{Frame, Truth, read_table, read_truth, write_frames};
+use dermis::touch::{GaussianTouch, touched_conductivity};
 use rayon::prelude::*;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+/// Most frames that a file of touches may ask for.
+const MOST_FRAMES: f64 = 1e6;
 
 /// The arguments of `dermis forward`.
 #[derive(Debug, Args)]
@@ -17,6 +21,16 @@ pub struct Arguments {
     /// skin without it.
     #[arg(long, value_name = "FILE")]
     conductivity: Option<PathBuf>,
+    /// Touches to simulate, in place of conductivities: a row per touch with the columns of a truth (see `evaluate`),
+    /// each a Gaussian change of conductance.
+    #[arg(long, value_name = "FILE", conflicts_with = "conductivity")]
+    touches: Option<PathBuf>,
+    /// Relative change of conductance in the middle of a simulated touch: 1 doubles it.
+    #[arg(long, value_name = "NUMBER", default_value_t = 0.5, requires = "touches")]
+    touch_amplitude: f64,
+    /// Standard deviation of a simulated touch along the surface, m.
+    #[arg(long, value_name = "M", default_value_t = 0.008, requires = "touches")]
+    touch_width_m: f64,
     /// The frames to write, a row per map: CSV, NPY or NPZ; ohm.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
@@ -26,7 +40,10 @@ impl Arguments {
     /// Solves for every map.
     pub fn run(self) -> Outcome {
         let skin = Skin::load(&self.design)?;
-        let maps = skin.conductivities(self.conductivity.as_deref())?;
+        let maps = match &self.touches {
+            Some(touches) => self.touched(&skin, touches)?,
+            None => skin.conductivities(self.conductivity.as_deref())?,
+        };
         let progress = Progress::new("solving", maps.len());
         let channels = skin.design.protocol.channel_count();
         let solve = |solver: &mut dermis::forward::Solver, map: &Vec<f64>| {
@@ -39,5 +56,33 @@ impl Arguments {
         drop(progress);
         write_frames(&self.output, &frames)?;
         print(&format!("{}: {} frames of {channels} values\n", self.output.display(), frames.len()))
+    }
+    /// The conductivity of each frame that a file of touches names; frames without a touch are untouched.
+    fn touched(&self, skin: &Skin, path: &Path) -> Outcome<Vec<Vec<f64>>> {
+        let table = read_table(path, "truth")?;
+        let frame_column = table.header.iter().flatten().position(|name| name == "frame");
+        let column = frame_column.ok_or_else(|| {
+            Failure::given(
+                format!("{} has no column `frame`", path.display()),
+                Some("name the columns in the first row, as for `dermis evaluate`"),
+            )
+        })?;
+        let last = table.rows.iter().filter_map(|row| row.get(column)).fold(0.0, |last: f64, &frame| last.max(frame));
+        if last >= MOST_FRAMES {
+            let message = format!("{} names frame {last}: at most {MOST_FRAMES} are simulated", path.display());
+            return Err(Failure::given(message, None));
+        }
+        let (mesh, surface) = (skin.forward.mesh(), skin.design.body.surface());
+        let Truth::OnSkin(frames) = read_truth(path, &surface, last as usize + 1)? else {
+            return Err(Failure::given(format!("{} has no header", path.display()), Some("name the columns")));
+        };
+        let gaussian =
+            |centre_m| GaussianTouch { centre_m, amplitude: self.touch_amplitude, width_m: self.touch_width_m };
+        let map = |touches: &Vec<dermis::contact::Contact>| {
+            let touches: Vec<_> = touches.iter().map(|touch| gaussian(touch.position_m)).collect();
+            let rest = skin.forward.rest_conductivity();
+            Ok(touched_conductivity(mesh, &surface, skin.design.sheet.touch, rest, &touches)?)
+        };
+        frames.iter().map(map).collect()
     }
 }
