@@ -72,7 +72,7 @@ impl Experiment {
         let detector = Detector::new(DetectOptions::default()).with_noise(noise);
         let score = score(&images[..SINGLE], &truth[..SINGLE], &detector, name, alpha)?;
         let resolved = (SINGLE..images.len()).filter(|&pair| {
-            let touches = [truth[pair][0].clone(), truth[pair][1].clone()];
+            let touches = [truth[pair][0], truth[pair][1]];
             resolves_two(&touches, &detector.detect(&images[pair]), &self.surface)
         });
         println!(

@@ -114,8 +114,8 @@ fn a_vtu_file_holds_the_mesh_its_electrodes_and_its_conductivity() {
         let electrode = vtu_array(&text, "electrode");
         let cells: Vec<&[usize]> =
             (0..ends.len()).map(|k| &corners[if k == 0 { 0 } else { ends[k - 1] }..ends[k]]).collect();
-        for cell in 0..mesh.cell_count() {
-            assert_eq!(cells[cell], mesh.cells.corners(cell));
+        for (cell, corners) in cells.iter().take(mesh.cell_count()).enumerate() {
+            assert_eq!(*corners, mesh.cells.corners(cell));
         }
         for (number, patch) in mesh.electrodes.iter().enumerate() {
             let shown: Vec<usize> = (0..cells.len()).filter(|&k| electrode[k] == number as f64).collect();

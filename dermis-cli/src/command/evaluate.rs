@@ -19,8 +19,8 @@ pub struct Arguments {
     frames: FrameArguments,
     #[command(flatten)]
     method: MethodArguments,
-    /// Where the skin was touched, a row per touch: frame,z_m,theta_rad[,force_n] on a cylinder, frame,x_m,y_m[,force_n]
-    /// on a flat skin, frame,x_m,y_m,z_m[,force_n] on a mesh.
+    /// Where the skin was touched, a row per touch: frame,z_m,theta_rad on a cylinder, frame,x_m,y_m on a flat skin,
+    /// frame,x_m,y_m,z_m on a mesh; force_n may follow.
     #[arg(long, value_name = "FILE")]
     truth: PathBuf,
     /// Print JSON (lengths in m) in place of a table (mm).

@@ -285,7 +285,7 @@ pub(super) fn check_conductivity(mesh: &Mesh, conductivity: &[f64]) -> Result<()
 fn check_contact_impedances(mesh: &Mesh, contact_impedances: &[f64]) -> Result<(), ForwardError> {
     let bad = |(electrode, value): (usize, &f64)| {
         let is_point = matches!(mesh.electrodes[electrode], ElectrodePatch::Node(_));
-        !is_point && !(value.is_finite() && *value > 0.0)
+        !(is_point || value.is_finite() && *value > 0.0)
     };
     match contact_impedances.iter().enumerate().position(bad) {
         Some(electrode) => Err(ForwardError::ContactImpedance { electrode, value: contact_impedances[electrode] }),
