@@ -1,0 +1,169 @@
+//! Channels that read the same twice, and whether they agree.
+
+use crate::frame::Frame;
+use crate::protocol::{Channel, Protocol};
+use std::collections::HashMap;
+
+/// Fewest frames from which agreement is told: a rank correlation of unrelated values is then below a third in nine of
+/// ten cases.
+const FRAMES_AT_LEAST: usize = 20;
+
+/// Which channels of some differences can be trusted, and how far; found without any label.
+///
+/// A channel's twins read the same between the same pairs of electrodes: with the drive or the measure reversed, or
+/// with drive and measure exchanged (reciprocity). Over many frames a channel and its twins must rise and fall
+/// together: a channel whose rank correlation (Spearman 1904) is positive with fewer than half of its twins is left
+/// out. Of two that disagree both are, as nothing tells which of them is wrong.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Screening {
+    /// Channels that disagree with their twins, ascending.
+    pub disagreeing: Vec<usize>,
+    /// The robust standard deviation of each channel: 1.4826 times the median of the sizes of its values, in their unit.
+    pub sd: Vec<f64>,
+}
+
+impl Screening {
+    /// Screens differences of one protocol; with fewer than 20 of them nothing is left out.
+    ///
+    /// # Panics
+    /// Where a difference is of another length than the protocol.
+    pub fn of(differences: &[Frame], protocol: &Protocol) -> Self {
+        let count = protocol.channel_count();
+        assert!(differences.iter().all(|frame| frame.len() == count), "differences of the protocol");
+        let column = |channel: usize| differences.iter().map(|frame| frame[channel]).collect::<Vec<f64>>();
+        let sd =
+            (0..count).map(|channel| 1.4826 * median(column(channel).into_iter().map(f64::abs).collect())).collect();
+        if differences.len() < FRAMES_AT_LEAST {
+            return Screening { disagreeing: Vec::new(), sd };
+        }
+        let ranks: Vec<Vec<f64>> = (0..count).map(|channel| ranks(&column(channel))).collect();
+        let disagrees = |&(channel, ref twins): &(usize, Vec<(usize, f64)>)| {
+            let together = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+            let agrees = |&&(twin, sign): &&(usize, f64)| sign * together(&ranks[channel], &ranks[twin]) > 0.0;
+            2 * twins.iter().filter(agrees).count() < twins.len()
+        };
+        let with_twins = twins(protocol).into_iter().enumerate().filter(|(_, twins)| !twins.is_empty());
+        Screening { disagreeing: with_twins.filter(disagrees).map(|(channel, _)| channel).collect(), sd }
+    }
+
+    /// A difference with its outlying values brought back to some robust standard deviations of their channel. A channel
+    /// of which more than half of the values are zero is left as it is: nothing tells how large the others may be.
+    pub fn cut(&self, difference: &Frame, limit_sd: f64) -> Frame {
+        let cut = |(&value, &sd): (&f64, &f64)| match sd * limit_sd {
+            limit if limit > 0.0 => value.clamp(-limit, limit),
+            _ => value,
+        };
+        Frame(difference.iter().zip(&self.sd).map(cut).collect())
+    }
+}
+
+/// For each channel the others that read the same, with the sign that they read it with (always +1 where the
+/// instrument reports amplitudes).
+pub fn twins(protocol: &Protocol) -> Vec<Vec<(usize, f64)>> {
+    let keys: Vec<([usize; 4], f64)> = protocol.channels().iter().map(key).collect();
+    let mut groups: HashMap<[usize; 4], Vec<usize>> = HashMap::new();
+    for (channel, (key, _)) in keys.iter().enumerate() {
+        groups.entry(*key).or_default().push(channel);
+    }
+    let sign = |a: usize, b: usize| if protocol.amplitude_only() { 1.0 } else { keys[a].1 * keys[b].1 };
+    let others = |channel: usize| {
+        let group = &groups[&keys[channel].0];
+        group.iter().filter(|&&other| other != channel).map(|&other| (other, sign(channel, other))).collect()
+    };
+    (0..keys.len()).map(others).collect()
+}
+
+/// What is the same for channels that read the same but for a sign, and that sign.
+fn key(channel: &Channel) -> ([usize; 4], f64) {
+    let mut sign = 1.0;
+    let mut pairs = [channel.drive, channel.measure].map(|[a, b]| {
+        if a > b {
+            sign = -sign;
+        }
+        [a.min(b), a.max(b)]
+    });
+    pairs.sort_unstable();
+    ([pairs[0][0], pairs[0][1], pairs[1][0], pairs[1][1]], sign)
+}
+
+/// The ranks of some values less their mean; equal values share the mean of their ranks.
+fn ranks(values: &[f64]) -> Vec<f64> {
+    let mut order: Vec<usize> = (0..values.len()).collect();
+    order.sort_by(|&a, &b| values[a].total_cmp(&values[b]));
+    let middle = (values.len() as f64 - 1.0) / 2.0;
+    let mut ranks = vec![0.0; values.len()];
+    let mut start = 0;
+    while start < order.len() {
+        let alike = order[start..].iter().take_while(|&&index| values[index] == values[order[start]]).count();
+        let rank = start as f64 + (alike as f64 - 1.0) / 2.0 - middle;
+        order[start..start + alike].iter().for_each(|&index| ranks[index] = rank);
+        start += alike;
+    }
+    ranks
+}
+
+/// The upper median; zero without a value.
+fn median(mut values: Vec<f64>) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Drives 0 -> 2 and 2 -> 0 of a skin of four, each read between 1 and 3, and a channel without a twin.
+    fn protocol() -> Protocol {
+        let channel = |drive, measure| Channel { drive, measure };
+        let channels =
+            vec![channel([0, 2], [1, 3]), channel([2, 0], [1, 3]), channel([1, 3], [0, 2]), channel([0, 1], [2, 3])];
+        Protocol::new(4, channels).unwrap()
+    }
+
+    #[test]
+    fn twins_are_reversed_or_reciprocal_and_know_their_sign() {
+        let found = twins(&protocol());
+        assert_eq!(found[0], vec![(1, -1.0), (2, 1.0)]);
+        assert_eq!(found[1], vec![(0, -1.0), (2, -1.0)]);
+        assert!(found[3].is_empty());
+        let blind = twins(&protocol().with_amplitude_only(true));
+        assert_eq!(blind[1], vec![(0, 1.0), (2, 1.0)]);
+        // By reciprocity each of the paper's 870 values has exactly one twin.
+        assert!(twins(&Protocol::adjacent(30).unwrap()).iter().all(|twins| twins.len() == 1));
+    }
+
+    #[test]
+    fn a_channel_that_goes_against_its_twins_is_left_out() {
+        let wave = |k: usize, phase: f64| (0.7 * k as f64 + phase).sin();
+        let frames: Vec<Frame> =
+            (0..60).map(|k| Frame(vec![wave(k, 0.0), wave(k, 0.0), wave(k, 0.1), wave(k, 2.0)])).collect();
+        // Channel 1 should be minus channel 0 and minus channel 2.
+        assert_eq!(Screening::of(&frames, &protocol()).disagreeing, vec![1]);
+        assert!(Screening::of(&frames, &protocol().with_amplitude_only(true)).disagreeing.is_empty());
+        assert!(Screening::of(&frames[..10], &protocol()).disagreeing.is_empty());
+    }
+
+    #[test]
+    fn an_outlier_is_cut_at_three_robust_deviations() {
+        let mut frames: Vec<Frame> = (0..41).map(|k| Frame(vec![k as f64 - 20.0; 4])).collect();
+        frames[0][2] = -1e6;
+        let screening = Screening::of(&frames, &protocol());
+        let limit = 3.0 * 1.4826 * 10.0;
+        assert!((screening.cut(&frames[0], 3.0)[2] + limit).abs() < 1e-9, "{:?}", screening.sd);
+        assert_eq!(screening.cut(&frames[0], f64::INFINITY), frames[0]);
+        assert_eq!(screening.cut(&frames[5], 3.0)[1], -15.0);
+        let silent = Screening { disagreeing: Vec::new(), sd: vec![0.0; 4] };
+        assert_eq!(
+            (silent.cut(&frames[0], 3.0), silent.cut(&frames[0], f64::INFINITY)),
+            (frames[0].clone(), frames[0].clone())
+        );
+    }
+
+    #[test]
+    fn equal_values_share_their_rank() {
+        assert_eq!(ranks(&[5.0, 1.0, 5.0, 9.0]), vec![0.0, -1.5, 0.0, 1.5]);
+    }
+}
