@@ -64,18 +64,18 @@ impl ImageNoise {
     }
 
     /// Variance per axis of the centroid `c = sum w_p x_p / W` of some pixels, with the weights
-    /// `w_p = a_p (v_p - f v_peak)`: by the first derivatives
+    /// `w_p = a_p (v_p - floor)`, the floor a part f of the peak: by the first derivatives
     /// `dc = sum_p a_p (x_p - c) / W (dv_p - f dv_peak)`.
     pub(super) fn centroid_variance_m2(
         &self,
         image: &Image,
         inside: &[usize],
         peak: usize,
-        weight_fraction: f64,
+        floor: f64,
         centroid: Point3,
     ) -> f64 {
         let space = &image.space;
-        let floor = weight_fraction * image.values[peak];
+        let fraction = floor / image.values[peak];
         let total: f64 = inside.iter().map(|&p| (image.values[p] - floor) * space.areas[p]).sum();
         let mut gradient = vec![[0.0; 3]; self.spread.columns];
         let mut add_row = |pixel: usize, factor: Point3| {
@@ -90,7 +90,7 @@ impl ImageNoise {
             together = add(together, factor);
             add_row(pixel, factor);
         }
-        add_row(peak, scale(together, -weight_fraction));
+        add_row(peak, scale(together, -fraction));
         0.5 * gradient.iter().map(|&g| dot(g, g)).sum::<f64>()
     }
 }
@@ -104,4 +104,24 @@ fn arm(surface: &Surface, from: Point3, to: Point3) -> Point3 {
             [u, v, 0.0]
         }
     }
+}
+
+/// The standard deviation of the white noise that would make an image as rough as it is: 1.4826 times the median of
+/// `|v - mean of its n neighbours| / sqrt(1 + 1/n)`. A contact covers few pixels, so that it hardly moves the median.
+pub(super) fn roughness(image: &Image) -> f64 {
+    let deviation = |(pixel, around): (usize, &Vec<usize>)| {
+        let count = around.len() as f64;
+        let mean = around.iter().map(|&other| image.values[other]).sum::<f64>() / count;
+        (image.values[pixel] - mean).abs() / (1.0 + 1.0 / count).sqrt()
+    };
+    let mut deviations: Vec<f64> = (image.space.neighbours.iter().enumerate())
+        .filter(|(_, around)| !around.is_empty())
+        .map(deviation)
+        .filter(|deviation| deviation.is_finite())
+        .collect();
+    if deviations.is_empty() {
+        return 0.0;
+    }
+    let middle = deviations.len() / 2;
+    1.4826 * *deviations.select_nth_unstable_by(middle, f64::total_cmp).1
 }

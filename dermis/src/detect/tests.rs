@@ -90,6 +90,8 @@ fn the_position_scatters_as_its_standard_deviation_says() {
     let detector = Detector::default().with_noise(noise.clone());
     let mut rng = ChaCha8Rng::seed_from_u64(7);
     let still = detector.detect(&image)[0].position_m;
+    let (peak, height) = image.peak().unwrap();
+    let floor = DetectOptions::default().weight_fraction * height;
     let (mut scatter, mut predicted, count) = (0.0, 0.0, 400);
     for _ in 0..count {
         let noisy = with_white_noise(&image, sd, &mut rng);
@@ -97,10 +99,8 @@ fn the_position_scatters_as_its_standard_deviation_says() {
         assert_eq!(contacts.len(), 1);
         let [round, along] = space.surface.chart(still, contacts[0].position_m);
         scatter += 0.5 * (round * round + along * along) / count as f64;
-        let inside: Vec<usize> =
-            (0..space.len()).filter(|&p| image.values[p] > 0.3 * image.peak().unwrap().1).collect();
-        let peak = image.peak().unwrap().0;
-        predicted += noise.centroid_variance_m2(&image, &inside, peak, 0.3, still) / count as f64;
+        let inside: Vec<usize> = (0..space.len()).filter(|&p| image.values[p] > floor).collect();
+        predicted += noise.centroid_variance_m2(&image, &inside, peak, floor, still) / count as f64;
     }
     // 400 draws of two axes give a standard deviation to 2.5 %; noise at the border of the contact adds a little.
     let ratio = (scatter / predicted).sqrt();
