@@ -38,7 +38,7 @@ pub fn match_contacts(touches: &[Contact], contacts: &[Contact], surface: &Surfa
 
 /// The assignment of rows to columns, as many as the smaller count, of the smallest total cost: the Hungarian method
 /// by shortest augmenting paths (Jonker and Volgenant 1987, DOI 10.1007/BF02278710).
-fn smallest_total(rows: usize, columns: usize, cost: &dyn Fn(usize, usize) -> f64) -> Vec<(usize, usize)> {
+pub(super) fn smallest_total(rows: usize, columns: usize, cost: &dyn Fn(usize, usize) -> f64) -> Vec<(usize, usize)> {
     if rows > columns {
         let turned = smallest_total(columns, rows, &|row, column| cost(column, row));
         return turned.into_iter().map(|(row, column)| (column, row)).collect();

@@ -3,15 +3,21 @@
 //! Truth and estimate are matched one to one by the smallest total distance along the surface; a pair farther apart
 //! than the [gate](crate::detect::GATE_M) is a miss and a ghost. See `docs/conventions.md`.
 
+mod align;
 mod matching;
+mod presses;
 mod score;
 mod statistics;
+mod tank;
 #[cfg(test)]
 mod tests;
 
+pub use align::Alignment;
 pub use matching::{Match, match_contacts};
+pub use presses::{AlignOptions, Aligned, PressEstimates};
 pub use score::{Score, resolves_two, score};
 pub use statistics::Summary;
+pub use tank::{FoundObject, Material, TankObject, find_objects};
 
 use thiserror::Error;
 
@@ -28,5 +34,35 @@ pub enum EvaluateError {
         images: usize,
         /// Number of frames of the truth.
         truths: usize,
+    },
+    /// Presses that tell too little to align by.
+    #[error("{presses} presses to align by at {places} places: at least 3 places are needed")]
+    TooFewPresses {
+        /// Presses to align by.
+        presses: usize,
+        /// Different places among them.
+        places: usize,
+    },
+    /// No press left to score.
+    #[error("{align} presses to align by leave none of the {presses} to score: align by fewer")]
+    NothingToScore {
+        /// Presses to align by.
+        align: usize,
+        /// All presses.
+        presses: usize,
+    },
+    /// Estimates that all lie at one place, so that they tell no scale.
+    #[error("the estimates of the presses to align by all lie at one place")]
+    NoScale,
+    /// Alignment on a surface that is not flat.
+    #[error("presses in a robot's frame can be aligned with flat skins only")]
+    NotFlat,
+    /// A press that is no place.
+    #[error("press {press} is at {position:?}: it must be finite")]
+    Press {
+        /// Index of the press.
+        press: usize,
+        /// What was given.
+        position: [f64; 3],
     },
 }

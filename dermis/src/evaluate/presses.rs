@@ -1,0 +1,238 @@
+//! Real presses whose places are known in a robot's frame only.
+
+use crate::contact::Contact;
+use crate::design::TouchEffect;
+use crate::detect::{Detector, whole_image_centroid};
+use crate::evaluate::EvaluateError;
+use crate::evaluate::align::{Alignment, distance};
+use crate::evaluate::matching::match_contacts;
+use crate::evaluate::score::Score;
+use crate::evaluate::statistics::Summary;
+use crate::forward::ForwardModel;
+use crate::frame::{Frame, Screening};
+use crate::geom::vector::Point3;
+use crate::geom::{Point2, Surface};
+use crate::image::{Image, PixelSpace};
+
+use crate::reconstruct::{Alpha, Linearised, OneStep, OneStepOptions, Prior, Reconstruct};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// Among what the presses to align by choose.
+#[derive(Debug, Clone)]
+pub struct AlignOptions {
+    /// Priors to choose from.
+    pub priors: Vec<Prior>,
+    /// Alphas to choose from.
+    pub alphas: Vec<Alpha>,
+    /// Where to cut outlying values, in robust standard deviations of their channel, to choose from.
+    pub limits_sd: Vec<f64>,
+    /// What finds the contacts.
+    pub detector: Detector,
+    /// Which way a touch turns the conductance.
+    pub touch: TouchEffect,
+}
+
+impl AlignOptions {
+    /// NOSER with the exponents 0.25 and 0.5 (with larger ones the slivers of pixels at the rim outshine the others),
+    /// alphas from 2 to 16 by factors of two, no cut and two; the shipped detector.
+    pub fn new(touch: TouchEffect) -> Self {
+        AlignOptions {
+            priors: [0.25, 0.5].map(|exponent| Prior::Noser { exponent }).to_vec(),
+            alphas: [2.0, 4.0, 8.0, 16.0].map(Alpha::Given).to_vec(),
+            limits_sd: vec![f64::INFINITY, 3.0, 2.0],
+            detector: Detector::default(),
+            touch,
+        }
+    }
+}
+
+/// What one method found for every press, in the skin's frame.
+#[derive(Debug, Clone)]
+struct Candidate {
+    method: String,
+    limit_sd: f64,
+    alpha: f64,
+    /// All contacts of each press, the strongest first.
+    contacts: Vec<Vec<Contact>>,
+    /// The mean of the contacts weighted by their strength, as one press made them all; without a contact the whole
+    /// image's centroid.
+    places: Vec<Point2>,
+    /// The whole image's centroid.
+    centroids: Vec<Point2>,
+}
+
+/// What some methods found for every press of an experiment, before anyone knows where the skin lies.
+#[derive(Debug, Clone)]
+pub struct PressEstimates {
+    screening: Screening,
+    candidates: Vec<Candidate>,
+}
+
+/// Presses scored after alignment.
+#[derive(Debug, Clone)]
+pub struct Aligned {
+    /// Where the skin lies.
+    pub alignment: Alignment,
+    /// Where the outlying values of a channel were cut, in its robust standard deviations; infinite for no cut.
+    pub limit_sd: f64,
+    /// Presses that it was aligned by.
+    pub aligned_by: usize,
+    /// Channels left out because they disagree with their twins.
+    pub left_out: Vec<usize>,
+    /// The score of the other presses. Every press is scored, one without a contact by the whole image's centroid:
+    /// `localisation_m` has no gate; misses and ghosts count contacts as everywhere.
+    pub score: Score,
+    /// The presses scored: index, place pressed and place found, in the robot's frame.
+    pub places: Vec<(usize, Point2, Point2)>,
+}
+
+impl PressEstimates {
+    /// Screens the channels of the differences, without labels, and finds the contacts of every press by every method.
+    ///
+    /// # Errors
+    /// A skin that is not flat, options out of their range, differences of the wrong length.
+    ///
+    /// # Panics
+    /// Without a prior, an alpha or a limit to choose from.
+    pub fn new(
+        forward: &ForwardModel,
+        pixels: &Arc<PixelSpace>,
+        differences: &[Frame],
+        options: &AlignOptions,
+    ) -> crate::Result<Self> {
+        let choices = [options.priors.len(), options.alphas.len(), options.limits_sd.len()];
+        assert!(!choices.contains(&0), "a prior, an alpha and a limit to choose from");
+        if pixels.surface != Surface::Plane {
+            return Err(EvaluateError::NotFlat.into());
+        }
+        let screening = Screening::of(differences, forward.protocol());
+        let model = Linearised::new(forward, pixels)?;
+        let mut candidates = Vec::new();
+        for &limit_sd in &options.limits_sd {
+            let cut: Vec<Frame> = differences.iter().map(|difference| screening.cut(difference, limit_sd)).collect();
+            for &prior in &options.priors {
+                for &alpha in &options.alphas {
+                    let one_step = OneStepOptions {
+                        prior,
+                        alpha,
+                        touch: options.touch,
+                        excluded: screening.disagreeing.clone(),
+                        examples: if matches!(alpha, Alpha::LCurve | Alpha::Gcv) { cut.clone() } else { Vec::new() },
+                        ..OneStepOptions::default()
+                    };
+                    let method = OneStep::from_linearised(&model, Arc::clone(pixels), &one_step)?;
+                    candidates.push(Candidate::new(&method, limit_sd, &cut, &options.detector)?);
+                }
+            }
+        }
+        Ok(PressEstimates { screening, candidates })
+    }
+
+    /// Aligns by the presses `align_by`, which also choose among the methods by the smallest mean distance that remains, and
+    /// scores all others.
+    ///
+    /// # Errors
+    /// Not one press a frame, a press that is not finite, fewer than three places to align by, none left to score.
+    pub fn align(&self, presses: &[Point3], align_by: &[usize]) -> Result<Aligned, EvaluateError> {
+        let frames = self.candidates[0].places.len();
+        if presses.len() != frames {
+            return Err(EvaluateError::Count { images: frames, truths: presses.len() });
+        }
+        if let Some(press) = presses.iter().position(|press| !press.iter().all(|value| value.is_finite())) {
+            return Err(EvaluateError::Press { press, position: presses[press] });
+        }
+        let mut held_back = vec![false; frames];
+        for &press in align_by {
+            let slot = held_back.get_mut(press);
+            *slot.ok_or(EvaluateError::NothingToScore { align: align_by.len(), presses: frames })? = true;
+        }
+        let scored: Vec<usize> = (0..frames).filter(|&press| !held_back[press]).collect();
+        if scored.is_empty() {
+            return Err(EvaluateError::NothingToScore { align: align_by.len(), presses: frames });
+        }
+        let mut best: Option<(&Candidate, Alignment)> = None;
+        for candidate in &self.candidates {
+            let alignment = fit(&candidate.places, presses, align_by)?;
+            if best.is_none_or(|(_, best)| alignment.residual_m < best.residual_m) {
+                best = Some((candidate, alignment));
+            }
+        }
+        let (candidate, alignment) = best.expect("there is a prior and an alpha");
+        let score = candidate.score(presses, align_by, &scored, &alignment)?;
+        let place =
+            |&press: &usize| (press, [presses[press][0], presses[press][1]], alignment.apply(candidate.places[press]));
+        Ok(Aligned {
+            alignment,
+            limit_sd: candidate.limit_sd,
+            aligned_by: align_by.len(),
+            left_out: self.screening.disagreeing.clone(),
+            score,
+            places: scored.iter().map(place).collect(),
+        })
+    }
+}
+
+fn fit(places: &[Point2], presses: &[Point3], align_by: &[usize]) -> Result<Alignment, EvaluateError> {
+    let estimates: Vec<Point2> = align_by.iter().map(|&press| places[press]).collect();
+    let presses: Vec<Point2> = align_by.iter().map(|&press| [presses[press][0], presses[press][1]]).collect();
+    Alignment::fit(&estimates, &presses)
+}
+
+impl Candidate {
+    fn new(method: &OneStep, limit_sd: f64, differences: &[Frame], detector: &Detector) -> crate::Result<Self> {
+        let found = |difference: &Frame| -> crate::Result<(Vec<Contact>, Point2)> {
+            let image: Image = method.reconstruct(difference)?;
+            // An image without a positive value tells nothing: the middle of the skin is the best guess.
+            let [x, y, _] = whole_image_centroid(&image).unwrap_or_default();
+            Ok((detector.detect(&image), [x, y]))
+        };
+        let (contacts, centroids): (Vec<_>, Vec<_>) =
+            differences.par_iter().map(found).collect::<crate::Result<Vec<_>>>()?.into_iter().unzip();
+        let place = |(contacts, &centroid): (&Vec<Contact>, &Point2)| {
+            let total: f64 = contacts.iter().map(|contact| contact.strength).sum();
+            let mean = |axis: usize| {
+                contacts.iter().map(|contact| contact.strength * contact.position_m[axis]).sum::<f64>() / total
+            };
+            if contacts.is_empty() { centroid } else { [mean(0), mean(1)] }
+        };
+        let places = contacts.iter().zip(&centroids).map(place).collect();
+        Ok(Candidate { method: method.name(), limit_sd, alpha: method.alpha(), contacts, places, centroids })
+    }
+
+    fn score(
+        &self,
+        presses: &[Point3],
+        align_by: &[usize],
+        scored: &[usize],
+        alignment: &Alignment,
+    ) -> Result<Score, EvaluateError> {
+        let flat = |press: usize| [presses[press][0], presses[press][1]];
+        let of_centroids = fit(&self.centroids, presses, align_by)?;
+        let (mut misses, mut ghosts) = (0, 0);
+        for &press in scored {
+            let [x, y] = flat(press);
+            let touch = Contact::truth([x, y, 0.0], [0.0, 0.0, 1.0], f64::NAN);
+            let moved =
+                |contact: &Contact| Contact { position_m: alignment.apply_to_point(contact.position_m), ..*contact };
+            let contacts: Vec<Contact> = self.contacts[press].iter().map(moved).collect();
+            let found = match_contacts(&[touch], &contacts, &Surface::Plane);
+            misses += found.missed.len();
+            ghosts += found.ghosts.len();
+        }
+        let errors = |places: &[Point2], alignment: &Alignment| {
+            let error = |&press: &usize| distance(alignment.apply(places[press]), flat(press));
+            Summary::of(&scored.iter().map(error).collect::<Vec<f64>>())
+        };
+        Ok(Score {
+            presses: scored.len(),
+            misses,
+            ghosts,
+            localisation_m: errors(&self.places, alignment),
+            eq11_m: errors(&self.centroids, &of_centroids),
+            sensitivity_spread: f64::NAN,
+            method: self.method.clone(),
+            alpha: Some(self.alpha),
+        })
+    }
+}
