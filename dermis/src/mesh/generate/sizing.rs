@@ -127,7 +127,9 @@ impl Sizing {
             count.push(count[k] + (place(k + 1) - place(k)) / self.at(point(middle)));
         }
         let total = count[samples];
-        let parts = total.round().max(1.0) as usize;
+        let nearest = total.round().max(1.0);
+        // Rounding down must not make a part longer than the longest edge allowed.
+        let parts = if total > nearest / MEAN_OF_LONGEST { nearest + 1.0 } else { nearest } as usize;
         (1..parts)
             .map(|part| {
                 let wanted = total * part as f64 / parts as f64;
