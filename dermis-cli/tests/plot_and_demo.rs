@@ -77,6 +77,23 @@ fn what_cannot_be_drawn_is_refused_with_the_way_out() {
 }
 
 #[test]
+fn the_tanks_objects_stand_at_the_electrodes_that_their_recordings_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = ok(&dermis(folder.path(), &["demo", "tank", "-o", "t/tank.html"]));
+    println!("{text}");
+    assert!(text.contains("18 of 18 objects") && text.contains("tank.html"));
+    let json: serde_json::Value =
+        serde_json::from_str(&ok(&dermis(folder.path(), &["demo", "tank", "--json"]))).unwrap();
+    let recordings = json["recordings"].as_array().unwrap();
+    assert_eq!(recordings.len(), 6);
+    for object in recordings.iter().flat_map(|recording| recording["objects"].as_array().unwrap()) {
+        assert!(object["off_spacings"].as_f64().unwrap().abs() <= 0.5, "{object}");
+    }
+    let page = std::fs::read_to_string(folder.path().join("t/tank.html")).unwrap();
+    assert_eq!(page.matches("<svg xmlns").count(), 6);
+}
+
+#[test]
 fn the_demo_finds_every_press_and_writes_a_page_that_needs_nothing_else() {
     let folder = tempfile::tempdir().unwrap();
     let json: serde_json::Value = serde_json::from_str(&ok(&dermis(folder.path(), &["demo", "--json"]))).unwrap();

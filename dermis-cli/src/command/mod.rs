@@ -29,7 +29,7 @@ pub enum Command {
     Contacts(contacts::Arguments),
     /// Score contacts against what truly touched the skin.
     Evaluate(evaluate::Arguments),
-    /// Press the paper's skin 900 times in simulation and write a report.
+    /// See it work: the paper's skin pressed 900 times in simulation, or a real tank; writes a report.
     Demo(demo::Arguments),
     /// Write a commented design file to start from.
     New(new::Arguments),

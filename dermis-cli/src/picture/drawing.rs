@@ -79,6 +79,23 @@ impl<'a> Drawing<'a> {
         add_marks(scene, touches, 3.4, Mark::Bead(BLACK), "true place");
     }
 
+    /// Marks with a name each, on any scene.
+    pub fn add_named_marks(&self, scene: &mut Scene, marks: impl Iterator<Item = (Point3, String)>, meaning: &str) {
+        let mark = Mark::Cross(BLACK);
+        for (at, text) in marks {
+            let normal = self.surface().normal(at).unwrap_or([0.0, 0.0, 1.0]);
+            scene.dots.push(Dot { at, normal, radius: 7.0, mark });
+            scene.labels.push(Label { at, normal, text, reach_m: 0.0, stand: Stand::Above { pixels: 8.0 } });
+        }
+        scene.legend.push((mark, meaning.to_string()));
+    }
+
+    /// The electrodes' numbers, on any scene.
+    pub fn number_electrodes(&self, scene: &mut Scene) {
+        let labels = self.mesh.electrodes.iter().enumerate();
+        scene.labels.extend(labels.filter_map(|(number, patch)| self.electrode_label(patch, number)));
+    }
+
     /// Where touches were and where they were found, as the paper's Fig. 7: true places black dots, estimates red
     /// circles, errors as lines, electrodes yellow. `ghosts` are estimates without a touch.
     pub fn localisation(&self, touches: &[(Contact, Option<Contact>)], ghosts: &[Contact]) -> Scene {

@@ -80,8 +80,13 @@ pub struct Label {
 }
 
 /// Where a label stands beside what it names.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Stand {
+    /// Above it, by some pixels.
+    Above {
+        /// From its place to the foot of the letters.
+        pixels: f64,
+    },
     /// On it where it is large enough, else above it (below it where there is no room).
     OnOrAbove,
     /// Towards the middle of the body: for what lies on its edge.
@@ -138,6 +143,7 @@ impl Label {
         let half = text_width(&self.text, LABEL_SIZE) / 2.0;
         let centred = 0.36 * LABEL_SIZE;
         let (x, y) = match self.stand {
+            Stand::Above { pixels } => (x, y - pixels - 2.0),
             Stand::OnOrAbove if reach > LABEL_SIZE => (x, y + centred),
             Stand::OnOrAbove if y - reach - 3.0 > LABEL_SIZE => (x, y - reach - 3.0),
             Stand::OnOrAbove => (x, y + reach + 2.0 + LABEL_SIZE),

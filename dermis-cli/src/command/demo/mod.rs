@@ -2,11 +2,12 @@
 
 mod page;
 mod presses;
+mod tank;
 
 use crate::console::{print, print_json};
 use crate::failure::{Failure, Outcome};
 use crate::report::Report;
-use clap::Args;
+use clap::{Args, ValueEnum};
 use dermis::frame::write_whole;
 use presses::Demo;
 use serde::Serialize;
@@ -15,15 +16,27 @@ use std::path::{Path, PathBuf};
 /// The arguments of `dermis demo`.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The page to write.
-    #[arg(short, long, default_value = "out/demo/index.html")]
-    output: PathBuf,
-    /// Seed of the noise.
+    /// What to show.
+    #[arg(value_enum, default_value = "presses")]
+    what: What,
+    /// The page to write; out/demo/index.html or out/demo/tank.html without it.
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Seed of the simulated noise.
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Print the results as JSON.
     #[arg(long)]
     json: bool,
+}
+
+/// What the demo shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum What {
+    /// The paper's skin pressed 900 times, simulated.
+    Presses,
+    /// Real frames of a saline tank with metal and plastic in it.
+    Tank,
 }
 
 /// The paper's result of its linear method, measured on its real skin (900 indentations; Eqs. 11 and 12).
@@ -41,21 +54,29 @@ pub struct PaperRow {
 pub const PAPER_LINEAR: PaperRow = PaperRow { mean_m: 5.5e-3, sd_m: 3.2e-3, sensitivity_spread: 0.45 };
 
 impl Arguments {
-    /// Presses the paper's skin 900 times, prints the score and writes the page.
+    /// Does the main job, prints what came of it and writes a page with the pictures.
     pub fn run(self) -> Outcome {
-        let demo = Demo::run(self.seed)?;
-        write_page(&self.output, &page::report(&demo)?)?;
-        if self.json {
-            return print_json(&Summary { demo: &demo, report: &self.output });
+        let named = |name: &str| self.output.clone().unwrap_or_else(|| Path::new("out/demo").join(name));
+        match self.what {
+            What::Presses => run_presses(&named("index.html"), self.seed, self.json),
+            What::Tank => tank::run(&named("tank.html"), self.json),
         }
-        print(&format!(
-            "{}\n{}\n{}\n\nThe report with all pictures: {}\n",
-            demo.heading(),
-            demo.table().to_text(),
-            presses::CAVEAT,
-            self.output.display()
-        ))
     }
+}
+
+fn run_presses(output: &Path, seed: u64, json: bool) -> Outcome {
+    let demo = Demo::run(seed)?;
+    write_page(output, &page::report(&demo)?)?;
+    if json {
+        return print_json(&Summary { demo: &demo, report: output });
+    }
+    print(&format!(
+        "{}\n{}\n{}\n\nThe report with all pictures: {}\n",
+        demo.heading(),
+        demo.table().to_text(),
+        presses::CAVEAT,
+        output.display()
+    ))
 }
 
 /// Writes a page, with the folder that holds it.
