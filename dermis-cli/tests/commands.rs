@@ -260,6 +260,41 @@ fn an_evaluation_is_a_table_or_json() {
     assert!(at.refused(input).contains("truth.csv, row 3, column 1: frame 2, but the frames are 0 to 1"));
 }
 
+/// Touches on a sunflower's spiral, in the skin's frame and as a robot elsewhere would report them: turned by 30 degrees,
+/// seen mirrored, its origin 0.4 m away. (The same model simulates and reconstructs: this tests the frames of space.)
+#[test]
+fn presses_in_a_robots_frame_are_aligned_first() {
+    let at = Workplace::new();
+    let (mut skin, mut robot) = (String::from("frame,x_m,y_m\n"), String::new());
+    let (sin, cos) = 30f64.to_radians().sin_cos();
+    for k in 0..40 {
+        let (radius, angle) = (0.03 * (f64::from(k) / 40.0).sqrt(), 2.4 * f64::from(k));
+        let (x, y) = (radius * angle.cos(), radius * angle.sin());
+        skin += &format!("{k},{x},{y}\n");
+        robot += &format!("{},{},0.02\n", 0.4 + cos * x + sin * y, 0.1 + sin * x - cos * y);
+    }
+    at.write("skin.csv", skin);
+    at.write("robot.csv", robot);
+    at.good("forward disk.toml --touches skin.csv -o frames.csv");
+    at.good("forward disk.toml -o rest.csv");
+    let input = "evaluate disk.toml --frames frames.csv --baseline rest.csv --truth robot.csv";
+    let json: serde_json::Value = serde_json::from_str(&at.good(&format!("{input} --align 20 --json"))).unwrap();
+    assert_eq!(json["presses"], 20);
+    assert_eq!(json["aligned_by"], 20);
+    assert_eq!(json["alignment"]["mirrored"], true);
+    let near = |value: &serde_json::Value, wanted: f64, by: f64| (value.as_f64().unwrap() - wanted).abs() < by;
+    assert!(near(&json["alignment"]["centre_m"][0], 0.4, 0.002) && near(&json["alignment"]["centre_m"][1], 0.1, 0.002));
+    assert!(near(&json["alignment"]["rotation_rad"], 30f64.to_radians(), 0.1), "{json}");
+    assert!(json["localisation_m"]["mean"].as_f64().unwrap() < 0.006, "{json}");
+    assert!(at.good(&format!("{input} --align 20")).contains("seen mirrored"));
+
+    assert!(at.refused(input).contains("find out with --align N"));
+    assert!(at.refused(&format!("{input} --align 40")).contains("40"));
+    assert!(at.refused(&format!("{input} --align 20 --alpha 1")).contains("cannot be used with"));
+    let own = input.replace("robot.csv", "skin.csv");
+    assert!(at.refused(&format!("{own} --align 20")).contains("nothing to align"));
+}
+
 #[test]
 fn a_new_design_is_read_and_meshed_as_it_is() {
     let at = Workplace { folder: tempfile::tempdir().unwrap() };

@@ -1,13 +1,15 @@
 //! `dermis evaluate`: contacts against what truly touched the skin.
 
-use crate::console::{print, print_json};
+use crate::console::{Progress, print, print_json};
 use crate::failure::{Failure, Outcome};
 use crate::frames::FrameArguments;
 use crate::method::MethodArguments;
 use crate::skin::{Per, Skin};
 use clap::Args;
-use dermis::evaluate::{Score, Summary, score};
-use dermis::frame::{Truth, read_truth};
+use dermis::evaluate::{AlignOptions, Aligned, Alignment, PressEstimates, Score, Summary, score};
+use dermis::frame::{Frame, Truth, read_truth};
+use dermis::geom::Point3;
+use serde::Serialize;
 use std::path::PathBuf;
 
 /// The arguments of `dermis evaluate`.
@@ -23,6 +25,15 @@ pub struct Arguments {
     /// frame,x_m,y_m,z_m on a mesh; force_n may follow.
     #[arg(long, value_name = "FILE")]
     truth: PathBuf,
+    /// The truth is headerless x,y,z (m) in the frame of the robot that pressed, a row a frame: the first N presses tell
+    /// where the skin lies in that frame and which prior, alpha and cut suit it, the others are scored. Channels that
+    /// disagree with their twins are left out.
+    #[arg(
+        long,
+        value_name = "N",
+        conflicts_with_all = ["method", "alpha", "alpha_absolute", "noser_exponent", "weighing", "leave_out"]
+    )]
+    align: Option<usize>,
     /// Print JSON (lengths in m) in place of a table (mm).
     #[arg(long)]
     json: bool,
@@ -34,9 +45,18 @@ impl Arguments {
         let skin = Skin::load(&self.design)?;
         let differences = self.frames.read(&skin.design.protocol)?;
         let truth = read_truth(&self.truth, &skin.design.body.surface(), differences.frames.len())?;
-        let Truth::OnSkin(truth) = truth else {
-            let message = format!("{} has no header: its frame of space is unknown", self.truth.display());
-            return Err(Failure::given(message, Some("name the columns in the first row")));
+        let truth = match (truth, self.align) {
+            (Truth::OnSkin(truth), None) => truth,
+            (Truth::Elsewhere(presses), Some(count)) => return self.align(&skin, &differences.frames, &presses, count),
+            (Truth::Elsewhere(_), None) => {
+                let message = format!("{} has no header: where the skin lies is unknown", self.truth.display());
+                let fix = "name the columns in the first row, or find out with --align N";
+                return Err(Failure::given(message, Some(fix)));
+            }
+            (Truth::OnSkin(_), Some(_)) => {
+                let message = format!("{} is in the skin's own frame: there is nothing to align", self.truth.display());
+                return Err(Failure::given(message, Some("leave --align out")));
+            }
         };
         let method = self.method.prepare(&skin, Per::Pixel, &differences)?;
         let detector = method.detector(&differences)?;
@@ -44,6 +64,61 @@ impl Arguments {
         let score = score(&images, &truth, &detector, &method.reconstruct.name(), method.alpha)?;
         if self.json { print_json(&score) } else { print(&table(&skin.design.name, &score)) }
     }
+}
+
+impl Arguments {
+    /// Finds out from the first presses where the skin lies, and scores the others.
+    fn align(&self, skin: &Skin, differences: &[Frame], presses: &[Point3], count: usize) -> Outcome {
+        let progress = Progress::waiting("images of all presses, by every prior, alpha and cut to choose from");
+        let options = AlignOptions::new(skin.design.sheet.touch);
+        let estimates = PressEstimates::new(&skin.forward, &skin.pixels(Per::Pixel)?, differences, &options)?;
+        let align_by: Vec<usize> = (0..count).collect();
+        let aligned = estimates.align(presses, &align_by).map_err(dermis::Error::from)?;
+        drop(progress);
+        if self.json {
+            return print_json(&AlignedJson {
+                score: &aligned.score,
+                alignment: &aligned.alignment,
+                aligned_by: aligned.aligned_by,
+                left_out: &aligned.left_out,
+                cut_sd: aligned.limit_sd,
+            });
+        }
+        print(&(table(&skin.design.name, &aligned.score) + &placement(&aligned)))
+    }
+}
+
+/// A score of aligned presses for machines.
+#[derive(Serialize)]
+struct AlignedJson<'a> {
+    #[serde(flatten)]
+    score: &'a Score,
+    /// Where the skin lies.
+    alignment: &'a Alignment,
+    /// Presses that told it.
+    aligned_by: usize,
+    /// Channels that disagree with their twins.
+    left_out: &'a [usize],
+    /// Where outlying values were cut, in standard deviations of their channel; `null` for no cut.
+    cut_sd: f64,
+}
+
+/// Where the skin lies and what told it, for people.
+fn placement(aligned: &Aligned) -> String {
+    let Alignment { centre_m, rotation_rad, mirrored, scale, residual_m } = aligned.alignment;
+    let left_out: Vec<String> = aligned.left_out.iter().map(usize::to_string).collect();
+    let left_out = if left_out.is_empty() { "none".to_string() } else { left_out.join(" ") };
+    let cut = if aligned.limit_sd.is_finite() { format!("at {} sd", aligned.limit_sd) } else { "nowhere".into() };
+    format!(
+        "  aligned by          the first {} presses, {:.2} mm off on the mean\n  skin lies at        x {:.2} mm, y {:.2} mm, \
+         turned by {:.1} degrees{}, estimates times {scale:.3}\n  values cut          {cut}\n  channels left out   {left_out}\n",
+        aligned.aligned_by,
+        residual_m * 1000.0,
+        centre_m[0] * 1000.0,
+        centre_m[1] * 1000.0,
+        rotation_rad.to_degrees(),
+        if mirrored { ", seen mirrored" } else { "" },
+    )
 }
 
 /// A score for people.
