@@ -89,6 +89,11 @@ fn what_is_written_as_msh_is_read_back_the_same() {
         let conductivity = vec![0.25; mesh.cell_count()];
         export::save(&mesh, &path, Some(&conductivity)).unwrap();
         assert_eq!(import::load(&path, 1.0).unwrap(), mesh);
+        if let Ok(folder) = std::env::var("DERMIS_KEEP_MESHES") {
+            // For a look at them with other programs.
+            let name = format!("{}_{}.msh", mesh.node_count(), mesh.cell_count());
+            std::fs::copy(&path, Path::new(&folder).join(name)).unwrap();
+        }
     }
 }
 

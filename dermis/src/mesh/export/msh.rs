@@ -1,7 +1,7 @@
 //! Gmsh .msh version 4.1, ASCII.
 
 use super::{Part, electrode_parts, electrodes_of_cells};
-use crate::mesh::import::ELECTRODE;
+use crate::mesh::import::{ELECTRODE, UNGROUPED};
 use crate::mesh::{Cells, ElectrodePatch, Mesh};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -51,13 +51,19 @@ pub(super) fn write(mesh: &Mesh, conductivity: Option<&[f64]>, out: &mut dyn Wri
     }
     writeln!(out, "$EndElements")?;
     if let Some(values) = conductivity {
-        writeln!(out, "$ElementData\n1\n\"conductivity\"\n1\n0.0\n3\n0\n1\n{}", values.len())?;
-        for (cell, value) in values.iter().enumerate() {
-            writeln!(out, "{} {value:?}", cell + 1)?;
+        writeln!(out, "$ElementData\n1\n\"conductivity\"\n1\n0.0\n3\n0\n1\n{element_count}")?;
+        // A value for every element in the order of the blocks, as meshio needs it; 0 where it only shows an electrode.
+        for (tag, _) in entities.values().flatten() {
+            writeln!(out, "{tag} {:?}", values.get(tag - 1).copied().unwrap_or(0.0))?;
         }
         writeln!(out, "$EndElementData")?;
     }
     Ok(())
+}
+
+/// The tag of the group that holds the cells of no other: some programs (Gmsh when it saves, meshio) lose cells without.
+fn ungrouped_tag(mesh: &Mesh) -> usize {
+    mesh.electrodes.len() + mesh.regions.len() + 1
 }
 
 /// The tags of the groups of each cell: electrode `n` has `n + 1`, the regions follow.
@@ -67,11 +73,12 @@ fn groups_of_cells(mesh: &Mesh) -> Vec<Groups> {
     for (k, (_, cells)) in mesh.regions.iter().enumerate() {
         cells.iter().for_each(|&cell| groups[cell].push(mesh.electrodes.len() + k + 1));
     }
+    groups.iter_mut().filter(|list| list.is_empty()).for_each(|list| list.push(ungrouped_tag(mesh)));
     groups
 }
 
 fn physical_names(mesh: &Mesh, dimension: usize, out: &mut dyn Write) -> io::Result<()> {
-    writeln!(out, "$PhysicalNames\n{}", mesh.electrodes.len() + mesh.regions.len())?;
+    writeln!(out, "$PhysicalNames\n{}", ungrouped_tag(mesh))?;
     for (electrode, patch) in mesh.electrodes.iter().enumerate() {
         let dimension = match patch {
             ElectrodePatch::Node(_) => 0,
@@ -84,6 +91,7 @@ fn physical_names(mesh: &Mesh, dimension: usize, out: &mut dyn Write) -> io::Res
     for (k, (name, _)) in mesh.regions.iter().enumerate() {
         writeln!(out, "{dimension} {} \"{name}\"", mesh.electrodes.len() + k + 1)?;
     }
+    writeln!(out, "{dimension} {} \"{UNGROUPED}\"", ungrouped_tag(mesh))?;
     writeln!(out, "$EndPhysicalNames")
 }
 

@@ -142,7 +142,7 @@ fn regions(gmsh: &Gmsh, elements: &Elements<'_>, cell_kind: Kind) -> Vec<(String
     let mut regions: Vec<(String, Vec<usize>)> = Vec::new();
     for group in groups.into_iter().filter(|group| group.0 == dimension) {
         let name = gmsh.names.get(&group).cloned().unwrap_or_else(|| group.1.to_string());
-        if name.starts_with(ELECTRODE) {
+        if name.starts_with(ELECTRODE) || name == UNGROUPED {
             continue;
         }
         let cells = elements.of_group.get(&group).into_iter().flatten().copied();
@@ -156,6 +156,9 @@ fn regions(gmsh: &Gmsh, elements: &Elements<'_>, cell_kind: Kind) -> Vec<(String
 
 /// How the names of electrodes' groups start.
 pub(crate) const ELECTRODE: &str = "electrode_";
+
+/// The group of cells without one, as written by [`save`](crate::mesh::export::save); reading makes no region of it.
+pub(crate) const UNGROUPED: &str = "ungrouped";
 
 fn electrodes(
     gmsh: &Gmsh,

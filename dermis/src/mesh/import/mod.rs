@@ -17,7 +17,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-pub(crate) use groups::ELECTRODE;
+pub(crate) use groups::{ELECTRODE, UNGROUPED};
 
 /// Largest file that is read, bytes: some tens of millions of cells, far more than a forward model can use.
 const LARGEST_FILE: u64 = 1 << 31;
