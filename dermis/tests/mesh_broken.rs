@@ -1,8 +1,9 @@
 //! Mesh files that are wrong: each is refused with what is wrong and where.
 
-use dermis::design::{Body, ElectrodeShape, SkinDesign};
+use dermis::design::{Body, ElectrodeShape, ImageLayout, SkinDesign};
 use dermis::mesh::import::{self, Format};
 use dermis::mesh::{Mesh, MeshError, export};
+use dermis::protocol::Protocol;
 use std::path::Path;
 
 /// A strip 2 x 1 of four triangles: electrodes 0 and 1 on its ends, 2 and 3 the points between.
@@ -76,6 +77,8 @@ fn generated(text: &str) -> Result<Mesh, MeshError> {
     let mut design = SkinDesign::shipped("cylinder30").unwrap();
     design.electrodes.truncate(4);
     design.electrodes.iter_mut().for_each(|electrode| electrode.shape = ElectrodeShape::Group);
+    design.protocol = Protocol::adjacent(4).unwrap();
+    design.image = ImageLayout::Cells;
     design.body = Body::Mesh { path, unit_m: 0.01 };
     Mesh::generate(&design)
 }
