@@ -3,11 +3,11 @@
 use crate::console::Progress;
 use crate::failure::{Failure, Outcome};
 use clap::ValueEnum;
-use dermis::design::{Body, SkinDesign};
+use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
 use dermis::frame::read_conductivities;
 use dermis::image::PixelSpace;
-use dermis::mesh::{Mesh, import};
+use dermis::mesh::Mesh;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -32,7 +32,7 @@ impl Skin {
     pub fn load(design: &str) -> Outcome<Self> {
         let design = SkinDesign::load(design)?;
         let _waiting = Progress::waiting("meshing");
-        let forward = ForwardModel::new(&design, &mesh(&design)?)?;
+        let forward = ForwardModel::new(&design, &Mesh::generate(&design)?)?;
         Ok(Skin { design, forward })
     }
 
@@ -62,12 +62,4 @@ impl Skin {
         }
         Ok(maps.remove(0))
     }
-}
-
-/// The mesh of a design: generated, or from its file.
-pub fn mesh(design: &SkinDesign) -> Outcome<Mesh> {
-    Ok(match &design.body {
-        Body::Mesh { .. } => import::from_design(design)?,
-        _ => Mesh::generate(design)?,
-    })
 }

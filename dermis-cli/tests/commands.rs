@@ -120,6 +120,9 @@ fn results_have_the_shapes_that_scripts_expect() {
     let at = Workplace::new();
     at.frames();
     assert!(at.good("mesh disk.toml -o m.vtu").contains("nodes"));
+    let report: serde_json::Value = serde_json::from_str(&at.good("mesh disk.toml --json")).unwrap();
+    assert_eq!(report["electrodes"].as_array().unwrap().len(), 8);
+    assert!((report["electrodes"][0]["size"].as_f64().unwrap() / 0.005 - 1.0).abs() < 0.01, "{report}");
     for mesh in ["m.msh", "m.stl"] {
         at.good(&format!("mesh disk.toml -o {mesh}"));
         assert!(at.path(mesh).is_file());

@@ -1,11 +1,12 @@
 //! `dermis mesh`: the mesh of a design, and a report of it.
 
-use crate::console::print;
+use crate::console::{Progress, print, print_json};
 use crate::failure::Outcome;
-use crate::skin;
 use clap::Args;
 use dermis::design::SkinDesign;
-use dermis::mesh::export;
+use dermis::mesh::quality::MeshReport;
+use dermis::mesh::{ElectrodePatch, Mesh, export};
+use serde_json::json;
 use std::path::PathBuf;
 
 /// The arguments of `dermis mesh`.
@@ -16,16 +17,71 @@ pub struct Arguments {
     /// The file to write: .vtu (ParaView), .msh (Gmsh) or .stl.
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
+    /// Print the report as JSON (SI units) in place of a table (mm).
+    #[arg(long)]
+    json: bool,
 }
 
 impl Arguments {
     /// Makes the mesh, writes it and reports on it.
     pub fn run(self) -> Outcome {
         let design = SkinDesign::load(&self.design)?;
-        let mesh = skin::mesh(&design)?;
+        let waiting = Progress::waiting("meshing");
+        let mesh = Mesh::generate(&design)?;
+        mesh.check_fits(&design)?;
+        drop(waiting);
         if let Some(path) = &self.output {
             export::save(&mesh, path, None)?;
         }
-        print(&format!("{}: {} nodes, {} cells\n", design.name, mesh.node_count(), mesh.cell_count()))
+        let report = MeshReport::new(&design, &mesh);
+        if self.json { print_json(&as_json(&mesh, &report)) } else { print(&table(&design.name, &mesh, &report)) }
     }
+}
+
+fn as_json(mesh: &Mesh, report: &MeshReport) -> serde_json::Value {
+    let electrodes: Vec<serde_json::Value> = report
+        .electrodes
+        .iter()
+        .map(|electrode| json!({ "size": electrode.size, "designed_size": electrode.designed_size }))
+        .collect();
+    json!({
+        "nodes": report.node_count,
+        "cells": report.cell_count,
+        "smallest_angle_rad": report.smallest_angle_rad,
+        "shortest_edge_m": report.shortest_edge_m,
+        "longest_edge_m": report.longest_edge_m,
+        "hash": mesh.hash(),
+        "electrodes": electrodes,
+    })
+}
+
+/// A report for people.
+fn table(name: &str, mesh: &Mesh, report: &MeshReport) -> String {
+    let mut text = format!(
+        "{name}: {} nodes, {} cells\n  smallest angle  {:.1} degrees\n  edges           {:.3} to {:.3} mm\n  \
+         hash            {}\n  electrode   on the mesh       designed\n",
+        report.node_count,
+        report.cell_count,
+        report.smallest_angle_rad.to_degrees(),
+        report.shortest_edge_m * 1e3,
+        report.longest_edge_m * 1e3,
+        mesh.hash(),
+    );
+    for (index, (electrode, patch)) in report.electrodes.iter().zip(&mesh.electrodes).enumerate() {
+        let (unit, per_si) = match patch {
+            ElectrodePatch::Cells(_) | ElectrodePatch::Faces(_) => ("mm2", 1e6),
+            ElectrodePatch::Edges(_) => ("mm", 1e3),
+            ElectrodePatch::Node(_) => {
+                text += &format!("  {index:>9}         a point\n");
+                continue;
+            }
+        };
+        let designed = match (electrode.designed_size, electrode.ratio()) {
+            (Some(size), Some(ratio)) => format!("{:.3} {unit} ({:+.2} %)", size * per_si, (ratio - 1.0) * 100.0),
+            _ => "as the mesh".into(),
+        };
+        let size = format!("{:.3} {unit}", electrode.size * per_si);
+        text += &format!("  {index:>9}  {size:>12}   {designed:>14}\n");
+    }
+    text
 }

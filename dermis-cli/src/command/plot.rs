@@ -5,7 +5,7 @@ use crate::frames::FrameArguments;
 use crate::method::MethodArguments;
 use crate::picture::colour::Scale;
 use crate::picture::{Drawing, Key, Picture, Scene, View};
-use crate::skin::{self, Per, Skin};
+use crate::skin::{Per, Skin};
 use clap::ValueEnum;
 use dermis::contact::Contact;
 use dermis::design::{Body, SkinDesign, TouchEffect};
@@ -84,7 +84,7 @@ impl Arguments {
     pub fn run(self) -> Outcome {
         let format = Format::of(&self.output)?;
         let design = SkinDesign::load(&self.design)?;
-        let mesh = skin::mesh(&design)?;
+        let mesh = Mesh::generate(&design)?;
         let mut scene = self.scene(&design, &mesh)?;
         if scene.title.is_empty() {
             scene.title = format!("{}: {}", design.name, self.what_name());
