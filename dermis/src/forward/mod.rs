@@ -14,7 +14,7 @@ mod near_field;
 mod network;
 
 pub use crate::linalg::Matrix;
-pub use model::{ForwardModel, Solver};
+pub use model::{ForwardModel, Solver, rest_conductivity};
 pub use network::Network;
 
 use thiserror::Error;

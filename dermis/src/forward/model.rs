@@ -44,9 +44,18 @@ impl ForwardModel {
     /// # Errors
     /// A mesh without the electrodes or regions of the design, or one that no forward problem can be solved on.
     pub fn new(design: &SkinDesign, mesh: &Mesh) -> crate::Result<Self> {
+        Self::with_coat(design, mesh, &rest_conductivity(design, mesh))
+    }
+
+    /// The model of a design whose coat came out uneven: `rest_conductivity` has a value per cell (S on surfaces, S/m in
+    /// volumes), for example [`rest_conductivity`] times a random field.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new); conductivities of the wrong number or not positive.
+    pub fn with_coat(design: &SkinDesign, mesh: &Mesh, rest_conductivity: &[f64]) -> crate::Result<Self> {
         mesh.check_fits(design)?;
         let impedances: Vec<f64> = design.electrodes.iter().map(|electrode| electrode.contact_impedance).collect();
-        let model = Self::from_parts(mesh, &impedances, &design.protocol, &rest_conductivity(design, mesh))?;
+        let model = Self::from_parts(mesh, &impedances, &design.protocol, rest_conductivity)?;
         let series = near_field::series_resistances(design, mesh, model.rest_conductivity())?;
         Ok(model.with_series_resistances(&series)?)
     }
@@ -237,8 +246,9 @@ impl Solver {
     }
 }
 
-/// The untouched conductance of each cell: the region's that holds its centre, or the sheet's.
-fn rest_conductivity(design: &SkinDesign, mesh: &Mesh) -> Vec<f64> {
+/// The untouched conductance of each cell as the design has it: the region's that holds its centre, or the sheet's (S on
+/// surfaces, S/m in volumes).
+pub fn rest_conductivity(design: &SkinDesign, mesh: &Mesh) -> Vec<f64> {
     let mut values = vec![design.sheet.conductance; mesh.cell_count()];
     for region in &design.sheet.regions {
         match region.place {

@@ -30,6 +30,11 @@ const LEAST_RADII: f64 = 1.5;
 /// A patch is a whole disc or a half one if its area says so within this.
 const AREA_TOLERANCE: f64 = 0.03;
 
+/// An electrode's surroundings count as even, with their mean conductance, up to this relative deviation: the series
+/// resistance is a few per cent of the near field's, and the error of the mean a share of that. Edges of regions
+/// deviate more.
+const UNEVENNESS: f64 = 0.5;
+
 /// One electrode and its surroundings.
 struct NearField<'a> {
     mesh: &'a Mesh,
@@ -84,8 +89,16 @@ impl NearField<'_> {
             return None;
         }
         let cells = self.cells();
-        let conductance = rest_conductivity[*cells.first()?];
-        if cells.iter().any(|&cell| (rest_conductivity[cell] / conductance - 1.0).abs() > 1e-12) {
+        let (mut sum, mut whole) = (0.0, 0.0);
+        for &cell in &cells {
+            let area = self.mesh.cell_measure(cell);
+            sum += area * rest_conductivity[cell];
+            whole += area;
+        }
+        let conductance = sum / whole;
+        if cells.is_empty()
+            || cells.iter().any(|&cell| (rest_conductivity[cell] / conductance - 1.0).abs() > UNEVENNESS)
+        {
             return None;
         }
         let area: f64 = self.patch.iter().map(|&cell| self.mesh.cell_measure(cell)).sum();
