@@ -29,6 +29,9 @@ pub enum Error {
     /// A reconstruction that cannot be set up or carried out.
     #[error(transparent)]
     Reconstruct(#[from] crate::reconstruct::ReconstructError),
+    /// A twin that cannot be built, or a press that it cannot answer.
+    #[error(transparent)]
+    Twin(#[from] crate::twin::TwinError),
     /// A score that cannot be computed.
     #[error(transparent)]
     Evaluate(#[from] crate::evaluate::EvaluateError),

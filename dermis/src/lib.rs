@@ -28,6 +28,7 @@ pub mod forward;
 // Floor 6
 pub mod experiment;
 pub mod reconstruct;
+pub mod twin;
 // Floor 7
 pub mod detect;
 // Floor 8

@@ -12,7 +12,7 @@ const FLOORS: &[&[&str]] = &[
     &["mesh"],
     &["fem", "image", "touch"],
     &["forward"],
-    &["experiment", "reconstruct"],
+    &["experiment", "reconstruct", "twin"],
     &["detect"],
     &["evaluate"],
 ];

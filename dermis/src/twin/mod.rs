@@ -1,0 +1,10 @@
+//! A twin of the skin: touches and electronics that behave like the real ones.
+//!
+//! The paper's skin is a conductive coat under a grid of highly conductive fabric patches and a layer of foam. A press
+//! spreads through the foam and joins some patches to the coat; current then takes the way through the patch, which is
+//! one equipotential whose net current is zero. From this follow what the Gaussian touches of [`touch`](crate::touch)
+//! do not show: steps of a patch's size, saturation, and touches that do not add up.
+
+mod error;
+
+pub use error::TwinError;
