@@ -228,12 +228,27 @@ impl Noise {
     /// Where `drive_of` is shorter than the frame.
     pub fn apply(&self, clean: &Frame, drive_of: &[usize], rng: &mut ChaCha8Rng) -> Frame {
         let drive_count = drive_of.iter().max().map_or(0, |last| last + 1);
-        let current: Vec<f64> =
-            (0..drive_count).map(|_| 1.0 + self.sd_ohm * standard_normal(rng) / self.reference_ohm).collect();
-        let noisy =
-            |(index, value): (usize, &f64)| (value + self.sd_ohm * standard_normal(rng)) / current[drive_of[index]];
+        let noise = self.readings(drive_count, clean.len(), rng);
+        let noisy = |(index, value): (usize, &f64)| {
+            (value + noise.values_ohm[index]) / (1.0 + noise.references_ohm[drive_of[index]] / self.reference_ohm)
+        };
         Frame(clean.iter().enumerate().map(noisy).collect())
     }
+
+    /// The noise of all readings of one frame.
+    pub fn readings(&self, drive_count: usize, value_count: usize, rng: &mut ChaCha8Rng) -> NoisyReadings {
+        let mut draw = |count: usize| (0..count).map(|_| self.sd_ohm * standard_normal(rng)).collect();
+        NoisyReadings { references_ohm: draw(drive_count), values_ohm: draw(value_count) }
+    }
+}
+
+/// What the noise adds to each reading of a frame, as an equivalent resistance at the drive current, ohm.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NoisyReadings {
+    /// To the reading of each drive's current across the reference resistor.
+    pub references_ohm: Vec<f64>,
+    /// To the reading of each value.
+    pub values_ohm: Vec<f64>,
 }
 
 /// The random numbers of sample `index` under a seed; they depend on nothing else.

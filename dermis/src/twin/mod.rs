@@ -5,6 +5,7 @@
 //! one equipotential whose net current is zero. From this follow what the Gaussian touches of [`touch`](crate::touch)
 //! do not show: steps of a patch's size, saturation, and touches that do not add up.
 
+pub mod electronics;
 mod error;
 
 pub use error::TwinError;
