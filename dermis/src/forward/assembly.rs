@@ -63,11 +63,16 @@ impl Assembly {
         Assembly { unknown_of_node, unknown_count, entries, fixed, starts, terms }
     }
 
+    /// An entry's fixed part, and cells with their coefficients.
+    pub fn entry(&self, index: usize) -> (f64, &[(usize, f64)]) {
+        (self.fixed[index], &self.terms[self.starts[index]..self.starts[index + 1]])
+    }
+
     /// The entries' values at a conductivity per cell.
     pub fn values_into(&self, conductivity: &[f64], values: &mut [f64]) {
         for (index, value) in values.iter_mut().enumerate() {
-            let terms = &self.terms[self.starts[index]..self.starts[index + 1]];
-            *value = self.fixed[index] + terms.iter().map(|&(cell, c)| c * conductivity[cell]).sum::<f64>();
+            let (fixed, terms) = self.entry(index);
+            *value = fixed + terms.iter().map(|&(cell, c)| c * conductivity[cell]).sum::<f64>();
         }
     }
 }

@@ -8,12 +8,14 @@
 //! `L x L` admittance of the equivalent resistor network, which [`Network`] holds.
 
 mod assembly;
+mod batch;
 mod jacobian;
 mod model;
 mod near_field;
 mod network;
 
 pub use crate::linalg::Matrix;
+pub use batch::BatchSolver;
 pub use model::{ForwardModel, Solver, rest_conductivity};
 pub use network::Network;
 

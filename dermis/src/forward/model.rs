@@ -136,6 +136,10 @@ impl ForwardModel {
         &self.shared.symbolic
     }
 
+    pub(super) fn assembly(&self) -> &Assembly {
+        &self.shared.assembly
+    }
+
     /// The unknown of each node in the system.
     pub(super) fn unknown_of_node(&self) -> &[usize] {
         &self.shared.assembly.unknown_of_node
@@ -280,7 +284,7 @@ fn region_coordinates(surface: Surface, mesh: &Mesh, cell: usize) -> [f64; 2] {
     }
 }
 
-fn check_count(what: &'static str, got: usize, expected: usize) -> Result<(), ForwardError> {
+pub(super) fn check_count(what: &'static str, got: usize, expected: usize) -> Result<(), ForwardError> {
     if got == expected { Ok(()) } else { Err(ForwardError::Count { what, got, expected }) }
 }
 

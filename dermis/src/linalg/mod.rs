@@ -4,12 +4,16 @@
 //! often end in a few unknowns (the electrodes) of which only the Schur complement is wanted. [`Symbolic`] holds all
 //! that follows from the pattern; [`Factor`] the numbers.
 
+mod batch;
 mod dense;
 mod factor;
+mod level;
 mod matrix;
 mod symbolic;
 
+pub use batch::{AlignedVec, BadLanes, BatchPlan, BatchWorkspace, Entries, LANES};
 pub use dense::{cholesky_in_place, invert_spd};
 pub use factor::{Factor, NotPositiveDefinite, Workspace};
+pub use level::Level;
 pub use matrix::Matrix;
 pub use symbolic::Symbolic;

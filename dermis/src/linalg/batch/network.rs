@@ -1,0 +1,91 @@
+//! The pseudo-inverse of the kept unknowns' matrices, eight at once.
+
+use super::plan::update_column;
+use pulp::Simd;
+
+/// The pseudo-inverse of symmetric matrices of order `L` whose null vector is the constant: with `c = trace(Y) / L` and
+/// `P = 1 1' / L`, `(Y + c P)^-1 - P / c`. Gives the smallest pivots.
+///
+/// `lower` holds their lower triangles column by column; the result fills the first `L x L` numbers of `memory`, row by
+/// row, the rest is scratch.
+#[inline(always)]
+pub(super) fn pseudo_inverse<S: Simd>(simd: S, lower: &[S::f64s], order: usize, memory: &mut [S::f64s]) -> S::f64s {
+    let count = simd.splat_f64s(order as f64);
+    let mut trace = simd.splat_f64s(0.0);
+    for column in 0..order {
+        trace = simd.add_f64s(trace, lower[update_column(column, order) + column]);
+    }
+    let scale = simd.div_f64s(trace, count);
+    let share = simd.div_f64s(scale, count);
+    let (inverse, factor) = memory[..2 * order * order].split_at_mut(order * order);
+    for column in 0..order {
+        for row in column..order {
+            // Row-major, so that a row of the factor is contiguous.
+            factor[row * order + column] = simd.add_f64s(lower[update_column(column, order) + row], share);
+        }
+    }
+    let least = cholesky(simd, factor, order);
+    invert(simd, factor, order, inverse);
+    let null = simd.div_f64s(simd.splat_f64s(1.0), simd.mul_f64s(scale, count));
+    for value in inverse {
+        *value = simd.sub_f64s(*value, null);
+    }
+    least
+}
+
+/// The Cholesky factor in place, row by row; the reciprocals of its diagonal in the diagonal's place.
+#[inline(always)]
+fn cholesky<S: Simd>(simd: S, factor: &mut [S::f64s], order: usize) -> S::f64s {
+    let mut least = simd.splat_f64s(f64::MAX);
+    for row in 0..order {
+        let (above, own) = factor.split_at_mut(row * order);
+        for column in 0..row {
+            let other = &above[column * order..][..=column];
+            let sum = subtract_dot(simd, own[column], &own[..column], other);
+            own[column] = simd.mul_f64s(sum, other[column]);
+        }
+        let pivot = subtract_dot(simd, own[row], &own[..row], &own[..row]);
+        least = simd.min_f64s(pivot, least);
+        own[row] = simd.div_f64s(simd.splat_f64s(1.0), simd.sqrt_f64s(pivot));
+    }
+    least
+}
+
+/// `start - a . b`
+#[inline(always)]
+fn subtract_dot<S: Simd>(simd: S, start: S::f64s, a: &[S::f64s], b: &[S::f64s]) -> S::f64s {
+    a.iter().zip(b).fold(start, |sum, (&a, &b)| simd.negate_mul_add_e_f64s(a, b, sum))
+}
+
+/// The inverse from the factor: the factor's own inverse first, in its place, then its product with itself.
+#[inline(always)]
+fn invert<S: Simd>(simd: S, factor: &mut [S::f64s], order: usize, inverse: &mut [S::f64s]) {
+    for row in 0..order {
+        let (above, own) = factor.split_at_mut(row * order);
+        let scale = own[row];
+        // Row of the factor's inverse: minus the row times the rows above, which are inverse already.
+        for column in 0..row {
+            let mut sum = simd.splat_f64s(0.0);
+            for middle in column..row {
+                sum = simd.negate_mul_add_e_f64s(own[middle], above[middle * order + column], sum);
+            }
+            inverse[column] = simd.mul_f64s(sum, scale);
+        }
+        own[..row].copy_from_slice(&inverse[..row]);
+    }
+    inverse.fill(simd.splat_f64s(0.0));
+    for row in factor.chunks_exact(order).enumerate() {
+        let (last, row) = row;
+        for i in 0..=last {
+            let target = &mut inverse[i * order..][..=i];
+            for (target, &value) in target.iter_mut().zip(row) {
+                *target = simd.mul_add_e_f64s(row[i], value, *target);
+            }
+        }
+    }
+    for i in 0..order {
+        for j in 0..i {
+            inverse[j * order + i] = inverse[i * order + j];
+        }
+    }
+}

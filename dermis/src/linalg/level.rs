@@ -1,0 +1,61 @@
+//! The instruction sets that vector loops are compiled for.
+
+use serde::{Deserialize, Serialize};
+
+/// An instruction set. Results of one level are the same bits on every machine that has it; between levels sums are
+/// rounded differently.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Level {
+    /// No vectors are assumed.
+    Plain,
+    /// 256-bit vectors with fused multiply-add (x86-64-v3).
+    Avx2,
+    /// 512-bit vectors (x86-64-v4).
+    Avx512,
+    /// 128-bit vectors of 64-bit ARM.
+    Neon,
+}
+
+impl Level {
+    /// All levels that this machine has, the best last.
+    pub fn available() -> Vec<Level> {
+        let all = [Level::Plain, Level::Neon, Level::Avx2, Level::Avx512];
+        all.into_iter().filter(|level| level.try_arch().is_some()).collect()
+    }
+
+    /// The best level of this machine.
+    pub fn best() -> Self {
+        Self::available().last().copied().unwrap_or(Level::Plain)
+    }
+
+    /// How to run code at this level: plain where the machine lacks it.
+    pub(crate) fn arch(self) -> pulp::Arch {
+        self.try_arch().unwrap_or(pulp::Arch::Scalar)
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    fn try_arch(self) -> Option<pulp::Arch> {
+        use pulp::x86::{V3, V4};
+        match self {
+            Level::Plain => Some(pulp::Arch::Scalar),
+            Level::Avx2 => V3::try_new().map(pulp::Arch::V3),
+            Level::Avx512 => V4::try_new().map(pulp::Arch::V4),
+            Level::Neon => None,
+        }
+    }
+
+    #[cfg(target_arch = "aarch64")]
+    fn try_arch(self) -> Option<pulp::Arch> {
+        match self {
+            Level::Plain => Some(pulp::Arch::Scalar),
+            Level::Neon => pulp::aarch64::Neon::try_new().map(pulp::Arch::Neon),
+            Level::Avx2 | Level::Avx512 => None,
+        }
+    }
+
+    #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
+    fn try_arch(self) -> Option<pulp::Arch> {
+        (self == Level::Plain).then_some(pulp::Arch::Scalar)
+    }
+}
