@@ -118,6 +118,16 @@ impl Body {
             Body::Mesh { .. } => Surface::Free,
         }
     }
+
+    /// The distance from a point of the surface to the body's edge, m; `None` for a body known only by its mesh.
+    pub fn edge_distance_m(&self, [x, y, z]: Point3) -> Option<f64> {
+        match *self {
+            Body::Cylinder { length_m, .. } => Some(z.min(length_m - z).abs()),
+            Body::Disk { diameter_m } => Some((diameter_m / 2.0 - x.hypot(y).hypot(z)).abs()),
+            Body::Rectangle { width_m, height_m } => Some(x.min(width_m - x).min(y).min(height_m - y).abs()),
+            Body::Mesh { .. } => None,
+        }
+    }
 }
 
 /// Which way a touch turns the conductance of the sheet.

@@ -4,10 +4,7 @@ use super::ForwardError;
 use crate::fem::{Gradients, mass};
 use crate::geom::vector::{distance, triangle_area};
 use crate::mesh::{ElectrodePatch, Mesh};
-use std::collections::BTreeMap;
-
-/// One entry while it is gathered: its fixed part, and cells with their coefficients.
-type Entry = (f64, Vec<(usize, f64)>);
+use std::sync::Arc;
 
 /// Not a node of the system's interior.
 const UNSET: usize = usize::MAX;
@@ -15,64 +12,117 @@ const UNSET: usize = usize::MAX;
 /// The system's pattern, and each entry as `fixed + sum of coefficient * conductivity[cell]`.
 #[derive(Debug, Clone)]
 pub(super) struct Assembly {
+    pub pattern: Arc<Pattern>,
+    fixed: Vec<f64>,
+    /// One for each of the pattern's terms.
+    coefficients: Vec<f64>,
+}
+
+/// What depends on which nodes make up the cells and electrodes, but not on where they lie.
+#[derive(Debug)]
+pub(super) struct Pattern {
     /// Unknown of each node: the interior ones first, then one per electrode; a point electrode is its node.
     pub unknown_of_node: Vec<usize>,
     pub unknown_count: usize,
     pub entries: Vec<[usize; 2]>,
-    fixed: Vec<f64>,
     /// Where each entry's terms start.
     starts: Vec<usize>,
-    terms: Vec<(usize, f64)>,
+    /// The cell of each term.
+    cells: Vec<usize>,
+    /// The term of each pair of corners of each cell, in the order of [`for_each_pair`].
+    term_of_stiffness: Vec<usize>,
+    /// The entry of each part of a contact, in the order of [`for_each_contact`].
+    entry_of_contact: Vec<usize>,
+}
+
+impl Pattern {
+    fn new(mesh: &Mesh) -> Result<Self, ForwardError> {
+        let (unknown_of_node, unknown_count) = number_unknowns(mesh)?;
+        let (mut stiffness, mut contacts) = (Vec::new(), Vec::new());
+        for_each_pair(mesh, |cell, [i, j]| {
+            let corners = mesh.cells.corners(cell);
+            stiffness.push((ordered(unknown_of_node[corners[i]], unknown_of_node[corners[j]]), cell));
+        });
+        let unknown = |end| match end {
+            End::Node(node) => unknown_of_node[node],
+            End::Electrode(electrode) => unknown_count - mesh.electrodes.len() + electrode,
+        };
+        let ones = vec![1.0; mesh.electrodes.len()];
+        for_each_contact(mesh, &ones, |[a, b], _| contacts.push(ordered(unknown(a), unknown(b))));
+
+        let diagonal = (0..unknown_count).map(|unknown| [unknown, unknown]);
+        let pairs = stiffness.iter().map(|(pair, _)| *pair).chain(contacts.iter().copied()).chain(diagonal);
+        let mut entries: Vec<[usize; 2]> = pairs.collect();
+        entries.sort_unstable();
+        entries.dedup();
+        let entry = |pair| entries.binary_search(pair).expect("every pair was collected");
+        let entry_of_stiffness: Vec<usize> = stiffness.iter().map(|(pair, _)| entry(pair)).collect();
+        let entry_of_contact = contacts.iter().map(entry).collect();
+
+        let mut starts = vec![0; entries.len() + 1];
+        entry_of_stiffness.iter().for_each(|&entry| starts[entry + 1] += 1);
+        (0..entries.len()).for_each(|entry| starts[entry + 1] += starts[entry]);
+        let (mut next, mut cells) = (starts.clone(), vec![0; stiffness.len()]);
+        let mut place = |(entry, (_, cell)): (&usize, &([usize; 2], usize))| {
+            let term = next[*entry];
+            next[*entry] += 1;
+            cells[term] = *cell;
+            term
+        };
+        let term_of_stiffness = entry_of_stiffness.iter().zip(&stiffness).map(&mut place).collect();
+        Ok(Pattern { unknown_of_node, unknown_count, entries, starts, cells, term_of_stiffness, entry_of_contact })
+    }
 }
 
 impl Assembly {
     pub fn new(mesh: &Mesh, contact_impedances: &[f64]) -> Result<Self, ForwardError> {
-        let (unknown_of_node, unknown_count) = number_unknowns(mesh)?;
-        let mut entries: BTreeMap<[usize; 2], Entry> = BTreeMap::new();
-        for unknown in 0..unknown_count {
-            entries.insert([unknown, unknown], (0.0, Vec::new()));
-        }
-        for cell in 0..mesh.cell_count() {
-            let gradients = Gradients::new(mesh, cell);
-            let corners = mesh.cells.corners(cell);
-            for i in 0..corners.len() {
-                for j in 0..=i {
-                    let pair = ordered(unknown_of_node[corners[i]], unknown_of_node[corners[j]]);
-                    entries.entry(pair).or_default().1.push((cell, gradients.stiffness(i, j)));
-                }
-            }
-        }
-        let first_electrode = unknown_count - mesh.electrodes.len();
-        for (electrode, patch) in mesh.electrodes.iter().enumerate() {
-            let admittance = 1.0 / contact_impedances[electrode];
-            for (corners, measure) in patch_parts(mesh, patch) {
-                add_contact(&mut entries, &unknown_of_node, first_electrode + electrode, &corners, measure, admittance);
-            }
-        }
-        Ok(Self::from_map(unknown_of_node, unknown_count, entries))
+        Ok(Self::of_pattern(Arc::new(Pattern::new(mesh)?), mesh, contact_impedances))
     }
 
-    fn from_map(unknown_of_node: Vec<usize>, unknown_count: usize, map: BTreeMap<[usize; 2], Entry>) -> Self {
-        let (mut entries, mut fixed, mut starts, mut terms) = (Vec::new(), Vec::new(), vec![0], Vec::new());
-        for (entry, (constant, list)) in map {
-            entries.push(entry);
-            fixed.push(constant);
-            terms.extend(list);
-            starts.push(terms.len());
-        }
-        Assembly { unknown_of_node, unknown_count, entries, fixed, starts, terms }
+    /// The entries of a mesh whose nodes may have moved and contacts changed since its pattern was made.
+    pub fn of_pattern(pattern: Arc<Pattern>, mesh: &Mesh, contact_impedances: &[f64]) -> Self {
+        let mut coefficients = vec![0.0; pattern.cells.len()];
+        let (mut terms, mut last) = (pattern.term_of_stiffness.iter(), None);
+        for_each_pair(mesh, |cell, [i, j]| {
+            let gradients = match last {
+                Some((known, gradients)) if known == cell => gradients,
+                _ => Gradients::new(mesh, cell),
+            };
+            last = Some((cell, gradients));
+            let term = terms.next().expect("a term for each pair of corners");
+            coefficients[*term] = gradients.stiffness(i, j);
+        });
+        let mut fixed = vec![0.0; pattern.entries.len()];
+        let mut entries = pattern.entry_of_contact.iter();
+        for_each_contact(mesh, contact_impedances, |_, value| {
+            fixed[*entries.next().expect("an entry for each part of a contact")] += value;
+        });
+        Assembly { pattern, fixed, coefficients }
     }
 
     /// An entry's fixed part, and cells with their coefficients.
-    pub fn entry(&self, index: usize) -> (f64, &[(usize, f64)]) {
-        (self.fixed[index], &self.terms[self.starts[index]..self.starts[index + 1]])
+    pub fn entry(&self, index: usize) -> (f64, impl Iterator<Item = (usize, f64)>) {
+        let terms = self.pattern.starts[index]..self.pattern.starts[index + 1];
+        let cells = self.pattern.cells[terms.clone()].iter().copied();
+        (self.fixed[index], cells.zip(self.coefficients[terms].iter().copied()))
     }
 
     /// The entries' values at a conductivity per cell.
     pub fn values_into(&self, conductivity: &[f64], values: &mut [f64]) {
         for (index, value) in values.iter_mut().enumerate() {
             let (fixed, terms) = self.entry(index);
-            *value = fixed + terms.iter().map(|&(cell, c)| c * conductivity[cell]).sum::<f64>();
+            *value = fixed + terms.map(|(cell, coefficient)| coefficient * conductivity[cell]).sum::<f64>();
+        }
+    }
+}
+
+/// Calls back for every pair of corners of every cell, each once.
+fn for_each_pair(mesh: &Mesh, mut callback: impl FnMut(usize, [usize; 2])) {
+    for cell in 0..mesh.cell_count() {
+        for i in 0..mesh.cells.corners(cell).len() {
+            for j in 0..=i {
+                callback(cell, [i, j]);
+            }
         }
     }
 }
@@ -122,23 +172,27 @@ pub(super) fn patch_parts(mesh: &Mesh, patch: &ElectrodePatch) -> Vec<(Vec<usize
     }
 }
 
-/// Adds `integral of (u - U)^2 / z` over one simplex of a patch.
-fn add_contact(
-    entries: &mut BTreeMap<[usize; 2], Entry>,
-    unknown_of_node: &[usize],
-    electrode: usize,
-    corners: &[usize],
-    measure: f64,
-    admittance: f64,
-) {
-    let count = corners.len();
-    for i in 0..count {
-        let unknown = unknown_of_node[corners[i]];
-        for j in 0..=i {
-            let pair = ordered(unknown, unknown_of_node[corners[j]]);
-            entries.entry(pair).or_default().0 += admittance * mass(count, measure, i, j);
+/// What a part of a contact joins.
+#[derive(Clone, Copy)]
+enum End {
+    Node(usize),
+    Electrode(usize),
+}
+
+/// Calls back with every part of `integral of (u - U)^2 / z` over every electrode's patch.
+fn for_each_contact(mesh: &Mesh, contact_impedances: &[f64], mut callback: impl FnMut([End; 2], f64)) {
+    for (electrode, patch) in mesh.electrodes.iter().enumerate() {
+        let (own, admittance) = (End::Electrode(electrode), 1.0 / contact_impedances[electrode]);
+        for (corners, measure) in patch_parts(mesh, patch) {
+            let count = corners.len();
+            for i in 0..count {
+                for j in 0..=i {
+                    let value = admittance * mass(count, measure, i, j);
+                    callback([End::Node(corners[i]), End::Node(corners[j])], value);
+                }
+                callback([own, End::Node(corners[i])], -admittance * measure / count as f64);
+            }
+            callback([own, own], admittance * measure);
         }
-        entries.entry(ordered(electrode, unknown)).or_default().0 -= admittance * measure / count as f64;
     }
-    entries.entry([electrode, electrode]).or_default().0 += admittance * measure;
 }

@@ -46,6 +46,16 @@ impl BatchSolver {
         &self.model
     }
 
+    /// Goes on with another making of the same skin, as [`ForwardModel::remade`] gives them.
+    ///
+    /// # Panics
+    /// Where the model is of another mesh.
+    pub fn set_model(&mut self, model: &ForwardModel) {
+        assert!(self.model.has_pattern_of(model), "a model of another mesh");
+        self.terms = Terms::new(model.assembly(), &self.plan);
+        self.model = model.clone();
+    }
+
     /// The frames of skins with the given conductivities (per cell, a lane per skin), per channel, ohm.
     ///
     /// # Errors
@@ -128,7 +138,7 @@ impl Terms {
         for &entry in plan.entry_order() {
             let (fixed, terms) = assembly.entry(entry);
             sorted.fixed.push(fixed);
-            sorted.terms.extend(terms.iter().map(|&(cell, coefficient)| (index(cell), coefficient)));
+            sorted.terms.extend(terms.map(|(cell, coefficient)| (index(cell), coefficient)));
             sorted.starts.push(index(sorted.terms.len()));
         }
         sorted

@@ -4,7 +4,7 @@ use super::assembly::Assembly;
 use super::{ForwardError, Network, near_field};
 use crate::design::{RegionPlace, SkinDesign};
 use crate::frame::Frame;
-use crate::geom::Surface;
+use crate::geom::{Point3, Surface};
 use crate::linalg::{Factor, Matrix, NotPositiveDefinite, Symbolic, Workspace};
 use crate::mesh::{ElectrodePatch, Mesh};
 use crate::protocol::Protocol;
@@ -26,7 +26,7 @@ struct Shared {
     contact_impedances: Vec<f64>,
     rest_conductivity: Vec<f64>,
     assembly: Assembly,
-    symbolic: Symbolic,
+    symbolic: Arc<Symbolic>,
 }
 
 /// Memory for many solves of one model, one after the other.
@@ -97,7 +97,8 @@ impl ForwardModel {
         check_contact_impedances(mesh, contact_impedances)?;
         check_conductivity(mesh, rest_conductivity)?;
         let assembly = Assembly::new(mesh, contact_impedances)?;
-        let symbolic = Symbolic::new(assembly.unknown_count, mesh.electrodes.len(), &assembly.entries);
+        let pattern = &assembly.pattern;
+        let symbolic = Symbolic::new(pattern.unknown_count, mesh.electrodes.len(), &pattern.entries);
         Ok(ForwardModel {
             series_resistances: vec![0.0; mesh.electrodes.len()],
             shared: Arc::new(Shared {
@@ -106,9 +107,53 @@ impl ForwardModel {
                 contact_impedances: contact_impedances.to_vec(),
                 rest_conductivity: rest_conductivity.to_vec(),
                 assembly,
-                symbolic,
+                symbolic: Arc::new(symbolic),
             }),
         })
+    }
+
+    /// The same skin made again: nodes that lie elsewhere, other contact impedances, another coat (S per cell on
+    /// surfaces, S/m in volumes). Which nodes make up the cells and electrodes stays, and with it all that costs time.
+    ///
+    /// The series resistances go with one over the conductance of the electrode's own cells, as a near field does.
+    ///
+    /// # Errors
+    /// Lists of the wrong length, values that are not positive.
+    pub fn remade(
+        &self,
+        nodes_m: &[Point3],
+        contact_impedances: &[f64],
+        rest_conductivity: &[f64],
+    ) -> Result<Self, ForwardError> {
+        check_count("nodes", nodes_m.len(), self.mesh().node_count())?;
+        check_count("contact impedances", contact_impedances.len(), self.mesh().electrodes.len())?;
+        let mesh = Mesh { nodes: nodes_m.to_vec(), ..self.mesh().clone() };
+        check_contact_impedances(&mesh, contact_impedances)?;
+        check_conductivity(&mesh, rest_conductivity)?;
+        let assembly = Assembly::of_pattern(self.assembly().pattern.clone(), &mesh, contact_impedances);
+        let mean = |values: &[f64], cells: &[usize]| cells.iter().map(|&cell| values[cell]).sum::<f64>();
+        let series = |(resistance, patch): (&f64, &ElectrodePatch)| match patch {
+            ElectrodePatch::Cells(cells) => {
+                resistance * mean(self.rest_conductivity(), cells) / mean(rest_conductivity, cells)
+            }
+            _ => *resistance,
+        };
+        Ok(ForwardModel {
+            series_resistances: self.series_resistances.iter().zip(&mesh.electrodes).map(series).collect(),
+            shared: Arc::new(Shared {
+                protocol: self.protocol().clone(),
+                contact_impedances: contact_impedances.to_vec(),
+                rest_conductivity: rest_conductivity.to_vec(),
+                assembly,
+                symbolic: self.shared.symbolic.clone(),
+                mesh,
+            }),
+        })
+    }
+
+    /// Whether both are makings of one skin on one mesh.
+    pub(super) fn has_pattern_of(&self, other: &ForwardModel) -> bool {
+        Arc::ptr_eq(&self.assembly().pattern, &other.assembly().pattern)
     }
 
     /// The mesh.
@@ -142,7 +187,7 @@ impl ForwardModel {
 
     /// The unknown of each node in the system.
     pub(super) fn unknown_of_node(&self) -> &[usize] {
-        &self.shared.assembly.unknown_of_node
+        &self.shared.assembly.pattern.unknown_of_node
     }
 
     /// Memory for many solves.
@@ -185,6 +230,15 @@ impl Solver {
     /// The model it solves.
     pub fn model(&self) -> &ForwardModel {
         &self.model
+    }
+
+    /// Goes on with another making of the same skin, as [`ForwardModel::remade`] gives them.
+    ///
+    /// # Panics
+    /// Where the model is of another mesh.
+    pub fn set_model(&mut self, model: &ForwardModel) {
+        assert!(self.model.has_pattern_of(model), "a model of another mesh");
+        self.model = model.clone();
     }
 
     /// The frame of a skin with the given conductivity per cell, into memory of the caller, ohm.
@@ -233,8 +287,8 @@ impl Solver {
         let network = self.bare_network(conductivity)?;
         let shared = &self.model.shared;
         let electrode_count = shared.mesh.electrodes.len();
-        let mut unknowns = Matrix::zeros(shared.assembly.unknown_count, electrode_count);
-        let interior = (shared.assembly.unknown_count - electrode_count) * electrode_count;
+        let mut unknowns = Matrix::zeros(shared.assembly.pattern.unknown_count, electrode_count);
+        let interior = (shared.assembly.pattern.unknown_count - electrode_count) * electrode_count;
         unknowns.values[interior..].copy_from_slice(&network.transfer_impedance.values);
         self.factor.extend_homogeneous(&shared.symbolic, &mut unknowns);
         let mut potentials = Matrix::zeros(shared.mesh.node_count(), electrode_count);

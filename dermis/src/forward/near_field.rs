@@ -14,7 +14,7 @@ use super::ForwardError;
 use super::assembly::Assembly;
 use crate::design::{Body, ElectrodeShape, SkinDesign};
 use crate::geom::Surface;
-use crate::geom::vector::{Point3, distance};
+use crate::geom::vector::Point3;
 use crate::linalg::{Matrix, Symbolic};
 use crate::mesh::{Cells, ElectrodePatch, Mesh};
 use std::collections::{BTreeMap, BTreeSet};
@@ -103,7 +103,7 @@ impl NearField<'_> {
         }
         let area: f64 = self.patch.iter().map(|&cell| self.mesh.cell_measure(cell)).sum();
         let share = area / (TAU / 2.0 * self.radius_m * self.radius_m);
-        let depth = edge_distance(body, self.centre_m)?;
+        let depth = body.edge_distance_m(self.centre_m)?;
         if (share - 1.0).abs() < AREA_TOLERANCE && depth > self.reach_m {
             Some((conductance, 1.0))
         } else if (share - 0.5).abs() < AREA_TOLERANCE && depth < 1e-9 * self.radius_m && straight_for(body, self) {
@@ -135,23 +135,24 @@ impl NearField<'_> {
         let cells = self.cells();
         let (mesh, nodes, outer) = self.part(&cells);
         let assembly = Assembly::new(&mesh, &[self.contact_impedance])?;
-        let mut values = vec![0.0; assembly.entries.len()];
+        let mut values = vec![0.0; assembly.pattern.entries.len()];
         assembly.values_into(&vec![conductance; mesh.cell_count()], &mut values);
 
         let given: BTreeMap<usize, f64> = outer
             .iter()
             .map(|&node| {
                 let ratio = self.distance(nodes[node]) / self.radius_m;
-                (assembly.unknown_of_node[node], -ratio.ln() / (TAU * fraction * conductance))
+                (assembly.pattern.unknown_of_node[node], -ratio.ln() / (TAU * fraction * conductance))
             })
             .collect();
-        let free: Vec<usize> = (0..assembly.unknown_count).filter(|unknown| !given.contains_key(unknown)).collect();
+        let free: Vec<usize> =
+            (0..assembly.pattern.unknown_count).filter(|unknown| !given.contains_key(unknown)).collect();
         let place: BTreeMap<usize, usize> = free.iter().copied().zip(0..).collect();
         let mut right = Matrix::zeros(free.len(), 1);
         // The electrode is the last unknown and takes in 1 A.
         right.values[free.len() - 1] = 1.0;
         let (mut pattern, mut kept) = (Vec::new(), Vec::new());
-        for (&[i, j], &value) in assembly.entries.iter().zip(&values) {
+        for (&[i, j], &value) in assembly.pattern.entries.iter().zip(&values) {
             match (place.get(&i), place.get(&j)) {
                 (Some(&i), Some(&j)) => {
                     pattern.push([i, j]);
@@ -194,18 +195,6 @@ impl NearField<'_> {
             regions: Vec::new(),
         };
         (mesh, nodes.into_iter().collect(), outer.into_iter().collect())
-    }
-}
-
-/// The distance to the body's edge; `None` for a body known only by its mesh.
-fn edge_distance(body: &Body, point: Point3) -> Option<f64> {
-    match *body {
-        Body::Cylinder { length_m, .. } => Some(point[2].min(length_m - point[2]).abs()),
-        Body::Disk { diameter_m } => Some((diameter_m / 2.0 - distance(point, [0.0; 3])).abs()),
-        Body::Rectangle { width_m, height_m } => {
-            Some(point[0].min(width_m - point[0]).min(point[1]).min(height_m - point[1]).abs())
-        }
-        Body::Mesh { .. } => None,
     }
 }
 

@@ -1,5 +1,6 @@
 //! Surface triangles in space or tetrahedra, with electrode patches.
 
+mod displace;
 pub mod export;
 mod fit;
 mod generate;
