@@ -78,7 +78,7 @@ fn presses_that_cannot_be_aligned_are_errors_that_say_why() {
     let all: Vec<usize> = (0..6).collect();
     let nothing = EvaluateError::NothingToScore { align: 6, presses: 6 };
     assert_eq!(estimates.align(&presses, &all).unwrap_err(), nothing);
-    assert!(matches!(estimates.align(&presses, &[0, 9]), Err(EvaluateError::NothingToScore { .. })));
+    assert!(matches!(estimates.align(&presses, &[0, 9]), Err(EvaluateError::NoSuchPress { press: 9, presses: 6 })));
     let few = EvaluateError::TooFewPresses { presses: 2, places: 2 };
     assert_eq!(estimates.align(&presses, &[0, 1]).unwrap_err(), few);
     presses[3][1] = f64::NAN;

@@ -43,6 +43,14 @@ pub enum EvaluateError {
         /// Different places among them.
         places: usize,
     },
+    /// A press to align by that was not recorded.
+    #[error("press {press} is to be aligned by, but only {presses} were recorded: align by fewer")]
+    NoSuchPress {
+        /// Index of the press.
+        press: usize,
+        /// All presses.
+        presses: usize,
+    },
     /// No press left to score.
     #[error("{align} presses to align by leave none of the {presses} to score: align by fewer")]
     NothingToScore {

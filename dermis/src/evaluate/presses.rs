@@ -145,7 +145,7 @@ impl PressEstimates {
         let mut held_back = vec![false; frames];
         for &press in align_by {
             let slot = held_back.get_mut(press);
-            *slot.ok_or(EvaluateError::NothingToScore { align: align_by.len(), presses: frames })? = true;
+            *slot.ok_or(EvaluateError::NoSuchPress { press, presses: frames })? = true;
         }
         let scored: Vec<usize> = (0..frames).filter(|&press| !held_back[press]).collect();
         if scored.is_empty() {
