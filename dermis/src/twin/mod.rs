@@ -5,7 +5,13 @@
 //! one equipotential whose net current is zero. From this follow what the Gaussian touches of [`touch`](crate::touch)
 //! do not show: steps of a patch's size, saturation, and touches that do not add up.
 
+mod contact_law;
 pub mod electronics;
 mod error;
+mod patches;
+mod press;
 
+pub use contact_law::ContactLaw;
 pub use error::TwinError;
+pub use patches::{PatchGrid, PatchOptions};
+pub use press::{Foam, Footprint, Press};

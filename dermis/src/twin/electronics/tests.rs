@@ -353,7 +353,9 @@ fn impossible_instruments_are_refused_by_field() {
     let refused = |change: fn(&mut ElectronicsOptions)| {
         let mut options = settling_options();
         change(&mut options);
-        let TwinError::OutOfRange { field, fix, .. } = options.check(protocol()).unwrap_err();
+        let TwinError::OutOfRange { field, fix, .. } = options.check(protocol()).unwrap_err() else {
+            unreachable!("numbers out of range only")
+        };
         assert!(!fix.is_empty());
         field
     };
