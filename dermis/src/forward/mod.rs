@@ -9,6 +9,7 @@
 
 mod assembly;
 mod batch;
+mod conductors;
 mod jacobian;
 mod model;
 mod near_field;
@@ -16,6 +17,7 @@ mod network;
 
 pub use crate::linalg::Matrix;
 pub use batch::BatchSolver;
+pub use conductors::{ConductorContact, Conductors, Moment, Moments};
 pub use model::{ForwardModel, Solver, rest_conductivity};
 pub use network::Network;
 
@@ -57,6 +59,14 @@ pub enum ForwardError {
         got: usize,
         /// The length needed.
         expected: usize,
+    },
+    /// A contact that no conductor has: not finite, or less than at rest.
+    #[error("the contact of conductor {conductor} is {value}: it must be finite and nowhere less than at rest")]
+    ConductorContact {
+        /// Index of the conductor.
+        conductor: usize,
+        /// The offending conductance.
+        value: f64,
     },
     /// Two point electrodes on one node.
     #[error("electrodes {first} and {second} are both at node {node}")]

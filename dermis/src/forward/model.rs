@@ -190,6 +190,14 @@ impl ForwardModel {
         &self.shared.assembly.pattern.unknown_of_node
     }
 
+    /// A network of the mesh alone with the model's series resistances.
+    pub(super) fn with_own_series(&self, bare: Network) -> Result<Network, ForwardError> {
+        match self.series_resistances.iter().all(|&resistance| resistance == 0.0) {
+            true => Ok(bare),
+            false => bare.with_series(&self.series_resistances),
+        }
+    }
+
     /// Memory for many solves.
     pub fn solver(&self) -> Solver {
         Solver {
@@ -260,11 +268,8 @@ impl Solver {
     /// # Errors
     /// As [`solve_into`](Self::solve_into).
     pub fn network(&mut self, conductivity: &[f64]) -> Result<Network, ForwardError> {
-        let network = self.bare_network(conductivity)?;
-        match self.model.series_resistances.iter().all(|&resistance| resistance == 0.0) {
-            true => Ok(network),
-            false => network.with_series(&self.model.series_resistances),
-        }
+        let bare = self.bare_network(conductivity)?;
+        self.model.with_own_series(bare)
     }
 
     /// The network of the mesh alone.

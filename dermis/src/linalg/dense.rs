@@ -82,6 +82,59 @@ fn subtract_four(panel: &[f64], height: usize, row: usize, target: &mut [f64]) {
     }
 }
 
+/// Eliminates the first `width` unknowns of a symmetric matrix of the given order in place: of the rest the Schur
+/// complement is left.
+///
+/// `values` is column-major; only the lower triangle is read and written.
+///
+/// # Errors
+/// The index of a pivot that is not positive.
+///
+/// # Panics
+/// Where `values` is not a square of the order, or `width` exceeds it.
+pub fn eliminate_in_place(values: &mut [f64], order: usize, width: usize) -> Result<(), NotPositiveDefinite> {
+    assert_eq!(values.len(), order * order, "a square matrix");
+    assert!(width <= order, "no more unknowns than there are");
+    let outcome = pulp::Arch::new().dispatch(EliminateDense { values, order, width });
+    outcome.map_err(|unknown| NotPositiveDefinite { unknown })
+}
+
+/// Subtracts `R' R` from the lower triangle of a column-major square matrix, `R` row-major with as many columns.
+///
+/// # Panics
+/// Where `values` is not a square of the order, or `rows` not whole rows.
+pub fn subtract_gram(values: &mut [f64], order: usize, rows: &[f64]) {
+    assert_eq!(values.len(), order * order, "a square matrix");
+    assert!(rows.len().is_multiple_of(order.max(1)), "whole rows");
+    pulp::Arch::new().dispatch(SubtractGram { values, order, rows });
+}
+
+struct SubtractGram<'a> {
+    values: &'a mut [f64],
+    order: usize,
+    rows: &'a [f64],
+}
+
+impl WithSimd for SubtractGram<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let panels = self.rows.chunks_exact(PANEL * self.order);
+        let rest = panels.remainder();
+        for panel in panels {
+            for (column, target) in self.values.chunks_exact_mut(self.order).enumerate() {
+                subtract_four(panel, self.order, column, target);
+            }
+        }
+        for row in rest.chunks_exact(self.order) {
+            for (column, target) in self.values.chunks_exact_mut(self.order).enumerate() {
+                subtract_one(row, column, target);
+            }
+        }
+    }
+}
+
 /// The Cholesky factor of a symmetric positive definite matrix, in its lower triangle; the upper one is not touched.
 ///
 /// # Errors
@@ -93,7 +146,7 @@ pub fn cholesky_in_place(matrix: &mut Matrix) -> Result<(), NotPositiveDefinite>
     assert_eq!(matrix.rows, matrix.columns, "a square matrix");
     let order = matrix.rows;
     transpose(matrix);
-    let outcome = pulp::Arch::new().dispatch(EliminateDense { values: &mut matrix.values, order });
+    let outcome = pulp::Arch::new().dispatch(EliminateDense { values: &mut matrix.values, order, width: order });
     transpose(matrix);
     outcome.map_err(|unknown| NotPositiveDefinite { unknown })
 }
@@ -101,6 +154,7 @@ pub fn cholesky_in_place(matrix: &mut Matrix) -> Result<(), NotPositiveDefinite>
 struct EliminateDense<'a> {
     values: &'a mut [f64],
     order: usize,
+    width: usize,
 }
 
 impl WithSimd for EliminateDense<'_> {
@@ -108,7 +162,7 @@ impl WithSimd for EliminateDense<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Self::Output {
-        eliminate(self.values, self.order, self.order)
+        eliminate(self.values, self.order, self.width)
     }
 }
 

@@ -177,7 +177,30 @@ impl Factor {
         self.back_substitute(symbolic, x);
     }
 
-    /// `x <- L^-1 x`
+    /// Solves `A_ii x_i = b_i` in place on the eliminated unknowns, the kept ones held at zero; a row per unknown, a
+    /// column per problem.
+    ///
+    /// # Panics
+    /// Where `x` has the wrong number of rows.
+    pub fn solve_grounded(&self, symbolic: &Symbolic, x: &mut Matrix) {
+        assert_eq!(x.rows, symbolic.unknown_count, "a row per unknown");
+        self.forward_substitute(symbolic, x);
+        let interior = symbolic.unknown_count - symbolic.kept_count;
+        x.values[interior * x.columns..].fill(0.0);
+        self.back_substitute(symbolic, x);
+    }
+
+    /// Half a solve: with `A_ii = L L'`, the eliminated unknowns become `L^-1 b_i` and the kept ones
+    /// `b_k - A_ki A_ii^-1 b_i`; a row per unknown, a column per problem.
+    ///
+    /// # Panics
+    /// Where `x` has the wrong number of rows.
+    pub fn half_solve(&self, symbolic: &Symbolic, x: &mut Matrix) {
+        assert_eq!(x.rows, symbolic.unknown_count, "a row per unknown");
+        self.forward_substitute(symbolic, x);
+    }
+
+    /// `x <- L^-1 x` on the eliminated unknowns, whose share is taken out of the kept ones.
     fn forward_substitute(&self, symbolic: &Symbolic, x: &mut Matrix) {
         let stride = x.columns.next_multiple_of(LANES);
         let mut buffer = vec![0.0; symbolic.front_max * stride];
@@ -230,7 +253,16 @@ impl WithSimd for ForwardSubstitute<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        for supernode in &self.symbolic.supernodes {
+        // Right-hand sides with few entries leave most of the tree at zero.
+        let mut reached = vec![false; self.symbolic.supernodes.len()];
+        for (index, supernode) in self.symbolic.supernodes.iter().enumerate() {
+            let children = &self.symbolic.children[supernode.children.clone()];
+            let own = &self.symbolic.order[supernode.columns.clone()];
+            reached[index] = children.iter().any(|&child| reached[child])
+                || own.iter().any(|&unknown| self.x.row(unknown).iter().any(|value| *value != 0.0));
+            if !reached[index] {
+                continue;
+            }
             gather(self.symbolic, supernode, self.x, self.buffer, self.stride);
             forward_block(self.factor.block(supernode), supernode, self.buffer, self.stride);
             scatter(self.symbolic, supernode, supernode.height(), self.x, self.buffer, self.stride);

@@ -12,7 +12,7 @@ mod matrix;
 mod symbolic;
 
 pub use batch::{AlignedVec, BadLanes, BatchPlan, BatchWorkspace, Entries, LANES};
-pub use dense::{cholesky_in_place, invert_spd};
+pub use dense::{cholesky_in_place, eliminate_in_place, invert_spd, subtract_gram};
 pub use factor::{Factor, NotPositiveDefinite, Workspace};
 pub use level::Level;
 pub use matrix::Matrix;

@@ -6,12 +6,15 @@
 //! do not show: steps of a patch's size, saturation, and touches that do not add up.
 
 mod contact_law;
+mod coverage;
 pub mod electronics;
 mod error;
+mod patched;
 mod patches;
 mod press;
 
 pub use contact_law::ContactLaw;
 pub use error::TwinError;
+pub use patched::{ContactHistory, MOMENT_DEGREE, PatchedSkin};
 pub use patches::{PatchGrid, PatchOptions};
 pub use press::{Foam, Footprint, Press};

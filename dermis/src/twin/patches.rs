@@ -132,6 +132,20 @@ impl Lines {
         }
     }
 
+    /// The lines that an interval reaches, each with the shift by whole periods that brings it there, m.
+    pub fn lines_between(&self, low_m: f64, high_m: f64) -> impl Iterator<Item = (usize, f64)> + Clone + use<> {
+        let Lines { start_m, pitch_m, count, period_m } = *self;
+        let line = |value: f64| ((value - start_m) / pitch_m).floor() as i64;
+        let (mut first, mut last) = (line(low_m), line(high_m));
+        if period_m.is_none() {
+            (first, last) = (first.max(0), last.min(count as i64 - 1));
+        }
+        (first..=last).map(move |line| {
+            let inside = line.rem_euclid(count as i64);
+            (inside as usize, (line - inside) as f64 * pitch_m)
+        })
+    }
+
     /// The part of the fabric in a line, m.
     pub fn fabric(&self, line: usize, gap_m: f64) -> [f64; 2] {
         let start = self.start_m + line as f64 * self.pitch_m;
@@ -204,6 +218,24 @@ impl PatchGrid {
             Body::Cylinder { diameter_m, .. } => [0.5 * diameter_m * y.atan2(x), z],
             _ => [x, y],
         }
+    }
+
+    /// The patches of which some part may lie within a distance of a place of the chart.
+    pub(super) fn patches_near(&self, place: Point2, reach_m: f64) -> Vec<usize> {
+        let columns = self.round.lines_between(place[0] - reach_m, place[0] + reach_m);
+        let rows = self.along.lines_between(place[1] - reach_m, place[1] + reach_m);
+        rows.flat_map(|(row, _)| columns.clone().map(move |(column, _)| (row, column)))
+            .map(|(row, column)| self.patch(row, column))
+            .collect()
+    }
+
+    /// The short way from one place of the chart to another.
+    pub(super) fn step(&self, from: Point2, to: Point2) -> Point2 {
+        let mut round = to[0] - from[0];
+        if let Some(period) = self.round.period_m {
+            round -= period * (round / period).round();
+        }
+        [round, to[1] - from[1]]
     }
 }
 

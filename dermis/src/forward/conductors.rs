@@ -1,0 +1,630 @@
+//! Floating conductors laid over the sheet: how their contacts change the network between the electrodes.
+//!
+//! A conductor at potential `v` takes the current density `g(x) (u - v)` out of the sheet, and its net current is zero.
+//! The potential under it is described by a few moments `m_k' u`, the coefficients of functions `phi_k(x)`: the mean
+//! over small sites, say, or over the whole conductor a polynomial's. With `C_kl = integral of g phi_k phi_l`, and `e_k`
+//! the moments of a potential of 1 V, the power into the conductor is `(M'u - v e)' C (M'u - v e)`. Let `C = R R'`, `K`
+//! be the system of the sheet and its electrodes, `K_ii` its interior part. With the electrodes at the potentials `U`,
+//! `y = R' (M'u - v e)` follows from
+//!
+//! `(1 + R' Gamma R) y + R' E v = R' B U`, `E' R y = 0`, `Gamma = M' K_ii^-1 M`, `B = M' u_0`,
+//!
+//! where `Gamma` holds Green's functions among the moments with all electrodes grounded and `u_0` the potentials per
+//! volt of each electrode without any contact. The admittance between the electrodes rises by
+//! `Q' (A^-1 - A^-1 P (P' A^-1 P)^-1 P' A^-1) Q` with `A = 1 + R' Gamma R`, `P = R' E`, `Q = R' B`: a low-rank update
+//! (Woodbury, 1950; Hager, 1989, DOI 10.1137/1031049) that costs what the touched conductors cost, however large the
+//! mesh.
+
+use super::assembly::Assembly;
+use super::model::check_conductivity;
+use super::{ForwardError, ForwardModel, Network};
+use crate::linalg::{Factor, Matrix, NotPositiveDefinite, Symbolic, eliminate_in_place, invert_spd, subtract_gram};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::sync::{Arc, OnceLock};
+
+/// What is left of a contact's matrix below this share of it is rounding.
+const RANK_TOLERANCE: f64 = 1e-15;
+/// A contact whose matrix is this much below that at rest has lost more than rounding takes.
+const LOSS_TOLERANCE: f64 = 1e-9;
+
+/// One moment of the sheet's potential under a conductor.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Moment {
+    /// The conductor.
+    pub conductor: usize,
+    /// Nodes with their weights: the moment is the weighted sum of their potentials.
+    pub nodes: Vec<(usize, f64)>,
+}
+
+impl Moment {
+    /// The moment of a potential of 1 V.
+    fn of_one(&self) -> f64 {
+        self.nodes.iter().map(|(_, weight)| weight).sum()
+    }
+}
+
+/// The moments of all conductors, those of one next to each other.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Moments {
+    all: Vec<Moment>,
+    of_conductor: Vec<Range<usize>>,
+}
+
+impl Moments {
+    /// Moments in ascending order of their conductors.
+    ///
+    /// # Panics
+    /// Where they are in another order.
+    pub fn new(all: Vec<Moment>) -> Self {
+        assert!(all.is_sorted_by_key(|moment| moment.conductor), "moments in the order of their conductors");
+        let count = all.last().map_or(0, |moment| moment.conductor + 1);
+        let mut of_conductor = vec![0..0; count];
+        for (index, moment) in all.iter().enumerate() {
+            let range: &mut Range<usize> = &mut of_conductor[moment.conductor];
+            *range = if range.end == 0 { index..index + 1 } else { range.start..index + 1 };
+        }
+        Moments { all, of_conductor }
+    }
+
+    /// All moments.
+    pub fn all(&self) -> &[Moment] {
+        &self.all
+    }
+
+    /// The moments of one conductor; none where there is no such conductor.
+    pub fn of_conductor(&self, conductor: usize) -> &[Moment] {
+        &self.all[self.range(conductor)]
+    }
+
+    fn range(&self, conductor: usize) -> Range<usize> {
+        self.of_conductor.get(conductor).cloned().unwrap_or(0..0)
+    }
+}
+
+/// A conductor in contact with the sheet.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ConductorContact {
+    /// The conductor.
+    pub conductor: usize,
+    /// `C`: symmetric, positive semidefinite, of the order of the conductor's moments; S where moments are volts.
+    pub conductance: Matrix,
+}
+
+/// One skin under floating conductors, ready for many contacts.
+///
+/// The Green's functions of a conductor are computed when it is first touched, and kept. Shared between threads by
+/// reference.
+#[derive(Debug)]
+pub struct Conductors {
+    model: ForwardModel,
+    moments: Arc<Moments>,
+    base: System,
+    /// The contacts at rest, by conductor.
+    at_rest: BTreeMap<usize, Matrix>,
+    /// `B`: moments x electrodes.
+    potentials: Matrix,
+    /// Per conductor the Green's functions from its own moments to them and all after them, moments x own moments.
+    columns: Vec<OnceLock<Matrix>>,
+}
+
+/// The system of a sheet with some conductors in contact, factored.
+#[derive(Debug)]
+struct System {
+    /// `None` where it is the model's own.
+    extended: Option<Symbolic>,
+    factor: Factor,
+    /// The unknown of each node.
+    unknown_of_node: Vec<usize>,
+    /// The unknown of each conductor that is part of the system.
+    unknown_of_conductor: BTreeMap<usize, usize>,
+}
+
+impl ForwardModel {
+    /// The network between the electrodes with conductors in contact, the direct way: one more unknown per touched
+    /// conductor, and a factorisation of its own. [`Conductors::network`] gives the same at a fraction of the cost.
+    ///
+    /// # Errors
+    /// A conductivity or conductance that no matter has.
+    ///
+    /// # Panics
+    /// Where a contact does not fit its conductor's moments.
+    pub fn network_with_conductors(
+        &self,
+        conductivity: &[f64],
+        moments: &Moments,
+        contacts: &[ConductorContact],
+    ) -> Result<Network, ForwardError> {
+        let system = System::new(self, conductivity, moments, contacts)?;
+        self.with_own_series(Network::new(system.factor.schur().clone())?)
+    }
+}
+
+impl System {
+    fn new(
+        model: &ForwardModel,
+        conductivity: &[f64],
+        moments: &Moments,
+        contacts: &[ConductorContact],
+    ) -> Result<Self, ForwardError> {
+        check_conductivity(model.mesh(), conductivity)?;
+        let mut touching = Vec::new();
+        for contact in contacts {
+            check_fits(moments, contact);
+            if root(contact.conductor, &contact.conductance, &contact.conductance)?.columns > 0 {
+                touching.push(contact);
+            }
+        }
+        let assembly = model.assembly();
+        let mut values = vec![0.0; assembly.pattern.entries.len()];
+        assembly.values_into(conductivity, &mut values);
+        let singular = |error: NotPositiveDefinite| ForwardError::Singular {
+            place: format!("unknown {} of the skin under its conductors", error.unknown),
+        };
+        if touching.is_empty() {
+            let factor = model.symbolic().factor(&values).map_err(singular)?;
+            let unknown_of_node = model.unknown_of_node().to_vec();
+            return Ok(System { extended: None, factor, unknown_of_node, unknown_of_conductor: BTreeMap::new() });
+        }
+        let mut system = Extended::new(model, assembly, &values, &touching);
+        touching.iter().for_each(|contact| system.add(moments.of_conductor(contact.conductor), contact));
+        let (entries, values): (Vec<[usize; 2]>, Vec<f64>) = system.entries.into_iter().unzip();
+        let symbolic = Symbolic::new(system.unknown_count, model.mesh().electrodes.len(), &entries);
+        let factor = symbolic.factor(&values).map_err(singular)?;
+        Ok(System {
+            extended: Some(symbolic),
+            factor,
+            unknown_of_node: system.unknown_of_node,
+            unknown_of_conductor: system.unknown_of_conductor,
+        })
+    }
+
+    fn symbolic<'a>(&'a self, model: &'a ForwardModel) -> &'a Symbolic {
+        self.extended.as_ref().unwrap_or(model.symbolic())
+    }
+
+    /// The unknowns of a moment of `u - v` with their weights; of `u` alone where the system has no `v`.
+    fn voltage(&self, moment: &Moment) -> impl Iterator<Item = (usize, f64)> {
+        let nodes = moment.nodes.iter().map(|&(node, weight)| (self.unknown_of_node[node], weight));
+        let own = self.unknown_of_conductor.get(&moment.conductor);
+        nodes.chain(own.map(|&unknown| (unknown, -moment.of_one())))
+    }
+}
+
+/// The entries of a system while conductors are added.
+struct Extended {
+    unknown_of_node: Vec<usize>,
+    unknown_of_conductor: BTreeMap<usize, usize>,
+    unknown_count: usize,
+    entries: BTreeMap<[usize; 2], f64>,
+}
+
+impl Extended {
+    /// The sheet's own entries, with room for the conductors between its interior and the electrodes.
+    fn new(model: &ForwardModel, assembly: &Assembly, values: &[f64], contacts: &[&ConductorContact]) -> Self {
+        let interior = assembly.pattern.unknown_count - model.mesh().electrodes.len();
+        let mut touched: Vec<usize> = contacts.iter().map(|contact| contact.conductor).collect();
+        touched.sort_unstable();
+        touched.dedup();
+        let shift = |unknown: usize| if unknown < interior { unknown } else { unknown + touched.len() };
+        let sheet = assembly.pattern.entries.iter().map(|pair| pair.map(shift)).zip(values.iter().copied());
+        let mut entries: BTreeMap<[usize; 2], f64> = sheet.collect();
+        let unknown_of_conductor: BTreeMap<usize, usize> = touched.iter().copied().zip(interior..).collect();
+        entries.extend(unknown_of_conductor.values().map(|&unknown| ([unknown, unknown], 0.0)));
+        Extended {
+            unknown_of_node: model.unknown_of_node().iter().map(|&unknown| shift(unknown)).collect(),
+            unknown_count: assembly.pattern.unknown_count + touched.len(),
+            unknown_of_conductor,
+            entries,
+        }
+    }
+
+    /// Adds `(M'u - v e)' C (M'u - v e)` of one contact.
+    fn add(&mut self, moments: &[Moment], contact: &ConductorContact) {
+        // `W C W'` by the unknowns that the moments share: `W` has a row per unknown.
+        let mut weights: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
+        let conductor = self.unknown_of_conductor[&contact.conductor];
+        for (k, moment) in moments.iter().enumerate() {
+            let nodes = moment.nodes.iter().map(|&(node, weight)| (self.unknown_of_node[node], weight));
+            for (unknown, weight) in nodes.chain([(conductor, -moment.of_one())]) {
+                weights.entry(unknown).or_insert_with(|| vec![0.0; moments.len()])[k] += weight;
+            }
+        }
+        let rows: Vec<(usize, Vec<f64>)> = weights.into_iter().collect();
+        let mut product = vec![0.0; moments.len()];
+        for (index, (a, first)) in rows.iter().enumerate() {
+            contact.conductance.product_into(first, &mut product);
+            for (b, second) in &rows[..=index] {
+                *self.entries.entry([*a, *b]).or_default() += dot(second, &product);
+            }
+        }
+    }
+}
+
+/// One touched conductor of an update.
+struct Touch {
+    conductor: usize,
+    /// `R`: moments x rank.
+    root: Matrix,
+    /// Where its part begins in the update.
+    start: usize,
+    /// Whether its potential is unknown to the base system.
+    floating: bool,
+}
+
+/// The touched conductors of an update and their sizes.
+struct Update {
+    touches: Vec<Touch>,
+    rank: usize,
+    floating_count: usize,
+}
+
+impl Conductors {
+    /// The skin of a model with some conductors in contact at rest.
+    ///
+    /// # Errors
+    /// A conductivity or a resting conductance that no matter has.
+    ///
+    /// # Panics
+    /// Where a contact does not fit its conductor's moments, or a moment names a node that does not exist.
+    pub fn new(
+        model: &ForwardModel,
+        conductivity: &[f64],
+        moments: Arc<Moments>,
+        at_rest: &[ConductorContact],
+    ) -> Result<Self, ForwardError> {
+        let base = System::new(model, conductivity, &moments, at_rest)?;
+        let electrode_count = model.mesh().electrodes.len();
+        let symbolic = base.symbolic(model);
+        let interior = symbolic.unknown_count() - electrode_count;
+        let mut unknowns = Matrix::zeros(symbolic.unknown_count(), electrode_count);
+        (0..electrode_count).for_each(|electrode| *unknowns.at_mut(interior + electrode, electrode) = 1.0);
+        base.factor.extend_homogeneous(symbolic, &mut unknowns);
+        let potentials = base.moments_of(&moments.all, &unknowns);
+        Ok(Conductors {
+            model: model.clone(),
+            at_rest: at_rest.iter().map(|contact| (contact.conductor, contact.conductance.clone())).collect(),
+            columns: (0..moments.of_conductor.len()).map(|_| OnceLock::new()).collect(),
+            moments,
+            base,
+            potentials,
+        })
+    }
+
+    /// The model of the skin.
+    pub fn model(&self) -> &ForwardModel {
+        &self.model
+    }
+
+    /// The moments.
+    pub fn moments(&self) -> &Moments {
+        &self.moments
+    }
+
+    /// The network of the skin at rest.
+    ///
+    /// # Errors
+    /// A part of the skin that no electrode reaches.
+    pub fn resting_network(&self) -> Result<Network, ForwardError> {
+        self.model.with_own_series(Network::new(self.base.factor.schur().clone())?)
+    }
+
+    /// Computes the Green's functions of all conductors now, on all threads, and not when each is first touched.
+    pub fn prepare(&self) {
+        (0..self.columns.len()).into_par_iter().for_each(|conductor| {
+            self.column(conductor);
+        });
+    }
+
+    /// What the Green's functions computed so far take, bytes; and what they will take once all are.
+    pub fn table_bytes(&self) -> [usize; 2] {
+        let count = self.moments.all.len();
+        let whole = self.moments.of_conductor.iter().map(|own| (count - own.start) * own.len());
+        let now = self.columns.iter().filter_map(|column| column.get()).map(|column| column.values.len());
+        [now.sum::<usize>() * size_of::<f64>(), whole.sum::<usize>() * size_of::<f64>()]
+    }
+
+    /// The network with some conductors in contact, by the table of Green's functions; the others are as at rest.
+    ///
+    /// # Errors
+    /// A contact below that at rest.
+    ///
+    /// # Panics
+    /// Where a contact does not fit its conductor's moments, or a conductor is named twice.
+    pub fn network(&self, contacts: &[ConductorContact]) -> Result<Network, ForwardError> {
+        self.network_by(contacts, Self::fill_from_table)
+    }
+
+    /// [`network`](Self::network) without a table, by half a solve for the touched conductors: for a skin that is
+    /// touched a few times only.
+    ///
+    /// # Errors
+    /// As [`network`](Self::network).
+    ///
+    /// # Panics
+    /// As [`network`](Self::network).
+    pub fn network_once(&self, contacts: &[ConductorContact]) -> Result<Network, ForwardError> {
+        self.network_by(contacts, Self::fill_by_half_solve)
+    }
+
+    fn network_by(
+        &self,
+        contacts: &[ConductorContact],
+        fill: impl FnOnce(&Self, &Update, &mut [f64], usize),
+    ) -> Result<Network, ForwardError> {
+        let update = self.update(contacts)?;
+        if update.rank == 0 {
+            return self.resting_network();
+        }
+        let order = update.rank + update.floating_count + self.potentials.columns;
+        let mut front = vec![0.0; order * order];
+        fill(self, &update, &mut front, order);
+        self.complete(&update, &mut front, order);
+        self.finish(&update, front, order)
+    }
+
+    /// The moments `C (M'u - v e)` of the current into each touched conductor beyond that at rest, for electrodes at
+    /// the given potentials of the mesh's own network, V. Their product with the moments of 1 V, the second list, is
+    /// the conductor's net current.
+    ///
+    /// # Errors
+    /// As [`network`](Self::network).
+    ///
+    /// # Panics
+    /// As [`network`](Self::network).
+    pub fn currents(
+        &self,
+        contacts: &[ConductorContact],
+        potentials_v: &[f64],
+    ) -> Result<Vec<[Vec<f64>; 2]>, ForwardError> {
+        let update = self.update(contacts)?;
+        let order = update.rank + update.floating_count + self.potentials.columns;
+        let mut front = vec![0.0; order * order];
+        self.fill_from_table(&update, &mut front, order);
+        self.complete(&update, &mut front, order);
+        let rank = update.rank;
+        let mut system = Matrix::zeros(rank, rank);
+        for (row, column) in (0..rank).flat_map(|column| (column..rank).map(move |row| (row, column))) {
+            *system.at_mut(row, column) = front[column * order + row];
+            *system.at_mut(column, row) = front[column * order + row];
+        }
+        let inverse = invert_spd(&system).map_err(name_contact)?;
+        let below = |column: usize, first: usize, count: usize| &front[column * order + first..][..count];
+        let mut driving: Vec<f64> =
+            (0..rank).map(|k| dot(below(k, order - potentials_v.len(), potentials_v.len()), potentials_v)).collect();
+        let conductors = update.floating_count;
+        let joins: Vec<&[f64]> = (0..rank).map(|k| below(k, rank, conductors)).collect();
+        let potentials = conductor_potentials(&inverse, &joins, &driving)?;
+        driving.iter_mut().zip(&joins).for_each(|(value, joined)| *value -= dot(joined, &potentials));
+        let y: Vec<f64> = (0..rank).map(|k| dot(inverse.row(k), &driving)).collect();
+        let of_touch = |touch: &Touch| {
+            let own = &y[touch.start..touch.start + touch.root.columns];
+            let current = (0..touch.root.rows).map(|k| dot(touch.root.row(k), own)).collect();
+            [current, self.moments.of_conductor(touch.conductor).iter().map(Moment::of_one).collect()]
+        };
+        Ok(update.touches.iter().map(of_touch).collect())
+    }
+
+    /// What contacts add to those at rest.
+    fn update(&self, contacts: &[ConductorContact]) -> Result<Update, ForwardError> {
+        let mut sorted: Vec<&ConductorContact> = contacts.iter().collect();
+        sorted.sort_by_key(|contact| contact.conductor);
+        assert!(sorted.windows(2).all(|pair| pair[0].conductor != pair[1].conductor), "each conductor once");
+        let mut update = Update { touches: Vec::new(), rank: 0, floating_count: 0 };
+        for contact in sorted {
+            check_fits(&self.moments, contact);
+            let added = match self.at_rest.get(&contact.conductor) {
+                Some(resting) => difference(&contact.conductance, resting),
+                None => contact.conductance.clone(),
+            };
+            let root = root(contact.conductor, &added, &contact.conductance)?;
+            if root.columns > 0 {
+                let floating = !self.base.unknown_of_conductor.contains_key(&contact.conductor);
+                let start = update.rank;
+                update.rank += root.columns;
+                update.floating_count += usize::from(floating);
+                update.touches.push(Touch { conductor: contact.conductor, root, start, floating });
+            }
+        }
+        Ok(update)
+    }
+
+    /// Completes `[A; P' 0; Q' 0 0]`, column-major, its lower triangle, from `R' Gamma R`.
+    fn complete(&self, update: &Update, front: &mut [f64], order: usize) {
+        let mut conductor = update.rank;
+        for touch in &update.touches {
+            let range = self.moments.range(touch.conductor);
+            for k in 0..touch.root.columns {
+                let column = &mut front[(touch.start + k) * order..(touch.start + k + 1) * order];
+                column[touch.start + k] += 1.0;
+                for (moment, index) in range.clone().enumerate() {
+                    let factor = touch.root.at(moment, k);
+                    if touch.floating {
+                        column[conductor] += factor * self.moments.all[index].of_one();
+                    }
+                    let target = &mut column[order - self.potentials.columns..];
+                    target.iter_mut().zip(self.potentials.row(index)).for_each(|(sum, value)| *sum += factor * value);
+                }
+            }
+            conductor += usize::from(touch.floating);
+        }
+    }
+
+    /// Eliminates contacts, then conductors, and adds what is left to the admittance.
+    fn finish(&self, update: &Update, mut front: Vec<f64>, order: usize) -> Result<Network, ForwardError> {
+        let (rank, conductors) = (update.rank, update.floating_count);
+        eliminate_in_place(&mut front, order, rank).map_err(name_contact)?;
+        // What is left is `-[P Q]' A^-1 [P Q]`.
+        let rest = order - rank;
+        let mut schur = vec![0.0; rest * rest];
+        for column in 0..rest {
+            let source = &front[(rank + column) * order + rank..(rank + column + 1) * order];
+            schur[column * rest..(column + 1) * rest].iter_mut().zip(source).for_each(|(s, value)| *s = -value);
+        }
+        eliminate_in_place(&mut schur, rest, conductors).map_err(name_contact)?;
+        let mut admittance = self.base.factor.schur().clone();
+        for column in 0..self.potentials.columns {
+            for row in column..self.potentials.columns {
+                let rise = schur[(conductors + column) * rest + conductors + row];
+                *admittance.at_mut(row, column) += rise;
+                if row != column {
+                    *admittance.at_mut(column, row) += rise;
+                }
+            }
+        }
+        self.model.with_own_series(Network::new(admittance)?)
+    }
+
+    fn fill_from_table(&self, update: &Update, front: &mut [f64], order: usize) {
+        for (index, touch) in update.touches.iter().enumerate() {
+            let column = self.column(touch.conductor);
+            let first = self.moments.range(touch.conductor).start;
+            let (rank, mut product) = (touch.root.columns, Vec::new());
+            for later in &update.touches[index..] {
+                // `Gamma R` of this conductor at the other's moments, then `R'` of the other.
+                let rows = self.moments.range(later.conductor);
+                product.clear();
+                product.resize(rows.len() * rank, 0.0);
+                for (target, row) in product.chunks_exact_mut(rank).zip(rows) {
+                    for (&green, factors) in column.row(row - first).iter().zip(touch.root.values.chunks_exact(rank)) {
+                        target.iter_mut().zip(factors).for_each(|(sum, factor)| *sum += green * factor);
+                    }
+                }
+                for (source, factors) in
+                    product.chunks_exact(rank).zip(later.root.values.chunks_exact(later.root.columns))
+                {
+                    for (k, value) in source.iter().enumerate() {
+                        let target = &mut front[(touch.start + k) * order + later.start..][..later.root.columns];
+                        target.iter_mut().zip(factors).for_each(|(sum, factor)| *sum += value * factor);
+                    }
+                }
+            }
+        }
+    }
+
+    /// `R' Gamma R = X' X` with `X = L^-1 M R`.
+    fn fill_by_half_solve(&self, update: &Update, front: &mut [f64], order: usize) {
+        let symbolic = self.base.symbolic(&self.model);
+        let mut right = Matrix::zeros(symbolic.unknown_count(), update.rank);
+        for touch in &update.touches {
+            for (moment, factors) in self.moments.of_conductor(touch.conductor).iter().zip(0..) {
+                for (unknown, weight) in self.base.voltage(moment) {
+                    let target = &mut right.row_mut(unknown)[touch.start..touch.start + touch.root.columns];
+                    let factors = touch.root.row(factors);
+                    target.iter_mut().zip(factors).for_each(|(sum, factor)| *sum += weight * factor);
+                }
+            }
+        }
+        self.base.factor.half_solve(symbolic, &mut right);
+        let interior = symbolic.unknown_count() - symbolic.kept_count();
+        let mut reached = Vec::new();
+        for row in (0..interior).map(|row| right.row(row)).filter(|row| row.iter().any(|value| *value != 0.0)) {
+            reached.extend_from_slice(row);
+        }
+        let mut minus_gram = vec![0.0; update.rank * update.rank];
+        subtract_gram(&mut minus_gram, update.rank, &reached);
+        for (column, source) in minus_gram.chunks_exact(update.rank).enumerate() {
+            let target = &mut front[column * order + column..column * order + update.rank];
+            target.iter_mut().zip(&source[column..]).for_each(|(target, value)| *target = -value);
+        }
+    }
+
+    /// The Green's functions of a conductor.
+    fn column(&self, conductor: usize) -> &Matrix {
+        self.columns[conductor].get_or_init(|| {
+            let own = self.moments.range(conductor);
+            let symbolic = self.base.symbolic(&self.model);
+            let mut fields = Matrix::zeros(symbolic.unknown_count(), own.len());
+            for (column, moment) in self.moments.all[own.clone()].iter().enumerate() {
+                for (unknown, weight) in self.base.voltage(moment) {
+                    *fields.at_mut(unknown, column) += weight;
+                }
+            }
+            self.base.factor.solve_grounded(symbolic, &mut fields);
+            self.base.moments_of(&self.moments.all[own.start..], &fields)
+        })
+    }
+}
+
+impl System {
+    /// The moments of some fields, moments x fields, from their values at the unknowns.
+    fn moments_of(&self, moments: &[Moment], fields: &Matrix) -> Matrix {
+        let mut out = Matrix::zeros(moments.len(), fields.columns);
+        for (index, moment) in moments.iter().enumerate() {
+            let target = out.row_mut(index);
+            for (unknown, weight) in self.voltage(moment) {
+                target.iter_mut().zip(fields.row(unknown)).for_each(|(sum, value)| *sum += weight * value);
+            }
+        }
+        out
+    }
+}
+
+/// `R` with `R R' = C`, moments x rank, by Cholesky with the largest pivot first: it ends where nothing is left beside
+/// the whole contact, of which `C` may be a part.
+fn root(conductor: usize, conductance: &Matrix, whole: &Matrix) -> Result<Matrix, ForwardError> {
+    let order = conductance.rows;
+    let mut left = conductance.clone();
+    let largest = (0..order).map(|k| whole.at(k, k).abs()).fold(0.0, f64::max);
+    let mut columns: Vec<Vec<f64>> = Vec::new();
+    while columns.len() < order {
+        let pivot = (0..order).max_by(|&a, &b| left.at(a, a).total_cmp(&left.at(b, b))).expect("order is positive");
+        let value = left.at(pivot, pivot);
+        // A not-a-number is the largest in the total order, and no comparison holds for it.
+        if !value.is_finite() || (0..order).any(|k| left.at(k, k) < -LOSS_TOLERANCE * largest) {
+            return Err(ForwardError::ConductorContact { conductor, value: left.at(pivot, pivot) });
+        }
+        if value <= RANK_TOLERANCE * largest {
+            break;
+        }
+        let column: Vec<f64> = (0..order).map(|k| left.at(k, pivot) / value.sqrt()).collect();
+        // Contacts site by site are diagonal: most of a column is zero.
+        let own: Vec<usize> = (0..order).filter(|&k| column[k] != 0.0).collect();
+        for (i, j) in own.iter().flat_map(|&i| own.iter().map(move |&j| (i, j))) {
+            *left.at_mut(i, j) -= column[i] * column[j];
+        }
+        columns.push(column);
+    }
+    let mut root = Matrix::zeros(order, columns.len());
+    for (index, column) in columns.iter().enumerate() {
+        (0..order).for_each(|k| *root.at_mut(k, index) = column[k]);
+    }
+    Ok(root)
+}
+
+/// `v` with `P' A^-1 P v = P' A^-1 Q U`: the potentials at which no conductor keeps a current.
+fn conductor_potentials(inverse: &Matrix, joins: &[&[f64]], driving: &[f64]) -> Result<Vec<f64>, ForwardError> {
+    let conductors = joins.first().map_or(0, |joined| joined.len());
+    let (mut net, mut free) = (Matrix::zeros(conductors, conductors), vec![0.0; conductors]);
+    for (i, left) in joins.iter().enumerate() {
+        let current = dot(inverse.row(i), driving);
+        for (k, share) in left.iter().enumerate().filter(|(_, share)| **share != 0.0) {
+            free[k] += share * current;
+            for (value, right) in inverse.row(i).iter().zip(joins) {
+                net.row_mut(k).iter_mut().zip(*right).for_each(|(sum, other)| *sum += share * value * other);
+            }
+        }
+    }
+    let inverse = invert_spd(&net).map_err(name_contact)?;
+    Ok((0..conductors).map(|k| dot(inverse.row(k), &free)).collect())
+}
+
+fn difference(a: &Matrix, b: &Matrix) -> Matrix {
+    let values = a.values.iter().zip(&b.values).map(|(a, b)| a - b).collect();
+    Matrix { rows: a.rows, columns: a.columns, values }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(x, y)| x * y).sum()
+}
+
+fn name_contact(error: NotPositiveDefinite) -> ForwardError {
+    ForwardError::Singular { place: format!("unknown {} of the touched conductors", error.unknown) }
+}
+
+fn check_fits(moments: &Moments, contact: &ConductorContact) {
+    let order = moments.range(contact.conductor).len();
+    assert!(order > 0, "conductor {} has moments", contact.conductor);
+    assert_eq!([contact.conductance.rows, contact.conductance.columns], [order; 2], "a value per pair of moments");
+}
