@@ -186,6 +186,36 @@ fn errors_of_changes(skin: &PatchedSkin, reference: &PatchedSkin) -> Vec<f64> {
     presses.map(|press| relative_difference(&of(skin, press), &of(reference, press))).collect()
 }
 
+/// Skins that are touched a few times only, as in a set of training samples: on the mesh of the design itself.
+#[test]
+fn a_skin_of_a_few_touches_costs_little() {
+    let design = SkinDesign::load("cylinder30").unwrap();
+    let mesh = Mesh::generate(&design).unwrap();
+    let model = ForwardModel::new(&design, &mesh).unwrap();
+    let rest = model.rest_conductivity();
+    let presses: Vec<Press> = (0..16).map(|k| press(0.01 + 0.018 * k as f64, 0.7 * k as f64, 2.0)).collect();
+    let whole = PatchedSkin::new(&lab(), &design.body, &model, rest).unwrap();
+    let (mut building, mut touching) = (Vec::new(), Vec::new());
+    for _ in 0..5 {
+        let start = Instant::now();
+        let skin = PatchedSkin::for_presses(&lab(), &design.body, &model, rest, &presses).unwrap();
+        building.push(start.elapsed().as_secs_f64() * 1e3);
+        for press in &presses {
+            let start = Instant::now();
+            let network = skin.network_once(&[*press]).unwrap();
+            touching.push(start.elapsed().as_secs_f64() * 1e3);
+            let expected = whole.network_once(&[*press]).unwrap();
+            assert_eq!(network.transfer_impedance, expected.transfer_impedance);
+        }
+    }
+    println!(
+        "{} nodes: a skin for 16 presses {:.1} ms, a press {:.2} ms",
+        mesh.node_count(),
+        median(building),
+        median(touching)
+    );
+}
+
 /// The pitch of the columns, m.
 const PITCH_M: f64 = 0.1 * std::f64::consts::PI / 31.0;
 

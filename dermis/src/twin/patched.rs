@@ -70,7 +70,44 @@ impl PatchedSkin {
         degree: usize,
     ) -> crate::Result<Self> {
         let grid = options.on_body(body)?;
-        let (moments, covers) = cover(&grid, model.mesh(), degree, None)?;
+        Self::of_patches(options, grid, model, conductivity, degree, None)
+    }
+
+    /// The skin with only those patches that some presses reach, for the few presses on a skin of which there are many:
+    /// it answers these presses as the whole skin does, by [`network_once`](Self::network_once).
+    ///
+    /// # Errors
+    /// As [`new`](Self::new) and [`network`](Self::network).
+    pub fn for_presses(
+        options: &PatchOptions,
+        body: &Body,
+        model: &ForwardModel,
+        conductivity: &[f64],
+        presses: &[Press],
+    ) -> crate::Result<Self> {
+        let grid = options.on_body(body)?;
+        // A preload keeps all patches in contact.
+        let wanted = match options.contact.preload_pa > 0.0 {
+            true => None,
+            false => {
+                let reached = Load::new(presses, &options.foam, &grid, 0.0)?.patches(&grid);
+                let mut wanted = vec![false; grid.patch_count()];
+                reached.into_iter().for_each(|patch| wanted[patch] = true);
+                Some(wanted)
+            }
+        };
+        Self::of_patches(options, grid, model, conductivity, MOMENT_DEGREE, wanted.as_deref())
+    }
+
+    fn of_patches(
+        options: &PatchOptions,
+        grid: PatchGrid,
+        model: &ForwardModel,
+        conductivity: &[f64],
+        degree: usize,
+        wanted: Option<&[bool]>,
+    ) -> crate::Result<Self> {
+        let (moments, covers) = cover(&grid, model.mesh(), degree, wanted)?;
         let rest = options.contact.conductance_s_per_m2(options.contact.preload_pa);
         let at_rest = (covers.iter().enumerate())
             .filter(|_| rest > 0.0)
