@@ -1,9 +1,9 @@
-//! What is wrong with a design, where in its file, and how to mend it.
+//! What is wrong with a design or another file of its kind, where in it, and how to mend it.
 
 use std::ops::Range;
 use thiserror::Error;
 
-/// A design that cannot be read or built: where, what, and the fix.
+/// A design, or another TOML file such as a twin's, that cannot be read or built: where, what, and the fix.
 #[derive(Debug, Error)]
 #[error("{}{message}{}", self.location(), self.fix.as_ref().map(|fix| format!(" ({fix})")).unwrap_or_default())]
 pub struct DesignError {
@@ -66,9 +66,9 @@ fn meant(written: &str, known: &[&str]) -> Option<String> {
 
 /// A name without its unit.
 fn stem(name: &str) -> &str {
-    const UNITS: [&str; 14] = [
+    const UNITS: [&str; 22] = [
         "_s_per_m", "_ohm_m2", "_ohm_mm2", "_ohm_cm2", "_ohm_m", "_kohm", "_ohm", "_rad", "_deg", "_degrees", "_mm",
-        "_cm", "_um", "_m",
+        "_cm", "_um", "_m", "_khz", "_hz", "_mv", "_v", "_pf", "_nf", "_f", "_n",
     ];
     UNITS.iter().find_map(|unit| name.strip_suffix(unit)).unwrap_or(name)
 }

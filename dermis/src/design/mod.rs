@@ -8,6 +8,7 @@ mod resolve;
 mod shipped;
 
 pub use error::DesignError;
+pub(crate) use error::{from_toml, nearest};
 
 use crate::geom::{Point3, Surface};
 use crate::protocol::Protocol;

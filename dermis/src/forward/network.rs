@@ -27,8 +27,15 @@ impl Network {
 
     /// The network with a resistance in series with each electrode, ohm: `S' = S + P diag(r) P`, `P` the projector
     /// that leaves currents that add up to zero.
-    pub(super) fn with_series(mut self, resistances: &[f64]) -> Result<Self, ForwardError> {
+    ///
+    /// # Errors
+    /// Resistances so negative that no network is left.
+    ///
+    /// # Panics
+    /// Where there is not one resistance for each electrode.
+    pub fn with_series(mut self, resistances: &[f64]) -> Result<Self, ForwardError> {
         let count = resistances.len();
+        assert_eq!(count, self.transfer_impedance.rows, "a resistance for each electrode");
         let mean = resistances.iter().sum::<f64>() / count as f64;
         for i in 0..count {
             for j in 0..count {
@@ -39,6 +46,14 @@ impl Network {
         }
         self.admittance = pseudo_inverse(&self.transfer_impedance)?;
         Ok(self)
+    }
+
+    /// The network of a skin whose conductances are all multiplied by a factor.
+    pub fn scaled(&self, factor: f64) -> Self {
+        let mut scaled = self.clone();
+        scaled.admittance.values.iter_mut().for_each(|value| *value *= factor);
+        scaled.transfer_impedance.values.iter_mut().for_each(|value| *value /= factor);
+        scaled
     }
 
     /// The frame of a protocol: for each channel the measured voltage per ampere driven, ohm.

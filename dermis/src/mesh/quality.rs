@@ -59,16 +59,14 @@ impl MeshReport {
             }
         }
         let designed = |index: usize| design.electrodes.get(index).and_then(|one| designed_size(&design.body, one));
-        let electrodes = mesh.electrodes.iter().enumerate();
+        let size = |index: usize| ElectrodeReport { size: mesh.electrode_size(index), designed_size: designed(index) };
         MeshReport {
             node_count: mesh.node_count(),
             cell_count: mesh.cell_count(),
             smallest_angle_rad: angle,
             shortest_edge_m: shortest,
             longest_edge_m: longest,
-            electrodes: electrodes
-                .map(|(index, patch)| ElectrodeReport { size: patch_size(mesh, patch), designed_size: designed(index) })
-                .collect(),
+            electrodes: (0..mesh.electrodes.len()).map(size).collect(),
         }
     }
 
@@ -88,12 +86,18 @@ fn angle_rad(at: Point3, from: Point3, to: Point3) -> f64 {
     (dot(a, b) / (norm(a) * norm(b))).clamp(-1.0, 1.0).acos()
 }
 
-fn patch_size(mesh: &Mesh, patch: &ElectrodePatch) -> f64 {
-    match patch {
-        ElectrodePatch::Cells(cells) => cells.iter().map(|&cell| mesh.cell_measure(cell)).sum(),
-        ElectrodePatch::Edges(edges) => edges.iter().map(|&[a, b]| distance(mesh.nodes[a], mesh.nodes[b])).sum(),
-        ElectrodePatch::Faces(faces) => faces.iter().map(|face| triangle_area(face.map(|node| mesh.nodes[node]))).sum(),
-        ElectrodePatch::Node(_) => 0.0,
+impl Mesh {
+    /// Area (m2) of an electrode's patch of cells or faces, length (m) of its edges, 0 for a point.
+    pub fn electrode_size(&self, electrode: usize) -> f64 {
+        let length = |&[a, b]: &[usize; 2]| distance(self.nodes[a], self.nodes[b]);
+        match &self.electrodes[electrode] {
+            ElectrodePatch::Cells(cells) => cells.iter().map(|&cell| self.cell_measure(cell)).sum(),
+            ElectrodePatch::Edges(edges) => edges.iter().map(length).sum(),
+            ElectrodePatch::Faces(faces) => {
+                faces.iter().map(|face| triangle_area(face.map(|node| self.nodes[node]))).sum()
+            }
+            ElectrodePatch::Node(_) => 0.0,
+        }
     }
 }
 

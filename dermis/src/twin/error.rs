@@ -43,6 +43,25 @@ pub enum TwinError {
          rectangle or a disk, or Gaussian touches)"
     )]
     NoChart,
+    /// A fault of an electrode that the skin does not have.
+    #[error("`{field}` names electrode {electrode}, but the skin has electrodes 0 to {}", electrode_count - 1)]
+    NoSuchElectrode {
+        /// The field as it is written in the twin's file.
+        field: &'static str,
+        /// The electrode that it names.
+        electrode: usize,
+        /// Number of electrodes of the skin.
+        electrode_count: usize,
+    },
+    /// A cut through a body that has no chart to cut in.
+    #[error("`faults.cuts` needs a cylinder, a disk or a rectangle, but the body is a mesh file (leave the cuts out)")]
+    CutOnMesh,
+    /// Displaced electrodes that are parts of a mesh file.
+    #[error(
+        "`electrodes.displacement_rms_m` cannot move electrodes that are groups of a mesh file (write 0, or place \
+         electrodes by position)"
+    )]
+    GroupsStay,
     /// A press that does not touch the skin.
     #[error("a press at {centre_m:?} m is not on the skin, {skin}")]
     OffTheSkin {
@@ -67,6 +86,20 @@ pub enum TwinError {
         /// Thickness of the foam, mm.
         thickness_mm: f64,
     },
+}
+
+impl TwinError {
+    /// The field at fault as it is written in the twin's file, where one field is.
+    pub fn field(&self) -> Option<&'static str> {
+        match self {
+            TwinError::OutOfRange { field, .. } | TwinError::NoSuchElectrode { field, .. } => Some(field),
+            TwinError::CutOnMesh => Some("faults.cuts"),
+            TwinError::GroupsStay => Some("electrodes.displacement_rms_m"),
+            TwinError::PatchesMisfit { count_field, .. } => Some(count_field),
+            TwinError::NoChart => Some("touch"),
+            TwinError::OffTheSkin { .. } | TwinError::FoamCrushed { .. } => None,
+        }
+    }
 }
 
 /// # Errors

@@ -9,12 +9,26 @@ mod contact_law;
 mod coverage;
 pub mod electronics;
 mod error;
+mod faults;
+mod field;
+mod imperfections;
+mod options;
 mod patched;
 mod patches;
 mod press;
+mod shipped;
+mod skin;
 
 pub use contact_law::ContactLaw;
 pub use error::TwinError;
+pub use faults::{CutOptions, FaultOptions};
+pub use field::CorrelatedField;
+pub use imperfections::{CoatOptions, DriftOptions, ElectrodeOptions, TemperatureOptions};
+pub use options::{GaussianOptions, PressOptions, TouchOptions, TwinOptions};
 pub use patched::{ContactHistory, MOMENT_DEGREE, PatchedSkin};
 pub use patches::{PatchGrid, PatchOptions};
 pub use press::{Foam, Footprint, Press};
+pub use skin::Twin;
+
+#[cfg(test)]
+mod tests;

@@ -32,6 +32,16 @@ pub struct Press {
     pub tip_radius_m: f64,
 }
 
+impl Press {
+    /// # Errors
+    /// A force or radius that is not positive, a centre off the skin.
+    pub(super) fn check(&self, body: &Body) -> Result<(), TwinError> {
+        check_positive("force_n", self.force_n, "newtons, as the skin feels it")?;
+        check_positive("tip_radius_m", self.tip_radius_m, "a 10 mm ball is 0.005")?;
+        check_on_body(self.centre_m, body)
+    }
+}
+
 /// The layer of foam between tip and patches.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -82,9 +92,7 @@ impl Footprint {
     /// # Errors
     /// A force or radius that is not positive, a centre off the skin, a tip that would sink through the foam.
     pub fn new(press: &Press, foam: &Foam, body: &Body) -> Result<Self, TwinError> {
-        check_positive("force_n", press.force_n, "newtons, as the skin feels it")?;
-        check_positive("tip_radius_m", press.tip_radius_m, "a 10 mm ball is 0.005")?;
-        check_on_body(press.centre_m, body)?;
+        press.check(body)?;
         let depth_m = foam.depth_m(press);
         if depth_m >= foam.thickness_m {
             return Err(TwinError::FoamCrushed {

@@ -17,6 +17,7 @@ mod settling;
 mod tests;
 
 pub use options::{AdcOptions, ElectronicsOptions, HumOptions};
+pub(super) use options::{not_negative, out_of_range, positive};
 pub use report::{ElectronicsReport, ErrorPart};
 
 use crate::forward::Network;
