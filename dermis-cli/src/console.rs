@@ -44,6 +44,14 @@ impl Progress {
         Progress { bar, begun: Instant::now(), shown: AtomicBool::new(false) }
     }
 
+    /// A bar over `count` steps that also shows how many are done in a second.
+    pub fn with_rate(what: &str, count: u64) -> Self {
+        let progress = Progress::new(what, usize::try_from(count).unwrap_or(usize::MAX));
+        let template = "{msg} {wide_bar} {pos}/{len}, {per_sec}, {eta} left";
+        progress.bar.set_style(ProgressStyle::with_template(template).expect("a valid template"));
+        progress
+    }
+
     /// A sign of life on work whose steps are not known; it shows how long the work has taken.
     pub fn waiting(what: &str) -> Self {
         let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
@@ -55,11 +63,16 @@ impl Progress {
 
     /// One step is done.
     pub fn step(&self) {
+        self.steps(1);
+    }
+
+    /// Some steps are done.
+    pub fn steps(&self, count: u64) {
         if self.begun.elapsed() > Self::QUIET && !self.shown.swap(true, Ordering::Relaxed) {
             // Draws nothing where standard error is no terminal.
             self.bar.set_draw_target(ProgressDrawTarget::stderr());
         }
-        self.bar.inc(1);
+        self.bar.inc(count);
     }
 }
 

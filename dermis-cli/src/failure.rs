@@ -116,6 +116,7 @@ from_modules!(
     dermis::mesh::MeshError,
     dermis::forward::ForwardError,
     dermis::touch::TouchError,
+    dermis::dataset::DatasetError,
     dermis::reconstruct::ReconstructError,
     dermis::evaluate::EvaluateError
 );

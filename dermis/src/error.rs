@@ -32,6 +32,9 @@ pub enum Error {
     /// A twin that cannot be built, or a press that it cannot answer.
     #[error(transparent)]
     Twin(#[from] crate::twin::TwinError),
+    /// A dataset that cannot be made, read or gone on with.
+    #[error(transparent)]
+    Dataset(#[from] crate::dataset::DatasetError),
     /// A score that cannot be computed.
     #[error(transparent)]
     Evaluate(#[from] crate::evaluate::EvaluateError),

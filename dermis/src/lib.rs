@@ -30,6 +30,7 @@ pub mod experiment;
 pub mod reconstruct;
 pub mod twin;
 // Floor 7
+pub mod dataset;
 pub mod detect;
 // Floor 8
 pub mod evaluate;

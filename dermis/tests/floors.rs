@@ -13,7 +13,7 @@ const FLOORS: &[&[&str]] = &[
     &["fem", "image", "touch"],
     &["forward"],
     &["experiment", "reconstruct", "twin"],
-    &["detect"],
+    &["dataset", "detect"],
     &["evaluate"],
 ];
 

@@ -10,6 +10,7 @@ mod new;
 mod plot;
 mod reconstruct;
 mod schema;
+mod simulate;
 
 use crate::failure::Outcome;
 use clap::Subcommand;
@@ -31,6 +32,8 @@ pub enum Command {
     Evaluate(evaluate::Arguments),
     /// See it work: the paper's skin pressed 900 times in simulation, or a real tank; writes a report.
     Demo(demo::Arguments),
+    /// Make a dataset to train on: touches drawn from a seed, frames, images and truth.
+    Simulate(simulate::Arguments),
     /// Write a commented design file to start from.
     New(new::Arguments),
     /// Draw a skin: mesh, electrodes, sensitivity, an image, where touches were found.
@@ -50,6 +53,7 @@ impl Command {
             Command::Contacts(arguments) => arguments.run(),
             Command::Evaluate(arguments) => arguments.run(),
             Command::Demo(arguments) => arguments.run(),
+            Command::Simulate(arguments) => arguments.run(),
             Command::New(arguments) => arguments.run(),
             Command::Plot(arguments) => arguments.run(),
             Command::Schema => schema::run(),

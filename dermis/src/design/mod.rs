@@ -45,6 +45,14 @@ impl SkinDesign {
         resolve::load(name_or_path)
     }
 
+    /// The text of a design by name or by path, as [`load`](Self::load) finds it.
+    ///
+    /// # Errors
+    /// No such file or name.
+    pub fn text_of(name_or_path: &str) -> Result<String, DesignError> {
+        resolve::text_of(name_or_path)
+    }
+
     /// A shipped design; `None` where there is none of that name.
     pub fn shipped(name: &str) -> Option<Self> {
         let text = shipped::text(name)?;

@@ -31,19 +31,23 @@ pub(super) enum Place {
 
 /// A design by name or by path.
 pub(super) fn load(name_or_path: &str) -> Result<SkinDesign, DesignError> {
+    parse(&text_of(name_or_path)?, name_or_path)
+}
+
+/// The text of a design by name or by path.
+pub(super) fn text_of(name_or_path: &str) -> Result<String, DesignError> {
     let path = Path::new(name_or_path);
-    if let (false, Some(design)) = (path.is_file(), SkinDesign::shipped(name_or_path)) {
-        return Ok(design);
+    if let (false, Some(text)) = (path.is_file(), shipped::text(name_or_path)) {
+        return Ok(text.to_string());
     }
-    let text = std::fs::read_to_string(path).map_err(|error| {
+    std::fs::read_to_string(path).map_err(|error| {
         let meant = nearest(name_or_path, shipped::NAMES.into_iter());
         let fix = match meant {
             Some(name) => format!("did you mean `{name}`?"),
             None => format!("give the path of a design file, or one of {}", shipped::NAMES.join(", ")),
         };
         DesignError::new(format!("cannot read the design {name_or_path}: {error}"), Some(fix))
-    })?;
-    parse(&text, name_or_path)
+    })
 }
 
 /// A design from the text of a TOML file.

@@ -1,0 +1,226 @@
+//! `dermis simulate`: datasets to train on.
+
+use crate::console::{Progress, print, print_json};
+use crate::failure::{Failure, Outcome};
+use clap::{Args, ValueEnum};
+use dermis::dataset::{self, GaussianTouches, Generator, Manifest, Recipe, Record, Run, Shard, Touch};
+use dermis::design::SkinDesign;
+use dermis::forward::ForwardModel;
+use dermis::mesh::Mesh;
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+use std::time::Instant;
+
+/// The arguments of `dermis simulate`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Run again with the same arguments, a run that was stopped goes on where it was. Several processes may \
+    share a folder, each with a shard of its own; when all are done, `dermis simulate --finish DIR` checks the files and \
+    writes the manifest."
+)]
+pub struct Arguments {
+    /// The design: a path, or a shipped name. With --finish or --verify it may be given to check that the dataset was made
+    /// from it.
+    #[arg(required_unless_present_any = ["finish", "verify"])]
+    design: Option<String>,
+    /// How many samples.
+    #[arg(long, value_name = "N", required_unless_present_any = ["finish", "verify"])]
+    samples: Option<u64>,
+    /// The seed: sample i depends on it and on i alone.
+    #[arg(long, value_name = "S", required_unless_present_any = ["finish", "verify"])]
+    seed: Option<u64>,
+    /// The folder for the files.
+    #[arg(short, long, value_name = "DIR", required_unless_present_any = ["finish", "verify"])]
+    output: Option<PathBuf>,
+    /// What touches do.
+    #[arg(long, value_enum, default_value_t = TouchName::Gaussian)]
+    touch: TouchName,
+    /// A sample has 1 to this many touches.
+    #[arg(long, value_name = "K")]
+    most_touches: Option<usize>,
+    /// Narrowest and widest touch (standard deviation), m.
+    #[arg(long, value_names = ["FROM", "TO"], num_args = 2)]
+    width_m: Option<Vec<f64>>,
+    /// Weakest and strongest touch: the relative change of conductance in its middle.
+    #[arg(long, value_names = ["FROM", "TO"], num_args = 2)]
+    amplitude: Option<Vec<f64>>,
+    /// Make only the files k with k mod N = I, for processes that share the work.
+    #[arg(long, value_name = "I/N")]
+    shard: Option<ShardChoice>,
+    /// Threads; all that the machine runs at once without it.
+    #[arg(long, value_name = "N")]
+    threads: Option<usize>,
+    /// Check that all files of a folder are there and whole, and write its manifest.
+    #[arg(long, value_name = "DIR", conflicts_with_all = MAKING)]
+    finish: Option<PathBuf>,
+    /// Check a folder's files, finished or not, to the last bit.
+    #[arg(long, value_name = "DIR", conflicts_with_all = MAKING, conflicts_with = "finish")]
+    verify: Option<PathBuf>,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What belongs to making samples alone.
+const MAKING: [&str; 7] = ["samples", "seed", "output", "most_touches", "width_m", "amplitude", "shard"];
+
+/// What touches do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum TouchName {
+    /// Gaussian changes of conductance.
+    Gaussian,
+}
+
+/// `I/N`.
+#[derive(Debug, Clone, Copy)]
+struct ShardChoice(Shard);
+
+impl FromStr for ShardChoice {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers = text.split_once('/').and_then(|(index, count)| Some((index.parse().ok()?, count.parse().ok()?)));
+        let (index, count) = numbers.ok_or_else(|| format!("`{text}` is no shard: write 0/4 for the first of four"))?;
+        Shard::new(index, count).map(ShardChoice).map_err(|error| error.to_string())
+    }
+}
+
+impl Arguments {
+    /// Makes samples, or finishes or checks a dataset.
+    pub fn run(self) -> Outcome {
+        let mut builder = rayon::ThreadPoolBuilder::new();
+        match self.threads {
+            Some(0) => return Err(Failure::given("0 threads do no work", Some("leave --threads out"))),
+            Some(threads) => builder = builder.num_threads(threads),
+            None => {}
+        }
+        let pool = builder.build().map_err(|error| Failure::given(format!("cannot start threads: {error}"), None))?;
+        match (&self.finish, &self.verify) {
+            (Some(folder), _) => pool.install(|| self.finish(folder)),
+            (_, Some(folder)) => pool.install(|| self.verify(folder)),
+            _ => pool.install(|| self.make()),
+        }
+    }
+
+    fn make(&self) -> Outcome {
+        // Clap has seen to it that these are given.
+        let (Some(name), Some(samples), Some(seed), Some(folder)) =
+            (&self.design, self.samples, self.seed, &self.output)
+        else {
+            return Err(Failure::Ours("an argument is missing".into()));
+        };
+        let text = SkinDesign::text_of(name)?;
+        let design = SkinDesign::parse(&text, name)?;
+        let recipe = Recipe { seed, samples, touch: self.touch(&design) };
+        recipe.check(design.sheet.touch)?;
+        let waiting = Progress::waiting("meshing");
+        let forward = ForwardModel::new(&design, &Mesh::generate(&design)?)?;
+        drop(waiting);
+        let generator = Generator::new(&design, &forward, &recipe)?;
+        let record = Record::new(&generator, &design.name, &text);
+        let shard = self.shard.map_or(Shard::WHOLE, |choice| choice.0);
+        let run = Run::new(&generator, &record, folder, shard)?;
+        let progress = Progress::with_rate("samples", run.missing_samples());
+        let begun = Instant::now();
+        let report = run.make(|count| progress.steps(count))?;
+        drop(progress);
+        let seconds = begun.elapsed().as_secs_f64();
+        let rate = if report.made_samples > 0 { report.made_samples as f64 / seconds } else { 0.0 };
+        if self.json {
+            return print_json(&json!({
+                "folder": folder,
+                "made_samples": report.made_samples,
+                "made_files": report.made_files,
+                "found_files": report.found_files,
+                "file_count": record.file_count(),
+                "seconds": seconds,
+                "samples_per_second": rate,
+            }));
+        }
+        print(&format!(
+            "{}: {} samples in {} files, {rate:.0} samples a second; {} files were there already\n",
+            folder.display(),
+            report.made_samples,
+            report.made_files,
+            report.found_files,
+        ))
+    }
+
+    fn touch(&self, design: &SkinDesign) -> Touch {
+        let pair = |given: &Option<Vec<f64>>, usual: [f64; 2]| given.as_ref().map_or(usual, |pair| [pair[0], pair[1]]);
+        match self.touch {
+            TouchName::Gaussian => {
+                let usual = GaussianTouches::for_effect(design.sheet.touch);
+                Touch::Gaussian(GaussianTouches {
+                    most: self.most_touches.unwrap_or(usual.most),
+                    width_m: pair(&self.width_m, usual.width_m),
+                    amplitude: pair(&self.amplitude, usual.amplitude),
+                })
+            }
+        }
+    }
+
+    fn finish(&self, folder: &Path) -> Outcome {
+        self.check_design(folder)?;
+        let progress = Progress::with_rate("files", Record::read(folder)?.file_count());
+        let manifest = dataset::finish(folder, || progress.step())?;
+        drop(progress);
+        if self.json { print_json(&finished(folder, &manifest)) } else { print(&told(folder, &manifest)) }
+    }
+
+    fn verify(&self, folder: &Path) -> Outcome {
+        self.check_design(folder)?;
+        let progress = Progress::with_rate("files", Record::read(folder)?.file_count());
+        let checked = dataset::verify(folder, || progress.step())?;
+        drop(progress);
+        if !checked.problems.is_empty() {
+            return Err(Failure::given(checked.problems.join("\n"), None));
+        }
+        if self.json {
+            return print_json(&json!({
+                "folder": folder,
+                "good_files": checked.good_files,
+                "file_count": checked.file_count,
+                "finished": checked.finished,
+            }));
+        }
+        let state = if checked.finished { "finished" } else { "without a manifest yet" };
+        print(&format!(
+            "{}: {} of {} files, all whole; {state}\n",
+            folder.display(),
+            checked.good_files,
+            checked.file_count
+        ))
+    }
+
+    /// A design that is given must be the dataset's.
+    fn check_design(&self, folder: &Path) -> Outcome {
+        match &self.design {
+            Some(name) => Ok(Record::read(folder)?.check_design(folder, &SkinDesign::text_of(name)?)?),
+            None => Ok(()),
+        }
+    }
+}
+
+fn finished(folder: &Path, manifest: &Manifest) -> serde_json::Value {
+    json!({
+        "folder": folder,
+        "samples": manifest.statistics.samples,
+        "files": manifest.files.len(),
+        "identity": manifest.identity,
+        "image_mean": manifest.statistics.image_mean,
+        "image_sd": manifest.statistics.image_sd,
+    })
+}
+
+fn told(folder: &Path, manifest: &Manifest) -> String {
+    format!(
+        "{}: {} samples in {} files, all whole; images {:.4} +- {:.4}; manifest.json is written\n",
+        folder.display(),
+        manifest.statistics.samples,
+        manifest.files.len(),
+        manifest.statistics.image_mean,
+        manifest.statistics.image_sd,
+    )
+}

@@ -1,0 +1,105 @@
+//! Why a dataset cannot be made, read or gone on with.
+
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// A dataset that cannot be made, read or gone on with.
+#[derive(Debug, Error)]
+pub enum DatasetError {
+    /// A number that no dataset can have.
+    #[error("{what} is {value}: it must be {must}")]
+    OutOfRange {
+        /// What the number is.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+        /// The values it may have.
+        must: String,
+    },
+    /// A shard that is none.
+    #[error("shard {index} of {count}: with {count} shards their numbers are 0 to {}", count.saturating_sub(1))]
+    Shard {
+        /// Its number.
+        index: u64,
+        /// How many there are.
+        count: u64,
+    },
+    /// A folder that holds another dataset than the one asked for.
+    #[error(
+        "{} holds another dataset: its `{field}` is {there}, not {asked}; go on with what it was begun with, or take \
+         another folder", path.display()
+    )]
+    Mismatch {
+        /// The record of the dataset in the folder.
+        path: PathBuf,
+        /// The first field that differs.
+        field: String,
+        /// Its value in the folder.
+        there: String,
+        /// The value asked for.
+        asked: String,
+    },
+    /// A folder without the record of a dataset.
+    #[error("{} is not there: the folder holds no dataset of `dermis simulate`", path.display())]
+    NoRecord {
+        /// The record that is missing.
+        path: PathBuf,
+    },
+    /// A file that is not what its name says.
+    #[error("{}: {message}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, and the fix.
+        message: String,
+    },
+    /// Files that another process is making.
+    #[error(
+        "{} is being made by another process, which holds its lock{}: wait for it, or give each process a shard of its \
+         own", path.display(), others(.count)
+    )]
+    Busy {
+        /// The first of them.
+        path: PathBuf,
+        /// How many there are.
+        count: u64,
+    },
+    /// Files that have not been made yet.
+    #[error("{count} of {of} files are missing, the first is {}: run the shards that make them", path.display())]
+    Missing {
+        /// The first of them.
+        path: PathBuf,
+        /// How many are missing.
+        count: u64,
+        /// How many there should be.
+        of: u64,
+    },
+    /// A disk that is too small.
+    #[error(
+        "{} has room for {available_bytes} bytes, but {needed_bytes} are needed: make room, or take fewer samples or \
+         another disk", folder.display()
+    )]
+    Space {
+        /// Where the dataset should go.
+        folder: PathBuf,
+        /// What is free there.
+        available_bytes: u64,
+        /// What the dataset takes.
+        needed_bytes: u128,
+    },
+    /// A file or folder that cannot be made, read or written.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
+fn others(count: &u64) -> String {
+    match count {
+        0 | 1 => String::new(),
+        count => format!(", and so are {} others", count - 1),
+    }
+}

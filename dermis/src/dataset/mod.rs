@@ -1,0 +1,30 @@
+//! A million samples for training: drawn from a seed, solved in batches, written to files that survive a crash.
+//!
+//! A [`Recipe`] says what samples are drawn from; a [`Generator`] makes sample `i` from `(seed, i)` alone, so that the same
+//! bytes come out for any number of threads and any split into [`Shard`]s on one instruction set. [`Run`] puts them into
+//! files of 8,192, each whole or not there; [`finish`] reads them back, checks them and writes the [`Manifest`].
+//! [`Generator::stream`] gives the same samples without a disk.
+//!
+//! `docs/datasets.md` tells how to read the files without this library.
+
+mod error;
+mod file;
+mod finish;
+mod generator;
+mod places;
+mod quadrature;
+mod raster;
+mod recipe;
+mod record;
+mod run;
+mod target;
+#[cfg(test)]
+mod tests;
+
+pub use error::DatasetError;
+pub use finish::{Checked, FileRecord, Manifest, Statistics, finish, verify};
+pub use generator::{Generator, Sample, Stream, Worker};
+pub use raster::CellRaster;
+pub use recipe::{GaussianTouches, Recipe, Touch};
+pub use record::{DesignRecord, MeshRecord, PixelRecord, Record, SAMPLES_PER_FILE, TensorRecord};
+pub use run::{Run, RunReport, Shard};

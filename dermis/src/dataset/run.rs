@@ -1,0 +1,367 @@
+//! Making the files of a dataset: several processes at once, killed at any moment, gone on with.
+
+use crate::dataset::DatasetError;
+use crate::dataset::file::{self, Reader, Tensor};
+use crate::dataset::generator::{Generator, Rows, TOUCH_COLUMNS, UNIT, Worker};
+use crate::dataset::record::{FRAMES, IMAGES, REST, Record, TOUCHES, file_name};
+use rayon::prelude::*;
+use std::fs::{File, TryLockError};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+
+/// Room that is left on a disk beside the dataset, bytes: manifest, locks, and whatever else is written there.
+const SPARE_BYTES: u128 = 16 << 20;
+
+/// The part of a dataset that one process makes: the files `k` with `k mod count = index`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Shard {
+    index: u64,
+    count: u64,
+}
+
+impl Shard {
+    /// All files.
+    pub const WHOLE: Shard = Shard { index: 0, count: 1 };
+
+    /// The shard of a number among so many.
+    ///
+    /// # Errors
+    /// A number that is not below their count.
+    pub fn new(index: u64, count: u64) -> Result<Self, DatasetError> {
+        if index < count { Ok(Shard { index, count }) } else { Err(DatasetError::Shard { index, count }) }
+    }
+
+    /// Its files among so many.
+    fn files(self, file_count: u64) -> impl Iterator<Item = u64> {
+        (self.index..file_count).step_by(usize::try_from(self.count).unwrap_or(usize::MAX))
+    }
+
+    /// How many these are.
+    fn count_of(self, file_count: u64) -> u64 {
+        file_count.saturating_sub(self.index).div_ceil(self.count)
+    }
+}
+
+/// What a run did.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct RunReport {
+    /// Samples that it made.
+    pub made_samples: u64,
+    /// Files that it made.
+    pub made_files: u64,
+    /// Files of its shard that were there already.
+    pub found_files: u64,
+}
+
+/// A run that has checked the folder and knows what it will make.
+#[derive(Debug)]
+pub struct Run<'a> {
+    generator: &'a Generator,
+    record: &'a Record,
+    identity: String,
+    folder: PathBuf,
+    shard: Shard,
+    found_files: u64,
+    missing_samples: u64,
+}
+
+/// A file whose lock this process holds, from before its first sample is made until it has its name.
+struct Claim {
+    file: u64,
+    /// The lock dies with the process, however that dies.
+    lock: File,
+}
+
+impl<'a> Run<'a> {
+    /// Begins a dataset in a folder, or prepares to go on with it.
+    ///
+    /// # Errors
+    /// A folder that cannot be written or holds another dataset; a file there that is not the dataset's; a disk that is
+    /// too small.
+    pub fn new(
+        generator: &'a Generator,
+        record: &'a Record,
+        folder: &Path,
+        shard: Shard,
+    ) -> Result<Self, DatasetError> {
+        let io = |source| DatasetError::Io { path: folder.to_path_buf(), source };
+        let whole = shard.count_of(record.file_count());
+        // Before anything is made, so that a refusal leaves nothing behind; files that are there are taken off below.
+        let existing = existing_ancestor(folder);
+        let identity = record.identity();
+        if Record::path(folder).exists() {
+            Record::read(folder)?.check_same(record, &Record::path(folder))?;
+        } else {
+            refuse_strays(folder, record)?;
+            check_space(&existing, u128::from(whole) * bytes_of_a_file(record, &identity))?;
+        }
+        std::fs::create_dir_all(folder).map_err(io)?;
+        claim_folder(folder, record)?;
+        let mut run = Run {
+            generator,
+            record,
+            identity,
+            folder: folder.to_path_buf(),
+            shard,
+            found_files: 0,
+            missing_samples: 0,
+        };
+        run.look_round()?;
+        let missing = u128::from(whole - run.found_files);
+        check_space(folder, missing * bytes_of_a_file(record, &run.identity))?;
+        Ok(run)
+    }
+
+    /// Samples that are missing from its shard.
+    pub fn missing_samples(&self) -> u64 {
+        self.missing_samples
+    }
+
+    /// Makes what is missing, in the current thread pool. `on_samples` is called from several threads with the number of
+    /// samples that have been made since.
+    ///
+    /// A file that another process is making is left to it; that is told as an error when the others are made.
+    ///
+    /// # Errors
+    /// A full disk, files that another process is making, a forward problem without a solution.
+    pub fn make(&self, on_samples: impl Fn(u64) + Sync) -> crate::Result<RunReport> {
+        let mut report = RunReport { found_files: self.found_files, ..RunReport::default() };
+        let mut busy: Option<(u64, u64)> = None;
+        let workers = Mutex::new(Vec::new());
+        std::thread::scope(|scope| {
+            // At most one file waits: two are in memory.
+            let (sender, receiver) = sync_channel(0);
+            let writer = scope.spawn(move || self.write_all(&receiver));
+            let made = self.make_all(&sender, &workers, &on_samples, &mut report, &mut busy);
+            drop(sender);
+            let written = writer.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            written?;
+            made
+        })?;
+        match busy {
+            Some((first, count)) => Err(DatasetError::Busy { path: self.path(first), count }.into()),
+            None => Ok(report),
+        }
+    }
+
+    fn make_all<'g>(
+        &'g self,
+        sender: &SyncSender<(Claim, Vec<Tensor>)>,
+        workers: &Mutex<Vec<Worker<'g>>>,
+        on_samples: &(impl Fn(u64) + Sync),
+        report: &mut RunReport,
+        busy: &mut Option<(u64, u64)>,
+    ) -> crate::Result<()> {
+        for file in self.shard.files(self.record.file_count()) {
+            if self.path(file).exists() {
+                continue;
+            }
+            let Some(claim) = self.claim(file)? else {
+                *busy = Some(busy.map_or((file, 1), |(first, count)| (first, count + 1)));
+                continue;
+            };
+            if self.path(file).exists() {
+                // Another process finished it between the two looks.
+                self.release(claim);
+                continue;
+            }
+            let tensors = self.fill(file, workers, on_samples)?;
+            if sender.send((claim, tensors)).is_err() {
+                // The writer has stopped; it knows why.
+                return Ok(());
+            }
+            report.made_files += 1;
+            report.made_samples += self.record.samples_of(file) as u64;
+        }
+        Ok(())
+    }
+
+    /// The values of a file.
+    fn fill<'g>(
+        &'g self,
+        file: u64,
+        workers: &Mutex<Vec<Worker<'g>>>,
+        on_samples: &(impl Fn(u64) + Sync),
+    ) -> crate::Result<Vec<Tensor>> {
+        let mut tensors = self.record.tensors(file);
+        let [rest, frames, images, touches] = tensors.as_mut_slice() else { panic!("four tensors") };
+        debug_assert_eq!([&rest.name, &frames.name, &images.name, &touches.name], [REST, FRAMES, IMAGES, TOUCHES]);
+        rest.values.copy_from_slice(self.generator.rest());
+        let first = file * self.record.samples_per_file;
+        let generator = self.generator;
+        let width = generator.recipe().most_touches() * TOUCH_COLUMNS.len();
+        let units = (frames.values.par_chunks_mut(UNIT * generator.channel_count()))
+            .zip(images.values.par_chunks_mut(UNIT * generator.pixel_count()))
+            .zip(touches.values.par_chunks_mut(UNIT * width))
+            .enumerate();
+        units.try_for_each(|(unit, ((frames, images), touches))| {
+            let count = frames.len() / generator.channel_count();
+            let idle = workers.lock().expect("no thread panics while it holds the lock").pop();
+            let mut worker = idle.unwrap_or_else(|| generator.worker());
+            let mut rows = Rows { frames, images, touches };
+            worker.make(first + (unit * UNIT) as u64, count, &mut rows)?;
+            workers.lock().expect("no thread panics while it holds the lock").push(worker);
+            on_samples(count as u64);
+            Ok::<(), crate::Error>(())
+        })?;
+        Ok(tensors)
+    }
+
+    /// Counts what is there and refuses what does not belong there.
+    fn look_round(&mut self) -> Result<(), DatasetError> {
+        for file in self.shard.files(self.record.file_count()) {
+            let path = self.path(file);
+            if path.exists() {
+                Reader::open(&path, &self.record.shapes(file), &self.record.label(&self.identity, file))?;
+                self.found_files += 1;
+                // The lock of a process that was killed after it had given the file its name.
+                remove(&self.lock_path(file))?;
+            } else {
+                self.missing_samples += self.record.samples_of(file) as u64;
+            }
+        }
+        Ok(())
+    }
+
+    fn path(&self, file: u64) -> PathBuf {
+        self.folder.join(file_name(file))
+    }
+
+    fn lock_path(&self, file: u64) -> PathBuf {
+        self.folder.join(format!("{LOCK}{file:05}"))
+    }
+
+    fn claim(&self, file: u64) -> Result<Option<Claim>, DatasetError> {
+        Ok(lock(&self.lock_path(file))?.map(|lock| Claim { file, lock }))
+    }
+
+    /// Gives a file up whose final form is in place: nobody needs its lock any more.
+    fn release(&self, claim: Claim) {
+        // What cannot be removed is removed by the next run or by `--finish`.
+        let _ = std::fs::remove_file(self.lock_path(claim.file));
+        drop(claim.lock);
+    }
+
+    fn write_all(&self, receiver: &Receiver<(Claim, Vec<Tensor>)>) -> Result<(), DatasetError> {
+        for (claim, tensors) in receiver {
+            let part = self.folder.join(format!("{PART}{:05}", claim.file));
+            let path = self.path(claim.file);
+            let label = self.record.label(&self.identity, claim.file);
+            let written = file::write(&part, &tensors, &label).and_then(|()| rename(&part, &path));
+            if let Err(source) = written {
+                let _ = std::fs::remove_file(&part);
+                return Err(DatasetError::Io { path, source });
+            }
+            self.release(claim);
+        }
+        Ok(())
+    }
+}
+
+/// How the names of locks and of unfinished files begin.
+const LOCK: &str = ".lock-";
+const PART: &str = ".part-";
+
+/// A lock on a file made for it; `None` where another process holds it.
+fn lock(path: &Path) -> Result<Option<File>, DatasetError> {
+    let io = |source| DatasetError::Io { path: path.to_path_buf(), source };
+    let file = File::options().create(true).truncate(false).write(true).open(path).map_err(io)?;
+    match file.try_lock() {
+        Ok(()) => Ok(Some(file)),
+        Err(TryLockError::WouldBlock) => Ok(None),
+        Err(TryLockError::Error(source)) => Err(io(source)),
+    }
+}
+
+/// Gives a finished file its name, on the disk itself.
+fn rename(part: &Path, path: &Path) -> std::io::Result<()> {
+    std::fs::rename(part, path)?;
+    if let Some(folder) = path.parent() {
+        // Some systems cannot open a folder; the name is then as safe as they make it.
+        if let Ok(folder) = File::open(folder) {
+            folder.sync_all()?;
+        }
+    }
+    Ok(())
+}
+
+/// Writes a small file whole or not at all, to the disk itself. The caller holds whatever lock it needs.
+pub(super) fn write_durable(folder: &Path, name: &str, bytes: &[u8]) -> Result<(), DatasetError> {
+    let (part, path) = (folder.join(format!("{PART}{name}")), folder.join(name));
+    let written = File::create(&part)
+        .and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()))
+        .and_then(|()| rename(&part, &path));
+    written.map_err(|source| {
+        let _ = std::fs::remove_file(&part);
+        DatasetError::Io { path, source }
+    })
+}
+
+/// Writes the record into a folder, or checks the one that is there. Of several processes that begin at once, one writes.
+fn claim_folder(folder: &Path, record: &Record) -> Result<(), DatasetError> {
+    let path = Record::path(folder);
+    let lock_path = folder.join(format!("{LOCK}run.json"));
+    let io = |source| DatasetError::Io { path: lock_path.clone(), source };
+    let lock = File::options().create(true).truncate(false).write(true).open(&lock_path).map_err(io)?;
+    lock.lock().map_err(io)?;
+    if path.exists() {
+        return Record::read(folder)?.check_same(record, &path);
+    }
+    write_durable(folder, "run.json", &record.to_bytes())
+}
+
+/// Refuses a folder with files that bear our names but no record that tells whose they are.
+fn refuse_strays(folder: &Path, record: &Record) -> Result<(), DatasetError> {
+    for name in [file_name(0), file_name(record.file_count() - 1)] {
+        let path = folder.join(name);
+        if path.exists() {
+            let message = "it belongs to a dataset whose run.json is gone; take another folder".into();
+            return Err(DatasetError::File { path, message });
+        }
+    }
+    Ok(())
+}
+
+/// Removes what runs that were killed left behind; for a folder whose files are complete.
+pub(super) fn remove_leftovers(folder: &Path) -> Result<(), DatasetError> {
+    let io = |source| DatasetError::Io { path: folder.to_path_buf(), source };
+    for entry in std::fs::read_dir(folder).map_err(io)? {
+        let name = entry.map_err(io)?.file_name();
+        let ours = |name: &str| name.starts_with(LOCK) || name.starts_with(PART);
+        if name.to_str().is_some_and(ours) {
+            remove(&folder.join(name))?;
+        }
+    }
+    Ok(())
+}
+
+fn remove(path: &Path) -> Result<(), DatasetError> {
+    match std::fs::remove_file(path) {
+        Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
+            Err(DatasetError::Io { path: path.to_path_buf(), source })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Length of a whole file, bytes.
+fn bytes_of_a_file(record: &Record, identity: &str) -> u128 {
+    u128::from(file::file_bytes(&record.shapes(0), &record.label(identity, 0)))
+}
+
+fn check_space(folder: &Path, needed_bytes: u128) -> Result<(), DatasetError> {
+    let io = |source| DatasetError::Io { path: folder.to_path_buf(), source };
+    let available_bytes = fs4::available_space(folder).map_err(io)?;
+    if needed_bytes == 0 || needed_bytes + SPARE_BYTES <= u128::from(available_bytes) {
+        return Ok(());
+    }
+    Err(DatasetError::Space { folder: folder.to_path_buf(), available_bytes, needed_bytes })
+}
+
+/// The nearest folder above that exists, which tells the disk.
+fn existing_ancestor(folder: &Path) -> PathBuf {
+    let found = folder.ancestors().find(|path| !path.as_os_str().is_empty() && path.exists());
+    found.map_or_else(|| PathBuf::from("."), Path::to_path_buf)
+}
