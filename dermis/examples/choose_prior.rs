@@ -9,13 +9,13 @@ use dermis::contact::Contact;
 use dermis::design::SkinDesign;
 use dermis::detect::{DetectOptions, Detector, ImageNoise};
 use dermis::evaluate::{resolves_two, score};
-use dermis::experiment::{Conditions, record};
+use dermis::experiment::record;
 use dermis::forward::ForwardModel;
 use dermis::geom::{Point3, Surface};
 use dermis::image::{Image, PixelSpace};
 use dermis::mesh::Mesh;
 use dermis::reconstruct::{Alpha, Greit, GreitOptions, Linearised, OneStep, OneStepOptions, Prior, Reconstruct};
-use dermis::touch::GaussianTouch;
+use dermis::twin::{GaussianOptions, Press, TouchOptions, Twin, TwinOptions};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
@@ -25,7 +25,8 @@ const SINGLE: usize = 300;
 const PAIRS: usize = 100;
 /// Distance between the two touches of a pair, m.
 const APART_M: f64 = 0.06;
-const TOUCH: GaussianTouch = GaussianTouch { centre_m: [0.0; 3], amplitude: 1.0, width_m: 0.01 };
+const TOUCH: GaussianOptions = GaussianOptions { amplitude_per_n: 1.0, width_m: 0.01 };
+const PRESS: Press = Press { centre_m: [0.0; 3], force_n: 1.0, tip_radius_m: 0.005 };
 
 struct Experiment {
     surface: Surface,
@@ -50,16 +51,15 @@ impl Experiment {
             let (sin, cos) = direction.sin_cos();
             touches.push(vec![at((z_m, theta)), at((z_m + APART_M * sin, theta + APART_M * cos / radius_m))]);
         }
-        let mut fine = design.clone();
-        fine.mesh = fine.mesh.scaled(0.6);
-        let forward = ForwardModel::new(&fine, &Mesh::generate(&fine)?)?;
-        let gaussians: Vec<Vec<GaussianTouch>> = touches
-            .iter()
-            .map(|list| list.iter().map(|&centre_m| GaussianTouch { centre_m, ..TOUCH }).collect())
-            .collect();
-        let recording = record(&fine, &forward, &gaussians, &Conditions { snr_db, ..Conditions::default() }, || ())?;
+        let mut options = TwinOptions::shipped("ideal").expect("a shipped twin");
+        options.touch = TouchOptions::Gaussian(TOUCH);
+        options.electronics.snr_db = Some(snr_db);
+        let twin = Twin::new(design, &options, 1)?;
+        let press = |list: &Vec<Point3>| list.iter().map(|&centre_m| Press { centre_m, ..PRESS }).collect();
+        let recording = record(&twin, &touches.iter().map(press).collect::<Vec<_>>(), 0, || ())?;
         let differences = recording.frames.iter().map(|frame| frame - &recording.baseline).collect();
-        Ok(Experiment { surface, touches, differences, noise_ohm: recording.noise.sd_ohm })
+        let noise_ohm = twin.noise().expect("a twin with noise").sd_ohm;
+        Ok(Experiment { surface, touches, differences, noise_ohm })
     }
 
     fn report(&self, name: &str, method: &dyn Reconstruct, alpha: Option<f64>) -> dermis::Result<f64> {

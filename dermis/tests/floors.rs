@@ -12,8 +12,8 @@ const FLOORS: &[&[&str]] = &[
     &["mesh"],
     &["fem", "image", "touch"],
     &["forward"],
-    &["experiment", "reconstruct", "twin"],
-    &["dataset", "detect"],
+    &["reconstruct", "twin"],
+    &["dataset", "detect", "experiment"],
     &["evaluate"],
 ];
 

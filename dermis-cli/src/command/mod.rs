@@ -3,6 +3,7 @@
 mod contacts;
 mod demo;
 mod evaluate;
+mod experiment;
 mod forward;
 mod jacobian;
 mod mesh;
@@ -30,6 +31,8 @@ pub enum Command {
     Contacts(contacts::Arguments),
     /// Score contacts against what truly touched the skin.
     Evaluate(evaluate::Arguments),
+    /// Press a twin as the paper pressed its skin, and write the frames that its instrument delivers.
+    Experiment(experiment::Arguments),
     /// See it work: the paper's skin pressed 900 times in simulation, or a real tank; writes a report.
     Demo(demo::Arguments),
     /// Make a dataset to train on: touches drawn from a seed, frames, images and truth.
@@ -52,6 +55,7 @@ impl Command {
             Command::Reconstruct(arguments) => arguments.run(),
             Command::Contacts(arguments) => arguments.run(),
             Command::Evaluate(arguments) => arguments.run(),
+            Command::Experiment(arguments) => arguments.run(),
             Command::Demo(arguments) => arguments.run(),
             Command::Simulate(arguments) => arguments.run(),
             Command::New(arguments) => arguments.run(),

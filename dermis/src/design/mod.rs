@@ -128,6 +128,16 @@ impl Body {
         }
     }
 
+    /// Whether a point of the unbounded surface lies on the body; any does on a body known only by its mesh.
+    pub fn holds(&self, [x, y, z]: Point3) -> bool {
+        match *self {
+            Body::Cylinder { length_m, .. } => (0.0..=length_m).contains(&z),
+            Body::Disk { diameter_m } => x.hypot(y) <= diameter_m / 2.0,
+            Body::Rectangle { width_m, height_m } => (0.0..=width_m).contains(&x) && (0.0..=height_m).contains(&y),
+            Body::Mesh { .. } => true,
+        }
+    }
+
     /// The distance from a point of the surface to the body's edge, m; `None` for a body known only by its mesh.
     pub fn edge_distance_m(&self, [x, y, z]: Point3) -> Option<f64> {
         match *self {

@@ -9,7 +9,7 @@ mod twins;
 
 pub use output::write_whole;
 pub use table::{Table, read_array, read_conductivities, read_frames, read_table, write_array, write_frames};
-pub use truth::{Truth, read_truth};
+pub use truth::{Truth, read_truth, write_truth};
 pub use twins::{Screening, twins};
 
 use std::ops::{Deref, DerefMut, Sub};

@@ -2,6 +2,7 @@
 
 use crate::contact::Contact;
 use crate::frame::TableError;
+use crate::frame::output::write_whole;
 use crate::frame::table::{Table, read_table};
 use crate::geom::{Point3, Surface};
 use std::path::Path;
@@ -38,6 +39,34 @@ pub fn read_truth(path: &Path, surface: &Surface, frame_count: usize) -> Result<
         Some(header) => on_skin(path, &table, header, surface, frame_count),
         None => elsewhere(path, &table, frame_count),
     }
+}
+
+/// Writes touches, those of each frame, as [`read_truth`] reads them; the forces that are known as `force_n`.
+///
+/// # Errors
+/// A file that cannot be written.
+pub fn write_truth(path: &Path, surface: &Surface, truth: &[Vec<Contact>]) -> Result<(), TableError> {
+    let force = truth.iter().flatten().all(|touch| touch.force_n.is_finite());
+    write_whole(path, |out| {
+        writeln!(out, "frame,{}{}", place_columns(surface).join(","), if force { ",force_n" } else { "" })?;
+        for (frame, touches) in truth.iter().enumerate() {
+            for touch in touches {
+                let [x, y, z] = touch.position_m;
+                match surface {
+                    Surface::Cylinder { .. } => {
+                        write!(out, "{frame},{z},{}", surface.theta_rad(touch.position_m).unwrap_or(0.0))?
+                    }
+                    Surface::Plane => write!(out, "{frame},{x},{y}")?,
+                    Surface::Free => write!(out, "{frame},{x},{y},{z}")?,
+                }
+                if force {
+                    write!(out, ",{}", touch.force_n)?;
+                }
+                writeln!(out)?;
+            }
+        }
+        Ok(())
+    })
 }
 
 /// The columns that place a touch on a surface.

@@ -71,7 +71,8 @@ impl FaultOptions {
     }
 
     pub(super) fn check_ranges(&self) -> Result<(), TwinError> {
-        if !self.loose_electrodes.is_empty() && !(self.loose_factor >= 1.0 && self.loose_factor.is_finite()) {
+        let possible = self.loose_factor >= 1.0 && self.loose_factor.is_finite();
+        if !(self.loose_electrodes.is_empty() || possible) {
             return Err(TwinError::OutOfRange {
                 field: "faults.loose_factor",
                 value: self.loose_factor,

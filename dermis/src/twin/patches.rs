@@ -165,6 +165,11 @@ pub struct PatchGrid {
 }
 
 impl PatchGrid {
+    /// Distance from one patch to the next [along, round], m.
+    pub fn pitch_m(&self) -> [f64; 2] {
+        [self.along.pitch_m, self.round.pitch_m]
+    }
+
     /// Number of patches, those included that the body's edge cuts away.
     pub fn patch_count(&self) -> usize {
         self.along.count * self.round.count

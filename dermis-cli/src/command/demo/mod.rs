@@ -116,8 +116,8 @@ impl Serialize for Summary<'_> {
         Flat {
             score: &demo.score,
             simulated: true,
-            seed: demo.conditions.seed,
-            snr_db: demo.conditions.snr_db,
+            seed: demo.seed,
+            snr_db: presses::SNR_DB,
             touch_amplitude: presses::AMPLITUDE,
             touch_width_m: presses::WIDTH_M,
             simulation_nodes: demo.simulation_nodes,

@@ -139,7 +139,7 @@ fn the_skin(report: &mut Report, demo: &Demo, drawing: &Drawing<'_>) -> Outcome 
         WIDTH_M * 1e3,
         demo.simulation_nodes,
         demo.mesh.node_count(),
-        demo.conditions.untouched_frames
+        dermis::experiment::UNTOUCHED_FRAMES
     ));
     let titled = |scene: Scene, title: &str| Scene { title: title.to_string(), ..scene };
     let mesh_line = format!("{} nodes, {} triangles", demo.mesh.node_count(), demo.mesh.cell_count());

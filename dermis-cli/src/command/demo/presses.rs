@@ -5,16 +5,16 @@ use crate::console::Progress;
 use crate::failure::{Failure, Outcome};
 use crate::report::Table;
 use dermis::contact::Contact;
-use dermis::design::{MeshOptions, SkinDesign};
+use dermis::design::SkinDesign;
 use dermis::detect::{DetectOptions, Detector, ImageNoise};
 use dermis::evaluate::{Score, Summary, score};
-use dermis::experiment::{Conditions, Recording, record};
+use dermis::experiment::{Recording, record};
 use dermis::forward::ForwardModel;
 use dermis::geom::Point3;
 use dermis::image::{Image, PixelSpace};
 use dermis::mesh::Mesh;
 use dermis::reconstruct::{Linearised, OneStep, OneStepOptions, Reconstruct};
-use dermis::touch::GaussianTouch;
+use dermis::twin::{GaussianOptions, Press, TouchOptions, Twin, TwinOptions};
 use rayon::prelude::*;
 use std::sync::Arc;
 use std::time::Instant;
@@ -27,6 +27,8 @@ pub const WIDTH_M: f64 = 0.008;
 /// The mesh that simulates is finer than the one that reconstructs by this factor in every length, so that the model
 /// that makes the images is not the one that made the frames.
 const FINER: f64 = 0.5;
+/// White noise of every reading, dB.
+pub const SNR_DB: f64 = 50.0;
 
 /// What keeps the rows of the table from being compared without a thought.
 pub const CAVEAT: &str = "\
@@ -42,8 +44,8 @@ pub struct Demo {
     pub mesh: Mesh,
     /// Nodes of the mesh that simulates.
     pub simulation_nodes: usize,
-    /// Noise and seed.
-    pub conditions: Conditions,
+    /// Seed of the noise.
+    pub seed: u64,
     /// Change of the frame by each pixel, per area.
     pub sensitivity: Vec<f64>,
     /// Where each frame was touched.
@@ -72,26 +74,25 @@ impl Demo {
             pixels.centres_m.iter().zip(&pixels.normals).map(|(&at, &normal)| vec![touch(at, normal)]).collect();
         truth.push(four_touches(&design));
 
-        let fine = simulation_model(&design)?;
-        let conditions = Conditions { seed, ..Conditions::default() };
-        let recording = record_presses(&design, &fine, &truth, &conditions)?;
+        let twin = twin(&design, seed)?;
+        let recording = record_presses(&twin, &truth)?;
 
         let model = Linearised::new(&forward, &pixels)?;
         let options = OneStepOptions { touch: design.sheet.touch, ..OneStepOptions::default() };
         let method = OneStep::from_linearised(&model, Arc::clone(&pixels), &options)?;
         let mut images = images(&method, &recording)?;
-        let detector = detector(&method, recording.noise.sd_ohm);
+        let detector = detector(&method, twin.noise().map_or(0.0, |noise| noise.sd_ohm));
         let mut contacts: Vec<Vec<Contact>> = images.par_iter().map(|image| detector.detect(image)).collect();
         let last = "the list ends with the four touches";
         let four = (truth.pop().expect(last), images.pop().expect(last), contacts.pop().expect(last));
         let score = score(&images, &truth, &detector, &method.name(), Some(method.alpha()))?;
         Ok(Demo {
             sensitivity: model.sensitivity(&pixels),
-            simulation_nodes: fine.mesh().node_count(),
+            simulation_nodes: twin.mesh().node_count(),
             seconds: begun.elapsed().as_secs_f64(),
             design,
             mesh,
-            conditions,
+            seed,
             truth,
             images,
             contacts,
@@ -108,8 +109,8 @@ impl Demo {
             self.score.presses,
             self.design.name,
             self.simulation_nodes,
-            self.conditions.snr_db,
-            self.conditions.seed,
+            SNR_DB,
+            self.seed,
             self.mesh.node_count(),
             self.score.method,
             self.score.alpha.unwrap_or(f64::NAN),
@@ -153,23 +154,21 @@ fn four_touches(design: &SkinDesign) -> Vec<Contact> {
     vec![place(0.075, 2.0), place(0.215, 64.0), place(0.105, 148.0), place(0.225, 260.0)]
 }
 
-fn simulation_model(design: &SkinDesign) -> Outcome<ForwardModel> {
-    let options: MeshOptions = design.mesh.scaled(FINER);
-    let finer = SkinDesign { mesh: options, ..design.clone() };
-    Ok(ForwardModel::new(&finer, &Mesh::generate(&finer)?)?)
+/// A twin without an error but white noise, touched as the paper trains.
+fn twin(design: &SkinDesign, seed: u64) -> Outcome<Twin> {
+    let mut options = TwinOptions::shipped("ideal").expect("a shipped twin");
+    options.mesh_scale = FINER;
+    options.touch = TouchOptions::Gaussian(GaussianOptions { amplitude_per_n: AMPLITUDE, width_m: WIDTH_M });
+    options.electronics.snr_db = Some(SNR_DB);
+    Ok(Twin::new(design, &options, seed)?)
 }
 
-fn record_presses(
-    design: &SkinDesign,
-    fine: &ForwardModel,
-    truth: &[Vec<Contact>],
-    conditions: &Conditions,
-) -> Outcome<Recording> {
-    let gaussian =
-        |touch: &Contact| GaussianTouch { centre_m: touch.position_m, amplitude: AMPLITUDE, width_m: WIDTH_M };
-    let touches: Vec<Vec<GaussianTouch>> = truth.iter().map(|frame| frame.iter().map(gaussian).collect()).collect();
-    let progress = Progress::new("pressing", touches.len());
-    Ok(record(design, fine, &touches, conditions, || progress.step())?)
+fn record_presses(twin: &Twin, truth: &[Vec<Contact>]) -> Outcome<Recording> {
+    let tip_radius_m = twin.options().press.tip_radius_m;
+    let press = |touch: &Contact| Press { centre_m: touch.position_m, force_n: touch.force_n, tip_radius_m };
+    let presses: Vec<Vec<Press>> = truth.iter().map(|frame| frame.iter().map(press).collect()).collect();
+    let progress = Progress::new("pressing", presses.len());
+    Ok(record(twin, &presses, 0, || progress.step())?)
 }
 
 fn images(method: &OneStep, recording: &Recording) -> Outcome<Vec<Image>> {

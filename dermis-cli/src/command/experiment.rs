@@ -1,0 +1,244 @@
+//! `dermis experiment`: the paper's indentation experiment on a twin.
+
+use crate::console::{Progress, print, print_json};
+use crate::failure::{Failure, Outcome};
+use crate::report::Table;
+use clap::Args;
+use dermis::design::SkinDesign;
+use dermis::experiment::{PressSet, Presses, Recording, UNTOUCHED_FRAMES, record, truth};
+use dermis::frame::{write_array, write_frames, write_truth, write_whole};
+use dermis::image::PixelSpace;
+use dermis::mesh::Mesh;
+use dermis::touch::sample_rng;
+use dermis::twin::electronics::ElectronicsReport;
+use dermis::twin::{TouchOptions, Twin, TwinOptions};
+use rand::RngExt;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// Separations of two touches: 10 to 80 mm in steps of 5 mm.
+const SEPARATIONS_M: std::ops::RangeInclusive<u32> = 2..=16;
+const STEP_M: f64 = 0.005;
+/// Pairs at each separation.
+const PAIRS: usize = 200;
+/// Single presses at random places.
+const RANDOM: usize = 900;
+/// Frames of four touches, and their least distance.
+const FOURS: usize = 500;
+const FOUR_APART_M: f64 = 0.06;
+/// The random stream of the patches' phase; presses have low ones, twins the last ones.
+const PHASE_STREAM: u64 = 1 << 61;
+
+/// The arguments of `dermis experiment`.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// The design: a path, or a shipped name.
+    design: String,
+    /// The twin: the path of its file, or a shipped name (ideal, lab, harsh).
+    #[arg(long, value_name = "TWIN", default_value = "lab")]
+    twin: String,
+    /// The twin, the presses and the noise depend on the seed alone.
+    #[arg(long, value_name = "S")]
+    seed: u64,
+    /// The folder to write; it must not exist, or be empty.
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Print JSON in place of a table.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What an experiment was, beside its frames.
+#[derive(Debug, Serialize)]
+struct Summary {
+    dermis: &'static str,
+    design: String,
+    twin: TwinOptions,
+    seed: u64,
+    /// The mesh that made the frames; it is never the one that reconstructs.
+    mesh_hash: String,
+    mesh_nodes: usize,
+    untouched_frames_before_each_set: u64,
+    /// What the instrument adds to untouched frames, before the first press.
+    electronics: ElectronicsReport,
+    sets: Vec<SetSummary>,
+}
+
+/// A set of presses.
+#[derive(Debug, Serialize)]
+struct SetSummary {
+    name: &'static str,
+    frames: usize,
+    touches: usize,
+    least_force_n: f64,
+    greatest_force_n: f64,
+    /// Median of `||frame - baseline|| / ||baseline||` over the values that touch no driven electrode.
+    median_change: f64,
+    /// For two touches, the distance between them in each frame, m.
+    separations_m: Vec<f64>,
+}
+
+impl Arguments {
+    /// Draws the twin, presses it and writes what its instrument delivers.
+    pub fn run(self) -> Outcome {
+        let design = SkinDesign::load(&self.design)?;
+        let options = TwinOptions::load(&self.twin)?;
+        let folder = Folder::begin(&self.output)?;
+        let summary = self.record(&design, &options, folder.path())?;
+        let text = serde_json::to_string_pretty(&summary).map_err(|error| Failure::Ours(error.to_string()))?;
+        write_whole(&folder.path().join("experiment.json"), |out| writeln!(out, "{text}"))?;
+        folder.finish()?;
+        if self.json { print_json(&summary) } else { print(&self.told(&summary)) }
+    }
+
+    fn record(&self, design: &SkinDesign, options: &TwinOptions, folder: &Path) -> Outcome<Summary> {
+        let mesh = Mesh::generate(design)?;
+        let pixels = PixelSpace::for_design(design, &mesh)?;
+        let presses = Presses::new(design, &mesh, &pixels, options.press, self.seed);
+        let (twin, shifted) = self.twins(design, options)?;
+        let separations: Vec<f64> = SEPARATIONS_M.map(|step| f64::from(step) * STEP_M).collect();
+        let sets = [
+            (presses.on_grid(), &twin),
+            (presses.at_random(RANDOM), &shifted),
+            (presses.in_pairs(&separations, PAIRS), &twin),
+            (presses.apart(4, FOUR_APART_M, FOURS), &twin),
+        ];
+        let progress = Progress::new("pressing", sets.iter().map(|(set, _)| set.presses.len()).sum());
+        let (mut next_index, mut summaries) = (0, Vec::new());
+        for (set, twin) in &sets {
+            let recording = record(twin, &set.presses, next_index, || progress.step())?;
+            next_index = recording.next_index;
+            write_set(&folder.join(set.name), design, set, &recording)?;
+            summaries.push(SetSummary::new(design, set, &recording));
+        }
+        Ok(Summary {
+            dermis: env!("CARGO_PKG_VERSION"),
+            design: design.name.clone(),
+            twin: options.clone(),
+            seed: self.seed,
+            mesh_hash: twin.mesh().hash(),
+            mesh_nodes: twin.mesh().node_count(),
+            untouched_frames_before_each_set: UNTOUCHED_FRAMES,
+            electronics: twin.report(0..UNTOUCHED_FRAMES)?,
+            sets: summaries,
+        })
+    }
+
+    /// The twin, and the same skin with its patches shifted by a random part of their pitch.
+    fn twins(&self, design: &SkinDesign, options: &TwinOptions) -> Outcome<(Twin, Twin)> {
+        let _waiting = Progress::waiting("drawing the twin");
+        let mut shifted = options.clone();
+        if let TouchOptions::Patches(patches) = &mut shifted.touch {
+            let pitch_m = patches.on_body(&design.body).map_err(dermis::Error::from)?.pitch_m();
+            let mut rng = sample_rng(self.seed, PHASE_STREAM);
+            patches.offset_m = pitch_m.map(|pitch| pitch * rng.random::<f64>());
+        }
+        Ok((Twin::new(design, options, self.seed)?, Twin::new(design, &shifted, self.seed)?))
+    }
+
+    fn told(&self, summary: &Summary) -> String {
+        let mut table = Table::new(&["set", "frames", "touches", "forces, N", "median change"]);
+        for set in &summary.sets {
+            table.row([
+                set.name.to_string(),
+                set.frames.to_string(),
+                set.touches.to_string(),
+                format!("{:.2} to {:.2}", set.least_force_n, set.greatest_force_n),
+                format!("{:.2} %", 100.0 * set.median_change),
+            ]);
+        }
+        format!(
+            "{}: twin `{}` of {} (seed {}), a mesh of {} nodes\n\n{}\n\nscore it: dermis evaluate {} {}/grid/frames.npy --baseline \
+             {}/grid/baseline.npy --truth {}/grid/truth.csv\n",
+            self.output.display(),
+            summary.twin.name,
+            summary.design,
+            summary.seed,
+            summary.mesh_nodes,
+            table.to_text(),
+            self.design,
+            self.output.display(),
+            self.output.display(),
+            self.output.display(),
+        )
+    }
+}
+
+/// Frames, baseline and truth of a set, in files that `dermis evaluate` reads.
+fn write_set(folder: &Path, design: &SkinDesign, set: &PressSet, recording: &Recording) -> Outcome {
+    make_folder(folder)?;
+    write_frames(&folder.join("frames.npy"), &recording.frames)?;
+    write_array(&folder.join("baseline.npy"), "baseline", &[1, recording.baseline.len()], &recording.baseline)?;
+    let surface = design.body.surface();
+    let truths: Vec<_> = set.presses.iter().map(|presses| truth(&surface, presses)).collect();
+    Ok(write_truth(&folder.join("truth.csv"), &surface, &truths)?)
+}
+
+impl SetSummary {
+    fn new(design: &SkinDesign, set: &PressSet, recording: &Recording) -> Self {
+        let channels = design.protocol.channels().iter().enumerate();
+        let undriven: Vec<usize> = channels.filter(|(_, one)| !one.touches_driven()).map(|(index, _)| index).collect();
+        let norm = |value: &dyn Fn(usize) -> f64| undriven.iter().map(|&i| value(i).powi(2)).sum::<f64>().sqrt();
+        let baseline = &recording.baseline;
+        let rest = norm(&|i| baseline[i]);
+        let mut changes: Vec<f64> =
+            recording.frames.iter().map(|frame| norm(&|i| frame[i] - baseline[i]) / rest).collect();
+        changes.sort_by(f64::total_cmp);
+        let forces = || set.presses.iter().flatten().map(|press| press.force_n);
+        SetSummary {
+            name: set.name,
+            frames: set.presses.len(),
+            touches: forces().count(),
+            least_force_n: forces().fold(f64::INFINITY, f64::min),
+            greatest_force_n: forces().fold(0.0, f64::max),
+            median_change: changes.get(changes.len() / 2).copied().unwrap_or(f64::NAN),
+            separations_m: set.separations_m.clone(),
+        }
+    }
+}
+
+/// A folder that gets its name once all of it is there.
+struct Folder {
+    path: PathBuf,
+    growing: PathBuf,
+}
+
+impl Folder {
+    fn begin(path: &Path) -> Outcome<Self> {
+        let taken = std::fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_some()) || path.is_file();
+        if taken {
+            let message = format!("{} is there and not empty", path.display());
+            return Err(Failure::given(message, Some("give another folder with -o, or remove this one")));
+        }
+        let mut name = path.file_name().unwrap_or_default().to_os_string();
+        name.push(format!(".part-{}", std::process::id()));
+        let growing = path.with_file_name(name);
+        make_folder(&growing)?;
+        Ok(Folder { path: path.to_path_buf(), growing })
+    }
+
+    fn path(&self) -> &Path {
+        &self.growing
+    }
+
+    fn finish(self) -> Outcome {
+        // An empty folder of that name gives way.
+        let _ = std::fs::remove_dir(&self.path);
+        std::fs::rename(&self.growing, &self.path).map_err(|error| {
+            let message = format!("{} cannot become {}: {error}", self.growing.display(), self.path.display());
+            Failure::given(message, None)
+        })
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        // Nothing is left of an experiment that failed; after a good one there is nothing to remove.
+        let _ = std::fs::remove_dir_all(&self.growing);
+    }
+}
+
+fn make_folder(path: &Path) -> Outcome {
+    std::fs::create_dir_all(path)
+        .map_err(|error| Failure::given(format!("the folder {} cannot be made: {error}", path.display()), None))
+}
