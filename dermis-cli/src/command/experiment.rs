@@ -148,7 +148,7 @@ impl Arguments {
             ]);
         }
         format!(
-            "{}: twin `{}` of {} (seed {}), a mesh of {} nodes\n\n{}\n\nscore it: dermis evaluate {} {}/grid/frames.npy --baseline \
+            "{}: twin `{}` of {} (seed {}), a mesh of {} nodes\n\n{}\n\nscore it: dermis evaluate {} --frames {}/grid/frames.npy --baseline \
              {}/grid/baseline.npy --truth {}/grid/truth.csv\n",
             self.output.display(),
             summary.twin.name,
