@@ -1,14 +1,13 @@
-"""The complete electrode model with linear elements, written independently of dermis, for CHOLMOD to solve."""
+"""The complete electrode model with linear elements, written independently of dermis, for other solvers to solve."""
 
 import numpy as np
 from scipy import sparse
-from sksparse.cholmod import analyze
 
 
 class System:
-    """Lower triangle of the grounded system as `fixed + plan @ conductivity`, in the order of a CSC matrix."""
+    """The grounded system, or its lower triangle, as `fixed + plan @ conductivity`, in the order of a CSC matrix."""
 
-    def __init__(self, problem):
+    def __init__(self, problem, lower_only):
         nodes, cells, parts = problem.nodes, problem.cells, problem.electrode_parts
         electrodes = int(parts[:, 0].max()) + 1
         points = parts.shape[1] == 2
@@ -22,7 +21,7 @@ class System:
         # The last electrode is grounded: its row and column are left out.
         ground = self.unknown[-1]
         rows, columns = np.concatenate([i, fixed_i]), np.concatenate([j, fixed_j])
-        keep = (rows >= columns) & (rows != ground) & (columns != ground)
+        keep = ((rows >= columns) | (not lower_only)) & (rows != ground) & (columns != ground)
         renumber = np.arange(size) - (np.arange(size) > ground)
         rows, columns = renumber[rows[keep]], renumber[columns[keep]]
         self.size = size - 1
@@ -62,19 +61,6 @@ class System:
             at_electrodes[self.measures[:, 0], self.drive_of_channel]
             - at_electrodes[self.measures[:, 1], self.drive_of_channel]
         )
-
-
-class Cholmod:
-    """One symbolic factor, many conductivities."""
-
-    def __init__(self, system, mode, ordering):
-        self.system = system
-        self.factor = analyze(system.assemble(np.ones(system.plan.shape[1])), mode=mode, ordering_method=ordering)
-        self.name = f"{mode}, {ordering}"
-
-    def frame(self, conductivity):
-        self.factor.cholesky_inplace(self.system.assemble(conductivity))
-        return self.system.values(self.factor.solve_A(self.system.currents))
 
 
 def unit_stiffness(nodes, cells):

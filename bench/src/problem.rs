@@ -3,14 +3,16 @@
 use dermis::design::{Body, ImageLayout, SkinDesign};
 use dermis::forward::ForwardModel;
 use dermis::image::PixelSpace;
+use dermis::linalg::LANES;
 use dermis::mesh::{Cells, ElectrodePatch, Mesh};
 use dermis::protocol::{Channel, Protocol};
 use dermis::touch::{sample_rng, standard_normal};
+use std::collections::HashMap;
 use std::error::Error;
 use std::path::Path;
 
 /// Conductivities per problem: enough that no program sees the same one twice in a row.
-const CONDUCTIVITY_COUNT: usize = 8;
+const CONDUCTIVITY_COUNT: usize = LANES;
 /// Standard deviation of the logarithm of a cell's conductance: values from about a half to about twice the rest.
 const LOG_SPREAD: f64 = 0.3;
 
@@ -23,18 +25,33 @@ pub struct Problem {
 
 impl Problem {
     pub fn named(case: &str) -> Result<Self, Box<dyn Error>> {
-        let (skin, with_points) = match case.strip_suffix("-points") {
-            Some(skin) => (skin, true),
-            None => (case, false),
-        };
-        let mut skin = match skin {
+        let without_points = case.strip_suffix("-points");
+        let mut skin = match without_points.unwrap_or(case) {
             "disk30" => disk30()?,
-            "cylinder30" => cylinder30()?,
+            "disk30-20k" => disk30()?.quartered(),
+            "cylinder30" => cylinder30(1.0, 1.0)?,
+            "cylinder30-20k" => cylinder30(0.475, 1.0)?,
             _ => return Err(format!("no problem is called `{case}`").into()),
         };
-        if with_points {
+        if without_points.is_some() {
             skin.mesh.electrodes = skin.centre_nodes.iter().map(|&node| ElectrodePatch::Node(node)).collect();
         }
+        Self::of_skin(&skin)
+    }
+
+    /// The shipped skin on a mesh of edges `edges` times as long as its own that grow `growth` times as fast.
+    pub fn cylinder(edges: f64, growth: f64) -> Result<Self, Box<dyn Error>> {
+        Self::of_skin(&cylinder30(edges, growth)?)
+    }
+
+    /// The conductivities, one in each lane.
+    pub fn batch(&self) -> Vec<[f64; LANES]> {
+        (0..self.model.mesh().cell_count())
+            .map(|cell| std::array::from_fn(|lane| self.conductivities[lane][cell]))
+            .collect()
+    }
+
+    fn of_skin(skin: &Skin) -> Result<Self, Box<dyn Error>> {
         let model = ForwardModel::from_parts(&skin.mesh, &skin.contact_impedances, &skin.protocol, &skin.rest)?;
         let pixels = PixelSpace::for_design(&skin.imaging, &skin.mesh)?;
         let conductivities = (0..CONDUCTIVITY_COUNT as u64).map(|index| varied(&skin.rest, index)).collect();
@@ -58,9 +75,40 @@ fn varied(rest: &[f64], index: u64) -> Vec<f64> {
     rest.iter().map(|value| value * (LOG_SPREAD * standard_normal(&mut rng)).exp()).collect()
 }
 
-/// The shipped skin on its own mesh.
-fn cylinder30() -> Result<Skin, Box<dyn Error>> {
-    let design = SkinDesign::load("cylinder30")?;
+impl Skin {
+    /// The same with every triangle cut into four at the middles of its edges.
+    fn quartered(mut self) -> Self {
+        let Cells::Triangles(triangles) = &self.mesh.cells else { return self };
+        let nodes = &mut self.mesh.nodes;
+        let mut middles = HashMap::new();
+        let mut middle = |a: usize, b: usize| {
+            *middles.entry([a.min(b), a.max(b)]).or_insert_with(|| {
+                nodes.push(std::array::from_fn(|axis| 0.5 * (nodes[a][axis] + nodes[b][axis])));
+                nodes.len() - 1
+            })
+        };
+        let mut quarters = Vec::with_capacity(4 * triangles.len());
+        for &[a, b, c] in triangles {
+            let [ab, bc, ca] = [middle(a, b), middle(b, c), middle(c, a)];
+            quarters.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+        }
+        for patch in &mut self.mesh.electrodes {
+            if let ElectrodePatch::Edges(edges) = patch {
+                *edges = edges.iter().flat_map(|&[a, b]| [[a, middle(a, b)], [middle(a, b), b]]).collect();
+            }
+        }
+        self.mesh.cells = Cells::Triangles(quarters);
+        self.rest = self.rest.iter().flat_map(|&rest| [rest; 4]).collect();
+        self
+    }
+}
+
+/// The shipped skin on a mesh of edges `edges` times as long as its own that grow `growth` times as fast.
+fn cylinder30(edges: f64, growth: f64) -> Result<Skin, Box<dyn Error>> {
+    let mut design = SkinDesign::load("cylinder30")?;
+    design.mesh.max_edge_m *= edges;
+    design.mesh.electrode_edge_m *= edges;
+    design.mesh.growth *= growth;
     let mesh = Mesh::generate(&design)?;
     let nearest = |centre: [f64; 3]| {
         let squared = |node: usize| (0..3).map(|axis| (mesh.nodes[node][axis] - centre[axis]).powi(2)).sum::<f64>();

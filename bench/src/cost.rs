@@ -1,0 +1,59 @@
+//! How the time of a solve grows with the mesh.
+
+use crate::problem::Problem;
+use crate::serve::time_forward;
+use dermis::linalg::{LANES, Level};
+use std::error::Error;
+use std::time::{Duration, Instant};
+
+/// Edge lengths and their growth that give `cylinder30` about 1,000, 2,000, 5,000, 20,000 and 50,000 nodes, relative to
+/// its own. The coarsest needs a faster growth: its electrodes have no fewer corners.
+const SCALES: [[f64; 2]; 5] = [[4.5, 2.0], [1.9, 1.0], [1.0, 1.0], [0.475, 1.0], [0.292, 1.0]];
+/// Time spent on each line, and the fewest batches whatever they take.
+const PATIENCE: Duration = Duration::from_millis(1500);
+const FEWEST: usize = 9;
+
+/// A line per mesh and instruction set: `batched_ms` and `single_ms` are medians per sample.
+pub fn print() -> Result<(), Box<dyn Error>> {
+    println!("nodes,cells,factor_entries,multiply_adds,level,batched_ms,single_ms");
+    for [edges, growth] in SCALES {
+        let problem = Problem::cylinder(edges, growth)?;
+        let (mesh, symbolic) = (problem.model.mesh(), problem.model.symbolic());
+        let single = median(time_forward(&problem, 21)?);
+        for level in Level::available() {
+            let batched = median(time_at(&problem, level)?);
+            println!(
+                "{},{},{},{},{},{:.4},{:.4}",
+                mesh.node_count(),
+                mesh.cell_count(),
+                symbolic.value_count(),
+                symbolic.multiply_add_count(),
+                format!("{level:?}").to_lowercase(),
+                1e3 * batched,
+                1e3 * single
+            );
+        }
+    }
+    Ok(())
+}
+
+/// Seconds per sample of batches at an instruction set.
+fn time_at(problem: &Problem, level: Level) -> Result<Vec<f64>, Box<dyn Error>> {
+    let mut solver = problem.model.batch_solver_at(level);
+    let batch = problem.batch();
+    let mut frames = vec![[0.0; LANES]; problem.model.protocol().channel_count()];
+    solver.solve_into(&batch, &mut frames)?;
+    let mut times = Vec::new();
+    let begin = Instant::now();
+    while times.len() < FEWEST || begin.elapsed() < PATIENCE {
+        let start = Instant::now();
+        solver.solve_into(&batch, &mut frames)?;
+        times.push(start.elapsed().as_secs_f64() / LANES as f64);
+    }
+    Ok(times)
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
