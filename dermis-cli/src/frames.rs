@@ -21,7 +21,7 @@ pub struct FrameArguments {
 }
 
 /// Differences from the untouched skin, and what is known of their noise.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Differences {
     /// A difference for each frame, ohm.
     pub frames: Vec<Frame>,

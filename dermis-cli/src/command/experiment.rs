@@ -5,29 +5,14 @@ use crate::failure::{Failure, Outcome};
 use crate::report::Table;
 use clap::Args;
 use dermis::design::SkinDesign;
-use dermis::experiment::{PressSet, Presses, Recording, UNTOUCHED_FRAMES, record, truth};
-use dermis::frame::{write_array, write_frames, write_truth, write_whole};
+use dermis::experiment::{PaperExperiment, PressSet, Recording, Sizes, UNTOUCHED_FRAMES, truth};
+use dermis::frame::{write_frames, write_truth, write_whole};
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
-use dermis::touch::sample_rng;
+use dermis::twin::TwinOptions;
 use dermis::twin::electronics::ElectronicsReport;
-use dermis::twin::{TouchOptions, Twin, TwinOptions};
-use rand::RngExt;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-
-/// Separations of two touches: 10 to 80 mm in steps of 5 mm.
-const SEPARATIONS_M: std::ops::RangeInclusive<u32> = 2..=16;
-const STEP_M: f64 = 0.005;
-/// Pairs at each separation.
-const PAIRS: usize = 200;
-/// Single presses at random places.
-const RANDOM: usize = 900;
-/// Frames of four touches, and their least distance.
-const FOURS: usize = 500;
-const FOUR_APART_M: f64 = 0.06;
-/// The random stream of the patches' phase; presses have low ones, twins the last ones.
-const PHASE_STREAM: u64 = 1 << 61;
 
 /// The arguments of `dermis experiment`.
 #[derive(Debug, Args)]
@@ -94,23 +79,19 @@ impl Arguments {
     fn record(&self, design: &SkinDesign, options: &TwinOptions, folder: &Path) -> Outcome<Summary> {
         let mesh = Mesh::generate(design)?;
         let pixels = PixelSpace::for_design(design, &mesh)?;
-        let presses = Presses::new(design, &mesh, &pixels, options.press, self.seed);
-        let (twin, shifted) = self.twins(design, options)?;
-        let separations: Vec<f64> = SEPARATIONS_M.map(|step| f64::from(step) * STEP_M).collect();
-        let sets = [
-            (presses.on_grid(), &twin),
-            (presses.at_random(RANDOM), &shifted),
-            (presses.in_pairs(&separations, PAIRS), &twin),
-            (presses.apart(4, FOUR_APART_M, FOURS), &twin),
-        ];
-        let progress = Progress::new("pressing", sets.iter().map(|(set, _)| set.presses.len()).sum());
-        let (mut next_index, mut summaries) = (0, Vec::new());
-        for (set, twin) in &sets {
-            let recording = record(twin, &set.presses, next_index, || progress.step())?;
-            next_index = recording.next_index;
-            write_set(&folder.join(set.name), design, set, &recording)?;
-            summaries.push(SetSummary::new(design, set, &recording));
+        let experiment = {
+            let _waiting = Progress::waiting("drawing the twin");
+            PaperExperiment::draw(design, &mesh, &pixels, options, self.seed, &Sizes::default())?
+        };
+        let progress = Progress::new("pressing", experiment.frame_count());
+        let recordings = experiment.record(|| progress.step())?;
+        drop(progress);
+        let mut summaries = Vec::new();
+        for (set, recording) in experiment.sets.iter().zip(&recordings) {
+            write_set(&folder.join(set.name), design, set, recording)?;
+            summaries.push(SetSummary::new(design, set, recording));
         }
+        let twin = &experiment.twin;
         Ok(Summary {
             dermis: env!("CARGO_PKG_VERSION"),
             design: design.name.clone(),
@@ -122,18 +103,6 @@ impl Arguments {
             electronics: twin.report(0..UNTOUCHED_FRAMES)?,
             sets: summaries,
         })
-    }
-
-    /// The twin, and the same skin with its patches shifted by a random part of their pitch.
-    fn twins(&self, design: &SkinDesign, options: &TwinOptions) -> Outcome<(Twin, Twin)> {
-        let _waiting = Progress::waiting("drawing the twin");
-        let mut shifted = options.clone();
-        if let TouchOptions::Patches(patches) = &mut shifted.touch {
-            let pitch_m = patches.on_body(&design.body).map_err(dermis::Error::from)?.pitch_m();
-            let mut rng = sample_rng(self.seed, PHASE_STREAM);
-            patches.offset_m = pitch_m.map(|pitch| pitch * rng.random::<f64>());
-        }
-        Ok((Twin::new(design, options, self.seed)?, Twin::new(design, &shifted, self.seed)?))
     }
 
     fn told(&self, summary: &Summary) -> String {
@@ -168,7 +137,7 @@ impl Arguments {
 fn write_set(folder: &Path, design: &SkinDesign, set: &PressSet, recording: &Recording) -> Outcome {
     make_folder(folder)?;
     write_frames(&folder.join("frames.npy"), &recording.frames)?;
-    write_array(&folder.join("baseline.npy"), "baseline", &[1, recording.baseline.len()], &recording.baseline)?;
+    write_frames(&folder.join("baseline.npy"), &recording.untouched)?;
     let surface = design.body.surface();
     let truths: Vec<_> = set.presses.iter().map(|presses| truth(&surface, presses)).collect();
     Ok(write_truth(&folder.join("truth.csv"), &surface, &truths)?)

@@ -1,5 +1,6 @@
 //! The commands: each a module with its arguments and what it does with them.
 
+mod assess;
 mod contacts;
 mod demo;
 mod evaluate;
@@ -31,6 +32,8 @@ pub enum Command {
     Contacts(contacts::Arguments),
     /// Score contacts against what truly touched the skin.
     Evaluate(evaluate::Arguments),
+    /// Assess a method on twins that it has never seen: localisation, two and four touches, smallest force.
+    Assess(assess::Arguments),
     /// Press a twin as the paper pressed its skin, and write the frames that its instrument delivers.
     Experiment(experiment::Arguments),
     /// See it work: the paper's skin pressed 900 times in simulation, or a real tank; writes a report.
@@ -55,6 +58,7 @@ impl Command {
             Command::Reconstruct(arguments) => arguments.run(),
             Command::Contacts(arguments) => arguments.run(),
             Command::Evaluate(arguments) => arguments.run(),
+            Command::Assess(arguments) => arguments.run(),
             Command::Experiment(arguments) => arguments.run(),
             Command::Demo(arguments) => arguments.run(),
             Command::Simulate(arguments) => arguments.run(),

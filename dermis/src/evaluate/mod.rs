@@ -4,6 +4,7 @@
 //! than the [gate](crate::detect::GATE_M) is a miss and a ghost. See `docs/conventions.md`.
 
 mod align;
+mod assess;
 mod matching;
 mod presses;
 mod score;
@@ -13,6 +14,7 @@ mod tank;
 mod tests;
 
 pub use align::Alignment;
+pub use assess::{AssessOptions, Assessment, Assessor, FALSE_CONTACTS_A_FRAME, FourScore};
 pub use matching::{Match, match_contacts};
 pub use presses::{AlignOptions, Aligned, PressEstimates};
 pub use score::{Score, resolves_two, score};

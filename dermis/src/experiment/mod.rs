@@ -3,8 +3,10 @@
 //! Frames follow each other in one time line, that of the [`Twin`]: untouched ones first, whose mean is the baseline, then
 //! one for every press, a press's interval apart and never averaged.
 
+mod paper;
 mod presses;
 
+pub use paper::{FOUR_APART_M, PaperExperiment, Sizes};
 pub use presses::{PressSet, Presses};
 
 use crate::contact::Contact;
@@ -19,7 +21,9 @@ pub const UNTOUCHED_FRAMES: u64 = 100;
 /// What an experiment recorded.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recording {
-    /// Mean of the untouched frames, with all that is in them, ohm.
+    /// The untouched frames before the first press, ohm.
+    pub untouched: Vec<Frame>,
+    /// Their mean.
     pub baseline: Frame,
     /// A frame for each entry of the list of presses, ohm.
     pub frames: Vec<Frame>,
@@ -51,7 +55,7 @@ pub fn record(
         frame
     };
     let frames = presses.par_iter().enumerate().map(frame).collect::<crate::Result<Vec<Frame>>>()?;
-    Ok(Recording { baseline, frames, next_index: first_press + presses.len() as u64 * step })
+    Ok(Recording { untouched, baseline, frames, next_index: first_press + presses.len() as u64 * step })
 }
 
 /// The presses of a frame as a truth to score against.

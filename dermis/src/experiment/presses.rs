@@ -59,12 +59,12 @@ impl<'a> Presses<'a> {
         Presses { surface: design.body.surface(), pixels, mesh, areas_up_to, design, options, seed }
     }
 
-    /// One press in the middle of every pixel, as the paper's experiment.
-    pub fn on_grid(&self) -> PressSet {
+    /// One press in the middle of every `step`-th pixel; with 1 the paper's experiment.
+    pub fn on_grid(&self, step: usize) -> PressSet {
         let press = |(number, &centre_m): (usize, &Point3)| vec![self.press(centre_m, &mut self.rng(0, number as u64))];
         PressSet {
             name: "grid",
-            presses: self.pixels.centres_m.iter().enumerate().map(press).collect(),
+            presses: self.pixels.centres_m.iter().enumerate().step_by(step.max(1)).map(press).collect(),
             separations_m: vec![],
         }
     }

@@ -34,7 +34,7 @@ impl Bench {
 fn sets_have_the_places_and_distances_that_they_name() {
     let bench = Bench::new("cylinder30");
     let (presses, surface) = (bench.presses(5), bench.design.body.surface());
-    let grid = presses.on_grid();
+    let grid = presses.on_grid(1);
     assert_eq!(grid.presses.len(), 900);
     assert!(grid.presses.iter().zip(&bench.pixels.centres_m).all(|(frame, centre)| frame[0].centre_m == *centre));
     let pairs = presses.in_pairs(&[0.01, 0.08], 20);
