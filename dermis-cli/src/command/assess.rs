@@ -92,8 +92,8 @@ impl Arguments {
         }
         let alpha = method.alpha.map(|alpha| format!(", alpha {alpha:.4}")).unwrap_or_default();
         print(&format!(
-            "{} twins `{}` of {} (seeds {} to {}), {name}{alpha}\n\n{}\n",
-            self.twins,
+            "{} `{}` of {} (seeds {} to {}), {name}{alpha}\n\n{}\n",
+            counted(twins.len()),
             options.name,
             skin.design.name,
             self.seed,
@@ -107,8 +107,9 @@ impl Arguments {
             false => AssessOptions::default(),
             true => {
                 let whole = Sizes::default();
-                let sizes = Sizes { grid_step: 10, random: 90, pairs: 20, fours: 50, ..whole };
-                AssessOptions { sizes, untouched: 2000, force_step: 10 }
+                // Seven has no divisor in common with the pictures of shipped skins, so that all columns have their turn.
+                let sizes = Sizes { grid_step: 7, random: 90, pairs: 20, fours: 50, ..whole };
+                AssessOptions { sizes, untouched: 2000, force_step: 7 }
             }
         }
     }
@@ -132,9 +133,13 @@ impl Arguments {
             drawing.field(pixels, &forces, Key { scale, label: "smallest force found 90 % of the time, N".into() });
         scene.title = "Smallest force".into();
         scene.subtitle =
-            format!("{} twins `{}`, one false contact an hour at 120 frames a second", twins.len(), self.twin);
+            format!("{} `{}`, one false contact an hour at 120 frames a second", counted(twins.len()), self.twin);
         View::Unrolled.draw(&scene, &skin.design).map_err(|error| crate::failure::Failure::Ours(error.to_string()))
     }
+}
+
+fn counted(twins: usize) -> String {
+    if twins == 1 { "1 twin".into() } else { format!("{twins} twins") }
 }
 
 /// Frames of one assessment.
