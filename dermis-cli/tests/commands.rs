@@ -315,6 +315,8 @@ fn a_new_design_is_read_and_meshed_as_it_is() {
 fn the_schema_is_json() {
     let schema: serde_json::Value = serde_json::from_str(&Workplace::new().good("schema")).unwrap();
     assert!(schema["properties"]["electrodes"].is_object());
+    let schema: serde_json::Value = serde_json::from_str(&Workplace::new().good("schema --twin")).unwrap();
+    assert!(schema["properties"]["electronics"].is_object());
 }
 
 #[test]

@@ -44,8 +44,8 @@ pub enum Command {
     New(new::Arguments),
     /// Draw a skin: mesh, electrodes, sensitivity, an image, where touches were found.
     Plot(plot::Arguments),
-    /// Print the JSON schema of design files.
-    Schema,
+    /// Print the JSON schema of design files, or of twin files.
+    Schema(schema::Arguments),
 }
 
 impl Command {
@@ -64,7 +64,7 @@ impl Command {
             Command::Simulate(arguments) => arguments.run(),
             Command::New(arguments) => arguments.run(),
             Command::Plot(arguments) => arguments.run(),
-            Command::Schema => schema::run(),
+            Command::Schema(arguments) => arguments.run(),
         }
     }
 }

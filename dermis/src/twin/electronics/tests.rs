@@ -6,7 +6,7 @@ use crate::design::SkinDesign;
 use crate::forward::ForwardModel;
 use crate::linalg::{Matrix, invert_spd};
 use crate::mesh::Mesh;
-use crate::twin::TwinError;
+use crate::twin::{Twin, TwinError, TwinOptions};
 use std::sync::LazyLock;
 
 /// The paper's skin on its shipped mesh.
@@ -370,4 +370,51 @@ fn impossible_instruments_are_refused_by_field() {
     assert!(
         ElectronicsOptions { adc: Some(AdcOptions { gain: 0.0, ..adc }), ..settling_options() }.check_ranges().is_err()
     );
+}
+
+/// The shipped instruments on the skins that they are shipped with, ten of each.
+#[test]
+fn the_shipped_instruments_stay_in_range() {
+    for name in ["lab", "harsh"] {
+        let mut options = TwinOptions::shipped(name).unwrap();
+        options.touch = TwinOptions::shipped("ideal").unwrap().touch;
+        options.mesh_scale = 1.6;
+        let reports: Vec<ElectronicsReport> =
+            (1..=10).map(|seed| Twin::new(&SKIN.0, &options, seed).unwrap().report(0..5).unwrap()).collect();
+        let range = |part: fn(&ElectronicsReport) -> f64| {
+            let values: Vec<f64> = reports.iter().map(part).collect();
+            let ends = |pick: fn(f64, f64) -> f64| values.iter().copied().reduce(pick).unwrap();
+            format!("{:.1e} to {:.1e}", ends(f64::min), ends(f64::max))
+        };
+        println!(
+            "{name}, in parts of r: settling {}, hum {}, gain {}, noise {}, quantisation {}, total {}",
+            range(|r| r.settling.relative),
+            range(|r| r.hum.relative),
+            range(|r| r.gain.relative),
+            range(|r| r.noise.relative),
+            range(|r| r.quantisation.relative),
+            range(|r| r.total.relative)
+        );
+        for report in &reports {
+            assert_eq!(report.saturated_readings, 0);
+            assert!(report.quantisation.rms_ohm < 0.6 * report.noise.rms_ohm, "noise must hide the steps");
+            assert!(report.settling.relative < 1e-5);
+        }
+    }
+}
+
+#[test]
+fn an_instrument_reads_a_frame_in_less_than_a_millisecond() {
+    let skin = network(1e3);
+    let electronics = instrument(&TwinOptions::shipped("harsh").unwrap().electronics, &skin);
+    let mut times: Vec<f64> = (0..101)
+        .map(|index| {
+            let begun = std::time::Instant::now();
+            std::hint::black_box(electronics.frame(&skin, index));
+            begun.elapsed().as_secs_f64()
+        })
+        .collect();
+    times.sort_by(f64::total_cmp);
+    println!("a frame of 870 values through the instrument: {:.3} ms (median of 101)", 1e3 * times[50]);
+    assert!(times[50] < 1e-3);
 }
