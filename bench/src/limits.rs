@@ -16,7 +16,8 @@ pub fn print() {
     for (name, arch) in levels() {
         println!("{name},multiply-adds,0,{:.1},G/s", arch.dispatch(MultiplyAdds));
         for kib in [24, 512, 8 << 10, 128 << 10] {
-            let mut numbers = vec![0.0; kib * 1024 / size_of::<f64>()];
+            // Not zeros, which would all be one page of memory until written to.
+            let mut numbers = vec![1.0; kib * 1024 / size_of::<f64>()];
             println!("{name},read,{kib},{:.1},GB/s", arch.dispatch(Read(&numbers)));
             println!("{name},add to,{kib},{:.1},GB/s", arch.dispatch(AddTo(&mut numbers)));
         }
