@@ -170,11 +170,32 @@ fn subtract_product<S: Simd, const COUNT: usize>(
     a: &[[S::f64s; TILE]],
     b: &[[S::f64s; TILE]],
 ) {
+    // Sixteen sums, four factors and one more want 21 registers; where vectors have fewer, half the columns at a time
+    // spill none. Single numbers are left to the compiler, which packs them in its own way.
+    let is_narrow = S::F64_LANES > 1 && S::REGISTER_COUNT < TILE * TILE + TILE + 1;
+    match target.as_chunks_mut::<2>() {
+        ([left, right], []) if is_narrow => {
+            subtract_columns(simd, left, 0, a, b);
+            subtract_columns(simd, right, 2, a, b);
+        }
+        _ => subtract_columns(simd, target, 0, a, b),
+    }
+}
+
+/// The columns of a tile from `first` on.
+#[inline(always)]
+fn subtract_columns<S: Simd, const COUNT: usize>(
+    simd: S,
+    target: &mut [[S::f64s; TILE]; COUNT],
+    first: usize,
+    a: &[[S::f64s; TILE]],
+    b: &[[S::f64s; TILE]],
+) {
     let mut sums = *target;
     for (a, b) in a.iter().zip(b) {
         for column in 0..COUNT {
             for row in 0..TILE {
-                sums[column][row] = simd.negate_mul_add_e_f64s(a[row], b[column], sums[column][row]);
+                sums[column][row] = simd.negate_mul_add_e_f64s(a[row], b[first + column], sums[column][row]);
             }
         }
     }
