@@ -69,9 +69,9 @@ impl Arguments {
         let design = SkinDesign::load(&self.design)?;
         let options = TwinOptions::load(&self.twin)?;
         let folder = Folder::begin(&self.output)?;
-        let summary = self.record(&design, &options, folder.path())?;
+        let summary = self.record(&design, &options, folder.growing())?;
         let text = serde_json::to_string_pretty(&summary).map_err(|error| Failure::Ours(error.to_string()))?;
-        write_whole(&folder.path().join("experiment.json"), |out| writeln!(out, "{text}"))?;
+        write_whole(&folder.growing().join("experiment.json"), |out| writeln!(out, "{text}"))?;
         folder.finish()?;
         if self.json { print_json(&summary) } else { print(&self.told(&summary)) }
     }
@@ -186,7 +186,7 @@ impl Folder {
         Ok(Folder { path: path.to_path_buf(), growing })
     }
 
-    fn path(&self) -> &Path {
+    fn growing(&self) -> &Path {
         &self.growing
     }
 
