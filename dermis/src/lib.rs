@@ -42,3 +42,8 @@ pub use error::{Error, Result};
 #[cfg(doctest)]
 #[doc = include_str!("../../README.md")]
 pub struct Readme;
+
+/// So does the book's.
+#[cfg(doctest)]
+#[doc = include_str!("../../docs/datasets.md")]
+pub struct Datasets;

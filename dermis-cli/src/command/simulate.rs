@@ -3,7 +3,9 @@
 use crate::console::{Progress, print, print_json};
 use crate::failure::{Failure, Outcome};
 use clap::{Args, ValueEnum};
-use dermis::dataset::{self, GaussianTouches, Generator, Manifest, Recipe, Record, Run, Shard, Touch};
+use dermis::dataset::{
+    self, GaussianTouches, Generator, Manifest, PatchTouches, Recipe, Record, Run, Shard, SkinSpread, Skins, Touch,
+};
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
 use dermis::mesh::Mesh;
@@ -45,6 +47,24 @@ pub struct Arguments {
     /// Weakest and strongest touch: the relative change of conductance in its middle.
     #[arg(long, value_names = ["FROM", "TO"], num_args = 2)]
     amplitude: Option<Vec<f64>>,
+    /// Weakest and strongest press on patches, N.
+    #[arg(long, value_names = ["FROM", "TO"], num_args = 2)]
+    force_n: Option<Vec<f64>>,
+    /// Smallest and largest radius of the tip that presses on patches, m.
+    #[arg(long, value_names = ["FROM", "TO"], num_args = 2)]
+    tip_radius_m: Option<Vec<f64>>,
+    /// Whether the samples are of one skin or of many.
+    #[arg(long, value_enum, default_value_t = SkinsName::Even)]
+    skins: SkinsName,
+    /// Standard deviation of the coat's conductance over its mean, of random skins.
+    #[arg(long, value_name = "SHARE")]
+    coat_rms: Option<f64>,
+    /// Root mean square of the electrodes' distances from their places, of random skins, m.
+    #[arg(long, value_name = "M")]
+    electrode_displacement_m: Option<f64>,
+    /// Standard deviation of the contact impedance over the design's, of random skins.
+    #[arg(long, value_name = "SHARE")]
+    contact_impedance_rms: Option<f64>,
     /// Make only the files k with k mod N = I, for processes that share the work.
     #[arg(long, value_name = "I/N")]
     shard: Option<ShardChoice>,
@@ -63,13 +83,37 @@ pub struct Arguments {
 }
 
 /// What belongs to making samples alone.
-const MAKING: [&str; 7] = ["samples", "seed", "output", "most_touches", "width_m", "amplitude", "shard"];
+const MAKING: [&str; 12] = [
+    "samples",
+    "seed",
+    "output",
+    "most_touches",
+    "width_m",
+    "amplitude",
+    "force_n",
+    "tip_radius_m",
+    "coat_rms",
+    "electrode_displacement_m",
+    "contact_impedance_rms",
+    "shard",
+];
 
 /// What touches do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum TouchName {
     /// Gaussian changes of conductance.
     Gaussian,
+    /// Presses of a tip on fabric patches under foam.
+    Patch,
+}
+
+/// Of how many skins samples are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum SkinsName {
+    /// The design as it is written.
+    Even,
+    /// Another coat, other contacts, displaced electrodes and patches for every 16 samples.
+    Random,
 }
 
 /// `I/N`.
@@ -112,7 +156,7 @@ impl Arguments {
         };
         let text = SkinDesign::text_of(name)?;
         let design = SkinDesign::parse(&text, name)?;
-        let recipe = Recipe { seed, samples, touch: self.touch(&design) };
+        let recipe = Recipe { seed, samples, touch: self.touch(&design)?, skins: self.skins()? };
         recipe.check(design.sheet.touch)?;
         let waiting = Progress::waiting("meshing");
         let forward = ForwardModel::new(&design, &Mesh::generate(&design)?)?;
@@ -147,16 +191,52 @@ impl Arguments {
         ))
     }
 
-    fn touch(&self, design: &SkinDesign) -> Touch {
+    fn touch(&self, design: &SkinDesign) -> Outcome<Touch> {
         let pair = |given: &Option<Vec<f64>>, usual: [f64; 2]| given.as_ref().map_or(usual, |pair| [pair[0], pair[1]]);
+        let of_others = |given: bool, options: &str, kind: &str| match given {
+            true => Err(Failure::given(format!("{options} belong to --touch {kind}"), Some("leave them out"))),
+            false => Ok(()),
+        };
         match self.touch {
             TouchName::Gaussian => {
+                let given = self.force_n.is_some() || self.tip_radius_m.is_some();
+                of_others(given, "--force-n and --tip-radius-m", "patch")?;
                 let usual = GaussianTouches::for_effect(design.sheet.touch);
-                Touch::Gaussian(GaussianTouches {
+                Ok(Touch::Gaussian(GaussianTouches {
                     most: self.most_touches.unwrap_or(usual.most),
                     width_m: pair(&self.width_m, usual.width_m),
                     amplitude: pair(&self.amplitude, usual.amplitude),
-                })
+                }))
+            }
+            TouchName::Patch => {
+                of_others(self.width_m.is_some() || self.amplitude.is_some(), "--width-m and --amplitude", "gaussian")?;
+                let usual = PatchTouches::usual();
+                Ok(Touch::Patch(PatchTouches {
+                    most: self.most_touches.unwrap_or(usual.most),
+                    force_n: pair(&self.force_n, usual.force_n),
+                    tip_radius_m: pair(&self.tip_radius_m, usual.tip_radius_m),
+                    patches: usual.patches,
+                }))
+            }
+        }
+    }
+
+    fn skins(&self) -> Outcome<Skins> {
+        let given = [self.coat_rms, self.electrode_displacement_m, self.contact_impedance_rms];
+        match self.skins {
+            SkinsName::Even if given.iter().any(Option::is_some) => {
+                let message = "how skins differ is told, but they are even";
+                Err(Failure::given(message, Some("write --skins random")))
+            }
+            SkinsName::Even => Ok(Skins::Even),
+            SkinsName::Random => {
+                let mut spread = SkinSpread::usual();
+                let [coat, displacement, contact] = given;
+                spread.coat.rms = coat.unwrap_or(spread.coat.rms);
+                let electrodes = &mut spread.electrodes;
+                electrodes.displacement_rms_m = displacement.unwrap_or(electrodes.displacement_rms_m);
+                electrodes.contact_impedance_rms = contact.unwrap_or(electrodes.contact_impedance_rms);
+                Ok(Skins::Random(spread))
             }
         }
     }

@@ -1,33 +1,39 @@
 //! From a number to a sample.
 
+use crate::dataset::gaussian::{GaussianMaker, GaussianWorker};
 use crate::dataset::places::Places;
-use crate::dataset::raster::CellRaster;
-use crate::dataset::recipe::{GaussianTouches, Recipe, Touch};
-use crate::dataset::target::Target;
+use crate::dataset::pressed::{PressMaker, PressWorker};
+use crate::dataset::recipe::{Recipe, Skins, Touch};
+use crate::dataset::skins::{SkinMaker, Worn};
 use crate::design::SkinDesign;
-use crate::forward::{BatchSolver, ForwardError, ForwardModel};
+use crate::forward::ForwardModel;
 use crate::image::PixelSpace;
-use crate::linalg::{LANES, Level};
-use crate::touch::{GaussianTouch, sample_rng};
-use rand::RngExt;
+use crate::linalg::LANES;
+use crate::touch::GaussianTouch;
+use crate::twin::Press;
 
-/// Samples that are made together: two batches of the solver. Which samples share a unit depends on their numbers alone.
+/// Samples that are made together: two batches of the solver, and the samples of one skin where skins differ. Which
+/// samples share a unit depends on their numbers alone.
 pub(super) const UNIT: usize = 2 * LANES;
 
-/// What a touch is told by in a dataset: its place (x, y, z), its width and its amplitude.
-pub(super) const TOUCH_COLUMNS: [&str; 5] = ["x_m", "y_m", "z_m", "width_m", "amplitude"];
+/// Numbers that tell a touch.
+pub(super) const TOUCH_COLUMNS: usize = 5;
 
-/// Makes samples of one recipe on one skin. Shared between threads, each of which has a [`Worker`].
+/// Makes samples of one recipe on one design. Shared between threads, each of which has a [`Worker`].
 #[derive(Debug)]
 pub struct Generator {
     recipe: Recipe,
     forward: ForwardModel,
-    sign: f64,
-    places: Places,
-    raster: CellRaster,
-    target: Target,
     pixels: PixelSpace,
+    skins: Option<SkinMaker>,
+    kind: Kind,
     rest: Vec<f32>,
+}
+
+#[derive(Debug)]
+enum Kind {
+    Gaussian(Box<GaussianMaker>),
+    Pressed(Box<PressMaker>),
 }
 
 /// One sample.
@@ -41,68 +47,70 @@ pub struct Sample {
     pub rest: Vec<f32>,
     /// The relative change of conductance, a mean per pixel, positive for any touch.
     pub image: Vec<f32>,
-    /// The touches: x, y, z (m, in the body's frame), width (m) and amplitude of each.
-    pub touches: Vec<[f32; 5]>,
+    /// The touches: x, y, z (m, in the body's frame) of each, then width (m) and amplitude of a Gaussian, or the tip's
+    /// radius (m) and the force (N) of a press.
+    pub touches: Vec<[f32; TOUCH_COLUMNS]>,
 }
 
 /// Memory of one thread that makes samples.
 #[derive(Debug)]
 pub struct Worker<'a> {
     generator: &'a Generator,
-    solver: BatchSolver,
-    conductivity: Vec<[f64; LANES]>,
-    frames: Vec<[f64; LANES]>,
-    image: Vec<f64>,
-    touches: Vec<Vec<GaussianTouch>>,
+    worn: Option<Worn>,
+    hand: Hand<'a>,
+}
+
+#[derive(Debug)]
+enum Hand<'a> {
+    Gaussian(Box<GaussianWorker<'a>>),
+    Pressed(Box<PressWorker<'a>>),
 }
 
 /// Where the samples of one unit go, row by row.
 #[derive(Debug)]
 pub(super) struct Rows<'a> {
+    /// One for each sample; empty where all samples are of one skin.
+    pub rest: &'a mut [f32],
     pub frames: &'a mut [f32],
     pub images: &'a mut [f32],
     pub touches: &'a mut [f32],
 }
 
 impl Generator {
-    /// The generator of a recipe on a skin whose forward model is given.
+    /// The generator of a recipe on a design whose forward model is given.
     ///
     /// # Errors
-    /// A recipe that no sample can be drawn from; touches narrower than the mesh can carry; a design whose image does not
-    /// fit its body.
+    /// A recipe that no sample can be drawn from; touches narrower than the mesh can carry; electrodes that would fold the
+    /// mesh; patches or presses that do not fit the body; a design whose image does not fit its body.
     pub fn new(design: &SkinDesign, forward: &ForwardModel, recipe: &Recipe) -> crate::Result<Self> {
-        Self::at_level(design, forward, recipe, Level::best())
-    }
-
-    fn at_level(design: &SkinDesign, forward: &ForwardModel, recipe: &Recipe, level: Level) -> crate::Result<Self> {
         recipe.check(design.sheet.touch)?;
-        let (target, pixels) = Target::new(design, forward.mesh())?;
-        let Touch::Gaussian(GaussianTouches { width_m, .. }) = &recipe.touch;
-        let raster = CellRaster::at_level(design.body.surface(), forward.mesh(), width_m[0], level)?;
-        let mut generator = Generator {
-            recipe: recipe.clone(),
-            forward: forward.clone(),
-            sign: design.sheet.touch.sign(),
-            places: Places::new(&design.body, forward.mesh()),
-            raster,
-            target,
-            pixels,
-            rest: Vec::new(),
+        let skins = match &recipe.skins {
+            Skins::Even => None,
+            Skins::Random(spread) => Some(SkinMaker::new(design, forward, recipe.seed, spread)?),
         };
-        generator.rest = generator.worker().untouched()?;
+        let pixels = PixelSpace::for_design(design, forward.mesh())?;
+        let places = Places::new(&design.body, forward.mesh());
+        let kind = match &recipe.touch {
+            Touch::Gaussian(touches) => {
+                Kind::Gaussian(Box::new(GaussianMaker::new(design, forward, &pixels, places, recipe.seed, touches)?))
+            }
+            Touch::Patch(touches) => {
+                Kind::Pressed(Box::new(PressMaker::new(design, forward, &pixels, places, recipe, touches)?))
+            }
+        };
+        let mut generator =
+            Generator { recipe: recipe.clone(), forward: forward.clone(), pixels, skins, kind, rest: Vec::new() };
+        generator.rest = generator.untouched()?;
         Ok(generator)
     }
 
     /// Memory to make samples with; each thread has its own.
     pub fn worker(&self) -> Worker<'_> {
-        Worker {
-            generator: self,
-            solver: self.forward.batch_solver(),
-            conductivity: vec![[0.0; LANES]; self.forward.mesh().cell_count()],
-            frames: vec![[0.0; LANES]; self.channel_count()],
-            image: vec![0.0; self.pixel_count()],
-            touches: vec![Vec::new(); LANES],
-        }
+        let hand = match &self.kind {
+            Kind::Gaussian(maker) => Hand::Gaussian(Box::new(maker.worker(&self.forward, self.skins.as_ref()))),
+            Kind::Pressed(maker) => Hand::Pressed(Box::new(maker.worker())),
+        };
+        Worker { generator: self, worn: None, hand }
     }
 
     /// What the samples are drawn from.
@@ -110,7 +118,7 @@ impl Generator {
         &self.recipe
     }
 
-    /// The forward model that solves them.
+    /// The forward model of the design.
     pub fn forward(&self) -> &ForwardModel {
         &self.forward
     }
@@ -130,9 +138,14 @@ impl Generator {
         self.pixels.len()
     }
 
-    /// The frame of the untouched skin, ohm.
+    /// The untouched frame of the design, ohm.
     pub(super) fn rest(&self) -> &[f32] {
         &self.rest
+    }
+
+    /// Whether each sample has an untouched frame of its own.
+    pub(super) fn has_own_rest(&self) -> bool {
+        self.skins.is_some()
     }
 
     /// The samples from `first` on, one after the other and without an end: the recipe's number of samples does not bind
@@ -141,115 +154,92 @@ impl Generator {
         Stream { worker: self.worker(), next: first, ready: Vec::new().into_iter() }
     }
 
-    /// The touches of a sample.
-    pub fn touches(&self, index: u64) -> Vec<GaussianTouch> {
+    /// The Gaussian touches of a sample; none where touches are presses.
+    pub fn gaussian_touches(&self, index: u64) -> Vec<GaussianTouch> {
         let mut touches = Vec::new();
-        self.draw(index, &mut touches);
+        if let Kind::Gaussian(maker) = &self.kind {
+            maker.draw(index, &mut touches);
+        }
         touches
     }
 
-    fn draw(&self, index: u64, touches: &mut Vec<GaussianTouch>) {
-        let Touch::Gaussian(options) = &self.recipe.touch;
-        let mut rng = sample_rng(self.recipe.seed, index);
-        let count = rng.random_range(1..=options.most as u32);
-        touches.clear();
-        for _ in 0..count {
-            let centre_m = self.places.draw(&mut rng);
-            let [narrow, wide] = options.width_m;
-            let width_m = narrow + (wide - narrow) * rng.random::<f64>();
-            let [weak, strong] = options.amplitude;
-            // `libm`, whose bits do not depend on the system.
-            let amplitude = weak * libm::exp(libm::log(strong / weak) * rng.random::<f64>());
-            touches.push(GaussianTouch { centre_m, amplitude, width_m });
+    /// The presses of a sample; none where touches are Gaussian.
+    pub fn presses(&self, index: u64) -> Vec<Press> {
+        match &self.kind {
+            Kind::Gaussian(_) => Vec::new(),
+            Kind::Pressed(maker) => maker.draw(index),
         }
+    }
+
+    fn untouched(&self) -> crate::Result<Vec<f32>> {
+        let frame = match &self.kind {
+            Kind::Gaussian(maker) => maker.untouched(&self.forward)?,
+            Kind::Pressed(maker) => maker.untouched(&self.forward)?,
+        };
+        Ok(frame.into_iter().map(|value| value as f32).collect())
     }
 }
 
 impl Worker<'_> {
-    /// The samples of the unit that begins at `first`, as many as there are rows.
-    pub(super) fn make(&mut self, first: u64, count: usize, rows: &mut Rows<'_>) -> Result<(), ForwardError> {
+    /// The samples of the unit that begins at `first`, `count` of them.
+    pub(super) fn make(&mut self, first: u64, count: usize, rows: &mut Rows<'_>) -> crate::Result<()> {
         debug_assert!(first.is_multiple_of(UNIT as u64) && count <= UNIT);
-        for from in (0..count).step_by(LANES) {
-            self.batch(first + from as u64, (count - from).min(LANES), from, rows)?;
-        }
-        Ok(())
-    }
-
-    /// Eight samples at once, or the last few. A lane's bits do not depend on its neighbours.
-    fn batch(&mut self, first: u64, count: usize, row: usize, rows: &mut Rows<'_>) -> Result<(), ForwardError> {
-        let generator = self.generator;
-        let rest = generator.forward.rest_conductivity();
-        for (lanes, &rest) in self.conductivity.iter_mut().zip(rest) {
-            *lanes = [rest; LANES];
-        }
-        for lane in 0..count {
-            generator.draw(first + lane as u64, &mut self.touches[lane]);
-            for touch in &self.touches[lane] {
-                generator.raster.for_each_mean(touch, |cell, mean| {
-                    self.conductivity[cell][lane] += generator.sign * rest[cell] * mean;
-                });
+        if let Some(maker) = &self.generator.skins {
+            match &mut self.worn {
+                Some(worn) => worn.change(maker, first)?,
+                None => self.worn = Some(Worn::new(maker, first)?),
             }
         }
-        self.solver.solve_into(&self.conductivity, &mut self.frames)?;
-        for lane in 0..count {
-            self.write(lane, row + lane, rows);
+        match &mut self.hand {
+            Hand::Gaussian(worker) => worker.make(first, count, self.worn.as_ref(), rows)?,
+            Hand::Pressed(worker) => worker.make(first, count, self.worn.as_ref(), rows)?,
         }
         Ok(())
-    }
-
-    /// Writes one lane's frame, image and touches to their rows.
-    fn write(&mut self, lane: usize, row: usize, rows: &mut Rows<'_>) {
-        let generator = self.generator;
-        let channels = self.frames.len();
-        for (value, lanes) in rows.frames[row * channels..][..channels].iter_mut().zip(&self.frames) {
-            *value = lanes[lane] as f32;
-        }
-        let rest = generator.forward.rest_conductivity();
-        let change = |cell: usize, lane: usize| generator.sign * (self.conductivity[cell][lane] / rest[cell] - 1.0);
-        generator.target.image_into(&self.touches[lane], lane, change, &mut self.image);
-        let pixels = self.image.len();
-        for (value, &mean) in rows.images[row * pixels..][..pixels].iter_mut().zip(&self.image) {
-            *value = mean as f32;
-        }
-        let width = generator.recipe.most_touches() * TOUCH_COLUMNS.len();
-        let truth = &mut rows.touches[row * width..][..width];
-        truth.fill(f32::NAN);
-        for (place, touch) in truth.chunks_exact_mut(TOUCH_COLUMNS.len()).zip(&self.touches[lane]) {
-            let [x, y, z] = touch.centre_m;
-            place.copy_from_slice(&[x, y, z, touch.width_m, touch.amplitude].map(|value| value as f32));
-        }
-    }
-
-    fn untouched(&mut self) -> Result<Vec<f32>, ForwardError> {
-        for (lanes, &rest) in self.conductivity.iter_mut().zip(self.generator.forward.rest_conductivity()) {
-            *lanes = [rest; LANES];
-        }
-        self.solver.solve_into(&self.conductivity, &mut self.frames)?;
-        Ok(self.frames.iter().map(|lanes| lanes[0] as f32).collect())
     }
 
     /// The samples of one unit.
-    fn unit(&mut self, first: u64) -> Result<Vec<Sample>, ForwardError> {
+    fn unit(&mut self, first: u64) -> crate::Result<Vec<Sample>> {
         let generator = self.generator;
         let (channels, pixels) = (generator.channel_count(), generator.pixel_count());
-        let width = generator.recipe.most_touches() * TOUCH_COLUMNS.len();
+        let width = generator.recipe.most_touches() * TOUCH_COLUMNS;
+        let mut rest = vec![0.0; if generator.has_own_rest() { UNIT * channels } else { 0 }];
         let (mut frames, mut images) = (vec![0.0; UNIT * channels], vec![0.0; UNIT * pixels]);
         let mut touches = vec![0.0; UNIT * width];
-        let mut rows = Rows { frames: &mut frames, images: &mut images, touches: &mut touches };
+        let mut rows = Rows { rest: &mut rest, frames: &mut frames, images: &mut images, touches: &mut touches };
         self.make(first, UNIT, &mut rows)?;
         let truth = |row: usize| {
-            let places = touches[row * width..][..width].chunks_exact(TOUCH_COLUMNS.len());
-            let places = places.map(|place| <[f32; 5]>::try_from(place).expect("five columns"));
+            let places = touches[row * width..][..width].chunks_exact(TOUCH_COLUMNS);
+            let places = places.map(|place| <[f32; TOUCH_COLUMNS]>::try_from(place).expect("as many columns"));
             places.filter(|place| !place[0].is_nan()).collect()
         };
         let sample = |row: usize| Sample {
             index: first + row as u64,
             frame: frames[row * channels..][..channels].to_vec(),
-            rest: generator.rest.clone(),
+            rest: rest.chunks_exact(channels).nth(row).unwrap_or(&generator.rest).to_vec(),
             image: images[row * pixels..][..pixels].to_vec(),
             touches: truth(row),
         };
         Ok((0..UNIT).map(sample).collect())
+    }
+}
+
+/// Writes a row of numbers in single precision.
+pub(super) fn write_row(rows: &mut [f32], row: usize, values: impl ExactSizeIterator<Item = f64>) {
+    let width = values.len();
+    rows[row * width..][..width].iter_mut().zip(values).for_each(|(place, value)| *place = value as f32);
+}
+
+/// Writes the truth of a sample: a place and two numbers for each touch.
+pub(super) fn write_truth(
+    rows: &mut [f32],
+    row: usize,
+    most: usize,
+    touches: impl Iterator<Item = [f64; TOUCH_COLUMNS]>,
+) {
+    let truth = &mut rows[row * most * TOUCH_COLUMNS..][..most * TOUCH_COLUMNS];
+    truth.fill(f32::NAN);
+    for (place, touch) in truth.chunks_exact_mut(TOUCH_COLUMNS).zip(touches) {
+        place.copy_from_slice(&touch.map(|value| value as f32));
     }
 }
 
@@ -262,7 +252,7 @@ pub struct Stream<'a> {
 }
 
 impl Iterator for Stream<'_> {
-    type Item = Result<Sample, ForwardError>;
+    type Item = crate::Result<Sample>;
 
     fn next(&mut self) -> Option<Self::Item> {
         if self.ready.as_slice().is_empty() {

@@ -10,13 +10,17 @@
 mod error;
 mod file;
 mod finish;
+mod gaussian;
 mod generator;
 mod places;
+mod press_target;
+mod pressed;
 mod quadrature;
 mod raster;
 mod recipe;
 mod record;
 mod run;
+mod skins;
 mod target;
 #[cfg(test)]
 mod tests;
@@ -25,6 +29,6 @@ pub use error::DatasetError;
 pub use finish::{Checked, FileRecord, Manifest, Statistics, finish, verify};
 pub use generator::{Generator, Sample, Stream, Worker};
 pub use raster::CellRaster;
-pub use recipe::{GaussianTouches, Recipe, Touch};
+pub use recipe::{GaussianTouches, PatchTouches, Recipe, SkinSpread, Skins, Touch};
 pub use record::{DesignRecord, MeshRecord, PixelRecord, Record, SAMPLES_PER_FILE, TensorRecord};
 pub use run::{Run, RunReport, Shard};

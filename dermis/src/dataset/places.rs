@@ -140,7 +140,7 @@ mod tests {
         let rim = share(&cylinder, |p| p[2] < 0.02 || p[2] > 0.28);
         let seam = share(&cylinder, |p| {
             let round = flat(surface, p)[0];
-            round < 0.015 || round > TAU * 0.05 - 0.015
+            !(0.015..=TAU * 0.05 - 0.015).contains(&round)
         });
         println!("rim {rim:.4} for {:.4}, seam {seam:.4} for {:.4}", 0.04 / 0.3, 0.03 / (TAU * 0.05));
         assert!((rim - 0.04 / 0.3).abs() < TOLERANCE && (seam - 0.03 / (TAU * 0.05)).abs() < TOLERANCE);

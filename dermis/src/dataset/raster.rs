@@ -143,6 +143,50 @@ impl CellRaster {
         }
     }
 
+    /// Moves the points of some cells with their nodes, to where they are on another making of the skin. `original` is the
+    /// raster of the mesh as it was made, `shifts_m` how far each node lies from its place there (round, along; or x, y).
+    ///
+    /// Points move by the mean of their corners' shifts, weighted by how near these are. Only blocks with one of the cells
+    /// that `is_movable` are looked at: the others never move.
+    pub(super) fn follow(&mut self, original: &CellRaster, mesh: &Mesh, movable: &[bool], shifts_m: &[[f64; 2]]) {
+        let shares = original.shares();
+        for (block, (own, from)) in self.blocks.iter_mut().zip(&original.blocks).enumerate() {
+            if !from.cells.iter().any(|&cell| cell != NO_CELL && movable[cell as usize]) {
+                continue;
+            }
+            // Lanes without a cell follow the first, as they do in the raster itself.
+            let nodes = |lane: usize| {
+                let cell = if from.cells[lane] == NO_CELL { from.cells[0] } else { from.cells[lane] };
+                mesh.cells.corners(cell as usize)
+            };
+            let corners: [[[f64; 2]; 3]; LANES] =
+                std::array::from_fn(|lane| std::array::from_fn(|corner| shifts_m[nodes(lane)[corner]]));
+            let farthest = corners.iter().flatten().map(|shift| shift[0].hypot(shift[1])).fold(0.0, f64::max);
+            own.radius_m = from.radius_m + farthest;
+            let last = original.blocks.get(block + 1).map_or(original.points.len(), |next| next.starts[0]);
+            for (level, &start) in from.starts.iter().enumerate() {
+                let end = from.starts.get(level + 1).copied().unwrap_or(last);
+                for (index, share) in (start..end).step_by(2).zip(&shares[level]) {
+                    for axis in 0..2 {
+                        let moved = &mut self.points[index + axis];
+                        for (lane, value) in moved.iter_mut().enumerate() {
+                            let [a, b, c] = corners[lane];
+                            let shift = share[0] * a[axis] + share[1] * b[axis] + share[2] * c[axis];
+                            *value = original.points[index + axis][lane] + shift;
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// For each level and point of a cell, how near its corners are.
+    fn shares(&self) -> Vec<Vec<Point3>> {
+        let levels = self.blocks.iter().map(|block| block.starts.len()).max().unwrap_or(0);
+        let corners = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        (0..levels).map(|level| self.rule.points(&corners, level)).collect()
+    }
+
     /// Calls `add(cell, mean)` with the mean of a touch's change over every cell that it reaches; each cell comes once.
     ///
     /// Equal to [`GaussianTouch::add_cell_means`] to 5e-6 of the amplitude.
@@ -231,8 +275,8 @@ impl<const D: usize> SquaredDistance for Flat<D> {
     #[inline(always)]
     fn squares<S: Simd>(self, simd: S, point: &[[f64; LANES]], pass: usize) -> S::f64s {
         let mut squares = simd.splat_f64s(0.0);
-        for axis in 0..D {
-            let off = simd.sub_f64s(S::as_simd_f64s(&point[axis]).0[pass], simd.splat_f64s(self.0[axis]));
+        for (place, centre) in point.iter().zip(self.0).take(D) {
+            let off = simd.sub_f64s(S::as_simd_f64s(place).0[pass], simd.splat_f64s(centre));
             squares = simd.mul_add_e_f64s(off, off, squares);
         }
         squares
@@ -393,6 +437,47 @@ mod tests {
         let places = Places::new(&body, &volume);
         // The plain rule divides each cell by its own longest edge, this one the two alike.
         assert!(worst(Surface::Free, &volume, &places, [0.008, 0.02], Level::best()) < 2e-3);
+    }
+
+    #[test]
+    fn a_raster_that_follows_its_nodes_is_that_of_the_mesh_they_make() {
+        let design = SkinDesign::shipped("cylinder30").unwrap();
+        let mesh = Mesh::generate(&design).unwrap();
+        let surface = design.body.surface();
+        let original = CellRaster::new(surface, &mesh, 0.005).unwrap();
+        // A smooth field of shifts of up to 1.4 mm that leaves the rims where they are; only nodes with z above 60 mm move.
+        let shift = |node: &Point3| match node[2] > 0.06 {
+            true => [1e-3 * (20.0 * node[0]).sin(), 1e-3 * (10.5 * (node[2] - 0.06)).sin()],
+            false => [0.0; 2],
+        };
+        let shifts: Vec<[f64; 2]> = mesh.nodes.iter().map(shift).collect();
+        let movable: Vec<bool> = (0..mesh.cell_count())
+            .map(|cell| mesh.cells.corners(cell).iter().any(|&node| mesh.nodes[node][2] > 0.06))
+            .collect();
+        let nodes = mesh.nodes.iter().zip(&shifts).map(|(&node, &shift)| surface.walk(node, shift)).collect();
+        let moved = Mesh { nodes, ..mesh.clone() };
+        let mut raster = original.clone();
+        // What it followed before leaves no trace.
+        raster.follow(&original, &mesh, &movable, &vec![[5e-4, -5e-4]; mesh.node_count()]);
+        raster.follow(&original, &mesh, &movable, &shifts);
+        let (mut worst, mut worst_left_behind) = (0.0f64, 0.0f64);
+        for index in 0..40 {
+            let centre_m = Places::new(&design.body, &mesh).draw(&mut sample_rng(13, index));
+            let touch = GaussianTouch { centre_m, amplitude: 1.0, width_m: 0.007 };
+            let mut plain = vec![0.0; mesh.cell_count()];
+            touch.add_cell_means(&surface, &moved, &mut plain);
+            let off = |raster: &CellRaster, worst: &mut f64| {
+                let mut off = plain.clone();
+                raster.for_each_mean(&touch, |cell, mean| off[cell] -= mean);
+                *worst = off.iter().fold(*worst, |worst, off| worst.max(off.abs()));
+            };
+            off(&raster, &mut worst);
+            off(&original, &mut worst_left_behind);
+        }
+        println!("a raster that followed is off by {worst:.1e}, one that did not by {worst_left_behind:.1e}");
+        assert!(worst_left_behind > 0.05, "{worst_left_behind}");
+        // Points of a chord follow it on the cylinder to second order.
+        assert!(worst < 1e-4, "{worst}");
     }
 
     #[test]

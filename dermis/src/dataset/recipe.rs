@@ -2,6 +2,7 @@
 
 use crate::dataset::DatasetError;
 use crate::design::TouchEffect;
+use crate::twin::{CoatOptions, ElectrodeOptions, PatchOptions, TouchOptions, TwinOptions};
 use serde::{Deserialize, Serialize};
 
 /// Most touches that a sample may have: more than fingers of two hands are a typing error.
@@ -17,6 +18,55 @@ pub struct Recipe {
     pub samples: u64,
     /// What touches do, and how they are drawn.
     pub touch: Touch,
+    /// Whether the samples are of one skin or of many.
+    pub skins: Skins,
+}
+
+/// Whether the samples are of one skin or of many.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Skins {
+    /// The design as it is written.
+    Even,
+    /// A skin of its own for every 16 samples, drawn from the seed.
+    Random(SkinSpread),
+}
+
+/// How skins of one design differ.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SkinSpread {
+    /// The coat.
+    pub coat: CoatOptions,
+    /// The electrodes.
+    pub electrodes: ElectrodeOptions,
+    /// Patches of a skin, for touches that are presses: fewest and most rows and columns, each number as often (and with it
+    /// the pitch); the grid's offset is uniform over a pitch.
+    pub patch_rows: [usize; 2],
+    /// Columns, likewise.
+    pub patch_columns: [usize; 2],
+}
+
+impl SkinSpread {
+    /// As careful workshops make them (the twin `lab`): coat 10 % rms at 40 mm, electrodes 0.5 mm rms, contact impedance
+    /// 30 %; patches in 28 to 32 rows and 29 to 33 columns.
+    pub fn usual() -> Self {
+        SkinSpread {
+            coat: CoatOptions { rms: 0.1, correlation_m: 0.04 },
+            electrodes: ElectrodeOptions { displacement_rms_m: 5e-4, contact_impedance_rms: 0.3 },
+            patch_rows: [28, 32],
+            patch_columns: [29, 33],
+        }
+    }
+
+    fn check(&self) -> Result<(), DatasetError> {
+        for (what, [fewest, most]) in
+            [("the rows of patches", self.patch_rows), ("the columns of patches", self.patch_columns)]
+        {
+            check_range(what, [fewest as f64, most as f64])?;
+        }
+        Ok(())
+    }
 }
 
 /// What touches do, and how they are drawn.
@@ -25,6 +75,45 @@ pub struct Recipe {
 pub enum Touch {
     /// Gaussian changes of conductance, as the paper trains on.
     Gaussian(GaussianTouches),
+    /// Presses on fabric patches under foam: [`PatchedSkin`](crate::twin::PatchedSkin).
+    Patch(PatchTouches),
+}
+
+/// Presses of a spherical tip on a skin with patches. Their places are uniform by area over the whole surface.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PatchTouches {
+    /// A sample has 1 to this many presses, each number as often.
+    pub most: usize,
+    /// Lowest and highest force, N; uniform in its logarithm between.
+    pub force_n: [f64; 2],
+    /// Lowest and highest radius of the tip, m; uniform between.
+    pub tip_radius_m: [f64; 2],
+    /// The patches; on random skins their rows, columns and offset differ.
+    pub patches: PatchOptions,
+}
+
+impl PatchTouches {
+    /// The patches of the twin `lab`; 1 to 4 presses of 1 to 5 N with tips of 4 to 8 mm.
+    pub fn usual() -> Self {
+        let lab = TwinOptions::shipped("lab").map(|twin| twin.touch);
+        let Some(TouchOptions::Patches(patches)) = lab else { panic!("the twin `lab` is shipped and has patches") };
+        PatchTouches { most: 4, force_n: [1.0, 5.0], tip_radius_m: [0.004, 0.008], patches }
+    }
+
+    fn check(&self, effect: TouchEffect) -> Result<(), DatasetError> {
+        check_count(self.most)?;
+        check_range("the force of presses in N", self.force_n)?;
+        check_range("the radius of the tip in m", self.tip_radius_m)?;
+        match effect {
+            TouchEffect::ConductanceRises => Ok(()),
+            TouchEffect::ConductanceFalls => Err(DatasetError::OutOfRange {
+                what: "the sign of touches",
+                value: -1.0,
+                must: "1 with patches, which raise the conductance: use Gaussian touches".into(),
+            }),
+        }
+    }
 }
 
 /// Gaussian touches: `1 + sum of A exp(-d^2 / (2 w^2))` times the untouched conductance, the sum taken off where touches
@@ -105,8 +194,12 @@ impl Recipe {
                 must: "at least 1".into(),
             });
         }
+        if let Skins::Random(spread) = &self.skins {
+            spread.check()?;
+        }
         match &self.touch {
             Touch::Gaussian(touches) => touches.check(effect),
+            Touch::Patch(touches) => touches.check(effect),
         }
     }
 
@@ -114,6 +207,7 @@ impl Recipe {
     pub fn most_touches(&self) -> usize {
         match &self.touch {
             Touch::Gaussian(touches) => touches.most,
+            Touch::Patch(touches) => touches.most,
         }
     }
 }

@@ -3,7 +3,7 @@
 use crate::dataset::error::DatasetError;
 use crate::dataset::file::{Label, Tensor, hex};
 use crate::dataset::generator::{Generator, TOUCH_COLUMNS};
-use crate::dataset::recipe::Recipe;
+use crate::dataset::recipe::{Recipe, Touch};
 use crate::linalg::Level;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -239,12 +239,16 @@ fn tensor_records(generator: &Generator) -> Vec<TensorRecord> {
     };
     let (channels, pixels) = (generator.channel_count(), generator.pixel_count());
     let most = generator.recipe().most_touches();
-    let columns = TOUCH_COLUMNS.join(", ");
+    let columns = match &generator.recipe().touch {
+        Touch::Gaussian(_) => "x_m, y_m, z_m, width_m, amplitude",
+        Touch::Patch(_) => "x_m, y_m, z_m, tip_radius_m, force_n",
+    };
+    let rest_rows = if generator.has_own_rest() { "n" } else { "1" };
     vec![
-        record(REST, "1", vec![channels], "the untouched frame, ohm".into()),
+        record(REST, rest_rows, vec![channels], "the untouched frame of the same skin, ohm".into()),
         record(FRAMES, "n", vec![channels], "the frame while the touches last, ohm".into()),
         record(IMAGES, "n", vec![pixels], "mean relative change of conductance of each pixel, touches positive".into()),
-        record(TOUCHES, "n", vec![most, TOUCH_COLUMNS.len()], format!("the touches: {columns}; NaN after the last")),
+        record(TOUCHES, "n", vec![most, TOUCH_COLUMNS], format!("the touches: {columns}; NaN after the last")),
     ]
 }
 

@@ -188,24 +188,33 @@ impl<'a> Run<'a> {
         let mut tensors = self.record.tensors(file);
         let [rest, frames, images, touches] = tensors.as_mut_slice() else { panic!("four tensors") };
         debug_assert_eq!([&rest.name, &frames.name, &images.name, &touches.name], [REST, FRAMES, IMAGES, TOUCHES]);
-        rest.values.copy_from_slice(self.generator.rest());
         let first = file * self.record.samples_per_file;
         let generator = self.generator;
-        let width = generator.recipe().most_touches() * TOUCH_COLUMNS.len();
-        let units = (frames.values.par_chunks_mut(UNIT * generator.channel_count()))
-            .zip(images.values.par_chunks_mut(UNIT * generator.pixel_count()))
-            .zip(touches.values.par_chunks_mut(UNIT * width))
-            .enumerate();
-        units.try_for_each(|(unit, ((frames, images), touches))| {
-            let count = frames.len() / generator.channel_count();
+        let channels = generator.channel_count();
+        let own_rest: &mut [f32] = if generator.has_own_rest() { &mut rest.values } else { &mut [] };
+        let mut rest_chunks = own_rest.chunks_mut(UNIT * channels);
+        let units: Vec<Rows<'_>> = (frames.values.chunks_mut(UNIT * channels))
+            .zip(images.values.chunks_mut(UNIT * generator.pixel_count()))
+            .zip(touches.values.chunks_mut(UNIT * generator.recipe().most_touches() * TOUCH_COLUMNS))
+            .map(|((frames, images), touches)| Rows {
+                rest: rest_chunks.next().unwrap_or_default(),
+                frames,
+                images,
+                touches,
+            })
+            .collect();
+        units.into_par_iter().enumerate().try_for_each(|(unit, mut rows)| {
+            let count = rows.frames.len() / channels;
             let idle = workers.lock().expect("no thread panics while it holds the lock").pop();
             let mut worker = idle.unwrap_or_else(|| generator.worker());
-            let mut rows = Rows { frames, images, touches };
             worker.make(first + (unit * UNIT) as u64, count, &mut rows)?;
             workers.lock().expect("no thread panics while it holds the lock").push(worker);
             on_samples(count as u64);
             Ok::<(), crate::Error>(())
         })?;
+        if !generator.has_own_rest() {
+            rest.values.copy_from_slice(generator.rest());
+        }
         Ok(tensors)
     }
 

@@ -3,8 +3,7 @@
 use crate::design::{Body, ImageLayout, SkinDesign};
 use crate::geom::Point3;
 use crate::image::PixelSpace;
-use crate::linalg::LANES;
-use crate::mesh::{Mesh, MeshError};
+use crate::mesh::Mesh;
 use crate::touch::GaussianTouch;
 use std::f64::consts::{FRAC_PI_2, SQRT_2, TAU};
 
@@ -29,30 +28,21 @@ pub(super) struct Rectangles {
 }
 
 impl Target {
-    pub fn new(design: &SkinDesign, mesh: &Mesh) -> Result<(Self, PixelSpace), MeshError> {
-        let space = PixelSpace::for_design(design, mesh)?;
+    pub fn new(design: &SkinDesign, mesh: &Mesh, space: &PixelSpace) -> Self {
         let rectangles = |rows, columns, size_m, wraps| Rectangles { rows, columns, size_m, wraps };
-        let target = match (&design.image, &design.body) {
+        match (&design.image, &design.body) {
             (&ImageLayout::Grid { rows, columns }, &Body::Cylinder { length_m, diameter_m }) => {
                 Target::Rectangles(rectangles(rows, columns, [length_m, 0.5 * TAU * diameter_m], true))
             }
             (&ImageLayout::Grid { rows, columns }, &Body::Rectangle { width_m, height_m }) => {
                 Target::Rectangles(rectangles(rows, columns, [height_m, width_m], false))
             }
-            _ => Target::Cells(shares(&space, mesh)),
-        };
-        Ok((target, space))
+            _ => Target::Cells(shares(space, mesh)),
+        }
     }
 
-    /// The images of eight samples, given by their touches and by their conductivities over the untouched ones.
-    pub fn image_into(
-        &self,
-        touches: &[GaussianTouch],
-        lane: usize,
-        change: impl Fn(usize, usize) -> f64,
-        image: &mut [f64],
-    ) {
-        debug_assert!(lane < LANES);
+    /// The image of some touches, given also by the relative change of conductance in each cell.
+    pub fn image_into(&self, touches: &[GaussianTouch], change: impl Fn(usize) -> f64, image: &mut [f64]) {
         match self {
             Target::Rectangles(grid) => {
                 image.fill(0.0);
@@ -60,7 +50,7 @@ impl Target {
             }
             Target::Cells(pixels) => {
                 for (value, cells) in image.iter_mut().zip(pixels) {
-                    *value = cells.iter().map(|&(cell, share)| share * change(cell, lane)).sum();
+                    *value = cells.iter().map(|&(cell, share)| share * change(cell)).sum();
                 }
             }
         }
@@ -193,7 +183,7 @@ mod tests {
         let space = PixelSpace::cells(&mesh, Surface::Free);
         let target = Target::Cells(shares(&space, &mesh));
         let mut image = [0.0; 2];
-        target.image_into(&[], 3, |cell, lane| (10 * cell + lane) as f64, &mut image);
+        target.image_into(&[], |cell| (10 * cell + 3) as f64, &mut image);
         assert_eq!(image, [3.0, 13.0]);
     }
 }

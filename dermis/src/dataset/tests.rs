@@ -1,11 +1,14 @@
 use crate::dataset::record::file_name;
+use crate::dataset::skins::SkinMaker;
 use crate::dataset::{
-    DatasetError, GaussianTouches, Generator, Manifest, Recipe, Record, Run, Shard, Touch, finish, verify,
+    DatasetError, GaussianTouches, Generator, Manifest, PatchTouches, Recipe, Record, Run, Shard, SkinSpread, Skins,
+    Touch, finish, verify,
 };
 use crate::design::{SkinDesign, TouchEffect};
 use crate::forward::ForwardModel;
 use crate::mesh::Mesh;
 use crate::touch::touched_conductivity;
+use crate::twin::PatchedSkin;
 use std::path::Path;
 
 /// A small skin: 8 arcs on the rim of a disk, 40 values.
@@ -38,7 +41,7 @@ fn skin(text: &str) -> (SkinDesign, ForwardModel) {
 
 fn recipe(samples: u64) -> Recipe {
     let touch = Touch::Gaussian(GaussianTouches::for_effect(TouchEffect::ConductanceRises));
-    Recipe { seed: 5, samples, touch }
+    Recipe { seed: 5, samples, touch, skins: Skins::Even }
 }
 
 fn generator(samples: u64) -> Generator {
@@ -67,14 +70,15 @@ fn a_sample_is_what_the_plain_rasteriser_and_the_plain_solver_make_of_its_touche
         let forward = ForwardModel::new(&design, &mesh).unwrap();
         let effect = design.sheet.touch;
         let touch = Touch::Gaussian(GaussianTouches::for_effect(effect));
-        let generator = Generator::new(&design, &forward, &Recipe { seed: 2, samples, touch }).unwrap();
+        let generator =
+            Generator::new(&design, &forward, &Recipe { seed: 2, samples, touch, skins: Skins::Even }).unwrap();
         let (surface, rest) = (design.body.surface(), forward.rest_conductivity());
         let plain_rest = forward.solve(rest).unwrap();
         let largest = plain_rest.iter().fold(0.0f64, |largest, value| largest.max(value.abs()));
         let (mut worst_frame, mut worst_image) = (0.0f64, 0.0f64);
         for sample in generator.stream(0).take(samples as usize) {
             let sample = sample.unwrap();
-            let touches = generator.touches(sample.index);
+            let touches = generator.gaussian_touches(sample.index);
             let conductivity = touched_conductivity(&mesh, &surface, effect, rest, &touches).unwrap();
             let frame = forward.solve(&conductivity).unwrap();
             for (&got, &want) in sample.frame.iter().zip(frame.iter()) {
@@ -119,7 +123,7 @@ fn a_sample_depends_on_its_seed_and_number_alone() {
 #[test]
 fn touches_are_drawn_as_stated() {
     let generator = generator(1);
-    let touches: Vec<_> = (0..20_000).map(|index| generator.touches(index)).collect();
+    let touches: Vec<_> = (0..20_000).map(|index| generator.gaussian_touches(index)).collect();
     for count in 1..=4 {
         let share = touches.iter().filter(|touches| touches.len() == count).count() as f64 / 20_000.0;
         assert!((share - 0.25).abs() < 0.015, "{count}: {share}");
@@ -320,4 +324,101 @@ fn a_disk_that_fills_up_leaves_no_file_and_says_so() {
     assert!(error.contains("samples-00000.safetensors: No space left"), "{error}");
     assert!(!folder.path().join(file_name(0)).exists());
     assert_eq!(make(&generator, folder.path(), Shard::WHOLE).unwrap().made_files, 1);
+}
+
+/// The norm of a difference over that of the second, of the values that touch no driven electrode.
+fn off(got: &[f32], want: &[f64], less: &[f64]) -> f64 {
+    let squares = |values: &mut dyn Iterator<Item = f64>| values.map(|value| value * value).sum::<f64>();
+    let error = squares(&mut got.iter().zip(want).map(|(&got, want)| f64::from(got) - want));
+    (error / squares(&mut want.iter().zip(less).map(|(want, less)| want - less))).sqrt()
+}
+
+#[test]
+fn a_sample_of_random_skins_is_what_the_plain_solver_makes_of_its_own_skin() {
+    for name in ["cylinder30", "tank16"] {
+        let design = SkinDesign::shipped(name).unwrap();
+        let forward = ForwardModel::new(&design, &Mesh::generate(&design).unwrap()).unwrap();
+        let effect = design.sheet.touch;
+        let spread = SkinSpread::usual();
+        let touch = Touch::Gaussian(GaussianTouches::for_effect(effect));
+        let recipe = Recipe { seed: 8, samples: 100, touch, skins: Skins::Random(spread.clone()) };
+        let generator = Generator::new(&design, &forward, &recipe).unwrap();
+        let maker = SkinMaker::new(&design, &forward, 8, &spread).unwrap();
+        let mut worst = 0.0f64;
+        for index in [0, 15, 16, 35] {
+            let sample = generator.stream(index).next().unwrap().unwrap();
+            let skin = maker.make(index / 16).unwrap().forward;
+            let rest = skin.solve(skin.rest_conductivity()).unwrap();
+            let touches = generator.gaussian_touches(index);
+            let surface = design.body.surface();
+            let touched =
+                touched_conductivity(skin.mesh(), &surface, effect, skin.rest_conductivity(), &touches).unwrap();
+            let frame = skin.solve(&touched).unwrap();
+            assert!(off(&sample.rest, &rest, &vec![0.0; rest.len()]) < STORED);
+            worst = worst.max(off(&sample.frame, &frame, &rest));
+        }
+        println!("{name}: frames of random skins off by {worst:.1e} of what their touches change");
+        // Single precision, and quadrature points that follow the moved nodes to second order.
+        assert!(worst < 3e-4, "{worst}");
+        let all: Vec<_> = generator.stream(0).take(48).map(Result::unwrap).collect();
+        assert!(all[..16].iter().all(|sample| sample.rest == all[0].rest));
+        assert!(all[16].rest != all[0].rest && all[47].rest != all[16].rest);
+        assert_eq!(generator.stream(20).next().unwrap().unwrap(), all[20], "its skin's other samples do not matter");
+    }
+}
+
+#[test]
+fn a_press_sample_is_what_the_patched_skin_makes_of_its_presses() {
+    let design = SkinDesign::shipped("cylinder30").unwrap();
+    let forward = ForwardModel::new(&design, &Mesh::generate(&design).unwrap()).unwrap();
+    let touches = PatchTouches::usual();
+    let recipe = |skins| Recipe { seed: 8, samples: 20, touch: Touch::Patch(touches.clone()), skins };
+    let even = Generator::new(&design, &forward, &recipe(Skins::Even)).unwrap();
+    let skin = PatchedSkin::new(&touches.patches, &design.body, &forward, forward.rest_conductivity()).unwrap();
+    let rest = skin.network(&[]).unwrap().frame(&design.protocol);
+    for sample in even.stream(0).take(4) {
+        let sample = sample.unwrap();
+        let presses = even.presses(sample.index);
+        let frame = skin.network(&presses).unwrap().frame(&design.protocol);
+        assert!(off(&sample.frame, &frame, &rest) < 1e-3);
+        assert_eq!(sample.touches.len(), presses.len());
+        assert_eq!(sample.touches[0][4], presses[0].force_n as f32);
+        let peak = sample.image.iter().copied().fold(0.0, f32::max);
+        assert!(peak > 0.05, "{peak}");
+    }
+    let random = Generator::new(&design, &forward, &recipe(Skins::Random(SkinSpread::usual()))).unwrap();
+    let all: Vec<_> = random.stream(0).take(20).map(Result::unwrap).collect();
+    assert_eq!(random.stream(18).next().unwrap().unwrap(), all[18]);
+    assert!(all[0].rest == all[15].rest && all[15].rest != all[16].rest);
+    for (sample, even) in all.iter().zip(even.stream(0)) {
+        let even = even.unwrap();
+        assert_eq!(sample.touches, even.touches, "places do not depend on the skin");
+        let change = |sample: &super::Sample| {
+            let changes = sample.frame.iter().zip(&sample.rest).map(|(a, b)| f64::from(a - b).powi(2));
+            changes.sum::<f64>().sqrt()
+        };
+        let ratio = change(sample) / change(&even);
+        assert!((0.3..3.0).contains(&ratio), "a skin of the same kind answers alike: {ratio}");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    make(&random, folder.path(), Shard::WHOLE).unwrap();
+    let manifest = finish(folder.path(), || ()).unwrap();
+    assert_eq!(manifest.record.tensors[0].rows, "n");
+    let mean = all.iter().map(|sample| f64::from(sample.frame[9]) - f64::from(sample.rest[9])).sum::<f64>() / 20.0;
+    assert!((manifest.statistics.difference_mean_ohm[9] / mean - 1.0).abs() < 1e-9);
+}
+
+#[test]
+fn presses_and_skins_that_cannot_be_are_refused() {
+    let (design, forward) = skin(DISK);
+    let usual = PatchTouches::usual();
+    let refused = |touch: PatchTouches, skins: Skins| {
+        let recipe = Recipe { seed: 1, samples: 1, touch: Touch::Patch(touch), skins };
+        Generator::new(&design, &forward, &recipe).unwrap_err().to_string()
+    };
+    assert!(refused(PatchTouches { tip_radius_m: [0.001, 0.01], ..usual.clone() }, Skins::Even).contains("sinks"));
+    assert!(refused(PatchTouches { force_n: [5.0, 1.0], ..usual.clone() }, Skins::Even).contains("at least 5"));
+    assert!(refused(PatchTouches { most: 0, ..usual.clone() }, Skins::Even).contains("the most touches"));
+    let spread = SkinSpread { patch_rows: [5, 4], ..SkinSpread::usual() };
+    assert!(refused(usual, Skins::Random(spread)).contains("the rows of patches is 4"));
 }

@@ -39,26 +39,8 @@ struct Axis {
 impl CorrelatedField {
     /// A field over the nodes of a mesh; `None` where the correlation length is too short for it.
     pub fn new(surface: Surface, mesh: &Mesh, length_m: f64, rng: &mut ChaCha8Rng) -> Option<Self> {
-        let dimensions = if surface == Surface::Free { 3 } else { 2 };
-        let mut bounds = vec![[f64::INFINITY, f64::NEG_INFINITY]; dimensions];
-        for &node in &mesh.nodes {
-            for (bound, place) in bounds.iter_mut().zip(place(surface, node)) {
-                *bound = [bound[0].min(place), bound[1].max(place)];
-            }
-        }
-        let axes: Vec<Axis> = (bounds.iter().enumerate())
-            .map(|(index, &[low, high])| match surface {
-                Surface::Cylinder { radius_m, .. } if index == 0 => {
-                    Axis::round(std::f64::consts::TAU * radius_m, length_m)
-                }
-                _ => Axis::between(low, high, length_m),
-            })
-            .collect();
-        let points = axes.iter().map(|axis| axis.count as f64).product::<f64>();
-        if points.is_nan() || points > MOST_POINTS {
-            return None;
-        }
-        let noise = (0..points as usize).map(|_| standard_normal(rng)).collect();
+        let (axes, count) = axes_over(surface, mesh, length_m)?;
+        let noise = (0..count).map(|_| standard_normal(rng)).collect();
         Some(CorrelatedField { surface, axes, length_m, noise })
     }
 
@@ -76,6 +58,95 @@ impl CorrelatedField {
         let count = self.axes[self.axes.len() - weights.len()].count;
         first.iter().map(|&(index, weight)| weight * self.sum(rest, before * count + index)).sum()
     }
+}
+
+/// The grid over the nodes of a mesh, and the number of its points.
+fn axes_over(surface: Surface, mesh: &Mesh, length_m: f64) -> Option<(Vec<Axis>, usize)> {
+    let dimensions = if surface == Surface::Free { 3 } else { 2 };
+    let mut bounds = vec![[f64::INFINITY, f64::NEG_INFINITY]; dimensions];
+    for &node in &mesh.nodes {
+        for (bound, place) in bounds.iter_mut().zip(place(surface, node)) {
+            *bound = [bound[0].min(place), bound[1].max(place)];
+        }
+    }
+    let axes: Vec<Axis> = (bounds.iter().enumerate())
+        .map(|(index, &[low, high])| match surface {
+            Surface::Cylinder { radius_m, .. } if index == 0 => Axis::round(std::f64::consts::TAU * radius_m, length_m),
+            _ => Axis::between(low, high, length_m),
+        })
+        .collect();
+    let points = axes.iter().map(|axis| axis.count as f64).product::<f64>();
+    (points <= MOST_POINTS).then_some((axes, points as usize))
+}
+
+/// The same points of many fields: what a field is at each of them, as weights of its noise, computed once.
+///
+/// [`draw`](Self::draw) gives what [`CorrelatedField::at`] gives for the same random numbers, to rounding.
+#[derive(Debug, Clone)]
+pub struct FieldPlaces {
+    noise_count: usize,
+    /// For each point its runs of weights.
+    runs_of_point: Vec<std::ops::Range<usize>>,
+    /// Where a run begins in the noise and in the weights of the last axis, its length, and the weight of all of it.
+    runs: Vec<(usize, usize, usize, f64)>,
+    last_weights: Vec<f64>,
+}
+
+impl FieldPlaces {
+    /// The places of some points, for fields over the nodes of a mesh; `None` where the correlation length is too short.
+    pub fn new(surface: Surface, mesh: &Mesh, length_m: f64, points: &[Point3]) -> Option<Self> {
+        let (axes, noise_count) = axes_over(surface, mesh, length_m)?;
+        let (last, before) = axes.split_last()?;
+        let mut places =
+            FieldPlaces { noise_count, runs_of_point: Vec::new(), runs: Vec::new(), last_weights: Vec::new() };
+        for &point in points {
+            let place = place(surface, point);
+            // The last axis is never closed, so that its points follow each other.
+            let along = last.weights(place[before.len()], length_m);
+            let (first, start) = (along.first()?.0, places.last_weights.len());
+            places.last_weights.extend(along.iter().map(|entry| entry.1));
+            let mut rows = vec![(0, 1.0)];
+            for (axis, place) in before.iter().zip(place) {
+                let across = axis.weights(place, length_m);
+                let next = rows.iter().flat_map(|&(row, weight)| {
+                    across.iter().map(move |&(index, more)| (row * axis.count + index, weight * more))
+                });
+                rows = next.collect();
+            }
+            let from = places.runs.len();
+            let run = |(row, weight): (usize, f64)| (row * last.count + first, start, along.len(), weight);
+            places.runs.extend(rows.into_iter().map(run));
+            places.runs_of_point.push(from..places.runs.len());
+        }
+        Some(places)
+    }
+
+    /// A new field at all of the points.
+    pub fn draw(&self, rng: &mut ChaCha8Rng) -> Vec<f64> {
+        let noise: Vec<f64> = (0..self.noise_count).map(|_| standard_normal(rng)).collect();
+        let value = |runs: &std::ops::Range<usize>| {
+            let runs = &self.runs[runs.clone()];
+            runs.iter()
+                .map(|&(first, start, len, weight)| {
+                    weight * dot(&noise[first..first + len], &self.last_weights[start..start + len])
+                })
+                .sum()
+        };
+        self.runs_of_point.iter().map(value).collect()
+    }
+}
+
+/// A scalar product in four sums, which run side by side.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut sums = [0.0; 4];
+    let (a_fours, b_fours) = (a.chunks_exact(4), b.chunks_exact(4));
+    let rest: f64 = a_fours.remainder().iter().zip(b_fours.remainder()).map(|(a, b)| a * b).sum();
+    for (a, b) in a_fours.zip(b_fours) {
+        for lane in 0..4 {
+            sums[lane] += a[lane] * b[lane];
+        }
+    }
+    (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
 }
 
 impl Axis {
@@ -171,6 +242,21 @@ mod tests {
             let exact = (-0.5 * apart * apart).exp();
             println!("{apart:.2} correlation lengths apart: covariance {found:.3}, exact {exact:.3}");
             assert!((found - exact).abs() < TOLERANCE);
+        }
+    }
+
+    #[test]
+    fn points_computed_once_see_the_same_field() {
+        let body = Surface::Cylinder { radius_m: 0.05, length_m: 0.3 };
+        let points: Vec<Point3> = (0..50).map(|k| body.at(0.006 * k as f64, 1.7 * k as f64).unwrap()).collect();
+        for surface in [body, Surface::Free] {
+            let mesh =
+                Mesh { nodes: points.clone(), cells: Cells::Triangles(vec![]), electrodes: vec![], regions: vec![] };
+            let field = CorrelatedField::new(surface, &mesh, LENGTH_M, &mut sample_rng(6, 1)).unwrap();
+            let places = FieldPlaces::new(surface, &mesh, LENGTH_M, &points).unwrap();
+            for (value, &point) in places.draw(&mut sample_rng(6, 1)).iter().zip(&points) {
+                assert!((value - field.at(point)).abs() < 1e-12);
+            }
         }
     }
 

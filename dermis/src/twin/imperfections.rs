@@ -63,7 +63,7 @@ pub struct TemperatureOptions {
 }
 
 impl CoatOptions {
-    pub(super) fn check(&self) -> Result<(), TwinError> {
+    pub(crate) fn check(&self) -> Result<(), TwinError> {
         share("coat.rms", self.rms)?;
         positive("coat.correlation_m", self.correlation_m)
     }
@@ -87,7 +87,7 @@ impl CoatOptions {
 }
 
 impl ElectrodeOptions {
-    pub(super) fn check(&self) -> Result<(), TwinError> {
+    pub(crate) fn check(&self) -> Result<(), TwinError> {
         not_negative("electrodes.displacement_rms_m", self.displacement_rms_m)?;
         if self.displacement_rms_m > 0.1 {
             let (must, fix) = ("at most 0.1".to_string(), "in metres: 0.5 mm are 0.0005");
@@ -100,7 +100,7 @@ impl ElectrodeOptions {
     ///
     /// # Errors
     /// Electrodes that are groups of a mesh file, which cannot be moved; electrodes that came to overlap.
-    pub(super) fn draw(&self, design: &SkinDesign, seed: u64) -> crate::Result<SkinDesign> {
+    pub(crate) fn draw(&self, design: &SkinDesign, seed: u64) -> crate::Result<SkinDesign> {
         let (mut places, mut contacts) = (sample_rng(seed, PLACE_STREAM), sample_rng(seed, CONTACT_STREAM));
         let mut drawn = design.clone();
         for electrode in &mut drawn.electrodes {

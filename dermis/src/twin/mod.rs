@@ -22,7 +22,7 @@ mod skin;
 pub use contact_law::ContactLaw;
 pub use error::TwinError;
 pub use faults::{CutOptions, FaultOptions};
-pub use field::CorrelatedField;
+pub use field::{CorrelatedField, FieldPlaces};
 pub use imperfections::{CoatOptions, DriftOptions, ElectrodeOptions, TemperatureOptions};
 pub use options::{GaussianOptions, PressOptions, TouchOptions, TwinOptions};
 pub use patched::{ContactHistory, MOMENT_DEGREE, PatchedSkin};
