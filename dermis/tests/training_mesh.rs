@@ -2,7 +2,7 @@
 //!
 //! `cargo test --release -p dermis --test training_mesh -- --ignored --nocapture` prints the figures.
 
-use dermis::dataset::{GaussianTouches, Generator, Recipe, Touch};
+use dermis::dataset::{GaussianTouches, Generator, Recipe, Skins, Touch};
 use dermis::design::{Electrode, SkinDesign};
 use dermis::forward::ForwardModel;
 use dermis::mesh::Mesh;
@@ -53,11 +53,10 @@ fn differences_on_the_training_mesh_are_those_of_a_mesh_a_quarter_as_coarse() {
     let gaussian = GaussianTouches::for_effect(design.sheet.touch);
     let [narrow, wide] = gaussian.width_m;
     let [weak, strong] = gaussian.amplitude;
-    let recipe = Recipe { seed: 20, samples: 200, touch: Touch::Gaussian(gaussian) };
+    let recipe = Recipe { seed: 20, samples: 200, touch: Touch::Gaussian(gaussian), skins: Skins::Even };
     let generator = Generator::new(&design, &coarse.model, &recipe).expect("a recipe that can be drawn from");
-    let error = |touches: &[GaussianTouch]| {
-        relative(&coarse.difference(&design, touches), &fine.difference(&design, touches))
-    };
+    let error =
+        |touches: &[GaussianTouch]| relative(&coarse.difference(&design, touches), &fine.difference(&design, touches));
     let mut errors: Vec<f64> =
         (0..recipe.samples).into_par_iter().map(|sample| error(&generator.touches(sample))).collect();
     errors.sort_by(f64::total_cmp);
