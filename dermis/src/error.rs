@@ -34,8 +34,15 @@ pub enum Error {
     Twin(#[from] crate::twin::TwinError),
     /// A dataset that cannot be made, read or gone on with.
     #[error(transparent)]
-    Dataset(#[from] crate::dataset::DatasetError),
+    Dataset(Box<crate::dataset::DatasetError>),
     /// A score that cannot be computed.
     #[error(transparent)]
     Evaluate(#[from] crate::evaluate::EvaluateError),
+}
+
+// Boxed: its paths and values would make every result of the crate larger.
+impl From<crate::dataset::DatasetError> for Error {
+    fn from(error: crate::dataset::DatasetError) -> Self {
+        Error::Dataset(Box::new(error))
+    }
 }

@@ -292,7 +292,8 @@ fn impossible_runs_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let inside = folder.path().join("new");
     let error = make(&generator, &inside, Shard::WHOLE).unwrap_err();
-    assert!(matches!(error, crate::Error::Dataset(DatasetError::Space { .. })), "{error}");
+    let crate::Error::Dataset(error) = error else { panic!("{error}") };
+    assert!(matches!(*error, DatasetError::Space { .. }), "{error}");
     assert!(!inside.exists(), "a refusal leaves nothing behind");
 }
 
@@ -305,7 +306,8 @@ fn a_file_in_another_process_hands_is_left_to_it() {
     let lock = std::fs::File::create(folder.path().join(".lock-00000")).unwrap();
     lock.lock().unwrap();
     let error = run.make(|_| ()).unwrap_err();
-    assert!(matches!(error, crate::Error::Dataset(DatasetError::Busy { count: 1, .. })), "{error}");
+    let crate::Error::Dataset(error) = error else { panic!("{error}") };
+    assert!(matches!(*error, DatasetError::Busy { count: 1, .. }), "{error}");
     assert!(error.to_string().contains("samples-00000"), "{error}");
     assert!(!folder.path().join(file_name(0)).exists() && folder.path().join(file_name(1)).exists());
     drop(lock);
