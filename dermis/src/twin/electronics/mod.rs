@@ -2,7 +2,7 @@
 //!
 //! A constant voltage drives each pair of electrodes through a reference resistor and two multiplexers; two more join the
 //! amplifier's inputs to the electrodes. A frame is a list of slots: for each drive one that reads its current across the
-//! reference resistor, then one for each of its values. A reading is what the lines have [settled](settling) to, plus
+//! reference resistor, then one for each of its values. A reading is what the lines have settled to, plus
 //! mains hum, times the gain, plus white noise, rounded by the converter; a value is the reading over the current read,
 //!
 //! `v = reading / (reference reading / R_ref)`.
