@@ -162,6 +162,21 @@ fn two_processes_with_a_shard_each_make_what_one_makes() {
 }
 
 #[test]
+fn random_skins_do_not_depend_on_threads_either() {
+    let workplace = Workplace::new();
+    for kind in ["gaussian", "patch"] {
+        let simulate = |threads: usize| {
+            let folder = format!("{kind}-{threads}");
+            let options = "--samples 100 --seed 4 --skins random --electrode-displacement-m 0.0003";
+            workplace.good(&format!("simulate disk.toml {options} --touch {kind} --threads {threads} -o {folder}"));
+            workplace.good(&format!("simulate --finish {folder}"));
+            workplace.path(&folder)
+        };
+        assert_same(&simulate(1), &simulate(3));
+    }
+}
+
+#[test]
 fn two_processes_on_the_same_files_do_not_disturb_each_other() {
     let workplace = Workplace::new();
     let processes = [workplace.begin("same"), workplace.begin("same")];
@@ -188,6 +203,10 @@ fn what_cannot_be_simulated_is_refused_with_a_reason() {
     assert!(refused("--samples 9 --shard 1").contains("write 0/4 for the first of four"));
     assert!(refused("--samples 9 --threads 0").contains("0 threads"));
     assert!(refused("--samples 9 --width-m 0.01 0.005").contains("at least 0.01"));
+    assert!(refused("--samples 9 --force-n 1 2").contains("belong to --touch patch"));
+    assert!(refused("--samples 9 --coat-rms 0.1").contains("write --skins random"));
+    assert!(refused("--samples 9 --touch patch --tip-radius-m 0.001 0.002").contains("sinks"));
+    assert!(refused("--samples 9 --skins random --electrode-displacement-m 0.01").contains("would fold"));
     assert!(refused("--samples 1000000000000000").contains("are needed: make room"));
     assert!(!workplace.path("out").exists(), "a refusal leaves nothing behind");
     std::fs::write(workplace.path("file"), "").unwrap();

@@ -84,8 +84,8 @@ pub enum DatasetError {
         folder: PathBuf,
         /// What is free there.
         available_bytes: u64,
-        /// What the dataset takes.
-        needed_bytes: u128,
+        /// What the dataset takes; the largest number there is where it takes more.
+        needed_bytes: u64,
     },
     /// A file or folder that cannot be made, read or written.
     #[error("{}: {source}", path.display())]

@@ -7,7 +7,7 @@
 use crate::dataset::DatasetError;
 use crate::dataset::places::{flat, period_m};
 use crate::dataset::quadrature::{Rule, longest_edge_m};
-use crate::geom::vector::distance;
+use crate::geom::vector::sub;
 use crate::geom::{Point3, Surface};
 use crate::linalg::{LANES, Level};
 use crate::mesh::{Cells, Mesh};
@@ -113,8 +113,8 @@ impl CellRaster {
             *lane = u32::try_from(item.cell).expect("a mesh has fewer cells than 32 bits count");
         }
         let centre = items[items.len() / 2].centre;
-        let away = |corner: &Point3| self.distance_m(centre, flat(self.surface, *corner));
-        let radius_m = corners.iter().flatten().map(away).fold(0.0, f64::max);
+        let away = |corner: &Point3| self.squared_distance_m2(centre, flat(self.surface, *corner));
+        let radius_m = corners.iter().flatten().map(away).fold(0.0, f64::max).sqrt();
         let mut starts = Vec::with_capacity(levels + 1);
         for level in 0..=levels {
             starts.push(self.points.len());
@@ -132,15 +132,15 @@ impl CellRaster {
         Ok(())
     }
 
-    /// A distance in flat coordinates, the short way round where they repeat.
-    fn distance_m(&self, a: Point3, b: Point3) -> f64 {
-        match self.period_m {
-            Some(period_m) => {
-                let round = (a[0] - b[0]).abs();
-                round.min(period_m - round).hypot(a[1] - b[1])
-            }
-            None => distance(a, b),
-        }
+    /// The square of a distance in flat coordinates, the short way round where they repeat, m2.
+    #[inline(always)]
+    fn squared_distance_m2(&self, a: Point3, b: Point3) -> f64 {
+        let [round, along, up] = sub(a, b);
+        let round = match self.period_m {
+            Some(period_m) => round.abs().min(period_m - round.abs()),
+            None => round,
+        };
+        round * round + along * along + up * up
     }
 
     /// Moves the points of some cells with their nodes, to where they are on another making of the skin. `original` is the
@@ -161,8 +161,8 @@ impl CellRaster {
             };
             let corners: [[[f64; 2]; 3]; LANES] =
                 std::array::from_fn(|lane| std::array::from_fn(|corner| shifts_m[nodes(lane)[corner]]));
-            let farthest = corners.iter().flatten().map(|shift| shift[0].hypot(shift[1])).fold(0.0, f64::max);
-            own.radius_m = from.radius_m + farthest;
+            let squares = corners.iter().flatten().map(|shift| shift[0] * shift[0] + shift[1] * shift[1]);
+            own.radius_m = from.radius_m + squares.fold(0.0, f64::max).sqrt();
             let last = original.blocks.get(block + 1).map_or(original.points.len(), |next| next.starts[0]);
             for (level, &start) in from.starts.iter().enumerate() {
                 let end = from.starts.get(level + 1).copied().unwrap_or(last);
@@ -233,7 +233,8 @@ impl<F: FnMut(usize, f64)> WithSimd for Means<'_, F> {
         let per_square = 0.5 / (self.touch.width_m * self.touch.width_m);
         let mut sums = [0.0; LANES];
         for block in &raster.blocks {
-            if raster.distance_m(block.centre, self.centre) - block.radius_m > self.reach_m {
+            let reach_m = self.reach_m + block.radius_m;
+            if raster.squared_distance_m2(block.centre, self.centre) > reach_m * reach_m {
                 continue;
             }
             let level = raster.rule.level(block.longest_edge_m, self.touch.width_m);

@@ -366,6 +366,7 @@ fn check_space(folder: &Path, needed_bytes: u128) -> Result<(), DatasetError> {
     if needed_bytes == 0 || needed_bytes + SPARE_BYTES <= u128::from(available_bytes) {
         return Ok(());
     }
+    let needed_bytes = u64::try_from(needed_bytes).unwrap_or(u64::MAX);
     Err(DatasetError::Space { folder: folder.to_path_buf(), available_bytes, needed_bytes })
 }
 
