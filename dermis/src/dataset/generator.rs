@@ -155,7 +155,7 @@ impl Generator {
     }
 
     /// The Gaussian touches of a sample; none where touches are presses.
-    pub fn gaussian_touches(&self, index: u64) -> Vec<GaussianTouch> {
+    pub fn touches(&self, index: u64) -> Vec<GaussianTouch> {
         let mut touches = Vec::new();
         if let Kind::Gaussian(maker) = &self.kind {
             maker.draw(index, &mut touches);

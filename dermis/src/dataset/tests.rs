@@ -78,7 +78,7 @@ fn a_sample_is_what_the_plain_rasteriser_and_the_plain_solver_make_of_its_touche
         let (mut worst_frame, mut worst_image) = (0.0f64, 0.0f64);
         for sample in generator.stream(0).take(samples as usize) {
             let sample = sample.unwrap();
-            let touches = generator.gaussian_touches(sample.index);
+            let touches = generator.touches(sample.index);
             let conductivity = touched_conductivity(&mesh, &surface, effect, rest, &touches).unwrap();
             let frame = forward.solve(&conductivity).unwrap();
             for (&got, &want) in sample.frame.iter().zip(frame.iter()) {
@@ -123,7 +123,7 @@ fn a_sample_depends_on_its_seed_and_number_alone() {
 #[test]
 fn touches_are_drawn_as_stated() {
     let generator = generator(1);
-    let touches: Vec<_> = (0..20_000).map(|index| generator.gaussian_touches(index)).collect();
+    let touches: Vec<_> = (0..20_000).map(|index| generator.touches(index)).collect();
     for count in 1..=4 {
         let share = touches.iter().filter(|touches| touches.len() == count).count() as f64 / 20_000.0;
         assert!((share - 0.25).abs() < 0.015, "{count}: {share}");
@@ -351,7 +351,7 @@ fn a_sample_of_random_skins_is_what_the_plain_solver_makes_of_its_own_skin() {
             let sample = generator.stream(index).next().unwrap().unwrap();
             let skin = maker.make(index / 16).unwrap().forward;
             let rest = skin.solve(skin.rest_conductivity()).unwrap();
-            let touches = generator.gaussian_touches(index);
+            let touches = generator.touches(index);
             let surface = design.body.surface();
             let touched =
                 touched_conductivity(skin.mesh(), &surface, effect, skin.rest_conductivity(), &touches).unwrap();
