@@ -3,6 +3,7 @@
 mod command;
 mod console;
 mod failure;
+mod figures;
 mod frames;
 mod method;
 mod picture;

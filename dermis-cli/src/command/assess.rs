@@ -2,14 +2,14 @@
 
 use crate::console::{Progress, print, print_json};
 use crate::failure::Outcome;
+use crate::figures;
 use crate::frames::Differences;
 use crate::method::MethodArguments;
 use crate::picture::colour::Scale;
 use crate::picture::{Drawing, Key, Picture, View};
-use crate::report::Table;
 use crate::skin::{Per, Skin};
 use clap::Args;
-use dermis::evaluate::{AssessOptions, Assessment, Assessor, Summary};
+use dermis::evaluate::{AssessOptions, Assessment, Assessor};
 use dermis::experiment::Sizes;
 use dermis::frame::write_whole;
 use dermis::twin::TwinOptions;
@@ -98,7 +98,7 @@ impl Arguments {
             skin.design.name,
             self.seed,
             self.seed + self.twins - 1,
-            table(&twins).to_text()
+            figures::table(&twins).to_text()
         ))
     }
 
@@ -142,8 +142,8 @@ fn counted(twins: usize) -> String {
     if twins == 1 { "1 twin".into() } else { format!("{twins} twins") }
 }
 
-/// Frames of one assessment.
-fn steps(size: &AssessOptions, pixels: usize) -> usize {
+/// Frames of one assessment, for its bar.
+pub fn steps(size: &AssessOptions, pixels: usize) -> usize {
     let Sizes { grid_step, random, separations_m, pairs, fours } = &size.sizes;
     pixels.div_ceil(*grid_step)
         + random
@@ -152,84 +152,4 @@ fn steps(size: &AssessOptions, pixels: usize) -> usize {
         + size.untouched
         + dermis::experiment::UNTOUCHED_FRAMES as usize
         + pixels.div_ceil(size.force_step)
-}
-
-/// A figure of each twin: a row with its mean and its worst.
-struct Figure<'a> {
-    name: &'a str,
-    of: &'a dyn Fn(&Assessment) -> f64,
-    /// Whether a larger value is worse.
-    large_is_worse: bool,
-    factor: f64,
-    decimals: usize,
-}
-
-/// Mean over the twins and the worst of them.
-fn table(twins: &[Assessment]) -> Table {
-    let mut table = Table::new(&["figure", "mean of twins", "worst twin"]);
-    let mut row = |figure: Figure<'_>| {
-        let values: Vec<f64> = twins.iter().map(|twin| figure.factor * (figure.of)(twin)).collect();
-        let mean = values.iter().sum::<f64>() / values.len() as f64;
-        let start = if figure.large_is_worse { f64::NEG_INFINITY } else { f64::INFINITY };
-        let worst = values.iter().copied().fold(start, |worst, value| match figure.large_is_worse {
-            _ if value.is_nan() || worst.is_nan() => f64::NAN,
-            true => worst.max(value),
-            false => worst.min(value),
-        });
-        let show = |value: f64| if value.is_nan() { "none".into() } else { format!("{value:.*}", figure.decimals) };
-        table.row([figure.name.to_string(), show(mean), show(worst)]);
-    };
-    let mut more = |name: &str, factor: f64, decimals: usize, of: &dyn Fn(&Assessment) -> f64| {
-        row(Figure { name, of, large_is_worse: true, factor, decimals });
-    };
-    for (set, score) in
-        [("grid", (|twin| &twin.grid) as fn(&Assessment) -> &dermis::evaluate::Score), ("random", |twin| &twin.random)]
-    {
-        for (what, part) in parts() {
-            more(&format!("{set}: localisation, {what}, mm"), 1e3, 2, &|twin| part(&score(twin).localisation_m));
-        }
-        more(&format!("{set}: whole image (Eq. 11), mean, mm"), 1e3, 1, &|twin| score(twin).eq11_m.mean);
-        more(&format!("{set}: misses"), 1.0, 1, &|twin| score(twin).misses as f64);
-        more(&format!("{set}: ghosts"), 1.0, 1, &|twin| score(twin).ghosts as f64);
-        more(&format!("{set}: sensitivity spread"), 1.0, 2, &|twin| score(twin).sensitivity_spread);
-    }
-    more("rim and seam: localisation, mean, mm", 1e3, 2, &|twin| twin.rim_and_seam_m.mean);
-    more("two touches: 90 % resolved from, mm", 1e3, 0, &|twin| twin.resolved_from_m());
-    for separation_mm in [20, 40, 60, 80] {
-        let resolved = |twin: &Assessment| 100.0 * twin.resolved_at(f64::from(separation_mm) * 1e-3);
-        row(Figure {
-            name: &format!("two touches: resolved at {separation_mm} mm, %"),
-            of: &resolved,
-            large_is_worse: false,
-            factor: 1.0,
-            decimals: 1,
-        });
-    }
-    let mut more = |name: &str, factor: f64, decimals: usize, of: &dyn Fn(&Assessment) -> f64| {
-        row(Figure { name, of, large_is_worse: true, factor, decimals });
-    };
-    more("four touches: localisation, mean, mm", 1e3, 2, &|twin| twin.four.localisation_m.mean);
-    more("four touches: misses, % of touches", 100.0, 1, &|twin| {
-        twin.four.misses as f64 / (4 * twin.four.frames) as f64
-    });
-    more("four touches: ghosts, % of touches", 100.0, 1, &|twin| {
-        twin.four.ghosts as f64 / (4 * twin.four.frames) as f64
-    });
-    more("threshold, sd of noise", 1.0, 2, &|twin| twin.noise_factor);
-    more("smallest force found, median, N", 1.0, 3, &|twin| twin.least_force_n()[0]);
-    more("smallest force found, 95th percentile, N", 1.0, 3, &|twin| twin.least_force_n()[1]);
-    row(Figure {
-        name: "four touches: all found, nothing else, %",
-        of: &|twin| twin.four.all_found,
-        large_is_worse: false,
-        factor: 100.0,
-        decimals: 1,
-    });
-    table
-}
-
-type Part = fn(&Summary) -> f64;
-
-fn parts() -> [(&'static str, Part); 4] {
-    [("mean", |all| all.mean), ("sd", |all| all.sd), ("median", |all| all.median), ("95th percentile", |all| all.p95)]
 }
