@@ -2,9 +2,11 @@
 
 mod command;
 mod console;
+mod exhibit;
 mod failure;
 mod figures;
 mod frames;
+mod line_up;
 mod method;
 mod picture;
 mod report;

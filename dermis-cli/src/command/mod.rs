@@ -1,6 +1,6 @@
 //! The commands: each a module with its arguments and what it does with them.
 
-mod assess;
+pub mod assess;
 mod contacts;
 mod demo;
 mod evaluate;
@@ -9,8 +9,9 @@ mod forward;
 mod jacobian;
 mod mesh;
 mod new;
-mod plot;
+pub mod plot;
 mod reconstruct;
+mod reproduce;
 mod schema;
 mod simulate;
 
@@ -38,6 +39,8 @@ pub enum Command {
     Experiment(experiment::Arguments),
     /// See it work: the paper's skin pressed 900 times in simulation, or a real tank; writes a report.
     Demo(demo::Arguments),
+    /// The paper, reproduced: its figures and pictures on twins, beside what it states; writes a page.
+    Reproduce(reproduce::Arguments),
     /// Make a dataset to train on: touches drawn from a seed, frames, images and truth.
     Simulate(simulate::Arguments),
     /// Write a commented design file to start from.
@@ -61,6 +64,7 @@ impl Command {
             Command::Assess(arguments) => arguments.run(),
             Command::Experiment(arguments) => arguments.run(),
             Command::Demo(arguments) => arguments.run(),
+            Command::Reproduce(arguments) => arguments.run(),
             Command::Simulate(arguments) => arguments.run(),
             Command::New(arguments) => arguments.run(),
             Command::Plot(arguments) => arguments.run(),

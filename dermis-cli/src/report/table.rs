@@ -10,12 +10,28 @@ pub struct Table {
     pub header: Vec<String>,
     /// The rows, each as long as the header.
     pub rows: Vec<Vec<String>>,
+    /// Whether the last column is a remark in words.
+    remarks: bool,
 }
 
 impl Table {
     /// A table without rows.
     pub fn new(header: &[&str]) -> Self {
-        Table { header: header.iter().map(|name| name.to_string()).collect(), rows: Vec::new() }
+        Table { header: header.iter().map(|name| name.to_string()).collect(), rows: Vec::new(), remarks: false }
+    }
+
+    /// A table without rows whose last column is a remark in words: on a page it wraps, in a terminal it is left out.
+    pub fn with_remarks(header: &[&str]) -> Self {
+        Table { remarks: true, ..Table::new(header) }
+    }
+
+    /// Adds a row of as many cells as the header has.
+    ///
+    /// # Panics
+    /// Where it has not.
+    pub fn push(&mut self, cells: Vec<String>) {
+        assert_eq!(cells.len(), self.header.len(), "a cell for each column");
+        self.rows.push(cells);
     }
 
     /// Adds a row.
@@ -25,7 +41,8 @@ impl Table {
 
     /// The table in columns of even width: the first to the left, the others to the right.
     pub fn to_text(&self) -> String {
-        let widths: Vec<usize> = (0..self.header.len())
+        let columns = self.header.len() - usize::from(self.remarks);
+        let widths: Vec<usize> = (0..columns)
             .map(|column| self.lines().map(|line| line[column].chars().count()).max().unwrap_or(0))
             .collect();
         let mut text = String::new();
@@ -51,7 +68,8 @@ impl Table {
         };
         let rows: String = self.rows.iter().map(|row| line(row, "td")).collect();
         format!(
-            "<div class=\"scroll\"><table>\n<thead>{}</thead>\n<tbody>{rows}</tbody>\n</table></div>\n",
+            "<div class=\"scroll\"><table{}>\n<thead>{}</thead>\n<tbody>{rows}</tbody>\n</table></div>\n",
+            if self.remarks { " class=\"remarks\"" } else { "" },
             line(&self.header, "th")
         )
     }
@@ -76,6 +94,14 @@ mod tests {
     fn columns_line_up_whatever_they_hold() {
         let text = table().to_text();
         assert_eq!(text, "          mean\n-----   ------\npaper      5.5\na<b     12 \u{b1} 3\n");
+    }
+
+    #[test]
+    fn remarks_are_for_pages() {
+        let mut table = Table::with_remarks(&["", "mean", "remark"]);
+        table.push(vec!["paper".into(), "5.5".into(), "measured, in many words".into()]);
+        assert_eq!(table.to_text(), "        mean\n-----   ----\npaper    5.5\n");
+        assert!(table.to_html().contains("class=\"remarks\"") && table.to_html().contains("in many words"));
     }
 
     #[test]

@@ -31,6 +31,15 @@ pub struct Recording {
     pub next_index: u64,
 }
 
+impl Recording {
+    /// The same without its last frame, and that frame as a recording of its own; `None` without a frame.
+    pub fn split_last(&self) -> Option<(Recording, Recording)> {
+        let (last, rest) = self.frames.split_last()?;
+        let with = |frames: Vec<Frame>| Recording { frames, ..self.clone() };
+        Some((with(rest.to_vec()), with(vec![last.clone()])))
+    }
+}
+
 /// Records one frame for each entry of `presses`, which holds all presses of that frame, from the twin's frame
 /// `first_index` on. `on_frame` is called after every frame, from several threads; what is recorded does not depend on
 /// their number.

@@ -1,21 +1,22 @@
 //! The paper's 900 indentations, simulated.
 
-use super::PAPER_LINEAR;
+use super::{PAPER_LINEAR, PAPER_NETWORK};
 use crate::console::Progress;
-use crate::failure::{Failure, Outcome};
+use crate::exhibit::four_touches;
+use crate::failure::Outcome;
+use crate::line_up::{self, Shown};
 use crate::report::Table;
 use dermis::contact::Contact;
 use dermis::design::SkinDesign;
-use dermis::detect::{DetectOptions, Detector, ImageNoise};
-use dermis::evaluate::{Score, Summary, score};
+use dermis::evaluate::Summary;
 use dermis::experiment::{Recording, record};
 use dermis::forward::ForwardModel;
+use dermis::frame::Frame;
 use dermis::geom::Point3;
-use dermis::image::{Image, PixelSpace};
+use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
-use dermis::reconstruct::{Linearised, OneStep, OneStepOptions, Reconstruct};
+use dermis::reconstruct::Linearised;
 use dermis::twin::{GaussianOptions, Press, TouchOptions, Twin, TwinOptions};
-use rayon::prelude::*;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -32,7 +33,7 @@ pub const SNR_DB: f64 = 50.0;
 
 /// What keeps the rows of the table from being compared without a thought.
 pub const CAVEAT: &str = "\
-The paper's row was measured: a real skin, a real indenter, real electronics. The rows above it are simulated, on an\n\
+The paper's rows were measured: a real skin, a real indenter, real electronics. The rows above are simulated, on an\n\
 even sheet with white noise at 50 dB and presses of one size; they show that the chain from frames to contacts works,\n\
 not that this skin beats that one.";
 
@@ -50,14 +51,12 @@ pub struct Demo {
     pub sensitivity: Vec<f64>,
     /// Where each frame was touched.
     pub truth: Vec<Vec<Contact>>,
-    /// The image of each frame.
-    pub images: Vec<Image>,
-    /// The contacts found in each image.
-    pub contacts: Vec<Vec<Contact>>,
-    /// The same for a frame with four touches at once, as in the paper's Fig. 9.
-    pub four: (Vec<Contact>, Image, Vec<Contact>),
-    /// The score over the frames of one touch.
-    pub score: Score,
+    /// What each method made of these frames.
+    pub shown: Vec<Shown>,
+    /// Four touches at once, as in the paper's Fig. 9.
+    pub four_truth: Vec<Contact>,
+    /// What each method made of that one frame.
+    pub four: Vec<Shown>,
     /// How long all of it took.
     pub seconds: f64,
 }
@@ -70,22 +69,24 @@ impl Demo {
         let mesh = Mesh::generate(&design)?;
         let forward = ForwardModel::new(&design, &mesh)?;
         let pixels = Arc::new(PixelSpace::for_design(&design, &mesh)?);
-        let mut truth: Vec<Vec<Contact>> =
-            pixels.centres_m.iter().zip(&pixels.normals).map(|(&at, &normal)| vec![touch(at, normal)]).collect();
-        truth.push(four_touches(&design));
+        // All presses are equally strong, as if of 1 N.
+        let press = |(&at, &normal): (&Point3, &Point3)| vec![Contact::truth(at, normal, 1.0)];
+        let mut truth: Vec<Vec<Contact>> = pixels.centres_m.iter().zip(&pixels.normals).map(press).collect();
+        truth.push(four_touches(&design, 1.0).expect("the paper's skin is a cylinder"));
 
         let twin = twin(&design, seed)?;
         let recording = record_presses(&twin, &truth)?;
+        let untouched: Vec<Frame> = recording.untouched.iter().map(|frame| frame - &recording.baseline).collect();
+        let (recording, four) = recording.split_last().expect("the four touches were pressed last");
+        let four_truth = truth.pop().expect("and their truth stands last");
 
         let model = Linearised::new(&forward, &pixels)?;
-        let options = OneStepOptions { touch: design.sheet.touch, ..OneStepOptions::default() };
-        let method = OneStep::from_linearised(&model, Arc::clone(&pixels), &options)?;
-        let mut images = images(&method, &recording)?;
-        let detector = detector(&method, twin.noise().map_or(0.0, |noise| noise.sd_ohm));
-        let mut contacts: Vec<Vec<Contact>> = images.par_iter().map(|image| detector.detect(image)).collect();
-        let last = "the list ends with the four touches";
-        let four = (truth.pop().expect(last), images.pop().expect(last), contacts.pop().expect(last));
-        let score = score(&images, &truth, &detector, &method.name(), Some(method.alpha()))?;
+        let (mut shown, mut of_four) = (Vec::new(), Vec::new());
+        for method in line_up::shipped(&design, &model, &pixels)? {
+            let detector = method.detector(&untouched)?;
+            shown.push(Shown::of(&method, &recording, &truth, &detector)?);
+            of_four.push(Shown::of(&method, &four, std::slice::from_ref(&four_truth), &detector)?);
+        }
         Ok(Demo {
             sensitivity: model.sensitivity(&pixels),
             simulation_nodes: twin.mesh().node_count(),
@@ -94,26 +95,30 @@ impl Demo {
             mesh,
             seed,
             truth,
-            images,
-            contacts,
-            four,
-            score,
+            shown,
+            four_truth,
+            four: of_four,
         })
+    }
+
+    /// The method that stands first.
+    pub fn first(&self) -> &Shown {
+        self.shown.first().expect("there is the linear method at least")
     }
 
     /// What was done, in two lines.
     pub fn heading(&self) -> String {
+        let methods: Vec<&str> = self.shown.iter().map(|shown| shown.how.as_str()).collect();
         format!(
-            "{} presses on {}, SIMULATED on {} nodes with noise at {} dB (seed {}), reconstructed on {} nodes by {}\n\
-             (alpha {:.3}), in {:.0} s.\n",
-            self.score.presses,
+            "{} presses on {}, SIMULATED on {} nodes with noise at {} dB (seed {}), reconstructed on {} nodes\n\
+             ({}), in {:.0} s.\n",
+            self.truth.len(),
             self.design.name,
             self.simulation_nodes,
             SNR_DB,
             self.seed,
             self.mesh.node_count(),
-            self.score.method,
-            self.score.alpha.unwrap_or(f64::NAN),
+            methods.join("; "),
             self.seconds
         )
     }
@@ -126,32 +131,22 @@ impl Demo {
         let pair = |mean_m: f64, sd_m: f64| format!("{} \u{b1} {}", mm(mean_m), mm(sd_m));
         let none = || "\u{2013}".to_string();
         let cells = |summary: &Summary| (pair(summary.mean, summary.sd), mm(summary.median), mm(summary.p95));
-        let (error, median, p95) = cells(&self.score.localisation_m);
-        let counts = (self.score.misses.to_string(), self.score.ghosts.to_string());
-        let spread = format!("{:.2}", self.score.sensitivity_spread);
-        table.row(["contacts found, simulated".into(), error, median, p95, counts.0, counts.1, spread]);
-        let (error, median, p95) = cells(&self.score.eq11_m);
-        table.row(["whole-image centroid (Eq. 11), simulated".into(), error, median, p95, none(), none(), none()]);
-        let error = pair(PAPER_LINEAR.mean_m, PAPER_LINEAR.sd_m);
-        let spread = format!("{:.2}", PAPER_LINEAR.sensitivity_spread);
-        table.row(["paper, linear method (Eq. 11), measured".into(), error, none(), none(), none(), none(), spread]);
+        for Shown { name, score, .. } in &self.shown {
+            let (error, median, p95) = cells(&score.localisation_m);
+            let counts = (score.misses.to_string(), score.ghosts.to_string());
+            let spread = format!("{:.2}", score.sensitivity_spread);
+            table.row([format!("{name}: contacts, simulated"), error, median, p95, counts.0, counts.1, spread]);
+            let (error, median, p95) = cells(&score.eq11_m);
+            let what = format!("{name}: whole image (Eq. 11), simulated");
+            table.row([what, error, median, p95, none(), none(), none()]);
+        }
+        for (name, row) in [("linear method", PAPER_LINEAR), ("network", PAPER_NETWORK)] {
+            let error = pair(row.mean_m, row.sd_m);
+            let spread = format!("{:.2}", row.sensitivity_spread);
+            table.row([format!("paper, {name} (Eq. 11), measured"), error, none(), none(), none(), none(), spread]);
+        }
         table
     }
-}
-
-/// A press as the truth holds it; all are equally strong, as if of 1 N.
-fn touch(at: Point3, normal: Point3) -> Contact {
-    Contact::truth(at, normal, 1.0)
-}
-
-/// Four touches at once, one of them on the seam; the nearest two are 95 mm apart.
-fn four_touches(design: &SkinDesign) -> Vec<Contact> {
-    let surface = design.body.surface();
-    let place = |z_m: f64, degrees: f64| {
-        let at = surface.at(z_m, degrees.to_radians()).expect("the paper's skin is a cylinder");
-        touch(at, surface.normal(at).expect("a cylinder has normals everywhere"))
-    };
-    vec![place(0.075, 2.0), place(0.215, 64.0), place(0.105, 148.0), place(0.225, 260.0)]
 }
 
 /// A twin without an error but white noise, touched as the paper trains.
@@ -169,26 +164,4 @@ fn record_presses(twin: &Twin, truth: &[Vec<Contact>]) -> Outcome<Recording> {
     let presses: Vec<Vec<Press>> = truth.iter().map(|frame| frame.iter().map(press).collect()).collect();
     let progress = Progress::new("pressing", presses.len());
     Ok(record(twin, &presses, 0, || progress.step())?)
-}
-
-fn images(method: &OneStep, recording: &Recording) -> Outcome<Vec<Image>> {
-    let progress = Progress::new("reconstructing", recording.frames.len());
-    let image = |frame| {
-        let image = method.reconstruct(&(frame - &recording.baseline));
-        progress.step();
-        image.map_err(Failure::from)
-    };
-    recording.frames.par_iter().map(image).collect()
-}
-
-/// The shipped detector with the noise of this method's images.
-fn detector(method: &OneStep, noise_ohm: f64) -> Detector {
-    let detector = Detector::new(DetectOptions::default());
-    match method.matrix() {
-        Some(matrix) => {
-            let noise = ImageNoise::from_matrix(matrix, &vec![noise_ohm; matrix.columns]);
-            detector.with_noise(noise)
-        }
-        None => detector,
-    }
 }

@@ -1,0 +1,99 @@
+//! What assessments of the methods on the reported twins show, in a form that can be kept.
+
+use super::bench::Bench;
+use super::scale::{REPORTED_SEED, Scale};
+use super::stage::Work;
+use crate::command::assess::steps;
+use crate::console::Progress;
+use crate::failure::Outcome;
+use crate::figures::{FIGURES, mean};
+use crate::line_up::Named;
+use dermis::evaluate::{Assessment, Assessor};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// The figures of one method on one twin; `None` where there is none.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TwinFigures {
+    /// The twin's seed.
+    pub seed: u64,
+    /// Every figure of [`FIGURES`] by its key, SI units.
+    pub figures: BTreeMap<String, Option<f64>>,
+    /// Distance of two touches (m) and the part of the pairs that was resolved.
+    pub two_resolved: Vec<(f64, f64)>,
+}
+
+impl TwinFigures {
+    fn of(assessment: &Assessment) -> Self {
+        let finite = |value: f64| Some(value).filter(|value| value.is_finite());
+        let figures = FIGURES.iter().map(|figure| (figure.key.to_string(), finite((figure.of)(assessment))));
+        TwinFigures {
+            seed: assessment.seed,
+            figures: figures.collect(),
+            two_resolved: assessment.two_resolved.iter().copied().filter(|step| step.1.is_finite()).collect(),
+        }
+    }
+
+    fn value(&self, key: &str) -> f64 {
+        self.figures.get(key).copied().flatten().unwrap_or(f64::NAN)
+    }
+}
+
+/// One method on all reported twins.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Assessed {
+    /// The method's name for programs.
+    pub key: &'static str,
+    /// The method's name for people.
+    pub name: &'static str,
+    /// Its alpha, where it has one.
+    pub alpha: Option<f64>,
+    /// What came of each twin.
+    pub twins: Vec<TwinFigures>,
+}
+
+impl Assessed {
+    /// Assesses a method on the reported twins, or takes what was kept.
+    pub fn make(bench: &Bench<'_>, method: &Named, scale: Scale, work: &Work) -> Outcome<Self> {
+        let assessor = Assessor {
+            design: &bench.skin.design,
+            mesh: bench.mesh(),
+            pixels: &bench.pixels,
+            options: bench.twin,
+            method: method.reconstruct.as_ref(),
+            alpha: method.alpha,
+        };
+        let size = scale.assessment();
+        let frames = steps(&size, bench.pixels.len());
+        let seeds = REPORTED_SEED..REPORTED_SEED + scale.twins();
+        let twin = |seed: u64| {
+            let key = format!("{}, {size:?}", method.how());
+            work.kept(&format!("assess-{}-{seed}", method.key), &key, || {
+                let progress = Progress::new(&format!("{}, twin {seed}", method.name), frames);
+                let assessment = assessor.assess(seed, &size, |done| progress.steps(done as u64))?;
+                Ok(TwinFigures::of(&assessment))
+            })
+        };
+        let twins = seeds.map(twin).collect::<Outcome<_>>()?;
+        Ok(Assessed { key: method.key, name: method.name, alpha: method.alpha, twins })
+    }
+
+    /// A figure by its key: its mean over the twins and the worst of them, SI units; `NaN` where a twin has none.
+    pub fn figure(&self, key: &str) -> [f64; 2] {
+        let figure = FIGURES.iter().find(|figure| figure.key == key).expect("a figure of the list");
+        let values: Vec<f64> = self.twins.iter().map(|twin| twin.value(key)).collect();
+        [mean(&values), figure.worst(&values)]
+    }
+
+    /// The mean over the twins of the part of the pairs that was resolved, by their distance (m).
+    pub fn two_resolved(&self) -> Vec<[f64; 2]> {
+        let Some(first) = self.twins.first() else { return Vec::new() };
+        let at = |distance_m: f64| {
+            let same = |step: &&(f64, f64)| (step.0 - distance_m).abs() < 1e-9;
+            let parts: Vec<f64> =
+                self.twins.iter().filter_map(|twin| twin.two_resolved.iter().find(same)).map(|step| step.1).collect();
+            mean(&parts)
+        };
+        first.two_resolved.iter().map(|step| [step.0, at(step.0)]).collect()
+    }
+}

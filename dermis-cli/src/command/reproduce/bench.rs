@@ -1,0 +1,79 @@
+//! Twins of one skin, pressed.
+
+use crate::console::Progress;
+use crate::failure::Outcome;
+use crate::skin::{Per, Skin};
+use dermis::contact::Contact;
+use dermis::design::SkinDesign;
+use dermis::experiment::{Presses, Recording, record, truth};
+use dermis::forward::ForwardModel;
+use dermis::frame::Frame;
+use dermis::image::PixelSpace;
+use dermis::mesh::Mesh;
+use dermis::reconstruct::Linearised;
+use dermis::twin::{Press, Twin, TwinOptions};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// A skin as designed, and the twins of it that can be pressed.
+pub struct Bench<'a> {
+    /// The skin as designed; no method knows more.
+    pub skin: Skin,
+    /// The pixels of its images.
+    pub pixels: Arc<PixelSpace>,
+    /// The forward model made linear about the untouched skin.
+    pub model: Linearised,
+    /// What twins are drawn from.
+    pub twin: &'a TwinOptions,
+}
+
+/// A twin that was pressed.
+pub struct Pressed {
+    /// What its instrument delivered.
+    pub recording: Recording,
+    /// Where each frame was truly touched.
+    pub truth: Vec<Vec<Contact>>,
+    /// Differences of further untouched frames from the baseline.
+    pub untouched: Vec<Frame>,
+    /// Nodes of its mesh.
+    pub nodes: usize,
+    /// Readings out of the converter's range in the untouched frames of the baseline.
+    pub saturated_readings: usize,
+}
+
+impl<'a> Bench<'a> {
+    /// A bench for the twins of a design.
+    pub fn new(design: SkinDesign, twin: &'a TwinOptions) -> Outcome<Self> {
+        let forward = ForwardModel::new(&design, &Mesh::generate(&design)?)?;
+        let skin = Skin { design, forward };
+        let pixels = skin.pixels(Per::Pixel)?;
+        let model = Linearised::new(&skin.forward, &pixels)?;
+        Ok(Bench { skin, pixels, model, twin })
+    }
+
+    /// The skin's mesh, on which images are made.
+    pub fn mesh(&self) -> &Mesh {
+        self.skin.forward.mesh()
+    }
+
+    /// Where and how hard an experiment with this seed presses.
+    pub fn presses(&self, seed: u64) -> Presses<'_> {
+        Presses::new(&self.skin.design, self.mesh(), &self.pixels, self.twin.press, seed)
+    }
+
+    /// Draws a twin, presses it, and reads some untouched frames when all is done.
+    pub fn press(&self, seed: u64, presses: &[Vec<Press>], untouched: u64, progress: &Progress) -> Outcome<Pressed> {
+        let twin = Twin::new(&self.skin.design, self.twin, seed)?;
+        let recording = record(&twin, presses, 0, || progress.step())?;
+        let frame = |index: u64| Ok(&twin.frame(&[], recording.next_index + index)? - &recording.baseline);
+        let untouched = (0..untouched).into_par_iter().map(frame).collect::<dermis::Result<Vec<Frame>>>()?;
+        let surface = self.skin.design.body.surface();
+        Ok(Pressed {
+            truth: presses.iter().map(|frame| truth(&surface, frame)).collect(),
+            saturated_readings: twin.report(0..dermis::experiment::UNTOUCHED_FRAMES)?.saturated_readings,
+            nodes: twin.mesh().node_count(),
+            untouched,
+            recording,
+        })
+    }
+}

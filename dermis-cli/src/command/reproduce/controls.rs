@@ -1,0 +1,231 @@
+//! The controls of the paper's claims on structure: the same electrodes elsewhere, the same skin cut open.
+
+use dermis::design::{Body, Electrode, ElectrodeShape, SkinDesign};
+use dermis::geom::{Point3, Surface};
+use std::f64::consts::TAU;
+
+/// A design that differs from the one under study in one thing.
+pub struct Control {
+    /// Its name for programs.
+    pub key: &'static str,
+    /// Its name for people.
+    pub name: &'static str,
+    /// The design.
+    pub design: SkinDesign,
+}
+
+/// The design under study and its controls, and the angle of the cut; `None` for a body that is no cylinder.
+pub struct Controls {
+    /// The designs, that under study first.
+    pub designs: Vec<Control>,
+    /// Where the cut is, rad; as far from all electrodes as can be.
+    pub cut_rad: f64,
+}
+
+/// The design under study and its controls.
+///
+/// - **On the rims only**: as many electrodes of the same size, half of them on each rim at even angles, those of the far rim
+///   turned by half a step. Which electrodes drive together follows from their numbers, and the paper does not say how they
+///   would be numbered there: once they run round one rim and then round the other, so that all but two pairs drive along a
+///   rim; once to and fro, so that every pair drives from rim to rim.
+/// - **Cut open**: the same coat, electrodes and size, parted along a line from rim to rim. A sheet knows lengths along itself
+///   alone (Eq. 1 has no curvature), so the parted cylinder is a flat rectangle of the same lengths, and is modelled as one.
+///   The cut goes where no electrode is, or it would halve some of them and the control would differ in two things.
+///
+/// `None` for a body that is no cylinder, for electrodes that are no discs, for none that leave room for a cut.
+pub fn controls(design: &SkinDesign) -> Option<Controls> {
+    let Body::Cylinder { length_m, diameter_m } = design.body else { return None };
+    let radius_m = diameter_m / 2.0;
+    let cut_rad = cut(design, radius_m)?;
+    let own = |key, name, design| Control { key, name, design };
+    let designs = vec![
+        own("designed", "as designed", design.clone()),
+        own("rims", "rims only, driven along", rims(design, length_m, Numbering::RimByRim)?),
+        own("rims-across", "rims only, driven across", rims(design, length_m, Numbering::ToAndFro)?),
+        own("cut", "cut open", opened(design, length_m, radius_m, cut_rad)?),
+    ];
+    Some(Controls { designs, cut_rad })
+}
+
+/// The angle in the middle of the widest gap between electrodes.
+fn cut(design: &SkinDesign, radius_m: f64) -> Option<f64> {
+    let surface = design.body.surface();
+    let mut angles: Vec<f64> =
+        design.electrodes.iter().map(|electrode| surface.theta_rad(electrode.centre_m)).collect::<Option<_>>()?;
+    angles.sort_by(f64::total_cmp);
+    let first = *angles.first()?;
+    let next = angles[1..].iter().copied().chain([first + TAU]);
+    let gaps = angles.iter().zip(next).map(|(&from, to)| (to - from, 0.5 * (from + to)));
+    // Gaps of one size: the first, so that rounding does not choose.
+    let (gap, middle) = gaps.fold((0.0, 0.0), |best, gap| if gap.0 > best.0 + 1e-9 { gap } else { best });
+    let largest_m =
+        design.electrodes.iter().map(|electrode| disc_m(electrode).unwrap_or(f64::INFINITY)).fold(0.0, f64::max);
+    // At least as much room between cut and electrode as the electrode is wide, so that the mesh is even there.
+    (0.5 * gap * radius_m >= 3.0 * largest_m).then(|| middle.rem_euclid(TAU))
+}
+
+fn disc_m(electrode: &Electrode) -> Option<f64> {
+    match electrode.shape {
+        ElectrodeShape::Disc { radius_m } => Some(radius_m),
+        ElectrodeShape::Point => Some(0.0),
+        _ => None,
+    }
+}
+
+/// How electrodes on two rims are numbered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Numbering {
+    RimByRim,
+    ToAndFro,
+}
+
+fn rims(design: &SkinDesign, length_m: f64, numbering: Numbering) -> Option<SkinDesign> {
+    let count = design.electrodes.len();
+    if !count.is_multiple_of(2) {
+        return None;
+    }
+    let per_rim = count / 2;
+    let surface = design.body.surface();
+    let moved = |(number, electrode): (usize, &Electrode)| {
+        let (rim, place) = match numbering {
+            Numbering::RimByRim => (number / per_rim, number % per_rim),
+            Numbering::ToAndFro => (number % 2, number / 2),
+        };
+        let theta = TAU * (place as f64 + 0.5 * rim as f64) / per_rim as f64;
+        Some(Electrode { centre_m: surface.at(rim as f64 * length_m, theta)?, ..electrode.clone() })
+    };
+    let electrodes = design.electrodes.iter().enumerate().map(moved).collect::<Option<_>>()?;
+    checked(SkinDesign { name: format!("{}-rims", design.name), electrodes, ..design.clone() })
+}
+
+/// The parted cylinder laid flat: x is the arc from the cut, y is z.
+fn opened(design: &SkinDesign, length_m: f64, radius_m: f64, cut_rad: f64) -> Option<SkinDesign> {
+    if !design.sheet.regions.is_empty() {
+        return None;
+    }
+    let surface = design.body.surface();
+    let moved = |electrode: &Electrode| {
+        let centre_m = [from_cut_m(&surface, electrode.centre_m, cut_rad)?, electrode.centre_m[2], 0.0];
+        Some(Electrode { centre_m, ..electrode.clone() })
+    };
+    let electrodes = design.electrodes.iter().map(moved).collect::<Option<_>>()?;
+    let body = Body::Rectangle { width_m: TAU * radius_m, height_m: length_m };
+    checked(SkinDesign { name: format!("{}-cut", design.name), body, electrodes, ..design.clone() })
+}
+
+fn checked(design: SkinDesign) -> Option<SkinDesign> {
+    design.check().is_ok().then_some(design)
+}
+
+/// The arc from the cut to a place on the cylinder, m, from 0 to the circumference.
+fn from_cut_m(surface: &Surface, place: Point3, cut_rad: f64) -> Option<f64> {
+    let Surface::Cylinder { radius_m, .. } = *surface else { return None };
+    Some(radius_m * (surface.theta_rad(place)? - cut_rad).rem_euclid(TAU))
+}
+
+/// A place as the controls compare it: the arc from the cut and the height, m. On the opened skin these are x and y.
+pub fn place_m(surface: &Surface, place: Point3, cut_rad: f64) -> [f64; 2] {
+    match from_cut_m(surface, place, cut_rad) {
+        Some(arc_m) => [arc_m, place[2]],
+        None => [place[0], place[1]],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dermis::mesh::Mesh;
+    use dermis::twin::{Twin, TwinOptions};
+
+    fn made() -> (SkinDesign, Controls) {
+        let design = SkinDesign::shipped("cylinder30").unwrap();
+        let controls = controls(&design).unwrap();
+        (design, controls)
+    }
+
+    #[test]
+    fn the_cut_passes_every_electrode_at_the_same_distance() {
+        let (design, controls) = made();
+        // Electrodes stand at every 36 degrees: the cut is at 18, 15.7 mm from the nearest.
+        assert!((controls.cut_rad.to_degrees() - 18.0).abs() < 1e-9);
+        let opened = &controls.designs[3].design;
+        let margin = |electrode: &Electrode| electrode.centre_m[0].min(TAU * 0.05 - electrode.centre_m[0]);
+        let nearest = opened.electrodes.iter().map(margin).fold(f64::INFINITY, f64::min);
+        assert!((nearest - 0.05 * 18f64.to_radians()).abs() < 1e-9);
+        assert_eq!(opened.protocol, design.protocol);
+    }
+
+    #[test]
+    fn distances_between_neighbours_are_those_of_the_cylinder() {
+        let (design, controls) = made();
+        let opened = &controls.designs[3].design;
+        let (round, flat) = (design.body.surface(), opened.body.surface());
+        for a in 0..30 {
+            for b in 0..30 {
+                let [there, here] = [&opened.electrodes, &design.electrodes].map(|e| [e[a].centre_m, e[b].centre_m]);
+                let (flat_m, round_m) = (flat.distance_m(there[0], there[1]), round.distance_m(here[0], here[1]));
+                // The way round may have been the shorter one; never the flat one.
+                assert!(flat_m >= round_m - 1e-12, "{a} {b}");
+                let across = (there[0][0] - there[1][0]).abs() > 0.5 * TAU * 0.05;
+                assert!(across || (flat_m - round_m).abs() < 1e-12, "{a} {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_rims_hold_all_electrodes_evenly() {
+        let (design, controls) = made();
+        let rims = &controls.designs[1].design;
+        assert_eq!(rims.electrodes.len(), 30);
+        assert!(rims.electrodes[..15].iter().all(|electrode| electrode.centre_m[2] == 0.0));
+        assert!(rims.electrodes[15..].iter().all(|electrode| (electrode.centre_m[2] - 0.3).abs() < 1e-12));
+        let surface = design.body.surface();
+        let step = surface.distance_m(rims.electrodes[3].centre_m, rims.electrodes[4].centre_m);
+        assert!((step - TAU * 0.05 / 15.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn to_and_fro_every_pair_drives_from_rim_to_rim() {
+        let (_, controls) = made();
+        let [along, across] = [1, 2].map(|control| &controls.designs[control].design.electrodes);
+        let crosses = |electrodes: &[Electrode]| {
+            let height = |number: usize| electrodes[number % 30].centre_m[2];
+            (0..30).filter(|&number| height(number) != height(number + 1)).count()
+        };
+        assert_eq!([crosses(along), crosses(across)], [2, 30]);
+        // The same places, in another order.
+        for electrode in across {
+            assert!(
+                along.iter().any(|other| dermis::geom::vector::distance(other.centre_m, electrode.centre_m) < 1e-12)
+            );
+        }
+    }
+
+    #[test]
+    fn every_control_and_its_twins_can_be_meshed() {
+        let (_, controls) = made();
+        let options = TwinOptions::shipped("lab").unwrap();
+        for control in &controls.designs {
+            let mesh = Mesh::generate(&control.design).unwrap_or_else(|error| panic!("{}: {error}", control.key));
+            assert_eq!(mesh.electrodes.len(), 30);
+            for seed in [1001, 1002, 2001] {
+                let twin = Twin::new(&control.design, &options, seed);
+                assert!(twin.is_ok(), "{}, twin {seed}: {}", control.key, twin.unwrap_err());
+            }
+        }
+    }
+
+    #[test]
+    fn a_flat_skin_has_no_such_controls() {
+        assert!(controls(&SkinDesign::shipped("skin16").unwrap()).is_none());
+    }
+
+    #[test]
+    fn places_are_counted_from_the_cut() {
+        let surface = Surface::Cylinder { radius_m: 0.05, length_m: 0.3 };
+        let place = surface.at(0.1, 0.2).unwrap();
+        let [arc, height] = place_m(&surface, place, 0.3);
+        assert!((arc - 0.05 * (TAU - 0.1)).abs() < 1e-12 && height == 0.1);
+        assert_eq!(place_m(&Surface::Plane, [0.2, 0.1, 0.0], 0.3), [0.2, 0.1]);
+    }
+}

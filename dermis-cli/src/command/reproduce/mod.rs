@@ -1,0 +1,162 @@
+//! `dermis reproduce`: the paper's sections II to IV on twins, as one page and as numbers.
+
+mod assessed;
+mod bench;
+mod bias;
+mod choose;
+mod controls;
+mod gallery;
+mod page;
+mod results;
+mod scale;
+mod stage;
+mod stated;
+
+use crate::console::print;
+use crate::failure::{Failure, Outcome};
+use crate::line_up::Named;
+use assessed::Assessed;
+use bench::Bench;
+use choose::Choice;
+use clap::Args;
+use dermis::design::SkinDesign;
+use dermis::frame::write_whole;
+use dermis::twin::TwinOptions;
+use gallery::Gallery;
+use results::{Results, StructureStudy};
+use scale::Scale;
+use stage::{Budget, Work, time};
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::path::PathBuf;
+
+/// The arguments of `dermis reproduce`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "What is done is kept in the folder `work` beside the page: run again, a run that was stopped goes \
+    on where it was."
+)]
+pub struct Arguments {
+    /// The design: a path, or a shipped name.
+    #[arg(default_value = "cylinder30")]
+    design: String,
+    /// The twin: the path of its file, or a shipped name (ideal, lab, harsh).
+    #[arg(long, value_name = "TWIN", default_value = "lab")]
+    twin: String,
+    /// How large.
+    #[arg(long, value_enum, default_value_t = Scale::Quick)]
+    scale: Scale,
+    /// The folder for index.html and report.json.
+    #[arg(short, long, value_name = "DIR", default_value = "report")]
+    output: PathBuf,
+    /// Print the numbers as JSON in place of tables.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Arguments {
+    /// Makes the page and the numbers.
+    pub fn run(self) -> Outcome {
+        let design = SkinDesign::load(&self.design)?;
+        let twin = TwinOptions::load(&self.twin)?;
+        let work = Work::new(&self.output.join("work"), key(&design, &twin, self.scale))?;
+        let controls = controls::controls(&design);
+        let bench = Bench::new(design, &twin)?;
+        let mut budget = Budget::new(plan(self.scale, bench.pixels.len(), controls.is_some()));
+        eprintln!("{} stages, about {} on two cores", budget.planned().len(), time(budget.whole_s()));
+
+        let choice: Choice = budget.stage(|| work.kept("alpha", "", || Choice::make(&bench, self.scale)))?;
+        let methods: Vec<Named> = choice.methods(&bench)?;
+        let assessed = budget.stage(|| {
+            methods.iter().map(|method| Assessed::make(&bench, method, self.scale, &work)).collect::<Outcome<_>>()
+        })?;
+        let gallery = budget.stage(|| Gallery::make(&bench, &methods, self.scale))?;
+        let structure = match controls {
+            None => None,
+            Some(controls) => Some(budget.stage(|| study(controls, &bench, &methods, self.scale, &work))?),
+        };
+        let scale = self.scale;
+        let found = Results { scale, bench: &bench, methods: &methods, choice: &choice, assessed, gallery, structure };
+        self.write(&found, &budget)
+    }
+
+    fn write(&self, found: &Results<'_>, budget: &Budget) -> Outcome {
+        let page = page::page(found, budget.done())?.to_html();
+        let told = serde_json::to_string_pretty(&found.told(budget.done()));
+        let told = told.map_err(|error| Failure::Ours(error.to_string()))?;
+        let index = self.output.join("index.html");
+        write_whole(&index, |out| out.write_all(page.as_bytes()))?;
+        write_whole(&self.output.join("report.json"), |out| writeln!(out, "{told}"))?;
+        if self.json {
+            return print(&format!("{told}\n"));
+        }
+        let ours: Vec<&str> = found.assessed.iter().map(|one| one.name).collect();
+        let table = stated::table(&["paper: linear", "paper: network"], &ours, &stated::results(found));
+        print(&format!(
+            "{} of {} (`{}`), SIMULATED; the paper's figures were measured\n\n{}\nThe page, with what differs: {} ({})\n",
+            found.twins(),
+            found.bench.skin.design.name,
+            found.bench.twin.name,
+            table.to_text(),
+            index.display(),
+            time(budget.elapsed_s())
+        ))
+    }
+}
+
+/// The design under study and its controls, each with the linear methods; the design also by the methods that only it has.
+fn study(
+    controls: controls::Controls,
+    bench: &Bench<'_>,
+    methods: &[Named],
+    scale: Scale,
+    work: &Work,
+) -> Outcome<StructureStudy> {
+    let mut structures = Vec::new();
+    let cut_rad = controls.cut_rad;
+    for (number, control) in controls.designs.iter().enumerate() {
+        if number == 0 {
+            structures.extend(bias::structures(control, cut_rad, bench, methods, scale, work)?);
+        } else {
+            let own = Bench::new(control.design.clone(), bench.twin)?;
+            let linear = bias::linear(control, &own, scale, work)?;
+            structures.extend(bias::structures(control, cut_rad, &own, &linear, scale, work)?);
+        }
+    }
+    Ok(StructureStudy { designs: controls.designs, cut_rad, structures })
+}
+
+/// Everything that kept results depend on but the methods: the program, the design, the twin and the scale.
+fn key(design: &SkinDesign, twin: &TwinOptions, scale: Scale) -> String {
+    let program = std::env::current_exe().and_then(std::fs::metadata);
+    let program = program.map(|file| (file.len(), file.modified().ok())).ok();
+    let mut hasher = DefaultHasher::new();
+    format!("{design:?}{twin:?}{program:?}").hash(&mut hasher);
+    format!("dermis {}, {}, {}, {scale:?}, {:016x}", env!("CARGO_PKG_VERSION"), design.name, twin.name, hasher.finish())
+}
+
+/// Time to draw a twin and to learn its patches, on two cores, s.
+const TWIN_S: f64 = 3.0;
+/// Time to read and to see a frame, on two cores, s.
+const FRAME_S: f64 = 4e-4;
+
+/// The stages and the seconds that they are expected to take on two cores.
+fn plan(scale: Scale, pixels: usize, controls: bool) -> Vec<(&'static str, f64)> {
+    let size = scale.assessment();
+    let linear = crate::line_up::LINEAR.len() as f64;
+    let twin = |twins: u64, frames: usize| twins as f64 * (TWIN_S + frames as f64 * FRAME_S);
+    // Every frame is seen once with every alpha.
+    let choose = twin(scale.choosing_twins(), 11 * scale.choosing_presses()) + 11.0 * linear * 0.2;
+    let grid = pixels.div_ceil(scale.grid_step());
+    // The presses at random places are on a twin of their own; a smallest force takes some ten frames.
+    let frames = crate::command::assess::steps(&size, pixels) + 12 * pixels.div_ceil(size.force_step);
+    let mut plan = vec![
+        ("choosing alpha", choose),
+        ("assessing the methods", linear * (twin(scale.twins(), frames) + TWIN_S * scale.twins() as f64)),
+        ("pictures", twin(1, grid) + 2.0),
+    ];
+    if controls {
+        let presses = 2 * scale.structure_presses();
+        plan.push(("structure and its controls", 4.0 * twin(scale.twins(), presses) + 3.0 * choose));
+    }
+    plan
+}

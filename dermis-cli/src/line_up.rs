@@ -1,0 +1,115 @@
+//! The methods that pages set side by side, and what each makes of recorded presses.
+
+use crate::console::Progress;
+use crate::failure::{Failure, Outcome};
+use dermis::contact::Contact;
+use dermis::design::SkinDesign;
+use dermis::detect::{DetectOptions, Detector, ImageNoise};
+use dermis::evaluate::{Score, score};
+use dermis::experiment::Recording;
+use dermis::frame::Frame;
+use dermis::image::{Image, PixelSpace};
+use dermis::reconstruct::{Alpha, Linearised, OneStep, OneStepOptions, Prior, Reconstruct};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// A method under the name that people read.
+pub struct Named {
+    /// Its name for programs: "noser".
+    pub key: &'static str,
+    /// Its name for people: "linear, NOSER".
+    pub name: &'static str,
+    /// The method.
+    pub reconstruct: Box<dyn Reconstruct>,
+    /// Its alpha, where it has one.
+    pub alpha: Option<f64>,
+    /// How contacts are found in its images.
+    pub detect: DetectOptions,
+}
+
+/// The linear methods of the paper: NOSER and a spatial high-pass filter, which is what Laplace's prior is.
+pub const LINEAR: [(&str, &str, Prior); 2] =
+    [("noser", "linear, NOSER", Prior::Noser { exponent: 0.5 }), ("laplace", "linear, Laplace", Prior::Laplace)];
+
+impl Named {
+    /// A linear method by its place in [`LINEAR`].
+    pub fn linear(
+        which: usize,
+        design: &SkinDesign,
+        model: &Linearised,
+        pixels: &Arc<PixelSpace>,
+        alpha: Alpha,
+    ) -> Outcome<Self> {
+        let (key, name, prior) = LINEAR[which];
+        let options = OneStepOptions { prior, alpha, touch: design.sheet.touch, ..OneStepOptions::default() };
+        let method = OneStep::from_linearised(model, Arc::clone(pixels), &options)?;
+        let alpha = Some(method.alpha());
+        Ok(Named { key, name, reconstruct: Box::new(method), alpha, detect: DetectOptions::default() })
+    }
+
+    /// Its name with its alpha.
+    pub fn how(&self) -> String {
+        self.alpha.map_or_else(|| self.name.to_string(), |alpha| format!("{}, alpha {alpha:.3}", self.name))
+    }
+
+    /// The image of every frame of a recording.
+    pub fn images(&self, recording: &Recording) -> Outcome<Vec<Image>> {
+        let progress = Progress::new("reconstructing", recording.frames.len());
+        let image = |frame: &Frame| {
+            let image = self.reconstruct.reconstruct(&(frame - &recording.baseline));
+            progress.step();
+            image.map_err(Failure::from)
+        };
+        recording.frames.par_iter().map(image).collect()
+    }
+
+    /// The detector for its images, told of their noise by the differences of untouched frames from their baseline.
+    pub fn detector(&self, untouched: &[Frame]) -> Outcome<Detector> {
+        let detector = Detector::new(self.detect.clone());
+        let noise = match self.reconstruct.matrix() {
+            _ if untouched.is_empty() => None,
+            Some(matrix) => {
+                let square = |channel: usize| untouched.iter().map(|frame| frame[channel].powi(2)).sum::<f64>();
+                let sd = |channel: usize| (square(channel) / untouched.len() as f64).sqrt();
+                Some(ImageNoise::from_matrix(matrix, &(0..matrix.columns).map(sd).collect::<Vec<f64>>()))
+            }
+            None => {
+                let image = |frame: &Frame| self.reconstruct.reconstruct(frame).map_err(Failure::from);
+                ImageNoise::from_untouched(&untouched.par_iter().map(image).collect::<Outcome<Vec<Image>>>()?)
+            }
+        };
+        Ok(match noise {
+            Some(noise) => detector.with_noise(noise),
+            None => detector,
+        })
+    }
+}
+
+/// The methods that need no choice on this skin: the linear one as it is shipped.
+pub fn shipped(design: &SkinDesign, model: &Linearised, pixels: &Arc<PixelSpace>) -> Outcome<Vec<Named>> {
+    Ok(vec![Named::linear(0, design, model, pixels, Alpha::Auto)?])
+}
+
+/// What one method made of some presses.
+pub struct Shown {
+    /// The method's name for people.
+    pub name: &'static str,
+    /// The same with its alpha.
+    pub how: String,
+    /// The image of each frame.
+    pub images: Vec<Image>,
+    /// The contacts found in each image.
+    pub contacts: Vec<Vec<Contact>>,
+    /// The score.
+    pub score: Score,
+}
+
+impl Shown {
+    /// Makes the images of a recording, finds the contacts in them and scores them.
+    pub fn of(method: &Named, recording: &Recording, truth: &[Vec<Contact>], detector: &Detector) -> Outcome<Self> {
+        let images = method.images(recording)?;
+        let contacts = images.par_iter().map(|image| detector.detect(image)).collect();
+        let score = score(&images, truth, detector, method.name, method.alpha)?;
+        Ok(Shown { name: method.name, how: method.how(), images, contacts, score })
+    }
+}

@@ -1,0 +1,74 @@
+//! `dermis reproduce` as a person calls it.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn dermis(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_dermis")).args(arguments).current_dir(folder).output().expect("dermis runs")
+}
+
+fn refused(output: &Output) -> String {
+    assert_eq!(output.status.code(), Some(2), "a mistake of the user's ends with code 2");
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// The smallest scale on the twin without patches, in some seconds.
+const GLANCE: [&str; 6] = ["reproduce", "--scale", "glance", "--twin", "ideal", "--json"];
+
+#[test]
+fn a_glance_makes_the_page_and_the_same_numbers_and_goes_on_where_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = dermis(folder.path(), &GLANCE);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let told: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let file = std::fs::read(folder.path().join("report/report.json")).unwrap();
+    assert_eq!(serde_json::from_slice::<serde_json::Value>(&file).unwrap(), told, "the file holds what was printed");
+
+    assert_eq!((&told["simulated"], &told["design"]), (&true.into(), &"cylinder30".into()));
+    let methods = told["methods"].as_array().unwrap();
+    assert!(methods.len() >= 2);
+    for method in methods {
+        let mean_m = method["twins"][0]["figures"]["grid_localisation_mean_m"].as_f64().unwrap();
+        assert!(mean_m > 1e-4 && mean_m < 0.01, "{}: {mean_m} m", method["name"]);
+        // Every design and control, by every linear method.
+        let of = |one: &&serde_json::Value| one["method"] == method["key"];
+        let designs = told["structures"].as_array().unwrap().iter().filter(of).count();
+        assert!(designs == 4 || method["alpha"].is_null(), "{designs} designs by {}", method["name"]);
+    }
+    for row in told["results"].as_array().unwrap() {
+        assert_eq!(row["ours"].as_array().unwrap().len(), methods.len(), "{row}");
+    }
+
+    let page = std::fs::read_to_string(folder.path().join("report/index.html")).unwrap();
+    for figure in ["Fig. 1c", "Fig. 2", "Fig. 3", "Fig. 7", "Fig. 8", "Fig. 9", "5.2 \u{b1} 3.3", "cut open"] {
+        assert!(page.contains(figure), "{figure} is missing");
+    }
+    assert!(page.contains("glance") && page.contains("simulated") && page.contains("measured"));
+    for foreign in ["src=", "href=", "url(", "<script"] {
+        assert!(!page.contains(foreign), "{foreign}");
+    }
+
+    // What was done is not done again, and what it shows is the same.
+    let kept = folder.path().join("report/work/assess-noser-1001.json");
+    let before = std::fs::metadata(&kept).unwrap().modified().unwrap();
+    let again = dermis(folder.path(), &GLANCE);
+    let told_again: serde_json::Value = serde_json::from_slice(&again.stdout).expect("JSON");
+    assert_eq!(std::fs::metadata(&kept).unwrap().modified().unwrap(), before);
+    assert_eq!(told_again["methods"], told["methods"]);
+    assert_eq!(told_again["structures"], told["structures"]);
+}
+
+#[test]
+fn a_design_that_is_none_and_a_folder_that_cannot_be_are_refused_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let message = refused(&dermis(folder.path(), &["reproduce", "cylinder31"]));
+    assert!(message.contains("cylinder31"), "{message}");
+    assert!(!folder.path().join("report").exists(), "nothing is made for a mistake");
+    let message = refused(&dermis(folder.path(), &["reproduce", "--twin", "lob"]));
+    assert!(message.contains("lob"), "{message}");
+    std::fs::write(folder.path().join("taken"), "a file").unwrap();
+    let message = refused(&dermis(folder.path(), &["reproduce", "-o", "taken"]));
+    assert!(message.contains("taken") && message.contains("-o"), "{message}");
+    let message = refused(&dermis(folder.path(), &["reproduce", "--scale", "huge"]));
+    assert!(message.contains("huge") && message.contains("quick"), "{message}");
+}
