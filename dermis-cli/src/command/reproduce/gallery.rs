@@ -108,13 +108,13 @@ impl TrainingSample {
         let wanted = (0..).find(|&index| generator.touches(index).len() == SAMPLE_TOUCHES).unwrap_or(0);
         let sample = generator.stream(wanted).next().ok_or_else(|| Failure::Ours("no sample came".into()))??;
         let surface = bench.skin.design.body.surface();
-        let touch = |touch: &[f32; 5]| {
+        let touch = |touch: &[f32]| {
             let at = [0, 1, 2].map(|axis| f64::from(touch[axis]));
             Contact::truth(at, surface.normal(at).unwrap_or([f64::NAN; 3]), f64::NAN)
         };
         Ok(TrainingSample {
             difference: sample.frame.iter().zip(&sample.rest).map(|(a, b)| f64::from(a - b)).collect(),
-            touches: sample.touches.iter().map(touch).collect(),
+            touches: sample.touches.iter().map(|place| touch(place)).collect(),
             image: Image {
                 space: Arc::clone(&bench.pixels),
                 values: sample.image.iter().map(|&value| f64::from(value)).collect(),
