@@ -86,6 +86,15 @@ impl From<DesignError> for Failure {
     }
 }
 
+impl From<dermis_learn::LearnError> for Failure {
+    fn from(error: dermis_learn::LearnError) -> Self {
+        match error {
+            dermis_learn::LearnError::Dermis(error) => error.into(),
+            error => Failure::given(error, None),
+        }
+    }
+}
+
 /// A table can be long: only where it begins is marked.
 fn first_line_of(span: std::ops::Range<usize>) -> SourceSpan {
     const MOST: usize = 80;

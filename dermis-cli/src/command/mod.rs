@@ -14,6 +14,7 @@ mod reconstruct;
 mod reproduce;
 mod schema;
 mod simulate;
+mod train;
 
 use crate::failure::Outcome;
 use clap::Subcommand;
@@ -43,6 +44,8 @@ pub enum Command {
     Reproduce(reproduce::Arguments),
     /// Make a dataset to train on: touches drawn from a seed, frames, images and truth.
     Simulate(simulate::Arguments),
+    /// Train a network on datasets.
+    Train(train::Arguments),
     /// Write a commented design file to start from.
     New(new::Arguments),
     /// Draw a skin: mesh, electrodes, sensitivity, an image, where touches were found.
@@ -66,6 +69,7 @@ impl Command {
             Command::Demo(arguments) => arguments.run(),
             Command::Reproduce(arguments) => arguments.run(),
             Command::Simulate(arguments) => arguments.run(),
+            Command::Train(arguments) => arguments.run(),
             Command::New(arguments) => arguments.run(),
             Command::Plot(arguments) => arguments.run(),
             Command::Schema(arguments) => arguments.run(),

@@ -35,6 +35,10 @@ pub struct Arguments {
     /// The folder for the files.
     #[arg(short, long, value_name = "DIR", required_unless_present_any = ["finish", "verify"])]
     output: Option<PathBuf>,
+    /// A recipe that says what touches do and how skins differ: the path of a TOML file. The flags below are for those who
+    /// have none.
+    #[arg(long, value_name = "FILE", conflicts_with_all = RECIPE)]
+    recipe: Option<PathBuf>,
     /// What touches do.
     #[arg(long, value_enum, default_value_t = TouchName::Gaussian)]
     touch: TouchName,
@@ -83,7 +87,8 @@ pub struct Arguments {
 }
 
 /// What belongs to making samples alone.
-const MAKING: [&str; 12] = [
+const MAKING: [&str; 13] = [
+    "recipe",
     "samples",
     "seed",
     "output",
@@ -96,6 +101,20 @@ const MAKING: [&str; 12] = [
     "electrode_displacement_m",
     "contact_impedance_rms",
     "shard",
+];
+
+/// What a recipe's file says.
+const RECIPE: [&str; 10] = [
+    "touch",
+    "most_touches",
+    "width_m",
+    "amplitude",
+    "force_n",
+    "tip_radius_m",
+    "skins",
+    "coat_rms",
+    "electrode_displacement_m",
+    "contact_impedance_rms",
 ];
 
 /// What touches do.
@@ -156,7 +175,10 @@ impl Arguments {
         };
         let text = SkinDesign::text_of(name)?;
         let design = SkinDesign::parse(&text, name)?;
-        let recipe = Recipe { seed, samples, touch: self.touch(&design)?, skins: self.skins()? };
+        let recipe = match &self.recipe {
+            Some(path) => Recipe::load(path, seed, samples)?,
+            None => Recipe { seed, samples, touch: self.touch(&design)?, skins: self.skins()? },
+        };
         recipe.check(design.sheet.touch)?;
         let waiting = Progress::waiting("meshing");
         let forward = ForwardModel::new(&design, &Mesh::generate(&design)?)?;

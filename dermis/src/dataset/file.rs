@@ -97,6 +97,7 @@ pub(super) fn write(path: &Path, tensors: &[Tensor], label: &Label) -> std::io::
 pub(super) struct Reader {
     reader: BufReader<File>,
     label: Label,
+    header_bytes: u64,
     /// Of the values read.
     digest: Sha256,
     /// Of all bytes read.
@@ -136,7 +137,13 @@ impl Reader {
             return Err(wrong("it is damaged: its length is not what its header says"));
         }
         let whole = Sha256::new().chain_update(start).chain_update(&bytes);
-        Ok(Reader { reader, label, digest: Sha256::new(), whole })
+        let header_bytes = 8 + header_length;
+        Ok(Reader { reader, label, header_bytes, digest: Sha256::new(), whole })
+    }
+
+    /// Bytes before the values.
+    pub fn header_bytes(&self) -> u64 {
+        self.header_bytes
     }
 
     /// The next values, in the order of the tensors.

@@ -24,6 +24,8 @@ pub(super) struct GaussianMaker {
     raster: CellRaster,
     target: Target,
     pixel_count: usize,
+    /// Of the cells of the design's mesh, m2 (m3 in a volume).
+    measures: Vec<f64>,
 }
 
 /// Memory of one thread that makes them.
@@ -35,6 +37,8 @@ pub(super) struct GaussianWorker<'a> {
     frames: Vec<[f64; LANES]>,
     image: Vec<f64>,
     touches: Vec<Vec<GaussianTouch>>,
+    /// The integral of each touch's relative change of conductance, m2.
+    strengths: Vec<Vec<f64>>,
     moving: Option<Moving>,
 }
 
@@ -64,6 +68,7 @@ impl GaussianMaker {
             raster: CellRaster::new(design.body.surface(), forward.mesh(), options.width_m[0])?,
             target: Target::new(design, forward.mesh(), pixels),
             pixel_count: pixels.len(),
+            measures: (0..forward.mesh().cell_count()).map(|cell| forward.mesh().cell_measure(cell)).collect(),
         })
     }
 
@@ -80,6 +85,7 @@ impl GaussianMaker {
             frames: vec![[0.0; LANES]; forward.protocol().channel_count()],
             image: vec![0.0; self.pixel_count],
             touches: vec![Vec::new(); LANES],
+            strengths: vec![Vec::new(); LANES],
             moving,
         }
     }
@@ -161,10 +167,14 @@ impl GaussianWorker<'_> {
         let raster = self.moving.as_ref().map_or(&maker.raster, |moving| &moving.raster);
         for lane in 0..count {
             maker.draw(first + lane as u64, &mut self.touches[lane]);
+            self.strengths[lane].clear();
             for touch in &self.touches[lane] {
+                let mut strength = 0.0;
                 raster.for_each_mean(touch, |cell, mean| {
                     self.conductivity[cell][lane] += maker.sign * rest[cell] * mean;
+                    strength += mean * maker.measures[cell];
                 });
+                self.strengths[lane].push(strength);
             }
         }
         self.solver.solve_into(&self.conductivity, &mut self.frames)?;
@@ -174,9 +184,9 @@ impl GaussianWorker<'_> {
             let change = |cell: usize| maker.sign * (self.conductivity[cell][lane] / rest[cell] - 1.0);
             maker.target.image_into(&self.touches[lane], change, &mut self.image);
             write_row(rows.images, row + lane, self.image.iter().copied());
-            let truth = self.touches[lane].iter().map(|touch| {
+            let truth = self.touches[lane].iter().zip(&self.strengths[lane]).map(|(touch, &strength)| {
                 let [x, y, z] = touch.centre_m;
-                [x, y, z, touch.width_m, touch.amplitude]
+                [x, y, z, touch.width_m, touch.amplitude, strength]
             });
             write_truth(rows.touches, row + lane, maker.options.most, truth);
         }

@@ -17,7 +17,7 @@ use crate::twin::Press;
 pub(super) const UNIT: usize = 2 * LANES;
 
 /// Numbers that tell a touch.
-pub(super) const TOUCH_COLUMNS: usize = 5;
+pub(super) const TOUCH_COLUMNS: usize = 6;
 
 /// Makes samples of one recipe on one design. Shared between threads, each of which has a [`Worker`].
 #[derive(Debug)]
@@ -48,7 +48,8 @@ pub struct Sample {
     /// The relative change of conductance, a mean per pixel, positive for any touch.
     pub image: Vec<f32>,
     /// The touches: x, y, z (m, in the body's frame) of each, then width (m) and amplitude of a Gaussian, or the tip's
-    /// radius (m) and the force (N) of a press.
+    /// radius (m) and the force (N) of a press; last its strength, the integral over the surface of the relative change of
+    /// conductance that it makes alone (m2).
     pub touches: Vec<[f32; TOUCH_COLUMNS]>,
 }
 
@@ -229,7 +230,7 @@ pub(super) fn write_row(rows: &mut [f32], row: usize, values: impl ExactSizeIter
     rows[row * width..][..width].iter_mut().zip(values).for_each(|(place, value)| *place = value as f32);
 }
 
-/// Writes the truth of a sample: a place and two numbers for each touch.
+/// Writes the truth of a sample: a place and three numbers for each touch.
 pub(super) fn write_truth(
     rows: &mut [f32],
     row: usize,

@@ -37,6 +37,7 @@ pub(super) struct PressTarget {
 struct Pixel {
     centre: Point3,
     radius_m: f64,
+    area_m2: f64,
     points: Vec<Point3>,
 }
 
@@ -64,12 +65,12 @@ impl PressTarget {
             half_side: 0.5 * (mean_side_m(patches, &design.body)?.powi(2) / design.sheet.conductance).sqrt(),
             pixels: Vec::new(),
         };
-        let pixel = |points: Vec<Point3>| {
+        let pixel = |(points, &area_m2): (Vec<Point3>, &f64)| {
             let centre = points[points.len() / 2];
             let radius_m = points.iter().map(|&point| target.distance_m(centre, point)).fold(0.0, f64::max);
-            Pixel { centre, radius_m, points }
+            Pixel { centre, radius_m, area_m2, points }
         };
-        target.pixels = pixels.into_iter().map(pixel).collect();
+        target.pixels = pixels.into_iter().zip(&space.areas).map(pixel).collect();
         Ok(target)
     }
 
@@ -107,6 +108,12 @@ impl PressTarget {
             *value /= pixel.points.len() as f64;
         }
         Ok(())
+    }
+
+    /// The strength of a press alone: the integral of its image, m2. `image` is memory to make it in.
+    pub fn strength_m2(&self, press: &Press, image: &mut [f64]) -> Result<f64, TwinError> {
+        self.image_into(std::slice::from_ref(press), image)?;
+        Ok(image.iter().zip(&self.pixels).map(|(value, pixel)| value * pixel.area_m2).sum())
     }
 
     /// The relative change of conductance under a pressure.

@@ -10,7 +10,7 @@ use crate::design::{Body, SkinDesign};
 use crate::forward::ForwardModel;
 use crate::image::PixelSpace;
 use crate::touch::sample_rng;
-use crate::twin::{Footprint, PatchOptions, PatchedSkin, Press};
+use crate::twin::{Footprint, PatchOptions, PatchedSkin, Press, TwinError};
 use rand::RngExt;
 use std::f64::consts::PI;
 
@@ -163,9 +163,12 @@ impl PressWorker<'_> {
         write_row(rows.frames, row, self.frame.iter().copied());
         self.maker.target.image_into(presses, &mut self.image)?;
         write_row(rows.images, row, self.image.iter().copied());
-        let truth = presses.iter().map(|press| {
+        let strengths = (presses.iter())
+            .map(|press| self.maker.target.strength_m2(press, &mut self.image))
+            .collect::<Result<Vec<f64>, TwinError>>()?;
+        let truth = presses.iter().zip(strengths).map(|(press, strength)| {
             let [x, y, z] = press.centre_m;
-            [x, y, z, press.tip_radius_m, press.force_n]
+            [x, y, z, press.tip_radius_m, press.force_n, strength]
         });
         write_truth(rows.touches, row, self.maker.options.most, truth);
         Ok(())

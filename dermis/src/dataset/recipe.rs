@@ -4,6 +4,7 @@ use crate::dataset::DatasetError;
 use crate::design::TouchEffect;
 use crate::twin::{CoatOptions, ElectrodeOptions, PatchOptions, TouchOptions, TwinOptions};
 use serde::{Deserialize, Serialize};
+use std::path::Path;
 
 /// Most touches that a sample may have: more than fingers of two hands are a typing error.
 const MOST_TOUCHES: usize = 16;
@@ -181,7 +182,27 @@ fn check_range(what: &'static str, [low, high]: [f64; 2]) -> Result<(), DatasetE
     Ok(())
 }
 
+/// A recipe's file: what does not depend on how many samples are made of it.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RecipeFile {
+    touch: Touch,
+    skins: Skins,
+}
+
 impl Recipe {
+    /// Reads the touches and the skins of a recipe from a TOML file.
+    ///
+    /// # Errors
+    /// A file that cannot be read or is no recipe, with the line.
+    pub fn load(path: &Path, seed: u64, samples: u64) -> Result<Self, DatasetError> {
+        let io = |source| DatasetError::Io { path: path.to_path_buf(), source };
+        let text = std::fs::read_to_string(path).map_err(io)?;
+        let wrong = |error: toml::de::Error| DatasetError::File { path: path.to_path_buf(), message: error.to_string() };
+        let RecipeFile { touch, skins } = toml::from_str(&text).map_err(wrong)?;
+        Ok(Recipe { seed, samples, touch, skins })
+    }
+
     /// Checks everything that can be checked without a mesh.
     ///
     /// # Errors

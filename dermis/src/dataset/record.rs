@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 pub const SAMPLES_PER_FILE: u64 = 8192;
 
 /// The version of what stands in a dataset's files; another one is not read.
-const FORMAT: &str = "dermis dataset 1";
+const FORMAT: &str = "dermis dataset 2";
 
 /// Everything that decides which bytes a dataset holds. It is written as `run.json` when a dataset is begun; whoever goes
 /// on with it must have the same.
@@ -240,8 +240,8 @@ fn tensor_records(generator: &Generator) -> Vec<TensorRecord> {
     let (channels, pixels) = (generator.channel_count(), generator.pixel_count());
     let most = generator.recipe().most_touches();
     let columns = match &generator.recipe().touch {
-        Touch::Gaussian(_) => "x_m, y_m, z_m, width_m, amplitude",
-        Touch::Patch(_) => "x_m, y_m, z_m, tip_radius_m, force_n",
+        Touch::Gaussian(_) => "x_m, y_m, z_m, width_m, amplitude, strength_m2",
+        Touch::Patch(_) => "x_m, y_m, z_m, tip_radius_m, force_n, strength_m2",
     };
     let rest_rows = if generator.has_own_rest() { "n" } else { "1" };
     vec![

@@ -1,0 +1,87 @@
+//! What training needs to go on after it was stopped.
+
+use crate::LearnError;
+use crate::tensors::{self, Named, Precision};
+use crate::train::{Epoch, State, TrainOptions};
+use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
+use std::path::Path;
+
+/// The version of the format.
+const FORMAT: &str = "dermis checkpoint 1";
+const KEY: &str = "dermis";
+
+/// What a checkpoint says of itself.
+#[derive(Serialize, Deserialize)]
+struct Label {
+    format: String,
+    options: TrainOptions,
+    plan: crate::network::Plan,
+    input: crate::input::Input,
+    steps: u64,
+    epochs: Vec<Epoch>,
+}
+
+/// Writes a checkpoint, whole or not at all.
+pub(crate) fn write(path: &Path, options: &TrainOptions, state: &State) -> Result<(), LearnError> {
+    let single = |name: String, shape: Vec<usize>, values| Named { name, shape, values, precision: Precision::Single };
+    let mut named = Vec::new();
+    let mut moments = state.moments.iter();
+    for tensor in state.network.tensors() {
+        if tensor.is_learned {
+            let [mean, square] = moments.next().expect("every learned tensor has its moments");
+            named.push(single(format!("adam.mean.{}", tensor.name), tensor.shape.clone(), mean));
+            named.push(single(format!("adam.square.{}", tensor.name), tensor.shape.clone(), square));
+        }
+        named.push(single(tensor.name, tensor.shape, tensor.values));
+    }
+    let label = Label {
+        format: FORMAT.into(),
+        options: options.clone(),
+        plan: state.network.plan().clone(),
+        input: state.input.clone(),
+        steps: state.steps,
+        epochs: state.epochs.clone(),
+    };
+    let label = serde_json::to_string(&label).expect("a label is JSON");
+    tensors::write(path, &named, HashMap::from([(KEY.to_string(), label)]))
+}
+
+/// Reads a checkpoint into a state of the same network and options; tells whether there was one.
+pub(crate) fn read(path: &Path, options: &TrainOptions, state: &mut State) -> Result<bool, LearnError> {
+    let bytes = match std::fs::read(path) {
+        Ok(bytes) => bytes,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(false),
+        Err(error) => return Err(LearnError::io(path, error)),
+    };
+    let file = tensors::parse(path, &bytes)?;
+    let (_, metadata) = safetensors::SafeTensors::read_metadata(&bytes).expect("it was just parsed");
+    let text = metadata.metadata().as_ref().and_then(|metadata| metadata.get(KEY));
+    let label: Option<Label> = text.and_then(|text| serde_json::from_str(text).ok());
+    let fix = "move it away to begin anew";
+    let Some(label) = label.filter(|label| label.format == FORMAT) else {
+        return Err(LearnError::model(path, format!("no checkpoint of this version; {fix}")));
+    };
+    // More epochs may be asked for later.
+    if (TrainOptions { epochs: options.epochs, ..label.options } != *options) || label.plan != *state.network.plan() {
+        return Err(LearnError::model(path, format!("it is of another network or of other options; {fix}")));
+    }
+    if label.input != state.input {
+        return Err(LearnError::model(path, format!("it was trained on other samples; {fix}")));
+    }
+    let mut network = state.network.clone();
+    let mut moments = state.moments.clone();
+    let mut places = moments.iter_mut();
+    let shapes: Vec<(String, Vec<usize>, bool)> =
+        (state.network.tensors().into_iter()).map(|tensor| (tensor.name, tensor.shape, tensor.is_learned)).collect();
+    for ((name, shape, is_learned), values) in shapes.into_iter().zip(network.values_mut()) {
+        *values = tensors::values(path, &file, &name, &shape)?;
+        if is_learned {
+            let [mean, square] = places.next().expect("every learned tensor has its moments");
+            *mean = tensors::values(path, &file, &format!("adam.mean.{name}"), &shape)?;
+            *square = tensors::values(path, &file, &format!("adam.square.{name}"), &shape)?;
+        }
+    }
+    *state = State { network, input: label.input, moments, steps: label.steps, epochs: label.epochs };
+    Ok(true)
+}

@@ -1,0 +1,76 @@
+//! Why a network cannot be trained, loaded or used.
+
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// A network that cannot be trained, loaded or used.
+#[derive(Debug, Error)]
+pub enum LearnError {
+    /// Something of the physics: a design, a dataset, a twin.
+    #[error(transparent)]
+    Dermis(#[from] dermis::Error),
+    /// A number that training cannot take.
+    #[error("{what} is {value}: it must be {must}")]
+    OutOfRange {
+        /// What the number is.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+        /// The values it may have.
+        must: &'static str,
+    },
+    /// A dataset that does not fit the others or the design.
+    #[error("{}: {message}", folder.display())]
+    Data {
+        /// The dataset's folder.
+        folder: PathBuf,
+        /// What is wrong, and the fix.
+        message: String,
+    },
+    /// A value in a dataset that is no number.
+    #[error("sample {sample} of {} has a value that is not finite: `dermis simulate --verify` tells damaged files", folder.display())]
+    NotFinite {
+        /// The dataset's folder.
+        folder: PathBuf,
+        /// Number of the sample.
+        sample: u64,
+    },
+    /// A loss that is no longer a number.
+    #[error("the loss of epoch {epoch} is not finite: take a smaller --rate; the last checkpoint is kept")]
+    Diverged {
+        /// Number of the epoch, from 1 on.
+        epoch: usize,
+    },
+    /// A model or checkpoint that is not what it should be.
+    #[error("{}: {message}", path.display())]
+    Model {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, and the fix.
+        message: String,
+    },
+    /// A file that cannot be read or written.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+}
+
+impl LearnError {
+    pub(crate) fn model(path: &Path, message: impl Into<String>) -> Self {
+        LearnError::Model { path: path.to_path_buf(), message: message.into() }
+    }
+
+    pub(crate) fn io(path: &Path, source: std::io::Error) -> Self {
+        LearnError::Io { path: path.to_path_buf(), source }
+    }
+}
+
+impl From<dermis::dataset::DatasetError> for LearnError {
+    fn from(error: dermis::dataset::DatasetError) -> Self {
+        LearnError::Dermis(error.into())
+    }
+}

@@ -1,0 +1,13 @@
+//! The arithmetic of networks, in single precision: products of matrices, convolutions of pictures, sums over batches.
+//!
+//! Loops over vectors are `pulp::WithSimd` implementations, compiled for every instruction set and chosen at run time.
+
+pub mod adam;
+pub mod matrix;
+pub mod norm;
+pub mod picture;
+
+/// Runs an operation with the best instructions of this machine.
+pub fn run<O: pulp::WithSimd>(operation: O) -> O::Output {
+    pulp::Arch::new().dispatch(operation)
+}

@@ -1,0 +1,325 @@
+//! What a network is made of, and its values.
+
+use crate::kernel::picture::{Shape, TAPS};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use serde::{Deserialize, Serialize};
+
+/// Output channels of a convolution that is not the last are a multiple of this: they fill whole vectors.
+pub const CHANNELS_TOGETHER: usize = 16;
+
+/// The shape of a network, as it stands in a model's card: a trunk of layers on vectors, then perhaps convolutions that
+/// refine the picture that the trunk made.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Plan {
+    /// The layers, in their order.
+    pub trunk: Vec<LayerPlan>,
+    /// What follows them.
+    pub refinement: Option<RefinementPlan>,
+}
+
+/// A layer's shape.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum LayerPlan {
+    /// Every output is a sum over all inputs.
+    Dense {
+        /// Values in.
+        inputs: usize,
+        /// Values out.
+        outputs: usize,
+        /// Whether outputs below zero become zero.
+        relu: bool,
+    },
+    /// Each value less its mean over the batch, over its deviation, then scaled and shifted.
+    BatchNorm {
+        /// Values in and out.
+        features: usize,
+        /// Whether outputs below zero become zero.
+        relu: bool,
+    },
+}
+
+/// The shape of a refinement: convolutions of 3 x 3 pixels, a rectifier between two of them; the first channel of what
+/// comes in is added to what comes out.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RefinementPlan {
+    /// Rows of the picture.
+    pub rows: usize,
+    /// Its columns.
+    pub columns: usize,
+    /// Whether the last column is the first one's neighbour.
+    pub is_ring: bool,
+    /// Channels of what comes in, and after each convolution; the last is 1.
+    pub channels: Vec<usize>,
+}
+
+impl Plan {
+    /// The paper's network as we read it (dense, batch normalisation, rectifier) three times and a last dense layer: from
+    /// 870 values over 870, 880 and 890 to an image of 900 on its skin; on others the hidden sizes lie evenly between.
+    pub fn paper(channels: usize, pixels: usize) -> Self {
+        let size = |step: usize| (channels * (3 - step) + pixels * step + 1) / 3;
+        let sizes = [channels, size(0), size(1), size(2), pixels];
+        let mut trunk = Vec::new();
+        for pair in sizes[..4].windows(2) {
+            trunk.push(LayerPlan::Dense { inputs: pair[0], outputs: pair[1], relu: false });
+            trunk.push(LayerPlan::BatchNorm { features: pair[1], relu: true });
+        }
+        trunk.push(LayerPlan::Dense { inputs: sizes[3], outputs: pixels, relu: false });
+        Plan { trunk, refinement: None }
+    }
+
+    /// The other reading of the paper: batch normalisation of what enters each of four hidden layers, and a fifth that makes
+    /// the image.
+    pub fn paper_otherwise(channels: usize, pixels: usize) -> Self {
+        let size = |step: usize| (channels * (3 - step) + pixels * step + 1) / 3;
+        let sizes = [channels, size(0), size(1), size(2), pixels];
+        let mut trunk = Vec::new();
+        for pair in sizes.windows(2) {
+            trunk.push(LayerPlan::BatchNorm { features: pair[0], relu: false });
+            trunk.push(LayerPlan::Dense { inputs: pair[0], outputs: pair[1], relu: true });
+        }
+        trunk.push(LayerPlan::Dense { inputs: pixels, outputs: pixels, relu: false });
+        Plan { trunk, refinement: None }
+    }
+
+    /// A linear layer that makes several pictures of the frame, and convolutions that make one of them.
+    pub fn refined(inputs: usize, [rows, columns]: [usize; 2], is_ring: bool, channels: &[usize]) -> Self {
+        let outputs = rows * columns * channels[0];
+        let refinement = RefinementPlan { rows, columns, is_ring, channels: channels.to_vec() };
+        Plan { trunk: vec![LayerPlan::Dense { inputs, outputs, relu: false }], refinement: Some(refinement) }
+    }
+
+    /// Checks that every layer takes what the one before it gives.
+    ///
+    /// # Errors
+    /// What does not fit, in words.
+    pub fn check(&self) -> Result<(), String> {
+        let mut values = None;
+        for (index, layer) in self.trunk.iter().enumerate() {
+            let (inputs, outputs) = layer.sizes();
+            if inputs == 0 || outputs == 0 || values.is_some_and(|values| values != inputs) {
+                return Err(format!("layer {index} takes {inputs} values, which the one before it does not give"));
+            }
+            values = Some(outputs);
+        }
+        let Some(values) = values else { return Err("it has no layer".into()) };
+        let Some(RefinementPlan { rows, columns, channels, .. }) = &self.refinement else { return Ok(()) };
+        let hidden = channels.get(1..channels.len().max(2) - 1).unwrap_or_default();
+        if hidden.is_empty() || hidden.iter().any(|count| *count == 0 || !count.is_multiple_of(CHANNELS_TOGETHER)) {
+            return Err(format!("its convolutions have channels {channels:?}: those between must be multiples of 16"));
+        }
+        if channels.last() != Some(&1) || rows * columns * channels[0] != values || *columns < 2 {
+            return Err(format!("its convolutions cannot take {values} values as {channels:?} channels of {rows} x {columns}"));
+        }
+        Ok(())
+    }
+
+    /// Values that come in.
+    pub fn inputs(&self) -> usize {
+        self.trunk.first().map_or(0, |layer| layer.sizes().0)
+    }
+
+    /// Values that come out.
+    pub fn outputs(&self) -> usize {
+        match &self.refinement {
+            Some(refinement) => refinement.rows * refinement.columns,
+            None => self.trunk.last().map_or(0, |layer| layer.sizes().1),
+        }
+    }
+}
+
+impl LayerPlan {
+    fn sizes(&self) -> (usize, usize) {
+        match *self {
+            LayerPlan::Dense { inputs, outputs, .. } => (inputs, outputs),
+            LayerPlan::BatchNorm { features, .. } => (features, features),
+        }
+    }
+}
+
+/// A network: a plan and its values.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Network {
+    plan: Plan,
+    pub(crate) trunk: Vec<Layer>,
+    pub(crate) refinement: Option<Refinement>,
+}
+
+/// A layer on vectors.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Layer {
+    pub kind: Kind,
+    pub relu: bool,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Kind {
+    Dense(Dense),
+    BatchNorm(BatchNorm),
+}
+
+/// `y = b + x W`.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Dense {
+    pub inputs: usize,
+    pub outputs: usize,
+    /// Row-major, inputs x outputs.
+    pub weight: Vec<f32>,
+    pub bias: Vec<f32>,
+}
+
+/// `y = scale (x - mean) / sqrt(variance + epsilon) + shift`.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct BatchNorm {
+    pub scale: Vec<f32>,
+    pub shift: Vec<f32>,
+    /// Over the batches so far, each counting less the longer it is ago.
+    pub mean: Vec<f32>,
+    pub variance: Vec<f32>,
+}
+
+impl BatchNorm {
+    /// Added to the variance (Keras' default).
+    pub const EPSILON: f32 = 1e-3;
+    /// What the means over batches keep at each batch (Keras' default).
+    pub const MOMENTUM: f32 = 0.99;
+}
+
+/// Convolutions that refine a picture.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Refinement {
+    pub shape: Shape,
+    pub convolutions: Vec<Convolution>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Convolution {
+    /// In and out.
+    pub channels: [usize; 2],
+    /// `[tap][input channel][output channel]`.
+    pub weight: Vec<f32>,
+    pub bias: Vec<f32>,
+}
+
+/// One tensor of a network.
+#[derive(Debug)]
+pub struct Tensor<T> {
+    /// "trunk.0.weight".
+    pub name: String,
+    /// Sizes, row-major.
+    pub shape: Vec<usize>,
+    /// Whether training descends its gradient; the others follow the data.
+    pub is_learned: bool,
+    /// Its values.
+    pub values: T,
+}
+
+impl Network {
+    /// A network before training: weights even within the bounds of Glorot and Bengio (2010), `+-sqrt(6 / (inputs +
+    /// outputs))`, the last convolution zero so that a refinement begins by changing nothing.
+    ///
+    /// # Panics
+    /// Where the plan's layers do not fit together.
+    pub fn new(plan: &Plan, seed: u64) -> Self {
+        if let Err(message) = plan.check() {
+            panic!("{message}");
+        }
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut even = |count: usize, sum: usize| {
+            let bound = (6.0 / sum as f32).sqrt();
+            (0..count).map(|_| bound * (2.0 * rng.random::<f32>() - 1.0)).collect::<Vec<f32>>()
+        };
+        let trunk = (plan.trunk.iter())
+            .map(|layer| match *layer {
+                LayerPlan::Dense { inputs, outputs, relu } => {
+                    let weight = even(inputs * outputs, inputs + outputs);
+                    Layer { kind: Kind::Dense(Dense { inputs, outputs, weight, bias: vec![0.0; outputs] }), relu }
+                }
+                LayerPlan::BatchNorm { features, relu } => {
+                    let norm = BatchNorm {
+                        scale: vec![1.0; features],
+                        shift: vec![0.0; features],
+                        mean: vec![0.0; features],
+                        variance: vec![1.0; features],
+                    };
+                    Layer { kind: Kind::BatchNorm(norm), relu }
+                }
+            })
+            .collect();
+        let refinement = plan.refinement.as_ref().map(|refinement| {
+            let shape =
+                Shape { rows: refinement.rows, columns: refinement.columns, is_ring: refinement.is_ring };
+            let convolution = |pair: &[usize]| {
+                let (from, to) = (pair[0], pair[1]);
+                let weight = even(TAPS * from * to, TAPS * (from + to));
+                Convolution { channels: [from, to], weight, bias: vec![0.0; to] }
+            };
+            let mut convolutions: Vec<Convolution> = refinement.channels.windows(2).map(convolution).collect();
+            if let Some(last) = convolutions.last_mut() {
+                last.weight.fill(0.0);
+            }
+            Refinement { shape, convolutions }
+        });
+        Network { plan: plan.clone(), trunk, refinement }
+    }
+
+    /// Its shape.
+    pub fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
+    /// Values that training changes.
+    pub fn learned_count(&self) -> usize {
+        self.tensors().iter().filter(|tensor| tensor.is_learned).map(|tensor| tensor.values.len()).sum()
+    }
+
+    /// All tensors, in a fixed order.
+    pub fn tensors(&self) -> Vec<Tensor<&[f32]>> {
+        let mut tensors = Vec::new();
+        let mut add = |name: String, shape: Vec<usize>, is_learned: bool, values| {
+            tensors.push(Tensor { name, shape, is_learned, values });
+        };
+        for (index, layer) in self.trunk.iter().enumerate() {
+            match &layer.kind {
+                Kind::Dense(Dense { inputs, outputs, weight, bias }) => {
+                    add(format!("trunk.{index}.weight"), vec![*inputs, *outputs], true, &weight[..]);
+                    add(format!("trunk.{index}.bias"), vec![*outputs], true, bias);
+                }
+                Kind::BatchNorm(BatchNorm { scale, shift, mean, variance }) => {
+                    let shape = vec![scale.len()];
+                    add(format!("trunk.{index}.scale"), shape.clone(), true, scale);
+                    add(format!("trunk.{index}.shift"), shape.clone(), true, shift);
+                    add(format!("trunk.{index}.mean"), shape.clone(), false, mean);
+                    add(format!("trunk.{index}.variance"), shape, false, variance);
+                }
+            }
+        }
+        for (index, one) in self.refinement.iter().flat_map(|refinement| refinement.convolutions.iter().enumerate()) {
+            let [from, to] = one.channels;
+            add(format!("refinement.{index}.weight"), vec![3, 3, from, to], true, &one.weight);
+            add(format!("refinement.{index}.bias"), vec![to], true, &one.bias);
+        }
+        tensors
+    }
+
+    /// The values of all tensors, to be changed; in the order of [`tensors`](Self::tensors).
+    pub fn values_mut(&mut self) -> Vec<&mut Vec<f32>> {
+        let mut values = Vec::new();
+        for layer in &mut self.trunk {
+            match &mut layer.kind {
+                Kind::Dense(dense) => values.extend([&mut dense.weight, &mut dense.bias]),
+                Kind::BatchNorm(norm) => {
+                    values.extend([&mut norm.scale, &mut norm.shift, &mut norm.mean, &mut norm.variance]);
+                }
+            }
+        }
+        for one in self.refinement.iter_mut().flat_map(|refinement| &mut refinement.convolutions) {
+            values.extend([&mut one.weight, &mut one.bias]);
+        }
+        values
+    }
+}

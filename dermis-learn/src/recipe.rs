@@ -1,0 +1,71 @@
+//! The networks that are trained by name, and what each is trained with.
+
+use crate::input::Input;
+use crate::network::Plan;
+use crate::samples::{Noise, Target};
+use crate::symmetry::Symmetries;
+use crate::train::{Schedule, TrainOptions};
+use dermis::design::SkinDesign;
+use dermis::geom::Surface;
+use dermis::image::PixelSpace;
+use dermis::protocol::Protocol;
+
+/// Channels of the pictures that the best network's convolutions take and make.
+const CHANNELS: [usize; 6] = [4, 16, 16, 16, 16, 1];
+/// Standard deviation of the Gaussians that its touches become, m: a pixel of the paper's skin.
+const TOUCH_WIDTH_M: f64 = 0.010;
+
+/// Everything that is settled before training begins, beside the samples.
+#[derive(Debug, Clone)]
+pub struct Method {
+    /// For tables and cards.
+    pub name: &'static str,
+    /// The network.
+    pub plan: Plan,
+    /// What it takes.
+    pub input: Input,
+    /// What it makes.
+    pub target: Target,
+    /// What disturbs it.
+    pub noise: Noise,
+    /// By what movements samples are multiplied.
+    pub symmetries: Option<Symmetries>,
+    /// How it is trained.
+    pub options: TrainOptions,
+}
+
+impl Method {
+    /// The paper's: four dense layers, the image of the change of conductance, white noise as it was measured.
+    pub fn paper(protocol: &Protocol, pixels: &PixelSpace, noise_ohm: Vec<f32>) -> Self {
+        Method {
+            name: "paper",
+            plan: Plan::paper(protocol.channel_count(), pixels.len()),
+            input: Input::each(protocol),
+            target: Target::Conductance,
+            noise: Noise::white(noise_ohm),
+            symmetries: None,
+            options: TrainOptions::default(),
+        }
+    }
+
+    /// Ours: reciprocal readings averaged, a linear layer to four pictures, convolutions that wrap; the touches themselves;
+    /// noise from half to four times what was measured, drift of coat and contacts; all symmetries of the skin. Where pixels
+    /// fill no rectangle, dense layers stand in for the convolutions.
+    pub fn best(design: &SkinDesign, protocol: &Protocol, pixels: &PixelSpace, noise_ohm: Vec<f32>) -> Self {
+        let input = Input::reciprocal(protocol);
+        let is_ring = matches!(pixels.surface, Surface::Cylinder { .. });
+        let plan = match pixels.grid.filter(|[rows, columns]| rows * columns == pixels.len()) {
+            Some(grid) => Plan::refined(input.len(), grid, is_ring, &CHANNELS),
+            None => Plan::paper(input.len(), pixels.len()),
+        };
+        Method {
+            name: "best",
+            plan,
+            input,
+            target: Target::Touches { width_m: TOUCH_WIDTH_M },
+            noise: Noise { sd_ohm: noise_ohm, factor: [0.5, 4.0], coat_drift: 0.01, contact_drift: 0.1 },
+            symmetries: Some(Symmetries::of(design, protocol)),
+            options: TrainOptions { epochs: 20, schedule: Schedule::Cosine, ..TrainOptions::default() },
+        }
+    }
+}

@@ -1,0 +1,247 @@
+//! Movements that bring a skin to lie on itself: a touch in one place tells of the touches in all places that they lead to.
+
+use dermis::design::{Body, SkinDesign};
+use dermis::geom::{Point3, Surface};
+use dermis::protocol::{Pair, Protocol};
+use std::collections::HashMap;
+
+/// Electrodes that are this close are the same, m.
+const SAME_M: f64 = 1e-6;
+
+/// The symmetries of a skin: at least the one that moves nothing.
+#[derive(Debug, Clone)]
+pub struct Symmetries {
+    elements: Vec<Symmetry>,
+    drives: Vec<[usize; 4]>,
+    electrodes: usize,
+    /// For each pair of neighbours in the ring of electrodes (drive, measure) the channel that reads it.
+    channel_of: Vec<Option<usize>>,
+}
+
+/// One movement.
+#[derive(Debug, Clone)]
+struct Symmetry {
+    motion: Motion,
+    /// From which electrode each one comes.
+    from: Vec<usize>,
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Motion {
+    /// On a cylinder: theta becomes `turn_rad + sign theta`, z perhaps the length less z.
+    Cylinder { turn_rad: f64, sign: f64, flips_m: Option<f64> },
+    /// In the plane: a turn about the origin, after y has changed its sign where `sign` is -1.
+    Disk { turn_rad: f64, sign: f64 },
+    /// In the plane: mirrored about the middle of either axis.
+    Rectangle { flips_m: [Option<f64>; 2] },
+}
+
+impl Motion {
+    fn apply(&self, [x, y, z]: Point3) -> Point3 {
+        match *self {
+            Motion::Cylinder { turn_rad, sign, flips_m } => {
+                let (radius_m, theta) = (x.hypot(y), turn_rad + sign * y.atan2(x));
+                [radius_m * theta.cos(), radius_m * theta.sin(), flips_m.map_or(z, |length_m| length_m - z)]
+            }
+            Motion::Disk { turn_rad, sign } => {
+                let (sin, cos) = turn_rad.sin_cos();
+                [cos * x - sin * sign * y, sin * x + cos * sign * y, z]
+            }
+            Motion::Rectangle { flips_m: [across, along] } => {
+                [across.map_or(x, |size_m| size_m - x), along.map_or(y, |size_m| size_m - y), z]
+            }
+        }
+    }
+}
+
+impl Symmetries {
+    /// The symmetries of a design whose frames tell them: all neighbours drive and all others measure, so that the voltage
+    /// between any two electrodes for a current through any two follows from a frame. Any other protocol has the one
+    /// symmetry that moves nothing.
+    pub fn of(design: &SkinDesign, protocol: &Protocol) -> Self {
+        let electrodes = protocol.electrode_count();
+        let channel_of = neighbours(protocol).unwrap_or_default();
+        let places: Vec<Point3> = design.electrodes.iter().map(|electrode| electrode.centre_m).collect();
+        let candidates = if channel_of.is_empty() { vec![] } else { motions(&design.body, &places) };
+        let mut elements: Vec<Symmetry> = Vec::new();
+        for motion in candidates {
+            if let Some(from) = permutation(&motion, &places)
+                && !elements.iter().any(|other| other.from == from)
+            {
+                elements.push(Symmetry { motion, from });
+            }
+        }
+        let drive = |channel: &dermis::protocol::Channel| {
+            [channel.drive[0], channel.drive[1], channel.measure[0], channel.measure[1]]
+        };
+        Symmetries { elements, drives: protocol.channels().iter().map(drive).collect(), electrodes, channel_of }
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.elements.len().max(1)
+    }
+
+    /// Never: the one that moves nothing is always there.
+    pub fn is_empty(&self) -> bool {
+        false
+    }
+
+    /// Where a symmetry leads a point.
+    pub fn point(&self, element: usize, point: Point3) -> Point3 {
+        self.elements.get(element).map_or(point, |symmetry| symmetry.motion.apply(point))
+    }
+
+    /// The frame of a skin that a symmetry moved, from the frame of the skin: transfer resistances follow their electrodes.
+    /// Frames must be exact: of noise every value would become a sum.
+    pub fn frame(&self, element: usize, frame: &[f32], moved: &mut [f32]) {
+        let Some(symmetry) = self.elements.get(element) else { return moved.copy_from_slice(frame) };
+        let count = self.electrodes;
+        // [d][k]: the potential of electrode 0 against electrode k for a current into 0 and out of d.
+        let mut potential = vec![0.0f64; count * count];
+        let mut steps = vec![0.0f64; count];
+        for drive in 0..count - 1 {
+            for (measure, step) in steps.iter_mut().enumerate() {
+                let channel = self.channel_of[drive * count + measure];
+                *step = channel.map_or(0.0, |channel| f64::from(frame[channel]));
+            }
+            // The voltages round the ring add up to nothing, which tells the one that is not read.
+            steps[drive] = -steps.iter().sum::<f64>();
+            let mut sum = 0.0;
+            for measure in 0..count {
+                potential[(drive + 1) * count + measure] = potential[drive * count + measure] + sum;
+                sum += steps[measure];
+            }
+        }
+        let voltage = |[a, b, c, d]: [usize; 4]| {
+            let at = |drive: usize, measure: usize| potential[drive * count + measure];
+            at(b, d) - at(b, c) - at(a, d) + at(a, c)
+        };
+        for (value, channel) in moved.iter_mut().zip(&self.drives) {
+            *value = voltage(channel.map(|electrode| symmetry.from[electrode])) as f32;
+        }
+    }
+}
+
+/// For each (drive, measure) of neighbours in the ring the channel; `None` where one but the drive's own is missing.
+fn neighbours(protocol: &Protocol) -> Option<Vec<Option<usize>>> {
+    let count = protocol.electrode_count();
+    let numbers: HashMap<(Pair, Pair), usize> =
+        protocol.channels().iter().enumerate().map(|(number, channel)| ((channel.drive, channel.measure), number)).collect();
+    let pair = |first: usize| -> Pair { [first, (first + 1) % count] };
+    if protocol.amplitude_only() || count < 3 {
+        return None;
+    }
+    (0..count * count)
+        .map(|at| match (at / count, at % count) {
+            (drive, measure) if drive == measure => Some(None),
+            (drive, measure) => numbers.get(&(pair(drive), pair(measure))).map(|&number| Some(number)),
+        })
+        .collect()
+}
+
+fn motions(body: &Body, places: &[Point3]) -> Vec<Motion> {
+    let angle = |place: Point3| place[1].atan2(place[0]);
+    let mut motions = Vec::new();
+    match *body {
+        Body::Cylinder { length_m, .. } => {
+            for flips_m in [None, Some(length_m)] {
+                for sign in [1.0, -1.0] {
+                    for &place in places {
+                        motions.push(Motion::Cylinder { turn_rad: angle(place) - sign * angle(places[0]), sign, flips_m });
+                    }
+                }
+            }
+        }
+        Body::Disk { .. } => {
+            for sign in [1.0, -1.0] {
+                for &place in places {
+                    motions.push(Motion::Disk { turn_rad: angle(place) - sign * angle(places[0]), sign });
+                }
+            }
+        }
+        Body::Rectangle { width_m, height_m } => {
+            for across in [None, Some(width_m)] {
+                for along in [None, Some(height_m)] {
+                    motions.push(Motion::Rectangle { flips_m: [across, along] });
+                }
+            }
+        }
+        Body::Mesh { .. } => {}
+    }
+    motions
+}
+
+/// From which electrode each one comes under a motion; `None` where one comes from nowhere.
+fn permutation(motion: &Motion, places: &[Point3]) -> Option<Vec<usize>> {
+    let mut from = vec![None; places.len()];
+    for (electrode, &place) in places.iter().enumerate() {
+        let moved = motion.apply(place);
+        let near = |other: &Point3| (0..3).all(|axis| (other[axis] - moved[axis]).abs() < SAME_M);
+        from[places.iter().position(near)?] = Some(electrode);
+    }
+    from.into_iter().collect()
+}
+
+/// Coordinates in which distances along a surface are those of straight lines, the first of them perhaps periodic.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Flat {
+    radius_m: Option<f64>,
+}
+
+impl Flat {
+    pub fn of(surface: &Surface) -> Self {
+        match surface {
+            Surface::Cylinder { radius_m, .. } => Flat { radius_m: Some(*radius_m) },
+            _ => Flat { radius_m: None },
+        }
+    }
+
+    pub fn place(&self, [x, y, z]: Point3) -> Point3 {
+        self.radius_m.map_or([x, y, z], |radius_m| [radius_m * y.atan2(x), z, 0.0])
+    }
+
+    pub fn square_distance(&self, a: Point3, b: Point3) -> f64 {
+        let mut across = (a[0] - b[0]).abs();
+        if let Some(radius_m) = self.radius_m {
+            across = across.min(std::f64::consts::TAU * radius_m - across);
+        }
+        across * across + (a[1] - b[1]).powi(2) + (a[2] - b[2]).powi(2)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dermis::forward::ForwardModel;
+    use dermis::mesh::Mesh;
+    use dermis::touch::{GaussianTouch, touched_conductivity};
+
+    #[test]
+    fn the_cylinder_has_twenty_symmetries_and_touches_follow_them() {
+        let design = SkinDesign::shipped("cylinder30").unwrap();
+        let forward = ForwardModel::new(&design, &Mesh::generate(&design).unwrap()).unwrap();
+        let symmetries = Symmetries::of(&design, forward.protocol());
+        assert_eq!(symmetries.len(), 20);
+        let surface = design.body.surface();
+        let frame = |centre_m: Point3| -> Vec<f32> {
+            let touch = GaussianTouch { centre_m, width_m: 0.012, amplitude: 1.0 };
+            let rest = forward.rest_conductivity();
+            let coat = touched_conductivity(forward.mesh(), &surface, design.sheet.touch, rest, &[touch]).unwrap();
+            let difference = &forward.solve(&coat).unwrap() - &forward.solve(rest).unwrap();
+            difference.iter().map(|&value| value as f32).collect()
+        };
+        let place = surface.at(0.11, 0.7).unwrap();
+        let (here, mut moved) = (frame(place), vec![0.0; 870]);
+        let size = |values: &[f32]| values.iter().map(|value| value * value).sum::<f32>().sqrt();
+        for element in 0..20 {
+            symmetries.frame(element, &here, &mut moved);
+            let there = frame(symmetries.point(element, place));
+            let off: Vec<f32> = moved.iter().zip(&there).map(|(a, b)| a - b).collect();
+            // Meshes differ from place to place: not more than what a mesh is worth.
+            assert!(size(&off) < 0.02 * size(&there), "{element}: {}", size(&off) / size(&there));
+        }
+        symmetries.frame(0, &here, &mut moved);
+        assert!(here.iter().zip(&moved).all(|(a, b)| (a - b).abs() < 1e-5 * size(&here)));
+    }
+}

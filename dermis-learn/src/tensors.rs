@@ -1,0 +1,73 @@
+//! Files of tensors, in the safetensors format.
+
+use crate::LearnError;
+use dermis::frame::write_whole;
+use half::f16;
+use safetensors::tensor::{Dtype, TensorView};
+use safetensors::SafeTensors;
+use std::collections::HashMap;
+use std::path::Path;
+
+/// How values are stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Precision {
+    /// Four bytes each.
+    Single,
+    /// Two bytes each, rounded to nearest.
+    Half,
+}
+
+/// A tensor to be written.
+pub(crate) struct Named<'a> {
+    pub name: String,
+    pub shape: Vec<usize>,
+    pub values: &'a [f32],
+    pub precision: Precision,
+}
+
+/// Writes tensors and a text under each key of the metadata, whole or not at all.
+pub(crate) fn write(path: &Path, tensors: &[Named<'_>], metadata: HashMap<String, String>) -> Result<(), LearnError> {
+    let bytes: Vec<Vec<u8>> = (tensors.iter())
+        .map(|tensor| match tensor.precision {
+            Precision::Single => tensor.values.iter().flat_map(|value| value.to_le_bytes()).collect(),
+            Precision::Half => tensor.values.iter().flat_map(|&value| f16::from_f32(value).to_le_bytes()).collect(),
+        })
+        .collect();
+    let views = tensors.iter().zip(&bytes).map(|(tensor, bytes)| {
+        let dtype = match tensor.precision {
+            Precision::Single => Dtype::F32,
+            Precision::Half => Dtype::F16,
+        };
+        let view = TensorView::new(dtype, tensor.shape.clone(), bytes).expect("as many bytes as the shape says");
+        (tensor.name.clone(), view)
+    });
+    let metadata = Some(metadata).filter(|metadata| !metadata.is_empty());
+    let bytes = safetensors::serialize(views, metadata).map_err(|error| LearnError::model(path, error.to_string()))?;
+    write_whole(path, |out| out.write_all(&bytes)).map_err(|error| LearnError::Dermis(error.into()))
+}
+
+/// The values of a tensor that must be there in a shape.
+pub(crate) fn values(path: &Path, file: &SafeTensors<'_>, name: &str, shape: &[usize]) -> Result<Vec<f32>, LearnError> {
+    let wrong = |what: String| LearnError::model(path, what);
+    let tensor = file.tensor(name).map_err(|_| wrong(format!("the tensor `{name}` is missing")))?;
+    if tensor.shape() != shape {
+        return Err(wrong(format!("the tensor `{name}` is {:?}, not {shape:?}", tensor.shape())));
+    }
+    let values: Vec<f32> = match tensor.dtype() {
+        Dtype::F32 => {
+            tensor.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
+        }
+        Dtype::F16 => tensor.data().chunks_exact(2).map(|b| f16::from_le_bytes([b[0], b[1]]).to_f32()).collect(),
+        other => return Err(wrong(format!("the tensor `{name}` holds {other:?}, not F32 or F16"))),
+    };
+    match values.iter().position(|value| !value.is_finite()) {
+        Some(at) => Err(wrong(format!("the tensor `{name}` has a value that is not finite, at {at}"))),
+        None => Ok(values),
+    }
+}
+
+/// Reads a file's header; a cut-off or foreign one is told.
+pub(crate) fn parse<'a>(path: &Path, bytes: &'a [u8]) -> Result<SafeTensors<'a>, LearnError> {
+    SafeTensors::deserialize(bytes)
+        .map_err(|error| LearnError::model(path, format!("damaged, cut off or no safetensors file ({error})")))
+}

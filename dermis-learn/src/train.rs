@@ -1,0 +1,290 @@
+//! Training: epochs of steps down the gradient, until the test loss falls no more.
+
+use crate::LearnError;
+use crate::checkpoint;
+use crate::input::Input;
+use crate::kernel::adam::{AdamOptions, AdamStep};
+use crate::kernel::run;
+use crate::network::{Network, Plan};
+use crate::samples::{Disturb, Samples};
+use crate::train_pass::{Batch, Pass};
+use dermis::touch::sample_rng;
+use rand::seq::SliceRandom;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+use std::time::Instant;
+
+/// Samples from which the inputs' mean and deviation are taken.
+const NORMALISE_BY: usize = 20_000;
+/// Values that one thread steps at a time.
+const STEP_TOGETHER: usize = 1 << 15;
+/// Streams of random numbers that are no samples'.
+const ORDER_STREAM: u64 = 1 << 62;
+
+/// How a network is trained.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrainOptions {
+    /// Samples of a step.
+    pub batch: usize,
+    /// Most epochs.
+    pub epochs: usize,
+    /// Samples of an epoch; all of them without it.
+    pub epoch_samples: Option<usize>,
+    /// Adam's rate.
+    pub rate: f32,
+    /// How the rate goes.
+    pub schedule: Schedule,
+    /// The seed of weights, order and noise.
+    pub seed: u64,
+    /// Training ends when the least test loss has not fallen by this share...
+    pub least_gain: f64,
+    /// ... in this many epochs.
+    pub patience: usize,
+}
+
+/// How the rate goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Schedule {
+    /// It stays.
+    Constant,
+    /// It falls along half a cosine, to nothing at the end of the last epoch (Loshchilov and Hutter, 2017, arXiv
+    /// 1608.03983, Eq. 5).
+    Cosine,
+}
+
+impl Default for TrainOptions {
+    /// The paper's minibatch, Keras' rate; it ends where the test loss has not fallen by 0.5 % in 5 epochs.
+    fn default() -> Self {
+        TrainOptions {
+            batch: 360,
+            epochs: 40,
+            epoch_samples: None,
+            rate: 1e-3,
+            schedule: Schedule::Constant,
+            seed: 1,
+            least_gain: 0.005,
+            patience: 5,
+        }
+    }
+}
+
+/// An epoch that is done.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Epoch {
+    /// Mean square error over the steps, on disturbed inputs, while weights changed.
+    pub training_loss: f64,
+    /// Mean square error on the test samples, disturbed alike, after it.
+    pub test_loss: f64,
+    /// How long it took, s.
+    pub seconds: f64,
+}
+
+/// A network in training.
+#[derive(Debug)]
+pub struct Trainer<'a> {
+    options: TrainOptions,
+    training: &'a Samples<'a>,
+    test: &'a Samples<'a>,
+    pub(crate) state: State,
+    pass: Pass,
+    inputs: Vec<f32>,
+    targets: Vec<f32>,
+}
+
+/// All that training needs to go on.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct State {
+    pub network: Network,
+    pub input: Input,
+    /// Adam's means and mean squares of each learned tensor.
+    pub moments: Vec<[Vec<f32>; 2]>,
+    pub steps: u64,
+    pub epochs: Vec<Epoch>,
+}
+
+impl<'a> Trainer<'a> {
+    /// A network before its first step, the input normalised by the training samples.
+    ///
+    /// # Errors
+    /// Fewer samples than a step takes; numbers out of range; samples that cannot be read.
+    pub fn new(
+        plan: &Plan,
+        mut input: Input,
+        options: &TrainOptions,
+        training: &'a Samples<'a>,
+        test: &'a Samples<'a>,
+    ) -> Result<Self, LearnError> {
+        let out_of_range = |what, value, must| Err(LearnError::OutOfRange { what, value, must });
+        if !(options.rate > 0.0 && options.rate.is_finite()) {
+            return out_of_range("the rate", f64::from(options.rate), "positive and finite");
+        }
+        if options.batch < 2 || options.batch > training.len() {
+            return out_of_range("the samples of a step", options.batch as f64, "2 or more, and no more than the training samples");
+        }
+        if options.epochs == 0 {
+            return out_of_range("the number of epochs", 0.0, "at least 1");
+        }
+        let order = shuffled(training.len(), options.seed, 0);
+        let few = &order[..order.len().min(NORMALISE_BY)];
+        let differences = few.par_iter().map(|&index| training.difference(index)).collect::<Result<Vec<_>, _>>()?;
+        input.normalise(&differences);
+        let network = Network::new(plan, options.seed);
+        let learned = network.tensors().into_iter().filter(|tensor| tensor.is_learned);
+        let moments = learned.map(|tensor| [vec![0.0; tensor.values.len()], vec![0.0; tensor.values.len()]]).collect();
+        let pass = Pass::new(&network, options.batch);
+        Ok(Trainer {
+            options: options.clone(),
+            training,
+            test,
+            inputs: vec![0.0; options.batch * plan.inputs()],
+            targets: vec![0.0; options.batch * plan.outputs()],
+            state: State { network, input, moments, steps: 0, epochs: Vec::new() },
+            pass,
+        })
+    }
+
+    /// Goes on from a checkpoint, if there is one.
+    ///
+    /// # Errors
+    /// A checkpoint of another network or training, or a damaged one.
+    pub fn resume(&mut self, path: &Path) -> Result<bool, LearnError> {
+        checkpoint::read(path, &self.options, &mut self.state)
+    }
+
+    /// Writes all that going on needs.
+    ///
+    /// # Errors
+    /// A file that cannot be written; the one before it is then untouched.
+    pub fn save(&self, path: &Path) -> Result<(), LearnError> {
+        checkpoint::write(path, &self.options, &self.state)
+    }
+
+    /// The network as it is.
+    pub fn network(&self) -> &Network {
+        &self.state.network
+    }
+
+    /// How differences become its inputs.
+    pub fn input(&self) -> &Input {
+        &self.state.input
+    }
+
+    /// The epochs that are done.
+    pub fn epochs(&self) -> &[Epoch] {
+        &self.state.epochs
+    }
+
+    /// Steps of an epoch.
+    pub fn steps_per_epoch(&self) -> usize {
+        let samples = self.options.epoch_samples.unwrap_or(usize::MAX).min(self.training.len());
+        (samples / self.options.batch).max(1)
+    }
+
+    /// Whether all epochs are done, or the test loss falls no more.
+    pub fn is_done(&self) -> bool {
+        let epochs = &self.state.epochs;
+        let least = |epochs: &[Epoch]| epochs.iter().map(|epoch| epoch.test_loss).fold(f64::INFINITY, f64::min);
+        let before = epochs.len().saturating_sub(self.options.patience);
+        let stands = before > 0 && least(&epochs[before..]) > (1.0 - self.options.least_gain) * least(&epochs[..before]);
+        // A rate that is to fall to nothing earns its best at the end.
+        epochs.len() >= self.options.epochs || stands && self.options.schedule == Schedule::Constant
+    }
+
+    /// One epoch, then the test. `on_step` is told the mean loss so far after every step.
+    ///
+    /// # Errors
+    /// Samples that cannot be read; a loss that is no longer a number.
+    pub fn epoch(&mut self, mut on_step: impl FnMut(f64)) -> Result<Epoch, LearnError> {
+        let begun = Instant::now();
+        let number = self.state.epochs.len() + 1;
+        let order = shuffled(self.training.len(), self.options.seed, number as u64);
+        let steps = self.steps_per_epoch();
+        let mut sum = 0.0;
+        for (done, indices) in order.chunks_exact(self.options.batch).take(steps).enumerate() {
+            // Every sample of every epoch has noise of its own.
+            let first = self.state.steps * self.options.batch as u64;
+            self.fill(self.training, indices, first)?;
+            sum += self.step();
+            if !sum.is_finite() {
+                return Err(LearnError::Diverged { epoch: number });
+            }
+            on_step(sum / (done + 1) as f64);
+        }
+        let test_loss = self.test_loss()?;
+        let seconds = begun.elapsed().as_secs_f64();
+        let epoch = Epoch { training_loss: sum / steps as f64, test_loss, seconds };
+        self.state.epochs.push(epoch);
+        Ok(epoch)
+    }
+
+    /// The mean square error on the test samples, whose noise is always the same.
+    fn test_loss(&mut self) -> Result<f64, LearnError> {
+        let batch = self.options.batch;
+        let indices: Vec<usize> = (0..self.test.len()).collect();
+        let (mut sum, mut values) = (0.0, 0);
+        for (number, chunk) in indices.chunks(batch).enumerate() {
+            let mut padded = chunk.to_vec();
+            padded.resize(batch, chunk[0]);
+            self.fill(self.test, &padded, ORDER_STREAM + (number * batch) as u64)?;
+            let outputs = self.pass.outputs(&mut self.state.network, &self.inputs);
+            let count = chunk.len() * self.state.network.plan().outputs();
+            let square = |(output, target): (&f32, &f32)| f64::from(output - target).powi(2);
+            sum += outputs[..count].iter().zip(&self.targets).map(square).sum::<f64>();
+            values += count;
+        }
+        Ok(sum / values as f64)
+    }
+
+    fn fill(&mut self, samples: &Samples<'_>, indices: &[usize], first: u64) -> Result<(), LearnError> {
+        let plan = self.state.network.plan();
+        let (inputs, targets) = (plan.inputs(), plan.outputs());
+        let rows = self.inputs.par_chunks_mut(inputs).zip(self.targets.par_chunks_mut(targets));
+        rows.zip(indices).enumerate().try_for_each(|(row, ((inputs, target), &index))| {
+            let disturb = Disturb::Step(self.options.seed, first + row as u64);
+            samples.fill(index, disturb, &self.state.input, inputs, target)
+        })
+    }
+
+    /// One step down the gradient of what is filled in; gives the loss before it.
+    fn step(&mut self) -> f64 {
+        let weights = vec![1.0; self.options.batch];
+        let batch = Batch { inputs: &self.inputs, targets: &self.targets, weights: &weights };
+        let loss = self.pass.descend(&mut self.state.network, batch);
+        self.state.steps += 1;
+        let options = AdamOptions::default();
+        let rate = options.corrected(self.rate(), self.state.steps);
+        let learned: Vec<bool> = self.state.network.tensors().iter().map(|tensor| tensor.is_learned).collect();
+        let values = self.state.network.values_mut().into_iter().zip(learned).filter(|(_, learned)| *learned);
+        for (((values, _), gradient), [mean, square]) in
+            values.zip(&self.pass.gradient).zip(&mut self.state.moments)
+        {
+            let moments = mean.par_chunks_mut(STEP_TOGETHER).zip(square.par_chunks_mut(STEP_TOGETHER));
+            let values = values.par_chunks_mut(STEP_TOGETHER).zip(gradient.par_chunks(STEP_TOGETHER));
+            values.zip(moments).for_each(|((values, gradient), (mean, square))| {
+                run(AdamStep { options, rate, values, gradient, mean, square });
+            });
+        }
+        loss
+    }
+
+    fn rate(&self) -> f32 {
+        match self.options.schedule {
+            Schedule::Constant => self.options.rate,
+            Schedule::Cosine => {
+                let all = (self.steps_per_epoch() * self.options.epochs) as f64;
+                let part = (self.state.steps as f64 / all).min(1.0);
+                (f64::from(self.options.rate) * 0.5 * (1.0 + (std::f64::consts::PI * part).cos())) as f32
+            }
+        }
+    }
+}
+
+/// The numbers below `count` in an order that a seed and a round tell.
+fn shuffled(count: usize, seed: u64, round: u64) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..count).collect();
+    order.shuffle(&mut sample_rng(seed, 2 * ORDER_STREAM + round));
+    order
+}

@@ -1,0 +1,151 @@
+//! Samples of a finished dataset, read in any order.
+
+use crate::dataset::DatasetError;
+use crate::dataset::file::Reader;
+use crate::dataset::finish::Manifest;
+use crate::dataset::generator::TOUCH_COLUMNS;
+use crate::dataset::record::{FRAMES, IMAGES, REST, TOUCHES, file_name};
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+/// A finished dataset, open for reading. The system keeps in memory what is read often; nothing else is.
+#[derive(Debug)]
+pub struct Dataset {
+    folder: PathBuf,
+    manifest: Manifest,
+    files: Vec<File>,
+    /// Where each tensor of each file begins, and the values of one of its rows.
+    tensors: Vec<[Rows; 4]>,
+}
+
+/// Where the rows of a tensor lie.
+#[derive(Debug, Clone, Copy)]
+struct Rows {
+    start: u64,
+    count: usize,
+    width: usize,
+}
+
+/// The tensors in the order of [`Dataset::tensors`].
+const NAMES: [&str; 4] = [REST, FRAMES, IMAGES, TOUCHES];
+
+impl Dataset {
+    /// Opens the dataset of a folder, the header of every file checked. Whether values are damaged is what
+    /// [`verify`](crate::dataset::verify) tells.
+    ///
+    /// # Errors
+    /// A folder without a manifest; a file that is missing, cut off or of another dataset.
+    pub fn open(folder: &Path) -> Result<Self, DatasetError> {
+        let manifest = Manifest::read(folder)?;
+        let (mut files, mut tensors) = (Vec::new(), Vec::new());
+        for file in 0..manifest.record.file_count() {
+            let path = folder.join(file_name(file));
+            let shapes = manifest.record.shapes(file);
+            let header_bytes = Reader::open(&path, &shapes, &manifest.record.label(&manifest.identity, file))?.header_bytes();
+            files.push(File::open(&path).map_err(|source| DatasetError::Io { path, source })?);
+            let rows = |name: &str| {
+                let mut start = header_bytes;
+                for (other, shape) in &shapes {
+                    let (count, width) = (shape[0], shape[1..].iter().product());
+                    if *other == name {
+                        return Rows { start, count, width };
+                    }
+                    start += 4 * (count * width) as u64;
+                }
+                unreachable!("the record names all four tensors")
+            };
+            tensors.push(NAMES.map(rows));
+        }
+        Ok(Dataset { folder: folder.to_path_buf(), manifest, files, tensors })
+    }
+
+    /// What it was made from, and its statistics.
+    pub fn manifest(&self) -> &Manifest {
+        &self.manifest
+    }
+
+    /// The folder.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Number of samples.
+    pub fn len(&self) -> u64 {
+        self.manifest.record.recipe.samples
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The untouched frame of a sample's skin, ohm.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    ///
+    /// # Panics
+    /// Here as in the other readers: a sample that is not there, or memory of another size than a row's.
+    pub fn rest_into(&self, sample: u64, values: &mut [f32]) -> Result<(), DatasetError> {
+        self.row(0, sample, values)
+    }
+
+    /// The frame of a sample while its touches last, ohm.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub fn frame_into(&self, sample: u64, values: &mut [f32]) -> Result<(), DatasetError> {
+        self.row(1, sample, values)
+    }
+
+    /// The image of a sample.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub fn image_into(&self, sample: u64, values: &mut [f32]) -> Result<(), DatasetError> {
+        self.row(2, sample, values)
+    }
+
+    /// The touches of a sample, as in [`Sample::touches`](crate::dataset::Sample::touches).
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub fn touches(&self, sample: u64) -> Result<Vec<[f32; TOUCH_COLUMNS]>, DatasetError> {
+        let mut values = vec![0.0; self.manifest.record.recipe.most_touches() * TOUCH_COLUMNS];
+        self.row(3, sample, &mut values)?;
+        let touches = values.chunks_exact(TOUCH_COLUMNS).map(|touch| touch.try_into().expect("as many columns"));
+        Ok(touches.filter(|touch: &[f32; TOUCH_COLUMNS]| !touch[0].is_nan()).collect())
+    }
+
+    fn row(&self, tensor: usize, sample: u64, values: &mut [f32]) -> Result<(), DatasetError> {
+        let per_file = self.manifest.record.samples_per_file;
+        let file = (sample / per_file) as usize;
+        let Rows { start, count, width } = self.tensors[file][tensor];
+        assert_eq!(values.len(), width, "memory for a row");
+        // One row for all samples, or one for each.
+        let row = if count == 1 { 0 } else { sample % per_file };
+        let mut bytes = vec![0; 4 * width];
+        read_at(&self.files[file], &mut bytes, start + 4 * row * width as u64)
+            .map_err(|source| DatasetError::Io { path: self.folder.join(file_name(file as u64)), source })?;
+        for (value, bytes) in values.iter_mut().zip(bytes.chunks_exact(4)) {
+            *value = f32::from_le_bytes(bytes.try_into().expect("four bytes"));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(unix)]
+fn read_at(file: &File, bytes: &mut [u8], offset: u64) -> std::io::Result<()> {
+    std::os::unix::fs::FileExt::read_exact_at(file, bytes, offset)
+}
+
+#[cfg(windows)]
+fn read_at(file: &File, mut bytes: &mut [u8], mut offset: u64) -> std::io::Result<()> {
+    while !bytes.is_empty() {
+        match std::os::windows::fs::FileExt::seek_read(file, bytes, offset)? {
+            0 => return Err(std::io::ErrorKind::UnexpectedEof.into()),
+            count => (bytes, offset) = (&mut bytes[count..], offset + count as u64),
+        }
+    }
+    Ok(())
+}
