@@ -1,9 +1,12 @@
 //! Networks that turn the frames of a skin into images of touch: their shape, training and use.
 
+mod card;
 mod checkpoint;
 mod error;
+mod inference;
 mod input;
 mod kernel;
+mod model;
 mod network;
 mod recipe;
 mod samples;
@@ -12,8 +15,11 @@ mod tensors;
 mod train;
 mod train_pass;
 
+pub use card::{Card, DataRecord, SkinRecord, TrainingRecord};
 pub use error::LearnError;
+pub use inference::Inference;
 pub use input::Input;
+pub use model::Model;
 pub use network::{CHANNELS_TOGETHER, LayerPlan, Network, Plan, RefinementPlan, Tensor};
 pub use recipe::Method;
 pub use samples::{Disturb, Noise, Part, Samples, Target};

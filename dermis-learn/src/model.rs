@@ -1,0 +1,202 @@
+//! A trained network: a folder with its weights and its card.
+
+use crate::LearnError;
+use crate::card::{Card, FORMAT, SkinRecord};
+use crate::inference::Inference;
+use crate::network::Network;
+use crate::tensors::{self, Named, Precision};
+use dermis::forward::ForwardModel;
+use dermis::frame::{Frame, write_whole};
+use dermis::image::{Image, PixelSpace};
+use dermis::protocol::Protocol;
+use dermis::reconstruct::{Reconstruct, ReconstructError};
+use sha2::{Digest, Sha256};
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::Arc;
+
+/// The files of a model's folder.
+const CARD: &str = "card.json";
+const WEIGHTS: &str = "weights.safetensors";
+
+/// A trained network, ready to make images.
+#[derive(Debug)]
+pub struct Model {
+    card: Card,
+    network: Network,
+    inference: Inference,
+    pixels: Arc<PixelSpace>,
+}
+
+impl SkinRecord {
+    /// The skin of a design.
+    pub fn new(design: &str, forward: &ForwardModel, pixels: &PixelSpace) -> Self {
+        SkinRecord {
+            design: design.into(),
+            mesh: forward.mesh().hash(),
+            protocol_sha256: protocol_sha256(forward.protocol()),
+            channels: forward.protocol().channel_count(),
+            pixels: pixels.len(),
+        }
+    }
+}
+
+fn protocol_sha256(protocol: &Protocol) -> String {
+    Sha256::digest(protocol.to_csv()).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+impl Model {
+    /// A network and its card as a model.
+    ///
+    /// # Panics
+    /// Where the card tells of another network.
+    pub fn new(card: Card, network: Network, pixels: Arc<PixelSpace>) -> Self {
+        assert!(card.plan == *network.plan() && card.skin.pixels == pixels.len(), "the card of this network");
+        let inference = Inference::new(&network, &card.input, card.target);
+        Model { card, network, inference, pixels }
+    }
+
+    /// Reads the model in a folder for a skin.
+    ///
+    /// # Errors
+    /// Files that are missing, cut off or of another version; a model for another skin.
+    pub fn load(folder: &Path, forward: &ForwardModel, pixels: Arc<PixelSpace>) -> Result<Self, LearnError> {
+        let read = |name: &str| {
+            let path = folder.join(name);
+            std::fs::read(&path).map_err(|source| LearnError::Io { path, source })
+        };
+        Self::parse(folder, &read(CARD)?, &read(WEIGHTS)?, forward, pixels)
+    }
+
+    /// A model from the bytes of its two files; `folder` is named in errors.
+    ///
+    /// # Errors
+    /// As [`load`](Self::load).
+    pub fn parse(
+        folder: &Path,
+        card: &[u8],
+        weights: &[u8],
+        forward: &ForwardModel,
+        pixels: Arc<PixelSpace>,
+    ) -> Result<Self, LearnError> {
+        let card = parse_card(&folder.join(CARD), card)?;
+        card.skin.check(folder, &SkinRecord::new(&card.skin.design, forward, &pixels))?;
+        let path = folder.join(WEIGHTS);
+        let file = tensors::parse(&path, weights)?;
+        let mut network = Network::new(&card.plan, 0);
+        let shapes: Vec<(String, Vec<usize>)> =
+            network.tensors().into_iter().map(|tensor| (tensor.name, tensor.shape)).collect();
+        for ((name, shape), values) in shapes.iter().zip(network.values_mut()) {
+            *values = tensors::values(&path, &file, name, shape)?;
+        }
+        Ok(Model::new(card, network, pixels))
+    }
+
+    /// Writes the model into a folder, made where it is missing. Matrices and convolutions are stored as told, all else in
+    /// single precision.
+    ///
+    /// # Errors
+    /// A folder or file that cannot be written.
+    pub fn save(&self, folder: &Path, precision: Precision) -> Result<(), LearnError> {
+        std::fs::create_dir_all(folder).map_err(|source| LearnError::io(folder, source))?;
+        let tensors = self.network.tensors().into_iter().map(|tensor| {
+            let precision = if tensor.shape.len() > 1 { precision } else { Precision::Single };
+            Named { name: tensor.name, shape: tensor.shape, values: tensor.values, precision }
+        });
+        tensors::write(&folder.join(WEIGHTS), &tensors.collect::<Vec<_>>(), HashMap::new())?;
+        let text = serde_json::to_string_pretty(&self.card).expect("a card is JSON");
+        let written = write_whole(&folder.join(CARD), |out| out.write_all(text.as_bytes()));
+        written.map_err(|error| LearnError::Dermis(error.into()))
+    }
+
+    /// What it says of itself.
+    pub fn card(&self) -> &Card {
+        &self.card
+    }
+
+    /// The network.
+    pub fn network(&self) -> &Network {
+        &self.network
+    }
+
+    /// The images of many differences, faster than one by one.
+    ///
+    /// # Errors
+    /// A difference of the wrong length or with values that are not finite.
+    pub fn images(&self, differences: &[Frame]) -> Result<Vec<Image>, ReconstructError> {
+        for difference in differences {
+            self.check(difference)?;
+        }
+        let all: Vec<f64> = differences.iter().flat_map(|difference| difference.iter().copied()).collect();
+        let mut values = vec![0.0; differences.len() * self.pixels.len()];
+        self.inference.images_into(&all, &mut values);
+        let image = |values: &[f64]| Image { space: Arc::clone(&self.pixels), values: values.to_vec() };
+        Ok(values.chunks_exact(self.pixels.len()).map(image).collect())
+    }
+
+    fn check(&self, difference: &[f64]) -> Result<(), ReconstructError> {
+        let expected = self.card.skin.channels;
+        if difference.len() != expected {
+            return Err(ReconstructError::FrameLength { got: difference.len(), expected });
+        }
+        match difference.iter().position(|value| !value.is_finite()) {
+            Some(channel) => Err(ReconstructError::NotFinite { channel, value: difference[channel] }),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Reconstruct for Model {
+    fn name(&self) -> String {
+        format!("network `{}`", self.card.name)
+    }
+
+    fn pixels(&self) -> &Arc<PixelSpace> {
+        &self.pixels
+    }
+
+    fn reconstruct_into(&self, difference: &[f64], values: &mut [f64]) -> Result<(), ReconstructError> {
+        self.check(difference)?;
+        if values.len() != self.pixels.len() {
+            return Err(ReconstructError::ImageLength { got: values.len(), expected: self.pixels.len() });
+        }
+        self.inference.image_into(difference, values);
+        Ok(())
+    }
+}
+
+fn parse_card(path: &Path, bytes: &[u8]) -> Result<Card, LearnError> {
+    let wrong = |message: String| LearnError::model(path, message);
+    let value: serde_json::Value =
+        serde_json::from_slice(bytes).map_err(|error| wrong(format!("damaged or cut off: {error}")))?;
+    if value["format"] != FORMAT {
+        return Err(wrong(format!("its format is {}, this program reads \"{FORMAT}\"", value["format"])));
+    }
+    let card: Card = serde_json::from_value(value).map_err(|error| wrong(format!("no model's card: {error}")))?;
+    card.plan.check().map_err(|message| wrong(format!("no network has its plan: {message}")))?;
+    let Card { input, plan, skin, .. } = &card;
+    let fits = input.len() == plan.inputs() && input.mean_ohm.len() == input.len() && input.sd_ohm.len() == input.len();
+    let are_there = input.channels.iter().all(|list| !list.is_empty() && list.iter().all(|&c| c < skin.channels));
+    if !fits || !are_there || plan.outputs() != skin.pixels {
+        return Err(wrong("its plan, its inputs and its skin do not fit together".into()));
+    }
+    Ok(card)
+}
+
+impl SkinRecord {
+    /// Refuses a skin that is not this one.
+    fn check(&self, folder: &Path, asked: &SkinRecord) -> Result<(), LearnError> {
+        let parts = [
+            ("mesh", &self.mesh, &asked.mesh),
+            ("protocol", &self.protocol_sha256, &asked.protocol_sha256),
+            ("pixels", &self.pixels.to_string(), &asked.pixels.to_string()),
+        ];
+        match parts.iter().find(|(_, own, asked)| own != asked) {
+            None => Ok(()),
+            Some((part, own, asked)) => {
+                let own = format!("it was trained for the skin `{}`, whose {part} is {own}, not {asked}", self.design);
+                Err(LearnError::model(folder, format!("{own}; train one for this skin with `dermis train`")))
+            }
+        }
+    }
+}
