@@ -11,6 +11,7 @@ use dermis::reconstruct::{
     Alpha, Difference, GaussNewton, GaussNewtonOptions, Greit, GreitOptions, Linearised, OneStep, OneStepOptions,
     Prior, Reconstruct, TotalVariation, TotalVariationOptions,
 };
+use dermis_learn::Model;
 use rayon::prelude::*;
 use std::str::FromStr;
 use std::sync::Arc;
@@ -21,6 +22,10 @@ pub struct MethodArguments {
     /// How images are made; NOSER without it.
     #[arg(long, value_enum)]
     method: Option<MethodName>,
+    /// A trained network in place of a method: `paper` or `best`, which are shipped for the paper's skin, or the folder of
+    /// a model of `dermis train`.
+    #[arg(long, value_name = "MODEL", conflicts_with_all = ["method", "alpha", "alpha_absolute", "weighing", "leave_out"])]
+    model: Option<String>,
     /// How strongly the prior counts: a number, `auto`, `noise-figure` or `noise-figure:0.5`, `l-curve`, `gcv`.
     #[arg(long, value_name = "ALPHA")]
     alpha: Option<AlphaChoice>,
@@ -145,6 +150,9 @@ impl MethodArguments {
         let pixels = skin.pixels(per)?;
         let alpha = self.alpha()?;
         let _waiting = Progress::waiting("preparing");
+        if let Some(name) = &self.model {
+            return Ok(Method { alpha: None, reconstruct: Box::new(Model::named(name, &skin.forward, pixels)?) });
+        }
         match self.method.unwrap_or(MethodName::Noser) {
             MethodName::Noser => {
                 self.one_step(Prior::Noser { exponent: self.noser_exponent }, skin, pixels, differences)

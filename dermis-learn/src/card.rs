@@ -7,9 +7,6 @@ use crate::train::{Epoch, TrainOptions};
 use dermis::dataset::Recipe;
 use serde::{Deserialize, Serialize};
 
-/// The version of what stands in a model's folder; another one is not read.
-pub(crate) const FORMAT: &str = "dermis model 1";
-
 /// Everything about a model but its weights: `card.json` in its folder.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -36,6 +33,11 @@ pub struct Card {
     pub data: Vec<DataRecord>,
     /// How its training went.
     pub training: TrainingRecord,
+}
+
+impl Card {
+    /// The version of what stands in a model's folder; another one is not read.
+    pub const FORMAT: &str = "dermis model 1";
 }
 
 /// The skin of a model.

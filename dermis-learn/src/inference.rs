@@ -70,7 +70,8 @@ impl Inference {
     pub fn images_into(&self, differences: &[f64], images: &mut [f64]) {
         let count = images.len() / self.pixels;
         let mut values = vec![0.0; count * self.input.len()];
-        let rows = values.par_chunks_mut(self.input.len()).zip(differences.par_chunks(differences.len() / count.max(1)));
+        let rows =
+            values.par_chunks_mut(self.input.len()).zip(differences.par_chunks(differences.len() / count.max(1)));
         rows.for_each(|(inputs, row)| self.input.prepare(|channel| row[channel] as f32, inputs));
         for Folded { dense, relu } in &self.layers {
             let mut outputs = dense.bias.repeat(count);
@@ -165,7 +166,8 @@ impl BatchNorm {
     fn factors(&self) -> (Vec<f64>, Vec<f64>) {
         let factor = |at: usize| f64::from(self.scale[at]) / f64::from(self.variance[at] + Self::EPSILON).sqrt();
         let scale: Vec<f64> = (0..self.scale.len()).map(factor).collect();
-        let shift = (0..scale.len()).map(|at| f64::from(self.shift[at]) - scale[at] * f64::from(self.mean[at])).collect();
+        let shift =
+            (0..scale.len()).map(|at| f64::from(self.shift[at]) - scale[at] * f64::from(self.mean[at])).collect();
         (scale, shift)
     }
 }
@@ -206,11 +208,8 @@ mod tests {
 
     #[test]
     fn images_are_the_training_network_s_outputs_one_by_one_and_together() {
-        let plans = [
-            Plan::paper(24, 30),
-            Plan::paper_otherwise(24, 30),
-            Plan::refined(24, [5, 6], true, &[4, 16, 16, 1]),
-        ];
+        let plans =
+            [Plan::paper(24, 30), Plan::paper_otherwise(24, 30), Plan::refined(24, [5, 6], true, &[4, 16, 16, 1])];
         for plan in plans {
             let mut network = Network::new(&plan, 5);
             for (at, values) in network.values_mut().into_iter().enumerate() {

@@ -1,7 +1,7 @@
 //! A trained network: a folder with its weights and its card.
 
 use crate::LearnError;
-use crate::card::{Card, FORMAT, SkinRecord};
+use crate::card::{Card, SkinRecord};
 use crate::inference::Inference;
 use crate::network::Network;
 use crate::tensors::{self, Named, Precision};
@@ -54,6 +54,14 @@ impl Model {
         assert!(card.plan == *network.plan() && card.skin.pixels == pixels.len(), "the card of this network");
         let inference = Inference::new(&network, &card.input, card.target);
         Model { card, network, inference, pixels }
+    }
+
+    /// A model by the name of a shipped one, or else by its folder.
+    ///
+    /// # Errors
+    /// As [`load`](Self::load).
+    pub fn named(name: &str, forward: &ForwardModel, pixels: Arc<PixelSpace>) -> Result<Self, LearnError> {
+        Self::load(Path::new(name), forward, pixels)
     }
 
     /// Reads the model in a folder for a skin.
@@ -169,8 +177,8 @@ fn parse_card(path: &Path, bytes: &[u8]) -> Result<Card, LearnError> {
     let wrong = |message: String| LearnError::model(path, message);
     let value: serde_json::Value =
         serde_json::from_slice(bytes).map_err(|error| wrong(format!("damaged or cut off: {error}")))?;
-    if value["format"] != FORMAT {
-        return Err(wrong(format!("its format is {}, this program reads \"{FORMAT}\"", value["format"])));
+    if value["format"] != Card::FORMAT {
+        return Err(wrong(format!("its format is {}, this program reads \"{}\"", value["format"], Card::FORMAT)));
     }
     let card: Card = serde_json::from_value(value).map_err(|error| wrong(format!("no model's card: {error}")))?;
     card.plan.check().map_err(|message| wrong(format!("no network has its plan: {message}")))?;

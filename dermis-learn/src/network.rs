@@ -113,7 +113,9 @@ impl Plan {
             return Err(format!("its convolutions have channels {channels:?}: those between must be multiples of 16"));
         }
         if channels.last() != Some(&1) || rows * columns * channels[0] != values || *columns < 2 {
-            return Err(format!("its convolutions cannot take {values} values as {channels:?} channels of {rows} x {columns}"));
+            return Err(format!(
+                "its convolutions cannot take {values} values as {channels:?} channels of {rows} x {columns}"
+            ));
         }
         Ok(())
     }
@@ -251,8 +253,7 @@ impl Network {
             })
             .collect();
         let refinement = plan.refinement.as_ref().map(|refinement| {
-            let shape =
-                Shape { rows: refinement.rows, columns: refinement.columns, is_ring: refinement.is_ring };
+            let shape = Shape { rows: refinement.rows, columns: refinement.columns, is_ring: refinement.is_ring };
             let convolution = |pair: &[usize]| {
                 let (from, to) = (pair[0], pair[1]);
                 let weight = even(TAPS * from * to, TAPS * (from + to));

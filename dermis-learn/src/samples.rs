@@ -11,6 +11,7 @@ use dermis::touch::sample_rng;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// What a network is to make of a frame.
@@ -20,7 +21,8 @@ pub enum Target {
     /// The mean relative change of conductance of each pixel.
     Conductance,
     /// Every touch as a Gaussian of this standard deviation (m), its height the root of the touch's size: the force of a
-    /// press (N), the strength of a Gaussian touch (in cm2). The image is the square of what the network makes.
+    /// press (N), the strength of a Gaussian touch (in cm2). The image is the square of what the network makes, its sign
+    /// kept.
     Touches {
         /// Standard deviation, m.
         width_m: f64,
@@ -32,7 +34,7 @@ impl Target {
     pub fn image(&self, output: f32) -> f32 {
         match self {
             Target::Conductance => output,
-            Target::Touches { .. } => output.max(0.0).powi(2),
+            Target::Touches { .. } => output * output.abs(),
         }
     }
 }
@@ -120,11 +122,14 @@ impl<'a> Samples<'a> {
             if count < 2 {
                 return Err(wrong("a single sample: none is left to test by".into()));
             }
-            numbers.extend(match part {
-                Part::All => 0..count,
-                Part::Training => 0..count - held_out,
-                Part::Test => count - held_out..count,
-            }.map(|sample| (index, sample)));
+            numbers.extend(
+                match part {
+                    Part::All => 0..count,
+                    Part::Training => 0..count - held_out,
+                    Part::Test => count - held_out..count,
+                }
+                .map(|sample| (index, sample)),
+            );
         }
         let flat = Flat::of(&pixels.surface);
         Ok(Samples {
@@ -156,6 +161,23 @@ impl<'a> Samples<'a> {
     /// A file that cannot be read; a value that is not finite.
     pub fn difference(&self, index: usize) -> Result<Vec<f32>, LearnError> {
         Ok(self.read(index)?.1)
+    }
+
+    /// The variance of all values of the undisturbed targets.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub fn target_variance(&self) -> Result<f64, LearnError> {
+        let sums = |index: usize| -> Result<[f64; 2], LearnError> {
+            let mut target = vec![0.0; self.pixels.len()];
+            self.target(index, 0, &mut target)?;
+            let values = || target.iter().map(|&value| f64::from(value));
+            Ok([values().sum(), values().map(|value| value * value).sum()])
+        };
+        let sums = (0..self.len()).into_par_iter().map(sums).collect::<Result<Vec<_>, _>>()?;
+        let count = (self.len() * self.pixels.len()) as f64;
+        let [mean, square] = [0, 1].map(|at| sums.iter().map(|sums| sums[at]).sum::<f64>() / count);
+        Ok(square - mean * mean)
     }
 
     /// The untouched frame and the difference of a sample.

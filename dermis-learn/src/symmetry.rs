@@ -126,8 +126,12 @@ impl Symmetries {
 /// For each (drive, measure) of neighbours in the ring the channel; `None` where one but the drive's own is missing.
 fn neighbours(protocol: &Protocol) -> Option<Vec<Option<usize>>> {
     let count = protocol.electrode_count();
-    let numbers: HashMap<(Pair, Pair), usize> =
-        protocol.channels().iter().enumerate().map(|(number, channel)| ((channel.drive, channel.measure), number)).collect();
+    let numbers: HashMap<(Pair, Pair), usize> = protocol
+        .channels()
+        .iter()
+        .enumerate()
+        .map(|(number, channel)| ((channel.drive, channel.measure), number))
+        .collect();
     let pair = |first: usize| -> Pair { [first, (first + 1) % count] };
     if protocol.amplitude_only() || count < 3 {
         return None;
@@ -148,7 +152,11 @@ fn motions(body: &Body, places: &[Point3]) -> Vec<Motion> {
             for flips_m in [None, Some(length_m)] {
                 for sign in [1.0, -1.0] {
                     for &place in places {
-                        motions.push(Motion::Cylinder { turn_rad: angle(place) - sign * angle(places[0]), sign, flips_m });
+                        motions.push(Motion::Cylinder {
+                            turn_rad: angle(place) - sign * angle(places[0]),
+                            sign,
+                            flips_m,
+                        });
                     }
                 }
             }

@@ -3,8 +3,8 @@
 use crate::LearnError;
 use dermis::frame::write_whole;
 use half::f16;
-use safetensors::tensor::{Dtype, TensorView};
 use safetensors::SafeTensors;
+use safetensors::tensor::{Dtype, TensorView};
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -54,9 +54,7 @@ pub(crate) fn values(path: &Path, file: &SafeTensors<'_>, name: &str, shape: &[u
         return Err(wrong(format!("the tensor `{name}` is {:?}, not {shape:?}", tensor.shape())));
     }
     let values: Vec<f32> = match tensor.dtype() {
-        Dtype::F32 => {
-            tensor.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
-        }
+        Dtype::F32 => tensor.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect(),
         Dtype::F16 => tensor.data().chunks_exact(2).map(|b| f16::from_le_bytes([b[0], b[1]]).to_f32()).collect(),
         other => return Err(wrong(format!("the tensor `{name}` holds {other:?}, not F32 or F16"))),
     };

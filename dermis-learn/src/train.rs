@@ -122,7 +122,11 @@ impl<'a> Trainer<'a> {
             return out_of_range("the rate", f64::from(options.rate), "positive and finite");
         }
         if options.batch < 2 || options.batch > training.len() {
-            return out_of_range("the samples of a step", options.batch as f64, "2 or more, and no more than the training samples");
+            return out_of_range(
+                "the samples of a step",
+                options.batch as f64,
+                "2 or more, and no more than the training samples",
+            );
         }
         if options.epochs == 0 {
             return out_of_range("the number of epochs", 0.0, "at least 1");
@@ -188,7 +192,8 @@ impl<'a> Trainer<'a> {
         let epochs = &self.state.epochs;
         let least = |epochs: &[Epoch]| epochs.iter().map(|epoch| epoch.test_loss).fold(f64::INFINITY, f64::min);
         let before = epochs.len().saturating_sub(self.options.patience);
-        let stands = before > 0 && least(&epochs[before..]) > (1.0 - self.options.least_gain) * least(&epochs[..before]);
+        let stands =
+            before > 0 && least(&epochs[before..]) > (1.0 - self.options.least_gain) * least(&epochs[..before]);
         // A rate that is to fall to nothing earns its best at the end.
         epochs.len() >= self.options.epochs || stands && self.options.schedule == Schedule::Constant
     }
@@ -258,9 +263,7 @@ impl<'a> Trainer<'a> {
         let rate = options.corrected(self.rate(), self.state.steps);
         let learned: Vec<bool> = self.state.network.tensors().iter().map(|tensor| tensor.is_learned).collect();
         let values = self.state.network.values_mut().into_iter().zip(learned).filter(|(_, learned)| *learned);
-        for (((values, _), gradient), [mean, square]) in
-            values.zip(&self.pass.gradient).zip(&mut self.state.moments)
-        {
+        for (((values, _), gradient), [mean, square]) in values.zip(&self.pass.gradient).zip(&mut self.state.moments) {
             let moments = mean.par_chunks_mut(STEP_TOGETHER).zip(square.par_chunks_mut(STEP_TOGETHER));
             let values = values.par_chunks_mut(STEP_TOGETHER).zip(gradient.par_chunks(STEP_TOGETHER));
             values.zip(moments).for_each(|((values, gradient), (mean, square))| {

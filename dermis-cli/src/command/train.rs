@@ -9,8 +9,9 @@ use dermis::forward::ForwardModel;
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
 use dermis::twin::{Twin, TwinOptions};
-use dermis_learn::{Method, Part, Samples, Trainer};
+use dermis_learn::{Card, DataRecord, Method, Model, Part, Precision, Samples, SkinRecord, Trainer, TrainingRecord};
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Seed of the twin whose noise is measured: none that is reported or selected by.
 const NOISE_SEED: u64 = 3000;
@@ -49,6 +50,9 @@ pub struct Arguments {
     /// The seed of weights, order and noise.
     #[arg(long, value_name = "S")]
     seed: Option<u64>,
+    /// Store the weights in half precision: half the bytes.
+    #[arg(long)]
+    half: bool,
 }
 
 /// A network by name.
@@ -78,7 +82,8 @@ impl Arguments {
         options.epoch_samples = self.epoch_samples.or(options.epoch_samples);
         options.rate = self.rate.unwrap_or(options.rate);
         options.seed = self.seed.unwrap_or(options.seed);
-        let open = |folders: &[PathBuf]| folders.iter().map(|folder| Dataset::open(folder)).collect::<Result<Vec<_>, _>>();
+        let open =
+            |folders: &[PathBuf]| folders.iter().map(|folder| Dataset::open(folder)).collect::<Result<Vec<_>, _>>();
         let (data, test) = (open(&self.data)?, open(&self.test)?);
         let samples = |datasets, part| {
             let (noise, symmetries) = (method.noise.clone(), method.symmetries.clone());
@@ -89,7 +94,8 @@ impl Arguments {
             false => (samples(&data, Part::All)?, samples(&test, Part::All)?),
         };
         let mut trainer = Trainer::new(&method.plan, method.input.clone(), &method.options, &training, &test)?;
-        std::fs::create_dir_all(&self.output).map_err(|source| dermis_learn::LearnError::Io { path: self.output.clone(), source })?;
+        std::fs::create_dir_all(&self.output)
+            .map_err(|source| dermis_learn::LearnError::Io { path: self.output.clone(), source })?;
         let checkpoint = self.output.join("checkpoint.safetensors");
         trainer.resume(&checkpoint)?;
         while !trainer.is_done() {
@@ -105,6 +111,31 @@ impl Arguments {
                 epoch.seconds
             ))?;
         }
+        let record = |dataset: &Dataset| DataRecord {
+            identity: dataset.manifest().identity.clone(),
+            recipe: dataset.manifest().record.recipe.clone(),
+        };
+        let card = Card {
+            format: Card::FORMAT.into(),
+            version: env!("CARGO_PKG_VERSION").into(),
+            name: method.name.into(),
+            skin: SkinRecord::new(&design.name, &forward, &pixels),
+            plan: method.plan.clone(),
+            input: trainer.input().clone(),
+            target: method.target,
+            noise: method.noise.clone(),
+            symmetries: method.symmetries.as_ref().map_or(1, dermis_learn::Symmetries::len),
+            data: data.iter().map(record).collect(),
+            training: TrainingRecord {
+                options: method.options.clone(),
+                samples: training.len(),
+                test_samples: test.len(),
+                target_variance: test.target_variance()?,
+                epochs: trainer.epochs().to_vec(),
+            },
+        };
+        let model = Model::new(card, trainer.network().clone(), Arc::new(pixels.clone()));
+        model.save(&self.output, if self.half { Precision::Half } else { Precision::Single })?;
         Ok(())
     }
 }

@@ -144,7 +144,13 @@ mod tests {
             let expected: Vec<f32> = sums.iter().zip(&bias).map(|(sum, bias)| (sum + bias).max(0.0)).collect();
             let mut output = vec![f32::NAN; columns];
             let output_of = &mut output;
-            crate::kernel::run(RowProduct { input: &input, weight: &weight, bias: &bias, relu: true, output: output_of });
+            crate::kernel::run(RowProduct {
+                input: &input,
+                weight: &weight,
+                bias: &bias,
+                relu: true,
+                output: output_of,
+            });
             assert!(farthest(&output, &expected) < 1e-4, "{}", farthest(&output, &expected));
         }
     }

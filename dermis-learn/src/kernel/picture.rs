@@ -364,10 +364,10 @@ mod tests {
                 for o in 0..to {
                     let term = |tap: usize, i: usize| {
                         let (dr, dc) = (tap as isize / 3 - 1, tap as isize % 3 - 1);
-                        at(shape, from, values, row + dr, column + dc, i)
-                            * f64::from(weight[(tap * from + i) * to + o])
+                        at(shape, from, values, row + dr, column + dc, i) * f64::from(weight[(tap * from + i) * to + o])
                     };
-                    let sum: f64 = (0..TAPS).flat_map(|tap| (0..from).map(move |i| (tap, i))).map(|(t, i)| term(t, i)).sum();
+                    let sum: f64 =
+                        (0..TAPS).flat_map(|tap| (0..from).map(move |i| (tap, i))).map(|(t, i)| term(t, i)).sum();
                     out.push(sum as f32);
                 }
             }
@@ -389,16 +389,26 @@ mod tests {
     fn convolutions_are_those_of_plain_sums() {
         for shape in SHAPES {
             for channels in [[1, 16], [4, 16], [16, 32], [3, 16]] {
-                let (input, weight) = (filled(shape.pixels() * channels[0], 0.7), filled(TAPS * channels[0] * channels[1], 1.9));
+                let (input, weight) =
+                    (filled(shape.pixels() * channels[0], 0.7), filled(TAPS * channels[0] * channels[1], 1.9));
                 let mut output = vec![0.0; shape.bordered(channels[1])];
                 let picture = bordered(shape, channels[0], &input);
-                run(Wide { shape, input: &picture, channels, weight: &weight, bias: None, output: &mut output, last: Last::Keep });
+                run(Wide {
+                    shape,
+                    input: &picture,
+                    channels,
+                    weight: &weight,
+                    bias: None,
+                    output: &mut output,
+                    last: Last::Keep,
+                });
                 let mut inside = vec![0.0; shape.pixels() * channels[1]];
                 shape.take(&output, channels[1], &mut inside);
                 assert!(near(&inside, &plain(shape, channels, &input, &weight)), "{shape:?} {channels:?}");
             }
             for channels in [[16, 1], [32, 4], [16, 3]] {
-                let (input, weight) = (filled(shape.pixels() * channels[0], 0.7), filled(TAPS * channels[0] * channels[1], 1.9));
+                let (input, weight) =
+                    (filled(shape.pixels() * channels[0], 0.7), filled(TAPS * channels[0] * channels[1], 1.9));
                 let packed: Vec<f32> = (0..channels[1])
                     .flat_map(|o| (0..TAPS * channels[0]).map(move |ti| (o, ti)))
                     .map(|(o, ti)| weight[ti * channels[1] + o])
@@ -432,7 +442,8 @@ mod tests {
                     let mut sum = 1.0;
                     for row in 0..shape.rows as isize {
                         for column in 0..shape.columns as isize {
-                            sum += at(shape, from, &input, row + dr, column + dc, i) * at(shape, to, &error, row, column, o);
+                            sum += at(shape, from, &input, row + dr, column + dc, i)
+                                * at(shape, to, &error, row, column, o);
                         }
                     }
                     assert!((f64::from(*value) - sum).abs() < 1e-3, "{shape:?} {channels:?} {place}: {value} {sum}");

@@ -41,7 +41,8 @@ impl Dataset {
         for file in 0..manifest.record.file_count() {
             let path = folder.join(file_name(file));
             let shapes = manifest.record.shapes(file);
-            let header_bytes = Reader::open(&path, &shapes, &manifest.record.label(&manifest.identity, file))?.header_bytes();
+            let header_bytes =
+                Reader::open(&path, &shapes, &manifest.record.label(&manifest.identity, file))?.header_bytes();
             files.push(File::open(&path).map_err(|source| DatasetError::Io { path, source })?);
             let rows = |name: &str| {
                 let mut start = header_bytes;

@@ -198,7 +198,8 @@ impl Recipe {
     pub fn load(path: &Path, seed: u64, samples: u64) -> Result<Self, DatasetError> {
         let io = |source| DatasetError::Io { path: path.to_path_buf(), source };
         let text = std::fs::read_to_string(path).map_err(io)?;
-        let wrong = |error: toml::de::Error| DatasetError::File { path: path.to_path_buf(), message: error.to_string() };
+        let wrong =
+            |error: toml::de::Error| DatasetError::File { path: path.to_path_buf(), message: error.to_string() };
         let RecipeFile { touch, skins } = toml::from_str(&text).map_err(wrong)?;
         Ok(Recipe { seed, samples, touch, skins })
     }
