@@ -24,9 +24,9 @@ pub struct Inference {
 
 /// A dense layer, batch normalisation folded in.
 #[derive(Debug)]
-struct Folded {
-    dense: Dense,
-    relu: bool,
+pub(crate) struct Folded {
+    pub dense: Dense,
+    pub relu: bool,
 }
 
 #[derive(Debug)]
@@ -131,7 +131,7 @@ impl Inference {
 
 /// The dense layers of a network with its batch normalisations folded into them: one that follows a dense layer scales and
 /// shifts its outputs, one that precedes it its inputs.
-fn fold(network: &Network) -> Vec<Folded> {
+pub(crate) fn fold(network: &Network) -> Vec<Folded> {
     let mut layers: Vec<Folded> = Vec::new();
     let mut waiting: Option<(Vec<f64>, Vec<f64>)> = None;
     let mut may_follow = false;

@@ -8,6 +8,7 @@ mod input;
 mod kernel;
 mod model;
 mod network;
+mod onnx;
 mod recipe;
 mod samples;
 mod symmetry;

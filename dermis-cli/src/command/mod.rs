@@ -5,6 +5,7 @@ mod contacts;
 mod demo;
 mod evaluate;
 mod experiment;
+mod export;
 mod forward;
 mod jacobian;
 mod mesh;
@@ -38,6 +39,8 @@ pub enum Command {
     Assess(assess::Arguments),
     /// Press a twin as the paper pressed its skin, and write the frames that its instrument delivers.
     Experiment(experiment::Arguments),
+    /// Write a trained network for other programs: an ONNX file.
+    Export(export::Arguments),
     /// See it work: the paper's skin pressed 900 times in simulation, or a real tank; writes a report.
     Demo(demo::Arguments),
     /// The paper, reproduced: its figures and pictures on twins, beside what it states; writes a page.
@@ -66,6 +69,7 @@ impl Command {
             Command::Evaluate(arguments) => arguments.run(),
             Command::Assess(arguments) => arguments.run(),
             Command::Experiment(arguments) => arguments.run(),
+            Command::Export(arguments) => arguments.run(),
             Command::Demo(arguments) => arguments.run(),
             Command::Reproduce(arguments) => arguments.run(),
             Command::Simulate(arguments) => arguments.run(),

@@ -1,0 +1,128 @@
+//! Trained networks in other programs: the ONNX file in ONNX Runtime, the folder in NumPy and PyTorch.
+
+use dermis::frame::write_array;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use tempfile::TempDir;
+
+/// A small skin: 8 arcs on the rim of a disk, 40 values; pixels outside the disk do not exist.
+const DISK: &str = r#"
+[body.disk]
+diameter_m = 0.1
+[sheet]
+sheet_resistance_ohm = 1000
+touch = "conductance_rises"
+[electrodes]
+shape.arc.length_m = 0.005
+contact_impedance_ohm_m = 0.01
+layout.rim.count = 8
+[protocol]
+pattern = "adjacent_undriven"
+[image.grid]
+rows = 8
+columns = 8
+[mesh]
+max_edge_m = 0.012
+electrode_edge_m = 0.004
+"#;
+
+const FRAMES: usize = 5;
+
+struct Workplace {
+    folder: TempDir,
+}
+
+impl Workplace {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("disk.toml"), DISK).unwrap();
+        Workplace { folder }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn run(&self, arguments: &str) -> Output {
+        let words = arguments.split_whitespace();
+        Command::new(env!("CARGO_BIN_EXE_dermis")).args(words).current_dir(self.folder.path()).output().unwrap()
+    }
+
+    fn good(&self, arguments: &str) {
+        let output = self.run(arguments);
+        assert!(output.status.success(), "{arguments}: {}", String::from_utf8_lossy(&output.stderr));
+    }
+
+    /// Trains a little, writes differences, our images of them and the ONNX file.
+    fn model(&self, design: &str, network: &str, channels: usize) {
+        self.good(&format!("simulate {design} --seed 1 --samples 800 -o data"));
+        self.good("simulate --finish data");
+        self.good(&format!("train {design} --data data --network {network} --epochs 1 -o model"));
+        let differences: Vec<f64> = (0..FRAMES * channels).map(|at| 0.5 * (0.7 * at as f64).sin()).collect();
+        write_array(&self.path("differences.npy"), "differences", &[FRAMES, channels], &differences).unwrap();
+        self.good(&format!("reconstruct {design} --frames differences.npy --difference --model model -o images.npy"));
+        self.good(&format!("export {design} --model model --onnx model.onnx"));
+    }
+
+    /// What an example says when it is given files of this place.
+    fn example(&self, python: &str, script: &str, files: &[&str]) -> String {
+        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples").join(script);
+        let mut command = Command::new(python);
+        let output = command.arg(script).args(files).current_dir(self.folder.path()).output().unwrap();
+        let told = String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.success(), "{told}{}", String::from_utf8_lossy(&output.stderr));
+        told.into_owned()
+    }
+}
+
+/// `DERMIS_PYTHON`, or the comparison's own, or `python3`; `None`, with a word of it, where it lacks the modules.
+fn python(modules: &str) -> Option<String> {
+    let own = concat!(env!("CARGO_MANIFEST_DIR"), "/../bench/peers/.venv-learn/bin/python");
+    let named = std::env::var("DERMIS_PYTHON").ok();
+    let python = named.unwrap_or_else(|| if Path::new(own).exists() { own.into() } else { "python3".into() });
+    let tried = Command::new(&python).args(["-c", &format!("import {modules}")]).output();
+    let has = tried.is_ok_and(|output| output.status.success());
+    if !has {
+        eprintln!("skipped: {python} has not all of {modules} (DERMIS_PYTHON names another)");
+    }
+    has.then_some(python)
+}
+
+#[test]
+fn an_exported_network_is_a_file_that_names_its_ends() {
+    let workplace = Workplace::new();
+    workplace.model("disk.toml", "paper", 40);
+    let file = std::fs::read(workplace.path("model.onnx")).unwrap();
+    for name in ["difference_ohm", "image", "Gemm", "dermis model"] {
+        assert!(file.windows(name.len()).any(|part| part == name.as_bytes()), "{name}");
+    }
+    let refused = workplace.run("export cylinder30 --model model --onnx other.onnx");
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(!workplace.path("other.onnx").exists());
+}
+
+#[test]
+fn other_programs_make_the_same_images_on_a_disk() {
+    let Some(python) = python("numpy") else { return };
+    let workplace = Workplace::new();
+    workplace.model("disk.toml", "paper", 40);
+    agree(&workplace, &python);
+}
+
+#[test]
+#[ignore = "slow: trains the best network for the paper's skin; needs python3 (or DERMIS_PYTHON) with NumPy"]
+fn other_programs_make_the_same_images_on_a_cylinder() {
+    let Some(python) = python("numpy") else { return };
+    let workplace = Workplace::new();
+    workplace.model("cylinder30", "best", 870);
+    agree(&workplace, &python);
+}
+
+fn agree(workplace: &Workplace, has_numpy: &str) {
+    let told = workplace.example(has_numpy, "load_model.py", &["model", "differences.npy", "images.npy"]);
+    assert!(told.contains(&format!("NumPy and Dermis: {FRAMES} images agree")), "{told}");
+    if let Some(python) = python("onnxruntime") {
+        let told = workplace.example(&python, "check_onnx.py", &["model.onnx", "differences.npy", "images.npy"]);
+        assert!(told.contains(&format!("one by one: {FRAMES} images")), "{told}");
+    }
+}

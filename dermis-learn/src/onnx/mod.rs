@@ -1,0 +1,173 @@
+//! A network as an ONNX file, so that other programs can run it: <https://onnx.ai>.
+//!
+//! The graph takes differences in ohm, float32, `[frames, channels]`, and gives images `[frames, pixels]`; whatever a model
+//! does to its input stands at the graph's beginning.
+
+mod graph;
+mod protobuf;
+#[cfg(test)]
+mod tests;
+
+use crate::inference::{Folded, fold};
+use crate::input::Input;
+use crate::model::Model;
+use crate::network::{Network, Refinement};
+use crate::samples::Target;
+use graph::{Attribute, Graph};
+
+/// The end of a slice that goes to the end.
+const TO_THE_END: i64 = i64::MAX;
+
+/// The axis of a picture's columns, where it lies as `[frame, channel, row, column]`.
+const COLUMNS: i64 = 3;
+
+impl Model {
+    /// The bytes of an ONNX file that makes images of differences as the model does: opset 13, one input `difference_ohm`,
+    /// one output `image`; the card is kept in its metadata as `card`, so that the file tells where it comes from.
+    pub fn to_onnx(&self) -> Vec<u8> {
+        let card = self.card();
+        let text = serde_json::to_string(card).expect("a card is JSON");
+        file(&card.input, self.network(), card.target, card.skin.channels, &[("card", text)])
+    }
+}
+
+/// An ONNX file with notes in its metadata.
+fn file(input: &Input, network: &Network, target: Target, channels: usize, notes: &[(&str, String)]) -> Vec<u8> {
+    let mut graph = Graph::default();
+    let value = add_input(&mut graph, input, channels, "difference_ohm");
+    let value = add_network(&mut graph, network, &value);
+    match target {
+        Target::Conductance => graph.operation("Identity", &[&value], "image", &[]),
+        Target::Touches { .. } => {
+            let size = graph.operation("Abs", &[&value], "root.size", &[]);
+            graph.operation("Mul", &[&value, &size], "image", &[])
+        }
+    };
+    graph.into_file("dermis", [("difference_ohm", channels), ("image", network.plan().outputs())], notes)
+}
+
+/// Adds what happens to the channels before the network: means, normalisation.
+///
+/// Where every input is a mean of `n` channels (or can be written as one, channels repeated), it is the sum of `n` gathered
+/// values, and `1 / n` joins the factor.
+fn add_input(graph: &mut Graph, input: &Input, channels: usize, value: &str) -> String {
+    let count = input.channels.iter().fold(1, |count, group| least_common_multiple(count, group.len()));
+    let mut value = value.to_string();
+    if count > 1 || !input.channels.iter().flatten().copied().eq(0..channels) {
+        let gathered: Vec<String> = (0..count).map(|turn| add_gathered(graph, input, turn, &value)).collect();
+        value = gathered[0].clone();
+        for (turn, other) in gathered.iter().enumerate().skip(1) {
+            value = graph.operation("Add", &[&value, other], &format!("reciprocal.sum.{turn}"), &[]);
+        }
+    }
+    let size = [input.len()];
+    let sums: Vec<f32> = input.mean_ohm.iter().map(|mean| mean * count as f32).collect();
+    let sums = graph.floats("mean_ohm", &size, &sums);
+    let factors: Vec<f32> = input.sd_ohm.iter().map(|sd| 1.0 / (sd * count as f32)).collect();
+    let factors = graph.floats("factor", &size, &factors);
+    let centred = graph.operation("Sub", &[&value, &sums], "centred_ohm", &[]);
+    graph.operation("Mul", &[&centred, &factors], "normalised", &[])
+}
+
+/// One channel of each input.
+fn add_gathered(graph: &mut Graph, input: &Input, turn: usize, value: &str) -> String {
+    let channels: Vec<i64> = input.channels.iter().map(|group| group[turn % group.len()] as i64).collect();
+    let name = format!("reciprocal.{turn}");
+    let channels = graph.integers(&format!("{name}.channels"), &channels);
+    graph.operation("Gather", &[value, &channels], &name, &[("axis", Attribute::Integer(1))])
+}
+
+fn least_common_multiple(a: usize, b: usize) -> usize {
+    let (mut divisor, mut rest) = (a, b);
+    while rest != 0 {
+        (divisor, rest) = (rest, divisor % rest);
+    }
+    a / divisor * b
+}
+
+/// Adds the layers of a network that takes `value`, batch normalisations folded in; gives the name of its output.
+fn add_network(graph: &mut Graph, network: &Network, value: &str) -> String {
+    let mut value = value.to_string();
+    for (index, Folded { dense, relu }) in fold(network).iter().enumerate() {
+        let name = format!("trunk.{index}");
+        let weight = graph.floats(&format!("{name}.weight"), &[dense.inputs, dense.outputs], &dense.weight);
+        let bias = graph.floats(&format!("{name}.bias"), &[dense.outputs], &dense.bias);
+        let sum = graph.operation("Gemm", &[&value, &weight, &bias], &format!("{name}.sum"), &[]);
+        value = add_relu(graph, *relu, &sum);
+    }
+    match &network.refinement {
+        Some(refinement) => add_refinement(graph, refinement, &value),
+        None => value,
+    }
+}
+
+fn add_relu(graph: &mut Graph, is_wanted: bool, value: &str) -> String {
+    match is_wanted {
+        true => graph.operation("Relu", &[value], &format!("{value}.relu"), &[]),
+        false => value.into(),
+    }
+}
+
+/// The refinement of a picture that comes in as `[frame, row, column, channel]`, flat.
+///
+/// On a ring the picture is made wider once, by a column on either side for each convolution, and each convolution takes one
+/// off: the same as wrapping round before each, without touching the pictures between.
+fn add_refinement(graph: &mut Graph, refinement: &Refinement, value: &str) -> String {
+    let shape = &refinement.shape;
+    let sizes = [shape.rows, shape.columns, refinement.channels_in()].map(|size| size as i64);
+    let shape_name = graph.integers("picture.shape", &[0, sizes[0], sizes[1], sizes[2]]);
+    let picture = graph.operation("Reshape", &[value, &shape_name], "picture.channels_last", &[]);
+    let order = [("perm", Attribute::Integers(&[0, 3, 1, 2]))];
+    let picture = graph.operation("Transpose", &[&picture], "picture", &order);
+    let first = add_slice(graph, &picture, "first_channel", 1, [0, 1]);
+    let mut value = match shape.is_ring {
+        true => add_neighbours(graph, &picture, refinement.convolutions.len(), shape.columns),
+        false => picture,
+    };
+    let beside = i64::from(!shape.is_ring);
+    let attributes =
+        [("kernel_shape", Attribute::Integers(&[3, 3])), ("pads", Attribute::Integers(&[1, beside, 1, beside]))];
+    for (index, one) in refinement.convolutions.iter().enumerate() {
+        let (name, [from, to]) = (format!("refinement.{index}"), one.channels);
+        let weight =
+            graph.floats(&format!("{name}.weight"), &[to, from, 3, 3], &channels_first(&one.weight, one.channels));
+        let bias = graph.floats(&format!("{name}.bias"), &[to], &one.bias);
+        value = graph.operation("Conv", &[&value, &weight, &bias], &format!("{name}.sum"), &attributes);
+        value = add_relu(graph, index + 1 < refinement.convolutions.len(), &value);
+    }
+    let sum = graph.operation("Add", &[&value, &first], "refined", &[]);
+    graph.operation("Flatten", &[&sum], "refined.flat", &[])
+}
+
+/// Adds as many columns on either side as a ring has there.
+fn add_neighbours(graph: &mut Graph, picture: &str, count: usize, columns: usize) -> String {
+    let (mut value, mut left, mut round) = (picture.to_string(), count, 0);
+    while left > 0 {
+        // Widened by all its columns a ring's picture repeats itself thrice, and can be widened again alike.
+        let step = left.min(columns) as i64;
+        let before = add_slice(graph, &value, &format!("ring.{round}.before"), COLUMNS, [-step, TO_THE_END]);
+        let behind = add_slice(graph, &value, &format!("ring.{round}.behind"), COLUMNS, [0, step]);
+        let axis = [("axis", Attribute::Integer(COLUMNS))];
+        value = graph.operation("Concat", &[&before, &value, &behind], &format!("ring.{round}"), &axis);
+        (left, round) = (left - step as usize, round + 1);
+    }
+    value
+}
+
+fn add_slice(graph: &mut Graph, value: &str, name: &str, axis: i64, [from, to]: [i64; 2]) -> String {
+    let bounds = [("from", from), ("to", to), ("axis", axis)];
+    let [from, to, axis] = bounds.map(|(part, number)| graph.integers(&format!("{name}.{part}"), &[number]));
+    graph.operation("Slice", &[value, &from, &to, &axis], name, &[])
+}
+
+/// Weights `[row][column][input][output]` as `[output][input][row][column]`.
+fn channels_first(weight: &[f32], [from, to]: [usize; 2]) -> Vec<f32> {
+    let taps = weight.len() / (from * to);
+    let mut turned = Vec::with_capacity(weight.len());
+    for output in 0..to {
+        for input in 0..from {
+            turned.extend((0..taps).map(|tap| weight[(tap * from + input) * to + output]));
+        }
+    }
+    turned
+}

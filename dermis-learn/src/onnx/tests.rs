@@ -1,0 +1,97 @@
+//! Every kind of network against ONNX Runtime, where it is installed.
+
+use super::file;
+use crate::inference::Inference;
+
+use crate::input::Input;
+use crate::network::{Network, Plan};
+use crate::samples::Target;
+use dermis::frame::write_array;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use std::path::Path;
+use std::process::Command;
+
+const FRAMES: usize = 4;
+
+/// The Python that the tests use: `DERMIS_PYTHON`, or the comparison's own, or `python3`; `None` where it lacks the modules.
+fn python(modules: &str) -> Option<String> {
+    let own = concat!(env!("CARGO_MANIFEST_DIR"), "/../bench/peers/.venv-learn/bin/python");
+    let named = std::env::var("DERMIS_PYTHON").ok();
+    let python = named.unwrap_or_else(|| if Path::new(own).exists() { own.into() } else { "python3".into() });
+    let tried = Command::new(&python).args(["-c", &format!("import {modules}")]).output();
+    tried.is_ok_and(|output| output.status.success()).then_some(python)
+}
+
+#[test]
+fn onnx_runtime_gives_our_images() {
+    let Some(python) = python("numpy, onnxruntime") else {
+        return eprintln!("skipped: no Python with numpy and onnxruntime (DERMIS_PYTHON names one)");
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let ring = Plan::refined(20, [5, 6], true, &[4, 16, 16, 1]);
+    // More convolutions than columns: the ring is gone round more than once.
+    let narrow = Plan::refined(20, [4, 3], true, &[2, 16, 16, 16, 16, 1]);
+    let flat = Plan::refined(20, [5, 6], false, &[3, 16, 1]);
+    let plans = [Plan::paper(CHANNELS, 30), Plan::paper_otherwise(20, 30), ring, narrow, flat];
+    for (index, plan) in plans.iter().enumerate() {
+        for target in [Target::Conductance, Target::Touches { width_m: 0.01 }] {
+            check(&python, folder.path(), plan, index as u64, target);
+        }
+    }
+}
+
+/// A network whose every value is drawn, as far from the beginning's zeros and ones as training leads.
+fn drawn(plan: &Plan, seed: u64) -> Network {
+    let mut network = Network::new(plan, seed);
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let names: Vec<String> = network.tensors().into_iter().map(|tensor| tensor.name).collect();
+    for (values, name) in network.values_mut().into_iter().zip(names) {
+        let range = match name.rsplit('.').next() {
+            Some("variance" | "scale") => 0.2..2.0,
+            Some("weight") => -0.2..0.2,
+            _ => -0.5..0.5,
+        };
+        values.iter_mut().for_each(|value| *value = rng.random_range(range.clone()));
+    }
+    network
+}
+
+/// Channels of the test's frames.
+const CHANNELS: usize = 40;
+
+/// As many inputs as there are channels, or means of one to three of them.
+fn drawn_input(inputs: usize) -> Input {
+    let group = |at: usize| match inputs == CHANNELS {
+        true => vec![at],
+        false => (0..1 + at % 3).map(|turn| (5 * at + 7 * turn) % CHANNELS).collect(),
+    };
+    Input {
+        channels: (0..inputs).map(group).collect(),
+        mean_ohm: (0..inputs).map(|at| 0.01 * (at as f32).cos()).collect(),
+        sd_ohm: (0..inputs).map(|at| 0.02 + 0.01 * (at as f32).sin()).collect(),
+    }
+}
+
+fn check(python: &str, folder: &Path, plan: &Plan, seed: u64, target: Target) {
+    let network = drawn(plan, seed);
+    let input = drawn_input(plan.inputs());
+    let differences: Vec<f32> = (0..FRAMES * CHANNELS).map(|at| 0.03 * (0.7 * at as f32).sin()).collect();
+    let wide = |values: &[f32]| values.iter().map(|&value| f64::from(value)).collect::<Vec<f64>>();
+    let differences = wide(&differences);
+    let mut images = vec![0.0; FRAMES * plan.outputs()];
+    let inference = Inference::new(&network, &input, target);
+    for (difference, image) in differences.chunks_exact(CHANNELS).zip(images.chunks_exact_mut(plan.outputs())) {
+        inference.image_into(difference, image);
+    }
+    let paths = ["model.onnx", "differences.npy", "images.npy"].map(|name| folder.join(name));
+    std::fs::write(&paths[0], file(&input, &network, target, CHANNELS, &[("seed", seed.to_string())])).unwrap();
+    write_array(&paths[1], "differences", &[FRAMES, CHANNELS], &differences).unwrap();
+    write_array(&paths[2], "images", &[FRAMES, plan.outputs()], &images).unwrap();
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/check_onnx.py");
+    let output = Command::new(python).arg(script).args(&paths).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{plan:?}\n{said}\n{}", String::from_utf8_lossy(&output.stderr));
+    assert!(said.contains("one by one: 4 images"), "{said}");
+}
