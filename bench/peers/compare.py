@@ -9,30 +9,26 @@ import itertools
 import multiprocessing
 import os
 import pathlib
-import platform
 import subprocess
 import sys
 import tempfile
 import time
 import warnings
-from importlib.metadata import version
 
 import numpy as np
 
+from page import CORES, OURS, Program, machine, write_page
 from peers import SUPERLU_ORDERS, Cholmod, PyEit, ScikitFem, SciPy, made
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
-OURS = ROOT / "target/release/dermis-bench"
-PAGE = ROOT / "docs/benchmarks.md"
 CASES = ["cylinder30", "disk30", "cylinder30-20k", "disk30-20k"]
 # Two programs that solve the same equations differ by rounding, amplified by the system's condition (about 1e5).
 AGREEMENT = 1e-9
 FORWARD_BAR, BATCHED_BAR = 1.0, 8.0
 BATCHED_AIM = {False: 15.0, True: 12.0}  # at 5,000 nodes, at 20,000
 JACOBIAN_BAR_MS = 30.0
+PACKAGES = ("scikit-sparse", "scikit-fem", "pyeit", "numpy", "scipy")
 # A turn of a program lasts about so long, but for at least one frame.
 TURN_S = 0.05
-CORES = sorted(os.sched_getaffinity(0))
 
 
 class Arrays:
@@ -47,28 +43,6 @@ class Arrays:
         self.contact_impedances = load("contact_impedances")
         self.conductivities, self.voltages = load("conductivities"), load("voltages")
         self.voltages_batched = load("voltages_batched").T
-
-
-class Ours:
-    """Our program, running."""
-
-    def __init__(self, case, folder):
-        self.process = subprocess.Popen(
-            [OURS, "serve", case, folder], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-        ready = self.process.stdout.readline()
-        if not ready.startswith("ready"):
-            sys.exit(f"dermis-bench {case} did not start")
-
-    def times(self, command):
-        """Times of our program in seconds."""
-        self.process.stdin.write(f"{command}\n")
-        self.process.stdin.flush()
-        return [float(word) for word in self.process.stdout.readline().split()]
-
-    def close(self):
-        self.process.stdin.close()
-        self.process.wait()
 
 
 class Timed:
@@ -193,7 +167,7 @@ def entrants(arrays, program):
 def compare(case, rounds):
     with tempfile.TemporaryDirectory() as folder:
         os.sched_setaffinity(0, CORES[-1:])
-        program = Ours(case, folder)
+        program = Program(["serve", case, folder])
         arrays = Arrays(case, folder)
         entries = entrants(arrays, program)
         jacobian = []
@@ -279,23 +253,6 @@ def cost_tables():
     return lines
 
 
-def machine():
-    model = next(
-        (line.split(":")[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")),
-        platform.processor(),
-    )
-    names = ("scikit-sparse", "scikit-fem", "pyeit", "numpy", "scipy")
-    versions = ", ".join(f"{name} {version(name)}" for name in names)
-    return f"{model}, {len(CORES)} cores; Python {platform.python_version()}, {versions}."
-
-
-def write_page(text):
-    page = PAGE.read_text()
-    begin, end = "<!-- measured: begin -->", "<!-- measured: end -->"
-    before, after = page.split(begin)[0], page.split(end)[1]
-    PAGE.write_text(f"{before}{begin}\n{text}\n{end}{after}")
-
-
 def missed_bars(results):
     missed = []
     for row in results:
@@ -326,7 +283,7 @@ def main():
     results = [compare(case + points, arguments.rounds) for case in arguments.cases for points in ("", "-points")]
     minutes = (time.monotonic() - begin) / 60
     busy = f"{minutes:.0f} minutes; load average {load:.1f} before it, of which the comparison's own is 0."
-    text = "\n".join([f"{machine()} {busy}", "", *times_table(results), "", *jacobian_table(results), "", *cost])
+    text = "\n".join([f"{machine(PACKAGES)} {busy}", "", *times_table(results), "", *jacobian_table(results), "", *cost])
     print(f"\n{text}\n")
     missed = missed_bars(results)
     if arguments.write:

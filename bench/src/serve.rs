@@ -13,37 +13,41 @@ pub fn serve(case: &str, folder: &Path) -> Result<(), Box<dyn Error>> {
     let problem = Problem::named(case)?;
     std::fs::create_dir_all(folder)?;
     write_problem(&problem, folder)?;
-    println!("ready {} nodes {} cells", problem.model.mesh().node_count(), problem.model.mesh().cell_count());
+    answer(|words| match *words {
+        ["forward", count] => time_forward(&problem, count.parse()?),
+        ["batched", count] => time_batched(&problem, count.parse()?),
+        ["jacobian", count] => time_jacobian(&problem, count.parse()?),
+        ["forward-on", threads, count] => Ok(vec![on_threads(threads.parse()?, count.parse()?, || {
+            let mut solver = problem.model.solver();
+            let mut values = vec![0.0; problem.model.protocol().channel_count()];
+            let mut turn = problem.conductivities.iter().cycle();
+            move || {
+                let conductivity = turn.next().expect("a cycle has no end");
+                solver.solve_into(conductivity, &mut values).expect("positive conductivities");
+                assert_finite(&values);
+                1
+            }
+        })]),
+        ["batched-on", threads, count] => Ok(vec![on_threads(threads.parse()?, count.parse()?, || {
+            let mut solver = problem.model.batch_solver();
+            let batch = problem.batch();
+            let mut frames = vec![[0.0; LANES]; problem.model.protocol().channel_count()];
+            move || {
+                solver.solve_into(&batch, &mut frames).expect("positive conductivities");
+                assert_finite(frames.as_flattened());
+                LANES
+            }
+        })]),
+        _ => Err(format!("unknown command `{}`", words.join(" ")).into()),
+    })
+}
+
+/// Says that all is ready, then answers each line of the standard input with a line of times, until it ends.
+pub fn answer(mut times: impl FnMut(&[&str]) -> Result<Vec<f64>, Box<dyn Error>>) -> Result<(), Box<dyn Error>> {
+    println!("ready");
     for line in std::io::stdin().lock().lines() {
         let line = line?;
-        let words: Vec<&str> = line.split_whitespace().collect();
-        let times = match words[..] {
-            ["forward", count] => time_forward(&problem, count.parse()?)?,
-            ["batched", count] => time_batched(&problem, count.parse()?)?,
-            ["jacobian", count] => time_jacobian(&problem, count.parse()?)?,
-            ["forward-on", threads, count] => vec![on_threads(threads.parse()?, count.parse()?, || {
-                let mut solver = problem.model.solver();
-                let mut values = vec![0.0; problem.model.protocol().channel_count()];
-                let mut turn = problem.conductivities.iter().cycle();
-                move || {
-                    let conductivity = turn.next().expect("a cycle has no end");
-                    solver.solve_into(conductivity, &mut values).expect("positive conductivities");
-                    assert_finite(&values);
-                    1
-                }
-            })],
-            ["batched-on", threads, count] => vec![on_threads(threads.parse()?, count.parse()?, || {
-                let mut solver = problem.model.batch_solver();
-                let batch = problem.batch();
-                let mut frames = vec![[0.0; LANES]; problem.model.protocol().channel_count()];
-                move || {
-                    solver.solve_into(&batch, &mut frames).expect("positive conductivities");
-                    assert_finite(frames.as_flattened());
-                    LANES
-                }
-            })],
-            _ => return Err(format!("unknown command `{line}`").into()),
-        };
+        let times = times(&line.split_whitespace().collect::<Vec<&str>>())?;
         let words: Vec<String> = times.iter().map(f64::to_string).collect();
         println!("{}", words.join(" "));
         std::io::stdout().flush()?;

@@ -1,0 +1,192 @@
+//! Networks beside other programs: answers with times of training steps and of single frames while they take turns.
+
+use crate::serve::answer;
+use dermis::dataset::Dataset;
+use dermis::design::SkinDesign;
+use dermis::forward::ForwardModel;
+use dermis::frame::write_array;
+use dermis::image::PixelSpace;
+use dermis::mesh::Mesh;
+use dermis::reconstruct::Reconstruct;
+use dermis_learn::{
+    Card, Disturb, Method, Model, Noise, Part, Precision, Samples, SkinRecord, TrainOptions, Trainer, TrainingRecord,
+};
+use std::error::Error;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Standard deviation of the noise, ohm; what it costs does not depend on it.
+const NOISE_OHM: f32 = 0.01;
+/// Steps on one batch whose losses the programs must agree on.
+const COMPARED_STEPS: usize = 5;
+/// Frames whose images they must agree on.
+const COMPARED_FRAMES: usize = 64;
+/// Epochs before frames are compared and timed, so that no weight is as it began.
+const EPOCHS: usize = 2;
+
+/// The shipped skin, ready.
+struct Skin {
+    design: SkinDesign,
+    forward: ForwardModel,
+    pixels: Arc<PixelSpace>,
+}
+
+impl Skin {
+    fn new() -> Result<Self, Box<dyn Error>> {
+        let design = SkinDesign::load("cylinder30")?;
+        let mesh = Mesh::generate(&design)?;
+        let forward = ForwardModel::new(&design, &mesh)?;
+        let pixels = Arc::new(PixelSpace::for_design(&design, &mesh)?);
+        Ok(Skin { design, forward, pixels })
+    }
+
+    fn noise(&self) -> Vec<f32> {
+        vec![NOISE_OHM; self.forward.protocol().channel_count()]
+    }
+
+    fn paper(&self) -> Method {
+        Method::paper(self.forward.protocol(), &self.pixels, self.noise())
+    }
+
+    fn best(&self) -> Method {
+        Method::best(&self.design, self.forward.protocol(), &self.pixels, self.noise())
+    }
+
+    fn samples<'a>(&self, method: &Method, datasets: &'a [Dataset], part: Part) -> Result<Samples<'a>, Box<dyn Error>> {
+        let (noise, symmetries) = (method.noise.clone(), method.symmetries.clone());
+        Ok(Samples::new(datasets, part, &self.forward, &self.pixels, method.target, noise, symmetries)?)
+    }
+
+    /// The network as it is.
+    fn model(&self, trainer: &Trainer<'_>, method: &Method) -> Model {
+        let training = TrainingRecord {
+            options: method.options.clone(),
+            samples: 0,
+            test_samples: 0,
+            target_variance: 0.0,
+            epochs: trainer.epochs().to_vec(),
+        };
+        let card = Card {
+            format: Card::FORMAT.into(),
+            version: env!("CARGO_PKG_VERSION").into(),
+            name: method.name.into(),
+            skin: SkinRecord::new(&self.design.name, &self.forward, &self.pixels),
+            plan: method.plan.clone(),
+            input: trainer.input().clone(),
+            target: method.target,
+            noise: method.noise.clone(),
+            symmetries: method.symmetries.as_ref().map_or(1, |symmetries| symmetries.len()),
+            data: Vec::new(),
+            training,
+        };
+        Model::new(card, trainer.network().clone(), Arc::clone(&self.pixels))
+    }
+}
+
+/// `training`: writes what another program needs to train the paper's network from the same start, into the folder:
+/// the first batch and our losses on it. Then answers `train N` with the times of N steps.
+pub fn training(data: &Path, few: &Path, folder: &Path) -> Result<(), Box<dyn Error>> {
+    let skin = Skin::new()?;
+    let method = skin.paper();
+    write_start(&skin, few, folder)?;
+    let datasets = [Dataset::open(data)?];
+    let (training, test) =
+        (skin.samples(&method, &datasets, Part::Training)?, skin.samples(&method, &datasets, Part::Test)?);
+    answer(|words| match *words {
+        ["train", count] => {
+            let count: usize = count.parse()?;
+            // The first step has no time of its own.
+            let epoch_samples = Some((count + 1) * method.options.batch);
+            let options = TrainOptions { epoch_samples, ..method.options.clone() };
+            let mut trainer = Trainer::new(&method.plan, method.input.clone(), &options, &training, &test)?;
+            let mut ends = Vec::new();
+            trainer.epoch(|_| ends.push(Instant::now()))?;
+            Ok(ends.windows(2).map(|pair| (pair[1] - pair[0]).as_secs_f64()).collect())
+        }
+        _ => Err("unknown command".into()),
+    })
+}
+
+/// The start of training without noise on a dataset of a single batch, the batch, and the losses of our first steps.
+fn write_start(skin: &Skin, few: &Path, folder: &Path) -> Result<(), Box<dyn Error>> {
+    let mut method = skin.paper();
+    method.noise = Noise::white(vec![0.0; skin.forward.protocol().channel_count()]);
+    let datasets = [Dataset::open(few)?];
+    let (training, test) =
+        (skin.samples(&method, &datasets, Part::Training)?, skin.samples(&method, &datasets, Part::Test)?);
+    let (batch, inputs, outputs) = (method.options.batch, method.plan.inputs(), method.plan.outputs());
+    if training.len() != batch {
+        return Err(format!("{} samples to train on, but one batch is {batch}", training.len()).into());
+    }
+    let mut trainer = Trainer::new(&method.plan, method.input.clone(), &method.options, &training, &test)?;
+    let (mut given, mut wanted) = (vec![0.0; batch * inputs], vec![0.0; batch * outputs]);
+    for (index, (given, wanted)) in given.chunks_exact_mut(inputs).zip(wanted.chunks_exact_mut(outputs)).enumerate() {
+        training.fill(index, Disturb::Nothing, trainer.input(), given, wanted)?;
+    }
+    save(folder, "batch_inputs", &[batch, inputs], &given)?;
+    save(folder, "batch_targets", &[batch, outputs], &wanted)?;
+    save(folder, "noise_ohm", &[skin.forward.protocol().channel_count()], &skin.noise())?;
+    skin.model(&trainer, &method).save(&folder.join("start"), Precision::Single)?;
+    let losses = (0..COMPARED_STEPS).map(|_| Ok(trainer.epoch(|_| ())?.training_loss));
+    let losses = losses.collect::<Result<Vec<f64>, Box<dyn Error>>>()?;
+    write_array(&folder.join("losses.npy"), "losses", &[losses.len()], &losses)?;
+    Ok(())
+}
+
+fn save(folder: &Path, name: &str, shape: &[usize], values: &[f32]) -> Result<(), Box<dyn Error>> {
+    let values: Vec<f64> = values.iter().copied().map(f64::from).collect();
+    Ok(write_array(&folder.join(format!("{name}.npy")), name, shape, &values)?)
+}
+
+/// `inference`: trains both networks a little and writes their folders, their ONNX files, differences and our images of
+/// them. Then answers `infer NAME N` with the times of N frames, one by one.
+pub fn inference(data: &Path, folder: &Path) -> Result<(), Box<dyn Error>> {
+    let skin = Skin::new()?;
+    let datasets = [Dataset::open(data)?];
+    let method = skin.paper();
+    let test = skin.samples(&method, &datasets, Part::Test)?;
+    let differences = (0..COMPARED_FRAMES).map(|index| test.difference(index));
+    let differences = differences.collect::<Result<Vec<Vec<f32>>, _>>()?;
+    save(folder, "differences", &[COMPARED_FRAMES, differences[0].len()], &differences.concat())?;
+    let differences: Vec<Vec<f64>> =
+        differences.into_iter().map(|frame| frame.into_iter().map(f64::from).collect()).collect();
+    let models = [skin.paper(), skin.best()].map(|method| trained(&skin, &method, &datasets));
+    let models = models.into_iter().collect::<Result<Vec<Model>, Box<dyn Error>>>()?;
+    let mut image = vec![0.0; skin.pixels.len()];
+    for model in &models {
+        let name = &model.card().name;
+        model.save(&folder.join(name), Precision::Single)?;
+        std::fs::write(folder.join(format!("{name}.onnx")), model.to_onnx())?;
+        let mut images = Vec::new();
+        for difference in &differences {
+            model.reconstruct_into(difference, &mut image)?;
+            images.extend_from_slice(&image);
+        }
+        write_array(&folder.join(format!("{name}_images.npy")), "images", &[COMPARED_FRAMES, image.len()], &images)?;
+    }
+    answer(|words| match *words {
+        ["infer", name, count] => {
+            let model = models.iter().find(|model| model.card().name == name).ok_or("no such network")?;
+            let mut times = Vec::new();
+            for difference in differences.iter().cycle().take(count.parse()?) {
+                let start = Instant::now();
+                model.reconstruct_into(std::hint::black_box(difference), &mut image)?;
+                times.push(start.elapsed().as_secs_f64());
+                std::hint::black_box(&image);
+            }
+            Ok(times)
+        }
+        _ => Err("unknown command".into()),
+    })
+}
+
+fn trained(skin: &Skin, method: &Method, datasets: &[Dataset]) -> Result<Model, Box<dyn Error>> {
+    let (training, test) =
+        (skin.samples(method, datasets, Part::Training)?, skin.samples(method, datasets, Part::Test)?);
+    let mut trainer = Trainer::new(&method.plan, method.input.clone(), &method.options, &training, &test)?;
+    for _ in 0..EPOCHS {
+        trainer.epoch(|_| ())?;
+    }
+    Ok(skin.model(&trainer, method))
+}
