@@ -3,6 +3,7 @@
 use crate::serve::answer;
 use dermis::dataset::Dataset;
 use dermis::design::SkinDesign;
+use dermis::detect::DetectOptions;
 use dermis::forward::ForwardModel;
 use dermis::frame::write_array;
 use dermis::image::PixelSpace;
@@ -77,6 +78,7 @@ impl Skin {
             target: method.target,
             noise: method.noise.clone(),
             symmetries: method.symmetries.as_ref().map_or(1, |symmetries| symmetries.len()),
+            detection: DetectOptions::default(),
             data: Vec::new(),
             training,
         };

@@ -44,7 +44,8 @@ impl Named {
         let options = OneStepOptions { prior, alpha, touch: design.sheet.touch, ..OneStepOptions::default() };
         let method = OneStep::from_linearised(model, Arc::clone(pixels), &options)?;
         let alpha = Some(method.alpha());
-        Ok(Named { key, name, reconstruct: Box::new(method), alpha, detect: DetectOptions::default() })
+        let detect = method.detection();
+        Ok(Named { key, name, reconstruct: Box::new(method), alpha, detect })
     }
 
     /// Its name with its alpha.

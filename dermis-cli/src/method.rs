@@ -265,16 +265,20 @@ const UNTOUCHED_AT_LEAST: usize = 8;
 impl Method {
     /// The detector for its images, told of their noise as far as the untouched frames show it.
     pub fn detector(&self, differences: &Differences) -> Outcome<Detector> {
-        let Some(noise_ohm) = differences.noise_ohm() else { return Ok(Detector::default()) };
+        let detector = Detector::new(self.reconstruct.detection());
+        let Some(noise_ohm) = differences.noise_ohm() else { return Ok(detector) };
         if let Some(matrix) = self.reconstruct.matrix() {
             let noise = ImageNoise::from_matrix(matrix, &vec![noise_ohm; matrix.columns]);
-            return Ok(Detector::default().with_noise(noise));
+            return Ok(detector.with_noise(noise));
         }
         if differences.untouched.len() < UNTOUCHED_AT_LEAST {
-            return Ok(Detector::default());
+            return Ok(detector);
         }
         let noise = ImageNoise::from_untouched(&self.images(&differences.untouched)?);
-        Ok(noise.map_or_else(Detector::default, |noise| Detector::default().with_noise(noise)))
+        Ok(match noise {
+            Some(noise) => detector.with_noise(noise),
+            None => detector,
+        })
     }
 
     /// The image of every difference, in their order.

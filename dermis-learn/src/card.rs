@@ -5,6 +5,7 @@ use crate::network::Plan;
 use crate::samples::{Noise, Target};
 use crate::train::{Epoch, TrainOptions};
 use dermis::dataset::Recipe;
+use dermis::detect::DetectOptions;
 use serde::{Deserialize, Serialize};
 
 /// Everything about a model but its weights: `card.json` in its folder.
@@ -29,6 +30,9 @@ pub struct Card {
     pub noise: Noise,
     /// By how many symmetries of the skin each sample was multiplied.
     pub symmetries: usize,
+    /// How contacts are found in its images.
+    #[serde(default)]
+    pub detection: DetectOptions,
     /// What it was trained on.
     pub data: Vec<DataRecord>,
     /// How its training went.

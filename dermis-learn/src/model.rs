@@ -5,6 +5,7 @@ use crate::card::{Card, SkinRecord};
 use crate::inference::Inference;
 use crate::network::Network;
 use crate::tensors::{self, Named, Precision};
+use dermis::detect::DetectOptions;
 use dermis::forward::ForwardModel;
 use dermis::frame::{Frame, write_whole};
 use dermis::image::{Image, PixelSpace};
@@ -122,6 +123,13 @@ impl Model {
         &self.card
     }
 
+    /// The same network with contacts found otherwise in its images.
+    #[must_use]
+    pub fn with_detection(mut self, detection: DetectOptions) -> Self {
+        self.card.detection = detection;
+        self
+    }
+
     /// The network.
     pub fn network(&self) -> &Network {
         &self.network
@@ -161,6 +169,10 @@ impl Reconstruct for Model {
 
     fn pixels(&self) -> &Arc<PixelSpace> {
         &self.pixels
+    }
+
+    fn detection(&self) -> DetectOptions {
+        self.card.detection.clone()
     }
 
     fn reconstruct_into(&self, difference: &[f64], values: &mut [f64]) -> Result<(), ReconstructError> {

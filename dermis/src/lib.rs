@@ -26,12 +26,12 @@ pub mod touch;
 // Floor 5
 pub mod forward;
 // Floor 6
-pub mod reconstruct;
+pub mod detect;
 pub mod twin;
 // Floor 7
 pub mod dataset;
-pub mod detect;
 pub mod experiment;
+pub mod reconstruct;
 // Floor 8
 pub mod evaluate;
 

@@ -12,8 +12,8 @@ const FLOORS: &[&[&str]] = &[
     &["mesh"],
     &["fem", "image", "touch"],
     &["forward"],
-    &["reconstruct", "twin"],
-    &["dataset", "detect", "experiment"],
+    &["detect", "twin"],
+    &["dataset", "experiment", "reconstruct"],
     &["evaluate"],
 ];
 

@@ -5,6 +5,7 @@ use crate::failure::Outcome;
 use clap::{Args, ValueEnum};
 use dermis::dataset::Dataset;
 use dermis::design::SkinDesign;
+use dermis::detect::DetectOptions;
 use dermis::forward::ForwardModel;
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
@@ -125,6 +126,7 @@ impl Arguments {
             target: method.target,
             noise: method.noise.clone(),
             symmetries: method.symmetries.as_ref().map_or(1, dermis_learn::Symmetries::len),
+            detection: DetectOptions::default(),
             data: data.iter().map(record).collect(),
             training: TrainingRecord {
                 options: method.options.clone(),

@@ -3,7 +3,7 @@
 //! A pixel takes part where it exceeds [`DetectOptions::noise_factor`] standard deviations of its noise and
 //! [`DetectOptions::peak_fraction`] of the image's peak. Peaks are told apart by the saddle between them, placed by
 //! their centroid, and each comes with a standard deviation of its position and the probability that something
-//! is there. One detector with its default options serves every reconstruction.
+//! is there. Each method says with which options its images are read.
 
 mod noise;
 mod peaks;
@@ -17,9 +17,11 @@ use crate::geom::Surface;
 use crate::geom::vector::{Point3, dot, normalize, scale, sub};
 use crate::image::Image;
 use peaks::Basin;
+use serde::{Deserialize, Serialize};
 
-/// How contacts are found. The defaults serve every method.
-#[derive(Debug, Clone, PartialEq)]
+/// How contacts are found. The defaults are those of linear images.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct DetectOptions {
     /// A contact's peak exceeds this many standard deviations of the image's noise there. At 5 the noise of 900
     /// independent pixels makes a false contact in one image of 4,000.

@@ -124,7 +124,7 @@ impl Assessor<'_> {
         let after = recordings[3].next_index;
         let untouched = untouched_differences(&experiment.twin, after, options.untouched, &on_step)?;
         let noise = self.noise(&untouched)?;
-        let detector = Detector::new(DetectOptions::default()).with_noise(noise.clone());
+        let detector = Detector::new(self.method.detection()).with_noise(noise.clone());
         let images: Vec<Vec<Image>> = recordings.iter().map(|one| self.images(one)).collect::<crate::Result<_>>()?;
         let single = |set: usize| score(&images[set], &truths[set], &detector, &self.method.name(), self.alpha);
         let (noise_factor, noise_factor_error) = threshold(&self.peaks(&untouched, &noise)?);
@@ -166,7 +166,8 @@ impl Assessor<'_> {
 
     /// The highest peak of each difference that could be a contact, in standard deviations of its pixel's noise.
     fn peaks(&self, differences: &[Frame], noise: &ImageNoise) -> crate::Result<Vec<f64>> {
-        let highest = |frame: &Frame| Ok(in_sd(&self.method.reconstruct(frame)?, noise, |_| true));
+        let detection = self.method.detection();
+        let highest = |frame: &Frame| Ok(in_sd(&self.method.reconstruct(frame)?, noise, &detection, |_| true));
         differences.par_iter().map(highest).collect()
     }
 
@@ -179,7 +180,7 @@ impl Assessor<'_> {
         step: usize,
         on_step: &(impl Fn(usize) + Sync),
     ) -> crate::Result<Vec<f64>> {
-        let rest = twin.clean(&[])?;
+        let (rest, detection) = (twin.clean(&[])?, self.method.detection());
         let surface = self.design.body.surface();
         let places: Vec<Point3> = self.pixels.centres_m.iter().copied().step_by(step.max(1)).collect();
         let least = |&centre_m: &Point3| {
@@ -187,7 +188,7 @@ impl Assessor<'_> {
                 let press = Press { centre_m, force_n, tip_radius_m: twin.options().press.tip_radius_m };
                 let image = self.method.reconstruct(&(&twin.clean(&[press])? - &rest))?;
                 let near = |pixel: usize| surface.distance_m(self.pixels.centres_m[pixel], centre_m) <= GATE_M;
-                Ok::<bool, crate::Error>(in_sd(&image, noise, near) >= noise_factor + FOUND_SD)
+                Ok::<bool, crate::Error>(in_sd(&image, noise, &detection, near) >= noise_factor + FOUND_SD)
             };
             let force_n = smallest(is_found)?;
             on_step(1);
@@ -211,9 +212,9 @@ fn smallest(holds: impl Fn(f64) -> crate::Result<bool>) -> crate::Result<f64> {
 }
 
 /// The highest value of an image over its noise among some pixels that the detector's shares would let pass.
-fn in_sd(image: &Image, noise: &ImageNoise, counts: impl Fn(usize) -> bool) -> f64 {
+fn in_sd(image: &Image, noise: &ImageNoise, detection: &DetectOptions, counts: impl Fn(usize) -> bool) -> f64 {
     let highest = image.values.iter().copied().fold(0.0, f64::max);
-    let least = DetectOptions::default().peak_fraction * highest;
+    let least = detection.peak_fraction * highest;
     let pixels = image.values.iter().zip(noise.sd()).enumerate();
     pixels
         .filter(|(pixel, (value, _))| **value >= least && counts(*pixel))

@@ -10,7 +10,8 @@ use crate::twin::{Press, PressOptions};
 use rand::{Rng, RngExt};
 use std::f64::consts::TAU;
 
-/// Each set of presses has random streams of its own, from its number times this on.
+/// Each set of presses has random streams of its own, from its number and one times this on: the first ones are those of
+/// the frames' noise.
 const STREAMS_PER_SET: u64 = 1 << 32;
 /// How often places are drawn again that do not fit together before it is given up.
 const MOST_DRAWS: usize = 10_000;
@@ -106,7 +107,7 @@ impl<'a> Presses<'a> {
     }
 
     fn rng(&self, set: u64, number: u64) -> impl Rng {
-        sample_rng(self.seed, set * STREAMS_PER_SET + number)
+        sample_rng(self.seed, (set + 1) * STREAMS_PER_SET + number)
     }
 
     fn press(&self, centre_m: Point3, rng: &mut impl Rng) -> Press {

@@ -26,6 +26,7 @@ pub use one_step::{OneStep, OneStepOptions};
 pub use prior::Prior;
 pub use total_variation::{TotalVariation, TotalVariationOptions};
 
+use crate::detect::DetectOptions;
 use crate::frame::Frame;
 use crate::image::{Image, PixelSpace};
 use std::sync::Arc;
@@ -95,6 +96,11 @@ pub trait Reconstruct: Send + Sync {
     /// in the frame spreads over the image.
     fn matrix(&self) -> Option<&crate::forward::Matrix> {
         None
+    }
+
+    /// How contacts are found in its images. The default is that of linear images, with their side lobes.
+    fn detection(&self) -> DetectOptions {
+        DetectOptions::default()
     }
 }
 
