@@ -4,27 +4,31 @@ use crate::console::Progress;
 use crate::failure::{Failure, Outcome};
 use dermis::contact::Contact;
 use dermis::design::SkinDesign;
-use dermis::detect::{DetectOptions, Detector, ImageNoise};
+use dermis::detect::{Detector, ImageNoise};
 use dermis::evaluate::{Score, score};
 use dermis::experiment::Recording;
 use dermis::frame::Frame;
 use dermis::image::{Image, PixelSpace};
 use dermis::reconstruct::{Alpha, Linearised, OneStep, OneStepOptions, Prior, Reconstruct};
+use dermis_learn::{Card, Model};
 use rayon::prelude::*;
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 
 /// A method under the name that people read.
 pub struct Named {
-    /// Its name for programs: "noser".
-    pub key: &'static str,
+    /// Its name for programs and files: "noser".
+    pub key: String,
     /// Its name for people: "linear, NOSER".
-    pub name: &'static str,
+    pub name: String,
     /// The method.
     pub reconstruct: Box<dyn Reconstruct>,
     /// Its alpha, where it has one.
     pub alpha: Option<f64>,
-    /// How contacts are found in its images.
-    pub detect: DetectOptions,
+    /// What a network says of itself.
+    pub card: Option<Card>,
+    /// What tells it from every other method of its name: its alpha or its weights.
+    pub identity: String,
 }
 
 /// The linear methods of the paper: NOSER and a spatial high-pass filter, which is what Laplace's prior is.
@@ -44,13 +48,42 @@ impl Named {
         let options = OneStepOptions { prior, alpha, touch: design.sheet.touch, ..OneStepOptions::default() };
         let method = OneStep::from_linearised(model, Arc::clone(pixels), &options)?;
         let alpha = Some(method.alpha());
-        let detect = method.detection();
-        Ok(Named { key, name, reconstruct: Box::new(method), alpha, detect })
+        Ok(Named {
+            key: key.into(),
+            name: name.into(),
+            identity: format!("{:?}, alpha {}", options.prior, method.alpha()),
+            reconstruct: Box::new(method),
+            alpha,
+            card: None,
+        })
+    }
+
+    /// A trained network.
+    pub fn network(model: Model) -> Self {
+        let card = model.card().clone();
+        let name = match card.name.as_str() {
+            "paper" => "paper's network".to_string(),
+            "best" => "best network".to_string(),
+            other => format!("network {other}"),
+        };
+        // A card's name comes from a file, and becomes part of the names of others.
+        let key = card.name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
+        let mut hasher = DefaultHasher::new();
+        let weights = model.network().tensors().into_iter().flat_map(|tensor| tensor.values);
+        weights.for_each(|weight| weight.to_bits().hash(&mut hasher));
+        Named {
+            key,
+            name,
+            identity: format!("weights {:016x}", hasher.finish()),
+            reconstruct: Box::new(model),
+            alpha: None,
+            card: Some(card),
+        }
     }
 
     /// Its name with its alpha.
     pub fn how(&self) -> String {
-        self.alpha.map_or_else(|| self.name.to_string(), |alpha| format!("{}, alpha {alpha:.3}", self.name))
+        self.alpha.map_or_else(|| self.name.clone(), |alpha| format!("{}, alpha {alpha:.3}", self.name))
     }
 
     /// The image of every frame of a recording.
@@ -66,7 +99,7 @@ impl Named {
 
     /// The detector for its images, told of their noise by the differences of untouched frames from their baseline.
     pub fn detector(&self, untouched: &[Frame]) -> Outcome<Detector> {
-        let detector = Detector::new(self.detect.clone());
+        let detector = Detector::new(self.reconstruct.detection());
         let noise = match self.reconstruct.matrix() {
             _ if untouched.is_empty() => None,
             Some(matrix) => {
@@ -94,7 +127,7 @@ pub fn shipped(design: &SkinDesign, model: &Linearised, pixels: &Arc<PixelSpace>
 /// What one method made of some presses.
 pub struct Shown {
     /// The method's name for people.
-    pub name: &'static str,
+    pub name: String,
     /// The same with its alpha.
     pub how: String,
     /// The image of each frame.
@@ -110,7 +143,7 @@ impl Shown {
     pub fn of(method: &Named, recording: &Recording, truth: &[Vec<Contact>], detector: &Detector) -> Outcome<Self> {
         let images = method.images(recording)?;
         let contacts = images.par_iter().map(|image| detector.detect(image)).collect();
-        let score = score(&images, truth, detector, method.name, method.alpha)?;
-        Ok(Shown { name: method.name, how: method.how(), images, contacts, score })
+        let score = score(&images, truth, detector, &method.name, method.alpha)?;
+        Ok(Shown { name: method.name.clone(), how: method.how(), images, contacts, score })
     }
 }

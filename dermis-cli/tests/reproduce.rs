@@ -69,6 +69,8 @@ fn a_design_that_is_none_and_a_folder_that_cannot_be_are_refused_at_once() {
     std::fs::write(folder.path().join("taken"), "a file").unwrap();
     let message = refused(&dermis(folder.path(), &["reproduce", "-o", "taken"]));
     assert!(message.contains("taken") && message.contains("-o"), "{message}");
+    let message = refused(&dermis(folder.path(), &["reproduce", "--model", "nowhere"]));
+    assert!(message.contains("nowhere") && !folder.path().join("report/index.html").exists(), "{message}");
     let message = refused(&dermis(folder.path(), &["reproduce", "--scale", "huge"]));
     assert!(message.contains("huge") && message.contains("quick"), "{message}");
 }

@@ -43,9 +43,9 @@ impl TwinFigures {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Assessed {
     /// The method's name for programs.
-    pub key: &'static str,
+    pub key: String,
     /// The method's name for people.
-    pub name: &'static str,
+    pub name: String,
     /// Its alpha, where it has one.
     pub alpha: Option<f64>,
     /// What came of each twin.
@@ -67,7 +67,7 @@ impl Assessed {
         let frames = steps(&size, bench.pixels.len());
         let seeds = REPORTED_SEED..REPORTED_SEED + scale.twins();
         let twin = |seed: u64| {
-            let key = format!("{}, {size:?}", method.how());
+            let key = format!("{}, {:?}, {size:?}", method.identity, method.reconstruct.detection());
             work.kept(&format!("assess-{}-{seed}", method.key), &key, || {
                 let progress = Progress::new(&format!("{}, twin {seed}", method.name), frames);
                 let assessment = assessor.assess(seed, &size, |done| progress.steps(done as u64))?;
@@ -75,7 +75,7 @@ impl Assessed {
             })
         };
         let twins = seeds.map(twin).collect::<Outcome<_>>()?;
-        Ok(Assessed { key: method.key, name: method.name, alpha: method.alpha, twins })
+        Ok(Assessed { key: method.key.clone(), name: method.name.clone(), alpha: method.alpha, twins })
     }
 
     /// A figure by its key: its mean over the twins and the worst of them, SI units; `NaN` where a twin has none.

@@ -2,6 +2,7 @@
 
 use crate::console::Progress;
 use crate::failure::Outcome;
+use crate::line_up::Named;
 use crate::skin::{Per, Skin};
 use dermis::contact::Contact;
 use dermis::design::SkinDesign;
@@ -12,7 +13,9 @@ use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
 use dermis::reconstruct::Linearised;
 use dermis::twin::{Press, Twin, TwinOptions};
+use dermis_learn::Model;
 use rayon::prelude::*;
+use std::path::Path;
 use std::sync::Arc;
 
 /// A skin as designed, and the twins of it that can be pressed.
@@ -54,6 +57,11 @@ impl<'a> Bench<'a> {
     /// The skin's mesh, on which images are made.
     pub fn mesh(&self) -> &Mesh {
         self.skin.forward.mesh()
+    }
+
+    /// The network in a folder, for this skin.
+    pub fn network(&self, folder: &Path) -> Outcome<Named> {
+        Ok(Named::network(Model::load(folder, &self.skin.forward, Arc::clone(&self.pixels))?))
     }
 
     /// Where and how hard an experiment with this seed presses.

@@ -125,7 +125,7 @@ pub fn structures(
     scale: Scale,
     work: &Work,
 ) -> Outcome<Vec<Structure>> {
-    let how: Vec<String> = methods.iter().map(Named::how).collect();
+    let how: Vec<&str> = methods.iter().map(|method| method.identity.as_str()).collect();
     let name = format!("structure-{}", control.key);
     work.kept(&name, &how.join("; "), || press_and_tell(control, cut_rad, bench, methods, scale))
 }
@@ -167,7 +167,7 @@ fn press_and_tell(
     Ok(told
         .map(|((method, met), ghosts)| {
             let mut structure = tell(&met, extent);
-            (structure.design, structure.method) = (control.key.to_string(), method.key.to_string());
+            (structure.design, structure.method) = (control.key.to_string(), method.key.clone());
             (structure.alpha, structure.ghosts) = (method.alpha, ghosts);
             structure.saturated_readings = saturated_readings;
             structure

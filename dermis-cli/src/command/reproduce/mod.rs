@@ -11,10 +11,11 @@ mod results;
 mod scale;
 mod stage;
 mod stated;
+mod training;
 
 use crate::console::print;
 use crate::failure::{Failure, Outcome};
-use crate::line_up::Named;
+use crate::line_up::{LINEAR, Named};
 use assessed::Assessed;
 use bench::Bench;
 use choose::Choice;
@@ -42,6 +43,10 @@ pub struct Arguments {
     /// The twin: the path of its file, or a shipped name (ideal, lab, harsh).
     #[arg(long, value_name = "TWIN", default_value = "lab")]
     twin: String,
+    /// The folder of a network of `dermis train` to set beside the linear methods; may be given more than once. Scale `paper`
+    /// trains its own from nothing without it.
+    #[arg(long, value_name = "DIR")]
+    model: Vec<PathBuf>,
     /// How large.
     #[arg(long, value_enum, default_value_t = Scale::Quick)]
     scale: Scale,
@@ -61,11 +66,35 @@ impl Arguments {
         let work = Work::new(&self.output.join("work"), key(&design, &twin, self.scale))?;
         let controls = controls::controls(&design);
         let bench = Bench::new(design, &twin)?;
-        let mut budget = Budget::new(plan(self.scale, bench.pixels.len(), controls.is_some()));
-        eprintln!("{} stages, about {} on two cores", budget.planned().len(), time(budget.whole_s()));
+        // A folder that holds no model for this skin is told of before anything is pressed.
+        let mut networks: Vec<Named> = self.model.iter().map(|folder| bench.network(folder)).collect::<Outcome<_>>()?;
+        let twice =
+            |(number, network): &(usize, &Named)| networks[..*number].iter().any(|other| other.key == network.key);
+        if let Some((_, network)) = networks.iter().enumerate().find(twice) {
+            let message = format!("two of the networks are called `{}`", network.key);
+            return Err(Failure::given(
+                message,
+                Some("name another in one's card.json, or reproduce with one at a time"),
+            ));
+        }
+        let steps = if self.scale == Scale::Paper && networks.is_empty() {
+            training::steps(&self.design, &self.twin, work.folder())?
+        } else {
+            Vec::new()
+        };
+        let method_count = LINEAR.len() + networks.len() + steps.iter().filter(|step| step.model.is_some()).count();
+        let mut stages: Vec<(String, f64)> = steps.iter().map(|step| (step.told(), step.estimate_s)).collect();
+        stages.extend(plan(self.scale, bench.pixels.len(), method_count, controls.is_some()));
+        let mut budget = Budget::new(stages);
+        eprintln!("{}", budget.told());
+        for step in &steps {
+            budget.stage(|| step.carry_out())?;
+            networks.extend(step.model.iter().map(|folder| bench.network(folder)).collect::<Outcome<Vec<_>>>()?);
+        }
 
         let choice: Choice = budget.stage(|| work.kept("alpha", "", || Choice::make(&bench, self.scale)))?;
-        let methods: Vec<Named> = choice.methods(&bench)?;
+        let mut methods: Vec<Named> = choice.methods(&bench)?;
+        methods.append(&mut networks);
         let assessed = budget.stage(|| {
             methods.iter().map(|method| Assessed::make(&bench, method, self.scale, &work)).collect::<Outcome<_>>()
         })?;
@@ -89,7 +118,7 @@ impl Arguments {
         if self.json {
             return print(&format!("{told}\n"));
         }
-        let ours: Vec<&str> = found.assessed.iter().map(|one| one.name).collect();
+        let ours: Vec<&str> = found.assessed.iter().map(|one| one.name.as_str()).collect();
         let table = stated::table(&["paper: linear", "paper: network"], &ours, &stated::results(found));
         print(&format!(
             "{} of {} (`{}`), SIMULATED; the paper's figures were measured\n\n{}\nThe page, with what differs: {} ({})\n",
@@ -140,9 +169,9 @@ const TWIN_S: f64 = 3.0;
 const FRAME_S: f64 = 4e-4;
 
 /// The stages and the seconds that they are expected to take on two cores.
-fn plan(scale: Scale, pixels: usize, controls: bool) -> Vec<(&'static str, f64)> {
+fn plan(scale: Scale, pixels: usize, methods: usize, controls: bool) -> Vec<(String, f64)> {
     let size = scale.assessment();
-    let linear = crate::line_up::LINEAR.len() as f64;
+    let linear = LINEAR.len() as f64;
     let twin = |twins: u64, frames: usize| twins as f64 * (TWIN_S + frames as f64 * FRAME_S);
     // Every frame is seen once with every alpha.
     let choose = twin(scale.choosing_twins(), 11 * scale.choosing_presses()) + 11.0 * linear * 0.2;
@@ -151,12 +180,12 @@ fn plan(scale: Scale, pixels: usize, controls: bool) -> Vec<(&'static str, f64)>
     let frames = crate::command::assess::steps(&size, pixels) + 12 * pixels.div_ceil(size.force_step);
     let mut plan = vec![
         ("choosing alpha", choose),
-        ("assessing the methods", linear * (twin(scale.twins(), frames) + TWIN_S * scale.twins() as f64)),
+        ("assessing the methods", methods as f64 * (twin(scale.twins(), frames) + TWIN_S * scale.twins() as f64)),
         ("pictures", twin(1, grid) + 2.0),
     ];
     if controls {
         let presses = 2 * scale.structure_presses();
         plan.push(("structure and its controls", 4.0 * twin(scale.twins(), presses) + 3.0 * choose));
     }
-    plan
+    plan.into_iter().map(|(stage, seconds)| (stage.to_string(), seconds)).collect()
 }

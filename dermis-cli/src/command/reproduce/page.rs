@@ -10,6 +10,7 @@ use crate::failure::Outcome;
 use crate::picture::Picture;
 use crate::picture::chart::Curves;
 use crate::report::{Report, Table};
+use dermis_learn::{Card, Epoch};
 
 /// The page.
 pub fn page(found: &Results<'_>, stages: &[Done]) -> Outcome<Report> {
@@ -30,6 +31,7 @@ pub fn page(found: &Results<'_>, stages: &[Done]) -> Outcome<Report> {
     the_table(&mut report, found);
     the_sensor(&mut report, found, &exhibit)?;
     a_sample(&mut report, found, &exhibit)?;
+    losses(&mut report, found);
     localisation(&mut report, found, &exhibit)?;
     sensitivity(&mut report, found, &exhibit)?;
     several_touches(&mut report, found, &exhibit)?;
@@ -47,7 +49,7 @@ fn the_table(report: &mut Report, found: &Results<'_>) {
          with errors of their own that no method knows. The last column says what differs; the two show that the chain works, not \
          that one skin beats another. Ours is the mean of the twins, in brackets the worst one.",
     );
-    let ours: Vec<&str> = found.assessed.iter().map(|one| one.name).collect();
+    let ours: Vec<&str> = found.assessed.iter().map(|one| one.name.as_str()).collect();
     report.table(&table(&["paper: linear", "paper: network"], &ours, &results(found)));
     report.paragraph("The sensor, its instrument and the experiment:");
     report.table(&table(&["paper"], &["twin"], &facts(found)));
@@ -93,6 +95,68 @@ fn a_sample(report: &mut Report, found: &Results<'_>, exhibit: &Exhibit<'_>) -> 
         (exhibit.flat(&image)?, "Relative change of conductance per pixel; dots are the touches.".into()),
     ]);
     Ok(())
+}
+
+/// The losses of the networks among the methods.
+fn losses(report: &mut Report, found: &Results<'_>) {
+    let networks: Vec<(&str, &Card)> =
+        found.methods.iter().filter_map(|method| Some((method.name.as_str(), method.card.as_ref()?))).collect();
+    if networks.is_empty() {
+        return;
+    }
+    report.heading("Losses (II.C)");
+    report.paragraph(
+        "Mean square error per pixel on inputs with noise. The paper's are 6.17e-4 on its training samples and 6.42e-4 on its test \
+         samples; it does not state the scale of its target, so that losses compare only as parts of the target's variance.",
+    );
+    let mut table = Table::new(&[
+        "network",
+        "samples",
+        "epochs",
+        "time",
+        "training loss",
+        "test loss",
+        "target variance",
+        "unexplained",
+    ]);
+    for (name, card) in &networks {
+        let record = &card.training;
+        let last = record.epochs.last();
+        let loss = |of: fn(&Epoch) -> f64| last.map_or("none".into(), |epoch| format!("{:.3e}", of(epoch)));
+        let unexplained = last.map_or(f64::NAN, |epoch| epoch.test_loss / record.target_variance);
+        table.push(vec![
+            name.to_string(),
+            record.samples.to_string(),
+            record.epochs.len().to_string(),
+            time(record.epochs.iter().map(|epoch| epoch.seconds).sum()),
+            loss(|epoch| epoch.training_loss),
+            loss(|epoch| epoch.test_loss),
+            format!("{:.3e}", record.target_variance),
+            format!("{:.1} %", 100.0 * unexplained),
+        ]);
+    }
+    report.table(&table);
+    let curve = |name: &str, card: &Card, of: fn(&Epoch) -> f64| {
+        // Over the variance, so that networks with other targets stand in one picture.
+        let part =
+            |(number, epoch): (usize, &Epoch)| [number as f64 + 1.0, 100.0 * of(epoch) / card.training.target_variance];
+        (name.to_string(), card.training.epochs.iter().enumerate().map(part).collect::<Vec<_>>())
+    };
+    let curves = networks.iter().flat_map(|(name, card)| {
+        [
+            curve(&format!("{name}, training"), card, |epoch| epoch.training_loss),
+            curve(&format!("{name}, test"), card, |epoch| epoch.test_loss),
+        ]
+    });
+    let picture = Curves {
+        title: "Loss",
+        subtitle: "over the variance of the target",
+        below: "epoch",
+        left: "unexplained (%)",
+        shown: vec![0.0],
+        curves: curves.collect(),
+    };
+    report.pictures(&[(picture.draw(), "Loss by epoch; training losses are means while weights changed.".into())]);
 }
 
 fn localisation(report: &mut Report, found: &Results<'_>, exhibit: &Exhibit<'_>) -> Outcome {
@@ -170,7 +234,7 @@ fn several_touches(report: &mut Report, found: &Results<'_>, exhibit: &Exhibit<'
     );
     let percent = |[distance_m, part]: [f64; 2]| [distance_m * 1e3, part * 100.0];
     let curves =
-        found.assessed.iter().map(|one| (one.name.to_string(), one.two_resolved().into_iter().map(percent).collect()));
+        found.assessed.iter().map(|one| (one.name.clone(), one.two_resolved().into_iter().map(percent).collect()));
     let picture = Curves {
         title: "Two touches told apart",
         subtitle: &found.twins(),
@@ -197,12 +261,12 @@ fn structure(report: &mut Report, found: &Results<'_>, study: &StructureStudy) -
     ));
     let mut methods: Vec<&str> = study.structures.iter().map(|one| one.method.as_str()).collect();
     methods.dedup();
-    for method in found.methods.iter().filter(|method| methods.contains(&method.key)) {
+    for method in found.methods.iter().filter(|method| methods.contains(&method.key.as_str())) {
         report.paragraph(&format!("By {}:", method.name));
-        report.table(&structure_table(study, method.key));
+        report.table(&structure_table(study, &method.key));
     }
     if let Some(method) = found.methods.first() {
-        report.pictures(&profiles(study, method.key, method.name));
+        report.pictures(&profiles(study, &method.key, &method.name));
     }
     report.paragraph(
         "Presses are at random places; distances are those of the presses that were found. Bias is the mean of estimate minus truth: towards the middle of the length, and away from the line of the cut. A profile \
@@ -272,7 +336,7 @@ fn how_it_was_made(report: &mut Report, found: &Results<'_>, stages: &[Done]) {
     let alphas: Vec<String> = found.methods.iter().map(|method| method.how()).collect();
     report.paragraph(&format!(
         "Methods: {}. The linear methods have their best alpha, the one that misplaces presses least on {} (seeds from {CHOOSING_SEED}), \
-         which are not among those reported; a miss or a ghost counts as 20 mm. One detector serves all methods. Every press is one \
+         which are not among those reported; a miss or a ghost counts as 20 mm. One detector serves all methods; what share of an image's peak it takes for a touch is a part of the method. Every press is one \
          frame, the baseline the mean of {} frames before the first press.",
         alphas.join("; "),
         match found.scale.choosing_twins() {

@@ -22,34 +22,31 @@ pub struct Done {
 #[derive(Debug)]
 pub struct Budget {
     begun: Instant,
-    planned: Vec<(&'static str, f64)>,
+    planned: Vec<(String, f64)>,
     done: Vec<Done>,
 }
 
 impl Budget {
     /// A budget of stages with the seconds that each is expected to take.
-    pub fn new(planned: Vec<(&'static str, f64)>) -> Self {
+    pub fn new(planned: Vec<(String, f64)>) -> Self {
         Budget { begun: Instant::now(), planned, done: Vec::new() }
     }
 
-    /// The plan: what is done, and the seconds that each is expected to take.
-    pub fn planned(&self) -> &[(&'static str, f64)] {
-        &self.planned
-    }
-
-    /// Seconds that all stages are expected to take.
-    pub fn whole_s(&self) -> f64 {
-        self.planned.iter().map(|stage| stage.1).sum()
+    /// The stages and what each is expected to take, for people.
+    pub fn told(&self) -> String {
+        let stages = self.planned.iter().map(|(stage, seconds)| format!("  {:>7}  {stage}\n", time(*seconds)));
+        let whole = self.planned.iter().fold(0.0, |sum, stage| sum + stage.1);
+        format!("expected on two cores:\n{}  {:>7}  in all", stages.collect::<String>(), time(whole))
     }
 
     /// Carries out the next stage of the plan and tells how the budget stands.
     pub fn stage<T>(&mut self, work: impl FnOnce() -> Outcome<T>) -> Outcome<T> {
         let number = self.done.len();
-        let (stage, estimate_s) = self.planned[number];
+        let (stage, estimate_s) = self.planned[number].clone();
         let begun = Instant::now();
         let result = work()?;
         let seconds = begun.elapsed().as_secs_f64();
-        self.done.push(Done { stage: stage.to_string(), seconds, estimate_s });
+        self.done.push(Done { stage: stage.clone(), seconds, estimate_s });
         // From nought: the sum of nothing is minus zero.
         let left = self.planned[number + 1..].iter().fold(0.0, |sum, stage| sum + stage.1);
         eprintln!(
@@ -106,6 +103,11 @@ impl Work {
             Failure::given(message, Some("choose another place with -o"))
         })?;
         Ok(Work { folder: folder.to_path_buf(), key })
+    }
+
+    /// The folder.
+    pub fn folder(&self) -> &Path {
+        &self.folder
     }
 
     /// A result that was kept, where it depends on the same; else it is made and kept. A file that cannot be read as one
