@@ -83,16 +83,29 @@ pub fn steps(design: &str, twin: &str, work: &Path) -> Outcome<Vec<Step>> {
             estimate_s: samples.parse::<f64>().unwrap_or(0.0) / rate,
         }
     };
+    let finish = |name: &str| {
+        let folder = work.join(name);
+        let line = ["simulate", "--finish", &folder.display().to_string()];
+        Step {
+            arguments: line.map(String::from).to_vec(),
+            done: folder.join("manifest.json"),
+            model: None,
+            estimate_s: 2.0,
+        }
+    };
     let random = ["--skins", "random"];
     let mut all = vec![
         simulate("training", TRAINING_SAMPLES, SEEDS[0], &random, GAUSSIAN_RATE),
+        finish("training"),
         simulate("test", TEST_SAMPLES, SEEDS[1], &random, GAUSSIAN_RATE),
+        finish("test"),
     ];
     for ((name, text), seed) in RECIPES.into_iter().zip(SEEDS[2]..) {
         let recipe = work.join(format!("{name}.toml"));
         write_whole(&recipe, |out| out.write_all(text.as_bytes()))?;
         let recipe = recipe.display().to_string();
         all.push(simulate(name, PRESSED_SAMPLES, seed, &["--recipe", &recipe], PRESSED_RATE));
+        all.push(finish(name));
     }
     let train = |network: &str, data: &[&str], samples: u64| {
         let folder = |name: &str| work.join(name).display().to_string();
