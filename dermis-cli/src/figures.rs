@@ -63,6 +63,33 @@ pub const FIGURES: &[Figure] = &[
     figure!("random_ghosts", "random: ghosts", 1.0, 1, More, |t| t.random.ghosts as f64),
     figure!("random_sensitivity_spread", "random: sensitivity spread", 1.0, 2, More, |t| t.random.sensitivity_spread),
     figure!("rim_and_seam_mean_m", "rim and seam: localisation, mean, mm", 1e3, 2, More, |t| t.rim_and_seam_m.mean),
+    figure!("rim_and_seam_p95_m", "rim and seam: localisation, 95th percentile, mm", 1e3, 2, More, |t| {
+        t.rim_and_seam_m.p95
+    }),
+    figure!("rim_and_seam_over_all", "rim and seam: mean over that of both sets", 1.0, 2, More, |t| {
+        t.rim_and_seam_m.mean / t.single_m.mean
+    }),
+    figure!("grid_true_spread", "grid: spread of the true strength per newton", 1.0, 2, More, |t| {
+        t.force.true_spread[0]
+    }),
+    figure!("random_true_spread", "random: spread of the true strength per newton", 1.0, 2, More, |t| {
+        t.force.true_spread[1]
+    }),
+    figure!("rank_correlation_median", "peak and force at one place: rank correlation, median", 1.0, 3, Less, |t| {
+        t.force.rank_correlation()[0]
+    }),
+    figure!("rank_correlation_least", "peak and force at one place: rank correlation, least", 1.0, 3, Less, |t| {
+        t.force.rank_correlation()[1]
+    }),
+    figure!("peak_ratio_median", "peak at 4 N over 1 N, over the true ratio: median", 1.0, 2, Less, |t| {
+        t.force.peak_ratio()[0]
+    }),
+    figure!("peak_ratio_least", "peak at 4 N over 1 N, over the true ratio: least", 1.0, 2, Less, |t| {
+        t.force.peak_ratio()[1]
+    }),
+    figure!("covered_single", "95 % region holds the truth: one touch, %", 100.0, 1, Less, |t| t.covered.single),
+    figure!("covered_two", "95 % region holds the truth: two touches, %", 100.0, 1, Less, |t| t.covered.two),
+    figure!("covered_four", "95 % region holds the truth: four touches, %", 100.0, 1, Less, |t| t.covered.four),
     figure!("two_resolved_from_m", "two touches: 90 % resolved from, mm", 1e3, 0, More, Assessment::resolved_from_m),
     figure!("two_resolved_at_20_mm", "two touches: resolved at 20 mm, %", 100.0, 1, Less, |t| t.resolved_at(0.02)),
     figure!("two_resolved_at_40_mm", "two touches: resolved at 40 mm, %", 100.0, 1, Less, |t| t.resolved_at(0.04)),
@@ -70,6 +97,9 @@ pub const FIGURES: &[Figure] = &[
     figure!("two_resolved_at_80_mm", "two touches: resolved at 80 mm, %", 100.0, 1, Less, |t| t.resolved_at(0.08)),
     figure!("four_localisation_mean_m", "four touches: localisation, mean, mm", 1e3, 2, More, |t| {
         t.four.localisation_m.mean
+    }),
+    figure!("four_localisation_p95_m", "four touches: localisation, 95th percentile, mm", 1e3, 2, More, |t| {
+        t.four.localisation_m.p95
     }),
     figure!("four_misses_per_touch", "four touches: misses, % of touches", 100.0, 1, More, |t| {
         t.four.misses as f64 / (4 * t.four.frames) as f64

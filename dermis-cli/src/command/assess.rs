@@ -5,11 +5,12 @@ use crate::failure::Outcome;
 use crate::figures;
 use crate::frames::Differences;
 use crate::method::MethodArguments;
+use crate::picture::chart::Curves;
 use crate::picture::colour::Scale;
 use crate::picture::{Drawing, Key, Picture, View};
 use crate::skin::{Per, Skin};
 use clap::Args;
-use dermis::evaluate::{AssessOptions, Assessment, Assessor};
+use dermis::evaluate::{AssessOptions, Assessment, Assessor, FORCES_A_PLACE};
 use dermis::experiment::Sizes;
 use dermis::frame::write_whole;
 use dermis::twin::TwinOptions;
@@ -38,6 +39,12 @@ pub struct Arguments {
     /// Write a map of the smallest force found, on the mean of the twins, as SVG.
     #[arg(long, value_name = "FILE")]
     map: Option<PathBuf>,
+    /// Write the part of two touches that is resolved by their distance, on all twins together, as SVG.
+    #[arg(long, value_name = "FILE")]
+    curve: Option<PathBuf>,
+    /// So many electrodes of each twin have come off, drawn from its seed.
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    dead: usize,
     /// Print JSON (SI units) in place of a table.
     #[arg(long)]
     json: bool,
@@ -79,6 +86,10 @@ impl Arguments {
             let picture = self.map(&skin, &pixels, &size, &twins)?;
             write_whole(path, |out| out.write_all(picture.to_svg().as_bytes()))?;
         }
+        if let Some(path) = &self.curve {
+            let picture = self.curve(method.reconstruct.name(), &twins);
+            write_whole(path, |out| out.write_all(picture.to_svg().as_bytes()))?;
+        }
         let name = method.reconstruct.name();
         if self.json {
             let alpha = method.alpha;
@@ -103,15 +114,32 @@ impl Arguments {
     }
 
     fn size(&self) -> AssessOptions {
+        let dead_electrodes = self.dead;
         match self.quick {
-            false => AssessOptions::default(),
+            false => AssessOptions { dead_electrodes, ..AssessOptions::default() },
             true => {
                 let whole = Sizes::default();
                 // Seven has no divisor in common with the pictures of shipped skins, so that all columns have their turn.
                 let sizes = Sizes { grid_step: 7, random: 90, pairs: 20, fours: 50, ..whole };
-                AssessOptions { sizes, untouched: 2000, force_step: 7 }
+                AssessOptions { sizes, untouched: 2000, force_step: 7, places: 10, dead_electrodes }
             }
         }
+    }
+
+    /// Two touches told apart, by their distance; the bar of 90 % beside.
+    fn curve(&self, method: String, twins: &[Assessment]) -> Picture {
+        let places = resolved(twins);
+        let bar = places.iter().map(|[distance_m, _]| [1e3 * distance_m, 90.0]).collect();
+        let curve = places.iter().map(|[distance_m, part]| [1e3 * distance_m, 100.0 * part]).collect();
+        Curves {
+            title: "Two touches told apart",
+            subtitle: &format!("{} `{}`", counted(twins.len()), self.twin),
+            below: "distance, mm",
+            left: "resolved, %",
+            shown: vec![0.0, 100.0],
+            curves: vec![(method, curve), ("90 %".into(), bar)],
+        }
+        .draw()
     }
 
     /// Where the smallest force is sought at every pixel, its mean over the twins.
@@ -138,6 +166,13 @@ impl Arguments {
     }
 }
 
+/// The part of pairs that was resolved on all twins together, by their distance (m).
+fn resolved(twins: &[Assessment]) -> Vec<[f64; 2]> {
+    let steps = twins.first().map_or(&[][..], |twin| &twin.two_resolved);
+    let part = |step: usize| twins.iter().map(|twin| twin.two_resolved[step].1).sum::<f64>() / twins.len() as f64;
+    steps.iter().enumerate().map(|(step, (separation_m, _))| [*separation_m, part(step)]).collect()
+}
+
 fn counted(twins: usize) -> String {
     if twins == 1 { "1 twin".into() } else { format!("{twins} twins") }
 }
@@ -149,6 +184,7 @@ pub fn steps(size: &AssessOptions, pixels: usize) -> usize {
         + random
         + separations_m.len() * pairs
         + fours
+        + size.places * FORCES_A_PLACE
         + size.untouched
         + dermis::experiment::UNTOUCHED_FRAMES as usize
         + pixels.div_ceil(size.force_step)

@@ -5,6 +5,7 @@
 
 mod align;
 mod assess;
+mod explained;
 mod matching;
 mod presses;
 mod score;
@@ -14,7 +15,10 @@ mod tank;
 mod tests;
 
 pub use align::Alignment;
-pub use assess::{AssessOptions, Assessment, Assessor, FALSE_CONTACTS_A_FRAME, FourScore};
+pub use assess::{
+    AssessOptions, Assessment, Assessor, Covered, FALSE_CONTACTS_A_FRAME, FORCES_A_PLACE, ForceScore, FourScore,
+};
+pub use explained::GainFit;
 pub use matching::{Match, match_contacts};
 pub use presses::{AlignOptions, Aligned, PressEstimates};
 pub use score::{Score, resolves_two, score};
@@ -60,6 +64,14 @@ pub enum EvaluateError {
         align: usize,
         /// All presses.
         presses: usize,
+    },
+    /// As many dead electrodes as there are.
+    #[error("{dead} dead electrodes leave none of {electrodes} that works: ask for fewer")]
+    NoElectrodeLeft {
+        /// Electrodes that are dead.
+        dead: usize,
+        /// Electrodes of the skin.
+        electrodes: usize,
     },
     /// Estimates that all lie at one place, so that they tell no scale.
     #[error("the estimates of the presses to align by all lie at one place")]

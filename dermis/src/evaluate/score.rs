@@ -42,14 +42,26 @@ pub fn score(
     method: &str,
     alpha: Option<f64>,
 ) -> Result<Score, EvaluateError> {
+    let contacts: Vec<Vec<Contact>> = images.iter().map(|image| detector.detect(image)).collect();
+    score_contacts(images, &contacts, truth, method, alpha)
+}
+
+/// [`score`] of contacts that were found before, a list for each image.
+pub(super) fn score_contacts(
+    images: &[Image],
+    contacts: &[Vec<Contact>],
+    truth: &[Vec<Contact>],
+    method: &str,
+    alpha: Option<f64>,
+) -> Result<Score, EvaluateError> {
     if images.len() != truth.len() {
         return Err(EvaluateError::Count { images: images.len(), truths: truth.len() });
     }
     let (mut misses, mut ghosts) = (0, 0);
     let (mut distances, mut eq11, mut sensitivities) = (Vec::new(), Vec::new(), Vec::new());
-    for (image, touches) in images.iter().zip(truth) {
+    for ((image, contacts), touches) in images.iter().zip(contacts).zip(truth) {
         let surface = &image.space.surface;
-        let found = match_contacts(touches, &detector.detect(image), surface);
+        let found = match_contacts(touches, contacts, surface);
         misses += found.missed.len();
         ghosts += found.ghosts.len();
         distances.extend(found.pairs.iter().map(|pair| pair.2));

@@ -106,6 +106,17 @@ impl<'a> Presses<'a> {
         PressSet { name: "four", presses: (0..count as u64).filter_map(frame).collect(), separations_m: vec![] }
     }
 
+    /// Presses at some places anywhere on the skin, each with every force (N), one after the other.
+    pub fn at_fixed_places(&self, places: usize, forces_n: &[f64]) -> PressSet {
+        let at_place = |number| {
+            let centre_m = self.place(&mut self.rng(4, number));
+            let press =
+                move |&force_n: &f64| vec![Press { centre_m, force_n, tip_radius_m: self.options.tip_radius_m }];
+            forces_n.iter().map(press)
+        };
+        PressSet { name: "fixed", presses: (0..places as u64).flat_map(at_place).collect(), separations_m: vec![] }
+    }
+
     fn rng(&self, set: u64, number: u64) -> impl Rng {
         sample_rng(self.seed, (set + 1) * STREAMS_PER_SET + number)
     }

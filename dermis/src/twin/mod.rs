@@ -18,6 +18,7 @@ mod patches;
 mod press;
 mod shipped;
 mod skin;
+mod strength;
 
 pub use contact_law::ContactLaw;
 pub use error::TwinError;

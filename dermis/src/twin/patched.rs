@@ -4,6 +4,7 @@ use super::contact_law::ContactLaw;
 use super::coverage::{Cover, cover};
 use super::patches::{PatchGrid, PatchOptions};
 use super::press::{Footprint, Press};
+use super::strength;
 use super::{Foam, TwinError};
 use crate::design::Body;
 use crate::forward::{ConductorContact, Conductors, ForwardModel, Network};
@@ -32,6 +33,8 @@ pub struct PatchedSkin {
     conductors: Conductors,
     covers: Vec<Option<Cover>>,
     at_rest: Vec<ConductorContact>,
+    /// Mean conductance of the coat, S.
+    coat_s: f64,
     least_s: f64,
 }
 
@@ -123,6 +126,7 @@ impl PatchedSkin {
             conductors,
             covers,
             at_rest,
+            coat_s: mean,
             least_s: LEAST_SHARE * mean,
         })
     }
@@ -199,6 +203,30 @@ impl PatchedSkin {
         Ok(contacts)
     }
 
+    /// The true strength of some presses together: the relative rise of the coat's conductance, integrated over the surface,
+    /// that would change the field round it as the contacts do, m2. Each patch counts by the conductance of its contact and
+    /// by how far that reaches (see the theory, "Presses on patches"); patches do not act on each other here, and the coat
+    /// is taken as even.
+    ///
+    /// # Errors
+    /// As [`network`](Self::network).
+    pub fn strength_m2(&self, presses: &[Press]) -> Result<f64, TwinError> {
+        let preload_pa = self.contact.preload_pa;
+        let load = Load::new(presses, &self.foam, &self.grid, preload_pa)?;
+        let of_patch = |cover: &Cover, pressure_pa: &dyn Fn(Point2) -> f64| {
+            let conductance_s = |&(point, area_m2): &(Point2, f64)| {
+                (point, area_m2 * self.contact.conductance_s_per_m2(pressure_pa(point)))
+            };
+            let (whole_s, moment_s_m2) = moments(cover.points.iter().map(conductance_s));
+            strength::of_contact(whole_s, moment_s_m2, self.coat_s)
+        };
+        let covers = load.patches(&self.grid).into_iter().filter_map(|patch| self.covers[patch].as_ref());
+        let rise = |cover: &Cover| {
+            of_patch(cover, &|point| load.pressure_pa(&self.grid, point)) - of_patch(cover, &|_| preload_pa)
+        };
+        Ok(covers.map(rise).sum())
+    }
+
     fn patches_under(
         &self,
         presses: &[Press],
@@ -220,6 +248,17 @@ impl PatchedSkin {
         }
         Ok(contacts)
     }
+}
+
+/// The sum of some weights and their second moment about their centre.
+fn moments(points: impl Iterator<Item = (Point2, f64)> + Clone) -> (f64, f64) {
+    let (whole, x, y) = points.clone().fold((0.0, 0.0, 0.0), |(whole, x, y), (point, weight)| {
+        (whole + weight, x + weight * point[0], y + weight * point[1])
+    });
+    let centre = [x / whole, y / whole];
+    let square = |[x, y]: Point2| (x - centre[0]).powi(2) + (y - centre[1]).powi(2);
+    let moment = points.map(|(point, weight)| weight * square(point)).sum();
+    (whole, if whole > 0.0 { moment } else { 0.0 })
 }
 
 impl Load {

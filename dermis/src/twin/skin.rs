@@ -180,6 +180,26 @@ impl Twin {
         Ok(self.electronics.frame(&network, index))
     }
 
+    /// The true strength of some presses together: the relative change of conductance integrated over the surface, m2. Of
+    /// patches see [`PatchedSkin::strength_m2`].
+    ///
+    /// # Errors
+    /// As [`network`](Self::network).
+    pub fn strength_m2(&self, presses: &[Press]) -> crate::Result<f64> {
+        match &self.skin.touch {
+            Touch::Patches(patched) => Ok(patched.strength_m2(presses)?),
+            Touch::Gaussian { options, body, effect, .. } => {
+                let touches = presses.iter().map(|press| options.touch(press, body)).collect::<Result<Vec<_>, _>>()?;
+                let (mesh, rest) = (self.mesh(), self.coat());
+                let touched = touched_conductivity(mesh, &body.surface(), *effect, rest, &touches)?;
+                let change = |(cell, (touched, rest)): (usize, (&f64, &f64))| {
+                    mesh.cell_measure(cell) * (touched / rest - 1.0).abs()
+                };
+                Ok(touched.iter().zip(rest).enumerate().map(change).sum())
+            }
+        }
+    }
+
     fn network_or_untouched(&self, presses: &[Press]) -> crate::Result<Network> {
         if presses.is_empty() { Ok(self.untouched.clone()) } else { self.network(presses) }
     }

@@ -81,11 +81,11 @@ impl Scale {
         match self {
             Scale::Glance => {
                 let sizes = Sizes { grid_step: 37, random: 10, separations_m: vec![0.04, 0.08], pairs: 3, fours: 4 };
-                AssessOptions { sizes, untouched: 60, force_step: 450 }
+                AssessOptions { sizes, untouched: 60, force_step: 450, places: 2, ..AssessOptions::default() }
             }
             Scale::Quick => {
                 let sizes = Sizes { random: 300, pairs: 60, fours: 200, ..whole };
-                AssessOptions { sizes, untouched: 4000, force_step: 7 }
+                AssessOptions { sizes, untouched: 4000, force_step: 7, places: 20, ..AssessOptions::default() }
             }
             Scale::Paper => AssessOptions::default(),
         }
