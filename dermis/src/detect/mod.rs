@@ -7,6 +7,7 @@
 
 mod noise;
 mod peaks;
+mod spots;
 #[cfg(test)]
 mod tests;
 
@@ -18,6 +19,7 @@ use crate::geom::vector::{Point3, dot, normalize, scale, sub};
 use crate::image::Image;
 use peaks::Basin;
 use serde::{Deserialize, Serialize};
+use spots::Spot;
 
 /// How contacts are found. The defaults are those of linear images.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -32,11 +34,20 @@ pub struct DetectOptions {
     pub saddle_fraction: f64,
     /// A pixel weighs in the centroid, and counts for the strength, by what it has above this part of its contact's peak.
     pub weight_fraction: f64,
+    /// Where every touch is a spot of one shape in the root of the image, a Gaussian of this standard deviation, m: then
+    /// spots are fitted in place of centroids taken, and the saddle does not matter.
+    pub spot_width_m: Option<f64>,
 }
 
 impl Default for DetectOptions {
     fn default() -> Self {
-        DetectOptions { noise_factor: 5.0, peak_fraction: 0.35, saddle_fraction: 0.7, weight_fraction: 0.15 }
+        DetectOptions {
+            noise_factor: 5.0,
+            peak_fraction: 0.35,
+            saddle_fraction: 0.7,
+            weight_fraction: 0.15,
+            spot_width_m: None,
+        }
     }
 }
 
@@ -88,6 +99,15 @@ impl Detector {
         let even_sd = if self.noise.is_none() { noise::roughness(image) } else { 0.0 };
         let sd = |pixel: usize| self.noise.as_ref().map_or(even_sd, |noise| noise.sd()[pixel]);
         let least = |pixel: usize| (self.options.noise_factor * sd(pixel)).max(self.options.peak_fraction * highest);
+        if let Some(width_m) = self.options.spot_width_m {
+            let least = |pixel: usize, first: f64| {
+                (self.options.noise_factor * sd(pixel)).max(self.options.peak_fraction * first * first).sqrt()
+            };
+            let spots = spots::spots(image, width_m, least).into_iter().enumerate();
+            return spots
+                .map(|(id, spot)| spot_contact(image, &spot, width_m, id as u64, sd(spot.pixel), highest))
+                .collect();
+        }
         let basins = peaks::basins(image, self.options.saddle_fraction, |pixel| 2.0 * sd(pixel));
         (basins.iter())
             .filter(|basin| basin.height > least(basin.peak))
@@ -125,6 +145,24 @@ impl Detector {
             sd_m,
             confidence: confidence(basin.height, peak_sd, highest, sd_m, space.len()),
         }
+    }
+}
+
+/// A spot as a contact.
+fn spot_contact(image: &Image, spot: &Spot, width_m: f64, id: u64, sd: f64, highest: f64) -> Contact {
+    let peak = spot.height * spot.height;
+    let (position_m, normal) = place_on_surface(image, &[spot.pixel], spot.centre_m);
+    let sd_m = 0.2 * image.space.half_pixel_m();
+    Contact {
+        id,
+        position_m,
+        normal,
+        // The square of a Gaussian is one of half the variance.
+        strength: peak * std::f64::consts::PI * width_m * width_m,
+        area_m2: std::f64::consts::PI * width_m * width_m * std::f64::consts::LN_2,
+        force_n: f64::NAN,
+        sd_m,
+        confidence: confidence(peak, sd, highest, sd_m, image.space.len()),
     }
 }
 

@@ -1,0 +1,187 @@
+//! Touches in images whose every touch is a spot of the same shape.
+//!
+//! The root of such an image is a sum of Gaussians of one known width. They are found one after the other where the most is
+//! left unexplained, and after each find all are fitted anew (orthogonal matching pursuit: Pati, Rezaiifar and
+//! Krishnaprasad, 1993, DOI 10.1109/ACSSC.1993.342465). A spot that the skin's edge cuts off is placed as well as a whole
+//! one, which a centroid would pull inwards.
+
+use crate::geom::{Point3, Surface};
+use crate::image::Image;
+
+/// One spot: `height exp(-d^2 / (2 width^2))` in the root of the image.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Spot {
+    /// The pixel where it was found.
+    pub pixel: usize,
+    /// Where it is.
+    pub centre_m: Point3,
+    /// Its height.
+    pub height: f64,
+}
+
+/// Rounds in which all spots are fitted in turn after each find.
+const ROUNDS: usize = 4;
+/// A spot is fitted to the pixels this many widths around.
+const REACH: f64 = 2.0;
+/// More touches than this are not looked for.
+const MOST: usize = 16;
+
+/// The spots of an image, as long as the root of what is left exceeds `least` at its highest pixel; that is told the pixel
+/// and the height of the first spot.
+pub(super) fn spots(image: &Image, width_m: f64, least: impl Fn(usize, f64) -> f64) -> Vec<Spot> {
+    let root = |value: &f64| if value.is_finite() { value.signum() * value.abs().sqrt() } else { 0.0 };
+    let mut search = Search { image, width_m, left: image.values.iter().map(root).collect(), spots: Vec::new() };
+    while search.spots.len() < MOST {
+        let pixels = search.left.iter().enumerate();
+        let Some((pixel, &height)) = pixels.max_by(|a, b| a.1.total_cmp(b.1)) else { break };
+        let first = search.spots.first().map_or(height, |spot| spot.height);
+        if height <= least(pixel, first.max(height)) || height <= 0.0 {
+            break;
+        }
+        search.add(pixel, height);
+    }
+    let mut spots = search.spots;
+    // A spot that shrank when its neighbours were fitted was none.
+    let highest = spots.iter().map(|spot| spot.height).fold(0.0, f64::max);
+    spots.retain(|spot| spot.height > least(spot.pixel, highest));
+    spots.sort_by(|a, b| b.height.total_cmp(&a.height));
+    spots
+}
+
+struct Search<'a> {
+    image: &'a Image,
+    width_m: f64,
+    /// The root of the image less all spots.
+    left: Vec<f64>,
+    spots: Vec<Spot>,
+}
+
+impl Search<'_> {
+    fn add(&mut self, pixel: usize, height: f64) {
+        let spot = Spot { pixel, centre_m: self.image.space.centres_m[pixel], height };
+        self.shift(&spot, -1.0);
+        self.spots.push(spot);
+        for _ in 0..ROUNDS {
+            for index in 0..self.spots.len() {
+                let spot = self.spots[index];
+                self.shift(&spot, 1.0);
+                let fitted = self.fitted(spot);
+                self.shift(&fitted, -1.0);
+                self.spots[index] = fitted;
+            }
+        }
+    }
+
+    fn offset(&self, spot: &Spot, pixel: usize) -> [f64; 2] {
+        self.image.space.surface.chart(spot.centre_m, self.image.space.centres_m[pixel])
+    }
+
+    fn shape(&self, [u, v]: [f64; 2]) -> f64 {
+        (-0.5 * (u * u + v * v) / (self.width_m * self.width_m)).exp()
+    }
+
+    /// Adds a spot to what is left, or takes it off.
+    fn shift(&mut self, spot: &Spot, sign: f64) {
+        for pixel in 0..self.left.len() {
+            let shape = self.shape(self.offset(spot, pixel));
+            if shape > 1e-6 {
+                self.left[pixel] += sign * spot.height * shape;
+            }
+        }
+    }
+
+    /// One step of Gauss and Newton for place and height, against what is left with this spot.
+    fn fitted(&self, spot: Spot) -> Spot {
+        let (mut matrix, mut right) = ([[0.0; 3]; 3], [0.0; 3]);
+        for (pixel, &left) in self.left.iter().enumerate() {
+            let offset @ [u, v] = self.offset(&spot, pixel);
+            if u.hypot(v) > REACH * self.width_m {
+                continue;
+            }
+            let shape = self.shape(offset);
+            let slope = spot.height * shape / (self.width_m * self.width_m);
+            let row = [shape, slope * u, slope * v];
+            let off = left - spot.height * shape;
+            for i in 0..3 {
+                right[i] += row[i] * off;
+                (0..3).for_each(|j| matrix[i][j] += row[i] * row[j]);
+            }
+        }
+        let Some([up, du, dv]) = solved(matrix, right) else { return spot };
+        // No farther at once than half a width: beyond, a spot is not the line that the step takes it for.
+        let most = 0.5 * self.width_m;
+        let short = (most / du.hypot(dv)).min(1.0);
+        let surface = &self.image.space.surface;
+        let mut centre_m = surface.walk(spot.centre_m, [short * du, short * dv]);
+        if let Surface::Cylinder { length_m, .. } = surface {
+            centre_m[2] = centre_m[2].clamp(0.0, *length_m);
+        }
+        Spot { centre_m, height: (spot.height + up).max(0.0), ..spot }
+    }
+}
+
+/// Solves three equations by elimination; `None` where they are singular.
+fn solved(mut matrix: [[f64; 3]; 3], mut right: [f64; 3]) -> Option<[f64; 3]> {
+    for step in 0..3 {
+        let pivot = (step..3).max_by(|&a, &b| matrix[a][step].abs().total_cmp(&matrix[b][step].abs()))?;
+        if matrix[pivot][step].abs() < 1e-300 {
+            return None;
+        }
+        matrix.swap(step, pivot);
+        right.swap(step, pivot);
+        for row in step + 1..3 {
+            let factor = matrix[row][step] / matrix[step][step];
+            for column in step..3 {
+                matrix[row][column] -= factor * matrix[step][column];
+            }
+            right[row] -= factor * right[step];
+        }
+    }
+    let mut solution = [0.0; 3];
+    for row in (0..3).rev() {
+        let known: f64 = (row + 1..3).map(|column| matrix[row][column] * solution[column]).sum();
+        solution[row] = (right[row] - known) / matrix[row][row];
+    }
+    solution.iter().all(|value| value.is_finite()).then_some(solution)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::design::SkinDesign;
+    use crate::image::PixelSpace;
+    use crate::mesh::Mesh;
+    use std::sync::Arc;
+
+    const WIDTH_M: f64 = 0.01;
+
+    fn image(touches: &[(Point3, f64)]) -> Image {
+        let design = SkinDesign::shipped("cylinder30").unwrap();
+        let space = Arc::new(PixelSpace::for_design(&design, &Mesh::generate(&design).unwrap()).unwrap());
+        let value = |&centre: &Point3| {
+            let root: f64 = (touches.iter())
+                .map(|&(place, size)| {
+                    size.sqrt() * (-0.5 * (space.surface.distance_m(place, centre) / WIDTH_M).powi(2)).exp()
+                })
+                .sum();
+            root * root
+        };
+        let values = space.centres_m.iter().map(value).collect();
+        Image { space, values }
+    }
+
+    #[test]
+    fn spots_are_found_where_they_are_even_side_by_side_and_at_the_edge() {
+        let surface = SkinDesign::shipped("cylinder30").unwrap().body.surface();
+        let at = |z: f64, theta: f64| surface.at(z, theta).unwrap();
+        // At the rim, across the seam, and two 25 mm apart of which one is a fifth of the other.
+        let touches = [(at(0.001, 1.0), 2.0), (at(0.1, 0.03), 1.0), (at(0.2, 3.0), 5.0), (at(0.2, 3.5), 1.0)];
+        let found = spots(&image(&touches), WIDTH_M, |_, first| 0.2 * first);
+        assert_eq!(found.len(), 4, "{found:?}");
+        for (place, size) in touches {
+            let near = found.iter().find(|spot| surface.distance_m(spot.centre_m, place) < 2e-4).unwrap();
+            assert!((near.height.powi(2) / size - 1.0).abs() < 0.02, "{near:?} of {size}");
+        }
+        assert!(spots(&image(&[]), WIDTH_M, |_, _| 0.0).is_empty());
+    }
+}
