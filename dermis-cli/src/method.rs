@@ -5,7 +5,7 @@ use crate::failure::{Failure, Outcome};
 use crate::frames::Differences;
 use crate::skin::{Per, Skin};
 use clap::{Args, ValueEnum};
-use dermis::detect::{Detector, ImageNoise};
+use dermis::detect::{DetectOptions, Detector, ImageNoise};
 use dermis::image::{Image, PixelSpace};
 use dermis::reconstruct::{
     Alpha, Difference, GaussNewton, GaussNewtonOptions, Greit, GreitOptions, Linearised, OneStep, OneStepOptions,
@@ -13,6 +13,7 @@ use dermis::reconstruct::{
 };
 use dermis_learn::Model;
 use rayon::prelude::*;
+use std::path::Path;
 use std::str::FromStr;
 use std::sync::Arc;
 
@@ -163,6 +164,14 @@ impl MethodArguments {
             MethodName::Tv => self.total_variation(alpha, skin, pixels),
             MethodName::Greit => self.greit(alpha, skin, pixels),
         }
+    }
+
+    /// Writes how contacts are found into the card of the model that is asked for.
+    pub fn keep_detection(&self, skin: &Skin, detection: DetectOptions) -> Outcome {
+        let Some(name) = &self.model else { return Ok(()) };
+        let folder = Path::new(name);
+        let model = Model::load(folder, &skin.forward, skin.pixels(Per::Pixel)?)?.with_detection(detection);
+        Ok(model.save_card(folder)?)
     }
 
     fn one_step_options(&self, prior: Prior, skin: &Skin, differences: &Differences) -> Outcome<OneStepOptions> {

@@ -113,6 +113,14 @@ impl Model {
             Named { name: tensor.name, shape: tensor.shape, values: tensor.values, precision }
         });
         tensors::write(&folder.join(WEIGHTS), &tensors.collect::<Vec<_>>(), HashMap::new())?;
+        self.save_card(folder)
+    }
+
+    /// Writes the card alone into the model's folder.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn save_card(&self, folder: &Path) -> Result<(), LearnError> {
         let text = serde_json::to_string_pretty(&self.card).expect("a card is JSON");
         let written = write_whole(&folder.join(CARD), |out| out.write_all(text.as_bytes()));
         written.map_err(|error| LearnError::Dermis(error.into()))
@@ -194,6 +202,7 @@ fn parse_card(path: &Path, bytes: &[u8]) -> Result<Card, LearnError> {
     }
     let card: Card = serde_json::from_value(value).map_err(|error| wrong(format!("no model's card: {error}")))?;
     card.plan.check().map_err(|message| wrong(format!("no network has its plan: {message}")))?;
+    card.detection.check().map_err(|message| wrong(format!("its detection: {message}")))?;
     let Card { input, plan, skin, .. } = &card;
     let fits = input.len() == plan.inputs() && input.mean_ohm.len() == input.len() && input.sd_ohm.len() == input.len();
     let are_there = input.channels.iter().all(|list| !list.is_empty() && list.iter().all(|&c| c < skin.channels));

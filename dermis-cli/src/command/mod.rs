@@ -1,6 +1,7 @@
 //! The commands: each a module with its arguments and what it does with them.
 
 pub mod assess;
+mod calibrate;
 mod contacts;
 mod demo;
 mod evaluate;
@@ -37,6 +38,8 @@ pub enum Command {
     Evaluate(evaluate::Arguments),
     /// Assess a method on twins that it has never seen: localisation, two and four touches, smallest force.
     Assess(assess::Arguments),
+    /// Measure on simulated touches how far a method's contacts lie from what touched.
+    Calibrate(calibrate::Arguments),
     /// Press a twin as the paper pressed its skin, and write the frames that its instrument delivers.
     Experiment(experiment::Arguments),
     /// Write a trained network for other programs: an ONNX file.
@@ -68,6 +71,7 @@ impl Command {
             Command::Contacts(arguments) => arguments.run(),
             Command::Evaluate(arguments) => arguments.run(),
             Command::Assess(arguments) => arguments.run(),
+            Command::Calibrate(arguments) => arguments.run(),
             Command::Experiment(arguments) => arguments.run(),
             Command::Export(arguments) => arguments.run(),
             Command::Demo(arguments) => arguments.run(),

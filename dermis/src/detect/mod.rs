@@ -8,10 +8,12 @@
 mod noise;
 mod peaks;
 mod spots;
+mod spread;
 #[cfg(test)]
 mod tests;
 
 pub use noise::ImageNoise;
+pub use spread::{Circumstances, Factor, Misplacement, PositionSpread, blur_share};
 
 use crate::contact::Contact;
 use crate::geom::Surface;
@@ -37,6 +39,9 @@ pub struct DetectOptions {
     /// Where every touch is a spot of one shape in the root of the image, a Gaussian of this standard deviation, m: then
     /// spots are fitted in place of centroids taken, and the saddle does not matter.
     pub spot_width_m: Option<f64>,
+    /// How far contacts lie from what touched, where that was measured for the method and its skin; `None` takes what is
+    /// known of linear images.
+    pub spread: Option<PositionSpread>,
 }
 
 impl Default for DetectOptions {
@@ -47,7 +52,33 @@ impl Default for DetectOptions {
             saddle_fraction: 0.7,
             weight_fraction: 0.15,
             spot_width_m: None,
+            spread: None,
         }
+    }
+}
+
+impl DetectOptions {
+    /// What is wrong with them, where they were read from a file that something is wrong with.
+    ///
+    /// # Errors
+    /// The field and its value.
+    pub fn check(&self) -> Result<(), String> {
+        let DetectOptions { noise_factor, peak_fraction, saddle_fraction, weight_fraction, .. } = self;
+        let shares = [
+            ("peak_fraction", peak_fraction),
+            ("saddle_fraction", saddle_fraction),
+            ("weight_fraction", weight_fraction),
+        ];
+        if let Some((name, share)) = shares.iter().find(|(_, share)| !(0.0..=1.0).contains(*share)) {
+            return Err(format!("{name} is {share}: it must be from 0 to 1"));
+        }
+        if !(*noise_factor >= 0.0 && noise_factor.is_finite()) {
+            return Err(format!("noise_factor is {noise_factor}: it must not be negative"));
+        }
+        if let Some(width_m) = self.spot_width_m.filter(|width_m| !(*width_m > 0.0 && width_m.is_finite())) {
+            return Err(format!("spot_width_m is {width_m}: it must be positive"));
+        }
+        self.spread.as_ref().map_or(Ok(()), PositionSpread::check)
     }
 }
 
@@ -91,6 +122,14 @@ impl Detector {
     /// # Panics
     /// Where the image has not a value for each of its pixels, or the noise belongs to other pixels.
     pub fn detect(&self, image: &Image) -> Vec<Contact> {
+        self.detect_under(image).into_iter().map(|(contact, _)| contact).collect()
+    }
+
+    /// The contacts in an image, each with the circumstances from which the standard deviation of its position follows.
+    ///
+    /// # Panics
+    /// As [`detect`](Self::detect).
+    pub fn detect_under(&self, image: &Image) -> Vec<(Contact, Circumstances)> {
         assert_eq!(image.values.len(), image.space.len(), "a value per pixel");
         if let Some(noise) = &self.noise {
             assert_eq!(noise.pixel_count(), image.space.len(), "the noise of these pixels");
@@ -98,25 +137,31 @@ impl Detector {
         let highest = image.values.iter().copied().filter(|value| value.is_finite()).fold(0.0, f64::max);
         let even_sd = if self.noise.is_none() { noise::roughness(image) } else { 0.0 };
         let sd = |pixel: usize| self.noise.as_ref().map_or(even_sd, |noise| noise.sd()[pixel]);
-        let least = |pixel: usize| (self.options.noise_factor * sd(pixel)).max(self.options.peak_fraction * highest);
-        if let Some(width_m) = self.options.spot_width_m {
-            let least = |pixel: usize, first: f64| {
-                (self.options.noise_factor * sd(pixel)).max(self.options.peak_fraction * first * first).sqrt()
-            };
-            let spots = spots::spots(image, width_m, least).into_iter().enumerate();
-            return spots
-                .map(|(id, spot)| spot_contact(image, &spot, width_m, id as u64, sd(spot.pixel), highest))
-                .collect();
-        }
-        let basins = peaks::basins(image, self.options.saddle_fraction, |pixel| 2.0 * sd(pixel));
-        (basins.iter())
-            .filter(|basin| basin.height > least(basin.peak))
-            .enumerate()
-            .map(|(id, basin)| self.contact(image, basin, id as u64, sd(basin.peak), highest))
+        let found = match self.options.spot_width_m {
+            Some(width_m) => self.spots(image, width_m, &sd),
+            None => self.basins(image, highest, &sd),
+        };
+        (0..found.len()).map(|index| self.rated(image, &found, index, highest)).collect()
+    }
+
+    fn spots(&self, image: &Image, width_m: f64, sd: &dyn Fn(usize) -> f64) -> Vec<Found> {
+        let least = |pixel: usize, first: f64| {
+            (self.options.noise_factor * sd(pixel)).max(self.options.peak_fraction * first * first).sqrt()
+        };
+        spots::spots(image, width_m, least)
+            .iter()
+            .map(|spot| found_spot(image, spot, width_m, sd(spot.pixel)))
             .collect()
     }
 
-    fn contact(&self, image: &Image, basin: &Basin, id: u64, peak_sd: f64, highest: f64) -> Contact {
+    fn basins(&self, image: &Image, highest: f64, sd: &dyn Fn(usize) -> f64) -> Vec<Found> {
+        let least = |pixel: usize| (self.options.noise_factor * sd(pixel)).max(self.options.peak_fraction * highest);
+        let basins = peaks::basins(image, self.options.saddle_fraction, |pixel| 2.0 * sd(pixel));
+        let high = basins.iter().filter(|basin| basin.height > least(basin.peak));
+        high.map(|basin| self.found_basin(image, basin, sd(basin.peak))).collect()
+    }
+
+    fn found_basin(&self, image: &Image, basin: &Basin, peak_sd: f64) -> Found {
         let space = &image.space;
         // Far from the peak there is more noise than contact.
         let floor = (self.options.weight_fraction * basin.height).max(FLOOR_SD * peak_sd);
@@ -124,45 +169,76 @@ impl Detector {
         let weight = |pixel: usize| (image.values[pixel] - floor) * space.areas[pixel];
         let origin = space.centres_m[basin.peak];
         let mean = space.surface.weighted_mean(origin, inside.iter().map(|&p| (space.centres_m[p], weight(p))));
-        let (position_m, normal) = place_on_surface(image, &inside, mean);
         let half_up = inside.iter().filter(|&&p| image.values[p] > 0.5 * basin.height);
-        let area_m2: f64 = half_up.map(|&p| space.areas[p]).sum();
-        let noise_variance = match &self.noise {
+        let noise_variance_m2 = match &self.noise {
             Some(noise) => noise.centroid_variance_m2(image, &inside, basin.peak, floor, mean),
             None => white_centroid_variance_m2(image, &inside, floor, peak_sd, mean),
         };
-        // The pixel's own size: a position spread evenly over it has a twelfth of its side squared.
-        let pixel = space.half_pixel_m().powi(2) / 3.0;
-        let blur = BLUR_ERROR.powi(2) * area_m2 / std::f64::consts::PI;
-        let sd_m = (noise_variance + pixel + blur).sqrt();
-        Contact {
-            id,
-            position_m,
-            normal,
+        Found {
+            place: place_on_surface(image, &inside, mean),
             strength: inside.iter().map(|&p| image.values[p] * space.areas[p]).sum(),
-            area_m2,
+            area_m2: half_up.map(|&p| space.areas[p]).sum(),
+            height: basin.height,
+            peak_sd,
+            noise_variance_m2,
+        }
+    }
+
+    /// A contact with what follows from its own image and from the contacts beside it.
+    fn rated(&self, image: &Image, found: &[Found], index: usize, highest: f64) -> (Contact, Circumstances) {
+        let own = &found[index];
+        let surface = &image.space.surface;
+        let others = found.iter().enumerate().filter(|(other, _)| *other != index);
+        let distance_m = |(_, other): (usize, &Found)| surface.distance_m(own.place.0, other.place.0);
+        let circumstances = Circumstances {
+            signal: own.height / own.peak_sd,
+            // The pixel's own size: a position spread evenly over it has a twelfth of its side squared.
+            noise_m: (own.noise_variance_m2 + image.space.half_pixel_m().powi(2) / 3.0).sqrt(),
+            radius_m: (own.area_m2 / std::f64::consts::PI).sqrt(),
+            next_m: others.map(distance_m).fold(f64::INFINITY, f64::min),
+        };
+        let sd_m = match &self.options.spread {
+            Some(spread) => spread.sd_m(&circumstances),
+            None => circumstances.noise_m.hypot(BLUR_ERROR * circumstances.radius_m),
+        };
+        let contact = Contact {
+            id: index as u64,
+            position_m: own.place.0,
+            normal: own.place.1,
+            strength: own.strength,
+            area_m2: own.area_m2,
             force_n: f64::NAN,
             sd_m,
-            confidence: confidence(basin.height, peak_sd, highest, sd_m, space.len()),
-        }
+            confidence: confidence(own.height, own.peak_sd, highest, sd_m, image.space.len()),
+        };
+        (contact, circumstances)
     }
 }
 
+/// What an image shows of a contact.
+struct Found {
+    /// Where it is, and the outward normal there.
+    place: (Point3, Point3),
+    strength: f64,
+    area_m2: f64,
+    height: f64,
+    /// Standard deviation of the noise at its peak.
+    peak_sd: f64,
+    /// What the noise adds to the variance of its position per axis.
+    noise_variance_m2: f64,
+}
+
 /// A spot as a contact.
-fn spot_contact(image: &Image, spot: &Spot, width_m: f64, id: u64, sd: f64, highest: f64) -> Contact {
-    let peak = spot.height * spot.height;
-    let (position_m, normal) = place_on_surface(image, &[spot.pixel], spot.centre_m);
-    let sd_m = 0.2 * image.space.half_pixel_m();
-    Contact {
-        id,
-        position_m,
-        normal,
+fn found_spot(image: &Image, spot: &Spot, width_m: f64, peak_sd: f64) -> Found {
+    let height = spot.height * spot.height;
+    Found {
+        place: place_on_surface(image, &[spot.pixel], spot.centre_m),
         // The square of a Gaussian is one of half the variance.
-        strength: peak * std::f64::consts::PI * width_m * width_m,
+        strength: height * std::f64::consts::PI * width_m * width_m,
         area_m2: std::f64::consts::PI * width_m * width_m * std::f64::consts::LN_2,
-        force_n: f64::NAN,
-        sd_m,
-        confidence: confidence(peak, sd, highest, sd_m, image.space.len()),
+        height,
+        peak_sd,
+        noise_variance_m2: spots::centre_variance_m2(&image.space, spot, peak_sd),
     }
 }
 

@@ -6,7 +6,7 @@
 //! one, which a centroid would pull inwards.
 
 use crate::geom::{Point3, Surface};
-use crate::image::Image;
+use crate::image::{Image, PixelSpace};
 
 /// One spot: `height exp(-d^2 / (2 width^2))` in the root of the image.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,6 +46,15 @@ pub(super) fn spots(image: &Image, width_m: f64, least: impl Fn(usize, f64) -> f
     spots.retain(|spot| spot.height > least(spot.pixel, highest));
     spots.sort_by(|a, b| b.height.total_cmp(&a.height));
     spots
+}
+
+/// What white noise of a pixel's standard deviation gives the place of a spot, variance per axis: in the root of the image
+/// it is `sd / (2 root)`, taken at the spot's own height, and a fitted Gaussian of height h has the variance
+/// `sd^2 / sum (h shape u / width^2)^2` (least squares), the sum an integral over the plane: `sd^2 2 A / (pi h^2)`, `A` the
+/// area of a pixel.
+pub(super) fn centre_variance_m2(space: &PixelSpace, spot: &Spot, sd: f64) -> f64 {
+    let root_sd = sd / (2.0 * spot.height);
+    2.0 * space.areas[spot.pixel] / std::f64::consts::PI * (root_sd / spot.height).powi(2)
 }
 
 struct Search<'a> {

@@ -30,6 +30,15 @@ impl GainFit {
         }
     }
 
+    /// Counts what another has counted.
+    pub fn merge(&mut self, other: &GainFit) {
+        self.pixels += other.pixels;
+        self.image_square += other.image_square;
+        self.product += other.product;
+        self.target += other.target;
+        self.target_square += other.target_square;
+    }
+
     /// The gain that makes images most like their targets.
     pub fn gain(&self) -> f64 {
         self.product / self.image_square

@@ -13,6 +13,7 @@ mod statistics;
 mod tank;
 #[cfg(test)]
 mod tests;
+mod trial;
 
 pub use align::Alignment;
 pub use assess::{
@@ -24,6 +25,7 @@ pub use presses::{AlignOptions, Aligned, PressEstimates};
 pub use score::{Score, resolves_two, score};
 pub use statistics::Summary;
 pub use tank::{FoundObject, Material, TankObject, find_objects};
+pub use trial::{NOISE_DB, Trial};
 
 use thiserror::Error;
 

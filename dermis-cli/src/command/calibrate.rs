@@ -1,0 +1,155 @@
+//! `dermis calibrate`: how far a method's contacts lie from what touched, measured on simulated touches.
+
+use crate::console::{Progress, print, print_json};
+use crate::failure::{Failure, Outcome};
+use crate::frames::Differences;
+use crate::method::MethodArguments;
+use crate::report::Table;
+use crate::skin::{Per, Skin};
+use clap::Args;
+use dermis::dataset::{Generator, PatchTouches, Recipe, SkinSpread, Skins, Touch};
+use dermis::detect::{DetectOptions, Misplacement, PositionSpread, REGION_95_SD, blur_share};
+use dermis::evaluate::Trial;
+use dermis::frame::write_whole;
+use serde_json::json;
+use std::io::Write;
+use std::path::PathBuf;
+
+/// The arguments of `dermis calibrate`.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// The design: a path, or a shipped name.
+    design: String,
+    #[command(flatten)]
+    method: MethodArguments,
+    /// What the touches and skins are drawn from, several files one after the other; without one, presses on the patches of
+    /// careful workshops.
+    #[arg(long, value_name = "FILE")]
+    recipe: Vec<PathBuf>,
+    /// Samples of each recipe.
+    #[arg(long, value_name = "N", default_value_t = 4000, value_parser = clap::value_parser!(u64).range(1..))]
+    samples: u64,
+    /// Their seed; not one that the method was trained with.
+    #[arg(long, value_name = "S", default_value_t = 3001)]
+    seed: u64,
+    /// The part of an image's highest peak that a contact's must exceed, in place of the method's own.
+    #[arg(long, value_name = "SHARE")]
+    peak_fraction: Option<f64>,
+    /// Keep what was measured, and the peak fraction, in the card of the model named by --model.
+    #[arg(long, requires = "model")]
+    keep: bool,
+    /// Write each contact that was matched with a touch: how it was found, and how far off (CSV).
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Print JSON (SI units) in place of a table.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Arguments {
+    /// Simulates, finds and measures.
+    pub fn run(self) -> Outcome {
+        let skin = Skin::load(&self.design)?;
+        let method = self.method.prepare(&skin, Per::Pixel, &Differences::default())?;
+        let mut detection = method.reconstruct.detection();
+        if let Some(fraction) = self.peak_fraction {
+            if !(0.0..1.0).contains(&fraction) {
+                let message = format!("--peak-fraction is {fraction}: it must be at least 0 and below 1");
+                return Err(Failure::given(message, Some("0.35 keeps side lobes of linear images out")));
+            }
+            detection.peak_fraction = fraction;
+        }
+        let trial = self.trial(&skin, method.reconstruct.as_ref(), &detection)?;
+        let few = || {
+            let message =
+                format!("{} contacts were matched with a touch, too few to measure by", trial.misplacements.len());
+            Failure::given(message, Some("ask for more --samples"))
+        };
+        let blur = blur_share(&trial.misplacements).ok_or_else(few)?;
+        let before = covered(&trial.misplacements, |contact| contact.stated_m);
+        detection.spread = Some(PositionSpread::fit(&trial.misplacements).ok_or_else(few)?);
+        if let Some(path) = &self.output {
+            write_whole(path, |out| write(out, &trial.misplacements))?;
+        }
+        if self.keep {
+            self.method.keep_detection(&skin, detection.clone())?;
+        }
+        if self.json {
+            return print_json(&json!({
+                "method": method.reconstruct.name(),
+                "alpha": method.alpha,
+                "touches": trial.touches,
+                "found": trial.misplacements.len(),
+                "ghosts": trial.ghosts,
+                "unexplained": trial.images.unexplained(),
+                "gain": trial.images.gain(),
+                "target_variance": trial.images.target_variance(),
+                "covered_before": before,
+                "blur_share": blur,
+                "detection": detection,
+            }));
+        }
+        print(&format!("{}\n\n{}\n", method.reconstruct.name(), told(&trial, &detection, before, blur).to_text()))
+    }
+
+    fn trial(
+        &self,
+        skin: &Skin,
+        method: &dyn dermis::reconstruct::Reconstruct,
+        detection: &DetectOptions,
+    ) -> Outcome<Trial> {
+        let recipes = self.recipes()?;
+        let progress = Progress::new("touching", self.samples as usize * recipes.len());
+        let one = |recipe: &Recipe| {
+            let generator = Generator::new(&skin.design, &skin.forward, recipe)?;
+            Ok(Trial::of(method, detection, &generator, 0..self.samples, || progress.step())?)
+        };
+        recipes.iter().map(one).try_fold(Trial::default(), |sum, trial: Outcome<Trial>| Ok(sum.with(trial?)))
+    }
+
+    fn recipes(&self) -> Outcome<Vec<Recipe>> {
+        if self.recipe.is_empty() {
+            let (touch, skins) = (Touch::Patch(PatchTouches::usual()), Skins::Random(SkinSpread::usual()));
+            return Ok(vec![Recipe { seed: self.seed, samples: self.samples, touch, skins }]);
+        }
+        let load = |path: &PathBuf| Ok(Recipe::load(path, self.seed, self.samples)?);
+        self.recipe.iter().map(load).collect()
+    }
+}
+
+/// The part of the truths in the 95 % regions that some deviations make.
+fn covered(contacts: &[Misplacement], sd_m: impl Fn(&Misplacement) -> f64) -> f64 {
+    let inside = contacts.iter().filter(|contact| contact.error_m <= REGION_95_SD * sd_m(contact)).count();
+    inside as f64 / contacts.len() as f64
+}
+
+fn told(trial: &Trial, detection: &DetectOptions, before: f64, blur: f64) -> Table {
+    let found = trial.misplacements.len();
+    let spread = detection.spread.as_ref().expect("it was measured");
+    let after = |several: bool| {
+        let part: Vec<Misplacement> =
+            trial.misplacements.iter().copied().filter(|contact| (contact.touches > 1) == several).collect();
+        format!("{:.1} %", 100.0 * covered(&part, |contact| spread.sd_m(&contact.circumstances)))
+    };
+    let mut table = Table::new(&["figure", "value"]);
+    let mut row = |name: &str, value: String| table.row([name.to_string(), value]);
+    row("touches", trial.touches.to_string());
+    row("found", format!("{found}, and {} ghosts", trial.ghosts));
+    row("95 % region holds the truth, as stated so far", format!("{:.1} %", 100.0 * before));
+    row("the same by what was measured, one touch in the frame", after(false));
+    row("the same, several", after(true));
+    row("typical standard deviation", format!("{:.2} mm", 1e3 * spread.typical_m));
+    row("error apart from noise over a contact's radius, one number", format!("{blur:.3}"));
+    row("unexplained variance of the images", format!("{:.4}", trial.images.unexplained()));
+    row("variance of the targets", format!("{:.3e}", trial.images.target_variance()));
+    table
+}
+
+fn write(out: &mut dyn Write, contacts: &[Misplacement]) -> std::io::Result<()> {
+    writeln!(out, "touches,signal,noise_m,radius_m,next_m,stated_m,error_m")?;
+    for Misplacement { circumstances: c, touches, stated_m, error_m } in contacts {
+        let next = if c.next_m.is_finite() { format!("{:?}", c.next_m) } else { String::new() };
+        writeln!(out, "{touches},{:?},{:?},{:?},{next},{stated_m:?},{error_m:?}", c.signal, c.noise_m, c.radius_m)?;
+    }
+    Ok(())
+}

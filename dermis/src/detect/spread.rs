@@ -1,0 +1,282 @@
+//! How far contacts lie from what touched: measured, not assumed.
+
+use crate::detect::REGION_95_SD;
+use serde::{Deserialize, Serialize};
+
+/// What tells how well a contact is placed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Circumstances {
+    /// Height of its peak in standard deviations of the noise there; infinite without noise.
+    pub signal: f64,
+    /// Standard deviation per axis that noise and the pixels' size alone give its position, by propagation, m.
+    pub noise_m: f64,
+    /// Radius of a disk of its area, m.
+    pub radius_m: f64,
+    /// Distance to the next contact, m; infinite without one.
+    pub next_m: f64,
+}
+
+/// A contact that was matched with a touch, and how far it lies from it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Misplacement {
+    /// How it was found.
+    pub circumstances: Circumstances,
+    /// Touches in its frame.
+    pub touches: usize,
+    /// The standard deviation of its position that was stated, m.
+    pub stated_m: f64,
+    /// Its distance from the touch along the surface, m.
+    pub error_m: f64,
+}
+
+/// The standard deviation of contacts' positions as measured on touches at known places: a typical one times a factor for
+/// each of the [circumstances](Circumstances).
+///
+/// "Standard deviation" is that of the Gaussian whose 95 % region has the radius within which 95 % of the errors lie
+/// ([`REGION_95_SD`] of them): errors are no Gaussian, and this is what whoever trusts a region asks for.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PositionSpread {
+    /// Typical standard deviation per axis, m.
+    pub typical_m: f64,
+    /// By the height of the peak in standard deviations of its noise.
+    pub signal: Factor,
+    /// By the radius of the contact, m: one that is wider than others may be two.
+    pub radius_m: Factor,
+    /// By the distance to the next contact, m.
+    pub next_m: Factor,
+}
+
+/// A factor that depends on one number: linear in its logarithm between the given ones, even beyond them.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Factor {
+    /// Numbers, ascending and positive.
+    pub at: Vec<f64>,
+    /// The factor at each.
+    pub times: Vec<f64>,
+}
+
+/// Fewest contacts that a factor is measured by: the 95th percentile of 300 is known to a twentieth or so.
+const LEAST_CONTACTS: usize = 300;
+/// Most numbers at which a factor is given.
+const MOST_STEPS: usize = 8;
+/// Times that each factor is measured with the others as they are.
+const SWEEPS: usize = 6;
+/// A signal counts up to here, and a distance of the next contact up to here, m: beyond, neither makes a difference.
+const MOST_SIGNAL: f64 = 1000.0;
+const FARTHEST_NEXT_M: f64 = 0.15;
+
+impl Circumstances {
+    /// Signal, radius and distance, each within what makes a difference.
+    fn values(&self) -> [f64; 3] {
+        [self.signal.min(MOST_SIGNAL), self.radius_m, self.next_m.min(FARTHEST_NEXT_M)]
+    }
+}
+
+impl PositionSpread {
+    /// Measures the spread by contacts of known error: each factor in turn is set, in steps of as many contacts each, so that
+    /// 95 % of the errors of a step lie in their regions. `None` of fewer than 300 contacts.
+    pub fn fit(contacts: &[Misplacement]) -> Option<Self> {
+        let typical_m = region_sd(contacts.iter().map(|contact| contact.error_m).collect())?;
+        let one = || Factor { at: vec![1.0], times: vec![1.0] };
+        let mut spread = PositionSpread { typical_m, signal: one(), radius_m: one(), next_m: one() };
+        for _ in 0..SWEEPS {
+            for which in 0..3 {
+                *spread.factor(which) = one();
+                let relative = |contact: &Misplacement| {
+                    (contact.circumstances.values()[which], contact.error_m / spread.sd_m(&contact.circumstances))
+                };
+                *spread.factor(which) = Factor::fit(contacts.iter().map(relative).collect());
+            }
+        }
+        Some(spread)
+    }
+
+    fn factor(&mut self, which: usize) -> &mut Factor {
+        match which {
+            0 => &mut self.signal,
+            1 => &mut self.radius_m,
+            _ => &mut self.next_m,
+        }
+    }
+
+    /// The standard deviation of a contact's position per axis, m.
+    pub fn sd_m(&self, circumstances: &Circumstances) -> f64 {
+        let [signal, radius_m, next_m] = circumstances.values();
+        self.typical_m * self.signal.of(signal) * self.radius_m.of(radius_m) * self.next_m.of(next_m)
+    }
+
+    /// What is wrong with it, where it was read from a file that something is wrong with.
+    ///
+    /// # Errors
+    /// The field and its value.
+    pub fn check(&self) -> Result<(), String> {
+        let is_positive = |value: f64| value > 0.0 && value.is_finite();
+        if !is_positive(self.typical_m) {
+            return Err(format!("typical_m is {}: it must be positive", self.typical_m));
+        }
+        for (name, factor) in [("signal", &self.signal), ("radius_m", &self.radius_m), ("next_m", &self.next_m)] {
+            let Factor { at, times } = factor;
+            let positive = at.iter().chain(times).all(|&value| is_positive(value));
+            if at.is_empty() || at.len() != times.len() || !positive || at.windows(2).any(|pair| pair[0] >= pair[1]) {
+                return Err(format!("{name} is {at:?} times {times:?}: as many of both, positive, `at` ascending"));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Factor {
+    /// The factor at a number.
+    pub fn of(&self, value: f64) -> f64 {
+        let above = self.at.partition_point(|&at| at < value);
+        if above == 0 || above == self.at.len() {
+            return self.times[above.min(self.at.len() - 1)];
+        }
+        let (low, high) = (self.at[above - 1], self.at[above]);
+        let part = (value / low).ln() / (high / low).ln();
+        self.times[above - 1] + part * (self.times[above] - self.times[above - 1])
+    }
+
+    /// From numbers and the errors there in standard deviations.
+    fn fit(mut pairs: Vec<(f64, f64)>) -> Factor {
+        pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let steps = (pairs.len() / LEAST_CONTACTS).clamp(1, MOST_STEPS);
+        let (mut at, mut times) = (Vec::new(), Vec::new());
+        let mut first = 0;
+        for step in 1..=steps {
+            // Equal numbers stay together.
+            let end = pairs.len() * step / steps;
+            let last = pairs[..].get(end).map_or(pairs.len(), |_| end + same_as_before(&pairs, end));
+            if last < first + LEAST_CONTACTS.min(pairs.len()) {
+                continue;
+            }
+            let step = &pairs[first..last];
+            at.push(step[step.len() / 2].0);
+            times.push(region_sd(step.iter().map(|pair| pair.1).collect()).expect("as many as are needed"));
+            first = last;
+        }
+        Factor { at, times }
+    }
+}
+
+/// How many from a place on have the number of the one before it.
+fn same_as_before(pairs: &[(f64, f64)], place: usize) -> usize {
+    pairs[place..].iter().take_while(|pair| pair.0 == pairs[place - 1].0).count()
+}
+
+/// The standard deviation of the Gaussian in two dimensions whose 95 % region holds 95 % of some distances; `None` of too
+/// few.
+fn region_sd(mut distances: Vec<f64>) -> Option<f64> {
+    if distances.len() < LEAST_CONTACTS {
+        return None;
+    }
+    let rank = (0.95 * distances.len() as f64) as usize;
+    Some(*distances.select_nth_unstable_by(rank, f64::total_cmp).1 / REGION_95_SD)
+}
+
+/// The part of a contact's radius by which images misplace it beside what noise does, such that 95 % of the errors lie in the
+/// regions: the one number by which contacts are rated where no [`PositionSpread`] was measured. `None` of too few contacts.
+pub fn blur_share(contacts: &[Misplacement]) -> Option<f64> {
+    if contacts.len() < LEAST_CONTACTS {
+        return None;
+    }
+    let share = |contact: &Misplacement| {
+        let Circumstances { noise_m, radius_m, .. } = contact.circumstances;
+        ((contact.error_m / REGION_95_SD).powi(2) - noise_m * noise_m).max(0.0).sqrt() / radius_m
+    };
+    let mut shares: Vec<f64> = contacts.iter().map(share).collect();
+    let rank = (0.95 * shares.len() as f64) as usize;
+    Some(*shares.select_nth_unstable_by(rank, f64::total_cmp).1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::touch::{sample_rng, standard_normal};
+    use rand::RngExt;
+
+    /// Contacts whose errors are Gaussian with a known deviation.
+    fn contacts(count: u64, sd_m: impl Fn(&Circumstances) -> f64) -> Vec<Misplacement> {
+        let contact = |index: u64| {
+            let mut rng = sample_rng(11, index);
+            let next_m = if rng.random::<f64>() < 0.4 { f64::INFINITY } else { 0.02 + 0.2 * rng.random::<f64>() };
+            let circumstances = Circumstances {
+                signal: 5.0 * 100f64.powf(rng.random()),
+                noise_m: f64::NAN,
+                radius_m: 0.01 + 0.01 * rng.random::<f64>(),
+                next_m,
+            };
+            let error = standard_normal(&mut rng).hypot(standard_normal(&mut rng));
+            let stated_m = sd_m(&circumstances);
+            Misplacement { circumstances, touches: 1, stated_m, error_m: stated_m * error }
+        };
+        (0..count).map(contact).collect()
+    }
+
+    fn covered(spread: &PositionSpread, contacts: &[Misplacement]) -> f64 {
+        let inside = |c: &&Misplacement| c.error_m <= REGION_95_SD * spread.sd_m(&c.circumstances);
+        contacts.iter().filter(inside).count() as f64 / contacts.len() as f64
+    }
+
+    #[test]
+    fn a_known_deviation_is_found_again() {
+        let truly = |c: &Circumstances| {
+            let beside = if c.next_m < 0.05 { 2.0 } else { 1.0 };
+            1e-3 * (1.0 + 15.0 / c.signal) * (c.radius_m / 0.015) * beside
+        };
+        let all = contacts(40_000, truly);
+        let (known, fresh) = all.split_at(20_000);
+        let spread = PositionSpread::fit(known).expect("contacts enough");
+        spread.check().expect("what is fitted is valid");
+        assert!((covered(&spread, fresh) - 0.95).abs() < 0.006, "{}", covered(&spread, fresh));
+        // In every corner of the circumstances, not only on the whole.
+        for is_in in [
+            |c: &Circumstances| c.signal < 10.0,
+            |c: &Circumstances| c.signal > 100.0,
+            |c: &Circumstances| c.radius_m < 0.012,
+            |c: &Circumstances| c.radius_m > 0.018,
+            |c: &Circumstances| c.next_m < 0.04,
+            |c: &Circumstances| c.next_m.is_infinite(),
+        ] {
+            let part: Vec<Misplacement> = fresh.iter().copied().filter(|m| is_in(&m.circumstances)).collect();
+            let part = covered(&spread, &part);
+            assert!((0.925..0.975).contains(&part), "{part}");
+        }
+        // Within the steps the deviation itself is right to a tenth or so.
+        for signal in [8.0, 30.0, 200.0] {
+            let c = Circumstances { signal, noise_m: f64::NAN, radius_m: 0.015, next_m: f64::INFINITY };
+            assert!((spread.sd_m(&c) / truly(&c) - 1.0).abs() < 0.12, "{signal}: {}", spread.sd_m(&c) / truly(&c));
+        }
+    }
+
+    #[test]
+    fn the_part_of_the_radius_is_found_again() {
+        let mut all = contacts(10_000, |c| 1.5e-3f64.hypot(0.2 * c.radius_m));
+        all.iter_mut().for_each(|contact| contact.circumstances.noise_m = 1.5e-3);
+        let share = blur_share(&all).expect("contacts enough");
+        assert!((share - 0.2).abs() < 0.005, "{share}");
+        assert!(blur_share(&all[..100]).is_none());
+    }
+
+    #[test]
+    fn few_contacts_and_equal_circumstances_are_no_trouble() {
+        assert!(PositionSpread::fit(&contacts(299, |_| 1e-3)).is_none());
+        let mut even = contacts(1000, |_| 2e-3);
+        even.iter_mut().for_each(|contact| contact.circumstances.radius_m = 0.01);
+        let spread = PositionSpread::fit(&even).expect("contacts enough");
+        assert_eq!(spread.radius_m.at, vec![0.01]);
+        let read: PositionSpread = serde_json::from_str(&serde_json::to_string(&spread).unwrap()).unwrap();
+        assert_eq!(read, spread);
+        let wrong = PositionSpread { signal: Factor { at: vec![2.0, 1.0], times: vec![1.0, 1.0] }, ..spread };
+        assert!(wrong.check().unwrap_err().contains("signal"));
+    }
+
+    #[test]
+    fn a_factor_is_even_beyond_its_ends_and_runs_with_the_logarithm() {
+        let factor = Factor { at: vec![10.0, 1000.0], times: vec![3.0, 1.0] };
+        assert_eq!((factor.of(1.0), factor.of(f64::INFINITY)), (3.0, 1.0));
+        assert!((factor.of(100.0) - 2.0).abs() < 1e-12);
+    }
+}
