@@ -375,3 +375,35 @@ fn a_press_hardly_feels_the_mesh() {
     );
     assert!(median(errors) < 0.08);
 }
+
+/// The true strength of a press against what it does to the frame: the press stays and the patches are shifted under it, so
+/// that nothing changes but how they share its contact.
+#[test]
+fn the_true_strength_is_what_the_frame_feels() {
+    let (design, model) = skin();
+    let spread = |values: &[f64]| {
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt() / mean
+    };
+    for press in [press(0.155, 1.1, 2.0), press(0.23, 3.4, 5.0), press(0.07, 5.2, 1.0)] {
+        let shifted = |k: usize| {
+            let pitch_m = [0.01, PITCH_M];
+            let offset_m = [pitch_m[0] * (k % 5) as f64 / 5.0, pitch_m[1] * (k / 5) as f64 / 5.0];
+            let options = PatchOptions { offset_m, ..lab() };
+            let rest = model.rest_conductivity();
+            let skin = PatchedSkin::for_presses(&options, &design.body, model, rest, &[press]).unwrap();
+            (norm(&change(&skin, &skin.network_once(&[press]).unwrap()).0), skin.strength_m2(&[press]).unwrap())
+        };
+        let pairs: Vec<(f64, f64)> = (0..25).map(shifted).collect();
+        let felt: Vec<f64> = pairs.iter().map(|pair| pair.0).collect();
+        let told: Vec<f64> = pairs.iter().map(|pair| pair.1).collect();
+        let ratio: Vec<f64> = pairs.iter().map(|(felt, told)| felt / told).collect();
+        let [felt, told, ratio] = [felt, told, ratio].map(|values| spread(&values));
+        println!(
+            "{} N, patches shifted: the frame's change varies by {felt:.3}, the true strength by {told:.3}, their ratio by \
+             {ratio:.3}",
+            press.force_n
+        );
+        assert!(ratio < 0.6 * felt, "{ratio} of {felt}");
+    }
+}

@@ -126,9 +126,8 @@ fn covered(contacts: &[Misplacement], sd_m: impl Fn(&Misplacement) -> f64) -> f6
 fn told(trial: &Trial, detection: &DetectOptions, before: f64, blur: f64) -> Table {
     let found = trial.misplacements.len();
     let spread = detection.spread.as_ref().expect("it was measured");
-    let after = |several: bool| {
-        let part: Vec<Misplacement> =
-            trial.misplacements.iter().copied().filter(|contact| (contact.touches > 1) == several).collect();
+    let after = |counts: fn(&Misplacement) -> bool| {
+        let part: Vec<Misplacement> = trial.misplacements.iter().copied().filter(counts).collect();
         format!("{:.1} %", 100.0 * covered(&part, |contact| spread.sd_m(&contact.circumstances)))
     };
     let mut table = Table::new(&["figure", "value"]);
@@ -136,8 +135,9 @@ fn told(trial: &Trial, detection: &DetectOptions, before: f64, blur: f64) -> Tab
     row("touches", trial.touches.to_string());
     row("found", format!("{found}, and {} ghosts", trial.ghosts));
     row("95 % region holds the truth, as stated so far", format!("{:.1} %", 100.0 * before));
-    row("the same by what was measured, one touch in the frame", after(false));
-    row("the same, several", after(true));
+    row("the same by what was measured, one touch in the frame", after(|contact| contact.touches == 1));
+    row("the same, several and all found", after(|contact| contact.touches > 1 && !contact.is_shared));
+    row("the same, several and some not found", after(|contact| contact.is_shared));
     row("typical standard deviation", format!("{:.2} mm", 1e3 * spread.typical_m));
     row("error apart from noise over a contact's radius, one number", format!("{blur:.3}"));
     row("unexplained variance of the images", format!("{:.4}", trial.images.unexplained()));
@@ -146,10 +146,11 @@ fn told(trial: &Trial, detection: &DetectOptions, before: f64, blur: f64) -> Tab
 }
 
 fn write(out: &mut dyn Write, contacts: &[Misplacement]) -> std::io::Result<()> {
-    writeln!(out, "touches,signal,noise_m,radius_m,next_m,stated_m,error_m")?;
-    for Misplacement { circumstances: c, touches, stated_m, error_m } in contacts {
+    writeln!(out, "touches,is_shared,signal,noise_m,radius_m,next_m,stated_m,error_m")?;
+    for Misplacement { circumstances: c, touches, is_shared, stated_m, error_m } in contacts {
         let next = if c.next_m.is_finite() { format!("{:?}", c.next_m) } else { String::new() };
-        writeln!(out, "{touches},{:?},{:?},{:?},{next},{stated_m:?},{error_m:?}", c.signal, c.noise_m, c.radius_m)?;
+        write!(out, "{touches},{},{:?},{:?},{:?},", u8::from(*is_shared), c.signal, c.noise_m, c.radius_m)?;
+        writeln!(out, "{next},{stated_m:?},{error_m:?}")?;
     }
     Ok(())
 }

@@ -48,12 +48,12 @@ pub(super) fn spots(image: &Image, width_m: f64, least: impl Fn(usize, f64) -> f
     spots
 }
 
-/// What white noise of a pixel's standard deviation gives the place of a spot, variance per axis: in the root of the image
-/// it is `sd / (2 root)`, taken at the spot's own height, and a fitted Gaussian of height h has the variance
+/// What noise gives the place of a spot, variance per axis, from the standard deviation `s` of its pixel in untouched images:
+/// in the root of the image it is `sd = (s / sqrt 3)^(1/2)` (the signed square of a normal deviate), and a fitted Gaussian of height h has the variance
 /// `sd^2 / sum (h shape u / width^2)^2` (least squares), the sum an integral over the plane: `sd^2 2 A / (pi h^2)`, `A` the
 /// area of a pixel.
 pub(super) fn centre_variance_m2(space: &PixelSpace, spot: &Spot, sd: f64) -> f64 {
-    let root_sd = sd / (2.0 * spot.height);
+    let root_sd = (sd / 3f64.sqrt()).sqrt();
     2.0 * space.areas[spot.pixel] / std::f64::consts::PI * (root_sd / spot.height).powi(2)
 }
 

@@ -23,6 +23,8 @@ pub struct Misplacement {
     pub circumstances: Circumstances,
     /// Touches in its frame.
     pub touches: usize,
+    /// Whether its frame has a touch that no contact was found for: then this contact may stand for two.
+    pub is_shared: bool,
     /// The standard deviation of its position that was stated, m.
     pub stated_m: f64,
     /// Its distance from the touch along the surface, m.
@@ -63,8 +65,9 @@ const LEAST_CONTACTS: usize = 300;
 const MOST_STEPS: usize = 8;
 /// Times that each factor is measured with the others as they are.
 const SWEEPS: usize = 6;
-/// A signal counts up to here, and a distance of the next contact up to here, m: beyond, neither makes a difference.
-const MOST_SIGNAL: f64 = 1000.0;
+/// A signal counts up to here, that images without noise be no exception.
+const MOST_SIGNAL: f64 = 1e9;
+/// The distance of the next contact counts up to here, m: farther ones make no difference.
 const FARTHEST_NEXT_M: f64 = 0.15;
 
 impl Circumstances {
@@ -76,15 +79,17 @@ impl Circumstances {
 
 impl PositionSpread {
     /// Measures the spread by contacts of known error: each factor in turn is set, in steps of as many contacts each, so that
-    /// 95 % of the errors of a step lie in their regions. `None` of fewer than 300 contacts.
+    /// 95 % of the errors of a step lie in their regions. Contacts that may stand for two touches do not count: the place of
+    /// both has no one error. `None` of fewer than 300 others.
     pub fn fit(contacts: &[Misplacement]) -> Option<Self> {
+        let contacts: Vec<&Misplacement> = contacts.iter().filter(|contact| !contact.is_shared).collect();
         let typical_m = region_sd(contacts.iter().map(|contact| contact.error_m).collect())?;
         let one = || Factor { at: vec![1.0], times: vec![1.0] };
         let mut spread = PositionSpread { typical_m, signal: one(), radius_m: one(), next_m: one() };
         for _ in 0..SWEEPS {
             for which in 0..3 {
                 *spread.factor(which) = one();
-                let relative = |contact: &Misplacement| {
+                let relative = |contact: &&Misplacement| {
                     (contact.circumstances.values()[which], contact.error_m / spread.sd_m(&contact.circumstances))
                 };
                 *spread.factor(which) = Factor::fit(contacts.iter().map(relative).collect());
@@ -148,7 +153,7 @@ impl Factor {
         for step in 1..=steps {
             // Equal numbers stay together.
             let end = pairs.len() * step / steps;
-            let last = pairs[..].get(end).map_or(pairs.len(), |_| end + same_as_before(&pairs, end));
+            let last = end + same_as_before(&pairs, end);
             if last < first + LEAST_CONTACTS.min(pairs.len()) {
                 continue;
             }
@@ -177,16 +182,17 @@ fn region_sd(mut distances: Vec<f64>) -> Option<f64> {
 }
 
 /// The part of a contact's radius by which images misplace it beside what noise does, such that 95 % of the errors lie in the
-/// regions: the one number by which contacts are rated where no [`PositionSpread`] was measured. `None` of too few contacts.
+/// regions: the one number by which contacts are rated where no [`PositionSpread`] was measured. Contacts that may stand for
+/// two touches do not count. `None` of too few others.
 pub fn blur_share(contacts: &[Misplacement]) -> Option<f64> {
-    if contacts.len() < LEAST_CONTACTS {
-        return None;
-    }
     let share = |contact: &Misplacement| {
         let Circumstances { noise_m, radius_m, .. } = contact.circumstances;
         ((contact.error_m / REGION_95_SD).powi(2) - noise_m * noise_m).max(0.0).sqrt() / radius_m
     };
-    let mut shares: Vec<f64> = contacts.iter().map(share).collect();
+    let mut shares: Vec<f64> = contacts.iter().filter(|contact| !contact.is_shared).map(share).collect();
+    if shares.len() < LEAST_CONTACTS {
+        return None;
+    }
     let rank = (0.95 * shares.len() as f64) as usize;
     Some(*shares.select_nth_unstable_by(rank, f64::total_cmp).1)
 }
@@ -210,7 +216,7 @@ mod tests {
             };
             let error = standard_normal(&mut rng).hypot(standard_normal(&mut rng));
             let stated_m = sd_m(&circumstances);
-            Misplacement { circumstances, touches: 1, stated_m, error_m: stated_m * error }
+            Misplacement { circumstances, touches: 1, is_shared: false, stated_m, error_m: stated_m * error }
         };
         (0..count).map(contact).collect()
     }

@@ -71,10 +71,10 @@ impl Trial {
             let touches: Vec<Contact> = sample.touches.iter().map(place).collect();
             let matched = match_contacts(&touches, &contacts, &image.space.surface);
             trial.ghosts = matched.ghosts.len();
-            let count = touches.len();
+            let (count, is_shared) = (touches.len(), !matched.missed.is_empty());
             let misplacement = |&(_, index, error_m): &(usize, usize, f64)| {
                 let (contact, circumstances) = found[index];
-                Misplacement { circumstances, touches: count, stated_m: contact.sd_m, error_m }
+                Misplacement { circumstances, touches: count, is_shared, stated_m: contact.sd_m, error_m }
             };
             trial.misplacements = matched.pairs.iter().map(misplacement).collect();
             on_sample();

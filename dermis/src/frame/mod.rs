@@ -1,5 +1,6 @@
 //! Frames of voltages, baselines, and the tables that hold them.
 
+mod broken;
 mod csv;
 mod npy;
 mod output;
@@ -7,6 +8,7 @@ mod table;
 mod truth;
 mod twins;
 
+pub use broken::broken_channels;
 pub use output::write_whole;
 pub use table::{Table, read_array, read_conductivities, read_frames, read_table, write_array, write_frames};
 pub use truth::{Truth, read_truth, write_truth};

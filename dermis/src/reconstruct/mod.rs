@@ -14,6 +14,7 @@ mod system;
 #[cfg(test)]
 mod testing;
 mod total_variation;
+mod without_channels;
 
 pub use alpha::Alpha;
 pub use channels::Difference;
@@ -25,6 +26,7 @@ pub use noise_figure::noise_figure;
 pub use one_step::{OneStep, OneStepOptions};
 pub use prior::Prior;
 pub use total_variation::{TotalVariation, TotalVariationOptions};
+pub use without_channels::WithoutChannels;
 
 use crate::detect::DetectOptions;
 use crate::frame::Frame;

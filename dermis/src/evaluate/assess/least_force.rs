@@ -93,15 +93,18 @@ fn smallest(holds: impl Fn(f64) -> crate::Result<bool>) -> crate::Result<f64> {
     Ok(high)
 }
 
-/// The highest value of an image over its noise among some pixels that the detector's shares would let pass.
+/// The highest value of an image over its noise among some pixels that the detector's shares would let pass. Where the image
+/// is the square of what carries the noise (touches as spots in its root), the root over the root's noise: the signed square
+/// of a normal deviate of standard deviation s has `sqrt(3) s^2`.
 fn in_sd(image: &Image, noise: &ImageNoise, detection: &DetectOptions, counts: impl Fn(usize) -> bool) -> f64 {
     let highest = image.values.iter().copied().fold(0.0, f64::max);
     let least = detection.peak_fraction * highest;
     let pixels = image.values.iter().zip(noise.sd()).enumerate();
-    pixels
+    let most = pixels
         .filter(|(pixel, (value, _))| **value >= least && counts(*pixel))
         .map(|(_, (value, sd))| value / sd)
-        .fold(0.0, f64::max)
+        .fold(0.0, f64::max);
+    if detection.spot_width_m.is_some() { (3f64.sqrt() * most).sqrt() } else { most }
 }
 
 /// The peak that an untouched frame exceeds once an hour, and its standard error: beyond a high quantile the tail of a

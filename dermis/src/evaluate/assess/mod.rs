@@ -17,11 +17,11 @@ use crate::evaluate::score::score_contacts;
 use crate::evaluate::statistics::Summary;
 use crate::evaluate::{EvaluateError, Score};
 use crate::experiment::{PaperExperiment, Presses, Recording, Sizes, truth};
-use crate::frame::Frame;
+use crate::frame::{Frame, broken_channels};
 use crate::geom::Point3;
 use crate::image::{Image, PixelSpace};
 use crate::mesh::Mesh;
-use crate::reconstruct::Reconstruct;
+use crate::reconstruct::{Reconstruct, WithoutChannels};
 use crate::touch::sample_rng;
 use crate::twin::TwinOptions;
 use least_force::{Finder, untouched_differences};
@@ -130,10 +130,23 @@ impl Assessor<'_> {
         let twin = self.with_dead_electrodes(seed, options.dead_electrodes)?;
         let experiment = PaperExperiment::draw(self.design, self.mesh, self.pixels, &twin, seed, &options.sizes)?;
         let recordings = experiment.record(|| on_step(1))?;
+        let heard = WithoutChannels::new(self.method, broken_channels(&recordings[0].untouched));
+        Assessor { method: &heard, ..*self }.scored(seed, options, &experiment, &recordings, on_step)
+    }
+
+    /// What the method makes of an experiment that was recorded.
+    fn scored(
+        &self,
+        seed: u64,
+        options: &AssessOptions,
+        experiment: &PaperExperiment,
+        recordings: &[Recording; 4],
+        on_step: impl Fn(usize) + Sync,
+    ) -> crate::Result<Assessment> {
         let surface = self.design.body.surface();
         let truths: [Vec<Vec<Contact>>; 4] =
             experiment.sets.each_ref().map(|set| set.presses.iter().map(|frame| truth(&surface, frame)).collect());
-        let presses = Presses::new(self.design, self.mesh, self.pixels, twin.press, seed);
+        let presses = Presses::new(self.design, self.mesh, self.pixels, self.options.press, seed);
         let fixed = presses.at_fixed_places(options.places, &force::FORCES_N);
         let (rank_correlations, peak_ratios, after) =
             force::at_fixed_places(&experiment.twin, self.method, &fixed, recordings[3].next_index, &on_step)?;
@@ -160,9 +173,10 @@ impl Assessor<'_> {
             single_m: singles(&|_| true),
             rim_and_seam_m: singles(&|place| edges::is_at_edge(&self.design.body, place)),
             covered: Covered {
-                single: coverage::covered(&surface, frames(0).chain(frames(1))),
-                two: coverage::covered(&surface, frames(2)),
-                four: coverage::covered(&surface, frames(3)),
+                single: coverage::covered(&surface, frames(0).chain(frames(1)), 0),
+                two: coverage::covered(&surface, frames(2), 0),
+                two_as_one: coverage::covered(&surface, frames(2), 1),
+                four: coverage::covered(&surface, frames(3), 0),
             },
             force: ForceScore {
                 true_spread: [

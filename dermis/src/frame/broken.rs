@@ -1,0 +1,43 @@
+//! Channels that an untouched skin shows to be broken.
+
+use crate::frame::{Frame, mean};
+
+/// A channel this many times as noisy as the median one is broken: converters that step between ranges make some channels
+/// four times as noisy, a drive without a current some thousand times.
+const TOO_NOISY: f64 = 30.0;
+
+/// The channels that scatter far more than others in frames of an untouched skin, or are not finite, ascending: what a drive
+/// through an electrode that has come off delivers. With fewer than two frames none.
+///
+/// # Panics
+/// Where the frames differ in length.
+pub fn broken_channels(untouched: &[Frame]) -> Vec<usize> {
+    let Some(mean) = mean(untouched).filter(|_| untouched.len() > 1) else { return Vec::new() };
+    let square = |channel: usize| untouched.iter().map(|frame| (frame[channel] - mean[channel]).powi(2)).sum::<f64>();
+    let sd: Vec<f64> = (0..mean.len()).map(|channel| (square(channel) / untouched.len() as f64).sqrt()).collect();
+    let mut sorted: Vec<f64> = sd.iter().copied().filter(|sd| sd.is_finite()).collect();
+    sorted.sort_by(f64::total_cmp);
+    let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    // An instrument without noise tells nothing.
+    let is_broken = |sd: f64| !sd.is_finite() || (median > 0.0 && sd > TOO_NOISY * median);
+    (0..sd.len()).filter(|&channel| is_broken(sd[channel])).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    #[test]
+    fn channels_far_noisier_than_others_are_broken() {
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        let mut frame = || Frame((0..40).map(|k| [1.0, 4.0, 1e3][k % 20 / 9] * rng.random::<f64>()).collect());
+        let mut frames: Vec<Frame> = (0..50).map(|_| frame()).collect();
+        assert_eq!(broken_channels(&frames), vec![18, 19, 38, 39]);
+        frames[3][0] = f64::NAN;
+        assert_eq!(broken_channels(&frames), vec![0, 18, 19, 38, 39]);
+        assert!(broken_channels(&frames[..1]).is_empty() && broken_channels(&[]).is_empty());
+        assert!(broken_channels(&vec![Frame(vec![1.0, 2.0]); 5]).is_empty());
+    }
+}
