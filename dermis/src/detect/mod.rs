@@ -87,7 +87,7 @@ pub const GATE_M: f64 = 0.02;
 
 /// The distance, in standard deviations per axis, within which 95 % of a Gaussian in two dimensions lie: the root of
 /// `-2 ln 0.05`.
-pub const REGION_95_SD: f64 = 2.447_746_830_680_816_2;
+pub const REGION_95_SD: f64 = 2.447_746_830_680_816;
 
 /// Pixels below this many standard deviations of noise do not weigh in a centroid.
 const FLOOR_SD: f64 = 2.0;

@@ -140,9 +140,8 @@ fn solved(mut matrix: [[f64; 3]; 3], mut right: [f64; 3]) -> Option<[f64; 3]> {
         right.swap(step, pivot);
         for row in step + 1..3 {
             let factor = matrix[row][step] / matrix[step][step];
-            for column in step..3 {
-                matrix[row][column] -= factor * matrix[step][column];
-            }
+            let pivot = matrix[step];
+            matrix[row].iter_mut().zip(pivot).for_each(|(value, above)| *value -= factor * above);
             right[row] -= factor * right[step];
         }
     }
