@@ -10,7 +10,8 @@ use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
 use dermis::reconstruct::Reconstruct;
 use dermis_learn::{
-    Card, Disturb, Method, Model, Noise, Part, Precision, Samples, SkinRecord, TrainOptions, Trainer, TrainingRecord,
+    Card, Disturb, Files, Method, Model, Noise, Part, Precision, Samples, SkinRecord, TrainOptions, Trainer,
+    TrainingRecord,
 };
 use std::error::Error;
 use std::path::Path;
@@ -56,7 +57,14 @@ impl Skin {
 
     fn samples<'a>(&self, method: &Method, datasets: &'a [Dataset], part: Part) -> Result<Samples<'a>, Box<dyn Error>> {
         let (noise, symmetries) = (method.noise.clone(), method.symmetries.clone());
-        Ok(Samples::new(datasets, part, &self.forward, &self.pixels, method.target, noise, symmetries)?)
+        Ok(Samples::new(
+            Files::new(datasets, part, &self.forward)?,
+            &self.forward,
+            &self.pixels,
+            method.target,
+            noise,
+            symmetries,
+        )?)
     }
 
     /// The network as it is.
@@ -82,7 +90,7 @@ impl Skin {
             data: Vec::new(),
             training,
         };
-        Model::new(card, trainer.network().clone(), Arc::clone(&self.pixels))
+        Model::new(card, trainer.network(), Arc::clone(&self.pixels))
     }
 }
 
@@ -118,8 +126,8 @@ fn write_start(skin: &Skin, few: &Path, folder: &Path) -> Result<(), Box<dyn Err
     let (training, test) =
         (skin.samples(&method, &datasets, Part::Training)?, skin.samples(&method, &datasets, Part::Test)?);
     let (batch, inputs, outputs) = (method.options.batch, method.plan.inputs(), method.plan.outputs());
-    if training.len() != batch {
-        return Err(format!("{} samples to train on, but one batch is {batch}", training.len()).into());
+    if training.source().len() != batch {
+        return Err(format!("{} samples to train on, but one batch is {batch}", training.source().len()).into());
     }
     let mut trainer = Trainer::new(&method.plan, method.input.clone(), &method.options, &training, &test)?;
     let (mut given, mut wanted) = (vec![0.0; batch * inputs], vec![0.0; batch * outputs]);

@@ -61,6 +61,11 @@ impl Progress {
         Progress { bar, begun: Instant::now(), shown: AtomicBool::new(true) }
     }
 
+    /// What is being done now.
+    pub fn tell(&self, what: &str) {
+        self.bar.set_message(what.to_string());
+    }
+
     /// One step is done.
     pub fn step(&self) {
         self.steps(1);

@@ -7,6 +7,7 @@ use dermis::design::SkinDesign;
 use dermis::detect::{Detector, ImageNoise};
 use dermis::evaluate::{Score, score};
 use dermis::experiment::Recording;
+use dermis::forward::ForwardModel;
 use dermis::frame::Frame;
 use dermis::image::{Image, PixelSpace};
 use dermis::reconstruct::{Alpha, Linearised, OneStep, OneStepOptions, Prior, Reconstruct};
@@ -71,6 +72,8 @@ impl Named {
         let mut hasher = DefaultHasher::new();
         let weights = model.network().tensors().into_iter().flat_map(|tensor| tensor.values);
         weights.for_each(|weight| weight.to_bits().hash(&mut hasher));
+        // What is found in its images depends on how they are read too.
+        format!("{:?}", card.detection).hash(&mut hasher);
         Named {
             key,
             name,
@@ -119,9 +122,16 @@ impl Named {
     }
 }
 
-/// The methods that need no choice on this skin: the linear one as it is shipped.
-pub fn shipped(design: &SkinDesign, model: &Linearised, pixels: &Arc<PixelSpace>) -> Outcome<Vec<Named>> {
-    Ok(vec![Named::linear(0, design, model, pixels, Alpha::Auto)?])
+/// The methods that need no choice on this skin: the linear one, and the networks that are shipped for it.
+pub fn shipped(
+    design: &SkinDesign,
+    forward: &ForwardModel,
+    model: &Linearised,
+    pixels: &Arc<PixelSpace>,
+) -> Outcome<Vec<Named>> {
+    let mut methods = vec![Named::linear(0, design, model, pixels, Alpha::Auto)?];
+    methods.extend(Model::shipped(forward, pixels)?.into_iter().map(Named::network));
+    Ok(methods)
 }
 
 /// What one method made of some presses.

@@ -225,6 +225,9 @@ mod tests {
                 input.prepare(|channel| row[channel] as f32, inputs);
             }
             let expected = Pass::new(&network, 3).outputs(&mut network, &inputs);
+            // Scaled by a power of two, all outputs are so to the last bit.
+            let halved = Pass::new(&network, 3).outputs(&mut network.clone().scaled(0.5), &inputs);
+            assert!(halved.iter().zip(&expected).all(|(half, whole)| *half == 0.5 * whole));
             let near = |image: &[f64]| image.iter().zip(&expected).all(|(a, b)| (a - f64::from(*b)).abs() < 1e-5);
             let mut images = vec![0.0; 3 * 30];
             inference.images_into(&differences, &mut images);

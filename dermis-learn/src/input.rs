@@ -78,9 +78,7 @@ impl Input {
         let sd = |at: usize| (squares[at] / count - (sums[at] / count).powi(2)).max(0.0).sqrt();
         let least = (0..self.len()).map(sd).filter(|sd| *sd > 0.0).fold(f64::INFINITY, f64::min);
         let least = if least.is_finite() { least } else { 1.0 };
-        for at in 0..self.len() {
-            self.mean_ohm[at] = (sums[at] / count) as f32;
-            self.sd_ohm[at] = sd(at).max(least) as f32;
-        }
+        self.mean_ohm = sums.iter().map(|sum| (sum / count) as f32).collect();
+        self.sd_ohm = (0..self.len()).map(|at| sd(at).max(least) as f32).collect();
     }
 }

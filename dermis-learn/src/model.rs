@@ -4,6 +4,7 @@ use crate::LearnError;
 use crate::card::{Card, SkinRecord};
 use crate::inference::Inference;
 use crate::network::Network;
+use crate::shipped;
 use crate::tensors::{self, Named, Precision};
 use dermis::detect::DetectOptions;
 use dermis::forward::ForwardModel;
@@ -60,9 +61,28 @@ impl Model {
     /// A model by the name of a shipped one, or else by its folder.
     ///
     /// # Errors
-    /// As [`load`](Self::load).
+    /// As [`load`](Self::load); the name of a shipped one on a skin that none is shipped for.
     pub fn named(name: &str, forward: &ForwardModel, pixels: Arc<PixelSpace>) -> Result<Self, LearnError> {
-        Self::load(Path::new(name), forward, pixels)
+        match shipped::files(name) {
+            Some((card, weights)) => Self::parse(Path::new(name), card, weights, forward, pixels),
+            None => Self::load(Path::new(name), forward, pixels),
+        }
+    }
+
+    /// The models that are shipped for a skin; none for any but the paper's.
+    ///
+    /// # Errors
+    /// A shipped file that is damaged, which is our fault.
+    pub fn shipped(forward: &ForwardModel, pixels: &Arc<PixelSpace>) -> Result<Vec<Self>, LearnError> {
+        let skin = SkinRecord::new("", forward, pixels);
+        let mut models = Vec::new();
+        for name in shipped::NAMES {
+            let (card, weights) = shipped::files(name).expect("every name has its files");
+            if parse_card(Path::new(name), card)?.skin.is_that_of(&skin) {
+                models.push(Self::parse(Path::new(name), card, weights, forward, Arc::clone(pixels))?);
+            }
+        }
+        Ok(models)
     }
 
     /// Reads the model in a folder for a skin.
@@ -213,6 +233,11 @@ fn parse_card(path: &Path, bytes: &[u8]) -> Result<Card, LearnError> {
 }
 
 impl SkinRecord {
+    /// Whether two skins are the same but for their names.
+    fn is_that_of(&self, other: &SkinRecord) -> bool {
+        *self == SkinRecord { design: self.design.clone(), ..other.clone() }
+    }
+
     /// Refuses a skin that is not this one.
     fn check(&self, folder: &Path, asked: &SkinRecord) -> Result<(), LearnError> {
         let parts = [

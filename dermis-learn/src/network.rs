@@ -107,6 +107,14 @@ impl Plan {
             values = Some(outputs);
         }
         let Some(values) = values else { return Err("it has no layer".into()) };
+        if !matches!(self.trunk.last(), Some(LayerPlan::Dense { .. })) {
+            return Err("its trunk must end with a dense layer".into());
+        }
+        if let Some(index) = (0..self.trunk.len()).find(|&index| !self.is_foldable(index)) {
+            return Err(format!(
+                "layer {index} normalises a batch: a plain dense layer must stand before it, or one after it"
+            ));
+        }
         let Some(RefinementPlan { rows, columns, channels, .. }) = &self.refinement else { return Ok(()) };
         let hidden = channels.get(1..channels.len().max(2) - 1).unwrap_or_default();
         if hidden.is_empty() || hidden.iter().any(|count| *count == 0 || !count.is_multiple_of(CHANNELS_TOGETHER)) {
@@ -118,6 +126,16 @@ impl Plan {
             ));
         }
         Ok(())
+    }
+
+    /// Whether a layer can be folded into a dense one beside it: a batch normalisation into the one before where that has no
+    /// rectifier of its own, else, having none itself, into the one after.
+    fn is_foldable(&self, index: usize) -> bool {
+        let LayerPlan::BatchNorm { relu, .. } = self.trunk[index] else { return true };
+        let before = index.checked_sub(1).map(|before| self.trunk[before]);
+        let after = self.trunk.get(index + 1);
+        matches!(before, Some(LayerPlan::Dense { relu: false, .. }))
+            || (!relu && matches!(after, Some(LayerPlan::Dense { .. })))
     }
 
     /// Values that come in.
@@ -276,6 +294,23 @@ impl Network {
     /// Values that training changes.
     pub fn learned_count(&self) -> usize {
         self.tensors().iter().filter(|tensor| tensor.is_learned).map(|tensor| tensor.values.len()).sum()
+    }
+
+    /// The network whose outputs are this one's times a positive factor.
+    #[must_use]
+    pub fn scaled(mut self, factor: f32) -> Self {
+        let scale = |values: &mut [f32]| values.iter_mut().for_each(|value| *value *= factor);
+        let last = self.trunk.iter_mut().rev().find_map(|layer| match &mut layer.kind {
+            Kind::Dense(dense) => Some(dense),
+            Kind::BatchNorm(_) => None,
+        });
+        let last = last.expect("a network ends with a dense layer");
+        scale(&mut last.weight);
+        scale(&mut last.bias);
+        // A rectifier of a multiple is the multiple of the rectifier, so that of what follows only what is added counts.
+        let convolutions = self.refinement.iter_mut().flat_map(|refinement| &mut refinement.convolutions);
+        convolutions.for_each(|one| scale(&mut one.bias));
+        self
     }
 
     /// All tensors, in a fixed order.

@@ -2,8 +2,9 @@
 
 use crate::LearnError;
 use crate::input::Input;
+use crate::source::Source;
 use crate::symmetry::{Flat, Symmetries};
-use dermis::dataset::Dataset;
+use dermis::dataset::Sample;
 use dermis::forward::ForwardModel;
 use dermis::geom::Point3;
 use dermis::image::PixelSpace;
@@ -63,9 +64,7 @@ impl Noise {
 /// Samples to learn from, and how they become inputs and targets.
 #[derive(Debug)]
 pub struct Samples<'a> {
-    datasets: &'a [Dataset],
-    /// Numbers of the samples: dataset and sample.
-    numbers: Vec<(usize, u64)>,
+    source: Box<dyn Source + 'a>,
     symmetries: Option<Symmetries>,
     noise: Noise,
     /// What each contact's drift adds to a difference, at one standard deviation.
@@ -73,18 +72,6 @@ pub struct Samples<'a> {
     target: Target,
     flat: Flat,
     pixels: Vec<Point3>,
-    channels: usize,
-}
-
-/// Which samples of each dataset.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Part {
-    /// All.
-    All,
-    /// All but the last thirtieth.
-    Training,
-    /// The last thirtieth.
-    Test,
 }
 
 /// How the samples of a step are disturbed.
@@ -97,129 +84,90 @@ pub enum Disturb {
 }
 
 impl<'a> Samples<'a> {
-    /// The samples of some datasets of one design.
+    /// Samples of a source on the skin of a forward model.
     ///
     /// # Errors
-    /// A dataset of another design or mesh, or without a sample; a contact whose drift cannot be solved.
+    /// A contact whose drift cannot be solved.
     pub fn new(
-        datasets: &'a [Dataset],
-        part: Part,
+        source: impl Source + 'a,
         forward: &ForwardModel,
         pixels: &PixelSpace,
         target: Target,
         noise: Noise,
         symmetries: Option<Symmetries>,
     ) -> Result<Self, LearnError> {
-        let mut numbers = Vec::new();
-        for (index, dataset) in datasets.iter().enumerate() {
-            let wrong = |message: String| LearnError::Data { folder: dataset.folder().to_path_buf(), message };
-            let mesh = &dataset.manifest().record.mesh.hash;
-            if *mesh != forward.mesh().hash() {
-                return Err(wrong(format!("made on the mesh {mesh}, not on this design's: simulate it anew")));
-            }
-            let count = dataset.len();
-            let held_out = (count / 30).max(1);
-            if count < 2 {
-                return Err(wrong("a single sample: none is left to test by".into()));
-            }
-            numbers.extend(
-                match part {
-                    Part::All => 0..count,
-                    Part::Training => 0..count - held_out,
-                    Part::Test => count - held_out..count,
-                }
-                .map(|sample| (index, sample)),
-            );
-        }
         let flat = Flat::of(&pixels.surface);
         Ok(Samples {
-            datasets,
-            numbers,
+            source: Box::new(source),
             symmetries,
             contacts: contact_patterns(forward, noise.contact_drift)?,
             noise,
             target,
             flat,
             pixels: pixels.centres_m.iter().map(|&centre| flat.place(centre)).collect(),
-            channels: forward.protocol().channel_count(),
         })
     }
 
-    /// Number of samples.
-    pub fn len(&self) -> usize {
-        self.numbers.len()
+    /// Where they come from.
+    pub fn source(&self) -> &dyn Source {
+        &*self.source
     }
 
-    /// Whether there is none.
-    pub fn is_empty(&self) -> bool {
-        self.numbers.is_empty()
-    }
-
-    /// The undisturbed difference of a sample, ohm.
+    /// The undisturbed difference of a sample that was asked for, ohm.
     ///
     /// # Errors
     /// A file that cannot be read; a value that is not finite.
-    pub fn difference(&self, index: usize) -> Result<Vec<f32>, LearnError> {
-        Ok(self.read(index)?.1)
+    pub fn difference(&self, number: usize) -> Result<Vec<f32>, LearnError> {
+        Ok(difference(&self.source.read(number, false)?.0))
     }
 
-    /// The variance of all values of the undisturbed targets.
+    /// The variance of all values of the undisturbed targets of some samples.
     ///
     /// # Errors
     /// A file that cannot be read.
-    pub fn target_variance(&self) -> Result<f64, LearnError> {
-        let sums = |index: usize| -> Result<[f64; 2], LearnError> {
+    pub fn target_variance(&self, numbers: &[usize]) -> Result<f64, LearnError> {
+        self.source.prepare(numbers)?;
+        let sums = |&number: &usize| -> Result<[f64; 2], LearnError> {
             let mut target = vec![0.0; self.pixels.len()];
-            self.target(index, 0, &mut target)?;
+            let (sample, is_press) = self.source.read(number, self.target == Target::Conductance)?;
+            self.target(&sample, is_press, 0, &mut target);
             let values = || target.iter().map(|&value| f64::from(value));
             Ok([values().sum(), values().map(|value| value * value).sum()])
         };
-        let sums = (0..self.len()).into_par_iter().map(sums).collect::<Result<Vec<_>, _>>()?;
-        let count = (self.len() * self.pixels.len()) as f64;
+        let sums = numbers.par_iter().map(sums).collect::<Result<Vec<_>, _>>()?;
+        let count = (numbers.len() * self.pixels.len()) as f64;
         let [mean, square] = [0, 1].map(|at| sums.iter().map(|sums| sums[at]).sum::<f64>() / count);
         Ok(square - mean * mean)
     }
 
-    /// The untouched frame and the difference of a sample.
-    fn read(&self, index: usize) -> Result<(Vec<f32>, Vec<f32>), LearnError> {
-        let (dataset, sample) = self.numbers[index];
-        let dataset = &self.datasets[dataset];
-        let (mut rest, mut difference) = (vec![0.0; self.channels], vec![0.0; self.channels]);
-        dataset.rest_into(sample, &mut rest)?;
-        dataset.frame_into(sample, &mut difference)?;
-        difference.iter_mut().zip(&rest).for_each(|(value, rest)| *value -= rest);
-        if !difference.iter().all(|value| value.is_finite()) {
-            return Err(LearnError::NotFinite { folder: dataset.folder().to_path_buf(), sample });
-        }
-        Ok((rest, difference))
-    }
-
-    /// The inputs and the target of a sample.
+    /// The inputs and the target of a sample that was asked for.
     ///
     /// # Errors
     /// As [`difference`](Self::difference).
     pub fn fill(
         &self,
-        index: usize,
+        number: usize,
         disturb: Disturb,
         input: &Input,
         inputs: &mut [f32],
         target: &mut [f32],
     ) -> Result<(), LearnError> {
-        let (rest, mut difference) = self.read(index)?;
+        let (sample, is_press) = self.source.read(number, self.target == Target::Conductance)?;
+        let mut difference = difference(&sample);
         let mut element = 0;
         if let Disturb::Step(seed, step) = disturb {
             let mut rng = sample_rng(seed, step);
             if let Some(symmetries) = &self.symmetries {
                 element = rng.random_range(0..symmetries.len() as u32) as usize;
-                let mut moved = vec![0.0; self.channels];
+                let mut moved = vec![0.0; difference.len()];
                 symmetries.frame(element, &difference, &mut moved);
                 difference = moved;
             }
-            self.disturb(&mut rng, element, &rest, &mut difference);
+            self.disturb(&mut rng, element, &sample.rest, &mut difference);
         }
         input.prepare(|channel| difference[channel], inputs);
-        self.target(index, element, target)
+        self.target(&sample, is_press, element, target);
+        Ok(())
     }
 
     fn disturb(&self, rng: &mut ChaCha8Rng, element: usize, rest: &[f32], difference: &mut [f32]) {
@@ -247,13 +195,10 @@ impl<'a> Samples<'a> {
         }
     }
 
-    fn target(&self, index: usize, element: usize, target: &mut [f32]) -> Result<(), LearnError> {
-        let (dataset, sample) = self.numbers[index];
-        let dataset = &self.datasets[dataset];
-        let Target::Touches { width_m } = self.target else { return Ok(dataset.image_into(sample, target)?) };
-        let is_press = matches!(dataset.manifest().record.recipe.touch, dermis::dataset::Touch::Patch(_));
+    fn target(&self, sample: &Sample, is_press: bool, element: usize, target: &mut [f32]) {
+        let Target::Touches { width_m } = self.target else { return target.copy_from_slice(&sample.image) };
         target.fill(0.0);
-        for [x, y, z, _, force, strength] in dataset.touches(sample)? {
+        for &[x, y, z, _, force, strength] in &sample.touches {
             let mut place = [x, y, z].map(f64::from);
             if let Some(symmetries) = &self.symmetries {
                 place = symmetries.point(element, place);
@@ -268,8 +213,12 @@ impl<'a> Samples<'a> {
                 }
             }
         }
-        Ok(())
     }
+}
+
+/// What the touches of a sample changed, ohm.
+fn difference(sample: &Sample) -> Vec<f32> {
+    sample.frame.iter().zip(&sample.rest).map(|(touched, rest)| touched - rest).collect()
 }
 
 /// For each contact what a resistance of its own, a share of the design's in series with it, adds to the untouched frame.

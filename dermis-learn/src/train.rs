@@ -8,8 +8,6 @@ use crate::kernel::run;
 use crate::network::{Network, Plan};
 use crate::samples::{Disturb, Samples};
 use crate::train_pass::{Batch, Pass};
-use dermis::touch::sample_rng;
-use rand::seq::SliceRandom;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -19,8 +17,8 @@ use std::time::Instant;
 const NORMALISE_BY: usize = 20_000;
 /// Values that one thread steps at a time.
 const STEP_TOGETHER: usize = 1 << 15;
-/// Streams of random numbers that are no samples'.
-const ORDER_STREAM: u64 = 1 << 62;
+/// Streams of random numbers from here on disturb the test samples, those below the training samples.
+const TEST_STREAMS: u64 = 1 << 62;
 
 /// How a network is trained.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -92,6 +90,9 @@ pub struct Trainer<'a> {
     pass: Pass,
     inputs: Vec<f32>,
     targets: Vec<f32>,
+    /// Targets are learned times this: in units of their standard deviation, beside which Adam's rate is what it is meant
+    /// to be.
+    scale: f32,
 }
 
 /// All that training needs to go on.
@@ -121,7 +122,7 @@ impl<'a> Trainer<'a> {
         if !(options.rate > 0.0 && options.rate.is_finite()) {
             return out_of_range("the rate", f64::from(options.rate), "positive and finite");
         }
-        if options.batch < 2 || options.batch > training.len() {
+        if options.batch < 2 || options.batch > training.source().len() {
             return out_of_range(
                 "the samples of a step",
                 options.batch as f64,
@@ -131,10 +132,13 @@ impl<'a> Trainer<'a> {
         if options.epochs == 0 {
             return out_of_range("the number of epochs", 0.0, "at least 1");
         }
-        let order = shuffled(training.len(), options.seed, 0);
+        let order = training.source().order(options.seed, 0);
         let few = &order[..order.len().min(NORMALISE_BY)];
+        training.source().prepare(few)?;
         let differences = few.par_iter().map(|&index| training.difference(index)).collect::<Result<Vec<_>, _>>()?;
         input.normalise(&differences);
+        let scale = training.target_variance(few)?.sqrt().recip() as f32;
+        let scale = if scale.is_finite() { scale } else { 1.0 };
         let network = Network::new(plan, options.seed);
         let learned = network.tensors().into_iter().filter(|tensor| tensor.is_learned);
         let moments = learned.map(|tensor| [vec![0.0; tensor.values.len()], vec![0.0; tensor.values.len()]]).collect();
@@ -147,6 +151,7 @@ impl<'a> Trainer<'a> {
             targets: vec![0.0; options.batch * plan.outputs()],
             state: State { network, input, moments, steps: 0, epochs: Vec::new() },
             pass,
+            scale,
         })
     }
 
@@ -167,8 +172,8 @@ impl<'a> Trainer<'a> {
     }
 
     /// The network as it is.
-    pub fn network(&self) -> &Network {
-        &self.state.network
+    pub fn network(&self) -> Network {
+        self.state.network.clone().scaled(self.scale.recip())
     }
 
     /// How differences become its inputs.
@@ -183,7 +188,7 @@ impl<'a> Trainer<'a> {
 
     /// Steps of an epoch.
     pub fn steps_per_epoch(&self) -> usize {
-        let samples = self.options.epoch_samples.unwrap_or(usize::MAX).min(self.training.len());
+        let samples = self.options.epoch_samples.unwrap_or(usize::MAX).min(self.training.source().len());
         (samples / self.options.batch).max(1)
     }
 
@@ -205,14 +210,14 @@ impl<'a> Trainer<'a> {
     pub fn epoch(&mut self, mut on_step: impl FnMut(f64)) -> Result<Epoch, LearnError> {
         let begun = Instant::now();
         let number = self.state.epochs.len() + 1;
-        let order = shuffled(self.training.len(), self.options.seed, number as u64);
+        let order = self.training.source().order(self.options.seed, number as u64);
         let steps = self.steps_per_epoch();
         let mut sum = 0.0;
         for (done, indices) in order.chunks_exact(self.options.batch).take(steps).enumerate() {
             // Every sample of every epoch has noise of its own.
             let first = self.state.steps * self.options.batch as u64;
             self.fill(self.training, indices, first)?;
-            sum += self.step();
+            sum += self.step() / f64::from(self.scale * self.scale);
             if !sum.is_finite() {
                 return Err(LearnError::Diverged { epoch: number });
             }
@@ -228,28 +233,31 @@ impl<'a> Trainer<'a> {
     /// The mean square error on the test samples, whose noise is always the same.
     fn test_loss(&mut self) -> Result<f64, LearnError> {
         let batch = self.options.batch;
-        let indices: Vec<usize> = (0..self.test.len()).collect();
+        let indices: Vec<usize> = (0..self.test.source().len()).collect();
         let (mut sum, mut values) = (0.0, 0);
         for (number, chunk) in indices.chunks(batch).enumerate() {
             let mut padded = chunk.to_vec();
             padded.resize(batch, chunk[0]);
-            self.fill(self.test, &padded, ORDER_STREAM + (number * batch) as u64)?;
+            self.fill(self.test, &padded, TEST_STREAMS + (number * batch) as u64)?;
             let outputs = self.pass.outputs(&mut self.state.network, &self.inputs);
             let count = chunk.len() * self.state.network.plan().outputs();
             let square = |(output, target): (&f32, &f32)| f64::from(output - target).powi(2);
             sum += outputs[..count].iter().zip(&self.targets).map(square).sum::<f64>();
             values += count;
         }
-        Ok(sum / values as f64)
+        Ok(sum / values as f64 / f64::from(self.scale * self.scale))
     }
 
     fn fill(&mut self, samples: &Samples<'_>, indices: &[usize], first: u64) -> Result<(), LearnError> {
+        samples.source().prepare(indices)?;
         let plan = self.state.network.plan();
         let (inputs, targets) = (plan.inputs(), plan.outputs());
         let rows = self.inputs.par_chunks_mut(inputs).zip(self.targets.par_chunks_mut(targets));
         rows.zip(indices).enumerate().try_for_each(|(row, ((inputs, target), &index))| {
             let disturb = Disturb::Step(self.options.seed, first + row as u64);
-            samples.fill(index, disturb, &self.state.input, inputs, target)
+            samples.fill(index, disturb, &self.state.input, inputs, target)?;
+            target.iter_mut().for_each(|value| *value *= self.scale);
+            Ok(())
         })
     }
 
@@ -283,11 +291,4 @@ impl<'a> Trainer<'a> {
             }
         }
     }
-}
-
-/// The numbers below `count` in an order that a seed and a round tell.
-fn shuffled(count: usize, seed: u64, round: u64) -> Vec<usize> {
-    let mut order: Vec<usize> = (0..count).collect();
-    order.shuffle(&mut sample_rng(seed, 2 * ORDER_STREAM + round));
-    order
 }

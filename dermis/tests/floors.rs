@@ -21,7 +21,12 @@ const FLOORS: &[&[&str]] = &[
 const EXEMPT: &[&str] = &["lib", "error"];
 
 /// Which crates of the workspace each crate may depend on.
-const CRATES: &[(&str, &[&str])] = &[("dermis", &[]), ("dermis-cli", &["dermis"]), ("dermis-bench", &["dermis"])];
+const CRATES: &[(&str, &[&str])] = &[
+    ("dermis", &[]),
+    ("dermis-learn", &["dermis"]),
+    ("dermis-cli", &["dermis", "dermis-learn"]),
+    ("dermis-bench", &["dermis", "dermis-learn"]),
+];
 
 fn floor_of(module: &str) -> Option<usize> {
     FLOORS.iter().position(|floor| floor.contains(&module))

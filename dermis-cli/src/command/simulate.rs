@@ -238,6 +238,7 @@ impl Arguments {
                     force_n: pair(&self.force_n, usual.force_n),
                     tip_radius_m: pair(&self.tip_radius_m, usual.tip_radius_m),
                     patches: usual.patches,
+                    together: None,
                 }))
             }
         }

@@ -1,17 +1,23 @@
 //! `dermis train`: networks from datasets.
 
-use crate::console::{Progress, print};
+use crate::console::{Progress, print, print_json};
 use crate::failure::Outcome;
+use crate::picture::Picture;
+use crate::picture::chart::Curves;
 use clap::{Args, ValueEnum};
-use dermis::dataset::Dataset;
+use dermis::dataset::{Dataset, GaussianTouches, Generator, Recipe, SkinSpread, Skins, Touch};
 use dermis::design::SkinDesign;
-use dermis::detect::DetectOptions;
 use dermis::forward::ForwardModel;
+use dermis::frame::write_whole;
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
 use dermis::twin::{Twin, TwinOptions};
-use dermis_learn::{Card, DataRecord, Method, Model, Part, Precision, Samples, SkinRecord, Trainer, TrainingRecord};
-use std::path::PathBuf;
+use dermis_learn::{
+    Epoch, Files, LearnError, Method, Model, Part, Precision, Samples, SkinRecord, Source, Streamed, Trainer,
+    TrainingRecord,
+};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Seed of the twin whose noise is measured: none that is reported or selected by.
@@ -19,14 +25,26 @@ const NOISE_SEED: u64 = 3000;
 /// Untouched frames from which it is measured.
 const NOISE_FRAMES: u64 = 1000;
 
+/// Samples of an epoch that is streamed, and of its test.
+const STREAMED: usize = 100_000;
+const STREAMED_TEST: usize = 4096;
+
 /// The arguments of `dermis train`.
 #[derive(Debug, Args)]
+#[command(
+    after_help = "Run again with the same arguments, a training that was stopped goes on after its last epoch, with the \
+    losses that it would have had."
+)]
 pub struct Arguments {
     /// The design: a path, or a shipped name.
     design: String,
     /// A finished dataset of `dermis simulate`; several are learned from together.
-    #[arg(long, value_name = "DIR", required = true)]
+    #[arg(long, value_name = "DIR", required_unless_present = "stream")]
     data: Vec<PathBuf>,
+    /// Make the samples while training, every epoch others, of a recipe: the path of its TOML file, or `gaussian` for
+    /// Gaussian touches on random skins. Nothing is written but the model.
+    #[arg(long, value_name = "RECIPE", conflicts_with_all = ["data", "test"])]
+    stream: Option<PathBuf>,
     /// A finished dataset to test by; without it the last thirtieth of each --data is held out.
     #[arg(long, value_name = "DIR")]
     test: Vec<PathBuf>,
@@ -54,6 +72,9 @@ pub struct Arguments {
     /// Store the weights in half precision: half the bytes.
     #[arg(long)]
     half: bool,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
 }
 
 /// A network by name.
@@ -65,81 +86,155 @@ enum NetworkName {
     Best,
 }
 
+/// What machines get.
+#[derive(Serialize)]
+struct Told<'a> {
+    model: &'a Path,
+    name: &'a str,
+    learned_values: usize,
+    samples: usize,
+    test_samples: usize,
+    target_variance: f64,
+    epochs: &'a [Epoch],
+}
+
 impl Arguments {
-    /// Trains, or goes on with training.
+    /// Trains, or goes on with training, and writes the model.
     pub fn run(self) -> Outcome {
         let design = SkinDesign::load(&self.design)?;
+        let open =
+            |folders: &[PathBuf]| folders.iter().map(|folder| Dataset::open(folder)).collect::<Result<Vec<_>, _>>();
+        let (data, test) = (open(&self.data)?, open(&self.test)?);
         let waiting = Progress::waiting("preparing");
         let forward = ForwardModel::new(&design, &Mesh::generate(&design)?)?;
-        let pixels = PixelSpace::for_design(&design, forward.mesh())?;
+        let pixels = Arc::new(PixelSpace::for_design(&design, forward.mesh())?);
         let noise_ohm = noise_ohm(&design, &TwinOptions::load(&self.noise)?)?;
+        let method = self.method(&design, &forward, &pixels, noise_ohm);
+        let files =
+            |datasets, part| -> Outcome<Box<dyn Source>> { Ok(Box::new(Files::new(datasets, part, &forward)?)) };
+        let (training, test) = match &self.stream {
+            Some(recipe) => self.streams(recipe, &design, &forward)?,
+            None if test.is_empty() => (files(&data, Part::Training)?, files(&data, Part::Test)?),
+            None => (files(&data, Part::All)?, files(&test, Part::All)?),
+        };
+        let samples = |source| {
+            let (noise, symmetries) = (method.noise.clone(), method.symmetries.clone());
+            Samples::new(source, &forward, &pixels, method.target, noise, symmetries)
+        };
+        let (training, test) = (samples(training)?, samples(test)?);
+        let mut trainer = Trainer::new(&method.plan, method.input.clone(), &method.options, &training, &test)?;
         drop(waiting);
+        self.train(&mut trainer, method.options.batch)?;
+        let epochs = trainer.epochs().to_vec();
+        let options = method.options.clone();
+        let target_variance = test.target_variance(&test.source().order(0, 0))?;
+        let (samples, test_samples) = (training.source().len(), test.source().len());
+        let record = TrainingRecord { options, samples, test_samples, target_variance, epochs };
+        let card = method.card(SkinRecord::new(&design.name, &forward, &pixels), trainer.input(), &data, record);
+        let model = Model::new(card, trainer.network(), pixels);
+        model.save(&self.output, if self.half { Precision::Half } else { Precision::Single })?;
+        self.tell(&model)
+    }
+
+    /// The network that was asked for, with what was asked otherwise.
+    fn method(&self, design: &SkinDesign, forward: &ForwardModel, pixels: &PixelSpace, noise_ohm: Vec<f32>) -> Method {
         let mut method = match self.network {
-            NetworkName::Paper => Method::paper(forward.protocol(), &pixels, noise_ohm),
-            NetworkName::Best => Method::best(&design, forward.protocol(), &pixels, noise_ohm),
+            NetworkName::Paper => Method::paper(forward.protocol(), pixels, noise_ohm),
+            NetworkName::Best => Method::best(design, forward.protocol(), pixels, noise_ohm),
         };
         let options = &mut method.options;
         options.epochs = self.epochs.unwrap_or(options.epochs);
         options.epoch_samples = self.epoch_samples.or(options.epoch_samples);
         options.rate = self.rate.unwrap_or(options.rate);
         options.seed = self.seed.unwrap_or(options.seed);
-        let open =
-            |folders: &[PathBuf]| folders.iter().map(|folder| Dataset::open(folder)).collect::<Result<Vec<_>, _>>();
-        let (data, test) = (open(&self.data)?, open(&self.test)?);
-        let samples = |datasets, part| {
-            let (noise, symmetries) = (method.noise.clone(), method.symmetries.clone());
-            Samples::new(datasets, part, &forward, &pixels, method.target, noise, symmetries)
+        method
+    }
+
+    /// Samples to train on and to test by, made as they are asked for.
+    fn streams<'a>(
+        &self,
+        recipe: &Path,
+        design: &SkinDesign,
+        forward: &ForwardModel,
+    ) -> Outcome<(Box<dyn Source + 'a>, Box<dyn Source + 'a>)> {
+        let source = |seed: u64, count: usize| -> Outcome<Box<dyn Source + 'a>> {
+            let recipe = match recipe.to_str() {
+                Some("gaussian") => Recipe {
+                    seed,
+                    samples: count as u64,
+                    touch: Touch::Gaussian(GaussianTouches::for_effect(design.sheet.touch)),
+                    skins: Skins::Random(SkinSpread::usual()),
+                },
+                _ => Recipe::load(recipe, seed, count as u64)?,
+            };
+            Ok(Box::new(Streamed::new(Generator::new(design, forward, &recipe)?, count)))
         };
-        let (training, test) = match test.is_empty() {
-            true => (samples(&data, Part::Training)?, samples(&data, Part::Test)?),
-            false => (samples(&data, Part::All)?, samples(&test, Part::All)?),
-        };
-        let mut trainer = Trainer::new(&method.plan, method.input.clone(), &method.options, &training, &test)?;
-        std::fs::create_dir_all(&self.output)
-            .map_err(|source| dermis_learn::LearnError::Io { path: self.output.clone(), source })?;
+        let seed = 2 * self.seed.unwrap_or_default();
+        Ok((source(seed, self.epoch_samples.unwrap_or(STREAMED))?, source(seed + 1, STREAMED_TEST)?))
+    }
+
+    /// Epoch after epoch, with a checkpoint and a picture of the losses after each.
+    fn train(&self, trainer: &mut Trainer<'_>, batch: usize) -> Outcome {
+        std::fs::create_dir_all(&self.output).map_err(|source| LearnError::Io { path: self.output.clone(), source })?;
         let checkpoint = self.output.join("checkpoint.safetensors");
-        trainer.resume(&checkpoint)?;
+        if trainer.resume(&checkpoint)? && !self.json {
+            print(&format!("going on after epoch {}\n", trainer.epochs().len()))?;
+        }
         while !trainer.is_done() {
-            let progress = Progress::with_rate("samples", (trainer.steps_per_epoch() * method.options.batch) as u64);
-            let epoch = trainer.epoch(|_| progress.steps(method.options.batch as u64))?;
+            let number = trainer.epochs().len() + 1;
+            let progress = Progress::with_rate("", (trainer.steps_per_epoch() * batch) as u64);
+            let epoch = trainer.epoch(|loss| {
+                progress.tell(&format!("epoch {number}, loss {loss:.3e}"));
+                progress.steps(batch as u64);
+            })?;
             drop(progress);
             trainer.save(&checkpoint)?;
-            print(&format!(
-                "epoch {:3}: training {:.4e}, test {:.4e}, {:.0} s\n",
-                trainer.epochs().len(),
-                epoch.training_loss,
-                epoch.test_loss,
-                epoch.seconds
-            ))?;
+            let picture = losses(trainer.epochs());
+            write_whole(&self.output.join("losses.svg"), |out| out.write_all(picture.to_svg().as_bytes()))?;
+            if !self.json {
+                let Epoch { training_loss, test_loss, seconds } = epoch;
+                let rate = (trainer.steps_per_epoch() * batch) as f64 / seconds;
+                print(&format!(
+                    "epoch {number:3}: training loss {training_loss:.4e}, test loss {test_loss:.4e}, {seconds:.0} s \
+                     ({rate:.0} samples a second with the test)\n"
+                ))?;
+            }
         }
-        let record = |dataset: &Dataset| DataRecord {
-            identity: dataset.manifest().identity.clone(),
-            recipe: dataset.manifest().record.recipe.clone(),
-        };
-        let card = Card {
-            format: Card::FORMAT.into(),
-            version: env!("CARGO_PKG_VERSION").into(),
-            name: method.name.into(),
-            skin: SkinRecord::new(&design.name, &forward, &pixels),
-            plan: method.plan.clone(),
-            input: trainer.input().clone(),
-            target: method.target,
-            noise: method.noise.clone(),
-            symmetries: method.symmetries.as_ref().map_or(1, dermis_learn::Symmetries::len),
-            detection: DetectOptions::default(),
-            data: data.iter().map(record).collect(),
-            training: TrainingRecord {
-                options: method.options.clone(),
-                samples: training.len(),
-                test_samples: test.len(),
-                target_variance: test.target_variance()?,
-                epochs: trainer.epochs().to_vec(),
-            },
-        };
-        let model = Model::new(card, trainer.network().clone(), Arc::new(pixels.clone()));
-        model.save(&self.output, if self.half { Precision::Half } else { Precision::Single })?;
         Ok(())
     }
+
+    fn tell(&self, model: &Model) -> Outcome {
+        let record = &model.card().training;
+        if self.json {
+            return print_json(&Told {
+                model: &self.output,
+                name: &model.card().name,
+                learned_values: model.network().learned_count(),
+                samples: record.samples,
+                test_samples: record.test_samples,
+                target_variance: record.target_variance,
+                epochs: &record.epochs,
+            });
+        }
+        let least = record.epochs.iter().map(|epoch| epoch.test_loss).fold(f64::INFINITY, f64::min);
+        print(&format!(
+            "{}: {} learned values, least test loss {least:.4e}, {:.1} % of the target's variance\n",
+            self.output.display(),
+            model.network().learned_count(),
+            100.0 * least / record.target_variance
+        ))
+    }
+}
+
+/// The losses by epoch.
+fn losses(epochs: &[Epoch]) -> Picture {
+    let curve = |name: &str, of: fn(&Epoch) -> f64| {
+        let place = |(number, epoch): (usize, &Epoch)| [number as f64 + 1.0, of(epoch).log10()];
+        (name.to_string(), epochs.iter().enumerate().map(place).collect::<Vec<_>>())
+    };
+    let curves = vec![curve("training", |epoch| epoch.training_loss), curve("test", |epoch| epoch.test_loss)];
+    let left = "log10 of the mean square error";
+    Curves { title: "Loss", subtitle: "on inputs with noise", below: "epoch", left, shown: vec![], curves }.draw()
 }
 
 /// The standard deviation of each channel of a twin's untouched frames, ohm.

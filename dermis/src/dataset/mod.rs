@@ -31,6 +31,6 @@ pub use finish::{Checked, FileRecord, Manifest, Statistics, finish, verify};
 pub use generator::{Generator, Sample, Stream, Worker};
 pub use raster::CellRaster;
 pub use reader::Dataset;
-pub use recipe::{GaussianTouches, PatchTouches, Recipe, SkinSpread, Skins, Touch};
+pub use recipe::{GaussianTouches, PatchTouches, Recipe, SkinSpread, Skins, Together, Touch};
 pub use record::{DesignRecord, MeshRecord, PixelRecord, Record, SAMPLES_PER_FILE, TensorRecord};
 pub use run::{Run, RunReport, Shard};

@@ -8,10 +8,12 @@ use crate::dataset::recipe::{PatchTouches, Recipe, SkinSpread, Skins};
 use crate::dataset::skins::Worn;
 use crate::design::{Body, SkinDesign};
 use crate::forward::ForwardModel;
+use crate::geom::Point3;
 use crate::image::PixelSpace;
 use crate::touch::sample_rng;
 use crate::twin::{Footprint, PatchOptions, PatchedSkin, Press, TwinError};
 use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
 use std::f64::consts::PI;
 
 /// Makes samples of presses.
@@ -97,12 +99,30 @@ impl PressMaker {
     pub fn draw(&self, index: u64) -> Vec<Press> {
         let mut rng = sample_rng(self.seed, index);
         let count = rng.random_range(1..=self.options.most as u32);
-        let mut press = || Press {
-            centre_m: self.places.draw(&mut rng),
-            tip_radius_m: even(&mut rng, self.options.tip_radius_m),
-            force_n: log_even(&mut rng, self.options.force_n),
-        };
-        (0..count).map(|_| press()).collect()
+        let mut presses: Vec<Press> = Vec::with_capacity(count as usize);
+        for _ in 0..count {
+            presses.push(Press {
+                centre_m: self.place(presses.last(), &mut rng),
+                tip_radius_m: even(&mut rng, self.options.tip_radius_m),
+                force_n: log_even(&mut rng, self.options.force_n),
+            });
+        }
+        presses
+    }
+
+    /// Where the press after another is.
+    fn place(&self, before: Option<&Press>, rng: &mut ChaCha8Rng) -> Point3 {
+        if let (Some(together), Some(before)) = (&self.options.together, before)
+            && rng.random::<f64>() < together.share
+        {
+            let (distance_m, way_rad) = (even(rng, together.distance_m), even(rng, [0.0, 2.0 * PI]));
+            let (sine, cosine) = libm::sincos(way_rad);
+            let beside = self.body.surface().walk(before.centre_m, [distance_m * cosine, distance_m * sine]);
+            if self.body.holds(beside) {
+                return beside;
+            }
+        }
+        self.places.draw(rng)
     }
 
     /// The patches of a skin drawn from a seed.

@@ -70,6 +70,11 @@ impl Dataset {
         &self.folder
     }
 
+    /// Values of an image.
+    pub fn pixel_count(&self) -> usize {
+        self.tensors.first().map_or(0, |tensors| tensors[2].width)
+    }
+
     /// Number of samples.
     pub fn len(&self) -> u64 {
         self.manifest.record.recipe.samples

@@ -80,6 +80,16 @@ pub enum Touch {
     Patch(PatchTouches),
 }
 
+/// Presses beside the one before.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Together {
+    /// What share of the presses after the first are beside the one before.
+    pub share: f64,
+    /// Shortest and longest distance from it, m; uniform between. One that would lie off the body is anywhere.
+    pub distance_m: [f64; 2],
+}
+
 /// Presses of a spherical tip on a skin with patches. Their places are uniform by area over the whole surface.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -92,6 +102,9 @@ pub struct PatchTouches {
     pub tip_radius_m: [f64; 2],
     /// The patches; on random skins their rows, columns and offset differ.
     pub patches: PatchOptions,
+    /// Presses side by side; without it every press is where it is by chance, which is seldom near another.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub together: Option<Together>,
 }
 
 impl PatchTouches {
@@ -99,13 +112,20 @@ impl PatchTouches {
     pub fn usual() -> Self {
         let lab = TwinOptions::shipped("lab").map(|twin| twin.touch);
         let Some(TouchOptions::Patches(patches)) = lab else { panic!("the twin `lab` is shipped and has patches") };
-        PatchTouches { most: 4, force_n: [1.0, 5.0], tip_radius_m: [0.004, 0.008], patches }
+        PatchTouches { most: 4, force_n: [1.0, 5.0], tip_radius_m: [0.004, 0.008], patches, together: None }
     }
 
     fn check(&self, effect: TouchEffect) -> Result<(), DatasetError> {
         check_count(self.most)?;
         check_range("the force of presses in N", self.force_n)?;
         check_range("the radius of the tip in m", self.tip_radius_m)?;
+        if let Some(together) = &self.together {
+            check_range("the distance of presses side by side in m", together.distance_m)?;
+            if !(0.0..=1.0).contains(&together.share) {
+                let what = "the share of presses side by side";
+                return Err(DatasetError::OutOfRange { what, value: together.share, must: "0 to 1".into() });
+            }
+        }
         match effect {
             TouchEffect::ConductanceRises => Ok(()),
             TouchEffect::ConductanceFalls => Err(DatasetError::OutOfRange {

@@ -5,6 +5,7 @@
 //! Krishnaprasad, 1993, DOI 10.1109/ACSSC.1993.342465). A spot that the skin's edge cuts off is placed as well as a whole
 //! one, which a centroid would pull inwards.
 
+use crate::geom::vector::{cross, dot};
 use crate::geom::{Point3, Surface};
 use crate::image::{Image, PixelSpace};
 
@@ -129,27 +130,10 @@ impl Search<'_> {
     }
 }
 
-/// Solves three equations by elimination; `None` where they are singular.
-fn solved(mut matrix: [[f64; 3]; 3], mut right: [f64; 3]) -> Option<[f64; 3]> {
-    for step in 0..3 {
-        let pivot = (step..3).max_by(|&a, &b| matrix[a][step].abs().total_cmp(&matrix[b][step].abs()))?;
-        if matrix[pivot][step].abs() < 1e-300 {
-            return None;
-        }
-        matrix.swap(step, pivot);
-        right.swap(step, pivot);
-        for row in step + 1..3 {
-            let factor = matrix[row][step] / matrix[step][step];
-            let pivot = matrix[step];
-            matrix[row].iter_mut().zip(pivot).for_each(|(value, above)| *value -= factor * above);
-            right[row] -= factor * right[step];
-        }
-    }
-    let mut solution = [0.0; 3];
-    for row in (0..3).rev() {
-        let known: f64 = (row + 1..3).map(|column| matrix[row][column] * solution[column]).sum();
-        solution[row] = (right[row] - known) / matrix[row][row];
-    }
+/// Solves three equations by Cramer's rule (the matrix is symmetric); `None` where they are singular.
+fn solved([a, b, c]: [[f64; 3]; 3], right: [f64; 3]) -> Option<[f64; 3]> {
+    let determinant = dot(a, cross(b, c));
+    let solution = [cross(b, c), cross(c, a), cross(a, b)].map(|minor| dot(right, minor) / determinant);
     solution.iter().all(|value| value.is_finite()).then_some(solution)
 }
 

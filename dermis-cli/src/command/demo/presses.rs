@@ -82,7 +82,7 @@ impl Demo {
 
         let model = Linearised::new(&forward, &pixels)?;
         let (mut shown, mut of_four) = (Vec::new(), Vec::new());
-        for method in line_up::shipped(&design, &model, &pixels)? {
+        for method in line_up::shipped(&design, &forward, &model, &pixels)? {
             let detector = method.detector(&untouched)?;
             shown.push(Shown::of(&method, &recording, &truth, &detector)?);
             of_four.push(Shown::of(&method, &four, std::slice::from_ref(&four_truth), &detector)?);

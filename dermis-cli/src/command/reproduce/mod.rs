@@ -44,7 +44,7 @@ pub struct Arguments {
     #[arg(long, value_name = "TWIN", default_value = "lab")]
     twin: String,
     /// The folder of a network of `dermis train` to set beside the linear methods; may be given more than once. Scale `paper`
-    /// trains its own from nothing without it.
+    /// trains its own from nothing without it; the others take those that are shipped.
     #[arg(long, value_name = "DIR")]
     model: Vec<PathBuf>,
     /// How large.
@@ -68,6 +68,9 @@ impl Arguments {
         let bench = Bench::new(design, &twin)?;
         // A folder that holds no model for this skin is told of before anything is pressed.
         let mut networks: Vec<Named> = self.model.iter().map(|folder| bench.network(folder)).collect::<Outcome<_>>()?;
+        if self.model.is_empty() && self.scale != Scale::Paper {
+            networks = bench.shipped_networks()?;
+        }
         let twice =
             |(number, network): &(usize, &Named)| networks[..*number].iter().any(|other| other.key == network.key);
         if let Some((_, network)) = networks.iter().enumerate().find(twice) {

@@ -1,0 +1,202 @@
+//! Where samples come from: files in any order, or a generator that never repeats itself.
+
+use crate::LearnError;
+use dermis::dataset::{Dataset, Generator, Sample, Touch};
+use dermis::forward::ForwardModel;
+use dermis::touch::sample_rng;
+use rand::seq::SliceRandom;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::sync::RwLock;
+
+/// The stream of random numbers that orders samples, of the first epoch; those of the others follow.
+const ORDER_STREAM: u64 = 1 << 63;
+/// Samples of a stream that are made together.
+const TOGETHER: usize = 4096;
+
+/// Samples by number. An epoch is an order of numbers; before samples are read they are asked for together.
+pub trait Source: Sync + std::fmt::Debug {
+    /// Samples of an epoch.
+    fn len(&self) -> usize;
+
+    /// Whether there is none.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The numbers of an epoch in the order that a seed tells.
+    fn order(&self, seed: u64, epoch: u64) -> Vec<usize>;
+
+    /// Sees to it that samples can be read.
+    ///
+    /// # Errors
+    /// Samples that cannot be made.
+    fn prepare(&self, _numbers: &[usize]) -> Result<(), LearnError> {
+        Ok(())
+    }
+
+    /// A sample, its image only where it is asked for, and whether its touches are presses with a force.
+    ///
+    /// # Errors
+    /// A file that cannot be read; a value that is not finite.
+    fn read(&self, number: usize, with_image: bool) -> Result<(Sample, bool), LearnError>;
+}
+
+impl<S: Source + ?Sized> Source for Box<S> {
+    fn len(&self) -> usize {
+        (**self).len()
+    }
+
+    fn order(&self, seed: u64, epoch: u64) -> Vec<usize> {
+        (**self).order(seed, epoch)
+    }
+
+    fn prepare(&self, numbers: &[usize]) -> Result<(), LearnError> {
+        (**self).prepare(numbers)
+    }
+
+    fn read(&self, number: usize, with_image: bool) -> Result<(Sample, bool), LearnError> {
+        (**self).read(number, with_image)
+    }
+}
+
+/// Which samples of each dataset.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// All.
+    All,
+    /// All but the last thirtieth.
+    Training,
+    /// The last thirtieth.
+    Test,
+}
+
+/// The samples of some datasets.
+#[derive(Debug)]
+pub struct Files<'a> {
+    datasets: &'a [Dataset],
+    /// Dataset and sample of each number.
+    places: Vec<(usize, u64)>,
+    channels: usize,
+    pixels: usize,
+}
+
+impl<'a> Files<'a> {
+    /// The samples of some datasets of the design with this forward model.
+    ///
+    /// # Errors
+    /// A dataset of another design or mesh, or without a sample to hold out.
+    pub fn new(datasets: &'a [Dataset], part: Part, forward: &ForwardModel) -> Result<Self, LearnError> {
+        let mut places = Vec::new();
+        let mut pixels = 0;
+        for (index, dataset) in datasets.iter().enumerate() {
+            let wrong = |message: String| LearnError::Data { folder: dataset.folder().to_path_buf(), message };
+            let record = &dataset.manifest().record;
+            if record.mesh.hash != forward.mesh().hash() {
+                let message = format!("made on the mesh {}, not on this design's: simulate it anew", record.mesh.hash);
+                return Err(wrong(message));
+            }
+            let count = dataset.len();
+            let held_out = (count / 30).max(1);
+            if count < 2 {
+                return Err(wrong("a single sample: none is left to test by".into()));
+            }
+            let numbers = match part {
+                Part::All => 0..count,
+                Part::Training => 0..count - held_out,
+                Part::Test => count - held_out..count,
+            };
+            places.extend(numbers.map(|sample| (index, sample)));
+            pixels = dataset.pixel_count();
+        }
+        Ok(Files { datasets, places, channels: forward.protocol().channel_count(), pixels })
+    }
+}
+
+impl Source for Files<'_> {
+    fn len(&self) -> usize {
+        self.places.len()
+    }
+
+    fn order(&self, seed: u64, epoch: u64) -> Vec<usize> {
+        let mut order: Vec<usize> = (0..self.len()).collect();
+        order.shuffle(&mut sample_rng(seed, ORDER_STREAM + epoch));
+        order
+    }
+
+    fn read(&self, number: usize, with_image: bool) -> Result<(Sample, bool), LearnError> {
+        let (dataset, index) = self.places[number];
+        let dataset = &self.datasets[dataset];
+        let (mut rest, mut frame) = (vec![0.0; self.channels], vec![0.0; self.channels]);
+        dataset.rest_into(index, &mut rest)?;
+        dataset.frame_into(index, &mut frame)?;
+        let mut image = vec![0.0; if with_image { self.pixels } else { 0 }];
+        if with_image {
+            dataset.image_into(index, &mut image)?;
+        }
+        if !rest.iter().chain(&frame).chain(&image).all(|value| value.is_finite()) {
+            return Err(LearnError::NotFinite { folder: dataset.folder().to_path_buf(), sample: index });
+        }
+        let is_press = matches!(dataset.manifest().record.recipe.touch, Touch::Patch(_));
+        Ok((Sample { index, frame, rest, image, touches: dataset.touches(index)? }, is_press))
+    }
+}
+
+/// Samples that a generator makes as they are asked for; no epoch has one of another's.
+#[derive(Debug)]
+pub struct Streamed {
+    generator: Generator,
+    per_epoch: usize,
+    /// Blocks of samples that are ready, by the number of each block.
+    ready: RwLock<BTreeMap<usize, Vec<Sample>>>,
+}
+
+impl Streamed {
+    /// So many samples an epoch of a generator.
+    pub fn new(generator: Generator, per_epoch: usize) -> Self {
+        Streamed { generator, per_epoch, ready: RwLock::new(BTreeMap::new()) }
+    }
+
+    fn make(&self, block: usize) -> Result<Vec<Sample>, LearnError> {
+        /// Samples that one thread makes at a time: a stream costs something to begin.
+        const PIECE: usize = 512;
+        let first = block * TOGETHER;
+        let pieces = (0..TOGETHER / PIECE).into_par_iter().map(|piece| {
+            let from = (first + piece * PIECE) as u64;
+            self.generator.stream(from).take(PIECE).collect::<dermis::Result<Vec<Sample>>>()
+        });
+        Ok(pieces.collect::<dermis::Result<Vec<_>>>()?.into_iter().flatten().collect())
+    }
+}
+
+impl Source for Streamed {
+    fn len(&self) -> usize {
+        self.per_epoch
+    }
+
+    fn order(&self, _seed: u64, epoch: u64) -> Vec<usize> {
+        let first = epoch as usize * self.per_epoch;
+        (first..first + self.per_epoch).collect()
+    }
+
+    fn prepare(&self, numbers: &[usize]) -> Result<(), LearnError> {
+        let mut ready = self.ready.write().expect("no thread panics while it holds the lock");
+        let mut blocks: Vec<usize> = numbers.iter().map(|number| number / TOGETHER).collect();
+        blocks.sort_unstable();
+        blocks.dedup();
+        ready.retain(|block, _| blocks.contains(block));
+        for block in blocks {
+            if let std::collections::btree_map::Entry::Vacant(place) = ready.entry(block) {
+                place.insert(self.make(block)?);
+            }
+        }
+        Ok(())
+    }
+
+    fn read(&self, number: usize, _with_image: bool) -> Result<(Sample, bool), LearnError> {
+        let is_press = matches!(self.generator.recipe().touch, Touch::Patch(_));
+        let ready = self.ready.read().expect("no thread panics while it holds the lock");
+        let block = ready.get(&(number / TOGETHER)).expect("samples are asked for before they are read");
+        Ok((block[number % TOGETHER].clone(), is_press))
+    }
+}
