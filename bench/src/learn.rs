@@ -3,15 +3,13 @@
 use crate::serve::answer;
 use dermis::dataset::Dataset;
 use dermis::design::SkinDesign;
-use dermis::detect::DetectOptions;
 use dermis::forward::ForwardModel;
 use dermis::frame::write_array;
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
 use dermis::reconstruct::Reconstruct;
 use dermis_learn::{
-    Card, Disturb, Files, Method, Model, Noise, Part, Precision, Samples, SkinRecord, TrainOptions, Trainer,
-    TrainingRecord,
+    Disturb, Files, Method, Model, Noise, Part, Precision, Samples, SkinRecord, TrainOptions, Trainer, TrainingRecord,
 };
 use std::error::Error;
 use std::path::Path;
@@ -76,20 +74,8 @@ impl Skin {
             target_variance: 0.0,
             epochs: trainer.epochs().to_vec(),
         };
-        let card = Card {
-            format: Card::FORMAT.into(),
-            version: env!("CARGO_PKG_VERSION").into(),
-            name: method.name.into(),
-            skin: SkinRecord::new(&self.design.name, &self.forward, &self.pixels),
-            plan: method.plan.clone(),
-            input: trainer.input().clone(),
-            target: method.target,
-            noise: method.noise.clone(),
-            symmetries: method.symmetries.as_ref().map_or(1, |symmetries| symmetries.len()),
-            detection: DetectOptions::default(),
-            data: Vec::new(),
-            training,
-        };
+        let skin = SkinRecord::new(&self.design.name, &self.forward, &self.pixels);
+        let card = method.card(skin, trainer.input(), &[], training);
         Model::new(card, trainer.network(), Arc::clone(&self.pixels))
     }
 }

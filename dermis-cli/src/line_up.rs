@@ -4,13 +4,13 @@ use crate::console::Progress;
 use crate::failure::{Failure, Outcome};
 use dermis::contact::Contact;
 use dermis::design::SkinDesign;
-use dermis::detect::{Detector, ImageNoise};
+use dermis::detect::Detector;
 use dermis::evaluate::{Score, score};
 use dermis::experiment::Recording;
 use dermis::forward::ForwardModel;
 use dermis::frame::Frame;
 use dermis::image::{Image, PixelSpace};
-use dermis::reconstruct::{Alpha, Linearised, OneStep, OneStepOptions, Prior, Reconstruct};
+use dermis::reconstruct::{Alpha, Linearised, OneStep, OneStepOptions, Prior, Reconstruct, image_noise};
 use dermis_learn::{Card, Model};
 use rayon::prelude::*;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -103,18 +103,7 @@ impl Named {
     /// The detector for its images, told of their noise by the differences of untouched frames from their baseline.
     pub fn detector(&self, untouched: &[Frame]) -> Outcome<Detector> {
         let detector = Detector::new(self.reconstruct.detection());
-        let noise = match self.reconstruct.matrix() {
-            _ if untouched.is_empty() => None,
-            Some(matrix) => {
-                let square = |channel: usize| untouched.iter().map(|frame| frame[channel].powi(2)).sum::<f64>();
-                let sd = |channel: usize| (square(channel) / untouched.len() as f64).sqrt();
-                Some(ImageNoise::from_matrix(matrix, &(0..matrix.columns).map(sd).collect::<Vec<f64>>()))
-            }
-            None => {
-                let image = |frame: &Frame| self.reconstruct.reconstruct(frame).map_err(Failure::from);
-                ImageNoise::from_untouched(&untouched.par_iter().map(image).collect::<Outcome<Vec<Image>>>()?)
-            }
-        };
+        let noise = image_noise(&*self.reconstruct, untouched)?;
         Ok(match noise {
             Some(noise) => detector.with_noise(noise),
             None => detector,

@@ -1,33 +1,15 @@
 //! `dermis assess` and `dermis calibrate` as others script against them.
 
+mod disk;
+
+use disk::disk;
 use std::path::Path;
 use std::process::{Command, Output};
 use tempfile::TempDir;
 
-/// 8 points on the rim of a disk, 8 x 5 = 40 values, 8 x 8 pixels.
-const DISK: &str = r#"
-[body.disk]
-diameter_m = 0.1
-[sheet]
-sheet_resistance_ohm = 1000
-touch = "conductance_rises"
-[electrodes]
-shape.arc.length_m = 0.005
-contact_impedance_ohm_m = 0.01
-layout.rim.count = 8
-[protocol]
-pattern = "adjacent_undriven"
-[image.grid]
-rows = 8
-columns = 8
-[mesh]
-max_edge_m = 0.01
-electrode_edge_m = 0.0025
-"#;
-
 fn workplace() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("disk.toml"), DISK).unwrap();
+    std::fs::write(folder.path().join("disk.toml"), disk(0.01, 0.0025)).unwrap();
     folder
 }
 

@@ -1,5 +1,8 @@
 //! The commands as others script against them: shapes of results, exit codes, messages.
 
+mod disk;
+
+use disk::disk;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use tempfile::TempDir;
@@ -9,32 +12,12 @@ struct Workplace {
     folder: TempDir,
 }
 
-const DISK: &str = r#"
-[body.disk]
-diameter_m = 0.1
-[sheet]
-sheet_resistance_ohm = 1000
-touch = "conductance_rises"
-[electrodes]
-shape.arc.length_m = 0.005
-contact_impedance_ohm_m = 0.01
-layout.rim.count = 8
-[protocol]
-pattern = "adjacent_undriven"
-[image.grid]
-rows = 8
-columns = 8
-[mesh]
-max_edge_m = 0.01
-electrode_edge_m = 0.0025
-"#;
-
 const VALUES: usize = 40;
 
 impl Workplace {
     fn new() -> Self {
         let workplace = Workplace { folder: tempfile::tempdir().unwrap() };
-        workplace.write("disk.toml", DISK);
+        workplace.write("disk.toml", disk(0.01, 0.0025));
         workplace
     }
 
@@ -323,7 +306,7 @@ fn the_schema_is_json() {
 fn a_wrong_design_is_shown_with_its_line() {
     let at = Workplace::new();
     let refused = |from: &str, to: &str| {
-        at.write("bad.toml", DISK.replace(from, to));
+        at.write("bad.toml", disk(0.01, 0.0025).replace(from, to));
         at.refused("mesh bad.toml -o m.vtu")
     };
     let message = refused("diameter_m", "diametre_m");
@@ -348,7 +331,10 @@ fn a_protocol_must_fit_the_electrodes_and_the_frames() {
     at.frames();
     let refused = |rows: &str| {
         at.write("channels.csv", format!("channel,drive_source,drive_sink,measure_plus,measure_minus\n{rows}"));
-        at.write("bad.toml", DISK.replace("pattern = \"adjacent_undriven\"", "pattern.table = \"channels.csv\""));
+        at.write(
+            "bad.toml",
+            disk(0.01, 0.0025).replace("pattern = \"adjacent_undriven\"", "pattern.table = \"channels.csv\""),
+        );
         at.refused("reconstruct bad.toml --frames frames.csv --baseline rest.csv -o a.csv")
     };
     assert!(refused("0,0,1,2,8\n").contains("channel 0 names electrode 8"));

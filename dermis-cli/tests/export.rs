@@ -1,30 +1,12 @@
 //! Trained networks in other programs: the ONNX file in ONNX Runtime, the folder in NumPy and PyTorch.
 
+mod disk;
+
 use dermis::frame::write_array;
+use disk::disk;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use tempfile::TempDir;
-
-/// A small skin: 8 arcs on the rim of a disk, 40 values; pixels outside the disk do not exist.
-const DISK: &str = r#"
-[body.disk]
-diameter_m = 0.1
-[sheet]
-sheet_resistance_ohm = 1000
-touch = "conductance_rises"
-[electrodes]
-shape.arc.length_m = 0.005
-contact_impedance_ohm_m = 0.01
-layout.rim.count = 8
-[protocol]
-pattern = "adjacent_undriven"
-[image.grid]
-rows = 8
-columns = 8
-[mesh]
-max_edge_m = 0.012
-electrode_edge_m = 0.004
-"#;
 
 const FRAMES: usize = 5;
 
@@ -35,7 +17,7 @@ struct Workplace {
 impl Workplace {
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
-        std::fs::write(folder.path().join("disk.toml"), DISK).unwrap();
+        std::fs::write(folder.path().join("disk.toml"), disk(0.012, 0.004)).unwrap();
         Workplace { folder }
     }
 

@@ -1,30 +1,12 @@
 //! Datasets as several processes make them: side by side, killed at any moment, gone on with.
 
+mod disk;
+
+use disk::disk;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::Duration;
 use tempfile::TempDir;
-
-/// A small skin: 8 arcs on the rim of a disk, 40 values.
-const DISK: &str = r#"
-[body.disk]
-diameter_m = 0.1
-[sheet]
-sheet_resistance_ohm = 1000
-touch = "conductance_rises"
-[electrodes]
-shape.arc.length_m = 0.005
-contact_impedance_ohm_m = 0.01
-layout.rim.count = 8
-[protocol]
-pattern = "adjacent_undriven"
-[image.grid]
-rows = 8
-columns = 8
-[mesh]
-max_edge_m = 0.012
-electrode_edge_m = 0.004
-"#;
 
 /// Five files, the last one short.
 const SAMPLES: u64 = 4 * 8192 + 100;
@@ -36,7 +18,7 @@ struct Workplace {
 impl Workplace {
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
-        std::fs::write(folder.path().join("disk.toml"), DISK).unwrap();
+        std::fs::write(folder.path().join("disk.toml"), disk(0.012, 0.004)).unwrap();
         Workplace { folder }
     }
 
@@ -214,7 +196,7 @@ fn what_cannot_be_simulated_is_refused_with_a_reason() {
     assert!(workplace.refused("simulate --finish nowhere").contains("run.json is not there"));
     workplace.good("simulate disk.toml --seed 1 --samples 9 -o out");
     assert!(refused("--samples 10").contains("`recipe.samples` is 9, not 10"));
-    std::fs::write(workplace.path("other.toml"), DISK.replace("1000", "2000")).unwrap();
+    std::fs::write(workplace.path("other.toml"), disk(0.012, 0.004).replace("1000", "2000")).unwrap();
     assert!(workplace.refused("simulate other.toml --seed 1 --samples 9 -o out").contains("`design."));
     assert!(workplace.refused("simulate other.toml --finish out").contains("`design.sha256` is"));
     workplace.good("simulate disk.toml --finish out");

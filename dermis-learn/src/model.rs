@@ -10,9 +10,7 @@ use dermis::detect::DetectOptions;
 use dermis::forward::ForwardModel;
 use dermis::frame::{Frame, write_whole};
 use dermis::image::{Image, PixelSpace};
-use dermis::protocol::Protocol;
-use dermis::reconstruct::{Reconstruct, ReconstructError};
-use sha2::{Digest, Sha256};
+use dermis::reconstruct::{Reconstruct, ReconstructError, check_lengths};
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -36,15 +34,11 @@ impl SkinRecord {
         SkinRecord {
             design: design.into(),
             mesh: forward.mesh().hash(),
-            protocol_sha256: protocol_sha256(forward.protocol()),
+            protocol_sha256: forward.protocol().sha256(),
             channels: forward.protocol().channel_count(),
             pixels: pixels.len(),
         }
     }
-}
-
-fn protocol_sha256(protocol: &Protocol) -> String {
-    Sha256::digest(protocol.to_csv()).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 impl Model {
@@ -169,24 +163,13 @@ impl Model {
     /// A difference of the wrong length or with values that are not finite.
     pub fn images(&self, differences: &[Frame]) -> Result<Vec<Image>, ReconstructError> {
         for difference in differences {
-            self.check(difference)?;
+            check_lengths(difference, self.card.skin.channels, &[], 0)?;
         }
         let all: Vec<f64> = differences.iter().flat_map(|difference| difference.iter().copied()).collect();
         let mut values = vec![0.0; differences.len() * self.pixels.len()];
         self.inference.images_into(&all, &mut values);
         let image = |values: &[f64]| Image { space: Arc::clone(&self.pixels), values: values.to_vec() };
         Ok(values.chunks_exact(self.pixels.len()).map(image).collect())
-    }
-
-    fn check(&self, difference: &[f64]) -> Result<(), ReconstructError> {
-        let expected = self.card.skin.channels;
-        if difference.len() != expected {
-            return Err(ReconstructError::FrameLength { got: difference.len(), expected });
-        }
-        match difference.iter().position(|value| !value.is_finite()) {
-            Some(channel) => Err(ReconstructError::NotFinite { channel, value: difference[channel] }),
-            None => Ok(()),
-        }
     }
 }
 
@@ -204,10 +187,7 @@ impl Reconstruct for Model {
     }
 
     fn reconstruct_into(&self, difference: &[f64], values: &mut [f64]) -> Result<(), ReconstructError> {
-        self.check(difference)?;
-        if values.len() != self.pixels.len() {
-            return Err(ReconstructError::ImageLength { got: values.len(), expected: self.pixels.len() });
-        }
+        check_lengths(difference, self.card.skin.channels, values, self.pixels.len())?;
         self.inference.image_into(difference, values);
         Ok(())
     }

@@ -3,6 +3,7 @@
 mod table;
 
 use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 use std::collections::HashMap;
 use thiserror::Error;
 
@@ -213,6 +214,11 @@ impl Protocol {
     /// The distinct measure pairs in order of first use, and for each channel the index of its own.
     pub fn measures(&self) -> (Vec<Pair>, Vec<usize>) {
         distinct(self.channels.iter().map(|channel| channel.measure))
+    }
+
+    /// SHA-256 of the channel table ([`to_csv`](Self::to_csv)), in hexadecimal digits: what tells protocols apart.
+    pub fn sha256(&self) -> String {
+        Sha256::digest(self.to_csv()).iter().map(|byte| format!("{byte:02x}")).collect()
     }
 
     /// The channel table as CSV: `channel,drive_source,drive_sink,measure_plus,measure_minus`.

@@ -115,7 +115,7 @@ impl Record {
                 text: design_text.into(),
             },
             mesh: MeshRecord { hash: mesh.hash(), nodes: mesh.node_count(), cells: mesh.cell_count() },
-            protocol_sha256: sha256(forward.protocol().to_csv().as_bytes()),
+            protocol_sha256: forward.protocol().sha256(),
             recipe: generator.recipe().clone(),
             samples_per_file: SAMPLES_PER_FILE,
             tensors: tensor_records(generator),

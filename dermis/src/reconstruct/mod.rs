@@ -28,9 +28,10 @@ pub use prior::Prior;
 pub use total_variation::{TotalVariation, TotalVariationOptions};
 pub use without_channels::WithoutChannels;
 
-use crate::detect::DetectOptions;
+use crate::detect::{DetectOptions, ImageNoise};
 use crate::frame::Frame;
 use crate::image::{Image, PixelSpace};
+use rayon::prelude::*;
 use std::sync::Arc;
 use thiserror::Error;
 
@@ -106,8 +107,29 @@ pub trait Reconstruct: Send + Sync {
     }
 }
 
+/// The noise of a method's images, told by differences of untouched frames from their baseline: by its matrix from the
+/// noise of each channel, or else from the images of those frames. `None` without frames.
+///
+/// # Errors
+/// A method that fails on a frame.
+pub fn image_noise(method: &dyn Reconstruct, untouched: &[Frame]) -> Result<Option<ImageNoise>, ReconstructError> {
+    if untouched.is_empty() {
+        return Ok(None);
+    }
+    let Some(matrix) = method.matrix() else {
+        let images = untouched.par_iter().map(|frame| method.reconstruct(frame)).collect::<Result<Vec<_>, _>>()?;
+        return Ok(ImageNoise::from_untouched(&images));
+    };
+    let square = |channel: usize| untouched.iter().map(|frame| frame[channel] * frame[channel]).sum::<f64>();
+    let sd = |channel: usize| (square(channel) / untouched.len() as f64).sqrt();
+    Ok(Some(ImageNoise::from_matrix(matrix, &(0..matrix.columns).map(sd).collect::<Vec<f64>>())))
+}
+
 /// Checks a difference and the image it is to become.
-pub(crate) fn check_lengths(
+///
+/// # Errors
+/// Another length than the channels' or the pixels', a value that is not finite.
+pub fn check_lengths(
     difference: &[f64],
     channels: usize,
     values: &[f64],

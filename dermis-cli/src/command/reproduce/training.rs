@@ -5,28 +5,55 @@ use dermis::frame::write_whole;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// Samples of Gaussian touches that the networks train on and are tested by: the paper's.
+/// Samples of Gaussian touches that the paper's network trains on and is tested by, as many as the paper's.
 const TRAINING_SAMPLES: u64 = 1_100_000;
 const TEST_SAMPLES: u64 = 40_000;
-/// Samples of presses on patches, of each recipe.
-const PRESSED_SAMPLES: u64 = 100_000;
-/// Most epochs of a network.
-const EPOCHS: u64 = 40;
-/// Seeds of the datasets: of training, of test, and of the presses from the last on.
-const SEEDS: [u64; 3] = [1, 2, 3];
+/// Their seeds.
+const SEEDS: [u64; 2] = [21, 22];
+/// Touches as strong and as wide as presses of 0.1 to 5 N are, on skins that all differ.
+const GAUSSIAN: [&str; 8] = ["--skins", "random", "--amplitude", "0.04", "0.6", "--width-m", "0.005", "0.012"];
 
-/// Samples a second on two cores (`docs/datasets.md`): Gaussian touches on random skins, presses on random skins, and
-/// those that a network trains on.
+/// Epochs of the paper's network, at most, and of ours.
+const PAPER_EPOCHS: u64 = 16;
+const BEST_EPOCHS: u64 = 40;
+/// Samples of an epoch of ours, drawn from all presses.
+const BEST_EPOCH_SAMPLES: u64 = 120_000;
+
+/// Samples a second on two cores: of Gaussian touches on random skins, and that a network trains on.
 const GAUSSIAN_RATE: f64 = 2_800.0;
-const PRESSED_RATE: f64 = 280.0;
-const TRAINING_RATE: f64 = 13_000.0;
+const PAPER_RATE: f64 = 13_000.0;
+const BEST_RATE: f64 = 2_000.0;
+
+/// Presses on patches that a dataset is made of.
+struct Presses {
+    name: &'static str,
+    recipe: &'static str,
+    samples: u64,
+    seed: u64,
+    /// Samples a second that are made on two cores.
+    rate: f64,
+}
+
+macro_rules! presses {
+    ($name:literal, $samples:literal, $seed:literal, $rate:literal) => {
+        Presses {
+            name: $name,
+            recipe: include_str!(concat!("../../../../data/recipes/", $name, ".toml")),
+            samples: $samples,
+            seed: $seed,
+            rate: $rate,
+        }
+    };
+}
 
 /// Patches of other pitches, foams and contacts than any twin that is reported has.
-const RECIPES: [(&str, &str); 4] = [
-    ("fine-soft", include_str!("../../../../data/recipes/fine-soft.toml")),
-    ("fine-firm", include_str!("../../../../data/recipes/fine-firm.toml")),
-    ("coarse-soft", include_str!("../../../../data/recipes/coarse-soft.toml")),
-    ("coarse-firm", include_str!("../../../../data/recipes/coarse-firm.toml")),
+const PRESSES: [Presses; 6] = [
+    presses!("fine-soft", 24_576, 11, 80.0),
+    presses!("fine-firm", 24_576, 12, 160.0),
+    presses!("coarse-soft", 24_576, 13, 100.0),
+    presses!("coarse-firm", 24_576, 14, 250.0),
+    presses!("fine-firm-together", 16_384, 31, 160.0),
+    presses!("coarse-firm-together", 16_384, 32, 250.0),
 ];
 
 /// A command of this program and what it leaves.
@@ -93,35 +120,35 @@ pub fn steps(design: &str, twin: &str, work: &Path) -> Outcome<Vec<Step>> {
             estimate_s: 2.0,
         }
     };
-    let random = ["--skins", "random"];
     let mut all = vec![
-        simulate("training", TRAINING_SAMPLES, SEEDS[0], &random, GAUSSIAN_RATE),
+        simulate("training", TRAINING_SAMPLES, SEEDS[0], &GAUSSIAN, GAUSSIAN_RATE),
         finish("training"),
-        simulate("test", TEST_SAMPLES, SEEDS[1], &random, GAUSSIAN_RATE),
+        simulate("test", TEST_SAMPLES, SEEDS[1], &GAUSSIAN, GAUSSIAN_RATE),
         finish("test"),
     ];
-    for ((name, text), seed) in RECIPES.into_iter().zip(SEEDS[2]..) {
-        let recipe = work.join(format!("{name}.toml"));
-        write_whole(&recipe, |out| out.write_all(text.as_bytes()))?;
+    for presses in &PRESSES {
+        let recipe = work.join(format!("{}.toml", presses.name));
+        write_whole(&recipe, |out| out.write_all(presses.recipe.as_bytes()))?;
         let recipe = recipe.display().to_string();
-        all.push(simulate(name, PRESSED_SAMPLES, seed, &["--recipe", &recipe], PRESSED_RATE));
-        all.push(finish(name));
+        all.push(simulate(presses.name, presses.samples, presses.seed, &["--recipe", &recipe], presses.rate));
+        all.push(finish(presses.name));
     }
-    let train = |network: &str, data: &[&str], samples: u64| {
-        let folder = |name: &str| work.join(name).display().to_string();
+    let train = |network: &str, more: &[&str], data: &[&str], samples: u64, rate: f64| {
         let model = work.join(format!("network-{network}"));
-        let mut arguments: Vec<String> =
-            ["train", design, "--network", network, "--noise", twin].map(String::from).to_vec();
+        let line = ["train", design, "--network", network, "--noise", twin, "-o", &model.display().to_string()];
+        let mut arguments: Vec<String> = line.iter().chain(more).map(|word| word.to_string()).collect();
+        let folder = |name: &str| work.join(name).display().to_string();
         arguments.extend(data.iter().flat_map(|name| ["--data".to_string(), folder(name)]));
-        arguments.extend(["--test".to_string(), folder("test")]);
-        arguments.extend(["--epochs".to_string(), EPOCHS.to_string(), "-o".to_string(), model.display().to_string()]);
-        let estimate_s = (EPOCHS * samples) as f64 / TRAINING_RATE;
-        Step { arguments, done: model.join("card.json"), model: Some(model), estimate_s }
+        Step { arguments, done: model.join("card.json"), model: Some(model), estimate_s: samples as f64 / rate }
     };
-    all.push(train("paper", &["training"], TRAINING_SAMPLES));
-    let pressed: Vec<&str> = RECIPES.iter().map(|recipe| recipe.0).collect();
-    let data: Vec<&str> = ["training"].into_iter().chain(pressed).collect();
-    all.push(train("best", &data, TRAINING_SAMPLES + RECIPES.len() as u64 * PRESSED_SAMPLES));
+    let test = work.join("test").display().to_string();
+    let epochs = PAPER_EPOCHS.to_string();
+    let more = ["--half", "--epochs", &epochs, "--test", &test];
+    all.push(train("paper", &more, &["training"], PAPER_EPOCHS * TRAINING_SAMPLES, PAPER_RATE));
+    let (epochs, samples) = (BEST_EPOCHS.to_string(), BEST_EPOCH_SAMPLES.to_string());
+    let more = ["--half", "--epochs", &epochs, "--epoch-samples", &samples];
+    let data = PRESSES.map(|presses| presses.name);
+    all.push(train("best", &more, &data, BEST_EPOCHS * BEST_EPOCH_SAMPLES, BEST_RATE));
     Ok(all)
 }
 

@@ -21,7 +21,7 @@ use crate::frame::{Frame, broken_channels};
 use crate::geom::Point3;
 use crate::image::{Image, PixelSpace};
 use crate::mesh::Mesh;
-use crate::reconstruct::{Reconstruct, WithoutChannels};
+use crate::reconstruct::{Reconstruct, WithoutChannels, image_noise};
 use crate::touch::sample_rng;
 use crate::twin::TwinOptions;
 use least_force::{Finder, untouched_differences};
@@ -226,18 +226,7 @@ impl Assessor<'_> {
     /// The noise of the images: by the method's matrix from that of each channel, or from images of untouched frames.
     fn noise(&self, untouched: &[Frame]) -> crate::Result<ImageNoise> {
         let few = &untouched[..untouched.len().min(1000)];
-        match self.method.matrix() {
-            Some(matrix) => {
-                let square = |channel: usize| few.iter().map(|frame| frame[channel] * frame[channel]).sum::<f64>();
-                let sd: Vec<f64> =
-                    (0..matrix.columns).map(|channel| (square(channel) / few.len() as f64).sqrt()).collect();
-                Ok(ImageNoise::from_matrix(matrix, &sd))
-            }
-            None => {
-                let images = few.iter().map(|frame| self.method.reconstruct(frame)).collect::<Result<Vec<_>, _>>()?;
-                Ok(ImageNoise::from_untouched(&images).expect("there are untouched frames"))
-            }
-        }
+        Ok(image_noise(self.method, few)?.expect("there are untouched frames"))
     }
 }
 
