@@ -5,13 +5,12 @@
 //! filled, every pixel is computed alike.
 
 use pulp::{Simd, WithSimd};
-use std::array::from_fn;
 
 /// Taps of a convolution.
 pub const TAPS: usize = 9;
 
 /// Neighbouring pixels that are computed together, each with a vector of sums in a register.
-const TOGETHER: usize = 10;
+const TOGETHER: usize = 15;
 
 /// The shape of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -190,12 +189,12 @@ impl<S: Simd> Block<'_, S> {
         for tap in 0..TAPS {
             let from = ((row + tap / 3) * self.shape.stride() + column + tap % 3) * channels;
             let input = &self.input[from..from + N * channels];
-            let pixels: [&[f32]; N] = from_fn(|pixel| &input[pixel * channels..(pixel + 1) * channels]);
             let weight = &self.weight[tap * channels * vectors..][..channels * vectors];
             for channel in 0..channels {
                 let weight = weight[channel * vectors + self.vector];
                 for pixel in 0..N {
-                    sums[pixel] = simd.mul_add_e_f32s(simd.splat_f32s(pixels[pixel][channel]), weight, sums[pixel]);
+                    sums[pixel] =
+                        simd.mul_add_e_f32s(simd.splat_f32s(input[pixel * channels + channel]), weight, sums[pixel]);
                 }
             }
         }

@@ -15,14 +15,14 @@ const GAUSSIAN: [&str; 8] = ["--skins", "random", "--amplitude", "0.04", "0.6", 
 
 /// Epochs of the paper's network, at most, and of ours.
 const PAPER_EPOCHS: u64 = 16;
-const BEST_EPOCHS: u64 = 40;
+const BEST_EPOCHS: u64 = 60;
 /// Samples of an epoch of ours, drawn from all presses.
-const BEST_EPOCH_SAMPLES: u64 = 120_000;
+const BEST_EPOCH_SAMPLES: u64 = 147_456;
 
 /// Samples a second on two cores: of Gaussian touches on random skins, and that a network trains on.
 const GAUSSIAN_RATE: f64 = 2_800.0;
 const PAPER_RATE: f64 = 13_000.0;
-const BEST_RATE: f64 = 2_000.0;
+const BEST_RATE: f64 = 5_000.0;
 
 /// Presses on patches that a dataset is made of.
 struct Presses {
@@ -52,8 +52,8 @@ const PRESSES: [Presses; 6] = [
     presses!("fine-firm", 24_576, 12, 160.0),
     presses!("coarse-soft", 24_576, 13, 100.0),
     presses!("coarse-firm", 24_576, 14, 250.0),
-    presses!("fine-firm-together", 16_384, 31, 160.0),
-    presses!("coarse-firm-together", 16_384, 32, 250.0),
+    presses!("fine-firm-together", 24_576, 31, 160.0),
+    presses!("coarse-firm-together", 24_576, 32, 250.0),
 ];
 
 /// A command of this program and what it leaves.
