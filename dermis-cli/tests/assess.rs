@@ -1,42 +1,14 @@
 //! `dermis assess` and `dermis calibrate` as others script against them.
 
-mod disk;
+mod workplace;
 
-use disk::disk;
-use std::path::Path;
-use std::process::{Command, Output};
-use tempfile::TempDir;
-
-fn workplace() -> TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("disk.toml"), disk(0.01, 0.0025)).unwrap();
-    folder
-}
-
-fn run(folder: &Path, arguments: &str) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_dermis"));
-    command.args(arguments.split_whitespace()).current_dir(folder).env("NO_COLOR", "1").output().unwrap()
-}
-
-fn good(folder: &Path, arguments: &str) -> String {
-    let output = run(folder, arguments);
-    let stderr = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success() && stderr.is_empty(), "dermis {arguments}: {stderr}");
-    String::from_utf8(output.stdout).unwrap()
-}
-
-fn refused(folder: &Path, arguments: &str, saying: &str) {
-    let output = run(folder, arguments);
-    let said = String::from_utf8_lossy(&output.stderr).split_whitespace().collect::<Vec<_>>().join(" ");
-    assert_eq!(output.status.code(), Some(2), "dermis {arguments}: {said}");
-    assert!(said.contains(saying), "dermis {arguments} says: {said}");
-}
+use workplace::Workplace;
 
 #[test]
 fn one_twin_is_assessed_alike_every_time() {
-    let folder = workplace();
+    let at = Workplace::new();
     let arguments = "assess disk.toml --quick --twins 1 --seed 2001 --json --curve curve.svg --map map.svg";
-    let text = good(folder.path(), arguments);
+    let text = at.good(arguments);
     let told: serde_json::Value = serde_json::from_str(&text).unwrap();
     assert_eq!((&told["twin"], told["twins"].as_array().map(Vec::len)), (&"lab".into(), Some(1)));
     let twin = &told["twins"][0];
@@ -55,48 +27,46 @@ fn one_twin_is_assessed_alike_every_time() {
         assert!((0.0..=1.0).contains(&twin["covered"][part].as_f64().unwrap()), "{twin}");
     }
     for picture in ["curve.svg", "map.svg"] {
-        assert!(std::fs::read_to_string(folder.path().join(picture)).unwrap().starts_with("<svg"), "{picture}");
+        assert!(std::fs::read_to_string(at.path(picture)).unwrap().starts_with("<svg"), "{picture}");
     }
-    assert_eq!(good(folder.path(), arguments), text, "the same seed, the same figures");
+    assert_eq!(at.good(arguments), text, "the same seed, the same figures");
     // A dead electrode costs accuracy: its frames are others.
-    let dead = good(folder.path(), &format!("{arguments} --dead 1"));
+    let dead = at.good(&format!("{arguments} --dead 1"));
     assert_ne!(serde_json::from_str::<serde_json::Value>(&dead).unwrap()["twins"][0]["grid"], twin["grid"]);
 }
 
 #[test]
 fn what_cannot_be_assessed_is_refused() {
-    let folder = workplace();
-    let at = folder.path();
-    refused(at, "assess disk.toml --quick --twins 1 --dead 8", "8 dead electrodes leave none of 8");
-    refused(at, "assess disk.toml --twins 0", "--twins");
-    refused(at, "assess disk.toml --twin labb", "did you mean `lab`?");
-    refused(at, "assess nosuch --twins 1", "nosuch");
-    refused(at, "assess disk.toml --quick --model nosuch", "nosuch");
-    refused(at, "assess disk.toml --model best --method noser", "cannot be used with");
+    let at = Workplace::new();
+    assert!(at.refused("assess disk.toml --quick --twins 1 --dead 8").contains("8 dead electrodes leave none of 8"));
+    assert!(at.refused("assess disk.toml --twins 0").contains("--twins"));
+    assert!(at.refused("assess disk.toml --twin labb").contains("did you mean `lab`?"));
+    assert!(at.refused("assess nosuch --twins 1").contains("nosuch"));
+    assert!(at.refused("assess disk.toml --quick --model nosuch").contains("nosuch"));
+    assert!(at.refused("assess disk.toml --model best --method noser").contains("cannot be used with"));
 }
 
 #[test]
 fn contacts_are_measured_against_their_touches() {
-    let folder = workplace();
-    let recipe = folder.path().join("gaussian.toml");
+    let at = Workplace::new();
+    let recipe = at.path("gaussian.toml");
     std::fs::write(&recipe, "[touch.gaussian]\nmost = 1\nwidth_m = [0.008, 0.012]\namplitude = [0.5, 2.0]\n").unwrap();
     let text = std::fs::read_to_string(&recipe).unwrap();
     std::fs::write(&recipe, format!("skins = \"even\"\n{text}")).unwrap();
     let arguments = "calibrate disk.toml --recipe gaussian.toml --samples 640 --json -o contacts.csv";
-    let text = good(folder.path(), arguments);
+    let text = at.good(arguments);
     let told: serde_json::Value = serde_json::from_str(&text).unwrap();
     assert_eq!(told["touches"], 640);
     let found = told["found"].as_u64().unwrap();
     assert!((300..=640).contains(&found), "{told}");
     let typical_m = told["detection"]["spread"]["typical_m"].as_f64().unwrap();
     assert!((1e-3..1.2e-2).contains(&typical_m), "{told}");
-    let table = std::fs::read_to_string(folder.path().join("contacts.csv")).unwrap();
+    let table = std::fs::read_to_string(at.path("contacts.csv")).unwrap();
     assert_eq!(table.lines().count() as u64, 1 + found);
-    assert_eq!(good(folder.path(), arguments), text, "the same seed, the same figures");
+    assert_eq!(at.good(arguments), text, "the same seed, the same figures");
 
-    let at = folder.path();
-    refused(at, "calibrate disk.toml --recipe gaussian.toml --samples 20", "too few to measure by");
-    refused(at, "calibrate disk.toml --recipe nosuch.toml", "nosuch.toml");
-    refused(at, "calibrate disk.toml --samples 20 --peak-fraction 1.5", "--peak-fraction is 1.5");
-    refused(at, "calibrate disk.toml --keep", "--model");
+    assert!(at.refused("calibrate disk.toml --recipe gaussian.toml --samples 20").contains("too few to measure by"));
+    assert!(at.refused("calibrate disk.toml --recipe nosuch.toml").contains("nosuch.toml"));
+    assert!(at.refused("calibrate disk.toml --samples 20 --peak-fraction 1.5").contains("--peak-fraction is 1.5"));
+    assert!(at.refused("calibrate disk.toml --keep").contains("--model"));
 }

@@ -1,61 +1,22 @@
 //! The commands as others script against them: shapes of results, exit codes, messages.
 
-mod disk;
+mod workplace;
 
-use disk::disk;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
-use tempfile::TempDir;
-
-/// A folder to work in, with a small skin `disk.toml` in it: 8 points on a rim, 8 x 5 = 40 values, 8 x 8 pixels.
-struct Workplace {
-    folder: TempDir,
-}
+use workplace::{DISK, Workplace};
 
 const VALUES: usize = 40;
 
-impl Workplace {
-    fn new() -> Self {
-        let workplace = Workplace { folder: tempfile::tempdir().unwrap() };
-        workplace.write("disk.toml", disk(0.01, 0.0025));
-        workplace
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn write(&self, name: &str, content: impl AsRef<[u8]>) -> PathBuf {
-        std::fs::write(self.path(name), content).unwrap();
-        self.path(name)
-    }
-
-    fn run(&self, arguments: &str) -> Output {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_dermis"));
-        command.args(arguments.split_whitespace()).current_dir(self.folder.path());
-        // Colours and wrapped lines would depend on where the test runs.
-        command.env("NO_COLOR", "1").output().unwrap()
-    }
-
-    /// Runs a command that must succeed; what it prints.
-    fn good(&self, arguments: &str) -> String {
-        let output = self.run(arguments);
-        let stderr = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.success(), "dermis {arguments}: {stderr}");
-        assert_eq!(stderr, "", "nothing but results is said where no terminal listens");
-        String::from_utf8(output.stdout).unwrap()
-    }
-
-    /// Runs a command that must refuse what it is given; what it says, on one line.
-    fn refused(&self, arguments: &str) -> String {
-        let output = self.run(arguments);
-        let stderr = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "dermis {arguments}: {stderr}");
-        let words: Vec<&str> = stderr.split_whitespace().filter(|word| *word != "│").collect();
-        words.join(" ")
-    }
-
+/// Inputs that several tests need.
+trait Inputs {
     /// Frames of the small skin: an untouched one, and one for each of a few conductivities.
+    fn frames(&self);
+    fn cell_count(&self) -> usize;
+    /// Runs a command that writes an NPY file.
+    fn npy(&self, arguments: &str, name: &str) -> PathBuf;
+}
+
+impl Inputs for Workplace {
     fn frames(&self) {
         self.good("forward disk.toml -o rest.csv");
         let cells = self.cell_count();
@@ -283,7 +244,7 @@ fn presses_in_a_robots_frame_are_aligned_first() {
 
 #[test]
 fn a_new_design_is_read_and_meshed_as_it_is() {
-    let at = Workplace { folder: tempfile::tempdir().unwrap() };
+    let at = Workplace::empty();
     for body in ["cylinder", "disk", "rectangle", "mesh"] {
         at.good(&format!("new {body}"));
         at.good(&format!("mesh {body}.toml -o {body}.vtu"));
@@ -306,7 +267,7 @@ fn the_schema_is_json() {
 fn a_wrong_design_is_shown_with_its_line() {
     let at = Workplace::new();
     let refused = |from: &str, to: &str| {
-        at.write("bad.toml", disk(0.01, 0.0025).replace(from, to));
+        at.write("bad.toml", DISK.replace(from, to));
         at.refused("mesh bad.toml -o m.vtu")
     };
     let message = refused("diameter_m", "diametre_m");
@@ -331,10 +292,7 @@ fn a_protocol_must_fit_the_electrodes_and_the_frames() {
     at.frames();
     let refused = |rows: &str| {
         at.write("channels.csv", format!("channel,drive_source,drive_sink,measure_plus,measure_minus\n{rows}"));
-        at.write(
-            "bad.toml",
-            disk(0.01, 0.0025).replace("pattern = \"adjacent_undriven\"", "pattern.table = \"channels.csv\""),
-        );
+        at.write("bad.toml", DISK.replace("pattern = \"adjacent_undriven\"", "pattern.table = \"channels.csv\""));
         at.refused("reconstruct bad.toml --frames frames.csv --baseline rest.csv -o a.csv")
     };
     assert!(refused("0,0,1,2,8\n").contains("channel 0 names electrode 8"));
@@ -356,7 +314,7 @@ fn experiments_that_cannot_be_are_refused_and_leave_nothing() {
     // The twin is drawn only after its folder was begun: nothing of it stays.
     at.write("far.toml", include_str!("../../data/twins/ideal.toml").replace("torn_wires = []", "torn_wires = [99]"));
     assert!(at.refused("experiment disk.toml --twin far.toml --seed 1 -o out").contains("electrode 99"));
-    let left: Vec<_> = std::fs::read_dir(at.folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    let left: Vec<_> = std::fs::read_dir(at.folder()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     assert!(left.iter().all(|name| !name.to_string_lossy().starts_with("out")), "{left:?}");
 }
 

@@ -1,41 +1,23 @@
 //! Trained networks in other programs: the ONNX file in ONNX Runtime, the folder in NumPy and PyTorch.
 
-mod disk;
+mod workplace;
 
 use dermis::frame::write_array;
-use disk::disk;
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
-use tempfile::TempDir;
+use std::path::Path;
+use std::process::Command;
+use workplace::Workplace;
 
 const FRAMES: usize = 5;
 
-struct Workplace {
-    folder: TempDir,
+/// What the tests do with a network.
+trait Exports {
+    /// Trains a little, writes differences, our images of them and the ONNX file.
+    fn model(&self, design: &str, network: &str, channels: usize);
+    /// What an example says when it is given files of this place.
+    fn example(&self, python: &str, script: &str, files: &[&str]) -> String;
 }
 
-impl Workplace {
-    fn new() -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        std::fs::write(folder.path().join("disk.toml"), disk(0.012, 0.004)).unwrap();
-        Workplace { folder }
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn run(&self, arguments: &str) -> Output {
-        let words = arguments.split_whitespace();
-        Command::new(env!("CARGO_BIN_EXE_dermis")).args(words).current_dir(self.folder.path()).output().unwrap()
-    }
-
-    fn good(&self, arguments: &str) {
-        let output = self.run(arguments);
-        assert!(output.status.success(), "{arguments}: {}", String::from_utf8_lossy(&output.stderr));
-    }
-
-    /// Trains a little, writes differences, our images of them and the ONNX file.
+impl Exports for Workplace {
     fn model(&self, design: &str, network: &str, channels: usize) {
         self.good(&format!("simulate {design} --seed 1 --samples 800 -o data"));
         self.good("simulate --finish data");
@@ -46,11 +28,10 @@ impl Workplace {
         self.good(&format!("export {design} --model model --onnx model.onnx"));
     }
 
-    /// What an example says when it is given files of this place.
     fn example(&self, python: &str, script: &str, files: &[&str]) -> String {
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples").join(script);
         let mut command = Command::new(python);
-        let output = command.arg(script).args(files).current_dir(self.folder.path()).output().unwrap();
+        let output = command.arg(script).args(files).current_dir(self.folder()).output().unwrap();
         let told = String::from_utf8_lossy(&output.stdout);
         assert!(output.status.success(), "{told}{}", String::from_utf8_lossy(&output.stderr));
         told.into_owned()

@@ -1,59 +1,18 @@
 //! Datasets as several processes make them: side by side, killed at any moment, gone on with.
 
-mod disk;
+mod workplace;
 
-use disk::disk;
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
+use std::path::Path;
+use std::process::{Child, Command};
 use std::time::Duration;
-use tempfile::TempDir;
+use workplace::{DISK, Workplace};
 
 /// Five files, the last one short.
 const SAMPLES: u64 = 4 * 8192 + 100;
 
-struct Workplace {
-    folder: TempDir,
-}
-
-impl Workplace {
-    fn new() -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        std::fs::write(folder.path().join("disk.toml"), disk(0.012, 0.004)).unwrap();
-        Workplace { folder }
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn command(&self, arguments: &str) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_dermis"));
-        command.args(arguments.split_whitespace()).current_dir(self.folder.path()).env("NO_COLOR", "1");
-        command.stdout(Stdio::piped()).stderr(Stdio::piped());
-        command
-    }
-
-    fn run(&self, arguments: &str) -> Output {
-        self.command(arguments).output().unwrap()
-    }
-
-    fn good(&self, arguments: &str) -> String {
-        let output = self.run(arguments);
-        assert!(output.status.success(), "dermis {arguments}: {}", String::from_utf8_lossy(&output.stderr));
-        String::from_utf8(output.stdout).unwrap()
-    }
-
-    fn refused(&self, arguments: &str) -> String {
-        let output = self.run(arguments);
-        let stderr = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "dermis {arguments}: {stderr}");
-        let words: Vec<&str> = stderr.split_whitespace().filter(|word| *word != "│").collect();
-        words.join(" ")
-    }
-
-    fn begin(&self, folder: &str) -> Child {
-        self.command(&simulate(folder)).spawn().unwrap()
-    }
+/// Begins to make the dataset in a folder.
+fn begin(at: &Workplace, folder: &str) -> Child {
+    at.command(&simulate(folder)).spawn().unwrap()
 }
 
 fn simulate(folder: &str) -> String {
@@ -94,7 +53,7 @@ fn kill(count: usize) {
     while killed < count {
         let folder = format!("killed-{datasets}");
         loop {
-            let mut process = workplace.begin(&folder);
+            let mut process = begin(&workplace, &folder);
             // Knuth's multiplier (MMIX).
             random = random.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
             let share = (random >> 33) as f64 / f64::from(1u32 << 31);
@@ -161,7 +120,7 @@ fn random_skins_do_not_depend_on_threads_either() {
 #[test]
 fn two_processes_on_the_same_files_do_not_disturb_each_other() {
     let workplace = Workplace::new();
-    let processes = [workplace.begin("same"), workplace.begin("same")];
+    let processes = [begin(&workplace, "same"), begin(&workplace, "same")];
     for process in processes {
         let output = process.wait_with_output().unwrap();
         let stderr = String::from_utf8_lossy(&output.stderr);
@@ -196,7 +155,7 @@ fn what_cannot_be_simulated_is_refused_with_a_reason() {
     assert!(workplace.refused("simulate --finish nowhere").contains("run.json is not there"));
     workplace.good("simulate disk.toml --seed 1 --samples 9 -o out");
     assert!(refused("--samples 10").contains("`recipe.samples` is 9, not 10"));
-    std::fs::write(workplace.path("other.toml"), disk(0.012, 0.004).replace("1000", "2000")).unwrap();
+    std::fs::write(workplace.path("other.toml"), DISK.replace("1000", "2000")).unwrap();
     assert!(workplace.refused("simulate other.toml --seed 1 --samples 9 -o out").contains("`design."));
     assert!(workplace.refused("simulate other.toml --finish out").contains("`design.sha256` is"));
     workplace.good("simulate disk.toml --finish out");

@@ -24,7 +24,7 @@ pub use inference::Inference;
 pub use input::Input;
 pub use model::Model;
 pub use network::{CHANNELS_TOGETHER, LayerPlan, Network, Plan, RefinementPlan, Tensor};
-pub use recipe::Method;
+pub use recipe::{Ingredient, Method};
 pub use samples::{Disturb, Noise, Samples, Target};
 pub use source::{Files, Part, Source, Streamed};
 pub use symmetry::Symmetries;

@@ -27,6 +27,21 @@ const SPOT_PEAK_FRACTION: f64 = 0.06;
 /// little of its highest peaks.
 const SPOT_NOISE_FACTOR: f64 = 100.0;
 
+/// What sets the best network apart from the paper's, one by one: what each is worth is seen by leaving it out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ingredient {
+    /// Readings that are the same by reciprocity are averaged; without it each is an input.
+    Reciprocity,
+    /// Convolutions make the image of pictures; without them the paper's dense layers make it.
+    Refinement,
+    /// The target is touches; without it the change of conductance, as the paper's.
+    Touches,
+    /// Samples are moved by the skin's symmetries; without it they stay where they are.
+    Symmetries,
+    /// Noise varies, coat and contacts drift; without it noise is white and as it was measured.
+    Disturbance,
+}
+
 /// Everything that is settled before training begins, beside the samples.
 #[derive(Debug, Clone)]
 pub struct Method {
@@ -80,35 +95,72 @@ impl Method {
             target: Target::Conductance,
             noise: Noise::white(noise_ohm),
             symmetries: None,
-            detection: DetectOptions { peak_fraction: PAPER_PEAK_FRACTION, ..DetectOptions::default() },
+            detection: conductance_detection(),
             options: TrainOptions::default(),
         }
+    }
+
+    /// The paper's by its other reading: [`Plan::paper_otherwise`].
+    pub fn paper_otherwise(protocol: &Protocol, pixels: &PixelSpace, noise_ohm: Vec<f32>) -> Self {
+        let plan = Plan::paper_otherwise(protocol.channel_count(), pixels.len());
+        Method { name: "paper-otherwise", plan, ..Self::paper(protocol, pixels, noise_ohm) }
     }
 
     /// Ours: reciprocal readings averaged, a linear layer to four pictures, convolutions that wrap; the touches themselves;
     /// noise from half to four times what was measured, drift of coat and contacts; all symmetries of the skin. Where pixels
     /// fill no rectangle, dense layers stand in for the convolutions.
     pub fn best(design: &SkinDesign, protocol: &Protocol, pixels: &PixelSpace, noise_ohm: Vec<f32>) -> Self {
-        let input = Input::reciprocal(protocol);
+        Self::best_without(&[], design, protocol, pixels, noise_ohm)
+    }
+
+    /// The same with some of what sets it apart left out.
+    pub fn best_without(
+        without: &[Ingredient],
+        design: &SkinDesign,
+        protocol: &Protocol,
+        pixels: &PixelSpace,
+        noise_ohm: Vec<f32>,
+    ) -> Self {
+        let with = |ingredient| !without.contains(&ingredient);
+        let input = if with(Ingredient::Reciprocity) { Input::reciprocal(protocol) } else { Input::each(protocol) };
         let is_ring = matches!(pixels.surface, Surface::Cylinder { .. });
-        let plan = match pixels.grid.filter(|[rows, columns]| rows * columns == pixels.len()) {
+        let picture = pixels.grid.filter(|[rows, columns]| rows * columns == pixels.len());
+        let plan = match picture.filter(|_| with(Ingredient::Refinement)) {
             Some(grid) => Plan::refined(input.len(), grid, is_ring, &CHANNELS),
             None => Plan::paper(input.len(), pixels.len()),
+        };
+        let (target, detection) = match with(Ingredient::Touches) {
+            true => (Target::Touches { width_m: TOUCH_WIDTH_M }, touch_detection()),
+            false => (Target::Conductance, conductance_detection()),
+        };
+        let noise = match with(Ingredient::Disturbance) {
+            true => Noise { sd_ohm: noise_ohm, factor: [0.5, 4.0], coat_drift: 0.01, contact_drift: 0.1 },
+            false => Noise::white(noise_ohm),
         };
         Method {
             name: "best",
             plan,
             input,
-            target: Target::Touches { width_m: TOUCH_WIDTH_M },
-            noise: Noise { sd_ohm: noise_ohm, factor: [0.5, 4.0], coat_drift: 0.01, contact_drift: 0.1 },
-            symmetries: Some(Symmetries::of(design, protocol)),
-            detection: DetectOptions {
-                noise_factor: SPOT_NOISE_FACTOR,
-                peak_fraction: SPOT_PEAK_FRACTION,
-                spot_width_m: Some(TOUCH_WIDTH_M),
-                ..DetectOptions::default()
-            },
+            target,
+            noise,
+            symmetries: with(Ingredient::Symmetries).then(|| Symmetries::of(design, protocol)),
+            detection,
             options: TrainOptions { epochs: 20, schedule: Schedule::Cosine, ..TrainOptions::default() },
         }
+    }
+}
+
+/// How contacts are found in images of the change of conductance.
+fn conductance_detection() -> DetectOptions {
+    DetectOptions { peak_fraction: PAPER_PEAK_FRACTION, ..DetectOptions::default() }
+}
+
+/// How contacts are found in images of touches.
+fn touch_detection() -> DetectOptions {
+    DetectOptions {
+        noise_factor: SPOT_NOISE_FACTOR,
+        peak_fraction: SPOT_PEAK_FRACTION,
+        spot_width_m: Some(TOUCH_WIDTH_M),
+        ..DetectOptions::default()
     }
 }

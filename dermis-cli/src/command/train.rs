@@ -1,7 +1,7 @@
 //! `dermis train`: networks from datasets.
 
 use crate::console::{Progress, print, print_json};
-use crate::failure::Outcome;
+use crate::failure::{Failure, Outcome};
 use crate::picture::Picture;
 use crate::picture::chart::Curves;
 use clap::{Args, ValueEnum};
@@ -13,8 +13,8 @@ use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
 use dermis::twin::{Twin, TwinOptions};
 use dermis_learn::{
-    Epoch, Files, LearnError, Method, Model, Part, Precision, Samples, SkinRecord, Source, Streamed, Trainer,
-    TrainingRecord,
+    Epoch, Files, Ingredient, LearnError, Method, Model, Part, Precision, Samples, SkinRecord, Source, Streamed,
+    Trainer, TrainingRecord,
 };
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -54,6 +54,9 @@ pub struct Arguments {
     /// The network.
     #[arg(long, value_enum, default_value_t = NetworkName::Paper)]
     network: NetworkName,
+    /// Leave out something that sets the best network apart, to see what it is worth; may be given more than once.
+    #[arg(long, value_enum, value_name = "INGREDIENT")]
+    without: Vec<IngredientName>,
     /// The twin whose noise is measured and added: the path of its file, or a shipped name.
     #[arg(long, value_name = "TWIN", default_value = "lab")]
     noise: String,
@@ -82,8 +85,37 @@ pub struct Arguments {
 enum NetworkName {
     /// The paper's four dense layers.
     Paper,
+    /// The other reading of the paper: batch normalisation before each of five dense layers.
+    PaperOtherwise,
     /// Ours: a linear layer refined by convolutions.
     Best,
+}
+
+/// What sets the best network apart, by name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum IngredientName {
+    /// The mean of readings that are the same by reciprocity.
+    Reciprocity,
+    /// Convolutions after the linear layer; without them the paper's dense layers.
+    Refinement,
+    /// Touches as the target; without them the change of conductance.
+    Touches,
+    /// Samples moved by the skin's symmetries.
+    Symmetries,
+    /// Noise of several strengths, drift of coat and contacts; without it white noise alone.
+    Disturbance,
+}
+
+impl IngredientName {
+    fn ingredient(self) -> Ingredient {
+        match self {
+            IngredientName::Reciprocity => Ingredient::Reciprocity,
+            IngredientName::Refinement => Ingredient::Refinement,
+            IngredientName::Touches => Ingredient::Touches,
+            IngredientName::Symmetries => Ingredient::Symmetries,
+            IngredientName::Disturbance => Ingredient::Disturbance,
+        }
+    }
 }
 
 /// What machines get.
@@ -101,6 +133,10 @@ struct Told<'a> {
 impl Arguments {
     /// Trains, or goes on with training, and writes the model.
     pub fn run(self) -> Outcome {
+        if !self.without.is_empty() && self.network != NetworkName::Best {
+            let message = "--without leaves out what sets the best network apart: the paper's has none of it";
+            return Err(Failure::given(message, Some("add `--network best`")));
+        }
         let design = SkinDesign::load(&self.design)?;
         let open =
             |folders: &[PathBuf]| folders.iter().map(|folder| Dataset::open(folder)).collect::<Result<Vec<_>, _>>();
@@ -140,7 +176,11 @@ impl Arguments {
     fn method(&self, design: &SkinDesign, forward: &ForwardModel, pixels: &PixelSpace, noise_ohm: Vec<f32>) -> Method {
         let mut method = match self.network {
             NetworkName::Paper => Method::paper(forward.protocol(), pixels, noise_ohm),
-            NetworkName::Best => Method::best(design, forward.protocol(), pixels, noise_ohm),
+            NetworkName::PaperOtherwise => Method::paper_otherwise(forward.protocol(), pixels, noise_ohm),
+            NetworkName::Best => {
+                let without: Vec<Ingredient> = self.without.iter().map(|name| name.ingredient()).collect();
+                Method::best_without(&without, design, forward.protocol(), pixels, noise_ohm)
+            }
         };
         let options = &mut method.options;
         options.epochs = self.epochs.unwrap_or(options.epochs);

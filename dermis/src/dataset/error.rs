@@ -45,6 +45,12 @@ pub enum DatasetError {
         /// The record that is missing.
         path: PathBuf,
     },
+    /// A dataset without a manifest.
+    #[error("the dataset in {0} is not finished: `dermis simulate --finish {0}` does it", folder.display())]
+    Unfinished {
+        /// Its folder.
+        folder: PathBuf,
+    },
     /// A file that is not what its name says.
     #[error("{}: {message}", path.display())]
     File {

@@ -90,8 +90,15 @@ impl Manifest {
     /// A folder without one; a file that is none.
     pub fn read(folder: &Path) -> Result<Self, DatasetError> {
         let path = Self::path(folder);
-        let io = |source| DatasetError::Io { path: path.clone(), source };
-        let bytes = std::fs::read(&path).map_err(io)?;
+        let bytes = match std::fs::read(&path) {
+            Ok(bytes) => bytes,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                // A folder that holds nothing of a dataset says so itself.
+                Record::read(folder)?;
+                return Err(DatasetError::Unfinished { folder: folder.to_path_buf() });
+            }
+            Err(source) => return Err(DatasetError::Io { path, source }),
+        };
         let wrong = |error| DatasetError::File { path: path.clone(), message: format!("no manifest: {error}") };
         serde_json::from_slice(&bytes).map_err(wrong)
     }

@@ -1,0 +1,98 @@
+//! `dermis train`: killed at any moment it goes on with the same losses, and what it cannot learn from is refused.
+
+mod workplace;
+
+use serde_json::Value;
+use std::time::{Duration, Instant};
+use workplace::{DISK, Workplace};
+
+/// A dataset of 1,200 samples in the folder `data`.
+fn with_data() -> Workplace {
+    let at = Workplace::new();
+    at.good("simulate disk.toml --seed 1 --samples 1200 -o data");
+    at.good("simulate --finish data");
+    at
+}
+
+/// Both losses of each epoch.
+fn losses(told: &Value) -> Vec<[f64; 2]> {
+    let loss = |epoch: &Value, name: &str| epoch[name].as_f64().unwrap();
+    let epochs = told["epochs"].as_array().unwrap().iter();
+    epochs.map(|epoch| [loss(epoch, "training_loss"), loss(epoch, "test_loss")]).collect()
+}
+
+#[test]
+fn a_killed_training_goes_on_with_the_same_losses_and_makes_the_same_model() {
+    let at = with_data();
+    let train = |folder: &str| format!("train disk.toml --data data --epochs 40 --json -o {folder}");
+    let whole = at.json(&train("whole"));
+    assert_eq!((&whole["samples"], &whole["test_samples"]), (&1160.into(), &40.into()));
+    let last = losses(&whole).last().unwrap()[1];
+    assert!(last < 0.7 * whole["target_variance"].as_f64().unwrap(), "it learns: {whole}");
+
+    let mut process = at.command(&train("killed")).spawn().unwrap();
+    let (checkpoint, begun) = (at.path("killed/checkpoint.safetensors"), Instant::now());
+    while !checkpoint.exists() {
+        assert!(begun.elapsed() < Duration::from_secs(60), "no checkpoint in a minute");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    process.kill().unwrap();
+    process.wait().unwrap();
+    assert!(!at.path("killed/card.json").exists(), "it was killed before its end");
+    assert_eq!(losses(&at.json(&train("killed"))), losses(&whole));
+    let weights = |folder: &str| std::fs::read(at.path(folder).join("weights.safetensors")).unwrap();
+    assert!(weights("killed") == weights("whole"), "the weights differ");
+    let picture = std::fs::read_to_string(at.path("killed/losses.svg")).unwrap();
+    assert!(picture.starts_with("<svg") && picture.contains("test"));
+}
+
+#[test]
+fn samples_may_be_streamed_and_ingredients_left_out() {
+    let at = Workplace::new();
+    let told = at.json("train disk.toml --stream gaussian --epoch-samples 720 --epochs 2 --half --json -o streamed");
+    assert_eq!((losses(&told).len(), &told["samples"]), (2, &720.into()));
+    let card = |folder: &str| -> Value {
+        serde_json::from_slice(&std::fs::read(at.path(folder).join("card.json")).unwrap()).unwrap()
+    };
+    let train = "train disk.toml --stream gaussian --epoch-samples 360 --epochs 1 --network";
+    at.good(&format!("{train} best -o best"));
+    let without = "--without symmetries --without touches --without reciprocity --without disturbance";
+    at.good(&format!("{train} best {without} -o plain"));
+    assert_eq!(
+        (&card("plain")["target"], card("best")["target"]["touches"].is_object()),
+        (&"conductance".into(), true)
+    );
+    let inputs = |folder: &str| card(folder)["input"]["channels"].as_array().unwrap().len();
+    assert_eq!((inputs("best"), inputs("plain")), (20, 40));
+    assert_eq!(card("plain")["noise"]["factor"], serde_json::json!([1.0, 1.0]));
+    at.good(&format!("{train} paper-otherwise -o otherwise"));
+    assert_eq!(card("otherwise")["plan"]["trunk"].as_array().unwrap().len(), 9);
+    assert!(at.refused(&format!("{train} paper --without touches -o no")).contains("--network best"));
+}
+
+#[test]
+fn what_cannot_be_learned_from_is_refused_and_a_good_checkpoint_stays() {
+    let at = with_data();
+    let refused = |arguments: &str| at.refused(&format!("train {arguments}"));
+    assert!(refused("disk.toml --data nosuch -o m").contains("nosuch"));
+    assert!(refused("disk.toml -o m").contains("--data"));
+    assert!(refused("disk.toml --data data --stream gaussian -o m").contains("cannot be used with"));
+    assert!(refused("disk.toml --data data --epochs 0 -o m").contains("at least 1"));
+    assert!(refused("disk.toml --data data --rate 0 -o m").contains("positive"));
+    at.write("file", "");
+    assert!(refused("disk.toml --data data -o file").contains("file"));
+    at.write("other.toml", DISK.replace("0.1\n", "0.12\n"));
+    assert!(refused("other.toml --data data -o m").contains("data"));
+    at.write("few.toml", DISK);
+    at.good("simulate few.toml --seed 1 --samples 100 -o few");
+    assert!(refused("few.toml --data few -o m").contains("`dermis simulate --finish few`"));
+    at.good("simulate --finish few");
+    assert!(refused("few.toml --data few -o m").contains("360"));
+
+    at.good("train disk.toml --data data --epochs 1 -o model");
+    let checkpoint = std::fs::read(at.path("model/checkpoint.safetensors")).unwrap();
+    // Another training, and another network, do not go on from it.
+    assert!(refused("disk.toml --data data --epochs 2 --rate 0.01 -o model").contains("checkpoint"));
+    assert!(refused("disk.toml --data data --epochs 1 --network best -o model").contains("checkpoint"));
+    assert!(std::fs::read(at.path("model/checkpoint.safetensors")).unwrap() == checkpoint);
+}

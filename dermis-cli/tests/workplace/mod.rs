@@ -1,0 +1,99 @@
+//! A folder to run commands in, with a small skin.
+
+// Every test program has a copy of its own and needs some of it.
+#![allow(dead_code)]
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use tempfile::TempDir;
+
+/// The design `disk.toml`: 8 arcs on the rim of a disk, 8 x 5 = 40 values; of 8 x 8 pixels those outside the disk do not
+/// exist.
+pub const DISK: &str = r#"
+[body.disk]
+diameter_m = 0.1
+[sheet]
+sheet_resistance_ohm = 1000
+touch = "conductance_rises"
+[electrodes]
+shape.arc.length_m = 0.005
+contact_impedance_ohm_m = 0.01
+layout.rim.count = 8
+[protocol]
+pattern = "adjacent_undriven"
+[image.grid]
+rows = 8
+columns = 8
+[mesh]
+max_edge_m = 0.01
+electrode_edge_m = 0.0025
+"#;
+
+/// A folder to work in, gone when it is dropped.
+pub struct Workplace {
+    folder: TempDir,
+}
+
+impl Workplace {
+    /// With the design `disk.toml` in it.
+    pub fn new() -> Self {
+        let workplace = Workplace::empty();
+        workplace.write("disk.toml", DISK);
+        workplace
+    }
+
+    /// With nothing in it.
+    pub fn empty() -> Self {
+        Workplace { folder: tempfile::tempdir().unwrap() }
+    }
+
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    pub fn write(&self, name: &str, content: impl AsRef<[u8]>) -> PathBuf {
+        std::fs::write(self.path(name), content).unwrap();
+        self.path(name)
+    }
+
+    /// A command that is not started yet.
+    pub fn command(&self, arguments: &str) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_dermis"));
+        command.args(arguments.split_whitespace()).current_dir(self.folder.path());
+        command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        // Colours and wrapped lines would depend on where the test runs.
+        command.env("NO_COLOR", "1");
+        command
+    }
+
+    pub fn run(&self, arguments: &str) -> Output {
+        self.command(arguments).output().unwrap()
+    }
+
+    /// Runs a command that must succeed; what it prints.
+    pub fn good(&self, arguments: &str) -> String {
+        let output = self.run(arguments);
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "dermis {arguments}: {stderr}");
+        assert_eq!(stderr, "", "nothing but results is said where no terminal listens");
+        String::from_utf8(output.stdout).unwrap()
+    }
+
+    /// Runs a command that must print JSON.
+    pub fn json(&self, arguments: &str) -> serde_json::Value {
+        serde_json::from_str(&self.good(arguments)).unwrap()
+    }
+
+    /// Runs a command that must refuse what it is given; what it says, on one line.
+    pub fn refused(&self, arguments: &str) -> String {
+        let output = self.run(arguments);
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "dermis {arguments}: {stderr}");
+        let words: Vec<&str> = stderr.split_whitespace().filter(|word| *word != "│").collect();
+        words.join(" ")
+    }
+}
