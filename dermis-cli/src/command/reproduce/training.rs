@@ -5,40 +5,35 @@ use dermis::frame::write_whole;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// Samples of Gaussian touches that the paper's network trains on and is tested by, as many as the paper's.
-const TRAINING_SAMPLES: u64 = 1_100_000;
-const TEST_SAMPLES: u64 = 40_000;
-/// Their seeds.
-const SEEDS: [u64; 2] = [21, 22];
-/// Touches as strong and as wide as presses of 0.1 to 5 N are, on skins that all differ.
-const GAUSSIAN: [&str; 8] = ["--skins", "random", "--amplitude", "0.04", "0.6", "--width-m", "0.005", "0.012"];
-
-/// Epochs of the paper's network, at most, and of ours.
+/// Epochs of the paper's network, and of ours.
 const PAPER_EPOCHS: u64 = 16;
 const BEST_EPOCHS: u64 = 60;
 /// Samples of an epoch of ours, drawn from all presses.
 const BEST_EPOCH_SAMPLES: u64 = 147_456;
-
-/// Samples a second on two cores: of Gaussian touches on random skins, and that a network trains on.
-const GAUSSIAN_RATE: f64 = 2_800.0;
+/// Samples a second that each trains on, on two cores.
 const PAPER_RATE: f64 = 13_000.0;
 const BEST_RATE: f64 = 5_000.0;
 
-/// Presses on patches that a dataset is made of.
-struct Presses {
+/// Samples a second that are checked when a dataset is finished.
+const FINISH_RATE: f64 = 60_000.0;
+
+/// A dataset that networks learn from or are tested by.
+struct Data {
     name: &'static str,
     recipe: &'static str,
+    recipe_text: &'static str,
     samples: u64,
     seed: u64,
     /// Samples a second that are made on two cores.
     rate: f64,
 }
 
-macro_rules! presses {
-    ($name:literal, $samples:literal, $seed:literal, $rate:literal) => {
-        Presses {
+macro_rules! data {
+    ($name:literal, $samples:literal x $recipe:literal, seed $seed:literal, $rate:literal a second) => {
+        Data {
             name: $name,
-            recipe: include_str!(concat!("../../../../data/recipes/", $name, ".toml")),
+            recipe: $recipe,
+            recipe_text: include_str!(concat!("../../../../data/recipes/", $recipe, ".toml")),
             samples: $samples,
             seed: $seed,
             rate: $rate,
@@ -46,14 +41,20 @@ macro_rules! presses {
     };
 }
 
-/// Patches of other pitches, foams and contacts than any twin that is reported has.
-const PRESSES: [Presses; 6] = [
-    presses!("fine-soft", 24_576, 11, 80.0),
-    presses!("fine-firm", 24_576, 12, 160.0),
-    presses!("coarse-soft", 24_576, 13, 100.0),
-    presses!("coarse-firm", 24_576, 14, 250.0),
-    presses!("fine-firm-together", 24_576, 31, 160.0),
-    presses!("coarse-firm-together", 24_576, 32, 250.0),
+/// What the paper's network learns from and is tested by: as many samples of Gaussian touches as the paper's.
+const GAUSSIANS: [Data; 2] = [
+    data!("training", 1_100_000 x "gaussian", seed 21, 2_800.0 a second),
+    data!("test", 40_000 x "gaussian", seed 22, 2_800.0 a second),
+];
+
+/// What ours learns from: presses on patches of other pitches, foams and contacts than any twin that is reported has.
+const PRESSES: [Data; 6] = [
+    data!("fine-soft", 24_576 x "fine-soft", seed 11, 140.0 a second),
+    data!("fine-firm", 24_576 x "fine-firm", seed 12, 300.0 a second),
+    data!("coarse-soft", 24_576 x "coarse-soft", seed 13, 270.0 a second),
+    data!("coarse-firm", 24_576 x "coarse-firm", seed 14, 500.0 a second),
+    data!("fine-firm-together", 24_576 x "fine-firm-together", seed 31, 300.0 a second),
+    data!("coarse-firm-together", 24_576 x "coarse-firm-together", seed 32, 500.0 a second),
 ];
 
 /// A command of this program and what it leaves.
@@ -98,40 +99,9 @@ impl Step {
 
 /// All steps from nothing to both networks, in a folder for what they leave.
 pub fn steps(design: &str, twin: &str, work: &Path) -> Outcome<Vec<Step>> {
-    let simulate = |name: &str, samples: u64, seed: u64, more: &[&str], rate: f64| {
-        let folder = work.join(name);
-        let (samples, seed) = (samples.to_string(), seed.to_string());
-        let folder_text = folder.display().to_string();
-        let line = ["simulate", design, "--samples", &samples, "--seed", &seed, "-o", &folder_text];
-        Step {
-            arguments: line.iter().chain(more).map(|word| word.to_string()).collect(),
-            done: folder.join("manifest.json"),
-            model: None,
-            estimate_s: samples.parse::<f64>().unwrap_or(0.0) / rate,
-        }
-    };
-    let finish = |name: &str| {
-        let folder = work.join(name);
-        let line = ["simulate", "--finish", &folder.display().to_string()];
-        Step {
-            arguments: line.map(String::from).to_vec(),
-            done: folder.join("manifest.json"),
-            model: None,
-            estimate_s: 2.0,
-        }
-    };
-    let mut all = vec![
-        simulate("training", TRAINING_SAMPLES, SEEDS[0], &GAUSSIAN, GAUSSIAN_RATE),
-        finish("training"),
-        simulate("test", TEST_SAMPLES, SEEDS[1], &GAUSSIAN, GAUSSIAN_RATE),
-        finish("test"),
-    ];
-    for presses in &PRESSES {
-        let recipe = work.join(format!("{}.toml", presses.name));
-        write_whole(&recipe, |out| out.write_all(presses.recipe.as_bytes()))?;
-        let recipe = recipe.display().to_string();
-        all.push(simulate(presses.name, presses.samples, presses.seed, &["--recipe", &recipe], presses.rate));
-        all.push(finish(presses.name));
+    let mut all = Vec::new();
+    for data in GAUSSIANS.iter().chain(&PRESSES) {
+        all.extend(dataset(data, design, work)?);
     }
     let train = |network: &str, more: &[&str], data: &[&str], samples: u64, rate: f64| {
         let model = work.join(format!("network-{network}"));
@@ -144,12 +114,33 @@ pub fn steps(design: &str, twin: &str, work: &Path) -> Outcome<Vec<Step>> {
     let test = work.join("test").display().to_string();
     let epochs = PAPER_EPOCHS.to_string();
     let more = ["--half", "--epochs", &epochs, "--test", &test];
-    all.push(train("paper", &more, &["training"], PAPER_EPOCHS * TRAINING_SAMPLES, PAPER_RATE));
+    all.push(train("paper", &more, &["training"], PAPER_EPOCHS * GAUSSIANS[0].samples, PAPER_RATE));
     let (epochs, samples) = (BEST_EPOCHS.to_string(), BEST_EPOCH_SAMPLES.to_string());
     let more = ["--half", "--epochs", &epochs, "--epoch-samples", &samples];
-    let data = PRESSES.map(|presses| presses.name);
+    let data = PRESSES.map(|data| data.name);
     all.push(train("best", &more, &data, BEST_EPOCHS * BEST_EPOCH_SAMPLES, BEST_RATE));
     Ok(all)
+}
+
+/// The steps that make and finish a dataset; its recipe is written beside it.
+fn dataset(data: &Data, design: &str, work: &Path) -> Outcome<[Step; 2]> {
+    let recipe = work.join(format!("{}.toml", data.recipe));
+    write_whole(&recipe, |out| out.write_all(data.recipe_text.as_bytes()))?;
+    let folder = work.join(data.name);
+    let done = folder.join("manifest.json");
+    let [recipe, folder] = [&recipe, &folder].map(|path| path.display().to_string());
+    let (samples, seed) = (data.samples.to_string(), data.seed.to_string());
+    let make = ["simulate", design, "--recipe", &recipe, "--samples", &samples, "--seed", &seed, "-o", &folder];
+    let finish = ["simulate", "--finish", &folder];
+    let step = |line: &[&str], estimate_s: f64| Step {
+        arguments: line.iter().map(|word| word.to_string()).collect(),
+        done: done.clone(),
+        model: None,
+        estimate_s,
+    };
+    // Every file is read once more to its last bit.
+    let (make_s, finish_s) = (data.samples as f64 / data.rate, 1.0 + data.samples as f64 / FINISH_RATE);
+    Ok([step(&make, make_s), step(&finish, finish_s)])
 }
 
 #[cfg(test)]
