@@ -217,10 +217,17 @@ impl Recipe {
     /// A file that cannot be read or is no recipe, with the line.
     pub fn load(path: &Path, seed: u64, samples: u64) -> Result<Self, DatasetError> {
         let io = |source| DatasetError::Io { path: path.to_path_buf(), source };
-        let text = std::fs::read_to_string(path).map_err(io)?;
+        Self::parse(&std::fs::read_to_string(path).map_err(io)?, path, seed, samples)
+    }
+
+    /// The same from the text of such a file; its path is for messages.
+    ///
+    /// # Errors
+    /// A text that is no recipe, with the line.
+    pub fn parse(text: &str, path: &Path, seed: u64, samples: u64) -> Result<Self, DatasetError> {
         let wrong =
             |error: toml::de::Error| DatasetError::File { path: path.to_path_buf(), message: error.to_string() };
-        let RecipeFile { touch, skins } = toml::from_str(&text).map_err(wrong)?;
+        let RecipeFile { touch, skins } = toml::from_str(text).map_err(wrong)?;
         Ok(Recipe { seed, samples, touch, skins })
     }
 

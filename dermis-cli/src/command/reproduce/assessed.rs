@@ -3,14 +3,19 @@
 use super::bench::Bench;
 use super::scale::{REPORTED_SEED, Scale};
 use super::stage::Work;
+use super::training::gaussian_recipe;
 use crate::command::assess::steps;
 use crate::console::Progress;
 use crate::failure::Outcome;
 use crate::figures::{FIGURES, mean};
 use crate::line_up::Named;
-use dermis::evaluate::{Assessment, Assessor};
+use dermis::dataset::Generator;
+use dermis::evaluate::{Assessment, Assessor, Trial};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+
+/// Seed of fresh Gaussian touches, apart from those of training and test.
+const EXPLAINED_SEED: u64 = 3002;
 
 /// The figures of one method on one twin; `None` where there is none.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -48,6 +53,8 @@ pub struct Assessed {
     pub name: String,
     /// Its alpha, where it has one.
     pub alpha: Option<f64>,
+    /// What its images leave unexplained of Gaussian touches, with noise and one best gain: a part of the variance.
+    pub unexplained: Option<f64>,
     /// What came of each twin.
     pub twins: Vec<TwinFigures>,
 }
@@ -75,7 +82,9 @@ impl Assessed {
             })
         };
         let twins = seeds.map(twin).collect::<Outcome<_>>()?;
-        Ok(Assessed { key: method.key.clone(), name: method.name.clone(), alpha: method.alpha, twins })
+        let unexplained =
+            work.kept(&format!("explained-{}", method.key), &method.identity, || unexplained(bench, method, scale))?;
+        Ok(Assessed { key: method.key.clone(), name: method.name.clone(), alpha: method.alpha, unexplained, twins })
     }
 
     /// A figure by its key: its mean over the twins and the worst of them, SI units; `NaN` where a twin has none.
@@ -96,4 +105,19 @@ impl Assessed {
         };
         first.two_resolved.iter().map(|step| [step.0, at(step.0)]).collect()
     }
+}
+
+/// What a method's images leave unexplained of touches like those that the paper's network learns from; `None` on skins that
+/// cannot be touched so.
+fn unexplained(bench: &Bench<'_>, method: &Named, scale: Scale) -> Outcome<Option<f64>> {
+    let samples = scale.explained();
+    let recipe = gaussian_recipe(EXPLAINED_SEED, samples)?;
+    if recipe.check(bench.skin.design.sheet.touch).is_err() {
+        return Ok(None);
+    }
+    let progress = Progress::new(&format!("{}, Gaussian touches", method.name), samples as usize);
+    let generator = Generator::new(&bench.skin.design, &bench.skin.forward, &recipe)?;
+    let reconstruct = method.reconstruct.as_ref();
+    let trial = Trial::of(reconstruct, &reconstruct.detection(), &generator, 0..samples, || progress.step())?;
+    Ok(Some(trial.images.unexplained()))
 }

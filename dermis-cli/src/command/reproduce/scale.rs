@@ -75,6 +75,15 @@ impl Scale {
         }
     }
 
+    /// Gaussian touches, fresh ones, of which it is measured what images leave unexplained.
+    pub fn explained(self) -> u64 {
+        match self {
+            Scale::Glance => 32,
+            Scale::Quick => 640,
+            Scale::Paper => 4000,
+        }
+    }
+
     /// How large the assessment of each twin is.
     pub fn assessment(self) -> AssessOptions {
         let whole = Sizes::default();

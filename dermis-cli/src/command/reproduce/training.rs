@@ -1,13 +1,14 @@
 //! The networks from nothing: commands of this program, one after the other, each of which goes on where it was.
 
 use crate::failure::{Failure, Outcome};
+use dermis::dataset::Recipe;
 use dermis::frame::write_whole;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 /// Epochs of the paper's network, and of ours.
 const PAPER_EPOCHS: u64 = 16;
-const BEST_EPOCHS: u64 = 60;
+const BEST_EPOCHS: u64 = 40;
 /// Samples of an epoch of ours, drawn from all presses.
 const BEST_EPOCH_SAMPLES: u64 = 147_456;
 /// Samples a second that each trains on, on two cores.
@@ -46,6 +47,12 @@ const GAUSSIANS: [Data; 2] = [
     data!("training", 1_100_000 x "gaussian", seed 21, 2_800.0 a second),
     data!("test", 40_000 x "gaussian", seed 22, 2_800.0 a second),
 ];
+
+/// The distribution of the Gaussian touches that the paper's network learns from.
+pub fn gaussian_recipe(seed: u64, samples: u64) -> Outcome<Recipe> {
+    let text = GAUSSIANS[0].recipe_text;
+    Ok(Recipe::parse(text, Path::new("gaussian.toml"), seed, samples)?)
+}
 
 /// What ours learns from: presses on patches of other pitches, foams and contacts than any twin that is reported has.
 const PRESSES: [Data; 6] = [
