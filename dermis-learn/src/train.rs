@@ -263,8 +263,7 @@ impl<'a> Trainer<'a> {
 
     /// One step down the gradient of what is filled in; gives the loss before it.
     fn step(&mut self) -> f64 {
-        let weights = vec![1.0; self.options.batch];
-        let batch = Batch { inputs: &self.inputs, targets: &self.targets, weights: &weights };
+        let batch = Batch { inputs: &self.inputs, targets: &self.targets };
         let loss = self.pass.descend(&mut self.state.network, batch);
         self.state.steps += 1;
         let options = AdamOptions::default();

@@ -33,8 +33,6 @@ pub struct Batch<'a> {
     pub inputs: &'a [f32],
     /// What should come out, rows x outputs.
     pub targets: &'a [f32],
-    /// How much each row counts.
-    pub weights: &'a [f32],
 }
 
 /// Memory of one thread for the refinement of some rows.
@@ -73,7 +71,7 @@ impl Pass {
     }
 
     /// The loss of a batch and its gradient by every learned tensor: the mean square over all values of the difference of
-    /// output and target, each row times its weight. Means over batches that layers keep are brought up to date.
+    /// output and target. Means over batches that layers keep are brought up to date.
     pub fn descend(&mut self, network: &mut Network, batch: Batch<'_>) -> f64 {
         self.forward(network, batch.inputs, true);
         let loss = self.loss_and_error(network, batch);
@@ -124,40 +122,40 @@ impl Pass {
         match &network.refinement {
             None => {
                 let columns = trunk.len() / self.rows;
-                let targets = batch.targets.par_chunks(columns).zip(batch.weights);
-                let rows = self.error.par_chunks_mut(columns).zip(trunk.par_chunks(columns)).zip(targets);
-                let losses: Vec<f64> = rows
-                    .map(|((error, output), (target, &weight))| square_error(output, target, weight, scale, error))
+                let rows = self.error.par_chunks_mut(columns).zip(trunk.par_chunks(columns));
+                let losses: Vec<f64> = (rows.zip(batch.targets.par_chunks(columns)))
+                    .map(|((error, output), target)| square_error(output, target, scale, error))
                     .collect();
                 losses.iter().sum()
             }
-            Some(refinement) => {
-                let (pixels, inputs) =
-                    (refinement.shape.pixels(), refinement.shape.pixels() * refinement.channels_in());
-                let each = self.rows.div_ceil(self.parts.len());
-                let packed = Packed::new(refinement);
-                let rows = self.error.par_chunks_mut(each * inputs).zip(trunk.par_chunks(each * inputs));
-                let asked = batch.targets.par_chunks(each * pixels).zip(batch.weights.par_chunks(each));
-                self.parts.par_iter_mut().zip(rows.zip(asked)).for_each(
-                    |(part, ((errors, rows), (targets, weights)))| {
-                        part.begin();
-                        let rows = errors.chunks_exact_mut(inputs).zip(rows.chunks_exact(inputs));
-                        for ((error, row), (target, &weight)) in rows.zip(targets.chunks_exact(pixels).zip(weights)) {
-                            part.descend(refinement, &packed, row, target, (weight, scale), error);
-                        }
-                    },
-                );
-                let used = self.rows.div_ceil(each);
-                let first = self.gradient.len() - self.parts[0].gradient.len();
-                for (index, gradient) in self.gradient[first..].iter_mut().enumerate() {
-                    gradient.fill(0.0);
-                    for part in &self.parts[..used] {
-                        gradient.iter_mut().zip(&part.gradient[index]).for_each(|(sum, value)| *sum += value);
-                    }
-                }
-                self.parts[..used].iter().map(|part| part.loss).sum()
+            Some(refinement) => self.refine(refinement, batch.targets, scale),
+        }
+    }
+
+    /// The same through the convolutions, whose gradients are summed part by part.
+    fn refine(&mut self, refinement: &Refinement, targets: &[f32], scale: f32) -> f64 {
+        let trunk = self.outputs.last().expect("a network has layers");
+        let (pixels, inputs) = (refinement.shape.pixels(), refinement.shape.pixels() * refinement.channels_in());
+        let each = self.rows.div_ceil(self.parts.len());
+        let packed = Packed::new(refinement);
+        let rows = self.error.par_chunks_mut(each * inputs).zip(trunk.par_chunks(each * inputs));
+        let rows = rows.zip(targets.par_chunks(each * pixels));
+        self.parts.par_iter_mut().zip(rows).for_each(|(part, ((errors, rows), targets))| {
+            part.begin();
+            let rows = errors.chunks_exact_mut(inputs).zip(rows.chunks_exact(inputs));
+            for ((error, row), target) in rows.zip(targets.chunks_exact(pixels)) {
+                part.descend(refinement, &packed, row, target, scale, error);
+            }
+        });
+        let used = self.rows.div_ceil(each);
+        let first = self.gradient.len() - self.parts[0].gradient.len();
+        for (index, gradient) in self.gradient[first..].iter_mut().enumerate() {
+            gradient.fill(0.0);
+            for part in &self.parts[..used] {
+                gradient.iter_mut().zip(&part.gradient[index]).for_each(|(sum, value)| *sum += value);
             }
         }
+        self.parts[..used].iter().map(|part| part.loss).sum()
     }
 
     fn backward(&mut self, network: &Network, inputs: &[f32]) {
@@ -191,15 +189,15 @@ impl Pass {
     }
 }
 
-/// The square error of a row, and its gradient.
-fn square_error(output: &[f32], target: &[f32], weight: f32, scale: f32, error: &mut [f32]) -> f64 {
+/// The square error of a row times a scale, and its gradient.
+fn square_error(output: &[f32], target: &[f32], scale: f32, error: &mut [f32]) -> f64 {
     let mut sum = 0.0;
     for ((error, output), target) in error.iter_mut().zip(output).zip(target) {
         let difference = output - target;
-        *error = 2.0 * weight * scale * difference;
+        *error = 2.0 * scale * difference;
         sum += difference * difference;
     }
-    f64::from(weight * scale) * f64::from(sum)
+    f64::from(scale) * f64::from(sum)
 }
 
 impl Dense {
@@ -383,7 +381,7 @@ impl Part {
         packed: &Packed,
         row: &[f32],
         target: &[f32],
-        (weight, scale): (f32, f32),
+        scale: f32,
         error: &mut [f32],
     ) {
         self.forward(refinement, packed, row);
@@ -391,7 +389,7 @@ impl Part {
         let mut output = vec![0.0; target.len()];
         self.take_output(refinement, &mut output);
         let mut by_output = vec![0.0; target.len()];
-        self.loss += square_error(&output, target, weight, scale, &mut by_output);
+        self.loss += square_error(&output, target, scale, &mut by_output);
         let count = refinement.convolutions.len();
         shape.put(&by_output, 1, &mut self.errors[count]);
         for (index, one) in refinement.convolutions.iter().enumerate().rev() {
@@ -449,8 +447,7 @@ mod tests {
             values.iter_mut().zip(filled(100_000, 0.37 + at as f32)).for_each(|(value, more)| *value += 0.1 * more);
         }
         let (inputs, targets) = (filled(rows * plan.inputs(), 0.7), filled(rows * plan.outputs(), 1.3));
-        let weights: Vec<f32> = (0..rows).map(|row| 1.0 + row as f32 / 7.0).collect();
-        let batch = Batch { inputs: &inputs, targets: &targets, weights: &weights };
+        let batch = Batch { inputs: &inputs, targets: &targets };
         let mut pass = Pass::new(&network, rows);
         pass.descend(&mut network, batch);
         let gradient = pass.gradient.clone();
@@ -489,8 +486,7 @@ mod tests {
             pool.install(|| {
                 let mut network = Network::new(&plan, 3);
                 let mut pass = Pass::new(&network, 30);
-                let loss =
-                    pass.descend(&mut network, Batch { inputs: &inputs, targets: &targets, weights: &[1.0; 30] });
+                let loss = pass.descend(&mut network, Batch { inputs: &inputs, targets: &targets });
                 (loss, pass.gradient)
             })
         };
