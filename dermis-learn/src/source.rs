@@ -60,6 +60,12 @@ impl<S: Source + ?Sized> Source for Box<S> {
     }
 }
 
+/// Samples that lie one after the other in a file stay near one another in an epoch, so that a disk reads them at once
+/// where a dataset is larger than the memory: runs of so many are shuffled...
+const RUN: usize = 64;
+/// ... and then all samples among so many, a hundred skins or more in every step.
+const MIXED: usize = 32_768;
+
 /// Which samples of each dataset.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Part {
@@ -119,8 +125,11 @@ impl Source for Files<'_> {
     }
 
     fn order(&self, seed: u64, epoch: u64) -> Vec<usize> {
-        let mut order: Vec<usize> = (0..self.len()).collect();
-        order.shuffle(&mut sample_rng(seed, ORDER_STREAM + epoch));
+        let mut rng = sample_rng(seed, ORDER_STREAM + epoch);
+        let mut runs: Vec<usize> = (0..self.len()).step_by(RUN).collect();
+        runs.shuffle(&mut rng);
+        let mut order: Vec<usize> = runs.into_iter().flat_map(|start| start..(start + RUN).min(self.len())).collect();
+        order.chunks_mut(MIXED).for_each(|mixed| mixed.shuffle(&mut rng));
         order
     }
 
@@ -198,5 +207,39 @@ impl Source for Streamed {
         let ready = self.ready.read().expect("no thread panics while it holds the lock");
         let block = ready.get(&(number / TOGETHER)).expect("samples are asked for before they are read");
         Ok((block[number % TOGETHER].clone(), is_press))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dermis::dataset::{GaussianTouches, Recipe, Record, Run, Shard, Skins, finish};
+    use dermis::design::{SkinDesign, TouchEffect};
+    use dermis::mesh::Mesh;
+
+    #[test]
+    fn every_epoch_has_every_sample_once_in_an_order_of_its_own() {
+        let text = SkinDesign::text_of("tank16").unwrap();
+        let design = SkinDesign::parse(&text, "tank").unwrap();
+        let forward = ForwardModel::new(&design, &Mesh::generate(&design).unwrap()).unwrap();
+        let touch = Touch::Gaussian(GaussianTouches::for_effect(TouchEffect::ConductanceRises));
+        let recipe = Recipe { seed: 5, samples: 300, touch, skins: Skins::Even };
+        let generator = Generator::new(&design, &forward, &recipe).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let record = Record::new(&generator, &design.name, &text);
+        Run::new(&generator, &record, folder.path(), Shard::WHOLE).unwrap().make(|_| ()).unwrap();
+        finish(folder.path(), || ()).unwrap();
+        let data = [Dataset::open(folder.path()).unwrap()];
+        let files = Files::new(&data, Part::All, &forward).unwrap();
+        let [first, second] = [1, 2].map(|epoch| files.order(9, epoch));
+        assert_ne!(first, second);
+        assert_eq!(first, files.order(9, 1));
+        for mut order in [first, second] {
+            // Neighbours in a file are not neighbours in an epoch.
+            let near = order.windows(2).filter(|pair| pair[0].abs_diff(pair[1]) == 1).count();
+            assert!(near < 20, "{near} of 299");
+            order.sort_unstable();
+            assert!(order.into_iter().eq(0..300));
+        }
     }
 }

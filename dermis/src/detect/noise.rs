@@ -32,6 +32,9 @@ impl ImageNoise {
     /// The noise of any reconstruction's images, from images of untouched frames (their mean is their true value, zero);
     /// `None` without an image. Twenty of them give each standard deviation to a sixth.
     ///
+    /// No pixel's standard deviation is less than the root mean square of all pixels': where a network's pixel is nearly always
+    /// zero, its rare peaks are as high as its neighbours', and its own deviation says nothing of them.
+    ///
     /// # Panics
     /// Where the images differ in length.
     pub fn from_untouched(images: &[Image]) -> Option<Self> {
@@ -44,7 +47,10 @@ impl ImageNoise {
                 values[pixel * images.len() + source] = value * scale;
             }
         }
-        Some(Self::new(Matrix { rows: pixels, columns: images.len(), values }))
+        let mut noise = Self::new(Matrix { rows: pixels, columns: images.len(), values });
+        let least = (noise.sd.iter().map(|sd| sd * sd).sum::<f64>() / pixels.max(1) as f64).sqrt();
+        noise.sd.iter_mut().for_each(|sd| *sd = sd.max(least));
+        Some(noise)
     }
 
     fn new(spread: Matrix) -> Self {
