@@ -23,9 +23,9 @@ const TOUCH_WIDTH_M: f64 = 0.010;
 const PAPER_PEAK_FRACTION: f64 = 0.15;
 /// The same of spots, whose squares tell forces: a touch of a sixteenth of the strongest one's force is found beside it.
 const SPOT_PEAK_FRACTION: f64 = 0.06;
-/// Noise in spots is next to nothing as long as nothing touches, and then seldom far more: its standard deviation says
-/// little of its highest peaks.
-const SPOT_NOISE_FACTOR: f64 = 100.0;
+/// Noise in a network's images is next to nothing as long as nothing touches, and then seldom some thirty to forty-five of its
+/// standard deviations high: once an hour at 120 frames a second.
+const NOISE_FACTOR: f64 = 50.0;
 
 /// What sets the best network apart from the paper's, one by one: what each is worth is seen by leaving it out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -152,13 +152,13 @@ impl Method {
 
 /// How contacts are found in images of the change of conductance.
 fn conductance_detection() -> DetectOptions {
-    DetectOptions { peak_fraction: PAPER_PEAK_FRACTION, ..DetectOptions::default() }
+    DetectOptions { noise_factor: NOISE_FACTOR, peak_fraction: PAPER_PEAK_FRACTION, ..DetectOptions::default() }
 }
 
 /// How contacts are found in images of touches.
 fn touch_detection() -> DetectOptions {
     DetectOptions {
-        noise_factor: SPOT_NOISE_FACTOR,
+        noise_factor: NOISE_FACTOR,
         peak_fraction: SPOT_PEAK_FRACTION,
         spot_width_m: Some(TOUCH_WIDTH_M),
         ..DetectOptions::default()
