@@ -102,7 +102,9 @@ fn main() -> dermis::Result<()> {
         Ok(norm(&(&skin.frame([z_m, theta_rad, 0.0, 0.0])? - &rest)) / norm(&rest))
     };
     // Places that fill the skin evenly (Roberts, 2018, "The unreasonable effectiveness of quasirandom sequences").
-    let even = |k: i32| (0.3 * (f64::from(k) * 0.754_877_67).fract(), 6.28 * (f64::from(k) * 0.569_840_29).fract());
+    let even = |k: i32| {
+        (0.3 * (f64::from(k) * 0.754_877_67).fract(), std::f64::consts::TAU * (f64::from(k) * 0.569_840_29).fract())
+    };
     let mut changes = (0..60).map(even).map(|place| change(&place)).collect::<dermis::Result<Vec<f64>>>()?;
     changes.sort_by(f64::total_cmp);
     let change = changes[changes.len() / 2];
