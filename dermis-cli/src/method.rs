@@ -6,6 +6,8 @@ use crate::frames::Differences;
 use crate::skin::{Per, Skin};
 use clap::{Args, ValueEnum};
 use dermis::detect::{DetectOptions, Detector, ImageNoise};
+use dermis::evaluate::{AlignMethod, AlignOptions, PressEstimates};
+use dermis::frame::Frame;
 use dermis::image::{Image, PixelSpace};
 use dermis::reconstruct::{
     Alpha, Difference, GaussNewton, GaussNewtonOptions, Greit, GreitOptions, Linearised, OneStep, OneStepOptions,
@@ -25,7 +27,7 @@ pub struct MethodArguments {
     method: Option<MethodName>,
     /// A trained network in place of a method: `paper` or `best`, which are shipped for the paper's skin, or the folder of
     /// a model of `dermis train`.
-    #[arg(long, value_name = "MODEL", conflicts_with_all = ["method", "alpha", "alpha_absolute", "weighing", "leave_out"])]
+    #[arg(long, value_name = "MODEL", conflicts_with_all = ["method", "alpha", "alpha_absolute", "weighing"])]
     model: Option<String>,
     /// How strongly the prior counts: a number, `auto`, `noise-figure` or `noise-figure:0.5`, `l-curve`, `gcv`.
     #[arg(long, value_name = "ALPHA")]
@@ -140,19 +142,43 @@ impl MethodArguments {
         }
     }
 
-    /// Prepares the method for a skin. Rules that choose alpha from data look at the differences.
-    pub fn prepare(&self, skin: &Skin, per: Per, differences: &Differences) -> Outcome<Method> {
+    /// What the linear method, or the network that is asked for, finds for presses whose places are known in another frame.
+    pub fn press_estimates(&self, skin: &Skin, differences: &[Frame]) -> Outcome<PressEstimates> {
+        let pixels = skin.pixels(Per::Pixel)?;
+        self.check_left_out(skin)?;
+        let left_out = self.leave_out.0.clone();
+        let options = AlignOptions { left_out, ..AlignOptions::new(skin.design.sheet.touch) };
+        let Some(name) = &self.model else {
+            return Ok(PressEstimates::new(&skin.forward, &pixels, differences, &options)?);
+        };
+        let model = Model::named(name, &skin.forward, Arc::clone(&pixels))?;
+        let options = AlignOptions { detector: Detector::new(model.detection()), ..options };
+        let protocol = &skin.design.protocol;
+        PressEstimates::by(protocol, &pixels, differences, &options, |cut, left_out| -> Outcome<Vec<AlignMethod>> {
+            Ok(vec![(Box::new(model.without(left_out)?.matched(cut)), None)])
+        })
+    }
+
+    /// Refuses channels that are not there.
+    fn check_left_out(&self, skin: &Skin) -> Outcome {
         let channel_count = skin.design.protocol.channel_count();
         if let Some(&beyond) = self.leave_out.0.iter().find(|&&channel| channel >= channel_count) {
             let message =
                 format!("channel {beyond} is to be left out, but the channels are 0 to {}", channel_count - 1);
             return Err(Failure::given(message, None));
         }
+        Ok(())
+    }
+
+    /// Prepares the method for a skin. Rules that choose alpha from data look at the differences.
+    pub fn prepare(&self, skin: &Skin, per: Per, differences: &Differences) -> Outcome<Method> {
+        self.check_left_out(skin)?;
         let pixels = skin.pixels(per)?;
         let alpha = self.alpha()?;
         let _waiting = Progress::waiting("preparing");
         if let Some(name) = &self.model {
-            return Ok(Method { alpha: None, reconstruct: Box::new(Model::named(name, &skin.forward, pixels)?) });
+            let model = Model::named(name, &skin.forward, pixels)?.without(&self.leave_out.0)?;
+            return Ok(Method { alpha: None, reconstruct: Box::new(model) });
         }
         match self.method.unwrap_or(MethodName::Noser) {
             MethodName::Noser => {

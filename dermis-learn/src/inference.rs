@@ -56,13 +56,13 @@ impl Inference {
     /// The image of a difference, ohm. After the first call of each thread at a time nothing is allocated.
     pub fn image_into(&self, difference: &[f64], image: &mut [f64]) {
         let mut scratch = self.take();
-        self.input.prepare(|channel| difference[channel] as f32, &mut scratch.values[0]);
+        let size = self.input.prepare(|channel| difference[channel] as f32, &mut scratch.values[0]);
         for (index, layer) in self.layers.iter().enumerate() {
             let (before, after) = scratch.values.split_at_mut(index + 1);
             let Dense { weight, bias, .. } = &layer.dense;
             run(RowProduct { input: &before[index], weight, bias, relu: layer.relu, output: &mut after[0] });
         }
-        self.finish(&mut scratch, image);
+        self.finish(&mut scratch, size, image);
         self.give_back(scratch);
     }
 
@@ -72,7 +72,8 @@ impl Inference {
         let mut values = vec![0.0; count * self.input.len()];
         let rows =
             values.par_chunks_mut(self.input.len()).zip(differences.par_chunks(differences.len() / count.max(1)));
-        rows.for_each(|(inputs, row)| self.input.prepare(|channel| row[channel] as f32, inputs));
+        let sizes: Vec<f32> =
+            rows.map(|(inputs, row)| self.input.prepare(|channel| row[channel] as f32, inputs)).collect();
         for Folded { dense, relu } in &self.layers {
             let mut outputs = dense.bias.repeat(count);
             add_product(&mut outputs, &values, &dense.weight, [count, dense.inputs, dense.outputs]);
@@ -82,19 +83,20 @@ impl Inference {
             values = outputs;
         }
         let width = values.len() / count.max(1);
-        values.par_chunks(width).zip(images.par_chunks_mut(self.pixels)).for_each(|(row, image)| {
+        let rows = values.par_chunks(width).zip(sizes).zip(images.par_chunks_mut(self.pixels));
+        rows.for_each(|((row, size), image)| {
             let mut scratch = self.take();
             scratch.values.last_mut().expect("there are layers").copy_from_slice(row);
-            self.finish(&mut scratch, image);
+            self.finish(&mut scratch, size, image);
             self.give_back(scratch);
         });
     }
 
-    /// From what the layers made to the image.
-    fn finish(&self, scratch: &mut Scratch, image: &mut [f64]) {
+    /// From what the layers made to the image, times the size of what the network was shown.
+    fn finish(&self, scratch: &mut Scratch, size: f32, image: &mut [f64]) {
         let made = scratch.values.last().expect("there are layers");
         let Some((refinement, packed)) = &self.refinement else {
-            image.iter_mut().zip(made).for_each(|(pixel, &value)| *pixel = f64::from(self.target.image(value)));
+            image.iter_mut().zip(made).for_each(|(pixel, &value)| *pixel = f64::from(size * self.target.image(value)));
             return;
         };
         let (shape, channels) = (refinement.shape, refinement.channels_in());
@@ -110,7 +112,7 @@ impl Inference {
             let refined = &pictures[count][shape.row(row, 1)];
             let first = pictures[0][shape.row(row, channels)].iter().step_by(channels);
             for (pixel, (refined, first)) in line.iter_mut().zip(refined.iter().zip(first)) {
-                *pixel = f64::from(self.target.image(refined + first));
+                *pixel = f64::from(size * self.target.image(refined + first));
             }
         }
     }
@@ -217,7 +219,7 @@ mod tests {
                 values.iter_mut().zip(more).for_each(|(value, more)| *value += 0.1 * more);
             }
             let channels = (0..24).map(|channel| vec![channel, 47 - channel]).collect();
-            let input = Input { channels, mean_ohm: filled(24, 0.2), sd_ohm: vec![2.5; 24] };
+            let input = Input { channels, mean_ohm: filled(24, 0.2), sd_ohm: vec![2.5; 24], scale_free: false };
             let inference = Inference::new(&network, &input, Target::Conductance);
             let differences: Vec<f64> = filled(3 * 48, 0.7).into_iter().map(f64::from).collect();
             let mut inputs = vec![0.0; 3 * 24];

@@ -1,5 +1,6 @@
 //! From the difference of a frame to what a network takes: the same in training, evaluation and live.
 
+use dermis::frame::twins;
 use dermis::protocol::Protocol;
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
@@ -8,13 +9,22 @@ use std::collections::HashMap;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Input {
-    /// For each input the channels whose mean it is.
+    /// For each input the channels whose mean it is; one without a channel is zero, as a mean one would be.
     pub channels: Vec<Vec<usize>>,
     /// What is taken off each, ohm: its mean over the training set.
     pub mean_ohm: Vec<f32>,
-    /// What it is divided by, ohm: its standard deviation there.
+    /// What it is divided by, ohm: its standard deviation there; where frames have no scale, the robust one of what is
+    /// typical (1.4826 times the median of the sizes of its values).
     pub sd_ohm: Vec<f32>,
+    /// Whether the network is shown a frame's shape alone: nothing is taken off, all inputs are divided by their root mean
+    /// square, and the image is multiplied by it. Then the image of a multiple is the multiple of the image, whatever the
+    /// unit of the instrument.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub scale_free: bool,
 }
+
+/// From the median of sizes to the standard deviation of a normal distribution.
+const MEDIAN_TO_SD: f32 = 1.4826;
 
 impl Input {
     /// Every channel by itself, not normalised yet.
@@ -35,9 +45,59 @@ impl Input {
         Self::of(protocol.channels().iter().enumerate().filter_map(pair).collect())
     }
 
+    /// Channels that read the same with the same sign ([`twins`]: drive or measure reversed, or both exchanged) averaged, and
+    /// of a frame its shape alone; not normalised yet.
+    pub fn shapes(protocol: &Protocol) -> Self {
+        let groups = twins(protocol).into_iter().enumerate().filter_map(|(channel, twins)| {
+            let same = twins.into_iter().filter(|(_, sign)| *sign > 0.0).map(|(twin, _)| twin);
+            let mut group: Vec<usize> = std::iter::once(channel).chain(same).collect();
+            group.sort_unstable();
+            (group[0] == channel).then_some(group)
+        });
+        Input { scale_free: true, ..Self::of(groups.collect()) }
+    }
+
     fn of(channels: Vec<Vec<usize>>) -> Self {
         let count = channels.len();
-        Input { channels, mean_ohm: vec![0.0; count], sd_ohm: vec![1.0; count] }
+        Input { channels, mean_ohm: vec![0.0; count], sd_ohm: vec![1.0; count], scale_free: false }
+    }
+
+    /// The same without some channels: their twins stand for them.
+    #[must_use]
+    pub fn without(&self, left_out: &[usize]) -> Self {
+        let kept = |group: &Vec<usize>| group.iter().copied().filter(|channel| !left_out.contains(channel)).collect();
+        Input { channels: self.channels.iter().map(kept).collect(), ..self.clone() }
+    }
+
+    /// The same for an instrument whose channels are not equally loud: each input is divided by what is typical of it in
+    /// some differences, as in training by what was typical there. No label is needed, but touches all over the skin. An
+    /// input that is zero in half of them keeps its divisor.
+    ///
+    /// # Panics
+    /// Where frames have a scale.
+    #[must_use]
+    pub fn matched(&self, differences: &[Vec<f32>]) -> Self {
+        assert!(self.scale_free, "only of a frame's shape");
+        let plain = Input { sd_ohm: vec![1.0; self.len()], ..self.clone() };
+        let typical = plain.typical(differences);
+        let sd_ohm = typical.into_iter().zip(&self.sd_ohm).map(|(own, &sd)| if own > 0.0 { own } else { sd });
+        Input { sd_ohm: sd_ohm.collect(), ..self.clone() }
+    }
+
+    /// The robust standard deviation of each input about zero.
+    fn typical(&self, differences: &[Vec<f32>]) -> Vec<f32> {
+        let mut columns = vec![Vec::with_capacity(differences.len()); self.len()];
+        let mut inputs = vec![0.0; self.len()];
+        for difference in differences {
+            self.normalised(|channel| difference[channel], &mut inputs);
+            columns.iter_mut().zip(&inputs).for_each(|(column, input)| column.push(input.abs()));
+        }
+        let middle = differences.len() / 2;
+        let median = |column: &mut Vec<f32>| match column.is_empty() {
+            true => 0.0,
+            false => MEDIAN_TO_SD * *column.select_nth_unstable_by(middle, f32::total_cmp).1,
+        };
+        columns.iter_mut().map(median).collect()
     }
 
     /// Number of inputs.
@@ -50,14 +110,34 @@ impl Input {
         self.channels.is_empty()
     }
 
-    /// The inputs of a difference, ohm.
-    pub fn prepare(&self, difference: impl Fn(usize) -> f32, inputs: &mut [f32]) {
+    /// The inputs of a difference, ohm; gives what the image is to be multiplied by.
+    pub fn prepare(&self, difference: impl Fn(usize) -> f32, inputs: &mut [f32]) -> f32 {
+        self.normalised(difference, inputs);
+        self.take_size(inputs)
+    }
+
+    /// Means of channels, normalised.
+    pub(crate) fn normalised(&self, difference: impl Fn(usize) -> f32, inputs: &mut [f32]) {
         for ((input, channels), (mean, sd)) in
             inputs.iter_mut().zip(&self.channels).zip(self.mean_ohm.iter().zip(&self.sd_ohm))
         {
             let sum: f32 = channels.iter().map(|&channel| difference(channel)).sum();
-            *input = (sum / channels.len() as f32 - mean) / sd;
+            *input = if channels.is_empty() { 0.0 } else { (sum / channels.len() as f32 - mean) / sd };
         }
+    }
+
+    /// Divides the inputs by their root mean square where frames have no scale; gives what the image is to be multiplied by.
+    pub(crate) fn take_size(&self, inputs: &mut [f32]) -> f32 {
+        if !self.scale_free {
+            return 1.0;
+        }
+        let count = self.channels.iter().filter(|channels| !channels.is_empty()).count();
+        let square: f32 = inputs.iter().map(|input| input * input).sum();
+        let size = (square / count.max(1) as f32).sqrt();
+        // Nothing but zeros stays so: its image is multiplied by nothing.
+        let factor = if size > 0.0 { 1.0 / size } else { 0.0 };
+        inputs.iter_mut().for_each(|input| *input *= factor);
+        size
     }
 
     /// Normalises by the mean and the standard deviation of some differences. An input that is always the same is divided
@@ -65,6 +145,9 @@ impl Input {
     pub fn normalise(&mut self, differences: &[Vec<f32>]) {
         self.mean_ohm.fill(0.0);
         self.sd_ohm.fill(1.0);
+        if self.scale_free {
+            return self.normalise_sizes(differences);
+        }
         let (mut sums, mut squares) = (vec![0.0f64; self.len()], vec![0.0f64; self.len()]);
         let mut inputs = vec![0.0; self.len()];
         for difference in differences {
@@ -80,5 +163,79 @@ impl Input {
         let least = if least.is_finite() { least } else { 1.0 };
         self.mean_ohm = sums.iter().map(|sum| (sum / count) as f32).collect();
         self.sd_ohm = (0..self.len()).map(|at| sd(at).max(least) as f32).collect();
+    }
+
+    /// Divides by what is typical; an input that is zero in half of the differences by the least of the others.
+    fn normalise_sizes(&mut self, differences: &[Vec<f32>]) {
+        let typical = self.typical(differences);
+        let least = typical.iter().copied().filter(|sd| *sd > 0.0).fold(f32::INFINITY, f32::min);
+        let least = if least.is_finite() { least } else { 1.0 };
+        self.sd_ohm = typical.into_iter().map(|sd| sd.max(least)).collect();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dermis::design::SkinDesign;
+
+    fn input() -> (Input, Vec<f32>) {
+        let protocol = SkinDesign::shipped("skin16").unwrap().protocol;
+        let mut input = Input::shapes(&protocol);
+        let differences: Vec<Vec<f32>> = (0..50)
+            .map(|k| (0..192).map(|c| (1.0 + c as f32) * (0.7 * (k * 192 + c) as f32).sin()).collect())
+            .collect();
+        input.normalise(&differences);
+        (input, differences[3].clone())
+    }
+
+    fn prepared(input: &Input, difference: &[f32]) -> (Vec<f32>, f32) {
+        let mut inputs = vec![0.0; input.len()];
+        let size = input.prepare(|channel| difference[channel], &mut inputs);
+        (inputs, size)
+    }
+
+    #[test]
+    fn a_multiple_has_the_same_shape_and_a_multiple_of_the_size() {
+        let (input, difference) = input();
+        let thrice: Vec<f32> = difference.iter().map(|value| 3.0 * value).collect();
+        let ((one, size), (other, larger)) = (prepared(&input, &difference), prepared(&input, &thrice));
+        assert!(one.iter().zip(&other).all(|(a, b)| (a - b).abs() < 1e-5));
+        assert!((larger / size - 3.0).abs() < 1e-5, "{size} and {larger}");
+        let (nothing, zero) = prepared(&input, &[0.0; 192]);
+        assert!(zero == 0.0 && nothing.iter().all(|value| *value == 0.0));
+    }
+
+    #[test]
+    fn a_twin_stands_for_a_channel_that_is_left_out() {
+        let (input, mut difference) = input();
+        // Drive d and drive d + 8 are one pair of electrodes, read alike.
+        assert!(input.len() == 96 && input.channels.iter().all(|group| group[1] == group[0] + 96));
+        for channel in 0..96 {
+            difference[96 + channel] = difference[channel];
+        }
+        let whole = prepared(&input, &difference);
+        for channel in [5, 40, 130] {
+            difference[channel] = 1e6;
+        }
+        assert_eq!(prepared(&input.without(&[5, 40, 130]), &difference), whole);
+        assert_ne!(prepared(&input, &difference), whole);
+        // With both gone the input is what a mean one would be, and the size is that of the others.
+        let (gone, _) = prepared(&input.without(&[5, 101]), &difference);
+        assert_eq!(gone[5], 0.0);
+    }
+
+    #[test]
+    fn the_loudness_of_channels_is_matched_without_labels() {
+        let (input, _) = input();
+        let frames = |gain: fn(usize) -> f32| -> Vec<Vec<f32>> {
+            let value = |k: usize, c: usize| gain(c) * (0.3 * (k * 7 + c) as f32).sin();
+            (0..200).map(|k| (0..192).map(|c| value(k, c % 96)).collect()).collect()
+        };
+        let (even, uneven) = (frames(|_| 1.0), frames(|c| 1.0 + c as f32));
+        let (one, other) = (input.matched(&even), input.matched(&uneven));
+        let ((a, _), (b, _)) = (prepared(&one, &even[9]), prepared(&other, &uneven[9]));
+        assert!(a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1e-4));
+        assert_ne!(prepared(&input, &even[9]).0, prepared(&input, &uneven[9]).0);
     }
 }

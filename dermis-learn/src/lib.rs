@@ -25,7 +25,7 @@ pub use input::Input;
 pub use model::Model;
 pub use network::{CHANNELS_TOGETHER, LayerPlan, Network, Plan, RefinementPlan, Tensor};
 pub use recipe::{Ingredient, Method};
-pub use samples::{Disturb, Noise, Samples, Target};
+pub use samples::{Disturb, Misfit, Noise, Samples, Target};
 pub use source::{Files, Part, Source, Streamed};
 pub use symmetry::Symmetries;
 pub use tensors::Precision;

@@ -3,6 +3,7 @@
 use crate::LearnError;
 use crate::card::{Card, SkinRecord};
 use crate::inference::Inference;
+use crate::input::Input;
 use crate::network::Network;
 use crate::shipped;
 use crate::tensors::{self, Named, Precision};
@@ -150,6 +151,38 @@ impl Model {
     pub fn with_detection(mut self, detection: DetectOptions) -> Self {
         self.card.detection = detection;
         self
+    }
+
+    /// The same network without some channels, whose twins stand for them.
+    ///
+    /// # Errors
+    /// An input of a network that knows frames with their scale of which no channel is left.
+    pub fn without(&self, left_out: &[usize]) -> Result<Self, LearnError> {
+        let input = self.card.input.without(left_out);
+        if let Some(empty) = input.channels.iter().position(Vec::is_empty).filter(|_| !input.scale_free) {
+            let channels = &self.card.input.channels[empty];
+            let message = format!("no twin stands for the channels {channels:?}: leave out fewer");
+            return Err(LearnError::model(Path::new(&self.card.name), message));
+        }
+        Ok(self.with_input(input))
+    }
+
+    /// The same network for an instrument whose channels are not equally loud ([`Input::matched`]); of a network that knows
+    /// frames with their scale nothing changes.
+    #[must_use]
+    pub fn matched(&self, differences: &[Frame]) -> Self {
+        if !self.card.input.scale_free {
+            return self.with_input(self.card.input.clone());
+        }
+        let differences: Vec<Vec<f32>> =
+            differences.iter().map(|frame| frame.iter().map(|&value| value as f32).collect()).collect();
+        self.with_input(self.card.input.matched(&differences))
+    }
+
+    fn with_input(&self, input: Input) -> Self {
+        let inference = Inference::new(&self.network, &input, self.card.target);
+        let card = Card { input, ..self.card.clone() };
+        Model { card, network: self.network.clone(), inference, pixels: Arc::clone(&self.pixels) }
     }
 
     /// The network.

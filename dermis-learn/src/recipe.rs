@@ -2,8 +2,8 @@
 
 use crate::card::{Card, DataRecord, SkinRecord, TrainingRecord};
 use crate::input::Input;
-use crate::network::Plan;
-use crate::samples::{Noise, Target};
+use crate::network::{LayerPlan, Plan};
+use crate::samples::{Misfit, Noise, Target};
 use crate::symmetry::Symmetries;
 use crate::train::{Schedule, TrainOptions};
 use dermis::dataset::Dataset;
@@ -17,6 +17,9 @@ use dermis::protocol::Protocol;
 const CHANNELS: [usize; 6] = [4, 16, 16, 16, 16, 1];
 /// Standard deviation of the Gaussians that its touches become, m: a pixel of the paper's skin.
 const TOUCH_WIDTH_M: f64 = 0.010;
+
+/// Values of each hidden layer of the network of shapes.
+const HIDDEN: usize = 256;
 
 // Settled on twins with the seeds 2001 and 2002, which are never reported.
 /// The lowest peak beside the highest in the paper's network's images: they have hardly a side lobe.
@@ -134,7 +137,7 @@ impl Method {
             false => (Target::Conductance, conductance_detection()),
         };
         let noise = match with(Ingredient::Disturbance) {
-            true => Noise { sd_ohm: noise_ohm, factor: [0.5, 4.0], coat_drift: 0.01, contact_drift: 0.1 },
+            true => Noise { sd_ohm: noise_ohm, factor: [0.5, 4.0], coat_drift: 0.01, contact_drift: 0.1, misfit: None },
             false => Noise::white(noise_ohm),
         };
         Method {
@@ -146,6 +149,27 @@ impl Method {
             symmetries: with(Ingredient::Symmetries).then(|| Symmetries::of(design, protocol)),
             detection,
             options: TrainOptions { epochs: 20, schedule: Schedule::Cosine, ..TrainOptions::default() },
+        }
+    }
+
+    /// For skins of which neither the instrument's unit nor its noise nor the membrane's physics is known: the shape of a
+    /// frame alone, twins averaged; small dense layers; touches of which only the shares are learned; in place of an
+    /// instrument's noise what the simulation misses, generously ([`Misfit::usual`]).
+    pub fn shapes(protocol: &Protocol, pixels: &PixelSpace) -> Self {
+        let input = Input::shapes(protocol);
+        let layer = |inputs, outputs, relu| LayerPlan::Dense { inputs, outputs, relu };
+        let trunk =
+            vec![layer(input.len(), HIDDEN, true), layer(HIDDEN, HIDDEN, true), layer(HIDDEN, pixels.len(), false)];
+        let silent = Noise::white(vec![0.0; protocol.channel_count()]);
+        Method {
+            name: "shapes",
+            plan: Plan { trunk, refinement: None },
+            input,
+            target: Target::Touches { width_m: TOUCH_WIDTH_M },
+            noise: Noise { misfit: Some(Misfit::usual()), ..silent },
+            symmetries: None,
+            detection: DetectOptions::default(),
+            options: TrainOptions { epochs: 8, schedule: Schedule::Cosine, ..TrainOptions::default() },
         }
     }
 }

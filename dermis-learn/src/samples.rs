@@ -15,6 +15,9 @@ use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+/// Streams of random numbers from here on stretch the samples that inputs are normalised by.
+const TYPICAL_STREAMS: u64 = 3 << 61;
+
 /// What a network is to make of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
@@ -23,7 +26,8 @@ pub enum Target {
     Conductance,
     /// Every touch as a Gaussian of this standard deviation (m), its height the root of the touch's size: the force of a
     /// press (N), the strength of a Gaussian touch (in cm2). The image is the square of what the network makes, its sign
-    /// kept.
+    /// kept. Where frames have no scale ([`Input::scale_free`]), the height is the root of the touch's share in the size of
+    /// all touches, and the image is that times the frame's size.
     Touches {
         /// Standard deviation, m.
         width_m: f64,
@@ -52,12 +56,37 @@ pub struct Noise {
     pub coat_drift: f32,
     /// How far each contact's resistance drifts: standard deviation over the design's.
     pub contact_drift: f32,
+    /// What the physics of the simulation misses; nothing without it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub misfit: Option<Misfit>,
+}
+
+/// What the physics of a simulation misses of a real skin, in shares of what a touch changes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Misfit {
+    /// A touch changes the whole coat too, evenly, as a stretched membrane does: the root mean square of that over the root
+    /// mean square of the touch's own change. Uniform between two bounds.
+    pub whole: [f32; 2],
+    /// Each channel is louder than it should be by a factor whose logarithm has this standard deviation.
+    pub loudness_sd: f32,
+    /// White noise of the inputs, its standard deviation over their root mean square. Uniform between two bounds.
+    pub relative: [f32; 2],
+    /// Each input is missing with a probability that is uniform from nothing to this.
+    pub missing: f32,
+}
+
+impl Misfit {
+    /// Of real skins whose instrument is not known: 0.3 to 0.6, 0.5, up to 2, 0.3.
+    pub fn usual() -> Self {
+        Misfit { whole: [0.3, 0.6], loudness_sd: 0.5, relative: [0.0, 2.0], missing: 0.3 }
+    }
 }
 
 impl Noise {
     /// White noise of given standard deviations and nothing else.
     pub fn white(sd_ohm: Vec<f32>) -> Self {
-        Noise { sd_ohm, factor: [1.0, 1.0], coat_drift: 0.0, contact_drift: 0.0 }
+        Noise { sd_ohm, factor: [1.0, 1.0], coat_drift: 0.0, contact_drift: 0.0, misfit: None }
     }
 }
 
@@ -72,6 +101,8 @@ pub struct Samples<'a> {
     target: Target,
     flat: Flat,
     pixels: Vec<Point3>,
+    /// Whether the instrument reports amplitudes.
+    amplitude_only: bool,
 }
 
 /// How the samples of a step are disturbed.
@@ -104,6 +135,7 @@ impl<'a> Samples<'a> {
             noise,
             target,
             flat,
+            amplitude_only: forward.protocol().amplitude_only(),
             pixels: pixels.centres_m.iter().map(|&centre| flat.place(centre)).collect(),
         })
     }
@@ -118,7 +150,31 @@ impl<'a> Samples<'a> {
     /// # Errors
     /// A file that cannot be read; a value that is not finite.
     pub fn difference(&self, number: usize) -> Result<Vec<f32>, LearnError> {
-        Ok(difference(&self.source.read(number, false)?.0))
+        Ok(self.read(number, false)?.1)
+    }
+
+    /// The difference of a sample that was asked for, and what the simulation misses of it but for noise: what inputs are
+    /// normalised by.
+    ///
+    /// # Errors
+    /// As [`difference`](Self::difference).
+    pub fn typical_difference(&self, number: usize, seed: u64) -> Result<Vec<f32>, LearnError> {
+        let (sample, mut difference, _) = self.read(number, false)?;
+        if let Some(misfit) = &self.noise.misfit {
+            misfit.stretch(&mut sample_rng(seed, TYPICAL_STREAMS + number as u64), &sample.rest, &mut difference);
+        }
+        Ok(difference)
+    }
+
+    /// A sample, what its touches changed as the instrument reports it, and whether they are presses. Where amplitudes are
+    /// reported the untouched frame becomes its amplitudes too.
+    fn read(&self, number: usize, with_image: bool) -> Result<(Sample, Vec<f32>, bool), LearnError> {
+        let (mut sample, is_press) = self.source.read(number, with_image)?;
+        if self.amplitude_only {
+            sample.rest.iter_mut().chain(&mut sample.frame).for_each(|value| *value = value.abs());
+        }
+        let difference = sample.frame.iter().zip(&sample.rest).map(|(touched, rest)| touched - rest).collect();
+        Ok((sample, difference, is_press))
     }
 
     /// The variance of all values of the undisturbed targets of some samples.
@@ -130,7 +186,7 @@ impl<'a> Samples<'a> {
         let sums = |&number: &usize| -> Result<[f64; 2], LearnError> {
             let mut target = vec![0.0; self.pixels.len()];
             let (sample, is_press) = self.source.read(number, self.target == Target::Conductance)?;
-            self.target(&sample, is_press, 0, &mut target);
+            self.target(&sample, is_press, 0, None, &mut target);
             let values = || target.iter().map(|&value| f64::from(value));
             Ok([values().sum(), values().map(|value| value * value).sum()])
         };
@@ -152,9 +208,9 @@ impl<'a> Samples<'a> {
         inputs: &mut [f32],
         target: &mut [f32],
     ) -> Result<(), LearnError> {
-        let (sample, is_press) = self.source.read(number, self.target == Target::Conductance)?;
-        let mut difference = difference(&sample);
+        let (sample, mut difference, is_press) = self.read(number, self.target == Target::Conductance)?;
         let mut element = 0;
+        let mut drawn = None;
         if let Disturb::Step(seed, step) = disturb {
             let mut rng = sample_rng(seed, step);
             if let Some(symmetries) = &self.symmetries {
@@ -163,10 +219,18 @@ impl<'a> Samples<'a> {
                 symmetries.frame(element, &difference, &mut moved);
                 difference = moved;
             }
+            if let Some(misfit) = &self.noise.misfit {
+                misfit.stretch(&mut rng, &sample.rest, &mut difference);
+            }
             self.disturb(&mut rng, element, &sample.rest, &mut difference);
+            drawn = Some(rng);
         }
-        input.prepare(|channel| difference[channel], inputs);
-        self.target(&sample, is_press, element, target);
+        input.normalised(|channel| difference[channel], inputs);
+        if let (Some(misfit), Some(rng)) = (&self.noise.misfit, &mut drawn) {
+            misfit.blur(rng, inputs);
+        }
+        let size = input.take_size(inputs);
+        self.target(&sample, is_press, element, input.scale_free.then_some(size), target);
         Ok(())
     }
 
@@ -195,16 +259,21 @@ impl<'a> Samples<'a> {
         }
     }
 
-    fn target(&self, sample: &Sample, is_press: bool, element: usize, target: &mut [f32]) {
-        let Target::Touches { width_m } = self.target else { return target.copy_from_slice(&sample.image) };
+    fn target(&self, sample: &Sample, is_press: bool, element: usize, size: Option<f32>, target: &mut [f32]) {
+        let Target::Touches { width_m } = self.target else {
+            let factor = size.map_or(1.0, f32::recip);
+            return target.iter_mut().zip(&sample.image).for_each(|(target, image)| *target = factor * image);
+        };
         target.fill(0.0);
-        for &[x, y, z, _, force, strength] in &sample.touches {
-            let mut place = [x, y, z].map(f64::from);
+        let weight = |touch: &[f32; 6]| if is_press { touch[4] } else { touch[5] * 1e4 };
+        let whole = if size.is_some() { sample.touches.iter().map(weight).sum() } else { 1.0 };
+        for touch in &sample.touches {
+            let mut place = [touch[0], touch[1], touch[2]].map(f64::from);
             if let Some(symmetries) = &self.symmetries {
                 place = symmetries.point(element, place);
             }
             let place = self.flat.place(place);
-            let height = if is_press { force } else { strength * 1e4 }.sqrt();
+            let height = (weight(touch) / whole).sqrt();
             let per = -0.5 / (width_m * width_m);
             for (value, &pixel) in target.iter_mut().zip(&self.pixels) {
                 let exponent = per * self.flat.square_distance(place, pixel);
@@ -216,9 +285,31 @@ impl<'a> Samples<'a> {
     }
 }
 
-/// What the touches of a sample changed, ohm.
-fn difference(sample: &Sample) -> Vec<f32> {
-    sample.frame.iter().zip(&sample.rest).map(|(touched, rest)| touched - rest).collect()
+impl Misfit {
+    /// The even change of the whole coat, and channels that are too loud or too faint. A conductance that falls everywhere
+    /// raises all values alike, whichever way touches turn it: the change is along the untouched frame.
+    fn stretch(&self, rng: &mut ChaCha8Rng, rest: &[f32], difference: &mut [f32]) {
+        let size = |values: &[f32]| values.iter().map(|value| value * value).sum::<f32>().sqrt();
+        let along: f32 = rest.iter().zip(&*difference).map(|(rest, value)| rest * value).sum();
+        let [low, high] = self.whole;
+        let share = (low + (high - low) * rng.random::<f32>()) * size(difference) / size(rest).max(f32::MIN_POSITIVE);
+        for (value, rest) in difference.iter_mut().zip(rest) {
+            let deviate: f32 = StandardNormal.sample(&mut *rng);
+            *value = (*value + share.copysign(along) * rest) * (self.loudness_sd * deviate).exp();
+        }
+    }
+
+    /// Noise of the inputs, and some of them missing.
+    fn blur(&self, rng: &mut ChaCha8Rng, inputs: &mut [f32]) {
+        let square: f32 = inputs.iter().map(|input| input * input).sum();
+        let [low, high] = self.relative;
+        let sd = (low + (high - low) * rng.random::<f32>()) * (square / inputs.len() as f32).sqrt();
+        let missing = self.missing * rng.random::<f32>();
+        for input in inputs {
+            let deviate: f32 = StandardNormal.sample(&mut *rng);
+            *input = if rng.random::<f32>() < missing { 0.0 } else { *input + sd * deviate };
+        }
+    }
 }
 
 /// For each contact what a resistance of its own, a share of the design's in series with it, adds to the untouched frame.
@@ -230,6 +321,9 @@ fn contact_patterns(forward: &ForwardModel, share: f32) -> Result<Vec<Vec<f32>>,
     let frame = |network: &dermis::forward::Network| {
         let mut frame = vec![0.0; forward.protocol().channel_count()];
         network.frame_into(forward.protocol(), &mut frame);
+        if forward.protocol().amplitude_only() {
+            frame.iter_mut().for_each(|value: &mut f64| *value = value.abs());
+        }
         frame
     };
     let rest = frame(&network);

@@ -135,7 +135,10 @@ impl<'a> Trainer<'a> {
         let order = training.source().order(options.seed, 0);
         let few = &order[..order.len().min(NORMALISE_BY)];
         training.source().prepare(few)?;
-        let differences = few.par_iter().map(|&index| training.difference(index)).collect::<Result<Vec<_>, _>>()?;
+        let differences = few
+            .par_iter()
+            .map(|&index| training.typical_difference(index, options.seed))
+            .collect::<Result<Vec<_>, _>>()?;
         input.normalise(&differences);
         let scale = training.target_variance(few)?.sqrt().recip() as f32;
         let scale = if scale.is_finite() { scale } else { 1.0 };

@@ -8,9 +8,6 @@ use dermis::frame::{Frame, Truth, read_frames, read_truth};
 use dermis::geom::Point3;
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
-use rand::SeedableRng;
-use rand::seq::index::sample;
-use rand_chacha::ChaCha8Rng;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -66,18 +63,7 @@ fn figures(name: &str) -> Option<(f64, f64)> {
     let many: Vec<usize> = (0..2000).collect();
     let aligned = estimates.align(&truth, &many).expect("a score");
     print(name, &aligned);
-    let mut means: Vec<f64> = (0..200)
-        .map(|draw| {
-            let mut rng = ChaCha8Rng::seed_from_u64(draw);
-            let few = sample(&mut rng, truth.len(), 20).into_vec();
-            let aligned = estimates.align(&truth, &few).expect("a score");
-            if draw < 3 {
-                print(name, &aligned);
-            }
-            aligned.score.localisation_m.mean
-        })
-        .collect();
-    means.sort_by(f64::total_cmp);
+    let means = estimates.align_by_few(&truth, 20, 200).expect("scores");
     let median = 0.5 * (means[99] + means[100]);
     println!(
         "{name}: 200 draws of 20 presses to align by: median {:.2} mm, 90 % {:.2} mm",

@@ -6,7 +6,7 @@ use crate::frames::FrameArguments;
 use crate::method::MethodArguments;
 use crate::skin::{Per, Skin};
 use clap::Args;
-use dermis::evaluate::{AlignOptions, Aligned, Alignment, PressEstimates, Score, Summary, score};
+use dermis::evaluate::{Aligned, Alignment, Score, Summary, score};
 use dermis::frame::{Frame, Truth, read_truth};
 use dermis::geom::Point3;
 use serde::Serialize;
@@ -26,14 +26,17 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     truth: PathBuf,
     /// The truth is headerless x,y,z (m) in the frame of the robot that pressed, a row a frame: the first N presses tell
-    /// where the skin lies in that frame and which prior, alpha and cut suit it, the others are scored. Channels that
-    /// disagree with their twins are left out.
+    /// where the skin lies in that frame and which prior, alpha and cut suit it (of a network the cut alone), the others are
+    /// scored. Channels that disagree with their twins, or are deaf beside them, are left out.
     #[arg(
         long,
         value_name = "N",
-        conflicts_with_all = ["method", "alpha", "alpha_absolute", "noser_exponent", "weighing", "leave_out"]
+        conflicts_with_all = ["method", "alpha", "alpha_absolute", "noser_exponent", "weighing"]
     )]
     align: Option<usize>,
+    /// In place of the first presses, draw those to align by at random, this many times, and tell the median error.
+    #[arg(long, value_name = "TIMES", requires = "align", value_parser = clap::value_parser!(u64).range(1..))]
+    draws: Option<u64>,
     /// Print JSON (lengths in m) in place of a table (mm).
     #[arg(long)]
     json: bool,
@@ -70,8 +73,12 @@ impl Arguments {
     /// Finds out from the first presses where the skin lies, and scores the others.
     fn align(&self, skin: &Skin, differences: &[Frame], presses: &[Point3], count: usize) -> Outcome {
         let progress = Progress::waiting("images of all presses, by every prior, alpha and cut to choose from");
-        let options = AlignOptions::new(skin.design.sheet.touch);
-        let estimates = PressEstimates::new(&skin.forward, &skin.pixels(Per::Pixel)?, differences, &options)?;
+        let estimates = self.method.press_estimates(skin, differences)?;
+        if let Some(draws) = self.draws {
+            let means_m = estimates.align_by_few(presses, count, draws).map_err(dermis::Error::from)?;
+            drop(progress);
+            return self.tell_draws(count, &means_m);
+        }
         let align_by: Vec<usize> = (0..count).collect();
         let aligned = estimates.align(presses, &align_by).map_err(dermis::Error::from)?;
         drop(progress);
@@ -88,6 +95,23 @@ impl Arguments {
     }
 }
 
+impl Arguments {
+    fn tell_draws(&self, count: usize, means_m: &[f64]) -> Outcome {
+        let last = means_m.len() - 1;
+        let median_m = 0.5 * (means_m[last / 2] + means_m[last - last / 2]);
+        let p90_m = means_m[9 * last / 10];
+        if self.json {
+            return print_json(&serde_json::json!({ "aligned_by": count, "median_m": median_m, "p90_m": p90_m }));
+        }
+        print(&format!(
+            "aligned by {count} presses, drawn {} times: mean error {:.2} mm in the median draw, {:.2} mm in one of ten or more\n",
+            means_m.len(),
+            1e3 * median_m,
+            1e3 * p90_m
+        ))
+    }
+}
+
 /// A score of aligned presses for machines.
 #[derive(Serialize)]
 struct AlignedJson<'a> {
@@ -97,7 +121,7 @@ struct AlignedJson<'a> {
     alignment: &'a Alignment,
     /// Presses that told it.
     aligned_by: usize,
-    /// Channels that disagree with their twins.
+    /// Channels that were left out.
     left_out: &'a [usize],
     /// Where outlying values were cut, in standard deviations of their channel; `null` for no cut.
     cut_sd: f64,

@@ -89,6 +89,9 @@ enum NetworkName {
     PaperOtherwise,
     /// Ours: a linear layer refined by convolutions.
     Best,
+    /// For real skins of which little is known: it sees the shape of a frame alone, whatever the instrument's unit, and what
+    /// simulations miss is added generously in place of a twin's noise.
+    Shapes,
 }
 
 /// What sets the best network apart, by name.
@@ -144,8 +147,7 @@ impl Arguments {
         let waiting = Progress::waiting("preparing");
         let forward = ForwardModel::new(&design, &Mesh::generate(&design)?)?;
         let pixels = Arc::new(PixelSpace::for_design(&design, forward.mesh())?);
-        let noise_ohm = noise_ohm(&design, &TwinOptions::load(&self.noise)?)?;
-        let method = self.method(&design, &forward, &pixels, noise_ohm);
+        let method = self.method(&design, &forward, &pixels)?;
         let files =
             |datasets, part| -> Outcome<Box<dyn Source>> { Ok(Box::new(Files::new(datasets, part, &forward)?)) };
         let (training, test) = match &self.stream {
@@ -173,21 +175,23 @@ impl Arguments {
     }
 
     /// The network that was asked for, with what was asked otherwise.
-    fn method(&self, design: &SkinDesign, forward: &ForwardModel, pixels: &PixelSpace, noise_ohm: Vec<f32>) -> Method {
+    fn method(&self, design: &SkinDesign, forward: &ForwardModel, pixels: &PixelSpace) -> Outcome<Method> {
+        let noise_ohm = || noise_ohm(design, &TwinOptions::load(&self.noise)?);
         let mut method = match self.network {
-            NetworkName::Paper => Method::paper(forward.protocol(), pixels, noise_ohm),
-            NetworkName::PaperOtherwise => Method::paper_otherwise(forward.protocol(), pixels, noise_ohm),
+            NetworkName::Paper => Method::paper(forward.protocol(), pixels, noise_ohm()?),
+            NetworkName::PaperOtherwise => Method::paper_otherwise(forward.protocol(), pixels, noise_ohm()?),
             NetworkName::Best => {
                 let without: Vec<Ingredient> = self.without.iter().map(|name| name.ingredient()).collect();
-                Method::best_without(&without, design, forward.protocol(), pixels, noise_ohm)
+                Method::best_without(&without, design, forward.protocol(), pixels, noise_ohm()?)
             }
+            NetworkName::Shapes => Method::shapes(forward.protocol(), pixels),
         };
         let options = &mut method.options;
         options.epochs = self.epochs.unwrap_or(options.epochs);
         options.epoch_samples = self.epoch_samples.or(options.epoch_samples);
         options.rate = self.rate.unwrap_or(options.rate);
         options.seed = self.seed.unwrap_or(options.seed);
-        method
+        Ok(method)
     }
 
     /// Samples to train on and to test by, made as they are asked for.

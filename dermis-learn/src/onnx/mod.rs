@@ -35,14 +35,19 @@ impl Model {
 fn file(input: &Input, network: &Network, target: Target, channels: usize, notes: &[(&str, String)]) -> Vec<u8> {
     let mut graph = Graph::default();
     let value = add_input(&mut graph, input, channels, "difference_ohm");
+    let (value, size) = if input.scale_free { add_size(&mut graph, input, &value) } else { (value, String::new()) };
     let value = add_network(&mut graph, network, &value);
+    let last = if input.scale_free { "shape" } else { "image" };
     match target {
-        Target::Conductance => graph.operation("Identity", &[&value], "image", &[]),
+        Target::Conductance => graph.operation("Identity", &[&value], last, &[]),
         Target::Touches { .. } => {
             let size = graph.operation("Abs", &[&value], "root.size", &[]);
-            graph.operation("Mul", &[&value, &size], "image", &[])
+            graph.operation("Mul", &[&value, &size], last, &[])
         }
     };
+    if input.scale_free {
+        graph.operation("Mul", &["shape", &size], "image", &[]);
+    }
     graph.into_file("dermis", [("difference_ohm", channels), ("image", network.plan().outputs())], notes)
 }
 
@@ -51,7 +56,7 @@ fn file(input: &Input, network: &Network, target: Target, channels: usize, notes
 /// Where every input is a mean of `n` channels (or can be written as one, channels repeated), it is the sum of `n` gathered
 /// values, and `1 / n` joins the factor.
 fn add_input(graph: &mut Graph, input: &Input, channels: usize, value: &str) -> String {
-    let count = input.channels.iter().fold(1, |count, group| least_common_multiple(count, group.len()));
+    let count = input.channels.iter().fold(1, |count, group| least_common_multiple(count, group.len().max(1)));
     let mut value = value.to_string();
     if count > 1 || !input.channels.iter().flatten().copied().eq(0..channels) {
         let gathered: Vec<String> = (0..count).map(|turn| add_gathered(graph, input, turn, &value)).collect();
@@ -63,15 +68,33 @@ fn add_input(graph: &mut Graph, input: &Input, channels: usize, value: &str) -> 
     let size = [input.len()];
     let sums: Vec<f32> = input.mean_ohm.iter().map(|mean| mean * count as f32).collect();
     let sums = graph.floats("mean_ohm", &size, &sums);
-    let factors: Vec<f32> = input.sd_ohm.iter().map(|sd| 1.0 / (sd * count as f32)).collect();
+    let factor = |(group, sd): (&Vec<usize>, &f32)| if group.is_empty() { 0.0 } else { 1.0 / (sd * count as f32) };
+    let factors: Vec<f32> = input.channels.iter().zip(&input.sd_ohm).map(factor).collect();
     let factors = graph.floats("factor", &size, &factors);
     let centred = graph.operation("Sub", &[&value, &sums], "centred_ohm", &[]);
     graph.operation("Mul", &[&centred, &factors], "normalised", &[])
 }
 
+/// Divides the inputs by their root mean square; gives their name and its.
+fn add_size(graph: &mut Graph, input: &Input, value: &str) -> (String, String) {
+    let square = graph.operation("Mul", &[value, value], "normalised.square", &[]);
+    let axes = [("axes", Attribute::Integers(&[1]))];
+    let mean = graph.operation("ReduceMean", &[&square], "normalised.mean_square", &axes);
+    // The mean is over the inputs that have a channel.
+    let there = input.channels.iter().filter(|channels| !channels.is_empty()).count().max(1);
+    let share = graph.floats("share_there", &[1], &[input.len() as f32 / there as f32]);
+    let mean = graph.operation("Mul", &[&mean, &share], "normalised.mean_square_there", &[]);
+    let size = graph.operation("Sqrt", &[&mean], "size", &[]);
+    let least = graph.floats("least_size", &[1], &[f32::MIN_POSITIVE]);
+    let divisor = graph.operation("Max", &[&size, &least], "size.positive", &[]);
+    (graph.operation("Div", &[value, &divisor], "shape.input", &[]), size)
+}
+
 /// One channel of each input.
 fn add_gathered(graph: &mut Graph, input: &Input, turn: usize, value: &str) -> String {
-    let channels: Vec<i64> = input.channels.iter().map(|group| group[turn % group.len()] as i64).collect();
+    // An input without a channel is multiplied by nothing: any will do.
+    let of = |group: &Vec<usize>| if group.is_empty() { 0 } else { group[turn % group.len()] as i64 };
+    let channels: Vec<i64> = input.channels.iter().map(of).collect();
     let name = format!("reciprocal.{turn}");
     let channels = graph.integers(&format!("{name}.channels"), &channels);
     graph.operation("Gather", &[value, &channels], &name, &[("axis", Attribute::Integer(1))])

@@ -37,7 +37,9 @@ fn onnx_runtime_gives_our_images() {
     let plans = [Plan::paper(CHANNELS, 30), Plan::paper_otherwise(20, 30), ring, narrow, flat];
     for (index, plan) in plans.iter().enumerate() {
         for target in [Target::Conductance, Target::Touches { width_m: 0.01 }] {
-            check(&python, folder.path(), plan, index as u64, target);
+            for scale_free in [false, true] {
+                check(&python, folder.path(), plan, index as u64, target, scale_free);
+            }
         }
     }
 }
@@ -71,12 +73,17 @@ fn drawn_input(inputs: usize) -> Input {
         channels: (0..inputs).map(group).collect(),
         mean_ohm: (0..inputs).map(|at| 0.01 * (at as f32).cos()).collect(),
         sd_ohm: (0..inputs).map(|at| 0.02 + 0.01 * (at as f32).sin()).collect(),
+        scale_free: false,
     }
 }
 
-fn check(python: &str, folder: &Path, plan: &Plan, seed: u64, target: Target) {
+fn check(python: &str, folder: &Path, plan: &Plan, seed: u64, target: Target, scale_free: bool) {
     let network = drawn(plan, seed);
-    let input = drawn_input(plan.inputs());
+    let mut input = drawn_input(plan.inputs());
+    if scale_free {
+        input.scale_free = true;
+        input.channels[1].clear();
+    }
     let differences: Vec<f32> = (0..FRAMES * CHANNELS).map(|at| 0.03 * (0.7 * at as f32).sin()).collect();
     let wide = |values: &[f32]| values.iter().map(|&value| f64::from(value)).collect::<Vec<f64>>();
     let differences = wide(&differences);

@@ -13,8 +13,11 @@ use crate::frame::{Frame, Screening};
 use crate::geom::vector::Point3;
 use crate::geom::{Point2, Surface};
 use crate::image::{Image, PixelSpace};
-
+use crate::protocol::Protocol;
 use crate::reconstruct::{Alpha, Linearised, OneStep, OneStepOptions, Prior, Reconstruct};
+use rand::SeedableRng;
+use rand::seq::index::sample;
+use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -31,7 +34,12 @@ pub struct AlignOptions {
     pub detector: Detector,
     /// Which way a touch turns the conductance.
     pub touch: TouchEffect,
+    /// Channels that are known to be broken, whatever their twins say.
+    pub left_out: Vec<usize>,
 }
+
+/// A method to choose among, and its alpha where it has one.
+pub type AlignMethod = (Box<dyn Reconstruct>, Option<f64>);
 
 impl AlignOptions {
     /// NOSER with the exponents 0.25 and 0.5 (with larger ones the slivers of pixels at the rim outshine the others),
@@ -43,6 +51,7 @@ impl AlignOptions {
             limits_sd: vec![f64::INFINITY, 3.0, 2.0],
             detector: Detector::default(),
             touch,
+            left_out: Vec::new(),
         }
     }
 }
@@ -52,7 +61,8 @@ impl AlignOptions {
 struct Candidate {
     method: String,
     limit_sd: f64,
-    alpha: f64,
+    left_out: Vec<usize>,
+    alpha: Option<f64>,
     /// All contacts of each press, the strongest first.
     contacts: Vec<Vec<Contact>>,
     /// The mean of the contacts weighted by their strength, as one press made them all; without a contact the whole
@@ -65,7 +75,6 @@ struct Candidate {
 /// What some methods found for every press of an experiment, before anyone knows where the skin lies.
 #[derive(Debug, Clone)]
 pub struct PressEstimates {
-    screening: Screening,
     candidates: Vec<Candidate>,
 }
 
@@ -78,7 +87,7 @@ pub struct Aligned {
     pub limit_sd: f64,
     /// Presses that it was aligned by.
     pub aligned_by: usize,
-    /// Channels left out because they disagree with their twins.
+    /// Channels left out: those known to be broken, and those that disagree with their twins or are deaf beside them.
     pub left_out: Vec<usize>,
     /// The score of the other presses. Every press is scored, one without a contact by the whole image's centroid:
     /// `localisation_m` has no gate; misses and ghosts count contacts as everywhere.
@@ -103,30 +112,82 @@ impl PressEstimates {
     ) -> crate::Result<Self> {
         let choices = [options.priors.len(), options.alphas.len(), options.limits_sd.len()];
         assert!(!choices.contains(&0), "a prior, an alpha and a limit to choose from");
-        if pixels.surface != Surface::Plane {
-            return Err(EvaluateError::NotFlat.into());
-        }
-        let screening = Screening::of(differences, forward.protocol());
         let model = Linearised::new(forward, pixels)?;
-        let mut candidates = Vec::new();
-        for &limit_sd in &options.limits_sd {
-            let cut: Vec<Frame> = differences.iter().map(|difference| screening.cut(difference, limit_sd)).collect();
+        Self::by(forward.protocol(), pixels, differences, options, |cut, left_out| {
+            let mut methods: Vec<AlignMethod> = Vec::new();
             for &prior in &options.priors {
                 for &alpha in &options.alphas {
                     let one_step = OneStepOptions {
                         prior,
                         alpha,
                         touch: options.touch,
-                        excluded: screening.disagreeing.clone(),
-                        examples: if matches!(alpha, Alpha::LCurve | Alpha::Gcv) { cut.clone() } else { Vec::new() },
+                        excluded: left_out.to_vec(),
+                        examples: if matches!(alpha, Alpha::LCurve | Alpha::Gcv) { cut.to_vec() } else { Vec::new() },
                         ..OneStepOptions::default()
                     };
                     let method = OneStep::from_linearised(&model, Arc::clone(pixels), &one_step)?;
-                    candidates.push(Candidate::new(&method, limit_sd, &cut, &options.detector)?);
+                    let alpha = method.alpha();
+                    methods.push((Box::new(method), Some(alpha)));
+                }
+            }
+            Ok(methods)
+        })
+    }
+
+    /// The same by any methods: `methods` makes them for differences that are cut and channels to leave out, once for every
+    /// limit of the options and each way of screening (channels that disagree with their twins, channels that are deaf beside
+    /// them).
+    ///
+    /// # Errors
+    /// A skin that is not flat, differences of the wrong length, whatever `methods` says.
+    pub fn by<E: From<crate::Error>>(
+        protocol: &Protocol,
+        pixels: &PixelSpace,
+        differences: &[Frame],
+        options: &AlignOptions,
+        mut methods: impl FnMut(&[Frame], &[usize]) -> Result<Vec<AlignMethod>, E>,
+    ) -> Result<Self, E> {
+        if pixels.surface != Surface::Plane {
+            return Err(crate::Error::from(EvaluateError::NotFlat).into());
+        }
+        let screening = Screening::of(differences, protocol);
+        let mut screened = [&screening.disagreeing, &screening.deaf].map(|channels| {
+            let mut all = [&channels[..], &options.left_out].concat();
+            all.sort_unstable();
+            all.dedup();
+            all
+        });
+        screened.sort();
+        let different = if screened[0] == screened[1] { &screened[..1] } else { &screened[..] };
+        let mut candidates = Vec::new();
+        for &limit_sd in &options.limits_sd {
+            let cut: Vec<Frame> = differences.iter().map(|difference| screening.cut(difference, limit_sd)).collect();
+            for left_out in different {
+                for (method, alpha) in methods(&cut, left_out)? {
+                    let found = Candidate::new(&*method, &cut, &options.detector)?;
+                    candidates.push(Candidate { limit_sd, alpha, left_out: left_out.clone(), ..found });
                 }
             }
         }
-        Ok(PressEstimates { screening, candidates })
+        Ok(PressEstimates { candidates })
+    }
+
+    /// The mean errors, m, after alignments by a few presses, drawn at random that many times (draw `i` depends on `i`
+    /// alone); ascending.
+    ///
+    /// # Errors
+    /// As [`align`](Self::align).
+    pub fn align_by_few(&self, presses: &[Point3], few: usize, draws: u64) -> Result<Vec<f64>, EvaluateError> {
+        if few >= presses.len() {
+            return Err(EvaluateError::NothingToScore { align: few, presses: presses.len() });
+        }
+        let mean = |draw: u64| {
+            let drawn = sample(&mut ChaCha8Rng::seed_from_u64(draw), presses.len(), few).into_vec();
+            Ok(self.align(presses, &drawn)?.score.localisation_m.mean)
+        };
+        let mut means = (0..draws).into_par_iter().map(mean).collect::<Result<Vec<f64>, EvaluateError>>()?;
+        means.sort_by(f64::total_cmp);
+        Ok(means)
     }
 
     /// Aligns by the presses `align_by`, which also choose among the methods by the smallest mean distance that remains, and
@@ -166,7 +227,7 @@ impl PressEstimates {
             alignment,
             limit_sd: candidate.limit_sd,
             aligned_by: align_by.len(),
-            left_out: self.screening.disagreeing.clone(),
+            left_out: candidate.left_out.clone(),
             score,
             places: scored.iter().map(place).collect(),
         })
@@ -180,7 +241,7 @@ fn fit(places: &[Point2], presses: &[Point3], align_by: &[usize]) -> Result<Alig
 }
 
 impl Candidate {
-    fn new(method: &OneStep, limit_sd: f64, differences: &[Frame], detector: &Detector) -> crate::Result<Self> {
+    fn new(method: &dyn Reconstruct, differences: &[Frame], detector: &Detector) -> Result<Self, crate::Error> {
         let found = |difference: &Frame| -> crate::Result<(Vec<Contact>, Point2)> {
             let image: Image = method.reconstruct(difference)?;
             // An image without a positive value tells nothing: the middle of the skin is the best guess.
@@ -197,7 +258,8 @@ impl Candidate {
             if contacts.is_empty() { centroid } else { [mean(0), mean(1)] }
         };
         let places = contacts.iter().zip(&centroids).map(place).collect();
-        Ok(Candidate { method: method.name(), limit_sd, alpha: method.alpha(), contacts, places, centroids })
+        let (limit_sd, left_out, alpha) = (f64::INFINITY, Vec::new(), None);
+        Ok(Candidate { method: method.name(), limit_sd, left_out, alpha, contacts, places, centroids })
     }
 
     fn score(
@@ -232,7 +294,7 @@ impl Candidate {
             eq11_m: errors(&self.centroids, &of_centroids),
             sensitivity_spread: f64::NAN,
             method: self.method.clone(),
-            alpha: Some(self.alpha),
+            alpha: self.alpha,
         })
     }
 }

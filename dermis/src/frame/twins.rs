@@ -8,6 +8,9 @@ use std::collections::HashMap;
 /// ten cases.
 const FRAMES_AT_LEAST: usize = 20;
 
+/// A channel that is this many times as loud as its twin makes that one deaf.
+const LOUDER: f64 = 2.0;
+
 /// Which channels of some differences can be trusted, and how far; found without any label.
 ///
 /// A channel's twins read the same between the same pairs of electrodes: with the drive or the measure reversed, or
@@ -18,6 +21,10 @@ const FRAMES_AT_LEAST: usize = 20;
 pub struct Screening {
     /// Channels that disagree with their twins, ascending.
     pub disagreeing: Vec<usize>,
+    /// Channels that are deaf where a twin hears, ascending: half as loud as one of their twins or less, or not agreeing with
+    /// those that are about as loud as they are. An instrument that reads voltages of one sign alone hears each pair of
+    /// electrodes in one direction of the current.
+    pub deaf: Vec<usize>,
     /// The robust standard deviation of each channel: 1.4826 times the median of the sizes of its values, in their unit.
     pub sd: Vec<f64>,
 }
@@ -34,16 +41,25 @@ impl Screening {
         let sd =
             (0..count).map(|channel| 1.4826 * median(column(channel).into_iter().map(f64::abs).collect())).collect();
         if differences.len() < FRAMES_AT_LEAST {
-            return Screening { disagreeing: Vec::new(), sd };
+            return Screening { disagreeing: Vec::new(), deaf: Vec::new(), sd };
         }
         let ranks: Vec<Vec<f64>> = (0..count).map(|channel| ranks(&column(channel))).collect();
-        let disagrees = |&(channel, ref twins): &(usize, Vec<(usize, f64)>)| {
-            let together = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let together = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let disagrees = |channel: usize, twins: &[(usize, f64)]| {
             let agrees = |&&(twin, sign): &&(usize, f64)| sign * together(&ranks[channel], &ranks[twin]) > 0.0;
             2 * twins.iter().filter(agrees).count() < twins.len()
         };
-        let with_twins = twins(protocol).into_iter().enumerate().filter(|(_, twins)| !twins.is_empty());
-        Screening { disagreeing: with_twins.filter(disagrees).map(|(channel, _)| channel).collect(), sd }
+        let is_deaf = |channel: usize, twins: &[(usize, f64)]| {
+            let loudest = twins.iter().map(|&(twin, _)| sd[twin]).fold(0.0, f64::max);
+            let alike = twins.iter().copied().filter(|&(twin, _)| sd[channel] < LOUDER * sd[twin]);
+            LOUDER * sd[channel] <= loudest || disagrees(channel, &alike.collect::<Vec<_>>())
+        };
+        let twins: Vec<_> = twins(protocol).into_iter().enumerate().filter(|(_, twins)| !twins.is_empty()).collect();
+        let those = |test: &dyn Fn(usize, &[(usize, f64)]) -> bool| -> Vec<usize> {
+            twins.iter().filter(|(channel, twins)| test(*channel, twins)).map(|(channel, _)| *channel).collect()
+        };
+        let (disagreeing, deaf) = (those(&disagrees), those(&is_deaf));
+        Screening { disagreeing, deaf, sd }
     }
 
     /// A difference with its outlying values brought back to some robust standard deviations of their channel. A channel
@@ -147,6 +163,22 @@ mod tests {
     }
 
     #[test]
+    fn a_channel_is_deaf_beside_a_loud_twin_or_against_one_as_loud() {
+        let wave = |k: usize, phase: f64| (0.7 * k as f64 + phase).sin();
+        let of = |factors: [f64; 3]| {
+            let frame = |k: usize| {
+                Frame(vec![factors[0] * wave(k, 0.0), factors[1] * wave(k, 0.0), factors[2] * wave(k, 0.1), 1.0])
+            };
+            Screening::of(&(0..60).map(frame).collect::<Vec<_>>(), &protocol().with_amplitude_only(true)).deaf
+        };
+        assert_eq!(of([1.0, 0.9, 1.1]), Vec::<usize>::new());
+        // Faint and wrong: what is faint does not speak against what is loud.
+        assert_eq!(of([1.0, -0.2, 1.1]), vec![1]);
+        assert_eq!(of([1.0, -0.9, 1.1]), vec![1]);
+        assert_eq!(of([0.3, -1.0, 0.3]), vec![0, 2]);
+    }
+
+    #[test]
     fn an_outlier_is_cut_at_three_robust_deviations() {
         let mut frames: Vec<Frame> = (0..41).map(|k| Frame(vec![k as f64 - 20.0; 4])).collect();
         frames[0][2] = -1e6;
@@ -155,7 +187,7 @@ mod tests {
         assert!((screening.cut(&frames[0], 3.0)[2] + limit).abs() < 1e-9, "{:?}", screening.sd);
         assert_eq!(screening.cut(&frames[0], f64::INFINITY), frames[0]);
         assert_eq!(screening.cut(&frames[5], 3.0)[1], -15.0);
-        let silent = Screening { disagreeing: Vec::new(), sd: vec![0.0; 4] };
+        let silent = Screening { disagreeing: Vec::new(), deaf: Vec::new(), sd: vec![0.0; 4] };
         assert_eq!(
             (silent.cut(&frames[0], 3.0), silent.cut(&frames[0], f64::INFINITY)),
             (frames[0].clone(), frames[0].clone())
