@@ -153,10 +153,15 @@ impl MethodArguments {
         };
         let model = Model::named(name, &skin.forward, Arc::clone(&pixels))?;
         let options = AlignOptions { detector: Detector::new(model.detection()), ..options };
-        let protocol = &skin.design.protocol;
-        PressEstimates::by(protocol, &pixels, differences, &options, |cut, left_out| -> Outcome<Vec<AlignMethod>> {
-            Ok(vec![(Box::new(model.without(left_out)?.matched(cut)), None)])
-        })
+        PressEstimates::by(
+            &skin.forward,
+            &pixels,
+            differences,
+            &options,
+            |cut, left_out| -> Outcome<Vec<AlignMethod>> {
+                Ok(vec![(Box::new(model.without(left_out)?.matched(cut)), None)])
+            },
+        )
     }
 
     /// Refuses channels that are not there.

@@ -27,7 +27,7 @@ pub struct Arguments {
     truth: PathBuf,
     /// The truth is headerless x,y,z (m) in the frame of the robot that pressed, a row a frame: the first N presses tell
     /// where the skin lies in that frame and which prior, alpha and cut suit it (of a network the cut alone), the others are
-    /// scored. Channels that disagree with their twins, or are deaf beside them, are left out.
+    /// scored. Channels that disagree with their twins, or that the instrument is deaf to, are left out.
     #[arg(
         long,
         value_name = "N",

@@ -13,7 +13,6 @@ use crate::frame::{Frame, Screening};
 use crate::geom::vector::Point3;
 use crate::geom::{Point2, Surface};
 use crate::image::{Image, PixelSpace};
-use crate::protocol::Protocol;
 use crate::reconstruct::{Alpha, Linearised, OneStep, OneStepOptions, Prior, Reconstruct};
 use rand::SeedableRng;
 use rand::seq::index::sample;
@@ -87,7 +86,7 @@ pub struct Aligned {
     pub limit_sd: f64,
     /// Presses that it was aligned by.
     pub aligned_by: usize,
-    /// Channels left out: those known to be broken, and those that disagree with their twins or are deaf beside them.
+    /// Channels left out: those known to be broken, and those that disagree with their twins, or that the instrument is deaf to.
     pub left_out: Vec<usize>,
     /// The score of the other presses. Every press is scored, one without a contact by the whole image's centroid:
     /// `localisation_m` has no gate; misses and ghosts count contacts as everywhere.
@@ -113,7 +112,7 @@ impl PressEstimates {
         let choices = [options.priors.len(), options.alphas.len(), options.limits_sd.len()];
         assert!(!choices.contains(&0), "a prior, an alpha and a limit to choose from");
         let model = Linearised::new(forward, pixels)?;
-        Self::by(forward.protocol(), pixels, differences, options, |cut, left_out| {
+        Self::by(forward, pixels, differences, options, |cut, left_out| {
             let mut methods: Vec<AlignMethod> = Vec::new();
             for &prior in &options.priors {
                 for &alpha in &options.alphas {
@@ -135,13 +134,13 @@ impl PressEstimates {
     }
 
     /// The same by any methods: `methods` makes them for differences that are cut and channels to leave out, once for every
-    /// limit of the options and each way of screening (channels that disagree with their twins, channels that are deaf beside
-    /// them).
+    /// limit of the options and each way of screening (channels that disagree with their twins, channels that the instrument
+    /// is deaf to).
     ///
     /// # Errors
     /// A skin that is not flat, differences of the wrong length, whatever `methods` says.
     pub fn by<E: From<crate::Error>>(
-        protocol: &Protocol,
+        forward: &ForwardModel,
         pixels: &PixelSpace,
         differences: &[Frame],
         options: &AlignOptions,
@@ -150,8 +149,10 @@ impl PressEstimates {
         if pixels.surface != Surface::Plane {
             return Err(crate::Error::from(EvaluateError::NotFlat).into());
         }
-        let screening = Screening::of(differences, protocol);
-        let mut screened = [&screening.disagreeing, &screening.deaf].map(|channels| {
+        let screening = Screening::of(differences, forward.protocol());
+        let untouched = forward.solve(forward.rest_conductivity()).map_err(crate::Error::from)?;
+        let deaf = screening.deaf(forward.protocol(), &untouched);
+        let mut screened = [&screening.disagreeing, &deaf].map(|channels| {
             let mut all = [&channels[..], &options.left_out].concat();
             all.sort_unstable();
             all.dedup();

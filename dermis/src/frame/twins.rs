@@ -8,7 +8,7 @@ use std::collections::HashMap;
 /// ten cases.
 const FRAMES_AT_LEAST: usize = 20;
 
-/// A channel that is this many times as loud as its twin makes that one deaf.
+/// A channel that is this many times as loud as its twin speaks against that one.
 const LOUDER: f64 = 2.0;
 
 /// Which channels of some differences can be trusted, and how far; found without any label.
@@ -21,10 +21,6 @@ const LOUDER: f64 = 2.0;
 pub struct Screening {
     /// Channels that disagree with their twins, ascending.
     pub disagreeing: Vec<usize>,
-    /// Channels that are deaf where a twin hears, ascending: half as loud as one of their twins or less, or not agreeing with
-    /// those that are about as loud as they are. An instrument that reads voltages of one sign alone hears each pair of
-    /// electrodes in one direction of the current.
-    pub deaf: Vec<usize>,
     /// The robust standard deviation of each channel: 1.4826 times the median of the sizes of its values, in their unit.
     pub sd: Vec<f64>,
 }
@@ -41,7 +37,7 @@ impl Screening {
         let sd =
             (0..count).map(|channel| 1.4826 * median(column(channel).into_iter().map(f64::abs).collect())).collect();
         if differences.len() < FRAMES_AT_LEAST {
-            return Screening { disagreeing: Vec::new(), deaf: Vec::new(), sd };
+            return Screening { disagreeing: Vec::new(), sd };
         }
         let ranks: Vec<Vec<f64>> = (0..count).map(|channel| ranks(&column(channel))).collect();
         let together = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
@@ -49,17 +45,38 @@ impl Screening {
             let agrees = |&&(twin, sign): &&(usize, f64)| sign * together(&ranks[channel], &ranks[twin]) > 0.0;
             2 * twins.iter().filter(agrees).count() < twins.len()
         };
-        let is_deaf = |channel: usize, twins: &[(usize, f64)]| {
-            let loudest = twins.iter().map(|&(twin, _)| sd[twin]).fold(0.0, f64::max);
-            let alike = twins.iter().copied().filter(|&(twin, _)| sd[channel] < LOUDER * sd[twin]);
-            LOUDER * sd[channel] <= loudest || disagrees(channel, &alike.collect::<Vec<_>>())
-        };
-        let twins: Vec<_> = twins(protocol).into_iter().enumerate().filter(|(_, twins)| !twins.is_empty()).collect();
-        let those = |test: &dyn Fn(usize, &[(usize, f64)]) -> bool| -> Vec<usize> {
-            twins.iter().filter(|(channel, twins)| test(*channel, twins)).map(|(channel, _)| *channel).collect()
-        };
-        let (disagreeing, deaf) = (those(&disagrees), those(&is_deaf));
-        Screening { disagreeing, deaf, sd }
+        let twins = twins(protocol).into_iter().enumerate().filter(|(_, twins)| !twins.is_empty());
+        let disagreeing = twins.filter(|(channel, twins)| disagrees(*channel, twins)).map(|(channel, _)| channel);
+        Screening { disagreeing: disagreeing.collect(), sd }
+    }
+
+    /// Channels to which an instrument is deaf that reports amplitudes and hears voltages of one sign alone, ascending: all
+    /// those whose value is of the other sign on the model's untouched skin. With the drive reversed the same voltage has
+    /// the other sign, so that one of such twins hardly moves beside the other: where one is twice as loud, it must in four
+    /// of five cases be the one of the same sign. None where signs are reported, or twins are about as loud.
+    ///
+    /// # Panics
+    /// Where the untouched frame is of another length than the protocol.
+    pub fn deaf(&self, protocol: &Protocol, untouched: &Frame) -> Vec<usize> {
+        assert_eq!(untouched.len(), protocol.channel_count(), "a frame of the protocol");
+        if !protocol.amplitude_only() {
+            return Vec::new();
+        }
+        let positive = |channel: usize| untouched[channel] > 0.0;
+        let (mut pairs, mut louder) = (0, [0, 0]);
+        for (channel, twins) in twins(protocol).into_iter().enumerate() {
+            for (twin, _) in twins.into_iter().filter(|&(twin, _)| positive(channel) != positive(twin)) {
+                pairs += 1;
+                if self.sd[channel] >= LOUDER * self.sd[twin] {
+                    louder[usize::from(positive(channel))] += 1;
+                }
+            }
+        }
+        // Every pair was met from both its ends; most must speak, and with one voice.
+        let told = louder[0] + louder[1];
+        let one_sign = 4 * told >= pairs && 5 * louder[0].max(louder[1]) >= 4 * told && told > 0;
+        let deaf_to = louder[0] > louder[1];
+        (0..untouched.len()).filter(|&channel| one_sign && positive(channel) == deaf_to).collect()
     }
 
     /// A difference with its outlying values brought back to some robust standard deviations of their channel. A channel
@@ -163,19 +180,18 @@ mod tests {
     }
 
     #[test]
-    fn a_channel_is_deaf_beside_a_loud_twin_or_against_one_as_loud() {
-        let wave = |k: usize, phase: f64| (0.7 * k as f64 + phase).sin();
-        let of = |factors: [f64; 3]| {
-            let frame = |k: usize| {
-                Frame(vec![factors[0] * wave(k, 0.0), factors[1] * wave(k, 0.0), factors[2] * wave(k, 0.1), 1.0])
-            };
-            Screening::of(&(0..60).map(frame).collect::<Vec<_>>(), &protocol().with_amplitude_only(true)).deaf
-        };
-        assert_eq!(of([1.0, 0.9, 1.1]), Vec::<usize>::new());
-        // Faint and wrong: what is faint does not speak against what is loud.
-        assert_eq!(of([1.0, -0.2, 1.1]), vec![1]);
-        assert_eq!(of([1.0, -0.9, 1.1]), vec![1]);
-        assert_eq!(of([0.3, -1.0, 0.3]), vec![0, 2]);
+    fn an_instrument_is_deaf_to_the_sign_whose_channels_hardly_move() {
+        let screening = |sd: [f64; 4]| Screening { disagreeing: Vec::new(), sd: sd.to_vec() };
+        let untouched = Frame(vec![-1.0, 1.0, -2.0, -1.0]);
+        let blind = protocol().with_amplitude_only(true);
+        // Channel 1 has the drive of channel 0 reversed; channel 2 exchanges drive and measure; channel 3 has no twin.
+        assert_eq!(screening([1.0, 0.3, 1.2, 1.0]).deaf(&blind, &untouched), vec![1]);
+        assert_eq!(screening([0.3, 1.0, 0.4, 1.0]).deaf(&blind, &untouched), vec![0, 2, 3]);
+        let none: Vec<usize> = Vec::new();
+        assert_eq!(screening([1.0, 0.9, 1.2, 1.0]).deaf(&blind, &untouched), none);
+        // One pair says so, the other the contrary.
+        assert_eq!(screening([1.0, 0.3, 0.1, 1.0]).deaf(&blind, &untouched), none);
+        assert_eq!(screening([1.0, 0.3, 1.2, 1.0]).deaf(&protocol(), &untouched), none);
     }
 
     #[test]
@@ -187,7 +203,7 @@ mod tests {
         assert!((screening.cut(&frames[0], 3.0)[2] + limit).abs() < 1e-9, "{:?}", screening.sd);
         assert_eq!(screening.cut(&frames[0], f64::INFINITY), frames[0]);
         assert_eq!(screening.cut(&frames[5], 3.0)[1], -15.0);
-        let silent = Screening { disagreeing: Vec::new(), deaf: Vec::new(), sd: vec![0.0; 4] };
+        let silent = Screening { disagreeing: Vec::new(), sd: vec![0.0; 4] };
         assert_eq!(
             (silent.cut(&frames[0], 3.0), silent.cut(&frames[0], f64::INFINITY)),
             (frames[0].clone(), frames[0].clone())
