@@ -38,6 +38,8 @@ def read(folder):
 def inputs(card, differences):
     """What enters the network: means of channels that read the same, normalised."""
     given = card["input"]
+    if given.get("scale_free"):
+        raise SystemExit("this network sees the shape of a frame alone: use `dermis export --onnx`, which divides and multiplies by its size")
     means = np.stack([differences[:, channels].mean(axis=1) for channels in given["channels"]], axis=1)
     return ((means - np.float32(given["mean_ohm"])) / np.float32(given["sd_ohm"])).astype(np.float32)
 

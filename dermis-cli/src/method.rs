@@ -6,7 +6,7 @@ use crate::frames::Differences;
 use crate::skin::{Per, Skin};
 use clap::{Args, ValueEnum};
 use dermis::detect::{DetectOptions, Detector, ImageNoise};
-use dermis::evaluate::{AlignMethod, AlignOptions, PressEstimates};
+use dermis::evaluate::{AlignMethod, AlignOptions, PressEstimates, Screen};
 use dermis::frame::Frame;
 use dermis::image::{Image, PixelSpace};
 use dermis::reconstruct::{
@@ -25,7 +25,7 @@ pub struct MethodArguments {
     /// How images are made; NOSER without it.
     #[arg(long, value_enum)]
     method: Option<MethodName>,
-    /// A trained network in place of a method: `paper` or `best`, which are shipped for the paper's skin, or the folder of
+    /// A trained network in place of a method: `paper` or `best`, which are shipped for the paper's skin, `shapes` for skin16, or the folder of
     /// a model of `dermis train`.
     #[arg(long, value_name = "MODEL", conflicts_with_all = ["method", "alpha", "alpha_absolute", "weighing"])]
     model: Option<String>,
@@ -152,7 +152,8 @@ impl MethodArguments {
             return Ok(PressEstimates::new(&skin.forward, &pixels, differences, &options)?);
         };
         let model = Model::named(name, &skin.forward, Arc::clone(&pixels))?;
-        let options = AlignOptions { detector: Detector::new(model.detection()), ..options };
+        let screens = vec![Screen::Disagreeing, Screen::Deaf];
+        let options = AlignOptions { detector: Detector::new(model.detection()), screens, ..options };
         PressEstimates::by(
             &skin.forward,
             &pixels,

@@ -64,7 +64,7 @@ impl Model {
         }
     }
 
-    /// The models that are shipped for a skin; none for any but the paper's.
+    /// The models that are shipped for a skin; none for most.
     ///
     /// # Errors
     /// A shipped file that is damaged, which is our fault.

@@ -1,7 +1,7 @@
-//! The models that come with the library, for the paper's skin.
+//! The models that come with the library: `paper` and `best` for the paper's skin, `shapes` for `skin16`.
 
 /// Their names.
-pub const NAMES: [&str; 2] = ["paper", "best"];
+pub const NAMES: [&str; 3] = ["paper", "best", "shapes"];
 
 /// The card and the weights of a model by its name.
 pub fn files(name: &str) -> Option<(&'static [u8], &'static [u8])> {
@@ -13,6 +13,10 @@ pub fn files(name: &str) -> Option<(&'static [u8], &'static [u8])> {
         "best" => Some((
             include_bytes!("../models/cylinder30/best/card.json"),
             include_bytes!("../models/cylinder30/best/weights.safetensors"),
+        )),
+        "shapes" => Some((
+            include_bytes!("../models/skin16/shapes/card.json"),
+            include_bytes!("../models/skin16/shapes/weights.safetensors"),
         )),
         _ => None,
     }

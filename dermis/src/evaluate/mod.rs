@@ -21,7 +21,7 @@ pub use assess::{
 };
 pub use explained::GainFit;
 pub use matching::{Match, match_contacts};
-pub use presses::{AlignMethod, AlignOptions, Aligned, PressEstimates};
+pub use presses::{AlignMethod, AlignOptions, Aligned, PressEstimates, Screen};
 pub use score::{Score, resolves_two, score};
 pub use statistics::Summary;
 pub use tank::{FoundObject, Material, TankObject, find_objects};

@@ -35,6 +35,17 @@ pub struct AlignOptions {
     pub touch: TouchEffect,
     /// Channels that are known to be broken, whatever their twins say.
     pub left_out: Vec<usize>,
+    /// Rules of which other channels to leave out, to choose from.
+    pub screens: Vec<Screen>,
+}
+
+/// A rule of which channels to leave out, without labels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Screen {
+    /// Those that disagree with their twins.
+    Disagreeing,
+    /// Those that the instrument is [deaf](Screening::deaf) to.
+    Deaf,
 }
 
 /// A method to choose among, and its alpha where it has one.
@@ -42,7 +53,8 @@ pub type AlignMethod = (Box<dyn Reconstruct>, Option<f64>);
 
 impl AlignOptions {
     /// NOSER with the exponents 0.25 and 0.5 (with larger ones the slivers of pixels at the rim outshine the others),
-    /// alphas from 2 to 16 by factors of two, no cut and two; the shipped detector.
+    /// alphas from 2 to 16 by factors of two, no cut and two; the shipped detector. Channels that disagree with their twins
+    /// are left out; the linear method gains nothing where those are that the instrument is deaf to.
     pub fn new(touch: TouchEffect) -> Self {
         AlignOptions {
             priors: [0.25, 0.5].map(|exponent| Prior::Noser { exponent }).to_vec(),
@@ -51,6 +63,7 @@ impl AlignOptions {
             detector: Detector::default(),
             touch,
             left_out: Vec::new(),
+            screens: vec![Screen::Disagreeing],
         }
     }
 }
@@ -102,15 +115,15 @@ impl PressEstimates {
     /// A skin that is not flat, options out of their range, differences of the wrong length.
     ///
     /// # Panics
-    /// Without a prior, an alpha or a limit to choose from.
+    /// Without a prior, an alpha, a limit or a screen to choose from.
     pub fn new(
         forward: &ForwardModel,
         pixels: &Arc<PixelSpace>,
         differences: &[Frame],
         options: &AlignOptions,
     ) -> crate::Result<Self> {
-        let choices = [options.priors.len(), options.alphas.len(), options.limits_sd.len()];
-        assert!(!choices.contains(&0), "a prior, an alpha and a limit to choose from");
+        let choices = [options.priors.len(), options.alphas.len(), options.limits_sd.len(), options.screens.len()];
+        assert!(!choices.contains(&0), "a prior, an alpha, a limit and a screen to choose from");
         let model = Linearised::new(forward, pixels)?;
         Self::by(forward, pixels, differences, options, |cut, left_out| {
             let mut methods: Vec<AlignMethod> = Vec::new();
@@ -134,8 +147,7 @@ impl PressEstimates {
     }
 
     /// The same by any methods: `methods` makes them for differences that are cut and channels to leave out, once for every
-    /// limit of the options and each way of screening (channels that disagree with their twins, channels that the instrument
-    /// is deaf to).
+    /// limit and each screen of the options.
     ///
     /// # Errors
     /// A skin that is not flat, differences of the wrong length, whatever `methods` says.
@@ -151,19 +163,21 @@ impl PressEstimates {
         }
         let screening = Screening::of(differences, forward.protocol());
         let untouched = forward.solve(forward.rest_conductivity()).map_err(crate::Error::from)?;
-        let deaf = screening.deaf(forward.protocol(), &untouched);
-        let mut screened = [&screening.disagreeing, &deaf].map(|channels| {
-            let mut all = [&channels[..], &options.left_out].concat();
-            all.sort_unstable();
-            all.dedup();
-            all
-        });
-        screened.sort();
-        let different = if screened[0] == screened[1] { &screened[..1] } else { &screened[..] };
+        let left_out = |screen: &Screen| {
+            let mut channels = match screen {
+                Screen::Disagreeing => screening.disagreeing.clone(),
+                Screen::Deaf => screening.deaf(forward.protocol(), &untouched),
+            };
+            channels.extend(&options.left_out);
+            channels.sort_unstable();
+            channels.dedup();
+            channels
+        };
+        let screened: Vec<Vec<usize>> = options.screens.iter().map(left_out).collect();
         let mut candidates = Vec::new();
         for &limit_sd in &options.limits_sd {
             let cut: Vec<Frame> = differences.iter().map(|difference| screening.cut(difference, limit_sd)).collect();
-            for left_out in different {
+            for left_out in &screened {
                 for (method, alpha) in methods(&cut, left_out)? {
                     let found = Candidate::new(&*method, &cut, &options.detector)?;
                     candidates.push(Candidate { limit_sd, alpha, left_out: left_out.clone(), ..found });
