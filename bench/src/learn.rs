@@ -65,8 +65,8 @@ impl Skin {
         )?)
     }
 
-    /// The network as it is.
-    fn model(&self, trainer: &Trainer<'_>, method: &Method) -> Model {
+    /// The network as it is, its outputs times a factor.
+    fn model(&self, trainer: &Trainer<'_>, method: &Method, factor: f32) -> Model {
         let training = TrainingRecord {
             options: method.options.clone(),
             samples: 0,
@@ -76,7 +76,7 @@ impl Skin {
         };
         let skin = SkinRecord::new(&self.design.name, &self.forward, &self.pixels);
         let card = method.card(skin, trainer.input(), &[], training);
-        Model::new(card, trainer.network(), Arc::clone(&self.pixels))
+        Model::new(card, trainer.network().scaled(factor), Arc::clone(&self.pixels))
     }
 }
 
@@ -116,15 +116,18 @@ fn write_start(skin: &Skin, few: &Path, folder: &Path) -> Result<(), Box<dyn Err
         return Err(format!("{} samples to train on, but one batch is {batch}", training.source().len()).into());
     }
     let mut trainer = Trainer::new(&method.plan, method.input.clone(), &method.options, &training, &test)?;
+    // Targets are learned in units of their standard deviation, and so they are given to the other program.
+    let scale = trainer.target_scale();
     let (mut given, mut wanted) = (vec![0.0; batch * inputs], vec![0.0; batch * outputs]);
     for (index, (given, wanted)) in given.chunks_exact_mut(inputs).zip(wanted.chunks_exact_mut(outputs)).enumerate() {
         training.fill(index, Disturb::Nothing, trainer.input(), given, wanted)?;
+        wanted.iter_mut().for_each(|value| *value *= scale);
     }
     save(folder, "batch_inputs", &[batch, inputs], &given)?;
     save(folder, "batch_targets", &[batch, outputs], &wanted)?;
     save(folder, "noise_ohm", &[skin.forward.protocol().channel_count()], &skin.noise())?;
-    skin.model(&trainer, &method).save(&folder.join("start"), Precision::Single)?;
-    let losses = (0..COMPARED_STEPS).map(|_| Ok(trainer.epoch(|_| ())?.training_loss));
+    skin.model(&trainer, &method, scale).save(&folder.join("start"), Precision::Single)?;
+    let losses = (0..COMPARED_STEPS).map(|_| Ok(trainer.epoch(|_| ())?.training_loss * f64::from(scale * scale)));
     let losses = losses.collect::<Result<Vec<f64>, Box<dyn Error>>>()?;
     write_array(&folder.join("losses.npy"), "losses", &[losses.len()], &losses)?;
     Ok(())
@@ -184,5 +187,5 @@ fn trained(skin: &Skin, method: &Method, datasets: &[Dataset]) -> Result<Model, 
     for _ in 0..EPOCHS {
         trainer.epoch(|_| ())?;
     }
-    Ok(skin.model(&trainer, method))
+    Ok(skin.model(&trainer, method, 1.0))
 }

@@ -179,6 +179,11 @@ impl<'a> Trainer<'a> {
         self.state.network.clone().scaled(self.scale.recip())
     }
 
+    /// What targets are multiplied by while it learns: one over their standard deviation.
+    pub fn target_scale(&self) -> f32 {
+        self.scale
+    }
+
     /// How differences become its inputs.
     pub fn input(&self) -> &Input {
         &self.state.input
