@@ -11,6 +11,7 @@ use dermis::design::SkinDesign;
 use dermis::evaluate::match_contacts;
 use dermis::image::{Image, PixelSpace};
 use dermis::mesh::Mesh;
+use dermis::reconstruct::Quantity;
 
 /// A skin to draw experiments on.
 pub struct Exhibit<'a> {
@@ -114,24 +115,19 @@ impl<'a> Exhibit<'a> {
         scene
     }
 
-    /// An image with the true places and the contacts found.
-    pub fn example(
-        &self,
-        title: &str,
-        subtitle: &str,
-        touches: &[Contact],
-        image: &Image,
-        contacts: &[Contact],
-    ) -> Scene {
-        let mut scene = image_scene(&self.drawing, image, self.design.sheet.touch);
-        self.drawing.add_contacts(&mut scene, contacts);
+    /// One of a method's images with the true places and the contacts found.
+    pub fn example(&self, title: &str, subtitle: &str, touches: &[Contact], shown: &Shown, frame: usize) -> Scene {
+        let mut scene = image_scene(&self.drawing, &shown.images[frame], shown.quantity, self.design.sheet.touch);
+        self.drawing.add_contacts(&mut scene, &shown.contacts[frame]);
         self.drawing.add_touches(&mut scene, touches);
         Scene { title: title.into(), subtitle: subtitle.into(), ..scene }
     }
 
-    /// An image as it is, with marks where touches were.
+    /// A change of conductance as it is, with marks where touches were.
     pub fn truth_image(&self, title: &str, touches: &[Contact], image: &Image) -> Scene {
-        self.example(title, "", touches, image, &[])
+        let mut scene = image_scene(&self.drawing, image, Quantity::Change, self.design.sheet.touch);
+        self.drawing.add_touches(&mut scene, touches);
+        Scene { title: title.into(), ..scene }
     }
 }
 

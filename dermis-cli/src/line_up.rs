@@ -10,7 +10,7 @@ use dermis::experiment::Recording;
 use dermis::forward::ForwardModel;
 use dermis::frame::Frame;
 use dermis::image::{Image, PixelSpace};
-use dermis::reconstruct::{Alpha, Linearised, OneStep, OneStepOptions, Prior, Reconstruct, image_noise};
+use dermis::reconstruct::{Alpha, Linearised, OneStep, OneStepOptions, Prior, Quantity, Reconstruct, image_noise};
 use dermis_learn::{Card, Model};
 use rayon::prelude::*;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -131,6 +131,8 @@ pub struct Shown {
     pub how: String,
     /// The image of each frame.
     pub images: Vec<Image>,
+    /// What their values are.
+    pub quantity: Quantity,
     /// The contacts found in each image.
     pub contacts: Vec<Vec<Contact>>,
     /// The score.
@@ -143,6 +145,7 @@ impl Shown {
         let images = method.images(recording)?;
         let contacts = images.par_iter().map(|image| detector.detect(image)).collect();
         let score = score(&images, truth, detector, &method.name, method.alpha)?;
-        Ok(Shown { name: method.name.clone(), how: method.how(), images, contacts, score })
+        let quantity = method.reconstruct.quantity();
+        Ok(Shown { name: method.name.clone(), how: method.how(), images, quantity, contacts, score })
     }
 }

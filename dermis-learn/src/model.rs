@@ -5,13 +5,14 @@ use crate::card::{Card, SkinRecord};
 use crate::inference::Inference;
 use crate::input::Input;
 use crate::network::Network;
+use crate::samples::Target;
 use crate::shipped;
 use crate::tensors::{self, Named, Precision};
 use dermis::detect::DetectOptions;
 use dermis::forward::ForwardModel;
 use dermis::frame::{Frame, write_whole};
 use dermis::image::{Image, PixelSpace};
-use dermis::reconstruct::{Reconstruct, ReconstructError, check_lengths};
+use dermis::reconstruct::{Quantity, Reconstruct, ReconstructError, check_lengths};
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -213,6 +214,13 @@ impl Reconstruct for Model {
 
     fn pixels(&self) -> &Arc<PixelSpace> {
         &self.pixels
+    }
+
+    fn quantity(&self) -> Quantity {
+        match self.card.target {
+            Target::Conductance => Quantity::Change,
+            Target::Touches { .. } => Quantity::Touch,
+        }
     }
 
     fn detection(&self) -> DetectOptions {

@@ -15,7 +15,7 @@ use dermis::forward::ForwardModel;
 use dermis::frame::{Truth, read_array, read_truth, write_whole};
 use dermis::image::{Image, PixelSpace};
 use dermis::mesh::Mesh;
-use dermis::reconstruct::Linearised;
+use dermis::reconstruct::{Linearised, Quantity};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -127,15 +127,15 @@ impl Arguments {
                 sensitivity_scene(&drawing, &space, &Linearised::new(&forward, &space)?.sensitivity(&space))
             }
             What::Image => {
-                let (images, detector, how) = self.images(design, mesh)?;
+                let Seen { images, quantity, detector, how } = self.images(design, mesh)?;
                 let image = images.get(self.frame).ok_or_else(|| self.no_such_frame(images.len()))?;
-                let mut scene = image_scene(&drawing, image, design.sheet.touch);
+                let mut scene = image_scene(&drawing, image, quantity, design.sheet.touch);
                 drawing.add_contacts(&mut scene, &detector.detect(image));
                 scene.title = format!("{}: image of frame {}", design.name, self.frame);
                 Scene { subtitle: how, ..scene }
             }
             What::Localisation => {
-                let (images, detector, how) = self.images(design, mesh)?;
+                let Seen { images, detector, how, .. } = self.images(design, mesh)?;
                 let truth = self.truth(design, images.len())?;
                 let contacts: Vec<Vec<Contact>> = images.iter().map(|image| detector.detect(image)).collect();
                 Scene { subtitle: how, ..localisation_scene(&drawing, design, &truth, &contacts) }
@@ -162,11 +162,12 @@ impl Arguments {
         }
     }
 
-    /// The images to draw, the detector that knows their noise, and a line on how they were made.
-    fn images(&self, design: &SkinDesign, mesh: &Mesh) -> Outcome<(Vec<Image>, Detector, String)> {
+    /// The images to draw.
+    fn images(&self, design: &SkinDesign, mesh: &Mesh) -> Outcome<Seen> {
         if let Some(path) = &self.images {
             let how = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-            return Ok((read_images(path, design, mesh)?, Detector::default(), how));
+            let images = read_images(path, design, mesh)?;
+            return Ok(Seen { images, quantity: Quantity::Change, detector: Detector::default(), how });
         }
         let Some(frames) = &self.frames else {
             let fix = "name images with --images, or frames with --frames and --baseline";
@@ -183,15 +184,28 @@ impl Arguments {
         let method = self.method.prepare(&skin, Per::Pixel, &differences)?;
         let alpha = method.alpha.map(|alpha| format!(", alpha {alpha:.3}")).unwrap_or_default();
         let how = format!("{}{alpha}", method.reconstruct.name());
-        Ok((method.images(&differences.frames)?, method.detector(&differences)?, how))
+        let (images, detector) = (method.images(&differences.frames)?, method.detector(&differences)?);
+        Ok(Seen { images, quantity: method.reconstruct.quantity(), detector, how })
     }
 }
 
+/// Images to draw.
+struct Seen {
+    images: Vec<Image>,
+    /// What their values are.
+    quantity: Quantity,
+    /// The detector that knows their noise.
+    detector: Detector,
+    /// How they were made, for people.
+    how: String,
+}
+
 /// An image as colours: white where nothing changed.
-pub fn image_scene(drawing: &Drawing<'_>, image: &Image, touch: TouchEffect) -> Scene {
-    let label = match touch {
-        TouchEffect::ConductanceRises => "relative rise of conductance",
-        TouchEffect::ConductanceFalls => "relative fall of conductance",
+pub fn image_scene(drawing: &Drawing<'_>, image: &Image, quantity: Quantity, touch: TouchEffect) -> Scene {
+    let label = match (quantity, touch) {
+        (Quantity::Touch, _) => "size of touches",
+        (Quantity::Change, TouchEffect::ConductanceRises) => "relative rise of conductance",
+        (Quantity::Change, TouchEffect::ConductanceFalls) => "relative fall of conductance",
     };
     let scale = Scale::diverging(image.values.iter().copied());
     drawing.field(&image.space, &image.values, Key { scale, label: label.into() })

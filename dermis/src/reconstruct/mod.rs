@@ -101,10 +101,24 @@ pub trait Reconstruct: Send + Sync {
         None
     }
 
+    /// What the values of its images are.
+    fn quantity(&self) -> Quantity {
+        Quantity::Change
+    }
+
     /// How contacts are found in its images. The default is that of linear images, with their side lobes.
     fn detection(&self) -> DetectOptions {
         DetectOptions::default()
     }
+}
+
+/// What the values of an image are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Quantity {
+    /// Relative change of conductance, positive where touched.
+    Change,
+    /// The size of the touch whose middle lies there, as the method's training measured it: newtons of presses.
+    Touch,
 }
 
 /// The noise of a method's images, told by differences of untouched frames from their baseline: by its matrix from the

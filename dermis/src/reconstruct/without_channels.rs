@@ -3,7 +3,7 @@
 use crate::detect::DetectOptions;
 use crate::forward::Matrix;
 use crate::image::PixelSpace;
-use crate::reconstruct::{Reconstruct, ReconstructError};
+use crate::reconstruct::{Quantity, Reconstruct, ReconstructError};
 use std::sync::Arc;
 
 /// A method for a skin of which some channels are broken: it is told of no change in them. A method that is made anew
@@ -55,6 +55,10 @@ impl Reconstruct for WithoutChannels<'_> {
 
     fn matrix(&self) -> Option<&Matrix> {
         self.matrix.as_ref()
+    }
+
+    fn quantity(&self) -> Quantity {
+        self.method.quantity()
     }
 
     fn detection(&self) -> DetectOptions {

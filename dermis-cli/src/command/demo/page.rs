@@ -68,17 +68,15 @@ fn examples(report: &mut Report, demo: &Demo, exhibit: &Exhibit<'_>) -> Outcome 
         let index = nearest_press(demo, z_m, degrees);
         let title = format!("One press {name}");
         for shown in &demo.shown {
-            let (image, contacts) = (&shown.images[index], &shown.contacts[index]);
-            let scene = exhibit.example(&title, &of(shown), &demo.truth[index], image, contacts);
+            let scene = exhibit.example(&title, &of(shown), &demo.truth[index], shown, index);
             pictures.push((exhibit.flat(&scene)?, format!("Press {index}, {name}.")));
         }
     }
     let mut last = None;
     for shown in &demo.four {
-        let (image, contacts) = (&shown.images[0], &shown.contacts[0]);
-        let scene = exhibit.example("Four touches at once", &of(shown), &demo.four_truth, image, contacts);
-        let caption =
-            format!("Four touches in one frame, as in the paper's Fig. 9: {} contacts found.", contacts.len());
+        let scene = exhibit.example("Four touches at once", &of(shown), &demo.four_truth, shown, 0);
+        let found = shown.contacts[0].len();
+        let caption = format!("Four touches in one frame, as in the paper's Fig. 9: {found} contacts found.");
         pictures.push((exhibit.flat(&scene)?, caption));
         last = Some(scene);
     }

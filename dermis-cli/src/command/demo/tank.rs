@@ -12,7 +12,7 @@ use dermis::forward::ForwardModel;
 use dermis::frame::Frame;
 use dermis::image::{Image, PixelSpace};
 use dermis::mesh::Mesh;
-use dermis::reconstruct::{OneStep, OneStepOptions, Reconstruct};
+use dermis::reconstruct::{OneStep, OneStepOptions, Quantity, Reconstruct};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -165,7 +165,7 @@ fn caption(recording: &Found) -> String {
 }
 
 fn picture(drawing: &Drawing<'_>, design: &SkinDesign, recording: &Found, how: &str) -> Outcome<Picture> {
-    let mut scene = image_scene(drawing, &recording.image, design.sheet.touch);
+    let mut scene = image_scene(drawing, &recording.image, Quantity::Change, design.sheet.touch);
     if let Some(key) = &mut scene.key {
         // The water's conductance and the tank's size are not stated with the recordings.
         key.label = "conductance above the water's (arbitrary scale)".into();

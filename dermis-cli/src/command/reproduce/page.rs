@@ -212,8 +212,8 @@ fn several_touches(report: &mut Report, found: &Results<'_>, exhibit: &Exhibit<'
                 &format!("Four touches, {}", shown.name),
                 &format!("{} contacts found", shown.contacts[0].len()),
                 truth,
-                &shown.images[0],
-                &shown.contacts[0],
+                shown,
+                0,
             );
             pictures.push((exhibit.flat(&scene)?, shown.how.clone()));
             last = Some((scene, shown));
