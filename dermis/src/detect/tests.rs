@@ -108,14 +108,27 @@ fn the_position_scatters_as_its_standard_deviation_says() {
 }
 
 #[test]
-fn untouched_images_tell_the_noise_as_the_matrix_does() {
+fn untouched_images_tell_the_noise_and_no_pixel_is_quieter_than_the_root_mean_square() {
     let space = cylinder_space();
     let nothing = bumps(&space, &[]);
     let mut rng = ChaCha8Rng::seed_from_u64(3);
-    let images: Vec<Image> = (0..200).map(|_| with_white_noise(&nothing, 0.5, &mut rng)).collect();
+    let loud = |pixel: usize| pixel.is_multiple_of(4);
+    let image = |_| {
+        let mut image = with_white_noise(&nothing, 0.5, &mut rng);
+        image.values.iter_mut().enumerate().filter(|(pixel, _)| !loud(*pixel)).for_each(|(_, value)| *value = 0.0);
+        image
+    };
+    let images: Vec<Image> = (0..200).map(image).collect();
     let noise = ImageNoise::from_untouched(&images).unwrap();
-    let mean = noise.sd().iter().sum::<f64>() / noise.pixel_count() as f64;
-    assert!((mean / 0.5 - 1.0).abs() < 0.01, "{mean}");
+    let mean = |which: &dyn Fn(usize) -> bool| {
+        let sd: Vec<f64> =
+            (0..noise.pixel_count()).filter(|&pixel| which(pixel)).map(|pixel| noise.sd()[pixel]).collect();
+        sd.iter().sum::<f64>() / sd.len() as f64
+    };
+    // A quarter of the pixels is loud: the root mean square is half of theirs.
+    let [loud, quiet] = [mean(&loud), mean(&|pixel| !loud(pixel))];
+    assert!((loud / 0.5 - 1.0).abs() < 0.01, "{loud}");
+    assert!((quiet / 0.25 - 1.0).abs() < 0.01, "{quiet}");
     assert!(ImageNoise::from_untouched(&[]).is_none());
 }
 
