@@ -65,6 +65,16 @@ fn samples_may_be_streamed_and_ingredients_left_out() {
     let inputs = |folder: &str| card(folder)["input"]["channels"].as_array().unwrap().len();
     assert_eq!((inputs("best"), inputs("plain")), (20, 40));
     assert_eq!(card("plain")["noise"]["factor"], serde_json::json!([1.0, 1.0]));
+    // A skin with symmetries: they move touches, so that without touches there are none.
+    at.write(
+        "cylinder.toml",
+        include_str!("../../data/designs/cylinder30.toml").replace("max_edge_m = 0.006", "max_edge_m = 0.012"),
+    );
+    let train_cylinder = "train cylinder.toml --stream gaussian --epoch-samples 360 --epochs 1 --network best";
+    for (more, symmetries) in [("", 20), ("--without symmetries", 1), ("--without touches", 1)] {
+        at.good(&format!("{train_cylinder} {more} -o cylinder{symmetries}{}", more.len()));
+        assert_eq!(card(&format!("cylinder{symmetries}{}", more.len()))["symmetries"], symmetries);
+    }
     at.good(&format!("{train} paper-otherwise -o otherwise"));
     assert_eq!(card("otherwise")["plan"]["trunk"].as_array().unwrap().len(), 9);
     assert!(at.refused(&format!("{train} paper --without touches -o no")).contains("--network best"));

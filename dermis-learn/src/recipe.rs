@@ -40,7 +40,7 @@ pub enum Ingredient {
     Reciprocity,
     /// Convolutions make the image of pictures; without them the paper's dense layers make it.
     Refinement,
-    /// The target is touches; without it the change of conductance, as the paper's.
+    /// The target is touches; without it the change of conductance, as the paper's, and no symmetries, which move touches.
     Touches,
     /// Samples are moved by the skin's symmetries; without it they stay where they are.
     Symmetries,
@@ -149,7 +149,9 @@ impl Method {
             input,
             target,
             noise,
-            symmetries: with(Ingredient::Symmetries).then(|| Symmetries::of(design, protocol)),
+            // They move touches, not images of conductance.
+            symmetries: (with(Ingredient::Symmetries) && with(Ingredient::Touches))
+                .then(|| Symmetries::of(design, protocol)),
             detection,
             options: TrainOptions { epochs: 20, schedule: Schedule::Cosine, ..TrainOptions::default() },
         }

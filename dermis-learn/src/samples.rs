@@ -115,7 +115,8 @@ pub enum Disturb {
 }
 
 impl<'a> Samples<'a> {
-    /// Samples of a source on the skin of a forward model.
+    /// Samples of a source on the skin of a forward model. Symmetries move touches: where the target is an image of
+    /// conductance, samples stay where they are.
     ///
     /// # Errors
     /// A contact whose drift cannot be solved.
@@ -130,7 +131,7 @@ impl<'a> Samples<'a> {
         let flat = Flat::of(&pixels.surface);
         Ok(Samples {
             source: Box::new(source),
-            symmetries,
+            symmetries: symmetries.filter(|_| target != Target::Conductance),
             contacts: contact_patterns(forward, noise.contact_drift)?,
             noise,
             target,

@@ -101,7 +101,7 @@ enum IngredientName {
     Reciprocity,
     /// Convolutions after the linear layer; without them the paper's dense layers.
     Refinement,
-    /// Touches as the target; without them the change of conductance.
+    /// Touches as the target; without them the change of conductance, and no symmetries.
     Touches,
     /// Samples moved by the skin's symmetries.
     Symmetries,
