@@ -119,8 +119,13 @@ pub fn shipped(
     pixels: &Arc<PixelSpace>,
 ) -> Outcome<Vec<Named>> {
     let mut methods = vec![Named::linear(0, design, model, pixels, Alpha::Auto)?];
-    methods.extend(Model::shipped(forward, pixels)?.into_iter().map(Named::network));
+    methods.extend(shipped_networks(forward, pixels)?);
     Ok(methods)
+}
+
+/// The networks that are shipped for this skin.
+pub fn shipped_networks(forward: &ForwardModel, pixels: &Arc<PixelSpace>) -> Outcome<Vec<Named>> {
+    Ok(Model::shipped(forward, pixels)?.into_iter().map(Named::network).collect())
 }
 
 /// What one method made of some presses.

@@ -64,11 +64,6 @@ impl<'a> Bench<'a> {
         Ok(Named::network(Model::load(folder, &self.skin.forward, Arc::clone(&self.pixels))?))
     }
 
-    /// The networks that are shipped for this skin.
-    pub fn shipped_networks(&self) -> Outcome<Vec<Named>> {
-        Ok(Model::shipped(&self.skin.forward, &self.pixels)?.into_iter().map(Named::network).collect())
-    }
-
     /// Where and how hard an experiment with this seed presses.
     pub fn presses(&self, seed: u64) -> Presses<'_> {
         Presses::new(&self.skin.design, self.mesh(), &self.pixels, self.twin.press, seed)

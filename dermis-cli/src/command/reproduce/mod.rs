@@ -15,7 +15,7 @@ mod training;
 
 use crate::console::print;
 use crate::failure::{Failure, Outcome};
-use crate::line_up::{LINEAR, Named};
+use crate::line_up::{LINEAR, Named, shipped_networks};
 use assessed::Assessed;
 use bench::Bench;
 use choose::Choice;
@@ -69,7 +69,7 @@ impl Arguments {
         // A folder that holds no model for this skin is told of before anything is pressed.
         let mut networks: Vec<Named> = self.model.iter().map(|folder| bench.network(folder)).collect::<Outcome<_>>()?;
         if self.model.is_empty() && self.scale != Scale::Paper {
-            networks = bench.shipped_networks()?;
+            networks = shipped_networks(&bench.skin.forward, &bench.pixels)?;
         }
         let twice =
             |(number, network): &(usize, &Named)| networks[..*number].iter().any(|other| other.key == network.key);
