@@ -1,0 +1,107 @@
+//! What a frame's readings are: the scan table, slot by slot.
+
+use crate::bytes::Reader;
+use crate::packet::{NoRoom, Packer};
+
+/// One reading of a frame: which electrodes are joined to the source, the ground and the amplifier's inputs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Slot {
+    /// Electrode on the source.
+    pub source: u16,
+    /// Electrode on the ground.
+    pub sink: u16,
+    /// Electrodes on the amplifier's inputs, plus and minus; `None` where the inputs are on the reference resistor.
+    pub measure: Option<[u16; 2]>,
+}
+
+impl Slot {
+    /// Bytes of a slot in a message.
+    pub const BYTES: usize = 8;
+    /// What stands for an input that is on the reference resistor.
+    const REFERENCE: u16 = u16::MAX;
+
+    /// Its bytes: source, sink, plus, minus.
+    pub fn to_bytes(self) -> [u8; Self::BYTES] {
+        let [plus, minus] = self.measure.unwrap_or([Self::REFERENCE; 2]);
+        let mut bytes = [0; Self::BYTES];
+        for (place, number) in bytes.chunks_exact_mut(2).zip([self.source, self.sink, plus, minus]) {
+            place.copy_from_slice(&number.to_le_bytes());
+        }
+        bytes
+    }
+
+    /// The slot of some bytes.
+    pub fn from_bytes(bytes: [u8; Self::BYTES]) -> Self {
+        let number = |at: usize| u16::from_le_bytes([bytes[2 * at], bytes[2 * at + 1]]);
+        let (plus, minus) = (number(2), number(3));
+        let measure = (plus != Self::REFERENCE).then_some([plus, minus]);
+        Slot { source: number(0), sink: number(1), measure }
+    }
+}
+
+/// Consecutive slots: given by a program, or as they lie in a message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Slots<'a> {
+    /// Given.
+    Given(&'a [Slot]),
+    /// In the bytes of a message.
+    Bytes(&'a [u8]),
+}
+
+impl<'a> Slots<'a> {
+    /// How many.
+    pub fn len(&self) -> usize {
+        match self {
+            Slots::Given(slots) => slots.len(),
+            Slots::Bytes(bytes) => bytes.len() / Slot::BYTES,
+        }
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Slot by slot.
+    pub fn iter(self) -> impl Iterator<Item = Slot> + 'a {
+        let (given, bytes) = match self {
+            Slots::Given(slots) => (slots, &[][..]),
+            Slots::Bytes(bytes) => (&[][..], bytes),
+        };
+        let parsed = bytes.as_chunks::<{ Slot::BYTES }>().0.iter().map(|&bytes| Slot::from_bytes(bytes));
+        given.iter().copied().chain(parsed)
+    }
+}
+
+/// A part of a scan table on its way to the device.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ScanPart<'a> {
+    /// Number of its first slot.
+    pub first: u16,
+    /// Slots of the whole table.
+    pub total: u16,
+    /// Its slots.
+    pub slots: Slots<'a>,
+}
+
+impl<'a> ScanPart<'a> {
+    /// Slots that one message may carry at most, so that a small device needs little memory.
+    pub const MOST: usize = 64;
+
+    pub(crate) fn put(&self, packer: &mut Packer<'_>) -> Result<(), NoRoom> {
+        if self.slots.len() > Self::MOST {
+            return Err(NoRoom);
+        }
+        packer.put(&self.first.to_le_bytes())?;
+        packer.put(&self.total.to_le_bytes())?;
+        packer.put(&(self.slots.len() as u16).to_le_bytes())?;
+        self.slots.iter().try_for_each(|slot| packer.put(&slot.to_bytes()))
+    }
+
+    pub(crate) fn read(reader: &mut Reader<'a>) -> Option<Self> {
+        let (first, total, count) = (reader.u16()?, reader.u16()?, usize::from(reader.u16()?));
+        let slots = Slots::Bytes(reader.take(count * Slot::BYTES)?);
+        let fits = count <= Self::MOST && usize::from(first) + count <= usize::from(total);
+        reader.end(ScanPart { first, total, slots }).filter(|_| fits)
+    }
+}
