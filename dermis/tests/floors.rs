@@ -24,7 +24,9 @@ const EXEMPT: &[&str] = &["lib", "error"];
 const CRATES: &[(&str, &[&str])] = &[
     ("dermis", &[]),
     ("dermis-learn", &["dermis"]),
-    ("dermis-cli", &["dermis", "dermis-learn"]),
+    ("dermis-wire", &[]),
+    ("dermis-live", &["dermis", "dermis-learn", "dermis-wire"]),
+    ("dermis-cli", &["dermis", "dermis-learn", "dermis-live", "dermis-wire"]),
     ("dermis-bench", &["dermis", "dermis-learn"]),
 ];
 
