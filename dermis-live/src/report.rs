@@ -14,6 +14,8 @@ pub struct LiveFrame {
     pub measured_at: Moment,
     /// When its contacts were known.
     pub output_at: Moment,
+    /// The message as the device sent it ([`dermis_wire::Frame`]): with the session's hello all that a replay needs.
+    pub message: Vec<u8>,
     /// Its values, ohm, in the order of the protocol.
     pub values_ohm: Vec<f64>,
     /// The image, a value for each pixel in the order of [`PixelSpace`](dermis::image::PixelSpace).
