@@ -27,6 +27,7 @@ pub mod touch;
 pub mod forward;
 // Floor 6
 pub mod detect;
+pub mod track;
 pub mod twin;
 // Floor 7
 pub mod dataset;

@@ -12,7 +12,7 @@ const FLOORS: &[&[&str]] = &[
     &["mesh"],
     &["fem", "image", "touch"],
     &["forward"],
-    &["detect", "twin"],
+    &["detect", "track", "twin"],
     &["dataset", "experiment", "reconstruct"],
     &["evaluate"],
 ];

@@ -1,10 +1,10 @@
 //! Objects in a tank, named by the electrode at which they stand.
 
 use crate::detect::{DetectOptions, Detector};
-use crate::evaluate::matching::smallest_total;
 use crate::geom::Point3;
 use crate::geom::surface::angle_difference;
 use crate::image::Image;
+use crate::linalg::smallest_total;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 

@@ -4,6 +4,7 @@
 //! often end in a few unknowns (the electrodes) of which only the Schur complement is wanted. [`Symbolic`] holds all
 //! that follows from the pattern; [`Factor`] the numbers.
 
+mod assignment;
 mod batch;
 mod dense;
 mod factor;
@@ -11,6 +12,7 @@ mod level;
 mod matrix;
 mod symbolic;
 
+pub use assignment::smallest_total;
 pub use batch::{AlignedVec, BadLanes, BatchPlan, BatchWorkspace, Entries, LANES};
 pub use dense::{cholesky_in_place, eliminate_in_place, invert_spd, subtract_gram};
 pub use factor::{Factor, NotPositiveDefinite, Workspace};

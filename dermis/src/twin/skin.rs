@@ -1,6 +1,6 @@
 //! One twin: a skin drawn from a seed, touched and read.
 
-use super::electronics::{Electronics, ElectronicsReport};
+use super::electronics::{Electronics, ElectronicsReport, Readings, not_negative};
 use super::imperfections::Drift;
 use super::{GaussianOptions, PatchedSkin, Press, TouchOptions, TwinError, TwinOptions};
 use crate::design::{Body, SkinDesign, TouchEffect};
@@ -176,8 +176,33 @@ impl Twin {
     /// # Errors
     /// As [`network`](Self::network).
     pub fn frame(&self, presses: &[Press], index: u64) -> crate::Result<Frame> {
+        Ok(self.electronics.values(&self.readings(presses, index)?))
+    }
+
+    /// The readings of frame `index`, before they become ohm.
+    ///
+    /// # Errors
+    /// As [`network`](Self::network).
+    pub fn readings(&self, presses: &[Press], index: u64) -> crate::Result<Readings> {
         let network = self.drift.at(self.network_or_untouched(presses)?, self.electronics.time_s(index))?;
-        Ok(self.electronics.frame(&network, index))
+        Ok(self.electronics.readings(&network, index))
+    }
+
+    /// Puts a resistance in series with an electrode from now on, ohm: a contact that comes loose while frames are taken, or
+    /// a wire that tears. 0 mends it.
+    ///
+    /// # Errors
+    /// An electrode that the skin lacks, a resistance that is negative or infinite.
+    pub fn loosen(&mut self, electrode: usize, series_ohm: f64) -> crate::Result<()> {
+        let electrode_count = self.design.electrodes.len();
+        if electrode >= electrode_count {
+            return Err(TwinError::NoSuchElectrode { field: "electrode", electrode, electrode_count }.into());
+        }
+        not_negative("series_ohm", series_ohm)?;
+        self.series_ohm.resize(electrode_count, 0.0);
+        self.series_ohm[electrode] = series_ohm + self.options.faults.series_ohm(electrode);
+        self.untouched = self.network(&[])?;
+        Ok(())
     }
 
     /// The true strength of some presses together: the relative change of conductance integrated over the surface, m2. Of

@@ -60,11 +60,15 @@ struct Drive {
 /// Index of the ground's multiplexer; the others are in the order of the lines.
 const GROUND: usize = 3;
 
-/// The readings of a frame in the order of its values, and of each drive's current; V.
+/// The readings of a frame at the amplifier's input, as the converter tells them.
 #[derive(Debug, Clone)]
-struct Readings {
-    values_v: Vec<f64>,
-    references_v: Vec<f64>,
+pub struct Readings {
+    /// Of its values, in their order; V.
+    pub values_v: Vec<f64>,
+    /// Of the reference resistor under each drive, in the order of [`Protocol::drives`]; V.
+    pub references_v: Vec<f64>,
+    /// How many of them were out of the converter's range.
+    pub saturated: usize,
 }
 
 /// How far a frame goes through the instrument; each stage includes those before.
@@ -139,11 +143,22 @@ impl Electronics {
 
     /// Frame `index` of a skin, ohm.
     pub fn frame(&self, network: &Network, index: u64) -> Frame {
-        self.through(network, index, Stage::Quantisation).0
+        self.values(&self.readings(network, index))
     }
 
-    /// A frame up to a stage, and how many of its readings left the converter's range.
-    fn through(&self, network: &Network, index: u64, last: Stage) -> (Frame, usize) {
+    /// The readings of frame `index` of a skin.
+    pub fn readings(&self, network: &Network, index: u64) -> Readings {
+        self.through(network, index, Stage::Quantisation)
+    }
+
+    /// Volts from one count of the converter to the next, of readings that touch no driven electrode, of those that touch
+    /// one, and of the reference resistor's; `None` without a converter.
+    pub fn volts_per_count(&self) -> Option<[f64; 3]> {
+        self.options.adc.map(|adc| [adc.gain, adc.gain_driven, adc.gain_reference].map(|gain| adc.step_v(gain)))
+    }
+
+    /// The readings of a frame up to a stage.
+    fn through(&self, network: &Network, index: u64, last: Stage) -> Readings {
         let settles = self.options.line_capacitance_f > 0.0 && last >= Stage::Settling;
         let mut readings = if settles { self.settling(network) } else { self.settled(network) };
         if let (Some(hum), true) = (self.options.hum, last >= Stage::Hum) {
@@ -155,16 +170,15 @@ impl Electronics {
         if let (Some(noise), true) = (self.noise, last >= Stage::Noise) {
             self.add_noise(noise, index, &mut readings);
         }
-        let mut saturated = 0;
         if let (Some(adc), true) = (self.options.adc, last >= Stage::Quantisation) {
-            saturated = self.convert(adc, &mut readings);
+            self.convert(adc, &mut readings);
         }
-        (self.values(&readings), saturated)
+        readings
     }
 
     /// The readings over the currents read. A current of zero (a torn wire under a coarse converter) counts as the least
     /// that the converter tells from it, so that the values are large but finite.
-    fn values(&self, readings: &Readings) -> Frame {
+    pub fn values(&self, readings: &Readings) -> Frame {
         let least_v = self.options.adc.map_or(f64::MIN_POSITIVE, |adc| 0.5 * adc.step_v(adc.gain_reference));
         let mut values = vec![0.0; self.protocol.channel_count()];
         for (drive, &reference_v) in self.drives.iter().zip(&readings.references_v) {
@@ -193,7 +207,7 @@ impl Electronics {
             references_v.push(current_a * self.options.reference_ohm);
             drive.channels.iter().for_each(|&channel| values_v[channel] *= current_a);
         }
-        Readings { values_v, references_v }
+        Readings { values_v, references_v, saturated: 0 }
     }
 
     /// The readings at the ends of their slots.
@@ -216,7 +230,7 @@ impl Electronics {
             }
             lines_v = Some(before);
         }
-        Readings { values_v, references_v }
+        Readings { values_v, references_v, saturated: 0 }
     }
 
     /// Where a slot joins the skin; without a measure pair the inputs are on the reference resistor.
@@ -256,19 +270,18 @@ impl Electronics {
         }
     }
 
-    /// Rounds every reading to the converter's steps; how many were out of its range.
-    fn convert(&self, adc: AdcOptions, readings: &mut Readings) -> usize {
-        let mut saturated = 0;
+    /// Rounds every reading to the converter's steps.
+    fn convert(&self, adc: AdcOptions, readings: &mut Readings) {
+        let Readings { values_v, references_v, saturated } = readings;
         let mut convert = |value_v: &mut f64, gain: f64| {
             let (converted_v, out) = adc.convert(*value_v, gain);
             *value_v = converted_v;
-            saturated += usize::from(out);
+            *saturated += usize::from(out);
         };
-        readings.references_v.iter_mut().for_each(|value_v| convert(value_v, adc.gain_reference));
-        for (value_v, channel) in readings.values_v.iter_mut().zip(self.protocol.channels()) {
+        references_v.iter_mut().for_each(|value_v| convert(value_v, adc.gain_reference));
+        for (value_v, channel) in values_v.iter_mut().zip(self.protocol.channels()) {
             convert(value_v, if channel.touches_driven() { adc.gain_driven } else { adc.gain });
         }
-        saturated
     }
 }
 

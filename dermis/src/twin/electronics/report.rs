@@ -50,13 +50,14 @@ impl Electronics {
         let (mut saturated_readings, mut frames) = (0, 0);
         for index in indices {
             let passed = stages.map(|stage| self.through(network, index, stage));
+            let values = [0, 1, 2, 3, 4, 5].map(|stage: usize| self.values(&passed[stage]));
             let mut add = |slot: usize, a: usize, b: usize| {
-                let rms = undriven_rms(&self.protocol, &(&passed[b].0 - &passed[a].0)).unwrap_or(f64::NAN);
+                let rms = undriven_rms(&self.protocol, &(&values[b] - &values[a])).unwrap_or(f64::NAN);
                 squares[slot] += rms * rms;
             };
             (0..5).for_each(|stage| add(stage, stage, stage + 1));
             add(5, 0, 5);
-            saturated_readings += passed[5].1;
+            saturated_readings += passed[5].saturated;
             frames += 1;
         }
         let [settling, hum, gain, noise, quantisation, total] = squares.map(|sum| {

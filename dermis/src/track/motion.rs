@@ -1,0 +1,86 @@
+//! How one contact moves: a Kalman filter of constant velocity on the surface.
+
+use crate::geom::Surface;
+use crate::geom::vector::{Point3, add, scale, sub};
+
+/// Standard deviation of a finger's acceleration along the surface, m/s2: a stroke reaches 0.3 m/s in a tenth of a second.
+const ACCELERATION_M_S2: f64 = 3.0;
+/// Standard deviation of a contact's place from one frame to the next, m. Errors of the image stay nearly the same between
+/// neighbouring places; what changes is far less than the error itself.
+const JITTER_M: f64 = 0.0005;
+
+/// Where a contact is and how fast it moves, with one variance for all axes.
+#[derive(Debug, Clone)]
+pub(super) struct Motion {
+    /// Where it is, m.
+    pub position_m: Point3,
+    /// In the chart of the surface (round and along; x and y), in space where it has none.
+    velocity_m_s: [f64; 3],
+    /// Variance of the place, covariance, variance of the velocity.
+    variance: [f64; 3],
+}
+
+impl Motion {
+    pub fn at_rest(position_m: Point3) -> Self {
+        // A finger that comes down may be moving at 0.3 m/s.
+        Motion { position_m, velocity_m_s: [0.0; 3], variance: [JITTER_M * JITTER_M, 0.0, 0.09] }
+    }
+
+    pub fn predict(&mut self, surface: &Surface, step_s: f64) {
+        self.position_m = moved(surface, self.position_m, scale(self.velocity_m_s, step_s));
+        let [place, both, speed] = self.variance;
+        let force = (ACCELERATION_M_S2 * step_s).powi(2);
+        self.variance = [
+            place + 2.0 * step_s * both + step_s * step_s * speed + 0.25 * force * step_s * step_s,
+            both + step_s * speed + 0.5 * force * step_s,
+            speed + force,
+        ];
+    }
+
+    pub fn correct(&mut self, surface: &Surface, seen_m: Point3) {
+        let missed_m = step_between(surface, self.position_m, seen_m);
+        let [place, both, speed] = self.variance;
+        let total = place + JITTER_M * JITTER_M;
+        let (gain, speed_gain) = (place / total, both / total);
+        self.velocity_m_s = add(self.velocity_m_s, scale(missed_m, speed_gain));
+        self.position_m = moved(surface, self.position_m, scale(missed_m, gain));
+        self.variance = [(1.0 - gain) * place, (1.0 - gain) * both, speed - speed_gain * both];
+    }
+
+    /// Moves it without a change of velocity.
+    pub fn shift(&mut self, surface: &Surface, step_m: Point3) {
+        self.position_m = moved(surface, self.position_m, step_m);
+    }
+
+    /// It is seen again after a while, with the velocity that it had.
+    pub fn jump(&mut self, seen_m: Point3) {
+        self.position_m = seen_m;
+        self.variance = [JITTER_M * JITTER_M, 0.0, self.variance[2].min(0.09)];
+    }
+
+    /// Its velocity in space.
+    pub fn velocity_m_s(&self, surface: &Surface) -> Point3 {
+        // A step of a microsecond stays on the tangent.
+        const STEP_S: f64 = 1e-6;
+        let next = moved(surface, self.position_m, scale(self.velocity_m_s, STEP_S));
+        scale(sub(next, self.position_m), 1.0 / STEP_S)
+    }
+}
+
+/// The step from one place to another: along the surface where it has a chart, else through space.
+pub(super) fn step_between(surface: &Surface, from: Point3, to: Point3) -> Point3 {
+    match surface {
+        Surface::Free => sub(to, from),
+        _ => {
+            let [u, v] = surface.chart(from, to);
+            [u, v, 0.0]
+        }
+    }
+}
+
+fn moved(surface: &Surface, from: Point3, step: Point3) -> Point3 {
+    match surface {
+        Surface::Free => add(from, step),
+        _ => surface.walk(from, [step[0], step[1]]),
+    }
+}
