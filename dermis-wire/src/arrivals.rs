@@ -15,6 +15,11 @@ pub enum Arrival {
 }
 
 /// Counts frames by their sequence numbers, which wrap round.
+///
+/// Every frame that was due is counted once, as received or as lost: `received + lost` is the number of frames from the
+/// first to the newest, and of late ones before the first. A number far from the newest is a counter that began again, and
+/// nothing is lost by it. A counter that began again *near* the newest cannot be told from repeated frames: call
+/// [`restart`](Self::restart) when a [`Hello`](crate::Hello) tells of another `boot`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Arrivals {
     /// Frames that came, each once.
@@ -25,27 +30,41 @@ pub struct Arrivals {
     pub repeated: u64,
     /// Frames that came after later ones.
     pub reordered: u64,
-    /// The newest number, and which of the 64 before and at it have come (the newest is the lowest bit).
-    newest: Option<(u32, u64)>,
+    window: Option<Window>,
+}
+
+/// What is known of the newest frame and the 63 before it; the lowest bit is the newest's.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Window {
+    newest: u32,
+    /// Those that have come.
+    seen: u64,
+    /// Those after the first: where such a one has not come, it was counted as lost.
+    due: u64,
 }
 
 /// A number this far behind the newest is no late frame but a counter that began again.
-const MOST_LATE: u32 = 64;
+const MOST_LATE: u32 = u64::BITS;
+
+/// A number farther ahead of the newest than this is no loss but a counter that began again: 2.3 hours at 2,000 frames a
+/// second.
+const MOST_AHEAD: u32 = 1 << 24;
 
 impl Arrivals {
     /// Takes a frame's number in.
     pub fn take(&mut self, sequence: u32) -> Arrival {
-        let Some((newest, seen)) = self.newest else { return self.start(sequence) };
-        let ahead = sequence.wrapping_sub(newest);
-        let behind = newest.wrapping_sub(sequence);
+        let Some(window) = self.window else { return self.start(sequence) };
+        let behind = window.newest.wrapping_sub(sequence);
+        let ahead = sequence.wrapping_sub(window.newest);
         if behind < MOST_LATE {
-            return self.old(sequence, newest, seen);
+            return self.old(1 << behind, window);
         }
-        if ahead > u32::MAX / 2 {
+        if ahead > MOST_AHEAD {
             return self.start(sequence);
         }
-        let seen = if ahead < MOST_LATE { seen << ahead } else { 0 };
-        self.newest = Some((sequence, seen | 1));
+        let shift = |bits: u64| bits.checked_shl(ahead).unwrap_or(0);
+        let (seen, due) = (shift(window.seen) | 1, shift(window.due) | !shift(u64::MAX));
+        self.window = Some(Window { newest: sequence, seen, due });
         self.received += 1;
         self.lost += u64::from(ahead - 1);
         Arrival::New { skipped: ahead - 1 }
@@ -53,26 +72,104 @@ impl Arrivals {
 
     /// Forgets the numbers but not the counts: the device was powered up again.
     pub fn restart(&mut self) {
-        self.newest = None;
+        self.window = None;
     }
 
     /// The first frame; those before it were never due.
     fn start(&mut self, sequence: u32) -> Arrival {
-        self.newest = Some((sequence, u64::MAX));
+        self.window = Some(Window { newest: sequence, seen: 1, due: 1 });
         self.received += 1;
         Arrival::New { skipped: 0 }
     }
 
-    fn old(&mut self, sequence: u32, newest: u32, seen: u64) -> Arrival {
-        let bit = 1u64 << newest.wrapping_sub(sequence);
-        if seen & bit != 0 {
+    /// The newest frame again, or one before it.
+    fn old(&mut self, bit: u64, window: Window) -> Arrival {
+        if window.seen & bit != 0 {
             self.repeated += 1;
             return Arrival::Repeated;
         }
-        self.newest = Some((newest, seen | bit));
+        self.window = Some(Window { seen: window.seen | bit, ..window });
         self.received += 1;
-        self.lost -= 1;
         self.reordered += 1;
+        if window.due & bit != 0 {
+            self.lost = self.lost.saturating_sub(1);
+        }
         Arrival::Late
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Received, lost, repeated, reordered.
+    fn counts(arrivals: &Arrivals) -> [u64; 4] {
+        [arrivals.received, arrivals.lost, arrivals.repeated, arrivals.reordered]
+    }
+
+    fn taken(numbers: impl IntoIterator<Item = u32>) -> Arrivals {
+        let mut arrivals = Arrivals::default();
+        numbers.into_iter().for_each(|number| {
+            arrivals.take(number);
+        });
+        arrivals
+    }
+
+    fn after(numbers: impl IntoIterator<Item = u32>) -> [u64; 4] {
+        counts(&taken(numbers))
+    }
+
+    #[test]
+    fn numbers_wrap_round() {
+        assert_eq!(after([u32::MAX - 1, u32::MAX, 0, 1]), [4, 0, 0, 0]);
+        // 2^32 - 1 and 1 are left out; the former comes late, then again.
+        assert_eq!(after([u32::MAX - 1, 0, 2, u32::MAX, u32::MAX]), [4, 1, 1, 1]);
+    }
+
+    #[test]
+    fn a_late_frame_is_not_lost_and_comes_once() {
+        let mut arrivals = Arrivals::default();
+        assert_eq!(arrivals.take(10), Arrival::New { skipped: 0 });
+        assert_eq!(arrivals.take(13), Arrival::New { skipped: 2 });
+        assert_eq!(counts(&arrivals), [2, 2, 0, 0]);
+        assert_eq!(arrivals.take(11), Arrival::Late);
+        assert_eq!(arrivals.take(11), Arrival::Repeated);
+        assert_eq!(arrivals.take(13), Arrival::Repeated);
+        assert_eq!(counts(&arrivals), [3, 1, 2, 1]);
+    }
+
+    #[test]
+    fn a_frame_that_the_first_overtook_was_never_lost() {
+        assert_eq!(after([5, 4, 6, 4, 3]), [4, 0, 1, 2]);
+    }
+
+    #[test]
+    fn the_window_holds_64_numbers() {
+        // 63 behind is late; one more is a counter that began again.
+        assert_eq!(after([0, 2, 64, 1]), [4, 61, 0, 1]);
+        let mut arrivals = taken([0, 2, 65]);
+        assert_eq!(arrivals.take(1), Arrival::New { skipped: 0 });
+        assert_eq!(counts(&arrivals), [4, 63, 0, 0]);
+        // Every one of the 63 before the newest may come late, and once.
+        let numbers = [100, 164].into_iter().chain((101..164).rev()).chain(101..164);
+        assert_eq!(after(numbers), [65, 0, 63, 63]);
+    }
+
+    #[test]
+    fn a_device_that_began_again_has_lost_nothing() {
+        assert_eq!(after([1000, 1001, 0, 1]), [4, 0, 0, 0]);
+        // Also where its last number was in the upper half.
+        assert_eq!(after([3_000_000_000, 0, 1]), [3, 0, 0, 0]);
+        let mut arrivals = taken([7, 8]);
+        arrivals.restart();
+        assert_eq!(arrivals.take(8), Arrival::New { skipped: 0 });
+        assert_eq!(counts(&arrivals), [3, 0, 0, 0]);
+    }
+
+    #[test]
+    fn a_long_gap_is_lost_up_to_a_bound() {
+        assert_eq!(after([0, MOST_AHEAD]), [2, u64::from(MOST_AHEAD) - 1, 0, 0]);
+        assert_eq!(after([0, MOST_AHEAD + 1]), [2, 0, 0, 0]);
+        assert_eq!(after([0, 64, 63, 0]), [4, 62, 0, 1]);
     }
 }

@@ -20,6 +20,6 @@ pub const fn bytes_per_second(slot_count: usize, reading_bytes: usize, rate_mhz:
 /// The smallest usual speed of a serial line that carries some bytes a second; `Err` with the bits a second needed where
 /// none does.
 pub fn smallest_baud(bytes_per_second: u64) -> Result<u32, u64> {
-    let needed = bytes_per_second * BITS_PER_BYTE;
+    let needed = bytes_per_second.saturating_mul(BITS_PER_BYTE);
     STANDARD_BAUD.into_iter().find(|&baud| u64::from(baud) >= needed).ok_or(needed)
 }

@@ -37,7 +37,7 @@ impl<'a> ToDevice<'a> {
     ///
     /// # Errors
     /// A buffer that is too small ([`PACKET_BYTES`](Self::PACKET_BYTES) is enough), a part of more than
-    /// [`ScanPart::MOST`] slots.
+    /// [`ScanPart::MOST`] slots or that reaches past its table.
     pub fn encode(&self, out: &mut [u8]) -> Result<usize, NoRoom> {
         pack(out, |packer| self.put(packer))
     }

@@ -8,7 +8,52 @@
 //!
 //! [`encode`] writes one, a [`Decoder`] finds them in whatever arrives; [`ToHost`] and [`ToDevice`] are the messages,
 //! little-endian and of fixed layout; [`Arrivals`] counts what was lost, repeated or reordered on the way. Nothing
-//! allocates. The layouts, byte by byte and with test vectors, are in `docs/wire-protocol.md`.
+//! allocates, and no bytes that come in make anything here panic. The layouts, byte by byte and with test vectors, the
+//! conversation of host and device and what a host refuses are in `docs/wire-protocol.md`.
+//!
+//! A device sends a frame, and the line damages the first copy:
+//!
+//! ```
+//! use dermis_wire::{Arrival, Arrivals, Decoder, Frame, FrameFlags, Readings, Received, ToHost};
+//!
+//! let readings = [1200, -340, 0, 17];
+//! let frame =
+//!     Frame { sequence: 7, time_us: 58_333, flags: FrameFlags::default(), readings: Readings::I16(&readings) };
+//! const PACKET_BYTES: usize = Frame::packet_bytes(4, 2);
+//! let mut packet = [0; PACKET_BYTES];
+//! let length = ToHost::Frame(frame).encode(&mut packet)?;
+//!
+//! let mut line = [packet, packet].concat();
+//! line[5] ^= 0x10;
+//!
+//! // On the host: bytes come in pieces of any length.
+//! let (mut decoder, mut arrivals) = (Decoder::new([0; PACKET_BYTES]), Arrivals::default());
+//! let (mut frames, mut damaged) = (0, 0);
+//! for piece in line.chunks(10) {
+//!     decoder.feed(piece, |received| match received {
+//!         Received::Message(message) => {
+//!             assert_eq!(ToHost::parse(message), Ok(ToHost::Frame(frame)));
+//!             assert_eq!(arrivals.take(frame.sequence), Arrival::New { skipped: 0 });
+//!             frames += 1;
+//!         }
+//!         Received::Damaged => damaged += 1,
+//!     });
+//! }
+//! assert_eq!((length, frames, damaged), (31, 1, 1));
+//! # Ok::<(), dermis_wire::NoRoom>(())
+//! ```
+//!
+//! A host asks in the same way:
+//!
+//! ```
+//! use dermis_wire::ToDevice;
+//!
+//! let mut packet = [0; ToDevice::PACKET_BYTES];
+//! let length = ToDevice::Rate(120_000).encode(&mut packet)?;
+//! assert_eq!(packet[..2], [0, 5]);
+//! assert_eq!((length, packet[length - 1]), (12, 0));
+//! # Ok::<(), dermis_wire::NoRoom>(())
+//! ```
 //!
 //! COBS: Cheshire and Baker, 1999, DOI 10.1109/90.769765. CRC-32C: Castagnoli et al., 1993, DOI 10.1109/26.231911.
 

@@ -7,13 +7,13 @@ static CRC: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISCSI);
 
 const CHECKSUM_BYTES: usize = 4;
 
-/// A buffer too small for a packet.
+/// A message that does not fit: the buffer is too small for its packet, or a value of it is none that its layout holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NoRoom;
 
 impl core::fmt::Display for NoRoom {
     fn fmt(&self, formatter: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        formatter.write_str("the buffer is too small for the packet")
+        formatter.write_str("the message does not fit: a buffer too small, or a value that its layout does not hold")
     }
 }
 
@@ -76,7 +76,9 @@ pub enum Received<'a> {
 
 /// Finds packets in a stream of bytes, with a buffer as long as the longest packet that it shall understand.
 ///
-/// Whatever comes in, it goes on at the next zero byte: a damaged packet costs itself alone.
+/// Whatever comes in, it goes on at the next zero byte: a damaged packet costs itself alone. Damage that makes a zero byte
+/// cuts a packet in two, and both halves are told; what was lost, [`Arrivals`](crate::Arrivals) counts. What is longer than
+/// the buffer is damaged. Nothing is told before a zero byte comes.
 #[derive(Debug)]
 pub struct Decoder<B> {
     buffer: B,
@@ -121,7 +123,7 @@ impl<B: AsMut<[u8]>> Decoder<B> {
     fn finish(&mut self) -> Option<Received<'_>> {
         let (length, overrun) = (self.length, self.overrun);
         self.reset();
-        if length == 0 {
+        if length == 0 && !overrun {
             return None;
         }
         let coded = &mut self.buffer.as_mut()[..length];
@@ -139,4 +141,137 @@ fn unpack(coded: &mut [u8]) -> Option<&[u8]> {
     }
     let (message, checksum) = coded[..report.frame_size()].split_last_chunk::<CHECKSUM_BYTES>()?;
     (CRC.checksum(message) == u32::from_le_bytes(*checksum)).then_some(message)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Longest message in these tests, and room for its packet.
+    const MOST: usize = 600;
+    const ROOM: usize = packet_bytes(MOST);
+
+    #[test]
+    fn the_checksum_is_crc_32c() {
+        assert_eq!(CRC.checksum(b"123456789"), 0xE306_9283);
+    }
+
+    /// COBS block by block, as its definition says: the slow twin. Writes what lies between the zero bytes.
+    fn cobs_twin(coded: &[u8], out: &mut [u8]) -> usize {
+        let (mut rest, mut length) = (coded, 0);
+        loop {
+            let run = rest.iter().position(|&byte| byte == 0).unwrap_or(rest.len()).min(254);
+            out[length] = run as u8 + 1;
+            out[length + 1..length + 1 + run].copy_from_slice(&rest[..run]);
+            length += 1 + run;
+            // A full block stands for no zero byte; any other takes one, and what follows it needs a block even if empty.
+            match run {
+                254 if rest.len() == 254 => return length,
+                254 => rest = &rest[254..],
+                _ if run == rest.len() => return length,
+                _ => rest = &rest[run + 1..],
+            }
+        }
+    }
+
+    /// A message of `length` bytes without a zero byte but at `zero`, whose checksum holds none either.
+    fn message(length: usize, zero: Option<usize>) -> [u8; MOST] {
+        let mut bytes = [0x55; MOST];
+        if let Some(zero) = zero {
+            bytes[zero] = 0;
+        }
+        let last = (1..=255).find(|&last| {
+            bytes[length - 1] = last;
+            !CRC.checksum(&bytes[..length]).to_le_bytes().contains(&0)
+        });
+        assert!(last.is_some());
+        bytes
+    }
+
+    #[test]
+    fn packets_at_the_edges_of_cobs_blocks() {
+        for length in (240..=260).chain(500..=520) {
+            for zero in [None, Some(0), Some(1), Some(length / 2), Some(length - 2)] {
+                let message = &message(length, zero)[..length];
+                let mut coded = [0; MOST + 4];
+                coded[..length].copy_from_slice(message);
+                coded[length..length + 4].copy_from_slice(&CRC.checksum(message).to_le_bytes());
+                let mut expected = [0; ROOM];
+                let coded_bytes = cobs_twin(&coded[..length + 4], &mut expected[1..]);
+
+                let mut packet = [0xAA; ROOM];
+                let packet_length = encode(message, &mut packet).unwrap();
+                assert_eq!(packet[..packet_length], expected[..coded_bytes + 2], "{length} bytes, a zero at {zero:?}");
+                assert!(packet_length <= packet_bytes(length));
+                // Without any zero byte the bound is met.
+                assert!(zero.is_some() || packet_length == packet_bytes(length));
+                assert_eq!(packet[packet_length], 0xAA, "nothing is written behind the packet");
+
+                let mut decoder = Decoder::new([0; ROOM]);
+                let mut found = 0;
+                decoder.feed(&packet[..packet_length], |received| {
+                    assert_eq!(received, Received::Message(message));
+                    found += 1;
+                });
+                assert_eq!(found, 1);
+            }
+        }
+    }
+
+    #[test]
+    fn a_buffer_of_any_length_is_enough_or_refused() {
+        for length in [0, 1, 5, 249, 250, 251, 252, 504, 505] {
+            let message = &[7; MOST][..length];
+            let mut whole = [0; ROOM];
+            let needed = encode(message, &mut whole).unwrap();
+            for room in 0..needed + 3 {
+                let mut packet = [0; ROOM];
+                let expected = if room < needed { Err(NoRoom) } else { Ok(needed) };
+                assert_eq!(encode(message, &mut packet[..room]), expected, "{length} bytes into {room}");
+                assert!(room < needed || packet == whole);
+            }
+        }
+    }
+
+    /// How many messages, and how many damaged packets, are found in some bytes.
+    fn count<const N: usize>(bytes: &[&[u8]]) -> [usize; 2] {
+        let (mut decoder, mut counts) = (Decoder::new([0; N]), [0, 0]);
+        for bytes in bytes {
+            decoder.feed(bytes, |received| counts[usize::from(received == Received::Damaged)] += 1);
+        }
+        counts
+    }
+
+    #[test]
+    fn packets_are_found_in_whatever_comes() {
+        let mut buffer = [0; 16];
+        let length = encode(b"abc", &mut buffer).unwrap();
+        let packet = &buffer[..length];
+        let inner = &packet[1..length - 1];
+        assert_eq!(count::<16>(&[packet, packet]), [2, 0]);
+        assert_eq!(count::<16>(&[inner, packet]), [2, 0], "the first zero byte was lost");
+        assert_eq!(count::<16>(&[packet, inner, &[0], inner, &[0]]), [3, 0], "one zero byte between two");
+        assert_eq!(count::<16>(&[inner, inner, &[0], packet]), [1, 1], "no zero byte between two");
+        assert_eq!(count::<16>(&[&packet[..4], packet]), [1, 1], "cut");
+        assert_eq!(count::<16>(&[&packet[4..], packet]), [1, 1], "its beginning is missing");
+        assert_eq!(count::<16>(&[&[0, 0, 0, 9, 9, 0, 9, 0, 0], packet]), [1, 2], "noise with zero bytes");
+        assert_eq!(count::<16>(&[&[9; 40], packet, &[9; 17], packet]), [2, 2], "more noise than it holds");
+        assert_eq!(count::<8>(&[packet, packet]), [2, 0], "a buffer just long enough");
+        assert_eq!(count::<7>(&[packet, packet]), [0, 2], "a buffer too short");
+        assert_eq!(count::<0>(&[packet, packet]), [0, 2], "no buffer");
+        assert_eq!(count::<16>(&[&[0, 5, 1, 2, 3, 4, 0]]), [0, 1], "shorter than a checksum, and wrong");
+        assert_eq!(count::<16>(&[&[0, 1, 1, 1, 1, 1, 0]]), [1, 0], "an empty message");
+        assert_eq!(count::<16>(&[&[0, 1, 1, 1, 1, 0]]), [0, 1], "less than a checksum");
+    }
+
+    #[test]
+    fn a_decoder_forgets_when_told() {
+        let mut packet = [0; 16];
+        let length = encode(b"abc", &mut packet).unwrap();
+        let (mut decoder, mut found) = (Decoder::new([0; 8]), 0);
+        decoder.feed(&[9; 30], |_| found += 10);
+        decoder.reset();
+        decoder.feed(&packet[1..length], |received| found += usize::from(received == Received::Message(b"abc")));
+        assert_eq!(found, 1);
+    }
 }

@@ -26,7 +26,7 @@ impl<'a> ToHost<'a> {
     /// Writes its packet into `out` and tells its length.
     ///
     /// # Errors
-    /// A buffer that is too small.
+    /// A buffer that is too small, more than 65,535 readings, a hello whose readings have neither two bytes nor four.
     pub fn encode(&self, out: &mut [u8]) -> Result<usize, NoRoom> {
         pack(out, |packer| match self {
             ToHost::Hello(hello) => hello.put(packer),
@@ -98,6 +98,9 @@ impl<'a> Hello<'a> {
     pub const PACKET_BYTES: usize = packet_bytes(84 + 1 + 255);
 
     fn put(&self, packer: &mut Packer<'_>) -> Result<(), NoRoom> {
+        if !self.has_known_readings() {
+            return Err(NoRoom);
+        }
         packer.put(&[HELLO, self.reading_bytes])?;
         packer.put(&self.version.to_le_bytes())?;
         packer.put(&self.design_sha256)?;
@@ -132,10 +135,15 @@ impl<'a> Hello<'a> {
             boot: reader.u32()?,
             name: reader.text()?,
         };
-        reader.end(hello).filter(|hello| [2, 4].contains(&hello.reading_bytes))
+        reader.end(hello).filter(Self::has_known_readings)
     }
 
-    /// The version in a message that may be the hello of any version.
+    fn has_known_readings(&self) -> bool {
+        [2, 4].contains(&self.reading_bytes)
+    }
+
+    /// The version in a message that may be the hello of any version: ask this first, for what another version's hello
+    /// says behind its first four bytes may parse and be wrong.
     pub fn version_of(message: &[u8]) -> Option<u16> {
         match *message {
             [HELLO, _, low, high, ..] => Some(u16::from_le_bytes([low, high])),
@@ -145,7 +153,7 @@ impl<'a> Hello<'a> {
 }
 
 /// The readings of one frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Frame<'a> {
     /// Number of the frame, from 0 at power-up; after the highest comes 0.
     pub sequence: u32,
@@ -179,10 +187,15 @@ impl FrameFlags {
     pub fn has(self, other: FrameFlags) -> bool {
         self.0 & other.0 == other.0
     }
+
+    /// Its bits, also those that have no name yet.
+    pub fn bits(self) -> u8 {
+        self.0
+    }
 }
 
-/// Readings, counts: given by a program, or as they lie in a message.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// Readings, counts: given by a program, or as they lie in a message. Equal counts of as many bytes are equal either way.
+#[derive(Debug, Clone, Copy)]
 pub enum Readings<'a> {
     /// Given, of two bytes each.
     I16(&'a [i16]),
@@ -229,10 +242,18 @@ impl<'a> Readings<'a> {
     }
 
     /// Reading by reading, counts.
-    pub fn iter(self) -> impl Iterator<Item = i32> + 'a {
+    pub fn iter(self) -> impl ExactSizeIterator<Item = i32> + 'a {
         (0..self.len()).map(move |slot| self.get(slot).unwrap_or_default())
     }
 }
+
+impl PartialEq for Readings<'_> {
+    fn eq(&self, other: &Self) -> bool {
+        self.reading_bytes() == other.reading_bytes() && self.iter().eq(other.iter())
+    }
+}
+
+impl Eq for Readings<'_> {}
 
 impl<'a> Frame<'a> {
     /// Bytes before the readings.
@@ -244,10 +265,11 @@ impl<'a> Frame<'a> {
     }
 
     fn put(&self, packer: &mut Packer<'_>) -> Result<(), NoRoom> {
+        let count = u16::try_from(self.readings.len()).map_err(|_| NoRoom)?;
         // Two bytes a reading unless the flag's highest bit says four.
         let wide = if self.readings.reading_bytes() == 4 { Self::WIDE } else { 0 };
         packer.put(&[FRAME, self.flags.0 | wide])?;
-        packer.put(&(self.readings.len() as u16).to_le_bytes())?;
+        packer.put(&count.to_le_bytes())?;
         packer.put(&self.sequence.to_le_bytes())?;
         packer.put(&self.time_us.to_le_bytes())?;
         match self.readings {

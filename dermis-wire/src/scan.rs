@@ -10,7 +10,8 @@ pub struct Slot {
     pub source: u16,
     /// Electrode on the ground.
     pub sink: u16,
-    /// Electrodes on the amplifier's inputs, plus and minus; `None` where the inputs are on the reference resistor.
+    /// Electrodes on the amplifier's inputs, plus and minus; `None` where both are on the reference resistor. (Number 65,535
+    /// stands for that in a message, so no electrode has it.)
     pub measure: Option<[u16; 2]>,
 }
 
@@ -34,18 +35,18 @@ impl Slot {
     pub fn from_bytes(bytes: [u8; Self::BYTES]) -> Self {
         let number = |at: usize| u16::from_le_bytes([bytes[2 * at], bytes[2 * at + 1]]);
         let (plus, minus) = (number(2), number(3));
-        let measure = (plus != Self::REFERENCE).then_some([plus, minus]);
+        let measure = ([plus, minus] != [Self::REFERENCE; 2]).then_some([plus, minus]);
         Slot { source: number(0), sink: number(1), measure }
     }
 }
 
-/// Consecutive slots: given by a program, or as they lie in a message.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Consecutive slots: given by a program, or as they lie in a message. Equal slots are equal either way.
+#[derive(Debug, Clone, Copy)]
 pub enum Slots<'a> {
     /// Given.
     Given(&'a [Slot]),
     /// In the bytes of a message.
-    Bytes(&'a [u8]),
+    Bytes(&'a [[u8; Slot::BYTES]]),
 }
 
 impl<'a> Slots<'a> {
@@ -53,7 +54,7 @@ impl<'a> Slots<'a> {
     pub fn len(&self) -> usize {
         match self {
             Slots::Given(slots) => slots.len(),
-            Slots::Bytes(bytes) => bytes.len() / Slot::BYTES,
+            Slots::Bytes(bytes) => bytes.len(),
         }
     }
 
@@ -68,12 +69,20 @@ impl<'a> Slots<'a> {
             Slots::Given(slots) => (slots, &[][..]),
             Slots::Bytes(bytes) => (&[][..], bytes),
         };
-        let parsed = bytes.as_chunks::<{ Slot::BYTES }>().0.iter().map(|&bytes| Slot::from_bytes(bytes));
-        given.iter().copied().chain(parsed)
+        given.iter().copied().chain(bytes.iter().map(|&bytes| Slot::from_bytes(bytes)))
     }
 }
 
-/// A part of a scan table on its way to the device.
+impl PartialEq for Slots<'_> {
+    fn eq(&self, other: &Self) -> bool {
+        self.iter().eq(other.iter())
+    }
+}
+
+impl Eq for Slots<'_> {}
+
+/// A part of a scan table on its way to the device. Parts follow each other from slot 0 on without a gap; the one that ends
+/// at `total` completes the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ScanPart<'a> {
     /// Number of its first slot.
@@ -89,7 +98,7 @@ impl<'a> ScanPart<'a> {
     pub const MOST: usize = 64;
 
     pub(crate) fn put(&self, packer: &mut Packer<'_>) -> Result<(), NoRoom> {
-        if self.slots.len() > Self::MOST {
+        if !self.fits() {
             return Err(NoRoom);
         }
         packer.put(&self.first.to_le_bytes())?;
@@ -100,8 +109,13 @@ impl<'a> ScanPart<'a> {
 
     pub(crate) fn read(reader: &mut Reader<'a>) -> Option<Self> {
         let (first, total, count) = (reader.u16()?, reader.u16()?, usize::from(reader.u16()?));
-        let slots = Slots::Bytes(reader.take(count * Slot::BYTES)?);
-        let fits = count <= Self::MOST && usize::from(first) + count <= usize::from(total);
-        reader.end(ScanPart { first, total, slots }).filter(|_| fits)
+        let slots = Slots::Bytes(reader.take(count * Slot::BYTES)?.as_chunks().0);
+        reader.end(ScanPart { first, total, slots }).filter(Self::fits)
+    }
+
+    /// Whether it is short enough and lies within its table.
+    fn fits(&self) -> bool {
+        let count = self.slots.len();
+        count <= Self::MOST && usize::from(self.first) + count <= usize::from(self.total)
     }
 }
