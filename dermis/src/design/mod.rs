@@ -12,6 +12,7 @@ pub(crate) use error::{from_toml, nearest};
 
 use crate::geom::{Point3, Surface};
 use crate::protocol::Protocol;
+use sha2::{Digest, Sha256};
 use std::path::PathBuf;
 
 /// A skin, complete and checked.
@@ -79,6 +80,20 @@ impl SkinDesign {
     /// As [`parse`](Self::parse), without a line.
     pub fn check(&self) -> Result<(), DesignError> {
         check::check(self).map_err(|problem| DesignError::new(problem.message, problem.fix))
+    }
+
+    /// What tells skins apart: SHA-256 of the body, the electrodes' places and shapes (to a hundredth of a millimetre) and the
+    /// protocol. The material, the contacts, the image and the mesh are not part of it: an instrument does not depend on them.
+    pub fn sha256(&self) -> [u8; 32] {
+        let mut text = match &self.body {
+            Body::Mesh { unit_m, .. } => format!("mesh {unit_m}\n"),
+            body => format!("{body:?}\n"),
+        };
+        for electrode in &self.electrodes {
+            let [x, y, z] = electrode.centre_m.map(|value| (value * 1e5).round() + 0.0);
+            text += &format!("{x} {y} {z} {:?}\n", electrode.shape);
+        }
+        Sha256::digest(text + &self.protocol.to_csv()).into()
     }
 
     /// JSON schema of the design file.

@@ -240,3 +240,15 @@ proptest::proptest! {
         }
     }
 }
+
+#[test]
+fn the_hash_tells_skins_apart_but_not_their_materials() {
+    let design = SkinDesign::shipped("cylinder30").unwrap();
+    let mut other = design.clone();
+    other.sheet.conductance *= 2.0;
+    other.mesh = other.mesh.scaled(0.5);
+    assert_eq!(design.sha256(), other.sha256());
+    other.electrodes.swap(3, 4);
+    assert_ne!(design.sha256(), other.sha256());
+    assert_ne!(design.sha256(), SkinDesign::shipped("skin16").unwrap().sha256());
+}

@@ -326,3 +326,25 @@ fn normal_tail(z: f64) -> f64 {
     let sum = polynomial.iter().rev().fold(0.0, |sum, coefficient| (sum + coefficient) * t);
     (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt() * sum
 }
+
+/// Two middles of a contact in its image: of the area where the image exceeds half of the contact's peak, and of the image
+/// itself over the contact's surroundings (its centre of pressure); m. Both are its position where it has no pixels.
+///
+/// Its surroundings are the pixels within three radii of a disk of its area.
+pub fn centres(image: &Image, contact: &Contact) -> [Point3; 2] {
+    let space = &image.space;
+    let reach_m = 3.0 * (contact.area_m2 / std::f64::consts::PI).sqrt() + 2.0 * space.half_pixel_m();
+    let near = |pixel: &usize| space.surface.distance_m(space.centres_m[*pixel], contact.position_m) <= reach_m;
+    let pixels: Vec<usize> = (0..space.len()).filter(near).filter(|&pixel| image.values[pixel] > 0.0).collect();
+    let peak = pixels.iter().map(|&pixel| image.values[pixel]).fold(0.0, f64::max);
+    if peak <= 0.0 {
+        return [contact.position_m; 2];
+    }
+    let middle = |weight: &dyn Fn(usize) -> f64| {
+        let weights = pixels.iter().map(|&pixel| (space.centres_m[pixel], weight(pixel) * space.areas[pixel]));
+        let mean = space.surface.weighted_mean(contact.position_m, weights);
+        place_on_surface(image, &pixels, mean).0
+    };
+    let upper = |pixel: usize| f64::from(image.values[pixel] > 0.5 * peak);
+    [middle(&upper), middle(&|pixel| image.values[pixel])]
+}

@@ -4,9 +4,10 @@ use crate::forward::Matrix;
 use crate::geom::Surface;
 use crate::geom::vector::{Point3, add, dot, scale, sub};
 use crate::image::Image;
+use serde::{Deserialize, Serialize};
 
 /// The noise of images: how independent sources of unit variance spread over the pixels.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ImageNoise {
     /// Pixels x sources.
     spread: Matrix,

@@ -1,13 +1,15 @@
 //! The surface of a body: distances along it, normals, means.
 
 use crate::geom::vector::{Point3, add, distance, dot, normalize, scale, sub};
+use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 
 /// The surface on which contacts live.
 ///
 /// A cylinder has its axis along z from 0 to `length_m`; a flat skin lies in the plane z = 0 with the
 /// normal +z; any other body is `Free`, where distances are taken straight through space.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Surface {
     /// A cylinder's curved wall.
     Cylinder {

@@ -1,9 +1,10 @@
 //! A dense matrix in row-major order.
 
 use pulp::{Simd, WithSimd};
+use serde::{Deserialize, Serialize};
 
 /// A dense matrix in row-major order.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Matrix {
     /// Number of rows.
     pub rows: usize,

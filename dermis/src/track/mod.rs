@@ -15,9 +15,10 @@ use crate::geom::vector::distance;
 use crate::geom::{Point3, Surface};
 use crate::linalg::smallest_total;
 use motion::{Motion, step_between};
+use serde::{Deserialize, Serialize};
 
 /// How contacts are followed.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct TrackOptions {
     /// Frames running in which a contact must come before it counts.
     pub birth_frames: usize,
@@ -57,7 +58,7 @@ pub struct Sighting {
 }
 
 /// A contact that is followed.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Tracked {
     /// The contact with its lasting id: as last seen, moved to where it is expected while it is hidden.
     pub contact: Contact,
@@ -70,7 +71,7 @@ pub struct Tracked {
 }
 
 /// Follows contacts.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Tracker {
     options: TrackOptions,
     surface: Surface,
@@ -80,7 +81,7 @@ pub struct Tracker {
     tracked: Vec<Tracked>,
 }
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Track {
     /// The id, once the contact counts.
     id: Option<u64>,

@@ -2,6 +2,7 @@
 
 use crate::geom::Surface;
 use crate::geom::vector::{Point3, add, scale, sub};
+use serde::{Deserialize, Serialize};
 
 /// Standard deviation of a finger's acceleration along the surface, m/s2: a stroke reaches 0.3 m/s in a tenth of a second.
 const ACCELERATION_M_S2: f64 = 3.0;
@@ -10,7 +11,7 @@ const ACCELERATION_M_S2: f64 = 3.0;
 const JITTER_M: f64 = 0.0005;
 
 /// Where a contact is and how fast it moves, with one variance for all axes.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Motion {
     /// Where it is, m.
     pub position_m: Point3,

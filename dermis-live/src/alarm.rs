@@ -1,0 +1,78 @@
+//! The fast path: whether something touches, from the raw voltages alone.
+
+use serde::{Deserialize, Serialize};
+
+/// Tells touched frames from untouched ones by the size of their difference.
+///
+/// The statistic is the sum of squares of all differences in use, each over the deviation of its noise. Of untouched frames
+/// it follows a chi-squared distribution, scaled, as the noise of channels is not independent: its mean and variance are
+/// those of the tare's frames. A frame is touched where it exceeds the quantile that noise exceeds once in three million
+/// frames, seven hours at 120 frames a second (Wilson and Hilferty, 1931, DOI 10.1073/pnas.17.12.684).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Alarm {
+    mean: f64,
+    threshold: f64,
+    alarm: bool,
+}
+
+/// The standard normal's quantile of that: `Q(z) = 1 / 3e6`.
+const QUANTILE: f64 = 4.97;
+/// An alarm ends below this part of the threshold's distance from the mean.
+const RELEASE: f64 = 0.6;
+
+impl Alarm {
+    /// From the statistics of untouched frames.
+    ///
+    /// # Panics
+    /// Without two of them.
+    pub fn new(untouched: &[f64]) -> Self {
+        assert!(untouched.len() > 1, "a variance needs two values");
+        let count = untouched.len() as f64;
+        let mean = untouched.iter().sum::<f64>() / count;
+        let variance = untouched.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0);
+        // The variance of n frames is known to sqrt(2 / n): the noise may be that much more unruly than it looked.
+        let variance = variance * (1.0 + 2.0 * (2.0 / count).sqrt());
+        let freedom = (2.0 * mean * mean / variance.max(f64::MIN_POSITIVE)).max(1.0);
+        let spread = (2.0 / (9.0 * freedom)).sqrt();
+        let threshold = mean * (1.0 - spread * spread + QUANTILE * spread).powi(3);
+        Alarm { mean, threshold, alarm: false }
+    }
+
+    /// Whether a frame of that statistic is touched.
+    pub fn take(&mut self, statistic: f64) -> bool {
+        let limit = if self.alarm { self.mean + RELEASE * (self.threshold - self.mean) } else { self.threshold };
+        self.alarm = statistic > limit;
+        self.alarm
+    }
+}
+
+/// The statistic of a difference: the sum of squares over the deviations of the noise.
+pub fn statistic(difference: &[f64], noise_ohm: &[f64], silent: &[bool]) -> f64 {
+    let channels = difference.iter().zip(noise_ohm).zip(silent);
+    channels.filter(|(_, silent)| !**silent).map(|((difference, noise), _)| (difference / noise).powi(2)).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dermis::touch::{sample_rng, standard_normal};
+
+    #[test]
+    fn noise_of_many_frames_alarms_no_more_often_than_said_and_a_touch_at_once() {
+        let mut rng = sample_rng(7, 0);
+        // Half of the channels share their noise, as those of one current do.
+        let mut draw = |touch: f64| {
+            let common = standard_normal(&mut rng);
+            let values = (0..200).map(|at| {
+                let own = standard_normal(&mut rng);
+                touch + if at % 2 == 0 { own } else { (common + own) * 0.5f64.sqrt() }
+            });
+            values.map(|value| value * value).sum::<f64>()
+        };
+        let untouched: Vec<f64> = (0..100).map(|_| draw(0.0)).collect();
+        let mut alarm = Alarm::new(&untouched);
+        assert_eq!((0..50_000).filter(|_| alarm.take(draw(0.0))).count(), 0);
+        assert!(alarm.take(draw(2.0)));
+        assert!(!alarm.take(draw(0.0)));
+    }
+}

@@ -1,0 +1,311 @@
+//! How the electrodes and the channels are, frame by frame.
+//!
+//! A contact that comes loose shows in two ways that a touch does not. Every loop that goes through it (source, skin, sink)
+//! gains the same resistance, and so does every channel that measures at it while it is driven; all others keep their values.
+//! The least gain over an electrode's loops and such channels is what its contact has gained. A touch that raises the
+//! conductance lowers all of them; one that lowers it raises them by far less than a third.
+
+use crate::meter::Measures;
+use crate::report::{ElectrodeHealth, ElectrodeState};
+use crate::skin::LiveSkin;
+use dermis::design::TouchEffect;
+use serde::{Deserialize, Serialize};
+
+/// Frames running in which a contact must look loose, so that a single bad reading names nobody: 42 ms at 120 frames a
+/// second.
+const FRAMES_TO_NAME: u32 = 5;
+/// Frames running in which it must look sound again.
+const FRAMES_TO_CLEAR: u32 = 120;
+/// What a contact's gain must exceed, in standard deviations of a reading's noise.
+const NOISES: f64 = 6.0;
+/// The same as a part of the smallest loop: where touches lower loops, and where they raise them.
+const PART_RISES: f64 = 0.01;
+const PART_FALLS: f64 = 0.3;
+/// A loop of more than this many times its resistance at the tare is open.
+const OPEN: f64 = 20.0;
+/// Time constant of the noise, s.
+const NOISE_S: f64 = 1.0;
+/// Time constant at which the reference of sound contacts follows, s.
+const FOLLOW_S: f64 = 60.0;
+/// An untouched electrode this many times noisier than at the tare is doubtful.
+const DOUBTFUL: f64 = 4.0;
+
+/// What does not change while a skin is read.
+#[derive(Debug, Clone)]
+pub struct Wiring {
+    /// For each electrode the drives that it is part of.
+    drives: Vec<Vec<usize>>,
+    /// For each electrode the channels that gain the resistance of its contact, with the sign of the gain.
+    own: Vec<Vec<(usize, f64)>>,
+    /// For each electrode all channels that it is part of.
+    channels: Vec<Vec<usize>>,
+    /// Channels that read the same by reciprocity.
+    reciprocal: Vec<[usize; 2]>,
+    contacts_ohm: Vec<f64>,
+    part: f64,
+    channel_count: usize,
+}
+
+impl Wiring {
+    /// Of a skin.
+    pub fn of(skin: &LiveSkin) -> Self {
+        let protocol = &skin.design.protocol;
+        let (drives, _) = protocol.drives();
+        let electrodes = 0..skin.design.electrodes.len();
+        let sign = |pair: [usize; 2], electrode| f64::from(pair[0] == electrode) - f64::from(pair[1] == electrode);
+        let own = |electrode: usize| {
+            let gains = protocol.channels().iter().map(|c| sign(c.drive, electrode) * sign(c.measure, electrode));
+            // An instrument without signs tells the gain of a value's size.
+            let signed = gains.enumerate().map(|(channel, gain)| match protocol.amplitude_only() {
+                true => (channel, gain.abs()),
+                false => (channel, gain),
+            });
+            signed.filter(|(_, gain)| *gain != 0.0).collect()
+        };
+        Wiring {
+            drives: electrodes
+                .clone()
+                .map(|electrode| (0..drives.len()).filter(|&drive| drives[drive].contains(&electrode)).collect())
+                .collect(),
+            own: electrodes.clone().map(own).collect(),
+            channels: electrodes.clone().map(|electrode| skin.channels_of(electrode).collect()).collect(),
+            reciprocal: reciprocal(protocol),
+            contacts_ohm: electrodes.map(|electrode| skin.contact_ohm(electrode)).collect(),
+            part: match skin.design.sheet.touch {
+                TouchEffect::ConductanceRises => PART_RISES,
+                TouchEffect::ConductanceFalls => PART_FALLS,
+            },
+            channel_count: protocol.channel_count(),
+        }
+    }
+}
+
+/// Pairs of channels that read the same by reciprocity, the lower first.
+fn reciprocal(protocol: &dermis::protocol::Protocol) -> Vec<[usize; 2]> {
+    let index: std::collections::HashMap<_, _> =
+        protocol.channels().iter().enumerate().map(|(index, channel)| (*channel, index)).collect();
+    let pair = |(own, channel): (usize, &dermis::protocol::Channel)| {
+        index.get(&channel.reciprocal()).filter(|&&other| own < other).map(|&other| [own, other])
+    };
+    protocol.channels().iter().enumerate().filter_map(pair).collect()
+}
+
+/// How electrodes and channels are.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Watch {
+    /// Loops of sound contacts, ohm, and their noise.
+    loops_ohm: Vec<f64>,
+    loop_noise_ohm: Vec<f64>,
+    /// Noise of each channel at the tare and now, ohm squared.
+    tare_variance: Vec<f64>,
+    variance: Vec<f64>,
+    last_ohm: Vec<f64>,
+    /// Mean square of the differences of reciprocal channels over their variance.
+    reciprocity: f64,
+    electrodes: Vec<Electrode>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Electrode {
+    state: ElectrodeState,
+    /// What its contact has gained, ohm.
+    gain_ohm: f64,
+    /// Frames running in which it looked otherwise than its state says.
+    against: u32,
+}
+
+/// What a frame changed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Change {
+    /// The electrode.
+    pub electrode: usize,
+    /// What it is from now on.
+    pub state: ElectrodeState,
+}
+
+impl Watch {
+    /// From untouched frames.
+    ///
+    /// # Panics
+    /// Without two of them.
+    pub fn new(wiring: &Wiring, untouched: &[Measures]) -> Self {
+        let (loops_ohm, loop_variance) = mean_and_variance(untouched.iter().map(|frame| frame.loops_ohm.as_slice()));
+        let (_, tare_variance) = mean_and_variance(untouched.iter().map(|frame| frame.values_ohm.as_slice()));
+        let electrode = Electrode { state: ElectrodeState::Sound, gain_ohm: 0.0, against: 0 };
+        Watch {
+            loops_ohm,
+            loop_noise_ohm: loop_variance.into_iter().map(f64::sqrt).collect(),
+            variance: tare_variance.clone(),
+            tare_variance,
+            last_ohm: untouched[untouched.len() - 1].values_ohm.clone(),
+            reciprocity: 1.0,
+            electrodes: vec![electrode; wiring.drives.len()],
+        }
+    }
+
+    /// Standard deviation of the noise of each channel at the tare, ohm.
+    pub fn noise_ohm(&self) -> Vec<f64> {
+        self.tare_variance.iter().map(|variance| variance.sqrt().max(f64::MIN_POSITIVE)).collect()
+    }
+
+    /// Takes a frame in: what it says of each contact, before anything is made of the frame.
+    pub fn contacts(&mut self, wiring: &Wiring, frame: &Measures, difference: &[f64]) -> Vec<Change> {
+        let gains: Vec<f64> = frame.loops_ohm.iter().zip(&self.loops_ohm).map(|(now, then)| now - then).collect();
+        let common = median(&gains);
+        let mut changes = Vec::new();
+        for (index, electrode) in self.electrodes.iter_mut().enumerate() {
+            let drives = &wiring.drives[index];
+            if drives.is_empty() {
+                continue;
+            }
+            let by_loops = drives.iter().map(|&drive| gains[drive] - common).fold(f64::INFINITY, f64::min);
+            let own = wiring.own[index].iter().map(|&(channel, sign)| sign * difference[channel]);
+            electrode.gain_ohm = own.fold(by_loops, f64::min);
+            let least = drives.iter().map(|&drive| self.loops_ohm[drive]).fold(f64::INFINITY, f64::min);
+            let noise = drives.iter().map(|&drive| self.loop_noise_ohm[drive]).fold(0.0, f64::max);
+            let limit = (NOISES * noise).max(wiring.part * least).max(5.0 * wiring.contacts_ohm[index]);
+            let open = drives.iter().all(|&drive| frame.loops_ohm[drive] > OPEN * self.loops_ohm[drive]);
+            let looks = match () {
+                () if open => ElectrodeState::Open,
+                () if electrode.gain_ohm > limit => ElectrodeState::Loose,
+                () if electrode.is_bad() && electrode.gain_ohm > 0.5 * limit => electrode.state,
+                () => ElectrodeState::Sound,
+            };
+            changes.extend(electrode.look(looks).map(|state| Change { electrode: index, state }));
+        }
+        changes
+    }
+
+    /// Whether an electrode looked bad in the last frame, named or not yet.
+    pub fn is_suspect(&self, electrode: usize) -> bool {
+        let electrode = &self.electrodes[electrode];
+        electrode.is_bad() || electrode.against > 0
+    }
+
+    /// Electrodes whose readings are to be left out, by number.
+    pub fn bad(&self) -> impl Iterator<Item = usize> {
+        self.electrodes.iter().enumerate().filter(|(_, electrode)| electrode.is_bad()).map(|(index, _)| index)
+    }
+
+    /// Takes the noise of a frame in. Under a touch what changes is not noise.
+    pub fn noise(&mut self, wiring: &Wiring, frame: &Measures, touch: Untouched<'_>) {
+        let share = -(-touch.step_s / NOISE_S).exp_m1();
+        if touch.untouched {
+            let channels = self.variance.iter_mut().zip(&frame.values_ohm).zip(&self.last_ohm);
+            channels.for_each(|((variance, now), last)| *variance += share * (0.5 * (now - last).powi(2) - *variance));
+            let follow = -(-touch.step_s / FOLLOW_S).exp_m1();
+            for (value, now) in self.loops_ohm.iter_mut().zip(&frame.loops_ohm) {
+                // A loop that opens is followed by nobody.
+                if *now < 2.0 * *value {
+                    *value += follow * (now - *value);
+                }
+            }
+        }
+        let kept = wiring.reciprocal.iter().filter(|pair| pair.iter().all(|&channel| !touch.silent[channel]));
+        let (mut sum, mut count) = (0.0, 0.0);
+        for &[a, b] in kept {
+            let variance = self.tare_variance[a] + self.tare_variance[b];
+            sum += (touch.difference[a] - touch.difference[b]).powi(2) / variance.max(f64::MIN_POSITIVE);
+            count += 1.0;
+        }
+        if count > 0.0 {
+            self.reciprocity += share * (sum / count - self.reciprocity);
+        }
+        self.last_ohm.copy_from_slice(&frame.values_ohm);
+    }
+
+    /// The noise of all channels in use over that at the tare.
+    pub fn noise_ratio(&self, silent: &[bool]) -> f64 {
+        let used = |values: &[f64]| -> f64 {
+            values.iter().zip(silent).filter(|(_, silent)| !**silent).map(|(value, _)| value).sum()
+        };
+        (used(&self.variance) / used(&self.tare_variance)).sqrt()
+    }
+
+    /// Root mean square by which reciprocal channels differ over what their noise explains; `None` without any.
+    pub fn reciprocity(&self, wiring: &Wiring) -> Option<f64> {
+        (!wiring.reciprocal.is_empty()).then(|| self.reciprocity.sqrt())
+    }
+
+    /// Every electrode as it is told.
+    pub fn told(&self, wiring: &Wiring) -> Vec<ElectrodeHealth> {
+        let told = |(index, electrode): (usize, &Electrode)| {
+            let channels = &wiring.channels[index];
+            let sum = |values: &[f64]| channels.iter().map(|&channel| values[channel]).sum::<f64>();
+            let noise = (sum(&self.variance) / sum(&self.tare_variance)).sqrt();
+            let doubtful = electrode.state == ElectrodeState::Sound && noise > DOUBTFUL;
+            ElectrodeHealth {
+                state: if doubtful { ElectrodeState::Doubtful } else { electrode.state },
+                contact_ohm: Some((wiring.contacts_ohm[index] + electrode.gain_ohm).max(0.0)),
+                noise: Some(noise).filter(|noise| noise.is_finite()),
+            }
+        };
+        self.electrodes.iter().enumerate().map(told).collect()
+    }
+}
+
+/// What is known of a frame when its noise is taken in.
+#[derive(Debug, Clone, Copy)]
+pub struct Untouched<'a> {
+    /// Whether nothing touches.
+    pub untouched: bool,
+    /// The frame less the baseline, ohm.
+    pub difference: &'a [f64],
+    /// Channels that are left out.
+    pub silent: &'a [bool],
+    /// Since the last frame, s.
+    pub step_s: f64,
+}
+
+impl Electrode {
+    fn is_bad(&self) -> bool {
+        matches!(self.state, ElectrodeState::Loose | ElectrodeState::Open)
+    }
+
+    /// Takes in how it looks in a frame; what it is from now on, where that changes.
+    fn look(&mut self, looks: ElectrodeState) -> Option<ElectrodeState> {
+        if looks == self.state {
+            self.against = 0;
+            return None;
+        }
+        self.against += 1;
+        let needed = if looks == ElectrodeState::Sound { FRAMES_TO_CLEAR } else { FRAMES_TO_NAME };
+        if self.against < needed {
+            return None;
+        }
+        self.against = 0;
+        self.state = looks;
+        Some(looks)
+    }
+}
+
+/// Channels that some electrodes are part of.
+pub fn silent(wiring: &Wiring, electrodes: impl Iterator<Item = usize>) -> Vec<bool> {
+    let mut silent = vec![false; wiring.channel_count];
+    for electrode in electrodes {
+        wiring.channels[electrode].iter().for_each(|&channel| silent[channel] = true);
+    }
+    silent
+}
+
+/// Mean and variance of each value over some frames.
+fn mean_and_variance<'a>(frames: impl Iterator<Item = &'a [f64]> + Clone) -> (Vec<f64>, Vec<f64>) {
+    let count = frames.clone().count() as f64;
+    let length = frames.clone().next().map_or(0, <[f64]>::len);
+    let mut mean = vec![0.0; length];
+    for frame in frames.clone() {
+        mean.iter_mut().zip(frame).for_each(|(mean, value)| *mean += value / count);
+    }
+    let mut variance = vec![0.0; length];
+    for frame in frames {
+        let squares = frame.iter().zip(&mean).map(|(value, mean)| (value - mean).powi(2) / (count - 1.0));
+        variance.iter_mut().zip(squares).for_each(|(variance, square)| *variance += square);
+    }
+    (mean, variance)
+}
+
+fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    let middle = sorted.len() / 2;
+    *sorted.select_nth_unstable_by(middle, f64::total_cmp).1
+}

@@ -1,0 +1,119 @@
+//! Queues that keep the newest.
+
+use std::collections::VecDeque;
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// A queue of limited length between two threads. Who puts never waits: where the queue is full the oldest item goes, and
+/// is counted.
+#[derive(Debug)]
+pub struct Mailbox<T> {
+    capacity: usize,
+    state: Mutex<State<T>>,
+    changed: Condvar,
+}
+
+#[derive(Debug)]
+struct State<T> {
+    items: VecDeque<T>,
+    dropped: u64,
+    closed: bool,
+}
+
+/// What came of waiting.
+#[derive(Debug, PartialEq, Eq)]
+pub enum Taken<T> {
+    /// The oldest item.
+    Item(T),
+    /// None came in time.
+    TimedOut,
+    /// None will come any more.
+    Closed,
+}
+
+impl<T> Mailbox<T> {
+    /// A queue of so many items.
+    pub fn new(capacity: usize) -> Self {
+        let state = State { items: VecDeque::with_capacity(capacity.min(1024)), dropped: 0, closed: false };
+        Mailbox { capacity: capacity.max(1), state: Mutex::new(state), changed: Condvar::new() }
+    }
+
+    /// Puts an item in; never waits for who takes.
+    pub fn put(&self, item: T) {
+        let mut state = self.lock();
+        if state.closed {
+            return;
+        }
+        if state.items.len() == self.capacity {
+            state.items.pop_front();
+            state.dropped += 1;
+        }
+        state.items.push_back(item);
+        drop(state);
+        self.changed.notify_one();
+    }
+
+    /// The oldest item, as soon as there is one.
+    pub fn take(&self, patience: Duration) -> Taken<T> {
+        let until = Instant::now() + patience;
+        let mut state = self.lock();
+        loop {
+            if let Some(item) = state.items.pop_front() {
+                return Taken::Item(item);
+            }
+            if state.closed {
+                return Taken::Closed;
+            }
+            let left = until.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return Taken::TimedOut;
+            }
+            state = self.changed.wait_timeout(state, left).unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+
+    /// No more items will be put; those that are there can still be taken.
+    pub fn close(&self) {
+        self.lock().closed = true;
+        self.changed.notify_all();
+    }
+
+    /// Items that went because none took them in time.
+    pub fn dropped(&self) -> u64 {
+        self.lock().dropped
+    }
+
+    /// Items that wait.
+    pub fn len(&self) -> usize {
+        self.lock().items.len()
+    }
+
+    /// Whether none waits.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State<T>> {
+        // A queue is whole between any two of its operations.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_oldest_goes_where_it_is_full_and_closing_loses_nothing() {
+        let mailbox = Mailbox::new(2);
+        (0..5).for_each(|item| mailbox.put(item));
+        assert_eq!(mailbox.dropped(), 3);
+        mailbox.close();
+        mailbox.put(9);
+        let patience = Duration::from_millis(1);
+        assert_eq!(mailbox.take(patience), Taken::Item(3));
+        assert_eq!(mailbox.take(patience), Taken::Item(4));
+        assert_eq!(mailbox.take(patience), Taken::Closed);
+        assert_eq!(Mailbox::<u8>::new(1).take(patience), Taken::TimedOut);
+    }
+}

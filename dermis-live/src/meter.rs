@@ -1,0 +1,91 @@
+//! From readings to ohm.
+
+use crate::scan::{Role, ScanTable};
+use dermis::protocol::Protocol;
+use dermis_wire::{Hello, Readings};
+use serde::{Deserialize, Serialize};
+
+/// Turns the readings of one device into the values of a frame.
+///
+/// Each drive's current is read across the reference resistor, `I = V_ref / R_ref`; a value is the voltage read over it.
+#[derive(Debug, Clone)]
+pub struct Meter {
+    roles: Vec<Role>,
+    /// For each channel its drive and the volts of a count.
+    channels: Vec<(usize, f64)>,
+    drive_count: usize,
+    volts_per_reference_count: f64,
+    reference_ohm: f64,
+    source_v: f64,
+    full_scale: i64,
+}
+
+/// What a frame's readings say.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Measures {
+    /// The values of the frame, ohm, in the order of the protocol.
+    pub values_ohm: Vec<f64>,
+    /// What stands between source and ground beside the reference resistor, for each drive: skin, contacts, switches; ohm.
+    pub loops_ohm: Vec<f64>,
+    /// Channels whose readings are out of range.
+    pub saturated: Vec<usize>,
+}
+
+impl Meter {
+    /// For the readings of a device.
+    pub fn new(hello: &Hello<'_>, scan: &ScanTable, protocol: &Protocol) -> Self {
+        let (drives, drive_of) = protocol.drives();
+        let [free, driven, reference] = hello.volts_per_count.map(f64::from);
+        let volts = |channel: &dermis::protocol::Channel| if channel.touches_driven() { driven } else { free };
+        Meter {
+            roles: scan.roles().to_vec(),
+            channels: drive_of.into_iter().zip(protocol.channels().iter().map(volts)).collect(),
+            drive_count: drives.len(),
+            volts_per_reference_count: reference,
+            reference_ohm: f64::from(hello.reference_ohm),
+            source_v: f64::from(hello.source_v),
+            full_scale: i64::from(hello.full_scale),
+        }
+    }
+
+    /// Readings of a frame.
+    pub fn slot_count(&self) -> usize {
+        self.roles.len()
+    }
+
+    /// The readings of a frame as ohm. A current of zero counts as the least that the converter tells from it, so that the
+    /// values of a drive through a torn wire are large but finite.
+    ///
+    /// # Panics
+    /// Where there is not a reading for each slot.
+    pub fn measure(&self, readings: Readings<'_>) -> Measures {
+        assert_eq!(readings.len(), self.roles.len(), "a reading for each slot");
+        let mut currents_a = vec![0.0; self.drive_count];
+        let mut measures = Measures {
+            values_ohm: vec![0.0; self.channels.len()],
+            loops_ohm: vec![0.0; self.drive_count],
+            saturated: Vec::new(),
+        };
+        for (reading, role) in readings.iter().zip(&self.roles) {
+            match *role {
+                Role::Current(drive) => {
+                    let counts = if reading == 0 { 0.5 } else { f64::from(reading) };
+                    currents_a[drive] = counts * self.volts_per_reference_count / self.reference_ohm;
+                    measures.loops_ohm[drive] = self.source_v / currents_a[drive] - self.reference_ohm;
+                }
+                Role::Channel(channel) => {
+                    let (_, volts_per_count) = self.channels[channel];
+                    measures.values_ohm[channel] = f64::from(reading) * volts_per_count;
+                    // The lowest code of a converter is one farther from zero than the highest.
+                    if i64::from(reading).abs() >= self.full_scale {
+                        measures.saturated.push(channel);
+                    }
+                }
+            }
+        }
+        for (value, &(drive, _)) in measures.values_ohm.iter_mut().zip(&self.channels) {
+            *value /= currents_a[drive];
+        }
+        measures
+    }
+}

@@ -1,0 +1,569 @@
+//! From the values of a frame to contacts: what happens to each frame, one after another, on one thread.
+//!
+//! A processor is a function of the frames and commands that it is given, and of nothing else: the same ones in the same order
+//! give the same contacts to the last bit, which is what a replay rests on.
+
+use crate::LiveError;
+use crate::alarm::{Alarm, statistic};
+use crate::baseline::{Baseline, Drifts, Noise, Touch};
+use crate::health::{Change, Untouched, Watch, Wiring, silent};
+use crate::meter::Measures;
+use crate::moment::Moment;
+use crate::report::{Counts, ElectrodeState, Health, Level, LiveContact, LiveFrame, Notice};
+use crate::skin::{LiveSkin, NamedMethod};
+use dermis::detect::{DetectOptions, Detector};
+use dermis::frame::Frame;
+use dermis::geom::Point3;
+use dermis::image::Image;
+use dermis::reconstruct::image_noise;
+use dermis::track::{Sighting, TrackOptions, Tracked, Tracker};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// What may be changed while frames come.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// The method by its name; empty for the best one for the skin.
+    pub method: String,
+    /// What a contact's signal must exceed, times the method's own.
+    pub threshold: f64,
+    /// Parts of the skin with a name and a threshold of their own.
+    pub zones: Vec<Zone>,
+    /// Frames of a tare.
+    pub tare_frames: usize,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings { method: String::new(), threshold: 1.0, zones: Vec::new(), tare_frames: 100 }
+    }
+}
+
+/// A part of the skin: what lies in a ball.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Zone {
+    /// Its name, which contacts in it carry.
+    pub name: String,
+    /// Centre of the ball, m.
+    pub centre_m: [f64; 3],
+    /// Its radius, m.
+    pub radius_m: f64,
+    /// What a contact's signal there must exceed, times that of the rest of the skin.
+    pub threshold: f64,
+}
+
+/// What a processor may be told between two frames.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "do", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Command {
+    /// Take the untouched frame anew.
+    Tare,
+    /// Change the threshold of all contacts.
+    Threshold {
+        /// Times the method's own.
+        value: f64,
+    },
+    /// Make images otherwise.
+    Method {
+        /// The method's name.
+        name: String,
+    },
+    /// Name parts of the skin.
+    Zones {
+        /// All of them.
+        zones: Vec<Zone>,
+    },
+    /// Make the linear method anew without the channels that are left out now.
+    Rebuild,
+}
+
+/// One frame as it came in.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Incoming {
+    /// Its number, not wrapping round.
+    pub sequence: u64,
+    /// When it was taken.
+    pub measured_at: Moment,
+    /// What its readings say.
+    pub measures: Measures,
+    /// The message as the device sent it.
+    pub message: Vec<u8>,
+    /// Frames and packets so far.
+    pub counts: Counts,
+    /// Frames a second now.
+    pub rate_hz: f64,
+}
+
+/// Makes contacts from frames.
+#[derive(Debug)]
+pub struct Processor {
+    skin: Arc<LiveSkin>,
+    drifts: Drifts,
+    wiring: Wiring,
+    state: State,
+    method: NamedMethod,
+    /// Channels that the method was made without.
+    made_without: Vec<bool>,
+    /// Channels that are left out now.
+    silent: Vec<bool>,
+    detector: Detector,
+    image: Image,
+    health: Arc<Health>,
+    notices: Vec<Notice>,
+}
+
+/// All that a processor remembers, as recordings and restarts keep it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct State {
+    /// What may be changed.
+    pub settings: Settings,
+    phase: Phase,
+    /// When the first frame came: the zero of its clock.
+    begun: Option<Moment>,
+    last: Option<Moment>,
+    frames: u64,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+enum Phase {
+    /// The untouched frame is being taken.
+    Taring { frames: Vec<Measures> },
+    /// Contacts are found.
+    Reading(Box<Reading>),
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Reading {
+    baseline: Baseline,
+    watch: Watch,
+    alarm: Alarm,
+    tracker: Tracker,
+    /// The tare's frames less their mean, ohm.
+    untouched: Vec<Vec<f64>>,
+    /// Since when nothing touches, and since when something is felt that is no contact; s.
+    quiet_since_s: Option<f64>,
+    puzzled_since_s: Option<f64>,
+}
+
+/// Nothing must have touched for so long before the baseline follows, s.
+const QUIET_S: f64 = 0.5;
+/// What is felt for so long without a contact is no touch but a skin that has changed, s.
+const PUZZLED_S: f64 = 5.0;
+/// Frames from one look at the health to the next.
+const HEALTH_FRAMES: u64 = 12;
+
+impl Processor {
+    /// A processor that begins with a tare.
+    ///
+    /// # Errors
+    /// A method that there is not, settings out of their ranges.
+    pub fn new(skin: Arc<LiveSkin>, settings: Settings) -> Result<Self, LiveError> {
+        let phase = Phase::Taring { frames: Vec::new() };
+        Self::resume(skin, State { settings, phase, begun: None, last: None, frames: 0 })
+    }
+
+    /// A processor that goes on where another one was.
+    ///
+    /// # Errors
+    /// A method that there is not, settings out of their ranges, a state of another skin.
+    pub fn resume(skin: Arc<LiveSkin>, state: State) -> Result<Self, LiveError> {
+        state.settings.check()?;
+        let method = skin.by_name(&state.settings.method)?.clone();
+        let channel_count = skin.design.protocol.channel_count();
+        state.check(channel_count)?;
+        let mut processor = Processor {
+            drifts: Drifts::of(&skin),
+            wiring: Wiring::of(&skin),
+            made_without: vec![false; channel_count],
+            silent: vec![false; channel_count],
+            detector: Detector::new(DetectOptions::default()),
+            image: Image { space: Arc::clone(&skin.pixels), values: vec![0.0; skin.pixels.len()] },
+            health: Arc::default(),
+            notices: Vec::new(),
+            method,
+            skin,
+            state,
+        };
+        if let Phase::Reading(reading) = &processor.state.phase {
+            processor.silent = silent(&processor.wiring, reading.watch.bad());
+        }
+        processor.prepare()?;
+        Ok(processor)
+    }
+
+    /// All that it remembers.
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// The skin.
+    pub fn skin(&self) -> &Arc<LiveSkin> {
+        &self.skin
+    }
+
+    /// The method in use.
+    pub fn method(&self) -> &NamedMethod {
+        &self.method
+    }
+
+    /// Whether the untouched frame is still being taken.
+    pub fn is_taring(&self) -> bool {
+        matches!(self.state.phase, Phase::Taring { .. })
+    }
+
+    /// What has been noticed since this was last asked.
+    pub fn take_notices(&mut self) -> Vec<Notice> {
+        std::mem::take(&mut self.notices)
+    }
+
+    /// Whether the method would do better if it were [made anew](Command::Rebuild) without the channels that are left out.
+    pub fn wants_rebuild(&self) -> bool {
+        self.method.prior.is_some() && self.made_without != self.silent
+    }
+
+    /// The linear method without the channels that are left out now, for [`install`](Self::install): what
+    /// [`Command::Rebuild`] does, in two parts so that the first may be done beside the frames.
+    pub fn rebuilding(&self) -> Option<Rebuilding> {
+        let prior = self.method.prior?;
+        let (name, silent) = (self.method.name.clone(), self.silent.clone());
+        Some(Rebuilding { skin: Arc::clone(&self.skin), name, prior, silent })
+    }
+
+    /// Uses a method that was made anew, if it is still the one that is wanted; whether it is.
+    ///
+    /// # Errors
+    /// A method that fails on the tare's frames.
+    pub fn install(&mut self, rebuilt: Rebuilt) -> Result<bool, LiveError> {
+        let wanted = rebuilt.silent == self.silent && rebuilt.method.name == self.method.name;
+        if wanted {
+            self.method = rebuilt.method;
+            self.made_without = rebuilt.silent;
+            self.prepare()?;
+        }
+        Ok(wanted)
+    }
+
+    /// Does what it is told.
+    ///
+    /// # Errors
+    /// A method that there is not, a threshold out of its range.
+    pub fn command(&mut self, command: &Command) -> Result<(), LiveError> {
+        match command {
+            Command::Tare => self.state.phase = Phase::Taring { frames: Vec::new() },
+            Command::Threshold { value } => self.set(Settings { threshold: *value, ..self.state.settings.clone() })?,
+            Command::Method { name } => {
+                self.method = self.skin.by_name(name)?.clone();
+                self.made_without = vec![false; self.silent.len()];
+                self.set(Settings { method: name.clone(), ..self.state.settings.clone() })?;
+            }
+            Command::Zones { zones } => self.set(Settings { zones: zones.clone(), ..self.state.settings.clone() })?,
+            Command::Rebuild => {
+                if let Some(rebuilding) = self.rebuilding() {
+                    self.install(rebuilding.run()?)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn set(&mut self, settings: Settings) -> Result<(), LiveError> {
+        settings.check()?;
+        self.state.settings = settings;
+        self.prepare()
+    }
+
+    /// Prepares the detector for the method, the threshold and the channels that are left out.
+    fn prepare(&mut self) -> Result<(), LiveError> {
+        let mut options = self.method.method.detection();
+        options.noise_factor *= self.state.settings.least() * TrackOptions::default().release_fraction;
+        self.detector = Detector::new(options);
+        let Phase::Reading(reading) = &self.state.phase else { return Ok(()) };
+        let heard = |frame: &Vec<f64>| {
+            let values = frame.iter().zip(&self.silent).map(|(value, silent)| if *silent { 0.0 } else { *value });
+            Frame(values.collect())
+        };
+        let untouched: Vec<Frame> = reading.untouched.iter().map(heard).collect();
+        if let Some(noise) = image_noise(self.method.method.as_ref(), &untouched)? {
+            self.detector = std::mem::take(&mut self.detector).with_noise(noise);
+        }
+        Ok(())
+    }
+
+    /// What a frame says.
+    ///
+    /// # Errors
+    /// A method that fails, which is our fault.
+    pub fn process(&mut self, incoming: Incoming) -> Result<LiveFrame, LiveError> {
+        let begun = *self.state.begun.get_or_insert(incoming.measured_at);
+        let time_s = incoming.measured_at.seconds_since(begun);
+        let step_s = self.state.last.map_or(0.0, |last| incoming.measured_at.seconds_since(last).max(0.0));
+        self.state.last = Some(incoming.measured_at);
+        self.state.frames += 1;
+        let (touched, contacts) = match &mut self.state.phase {
+            Phase::Taring { frames } => {
+                frames.push(incoming.measures.clone());
+                if frames.len() >= self.state.settings.tare_frames {
+                    self.tared(incoming.measured_at)?;
+                }
+                self.image.values.fill(0.0);
+                (false, Vec::new())
+            }
+            Phase::Reading(_) => self.read(&incoming.measures, time_s, step_s, incoming.measured_at)?,
+        };
+        self.look_at_health(&incoming);
+        Ok(LiveFrame {
+            sequence: incoming.sequence,
+            measured_at: incoming.measured_at,
+            output_at: Moment::now(),
+            message: incoming.message,
+            values_ohm: incoming.measures.values_ohm,
+            image: self.image.values.iter().map(|&value| value as f32).collect(),
+            touched,
+            contacts,
+            health: Arc::clone(&self.health),
+        })
+    }
+
+    /// The tare is done.
+    fn tared(&mut self, at: Moment) -> Result<(), LiveError> {
+        let Phase::Taring { frames } = &mut self.state.phase else { return Ok(()) };
+        let frames = std::mem::take(frames);
+        let watch = Watch::new(&self.wiring, &frames);
+        let count = frames.len() as f64;
+        let mean: Vec<f64> = (0..self.silent.len())
+            .map(|channel| frames.iter().map(|frame| frame.values_ohm[channel]).sum::<f64>() / count)
+            .collect();
+        let less_mean =
+            |frame: &Measures| frame.values_ohm.iter().zip(&mean).map(|(value, mean)| value - mean).collect();
+        let untouched: Vec<Vec<f64>> = frames.iter().map(less_mean).collect();
+        let noise_ohm = watch.noise_ohm();
+        self.silent = silent(&self.wiring, watch.bad());
+        let statistics: Vec<f64> = untouched.iter().map(|frame| statistic(frame, &noise_ohm, &self.silent)).collect();
+        let surface = self.skin.pixels.surface;
+        self.state.phase = Phase::Reading(Box::new(Reading {
+            baseline: Baseline::new(mean),
+            watch,
+            alarm: Alarm::new(&statistics),
+            tracker: Tracker::new(surface, TrackOptions::default()),
+            untouched,
+            quiet_since_s: None,
+            puzzled_since_s: None,
+        }));
+        self.notices.push(Notice { level: Level::Info, text: format!("tared on {} frames", frames.len()), at });
+        self.prepare()
+    }
+
+    /// Contacts in a frame.
+    fn read(
+        &mut self,
+        measures: &Measures,
+        time_s: f64,
+        step_s: f64,
+        at: Moment,
+    ) -> Result<(bool, Vec<LiveContact>), LiveError> {
+        let Phase::Reading(reading) = &mut self.state.phase else { return Ok((false, Vec::new())) };
+        let mut difference: Vec<f64> =
+            measures.values_ohm.iter().zip(reading.baseline.values_ohm()).map(|(now, rest)| now - rest).collect();
+        let changes = reading.watch.contacts(&self.wiring, measures, &difference);
+        let deaf =
+            silent(&self.wiring, (0..self.skin.design.electrodes.len()).filter(|&e| reading.watch.is_suspect(e)));
+        for ((value, silent), deaf) in difference.iter_mut().zip(&self.silent).zip(&deaf) {
+            if *silent || *deaf {
+                *value = 0.0;
+            }
+        }
+        let noise_ohm = reading.watch.noise_ohm();
+        let alarm = reading.alarm.take(statistic(&difference, &noise_ohm, &deaf));
+        self.method.method.reconstruct_into(&difference, &mut self.image.values)?;
+        let settings = &self.state.settings;
+        let least = settings.least();
+        let factor = self.method.method.detection().noise_factor;
+        let found = self.detector.detect_under(&self.image);
+        let sightings: Vec<Sighting> = found
+            .into_iter()
+            .map(|(contact, under)| {
+                let needed = factor * settings.threshold_at(contact.position_m);
+                let signal = if needed > 0.0 { under.signal / needed } else { f64::INFINITY };
+                Sighting { contact, signal: if signal.is_nan() { least } else { signal } }
+            })
+            .collect();
+        let tracked = reading.tracker.update(&sightings, time_s).to_vec();
+        let contacts: Vec<LiveContact> =
+            tracked.iter().map(|tracked| live(tracked, &self.image, settings, self.state.begun)).collect();
+
+        let nothing = !alarm && tracked.is_empty();
+        reading.quiet_since_s = nothing.then(|| reading.quiet_since_s.unwrap_or(time_s));
+        let puzzled = alarm && tracked.is_empty();
+        reading.puzzled_since_s = puzzled.then(|| reading.puzzled_since_s.unwrap_or(time_s));
+        let for_s = |since: Option<f64>| since.map_or(0.0, |since| time_s - since);
+        let quiet = for_s(reading.quiet_since_s) >= QUIET_S;
+        if quiet || for_s(reading.puzzled_since_s) >= PUZZLED_S {
+            reading.baseline.follow(&measures.values_ohm, step_s);
+        } else if !tracked.is_empty() {
+            let places: Vec<Point3> = tracked.iter().map(|tracked| tracked.contact.position_m).collect();
+            let noise = Noise { sd_ohm: &noise_ohm, silent: &deaf };
+            let touch = Touch { frame_ohm: &measures.values_ohm, places: &places, time_s, step_s };
+            reading.baseline.hold(&self.skin, &self.drifts, noise, touch);
+        }
+        let about = Untouched { untouched: quiet, difference: &difference, silent: &deaf, step_s };
+        reading.watch.noise(&self.wiring, measures, about);
+        self.take_changes(&changes, at)?;
+        Ok((alarm || !contacts.is_empty(), contacts))
+    }
+
+    /// Leaves the channels of bad electrodes out, takes those of mended ones in.
+    fn take_changes(&mut self, changes: &[Change], at: Moment) -> Result<(), LiveError> {
+        if changes.is_empty() {
+            return Ok(());
+        }
+        let Phase::Reading(reading) = &self.state.phase else { return Ok(()) };
+        self.silent = silent(&self.wiring, reading.watch.bad());
+        for Change { electrode, state } in changes {
+            let (level, what) = match state {
+                ElectrodeState::Loose => {
+                    (Level::Warning, "is loose: its readings are left out; press it on or glue it")
+                }
+                ElectrodeState::Open => (Level::Warning, "carries no current: its readings are left out; see its wire"),
+                ElectrodeState::Sound | ElectrodeState::Doubtful => (Level::Info, "is sound again"),
+            };
+            self.notices.push(Notice { level, text: format!("electrode {electrode} {what}"), at });
+        }
+        self.prepare()
+    }
+
+    fn look_at_health(&mut self, incoming: &Incoming) {
+        let named = !self.notices.is_empty();
+        if self.state.frames % HEALTH_FRAMES != 1 && !named {
+            return;
+        }
+        let mut health = Health {
+            saturated_channels: incoming.measures.saturated.len(),
+            silent_channels: self.silent.iter().filter(|silent| **silent).count(),
+            rate_hz: incoming.rate_hz,
+            counts: incoming.counts,
+            ..Health::default()
+        };
+        if let Phase::Reading(reading) = &self.state.phase {
+            health.electrodes = reading.watch.told(&self.wiring);
+            health.noise = Some(reading.watch.noise_ratio(&self.silent)).filter(|noise| noise.is_finite());
+            health.reciprocity = reading.watch.reciprocity(&self.wiring);
+        }
+        self.health = Arc::new(health);
+    }
+}
+
+/// A linear method to be made without some channels, on any thread.
+#[derive(Debug, Clone)]
+pub struct Rebuilding {
+    skin: Arc<LiveSkin>,
+    name: String,
+    prior: dermis::reconstruct::Prior,
+    silent: Vec<bool>,
+}
+
+/// A linear method made without some channels.
+#[derive(Debug, Clone)]
+pub struct Rebuilt {
+    method: NamedMethod,
+    silent: Vec<bool>,
+}
+
+impl Rebuilding {
+    /// Makes it.
+    ///
+    /// # Errors
+    /// Too few channels left.
+    pub fn run(self) -> Result<Rebuilt, LiveError> {
+        let channels: Vec<usize> = (0..self.silent.len()).filter(|&channel| self.silent[channel]).collect();
+        let method = self.skin.linear_method(&self.name, self.prior, &channels)?;
+        Ok(Rebuilt { method, silent: self.silent })
+    }
+}
+
+impl Settings {
+    /// What is wrong with them.
+    ///
+    /// # Errors
+    /// The setting and its value.
+    pub fn check(&self) -> Result<(), LiveError> {
+        let possible = |value: f64| value > 0.0 && value <= 1e6;
+        if !possible(self.threshold) {
+            return Err(LiveError::Given(format!(
+                "the threshold is {}: it must be above 0 and at most 1e6",
+                self.threshold
+            )));
+        }
+        if !(2..=100_000).contains(&self.tare_frames) {
+            let message = format!("a tare of {} frames: it must be from 2 to 100,000", self.tare_frames);
+            return Err(LiveError::Given(message));
+        }
+        for Zone { name, centre_m, radius_m, threshold } in &self.zones {
+            let ball = centre_m.iter().all(|value| value.is_finite()) && *radius_m > 0.0;
+            if !ball || !possible(*threshold) {
+                let must = "its centre must be finite, its radius positive, its threshold above 0 and at most 1e6";
+                return Err(LiveError::Given(format!("zone `{name}`: {must}")));
+            }
+        }
+        Ok(())
+    }
+
+    fn zone_at(&self, place: Point3) -> Option<&Zone> {
+        self.zones.iter().find(|zone| dermis::geom::vector::distance(zone.centre_m, place) <= zone.radius_m)
+    }
+
+    fn threshold_at(&self, place: Point3) -> f64 {
+        self.threshold * self.zone_at(place).map_or(1.0, |zone| zone.threshold)
+    }
+
+    /// The least threshold anywhere.
+    fn least(&self) -> f64 {
+        self.threshold * self.zones.iter().map(|zone| zone.threshold).fold(1.0, f64::min)
+    }
+}
+
+impl State {
+    /// Refuses a state of another skin.
+    fn check(&self, channel_count: usize) -> Result<(), LiveError> {
+        let fits = match &self.phase {
+            Phase::Taring { frames } => frames.iter().all(|frame| frame.values_ohm.len() == channel_count),
+            Phase::Reading(reading) => {
+                reading.baseline.values_ohm().len() == channel_count
+                    && reading.untouched.iter().all(|frame| frame.len() == channel_count)
+            }
+        };
+        if fits {
+            return Ok(());
+        }
+        Err(LiveError::Given(format!(
+            "the kept state is of another skin than this one of {channel_count} channels: tare anew"
+        )))
+    }
+}
+
+/// A contact as sinks are told of it.
+fn live(tracked: &Tracked, image: &Image, settings: &Settings, begun: Option<Moment>) -> LiveContact {
+    let contact = &tracked.contact;
+    let [centroid_m, centre_of_pressure_m] =
+        if tracked.seen { dermis::detect::centres(image, contact) } else { [contact.position_m; 2] };
+    let known = |value: f64| Some(value).filter(|value| value.is_finite());
+    let since = std::time::Duration::from_secs_f64(tracked.since_s.max(0.0));
+    LiveContact {
+        id: contact.id,
+        position_m: contact.position_m,
+        normal: contact.normal,
+        centroid_m,
+        centre_of_pressure_m,
+        velocity_m_s: tracked.velocity_m_s,
+        strength: contact.strength,
+        area_m2: contact.area_m2,
+        force_n: known(contact.force_n),
+        force_sd_n: None,
+        sd_m: contact.sd_m,
+        confidence: contact.confidence,
+        since: begun.unwrap_or_default().after(since),
+        zone: settings.zone_at(contact.position_m).map(|zone| zone.name.clone()),
+    }
+}

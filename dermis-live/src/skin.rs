@@ -1,0 +1,158 @@
+//! A skin ready to be read live: all that is computed once.
+
+use crate::LiveError;
+use crate::scan::ScanTable;
+use dermis::design::SkinDesign;
+use dermis::forward::ForwardModel;
+use dermis::image::PixelSpace;
+use dermis::mesh::Mesh;
+use dermis::reconstruct::{Linearised, OneStep, OneStepOptions, Prior, Reconstruct};
+use dermis_learn::Model;
+use std::sync::Arc;
+
+/// A skin ready to be read live: its design, its model, the methods that make its images.
+pub struct LiveSkin {
+    /// The design.
+    pub design: SkinDesign,
+    /// The text of the design's file, which recordings carry.
+    pub design_text: String,
+    /// Its forward model.
+    pub forward: ForwardModel,
+    /// The pixels of its images.
+    pub pixels: Arc<PixelSpace>,
+    /// What a device reads.
+    pub scan: ScanTable,
+    /// Its forward model made linear about the untouched skin.
+    pub linear: Linearised,
+    methods: Vec<NamedMethod>,
+}
+
+/// A method under the name that it is chosen by.
+#[derive(Clone)]
+pub struct NamedMethod {
+    /// Its name: `best`, `paper`, `noser`, `laplace`, or the path of a model.
+    pub name: String,
+    /// It.
+    pub method: Arc<dyn Reconstruct>,
+    /// What makes it anew without some channels; `None` of a network, which is told of no change in them.
+    pub prior: Option<Prior>,
+    /// The card of a network, JSON.
+    pub card: Option<String>,
+}
+
+impl std::fmt::Debug for LiveSkin {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let names: Vec<&str> = self.method_names().collect();
+        formatter.debug_struct("LiveSkin").field("design", &self.design.name).field("methods", &names).finish()
+    }
+}
+
+/// The linear methods that stand ready for every skin.
+const LINEAR: [(&str, Prior); 2] = [("noser", Prior::Noser { exponent: 0.5 }), ("laplace", Prior::Laplace)];
+
+/// The order in which networks are preferred where none is asked for.
+const PREFERRED: [&str; 4] = ["best", "paper", "shapes", "noser"];
+
+impl LiveSkin {
+    /// Prepares a skin from the text of its design; `name` is its path, which errors name. `model`: the folder of a network
+    /// beside the shipped ones.
+    ///
+    /// # Errors
+    /// A design that is refused, a model of another skin.
+    pub fn new(design_text: &str, name: &str, model: Option<&str>) -> Result<Self, LiveError> {
+        let design = SkinDesign::parse(design_text, name).map_err(dermis::Error::from)?;
+        let mesh = Mesh::generate(&design).map_err(dermis::Error::from)?;
+        let forward = ForwardModel::new(&design, &mesh)?;
+        let pixels = Arc::new(PixelSpace::for_design(&design, forward.mesh()).map_err(dermis::Error::from)?);
+        let linear = Linearised::new(&forward, &pixels)?;
+        let scan = ScanTable::new(&design.protocol)?;
+        let mut skin =
+            LiveSkin { design_text: design_text.into(), design, forward, pixels, scan, linear, methods: Vec::new() };
+        skin.add_networks(model)?;
+        for (name, prior) in LINEAR {
+            skin.methods.push(skin.linear_method(name, prior, &[])?);
+        }
+        Ok(skin)
+    }
+
+    fn add_networks(&mut self, model: Option<&str>) -> Result<(), LiveError> {
+        let mut models = Model::shipped(&self.forward, &self.pixels)?;
+        if let Some(name) = model.filter(|name| models.iter().all(|model| model.card().name != **name)) {
+            models.push(Model::named(name, &self.forward, Arc::clone(&self.pixels))?);
+        }
+        self.methods.extend(models.into_iter().map(|model| NamedMethod {
+            name: model.card().name.clone(),
+            card: serde_json::to_string_pretty(model.card()).ok(),
+            method: Arc::new(model),
+            prior: None,
+        }));
+        Ok(())
+    }
+
+    /// A linear method without some channels.
+    ///
+    /// # Errors
+    /// Too few channels left.
+    pub fn linear_method(&self, name: &str, prior: Prior, silent: &[usize]) -> Result<NamedMethod, LiveError> {
+        let options = OneStepOptions {
+            prior,
+            excluded: silent.to_vec(),
+            touch: self.design.sheet.touch,
+            ..OneStepOptions::default()
+        };
+        let method = OneStep::from_linearised(&self.linear, Arc::clone(&self.pixels), &options)?;
+        Ok(NamedMethod { name: name.into(), method: Arc::new(method), prior: Some(prior), card: None })
+    }
+
+    /// The names of its methods.
+    pub fn method_names(&self) -> impl Iterator<Item = &str> {
+        self.methods.iter().map(|method| method.name.as_str())
+    }
+
+    /// A method by its name.
+    ///
+    /// # Errors
+    /// No such method; the error names those that there are.
+    pub fn method(&self, name: &str) -> Result<&NamedMethod, LiveError> {
+        self.methods.iter().find(|method| method.name == name).ok_or_else(|| LiveError::NoSuchMethod {
+            name: name.into(),
+            known: self.method_names().map(str::to_string).collect(),
+        })
+    }
+
+    /// A method by its name, the preferred one for no name.
+    ///
+    /// # Errors
+    /// No such method.
+    pub fn by_name(&self, name: &str) -> Result<&NamedMethod, LiveError> {
+        if name.is_empty() { Ok(self.preferred()) } else { self.method(name) }
+    }
+
+    /// The method that is used where none is asked for: the best network for the skin, or else NOSER.
+    pub fn preferred(&self) -> &NamedMethod {
+        let of_name = |name: &&str| self.methods.iter().find(|method| method.name == **name);
+        PREFERRED.iter().find_map(of_name).unwrap_or(&self.methods[0])
+    }
+
+    /// Channels that an electrode is part of.
+    pub fn channels_of(&self, electrode: usize) -> impl Iterator<Item = usize> {
+        let channels = self.design.protocol.channels().iter().enumerate();
+        channels
+            .filter(move |(_, channel)| channel.drive.contains(&electrode) || channel.measure.contains(&electrode))
+            .map(|(index, _)| index)
+    }
+
+    /// The contact resistance of an electrode as the design has it, ohm; 0 of a point.
+    pub fn contact_ohm(&self, electrode: usize) -> f64 {
+        match self.forward.mesh().electrode_size(electrode) {
+            size if size > 0.0 => self.forward.contact_impedances()[electrode] / size,
+            _ => 0.0,
+        }
+    }
+}
+
+impl std::fmt::Debug for NamedMethod {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.debug_struct("NamedMethod").field("name", &self.name).finish_non_exhaustive()
+    }
+}
