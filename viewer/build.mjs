@@ -1,0 +1,44 @@
+// Builds the page into dist/: index.html, viewer.js, viewer.css. The same sources and lock file give the same bytes.
+import { build } from "esbuild";
+import { copyFile, mkdir, readFile } from "node:fs/promises";
+import { fileURLToPath } from "node:url";
+import path from "node:path";
+
+const here = path.dirname(fileURLToPath(import.meta.url));
+
+/** The licences of what is bundled, whole, as they ask to be passed on. */
+async function notices() {
+  const texts = await Promise.all(
+    ["three", "uplot"].map(async (name) => {
+      const text = await readFile(path.join(here, "node_modules", name, "LICENSE"), "utf8");
+      return `Contains ${name}.\n${text.trim()}`;
+    }),
+  );
+  return `/*!\n${texts.join("\n\n")}\n*/`;
+}
+
+export async function buildInto(folder) {
+  await mkdir(folder, { recursive: true });
+  const banner = await notices();
+  const result = await build({
+    absWorkingDir: here,
+    entryPoints: { viewer: "src/main.ts" },
+    outdir: folder,
+    bundle: true,
+    minify: true,
+    format: "iife",
+    target: ["es2022"],
+    legalComments: "inline",
+    banner: { js: banner, css: banner },
+    define: { "process.env.NODE_ENV": '"production"' },
+    logLevel: "warning",
+    metafile: true,
+  });
+  await copyFile(path.join(here, "src/index.html"), path.join(folder, "index.html"));
+  return result.metafile;
+}
+
+if (process.argv[1] === fileURLToPath(import.meta.url)) {
+  const { outputs } = await buildInto(path.join(here, "dist"));
+  for (const [name, { bytes }] of Object.entries(outputs)) console.log(`${name}: ${(bytes / 1000).toFixed(1)} kB`);
+}

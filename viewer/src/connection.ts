@@ -1,0 +1,127 @@
+// One WebSocket that mends itself. Of the frames only the newest is kept: a page that draws slowly
+// leaves frames out, and never works through a backlog.
+
+import type { Command, RefusedMessage, SceneMessage, ServerMessage, StatusMessage } from "./types";
+
+const FIRST_WAIT_MS = 250;
+const LONGEST_WAIT_MS = 4000;
+/** The server speaks four times a second; a line silent for this long is dead though nobody hung up. */
+const SILENCE_MS = 6000;
+/** Moves of a finger are left out while this much waits to be sent: the next one says it better. */
+const SEND_QUEUE_BYTES = 65536;
+
+export interface Listener {
+  setScene(scene: SceneMessage): void;
+  setStatus(status: StatusMessage): void;
+  refused(refused: RefusedMessage): void;
+  connected(): void;
+  /** The line is down; the next attempt is in `waitMs`. */
+  disconnected(waitMs: number): void;
+}
+
+export class Connection {
+  private socket: WebSocket | null = null;
+  private newest: ArrayBuffer | null = null;
+  private waitMs = FIRST_WAIT_MS;
+  private timer: number | undefined;
+  private watchdog: number | undefined;
+  private lastScene = "";
+  private up = false;
+
+  constructor(
+    private readonly address: string,
+    private readonly listener: Listener,
+  ) {}
+
+  get connected(): boolean {
+    return this.up;
+  }
+
+  open(): void {
+    window.clearTimeout(this.timer);
+    this.drop();
+    const socket = new WebSocket(this.address);
+    socket.binaryType = "arraybuffer";
+    this.socket = socket;
+    this.expectWord();
+    socket.onmessage = (event) => this.receive(event.data as string | ArrayBuffer);
+    socket.onclose = () => this.lost();
+    socket.onerror = () => socket.close();
+  }
+
+  /** The newest frame not yet taken. */
+  take(): ArrayBuffer | null {
+    const frame = this.newest;
+    this.newest = null;
+    return frame;
+  }
+
+  send(command: Command): boolean {
+    const { socket } = this;
+    if (!this.up || !socket || socket.readyState !== WebSocket.OPEN) return false;
+    if (command.do === "press" && socket.bufferedAmount > SEND_QUEUE_BYTES) return false;
+    socket.send(JSON.stringify(command));
+    return true;
+  }
+
+  private receive(data: string | ArrayBuffer): void {
+    this.heard = performance.now();
+    if (typeof data !== "string") {
+      this.newest = data;
+      return;
+    }
+    const message = JSON.parse(data) as ServerMessage;
+    if (message.type === "scene") this.receiveScene(data, message);
+    else if (message.type === "status") this.listener.setStatus(message);
+    else if (message.type === "refused") this.listener.refused(message);
+  }
+
+  private receiveScene(data: string, scene: SceneMessage): void {
+    if (data !== this.lastScene) {
+      this.lastScene = data;
+      this.newest = null;
+      this.listener.setScene(scene);
+    }
+    this.waitMs = FIRST_WAIT_MS;
+    if (!this.up) {
+      this.up = true;
+      this.listener.connected();
+    }
+  }
+
+  private heard = 0;
+
+  private expectWord(): void {
+    window.clearInterval(this.watchdog);
+    this.heard = performance.now();
+    this.watchdog = window.setInterval(() => {
+      if (performance.now() - this.heard > SILENCE_MS) this.lost();
+    }, 1000);
+  }
+
+  private lost(): void {
+    this.drop();
+    this.up = false;
+    this.newest = null;
+    this.listener.disconnected(this.waitMs);
+    window.clearTimeout(this.timer);
+    this.timer = window.setTimeout(() => this.open(), this.waitMs);
+    this.waitMs = Math.min(2 * this.waitMs, LONGEST_WAIT_MS);
+  }
+
+  private drop(): void {
+    window.clearInterval(this.watchdog);
+    const { socket } = this;
+    if (!socket) return;
+    socket.onmessage = socket.onclose = socket.onerror = null;
+    socket.close();
+    this.socket = null;
+  }
+}
+
+/** Where the page's own server speaks; a token in the page's address is handed on. */
+export function liveAddress(location: Location): string {
+  const token = new URLSearchParams(location.search).get("token");
+  const scheme = location.protocol === "https:" ? "wss:" : "ws:";
+  return `${scheme}//${location.host}/live${token === null ? "" : `?token=${encodeURIComponent(token)}`}`;
+}

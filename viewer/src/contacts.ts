@@ -1,0 +1,51 @@
+// The contacts in words, one line each.
+
+import { contactColour, SLOT_COUNT, type Theme } from "./colours";
+import { contactSize, fixed } from "./format";
+import { make, part, say, show } from "./page";
+import type { Contact } from "./types";
+
+export class ContactList {
+  private readonly list = part("contact-list");
+  private readonly none = part("no-contacts");
+  private rows: { row: HTMLElement; name: HTMLElement; size: HTMLElement; details: HTMLElement }[] = [];
+
+  update(contacts: readonly Contact[], slots: readonly number[], theme: Theme): void {
+    while (this.rows.length < contacts.length) this.rows.push(this.addRow());
+    show(this.none, contacts.length === 0);
+    this.rows.forEach(({ row, name, size, details }, k) => {
+      const contact = contacts[k];
+      show(row, contact !== undefined);
+      if (!contact) return;
+      row.style.setProperty("--ink", contactColour(theme, slots[k] ?? SLOT_COUNT));
+      say(name, `#${contact.id}`);
+      const spread = contact.force_n !== null && contact.force_sd_n !== null ? ` ± ${contact.force_sd_n.toFixed(1)}` : "";
+      say(size, `${contactSize(contact)}${spread}`);
+      say(details, describe(contact));
+      row.title = explain(contact);
+    });
+  }
+
+  private addRow(): (typeof this.rows)[number] {
+    const row = make("li", "contact-row");
+    const name = make("span", "name");
+    const size = make("span", "size");
+    const details = make("span", "details");
+    row.append(name, size, details);
+    this.list.append(row);
+    return { row, name, size, details };
+  }
+}
+
+/** The same with units and spreads, for the pointer that rests on it. */
+function explain(contact: Contact): string {
+  const sd = contact.sd_m === null ? "unknown" : `${fixed(contact.sd_m * 1000, 1)} mm`;
+  const sure = contact.confidence === null ? "unknown" : fixed(contact.confidence, 2);
+  return `contact ${contact.id}: standard deviation of the place ${sd}, confidence ${sure}`;
+}
+
+function describe(contact: Contact): string {
+  const place = contact.flat_m ?? contact.position_m;
+  const at = `${place.map((length) => Math.round(length * 1000)).join(", ")} mm`;
+  return contact.confidence === null ? at : `${at} · ${Math.round(contact.confidence * 100)} %`;
+}

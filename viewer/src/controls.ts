@@ -1,0 +1,104 @@
+// Tare, threshold, method, record, pause; and the force of the pointer on an emulated skin.
+
+import { bytes, whole } from "./format";
+import { part, say, show } from "./page";
+import type { Command, SceneMessage, StatusMessage } from "./types";
+
+/** What the server says does not move a control that was touched this recently: its answer is on the way. */
+const OWN_WORD_MS = 1500;
+
+export class Controls {
+  private readonly tare = part<HTMLButtonElement>("tare");
+  private readonly pause = part<HTMLButtonElement>("pause");
+  private readonly record = part<HTMLButtonElement>("record");
+  private readonly recordNote = part("record-note");
+  private readonly method = part<HTMLSelectElement>("method");
+  private readonly methodNote = part("method-note");
+  private readonly threshold = part<HTMLInputElement>("threshold");
+  private readonly thresholdValue = part("threshold-value");
+  private readonly force = part<HTMLInputElement>("force");
+  private readonly forceValue = part("force-value");
+  private thresholdTouched = -Infinity;
+  private methodTouched = -Infinity;
+
+  constructor(private readonly send: (command: Command) => boolean) {
+    this.tare.addEventListener("click", () => this.send({ do: "tare" }));
+    this.pause.addEventListener("click", () => this.send({ do: "pause", on: !pressed(this.pause) }));
+    this.record.addEventListener("click", () => this.send({ do: "record", on: !pressed(this.record) }));
+    this.method.addEventListener("change", () => {
+      this.methodTouched = performance.now();
+      this.send({ do: "method", name: this.method.value });
+    });
+    this.threshold.addEventListener("input", () => {
+      this.thresholdTouched = performance.now();
+      this.sayThreshold();
+      this.send({ do: "threshold", value: this.thresholdFactor });
+    });
+    this.force.addEventListener("input", () => this.sayForce());
+    this.sayThreshold();
+    this.sayForce();
+  }
+
+  /** Of the pointer on an emulated skin. */
+  get forceN(): number {
+    return Number(this.force.value);
+  }
+
+  enable(connected: boolean): void {
+    for (const control of [this.tare, this.pause, this.record, this.method, this.threshold]) control.disabled = !connected;
+  }
+
+  setScene(scene: SceneMessage): void {
+    this.method.replaceChildren(...scene.methods.map((name) => new Option(name, name)));
+    show(part("force-control"), scene.emulated);
+  }
+
+  setStatus(status: StatusMessage): void {
+    const now = performance.now();
+    toggle(this.pause, status.paused, "Resume", "Pause");
+    toggle(this.record, status.recording !== null, "Stop", "Record");
+    this.sayRecording(status);
+    if (now - this.methodTouched > OWN_WORD_MS && this.method.value !== status.method) this.method.value = status.method;
+    say(this.methodNote, status.method_note ?? "");
+    show(this.methodNote, status.method_note !== null);
+    if (now - this.thresholdTouched > OWN_WORD_MS) {
+      this.threshold.value = `${Math.log2(status.threshold)}`;
+      this.sayThreshold();
+    }
+  }
+
+  /** The slider counts in octaves: a quarter to four times the method's own. */
+  private get thresholdFactor(): number {
+    return Math.round(2 ** Number(this.threshold.value) * 100) / 100;
+  }
+
+  private sayThreshold(): void {
+    const text = `${this.thresholdFactor.toFixed(2)} ×`;
+    say(this.thresholdValue, text);
+    this.threshold.setAttribute("aria-valuetext", `${text} the method's own`);
+  }
+
+  private sayForce(): void {
+    const text = `${this.forceN.toFixed(1)} N`;
+    say(this.forceValue, text);
+    this.force.setAttribute("aria-valuetext", text);
+  }
+
+  private sayRecording({ recording }: StatusMessage): void {
+    show(this.recordNote, recording !== null);
+    if (!recording) return;
+    const { path, frames, bytes: size, problem } = recording;
+    say(this.recordNote, problem ? `${path}: ${problem}` : `${path}: ${whole(frames)} frames, ${bytes(size)}`);
+    this.recordNote.classList.toggle("problem", problem !== null);
+  }
+}
+
+function pressed(button: HTMLButtonElement): boolean {
+  return button.getAttribute("aria-pressed") === "true";
+}
+
+function toggle(button: HTMLButtonElement, on: boolean, whenOn: string, whenOff: string): void {
+  button.setAttribute("aria-pressed", `${on}`);
+  const word = button.querySelector<HTMLElement>(".word");
+  if (word) say(word, on ? whenOn : whenOff);
+}

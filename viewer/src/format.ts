@@ -1,0 +1,54 @@
+// Numbers as people read them.
+
+import type { Contact, ElectrodeHealth, ElectrodeState } from "./types";
+
+/** About three significant digits, without a tail of zeros' noise: 0.00123, 4.56, 78.9, 1230. */
+export function significant(value: number | null | undefined, digits = 3): string {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  if (value === 0) return "0";
+  const size = Math.floor(Math.log10(Math.abs(value)));
+  return value.toFixed(Math.min(Math.max(digits - 1 - size, 0), 6));
+}
+
+export function fixed(value: number | null | undefined, places: number, unit = ""): string {
+  return value === null || value === undefined || !Number.isFinite(value) ? "–" : `${value.toFixed(places)}${unit && ` ${unit}`}`;
+}
+
+/** Strength is relative change of conductance times area; in mm² it has readable sizes. */
+export function strengthMm2(strength: number): number {
+  return strength * 1e6;
+}
+
+export function contactSize(contact: Contact): string {
+  if (contact.force_n !== null) return `${contact.force_n.toFixed(1)} N`;
+  return contact.strength === null ? "" : `${significant(strengthMm2(contact.strength), 2)} mm²`;
+}
+
+export function contactLabel(contact: Contact): string {
+  return `#${contact.id} ${contactSize(contact)}`.trim();
+}
+
+export function ohms(value: number | null | undefined): string {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  if (Math.abs(value) >= 1e6) return `${significant(value / 1e6)} MΩ`;
+  return Math.abs(value) >= 1e4 ? `${significant(value / 1e3, 2)} kΩ` : `${significant(value)} Ω`;
+}
+
+export const STATE_SYMBOL: Record<ElectrodeState, string> = { sound: "●", doubtful: "◆", loose: "▲", open: "✖" };
+
+export function electrodeText(electrode: number, health: ElectrodeHealth | undefined): string {
+  if (!health) return `electrode ${electrode}`;
+  const noise = health.noise === null ? "" : `, noise ${fixed(health.noise, 1)} ×`;
+  return `electrode ${electrode}: ${health.state}, ${ohms(health.contact_ohm)}${noise}`;
+}
+
+export function bytes(count: number): string {
+  const steps = ["B", "kB", "MB", "GB", "TB"];
+  let [value, step] = [count, 0];
+  while (value >= 1000 && step < steps.length - 1) [value, step] = [value / 1000, step + 1];
+  return `${step === 0 ? value : value.toFixed(1)} ${steps[step] ?? ""}`;
+}
+
+export function whole(count: number): string {
+  return count.toLocaleString("en").replaceAll(",", "\u202f");
+}

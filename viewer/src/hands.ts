@@ -1,0 +1,186 @@
+// What pointers and keys do on the two pictures. On an emulated skin the left button or one finger on the skin presses;
+// elsewhere, and with the right button or two fingers, the body turns; the wheel and two fingers zoom.
+
+import type { Presser } from "./press";
+import type { SkinView } from "./scene3d";
+import type { Vec2 } from "./types";
+import type { UnrolledView } from "./unrolled";
+
+const KEY_TURN_PIXELS = 18;
+const KEY_STEP_M = 0.005;
+const KEY_FINE_STEP_M = 0.001;
+const KEYBOARD = "keyboard";
+
+export interface Hands {
+  emulated(): boolean;
+  /** Something that is drawn has changed. */
+  changed(): void;
+}
+
+function place(event: PointerEvent | WheelEvent): Vec2 {
+  return [event.clientX, event.clientY];
+}
+
+export function onSkin(view: SkinView, presser: Presser, hands: Hands): void {
+  const { canvas, orbit } = view;
+  const pointers = new Map<number, Vec2>();
+  const name = (event: PointerEvent): string => `skin ${event.pointerId}`;
+
+  canvas.addEventListener("pointerdown", (event) => {
+    canvas.setPointerCapture(event.pointerId);
+    pointers.set(event.pointerId, place(event));
+    view.hovered = null;
+    if (pointers.size > 1) presser.upAll();
+    else if (event.button === 0 && hands.emulated()) {
+      const hit = view.pick(place(event));
+      if (hit) presser.down(name(event), hit);
+    }
+    canvas.classList.toggle("pressing", presser.count > 0);
+    canvas.classList.toggle("turning", presser.count === 0);
+    hands.changed();
+  });
+
+  canvas.addEventListener("pointermove", (event) => {
+    const before = pointers.get(event.pointerId);
+    if (!before) {
+      if (event.pointerType === "mouse") hover(view, event, hands);
+      return;
+    }
+    const now = place(event);
+    if (presser.holds(name(event))) {
+      const hit = view.pick(now);
+      if (hit) presser.move(name(event), hit);
+    } else turn(before, now, event.pointerId);
+    pointers.set(event.pointerId, now);
+    hands.changed();
+  });
+
+  /** One pointer turns; of two each turns by half, and the change of their distance zooms. */
+  const turn = (before: Vec2, now: Vec2, moved: number): void => {
+    const other = [...pointers].find(([id]) => id !== moved)?.[1];
+    const share = other ? 0.5 : 1;
+    orbit.turn(share * (now[0] - before[0]), share * (now[1] - before[1]));
+    if (!other) return;
+    const apart = (at: Vec2): number => Math.max(Math.hypot(at[0] - other[0], at[1] - other[1]), 10);
+    orbit.zoomBy(apart(now) / apart(before));
+  };
+
+  const end = (event: PointerEvent): void => {
+    pointers.delete(event.pointerId);
+    presser.up(name(event));
+    canvas.classList.remove("pressing", "turning");
+    hands.changed();
+  };
+  canvas.addEventListener("pointerup", end);
+  canvas.addEventListener("pointercancel", end);
+  canvas.addEventListener("pointerleave", () => leave(view, hands));
+  canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+  canvas.addEventListener(
+    "wheel",
+    (event) => {
+      event.preventDefault();
+      const pixels = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? event.deltaY * 30 : event.deltaY;
+      orbit.zoomBy(Math.exp(-0.0014 * pixels));
+      hands.changed();
+    },
+    { passive: false },
+  );
+  canvas.addEventListener("keydown", (event) => {
+    const turns: Record<string, Vec2> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+    const way = turns[event.key];
+    if (way) orbit.turn(way[0] * KEY_TURN_PIXELS, way[1] * KEY_TURN_PIXELS);
+    else if (event.key === "+" || event.key === "=") orbit.zoomBy(1.1);
+    else if (event.key === "-") orbit.zoomBy(1 / 1.1);
+    else if (event.key === "Home" || event.key === "0") orbit.reset();
+    else return;
+    event.preventDefault();
+    hands.changed();
+  });
+}
+
+export function onUnrolled(view: UnrolledView, presser: Presser, hands: Hands): void {
+  const { canvas } = view;
+  const name = (event: PointerEvent): string => `flat ${event.pointerId}`;
+
+  canvas.addEventListener("pointerdown", (event) => {
+    if (event.button !== 0 || !hands.emulated()) return;
+    const at = view.placeAt(place(event));
+    const inside = at && onBody(view, at) ? view.flat?.toSpace(at) : null;
+    if (!inside) return;
+    canvas.setPointerCapture(event.pointerId);
+    view.hovered = view.cursor = null;
+    presser.down(name(event), inside);
+    hands.changed();
+  });
+
+  canvas.addEventListener("pointermove", (event) => {
+    if (!presser.holds(name(event))) {
+      if (event.pointerType === "mouse") hover(view, event, hands);
+      return;
+    }
+    const at = view.placeAt(place(event));
+    const inside = at && view.flat ? view.flat.toSpace(view.flat.clamped(at)) : null;
+    if (inside) presser.move(name(event), inside);
+    hands.changed();
+  });
+
+  const end = (event: PointerEvent): void => {
+    presser.up(name(event));
+    hands.changed();
+  };
+  canvas.addEventListener("pointerup", end);
+  canvas.addEventListener("pointercancel", end);
+  canvas.addEventListener("pointerleave", () => leave(view, hands));
+  canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+  canvas.addEventListener("blur", () => {
+    view.cursor = null;
+    presser.up(KEYBOARD);
+    hands.changed();
+  });
+  canvas.addEventListener("keydown", (event) => {
+    if (!hands.emulated() || !pressWithKey(view, presser, event)) return;
+    event.preventDefault();
+    hands.changed();
+  });
+}
+
+/** Arrows move a cross, the space bar presses there until it is struck again, Escape lets go. */
+function pressWithKey(view: UnrolledView, presser: Presser, event: KeyboardEvent): boolean {
+  const { flat } = view;
+  if (!flat) return false;
+  const cursor = view.cursor ?? flat.clamped([flat.origin[0] + 0.5 * flat.size[0], flat.origin[1] + 0.5 * flat.size[1]]);
+  const step = event.shiftKey ? KEY_FINE_STEP_M : KEY_STEP_M;
+  const moves: Record<string, Vec2> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+  const way = moves[event.key];
+  if (way) view.cursor = flat.clamped([cursor[0] + way[0] * step, cursor[1] + way[1] * step]);
+  else if (event.key === " " || event.key === "Enter") view.cursor = cursor;
+  else if (event.key === "Escape") view.cursor = null;
+  else return false;
+  const inside = view.cursor ? flat.toSpace(view.cursor) : null;
+  if (!inside) presser.up(KEYBOARD);
+  else if (way) presser.move(KEYBOARD, inside);
+  else if (presser.holds(KEYBOARD)) presser.up(KEYBOARD);
+  else if (!event.repeat) presser.down(KEYBOARD, inside);
+  return true;
+}
+
+/** A press begins on the picture itself, not on its axes; sliding then goes on round the seam. */
+function onBody(view: UnrolledView, [u, v]: Vec2): boolean {
+  const { flat } = view;
+  if (!flat) return false;
+  const [u0, v0] = flat.origin;
+  return u >= u0 && u <= u0 + flat.size[0] && v >= v0 && v <= v0 + flat.size[1];
+}
+
+function hover(view: SkinView | UnrolledView, event: PointerEvent, hands: Hands): void {
+  const found = view.electrodeAt(place(event));
+  if (found === view.hovered) return;
+  view.hovered = found;
+  hands.changed();
+}
+
+function leave(view: SkinView | UnrolledView, hands: Hands): void {
+  if (view.hovered === null) return;
+  view.hovered = null;
+  hands.changed();
+}

@@ -1,0 +1,106 @@
+// Messages of the server, what it refuses, and the banner across the page.
+
+import { make, part, say, show } from "./page";
+import type { Level, Note } from "./types";
+
+const REFUSAL_SHOWN_MS = 8000;
+const SYMBOL: Record<Level, string> = { info: "ℹ", warning: "▲", error: "✖" };
+
+export class Notes {
+  private readonly list = part("message-list");
+  private readonly none = part("no-messages");
+  private readonly refusal = part("refusal");
+  private readonly refusalText = part("refusal-text");
+  private shown = "";
+  private timer: number | undefined;
+
+  constructor() {
+    part("refusal-close").addEventListener("click", () => show(this.refusal, false));
+  }
+
+  setMessages(messages: Note[]): void {
+    const key = JSON.stringify(messages);
+    if (key === this.shown) return;
+    this.shown = key;
+    show(this.none, messages.length === 0);
+    // The newest is read first.
+    this.list.replaceChildren(...[...messages].reverse().map(line));
+  }
+
+  refuse(why: string): void {
+    say(this.refusalText, `Refused: ${why}`);
+    show(this.refusal, true);
+    window.clearTimeout(this.timer);
+    this.timer = window.setTimeout(() => show(this.refusal, false), REFUSAL_SHOWN_MS);
+  }
+}
+
+function line(note: Note): HTMLElement {
+  const level = note.level in SYMBOL ? note.level : "info";
+  const item = make("li", `message ${level}`);
+  const symbol = make("span", "symbol", SYMBOL[level]);
+  symbol.setAttribute("aria-hidden", "true");
+  const time = make("time", "", new Date(note.at_s * 1000).toLocaleTimeString("en-GB"));
+  item.append(symbol, time, make("span", "level", `${level}:`), make("span", "text", note.text));
+  return item;
+}
+
+export class Banner {
+  private readonly banner = part("banner");
+  private readonly text = part("banner-text");
+  private readonly again = part("banner-again");
+  private until = 0;
+  private since: number | null = null;
+  private ticking: number | undefined;
+
+  constructor(tryNow: () => void) {
+    this.again.addEventListener("click", tryNow);
+  }
+
+  /** The server is out of reach; the next attempt is after `waitMs`. */
+  waiting(waitMs: number): void {
+    this.since ??= performance.now();
+    this.until = performance.now() + waitMs;
+    window.clearInterval(this.ticking);
+    this.ticking = window.setInterval(() => this.tick(), 200);
+    this.put("down", true);
+    this.tick();
+  }
+
+  /** The server is there, its device is not. */
+  deviceGone(): void {
+    this.stop();
+    say(this.text, "The device is not connected. Waiting for it to come back.");
+    this.put("device", false);
+  }
+
+  paused(): void {
+    this.stop();
+    say(this.text, "Paused: this is the last picture. Press Resume to go on.");
+    this.put("paused", false);
+  }
+
+  hide(): void {
+    this.stop();
+    show(this.banner, false);
+  }
+
+  private stop(): void {
+    window.clearInterval(this.ticking);
+    this.since = null;
+  }
+
+  private put(kind: string, button: boolean): void {
+    this.banner.dataset["kind"] = kind;
+    show(this.again, button);
+    show(this.banner, true);
+  }
+
+  private tick(): void {
+    const left = Math.ceil((this.until - performance.now()) / 1000);
+    const gone = Math.round((performance.now() - (this.since ?? performance.now())) / 1000);
+    const next = left > 0 ? `Trying again in ${left} s.` : "Trying again now.";
+    const age = gone >= 2 ? ` The picture is ${gone} s old.` : "";
+    say(this.text, `Disconnected from the server. ${next}${age}`);
+  }
+}

@@ -1,0 +1,140 @@
+// What server and page say to each other; README.md describes every field.
+
+export type Vec2 = [number, number];
+export type Vec3 = [number, number, number];
+
+export type Surface = { kind: "cylinder"; radius_m: number; length_m: number } | { kind: "plane" } | { kind: "free" };
+
+export interface Skin {
+  vertices_m: number[];
+  normals: number[];
+  triangles: number[];
+  /** Four pixels for each vertex, and their weights: a vertex shows the weighted sum. */
+  pixels: number[];
+  weights: number[];
+}
+
+export interface ElectrodePlace {
+  position_m: Vec3;
+  normal: Vec3;
+  radius_m: number;
+}
+
+export interface ImageLayout {
+  pixel_count: number;
+  rows: number | null;
+  columns: number | null;
+  position_in_grid: number[] | null;
+}
+
+export interface Unrolled {
+  size_m: Vec2;
+  wraps: boolean;
+  labels: [string, string];
+  electrodes_m: Vec2[];
+}
+
+export type Quantity = "touch" | "change";
+
+export interface SceneMessage {
+  type: "scene";
+  version: string;
+  design: string;
+  frame_id: string;
+  touch: "conductance_rises" | "conductance_falls";
+  surface: Surface;
+  skin: Skin;
+  electrodes: ElectrodePlace[];
+  image: ImageLayout;
+  unrolled: Unrolled | null;
+  methods: string[];
+  emulated: boolean;
+  quantity: Quantity;
+}
+
+export type ElectrodeState = "sound" | "doubtful" | "loose" | "open";
+
+export interface ElectrodeHealth {
+  state: ElectrodeState;
+  contact_ohm: number | null;
+  noise: number | null;
+}
+
+export interface Counts {
+  frames: number;
+  lost: number;
+  repeated: number;
+  reordered: number;
+  damaged: number;
+  skipped: number;
+}
+
+export interface Recording {
+  path: string;
+  frames: number;
+  bytes: number;
+  problem: string | null;
+}
+
+export type Level = "info" | "warning" | "error";
+
+export interface Note {
+  level: Level;
+  text: string;
+  at_s: number;
+}
+
+export interface StatusMessage {
+  type: "status";
+  connected: boolean;
+  source: string;
+  method: string;
+  method_note: string | null;
+  paused: boolean;
+  recording: Recording | null;
+  threshold: number;
+  rate_hz: number | null;
+  latency_ms: { median: number | null; p99: number | null } | null;
+  noise: number | null;
+  counts: Counts;
+  electrodes: ElectrodeHealth[];
+  messages: Note[];
+}
+
+export interface RefusedMessage {
+  type: "refused";
+  why: string;
+}
+
+export type ServerMessage = SceneMessage | StatusMessage | RefusedMessage;
+
+export interface Contact {
+  id: number;
+  position_m: Vec3;
+  normal: Vec3;
+  flat_m: Vec2 | null;
+  strength: number | null;
+  area_m2: number | null;
+  force_n: number | null;
+  force_sd_n: number | null;
+  sd_m: number | null;
+  confidence: number | null;
+  since_s: number | null;
+}
+
+export interface FrameHeader {
+  sequence: number;
+  measured_at_s: number;
+  output_at_s: number;
+  touched: boolean;
+  contacts: Contact[];
+}
+
+export type Command =
+  | { do: "tare" }
+  | { do: "threshold"; value: number }
+  | { do: "method"; name: string }
+  | { do: "record"; on: boolean }
+  | { do: "pause"; on: boolean }
+  | { do: "press"; finger: number; position_m: Vec3; force_n: number }
+  | { do: "release"; finger: number };
