@@ -1,5 +1,6 @@
 //! `docs/wire-protocol.md` says what the crate does: its vectors and its tables of speeds are read and held against it.
 
+mod firmware_c;
 mod vectors;
 
 use dermis_wire::{Decoder, Frame, Received, bytes_per_second, smallest_baud};
