@@ -141,6 +141,8 @@ mod tests {
     #[test]
     fn a_frame_that_the_first_overtook_was_never_lost() {
         assert_eq!(after([5, 4, 6, 4, 3]), [4, 0, 1, 2]);
+        // Nor does it stand for one that was.
+        assert_eq!(after([5, 8, 4]), [3, 2, 0, 1]);
     }
 
     #[test]

@@ -258,6 +258,7 @@ mod tests {
         assert_eq!(count::<16>(&[&[9; 40], packet, &[9; 17], packet]), [2, 2], "more noise than it holds");
         assert_eq!(count::<8>(&[packet, packet]), [2, 0], "a buffer just long enough");
         assert_eq!(count::<7>(&[packet, packet]), [0, 2], "a buffer too short");
+        assert_eq!(count::<8>(&[inner, &[9; 5], packet]), [1, 1], "a packet that goes on behind what the buffer holds");
         assert_eq!(count::<0>(&[packet, packet]), [0, 2], "no buffer");
         assert_eq!(count::<16>(&[&[0, 5, 1, 2, 3, 4, 0]]), [0, 1], "shorter than a checksum, and wrong");
         assert_eq!(count::<16>(&[&[0, 1, 1, 1, 1, 1, 0]]), [1, 0], "an empty message");

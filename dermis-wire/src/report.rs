@@ -65,7 +65,7 @@ pub struct Hello<'a> {
     pub version: u16,
     /// Bytes of a reading: 2 or 4.
     pub reading_bytes: u8,
-    /// SHA-256 of the skin's design.
+    /// What tells the skin from others: SHA-256 of its body, electrodes and protocol.
     pub design_sha256: [u8; 32],
     /// Electrodes of the skin.
     pub electrode_count: u16,

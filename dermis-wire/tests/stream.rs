@@ -223,14 +223,25 @@ fn mutate(bytes: &mut Vec<u8>, rng: &mut ChaCha8Rng) {
 
 #[test]
 fn no_bytes_make_a_panic() {
-    let rng = &mut ChaCha8Rng::seed_from_u64(5);
+    takes_any_bytes(700_000, 5);
+}
+
+#[test]
+#[ignore = "slow: 30 million strings, ten seconds"]
+fn no_bytes_of_30_million_make_a_panic() {
+    takes_any_bytes(10_000_000, 6);
+}
+
+/// Three strings a round: an altered packet, an altered message, noise.
+fn takes_any_bytes(rounds: u32, seed: u64) {
+    let rng = &mut ChaCha8Rng::seed_from_u64(seed);
     let seeds = seeds();
     let messages: Vec<Vec<u8>> = seeds.iter().map(|packet| unpacked(packet)).collect();
     // A buffer shorter than some of the packets, so that it overruns too.
     let mut decoder = Decoder::new([0; 80]);
     let (mut sound, mut damaged, mut known) = (0u64, 0u64, 0);
     let mut bytes = Vec::new();
-    for _ in 0..700_000 {
+    for _ in 0..rounds {
         bytes.clear();
         bytes.extend_from_slice(&seeds[rng.random_range(0..seeds.len())]);
         mutate(&mut bytes, rng);
