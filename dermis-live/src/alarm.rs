@@ -72,7 +72,7 @@ mod tests {
         let untouched: Vec<f64> = (0..100).map(|_| draw(0.0)).collect();
         let mut alarm = Alarm::new(&untouched);
         assert_eq!((0..50_000).filter(|_| alarm.take(draw(0.0))).count(), 0);
-        assert!(alarm.take(draw(2.0)));
+        assert!(alarm.take(draw(4.0)));
         assert!(!alarm.take(draw(0.0)));
     }
 }

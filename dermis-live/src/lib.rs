@@ -2,8 +2,11 @@
 
 mod alarm;
 mod baseline;
+pub mod device;
+pub mod emulator;
 mod error;
 mod health;
+mod live;
 mod mailbox;
 mod meter;
 mod moment;
@@ -13,6 +16,7 @@ mod scan;
 mod skin;
 
 pub use error::LiveError;
+pub use live::{Event, Live, LiveOptions, Shared};
 pub use mailbox::{Mailbox, Taken};
 pub use meter::{Measures, Meter};
 pub use moment::Moment;

@@ -87,6 +87,8 @@ pub struct Incoming {
     pub sequence: u64,
     /// When it was taken.
     pub measured_at: Moment,
+    /// When its last byte came.
+    pub received_at: Moment,
     /// What its readings say.
     pub measures: Measures,
     /// The message as the device sent it.
@@ -317,6 +319,7 @@ impl Processor {
         Ok(LiveFrame {
             sequence: incoming.sequence,
             measured_at: incoming.measured_at,
+            received_at: incoming.received_at,
             output_at: Moment::now(),
             message: incoming.message,
             values_ohm: incoming.measures.values_ohm,

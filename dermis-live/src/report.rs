@@ -12,6 +12,8 @@ pub struct LiveFrame {
     pub sequence: u64,
     /// When its first reading was taken, on the host's clock.
     pub measured_at: Moment,
+    /// When its last byte came.
+    pub received_at: Moment,
     /// When its contacts were known.
     pub output_at: Moment,
     /// The message as the device sent it ([`dermis_wire::Frame`]): with the session's hello all that a replay needs.

@@ -1,0 +1,188 @@
+//! A line to a device: TCP or a serial port.
+
+use crate::LiveError;
+use std::io::{ErrorKind, Read, Write};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::time::Duration;
+
+/// Where a device is.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Address {
+    /// A host and a port.
+    Tcp(String),
+    /// A serial port and its speed, bits a second.
+    Serial {
+        /// The port's path or name.
+        port: String,
+        /// Its speed.
+        baud: u32,
+    },
+}
+
+/// The speed of a serial line where none is given, bits a second; a USB device does not mind.
+const USUAL_BAUD: u32 = 4_000_000;
+
+impl Address {
+    /// From `tcp:HOST:PORT`, `serial:PATH` or `serial:PATH@BAUD`.
+    ///
+    /// # Errors
+    /// Anything else.
+    pub fn parse(text: &str) -> Result<Self, LiveError> {
+        match text.split_once(':') {
+            Some(("tcp", address)) if address.contains(':') => Ok(Address::Tcp(address.into())),
+            Some(("tcp", _)) => Err(LiveError::Given(format!("`{text}` names no port: write tcp:HOST:PORT"))),
+            Some(("serial", rest)) if !rest.is_empty() => {
+                let (port, baud) = match rest.rsplit_once('@') {
+                    None => (rest, USUAL_BAUD),
+                    Some((port, baud)) => {
+                        let baud = baud.parse().ok().filter(|baud| *baud > 0);
+                        let wrong = || LiveError::Given(format!("`{text}`: the speed after @ must be bits a second, as in serial:/dev/ttyACM0@4000000"));
+                        (port, baud.ok_or_else(wrong)?)
+                    }
+                };
+                Ok(Address::Serial { port: port.into(), baud })
+            }
+            _ => Err(LiveError::Given(format!("`{text}` is no device: write tcp:HOST:PORT or serial:PATH[@BAUD]"))),
+        }
+    }
+}
+
+impl std::fmt::Display for Address {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Address::Tcp(address) => write!(formatter, "tcp:{address}"),
+            Address::Serial { port, baud } => write!(formatter, "serial:{port}@{baud}"),
+        }
+    }
+}
+
+/// A line to a device. Reading gives up after [`PATIENCE`].
+pub trait Line: Send {
+    /// Bytes that have come; `None` where none came in time.
+    ///
+    /// # Errors
+    /// A line that is broken or closed.
+    fn receive(&mut self, buffer: &mut [u8]) -> std::io::Result<Option<usize>>;
+
+    /// Sends bytes.
+    ///
+    /// # Errors
+    /// A line that is broken or closed.
+    fn send(&mut self, bytes: &[u8]) -> std::io::Result<()>;
+}
+
+/// How long a line is listened to at a time.
+pub const PATIENCE: Duration = Duration::from_millis(50);
+
+/// How long a connection may take.
+const CONNECT: Duration = Duration::from_secs(3);
+
+/// Opens the line to a device.
+///
+/// # Errors
+/// A device that cannot be reached; the error says how to mend it.
+pub fn open(address: &Address) -> Result<Box<dyn Line>, LiveError> {
+    let unreachable = |message: String| LiveError::Unreachable { address: address.to_string(), message };
+    match address {
+        Address::Tcp(host) => Ok(Box::new(open_tcp(host).map_err(unreachable)?)),
+        Address::Serial { port, baud } => Ok(Box::new(open_serial(port, *baud).map_err(unreachable)?)),
+    }
+}
+
+fn open_tcp(host: &str) -> Result<TcpStream, String> {
+    let addresses = host.to_socket_addrs().map_err(|error| format!("{error}; write tcp:HOST:PORT"))?;
+    let mut last = "no such host".to_string();
+    for address in addresses {
+        match TcpStream::connect_timeout(&address, CONNECT) {
+            Ok(stream) => {
+                // A frame is to come as soon as it is whole.
+                let set = stream.set_nodelay(true).and_then(|()| stream.set_read_timeout(Some(PATIENCE)));
+                return set.map(|()| stream).map_err(|error| error.to_string());
+            }
+            Err(error) if error.kind() == ErrorKind::ConnectionRefused => {
+                last = "nobody listens there: is the device on, is the port right?".into();
+            }
+            Err(error) => last = error.to_string(),
+        }
+    }
+    Err(last)
+}
+
+fn open_serial(port: &str, baud: u32) -> Result<serial2::SerialPort, String> {
+    let mut opened = serial2::SerialPort::open(port, baud).map_err(|error| match error.kind() {
+        ErrorKind::NotFound => format!("there is no port {port}: {}", ports()),
+        ErrorKind::PermissionDenied => {
+            format!("no permission to open {port}: on Linux, `sudo usermod -aG dialout $USER`, then log in again")
+        }
+        ErrorKind::ResourceBusy => format!("{port} is in use by another program"),
+        _ => format!("{error} ({port} at {baud} bits a second)"),
+    })?;
+    opened.set_read_timeout(PATIENCE).map_err(|error| error.to_string())?;
+    Ok(opened)
+}
+
+/// What ports there are, as a fix.
+fn ports() -> String {
+    match serial2::SerialPort::available_ports() {
+        Ok(ports) if !ports.is_empty() => {
+            let names: Vec<String> = ports.iter().map(|port| port.display().to_string()).collect();
+            format!("there are {}", names.join(", "))
+        }
+        _ => "no serial port is plugged in".into(),
+    }
+}
+
+fn in_time(read: std::io::Result<usize>) -> std::io::Result<Option<usize>> {
+    match read {
+        Ok(0) => Err(std::io::Error::new(ErrorKind::UnexpectedEof, "the line was closed at the other end")),
+        Ok(count) => Ok(Some(count)),
+        Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted) => {
+            Ok(None)
+        }
+        Err(error) => Err(error),
+    }
+}
+
+impl Line for TcpStream {
+    fn receive(&mut self, buffer: &mut [u8]) -> std::io::Result<Option<usize>> {
+        in_time(self.read(buffer))
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> std::io::Result<()> {
+        self.write_all(bytes)
+    }
+}
+
+impl Line for serial2::SerialPort {
+    fn receive(&mut self, buffer: &mut [u8]) -> std::io::Result<Option<usize>> {
+        in_time(serial2::SerialPort::read(self, buffer))
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> std::io::Result<()> {
+        serial2::SerialPort::write_all(self, bytes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_are_read_and_told() {
+        assert_eq!(Address::parse("tcp:localhost:7001").unwrap(), Address::Tcp("localhost:7001".into()));
+        let serial = Address::parse("serial:/dev/ttyACM0@115200").unwrap();
+        assert_eq!(serial, Address::Serial { port: "/dev/ttyACM0".into(), baud: 115_200 });
+        assert_eq!(serial.to_string(), "serial:/dev/ttyACM0@115200");
+        for wrong in ["", "tcp:", "tcp:host", "serial:", "serial:/dev/x@fast", "udp:host:1"] {
+            assert!(Address::parse(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_port_that_is_not_there_is_named() {
+        let error = open(&Address::parse("serial:/dev/nothing").unwrap()).err().unwrap().to_string();
+        assert!(error.contains("/dev/nothing"), "{error}");
+        let error = open(&Address::parse("tcp:127.0.0.1:1").unwrap()).err().unwrap().to_string();
+        assert!(error.contains("nobody listens"), "{error}");
+    }
+}

@@ -1,0 +1,105 @@
+//! What goes wrong with an emulated device, on demand.
+
+use crate::LiveError;
+use serde::{Deserialize, Serialize};
+use std::str::FromStr;
+
+/// A fault and when it happens.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct TimedFault {
+    /// When, s from the device's start.
+    pub at_s: f64,
+    /// What.
+    pub fault: Fault,
+}
+
+/// A fault.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Fault {
+    /// Every reading has this many times its noise more, for some time.
+    Noise {
+        /// Times the noise.
+        times: f64,
+        /// For how long, s.
+        for_s: f64,
+    },
+    /// Each packet is damaged with some probability: a byte changed, lost or doubled, or noise before it; for some time.
+    Bytes {
+        /// Probability for each packet.
+        share: f64,
+        /// For how long, s.
+        for_s: f64,
+    },
+    /// An electrode comes loose: some resistance stands in series with it from then on. 0 mends it.
+    Loose {
+        /// The electrode.
+        electrode: usize,
+        /// Resistance, ohm.
+        ohm: f64,
+    },
+    /// The device is unplugged and plugged in again after some time.
+    Unplug {
+        /// For how long, s.
+        for_s: f64,
+    },
+}
+
+/// What a contact that comes loose gains where nothing else is said, ohm.
+const LOOSE_OHM: f64 = 1000.0;
+
+impl FromStr for TimedFault {
+    type Err = LiveError;
+
+    /// From `noise:TIMES@SECONDS+FOR`, `bytes:SHARE@SECONDS+FOR`, `loose:ELECTRODE[:OHM]@SECONDS`, `mend:ELECTRODE@SECONDS`,
+    /// `unplug@SECONDS+FOR`.
+    fn from_str(text: &str) -> Result<Self, LiveError> {
+        parse(text).ok_or_else(|| {
+            LiveError::Given(format!(
+                "`{text}` is no fault: write noise:TIMES@SECONDS+FOR, bytes:SHARE@SECONDS+FOR, loose:ELECTRODE[:OHM]@SECONDS, \
+                 mend:ELECTRODE@SECONDS or unplug@SECONDS+FOR, as in loose:7@10"
+            ))
+        })
+    }
+}
+
+fn parse(text: &str) -> Option<TimedFault> {
+    let number = |text: &str| text.parse::<f64>().ok().filter(|value| *value >= 0.0 && value.is_finite());
+    let (what, when) = text.split_once('@')?;
+    let (at_s, for_s) = match when.split_once('+') {
+        Some((at_s, for_s)) => (number(at_s)?, Some(number(for_s)?)),
+        None => (number(when)?, None),
+    };
+    let mut parts = what.split(':');
+    let fault = match (parts.next()?, parts.next(), parts.next(), for_s) {
+        ("noise", Some(times), None, Some(for_s)) => Fault::Noise { times: number(times)?, for_s },
+        ("bytes", Some(share), None, Some(for_s)) => {
+            Fault::Bytes { share: number(share).filter(|share| *share <= 1.0)?, for_s }
+        }
+        ("loose", Some(electrode), ohm, None) => {
+            Fault::Loose { electrode: electrode.parse().ok()?, ohm: ohm.map_or(Some(LOOSE_OHM), number)? }
+        }
+        ("mend", Some(electrode), None, None) => Fault::Loose { electrode: electrode.parse().ok()?, ohm: 0.0 },
+        ("unplug", None, None, Some(for_s)) => Fault::Unplug { for_s },
+        _ => return None,
+    };
+    parts.next().is_none().then_some(TimedFault { at_s, fault })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faults_are_read_as_they_are_written() {
+        let read = |text: &str| text.parse::<TimedFault>().unwrap();
+        assert_eq!(read("loose:7@10"), TimedFault { at_s: 10.0, fault: Fault::Loose { electrode: 7, ohm: 1000.0 } });
+        assert_eq!(read("loose:7:50@1").fault, Fault::Loose { electrode: 7, ohm: 50.0 });
+        assert_eq!(read("mend:7@1.5").fault, Fault::Loose { electrode: 7, ohm: 0.0 });
+        assert_eq!(read("bytes:0.01@0+60").fault, Fault::Bytes { share: 0.01, for_s: 60.0 });
+        assert_eq!(read("unplug@20+3").fault, Fault::Unplug { for_s: 3.0 });
+        for wrong in ["", "loose@1", "bytes:2@0+1", "noise:5@1", "unplug@1", "loose:x@1", "loose:1:2:3@1", "fire@1"] {
+            assert!(wrong.parse::<TimedFault>().is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,251 @@
+//! What touches an emulated skin, and when.
+
+use crate::LiveError;
+use dermis::design::SkinDesign;
+use dermis::geom::{Point3, Surface};
+use dermis::touch::sample_rng;
+use dermis::twin::Press;
+use rand::RngExt;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// A script of touches, as its TOML file states it.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Script {
+    /// After so long it begins again, s; never without it.
+    pub repeat_s: Option<f64>,
+    /// The touches.
+    #[serde(default, rename = "touch")]
+    pub touches: Vec<Stroke>,
+}
+
+/// One touch: pressed, held or drawn along a straight line of the surface, and lifted.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Stroke {
+    /// When it begins, s.
+    pub at_s: f64,
+    /// How long it lasts, s.
+    pub for_s: f64,
+    /// Where it begins.
+    pub from: Place,
+    /// Where it ends; where it began, without it.
+    pub to: Option<Place>,
+    /// Force on the skin, N.
+    pub force_n: f64,
+    /// How long the force takes to come up and to go, s.
+    #[serde(default = "usual_ramp_s")]
+    pub ramp_s: f64,
+}
+
+fn usual_ramp_s() -> f64 {
+    0.03
+}
+
+/// A place on a skin.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged, deny_unknown_fields)]
+pub enum Place {
+    /// In the body's frame, m.
+    Space([f64; 3]),
+    /// On a cylinder.
+    Cylinder {
+        /// Along the axis, m.
+        z_m: f64,
+        /// Round it, degrees.
+        theta_deg: f64,
+    },
+}
+
+/// Scripts that need no file.
+pub const NAMED: [&str; 6] = ["none", "random", "press", "slide", "cross", "four"];
+
+impl Script {
+    /// A script by its name, or else from its file. Random touches depend on the seed.
+    ///
+    /// # Errors
+    /// A file that cannot be read, touches that no skin has.
+    pub fn load(name_or_path: &str, design: &SkinDesign, seed: u64) -> Result<Self, LiveError> {
+        if let (false, Some(script)) = (Path::new(name_or_path).is_file(), Self::named(name_or_path, design, seed)) {
+            return Ok(script);
+        }
+        let text = std::fs::read_to_string(name_or_path).map_err(|error| {
+            LiveError::Given(format!("cannot read the script {name_or_path}: {error}; give a file or one of {}", NAMED.join(", ")))
+        })?;
+        let script: Script = toml::from_str(&text).map_err(|error| LiveError::Given(format!("{name_or_path}: {error}")))?;
+        script.check(design).map_err(|message| LiveError::Given(format!("{name_or_path}: {message}")))?;
+        Ok(script)
+    }
+
+    /// A script that needs no file; `None` of another name.
+    fn named(name: &str, design: &SkinDesign, seed: u64) -> Option<Self> {
+        let at = |part: f64, turn: f64| place(design, part, turn);
+        let stroke = |at_s: f64, for_s: f64, from: Place, to: Option<Place>| Stroke {
+            at_s,
+            for_s,
+            from,
+            to,
+            force_n: 2.0,
+            ramp_s: usual_ramp_s(),
+        };
+        let touches = match name {
+            "none" => Vec::new(),
+            "press" => vec![stroke(1.0, 2.0, at(0.5, 0.25), None)],
+            "slide" => vec![stroke(1.0, 2.0, at(0.5, 0.83), Some(at(0.5, 1.17)))],
+            "cross" => vec![
+                stroke(1.0, 2.0, at(0.25, 0.5), Some(at(0.75, 0.5))),
+                stroke(1.0, 2.0, at(0.5, 0.33), Some(at(0.5, 0.67))),
+            ],
+            "four" => [(0.25, 0.01), (0.72, 0.18), (0.35, 0.41), (0.75, 0.72)]
+                .map(|(part, turn)| stroke(1.0, 2.0, at(part, turn), None))
+                .to_vec(),
+            "random" => {
+                let mut rng = sample_rng(seed, RANDOM_STREAM);
+                let mut draw = |index: u32| Stroke {
+                    force_n: 5f64.powf(rng.random()),
+                    ..stroke(1.0 + 1.6 * f64::from(index), 1.0, at(rng.random(), rng.random()), None)
+                };
+                (0..RANDOM_TOUCHES).map(&mut draw).collect()
+            }
+            _ => return None,
+        };
+        let repeat_s = match name {
+            "none" => None,
+            "random" => Some(1.6 * f64::from(RANDOM_TOUCHES)),
+            _ => Some(4.0),
+        };
+        Some(Script { repeat_s, touches })
+    }
+
+    fn check(&self, design: &SkinDesign) -> Result<(), String> {
+        if let Some(repeat_s) = self.repeat_s.filter(|repeat_s| !(*repeat_s > 0.0 && repeat_s.is_finite())) {
+            return Err(format!("repeat_s is {repeat_s}: it must be positive"));
+        }
+        for (index, stroke) in self.touches.iter().enumerate() {
+            stroke.check(design).map_err(|message| format!("touch {index}: {message}"))?;
+        }
+        Ok(())
+    }
+
+    /// What presses at some time, s, with a tip of some radius.
+    pub fn presses(&self, time_s: f64, surface: &Surface, tip_radius_m: f64) -> Vec<Press> {
+        let time_s = self.repeat_s.map_or(time_s, |repeat_s| time_s.rem_euclid(repeat_s));
+        self.touches.iter().filter_map(|stroke| stroke.press(time_s, surface, tip_radius_m)).collect()
+    }
+}
+
+/// The random stream of touches; frames have those of their numbers.
+const RANDOM_STREAM: u64 = u64::MAX - 16;
+/// Random touches until they come again.
+const RANDOM_TOUCHES: u32 = 500;
+/// No skin is pressed by less, N: the force while it comes up from nothing.
+const LEAST_N: f64 = 0.01;
+
+impl Stroke {
+    fn check(&self, design: &SkinDesign) -> Result<(), String> {
+        for (name, value) in [("at_s", self.at_s), ("ramp_s", self.ramp_s)] {
+            if !(value >= 0.0 && value.is_finite()) {
+                return Err(format!("{name} is {value}: it must not be negative"));
+            }
+        }
+        for (name, value) in [("for_s", self.for_s), ("force_n", self.force_n)] {
+            if !(value > 0.0 && value.is_finite()) {
+                return Err(format!("{name} is {value}: it must be positive"));
+            }
+        }
+        for place in [Some(self.from), self.to].into_iter().flatten() {
+            let Some(point) = place.point(&design.body.surface()) else {
+                return Err("z_m and theta_deg are for cylinders: write [x, y, z]".into());
+            };
+            if !point.iter().all(|value| value.is_finite()) || !design.body.holds(point) {
+                return Err(format!("{point:?} m is off the skin"));
+            }
+        }
+        Ok(())
+    }
+
+    fn press(&self, time_s: f64, surface: &Surface, tip_radius_m: f64) -> Option<Press> {
+        let since_s = time_s - self.at_s;
+        if !(0.0..self.for_s).contains(&since_s) {
+            return None;
+        }
+        let ramp = (since_s.min(self.for_s - since_s) / self.ramp_s).min(1.0);
+        let force_n = self.force_n * if ramp.is_nan() { 1.0 } else { ramp };
+        let from = self.from.point(surface)?;
+        let centre_m = match self.to {
+            None => from,
+            Some(to) => {
+                let part = since_s / self.for_s;
+                match (surface, self.from, to) {
+                    (
+                        Surface::Cylinder { .. },
+                        Place::Cylinder { z_m: a, theta_deg: b },
+                        Place::Cylinder { z_m: c, theta_deg: d },
+                    ) => surface.at(a + part * (c - a), (b + part * (d - b)).to_radians())?,
+                    _ => {
+                        let step = surface.chart(from, to.point(surface)?);
+                        surface.walk(from, step.map(|value| part * value))
+                    }
+                }
+            }
+        };
+        (force_n >= LEAST_N).then_some(Press { centre_m, force_n, tip_radius_m })
+    }
+}
+
+impl Place {
+    /// The point on a surface; `None` of a place on a cylinder elsewhere.
+    pub fn point(&self, surface: &Surface) -> Option<Point3> {
+        match *self {
+            Place::Space(point) => Some(point),
+            Place::Cylinder { z_m, theta_deg } => surface.at(z_m, theta_deg.to_radians()),
+        }
+    }
+}
+
+/// A place by the part of a skin's length and of a turn round it; on a flat skin by parts of a circle round its middle, on any
+/// other body at one of its electrodes.
+fn place(design: &SkinDesign, part: f64, turn: f64) -> Place {
+    match (design.body.surface(), &design.body) {
+        (Surface::Cylinder { length_m, .. }, _) => Place::Cylinder { z_m: part * length_m, theta_deg: 360.0 * turn },
+        (_, dermis::design::Body::Disk { diameter_m }) => {
+            let radius_m = 0.4 * diameter_m * part;
+            let (sin, cos) = (std::f64::consts::TAU * turn).sin_cos();
+            Place::Space([radius_m * cos, radius_m * sin, 0.0])
+        }
+        (_, dermis::design::Body::Rectangle { width_m, height_m }) => {
+            Place::Space([turn.rem_euclid(1.0) * width_m, part * height_m, 0.0])
+        }
+        _ => {
+            let index = (turn.rem_euclid(1.0) * design.electrodes.len() as f64) as usize;
+            Place::Space(design.electrodes[index.min(design.electrodes.len() - 1)].centre_m)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_script_presses_when_and_where_it_says() {
+        let design = SkinDesign::shipped("cylinder30").unwrap();
+        let surface = design.body.surface();
+        let text = "repeat_s = 4.0\n[[touch]]\nat_s = 1.0\nfor_s = 2.0\nforce_n = 3.0\nramp_s = 0.5\n\
+                    from = { z_m = 0.1, theta_deg = 350.0 }\nto = { z_m = 0.1, theta_deg = 370.0 }\n";
+        let script: Script = toml::from_str(text).unwrap();
+        script.check(&design).unwrap();
+        assert!(script.presses(0.9, &surface, 0.005).is_empty());
+        let press = script.presses(6.0, &surface, 0.005)[0];
+        assert_eq!(press.force_n, 3.0);
+        assert!(surface.distance_m(press.centre_m, surface.at(0.1, 0.0).unwrap()) < 1e-9);
+        assert_eq!(script.presses(1.25, &surface, 0.005)[0].force_n, 1.5);
+        for name in NAMED {
+            Script::named(name, &design, 1).unwrap().check(&design).unwrap();
+        }
+        let off = text.replace("0.1,", "0.4,");
+        assert!(toml::from_str::<Script>(&off).unwrap().check(&design).unwrap_err().contains("off the skin"));
+    }
+}

@@ -1,0 +1,331 @@
+//! The live skin at work: one thread listens to the device, one makes contacts, and whoever subscribes is told.
+//!
+//! Nobody who is told can delay a contact: each subscriber has a [`Mailbox`] of its own that keeps the newest.
+
+use crate::LiveError;
+use crate::device::{Address, Device, DeviceFacts, DeviceOptions, Heard, Stream};
+use crate::mailbox::{Mailbox, Taken};
+use crate::moment::Moment;
+use crate::processor::{Command, Incoming, Processor, Rebuilt, Settings, State};
+use crate::report::{Level, LiveFrame, Notice};
+use crate::skin::LiveSkin;
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// How a skin is read.
+#[derive(Debug, Clone)]
+pub struct LiveOptions {
+    /// Where the device is.
+    pub address: Address,
+    /// How it is read.
+    pub device: DeviceOptions,
+    /// What may be changed while frames come.
+    pub settings: Settings,
+    /// Where an earlier run was, in place of a tare.
+    pub state: Option<State>,
+}
+
+/// What subscribers are told.
+#[derive(Debug, Clone)]
+pub enum Event {
+    /// A device was found.
+    Connected(Arc<DeviceFacts>),
+    /// It was lost; it is looked for again.
+    Lost(String),
+    /// A frame.
+    Frame(Arc<LiveFrame>),
+    /// Something that a person should know.
+    Notice(Notice),
+    /// A command was carried out, before the frames that follow.
+    Done(Command),
+}
+
+/// A skin that is being read.
+pub struct Live {
+    shared: Arc<Shared>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+/// What the threads share.
+pub struct Shared {
+    skin: Arc<LiveSkin>,
+    incoming: Mailbox<Box<Incoming>>,
+    commands: Mutex<VecDeque<Command>>,
+    subscribers: Mutex<Vec<Arc<Mailbox<Event>>>>,
+    rebuilt: Mutex<Option<Rebuilt>>,
+    state: Mutex<State>,
+    facts: Mutex<Option<Arc<DeviceFacts>>>,
+    method: Mutex<String>,
+    stopped: AtomicBool,
+}
+
+/// Frames that may wait for the contacts of those before: half a second at 120 frames a second.
+const MOST_WAITING: usize = 64;
+/// How long a thread sleeps at most before it looks whether it shall stop.
+const NAP: Duration = Duration::from_millis(50);
+/// How long it waits between two tries to find a device again.
+const RETRY: Duration = Duration::from_millis(250);
+/// How often the state is put by.
+const KEEP: Duration = Duration::from_secs(5);
+
+impl std::fmt::Debug for Live {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.debug_struct("Live").field("skin", &self.shared.skin).finish_non_exhaustive()
+    }
+}
+
+impl Live {
+    /// Finds the device and begins to read it.
+    ///
+    /// # Errors
+    /// A device that cannot be reached or is refused; settings out of their ranges.
+    pub fn start(skin: Arc<LiveSkin>, options: LiveOptions) -> Result<Self, LiveError> {
+        let processor = match options.state {
+            Some(state) => Processor::resume(Arc::clone(&skin), state)?,
+            None => Processor::new(Arc::clone(&skin), options.settings.clone())?,
+        };
+        let device = Device::connect(&options.address, &skin, options.device, None)?;
+        let shared = Arc::new(Shared {
+            incoming: Mailbox::new(MOST_WAITING),
+            commands: Mutex::default(),
+            subscribers: Mutex::default(),
+            rebuilt: Mutex::default(),
+            state: Mutex::new(processor.state().clone()),
+            facts: Mutex::default(),
+            method: Mutex::new(processor.method().name.clone()),
+            stopped: AtomicBool::new(false),
+            skin,
+        });
+        let listener = Listener { shared: Arc::clone(&shared), address: options.address, options: options.device };
+        let maker = Maker { shared: Arc::clone(&shared), processor, rebuilding: false, kept_at: Instant::now() };
+        let threads = vec![
+            spawn("dermis-listen", move || listener.run(device)),
+            spawn("dermis-contacts", move || maker.run()),
+        ];
+        Ok(Live { shared, threads })
+    }
+
+    /// What its threads share: to subscribe to, to command.
+    pub fn shared(&self) -> &Arc<Shared> {
+        &self.shared
+    }
+
+    /// Stops reading and tells what the processor remembers. Subscribers' mailboxes are closed when all is told.
+    pub fn stop(self) -> State {
+        self.shared.stopped.store(true, Ordering::Relaxed);
+        for thread in self.threads {
+            // A thread that panicked has told so already.
+            let _ = thread.join();
+        }
+        lock(&self.shared.subscribers).iter().for_each(|mailbox| mailbox.close());
+        lock(&self.shared.state).clone()
+    }
+}
+
+fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> JoinHandle<()> {
+    std::thread::Builder::new().name(name.into()).spawn(run).expect("a thread can be started")
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    // What these locks guard is whole between any two operations.
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Shared {
+    /// The skin.
+    pub fn skin(&self) -> &Arc<LiveSkin> {
+        &self.skin
+    }
+
+    /// From now on, what happens; the newest of it, where it is not taken fast enough.
+    pub fn subscribe(&self, capacity: usize) -> Arc<Mailbox<Event>> {
+        let mailbox = Arc::new(Mailbox::new(capacity));
+        if let Some(facts) = lock(&self.facts).clone() {
+            mailbox.put(Event::Connected(facts));
+        }
+        lock(&self.subscribers).push(Arc::clone(&mailbox));
+        mailbox
+    }
+
+    /// Ends a subscription.
+    pub fn unsubscribe(&self, mailbox: &Arc<Mailbox<Event>>) {
+        lock(&self.subscribers).retain(|other| !Arc::ptr_eq(other, mailbox));
+        mailbox.close();
+    }
+
+    /// Has a command carried out before the next frame; [`Event::Done`] or a notice tells of it.
+    pub fn command(&self, command: Command) {
+        lock(&self.commands).push_back(command);
+    }
+
+    /// What the processor remembered a few seconds ago at most.
+    pub fn state(&self) -> State {
+        lock(&self.state).clone()
+    }
+
+    /// The name of the method in use.
+    pub fn method(&self) -> String {
+        lock(&self.method).clone()
+    }
+
+    /// What the device is known by, while there is one.
+    pub fn facts(&self) -> Option<Arc<DeviceFacts>> {
+        lock(&self.facts).clone()
+    }
+
+    /// Frames that came faster than contacts could be made of them, and were left out.
+    pub fn skipped(&self) -> u64 {
+        self.incoming.dropped()
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.stopped.load(Ordering::Relaxed)
+    }
+
+    /// Tells every subscriber.
+    pub fn tell(&self, event: &Event) {
+        lock(&self.subscribers).iter().for_each(|mailbox| mailbox.put(event.clone()));
+    }
+
+    fn notice(&self, level: Level, text: String) {
+        self.tell(&Event::Notice(Notice { level, text, at: Moment::now() }));
+    }
+}
+
+/// Listens to the device.
+struct Listener {
+    shared: Arc<Shared>,
+    address: Address,
+    options: DeviceOptions,
+}
+
+impl Listener {
+    fn run(self, device: Device) {
+        let mut next = Some(device);
+        while let Some(device) = next {
+            let facts = Arc::new(device.facts().clone());
+            *lock(&self.shared.facts) = Some(Arc::clone(&facts));
+            self.shared.tell(&Event::Connected(facts));
+            let stream = self.listen(device);
+            *lock(&self.shared.facts) = None;
+            next = self.find_again(stream);
+        }
+        self.shared.incoming.close();
+    }
+
+    /// Listens until the device is lost, or all is to stop.
+    fn listen(&self, mut device: Device) -> Stream {
+        while !self.shared.is_stopped() {
+            let heard = device.listen(|heard| match heard {
+                Heard::Frame(incoming) => self.shared.incoming.put(incoming),
+                Heard::Notice(notice) => self.shared.tell(&Event::Notice(notice)),
+                Heard::Status(_) => {}
+            });
+            if let Err(error) = heard {
+                self.shared.tell(&Event::Lost(error.to_string()));
+                return device.into_stream();
+            }
+        }
+        // Who is gone needs no stop.
+        let _ = device.send(&dermis_wire::ToDevice::Stop);
+        device.into_stream()
+    }
+
+    fn find_again(&self, stream: Stream) -> Option<Device> {
+        let mut told = String::new();
+        while !self.shared.is_stopped() {
+            match Device::connect(&self.address, &self.shared.skin, self.options, Some(stream.clone())) {
+                Ok(device) => {
+                    self.shared.notice(Level::Info, "the device was found again".into());
+                    return Some(device);
+                }
+                Err(error) => {
+                    let why = error.to_string();
+                    if why != told {
+                        self.shared.notice(Level::Error, why.clone());
+                        told = why;
+                    }
+                    std::thread::sleep(RETRY);
+                }
+            }
+        }
+        None
+    }
+}
+
+/// Makes contacts of frames.
+struct Maker {
+    shared: Arc<Shared>,
+    processor: Processor,
+    rebuilding: bool,
+    kept_at: Instant,
+}
+
+impl Maker {
+    fn run(mut self) {
+        loop {
+            self.obey();
+            match self.shared.incoming.take(NAP) {
+                Taken::Item(incoming) => self.make(*incoming),
+                Taken::TimedOut => {}
+                Taken::Closed => break,
+            }
+        }
+        *lock(&self.shared.state) = self.processor.state().clone();
+    }
+
+    fn make(&mut self, incoming: Incoming) {
+        match self.processor.process(incoming) {
+            Ok(frame) => self.shared.tell(&Event::Frame(Arc::new(frame))),
+            Err(error) => self.shared.notice(Level::Error, error.to_string()),
+        }
+        for notice in self.processor.take_notices() {
+            self.shared.tell(&Event::Notice(notice));
+        }
+        self.rebuild();
+        if self.kept_at.elapsed() > KEEP {
+            self.kept_at = Instant::now();
+            *lock(&self.shared.state) = self.processor.state().clone();
+        }
+    }
+
+    fn obey(&mut self) {
+        loop {
+            let Some(command) = lock(&self.shared.commands).pop_front() else { return };
+            match self.processor.command(&command) {
+                Ok(()) => {
+                    *lock(&self.shared.state) = self.processor.state().clone();
+                    *lock(&self.shared.method) = self.processor.method().name.clone();
+                    self.shared.tell(&Event::Done(command));
+                }
+                Err(error) => self.shared.notice(Level::Error, error.to_string()),
+            }
+        }
+    }
+
+    /// Has the method made anew on a thread of its own where that is wanted, and uses what was made.
+    fn rebuild(&mut self) {
+        let rebuilt = lock(&self.shared.rebuilt).take();
+        if let Some(rebuilt) = rebuilt {
+            self.rebuilding = false;
+            match self.processor.install(rebuilt) {
+                Ok(true) => self.shared.tell(&Event::Done(Command::Rebuild)),
+                Ok(false) => {}
+                Err(error) => self.shared.notice(Level::Error, error.to_string()),
+            }
+        }
+        if self.rebuilding || !self.processor.wants_rebuild() {
+            return;
+        }
+        let Some(rebuilding) = self.processor.rebuilding() else { return };
+        self.rebuilding = true;
+        let shared = Arc::clone(&self.shared);
+        spawn("dermis-rebuild", move || match rebuilding.run() {
+            Ok(rebuilt) => *lock(&shared.rebuilt) = Some(rebuilt),
+            Err(error) => shared.notice(Level::Error, error.to_string()),
+        });
+    }
+}

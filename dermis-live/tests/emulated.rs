@@ -1,0 +1,138 @@
+//! The whole loop: a twin that speaks the wire protocol over TCP, read live.
+
+use dermis::design::SkinDesign;
+use dermis::twin::TwinOptions;
+use dermis_live::device::Address;
+use dermis_live::emulator::{Emulator, EmulatorOptions, Port, Script, TimedFault};
+use dermis_live::{ElectrodeState, Event, Live, LiveFrame, LiveOptions, LiveSkin, Settings, Taken};
+use std::net::TcpListener;
+use std::sync::{Arc, OnceLock};
+use std::time::{Duration, Instant};
+
+/// The paper's skin, prepared once for all tests.
+fn skin() -> Arc<LiveSkin> {
+    static SKIN: OnceLock<Arc<LiveSkin>> = OnceLock::new();
+    let text = SkinDesign::shipped_text("cylinder30").unwrap();
+    Arc::clone(SKIN.get_or_init(|| Arc::new(LiveSkin::new(text, "cylinder30", None).unwrap())))
+}
+
+struct Running {
+    emulator: Arc<Emulator>,
+    address: Address,
+}
+
+fn emulate(script: &str, faults: &[&str]) -> Running {
+    let design = SkinDesign::shipped("cylinder30").unwrap();
+    let options = EmulatorOptions {
+        twin: TwinOptions::shipped("lab").unwrap(),
+        seed: 41,
+        script: Script::load(script, &design, 41).unwrap(),
+        faults: faults.iter().map(|fault| fault.parse::<TimedFault>().unwrap()).collect(),
+        speed: 1.0,
+        prerendered: 0,
+        unpaced: false,
+    };
+    let emulator = Emulator::new(&design, options).unwrap();
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = Address::Tcp(listener.local_addr().unwrap().to_string());
+    let served = Arc::clone(&emulator);
+    std::thread::spawn(move || served.serve(Port::Tcp(listener)).unwrap());
+    Running { emulator, address }
+}
+
+fn read(running: &Running, settings: Settings) -> Live {
+    let options = LiveOptions { address: running.address.clone(), device: Default::default(), settings, state: None };
+    Live::start(skin(), options).unwrap()
+}
+
+/// Frames until `done` says so; fails after a minute.
+fn frames_until(live: &Live, mut done: impl FnMut(&LiveFrame) -> bool) {
+    let mailbox = live.shared().subscribe(4096);
+    let begun = Instant::now();
+    while begun.elapsed() < Duration::from_secs(60) {
+        if let Taken::Item(Event::Frame(frame)) = mailbox.take(Duration::from_secs(5)) {
+            if done(&frame) {
+                live.shared().unsubscribe(&mailbox);
+                return;
+            }
+        }
+    }
+    panic!("it did not come to that within a minute");
+}
+
+#[test]
+fn a_press_by_hand_is_found_where_it_is_and_ends() {
+    let running = emulate("none", &[]);
+    let live = read(&running, Settings::default());
+    let surface = skin().design.body.surface();
+    let place = surface.at(0.13, 1.0).unwrap();
+    frames_until(&live, |frame| !frame.health.electrodes.is_empty());
+    running.emulator.press(0, place, 2.0).unwrap();
+    let mut id = None;
+    frames_until(&live, |frame| {
+        let Some(contact) = frame.contacts.first() else { return false };
+        let off_m = surface.distance_m(contact.position_m, place);
+        assert!(off_m < 0.006, "{off_m} m off");
+        assert!(frame.touched);
+        id = Some(contact.id);
+        true
+    });
+    running.emulator.release(0);
+    frames_until(&live, |frame| frame.contacts.is_empty() && !frame.touched);
+    assert_eq!(id, Some(1));
+    live.stop();
+    running.emulator.stop();
+}
+
+#[test]
+fn an_electrode_that_comes_loose_is_named_and_contacts_go_on() {
+    let running = emulate("press", &["loose:7:100@4"]);
+    let live = read(&running, Settings::default());
+    let loose = |frame: &LiveFrame| {
+        let named: Vec<usize> = (0..frame.health.electrodes.len())
+            .filter(|&e| frame.health.electrodes[e].state != ElectrodeState::Sound)
+            .collect();
+        assert!(named.is_empty() || named == [7], "{named:?} at frame {}", frame.sequence);
+        named == [7]
+    };
+    let mut named_at = 0;
+    frames_until(&live, |frame| {
+        named_at = frame.sequence;
+        loose(frame)
+    });
+    // It came loose at frame 480.
+    assert!((480..=492).contains(&named_at), "named at frame {named_at}");
+    let place = skin().design.body.surface().at(0.15, std::f64::consts::FRAC_PI_2).unwrap();
+    frames_until(&live, |frame| {
+        let near = |contact: &dermis_live::LiveContact| {
+            skin().design.body.surface().distance_m(contact.position_m, place) < 0.01
+        };
+        frame.sequence > 500 && frame.contacts.iter().any(near)
+    });
+    live.stop();
+    running.emulator.stop();
+}
+
+#[test]
+fn a_device_that_is_unplugged_is_found_again() {
+    let running = emulate("none", &["unplug@2+1"]);
+    let live = read(&running, Settings::default());
+    let mailbox = live.shared().subscribe(4096);
+    let (mut lost, mut found) = (false, false);
+    let begun = Instant::now();
+    while !found && begun.elapsed() < Duration::from_secs(30) {
+        match mailbox.take(Duration::from_secs(5)) {
+            Taken::Item(Event::Lost(_)) => lost = true,
+            Taken::Item(Event::Frame(frame)) if lost => {
+                assert_eq!(frame.health.counts.reconnected, 1);
+                // Nothing touches, and the baseline is the old one.
+                assert!(frame.contacts.is_empty());
+                found = frame.sequence > 400;
+            }
+            _ => {}
+        }
+    }
+    assert!(lost && found);
+    live.stop();
+    running.emulator.stop();
+}
