@@ -2,6 +2,8 @@
 
 mod alarm;
 mod baseline;
+#[cfg(feature = "ros2")]
+pub mod dds;
 pub mod device;
 pub mod emulator;
 mod error;
@@ -11,7 +13,9 @@ mod mailbox;
 mod meter;
 mod moment;
 mod processor;
+pub mod record;
 mod report;
+pub mod ros;
 mod scan;
 mod skin;
 
@@ -24,3 +28,10 @@ pub use processor::{Command, Incoming, Processor, Rebuilding, Rebuilt, Settings,
 pub use report::{Counts, ElectrodeHealth, ElectrodeState, Health, Level, LiveContact, LiveFrame, Notice};
 pub use scan::{Role, ScanTable, TooLarge};
 pub use skin::{LiveSkin, NamedMethod};
+
+#[cfg(test)]
+extern crate self as dermis_live;
+/// Frames to test with, shared with the tests beside the crate.
+#[cfg(test)]
+#[path = "../tests/synthetic/mod.rs"]
+mod synthetic;

@@ -1,0 +1,211 @@
+//! Frames as ROS 2 messages over DDS, without a ROS installation.
+
+use crate::LiveFrame;
+use crate::ros::{self, DiagnosticArray, Due, Image, MarkerArray, PointCloud2, Reference, Topic, WrenchStamped};
+use ros2_client::qos::{Durability, History, WhenFull};
+use ros2_client::{
+    Context, ContextOptions, MessageTypeName, Name, Node, NodeName, NodeOptions, QosProfile, WriteError,
+};
+use thiserror::Error;
+
+/// The highest domain whose ports lie below 65,536: RTPS 2.5, 9.6.2.3.
+const HIGHEST_DOMAIN: u16 = 232;
+
+/// Why nothing can be published.
+#[derive(Debug, Error)]
+pub enum PublishError {
+    /// A domain that there is not.
+    #[error("ROS domain `{given}`: give a whole number from 0 to {HIGHEST_DOMAIN}, by option or as ROS_DOMAIN_ID")]
+    Domain {
+        /// What was given.
+        given: String,
+    },
+    /// A namespace that ROS 2 does not have.
+    #[error(
+        "ROS namespace `{given}`: {why}; write it like /left_arm: letters, digits and single underscores between slashes, no digit first"
+    )]
+    Namespace {
+        /// What was given.
+        given: String,
+        /// What is wrong.
+        why: String,
+    },
+    /// The middleware cannot begin.
+    #[error("ROS 2 (DDS, domain {domain}): {why}; is there a network interface, and are the domain's UDP ports free?")]
+    Start {
+        /// The domain.
+        domain: u16,
+        /// What it said.
+        why: String,
+    },
+    /// The middleware has stopped working.
+    #[error("ROS 2 (DDS), topic {topic}: {why}")]
+    Write {
+        /// The topic.
+        topic: String,
+        /// What it said.
+        why: String,
+    },
+}
+
+/// Where to publish.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct PublisherOptions {
+    /// The domain; `None` for that of `ROS_DOMAIN_ID`, and 0 without it.
+    pub domain: Option<u16>,
+    /// Namespace of node and topics, such as `/left_arm`; empty for none.
+    pub namespace: String,
+}
+
+impl PublisherOptions {
+    /// The domain that is meant.
+    ///
+    /// # Errors
+    /// No number up to 232.
+    pub fn domain(&self) -> Result<u16, PublishError> {
+        let given = match self.domain {
+            Some(domain) => domain.to_string(),
+            None => std::env::var("ROS_DOMAIN_ID").ok().filter(|text| !text.is_empty()).unwrap_or_else(|| "0".into()),
+        };
+        match given.trim().parse() {
+            Ok(domain) if domain <= HIGHEST_DOMAIN => Ok(domain),
+            _ => Err(PublishError::Domain { given }),
+        }
+    }
+}
+
+/// Publishes frames: a node `dermis` with a publisher for each topic.
+///
+/// Frames, images, contacts and the wrench are sent as sensors' data are: best effort, the last five kept. Markers and
+/// diagnostics are sent reliably, as RViz and the diagnostic tools ask for. Nothing waits: a thread of the middleware
+/// sends, and what has no room is dropped and counted.
+pub struct Publisher {
+    reference: Reference,
+    due: Due,
+    dropped: u64,
+    frames: Out<Image>,
+    images: Out<Image>,
+    contacts: Out<PointCloud2>,
+    wrenches: Out<WrenchStamped>,
+    markers: Out<MarkerArray>,
+    diagnostics: Out<DiagnosticArray>,
+    // Publishers belong to it, and the node to the context: both live as long as this.
+    _node: Node,
+    _context: Context,
+}
+
+impl Publisher {
+    /// Joins the domain.
+    ///
+    /// # Errors
+    /// A domain or a namespace that there is not; a machine without network; ports that are taken.
+    pub fn new(reference: Reference, options: &PublisherOptions) -> Result<Self, PublishError> {
+        let domain = options.domain()?;
+        let start = |why: String| PublishError::Start { domain, why };
+        let namespace = if options.namespace.is_empty() { "/" } else { options.namespace.as_str() };
+        let name = NodeName::new(namespace, "dermis")
+            .map_err(|error| PublishError::Namespace { given: namespace.to_owned(), why: error.to_string() })?;
+        let context =
+            Context::with_options(ContextOptions::new().domain_id(domain)).map_err(|error| start(error.to_string()))?;
+        let quiet = NodeOptions::new().enable_rosout(false).start_parameter_services(false);
+        let mut node = context.new_node(name, quiet).map_err(|error| start(format!("{error:?}")))?;
+        let namespace = options.namespace.as_str();
+        Ok(Publisher {
+            due: Due::default(),
+            dropped: 0,
+            frames: Out::new(&mut node, Topic::Frame, namespace, domain)?,
+            images: Out::new(&mut node, Topic::Image, namespace, domain)?,
+            contacts: Out::new(&mut node, Topic::Contacts, namespace, domain)?,
+            wrenches: Out::new(&mut node, Topic::Wrench, namespace, domain)?,
+            markers: Out::new(&mut node, Topic::Markers, namespace, domain)?,
+            diagnostics: Out::new(&mut node, Topic::Diagnostics, namespace, domain)?,
+            reference,
+            _node: node,
+            _context: context,
+        })
+    }
+
+    /// Publishes a frame.
+    ///
+    /// # Errors
+    /// A middleware that has stopped working; what merely finds no room is counted instead.
+    pub fn frame(&mut self, frame: &LiveFrame) -> Result<(), PublishError> {
+        let reference = &self.reference;
+        let mut sent = vec![
+            self.contacts.send(ros::contacts(reference, frame))?,
+            self.wrenches.send(ros::wrench(reference, frame))?,
+            self.images.send(ros::image(reference, frame))?,
+            self.frames.send(ros::frame(reference, frame))?,
+        ];
+        if self.due.markers(frame) {
+            sent.push(self.markers.send(ros::markers(reference, frame))?);
+        }
+        if self.due.diagnostics(frame) {
+            sent.push(self.diagnostics.send(ros::diagnostics(reference, frame))?);
+        }
+        self.dropped += sent.into_iter().filter(|&sent| !sent).count() as u64;
+        Ok(())
+    }
+
+    /// Messages that found no room, as a reliable peer was too slow.
+    pub fn dropped(&self) -> u64 {
+        self.dropped
+    }
+}
+
+/// A topic that is published.
+struct Out<M: ros::Message> {
+    name: String,
+    publisher: ros2_client::Publisher<M>,
+}
+
+impl<M: ros::Message + 'static> Out<M> {
+    fn new(node: &mut Node, topic: Topic, namespace: &str, domain: u16) -> Result<Self, PublishError> {
+        let name = topic.absolute(namespace);
+        let parsed = Name::parse(&name)
+            .map_err(|error| PublishError::Namespace { given: namespace.to_owned(), why: error.to_string() })?;
+        let (package, message) = M::TYPE.split_once("/msg/").expect("every type names its package");
+        let start = |error: ros2_client::CreateError| PublishError::Start { domain, why: error.to_string() };
+        let qos = quality(topic);
+        let topic = node.create_topic(&parsed, MessageTypeName::new(package, message), &qos).map_err(start)?;
+        let publisher = node.create_publisher(&topic, Some(qos)).map_err(start)?;
+        Ok(Out { name, publisher })
+    }
+
+    /// Sends a message and tells whether there was room.
+    fn send(&self, message: M) -> Result<bool, PublishError> {
+        match self.publisher.publish(message) {
+            Ok(()) => Ok(true),
+            Err(WriteError::WouldBlock { .. }) => Ok(false),
+            Err(error) => Err(PublishError::Write { topic: self.name.clone(), why: error.to_string() }),
+        }
+    }
+}
+
+/// Quality of service: that of sensors' data (REP 2003), or that of what must not get lost.
+fn quality(topic: Topic) -> QosProfile {
+    let depth = |depth| QosProfile { history: History::KeepLast { depth }, ..QosProfile::publisher_default() };
+    match topic {
+        Topic::Markers | Topic::Diagnostics => depth(10).reliability_reliable(WhenFull::Fail),
+        _ => depth(5).reliability_best_effort(),
+    }
+    .durability(Durability::Volatile)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic;
+
+    #[test]
+    fn domains_and_namespaces_that_there_are_not_are_named() {
+        let given = |domain, namespace: &str| PublisherOptions { domain, namespace: namespace.into() };
+        let (reference, _) = synthetic::pressed();
+        let error = Publisher::new(reference.clone(), &given(Some(233), "")).err().expect("refused");
+        assert!(matches!(&error, PublishError::Domain { given } if given == "233"), "{error}");
+        for namespace in ["arm", "/left arm", "/arm/", "/9", "/a__b"] {
+            let error = Publisher::new(reference.clone(), &given(Some(77), namespace)).err().expect("refused");
+            assert!(matches!(&error, PublishError::Namespace { .. }), "{namespace}: {error}");
+        }
+    }
+}

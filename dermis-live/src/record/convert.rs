@@ -1,0 +1,237 @@
+//! Tables of what a recording holds, for any program.
+
+use crate::record::read::{Messages, Told};
+use crate::record::walk::End;
+use crate::record::{RecordError, Session, npz};
+use crate::ros::{self, CONTACT_FIELDS, Image, PointCloud2, Topic};
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::Path;
+
+/// What was converted.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Converted {
+    /// Frames: those that are complete.
+    pub frames: usize,
+    /// Values of a frame.
+    pub channels: usize,
+    /// Rows and columns of an image.
+    pub picture: [usize; 2],
+    /// Contacts in all frames together.
+    pub contacts: usize,
+    /// Whether the recording is whole; else what was left out.
+    pub left_out: Vec<String>,
+}
+
+/// Makes a folder of a recording:
+///
+/// - `frames.csv`: the values of a frame in each row, ohm, as every command of `dermis` reads them;
+/// - `times.csv`: the number of each frame, when it was measured and when its contacts were known, s since 1970;
+/// - `contacts.csv`: each contact of each frame;
+/// - `recording.npz`: all of that and the images, for NumPy.
+///
+/// The folder is there whole or not at all.
+///
+/// # Errors
+/// A file that is no recording of frames; a folder that exists; what the system says.
+pub fn convert(path: &Path, folder: &Path) -> Result<Converted, RecordError> {
+    if folder.exists() {
+        return Err(RecordError::Exists { path: folder.to_path_buf() });
+    }
+    let io = |source| RecordError::io(folder, source);
+    let parent = folder.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".dermis-");
+    // Temporary folders are private by default; a result has the rights of any other new folder.
+    #[cfg(unix)]
+    let builder = builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o777));
+    let beside = builder.tempdir_in(parent).map_err(io)?;
+    let (mut converted, columns) = tables(path, beside.path())?;
+    npz::write(path, &beside.path().join("recording.npz"), &converted, &columns)?;
+    converted.contacts = columns.contact_frames.len();
+    std::fs::rename(beside.path(), folder).map_err(io)?;
+    // Its name is another now: there is nothing left to take away.
+    let _ = beside.keep();
+    Ok(converted)
+}
+
+/// What is short enough to be kept while the file is read.
+#[derive(Default)]
+pub(super) struct Columns {
+    pub sequences: Vec<u32>,
+    pub measured_ns: Vec<u64>,
+    pub output_ns: Vec<u64>,
+    /// The frame that each contact belongs to.
+    pub contact_frames: Vec<u64>,
+    /// The bytes of each contact, in the order of [`CONTACT_FIELDS`].
+    pub contacts: Vec<[[u8; 4]; CONTACT_FIELDS.len()]>,
+}
+
+/// A frame of which everything is there.
+pub(super) struct Row {
+    pub sequence: u32,
+    pub measured_ns: u64,
+    pub output_ns: u64,
+    pub values: Image,
+    pub image: Image,
+    pub contacts: PointCloud2,
+}
+
+/// Reads a recording frame by frame.
+pub(super) struct Rows {
+    messages: Messages,
+    values: Option<(mcap::records::MessageHeader, Image)>,
+    image: Option<Image>,
+    pub left_out: Vec<String>,
+}
+
+impl Rows {
+    pub fn open(path: &Path) -> Result<Self, RecordError> {
+        Ok(Rows { messages: Messages::open(path)?, values: None, image: None, left_out: Vec::new() })
+    }
+
+    /// The next complete frame. What cannot be read is left out, and said.
+    pub fn next(&mut self) -> Result<Option<Row>, RecordError> {
+        while let Some(told) = self.messages.next_told(&mut Session::default())? {
+            let taken = match told {
+                Told::Message { topic: Some(topic), header, data } => self.take(topic, header, &data),
+                Told::Message { .. } => Ok(None),
+                Told::Damaged { at, why } => Err(format!("byte {at}: {why}")),
+            };
+            match taken {
+                Ok(Some(row)) => return Ok(Some(row)),
+                Ok(None) => {}
+                Err(why) => self.left_out.push(why),
+            }
+        }
+        if let Some(End::Cut { at, bytes }) = self.messages.walk.end() {
+            self.left_out.push(format!("byte {at}: the recording was cut; the last {bytes} bytes are no whole record"));
+        }
+        Ok(None)
+    }
+
+    /// A frame is complete with its contacts, which are written behind its values and its image.
+    fn take(&mut self, topic: Topic, header: mcap::records::MessageHeader, data: &[u8]) -> Result<Option<Row>, String> {
+        let place = |error: ros::DecodeError| format!("frame {}: {error}", header.sequence);
+        match topic {
+            Topic::Frame => {
+                self.image = None;
+                self.values = Some((header, ros::decode(data).map_err(place)?));
+            }
+            Topic::Image => self.image = Some(ros::decode(data).map_err(place)?),
+            Topic::Contacts => {
+                let contacts: PointCloud2 = ros::decode(data).map_err(place)?;
+                let (Some((first, values)), Some(image)) = (self.values.take(), self.image.take()) else {
+                    return Ok(None);
+                };
+                let row = Row {
+                    sequence: first.sequence,
+                    measured_ns: first.log_time,
+                    output_ns: first.publish_time,
+                    values,
+                    image,
+                    contacts,
+                };
+                check(&row)?;
+                return Ok((first.sequence == header.sequence).then_some(row));
+            }
+            _ => {}
+        }
+        Ok(None)
+    }
+}
+
+/// A frame says itself how large it is.
+fn check(row: &Row) -> Result<(), String> {
+    let cells = |image: &Image| u64::from(image.height) * u64::from(image.width) * 4;
+    let fits = |image: &Image| image.encoding == "32FC1" && cells(image) == image.data.len() as u64;
+    let points = u64::from(row.contacts.width) * (4 * CONTACT_FIELDS.len() as u64);
+    if fits(&row.values) && fits(&row.image) && points == row.contacts.data.len() as u64 {
+        Ok(())
+    } else {
+        Err(format!("frame {}: its arrays have other sizes than it says", row.sequence))
+    }
+}
+
+/// The numbers of a picture.
+pub(super) fn numbers(image: &Image) -> impl Iterator<Item = f32> {
+    image.data.as_chunks().0.iter().map(|&bytes| f32::from_le_bytes(bytes))
+}
+
+/// Writes the CSV files.
+fn tables(path: &Path, folder: &Path) -> Result<(Converted, Columns), RecordError> {
+    let create = |name: &str| {
+        let file = folder.join(name);
+        File::create_new(&file).map(BufWriter::new).map_err(|source| RecordError::io(&file, source))
+    };
+    let [mut frames, mut times, mut contacts] = [create("frames.csv")?, create("times.csv")?, create("contacts.csv")?];
+    let io = |source| RecordError::io(folder, source);
+    let names: Vec<&str> = CONTACT_FIELDS.iter().map(|field| field.0).collect();
+    writeln!(times, "sequence,measured_s,output_s").map_err(io)?;
+    writeln!(contacts, "frame,measured_s,{}", names.join(",")).map_err(io)?;
+    let mut rows = Rows::open(path)?;
+    let (mut converted, mut columns) = (Converted::default(), Columns::default());
+    while let Some(row) = rows.next()? {
+        if !converted.takes(&row) {
+            rows.left_out.push(format!("frame {}: of another size than the first", row.sequence));
+            continue;
+        }
+        frame_line(&mut frames, &row.values).map_err(io)?;
+        writeln!(times, "{},{},{}", row.sequence, seconds(row.measured_ns), seconds(row.output_ns)).map_err(io)?;
+        contact_lines(&mut contacts, converted.frames, &row, &mut columns).map_err(io)?;
+        columns.sequences.push(row.sequence);
+        columns.measured_ns.push(row.measured_ns);
+        columns.output_ns.push(row.output_ns);
+        converted.frames += 1;
+    }
+    for mut file in [frames, times, contacts] {
+        file.flush().map_err(io)?;
+    }
+    converted.left_out = rows.left_out;
+    if converted.frames == 0 {
+        return Err(RecordError::lacks(path, "holds no frame: nothing was recorded, or not by `dermis live`"));
+    }
+    Ok((converted, columns))
+}
+
+impl Converted {
+    /// Whether a frame is as large as the first.
+    pub(super) fn takes(&mut self, row: &Row) -> bool {
+        let (channels, picture) = (row.values.width as usize, [row.image.height as usize, row.image.width as usize]);
+        if self.frames == 0 {
+            (self.channels, self.picture) = (channels, picture);
+        }
+        (self.channels, self.picture) == (channels, picture)
+    }
+}
+
+fn frame_line(file: &mut impl Write, values: &Image) -> std::io::Result<()> {
+    for (index, value) in numbers(values).enumerate() {
+        let comma = if index == 0 { "" } else { "," };
+        write!(file, "{comma}{value:?}")?;
+    }
+    writeln!(file)
+}
+
+fn contact_lines(file: &mut impl Write, frame: usize, row: &Row, columns: &mut Columns) -> std::io::Result<()> {
+    let (numbers, _) = row.contacts.data.as_chunks::<4>();
+    let (contacts, _) = numbers.as_chunks::<{ CONTACT_FIELDS.len() }>();
+    for contact in contacts {
+        write!(file, "{frame},{}", seconds(row.measured_ns))?;
+        for ((name, _), &bytes) in CONTACT_FIELDS.iter().zip(contact) {
+            match *name {
+                "id" => write!(file, ",{}", u32::from_le_bytes(bytes))?,
+                _ => write!(file, ",{:?}", f32::from_le_bytes(bytes))?,
+            }
+        }
+        writeln!(file)?;
+        columns.contact_frames.push(frame as u64);
+        columns.contacts.push(*contact);
+    }
+    Ok(())
+}
+
+/// Seconds with all nine digits behind the point, which a binary number of 64 bits would not keep.
+fn seconds(ns: u64) -> String {
+    format!("{}.{:09}", ns / 1_000_000_000, ns % 1_000_000_000)
+}

@@ -1,0 +1,41 @@
+//! What happens beside the frames.
+
+use crate::Notice;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+/// Something that happened beside the frames. In JSON: `{"kind": "command", "value": ...}`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", content = "value", rename_all = "snake_case")]
+pub enum Event {
+    /// A device said who it is: on being found again.
+    Hello(#[serde(with = "hex")] Vec<u8>),
+    /// What the pipeline was told: to tare, another threshold.
+    Command(Value),
+    /// Something that a person should know.
+    Notice(Notice),
+}
+
+pub(super) fn to_hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+pub(super) fn from_hex(text: &str) -> Option<Vec<u8>> {
+    let (pairs, rest) = text.as_bytes().as_chunks::<2>();
+    let digit = |byte: u8| char::from(byte).to_digit(16);
+    let byte = |&[high, low]: &[u8; 2]| Some((digit(high)? * 16 + digit(low)?) as u8);
+    if rest.is_empty() { pairs.iter().map(byte).collect() } else { None }
+}
+
+mod hex {
+    use serde::{Deserialize, Deserializer, Serializer, de::Error};
+
+    pub fn serialize<S: Serializer>(bytes: &[u8], serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(&super::to_hex(bytes))
+    }
+
+    pub fn deserialize<'a, D: Deserializer<'a>>(deserializer: D) -> Result<Vec<u8>, D::Error> {
+        let text = String::deserialize(deserializer)?;
+        super::from_hex(&text).ok_or_else(|| D::Error::custom("no pairs of hexadecimal digits"))
+    }
+}

@@ -1,0 +1,197 @@
+//! Makes a whole recording of what a cut or damaged one holds.
+
+use crate::Moment;
+use crate::record::walk::{End, Item, Walk};
+use crate::record::write::{CHUNK_TIME, Output, options, output};
+use crate::record::{RecordError, read};
+use crate::ros::Topic;
+use mcap::records::{AttachmentHeader, Channel, Header, MessageHeader, SchemaHeader};
+use mcap::{Attachment, McapError, McapResult, Writer};
+use std::collections::HashSet;
+use std::io::{Read, Write};
+use std::path::Path;
+
+/// What was recovered, and what was not.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Recovered {
+    /// Messages on all topics.
+    pub messages: u64,
+    /// Frames: the device's own messages.
+    pub frames: u64,
+    /// From the first message to the last, s.
+    pub seconds: f64,
+    /// Whether the file was whole, and nothing in it damaged.
+    pub was_whole: bool,
+    /// Bytes at the end that nothing could be made of.
+    pub cut_bytes: u64,
+    /// What was damaged and left out, with its place.
+    pub damaged: Vec<String>,
+    /// Messages that belong to no topic, as what named it is lost; they are left out.
+    pub homeless: u64,
+}
+
+/// Writes everything that a recording still holds into a new file, which then is whole.
+///
+/// What was recorded is not changed, nor its order; recovering what was recovered gives the same bytes again.
+///
+/// # Errors
+/// A file that is no recording; an output that exists; what the system says of either.
+pub fn recover(from: &Path, to: &Path) -> Result<Recovered, RecordError> {
+    let (file, length) = read::open(from)?;
+    // Before anything is written.
+    let walk = read::walk(file, length, from)?;
+    if to.exists() {
+        return Err(RecordError::Exists { path: to.to_path_buf() });
+    }
+    let mut done = None;
+    let written = dermis::frame::write_whole(to, |output| {
+        let copied = done.insert(copy(walk, output));
+        // Only that something failed: what it was stands in `done`.
+        if copied.is_ok() { Ok(()) } else { Err(std::io::ErrorKind::Other.into()) }
+    });
+    match (done, written) {
+        (Some(Err(failed)), _) => Err(failed.told(from, to)),
+        (Some(Ok(recovered)), Ok(())) => Ok(recovered),
+        (_, Err(dermis::frame::TableError::Io { source, .. })) => Err(RecordError::io(to, source)),
+        (_, Err(other)) => Err(RecordError::io(to, std::io::Error::other(other))),
+        (None, Ok(())) => unreachable!("a file that was written was filled"),
+    }
+}
+
+/// As [`recover`], from a recording of so many bytes that is no file into anything; `path` is what errors call it.
+///
+/// # Errors
+/// As [`recover`].
+pub fn recover_into(
+    input: impl Read,
+    length: u64,
+    path: &Path,
+    output: &mut dyn Write,
+) -> Result<Recovered, RecordError> {
+    copy(read::walk(input, length, path)?, output).map_err(|failed| failed.told(path, path))
+}
+
+enum Failed {
+    Reading(std::io::Error),
+    Writing(McapError),
+}
+
+impl Failed {
+    fn told(self, from: &Path, to: &Path) -> RecordError {
+        match self {
+            Failed::Reading(source) => RecordError::io(from, source),
+            Failed::Writing(error) => RecordError::mcap(to, error),
+        }
+    }
+}
+
+fn copy(mut walk: Walk<impl Read>, file: &mut dyn Write) -> Result<Recovered, Failed> {
+    let mut recovered = Recovered::default();
+    // Before the header nothing can be written.
+    let mut header = Header { profile: "ros2".into(), library: String::new() };
+    let mut pending = None;
+    while let Some(item) = walk.next().map_err(Failed::Reading)? {
+        match item {
+            Item::Header(found) => header = found,
+            other => {
+                pending = Some(other);
+                break;
+            }
+        }
+    }
+    let mut copy = Copy::new(&header, file).map_err(Failed::Writing)?;
+    while let Some(item) = pending {
+        copy.item(item, &mut recovered).map_err(Failed::Writing)?;
+        pending = walk.next().map_err(Failed::Reading)?;
+    }
+    copy.writer.finish().map_err(Failed::Writing)?;
+    recovered.seconds =
+        copy.times.map_or(0.0, |(first, last)| Moment { unix_ns: last }.seconds_since(Moment { unix_ns: first }));
+    match walk.end() {
+        Some(End::Cut { bytes, .. }) => recovered.cut_bytes = bytes,
+        _ => recovered.was_whole = recovered.damaged.is_empty() && recovered.homeless == 0,
+    }
+    Ok(recovered)
+}
+
+/// What goes on from one file to the other.
+struct Copy<'a> {
+    writer: Writer<Output<&'a mut dyn Write>>,
+    channels: HashSet<u16>,
+    wire: HashSet<u16>,
+    /// Time of the first message of the chunk that is being written.
+    chunk_from: Option<u64>,
+    /// First and last time of all messages.
+    times: Option<(u64, u64)>,
+}
+
+impl<'a> Copy<'a> {
+    fn new(header: &Header, file: &'a mut dyn Write) -> McapResult<Self> {
+        let writer = options(&header.profile, &header.library).create(output(file))?;
+        Ok(Copy { writer, channels: HashSet::new(), wire: HashSet::new(), chunk_from: None, times: None })
+    }
+
+    fn item(&mut self, item: Item, recovered: &mut Recovered) -> McapResult<()> {
+        let copied = match item {
+            // Only the first counts.
+            Item::Header(_) => Ok(()),
+            Item::Schema { header, data } => self.schema(&header, &data),
+            Item::Channel(channel) => self.channel(&channel),
+            Item::Message { header, data } => self.message(&header, &data, recovered),
+            Item::Attachment { header, data } => self.attachment(header, data),
+            Item::Metadata(metadata) => self.writer.write_metadata(&metadata),
+            Item::Damaged { at, bytes, why } => {
+                recovered.damaged.push(format!("byte {at}: {why} ({bytes} bytes)"));
+                Ok(())
+            }
+        };
+        match copied {
+            Err(
+                error @ (McapError::ConflictingSchemas(_)
+                | McapError::ConflictingChannels(_)
+                | McapError::UnknownSchema(..)),
+            ) => {
+                recovered.damaged.push(error.to_string());
+                Ok(())
+            }
+            other => other,
+        }
+    }
+
+    fn schema(&mut self, header: &SchemaHeader, data: &[u8]) -> McapResult<()> {
+        self.writer.add_schema_with_id(header.id, &header.name, &header.encoding, data).map(|_| ())
+    }
+
+    fn channel(&mut self, channel: &Channel) -> McapResult<()> {
+        let Channel { id, schema_id, topic, message_encoding, metadata } = channel;
+        self.writer.add_channel_with_id(*id, *schema_id, topic, message_encoding, metadata)?;
+        self.channels.insert(*id);
+        if *topic == Topic::Wire.absolute("") {
+            self.wire.insert(*id);
+        }
+        Ok(())
+    }
+
+    fn message(&mut self, header: &MessageHeader, data: &[u8], recovered: &mut Recovered) -> McapResult<()> {
+        if !self.channels.contains(&header.channel_id) {
+            recovered.homeless += 1;
+            return Ok(());
+        }
+        let from = *self.chunk_from.get_or_insert(header.log_time);
+        if header.log_time.abs_diff(from) >= CHUNK_TIME.as_nanos() as u64 {
+            self.writer.flush()?;
+            self.chunk_from = Some(header.log_time);
+        }
+        self.writer.write_to_known_channel(header, data)?;
+        recovered.messages += 1;
+        recovered.frames += u64::from(self.wire.contains(&header.channel_id));
+        let (first, last) = self.times.unwrap_or((header.log_time, header.log_time));
+        self.times = Some((first.min(header.log_time), last.max(header.log_time)));
+        Ok(())
+    }
+
+    fn attachment(&mut self, header: AttachmentHeader, data: Vec<u8>) -> McapResult<()> {
+        let AttachmentHeader { log_time, create_time, name, media_type } = header;
+        self.writer.attach(&Attachment { log_time, create_time, name, media_type, data: data.into() })
+    }
+}

@@ -1,0 +1,348 @@
+//! From one end of an MCAP file to the other, whatever has happened to it: <https://mcap.dev/spec>.
+//!
+//! Every record has its length in front: one that is damaged is told and skipped, one that the file does not hold to its
+//! end is where it was cut. Nothing is believed that would take more memory than the file has bytes.
+
+use mcap::MAGIC;
+use mcap::records::{AttachmentHeader, Channel, Header, MessageHeader, Metadata, SchemaHeader, op};
+use std::collections::BTreeMap;
+use std::io::{BufReader, Read};
+
+/// Something that the file holds.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Item {
+    Header(Header),
+    Schema {
+        header: SchemaHeader,
+        data: Vec<u8>,
+    },
+    Channel(Channel),
+    Message {
+        header: MessageHeader,
+        data: Vec<u8>,
+    },
+    Attachment {
+        header: AttachmentHeader,
+        data: Vec<u8>,
+    },
+    Metadata(Metadata),
+    /// Bytes that were skipped: where, how many, why.
+    Damaged {
+        at: u64,
+        bytes: u64,
+        why: String,
+    },
+}
+
+/// How the file ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum End {
+    /// As it should.
+    Whole,
+    /// In the middle: the bytes from the last whole record on, which nothing could be made of.
+    Cut { at: u64, bytes: u64 },
+}
+
+/// A record in front of which stands its kind and its length.
+const PREFIX_BYTES: usize = 9;
+/// The longest record that is believed: a chunk of a recording has about a megabyte.
+const LONGEST_RECORD: u64 = 256 << 20;
+
+/// Walks through a file.
+pub(super) struct Walk<R> {
+    input: BufReader<R>,
+    /// Bytes of the file.
+    length: u64,
+    /// Bytes that have been read.
+    at: u64,
+    /// Records of the chunk that is being read, what is left of them, and where they began.
+    chunk: Vec<u8>,
+    in_chunk: usize,
+    chunk_at: u64,
+    /// Whether the data have ended and only their index is left.
+    summary: bool,
+    end: Option<End>,
+}
+
+impl<R: Read> Walk<R> {
+    /// Begins with a file of some length.
+    ///
+    /// # Errors
+    /// What the file is instead of a recording; what the system says.
+    pub fn new(input: R, length: u64) -> std::io::Result<Result<Self, String>> {
+        let mut walk = Walk {
+            input: BufReader::with_capacity(1 << 16, input),
+            length,
+            at: 0,
+            chunk: Vec::new(),
+            in_chunk: 0,
+            chunk_at: 0,
+            summary: false,
+            end: None,
+        };
+        let start = walk.take(MAGIC.len() as u64)?;
+        Ok(match start {
+            start if start == MAGIC => Ok(walk),
+            start if start.is_empty() => Err("the file is empty".into()),
+            start if MAGIC.starts_with(&start) => Err(format!("it ends after {} bytes", start.len())),
+            start => Err(format!("it begins with {start:02x?}")),
+        })
+    }
+
+    /// Where the record begins that the last item came from.
+    pub fn record_at(&self) -> u64 {
+        self.chunk_at
+    }
+
+    /// How the file ended, once there is no further item.
+    pub fn end(&self) -> Option<End> {
+        self.end
+    }
+
+    /// The next item; `None` at the end.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn next(&mut self) -> std::io::Result<Option<Item>> {
+        while self.end.is_none() {
+            if let Some(item) = self.next_in_chunk() {
+                return Ok(Some(item));
+            }
+            if let Some(item) = self.next_record()? {
+                return Ok(Some(item));
+            }
+        }
+        // What was found in a chunk that is cut.
+        Ok(self.next_in_chunk())
+    }
+
+    fn next_in_chunk(&mut self) -> Option<Item> {
+        while let Some((kind, body, next)) = record_at(&self.chunk, self.in_chunk) {
+            let start = std::mem::replace(&mut self.in_chunk, next);
+            match parse(kind, body) {
+                Ok(Some(item)) => return Some(item),
+                Ok(None) => {}
+                Err(why) => {
+                    return Some(Item::Damaged { at: self.chunk_at, bytes: (next - start) as u64, why: why.into() });
+                }
+            }
+        }
+        self.chunk.clear();
+        self.in_chunk = 0;
+        None
+    }
+
+    /// The next record of the file itself; `None` where it is a chunk, an index, or the end.
+    fn next_record(&mut self) -> std::io::Result<Option<Item>> {
+        let start = self.at;
+        self.chunk_at = start;
+        let prefix = self.take(PREFIX_BYTES as u64)?;
+        let Ok(&[kind, ref length @ ..]) = <&[u8; PREFIX_BYTES]>::try_from(prefix.as_slice()) else {
+            self.finish(start, false);
+            return Ok(None);
+        };
+        let length = u64::from_le_bytes(*length);
+        if length > self.length - self.at || length > LONGEST_RECORD {
+            if kind == op::CHUNK {
+                let rest = self.take(LONGEST_RECORD)?;
+                self.take_what_is_left_of_chunk(&rest);
+            }
+            self.finish(start, false);
+            return Ok(None);
+        }
+        let body = self.take(length)?;
+        if body.len() as u64 != length {
+            self.finish(start, false);
+            return Ok(None);
+        }
+        Ok(self.record(kind, &body, start))
+    }
+
+    fn record(&mut self, kind: u8, body: &[u8], start: u64) -> Option<Item> {
+        let damaged = |why: String| Some(Item::Damaged { at: start, bytes: (PREFIX_BYTES + body.len()) as u64, why });
+        match kind {
+            op::DATA_END => self.summary = true,
+            op::FOOTER => {
+                let magic = self.take(MAGIC.len() as u64).unwrap_or_default();
+                self.finish(start, self.summary && magic == MAGIC);
+            }
+            _ if self.summary => {}
+            op::CHUNK => match chunk(body) {
+                Ok(records) => self.chunk = records.to_vec(),
+                Err(why) => return damaged(why),
+            },
+            _ => match parse(kind, body) {
+                Ok(item) => return item,
+                Err(why) => return damaged(why.into()),
+            },
+        }
+        None
+    }
+
+    /// The records that a cut chunk holds. Nothing tells whether they are sound but that they can be read; what a killed
+    /// program had written is.
+    fn take_what_is_left_of_chunk(&mut self, body: &[u8]) {
+        if let Some((header, records)) = chunk_header(body)
+            && header.compression.is_empty()
+        {
+            self.chunk = records.to_vec();
+        }
+    }
+
+    fn finish(&mut self, start: u64, whole: bool) {
+        self.end =
+            Some(if whole { End::Whole } else { End::Cut { at: start, bytes: self.length.saturating_sub(start) } });
+    }
+
+    /// The next bytes; fewer at the end of the file.
+    fn take(&mut self, count: u64) -> std::io::Result<Vec<u8>> {
+        let count = count.min(self.length.saturating_sub(self.at));
+        let mut bytes = Vec::with_capacity(count as usize);
+        (&mut self.input).take(count).read_to_end(&mut bytes)?;
+        self.at += bytes.len() as u64;
+        Ok(bytes)
+    }
+}
+
+/// Kind and body of the record at a place, and the place behind it; `None` where there is no whole one.
+fn record_at(bytes: &[u8], at: usize) -> Option<(u8, &[u8], usize)> {
+    let (&[kind, ref length @ ..], rest) = bytes.get(at..)?.split_first_chunk::<PREFIX_BYTES>()?;
+    let length = usize::try_from(u64::from_le_bytes(*length)).ok()?;
+    Some((kind, rest.get(..length)?, at + PREFIX_BYTES + length))
+}
+
+struct ChunkHeader {
+    crc: u32,
+    compression: String,
+}
+
+/// The header of a chunk and its records, as far as they are there.
+fn chunk_header(body: &[u8]) -> Option<(ChunkHeader, &[u8])> {
+    let mut fields = Fields(body);
+    // First and last time, bytes of the records.
+    fields.bytes(24)?;
+    let header = ChunkHeader { crc: fields.u32()?, compression: fields.text()? };
+    let length = fields.u64()?;
+    let records = &fields.0[..fields.0.len().min(usize::try_from(length).unwrap_or(usize::MAX))];
+    Some((header, records))
+}
+
+/// The records of a chunk.
+fn chunk(body: &[u8]) -> Result<&[u8], String> {
+    let (header, records) = chunk_header(body).ok_or("a chunk is too short")?;
+    if !header.compression.is_empty() {
+        let how = &header.compression;
+        return Err(format!("a chunk is compressed ({how}): write it with another tool without compression first"));
+    }
+    if header.crc != 0 && crc32fast::hash(records) != header.crc {
+        return Err("the checksum of a chunk is wrong".into());
+    }
+    Ok(records)
+}
+
+/// An item from a record outside a chunk or in it; `None` of those that only repeat or index others.
+fn parse(kind: u8, body: &[u8]) -> Result<Option<Item>, &'static str> {
+    let mut fields = Fields(body);
+    Ok(Some(match kind {
+        op::HEADER => Item::Header(header(&mut fields).ok_or("the header is damaged")?),
+        op::SCHEMA => schema(&mut fields).ok_or("a schema is damaged")?,
+        op::CHANNEL => Item::Channel(channel(&mut fields).ok_or("a channel is damaged")?),
+        op::MESSAGE => message(&mut fields).ok_or("a message is damaged")?,
+        op::ATTACHMENT => attachment(body).ok_or("an attachment is damaged")?,
+        op::METADATA => Item::Metadata(metadata(&mut fields).ok_or("a metadata record is damaged")?),
+        _ => return Ok(None),
+    }))
+}
+
+fn header(fields: &mut Fields<'_>) -> Option<Header> {
+    Some(Header { profile: fields.text()?, library: fields.text()? })
+}
+
+fn schema(fields: &mut Fields<'_>) -> Option<Item> {
+    // The number 0 stands for no schema.
+    let id = fields.u16().filter(|&id| id != 0)?;
+    let header = SchemaHeader { id, name: fields.text()?, encoding: fields.text()? };
+    let length = fields.u32()?;
+    Some(Item::Schema { header, data: fields.bytes(length as usize)?.to_vec() })
+}
+
+fn channel(fields: &mut Fields<'_>) -> Option<Channel> {
+    Some(Channel {
+        id: fields.u16()?,
+        schema_id: fields.u16()?,
+        topic: fields.text()?,
+        message_encoding: fields.text()?,
+        metadata: fields.map()?,
+    })
+}
+
+fn message(fields: &mut Fields<'_>) -> Option<Item> {
+    let header = MessageHeader {
+        channel_id: fields.u16()?,
+        sequence: fields.u32()?,
+        log_time: fields.u64()?,
+        publish_time: fields.u64()?,
+    };
+    Some(Item::Message { header, data: fields.0.to_vec() })
+}
+
+fn attachment(body: &[u8]) -> Option<Item> {
+    let (signed, crc) = body.split_last_chunk::<4>()?;
+    let mut fields = Fields(signed);
+    let header = AttachmentHeader {
+        log_time: fields.u64()?,
+        create_time: fields.u64()?,
+        name: fields.text()?,
+        media_type: fields.text()?,
+    };
+    let length = fields.u64()?;
+    let data = fields.bytes(usize::try_from(length).ok()?)?.to_vec();
+    let crc = u32::from_le_bytes(*crc);
+    (crc == 0 || crc32fast::hash(signed) == crc).then_some(Item::Attachment { header, data })
+}
+
+fn metadata(fields: &mut Fields<'_>) -> Option<Metadata> {
+    Some(Metadata { name: fields.text()?, metadata: fields.map()? })
+}
+
+/// Takes the fields of a record from its beginning on.
+struct Fields<'a>(&'a [u8]);
+
+impl<'a> Fields<'a> {
+    fn bytes(&mut self, count: usize) -> Option<&'a [u8]> {
+        let (taken, rest) = self.0.split_at_checked(count)?;
+        self.0 = rest;
+        Some(taken)
+    }
+
+    fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
+        self.bytes(N)?.try_into().ok()
+    }
+
+    fn u16(&mut self) -> Option<u16> {
+        self.array().map(u16::from_le_bytes)
+    }
+
+    fn u32(&mut self) -> Option<u32> {
+        self.array().map(u32::from_le_bytes)
+    }
+
+    fn u64(&mut self) -> Option<u64> {
+        self.array().map(u64::from_le_bytes)
+    }
+
+    fn text(&mut self) -> Option<String> {
+        let length = self.u32()?;
+        String::from_utf8(self.bytes(length as usize)?.to_vec()).ok()
+    }
+
+    fn map(&mut self) -> Option<BTreeMap<String, String>> {
+        let length = self.u32()?;
+        let mut fields = Fields(self.bytes(length as usize)?);
+        let mut map = BTreeMap::new();
+        while !fields.0.is_empty() {
+            map.insert(fields.text()?, fields.text()?);
+        }
+        Some(map)
+    }
+}

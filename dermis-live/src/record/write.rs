@@ -1,0 +1,235 @@
+//! Writes recordings.
+
+use crate::record::{Event, RecordError, Session};
+use crate::ros::{self, Due, Message, Reference, Topic};
+use crate::{LiveFrame, Moment};
+use mcap::records::MessageHeader;
+use mcap::{Attachment, WriteOptions};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// The longest that frames wait for their chunk to be finished, which is when they are safe.
+pub(super) const CHUNK_TIME: Duration = Duration::from_millis(400);
+/// A chunk that has grown to this many bytes is finished, so that readers need little memory.
+const CHUNK_BYTES: u64 = 1 << 20;
+
+/// Where recordings go: what is written cannot be gone back to, so that the file is always the beginning of a whole one.
+pub(super) type Output<W> = mcap::write::NoSeek<BufWriter<W>>;
+
+/// What a recording holds.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Written {
+    /// Frames.
+    pub frames: u64,
+    /// Messages on all topics.
+    pub messages: u64,
+    /// From the first frame's measurement to the last one's, s.
+    pub seconds: f64,
+}
+
+/// Writes frames and events into a file as they come. It has a file of its own from the start on; whatever happens, the
+/// file lacks at most what came in the last 0.4 s, and [`recover`](crate::record::recover) makes it whole.
+pub struct Recorder {
+    path: PathBuf,
+    writer: mcap::Writer<Output<Box<dyn Write + Send>>>,
+    channels: [u16; Topic::ALL.len()],
+    reference: Reference,
+    due: Due,
+    chunk: ChunkClock,
+    buffer: Vec<u8>,
+    written: Written,
+    begun: Option<Moment>,
+    events: u32,
+}
+
+impl Recorder {
+    /// Begins a file, which must not be there yet.
+    ///
+    /// # Errors
+    /// A file of that name; a folder that is missing or cannot be written; a full disk.
+    pub fn create(path: &Path, reference: Reference, session: &Session) -> Result<Self, RecordError> {
+        let file = File::options().write(true).create_new(true).open(path);
+        let file = file.map_err(|source| RecordError::io(path, source))?;
+        Self::begin(path, Box::new(file), reference, session).map_err(|error| RecordError::mcap(path, error))
+    }
+
+    pub(super) fn begin(
+        path: &Path,
+        output: Box<dyn Write + Send>,
+        reference: Reference,
+        session: &Session,
+    ) -> mcap::McapResult<Self> {
+        let version = env!("CARGO_PKG_VERSION");
+        let mut writer = options("ros2", &format!("dermis {version}")).create(self::output(output))?;
+        let session = Session { version: version.into(), ..session.clone() };
+        let now = Moment::now().unix_ns;
+        for (name, media_type, text) in session.attachments() {
+            let (name, media_type) = (name.into(), media_type.into());
+            writer.attach(&Attachment {
+                log_time: now,
+                create_time: now,
+                name,
+                media_type,
+                data: text.as_bytes().into(),
+            })?;
+        }
+        writer.write_metadata(&session.metadata())?;
+        let channels = channels(&mut writer)?;
+        writer.flush()?;
+        Ok(Recorder {
+            path: path.to_path_buf(),
+            writer,
+            channels,
+            reference,
+            due: Due::default(),
+            chunk: ChunkClock::default(),
+            buffer: Vec::new(),
+            written: Written::default(),
+            begun: None,
+            events: 0,
+        })
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What it holds by now.
+    pub fn written(&self) -> Written {
+        self.written
+    }
+
+    /// Writes a frame.
+    ///
+    /// # Errors
+    /// A full disk, above all. Nothing can be written any more then; what the file holds is kept.
+    pub fn frame(&mut self, frame: &LiveFrame) -> Result<(), RecordError> {
+        self.write_frame(frame).map_err(|error| RecordError::mcap(&self.path, error))
+    }
+
+    fn write_frame(&mut self, frame: &LiveFrame) -> mcap::McapResult<()> {
+        self.finish_chunk_if_due(frame.measured_at)?;
+        let wire = ros::UInt8MultiArray { data: frame.message.clone(), ..Default::default() };
+        self.message(Topic::Wire, frame, &wire)?;
+        self.message(Topic::Frame, frame, &ros::frame(&self.reference, frame))?;
+        self.message(Topic::Image, frame, &ros::image(&self.reference, frame))?;
+        self.message(Topic::Contacts, frame, &ros::contacts(&self.reference, frame))?;
+        self.message(Topic::Wrench, frame, &ros::wrench(&self.reference, frame))?;
+        if self.due.markers(frame) {
+            self.message(Topic::Markers, frame, &ros::markers(&self.reference, frame))?;
+        }
+        if self.due.diagnostics(frame) {
+            self.message(Topic::Diagnostics, frame, &ros::diagnostics(&self.reference, frame))?;
+        }
+        let begun = *self.begun.get_or_insert(frame.measured_at);
+        self.written.frames += 1;
+        self.written.seconds = frame.measured_at.seconds_since(begun);
+        Ok(())
+    }
+
+    fn message<M: Message>(&mut self, topic: Topic, frame: &LiveFrame, message: &M) -> mcap::McapResult<()> {
+        let times = [frame.measured_at, frame.output_at];
+        self.put(topic, frame.sequence as u32, times, message)
+    }
+
+    fn put<M: Message>(
+        &mut self,
+        topic: Topic,
+        sequence: u32,
+        [log, publish]: [Moment; 2],
+        message: &M,
+    ) -> mcap::McapResult<()> {
+        ros::encode_into(message, &mut self.buffer);
+        let channel_id = self.channels[topic as usize];
+        let header = MessageHeader { channel_id, sequence, log_time: log.unix_ns, publish_time: publish.unix_ns };
+        self.writer.write_to_known_channel(&header, &self.buffer)?;
+        self.written.messages += 1;
+        Ok(())
+    }
+
+    /// Writes something that happened beside the frames; a replay takes it between the same two frames.
+    ///
+    /// # Errors
+    /// As [`frame`](Self::frame).
+    pub fn event(&mut self, at: Moment, event: &Event) -> Result<(), RecordError> {
+        // Keys are strings and numbers finite, whatever an event holds.
+        let text = ros::Text { data: serde_json::to_string(event).expect("an event is JSON") };
+        self.events = self.events.wrapping_add(1);
+        self.put(Topic::Events, self.events, [at; 2], &text)
+            .and_then(|()| self.finish_chunk_if_due(at))
+            .map_err(|error| RecordError::mcap(&self.path, error))
+    }
+
+    /// Makes what came so far safe. To be called when no frame has come for a while.
+    ///
+    /// # Errors
+    /// As [`frame`](Self::frame).
+    pub fn flush(&mut self) -> Result<(), RecordError> {
+        self.chunk = ChunkClock::default();
+        self.writer.flush().map_err(|error| RecordError::mcap(&self.path, error))
+    }
+
+    fn finish_chunk_if_due(&mut self, now: Moment) -> mcap::McapResult<()> {
+        if self.chunk.is_due(now) { self.writer.flush() } else { Ok(()) }
+    }
+
+    /// Ends the file as it should be, and waits until the system has it on the disk.
+    ///
+    /// # Errors
+    /// As [`frame`](Self::frame).
+    pub fn finish(mut self) -> Result<Written, RecordError> {
+        let finished = self.writer.finish().and_then(|_| Ok(self.writer.into_inner().into_inner().flush()?));
+        finished.map_err(|error| RecordError::mcap(&self.path, error))?;
+        let synced = File::open(&self.path).and_then(|file| file.sync_all());
+        synced.map_err(|source| RecordError::io(&self.path, source))?;
+        Ok(self.written)
+    }
+}
+
+/// When the chunk that is being written has to be finished: once [`CHUNK_TIME`] has gone by since its first message, on
+/// the device's clock or on the host's.
+#[derive(Default)]
+struct ChunkClock {
+    begun: Option<(Moment, Instant)>,
+}
+
+impl ChunkClock {
+    fn is_due(&mut self, now: Moment) -> bool {
+        let (measured, instant) = *self.begun.get_or_insert_with(|| (now, Instant::now()));
+        let span_s = now.seconds_since(measured).abs();
+        let due = span_s >= CHUNK_TIME.as_secs_f64() || instant.elapsed() >= CHUNK_TIME;
+        if due {
+            self.begun = Some((now, Instant::now()));
+        }
+        due
+    }
+}
+
+/// How recordings are written. Without compression: the numbers' last digits are noise, which nothing makes smaller.
+pub(super) fn options(profile: &str, library: &str) -> WriteOptions {
+    WriteOptions::new()
+        .profile(profile)
+        .library(library)
+        .compression(None)
+        .chunk_size(Some(CHUNK_BYTES))
+        .disable_seeking(true)
+}
+
+pub(super) fn output<W: Write>(output: W) -> Output<W> {
+    mcap::write::NoSeek::new(BufWriter::new(output))
+}
+
+/// The channels of all topics.
+fn channels(writer: &mut mcap::Writer<Output<Box<dyn Write + Send>>>) -> mcap::McapResult<[u16; Topic::ALL.len()]> {
+    let mut channels = [0; Topic::ALL.len()];
+    for topic in Topic::ALL {
+        let type_name = topic.type_name();
+        let schema = writer.add_schema(type_name, "ros2msg", ros::definition(type_name).as_bytes())?;
+        channels[topic as usize] = writer.add_channel(schema, &topic.absolute(""), "cdr", &BTreeMap::new())?;
+    }
+    Ok(channels)
+}

@@ -1,0 +1,86 @@
+//! How the skin and its instrument are, as ROS tools show it.
+
+use crate::ros::{DiagnosticArray, DiagnosticStatus, KeyValue, Reference};
+use crate::{ElectrodeHealth, ElectrodeState, Health, LiveFrame};
+use std::fmt::Display;
+
+const OK: u8 = 0;
+const WARN: u8 = 1;
+const ERROR: u8 = 2;
+
+/// Two parts: the instrument with its rate, noise and losses, and the electrodes with the state of each.
+pub fn diagnostics(reference: &Reference, live: &LiveFrame) -> DiagnosticArray {
+    DiagnosticArray {
+        header: reference.header(live.measured_at),
+        status: vec![instrument(reference, &live.health), electrodes(reference, &live.health)],
+    }
+}
+
+fn instrument(reference: &Reference, health: &Health) -> DiagnosticStatus {
+    let counts = &health.counts;
+    let saturated = health.saturated_channels;
+    let (level, message) = match saturated {
+        0 => (OK, format!("{:.1} frames a second", health.rate_hz)),
+        _ => (WARN, format!("{saturated} readings are out of the converter's range")),
+    };
+    let values = vec![
+        value("rate (Hz)", health.rate_hz),
+        value("noise (times that at the tare)", known(health.noise)),
+        value("reciprocity (times what noise explains)", known(health.reciprocity)),
+        value("saturated channels", saturated),
+        value("silent channels", health.silent_channels),
+        value("frames", counts.frames),
+        value("lost", counts.lost),
+        value("repeated", counts.repeated),
+        value("reordered", counts.reordered),
+        value("damaged", counts.damaged),
+        value("reconnected", counts.reconnected),
+    ];
+    status(reference, "instrument", level, message, values)
+}
+
+fn electrodes(reference: &Reference, health: &Health) -> DiagnosticStatus {
+    let level = health.electrodes.iter().map(|electrode| level(electrode.state)).max().unwrap_or(OK);
+    let ill: Vec<String> = health.electrodes.iter().enumerate().filter_map(named).collect();
+    let message = if ill.is_empty() { "all sound".to_owned() } else { ill.join(", ") };
+    let about = |(index, electrode): (usize, &ElectrodeHealth)| {
+        let contact = electrode.contact_ohm.map(|ohm| format!(", {ohm:.0} ohm")).unwrap_or_default();
+        value(&format!("electrode {index}"), format!("{}{contact}", word(electrode.state)))
+    };
+    let values = health.electrodes.iter().enumerate().map(about).collect();
+    status(reference, "electrodes", level, message, values)
+}
+
+fn named((index, electrode): (usize, &ElectrodeHealth)) -> Option<String> {
+    (electrode.state != ElectrodeState::Sound).then(|| format!("electrode {index} is {}", word(electrode.state)))
+}
+
+fn level(state: ElectrodeState) -> u8 {
+    match state {
+        ElectrodeState::Sound => OK,
+        ElectrodeState::Doubtful => WARN,
+        ElectrodeState::Loose | ElectrodeState::Open => ERROR,
+    }
+}
+
+fn word(state: ElectrodeState) -> &'static str {
+    match state {
+        ElectrodeState::Sound => "sound",
+        ElectrodeState::Doubtful => "doubtful",
+        ElectrodeState::Loose => "loose",
+        ElectrodeState::Open => "open",
+    }
+}
+
+fn status(reference: &Reference, part: &str, level: u8, message: String, values: Vec<KeyValue>) -> DiagnosticStatus {
+    let hardware_id = reference.frame_id.clone();
+    DiagnosticStatus { level, name: format!("dermis: {part}"), message, hardware_id, values }
+}
+
+fn value(key: &str, value: impl Display) -> KeyValue {
+    KeyValue { key: key.into(), value: value.to_string() }
+}
+
+fn known(number: Option<f64>) -> String {
+    number.map_or_else(|| "unknown".to_owned(), |number| format!("{number:.3}"))
+}

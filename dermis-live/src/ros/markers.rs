@@ -1,0 +1,79 @@
+//! Contacts drawn for RViz and its like.
+
+use crate::ros::{ColorRGBA, Marker, MarkerArray, Point, Pose, Reference, Vector3};
+use crate::{LiveContact, LiveFrame};
+use std::time::Duration;
+
+const ARROW: i32 = 0;
+const TEXT: i32 = 9;
+const ADD: i32 = 0;
+const DELETE_ALL: i32 = 3;
+
+/// How long a marker stays when nothing more is heard: frames come far more often, and what went away is soon gone.
+const LIFETIME: Duration = Duration::from_millis(300);
+/// A firm press of a finger, some 5 N, is an arrow as long as a finger.
+const ARROW_M_PER_N: f64 = 0.01;
+
+/// An arrow for each contact, pointing at it along its normal, and its id beside; where there is no contact, the order to
+/// take all away.
+///
+/// An arrow is 10 mm a newton long; where the force is unknown the strongest contact's is a sixth of the skin, and the
+/// others' are in proportion to the root of their strength. All are between a fortieth and a third of the skin.
+pub fn markers(reference: &Reference, live: &LiveFrame) -> MarkerArray {
+    if live.contacts.is_empty() {
+        let mut all = marker(reference, live, "contacts", 0, ARROW);
+        all.action = DELETE_ALL;
+        return MarkerArray { markers: vec![all] };
+    }
+    let extent_m = reference.extent_m();
+    let strongest = live.contacts.iter().map(|contact| contact.strength).fold(f64::MIN_POSITIVE, f64::max);
+    let mut markers = Vec::with_capacity(2 * live.contacts.len());
+    for contact in &live.contacts {
+        let guess = || extent_m / 6.0 * (contact.strength / strongest).max(0.0).sqrt();
+        let length_m = contact.force_n.map_or_else(guess, |force_n| ARROW_M_PER_N * force_n.abs());
+        let length_m = length_m.max(extent_m / 40.0).min(extent_m / 3.0);
+        markers.push(arrow(reference, live, contact, length_m));
+        markers.push(label(reference, live, contact, length_m));
+    }
+    MarkerArray { markers }
+}
+
+fn arrow(reference: &Reference, live: &LiveFrame, contact: &LiveContact, length_m: f64) -> Marker {
+    let mut arrow = marker(reference, live, "contacts", contact.id as i32, ARROW);
+    arrow.points = [above(contact, length_m), contact.position_m].map(|[x, y, z]| Point { x, y, z }).to_vec();
+    arrow.scale = Vector3 { x: 0.15 * length_m, y: 0.3 * length_m, z: 0.35 * length_m };
+    // Vermilion of the palette of Okabe and Ito, 2008: told from the rest with any colour vision.
+    arrow.color = ColorRGBA { r: 0.835, g: 0.369, b: 0.0, a: 1.0 };
+    arrow
+}
+
+fn label(reference: &Reference, live: &LiveFrame, contact: &LiveContact, length_m: f64) -> Marker {
+    let height_m = reference.extent_m() / 25.0;
+    let mut label = marker(reference, live, "ids", contact.id as i32, TEXT);
+    label.pose = Pose::at(above(contact, length_m + height_m));
+    label.scale.z = height_m;
+    label.color = ColorRGBA { r: 1.0, g: 1.0, b: 1.0, a: 1.0 };
+    label.text = match contact.force_n {
+        Some(force_n) => format!("{}: {force_n:.1} N", contact.id),
+        None => contact.id.to_string(),
+    };
+    label
+}
+
+/// The point above a contact, outside the skin.
+fn above(contact: &LiveContact, height_m: f64) -> [f64; 3] {
+    std::array::from_fn(|axis| contact.position_m[axis] + height_m * contact.normal[axis])
+}
+
+fn marker(reference: &Reference, live: &LiveFrame, ns: &str, id: i32, kind: i32) -> Marker {
+    Marker {
+        header: reference.header(live.measured_at),
+        ns: ns.into(),
+        id,
+        r#type: kind,
+        action: ADD,
+        pose: Pose::at([0.0; 3]),
+        lifetime: LIFETIME.into(),
+        ..Marker::default()
+    }
+}

@@ -1,0 +1,76 @@
+//! What a frame is in ROS 2: the standard messages, their bytes, their definitions, and a message for each topic.
+//!
+//! No ROS installation is needed. The bytes are XCDR1, little-endian, behind the four bytes that say so: what DDS carries
+//! and what a recording holds.
+
+mod diagnostics;
+mod markers;
+mod message;
+mod schema;
+mod topic;
+
+pub use diagnostics::diagnostics;
+pub use markers::markers;
+pub use message::*;
+pub use schema::{dds_type, definition};
+pub use topic::{CONTACT_FIELDS, Due, Reference, Topic, contacts, frame, image, wrench};
+
+use byteorder::LittleEndian;
+use serde::{Serialize, de::DeserializeOwned};
+use thiserror::Error;
+
+/// Bytes that are no message of the type that was asked for.
+#[derive(Debug, Error)]
+pub enum DecodeError {
+    /// The four bytes in front say something else than plain CDR, little-endian.
+    #[error("the message is not in plain little-endian CDR: it begins with {0:02x?} instead of [00, 01, 00, 00]")]
+    Encapsulation(Vec<u8>),
+    /// The rest is not such a message.
+    #[error("the message is no {type_name}: {source}")]
+    Body {
+        /// What it should be.
+        type_name: &'static str,
+        /// What is wrong.
+        source: cdr_encoding::Error,
+    },
+}
+
+/// Plain CDR, little-endian, no options: RTPS 2.5, table 10.3.
+const CDR_LE: [u8; 4] = [0, 1, 0, 0];
+
+/// A message type of ROS 2.
+pub trait Message: Serialize + DeserializeOwned {
+    /// Its name, such as `sensor_msgs/msg/Image`.
+    const TYPE: &'static str;
+}
+
+/// The bytes of a message, written over what `out` holds.
+pub fn encode_into<M: Message>(message: &M, out: &mut Vec<u8>) {
+    out.clear();
+    out.extend_from_slice(&CDR_LE);
+    // A vector takes everything, and these messages hold nothing that CDR cannot say.
+    cdr_encoding::to_writer::<M, LittleEndian, _>(&mut *out, message).expect("memory can be written");
+}
+
+/// The bytes of a message.
+pub fn encode<M: Message>(message: &M) -> Vec<u8> {
+    let mut out = Vec::new();
+    encode_into(message, &mut out);
+    out
+}
+
+/// The message that some bytes hold.
+///
+/// # Errors
+/// Another encoding, bytes that end too early, a text that is not UTF-8.
+pub fn decode<M: Message>(bytes: &[u8]) -> Result<M, DecodeError> {
+    let body = bytes
+        .strip_prefix(&CDR_LE)
+        .ok_or_else(|| DecodeError::Encapsulation(bytes[..bytes.len().min(CDR_LE.len())].to_vec()))?;
+    let (message, _) = cdr_encoding::from_bytes::<M, LittleEndian>(body)
+        .map_err(|source| DecodeError::Body { type_name: M::TYPE, source })?;
+    Ok(message)
+}
+
+#[cfg(test)]
+mod tests;

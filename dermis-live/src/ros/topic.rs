@@ -1,0 +1,274 @@
+//! What a frame says on each topic.
+
+use crate::ros::{DiagnosticArray, MarkerArray, Text, UInt8MultiArray};
+use crate::ros::{Header, Image, Message, PointCloud2, PointField, Time, Vector3, Wrench, WrenchStamped};
+use crate::{LiveContact, LiveFrame, Moment};
+use dermis::image::PixelSpace;
+use std::sync::Arc;
+
+/// A topic, by its place in [`Topic::ALL`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Topic {
+    /// The values of a frame, ohm.
+    Frame,
+    /// The image.
+    Image,
+    /// The contacts.
+    Contacts,
+    /// What acts on the skin as a whole.
+    Wrench,
+    /// The contacts, drawn.
+    Markers,
+    /// How the skin and its instrument are.
+    Diagnostics,
+    /// The device's own message; in recordings only.
+    Wire,
+    /// Commands, notices and hellos as JSON; in recordings only.
+    Events,
+}
+
+impl Topic {
+    /// All of them.
+    pub const ALL: [Topic; 8] = [
+        Topic::Frame,
+        Topic::Image,
+        Topic::Contacts,
+        Topic::Wrench,
+        Topic::Markers,
+        Topic::Diagnostics,
+        Topic::Wire,
+        Topic::Events,
+    ];
+
+    /// Its name within a namespace.
+    pub fn name(self) -> &'static str {
+        match self {
+            Topic::Frame => "dermis/frame",
+            Topic::Image => "dermis/image",
+            Topic::Contacts => "dermis/contacts",
+            Topic::Wrench => "dermis/wrench",
+            Topic::Markers => "dermis/markers",
+            Topic::Diagnostics => "diagnostics",
+            Topic::Wire => "dermis/wire",
+            Topic::Events => "dermis/events",
+        }
+    }
+
+    /// Its name from the root; diagnostics are one topic for a whole robot, whatever the namespace (`""` or `/left_arm`).
+    pub fn absolute(self, namespace: &str) -> String {
+        let namespace = if self == Topic::Diagnostics { "" } else { namespace.trim_end_matches('/') };
+        format!("{namespace}/{}", self.name())
+    }
+
+    /// The type of its messages.
+    pub fn type_name(self) -> &'static str {
+        match self {
+            Topic::Frame | Topic::Image => Image::TYPE,
+            Topic::Contacts => PointCloud2::TYPE,
+            Topic::Wrench => WrenchStamped::TYPE,
+            Topic::Markers => MarkerArray::TYPE,
+            Topic::Diagnostics => DiagnosticArray::TYPE,
+            Topic::Wire => UInt8MultiArray::TYPE,
+            Topic::Events => Text::TYPE,
+        }
+    }
+}
+
+/// The frame of reference that positions are told in, and the pixels on it.
+#[derive(Debug, Clone)]
+pub struct Reference {
+    /// Name of the frame of reference: that of the body in the design.
+    pub frame_id: String,
+    /// The pixels of the image.
+    pub space: Arc<PixelSpace>,
+}
+
+impl Reference {
+    /// The header of what was measured at `moment`.
+    pub fn header(&self, moment: Moment) -> Header {
+        Header { stamp: Time::from(moment), frame_id: self.frame_id.clone() }
+    }
+
+    /// Rows and columns of the picture; one row where the pixels have no grid.
+    pub fn picture(&self) -> [usize; 2] {
+        self.space.grid.unwrap_or([1, self.space.len()])
+    }
+
+    /// Side of the box round the skin, the longest, m.
+    pub fn extent_m(&self) -> f64 {
+        let side = |axis: usize| {
+            let along = self.space.centres_m.iter().map(|centre| centre[axis]);
+            along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
+        };
+        (0..3).map(side).fold(0.0, f64::max)
+    }
+}
+
+/// Which of the messages that not every frame needs are due.
+///
+/// Diagnostics come about once a second, and when an electrode's state changes; markers while there are contacts, and once
+/// more to take them away.
+#[derive(Debug, Clone, Default)]
+pub struct Due {
+    told_at: Option<Moment>,
+    told: Vec<crate::ElectrodeState>,
+    drawn: Option<bool>,
+}
+
+impl Due {
+    /// Whether markers are due with this frame.
+    pub fn markers(&mut self, frame: &LiveFrame) -> bool {
+        let drawn = self.drawn.replace(!frame.contacts.is_empty());
+        !frame.contacts.is_empty() || drawn != Some(false)
+    }
+
+    /// Whether diagnostics are due with this frame.
+    pub fn diagnostics(&mut self, frame: &LiveFrame) -> bool {
+        let states = || frame.health.electrodes.iter().map(|electrode| electrode.state);
+        let long_ago = self.told_at.is_none_or(|at| !(0.0..1.0).contains(&frame.measured_at.seconds_since(at)));
+        let due = long_ago || !states().eq(self.told.iter().copied());
+        if due {
+            self.told_at = Some(frame.measured_at);
+            self.told.clear();
+            self.told.extend(states());
+        }
+        due
+    }
+}
+
+/// The values of a frame, ohm, as one row.
+pub fn frame(reference: &Reference, live: &LiveFrame) -> Image {
+    let values = live.values_ohm.iter().map(|&value| value as f32);
+    picture(reference.header(live.measured_at), [1, live.values_ohm.len()], values)
+}
+
+/// The image, `NaN` outside the body. Rows and columns are those of every picture here: row 0 at z = 0 of a cylinder, at
+/// the lowest y of a flat skin.
+pub fn image(reference: &Reference, live: &LiveFrame) -> Image {
+    let [rows, columns] = reference.picture();
+    let mut values = vec![f32::NAN; rows * columns];
+    for (&position, &value) in reference.space.position_in_grid.iter().zip(&live.image) {
+        if let Some(place) = values.get_mut(position) {
+            *place = value;
+        }
+    }
+    picture(reference.header(live.measured_at), [rows, columns], values.into_iter())
+}
+
+fn picture(header: Header, [rows, columns]: [usize; 2], values: impl Iterator<Item = f32>) -> Image {
+    let mut data = Vec::with_capacity(rows * columns * size_of::<f32>());
+    for value in values {
+        data.extend_from_slice(&value.to_le_bytes());
+    }
+    Image {
+        header,
+        height: rows as u32,
+        width: columns as u32,
+        encoding: "32FC1".into(),
+        is_bigendian: 0,
+        step: (columns * size_of::<f32>()) as u32,
+        data,
+    }
+}
+
+/// What each contact is in a cloud of points, with its unit. All but `id` are float32; four bytes each.
+pub const CONTACT_FIELDS: [(&str, &str); 17] = [
+    ("x", "m"),
+    ("y", "m"),
+    ("z", "m"),
+    ("nx", "outward unit normal"),
+    ("ny", "outward unit normal"),
+    ("nz", "outward unit normal"),
+    ("strength", "of the image, times m2"),
+    ("area", "m2"),
+    ("id", "uint32: the lowest 32 bits of the contact's number"),
+    ("confidence", "0 to 1"),
+    ("force", "N, NaN where unknown"),
+    ("force_sd", "N, NaN where unknown"),
+    ("sd", "m, of the position, per axis"),
+    ("vx", "m/s"),
+    ("vy", "m/s"),
+    ("vz", "m/s"),
+    ("age", "s"),
+];
+
+/// The contacts as points, the oldest first.
+pub fn contacts(reference: &Reference, live: &LiveFrame) -> PointCloud2 {
+    const FIELD_BYTES: usize = 4;
+    const FLOAT32: u8 = 7;
+    const UINT32: u8 = 6;
+    let field = |(index, (name, _)): (usize, (&str, &str))| PointField {
+        name: name.into(),
+        offset: (index * FIELD_BYTES) as u32,
+        datatype: if name == "id" { UINT32 } else { FLOAT32 },
+        count: 1,
+    };
+    let point_step = CONTACT_FIELDS.len() * FIELD_BYTES;
+    let mut data = Vec::with_capacity(live.contacts.len() * point_step);
+    for contact in &live.contacts {
+        data.extend(point(contact, live.measured_at).into_iter().flatten());
+    }
+    PointCloud2 {
+        header: reference.header(live.measured_at),
+        height: 1,
+        width: live.contacts.len() as u32,
+        fields: CONTACT_FIELDS.into_iter().enumerate().map(field).collect(),
+        is_bigendian: false,
+        point_step: point_step as u32,
+        row_step: data.len() as u32,
+        data,
+        is_dense: true,
+    }
+}
+
+/// The bytes of a contact, in the order of [`CONTACT_FIELDS`].
+fn point(contact: &LiveContact, now: Moment) -> [[u8; 4]; CONTACT_FIELDS.len()] {
+    let float = |value: f64| (value as f32).to_le_bytes();
+    let known = |value: Option<f64>| float(value.unwrap_or(f64::NAN));
+    let [x, y, z] = contact.position_m.map(float);
+    let [nx, ny, nz] = contact.normal.map(float);
+    let [vx, vy, vz] = contact.velocity_m_s.map(float);
+    [
+        x,
+        y,
+        z,
+        nx,
+        ny,
+        nz,
+        float(contact.strength),
+        float(contact.area_m2),
+        (contact.id as u32).to_le_bytes(),
+        float(contact.confidence),
+        known(contact.force_n),
+        known(contact.force_sd_n),
+        float(contact.sd_m),
+        vx,
+        vy,
+        vz,
+        float(now.seconds_since(contact.since)),
+    ]
+}
+
+/// The force on the skin and its torque about the frame's origin: F = sum of -n f, M = sum of r x (-n f) over the contacts
+/// whose force f is known. All zero without a contact, all `NaN` where there are contacts and no force is known.
+pub fn wrench(reference: &Reference, live: &LiveFrame) -> WrenchStamped {
+    let known = live.contacts.iter().filter_map(|contact| Some((contact, contact.force_n?)));
+    let unknown = !live.contacts.is_empty() && known.clone().next().is_none();
+    let (mut force_n, mut torque_nm) =
+        ([if unknown { f64::NAN } else { 0.0 }; 3], [if unknown { f64::NAN } else { 0.0 }; 3]);
+    for (contact, pressing_n) in known {
+        let push = contact.normal.map(|part| -part * pressing_n);
+        let turn = cross(contact.position_m, push);
+        for axis in 0..3 {
+            force_n[axis] += push[axis];
+            torque_nm[axis] += turn[axis];
+        }
+    }
+    let vector = |[x, y, z]: [f64; 3]| Vector3 { x, y, z };
+    let wrench = Wrench { force: vector(force_n), torque: vector(torque_nm) };
+    WrenchStamped { header: reference.header(live.measured_at), wrench }
+}
+
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}

@@ -1,0 +1,186 @@
+//! Programs of others read what is recorded and what is published: rosbags and Cyclone DDS, both from PyPI.
+//!
+//! They are installed into a virtual environment under `target/`, at the versions in `python/requirements.txt`. Where that
+//! cannot be done the tests say so and pass, unless `DERMIS_REQUIRE_PYTHON` is set.
+
+mod synthetic;
+
+use dermis_live::LiveFrame;
+use dermis_live::record::{Event, Recorder, Session};
+use dermis_live::ros::{self, CONTACT_FIELDS, Reference};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::OnceLock;
+use synthetic::Skin;
+
+const FRAMES: u64 = 300;
+
+fn scripts() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python")
+}
+
+/// The interpreter with the peers installed; `None` where it cannot be had.
+fn python() -> Option<&'static Path> {
+    static PYTHON: OnceLock<Option<PathBuf>> = OnceLock::new();
+    let found = PYTHON.get_or_init(|| match install() {
+        Ok(python) => Some(python),
+        Err(why) if std::env::var_os("DERMIS_REQUIRE_PYTHON").is_some() => panic!("{why}"),
+        Err(why) => {
+            eprintln!("skipped: {why} (set DERMIS_REQUIRE_PYTHON to make this a failure)");
+            None
+        }
+    });
+    found.as_deref()
+}
+
+fn install() -> Result<PathBuf, String> {
+    let requirements =
+        std::fs::read(scripts().join("requirements.txt")).expect("the requirements are in the repository");
+    // Another folder for other requirements.
+    let name = format!("peers-{:08x}", crc32fast::hash(&requirements));
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let python = folder.join(if cfg!(windows) { "Scripts/python.exe" } else { "bin/python" });
+    let done = folder.join("installed");
+    if !done.exists() {
+        run(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&folder))?;
+        let mut pip = Command::new(&python);
+        pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--requirement"]);
+        run(pip.arg(scripts().join("requirements.txt")))?;
+        std::fs::write(done, "").map_err(|error| error.to_string())?;
+    }
+    Ok(python)
+}
+
+fn run(command: &mut Command) -> Result<String, String> {
+    let output = command.output().map_err(|error| format!("{:?}: {error}", command.get_program()))?;
+    let said = String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
+    if output.status.success() { Ok(said) } else { Err(format!("{command:?}: {}\n{said}", output.status)) }
+}
+
+fn skin() -> &'static Skin {
+    static SKIN: OnceLock<Skin> = OnceLock::new();
+    SKIN.get_or_init(|| Skin::shipped("skin16"))
+}
+
+/// What the messages should hold, worked out from the frames and not from the messages.
+fn expected(folder: &Path) -> PathBuf {
+    let reference = &skin().reference;
+    let frames: Vec<Value> = (0..FRAMES).map(|index| expected_of(reference, &skin().frame(index))).collect();
+    let fields: Vec<&str> = CONTACT_FIELDS.iter().map(|field| field.0).collect();
+    let whole =
+        json!({"frame_id": reference.frame_id, "picture": reference.picture(), "fields": fields, "frames": frames});
+    let path = folder.join("expected.json");
+    std::fs::write(&path, whole.to_string()).unwrap();
+    path
+}
+
+fn expected_of(reference: &Reference, frame: &LiveFrame) -> Value {
+    let [rows, columns] = reference.picture();
+    let mut picture = vec![Value::Null; rows * columns];
+    for (pixel, &position) in reference.space.position_in_grid.iter().enumerate() {
+        picture[position] = json!(frame.image[pixel]);
+    }
+    let contacts: Vec<Value> = frame
+        .contacts
+        .iter()
+        .map(|contact| {
+            let [[x, y, z], [nx, ny, nz], [vx, vy, vz]] = [contact.position_m, contact.normal, contact.velocity_m_s];
+            let age_s = (frame.measured_at.unix_ns - contact.since.unix_ns) as f64 * 1e-9;
+            json!([
+                x,
+                y,
+                z,
+                nx,
+                ny,
+                nz,
+                contact.strength,
+                contact.area_m2,
+                contact.id,
+                contact.confidence,
+                contact.force_n,
+                contact.force_sd_n,
+                contact.sd_m,
+                vx,
+                vy,
+                vz,
+                age_s
+            ])
+        })
+        .collect();
+    // One contact of known force at most: F = -n f, M = r x F.
+    let mut wrench = [0.0; 6];
+    for contact in &frame.contacts {
+        if let Some(force_n) = contact.force_n {
+            let [x, y, z] = contact.position_m;
+            let [fx, fy, fz] = contact.normal.map(|part| -part * force_n);
+            wrench = [fx, fy, fz, y * fz - z * fy, z * fx - x * fz, x * fy - y * fx];
+        }
+    }
+    let message: String = frame.message.iter().map(|byte| format!("{byte:02x}")).collect();
+    json!({
+        "measured_ns": frame.measured_at.unix_ns,
+        "values_ohm": frame.values_ohm,
+        "picture": picture,
+        "contacts": contacts,
+        "wrench": wrench,
+        "at_m": frame.contacts.first().map(|contact| contact.position_m),
+        "message": message,
+    })
+}
+
+#[test]
+fn rosbags_reads_a_recording() {
+    let Some(python) = python() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("presses.mcap");
+    let session = Session { design_toml: "# a design\n".into(), ..Session::default() };
+    let mut recorder = Recorder::create(&path, skin().reference.clone(), &session).unwrap();
+    for index in 0..FRAMES {
+        recorder.frame(&skin().frame(index)).unwrap();
+    }
+    recorder.event(skin().frame(FRAMES).measured_at, &Event::Command(json!({"tare": null}))).unwrap();
+    recorder.finish().unwrap();
+    let expected = expected(folder.path());
+    let said = run(Command::new(python).arg(scripts().join("check_recording.py")).arg(&path).arg(expected));
+    println!("{}", said.unwrap_or_else(|why| panic!("{why}")));
+}
+
+#[cfg(feature = "ros2")]
+#[test]
+fn cyclone_receives_what_is_published() {
+    use dermis_live::dds::{Publisher, PublisherOptions};
+    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::time::Duration;
+
+    const PATIENCE_S: u32 = 60;
+    let Some(python) = python() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let expected = expected(folder.path());
+    // Tests that run side by side shall not hear each other.
+    let domain = 100 + (std::process::id() % 100) as u16;
+    let options = PublisherOptions { domain: Some(domain), namespace: "/left_arm".into() };
+    let mut publisher = Publisher::new(skin().reference.clone(), &options).unwrap();
+    let over = AtomicBool::new(false);
+    let said = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let mut index = 0;
+            while !over.load(Ordering::Relaxed) {
+                publisher.frame(&skin().frame(index % FRAMES)).unwrap();
+                index += 1;
+                std::thread::sleep(Duration::from_secs(1) / synthetic::RATE as u32);
+            }
+        });
+        let mut peer = Command::new(python);
+        peer.arg(scripts().join("check_published.py")).args([&domain.to_string(), "/left_arm"]);
+        let said = run(peer.arg(expected).arg(PATIENCE_S.to_string()));
+        over.store(true, Ordering::Relaxed);
+        said
+    });
+    println!("{}", said.unwrap_or_else(|why| panic!("{why}")));
+}
+
+#[test]
+fn definitions_are_told_in_the_names_that_dds_has() {
+    assert_eq!(ros::dds_type("visualization_msgs/msg/MarkerArray"), "visualization_msgs::msg::dds_::MarkerArray_");
+}

@@ -1,0 +1,110 @@
+//! Frames of skins that are pressed, made from their number alone: what tests write, send and read back.
+#![allow(dead_code, reason = "each test takes what it needs")]
+
+use dermis::design::SkinDesign;
+use dermis::image::PixelSpace;
+use dermis::mesh::Mesh;
+use dermis_live::ros::Reference;
+use dermis_live::{ElectrodeHealth, ElectrodeState, Health, LiveContact, LiveFrame, Moment};
+use std::sync::Arc;
+
+/// Frames a second.
+pub const RATE: u64 = 120;
+/// When the first frame is measured: the 1st of January 2026.
+pub const BEGINNING: Moment = Moment { unix_ns: 1_767_225_600_000_000_000 };
+
+/// A skin and its frames.
+pub struct Skin {
+    pub design: SkinDesign,
+    pub reference: Reference,
+    health: Arc<Health>,
+}
+
+impl Skin {
+    /// A shipped one.
+    pub fn shipped(name: &str) -> Self {
+        let design = SkinDesign::shipped(name).expect("a shipped design");
+        let mesh = Mesh::generate(&design).expect("a mesh");
+        let space = Arc::new(PixelSpace::for_design(&design, &mesh).expect("pixels"));
+        let sound = ElectrodeHealth { state: ElectrodeState::Sound, contact_ohm: Some(120.0), noise: Some(1.0) };
+        let electrodes = vec![sound; design.electrodes.len()];
+        let health = Health { electrodes, noise: Some(1.0), rate_hz: RATE as f64, ..Health::default() };
+        Skin { reference: Reference { frame_id: "skin".into(), space }, design, health: Arc::new(health) }
+    }
+
+    /// Frame `index`: two presses that go up and down, the first of known force, and now and then none.
+    pub fn frame(&self, index: u64) -> LiveFrame {
+        let measured_at = BEGINNING.after(std::time::Duration::from_nanos(index * 1_000_000_000 / RATE));
+        let pressing = index / 60 % 4 != 3;
+        let contacts = if pressing { vec![self.contact(index, 7), self.contact(index, 8)] } else { Vec::new() };
+        let channels = self.design.protocol.channel_count();
+        LiveFrame {
+            sequence: index,
+            measured_at,
+            received_at: measured_at.after(std::time::Duration::from_micros(200)),
+            output_at: measured_at.after(std::time::Duration::from_micros(300)),
+            message: message(index, channels),
+            values_ohm: (0..channels).map(|channel| 10.0 + noise(index, channel as u64)).collect(),
+            image: (0..self.reference.space.len()).map(|pixel| noise(index, 1_000_000 + pixel as u64) as f32).collect(),
+            touched: pressing,
+            contacts,
+            health: Arc::clone(&self.health),
+        }
+    }
+
+    fn contact(&self, index: u64, id: u64) -> LiveContact {
+        let space = &self.reference.space;
+        let pixel = (id as usize * 7919) % space.len();
+        let strength = 1e-4 * (1.0 + (index as f64 * 0.1).sin());
+        LiveContact {
+            id,
+            position_m: space.centres_m[pixel],
+            normal: space.normals[pixel],
+            centroid_m: space.centres_m[pixel],
+            centre_of_pressure_m: space.centres_m[pixel],
+            velocity_m_s: [0.01, 0.0, -0.02],
+            strength,
+            area_m2: 3e-4,
+            force_n: (id == 7).then_some(2.5),
+            force_sd_n: (id == 7).then_some(0.25),
+            sd_m: 0.002,
+            confidence: 0.95,
+            since: BEGINNING,
+            zone: None,
+        }
+    }
+}
+
+/// A disk-shaped skin, and a frame with two contacts.
+pub fn pressed() -> (Reference, LiveFrame) {
+    let skin = Skin::shipped("skin16");
+    let frame = skin.frame(3);
+    (skin.reference, frame)
+}
+
+/// A device's message: a frame of four-byte readings.
+fn message(index: u64, channels: usize) -> Vec<u8> {
+    let readings: Vec<i32> = (0..channels).map(|channel| (1e6 * noise(index, channel as u64)) as i32).collect();
+    let readings = dermis_wire::Readings::I32(&readings);
+    let flags = dermis_wire::FrameFlags::default();
+    let frame = dermis_wire::Frame { sequence: index as u32, time_us: index * 8333, flags, readings };
+    let mut packet = vec![0; dermis_wire::packet_bytes(dermis_wire::LONGEST_MESSAGE)];
+    let length = dermis_wire::ToHost::Frame(frame).encode(&mut packet).expect("room");
+    let mut message = Vec::new();
+    let mut decoder = dermis_wire::Decoder::new(vec![0; packet.len()]);
+    decoder.feed(&packet[..length], |received| {
+        if let dermis_wire::Received::Message(bytes) = received {
+            message = bytes.to_vec();
+        }
+    });
+    message
+}
+
+/// A number between -1 and 1 that follows from two others: the output of SplitMix64 (Steele, Lea and Flood, 2014,
+/// DOI 10.1145/2660193.2660195).
+fn noise(a: u64, b: u64) -> f64 {
+    let mut z = a.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ b.wrapping_mul(0xd1b5_4a32_d192_ed03);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+}
