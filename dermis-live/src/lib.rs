@@ -2,6 +2,7 @@
 
 mod alarm;
 mod baseline;
+mod control;
 #[cfg(feature = "ros2")]
 pub mod dds;
 pub mod device;
@@ -17,8 +18,10 @@ pub mod record;
 mod report;
 pub mod ros;
 mod scan;
+pub mod server;
 mod skin;
 
+pub use control::{Control, Request};
 pub use error::LiveError;
 pub use live::{Event, Live, LiveOptions, Shared};
 pub use mailbox::{Mailbox, Taken};

@@ -101,10 +101,8 @@ impl Live {
         });
         let listener = Listener { shared: Arc::clone(&shared), address: options.address, options: options.device };
         let maker = Maker { shared: Arc::clone(&shared), processor, rebuilding: false, kept_at: Instant::now() };
-        let threads = vec![
-            spawn("dermis-listen", move || listener.run(device)),
-            spawn("dermis-contacts", move || maker.run()),
-        ];
+        let threads =
+            vec![spawn("dermis-listen", move || listener.run(device)), spawn("dermis-contacts", move || maker.run())];
         Ok(Live { shared, threads })
     }
 
@@ -164,6 +162,16 @@ impl Shared {
     /// What the processor remembered a few seconds ago at most.
     pub fn state(&self) -> State {
         lock(&self.state).clone()
+    }
+
+    /// What may be changed, as it is.
+    pub fn settings(&self) -> Settings {
+        lock(&self.state).settings.clone()
+    }
+
+    /// What there is to say of the method; `None` where nothing is.
+    pub fn method_note(&self) -> Option<String> {
+        None
     }
 
     /// The name of the method in use.

@@ -36,7 +36,11 @@ impl Address {
                     None => (rest, USUAL_BAUD),
                     Some((port, baud)) => {
                         let baud = baud.parse().ok().filter(|baud| *baud > 0);
-                        let wrong = || LiveError::Given(format!("`{text}`: the speed after @ must be bits a second, as in serial:/dev/ttyACM0@4000000"));
+                        let wrong = || {
+                            LiveError::Given(format!(
+                                "`{text}`: the speed after @ must be bits a second, as in serial:/dev/ttyACM0@4000000"
+                            ))
+                        };
                         (port, baud.ok_or_else(wrong)?)
                     }
                 };

@@ -183,7 +183,8 @@ impl Device {
             line,
             decoder,
             buffer: vec![0; READ_BYTES],
-            stream: stream.map_or_else(Stream::default, |stream| Stream { reconnected: stream.reconnected + 1, ..stream }),
+            stream: stream
+                .map_or_else(Stream::default, |stream| Stream { reconnected: stream.reconnected + 1, ..stream }),
             heard_at: Instant::now(),
         };
         device.greet(&hello, address, skin, options)?;
@@ -300,13 +301,17 @@ fn await_hello(line: &mut dyn Line, decoder: &mut Decoder<Vec<u8>>, address: &st
             return Ok(hello);
         }
         if let Some(version) = other_version {
-            let message = format!("it speaks version {version} of the protocol, this program version {VERSION}: update the older one");
+            let message = format!(
+                "it speaks version {version} of the protocol, this program version {VERSION}: update the older one"
+            );
             return Err(LiveError::Refused { address: address.into(), message });
         }
     }
     let message = match bytes {
         0 => "nothing came in 2 s: is it on, and is this its port?".to_string(),
-        bytes => format!("{bytes} bytes came in 2 s and no hello among them: wrong speed of the line, or something else's port"),
+        bytes => format!(
+            "{bytes} bytes came in 2 s and no hello among them: wrong speed of the line, or something else's port"
+        ),
     };
     Err(LiveError::Unreachable { address: address.into(), message })
 }
@@ -330,14 +335,17 @@ fn check(hello: &Hello<'_>, address: &Address, skin: &LiveSkin, options: DeviceO
     }
     let scales = [hello.reference_ohm, hello.source_v].into_iter().chain(hello.volts_per_count);
     if let Some(wrong) = scales.into_iter().find(|value| !(value.is_finite() && *value > 0.0)) {
-        return Err(format!("its hello states a scale of {wrong}: resistor, source and volts a count must be positive"));
+        return Err(format!(
+            "its hello states a scale of {wrong}: resistor, source and volts a count must be positive"
+        ));
     }
     let rate_mhz = options.rate_hz.map_or(f64::from(hello.rate_mhz), |rate_hz| rate_hz * 1e3);
     if !(rate_mhz >= 1.0 && rate_mhz <= f64::from(hello.highest_rate_mhz)) {
         let (asked, most) = (rate_mhz * 1e-3, f64::from(hello.highest_rate_mhz) * 1e-3);
         return Err(format!("{asked} frames a second are asked for, but it takes at most {most}"));
     }
-    let bytes = dermis_wire::bytes_per_second(skin.scan.slots().len(), usize::from(hello.reading_bytes), rate_mhz as u32);
+    let bytes =
+        dermis_wire::bytes_per_second(skin.scan.slots().len(), usize::from(hello.reading_bytes), rate_mhz as u32);
     let baud = match address {
         Address::Serial { baud, .. } if hello.baud != 0 => (*baud).min(hello.baud),
         _ => return Ok(()),
@@ -350,6 +358,8 @@ fn check(hello: &Hello<'_>, address: &Address, skin: &LiveSkin, options: DeviceO
             skin.scan.slots().len(),
             rate_mhz * 1e-3
         )),
-        Err(needed) => Err(format!("its frames need {needed} bits a second, more than serial lines have: ask for a lower rate")),
+        Err(needed) => {
+            Err(format!("its frames need {needed} bits a second, more than serial lines have: ask for a lower rate"))
+        }
     }
 }

@@ -100,7 +100,8 @@ impl Emulator {
             if let Fault::Loose { electrode, .. } = fault {
                 let count = design.electrodes.len();
                 if *electrode >= count {
-                    let message = format!("electrode {electrode} cannot come loose: the skin has electrodes 0 to {}", count - 1);
+                    let message =
+                        format!("electrode {electrode} cannot come loose: the skin has electrodes 0 to {}", count - 1);
                     return Err(LiveError::Given(message));
                 }
             }
@@ -181,7 +182,8 @@ impl Emulator {
         let readings = lock(&self.twin).readings(&presses, index)?;
         let channels = self.design.protocol.channels();
         let count = |value_v: f64, volts_per_count: f64| {
-            (value_v / volts_per_count).round().clamp(-f64::from(self.full_scale) - 1.0, f64::from(self.full_scale)) as i32
+            (value_v / volts_per_count).round().clamp(-f64::from(self.full_scale) - 1.0, f64::from(self.full_scale))
+                as i32
         };
         let [free, driven, reference] = self.volts_per_count;
         let counts = self.scan.roles().iter().map(|role| match *role {
@@ -211,7 +213,9 @@ impl Emulator {
     /// How much a fault that lasts is felt now; 0 where none is.
     fn felt(&self, time_s: f64, of: impl Fn(&Fault) -> Option<(f64, f64)>) -> f64 {
         let felt = |timed: &TimedFault| {
-            of(&timed.fault).filter(|(_, for_s)| (timed.at_s..timed.at_s + for_s).contains(&time_s)).map(|(value, _)| value)
+            of(&timed.fault)
+                .filter(|(_, for_s)| (timed.at_s..timed.at_s + for_s).contains(&time_s))
+                .map(|(value, _)| value)
         };
         self.options.faults.iter().filter_map(felt).fold(0.0, f64::max)
     }
@@ -415,7 +419,12 @@ impl<'a> Talk<'a> {
     fn greet(&mut self) -> Result<(), TalkEnd> {
         let emulator = self.emulator;
         let electronics = &emulator.options.twin.electronics;
-        let name = format!("dermis {} emulating `{}`, seed {}", env!("CARGO_PKG_VERSION"), emulator.options.twin.name, emulator.options.seed);
+        let name = format!(
+            "dermis {} emulating `{}`, seed {}",
+            env!("CARGO_PKG_VERSION"),
+            emulator.options.twin.name,
+            emulator.options.seed
+        );
         let hello = Hello {
             version: VERSION,
             reading_bytes: emulator.reading_bytes,
@@ -553,7 +562,13 @@ impl<'a> Talk<'a> {
         Ok(())
     }
 
-    fn send_frame(&mut self, index: u64, time_s: f64, mut counts: Vec<i32>, mut flags: FrameFlags) -> Result<(), TalkEnd> {
+    fn send_frame(
+        &mut self,
+        index: u64,
+        time_s: f64,
+        mut counts: Vec<i32>,
+        mut flags: FrameFlags,
+    ) -> Result<(), TalkEnd> {
         let emulator = self.emulator;
         let noise = emulator.felt(time_s, |fault| match fault {
             Fault::Noise { times, for_s } => Some((*times, *for_s)),

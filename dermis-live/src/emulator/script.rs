@@ -72,9 +72,13 @@ impl Script {
             return Ok(script);
         }
         let text = std::fs::read_to_string(name_or_path).map_err(|error| {
-            LiveError::Given(format!("cannot read the script {name_or_path}: {error}; give a file or one of {}", NAMED.join(", ")))
+            LiveError::Given(format!(
+                "cannot read the script {name_or_path}: {error}; give a file or one of {}",
+                NAMED.join(", ")
+            ))
         })?;
-        let script: Script = toml::from_str(&text).map_err(|error| LiveError::Given(format!("{name_or_path}: {error}")))?;
+        let script: Script =
+            toml::from_str(&text).map_err(|error| LiveError::Given(format!("{name_or_path}: {error}")))?;
         script.check(design).map_err(|message| LiveError::Given(format!("{name_or_path}: {message}")))?;
         Ok(script)
     }

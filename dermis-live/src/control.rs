@@ -1,0 +1,145 @@
+//! What people and programs may ask of a live skin.
+
+use crate::LiveError;
+use crate::emulator::Emulator;
+use crate::live::Shared;
+use crate::processor::Command;
+use dermis::geom::{Point3, Surface};
+use serde::Deserialize;
+use serde_json::Value;
+use std::sync::Arc;
+
+/// What may be asked of a live skin, as pages ask it.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(tag = "do", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Request {
+    /// Take the skin as it is for untouched.
+    Tare,
+    /// Change the threshold.
+    Threshold {
+        /// Times the method's own.
+        value: f64,
+    },
+    /// Make images otherwise.
+    Method {
+        /// The method's name.
+        name: String,
+    },
+    /// Begin or end a recording.
+    Record {
+        /// Begin.
+        on: bool,
+    },
+    /// Hold the frames of this page back.
+    Pause {
+        /// Begin.
+        on: bool,
+    },
+    /// Press the emulated skin.
+    Press {
+        /// Which finger.
+        finger: u32,
+        /// Where, m.
+        position_m: Point3,
+        /// How hard, N.
+        force_n: f64,
+    },
+    /// Lift a finger.
+    Release {
+        /// Which.
+        finger: u32,
+    },
+}
+
+/// A live skin with all that belongs to it.
+pub struct Control {
+    shared: Arc<Shared>,
+    emulator: Option<Arc<Emulator>>,
+    source: String,
+}
+
+/// The hardest press on an emulated skin, N.
+const MOST_N: f64 = 20.0;
+
+impl Control {
+    /// Of a live skin; `source` tells in words where its frames come from.
+    pub fn new(shared: Arc<Shared>, emulator: Option<Arc<Emulator>>, source: String) -> Self {
+        Control { shared, emulator, source }
+    }
+
+    /// The live skin.
+    pub fn shared(&self) -> &Arc<Shared> {
+        &self.shared
+    }
+
+    /// The emulated device, where there is one inside.
+    pub fn emulator(&self) -> Option<&Arc<Emulator>> {
+        self.emulator.as_ref()
+    }
+
+    /// Where frames come from, in words.
+    pub fn source(&self) -> &str {
+        &self.source
+    }
+
+    /// The recording as pages are told of it; `null` without one.
+    pub fn recording(&self) -> Value {
+        Value::Null
+    }
+
+    /// Lifts a finger.
+    pub fn release(&self, finger: u32) {
+        if let Some(emulator) = &self.emulator {
+            emulator.release(finger);
+        }
+    }
+
+    /// Does what is asked.
+    ///
+    /// # Errors
+    /// What cannot be done, and why.
+    pub fn carry_out(&self, request: &Request) -> Result<(), LiveError> {
+        match request {
+            Request::Tare => self.shared.command(Command::Tare),
+            Request::Threshold { value } => {
+                if !(*value > 0.0 && *value <= 1e6) {
+                    return Err(LiveError::Given(format!(
+                        "a threshold of {value}: it must be above 0 and at most 1e6"
+                    )));
+                }
+                self.shared.command(Command::Threshold { value: *value });
+            }
+            Request::Method { name } => {
+                self.shared.skin().method(name)?;
+                self.shared.command(Command::Method { name: name.clone() });
+            }
+            Request::Press { finger, position_m, force_n } => self.press(*finger, *position_m, *force_n)?,
+            Request::Release { finger } => self.release(*finger),
+            Request::Record { .. } => return Err(LiveError::Given("recording is not set up".into())),
+            Request::Pause { .. } => {}
+        }
+        Ok(())
+    }
+
+    fn press(&self, finger: u32, position_m: Point3, force_n: f64) -> Result<(), LiveError> {
+        let Some(emulator) = &self.emulator else {
+            return Err(LiveError::Given("only an emulated skin can be pressed from here".into()));
+        };
+        if !(force_n > 0.0 && force_n <= MOST_N) {
+            return Err(LiveError::Given(format!("a force of {force_n} N: it must be above 0 and at most {MOST_N}")));
+        }
+        emulator.press(finger, onto(&self.shared.skin().pixels.surface, position_m), force_n)
+    }
+}
+
+/// The point of the surface nearest to one that was picked on a drawing of it, which has corners.
+fn onto(surface: &Surface, point: Point3) -> Point3 {
+    match *surface {
+        Surface::Cylinder { length_m, .. } => {
+            let on = surface.at(point[2].clamp(0.0, length_m), point[1].atan2(point[0]));
+            on.unwrap_or(point)
+        }
+        Surface::Plane => [point[0], point[1], 0.0],
+        Surface::Free => point,
+    }
+}

@@ -1,0 +1,241 @@
+//! What pages are sent: made once for all of them, on a thread of its own.
+
+use crate::control::Control;
+use crate::live::Event;
+use crate::mailbox::Taken;
+use crate::moment::Moment;
+use crate::report::{Health, LiveContact, LiveFrame, Notice};
+use crate::server::scene::{flat_m, scene};
+use bytes::Bytes;
+use dermis::reconstruct::Quantity;
+use serde::Serialize;
+use serde_json::{Value, json};
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tokio::sync::watch;
+
+/// What there is to send now.
+#[derive(Debug)]
+pub struct Board {
+    /// The newest frame and its number among those that were sent.
+    pub frame: watch::Sender<(u64, Bytes)>,
+    /// The message `status`.
+    pub status: watch::Sender<Arc<Value>>,
+    /// The message `scene`.
+    pub scene: watch::Sender<Arc<String>>,
+}
+
+/// How often a status is made.
+const STATUS: Duration = Duration::from_millis(250);
+/// Frames over which latencies are told.
+const LATENCIES: usize = 1000;
+/// Messages that pages are shown.
+const MESSAGES: usize = 8;
+/// Frames that may wait to be drawn up; pages are shown the newest of them.
+const WAITING: usize = 64;
+
+/// Draws up what pages are sent.
+pub struct Hub {
+    control: Arc<Control>,
+    board: Arc<Board>,
+    number: u64,
+    latencies_ms: VecDeque<f32>,
+    messages: VecDeque<Notice>,
+    health: Arc<Health>,
+    method: String,
+}
+
+#[derive(Serialize)]
+struct Header<'a> {
+    sequence: u64,
+    measured_at_s: f64,
+    output_at_s: f64,
+    touched: bool,
+    contacts: Vec<Shown<'a>>,
+}
+
+#[derive(Serialize)]
+struct Shown<'a> {
+    id: u64,
+    position_m: &'a [f64; 3],
+    normal: &'a [f64; 3],
+    flat_m: Option<[f64; 2]>,
+    strength: f64,
+    area_m2: f64,
+    force_n: Option<f64>,
+    force_sd_n: Option<f64>,
+    sd_m: f64,
+    confidence: f64,
+    since_s: f64,
+}
+
+impl Board {
+    /// Nothing yet.
+    pub fn new() -> Self {
+        Board {
+            frame: watch::Sender::new((0, Bytes::new())),
+            status: watch::Sender::new(Arc::new(Value::Null)),
+            scene: watch::Sender::new(Arc::default()),
+        }
+    }
+}
+
+impl Hub {
+    /// For the pages of a live skin.
+    pub fn new(control: Arc<Control>, board: Arc<Board>) -> Self {
+        let mut hub = Hub {
+            control,
+            board,
+            number: 0,
+            latencies_ms: VecDeque::new(),
+            messages: VecDeque::new(),
+            health: Arc::default(),
+            method: String::new(),
+        };
+        hub.show_scene();
+        hub.show_status();
+        hub
+    }
+
+    /// Draws up until the live skin is stopped.
+    pub fn run(mut self) {
+        let shared = Arc::clone(self.control.shared());
+        let mailbox = shared.subscribe(WAITING);
+        let mut status_at = Instant::now();
+        loop {
+            match mailbox.take(STATUS) {
+                Taken::Item(Event::Frame(frame)) => self.take(&frame),
+                Taken::Item(Event::Notice(notice)) => self.say(notice),
+                Taken::Item(Event::Lost(why)) => {
+                    self.say(Notice { level: crate::Level::Error, text: why, at: Moment::now() });
+                }
+                Taken::Item(Event::Done(_) | Event::Connected(_)) => self.show_scene(),
+                Taken::TimedOut => {}
+                Taken::Closed => return,
+            }
+            if status_at.elapsed() >= STATUS {
+                status_at = Instant::now();
+                self.show_status();
+            }
+        }
+    }
+
+    fn take(&mut self, frame: &LiveFrame) {
+        if self.latencies_ms.len() == LATENCIES {
+            self.latencies_ms.pop_front();
+        }
+        self.latencies_ms.push_back(1e3 * frame.output_at.seconds_since(frame.received_at) as f32);
+        self.health = Arc::clone(&frame.health);
+        self.number += 1;
+        // Without a page nothing is drawn up.
+        if self.board.frame.receiver_count() > 0 {
+            self.board.frame.send_replace((self.number, self.message(frame)));
+        }
+    }
+
+    /// The binary message of a frame.
+    fn message(&self, frame: &LiveFrame) -> Bytes {
+        let surface = &self.control.shared().skin().pixels.surface;
+        let header = Header {
+            sequence: frame.sequence,
+            measured_at_s: frame.measured_at.seconds(),
+            output_at_s: frame.output_at.seconds(),
+            touched: frame.touched,
+            contacts: frame
+                .contacts
+                .iter()
+                .map(|contact| shown(contact, flat_m(surface, contact.position_m)))
+                .collect(),
+        };
+        let mut bytes = vec![0; 4];
+        serde_json::to_writer(&mut bytes, &header).expect("a header is JSON");
+        bytes.resize(bytes.len().next_multiple_of(4), b' ');
+        let length = (bytes.len() - 4) as u32;
+        bytes[..4].copy_from_slice(&length.to_le_bytes());
+        bytes.extend(frame.image.iter().flat_map(|value| value.to_le_bytes()));
+        bytes.into()
+    }
+
+    fn say(&mut self, notice: Notice) {
+        if self.messages.len() == MESSAGES {
+            self.messages.pop_front();
+        }
+        self.messages.push_back(notice);
+    }
+
+    fn show_scene(&mut self) {
+        let shared = self.control.shared();
+        let method = shared.method();
+        if method == self.method {
+            return;
+        }
+        let skin = shared.skin();
+        let quantity = skin.method(&method).map_or(Quantity::Change, |method| method.method.quantity());
+        let names: Vec<String> = skin.method_names().map(str::to_string).collect();
+        let text = scene(skin, quantity, &names, self.control.emulator().is_some()).to_string();
+        self.method = method;
+        self.board.scene.send_replace(Arc::new(text));
+    }
+
+    fn show_status(&mut self) {
+        let shared = self.control.shared();
+        let state = shared.settings();
+        let Health { electrodes, noise, rate_hz, counts, .. } = &*self.health;
+        let connected = shared.facts().is_some();
+        let messages = self
+            .messages
+            .iter()
+            .map(|notice| json!({ "level": notice.level, "text": notice.text, "at_s": notice.at.seconds() }));
+        let status = json!({
+            "type": "status",
+            "connected": connected,
+            "source": self.control.source(),
+            "method": shared.method(),
+            "method_note": shared.method_note(),
+            "paused": false,
+            "recording": self.control.recording(),
+            "threshold": state.threshold,
+            "rate_hz": if connected { *rate_hz } else { 0.0 },
+            "latency_ms": latency(&self.latencies_ms),
+            "noise": noise,
+            "counts": {
+                "frames": counts.frames,
+                "lost": counts.lost,
+                "repeated": counts.repeated,
+                "reordered": counts.reordered,
+                "damaged": counts.damaged,
+                "skipped": 0,
+            },
+            "electrodes": electrodes,
+            "messages": messages.collect::<Vec<_>>(),
+        });
+        self.board.status.send_replace(Arc::new(status));
+    }
+}
+
+fn shown(contact: &LiveContact, flat_m: Option<[f64; 2]>) -> Shown<'_> {
+    Shown {
+        id: contact.id,
+        position_m: &contact.position_m,
+        normal: &contact.normal,
+        flat_m,
+        strength: contact.strength,
+        area_m2: contact.area_m2,
+        force_n: contact.force_n,
+        force_sd_n: contact.force_sd_n,
+        sd_m: contact.sd_m,
+        confidence: contact.confidence,
+        since_s: contact.since.seconds(),
+    }
+}
+
+fn latency(latencies_ms: &VecDeque<f32>) -> Value {
+    let mut sorted: Vec<f32> = latencies_ms.iter().copied().collect();
+    if sorted.is_empty() {
+        return Value::Null;
+    }
+    sorted.sort_by(f32::total_cmp);
+    let at = |part: f64| sorted[((sorted.len() - 1) as f64 * part).round() as usize];
+    json!({ "median": at(0.5), "p99": at(0.99) })
+}

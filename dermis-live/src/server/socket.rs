@@ -1,0 +1,146 @@
+//! The WebSocket of one page.
+
+use super::{Shared, may_talk};
+use crate::control::Request;
+use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
+use axum::extract::{Query, State};
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::Deserialize;
+use serde_json::{Value, json};
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Bytes of the longest message that a page may send.
+const LONGEST: usize = 4096;
+/// A page that takes nothing for so long is gone.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// What the address of the WebSocket says.
+#[derive(Debug, Deserialize)]
+pub(super) struct Asked {
+    token: Option<String>,
+}
+
+/// A page opens its WebSocket.
+pub(super) async fn open(
+    State(shared): State<Arc<Shared>>,
+    Query(asked): Query<Asked>,
+    headers: HeaderMap,
+    upgrade: WebSocketUpgrade,
+) -> Response {
+    let header = |name| headers.get(name).and_then(|value| value.to_str().ok());
+    if !may_talk(&shared, asked.token.as_deref(), header(header::ORIGIN), header(header::HOST)) {
+        return (StatusCode::FORBIDDEN, "this page may not talk to the skin: open the address that dermis printed\n")
+            .into_response();
+    }
+    upgrade.max_message_size(LONGEST).max_frame_size(LONGEST).on_upgrade(move |socket| Page::new(shared).serve(socket))
+}
+
+/// One page.
+struct Page {
+    shared: Arc<Shared>,
+    paused: bool,
+    /// The number of the last frame that it was sent, and frames that it was not sent as it read slowly.
+    last: Option<u64>,
+    skipped: u64,
+    /// Its fingers on the emulated skin.
+    fingers: BTreeSet<u32>,
+}
+
+impl Page {
+    fn new(shared: Arc<Shared>) -> Self {
+        Page { shared, paused: false, last: None, skipped: 0, fingers: BTreeSet::new() }
+    }
+
+    async fn serve(mut self, mut socket: WebSocket) {
+        // The line is broken or closed: there is nobody to tell.
+        let _ = self.talk(&mut socket).await;
+        self.fingers.iter().for_each(|&finger| self.shared.control.release(finger));
+    }
+
+    async fn talk(&mut self, socket: &mut WebSocket) -> Result<(), ()> {
+        let board = Arc::clone(&self.shared.board);
+        let (mut scenes, mut statuses, mut frames) =
+            (board.scene.subscribe(), board.status.subscribe(), board.frame.subscribe());
+        let scene = scenes.borrow_and_update().clone();
+        send(socket, Message::text(scene.as_str())).await?;
+        let status = self.status(&statuses.borrow_and_update());
+        send(socket, status).await?;
+        frames.mark_unchanged();
+        loop {
+            tokio::select! {
+                changed = scenes.changed() => {
+                    changed.map_err(drop)?;
+                    let scene = scenes.borrow_and_update().clone();
+                    send(socket, Message::text(scene.as_str())).await?;
+                }
+                changed = statuses.changed() => {
+                    changed.map_err(drop)?;
+                    let status = self.status(&statuses.borrow_and_update());
+                    send(socket, status).await?;
+                }
+                changed = frames.changed(), if !self.paused => {
+                    changed.map_err(drop)?;
+                    let (number, bytes) = frames.borrow_and_update().clone();
+                    self.skipped += self.last.map_or(0, |last| number.saturating_sub(last + 1));
+                    self.last = Some(number);
+                    send(socket, Message::Binary(bytes)).await?;
+                }
+                received = socket.recv() => match received {
+                    Some(Ok(Message::Text(text))) => {
+                        if let Err(why) = self.obey(&text) {
+                            let refused = json!({ "type": "refused", "why": why }).to_string();
+                            send(socket, Message::text(refused)).await?;
+                        }
+                    }
+                    Some(Ok(Message::Close(_)) | Err(_)) | None => return Ok(()),
+                    Some(Ok(_)) => {}
+                },
+            }
+        }
+    }
+
+    /// The status with what is this page's own.
+    fn status(&self, status: &Value) -> Message {
+        let mut status = status.clone();
+        status["paused"] = self.paused.into();
+        status["counts"]["skipped"] = self.skipped.into();
+        Message::text(status.to_string())
+    }
+
+    fn obey(&mut self, text: &str) -> Result<(), String> {
+        let request: Request =
+            serde_json::from_str(text).map_err(|error| format!("this message is no command: {error}"))?;
+        match request {
+            Request::Pause { on } => {
+                self.paused = on;
+                // What passed meanwhile was not wanted.
+                self.last = None;
+                return Ok(());
+            }
+            Request::Press { finger, .. } => {
+                if !self.fingers.contains(&finger) && self.fingers.len() >= MOST_FINGERS {
+                    return Err(format!("{MOST_FINGERS} fingers are the most"));
+                }
+                self.fingers.insert(finger);
+            }
+            Request::Release { finger } => {
+                self.fingers.remove(&finger);
+            }
+            _ => {}
+        }
+        self.shared.control.carry_out(&request).map_err(|error| error.to_string())
+    }
+}
+
+/// Fingers of a page that may press at once.
+const MOST_FINGERS: usize = 10;
+
+async fn send(socket: &mut WebSocket, message: Message) -> Result<(), ()> {
+    match tokio::time::timeout(PATIENCE, socket.send(message)).await {
+        Ok(Ok(())) => Ok(()),
+        _ => Err(()),
+    }
+}
