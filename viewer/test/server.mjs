@@ -19,12 +19,15 @@ const UNREAD_BYTES = 100_000;
 
 /**
  * Options: `port`; `rate` frames a second; `touches(timeS)` what moves by itself; `scene` and `frame(sequence, touches)`
- * for another body; `electrodes` their health. The answer holds `commands` (all received) and `close()`.
+ * for another body; `electrodes` their health. The answer holds `commands` and `addresses`
+ * (all received), `tell(message)`, `mute()` (the line stays open, nothing is said) and `close()`.
  */
 export async function startServer(options = {}) {
   const { rate = 120, touches: moving = () => [], scene = cylinder(), frame = image, connected = true } = options;
   const state = { method: scene.methods[0], threshold: 1, paused: false, recording: null };
   const commands = [];
+  const addresses = [];
+  let muted = false;
   const fingers = new Map();
   const lasting = new Map();
   const messages = [{ level: "warning", text: "electrode 7 is loose: its readings are left out", at_s: Date.now() / 1000 }];
@@ -83,7 +86,8 @@ export async function startServer(options = {}) {
     if (!["press", "release"].includes(command.do)) tell(status());
   }
 
-  sockets.on("connection", (client) => {
+  sockets.on("connection", (client, request) => {
+    addresses.push(request.url);
     client.on("message", (data) => obey(client, JSON.parse(data.toString())));
     client.send(JSON.stringify(scene));
     client.send(JSON.stringify(status()));
@@ -111,6 +115,7 @@ export async function startServer(options = {}) {
 
   // Timers fire late: what is due by now is sent now.
   const beat = setInterval(() => {
+    if (muted) return;
     const due = Math.floor(((performance.now() - started) / 1000) * rate);
     for (; sent < due; sent += 1) sendFrame();
     if (performance.now() - sinceStatus > 250) {
@@ -125,7 +130,9 @@ export async function startServer(options = {}) {
     port,
     address: `http://127.0.0.1:${port}/`,
     commands,
+    addresses,
     tell,
+    mute: () => (muted = true),
     get sequence() {
       return sequence;
     },
