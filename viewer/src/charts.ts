@@ -165,11 +165,11 @@ export class Charts {
     for (const strip of [this.contacts, this.rate, this.latency, this.noise]) strip.resize();
   }
 
+  /** Forgets the contacts of another scene; how the frames come is the same line's story. */
   clear(): void {
     for (const line of this.lines) line.fill(null);
     this.names.fill("");
     this.lastBin.clear();
-    this.readings = [];
     this.force = false;
     this.contacts.setTitle("Contact strength (mm²)");
   }

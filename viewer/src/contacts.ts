@@ -8,11 +8,13 @@ import type { Contact } from "./types";
 export class ContactList {
   private readonly list = part("contact-list");
   private readonly none = part("no-contacts");
+  private readonly count = part("contact-count");
   private rows: { row: HTMLElement; name: HTMLElement; size: HTMLElement; details: HTMLElement }[] = [];
 
   update(contacts: readonly Contact[], slots: readonly number[], theme: Theme): void {
     while (this.rows.length < contacts.length) this.rows.push(this.addRow());
     show(this.none, contacts.length === 0);
+    say(this.count, contacts.length === 0 ? "" : `${contacts.length}`);
     this.rows.forEach(({ row, name, size, details }, k) => {
       const contact = contacts[k];
       show(row, contact !== undefined);

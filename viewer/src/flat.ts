@@ -13,7 +13,7 @@ export class Flat {
     this.size = unrolled.size_m;
     this.wraps = unrolled.wraps;
     this.surface = scene.surface;
-    this.origin = scene.surface.kind === "plane" ? smallestCorner(scene.skin.vertices_m) : [0, 0];
+    this.origin = scene.surface.kind === "plane" ? corner(scene.skin.vertices_m, this.size) : [0, 0];
   }
 
   /** The point of the body under a point of the layout; null outside, and where the body has no formula. */
@@ -59,11 +59,14 @@ export class Flat {
   }
 }
 
-function smallestCorner(vertices: number[]): Vec2 {
-  let [x, y] = [Infinity, Infinity];
-  for (let k = 0; k + 2 < vertices.length; k += 3) {
-    x = Math.min(x, vertices[k] as number);
-    y = Math.min(y, vertices[k + 1] as number);
-  }
-  return [x, y];
+/** The corner of a picture of this size round the middle of the vertices: a disk's polygon is a little smaller than the disk. */
+function corner(vertices: number[], [width, height]: Vec2): Vec2 {
+  const low: Vec2 = [Infinity, Infinity];
+  const high: Vec2 = [-Infinity, -Infinity];
+  for (let k = 0; k + 2 < vertices.length; k += 3)
+    for (const axis of [0, 1] as const) {
+      low[axis] = Math.min(low[axis], vertices[k + axis] as number);
+      high[axis] = Math.max(high[axis], vertices[k + axis] as number);
+    }
+  return [0.5 * (low[0] + high[0] - width), 0.5 * (low[1] + high[1] - height)];
 }

@@ -255,12 +255,17 @@ export class UnrolledView {
   private drawElectrode(pen: CanvasRenderingContext2D, body: Body, place: Vec2, electrode: number): void {
     const ink = INK[this.theme];
     const state = this.health[electrode]?.state ?? "sound";
-    const { x, width, perMetre } = this.area(body);
+    const { x, y, width, height, perMetre } = this.area(body);
     const radius = Math.max((body.scene.electrodes[electrode]?.radius_m ?? 0.003) * perMetre, 2.5);
     for (const copy of this.copies(body, place)) {
       const [cx, cy] = this.onCanvas(body, copy);
       if (cx < x - radius || cx > x + width + radius) continue;
       if (state === "sound") {
+        // On a rim an electrode is half a disc; beyond it stand the axes.
+        pen.save();
+        pen.beginPath();
+        pen.rect(x - 3, y - 3, width + 6, height + 6);
+        pen.clip();
         pen.beginPath();
         pen.arc(cx, cy, radius, 0, 2 * Math.PI);
         pen.fillStyle = ink.sound;
@@ -268,6 +273,7 @@ export class UnrolledView {
         pen.lineWidth = 1.5;
         pen.fill();
         pen.stroke();
+        pen.restore();
         if (this.showNumbers) words(pen, `${electrode}`, cx, cy - radius - 3, ink.text, ink.halo, 11);
       } else {
         words(pen, STATE_SYMBOL[state], cx, cy + 6, ink[state], ink.halo, 17);

@@ -130,7 +130,7 @@ test("flat: a cylinder there and back, and round the seam", () => {
   assert.equal(flat.toSpace([0.1, 0.31]), null);
 });
 
-test("flat: a plane's corner is that of its vertices", () => {
+test("flat: a plane's picture lies round the middle of its vertices", () => {
   const { scene: square } = squareScene();
   const flat = new Flat(square, square.unrolled);
   assert.deepEqual(flat.origin, [-0.1, -0.1]);
