@@ -86,3 +86,48 @@ impl Drop for Progress {
         self.bar.finish_and_clear();
     }
 }
+
+/// Calls something when a person interrupts (Ctrl-C) or the system asks to end; a second interrupt ends at once.
+pub fn on_interrupt(mut then: impl FnMut() + Send + 'static) -> Outcome {
+    let mut asked = false;
+    let handler = move || {
+        if asked {
+            std::process::exit(130);
+        }
+        asked = true;
+        then();
+    };
+    ctrlc::set_handler(handler).map_err(|error| Failure::Ours(format!("no handler of interrupts: {error}")))
+}
+
+/// A line on the terminal that is drawn again and again; nothing where standard error is no terminal.
+#[derive(Debug)]
+pub struct StatusLine {
+    bar: ProgressBar,
+}
+
+impl StatusLine {
+    /// An empty line.
+    pub fn new() -> Self {
+        let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
+        bar.set_style(ProgressStyle::with_template("{msg}").expect("a valid template"));
+        StatusLine { bar }
+    }
+
+    /// Draws the line.
+    pub fn show(&self, text: &str) {
+        self.bar.set_message(text.to_string());
+        self.bar.tick();
+    }
+
+    /// Prints something above it.
+    pub fn print(&self, text: &str) {
+        if self.bar.is_hidden() { eprintln!("{text}") } else { self.bar.println(text) }
+    }
+}
+
+impl Drop for StatusLine {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}

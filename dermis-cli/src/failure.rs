@@ -95,6 +95,16 @@ impl From<dermis_learn::LearnError> for Failure {
     }
 }
 
+impl From<dermis_live::LiveError> for Failure {
+    fn from(error: dermis_live::LiveError) -> Self {
+        match error {
+            dermis_live::LiveError::Dermis(error) => error.into(),
+            dermis_live::LiveError::Learn(error) => error.into(),
+            error => Failure::given(error, None),
+        }
+    }
+}
+
 /// A table can be long: only where it begins is marked.
 fn first_line_of(span: std::ops::Range<usize>) -> SourceSpan {
     const MOST: usize = 80;

@@ -2,10 +2,12 @@
 
 mod command;
 mod console;
+mod emulated;
 mod exhibit;
 mod failure;
 mod figures;
 mod frames;
+mod latency;
 mod line_up;
 mod method;
 mod picture;

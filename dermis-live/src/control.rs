@@ -3,11 +3,14 @@
 use crate::LiveError;
 use crate::emulator::Emulator;
 use crate::live::Shared;
+use crate::moment::Moment;
 use crate::processor::Command;
+use crate::sink::{Taping, Told};
 use dermis::geom::{Point3, Surface};
 use serde::Deserialize;
-use serde_json::Value;
-use std::sync::Arc;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// What may be asked of a live skin, as pages ask it.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -51,11 +54,22 @@ pub enum Request {
     },
 }
 
-/// A live skin with all that belongs to it.
+/// A live skin with all that belongs to it: what pages and programs talk to.
 pub struct Control {
     shared: Arc<Shared>,
     emulator: Option<Arc<Emulator>>,
     source: String,
+    tapes: Tapes,
+    taping: Mutex<Option<Taping>>,
+}
+
+/// Where recordings go, and what they carry.
+#[derive(Debug, Clone, Default)]
+pub struct Tapes {
+    /// The folder of recordings that pages ask for; they are named by the time.
+    pub folder: PathBuf,
+    /// The twin that an emulator plays.
+    pub twin_toml: Option<String>,
 }
 
 /// The hardest press on an emulated skin, N.
@@ -63,8 +77,8 @@ const MOST_N: f64 = 20.0;
 
 impl Control {
     /// Of a live skin; `source` tells in words where its frames come from.
-    pub fn new(shared: Arc<Shared>, emulator: Option<Arc<Emulator>>, source: String) -> Self {
-        Control { shared, emulator, source }
+    pub fn new(shared: Arc<Shared>, emulator: Option<Arc<Emulator>>, source: String, tapes: Tapes) -> Self {
+        Control { shared, emulator, source, tapes, taping: Mutex::new(None) }
     }
 
     /// The live skin.
@@ -84,7 +98,36 @@ impl Control {
 
     /// The recording as pages are told of it; `null` without one.
     pub fn recording(&self) -> Value {
-        Value::Null
+        let taping = self.lock();
+        let Some(taping) = &*taping else { return Value::Null };
+        let told = taping.told();
+        let bytes = std::fs::metadata(taping.path()).map_or(0, |file| file.len());
+        let path = taping.path().display().to_string();
+        json!({ "path": path, "frames": told.written.frames, "bytes": bytes, "problem": told.problem })
+    }
+
+    /// Begins a recording.
+    ///
+    /// # Errors
+    /// One that is being made already; a file that is there already.
+    pub fn record(&self, path: &Path) -> Result<(), LiveError> {
+        let mut taping = self.lock();
+        if let Some(taping) = &*taping {
+            return Err(LiveError::Given(format!("{} is being recorded already", taping.path().display())));
+        }
+        *taping = Some(Taping::start(&self.shared, path, self.tapes.twin_toml.as_deref())?);
+        Ok(())
+    }
+
+    /// Ends the recording, if there is one; its file and how it went.
+    pub fn end_recording(&self) -> Option<(PathBuf, Told)> {
+        let taping = self.lock().take()?;
+        let path = taping.path().to_path_buf();
+        Some((path, taping.stop()))
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Option<Taping>> {
+        self.taping.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Lifts a finger.
@@ -115,7 +158,12 @@ impl Control {
             }
             Request::Press { finger, position_m, force_n } => self.press(*finger, *position_m, *force_n)?,
             Request::Release { finger } => self.release(*finger),
-            Request::Record { .. } => return Err(LiveError::Given("recording is not set up".into())),
+            Request::Record { on: true } => {
+                let seconds = Moment::now().unix_ns / 1_000_000_000;
+                let name = format!("{}-{seconds}.mcap", self.shared.skin().design.name);
+                self.record(&self.tapes.folder.join(name))?;
+            }
+            Request::Record { on: false } => drop(self.end_recording()),
             Request::Pause { .. } => {}
         }
         Ok(())

@@ -47,6 +47,9 @@ pub enum LiveError {
         /// How.
         message: String,
     },
+    /// A recording that cannot be read or written.
+    #[error(transparent)]
+    Record(#[from] crate::record::RecordError),
     /// An argument that cannot be.
     #[error("{0}")]
     Given(String),

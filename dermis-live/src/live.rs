@@ -41,6 +41,8 @@ pub enum Event {
     Notice(Notice),
     /// A command was carried out, before the frames that follow.
     Done(Command),
+    /// What the processor remembers between the frames before and after, where it was asked for.
+    State(Arc<State>),
 }
 
 /// A skin that is being read.
@@ -59,6 +61,7 @@ pub struct Shared {
     state: Mutex<State>,
     facts: Mutex<Option<Arc<DeviceFacts>>>,
     method: Mutex<String>,
+    tells_state: AtomicBool,
     stopped: AtomicBool,
 }
 
@@ -96,6 +99,7 @@ impl Live {
             state: Mutex::new(processor.state().clone()),
             facts: Mutex::default(),
             method: Mutex::new(processor.method().name.clone()),
+            tells_state: AtomicBool::new(false),
             stopped: AtomicBool::new(false),
             skin,
         });
@@ -159,6 +163,11 @@ impl Shared {
         lock(&self.commands).push_back(command);
     }
 
+    /// Has [`Event::State`] told before the next frame.
+    pub fn tell_state(&self) {
+        self.tells_state.store(true, Ordering::Relaxed);
+    }
+
     /// What the processor remembered a few seconds ago at most.
     pub fn state(&self) -> State {
         lock(&self.state).clone()
@@ -189,7 +198,8 @@ impl Shared {
         self.incoming.dropped()
     }
 
-    fn is_stopped(&self) -> bool {
+    /// Whether all is to end.
+    pub fn is_stopped(&self) -> bool {
         self.stopped.load(Ordering::Relaxed)
     }
 
@@ -301,6 +311,9 @@ impl Maker {
     }
 
     fn obey(&mut self) {
+        if self.shared.tells_state.swap(false, Ordering::Relaxed) {
+            self.shared.tell(&Event::State(Arc::new(self.processor.state().clone())));
+        }
         loop {
             let Some(command) = lock(&self.shared.commands).pop_front() else { return };
             match self.processor.command(&command) {

@@ -107,8 +107,6 @@ pub struct Processor {
     wiring: Wiring,
     state: State,
     method: NamedMethod,
-    /// Channels that the method was made without.
-    made_without: Vec<bool>,
     /// Channels that are left out now.
     silent: Vec<bool>,
     detector: Detector,
@@ -127,6 +125,8 @@ pub struct State {
     begun: Option<Moment>,
     last: Option<Moment>,
     frames: u64,
+    /// Channels that the method was made without.
+    made_without: Vec<usize>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -164,7 +164,7 @@ impl Processor {
     /// A method that there is not, settings out of their ranges.
     pub fn new(skin: Arc<LiveSkin>, settings: Settings) -> Result<Self, LiveError> {
         let phase = Phase::Taring { frames: Vec::new() };
-        Self::resume(skin, State { settings, phase, begun: None, last: None, frames: 0 })
+        Self::resume(skin, State { settings, phase, begun: None, last: None, frames: 0, made_without: Vec::new() })
     }
 
     /// A processor that goes on where another one was.
@@ -173,13 +173,15 @@ impl Processor {
     /// A method that there is not, settings out of their ranges, a state of another skin.
     pub fn resume(skin: Arc<LiveSkin>, state: State) -> Result<Self, LiveError> {
         state.settings.check()?;
-        let method = skin.by_name(&state.settings.method)?.clone();
         let channel_count = skin.design.protocol.channel_count();
         state.check(channel_count)?;
+        let mut method = skin.by_name(&state.settings.method)?.clone();
+        if let (Some(prior), false) = (method.prior, state.made_without.is_empty()) {
+            method = skin.linear_method(&method.name, prior, &state.made_without)?;
+        }
         let mut processor = Processor {
             drifts: Drifts::of(&skin),
             wiring: Wiring::of(&skin),
-            made_without: vec![false; channel_count],
             silent: vec![false; channel_count],
             detector: Detector::new(DetectOptions::default()),
             image: Image { space: Arc::clone(&skin.pixels), values: vec![0.0; skin.pixels.len()] },
@@ -223,7 +225,7 @@ impl Processor {
 
     /// Whether the method would do better if it were [made anew](Command::Rebuild) without the channels that are left out.
     pub fn wants_rebuild(&self) -> bool {
-        self.method.prior.is_some() && self.made_without != self.silent
+        self.method.prior.is_some() && self.state.made_without != numbers(&self.silent)
     }
 
     /// The linear method without the channels that are left out now, for [`install`](Self::install): what
@@ -242,7 +244,7 @@ impl Processor {
         let wanted = rebuilt.silent == self.silent && rebuilt.method.name == self.method.name;
         if wanted {
             self.method = rebuilt.method;
-            self.made_without = rebuilt.silent;
+            self.state.made_without = numbers(&rebuilt.silent);
             self.prepare()?;
         }
         Ok(wanted)
@@ -258,7 +260,7 @@ impl Processor {
             Command::Threshold { value } => self.set(Settings { threshold: *value, ..self.state.settings.clone() })?,
             Command::Method { name } => {
                 self.method = self.skin.by_name(name)?.clone();
-                self.made_without = vec![false; self.silent.len()];
+                self.state.made_without.clear();
                 self.set(Settings { method: name.clone(), ..self.state.settings.clone() })?;
             }
             Command::Zones { zones } => self.set(Settings { zones: zones.clone(), ..self.state.settings.clone() })?,
@@ -458,6 +460,11 @@ impl Processor {
     }
 }
 
+/// Which of a list are marked.
+fn numbers(marked: &[bool]) -> Vec<usize> {
+    (0..marked.len()).filter(|&index| marked[index]).collect()
+}
+
 /// A linear method to be made without some channels, on any thread.
 #[derive(Debug, Clone)]
 pub struct Rebuilding {
@@ -480,8 +487,7 @@ impl Rebuilding {
     /// # Errors
     /// Too few channels left.
     pub fn run(self) -> Result<Rebuilt, LiveError> {
-        let channels: Vec<usize> = (0..self.silent.len()).filter(|&channel| self.silent[channel]).collect();
-        let method = self.skin.linear_method(&self.name, self.prior, &channels)?;
+        let method = self.skin.linear_method(&self.name, self.prior, &numbers(&self.silent))?;
         Ok(Rebuilt { method, silent: self.silent })
     }
 }
@@ -537,7 +543,7 @@ impl State {
                     && reading.untouched.iter().all(|frame| frame.len() == channel_count)
             }
         };
-        if fits {
+        if fits && self.made_without.iter().all(|&channel| channel < channel_count) {
             return Ok(());
         }
         Err(LiveError::Given(format!(

@@ -109,6 +109,11 @@ impl LiveSkin {
         self.methods.iter().map(|method| method.name.as_str())
     }
 
+    /// The names of its networks.
+    pub fn networks(&self) -> impl DoubleEndedIterator<Item = &str> {
+        self.methods.iter().filter(|method| method.prior.is_none()).map(|method| method.name.as_str())
+    }
+
     /// A method by its name.
     ///
     /// # Errors

@@ -1,7 +1,7 @@
 //! A place where something touches the skin: one type for truth and estimate.
 
 use crate::geom::Point3;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 /// One place where something touches the skin, true or estimated.
 ///
@@ -15,12 +15,16 @@ pub struct Contact {
     /// Outward unit normal there.
     pub normal: Point3,
     /// Integral of the image over the contact: relative change of conductance times area, m2.
+    #[serde(deserialize_with = "number_or_null")]
     pub strength: f64,
     /// Area where the image exceeds half of the contact's peak, m2.
+    #[serde(deserialize_with = "number_or_null")]
     pub area_m2: f64,
     /// Normal force on the skin, positive when pressing, N.
+    #[serde(deserialize_with = "number_or_null")]
     pub force_n: f64,
     /// Standard deviation of the position along the surface, per axis, m.
+    #[serde(deserialize_with = "number_or_null")]
     pub sd_m: f64,
     /// Probability that a true contact lies within 20 mm.
     pub confidence: f64,
@@ -39,5 +43,23 @@ impl Contact {
             sd_m: f64::NAN,
             confidence: 1.0,
         }
+    }
+}
+
+/// JSON has no `NaN`: it is written as `null`, and read back from it.
+fn number_or_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::NAN))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_not_known_comes_back_from_json_as_such() {
+        let contact = Contact { strength: 0.1, ..Contact::truth([1.0, 2.0, 3.0], [0.0, 0.0, 1.0], f64::NAN) };
+        let back: Contact = serde_json::from_str(&serde_json::to_string(&contact).unwrap()).unwrap();
+        assert!(back.force_n.is_nan() && back.area_m2.is_nan());
+        assert_eq!((back.strength, back.position_m), (0.1, [1.0, 2.0, 3.0]));
     }
 }

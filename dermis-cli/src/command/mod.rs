@@ -4,16 +4,20 @@ pub mod assess;
 mod calibrate;
 mod contacts;
 mod demo;
+mod emulate;
 mod evaluate;
 mod experiment;
 mod export;
 mod forward;
 mod jacobian;
+mod live;
 mod mesh;
 mod new;
 pub mod plot;
 mod reconstruct;
+mod replay;
 mod reproduce;
+mod scan_table;
 mod schema;
 mod simulate;
 mod train;
@@ -52,11 +56,19 @@ pub enum Command {
     Simulate(simulate::Arguments),
     /// Train a network on datasets.
     Train(train::Arguments),
+    /// Read a skin as it is touched: contacts, a page to see them on, recordings, ROS 2.
+    Live(live::Arguments),
+    /// A device to try without hardware: a twin that speaks the wire protocol.
+    Emulate(emulate::Arguments),
+    /// Make the contacts of a recording anew.
+    Replay(replay::Arguments),
+    /// Write what an instrument for a skin reads, in which order.
+    ScanTable(scan_table::Arguments),
     /// Write a commented design file to start from.
     New(new::Arguments),
     /// Draw a skin: mesh, electrodes, sensitivity, an image, where touches were found.
     Plot(plot::Arguments),
-    /// Print the JSON schema of design files, or of twin files.
+    /// Print the JSON schema of design files, twin files, scripts of touches or live frames.
     Schema(schema::Arguments),
 }
 
@@ -78,6 +90,10 @@ impl Command {
             Command::Reproduce(arguments) => arguments.run(),
             Command::Simulate(arguments) => arguments.run(),
             Command::Train(arguments) => arguments.run(),
+            Command::Live(arguments) => arguments.run(),
+            Command::Emulate(arguments) => arguments.run(),
+            Command::Replay(arguments) => arguments.run(),
+            Command::ScanTable(arguments) => arguments.run(),
             Command::New(arguments) => arguments.run(),
             Command::Plot(arguments) => arguments.run(),
             Command::Schema(arguments) => arguments.run(),

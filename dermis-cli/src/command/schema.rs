@@ -1,10 +1,12 @@
-//! `dermis schema`: the JSON schemas of design and twin files.
+//! `dermis schema`: the JSON schemas of design and twin files, scripts and live frames.
 
 use crate::console::print_json;
 use crate::failure::Outcome;
 use clap::Args;
 use dermis::design::SkinDesign;
 use dermis::twin::TwinOptions;
+use dermis_live::emulator::Script;
+use dermis_live::jsonl::FrameLine;
 
 /// The arguments of `dermis schema`.
 #[derive(Debug, Args)]
@@ -12,11 +14,22 @@ pub struct Arguments {
     /// The schema of twin files in place of design files.
     #[arg(long)]
     twin: bool,
+    /// The schema of scripts of touches for `dermis emulate`.
+    #[arg(long, conflicts_with = "twin")]
+    touch: bool,
+    /// The schema of a line of `dermis live --jsonl`.
+    #[arg(long, conflicts_with_all = ["twin", "touch"])]
+    jsonl: bool,
 }
 
 impl Arguments {
     /// Prints the schema.
     pub fn run(self) -> Outcome {
-        print_json(&if self.twin { TwinOptions::json_schema() } else { SkinDesign::json_schema() })
+        print_json(&match self {
+            Arguments { twin: true, .. } => TwinOptions::json_schema(),
+            Arguments { touch: true, .. } => Script::json_schema(),
+            Arguments { jsonl: true, .. } => FrameLine::json_schema(),
+            _ => SkinDesign::json_schema(),
+        })
     }
 }

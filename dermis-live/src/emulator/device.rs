@@ -75,6 +75,14 @@ pub enum Port {
     Tcp(TcpListener),
     /// As a serial port.
     Serial(serial2::SerialPort),
+    /// As a pseudo terminal; its other end is held open, so that it outlives its hosts.
+    #[cfg(unix)]
+    Terminal {
+        /// The device's end.
+        device: std::fs::File,
+        /// The hosts' end.
+        _host: std::fs::File,
+    },
 }
 
 /// Bits of a converter where the twin has none.
@@ -242,6 +250,14 @@ impl Emulator {
                 }
                 Ok(())
             }
+            #[cfg(unix)]
+            Port::Terminal { mut device, _host } => {
+                while !self.stopped.load(Ordering::Relaxed) {
+                    self.converse(&mut device)?;
+                    std::thread::sleep(Duration::from_millis(20));
+                }
+                Ok(())
+            }
             Port::Tcp(listener) => {
                 listener.set_nonblocking(true).map_err(broken)?;
                 while !self.stopped.load(Ordering::Relaxed) {
@@ -316,6 +332,20 @@ impl Wire for TcpStream {
             Ok(count) => Ok(count),
             Err(error) => nothing_yet(error),
         }
+    }
+
+    fn say(&mut self, bytes: &[u8]) -> std::io::Result<()> {
+        self.write_all(bytes)
+    }
+}
+
+#[cfg(unix)]
+impl Wire for std::fs::File {
+    fn heard(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        use rustix::event::{PollFd, PollFlags, poll};
+        let now = rustix::event::Timespec { tv_sec: 0, tv_nsec: 0 };
+        let ready = poll(&mut [PollFd::new(&*self, PollFlags::IN)], Some(&now))?;
+        if ready == 0 { Ok(0) } else { self.read(buffer).or_else(nothing_yet) }
     }
 
     fn say(&mut self, bytes: &[u8]) -> std::io::Result<()> {

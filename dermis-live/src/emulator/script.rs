@@ -133,6 +133,11 @@ impl Script {
         Ok(())
     }
 
+    /// JSON schema of a script's file.
+    pub fn json_schema() -> serde_json::Value {
+        schemars::schema_for!(Script).to_value()
+    }
+
     /// What presses at some time, s, with a tip of some radius.
     pub fn presses(&self, time_s: f64, surface: &Surface, tip_radius_m: f64) -> Vec<Press> {
         let time_s = self.repeat_s.map_or(time_s, |repeat_s| time_s.rem_euclid(repeat_s));

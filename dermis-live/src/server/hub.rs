@@ -111,7 +111,7 @@ impl Hub {
                     self.say(Notice { level: crate::Level::Error, text: why, at: Moment::now() });
                 }
                 Taken::Item(Event::Done(_) | Event::Connected(_)) => self.show_scene(),
-                Taken::TimedOut => {}
+                Taken::Item(Event::State(_)) | Taken::TimedOut => {}
                 Taken::Closed => return,
             }
             if status_at.elapsed() >= STATUS {

@@ -1,0 +1,59 @@
+//! `dermis emulate`: a twin that speaks the wire protocol.
+
+use crate::console::print;
+use crate::emulated::EmulatorArguments;
+use crate::failure::{Failure, Outcome};
+use clap::Args;
+use dermis::design::SkinDesign;
+use dermis_live::emulator::Port;
+use std::net::TcpListener;
+use std::sync::Arc;
+
+/// The arguments of `dermis emulate`.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// The design: a path, or a shipped name.
+    design: String,
+    #[command(flatten)]
+    emulator: EmulatorArguments,
+    /// Where it can be reached over TCP; port 0 is any free one.
+    #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:7420")]
+    tcp: String,
+    /// As a serial port in place of TCP: a pseudo terminal, whose path is printed.
+    #[arg(long, conflicts_with = "tcp")]
+    pty: bool,
+}
+
+impl Arguments {
+    /// Serves hosts until it is interrupted.
+    pub fn run(self) -> Outcome {
+        let design = SkinDesign::load(&self.design)?;
+        let emulator = self.emulator.emulator(&design)?;
+        let port = if self.pty { pseudo_terminal()? } else { listener(&self.tcp)? };
+        let stopped = Arc::clone(&emulator);
+        crate::console::on_interrupt(move || stopped.stop())?;
+        print(&format!("{}\n", port.1))?;
+        Ok(emulator.serve(port.0)?)
+    }
+}
+
+fn listener(address: &str) -> Outcome<(Port, String)> {
+    let listener = TcpListener::bind(address).and_then(|listener| Ok((listener.local_addr()?, listener)));
+    let (bound, listener) = listener.map_err(|error| {
+        let fix = "give another --tcp HOST:PORT; port 0 is any free one";
+        Failure::given(format!("cannot listen at {address}: {error}"), Some(fix))
+    })?;
+    Ok((Port::Tcp(listener), format!("tcp:{bound}")))
+}
+
+#[cfg(unix)]
+fn pseudo_terminal() -> Outcome<(Port, String)> {
+    let failed = |error: std::io::Error| Failure::given(format!("no pseudo terminal can be had: {error}"), None);
+    let (port, path) = dermis_live::emulator::pseudo_terminal().map_err(failed)?;
+    Ok((port, format!("serial:{}", path.display())))
+}
+
+#[cfg(not(unix))]
+fn pseudo_terminal() -> Outcome<(Port, String)> {
+    Err(Failure::given("this system has no pseudo terminals", Some("use --tcp")))
+}

@@ -1,0 +1,281 @@
+//! `dermis live`: a skin read as it is touched.
+
+use crate::console::on_interrupt;
+use crate::emulated::EmulatorArguments;
+use crate::failure::{Failure, Outcome};
+use crate::latency::Latencies;
+use clap::Args;
+use dermis::design::SkinDesign;
+use dermis::frame::write_whole;
+use dermis_live::device::{Address, DeviceOptions};
+use dermis_live::emulator::{Emulator, Port};
+use dermis_live::server::{Server, ServerOptions};
+use dermis_live::{
+    Control, Event, Level, Live, LiveOptions, LiveSkin, Settings, State, Taken, Tapes, Zone, jsonl, sink,
+};
+use std::io::IsTerminal;
+use std::net::TcpListener;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// The arguments of `dermis live`.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// The design: a path, or a shipped name.
+    design: String,
+    /// Where frames come from: `emulate` (a twin inside this program), tcp:HOST:PORT or serial:PATH[@BAUD].
+    #[arg(long, value_name = "SOURCE", default_value = "emulate")]
+    source: String,
+    #[command(flatten)]
+    emulator: EmulatorArguments,
+    /// How images are made: best, paper (networks), noser, laplace, or the folder of a network; the best that there is for the
+    /// skin without it.
+    #[arg(long, value_name = "METHOD")]
+    model: Option<String>,
+    /// What a contact's signal must exceed, times the method's own.
+    #[arg(long, value_name = "TIMES", default_value_t = 1.0)]
+    threshold: f64,
+    /// A part of the skin with a name and a threshold of its own, times that of the rest: what lies in a ball of metres,
+    /// NAME=X,Y,Z,RADIUS,TIMES. May be given several times.
+    #[arg(long, value_name = "ZONE")]
+    zone: Vec<String>,
+    /// Frames a second; as many as the device sends without it.
+    #[arg(long, value_name = "HZ")]
+    rate: Option<f64>,
+    /// Record into a file (MCAP), which must not be there yet.
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
+    /// Publish over DDS, as a ROS 2 node; the domain is that of ROS_DOMAIN_ID.
+    #[arg(long)]
+    ros2: bool,
+    /// Before the topics' names, as in /left_arm.
+    #[arg(long, value_name = "NAME", default_value = "", hide_default_value = true, requires = "ros2")]
+    namespace: String,
+    /// Write a line of JSON for each frame: `-` to standard output, tcp:HOST:PORT to every program that connects.
+    #[arg(long, value_name = "WHERE")]
+    jsonl: Option<String>,
+    /// Where the viewer is served; `off` for none. Anywhere but on this machine needs --token.
+    #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:8420")]
+    serve: String,
+    /// What pages must know.
+    #[arg(long, value_name = "SECRET")]
+    token: Option<String>,
+    /// Keep the untouched frame in a file, and go on with it in place of a tare where it is there already.
+    #[arg(long, value_name = "FILE")]
+    state: Option<PathBuf>,
+    /// End after so many seconds.
+    #[arg(long = "for", value_name = "SECONDS")]
+    for_s: Option<f64>,
+    /// When it ends, draw how long contacts took from the last byte of their frame, as SVG.
+    #[arg(long, value_name = "FILE")]
+    latency: Option<PathBuf>,
+    /// When it ends, print what it counted and measured as JSON.
+    #[arg(long, conflicts_with = "jsonl")]
+    json: bool,
+}
+
+/// Events that may wait to be counted.
+const WAITING: usize = 1 << 16;
+
+impl Arguments {
+    /// Reads the skin until it is interrupted.
+    pub fn run(self) -> Outcome {
+        let text = SkinDesign::text_of(&self.design)?;
+        let skin = {
+            let _waiting = crate::console::Progress::waiting("preparing");
+            Arc::new(LiveSkin::new(&text, &self.design, self.model.as_deref())?)
+        };
+        let (address, emulator) = self.address(&skin)?;
+        let live = Live::start(Arc::clone(&skin), self.options(&skin, address)?)?;
+        let tapes = Tapes {
+            folder: PathBuf::from("."),
+            twin_toml: emulator.as_ref().map(|_| self.emulator.twin_text()).transpose()?,
+        };
+        let source = if emulator.is_some() { self.emulator.told() } else { self.source.clone() };
+        let control = Arc::new(Control::new(Arc::clone(live.shared()), emulator.clone(), source, tapes));
+        let sinks = self.open(&control)?;
+        let counted = self.watch(&live)?;
+        self.close(live, emulator, &control, sinks)?;
+        counted.tell(self.latency.as_deref(), self.json)
+    }
+
+    fn options(&self, skin: &LiveSkin, address: Address) -> Outcome<LiveOptions> {
+        let zones = self.zone.iter().map(|zone| parse_zone(zone)).collect::<Outcome<Vec<Zone>>>()?;
+        let method = self.model.clone().map(|model| self.method_name(skin, &model)).unwrap_or_default();
+        let settings = Settings { method, threshold: self.threshold, zones, ..Settings::default() };
+        let device = DeviceOptions { rate_hz: self.rate };
+        Ok(LiveOptions { address, device, settings, state: self.kept_state()? })
+    }
+
+    /// A network of a folder is known by the name on its card: the last that was added.
+    fn method_name(&self, skin: &LiveSkin, model: &str) -> String {
+        match Path::new(model).is_dir() {
+            true => skin.networks().last().map_or_else(|| model.into(), str::to_string),
+            false => model.into(),
+        }
+    }
+
+    fn kept_state(&self) -> Outcome<Option<State>> {
+        let Some(path) = self.state.as_ref().filter(|path| path.exists()) else { return Ok(None) };
+        let wrong = |why: String| {
+            let message = format!("the kept state {} cannot be read: {why}", path.display());
+            Failure::given(message, Some("delete it and tare anew"))
+        };
+        let text = std::fs::read_to_string(path).map_err(|error| wrong(error.to_string()))?;
+        Ok(Some(serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?))
+    }
+
+    /// Where the device is; an emulated one is powered up.
+    fn address(&self, skin: &LiveSkin) -> Outcome<(Address, Option<Arc<Emulator>>)> {
+        if self.source != "emulate" {
+            return Ok((Address::parse(&self.source)?, None));
+        }
+        let emulator = self.emulator.emulator(&skin.design)?;
+        let failed = |error: std::io::Error| Failure::given(format!("no port for the emulated device: {error}"), None);
+        let listener = TcpListener::bind("127.0.0.1:0").map_err(failed)?;
+        let address = Address::Tcp(listener.local_addr().map_err(failed)?.to_string());
+        let serving = Arc::clone(&emulator);
+        std::thread::spawn(move || {
+            if let Err(error) = serving.serve(Port::Tcp(listener)) {
+                eprintln!("the emulated device has failed: {error}");
+            }
+        });
+        Ok((address, Some(emulator)))
+    }
+
+    /// Opens all that is told of frames.
+    fn open(&self, control: &Arc<Control>) -> Outcome<Sinks> {
+        let shared = control.shared();
+        let mut sinks = Sinks::default();
+        if self.serve != "off" {
+            let options = ServerOptions { address: self.serve.clone(), token: self.token.clone() };
+            let server = Server::start(Arc::clone(control), &options)?;
+            eprintln!("the viewer is at {}", server.url());
+            sinks.server = Some(server);
+        }
+        if let Some(path) = &self.record {
+            control.record(path)?;
+        }
+        if self.ros2 {
+            sinks.threads.push(publish(control, &self.namespace)?);
+        }
+        match self.jsonl.as_deref().map(|at| (at, at.split_once(':'))) {
+            None => {}
+            Some(("-", _)) => {
+                let shared = Arc::clone(shared);
+                sinks.threads.push(std::thread::spawn(move || {
+                    if let Err(error) = jsonl::write_lines(&shared, &mut std::io::stdout()) {
+                        eprintln!("lines of JSON have ended: {error}");
+                    }
+                }));
+            }
+            Some((_, Some(("tcp", address)))) => {
+                let (bound, thread) = jsonl::serve_lines(shared, address)?;
+                eprintln!("lines of JSON are at tcp:{bound}");
+                sinks.threads.push(thread);
+            }
+            Some((other, _)) => {
+                let fix = "write --jsonl - or --jsonl tcp:HOST:PORT";
+                return Err(Failure::given(format!("`{other}` is no place for lines of JSON"), Some(fix)));
+            }
+        }
+        Ok(sinks)
+    }
+
+    /// Counts what happens and tells a person of it, until the end.
+    fn watch(&self, live: &Live) -> Outcome<Latencies> {
+        let ended = Arc::new(AtomicBool::new(false));
+        let end = Arc::clone(&ended);
+        on_interrupt(move || end.store(true, Ordering::Relaxed))?;
+        let mailbox = live.shared().subscribe(WAITING);
+        let mut latencies = Latencies::new(Arc::clone(live.shared()));
+        let (begun, mut shown) = (Instant::now(), Instant::now());
+        let line = crate::console::StatusLine::new();
+        while !ended.load(Ordering::Relaxed) {
+            match mailbox.take(Duration::from_millis(100)) {
+                Taken::Item(Event::Frame(frame)) => latencies.take(&frame),
+                Taken::Item(Event::Notice(notice)) => line.print(&told(notice.level, &notice.text)),
+                Taken::Item(Event::Lost(why)) => line.print(&told(Level::Error, &why)),
+                Taken::Item(_) | Taken::TimedOut => {}
+                Taken::Closed => break,
+            }
+            if shown.elapsed() > Duration::from_millis(200) {
+                shown = Instant::now();
+                line.show(&latencies.line());
+            }
+            if self.for_s.is_some_and(|for_s| begun.elapsed().as_secs_f64() >= for_s) {
+                break;
+            }
+        }
+        latencies.missed = mailbox.dropped();
+        Ok(latencies)
+    }
+
+    /// Ends all in order: nothing that was recorded is lost.
+    fn close(&self, live: Live, emulator: Option<Arc<Emulator>>, control: &Control, sinks: Sinks) -> Outcome {
+        let taped = control.end_recording();
+        let state = live.stop();
+        if let Some(emulator) = emulator {
+            emulator.stop();
+        }
+        sinks.threads.into_iter().for_each(|thread| drop(thread.join()));
+        if let Some(server) = sinks.server {
+            server.stop();
+        }
+        if let Some(path) = &self.state {
+            let text = serde_json::to_string(&state).map_err(|error| Failure::Ours(error.to_string()))?;
+            write_whole(path, |out| out.write_all(text.as_bytes()))?;
+        }
+        let Some((path, told)) = taped else { return Ok(()) };
+        if let Some(problem) = told.problem {
+            return Err(Failure::given(format!("the recording ended early: {problem}"), None));
+        }
+        eprintln!("{}: {} frames, {:.1} s", path.display(), told.written.frames, told.written.seconds);
+        Ok(())
+    }
+}
+
+/// What is told of frames.
+#[derive(Default)]
+struct Sinks {
+    server: Option<Server>,
+    threads: Vec<std::thread::JoinHandle<()>>,
+}
+
+#[cfg(feature = "ros2")]
+fn publish(control: &Control, namespace: &str) -> Outcome<std::thread::JoinHandle<()>> {
+    let options = dermis_live::dds::PublisherOptions { domain: None, namespace: namespace.into() };
+    Ok(sink::publish(control.shared(), &options)?)
+}
+
+#[cfg(not(feature = "ros2"))]
+fn publish(_: &Control, _: &str) -> Outcome<std::thread::JoinHandle<()>> {
+    Err(Failure::given("this program was built without ROS 2", Some("build it with --features ros2")))
+}
+
+fn told(level: Level, text: &str) -> String {
+    let colour = std::io::stderr().is_terminal();
+    match (level, colour) {
+        (Level::Info, _) => text.into(),
+        (Level::Warning, true) => format!("\u{1b}[33mwarning\u{1b}[0m: {text}"),
+        (Level::Error, true) => format!("\u{1b}[31merror\u{1b}[0m: {text}"),
+        (Level::Warning, false) => format!("warning: {text}"),
+        (Level::Error, false) => format!("error: {text}"),
+    }
+}
+
+/// A zone from `NAME=X,Y,Z,RADIUS,TIMES`.
+fn parse_zone(text: &str) -> Outcome<Zone> {
+    let parse = || {
+        let (name, numbers) = text.split_once('=')?;
+        let numbers = numbers.split(',').map(|number| number.trim().parse().ok()).collect::<Option<Vec<f64>>>()?;
+        let [x, y, z, radius_m, threshold] = numbers[..] else { return None };
+        Some(Zone { name: name.into(), centre_m: [x, y, z], radius_m, threshold })
+    };
+    parse().ok_or_else(|| {
+        let fix = "write NAME=X,Y,Z,RADIUS,TIMES in metres, as in palm=0,0.05,0.1,0.04,2";
+        Failure::given(format!("`{text}` is no zone"), Some(fix))
+    })
+}

@@ -1,0 +1,71 @@
+//! `dermis replay`: the contacts of a recording, made anew from the device's own messages.
+
+use crate::console::{Progress, print};
+use crate::failure::{Failure, Outcome};
+use clap::Args;
+use dermis_live::jsonl::FrameLine;
+use dermis_live::replay::{Replay, Replayed};
+use std::io::{BufWriter, Write};
+use std::path::PathBuf;
+
+/// The arguments of `dermis replay`.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// The recording, finished or cut.
+    recording: PathBuf,
+    /// Print contacts alone, without the times at which they were made: the same of every replay, to the last byte.
+    #[arg(long)]
+    contacts: bool,
+    /// Print a summary in place of a line of JSON for each frame.
+    #[arg(long, conflicts_with = "contacts")]
+    summary: bool,
+}
+
+impl Arguments {
+    /// Replays as fast as it goes.
+    pub fn run(self) -> Outcome {
+        let mut replay = Replay::open(&self.recording)?;
+        let name = replay.skin().design.name.clone();
+        let waiting = Progress::waiting("replaying");
+        let mut out = BufWriter::new(std::io::stdout().lock());
+        let (mut frames, mut touched, mut damaged) = (0u64, 0u64, 0u64);
+        loop {
+            let frame = match replay.step() {
+                Ok(None) => break,
+                Ok(Some(Replayed::Frame(frame))) => frame,
+                Ok(Some(Replayed::Command(_))) => continue,
+                Err(dermis_live::LiveError::Record(_)) => {
+                    damaged += 1;
+                    continue;
+                }
+                Err(error) => return Err(error.into()),
+            };
+            frames += 1;
+            touched += u64::from(!frame.contacts.is_empty());
+            let written = match (self.summary, self.contacts) {
+                (true, _) => Ok(()),
+                (_, true) => serde_json::to_writer(&mut out, &frame.contacts).map_err(std::io::Error::from),
+                _ => serde_json::to_writer(&mut out, &FrameLine::new(&frame, &name)).map_err(std::io::Error::from),
+            };
+            let written = if self.summary { written } else { written.and_then(|()| out.write_all(b"\n")) };
+            match written {
+                Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => return Ok(()),
+                written => written.map_err(|error| Failure::given(format!("cannot write: {error}"), None))?,
+            }
+        }
+        let flushed = out.flush();
+        drop(out);
+        drop(waiting);
+        flushed.or_else(|error| match error.kind() {
+            std::io::ErrorKind::BrokenPipe => Ok(()),
+            _ => Err(Failure::given(format!("cannot write: {error}"), None)),
+        })?;
+        if damaged > 0 {
+            eprintln!("{damaged} damaged parts of {} were left out", self.recording.display());
+        }
+        if self.summary {
+            print(&format!("{frames} frames, {touched} of them with contacts\n"))?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,35 @@
+//! `dermis scan-table`: what an instrument reads, in which order.
+
+use crate::console::print;
+use crate::failure::Outcome;
+use clap::Args;
+use dermis::design::SkinDesign;
+use dermis::frame::write_whole;
+use dermis_live::ScanTable;
+use std::path::PathBuf;
+
+/// The arguments of `dermis scan-table`.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// The design: a path, or a shipped name.
+    design: String,
+    /// Write a C header for firmware in place of CSV.
+    #[arg(long)]
+    header: bool,
+    /// Write to a file in place of standard output.
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+}
+
+impl Arguments {
+    /// Writes the table.
+    pub fn run(self) -> Outcome {
+        let design = SkinDesign::load(&self.design)?;
+        let table = ScanTable::new(&design.protocol).map_err(dermis_live::LiveError::from)?;
+        let text = if self.header { table.to_c_header(&design.name, design.sha256()) } else { table.to_csv() };
+        match &self.output {
+            Some(path) => Ok(write_whole(path, |out| out.write_all(text.as_bytes()))?),
+            None => print(&text),
+        }
+    }
+}

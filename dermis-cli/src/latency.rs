@@ -1,0 +1,147 @@
+//! How long contacts take, counted while a skin is read.
+
+use crate::console::{print, print_json};
+use crate::failure::Outcome;
+use crate::picture::chart::Histogram;
+use crate::report::Table;
+use dermis::frame::write_whole;
+use dermis_live::{Counts, LiveFrame, Shared};
+use serde_json::json;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// What was counted of a live skin.
+pub struct Latencies {
+    shared: Arc<Shared>,
+    begun: Instant,
+    /// From the last byte of a frame to its contacts, ms.
+    all_ms: Vec<f32>,
+    frames: u64,
+    contacts: usize,
+    touched_frames: u64,
+    counts: Counts,
+    rate_hz: f64,
+    /// Frames that were not counted.
+    pub missed: u64,
+}
+
+/// Latencies that are kept at most: an hour at 2,000 frames a second.
+const MOST: usize = 7_200_000;
+
+impl Latencies {
+    /// Nothing yet.
+    pub fn new(shared: Arc<Shared>) -> Self {
+        Latencies {
+            shared,
+            begun: Instant::now(),
+            all_ms: Vec::new(),
+            frames: 0,
+            contacts: 0,
+            touched_frames: 0,
+            counts: Counts::default(),
+            rate_hz: 0.0,
+            missed: 0,
+        }
+    }
+
+    /// Counts a frame.
+    pub fn take(&mut self, frame: &LiveFrame) {
+        if self.all_ms.len() < MOST {
+            self.all_ms.push(1e3 * frame.output_at.seconds_since(frame.received_at) as f32);
+        }
+        self.frames += 1;
+        self.contacts = frame.contacts.len();
+        self.touched_frames += u64::from(!frame.contacts.is_empty());
+        self.counts = frame.health.counts;
+        self.rate_hz = frame.health.rate_hz;
+    }
+
+    /// A line of what is now.
+    pub fn line(&self) -> String {
+        let recent = &self.all_ms[self.all_ms.len().saturating_sub(1000)..];
+        let [median, p99] = quantiles(recent, [0.5, 0.99]);
+        let contacts = match self.contacts {
+            1 => "1 contact".to_string(),
+            count => format!("{count} contacts"),
+        };
+        let lost = self.counts.lost + self.shared.skipped();
+        format!("{:.0} frames/s, {contacts}, {median:.2} ms (99 %: {p99:.2} ms), {lost} frames lost", self.rate_hz)
+    }
+
+    /// Tells all of it at the end.
+    pub fn tell(mut self, picture: Option<&Path>, as_json: bool) -> Outcome {
+        let seconds = self.begun.elapsed().as_secs_f64();
+        if let Some(path) = picture {
+            self.draw(path)?;
+        }
+        let [median, p99, worst] = {
+            self.all_ms.sort_by(f32::total_cmp);
+            quantiles(&self.all_ms, [0.5, 0.99, 1.0])
+        };
+        let Counts { lost, repeated, reordered, damaged, reconnected, .. } = self.counts;
+        let skipped = self.shared.skipped();
+        if as_json {
+            return print_json(&json!({
+                "seconds": seconds,
+                "frames": self.frames,
+                "frames_a_second": self.frames as f64 / seconds,
+                "frames_with_contacts": self.touched_frames,
+                "lost": lost,
+                "skipped": skipped,
+                "repeated": repeated,
+                "reordered": reordered,
+                "damaged": damaged,
+                "reconnected": reconnected,
+                "uncounted": self.missed,
+                "latency_ms": { "median": median, "p99": p99, "worst": worst },
+            }));
+        }
+        let mut table = Table::new(&["figure", "value"]);
+        let mut row = |name: &str, value: String| table.row([name.to_string(), value]);
+        row("frames", format!("{} in {seconds:.1} s", self.frames));
+        row("of them with contacts", self.touched_frames.to_string());
+        row("lost on the way", lost.to_string());
+        row("left out, as contacts took too long", skipped.to_string());
+        row("repeated; reordered", format!("{repeated}; {reordered}"));
+        row("damaged packets", damaged.to_string());
+        row("from last byte to contacts, median", format!("{median:.3} ms"));
+        row("the same, 99 % within", format!("{p99:.3} ms"));
+        row("the same, longest", format!("{worst:.3} ms"));
+        // Standard output may carry lines of JSON.
+        eprintln!("\n{}", table.to_text());
+        print("")
+    }
+
+    fn draw(&self, path: &Path) -> Outcome {
+        let [_, p99] = quantiles(&sorted(&self.all_ms), [0.5, 0.99]);
+        // What is rarer than one in a hundred would leave the rest no room.
+        let shown: Vec<f64> =
+            self.all_ms.iter().map(|&ms| f64::from(ms)).filter(|&ms| ms <= 3.0 * f64::from(p99)).collect();
+        let [median, p99] = quantiles(&sorted(&self.all_ms), [0.5, 0.99]).map(f64::from);
+        let marks = vec![(median, format!("median {median:.2} ms")), (p99, format!("99 % within {p99:.2} ms"))];
+        let histogram = Histogram {
+            title: &format!("{} frames", self.all_ms.len()),
+            label: "from the last byte of a frame to its contacts (ms)",
+            values: &shown,
+            step: (p99 / 40.0).max(0.005),
+            marks,
+        };
+        Ok(write_whole(path, |out| out.write_all(histogram.draw().to_svg().as_bytes()))?)
+    }
+}
+
+fn sorted(values: &[f32]) -> Vec<f32> {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f32::total_cmp);
+    sorted
+}
+
+/// Quantiles; 0 of nothing.
+fn quantiles<const N: usize>(values: &[f32], parts: [f64; N]) -> [f32; N] {
+    let sorted = sorted(values);
+    parts.map(|part| match sorted.len() {
+        0 => 0.0,
+        count => sorted[((count - 1) as f64 * part).round() as usize],
+    })
+}

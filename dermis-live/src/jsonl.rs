@@ -1,0 +1,137 @@
+//! Contacts as lines of JSON, for any program in any language.
+
+use crate::LiveError;
+use crate::live::{Event, Shared};
+use crate::mailbox::Taken;
+use crate::moment::Moment;
+use crate::report::{ElectrodeState, LiveContact, LiveFrame};
+use schemars::JsonSchema;
+use serde::Serialize;
+use std::io::{BufWriter, Write};
+use std::net::TcpListener;
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// One frame as a line of JSON. Lengths are in m, forces in N; moments are nanoseconds since 1970; what is not known is `null`.
+#[derive(Debug, Serialize, JsonSchema)]
+#[schemars(title = "Dermis live frame")]
+pub struct FrameLine<'a> {
+    /// Number of the frame since the device was powered up.
+    pub sequence: u64,
+    /// When its first reading was taken.
+    pub measured_at: Moment,
+    /// When its last byte came.
+    pub received_at: Moment,
+    /// When its contacts were known.
+    pub output_at: Moment,
+    /// The frame that positions are in.
+    pub frame_id: &'a str,
+    /// Whether something touches.
+    pub touched: bool,
+    /// What touches, the oldest contact first.
+    pub contacts: &'a [LiveContact],
+    /// Electrodes that are loose or open, by number.
+    pub bad_electrodes: Vec<usize>,
+    /// Frames a second that arrive.
+    pub rate_hz: f64,
+    /// Frames that did not come, since the start.
+    pub lost: u64,
+}
+
+impl<'a> FrameLine<'a> {
+    /// Of a frame.
+    pub fn new(frame: &'a LiveFrame, frame_id: &'a str) -> Self {
+        let is_bad = |state| matches!(state, ElectrodeState::Loose | ElectrodeState::Open);
+        let electrodes = &frame.health.electrodes;
+        FrameLine {
+            sequence: frame.sequence,
+            measured_at: frame.measured_at,
+            received_at: frame.received_at,
+            output_at: frame.output_at,
+            frame_id,
+            touched: frame.touched,
+            contacts: &frame.contacts,
+            bad_electrodes: (0..electrodes.len()).filter(|&index| is_bad(electrodes[index].state)).collect(),
+            rate_hz: frame.health.rate_hz,
+            lost: frame.health.counts.lost,
+        }
+    }
+
+    /// Its JSON schema.
+    pub fn json_schema() -> serde_json::Value {
+        schemars::schema_for!(FrameLine<'static>).to_value()
+    }
+}
+
+/// Lines that may wait for a reader.
+const WAITING: usize = 256;
+
+/// Writes a line for each frame until the live skin stops or nobody reads any more. Frames that are not read fast enough are
+/// left out.
+///
+/// # Errors
+/// A writer that fails; one that was closed is no error.
+pub fn write_lines(shared: &Shared, out: &mut dyn Write) -> std::io::Result<()> {
+    let mailbox = shared.subscribe(WAITING);
+    let written = write_until_closed(shared, &mailbox, out);
+    shared.unsubscribe(&mailbox);
+    match written {
+        Err(error) if matches!(error.kind(), std::io::ErrorKind::BrokenPipe | std::io::ErrorKind::ConnectionReset) => {
+            Ok(())
+        }
+        written => written,
+    }
+}
+
+fn write_until_closed(
+    shared: &Shared,
+    mailbox: &crate::mailbox::Mailbox<Event>,
+    out: &mut dyn Write,
+) -> std::io::Result<()> {
+    let frame_id = &shared.skin().design.name;
+    loop {
+        match mailbox.take(Duration::from_secs(1)) {
+            Taken::Item(Event::Frame(frame)) => {
+                let mut line = serde_json::to_vec(&FrameLine::new(&frame, frame_id))?;
+                line.push(b'\n');
+                out.write_all(&line)?;
+                out.flush()?;
+            }
+            Taken::Item(_) | Taken::TimedOut => {}
+            Taken::Closed => return Ok(()),
+        }
+    }
+}
+
+/// Sends lines to every program that connects, each on a thread of its own.
+///
+/// # Errors
+/// An address that is in use or not this machine's.
+pub fn serve_lines(shared: &Arc<Shared>, address: &str) -> Result<(std::net::SocketAddr, JoinHandle<()>), LiveError> {
+    let failed = |error: std::io::Error| LiveError::Given(format!("cannot send lines of JSON at {address}: {error}"));
+    let listener = TcpListener::bind(address).map_err(failed)?;
+    let bound = listener.local_addr().map_err(failed)?;
+    listener.set_nonblocking(true).map_err(failed)?;
+    let shared = Arc::clone(shared);
+    let accept = move || {
+        while !shared.is_stopped() {
+            let Ok((stream, _)) = listener.accept() else {
+                std::thread::sleep(Duration::from_millis(20));
+                continue;
+            };
+            // A reader that takes nothing for so long is gone.
+            let ready = stream
+                .set_nonblocking(false)
+                .and_then(|()| stream.set_nodelay(true))
+                .and_then(|()| stream.set_write_timeout(Some(Duration::from_secs(10))));
+            if ready.is_ok() {
+                let shared = Arc::clone(&shared);
+                // Whether the reader went or was too slow is its own affair.
+                std::thread::spawn(move || write_lines(&shared, &mut BufWriter::new(stream)));
+            }
+        }
+    };
+    let thread = std::thread::Builder::new().name("dermis-jsonl".into()).spawn(accept).map_err(failed)?;
+    Ok((bound, thread))
+}

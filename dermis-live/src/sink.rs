@@ -1,0 +1,199 @@
+//! Threads that record and publish what a live skin tells. None of them can delay a contact.
+
+use crate::LiveError;
+use crate::live::{Event, Shared};
+use crate::mailbox::{Mailbox, Taken};
+use crate::moment::Moment;
+use crate::processor::Command;
+use crate::record::{self, RecordError, Recorder, Session, Written};
+use crate::report::{Level, Notice};
+use crate::ros::Reference;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// Events that may wait for the disk: half a minute at 120 frames a second.
+const WAITING_FOR_DISK: usize = 4096;
+/// Events that may wait for the network.
+#[cfg(feature = "ros2")]
+const WAITING_FOR_NETWORK: usize = 64;
+/// How long a recorder waits for a frame before it puts by what it has.
+const PAUSE: Duration = Duration::from_millis(400);
+
+/// A recording that is being made.
+pub struct Taping {
+    path: PathBuf,
+    shared: Arc<Shared>,
+    mailbox: Arc<Mailbox<Event>>,
+    told: Arc<Mutex<Told>>,
+    thread: JoinHandle<()>,
+}
+
+/// How a recording goes.
+#[derive(Debug, Clone, Default)]
+pub struct Told {
+    /// What it holds by now.
+    pub written: Written,
+    /// Why it ended early.
+    pub problem: Option<String>,
+}
+
+impl std::fmt::Debug for Taping {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.debug_struct("Taping").field("path", &self.path).finish_non_exhaustive()
+    }
+}
+
+impl Taping {
+    /// Records from the next frame on; `twin_toml` is the twin that an emulator plays.
+    ///
+    /// # Errors
+    /// A file that is there already or cannot be written.
+    pub fn start(shared: &Arc<Shared>, path: &Path, twin_toml: Option<&str>) -> Result<Self, LiveError> {
+        if path.exists() {
+            let message =
+                format!("{} is there already: give another name, recordings are not overwritten", path.display());
+            return Err(LiveError::Given(message));
+        }
+        let mailbox = shared.subscribe(WAITING_FOR_DISK);
+        shared.tell_state();
+        let told = Arc::new(Mutex::new(Told::default()));
+        let tape = Tape {
+            shared: Arc::clone(shared),
+            mailbox: Arc::clone(&mailbox),
+            told: Arc::clone(&told),
+            path: path.into(),
+            twin_toml: twin_toml.map(str::to_string),
+        };
+        let thread = std::thread::Builder::new().name("dermis-record".into()).spawn(move || tape.run());
+        let thread = thread.map_err(|source| LiveError::Io { path: path.into(), source })?;
+        Ok(Taping { path: path.into(), shared: Arc::clone(shared), mailbox, told, thread })
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// How it goes.
+    pub fn told(&self) -> Told {
+        self.told.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Ends it: what was told by now is recorded, and the file closed.
+    pub fn stop(self) -> Told {
+        self.shared.unsubscribe(&self.mailbox);
+        // A thread that panicked has told so already.
+        let _ = self.thread.join();
+        self.told.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+/// What the recording thread has.
+struct Tape {
+    shared: Arc<Shared>,
+    mailbox: Arc<Mailbox<Event>>,
+    told: Arc<Mutex<Told>>,
+    path: PathBuf,
+    twin_toml: Option<String>,
+}
+
+impl Tape {
+    fn run(self) {
+        if let Err(error) = self.record() {
+            let text = format!("the recording has ended: {error}; contacts go on");
+            self.told.lock().unwrap_or_else(PoisonError::into_inner).problem = Some(error.to_string());
+            self.shared.tell(&Event::Notice(Notice { level: Level::Error, text, at: Moment::now() }));
+            self.shared.unsubscribe(&self.mailbox);
+        }
+    }
+
+    fn record(&self) -> Result<(), RecordError> {
+        let Some(session) = self.await_session() else { return Ok(()) };
+        let skin = self.shared.skin();
+        let reference = Reference { frame_id: skin.design.name.clone(), space: Arc::clone(&skin.pixels) };
+        let mut recorder = Recorder::create(&self.path, reference, &session)?;
+        loop {
+            match self.mailbox.take(PAUSE) {
+                Taken::Item(Event::Frame(frame)) => recorder.frame(&frame)?,
+                Taken::Item(Event::Done(command)) => {
+                    recorder.event(Moment::now(), &record::Event::Command(command_value(&command)))?;
+                }
+                Taken::Item(Event::Notice(notice)) => {
+                    recorder.event(notice.at, &record::Event::Notice(notice.clone()))?;
+                }
+                Taken::Item(Event::Connected(facts)) => {
+                    recorder.event(Moment::now(), &record::Event::Hello(facts.hello.clone()))?;
+                }
+                Taken::Item(Event::Lost(_) | Event::State(_)) => {}
+                Taken::TimedOut => recorder.flush()?,
+                Taken::Closed => break,
+            }
+            self.told.lock().unwrap_or_else(PoisonError::into_inner).written = recorder.written();
+        }
+        let written = recorder.finish()?;
+        self.told.lock().unwrap_or_else(PoisonError::into_inner).written = written;
+        Ok(())
+    }
+
+    /// What the recording begins with; `None` where it ends before that.
+    fn await_session(&self) -> Option<Session> {
+        loop {
+            match self.mailbox.take(PAUSE) {
+                Taken::Item(Event::State(state)) => {
+                    let skin = self.shared.skin();
+                    return Some(Session {
+                        version: String::new(),
+                        design_toml: skin.design_text.clone(),
+                        twin_toml: self.twin_toml.clone(),
+                        model_card_json: skin.by_name(&state.settings.method).ok().and_then(|m| m.card.clone()),
+                        hello: self.shared.facts().map(|facts| facts.hello.clone()).unwrap_or_default(),
+                        options: serde_json::to_value(&state.settings).unwrap_or(Value::Null),
+                        state: serde_json::to_value(&*state).unwrap_or(Value::Null),
+                    });
+                }
+                // A device that is away is asked for its state again when it is back.
+                Taken::Item(_) | Taken::TimedOut => {}
+                Taken::Closed => return None,
+            }
+        }
+    }
+}
+
+fn command_value(command: &Command) -> Value {
+    serde_json::to_value(command).unwrap_or(Value::Null)
+}
+
+/// Publishes over DDS until the live skin stops.
+///
+/// # Errors
+/// A domain that cannot be joined.
+#[cfg(feature = "ros2")]
+pub fn publish(shared: &Arc<Shared>, options: &crate::dds::PublisherOptions) -> Result<JoinHandle<()>, LiveError> {
+    let skin = shared.skin();
+    let reference = Reference { frame_id: skin.design.name.clone(), space: Arc::clone(&skin.pixels) };
+    let given = |error: crate::dds::PublishError| LiveError::Given(error.to_string());
+    let mut publisher = crate::dds::Publisher::new(reference, options).map_err(given)?;
+    let shared = Arc::clone(shared);
+    let mailbox = shared.subscribe(WAITING_FOR_NETWORK);
+    let run = move || {
+        loop {
+            match mailbox.take(Duration::from_secs(1)) {
+                Taken::Item(Event::Frame(frame)) => {
+                    if let Err(error) = publisher.frame(&frame) {
+                        let text = format!("publishing has ended: {error}; contacts go on");
+                        shared.tell(&Event::Notice(Notice { level: Level::Error, text, at: Moment::now() }));
+                        shared.unsubscribe(&mailbox);
+                        return;
+                    }
+                }
+                Taken::Item(_) | Taken::TimedOut => {}
+                Taken::Closed => return,
+            }
+        }
+    };
+    let thread = std::thread::Builder::new().name("dermis-ros2".into()).spawn(run);
+    thread.map_err(|error| LiveError::Given(format!("no thread for publishing: {error}")))
+}
