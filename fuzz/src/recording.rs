@@ -4,24 +4,35 @@ use dermis_live::record::{self, Recorded, Recording};
 use std::io::Cursor;
 use std::path::Path;
 
-/// The reader of recordings, and what mends them: what was mended is whole, and mending it again changes nothing.
+const NAME: &str = "fuzz.mcap";
+
+/// The reader of recordings, and what mends them.
+#[allow(dead_code, reason = "the ordinary tests call the parts")]
 pub fn fuzz_mcap(data: &[u8]) {
-    let name = Path::new("fuzz.mcap");
-    let length = data.len() as u64;
-    if let Ok(recording) = Recording::from_reader(Box::new(Cursor::new(data.to_vec())), length, name) {
-        for item in recording {
-            match item {
-                Ok(Recorded::Frame { message, .. }) => assert!(message.len() <= data.len()),
-                Ok(Recorded::Event { .. }) => {}
-                Err(error) => assert!(!error.to_string().is_empty()),
-            }
+    read(data);
+    mend(data);
+}
+
+/// Whatever is in a recording comes as a frame, an event or an error.
+pub fn read(data: &[u8]) {
+    let input = Box::new(Cursor::new(data.to_vec()));
+    let Ok(recording) = Recording::from_reader(input, data.len() as u64, Path::new(NAME)) else { return };
+    for item in recording {
+        match item {
+            Ok(Recorded::Frame { .. } | Recorded::Event { .. }) => {}
+            Err(error) => assert!(!error.to_string().is_empty()),
         }
     }
+}
+
+/// What was mended is whole, and mending it again changes nothing.
+pub fn mend(data: &[u8]) {
+    let name = Path::new(NAME);
     let mut whole = Vec::new();
-    let Ok(first) = record::recover_into(data, length, name, &mut whole) else { return };
+    let Ok(first) = record::recover_into(data, data.len() as u64, name, &mut whole) else { return };
     let mut again = Vec::new();
-    let second =
-        record::recover_into(&whole[..], whole.len() as u64, name, &mut again).expect("what was mended is whole");
+    let length = whole.len() as u64;
+    let second = record::recover_into(&whole[..], length, name, &mut again).expect("what was mended is whole");
     assert!(second.was_whole && second.messages == first.messages, "{first:?} {second:?}");
     assert!(whole == again, "mending twice changes something");
 }

@@ -137,10 +137,10 @@ fn a_recording_that_is_cut_anywhere_is_recovered() {
         if recovered.frames > 0 {
             assert_eq!(frames_in(&to), recovered.frames);
         }
-        // Bytes are as good as time here: all frames are about as long.
+        // Bytes are as good as time here, as all frames are about as long; a chunk takes 0.4 s.
         let lost_s =
             (length as f64 / whole.len() as f64 * FRAMES as f64 - recovered.frames as f64) / synthetic::RATE as f64;
-        assert!(lost_s < 0.1, "{length} bytes: {lost_s} s lost");
+        assert!(lost_s < 0.45, "{length} bytes: {lost_s} s lost");
         for path in [from, to] {
             std::fs::remove_file(path).unwrap();
         }

@@ -168,7 +168,7 @@ impl<R: Read> Walk<R> {
             }
             _ if self.summary => {}
             op::CHUNK => match chunk(body) {
-                Ok(records) => self.chunk = records.to_vec(),
+                Ok(records) => self.chunk = records,
                 Err(why) => return damaged(why),
             },
             _ => match parse(kind, body) {
@@ -182,10 +182,8 @@ impl<R: Read> Walk<R> {
     /// The records that a cut chunk holds. Nothing tells whether they are sound but that they can be read; what a killed
     /// program had written is.
     fn take_what_is_left_of_chunk(&mut self, body: &[u8]) {
-        if let Some((header, records)) = chunk_header(body)
-            && header.compression.is_empty()
-        {
-            self.chunk = records.to_vec();
+        if let Some((header, records)) = chunk_header(body) {
+            self.chunk = unpacked(&header, records).0;
         }
     }
 
@@ -212,6 +210,7 @@ fn record_at(bytes: &[u8], at: usize) -> Option<(u8, &[u8], usize)> {
 }
 
 struct ChunkHeader {
+    unpacked_bytes: u64,
     crc: u32,
     compression: String,
 }
@@ -219,25 +218,47 @@ struct ChunkHeader {
 /// The header of a chunk and its records, as far as they are there.
 fn chunk_header(body: &[u8]) -> Option<(ChunkHeader, &[u8])> {
     let mut fields = Fields(body);
-    // First and last time, bytes of the records.
-    fields.bytes(24)?;
-    let header = ChunkHeader { crc: fields.u32()?, compression: fields.text()? };
+    // First and last time.
+    fields.bytes(16)?;
+    let header = ChunkHeader { unpacked_bytes: fields.u64()?, crc: fields.u32()?, compression: fields.text()? };
     let length = fields.u64()?;
     let records = &fields.0[..fields.0.len().min(usize::try_from(length).unwrap_or(usize::MAX))];
     Some((header, records))
 }
 
 /// The records of a chunk.
-fn chunk(body: &[u8]) -> Result<&[u8], String> {
+fn chunk(body: &[u8]) -> Result<Vec<u8>, String> {
     let (header, records) = chunk_header(body).ok_or("a chunk is too short")?;
-    if !header.compression.is_empty() {
-        let how = &header.compression;
-        return Err(format!("a chunk is compressed ({how}): write it with another tool without compression first"));
-    }
-    if header.crc != 0 && crc32fast::hash(records) != header.crc {
+    let (records, outcome) = unpacked(&header, records);
+    outcome?;
+    if header.crc != 0 && crc32fast::hash(&records) != header.crc {
         return Err("the checksum of a chunk is wrong".into());
     }
     Ok(records)
+}
+
+/// As much of a chunk's records as can be unpacked, and whether that is all.
+fn unpacked(header: &ChunkHeader, records: &[u8]) -> (Vec<u8>, Result<(), String>) {
+    /// The farthest back that a compressed chunk may refer, in bits of its distance: no chunk here is that long.
+    const WINDOW_BITS: u32 = 24;
+    let mut all = Vec::new();
+    let outcome = match header.compression.as_str() {
+        "" => {
+            all.extend_from_slice(records);
+            Ok(())
+        }
+        "zstd" => zstd::stream::read::Decoder::with_buffer(records)
+            .and_then(|mut decoder| {
+                decoder.window_log_max(WINDOW_BITS)?;
+                decoder.take(header.unpacked_bytes.min(LONGEST_RECORD)).read_to_end(&mut all)
+            })
+            .map(drop)
+            .map_err(|error| format!("a chunk cannot be unpacked ({error})")),
+        other => Err(format!(
+            "a chunk is compressed with {other}: have another tool write it with zstd or without compression"
+        )),
+    };
+    (all, outcome)
 }
 
 /// An item from a record outside a chunk or in it; `None` of those that only repeat or index others.

@@ -4,7 +4,7 @@ use crate::record::{Event, RecordError, Session};
 use crate::ros::{self, Due, Message, Reference, Topic};
 use crate::{LiveFrame, Moment};
 use mcap::records::MessageHeader;
-use mcap::{Attachment, WriteOptions};
+use mcap::{Attachment, Compression, WriteOptions};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -209,12 +209,15 @@ impl ChunkClock {
     }
 }
 
-/// How recordings are written. Without compression: the numbers' last digits are noise, which nothing makes smaller.
+/// How recordings are written. Zstandard at its fastest level: live frames of a twin of `cylinder30` took 57 % of the bytes at
+/// some 30 us a frame; LZ4 78 % at 19 us, the default level 53 % at 57 us. On this thread: the others are the pipeline's.
 pub(super) fn options(profile: &str, library: &str) -> WriteOptions {
     WriteOptions::new()
         .profile(profile)
         .library(library)
-        .compression(None)
+        .compression(Some(Compression::Zstd))
+        .compression_level(1)
+        .compression_threads(0)
         .chunk_size(Some(CHUNK_BYTES))
         .disable_seeking(true)
 }
