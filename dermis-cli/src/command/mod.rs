@@ -3,6 +3,7 @@
 pub mod assess;
 mod calibrate;
 mod contacts;
+mod convert;
 mod demo;
 mod emulate;
 mod evaluate;
@@ -15,6 +16,7 @@ mod mesh;
 mod new;
 pub mod plot;
 mod reconstruct;
+mod recover;
 mod replay;
 mod reproduce;
 mod scan_table;
@@ -62,6 +64,10 @@ pub enum Command {
     Emulate(emulate::Arguments),
     /// Make the contacts of a recording anew.
     Replay(replay::Arguments),
+    /// Make a whole recording of what an interrupted one holds.
+    Recover(recover::Arguments),
+    /// Make tables of a recording: CSV and NPZ.
+    Convert(convert::Arguments),
     /// Write what an instrument for a skin reads, in which order.
     ScanTable(scan_table::Arguments),
     /// Write a commented design file to start from.
@@ -93,6 +99,8 @@ impl Command {
             Command::Live(arguments) => arguments.run(),
             Command::Emulate(arguments) => arguments.run(),
             Command::Replay(arguments) => arguments.run(),
+            Command::Recover(arguments) => arguments.run(),
+            Command::Convert(arguments) => arguments.run(),
             Command::ScanTable(arguments) => arguments.run(),
             Command::New(arguments) => arguments.run(),
             Command::Plot(arguments) => arguments.run(),

@@ -4,12 +4,13 @@ use crate::record::read::{Messages, Told};
 use crate::record::walk::End;
 use crate::record::{RecordError, Session, npz};
 use crate::ros::{self, CONTACT_FIELDS, Image, PointCloud2, Topic};
+use serde::Serialize;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
 /// What was converted.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Converted {
     /// Frames: those that are complete.
     pub frames: usize,
@@ -19,7 +20,7 @@ pub struct Converted {
     pub picture: [usize; 2],
     /// Contacts in all frames together.
     pub contacts: usize,
-    /// Whether the recording is whole; else what was left out.
+    /// What was left out: frames that are not complete, what is damaged, and where the recording was cut.
     pub left_out: Vec<String>,
 }
 
@@ -105,7 +106,10 @@ impl Rows {
             }
         }
         if let Some(End::Cut { at, bytes }) = self.messages.walk.end() {
-            self.left_out.push(format!("byte {at}: the recording was cut; the last {bytes} bytes are no whole record"));
+            self.left_out.push(match bytes {
+                0 => format!("byte {at}: the recording was not finished; what came then is missing"),
+                _ => format!("byte {at}: the recording was cut; the last {bytes} bytes are no whole record"),
+            });
         }
         Ok(None)
     }

@@ -7,12 +7,13 @@ use crate::record::{RecordError, read};
 use crate::ros::Topic;
 use mcap::records::{AttachmentHeader, Channel, Header, MessageHeader, SchemaHeader};
 use mcap::{Attachment, McapError, McapResult, Writer};
+use serde::Serialize;
 use std::collections::HashSet;
 use std::io::{Read, Write};
 use std::path::Path;
 
 /// What was recovered, and what was not.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Recovered {
     /// Messages on all topics.
     pub messages: u64,

@@ -184,7 +184,7 @@ impl Recorder {
     pub fn finish(mut self) -> Result<Written, RecordError> {
         let finished = self.writer.finish().and_then(|_| Ok(self.writer.into_inner().into_inner().flush()?));
         finished.map_err(|error| RecordError::mcap(&self.path, error))?;
-        let synced = File::open(&self.path).and_then(|file| file.sync_all());
+        let synced = File::options().write(true).open(&self.path).and_then(|file| file.sync_all());
         synced.map_err(|source| RecordError::io(&self.path, source))?;
         Ok(self.written)
     }

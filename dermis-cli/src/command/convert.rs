@@ -1,0 +1,46 @@
+//! `dermis convert`: tables of what a recording holds.
+
+use crate::console::{Progress, print, print_json};
+use crate::failure::Outcome;
+use clap::Args;
+use dermis_live::record::{Converted, convert};
+use std::path::PathBuf;
+
+/// The arguments of `dermis convert`.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// The recording, finished or cut.
+    recording: PathBuf,
+    /// The folder to make, which must not be there yet: frames.csv, times.csv, contacts.csv and recording.npz.
+    #[arg(short, long, value_name = "FOLDER")]
+    output: PathBuf,
+    /// Print what was converted as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Arguments {
+    /// Converts.
+    pub fn run(self) -> Outcome {
+        let converted = {
+            let _waiting = Progress::waiting("converting");
+            convert(&self.recording, &self.output).map_err(dermis_live::LiveError::from)?
+        };
+        match self.json {
+            true => print_json(&converted),
+            false => print(&self.told(&converted)),
+        }
+    }
+
+    fn told(&self, converted: &Converted) -> String {
+        let Converted { frames, channels, picture: [rows, columns], contacts, ref left_out } = *converted;
+        let folder = self.output.display();
+        let mut text = format!(
+            "{folder}: {frames} frames of {channels} values and {rows} x {columns} pixels, {contacts} contacts\n"
+        );
+        for place in left_out {
+            text += &format!("left out: {place}\n");
+        }
+        text
+    }
+}

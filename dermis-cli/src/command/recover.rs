@@ -1,0 +1,54 @@
+//! `dermis recover`: a whole recording of what an interrupted one holds.
+
+use crate::console::{Progress, print, print_json};
+use crate::failure::Outcome;
+use clap::Args;
+use dermis_live::record::{Recovered, recover};
+use std::path::PathBuf;
+
+/// The arguments of `dermis recover`.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// The recording that was interrupted or damaged; it stays as it is.
+    recording: PathBuf,
+    /// The file to write, which must not be there yet.
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// Print what was recovered as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Arguments {
+    /// Recovers.
+    pub fn run(self) -> Outcome {
+        let recovered = {
+            let _waiting = Progress::waiting("recovering");
+            recover(&self.recording, &self.output).map_err(dermis_live::LiveError::from)?
+        };
+        match self.json {
+            true => print_json(&recovered),
+            false => print(&self.told(&recovered)),
+        }
+    }
+
+    fn told(&self, recovered: &Recovered) -> String {
+        let Recovered { messages, frames, seconds, was_whole, cut_bytes, ref damaged, homeless } = *recovered;
+        let mut text = format!("{}: {frames} frames, {messages} messages, {seconds:.1} s\n", self.output.display());
+        if was_whole {
+            text += "the recording was whole: nothing was left out\n";
+        } else if cut_bytes == 0 {
+            text += "the recording was not finished: what came in its last moments was not written\n";
+        }
+        if cut_bytes > 0 {
+            text += &format!("left out: the last {cut_bytes} bytes, which are no whole record\n");
+        }
+        for place in damaged {
+            text += &format!("left out: {place}\n");
+        }
+        if homeless > 0 {
+            text += &format!("left out: {homeless} messages on topics whose names are lost\n");
+        }
+        text
+    }
+}
