@@ -23,6 +23,8 @@ const PART_RISES: f64 = 0.01;
 const PART_FALLS: f64 = 0.3;
 /// A loop of more than this many times its resistance at the tare is open.
 const OPEN: f64 = 20.0;
+/// The share of a frame in the gain that is told.
+const SMOOTH: f64 = 0.02;
 /// Time constant of the noise, s.
 const NOISE_S: f64 = 1.0;
 /// Time constant at which the reference of sound contacts follows, s.
@@ -108,8 +110,9 @@ pub struct Watch {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Electrode {
     state: ElectrodeState,
-    /// What its contact has gained, ohm.
+    /// What its contact has gained, ohm: in this frame, and smoothed.
     gain_ohm: f64,
+    smooth_ohm: f64,
     /// Frames running in which it looked otherwise than its state says.
     against: u32,
 }
@@ -131,7 +134,7 @@ impl Watch {
     pub fn new(wiring: &Wiring, untouched: &[Measures]) -> Self {
         let (loops_ohm, loop_variance) = mean_and_variance(untouched.iter().map(|frame| frame.loops_ohm.as_slice()));
         let (_, tare_variance) = mean_and_variance(untouched.iter().map(|frame| frame.values_ohm.as_slice()));
-        let electrode = Electrode { state: ElectrodeState::Sound, gain_ohm: 0.0, against: 0 };
+        let electrode = Electrode { state: ElectrodeState::Sound, gain_ohm: 0.0, smooth_ohm: 0.0, against: 0 };
         Watch {
             loops_ohm,
             loop_noise_ohm: loop_variance.into_iter().map(f64::sqrt).collect(),
@@ -161,6 +164,7 @@ impl Watch {
             let by_loops = drives.iter().map(|&drive| gains[drive] - common).fold(f64::INFINITY, f64::min);
             let own = wiring.own[index].iter().map(|&(channel, sign)| sign * difference[channel]);
             electrode.gain_ohm = own.fold(by_loops, f64::min);
+            electrode.smooth_ohm += SMOOTH * (electrode.gain_ohm - electrode.smooth_ohm);
             let least = drives.iter().map(|&drive| self.loops_ohm[drive]).fold(f64::INFINITY, f64::min);
             let noise = drives.iter().map(|&drive| self.loop_noise_ohm[drive]).fold(0.0, f64::max);
             let limit = (NOISES * noise).max(wiring.part * least).max(5.0 * wiring.contacts_ohm[index]);
@@ -236,7 +240,7 @@ impl Watch {
             let doubtful = electrode.state == ElectrodeState::Sound && noise > DOUBTFUL;
             ElectrodeHealth {
                 state: if doubtful { ElectrodeState::Doubtful } else { electrode.state },
-                contact_ohm: Some((wiring.contacts_ohm[index] + electrode.gain_ohm).max(0.0)),
+                contact_ohm: Some((wiring.contacts_ohm[index] + electrode.smooth_ohm).max(0.0)),
                 noise: Some(noise).filter(|noise| noise.is_finite()),
             }
         };

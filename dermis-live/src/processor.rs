@@ -11,7 +11,7 @@ use crate::meter::Measures;
 use crate::moment::Moment;
 use crate::report::{Counts, ElectrodeState, Health, Level, LiveContact, LiveFrame, Notice};
 use crate::skin::{LiveSkin, NamedMethod};
-use dermis::detect::{DetectOptions, Detector};
+use dermis::detect::{DetectOptions, Detector, Forces};
 use dermis::frame::Frame;
 use dermis::geom::Point3;
 use dermis::image::Image;
@@ -385,7 +385,7 @@ impl Processor {
         self.method.method.reconstruct_into(&difference, &mut self.image.values)?;
         let settings = &self.state.settings;
         let least = settings.least();
-        let factor = self.method.method.detection().noise_factor;
+        let DetectOptions { noise_factor: factor, forces, .. } = self.method.method.detection();
         let found = self.detector.detect_under(&self.image);
         let sightings: Vec<Sighting> = found
             .into_iter()
@@ -397,7 +397,7 @@ impl Processor {
             .collect();
         let tracked = reading.tracker.update(&sightings, time_s).to_vec();
         let contacts: Vec<LiveContact> =
-            tracked.iter().map(|tracked| live(tracked, &self.image, settings, self.state.begun)).collect();
+            tracked.iter().map(|tracked| live(tracked, &self.image, settings, forces, self.state.begun)).collect();
 
         let nothing = !alarm && tracked.is_empty();
         reading.quiet_since_s = nothing.then(|| reading.quiet_since_s.unwrap_or(time_s));
@@ -553,7 +553,13 @@ impl State {
 }
 
 /// A contact as sinks are told of it.
-fn live(tracked: &Tracked, image: &Image, settings: &Settings, begun: Option<Moment>) -> LiveContact {
+fn live(
+    tracked: &Tracked,
+    image: &Image,
+    settings: &Settings,
+    forces: Option<Forces>,
+    begun: Option<Moment>,
+) -> LiveContact {
     let contact = &tracked.contact;
     let [centroid_m, centre_of_pressure_m] =
         if tracked.seen { dermis::detect::centres(image, contact) } else { [contact.position_m; 2] };
@@ -569,7 +575,7 @@ fn live(tracked: &Tracked, image: &Image, settings: &Settings, begun: Option<Mom
         strength: contact.strength,
         area_m2: contact.area_m2,
         force_n: known(contact.force_n),
-        force_sd_n: None,
+        force_sd_n: forces.map(|forces| forces.relative_sd * contact.force_n),
         sd_m: contact.sd_m,
         confidence: contact.confidence,
         since: begun.unwrap_or_default().after(since),

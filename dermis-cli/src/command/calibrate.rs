@@ -1,4 +1,5 @@
-//! `dermis calibrate`: how far a method's contacts lie from what touched, measured on simulated touches.
+//! `dermis calibrate`: how far a method's contacts lie from what touched, and how strong they are for a force, measured on
+//! simulated touches.
 
 use crate::console::{Progress, print, print_json};
 use crate::failure::{Failure, Outcome};
@@ -8,7 +9,7 @@ use crate::report::Table;
 use crate::skin::{Per, Skin};
 use clap::Args;
 use dermis::dataset::{Generator, PatchTouches, Recipe, SkinSpread, Skins, Touch};
-use dermis::detect::{DetectOptions, Misplacement, PositionSpread, REGION_95_SD, blur_share};
+use dermis::detect::{DetectOptions, Forces, Misplacement, PositionSpread, REGION_95_SD, blur_share};
 use dermis::evaluate::Trial;
 use dermis::frame::write_whole;
 use serde_json::json;
@@ -68,6 +69,9 @@ impl Arguments {
         let blur = blur_share(&trial.misplacements).ok_or_else(few)?;
         let before = covered(&trial.misplacements, |contact| contact.stated_m);
         detection.spread = Some(PositionSpread::fit(&trial.misplacements).ok_or_else(few)?);
+        // A method that was measured on touches without a force keeps what it knows of forces.
+        let ratios = trial.misplacements.iter().filter(|contact| !contact.is_shared);
+        detection.forces = Forces::fit(ratios.map(|contact| contact.newtons_per_strength)).or(detection.forces);
         if let Some(path) = &self.output {
             write_whole(path, |out| write(out, &trial.misplacements))?;
         }
@@ -139,6 +143,10 @@ fn told(trial: &Trial, detection: &DetectOptions, before: f64, blur: f64) -> Tab
     row("the same, several and all found", after(|contact| contact.touches > 1 && !contact.is_shared));
     row("the same, several and some not found", after(|contact| contact.is_shared));
     row("typical standard deviation", format!("{:.2} mm", 1e3 * spread.typical_m));
+    if let Some(Forces { newtons_per_strength, relative_sd }) = detection.forces {
+        row("force over strength", format!("{newtons_per_strength:.4e} N"));
+        row("standard deviation of a force", format!("{:.0} %", 100.0 * relative_sd));
+    }
     row("error apart from noise over a contact's radius, one number", format!("{blur:.3}"));
     row("unexplained variance of the images", format!("{:.4}", trial.images.unexplained()));
     row("variance of the targets", format!("{:.3e}", trial.images.target_variance()));
@@ -146,11 +154,11 @@ fn told(trial: &Trial, detection: &DetectOptions, before: f64, blur: f64) -> Tab
 }
 
 fn write(out: &mut dyn Write, contacts: &[Misplacement]) -> std::io::Result<()> {
-    writeln!(out, "touches,is_shared,signal,noise_m,radius_m,next_m,stated_m,error_m")?;
-    for Misplacement { circumstances: c, touches, is_shared, stated_m, error_m } in contacts {
+    writeln!(out, "touches,is_shared,signal,noise_m,radius_m,next_m,stated_m,error_m,newtons_per_strength")?;
+    for Misplacement { circumstances: c, touches, is_shared, stated_m, error_m, newtons_per_strength } in contacts {
         let next = if c.next_m.is_finite() { format!("{:?}", c.next_m) } else { String::new() };
         write!(out, "{touches},{},{:?},{:?},{:?},", u8::from(*is_shared), c.signal, c.noise_m, c.radius_m)?;
-        writeln!(out, "{next},{stated_m:?},{error_m:?}")?;
+        writeln!(out, "{next},{stated_m:?},{error_m:?},{newtons_per_strength:?}")?;
     }
     Ok(())
 }

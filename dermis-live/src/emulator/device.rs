@@ -204,6 +204,46 @@ impl Emulator {
         Ok(counts.collect())
     }
 
+    /// The packet of its hello while it sends so many thousandths of a frame a second.
+    pub fn hello_packet(&self, rate_mhz: u32) -> Vec<u8> {
+        let electronics = &self.options.twin.electronics;
+        let (twin, seed) = (&self.options.twin.name, self.options.seed);
+        let name = format!("dermis {} emulating `{twin}`, seed {seed}", env!("CARGO_PKG_VERSION"));
+        let hello = Hello {
+            version: VERSION,
+            reading_bytes: self.reading_bytes,
+            design_sha256: self.design.sha256(),
+            electrode_count: self.design.electrodes.len() as u16,
+            slot_count: self.scan.slots().len() as u16,
+            reference_ohm: electronics.reference_ohm as f32,
+            source_v: electronics.source_v as f32,
+            volts_per_count: self.volts_per_count.map(|volts| volts as f32),
+            full_scale: self.full_scale as u32,
+            rate_mhz,
+            highest_rate_mhz: self.highest_rate_mhz(),
+            baud: 0,
+            serial: seed as u32,
+            boot: self.boot,
+            name: &name,
+        };
+        packet(&ToHost::Hello(hello), Hello::PACKET_BYTES)
+    }
+
+    /// The packet of frame `index`, at the rate of the twin's instrument: what a host would receive, without a line between.
+    ///
+    /// # Errors
+    /// A twin that fails.
+    pub fn frame_packet(&self, index: u64) -> Result<Vec<u8>, LiveError> {
+        let rate_hz = self.options.twin.electronics.frame_rate_hz;
+        self.fail(index as f64 / rate_hz)?;
+        let counts = self.take(index)?;
+        let (sequence, time_us) = (index as u32, (index as f64 / rate_hz * 1e6) as u64);
+        let narrow: Vec<i16> = counts.iter().map(|&count| count as i16).collect();
+        let readings = if self.reading_bytes == 2 { Readings::I16(&narrow) } else { Readings::I32(&counts) };
+        let frame = Frame { sequence, time_us, flags: FrameFlags::default(), readings };
+        Ok(packet(&ToHost::Frame(frame), Frame::packet_bytes(counts.len(), 4)))
+    }
+
     /// Lets the faults of the skin happen that are due.
     fn fail(&self, time_s: f64) -> Result<(), LiveError> {
         let mut happened = lock(&self.happened);
@@ -305,6 +345,14 @@ impl Emulator {
             Err(TalkEnd::Failed(error)) => Err(error),
         }
     }
+}
+
+/// The packet of a message that fits into so many bytes.
+fn packet(message: &ToHost<'_>, most: usize) -> Vec<u8> {
+    let mut packet = vec![0; most];
+    let length = message.encode(&mut packet).expect("the packet fits into the bytes that it takes at most");
+    packet.truncate(length);
+    packet
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -447,32 +495,8 @@ impl<'a> Talk<'a> {
     }
 
     fn greet(&mut self) -> Result<(), TalkEnd> {
-        let emulator = self.emulator;
-        let electronics = &emulator.options.twin.electronics;
-        let name = format!(
-            "dermis {} emulating `{}`, seed {}",
-            env!("CARGO_PKG_VERSION"),
-            emulator.options.twin.name,
-            emulator.options.seed
-        );
-        let hello = Hello {
-            version: VERSION,
-            reading_bytes: emulator.reading_bytes,
-            design_sha256: emulator.design.sha256(),
-            electrode_count: emulator.design.electrodes.len() as u16,
-            slot_count: self.slots.len() as u16,
-            reference_ohm: electronics.reference_ohm as f32,
-            source_v: electronics.source_v as f32,
-            volts_per_count: emulator.volts_per_count.map(|volts| volts as f32),
-            full_scale: emulator.full_scale as u32,
-            rate_mhz: self.rate_mhz,
-            highest_rate_mhz: emulator.highest_rate_mhz(),
-            baud: 0,
-            serial: emulator.options.seed as u32,
-            boot: emulator.boot,
-            name: &name,
-        };
-        self.say(&ToHost::Hello(hello))
+        let packet = self.emulator.hello_packet(self.rate_mhz);
+        Ok(self.line.say(&packet)?)
     }
 
     fn say(&mut self, message: &ToHost<'_>) -> Result<(), TalkEnd> {

@@ -5,6 +5,7 @@
 //! their centroid, and each comes with a standard deviation of its position and the probability that something
 //! is there. Each method says with which options its images are read.
 
+mod forces;
 mod noise;
 mod peaks;
 mod spots;
@@ -12,6 +13,7 @@ mod spread;
 #[cfg(test)]
 mod tests;
 
+pub use forces::Forces;
 pub use noise::ImageNoise;
 pub use spread::{Circumstances, Factor, Misplacement, PositionSpread, blur_share};
 
@@ -42,6 +44,8 @@ pub struct DetectOptions {
     /// How far contacts lie from what touched, where that was measured for the method and its skin; `None` takes what is
     /// known of linear images.
     pub spread: Option<PositionSpread>,
+    /// How strengths become forces, where that was measured for the method and its skin; `None` leaves forces unknown.
+    pub forces: Option<Forces>,
 }
 
 impl Default for DetectOptions {
@@ -53,6 +57,7 @@ impl Default for DetectOptions {
             weight_fraction: 0.15,
             spot_width_m: None,
             spread: None,
+            forces: None,
         }
     }
 }
@@ -78,7 +83,8 @@ impl DetectOptions {
         if let Some(width_m) = self.spot_width_m.filter(|width_m| !(*width_m > 0.0 && width_m.is_finite())) {
             return Err(format!("spot_width_m is {width_m}: it must be positive"));
         }
-        self.spread.as_ref().map_or(Ok(()), PositionSpread::check)
+        self.spread.as_ref().map_or(Ok(()), PositionSpread::check)?;
+        self.forces.as_ref().map_or(Ok(()), Forces::check)
     }
 }
 
@@ -207,7 +213,7 @@ impl Detector {
             normal: own.place.1,
             strength: own.strength,
             area_m2: own.area_m2,
-            force_n: f64::NAN,
+            force_n: self.options.forces.map_or(f64::NAN, |forces| forces.newtons_per_strength * own.strength),
             sd_m,
             confidence: confidence(own.height, own.peak_sd, highest, sd_m, image.space.len()),
         };
@@ -313,7 +319,8 @@ fn white_centroid_variance_m2(image: &Image, inside: &[usize], floor: f64, sd: f
 fn confidence(height: f64, noise_sd: f64, highest: f64, sd_m: f64, pixel_count: usize) -> f64 {
     let false_alarm = if noise_sd > 0.0 { pixel_count as f64 * normal_tail(height / noise_sd) } else { 0.0 };
     let real = 1.0 - false_alarm.min(1.0);
-    let main = 0.5 + 0.5 * height / highest;
+    // A fitted spot may be higher than any pixel.
+    let main = 0.5 + 0.5 * (height / highest).min(1.0);
     let near = 1.0 - (-0.5 * (GATE_M / sd_m).powi(2)).exp();
     real * main * near
 }

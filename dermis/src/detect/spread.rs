@@ -29,6 +29,8 @@ pub struct Misplacement {
     pub stated_m: f64,
     /// Its distance from the touch along the surface, m.
     pub error_m: f64,
+    /// The touch's force over the contact's strength; `NaN` where the force is not known.
+    pub newtons_per_strength: f64,
 }
 
 /// The standard deviation of contacts' positions as measured on touches at known places: a typical one times a factor for
@@ -216,7 +218,14 @@ mod tests {
             };
             let error = standard_normal(&mut rng).hypot(standard_normal(&mut rng));
             let stated_m = sd_m(&circumstances);
-            Misplacement { circumstances, touches: 1, is_shared: false, stated_m, error_m: stated_m * error }
+            Misplacement {
+                circumstances,
+                touches: 1,
+                is_shared: false,
+                stated_m,
+                error_m: stated_m * error,
+                newtons_per_strength: f64::NAN,
+            }
         };
         (0..count).map(contact).collect()
     }

@@ -1,7 +1,7 @@
 //! Contacts of known touches in simulated frames, to measure how far contacts lie from what touched.
 
 use crate::contact::Contact;
-use crate::dataset::{Generator, Sample};
+use crate::dataset::{Generator, Sample, Touch};
 use crate::detect::{DetectOptions, Detector, ImageNoise, Misplacement};
 use crate::evaluate::{GainFit, match_contacts};
 use crate::frame::Frame;
@@ -54,6 +54,7 @@ impl Trial {
         let detectors = levels.iter().map(detector).collect::<crate::Result<Vec<Detector>>>()?;
         let (_, drives) = protocol.drives();
         let seed = generator.recipe().seed;
+        let is_pressed = matches!(generator.recipe().touch, Touch::Patch(_));
         let one = |sample: Sample| -> crate::Result<Trial> {
             let level = sample.index as usize % levels.len();
             let frame = Frame(sample.frame.iter().map(|value| f64::from(*value)).collect());
@@ -65,16 +66,20 @@ impl Trial {
             trial.images.add(&image.values, &target);
             let found = detectors[level].detect_under(&image);
             let contacts: Vec<Contact> = found.iter().map(|(contact, _)| *contact).collect();
+            // Presses have a force where Gaussians have an amplitude.
+            let force_n = |touch: &[f32; 6]| if is_pressed { f64::from(touch[4]) } else { f64::NAN };
             let place = |touch: &[f32; 6]| {
-                Contact::truth([touch[0], touch[1], touch[2]].map(f64::from), [f64::NAN; 3], f64::NAN)
+                Contact::truth([touch[0], touch[1], touch[2]].map(f64::from), [f64::NAN; 3], force_n(touch))
             };
             let touches: Vec<Contact> = sample.touches.iter().map(place).collect();
             let matched = match_contacts(&touches, &contacts, &image.space.surface);
             trial.ghosts = matched.ghosts.len();
             let (count, is_shared) = (touches.len(), !matched.missed.is_empty());
-            let misplacement = |&(_, index, error_m): &(usize, usize, f64)| {
+            let misplacement = |&(touch, index, error_m): &(usize, usize, f64)| {
                 let (contact, circumstances) = found[index];
-                Misplacement { circumstances, touches: count, is_shared, stated_m: contact.sd_m, error_m }
+                let newtons_per_strength = touches[touch].force_n / contact.strength;
+                let stated_m = contact.sd_m;
+                Misplacement { circumstances, touches: count, is_shared, stated_m, error_m, newtons_per_strength }
             };
             trial.misplacements = matched.pairs.iter().map(misplacement).collect();
             on_sample();

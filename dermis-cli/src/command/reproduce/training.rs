@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 /// Epochs of the paper's network, and of ours.
-const PAPER_EPOCHS: u64 = 10;
+const PAPER_EPOCHS: u64 = 28;
 const BEST_EPOCHS: u64 = 40;
 /// Samples of an epoch of ours, drawn from all presses.
 const BEST_EPOCH_SAMPLES: u64 = 147_456;

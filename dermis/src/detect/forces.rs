@@ -1,0 +1,65 @@
+//! The force of a contact from its strength, where that was measured.
+
+use serde::{Deserialize, Serialize};
+
+/// How the strengths of a method's contacts become forces, measured on presses of known force.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Forces {
+    /// Force of a contact over its strength, N per unit of strength: half of the presses have more.
+    pub newtons_per_strength: f64,
+    /// Standard deviation of a force beside itself: that of the Gaussian which has as many of the presses within one of them, 68 %.
+    pub relative_sd: f64,
+}
+
+/// Fewest presses to measure by.
+const LEAST_PRESSES: usize = 30;
+/// The part of a Gaussian within one standard deviation.
+const WITHIN_ONE: f64 = 0.682_689_492;
+
+impl Forces {
+    /// From the forces of presses over the strengths of their contacts, ratios that are no numbers left aside; `None` of too few.
+    pub fn fit(ratios: impl Iterator<Item = f64>) -> Option<Self> {
+        let mut ratios: Vec<f64> = ratios.filter(|ratio| ratio.is_finite() && *ratio > 0.0).collect();
+        if ratios.len() < LEAST_PRESSES {
+            return None;
+        }
+        ratios.sort_by(f64::total_cmp);
+        let newtons_per_strength = ratios[ratios.len() / 2];
+        // How far the true force is from the stated one, over the stated one.
+        let mut off: Vec<f64> = ratios.iter().map(|ratio| (ratio / newtons_per_strength - 1.0).abs()).collect();
+        off.sort_by(f64::total_cmp);
+        let relative_sd = off[((off.len() - 1) as f64 * WITHIN_ONE) as usize];
+        Some(Forces { newtons_per_strength, relative_sd })
+    }
+
+    /// What is wrong with it, where it was read from a file that something is wrong with.
+    ///
+    /// # Errors
+    /// The field and its value.
+    pub fn check(&self) -> Result<(), String> {
+        let Forces { newtons_per_strength, relative_sd } = self;
+        for (name, value) in [("newtons_per_strength", newtons_per_strength), ("relative_sd", relative_sd)] {
+            if !(*value > 0.0 && value.is_finite()) {
+                return Err(format!("{name} is {value}: it must be positive"));
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::touch::{sample_rng, standard_normal};
+
+    #[test]
+    fn the_spread_of_known_ratios_is_found() {
+        let mut rng = sample_rng(3, 0);
+        let ratios = (0..20_000).map(|_| 4000.0 * (1.0 + 0.2 * standard_normal(&mut rng)));
+        let forces = Forces::fit(ratios.chain([f64::NAN, f64::INFINITY])).unwrap();
+        assert!((forces.newtons_per_strength / 4000.0 - 1.0).abs() < 0.01, "{forces:?}");
+        assert!((forces.relative_sd - 0.2).abs() < 0.01, "{forces:?}");
+        assert_eq!(Forces::fit([1.0; 29].into_iter()), None);
+    }
+}
