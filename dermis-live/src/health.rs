@@ -25,6 +25,8 @@ const PART_FALLS: f64 = 0.3;
 const OPEN: f64 = 20.0;
 /// The share of a frame in the gain that is told.
 const SMOOTH: f64 = 0.02;
+/// No channel is taken for less noisy than this part of the median channel.
+const LEAST_NOISE: f64 = 0.5;
 /// Time constant of the noise, s.
 const NOISE_S: f64 = 1.0;
 /// Time constant at which the reference of sound contacts follows, s.
@@ -148,7 +150,7 @@ impl Watch {
 
     /// Standard deviation of the noise of each channel at the tare, ohm.
     pub fn noise_ohm(&self) -> Vec<f64> {
-        self.tare_variance.iter().map(|variance| variance.sqrt().max(f64::MIN_POSITIVE)).collect()
+        deviations(&self.tare_variance)
     }
 
     /// Takes a frame in: what it says of each contact, before anything is made of the frame.
@@ -290,6 +292,21 @@ pub fn silent(wiring: &Wiring, electrodes: impl Iterator<Item = usize>) -> Vec<b
         wiring.channels[electrode].iter().for_each(|&channel| silent[channel] = true);
     }
     silent
+}
+
+/// The deviations of the noise of channels from what was measured, none less than a part of their median: a channel whose
+/// value lies in the middle of a step of the converter says nothing of its noise until that is large.
+fn deviations(variances: &[f64]) -> Vec<f64> {
+    let least = (LEAST_NOISE * LEAST_NOISE * median(variances)).max(f64::MIN_POSITIVE);
+    variances.iter().map(|variance| variance.max(least).sqrt()).collect()
+}
+
+/// The noise of each channel in some untouched frames, ohm.
+///
+/// # Panics
+/// Without two of them.
+pub fn noise_of(frames: &[&Measures]) -> Vec<f64> {
+    deviations(&mean_and_variance(frames.iter().map(|frame| frame.values_ohm.as_slice())).1)
 }
 
 /// Mean and variance of each value over some frames.

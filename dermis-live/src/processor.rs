@@ -6,7 +6,7 @@
 use crate::LiveError;
 use crate::alarm::{Alarm, statistic};
 use crate::baseline::{Baseline, Drifts, Noise, Touch};
-use crate::health::{Change, Untouched, Watch, Wiring, silent};
+use crate::health::{Change, Untouched, Watch, Wiring, noise_of, silent};
 use crate::meter::Measures;
 use crate::moment::Moment;
 use crate::report::{Counts, ElectrodeState, Health, Level, LiveContact, LiveFrame, Notice};
@@ -150,6 +150,8 @@ struct Reading {
     puzzled_since_s: Option<f64>,
 }
 
+/// A signal that lets a contact go on but none begin.
+const NOT_TO_BEGIN: f64 = 0.99;
 /// Nothing must have touched for so long before the baseline follows, s.
 const QUIET_S: f64 = 0.5;
 /// What is felt for so long without a contact is no touch but a skin that has changed, s.
@@ -344,9 +346,8 @@ impl Processor {
         let less_mean =
             |frame: &Measures| frame.values_ohm.iter().zip(&mean).map(|(value, mean)| value - mean).collect();
         let untouched: Vec<Vec<f64>> = frames.iter().map(less_mean).collect();
-        let noise_ohm = watch.noise_ohm();
         self.silent = silent(&self.wiring, watch.bad());
-        let statistics: Vec<f64> = untouched.iter().map(|frame| statistic(frame, &noise_ohm, &self.silent)).collect();
+        let statistics = statistics(&frames, &self.silent);
         let surface = self.skin.pixels.surface;
         self.state.phase = Phase::Reading(Box::new(Reading {
             baseline: Baseline::new(mean),
@@ -392,7 +393,9 @@ impl Processor {
             .map(|(contact, under)| {
                 let needed = factor * settings.threshold_at(contact.position_m);
                 let signal = if needed > 0.0 { under.signal / needed } else { f64::INFINITY };
-                Sighting { contact, signal: if signal.is_nan() { least } else { signal } }
+                let signal = if signal.is_nan() { least } else { signal };
+                // Where the voltages say that nothing touches a contact may go on, but none begins.
+                Sighting { contact, signal: if alarm { signal } else { signal.min(NOT_TO_BEGIN) } }
             })
             .collect();
         let tracked = reading.tracker.update(&sightings, time_s).to_vec();
@@ -460,6 +463,27 @@ impl Processor {
     }
 }
 
+/// The alarm's statistic of untouched frames, each half of them judged by the mean and the noise of the other: a frame that
+/// was counted for the noise looks more like it than one to come.
+fn statistics(frames: &[Measures], silent: &[bool]) -> Vec<f64> {
+    let halves = [0, 1].map(|half| frames.iter().skip(half).step_by(2).collect::<Vec<&Measures>>());
+    let judged = |own: &[&Measures], other: &[&Measures]| -> Vec<f64> {
+        if other.len() < 2 {
+            return Vec::new();
+        }
+        let noise_ohm = noise_of(other);
+        let count = other.len() as f64;
+        let mean = |channel: usize| other.iter().map(|frame| frame.values_ohm[channel]).sum::<f64>() / count;
+        let mean: Vec<f64> = (0..silent.len()).map(mean).collect();
+        let of = |frame: &&Measures| {
+            let difference: Vec<f64> = frame.values_ohm.iter().zip(&mean).map(|(value, mean)| value - mean).collect();
+            statistic(&difference, &noise_ohm, silent)
+        };
+        own.iter().map(of).collect()
+    };
+    [judged(&halves[0], &halves[1]), judged(&halves[1], &halves[0])].concat()
+}
+
 /// Which of a list are marked.
 fn numbers(marked: &[bool]) -> Vec<usize> {
     (0..marked.len()).filter(|&index| marked[index]).collect()
@@ -505,8 +529,8 @@ impl Settings {
                 self.threshold
             )));
         }
-        if !(2..=100_000).contains(&self.tare_frames) {
-            let message = format!("a tare of {} frames: it must be from 2 to 100,000", self.tare_frames);
+        if !(8..=100_000).contains(&self.tare_frames) {
+            let message = format!("a tare of {} frames: it must be from 8 to 100,000", self.tare_frames);
             return Err(LiveError::Given(message));
         }
         for Zone { name, centre_m, radius_m, threshold } in &self.zones {

@@ -11,11 +11,17 @@ mod motion;
 mod tests;
 
 use crate::contact::Contact;
-use crate::geom::vector::distance;
+use crate::geom::vector::{distance, norm, scale};
 use crate::geom::{Point3, Surface};
 use crate::linalg::smallest_total;
 use motion::{Motion, step_between};
 use serde::{Deserialize, Serialize};
+
+/// Contacts that come nearer to each other faster than this will meet, m/s: more than a finger that stays seems to move.
+const CLOSING_M_S: f64 = 0.03;
+
+/// A contact that is seen as one with another lies within this part of [`TrackOptions::merge_m`] of what is seen.
+const SEEN_AS_ONE: f64 = 0.6;
 
 /// How contacts are followed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -130,7 +136,8 @@ impl Tracker {
         let cost = |track: usize, sighting: usize| apart_m(track, sighting).min(2.0 * gate_m);
         let mut owner = vec![None; sightings.len()];
         for (track, sighting) in smallest_total(self.tracks.len(), sightings.len(), &cost) {
-            let gate_m = if self.tracks[track].merged_since_s.is_some() { self.options.merge_m } else { gate_m };
+            // Where two that were seen as one part again is hardly known: on either side of what was seen.
+            let gate_m = if self.tracks[track].merged_since_s.is_some() { 2.0 * self.options.merge_m } else { gate_m };
             if apart_m(track, sighting) <= gate_m {
                 owner[sighting] = Some(track);
             }
@@ -141,7 +148,7 @@ impl Tracker {
     /// For each track that was not seen the sighting that may be it and its neighbour in one.
     ///
     /// A contact that hides another is stronger than it was alone, or has moved from where it is expected towards the
-    /// middle of both; one whose neighbour was lifted is neither.
+    /// middle of both, or the two were closing in on each other; one whose neighbour was lifted is none of these.
     fn hidden(&self, sightings: &[Sighting], owner: &[Option<usize>], time_s: f64) -> Vec<Option<usize>> {
         let merges = |track: usize, sighting: usize| {
             let (own, seen) = (&self.tracks[track], &sightings[sighting].contact);
@@ -155,7 +162,8 @@ impl Tracker {
             let apart_m = self.surface.distance_m(own.motion.position_m, other.motion.position_m);
             let towards_m = self.surface.distance_m(seen.position_m, other.motion.position_m);
             let stronger = seen.strength >= other.contact.strength + 0.5 * own.contact.strength;
-            apart_m <= self.options.merge_m && (stronger || towards_m > 0.25 * apart_m)
+            let closing_m_s = own.motion.closing_m_s(&other.motion, &self.surface);
+            apart_m <= self.options.merge_m && (stronger || towards_m > 0.25 * apart_m || closing_m_s > CLOSING_M_S)
         };
         (0..self.tracks.len())
             .map(|track| {
@@ -183,20 +191,27 @@ impl Tracker {
         }
     }
 
-    /// Moves tracks that are seen as one by what their middle, weighted by strength, misses of what is seen. Their
+    /// Moves tracks that are seen as one by what their middle misses of what is seen. Their
     /// velocities stay: the sum tells nothing of how the parts move against each other.
     fn see_together(&mut self, owner: usize, behind: &[usize], seen: &Contact, time_s: f64) {
         let members: Vec<usize> = std::iter::once(owner).chain(behind.iter().copied()).collect();
         let origin = self.tracks[owner].motion.position_m;
-        let places = members.iter().map(|&m| (self.tracks[m].motion.position_m, self.tracks[m].contact.strength));
-        let middle = self.surface.weighted_mean(origin, places.filter(|(_, weight)| *weight > 0.0));
-        if middle.iter().all(|value| value.is_finite()) {
-            let shift_m = step_between(&self.surface, middle, seen.position_m);
-            for &member in &members {
-                self.tracks[member].motion.shift(&self.surface, shift_m);
-            }
+        // Their last strengths tell nothing of their weights: near each other one takes from the other.
+        let places = members.iter().map(|&member| (self.tracks[member].motion.position_m, 1.0));
+        let middle = self.surface.weighted_mean(origin, places);
+        // What is seen is their middle, or the stronger one alone: whichever is nearer to what was expected.
+        let steps_m = [middle, origin].map(|expected| step_between(&self.surface, expected, seen.position_m));
+        let shift_m = if norm(steps_m[0]) <= norm(steps_m[1]) { steps_m[0] } else { steps_m[1] };
+        for &member in &members {
+            self.tracks[member].motion.shift(&self.surface, shift_m);
         }
         for member in members {
+            // Farther apart than this they would be told apart.
+            let step_m = step_between(&self.surface, seen.position_m, self.tracks[member].motion.position_m);
+            let over = norm(step_m) / (SEEN_AS_ONE * self.options.merge_m) - 1.0;
+            if over > 0.0 {
+                self.tracks[member].motion.shift(&self.surface, scale(step_m, -over / (1.0 + over)));
+            }
             let track = &mut self.tracks[member];
             track.merged_since_s.get_or_insert(time_s);
             track.last_seen_s = time_s;

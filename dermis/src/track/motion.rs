@@ -1,14 +1,14 @@
 //! How one contact moves: a Kalman filter of constant velocity on the surface.
 
 use crate::geom::Surface;
-use crate::geom::vector::{Point3, add, scale, sub};
+use crate::geom::vector::{Point3, add, dot, norm, scale, sub};
 use serde::{Deserialize, Serialize};
 
-/// Standard deviation of a finger's acceleration along the surface, m/s2: a stroke reaches 0.3 m/s in a tenth of a second.
-const ACCELERATION_M_S2: f64 = 3.0;
-/// Standard deviation of a contact's place from one frame to the next, m. Errors of the image stay nearly the same between
-/// neighbouring places; what changes is far less than the error itself.
-const JITTER_M: f64 = 0.0005;
+/// Standard deviation of a finger's acceleration along the surface, m/s2: a stroke reaches 0.15 m/s in a tenth of a second.
+const ACCELERATION_M_S2: f64 = 1.5;
+/// Standard deviation of a contact's place from one frame to the next, m: what errors change by between neighbouring places,
+/// as patches close and open.
+const JITTER_M: f64 = 0.0015;
 
 /// Where a contact is and how fast it moves, with one variance for all axes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -57,6 +57,13 @@ impl Motion {
     pub fn jump(&mut self, seen_m: Point3) {
         self.position_m = seen_m;
         self.variance = [JITTER_M * JITTER_M, 0.0, self.variance[2].min(0.09)];
+    }
+
+    /// How fast the distance to another one shrinks, m/s.
+    pub fn closing_m_s(&self, other: &Motion, surface: &Surface) -> f64 {
+        let between_m = step_between(surface, self.position_m, other.position_m);
+        let apart_m = norm(between_m).max(f64::MIN_POSITIVE);
+        dot(sub(self.velocity_m_s, other.velocity_m_s), between_m) / apart_m
     }
 
     /// Its velocity in space.
