@@ -99,7 +99,7 @@ impl From<dermis_live::LiveError> for Failure {
     fn from(error: dermis_live::LiveError) -> Self {
         match error {
             dermis_live::LiveError::Dermis(error) => error.into(),
-            dermis_live::LiveError::Learn(error) => error.into(),
+            dermis_live::LiveError::Learn(error) => (*error).into(),
             error => Failure::given(error, None),
         }
     }

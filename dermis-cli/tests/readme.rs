@@ -47,9 +47,18 @@ fn words(text: &str) -> String {
 #[test]
 fn a_first_design_of_your_own() {
     let blocks = blocks(include_str!("../../README.md"));
-    assert_eq!(blocks.len(), 1, "one walk from a design to a score");
-    let printed = run(&blocks);
+    assert_eq!(blocks.len(), 2, "one walk from a design to a score, one live skin");
+    let printed = run(&blocks[..1]);
     assert!(printed.contains("presses             2, of which 0 missed; 0 ghosts"), "{printed}");
+}
+
+#[test]
+fn a_live_skin() {
+    let blocks = blocks(include_str!("../../README.md"));
+    // It goes on for ever, and its usual port may be taken.
+    let printed = run(&[&format!("{} --for 3 --serve 127.0.0.1:0 --json", blocks[1].trim())]);
+    let told: serde_json::Value = serde_json::from_str(&printed).expect("JSON");
+    assert!(told["frames"].as_u64() > Some(100), "{printed}");
 }
 
 #[test]

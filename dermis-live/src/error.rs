@@ -11,7 +11,7 @@ pub enum LiveError {
     Dermis(#[from] dermis::Error),
     /// A network.
     #[error(transparent)]
-    Learn(#[from] dermis_learn::LearnError),
+    Learn(Box<dermis_learn::LearnError>),
     /// A protocol too large for the wire.
     #[error(transparent)]
     Scan(#[from] crate::scan::TooLarge),
@@ -66,5 +66,12 @@ pub enum LiveError {
 impl From<dermis::reconstruct::ReconstructError> for LiveError {
     fn from(error: dermis::reconstruct::ReconstructError) -> Self {
         LiveError::Dermis(error.into())
+    }
+}
+
+// Boxed: it would make every result of the crate larger.
+impl From<dermis_learn::LearnError> for LiveError {
+    fn from(error: dermis_learn::LearnError) -> Self {
+        LiveError::Learn(Box::new(error))
     }
 }

@@ -50,11 +50,11 @@ fn frames_until(live: &Live, mut done: impl FnMut(&LiveFrame) -> bool) {
     let mailbox = live.shared().subscribe(4096);
     let begun = Instant::now();
     while begun.elapsed() < Duration::from_secs(60) {
-        if let Taken::Item(Event::Frame(frame)) = mailbox.take(Duration::from_secs(5)) {
-            if done(&frame) {
-                live.shared().unsubscribe(&mailbox);
-                return;
-            }
+        if let Taken::Item(Event::Frame(frame)) = mailbox.take(Duration::from_secs(5))
+            && done(&frame)
+        {
+            live.shared().unsubscribe(&mailbox);
+            return;
         }
     }
     panic!("it did not come to that within a minute");

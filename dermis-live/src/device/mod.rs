@@ -47,7 +47,7 @@ pub struct Device {
 }
 
 /// What is known of the frames of a device, from one connection to the next.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Stream {
     meter: Option<Meter>,
     arrivals: Arrivals,
@@ -83,21 +83,6 @@ impl Rate {
         self.arrived.push_back(at);
         let span_s = self.arrived.front().map_or(0.0, |first| at.seconds_since(*first));
         if span_s > 0.0 { (self.arrived.len() - 1) as f64 / span_s } else { 0.0 }
-    }
-}
-
-impl Default for Stream {
-    fn default() -> Self {
-        Stream {
-            meter: None,
-            arrivals: Arrivals::default(),
-            clock: DeviceClock::default(),
-            rate: Rate::default(),
-            boot: None,
-            newest: None,
-            damaged: 0,
-            reconnected: 0,
-        }
     }
 }
 

@@ -342,7 +342,7 @@ impl Emulator {
         let mut talk = Talk::new(self, line);
         match talk.run() {
             Ok(()) | Err(TalkEnd::Gone) => Ok(()),
-            Err(TalkEnd::Failed(error)) => Err(error),
+            Err(TalkEnd::Failed(error)) => Err(*error),
         }
     }
 }
@@ -416,7 +416,7 @@ enum TalkEnd {
     /// The host is gone.
     Gone,
     /// The device failed.
-    Failed(LiveError),
+    Failed(Box<LiveError>),
 }
 
 impl From<std::io::Error> for TalkEnd {
@@ -427,7 +427,7 @@ impl From<std::io::Error> for TalkEnd {
 
 impl From<LiveError> for TalkEnd {
     fn from(error: LiveError) -> Self {
-        TalkEnd::Failed(error)
+        TalkEnd::Failed(Box::new(error))
     }
 }
 
