@@ -197,8 +197,14 @@ impl Watch {
     pub fn noise(&mut self, wiring: &Wiring, frame: &Measures, touch: Untouched<'_>) {
         let share = -(-touch.step_s / NOISE_S).exp_m1();
         if touch.untouched {
-            let channels = self.variance.iter_mut().zip(&frame.values_ohm).zip(&self.last_ohm);
-            channels.for_each(|((variance, now), last)| *variance += share * (0.5 * (now - last).powi(2) - *variance));
+            for (channel, variance) in self.variance.iter_mut().enumerate() {
+                // What a bad contact does to a channel is no noise of the others that are part of it.
+                let square = match touch.silent[channel] {
+                    true => self.tare_variance[channel],
+                    false => 0.5 * (frame.values_ohm[channel] - self.last_ohm[channel]).powi(2),
+                };
+                *variance += share * (square - *variance);
+            }
             let follow = -(-touch.step_s / FOLLOW_S).exp_m1();
             for (value, now) in self.loops_ohm.iter_mut().zip(&frame.loops_ohm) {
                 // A loop that opens is followed by nobody.

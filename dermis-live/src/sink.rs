@@ -115,6 +115,7 @@ impl Tape {
         let skin = self.shared.skin();
         let reference = Reference { frame_id: skin.design.name.clone(), space: Arc::clone(&skin.pixels) };
         let mut recorder = Recorder::create(&self.path, reference, &session)?;
+        let mut left_out = self.mailbox.dropped();
         loop {
             match self.mailbox.take(PAUSE) {
                 Taken::Item(Event::Frame(frame)) => recorder.frame(&frame)?,
@@ -132,6 +133,14 @@ impl Tape {
                 Taken::Closed => break,
             }
             self.told.lock().unwrap_or_else(PoisonError::into_inner).written = recorder.written();
+            // A replay of what follows differs: say so where it is.
+            let dropped = self.mailbox.dropped();
+            if dropped > left_out {
+                let text = format!("{} frames or events are missing here: the disk is too slow", dropped - left_out);
+                let notice = Notice { level: Level::Warning, text, at: Moment::now() };
+                recorder.event(notice.at, &record::Event::Notice(notice.clone()))?;
+                left_out = dropped;
+            }
         }
         let written = recorder.finish()?;
         self.told.lock().unwrap_or_else(PoisonError::into_inner).written = written;
