@@ -6,7 +6,7 @@ use std::time::Duration;
 /// Brings the times of a device onto the host's clock.
 ///
 /// A message arrives some time after what it tells of, never before: the least delay of late is taken as none (Cristian 1989,
-/// DOI 10.1007/BF01784024, in one direction). The two clocks may drift apart by [`DRIFT`].
+/// DOI 10.1007/BF01784024, in one direction). The two clocks may drift apart by a ten-thousandth.
 #[derive(Debug, Clone, Default)]
 pub struct DeviceClock {
     /// The host's time less the device's at the least delay, ns; and the device's time then, us.
