@@ -5,7 +5,7 @@
 //! Krishnaprasad, 1993, DOI 10.1109/ACSSC.1993.342465). A spot that the skin's edge cuts off is placed as well as a whole
 //! one, which a centroid would pull inwards.
 
-use crate::geom::vector::{cross, dot};
+use crate::geom::vector::{cross, dot, sub};
 use crate::geom::{Point3, Surface};
 use crate::image::{Image, PixelSpace};
 
@@ -24,6 +24,8 @@ pub(super) struct Spot {
 const ROUNDS: usize = 4;
 /// A spot is fitted to the pixels this many widths around.
 const REACH: f64 = 2.0;
+/// This many widths away a spot is less than a millionth of its height.
+const FAR: f64 = 5.3;
 /// More touches than this are not looked for.
 const MOST: usize = 16;
 
@@ -92,18 +94,18 @@ impl Search<'_> {
 
     /// Adds a spot to what is left, or takes it off.
     fn shift(&mut self, spot: &Spot, sign: f64) {
-        for pixel in 0..self.left.len() {
-            let shape = self.shape(self.offset(spot, pixel));
-            if shape > 1e-6 {
-                self.left[pixel] += sign * spot.height * shape;
-            }
+        let Search { image, width_m, left, .. } = self;
+        for pixel in near(&image.space, spot.centre_m, FAR * *width_m) {
+            let [u, v] = image.space.surface.chart(spot.centre_m, image.space.centres_m[pixel]);
+            left[pixel] += sign * spot.height * (-0.5 * (u * u + v * v) / (*width_m * *width_m)).exp();
         }
     }
 
     /// One step of Gauss and Newton for place and height, against what is left with this spot.
     fn fitted(&self, spot: Spot) -> Spot {
         let (mut matrix, mut right) = ([[0.0; 3]; 3], [0.0; 3]);
-        for (pixel, &left) in self.left.iter().enumerate() {
+        for pixel in near(&self.image.space, spot.centre_m, REACH * self.width_m) {
+            let left = self.left[pixel];
             let offset @ [u, v] = self.offset(&spot, pixel);
             if u.hypot(v) > REACH * self.width_m {
                 continue;
@@ -128,6 +130,17 @@ impl Search<'_> {
         }
         Spot { centre_m, height: (spot.height + up).max(0.0), ..spot }
     }
+}
+
+/// Pixels that may lie within some distance of a place along the surface: those that do so straight through space, which no
+/// way along it is shorter than.
+fn near(space: &PixelSpace, place: Point3, reach_m: f64) -> impl Iterator<Item = usize> {
+    let square = reach_m * reach_m;
+    let is_near = move |(_, centre): &(usize, &Point3)| {
+        let away = sub(**centre, place);
+        dot(away, away) <= square
+    };
+    space.centres_m.iter().enumerate().filter(is_near).map(|(pixel, _)| pixel)
 }
 
 /// Solves three equations by Cramer's rule (the matrix is symmetric); `None` where they are singular.
