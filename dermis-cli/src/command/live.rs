@@ -85,7 +85,8 @@ impl Arguments {
         let text = SkinDesign::text_of(&self.design)?;
         let skin = {
             let _waiting = crate::console::Progress::waiting("preparing");
-            Arc::new(LiveSkin::new(&text, &self.design, self.model.as_deref())?)
+            let folder = self.model.as_deref().filter(|model| Path::new(model).is_dir());
+            Arc::new(LiveSkin::new(&text, &self.design, folder)?)
         };
         let (address, emulator) = self.address(&skin)?;
         let live = Live::start(Arc::clone(&skin), self.options(&skin, address)?)?;
