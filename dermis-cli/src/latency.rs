@@ -70,15 +70,12 @@ impl Latencies {
     }
 
     /// Tells all of it at the end.
-    pub fn tell(mut self, picture: Option<&Path>, as_json: bool) -> Outcome {
+    pub fn tell(self, picture: Option<&Path>, as_json: bool) -> Outcome {
         let seconds = self.begun.elapsed().as_secs_f64();
         if let Some(path) = picture {
             self.draw(path)?;
         }
-        let [median, p99, worst] = {
-            self.all_ms.sort_by(f32::total_cmp);
-            quantiles(&self.all_ms, [0.5, 0.99, 1.0])
-        };
+        let [median, p99, worst] = quantiles(&self.all_ms, [0.5, 0.99, 1.0]);
         let Counts { lost, repeated, reordered, damaged, reconnected, .. } = self.counts;
         let skipped = self.shared.skipped();
         if as_json {
@@ -114,11 +111,9 @@ impl Latencies {
     }
 
     fn draw(&self, path: &Path) -> Outcome {
-        let [_, p99] = quantiles(&sorted(&self.all_ms), [0.5, 0.99]);
+        let [median, p99] = quantiles(&self.all_ms, [0.5, 0.99]).map(f64::from);
         // What is rarer than one in a hundred would leave the rest no room.
-        let shown: Vec<f64> =
-            self.all_ms.iter().map(|&ms| f64::from(ms)).filter(|&ms| ms <= 3.0 * f64::from(p99)).collect();
-        let [median, p99] = quantiles(&sorted(&self.all_ms), [0.5, 0.99]).map(f64::from);
+        let shown: Vec<f64> = self.all_ms.iter().map(|&ms| f64::from(ms)).filter(|&ms| ms <= 3.0 * p99).collect();
         let marks = vec![(median, format!("median {median:.2} ms")), (p99, format!("99 % within {p99:.2} ms"))];
         let histogram = Histogram {
             title: &format!("{} frames", self.all_ms.len()),
@@ -131,15 +126,10 @@ impl Latencies {
     }
 }
 
-fn sorted(values: &[f32]) -> Vec<f32> {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f32::total_cmp);
-    sorted
-}
-
 /// Quantiles; 0 of nothing.
 fn quantiles<const N: usize>(values: &[f32], parts: [f64; N]) -> [f32; N] {
-    let sorted = sorted(values);
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f32::total_cmp);
     parts.map(|part| match sorted.len() {
         0 => 0.0,
         count => sorted[((count - 1) as f64 * part).round() as usize],

@@ -8,6 +8,7 @@
 use crate::skin::LiveSkin;
 use dermis::forward::Matrix;
 use dermis::geom::Point3;
+use dermis::geom::vector::centroid;
 use dermis::linalg::invert_spd;
 use serde::{Deserialize, Serialize};
 
@@ -42,7 +43,7 @@ pub struct Drifts {
 impl Drifts {
     /// Of a skin: its coat as a whole and along each axis, then each electrode's contact.
     pub fn of(skin: &LiveSkin) -> Self {
-        let channels = skin.design.protocol.channels();
+        let channel_count = skin.design.protocol.channel_count();
         let extent_m = extent_m(&skin.pixels.centres_m);
         let mut modes: Vec<Vec<f64>> = Vec::new();
         let shapes: [Box<dyn Fn(Point3) -> f64>; 4] = [
@@ -51,7 +52,7 @@ impl Drifts {
             Box::new(|[_, y, _]| y / extent_m),
             Box::new(|[_, _, z]| z / extent_m),
         ];
-        let centre = centre(&skin.pixels.centres_m);
+        let centre = centroid(&skin.pixels.centres_m);
         for shape in shapes {
             let weights: Vec<f64> = (skin.pixels.centres_m.iter())
                 .map(|place| COAT_SD * shape([0, 1, 2].map(|axis| place[axis] - centre[axis])))
@@ -60,21 +61,16 @@ impl Drifts {
             let mode =
                 |channel: usize| skin.linear.jacobian.row(channel).iter().zip(&weights).map(|(j, w)| j * w).sum();
             // The constant shape is the coat as a whole; a body without extent along an axis has no such mode.
-            modes.push((0..channels.len()).map(mode).collect());
+            modes.push((0..channel_count).map(mode).collect());
         }
         for electrode in 0..skin.design.electrodes.len() {
             let sd_ohm = (CONTACT_SD * skin.contact_ohm(electrode)).max(CONTACT_LEAST_OHM);
-            let sign = |pair: [usize; 2]| f64::from(pair[0] == electrode) - f64::from(pair[1] == electrode);
             // The voltage of an electrode that a current leaves through differs from the coat's below by its contact's.
-            modes.push(channels.iter().map(|channel| sd_ohm * sign(channel.drive) * sign(channel.measure)).collect());
+            modes.push(skin.contact_gains(electrode).map(|gain| sd_ohm * gain).collect());
         }
         let values: Vec<f64> = modes.iter().flatten().copied().collect();
-        Drifts { modes: Matrix { rows: modes.len(), columns: channels.len(), values } }
+        Drifts { modes: Matrix { rows: modes.len(), columns: channel_count, values } }
     }
-}
-
-fn centre(places: &[Point3]) -> Point3 {
-    [0, 1, 2].map(|axis| places.iter().map(|place| place[axis]).sum::<f64>() / places.len().max(1) as f64)
 }
 
 /// Half of the longest side of the box round some places, m.

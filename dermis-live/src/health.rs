@@ -56,9 +56,8 @@ impl Wiring {
         let protocol = &skin.design.protocol;
         let (drives, _) = protocol.drives();
         let electrodes = 0..skin.design.electrodes.len();
-        let sign = |pair: [usize; 2], electrode| f64::from(pair[0] == electrode) - f64::from(pair[1] == electrode);
         let own = |electrode: usize| {
-            let gains = protocol.channels().iter().map(|c| sign(c.drive, electrode) * sign(c.measure, electrode));
+            let gains = skin.contact_gains(electrode);
             // An instrument without signs tells the gain of a value's size.
             let signed = gains.enumerate().map(|(channel, gain)| match protocol.amplitude_only() {
                 true => (channel, gain.abs()),
@@ -103,6 +102,8 @@ pub struct Watch {
     /// Noise of each channel at the tare and now, ohm squared.
     tare_variance: Vec<f64>,
     variance: Vec<f64>,
+    /// Deviation of the noise of each channel at the tare, ohm.
+    noise_ohm: Vec<f64>,
     last_ohm: Vec<f64>,
     /// Mean square of the differences of reciprocal channels over their variance.
     reciprocity: f64,
@@ -141,6 +142,7 @@ impl Watch {
             loops_ohm,
             loop_noise_ohm: loop_variance.into_iter().map(f64::sqrt).collect(),
             variance: tare_variance.clone(),
+            noise_ohm: deviations(&tare_variance),
             tare_variance,
             last_ohm: untouched[untouched.len() - 1].values_ohm.clone(),
             reciprocity: 1.0,
@@ -149,8 +151,8 @@ impl Watch {
     }
 
     /// Standard deviation of the noise of each channel at the tare, ohm.
-    pub fn noise_ohm(&self) -> Vec<f64> {
-        deviations(&self.tare_variance)
+    pub fn noise_ohm(&self) -> &[f64] {
+        &self.noise_ohm
     }
 
     /// Takes a frame in: what it says of each contact, before anything is made of the frame.

@@ -178,11 +178,6 @@ impl Shared {
         lock(&self.state).settings.clone()
     }
 
-    /// What there is to say of the method; `None` where nothing is.
-    pub fn method_note(&self) -> Option<String> {
-        None
-    }
-
     /// The name of the method in use.
     pub fn method(&self) -> String {
         lock(&self.method).clone()

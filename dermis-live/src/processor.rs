@@ -11,7 +11,7 @@ use crate::meter::Measures;
 use crate::moment::Moment;
 use crate::report::{Counts, ElectrodeState, Health, Level, LiveContact, LiveFrame, Notice};
 use crate::skin::{LiveSkin, NamedMethod};
-use dermis::detect::{DetectOptions, Detector, Forces};
+use dermis::detect::{Detector, Forces};
 use dermis::frame::Frame;
 use dermis::geom::Point3;
 use dermis::image::Image;
@@ -110,6 +110,9 @@ pub struct Processor {
     /// Channels that are left out now.
     silent: Vec<bool>,
     detector: Detector,
+    /// The method's own threshold, and what it knows of forces.
+    noise_factor: f64,
+    forces: Option<Forces>,
     image: Image,
     health: Arc<Health>,
     notices: Vec<Notice>,
@@ -185,7 +188,9 @@ impl Processor {
             drifts: Drifts::of(&skin),
             wiring: Wiring::of(&skin),
             silent: vec![false; channel_count],
-            detector: Detector::new(DetectOptions::default()),
+            detector: Detector::default(),
+            noise_factor: 0.0,
+            forces: None,
             image: Image { space: Arc::clone(&skin.pixels), values: vec![0.0; skin.pixels.len()] },
             health: Arc::default(),
             notices: Vec::new(),
@@ -284,6 +289,7 @@ impl Processor {
     /// Prepares the detector for the method, the threshold and the channels that are left out.
     fn prepare(&mut self) -> Result<(), LiveError> {
         let mut options = self.method.method.detection();
+        (self.noise_factor, self.forces) = (options.noise_factor, options.forces);
         options.noise_factor *= self.state.settings.least() * TrackOptions::default().release_fraction;
         self.detector = Detector::new(options);
         let Phase::Reading(reading) = &self.state.phase else { return Ok(()) };
@@ -382,11 +388,11 @@ impl Processor {
             }
         }
         let noise_ohm = reading.watch.noise_ohm();
-        let alarm = reading.alarm.take(statistic(&difference, &noise_ohm, &deaf));
+        let alarm = reading.alarm.take(statistic(&difference, noise_ohm, &deaf));
         self.method.method.reconstruct_into(&difference, &mut self.image.values)?;
         let settings = &self.state.settings;
         let least = settings.least();
-        let DetectOptions { noise_factor: factor, forces, .. } = self.method.method.detection();
+        let (factor, forces) = (self.noise_factor, self.forces);
         let found = self.detector.detect_under(&self.image);
         let sightings: Vec<Sighting> = found
             .into_iter()
@@ -412,7 +418,7 @@ impl Processor {
             reading.baseline.follow(&measures.values_ohm, step_s);
         } else if !tracked.is_empty() {
             let places: Vec<Point3> = tracked.iter().map(|tracked| tracked.contact.position_m).collect();
-            let noise = Noise { sd_ohm: &noise_ohm, silent: &deaf };
+            let noise = Noise { sd_ohm: noise_ohm, silent: &deaf };
             let touch = Touch { frame_ohm: &measures.values_ohm, places: &places, time_s, step_s };
             reading.baseline.hold(&self.skin, &self.drifts, noise, touch);
         }

@@ -147,6 +147,12 @@ impl LiveSkin {
             .map(|(index, _)| index)
     }
 
+    /// What each channel gains for each ohm that an electrode's contact gains: 1 or -1 where it is driven and read at once, else 0.
+    pub fn contact_gains(&self, electrode: usize) -> impl Iterator<Item = f64> {
+        let sign = move |pair: [usize; 2]| f64::from(pair[0] == electrode) - f64::from(pair[1] == electrode);
+        self.design.protocol.channels().iter().map(move |channel| sign(channel.drive) * sign(channel.measure))
+    }
+
     /// The contact resistance of an electrode as the design has it, ohm; 0 of a point.
     pub fn contact_ohm(&self, electrode: usize) -> f64 {
         match self.forward.mesh().electrode_size(electrode) {

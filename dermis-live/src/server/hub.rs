@@ -192,7 +192,7 @@ impl Hub {
             "connected": connected,
             "source": self.control.source(),
             "method": shared.method(),
-            "method_note": shared.method_note(),
+            "method_note": null,
             "paused": false,
             "recording": self.control.recording(),
             "threshold": state.threshold,
