@@ -2,12 +2,15 @@
 
 mod device;
 mod fault;
+mod port;
 #[cfg(unix)]
 mod pty;
 mod script;
+mod talk;
 
-pub use device::{Emulator, EmulatorOptions, Port};
+pub use device::{Emulator, EmulatorOptions};
 pub use fault::{Fault, TimedFault};
+pub use port::Port;
 #[cfg(unix)]
 pub use pty::pseudo_terminal;
 pub use script::{NAMED, Place, Script, Stroke};

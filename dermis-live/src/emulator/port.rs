@@ -1,0 +1,143 @@
+//! Where an emulated device can be reached: its ports, and the wires that come of them.
+
+use crate::LiveError;
+use crate::emulator::Emulator;
+use crate::emulator::talk::{Talk, TalkEnd};
+use std::io::{ErrorKind, Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::time::Duration;
+
+/// Where the emulated device can be reached.
+pub enum Port {
+    /// Over TCP; one host at a time.
+    Tcp(TcpListener),
+    /// As a serial port.
+    Serial(serial2::SerialPort),
+    /// As a pseudo terminal; its other end is held open, so that it outlives its hosts.
+    #[cfg(unix)]
+    Terminal {
+        /// The device's end.
+        device: std::fs::File,
+        /// The hosts' end.
+        _host: std::fs::File,
+    },
+}
+
+impl Emulator {
+    /// Serves hosts one after another until it is [stopped](Self::stop).
+    ///
+    /// # Errors
+    /// A port that breaks; a twin that fails, which is our fault.
+    pub fn serve(&self, port: Port) -> Result<(), LiveError> {
+        let broken = |error: std::io::Error| LiveError::Given(format!("the emulated device's port: {error}"));
+        match port {
+            Port::Serial(mut serial) => {
+                serial.set_read_timeout(Duration::from_millis(1)).map_err(broken)?;
+                while !self.is_stopped() {
+                    self.converse(&mut serial)?;
+                    std::thread::sleep(Duration::from_millis(20));
+                }
+                Ok(())
+            }
+            #[cfg(unix)]
+            Port::Terminal { mut device, _host } => {
+                while !self.is_stopped() {
+                    self.converse(&mut device)?;
+                    std::thread::sleep(Duration::from_millis(20));
+                }
+                Ok(())
+            }
+            Port::Tcp(listener) => {
+                listener.set_nonblocking(true).map_err(broken)?;
+                while !self.is_stopped() {
+                    match listener.accept() {
+                        Ok((mut stream, _)) => {
+                            let ready = stream
+                                .set_nonblocking(false)
+                                .and_then(|()| stream.set_nodelay(true))
+                                .and_then(|()| stream.set_read_timeout(Some(Duration::from_micros(200))))
+                                .and_then(|()| stream.set_write_timeout(Some(Duration::from_secs(5))));
+                            if ready.is_ok() && !self.is_unplugged(self.now_s()) {
+                                self.converse(&mut stream)?;
+                            }
+                        }
+                        Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                            self.wait_unplugged();
+                            std::thread::sleep(Duration::from_millis(5));
+                        }
+                        Err(error) => return Err(broken(error)),
+                    }
+                }
+                Ok(())
+            }
+        }
+    }
+
+    /// While it is unplugged its time goes on.
+    fn wait_unplugged(&self) {
+        if self.is_unplugged(self.now_s()) {
+            let frame_s = 1.0 / (self.options().twin.electronics.frame_rate_hz * self.options().speed);
+            std::thread::sleep(Duration::from_secs_f64(frame_s));
+            self.set_next_index(self.next_index() + 1);
+        }
+    }
+
+    /// Talks with one host until it goes.
+    fn converse(&self, line: &mut dyn Wire) -> Result<(), LiveError> {
+        match Talk::new(self, line).run() {
+            Ok(()) | Err(TalkEnd::Gone) => Ok(()),
+            Err(TalkEnd::Failed(error)) => Err(*error),
+        }
+    }
+}
+
+/// A line as the device sees it: reading does not wait.
+pub(super) trait Wire {
+    fn heard(&mut self, buffer: &mut [u8]) -> std::io::Result<usize>;
+    fn say(&mut self, bytes: &[u8]) -> std::io::Result<()>;
+}
+
+fn nothing_yet(error: std::io::Error) -> std::io::Result<usize> {
+    match error.kind() {
+        ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted => Ok(0),
+        _ => Err(error),
+    }
+}
+
+impl Wire for TcpStream {
+    fn heard(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        match self.read(buffer) {
+            Ok(0) => Err(ErrorKind::UnexpectedEof.into()),
+            Ok(count) => Ok(count),
+            Err(error) => nothing_yet(error),
+        }
+    }
+
+    fn say(&mut self, bytes: &[u8]) -> std::io::Result<()> {
+        self.write_all(bytes)
+    }
+}
+
+#[cfg(unix)]
+impl Wire for std::fs::File {
+    fn heard(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        use rustix::event::{PollFd, PollFlags, poll};
+        let now = rustix::event::Timespec { tv_sec: 0, tv_nsec: 0 };
+        let ready = poll(&mut [PollFd::new(&*self, PollFlags::IN)], Some(&now))?;
+        if ready == 0 { Ok(0) } else { self.read(buffer).or_else(nothing_yet) }
+    }
+
+    fn say(&mut self, bytes: &[u8]) -> std::io::Result<()> {
+        self.write_all(bytes)
+    }
+}
+
+impl Wire for serial2::SerialPort {
+    fn heard(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        serial2::SerialPort::read(self, buffer).or_else(nothing_yet)
+    }
+
+    fn say(&mut self, bytes: &[u8]) -> std::io::Result<()> {
+        serial2::SerialPort::write_all(self, bytes)
+    }
+}

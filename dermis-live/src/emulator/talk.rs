@@ -1,0 +1,288 @@
+//! The emulated device's conversation with one host.
+
+use crate::LiveError;
+use crate::emulator::Emulator;
+use crate::emulator::device::stamp;
+use crate::emulator::fault::Fault;
+use crate::emulator::port::Wire;
+use dermis::touch::{sample_rng, standard_normal};
+use dermis_wire::{
+    Decoder, Fault as WireFault, FaultCode, Frame, FrameFlags, Hello, Received, ScanPart, Slot, Status, ToDevice,
+    ToHost, test_reading,
+};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use std::time::{Duration, Instant};
+
+/// A frame that is later than this is not sent.
+const MOST_LATE: Duration = Duration::from_millis(250);
+/// How often a status is sent, s of ours.
+const STATUS_S: f64 = 1.0;
+
+/// Why a conversation ended.
+pub(super) enum TalkEnd {
+    /// The host is gone.
+    Gone,
+    /// The device failed.
+    Failed(Box<LiveError>),
+}
+
+impl From<std::io::Error> for TalkEnd {
+    fn from(_: std::io::Error) -> Self {
+        TalkEnd::Gone
+    }
+}
+
+impl From<LiveError> for TalkEnd {
+    fn from(error: LiveError) -> Self {
+        TalkEnd::Failed(Box::new(error))
+    }
+}
+
+/// A conversation with one host.
+pub(super) struct Talk<'a> {
+    emulator: &'a Emulator,
+    line: &'a mut dyn Wire,
+    decoder: Decoder<[u8; ToDevice::PACKET_BYTES]>,
+    slots: Vec<Slot>,
+    rate_mhz: u32,
+    running: bool,
+    /// Our time of the first frame after the start, and its number.
+    began: (Instant, u64),
+    dropped: u32,
+    damaged: u32,
+    status_at: Instant,
+    packet: Vec<u8>,
+    rng: ChaCha8Rng,
+}
+
+/// The random stream of what happens to bytes.
+const BYTES_STREAM: u64 = u64::MAX - 17;
+
+impl<'a> Talk<'a> {
+    pub(super) fn new(emulator: &'a Emulator, line: &'a mut dyn Wire) -> Self {
+        let slot_count = emulator.slots().len();
+        Talk {
+            decoder: Decoder::new([0; ToDevice::PACKET_BYTES]),
+            slots: emulator.slots().to_vec(),
+            rate_mhz: (emulator.options().twin.electronics.frame_rate_hz * 1e3).round() as u32,
+            running: false,
+            began: (Instant::now(), 0),
+            dropped: 0,
+            damaged: 0,
+            status_at: Instant::now(),
+            packet: vec![0; Frame::packet_bytes(slot_count, 4).max(Hello::PACKET_BYTES).max(WireFault::PACKET_BYTES)],
+            rng: sample_rng(emulator.options().seed, BYTES_STREAM),
+            emulator,
+            line,
+        }
+    }
+
+    pub(super) fn run(&mut self) -> Result<(), TalkEnd> {
+        self.greet()?;
+        let mut buffer = [0; 4096];
+        while !self.emulator.is_stopped() {
+            let count = if self.running { self.peek(&mut buffer)? } else { self.line.heard(&mut buffer)? };
+            if count > 0 {
+                self.answer(&buffer[..count])?;
+            }
+            if self.running {
+                self.send_due()?;
+            } else {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        }
+        Ok(())
+    }
+
+    /// Commands while frames are sent are looked for a hundred times a second only: reading costs a wait.
+    fn peek(&mut self, buffer: &mut [u8]) -> Result<usize, TalkEnd> {
+        let every = (f64::from(self.rate_mhz) * 1e-5).ceil() as u64;
+        let next = self.emulator.next_index();
+        if next.is_multiple_of(every.max(1)) { Ok(self.line.heard(buffer)?) } else { Ok(0) }
+    }
+
+    fn greet(&mut self) -> Result<(), TalkEnd> {
+        let packet = self.emulator.hello_packet(self.rate_mhz);
+        Ok(self.line.say(&packet)?)
+    }
+
+    fn say(&mut self, message: &ToHost<'_>) -> Result<(), TalkEnd> {
+        let length = message.encode(&mut self.packet).map_err(no_room)?;
+        Ok(self.line.say(&self.packet[..length])?)
+    }
+
+    fn answer(&mut self, bytes: &[u8]) -> Result<(), TalkEnd> {
+        let mut messages: Vec<Option<Vec<u8>>> = Vec::new();
+        self.decoder.feed(bytes, |received| {
+            messages.push(match received {
+                Received::Message(message) => Some(message.to_vec()),
+                Received::Damaged => None,
+            });
+        });
+        for message in messages {
+            match message.as_deref().map(ToDevice::parse) {
+                None => self.damaged += 1,
+                Some(Err(_)) => self.refuse(FaultCode::UnknownMessage, "this message is unknown")?,
+                Some(Ok(command)) => self.obey(&command)?,
+            }
+        }
+        Ok(())
+    }
+
+    fn refuse(&mut self, code: FaultCode, text: &str) -> Result<(), TalkEnd> {
+        self.say(&ToHost::Fault(WireFault { code, text }))
+    }
+
+    fn obey(&mut self, command: &ToDevice<'_>) -> Result<(), TalkEnd> {
+        match command {
+            ToDevice::Identify => self.greet()?,
+            ToDevice::Stop => self.running = false,
+            ToDevice::Start => self.start()?,
+            ToDevice::Scan(part) => self.scan(part),
+            ToDevice::Rate(rate_mhz) => {
+                let most = self.emulator.highest_rate_mhz();
+                if (1..=most).contains(rate_mhz) {
+                    self.rate_mhz = *rate_mhz;
+                    self.begin();
+                } else {
+                    self.refuse(FaultCode::Rate, &format!("at most {} frames a second", f64::from(most) * 1e-3))?;
+                }
+            }
+            ToDevice::SelfTest => self.self_test()?,
+        }
+        Ok(())
+    }
+
+    fn self_test(&mut self) -> Result<(), TalkEnd> {
+        let index = self.emulator.next_index();
+        let readings: Vec<i32> = (0..self.slots.len()).map(|slot| test_reading(slot as u16).into()).collect();
+        let stamp = self.stamp(index);
+        let written = self.emulator.write_frame(stamp, &readings, FrameFlags::TEST, &mut self.packet);
+        let length = written.map_err(no_room)?;
+        self.emulator.set_next_index(index + 1);
+        self.line.say(&self.packet[..length])?;
+        self.status()
+    }
+
+    fn start(&mut self) -> Result<(), TalkEnd> {
+        if self.slots != self.emulator.slots() {
+            return self.refuse(FaultCode::ScanTable, "this device reads the scan table of its own skin alone");
+        }
+        self.running = true;
+        self.begin();
+        Ok(())
+    }
+
+    fn begin(&mut self) {
+        self.began = (Instant::now(), self.emulator.next_index());
+    }
+
+    fn scan(&mut self, part: &ScanPart<'_>) {
+        self.slots.resize(usize::from(part.total), Slot { source: 0, sink: 0, measure: None });
+        let places = self.slots.iter_mut().skip(usize::from(part.first));
+        places.zip(part.slots.iter()).for_each(|(place, slot)| *place = slot);
+    }
+
+    fn stamp(&self, index: u64) -> (u32, u64) {
+        stamp(index, f64::from(self.rate_mhz) * 1e-3)
+    }
+
+    /// Waits for the next frame's time and sends it.
+    fn send_due(&mut self) -> Result<(), TalkEnd> {
+        let emulator = self.emulator;
+        let index = emulator.next_index();
+        let frame_s = 1e3 / f64::from(self.rate_mhz) / emulator.options().speed;
+        let mut flags = FrameFlags::default();
+        if !emulator.options().unpaced {
+            let due = self.began.0 + Duration::from_secs_f64((index - self.began.1) as f64 * frame_s);
+            match due.checked_duration_since(Instant::now()) {
+                Some(wait) => std::thread::sleep(wait),
+                None if due.elapsed() > MOST_LATE => {
+                    // It cannot keep up: what is late is left out, as an instrument does whose line is too slow.
+                    let skipped = (due.elapsed().as_secs_f64() / frame_s) as u64;
+                    self.dropped = self.dropped.wrapping_add(skipped as u32);
+                    emulator.set_next_index(index + skipped);
+                    flags = FrameFlags::OVERRUN;
+                }
+                None => {}
+            }
+        }
+        let index = if flags == FrameFlags::OVERRUN { emulator.next_index() } else { index };
+        let time_s = index as f64 / emulator.options().twin.electronics.frame_rate_hz;
+        emulator.fail(time_s)?;
+        if emulator.is_unplugged(time_s) {
+            return Err(TalkEnd::Gone);
+        }
+        let counts = emulator.counts(index)?;
+        self.send_frame(index, time_s, counts, flags)?;
+        emulator.set_next_index(index + 1);
+        if self.status_at.elapsed().as_secs_f64() > STATUS_S {
+            self.status_at = Instant::now();
+            self.status()?;
+        }
+        Ok(())
+    }
+
+    fn send_frame(&mut self, index: u64, time_s: f64, mut counts: Vec<i32>, flags: FrameFlags) -> Result<(), TalkEnd> {
+        let emulator = self.emulator;
+        let noise = emulator.felt(time_s, |fault| match fault {
+            Fault::Noise { times, for_s } => Some((*times, *for_s)),
+            _ => None,
+        });
+        if noise > 0.0 {
+            let full = f64::from(emulator.full_scale());
+            // About a count is the noise of the usual converter.
+            let rng = &mut self.rng;
+            counts.iter_mut().for_each(|count| {
+                let noisy = f64::from(*count) + noise * standard_normal(rng);
+                *count = noisy.round().clamp(-full - 1.0, full) as i32;
+            });
+        }
+        let stamp = self.stamp(index);
+        let written = emulator.write_frame(stamp, &counts, flags, &mut self.packet);
+        let length = written.map_err(no_room)?;
+        let share = emulator.felt(time_s, |fault| match fault {
+            Fault::Bytes { share, for_s } => Some((*share, *for_s)),
+            _ => None,
+        });
+        if share > 0.0 && self.rng.random::<f64>() < share {
+            let hurt = damaged(&self.packet[..length], &mut self.rng);
+            return Ok(self.line.say(&hurt)?);
+        }
+        Ok(self.line.say(&self.packet[..length])?)
+    }
+
+    fn status(&mut self) -> Result<(), TalkEnd> {
+        let (frames, time_us) = self.stamp(self.emulator.next_index());
+        self.say(&ToHost::Status(Status {
+            uptime_ms: (time_us / 1000) as u32,
+            frames,
+            dropped: self.dropped,
+            damaged: self.damaged,
+            temperature_cc: 2500,
+            supply_mv: 5000,
+        }))
+    }
+}
+
+/// No message of ours is longer than the buffer.
+fn no_room(error: dermis_wire::NoRoom) -> std::io::Error {
+    std::io::Error::other(error.to_string())
+}
+
+/// A packet after an accident: a byte changed, cut short, doubled, or noise before it.
+fn damaged(packet: &[u8], rng: &mut ChaCha8Rng) -> Vec<u8> {
+    let mut bytes = packet.to_vec();
+    let inside = 1 + rng.random_range(0..packet.len() - 2);
+    match rng.random_range(0..4) {
+        0 => bytes[inside] ^= 1 << rng.random_range(0..8),
+        1 => bytes.truncate(inside),
+        2 => bytes.extend_from_slice(packet),
+        _ => {
+            let noise: Vec<u8> = (0..rng.random_range(1..40)).map(|_| rng.random()).collect();
+            bytes.splice(0..0, noise);
+        }
+    }
+    bytes
+}
