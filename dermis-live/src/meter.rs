@@ -18,6 +18,7 @@ pub struct Meter {
     reference_ohm: f64,
     source_v: f64,
     full_scale: i64,
+    reading_bytes: u8,
 }
 
 /// What a frame's readings say.
@@ -45,12 +46,13 @@ impl Meter {
             reference_ohm: f64::from(hello.reference_ohm),
             source_v: f64::from(hello.source_v),
             full_scale: i64::from(hello.full_scale),
+            reading_bytes: hello.reading_bytes,
         }
     }
 
-    /// Readings of a frame.
-    pub fn slot_count(&self) -> usize {
-        self.roles.len()
+    /// Whether readings are a frame of the device: as many, and as wide, as its hello says.
+    pub fn takes(&self, readings: &Readings<'_>) -> bool {
+        readings.len() == self.roles.len() && readings.reading_bytes() == self.reading_bytes
     }
 
     /// The readings of a frame as ohm. A current of zero counts as the least that the converter tells from it, so that the

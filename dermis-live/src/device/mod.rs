@@ -2,17 +2,19 @@
 
 mod clock;
 mod line;
+mod meeting;
 
 pub use clock::DeviceClock;
 pub use line::{Address, Line, PATIENCE, open};
 
 use crate::LiveError;
+use crate::device::meeting::{Meeting, send};
 use crate::meter::Meter;
 use crate::moment::Moment;
 use crate::processor::Incoming;
 use crate::report::{Counts, Level, Notice};
 use crate::skin::LiveSkin;
-use dermis_wire::{Arrival, Arrivals, Decoder, Frame, Hello, Received, Status, ToDevice, ToHost, VERSION};
+use dermis_wire::{Arrival, Arrivals, Decoder, Frame, FrameFlags, Hello, Received, Status, ToDevice, ToHost};
 use std::time::{Duration, Instant};
 
 /// How a device is to be read.
@@ -43,7 +45,10 @@ pub struct Device {
     buffer: Vec<u8>,
     facts: DeviceFacts,
     stream: Stream,
+    notice: Option<Notice>,
     heard_at: Instant,
+    /// When a frame came last, or frames were asked for.
+    asked_at: Instant,
 }
 
 /// What is known of the frames of a device, from one connection to the next.
@@ -56,6 +61,8 @@ pub struct Stream {
     boot: Option<u32>,
     /// Number of the newest frame, not wrapping round.
     newest: Option<u64>,
+    /// Frames of self-tests among those that arrived.
+    tests: u64,
     damaged: u64,
     reconnected: u64,
 }
@@ -68,6 +75,9 @@ struct Rate {
 
 /// A device that says nothing for so long is silent.
 const SILENCE: Duration = Duration::from_secs(2);
+
+/// A device that has sent no frame for so long is started again.
+const START_AGAIN: Duration = Duration::from_secs(1);
 
 /// Bytes that are read at once.
 const READ_BYTES: usize = 1 << 16;
@@ -90,7 +100,7 @@ impl Stream {
     /// Counts since the start.
     pub fn counts(&self) -> Counts {
         Counts {
-            frames: self.arrivals.received,
+            frames: self.arrivals.received - self.tests,
             lost: self.arrivals.lost,
             repeated: self.arrivals.repeated,
             reordered: self.arrivals.reordered,
@@ -108,10 +118,38 @@ impl Stream {
         self.meter = Some(Meter::new(hello, &skin.scan, &skin.design.protocol));
     }
 
+    /// The same, on a new connection.
+    fn reconnected(self) -> Self {
+        Stream { reconnected: self.reconnected + 1, ..self }
+    }
+
+    /// A device was met that said a hello, after it had sent a frame of test readings.
+    fn met(&mut self, message: Vec<u8>, tested: Option<u32>, skin: &LiveSkin) -> DeviceFacts {
+        let (mut name, mut serial, mut rate_hz) = (String::new(), 0, 0.0);
+        if let Ok(ToHost::Hello(hello)) = ToHost::parse(&message) {
+            self.hello(&hello, skin);
+            (name, serial, rate_hz) = (hello.name.into(), hello.serial, f64::from(hello.rate_mhz) * 1e-3);
+        }
+        tested.into_iter().for_each(|sequence| self.test(sequence));
+        DeviceFacts { name, serial, rate_hz, hello: message }
+    }
+
+    /// A frame of test readings has used up a number, and is none.
+    fn test(&mut self, sequence: u32) {
+        if let Arrival::New { skipped } = self.arrivals.take(sequence) {
+            self.newest = self.newest.map(|newest| newest + 1 + u64::from(skipped));
+            self.tests += 1;
+        }
+    }
+
     /// A frame's message that came at some moment; `None` of one that is not new or not the skin's.
     pub fn frame(&mut self, frame: &Frame<'_>, message: &[u8], received_at: Moment) -> Option<Incoming> {
+        if frame.flags.has(FrameFlags::TEST) {
+            self.test(frame.sequence);
+            return None;
+        }
         let meter = self.meter.as_ref()?;
-        if frame.readings.len() != meter.slot_count() {
+        if !meter.takes(&frame.readings) {
             self.damaged += 1;
             return None;
         }
@@ -157,48 +195,22 @@ impl Device {
     ) -> Result<Self, LiveError> {
         let mut line = open(address)?;
         let mut decoder = Decoder::new(vec![0; dermis_wire::packet_bytes(dermis_wire::LONGEST_MESSAGE)]);
-        let named = address.to_string();
-        let lost = |error: std::io::Error| LiveError::Lost { address: named.clone(), message: error.to_string() };
-        send(line.as_mut(), &ToDevice::Stop).map_err(lost)?;
-        send(line.as_mut(), &ToDevice::Identify).map_err(lost)?;
-        let hello = await_hello(line.as_mut(), &mut decoder, &named)?;
+        let met = Meeting { address, line: line.as_mut(), decoder: &mut decoder, skin, options }.meet()?;
+        let mut stream = stream.map_or_else(Stream::default, Stream::reconnected);
+        let facts = stream.met(met.hello, met.tested, skin);
         let mut device = Device {
-            facts: DeviceFacts { name: String::new(), serial: 0, rate_hz: 0.0, hello: hello.clone() },
-            address: named,
+            address: address.to_string(),
             line,
             decoder,
             buffer: vec![0; READ_BYTES],
-            stream: stream
-                .map_or_else(Stream::default, |stream| Stream { reconnected: stream.reconnected + 1, ..stream }),
+            facts,
+            stream,
+            notice: met.notice,
             heard_at: Instant::now(),
+            asked_at: Instant::now(),
         };
-        device.greet(&hello, address, skin, options)?;
+        device.send(&ToDevice::Start)?;
         Ok(device)
-    }
-
-    /// Checks a hello and starts the device.
-    fn greet(
-        &mut self,
-        message: &[u8],
-        address: &Address,
-        skin: &LiveSkin,
-        options: DeviceOptions,
-    ) -> Result<(), LiveError> {
-        let refused = |message: String| LiveError::Refused { address: address.to_string(), message };
-        let Ok(ToHost::Hello(hello)) = ToHost::parse(message) else {
-            return Err(refused("its hello cannot be read".into()));
-        };
-        check(&hello, address, skin, options).map_err(refused)?;
-        self.stream.hello(&hello, skin);
-        self.facts.name = hello.name.into();
-        self.facts.serial = hello.serial;
-        let rate_mhz = options.rate_hz.map_or(hello.rate_mhz, |rate_hz| (rate_hz * 1e3).round() as u32);
-        self.facts.rate_hz = f64::from(rate_mhz) * 1e-3;
-        for part in skin.scan.parts() {
-            self.send(&ToDevice::Scan(part))?;
-        }
-        self.send(&ToDevice::Rate(rate_mhz))?;
-        self.send(&ToDevice::Start)
     }
 
     /// What it is known by.
@@ -225,6 +237,11 @@ impl Device {
     /// # Errors
     /// A device that was lost or fell silent.
     pub fn listen(&mut self, mut tell: impl FnMut(Heard)) -> Result<(), LiveError> {
+        self.notice.take().into_iter().for_each(|notice| tell(Heard::Notice(notice)));
+        if self.asked_at.elapsed() > START_AGAIN {
+            self.asked_at = Instant::now();
+            self.send(&ToDevice::Start)?;
+        }
         let lost = |message: String| LiveError::Lost { address: self.address.clone(), message };
         let Some(count) = self.line.receive(&mut self.buffer).map_err(|error| lost(error.to_string()))? else {
             if self.heard_at.elapsed() > SILENCE {
@@ -234,7 +251,7 @@ impl Device {
         };
         self.heard_at = Instant::now();
         let received_at = Moment::now();
-        let Device { decoder, buffer, stream, .. } = self;
+        let Device { decoder, buffer, stream, asked_at, .. } = self;
         decoder.feed(&buffer[..count], |received| {
             let Received::Message(message) = received else {
                 stream.damaged += 1;
@@ -242,6 +259,7 @@ impl Device {
             };
             match ToHost::parse(message) {
                 Ok(ToHost::Frame(frame)) => {
+                    *asked_at = Instant::now();
                     let incoming = stream.frame(&frame, message, received_at);
                     incoming.into_iter().for_each(|incoming| tell(Heard::Frame(Box::new(incoming))));
                 }
@@ -255,96 +273,5 @@ impl Device {
             }
         });
         Ok(())
-    }
-}
-
-fn send(line: &mut dyn Line, message: &ToDevice<'_>) -> std::io::Result<()> {
-    let mut packet = [0; ToDevice::PACKET_BYTES];
-    let length = message.encode(&mut packet).map_err(std::io::Error::other)?;
-    line.send(&packet[..length])
-}
-
-/// Waits for the hello of a device, whatever else comes before it.
-fn await_hello(line: &mut dyn Line, decoder: &mut Decoder<Vec<u8>>, address: &str) -> Result<Vec<u8>, LiveError> {
-    let begun = Instant::now();
-    let mut buffer = vec![0; READ_BYTES];
-    let (mut bytes, mut hello, mut other_version) = (0, None, None);
-    while begun.elapsed() < SILENCE {
-        let received = line.receive(&mut buffer);
-        let lost = |error: std::io::Error| LiveError::Lost { address: address.into(), message: error.to_string() };
-        let Some(count) = received.map_err(lost)? else { continue };
-        bytes += count;
-        decoder.feed(&buffer[..count], |received| {
-            let Received::Message(message) = received else { return };
-            match Hello::version_of(message) {
-                Some(VERSION) => hello = Some(message.to_vec()),
-                Some(version) => other_version = Some(version),
-                None => {}
-            }
-        });
-        if let Some(hello) = hello {
-            return Ok(hello);
-        }
-        if let Some(version) = other_version {
-            let message = format!(
-                "it speaks version {version} of the protocol, this program version {VERSION}: update the older one"
-            );
-            return Err(LiveError::Refused { address: address.into(), message });
-        }
-    }
-    let message = match bytes {
-        0 => "nothing came in 2 s: is it on, and is this its port?".to_string(),
-        bytes => format!(
-            "{bytes} bytes came in 2 s and no hello among them: wrong speed of the line, or something else's port"
-        ),
-    };
-    Err(LiveError::Unreachable { address: address.into(), message })
-}
-
-/// Refuses what is not a device for the skin.
-fn check(hello: &Hello<'_>, address: &Address, skin: &LiveSkin, options: DeviceOptions) -> Result<(), String> {
-    let design = &skin.design;
-    if usize::from(hello.electrode_count) != design.electrodes.len() {
-        let (device, skin) = (hello.electrode_count, design.electrodes.len());
-        return Err(format!("it is a skin of {device} electrodes, but `{}` has {skin}", design.name));
-    }
-    if hello.design_sha256 != design.sha256() {
-        let short = |hash: &[u8; 32]| hash[..4].iter().map(|byte| format!("{byte:02x}")).collect::<String>();
-        return Err(format!(
-            "it is another skin than `{}` (its design's hash begins with {}, this one's with {}): give the design that its \
-             firmware was made for (`dermis scan-table`)",
-            design.name,
-            short(&hello.design_sha256),
-            short(&design.sha256())
-        ));
-    }
-    let scales = [hello.reference_ohm, hello.source_v].into_iter().chain(hello.volts_per_count);
-    if let Some(wrong) = scales.into_iter().find(|value| !(value.is_finite() && *value > 0.0)) {
-        return Err(format!(
-            "its hello states a scale of {wrong}: resistor, source and volts a count must be positive"
-        ));
-    }
-    let rate_mhz = options.rate_hz.map_or(f64::from(hello.rate_mhz), |rate_hz| rate_hz * 1e3);
-    if !(rate_mhz >= 1.0 && rate_mhz <= f64::from(hello.highest_rate_mhz)) {
-        let (asked, most) = (rate_mhz * 1e-3, f64::from(hello.highest_rate_mhz) * 1e-3);
-        return Err(format!("{asked} frames a second are asked for, but it takes at most {most}"));
-    }
-    let bytes =
-        dermis_wire::bytes_per_second(skin.scan.slots().len(), usize::from(hello.reading_bytes), rate_mhz as u32);
-    let baud = match address {
-        Address::Serial { baud, .. } if hello.baud != 0 => (*baud).min(hello.baud),
-        _ => return Ok(()),
-    };
-    let needed = dermis_wire::smallest_baud(bytes);
-    match needed {
-        Ok(needed) if needed <= baud => Ok(()),
-        Ok(needed) => Err(format!(
-            "a line of {baud} bits a second is too slow for {} readings {} times a second: the smallest that does is {needed}",
-            skin.scan.slots().len(),
-            rate_mhz * 1e-3
-        )),
-        Err(needed) => {
-            Err(format!("its frames need {needed} bits a second, more than serial lines have: ask for a lower rate"))
-        }
     }
 }

@@ -44,7 +44,8 @@ pub(super) struct Talk<'a> {
     emulator: &'a Emulator,
     line: &'a mut dyn Wire,
     decoder: Decoder<[u8; ToDevice::PACKET_BYTES]>,
-    slots: Vec<Slot>,
+    /// The parts so far of a scan table that the host is sending.
+    begun: Option<Vec<Slot>>,
     rate_mhz: u32,
     running: bool,
     /// Our time of the first frame after the start, and its number.
@@ -64,7 +65,7 @@ impl<'a> Talk<'a> {
         let slot_count = emulator.slots().len();
         Talk {
             decoder: Decoder::new([0; ToDevice::PACKET_BYTES]),
-            slots: emulator.slots().to_vec(),
+            begun: None,
             rate_mhz: (emulator.options().twin.electronics.frame_rate_hz * 1e3).round() as u32,
             running: false,
             began: (Instant::now(), 0),
@@ -138,8 +139,11 @@ impl<'a> Talk<'a> {
         match command {
             ToDevice::Identify => self.greet()?,
             ToDevice::Stop => self.running = false,
-            ToDevice::Start => self.start()?,
-            ToDevice::Scan(part) => self.scan(part),
+            ToDevice::Start => {
+                self.running = true;
+                self.begin();
+            }
+            ToDevice::Scan(part) => self.scan(part)?,
             ToDevice::Rate(rate_mhz) => {
                 let most = self.emulator.highest_rate_mhz();
                 if (1..=most).contains(rate_mhz) {
@@ -156,7 +160,8 @@ impl<'a> Talk<'a> {
 
     fn self_test(&mut self) -> Result<(), TalkEnd> {
         let index = self.emulator.next_index();
-        let readings: Vec<i32> = (0..self.slots.len()).map(|slot| test_reading(slot as u16).into()).collect();
+        let readings: Vec<i32> =
+            (0..self.emulator.slots().len()).map(|slot| test_reading(slot as u16).into()).collect();
         let stamp = self.stamp(index);
         let written = self.emulator.write_frame(stamp, &readings, FrameFlags::TEST, &mut self.packet);
         let length = written.map_err(no_room)?;
@@ -165,23 +170,26 @@ impl<'a> Talk<'a> {
         self.status()
     }
 
-    fn start(&mut self) -> Result<(), TalkEnd> {
-        if self.slots != self.emulator.slots() {
-            return self.refuse(FaultCode::ScanTable, "this device reads the scan table of its own skin alone");
-        }
-        self.running = true;
-        self.begin();
-        Ok(())
-    }
-
     fn begin(&mut self) {
         self.began = (Instant::now(), self.emulator.next_index());
     }
 
-    fn scan(&mut self, part: &ScanPart<'_>) {
-        self.slots.resize(usize::from(part.total), Slot { source: 0, sink: 0, measure: None });
-        let places = self.slots.iter_mut().skip(usize::from(part.first));
-        places.zip(part.slots.iter()).for_each(|(place, slot)| *place = slot);
+    /// A part of a scan table: it takes that of its own skin alone, which it has at power-up.
+    fn scan(&mut self, part: &ScanPart<'_>) -> Result<(), TalkEnd> {
+        let mut slots = if part.first == 0 { Vec::new() } else { self.begun.take().unwrap_or_default() };
+        let own = self.emulator.slots();
+        if slots.len() != usize::from(part.first) {
+            let text = format!("a part from slot {} on came where slot {} was next", part.first, slots.len());
+            return self.refuse(FaultCode::ScanTable, &text);
+        }
+        slots.extend(part.slots.iter());
+        let differs = |slot: usize| slots.get(slot) != own.get(slot);
+        if usize::from(part.total) != own.len() || (0..slots.len()).any(differs) {
+            let text = format!("this device reads the {} slots of its own skin alone", own.len());
+            return self.refuse(FaultCode::ScanTable, &text);
+        }
+        self.begun = (slots.len() < own.len()).then_some(slots);
+        Ok(())
     }
 
     fn stamp(&self, index: u64) -> (u32, u64) {

@@ -1,0 +1,319 @@
+//! Meeting a device: who it is, what it shall read, and whether its readings come through.
+
+use crate::LiveError;
+use crate::device::line::{Address, Line};
+use crate::device::{DeviceOptions, READ_BYTES, SILENCE};
+use crate::moment::Moment;
+use crate::report::{Level, Notice};
+use crate::scan::Role;
+use crate::skin::LiveSkin;
+use dermis_wire::{
+    Decoder, Fault, FaultCode, Frame, FrameFlags, Hello, Received, ScanPart, Slot, ToDevice, ToHost, VERSION,
+    test_reading,
+};
+use std::time::{Duration, Instant};
+
+/// What came of meeting a device: it stands ready to be started.
+pub(super) struct Met {
+    /// Its hello, after it was told what to read.
+    pub hello: Vec<u8>,
+    /// What a person should know of it.
+    pub notice: Option<Notice>,
+    /// The number of the frame of its self-test.
+    pub tested: Option<u32>,
+}
+
+/// A device that is being met.
+pub(super) struct Meeting<'a> {
+    pub address: &'a Address,
+    pub line: &'a mut dyn Line,
+    pub decoder: &'a mut Decoder<Vec<u8>>,
+    pub skin: &'a LiveSkin,
+    pub options: DeviceOptions,
+}
+
+/// How long an answer may take beside the time that its line needs; then it is asked again.
+const ANSWER: Duration = Duration::from_millis(500);
+
+/// Bits of a byte on a serial line.
+const BITS: f64 = 10.0;
+
+impl Meeting<'_> {
+    /// Asks who it is, tells it what to read, tests it and asks again.
+    ///
+    /// # Errors
+    /// A device that is silent, speaks something else or another version, is another skin's, does not take the scan table or
+    /// the rate, or whose test readings are wrong.
+    pub fn meet(mut self) -> Result<Met, LiveError> {
+        let first = self.hello()?;
+        let hello = self.checked(&first)?;
+        let asked = self.options.rate_hz.map_or(hello.rate_mhz, |rate_hz| (rate_hz * 1e3).round() as u32);
+        let baud = hello.baud;
+        let begun = Instant::now();
+        let mut said =
+            "it said hello, but answered neither scan table nor self-test: is its firmware stuck?".to_string();
+        // Twice at least, however slow its line is.
+        for attempt in 0.. {
+            if attempt >= 2 && begun.elapsed() >= SILENCE {
+                break;
+            }
+            let answers = self.settle(asked, baud)?;
+            let Some(hello) = answers.hello else { continue };
+            let now = self.checked(&hello)?;
+            let slots = self.skin.scan.slots().len();
+            if (usize::from(now.slot_count), now.rate_mhz) == (slots, asked) {
+                let notice = answers.unknown.map(|_| untested());
+                return Ok(Met { hello, notice, tested: answers.tested });
+            }
+            said = format!(
+                "it was told to send {slots} readings {} times a second, and says that it will send {} {} times a second",
+                f64::from(asked) * 1e-3,
+                now.slot_count,
+                f64::from(now.rate_mhz) * 1e-3
+            );
+        }
+        Err(self.refused(said))
+    }
+
+    fn refused(&self, message: String) -> LiveError {
+        LiveError::Refused { address: self.address.to_string(), message }
+    }
+
+    fn lost(&self, message: &std::io::Error) -> LiveError {
+        LiveError::Lost { address: self.address.to_string(), message: message.to_string() }
+    }
+
+    fn send(&mut self, message: &ToDevice<'_>) -> Result<(), LiveError> {
+        send(self.line, message).map_err(|error| self.lost(&error))
+    }
+
+    fn checked<'m>(&self, message: &'m [u8]) -> Result<Hello<'m>, LiveError> {
+        let Ok(ToHost::Hello(hello)) = ToHost::parse(message) else {
+            return Err(self.refused("its hello cannot be read".into()));
+        };
+        check(&hello, self.address, self.skin, self.options).map_err(|why| self.refused(why))?;
+        Ok(hello)
+    }
+
+    /// Waits for the hello of a device, whatever else comes before it.
+    fn hello(&mut self) -> Result<Vec<u8>, LiveError> {
+        let begun = Instant::now();
+        let mut asked_at = None::<Instant>;
+        let mut buffer = vec![0; READ_BYTES];
+        let (mut bytes, mut hello, mut other_version) = (0, None, None);
+        while begun.elapsed() < SILENCE {
+            if asked_at.is_none_or(|asked_at| asked_at.elapsed() >= ANSWER) {
+                self.send(&ToDevice::Stop)?;
+                self.send(&ToDevice::Identify)?;
+                asked_at = Some(Instant::now());
+            }
+            let count = match self.line.receive(&mut buffer) {
+                Ok(count) => count.unwrap_or(0),
+                Err(error) if bytes == 0 => return Err(self.lost(&error)),
+                // What has spoken and gone was no device.
+                Err(_) => break,
+            };
+            bytes += count;
+            self.decoder.feed(&buffer[..count], |received| {
+                let Received::Message(message) = received else { return };
+                match Hello::version_of(message) {
+                    Some(VERSION) => hello = Some(message.to_vec()),
+                    Some(version) => other_version = Some(version),
+                    None => {}
+                }
+            });
+            if let Some(hello) = hello {
+                return Ok(hello);
+            }
+            if let Some(version) = other_version {
+                let mine = "update the older one";
+                return Err(self.refused(format!(
+                    "it speaks version {version} of the protocol, this program version {VERSION}: {mine}"
+                )));
+            }
+        }
+        Err(LiveError::Unreachable { address: self.address.to_string(), message: no_hello(bytes, self.address) })
+    }
+
+    /// Tells it what to read and how often, tests it, and asks what it will do now; its answers come in that order.
+    fn settle(&mut self, rate_mhz: u32, baud: u32) -> Result<Answers, LiveError> {
+        let skin = self.skin;
+        for part in skin.scan.parts() {
+            self.send(&ToDevice::Scan(part))?;
+        }
+        self.send(&ToDevice::Rate(rate_mhz))?;
+        self.send(&ToDevice::SelfTest)?;
+        self.send(&ToDevice::Identify)?;
+        let patience = ANSWER + on_line(skin.scan.slots().len(), baud);
+        let mut answers = Answers::default();
+        let mut buffer = vec![0; READ_BYTES];
+        let begun = Instant::now();
+        while answers.hello.is_none() && begun.elapsed() < patience {
+            let received = self.line.receive(&mut buffer).map_err(|error| self.lost(&error))?;
+            let Some(count) = received else { continue };
+            self.decoder.feed(&buffer[..count], |received| {
+                if let Received::Message(message) = received {
+                    answers.take(message, skin);
+                }
+            });
+            if let Some(why) = answers.refusal() {
+                return Err(self.refused(why));
+            }
+        }
+        Ok(answers)
+    }
+}
+
+/// How long a serial line takes for the scan table on its way and the test readings on theirs.
+fn on_line(slot_count: usize, baud: u32) -> Duration {
+    let part_bytes = dermis_wire::packet_bytes(7 + ScanPart::MOST * Slot::BYTES);
+    let bytes = slot_count.div_ceil(ScanPart::MOST) * part_bytes + Frame::packet_bytes(slot_count, 4);
+    match baud {
+        0 => Duration::ZERO,
+        baud => Duration::from_secs_f64(bytes as f64 * BITS / f64::from(baud)),
+    }
+}
+
+/// What a device answers to what it shall read, the self-test, and the question who it is.
+#[derive(Default)]
+struct Answers {
+    /// What it will not do.
+    fault: Option<String>,
+    /// A message that it does not know.
+    unknown: Option<String>,
+    /// The number of the frame of test readings, and what is wrong with them.
+    tested: Option<u32>,
+    wrong: Option<String>,
+    /// Its hello behind all that.
+    hello: Option<Vec<u8>>,
+}
+
+impl Answers {
+    fn take(&mut self, message: &[u8], skin: &LiveSkin) {
+        match ToHost::parse(message) {
+            Ok(ToHost::Fault(Fault { code: FaultCode::UnknownMessage, text })) => self.unknown = Some(text.into()),
+            Ok(ToHost::Fault(fault)) => self.fault = Some(fault.text.into()),
+            Ok(ToHost::Frame(frame)) if frame.flags.has(FrameFlags::TEST) => {
+                self.tested = Some(frame.sequence);
+                self.wrong = wrong_reading(&frame, skin);
+            }
+            // An earlier one answers an earlier question.
+            Ok(ToHost::Hello(_)) if self.tested.is_some() || self.unknown.is_some() => {
+                self.hello = Some(message.to_vec());
+            }
+            _ => {}
+        }
+    }
+
+    /// Why the device cannot be read, if so.
+    fn refusal(&self) -> Option<String> {
+        if let Some(text) = &self.fault {
+            return Some(format!("it says: {text}"));
+        }
+        // It knows the self-test, so it is another message that it does not know.
+        if let (Some(text), true) = (&self.unknown, self.tested.is_some()) {
+            return Some(format!("it does not know the scan table or the rate: {text}; update its firmware"));
+        }
+        self.wrong.clone()
+    }
+}
+
+fn untested() -> Notice {
+    let text = "the device knows no self-test: whether its readings come through as they are is not known".into();
+    Notice { level: Level::Info, text, at: Moment::now() }
+}
+
+/// What is wrong with the readings of a self-test.
+fn wrong_reading(frame: &Frame<'_>, skin: &LiveSkin) -> Option<String> {
+    let roles = skin.scan.roles();
+    if frame.readings.len() != roles.len() {
+        return Some(format!("its self-test has {} readings, the scan table {}", frame.readings.len(), roles.len()));
+    }
+    let expected = |slot: usize| i32::from(test_reading(slot as u16));
+    let is_wrong = |&(slot, reading): &(usize, i32)| reading != expected(slot);
+    let wrong: Vec<(usize, i32)> = frame.readings.iter().enumerate().filter(is_wrong).collect();
+    let &(slot, reading) = wrong.first()?;
+    let reads = match roles[slot] {
+        Role::Current(drive) => format!("the current of drive {drive}"),
+        Role::Channel(channel) => format!("channel {channel}"),
+    };
+    Some(format!(
+        "its self-test is wrong in slot {slot} ({reads}): {reading} in place of {}, and so are {} of {} readings: its firmware \
+         must send them as they are, low byte first",
+        expected(slot),
+        wrong.len(),
+        roles.len()
+    ))
+}
+
+/// Sends a message.
+pub(super) fn send(line: &mut dyn Line, message: &ToDevice<'_>) -> std::io::Result<()> {
+    let mut packet = [0; ToDevice::PACKET_BYTES];
+    let length = message.encode(&mut packet).map_err(std::io::Error::other)?;
+    line.send(&packet[..length])
+}
+
+/// Why no hello came, and what to do.
+fn no_hello(bytes: usize, address: &Address) -> String {
+    match (bytes, address) {
+        (0, _) => "nothing came in 2 s: is it on, is this its port, does no other program read it?".into(),
+        (bytes, Address::Serial { baud, .. }) => format!(
+            "{bytes} bytes came and no hello among them: is {baud} bits a second the speed of its line (write serial:PATH@BAUD), \
+             is this its port?"
+        ),
+        (bytes, Address::Tcp(_)) => {
+            format!("{bytes} bytes came and no hello among them: something else speaks there; is the port right?")
+        }
+    }
+}
+
+/// Refuses what is not a device for the skin.
+fn check(hello: &Hello<'_>, address: &Address, skin: &LiveSkin, options: DeviceOptions) -> Result<(), String> {
+    let design = &skin.design;
+    if usize::from(hello.electrode_count) != design.electrodes.len() {
+        let (device, skin) = (hello.electrode_count, design.electrodes.len());
+        return Err(format!("it is a skin of {device} electrodes, but `{}` has {skin}", design.name));
+    }
+    if hello.design_sha256 != design.sha256() {
+        let short = |hash: &[u8; 32]| hash[..4].iter().map(|byte| format!("{byte:02x}")).collect::<String>();
+        return Err(format!(
+            "it is another skin than `{}` (its design's hash begins with {}, this one's with {}): give the design that its \
+             firmware was made for (`dermis scan-table`)",
+            design.name,
+            short(&hello.design_sha256),
+            short(&design.sha256())
+        ));
+    }
+    let scales = [hello.reference_ohm, hello.source_v].into_iter().chain(hello.volts_per_count);
+    if let Some(wrong) = scales.into_iter().find(|value| !(value.is_finite() && *value > 0.0)) {
+        return Err(format!(
+            "its hello states a scale of {wrong}: resistor, source and volts a count must be positive"
+        ));
+    }
+    if hello.full_scale == 0 {
+        return Err("its hello states a full scale of 0 counts: it must be the highest reading".into());
+    }
+    let rate_mhz = options.rate_hz.map_or(f64::from(hello.rate_mhz), |rate_hz| rate_hz * 1e3);
+    if !(rate_mhz >= 1.0 && rate_mhz <= f64::from(hello.highest_rate_mhz)) {
+        let (asked, most) = (rate_mhz * 1e-3, f64::from(hello.highest_rate_mhz) * 1e-3);
+        return Err(format!("{asked} frames a second are asked for, but it takes at most {most}"));
+    }
+    let bytes =
+        dermis_wire::bytes_per_second(skin.scan.slots().len(), usize::from(hello.reading_bytes), rate_mhz as u32);
+    let baud = match address {
+        Address::Serial { baud, .. } if hello.baud != 0 => (*baud).min(hello.baud),
+        _ => return Ok(()),
+    };
+    let needed = dermis_wire::smallest_baud(bytes);
+    match needed {
+        Ok(needed) if needed <= baud => Ok(()),
+        Ok(needed) => Err(format!(
+            "a line of {baud} bits a second is too slow for {} readings {} times a second: the smallest that does is {needed}",
+            skin.scan.slots().len(),
+            rate_mhz * 1e-3
+        )),
+        Err(needed) => {
+            Err(format!("its frames need {needed} bits a second, more than serial lines have: ask for a lower rate"))
+        }
+    }
+}
