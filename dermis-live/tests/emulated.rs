@@ -124,10 +124,11 @@ fn a_device_that_is_unplugged_is_found_again() {
         match mailbox.take(Duration::from_secs(5)) {
             Taken::Item(Event::Lost(_)) => lost = true,
             Taken::Item(Event::Frame(frame)) if lost => {
-                assert_eq!(frame.health.counts.reconnected, 1);
                 // Nothing touches, and the baseline is the old one.
                 assert!(frame.contacts.is_empty());
                 found = frame.sequence > 400;
+                // The health is looked at every dozen frames.
+                assert!(!found || frame.health.counts.reconnected == 1);
             }
             _ => {}
         }
