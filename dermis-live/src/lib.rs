@@ -6,6 +6,7 @@ mod control;
 #[cfg(feature = "ros2")]
 pub mod dds;
 pub mod device;
+mod drift;
 pub mod emulator;
 mod error;
 mod health;

@@ -5,7 +5,8 @@
 
 use crate::LiveError;
 use crate::alarm::{Alarm, statistic};
-use crate::baseline::{Baseline, Drifts, Noise, Touch};
+use crate::baseline::{Baseline, Noise, Touch};
+use crate::drift::Fitter;
 use crate::health::{Change, Untouched, Watch, Wiring, noise_of, silent};
 use crate::meter::Measures;
 use crate::moment::Moment;
@@ -103,7 +104,7 @@ pub struct Incoming {
 #[derive(Debug)]
 pub struct Processor {
     skin: Arc<LiveSkin>,
-    drifts: Drifts,
+    fitter: Fitter,
     wiring: Wiring,
     state: State,
     method: NamedMethod,
@@ -185,7 +186,7 @@ impl Processor {
             method = skin.linear_method(&method.name, prior, &state.made_without)?;
         }
         let mut processor = Processor {
-            drifts: Drifts::of(&skin),
+            fitter: Fitter::new(Arc::clone(&skin)),
             wiring: Wiring::of(&skin),
             silent: vec![false; channel_count],
             detector: Detector::default(),
@@ -420,7 +421,7 @@ impl Processor {
             let places: Vec<Point3> = tracked.iter().map(|tracked| tracked.contact.position_m).collect();
             let noise = Noise { sd_ohm: noise_ohm, silent: &deaf };
             let touch = Touch { frame_ohm: &measures.values_ohm, places: &places, time_s, step_s };
-            reading.baseline.hold(&self.skin, &self.drifts, noise, touch);
+            reading.baseline.hold(&self.skin.pixels.surface, &mut self.fitter, noise, touch);
         }
         let about = Untouched { untouched: quiet, difference: &difference, silent: &deaf, step_s };
         reading.watch.noise(&self.wiring, measures, about);

@@ -25,7 +25,7 @@ pub fn markers(reference: &Reference, live: &LiveFrame) -> MarkerArray {
         all.action = DELETE_ALL;
         return MarkerArray { markers: vec![all] };
     }
-    let extent_m = reference.extent_m();
+    let extent_m = reference.space.extent_m();
     let strongest = live.contacts.iter().map(|contact| contact.strength).fold(f64::MIN_POSITIVE, f64::max);
     let mut markers = Vec::with_capacity(2 * live.contacts.len());
     for contact in &live.contacts {
@@ -48,7 +48,7 @@ fn arrow(reference: &Reference, live: &LiveFrame, contact: &LiveContact, length_
 }
 
 fn label(reference: &Reference, live: &LiveFrame, contact: &LiveContact, length_m: f64) -> Marker {
-    let height_m = reference.extent_m() / 25.0;
+    let height_m = reference.space.extent_m() / 25.0;
     let mut label = marker(reference, live, "ids", contact.id as i32, TEXT);
     label.pose = Pose::at(above(contact, length_m + height_m));
     label.scale.z = height_m;

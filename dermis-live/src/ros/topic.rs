@@ -93,15 +93,6 @@ impl Reference {
     pub fn picture(&self) -> [usize; 2] {
         self.space.grid.unwrap_or([1, self.space.len()])
     }
-
-    /// Side of the box round the skin, the longest, m.
-    pub fn extent_m(&self) -> f64 {
-        let side = |axis: usize| {
-            let along = self.space.centres_m.iter().map(|centre| centre[axis]);
-            along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
-        };
-        (0..3).map(side).fold(0.0, f64::max)
-    }
 }
 
 /// Which of the messages that not every frame needs are due.

@@ -20,12 +20,16 @@ pub(super) struct Spot {
     pub height: f64,
 }
 
-/// Rounds in which all spots are fitted in turn after each find.
+/// Rounds in which all spots are fitted in turn after each find, at most.
 const ROUNDS: usize = 4;
+/// A round that changes no spot by more than this part of its width and height is the last.
+const SETTLED: f64 = 1e-4;
 /// A spot is fitted to the pixels this many widths around.
 const REACH: f64 = 2.0;
 /// This many widths away a spot is less than a millionth of its height.
 const FAR: f64 = 5.3;
+/// A spot that has moved this many widths from where it was found is given other pixels.
+const ASTRAY: f64 = 1.0;
 /// More touches than this are not looked for.
 const MOST: usize = 16;
 
@@ -33,17 +37,17 @@ const MOST: usize = 16;
 /// and the height of the first spot.
 pub(super) fn spots(image: &Image, width_m: f64, least: impl Fn(usize, f64) -> f64) -> Vec<Spot> {
     let root = |value: &f64| if value.is_finite() { value.signum() * value.abs().sqrt() } else { 0.0 };
-    let mut search = Search { image, width_m, left: image.values.iter().map(root).collect(), spots: Vec::new() };
-    while search.spots.len() < MOST {
+    let mut search = Search { image, width_m, left: image.values.iter().map(root).collect(), fits: Vec::new() };
+    while search.fits.len() < MOST {
         let pixels = search.left.iter().enumerate();
         let Some((pixel, &height)) = pixels.max_by(|a, b| a.1.total_cmp(b.1)) else { break };
-        let first = search.spots.first().map_or(height, |spot| spot.height);
+        let first = search.fits.first().map_or(height, |fit| fit.height);
         if height <= least(pixel, first.max(height)) || height <= 0.0 {
             break;
         }
         search.add(pixel, height);
     }
-    let mut spots = search.spots;
+    let mut spots: Vec<Spot> = search.fits.iter().map(|fit| fit.spot(&image.space.surface)).collect();
     // A spot that shrank when its neighbours were fitted was none.
     let highest = spots.iter().map(|spot| spot.height).fold(0.0, f64::max);
     spots.retain(|spot| spot.height > least(spot.pixel, highest));
@@ -65,70 +69,127 @@ struct Search<'a> {
     width_m: f64,
     /// The root of the image less all spots.
     left: Vec<f64>,
-    spots: Vec<Spot>,
+    fits: Vec<Fit>,
+}
+
+/// A spot as it is fitted, in the chart about a point near it.
+#[derive(Default)]
+struct Fit {
+    pixel: usize,
+    origin_m: Point3,
+    /// Where it is in the chart, m.
+    at_m: [f64; 2],
+    height: f64,
+    /// The pixels that it reaches, and what it takes off each.
+    patch: Vec<Reached>,
+}
+
+/// A pixel that a spot reaches.
+struct Reached {
+    pixel: usize,
+    /// Where it lies in the chart, m.
+    at_m: [f64; 2],
+    /// The spot there.
+    value: f64,
+}
+
+impl Fit {
+    fn spot(&self, surface: &Surface) -> Spot {
+        Spot { pixel: self.pixel, centre_m: surface.walk(self.origin_m, self.at_m), height: self.height }
+    }
+}
+
+impl Reached {
+    fn offset_m(&self, from_m: [f64; 2]) -> [f64; 2] {
+        [self.at_m[0] - from_m[0], self.at_m[1] - from_m[1]]
+    }
+}
+
+fn square([u, v]: [f64; 2]) -> f64 {
+    u * u + v * v
 }
 
 impl Search<'_> {
     fn add(&mut self, pixel: usize, height: f64) {
-        let spot = Spot { pixel, centre_m: self.image.space.centres_m[pixel], height };
-        self.shift(&spot, -1.0);
-        self.spots.push(spot);
+        let mut fit = self.fit_about(pixel, self.image.space.centres_m[pixel], height);
+        self.take_off(&mut fit);
+        self.fits.push(fit);
         for _ in 0..ROUNDS {
-            for index in 0..self.spots.len() {
-                let spot = self.spots[index];
-                self.shift(&spot, 1.0);
-                let fitted = self.fitted(spot);
-                self.shift(&fitted, -1.0);
-                self.spots[index] = fitted;
+            let mut most: f64 = 0.0;
+            for index in 0..self.fits.len() {
+                most = most.max(self.refit(index));
+            }
+            if most <= SETTLED {
+                break;
             }
         }
     }
 
-    fn offset(&self, spot: &Spot, pixel: usize) -> [f64; 2] {
-        self.image.space.surface.chart(spot.centre_m, self.image.space.centres_m[pixel])
+    /// A spot with the pixels that it reaches, also once it has moved a little.
+    fn fit_about(&self, pixel: usize, origin_m: Point3, height: f64) -> Fit {
+        let Search { image: Image { space, .. }, width_m, .. } = self;
+        let patch = near(space, origin_m, (FAR + ASTRAY) * width_m)
+            .map(|pixel| Reached { pixel, at_m: space.surface.chart(origin_m, space.centres_m[pixel]), value: 0.0 })
+            .collect();
+        Fit { pixel, origin_m, at_m: [0.0; 2], height, patch }
     }
 
-    fn shape(&self, [u, v]: [f64; 2]) -> f64 {
-        (-0.5 * (u * u + v * v) / (self.width_m * self.width_m)).exp()
-    }
-
-    /// Adds a spot to what is left, or takes it off.
-    fn shift(&mut self, spot: &Spot, sign: f64) {
-        let Search { image, width_m, left, .. } = self;
-        for pixel in near(&image.space, spot.centre_m, FAR * *width_m) {
-            let [u, v] = image.space.surface.chart(spot.centre_m, image.space.centres_m[pixel]);
-            left[pixel] += sign * spot.height * (-0.5 * (u * u + v * v) / (*width_m * *width_m)).exp();
+    /// Takes a spot off what is left.
+    fn take_off(&mut self, fit: &mut Fit) {
+        let factor = -0.5 / (self.width_m * self.width_m);
+        for reached in &mut fit.patch {
+            reached.value = fit.height * (factor * square(reached.offset_m(fit.at_m))).exp();
+            self.left[reached.pixel] -= reached.value;
         }
     }
 
-    /// One step of Gauss and Newton for place and height, against what is left with this spot.
-    fn fitted(&self, spot: Spot) -> Spot {
+    /// Fits a spot anew beside all others; by what part of its width or height it has changed.
+    fn refit(&mut self, index: usize) -> f64 {
+        let Some([up, du, dv]) = self.step(&self.fits[index]) else { return 0.0 };
+        let mut fit = std::mem::take(&mut self.fits[index]);
+        for reached in &fit.patch {
+            self.left[reached.pixel] += reached.value;
+        }
+        fit.at_m = self.inside(&fit, [fit.at_m[0] + du, fit.at_m[1] + dv]);
+        let change = du.hypot(dv) / self.width_m + (up / fit.height).abs();
+        fit.height = (fit.height + up).max(0.0);
+        if square(fit.at_m) > (ASTRAY * self.width_m).powi(2) {
+            let spot = fit.spot(&self.image.space.surface);
+            fit = self.fit_about(spot.pixel, spot.centre_m, spot.height);
+        }
+        self.take_off(&mut fit);
+        self.fits[index] = fit;
+        change
+    }
+
+    /// One step of Gauss and Newton for height and place, against what is left with this spot.
+    fn step(&self, fit: &Fit) -> Option<[f64; 3]> {
         let (mut matrix, mut right) = ([[0.0; 3]; 3], [0.0; 3]);
-        for pixel in near(&self.image.space, spot.centre_m, REACH * self.width_m) {
-            let left = self.left[pixel];
-            let offset @ [u, v] = self.offset(&spot, pixel);
-            if u.hypot(v) > REACH * self.width_m {
+        let per_width = 1.0 / (self.width_m * self.width_m);
+        let reach = (REACH * self.width_m).powi(2);
+        for reached in &fit.patch {
+            let offset @ [u, v] = reached.offset_m(fit.at_m);
+            if square(offset) > reach {
                 continue;
             }
-            let shape = self.shape(offset);
-            let slope = spot.height * shape / (self.width_m * self.width_m);
-            let row = [shape, slope * u, slope * v];
-            let off = left - spot.height * shape;
+            let row = [reached.value / fit.height, reached.value * per_width * u, reached.value * per_width * v];
             for i in 0..3 {
-                right[i] += row[i] * off;
+                right[i] += row[i] * self.left[reached.pixel];
                 (0..3).for_each(|j| matrix[i][j] += row[i] * row[j]);
             }
         }
-        let Some([up, du, dv]) = solved(matrix, right) else { return spot };
+        let [up, du, dv] = solved(matrix, right)?;
         // No farther at once than half a width: beyond, a spot is not the line that the step takes it for.
-        let most = 0.5 * self.width_m;
-        let short = (most / du.hypot(dv)).min(1.0);
-        let surface = &self.image.space.surface;
-        let mut centre_m = surface.walk(spot.centre_m, [short * du, short * dv]);
-        if let Surface::Cylinder { length_m, .. } = surface {
-            centre_m[2] = centre_m[2].clamp(0.0, *length_m);
+        let short = (0.5 * self.width_m / du.hypot(dv)).min(1.0);
+        Some([up, short * du, short * dv])
+    }
+
+    /// The place on the skin nearest to one that may lie beyond its rim.
+    fn inside(&self, fit: &Fit, [u, v]: [f64; 2]) -> [f64; 2] {
+        match self.image.space.surface {
+            Surface::Cylinder { length_m, .. } => [u, v.clamp(-fit.origin_m[2], length_m - fit.origin_m[2])],
+            Surface::Plane | Surface::Free => [u, v],
         }
-        Spot { centre_m, height: (spot.height + up).max(0.0), ..spot }
     }
 }
 

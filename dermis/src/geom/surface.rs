@@ -56,9 +56,8 @@ impl Surface {
     /// surface is `Free`.
     pub fn distance_m(&self, a: Point3, b: Point3) -> f64 {
         match *self {
-            Surface::Cylinder { radius_m, .. } => {
+            Surface::Cylinder { .. } => {
                 let [du, dv] = self.chart(a, b);
-                debug_assert!(radius_m > 0.0);
                 du.hypot(dv)
             }
             Surface::Plane | Surface::Free => distance(a, b),
@@ -70,9 +69,9 @@ impl Surface {
     pub fn chart(&self, origin: Point3, point: Point3) -> [f64; 2] {
         match *self {
             Surface::Cylinder { radius_m, .. } => {
-                let from = origin[1].atan2(origin[0]);
-                let to = point[1].atan2(point[0]);
-                [radius_m * angle_difference(to, from), point[2] - origin[2]]
+                let sine = origin[0] * point[1] - origin[1] * point[0];
+                let cosine = origin[0] * point[0] + origin[1] * point[1];
+                [radius_m * sine.atan2(cosine), point[2] - origin[2]]
             }
             Surface::Plane | Surface::Free => [point[0] - origin[0], point[1] - origin[1]],
         }

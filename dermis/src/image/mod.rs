@@ -93,6 +93,15 @@ impl PixelSpace {
         let mean = self.areas.iter().sum::<f64>() / self.len().max(1) as f64;
         0.5 * mean.sqrt()
     }
+
+    /// The longest side of the box round the pixels' centres, m.
+    pub fn extent_m(&self) -> f64 {
+        let side = |axis: usize| {
+            let along = self.centres_m.iter().map(|centre| centre[axis]);
+            along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
+        };
+        (0..3).map(side).fold(f64::MIN_POSITIVE, f64::max)
+    }
 }
 
 /// What a body's picture covers: the lower corner and the size of the box in the chart (x, y) of a flat skin, or
