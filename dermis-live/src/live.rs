@@ -336,7 +336,7 @@ impl Maker {
         if self.rebuilding || !self.processor.wants_rebuild() {
             return;
         }
-        let Some(rebuilding) = self.processor.rebuilding() else { return };
+        let rebuilding = self.processor.rebuilding();
         self.rebuilding = true;
         let shared = Arc::clone(&self.shared);
         spawn("dermis-rebuild", move || match rebuilding.run() {

@@ -77,7 +77,7 @@ pub enum Command {
         /// All of them.
         zones: Vec<Zone>,
     },
-    /// Make the linear method anew without the channels that are left out now.
+    /// Make the method anew without the channels that are left out now.
     Rebuild,
 }
 
@@ -181,10 +181,7 @@ impl Processor {
         state.settings.check()?;
         let channel_count = skin.design.protocol.channel_count();
         state.check(channel_count)?;
-        let mut method = skin.by_name(&state.settings.method)?.clone();
-        if let (Some(prior), false) = (method.prior, state.made_without.is_empty()) {
-            method = skin.linear_method(&method.name, prior, &state.made_without)?;
-        }
+        let method = skin.without(&skin.by_name(&state.settings.method)?.name, &state.made_without)?;
         let mut processor = Processor {
             fitter: Fitter::new(Arc::clone(&skin)),
             wiring: Wiring::of(&skin),
@@ -233,15 +230,13 @@ impl Processor {
 
     /// Whether the method would do better if it were [made anew](Command::Rebuild) without the channels that are left out.
     pub fn wants_rebuild(&self) -> bool {
-        self.method.prior.is_some() && self.state.made_without != numbers(&self.silent)
+        self.state.made_without != numbers(&self.silent)
     }
 
-    /// The linear method without the channels that are left out now, for [`install`](Self::install): what
+    /// The method without the channels that are left out now, for [`install`](Self::install): what
     /// [`Command::Rebuild`] does, in two parts so that the first may be done beside the frames.
-    pub fn rebuilding(&self) -> Option<Rebuilding> {
-        let prior = self.method.prior?;
-        let (name, silent) = (self.method.name.clone(), self.silent.clone());
-        Some(Rebuilding { skin: Arc::clone(&self.skin), name, prior, silent })
+    pub fn rebuilding(&self) -> Rebuilding {
+        Rebuilding { skin: Arc::clone(&self.skin), name: self.method.name.clone(), silent: self.silent.clone() }
     }
 
     /// Uses a method that was made anew, if it is still the one that is wanted; whether it is.
@@ -273,9 +268,7 @@ impl Processor {
             }
             Command::Zones { zones } => self.set(Settings { zones: zones.clone(), ..self.state.settings.clone() })?,
             Command::Rebuild => {
-                if let Some(rebuilding) = self.rebuilding() {
-                    self.install(rebuilding.run()?)?;
-                }
+                self.install(self.rebuilding().run()?)?;
             }
         }
         Ok(())
@@ -496,16 +489,15 @@ fn numbers(marked: &[bool]) -> Vec<usize> {
     (0..marked.len()).filter(|&index| marked[index]).collect()
 }
 
-/// A linear method to be made without some channels, on any thread.
+/// A method to be made without some channels, on any thread.
 #[derive(Debug, Clone)]
 pub struct Rebuilding {
     skin: Arc<LiveSkin>,
     name: String,
-    prior: dermis::reconstruct::Prior,
     silent: Vec<bool>,
 }
 
-/// A linear method made without some channels.
+/// A method made without some channels.
 #[derive(Debug, Clone)]
 pub struct Rebuilt {
     method: NamedMethod,
@@ -518,7 +510,7 @@ impl Rebuilding {
     /// # Errors
     /// Too few channels left.
     pub fn run(self) -> Result<Rebuilt, LiveError> {
-        let method = self.skin.linear_method(&self.name, self.prior, &numbers(&self.silent))?;
+        let method = self.skin.without(&self.name, &numbers(&self.silent))?;
         Ok(Rebuilt { method, silent: self.silent })
     }
 }

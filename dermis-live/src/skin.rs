@@ -6,7 +6,7 @@ use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
-use dermis::reconstruct::{Linearised, OneStep, OneStepOptions, Prior, Reconstruct};
+use dermis::reconstruct::{Linearised, OneStep, OneStepOptions, Prior, Reconstruct, WithoutChannels};
 use dermis_learn::Model;
 use std::sync::Arc;
 
@@ -34,7 +34,7 @@ pub struct NamedMethod {
     pub name: String,
     /// It.
     pub method: Arc<dyn Reconstruct>,
-    /// What makes it anew without some channels; `None` of a network, which is told of no change in them.
+    /// What makes it anew without some channels; `None` of a network, for which they are filled in.
     pub prior: Option<Prior>,
     /// The card of a network, JSON.
     pub card: Option<String>,
@@ -93,7 +93,7 @@ impl LiveSkin {
     ///
     /// # Errors
     /// Too few channels left.
-    pub fn linear_method(&self, name: &str, prior: Prior, silent: &[usize]) -> Result<NamedMethod, LiveError> {
+    fn linear_method(&self, name: &str, prior: Prior, silent: &[usize]) -> Result<NamedMethod, LiveError> {
         let options = OneStepOptions {
             prior,
             excluded: silent.to_vec(),
@@ -102,6 +102,23 @@ impl LiveSkin {
         };
         let method = OneStep::from_linearised(&self.linear, Arc::clone(&self.pixels), &options)?;
         Ok(NamedMethod { name: name.into(), method: Arc::new(method), prior: Some(prior), card: None })
+    }
+
+    /// A method where some channels are broken: a linear one made anew without them, a network told what the other channels
+    /// say of them.
+    ///
+    /// # Errors
+    /// No such method; too few channels left.
+    pub fn without(&self, name: &str, broken: &[usize]) -> Result<NamedMethod, LiveError> {
+        let whole = self.method(name)?;
+        match whole.prior {
+            _ if broken.is_empty() => Ok(whole.clone()),
+            Some(prior) => self.linear_method(name, prior, broken),
+            None => {
+                let filled = WithoutChannels::new(Arc::clone(&whole.method), &self.linear, broken.to_vec())?;
+                Ok(NamedMethod { method: Arc::new(filled), ..whole.clone() })
+            }
+        }
     }
 
     /// The names of its methods.

@@ -32,6 +32,7 @@ use crate::detect::{DetectOptions, ImageNoise};
 use crate::frame::Frame;
 use crate::image::{Image, PixelSpace};
 use rayon::prelude::*;
+use std::ops::Deref;
 use std::sync::Arc;
 use thiserror::Error;
 
@@ -109,6 +110,33 @@ pub trait Reconstruct: Send + Sync {
     /// How contacts are found in its images. The default is that of linear images, with their side lobes.
     fn detection(&self) -> DetectOptions {
         DetectOptions::default()
+    }
+}
+
+/// A pointer to a method is one.
+impl<P: Deref<Target: Reconstruct> + Send + Sync> Reconstruct for P {
+    fn name(&self) -> String {
+        (**self).name()
+    }
+
+    fn pixels(&self) -> &Arc<PixelSpace> {
+        (**self).pixels()
+    }
+
+    fn reconstruct_into(&self, difference: &[f64], values: &mut [f64]) -> Result<(), ReconstructError> {
+        (**self).reconstruct_into(difference, values)
+    }
+
+    fn matrix(&self) -> Option<&crate::forward::Matrix> {
+        (**self).matrix()
+    }
+
+    fn quantity(&self) -> Quantity {
+        (**self).quantity()
+    }
+
+    fn detection(&self) -> DetectOptions {
+        (**self).detection()
     }
 }
 

@@ -1,37 +1,61 @@
-//! A method that is not told of channels that are broken.
+//! A method for a skin of which some channels are broken.
 
 use crate::detect::DetectOptions;
 use crate::forward::Matrix;
 use crate::image::PixelSpace;
-use crate::reconstruct::{Quantity, Reconstruct, ReconstructError};
+use crate::reconstruct::{Linearised, OneStep, OneStepOptions, Prior, Quantity, Reconstruct, ReconstructError};
 use std::sync::Arc;
 
-/// A method for a skin of which some channels are broken: it is told of no change in them. A method that is made anew
-/// without them does better where that is possible, but a network cannot be.
-pub struct WithoutChannels<'a> {
-    method: &'a dyn Reconstruct,
-    silent: Vec<usize>,
+/// A method for a skin of which some channels are broken, which cannot be made anew without them, as a network cannot.
+///
+/// What the broken channels would say is told by the others: the one-step image of these, `x = B d`, changes the broken ones
+/// by `J x`, the most likely values under that image's prior. A linear method of the same prior gives the image
+/// that it would give if it were made anew.
+#[derive(Debug, Clone)]
+pub struct WithoutChannels<M> {
+    method: M,
+    broken: Vec<usize>,
+    /// From a difference to the broken channels, broken x channels; zero in the columns of the broken ones.
+    fill: Matrix,
     matrix: Option<Matrix>,
 }
 
-impl<'a> WithoutChannels<'a> {
-    /// The method without some channels.
+impl<M: Reconstruct> WithoutChannels<M> {
+    /// The method without some channels of the skin whose linear model is given.
     ///
-    /// # Panics
-    /// Where a linear method has no such channel.
-    pub fn new(method: &'a dyn Reconstruct, silent: Vec<usize>) -> Self {
+    /// # Errors
+    /// A channel that there is not, too few channels left, a method of another skin.
+    pub fn new(method: M, model: &Linearised, broken: Vec<usize>) -> Result<Self, ReconstructError> {
+        let fill = fill(&method, model, &broken)?;
         let mut matrix = method.matrix().cloned();
         if let Some(matrix) = &mut matrix {
             let columns = matrix.columns;
             for row in matrix.values.chunks_exact_mut(columns) {
-                silent.iter().for_each(|&channel| row[channel] = 0.0);
+                let told: Vec<f64> = broken.iter().map(|&channel| std::mem::take(&mut row[channel])).collect();
+                for (told, fill) in told.iter().zip(fill.values.chunks_exact(columns)) {
+                    row.iter_mut().zip(fill).for_each(|(value, fill)| *value += told * fill);
+                }
             }
         }
-        WithoutChannels { method, silent, matrix }
+        Ok(WithoutChannels { method, broken, fill, matrix })
     }
 }
 
-impl Reconstruct for WithoutChannels<'_> {
+/// From a difference to the broken channels, by the one-step image of the others.
+fn fill(method: &dyn Reconstruct, model: &Linearised, broken: &[usize]) -> Result<Matrix, ReconstructError> {
+    let options = OneStepOptions { prior: Prior::Laplace, excluded: broken.to_vec(), ..OneStepOptions::default() };
+    let one_step = OneStep::from_linearised(model, Arc::clone(method.pixels()), &options)?;
+    let image = one_step.matrix().expect("a one-step method is a matrix");
+    let mut fill = Matrix::zeros(broken.len(), image.columns);
+    for (&channel, row) in broken.iter().zip(fill.values.chunks_exact_mut(image.columns)) {
+        for (change, pixel) in model.jacobian.row(channel).iter().zip(image.values.chunks_exact(image.columns)) {
+            row.iter_mut().zip(pixel).for_each(|(value, pixel)| *value += change * pixel);
+        }
+    }
+    Ok(fill)
+}
+
+impl<M: Reconstruct> Reconstruct for WithoutChannels<M> {
     fn name(&self) -> String {
         self.method.name()
     }
@@ -42,14 +66,15 @@ impl Reconstruct for WithoutChannels<'_> {
 
     /// As the method does; a copy of the difference is made where channels are broken.
     fn reconstruct_into(&self, difference: &[f64], values: &mut [f64]) -> Result<(), ReconstructError> {
-        if self.silent.is_empty() {
+        // A difference of another length is the method's to refuse.
+        if difference.len() != self.fill.columns {
             return self.method.reconstruct_into(difference, values);
         }
         let mut heard = difference.to_vec();
-        for &channel in &self.silent {
-            // A difference of another length is the method's to refuse.
-            heard.iter_mut().skip(channel).take(1).for_each(|value| *value = 0.0);
-        }
+        self.broken.iter().for_each(|&channel| heard[channel] = 0.0);
+        let mut told = vec![0.0; self.broken.len()];
+        self.fill.product_into(&heard, &mut told);
+        self.broken.iter().zip(told).for_each(|(&channel, told)| heard[channel] = told);
         self.method.reconstruct_into(&heard, values)
     }
 
@@ -72,30 +97,63 @@ mod tests {
     use crate::design::SkinDesign;
     use crate::forward::ForwardModel;
     use crate::mesh::Mesh;
-    use crate::reconstruct::{OneStep, OneStepOptions};
+    use crate::reconstruct::Alpha;
 
-    #[test]
-    fn what_a_broken_channel_says_makes_no_difference() {
+    const BROKEN: [usize; 3] = [3, 500, 501];
+
+    fn skin() -> (Linearised, Arc<PixelSpace>) {
         let mut design = SkinDesign::shipped("cylinder30").unwrap();
         design.mesh = design.mesh.scaled(2.0);
         let forward = ForwardModel::new(&design, &Mesh::generate(&design).unwrap()).unwrap();
         let pixels = Arc::new(PixelSpace::for_design(&design, forward.mesh()).unwrap());
-        let method = OneStep::new(&forward, pixels, &OneStepOptions::default()).unwrap();
-        let deaf = WithoutChannels::new(&method, vec![3, 500]);
-        let difference = |broken: f64| -> Vec<f64> {
-            (0..870).map(|channel| if [3, 500].contains(&channel) { broken } else { f64::from(channel % 7) }).collect()
-        };
-        let image = |method: &dyn Reconstruct, broken: f64| {
-            let mut values = vec![0.0; 900];
-            method.reconstruct_into(&difference(broken), &mut values).unwrap();
-            values
-        };
-        assert_eq!(image(&deaf, 1e6), image(&method, 0.0));
+        (Linearised::new(&forward, &pixels).unwrap(), pixels)
+    }
+
+    fn difference(broken: f64) -> Vec<f64> {
+        (0..870).map(|channel| if BROKEN.contains(&channel) { broken } else { f64::from(channel as u32 % 7) }).collect()
+    }
+
+    fn image(method: &dyn Reconstruct, broken: f64) -> Vec<f64> {
+        let mut values = vec![0.0; 900];
+        method.reconstruct_into(&difference(broken), &mut values).unwrap();
+        values
+    }
+
+    #[test]
+    fn what_a_broken_channel_says_makes_no_difference() {
+        let (model, pixels) = skin();
+        let method = OneStep::from_linearised(&model, pixels, &OneStepOptions::default()).unwrap();
+        let deaf = WithoutChannels::new(&method, &model, BROKEN.to_vec()).unwrap();
+        assert_eq!(image(&deaf, 1e6), image(&deaf, 0.0));
         assert_ne!(image(&method, 1.0), image(&method, 0.0));
         // The matrix is that of what it does.
         let matrix = deaf.matrix().unwrap();
         let product: f64 = matrix.values[..870].iter().zip(difference(1e6)).map(|(a, b)| a * b).sum();
         assert!((product - image(&deaf, 1e6)[0]).abs() < 1e-9 * product.abs());
         assert!(deaf.reconstruct_into(&[0.0], &mut [0.0]).is_err());
+        assert!(WithoutChannels::new(&method, &model, vec![870]).is_err());
+        let whole = WithoutChannels::new(&method, &model, Vec::new()).unwrap();
+        assert_eq!(image(&whole, 1.0), image(&method, 1.0));
+    }
+
+    #[test]
+    fn a_linear_method_of_the_same_prior_is_the_one_that_is_made_anew() {
+        let (model, pixels) = skin();
+        let laplace = OneStepOptions { prior: Prior::Laplace, ..OneStepOptions::default() };
+        let without = OneStepOptions { excluded: BROKEN.to_vec(), ..laplace.clone() };
+        let anew = OneStep::from_linearised(&model, Arc::clone(&pixels), &without).unwrap();
+        // Alpha counts relative to the Jacobian of the channels in use: so that the prior weighs the same in both.
+        let unit = |options: &OneStepOptions| {
+            let options = OneStepOptions { alpha: Alpha::Given(1.0), ..options.clone() };
+            OneStep::from_linearised(&model, Arc::clone(&pixels), &options).unwrap().hyperparameter()
+        };
+        let alpha = Alpha::Given(anew.hyperparameter() / unit(&laplace));
+        let whole = OneStep::from_linearised(&model, pixels, &OneStepOptions { alpha, ..laplace }).unwrap();
+        let filled = image(&WithoutChannels::new(&whole, &model, BROKEN.to_vec()).unwrap(), 0.0);
+        let expected = image(&anew, 0.0);
+        let size = expected.iter().map(|value| value.abs()).fold(0.0, f64::max);
+        let off = filled.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(off < 1e-9 * size, "{off} of {size}");
+        assert!(image(&whole, 0.0).iter().zip(&expected).any(|(a, b)| (a - b).abs() > 1e-6 * size));
     }
 }

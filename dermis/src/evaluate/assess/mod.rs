@@ -17,11 +17,12 @@ use crate::evaluate::score::score_contacts;
 use crate::evaluate::statistics::Summary;
 use crate::evaluate::{EvaluateError, Score};
 use crate::experiment::{PaperExperiment, Presses, Recording, Sizes, truth};
+use crate::forward::ForwardModel;
 use crate::frame::{Frame, broken_channels};
 use crate::geom::Point3;
 use crate::image::{Image, PixelSpace};
 use crate::mesh::Mesh;
-use crate::reconstruct::{Reconstruct, WithoutChannels, image_noise};
+use crate::reconstruct::{Linearised, Reconstruct, WithoutChannels, image_noise};
 use crate::touch::sample_rng;
 use crate::twin::TwinOptions;
 use least_force::{Finder, untouched_differences};
@@ -130,7 +131,12 @@ impl Assessor<'_> {
         let twin = self.with_dead_electrodes(seed, options.dead_electrodes)?;
         let experiment = PaperExperiment::draw(self.design, self.mesh, self.pixels, &twin, seed, &options.sizes)?;
         let recordings = experiment.record(|| on_step(1))?;
-        let heard = WithoutChannels::new(self.method, broken_channels(&recordings[0].untouched));
+        let broken = broken_channels(&recordings[0].untouched);
+        if broken.is_empty() {
+            return self.scored(seed, options, &experiment, &recordings, on_step);
+        }
+        let model = Linearised::new(&ForwardModel::new(self.design, self.mesh)?, self.pixels)?;
+        let heard = WithoutChannels::new(self.method, &model, broken)?;
         Assessor { method: &heard, ..*self }.scored(seed, options, &experiment, &recordings, on_step)
     }
 
