@@ -1,5 +1,6 @@
 //! The fast path: whether something touches, from the raw voltages alone.
 
+use crate::untouched::{Statistics, difference};
 use serde::{Deserialize, Serialize};
 
 /// Tells touched frames from untouched ones by the size of their difference.
@@ -21,6 +22,22 @@ const QUANTILE: f64 = 4.97;
 const RELEASE: f64 = 0.6;
 
 impl Alarm {
+    /// From untouched frames, each half of them judged by the mean and the noise of the other: a frame that was counted for the
+    /// noise looks more like it than one to come.
+    ///
+    /// # Panics
+    /// Without four of them.
+    pub fn of(untouched: &[&[f64]], silent: &[bool]) -> Self {
+        let half = |first: usize| untouched.iter().copied().skip(first).step_by(2);
+        let judged = |own: usize| {
+            let other = Statistics::of(half(1 - own));
+            let noise_ohm = other.deviations();
+            let of = move |frame| statistic(&difference(frame, &other.mean), &noise_ohm, silent);
+            half(own).map(of).collect::<Vec<f64>>()
+        };
+        Self::new(&[judged(0), judged(1)].concat())
+    }
+
     /// From the statistics of untouched frames.
     ///
     /// # Panics

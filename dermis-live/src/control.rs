@@ -4,7 +4,7 @@ use crate::LiveError;
 use crate::emulator::Emulator;
 use crate::live::Shared;
 use crate::moment::Moment;
-use crate::processor::Command;
+use crate::settings::Command;
 use crate::sink::{Taping, Told};
 use dermis::geom::{Point3, Surface};
 use serde::Deserialize;

@@ -8,6 +8,7 @@
 use crate::meter::Measures;
 use crate::report::{ElectrodeHealth, ElectrodeState};
 use crate::skin::LiveSkin;
+use crate::untouched::{Statistics, median};
 use dermis::design::TouchEffect;
 use serde::{Deserialize, Serialize};
 
@@ -25,8 +26,6 @@ const PART_FALLS: f64 = 0.3;
 const OPEN: f64 = 20.0;
 /// The share of a frame in the gain that is told.
 const SMOOTH: f64 = 0.02;
-/// No channel is taken for less noisy than this part of the median channel.
-const LEAST_NOISE: f64 = 0.5;
 /// Time constant of the noise, s.
 const NOISE_S: f64 = 1.0;
 /// Time constant at which the reference of sound contacts follows, s.
@@ -130,20 +129,19 @@ pub struct Change {
 }
 
 impl Watch {
-    /// From untouched frames.
+    /// From untouched frames and the statistics of their values.
     ///
     /// # Panics
     /// Without two of them.
-    pub fn new(wiring: &Wiring, untouched: &[Measures]) -> Self {
-        let (loops_ohm, loop_variance) = mean_and_variance(untouched.iter().map(|frame| frame.loops_ohm.as_slice()));
-        let (_, tare_variance) = mean_and_variance(untouched.iter().map(|frame| frame.values_ohm.as_slice()));
+    pub fn new(wiring: &Wiring, untouched: &[Measures], values: &Statistics) -> Self {
+        let loops = Statistics::of(untouched.iter().map(|frame| frame.loops_ohm.as_slice()));
         let electrode = Electrode { state: ElectrodeState::Sound, gain_ohm: 0.0, smooth_ohm: 0.0, against: 0 };
         Watch {
-            loops_ohm,
-            loop_noise_ohm: loop_variance.into_iter().map(f64::sqrt).collect(),
-            variance: tare_variance.clone(),
-            noise_ohm: deviations(&tare_variance),
-            tare_variance,
+            loops_ohm: loops.mean,
+            loop_noise_ohm: loops.variance.into_iter().map(f64::sqrt).collect(),
+            variance: values.variance.clone(),
+            noise_ohm: values.deviations(),
+            tare_variance: values.variance.clone(),
             last_ohm: untouched[untouched.len() - 1].values_ohm.clone(),
             reciprocity: 1.0,
             electrodes: vec![electrode; wiring.drives.len()],
@@ -300,41 +298,4 @@ pub fn silent(wiring: &Wiring, electrodes: impl Iterator<Item = usize>) -> Vec<b
         wiring.channels[electrode].iter().for_each(|&channel| silent[channel] = true);
     }
     silent
-}
-
-/// The deviations of the noise of channels from what was measured, none less than a part of their median: a channel whose
-/// value lies in the middle of a step of the converter says nothing of its noise until that is large.
-fn deviations(variances: &[f64]) -> Vec<f64> {
-    let least = (LEAST_NOISE * LEAST_NOISE * median(variances)).max(f64::MIN_POSITIVE);
-    variances.iter().map(|variance| variance.max(least).sqrt()).collect()
-}
-
-/// The noise of each channel in some untouched frames, ohm.
-///
-/// # Panics
-/// Without two of them.
-pub fn noise_of(frames: &[&Measures]) -> Vec<f64> {
-    deviations(&mean_and_variance(frames.iter().map(|frame| frame.values_ohm.as_slice())).1)
-}
-
-/// Mean and variance of each value over some frames.
-fn mean_and_variance<'a>(frames: impl Iterator<Item = &'a [f64]> + Clone) -> (Vec<f64>, Vec<f64>) {
-    let count = frames.clone().count() as f64;
-    let length = frames.clone().next().map_or(0, <[f64]>::len);
-    let mut mean = vec![0.0; length];
-    for frame in frames.clone() {
-        mean.iter_mut().zip(frame).for_each(|(mean, value)| *mean += value / count);
-    }
-    let mut variance = vec![0.0; length];
-    for frame in frames {
-        let squares = frame.iter().zip(&mean).map(|(value, mean)| (value - mean).powi(2) / (count - 1.0));
-        variance.iter_mut().zip(squares).for_each(|(variance, square)| *variance += square);
-    }
-    (mean, variance)
-}
-
-fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    let middle = sorted.len() / 2;
-    *sorted.select_nth_unstable_by(middle, f64::total_cmp).1
 }

@@ -22,8 +22,10 @@ mod report;
 pub mod ros;
 mod scan;
 pub mod server;
+mod settings;
 pub mod sink;
 mod skin;
+mod untouched;
 
 pub use control::{Control, Request, Tapes};
 pub use error::LiveError;
@@ -31,9 +33,10 @@ pub use live::{Event, Live, LiveOptions, Shared};
 pub use mailbox::{Mailbox, Taken};
 pub use meter::{Measures, Meter};
 pub use moment::Moment;
-pub use processor::{Command, Incoming, Processor, Rebuilding, Rebuilt, Settings, State, Zone};
+pub use processor::{Incoming, Processor, Rebuilding, Rebuilt, State};
 pub use report::{Counts, ElectrodeHealth, ElectrodeState, Health, Level, LiveContact, LiveFrame, Notice};
 pub use scan::{Role, ScanTable, TooLarge};
+pub use settings::{Command, Settings, Zone};
 pub use skin::{LiveSkin, NamedMethod};
 
 #[cfg(test)]

@@ -7,79 +7,22 @@ use crate::LiveError;
 use crate::alarm::{Alarm, statistic};
 use crate::baseline::{Baseline, Noise, Touch};
 use crate::drift::Fitter;
-use crate::health::{Change, Untouched, Watch, Wiring, noise_of, silent};
+use crate::health::{Change, Untouched, Watch, Wiring, silent};
 use crate::meter::Measures;
 use crate::moment::Moment;
 use crate::report::{Counts, ElectrodeState, Health, Level, LiveContact, LiveFrame, Notice};
+use crate::settings::{Command, Settings};
 use crate::skin::{LiveSkin, NamedMethod};
-use dermis::detect::{Detector, Forces};
+use crate::untouched::{Statistics, difference};
+use dermis::contact::Contact;
+use dermis::detect::{Circumstances, Detector, Forces};
 use dermis::frame::Frame;
-use dermis::geom::Point3;
+use dermis::geom::{Point3, Surface};
 use dermis::image::Image;
 use dermis::reconstruct::image_noise;
 use dermis::track::{Sighting, TrackOptions, Tracked, Tracker};
-use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
-
-/// What may be changed while frames come.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Settings {
-    /// The method by its name; empty for the best one for the skin.
-    pub method: String,
-    /// What a contact's signal must exceed, times the method's own.
-    pub threshold: f64,
-    /// Parts of the skin with a name and a threshold of their own.
-    pub zones: Vec<Zone>,
-    /// Frames of a tare.
-    pub tare_frames: usize,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Settings { method: String::new(), threshold: 1.0, zones: Vec::new(), tare_frames: 100 }
-    }
-}
-
-/// A part of the skin: what lies in a ball.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Zone {
-    /// Its name, which contacts in it carry.
-    pub name: String,
-    /// Centre of the ball, m.
-    pub centre_m: [f64; 3],
-    /// Its radius, m.
-    pub radius_m: f64,
-    /// What a contact's signal there must exceed, times that of the rest of the skin.
-    pub threshold: f64,
-}
-
-/// What a processor may be told between two frames.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(tag = "do", rename_all = "snake_case", deny_unknown_fields)]
-pub enum Command {
-    /// Take the untouched frame anew.
-    Tare,
-    /// Change the threshold of all contacts.
-    Threshold {
-        /// Times the method's own.
-        value: f64,
-    },
-    /// Make images otherwise.
-    Method {
-        /// The method's name.
-        name: String,
-    },
-    /// Name parts of the skin.
-    Zones {
-        /// All of them.
-        zones: Vec<Zone>,
-    },
-    /// Make the method anew without the channels that are left out now.
-    Rebuild,
-}
 
 /// One frame as it came in.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -338,23 +281,17 @@ impl Processor {
     fn tared(&mut self, at: Moment) -> Result<(), LiveError> {
         let Phase::Taring { frames } = &mut self.state.phase else { return Ok(()) };
         let frames = std::mem::take(frames);
-        let watch = Watch::new(&self.wiring, &frames);
-        let count = frames.len() as f64;
-        let mean: Vec<f64> = (0..self.silent.len())
-            .map(|channel| frames.iter().map(|frame| frame.values_ohm[channel]).sum::<f64>() / count)
-            .collect();
-        let less_mean =
-            |frame: &Measures| frame.values_ohm.iter().zip(&mean).map(|(value, mean)| value - mean).collect();
-        let untouched: Vec<Vec<f64>> = frames.iter().map(less_mean).collect();
+        let values: Vec<&[f64]> = frames.iter().map(|frame| frame.values_ohm.as_slice()).collect();
+        let statistics = Statistics::of(values.iter().copied());
+        let watch = Watch::new(&self.wiring, &frames, &statistics);
         self.silent = silent(&self.wiring, watch.bad());
-        let statistics = statistics(&frames, &self.silent);
         let surface = self.skin.pixels.surface;
         self.state.phase = Phase::Reading(Box::new(Reading {
-            baseline: Baseline::new(mean),
+            untouched: values.iter().map(|values| difference(values, &statistics.mean)).collect(),
+            alarm: Alarm::of(&values, &self.silent),
+            baseline: Baseline::new(statistics.mean),
             watch,
-            alarm: Alarm::new(&statistics),
             tracker: Tracker::new(surface, TrackOptions::default()),
-            untouched,
             quiet_since_s: None,
             puzzled_since_s: None,
         }));
@@ -371,8 +308,7 @@ impl Processor {
         at: Moment,
     ) -> Result<(bool, Vec<LiveContact>), LiveError> {
         let Phase::Reading(reading) = &mut self.state.phase else { return Ok((false, Vec::new())) };
-        let mut difference: Vec<f64> =
-            measures.values_ohm.iter().zip(reading.baseline.values_ohm()).map(|(now, rest)| now - rest).collect();
+        let mut difference = difference(&measures.values_ohm, reading.baseline.values_ohm());
         let changes = reading.watch.contacts(&self.wiring, measures, &difference);
         let deaf =
             silent(&self.wiring, (0..self.skin.design.electrodes.len()).filter(|&e| reading.watch.is_suspect(e)));
@@ -384,39 +320,15 @@ impl Processor {
         let noise_ohm = reading.watch.noise_ohm();
         let alarm = reading.alarm.take(statistic(&difference, noise_ohm, &deaf));
         self.method.method.reconstruct_into(&difference, &mut self.image.values)?;
-        let settings = &self.state.settings;
-        let least = settings.least();
-        let (factor, forces) = (self.noise_factor, self.forces);
-        let found = self.detector.detect_under(&self.image);
-        let sightings: Vec<Sighting> = found
-            .into_iter()
-            .map(|(contact, under)| {
-                let needed = factor * settings.threshold_at(contact.position_m);
-                let signal = if needed > 0.0 { under.signal / needed } else { f64::INFINITY };
-                let signal = if signal.is_nan() { least } else { signal };
-                // Where the voltages say that nothing touches a contact may go on, but none begins.
-                Sighting { contact, signal: if alarm { signal } else { signal.min(NOT_TO_BEGIN) } }
-            })
-            .collect();
+        let (settings, forces) = (&self.state.settings, self.forces);
+        let sightings = sightings(&self.detector, &self.image, self.noise_factor, settings, alarm);
         let tracked = reading.tracker.update(&sightings, time_s).to_vec();
         let contacts: Vec<LiveContact> =
             tracked.iter().map(|tracked| live(tracked, &self.image, settings, forces, self.state.begun)).collect();
-
-        let nothing = !alarm && tracked.is_empty();
-        reading.quiet_since_s = nothing.then(|| reading.quiet_since_s.unwrap_or(time_s));
-        let puzzled = alarm && tracked.is_empty();
-        reading.puzzled_since_s = puzzled.then(|| reading.puzzled_since_s.unwrap_or(time_s));
-        let for_s = |since: Option<f64>| since.map_or(0.0, |since| time_s - since);
-        let quiet = for_s(reading.quiet_since_s) >= QUIET_S;
-        if quiet || for_s(reading.puzzled_since_s) >= PUZZLED_S {
-            reading.baseline.follow(&measures.values_ohm, step_s);
-        } else if !tracked.is_empty() {
-            let places: Vec<Point3> = tracked.iter().map(|tracked| tracked.contact.position_m).collect();
-            let noise = Noise { sd_ohm: noise_ohm, silent: &deaf };
-            let touch = Touch { frame_ohm: &measures.values_ohm, places: &places, time_s, step_s };
-            reading.baseline.hold(&self.skin.pixels.surface, &mut self.fitter, noise, touch);
-        }
-        let about = Untouched { untouched: quiet, difference: &difference, silent: &deaf, step_s };
+        let places: Vec<Point3> = tracked.iter().map(|tracked| tracked.contact.position_m).collect();
+        let touch = Touch { frame_ohm: &measures.values_ohm, places: &places, time_s, step_s };
+        let untouched = reading.follow(&self.skin.pixels.surface, &mut self.fitter, alarm, &deaf, touch);
+        let about = Untouched { untouched, difference: &difference, silent: &deaf, step_s };
         reading.watch.noise(&self.wiring, measures, about);
         self.take_changes(&changes, at)?;
         Ok((alarm || !contacts.is_empty(), contacts))
@@ -463,25 +375,43 @@ impl Processor {
     }
 }
 
-/// The alarm's statistic of untouched frames, each half of them judged by the mean and the noise of the other: a frame that
-/// was counted for the noise looks more like it than one to come.
-fn statistics(frames: &[Measures], silent: &[bool]) -> Vec<f64> {
-    let halves = [0, 1].map(|half| frames.iter().skip(half).step_by(2).collect::<Vec<&Measures>>());
-    let judged = |own: &[&Measures], other: &[&Measures]| -> Vec<f64> {
-        if other.len() < 2 {
-            return Vec::new();
+impl Reading {
+    /// Has the baseline follow what drifts; whether nothing has touched for a while.
+    fn follow(
+        &mut self,
+        surface: &Surface,
+        fitter: &mut Fitter,
+        alarm: bool,
+        silent: &[bool],
+        touch: Touch<'_>,
+    ) -> bool {
+        let since = |holds: bool, since_s: Option<f64>| holds.then(|| since_s.unwrap_or(touch.time_s));
+        let for_s = |since_s: Option<f64>| since_s.map_or(0.0, |since_s| touch.time_s - since_s);
+        let felt = !touch.places.is_empty();
+        self.quiet_since_s = since(!alarm && !felt, self.quiet_since_s);
+        self.puzzled_since_s = since(alarm && !felt, self.puzzled_since_s);
+        let quiet = for_s(self.quiet_since_s) >= QUIET_S;
+        if quiet || for_s(self.puzzled_since_s) >= PUZZLED_S {
+            self.baseline.follow(touch.frame_ohm, touch.step_s);
+        } else if felt {
+            let noise = Noise { sd_ohm: self.watch.noise_ohm(), silent };
+            self.baseline.hold(surface, fitter, noise, touch);
         }
-        let noise_ohm = noise_of(other);
-        let count = other.len() as f64;
-        let mean = |channel: usize| other.iter().map(|frame| frame.values_ohm[channel]).sum::<f64>() / count;
-        let mean: Vec<f64> = (0..silent.len()).map(mean).collect();
-        let of = |frame: &&Measures| {
-            let difference: Vec<f64> = frame.values_ohm.iter().zip(&mean).map(|(value, mean)| value - mean).collect();
-            statistic(&difference, &noise_ohm, silent)
-        };
-        own.iter().map(of).collect()
+        quiet
+    }
+}
+
+/// What an image shows, each with its signal over what it takes to begin where it lies. Where the voltages say that nothing
+/// touches, a contact may go on but none begins.
+fn sightings(detector: &Detector, image: &Image, noise_factor: f64, settings: &Settings, alarm: bool) -> Vec<Sighting> {
+    let sighting = |(contact, under): (Contact, Circumstances)| {
+        let needed = noise_factor * settings.threshold_at(contact.position_m);
+        let signal = if needed > 0.0 { under.signal / needed } else { f64::INFINITY };
+        // An image without noise has no signal over it.
+        let signal = if signal.is_nan() { settings.least() } else { signal };
+        Sighting { contact, signal: if alarm { signal } else { signal.min(NOT_TO_BEGIN) } }
     };
-    [judged(&halves[0], &halves[1]), judged(&halves[1], &halves[0])].concat()
+    detector.detect_under(image).into_iter().map(sighting).collect()
 }
 
 /// Which of a list are marked.
@@ -512,47 +442,6 @@ impl Rebuilding {
     pub fn run(self) -> Result<Rebuilt, LiveError> {
         let method = self.skin.without(&self.name, &numbers(&self.silent))?;
         Ok(Rebuilt { method, silent: self.silent })
-    }
-}
-
-impl Settings {
-    /// What is wrong with them.
-    ///
-    /// # Errors
-    /// The setting and its value.
-    pub fn check(&self) -> Result<(), LiveError> {
-        let possible = |value: f64| value > 0.0 && value <= 1e6;
-        if !possible(self.threshold) {
-            return Err(LiveError::Given(format!(
-                "the threshold is {}: it must be above 0 and at most 1e6",
-                self.threshold
-            )));
-        }
-        if !(8..=100_000).contains(&self.tare_frames) {
-            let message = format!("a tare of {} frames: it must be from 8 to 100,000", self.tare_frames);
-            return Err(LiveError::Given(message));
-        }
-        for Zone { name, centre_m, radius_m, threshold } in &self.zones {
-            let ball = centre_m.iter().all(|value| value.is_finite()) && *radius_m > 0.0;
-            if !ball || !possible(*threshold) {
-                let must = "its centre must be finite, its radius positive, its threshold above 0 and at most 1e6";
-                return Err(LiveError::Given(format!("zone `{name}`: {must}")));
-            }
-        }
-        Ok(())
-    }
-
-    fn zone_at(&self, place: Point3) -> Option<&Zone> {
-        self.zones.iter().find(|zone| dermis::geom::vector::distance(zone.centre_m, place) <= zone.radius_m)
-    }
-
-    fn threshold_at(&self, place: Point3) -> f64 {
-        self.threshold * self.zone_at(place).map_or(1.0, |zone| zone.threshold)
-    }
-
-    /// The least threshold anywhere.
-    fn least(&self) -> f64 {
-        self.threshold * self.zones.iter().map(|zone| zone.threshold).fold(1.0, f64::min)
     }
 }
 

@@ -3,9 +3,10 @@
 use crate::LiveError;
 use crate::device::Stream;
 use crate::moment::Moment;
-use crate::processor::{Command, Processor, State};
+use crate::processor::{Processor, State};
 use crate::record::{Event, Recorded, Recording, Session};
 use crate::report::LiveFrame;
+use crate::settings::Command;
 use crate::skin::LiveSkin;
 use dermis_wire::ToHost;
 use std::path::{Path, PathBuf};

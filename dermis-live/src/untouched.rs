@@ -1,0 +1,55 @@
+//! What untouched frames say: the mean of each value and its noise.
+
+/// No channel is taken for less noisy than this part of the median channel.
+const LEAST_NOISE: f64 = 0.5;
+
+/// Mean and variance of each value over some frames.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Statistics {
+    /// The means.
+    pub mean: Vec<f64>,
+    /// The variances, of no meaning for less than two frames.
+    pub variance: Vec<f64>,
+}
+
+impl Statistics {
+    /// Of frames of one length.
+    pub fn of<'a>(frames: impl Iterator<Item = &'a [f64]> + Clone) -> Self {
+        let count = frames.clone().count() as f64;
+        let length = frames.clone().next().map_or(0, <[f64]>::len);
+        let (mut mean, mut variance) = (vec![0.0; length], vec![0.0; length]);
+        for frame in frames.clone() {
+            mean.iter_mut().zip(frame).for_each(|(mean, value)| *mean += value / count);
+        }
+        for frame in frames {
+            let squares = frame.iter().zip(&mean).map(|(value, mean)| (value - mean).powi(2) / (count - 1.0));
+            variance.iter_mut().zip(squares).for_each(|(variance, square)| *variance += square);
+        }
+        Statistics { mean, variance }
+    }
+
+    /// The deviations of the noise, none less than a part of their median: a channel whose value lies in the middle of a step
+    /// of the converter says nothing of its noise until that is large.
+    ///
+    /// # Panics
+    /// Of frames without values.
+    pub fn deviations(&self) -> Vec<f64> {
+        let least = (LEAST_NOISE * LEAST_NOISE * median(&self.variance)).max(f64::MIN_POSITIVE);
+        self.variance.iter().map(|variance| variance.max(least).sqrt()).collect()
+    }
+}
+
+/// A frame less another one.
+pub fn difference(frame: &[f64], rest: &[f64]) -> Vec<f64> {
+    frame.iter().zip(rest).map(|(value, rest)| value - rest).collect()
+}
+
+/// The middle one of some values, the higher of two.
+///
+/// # Panics
+/// Without any.
+pub fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    let middle = sorted.len() / 2;
+    *sorted.select_nth_unstable_by(middle, f64::total_cmp).1
+}
