@@ -23,7 +23,7 @@ pub struct EmulatorArguments {
     /// unplug@10+3. May be given several times.
     #[arg(long, value_name = "FAULT")]
     fault: Vec<String>,
-    /// Seconds of the device that pass in one of ours.
+    /// Seconds of the device (of `live`: or of a recording) that pass in one of ours.
     #[arg(long, value_name = "TIMES", default_value_t = 1.0)]
     speed: f64,
     /// Make so many frames beforehand and send them over and over, to try high rates.
@@ -48,6 +48,11 @@ impl EmulatorArguments {
             unpaced: self.unpaced,
         };
         Ok(Emulator::new(design, options)?)
+    }
+
+    /// Seconds of the device, or of a recording in its place, that pass in one of ours.
+    pub fn speed(&self) -> f64 {
+        self.speed
     }
 
     /// It in words.

@@ -2,7 +2,7 @@
 
 use crate::LiveError;
 use crate::live::{Event, Shared};
-use crate::mailbox::Taken;
+use crate::mailbox::{Mailbox, Taken};
 use crate::moment::Moment;
 use crate::report::{ElectrodeState, LiveContact, LiveFrame};
 use schemars::JsonSchema;
@@ -67,15 +67,18 @@ impl<'a> FrameLine<'a> {
 /// Lines that may wait for a reader.
 const WAITING: usize = 256;
 
-/// Writes a line for each frame until the live skin stops or nobody reads any more. Frames that are not read fast enough are
-/// left out.
+/// The frames from now on, for [`write_lines`]; those that are not read fast enough are left out.
+pub fn lines(shared: &Shared) -> Arc<Mailbox<Event>> {
+    shared.subscribe(WAITING)
+}
+
+/// Writes a line for each frame until the live skin stops or nobody reads any more.
 ///
 /// # Errors
 /// A writer that fails; one that was closed is no error.
-pub fn write_lines(shared: &Shared, out: &mut dyn Write) -> std::io::Result<()> {
-    let mailbox = shared.subscribe(WAITING);
-    let written = write_until_closed(shared, &mailbox, out);
-    shared.unsubscribe(&mailbox);
+pub fn write_lines(shared: &Shared, mailbox: &Arc<Mailbox<Event>>, out: &mut dyn Write) -> std::io::Result<()> {
+    let written = write_until_closed(shared, mailbox, out);
+    shared.unsubscribe(mailbox);
     match written {
         Err(error) if matches!(error.kind(), std::io::ErrorKind::BrokenPipe | std::io::ErrorKind::ConnectionReset) => {
             Ok(())
@@ -84,11 +87,7 @@ pub fn write_lines(shared: &Shared, out: &mut dyn Write) -> std::io::Result<()> 
     }
 }
 
-fn write_until_closed(
-    shared: &Shared,
-    mailbox: &crate::mailbox::Mailbox<Event>,
-    out: &mut dyn Write,
-) -> std::io::Result<()> {
+fn write_until_closed(shared: &Shared, mailbox: &Mailbox<Event>, out: &mut dyn Write) -> std::io::Result<()> {
     let frame_id = &shared.skin().design.name;
     loop {
         match mailbox.take(Duration::from_secs(1)) {
@@ -109,7 +108,14 @@ fn write_until_closed(
 /// # Errors
 /// An address that is in use or not this machine's.
 pub fn serve_lines(shared: &Arc<Shared>, address: &str) -> Result<(std::net::SocketAddr, JoinHandle<()>), LiveError> {
-    let failed = |error: std::io::Error| LiveError::Given(format!("cannot send lines of JSON at {address}: {error}"));
+    let failed = |error: std::io::Error| {
+        let fix = match error.kind() {
+            std::io::ErrorKind::AddrInUse => "another program listens there: take another port, or 0 for any",
+            std::io::ErrorKind::AddrNotAvailable => "that is no address of this machine",
+            _ => "write --jsonl tcp:HOST:PORT, as in tcp:127.0.0.1:7430",
+        };
+        LiveError::Given(format!("cannot send lines of JSON at {address}: {error}; {fix}"))
+    };
     let listener = TcpListener::bind(address).map_err(failed)?;
     let bound = listener.local_addr().map_err(failed)?;
     listener.set_nonblocking(true).map_err(failed)?;
@@ -128,7 +134,8 @@ pub fn serve_lines(shared: &Arc<Shared>, address: &str) -> Result<(std::net::Soc
             if ready.is_ok() {
                 let shared = Arc::clone(&shared);
                 // Whether the reader went or was too slow is its own affair.
-                std::thread::spawn(move || write_lines(&shared, &mut BufWriter::new(stream)));
+                let mailbox = lines(&shared);
+                std::thread::spawn(move || write_lines(&shared, &mailbox, &mut BufWriter::new(stream)));
             }
         }
     };

@@ -7,6 +7,7 @@ use crate::device::{Address, Device, DeviceFacts, DeviceOptions, Heard, Stream};
 use crate::mailbox::{Mailbox, Taken};
 use crate::moment::Moment;
 use crate::processor::{Incoming, Processor, Rebuilt, State};
+use crate::replay::Player;
 use crate::report::{Level, LiveFrame, Notice};
 use crate::settings::{Command, Settings};
 use crate::skin::LiveSkin;
@@ -55,7 +56,7 @@ pub struct Live {
 /// What the threads share.
 pub struct Shared {
     skin: Arc<LiveSkin>,
-    incoming: Mailbox<Box<Incoming>>,
+    incoming: Mailbox<Fed>,
     commands: Mutex<VecDeque<Command>>,
     subscribers: Mutex<Vec<Arc<Mailbox<Event>>>>,
     rebuilt: Mutex<Option<Rebuilt>>,
@@ -63,7 +64,16 @@ pub struct Shared {
     facts: Mutex<Option<Arc<DeviceFacts>>>,
     method: Mutex<String>,
     tells_state: AtomicBool,
+    rolling: AtomicBool,
     stopped: AtomicBool,
+}
+
+/// What the thread that listens hands to the one that makes contacts.
+pub(crate) enum Fed {
+    /// A frame.
+    Frame(Box<Incoming>),
+    /// A command of a recording, between the same frames as when it was recorded.
+    Command(Command),
 }
 
 /// Frames that may wait for the contacts of those before: half a second at 120 frames a second.
@@ -92,23 +102,41 @@ impl Live {
             None => Processor::new(Arc::clone(&skin), options.settings.clone())?,
         };
         let device = Device::connect(&options.address, &skin, options.device, None)?;
-        let shared = Arc::new(Shared {
-            incoming: Mailbox::new(MOST_WAITING),
-            commands: Mutex::default(),
-            subscribers: Mutex::default(),
-            rebuilt: Mutex::default(),
-            state: Mutex::new(processor.state().clone()),
-            facts: Mutex::default(),
-            method: Mutex::new(processor.method().name.clone()),
-            tells_state: AtomicBool::new(false),
-            stopped: AtomicBool::new(false),
-            skin,
-        });
+        let shared = Shared::new(&processor);
         let listener = Listener { shared: Arc::clone(&shared), address: options.address, options: options.device };
-        let maker = Maker { shared: Arc::clone(&shared), processor, rebuilding: false, kept_at: Instant::now() };
-        let threads =
-            vec![spawn("dermis-listen", move || listener.run(device)), spawn("dermis-contacts", move || maker.run())];
-        Ok(Live { shared, threads })
+        Ok(Self::with(shared, processor, true, move || listener.run(device)))
+    }
+
+    /// Prepares a recording to be played in the place of a device: [`roll`](Self::roll) begins. At its end all subscribers'
+    /// mailboxes are closed.
+    ///
+    /// # Errors
+    /// A method that there is not; a state of another skin.
+    pub fn play(skin: Arc<LiveSkin>, player: Player) -> Result<Self, LiveError> {
+        let processor = Processor::resume(skin, player.state().clone())?;
+        let shared = Shared::new(&processor);
+        shared.connected(player.facts().clone());
+        let fed = Arc::clone(&shared);
+        let listen = move || {
+            while !fed.rolling.load(Ordering::Relaxed) && !fed.is_stopped() {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            player.play(&fed);
+            fed.incoming.close();
+        };
+        Ok(Self::with(shared, processor, false, listen))
+    }
+
+    fn with(shared: Arc<Shared>, processor: Processor, rebuilds: bool, listen: impl FnOnce() + Send + 'static) -> Self {
+        let maker =
+            Maker { shared: Arc::clone(&shared), processor, rebuilds, rebuilding: false, kept_at: Instant::now() };
+        let threads = vec![spawn("dermis-listen", listen), spawn("dermis-contacts", move || maker.run())];
+        Live { shared, threads }
+    }
+
+    /// Begins to play a recording, when all who want to be told of its first frame have subscribed.
+    pub fn roll(&self) {
+        self.shared.rolling.store(true, Ordering::Relaxed);
     }
 
     /// What its threads share: to subscribe to, to command.
@@ -138,6 +166,39 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Shared {
+    fn new(processor: &Processor) -> Arc<Self> {
+        Arc::new(Shared {
+            skin: Arc::clone(processor.skin()),
+            incoming: Mailbox::new(MOST_WAITING),
+            commands: Mutex::default(),
+            subscribers: Mutex::default(),
+            rebuilt: Mutex::default(),
+            state: Mutex::new(processor.state().clone()),
+            facts: Mutex::default(),
+            method: Mutex::new(processor.method().name.clone()),
+            tells_state: AtomicBool::new(false),
+            rolling: AtomicBool::new(false),
+            stopped: AtomicBool::new(false),
+        })
+    }
+
+    /// Hands something to the thread that makes contacts.
+    pub(crate) fn feed(&self, fed: Fed) {
+        self.incoming.put(fed);
+    }
+
+    /// Whether one more frame might push an older one out.
+    pub(crate) fn is_full(&self) -> bool {
+        self.incoming.len() + 1 >= MOST_WAITING
+    }
+
+    /// A device was found.
+    pub(crate) fn connected(&self, facts: DeviceFacts) {
+        let facts = Arc::new(facts);
+        *lock(&self.facts) = Some(Arc::clone(&facts));
+        self.tell(&Event::Connected(facts));
+    }
+
     /// The skin.
     pub fn skin(&self) -> &Arc<LiveSkin> {
         &self.skin
@@ -220,9 +281,7 @@ impl Listener {
     fn run(self, device: Device) {
         let mut next = Some(device);
         while let Some(device) = next {
-            let facts = Arc::new(device.facts().clone());
-            *lock(&self.shared.facts) = Some(Arc::clone(&facts));
-            self.shared.tell(&Event::Connected(facts));
+            self.shared.connected(device.facts().clone());
             let stream = self.listen(device);
             *lock(&self.shared.facts) = None;
             next = self.find_again(stream);
@@ -234,7 +293,7 @@ impl Listener {
     fn listen(&self, mut device: Device) -> Stream {
         while !self.shared.is_stopped() {
             let heard = device.listen(|heard| match heard {
-                Heard::Frame(incoming) => self.shared.incoming.put(incoming),
+                Heard::Frame(incoming) => self.shared.feed(Fed::Frame(incoming)),
                 Heard::Notice(notice) => self.shared.tell(&Event::Notice(notice)),
                 Heard::Status(_) => {}
             });
@@ -274,6 +333,8 @@ impl Listener {
 struct Maker {
     shared: Arc<Shared>,
     processor: Processor,
+    /// Whether the method is made anew when that is better; a recording tells by itself when it was.
+    rebuilds: bool,
     rebuilding: bool,
     kept_at: Instant,
 }
@@ -283,12 +344,14 @@ impl Maker {
         loop {
             self.obey();
             match self.shared.incoming.take(NAP) {
-                Taken::Item(incoming) => self.make(*incoming),
+                Taken::Item(Fed::Frame(incoming)) => self.make(*incoming),
+                Taken::Item(Fed::Command(command)) => self.carry_out(command),
                 Taken::TimedOut => {}
                 Taken::Closed => break,
             }
         }
         *lock(&self.shared.state) = self.processor.state().clone();
+        lock(&self.shared.subscribers).iter().for_each(|mailbox| mailbox.close());
     }
 
     fn make(&mut self, incoming: Incoming) {
@@ -312,14 +375,20 @@ impl Maker {
         }
         loop {
             let Some(command) = lock(&self.shared.commands).pop_front() else { return };
-            match self.processor.command(&command) {
-                Ok(()) => {
-                    *lock(&self.shared.state) = self.processor.state().clone();
-                    *lock(&self.shared.method) = self.processor.method().name.clone();
-                    self.shared.tell(&Event::Done(command));
-                }
-                Err(error) => self.shared.notice(Level::Error, error.to_string()),
+            // From here on a recording is no longer played as it was.
+            self.rebuilds = true;
+            self.carry_out(command);
+        }
+    }
+
+    fn carry_out(&mut self, command: Command) {
+        match self.processor.command(&command) {
+            Ok(()) => {
+                *lock(&self.shared.state) = self.processor.state().clone();
+                *lock(&self.shared.method) = self.processor.method().name.clone();
+                self.shared.tell(&Event::Done(command));
             }
+            Err(error) => self.shared.notice(Level::Error, error.to_string()),
         }
     }
 
@@ -334,7 +403,7 @@ impl Maker {
                 Err(error) => self.shared.notice(Level::Error, error.to_string()),
             }
         }
-        if self.rebuilding || !self.processor.wants_rebuild() {
+        if self.rebuilding || !self.rebuilds || !self.processor.wants_rebuild() {
             return;
         }
         let rebuilding = self.processor.rebuilding();

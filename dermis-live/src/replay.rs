@@ -1,28 +1,103 @@
 //! A recording played again: the same frames and commands give the same contacts.
+//!
+//! [`Replay`] makes them as fast as it goes; a [`Player`] stands in for the device of a [`Live`](crate::Live).
 
 use crate::LiveError;
-use crate::device::Stream;
+use crate::device::{DeviceFacts, Stream};
+use crate::live::{Event as LiveEvent, Fed, Shared};
 use crate::moment::Moment;
-use crate::processor::{Processor, State};
-use crate::record::{Event, Recorded, Recording, Session};
-use crate::report::LiveFrame;
+use crate::processor::{Incoming, Processor, State};
+use crate::record::{Event, RecordError, Recorded, Recording, Session};
+use crate::report::{Level, LiveFrame, Notice};
 use crate::settings::Command;
 use crate::skin::LiveSkin;
+use dermis::design::SkinDesign;
 use dermis_wire::ToHost;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// What a recording holds for a pipeline, in its order.
+struct Reel {
+    path: PathBuf,
+    recording: Recording,
+    stream: Stream,
+    skin: Arc<LiveSkin>,
+}
+
+/// A part of it.
+enum Reeled {
+    Frame(Box<Incoming>),
+    Command(Command),
+    /// The device was found again.
+    Found(DeviceFacts),
+}
+
+impl Reel {
+    /// Of a recording of the skin: what its device is known by, and the state of the pipeline at its beginning.
+    fn new(path: &Path, recording: Recording, skin: Arc<LiveSkin>) -> Result<(Self, DeviceFacts, State), LiveError> {
+        let state = serde_json::from_value(recording.session.state.clone())
+            .map_err(|error| unreadable(path, "its state", error))?;
+        let hello = recording.session.hello.clone();
+        let mut reel = Reel { path: path.into(), recording, stream: Stream::default(), skin };
+        let facts = reel.greet(hello)?;
+        Ok((reel, facts, state))
+    }
+
+    fn greet(&mut self, hello: Vec<u8>) -> Result<DeviceFacts, LiveError> {
+        match ToHost::parse(&hello) {
+            Ok(ToHost::Hello(_)) => Ok(self.stream.met(hello, None, &self.skin)),
+            Ok(_) => Err(unreadable(&self.path, "a hello", "it is another message")),
+            Err(error) => Err(unreadable(&self.path, "a hello", error)),
+        }
+    }
+
+    /// What comes next; `None` at the end.
+    fn next(&mut self) -> Result<Option<Reeled>, LiveError> {
+        loop {
+            let Some(recorded) = self.recording.next().transpose()? else { return Ok(None) };
+            match recorded {
+                Recorded::Frame { measured_at, message, .. } => {
+                    if let Some(incoming) = self.frame(measured_at, &message)? {
+                        return Ok(Some(Reeled::Frame(Box::new(incoming))));
+                    }
+                }
+                Recorded::Event { event: Event::Command(value), .. } => {
+                    let command = serde_json::from_value(value);
+                    let command = command.map_err(|error| unreadable(&self.path, "a command", error))?;
+                    return Ok(Some(Reeled::Command(command)));
+                }
+                Recorded::Event { event: Event::Hello(hello), .. } => {
+                    return Ok(Some(Reeled::Found(self.greet(hello)?)));
+                }
+                Recorded::Event { .. } => {}
+            }
+        }
+    }
+
+    fn frame(&mut self, measured_at: Moment, message: &[u8]) -> Result<Option<Incoming>, LiveError> {
+        let Ok(ToHost::Frame(frame)) = ToHost::parse(message) else {
+            return Err(unreadable(&self.path, "a frame", "its message is none"));
+        };
+        let incoming = self.stream.frame(&frame, message, measured_at);
+        // The moment on the host's clock was worked out when it was recorded.
+        Ok(incoming.map(|incoming| Incoming { measured_at, ..incoming }))
+    }
+}
+
+fn unreadable(path: &Path, what: &str, why: impl std::fmt::Display) -> LiveError {
+    LiveError::Given(format!("{}: {what} cannot be read: {why}", path.display()))
+}
 
 /// A recording being played again, frame by frame.
 pub struct Replay {
-    path: PathBuf,
-    recording: Recording,
+    reel: Reel,
     processor: Processor,
-    stream: Stream,
 }
 
 impl std::fmt::Debug for Replay {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        formatter.debug_struct("Replay").field("path", &self.path).finish_non_exhaustive()
+        formatter.debug_struct("Replay").field("path", &self.reel.path).finish_non_exhaustive()
     }
 }
 
@@ -43,14 +118,8 @@ impl Replay {
     pub fn open(path: &Path) -> Result<Self, LiveError> {
         let recording = Recording::open(path)?;
         let skin = Arc::new(LiveSkin::new(&recording.session.design_toml, "design.toml", None)?);
-        let wrong =
-            |what: &str, why: String| LiveError::Given(format!("{}: its {what} cannot be read: {why}", path.display()));
-        let state: State = serde_json::from_value(recording.session.state.clone())
-            .map_err(|error| wrong("state", error.to_string()))?;
-        let mut stream = Stream::default();
-        greet(&mut stream, &recording.session.hello, &skin).map_err(|why| wrong("hello", why))?;
-        let processor = Processor::resume(skin, state)?;
-        Ok(Replay { path: path.into(), recording, processor, stream })
+        let (reel, _, state) = Reel::new(path, recording, Arc::clone(&skin))?;
+        Ok(Replay { reel, processor: Processor::resume(skin, state)? })
     }
 
     /// The skin.
@@ -60,7 +129,7 @@ impl Replay {
 
     /// What the recording says of itself.
     pub fn session(&self) -> &Session {
-        &self.recording.session
+        &self.reel.recording.session
     }
 
     /// The next frame or command; `None` at the end.
@@ -69,50 +138,129 @@ impl Replay {
     /// A part of the file that is damaged; the next call goes on behind it.
     pub fn step(&mut self) -> Result<Option<Replayed>, LiveError> {
         loop {
-            let Some(recorded) = self.recording.next().transpose()? else { return Ok(None) };
-            match recorded {
-                Recorded::Frame { measured_at, message, .. } => {
-                    if let Some(frame) = self.frame(measured_at, &message)? {
-                        return Ok(Some(Replayed::Frame(Box::new(frame))));
-                    }
-                }
-                Recorded::Event { event: Event::Command(value), .. } => {
-                    let command: Command = serde_json::from_value(value).map_err(|error| {
-                        LiveError::Given(format!("{}: a command cannot be read: {error}", self.path.display()))
-                    })?;
+            match self.reel.next()? {
+                None => return Ok(None),
+                Some(Reeled::Found(_)) => {}
+                Some(Reeled::Command(command)) => {
                     self.processor.command(&command)?;
                     return Ok(Some(Replayed::Command(command)));
                 }
-                Recorded::Event { event: Event::Hello(hello), .. } => {
-                    let skin = Arc::clone(self.processor.skin());
-                    greet(&mut self.stream, &hello, &skin).map_err(|why| {
-                        LiveError::Given(format!("{}: a hello cannot be read: {why}", self.path.display()))
-                    })?;
+                Some(Reeled::Frame(incoming)) => {
+                    let frame = self.processor.process(*incoming)?;
+                    self.processor.take_notices();
+                    return Ok(Some(Replayed::Frame(Box::new(frame))));
                 }
-                Recorded::Event { .. } => {}
             }
         }
     }
+}
 
-    fn frame(&mut self, measured_at: Moment, message: &[u8]) -> Result<Option<LiveFrame>, LiveError> {
-        let Ok(ToHost::Frame(frame)) = ToHost::parse(message) else {
-            return Err(LiveError::Given(format!("{}: a frame's message cannot be read", self.path.display())));
-        };
-        let Some(mut incoming) = self.stream.frame(&frame, message, measured_at) else { return Ok(None) };
-        incoming.measured_at = measured_at;
-        let frame = self.processor.process(incoming)?;
-        self.processor.take_notices();
-        Ok(Some(frame))
+/// A recording in the place of a device: its frames come at their own pace, or several times as fast.
+pub struct Player {
+    reel: Reel,
+    facts: DeviceFacts,
+    state: State,
+    speed: f64,
+}
+
+impl std::fmt::Debug for Player {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.debug_struct("Player").field("path", &self.reel.path).finish_non_exhaustive()
     }
 }
 
-fn greet(stream: &mut Stream, hello: &[u8], skin: &LiveSkin) -> Result<(), String> {
-    match ToHost::parse(hello) {
-        Ok(ToHost::Hello(hello)) => {
-            stream.hello(&hello, skin);
-            Ok(())
+/// How long a player sleeps at most before it looks whether it shall stop.
+const NAP: Duration = Duration::from_millis(20);
+
+impl Player {
+    /// Opens a recording of a skin; `speed`: seconds of it that pass in one of ours.
+    ///
+    /// # Errors
+    /// A file that is no recording, or one of another skin; a state that this version cannot read.
+    pub fn open(path: &Path, skin: &Arc<LiveSkin>, speed: f64) -> Result<Self, LiveError> {
+        if !(speed > 0.0 && speed.is_finite()) {
+            return Err(LiveError::Given(format!("the speed is {speed}: it must be positive")));
         }
-        Ok(_) => Err("it is another message".into()),
-        Err(error) => Err(error.to_string()),
+        let recording = Recording::open(path)?;
+        let design = SkinDesign::parse(&recording.session.design_toml, "design.toml").map_err(dermis::Error::from)?;
+        if design.sha256() != skin.design.sha256() {
+            let (recorded, given) = (&design.name, &skin.design.name);
+            return Err(LiveError::Given(format!(
+                "{} is a recording of another skin, `{recorded}`, than `{given}`: give the design that it was made with \
+                 (`dermis replay` needs none)",
+                path.display()
+            )));
+        }
+        let (reel, facts, state) = Reel::new(path, recording, Arc::clone(skin))?;
+        Ok(Player { reel, facts, state, speed })
+    }
+
+    /// What the pipeline remembered when the recording began.
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// What the device was known by.
+    pub fn facts(&self) -> &DeviceFacts {
+        &self.facts
+    }
+
+    /// Plays until the end, or until all is to stop.
+    pub(crate) fn play(mut self, shared: &Shared) {
+        let mut pace = Pace { speed: self.speed, begun: None };
+        while !shared.is_stopped() {
+            let text = match self.reel.next() {
+                Ok(Some(reeled)) => {
+                    feed(reeled, &mut pace, shared);
+                    continue;
+                }
+                Ok(None) => None,
+                Err(error @ LiveError::Record(RecordError::Io { .. })) => Some((error.to_string(), true)),
+                Err(error) => Some((error.to_string(), false)),
+            };
+            let (level, text, is_end) = match text {
+                None => (Level::Info, format!("{} is at its end", self.reel.path.display()), true),
+                Some((text, is_end)) => (Level::Warning, text, is_end),
+            };
+            shared.tell(&LiveEvent::Notice(Notice { level, text, at: Moment::now() }));
+            if is_end {
+                return;
+            }
+        }
+    }
+}
+
+/// Hands a part of a recording on when it is due.
+fn feed(reeled: Reeled, pace: &mut Pace, shared: &Shared) {
+    match reeled {
+        Reeled::Command(command) => shared.feed(Fed::Command(command)),
+        Reeled::Found(facts) => shared.connected(facts),
+        Reeled::Frame(mut incoming) => {
+            pace.wait(incoming.measured_at, shared);
+            incoming.received_at = Moment::now();
+            shared.feed(Fed::Frame(incoming));
+        }
+    }
+}
+
+/// When what was measured at some moment is due.
+struct Pace {
+    speed: f64,
+    begun: Option<(Moment, Instant)>,
+}
+
+impl Pace {
+    fn wait(&mut self, measured_at: Moment, shared: &Shared) {
+        let (first, begun) = *self.begun.get_or_insert_with(|| (measured_at, Instant::now()));
+        let since_s = (measured_at.seconds_since(first) / self.speed).max(0.0);
+        let due = begun + Duration::try_from_secs_f64(since_s).unwrap_or_default();
+        while !shared.is_stopped() {
+            let left = due.saturating_duration_since(Instant::now());
+            // A file can wait, which a device cannot: nothing of it is left out.
+            if left.is_zero() && !shared.is_full() {
+                return;
+            }
+            std::thread::sleep(left.clamp(Duration::from_micros(100), NAP));
+        }
     }
 }

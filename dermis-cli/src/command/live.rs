@@ -9,9 +9,10 @@ use dermis::design::SkinDesign;
 use dermis::frame::write_whole;
 use dermis_live::device::{Address, DeviceOptions};
 use dermis_live::emulator::{Emulator, Port};
+use dermis_live::replay::Player;
 use dermis_live::server::{Server, ServerOptions};
 use dermis_live::{
-    Control, Event, Level, Live, LiveOptions, LiveSkin, Settings, State, Taken, Tapes, Zone, jsonl, sink,
+    Command, Control, Event, Level, Live, LiveOptions, LiveSkin, Settings, State, Taken, Tapes, Zone, jsonl, sink,
 };
 use std::io::IsTerminal;
 use std::net::TcpListener;
@@ -25,7 +26,8 @@ use std::time::{Duration, Instant};
 pub struct Arguments {
     /// The design: a path, or a shipped name.
     design: String,
-    /// Where frames come from: `emulate` (a twin inside this program), tcp:HOST:PORT or serial:PATH[@BAUD].
+    /// Where frames come from: `emulate` (a twin inside this program), tcp:HOST:PORT, serial:PATH[@BAUD] or replay:FILE (a
+    /// recording, at its own pace or --speed times as fast, from the state at its beginning on).
     #[arg(long, value_name = "SOURCE", default_value = "emulate")]
     source: String,
     #[command(flatten)]
@@ -34,9 +36,9 @@ pub struct Arguments {
     /// skin without it.
     #[arg(long, value_name = "METHOD")]
     model: Option<String>,
-    /// What a contact's signal must exceed, times the method's own.
-    #[arg(long, value_name = "TIMES", default_value_t = 1.0)]
-    threshold: f64,
+    /// What a contact's signal must exceed, times the method's own [default: 1]
+    #[arg(long, value_name = "TIMES")]
+    threshold: Option<f64>,
     /// A part of the skin with a name and a threshold of its own, times that of the rest: what lies in a ball of metres,
     /// NAME=X,Y,Z,RADIUS,TIMES. May be given several times.
     #[arg(long, value_name = "ZONE")]
@@ -88,8 +90,13 @@ impl Arguments {
             let folder = self.model.as_deref().filter(|model| Path::new(model).is_dir());
             Arc::new(LiveSkin::new(&text, &self.design, folder)?)
         };
-        let (address, emulator) = self.address(&skin)?;
-        let live = Live::start(Arc::clone(&skin), self.options(&skin, address)?)?;
+        let (live, emulator) = match self.source.strip_prefix("replay:") {
+            Some(recording) => (self.play(&skin, Path::new(recording))?, None),
+            None => {
+                let (address, emulator) = self.address(&skin)?;
+                (Live::start(Arc::clone(&skin), self.options(&skin, address)?)?, emulator)
+            }
+        };
         let tapes = Tapes {
             folder: PathBuf::from("."),
             twin_toml: emulator.as_ref().map(|_| self.emulator.twin_text()).transpose()?,
@@ -102,10 +109,36 @@ impl Arguments {
         counted.tell(self.latency.as_deref(), self.json)
     }
 
+    /// A recording in the place of a device. What is asked for here goes before what it was recorded with.
+    fn play(&self, skin: &Arc<LiveSkin>, recording: &Path) -> Outcome<Live> {
+        if self.state.is_some() || self.rate.is_some() {
+            let fix = "leave --state and --rate out: a recording has its own";
+            return Err(Failure::given("a recording takes no --state and no --rate", Some(fix)));
+        }
+        let zones = self.zones()?;
+        let player = Player::open(recording, skin, self.emulator.speed())?;
+        let live = Live::play(Arc::clone(skin), player)?;
+        let mut commands = Vec::new();
+        if let Some(model) = &self.model {
+            let name = self.method_name(skin, model);
+            skin.method(&name)?;
+            commands.push(Command::Method { name });
+        }
+        commands.extend(self.threshold.map(|value| Command::Threshold { value }));
+        commands.extend((!zones.is_empty()).then_some(Command::Zones { zones }));
+        commands.into_iter().for_each(|command| live.shared().command(command));
+        Ok(live)
+    }
+
+    fn zones(&self) -> Outcome<Vec<Zone>> {
+        self.zone.iter().map(|zone| parse_zone(zone)).collect()
+    }
+
     fn options(&self, skin: &LiveSkin, address: Address) -> Outcome<LiveOptions> {
-        let zones = self.zone.iter().map(|zone| parse_zone(zone)).collect::<Outcome<Vec<Zone>>>()?;
+        let zones = self.zones()?;
         let method = self.model.clone().map(|model| self.method_name(skin, &model)).unwrap_or_default();
-        let settings = Settings { method, threshold: self.threshold, zones, ..Settings::default() };
+        let threshold = self.threshold.unwrap_or(1.0);
+        let settings = Settings { method, threshold, zones, ..Settings::default() };
         let device = DeviceOptions { rate_hz: self.rate };
         Ok(LiveOptions { address, device, settings, state: self.kept_state()? })
     }
@@ -165,9 +198,9 @@ impl Arguments {
         match self.jsonl.as_deref().map(|at| (at, at.split_once(':'))) {
             None => {}
             Some(("-", _)) => {
-                let shared = Arc::clone(shared);
+                let (shared, lines) = (Arc::clone(shared), jsonl::lines(shared));
                 sinks.threads.push(std::thread::spawn(move || {
-                    if let Err(error) = jsonl::write_lines(&shared, &mut std::io::stdout()) {
+                    if let Err(error) = jsonl::write_lines(&shared, &lines, &mut std::io::stdout()) {
                         eprintln!("lines of JSON have ended: {error}");
                     }
                 }));
@@ -191,6 +224,7 @@ impl Arguments {
         let end = Arc::clone(&ended);
         on_interrupt(move || end.store(true, Ordering::Relaxed))?;
         let mailbox = live.shared().subscribe(WAITING);
+        live.roll();
         let mut latencies = Latencies::new(Arc::clone(live.shared()));
         let (begun, mut shown) = (Instant::now(), Instant::now());
         let line = crate::console::StatusLine::new();

@@ -3,7 +3,9 @@
 use crate::console::{Progress, print};
 use crate::failure::{Failure, Outcome};
 use clap::Args;
+use dermis_live::LiveError;
 use dermis_live::jsonl::FrameLine;
+use dermis_live::record::RecordError;
 use dermis_live::replay::{Replay, Replayed};
 use std::io::{BufWriter, Write};
 use std::path::PathBuf;
@@ -34,7 +36,7 @@ impl Arguments {
                 Ok(None) => break,
                 Ok(Some(Replayed::Frame(frame))) => frame,
                 Ok(Some(Replayed::Command(_))) => continue,
-                Err(dermis_live::LiveError::Record(_)) => {
+                Err(LiveError::Record(RecordError::Damaged { .. })) => {
                     damaged += 1;
                     continue;
                 }

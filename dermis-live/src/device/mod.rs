@@ -124,7 +124,7 @@ impl Stream {
     }
 
     /// A device was met that said a hello, after it had sent a frame of test readings.
-    fn met(&mut self, message: Vec<u8>, tested: Option<u32>, skin: &LiveSkin) -> DeviceFacts {
+    pub(crate) fn met(&mut self, message: Vec<u8>, tested: Option<u32>, skin: &LiveSkin) -> DeviceFacts {
         let (mut name, mut serial, mut rate_hz) = (String::new(), 0, 0.0);
         if let Ok(ToHost::Hello(hello)) = ToHost::parse(&message) {
             self.hello(&hello, skin);

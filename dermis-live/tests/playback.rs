@@ -1,0 +1,123 @@
+//! A recording played in the place of its device.
+
+use dermis::design::SkinDesign;
+use dermis::twin::TwinOptions;
+use dermis_live::device::Address;
+use dermis_live::emulator::{Emulator, EmulatorOptions, Port, Script};
+use dermis_live::replay::{Player, Replay, Replayed};
+use dermis_live::sink::Taping;
+use dermis_live::{Command, Event, Live, LiveContact, LiveOptions, LiveSkin, Mailbox, Settings, Taken};
+use std::net::TcpListener;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Enough for every event of a recording here.
+const WAITING: usize = 1 << 14;
+
+fn skin(name: &str) -> Arc<LiveSkin> {
+    Arc::new(LiveSkin::new(SkinDesign::shipped_text(name).unwrap(), name, None).unwrap())
+}
+
+/// Records a press, commands among its frames.
+fn record(skin: &Arc<LiveSkin>, path: &Path) {
+    let options = EmulatorOptions {
+        twin: TwinOptions::shipped("lab").unwrap(),
+        seed: 5,
+        script: Script::load("press", &skin.design, 5).unwrap(),
+        faults: vec!["unplug@4.5+0.2".parse().unwrap(), "loose:9:200@6".parse().unwrap()],
+        speed: 1.0,
+        prerendered: 0,
+        unpaced: false,
+    };
+    let emulator = Emulator::new(&skin.design, options).unwrap();
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = Address::Tcp(listener.local_addr().unwrap().to_string());
+    let served = Arc::clone(&emulator);
+    std::thread::spawn(move || served.serve(Port::Tcp(listener)).unwrap());
+    let options = LiveOptions { address, device: Default::default(), settings: Settings::default(), state: None };
+    let live = Live::start(Arc::clone(skin), options).unwrap();
+    let mailbox = live.shared().subscribe(WAITING);
+    await_frame(&mailbox, 200);
+    let taping = Taping::start(live.shared(), path, None).unwrap();
+    await_frame(&mailbox, 700);
+    live.shared().command(Command::Threshold { value: 0.9 });
+    await_frame(&mailbox, 800);
+    live.shared().command(Command::Method { name: "noser".into() });
+    await_frame(&mailbox, 1000);
+    assert!(taping.stop().problem.is_none());
+    live.stop();
+    emulator.stop();
+}
+
+fn await_frame(mailbox: &Mailbox<Event>, sequence: u64) {
+    let begun = Instant::now();
+    while begun.elapsed() < Duration::from_secs(60) {
+        if let Taken::Item(Event::Frame(frame)) = mailbox.take(Duration::from_secs(1))
+            && frame.sequence >= sequence
+        {
+            return;
+        }
+    }
+    panic!("frame {sequence} did not come");
+}
+
+/// What a live skin tells of a recording: contacts by frames, and commands.
+fn played(skin: &Arc<LiveSkin>, path: &Path, speed: f64) -> (Vec<(u64, Vec<LiveContact>)>, Vec<Command>) {
+    let live = Live::play(Arc::clone(skin), Player::open(path, skin, speed).unwrap()).unwrap();
+    let mailbox = live.shared().subscribe(WAITING);
+    live.roll();
+    let (mut frames, mut commands, mut connected, mut ended) = (Vec::new(), Vec::new(), 0, false);
+    loop {
+        match mailbox.take(Duration::from_secs(30)) {
+            Taken::Item(Event::Frame(frame)) => {
+                assert!(frame.received_at <= frame.output_at, "latencies are those of now");
+                frames.push((frame.sequence, frame.contacts.clone()));
+            }
+            Taken::Item(Event::Done(command)) => commands.push(command),
+            Taken::Item(Event::Connected(_)) => connected += 1,
+            Taken::Item(Event::Notice(notice)) => ended |= notice.text.contains("at its end"),
+            Taken::Item(_) => {}
+            Taken::TimedOut => panic!("a recording that stands still"),
+            Taken::Closed => break,
+        }
+    }
+    assert!(ended, "the end is told");
+    assert_eq!(connected, 2, "once at the beginning, once when it was found again");
+    assert_eq!((live.shared().skipped(), mailbox.dropped()), (0, 0));
+    live.stop();
+    (frames, commands)
+}
+
+#[test]
+fn a_recording_in_the_place_of_its_device_gives_the_contacts_of_its_replay() {
+    let skin = skin("cylinder30");
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("press.mcap");
+    record(&skin, &path);
+
+    let mut replay = Replay::open(&path).unwrap();
+    let (mut frames, mut commands) = (Vec::new(), Vec::new());
+    while let Some(replayed) = replay.step().unwrap() {
+        match replayed {
+            Replayed::Frame(frame) => frames.push((frame.sequence, frame.contacts)),
+            Replayed::Command(command) => commands.push(command),
+        }
+    }
+    assert!(frames.iter().filter(|(_, contacts)| !contacts.is_empty()).count() > 200, "it was pressed");
+    assert!(commands.contains(&Command::Threshold { value: 0.9 }), "{commands:?}");
+
+    let begun = Instant::now();
+    let at_four_times = played(&skin, &path, 4.0);
+    let seconds = begun.elapsed().as_secs_f64();
+    assert!((1.5..4.0).contains(&seconds), "some seven seconds took {seconds} s at four times their pace");
+    assert_eq!(at_four_times.1, commands);
+    assert!(at_four_times.0 == frames, "the same contacts in every frame");
+    // Faster than contacts can be made: nothing is left out either.
+    assert!(played(&skin, &path, 1e6).0 == frames);
+
+    let other = self::skin("skin16");
+    let error = Player::open(&path, &other, 1.0).err().expect("another skin").to_string();
+    assert!(error.contains("press.mcap") && error.contains("cylinder30") && error.contains("skin16"), "{error}");
+    assert!(Player::open(&path, &skin, f64::NAN).is_err());
+}
