@@ -113,16 +113,22 @@ fn open_tcp(host: &str) -> Result<TcpStream, String> {
 }
 
 fn open_serial(port: &str, baud: u32) -> Result<serial2::SerialPort, String> {
-    let mut opened = serial2::SerialPort::open(port, baud).map_err(|error| match error.kind() {
-        ErrorKind::NotFound => format!("there is no port {port}: {}", ports()),
-        ErrorKind::PermissionDenied => {
-            format!("no permission to open {port}: on Linux, `sudo usermod -aG dialout $USER`, then log in again")
-        }
-        ErrorKind::ResourceBusy => format!("{port} is in use by another program"),
-        _ => format!("{error} ({port} at {baud} bits a second)"),
-    })?;
+    let mut opened = serial2::SerialPort::open(port, baud).map_err(|error| unopened(&error, port, baud))?;
     opened.set_read_timeout(PATIENCE).map_err(|error| error.to_string())?;
     Ok(opened)
+}
+
+/// Why a port could not be opened, and what to do.
+fn unopened(error: &std::io::Error, port: &str, baud: u32) -> String {
+    match error.kind() {
+        ErrorKind::NotFound => format!("there is no port {port}: {}", ports()),
+        ErrorKind::PermissionDenied => format!(
+            "no permission to open {port}: on Linux ports belong to the group `dialout`: `sudo usermod -aG dialout $USER`, then \
+             log in again"
+        ),
+        ErrorKind::ResourceBusy => format!("{port} is in use by another program: close that"),
+        _ => format!("{error} ({port} at {baud} bits a second)"),
+    }
 }
 
 /// What ports there are, as a fix.
@@ -180,6 +186,16 @@ mod tests {
         for wrong in ["", "tcp:", "tcp:host", "serial:", "serial:/dev/x@fast", "udp:host:1"] {
             assert!(Address::parse(wrong).is_err(), "{wrong}");
         }
+    }
+
+    #[test]
+    fn a_port_that_cannot_be_opened_says_what_to_do() {
+        let why = |kind: ErrorKind| unopened(&kind.into(), "/dev/ttyACM0", 115_200);
+        let denied = why(ErrorKind::PermissionDenied);
+        assert!(denied.contains("/dev/ttyACM0") && denied.contains("sudo usermod -aG dialout"), "{denied}");
+        assert!(why(ErrorKind::ResourceBusy).contains("in use by another program"));
+        assert!(why(ErrorKind::NotFound).contains("there is no port /dev/ttyACM0"));
+        assert!(why(ErrorKind::InvalidInput).contains("115200 bits a second"));
     }
 
     #[test]
