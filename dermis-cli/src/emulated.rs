@@ -16,7 +16,8 @@ pub struct EmulatorArguments {
     /// Its seed, which is the number of the device too.
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
-    /// What touches it: a script's file, or none, random, press, slide, cross, four.
+    /// What touches it: a script's file, or none, random, press, slide, cross, four, grid (the presses of `dermis experiment`, one
+    /// after the other, each held).
     #[arg(long, value_name = "SCRIPT", default_value = "none")]
     touch: String,
     /// What goes wrong, and when (s): loose:ELECTRODE[:OHM]@10, mend:ELECTRODE@20, noise:COUNTS@10+5, bytes:SHARE@0+60,
@@ -38,10 +39,11 @@ impl EmulatorArguments {
     /// Powers the device up.
     pub fn emulator(&self, design: &SkinDesign) -> Outcome<Arc<Emulator>> {
         let faults = self.fault.iter().map(|fault| fault.parse()).collect::<Result<Vec<TimedFault>, _>>();
+        let twin = TwinOptions::load(&self.twin)?;
         let options = EmulatorOptions {
-            twin: TwinOptions::load(&self.twin)?,
+            script: Script::load(&self.touch, design, &twin, self.seed)?,
+            twin,
             seed: self.seed,
-            script: Script::load(&self.touch, design, self.seed)?,
             faults: faults?,
             speed: self.speed,
             prerendered: self.prerender,

@@ -19,7 +19,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let options = EmulatorOptions {
         twin: TwinOptions::shipped("lab").expect("it is shipped"),
         seed: 1,
-        script: Script::load("four", &design, 1)?,
+        script: Script::load("four", &design, &TwinOptions::load("lab")?, 1)?,
         faults: Vec::new(),
         speed: 1.0,
         prerendered: 0,

@@ -23,10 +23,11 @@ struct Running {
 
 fn emulate(script: &str, faults: &[&str]) -> Running {
     let design = SkinDesign::shipped("cylinder30").unwrap();
+    let twin = TwinOptions::shipped("lab").unwrap();
     let options = EmulatorOptions {
-        twin: TwinOptions::shipped("lab").unwrap(),
+        script: Script::load(script, &design, &twin, 41).unwrap(),
+        twin,
         seed: 41,
-        script: Script::load(script, &design, 41).unwrap(),
         faults: faults.iter().map(|fault| fault.parse::<TimedFault>().unwrap()).collect(),
         speed: 1.0,
         prerendered: 0,

@@ -24,7 +24,7 @@ fn record(skin: &Arc<LiveSkin>, path: &Path) {
     let options = EmulatorOptions {
         twin: TwinOptions::shipped("lab").unwrap(),
         seed: 5,
-        script: Script::load("press", &skin.design, 5).unwrap(),
+        script: Script::load("press", &skin.design, &TwinOptions::shipped("lab").unwrap(), 5).unwrap(),
         faults: vec!["unplug@4.5+0.2".parse().unwrap(), "loose:9:200@6".parse().unwrap()],
         speed: 1.0,
         prerendered: 0,

@@ -2,9 +2,12 @@
 
 use crate::LiveError;
 use dermis::design::SkinDesign;
+use dermis::experiment::Presses;
 use dermis::geom::{Point3, Surface};
+use dermis::image::PixelSpace;
+use dermis::mesh::Mesh;
 use dermis::touch::sample_rng;
-use dermis::twin::Press;
+use dermis::twin::{Press, PressOptions, TwinOptions};
 use rand::RngExt;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -60,16 +63,22 @@ pub enum Place {
 }
 
 /// Scripts that need no file.
-pub const NAMED: [&str; 6] = ["none", "random", "press", "slide", "cross", "four"];
+pub const NAMED: [&str; 7] = ["none", "random", "press", "slide", "cross", "four", "grid"];
 
 impl Script {
-    /// A script by its name, or else from its file. Random touches depend on the seed.
+    /// A script by its name, or else from its file. Random touches and the forces of `grid` depend on the seed; `grid` presses as
+    /// the twin's experiment does.
     ///
     /// # Errors
     /// A file that cannot be read, touches that no skin has.
-    pub fn load(name_or_path: &str, design: &SkinDesign, seed: u64) -> Result<Self, LiveError> {
-        if let (false, Some(script)) = (Path::new(name_or_path).is_file(), Self::named(name_or_path, design, seed)) {
-            return Ok(script);
+    pub fn load(name_or_path: &str, design: &SkinDesign, twin: &TwinOptions, seed: u64) -> Result<Self, LiveError> {
+        if !Path::new(name_or_path).is_file() {
+            if name_or_path == "grid" {
+                return Self::grid(design, &twin.press, seed);
+            }
+            if let Some(script) = Self::named(name_or_path, design, seed) {
+                return Ok(script);
+            }
         }
         let text = std::fs::read_to_string(name_or_path).map_err(|error| {
             LiveError::Given(format!(
@@ -81,6 +90,30 @@ impl Script {
             toml::from_str(&text).map_err(|error| LiveError::Given(format!("{name_or_path}: {error}")))?;
         script.check(design).map_err(|message| LiveError::Given(format!("{name_or_path}: {message}")))?;
         Ok(script)
+    }
+
+    /// The presses of the paper's experiment, those that `dermis experiment` records as the set `grid` for the same twin and
+    /// seed: the middle of every pixel, one after the other. The experiment has one frame of each; here it is held for a part of
+    /// the interval.
+    ///
+    /// # Errors
+    /// A design without a mesh or pixels.
+    pub fn grid(design: &SkinDesign, press: &PressOptions, seed: u64) -> Result<Self, LiveError> {
+        let mesh = Mesh::generate(design).map_err(dermis::Error::from)?;
+        let pixels = PixelSpace::for_design(design, &mesh).map_err(dermis::Error::from)?;
+        let set = Presses::new(design, &mesh, &pixels, *press, seed).on_grid(1);
+        let interval_s = press.interval_s;
+        let stroke = |(index, press): (usize, &Press)| Stroke {
+            at_s: GRID_BEGINS_S + index as f64 * interval_s,
+            for_s: HELD * interval_s,
+            from: Place::Space(press.centre_m),
+            to: None,
+            force_n: press.force_n,
+            ramp_s: usual_ramp_s(),
+        };
+        let touches: Vec<Stroke> = set.presses.iter().flatten().enumerate().map(stroke).collect();
+        let repeat_s = Some(GRID_BEGINS_S + touches.len() as f64 * interval_s);
+        Ok(Script { repeat_s, touches })
     }
 
     /// A script that needs no file; `None` of another name.
@@ -147,6 +180,10 @@ impl Script {
 
 /// The random stream of touches; frames have those of their numbers.
 const RANDOM_STREAM: u64 = u64::MAX - 16;
+/// When the first press of the grid begins, s: behind a tare.
+const GRID_BEGINS_S: f64 = 1.0;
+/// The part of an experiment's interval for which a press is held.
+const HELD: f64 = 0.6;
 /// Random touches until they come again.
 const RANDOM_TOUCHES: u32 = 500;
 /// No skin is pressed by less, N: the force while it comes up from nothing.
@@ -237,6 +274,7 @@ fn place(design: &SkinDesign, part: f64, turn: f64) -> Place {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use dermis::experiment::{PaperExperiment, Sizes};
 
     #[test]
     fn a_script_presses_when_and_where_it_says() {
@@ -251,10 +289,33 @@ mod tests {
         assert_eq!(press.force_n, 3.0);
         assert!(surface.distance_m(press.centre_m, surface.at(0.1, 0.0).unwrap()) < 1e-9);
         assert_eq!(script.presses(1.25, &surface, 0.005)[0].force_n, 1.5);
+        let twin = TwinOptions::shipped("lab").unwrap();
         for name in NAMED {
-            Script::named(name, &design, 1).unwrap().check(&design).unwrap();
+            Script::load(name, &design, &twin, 1).unwrap().check(&design).unwrap();
         }
         let off = text.replace("0.1,", "0.4,");
         assert!(toml::from_str::<Script>(&off).unwrap().check(&design).unwrap_err().contains("off the skin"));
+    }
+    /// The experiment's own presses, in its order: places, forces and number.
+    #[test]
+    fn the_grid_is_that_of_the_experiment_and_each_press_is_held() {
+        let design = SkinDesign::shipped("skin16").unwrap();
+        let (surface, twin) = (design.body.surface(), TwinOptions::shipped("lab").unwrap());
+        let mesh = Mesh::generate(&design).unwrap();
+        let pixels = PixelSpace::for_design(&design, &mesh).unwrap();
+        let sizes = Sizes { random: 0, separations_m: vec![], pairs: 0, fours: 0, ..Sizes::default() };
+        let experiment = PaperExperiment::draw(&design, &mesh, &pixels, &twin, 7, &sizes).unwrap();
+        let script = Script::load("grid", &design, &twin, 7).unwrap();
+        assert_eq!(script.touches.len(), experiment.sets[0].presses.len());
+        let interval_s = twin.press.interval_s;
+        for (index, pressed) in experiment.sets[0].presses.iter().enumerate() {
+            for held_s in [0.1, 0.5 * HELD * interval_s, HELD * interval_s - 0.1] {
+                let time_s = GRID_BEGINS_S + index as f64 * interval_s + held_s;
+                assert_eq!(&script.presses(time_s, &surface, twin.press.tip_radius_m), pressed, "press {index}");
+            }
+            let between_s = GRID_BEGINS_S + (index as f64 + 0.9) * interval_s;
+            assert!(script.presses(between_s, &surface, twin.press.tip_radius_m).is_empty());
+        }
+        assert_ne!(script, Script::load("grid", &design, &twin, 8).unwrap(), "forces depend on the seed");
     }
 }
