@@ -2,10 +2,10 @@
 
 use crate::LiveFrame;
 use crate::ros::{self, DiagnosticArray, Due, Image, MarkerArray, PointCloud2, Reference, Topic, WrenchStamped};
+use ros2_client::dds::rustdds::DomainParticipantBuilder;
 use ros2_client::qos::{Durability, History, WhenFull};
-use ros2_client::{
-    Context, ContextOptions, MessageTypeName, Name, Node, NodeName, NodeOptions, QosProfile, WriteError,
-};
+use ros2_client::{Context, MessageTypeName, Name, Node, NodeName, NodeOptions, QosProfile, WriteError};
+use std::net::Ipv4Addr;
 use thiserror::Error;
 
 /// The highest domain whose ports lie below 65,536: RTPS 2.5, 9.6.2.3.
@@ -74,6 +74,11 @@ impl PublisherOptions {
     }
 }
 
+/// Whether ROS 2 is to stay on this machine, as the variable `ROS_LOCALHOST_ONLY` says: with 1 alone, as in ROS itself.
+fn is_local_only(variable: Option<&str>) -> bool {
+    variable == Some("1")
+}
+
 /// Publishes frames: a node `dermis` with a publisher for each topic.
 ///
 /// Frames, images, contacts and the wrench are sent as sensors' data are: best effort, the last five kept. Markers and
@@ -105,8 +110,12 @@ impl Publisher {
         let namespace = if options.namespace.is_empty() { "/" } else { options.namespace.as_str() };
         let name = NodeName::new(namespace, "dermis")
             .map_err(|error| PublishError::Namespace { given: namespace.to_owned(), why: error.to_string() })?;
-        let context =
-            Context::with_options(ContextOptions::new().domain_id(domain)).map_err(|error| start(error.to_string()))?;
+        let mut participant = DomainParticipantBuilder::new(domain);
+        if is_local_only(std::env::var("ROS_LOCALHOST_ONLY").ok().as_deref()) {
+            participant = participant.with_only_networks([Ipv4Addr::LOCALHOST]);
+        }
+        let participant = participant.build().map_err(|error| start(error.to_string()))?;
+        let context = Context::from_domain_participant(participant).map_err(|error| start(error.to_string()))?;
         let quiet = NodeOptions::new().enable_rosout(false).start_parameter_services(false);
         let mut node = context.new_node(name, quiet).map_err(|error| start(format!("{error:?}")))?;
         let namespace = options.namespace.as_str();
