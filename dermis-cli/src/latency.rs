@@ -5,7 +5,7 @@ use crate::failure::Outcome;
 use crate::picture::chart::Histogram;
 use crate::report::Table;
 use dermis::frame::write_whole;
-use dermis_live::{Counts, LiveFrame, Shared};
+use dermis_live::{Counts, LiveFrame, Shared, quantiles};
 use serde_json::json;
 use std::path::Path;
 use std::sync::Arc;
@@ -124,14 +124,4 @@ impl Latencies {
         };
         Ok(write_whole(path, |out| out.write_all(histogram.draw().to_svg().as_bytes()))?)
     }
-}
-
-/// Quantiles; 0 of nothing.
-fn quantiles<const N: usize>(values: &[f32], parts: [f64; N]) -> [f32; N] {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f32::total_cmp);
-    parts.map(|part| match sorted.len() {
-        0 => 0.0,
-        count => sorted[((count - 1) as f64 * part).round() as usize],
-    })
 }

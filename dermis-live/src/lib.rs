@@ -34,7 +34,7 @@ pub use mailbox::{Mailbox, Taken};
 pub use meter::{Measures, Meter};
 pub use moment::Moment;
 pub use processor::{Incoming, Processor, Rebuilding, Rebuilt, State};
-pub use report::{Counts, ElectrodeHealth, ElectrodeState, Health, Level, LiveContact, LiveFrame, Notice};
+pub use report::{Counts, ElectrodeHealth, ElectrodeState, Health, Level, LiveContact, LiveFrame, Notice, quantiles};
 pub use scan::{Role, ScanTable, TooLarge};
 pub use settings::{Command, Settings, Zone};
 pub use skin::{LiveSkin, NamedMethod};

@@ -4,8 +4,9 @@ use crate::control::Control;
 use crate::live::Event;
 use crate::mailbox::Taken;
 use crate::moment::Moment;
-use crate::report::{Health, LiveContact, LiveFrame, Notice};
+use crate::report::{Health, LiveContact, LiveFrame, Notice, quantiles};
 use crate::server::scene::{flat_m, scene};
+use crate::skin::NamedMethod;
 use bytes::Bytes;
 use dermis::reconstruct::Quantity;
 use serde::Serialize;
@@ -181,7 +182,8 @@ impl Hub {
     fn show_status(&mut self) {
         let shared = self.control.shared();
         let state = shared.settings();
-        let Health { electrodes, noise, rate_hz, counts, .. } = &*self.health;
+        let method = shared.method();
+        let Health { electrodes, noise, rate_hz, counts, silent_channels, .. } = &*self.health;
         let connected = shared.facts().is_some();
         let messages = self
             .messages
@@ -191,8 +193,8 @@ impl Hub {
             "type": "status",
             "connected": connected,
             "source": self.control.source(),
-            "method": shared.method(),
-            "method_note": null,
+            "method": method,
+            "method_note": method_note(*silent_channels, shared.skin().method(&method).ok()),
             "paused": false,
             "recording": self.control.recording(),
             "threshold": state.threshold,
@@ -230,12 +232,22 @@ fn shown(contact: &LiveContact, flat_m: Option<[f64; 2]>) -> Shown<'_> {
     }
 }
 
+/// What images lack where channels are left out.
+fn method_note(silent_channels: usize, method: Option<&NamedMethod>) -> Option<String> {
+    let channels = match silent_channels {
+        0 => return None,
+        1 => "1 channel".to_string(),
+        count => format!("{count} channels"),
+    };
+    let is_network = method?.prior.is_none();
+    // A network cannot be made anew: what the other channels say of them is filled in.
+    Some(if is_network { format!("{channels} filled in from the others") } else { format!("made without {channels}") })
+}
+
 fn latency(latencies_ms: &VecDeque<f32>) -> Value {
-    let mut sorted: Vec<f32> = latencies_ms.iter().copied().collect();
-    if sorted.is_empty() {
+    if latencies_ms.is_empty() {
         return Value::Null;
     }
-    sorted.sort_by(f32::total_cmp);
-    let at = |part: f64| sorted[((sorted.len() - 1) as f64 * part).round() as usize];
-    json!({ "median": at(0.5), "p99": at(0.99) })
+    let [median, p99] = quantiles(&latencies_ms.iter().copied().collect::<Vec<f32>>(), [0.5, 0.99]);
+    json!({ "median": median, "p99": p99 })
 }
