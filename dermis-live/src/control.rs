@@ -9,6 +9,7 @@ use crate::sink::{Taping, Told};
 use dermis::geom::{Point3, Surface};
 use serde::Deserialize;
 use serde_json::{Value, json};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -177,6 +178,57 @@ impl Control {
             return Err(LiveError::Given(format!("a force of {force_n} N: it must be above 0 and at most {MOST_N}")));
         }
         emulator.press(finger, onto(&self.shared.skin().pixels.surface, position_m), force_n)
+    }
+}
+
+/// One of those who ask things of a live skin, as a page does: with its own fingers, which are lifted when it goes.
+pub struct Guest {
+    control: Arc<Control>,
+    fingers: BTreeSet<u32>,
+    paused: bool,
+}
+
+/// Fingers of a guest that may press at once.
+const MOST_FINGERS: usize = 10;
+
+impl Guest {
+    /// Of a live skin.
+    pub fn new(control: Arc<Control>) -> Self {
+        Guest { control, fingers: BTreeSet::new(), paused: false }
+    }
+
+    /// Whether it wants no frames now.
+    pub fn is_paused(&self) -> bool {
+        self.paused
+    }
+
+    /// Does what a message asks.
+    ///
+    /// # Errors
+    /// A message that is no request, or that cannot be done; in words.
+    pub fn ask(&mut self, text: &str) -> Result<(), String> {
+        let request: Request =
+            serde_json::from_str(text).map_err(|error| format!("this message is no command: {error}"))?;
+        match request {
+            Request::Pause { on } => self.paused = on,
+            Request::Press { finger, .. } => {
+                if !self.fingers.contains(&finger) && self.fingers.len() >= MOST_FINGERS {
+                    return Err(format!("{MOST_FINGERS} fingers are the most"));
+                }
+                self.fingers.insert(finger);
+            }
+            Request::Release { finger } => {
+                self.fingers.remove(&finger);
+            }
+            _ => {}
+        }
+        self.control.carry_out(&request).map_err(|error| error.to_string())
+    }
+}
+
+impl Drop for Guest {
+    fn drop(&mut self) {
+        self.fingers.iter().for_each(|&finger| self.control.release(finger));
     }
 }
 

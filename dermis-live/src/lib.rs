@@ -27,7 +27,7 @@ pub mod sink;
 mod skin;
 mod untouched;
 
-pub use control::{Control, Request, Tapes};
+pub use control::{Control, Guest, Request, Tapes};
 pub use error::LiveError;
 pub use live::{Event, Live, LiveOptions, Shared};
 pub use mailbox::{Mailbox, Taken};

@@ -12,6 +12,7 @@ use crate::report::{Level, LiveFrame, Notice};
 use crate::settings::{Command, Settings};
 use crate::skin::LiveSkin;
 use std::collections::VecDeque;
+use std::mem::discriminant;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
@@ -220,9 +221,12 @@ impl Shared {
         mailbox.close();
     }
 
-    /// Has a command carried out before the next frame; [`Event::Done`] or a notice tells of it.
+    /// Has a command carried out before the next frame; [`Event::Done`] or a notice tells of it. One of the same kind that still
+    /// waits is forgotten: whoever asks however often, no frame waits for more than one of each kind.
     pub fn command(&self, command: Command) {
-        lock(&self.commands).push_back(command);
+        let mut commands = lock(&self.commands);
+        commands.retain(|other| discriminant(other) != discriminant(&command));
+        commands.push_back(command);
     }
 
     /// Has [`Event::State`] told before the next frame.

@@ -1,14 +1,13 @@
 //! The WebSocket of one page.
 
 use super::{Shared, may_talk};
-use crate::control::Request;
+use crate::control::Guest;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::extract::{Query, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use serde_json::{Value, json};
-use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -41,23 +40,21 @@ pub(super) async fn open(
 /// One page.
 struct Page {
     shared: Arc<Shared>,
-    paused: bool,
+    guest: Guest,
     /// The number of the last frame that it was sent, and frames that it was not sent as it read slowly.
     last: Option<u64>,
     skipped: u64,
-    /// Its fingers on the emulated skin.
-    fingers: BTreeSet<u32>,
 }
 
 impl Page {
     fn new(shared: Arc<Shared>) -> Self {
-        Page { shared, paused: false, last: None, skipped: 0, fingers: BTreeSet::new() }
+        let guest = Guest::new(Arc::clone(&shared.control));
+        Page { shared, guest, last: None, skipped: 0 }
     }
 
     async fn serve(mut self, mut socket: WebSocket) {
         // The line is broken or closed: there is nobody to tell.
         let _ = self.talk(&mut socket).await;
-        self.fingers.iter().for_each(|&finger| self.shared.control.release(finger));
     }
 
     async fn talk(&mut self, socket: &mut WebSocket) -> Result<(), ()> {
@@ -81,7 +78,7 @@ impl Page {
                     let status = self.status(&statuses.borrow_and_update());
                     send(socket, status).await?;
                 }
-                changed = frames.changed(), if !self.paused => {
+                changed = frames.changed(), if !self.guest.is_paused() => {
                     changed.map_err(drop)?;
                     let (number, bytes) = frames.borrow_and_update().clone();
                     self.skipped += self.last.map_or(0, |last| number.saturating_sub(last + 1));
@@ -105,38 +102,21 @@ impl Page {
     /// The status with what is this page's own.
     fn status(&self, status: &Value) -> Message {
         let mut status = status.clone();
-        status["paused"] = self.paused.into();
+        status["paused"] = self.guest.is_paused().into();
         status["counts"]["skipped"] = self.skipped.into();
         Message::text(status.to_string())
     }
 
     fn obey(&mut self, text: &str) -> Result<(), String> {
-        let request: Request =
-            serde_json::from_str(text).map_err(|error| format!("this message is no command: {error}"))?;
-        match request {
-            Request::Pause { on } => {
-                self.paused = on;
-                // What passed meanwhile was not wanted.
-                self.last = None;
-                return Ok(());
-            }
-            Request::Press { finger, .. } => {
-                if !self.fingers.contains(&finger) && self.fingers.len() >= MOST_FINGERS {
-                    return Err(format!("{MOST_FINGERS} fingers are the most"));
-                }
-                self.fingers.insert(finger);
-            }
-            Request::Release { finger } => {
-                self.fingers.remove(&finger);
-            }
-            _ => {}
+        let was_paused = self.guest.is_paused();
+        let done = self.guest.ask(text);
+        if self.guest.is_paused() != was_paused {
+            // What passed meanwhile was not wanted.
+            self.last = None;
         }
-        self.shared.control.carry_out(&request).map_err(|error| error.to_string())
+        done
     }
 }
-
-/// Fingers of a page that may press at once.
-const MOST_FINGERS: usize = 10;
 
 async fn send(socket: &mut WebSocket, message: Message) -> Result<(), ()> {
     match tokio::time::timeout(PATIENCE, socket.send(message)).await {
