@@ -3,25 +3,24 @@
 //! A track predicts where its contact moves (a Kalman filter of constant velocity); predictions and
 //! contacts are assigned at the smallest total distance. A contact counts once it has come
 //! [`TrackOptions::birth_frames`] times running above the threshold, and until it has been away for
-//! [`TrackOptions::absence_s`] below a lower one. Two contacts too near to be told apart become one in the image: then both
-//! tracks go on, moved together by what is seen of them, until they part again.
+//! [`TrackOptions::absence_s`] below a lower one. Two contacts too near to be told apart become one in the image: then
+//! both tracks go on, each along its own line as far as their middle says, until they part again.
 
 mod motion;
 #[cfg(test)]
 mod tests;
+mod together;
 
 use crate::contact::Contact;
-use crate::geom::vector::{distance, norm, scale};
+use crate::geom::vector::distance;
 use crate::geom::{Point3, Surface};
 use crate::linalg::smallest_total;
-use motion::{Motion, step_between};
+use motion::{Motion, STEADY, SUDDEN};
 use serde::{Deserialize, Serialize};
+use together::Merged;
 
 /// Contacts that come nearer to each other faster than this will meet, m/s: more than a finger that stays seems to move.
 const CLOSING_M_S: f64 = 0.03;
-
-/// A contact that is seen as one with another lies within this part of [`TrackOptions::merge_m`] of what is seen.
-const SEEN_AS_ONE: f64 = 0.6;
 
 /// How contacts are followed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -38,6 +37,9 @@ pub struct TrackOptions {
     pub merge_m: f64,
     /// Two contacts that are seen as one for longer than this are one, s.
     pub merge_s: f64,
+    /// Between two contacts, nearer than [`merge_m`](Self::merge_m) to both, a third must come for so long before it
+    /// counts, s: where two touches are hardly told apart, images show spots between them.
+    pub between_s: f64,
 }
 
 impl Default for TrackOptions {
@@ -50,6 +52,7 @@ impl Default for TrackOptions {
             gate_m: 0.03,
             merge_m: 0.06,
             merge_s: 2.0,
+            between_s: 0.15,
         }
     }
 }
@@ -92,12 +95,16 @@ struct Track {
     /// The id, once the contact counts.
     id: Option<u64>,
     contact: Contact,
+    /// How it moves now, by which it is found again.
     motion: Motion,
+    /// How it has moved for a while, by which it goes on where it is seen as one with another: as two come near, their
+    /// places stray.
+    course: Motion,
     since_s: f64,
     last_seen_s: f64,
     sightings: usize,
-    /// Since when it has been seen as one with another.
-    merged_since_s: Option<f64>,
+    /// Where it began to be seen as one with another.
+    merged: Option<Merged>,
 }
 
 impl Tracker {
@@ -111,7 +118,8 @@ impl Tracker {
         let step_s = self.last_s.map_or(0.0, |last_s| (time_s - last_s).max(0.0));
         self.last_s = Some(time_s);
         for track in &mut self.tracks {
-            track.motion.predict(&self.surface, step_s);
+            track.motion.predict(&self.surface, step_s, SUDDEN);
+            track.course.predict(&self.surface, step_s, STEADY);
         }
         let owner = self.assign(sightings);
         let hidden = self.hidden(sightings, &owner, time_s);
@@ -126,20 +134,32 @@ impl Tracker {
         self.tracks.clear();
     }
 
-    /// Which track each sighting belongs to.
+    /// Which track each sighting belongs to. Contacts that count come first: what may be nothing takes nothing from
+    /// them.
     fn assign(&self, sightings: &[Sighting]) -> Vec<Option<usize>> {
-        let gate_m = self.options.gate_m;
-        let apart_m = |track: usize, sighting: usize| {
-            self.surface.distance_m(self.tracks[track].motion.position_m, sightings[sighting].contact.position_m)
-        };
-        // Beyond the gate all distances cost alike: a far pair does not push a near one apart.
-        let cost = |track: usize, sighting: usize| apart_m(track, sighting).min(2.0 * gate_m);
-        let mut owner = vec![None; sightings.len()];
-        for (track, sighting) in smallest_total(self.tracks.len(), sightings.len(), &cost) {
+        let gate_m = |track: &Track| {
             // Where two that were seen as one part again is hardly known: on either side of what was seen.
-            let gate_m = if self.tracks[track].merged_since_s.is_some() { 2.0 * self.options.merge_m } else { gate_m };
-            if apart_m(track, sighting) <= gate_m {
-                owner[sighting] = Some(track);
+            if track.merged.is_some() { 2.0 * self.options.merge_m } else { self.options.gate_m }
+        };
+        let mut owner = vec![None; sightings.len()];
+        for counts in [true, false] {
+            let tracks: Vec<usize> =
+                (0..self.tracks.len()).filter(|&track| self.tracks[track].id.is_some() == counts).collect();
+            let free: Vec<usize> = (0..sightings.len()).filter(|&sighting| owner[sighting].is_none()).collect();
+            let apart_m = |track: usize, sighting: usize| {
+                let (from_m, to_m) =
+                    (self.tracks[tracks[track]].motion.position_m, sightings[free[sighting]].contact.position_m);
+                self.surface.distance_m(from_m, to_m)
+            };
+            // Squares: of steps along one line the sum is the same whichever way round. Beyond the gate all cost alike:
+            // a far pair does not push a near one apart.
+            let cost = |track: usize, sighting: usize| {
+                apart_m(track, sighting).min(2.0 * gate_m(&self.tracks[tracks[track]])).powi(2)
+            };
+            for (track, sighting) in smallest_total(tracks.len(), free.len(), &cost) {
+                if apart_m(track, sighting) <= gate_m(&self.tracks[tracks[track]]) {
+                    owner[free[sighting]] = Some(tracks[track]);
+                }
             }
         }
         owner
@@ -156,8 +176,8 @@ impl Tracker {
             if own.id.is_none() || other.id.is_none() {
                 return false;
             }
-            if let Some(since_s) = own.merged_since_s {
-                return time_s - since_s <= self.options.merge_s;
+            if let Some(merged) = &own.merged {
+                return time_s - merged.since_s <= self.options.merge_s;
             }
             let apart_m = self.surface.distance_m(own.motion.position_m, other.motion.position_m);
             let towards_m = self.surface.distance_m(seen.position_m, other.motion.position_m);
@@ -182,39 +202,13 @@ impl Tracker {
         for (sighting, owner) in owner.iter().enumerate() {
             let Some(owner) = *owner else { continue };
             let seen = &sightings[sighting];
-            let behind: Vec<usize> = (0..hidden.len()).filter(|&track| hidden[track] == Some(sighting)).collect();
-            if behind.is_empty() {
+            let behind = (0..hidden.len()).filter(|&track| hidden[track] == Some(sighting));
+            let members: Vec<usize> = std::iter::once(owner).chain(behind).collect();
+            if members.len() == 1 {
                 self.tracks[owner].see(seen, &self.surface, time_s);
             } else {
-                self.see_together(owner, &behind, &seen.contact, time_s);
+                self.see_together(&members, seen, time_s);
             }
-        }
-    }
-
-    /// Moves tracks that are seen as one by what their middle misses of what is seen. Their
-    /// velocities stay: the sum tells nothing of how the parts move against each other.
-    fn see_together(&mut self, owner: usize, behind: &[usize], seen: &Contact, time_s: f64) {
-        let members: Vec<usize> = std::iter::once(owner).chain(behind.iter().copied()).collect();
-        let origin = self.tracks[owner].motion.position_m;
-        // Their last strengths tell nothing of their weights: near each other one takes from the other.
-        let places = members.iter().map(|&member| (self.tracks[member].motion.position_m, 1.0));
-        let middle = self.surface.weighted_mean(origin, places);
-        // What is seen is their middle, or the stronger one alone: whichever is nearer to what was expected.
-        let steps_m = [middle, origin].map(|expected| step_between(&self.surface, expected, seen.position_m));
-        let shift_m = if norm(steps_m[0]) <= norm(steps_m[1]) { steps_m[0] } else { steps_m[1] };
-        for &member in &members {
-            self.tracks[member].motion.shift(&self.surface, shift_m);
-        }
-        for member in members {
-            // Farther apart than this they would be told apart.
-            let step_m = step_between(&self.surface, seen.position_m, self.tracks[member].motion.position_m);
-            let over = norm(step_m) / (SEEN_AS_ONE * self.options.merge_m) - 1.0;
-            if over > 0.0 {
-                self.tracks[member].motion.shift(&self.surface, scale(step_m, -over / (1.0 + over)));
-            }
-            let track = &mut self.tracks[member];
-            track.merged_since_s.get_or_insert(time_s);
-            track.last_seen_s = time_s;
         }
     }
 
@@ -232,26 +226,37 @@ impl Tracker {
             self.tracks.push(Track {
                 id: None,
                 contact: seen.contact,
-                motion: Motion::at_rest(seen.contact.position_m),
+                motion: Motion::at_rest(seen.contact.position_m, SUDDEN),
+                course: Motion::at_rest(seen.contact.position_m, STEADY),
                 since_s: time_s,
                 last_seen_s: time_s,
                 sightings: 1,
-                merged_since_s: None,
+                merged: None,
             });
         }
-        for track in &mut self.tracks {
-            if track.id.is_none() && track.sightings >= self.options.birth_frames {
-                track.id = Some(self.next_id);
+        for new in 0..self.tracks.len() {
+            let track = &self.tracks[new];
+            let often = track.id.is_none() && track.sightings >= self.options.birth_frames;
+            if often && (time_s - track.since_s >= self.options.between_s || !self.is_between(new)) {
+                self.tracks[new].id = Some(self.next_id);
                 self.next_id += 1;
             }
         }
+    }
+
+    /// Whether a track lies between contacts, in reach of more than one.
+    fn is_between(&self, new: usize) -> bool {
+        let from_m = self.tracks[new].motion.position_m;
+        let counts = self.tracks.iter().filter(|track| track.id.is_some());
+        let apart_m = counts.map(|track| self.surface.distance_m(from_m, track.motion.position_m));
+        apart_m.filter(|&apart_m| apart_m <= self.options.merge_m).count() >= 2
     }
 
     fn tell(&mut self, time_s: f64) -> &[Tracked] {
         self.tracked.clear();
         for track in &self.tracks {
             let Some(id) = track.id else { continue };
-            let seen = track.last_seen_s == time_s && track.merged_since_s.is_none();
+            let seen = track.last_seen_s == time_s && track.merged.is_none();
             let mut contact = Contact { id, ..track.contact };
             if !seen {
                 contact.position_m = track.motion.position_m;
@@ -273,10 +278,14 @@ impl Track {
         if self.id.is_none() && seen.signal < 1.0 {
             return;
         }
-        if self.merged_since_s.take().is_some() {
-            self.motion.jump(seen.contact.position_m);
+        let seen_m = seen.contact.position_m;
+        if self.merged.take().is_some() {
+            self.motion.jump(seen_m, SUDDEN);
+            self.course = self.motion.clone();
+            self.course.jump(seen_m, STEADY);
         } else {
-            self.motion.correct(surface, seen.contact.position_m);
+            self.motion.correct(surface, seen_m, SUDDEN);
+            self.course.correct(surface, seen_m, STEADY);
         }
         self.contact = seen.contact;
         self.last_seen_s = time_s;

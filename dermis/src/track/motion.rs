@@ -1,14 +1,24 @@
-//! How one contact moves: a Kalman filter of constant velocity on the surface.
+//! How one contact moves: a Kalman filter of constant velocity on the surface, of two time constants.
 
 use crate::geom::Surface;
 use crate::geom::vector::{Point3, add, dot, norm, scale, sub};
 use serde::{Deserialize, Serialize};
 
-/// Standard deviation of a finger's acceleration along the surface, m/s2: a stroke reaches 0.15 m/s in a tenth of a second.
-const ACCELERATION_M_S2: f64 = 1.5;
-/// Standard deviation of a contact's place from one frame to the next, m: what errors change by between neighbouring places,
-/// as patches close and open.
-const JITTER_M: f64 = 0.0015;
+/// What a motion is taken to be like.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Manner {
+    /// Standard deviation of the acceleration along the surface, m/s2.
+    acceleration_m_s2: f64,
+    /// Standard deviation of the place that is seen, m.
+    jitter_m: f64,
+}
+
+/// As a finger may move from one frame to the next: a stroke reaches 0.15 m/s in a tenth of a second, and errors change
+/// by a millimetre or two between neighbouring places, as patches close and open.
+pub(super) const SUDDEN: Manner = Manner { acceleration_m_s2: 1.5, jitter_m: 0.0015 };
+/// As it moves on the whole, over `sqrt(jitter / acceleration)`, 0.14 s: touches within 50 mm of each other move each
+/// other's spot by up to 10 mm.
+pub(super) const STEADY: Manner = Manner { acceleration_m_s2: 0.5, jitter_m: 0.01 };
 
 /// Where a contact is and how fast it moves, with one variance for all axes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -22,15 +32,15 @@ pub(super) struct Motion {
 }
 
 impl Motion {
-    pub fn at_rest(position_m: Point3) -> Self {
+    pub fn at_rest(position_m: Point3, manner: Manner) -> Self {
         // A finger that comes down may be moving at 0.3 m/s.
-        Motion { position_m, velocity_m_s: [0.0; 3], variance: [JITTER_M * JITTER_M, 0.0, 0.09] }
+        Motion { position_m, velocity_m_s: [0.0; 3], variance: [manner.jitter_m.powi(2), 0.0, 0.09] }
     }
 
-    pub fn predict(&mut self, surface: &Surface, step_s: f64) {
-        self.position_m = moved(surface, self.position_m, scale(self.velocity_m_s, step_s));
+    pub fn predict(&mut self, surface: &Surface, step_s: f64, manner: Manner) {
+        self.go_on(surface, step_s);
         let [place, both, speed] = self.variance;
-        let force = (ACCELERATION_M_S2 * step_s).powi(2);
+        let force = (manner.acceleration_m_s2 * step_s).powi(2);
         self.variance = [
             place + 2.0 * step_s * both + step_s * step_s * speed + 0.25 * force * step_s * step_s,
             both + step_s * speed + 0.5 * force * step_s,
@@ -38,14 +48,21 @@ impl Motion {
         ];
     }
 
-    pub fn correct(&mut self, surface: &Surface, seen_m: Point3) {
+    pub fn correct(&mut self, surface: &Surface, seen_m: Point3, manner: Manner) {
         let missed_m = step_between(surface, self.position_m, seen_m);
         let [place, both, speed] = self.variance;
-        let total = place + JITTER_M * JITTER_M;
+        let total = place + manner.jitter_m.powi(2);
         let (gain, speed_gain) = (place / total, both / total);
         self.velocity_m_s = add(self.velocity_m_s, scale(missed_m, speed_gain));
         self.position_m = moved(surface, self.position_m, scale(missed_m, gain));
         self.variance = [(1.0 - gain) * place, (1.0 - gain) * both, speed - speed_gain * both];
+    }
+
+    /// Moves it as far as it goes in a while; the step.
+    pub fn go_on(&mut self, surface: &Surface, for_s: f64) -> Point3 {
+        let step_m = scale(self.velocity_m_s, for_s);
+        self.shift(surface, step_m);
+        step_m
     }
 
     /// Moves it without a change of velocity.
@@ -53,10 +70,10 @@ impl Motion {
         self.position_m = moved(surface, self.position_m, step_m);
     }
 
-    /// It is seen again after a while, with the velocity that it had.
-    pub fn jump(&mut self, seen_m: Point3) {
+    /// It is seen on its own again, with the velocity that it had.
+    pub fn jump(&mut self, seen_m: Point3, manner: Manner) {
         self.position_m = seen_m;
-        self.variance = [JITTER_M * JITTER_M, 0.0, self.variance[2].min(0.09)];
+        self.variance = [manner.jitter_m.powi(2), 0.0, self.variance[2].min(0.09)];
     }
 
     /// How fast the distance to another one shrinks, m/s.

@@ -102,3 +102,142 @@ fn a_contact_lifted_beside_another_ends_at_once() {
     assert_eq!(left.len(), 1);
     assert!(sub(tracker.tracks[0].contact.position_m, SKIN.at(0.1, 0.0).unwrap()).iter().all(|d| d.abs() < 1e-9));
 }
+
+/// Two contacts whose places along the axis and round it are given, seen as one in their middle within 35 mm: whether
+/// each keeps the id that it has while they are apart.
+fn keep_ids(
+    seconds: f64,
+    places: impl Fn(f64) -> [[f64; 2]; 2],
+    seen_at: impl Fn([[f64; 2]; 2]) -> [[f64; 2]; 2],
+) -> bool {
+    let mut tracker = tracker();
+    let mut kept = true;
+    for frame in 0..(seconds / FRAME_S) as usize {
+        let time_s = frame as f64 * FRAME_S;
+        let truth = places(time_s);
+        let apart_m = (truth[0][0] - truth[1][0]).hypot(truth[0][1] - truth[1][1]);
+        let spot = |[along_m, round_m]: [f64; 2], strength| at(0.15 + along_m, round_m, strength);
+        let [a, b] = seen_at(truth);
+        let seen = if apart_m < 0.035 {
+            vec![spot([0, 1].map(|axis| 0.5 * (a[axis] + b[axis])), 2.0)]
+        } else if frame % 2 == 0 {
+            vec![spot(a, 1.0), spot(b, 1.0)]
+        } else {
+            vec![spot(b, 1.0), spot(a, 1.0)]
+        };
+        let tracked = tracker.update(&seen, time_s);
+        if frame > 0 {
+            let first = spot(a, 1.0).contact.position_m;
+            let off_m = |tracked: &Tracked| SKIN.distance_m(tracked.contact.position_m, first);
+            kept &= tracked.len() == 2 && (seen.len() == 1 || off_m(&tracked[0]) < off_m(&tracked[1]));
+        }
+    }
+    kept && tracker.next_id == 3
+}
+
+/// Where a finger is that has come so far on its way, at an angle to the axis.
+fn on_way(angle: f64, way_m: f64) -> [f64; 2] {
+    [way_m * angle.cos(), way_m * angle.sin()]
+}
+
+#[test]
+fn contacts_that_meet_at_an_angle_keep_their_ids_whether_they_go_on_or_back() {
+    for degrees in [45.0f64, 70.0, 90.0, 120.0, 150.0] {
+        let angle = 0.5 * degrees.to_radians();
+        let pair = |way_m: f64| [on_way(angle, way_m), on_way(-angle, way_m)];
+        assert!(keep_ids(1.6, |time_s| pair(-0.08 + 0.1 * time_s), |truth| truth), "on, {degrees} degrees");
+        // Until they are 16 mm apart, 0.3 s there, and back.
+        let near_m = 0.008 / angle.sin();
+        let turn_s = (0.08 - near_m) / 0.1;
+        let back = |time_s: f64| {
+            let way_s = if time_s < turn_s + 0.3 { time_s.min(turn_s) } else { 2.0 * turn_s + 0.3 - time_s };
+            pair(-0.08 + 0.1 * way_s)
+        };
+        assert!(keep_ids(2.0 * turn_s + 0.3, back, |truth| truth), "back, {degrees} degrees");
+    }
+}
+
+/// As two touches come near each other the weaker spot strays, by up to 12 mm here, before there is one.
+#[test]
+fn a_place_that_strays_before_a_merge_exchanges_nothing() {
+    for degrees in [60.0f64, 90.0, 120.0] {
+        let angle = 0.5 * degrees.to_radians();
+        let places = |time_s: f64| [on_way(angle, -0.08 + 0.1 * time_s), on_way(-angle, -0.08 + 0.1 * time_s)];
+        for side in [-1.0, 1.0] {
+            let strays = |[a, b]: [[f64; 2]; 2]| {
+                let apart_m = (a[0] - b[0]).hypot(a[1] - b[1]);
+                let near = ((0.055 - apart_m) / 0.02).clamp(0.0, 1.0);
+                let before = a[0] < 0.0 && apart_m > 0.035;
+                [[a[0] + if before { side * 0.012 * near } else { 0.0 }, a[1]], b]
+            };
+            assert!(keep_ids(1.6, places, strays), "{degrees} degrees, side {side}");
+        }
+    }
+}
+
+#[test]
+fn a_spot_between_two_contacts_counts_only_once_it_lasts() {
+    let mut tracker = tracker();
+    for frame in 0..60 {
+        let mut seen = vec![at(0.12, 0.0, 1.0), at(0.17, 0.0, 1.0)];
+        // First for a tenth of a second, later for good.
+        if (10..22).contains(&frame) || frame >= 30 {
+            seen.push(at(0.145, 0.002, 1.0));
+        }
+        let count = tracker.update(&seen, f64::from(frame) * FRAME_S).len();
+        assert_eq!(count, if frame == 0 { 0 } else { 2 + usize::from(frame >= 48) }, "frame {frame}");
+    }
+    // Beside one contact alone it counts at once.
+    for frame in 60..64 {
+        let seen = [at(0.12, 0.0, 1.0), at(0.17, 0.0, 1.0), at(0.145, 0.002, 1.0), at(0.22, 0.0, 1.0)];
+        assert_eq!(tracker.update(&seen, f64::from(frame) * FRAME_S).len(), 3 + usize::from(frame > 60));
+    }
+}
+
+#[test]
+fn what_does_not_count_yet_takes_nothing_from_what_does() {
+    let mut tracker = tracker();
+    for frame in 0..10 {
+        tracker.update(&[at(0.10, 0.0, 1.0)], f64::from(frame) * FRAME_S);
+    }
+    tracker.update(&[at(0.10, 0.0, 1.0), at(0.11, 0.0, 1.0)], 10.0 * FRAME_S);
+    let tracked = tracker.update(&[at(0.106, 0.0, 1.0)], 11.0 * FRAME_S);
+    assert_eq!((tracked.len(), tracked[0].contact.id, tracked[0].seen), (1, 1, true));
+}
+
+/// By the sum of distances one would stay and the other leap over it.
+#[test]
+fn contacts_that_jump_along_their_line_stay_in_order() {
+    for turned in [false, true] {
+        let mut tracker = tracker();
+        for frame in 0..10 {
+            tracker.update(&[at(0.10, 0.0, 1.0), at(0.11, 0.003, 2.0)], f64::from(frame) * FRAME_S);
+        }
+        let mut seen = [at(0.112, 0.003, 1.0), at(0.122, 0.0, 2.0)];
+        if turned {
+            seen.reverse();
+        }
+        let strengths: Vec<f64> =
+            tracker.update(&seen, 10.0 * FRAME_S).iter().map(|tracked| tracked.contact.strength).collect();
+        assert_eq!(strengths, [1.0, 2.0]);
+    }
+}
+
+#[test]
+fn contacts_that_stop_as_one_stay_where_they_would_not_be_told_apart() {
+    let mut tracker = tracker();
+    for frame in 0..180 {
+        let time_s = f64::from(frame) * FRAME_S;
+        let way_m = (0.1 * time_s).min(0.06);
+        let seen = if way_m < 0.06 {
+            vec![at(0.09 + way_m, 0.0, 1.0), at(0.21 - way_m, 0.0, 1.0)]
+        } else {
+            vec![at(0.15, 0.0, 2.0)]
+        };
+        let tracked = tracker.update(&seen, time_s);
+        let middle = SKIN.at(0.15, 0.0).unwrap();
+        let off_m = |tracked: &Tracked| SKIN.distance_m(tracked.contact.position_m, middle);
+        assert!(frame == 0 || tracked.len() == 2, "frame {frame}");
+        assert!(way_m < 0.06 || tracked.iter().all(|tracked| off_m(tracked) < 0.0361), "frame {frame}");
+    }
+}
