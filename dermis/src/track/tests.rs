@@ -157,6 +157,15 @@ fn contacts_that_meet_at_an_angle_keep_their_ids_whether_they_go_on_or_back() {
     }
 }
 
+#[test]
+fn a_contact_slides_past_one_that_rests_or_overtakes_one_that_is_slower() {
+    for past_m in [0.0, 0.01, 0.02] {
+        assert!(keep_ids(1.6, |time_s| [[-0.08 + 0.1 * time_s, 0.0], [0.0, past_m]], |truth| truth), "{past_m} m");
+        let slower = |time_s: f64| [[-0.08 + 0.15 * time_s, 0.0], [-0.02 + 0.05 * time_s, past_m]];
+        assert!(keep_ids(1.2, slower, |truth| truth), "{past_m} m");
+    }
+}
+
 /// As two touches come near each other the weaker spot strays, by up to 12 mm here, before there is one.
 #[test]
 fn a_place_that_strays_before_a_merge_exchanges_nothing() {
