@@ -18,7 +18,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 #[serde(tag = "do", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Request {
     /// Take the skin as it is for untouched.
-    Tare,
+    // With braces, so that a field that it does not have is refused.
+    Tare {},
     /// Change the threshold.
     Threshold {
         /// Times the method's own.
@@ -144,7 +145,7 @@ impl Control {
     /// What cannot be done, and why.
     pub fn carry_out(&self, request: &Request) -> Result<(), LiveError> {
         match request {
-            Request::Tare => self.shared.command(Command::Tare),
+            Request::Tare {} => self.shared.command(Command::Tare),
             Request::Threshold { value } => {
                 if !(*value > 0.0 && *value <= 1e6) {
                     return Err(LiveError::Given(format!(

@@ -184,11 +184,16 @@ impl Player {
         let recording = Recording::open(path)?;
         let design = SkinDesign::parse(&recording.session.design_toml, "design.toml").map_err(dermis::Error::from)?;
         if design.sha256() != skin.design.sha256() {
-            let (recorded, given) = (&design.name, &skin.design.name);
+            let told = |design: &SkinDesign| {
+                format!("{} electrodes, {} channels", design.electrodes.len(), design.protocol.channel_count())
+            };
             return Err(LiveError::Given(format!(
-                "{} is a recording of another skin, `{recorded}`, than `{given}`: give the design that it was made with \
-                 (`dermis replay` needs none)",
-                path.display()
+                "{} is a recording of another skin ({}) than `{}` ({}): give the design that it was made with (`dermis replay` \
+                 needs none)",
+                path.display(),
+                told(&design),
+                skin.design.name,
+                told(&skin.design)
             )));
         }
         let (reel, facts, state) = Reel::new(path, recording, Arc::clone(skin))?;

@@ -1,0 +1,260 @@
+//! `dermis live` and what belongs to it, given what they cannot use: exit code 2, and words that say what would help.
+
+mod workplace;
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+use workplace::Workplace;
+
+/// The arguments of every run: a skin that is prepared at once, and no page.
+const DISK: &str = "live disk.toml --serve off";
+
+/// That a command is refused with all of these words.
+fn refused(at: &Workplace, arguments: &str, words: &[&str]) {
+    let said = at.refused(arguments);
+    for word in words {
+        assert!(said.contains(word), "dermis {arguments}: no `{word}` in: {said}");
+    }
+}
+
+/// Where somebody talks with whoever comes.
+fn served(serve: impl Fn(TcpStream) + Send + 'static) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    std::thread::spawn(move || listener.incoming().for_each(|stream| serve(stream.unwrap())));
+    format!("tcp:{address}")
+}
+
+/// A command that goes on until it is dropped, and the first line that it prints.
+struct Running {
+    child: Child,
+    line: String,
+}
+
+impl Running {
+    fn start(at: &Workplace, arguments: &str) -> Self {
+        let mut child = at.command(arguments).spawn().unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        Running { child, line: line.trim().into() }
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+#[test]
+fn a_device_that_cannot_be_reached_says_why() {
+    let at = Workplace::new();
+    let source = |source: &str, words: &[&str]| refused(&at, &format!("{DISK} --source {source}"), words);
+    source("serial:/dev/nothing", &["there is no port", "nothing"]);
+    source("tcp:127.0.0.1:1", &["127.0.0.1:1", "nobody listens there", "is the port right"]);
+    source("tcp:localhost", &["tcp:HOST:PORT"]);
+    source("usb:1", &["no device", "tcp:HOST:PORT", "serial:PATH[@BAUD]"]);
+    source("serial:/dev/nothing@fast", &["@4000000"]);
+}
+
+#[test]
+fn what_is_silent_or_speaks_something_else_is_told_apart() {
+    let at = Workplace::new();
+    let begun = Instant::now();
+    let silent = served(|stream| {
+        std::thread::sleep(Duration::from_secs(5));
+        drop(stream);
+    });
+    refused(&at, &format!("{DISK} --source {silent}"), &["nothing came in 2 s", "is it on"]);
+    assert!(begun.elapsed() < Duration::from_secs(4), "about two seconds");
+    let web = served(|mut stream| {
+        let _ = stream.write_all(b"HTTP/1.1 400 Bad Request\r\n\r\n<html>nothing</html>");
+    });
+    refused(&at, &format!("{DISK} --source {web}"), &["no hello", "something else speaks there"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_wrong_speed_of_the_line_is_named() {
+    let at = Workplace::new();
+    let (port, path) = dermis_live::emulator::pseudo_terminal().unwrap();
+    let dermis_live::emulator::Port::Terminal { mut device, _host } = port else { panic!("a terminal") };
+    std::thread::spawn(move || {
+        // What a UART makes of bytes at another speed: other bytes.
+        while device.write_all(&[0xF8, 0x00, 0xFE, 0xE0, 0x80]).is_ok() {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    });
+    let source = format!("serial:{}@115200", path.display());
+    refused(&at, &format!("{DISK} --source {source}"), &["115200 bits a second", "@BAUD"]);
+}
+
+#[test]
+fn a_device_of_another_skin_or_version_is_refused() {
+    let at = Workplace::new();
+    let emulated = Running::start(&at, "emulate skin16 --tcp 127.0.0.1:0");
+    let source = format!("--source {}", emulated.line);
+    refused(&at, &format!("{DISK} {source}"), &["is refused", "16 electrodes", "`disk` has 8"]);
+    refused(&at, &format!("live cylinder30 --serve off {source}"), &["16 electrodes", "`cylinder30` has 30"]);
+    // As many electrodes, elsewhere.
+    at.write("other.toml", workplace::DISK.replace("diameter_m = 0.1", "diameter_m = 0.2"));
+    let other = Running::start(&at, "emulate other.toml --tcp 127.0.0.1:0");
+    refused(&at, &format!("{DISK} --source {}", other.line), &["another skin", "hash", "scan-table"]);
+    // The first bytes of a hello say the version, whatever follows; this packet holds four, and their checksum.
+    let newer = served(|mut stream| {
+        let mut packet = [0; 32];
+        let length = dermis_wire::encode(&[1, 2, 9, 0], &mut packet).unwrap();
+        let _ = stream.write_all(&packet[..length]);
+        std::thread::sleep(Duration::from_secs(1));
+    });
+    refused(&at, &format!("{DISK} --source {newer}"), &["version 9", "version 1", "update the older one"]);
+}
+
+#[test]
+fn addresses_that_are_taken_or_open_to_all_are_refused() {
+    let at = Workplace::new();
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let taken = taken.local_addr().unwrap();
+    refused(&at, &format!("live disk.toml --serve {taken}"), &["another program listens there", "0 for any"]);
+    refused(&at, &format!("{DISK} --jsonl tcp:{taken}"), &["another program listens there", "0 for any"]);
+    refused(&at, "live disk.toml --serve 0.0.0.0:0", &["other machines", "--token"]);
+    refused(&at, "live disk.toml --serve nowhere", &["HOST:PORT"]);
+    refused(&at, &format!("{DISK} --jsonl here"), &["`here`", "--jsonl tcp:HOST:PORT"]);
+    refused(&at, &format!("emulate disk.toml --tcp {taken}"), &["cannot listen", "port 0"]);
+}
+
+#[test]
+fn arguments_that_cannot_be_name_themselves_and_the_fix() {
+    let at = Workplace::new();
+    let wrong = |arguments: &str, words: &[&str]| refused(&at, &format!("{DISK} {arguments}"), words);
+    wrong("--zone palm=1,2", &["`palm=1,2`", "NAME=X,Y,Z,RADIUS,TIMES"]);
+    wrong("--zone palm=0,0,0,-1,2", &["zone `palm`", "radius positive"]);
+    wrong("--threshold 0", &["threshold is 0", "above 0"]);
+    wrong("--threshold NaN", &["threshold is NaN"]);
+    wrong("--fault fire@1", &["`fire@1`", "loose:7@10"]);
+    wrong("--fault loose:8@1", &["electrode 8", "0 to 7"]);
+    wrong("--speed 0", &["speed is 0", "positive"]);
+    wrong("--rate 1e9", &["frames a second are asked for", "at most"]);
+    wrong("--touch nothing.toml", &["nothing.toml", "random, press"]);
+    at.write("script.toml", "repeat_s = 4\n[[touch]]\nat_s = 1\nfor_s = \"long\"\n");
+    wrong("--touch script.toml", &["script.toml", "line 4", "for_s"]);
+    at.write("off.toml", "[[touch]]\nat_s = 1\nfor_s = 1\nforce_n = 2\nfrom = [1.0, 0.0, 0.0]\n");
+    wrong("--touch off.toml", &["off.toml", "touch 0", "off the skin"]);
+    wrong("--model wonderful", &["`wonderful`", "noser"]);
+    let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("../dermis-learn/models/skin16/shapes");
+    wrong(&format!("--model {}", model.display()), &["skin16"]);
+    at.write("there.mcap", "");
+    wrong("--record there.mcap", &["there.mcap", "give another name"]);
+    at.write("kept.json", "{");
+    wrong("--state kept.json", &["kept.json", "tare anew"]);
+    wrong("--source replay:none.mcap", &["none.mcap"]);
+    wrong("--source replay:there.mcap", &["there.mcap", "no MCAP recording", "empty"]);
+    wrong("--source replay:there.mcap --state x.json", &["leave --state and --rate out"]);
+}
+
+/// A recording of some presses.
+fn record(at: &Workplace, name: &str) {
+    let output = at.run(&format!("{DISK} --touch press --for 2.2 --record {name}"));
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+#[test]
+fn recordings_are_replayed_recovered_and_made_tables() {
+    let at = Workplace::new();
+    record(&at, "good.mcap");
+    let whole = at.json("recover good.mcap -o again.mcap --json");
+    assert_eq!(whole["was_whole"], true);
+    let frames = whole["frames"].as_u64().unwrap();
+    assert!(frames > 200, "{frames} frames");
+    let contacts = at.good("replay good.mcap --contacts");
+    assert_eq!(contacts.lines().count() as u64, frames);
+    assert!(contacts.lines().any(|line| line.contains("position_m")));
+    assert_eq!(at.good("replay again.mcap --contacts"), contacts);
+    at.good("convert good.mcap -o tables");
+    assert!(at.path("tables/contacts.csv").exists());
+
+    // The same, as if its frames came from the device.
+    let output = at.run(&format!("{DISK} --source replay:good.mcap --speed 4 --jsonl -"));
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let lines = String::from_utf8(output.stdout).unwrap();
+    let told = lines
+        .lines()
+        .filter(|line| !line.is_empty())
+        .map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["contacts"].clone());
+    let replayed = contacts.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
+    assert!(told.eq(replayed), "the contacts of the replay");
+    refused(&at, "live skin16 --serve off --source replay:good.mcap", &["another skin", "8 electrodes", "`skin16`"]);
+
+    let bytes = std::fs::read(at.path("good.mcap")).unwrap();
+    at.write("cut.mcap", &bytes[..bytes.len() / 2]);
+    let cut = at.json("recover cut.mcap -o mended.mcap --json");
+    assert_eq!(cut["was_whole"], false);
+    assert!((1..frames).contains(&cut["frames"].as_u64().unwrap()));
+    assert!(contacts.starts_with(&at.good("replay mended.mcap --contacts")));
+    assert!(at.good("convert cut.mcap -o cut").contains("cut"));
+    assert_eq!(std::fs::read(at.path("cut.mcap")).unwrap(), &bytes[..bytes.len() / 2], "the original stays");
+
+    at.write("frames.mcap", "sequence,measured_s\n");
+    for command in ["recover frames.mcap -o x.mcap", "convert frames.mcap -o x", "replay frames.mcap"] {
+        refused(&at, command, &["frames.mcap", "no MCAP recording"]);
+    }
+    for command in ["recover none.mcap -o x.mcap", "convert none.mcap -o x", "replay none.mcap"] {
+        refused(&at, command, &["none.mcap"]);
+    }
+    refused(&at, "recover cut.mcap -o good.mcap", &["good.mcap", "exists already", "another name"]);
+    refused(&at, "convert cut.mcap -o tables", &["tables", "exists already"]);
+}
+
+/// The system lets the file grow to some bytes and no further, as a full disk does.
+#[cfg(unix)]
+#[test]
+fn a_disk_without_room_ends_the_recording_and_not_the_contacts() {
+    let at = Workplace::new();
+    let dermis = env!("CARGO_BIN_EXE_dermis");
+    let run = format!(
+        "trap '' XFSZ; ulimit -f 40; exec {dermis} {DISK} --touch press --for 2.5 --jsonl - --record touch.mcap"
+    );
+    let mut command = Command::new("sh");
+    command.args(["-c", &run]).current_dir(at.folder()).env("NO_COLOR", "1").stdin(Stdio::null());
+    let output = command.output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("the recording has ended") && said.contains("contacts go on"), "{said}");
+    let lines = String::from_utf8_lossy(&output.stdout);
+    let frames = lines.lines().filter(|line| line.contains("\"sequence\"")).count();
+    assert!(frames > 250, "{frames} frames: contacts went on");
+    // What was recorded until then is kept.
+    let kept = at.json("recover touch.mcap -o kept.mcap --json")["frames"].as_u64().unwrap();
+    assert!(kept > 0 && kept < frames as u64, "{kept} of {frames} frames");
+}
+
+/// A program that reads lines of JSON and stops reading costs nobody else a frame.
+#[test]
+fn who_stops_reading_lines_holds_nobody_up() {
+    let at = Workplace::new();
+    let mut live = at.command(&format!("{DISK} --jsonl tcp:127.0.0.1:0 --for 3")).spawn().unwrap();
+    let mut told = BufReader::new(live.stderr.take().unwrap());
+    let mut line = String::new();
+    while !line.contains("lines of JSON are at tcp:") {
+        line.clear();
+        assert!(told.read_line(&mut line).unwrap() > 0, "it ended");
+    }
+    let address = line.trim().rsplit_once("tcp:").unwrap().1.to_string();
+    let stalled = TcpStream::connect(&address).unwrap();
+    let reading = TcpStream::connect(&address).unwrap();
+    let mut text = String::new();
+    BufReader::new(reading).read_to_string(&mut text).unwrap();
+    let numbers: Vec<u64> = text
+        .lines()
+        .map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["sequence"].as_u64().unwrap())
+        .collect();
+    assert!(numbers.len() > 200, "{} lines", numbers.len());
+    assert!(numbers.windows(2).all(|pair| pair[1] == pair[0] + 1), "a line for each frame");
+    drop(stalled);
+    assert!(live.wait().unwrap().success());
+}

@@ -1,0 +1,35 @@
+//! A live skin with an emulated device, for the tests of what pages ask.
+
+use dermis::design::SkinDesign;
+use dermis::twin::TwinOptions;
+use dermis_live::device::Address;
+use dermis_live::emulator::{Emulator, EmulatorOptions, Port, Script};
+use dermis_live::{Control, Live, LiveOptions, LiveSkin, Settings, Tapes};
+use std::net::TcpListener;
+use std::path::Path;
+use std::sync::Arc;
+
+/// A skin that is read; recordings go into a folder.
+pub fn live(folder: &Path) -> (Live, Arc<Control>) {
+    let text = SkinDesign::shipped_text("skin16").unwrap();
+    let skin = Arc::new(LiveSkin::new(text, "skin16", None).unwrap());
+    let options = EmulatorOptions {
+        twin: TwinOptions::shipped("lab").unwrap(),
+        seed: 1,
+        script: Script::default(),
+        faults: Vec::new(),
+        speed: 1.0,
+        prerendered: 0,
+        unpaced: false,
+    };
+    let emulator = Emulator::new(&skin.design, options).unwrap();
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = Address::Tcp(listener.local_addr().unwrap().to_string());
+    let served = Arc::clone(&emulator);
+    std::thread::spawn(move || served.serve(Port::Tcp(listener)).unwrap());
+    let options = LiveOptions { address, device: Default::default(), settings: Settings::default(), state: None };
+    let live = Live::start(skin, options).unwrap();
+    let tapes = Tapes { folder: folder.into(), twin_toml: None };
+    let control = Arc::new(Control::new(Arc::clone(live.shared()), Some(emulator), "emulator".into(), tapes));
+    (live, control)
+}

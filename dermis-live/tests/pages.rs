@@ -1,0 +1,121 @@
+//! Pages that send rubbish, and pages that never read: contacts go on, the other pages are served, memory stays bounded.
+
+mod page;
+
+use dermis_live::server::{Server, ServerOptions};
+use serde_json::Value;
+use std::io::Write;
+use std::net::{SocketAddr, TcpStream};
+use std::time::{Duration, Instant};
+use tungstenite::{Message, WebSocket};
+
+type Page = WebSocket<TcpStream>;
+
+fn open(address: SocketAddr) -> Page {
+    let stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+    tungstenite::client(format!("ws://{address}/live"), stream).unwrap().0
+}
+
+/// Frames that a page is sent in some time.
+fn frames_in(page: &mut Page, time: Duration) -> usize {
+    let (begun, mut frames) = (Instant::now(), 0);
+    while begun.elapsed() < time {
+        frames += usize::from(matches!(page.read().unwrap(), Message::Binary(_)));
+    }
+    frames
+}
+
+/// The next message of a kind.
+fn next(page: &mut Page, kind: &str) -> Value {
+    let begun = Instant::now();
+    while begun.elapsed() < Duration::from_secs(5) {
+        if let Message::Text(text) = page.read().unwrap() {
+            let value: Value = serde_json::from_str(text.as_str()).unwrap();
+            if value["type"] == kind {
+                return value;
+            }
+        }
+    }
+    panic!("no message `{kind}`");
+}
+
+/// Bytes of this process in memory.
+#[cfg(target_os = "linux")]
+fn resident_bytes() -> usize {
+    let text = std::fs::read_to_string("/proc/self/statm").unwrap();
+    text.split_whitespace().nth(1).unwrap().parse::<usize>().unwrap() * 4096
+}
+
+#[test]
+fn rubbish_is_refused_in_words_and_disturbs_nobody() {
+    let folder = tempfile::tempdir().unwrap();
+    let (live, control) = page::live(folder.path());
+    let server = Server::start(control, &ServerOptions { address: "127.0.0.1:0".into(), token: None }).unwrap();
+    let mut good = open(server.address());
+
+    let mut bad = open(server.address());
+    let deep = "[".repeat(4000);
+    let rubbish = [
+        "",
+        "{",
+        "tare",
+        deep.as_str(),
+        r#"{"do":"explode"}"#,
+        r#"{"do":"tare","now":true}"#,
+        r#"{"do":"threshold"}"#,
+        r#"{"do":"threshold","value":NaN}"#,
+        r#"{"do":"threshold","value":1e999}"#,
+        r#"{"do":"threshold","value":-1}"#,
+        r#"{"do":"method","name":"\u0000"}"#,
+        r#"{"do":"press","finger":-1,"position_m":[0,0,0],"force_n":1}"#,
+        r#"{"do":"press","finger":1,"position_m":[1e308,1e308,1e308],"force_n":1}"#,
+        r#"{"do":"press","finger":1,"position_m":[0,0],"force_n":1}"#,
+        r#"{"do":"press","finger":1,"position_m":[0,0,0],"force_n":1e9}"#,
+    ];
+    for text in rubbish {
+        bad.send(Message::text(text)).unwrap();
+        let why = next(&mut bad, "refused")["why"].as_str().unwrap().to_string();
+        assert!(!why.is_empty() && why.len() < 1000, "{text}: {why}");
+    }
+    // Bytes are not looked at; and the page is still served.
+    bad.send(Message::binary(vec![0xFF; 4000])).unwrap();
+    assert_eq!(next(&mut bad, "status")["threshold"], 1.0);
+
+    // A message that is too long, and bytes that are no message, end that page.
+    bad.send(Message::text("x".repeat(1 << 20))).unwrap_or_default();
+    let ended = |page: &mut Page| (0..2000).any(|_| page.read().is_err());
+    assert!(ended(&mut bad), "a page that sends a megabyte");
+    let mut raw = open(server.address());
+    let _ = raw.get_mut().write_all(&[0xFF; 5000]);
+    assert!(ended(&mut raw), "a page that sends no messages");
+
+    let frames = frames_in(&mut good, Duration::from_secs(1));
+    assert!(frames > 60, "{frames} frames in a second");
+    assert_eq!(live.shared().skipped(), 0);
+    live.stop();
+    server.stop();
+}
+
+#[test]
+fn pages_that_never_read_cost_the_others_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let (live, control) = page::live(folder.path());
+    let server = Server::start(control, &ServerOptions { address: "127.0.0.1:0".into(), token: None }).unwrap();
+    let mut good = open(server.address());
+    frames_in(&mut good, Duration::from_millis(500));
+    let idle: Vec<Page> = (0..20).map(|_| open(server.address())).collect();
+    #[cfg(target_os = "linux")]
+    let before = resident_bytes();
+    let frames = frames_in(&mut good, Duration::from_secs(4));
+    assert!(frames > 300, "{frames} frames in four seconds");
+    assert_eq!(live.shared().skipped(), 0);
+    #[cfg(target_os = "linux")]
+    {
+        let grown = resident_bytes().saturating_sub(before);
+        assert!(grown < 32 << 20, "{grown} bytes more for 20 pages that never read");
+    }
+    drop(idle);
+    live.stop();
+    server.stop();
+}

@@ -1,0 +1,23 @@
+//! What a page may send, to a live skin that an emulated device feeds.
+
+#![no_main]
+
+#[path = "../../dermis-live/tests/page/mod.rs"]
+mod live;
+#[path = "../src/page.rs"]
+mod page;
+
+use dermis_live::{Control, Guest, Live};
+use std::sync::{Arc, LazyLock};
+
+/// One live skin for all runs; its recordings go into a folder that lasts as long as the process.
+static SKIN: LazyLock<(Live, Arc<Control>, tempfile::TempDir)> = LazyLock::new(|| {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let (live, control) = live::live(folder.path());
+    (live, control, folder)
+});
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| {
+    let mut guest = Guest::new(Arc::clone(&SKIN.1));
+    data.split(|&byte| byte == b'\n').for_each(|message| page::ask(&mut guest, message));
+});
