@@ -121,11 +121,13 @@ impl Tracker {
             track.motion.predict(&self.surface, step_s, SUDDEN);
             track.course.predict(&self.surface, step_s, STEADY);
         }
-        let owner = self.assign(sightings);
-        let hidden = self.hidden(sightings, &owner, time_s);
-        self.correct(sightings, &owner, &hidden, time_s);
+        let lasts = |sighting: &&Sighting| sighting.signal >= self.options.release_fraction;
+        let sightings: Vec<Sighting> = sightings.iter().filter(lasts).copied().collect();
+        let owner = self.assign(&sightings);
+        let hidden = self.hidden(&sightings, &owner, time_s);
+        self.correct(&sightings, &owner, &hidden, time_s);
         self.end(time_s);
-        self.begin(sightings, &owner, time_s);
+        self.begin(&sightings, &owner, time_s);
         self.tell(time_s)
     }
 

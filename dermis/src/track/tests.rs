@@ -32,7 +32,7 @@ fn a_contact_counts_from_its_second_frame_and_keeps_its_id_through_a_gap() {
 }
 
 #[test]
-fn a_weak_signal_ends_nothing_and_begins_nothing() {
+fn a_weak_signal_ends_nothing_and_begins_nothing_and_a_weaker_one_is_none() {
     let mut tracker = tracker();
     let weak = Sighting { signal: 0.8, ..at(0.1, 0.0, 1.0) };
     for frame in 0..5 {
@@ -44,6 +44,9 @@ fn a_weak_signal_ends_nothing_and_begins_nothing() {
     for frame in 8..40 {
         assert_eq!(tracker.update(&[weak], f64::from(frame) * FRAME_S).len(), 1);
     }
+    let gone = Sighting { signal: 0.69, ..weak };
+    let left: Vec<usize> = (40..50).map(|frame| tracker.update(&[gone], f64::from(frame) * FRAME_S).len()).collect();
+    assert_eq!(left[9], 0, "{left:?}");
 }
 
 #[test]
