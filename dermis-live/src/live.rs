@@ -60,7 +60,6 @@ pub struct Shared {
     incoming: Mailbox<Fed>,
     commands: Mutex<VecDeque<Command>>,
     subscribers: Mutex<Vec<Arc<Mailbox<Event>>>>,
-    rebuilt: Mutex<Option<Rebuilt>>,
     state: Mutex<State>,
     facts: Mutex<Option<Arc<DeviceFacts>>>,
     method: Mutex<String>,
@@ -129,8 +128,14 @@ impl Live {
     }
 
     fn with(shared: Arc<Shared>, processor: Processor, rebuilds: bool, listen: impl FnOnce() + Send + 'static) -> Self {
-        let maker =
-            Maker { shared: Arc::clone(&shared), processor, rebuilds, rebuilding: false, kept_at: Instant::now() };
+        let maker = Maker {
+            shared: Arc::clone(&shared),
+            processor,
+            rebuilds,
+            rebuilding: None,
+            tried_without: None,
+            kept_at: Instant::now(),
+        };
         let threads = vec![spawn("dermis-listen", listen), spawn("dermis-contacts", move || maker.run())];
         Live { shared, threads }
     }
@@ -173,7 +178,6 @@ impl Shared {
             incoming: Mailbox::new(MOST_WAITING),
             commands: Mutex::default(),
             subscribers: Mutex::default(),
-            rebuilt: Mutex::default(),
             state: Mutex::new(processor.state().clone()),
             facts: Mutex::default(),
             method: Mutex::new(processor.method().name.clone()),
@@ -339,7 +343,9 @@ struct Maker {
     processor: Processor,
     /// Whether the method is made anew when that is better; a recording tells by itself when it was.
     rebuilds: bool,
-    rebuilding: bool,
+    rebuilding: Option<JoinHandle<Result<Rebuilt, LiveError>>>,
+    /// Channels without which the method was last made anew, or could not be: that is not tried twice.
+    tried_without: Option<Vec<usize>>,
     kept_at: Instant,
 }
 
@@ -388,6 +394,8 @@ impl Maker {
     fn carry_out(&mut self, command: Command) {
         match self.processor.command(&command) {
             Ok(()) => {
+                // Another method may be made without the channels that this one could not.
+                self.tried_without = None;
                 *lock(&self.shared.state) = self.processor.state().clone();
                 *lock(&self.shared.method) = self.processor.method().name.clone();
                 self.shared.tell(&Event::Done(command));
@@ -398,24 +406,25 @@ impl Maker {
 
     /// Has the method made anew on a thread of its own where that is wanted, and uses what was made.
     fn rebuild(&mut self) {
-        let rebuilt = lock(&self.shared.rebuilt).take();
-        if let Some(rebuilt) = rebuilt {
-            self.rebuilding = false;
-            match self.processor.install(rebuilt) {
-                Ok(true) => self.shared.tell(&Event::Done(Command::Rebuild)),
-                Ok(false) => {}
-                Err(error) => self.shared.notice(Level::Error, error.to_string()),
+        if let Some(thread) = self.rebuilding.take_if(|thread| thread.is_finished()) {
+            // A thread that panicked has told so already.
+            let installed = thread.join().map(|made| made.and_then(|rebuilt| self.processor.install(rebuilt)));
+            match installed {
+                Ok(Ok(true)) => self.shared.tell(&Event::Done(Command::Rebuild)),
+                Ok(Ok(false)) | Err(_) => {}
+                Ok(Err(error)) => self.shared.notice(Level::Error, error.to_string()),
             }
         }
-        if self.rebuilding || !self.rebuilds || !self.processor.wants_rebuild() {
+        if self.rebuilding.is_some() || !self.rebuilds || !self.processor.wants_rebuild() {
             return;
         }
+        let broken = self.processor.left_out();
+        if self.tried_without.as_ref() == Some(&broken) {
+            return;
+        }
+        self.tried_without = Some(broken);
         let rebuilding = self.processor.rebuilding();
-        self.rebuilding = true;
-        let shared = Arc::clone(&self.shared);
-        spawn("dermis-rebuild", move || match rebuilding.run() {
-            Ok(rebuilt) => *lock(&shared.rebuilt) = Some(rebuilt),
-            Err(error) => shared.notice(Level::Error, error.to_string()),
-        });
+        let thread = std::thread::Builder::new().name("dermis-rebuild".into());
+        self.rebuilding = thread.spawn(move || rebuilding.run()).ok();
     }
 }

@@ -173,7 +173,12 @@ impl Processor {
 
     /// Whether the method would do better if it were [made anew](Command::Rebuild) without the channels that are left out.
     pub fn wants_rebuild(&self) -> bool {
-        self.state.made_without != numbers(&self.silent)
+        self.state.made_without != self.left_out()
+    }
+
+    /// The channels that are left out now.
+    pub fn left_out(&self) -> Vec<usize> {
+        numbers(&self.silent)
     }
 
     /// The method without the channels that are left out now, for [`install`](Self::install): what
