@@ -210,12 +210,13 @@ fn a_self_test_that_is_wrong_names_the_slot() {
 
 #[test]
 fn what_a_host_must_refuse_it_refuses_with_the_reason() {
-    let with = |change: fn(&mut Hello<'static>)| {
+    type Change = fn(&mut Hello<'static>);
+    let with = |change: Change| {
         let mut fake = Fake::new();
         change(&mut fake.hello);
         refused(fake, None)
     };
-    let cases: [(fn(&mut Hello<'static>), &[&str]); 8] = [
+    let cases: [(Change, &[&str]); 8] = [
         (|hello| hello.version = 9, &["version 9", "version 1", "update"]),
         (|hello| hello.electrode_count = 30, &["30 electrodes", "16"]),
         (|hello| hello.design_sha256[0] ^= 1, &["another skin", "scan-table"]),

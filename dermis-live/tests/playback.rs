@@ -117,7 +117,7 @@ fn a_recording_in_the_place_of_its_device_gives_the_contacts_of_its_replay() {
     assert!(played(&skin, &path, 1e6).0 == frames);
 
     let other = self::skin("skin16");
-    let error = Player::open(&path, &other, 1.0).err().expect("another skin").to_string();
+    let error = Player::open(&path, &other, 1.0).expect_err("another skin").to_string();
     assert!(
         error.contains("press.mcap") && error.contains("(30 electrodes, 870 channels) than `skin16` (16"),
         "{error}"
