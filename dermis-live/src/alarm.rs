@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 /// Tells touched frames from untouched ones by the size of their difference.
 ///
-/// The statistic is the sum of squares of all differences in use, each over the deviation of its noise. Of untouched frames
+/// The statistic is the sum of squares of all differences in use, each over the deviation of its noise and bounded. Of untouched frames
 /// it follows a chi-squared distribution, scaled, as the noise of channels is not independent: its mean and variance are
 /// those of the tare's frames. A frame is touched where it exceeds the quantile that noise exceeds once in three million
 /// frames, seven hours at 120 frames a second (Wilson and Hilferty, 1931, DOI 10.1073/pnas.17.12.684).
@@ -18,6 +18,9 @@ pub struct Alarm {
 
 /// The standard normal's quantile of that: `Q(z) = 1 / 3e6`.
 const QUANTILE: f64 = 4.97;
+/// No channel counts for more deviations than this: a bad reading, or a step of the converter where the noise is far less, is
+/// no touch. A touch changes many channels.
+const MOST: f64 = 5.0;
 /// An alarm ends below this part of the threshold's distance from the mean.
 const RELEASE: f64 = 0.6;
 
@@ -63,10 +66,11 @@ impl Alarm {
     }
 }
 
-/// The statistic of a difference: the sum of squares over the deviations of the noise.
+/// The statistic of a difference: the sum of bounded squares over the deviations of the noise.
 pub fn statistic(difference: &[f64], noise_ohm: &[f64], silent: &[bool]) -> f64 {
     let channels = difference.iter().zip(noise_ohm).zip(silent);
-    channels.filter(|(_, silent)| !**silent).map(|((difference, noise), _)| (difference / noise).powi(2)).sum()
+    let square = |difference: &f64, noise: &f64| (difference / noise).powi(2).min(MOST * MOST);
+    channels.filter(|(_, silent)| !**silent).map(|((difference, noise), _)| square(difference, noise)).sum()
 }
 
 #[cfg(test)]
@@ -91,5 +95,18 @@ mod tests {
         assert_eq!((0..50_000).filter(|_| alarm.take(draw(0.0))).count(), 0);
         assert!(alarm.take(draw(4.0)));
         assert!(!alarm.take(draw(0.0)));
+    }
+
+    #[test]
+    fn a_single_bad_reading_is_no_touch() {
+        let mut rng = sample_rng(8, 0);
+        let mut frame = || (0..200).map(|_| standard_normal(&mut rng)).collect::<Vec<f64>>();
+        let untouched: Vec<Vec<f64>> = (0..100).map(|_| frame()).collect();
+        let untouched: Vec<&[f64]> = untouched.iter().map(Vec::as_slice).collect();
+        let mut alarm = Alarm::of(&untouched, &[false; 200]);
+        let (one, many) = (frame(), frame().iter().map(|value| value + 4.0).collect::<Vec<f64>>());
+        let bad: Vec<f64> = one.iter().enumerate().map(|(at, value)| if at == 7 { 1e6 } else { *value }).collect();
+        assert!(!alarm.take(statistic(&bad, &[1.0; 200], &[false; 200])));
+        assert!(alarm.take(statistic(&many, &[1.0; 200], &[false; 200])));
     }
 }

@@ -30,6 +30,8 @@ const SMOOTH: f64 = 0.02;
 const NOISE_S: f64 = 1.0;
 /// Time constant at which the reference of sound contacts follows, s.
 const FOLLOW_S: f64 = 60.0;
+/// An electrode each of whose loops is so many times the median loop at the tare is hardly connected.
+const HARDLY: f64 = 3.0;
 /// An untouched electrode this many times noisier than at the tare is doubtful.
 const DOUBTFUL: f64 = 4.0;
 
@@ -104,7 +106,7 @@ pub struct Watch {
     /// Deviation of the noise of each channel at the tare, ohm.
     noise_ohm: Vec<f64>,
     last_ohm: Vec<f64>,
-    /// Mean square of the differences of reciprocal channels over their variance.
+    /// Mean square by which reciprocal channels differ over what their noise explains, smoothed.
     reciprocity: f64,
     electrodes: Vec<Electrode>,
 }
@@ -117,6 +119,8 @@ struct Electrode {
     smooth_ohm: f64,
     /// Frames running in which it looked otherwise than its state says.
     against: u32,
+    /// Whether it was bad at the tare: then nothing is known of how it would read if it were sound.
+    since_tare: bool,
 }
 
 /// What a frame changed.
@@ -135,8 +139,20 @@ impl Watch {
     /// Without two of them.
     pub fn new(wiring: &Wiring, untouched: &[Measures], values: &Statistics) -> Self {
         let loops = Statistics::of(untouched.iter().map(|frame| frame.loops_ohm.as_slice()));
-        let electrode = Electrode { state: ElectrodeState::Sound, gain_ohm: 0.0, smooth_ohm: 0.0, against: 0 };
-        Watch {
+        let usual_ohm = median(&loops.mean);
+        let electrode = |drives: &Vec<usize>| {
+            let least_ohm = drives.iter().map(|&drive| loops.mean[drive]).fold(f64::INFINITY, f64::min);
+            let state = match least_ohm / usual_ohm {
+                _ if drives.is_empty() => ElectrodeState::Sound,
+                times if times > OPEN => ElectrodeState::Open,
+                times if times > HARDLY => ElectrodeState::Loose,
+                _ => ElectrodeState::Sound,
+            };
+            let since_tare = state != ElectrodeState::Sound;
+            Electrode { state, gain_ohm: 0.0, smooth_ohm: 0.0, against: 0, since_tare }
+        };
+        let electrodes = wiring.drives.iter().map(electrode).collect();
+        let mut watch = Watch {
             loops_ohm: loops.mean,
             loop_noise_ohm: loops.variance.into_iter().map(f64::sqrt).collect(),
             variance: values.variance.clone(),
@@ -144,8 +160,26 @@ impl Watch {
             tare_variance: values.variance.clone(),
             last_ohm: untouched[untouched.len() - 1].values_ohm.clone(),
             reciprocity: 1.0,
-            electrodes: vec![electrode; wiring.drives.len()],
-        }
+            electrodes,
+        };
+        let silent = silent(wiring, watch.bad());
+        watch.reciprocity = watch.mismatch(wiring, &values.mean, &silent).unwrap_or(1.0);
+        watch
+    }
+
+    /// Takes a frame for the one before the next.
+    pub fn forget_last(&mut self, frame: &Measures) {
+        self.last_ohm.copy_from_slice(&frame.values_ohm);
+    }
+
+    /// Mean square by which reciprocal channels that are in use differ over what their noise explains.
+    fn mismatch(&self, wiring: &Wiring, values_ohm: &[f64], silent: &[bool]) -> Option<f64> {
+        let kept = wiring.reciprocal.iter().filter(|pair| pair.iter().all(|&channel| !silent[channel]));
+        let (sum, count) = kept.fold((0.0, 0.0), |(sum, count), &[a, b]| {
+            let variance = self.noise_ohm[a].powi(2) + self.noise_ohm[b].powi(2);
+            (sum + (values_ohm[a] - values_ohm[b]).powi(2) / variance, count + 1.0)
+        });
+        (count > 0.0).then(|| sum / count)
     }
 
     /// Standard deviation of the noise of each channel at the tare, ohm.
@@ -213,15 +247,8 @@ impl Watch {
                 }
             }
         }
-        let kept = wiring.reciprocal.iter().filter(|pair| pair.iter().all(|&channel| !touch.silent[channel]));
-        let (mut sum, mut count) = (0.0, 0.0);
-        for &[a, b] in kept {
-            let variance = self.tare_variance[a] + self.tare_variance[b];
-            sum += (touch.difference[a] - touch.difference[b]).powi(2) / variance.max(f64::MIN_POSITIVE);
-            count += 1.0;
-        }
-        if count > 0.0 {
-            self.reciprocity += share * (sum / count - self.reciprocity);
+        if let Some(mismatch) = self.mismatch(wiring, &frame.values_ohm, touch.silent) {
+            self.reciprocity += share * (mismatch - self.reciprocity);
         }
         self.last_ohm.copy_from_slice(&frame.values_ohm);
     }
@@ -261,8 +288,6 @@ impl Watch {
 pub struct Untouched<'a> {
     /// Whether nothing touches.
     pub untouched: bool,
-    /// The frame less the baseline, ohm.
-    pub difference: &'a [f64],
     /// Channels that are left out.
     pub silent: &'a [bool],
     /// Since the last frame, s.
@@ -276,7 +301,7 @@ impl Electrode {
 
     /// Takes in how it looks in a frame; what it is from now on, where that changes.
     fn look(&mut self, looks: ElectrodeState) -> Option<ElectrodeState> {
-        if looks == self.state {
+        if looks == self.state || self.since_tare {
             self.against = 0;
             return None;
         }

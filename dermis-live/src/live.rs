@@ -408,8 +408,7 @@ impl Maker {
     fn rebuild(&mut self) {
         if let Some(thread) = self.rebuilding.take_if(|thread| thread.is_finished()) {
             // A thread that panicked has told so already.
-            let installed = thread.join().map(|made| made.and_then(|rebuilt| self.processor.install(rebuilt)));
-            match installed {
+            match thread.join().map(|made| made.map(|rebuilt| self.processor.install(rebuilt))) {
                 Ok(Ok(true)) => self.shared.tell(&Event::Done(Command::Rebuild)),
                 Ok(Ok(false)) | Err(_) => {}
                 Ok(Err(error)) => self.shared.notice(Level::Error, error.to_string()),

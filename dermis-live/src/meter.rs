@@ -28,7 +28,7 @@ pub struct Measures {
     pub values_ohm: Vec<f64>,
     /// What stands between source and ground beside the reference resistor, for each drive: skin, contacts, switches; ohm.
     pub loops_ohm: Vec<f64>,
-    /// Channels whose readings are out of range.
+    /// Channels whose readings, or those of their currents, are out of range.
     pub saturated: Vec<usize>,
 }
 
@@ -63,6 +63,7 @@ impl Meter {
     pub fn measure(&self, readings: Readings<'_>) -> Measures {
         assert_eq!(readings.len(), self.roles.len(), "a reading for each slot");
         let mut currents_a = vec![0.0; self.drive_count];
+        let mut saturated = vec![false; self.drive_count];
         let mut measures = Measures {
             values_ohm: vec![0.0; self.channels.len()],
             loops_ohm: vec![0.0; self.drive_count],
@@ -74,20 +75,30 @@ impl Meter {
                     let counts = if reading == 0 { 0.5 } else { f64::from(reading) };
                     currents_a[drive] = counts * self.volts_per_reference_count / self.reference_ohm;
                     measures.loops_ohm[drive] = self.source_v / currents_a[drive] - self.reference_ohm;
+                    saturated[drive] = self.is_saturated(reading);
                 }
                 Role::Channel(channel) => {
                     let (_, volts_per_count) = self.channels[channel];
                     measures.values_ohm[channel] = f64::from(reading) * volts_per_count;
-                    // The lowest code of a converter is one farther from zero than the highest.
-                    if i64::from(reading).abs() >= self.full_scale {
+                    if self.is_saturated(reading) {
                         measures.saturated.push(channel);
                     }
                 }
             }
         }
-        for (value, &(drive, _)) in measures.values_ohm.iter_mut().zip(&self.channels) {
+        for (channel, (value, &(drive, _))) in measures.values_ohm.iter_mut().zip(&self.channels).enumerate() {
             *value /= currents_a[drive];
+            if saturated[drive] {
+                measures.saturated.push(channel);
+            }
         }
+        measures.saturated.sort_unstable();
+        measures.saturated.dedup();
         measures
+    }
+
+    /// The lowest code of a converter is one farther from zero than the highest.
+    fn is_saturated(&self, reading: i32) -> bool {
+        i64::from(reading).abs() >= self.full_scale
     }
 }

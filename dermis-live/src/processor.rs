@@ -15,7 +15,7 @@ use crate::settings::{Command, Settings};
 use crate::skin::{LiveSkin, NamedMethod};
 use crate::untouched::{Statistics, difference};
 use dermis::contact::Contact;
-use dermis::detect::{Circumstances, Detector, Forces};
+use dermis::detect::{Circumstances, Detector, Forces, ImageNoise};
 use dermis::frame::Frame;
 use dermis::geom::{Point3, Surface};
 use dermis::image::Image;
@@ -54,6 +54,8 @@ pub struct Processor {
     /// Channels that are left out now.
     silent: Vec<bool>,
     detector: Detector,
+    /// The noise of untouched images.
+    noise: Option<ImageNoise>,
     /// The method's own threshold, and what it knows of forces.
     noise_factor: f64,
     forces: Option<Forces>,
@@ -74,6 +76,7 @@ pub struct State {
     frames: u64,
     /// Channels that the method was made without.
     made_without: Vec<usize>,
+    tracker: Tracker,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -89,7 +92,6 @@ struct Reading {
     baseline: Baseline,
     watch: Watch,
     alarm: Alarm,
-    tracker: Tracker,
     /// The tare's frames less their mean, ohm.
     untouched: Vec<Vec<f64>>,
     /// Since when nothing touches, and since when something is felt that is no contact; s.
@@ -103,6 +105,10 @@ const NOT_TO_BEGIN: f64 = 0.99;
 const QUIET_S: f64 = 0.5;
 /// What is felt for so long without a contact is no touch but a skin that has changed, s.
 const PUZZLED_S: f64 = 5.0;
+/// What happened between frames that lie farther apart than this is not known, s: a device that was away, a program that was.
+const GAP_S: f64 = 2.0;
+/// Reciprocal channels that differ by so many times their noise are not those of the skin.
+const FOREIGN: f64 = 30.0;
 /// Frames from one look at the health to the next.
 const HEALTH_FRAMES: u64 = 12;
 
@@ -113,7 +119,9 @@ impl Processor {
     /// A method that there is not, settings out of their ranges.
     pub fn new(skin: Arc<LiveSkin>, settings: Settings) -> Result<Self, LiveError> {
         let phase = Phase::Taring { frames: Vec::new() };
-        Self::resume(skin, State { settings, phase, begun: None, last: None, frames: 0, made_without: Vec::new() })
+        let tracker = Tracker::new(skin.pixels.surface, TrackOptions::default());
+        let state = State { settings, phase, begun: None, last: None, frames: 0, made_without: Vec::new(), tracker };
+        Self::resume(skin, state)
     }
 
     /// A processor that goes on where another one was.
@@ -130,6 +138,7 @@ impl Processor {
             wiring: Wiring::of(&skin),
             silent: vec![false; channel_count],
             detector: Detector::default(),
+            noise: None,
             noise_factor: 0.0,
             forces: None,
             image: Image { space: Arc::clone(&skin.pixels), values: vec![0.0; skin.pixels.len()] },
@@ -142,7 +151,7 @@ impl Processor {
         if let Phase::Reading(reading) = &processor.state.phase {
             processor.silent = silent(&processor.wiring, reading.watch.bad());
         }
-        processor.prepare()?;
+        processor.measure_noise()?;
         Ok(processor)
     }
 
@@ -184,21 +193,20 @@ impl Processor {
     /// The method without the channels that are left out now, for [`install`](Self::install): what
     /// [`Command::Rebuild`] does, in two parts so that the first may be done beside the frames.
     pub fn rebuilding(&self) -> Rebuilding {
-        Rebuilding { skin: Arc::clone(&self.skin), name: self.method.name.clone(), silent: self.silent.clone() }
+        let (skin, name) = (Arc::clone(&self.skin), self.method.name.clone());
+        Rebuilding { skin, name, without: self.left_out(), untouched: self.state.phase.untouched().to_vec() }
     }
 
     /// Uses a method that was made anew, if it is still the one that is wanted; whether it is.
-    ///
-    /// # Errors
-    /// A method that fails on the tare's frames.
-    pub fn install(&mut self, rebuilt: Rebuilt) -> Result<bool, LiveError> {
-        let wanted = rebuilt.silent == self.silent && rebuilt.method.name == self.method.name;
+    pub fn install(&mut self, rebuilt: Rebuilt) -> bool {
+        let wanted = rebuilt.without == self.left_out() && rebuilt.method.name == self.method.name;
         if wanted {
             self.method = rebuilt.method;
-            self.state.made_without = numbers(&rebuilt.silent);
-            self.prepare()?;
+            self.state.made_without = rebuilt.without;
+            self.noise = rebuilt.noise;
+            self.prepare();
         }
-        Ok(wanted)
+        wanted
     }
 
     /// Does what it is told.
@@ -207,17 +215,19 @@ impl Processor {
     /// A method that there is not, a threshold out of its range.
     pub fn command(&mut self, command: &Command) -> Result<(), LiveError> {
         match command {
-            Command::Tare => self.state.phase = Phase::Taring { frames: Vec::new() },
+            Command::Tare => {
+                self.state.phase = Phase::Taring { frames: Vec::new() };
+                self.state.tracker.clear();
+            }
             Command::Threshold { value } => self.set(Settings { threshold: *value, ..self.state.settings.clone() })?,
+            Command::Zones { zones } => self.set(Settings { zones: zones.clone(), ..self.state.settings.clone() })?,
             Command::Method { name } => {
                 self.method = self.skin.by_name(name)?.clone();
                 self.state.made_without.clear();
-                self.set(Settings { method: name.clone(), ..self.state.settings.clone() })?;
+                self.state.settings.method.clone_from(name);
+                self.measure_noise()?;
             }
-            Command::Zones { zones } => self.set(Settings { zones: zones.clone(), ..self.state.settings.clone() })?,
-            Command::Rebuild => {
-                self.install(self.rebuilding().run()?)?;
-            }
+            Command::Rebuild => drop(self.install(self.rebuilding().run()?)),
         }
         Ok(())
     }
@@ -225,24 +235,26 @@ impl Processor {
     fn set(&mut self, settings: Settings) -> Result<(), LiveError> {
         settings.check()?;
         self.state.settings = settings;
-        self.prepare()
+        self.prepare();
+        Ok(())
     }
 
-    /// Prepares the detector for the method, the threshold and the channels that are left out.
-    fn prepare(&mut self) -> Result<(), LiveError> {
+    /// Prepares the detector for the method, the thresholds and the noise.
+    fn prepare(&mut self) {
         let mut options = self.method.method.detection();
         (self.noise_factor, self.forces) = (options.noise_factor, options.forces);
         options.noise_factor *= self.state.settings.least() * TrackOptions::default().release_fraction;
-        self.detector = Detector::new(options);
-        let Phase::Reading(reading) = &self.state.phase else { return Ok(()) };
-        let heard = |frame: &Vec<f64>| {
-            let values = frame.iter().zip(&self.silent).map(|(value, silent)| if *silent { 0.0 } else { *value });
-            Frame(values.collect())
+        let detector = Detector::new(options);
+        self.detector = match &self.noise {
+            Some(noise) => detector.with_noise(noise.clone()),
+            None => detector,
         };
-        let untouched: Vec<Frame> = reading.untouched.iter().map(heard).collect();
-        if let Some(noise) = image_noise(self.method.method.as_ref(), &untouched)? {
-            self.detector = std::mem::take(&mut self.detector).with_noise(noise);
-        }
+    }
+
+    /// Measures the noise of the method's images anew: slow, as it makes an image of every frame of the tare.
+    fn measure_noise(&mut self) -> Result<(), LiveError> {
+        self.noise = noise_of(&self.method, self.state.phase.untouched(), &self.state.made_without)?;
+        self.prepare();
         Ok(())
     }
 
@@ -253,8 +265,12 @@ impl Processor {
     pub fn process(&mut self, incoming: Incoming) -> Result<LiveFrame, LiveError> {
         let begun = *self.state.begun.get_or_insert(incoming.measured_at);
         let time_s = incoming.measured_at.seconds_since(begun);
-        let step_s = self.state.last.map_or(0.0, |last| incoming.measured_at.seconds_since(last).max(0.0));
+        let mut step_s = self.state.last.map_or(0.0, |last| incoming.measured_at.seconds_since(last).max(0.0));
         self.state.last = Some(incoming.measured_at);
+        if step_s > GAP_S {
+            self.state.after_gap(&incoming.measures);
+            step_s = 0.0;
+        }
         self.state.frames += 1;
         let (touched, contacts) = match &mut self.state.phase {
             Phase::Taring { frames } => {
@@ -290,18 +306,34 @@ impl Processor {
         let statistics = Statistics::of(values.iter().copied());
         let watch = Watch::new(&self.wiring, &frames, &statistics);
         self.silent = silent(&self.wiring, watch.bad());
-        let surface = self.skin.pixels.surface;
         self.state.phase = Phase::Reading(Box::new(Reading {
             untouched: values.iter().map(|values| difference(values, &statistics.mean)).collect(),
             alarm: Alarm::of(&values, &self.silent),
             baseline: Baseline::new(statistics.mean),
             watch,
-            tracker: Tracker::new(surface, TrackOptions::default()),
             quiet_since_s: None,
             puzzled_since_s: None,
         }));
         self.notices.push(Notice { level: Level::Info, text: format!("tared on {} frames", frames.len()), at });
-        self.prepare()
+        self.warn_of_the_tare(at);
+        self.measure_noise()
+    }
+
+    /// Tells of what a tare found wrong.
+    fn warn_of_the_tare(&mut self, at: Moment) {
+        let Phase::Reading(reading) = &self.state.phase else { return };
+        let mut warn = |text: String| self.notices.push(Notice { level: Level::Warning, text, at });
+        for electrode in reading.watch.bad() {
+            warn(format!(
+                "electrode {electrode} carries hardly any current: its readings are left out; see its wire and contact, then tare"
+            ));
+        }
+        if let Some(times) = reading.watch.reciprocity(&self.wiring).filter(|times| *times > FOREIGN) {
+            warn(format!(
+                "channels that should read the same differ by {times:.0} times their noise: wires in the wrong places, or a scan \
+                 table of another skin"
+            ));
+        }
     }
 
     /// Contacts in a frame.
@@ -327,24 +359,24 @@ impl Processor {
         self.method.method.reconstruct_into(&difference, &mut self.image.values)?;
         let (settings, forces) = (&self.state.settings, self.forces);
         let sightings = sightings(&self.detector, &self.image, self.noise_factor, settings, alarm);
-        let tracked = reading.tracker.update(&sightings, time_s).to_vec();
+        let tracked = self.state.tracker.update(&sightings, time_s).to_vec();
         let contacts: Vec<LiveContact> =
             tracked.iter().map(|tracked| live(tracked, &self.image, settings, forces, self.state.begun)).collect();
         let places: Vec<Point3> = tracked.iter().map(|tracked| tracked.contact.position_m).collect();
         let touch = Touch { frame_ohm: &measures.values_ohm, places: &places, time_s, step_s };
         let untouched = reading.follow(&self.skin.pixels.surface, &mut self.fitter, alarm, &deaf, touch);
-        let about = Untouched { untouched, difference: &difference, silent: &deaf, step_s };
+        let about = Untouched { untouched, silent: &deaf, step_s };
         reading.watch.noise(&self.wiring, measures, about);
-        self.take_changes(&changes, at)?;
+        self.take_changes(&changes, at);
         Ok((alarm || !contacts.is_empty(), contacts))
     }
 
     /// Leaves the channels of bad electrodes out, takes those of mended ones in.
-    fn take_changes(&mut self, changes: &[Change], at: Moment) -> Result<(), LiveError> {
+    fn take_changes(&mut self, changes: &[Change], at: Moment) {
         if changes.is_empty() {
-            return Ok(());
+            return;
         }
-        let Phase::Reading(reading) = &self.state.phase else { return Ok(()) };
+        let Phase::Reading(reading) = &self.state.phase else { return };
         self.silent = silent(&self.wiring, reading.watch.bad());
         for Change { electrode, state } in changes {
             let (level, what) = match state {
@@ -356,7 +388,6 @@ impl Processor {
             };
             self.notices.push(Notice { level, text: format!("electrode {electrode} {what}"), at });
         }
-        self.prepare()
     }
 
     fn look_at_health(&mut self, incoming: &Incoming) {
@@ -377,6 +408,16 @@ impl Processor {
             health.reciprocity = reading.watch.reciprocity(&self.wiring);
         }
         self.health = Arc::new(health);
+    }
+}
+
+impl Phase {
+    /// The tare's frames less their mean, ohm.
+    fn untouched(&self) -> &[Vec<f64>] {
+        match self {
+            Phase::Taring { .. } => &[],
+            Phase::Reading(reading) => &reading.untouched,
+        }
     }
 }
 
@@ -429,14 +470,16 @@ fn numbers(marked: &[bool]) -> Vec<usize> {
 pub struct Rebuilding {
     skin: Arc<LiveSkin>,
     name: String,
-    silent: Vec<bool>,
+    without: Vec<usize>,
+    untouched: Vec<Vec<f64>>,
 }
 
-/// A method made without some channels.
+/// A method made without some channels, and the noise of its images.
 #[derive(Debug, Clone)]
 pub struct Rebuilt {
     method: NamedMethod,
-    silent: Vec<bool>,
+    without: Vec<usize>,
+    noise: Option<ImageNoise>,
 }
 
 impl Rebuilding {
@@ -445,12 +488,35 @@ impl Rebuilding {
     /// # Errors
     /// Too few channels left.
     pub fn run(self) -> Result<Rebuilt, LiveError> {
-        let method = self.skin.without(&self.name, &numbers(&self.silent))?;
-        Ok(Rebuilt { method, silent: self.silent })
+        let Rebuilding { skin, name, without, untouched } = self;
+        let method = skin.without(&name, &without)?;
+        let noise = noise_of(&method, &untouched, &without)?;
+        Ok(Rebuilt { method, without, noise })
     }
 }
 
+/// The noise of a method's images, from untouched frames of which some channels are left out.
+fn noise_of(method: &NamedMethod, untouched: &[Vec<f64>], without: &[usize]) -> Result<Option<ImageNoise>, LiveError> {
+    let heard = |frame: &Vec<f64>| {
+        let mut frame = frame.clone();
+        without.iter().for_each(|&channel| frame[channel] = 0.0);
+        Frame(frame)
+    };
+    let untouched: Vec<Frame> = untouched.iter().map(heard).collect();
+    Ok(image_noise(method.method.as_ref(), &untouched)?)
+}
+
 impl State {
+    /// Goes on after a while without frames: with the baseline as it was, and nobody's contacts.
+    fn after_gap(&mut self, measures: &Measures) {
+        self.tracker.clear();
+        if let Phase::Reading(reading) = &mut self.phase {
+            reading.watch.forget_last(measures);
+            reading.quiet_since_s = None;
+            reading.puzzled_since_s = None;
+        }
+    }
+
     /// Refuses a state of another skin.
     fn check(&self, channel_count: usize) -> Result<(), LiveError> {
         let fits = match &self.phase {

@@ -35,11 +35,16 @@ pub const TARE: u64 = 100;
 impl Bench {
     /// A twin touched by a script, tared.
     pub fn new(twin: TwinOptions, seed: u64, touches: Vec<Stroke>, settings: Settings) -> Self {
+        Self::faulty(twin, seed, touches, settings, &[])
+    }
+
+    /// The same of a device on which something goes wrong.
+    pub fn faulty(twin: TwinOptions, seed: u64, touches: Vec<Stroke>, settings: Settings, faults: &[&str]) -> Self {
         let design = SkinDesign::shipped("cylinder30").unwrap();
         let rate_hz = twin.electronics.frame_rate_hz;
         let script = Script { repeat_s: None, touches };
-        let options =
-            EmulatorOptions { twin, seed, script, faults: Vec::new(), speed: 1.0, prerendered: 0, unpaced: true };
+        let faults = faults.iter().map(|fault| fault.parse().unwrap()).collect();
+        let options = EmulatorOptions { twin, seed, script, faults, speed: 1.0, prerendered: 0, unpaced: true };
         let emulator = Emulator::new(&design, options).unwrap();
         let processor = Processor::new(skin(), settings).unwrap();
         let mut decoder = Decoder::new(vec![0; 1 << 16]);

@@ -52,8 +52,9 @@ fn survives(count: u64) {
         let [a, b] =
             [&found, &expected].map(|frame| frame.contacts.iter().map(|contact| contact.id).collect::<Vec<u64>>());
         if a != b {
-            // A contact counts from its second frame: one that was lost puts that off by as much.
-            assert!(since <= 2, "frame {index}: contacts {a:?} in place of {b:?}, {since} frames after a lost one");
+            // A contact counts from its second frame and ends 50 ms after its last one: where one of these was lost it begins
+            // or ends one frame sooner or later.
+            assert!(since <= 8, "frame {index}: contacts {a:?} in place of {b:?}, {since} frames after a lost one");
             late += 1;
             continue;
         }
@@ -67,7 +68,7 @@ fn survives(count: u64) {
     let counts = harmed.stream.counts();
     println!(
         "{count} frames, {} lost, {} doubled, {} stretches of other bytes: of {contacts} contacts of the others {moved} lie farther \
-         than 0.01 mm from where they would, {:.2} mm at most; in {late} frames one had yet to count",
+         than 0.01 mm from where they would, {:.2} mm at most; in {late} frames one began or ended a frame sooner or later",
         done.lost,
         done.repeated,
         harmed.damaged,
