@@ -57,6 +57,23 @@ impl Baseline {
         Baseline { values_ohm, hold: None }
     }
 
+    /// Whether it is one of so many channels and drifts.
+    pub fn fits(&self, channel_count: usize, drift_count: usize) -> bool {
+        let is_frame = |values: &Vec<f64>| values.len() == channel_count;
+        is_frame(&self.values_ohm)
+            && self.hold.as_ref().is_none_or(|hold| {
+                let Hold { begun_ohm, silent, fit, reference, now, .. } = hold;
+                let is_fit = |fit: &Matrix| {
+                    [fit.rows, fit.columns] == [channel_count, drift_count]
+                        && fit.values.len() == channel_count * drift_count
+                };
+                is_frame(begun_ohm)
+                    && silent.as_ref().is_none_or(|silent| silent.len() == channel_count)
+                    && fit.as_ref().is_none_or(is_fit)
+                    && [reference, now].iter().all(|drifts| drifts.len() == drift_count)
+            })
+    }
+
     /// It, ohm.
     pub fn values_ohm(&self) -> &[f64] {
         &self.values_ohm

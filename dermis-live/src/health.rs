@@ -49,6 +49,7 @@ pub struct Wiring {
     contacts_ohm: Vec<f64>,
     part: f64,
     channel_count: usize,
+    drive_count: usize,
 }
 
 impl Wiring {
@@ -80,7 +81,13 @@ impl Wiring {
                 TouchEffect::ConductanceFalls => PART_FALLS,
             },
             channel_count: protocol.channel_count(),
+            drive_count: drives.len(),
         }
+    }
+
+    /// Values of a frame.
+    pub fn channel_count(&self) -> usize {
+        self.channel_count
     }
 }
 
@@ -180,6 +187,15 @@ impl Watch {
             (sum + (values_ohm[a] - values_ohm[b]).powi(2) / variance, count + 1.0)
         });
         (count > 0.0).then(|| sum / count)
+    }
+
+    /// Whether it is that of a skin.
+    pub fn fits(&self, wiring: &Wiring) -> bool {
+        let Watch { loops_ohm, loop_noise_ohm, tare_variance, variance, noise_ohm, last_ohm, electrodes, .. } = self;
+        let channels = [tare_variance, variance, noise_ohm, last_ohm];
+        channels.iter().all(|values| values.len() == wiring.channel_count)
+            && [loops_ohm, loop_noise_ohm].iter().all(|values| values.len() == wiring.drive_count)
+            && electrodes.len() == wiring.drives.len()
     }
 
     /// Standard deviation of the noise of each channel at the tare, ohm.

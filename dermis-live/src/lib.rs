@@ -16,6 +16,7 @@ mod mailbox;
 mod meter;
 mod moment;
 mod processor;
+mod rebuild;
 pub mod record;
 pub mod replay;
 mod report;
@@ -25,6 +26,7 @@ pub mod server;
 mod settings;
 pub mod sink;
 mod skin;
+mod state;
 mod untouched;
 
 pub use control::{Control, Guest, Request, Tapes};
@@ -33,11 +35,13 @@ pub use live::{Event, Live, LiveOptions, Shared};
 pub use mailbox::{Mailbox, Taken};
 pub use meter::{Measures, Meter};
 pub use moment::Moment;
-pub use processor::{Incoming, Processor, Rebuilding, Rebuilt, State};
+pub use processor::{Incoming, Processor};
+pub use rebuild::{Rebuilding, Rebuilt};
 pub use report::{Counts, ElectrodeHealth, ElectrodeState, Health, Level, LiveContact, LiveFrame, Notice, quantiles};
 pub use scan::{Role, ScanTable, TooLarge};
 pub use settings::{Command, Settings, Zone};
 pub use skin::{LiveSkin, NamedMethod};
+pub use state::State;
 
 #[cfg(test)]
 extern crate self as dermis_live;

@@ -5,23 +5,22 @@
 
 use crate::LiveError;
 use crate::alarm::{Alarm, statistic};
-use crate::baseline::{Baseline, Noise, Touch};
+use crate::baseline::{Baseline, Touch};
 use crate::drift::Fitter;
 use crate::health::{Change, Untouched, Watch, Wiring, silent};
 use crate::meter::Measures;
 use crate::moment::Moment;
+use crate::rebuild::{Rebuilding, Rebuilt, noise_of};
 use crate::report::{Counts, ElectrodeState, Health, Level, LiveContact, LiveFrame, Notice};
 use crate::settings::{Command, Settings};
 use crate::skin::{LiveSkin, NamedMethod};
+use crate::state::{Phase, Reading, State};
 use crate::untouched::{Statistics, difference};
 use dermis::contact::Contact;
 use dermis::detect::{Circumstances, Detector, Forces, ImageNoise};
-use dermis::frame::Frame;
-use dermis::geom::{Point3, Surface};
+use dermis::geom::Point3;
 use dermis::image::Image;
-use dermis::reconstruct::image_noise;
 use dermis::track::{Sighting, TrackOptions, Tracked, Tracker};
-use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// One frame as it came in.
@@ -64,47 +63,8 @@ pub struct Processor {
     notices: Vec<Notice>,
 }
 
-/// All that a processor remembers, as recordings and restarts keep it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct State {
-    /// What may be changed.
-    pub settings: Settings,
-    phase: Phase,
-    /// When the first frame came: the zero of its clock.
-    begun: Option<Moment>,
-    last: Option<Moment>,
-    frames: u64,
-    /// Channels that the method was made without.
-    made_without: Vec<usize>,
-    tracker: Tracker,
-}
-
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-enum Phase {
-    /// The untouched frame is being taken.
-    Taring { frames: Vec<Measures> },
-    /// Contacts are found.
-    Reading(Box<Reading>),
-}
-
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Reading {
-    baseline: Baseline,
-    watch: Watch,
-    alarm: Alarm,
-    /// The tare's frames less their mean, ohm.
-    untouched: Vec<Vec<f64>>,
-    /// Since when nothing touches, and since when something is felt that is no contact; s.
-    quiet_since_s: Option<f64>,
-    puzzled_since_s: Option<f64>,
-}
-
 /// A signal that lets a contact go on but none begin.
 const NOT_TO_BEGIN: f64 = 0.99;
-/// Nothing must have touched for so long before the baseline follows, s.
-const QUIET_S: f64 = 0.5;
-/// What is felt for so long without a contact is no touch but a skin that has changed, s.
-const PUZZLED_S: f64 = 5.0;
 /// What happened between frames that lie farther apart than this is not known, s: a device that was away, a program that was.
 const GAP_S: f64 = 2.0;
 /// Reciprocal channels that differ by so many times their noise are not those of the skin.
@@ -131,11 +91,12 @@ impl Processor {
     pub fn resume(skin: Arc<LiveSkin>, state: State) -> Result<Self, LiveError> {
         state.settings.check()?;
         let channel_count = skin.design.protocol.channel_count();
-        state.check(channel_count)?;
+        let (fitter, wiring) = (Fitter::new(Arc::clone(&skin)), Wiring::of(&skin));
+        state.check(&wiring, fitter.drifts().modes.rows)?;
         let method = skin.without(&skin.by_name(&state.settings.method)?.name, &state.made_without)?;
         let mut processor = Processor {
-            fitter: Fitter::new(Arc::clone(&skin)),
-            wiring: Wiring::of(&skin),
+            fitter,
+            wiring,
             silent: vec![false; channel_count],
             detector: Detector::default(),
             noise: None,
@@ -411,42 +372,6 @@ impl Processor {
     }
 }
 
-impl Phase {
-    /// The tare's frames less their mean, ohm.
-    fn untouched(&self) -> &[Vec<f64>] {
-        match self {
-            Phase::Taring { .. } => &[],
-            Phase::Reading(reading) => &reading.untouched,
-        }
-    }
-}
-
-impl Reading {
-    /// Has the baseline follow what drifts; whether nothing has touched for a while.
-    fn follow(
-        &mut self,
-        surface: &Surface,
-        fitter: &mut Fitter,
-        alarm: bool,
-        silent: &[bool],
-        touch: Touch<'_>,
-    ) -> bool {
-        let since = |holds: bool, since_s: Option<f64>| holds.then(|| since_s.unwrap_or(touch.time_s));
-        let for_s = |since_s: Option<f64>| since_s.map_or(0.0, |since_s| touch.time_s - since_s);
-        let felt = !touch.places.is_empty();
-        self.quiet_since_s = since(!alarm && !felt, self.quiet_since_s);
-        self.puzzled_since_s = since(alarm && !felt, self.puzzled_since_s);
-        let quiet = for_s(self.quiet_since_s) >= QUIET_S;
-        if quiet || for_s(self.puzzled_since_s) >= PUZZLED_S {
-            self.baseline.follow(touch.frame_ohm, touch.step_s);
-        } else if felt {
-            let noise = Noise { sd_ohm: self.watch.noise_ohm(), silent };
-            self.baseline.hold(surface, fitter, noise, touch);
-        }
-        quiet
-    }
-}
-
 /// What an image shows, each with its signal over what it takes to begin where it lies. Where the voltages say that nothing
 /// touches, a contact may go on but none begins.
 fn sightings(detector: &Detector, image: &Image, noise_factor: f64, settings: &Settings, alarm: bool) -> Vec<Sighting> {
@@ -463,76 +388,6 @@ fn sightings(detector: &Detector, image: &Image, noise_factor: f64, settings: &S
 /// Which of a list are marked.
 fn numbers(marked: &[bool]) -> Vec<usize> {
     (0..marked.len()).filter(|&index| marked[index]).collect()
-}
-
-/// A method to be made without some channels, on any thread.
-#[derive(Debug, Clone)]
-pub struct Rebuilding {
-    skin: Arc<LiveSkin>,
-    name: String,
-    without: Vec<usize>,
-    untouched: Vec<Vec<f64>>,
-}
-
-/// A method made without some channels, and the noise of its images.
-#[derive(Debug, Clone)]
-pub struct Rebuilt {
-    method: NamedMethod,
-    without: Vec<usize>,
-    noise: Option<ImageNoise>,
-}
-
-impl Rebuilding {
-    /// Makes it.
-    ///
-    /// # Errors
-    /// Too few channels left.
-    pub fn run(self) -> Result<Rebuilt, LiveError> {
-        let Rebuilding { skin, name, without, untouched } = self;
-        let method = skin.without(&name, &without)?;
-        let noise = noise_of(&method, &untouched, &without)?;
-        Ok(Rebuilt { method, without, noise })
-    }
-}
-
-/// The noise of a method's images, from untouched frames of which some channels are left out.
-fn noise_of(method: &NamedMethod, untouched: &[Vec<f64>], without: &[usize]) -> Result<Option<ImageNoise>, LiveError> {
-    let heard = |frame: &Vec<f64>| {
-        let mut frame = frame.clone();
-        without.iter().for_each(|&channel| frame[channel] = 0.0);
-        Frame(frame)
-    };
-    let untouched: Vec<Frame> = untouched.iter().map(heard).collect();
-    Ok(image_noise(method.method.as_ref(), &untouched)?)
-}
-
-impl State {
-    /// Goes on after a while without frames: with the baseline as it was, and nobody's contacts.
-    fn after_gap(&mut self, measures: &Measures) {
-        self.tracker.clear();
-        if let Phase::Reading(reading) = &mut self.phase {
-            reading.watch.forget_last(measures);
-            reading.quiet_since_s = None;
-            reading.puzzled_since_s = None;
-        }
-    }
-
-    /// Refuses a state of another skin.
-    fn check(&self, channel_count: usize) -> Result<(), LiveError> {
-        let fits = match &self.phase {
-            Phase::Taring { frames } => frames.iter().all(|frame| frame.values_ohm.len() == channel_count),
-            Phase::Reading(reading) => {
-                reading.baseline.values_ohm().len() == channel_count
-                    && reading.untouched.iter().all(|frame| frame.len() == channel_count)
-            }
-        };
-        if fits && self.made_without.iter().all(|&channel| channel < channel_count) {
-            return Ok(());
-        }
-        Err(LiveError::Given(format!(
-            "the kept state is of another skin than this one of {channel_count} channels: tare anew"
-        )))
-    }
 }
 
 /// A contact as sinks are told of it.

@@ -34,10 +34,39 @@ fn a_program_that_was_away_goes_on_with_the_old_baseline() {
     let kept = serde_json::to_string(bench.processor.state()).unwrap();
     let state: State = serde_json::from_str(&kept).unwrap();
     assert_eq!(&state, bench.processor.state());
+    // A state that does not fit the skin is refused, wherever it was harmed.
+    for part in ["values_ohm", "loops_ohm", "last_ohm", "electrodes", "untouched"] {
+        let mut harmed: serde_json::Value = serde_json::from_str(&kept).unwrap();
+        shorten(&mut harmed, part);
+        let state: State = serde_json::from_value(harmed).unwrap();
+        let told = Processor::resume(skin(), state).unwrap_err().to_string();
+        assert!(told.contains("tare anew"), "{part}: {told}");
+    }
     bench.processor = Processor::resume(skin(), state).unwrap();
     bench.next += 10 * 120;
     assert!(until(&mut bench, 16.0).iter().all(|frame| !frame.touched && frame.contacts.is_empty()));
     assert_eq!(until(&mut bench, 16.8).last().unwrap().contacts.len(), 1);
+}
+
+/// Takes the last one off every list of a name, or off the lists in it.
+fn shorten(value: &mut serde_json::Value, name: &str) {
+    match value {
+        serde_json::Value::Object(members) => {
+            for (key, member) in members {
+                match member {
+                    serde_json::Value::Array(list) if key == name => {
+                        match list.last_mut().and_then(serde_json::Value::as_array_mut) {
+                            Some(last) => drop(last.pop()),
+                            None => drop(list.pop()),
+                        }
+                    }
+                    _ => shorten(member, name),
+                }
+            }
+        }
+        serde_json::Value::Array(list) => list.iter_mut().for_each(|member| shorten(member, name)),
+        _ => {}
+    }
 }
 
 #[test]
