@@ -89,7 +89,7 @@ impl Processor {
     /// # Errors
     /// A method that there is not, settings out of their ranges, a state of another skin.
     pub fn resume(skin: Arc<LiveSkin>, state: State) -> Result<Self, LiveError> {
-        state.settings.check()?;
+        state.settings.check(&skin.pixels)?;
         let channel_count = skin.design.protocol.channel_count();
         let (fitter, wiring) = (Fitter::new(Arc::clone(&skin)), Wiring::of(&skin));
         state.check(&wiring, fitter.drifts().modes.rows)?;
@@ -194,7 +194,7 @@ impl Processor {
     }
 
     fn set(&mut self, settings: Settings) -> Result<(), LiveError> {
-        settings.check()?;
+        settings.check(&self.skin.pixels)?;
         self.state.settings = settings;
         self.prepare();
         Ok(())
@@ -416,6 +416,7 @@ fn live(
         force_sd_n: forces.map(|forces| forces.relative_sd * contact.force_n),
         sd_m: contact.sd_m,
         confidence: contact.confidence,
+        seen: tracked.seen,
         since: begun.unwrap_or_default().after(since),
         zone: settings.zone_at(contact.position_m).map(|zone| zone.name.clone()),
     }

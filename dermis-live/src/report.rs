@@ -58,6 +58,9 @@ pub struct LiveContact {
     pub sd_m: f64,
     /// Probability that something touches within 20 mm.
     pub confidence: f64,
+    /// Whether the image shows it on its own. A contact that is hidden by another one or missing for a moment is where it is
+    /// expected, with the strength and force that were last seen.
+    pub seen: bool,
     /// When it began.
     pub since: Moment,
     /// The zone that it lies in, where zones are named.

@@ -2,6 +2,8 @@
 
 use crate::LiveError;
 use dermis::geom::Point3;
+use dermis::geom::vector::distance;
+use dermis::image::PixelSpace;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -40,11 +42,11 @@ pub struct Zone {
 }
 
 impl Settings {
-    /// What is wrong with them.
+    /// What is wrong with them on a skin of some pixels.
     ///
     /// # Errors
     /// The setting and its value.
-    pub fn check(&self) -> Result<(), LiveError> {
+    pub fn check(&self, pixels: &PixelSpace) -> Result<(), LiveError> {
         let possible = |value: f64| value > 0.0 && value <= 1e6;
         if !possible(self.threshold) {
             return Err(LiveError::Given(format!(
@@ -62,13 +64,25 @@ impl Settings {
                 let must = "its centre must be finite, its radius positive, its threshold above 0 and at most 1e6";
                 return Err(LiveError::Given(format!("zone `{name}`: {must}")));
             }
+            if !pixels.centres_m.iter().any(|&place| distance(*centre_m, place) <= *radius_m) {
+                let least =
+                    |axis: usize| pixels.centres_m.iter().map(|place| place[axis]).fold(f64::INFINITY, f64::min);
+                let most =
+                    |axis: usize| pixels.centres_m.iter().map(|place| place[axis]).fold(f64::NEG_INFINITY, f64::max);
+                let box_m: Vec<String> =
+                    (0..3).map(|axis| format!("{:.3} to {:.3}", least(axis), most(axis))).collect();
+                return Err(LiveError::Given(format!(
+                    "zone `{name}` holds nothing of the skin, whose pixels lie from {} m in x, y and z: lengths are in metres",
+                    box_m.join(", ")
+                )));
+            }
         }
         Ok(())
     }
 
     /// The zone that a place lies in: the first one that holds it.
     pub fn zone_at(&self, place: Point3) -> Option<&Zone> {
-        self.zones.iter().find(|zone| dermis::geom::vector::distance(zone.centre_m, place) <= zone.radius_m)
+        self.zones.iter().find(|zone| distance(zone.centre_m, place) <= zone.radius_m)
     }
 
     /// What a contact's signal must exceed at a place, times the method's own.

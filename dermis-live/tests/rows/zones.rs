@@ -67,6 +67,7 @@ fn a_threshold_or_zone_out_of_range_is_refused_and_changes_nothing() {
         (Command::Zones { zones: vec![radius] }, "zone `palm`"),
         (Command::Zones { zones: vec![centre] }, "zone `palm`"),
         (Command::Zones { zones: vec![zone(f64::INFINITY)] }, "zone `palm`"),
+        (Command::Zones { zones: vec![Zone { centre_m: [0.0, 0.0, 5.0], ..zone(1.0) }] }, "lengths are in metres"),
         (Command::Method { name: "nose".into() }, "nose"),
     ] {
         let told = bench.processor.command(&command).unwrap_err().to_string();

@@ -69,6 +69,7 @@ impl Skin {
             force_sd_n: (id == 7).then_some(0.25),
             sd_m: 0.002,
             confidence: 0.95,
+            seen: true,
             since: BEGINNING,
             zone: None,
         }
