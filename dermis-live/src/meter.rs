@@ -19,6 +19,8 @@ pub struct Meter {
     source_v: f64,
     full_scale: i64,
     reading_bytes: u8,
+    /// The design takes the instrument for one that loses signs, as its linear models and networks do.
+    amplitude_only: bool,
 }
 
 /// What a frame's readings say.
@@ -47,6 +49,7 @@ impl Meter {
             source_v: f64::from(hello.source_v),
             full_scale: i64::from(hello.full_scale),
             reading_bytes: hello.reading_bytes,
+            amplitude_only: protocol.amplitude_only(),
         }
     }
 
@@ -56,7 +59,8 @@ impl Meter {
     }
 
     /// The readings of a frame as ohm. A current of zero counts as the least that the converter tells from it, so that the
-    /// values of a drive through a torn wire are large but finite.
+    /// values of a drive through a torn wire are large but finite. Of a protocol of amplitudes the values have no sign, whether or
+    /// not the device sends one.
     ///
     /// # Panics
     /// Where there is not a reading for each slot.
@@ -90,6 +94,9 @@ impl Meter {
             *value /= currents_a[drive];
             if saturated[drive] {
                 measures.saturated.push(channel);
+            }
+            if self.amplitude_only {
+                *value = value.abs();
             }
         }
         measures.saturated.sort_unstable();

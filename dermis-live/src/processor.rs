@@ -79,7 +79,8 @@ impl Processor {
     /// A method that there is not, settings out of their ranges.
     pub fn new(skin: Arc<LiveSkin>, settings: Settings) -> Result<Self, LiveError> {
         let phase = Phase::Taring { frames: Vec::new() };
-        let tracker = Tracker::new(skin.pixels.surface, TrackOptions::default());
+        let options = TrackOptions::for_skin(&skin.pixels, skin.design.electrodes.len());
+        let tracker = Tracker::on(&skin.pixels, options);
         let state = State { settings, phase, begun: None, last: None, frames: 0, made_without: Vec::new(), tracker };
         Self::resume(skin, state)
     }

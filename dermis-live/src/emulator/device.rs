@@ -52,6 +52,8 @@ pub struct Emulator {
     /// Faults of the skin that have happened.
     happened: Mutex<usize>,
     stopped: AtomicBool,
+    /// Whether it was said that the twin is too slow.
+    said_slow: AtomicBool,
 }
 
 impl std::fmt::Debug for Emulator {
@@ -66,11 +68,12 @@ const IDEAL_BITS: u32 = 32;
 const IDEAL_RANGE_V: f64 = 10.0;
 
 impl Emulator {
-    /// Powers a device up.
+    /// Powers a device up. Its twin is [made of](TwinOptions::made_of) the design.
     ///
     /// # Errors
     /// A twin that does not fit the design, a fault of an electrode that there is not.
     pub fn new(design: &SkinDesign, options: EmulatorOptions) -> Result<Arc<Self>, LiveError> {
+        let options = EmulatorOptions { twin: options.twin.made_of(design), ..options };
         let twin = Twin::new(design, &options.twin, options.seed)?;
         if !(options.speed > 0.0 && options.speed.is_finite()) {
             return Err(LiveError::Given(format!("the speed is {}: it must be positive", options.speed)));
@@ -101,6 +104,7 @@ impl Emulator {
             next: Mutex::new(0),
             happened: Mutex::new(0),
             stopped: AtomicBool::new(false),
+            said_slow: AtomicBool::new(false),
             design: design.clone(),
             options,
         };
@@ -159,6 +163,18 @@ impl Emulator {
 
     pub(super) fn set_next_index(&self, index: u64) {
         *lock(&self.next) = index;
+    }
+
+    /// Frames had to be left out: says so on standard error, once.
+    pub(super) fn is_slow(&self, rate_hz: f64) {
+        if !self.said_slow.swap(true, Ordering::Relaxed) {
+            eprintln!(
+                "the emulated device leaves frames out: its twin `{}` takes longer than the {:.1} ms that a frame has here; \
+                 --speed 0.25 slows the device down, --prerender 480 makes the first 480 frames beforehand",
+                self.options.twin.name,
+                1e3 / rate_hz / self.options.speed,
+            );
+        }
     }
 
     /// The highest count.

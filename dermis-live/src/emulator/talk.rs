@@ -211,6 +211,7 @@ impl<'a> Talk<'a> {
                     let skipped = (due.elapsed().as_secs_f64() / frame_s) as u64;
                     self.dropped = self.dropped.wrapping_add(skipped as u32);
                     emulator.set_next_index(index + skipped);
+                    emulator.is_slow(f64::from(self.rate_mhz) * 1e-3);
                     flags = FrameFlags::OVERRUN;
                 }
                 None => {}

@@ -5,7 +5,12 @@
 //! [`TrackOptions::birth_frames`] times running above the threshold, and until it has been away for
 //! [`TrackOptions::absence_s`] below a lower one. Two contacts too near to be told apart become one in the image: then
 //! both tracks go on, each along its own line as far as their middle says, until they part again.
+//!
+//! A contact that is not seen goes on along its way, but on the body, and no faster than brings it out of its
+//! [gate](TrackOptions::gate_m) while it is missed; its confidence falls in a straight line to zero at the time at which
+//! it is given up.
 
+mod extent;
 mod motion;
 #[cfg(test)]
 mod tests;
@@ -14,7 +19,9 @@ mod together;
 use crate::contact::Contact;
 use crate::geom::vector::distance;
 use crate::geom::{Point3, Surface};
+use crate::image::PixelSpace;
 use crate::linalg::smallest_total;
+use extent::Extent;
 use motion::{Motion, STEADY, SUDDEN};
 use serde::{Deserialize, Serialize};
 use together::Merged;
@@ -57,6 +64,23 @@ impl Default for TrackOptions {
     }
 }
 
+/// No gate is narrower, m: a fast stroke of 1 m/s moves as far in a frame at 120 a second, whatever the skin.
+const LEAST_GATE_M: f64 = 0.008;
+
+impl TrackOptions {
+    /// The options for a skin, told by its pixels and the number of its electrodes; for the paper's skin the default ones.
+    ///
+    /// Errors of images and the separation that they resolve go with the distance between electrodes. Spread evenly over
+    /// the body's area `A` in a triangular grid, `n` electrodes are `sqrt(2 A / (sqrt(3) n))` apart: that, in whole
+    /// millimetres, is [`merge_m`](Self::merge_m), and half of it [`gate_m`](Self::gate_m).
+    pub fn for_skin(pixels: &PixelSpace, electrode_count: usize) -> Self {
+        let area_m2 = pixels.areas.iter().sum::<f64>();
+        let apart_m = (2.0 * area_m2 / (3f64.sqrt() * electrode_count.max(1) as f64)).sqrt();
+        let merge_m = ((1e3 * apart_m).round() / 1e3).max(2.0 * LEAST_GATE_M);
+        TrackOptions { merge_m, gate_m: 0.5 * merge_m, ..Self::default() }
+    }
+}
+
 /// A contact found in a frame, and how far it stands out.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sighting {
@@ -84,6 +108,7 @@ pub struct Tracked {
 pub struct Tracker {
     options: TrackOptions,
     surface: Surface,
+    extent: Extent,
     tracks: Vec<Track>,
     next_id: u64,
     last_s: Option<f64>,
@@ -108,9 +133,18 @@ struct Track {
 }
 
 impl Tracker {
-    /// A tracker of contacts on a surface.
+    /// A tracker of contacts on a surface, which is taken to have no edges but a cylinder's rims.
     pub fn new(surface: Surface, options: TrackOptions) -> Self {
-        Tracker { options, surface, tracks: Vec::new(), next_id: 1, last_s: None, tracked: Vec::new() }
+        Self::within(surface, Extent::of_surface(surface), options)
+    }
+
+    /// A tracker of contacts on the body that some pixels cover.
+    pub fn on(pixels: &PixelSpace, options: TrackOptions) -> Self {
+        Self::within(pixels.surface, Extent::of_pixels(pixels), options)
+    }
+
+    fn within(surface: Surface, extent: Extent, options: TrackOptions) -> Self {
+        Tracker { options, surface, extent, tracks: Vec::new(), next_id: 1, last_s: None, tracked: Vec::new() }
     }
 
     /// Takes the contacts of the next frame in and gives those that count, the oldest first.
@@ -127,6 +161,7 @@ impl Tracker {
         let hidden = self.hidden(&sightings, &owner, time_s);
         self.correct(&sightings, &owner, &hidden, time_s);
         self.end(time_s);
+        self.hold_unseen(time_s);
         self.begin(&sightings, &owner, time_s);
         self.tell(time_s)
     }
@@ -214,6 +249,30 @@ impl Tracker {
         }
     }
 
+    /// Keeps what is not seen on the body, and what is missed near where it was last seen.
+    fn hold_unseen(&mut self, time_s: f64) {
+        let most_m_s = self.options.gate_m / self.options.absence_s;
+        for track in &mut self.tracks {
+            if track.last_seen_s < time_s {
+                let reach_m = most_m_s * (time_s - track.last_seen_s);
+                track.motion.keep_within(&self.surface, track.contact.position_m, reach_m);
+                track.motion.slow_to(most_m_s);
+            }
+            if track.last_seen_s < time_s || track.merged.is_some() {
+                track.motion.position_m = self.extent.nearest(track.motion.position_m);
+            }
+        }
+    }
+
+    /// What is left of the confidence of a contact that is not seen on its own: less and less, none when it is given up.
+    fn left_of_confidence(&self, track: &Track, time_s: f64) -> f64 {
+        let (unseen_s, most_s) = match &track.merged {
+            Some(merged) => (time_s - merged.since_s, self.options.merge_s),
+            None => (time_s - track.last_seen_s, self.options.absence_s),
+        };
+        if unseen_s > 0.0 { (1.0 - unseen_s / most_s).max(0.0) } else { 1.0 }
+    }
+
     /// Ends what has been away too long, and what never counted and did not come.
     fn end(&mut self, time_s: f64) {
         let options = self.options;
@@ -262,6 +321,7 @@ impl Tracker {
             let mut contact = Contact { id, ..track.contact };
             if !seen {
                 contact.position_m = track.motion.position_m;
+                contact.confidence *= self.left_of_confidence(track, time_s);
                 contact.normal = self.surface.normal(contact.position_m).unwrap_or(contact.normal);
                 // It is somewhere between what was last seen of it and where it is expected.
                 contact.sd_m = contact.sd_m.hypot(distance(track.contact.position_m, contact.position_m));

@@ -70,6 +70,23 @@ impl Motion {
         self.position_m = moved(surface, self.position_m, step_m);
     }
 
+    /// Brings it no nearer to a place than needs be to be within a reach of it, m.
+    pub fn keep_within(&mut self, surface: &Surface, from_m: Point3, reach_m: f64) {
+        let off_m = step_between(surface, from_m, self.position_m);
+        let far_m = norm(off_m);
+        if far_m > reach_m {
+            self.position_m = moved(surface, from_m, scale(off_m, reach_m / far_m));
+        }
+    }
+
+    /// It moves no faster than this.
+    pub fn slow_to(&mut self, most_m_s: f64) {
+        let speed_m_s = norm(self.velocity_m_s);
+        if speed_m_s > most_m_s {
+            self.velocity_m_s = scale(self.velocity_m_s, most_m_s / speed_m_s);
+        }
+    }
+
     /// It is seen on its own again, with the velocity that it had.
     pub fn jump(&mut self, seen_m: Point3, manner: Manner) {
         self.position_m = seen_m;

@@ -1,5 +1,5 @@
 use super::*;
-use crate::geom::vector::sub;
+use crate::geom::vector::{norm, sub};
 
 const SKIN: Surface = Surface::Cylinder { radius_m: 0.05, length_m: 0.3 };
 const FRAME_S: f64 = 1.0 / 120.0;
@@ -9,6 +9,10 @@ fn at(z_m: f64, round_m: f64, strength: f64) -> Sighting {
     let contact =
         Contact { strength, sd_m: 0.001, ..Contact::truth(position_m, SKIN.normal(position_m).unwrap(), 2.0) };
     Sighting { contact, signal: 2.0 }
+}
+
+fn contact_at(position_m: Point3) -> Contact {
+    Contact::truth(position_m, [0.0, 0.0, 1.0], 2.0)
 }
 
 fn tracker() -> Tracker {
@@ -251,5 +255,47 @@ fn contacts_that_stop_as_one_stay_where_they_would_not_be_told_apart() {
         let off_m = |tracked: &Tracked| SKIN.distance_m(tracked.contact.position_m, middle);
         assert!(frame == 0 || tracked.len() == 2, "frame {frame}");
         assert!(way_m < 0.06 || tracked.iter().all(|tracked| off_m(tracked) < 0.0361), "frame {frame}");
+    }
+}
+
+#[test]
+fn what_is_missed_stays_on_the_body_near_where_it_was_and_loses_confidence() {
+    let design = crate::design::SkinDesign::shipped("skin16").unwrap();
+    let mesh = crate::mesh::Mesh::generate(&design).unwrap();
+    let pixels = crate::image::PixelSpace::for_design(&design, &mesh).unwrap();
+    let options = TrackOptions::for_skin(&pixels, design.electrodes.len());
+    let mut tracker = Tracker::on(&pixels, options);
+    let at = |x_m: f64| Sighting {
+        contact: Contact { sd_m: 0.001, confidence: 0.8, ..contact_at([x_m, 0.0, 0.0]) },
+        signal: 2.0,
+    };
+    // Two spots of noise make a contact that seems to fly outwards at 0.6 m/s or more.
+    for (frame, x_m) in [0.024, 0.030, 0.036].into_iter().enumerate() {
+        tracker.update(&[at(x_m)], frame as f64 * FRAME_S);
+    }
+    let mut before = 0.8;
+    for frame in 3..8 {
+        let tracked = tracker.update(&[], f64::from(frame) * FRAME_S)[0];
+        let contact = tracked.contact;
+        assert!(!tracked.seen && norm(contact.position_m) < 0.0415, "{:?}", contact.position_m);
+        assert!(contact.sd_m < options.gate_m + 0.001 && contact.confidence < before, "{contact:?}");
+        before = contact.confidence;
+    }
+    assert!(before < 0.2 * 0.8, "most of the confidence is gone when it is given up: {before}");
+    assert!(tracker.update(&[], 1.0).is_empty());
+}
+
+#[test]
+fn lengths_follow_the_electrodes_and_those_of_the_papers_skin_are_the_default_ones() {
+    let lengths = |name: &str| {
+        let design = crate::design::SkinDesign::shipped(name).unwrap();
+        let mesh = crate::mesh::Mesh::generate(&design).unwrap();
+        let pixels = crate::image::PixelSpace::for_design(&design, &mesh).unwrap();
+        TrackOptions::for_skin(&pixels, design.electrodes.len())
+    };
+    assert_eq!(lengths("cylinder30"), TrackOptions::default());
+    for (name, merge_m) in [("skin16", 0.019), ("tank16", 0.048)] {
+        let options = lengths(name);
+        assert!((options.merge_m - merge_m).abs() < 1e-9 && options.gate_m == 0.5 * options.merge_m, "{options:?}");
     }
 }

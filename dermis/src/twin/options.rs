@@ -4,7 +4,7 @@ use super::electronics::{ElectronicsOptions, out_of_range, positive};
 use super::faults::FaultOptions;
 use super::imperfections::{CoatOptions, DriftOptions, ElectrodeOptions, TemperatureOptions};
 use super::{PatchOptions, TwinError, shipped};
-use crate::design::DesignError;
+use crate::design::{Body, DesignError, SkinDesign, TouchEffect};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -152,6 +152,22 @@ impl TwinOptions {
         self.temperature.map_or(Ok(()), |temperature| temperature.check())?;
         self.faults.check_ranges()?;
         self.electronics.check_ranges()
+    }
+
+    /// This twin as it can be made of a design: fabric patches need a body with rows and columns and raise the coat's
+    /// conductance. On any other body, and on a skin whose conductance falls where it is touched (a membrane that is
+    /// stretched), a press is a Gaussian change of 8 mm instead: a rise of 0.5 a newton as in `ideal`, or a fall of 0.1 a
+    /// newton, of which 5 N leave half of the conductance. The name then says so.
+    #[must_use]
+    pub fn made_of(mut self, design: &SkinDesign) -> Self {
+        let charted = !matches!(design.body, Body::Mesh { .. });
+        let rises = design.sheet.touch == TouchEffect::ConductanceRises;
+        if matches!(self.touch, TouchOptions::Patches(_)) && !(charted && rises) {
+            let amplitude_per_n = if rises { 0.5 } else { 0.1 };
+            self.touch = TouchOptions::Gaussian(GaussianOptions { amplitude_per_n, width_m: 0.008 });
+            self.name += " without patches";
+        }
+        self
     }
 
     /// An error of this twin with its place in the file, where it was read from one.

@@ -5,6 +5,7 @@ use super::error::check_positive;
 use crate::design::Body;
 use crate::geom::Point3;
 use crate::geom::vector::distance;
+use crate::mesh::Mesh;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
@@ -33,12 +34,33 @@ pub struct Press {
 }
 
 impl Press {
+    /// On a body that only its mesh knows, a centre counts as on it within a distance of a node.
+    ///
     /// # Errors
     /// A force or radius that is not positive, a centre off the skin.
-    pub(super) fn check(&self, body: &Body) -> Result<(), TwinError> {
-        check_positive("force_n", self.force_n, "newtons, as the skin feels it")?;
-        check_positive("tip_radius_m", self.tip_radius_m, "a 10 mm ball is 0.005")?;
+    pub(super) fn check(&self, body: &Body, mesh: &Mesh, near_m: f64) -> Result<(), TwinError> {
+        if !matches!(body, Body::Mesh { .. }) {
+            return self.check_on(body);
+        }
+        self.check_size()?;
+        let off_m = mesh.nodes.iter().map(|&node| distance(node, self.centre_m)).fold(f64::INFINITY, f64::min);
+        if off_m <= near_m {
+            return Ok(());
+        }
+        let skin = format!("whose nearest node is {off_m:.4} m away");
+        Err(TwinError::OffTheSkin { centre_m: self.centre_m, skin })
+    }
+
+    /// # Errors
+    /// As [`check`](Self::check); a body without a chart.
+    fn check_on(&self, body: &Body) -> Result<(), TwinError> {
+        self.check_size()?;
         check_on_body(self.centre_m, body)
+    }
+
+    fn check_size(&self) -> Result<(), TwinError> {
+        check_positive("force_n", self.force_n, "newtons, as the skin feels it")?;
+        check_positive("tip_radius_m", self.tip_radius_m, "a 10 mm ball is 0.005")
     }
 }
 
@@ -92,7 +114,7 @@ impl Footprint {
     /// # Errors
     /// A force or radius that is not positive, a centre off the skin, a tip that would sink through the foam.
     pub fn new(press: &Press, foam: &Foam, body: &Body) -> Result<Self, TwinError> {
-        press.check(body)?;
+        press.check_on(body)?;
         let depth_m = foam.depth_m(press);
         if depth_m >= foam.thickness_m {
             return Err(TwinError::FoamCrushed {

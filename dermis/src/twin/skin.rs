@@ -32,6 +32,8 @@ pub struct Twin {
 struct Skin {
     forward: ForwardModel,
     touch: Touch,
+    /// The last presses and their network: a touch that is held is solved once.
+    last: Mutex<Option<(Vec<Press>, Network)>>,
 }
 
 #[derive(Debug)]
@@ -214,8 +216,8 @@ impl Twin {
         match &self.skin.touch {
             Touch::Patches(patched) => Ok(patched.strength_m2(presses)?),
             Touch::Gaussian { options, body, effect, .. } => {
-                let touches = presses.iter().map(|press| options.touch(press, body)).collect::<Result<Vec<_>, _>>()?;
                 let (mesh, rest) = (self.mesh(), self.coat());
+                let touches = options.touches(presses, body, mesh)?;
                 let touched = touched_conductivity(mesh, &body.surface(), *effect, rest, &touches)?;
                 let change = |(cell, (touched, rest)): (usize, (&f64, &f64))| {
                     mesh.cell_measure(cell) * (touched / rest - 1.0).abs()
@@ -256,14 +258,26 @@ impl Skin {
                 Touch::Patches(Box::new(PatchedSkin::new(patches, &design.body, &forward, coat)?))
             }
         };
-        Ok(Skin { forward, touch })
+        Ok(Skin { forward, touch, last: Mutex::new(None) })
     }
 
     fn network(&self, presses: &[Press]) -> crate::Result<Network> {
+        // What is kept is always whole, whatever another thread ran into.
+        let last = || self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        let kept = last().as_ref().filter(|(of, _)| of == presses).map(|(_, network)| network.clone());
+        if let Some(network) = kept {
+            return Ok(network);
+        }
+        let network = self.solve(presses)?;
+        *last() = Some((presses.to_vec(), network.clone()));
+        Ok(network)
+    }
+
+    fn solve(&self, presses: &[Press]) -> crate::Result<Network> {
         match &self.touch {
             Touch::Patches(patched) => patched.network(presses),
             Touch::Gaussian { options, body, effect, solvers } => {
-                let touches = presses.iter().map(|press| options.touch(press, body)).collect::<Result<Vec<_>, _>>()?;
+                let touches = options.touches(presses, body, self.forward.mesh())?;
                 let rest = self.forward.rest_conductivity();
                 let conductivity = touched_conductivity(self.forward.mesh(), &body.surface(), *effect, rest, &touches)?;
                 // A solver holds nothing but memory: whatever another thread left in it does no harm.
@@ -279,9 +293,12 @@ impl Skin {
 }
 
 impl GaussianOptions {
-    fn touch(&self, press: &Press, body: &Body) -> Result<GaussianTouch, TwinError> {
-        press.check(body)?;
-        let amplitude = self.amplitude_per_n * press.force_n;
-        Ok(GaussianTouch { centre_m: press.centre_m, amplitude, width_m: self.width_m })
+    fn touches(&self, presses: &[Press], body: &Body, mesh: &Mesh) -> Result<Vec<GaussianTouch>, TwinError> {
+        let touch = |press: &Press| {
+            press.check(body, mesh, self.width_m)?;
+            let amplitude = self.amplitude_per_n * press.force_n;
+            Ok(GaussianTouch { centre_m: press.centre_m, amplitude, width_m: self.width_m })
+        };
+        presses.iter().map(touch).collect()
     }
 }

@@ -261,3 +261,33 @@ fn drift_begins_at_nothing_and_ends_at_its_amplitude() {
     // 5 K and 10 s at 0.5 K/s: the coat conducts 2 % less.
     assert!(warm.iter().zip(cold.iter()).all(|(warm, cold)| (warm * 0.98 / cold - 1.0).abs() < 1e-9));
 }
+
+#[test]
+fn a_twin_without_patches_where_they_cannot_be_or_would_turn_a_touch_round() {
+    let lab = TwinOptions::shipped("lab").unwrap();
+    for name in ["cylinder30", "tank16"] {
+        assert_eq!(lab.clone().made_of(&SkinDesign::shipped(name).unwrap()), lab);
+    }
+    let design = SkinDesign::shipped("skin16").unwrap();
+    let options = lab.made_of(&design);
+    let twin = Twin::new(&design, &options, 1).unwrap();
+    let press = |x_m: f64, force_n: f64| Press { centre_m: [x_m, 0.0, 0.0], force_n, tip_radius_m: 0.005 };
+    // A membrane conducts less where it is pressed: as much voltage or more between all neighbours of a drive's electrodes.
+    let [rest, soft, firm] = [vec![], vec![press(0.0, 1.0)], vec![press(0.0, 5.0)]].map(|presses| {
+        let frame = twin.clean(&presses).unwrap();
+        frame.iter().map(|value| value.abs()).sum::<f64>()
+    });
+    assert!(rest < soft && soft < firm, "{rest} {soft} {firm} ohm");
+}
+
+#[test]
+fn a_touch_that_is_held_is_what_a_fresh_twin_says_of_it() {
+    let design = SkinDesign::shipped("skin16").unwrap();
+    let options = TwinOptions::shipped("lab").unwrap().made_of(&design);
+    let twin = || Twin::new(&design, &options, 3).unwrap();
+    let press = |x_m: f64| Press { centre_m: [x_m, 0.01, 0.0], force_n: 2.0, tip_radius_m: 0.005 };
+    let held = twin();
+    for presses in [vec![press(0.0)], vec![press(0.0)], vec![press(0.01)], vec![], vec![press(0.0), press(0.01)]] {
+        assert_eq!(held.clean(&presses).unwrap(), twin().clean(&presses).unwrap());
+    }
+}

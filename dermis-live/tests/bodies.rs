@@ -1,0 +1,176 @@
+//! Every design that is shipped, pressed by its twin: contacts come, stay on the body and end.
+
+use dermis::design::SkinDesign;
+use dermis::geom::Point3;
+use dermis::twin::TwinOptions;
+use dermis_live::device::Stream;
+use dermis_live::emulator::{Emulator, EmulatorOptions, Script};
+use dermis_live::{LiveFrame, LiveSkin, Moment, Processor, Settings};
+use dermis_wire::{Decoder, Received, ToHost};
+use std::sync::Arc;
+use std::time::Instant;
+
+const RATE_HZ: f64 = 120.0;
+
+/// A twin of a skin that a script touches, and what reads it.
+struct Pressed {
+    skin: Arc<LiveSkin>,
+    emulator: Arc<Emulator>,
+    stream: Stream,
+    processor: Processor,
+    decoder: Decoder<Vec<u8>>,
+    next: u64,
+    /// How long the twin took in all, s.
+    twin_s: f64,
+}
+
+impl Pressed {
+    fn new(skin: &Arc<LiveSkin>, script: &str, method: &str) -> Self {
+        let twin = TwinOptions::shipped("lab").unwrap();
+        let script = Script::load(script, &skin.design, &twin, 1).unwrap();
+        let options =
+            EmulatorOptions { twin, seed: 1, script, faults: Vec::new(), speed: 1.0, prerendered: 0, unpaced: true };
+        let emulator = Emulator::new(&skin.design, options).unwrap();
+        let settings = Settings { method: method.into(), ..Settings::default() };
+        let processor = Processor::new(Arc::clone(skin), settings).unwrap();
+        let (mut decoder, mut stream) = (Decoder::new(vec![0; 1 << 16]), Stream::default());
+        decoder.feed(&emulator.hello_packet((1e3 * RATE_HZ) as u32), |received| {
+            let Received::Message(message) = received else { panic!("a damaged hello") };
+            let Ok(ToHost::Hello(hello)) = ToHost::parse(message) else { panic!("no hello") };
+            stream.hello(&hello, skin);
+        });
+        Pressed { skin: Arc::clone(skin), emulator, stream, processor, decoder, next: 0, twin_s: 0.0 }
+    }
+
+    fn frame(&mut self) -> LiveFrame {
+        let begun = Instant::now();
+        let packet = self.emulator.frame_packet(self.next).unwrap();
+        self.twin_s += begun.elapsed().as_secs_f64();
+        let at = Moment { unix_ns: 1_800_000_000_000_000_000 + (self.time_s() * 1e9) as u64 };
+        let mut heard = Vec::new();
+        let Pressed { stream, decoder, .. } = self;
+        decoder.feed(&packet, |received| {
+            let Received::Message(message) = received else { panic!("a damaged packet") };
+            let Ok(ToHost::Frame(frame)) = ToHost::parse(message) else { panic!("no frame") };
+            heard.extend(stream.frame(&frame, message, at));
+        });
+        self.next += 1;
+        self.processor.process(heard.pop().unwrap()).unwrap()
+    }
+
+    fn time_s(&self) -> f64 {
+        self.next as f64 / RATE_HZ
+    }
+
+    /// How far a place is from what presses, m.
+    fn off_m(&self, place: Point3, time_s: f64) -> f64 {
+        let surface = &self.skin.pixels.surface;
+        let presses = self.emulator.presses(time_s);
+        presses.iter().map(|press| surface.distance_m(press.centre_m, place)).fold(f64::INFINITY, f64::min)
+    }
+
+    /// How far a place is from the middle of a pixel, m.
+    fn off_body_m(&self, place: Point3) -> f64 {
+        let away = |centre: &Point3| dermis::geom::vector::distance(*centre, place);
+        self.skin.pixels.centres_m.iter().map(away).fold(f64::INFINITY, f64::min)
+    }
+}
+
+fn skin(name: &str) -> Arc<LiveSkin> {
+    Arc::new(LiveSkin::new(&SkinDesign::text_of(name).unwrap(), name, None).unwrap())
+}
+
+/// What came of a touch.
+#[derive(Default)]
+struct Told {
+    /// Frames in which something pressed, and those of them with as many contacts as fingers.
+    pressed: usize,
+    right: usize,
+    /// Frames without a finger in which there were contacts, and when the last of all contacts was told, s.
+    ghosts: usize,
+    last_s: f64,
+    most_contacts: usize,
+    ids: u64,
+    /// How far contacts are from what presses, in order, and the farthest from the middle of any pixel, m.
+    off_m: Vec<f64>,
+    off_body_m: f64,
+    twin_ms: f64,
+}
+
+impl Told {
+    fn of(skin: &Arc<LiveSkin>, script: &str, method: &str) -> Self {
+        let (mut pressed, mut told) = (Pressed::new(skin, script, method), Told::default());
+        while pressed.time_s() < 3.7 {
+            let time_s = pressed.time_s();
+            let fingers = pressed.emulator.presses(time_s).len();
+            let contacts = pressed.frame().contacts;
+            told.pressed += usize::from(fingers > 0);
+            told.right += usize::from(fingers > 0 && contacts.len() == fingers);
+            told.ghosts += usize::from(fingers == 0 && !contacts.is_empty());
+            told.most_contacts = told.most_contacts.max(contacts.len());
+            for contact in &contacts {
+                (told.ids, told.last_s) = (told.ids.max(contact.id), time_s);
+                told.off_body_m = told.off_body_m.max(pressed.off_body_m(contact.position_m));
+                if fingers > 0 {
+                    told.off_m.push(pressed.off_m(contact.position_m, time_s));
+                }
+            }
+        }
+        told.off_m.sort_by(f64::total_cmp);
+        told.twin_ms = 1e3 * pressed.twin_s / pressed.next as f64;
+        println!(
+            "{}, {script}, {}: {} of {} frames with as many contacts as fingers, {} mm off (95 % within {} mm), {} ids, last \
+             told at {:.2} s; the twin took {:.2} ms a frame",
+            skin.design.name,
+            pressed.processor.method().name,
+            told.right,
+            told.pressed,
+            mm(told.part(0.5)),
+            mm(told.part(0.95)),
+            told.ids,
+            told.last_s,
+            told.twin_ms,
+        );
+        told
+    }
+
+    /// The distance that a part of the contacts keeps, m.
+    fn part(&self, part: f64) -> f64 {
+        let last = self.off_m.len().saturating_sub(1);
+        self.off_m.get((part * last as f64) as usize).copied().unwrap_or(f64::NAN)
+    }
+}
+
+fn mm(metres: f64) -> String {
+    format!("{:.1}", 1e3 * metres)
+}
+
+/// A press of 2 N from 1 to 3 s: one contact from its third frame on, so near, which ends within 0.3 s of the lift.
+fn pressed_and_lifted(skin: &Arc<LiveSkin>, method: &str, within_m: f64) {
+    let told = Told::of(skin, "press", method);
+    assert_eq!((told.most_contacts, told.ids), (1, 1), "one contact with one id");
+    assert!(told.right + 9 >= told.pressed, "{} of {} frames", told.right, told.pressed);
+    assert!(told.part(0.95) < within_m, "{} mm", mm(told.part(0.95)));
+    assert!(told.last_s < 3.3, "it is told until {} s", told.last_s);
+    assert!(told.off_body_m < 2.0 * skin.pixels.half_pixel_m(), "{} mm off the body", mm(told.off_body_m));
+}
+
+#[test]
+fn a_press_is_one_contact_on_every_shipped_skin_and_ends() {
+    for (name, within_m) in [("cylinder30", 0.004), ("skin16", 0.006), ("tank16", 0.020)] {
+        assert!(SkinDesign::SHIPPED.contains(&name) && SkinDesign::SHIPPED.len() == 3, "a skin more: press it here");
+        let skin = skin(name);
+        for method in ["", "noser"] {
+            pressed_and_lifted(&skin, method, within_m);
+            let told = Told::of(&skin, "four", method);
+            assert!(told.right > 0 || !told.off_m.is_empty(), "four fingers are felt at least as one");
+            assert!(told.off_body_m < 2.0 * skin.pixels.half_pixel_m(), "{} mm off the body", mm(told.off_body_m));
+        }
+    }
+}
+
+#[test]
+#[ignore = "the images of 14,806 cells take half a minute to prepare"]
+fn a_press_is_one_contact_on_a_sleeve_from_an_stl_file() {
+    pressed_and_lifted(&skin("../data/designs/forearm.toml"), "", 0.003);
+}
