@@ -127,6 +127,9 @@ fn a_device_that_is_unplugged_is_found_again() {
             Taken::Item(Event::Frame(frame)) if lost => {
                 // Nothing touches, and the baseline is the old one.
                 assert!(frame.contacts.is_empty());
+                // While it is away its clock loses a third.
+                let late_s = frame.received_at.seconds_since(frame.measured_at);
+                assert!(late_s < 0.25, "{late_s} s between measuring and receiving");
                 found = frame.sequence > 400;
                 // The health is looked at every dozen frames.
                 assert!(!found || frame.health.counts.reconnected == 1);

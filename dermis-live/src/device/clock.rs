@@ -6,18 +6,29 @@ use std::time::Duration;
 /// Brings the times of a device onto the host's clock.
 ///
 /// A message arrives some time after what it tells of, never before: the least delay of late is taken as none (Cristian 1989,
-/// DOI 10.1007/BF01784024, in one direction). The two clocks may drift apart by a ten-thousandth.
+/// DOI 10.1007/BF01784024, in one direction). The two clocks may drift apart by a ten-thousandth. Where messages have been late
+/// by more than a second for longer than a second, one of the clocks was set: a line that stood still sends all that it held back
+/// at once.
 #[derive(Debug, Clone, Default)]
 pub struct DeviceClock {
     /// The host's time less the device's at the least delay, ns; and the device's time then, us.
     least: Option<(i128, u64)>,
+    /// Since when messages are late by more than a second.
+    late_since: Option<Moment>,
+    /// The moment that was told last: none before it is told.
+    told: Moment,
 }
 
 /// How fast the least delay is forgotten: 100 parts in a million, what cheap oscillators differ by.
 const DRIFT: f64 = 1e-4;
+/// What is later than this is late, ns.
+const LATE_NS: i128 = 1_000_000_000;
+/// Who is late for so long has another clock, s.
+const SET_S: f64 = 1.0;
 
 impl DeviceClock {
-    /// When something happened on the host's clock that the device says was at `time_us` and that came at `received_at`.
+    /// When something happened on the host's clock that the device says was at `time_us` and that came at `received_at`; not
+    /// before what was told last.
     pub fn moment(&mut self, time_us: u64, received_at: Moment) -> Moment {
         let device_ns = i128::from(time_us) * 1000;
         let offset_ns = i128::from(received_at.unix_ns) - device_ns;
@@ -25,6 +36,7 @@ impl DeviceClock {
             let since_s = Duration::from_micros(time_us.saturating_sub(at_us)).as_secs_f64();
             least_ns + (since_s * DRIFT * 1e9) as i128
         });
+        let allowed_ns = allowed_ns.filter(|allowed_ns| !self.was_set(offset_ns - allowed_ns, received_at));
         let offset_ns = match allowed_ns {
             Some(allowed_ns) if allowed_ns < offset_ns => allowed_ns,
             _ => {
@@ -32,12 +44,28 @@ impl DeviceClock {
                 offset_ns
             }
         };
-        Moment { unix_ns: u64::try_from(device_ns + offset_ns).unwrap_or(0) }
+        let moment = Moment { unix_ns: u64::try_from(device_ns + offset_ns).unwrap_or(0) };
+        self.told = self.told.max(moment);
+        self.told
     }
 
-    /// Forgets the device, which was powered up again.
+    /// Whether messages are late for so long, as this one is by some time, that a clock must have been set.
+    fn was_set(&mut self, late_ns: i128, received_at: Moment) -> bool {
+        if late_ns < LATE_NS {
+            self.late_since = None;
+            return false;
+        }
+        let since = *self.late_since.get_or_insert(received_at);
+        let was_set = received_at.seconds_since(since) > SET_S;
+        if was_set {
+            self.late_since = None;
+        }
+        was_set
+    }
+
+    /// Forgets how the two clocks stood: the device was powered up again, or lost for a while.
     pub fn restart(&mut self) {
-        self.least = None;
+        *self = DeviceClock { told: self.told, ..Self::default() };
     }
 }
 
@@ -58,5 +86,42 @@ mod tests {
             let true_ns = start_ns + device_us * 1000 + 200_000;
             assert!(told.unix_ns.abs_diff(true_ns) < 10_000, "frame {frame}");
         }
+    }
+    /// How late what is told is for each of ten seconds' frames of 1/100 s that arrive as `arrives_s` says.
+    fn late_s(arrives_s: impl Fn(f64) -> f64) -> Vec<f64> {
+        let (mut clock, mut last) = (DeviceClock::default(), Moment::default());
+        let frames = (0..1000).map(|frame| {
+            let device_s = f64::from(frame) * 0.01;
+            let received_at = Moment { unix_ns: ((1e6 + arrives_s(device_s)) * 1e9) as u64 };
+            let told = clock.moment((device_s * 1e6) as u64, received_at);
+            assert!(told >= last, "time runs back at frame {frame}");
+            last = told;
+            received_at.seconds_since(told)
+        });
+        frames.collect()
+    }
+
+    #[test]
+    fn a_clock_that_was_set_is_followed_and_a_line_that_stood_still_is_not_one() {
+        let set_forward = late_s(|device_s| device_s + if device_s < 5.0 { 0.0 } else { 13.0 });
+        assert!(set_forward[700..].iter().all(|late_s| *late_s < 1e-3), "{}", set_forward[999]);
+        let set_back = late_s(|device_s| device_s - if device_s < 5.0 { 0.0 } else { 13.0 });
+        assert!(set_back[499] < 1e-3);
+        // Nothing came for three seconds, and then all of them at once.
+        let stood_still =
+            late_s(|device_s| if (4.0..7.0).contains(&device_s) { 7.0 + 1e-4 * device_s } else { device_s });
+        assert!((stood_still[400] - 3.0).abs() < 0.01 && (stood_still[600] - 1.0).abs() < 0.01);
+        assert!(stood_still[701].abs() < 1e-3);
+    }
+
+    #[test]
+    fn after_a_restart_nothing_is_told_that_lies_before() {
+        let mut clock = DeviceClock::default();
+        let at = |ms: u64| Moment { unix_ns: 1_800_000_000_000_000_000 + ms * 1_000_000 };
+        assert_eq!(clock.moment(0, at(0)), at(0));
+        clock.restart();
+        assert_eq!(clock.moment(20_000, at(33_000)), at(33_000), "its time stood still meanwhile");
+        clock.restart();
+        assert_eq!(clock.moment(0, at(32_999)), at(33_000));
     }
 }

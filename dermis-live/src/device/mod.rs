@@ -118,8 +118,9 @@ impl Stream {
         self.meter = Some(Meter::new(hello, &skin.scan, &skin.design.protocol));
     }
 
-    /// The same, on a new connection.
-    fn reconnected(self) -> Self {
+    /// The same, on a new connection: how the device's clock went meanwhile is not known.
+    fn reconnected(mut self) -> Self {
+        self.clock.restart();
         Stream { reconnected: self.reconnected + 1, ..self }
     }
 
