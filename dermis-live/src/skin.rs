@@ -8,6 +8,7 @@ use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
 use dermis::reconstruct::{Linearised, OneStep, OneStepOptions, Prior, Reconstruct, WithoutChannels};
 use dermis_learn::Model;
+use std::path::Path;
 use std::sync::Arc;
 
 /// A skin ready to be read live: its design, its model, the methods that make its images.
@@ -25,12 +26,14 @@ pub struct LiveSkin {
     /// Its forward model made linear about the untouched skin.
     pub linear: Linearised,
     methods: Vec<NamedMethod>,
+    /// The name of the network that does not come with the library.
+    own: Option<String>,
 }
 
 /// A method under the name that it is chosen by.
 #[derive(Clone)]
 pub struct NamedMethod {
-    /// Its name: `best`, `paper`, `noser`, `laplace`, or the path of a model.
+    /// Its name: `best`, `paper`, `noser`, `laplace`, or the folder of a model, whatever its card calls it.
     pub name: String,
     /// It.
     pub method: Arc<dyn Reconstruct>,
@@ -55,10 +58,10 @@ const PREFERRED: [&str; 4] = ["best", "paper", "shapes", "noser"];
 
 impl LiveSkin {
     /// Prepares a skin from the text of its design; `name` is its path, which errors name. `model`: the folder of a network
-    /// beside the shipped ones.
+    /// beside the shipped ones, which becomes a method of that name.
     ///
     /// # Errors
-    /// A design that is refused, a model of another skin.
+    /// A design that is refused, a model of another skin, a folder that is called like another method.
     pub fn new(design_text: &str, name: &str, model: Option<&str>) -> Result<Self, LiveError> {
         let design = SkinDesign::parse(design_text, name).map_err(dermis::Error::from)?;
         let mesh = Mesh::generate(&design).map_err(dermis::Error::from)?;
@@ -66,26 +69,35 @@ impl LiveSkin {
         let pixels = Arc::new(PixelSpace::for_design(&design, forward.mesh()).map_err(dermis::Error::from)?);
         let linear = Linearised::new(&forward, &pixels)?;
         let scan = ScanTable::new(&design.protocol)?;
-        let mut skin =
-            LiveSkin { design_text: design_text.into(), design, forward, pixels, scan, linear, methods: Vec::new() };
-        skin.add_networks(model)?;
+        let mut skin = LiveSkin {
+            design_text: design_text.into(),
+            design,
+            forward,
+            pixels,
+            scan,
+            linear,
+            methods: Vec::new(),
+            own: None,
+        };
+        for model in Model::shipped(&skin.forward, &skin.pixels)? {
+            skin.methods.push(network(model.card().name.clone(), model));
+        }
         for (name, prior) in LINEAR {
             skin.methods.push(skin.linear_method(name, prior, &[])?);
         }
+        model.map_or(Ok(()), |folder| skin.add(folder))?;
         Ok(skin)
     }
 
-    fn add_networks(&mut self, model: Option<&str>) -> Result<(), LiveError> {
-        let mut models = Model::shipped(&self.forward, &self.pixels)?;
-        if let Some(name) = model.filter(|name| models.iter().all(|model| model.card().name != **name)) {
-            models.push(Model::named(name, &self.forward, Arc::clone(&self.pixels))?);
+    /// Adds the network of a folder.
+    fn add(&mut self, folder: &str) -> Result<(), LiveError> {
+        if self.method(folder).is_ok() {
+            let message = format!("`{folder}` is the name of another method: write ./{folder} for the folder");
+            return Err(LiveError::Given(message));
         }
-        self.methods.extend(models.into_iter().map(|model| NamedMethod {
-            name: model.card().name.clone(),
-            card: serde_json::to_string_pretty(model.card()).ok(),
-            method: Arc::new(model),
-            prior: None,
-        }));
+        let model = Model::load(Path::new(folder), &self.forward, Arc::clone(&self.pixels))?;
+        self.methods.push(network(folder.into(), model));
+        self.own = Some(folder.into());
         Ok(())
     }
 
@@ -126,9 +138,9 @@ impl LiveSkin {
         self.methods.iter().map(|method| method.name.as_str())
     }
 
-    /// The names of its networks.
-    pub fn networks(&self) -> impl DoubleEndedIterator<Item = &str> {
-        self.methods.iter().filter(|method| method.prior.is_none()).map(|method| method.name.as_str())
+    /// The network that was added to those that come with the library.
+    pub fn own(&self) -> Option<&NamedMethod> {
+        self.method(self.own.as_deref()?).ok()
     }
 
     /// A method by its name.
@@ -179,8 +191,32 @@ impl LiveSkin {
     }
 }
 
+fn network(name: String, model: Model) -> NamedMethod {
+    let card = serde_json::to_string_pretty(model.card()).ok();
+    NamedMethod { name, card, method: Arc::new(model), prior: None }
+}
+
 impl std::fmt::Debug for NamedMethod {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         formatter.debug_struct("NamedMethod").field("name", &self.name).finish_non_exhaustive()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic;
+
+    #[test]
+    fn a_network_of_ones_own_is_used_whatever_its_card_calls_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let own = synthetic::retrained(folder.path());
+        let skin = LiveSkin::new(SkinDesign::shipped_text("skin16").unwrap(), "skin16", Some(&own)).unwrap();
+        let card = |name: &str| skin.method(name).unwrap().card.clone().unwrap();
+        assert!(card(&own).contains(synthetic::RETRAINED) && !card("shapes").contains(synthetic::RETRAINED));
+        assert_eq!(skin.own().unwrap().name, own);
+        assert_eq!(skin.preferred().name, "shapes", "where none is asked for");
+        let error = LiveSkin::new(SkinDesign::shipped_text("skin16").unwrap(), "skin16", Some("shapes"));
+        assert!(error.unwrap_err().to_string().contains("write ./shapes for the folder"));
     }
 }

@@ -87,14 +87,13 @@ impl Arguments {
         let text = SkinDesign::text_of(&self.design)?;
         let skin = {
             let _waiting = crate::console::Progress::waiting("preparing");
-            let folder = self.model.as_deref().filter(|model| Path::new(model).is_dir());
-            Arc::new(LiveSkin::new(&text, &self.design, folder)?)
+            Arc::new(LiveSkin::new(&text, &self.design, model_folder(self.model.as_deref()))?)
         };
         let (live, emulator) = match self.source.strip_prefix("replay:") {
             Some(recording) => (self.play(&skin, Path::new(recording))?, None),
             None => {
                 let (address, emulator) = self.address(&skin)?;
-                (Live::start(Arc::clone(&skin), self.options(&skin, address)?)?, emulator)
+                (Live::start(Arc::clone(&skin), self.options(address)?)?, emulator)
             }
         };
         let tapes = Tapes {
@@ -120,9 +119,8 @@ impl Arguments {
         let live = Live::play(Arc::clone(skin), player)?;
         let mut commands = Vec::new();
         if let Some(model) = &self.model {
-            let name = self.method_name(skin, model);
-            skin.method(&name)?;
-            commands.push(Command::Method { name });
+            skin.method(model)?;
+            commands.push(Command::Method { name: model.clone() });
         }
         commands.extend(self.threshold.map(|value| Command::Threshold { value }));
         commands.extend((!zones.is_empty()).then_some(Command::Zones { zones }));
@@ -134,21 +132,13 @@ impl Arguments {
         self.zone.iter().map(|zone| parse_zone(zone)).collect()
     }
 
-    fn options(&self, skin: &LiveSkin, address: Address) -> Outcome<LiveOptions> {
+    fn options(&self, address: Address) -> Outcome<LiveOptions> {
         let zones = self.zones()?;
-        let method = self.model.clone().map(|model| self.method_name(skin, &model)).unwrap_or_default();
+        let method = self.model.clone().unwrap_or_default();
         let threshold = self.threshold.unwrap_or(1.0);
         let settings = Settings { method, threshold, zones, ..Settings::default() };
         let device = DeviceOptions { rate_hz: self.rate };
         Ok(LiveOptions { address, device, settings, state: self.kept_state()? })
-    }
-
-    /// A network of a folder is known by the name on its card: the last that was added.
-    fn method_name(&self, skin: &LiveSkin, model: &str) -> String {
-        match Path::new(model).is_dir() {
-            true => skin.networks().last().map_or_else(|| model.into(), str::to_string),
-            false => model.into(),
-        }
     }
 
     fn kept_state(&self) -> Outcome<Option<State>> {
@@ -270,6 +260,11 @@ impl Arguments {
         eprintln!("{}: {} frames, {:.1} s", path.display(), told.written.frames, told.written.seconds);
         Ok(())
     }
+}
+
+/// The folder of a network, where one is given.
+pub fn model_folder(model: Option<&str>) -> Option<&str> {
+    model.filter(|model| Path::new(model).is_dir())
 }
 
 /// What is told of frames.

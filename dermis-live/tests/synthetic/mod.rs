@@ -8,6 +8,22 @@ use dermis_live::ros::Reference;
 use dermis_live::{ElectrodeHealth, ElectrodeState, Health, LiveContact, LiveFrame, Moment};
 use std::sync::Arc;
 
+/// What stands on the card of a [`retrained`] network, and on no other.
+pub const RETRAINED: &str = "0.0.1-retrained";
+
+/// A network for `skin16` that is called like the shipped one and is another: its folder in `folder`.
+pub fn retrained(folder: &std::path::Path) -> String {
+    let shipped = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../dermis-learn/models/skin16/shapes");
+    let card = std::fs::read_to_string(shipped.join("card.json")).expect("its card");
+    let another = card.replacen("\"version\": \"", &format!("\"version\": \"{RETRAINED} of "), 1);
+    assert_ne!(another, card);
+    let own = folder.join("own");
+    std::fs::create_dir(&own).expect("a folder");
+    std::fs::write(own.join("card.json"), another).expect("written");
+    std::fs::copy(shipped.join("weights.safetensors"), own.join("weights.safetensors")).expect("copied");
+    own.display().to_string()
+}
+
 /// Frames a second.
 pub const RATE: u64 = 120;
 /// When the first frame is measured: the 1st of January 2026.
