@@ -258,3 +258,37 @@ fn who_stops_reading_lines_holds_nobody_up() {
     drop(stalled);
     assert!(live.wait().unwrap().success());
 }
+
+/// Networks for `skin16` that are called like the shipped one and are others.
+fn retrained(at: &Workplace, folder: &str) {
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../dermis-learn/models/skin16/shapes");
+    std::fs::create_dir(at.path(folder)).unwrap();
+    let card = std::fs::read_to_string(shipped.join("card.json")).unwrap();
+    let card = card.replacen("\"version\": \"", &format!("\"version\": \"{folder} of "), 1);
+    at.write(&format!("{folder}/card.json"), card);
+    std::fs::copy(shipped.join("weights.safetensors"), at.path(&format!("{folder}/weights.safetensors"))).unwrap();
+}
+
+#[test]
+fn what_was_recorded_with_a_network_of_ones_own_is_replayed_with_it_and_no_other() {
+    let at = Workplace::new();
+    retrained(&at, "own");
+    retrained(&at, "other");
+    let run = "live skin16 --serve off --touch press --threshold 0.3 --for 3.4 --record own.mcap --model own";
+    let output = at.run(run);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    refused(&at, "replay own.mcap", &["own.mcap", "the network `own`", "--model FOLDER"]);
+    refused(&at, "replay own.mcap --model other", &["own.mcap", "other is another one", "card"]);
+    std::fs::rename(at.path("own"), at.path("moved")).unwrap();
+    let contacts = at.good("replay own.mcap --model moved --contacts");
+    assert!(contacts.lines().any(|line| line.contains("position_m")));
+    let played = "live skin16 --serve off --speed 4 --jsonl - --source replay:own.mcap";
+    refused(&at, played, &["the network `own`", "--model FOLDER"]);
+    let output = at.run(&format!("{played} --model moved"));
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let lines = String::from_utf8(output.stdout).unwrap();
+    let told = lines.lines().filter(|line| !line.is_empty());
+    let told = told.map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["contacts"].clone());
+    let replayed = contacts.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
+    assert!(told.eq(replayed), "the contacts of the replay");
+}

@@ -10,9 +10,10 @@ use crate::processor::{Incoming, Processor};
 use crate::record::{Event, RecordError, Recorded, Recording, Session};
 use crate::report::{Level, LiveFrame, Notice};
 use crate::settings::Command;
-use crate::skin::LiveSkin;
+use crate::skin::{LiveSkin, NamedMethod};
 use crate::state::State;
 use dermis::design::SkinDesign;
+use dermis_learn::Card;
 use dermis_wire::ToHost;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -37,8 +38,9 @@ enum Reeled {
 impl Reel {
     /// Of a recording of the skin: what its device is known by, and the state of the pipeline at its beginning.
     fn new(path: &Path, recording: Recording, skin: Arc<LiveSkin>) -> Result<(Self, DeviceFacts, State), LiveError> {
-        let state = serde_json::from_value(recording.session.state.clone())
+        let mut state: State = serde_json::from_value(recording.session.state.clone())
             .map_err(|error| unreadable(path, "its state", error))?;
+        state.settings.method = network(path, &recording.session, &skin, &state.settings.method)?;
         let hello = recording.session.hello.clone();
         let mut reel = Reel { path: path.into(), recording, stream: Stream::default(), skin };
         let facts = reel.greet(hello)?;
@@ -66,13 +68,23 @@ impl Reel {
                 Recorded::Event { event: Event::Command(value), .. } => {
                     let command = serde_json::from_value(value);
                     let command = command.map_err(|error| unreadable(&self.path, "a command", error))?;
-                    return Ok(Some(Reeled::Command(command)));
+                    return Ok(Some(Reeled::Command(self.here(command)?)));
                 }
                 Recorded::Event { event: Event::Hello(hello), .. } => {
                     return Ok(Some(Reeled::Found(self.greet(hello)?)));
                 }
                 Recorded::Event { .. } => {}
             }
+        }
+    }
+
+    /// A command as it is to be given here: a network that does not come with the library has another folder.
+    fn here(&self, command: Command) -> Result<Command, LiveError> {
+        let Command::Method { name } = &command else { return Ok(command) };
+        match (self.skin.method(name), self.skin.own()) {
+            (Ok(_), _) => Ok(command),
+            (Err(_), Some(own)) => Ok(Command::Method { name: own.name.clone() }),
+            (Err(_), None) => Err(LiveError::Given(without_its_network(&self.path, name))),
         }
     }
 
@@ -88,6 +100,32 @@ impl Reel {
 
 fn unreadable(path: &Path, what: &str, why: impl std::fmt::Display) -> LiveError {
     LiveError::Given(format!("{}: {what} cannot be read: {why}", path.display()))
+}
+
+/// The name that the network has here that a recording began with under some name, by the card in it.
+fn network(path: &Path, session: &Session, skin: &LiveSkin, name: &str) -> Result<String, LiveError> {
+    let Some(recorded) = &session.model_card_json else { return Ok(name.into()) };
+    let card = serde_json::from_str::<Card>(recorded).ok().and_then(|card| serde_json::to_string_pretty(&card).ok());
+    let is_it = |method: &&NamedMethod| method.card.is_some() && method.card == card;
+    if skin.by_name(name).is_ok_and(|method| is_it(&method)) {
+        return Ok(name.into());
+    }
+    match skin.own() {
+        Some(own) if is_it(&own) => Ok(own.name.clone()),
+        Some(own) => Err(LiveError::Given(format!(
+            "{}; {} is another one: the card in the recording differs from its own",
+            without_its_network(path, name),
+            own.name
+        ))),
+        None => Err(LiveError::Given(without_its_network(path, name))),
+    }
+}
+
+fn without_its_network(path: &Path, name: &str) -> String {
+    format!(
+        "{} was recorded with the network `{name}`, which this version does not hold: give its folder, --model FOLDER",
+        path.display()
+    )
 }
 
 /// A recording being played again, frame by frame.
@@ -115,10 +153,18 @@ impl Replay {
     /// Opens a recording and prepares its skin.
     ///
     /// # Errors
-    /// A file that is no recording; a design or a state that this version cannot read.
+    /// A file that is no recording; a design or a state that this version cannot read; a network that this version lacks.
     pub fn open(path: &Path) -> Result<Self, LiveError> {
+        Self::with_model(path, None)
+    }
+
+    /// The same; `model`: the folder of the network that it was recorded with, where that is not a shipped one.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open); another network than that of the recording.
+    pub fn with_model(path: &Path, model: Option<&str>) -> Result<Self, LiveError> {
         let recording = Recording::open(path)?;
-        let skin = Arc::new(LiveSkin::new(&recording.session.design_toml, "design.toml", None)?);
+        let skin = Arc::new(LiveSkin::new(&recording.session.design_toml, "design.toml", model)?);
         let (reel, _, state) = Reel::new(path, recording, Arc::clone(&skin))?;
         Ok(Replay { reel, processor: Processor::resume(skin, state)? })
     }
@@ -177,7 +223,8 @@ impl Player {
     /// Opens a recording of a skin; `speed`: seconds of it that pass in one of ours.
     ///
     /// # Errors
-    /// A file that is no recording, or one of another skin; a state that this version cannot read.
+    /// A file that is no recording, or one of another skin; a state that this version cannot read; a network that the skin
+    /// was prepared without.
     pub fn open(path: &Path, skin: &Arc<LiveSkin>, speed: f64) -> Result<Self, LiveError> {
         if !(speed > 0.0 && speed.is_finite()) {
             return Err(LiveError::Given(format!("the speed is {speed}: it must be positive")));

@@ -116,9 +116,10 @@ impl Arguments {
         }
         let zones = self.zones()?;
         let player = Player::open(recording, skin, self.emulator.speed())?;
+        let recorded_with = player.state().settings.method.clone();
         let live = Live::play(Arc::clone(skin), player)?;
         let mut commands = Vec::new();
-        if let Some(model) = &self.model {
+        if let Some(model) = self.model.as_ref().filter(|model| **model != recorded_with) {
             skin.method(model)?;
             commands.push(Command::Method { name: model.clone() });
         }
