@@ -123,8 +123,16 @@ fn addresses_that_are_taken_or_open_to_all_are_refused() {
     refused(&at, &format!("live disk.toml --serve {taken}"), &["another program listens there", "0 for any"]);
     refused(&at, &format!("{DISK} --jsonl tcp:{taken}"), &["another program listens there", "0 for any"]);
     refused(&at, "live disk.toml --serve 0.0.0.0:0", &["other machines", "--token"]);
+    refused(&at, "live disk.toml --serve 0.0.0.0:0 --token=", &["token of 0 characters", "at least 8"]);
+    refused(&at, "live disk.toml --serve 127.0.0.1:0 --token 1234567", &["token of 7 characters", "openssl rand"]);
     refused(&at, "live disk.toml --serve nowhere", &["HOST:PORT"]);
-    refused(&at, &format!("{DISK} --jsonl here"), &["`here`", "--jsonl tcp:HOST:PORT"]);
+    refused(&at, &format!("{DISK} --jsonl here"), &["`here`", "--jsonl tcp:127.0.0.1:PORT"]);
+    refused(
+        &at,
+        &format!("{DISK} --jsonl tcp:0.0.0.0:0"),
+        &["0.0.0.0:0 can be reached", "tcp:127.0.0.1:PORT", "ssh -L"],
+    );
+    refused(&at, &format!("{DISK} --jsonl tcp:nowhere"), &["nowhere", "tcp:HOST:PORT"]);
     refused(&at, &format!("emulate disk.toml --tcp {taken}"), &["cannot listen", "port 0"]);
 }
 

@@ -8,7 +8,7 @@ use crate::report::{ElectrodeState, LiveContact, LiveFrame};
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::io::{BufWriter, Write};
-use std::net::TcpListener;
+use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -103,11 +103,11 @@ fn write_until_closed(shared: &Shared, mailbox: &Mailbox<Event>, out: &mut dyn W
     }
 }
 
-/// Sends lines to every program that connects, each on a thread of its own.
+/// Sends lines to every program of this machine that connects, each on a thread of its own.
 ///
 /// # Errors
-/// An address that is in use or not this machine's.
-pub fn serve_lines(shared: &Arc<Shared>, address: &str) -> Result<(std::net::SocketAddr, JoinHandle<()>), LiveError> {
+/// An address that is in use, or that other machines can reach: nobody is asked who he is.
+pub fn serve_lines(shared: &Arc<Shared>, address: &str) -> Result<(SocketAddr, JoinHandle<()>), LiveError> {
     let failed = |error: std::io::Error| {
         let fix = match error.kind() {
             std::io::ErrorKind::AddrInUse => "another program listens there: take another port, or 0 for any",
@@ -116,7 +116,14 @@ pub fn serve_lines(shared: &Arc<Shared>, address: &str) -> Result<(std::net::Soc
         };
         LiveError::Given(format!("cannot send lines of JSON at {address}: {error}; {fix}"))
     };
-    let listener = TcpListener::bind(address).map_err(failed)?;
+    let addresses: Vec<SocketAddr> = address.to_socket_addrs().map_err(failed)?.collect();
+    if addresses.iter().any(|address| !address.ip().is_loopback()) {
+        let fix = "write tcp:127.0.0.1:PORT, and let other machines come through a tunnel: ssh -L PORT:127.0.0.1:PORT";
+        let message =
+            format!("{address} can be reached from other machines, and lines of JSON ask for no token: {fix}");
+        return Err(LiveError::Given(message));
+    }
+    let listener = TcpListener::bind(addresses.as_slice()).map_err(failed)?;
     let bound = listener.local_addr().map_err(failed)?;
     listener.set_nonblocking(true).map_err(failed)?;
     let shared = Arc::clone(shared);

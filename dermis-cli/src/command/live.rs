@@ -55,13 +55,14 @@ pub struct Arguments {
     /// Before the topics' names, as in /left_arm.
     #[arg(long, value_name = "NAME", default_value = "", hide_default_value = true, requires = "ros2")]
     namespace: String,
-    /// Write a line of JSON for each frame: `-` to standard output, tcp:HOST:PORT to every program that connects.
+    /// Write a line of JSON for each frame: `-` to standard output, tcp:127.0.0.1:PORT to every program of this
+    /// machine that connects.
     #[arg(long, value_name = "WHERE")]
     jsonl: Option<String>,
     /// Where the viewer is served; `off` for none. Anywhere but on this machine needs --token.
     #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:8420")]
     serve: String,
-    /// What pages must know.
+    /// What pages must know: at least eight characters.
     #[arg(long, value_name = "SECRET")]
     token: Option<String>,
     /// Keep the untouched frame in a file, and go on with it in place of a tare where it is there already.
@@ -202,7 +203,7 @@ impl Arguments {
                 sinks.threads.push(thread);
             }
             Some((other, _)) => {
-                let fix = "write --jsonl - or --jsonl tcp:HOST:PORT";
+                let fix = "write --jsonl - or --jsonl tcp:127.0.0.1:PORT";
                 return Err(Failure::given(format!("`{other}` is no place for lines of JSON"), Some(fix)));
             }
         }

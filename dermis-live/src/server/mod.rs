@@ -22,7 +22,7 @@ use std::thread::JoinHandle;
 pub struct ServerOptions {
     /// Host and port; port 0 is any free one.
     pub address: String,
-    /// What a page must know; asked for everywhere but on the loopback, where it may be left out.
+    /// What a page must know, at least eight characters; asked for everywhere but on the loopback, where it may be left out.
     pub token: Option<String>,
 }
 
@@ -54,6 +54,9 @@ const FILES: [(&str, &str, &[u8]); 3] = [
     ("/viewer.css", "text/css; charset=utf-8", include_bytes!("../../../viewer/dist/viewer.css")),
 ];
 
+/// Characters of the shortest token.
+const SHORTEST_TOKEN: usize = 8;
+
 /// What the page may load and talk to: its own server.
 const POLICY: &str = "default-src 'self'; connect-src 'self' ws: wss:; style-src 'self' 'unsafe-inline'; \
                       img-src 'self' data: blob:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
@@ -62,7 +65,7 @@ impl Server {
     /// Serves the viewer of a live skin from now on.
     ///
     /// # Errors
-    /// An address that is in use, is not this machine's, or is open to others without a token.
+    /// An address that is in use, is not this machine's, or is open to others without a token; a token that is too short.
     pub fn start(control: Arc<Control>, options: &ServerOptions) -> Result<Self, LiveError> {
         let listener = listen(options)?;
         let failed = |error: std::io::Error| LiveError::Given(format!("cannot serve the viewer: {error}"));
@@ -102,7 +105,7 @@ impl Server {
     /// What to open in a browser.
     pub fn url(&self) -> String {
         match &self.token {
-            Some(token) => format!("http://{}/?token={token}", self.address),
+            Some(token) => format!("http://{}/?token={}", self.address, escaped(token)),
             None => format!("http://{}/", self.address),
         }
     }
@@ -117,6 +120,15 @@ impl Server {
     }
 }
 
+/// A text as a part of an address (RFC 3986, 2.1).
+fn escaped(text: &str) -> String {
+    let escaped = |byte: u8| match byte {
+        b'A'..=b'Z' | b'a'..=b'z' | b'0'..=b'9' | b'-' | b'.' | b'_' | b'~' => char::from(byte).to_string(),
+        _ => format!("%{byte:02X}"),
+    };
+    text.bytes().map(escaped).collect()
+}
+
 /// Opens the port.
 fn listen(options: &ServerOptions) -> Result<TcpListener, LiveError> {
     let ServerOptions { address, token } = options;
@@ -127,6 +139,12 @@ fn listen(options: &ServerOptions) -> Result<TcpListener, LiveError> {
             return Err(LiveError::Given(format!("`{address}` is no address to serve at: {error}; {fix}")));
         }
     };
+    if let Some(length) = token.as_ref().map(|token| token.chars().count()).filter(|length| *length < SHORTEST_TOKEN) {
+        let message = format!(
+            "a token of {length} characters can be guessed: give at least {SHORTEST_TOKEN}, as `openssl rand -hex 16` prints them"
+        );
+        return Err(LiveError::Given(message));
+    }
     if token.is_none() && addresses.iter().any(|address| !address.ip().is_loopback()) {
         let message = format!("{address} can be reached from other machines: give a --token that pages must know");
         return Err(LiveError::Given(message));
@@ -192,4 +210,15 @@ fn host_is_ours(shared: &Shared, host: Option<&str>) -> bool {
 /// Whether two secrets are the same, in a time that does not tell where they differ.
 fn same(a: &[u8], b: &[u8]) -> bool {
     a.len() == b.len() && a.iter().zip(b).fold(0, |differ, (a, b)| differ | (a ^ b)) == 0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tokens_come_whole_through_an_address() {
+        assert_eq!(escaped("Az09-._~"), "Az09-._~");
+        assert_eq!(escaped("a b&c=ö#+%"), "a%20b%26c%3D%C3%B6%23%2B%25");
+    }
 }
