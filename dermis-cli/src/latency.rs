@@ -1,6 +1,6 @@
 //! How long contacts take, counted while a skin is read.
 
-use crate::console::{print, print_json};
+use crate::console::print_json;
 use crate::failure::Outcome;
 use crate::picture::chart::Histogram;
 use crate::report::Table;
@@ -105,9 +105,9 @@ impl Latencies {
         row("from last byte to contacts, median", format!("{median:.3} ms"));
         row("the same, 99 % within", format!("{p99:.3} ms"));
         row("the same, longest", format!("{worst:.3} ms"));
-        // Standard output may carry lines of JSON.
+        // Standard output may carry lines of JSON, and be held by who writes them to a reader that does not read.
         eprintln!("\n{}", table.to_text());
-        print("")
+        Ok(())
     }
 
     fn draw(&self, path: &Path) -> Outcome {

@@ -300,3 +300,18 @@ fn what_was_recorded_with_a_network_of_ones_own_is_replayed_with_it_and_no_other
     let replayed = contacts.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
     assert!(told.eq(replayed), "the contacts of the replay");
 }
+
+#[test]
+fn who_stops_reading_standard_output_does_not_keep_it_from_ending() {
+    let at = Workplace::new();
+    let run = format!("{DISK} --touch four --jsonl - --for 3 --record held.mcap --state kept.json");
+    let begun = Instant::now();
+    // Nobody reads its standard output, which holds 64 KiB.
+    let mut live = at.command(&run).spawn().unwrap();
+    let mut told = String::new();
+    live.stderr.take().unwrap().read_to_string(&mut told).unwrap();
+    assert!(begun.elapsed() < Duration::from_secs(12), "{told}");
+    assert!(live.wait().unwrap().success(), "{told}");
+    assert_eq!(at.json("recover held.mcap -o again.mcap --json")["was_whole"], true);
+    assert!(at.path("kept.json").exists());
+}

@@ -19,6 +19,7 @@ use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// The arguments of `dermis live`.
@@ -191,7 +192,7 @@ impl Arguments {
             None => {}
             Some(("-", _)) => {
                 let (shared, lines) = (Arc::clone(shared), jsonl::lines(shared));
-                sinks.threads.push(std::thread::spawn(move || {
+                sinks.lines = Some(std::thread::spawn(move || {
                     if let Err(error) = jsonl::write_lines(&shared, &lines, &mut std::io::stdout()) {
                         eprintln!("lines of JSON have ended: {error}");
                     }
@@ -255,6 +256,7 @@ impl Arguments {
             let text = serde_json::to_string(&state).map_err(|error| Failure::Ours(error.to_string()))?;
             write_whole(path, |out| out.write_all(text.as_bytes()))?;
         }
+        sinks.lines.into_iter().for_each(|lines| wait_a_moment(&lines));
         let Some((path, told)) = taped else { return Ok(()) };
         if let Some(problem) = told.problem {
             return Err(Failure::given(format!("the recording ended early: {problem}"), None));
@@ -273,17 +275,27 @@ pub fn model_folder(model: Option<&str>) -> Option<&str> {
 #[derive(Default)]
 struct Sinks {
     server: Option<Server>,
-    threads: Vec<std::thread::JoinHandle<()>>,
+    threads: Vec<JoinHandle<()>>,
+    /// Lines of JSON to standard output, whose reader may have stopped reading.
+    lines: Option<JoinHandle<()>>,
+}
+
+/// Waits until a thread has ended, but not for long: the end of the program ends it in any case.
+fn wait_a_moment(thread: &JoinHandle<()>) {
+    let begun = Instant::now();
+    while !thread.is_finished() && begun.elapsed() < Duration::from_millis(500) {
+        std::thread::sleep(Duration::from_millis(5));
+    }
 }
 
 #[cfg(feature = "ros2")]
-fn publish(control: &Control, namespace: &str) -> Outcome<std::thread::JoinHandle<()>> {
+fn publish(control: &Control, namespace: &str) -> Outcome<JoinHandle<()>> {
     let options = dermis_live::dds::PublisherOptions { domain: None, namespace: namespace.into() };
     Ok(sink::publish(control.shared(), &options)?)
 }
 
 #[cfg(not(feature = "ros2"))]
-fn publish(_: &Control, _: &str) -> Outcome<std::thread::JoinHandle<()>> {
+fn publish(_: &Control, _: &str) -> Outcome<JoinHandle<()>> {
     Err(Failure::given("this program was built without ROS 2", Some("build it with --features ros2")))
 }
 
