@@ -9,8 +9,9 @@ use crate::sink::{Taping, Told};
 use dermis::geom::{Point3, Surface};
 use serde::Deserialize;
 use serde_json::{Value, json};
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// What may be asked of a live skin, as pages ask it.
@@ -63,6 +64,8 @@ pub struct Control {
     source: String,
     tapes: Tapes,
     taping: Mutex<Option<Taping>>,
+    /// The number that the next finger of a guest has on the emulated skin.
+    next_finger: AtomicU32,
 }
 
 /// Where recordings go, and what they carry.
@@ -80,7 +83,7 @@ const MOST_N: f64 = 20.0;
 impl Control {
     /// Of a live skin; `source` tells in words where its frames come from.
     pub fn new(shared: Arc<Shared>, emulator: Option<Arc<Emulator>>, source: String, tapes: Tapes) -> Self {
-        Control { shared, emulator, source, tapes, taping: Mutex::new(None) }
+        Control { shared, emulator, source, tapes, taping: Mutex::new(None), next_finger: AtomicU32::new(0) }
     }
 
     /// The live skin.
@@ -132,18 +135,14 @@ impl Control {
         self.taping.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Lifts a finger.
-    pub fn release(&self, finger: u32) {
+    fn release(&self, finger: u32) {
         if let Some(emulator) = &self.emulator {
             emulator.release(finger);
         }
     }
 
-    /// Does what is asked.
-    ///
-    /// # Errors
-    /// What cannot be done, and why.
-    pub fn carry_out(&self, request: &Request) -> Result<(), LiveError> {
+    /// Does what is asked; fingers have their numbers on the emulated skin.
+    fn carry_out(&self, request: &Request) -> Result<(), LiveError> {
         match request {
             Request::Tare {} => self.shared.command(Command::Tare),
             Request::Threshold { value } => {
@@ -185,7 +184,8 @@ impl Control {
 /// One of those who ask things of a live skin, as a page does: with its own fingers, which are lifted when it goes.
 pub struct Guest {
     control: Arc<Control>,
-    fingers: BTreeSet<u32>,
+    /// Its fingers that press, by its own numbers: theirs on the emulated skin, where no other guest's finger has them.
+    fingers: BTreeMap<u32, u32>,
     paused: bool,
 }
 
@@ -195,7 +195,7 @@ const MOST_FINGERS: usize = 10;
 impl Guest {
     /// Of a live skin.
     pub fn new(control: Arc<Control>) -> Self {
-        Guest { control, fingers: BTreeSet::new(), paused: false }
+        Guest { control, fingers: BTreeMap::new(), paused: false }
     }
 
     /// Whether it wants no frames now.
@@ -208,28 +208,33 @@ impl Guest {
     /// # Errors
     /// A message that is no request, or that cannot be done; in words.
     pub fn ask(&mut self, text: &str) -> Result<(), String> {
-        let request: Request =
+        let mut request: Request =
             serde_json::from_str(text).map_err(|error| format!("this message is no command: {error}"))?;
-        match request {
-            Request::Pause { on } => self.paused = on,
-            Request::Press { finger, .. } => {
-                if !self.fingers.contains(&finger) && self.fingers.len() >= MOST_FINGERS {
-                    return Err(format!("{MOST_FINGERS} fingers are the most"));
-                }
-                self.fingers.insert(finger);
-            }
-            Request::Release { finger } => {
-                self.fingers.remove(&finger);
-            }
+        match &mut request {
+            Request::Pause { on } => self.paused = *on,
+            Request::Press { finger, .. } => *finger = self.finger(*finger)?,
+            Request::Release { finger } => match self.fingers.remove(finger) {
+                Some(own) => *finger = own,
+                None => return Ok(()),
+            },
             _ => {}
         }
         self.control.carry_out(&request).map_err(|error| error.to_string())
+    }
+
+    /// The number of one of its fingers on the emulated skin.
+    fn finger(&mut self, finger: u32) -> Result<u32, String> {
+        if !self.fingers.contains_key(&finger) && self.fingers.len() >= MOST_FINGERS {
+            return Err(format!("{MOST_FINGERS} fingers are the most"));
+        }
+        let next = &self.control.next_finger;
+        Ok(*self.fingers.entry(finger).or_insert_with(|| next.fetch_add(1, Ordering::Relaxed)))
     }
 }
 
 impl Drop for Guest {
     fn drop(&mut self) {
-        self.fingers.iter().for_each(|&finger| self.control.release(finger));
+        self.fingers.values().for_each(|&finger| self.control.release(finger));
     }
 }
 

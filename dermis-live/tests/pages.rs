@@ -2,10 +2,12 @@
 
 mod page;
 
+use dermis_live::Guest;
 use dermis_live::server::{Server, ServerOptions};
 use serde_json::Value;
 use std::io::Write;
 use std::net::{SocketAddr, TcpStream};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tungstenite::{Message, WebSocket};
 
@@ -95,6 +97,29 @@ fn rubbish_is_refused_in_words_and_disturbs_nobody() {
     assert_eq!(live.shared().skipped(), 0);
     live.stop();
     server.stop();
+}
+
+#[test]
+fn fingers_of_pages_are_their_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let (live, control) = page::live(folder.path());
+    let emulator = Arc::clone(control.emulator().unwrap());
+    let pressing = || emulator.presses(0.0).len();
+    let press = |x_m: f64| format!(r#"{{"do":"press","finger":0,"position_m":[{x_m},0.0,0.0],"force_n":1.0}}"#);
+    let mut one = Guest::new(Arc::clone(&control));
+    let mut other = Guest::new(Arc::clone(&control));
+    one.ask(&press(0.01)).unwrap();
+    other.ask(&press(-0.01)).unwrap();
+    assert_eq!(pressing(), 2, "the first finger of each");
+    one.ask(&press(0.02)).unwrap();
+    assert_eq!(pressing(), 2, "it has moved");
+    drop(one);
+    assert_eq!(emulator.presses(0.0).iter().map(|press| press.centre_m[0]).collect::<Vec<f64>>(), [-0.01]);
+    other.ask(r#"{"do":"release","finger":0}"#).unwrap();
+    other.ask(r#"{"do":"release","finger":7}"#).unwrap();
+    assert_eq!(pressing(), 0);
+    live.stop();
+    emulator.stop();
 }
 
 #[test]
