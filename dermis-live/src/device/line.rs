@@ -1,6 +1,7 @@
 //! A line to a device: TCP or a serial port.
 
 use crate::LiveError;
+use serial2::IntoSettings;
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
 use std::time::Duration;
@@ -113,9 +114,34 @@ fn open_tcp(host: &str) -> Result<TcpStream, String> {
 }
 
 fn open_serial(port: &str, baud: u32) -> Result<serial2::SerialPort, String> {
-    let mut opened = serial2::SerialPort::open(port, baud).map_err(|error| unopened(&error, port, baud))?;
-    opened.set_read_timeout(PATIENCE).map_err(|error| error.to_string())?;
-    Ok(opened)
+    let opened = || {
+        // Its settings are changed only when it is ours.
+        let mut opened = serial2::SerialPort::open(port, serial2::KeepSettings)?;
+        own(&opened)?;
+        let mut settings = opened.get_configuration()?;
+        baud.apply_to_settings(&mut settings)?;
+        opened.set_configuration(&settings)?;
+        opened.set_read_timeout(PATIENCE)?;
+        Ok(opened)
+    };
+    opened().map_err(|error| unopened(&error, port, baud))
+}
+
+/// Takes a port for this program alone, until it is closed: of two that read it each would get some of the bytes. Unlike the
+/// port's exclusive mode (TIOCEXCL), a lock holds against the superuser too, and goes with the program that has it.
+#[cfg(unix)]
+fn own(port: &serial2::SerialPort) -> std::io::Result<()> {
+    use rustix::fs::{FlockOperation, flock};
+    flock(port, FlockOperation::NonBlockingLockExclusive).map_err(|error| match error {
+        rustix::io::Errno::WOULDBLOCK => ErrorKind::ResourceBusy.into(),
+        other => other.into(),
+    })
+}
+
+/// Elsewhere a port has one program at a time anyway.
+#[cfg(not(unix))]
+fn own(_: &serial2::SerialPort) -> std::io::Result<()> {
+    Ok(())
 }
 
 /// Why a port could not be opened, and what to do.
@@ -196,6 +222,18 @@ mod tests {
         assert!(why(ErrorKind::ResourceBusy).contains("in use by another program"));
         assert!(why(ErrorKind::NotFound).contains("there is no port /dev/ttyACM0"));
         assert!(why(ErrorKind::InvalidInput).contains("115200 bits a second"));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_port_has_one_program_at_a_time() {
+        let (_device, path) = crate::emulator::pseudo_terminal().unwrap();
+        let address = Address::Serial { port: path.display().to_string(), baud: 115_200 };
+        let first = open(&address).unwrap();
+        let error = open(&address).err().expect("taken").to_string();
+        assert!(error.contains("in use by another program"), "{error}");
+        drop(first);
+        open(&address).unwrap();
     }
 
     #[test]
