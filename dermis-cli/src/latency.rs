@@ -77,7 +77,7 @@ impl Latencies {
         }
         let [median, p99, worst] = quantiles(&self.all_ms, [0.5, 0.99, 1.0]);
         let Counts { lost, repeated, reordered, damaged, reconnected, .. } = self.counts;
-        let skipped = self.shared.skipped();
+        let (skipped, left_out) = (self.shared.skipped(), self.shared.left_out());
         if as_json {
             return print_json(&json!({
                 "seconds": seconds,
@@ -86,6 +86,7 @@ impl Latencies {
                 "frames_with_contacts": self.touched_frames,
                 "lost": lost,
                 "skipped": skipped,
+                "left_out": left_out,
                 "repeated": repeated,
                 "reordered": reordered,
                 "damaged": damaged,
@@ -100,6 +101,9 @@ impl Latencies {
         row("of them with contacts", self.touched_frames.to_string());
         row("lost on the way", lost.to_string());
         row("left out, as contacts took too long", skipped.to_string());
+        for (sink, count) in left_out {
+            row(&format!("left out of {sink}, which did not keep up"), count.to_string());
+        }
         row("repeated; reordered", format!("{repeated}; {reordered}"));
         row("damaged packets", damaged.to_string());
         row("from last byte to contacts, median", format!("{median:.3} ms"));

@@ -304,14 +304,18 @@ fn what_was_recorded_with_a_network_of_ones_own_is_replayed_with_it_and_no_other
 #[test]
 fn who_stops_reading_standard_output_does_not_keep_it_from_ending() {
     let at = Workplace::new();
-    let run = format!("{DISK} --touch four --jsonl - --for 3 --record held.mcap --state kept.json");
+    let run = format!("{DISK} --prerender 200 --rate 1000 --jsonl - --for 4 --record held.mcap --state kept.json");
     let begun = Instant::now();
     // Nobody reads its standard output, which holds 64 KiB.
     let mut live = at.command(&run).spawn().unwrap();
     let mut told = String::new();
     live.stderr.take().unwrap().read_to_string(&mut told).unwrap();
-    assert!(begun.elapsed() < Duration::from_secs(12), "{told}");
+    assert!(begun.elapsed() < Duration::from_secs(15), "{told}");
     assert!(live.wait().unwrap().success(), "{told}");
+    assert!(
+        told.contains("warning: lines of JSON did not keep up") && told.contains("left out of lines of JSON"),
+        "{told}"
+    );
     assert_eq!(at.json("recover held.mcap -o again.mcap --json")["was_whole"], true);
     assert!(at.path("kept.json").exists());
 }

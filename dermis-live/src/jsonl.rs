@@ -37,10 +37,12 @@ pub struct FrameLine<'a> {
     pub rate_hz: f64,
     /// Frames that did not come, since the start.
     pub lost: u64,
+    /// Frames that came and of which no contacts were made, as they came too fast, since the start.
+    pub skipped: u64,
 }
 
 impl<'a> FrameLine<'a> {
-    /// Of a frame.
+    /// Of a frame; none is skipped.
     pub fn new(frame: &'a LiveFrame, frame_id: &'a str) -> Self {
         let is_bad = |state| matches!(state, ElectrodeState::Loose | ElectrodeState::Open);
         let electrodes = &frame.health.electrodes;
@@ -55,6 +57,7 @@ impl<'a> FrameLine<'a> {
             bad_electrodes: (0..electrodes.len()).filter(|&index| is_bad(electrodes[index].state)).collect(),
             rate_hz: frame.health.rate_hz,
             lost: frame.health.counts.lost,
+            skipped: 0,
         }
     }
 
@@ -69,7 +72,7 @@ const WAITING: usize = 256;
 
 /// The frames from now on, for [`write_lines`]; those that are not read fast enough are left out.
 pub fn lines(shared: &Shared) -> Arc<Mailbox<Event>> {
-    shared.subscribe(WAITING)
+    shared.subscribe_as("lines of JSON", WAITING)
 }
 
 /// Writes a line for each frame until the live skin stops or nobody reads any more.
@@ -92,7 +95,8 @@ fn write_until_closed(shared: &Shared, mailbox: &Mailbox<Event>, out: &mut dyn W
     loop {
         match mailbox.take(Duration::from_secs(1)) {
             Taken::Item(Event::Frame(frame)) => {
-                let mut line = serde_json::to_vec(&FrameLine::new(&frame, frame_id))?;
+                let line = FrameLine { skipped: shared.skipped(), ..FrameLine::new(&frame, frame_id) };
+                let mut line = serde_json::to_vec(&line)?;
                 line.push(b'\n');
                 out.write_all(&line)?;
                 out.flush()?;

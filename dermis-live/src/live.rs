@@ -13,7 +13,7 @@ use crate::report::{Level, LiveFrame, Notice};
 use crate::settings::{Command, Settings};
 use crate::skin::LiveSkin;
 use crate::state::State;
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::mem::discriminant;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -61,13 +61,22 @@ pub struct Shared {
     skin: Arc<LiveSkin>,
     incoming: Mailbox<Fed>,
     commands: Mutex<VecDeque<Command>>,
-    subscribers: Mutex<Vec<Arc<Mailbox<Event>>>>,
+    subscribers: Mutex<Vec<Subscriber>>,
+    /// What sinks left out whose subscription has ended, and what they say themselves.
+    left_out: Mutex<BTreeMap<&'static str, u64>>,
     state: Mutex<State>,
     facts: Mutex<Option<Arc<DeviceFacts>>>,
     method: Mutex<String>,
     tells_state: AtomicBool,
     rolling: AtomicBool,
     stopped: AtomicBool,
+}
+
+/// Who is told of what happens.
+struct Subscriber {
+    /// What it is called in counts of what is left out; one without a name counts for itself.
+    sink: Option<&'static str>,
+    mailbox: Arc<Mailbox<Event>>,
 }
 
 /// What the thread that listens hands to the one that makes contacts.
@@ -84,6 +93,8 @@ const MOST_WAITING: usize = 64;
 const NAP: Duration = Duration::from_millis(50);
 /// How long it waits between two tries to find a device again.
 const RETRY: Duration = Duration::from_millis(250);
+/// How often it is told, at most, what sinks leave out.
+const TELL_LEFT_OUT: Duration = Duration::from_secs(1);
 /// How often the state is put by.
 const KEEP: Duration = Duration::from_secs(5);
 
@@ -137,6 +148,7 @@ impl Live {
             rebuilding: None,
             tried_without: None,
             kept_at: Instant::now(),
+            told_left_out: (BTreeMap::new(), Instant::now()),
         };
         let threads = vec![spawn("dermis-listen", listen), spawn("dermis-contacts", move || maker.run())];
         Live { shared, threads }
@@ -159,7 +171,7 @@ impl Live {
             // A thread that panicked has told so already.
             let _ = thread.join();
         }
-        lock(&self.shared.subscribers).iter().for_each(|mailbox| mailbox.close());
+        lock(&self.shared.subscribers).iter().for_each(|subscriber| subscriber.mailbox.close());
         lock(&self.shared.state).clone()
     }
 }
@@ -180,6 +192,7 @@ impl Shared {
             incoming: Mailbox::new(MOST_WAITING),
             commands: Mutex::default(),
             subscribers: Mutex::default(),
+            left_out: Mutex::default(),
             state: Mutex::new(processor.state().clone()),
             facts: Mutex::default(),
             method: Mutex::new(processor.method().name.clone()),
@@ -213,18 +226,47 @@ impl Shared {
 
     /// From now on, what happens; the newest of it, where it is not taken fast enough.
     pub fn subscribe(&self, capacity: usize) -> Arc<Mailbox<Event>> {
+        self.enrol(None, capacity)
+    }
+
+    /// The same for a sink: what it does not take in time is counted by its name ([`left_out`](Self::left_out)) and told.
+    pub fn subscribe_as(&self, sink: &'static str, capacity: usize) -> Arc<Mailbox<Event>> {
+        self.enrol(Some(sink), capacity)
+    }
+
+    fn enrol(&self, sink: Option<&'static str>, capacity: usize) -> Arc<Mailbox<Event>> {
         let mailbox = Arc::new(Mailbox::new(capacity));
         if let Some(facts) = lock(&self.facts).clone() {
             mailbox.put(Event::Connected(facts));
         }
-        lock(&self.subscribers).push(Arc::clone(&mailbox));
+        lock(&self.subscribers).push(Subscriber { sink, mailbox: Arc::clone(&mailbox) });
         mailbox
     }
 
     /// Ends a subscription.
     pub fn unsubscribe(&self, mailbox: &Arc<Mailbox<Event>>) {
-        lock(&self.subscribers).retain(|other| !Arc::ptr_eq(other, mailbox));
+        let mut subscribers = lock(&self.subscribers);
+        let ended = subscribers.extract_if(.., |other| Arc::ptr_eq(&other.mailbox, mailbox));
+        ended.filter_map(|ended| ended.sink).for_each(|sink| self.leave_out(sink, mailbox.dropped()));
         mailbox.close();
+    }
+
+    /// A sink has left something out by itself.
+    pub fn leave_out(&self, sink: &'static str, count: u64) {
+        *lock(&self.left_out).entry(sink).or_default() += count;
+    }
+
+    /// Frames and messages that each sink has left out since the start, as it did not keep up.
+    pub fn left_out(&self) -> BTreeMap<&'static str, u64> {
+        let subscribers = lock(&self.subscribers);
+        let mut left_out = lock(&self.left_out).clone();
+        for Subscriber { sink, mailbox } in subscribers.iter() {
+            if let (Some(sink), dropped @ 1..) = (sink, mailbox.dropped()) {
+                *left_out.entry(sink).or_default() += dropped;
+            }
+        }
+        left_out.retain(|_, count| *count > 0);
+        left_out
     }
 
     /// Has a command carried out before the next frame; [`Event::Done`] or a notice tells of it. One of the same kind that still
@@ -272,7 +314,7 @@ impl Shared {
 
     /// Tells every subscriber.
     pub fn tell(&self, event: &Event) {
-        lock(&self.subscribers).iter().for_each(|mailbox| mailbox.put(event.clone()));
+        lock(&self.subscribers).iter().for_each(|subscriber| subscriber.mailbox.put(event.clone()));
     }
 
     fn notice(&self, level: Level, text: String) {
@@ -349,12 +391,15 @@ struct Maker {
     /// Channels without which the method was last made anew, or could not be: that is not tried twice.
     tried_without: Option<Vec<usize>>,
     kept_at: Instant,
+    /// What was told of that sinks had left out, and when.
+    told_left_out: (BTreeMap<&'static str, u64>, Instant),
 }
 
 impl Maker {
     fn run(mut self) {
         loop {
             self.obey();
+            self.tell_left_out();
             match self.shared.incoming.take(NAP) {
                 Taken::Item(Fed::Frame(incoming)) => self.make(*incoming),
                 Taken::Item(Fed::Command(command)) => self.carry_out(command),
@@ -363,7 +408,7 @@ impl Maker {
             }
         }
         *lock(&self.shared.state) = self.processor.state().clone();
-        lock(&self.shared.subscribers).iter().for_each(|mailbox| mailbox.close());
+        lock(&self.shared.subscribers).iter().for_each(|subscriber| subscriber.mailbox.close());
     }
 
     fn make(&mut self, incoming: Incoming) {
@@ -379,6 +424,23 @@ impl Maker {
             self.kept_at = Instant::now();
             *lock(&self.shared.state) = self.processor.state().clone();
         }
+    }
+
+    /// Tells what sinks have left out since it was last told.
+    fn tell_left_out(&mut self) {
+        let (told, told_at) = &mut self.told_left_out;
+        if told_at.elapsed() < TELL_LEFT_OUT {
+            return;
+        }
+        for (sink, count) in self.shared.left_out() {
+            let more = count.saturating_sub(told.get(sink).copied().unwrap_or(0));
+            if more > 0 {
+                let text = format!("{sink} did not keep up: {more} frames or messages were left out of it");
+                self.shared.notice(Level::Warning, text);
+            }
+        }
+        // What there was no room for of these notices is no news.
+        (*told, *told_at) = (self.shared.left_out(), Instant::now());
     }
 
     fn obey(&mut self) {

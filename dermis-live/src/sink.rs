@@ -19,6 +19,9 @@ const WAITING_FOR_DISK: usize = 4096;
 /// Events that may wait for the network.
 #[cfg(feature = "ros2")]
 const WAITING_FOR_NETWORK: usize = 64;
+/// What publishing is called where it leaves something out.
+#[cfg(feature = "ros2")]
+const ROS2: &str = "ROS 2";
 /// How long a recorder waits for a frame before it puts by what it has.
 const PAUSE: Duration = Duration::from_millis(400);
 
@@ -57,7 +60,7 @@ impl Taping {
                 format!("{} is there already: give another name, recordings are not overwritten", path.display());
             return Err(LiveError::Given(message));
         }
-        let mailbox = shared.subscribe(WAITING_FOR_DISK);
+        let mailbox = shared.subscribe_as("the recording", WAITING_FOR_DISK);
         shared.tell_state();
         let told = Arc::new(Mutex::new(Told::default()));
         let tape = Tape {
@@ -186,11 +189,14 @@ pub fn publish(shared: &Arc<Shared>, options: &crate::dds::PublisherOptions) -> 
     let given = |error: crate::dds::PublishError| LiveError::Given(error.to_string());
     let mut publisher = crate::dds::Publisher::new(reference, options).map_err(given)?;
     let shared = Arc::clone(shared);
-    let mailbox = shared.subscribe(WAITING_FOR_NETWORK);
+    let mailbox = shared.subscribe_as(ROS2, WAITING_FOR_NETWORK);
     let run = move || {
+        let mut left_out = 0;
         loop {
             match mailbox.take(Duration::from_secs(1)) {
                 Taken::Item(Event::Frame(frame)) => {
+                    shared.leave_out(ROS2, publisher.dropped() - left_out);
+                    left_out = publisher.dropped();
                     if let Err(error) = publisher.frame(&frame) {
                         let text = format!("publishing has ended: {error}; contacts go on");
                         shared.tell(&Event::Notice(Notice { level: Level::Error, text, at: Moment::now() }));

@@ -2,8 +2,8 @@
 
 mod page;
 
-use dermis_live::Guest;
 use dermis_live::server::{Server, ServerOptions};
+use dermis_live::{Event, Guest, Taken};
 use serde_json::Value;
 use std::io::Write;
 use std::net::{SocketAddr, TcpStream};
@@ -95,6 +95,31 @@ fn rubbish_is_refused_in_words_and_disturbs_nobody() {
     let frames = frames_in(&mut good, Duration::from_secs(1));
     assert!(frames > 60, "{frames} frames in a second");
     assert_eq!(live.shared().skipped(), 0);
+    live.stop();
+    server.stop();
+}
+
+#[test]
+fn what_a_sink_leaves_out_is_told_and_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let (live, control) = page::live(folder.path());
+    let server = Server::start(control, &ServerOptions { address: "127.0.0.1:0".into(), token: None }).unwrap();
+    let shared = Arc::clone(live.shared());
+    let reader = shared.subscribe(4096);
+    let stalled = shared.subscribe_as("a stalled sink", 8);
+    let begun = Instant::now();
+    let mut told = Vec::new();
+    while begun.elapsed() < Duration::from_millis(3500) {
+        if let Taken::Item(Event::Notice(notice)) = reader.take(Duration::from_millis(100)) {
+            told.extend(notice.text.contains("a stalled sink did not keep up").then_some(notice));
+        }
+    }
+    assert!((2..=4).contains(&told.len()), "{told:?}");
+    let left_out = shared.left_out()["a stalled sink"];
+    assert!(left_out > 200, "{left_out}");
+    shared.unsubscribe(&stalled);
+    assert!(shared.left_out()["a stalled sink"] >= left_out, "when it has gone too");
+    assert_eq!(next(&mut open(server.address()), "status")["counts"]["late"], 0);
     live.stop();
     server.stop();
 }

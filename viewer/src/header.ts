@@ -44,13 +44,13 @@ export class Header {
   }
 }
 
-const LOSSES = ["lost", "damaged", "repeated", "reordered", "skipped"] as const;
+const LOSSES = ["lost", "damaged", "repeated", "reordered", "late", "skipped"] as const;
 
 function every(counts: Counts): string {
   return LOSSES.map((name) => `${whole(counts[name])} ${name}`).join(", ");
 }
 
-/** Only what happened; "skipped" frames were merely not sent to this page. */
+/** Only what happened; of "late" frames no contacts were made, "skipped" frames were merely not sent to this page. */
 function losses(counts: Counts): string {
   const happened = LOSSES.filter((name) => counts[name] > 0);
   return happened.length === 0 ? "none" : happened.map((name) => `${whole(counts[name])} ${name}`).join(", ");

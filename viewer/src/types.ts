@@ -66,6 +66,7 @@ export interface Counts {
   repeated: number;
   reordered: number;
   damaged: number;
+  late: number;
   skipped: number;
 }
 

@@ -65,7 +65,7 @@ export async function startServer(options = {}) {
     rate_hz: rate + 0.4 * Math.sin(sequence),
     latency_ms: { median: 0.31 + 0.02 * Math.sin(sequence), p99: 0.62 + 0.1 * Math.cos(3 * sequence) },
     noise: 1 + 0.05 * Math.sin(0.7 * sequence),
-    counts: { frames: sequence, lost: 0, repeated: 0, reordered: 0, damaged: 0, skipped },
+    counts: { frames: sequence, lost: 0, repeated: 0, reordered: 0, damaged: 0, late: 0, skipped },
     electrodes: health,
     messages,
   });

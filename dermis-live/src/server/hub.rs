@@ -102,7 +102,7 @@ impl Hub {
     /// Draws up until the live skin is stopped.
     pub fn run(mut self) {
         let shared = Arc::clone(self.control.shared());
-        let mailbox = shared.subscribe(WAITING);
+        let mailbox = shared.subscribe_as("the page", WAITING);
         let mut status_at = Instant::now();
         loop {
             match mailbox.take(STATUS) {
@@ -207,6 +207,7 @@ impl Hub {
                 "repeated": counts.repeated,
                 "reordered": counts.reordered,
                 "damaged": counts.damaged,
+                "late": shared.skipped(),
                 "skipped": 0,
             },
             "electrodes": electrodes,
