@@ -8,7 +8,7 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use serde_json::{Value, json};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 /// Bytes of the longest message that a page may send.
@@ -40,7 +40,8 @@ pub(super) async fn open(
 /// One page.
 struct Page {
     shared: Arc<Shared>,
-    guest: Guest,
+    guest: Arc<Mutex<Guest>>,
+    paused: bool,
     /// The number of the last frame that it was sent, and frames that it was not sent as it read slowly.
     last: Option<u64>,
     skipped: u64,
@@ -48,8 +49,8 @@ struct Page {
 
 impl Page {
     fn new(shared: Arc<Shared>) -> Self {
-        let guest = Guest::new(Arc::clone(&shared.control));
-        Page { shared, guest, last: None, skipped: 0 }
+        let guest = Arc::new(Mutex::new(Guest::new(Arc::clone(&shared.control))));
+        Page { shared, guest, paused: false, last: None, skipped: 0 }
     }
 
     async fn serve(mut self, mut socket: WebSocket) {
@@ -78,7 +79,7 @@ impl Page {
                     let status = self.status(&statuses.borrow_and_update());
                     send(socket, status).await?;
                 }
-                changed = frames.changed(), if !self.guest.is_paused() => {
+                changed = frames.changed(), if !self.paused => {
                     changed.map_err(drop)?;
                     let (number, bytes) = frames.borrow_and_update().clone();
                     self.skipped += self.last.map_or(0, |last| number.saturating_sub(last + 1));
@@ -87,7 +88,7 @@ impl Page {
                 }
                 received = socket.recv() => match received {
                     Some(Ok(Message::Text(text))) => {
-                        if let Err(why) = self.obey(&text) {
+                        if let Err(why) = self.obey(text.to_string()).await {
                             let refused = json!({ "type": "refused", "why": why }).to_string();
                             send(socket, Message::text(refused)).await?;
                         }
@@ -102,17 +103,24 @@ impl Page {
     /// The status with what is this page's own.
     fn status(&self, status: &Value) -> Message {
         let mut status = status.clone();
-        status["paused"] = self.guest.is_paused().into();
+        status["paused"] = self.paused.into();
         status["counts"]["skipped"] = self.skipped.into();
         Message::text(status.to_string())
     }
 
-    fn obey(&mut self, text: &str) -> Result<(), String> {
-        let was_paused = self.guest.is_paused();
-        let done = self.guest.ask(text);
-        if self.guest.is_paused() != was_paused {
+    /// Does what a message asks, on another thread: ending a recording takes until all of it is on the disk, and the other
+    /// pages are not to wait.
+    async fn obey(&mut self, text: String) -> Result<(), String> {
+        let guest = Arc::clone(&self.guest);
+        let ask = move || {
+            let mut guest = guest.lock().unwrap_or_else(PoisonError::into_inner);
+            (guest.ask(&text), guest.is_paused())
+        };
+        let asked = tokio::task::spawn_blocking(ask).await;
+        let (done, paused) = asked.map_err(|error| format!("the server failed: {error}"))?;
+        if paused != self.paused {
             // What passed meanwhile was not wanted.
-            self.last = None;
+            (self.paused, self.last) = (paused, None);
         }
         done
     }
