@@ -286,10 +286,14 @@ impl Player {
 /// Hands a part of a recording on when it is due.
 fn feed(reeled: Reeled, pace: &mut Pace, shared: &Shared) {
     match reeled {
-        Reeled::Command(command) => shared.feed(Fed::Command(command)),
+        Reeled::Command(command) => {
+            await_room(shared);
+            shared.feed(Fed::Command(command));
+        }
         Reeled::Found(facts) => shared.connected(facts),
         Reeled::Frame(mut incoming) => {
             pace.wait(incoming.measured_at, shared);
+            await_room(shared);
             incoming.received_at = Moment::now();
             shared.feed(Fed::Frame(incoming));
         }
@@ -309,11 +313,17 @@ impl Pace {
         let due = begun + Duration::try_from_secs_f64(since_s).unwrap_or_default();
         while !shared.is_stopped() {
             let left = due.saturating_duration_since(Instant::now());
-            // A file can wait, which a device cannot: nothing of it is left out.
-            if left.is_zero() && !shared.is_full() {
+            if left.is_zero() {
                 return;
             }
-            std::thread::sleep(left.clamp(Duration::from_micros(100), NAP));
+            std::thread::sleep(left.min(NAP));
         }
+    }
+}
+
+/// A file can wait, which a device cannot: nothing of it is left out.
+fn await_room(shared: &Shared) {
+    while shared.is_full() && !shared.is_stopped() {
+        std::thread::sleep(Duration::from_micros(100));
     }
 }

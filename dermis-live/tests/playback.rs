@@ -43,6 +43,9 @@ fn record(skin: &Arc<LiveSkin>, path: &Path) {
     await_frame(&mailbox, 700);
     live.shared().command(Command::Threshold { value: 0.9 });
     await_frame(&mailbox, 800);
+    // One after the other between the same two frames.
+    live.shared().command(Command::Threshold { value: 0.95 });
+    live.shared().command(Command::Zones { zones: Vec::new() });
     live.shared().command(Command::Method { name: "noser".into() });
     await_frame(&mailbox, 1000);
     assert!(taping.stop().problem.is_none());
