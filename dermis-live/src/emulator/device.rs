@@ -3,6 +3,7 @@
 use crate::LiveError;
 use crate::emulator::fault::{Fault, TimedFault};
 use crate::emulator::script::Script;
+use crate::emulator::timing::Timing;
 use crate::scan::{Role, ScanTable};
 use dermis::design::SkinDesign;
 use dermis::geom::{Point3, Surface};
@@ -49,6 +50,7 @@ pub struct Emulator {
     frames: Vec<Vec<i32>>,
     /// The number of the next frame, from power-up on; a connection goes on where the last one ended.
     next: Mutex<u64>,
+    timing: Mutex<Timing>,
     /// Faults of the skin that have happened.
     happened: Mutex<usize>,
     stopped: AtomicBool,
@@ -102,6 +104,7 @@ impl Emulator {
             fingers: Mutex::default(),
             frames: Vec::new(),
             next: Mutex::new(0),
+            timing: Mutex::new(Timing::new((options.twin.electronics.frame_rate_hz * 1e3).round() as u32)),
             happened: Mutex::new(0),
             stopped: AtomicBool::new(false),
             said_slow: AtomicBool::new(false),
@@ -175,6 +178,11 @@ impl Emulator {
                 1e3 / rate_hz / self.options.speed,
             );
         }
+    }
+
+    /// Its rate and clock, which it keeps from one host to the next.
+    pub(super) fn timing(&self) -> MutexGuard<'_, Timing> {
+        lock(&self.timing)
     }
 
     /// The highest count.
@@ -256,7 +264,12 @@ impl Emulator {
         self.fail(index as f64 / rate_hz)?;
         let counts = self.take(index)?;
         let mut packet = vec![0; Frame::packet_bytes(counts.len(), 4)];
-        let length = self.write_frame(stamp(index, rate_hz), &counts, FrameFlags::default(), &mut packet);
+        let length = self.write_frame(
+            (index as u32, (index as f64 / rate_hz * 1e6) as u64),
+            &counts,
+            FrameFlags::default(),
+            &mut packet,
+        );
         packet.truncate(length.expect("the packet fits into the bytes that it takes at most"));
         Ok(packet)
     }
@@ -318,11 +331,6 @@ impl Emulator {
             _ => None,
         }) > 0.0
     }
-}
-
-/// The number on the wire and the device's time, us, of a frame.
-pub(super) fn stamp(index: u64, rate_hz: f64) -> (u32, u64) {
-    (index as u32, (index as f64 / rate_hz * 1e6) as u64)
 }
 
 /// The packet of a message that fits into so many bytes.

@@ -7,6 +7,7 @@ mod port;
 mod pty;
 mod script;
 mod talk;
+mod timing;
 
 pub use device::{Emulator, EmulatorOptions};
 pub use fault::{Fault, TimedFault};

@@ -2,7 +2,6 @@
 
 use crate::LiveError;
 use crate::emulator::Emulator;
-use crate::emulator::device::stamp;
 use crate::emulator::fault::Fault;
 use crate::emulator::port::Wire;
 use dermis::touch::{sample_rng, standard_normal};
@@ -46,7 +45,6 @@ pub(super) struct Talk<'a> {
     decoder: Decoder<[u8; ToDevice::PACKET_BYTES]>,
     /// The parts so far of a scan table that the host is sending.
     begun: Option<Vec<Slot>>,
-    rate_mhz: u32,
     running: bool,
     /// Our time of the first frame after the start, and its number.
     began: (Instant, u64),
@@ -66,7 +64,6 @@ impl<'a> Talk<'a> {
         Talk {
             decoder: Decoder::new([0; ToDevice::PACKET_BYTES]),
             begun: None,
-            rate_mhz: (emulator.options().twin.electronics.frame_rate_hz * 1e3).round() as u32,
             running: false,
             began: (Instant::now(), 0),
             dropped: 0,
@@ -98,13 +95,13 @@ impl<'a> Talk<'a> {
 
     /// Commands while frames are sent are looked for a hundred times a second only: reading costs a wait.
     fn peek(&mut self, buffer: &mut [u8]) -> Result<usize, TalkEnd> {
-        let every = (f64::from(self.rate_mhz) * 1e-5).ceil() as u64;
+        let every = (f64::from(self.emulator.timing().rate_mhz()) * 1e-5).ceil() as u64;
         let next = self.emulator.next_index();
         if next.is_multiple_of(every.max(1)) { Ok(self.line.heard(buffer)?) } else { Ok(0) }
     }
 
     fn greet(&mut self) -> Result<(), TalkEnd> {
-        let packet = self.emulator.hello_packet(self.rate_mhz);
+        let packet = self.emulator.hello_packet(self.emulator.timing().asked_mhz());
         Ok(self.line.say(&packet)?)
     }
 
@@ -139,16 +136,13 @@ impl<'a> Talk<'a> {
         match command {
             ToDevice::Identify => self.greet()?,
             ToDevice::Stop => self.running = false,
-            ToDevice::Start => {
-                self.running = true;
-                self.begin();
-            }
+            ToDevice::Start if self.running => {}
+            ToDevice::Start => self.start(),
             ToDevice::Scan(part) => self.scan(part)?,
             ToDevice::Rate(rate_mhz) => {
                 let most = self.emulator.highest_rate_mhz();
                 if (1..=most).contains(rate_mhz) {
-                    self.rate_mhz = *rate_mhz;
-                    self.begin();
+                    self.emulator.timing().ask(*rate_mhz);
                 } else {
                     self.refuse(FaultCode::Rate, &format!("at most {} frames a second", f64::from(most) * 1e-3))?;
                 }
@@ -170,8 +164,11 @@ impl<'a> Talk<'a> {
         self.status()
     }
 
-    fn begin(&mut self) {
-        self.began = (Instant::now(), self.emulator.next_index());
+    fn start(&mut self) {
+        let index = self.emulator.next_index();
+        self.emulator.timing().start(index);
+        self.running = true;
+        self.began = (Instant::now(), index);
     }
 
     /// A part of a scan table: it takes that of its own skin alone, which it has at power-up.
@@ -193,14 +190,14 @@ impl<'a> Talk<'a> {
     }
 
     fn stamp(&self, index: u64) -> (u32, u64) {
-        stamp(index, f64::from(self.rate_mhz) * 1e-3)
+        (index as u32, self.emulator.timing().time_us(index) as u64)
     }
 
     /// Waits for the next frame's time and sends it.
     fn send_due(&mut self) -> Result<(), TalkEnd> {
         let emulator = self.emulator;
         let index = emulator.next_index();
-        let frame_s = 1e3 / f64::from(self.rate_mhz) / emulator.options().speed;
+        let frame_s = 1e3 / f64::from(emulator.timing().rate_mhz()) / emulator.options().speed;
         let mut flags = FrameFlags::default();
         if !emulator.options().unpaced {
             let due = self.began.0 + Duration::from_secs_f64((index - self.began.1) as f64 * frame_s);
@@ -211,7 +208,7 @@ impl<'a> Talk<'a> {
                     let skipped = (due.elapsed().as_secs_f64() / frame_s) as u64;
                     self.dropped = self.dropped.wrapping_add(skipped as u32);
                     emulator.set_next_index(index + skipped);
-                    emulator.is_slow(f64::from(self.rate_mhz) * 1e-3);
+                    emulator.is_slow(f64::from(emulator.timing().rate_mhz()) * 1e-3);
                     flags = FrameFlags::OVERRUN;
                 }
                 None => {}
@@ -294,4 +291,69 @@ fn damaged(packet: &[u8], rng: &mut ChaCha8Rng) -> Vec<u8> {
         }
     }
     bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::emulator::{EmulatorOptions, Script};
+    use dermis::design::SkinDesign;
+    use dermis::twin::TwinOptions;
+
+    /// A line that keeps what the device says.
+    struct Said(Vec<u8>);
+
+    impl Wire for Said {
+        fn heard(&mut self, _: &mut [u8]) -> std::io::Result<usize> {
+            Ok(0)
+        }
+
+        fn say(&mut self, bytes: &[u8]) -> std::io::Result<()> {
+            self.0.extend_from_slice(bytes);
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_rate_holds_from_the_next_start_on_and_time_does_not_jump() {
+        let options = EmulatorOptions {
+            twin: TwinOptions::shipped("lab").unwrap(),
+            seed: 1,
+            script: Script::default(),
+            faults: Vec::new(),
+            speed: 1.0,
+            prerendered: 0,
+            unpaced: true,
+        };
+        let emulator = Emulator::new(&SkinDesign::shipped("skin16").unwrap(), options).unwrap();
+        let mut said = Said(Vec::new());
+        let mut talk = Talk::new(&emulator, &mut said);
+        let send = |talk: &mut Talk<'_>| (0..3).for_each(|_| assert!(talk.send_due().is_ok()));
+        let obey = |talk: &mut Talk<'_>, command| assert!(talk.obey(&command).is_ok());
+        obey(&mut talk, ToDevice::Start);
+        send(&mut talk);
+        obey(&mut talk, ToDevice::Rate(60_000));
+        let began = talk.began;
+        obey(&mut talk, ToDevice::Start);
+        assert_eq!(talk.began, began, "it is started already");
+        send(&mut talk);
+        obey(&mut talk, ToDevice::Stop);
+        obey(&mut talk, ToDevice::Start);
+        send(&mut talk);
+        // Another host finds the rate that the last one left.
+        assert!(Talk::new(&emulator, &mut said).greet().is_ok());
+
+        let (mut times_us, mut rate_mhz) = (Vec::new(), 0);
+        let mut decoder = Decoder::new(vec![0; 4096]);
+        decoder.feed(&said.0, |received| {
+            let Received::Message(message) = received else { return };
+            match ToHost::parse(message).unwrap() {
+                ToHost::Frame(frame) => times_us.push(frame.time_us),
+                ToHost::Hello(hello) => rate_mhz = hello.rate_mhz,
+                _ => {}
+            }
+        });
+        assert_eq!(times_us, [0, 8333, 16_666, 25_000, 33_333, 41_666, 50_000, 66_666, 83_333]);
+        assert_eq!(rate_mhz, 60_000);
+    }
 }
