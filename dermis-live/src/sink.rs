@@ -155,18 +155,20 @@ impl Tape {
         loop {
             match self.mailbox.take(PAUSE) {
                 Taken::Item(Event::State(state)) => {
+                    // A device that is away is waited for: without its hello nobody can read its messages.
+                    let Some(facts) = self.shared.facts() else { continue };
                     let skin = self.shared.skin();
                     return Some(Session {
                         version: String::new(),
                         design_toml: skin.design_text.clone(),
                         twin_toml: self.twin_toml.clone(),
                         model_card_json: skin.by_name(&state.settings.method).ok().and_then(|m| m.card.clone()),
-                        hello: self.shared.facts().map(|facts| facts.hello.clone()).unwrap_or_default(),
+                        hello: facts.hello.clone(),
                         options: serde_json::to_value(&state.settings).unwrap_or(Value::Null),
                         state: serde_json::to_value(&*state).unwrap_or(Value::Null),
                     });
                 }
-                // A device that is away is asked for its state again when it is back.
+                Taken::Item(Event::Connected(_)) => self.shared.tell_state(),
                 Taken::Item(_) | Taken::TimedOut => {}
                 Taken::Closed => return None,
             }
