@@ -161,6 +161,7 @@ fn arguments_that_cannot_be_name_themselves_and_the_fix() {
     at.write("kept.json", "{");
     wrong("--state kept.json", &["kept.json", "tare anew"]);
     wrong("--source replay:none.mcap", &["none.mcap"]);
+    wrong("--record nowhere/a.mcap", &["nowhere/a.mcap", "there is no folder nowhere"]);
     wrong("--source replay:there.mcap", &["there.mcap", "no MCAP recording", "empty"]);
     wrong("--source replay:there.mcap --state x.json", &["leave --state and --rate out"]);
 }

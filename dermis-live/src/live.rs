@@ -33,6 +33,9 @@ pub struct LiveOptions {
     pub state: Option<State>,
 }
 
+/// Who subscribes so long after the start is told what was noticed since.
+const EARLY: Duration = Duration::from_secs(5);
+
 /// What subscribers are told.
 #[derive(Debug, Clone)]
 pub enum Event {
@@ -62,6 +65,9 @@ pub struct Shared {
     incoming: Mailbox<Fed>,
     commands: Mutex<VecDeque<Command>>,
     subscribers: Mutex<Vec<Subscriber>>,
+    begun: Instant,
+    /// Notices of the first seconds, for those who subscribe a moment later.
+    early: Mutex<Vec<Notice>>,
     /// What sinks left out whose subscription has ended, and what they say themselves.
     left_out: Mutex<BTreeMap<&'static str, u64>>,
     state: Mutex<State>,
@@ -192,6 +198,8 @@ impl Shared {
             incoming: Mailbox::new(MOST_WAITING),
             commands: Mutex::default(),
             subscribers: Mutex::default(),
+            begun: Instant::now(),
+            early: Mutex::default(),
             left_out: Mutex::default(),
             state: Mutex::new(processor.state().clone()),
             facts: Mutex::default(),
@@ -238,6 +246,9 @@ impl Shared {
         let mailbox = Arc::new(Mailbox::new(capacity));
         if let Some(facts) = lock(&self.facts).clone() {
             mailbox.put(Event::Connected(facts));
+        }
+        if self.begun.elapsed() < EARLY {
+            lock(&self.early).iter().for_each(|notice| mailbox.put(Event::Notice(notice.clone())));
         }
         lock(&self.subscribers).push(Subscriber { sink, mailbox: Arc::clone(&mailbox) });
         mailbox
@@ -314,6 +325,9 @@ impl Shared {
 
     /// Tells every subscriber.
     pub fn tell(&self, event: &Event) {
+        if let (Event::Notice(notice), true) = (event, self.begun.elapsed() < EARLY) {
+            lock(&self.early).push(notice.clone());
+        }
         lock(&self.subscribers).iter().for_each(|subscriber| subscriber.mailbox.put(event.clone()));
     }
 

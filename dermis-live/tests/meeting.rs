@@ -196,6 +196,11 @@ fn a_device_that_cannot_is_refused_in_its_own_words() {
     assert!(why.contains("at most 90 Hz"), "{why}");
     let why = refused(at(1, (FaultCode::UnknownMessage, "what is 0x85?")), None);
     assert!(why.contains("0x85") && why.contains("update"), "{why}");
+    // A firmware that knows neither the scan table nor the self-test, but states as many readings.
+    let mut fake = Fake { knows_self_test: false, ..Fake::new() };
+    fake.refuses[0] = Some((FaultCode::UnknownMessage, "what is 0x84?"));
+    let why = refused(fake, None);
+    assert!(why.contains("0x84") && why.contains("update"), "{why}");
     let why = refused(Fake { keeps_mhz: Some(90_000), ..Fake::new() }, Some(100.0));
     assert!(why.contains("100 times a second") && why.contains("90 times a second"), "{why}");
 }

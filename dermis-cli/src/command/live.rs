@@ -86,6 +86,7 @@ const WAITING: usize = 1 << 16;
 impl Arguments {
     /// Reads the skin until it is interrupted.
     pub fn run(self) -> Outcome {
+        self.check_folders()?;
         let text = SkinDesign::text_of(&self.design)?;
         let skin = {
             let _waiting = crate::console::Progress::waiting("preparing");
@@ -108,6 +109,18 @@ impl Arguments {
         let counted = self.watch(&live)?;
         self.close(live, emulator, &control, sinks)?;
         counted.tell(self.latency.as_deref(), self.json)
+    }
+
+    /// Refuses files that could not be written at the end, before anything begins.
+    fn check_folders(&self) -> Outcome {
+        for path in [&self.record, &self.state, &self.latency].into_iter().flatten() {
+            let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+            if !folder.is_dir() {
+                let message = format!("{} cannot be written: there is no folder {}", path.display(), folder.display());
+                return Err(Failure::given(message, Some("make it first, or name another")));
+            }
+        }
+        Ok(())
     }
 
     /// A recording in the place of a device. What is asked for here goes before what it was recorded with.

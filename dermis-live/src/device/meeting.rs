@@ -57,12 +57,13 @@ impl Meeting<'_> {
             if attempt >= 2 && begun.elapsed() >= SILENCE {
                 break;
             }
-            let answers = self.settle(asked, baud)?;
+            // Each attempt asks for one self-test, which a device need not know.
+            let answers = self.settle(asked, baud, attempt + 1)?;
             let Some(hello) = answers.hello else { continue };
             let now = self.checked(&hello)?;
             let slots = self.skin.scan.slots().len();
             if (usize::from(now.slot_count), now.rate_mhz) == (slots, asked) {
-                let notice = answers.unknown.map(|_| untested());
+                let notice = answers.tested.is_none().then(untested);
                 return Ok(Met { hello, notice, tested: answers.tested });
             }
             said = format!(
@@ -136,7 +137,9 @@ impl Meeting<'_> {
     }
 
     /// Tells it what to read and how often, tests it, and asks what it will do now; its answers come in that order.
-    fn settle(&mut self, rate_mhz: u32, baud: u32) -> Result<Answers, LiveError> {
+    ///
+    /// At most `tests` messages may be unknown to it.
+    fn settle(&mut self, rate_mhz: u32, baud: u32, tests: usize) -> Result<Answers, LiveError> {
         let skin = self.skin;
         for part in skin.scan.parts() {
             self.send(&ToDevice::Scan(part))?;
@@ -156,7 +159,7 @@ impl Meeting<'_> {
                     answers.take(message, skin);
                 }
             });
-            if let Some(why) = answers.refusal() {
+            if let Some(why) = answers.refusal(tests) {
                 return Err(self.refused(why));
             }
         }
@@ -179,8 +182,8 @@ fn on_line(slot_count: usize, baud: u32) -> Duration {
 struct Answers {
     /// What it will not do.
     fault: Option<String>,
-    /// A message that it does not know.
-    unknown: Option<String>,
+    /// Messages that it does not know.
+    unknown: Vec<String>,
     /// The number of the frame of test readings, and what is wrong with them.
     tested: Option<u32>,
     wrong: Option<String>,
@@ -191,27 +194,28 @@ struct Answers {
 impl Answers {
     fn take(&mut self, message: &[u8], skin: &LiveSkin) {
         match ToHost::parse(message) {
-            Ok(ToHost::Fault(Fault { code: FaultCode::UnknownMessage, text })) => self.unknown = Some(text.into()),
+            Ok(ToHost::Fault(Fault { code: FaultCode::UnknownMessage, text })) => self.unknown.push(text.into()),
             Ok(ToHost::Fault(fault)) => self.fault = Some(fault.text.into()),
             Ok(ToHost::Frame(frame)) if frame.flags.has(FrameFlags::TEST) => {
                 self.tested = Some(frame.sequence);
                 self.wrong = wrong_reading(&frame, skin);
             }
             // An earlier one answers an earlier question.
-            Ok(ToHost::Hello(_)) if self.tested.is_some() || self.unknown.is_some() => {
+            Ok(ToHost::Hello(_)) if self.tested.is_some() || !self.unknown.is_empty() => {
                 self.hello = Some(message.to_vec());
             }
             _ => {}
         }
     }
 
-    /// Why the device cannot be read, if so.
-    fn refusal(&self) -> Option<String> {
+    /// Why the device cannot be read, if so, after it was asked for so many self-tests.
+    fn refusal(&self, tests: usize) -> Option<String> {
         if let Some(text) = &self.fault {
             return Some(format!("it says: {text}"));
         }
-        // It knows the self-test, so it is another message that it does not know.
-        if let (Some(text), true) = (&self.unknown, self.tested.is_some()) {
+        // It need not know the self-test; where it does, it is another message that it does not know.
+        let other = self.unknown.len() > if self.tested.is_some() { 0 } else { tests };
+        if let (Some(text), true) = (self.unknown.first(), other) {
             return Some(format!("it does not know the scan table or the rate: {text}; update its firmware"));
         }
         self.wrong.clone()

@@ -17,10 +17,10 @@ pub struct TimedFault {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fault {
-    /// Every reading has this many times its noise more, for some time.
+    /// Every reading has noise more, for some time.
     Noise {
-        /// Times the noise.
-        times: f64,
+        /// Its standard deviation, counts.
+        counts: f64,
         /// For how long, s.
         for_s: f64,
     },
@@ -51,12 +51,12 @@ const LOOSE_OHM: f64 = 1000.0;
 impl FromStr for TimedFault {
     type Err = LiveError;
 
-    /// From `noise:TIMES@SECONDS+FOR`, `bytes:SHARE@SECONDS+FOR`, `loose:ELECTRODE[:OHM]@SECONDS`, `mend:ELECTRODE@SECONDS`,
+    /// From `noise:COUNTS@SECONDS+FOR`, `bytes:SHARE@SECONDS+FOR`, `loose:ELECTRODE[:OHM]@SECONDS`, `mend:ELECTRODE@SECONDS`,
     /// `unplug@SECONDS+FOR`.
     fn from_str(text: &str) -> Result<Self, LiveError> {
         parse(text).ok_or_else(|| {
             LiveError::Given(format!(
-                "`{text}` is no fault: write noise:TIMES@SECONDS+FOR, bytes:SHARE@SECONDS+FOR, loose:ELECTRODE[:OHM]@SECONDS, \
+                "`{text}` is no fault: write noise:COUNTS@SECONDS+FOR, bytes:SHARE@SECONDS+FOR, loose:ELECTRODE[:OHM]@SECONDS, \
                  mend:ELECTRODE@SECONDS or unplug@SECONDS+FOR, as in loose:7@10"
             ))
         })
@@ -72,7 +72,7 @@ fn parse(text: &str) -> Option<TimedFault> {
     };
     let mut parts = what.split(':');
     let fault = match (parts.next()?, parts.next(), parts.next(), for_s) {
-        ("noise", Some(times), None, Some(for_s)) => Fault::Noise { times: number(times)?, for_s },
+        ("noise", Some(counts), None, Some(for_s)) => Fault::Noise { counts: number(counts)?, for_s },
         ("bytes", Some(share), None, Some(for_s)) => {
             Fault::Bytes { share: number(share).filter(|share| *share <= 1.0)?, for_s }
         }

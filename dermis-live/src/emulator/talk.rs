@@ -233,7 +233,7 @@ impl<'a> Talk<'a> {
     fn send_frame(&mut self, index: u64, time_s: f64, mut counts: Vec<i32>, flags: FrameFlags) -> Result<(), TalkEnd> {
         let emulator = self.emulator;
         let noise = emulator.felt(time_s, |fault| match fault {
-            Fault::Noise { times, for_s } => Some((*times, *for_s)),
+            Fault::Noise { counts, for_s } => Some((*counts, *for_s)),
             _ => None,
         });
         if noise > 0.0 {
