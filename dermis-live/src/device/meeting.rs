@@ -104,8 +104,8 @@ impl Meeting<'_> {
         let (mut bytes, mut hello, mut other_version) = (0, None, None);
         while begun.elapsed() < SILENCE {
             if asked_at.is_none_or(|asked_at| asked_at.elapsed() >= ANSWER) {
-                self.send(&ToDevice::Stop)?;
-                self.send(&ToDevice::Identify)?;
+                // Whoever has hung up may have spoken before: what came says what it was.
+                let _ = self.send(&ToDevice::Stop).and_then(|()| self.send(&ToDevice::Identify));
                 asked_at = Some(Instant::now());
             }
             let count = match self.line.receive(&mut buffer) {
