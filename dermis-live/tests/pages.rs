@@ -7,7 +7,7 @@ use dermis_live::{Event, Guest, Taken};
 use serde_json::Value;
 use std::io::Write;
 use std::net::{SocketAddr, TcpStream};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tungstenite::{Message, WebSocket};
 
@@ -49,8 +49,15 @@ fn resident_bytes() -> usize {
     text.split_whitespace().nth(1).unwrap().parse::<usize>().unwrap() * 4096
 }
 
+/// One test at a time: memory is counted for the whole program.
+fn alone() -> MutexGuard<'static, ()> {
+    static ALONE: Mutex<()> = Mutex::new(());
+    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 #[test]
 fn rubbish_is_refused_in_words_and_disturbs_nobody() {
+    let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
     let (live, control) = page::live(folder.path());
     let server = Server::start(control, &ServerOptions { address: "127.0.0.1:0".into(), token: None }).unwrap();
@@ -101,6 +108,7 @@ fn rubbish_is_refused_in_words_and_disturbs_nobody() {
 
 #[test]
 fn what_a_sink_leaves_out_is_told_and_counted() {
+    let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
     let (live, control) = page::live(folder.path());
     let server = Server::start(control, &ServerOptions { address: "127.0.0.1:0".into(), token: None }).unwrap();
@@ -126,6 +134,7 @@ fn what_a_sink_leaves_out_is_told_and_counted() {
 
 #[test]
 fn fingers_of_pages_are_their_own() {
+    let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
     let (live, control) = page::live(folder.path());
     let emulator = Arc::clone(control.emulator().unwrap());
@@ -149,6 +158,7 @@ fn fingers_of_pages_are_their_own() {
 
 #[test]
 fn pages_that_never_read_cost_the_others_nothing() {
+    let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
     let (live, control) = page::live(folder.path());
     let server = Server::start(control, &ServerOptions { address: "127.0.0.1:0".into(), token: None }).unwrap();
