@@ -31,7 +31,7 @@ export function contactLabel(contact: Contact): string {
 export function ohms(value: number | null | undefined): string {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   if (Math.abs(value) >= 1e6) return `${significant(value / 1e6)} MΩ`;
-  return Math.abs(value) >= 1e4 ? `${significant(value / 1e3, 2)} kΩ` : `${significant(value)} Ω`;
+  return Math.abs(value) >= 1e4 ? `${significant(value / 1e3, 2)} kΩ` : `${significant(value, Math.abs(value) < 1 ? 2 : 3)} Ω`;
 }
 
 export const STATE_SYMBOL: Record<ElectrodeState, string> = { sound: "●", doubtful: "◆", loose: "▲", open: "✖" };

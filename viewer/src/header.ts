@@ -36,8 +36,10 @@ export class Header {
     say(this.touched, state);
   }
 
-  setLink(connected: boolean, paused: boolean): void {
-    const state = !connected ? "disconnected" : paused ? "paused" : "live";
+  /** Without a device there is nothing live, and nothing is known of touches. */
+  setLink(connected: boolean, paused: boolean, device: boolean): void {
+    if (!device) this.setTouched(null);
+    const state = !connected ? "disconnected" : !device ? "no device" : paused ? "paused" : "live";
     if (this.link.dataset["state"] === state) return;
     this.link.dataset["state"] = state;
     say(this.link, state);
@@ -50,8 +52,8 @@ function every(counts: Counts): string {
   return LOSSES.map((name) => `${whole(counts[name])} ${name}`).join(", ");
 }
 
-/** Only what happened; of "late" frames no contacts were made, "skipped" frames were merely not sent to this page. */
+/** Only what happened; of "late" frames no contacts were made. "Skipped" frames were merely not sent to this page: no loss. */
 function losses(counts: Counts): string {
-  const happened = LOSSES.filter((name) => counts[name] > 0);
+  const happened = LOSSES.filter((name) => name !== "skipped" && counts[name] > 0);
   return happened.length === 0 ? "none" : happened.map((name) => `${whole(counts[name])} ${name}`).join(", ");
 }

@@ -220,7 +220,7 @@ class Viewer {
   }
 
   private setLink(): void {
-    this.header.setLink(this.connection.connected, this.status?.paused ?? false);
+    this.header.setLink(this.connection.connected, this.status?.paused ?? false, this.status?.connected ?? true);
   }
 
   private wireButtons(): void {
