@@ -3,10 +3,11 @@
 
 import { execFileSync, spawn } from "node:child_process";
 import { cpus, tmpdir } from "node:os";
-import { mkdtempSync, readFileSync, renameSync, rmSync, statSync, writeFileSync } from "node:fs";
+import { mkdtempSync, rmSync, statSync } from "node:fs";
 import { createRequire } from "node:module";
 import { createInterface } from "node:readline";
 import { join } from "node:path";
+import { replaceTable } from "./table.mjs";
 
 const root = new URL("../..", import.meta.url).pathname;
 const { WebSocket } = createRequire(join(root, "viewer/package.json"))("ws");
@@ -86,13 +87,4 @@ const table = [
 ].join("\n");
 console.log(table);
 if (told.match(/warning|error/i)) console.error(told);
-if (process.argv.includes("--write")) {
-  const path = join(root, "docs/live.md");
-  const text = readFileSync(path, "utf8");
-  const [begin, end] = ["<!-- hour -->\n", "<!-- end of hour -->"];
-  const from = text.indexOf(begin) + begin.length;
-  const to = text.indexOf(end);
-  if (from < begin.length || to < from) throw new Error("docs/live.md has no place for the table");
-  writeFileSync(`${path}.new`, text.slice(0, from) + table + text.slice(to));
-  renameSync(`${path}.new`, path);
-}
+if (process.argv.includes("--write")) replaceTable(join(root, "docs/live.md"), "hour", table);

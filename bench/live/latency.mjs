@@ -4,9 +4,10 @@
 import { spawn } from "node:child_process";
 import { once } from "node:events";
 import { cpus, tmpdir } from "node:os";
-import { mkdtempSync, readFileSync, renameSync, rmSync, writeFileSync } from "node:fs";
+import { mkdtempSync, rmSync } from "node:fs";
 import { createRequire } from "node:module";
 import { join } from "node:path";
+import { replaceTable } from "./table.mjs";
 
 const root = new URL("../..", import.meta.url).pathname;
 const { WebSocket } = createRequire(join(root, "viewer/package.json"))("ws");
@@ -82,13 +83,4 @@ const table = [
   "",
 ].join("\n");
 console.log(table);
-if (process.argv.includes("--write")) {
-  const path = join(root, "docs/live.md");
-  const text = readFileSync(path, "utf8");
-  const [begin, end] = ["<!-- latency -->\n", "<!-- end of latency -->"];
-  const from = text.indexOf(begin) + begin.length;
-  const to = text.indexOf(end);
-  if (from < begin.length || to < from) throw new Error("docs/live.md has no place for the table");
-  writeFileSync(`${path}.new`, text.slice(0, from) + table + text.slice(to));
-  renameSync(`${path}.new`, path);
-}
+if (process.argv.includes("--write")) replaceTable(join(root, "docs/live.md"), "latency", table);
