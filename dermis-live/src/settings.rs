@@ -65,12 +65,7 @@ impl Settings {
                 return Err(LiveError::Given(format!("zone `{name}`: {must}")));
             }
             if !pixels.centres_m.iter().any(|&place| distance(*centre_m, place) <= *radius_m) {
-                let least =
-                    |axis: usize| pixels.centres_m.iter().map(|place| place[axis]).fold(f64::INFINITY, f64::min);
-                let most =
-                    |axis: usize| pixels.centres_m.iter().map(|place| place[axis]).fold(f64::NEG_INFINITY, f64::max);
-                let box_m: Vec<String> =
-                    (0..3).map(|axis| format!("{:.3} to {:.3}", least(axis), most(axis))).collect();
+                let box_m = pixels.box_m().map(|[least, most]| format!("{least:.3} to {most:.3}"));
                 return Err(LiveError::Given(format!(
                     "zone `{name}` holds nothing of the skin, whose pixels lie from {} m in x, y and z: lengths are in metres",
                     box_m.join(", ")

@@ -341,14 +341,9 @@ fn normal_tail(z: f64) -> f64 {
 pub fn centres(image: &Image, contact: &Contact) -> [Point3; 2] {
     let space = &image.space;
     let reach_m = 3.0 * (contact.area_m2 / std::f64::consts::PI).sqrt() + 2.0 * space.half_pixel_m();
-    // Straight through space is never farther than along the surface, and far cheaper to tell.
-    let straight = |pixel: &usize| {
-        let away = sub(space.centres_m[*pixel], contact.position_m);
-        dot(away, away) <= reach_m * reach_m
-    };
     let near = |pixel: &usize| space.surface.distance_m(space.centres_m[*pixel], contact.position_m) <= reach_m;
-    let pixels = (0..space.len()).filter(|&pixel| image.values[pixel] > 0.0).filter(straight).filter(near);
-    let pixels: Vec<usize> = pixels.collect();
+    let around = space.near(contact.position_m, reach_m);
+    let pixels: Vec<usize> = around.filter(|&pixel| image.values[pixel] > 0.0).filter(near).collect();
     let peak = pixels.iter().map(|&pixel| image.values[pixel]).fold(0.0, f64::max);
     if peak <= 0.0 {
         return [contact.position_m; 2];

@@ -5,7 +5,7 @@
 //! Krishnaprasad, 1993, DOI 10.1109/ACSSC.1993.342465). A spot that the skin's edge cuts off is placed as well as a whole
 //! one, which a centroid would pull inwards.
 
-use crate::geom::vector::{cross, dot, sub};
+use crate::geom::vector::{cross, dot};
 use crate::geom::{Point3, Surface};
 use crate::image::{Image, PixelSpace};
 
@@ -128,7 +128,7 @@ impl Search<'_> {
     /// A spot with the pixels that it reaches, also once it has moved a little.
     fn fit_about(&self, pixel: usize, origin_m: Point3, height: f64) -> Fit {
         let Search { image: Image { space, .. }, width_m, .. } = self;
-        let patch = near(space, origin_m, (FAR + ASTRAY) * width_m)
+        let patch = (space.near(origin_m, (FAR + ASTRAY) * width_m))
             .map(|pixel| Reached { pixel, at_m: space.surface.chart(origin_m, space.centres_m[pixel]), value: 0.0 })
             .collect();
         Fit { pixel, origin_m, at_m: [0.0; 2], height, patch }
@@ -191,17 +191,6 @@ impl Search<'_> {
             Surface::Plane | Surface::Free => [u, v],
         }
     }
-}
-
-/// Pixels that may lie within some distance of a place along the surface: those that do so straight through space, which no
-/// way along it is shorter than.
-fn near(space: &PixelSpace, place: Point3, reach_m: f64) -> impl Iterator<Item = usize> {
-    let square = reach_m * reach_m;
-    let is_near = move |(_, centre): &(usize, &Point3)| {
-        let away = sub(**centre, place);
-        dot(away, away) <= square
-    };
-    space.centres_m.iter().enumerate().filter(is_near).map(|(pixel, _)| pixel)
 }
 
 /// Solves three equations by Cramer's rule (the matrix is symmetric); `None` where they are singular.

@@ -6,6 +6,7 @@ mod grid;
 pub(crate) mod tests;
 
 use crate::design::{Body, ImageLayout, SkinDesign};
+use crate::geom::vector::{dot, sub};
 use crate::geom::{Point3, Surface};
 use crate::mesh::{Mesh, MeshError};
 use std::sync::Arc;
@@ -94,13 +95,28 @@ impl PixelSpace {
         0.5 * mean.sqrt()
     }
 
+    /// The box round the pixels' centres: the least and the greatest coordinate along x, y and z, m.
+    pub fn box_m(&self) -> [[f64; 2]; 3] {
+        [0, 1, 2].map(|axis| {
+            let along = self.centres_m.iter().map(|centre| centre[axis]);
+            [along.clone().fold(f64::INFINITY, f64::min), along.fold(f64::NEG_INFINITY, f64::max)]
+        })
+    }
+
     /// The longest side of the box round the pixels' centres, m.
     pub fn extent_m(&self) -> f64 {
-        let side = |axis: usize| {
-            let along = self.centres_m.iter().map(|centre| centre[axis]);
-            along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
+        self.box_m().into_iter().map(|[least, most]| most - least).fold(f64::MIN_POSITIVE, f64::max)
+    }
+
+    /// Pixels that may lie within some distance of a place along the surface: those that do so straight through space, which
+    /// no way along it is shorter than, and which is far cheaper to tell.
+    pub fn near(&self, place: Point3, reach_m: f64) -> impl Iterator<Item = usize> {
+        let square = reach_m * reach_m;
+        let is_near = move |(_, centre): &(usize, &Point3)| {
+            let away = sub(**centre, place);
+            dot(away, away) <= square
         };
-        (0..3).map(side).fold(f64::MIN_POSITIVE, f64::max)
+        self.centres_m.iter().enumerate().filter(is_near).map(|(pixel, _)| pixel)
     }
 }
 
