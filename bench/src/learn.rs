@@ -1,7 +1,6 @@
 //! Networks beside other programs: answers with times of training steps and of single frames while they take turns.
 
 use crate::serve::answer;
-use dermis::dataset::Dataset;
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
 use dermis::frame::write_array;
@@ -11,6 +10,7 @@ use dermis::reconstruct::Reconstruct;
 use dermis_learn::{
     Disturb, Files, Method, Model, Noise, Part, Precision, Samples, SkinRecord, TrainOptions, Trainer, TrainingRecord,
 };
+use dermis_sim::dataset::Dataset;
 use std::error::Error;
 use std::path::Path;
 use std::sync::Arc;

@@ -6,7 +6,7 @@ use dermis::image::PixelSpace;
 use dermis::linalg::LANES;
 use dermis::mesh::{Cells, ElectrodePatch, Mesh};
 use dermis::protocol::{Channel, Protocol};
-use dermis::touch::{sample_rng, standard_normal};
+use dermis_sim::random::{sample_rng, standard_normal};
 use std::collections::HashMap;
 use std::error::Error;
 use std::path::Path;

@@ -3,8 +3,8 @@
 use crate::failure::{Failure, Outcome};
 use clap::Args;
 use dermis::design::SkinDesign;
-use dermis::twin::TwinOptions;
 use dermis_live::emulator::{Emulator, EmulatorOptions, Script, TimedFault};
+use dermis_sim::twin::TwinOptions;
 use std::sync::Arc;
 
 /// What is emulated.

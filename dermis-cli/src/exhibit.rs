@@ -8,10 +8,10 @@ use crate::picture::colour::Scale;
 use crate::picture::{Drawing, Key, Picture, Scene, View};
 use dermis::contact::Contact;
 use dermis::design::SkinDesign;
-use dermis::evaluate::match_contacts;
 use dermis::image::{Image, PixelSpace};
 use dermis::mesh::Mesh;
 use dermis::reconstruct::Quantity;
+use dermis_sim::evaluate::match_contacts;
 
 /// A skin to draw experiments on.
 pub struct Exhibit<'a> {

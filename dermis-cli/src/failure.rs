@@ -90,6 +90,7 @@ impl From<dermis_learn::LearnError> for Failure {
     fn from(error: dermis_learn::LearnError) -> Self {
         match error {
             dermis_learn::LearnError::Dermis(error) => error.into(),
+            dermis_learn::LearnError::Sim(error) => error.into(),
             error => Failure::given(error, None),
         }
     }
@@ -99,6 +100,7 @@ impl From<dermis_live::LiveError> for Failure {
     fn from(error: dermis_live::LiveError) -> Self {
         match error {
             dermis_live::LiveError::Dermis(error) => error.into(),
+            dermis_live::LiveError::Sim(error) => error.into(),
             dermis_live::LiveError::Learn(error) => (*error).into(),
             error => Failure::given(error, None),
         }
@@ -121,21 +123,33 @@ impl From<dermis::Error> for Failure {
 }
 
 /// The errors of single modules.
+impl From<dermis_sim::Error> for Failure {
+    fn from(error: dermis_sim::Error) -> Self {
+        match error {
+            dermis_sim::Error::Dermis(error) => error.into(),
+            error => Failure::given(error, None),
+        }
+    }
+}
+
+/// Errors of one module, by the error of its crate.
 macro_rules! from_modules {
-    ($($error:ty),*) => {
-        $(impl From<$error> for Failure {
+    ($($of_crate:ty: $($error:ty),*;)*) => {
+        $($(impl From<$error> for Failure {
             fn from(error: $error) -> Self {
-                dermis::Error::from(error).into()
+                <$of_crate>::from(error).into()
             }
-        })*
+        })*)*
     };
 }
 from_modules!(
-    dermis::frame::TableError,
-    dermis::mesh::MeshError,
-    dermis::forward::ForwardError,
-    dermis::touch::TouchError,
-    dermis::dataset::DatasetError,
-    dermis::reconstruct::ReconstructError,
-    dermis::evaluate::EvaluateError
+    dermis::Error:
+        dermis::frame::TableError,
+        dermis::mesh::MeshError,
+        dermis::forward::ForwardError,
+        dermis::reconstruct::ReconstructError;
+    dermis_sim::Error:
+        dermis_sim::touch::TouchError,
+        dermis_sim::dataset::DatasetError,
+        dermis_sim::evaluate::EvaluateError;
 );

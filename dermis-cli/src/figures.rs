@@ -1,7 +1,7 @@
 //! The figures that tell how a method does on a twin, for tables and for programs: one list for every command.
 
 use crate::report::Table;
-use dermis::evaluate::Assessment;
+use dermis_sim::evaluate::Assessment;
 
 /// One figure of an assessment.
 pub struct Figure {

@@ -6,7 +6,6 @@ use crate::frames::Differences;
 use crate::skin::{Per, Skin};
 use clap::{Args, ValueEnum};
 use dermis::detect::{DetectOptions, Detector, ImageNoise};
-use dermis::evaluate::{AlignMethod, AlignOptions, PressEstimates, Screen};
 use dermis::frame::Frame;
 use dermis::image::{Image, PixelSpace};
 use dermis::reconstruct::{
@@ -14,6 +13,7 @@ use dermis::reconstruct::{
     Prior, Reconstruct, TotalVariation, TotalVariationOptions,
 };
 use dermis_learn::Model;
+use dermis_sim::evaluate::{AlignMethod, AlignOptions, PressEstimates, Screen};
 use rayon::prelude::*;
 use std::path::Path;
 use std::str::FromStr;

@@ -4,8 +4,8 @@ use crate::input::Input;
 use crate::network::Plan;
 use crate::samples::{Noise, Target};
 use crate::train::{Epoch, TrainOptions};
-use dermis::dataset::Recipe;
 use dermis::detect::DetectOptions;
+use dermis_sim::dataset::Recipe;
 use serde::{Deserialize, Serialize};
 
 /// Everything about a model but its weights: `card.json` in its folder.

@@ -9,6 +9,9 @@ pub enum LearnError {
     /// Something of the physics: a design, a dataset, a twin.
     #[error(transparent)]
     Dermis(#[from] dermis::Error),
+    /// A dataset, a twin or a touch that cannot be used.
+    #[error(transparent)]
+    Sim(#[from] dermis_sim::Error),
     /// A number that training cannot take.
     #[error("{what} is {value}: it must be {must}")]
     OutOfRange {
@@ -69,8 +72,8 @@ impl LearnError {
     }
 }
 
-impl From<dermis::dataset::DatasetError> for LearnError {
-    fn from(error: dermis::dataset::DatasetError) -> Self {
-        LearnError::Dermis(error.into())
+impl From<dermis_sim::dataset::DatasetError> for LearnError {
+    fn from(error: dermis_sim::dataset::DatasetError) -> Self {
+        LearnError::Sim(error.into())
     }
 }

@@ -6,12 +6,12 @@ use crate::network::{LayerPlan, Plan};
 use crate::samples::{Misfit, Noise, Target};
 use crate::symmetry::Symmetries;
 use crate::train::{Schedule, TrainOptions};
-use dermis::dataset::Dataset;
 use dermis::design::SkinDesign;
 use dermis::detect::DetectOptions;
 use dermis::geom::Surface;
 use dermis::image::PixelSpace;
 use dermis::protocol::Protocol;
+use dermis_sim::dataset::Dataset;
 
 /// Channels of the pictures that the best network's convolutions take and make.
 const CHANNELS: [usize; 6] = [4, 16, 16, 16, 16, 1];

@@ -1,9 +1,9 @@
 //! Where samples come from: files in any order, or a generator that never repeats itself.
 
 use crate::LearnError;
-use dermis::dataset::{Dataset, Generator, Sample, Touch};
 use dermis::forward::ForwardModel;
-use dermis::touch::sample_rng;
+use dermis_sim::dataset::{Dataset, Generator, Sample, Touch};
+use dermis_sim::random::sample_rng;
 use rand::seq::SliceRandom;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -172,9 +172,9 @@ impl Streamed {
         let first = block * TOGETHER;
         let pieces = (0..TOGETHER / PIECE).into_par_iter().map(|piece| {
             let from = (first + piece * PIECE) as u64;
-            self.generator.stream(from).take(PIECE).collect::<dermis::Result<Vec<Sample>>>()
+            self.generator.stream(from).take(PIECE).collect::<dermis_sim::Result<Vec<Sample>>>()
         });
-        Ok(pieces.collect::<dermis::Result<Vec<_>>>()?.into_iter().flatten().collect())
+        Ok(pieces.collect::<dermis_sim::Result<Vec<_>>>()?.into_iter().flatten().collect())
     }
 }
 
@@ -213,9 +213,9 @@ impl Source for Streamed {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dermis::dataset::{GaussianTouches, Recipe, Record, Run, Shard, Skins, finish};
     use dermis::design::{SkinDesign, TouchEffect};
     use dermis::mesh::Mesh;
+    use dermis_sim::dataset::{GaussianTouches, Recipe, Record, Run, Shard, Skins, finish};
 
     #[test]
     fn every_epoch_has_every_sample_once_in_an_order_of_its_own() {

@@ -223,7 +223,7 @@ mod tests {
     use super::*;
     use dermis::forward::ForwardModel;
     use dermis::mesh::Mesh;
-    use dermis::touch::{GaussianTouch, touched_conductivity};
+    use dermis_sim::touch::{GaussianTouch, touched_conductivity};
 
     #[test]
     fn the_cylinder_has_twenty_symmetries_and_touches_follow_them() {

@@ -3,13 +3,13 @@
 
 use dermis::design::SkinDesign;
 use dermis::detect::Detector;
-use dermis::evaluate::{AlignMethod, AlignOptions, PressEstimates, Screen};
 use dermis::forward::ForwardModel;
 use dermis::frame::{Frame, Truth, read_frames, read_truth};
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
 use dermis::reconstruct::Reconstruct;
 use dermis_learn::{LearnError, Model};
+use dermis_sim::evaluate::{AlignMethod, AlignOptions, PressEstimates, Screen};
 use std::path::PathBuf;
 use std::sync::Arc;
 

@@ -1,6 +1,5 @@
 //! Training as a whole: it learns, it is repeatable, and killed it goes on as if nothing had happened.
 
-use dermis::dataset::{Dataset, GaussianTouches, Generator, Recipe, Record, Run, Shard, Skins, Touch, finish};
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
 use dermis::image::PixelSpace;
@@ -10,6 +9,7 @@ use dermis_learn::{
     Epoch, Files, LearnError, Method, Model, Part, Precision, Samples, SkinRecord, Streamed, TrainOptions, Trainer,
     TrainingRecord,
 };
+use dermis_sim::dataset::{Dataset, GaussianTouches, Generator, Recipe, Record, Run, Shard, Skins, Touch, finish};
 use std::path::Path;
 use std::sync::Arc;
 

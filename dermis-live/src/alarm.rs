@@ -76,7 +76,7 @@ pub fn statistic(difference: &[f64], noise_ohm: &[f64], silent: &[bool]) -> f64 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dermis::touch::{sample_rng, standard_normal};
+    use dermis_sim::random::{sample_rng, standard_normal};
 
     #[test]
     fn noise_of_many_frames_alarms_no_more_often_than_said_and_a_touch_at_once() {

@@ -9,6 +9,9 @@ pub enum LiveError {
     /// The skin itself: its design, model or method.
     #[error(transparent)]
     Dermis(#[from] dermis::Error),
+    /// A twin that cannot be built or pressed.
+    #[error(transparent)]
+    Sim(#[from] dermis_sim::Error),
     /// A network.
     #[error(transparent)]
     Learn(Box<dermis_learn::LearnError>),

@@ -1,10 +1,10 @@
 //! The whole loop: a twin that speaks the wire protocol over TCP, read live.
 
 use dermis::design::SkinDesign;
-use dermis::twin::TwinOptions;
 use dermis_live::device::Address;
 use dermis_live::emulator::{Emulator, EmulatorOptions, Port, Script, TimedFault};
 use dermis_live::{ElectrodeState, Event, Live, LiveFrame, LiveOptions, LiveSkin, Settings, Taken};
+use dermis_sim::twin::TwinOptions;
 use std::net::TcpListener;
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};

@@ -1,10 +1,10 @@
 //! Devices that answer as they should, and all kinds of others: whom a host takes, and what it says of the rest.
 
 use dermis::design::SkinDesign;
-use dermis::twin::TwinOptions;
 use dermis_live::device::{Address, Device, DeviceOptions, Heard};
 use dermis_live::emulator::{Emulator, EmulatorOptions, Port, Script};
 use dermis_live::{LiveError, LiveSkin};
+use dermis_sim::twin::TwinOptions;
 use dermis_wire::{
     Decoder, Fault, FaultCode, Frame, FrameFlags, Hello, Readings, Received, ToDevice, ToHost, VERSION, test_reading,
 };

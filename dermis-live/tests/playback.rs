@@ -1,12 +1,12 @@
 //! A recording played in the place of its device.
 
 use dermis::design::SkinDesign;
-use dermis::twin::TwinOptions;
 use dermis_live::device::Address;
 use dermis_live::emulator::{Emulator, EmulatorOptions, Port, Script};
 use dermis_live::replay::{Player, Replay, Replayed};
 use dermis_live::sink::Taping;
 use dermis_live::{Command, Event, Live, LiveContact, LiveOptions, LiveSkin, Mailbox, Settings, Taken};
+use dermis_sim::twin::TwinOptions;
 use std::net::TcpListener;
 use std::path::Path;
 use std::sync::Arc;

@@ -23,26 +23,7 @@ pub enum Error {
     /// A forward problem without a solution.
     #[error(transparent)]
     Forward(#[from] crate::forward::ForwardError),
-    /// A touch or a noise that cannot be simulated.
-    #[error(transparent)]
-    Touch(#[from] crate::touch::TouchError),
     /// A reconstruction that cannot be set up or carried out.
     #[error(transparent)]
     Reconstruct(#[from] crate::reconstruct::ReconstructError),
-    /// A twin that cannot be built, or a press that it cannot answer.
-    #[error(transparent)]
-    Twin(#[from] crate::twin::TwinError),
-    /// A dataset that cannot be made, read or gone on with.
-    #[error(transparent)]
-    Dataset(Box<crate::dataset::DatasetError>),
-    /// A score that cannot be computed.
-    #[error(transparent)]
-    Evaluate(#[from] crate::evaluate::EvaluateError),
-}
-
-// Boxed: its paths and values would make every result of the crate larger.
-impl From<crate::dataset::DatasetError> for Error {
-    fn from(error: crate::dataset::DatasetError) -> Self {
-        Error::Dataset(Box::new(error))
-    }
 }

@@ -11,6 +11,7 @@
 // Floor 0
 pub mod geom;
 pub mod linalg;
+pub mod stats;
 // Floor 1
 pub mod contact;
 pub mod protocol;
@@ -22,19 +23,13 @@ pub mod mesh;
 // Floor 4
 pub mod fem;
 pub mod image;
-pub mod touch;
 // Floor 5
 pub mod forward;
 // Floor 6
 pub mod detect;
 pub mod track;
-pub mod twin;
 // Floor 7
-pub mod dataset;
-pub mod experiment;
 pub mod reconstruct;
-// Floor 8
-pub mod evaluate;
 
 mod error;
 pub use error::{Error, Result};
@@ -43,8 +38,3 @@ pub use error::{Error, Result};
 #[cfg(doctest)]
 #[doc = include_str!("../../README.md")]
 pub struct Readme;
-
-/// So does the book's.
-#[cfg(doctest)]
-#[doc = include_str!("../../docs/datasets.md")]
-pub struct Datasets;

@@ -10,10 +10,10 @@ use crate::picture::colour::Scale;
 use crate::picture::{Drawing, Key, Picture, View};
 use crate::skin::{Per, Skin};
 use clap::Args;
-use dermis::evaluate::{AssessOptions, Assessment, Assessor, FORCES_A_PLACE};
-use dermis::experiment::Sizes;
 use dermis::frame::write_whole;
-use dermis::twin::TwinOptions;
+use dermis_sim::evaluate::{AssessOptions, Assessment, Assessor, FORCES_A_PLACE};
+use dermis_sim::experiment::Sizes;
+use dermis_sim::twin::TwinOptions;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -80,7 +80,7 @@ impl Arguments {
         let progress = Progress::new("pressing twins", each * self.twins as usize);
         let seeds = self.seed..self.seed + self.twins;
         let twins = seeds.map(|seed| assessor.assess(seed, &size, |done| progress.steps(done as u64)));
-        let twins: Vec<Assessment> = twins.collect::<dermis::Result<_>>()?;
+        let twins: Vec<Assessment> = twins.collect::<dermis_sim::Result<_>>()?;
         drop(progress);
         if let Some(path) = &self.map {
             let picture = self.map(&skin, &pixels, &size, &twins)?;
@@ -186,6 +186,6 @@ pub fn steps(size: &AssessOptions, pixels: usize) -> usize {
         + fours
         + size.places * FORCES_A_PLACE
         + size.untouched
-        + dermis::experiment::UNTOUCHED_FRAMES as usize
+        + dermis_sim::experiment::UNTOUCHED_FRAMES as usize
         + pixels.div_ceil(size.force_step)
 }

@@ -6,9 +6,10 @@ use crate::frames::FrameArguments;
 use crate::method::MethodArguments;
 use crate::skin::{Per, Skin};
 use clap::Args;
-use dermis::evaluate::{Aligned, Alignment, Score, Summary, score};
 use dermis::frame::{Frame, Truth, read_truth};
 use dermis::geom::Point3;
+use dermis::stats::Summary;
+use dermis_sim::evaluate::{Aligned, Alignment, Score, score};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -75,12 +76,12 @@ impl Arguments {
         let progress = Progress::waiting("images of all presses, by every prior, alpha and cut to choose from");
         let estimates = self.method.press_estimates(skin, differences)?;
         if let Some(draws) = self.draws {
-            let means_m = estimates.align_by_few(presses, count, draws).map_err(dermis::Error::from)?;
+            let means_m = estimates.align_by_few(presses, count, draws).map_err(dermis_sim::Error::from)?;
             drop(progress);
             return self.tell_draws(count, &means_m);
         }
         let align_by: Vec<usize> = (0..count).collect();
-        let aligned = estimates.align(presses, &align_by).map_err(dermis::Error::from)?;
+        let aligned = estimates.align(presses, &align_by).map_err(dermis_sim::Error::from)?;
         drop(progress);
         if self.json {
             return print_json(&AlignedJson {

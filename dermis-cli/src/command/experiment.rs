@@ -5,12 +5,12 @@ use crate::failure::{Failure, Outcome};
 use crate::report::Table;
 use clap::Args;
 use dermis::design::SkinDesign;
-use dermis::experiment::{PaperExperiment, PressSet, Recording, Sizes, UNTOUCHED_FRAMES, truth};
 use dermis::frame::{write_frames, write_truth, write_whole};
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
-use dermis::twin::TwinOptions;
-use dermis::twin::electronics::ElectronicsReport;
+use dermis_sim::experiment::{PaperExperiment, PressSet, Recording, Sizes, UNTOUCHED_FRAMES, truth};
+use dermis_sim::twin::TwinOptions;
+use dermis_sim::twin::electronics::ElectronicsReport;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 

@@ -5,7 +5,7 @@ use crate::failure::{Failure, Outcome};
 use crate::skin::Skin;
 use clap::Args;
 use dermis::frame::{Frame, Truth, read_table, read_truth, write_frames};
-use dermis::touch::{GaussianTouch, touched_conductivity};
+use dermis_sim::touch::{GaussianTouch, touched_conductivity};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 

@@ -10,12 +10,12 @@ use clap::ValueEnum;
 use dermis::contact::Contact;
 use dermis::design::{Body, SkinDesign, TouchEffect};
 use dermis::detect::Detector;
-use dermis::evaluate::match_contacts;
 use dermis::forward::ForwardModel;
 use dermis::frame::{Truth, read_array, read_truth, write_whole};
 use dermis::image::{Image, PixelSpace};
 use dermis::mesh::Mesh;
 use dermis::reconstruct::{Linearised, Quantity};
+use dermis_sim::evaluate::match_contacts;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 

@@ -4,9 +4,9 @@ use crate::console::print_json;
 use crate::failure::Outcome;
 use clap::Args;
 use dermis::design::SkinDesign;
-use dermis::twin::TwinOptions;
 use dermis_live::emulator::Script;
 use dermis_live::jsonl::FrameLine;
+use dermis_sim::twin::TwinOptions;
 
 /// The arguments of `dermis schema`.
 #[derive(Debug, Args)]

@@ -3,12 +3,12 @@
 use crate::console::{Progress, print, print_json};
 use crate::failure::{Failure, Outcome};
 use clap::{Args, ValueEnum};
-use dermis::dataset::{
-    self, GaussianTouches, Generator, Manifest, PatchTouches, Recipe, Record, Run, Shard, SkinSpread, Skins, Touch,
-};
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
 use dermis::mesh::Mesh;
+use dermis_sim::dataset::{
+    self, GaussianTouches, Generator, Manifest, PatchTouches, Recipe, Record, Run, Shard, SkinSpread, Skins, Touch,
+};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;

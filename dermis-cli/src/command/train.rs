@@ -5,17 +5,17 @@ use crate::failure::{Failure, Outcome};
 use crate::picture::Picture;
 use crate::picture::chart::Curves;
 use clap::{Args, ValueEnum};
-use dermis::dataset::{Dataset, GaussianTouches, Generator, Recipe, SkinSpread, Skins, Touch};
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
 use dermis::frame::write_whole;
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
-use dermis::twin::{Twin, TwinOptions};
 use dermis_learn::{
     Epoch, Files, Ingredient, LearnError, Method, Model, Part, Precision, Samples, SkinRecord, Source, Streamed,
     Trainer, TrainingRecord,
 };
+use dermis_sim::dataset::{Dataset, GaussianTouches, Generator, Recipe, SkinSpread, Skins, Touch};
+use dermis_sim::twin::{Twin, TwinOptions};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -284,7 +284,7 @@ fn losses(epochs: &[Epoch]) -> Picture {
 /// The standard deviation of each channel of a twin's untouched frames, ohm.
 fn noise_ohm(design: &SkinDesign, options: &TwinOptions) -> Outcome<Vec<f32>> {
     let twin = Twin::new(design, options, NOISE_SEED)?;
-    let frames = (0..NOISE_FRAMES).map(|index| twin.frame(&[], index)).collect::<dermis::Result<Vec<_>>>()?;
+    let frames = (0..NOISE_FRAMES).map(|index| twin.frame(&[], index)).collect::<dermis_sim::Result<Vec<_>>>()?;
     let mean = dermis::frame::mean(&frames).expect("there are frames");
     let sd = |channel: usize| {
         let square: f64 = frames.iter().map(|frame| (frame[channel] - mean[channel]).powi(2)).sum();

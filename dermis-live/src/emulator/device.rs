@@ -7,7 +7,7 @@ use crate::emulator::timing::Timing;
 use crate::scan::{Role, ScanTable};
 use dermis::design::SkinDesign;
 use dermis::geom::{Point3, Surface};
-use dermis::twin::{Press, Twin, TwinOptions};
+use dermis_sim::twin::{Press, Twin, TwinOptions};
 use dermis_wire::{Frame, FrameFlags, Hello, NoRoom, Readings, Slot, ToHost, VERSION};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -2,12 +2,12 @@
 
 use crate::LiveError;
 use dermis::design::SkinDesign;
-use dermis::experiment::Presses;
 use dermis::geom::{Point3, Surface};
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
-use dermis::touch::sample_rng;
-use dermis::twin::{Press, PressOptions, TwinOptions};
+use dermis_sim::experiment::Presses;
+use dermis_sim::random::sample_rng;
+use dermis_sim::twin::{Press, PressOptions, TwinOptions};
 use rand::RngExt;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -274,7 +274,7 @@ fn place(design: &SkinDesign, part: f64, turn: f64) -> Place {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dermis::experiment::{PaperExperiment, Sizes};
+    use dermis_sim::experiment::{PaperExperiment, Sizes};
 
     #[test]
     fn a_script_presses_when_and_where_it_says() {

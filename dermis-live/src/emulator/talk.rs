@@ -4,7 +4,7 @@ use crate::LiveError;
 use crate::emulator::Emulator;
 use crate::emulator::fault::Fault;
 use crate::emulator::port::Wire;
-use dermis::touch::{sample_rng, standard_normal};
+use dermis_sim::random::{sample_rng, standard_normal};
 use dermis_wire::{
     Decoder, Fault as WireFault, FaultCode, Frame, FrameFlags, Hello, Received, ScanPart, Slot, Status, ToDevice,
     ToHost, test_reading,
@@ -298,7 +298,7 @@ mod tests {
     use super::*;
     use crate::emulator::{EmulatorOptions, Script};
     use dermis::design::SkinDesign;
-    use dermis::twin::TwinOptions;
+    use dermis_sim::twin::TwinOptions;
 
     /// A line that keeps what the device says.
     struct Said(Vec<u8>);

@@ -1,10 +1,10 @@
 //! A live skin with an emulated device, for the tests of what pages ask.
 
 use dermis::design::SkinDesign;
-use dermis::twin::TwinOptions;
 use dermis_live::device::Address;
 use dermis_live::emulator::{Emulator, EmulatorOptions, Port, Script};
 use dermis_live::{Control, Live, LiveOptions, LiveSkin, Settings, Tapes};
+use dermis_sim::twin::TwinOptions;
 use std::net::TcpListener;
 use std::path::Path;
 use std::sync::Arc;

@@ -2,10 +2,10 @@
 
 use dermis::design::SkinDesign;
 use dermis::geom::Point3;
-use dermis::twin::TwinOptions;
 use dermis_live::device::Stream;
 use dermis_live::emulator::{Emulator, EmulatorOptions, Place, Script, Stroke};
 use dermis_live::{Incoming, LiveFrame, LiveSkin, Moment, Processor, Settings};
+use dermis_sim::twin::TwinOptions;
 use dermis_wire::{Decoder, Received, ToHost};
 use std::sync::{Arc, OnceLock};
 

@@ -1,9 +1,9 @@
 //! Frames that are harmed on their way: each costs itself alone, and the contacts of all others are what they would have been.
 
 use crate::bench::{Bench, TARE, lab, place, stroke};
-use dermis::touch::sample_rng;
 use dermis_live::emulator::Stroke;
 use dermis_live::{LiveFrame, Settings};
+use dermis_sim::random::sample_rng;
 use dermis_wire::{Decoder, Frame, FrameFlags, Readings, Received, ToHost};
 use rand::{Rng, RngExt};
 use rand_chacha::ChaCha8Rng;

@@ -8,10 +8,10 @@ mod meetings;
 mod zones;
 
 use bench::{Bench, along, lab, place, stroke, surface_distance};
-use dermis::touch::sample_rng;
-use dermis::twin::DriftOptions;
 use dermis_live::Settings;
 use dermis_live::emulator::{Place, Stroke};
+use dermis_sim::random::sample_rng;
+use dermis_sim::twin::DriftOptions;
 use rand::RngExt;
 
 #[test]

@@ -1,9 +1,9 @@
 //! Two contacts that come so near each other that the image shows one.
 
 use crate::bench::{Bench, along, lab, place, stroke, surface_distance};
-use dermis::touch::sample_rng;
 use dermis_live::Settings;
 use dermis_live::emulator::{Place, Stroke};
+use dermis_sim::random::sample_rng;
 use rand::RngExt;
 
 #[test]

@@ -19,7 +19,7 @@ pub struct DesignError {
 
 impl DesignError {
     /// An error that belongs to no place in a file.
-    pub(crate) fn new(message: impl Into<String>, fix: Option<String>) -> Self {
+    pub fn new(message: impl Into<String>, fix: Option<String>) -> Self {
         DesignError { message: message.into(), fix, source_text: None, span: None }
     }
 
@@ -40,7 +40,7 @@ impl DesignError {
 }
 
 /// A TOML error in our words, and the name or the unit that was probably meant.
-pub(crate) fn from_toml(message: &str) -> (String, Option<String>) {
+pub fn explain_toml_error(message: &str) -> (String, Option<String>) {
     if let Some((keys, known)) =
         message.strip_prefix("unexpected keys in table: ").and_then(|rest| rest.split_once(", available keys: "))
     {
@@ -61,7 +61,7 @@ fn meant(written: &str, known: &[&str]) -> Option<String> {
     if let Some(name) = known.iter().find(|name| stem(name) == stem(written) && **name != written) {
         return Some(format!("did you mean `{name}`? The unit is part of the name"));
     }
-    nearest(written, known.iter().copied()).map(|name| format!("did you mean `{name}`?"))
+    closest_name(written, known.iter().copied()).map(|name| format!("did you mean `{name}`?"))
 }
 
 /// A name without its unit.
@@ -74,7 +74,7 @@ fn stem(name: &str) -> &str {
 }
 
 /// The name most like the one written, if any is like it at all.
-pub(crate) fn nearest<'a>(written: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+pub fn closest_name<'a>(written: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     let (distance, name) = known.map(|name| (edit_distance(written, name), name)).min()?;
     (distance <= 1 + written.len() / 4).then_some(name)
 }

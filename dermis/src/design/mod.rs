@@ -8,7 +8,7 @@ mod resolve;
 mod shipped;
 
 pub use error::DesignError;
-pub(crate) use error::{from_toml, nearest};
+pub use error::{closest_name, explain_toml_error};
 
 use crate::geom::{Point3, Surface};
 use crate::protocol::Protocol;

@@ -1,7 +1,7 @@
 //! From the tables of a design file to a skin.
 
 use crate::design::check;
-use crate::design::error::{DesignError, from_toml, nearest};
+use crate::design::error::{DesignError, closest_name, explain_toml_error};
 use crate::design::file::{
     At, BodyTable, DesignFile, ElectrodesTable, ImageTable, LayoutTable, MeasuresStart, MeshTable, OneOrEach,
     PatternTable, ProtocolTable, ShapeTable, SheetTable, TouchName,
@@ -41,7 +41,7 @@ pub(super) fn text_of(name_or_path: &str) -> Result<String, DesignError> {
         return Ok(text.to_string());
     }
     std::fs::read_to_string(path).map_err(|error| {
-        let meant = nearest(name_or_path, shipped::NAMES.into_iter());
+        let meant = closest_name(name_or_path, shipped::NAMES.into_iter());
         let fix = match meant {
             Some(name) => format!("did you mean `{name}`?"),
             None => format!("give the path of a design file, or one of {}", shipped::NAMES.join(", ")),
@@ -55,7 +55,7 @@ pub(super) fn parse(text: &str, name: &str) -> Result<SkinDesign, DesignError> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let source = Source { name, text };
     let file: DesignFile = toml::from_str(text).map_err(|error| {
-        let (message, fix) = from_toml(error.message());
+        let (message, fix) = explain_toml_error(error.message());
         source.fail(error.span(), message, fix)
     })?;
     let design = source.resolve(&file)?;

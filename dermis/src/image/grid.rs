@@ -4,7 +4,7 @@ use crate::design::Body;
 use crate::geom::surface::{angle_difference, wrap_angle};
 use crate::geom::vector::{Point2, Point3};
 use crate::geom::{Surface, polygon};
-use crate::image::{PixelSpace, picture_box};
+use crate::image::{PixelSpace, chart_box};
 use crate::mesh::{Cells, Mesh, MeshError};
 
 /// Overlaps below this part of a cell are rounding of a shared edge, not area.
@@ -31,7 +31,7 @@ struct Piece {
 }
 
 pub(super) fn pixels(body: &Body, [rows, columns]: [usize; 2], mesh: &Mesh) -> Result<PixelSpace, MeshError> {
-    let (Some((low, size)), Cells::Triangles(triangles)) = (picture_box(body), &mesh.cells) else {
+    let (Some((low, size)), Cells::Triangles(triangles)) = (chart_box(body), &mesh.cells) else {
         let message = "a picture of rows and columns needs a cylinder, disk or rectangle; use an image per cell";
         return Err(MeshError::Invalid(message.into()));
     };

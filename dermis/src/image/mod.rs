@@ -120,9 +120,9 @@ impl PixelSpace {
     }
 }
 
-/// What a body's picture covers: the lower corner and the size of the box in the chart (x, y) of a flat skin, or
+/// The extent of a body's chart: the lower corner and the size of the box in the chart (x, y) of a flat skin, or
 /// (theta, z) of a cylinder.
-pub(crate) fn picture_box(body: &Body) -> Option<([f64; 2], [f64; 2])> {
+pub fn chart_box(body: &Body) -> Option<([f64; 2], [f64; 2])> {
     match *body {
         Body::Cylinder { length_m, .. } => Some(([0.0, 0.0], [std::f64::consts::TAU, length_m])),
         Body::Disk { diameter_m } => Some(([-0.5 * diameter_m; 2], [diameter_m; 2])),

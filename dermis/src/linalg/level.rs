@@ -30,7 +30,7 @@ impl Level {
     }
 
     /// How to run code at this level: plain where the machine lacks it.
-    pub(crate) fn arch(self) -> pulp::Arch {
+    pub fn arch(self) -> pulp::Arch {
         self.try_arch().unwrap_or(pulp::Arch::Scalar)
     }
 

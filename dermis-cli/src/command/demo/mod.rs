@@ -102,7 +102,7 @@ impl Serialize for Summary<'_> {
         #[derive(Serialize)]
         struct Flat<'a> {
             #[serde(flatten)]
-            score: &'a dermis::evaluate::Score,
+            score: &'a dermis_sim::evaluate::Score,
             simulated: bool,
             seed: u64,
             snr_db: f64,
@@ -111,7 +111,7 @@ impl Serialize for Summary<'_> {
             simulation_nodes: usize,
             reconstruction_nodes: usize,
             seconds: f64,
-            methods: Vec<&'a dermis::evaluate::Score>,
+            methods: Vec<&'a dermis_sim::evaluate::Score>,
             paper_linear_measured: PaperRow,
             paper_network_measured: PaperRow,
             report: &'a Path,

@@ -106,7 +106,7 @@ fn the_skin(report: &mut Report, demo: &Demo, exhibit: &Exhibit<'_>) -> Outcome 
         WIDTH_M * 1e3,
         demo.simulation_nodes,
         demo.mesh.node_count(),
-        dermis::experiment::UNTOUCHED_FRAMES
+        dermis_sim::experiment::UNTOUCHED_FRAMES
     ));
     let space = &demo.first().images[0].space;
     report.pictures(&[

@@ -8,15 +8,15 @@ use crate::line_up::{self, Shown};
 use crate::report::Table;
 use dermis::contact::Contact;
 use dermis::design::SkinDesign;
-use dermis::evaluate::Summary;
-use dermis::experiment::{Recording, record};
 use dermis::forward::ForwardModel;
 use dermis::frame::Frame;
 use dermis::geom::Point3;
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
 use dermis::reconstruct::Linearised;
-use dermis::twin::{GaussianOptions, Press, TouchOptions, Twin, TwinOptions};
+use dermis::stats::Summary;
+use dermis_sim::experiment::{Recording, record};
+use dermis_sim::twin::{GaussianOptions, Press, TouchOptions, Twin, TwinOptions};
 use std::sync::Arc;
 use std::time::Instant;
 

@@ -7,12 +7,12 @@ use crate::failure::{Failure, Outcome};
 use crate::picture::{Drawing, Picture, Scene, View};
 use crate::report::{Report, Table};
 use dermis::design::SkinDesign;
-use dermis::evaluate::{FoundObject, Material, TankObject, find_objects};
 use dermis::forward::ForwardModel;
 use dermis::frame::Frame;
 use dermis::image::{Image, PixelSpace};
 use dermis::mesh::Mesh;
 use dermis::reconstruct::{OneStep, OneStepOptions, Quantity, Reconstruct};
+use dermis_sim::evaluate::{FoundObject, Material, TankObject, find_objects};
 use std::path::Path;
 use std::sync::Arc;
 

@@ -9,8 +9,8 @@ use crate::console::Progress;
 use crate::failure::Outcome;
 use crate::figures::{FIGURES, mean};
 use crate::line_up::Named;
-use dermis::dataset::Generator;
-use dermis::evaluate::{Assessment, Assessor, Trial};
+use dermis_sim::dataset::Generator;
+use dermis_sim::evaluate::{Assessment, Assessor, Trial};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 

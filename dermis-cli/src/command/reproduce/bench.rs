@@ -6,14 +6,14 @@ use crate::line_up::Named;
 use crate::skin::{Per, Skin};
 use dermis::contact::Contact;
 use dermis::design::SkinDesign;
-use dermis::experiment::{Presses, Recording, record, truth};
 use dermis::forward::ForwardModel;
 use dermis::frame::Frame;
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
 use dermis::reconstruct::Linearised;
-use dermis::twin::{Press, Twin, TwinOptions};
 use dermis_learn::Model;
+use dermis_sim::experiment::{Presses, Recording, record, truth};
+use dermis_sim::twin::{Press, Twin, TwinOptions};
 use rayon::prelude::*;
 use std::path::Path;
 use std::sync::Arc;
@@ -74,11 +74,11 @@ impl<'a> Bench<'a> {
         let twin = Twin::new(&self.skin.design, self.twin, seed)?;
         let recording = record(&twin, presses, 0, || progress.step())?;
         let frame = |index: u64| Ok(&twin.frame(&[], recording.next_index + index)? - &recording.baseline);
-        let untouched = (0..untouched).into_par_iter().map(frame).collect::<dermis::Result<Vec<Frame>>>()?;
+        let untouched = (0..untouched).into_par_iter().map(frame).collect::<dermis_sim::Result<Vec<Frame>>>()?;
         let surface = self.skin.design.body.surface();
         Ok(Pressed {
             truth: presses.iter().map(|frame| truth(&surface, frame)).collect(),
-            saturated_readings: twin.report(0..dermis::experiment::UNTOUCHED_FRAMES)?.saturated_readings,
+            saturated_readings: twin.report(0..dermis_sim::experiment::UNTOUCHED_FRAMES)?.saturated_readings,
             nodes: twin.mesh().node_count(),
             untouched,
             recording,

@@ -10,8 +10,8 @@ use crate::failure::Outcome;
 use crate::line_up::{Named, Shown};
 use dermis::contact::Contact;
 use dermis::detect::whole_image_centroid;
-use dermis::evaluate::match_contacts;
 use dermis::geom::Surface;
+use dermis_sim::evaluate::match_contacts;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 

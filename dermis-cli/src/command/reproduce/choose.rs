@@ -6,8 +6,8 @@ use crate::console::Progress;
 use crate::failure::Outcome;
 use crate::line_up::{LINEAR, Named, Shown};
 use dermis::detect::GATE_M;
-use dermis::evaluate::Score;
 use dermis::reconstruct::Alpha;
+use dermis_sim::evaluate::Score;
 use serde::{Deserialize, Serialize};
 
 /// Powers of ten between which alpha is sought, in quarters: from where noise drowns the image to where it is a blur.
@@ -83,7 +83,7 @@ fn cost_m(score: &Score) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dermis::evaluate::Summary;
+    use dermis::stats::Summary;
 
     #[test]
     fn a_miss_and_a_ghost_cost_as_much_as_the_gate() {

@@ -135,7 +135,7 @@ pub fn place_m(surface: &Surface, place: Point3, cut_rad: f64) -> [f64; 2] {
 mod tests {
     use super::*;
     use dermis::mesh::Mesh;
-    use dermis::twin::{Twin, TwinOptions};
+    use dermis_sim::twin::{Twin, TwinOptions};
 
     fn made() -> (SkinDesign, Controls) {
         let design = SkinDesign::shipped("cylinder30").unwrap();

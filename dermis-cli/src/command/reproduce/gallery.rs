@@ -7,10 +7,10 @@ use crate::exhibit::four_touches;
 use crate::failure::{Failure, Outcome};
 use crate::line_up::{Named, Shown};
 use dermis::contact::Contact;
-use dermis::dataset::{GaussianTouches, Generator, Recipe, Skins, Touch};
-use dermis::experiment::Recording;
 use dermis::image::Image;
-use dermis::twin::Press;
+use dermis_sim::dataset::{GaussianTouches, Generator, Recipe, Skins, Touch};
+use dermis_sim::experiment::Recording;
+use dermis_sim::twin::Press;
 use std::sync::Arc;
 use std::time::Instant;
 

@@ -22,7 +22,7 @@ use choose::Choice;
 use clap::Args;
 use dermis::design::SkinDesign;
 use dermis::frame::write_whole;
-use dermis::twin::TwinOptions;
+use dermis_sim::twin::TwinOptions;
 use gallery::Gallery;
 use results::{Results, StructureStudy};
 use scale::Scale;

@@ -343,7 +343,7 @@ fn how_it_was_made(report: &mut Report, found: &Results<'_>, stages: &[Done]) {
             1 => "a twin".to_string(),
             count => format!("{count} twins"),
         },
-        dermis::experiment::UNTOUCHED_FRAMES
+        dermis_sim::experiment::UNTOUCHED_FRAMES
     ));
     let scale = match found.scale {
         Scale::Glance => "glance",

@@ -1,8 +1,8 @@
 //! How large a reproduction is.
 
 use clap::ValueEnum;
-use dermis::evaluate::AssessOptions;
-use dermis::experiment::Sizes;
+use dermis_sim::evaluate::AssessOptions;
+use dermis_sim::experiment::Sizes;
 use serde::Serialize;
 
 /// How large a reproduction is.

@@ -1,8 +1,8 @@
 //! The networks from nothing: commands of this program, one after the other, each of which goes on where it was.
 
 use crate::failure::{Failure, Outcome};
-use dermis::dataset::Recipe;
 use dermis::frame::write_whole;
+use dermis_sim::dataset::Recipe;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 

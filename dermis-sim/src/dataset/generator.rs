@@ -1,0 +1,271 @@
+//! From a number to a sample.
+
+use crate::dataset::gaussian::{GaussianMaker, GaussianWorker};
+use crate::dataset::places::Places;
+use crate::dataset::pressed::{PressMaker, PressWorker};
+use crate::dataset::recipe::{Recipe, Skins, Touch};
+use crate::dataset::skins::{SkinMaker, Worn};
+use crate::touch::GaussianTouch;
+use crate::twin::Press;
+use dermis::design::SkinDesign;
+use dermis::forward::ForwardModel;
+use dermis::image::PixelSpace;
+use dermis::linalg::LANES;
+
+/// Samples that are made together: two batches of the solver, and the samples of one skin where skins differ. Which
+/// samples share a unit depends on their numbers alone.
+pub(super) const UNIT: usize = 2 * LANES;
+
+/// Numbers that tell a touch.
+pub(super) const TOUCH_COLUMNS: usize = 6;
+
+/// Makes samples of one recipe on one design. Shared between threads, each of which has a [`Worker`].
+#[derive(Debug)]
+pub struct Generator {
+    recipe: Recipe,
+    forward: ForwardModel,
+    pixels: PixelSpace,
+    skins: Option<SkinMaker>,
+    kind: Kind,
+    rest: Vec<f32>,
+}
+
+#[derive(Debug)]
+enum Kind {
+    Gaussian(Box<GaussianMaker>),
+    Pressed(Box<PressMaker>),
+}
+
+/// One sample.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sample {
+    /// Its number.
+    pub index: u64,
+    /// The frame while the touches last, ohm.
+    pub frame: Vec<f32>,
+    /// The untouched frame of the same skin, ohm.
+    pub rest: Vec<f32>,
+    /// The relative change of conductance, a mean per pixel, positive for any touch.
+    pub image: Vec<f32>,
+    /// The touches: x, y, z (m, in the body's frame) of each, then width (m) and amplitude of a Gaussian, or the tip's
+    /// radius (m) and the force (N) of a press; last its strength, the integral over the surface of the relative change of
+    /// conductance that it makes alone (m2).
+    pub touches: Vec<[f32; TOUCH_COLUMNS]>,
+}
+
+/// Memory of one thread that makes samples.
+#[derive(Debug)]
+pub struct Worker<'a> {
+    generator: &'a Generator,
+    worn: Option<Worn>,
+    hand: Hand<'a>,
+}
+
+#[derive(Debug)]
+enum Hand<'a> {
+    Gaussian(Box<GaussianWorker<'a>>),
+    Pressed(Box<PressWorker<'a>>),
+}
+
+/// Where the samples of one unit go, row by row.
+#[derive(Debug)]
+pub(super) struct Rows<'a> {
+    /// One for each sample; empty where all samples are of one skin.
+    pub rest: &'a mut [f32],
+    pub frames: &'a mut [f32],
+    pub images: &'a mut [f32],
+    pub touches: &'a mut [f32],
+}
+
+impl Generator {
+    /// The generator of a recipe on a design whose forward model is given.
+    ///
+    /// # Errors
+    /// A recipe that no sample can be drawn from; touches narrower than the mesh can carry; electrodes that would fold the
+    /// mesh; patches or presses that do not fit the body; a design whose image does not fit its body.
+    pub fn new(design: &SkinDesign, forward: &ForwardModel, recipe: &Recipe) -> crate::Result<Self> {
+        recipe.check(design.sheet.touch)?;
+        let skins = match &recipe.skins {
+            Skins::Even => None,
+            Skins::Random(spread) => Some(SkinMaker::new(design, forward, recipe.seed, spread)?),
+        };
+        let pixels = PixelSpace::for_design(design, forward.mesh())?;
+        let places = Places::new(&design.body, forward.mesh());
+        let kind = match &recipe.touch {
+            Touch::Gaussian(touches) => {
+                Kind::Gaussian(Box::new(GaussianMaker::new(design, forward, &pixels, places, recipe.seed, touches)?))
+            }
+            Touch::Patch(touches) => {
+                Kind::Pressed(Box::new(PressMaker::new(design, forward, &pixels, places, recipe, touches)?))
+            }
+        };
+        let mut generator =
+            Generator { recipe: recipe.clone(), forward: forward.clone(), pixels, skins, kind, rest: Vec::new() };
+        generator.rest = generator.untouched()?;
+        Ok(generator)
+    }
+
+    /// Memory to make samples with; each thread has its own.
+    pub fn worker(&self) -> Worker<'_> {
+        let hand = match &self.kind {
+            Kind::Gaussian(maker) => Hand::Gaussian(Box::new(maker.worker(&self.forward, self.skins.as_ref()))),
+            Kind::Pressed(maker) => Hand::Pressed(Box::new(maker.worker())),
+        };
+        Worker { generator: self, worn: None, hand }
+    }
+
+    /// What the samples are drawn from.
+    pub fn recipe(&self) -> &Recipe {
+        &self.recipe
+    }
+
+    /// The forward model of the design.
+    pub fn forward(&self) -> &ForwardModel {
+        &self.forward
+    }
+
+    /// The pixels of the images.
+    pub fn pixels(&self) -> &PixelSpace {
+        &self.pixels
+    }
+
+    /// Values of a frame.
+    pub fn channel_count(&self) -> usize {
+        self.forward.protocol().channel_count()
+    }
+
+    /// Values of an image.
+    pub fn pixel_count(&self) -> usize {
+        self.pixels.len()
+    }
+
+    /// The untouched frame of the design, ohm.
+    pub(super) fn rest(&self) -> &[f32] {
+        &self.rest
+    }
+
+    /// Whether each sample has an untouched frame of its own.
+    pub(super) fn has_own_rest(&self) -> bool {
+        self.skins.is_some()
+    }
+
+    /// The samples from `first` on, one after the other and without an end: the recipe's number of samples does not bind
+    /// here. Sample `i` is the one that a file would hold.
+    pub fn stream(&self, first: u64) -> Stream<'_> {
+        Stream { worker: self.worker(), next: first, ready: Vec::new().into_iter() }
+    }
+
+    /// The Gaussian touches of a sample; none where touches are presses.
+    pub fn touches(&self, index: u64) -> Vec<GaussianTouch> {
+        let mut touches = Vec::new();
+        if let Kind::Gaussian(maker) = &self.kind {
+            maker.draw(index, &mut touches);
+        }
+        touches
+    }
+
+    /// The presses of a sample; none where touches are Gaussian.
+    pub fn presses(&self, index: u64) -> Vec<Press> {
+        match &self.kind {
+            Kind::Gaussian(_) => Vec::new(),
+            Kind::Pressed(maker) => maker.draw(index),
+        }
+    }
+
+    fn untouched(&self) -> crate::Result<Vec<f32>> {
+        let frame = match &self.kind {
+            Kind::Gaussian(maker) => maker.untouched(&self.forward)?,
+            Kind::Pressed(maker) => maker.untouched(&self.forward)?,
+        };
+        Ok(frame.into_iter().map(|value| value as f32).collect())
+    }
+}
+
+impl Worker<'_> {
+    /// The samples of the unit that begins at `first`, `count` of them.
+    pub(super) fn make(&mut self, first: u64, count: usize, rows: &mut Rows<'_>) -> crate::Result<()> {
+        debug_assert!(first.is_multiple_of(UNIT as u64) && count <= UNIT);
+        if let Some(maker) = &self.generator.skins {
+            match &mut self.worn {
+                Some(worn) => worn.change(maker, first)?,
+                None => self.worn = Some(Worn::new(maker, first)?),
+            }
+        }
+        match &mut self.hand {
+            Hand::Gaussian(worker) => worker.make(first, count, self.worn.as_ref(), rows)?,
+            Hand::Pressed(worker) => worker.make(first, count, self.worn.as_ref(), rows)?,
+        }
+        Ok(())
+    }
+
+    /// The samples of one unit.
+    fn unit(&mut self, first: u64) -> crate::Result<Vec<Sample>> {
+        let generator = self.generator;
+        let (channels, pixels) = (generator.channel_count(), generator.pixel_count());
+        let width = generator.recipe.most_touches() * TOUCH_COLUMNS;
+        let mut rest = vec![0.0; if generator.has_own_rest() { UNIT * channels } else { 0 }];
+        let (mut frames, mut images) = (vec![0.0; UNIT * channels], vec![0.0; UNIT * pixels]);
+        let mut touches = vec![0.0; UNIT * width];
+        let mut rows = Rows { rest: &mut rest, frames: &mut frames, images: &mut images, touches: &mut touches };
+        self.make(first, UNIT, &mut rows)?;
+        let truth = |row: usize| {
+            let places = touches[row * width..][..width].chunks_exact(TOUCH_COLUMNS);
+            let places = places.map(|place| <[f32; TOUCH_COLUMNS]>::try_from(place).expect("as many columns"));
+            places.filter(|place| !place[0].is_nan()).collect()
+        };
+        let sample = |row: usize| Sample {
+            index: first + row as u64,
+            frame: frames[row * channels..][..channels].to_vec(),
+            rest: rest.chunks_exact(channels).nth(row).unwrap_or(&generator.rest).to_vec(),
+            image: images[row * pixels..][..pixels].to_vec(),
+            touches: truth(row),
+        };
+        Ok((0..UNIT).map(sample).collect())
+    }
+}
+
+/// Writes a row of numbers in single precision.
+pub(super) fn write_row(rows: &mut [f32], row: usize, values: impl ExactSizeIterator<Item = f64>) {
+    let width = values.len();
+    rows[row * width..][..width].iter_mut().zip(values).for_each(|(place, value)| *place = value as f32);
+}
+
+/// Writes the truth of a sample: a place and three numbers for each touch.
+pub(super) fn write_truth(
+    rows: &mut [f32],
+    row: usize,
+    most: usize,
+    touches: impl Iterator<Item = [f64; TOUCH_COLUMNS]>,
+) {
+    let truth = &mut rows[row * most * TOUCH_COLUMNS..][..most * TOUCH_COLUMNS];
+    truth.fill(f32::NAN);
+    for (place, touch) in truth.chunks_exact_mut(TOUCH_COLUMNS).zip(touches) {
+        place.copy_from_slice(&touch.map(|value| value as f32));
+    }
+}
+
+/// Samples without a disk and without an end; see [`Generator::stream`].
+#[derive(Debug)]
+pub struct Stream<'a> {
+    worker: Worker<'a>,
+    next: u64,
+    ready: std::vec::IntoIter<Sample>,
+}
+
+impl Iterator for Stream<'_> {
+    type Item = crate::Result<Sample>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.ready.as_slice().is_empty() {
+            let first = self.next / UNIT as u64 * UNIT as u64;
+            match self.worker.unit(first) {
+                Ok(samples) => self.ready = samples.into_iter(),
+                Err(error) => return Some(Err(error)),
+            }
+            let skipped = (self.next - first) as usize;
+            self.ready.by_ref().take(skipped).for_each(drop);
+        }
+        self.next += 1;
+        self.ready.next().map(Ok)
+    }
+}

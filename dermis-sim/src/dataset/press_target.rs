@@ -1,0 +1,231 @@
+//! Images of presses on patches.
+//!
+//! A press does not change the coat but lets current pass through the fabric. What it does to a strip of the coat as long
+//! as a patch, `p`, joined to it by a conductance `c` per area, is known exactly: with `s` the coat's sheet conductance the
+//! strip conducts as if its conductance were `s k / tanh k`, `k = (p / 2) sqrt(c / s)` (a transmission line that floats at
+//! its middle; for a weak contact `s + c p^2 / 12`). The image is the pixel mean of that relative change, `k / tanh k - 1`,
+//! for the contact that the pressure would make if there were no gaps: where a press is, not which patches it met, for
+//! their places are not known to whoever looks at the image.
+
+use crate::dataset::places::{flat, period_m};
+use crate::dataset::quadrature::Rule;
+use crate::twin::{ContactLaw, Foam, Footprint, PatchOptions, Press, TwinError};
+use dermis::design::{Body, ImageLayout, SkinDesign};
+use dermis::geom::vector::distance;
+use dermis::geom::{Point3, Surface};
+use dermis::image::{PixelSpace, chart_box};
+use dermis::mesh::{Cells, Mesh};
+
+/// Points along each side of a pixel: midpoints of parts.
+const POINTS_PER_SIDE: usize = 6;
+
+/// How the image of some presses is made.
+#[derive(Debug, Clone)]
+pub(super) struct PressTarget {
+    surface: Surface,
+    period_m: Option<f64>,
+    body: Body,
+    foam: Foam,
+    contact: ContactLaw,
+    /// Half of a patch's side over the root of the coat's conductance: `k / sqrt(c)`.
+    half_side: f64,
+    pixels: Vec<Pixel>,
+}
+
+/// Where a pixel's mean is taken; all points count alike.
+#[derive(Debug, Clone)]
+struct Pixel {
+    centre: Point3,
+    radius_m: f64,
+    area_m2: f64,
+    points: Vec<Point3>,
+}
+
+impl PressTarget {
+    pub fn new(
+        design: &SkinDesign,
+        mesh: &Mesh,
+        space: &PixelSpace,
+        patches: &PatchOptions,
+    ) -> Result<Self, TwinError> {
+        let surface = design.body.surface();
+        let pixels = match (&design.image, &mesh.cells, chart_box(&design.body)) {
+            (&ImageLayout::Grid { rows, columns }, _, Some(area)) => {
+                grid_pixels(&design.body, surface, space, [rows, columns], area)
+            }
+            (_, Cells::Triangles(_), _) => cell_pixels(surface, mesh),
+            _ => return Err(TwinError::NoChart),
+        };
+        let mut target = PressTarget {
+            surface,
+            period_m: period_m(surface),
+            body: design.body.clone(),
+            foam: patches.foam,
+            contact: patches.contact,
+            half_side: 0.5 * (mean_side_m(patches, &design.body)?.powi(2) / design.sheet.conductance).sqrt(),
+            pixels: Vec::new(),
+        };
+        let pixel = |(points, &area_m2): (Vec<Point3>, &f64)| {
+            let centre = points[points.len() / 2];
+            let radius_m = points.iter().map(|&point| target.distance_m(centre, point)).fold(0.0, f64::max);
+            Pixel { centre, radius_m, area_m2, points }
+        };
+        target.pixels = pixels.into_iter().zip(&space.areas).map(pixel).collect();
+        Ok(target)
+    }
+
+    fn distance_m(&self, a: Point3, b: Point3) -> f64 {
+        match self.period_m {
+            Some(period_m) => {
+                let round = (a[0] - b[0]).abs();
+                round.min(period_m - round).hypot(a[1] - b[1])
+            }
+            None => distance(a, b),
+        }
+    }
+
+    /// The image of some presses together.
+    pub fn image_into(&self, presses: &[Press], image: &mut [f64]) -> Result<(), TwinError> {
+        let footprints: Vec<(Point3, Footprint)> = (presses.iter())
+            .map(|press| Ok((flat(self.surface, press.centre_m), Footprint::new(press, &self.foam, &self.body)?)))
+            .collect::<Result<_, TwinError>>()?;
+        let at_rest = self.change(0.0);
+        for (value, pixel) in image.iter_mut().zip(&self.pixels) {
+            let reaches = |(centre, footprint): &&(Point3, Footprint)| {
+                self.distance_m(pixel.centre, *centre) < pixel.radius_m + footprint.reach_m()
+            };
+            let near: Vec<&(Point3, Footprint)> = footprints.iter().filter(reaches).collect();
+            *value = 0.0;
+            if near.is_empty() {
+                continue;
+            }
+            for &point in &pixel.points {
+                let pressure: f64 = (near.iter())
+                    .map(|(centre, footprint)| footprint.pressure_pa(self.distance_m(point, *centre)))
+                    .sum();
+                *value += self.change(pressure) - at_rest;
+            }
+            *value /= pixel.points.len() as f64;
+        }
+        Ok(())
+    }
+
+    /// The strength of a press alone: the integral of its image, m2. `image` is memory to make it in.
+    pub fn strength_m2(&self, press: &Press, image: &mut [f64]) -> Result<f64, TwinError> {
+        self.image_into(std::slice::from_ref(press), image)?;
+        Ok(image.iter().zip(&self.pixels).map(|(value, pixel)| value * pixel.area_m2).sum())
+    }
+
+    /// The relative change of conductance under a pressure.
+    fn change(&self, pressure_pa: f64) -> f64 {
+        let contact = self.contact.conductance_s_per_m2(self.contact.preload_pa + pressure_pa);
+        let k = self.half_side * contact.sqrt();
+        // Two terms of the series are right to k^6 / 1000 of one.
+        if k < 0.01 { k * k / 3.0 - k.powi(4) / 45.0 } else { k / libm::tanh(k) - 1.0 }
+    }
+}
+
+/// The root of the mean square of a patch's sides, m.
+fn mean_side_m(patches: &PatchOptions, body: &Body) -> Result<f64, TwinError> {
+    let grid = patches.on_body(body)?;
+    let [low, high] = grid.corners_m(0);
+    Ok((0.5 * ((high[0] - low[0]).powi(2) + (high[1] - low[1]).powi(2))).sqrt())
+}
+
+fn grid_pixels(
+    body: &Body,
+    surface: Surface,
+    space: &PixelSpace,
+    [rows, columns]: [usize; 2],
+    (low, size): ([f64; 2], [f64; 2]),
+) -> Vec<Vec<Point3>> {
+    // The chart of a cylinder's picture is (theta, z); flat coordinates have the arc in its place.
+    let per_chart = if let Surface::Cylinder { radius_m, .. } = surface { radius_m } else { 1.0 };
+    let middle = |line: usize, part: usize, count: usize| {
+        (line as f64 + (part as f64 + 0.5) / POINTS_PER_SIDE as f64) / count as f64
+    };
+    let pixel = |&position: &usize| {
+        let point = |part: usize| {
+            let across = middle(position % columns, part % POINTS_PER_SIDE, columns);
+            let along = middle(position / columns, part / POINTS_PER_SIDE, rows);
+            [per_chart * (low[0] + size[0] * across), low[1] + size[1] * along, 0.0]
+        };
+        let inside = |point: &Point3| match *body {
+            Body::Disk { diameter_m } => point[0].hypot(point[1]) <= 0.5 * diameter_m,
+            _ => true,
+        };
+        let points: Vec<Point3> = (0..POINTS_PER_SIDE * POINTS_PER_SIDE).map(point).filter(inside).collect();
+        // A sliver at the rim that holds none of the points.
+        if points.is_empty() {
+            let index = space.position_in_grid.iter().position(|&other| other == position);
+            return vec![index.map_or([0.0; 3], |index| space.centres_m[index])];
+        }
+        points
+    };
+    space.position_in_grid.iter().map(pixel).collect()
+}
+
+fn cell_pixels(surface: Surface, mesh: &Mesh) -> Vec<Vec<Point3>> {
+    let points = |cell: usize| {
+        let corners: Vec<Point3> = mesh.cells.corners(cell).iter().map(|&node| mesh.nodes[node]).collect();
+        // The middles of 16 equal parts, each of which counts alike.
+        let points = Rule::Triangle.points(&corners, 2);
+        points.chunks_exact(Rule::Triangle.weights().len()).map(|part| flat(surface, part[0])).collect()
+    };
+    (0..mesh.cell_count()).map(points).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::PatchTouches;
+
+    fn target() -> PressTarget {
+        let design = SkinDesign::shipped("cylinder30").unwrap();
+        let mesh = Mesh::generate(&design).unwrap();
+        let space = PixelSpace::for_design(&design, &mesh).unwrap();
+        PressTarget::new(&design, &mesh, &space, &PatchTouches::usual().patches).unwrap()
+    }
+
+    #[test]
+    fn the_change_is_that_of_a_strip_joined_to_a_floating_patch() {
+        // The strip as 4,000 resistors in a row, each joined to the patch; its ends held at +-1/2 V, the patch at 0.
+        let target = target();
+        let (side_m, sheet_s) = (2.0 * target.half_side * 1e-3f64.sqrt(), 1e-3);
+        for pressure_pa in [3.0, 300.0, 3e4] {
+            let contact = target.contact.conductance_s_per_m2(pressure_pa);
+            let parts = 4000;
+            let (step, joint) = (sheet_s * parts as f64 / side_m, contact * side_m / parts as f64);
+            // From the middle outwards: the current and the potential of a half that is odd about it.
+            let (mut potential, mut current) = (0.5 / step, 1.0);
+            for _ in 0..parts / 2 {
+                current += joint * potential;
+                potential += current / step;
+            }
+            potential -= 0.5 * current / step;
+            let change = current / (2.0 * potential) * side_m / sheet_s - 1.0;
+            println!("{pressure_pa} Pa: {:.5}, by resistors {change:.5}", target.change(pressure_pa));
+            assert!((target.change(pressure_pa) / change - 1.0).abs() < 5e-3);
+        }
+    }
+
+    #[test]
+    fn an_image_peaks_under_its_press_and_wraps_at_the_seam() {
+        let target = target();
+        let surface = target.surface;
+        let mut image = vec![0.0; 900];
+        let press = |theta_rad: f64| Press {
+            centre_m: surface.at(0.145, theta_rad).unwrap(),
+            force_n: 2.0,
+            tip_radius_m: 0.005,
+        };
+        target.image_into(&[press(0.0)], &mut image).unwrap();
+        let row = &image[14 * 30..15 * 30];
+        assert!(row[0] > 0.1 && (row[0] / row[29] - 1.0).abs() < 1e-9, "{row:?}");
+        assert!(image.iter().filter(|value| **value > 0.0).count() < 20);
+        // Two presses in one place count by the pressure of both, once.
+        let mut both = vec![0.0; 900];
+        target.image_into(&[press(0.0), press(0.0)], &mut both).unwrap();
+        assert!(both[420] > image[420] && both[420] < 2.0 * image[420]);
+    }
+}

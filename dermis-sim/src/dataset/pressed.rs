@@ -1,0 +1,196 @@
+//! Samples of presses on fabric patches: drawn, solved by a low-rank update.
+
+use crate::dataset::gaussian::{even, log_even};
+use crate::dataset::generator::{Rows, write_row, write_truth};
+use crate::dataset::places::Places;
+use crate::dataset::press_target::PressTarget;
+use crate::dataset::recipe::{PatchTouches, Recipe, SkinSpread, Skins};
+use crate::dataset::skins::Worn;
+use crate::random::sample_rng;
+use crate::twin::{Footprint, PatchOptions, PatchedSkin, Press, TwinError};
+use dermis::design::{Body, SkinDesign};
+use dermis::forward::ForwardModel;
+use dermis::geom::Point3;
+use dermis::image::PixelSpace;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use std::f64::consts::PI;
+
+/// Makes samples of presses.
+#[derive(Debug)]
+pub(super) struct PressMaker {
+    seed: u64,
+    options: PatchTouches,
+    body: Body,
+    places: Places,
+    target: PressTarget,
+    pixel_count: usize,
+    channel_count: usize,
+    skins: OnSkins,
+}
+
+/// On what skins.
+#[derive(Debug)]
+enum OnSkins {
+    One(Box<PatchedSkin>),
+    Many(SkinSpread),
+}
+
+/// Memory of one thread that makes them.
+#[derive(Debug)]
+pub(super) struct PressWorker<'a> {
+    maker: &'a PressMaker,
+    frame: Vec<f64>,
+    image: Vec<f64>,
+}
+
+impl PressMaker {
+    pub fn new(
+        design: &SkinDesign,
+        forward: &ForwardModel,
+        pixels: &PixelSpace,
+        places: Places,
+        recipe: &Recipe,
+        options: &PatchTouches,
+    ) -> crate::Result<Self> {
+        let skins = match &recipe.skins {
+            Skins::Even => OnSkins::One(Box::new(PatchedSkin::new(
+                &options.patches,
+                &design.body,
+                forward,
+                forward.rest_conductivity(),
+            )?)),
+            Skins::Random(spread) => OnSkins::Many(spread.clone()),
+        };
+        // The hardest press that may be drawn, in a place that may be: what it asks for is refused now and not on the way.
+        let hardest = Press {
+            centre_m: places.draw(&mut sample_rng(recipe.seed, 0)),
+            force_n: options.force_n[1],
+            tip_radius_m: options.tip_radius_m[0],
+        };
+        Footprint::new(&hardest, &options.patches.foam, &design.body)?;
+        Ok(PressMaker {
+            seed: recipe.seed,
+            options: options.clone(),
+            body: design.body.clone(),
+            places,
+            target: PressTarget::new(design, forward.mesh(), pixels, &options.patches)?,
+            pixel_count: pixels.len(),
+            channel_count: forward.protocol().channel_count(),
+            skins,
+        })
+    }
+
+    pub fn worker(&self) -> PressWorker<'_> {
+        PressWorker { maker: self, frame: vec![0.0; self.channel_count], image: vec![0.0; self.pixel_count] }
+    }
+
+    /// The untouched frame of the design under its patches.
+    pub fn untouched(&self, forward: &ForwardModel) -> crate::Result<Vec<f64>> {
+        let mut frame = vec![0.0; self.channel_count];
+        match &self.skins {
+            OnSkins::One(skin) => skin.network(&[])?.frame_into(forward.protocol(), &mut frame),
+            OnSkins::Many(_) => forward.solver().solve_into(forward.rest_conductivity(), &mut frame)?,
+        }
+        Ok(frame)
+    }
+
+    /// The presses of a sample.
+    pub fn draw(&self, index: u64) -> Vec<Press> {
+        let mut rng = sample_rng(self.seed, index);
+        let count = rng.random_range(1..=self.options.most as u32);
+        let mut presses: Vec<Press> = Vec::with_capacity(count as usize);
+        for _ in 0..count {
+            presses.push(Press {
+                centre_m: self.place(presses.last(), &mut rng),
+                tip_radius_m: even(&mut rng, self.options.tip_radius_m),
+                force_n: log_even(&mut rng, self.options.force_n),
+            });
+        }
+        presses
+    }
+
+    /// Where the press after another is.
+    fn place(&self, before: Option<&Press>, rng: &mut ChaCha8Rng) -> Point3 {
+        if let (Some(together), Some(before)) = (&self.options.together, before)
+            && rng.random::<f64>() < together.share
+        {
+            let (distance_m, way_rad) = (even(rng, together.distance_m), even(rng, [0.0, 2.0 * PI]));
+            let (sine, cosine) = libm::sincos(way_rad);
+            let beside = self.body.surface().walk(before.centre_m, [distance_m * cosine, distance_m * sine]);
+            if self.body.holds(beside) {
+                return beside;
+            }
+        }
+        self.places.draw(rng)
+    }
+
+    /// The patches of a skin drawn from a seed.
+    fn patches(&self, spread: &SkinSpread, skin_seed: u64) -> PatchOptions {
+        let mut rng = sample_rng(skin_seed, PATCH_STREAM);
+        let mut count = |[fewest, most]: [usize; 2]| fewest + rng.random_range(0..=(most - fewest) as u32) as usize;
+        let (rows, columns) = (count(spread.patch_rows), count(spread.patch_columns));
+        let size_m = match self.body {
+            Body::Cylinder { length_m, diameter_m } => [length_m, PI * diameter_m],
+            Body::Rectangle { width_m, height_m } => [height_m, width_m],
+            Body::Disk { diameter_m } => [diameter_m; 2],
+            Body::Mesh { .. } => [0.0; 2],
+        };
+        let offset_m = [size_m[0] / rows as f64, size_m[1] / columns as f64].map(|pitch| pitch * rng.random::<f64>());
+        PatchOptions { rows, columns, offset_m, pitch_m: None, ..self.options.patches.clone() }
+    }
+}
+
+/// The stream of a skin's random numbers that its patches are drawn from.
+const PATCH_STREAM: u64 = 1;
+
+impl PressWorker<'_> {
+    /// The samples of the unit that begins at `first`, `count` of them, on the skin that is worn.
+    pub fn make(&mut self, first: u64, count: usize, worn: Option<&Worn>, rows: &mut Rows<'_>) -> crate::Result<()> {
+        let maker = self.maker;
+        let presses: Vec<Vec<Press>> = (0..count).map(|row| maker.draw(first + row as u64)).collect();
+        match (&maker.skins, worn) {
+            (OnSkins::Many(spread), Some(worn)) => {
+                let model = &worn.skin.forward;
+                // All sixteen samples of the skin, were fewer asked for: a sample's bits must not depend on how many are.
+                let all: Vec<Press> =
+                    (0..super::generator::UNIT as u64).flat_map(|row| maker.draw(first + row)).collect();
+                let options = maker.patches(spread, worn.skin.seed);
+                let coat = model.rest_conductivity();
+                let skin = PatchedSkin::for_presses(&options, &maker.body, model, coat, &all)?;
+                skin.network_once(&[])?.frame_into(model.protocol(), &mut self.frame);
+                for row in 0..count {
+                    write_row(rows.rest, row, self.frame.iter().copied());
+                }
+                for (row, presses) in presses.iter().enumerate() {
+                    skin.network_once(presses)?.frame_into(model.protocol(), &mut self.frame);
+                    self.write(row, presses, rows)?;
+                }
+            }
+            (OnSkins::One(skin), _) => {
+                let protocol = skin.conductors().model().protocol();
+                for (row, presses) in presses.iter().enumerate() {
+                    skin.network(presses)?.frame_into(protocol, &mut self.frame);
+                    self.write(row, presses, rows)?;
+                }
+            }
+            (OnSkins::Many(_), None) => unreachable!("random skins are worn"),
+        }
+        Ok(())
+    }
+
+    fn write(&mut self, row: usize, presses: &[Press], rows: &mut Rows<'_>) -> crate::Result<()> {
+        write_row(rows.frames, row, self.frame.iter().copied());
+        self.maker.target.image_into(presses, &mut self.image)?;
+        write_row(rows.images, row, self.image.iter().copied());
+        let strengths = (presses.iter())
+            .map(|press| self.maker.target.strength_m2(press, &mut self.image))
+            .collect::<Result<Vec<f64>, TwinError>>()?;
+        let truth = presses.iter().zip(strengths).map(|(press, strength)| {
+            let [x, y, z] = press.centre_m;
+            [x, y, z, press.tip_radius_m, press.force_n, strength]
+        });
+        write_truth(rows.touches, row, self.maker.options.most, truth);
+        Ok(())
+    }
+}

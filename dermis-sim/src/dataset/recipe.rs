@@ -1,0 +1,262 @@
+//! What a dataset is made of: the distributions from which its samples are drawn.
+
+use crate::dataset::DatasetError;
+use crate::twin::{CoatOptions, ElectrodeOptions, PatchOptions, TouchOptions, TwinOptions};
+use dermis::design::TouchEffect;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Most touches that a sample may have: more than fingers of two hands are a typing error.
+const MOST_TOUCHES: usize = 16;
+
+/// Everything that decides what the samples are, beside the design and its mesh.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recipe {
+    /// The seed: sample `i` depends on `(seed, i)` alone.
+    pub seed: u64,
+    /// How many samples.
+    pub samples: u64,
+    /// What touches do, and how they are drawn.
+    pub touch: Touch,
+    /// Whether the samples are of one skin or of many.
+    pub skins: Skins,
+}
+
+/// Whether the samples are of one skin or of many.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Skins {
+    /// The design as it is written.
+    Even,
+    /// A skin of its own for every 16 samples, drawn from the seed.
+    Random(SkinSpread),
+}
+
+/// How skins of one design differ.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SkinSpread {
+    /// The coat.
+    pub coat: CoatOptions,
+    /// The electrodes.
+    pub electrodes: ElectrodeOptions,
+    /// Patches of a skin, for touches that are presses: fewest and most rows and columns, each number as often (and with it
+    /// the pitch); the grid's offset is uniform over a pitch.
+    pub patch_rows: [usize; 2],
+    /// Columns, likewise.
+    pub patch_columns: [usize; 2],
+}
+
+impl SkinSpread {
+    /// As careful workshops make them (the twin `lab`): coat 10 % rms at 40 mm, electrodes 0.5 mm rms, contact impedance
+    /// 30 %; patches in 28 to 32 rows and 29 to 33 columns.
+    pub fn usual() -> Self {
+        SkinSpread {
+            coat: CoatOptions { rms: 0.1, correlation_m: 0.04 },
+            electrodes: ElectrodeOptions { displacement_rms_m: 5e-4, contact_impedance_rms: 0.3 },
+            patch_rows: [28, 32],
+            patch_columns: [29, 33],
+        }
+    }
+
+    fn check(&self) -> Result<(), DatasetError> {
+        for (what, [fewest, most]) in
+            [("the rows of patches", self.patch_rows), ("the columns of patches", self.patch_columns)]
+        {
+            check_range(what, [fewest as f64, most as f64])?;
+        }
+        Ok(())
+    }
+}
+
+/// What touches do, and how they are drawn.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Touch {
+    /// Gaussian changes of conductance, as the paper trains on.
+    Gaussian(GaussianTouches),
+    /// Presses on fabric patches under foam: [`PatchedSkin`](crate::twin::PatchedSkin).
+    Patch(PatchTouches),
+}
+
+/// Presses beside the one before.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Together {
+    /// What share of the presses after the first are beside the one before.
+    pub share: f64,
+    /// Shortest and longest distance from it, m; uniform between. One that would lie off the body is anywhere.
+    pub distance_m: [f64; 2],
+}
+
+/// Presses of a spherical tip on a skin with patches. Their places are uniform by area over the whole surface.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PatchTouches {
+    /// A sample has 1 to this many presses, each number as often.
+    pub most: usize,
+    /// Lowest and highest force, N; uniform in its logarithm between.
+    pub force_n: [f64; 2],
+    /// Lowest and highest radius of the tip, m; uniform between.
+    pub tip_radius_m: [f64; 2],
+    /// The patches; on random skins their rows, columns and offset differ.
+    pub patches: PatchOptions,
+    /// Presses side by side; without it every press is where it is by chance, which is seldom near another.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub together: Option<Together>,
+}
+
+impl PatchTouches {
+    /// The patches of the twin `lab`; 1 to 4 presses of 1 to 5 N with tips of 4 to 8 mm.
+    pub fn usual() -> Self {
+        let lab = TwinOptions::shipped("lab").map(|twin| twin.touch);
+        let Some(TouchOptions::Patches(patches)) = lab else { panic!("the twin `lab` is shipped and has patches") };
+        PatchTouches { most: 4, force_n: [1.0, 5.0], tip_radius_m: [0.004, 0.008], patches, together: None }
+    }
+
+    fn check(&self, effect: TouchEffect) -> Result<(), DatasetError> {
+        check_count(self.most)?;
+        check_range("the force of presses in N", self.force_n)?;
+        check_range("the radius of the tip in m", self.tip_radius_m)?;
+        if let Some(together) = &self.together {
+            check_range("the distance of presses side by side in m", together.distance_m)?;
+            if !(0.0..=1.0).contains(&together.share) {
+                let what = "the share of presses side by side";
+                return Err(DatasetError::OutOfRange { what, value: together.share, must: "0 to 1".into() });
+            }
+        }
+        match effect {
+            TouchEffect::ConductanceRises => Ok(()),
+            TouchEffect::ConductanceFalls => Err(DatasetError::OutOfRange {
+                what: "the sign of touches",
+                value: -1.0,
+                must: "1 with patches, which raise the conductance: use Gaussian touches".into(),
+            }),
+        }
+    }
+}
+
+/// Gaussian touches: `1 + sum of A exp(-d^2 / (2 w^2))` times the untouched conductance, the sum taken off where touches
+/// lower it. Their places are uniform by area over the whole surface, rim and seam included.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GaussianTouches {
+    /// A sample has 1 to this many touches, each number as often.
+    pub most: usize,
+    /// Lowest and highest width `w` (standard deviation along the surface), m; uniform between.
+    pub width_m: [f64; 2],
+    /// Lowest and highest amplitude `A`, the relative change in the middle; uniform in its logarithm between.
+    pub amplitude: [f64; 2],
+}
+
+impl GaussianTouches {
+    /// 1 to 4 touches, 5 to 15 mm wide: from half of the paper's patch to the foot of a hand. Amplitudes from 0.1 to 2
+    /// where touches raise conductance; from 0.05 to 0.2 where they lower it, so that four in one place leave some.
+    pub fn for_effect(effect: TouchEffect) -> Self {
+        let amplitude = match effect {
+            TouchEffect::ConductanceRises => [0.1, 2.0],
+            TouchEffect::ConductanceFalls => [0.05, 0.2],
+        };
+        GaussianTouches { most: 4, width_m: [0.005, 0.015], amplitude }
+    }
+
+    /// Checks everything that can be checked without a mesh.
+    ///
+    /// # Errors
+    /// A number that no touch has; amplitudes that could leave no conductance.
+    pub fn check(&self, effect: TouchEffect) -> Result<(), DatasetError> {
+        check_count(self.most)?;
+        check_range("the width of touches in m", self.width_m)?;
+        check_range("the amplitude of touches", self.amplitude)?;
+        let strongest = self.most as f64 * self.amplitude[1];
+        if effect == TouchEffect::ConductanceFalls && strongest >= 1.0 {
+            return Err(DatasetError::OutOfRange {
+                what: "the most touches times their highest amplitude",
+                value: strongest,
+                must: "below 1 where touches lower the conductance, or nothing of it may be left".into(),
+            });
+        }
+        Ok(())
+    }
+}
+
+fn check_count(most: usize) -> Result<(), DatasetError> {
+    if (1..=MOST_TOUCHES).contains(&most) {
+        return Ok(());
+    }
+    let must = format!("1 to {MOST_TOUCHES}");
+    Err(DatasetError::OutOfRange { what: "the most touches of a sample", value: most as f64, must })
+}
+
+fn check_range(what: &'static str, [low, high]: [f64; 2]) -> Result<(), DatasetError> {
+    for value in [low, high] {
+        if !(value > 0.0 && value.is_finite()) {
+            return Err(DatasetError::OutOfRange { what, value, must: "positive and finite".into() });
+        }
+    }
+    if high < low {
+        let must = format!("at least {low} at its upper end, the lower end");
+        return Err(DatasetError::OutOfRange { what, value: high, must });
+    }
+    Ok(())
+}
+
+/// A recipe's file: what does not depend on how many samples are made of it.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RecipeFile {
+    touch: Touch,
+    skins: Skins,
+}
+
+impl Recipe {
+    /// Reads the touches and the skins of a recipe from a TOML file.
+    ///
+    /// # Errors
+    /// A file that cannot be read or is no recipe, with the line.
+    pub fn load(path: &Path, seed: u64, samples: u64) -> Result<Self, DatasetError> {
+        let io = |source| DatasetError::Io { path: path.to_path_buf(), source };
+        Self::parse(&std::fs::read_to_string(path).map_err(io)?, path, seed, samples)
+    }
+
+    /// The same from the text of such a file; its path is for messages.
+    ///
+    /// # Errors
+    /// A text that is no recipe, with the line.
+    pub fn parse(text: &str, path: &Path, seed: u64, samples: u64) -> Result<Self, DatasetError> {
+        let wrong =
+            |error: toml::de::Error| DatasetError::File { path: path.to_path_buf(), message: error.to_string() };
+        let RecipeFile { touch, skins } = toml::from_str(text).map_err(wrong)?;
+        Ok(Recipe { seed, samples, touch, skins })
+    }
+
+    /// Checks everything that can be checked without a mesh.
+    ///
+    /// # Errors
+    /// No samples; numbers that no touch has.
+    pub fn check(&self, effect: TouchEffect) -> Result<(), DatasetError> {
+        if self.samples == 0 {
+            return Err(DatasetError::OutOfRange {
+                what: "the number of samples",
+                value: 0.0,
+                must: "at least 1".into(),
+            });
+        }
+        if let Skins::Random(spread) = &self.skins {
+            spread.check()?;
+        }
+        match &self.touch {
+            Touch::Gaussian(touches) => touches.check(effect),
+            Touch::Patch(touches) => touches.check(effect),
+        }
+    }
+
+    /// Most touches of a sample.
+    pub fn most_touches(&self) -> usize {
+        match &self.touch {
+            Touch::Gaussian(touches) => touches.most,
+            Touch::Patch(touches) => touches.most,
+        }
+    }
+}

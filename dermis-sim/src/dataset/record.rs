@@ -1,0 +1,269 @@
+//! What a dataset is, as its folder says: the record written when it is begun.
+
+use crate::dataset::error::DatasetError;
+use crate::dataset::file::{Label, Tensor, hex};
+use crate::dataset::generator::{Generator, TOUCH_COLUMNS};
+use crate::dataset::recipe::{Recipe, Touch};
+use dermis::linalg::Level;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use sha2::{Digest, Sha256};
+use std::path::{Path, PathBuf};
+
+/// Samples in a file, whatever their number: the last file may hold fewer.
+pub const SAMPLES_PER_FILE: u64 = 8192;
+
+/// The version of what stands in a dataset's files; another one is not read.
+const FORMAT: &str = "dermis dataset 2";
+
+/// Everything that decides which bytes a dataset holds. It is written as `run.json` when a dataset is begun; whoever goes
+/// on with it must have the same.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Record {
+    /// "dermis dataset" and the version of the format.
+    pub format: String,
+    /// The version of this library.
+    pub version: String,
+    /// The instruction set: between two of them values differ by rounding.
+    pub cpu: Level,
+    /// The design.
+    pub design: DesignRecord,
+    /// The mesh.
+    pub mesh: MeshRecord,
+    /// SHA-256 of the protocol as a channel table.
+    pub protocol_sha256: String,
+    /// What the samples are drawn from.
+    pub recipe: Recipe,
+    /// Samples in each file but the last.
+    pub samples_per_file: u64,
+    /// The tensors of each file, in their order there.
+    pub tensors: Vec<TensorRecord>,
+    /// The pixels of an image.
+    pub pixels: PixelRecord,
+}
+
+/// A design, word for word.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DesignRecord {
+    /// Its name.
+    pub name: String,
+    /// SHA-256 of its text.
+    pub sha256: String,
+    /// The text of its file.
+    pub text: String,
+}
+
+/// Which mesh the samples were solved on.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MeshRecord {
+    /// Its fingerprint, [`Mesh::hash`](dermis::mesh::Mesh::hash).
+    pub hash: String,
+    /// Number of nodes.
+    pub nodes: usize,
+    /// Number of cells.
+    pub cells: usize,
+}
+
+/// A tensor in the files.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TensorRecord {
+    /// Its name.
+    pub name: String,
+    /// Its rows in a file: `n`, one a sample, or `1`, one for all.
+    pub rows: String,
+    /// The shape of a row.
+    pub shape: Vec<usize>,
+    /// What it holds, with its unit.
+    pub holds: String,
+}
+
+/// The pixels of an image.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PixelRecord {
+    /// Rows and columns of the picture; none where each cell of the mesh is a pixel.
+    pub grid: Option<[usize; 2]>,
+    /// Place in the picture, row-major, of each pixel; none where all of them exist, in order.
+    pub positions: Option<Vec<usize>>,
+}
+
+/// The tensors' names.
+pub(super) const REST: &str = "rest";
+pub(super) const FRAMES: &str = "frames";
+pub(super) const IMAGES: &str = "images";
+pub(super) const TOUCHES: &str = "touches";
+
+impl Record {
+    /// The record of what a generator makes from a design whose file reads `design_text`.
+    pub fn new(generator: &Generator, design_name: &str, design_text: &str) -> Self {
+        let forward = generator.forward();
+        let mesh = forward.mesh();
+        let space = generator.pixels();
+        let full = space.position_in_grid.iter().enumerate().all(|(index, &position)| index == position);
+        let complete = full && space.grid.is_none_or(|[rows, columns]| rows * columns == space.len());
+        Record {
+            format: FORMAT.into(),
+            version: env!("CARGO_PKG_VERSION").into(),
+            cpu: Level::best(),
+            design: DesignRecord {
+                name: design_name.into(),
+                sha256: sha256(design_text.as_bytes()),
+                text: design_text.into(),
+            },
+            mesh: MeshRecord { hash: mesh.hash(), nodes: mesh.node_count(), cells: mesh.cell_count() },
+            protocol_sha256: forward.protocol().sha256(),
+            recipe: generator.recipe().clone(),
+            samples_per_file: SAMPLES_PER_FILE,
+            tensors: tensor_records(generator),
+            pixels: PixelRecord { grid: space.grid, positions: (!complete).then(|| space.position_in_grid.clone()) },
+        }
+    }
+
+    /// What the record's file holds.
+    pub(super) fn to_bytes(&self) -> Vec<u8> {
+        let mut text = serde_json::to_string_pretty(self).expect("a record is JSON");
+        text.push('\n');
+        text.into_bytes()
+    }
+
+    /// The record in a folder.
+    ///
+    /// # Errors
+    /// A folder without one; a file that is none.
+    pub fn read(folder: &Path) -> Result<Self, DatasetError> {
+        let path = Self::path(folder);
+        let bytes = match std::fs::read(&path) {
+            Ok(bytes) => bytes,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Err(DatasetError::NoRecord { path }),
+            Err(source) => return Err(DatasetError::Io { path, source }),
+        };
+        let wrong = |message: String| DatasetError::File { path: path.clone(), message };
+        let value: Value = serde_json::from_slice(&bytes).map_err(|error| wrong(format!("no JSON: {error}")))?;
+        if value["format"] != FORMAT {
+            return Err(wrong(format!("its format is {}, not \"{FORMAT}\"", value["format"])));
+        }
+        serde_json::from_slice(&bytes).map_err(|error| wrong(format!("no record of a dataset: {error}")))
+    }
+
+    /// Where the record of a folder is.
+    pub(super) fn path(folder: &Path) -> PathBuf {
+        folder.join("run.json")
+    }
+
+    /// The dataset's identity: SHA-256 of the record.
+    pub fn identity(&self) -> String {
+        sha256(&self.to_bytes())
+    }
+
+    /// Refuses a record that differs from this one, which lies at `path`.
+    pub(super) fn check_same(&self, asked: &Record, path: &Path) -> Result<(), DatasetError> {
+        let value = |record: &Record| serde_json::to_value(record).expect("a record is JSON");
+        match first_difference("", &value(self), &value(asked)) {
+            None => Ok(()),
+            Some((field, there, asked)) => {
+                Err(DatasetError::Mismatch { path: path.to_path_buf(), field, there, asked })
+            }
+        }
+    }
+
+    /// Refuses a design whose text is not the one the dataset was made from.
+    ///
+    /// # Errors
+    /// Another text.
+    pub fn check_design(&self, folder: &Path, design_text: &str) -> Result<(), DatasetError> {
+        let asked = sha256(design_text.as_bytes());
+        if asked == self.design.sha256 {
+            return Ok(());
+        }
+        let (path, there) = (Self::path(folder), self.design.sha256.clone());
+        Err(DatasetError::Mismatch { path, field: "design.sha256".into(), there, asked })
+    }
+
+    /// Number of files.
+    pub fn file_count(&self) -> u64 {
+        self.recipe.samples.div_ceil(self.samples_per_file)
+    }
+
+    /// Samples of a file.
+    pub(super) fn samples_of(&self, file: u64) -> usize {
+        let first = file * self.samples_per_file;
+        // A file holds few samples.
+        self.samples_per_file.min(self.recipe.samples - first) as usize
+    }
+
+    /// Names and shapes of a file's tensors.
+    pub(super) fn shapes(&self, file: u64) -> Vec<(&str, Vec<usize>)> {
+        let shape = |tensor: &TensorRecord| {
+            let rows = if tensor.rows == "1" { 1 } else { self.samples_of(file) };
+            std::iter::once(rows).chain(tensor.shape.iter().copied()).collect()
+        };
+        self.tensors.iter().map(|tensor| (tensor.name.as_str(), shape(tensor))).collect()
+    }
+
+    /// What a file must say of itself, its checksum left out.
+    pub(super) fn label(&self, identity: &str, file: u64) -> Label {
+        let first_sample = file * self.samples_per_file;
+        Label { dataset: identity.into(), first_sample, sha256: "0".repeat(64) }
+    }
+
+    /// Memory for the tensors of a file.
+    pub(super) fn tensors(&self, file: u64) -> Vec<Tensor> {
+        let tensor = |(name, shape): (&str, Vec<usize>)| Tensor {
+            name: name.to_string(),
+            values: vec![0.0; shape.iter().product()],
+            shape,
+        };
+        self.shapes(file).into_iter().map(tensor).collect()
+    }
+}
+
+/// The name of a file.
+pub(super) fn file_name(file: u64) -> String {
+    format!("samples-{file:05}.safetensors")
+}
+
+pub(super) fn sha256(bytes: &[u8]) -> String {
+    hex(Sha256::digest(bytes))
+}
+
+fn tensor_records(generator: &Generator) -> Vec<TensorRecord> {
+    let record = |name: &str, rows: &str, shape: Vec<usize>, holds: String| TensorRecord {
+        name: name.into(),
+        rows: rows.into(),
+        shape,
+        holds,
+    };
+    let (channels, pixels) = (generator.channel_count(), generator.pixel_count());
+    let most = generator.recipe().most_touches();
+    let columns = match &generator.recipe().touch {
+        Touch::Gaussian(_) => "x_m, y_m, z_m, width_m, amplitude, strength_m2",
+        Touch::Patch(_) => "x_m, y_m, z_m, tip_radius_m, force_n, strength_m2",
+    };
+    let rest_rows = if generator.has_own_rest() { "n" } else { "1" };
+    vec![
+        record(REST, rest_rows, vec![channels], "the untouched frame of the same skin, ohm".into()),
+        record(FRAMES, "n", vec![channels], "the frame while the touches last, ohm".into()),
+        record(IMAGES, "n", vec![pixels], "mean relative change of conductance of each pixel, touches positive".into()),
+        record(TOUCHES, "n", vec![most, TOUCH_COLUMNS], format!("the touches: {columns}; NaN after the last")),
+    ]
+}
+
+/// The first place where two values differ, with what stands there.
+fn first_difference(at: &str, there: &Value, asked: &Value) -> Option<(String, String, String)> {
+    if there == asked {
+        return None;
+    }
+    if let (Value::Object(left), Value::Object(right)) = (there, asked) {
+        let keys: std::collections::BTreeSet<&String> = left.keys().chain(right.keys()).collect();
+        let inner = |key: &&String| if at.is_empty() { (*key).clone() } else { format!("{at}.{key}") };
+        return keys.iter().find_map(|key| {
+            let of = |map: &serde_json::Map<String, Value>| map.get(*key).cloned().unwrap_or(Value::Null);
+            first_difference(&inner(key), &of(left), &of(right))
+        });
+    }
+    Some((at.to_string(), there.to_string(), asked.to_string()))
+}

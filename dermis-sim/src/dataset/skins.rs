@@ -1,0 +1,360 @@
+//! Skins that came out differently: one for every sixteen samples.
+
+use crate::dataset::DatasetError;
+use crate::dataset::generator::UNIT;
+use crate::dataset::recipe::SkinSpread;
+use crate::random::sample_rng;
+use crate::twin::FieldPlaces;
+use dermis::design::{Body, ElectrodeShape, SkinDesign};
+use dermis::forward::{ForwardModel, Solver};
+use dermis::geom::vector::{cross, distance, dot, sub};
+use dermis::geom::{Point3, Surface};
+use dermis::mesh::{Cells, ElectrodePatch, Mesh};
+use rand::RngExt;
+use std::f64::consts::PI;
+
+/// Random streams from here on belong to skins, those below to samples.
+const SKIN_STREAMS: u64 = 1 << 63;
+
+/// Round an electrode the mesh moves with it; from there to this many of its radii it follows less and less, or to half way
+/// to the next electrode.
+const FOLLOWING_RADII: f64 = 5.0;
+/// Displacements in units of their root mean square that the mesh must bear: farther ones come once in 10 million and are cut.
+const FARTHEST: f64 = 4.0;
+/// Most compression of the mesh beside an electrode: the slope of a displacement.
+const STEEPEST: f64 = 0.7;
+
+/// Makes the skins of a recipe.
+#[derive(Debug)]
+pub(super) struct SkinMaker {
+    seed: u64,
+    spread: SkinSpread,
+    design: SkinDesign,
+    base: ForwardModel,
+    /// The coat's field at the cells' centres; none where the coat is even.
+    coat: Option<FieldPlaces>,
+    /// For each electrode the nodes that follow it, and how far.
+    followers: Vec<Vec<(usize, f64)>>,
+    /// Cells with a node that follows an electrode.
+    movable: Vec<usize>,
+}
+
+/// One skin.
+#[derive(Debug)]
+pub(super) struct Skin {
+    pub forward: ForwardModel,
+    /// How far each node lies from its place, in the coordinates in which distances along the surface are straight, m.
+    pub shifts_m: Vec<[f64; 2]>,
+    /// Random numbers for what else differs.
+    pub seed: u64,
+}
+
+impl SkinMaker {
+    pub fn new(design: &SkinDesign, forward: &ForwardModel, seed: u64, spread: &SkinSpread) -> crate::Result<Self> {
+        spread.coat.check()?;
+        spread.electrodes.check()?;
+        let mesh = forward.mesh();
+        let centres: Vec<Point3> = (0..mesh.cell_count()).map(|cell| mesh.cell_centre(cell)).collect();
+        let places = || FieldPlaces::new(design.body.surface(), mesh, spread.coat.correlation_m, &centres);
+        let coat = match spread.coat.rms > 0.0 {
+            true => Some(places().ok_or_else(|| DatasetError::OutOfRange {
+                what: "the correlation length of the coat in m",
+                value: spread.coat.correlation_m,
+                must: "not far shorter than the cells of a mesh".into(),
+            })?),
+            false => None,
+        };
+        let moves = spread.electrodes.displacement_rms_m > 0.0;
+        let followers = if moves { followers(design, mesh, spread.electrodes.displacement_rms_m)? } else { Vec::new() };
+        let mut follows = vec![false; mesh.node_count()];
+        followers.iter().flatten().for_each(|&(node, _)| follows[node] = true);
+        let movable = (0..mesh.cell_count()).filter(|&cell| mesh.cells.corners(cell).iter().any(|&n| follows[n]));
+        Ok(SkinMaker {
+            seed,
+            spread: spread.clone(),
+            design: design.clone(),
+            base: forward.clone(),
+            coat,
+            movable: movable.collect(),
+            followers,
+        })
+    }
+
+    /// Cells that lie elsewhere on some skins.
+    pub fn movable_cells(&self) -> &[usize] {
+        &self.movable
+    }
+
+    /// The skin of the samples from `16 index` on. It depends on the seed and the index alone.
+    pub fn make(&self, index: u64) -> crate::Result<Skin> {
+        let seed: u64 = sample_rng(self.seed, SKIN_STREAMS + index).random();
+        let drawn = self.spread.electrodes.draw(&self.design, seed)?;
+        let (nodes, shifts_m) = self.moved(&drawn);
+        self.check_folds(&nodes)?;
+        let impedances: Vec<f64> = drawn.electrodes.iter().map(|electrode| electrode.contact_impedance).collect();
+        let mut rest = self.base.rest_conductivity().to_vec();
+        if let Some(coat) = &self.coat {
+            // Log-normal of mean 1, as `CoatOptions` states.
+            let variance = libm::log1p(self.spread.coat.rms * self.spread.coat.rms);
+            let field = coat.draw(&mut sample_rng(seed, SKIN_STREAMS));
+            for (value, unit) in rest.iter_mut().zip(field) {
+                *value *= libm::exp(variance.sqrt() * unit - 0.5 * variance);
+            }
+        }
+        Ok(Skin { forward: self.base.remade(&nodes, &impedances, &rest)?, shifts_m, seed })
+    }
+
+    /// Where the nodes of a skin lie.
+    fn moved(&self, drawn: &SkinDesign) -> (Vec<Point3>, Vec<[f64; 2]>) {
+        let mesh = self.base.mesh();
+        let surface = self.design.body.surface();
+        let farthest_m = FARTHEST * self.spread.electrodes.displacement_rms_m;
+        let mut shifts = vec![[0.0; 2]; mesh.node_count()];
+        let pairs = self.design.electrodes.iter().zip(&drawn.electrodes).zip(&self.followers);
+        for ((from, to), followers) in pairs {
+            let step = surface.chart(from.centre_m, to.centre_m);
+            let cut = (farthest_m / step[0].hypot(step[1])).min(1.0);
+            for &(node, share) in followers {
+                shifts[node][0] += share * cut * step[0];
+                shifts[node][1] += share * cut * step[1];
+            }
+        }
+        let mut nodes = mesh.nodes.clone();
+        for (node, shift) in nodes.iter_mut().zip(&mut shifts) {
+            if *shift != [0.0; 2] {
+                *node = stay_on(&self.design.body, surface, *node, shift);
+            }
+        }
+        (nodes, shifts)
+    }
+
+    fn check_folds(&self, nodes: &[Point3]) -> Result<(), DatasetError> {
+        let Cells::Triangles(triangles) = &self.base.mesh().cells else { return Ok(()) };
+        let normal = |nodes: &[Point3], [a, b, c]: [usize; 3]| cross(sub(nodes[b], nodes[a]), sub(nodes[c], nodes[a]));
+        let folds = |&&cell: &&usize| {
+            let before = normal(&self.base.mesh().nodes, triangles[cell]);
+            // A triangle that keeps less than a twentieth of its area is one that no solution should rest on.
+            dot(normal(nodes, triangles[cell]), before) < 0.05 * dot(before, before)
+        };
+        match self.movable.iter().find(folds) {
+            None => Ok(()),
+            Some(_) => Err(too_far(self.spread.electrodes.displacement_rms_m)),
+        }
+    }
+}
+
+fn too_far(rms_m: f64) -> DatasetError {
+    DatasetError::OutOfRange {
+        what: "the displacement of electrodes in m",
+        value: rms_m,
+        must: "smaller: the mesh between them would fold".into(),
+    }
+}
+
+/// Moves a node by a shift of the chart, of which edges of the body take off what would leave them.
+fn stay_on(body: &Body, surface: Surface, node: Point3, shift: &mut [f64; 2]) -> Point3 {
+    let [x, y, z] = node;
+    match *body {
+        Body::Cylinder { length_m, .. } if z == 0.0 || z == length_m => shift[1] = 0.0,
+        Body::Rectangle { width_m, height_m } => {
+            if x == 0.0 || x == width_m {
+                shift[0] = 0.0;
+            }
+            if y == 0.0 || y == height_m {
+                shift[1] = 0.0;
+            }
+        }
+        Body::Disk { diameter_m } if (x.hypot(y) - 0.5 * diameter_m).abs() <= 1e-9 * diameter_m => {
+            // Along the rim: the part across it is taken off.
+            let across = (x * shift[0] + y * shift[1]) / (x * x + y * y);
+            let along = [shift[0] - across * x, shift[1] - across * y];
+            let moved = [x + along[0], y + along[1]];
+            let back = x.hypot(y) / moved[0].hypot(moved[1]);
+            *shift = [back * moved[0] - x, back * moved[1] - y];
+        }
+        _ => {}
+    }
+    surface.walk(node, *shift)
+}
+
+/// The nodes that follow each electrode: all the way on it, then less and less (a half cosine).
+fn followers(design: &SkinDesign, mesh: &Mesh, rms_m: f64) -> Result<Vec<Vec<(usize, f64)>>, DatasetError> {
+    let flat = matches!(mesh.cells, Cells::Triangles(_)) && !matches!(design.body, Body::Mesh { .. });
+    if !flat || design.electrodes.iter().any(|electrode| electrode.shape == ElectrodeShape::Group) {
+        return Err(DatasetError::OutOfRange {
+            what: "the displacement of electrodes in m",
+            value: rms_m,
+            must: "0 on bodies from mesh files and in volumes, where electrodes cannot be moved".into(),
+        });
+    }
+    let surface = design.body.surface();
+    let centres: Vec<Point3> = design.electrodes.iter().map(|electrode| electrode.centre_m).collect();
+    let mut all = Vec::with_capacity(centres.len());
+    for (index, &centre) in centres.iter().enumerate() {
+        let radius_m = (patch_nodes(mesh, &mesh.electrodes[index]).into_iter())
+            .map(|node| surface.distance_m(centre, mesh.nodes[node]))
+            .fold(0.0, f64::max);
+        let others = centres.iter().enumerate().filter(|(other, _)| *other != index);
+        let next_m = others.map(|(_, &other)| surface.distance_m(centre, other)).fold(f64::INFINITY, f64::min);
+        let around_m = radius_m.max(FARTHEST * rms_m);
+        let reach_m = (radius_m + FOLLOWING_RADII * around_m).min(0.5 * next_m);
+        // The steepest slope of a half cosine is pi / 2 over its length.
+        if 0.5 * PI * FARTHEST * rms_m > STEEPEST * (reach_m - radius_m) {
+            return Err(too_far(rms_m));
+        }
+        let share = |away_m: f64| match away_m <= radius_m * (1.0 + 1e-9) {
+            true => 1.0,
+            false => 0.5 + 0.5 * libm::cos(PI * (away_m - radius_m) / (reach_m - radius_m)),
+        };
+        let near = mesh.nodes.iter().enumerate().filter(|(_, node)| distance(**node, centre) < reach_m);
+        let near = near.map(|(node, &place)| (node, surface.distance_m(centre, place)));
+        all.push(near.filter(|&(_, away_m)| away_m < reach_m).map(|(node, away_m)| (node, share(away_m))).collect());
+    }
+    Ok(all)
+}
+
+fn patch_nodes(mesh: &Mesh, patch: &ElectrodePatch) -> Vec<usize> {
+    match patch {
+        ElectrodePatch::Cells(cells) => cells.iter().flat_map(|&cell| mesh.cells.corners(cell).to_vec()).collect(),
+        ElectrodePatch::Edges(edges) => edges.iter().flatten().copied().collect(),
+        ElectrodePatch::Faces(faces) => faces.iter().flatten().copied().collect(),
+        ElectrodePatch::Node(node) => vec![*node],
+    }
+}
+
+/// The skin that a thread's samples are on, and its untouched frame.
+#[derive(Debug)]
+pub(super) struct Worn {
+    pub index: u64,
+    pub skin: Skin,
+    pub rest: Vec<f32>,
+    solver: Solver,
+}
+
+impl Worn {
+    /// The skin of a unit of samples.
+    pub fn new(maker: &SkinMaker, first_sample: u64) -> crate::Result<Self> {
+        let index = first_sample / UNIT as u64;
+        let skin = maker.make(index)?;
+        let mut worn = Worn { index, rest: Vec::new(), solver: skin.forward.solver(), skin };
+        worn.measure()?;
+        Ok(worn)
+    }
+
+    /// The next skin, in the same memory.
+    pub fn change(&mut self, maker: &SkinMaker, first_sample: u64) -> crate::Result<()> {
+        let index = first_sample / UNIT as u64;
+        if index != self.index || self.rest.is_empty() {
+            self.skin = maker.make(index)?;
+            self.index = index;
+            self.solver.set_model(&self.skin.forward);
+            self.measure()?;
+        }
+        Ok(())
+    }
+
+    fn measure(&mut self) -> crate::Result<()> {
+        let mut rest = vec![0.0; self.skin.forward.protocol().channel_count()];
+        self.rest.clear();
+        self.solver.solve_into(self.skin.forward.rest_conductivity(), &mut rest)?;
+        self.rest.extend(rest.into_iter().map(|value| value as f32));
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::twin::{CoatOptions, ElectrodeOptions};
+
+    fn spread() -> SkinSpread {
+        SkinSpread::usual()
+    }
+
+    fn base(name: &str) -> (SkinDesign, ForwardModel) {
+        let design = SkinDesign::shipped(name).unwrap();
+        let forward = ForwardModel::new(&design, &Mesh::generate(&design).unwrap()).unwrap();
+        (design, forward)
+    }
+
+    fn difference(a: &[f64], b: &[f64], keep: impl Fn(usize) -> bool) -> f64 {
+        let (mut off, mut norm) = (0.0, 0.0);
+        for (index, (a, b)) in a.iter().zip(b).enumerate().filter(|(index, _)| keep(*index)) {
+            debug_assert!(keep(index));
+            off += (a - b) * (a - b);
+            norm += b * b;
+        }
+        (off / norm).sqrt()
+    }
+
+    #[test]
+    fn a_skin_whose_mesh_followed_its_electrodes_measures_as_one_meshed_anew() {
+        let (design, forward) = base("cylinder30");
+        let moved = SkinSpread {
+            coat: CoatOptions { rms: 0.0, correlation_m: 0.04 },
+            electrodes: ElectrodeOptions { displacement_rms_m: 1e-3, contact_impedance_rms: 0.3 },
+            ..spread()
+        };
+        let maker = SkinMaker::new(&design, &forward, 9, &moved).unwrap();
+        let untouched = forward.solve(forward.rest_conductivity()).unwrap();
+        let channels = design.protocol.channels();
+        let far = |index: usize| !channels[index].touches_driven();
+        for index in 0..3 {
+            let skin = maker.make(index).unwrap();
+            let frame = skin.forward.solve(skin.forward.rest_conductivity()).unwrap();
+            let drawn = moved.electrodes.draw(&design, skin.seed).unwrap();
+            let anew = ForwardModel::new(&drawn, &Mesh::generate(&drawn).unwrap()).unwrap();
+            let exact = anew.solve(anew.rest_conductivity()).unwrap();
+            let (off, change) = (difference(&frame, &exact, far), difference(&exact, &untouched, far));
+            println!("skin {index}: the frame changes by {change:.4}, off from a new mesh by {off:.4}");
+            assert!(off < 0.15 * change && off < 5e-3, "{off} of {change}");
+        }
+    }
+
+    #[test]
+    fn coats_and_contacts_spread_as_stated() {
+        let (design, forward) = base("tank16");
+        let still = SkinSpread {
+            electrodes: ElectrodeOptions { displacement_rms_m: 0.0, contact_impedance_rms: 0.3 },
+            coat: CoatOptions { rms: 0.2, correlation_m: 0.04 },
+            ..spread()
+        };
+        let maker = SkinMaker::new(&design, &forward, 3, &still).unwrap();
+        let (mut factors, mut contacts) = (Vec::new(), Vec::new());
+        for index in 0..400 {
+            let skin = maker.make(index).unwrap();
+            factors.push(skin.forward.rest_conductivity()[7] / forward.rest_conductivity()[7]);
+            contacts.push(skin.forward.contact_impedances()[2] / forward.contact_impedances()[2]);
+            assert!(skin.shifts_m.iter().all(|shift| *shift == [0.0; 2]));
+        }
+        for (values, rms) in [(factors, 0.2), (contacts, 0.3)] {
+            let mean = values.iter().sum::<f64>() / 400.0;
+            let sd = (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / 400.0).sqrt();
+            println!("mean {mean:.3}, standard deviation {sd:.3} for {rms}");
+            assert!((mean - 1.0).abs() < 0.06 && (sd / rms - 1.0).abs() < 0.15);
+        }
+    }
+
+    #[test]
+    fn nodes_stay_on_their_body() {
+        let (design, forward) = base("cylinder30");
+        let maker = SkinMaker::new(&design, &forward, 4, &spread()).unwrap();
+        let skin = maker.make(5).unwrap();
+        let moved = skin.shifts_m.iter().filter(|shift| **shift != [0.0; 2]).count();
+        assert!(moved > 1000, "{moved} nodes moved");
+        for (before, after) in forward.mesh().nodes.iter().zip(&skin.forward.mesh().nodes) {
+            assert!((after[0].hypot(after[1]) - 0.05).abs() < 1e-12);
+            assert!((0.0..=0.3).contains(&after[2]));
+            assert!((before[2] == 0.0) == (after[2] == 0.0) && (before[2] == 0.3) == (after[2] == 0.3));
+            assert!(distance(*before, *after) < 0.002 + 1e-9);
+        }
+    }
+
+    #[test]
+    fn electrodes_that_would_fold_the_mesh_are_refused() {
+        let (design, forward) = base("cylinder30");
+        let far = ElectrodeOptions { displacement_rms_m: 0.01, contact_impedance_rms: 0.3 };
+        let error = SkinMaker::new(&design, &forward, 4, &SkinSpread { electrodes: far, ..spread() }).unwrap_err();
+        assert!(error.to_string().contains("the mesh between them would fold"), "{error}");
+    }
+}

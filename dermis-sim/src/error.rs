@@ -1,0 +1,54 @@
+//! The crate's error: one variant per module.
+
+use thiserror::Error as ThisError;
+
+/// Shorthand for a result with the crate's [`enum@Error`].
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// Everything that can go wrong in this crate, by the module that noticed it.
+#[derive(Debug, ThisError)]
+pub enum Error {
+    /// An error of the sensing library: a design, a mesh, a forward problem, a reconstruction, a table of numbers.
+    #[error(transparent)]
+    Dermis(dermis::Error),
+    /// A touch or a noise that cannot be simulated.
+    #[error(transparent)]
+    Touch(#[from] crate::touch::TouchError),
+    /// A twin that cannot be built, or a press that it cannot answer.
+    #[error(transparent)]
+    Twin(#[from] crate::twin::TwinError),
+    /// A dataset that cannot be made, read or resumed.
+    #[error(transparent)]
+    Dataset(Box<crate::dataset::DatasetError>),
+    /// A score that cannot be computed.
+    #[error(transparent)]
+    Evaluate(#[from] crate::evaluate::EvaluateError),
+}
+
+// Boxed: its paths and values would make every result of the crate larger.
+impl From<crate::dataset::DatasetError> for Error {
+    fn from(error: crate::dataset::DatasetError) -> Self {
+        Error::Dataset(Box::new(error))
+    }
+}
+
+/// Errors of `dermis` and of its modules.
+macro_rules! from_dermis {
+    ($($error:ty),*) => {
+        $(impl From<$error> for Error {
+            fn from(error: $error) -> Self {
+                Error::Dermis(error.into())
+            }
+        })*
+    };
+}
+
+from_dermis!(
+    dermis::Error,
+    dermis::design::DesignError,
+    dermis::protocol::ProtocolError,
+    dermis::frame::TableError,
+    dermis::mesh::MeshError,
+    dermis::forward::ForwardError,
+    dermis::reconstruct::ReconstructError
+);

@@ -1,0 +1,256 @@
+//! A method on a twin: the paper's experiment scored, and the smallest force that is found.
+
+mod coverage;
+mod edges;
+mod force;
+mod least_force;
+mod separation;
+
+pub use coverage::Covered;
+pub use force::{FORCES_A_PLACE, ForceScore};
+pub use least_force::FALSE_CONTACTS_A_FRAME;
+
+use crate::evaluate::score::score_contacts;
+use crate::evaluate::{EvaluateError, Score};
+use crate::experiment::{PaperExperiment, Presses, Recording, Sizes, truth};
+use crate::random::sample_rng;
+use crate::twin::TwinOptions;
+use dermis::contact::Contact;
+use dermis::design::SkinDesign;
+use dermis::detect::{Detector, ImageNoise};
+use dermis::forward::ForwardModel;
+use dermis::frame::{Frame, broken_channels};
+use dermis::geom::Point3;
+use dermis::image::{Image, PixelSpace};
+use dermis::mesh::Mesh;
+use dermis::reconstruct::{Linearised, Reconstruct, WithoutChannels, image_noise};
+use dermis::stats::Summary;
+use least_force::{Finder, untouched_differences};
+use rand::RngExt;
+use rayon::prelude::*;
+use serde::Serialize;
+
+/// The random stream of the electrodes that are dead, beside those of the twin.
+const DEAD_STREAM: u64 = (1 << 61) + 1;
+
+/// How large an assessment is.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AssessOptions {
+    /// The experiment.
+    pub sizes: Sizes,
+    /// Untouched frames from whose peaks the threshold follows.
+    pub untouched: usize,
+    /// The smallest force is sought at every so manyth pixel.
+    pub force_step: usize,
+    /// Places that are pressed with one force after the other.
+    pub places: usize,
+    /// Electrodes of each twin, drawn from its seed, that have come off.
+    pub dead_electrodes: usize,
+}
+
+impl Default for AssessOptions {
+    fn default() -> Self {
+        AssessOptions { sizes: Sizes::default(), untouched: 20_000, force_step: 1, places: 50, dead_electrodes: 0 }
+    }
+}
+
+/// How a method does on one twin.
+#[derive(Debug, Clone, Serialize)]
+pub struct Assessment {
+    /// The twin's seed.
+    pub seed: u64,
+    /// Presses on the grid.
+    pub grid: Score,
+    /// Presses at random places, the patches shifted.
+    pub random: Score,
+    /// Localisation in both sets together, m.
+    pub single_m: Summary,
+    /// Localisation within 20 mm of an end or 15 mm of the seam, both sets together, m.
+    pub rim_and_seam_m: Summary,
+    /// How far the stated standard deviations of positions are right.
+    pub covered: Covered,
+    /// What peaks tell of forces.
+    pub force: ForceScore,
+    /// For each distance of two touches: the distance (m) and the part that was resolved.
+    pub two_resolved: Vec<(f64, f64)>,
+    /// Four touches.
+    pub four: FourScore,
+    /// Standard deviations of noise above which a peak is taken for a contact once an hour on the untouched skin.
+    pub noise_factor: f64,
+    /// Its standard error, from continuing the tail.
+    pub noise_factor_error: f64,
+    /// Smallest force that is found 90 % of the time at that threshold, for each pixel at which it was sought, N; `NaN`
+    /// where no force up to the greatest sought is.
+    pub least_forces_n: Vec<f64>,
+}
+
+/// Four touches at once.
+#[derive(Debug, Clone, Serialize)]
+pub struct FourScore {
+    /// Frames.
+    pub frames: usize,
+    /// Part of the frames in which all four were found, each within 15 mm, and nothing else.
+    pub all_found: f64,
+    /// Distances of the touches that were found, m.
+    pub localisation_m: Summary,
+    /// Touches that were missed, of four a frame.
+    pub misses: usize,
+    /// Contacts where nothing touched.
+    pub ghosts: usize,
+}
+
+/// A method, the skin that it reconstructs, and the twin's file: what assessments share.
+#[derive(Clone, Copy)]
+pub struct Assessor<'a> {
+    /// The skin as designed; the method knows no other.
+    pub design: &'a SkinDesign,
+    /// Its mesh, to draw places from.
+    pub mesh: &'a Mesh,
+    /// The pixels of the images.
+    pub pixels: &'a PixelSpace,
+    /// What twins are drawn from.
+    pub options: &'a TwinOptions,
+    /// The method.
+    pub method: &'a dyn Reconstruct,
+    /// Its alpha, where it has one.
+    pub alpha: Option<f64>,
+}
+
+impl Assessor<'_> {
+    /// Draws a twin from a seed and assesses the method on it. `on_step` is called with the number of frames done since the
+    /// last call, from several threads.
+    ///
+    /// # Errors
+    /// A twin that cannot be drawn or pressed; a method that fails.
+    pub fn assess(
+        &self,
+        seed: u64,
+        options: &AssessOptions,
+        on_step: impl Fn(usize) + Sync,
+    ) -> crate::Result<Assessment> {
+        let twin = self.with_dead_electrodes(seed, options.dead_electrodes)?;
+        let experiment = PaperExperiment::draw(self.design, self.mesh, self.pixels, &twin, seed, &options.sizes)?;
+        let recordings = experiment.record(|| on_step(1))?;
+        let broken = broken_channels(&recordings[0].untouched);
+        if broken.is_empty() {
+            return self.scored(seed, options, &experiment, &recordings, on_step);
+        }
+        let model = Linearised::new(&ForwardModel::new(self.design, self.mesh)?, self.pixels)?;
+        let heard = WithoutChannels::new(self.method, &model, broken)?;
+        Assessor { method: &heard, ..*self }.scored(seed, options, &experiment, &recordings, on_step)
+    }
+
+    /// What the method makes of an experiment that was recorded.
+    fn scored(
+        &self,
+        seed: u64,
+        options: &AssessOptions,
+        experiment: &PaperExperiment,
+        recordings: &[Recording; 4],
+        on_step: impl Fn(usize) + Sync,
+    ) -> crate::Result<Assessment> {
+        let surface = self.design.body.surface();
+        let truths: [Vec<Vec<Contact>>; 4] =
+            experiment.sets.each_ref().map(|set| set.presses.iter().map(|frame| truth(&surface, frame)).collect());
+        let presses = Presses::new(self.design, self.mesh, self.pixels, self.options.press, seed);
+        let fixed = presses.at_fixed_places(options.places, &force::FORCES_N);
+        let (rank_correlations, peak_ratios, after) =
+            force::at_fixed_places(&experiment.twin, self.method, &fixed, recordings[3].next_index, &on_step)?;
+        let untouched = untouched_differences(&experiment.twin, after, options.untouched, &on_step)?;
+        let noise = self.noise(&untouched)?;
+        let finder = Finder { method: self.method, noise: &noise };
+        let (noise_factor, noise_factor_error) = finder.threshold(&untouched)?;
+        let places: Vec<Point3> = self.pixels.centres_m.iter().copied().step_by(options.force_step.max(1)).collect();
+        let least_forces_n = finder.least_forces(&experiment.twin, noise_factor, &places, &on_step)?;
+        let detector = Detector::new(self.method.detection()).with_noise(noise);
+        let images: Vec<Vec<Image>> = recordings.iter().map(|one| self.images(one)).collect::<crate::Result<_>>()?;
+        let contacts: Vec<Vec<Vec<Contact>>> =
+            images.iter().map(|set| set.par_iter().map(|image| detector.detect(image)).collect()).collect();
+        let frames = |set: usize| contacts[set].iter().zip(&truths[set]);
+        let single =
+            |set: usize| score_contacts(&images[set], &contacts[set], &truths[set], &self.method.name(), self.alpha);
+        let singles = |counts: &dyn Fn(Point3) -> bool| {
+            Summary::of(&edges::distances_m(&surface, frames(0).chain(frames(1)), counts))
+        };
+        Ok(Assessment {
+            seed,
+            grid: single(0)?,
+            random: single(1)?,
+            single_m: singles(&|_| true),
+            rim_and_seam_m: singles(&|place| edges::is_at_edge(&self.design.body, place)),
+            covered: Covered {
+                single: coverage::covered(&surface, frames(0).chain(frames(1)), 0),
+                two: coverage::covered(&surface, frames(2), 0),
+                two_as_one: coverage::covered(&surface, frames(2), 1),
+                four: coverage::covered(&surface, frames(3), 0),
+            },
+            force: ForceScore {
+                true_spread: [
+                    force::true_spread(&experiment.twin, &experiment.sets[0].presses)?,
+                    force::true_spread(&experiment.shifted, &experiment.sets[1].presses)?,
+                ],
+                rank_correlations,
+                peak_ratios,
+            },
+            two_resolved: separation::two_resolved(
+                &surface,
+                &contacts[2],
+                &truths[2],
+                &experiment.sets[2].separations_m,
+            ),
+            four: separation::four(&surface, &contacts[3], &truths[3]),
+            noise_factor,
+            noise_factor_error,
+            least_forces_n,
+        })
+    }
+
+    /// The twin's options with some electrodes dead, drawn from a seed.
+    fn with_dead_electrodes(&self, seed: u64, count: usize) -> crate::Result<TwinOptions> {
+        let mut options = self.options.clone();
+        let electrodes = self.design.electrodes.len();
+        let dead = &mut options.faults.dead_electrodes;
+        if dead.len() + count >= electrodes {
+            return Err(EvaluateError::NoElectrodeLeft { dead: dead.len() + count, electrodes }.into());
+        }
+        let mut rng = sample_rng(seed, DEAD_STREAM);
+        let most = dead.len() + count;
+        while dead.len() < most {
+            let electrode = rng.random_range(0..electrodes as u32) as usize;
+            if !dead.contains(&electrode) {
+                dead.push(electrode);
+            }
+        }
+        Ok(options)
+    }
+
+    fn images(&self, recording: &Recording) -> crate::Result<Vec<Image>> {
+        let image = |frame: &Frame| Ok(self.method.reconstruct(&(frame - &recording.baseline))?);
+        recording.frames.par_iter().map(image).collect()
+    }
+
+    /// The noise of the images: by the method's matrix from that of each channel, or from images of untouched frames.
+    fn noise(&self, untouched: &[Frame]) -> crate::Result<ImageNoise> {
+        let few = &untouched[..untouched.len().min(1000)];
+        Ok(image_noise(self.method, few)?.expect("there are untouched frames"))
+    }
+}
+
+impl Assessment {
+    /// The smallest distance from which on at least 90 % of all pairs are resolved, at this distance and every greater one
+    /// that was tried, m; `NaN` without one.
+    pub fn resolved_from_m(&self) -> f64 {
+        separation::resolved_from_m(&self.two_resolved)
+    }
+
+    /// The part of the pairs that was resolved at a distance (m) that was tried, `NaN` at any other.
+    pub fn resolved_at(&self, separation_m: f64) -> f64 {
+        let tried = self.two_resolved.iter().find(|(tried_m, _)| (tried_m - separation_m).abs() < 1e-6);
+        tried.map_or(f64::NAN, |(_, part)| *part)
+    }
+
+    /// Median and 95th percentile over the places of the smallest force found, N; a place where none is counts as infinite.
+    pub fn least_force_n(&self) -> [f64; 2] {
+        least_force::median_and_p95(&self.least_forces_n)
+    }
+}

@@ -1,0 +1,38 @@
+//! Which estimate belongs to which touch.
+
+use dermis::contact::Contact;
+use dermis::detect::GATE_M;
+use dermis::geom::Surface;
+use dermis::linalg::smallest_total;
+
+/// The one-to-one match of the contacts found in a frame with its true touches.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Match {
+    /// Index of the touch, index of the contact and their distance along the surface, m.
+    pub pairs: Vec<(usize, usize, f64)>,
+    /// Touches that no contact lies near enough to.
+    pub missed: Vec<usize>,
+    /// Contacts that lie near no touch of their own.
+    pub ghosts: Vec<usize>,
+}
+
+/// Matches contacts and touches one to one by the smallest total distance along the surface; then a pair farther apart
+/// than the [gate](GATE_M) is a miss and a ghost.
+pub fn match_contacts(touches: &[Contact], contacts: &[Contact], surface: &Surface) -> Match {
+    let distance =
+        |touch: usize, contact: usize| surface.distance_m(touches[touch].position_m, contacts[contact].position_m);
+    let mut found = Match::default();
+    let (mut touch_met, mut contact_met) = (vec![false; touches.len()], vec![false; contacts.len()]);
+    for (touch, contact) in smallest_total(touches.len(), contacts.len(), &distance) {
+        let distance_m = distance(touch, contact);
+        if distance_m <= GATE_M {
+            found.pairs.push((touch, contact, distance_m));
+            touch_met[touch] = true;
+            contact_met[contact] = true;
+        }
+    }
+    found.pairs.sort_by_key(|pair| pair.0);
+    found.missed = (0..touches.len()).filter(|&touch| !touch_met[touch]).collect();
+    found.ghosts = (0..contacts.len()).filter(|&contact| !contact_met[contact]).collect();
+    found
+}

@@ -1,0 +1,98 @@
+//! The score of an experiment.
+
+use crate::evaluate::EvaluateError;
+use crate::evaluate::matching::match_contacts;
+use dermis::contact::Contact;
+use dermis::detect::{Detector, whole_image_centroid};
+use dermis::geom::Surface;
+use dermis::image::Image;
+use dermis::stats::{Summary, mean_and_sd};
+use serde::Serialize;
+
+/// How well a method did in an experiment; serialises to the JSON that `dermis evaluate --json` prints.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Score {
+    /// Number of true touches.
+    pub presses: usize,
+    /// Touches without a contact within the gate.
+    pub misses: usize,
+    /// Contacts without a touch within the gate.
+    pub ghosts: usize,
+    /// Distance along the surface of the touches from their contacts, over all pairs within the gate, m.
+    pub localisation_m: Summary,
+    /// Distance of the whole image's centroid (the paper's Eq. 11) from the touch, over all frames with one touch, m.
+    pub eq11_m: Summary,
+    /// Standard deviation over mean of the image's peak per newton (the paper's Eq. 12), over all frames with one touch
+    /// of known force; `NaN` (in JSON `null`) without one.
+    pub sensitivity_spread: f64,
+    /// The method's name.
+    pub method: String,
+    /// Its alpha, where it has one.
+    pub alpha: Option<f64>,
+}
+
+/// Scores images against what truly touched the skin in their frames.
+///
+/// # Errors
+/// Not as many images as frames of the truth.
+pub fn score(
+    images: &[Image],
+    truth: &[Vec<Contact>],
+    detector: &Detector,
+    method: &str,
+    alpha: Option<f64>,
+) -> Result<Score, EvaluateError> {
+    let contacts: Vec<Vec<Contact>> = images.iter().map(|image| detector.detect(image)).collect();
+    score_contacts(images, &contacts, truth, method, alpha)
+}
+
+/// [`score`] of contacts that were found before, a list for each image.
+pub(super) fn score_contacts(
+    images: &[Image],
+    contacts: &[Vec<Contact>],
+    truth: &[Vec<Contact>],
+    method: &str,
+    alpha: Option<f64>,
+) -> Result<Score, EvaluateError> {
+    if images.len() != truth.len() {
+        return Err(EvaluateError::Count { images: images.len(), truths: truth.len() });
+    }
+    let (mut misses, mut ghosts) = (0, 0);
+    let (mut distances, mut eq11, mut sensitivities) = (Vec::new(), Vec::new(), Vec::new());
+    for ((image, contacts), touches) in images.iter().zip(contacts).zip(truth) {
+        let surface = &image.space.surface;
+        let found = match_contacts(touches, contacts, surface);
+        misses += found.missed.len();
+        ghosts += found.ghosts.len();
+        distances.extend(found.pairs.iter().map(|pair| pair.2));
+        if let [touch] = touches[..] {
+            eq11.extend(whole_image_centroid(image).map(|centre| surface.distance_m(centre, touch.position_m)));
+            let peak = image.peak().map_or(f64::NAN, |(_, value)| value);
+            sensitivities.extend(Some(peak / touch.force_n).filter(|_| touch.force_n > 0.0));
+        }
+    }
+    Ok(Score {
+        presses: truth.iter().map(Vec::len).sum(),
+        misses,
+        ghosts,
+        localisation_m: Summary::of(&distances),
+        eq11_m: Summary::of(&eq11),
+        sensitivity_spread: spread(&sensitivities),
+        method: method.to_string(),
+        alpha,
+    })
+}
+
+fn spread(values: &[f64]) -> f64 {
+    let (mean, sd) = mean_and_sd(values);
+    sd / mean
+}
+
+/// Whether two touches were told apart: exactly two contacts, each within 10 mm of its touch and within a third of the
+/// touches' distance from each other.
+pub fn resolves_two(touches: &[Contact; 2], contacts: &[Contact], surface: &Surface) -> bool {
+    const NEAR_M: f64 = 0.01;
+    let apart = surface.distance_m(touches[0].position_m, touches[1].position_m);
+    let found = match_contacts(touches, contacts, surface);
+    contacts.len() == 2 && found.pairs.len() == 2 && found.pairs.iter().all(|pair| pair.2 <= NEAR_M.min(apart / 3.0))
+}

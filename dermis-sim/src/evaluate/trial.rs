@@ -1,0 +1,124 @@
+//! Contacts of known touches in simulated frames, to measure how far contacts lie from what touched.
+
+use crate::dataset::{Generator, Sample, Touch};
+use crate::evaluate::{GainFit, match_contacts};
+use crate::noise::Noise;
+use crate::random::sample_rng;
+use dermis::contact::Contact;
+use dermis::detect::{DetectOptions, Detector, ImageNoise, Misplacement};
+use dermis::frame::Frame;
+use dermis::reconstruct::Reconstruct;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Noise at which touches are simulated in turn, dB: from a bench to a body in motion.
+pub const NOISE_DB: [f64; 4] = [54.0, 50.0, 46.0, 42.0];
+/// Frames of nothing but noise that tell the noise of a method's images, where no matrix does: it is known to a thirtieth.
+const NOISE_FRAMES: u64 = 400;
+/// The random stream of the noise, apart from the samples'.
+const NOISE_STREAM: u64 = 1 << 60;
+
+/// What a method made of simulated touches.
+#[derive(Debug, Clone, Default)]
+pub struct Trial {
+    /// Each contact that was matched with a touch.
+    pub misplacements: Vec<Misplacement>,
+    /// True touches.
+    pub touches: usize,
+    /// Contacts that were matched with none.
+    pub ghosts: usize,
+    /// The images against the generator's own.
+    pub images: GainFit,
+}
+
+impl Trial {
+    /// Makes the samples of a generator into frames with noise, [`NOISE_DB`] in turn, and finds their contacts by a method.
+    /// `on_sample` is called after every sample, from several threads.
+    ///
+    /// # Errors
+    /// Samples that cannot be made; a method that fails.
+    pub fn of(
+        method: &dyn Reconstruct,
+        detection: &DetectOptions,
+        generator: &Generator,
+        samples: Range<u64>,
+        on_sample: impl Fn() + Sync,
+    ) -> crate::Result<Self> {
+        let protocol = generator.forward().protocol();
+        let rest = generator.stream(samples.start).next().expect("samples have no end")?.rest;
+        let rest = Frame(rest.iter().map(|value| f64::from(*value)).collect());
+        let levels = NOISE_DB.map(|snr_db| Noise::at_snr_db(snr_db, &rest, protocol, f64::INFINITY));
+        let levels = levels.into_iter().collect::<Result<Vec<Noise>, _>>()?;
+        let detector = |noise: &Noise| {
+            Ok(Detector::new(detection.clone()).with_noise(image_noise(method, noise.sd_ohm, rest.len())?))
+        };
+        let detectors = levels.iter().map(detector).collect::<crate::Result<Vec<Detector>>>()?;
+        let (_, drives) = protocol.drives();
+        let seed = generator.recipe().seed;
+        let is_pressed = matches!(generator.recipe().touch, Touch::Patch(_));
+        let one = |sample: Sample| -> crate::Result<Trial> {
+            let level = sample.index as usize % levels.len();
+            let frame = Frame(sample.frame.iter().map(|value| f64::from(*value)).collect());
+            let rest = Frame(sample.rest.iter().map(|value| f64::from(*value)).collect());
+            let noisy = levels[level].apply(&frame, &drives, &mut sample_rng(seed, NOISE_STREAM + sample.index));
+            let image = method.reconstruct(&(&noisy - &rest))?;
+            let mut trial = Trial { touches: sample.touches.len(), ..Trial::default() };
+            let target: Vec<f64> = sample.image.iter().map(|value| f64::from(*value)).collect();
+            trial.images.add(&image.values, &target);
+            let found = detectors[level].detect_under(&image);
+            let contacts: Vec<Contact> = found.iter().map(|(contact, _)| *contact).collect();
+            // Presses have a force where Gaussians have an amplitude.
+            let force_n = |touch: &[f32; 6]| if is_pressed { f64::from(touch[4]) } else { f64::NAN };
+            let place = |touch: &[f32; 6]| {
+                Contact::truth([touch[0], touch[1], touch[2]].map(f64::from), [f64::NAN; 3], force_n(touch))
+            };
+            let touches: Vec<Contact> = sample.touches.iter().map(place).collect();
+            let matched = match_contacts(&touches, &contacts, &image.space.surface);
+            trial.ghosts = matched.ghosts.len();
+            let (count, is_shared) = (touches.len(), !matched.missed.is_empty());
+            let misplacement = |&(touch, index, error_m): &(usize, usize, f64)| {
+                let (contact, circumstances) = found[index];
+                let newtons_per_strength = touches[touch].force_n / contact.strength;
+                let stated_m = contact.sd_m;
+                Misplacement { circumstances, touches: count, is_shared, stated_m, error_m, newtons_per_strength }
+            };
+            trial.misplacements = matched.pairs.iter().map(misplacement).collect();
+            on_sample();
+            Ok(trial)
+        };
+        let all: Vec<u64> = samples.collect();
+        // Whole units of samples, so that no thread makes a skin for a part of one.
+        let part = |indices: &[u64]| {
+            let stream = generator.stream(indices[0]).take(indices.len());
+            stream
+                .map(|sample| one(sample?))
+                .try_fold(Trial::default(), |sum, trial| Ok::<_, crate::Error>(sum.with(trial?)))
+        };
+        let parts = all.par_chunks(64).map(part).collect::<crate::Result<Vec<Trial>>>()?;
+        Ok(parts.into_iter().fold(Trial::default(), Trial::with))
+    }
+
+    /// Two trials as one.
+    #[must_use]
+    pub fn with(mut self, other: Trial) -> Self {
+        self.misplacements.extend(other.misplacements);
+        self.touches += other.touches;
+        self.ghosts += other.ghosts;
+        self.images.merge(&other.images);
+        self
+    }
+}
+
+/// The noise of a method's images from that of every value of a frame, ohm.
+fn image_noise(method: &dyn Reconstruct, sd_ohm: f64, channels: usize) -> crate::Result<ImageNoise> {
+    if let Some(matrix) = method.matrix() {
+        return Ok(ImageNoise::from_matrix(matrix, &vec![sd_ohm; matrix.columns]));
+    }
+    let noise = Noise { sd_ohm, reference_ohm: f64::INFINITY };
+    let image = |index: u64| {
+        let values = noise.readings(0, channels, &mut sample_rng(0, NOISE_STREAM + index)).values_ohm;
+        Ok(method.reconstruct(&Frame(values))?)
+    };
+    let images = (0..NOISE_FRAMES).into_par_iter().map(image).collect::<crate::Result<Vec<_>>>()?;
+    Ok(ImageNoise::from_untouched(&images).expect("there are images"))
+}

@@ -1,0 +1,166 @@
+//! Where and how hard an experiment presses.
+
+use crate::random::sample_rng;
+use crate::twin::{Press, PressOptions};
+use dermis::design::SkinDesign;
+use dermis::geom::Surface;
+use dermis::geom::vector::{Point3, add, scale};
+use dermis::image::PixelSpace;
+use dermis::mesh::Mesh;
+use rand::{Rng, RngExt};
+use std::f64::consts::TAU;
+
+/// Each set of presses has random streams of its own, from its number and one times this on: the first ones are those of
+/// the frames' noise.
+const STREAMS_PER_SET: u64 = 1 << 32;
+/// How often places are drawn again that do not fit together before it is given up.
+const MOST_DRAWS: usize = 10_000;
+
+/// Presses of one kind, a list for each frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PressSet {
+    /// Name for folders and tables.
+    pub name: &'static str,
+    /// All presses of each frame.
+    pub presses: Vec<Vec<Press>>,
+    /// For two touches, the distance between them in each frame, m; empty for other sets.
+    pub separations_m: Vec<f64>,
+}
+
+/// Draws the presses of experiments on one skin: forces log-uniform and independent of the place, all of them dependent
+/// on the seed and their number alone.
+#[derive(Debug)]
+pub struct Presses<'a> {
+    surface: Surface,
+    pixels: &'a PixelSpace,
+    /// The design's own surface, to draw places from.
+    mesh: &'a Mesh,
+    areas_up_to: Vec<f64>,
+    design: &'a SkinDesign,
+    options: PressOptions,
+    seed: u64,
+}
+
+impl<'a> Presses<'a> {
+    /// Presses on a design, whose mesh and pixels are given.
+    pub fn new(
+        design: &'a SkinDesign,
+        mesh: &'a Mesh,
+        pixels: &'a PixelSpace,
+        options: PressOptions,
+        seed: u64,
+    ) -> Self {
+        let mut sum = 0.0;
+        let areas_up_to = (0..mesh.cell_count())
+            .map(|cell| {
+                sum += mesh.cell_measure(cell);
+                sum
+            })
+            .collect();
+        Presses { surface: design.body.surface(), pixels, mesh, areas_up_to, design, options, seed }
+    }
+
+    /// One press in the middle of every `step`-th pixel; with 1 the paper's experiment.
+    pub fn on_grid(&self, step: usize) -> PressSet {
+        let press = |(number, &centre_m): (usize, &Point3)| vec![self.press(centre_m, &mut self.rng(0, number as u64))];
+        PressSet {
+            name: "grid",
+            presses: self.pixels.centres_m.iter().enumerate().step_by(step.max(1)).map(press).collect(),
+            separations_m: vec![],
+        }
+    }
+
+    /// Single presses anywhere on the skin, rims and seam included.
+    pub fn at_random(&self, count: usize) -> PressSet {
+        let press = |number| {
+            let mut rng = self.rng(1, number);
+            vec![self.press(self.place(&mut rng), &mut rng)]
+        };
+        PressSet { name: "random", presses: (0..count as u64).map(press).collect(), separations_m: vec![] }
+    }
+
+    /// Two presses at once, `count` pairs at each separation (m along the surface); pairs that do not fit on the skin are
+    /// left out.
+    pub fn in_pairs(&self, separations_m: &[f64], count: usize) -> PressSet {
+        let mut set = PressSet { name: "two", presses: vec![], separations_m: vec![] };
+        for (step, &separation_m) in separations_m.iter().enumerate() {
+            for number in 0..count {
+                let mut rng = self.rng(2, (step * count + number) as u64);
+                if let Some(pair) = self.pair(separation_m, &mut rng) {
+                    set.presses.push(pair.map(|place| self.press(place, &mut rng)).to_vec());
+                    set.separations_m.push(separation_m);
+                }
+            }
+        }
+        set
+    }
+
+    /// Several presses at once, each at least a distance from every other; frames for which there is no room are left
+    /// out.
+    pub fn apart(&self, touches: usize, least_m: f64, count: usize) -> PressSet {
+        let frame = |number| {
+            let mut rng = self.rng(3, number);
+            let places = self.places_apart(touches, least_m, &mut rng)?;
+            Some(places.into_iter().map(|place| self.press(place, &mut rng)).collect())
+        };
+        PressSet { name: "four", presses: (0..count as u64).filter_map(frame).collect(), separations_m: vec![] }
+    }
+
+    /// Presses at some places anywhere on the skin, each with every force (N), one after the other.
+    pub fn at_fixed_places(&self, places: usize, forces_n: &[f64]) -> PressSet {
+        let at_place = |number| {
+            let centre_m = self.place(&mut self.rng(4, number));
+            let press =
+                move |&force_n: &f64| vec![Press { centre_m, force_n, tip_radius_m: self.options.tip_radius_m }];
+            forces_n.iter().map(press)
+        };
+        PressSet { name: "fixed", presses: (0..places as u64).flat_map(at_place).collect(), separations_m: vec![] }
+    }
+
+    fn rng(&self, set: u64, number: u64) -> impl Rng {
+        sample_rng(self.seed, (set + 1) * STREAMS_PER_SET + number)
+    }
+
+    fn press(&self, centre_m: Point3, rng: &mut impl Rng) -> Press {
+        let force_n = self.options.force_n(rng.random());
+        Press { centre_m, force_n, tip_radius_m: self.options.tip_radius_m }
+    }
+
+    /// A place drawn evenly by area.
+    fn place(&self, rng: &mut impl Rng) -> Point3 {
+        if let Surface::Cylinder { length_m, .. } = self.surface {
+            let (z_m, theta) = (rng.random::<f64>() * length_m, rng.random::<f64>() * TAU);
+            return self.surface.at(z_m, theta).expect("a cylinder");
+        }
+        let whole = self.areas_up_to.last().copied().expect("a mesh has cells");
+        let at = rng.random::<f64>() * whole;
+        let cell = self.areas_up_to.partition_point(|&area| area <= at).min(self.areas_up_to.len() - 1);
+        // Exponentials over their sum are even in a simplex (Devroye, Non-Uniform Random Variate Generation, 1986, XI.2).
+        let corners = self.mesh.cells.corners(cell);
+        let weights: Vec<f64> = corners.iter().map(|_| -(1.0 - rng.random::<f64>()).ln()).collect();
+        let sum: f64 = weights.iter().sum();
+        let add_corner =
+            |point, (&node, weight): (&usize, &f64)| add(point, scale(self.mesh.nodes[node], weight / sum));
+        corners.iter().zip(&weights).fold([0.0; 3], add_corner)
+    }
+
+    fn pair(&self, separation_m: f64, rng: &mut impl Rng) -> Option<[Point3; 2]> {
+        (0..MOST_DRAWS).find_map(|_| {
+            let first = self.place(rng);
+            let (sin, cos) = (rng.random::<f64>() * TAU).sin_cos();
+            let second = self.surface.walk(first, [separation_m * cos, separation_m * sin]);
+            let reached_m = self.surface.distance_m(first, second);
+            let fits = self.design.body.holds(second) && (reached_m - separation_m).abs() < 1e-6 * separation_m;
+            fits.then_some([first, second])
+        })
+    }
+
+    fn places_apart(&self, touches: usize, least_m: f64, rng: &mut impl Rng) -> Option<Vec<Point3>> {
+        (0..MOST_DRAWS).find_map(|_| {
+            let places: Vec<Point3> = (0..touches).map(|_| self.place(rng)).collect();
+            let is_apart =
+                |(i, a): (usize, &Point3)| places[..i].iter().all(|b| self.surface.distance_m(*a, *b) >= least_m);
+            places.iter().enumerate().all(is_apart).then_some(places)
+        })
+    }
+}

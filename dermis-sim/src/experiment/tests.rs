@@ -1,0 +1,110 @@
+use super::*;
+use crate::twin::TwinOptions;
+use dermis::design::SkinDesign;
+use dermis::image::PixelSpace;
+use dermis::mesh::Mesh;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+struct Bench {
+    design: SkinDesign,
+    mesh: Mesh,
+    pixels: PixelSpace,
+}
+
+impl Bench {
+    fn new(name: &str) -> Self {
+        let mut design = SkinDesign::shipped(name).expect("a shipped design");
+        design.mesh = design.mesh.scaled(2.0);
+        let mesh = Mesh::generate(&design).expect("a mesh");
+        let pixels = PixelSpace::for_design(&design, &mesh).expect("pixels");
+        Bench { design, mesh, pixels }
+    }
+
+    fn presses(&self, seed: u64) -> Presses<'_> {
+        let lab = TwinOptions::shipped("lab").expect("a shipped twin");
+        Presses::new(&self.design, &self.mesh, &self.pixels, lab.press, seed)
+    }
+
+    fn twin(&self, name: &str) -> Twin {
+        Twin::new(&self.design, &TwinOptions::shipped(name).expect("a shipped twin"), 3).expect("a twin")
+    }
+}
+
+#[test]
+fn sets_have_the_places_and_distances_that_they_name() {
+    let bench = Bench::new("cylinder30");
+    let (presses, surface) = (bench.presses(5), bench.design.body.surface());
+    let grid = presses.on_grid(1);
+    assert_eq!(grid.presses.len(), 900);
+    assert!(grid.presses.iter().zip(&bench.pixels.centres_m).all(|(frame, centre)| frame[0].centre_m == *centre));
+    let pairs = presses.in_pairs(&[0.01, 0.08], 20);
+    assert_eq!(pairs.presses.len(), 40);
+    for (pair, separation_m) in pairs.presses.iter().zip(&pairs.separations_m) {
+        assert!((surface.distance_m(pair[0].centre_m, pair[1].centre_m) - separation_m).abs() < 1e-8);
+        assert!(pair.iter().all(|press| bench.design.body.holds(press.centre_m)));
+    }
+    for four in presses.apart(4, 0.06, 20).presses {
+        for (i, a) in four.iter().enumerate() {
+            assert!(four[..i].iter().all(|b| surface.distance_m(a.centre_m, b.centre_m) >= 0.06));
+        }
+    }
+}
+
+#[test]
+fn places_are_even_and_forces_log_uniform_and_independent_of_them() {
+    for name in ["cylinder30", "skin16"] {
+        let bench = Bench::new(name);
+        let set = bench.presses(6).at_random(4000);
+        let [sum_x, sum_y, logs, products] = set.presses.iter().fold([0.0; 4], |[x, y, l, p], frame| {
+            let (centre, log) = (frame[0].centre_m, frame[0].force_n.ln() / 5f64.ln());
+            assert!((1.0..=5.0).contains(&frame[0].force_n));
+            [x + centre[0], y + centre[1], l + log, p + centre[0] * (log - 0.5)]
+        });
+        let extent = bench.mesh.nodes.iter().fold(0.0f64, |most, node| most.max(node[0].abs()));
+        for mean in [sum_x, sum_y, products].map(|sum| sum / 4000.0 / extent) {
+            assert!(mean.abs() < 0.05, "{name}: {mean}");
+        }
+        assert!((logs / 4000.0 - 0.5).abs() < 0.02, "{name}: {logs}");
+    }
+}
+
+#[test]
+fn what_is_recorded_depends_on_nothing_but_twin_presses_and_number() {
+    let bench = Bench::new("cylinder30");
+    let twin = bench.twin("lab");
+    let presses = bench.presses(7).at_random(6).presses;
+    let calls = AtomicUsize::new(0);
+    let count = || {
+        calls.fetch_add(1, Ordering::Relaxed);
+    };
+    let all = record(&twin, &presses, 0, count).expect("a recording");
+    assert_eq!((calls.load(Ordering::Relaxed), all.frames.len()), (6, 6));
+    let few = record(&twin, &presses[..2], 0, || ()).expect("a recording");
+    assert_eq!((&all.baseline, &all.frames[..2]), (&few.baseline, &few.frames[..]));
+    let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool");
+    assert_eq!(alone.install(|| record(&twin, &presses, 0, || ())).expect("a recording"), all);
+    let later = record(&twin, &presses[..1], all.next_index, || ()).expect("a recording");
+    assert_ne!(later.frames[0], all.frames[0], "another time has another noise");
+}
+
+#[test]
+fn the_baseline_is_ten_times_quieter_than_a_frame_and_a_press_is_seen() {
+    let bench = Bench::new("cylinder30");
+    let twin = bench.twin("lab");
+    let clean = twin.clean(&[]).expect("a frame");
+    let undriven: Vec<usize> = (bench.design.protocol.channels().iter().enumerate())
+        .filter(|(_, channel)| !channel.touches_driven())
+        .map(|(index, _)| index)
+        .collect();
+    let rms = |frame: &Frame| {
+        let squares: f64 = undriven.iter().map(|&index| (frame[index] - clean[index]).powi(2)).sum();
+        (squares / undriven.len() as f64).sqrt()
+    };
+    let press = bench.presses(8).at_random(1).presses.remove(0);
+    let recording = record(&twin, &[vec![], press], 0, || ()).expect("a recording");
+    let (baseline, untouched, touched) =
+        (rms(&recording.baseline), rms(&recording.frames[0]), rms(&recording.frames[1]));
+    println!("baseline {baseline:.2e}, untouched {untouched:.2e}, pressed {touched:.2e} ohm");
+    // The gain's and the settling's errors are in both alike; the noise falls with the root of a hundred.
+    assert!(baseline < 0.6 * untouched && touched > 2.0 * untouched);
+}

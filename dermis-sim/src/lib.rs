@@ -1,0 +1,25 @@
+//! Simulated skins: touch models, measurement noise, digital twins, datasets, experiments, and the scoring of methods on them.
+//!
+//! Sensing does not need this crate: it makes the frames that a method is trained, tested and compared on.
+
+// Floor 0
+pub mod random;
+// Floor 1
+pub mod touch;
+// Floor 2
+pub mod noise;
+// Floor 3
+pub mod twin;
+// Floor 4
+pub mod dataset;
+pub mod experiment;
+// Floor 5
+pub mod evaluate;
+
+mod error;
+pub use error::{Error, Result};
+
+/// The code of the book compiles.
+#[cfg(doctest)]
+#[doc = include_str!("../../docs/datasets.md")]
+pub struct Datasets;

@@ -1,0 +1,160 @@
+//! Faults, each asked for by name.
+
+use super::TwinError;
+use dermis::design::{Body, SkinDesign};
+use dermis::geom::Point2;
+use dermis::geom::Surface;
+use dermis::geom::surface::angle_difference;
+use dermis::mesh::{Cells, Mesh};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// What is broken. Nothing is, unless it is named here.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct FaultOptions {
+    /// Electrodes that have come off the coat, by number.
+    pub dead_electrodes: Vec<usize>,
+    /// Electrodes that hardly touch it, by number.
+    pub loose_electrodes: Vec<usize>,
+    /// Contact impedance of a loose electrode over that of a sound one.
+    pub loose_factor: f64,
+    /// Electrodes whose wire is torn, by number. They still lie on the coat.
+    pub torn_wires: Vec<usize>,
+    /// Cuts through the coat.
+    pub cuts: Vec<CutOptions>,
+}
+
+/// A straight cut through the coat, as thin as the cells of the mesh allow.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CutOptions {
+    /// Where it begins, m: (z, s = radius * theta) on a cylinder, (x, y) on a flat skin.
+    pub from_m: [f64; 2],
+    /// Where it ends, m.
+    pub to_m: [f64; 2],
+}
+
+/// Contact impedance of an electrode that has come off, over that of one on the coat: of the order of 40 Mohm for a disc
+/// of 4 mm, the insulation of dry air and board between them.
+const DEAD_FACTOR: f64 = 1e8;
+
+/// Insulation across a torn wire, ohm.
+const TORN_OHM: f64 = 1e8;
+
+/// What a cut leaves of the coat's conductance in the cells that it crosses.
+const CUT_SHARE: f64 = 1e-6;
+
+impl FaultOptions {
+    /// Whether nothing is broken.
+    pub fn none(&self) -> bool {
+        let lists = [&self.dead_electrodes, &self.loose_electrodes, &self.torn_wires];
+        lists.iter().all(|list| list.is_empty()) && self.cuts.is_empty()
+    }
+
+    pub(super) fn check(&self, design: &SkinDesign) -> Result<(), TwinError> {
+        self.check_ranges()?;
+        let electrode_count = design.electrodes.len();
+        for (field, list) in [
+            ("faults.dead_electrodes", &self.dead_electrodes),
+            ("faults.loose_electrodes", &self.loose_electrodes),
+            ("faults.torn_wires", &self.torn_wires),
+        ] {
+            if let Some(&electrode) = list.iter().find(|&&electrode| electrode >= electrode_count) {
+                return Err(TwinError::NoSuchElectrode { field, electrode, electrode_count });
+            }
+        }
+        if !self.cuts.is_empty() && matches!(design.body, Body::Mesh { .. }) {
+            return Err(TwinError::CutOnMesh);
+        }
+        Ok(())
+    }
+
+    pub(super) fn check_ranges(&self) -> Result<(), TwinError> {
+        let possible = self.loose_factor >= 1.0 && self.loose_factor.is_finite();
+        if !(self.loose_electrodes.is_empty() || possible) {
+            return Err(TwinError::OutOfRange {
+                field: "faults.loose_factor",
+                value: self.loose_factor,
+                must: "1 or more, and finite".into(),
+                fix: "how many times the contact impedance of a sound electrode".into(),
+            });
+        }
+        let coordinates = self.cuts.iter().flat_map(|cut| cut.from_m.into_iter().chain(cut.to_m));
+        match coordinates.into_iter().find(|coordinate| !coordinate.is_finite()) {
+            Some(value) => Err(TwinError::OutOfRange {
+                field: "faults.cuts",
+                value,
+                must: "finite".into(),
+                fix: "m along the surface".into(),
+            }),
+            None => Ok(()),
+        }
+    }
+
+    /// The contact impedance of each electrode with its faults.
+    pub(super) fn contact_factor(&self, electrode: usize) -> f64 {
+        if self.dead_electrodes.contains(&electrode) {
+            DEAD_FACTOR
+        } else if self.loose_electrodes.contains(&electrode) {
+            self.loose_factor
+        } else {
+            1.0
+        }
+    }
+
+    /// What stands in series with an electrode, ohm.
+    pub(super) fn series_ohm(&self, electrode: usize) -> f64 {
+        if self.torn_wires.contains(&electrode) { TORN_OHM } else { 0.0 }
+    }
+
+    /// Cuts the coat: what is left of the conductance of each cell.
+    pub(super) fn cut(&self, surface: Surface, mesh: &Mesh, conductivity: &mut [f64]) {
+        let Cells::Triangles(triangles) = &mesh.cells else { return };
+        for cut in &self.cuts {
+            for (value, corners) in conductivity.iter_mut().zip(triangles) {
+                if cut.crosses(surface, corners.map(|node| mesh.nodes[node])) {
+                    *value *= CUT_SHARE;
+                }
+            }
+        }
+    }
+}
+
+impl CutOptions {
+    /// Whether the cut crosses a triangle, in the chart of the surface.
+    fn crosses(&self, surface: Surface, corners: [dermis::geom::Point3; 3]) -> bool {
+        let Surface::Cylinder { radius_m, .. } = surface else {
+            return segment_meets([self.from_m, self.to_m], corners.map(|[x, y, _]| [x, y]));
+        };
+        let theta = |corner: dermis::geom::Point3| corner[1].atan2(corner[0]);
+        let first = theta(corners[0]);
+        let unrolled = corners.map(|corner| [corner[2], radius_m * (first + angle_difference(theta(corner), first))]);
+        let round_m = std::f64::consts::TAU * radius_m;
+        let low = ((self.from_m[1].min(self.to_m[1]) - round_m) / round_m).floor() as i64;
+        let high = ((self.from_m[1].max(self.to_m[1]) + round_m) / round_m).ceil() as i64;
+        (low..=high).any(|turn| {
+            let shifted = [self.from_m, self.to_m].map(|[z, s]| [z, s - turn as f64 * round_m]);
+            segment_meets(shifted, unrolled)
+        })
+    }
+}
+
+/// Whether a segment has a point in common with a triangle.
+fn segment_meets(segment: [Point2; 2], triangle: [Point2; 3]) -> bool {
+    let inside = |p: Point2| {
+        let sides = [0, 1, 2].map(|i| turn(triangle[i], triangle[(i + 1) % 3], p));
+        sides.iter().all(|&side| side >= 0.0) || sides.iter().all(|&side| side <= 0.0)
+    };
+    let crosses = |i: usize| {
+        let (a, b) = (triangle[i], triangle[(i + 1) % 3]);
+        turn(a, b, segment[0]) * turn(a, b, segment[1]) <= 0.0
+            && turn(segment[0], segment[1], a) * turn(segment[0], segment[1], b) <= 0.0
+    };
+    segment.into_iter().any(inside) || (segment[0] != segment[1] && (0..3).any(crosses))
+}
+
+/// Twice the signed area of a triangle.
+fn turn(a: Point2, b: Point2, c: Point2) -> f64 {
+    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+}

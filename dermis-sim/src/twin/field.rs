@@ -1,0 +1,278 @@
+//! A correlated random field on a surface.
+//!
+//! White noise on a regular grid, smoothed by a Gaussian kernel (process convolution: Higdon, 2002, DOI
+//! 10.1007/978-1-4471-0657-9_2): with the kernel `exp(-d^2 / l^2)` the covariance at a distance `d` is
+//! `exp(-d^2 / (2 l^2))`. Distances run along the surface, round the seam of a cylinder; on a body known only by its mesh
+//! they run straight through space.
+
+use crate::random::standard_normal;
+use dermis::geom::{Point3, Surface};
+use dermis::mesh::Mesh;
+use rand_chacha::ChaCha8Rng;
+
+/// Grid points to a correlation length: at two the grid shows in the covariance by 3e-9 of it
+/// (`exp(-2 pi^2 (l / 2h)^2)`, Poisson's summation formula).
+const POINTS_PER_LENGTH: f64 = 2.0;
+/// Correlation lengths beyond which the kernel is dropped: `exp(-3.3^2) = 2e-5`.
+const REACH_LENGTHS: f64 = 3.3;
+/// Most grid points: more are a correlation length far below any mesh.
+const MOST_POINTS: f64 = 2e7;
+
+/// A Gaussian field of mean 0 and variance 1.
+#[derive(Debug, Clone)]
+pub struct CorrelatedField {
+    surface: Surface,
+    axes: Vec<Axis>,
+    length_m: f64,
+    noise: Vec<f64>,
+}
+
+/// One direction of the grid.
+#[derive(Debug, Clone, Copy)]
+struct Axis {
+    first_m: f64,
+    step_m: f64,
+    count: usize,
+    period_m: Option<f64>,
+}
+
+impl CorrelatedField {
+    /// A field over the nodes of a mesh; `None` where the correlation length is too short for it.
+    pub fn new(surface: Surface, mesh: &Mesh, length_m: f64, rng: &mut ChaCha8Rng) -> Option<Self> {
+        let (axes, count) = axes_over(surface, mesh, length_m)?;
+        let noise = (0..count).map(|_| standard_normal(rng)).collect();
+        Some(CorrelatedField { surface, axes, length_m, noise })
+    }
+
+    /// The field at a point.
+    pub fn at(&self, point_m: Point3) -> f64 {
+        let place = place(self.surface, point_m);
+        let weights: Vec<Vec<(usize, f64)>> =
+            self.axes.iter().zip(place).map(|(axis, place)| axis.weights(place, self.length_m)).collect();
+        self.sum(&weights, 0)
+    }
+
+    /// The weighted sum over the axes from the given one on, at a place of the grid along those before.
+    fn sum(&self, weights: &[Vec<(usize, f64)>], before: usize) -> f64 {
+        let Some((first, rest)) = weights.split_first() else { return self.noise[before] };
+        let count = self.axes[self.axes.len() - weights.len()].count;
+        first.iter().map(|&(index, weight)| weight * self.sum(rest, before * count + index)).sum()
+    }
+}
+
+/// The grid over the nodes of a mesh, and the number of its points.
+fn axes_over(surface: Surface, mesh: &Mesh, length_m: f64) -> Option<(Vec<Axis>, usize)> {
+    let dimensions = if surface == Surface::Free { 3 } else { 2 };
+    let mut bounds = vec![[f64::INFINITY, f64::NEG_INFINITY]; dimensions];
+    for &node in &mesh.nodes {
+        for (bound, place) in bounds.iter_mut().zip(place(surface, node)) {
+            *bound = [bound[0].min(place), bound[1].max(place)];
+        }
+    }
+    let axes: Vec<Axis> = (bounds.iter().enumerate())
+        .map(|(index, &[low, high])| match surface {
+            Surface::Cylinder { radius_m, .. } if index == 0 => Axis::round(std::f64::consts::TAU * radius_m, length_m),
+            _ => Axis::between(low, high, length_m),
+        })
+        .collect();
+    let points = axes.iter().map(|axis| axis.count as f64).product::<f64>();
+    (points <= MOST_POINTS).then_some((axes, points as usize))
+}
+
+/// The same points of many fields: what a field is at each of them, as weights of its noise, computed once.
+///
+/// [`draw`](Self::draw) gives what [`CorrelatedField::at`] gives for the same random numbers, to rounding.
+#[derive(Debug, Clone)]
+pub struct FieldPlaces {
+    noise_count: usize,
+    /// For each point its runs of weights.
+    runs_of_point: Vec<std::ops::Range<usize>>,
+    /// Where a run begins in the noise and in the weights of the last axis, its length, and the weight of all of it.
+    runs: Vec<(usize, usize, usize, f64)>,
+    last_weights: Vec<f64>,
+}
+
+impl FieldPlaces {
+    /// The places of some points, for fields over the nodes of a mesh; `None` where the correlation length is too short.
+    pub fn new(surface: Surface, mesh: &Mesh, length_m: f64, points: &[Point3]) -> Option<Self> {
+        let (axes, noise_count) = axes_over(surface, mesh, length_m)?;
+        let (last, before) = axes.split_last()?;
+        let mut places =
+            FieldPlaces { noise_count, runs_of_point: Vec::new(), runs: Vec::new(), last_weights: Vec::new() };
+        for &point in points {
+            let place = place(surface, point);
+            // The last axis is never closed, so that its points follow each other.
+            let along = last.weights(place[before.len()], length_m);
+            let (first, start) = (along.first()?.0, places.last_weights.len());
+            places.last_weights.extend(along.iter().map(|entry| entry.1));
+            let mut rows = vec![(0, 1.0)];
+            for (axis, place) in before.iter().zip(place) {
+                let across = axis.weights(place, length_m);
+                let next = rows.iter().flat_map(|&(row, weight)| {
+                    across.iter().map(move |&(index, more)| (row * axis.count + index, weight * more))
+                });
+                rows = next.collect();
+            }
+            let from = places.runs.len();
+            let run = |(row, weight): (usize, f64)| (row * last.count + first, start, along.len(), weight);
+            places.runs.extend(rows.into_iter().map(run));
+            places.runs_of_point.push(from..places.runs.len());
+        }
+        Some(places)
+    }
+
+    /// A new field at all of the points.
+    pub fn draw(&self, rng: &mut ChaCha8Rng) -> Vec<f64> {
+        let noise: Vec<f64> = (0..self.noise_count).map(|_| standard_normal(rng)).collect();
+        let value = |runs: &std::ops::Range<usize>| {
+            let runs = &self.runs[runs.clone()];
+            runs.iter()
+                .map(|&(first, start, len, weight)| {
+                    weight * dot(&noise[first..first + len], &self.last_weights[start..start + len])
+                })
+                .sum()
+        };
+        self.runs_of_point.iter().map(value).collect()
+    }
+}
+
+/// A scalar product in four sums, which run side by side.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut sums = [0.0; 4];
+    let (a_fours, b_fours) = (a.chunks_exact(4), b.chunks_exact(4));
+    let rest: f64 = a_fours.remainder().iter().zip(b_fours.remainder()).map(|(a, b)| a * b).sum();
+    for (a, b) in a_fours.zip(b_fours) {
+        for lane in 0..4 {
+            sums[lane] += a[lane] * b[lane];
+        }
+    }
+    (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
+}
+
+impl Axis {
+    fn round(period_m: f64, length_m: f64) -> Self {
+        let count = (POINTS_PER_LENGTH * period_m / length_m).ceil().max(1.0);
+        Axis { first_m: 0.0, step_m: period_m / count, count: count as usize, period_m: Some(period_m) }
+    }
+
+    fn between(low_m: f64, high_m: f64, length_m: f64) -> Self {
+        let (first_m, step_m) = (low_m - REACH_LENGTHS * length_m, length_m / POINTS_PER_LENGTH);
+        let count = ((high_m - low_m) / step_m + 2.0 * REACH_LENGTHS * POINTS_PER_LENGTH).ceil() + 1.0;
+        Axis { first_m, step_m, count: count as usize, period_m: None }
+    }
+
+    /// The grid points within reach of a place with their weights, whose squares add up to 1.
+    fn weights(&self, place_m: f64, length_m: f64) -> Vec<(usize, f64)> {
+        let reach_m = REACH_LENGTHS * length_m;
+        let first = ((place_m - reach_m - self.first_m) / self.step_m).ceil() as i64;
+        let last = ((place_m + reach_m - self.first_m) / self.step_m).floor() as i64;
+        let mut weights: Vec<(usize, f64)> = Vec::new();
+        for index in first..=last {
+            let off = (self.first_m + index as f64 * self.step_m - place_m) / length_m;
+            let weight = (-off * off).exp();
+            if self.period_m.is_none() {
+                if (0..self.count as i64).contains(&index) {
+                    weights.push((index as usize, weight));
+                }
+                continue;
+            }
+            // Several turns of a short period meet in one point.
+            let index = index.rem_euclid(self.count as i64) as usize;
+            match weights.iter_mut().find(|entry| entry.0 == index) {
+                Some(entry) => entry.1 += weight,
+                None => weights.push((index, weight)),
+            }
+        }
+        let norm = weights.iter().map(|(_, weight)| weight * weight).sum::<f64>().sqrt();
+        weights.iter_mut().for_each(|(_, weight)| *weight /= norm);
+        weights
+    }
+}
+
+/// A point as the grid sees it: (round, along z) on a cylinder, (x, y) on a plane, else (x, y, z); m.
+fn place(surface: Surface, point_m: Point3) -> [f64; 3] {
+    match (surface, surface.theta_rad(point_m)) {
+        (Surface::Cylinder { radius_m, .. }, Some(theta)) => [radius_m * theta, point_m[2], 0.0],
+        _ => point_m,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::sample_rng;
+    use dermis::mesh::Cells;
+
+    const LENGTH_M: f64 = 0.04;
+
+    /// Mean product of the field at pairs of points over many draws.
+    fn covariances(surface: Surface, corners: [Point3; 2], pairs: &[[Point3; 2]]) -> Vec<f64> {
+        let mesh =
+            Mesh { nodes: corners.to_vec(), cells: Cells::Triangles(vec![]), electrodes: vec![], regions: vec![] };
+        let draws = 4000;
+        let mut sums = vec![0.0; pairs.len()];
+        for draw in 0..draws {
+            let field = CorrelatedField::new(surface, &mesh, LENGTH_M, &mut sample_rng(5, draw)).unwrap();
+            for (sum, pair) in sums.iter_mut().zip(pairs) {
+                *sum += field.at(pair[0]) * field.at(pair[1]);
+            }
+        }
+        sums.iter().map(|sum| sum / draws as f64).collect()
+    }
+
+    /// A mean of 4,000 products of unit normals has a standard deviation of at most 1.41 / 63 = 0.022.
+    const TOLERANCE: f64 = 0.07;
+
+    #[test]
+    fn variance_and_correlation_are_as_stated_and_go_round_the_seam() {
+        let body = Surface::Cylinder { radius_m: 0.05, length_m: 0.3 };
+        let at = |z: f64, s: f64| body.at(z, s / 0.05).unwrap();
+        let pairs = [
+            [at(0.1, 0.1), at(0.1, 0.1)],
+            [at(0.0, 0.2), at(0.0, 0.2)],
+            [at(0.1, 0.1), at(0.14, 0.1)],
+            [at(0.1, 0.1), at(0.124, 0.132)],
+            [at(0.1, 0.1), at(0.1, 0.16)],
+            [at(0.1, 0.01), at(0.1, -0.03)],
+            [at(0.3, 0.1), at(0.1, 0.1)],
+        ];
+        let found = covariances(body, [at(0.0, 0.0), at(0.3, 0.1)], &pairs);
+        for (pair, found) in pairs.iter().zip(&found) {
+            let apart = body.distance_m(pair[0], pair[1]) / LENGTH_M;
+            let exact = (-0.5 * apart * apart).exp();
+            println!("{apart:.2} correlation lengths apart: covariance {found:.3}, exact {exact:.3}");
+            assert!((found - exact).abs() < TOLERANCE);
+        }
+    }
+
+    #[test]
+    fn points_computed_once_see_the_same_field() {
+        let body = Surface::Cylinder { radius_m: 0.05, length_m: 0.3 };
+        let points: Vec<Point3> = (0..50).map(|k| body.at(0.006 * k as f64, 1.7 * k as f64).unwrap()).collect();
+        for surface in [body, Surface::Free] {
+            let mesh =
+                Mesh { nodes: points.clone(), cells: Cells::Triangles(vec![]), electrodes: vec![], regions: vec![] };
+            let field = CorrelatedField::new(surface, &mesh, LENGTH_M, &mut sample_rng(6, 1)).unwrap();
+            let places = FieldPlaces::new(surface, &mesh, LENGTH_M, &points).unwrap();
+            for (value, &point) in places.draw(&mut sample_rng(6, 1)).iter().zip(&points) {
+                assert!((value - field.at(point)).abs() < 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn a_field_through_space_has_its_covariance_too() {
+        let pairs = [[[0.0; 3], [0.0; 3]], [[0.0; 3], [0.02, 0.02, 0.02]]];
+        let found = covariances(Surface::Free, [[0.0; 3], [0.05; 3]], &pairs);
+        let exact = (-0.5f64 * 0.75).exp();
+        println!("in space: variance {:.3}, covariance {:.3}, exact {exact:.3}", found[0], found[1]);
+        assert!((found[0] - 1.0).abs() < TOLERANCE && (found[1] - exact).abs() < TOLERANCE);
+    }
+
+    #[test]
+    fn a_length_far_below_any_mesh_is_refused() {
+        let nodes = vec![[0.0; 3], [1.0; 3]];
+        let mesh = Mesh { nodes, cells: Cells::Triangles(vec![]), electrodes: vec![], regions: vec![] };
+        assert!(CorrelatedField::new(Surface::Plane, &mesh, 1e-5, &mut sample_rng(1, 0)).is_none());
+    }
+}

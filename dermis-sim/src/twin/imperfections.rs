@@ -1,0 +1,242 @@
+//! What no two skins have in common: an uneven coat, electrodes beside their places, contacts of their own, drift.
+
+use super::TwinError;
+use super::electronics::{not_negative, out_of_range, positive};
+use super::field::CorrelatedField;
+use crate::random::{sample_rng, standard_normal};
+use dermis::design::{Body, Electrode, ElectrodeShape, SkinDesign};
+use dermis::forward::{ForwardError, Network};
+use dermis::geom::{Point3, Surface};
+use dermis::mesh::Mesh;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Random streams of what a skin is born with; frames have the streams of their numbers, the instrument the last one.
+const COAT_STREAM: u64 = u64::MAX - 1;
+const PLACE_STREAM: u64 = u64::MAX - 2;
+const CONTACT_STREAM: u64 = u64::MAX - 3;
+const DRIFT_STREAM: u64 = u64::MAX - 4;
+
+/// The coat as it was sprayed: log-normal about the design's conductance.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CoatOptions {
+    /// Standard deviation of the conductance over its mean.
+    pub rms: f64,
+    /// Correlation length along the surface, m: at a distance d the correlation is exp(-d^2 / (2 l^2)).
+    pub correlation_m: f64,
+}
+
+/// The electrodes as they were placed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ElectrodeOptions {
+    /// Root mean square of their distances from their places, m. On a rim they move along it alone.
+    pub displacement_rms_m: f64,
+    /// Standard deviation of the contact impedance over the design's, log-normal.
+    pub contact_impedance_rms: f64,
+}
+
+/// What changes while frames are taken: `1 + a (1 - exp(-t / tau))`, with an amplitude `a` drawn once for the coat and once
+/// for each contact.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DriftOptions {
+    /// Standard deviation of the coat's amplitude, relative to its conductance.
+    pub conductance_rms: f64,
+    /// Standard deviation of a contact's amplitude, relative to its impedance.
+    pub contact_rms: f64,
+    /// Time constant tau, s.
+    pub time_constant_s: f64,
+}
+
+/// How warm the skin is.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TemperatureOptions {
+    /// Relative change of the coat's conductance for each kelvin, 1/K.
+    pub coefficient_per_k: f64,
+    /// Temperature at the first frame above that at which the design's conductance holds, K.
+    pub change_k: f64,
+    /// Warming from then on, K/s.
+    pub rate_k_per_s: f64,
+}
+
+impl CoatOptions {
+    pub(crate) fn check(&self) -> Result<(), TwinError> {
+        share("coat.rms", self.rms)?;
+        positive("coat.correlation_m", self.correlation_m)
+    }
+
+    /// The factor of the coat's conductance in each cell: `exp(q g - q^2 / 2)` of a unit field `g`, with
+    /// `q^2 = ln(1 + rms^2)`, so that its mean is 1 and its standard deviation `rms`.
+    ///
+    /// # Errors
+    /// A correlation length far below any mesh.
+    pub(super) fn draw(&self, surface: Surface, mesh: &Mesh, seed: u64) -> Result<Vec<f64>, TwinError> {
+        if self.rms == 0.0 {
+            return Ok(vec![1.0; mesh.cell_count()]);
+        }
+        let mut rng = sample_rng(seed, COAT_STREAM);
+        let field = CorrelatedField::new(surface, mesh, self.correlation_m, &mut rng).ok_or_else(|| {
+            let (must, fix) = ("not far shorter than the cells of a mesh".to_string(), "in metres: 40 mm are 0.040");
+            out_of_range("coat.correlation_m", self.correlation_m, must, fix)
+        })?;
+        Ok((0..mesh.cell_count()).map(|cell| log_normal(self.rms, field.at(mesh.cell_centre(cell)))).collect())
+    }
+}
+
+impl ElectrodeOptions {
+    pub(crate) fn check(&self) -> Result<(), TwinError> {
+        not_negative("electrodes.displacement_rms_m", self.displacement_rms_m)?;
+        if self.displacement_rms_m > 0.1 {
+            let (must, fix) = ("at most 0.1".to_string(), "in metres: 0.5 mm are 0.0005");
+            return Err(out_of_range("electrodes.displacement_rms_m", self.displacement_rms_m, must, fix));
+        }
+        share("electrodes.contact_impedance_rms", self.contact_impedance_rms)
+    }
+
+    /// The design with its electrodes where they came to lie, and the contacts that they have there.
+    ///
+    /// # Errors
+    /// Electrodes that are groups of a mesh file, which cannot be moved; electrodes that came to overlap.
+    pub(crate) fn draw(&self, design: &SkinDesign, seed: u64) -> crate::Result<SkinDesign> {
+        let (mut places, mut contacts) = (sample_rng(seed, PLACE_STREAM), sample_rng(seed, CONTACT_STREAM));
+        let mut drawn = design.clone();
+        for electrode in &mut drawn.electrodes {
+            let step = [standard_normal(&mut places), standard_normal(&mut places), standard_normal(&mut places)];
+            if self.displacement_rms_m > 0.0 {
+                if electrode.shape == ElectrodeShape::Group {
+                    return Err(TwinError::GroupsStay.into());
+                }
+                electrode.centre_m = displaced(&design.body, electrode, step.map(|s| s * self.displacement_rms_m));
+            }
+            electrode.contact_impedance *= log_normal(self.contact_impedance_rms, standard_normal(&mut contacts));
+        }
+        drawn.check()?;
+        Ok(drawn)
+    }
+}
+
+/// Where an electrode lies after a step whose components each have the wanted root mean square, m.
+fn displaced(body: &Body, electrode: &Electrode, step_m: [f64; 3]) -> Point3 {
+    // Two components share the distance; along a rim one has all of it.
+    let [x, y, z] = electrode.centre_m;
+    let half = step_m.map(|s| s * 0.5f64.sqrt());
+    let surface = body.surface();
+    match *body {
+        Body::Cylinder { length_m, .. } if z == 0.0 || z == length_m => surface.walk([x, y, z], [step_m[0], 0.0]),
+        Body::Cylinder { length_m, .. } => {
+            let [x, y, z] = surface.walk([x, y, z], [half[0], half[1]]);
+            [x, y, z.clamp(0.0, length_m)]
+        }
+        Body::Disk { diameter_m } => {
+            let (radius_m, from_centre_m) = (0.5 * diameter_m, x.hypot(y));
+            let on_rim = (from_centre_m - radius_m).abs() <= 1e-9 * diameter_m;
+            if on_rim {
+                let theta = y.atan2(x) + step_m[0] / radius_m;
+                return [radius_m * theta.cos(), radius_m * theta.sin(), 0.0];
+            }
+            let (x, y) = (x + half[0], y + half[1]);
+            let back = (radius_m / x.hypot(y)).min(1.0);
+            [x * back, y * back, 0.0]
+        }
+        Body::Rectangle { width_m, height_m } => {
+            let edge = |p: f64, size: f64| p == 0.0 || p == size;
+            let (on_x, on_y) = (edge(x, width_m), edge(y, height_m));
+            let [dx, dy] = match (on_x, on_y) {
+                (true, true) => [0.0, 0.0],
+                (true, false) => [0.0, step_m[0]],
+                (false, true) => [step_m[0], 0.0],
+                (false, false) => [half[0], half[1]],
+            };
+            [(x + dx).clamp(0.0, width_m), (y + dy).clamp(0.0, height_m), 0.0]
+        }
+        // Brought back onto the body when its mesh is made, which takes off the component across it.
+        Body::Mesh { .. } => [x + half[0], y + half[1], z + half[2]],
+    }
+}
+
+/// How a skin's conductance and contacts change with time.
+///
+/// The coat, the fabric and the mean contact change together, which divides the transfer impedance by one factor; what a
+/// contact adds to that stands in series with its electrode.
+#[derive(Debug, Clone)]
+pub(super) struct Drift {
+    options: Option<DriftOptions>,
+    temperature: Option<TemperatureOptions>,
+    conductance: f64,
+    /// Amplitude of each contact times its resistance, ohm.
+    contact_ohm: Vec<f64>,
+}
+
+impl Drift {
+    /// The drift of a skin whose contacts have the given resistances, ohm.
+    pub fn draw(
+        options: Option<DriftOptions>,
+        temperature: Option<TemperatureOptions>,
+        contacts_ohm: &[f64],
+        seed: u64,
+    ) -> Self {
+        let mut rng = sample_rng(seed, DRIFT_STREAM);
+        let (coat_rms, contact_rms) = options.map_or((0.0, 0.0), |drift| (drift.conductance_rms, drift.contact_rms));
+        let conductance = coat_rms * standard_normal(&mut rng);
+        let contact_ohm = contacts_ohm.iter().map(|ohm| ohm * contact_rms * standard_normal(&mut rng)).collect();
+        Drift { options, temperature, conductance, contact_ohm }
+    }
+
+    /// The network as it has become at a time.
+    pub fn at(&self, network: Network, time_s: f64) -> Result<Network, ForwardError> {
+        if self.options.is_none() && self.temperature.is_none() {
+            return Ok(network);
+        }
+        let grown = self.options.map_or(0.0, |drift| -(-time_s / drift.time_constant_s).exp_m1());
+        let warmth = self.temperature.map_or(0.0, |t| t.coefficient_per_k * (t.change_k + t.rate_k_per_s * time_s));
+        // No conductance is less than nothing, however far a linear law is carried.
+        let factor = ((1.0 + self.conductance * grown) * (1.0 + warmth)).max(1e-3);
+        let series: Vec<f64> = self.contact_ohm.iter().map(|ohm| ohm * grown).collect();
+        network.scaled(factor).with_series(&series)
+    }
+}
+
+impl DriftOptions {
+    pub(super) fn check(&self) -> Result<(), TwinError> {
+        share("drift.conductance_rms", self.conductance_rms)?;
+        share("drift.contact_rms", self.contact_rms)?;
+        positive("drift.time_constant_s", self.time_constant_s)
+    }
+}
+
+impl TemperatureOptions {
+    pub(super) fn check(&self) -> Result<(), TwinError> {
+        for (field, value) in [
+            ("temperature.coefficient_per_k", self.coefficient_per_k),
+            ("temperature.change_k", self.change_k),
+            ("temperature.rate_k_per_s", self.rate_k_per_s),
+        ] {
+            if !value.is_finite() {
+                return Err(out_of_range(field, value, "finite".into(), "leave the table [temperature] out"));
+            }
+        }
+        if (self.coefficient_per_k * self.change_k).abs() >= 0.5 {
+            let must = format!("less than {} for a change of half the conductance", 0.5 / self.coefficient_per_k.abs());
+            let fix = "a linear coefficient holds for small changes alone";
+            return Err(out_of_range("temperature.change_k", self.change_k, must, fix));
+        }
+        Ok(())
+    }
+}
+
+/// A log-normal factor of mean 1 and the given standard deviation, from a standard normal deviate.
+fn log_normal(rms: f64, deviate: f64) -> f64 {
+    let variance = (rms * rms).ln_1p();
+    (variance.sqrt() * deviate - 0.5 * variance).exp()
+}
+
+/// A relative standard deviation.
+fn share(field: &'static str, value: f64) -> Result<(), TwinError> {
+    if (0.0..=1.0).contains(&value) {
+        return Ok(());
+    }
+    Err(out_of_range(field, value, "0 to 1".into(), "a share, not per cent: 10 % is 0.10"))
+}

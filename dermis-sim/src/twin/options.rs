@@ -1,0 +1,255 @@
+//! What a twin is, as its file states it.
+
+use super::electronics::{ElectronicsOptions, out_of_range, positive};
+use super::faults::FaultOptions;
+use super::imperfections::{CoatOptions, DriftOptions, ElectrodeOptions, TemperatureOptions};
+use super::{PatchOptions, TwinError, shipped};
+use dermis::design::{Body, DesignError, SkinDesign, TouchEffect};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+use std::sync::Arc;
+
+/// A twin: how it is touched, what is wrong with its skin, and the instrument that reads it. Units are SI, as the names
+/// say. Optional tables that are left out have no error.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(title = "Dermis twin")]
+pub struct TwinOptions {
+    /// Name for tables and summaries.
+    pub name: String,
+    /// Edges of the twin's mesh over those of the design's, which reconstructs.
+    pub mesh_scale: f64,
+    /// What a press does to the skin.
+    pub touch: TouchOptions,
+    /// The presses of an experiment.
+    pub press: PressOptions,
+    /// The coat as it was sprayed.
+    pub coat: CoatOptions,
+    /// The electrodes as they were placed.
+    pub electrodes: ElectrodeOptions,
+    /// What changes while frames are taken.
+    pub drift: Option<DriftOptions>,
+    /// How warm the skin is.
+    pub temperature: Option<TemperatureOptions>,
+    /// What is broken.
+    #[serde(default)]
+    pub faults: FaultOptions,
+    /// The instrument.
+    pub electronics: ElectronicsOptions,
+    /// The file that it was read from.
+    #[serde(skip)]
+    pub(super) source: Option<Arc<Source>>,
+}
+
+/// A file's name and text, for its errors.
+#[derive(Debug, PartialEq)]
+pub(super) struct Source {
+    name: String,
+    text: String,
+}
+
+/// What a press does to the skin.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum TouchOptions {
+    /// The paper's training touch: a Gaussian change of the coat's conductance.
+    Gaussian(GaussianOptions),
+    /// What the paper's skin does: fabric patches that foam presses onto the coat.
+    Patches(PatchOptions),
+}
+
+/// The paper's training touch.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct GaussianOptions {
+    /// Relative change of conductance in the middle of a press for each newton, 1/N.
+    pub amplitude_per_n: f64,
+    /// Standard deviation along the surface, m.
+    pub width_m: f64,
+}
+
+/// The presses of an experiment.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PressOptions {
+    /// Least force, N; forces are log-uniform and independent of the place.
+    pub least_force_n: f64,
+    /// Greatest force, N.
+    pub greatest_force_n: f64,
+    /// Radius of the spherical tip, m.
+    pub tip_radius_m: f64,
+    /// From one press to the next, s; at least one frame.
+    pub interval_s: f64,
+}
+
+impl TwinOptions {
+    /// Names of the twins that are shipped.
+    pub const SHIPPED: [&str; 3] = shipped::NAMES;
+
+    /// A twin by name (see [`SHIPPED`](Self::SHIPPED)) or by the path of its TOML file. A file of that name comes first.
+    ///
+    /// # Errors
+    /// No such file or name; whatever [`parse`](Self::parse) refuses.
+    pub fn load(name_or_path: &str) -> Result<Self, DesignError> {
+        if let (false, Some(twin)) = (Path::new(name_or_path).is_file(), Self::shipped(name_or_path)) {
+            return Ok(twin);
+        }
+        let text = std::fs::read_to_string(name_or_path).map_err(|error| {
+            let fix = match dermis::design::closest_name(name_or_path, shipped::NAMES.into_iter()) {
+                Some(name) => format!("did you mean `{name}`?"),
+                None => format!("give the path of a twin's file, or one of {}", shipped::NAMES.join(", ")),
+            };
+            DesignError::new(format!("cannot read the twin {name_or_path}: {error}"), Some(fix))
+        })?;
+        Self::parse(&text, name_or_path)
+    }
+
+    /// A shipped twin; `None` where there is none of that name.
+    pub fn shipped(name: &str) -> Option<Self> {
+        let text = shipped::text(name)?;
+        Some(Self::parse(text, name).expect("shipped twins are valid: a test reads each"))
+    }
+
+    /// The text of a shipped twin; `None` where there is none of that name.
+    pub fn shipped_text(name: &str) -> Option<&'static str> {
+        shipped::text(name)
+    }
+
+    /// A twin from the text of its TOML file; `name` is told in errors.
+    ///
+    /// # Errors
+    /// A text that is not TOML; unknown, missing or mistyped keys; values that no twin has. The error knows the line.
+    pub fn parse(text: &str, name: &str) -> Result<Self, DesignError> {
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+        let source = Source { name: name.to_string(), text: text.to_string() };
+        let mut twin: TwinOptions = toml::from_str(text).map_err(|error| {
+            let (message, fix) = dermis::design::explain_toml_error(error.message());
+            source.error(message, fix, error.span())
+        })?;
+        twin.check().map_err(|error| source.locate(error))?;
+        twin.source = Some(Arc::new(source));
+        Ok(twin)
+    }
+
+    /// Refuses values that no twin has, whatever the skin.
+    ///
+    /// # Errors
+    /// The field at fault, its value and the fix.
+    pub fn check(&self) -> Result<(), TwinError> {
+        if !(0.05..=4.0).contains(&self.mesh_scale) {
+            let fix = "0.6 makes edges that much shorter than the design's";
+            return Err(out_of_range("mesh_scale", self.mesh_scale, "0.05 to 4".into(), fix));
+        }
+        match &self.touch {
+            TouchOptions::Gaussian(gaussian) => gaussian.check()?,
+            TouchOptions::Patches(patches) => patches.check()?,
+        }
+        self.press.check()?;
+        self.coat.check()?;
+        self.electrodes.check()?;
+        self.drift.map_or(Ok(()), |drift| drift.check())?;
+        self.temperature.map_or(Ok(()), |temperature| temperature.check())?;
+        self.faults.check_ranges()?;
+        self.electronics.check_ranges()
+    }
+
+    /// This twin as it can be made of a design: fabric patches need a body with rows and columns and raise the coat's
+    /// conductance. On any other body, and on a skin whose conductance falls where it is touched (a membrane that is
+    /// stretched), a press is a Gaussian change of 8 mm instead: a rise of 0.5 a newton as in `ideal`, or a fall of 0.1 a
+    /// newton, of which 5 N leave half of the conductance. The name then says so.
+    #[must_use]
+    pub fn made_of(mut self, design: &SkinDesign) -> Self {
+        let charted = !matches!(design.body, Body::Mesh { .. });
+        let rises = design.sheet.touch == TouchEffect::ConductanceRises;
+        if matches!(self.touch, TouchOptions::Patches(_)) && !(charted && rises) {
+            let amplitude_per_n = if rises { 0.5 } else { 0.1 };
+            self.touch = TouchOptions::Gaussian(GaussianOptions { amplitude_per_n, width_m: 0.008 });
+            self.name += " without patches";
+        }
+        self
+    }
+
+    /// An error of this twin with its place in the file, where it was read from one.
+    pub(super) fn locate(&self, error: TwinError) -> crate::Error {
+        match &self.source {
+            Some(source) => source.locate(error).into(),
+            None => error.into(),
+        }
+    }
+
+    /// JSON schema of a twin's file.
+    pub fn json_schema() -> serde_json::Value {
+        schemars::schema_for!(TwinOptions).to_value()
+    }
+}
+
+impl GaussianOptions {
+    fn check(&self) -> Result<(), TwinError> {
+        positive("touch.gaussian.amplitude_per_n", self.amplitude_per_n)?;
+        positive("touch.gaussian.width_m", self.width_m)
+    }
+}
+
+impl PressOptions {
+    fn check(&self) -> Result<(), TwinError> {
+        positive("press.least_force_n", self.least_force_n)?;
+        positive("press.greatest_force_n", self.greatest_force_n)?;
+        positive("press.tip_radius_m", self.tip_radius_m)?;
+        positive("press.interval_s", self.interval_s)?;
+        if self.greatest_force_n < self.least_force_n {
+            let must = format!("at least least_force_n, {}", self.least_force_n);
+            return Err(out_of_range("press.greatest_force_n", self.greatest_force_n, must, "exchange the two"));
+        }
+        Ok(())
+    }
+
+    /// The force at a share of the range, from 0 to 1: log-uniform for a uniform share.
+    pub fn force_n(&self, share: f64) -> f64 {
+        self.least_force_n * (self.greatest_force_n / self.least_force_n).powf(share)
+    }
+}
+
+impl Source {
+    fn error(&self, message: String, fix: Option<String>, span: Option<std::ops::Range<usize>>) -> DesignError {
+        DesignError { message, fix, source_text: Some((self.name.clone(), self.text.clone())), span }
+    }
+
+    /// An error with the place of its field in the file.
+    fn locate(&self, error: TwinError) -> DesignError {
+        let span = error.field().and_then(|field| self.span_of(field));
+        match error {
+            TwinError::OutOfRange { field, value, must, fix } => {
+                self.error(format!("`{field}` is {value}: it must be {must}"), Some(fix), span)
+            }
+            error => self.error(error.to_string(), None, span),
+        }
+    }
+}
+
+/// Where fields may stand that name themselves without their tables.
+const TABLES: [&str; 4] = ["", "touch.patches.", "touch.patches.foam.", "touch.patches.contact."];
+
+impl Source {
+    /// The bytes of a field's value, or of the innermost table on the way to it that is there.
+    fn span_of(&self, field: &str) -> Option<std::ops::Range<usize>> {
+        let document = toml::de::DeTable::parse(&self.text).ok()?;
+        let found = TABLES.map(|table| deepest(document.get_ref(), &format!("{table}{field}")));
+        let whole = found.iter().find(|(_, is_whole)| *is_whole);
+        whole.or(found.first()).and_then(|(span, _)| span.clone())
+    }
+}
+
+/// The place of the innermost part of a path that is there, and whether it is the whole path.
+fn deepest(document: &toml::de::DeTable<'_>, path: &str) -> (Option<std::ops::Range<usize>>, bool) {
+    let (mut table, mut span) = (document, None);
+    for key in path.split('.') {
+        let Some((_, value)) = table.iter().find(|(name, _)| name.get_ref() == key) else { return (span, false) };
+        span = Some(value.span());
+        match value.get_ref() {
+            toml::de::DeValue::Table(inner) => table = inner,
+            _ => return (span, path.ends_with(key)),
+        }
+    }
+    (span, true)
+}

@@ -1,0 +1,405 @@
+//! A press and its footprint: the pressure on the sheet below the foam.
+
+use super::TwinError;
+use super::error::check_positive;
+use dermis::design::Body;
+use dermis::geom::Point3;
+use dermis::geom::vector::distance;
+use dermis::mesh::Mesh;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::f64::consts::{PI, TAU};
+
+/// Values of the profile's table; the pressure between them is interpolated with third order.
+const PROFILE_STEPS: usize = 48;
+/// The footprint reaches this many thicknesses of the foam beyond the tip's contact. In a half space the pressure of a
+/// point load still leaves 3 % of the force out there, but below a layer on a stiff ground it falls exponentially.
+const REACH_THICKNESSES: f64 = 3.0;
+/// Steps of the integral over circles that an edge of the body cuts; their length as a function of the radius has a
+/// root at each edge, so that the error falls with the power 3/2 of this.
+const RIM_STEPS: usize = 600;
+/// A press this far off the surface still counts as on it, m: places that were read from files are rounded.
+const OFF_SURFACE_M: f64 = 1e-3;
+
+/// A spherical tip pressed on the skin with a force.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Press {
+    /// Where the tip's axis meets the skin, m.
+    pub centre_m: Point3,
+    /// Force on the skin along its inward normal, N.
+    pub force_n: f64,
+    /// Radius of the tip, m.
+    pub tip_radius_m: f64,
+}
+
+impl Press {
+    /// On a body that only its mesh knows, a centre counts as on it within a distance of a node.
+    ///
+    /// # Errors
+    /// A force or radius that is not positive, a centre off the skin.
+    pub(super) fn check(&self, body: &Body, mesh: &Mesh, near_m: f64) -> Result<(), TwinError> {
+        if !matches!(body, Body::Mesh { .. }) {
+            return self.check_on(body);
+        }
+        self.check_size()?;
+        let off_m = mesh.nodes.iter().map(|&node| distance(node, self.centre_m)).fold(f64::INFINITY, f64::min);
+        if off_m <= near_m {
+            return Ok(());
+        }
+        let skin = format!("whose nearest node is {off_m:.4} m away");
+        Err(TwinError::OffTheSkin { centre_m: self.centre_m, skin })
+    }
+
+    /// # Errors
+    /// As [`check`](Self::check); a body without a chart.
+    fn check_on(&self, body: &Body) -> Result<(), TwinError> {
+        self.check_size()?;
+        check_on_body(self.centre_m, body)
+    }
+
+    fn check_size(&self) -> Result<(), TwinError> {
+        check_positive("force_n", self.force_n, "newtons, as the skin feels it")?;
+        check_positive("tip_radius_m", self.tip_radius_m, "a 10 mm ball is 0.005")
+    }
+}
+
+/// The layer of foam between tip and patches.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Foam {
+    /// Its thickness, m.
+    pub thickness_m: f64,
+    /// Its modulus of compression, Pa: pressure over strain.
+    pub modulus_pa: f64,
+}
+
+impl Foam {
+    /// How deep a tip sinks in: `delta = sqrt(F h / (pi R E))`, m.
+    pub fn depth_m(&self, press: &Press) -> f64 {
+        (press.force_n * self.thickness_m / (PI * press.tip_radius_m * self.modulus_pa)).sqrt()
+    }
+
+    /// Radius of the contact between tip and foam: `a = sqrt(2 R delta)`, m.
+    pub fn contact_radius_m(&self, press: &Press) -> f64 {
+        (2.0 * press.tip_radius_m * self.depth_m(press)).sqrt()
+    }
+}
+
+/// The pressure of one press on the sheet, as a function of the distance along it.
+///
+/// The tip meets the foam as an elastic foundation (Johnson, Contact Mechanics, 1985, section 4.3,
+/// DOI 10.1017/CBO9781139171731): with modulus `E` and thickness `h`,
+///
+/// `p(r) = (E/h) (delta - r^2 / (2R)) = 2F / (pi a^2) (1 - r^2 / a^2)`, `a^2 = 2 R delta`, `F = pi R E delta^2 / h`.
+///
+/// Through the foam each point load spreads as in an elastic half space (Boussinesq; Johnson, equation 3.19; used for
+/// tactile sensors by Fearing and Hollerbach, 1985, DOI 10.1177/027836498500400303),
+///
+/// `p(d) = 3 F h^3 / (2 pi (d^2 + h^2)^(5/2))`,
+///
+/// whatever its modulus and Poisson's ratio. Beyond `a + 3 h` the pressure is zero; what the half space would still
+/// carry out there, and what would fall beside the body, is borne by the rest in proportion, so that the integral over
+/// the skin is the force.
+#[derive(Debug, Clone)]
+pub struct Footprint {
+    reach_m: f64,
+    /// Pressures at equal steps from the centre to the reach, where it is zero, Pa.
+    profile_pa: Vec<f64>,
+}
+
+impl Footprint {
+    /// The footprint of a press on a body under foam.
+    ///
+    /// # Errors
+    /// A force or radius that is not positive, a centre off the skin, a tip that would sink through the foam.
+    pub fn new(press: &Press, foam: &Foam, body: &Body) -> Result<Self, TwinError> {
+        press.check_on(body)?;
+        let depth_m = foam.depth_m(press);
+        if depth_m >= foam.thickness_m {
+            return Err(TwinError::FoamCrushed {
+                force_n: press.force_n,
+                tip_radius_m: press.tip_radius_m,
+                depth_mm: depth_m * 1e3,
+                thickness_mm: foam.thickness_m * 1e3,
+            });
+        }
+        let radius_m = foam.contact_radius_m(press);
+        let reach_m = radius_m + REACH_THICKNESSES * foam.thickness_m;
+        let mut footprint = Footprint { reach_m, profile_pa: spread(press.force_n, radius_m, reach_m, foam) };
+        let scale = press.force_n / footprint.integral(press.centre_m, body);
+        footprint.profile_pa.iter_mut().for_each(|pressure| *pressure *= scale);
+        Ok(footprint)
+    }
+
+    /// Beyond this distance from the centre the pressure is zero, m.
+    pub fn reach_m(&self) -> f64 {
+        self.reach_m
+    }
+
+    /// The pressure at a distance from the centre along the surface, Pa.
+    pub fn pressure_pa(&self, distance_m: f64) -> f64 {
+        let place = distance_m / self.reach_m * PROFILE_STEPS as f64;
+        if place >= PROFILE_STEPS as f64 {
+            return 0.0;
+        }
+        let step = place as usize;
+        let t = place - step as f64;
+        // Lagrange's cubic through the four values round the place; the profile is even, and zero past its end.
+        let at = |k: isize| self.profile_pa.get(k.unsigned_abs()).copied().unwrap_or(0.0);
+        let (k, one) = (step as isize, t + 1.0);
+        let value = -t * (t - 1.0) * (t - 2.0) / 6.0 * at(k - 1) + one * (t - 1.0) * (t - 2.0) / 2.0 * at(k)
+            - one * t * (t - 2.0) / 2.0 * at(k + 1)
+            + one * t * (t - 1.0) / 6.0 * at(k + 2);
+        value.max(0.0)
+    }
+
+    /// The integral over the part of the surface that the body has, N.
+    fn integral(&self, centre_m: Point3, body: &Body) -> f64 {
+        let edges = Edge::of(body, centre_m);
+        let step = self.reach_m / RIM_STEPS as f64;
+        let ring = |k: usize| {
+            let radius = (k as f64 + 0.5) * step;
+            self.pressure_pa(radius) * TAU * radius * share_inside(&edges, radius) * step
+        };
+        (0..RIM_STEPS).map(ring).sum()
+    }
+}
+
+/// The pressure below the foam at equal steps, less its value at the reach, so that it ends without a jump.
+fn spread(force_n: f64, radius_m: f64, reach_m: f64, foam: &Foam) -> Vec<f64> {
+    let h = foam.thickness_m;
+    let panels = 2 + (2.0 * radius_m / h).ceil() as usize;
+    let angles = 8 * (1 + (radius_m / h).ceil() as usize);
+    let cosines: Vec<f64> = (0..angles).map(|k| (PI * (k as f64 + 0.5) / angles as f64).cos()).collect();
+    // Rings of the tip's pressure, as forces: Gauss's rule with three points on each panel.
+    let width = radius_m / panels as f64;
+    let gauss = [(0.5 - 0.15f64.sqrt(), 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.5 + 0.15f64.sqrt(), 5.0 / 18.0)];
+    let rings: Vec<(f64, f64)> = (0..panels)
+        .flat_map(|panel| gauss.map(|(at, weight)| ((panel as f64 + at) * width, weight * width)))
+        .map(|(s, weight)| (s, weight * 4.0 * force_n * s / radius_m.powi(2) * (1.0 - (s / radius_m).powi(2))))
+        .collect();
+    let pressure = |r: f64| {
+        let of_ring = |&(s, force): &(f64, f64)| {
+            let mean = cosines.iter().map(|cosine| kernel(r * r + s * s - 2.0 * r * s * cosine, h)).sum::<f64>();
+            force * mean / angles as f64
+        };
+        rings.iter().map(of_ring).sum::<f64>()
+    };
+    let end = pressure(reach_m);
+    (0..=PROFILE_STEPS).map(|k| (pressure(reach_m * k as f64 / PROFILE_STEPS as f64) - end).max(0.0)).collect()
+}
+
+/// Boussinesq's pressure of a unit load at depth `h`, at the square of a distance.
+fn kernel(distance_squared: f64, h: f64) -> f64 {
+    let q = distance_squared + h * h;
+    3.0 * h * h * h / (TAU * q * q * q.sqrt())
+}
+
+/// One edge of a body as seen from a point inside.
+enum Edge {
+    /// A straight edge at this distance in this direction.
+    Straight { distance_m: f64, angle_rad: f64 },
+    /// The rim of a disk, its centre this far behind in the direction opposite to the angle.
+    Round { radius_m: f64, off_centre_m: f64, angle_rad: f64 },
+}
+
+impl Edge {
+    fn of(body: &Body, [x, y, z]: Point3) -> Vec<Edge> {
+        let straight = |distance_m: f64, angle_rad: f64| Edge::Straight { distance_m, angle_rad };
+        match *body {
+            Body::Cylinder { length_m, .. } => vec![straight(z, -PI / 2.0), straight(length_m - z, PI / 2.0)],
+            Body::Rectangle { width_m, height_m } => vec![
+                straight(x, PI),
+                straight(width_m - x, 0.0),
+                straight(y, -PI / 2.0),
+                straight(height_m - y, PI / 2.0),
+            ],
+            Body::Disk { diameter_m } => {
+                vec![Edge::Round { radius_m: diameter_m / 2.0, off_centre_m: x.hypot(y), angle_rad: y.atan2(x) }]
+            }
+            Body::Mesh { .. } => Vec::new(),
+        }
+    }
+
+    /// The arc of a circle round the point that lies beyond the edge: its middle and half its angle.
+    fn arc_beyond(&self, circle_m: f64) -> (f64, f64) {
+        match *self {
+            Edge::Straight { distance_m, angle_rad } => (angle_rad, (distance_m / circle_m).clamp(-1.0, 1.0).acos()),
+            Edge::Round { radius_m, off_centre_m, angle_rad } => {
+                let excess = radius_m * radius_m - off_centre_m * off_centre_m - circle_m * circle_m;
+                let across = 2.0 * off_centre_m * circle_m;
+                // At the disk's own centre the circle lies inside or outside as a whole.
+                let cosine = if across > 0.0 { excess / across } else { excess.signum() };
+                (angle_rad, cosine.clamp(-1.0, 1.0).acos())
+            }
+        }
+    }
+}
+
+/// The share of a circle that lies inside all edges.
+fn share_inside(edges: &[Edge], circle_m: f64) -> f64 {
+    let mut arcs: Vec<[f64; 2]> = Vec::new();
+    for (middle, half) in edges.iter().map(|edge| edge.arc_beyond(circle_m)).filter(|(_, half)| *half > 0.0) {
+        // Cut where the angle jumps, so that arcs are intervals of [0, 2 pi].
+        let start = (middle - half).rem_euclid(TAU);
+        let end = start + 2.0 * half;
+        arcs.push([start, end.min(TAU)]);
+        if end > TAU {
+            arcs.push([0.0, end - TAU]);
+        }
+    }
+    arcs.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let (mut covered, mut reached) = (0.0, 0.0f64);
+    for [start, end] in arcs {
+        covered += (end - start.max(reached)).max(0.0);
+        reached = reached.max(end);
+    }
+    1.0 - covered / TAU
+}
+
+fn check_on_body(centre_m: Point3, body: &Body) -> Result<(), TwinError> {
+    let [x, y, z] = centre_m;
+    let within = |value: f64, size: f64| (-OFF_SURFACE_M..=size + OFF_SURFACE_M).contains(&value);
+    let (on_skin, skin) = match *body {
+        Body::Cylinder { length_m, diameter_m } => (
+            (x.hypot(y) - diameter_m / 2.0).abs() <= OFF_SURFACE_M && within(z, length_m),
+            format!("a cylinder of radius {} m and z from 0 to {length_m} m", diameter_m / 2.0),
+        ),
+        Body::Rectangle { width_m, height_m } => (
+            within(x, width_m) && within(y, height_m) && z.abs() <= OFF_SURFACE_M,
+            format!("a rectangle from (0, 0) to ({width_m}, {height_m}) m"),
+        ),
+        Body::Disk { diameter_m } => (
+            distance(centre_m, [0.0; 3]) <= diameter_m / 2.0 + OFF_SURFACE_M && z.abs() <= OFF_SURFACE_M,
+            format!("a disk of radius {} m", diameter_m / 2.0),
+        ),
+        Body::Mesh { .. } => return Err(TwinError::NoChart),
+    };
+    if on_skin { Ok(()) } else { Err(TwinError::OffTheSkin { centre_m, skin }) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FOAM: Foam = Foam { thickness_m: 0.003, modulus_pa: 2e5 };
+    const SHEET: Body = Body::Rectangle { width_m: 0.2, height_m: 0.1 };
+
+    fn press(x: f64, y: f64) -> Press {
+        Press { centre_m: [x, y, 0.0], force_n: 2.0, tip_radius_m: 0.005 }
+    }
+
+    /// The integral of the footprint over the part of a body by the midpoint rule on a grid of 0.1 mm, N.
+    fn force_on(body: &Body, press: &Press) -> f64 {
+        let footprint = Footprint::new(press, &FOAM, body).unwrap();
+        let step = 1e-4;
+        let steps = (footprint.reach_m() / step).ceil() as i64;
+        let inside = |x: f64, y: f64| match *body {
+            Body::Disk { diameter_m } => x.hypot(y) < diameter_m / 2.0,
+            Body::Rectangle { width_m, height_m } => (0.0..width_m).contains(&x) && (0.0..height_m).contains(&y),
+            Body::Cylinder { length_m, .. } => (0.0..length_m).contains(&y),
+            Body::Mesh { .. } => false,
+        };
+        // On the cylinder x goes round it, and y along.
+        let [x0, y0] = match body {
+            Body::Cylinder { .. } => [0.0, press.centre_m[2]],
+            _ => [press.centre_m[0], press.centre_m[1]],
+        };
+        let mut force = 0.0;
+        for i in -steps..steps {
+            for j in -steps..steps {
+                let (dx, dy) = ((i as f64 + 0.5) * step, (j as f64 + 0.5) * step);
+                if inside(x0 + dx, y0 + dy) {
+                    force += footprint.pressure_pa(dx.hypot(dy)) * step * step;
+                }
+            }
+        }
+        force
+    }
+
+    /// Conservation: the sheet bears the force, wherever the tip stands and whatever falls beside the body.
+    #[test]
+    fn the_pressure_integrates_to_the_force() {
+        let cylinder = Body::Cylinder { length_m: 0.3, diameter_m: 0.1 };
+        let on_wall = |z: f64| Press { centre_m: [0.0, -0.05, z], force_n: 2.0, tip_radius_m: 0.005 };
+        let cases = [
+            ("the middle", SHEET, press(0.1, 0.05), 1e-4),
+            ("an edge", SHEET, press(0.1, 0.003), 1e-3),
+            ("a corner", SHEET, press(0.001, 0.1), 1e-3),
+            ("a disk's rim", Body::Disk { diameter_m: 0.08 }, press(-0.03, 0.024), 1e-3),
+            ("a cylinder's rim", cylinder.clone(), on_wall(0.298), 1e-3),
+            ("a cylinder's wall", cylinder, on_wall(0.15), 1e-4),
+        ];
+        for (place, body, press, tolerance) in cases {
+            let error = force_on(&body, &press) / press.force_n - 1.0;
+            println!("force on the sheet at {place}: relative error {error:.1e}");
+            assert!(error.abs() < tolerance, "{place}: {error}");
+        }
+    }
+
+    /// The table and its interpolation against the same integral by a fine midpoint rule.
+    #[test]
+    fn the_profile_is_the_convolution_of_tip_and_foam() {
+        let press = press(0.1, 0.05);
+        let (a, h) = (FOAM.contact_radius_m(&press), FOAM.thickness_m);
+        let footprint = Footprint::new(&press, &FOAM, &SHEET).unwrap();
+        let exact = |r: f64| {
+            let (n, m) = (400, 200);
+            let mut sum = 0.0;
+            for i in 0..n {
+                let s = (i as f64 + 0.5) * a / n as f64;
+                let force = 4.0 * press.force_n * s / (a * a) * (1.0 - s * s / (a * a)) * a / n as f64;
+                for j in 0..m {
+                    let angle = PI * (j as f64 + 0.5) / m as f64;
+                    sum += force / m as f64 * kernel(r * r + s * s - 2.0 * r * s * angle.cos(), h);
+                }
+            }
+            sum
+        };
+        let end = exact(footprint.reach_m());
+        let scale = footprint.pressure_pa(0.0) / (exact(0.0) - end);
+        println!(
+            "contact radius {:.2} mm, reach {:.1} mm, peak {:.1} kPa; cutting the tail raises the rest by {:.1} %",
+            a * 1e3,
+            footprint.reach_m() * 1e3,
+            footprint.pressure_pa(0.0) / 1e3,
+            (scale - 1.0) * 100.0
+        );
+        assert!((1.0..1.1).contains(&scale));
+        for r in [0.00031, 0.0017, 0.0033, 0.00512, 0.0091] {
+            let error = (footprint.pressure_pa(r) - scale * (exact(r) - end)) / footprint.pressure_pa(0.0);
+            assert!(error.abs() < 1e-5, "at {r} m: {error}");
+        }
+    }
+
+    /// The foundation's laws: `F = pi R E delta^2 / h`, so that depth goes like the root of the force.
+    #[test]
+    fn depth_and_contact_follow_the_foundation() {
+        let press = press(0.1, 0.05);
+        let depth = FOAM.depth_m(&press);
+        let force = PI * press.tip_radius_m * FOAM.modulus_pa * depth * depth / FOAM.thickness_m;
+        assert!((force / press.force_n - 1.0).abs() < 1e-12);
+        let four_times = Press { force_n: 8.0, ..press };
+        assert!((FOAM.depth_m(&four_times) / depth - 2.0).abs() < 1e-12);
+        assert!((FOAM.contact_radius_m(&four_times) / FOAM.contact_radius_m(&press) - 2f64.sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn presses_that_no_skin_can_feel_are_refused() {
+        let refusal = |press: Press, body: &Body| Footprint::new(&press, &FOAM, body).unwrap_err();
+        let good = press(0.1, 0.05);
+        let no_force = refusal(Press { force_n: 0.0, ..good }, &SHEET);
+        assert!(matches!(no_force, TwinError::OutOfRange { field: "force_n", .. }), "{no_force}");
+        let no_tip = refusal(Press { tip_radius_m: f64::NAN, ..good }, &SHEET);
+        assert!(matches!(no_tip, TwinError::OutOfRange { field: "tip_radius_m", .. }), "{no_tip}");
+        let off = refusal(press(0.1, 0.12), &SHEET);
+        assert!(off.to_string().contains("0.12"), "{off}");
+        let nowhere = refusal(Press { centre_m: [0.1, f64::NAN, 0.0], ..good }, &SHEET);
+        assert!(matches!(nowhere, TwinError::OffTheSkin { .. }), "{nowhere}");
+        let crushed = refusal(Press { force_n: 20.0, ..good }, &SHEET);
+        assert!(crushed.to_string().contains("4.37 mm") && crushed.to_string().contains("3 mm"), "{crushed}");
+        let mesh = Body::Mesh { path: "arm.stl".into(), unit_m: 1.0 };
+        assert_eq!(refusal(good, &mesh), TwinError::NoChart);
+    }
+}

@@ -1,0 +1,305 @@
+//! One twin: a skin drawn from a seed, touched and read.
+
+use super::electronics::{Electronics, ElectronicsReport, Readings, not_negative};
+use super::imperfections::Drift;
+use super::{GaussianOptions, PatchedSkin, Press, TouchOptions, TwinError, TwinOptions};
+use crate::noise::Noise;
+use crate::touch::{GaussianTouch, touched_conductivity};
+use dermis::design::{Body, SkinDesign, TouchEffect};
+use dermis::forward::{ForwardModel, Network, Solver, rest_conductivity};
+use dermis::frame::Frame;
+use dermis::mesh::Mesh;
+use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
+
+/// A skin as it came out, with the instrument that reads it: drawn from a seed once, and the same for ever after.
+///
+/// Frames may be taken from several threads at once.
+#[derive(Debug)]
+pub struct Twin {
+    options: TwinOptions,
+    seed: u64,
+    design: SkinDesign,
+    skin: Skin,
+    /// What stands in series with each electrode beyond the skin's own, ohm; empty where nothing does.
+    series_ohm: Vec<f64>,
+    drift: Drift,
+    untouched: Network,
+    electronics: Electronics,
+}
+
+/// A coat on its mesh, and what a press does to it.
+#[derive(Debug)]
+struct Skin {
+    forward: ForwardModel,
+    touch: Touch,
+    /// The last presses and their network: a touch that is held is solved once.
+    last: Mutex<Option<(Vec<Press>, Network)>>,
+}
+
+#[derive(Debug)]
+enum Touch {
+    Gaussian {
+        options: GaussianOptions,
+        body: Body,
+        effect: TouchEffect,
+        /// Memory of frames that are done, for those to come.
+        solvers: Mutex<Vec<Solver>>,
+    },
+    Patches(Box<PatchedSkin>),
+}
+
+impl Twin {
+    /// Draws a twin of a design: its electrodes' places, its mesh, its coat, its contacts and its instrument.
+    ///
+    /// # Errors
+    /// Options that no twin has, or that do not fit the design: electrodes that it lacks, patches larger than its body. Where
+    /// the options were read from a file the error knows the line. A design without a solution.
+    pub fn new(design: &SkinDesign, options: &TwinOptions, seed: u64) -> crate::Result<Self> {
+        Self::draw(design, options, seed).map_err(|error| match error {
+            crate::Error::Twin(error) => options.locate(error),
+            error => error,
+        })
+    }
+
+    fn draw(design: &SkinDesign, options: &TwinOptions, seed: u64) -> crate::Result<Self> {
+        options.check()?;
+        options.electronics.check(&design.protocol)?;
+        options.faults.check(design)?;
+        let mut drawn = options.electrodes.draw(design, seed)?;
+        drawn.mesh = drawn.mesh.scaled(options.mesh_scale);
+        let mesh = Mesh::generate(&drawn)?;
+        let surface = drawn.body.surface();
+        let mut coat = rest_conductivity(&drawn, &mesh);
+        let unevenness = options.coat.draw(surface, &mesh, seed)?;
+        coat.iter_mut().zip(unevenness).for_each(|(value, factor)| *value *= factor);
+
+        // The noise is stated of a skin that works; only the frames are those of a broken one.
+        let sound = Skin::new(&drawn, &mesh, &coat, options)?;
+        let sound_network = sound.network(&[])?;
+        let electronics = Electronics::new(&options.electronics, &drawn.protocol, &sound_network, seed)?;
+        let contacts_ohm: Vec<f64> = (0..drawn.electrodes.len())
+            .map(|electrode| match mesh.electrode_size(electrode) {
+                0.0 => 0.0,
+                size => drawn.electrodes[electrode].contact_impedance / size,
+            })
+            .collect();
+        let drift = Drift::draw(options.drift, options.temperature, &contacts_ohm, seed);
+        let mut twin = Twin {
+            options: options.clone(),
+            seed,
+            series_ohm: Vec::new(),
+            drift,
+            untouched: sound_network,
+            electronics,
+            skin: sound,
+            design: drawn,
+        };
+        if !options.faults.none() {
+            twin.break_down(&mesh, coat)?;
+        }
+        Ok(twin)
+    }
+
+    /// Puts the faults in.
+    fn break_down(&mut self, mesh: &Mesh, mut coat: Vec<f64>) -> crate::Result<()> {
+        let faults = &self.options.faults;
+        faults.cut(self.design.body.surface(), mesh, &mut coat);
+        for (index, electrode) in self.design.electrodes.iter_mut().enumerate() {
+            electrode.contact_impedance *= faults.contact_factor(index);
+        }
+        if !faults.torn_wires.is_empty() {
+            self.series_ohm = (0..self.design.electrodes.len()).map(|index| faults.series_ohm(index)).collect();
+        }
+        self.skin = Skin::new(&self.design, mesh, &coat, &self.options)?;
+        self.untouched = self.network(&[])?;
+        Ok(())
+    }
+
+    /// What it was drawn from.
+    pub fn options(&self) -> &TwinOptions {
+        &self.options
+    }
+
+    /// The seed that it was drawn from.
+    pub fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    /// The design as it came out: electrodes where they lie, contacts as they are, and the twin's own mesh options.
+    pub fn design(&self) -> &SkinDesign {
+        &self.design
+    }
+
+    /// The mesh that its frames are solved on.
+    pub fn mesh(&self) -> &Mesh {
+        self.skin.forward.mesh()
+    }
+
+    /// Conductance of the untouched coat, a value per cell of its mesh.
+    pub fn coat(&self) -> &[f64] {
+        self.skin.forward.rest_conductivity()
+    }
+
+    /// The instrument.
+    pub fn electronics(&self) -> &Electronics {
+        &self.electronics
+    }
+
+    /// The white noise of the instrument, if it has any.
+    pub fn noise(&self) -> Option<Noise> {
+        self.electronics.noise()
+    }
+
+    /// The network between the electrodes of the untouched skin, before any drift.
+    pub fn untouched(&self) -> &Network {
+        &self.untouched
+    }
+
+    /// The network under some presses, before any drift.
+    ///
+    /// # Errors
+    /// Presses that the twin cannot answer: off the skin, without a force, too strong for a touch that lowers conductance.
+    pub fn network(&self, presses: &[Press]) -> crate::Result<Network> {
+        let network = self.skin.network(presses)?;
+        Ok(if self.series_ohm.is_empty() { network } else { network.with_series(&self.series_ohm)? })
+    }
+
+    /// The frame that an instrument without any error would deliver, before any drift; ohm.
+    ///
+    /// # Errors
+    /// As [`network`](Self::network).
+    pub fn clean(&self, presses: &[Press]) -> crate::Result<Frame> {
+        Ok(self.network_or_untouched(presses)?.frame(&self.design.protocol))
+    }
+
+    /// Frame `index` as the instrument delivers it, taken at `index / frame_rate`; ohm. Its noise depends on the seed and
+    /// the index alone.
+    ///
+    /// # Errors
+    /// As [`network`](Self::network).
+    pub fn frame(&self, presses: &[Press], index: u64) -> crate::Result<Frame> {
+        Ok(self.electronics.values(&self.readings(presses, index)?))
+    }
+
+    /// The readings of frame `index`, before they become ohm.
+    ///
+    /// # Errors
+    /// As [`network`](Self::network).
+    pub fn readings(&self, presses: &[Press], index: u64) -> crate::Result<Readings> {
+        let network = self.drift.at(self.network_or_untouched(presses)?, self.electronics.time_s(index))?;
+        Ok(self.electronics.readings(&network, index))
+    }
+
+    /// Puts a resistance in series with an electrode from now on, ohm: a contact that comes loose while frames are taken, or
+    /// a wire that tears. 0 mends it.
+    ///
+    /// # Errors
+    /// An electrode that the skin lacks, a resistance that is negative or infinite.
+    pub fn loosen(&mut self, electrode: usize, series_ohm: f64) -> crate::Result<()> {
+        let electrode_count = self.design.electrodes.len();
+        if electrode >= electrode_count {
+            return Err(TwinError::NoSuchElectrode { field: "electrode", electrode, electrode_count }.into());
+        }
+        not_negative("series_ohm", series_ohm)?;
+        self.series_ohm.resize(electrode_count, 0.0);
+        self.series_ohm[electrode] = series_ohm + self.options.faults.series_ohm(electrode);
+        self.untouched = self.network(&[])?;
+        Ok(())
+    }
+
+    /// The true strength of some presses together: the relative change of conductance integrated over the surface, m2. Of
+    /// patches see [`PatchedSkin::strength_m2`].
+    ///
+    /// # Errors
+    /// As [`network`](Self::network).
+    pub fn strength_m2(&self, presses: &[Press]) -> crate::Result<f64> {
+        match &self.skin.touch {
+            Touch::Patches(patched) => Ok(patched.strength_m2(presses)?),
+            Touch::Gaussian { options, body, effect, .. } => {
+                let (mesh, rest) = (self.mesh(), self.coat());
+                let touches = options.touches(presses, body, mesh)?;
+                let touched = touched_conductivity(mesh, &body.surface(), *effect, rest, &touches)?;
+                let change = |(cell, (touched, rest)): (usize, (&f64, &f64))| {
+                    mesh.cell_measure(cell) * (touched / rest - 1.0).abs()
+                };
+                Ok(touched.iter().zip(rest).enumerate().map(change).sum())
+            }
+        }
+    }
+
+    fn network_or_untouched(&self, presses: &[Press]) -> crate::Result<Network> {
+        if presses.is_empty() { Ok(self.untouched.clone()) } else { self.network(presses) }
+    }
+
+    /// What each part of the instrument adds to frames of the untouched skin.
+    ///
+    /// # Errors
+    /// A drift that leaves no network.
+    ///
+    /// # Panics
+    /// Without a frame.
+    pub fn report(&self, indices: Range<u64>) -> crate::Result<ElectronicsReport> {
+        let network = self.drift.at(self.untouched.clone(), self.electronics.time_s(indices.start))?;
+        Ok(self.electronics.report(&network, indices))
+    }
+}
+
+impl Skin {
+    fn new(design: &SkinDesign, mesh: &Mesh, coat: &[f64], options: &TwinOptions) -> crate::Result<Self> {
+        let forward = ForwardModel::with_coat(design, mesh, coat)?;
+        let touch = match &options.touch {
+            TouchOptions::Gaussian(gaussian) => Touch::Gaussian {
+                options: *gaussian,
+                body: design.body.clone(),
+                effect: design.sheet.touch,
+                solvers: Mutex::new(Vec::new()),
+            },
+            TouchOptions::Patches(patches) => {
+                Touch::Patches(Box::new(PatchedSkin::new(patches, &design.body, &forward, coat)?))
+            }
+        };
+        Ok(Skin { forward, touch, last: Mutex::new(None) })
+    }
+
+    fn network(&self, presses: &[Press]) -> crate::Result<Network> {
+        // What is kept is always whole, whatever another thread ran into.
+        let last = || self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        let kept = last().as_ref().filter(|(of, _)| of == presses).map(|(_, network)| network.clone());
+        if let Some(network) = kept {
+            return Ok(network);
+        }
+        let network = self.solve(presses)?;
+        *last() = Some((presses.to_vec(), network.clone()));
+        Ok(network)
+    }
+
+    fn solve(&self, presses: &[Press]) -> crate::Result<Network> {
+        match &self.touch {
+            Touch::Patches(patched) => patched.network(presses),
+            Touch::Gaussian { options, body, effect, solvers } => {
+                let touches = options.touches(presses, body, self.forward.mesh())?;
+                let rest = self.forward.rest_conductivity();
+                let conductivity = touched_conductivity(self.forward.mesh(), &body.surface(), *effect, rest, &touches)?;
+                // A solver holds nothing but memory: whatever another thread left in it does no harm.
+                let pool = || solvers.lock().unwrap_or_else(PoisonError::into_inner);
+                let free = pool().pop();
+                let mut solver = free.unwrap_or_else(|| self.forward.solver());
+                let network = solver.network(&conductivity)?;
+                pool().push(solver);
+                Ok(network)
+            }
+        }
+    }
+}
+
+impl GaussianOptions {
+    fn touches(&self, presses: &[Press], body: &Body, mesh: &Mesh) -> Result<Vec<GaussianTouch>, TwinError> {
+        let touch = |press: &Press| {
+            press.check(body, mesh, self.width_m)?;
+            let amplitude = self.amplitude_per_n * press.force_n;
+            Ok(GaussianTouch { centre_m: press.centre_m, amplitude, width_m: self.width_m })
+        };
+        presses.iter().map(touch).collect()
+    }
+}
