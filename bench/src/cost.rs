@@ -2,7 +2,7 @@
 
 use crate::problem::Problem;
 use crate::serve::time_forward;
-use dermis::linalg::{LANES, Level};
+use dermis::linalg::{LANES, SimdLevel};
 use std::error::Error;
 use std::time::{Duration, Instant};
 
@@ -20,7 +20,7 @@ pub fn print() -> Result<(), Box<dyn Error>> {
         let problem = Problem::cylinder(edges, growth)?;
         let (mesh, symbolic) = (problem.model.mesh(), problem.model.symbolic());
         let single = median(time_forward(&problem, 21)?);
-        for level in Level::available() {
+        for level in SimdLevel::available() {
             let batched = median(time_at(&problem, level)?);
             println!(
                 "{},{},{},{},{},{:.4},{:.4}",
@@ -38,7 +38,7 @@ pub fn print() -> Result<(), Box<dyn Error>> {
 }
 
 /// Seconds per sample of batches at an instruction set.
-fn time_at(problem: &Problem, level: Level) -> Result<Vec<f64>, Box<dyn Error>> {
+fn time_at(problem: &Problem, level: SimdLevel) -> Result<Vec<f64>, Box<dyn Error>> {
     let mut solver = problem.model.batch_solver_at(level);
     let batch = problem.batch();
     let mut frames = vec![[0.0; LANES]; problem.model.protocol().channel_count()];

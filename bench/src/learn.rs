@@ -8,7 +8,8 @@ use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
 use dermis::reconstruct::Reconstruct;
 use dermis_learn::{
-    Disturb, Files, Method, Model, Noise, Part, Precision, Samples, SkinRecord, TrainOptions, Trainer, TrainingRecord,
+    Augmentation, Files, TrainingPreset, Model, Noise, Part, Precision, Samples, SkinRecord, TrainOptions, Trainer,
+    TrainingRecord,
 };
 use dermis_sim::dataset::Dataset;
 use std::error::Error;
@@ -45,15 +46,15 @@ impl Skin {
         vec![NOISE_OHM; self.forward.protocol().channel_count()]
     }
 
-    fn paper(&self) -> Method {
-        Method::paper(self.forward.protocol(), &self.pixels, self.noise())
+    fn paper(&self) -> TrainingPreset {
+        TrainingPreset::paper(self.forward.protocol(), &self.pixels, self.noise())
     }
 
-    fn best(&self) -> Method {
-        Method::best(&self.design, self.forward.protocol(), &self.pixels, self.noise())
+    fn best(&self) -> TrainingPreset {
+        TrainingPreset::best(&self.design, self.forward.protocol(), &self.pixels, self.noise())
     }
 
-    fn samples<'a>(&self, method: &Method, datasets: &'a [Dataset], part: Part) -> Result<Samples<'a>, Box<dyn Error>> {
+    fn samples<'a>(&self, method: &TrainingPreset, datasets: &'a [Dataset], part: Part) -> Result<Samples<'a>, Box<dyn Error>> {
         let (noise, symmetries) = (method.noise.clone(), method.symmetries.clone());
         Ok(Samples::new(
             Files::new(datasets, part, &self.forward)?,
@@ -66,7 +67,7 @@ impl Skin {
     }
 
     /// The network as it is, its outputs times a factor.
-    fn model(&self, trainer: &Trainer<'_>, method: &Method, factor: f32) -> Model {
+    fn model(&self, trainer: &Trainer<'_>, method: &TrainingPreset, factor: f32) -> Model {
         let training = TrainingRecord {
             options: method.options.clone(),
             samples: 0,
@@ -120,7 +121,7 @@ fn write_start(skin: &Skin, few: &Path, folder: &Path) -> Result<(), Box<dyn Err
     let scale = trainer.target_scale();
     let (mut given, mut wanted) = (vec![0.0; batch * inputs], vec![0.0; batch * outputs]);
     for (index, (given, wanted)) in given.chunks_exact_mut(inputs).zip(wanted.chunks_exact_mut(outputs)).enumerate() {
-        training.fill(index, Disturb::Nothing, trainer.input(), given, wanted)?;
+        training.fill(index, Augmentation::Nothing, trainer.input(), given, wanted)?;
         wanted.iter_mut().for_each(|value| *value *= scale);
     }
     save(folder, "batch_inputs", &[batch, inputs], &given)?;
@@ -180,7 +181,7 @@ pub fn inference(data: &Path, folder: &Path) -> Result<(), Box<dyn Error>> {
     })
 }
 
-fn trained(skin: &Skin, method: &Method, datasets: &[Dataset]) -> Result<Model, Box<dyn Error>> {
+fn trained(skin: &Skin, method: &TrainingPreset, datasets: &[Dataset]) -> Result<Model, Box<dyn Error>> {
     let (training, test) =
         (skin.samples(method, datasets, Part::Training)?, skin.samples(method, datasets, Part::Test)?);
     let mut trainer = Trainer::new(&method.plan, method.input.clone(), &method.options, &training, &test)?;

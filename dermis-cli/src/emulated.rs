@@ -58,7 +58,7 @@ impl EmulatorArguments {
     }
 
     /// It in words.
-    pub fn told(&self) -> String {
+    pub fn summary(&self) -> String {
         format!("emulator: {}, seed {}", self.twin, self.seed)
     }
 

@@ -5,7 +5,7 @@ use crate::failure::Outcome;
 use crate::picture::chart::Histogram;
 use crate::report::Table;
 use dermis::frame::write_whole;
-use dermis_live::{Counts, LiveFrame, Shared, quantiles};
+use dermis_live::{Counts, LiveFrame, LiveHandle, quantiles};
 use serde_json::json;
 use std::path::Path;
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use std::time::Instant;
 
 /// What was counted of a live skin.
 pub struct Latencies {
-    shared: Arc<Shared>,
+    shared: Arc<LiveHandle>,
     begun: Instant,
     /// From the last byte of a frame to its contacts, ms.
     all_ms: Vec<f32>,
@@ -31,7 +31,7 @@ const MOST: usize = 7_200_000;
 
 impl Latencies {
     /// Nothing yet.
-    pub fn new(shared: Arc<Shared>) -> Self {
+    pub fn new(shared: Arc<LiveHandle>) -> Self {
         Latencies {
             shared,
             begun: Instant::now(),

@@ -1,16 +1,16 @@
 //! `dermis`: skins, meshes, frames, images and contacts from the command line.
 
 mod command;
+mod comparison;
 mod console;
 mod emulated;
-mod exhibit;
 mod failure;
-mod figures;
 mod frames;
 mod latency;
-mod line_up;
 mod method;
+mod metrics;
 mod picture;
+mod plots;
 mod report;
 mod skin;
 

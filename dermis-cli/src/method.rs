@@ -152,7 +152,7 @@ impl MethodArguments {
             return Ok(PressEstimates::new(&skin.forward, &pixels, differences, &options)?);
         };
         let model = Model::named(name, &skin.forward, Arc::clone(&pixels))?;
-        let screens = vec![Screen::Disagreeing, Screen::Deaf];
+        let screens = vec![Screen::Disagreeing, Screen::PolarityBlind];
         let options = AlignOptions { detector: Detector::new(model.detection()), screens, ..options };
         PressEstimates::by(
             &skin.forward,

@@ -197,7 +197,7 @@ fn an_evaluation_is_a_table_or_json() {
     assert!(at.good(input).contains("mm"));
     let json: serde_json::Value = serde_json::from_str(&at.good(&format!("{input} --json"))).unwrap();
     assert_eq!(json["presses"], 2);
-    for key in ["misses", "ghosts", "localisation_m", "eq11_m", "sensitivity_spread", "method", "alpha"] {
+    for key in ["misses", "false_positives", "localisation_m", "eq11_m", "sensitivity_spread", "method", "alpha"] {
         assert!(json.get(key).is_some(), "{key}");
     }
     for key in ["mean", "sd", "median", "p95"] {

@@ -1,7 +1,7 @@
 //! What a model says of itself.
 
 use crate::input::Input;
-use crate::network::Plan;
+use crate::network::Architecture;
 use crate::samples::{Noise, Target};
 use crate::train::{Epoch, TrainOptions};
 use dermis::detect::DetectOptions;
@@ -21,7 +21,7 @@ pub struct Card {
     /// The skin it was trained for.
     pub skin: SkinRecord,
     /// The shape of the network.
-    pub plan: Plan,
+    pub plan: Architecture,
     /// How a difference becomes its inputs.
     pub input: Input,
     /// What it makes.

@@ -16,7 +16,7 @@ const KEY: &str = "dermis";
 struct Label {
     format: String,
     options: TrainOptions,
-    plan: crate::network::Plan,
+    plan: crate::network::Architecture,
     input: crate::input::Input,
     steps: u64,
     epochs: Vec<Epoch>,

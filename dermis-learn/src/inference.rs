@@ -1,8 +1,8 @@
 //! A network made ready for use: normalisation folded into the layers beside it, memory laid out once.
 
 use crate::input::Input;
+use crate::kernel::conv2d::Last;
 use crate::kernel::matrix::{RowProduct, add_product};
-use crate::kernel::picture::Last;
 use crate::kernel::run;
 use crate::network::{BatchNorm, Dense, Kind, Network, Refinement};
 use crate::samples::Target;
@@ -201,7 +201,7 @@ impl Dense {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::network::Plan;
+    use crate::network::Architecture;
     use crate::train_pass::Pass;
 
     fn filled(count: usize, step: f32) -> Vec<f32> {
@@ -210,8 +210,11 @@ mod tests {
 
     #[test]
     fn images_are_the_training_network_s_outputs_one_by_one_and_together() {
-        let plans =
-            [Plan::paper(24, 30), Plan::paper_otherwise(24, 30), Plan::refined(24, [5, 6], true, &[4, 16, 16, 1])];
+        let plans = [
+            Architecture::paper(24, 30),
+            Architecture::paper_otherwise(24, 30),
+            Architecture::refined(24, [5, 6], true, &[4, 16, 16, 1]),
+        ];
         for plan in plans {
             let mut network = Network::new(&plan, 5);
             for (at, values) in network.values_mut().into_iter().enumerate() {

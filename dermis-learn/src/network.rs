@@ -1,6 +1,6 @@
 //! What a network is made of, and its values.
 
-use crate::kernel::picture::{Shape, TAPS};
+use crate::kernel::conv2d::{Shape, TAPS};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -13,17 +13,17 @@ pub const CHANNELS_TOGETHER: usize = 16;
 /// refine the picture that the trunk made.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Plan {
+pub struct Architecture {
     /// The layers, in their order.
-    pub trunk: Vec<LayerPlan>,
+    pub trunk: Vec<LayerSpec>,
     /// What follows them.
-    pub refinement: Option<RefinementPlan>,
+    pub refinement: Option<RefinementSpec>,
 }
 
 /// A layer's shape.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum LayerPlan {
+pub enum LayerSpec {
     /// Every output is a sum over all inputs.
     Dense {
         /// Values in.
@@ -46,7 +46,7 @@ pub enum LayerPlan {
 /// comes in is added to what comes out.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct RefinementPlan {
+pub struct RefinementSpec {
     /// Rows of the picture.
     pub rows: usize,
     /// Its columns.
@@ -57,7 +57,7 @@ pub struct RefinementPlan {
     pub channels: Vec<usize>,
 }
 
-impl Plan {
+impl Architecture {
     /// The paper's network as we read it (dense, batch normalisation, rectifier) three times and a last dense layer: from
     /// 870 values over 870, 880 and 890 to an image of 900 on its skin; on others the hidden sizes lie evenly between.
     pub fn paper(channels: usize, pixels: usize) -> Self {
@@ -65,11 +65,11 @@ impl Plan {
         let sizes = [channels, size(0), size(1), size(2), pixels];
         let mut trunk = Vec::new();
         for pair in sizes[..4].windows(2) {
-            trunk.push(LayerPlan::Dense { inputs: pair[0], outputs: pair[1], relu: false });
-            trunk.push(LayerPlan::BatchNorm { features: pair[1], relu: true });
+            trunk.push(LayerSpec::Dense { inputs: pair[0], outputs: pair[1], relu: false });
+            trunk.push(LayerSpec::BatchNorm { features: pair[1], relu: true });
         }
-        trunk.push(LayerPlan::Dense { inputs: sizes[3], outputs: pixels, relu: false });
-        Plan { trunk, refinement: None }
+        trunk.push(LayerSpec::Dense { inputs: sizes[3], outputs: pixels, relu: false });
+        Architecture { trunk, refinement: None }
     }
 
     /// The other reading of the paper: batch normalisation of what enters each of four hidden layers, and a fifth that makes
@@ -79,18 +79,18 @@ impl Plan {
         let sizes = [channels, size(0), size(1), size(2), pixels];
         let mut trunk = Vec::new();
         for pair in sizes.windows(2) {
-            trunk.push(LayerPlan::BatchNorm { features: pair[0], relu: false });
-            trunk.push(LayerPlan::Dense { inputs: pair[0], outputs: pair[1], relu: true });
+            trunk.push(LayerSpec::BatchNorm { features: pair[0], relu: false });
+            trunk.push(LayerSpec::Dense { inputs: pair[0], outputs: pair[1], relu: true });
         }
-        trunk.push(LayerPlan::Dense { inputs: pixels, outputs: pixels, relu: false });
-        Plan { trunk, refinement: None }
+        trunk.push(LayerSpec::Dense { inputs: pixels, outputs: pixels, relu: false });
+        Architecture { trunk, refinement: None }
     }
 
     /// A linear layer that makes several pictures of the frame, and convolutions that make one of them.
     pub fn refined(inputs: usize, [rows, columns]: [usize; 2], is_ring: bool, channels: &[usize]) -> Self {
         let outputs = rows * columns * channels[0];
-        let refinement = RefinementPlan { rows, columns, is_ring, channels: channels.to_vec() };
-        Plan { trunk: vec![LayerPlan::Dense { inputs, outputs, relu: false }], refinement: Some(refinement) }
+        let refinement = RefinementSpec { rows, columns, is_ring, channels: channels.to_vec() };
+        Architecture { trunk: vec![LayerSpec::Dense { inputs, outputs, relu: false }], refinement: Some(refinement) }
     }
 
     /// Checks that every layer takes what the one before it gives.
@@ -107,7 +107,7 @@ impl Plan {
             values = Some(outputs);
         }
         let Some(values) = values else { return Err("it has no layer".into()) };
-        if !matches!(self.trunk.last(), Some(LayerPlan::Dense { .. })) {
+        if !matches!(self.trunk.last(), Some(LayerSpec::Dense { .. })) {
             return Err("its trunk must end with a dense layer".into());
         }
         if let Some(index) = (0..self.trunk.len()).find(|&index| !self.is_foldable(index)) {
@@ -115,7 +115,7 @@ impl Plan {
                 "layer {index} normalises a batch: a plain dense layer must stand before it, or one after it"
             ));
         }
-        let Some(RefinementPlan { rows, columns, channels, .. }) = &self.refinement else { return Ok(()) };
+        let Some(RefinementSpec { rows, columns, channels, .. }) = &self.refinement else { return Ok(()) };
         let hidden = channels.get(1..channels.len().max(2) - 1).unwrap_or_default();
         if hidden.is_empty() || hidden.iter().any(|count| *count == 0 || !count.is_multiple_of(CHANNELS_TOGETHER)) {
             return Err(format!("its convolutions have channels {channels:?}: those between must be multiples of 16"));
@@ -131,11 +131,11 @@ impl Plan {
     /// Whether a layer can be folded into a dense one beside it: a batch normalisation into the one before where that has no
     /// rectifier of its own, else, having none itself, into the one after.
     fn is_foldable(&self, index: usize) -> bool {
-        let LayerPlan::BatchNorm { relu, .. } = self.trunk[index] else { return true };
+        let LayerSpec::BatchNorm { relu, .. } = self.trunk[index] else { return true };
         let before = index.checked_sub(1).map(|before| self.trunk[before]);
         let after = self.trunk.get(index + 1);
-        matches!(before, Some(LayerPlan::Dense { relu: false, .. }))
-            || (!relu && matches!(after, Some(LayerPlan::Dense { .. })))
+        matches!(before, Some(LayerSpec::Dense { relu: false, .. }))
+            || (!relu && matches!(after, Some(LayerSpec::Dense { .. })))
     }
 
     /// Values that come in.
@@ -152,11 +152,11 @@ impl Plan {
     }
 }
 
-impl LayerPlan {
+impl LayerSpec {
     fn sizes(&self) -> (usize, usize) {
         match *self {
-            LayerPlan::Dense { inputs, outputs, .. } => (inputs, outputs),
-            LayerPlan::BatchNorm { features, .. } => (features, features),
+            LayerSpec::Dense { inputs, outputs, .. } => (inputs, outputs),
+            LayerSpec::BatchNorm { features, .. } => (features, features),
         }
     }
 }
@@ -164,7 +164,7 @@ impl LayerPlan {
 /// A network: a plan and its values.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Network {
-    plan: Plan,
+    plan: Architecture,
     pub(crate) trunk: Vec<Layer>,
     pub(crate) refinement: Option<Refinement>,
 }
@@ -244,7 +244,7 @@ impl Network {
     ///
     /// # Panics
     /// Where the plan's layers do not fit together.
-    pub fn new(plan: &Plan, seed: u64) -> Self {
+    pub fn new(plan: &Architecture, seed: u64) -> Self {
         if let Err(message) = plan.check() {
             panic!("{message}");
         }
@@ -255,11 +255,11 @@ impl Network {
         };
         let trunk = (plan.trunk.iter())
             .map(|layer| match *layer {
-                LayerPlan::Dense { inputs, outputs, relu } => {
+                LayerSpec::Dense { inputs, outputs, relu } => {
                     let weight = even(inputs * outputs, inputs + outputs);
                     Layer { kind: Kind::Dense(Dense { inputs, outputs, weight, bias: vec![0.0; outputs] }), relu }
                 }
-                LayerPlan::BatchNorm { features, relu } => {
+                LayerSpec::BatchNorm { features, relu } => {
                     let norm = BatchNorm {
                         scale: vec![1.0; features],
                         shift: vec![0.0; features],
@@ -287,7 +287,7 @@ impl Network {
     }
 
     /// Its shape.
-    pub fn plan(&self) -> &Plan {
+    pub fn plan(&self) -> &Architecture {
         &self.plan
     }
 

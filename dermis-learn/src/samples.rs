@@ -58,13 +58,13 @@ pub struct Noise {
     pub contact_drift: f32,
     /// What the physics of the simulation misses; nothing without it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub misfit: Option<Misfit>,
+    pub misfit: Option<DomainRandomization>,
 }
 
 /// What the physics of a simulation misses of a real skin, in shares of what a touch changes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Misfit {
+pub struct DomainRandomization {
     /// A touch changes the whole coat too, evenly, as a stretched membrane does: the root mean square of that over the root
     /// mean square of the touch's own change. Uniform between two bounds.
     pub whole: [f32; 2],
@@ -76,10 +76,10 @@ pub struct Misfit {
     pub missing: f32,
 }
 
-impl Misfit {
+impl DomainRandomization {
     /// Of real skins whose instrument is not known: 0.3 to 0.6, 0.5, up to 2, 0.3.
     pub fn usual() -> Self {
-        Misfit { whole: [0.3, 0.6], loudness_sd: 0.5, relative: [0.0, 2.0], missing: 0.3 }
+        DomainRandomization { whole: [0.3, 0.6], loudness_sd: 0.5, relative: [0.0, 2.0], missing: 0.3 }
     }
 }
 
@@ -107,7 +107,7 @@ pub struct Samples<'a> {
 
 /// How the samples of a step are disturbed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Disturb {
+pub enum Augmentation {
     /// Not at all.
     Nothing,
     /// By noise that a seed and a step's number tell, moved by a symmetry where there are any.
@@ -204,7 +204,7 @@ impl<'a> Samples<'a> {
     pub fn fill(
         &self,
         number: usize,
-        disturb: Disturb,
+        disturb: Augmentation,
         input: &Input,
         inputs: &mut [f32],
         target: &mut [f32],
@@ -212,7 +212,7 @@ impl<'a> Samples<'a> {
         let (sample, mut difference, is_press) = self.read(number, self.target == Target::Conductance)?;
         let mut element = 0;
         let mut drawn = None;
-        if let Disturb::Step(seed, step) = disturb {
+        if let Augmentation::Step(seed, step) = disturb {
             let mut rng = sample_rng(seed, step);
             if let Some(symmetries) = &self.symmetries {
                 element = rng.random_range(0..symmetries.len() as u32) as usize;
@@ -286,7 +286,7 @@ impl<'a> Samples<'a> {
     }
 }
 
-impl Misfit {
+impl DomainRandomization {
     /// The even change of the whole coat, and channels that are too loud or too faint. A conductance that falls everywhere
     /// raises all values alike, whichever way touches turn it: the change is along the untouched frame.
     fn stretch(&self, rng: &mut ChaCha8Rng, rest: &[f32], difference: &mut [f32]) {
@@ -319,7 +319,7 @@ fn contact_patterns(forward: &ForwardModel, share: f32) -> Result<Vec<Vec<f32>>,
         return Ok(Vec::new());
     }
     let network = forward.solver().network(forward.rest_conductivity()).map_err(dermis::Error::from)?;
-    let frame = |network: &dermis::forward::Network| {
+    let frame = |network: &dermis::forward::ElectrodeNetwork| {
         let mut frame = vec![0.0; forward.protocol().channel_count()];
         network.frame_into(forward.protocol(), &mut frame);
         if forward.protocol().amplitude_only() {

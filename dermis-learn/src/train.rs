@@ -5,8 +5,8 @@ use crate::checkpoint;
 use crate::input::Input;
 use crate::kernel::adam::{AdamOptions, AdamStep};
 use crate::kernel::run;
-use crate::network::{Network, Plan};
-use crate::samples::{Disturb, Samples};
+use crate::network::{Architecture, Network};
+use crate::samples::{Augmentation, Samples};
 use crate::train_pass::{Batch, Pass};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -112,7 +112,7 @@ impl<'a> Trainer<'a> {
     /// # Errors
     /// Fewer samples than a step takes; numbers out of range; samples that cannot be read.
     pub fn new(
-        plan: &Plan,
+        plan: &Architecture,
         mut input: Input,
         options: &TrainOptions,
         training: &'a Samples<'a>,
@@ -262,7 +262,7 @@ impl<'a> Trainer<'a> {
         let (inputs, targets) = (plan.inputs(), plan.outputs());
         let rows = self.inputs.par_chunks_mut(inputs).zip(self.targets.par_chunks_mut(targets));
         rows.zip(indices).enumerate().try_for_each(|(row, ((inputs, target), &index))| {
-            let disturb = Disturb::Step(self.options.seed, first + row as u64);
+            let disturb = Augmentation::Step(self.options.seed, first + row as u64);
             samples.fill(index, disturb, &self.state.input, inputs, target)?;
             target.iter_mut().for_each(|value| *value *= self.scale);
             Ok(())

@@ -1,8 +1,8 @@
 //! Forward and backward through a network, for a batch.
 
+use crate::kernel::conv2d::{Last, Narrow, Shape, TAPS, WeightGradient, Wide};
 use crate::kernel::matrix::{add_product, product_of_transpose, product_with_transpose};
 use crate::kernel::norm::{change_rows, column_sums};
-use crate::kernel::picture::{Last, Narrow, Shape, TAPS, WeightGradient, Wide};
 use crate::kernel::run;
 use crate::network::{BatchNorm, CHANNELS_TOGETHER, Convolution, Dense, Kind, Network, Refinement};
 use rayon::prelude::*;
@@ -433,14 +433,14 @@ impl Part {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::network::Plan;
+    use crate::network::Architecture;
 
     fn filled(count: usize, step: f32) -> Vec<f32> {
         (0..count).map(|at| (at as f32 * step).sin()).collect()
     }
 
     /// The gradient of a network against differences of its loss.
-    fn gradient_is_right(plan: &Plan, rows: usize) {
+    fn gradient_is_right(plan: &Architecture, rows: usize) {
         let mut network = Network::new(plan, 3);
         // Away from the start, where the last convolution is zero.
         for (at, values) in network.values_mut().into_iter().enumerate() {
@@ -471,15 +471,15 @@ mod tests {
 
     #[test]
     fn the_gradient_is_the_slope_of_the_loss() {
-        gradient_is_right(&Plan::paper(24, 30), 17);
-        gradient_is_right(&Plan::paper_otherwise(24, 30), 17);
-        gradient_is_right(&Plan::refined(11, [4, 5], true, &[4, 16, 16, 1]), 5);
-        gradient_is_right(&Plan::refined(11, [3, 7], false, &[1, 32, 1]), 14);
+        gradient_is_right(&Architecture::paper(24, 30), 17);
+        gradient_is_right(&Architecture::paper_otherwise(24, 30), 17);
+        gradient_is_right(&Architecture::refined(11, [4, 5], true, &[4, 16, 16, 1]), 5);
+        gradient_is_right(&Architecture::refined(11, [3, 7], false, &[1, 32, 1]), 14);
     }
 
     #[test]
     fn threads_change_no_bit() {
-        let plan = Plan::refined(40, [6, 7], true, &[4, 16, 1]);
+        let plan = Architecture::refined(40, [6, 7], true, &[4, 16, 1]);
         let (inputs, targets) = (filled(30 * 40, 0.7), filled(30 * 42, 1.3));
         let with = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

@@ -59,7 +59,7 @@ fn the_even_skin_is_localised_by_a_network_that_saw_simulations_alone() {
     let options = AlignOptions {
         detector: Detector::new(model.detection()),
         left_out: (0..24).collect(),
-        screens: vec![Screen::Disagreeing, Screen::Deaf],
+        screens: vec![Screen::Disagreeing, Screen::PolarityBlind],
         ..AlignOptions::new(design.sheet.touch)
     };
     let methods = |cut: &[Frame], left_out: &[usize]| -> Result<Vec<AlignMethod>, LearnError> {

@@ -6,8 +6,8 @@ use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
 use dermis::reconstruct::Reconstruct;
 use dermis_learn::{
-    Epoch, Files, LearnError, Method, Model, Part, Precision, Samples, SkinRecord, Streamed, TrainOptions, Trainer,
-    TrainingRecord,
+    Epoch, Files, LearnError, Model, Part, Precision, Samples, SkinRecord, Streamed, TrainOptions, Trainer,
+    TrainingPreset, TrainingRecord,
 };
 use dermis_sim::dataset::{Dataset, GaussianTouches, Generator, Recipe, Record, Run, Shard, Skins, Touch, finish};
 use std::path::Path;
@@ -43,11 +43,11 @@ fn bench(folder: &Path) -> Bench {
 }
 
 impl Bench {
-    fn methods(&self) -> [Method; 2] {
+    fn methods(&self) -> [TrainingPreset; 2] {
         let noise_ohm = vec![1e-3; self.forward.protocol().channel_count()];
         let mut methods = [
-            Method::paper(self.forward.protocol(), &self.pixels, noise_ohm.clone()),
-            Method::best(&self.design, self.forward.protocol(), &self.pixels, noise_ohm),
+            TrainingPreset::paper(self.forward.protocol(), &self.pixels, noise_ohm.clone()),
+            TrainingPreset::best(&self.design, self.forward.protocol(), &self.pixels, noise_ohm),
         ];
         for method in &mut methods {
             method.options = TrainOptions { batch: 60, epochs: 4, ..method.options.clone() };
@@ -55,7 +55,7 @@ impl Bench {
         methods
     }
 
-    fn samples(&self, method: &Method, part: Part) -> Samples<'_> {
+    fn samples(&self, method: &TrainingPreset, part: Part) -> Samples<'_> {
         let (noise, symmetries) = (method.noise.clone(), method.symmetries.clone());
         let files = Files::new(&self.data, part, &self.forward).unwrap();
         Samples::new(files, &self.forward, &self.pixels, method.target, noise, symmetries).unwrap()

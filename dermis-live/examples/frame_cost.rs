@@ -31,7 +31,7 @@ fn main() {
                 std::thread::sleep(pause);
                 let begun = Instant::now();
                 let incoming = bench.hear(packet, index).pop().expect("a whole frame");
-                contacts = bench.processor.process(incoming).expect("contacts").contacts.len();
+                contacts = bench.pipeline.process(incoming).expect("contacts").contacts.len();
                 times_us.push(begun.elapsed().as_secs_f64() * 1e6);
             }
             times_us.sort_by(f64::total_cmp);

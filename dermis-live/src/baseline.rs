@@ -41,7 +41,7 @@ struct Hold {
     /// The baseline at its beginning, ohm.
     begun_ohm: Vec<f64>,
     /// Channels that were left out when the fit was asked for.
-    silent: Option<Vec<bool>>,
+    masked: Option<Vec<bool>>,
     /// From a frame's difference to the drifts in it, channels x drifts.
     fit: Option<Matrix>,
     /// What the fit says where nothing has drifted, and the frames that say so.
@@ -62,13 +62,13 @@ impl Baseline {
         let is_frame = |values: &Vec<f64>| values.len() == channel_count;
         is_frame(&self.values_ohm)
             && self.hold.as_ref().is_none_or(|hold| {
-                let Hold { begun_ohm, silent, fit, reference, now, .. } = hold;
+                let Hold { begun_ohm, masked, fit, reference, now, .. } = hold;
                 let is_fit = |fit: &Matrix| {
                     [fit.rows, fit.columns] == [channel_count, drift_count]
                         && fit.values.len() == channel_count * drift_count
                 };
                 is_frame(begun_ohm)
-                    && silent.as_ref().is_none_or(|silent| silent.len() == channel_count)
+                    && masked.as_ref().is_none_or(|masked| masked.len() == channel_count)
                     && fit.as_ref().is_none_or(is_fit)
                     && [reference, now].iter().all(|drifts| drifts.len() == drift_count)
             })
@@ -98,8 +98,8 @@ impl Baseline {
         if held_s < PREPARE_S {
             return;
         }
-        if hold.silent.is_none() {
-            hold.silent = Some(noise.silent.to_vec());
+        if hold.masked.is_none() {
+            hold.masked = Some(noise.masked.to_vec());
             fitter.ask(&hold.question(noise));
         }
         if held_s < SETTLE_S {
@@ -119,7 +119,7 @@ impl Hold {
             places: touch.places.to_vec(),
             since_s: touch.time_s,
             begun_ohm: values_ohm.to_vec(),
-            silent: None,
+            masked: None,
             fit: None,
             reference: vec![0.0; drift_count],
             reference_frames: 0.0,
@@ -135,8 +135,8 @@ impl Hold {
 
     /// What the fit is made for: as it was when it was asked for.
     fn question(&self, noise: Noise<'_>) -> Question {
-        let silent = self.silent.clone().unwrap_or_else(|| noise.silent.to_vec());
-        Question { places: self.places.clone(), sd_ohm: noise.sd_ohm.to_vec(), silent }
+        let masked = self.masked.clone().unwrap_or_else(|| noise.masked.to_vec());
+        Question { places: self.places.clone(), sd_ohm: noise.sd_ohm.to_vec(), masked }
     }
 
     /// Takes in what the fit says of a frame.
@@ -178,7 +178,7 @@ pub struct Noise<'a> {
     /// Standard deviation of each channel, ohm.
     pub sd_ohm: &'a [f64],
     /// Channels that are left out.
-    pub silent: &'a [bool],
+    pub masked: &'a [bool],
 }
 
 /// A touched frame.

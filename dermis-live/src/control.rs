@@ -2,10 +2,10 @@
 
 use crate::LiveError;
 use crate::emulator::Emulator;
-use crate::live::Shared;
-use crate::moment::Moment;
+use crate::live::LiveHandle;
 use crate::settings::Command;
-use crate::sink::{Taping, Told};
+use crate::sink::{RecordingSink, Told};
+use crate::timestamp::Timestamp;
 use dermis::geom::{Point3, Surface};
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -59,18 +59,18 @@ pub enum Request {
 
 /// A live skin with all that belongs to it: what pages and programs talk to.
 pub struct Control {
-    shared: Arc<Shared>,
+    shared: Arc<LiveHandle>,
     emulator: Option<Arc<Emulator>>,
     source: String,
-    tapes: Tapes,
-    taping: Mutex<Option<Taping>>,
+    tapes: RecordingOptions,
+    taping: Mutex<Option<RecordingSink>>,
     /// The number that the next finger of a guest has on the emulated skin.
     next_finger: AtomicU32,
 }
 
 /// Where recordings go, and what they carry.
 #[derive(Debug, Clone, Default)]
-pub struct Tapes {
+pub struct RecordingOptions {
     /// The folder of recordings that pages ask for; they are named by the time.
     pub folder: PathBuf,
     /// The twin that an emulator plays.
@@ -82,12 +82,17 @@ const MOST_N: f64 = 20.0;
 
 impl Control {
     /// Of a live skin; `source` tells in words where its frames come from.
-    pub fn new(shared: Arc<Shared>, emulator: Option<Arc<Emulator>>, source: String, tapes: Tapes) -> Self {
+    pub fn new(
+        shared: Arc<LiveHandle>,
+        emulator: Option<Arc<Emulator>>,
+        source: String,
+        tapes: RecordingOptions,
+    ) -> Self {
         Control { shared, emulator, source, tapes, taping: Mutex::new(None), next_finger: AtomicU32::new(0) }
     }
 
     /// The live skin.
-    pub fn shared(&self) -> &Arc<Shared> {
+    pub fn shared(&self) -> &Arc<LiveHandle> {
         &self.shared
     }
 
@@ -120,7 +125,7 @@ impl Control {
         if let Some(taping) = &*taping {
             return Err(LiveError::Given(format!("{} is being recorded already", taping.path().display())));
         }
-        *taping = Some(Taping::start(&self.shared, path, self.tapes.twin_toml.as_deref())?);
+        *taping = Some(RecordingSink::start(&self.shared, path, self.tapes.twin_toml.as_deref())?);
         Ok(())
     }
 
@@ -131,7 +136,7 @@ impl Control {
         Some((path, taping.stop()))
     }
 
-    fn lock(&self) -> MutexGuard<'_, Option<Taping>> {
+    fn lock(&self) -> MutexGuard<'_, Option<RecordingSink>> {
         self.taping.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -160,7 +165,7 @@ impl Control {
             Request::Press { finger, position_m, force_n } => self.press(*finger, *position_m, *force_n)?,
             Request::Release { finger } => self.release(*finger),
             Request::Record { on: true } => {
-                let seconds = Moment::now().unix_ns / 1_000_000_000;
+                let seconds = Timestamp::now().unix_ns / 1_000_000_000;
                 let name = format!("{}-{seconds}.mcap", self.shared.skin().design.name);
                 self.record(&self.tapes.folder.join(name))?;
             }
@@ -182,7 +187,7 @@ impl Control {
 }
 
 /// One of those who ask things of a live skin, as a page does: with its own fingers, which are lifted when it goes.
-pub struct Guest {
+pub struct ClientSession {
     control: Arc<Control>,
     /// Its fingers that press, by its own numbers: theirs on the emulated skin, where no other guest's finger has them.
     fingers: BTreeMap<u32, u32>,
@@ -192,10 +197,10 @@ pub struct Guest {
 /// Fingers of a guest that may press at once.
 const MOST_FINGERS: usize = 10;
 
-impl Guest {
+impl ClientSession {
     /// Of a live skin.
     pub fn new(control: Arc<Control>) -> Self {
-        Guest { control, fingers: BTreeMap::new(), paused: false }
+        ClientSession { control, fingers: BTreeMap::new(), paused: false }
     }
 
     /// Whether it wants no frames now.
@@ -232,7 +237,7 @@ impl Guest {
     }
 }
 
-impl Drop for Guest {
+impl Drop for ClientSession {
     fn drop(&mut self) {
         self.fingers.values().for_each(|&finger| self.control.release(finger));
     }

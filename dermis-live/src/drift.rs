@@ -67,7 +67,7 @@ pub struct Question {
     /// Standard deviation of the noise of each channel, ohm.
     pub sd_ohm: Vec<f64>,
     /// Channels that are left out.
-    pub silent: Vec<bool>,
+    pub masked: Vec<bool>,
 }
 
 /// Makes the maps from frames to drifts, on a thread of its own where it is asked early enough.
@@ -110,7 +110,7 @@ impl Fitter {
 /// The map from a difference to the drifts in it, fitted together with changes of the pixels near the contacts: the rows of
 /// `(A' W A + 1)^-1 A' W` that belong to drifts, with the columns of `A` for one standard deviation each and
 /// `W` the inverse variances of the noise. Given as its transpose, channels x drifts.
-fn fit(skin: &LiveSkin, drifts: &Drifts, Question { places, sd_ohm, silent }: &Question) -> Matrix {
+fn fit(skin: &LiveSkin, drifts: &Drifts, Question { places, sd_ohm, masked }: &Question) -> Matrix {
     let (jacobian, pixels) = (&skin.linear.jacobian, &skin.pixels);
     let reached = |pixel: &usize| {
         places.iter().any(|&place| pixels.surface.distance_m(place, pixels.centres_m[*pixel]) <= REACH_M)
@@ -121,7 +121,7 @@ fn fit(skin: &LiveSkin, drifts: &Drifts, Question { places, sd_ohm, silent }: &Q
     // Columns of A over the deviations of the noise, one after another.
     let mut columns = Matrix::zeros(count, channel_count);
     for (row, values) in columns.values.chunks_exact_mut(channel_count).enumerate() {
-        for (channel, value) in values.iter_mut().enumerate().filter(|(channel, _)| !silent[*channel]) {
+        for (channel, value) in values.iter_mut().enumerate().filter(|(channel, _)| !masked[*channel]) {
             let effect = match row.checked_sub(drift_count) {
                 None => drifts.modes.at(row, channel),
                 Some(pixel) => TOUCH_SD * jacobian.at(channel, touched[pixel]),

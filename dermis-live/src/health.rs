@@ -37,7 +37,7 @@ const DOUBTFUL: f64 = 4.0;
 
 /// What does not change while a skin is read.
 #[derive(Debug, Clone)]
-pub struct Wiring {
+pub struct ElectrodeTopology {
     /// For each electrode the drives that it is part of.
     drives: Vec<Vec<usize>>,
     /// For each electrode the channels that gain the resistance of its contact, with the sign of the gain.
@@ -52,7 +52,7 @@ pub struct Wiring {
     drive_count: usize,
 }
 
-impl Wiring {
+impl ElectrodeTopology {
     /// Of a skin.
     pub fn of(skin: &LiveSkin) -> Self {
         let protocol = &skin.design.protocol;
@@ -67,7 +67,7 @@ impl Wiring {
             });
             signed.filter(|(_, gain)| *gain != 0.0).collect()
         };
-        Wiring {
+        ElectrodeTopology {
             drives: electrodes
                 .clone()
                 .map(|electrode| (0..drives.len()).filter(|&drive| drives[drive].contains(&electrode)).collect())
@@ -103,7 +103,7 @@ fn reciprocal(protocol: &dermis::protocol::Protocol) -> Vec<[usize; 2]> {
 
 /// How electrodes and channels are.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Watch {
+pub struct ElectrodeMonitor {
     /// Loops of sound contacts, ohm, and their noise.
     loops_ohm: Vec<f64>,
     loop_noise_ohm: Vec<f64>,
@@ -139,12 +139,12 @@ pub struct Change {
     pub state: ElectrodeState,
 }
 
-impl Watch {
+impl ElectrodeMonitor {
     /// From untouched frames and the statistics of their values.
     ///
     /// # Panics
     /// Without two of them.
-    pub fn new(wiring: &Wiring, untouched: &[Measures], values: &Statistics) -> Self {
+    pub fn new(topology: &ElectrodeTopology, untouched: &[Measures], values: &Statistics) -> Self {
         let loops = Statistics::of(untouched.iter().map(|frame| frame.loops_ohm.as_slice()));
         let usual_ohm = median(&loops.mean);
         let electrode = |drives: &Vec<usize>| {
@@ -158,8 +158,8 @@ impl Watch {
             let since_tare = state != ElectrodeState::Sound;
             Electrode { state, gain_ohm: 0.0, smooth_ohm: 0.0, against: 0, since_tare }
         };
-        let electrodes = wiring.drives.iter().map(electrode).collect();
-        let mut watch = Watch {
+        let electrodes = topology.drives.iter().map(electrode).collect();
+        let mut watch = ElectrodeMonitor {
             loops_ohm: loops.mean,
             loop_noise_ohm: loops.variance.into_iter().map(f64::sqrt).collect(),
             variance: values.variance.clone(),
@@ -169,8 +169,8 @@ impl Watch {
             reciprocity: 1.0,
             electrodes,
         };
-        let silent = silent(wiring, watch.bad());
-        watch.reciprocity = watch.mismatch(wiring, &values.mean, &silent).unwrap_or(1.0);
+        let masked = masked(topology, watch.bad());
+        watch.reciprocity = watch.mismatch(topology, &values.mean, &masked).unwrap_or(1.0);
         watch
     }
 
@@ -180,8 +180,8 @@ impl Watch {
     }
 
     /// Mean square by which reciprocal channels that are in use differ over what their noise explains.
-    fn mismatch(&self, wiring: &Wiring, values_ohm: &[f64], silent: &[bool]) -> Option<f64> {
-        let kept = wiring.reciprocal.iter().filter(|pair| pair.iter().all(|&channel| !silent[channel]));
+    fn mismatch(&self, topology: &ElectrodeTopology, values_ohm: &[f64], masked: &[bool]) -> Option<f64> {
+        let kept = topology.reciprocal.iter().filter(|pair| pair.iter().all(|&channel| !masked[channel]));
         let (sum, count) = kept.fold((0.0, 0.0), |(sum, count), &[a, b]| {
             let variance = self.noise_ohm[a].powi(2) + self.noise_ohm[b].powi(2);
             (sum + (values_ohm[a] - values_ohm[b]).powi(2) / variance, count + 1.0)
@@ -190,12 +190,21 @@ impl Watch {
     }
 
     /// Whether it is that of a skin.
-    pub fn fits(&self, wiring: &Wiring) -> bool {
-        let Watch { loops_ohm, loop_noise_ohm, tare_variance, variance, noise_ohm, last_ohm, electrodes, .. } = self;
+    pub fn fits(&self, topology: &ElectrodeTopology) -> bool {
+        let ElectrodeMonitor {
+            loops_ohm,
+            loop_noise_ohm,
+            tare_variance,
+            variance,
+            noise_ohm,
+            last_ohm,
+            electrodes,
+            ..
+        } = self;
         let channels = [tare_variance, variance, noise_ohm, last_ohm];
-        channels.iter().all(|values| values.len() == wiring.channel_count)
-            && [loops_ohm, loop_noise_ohm].iter().all(|values| values.len() == wiring.drive_count)
-            && electrodes.len() == wiring.drives.len()
+        channels.iter().all(|values| values.len() == topology.channel_count)
+            && [loops_ohm, loop_noise_ohm].iter().all(|values| values.len() == topology.drive_count)
+            && electrodes.len() == topology.drives.len()
     }
 
     /// Standard deviation of the noise of each channel at the tare, ohm.
@@ -204,22 +213,22 @@ impl Watch {
     }
 
     /// Takes a frame in: what it says of each contact, before anything is made of the frame.
-    pub fn contacts(&mut self, wiring: &Wiring, frame: &Measures, difference: &[f64]) -> Vec<Change> {
+    pub fn contacts(&mut self, topology: &ElectrodeTopology, frame: &Measures, difference: &[f64]) -> Vec<Change> {
         let gains: Vec<f64> = frame.loops_ohm.iter().zip(&self.loops_ohm).map(|(now, then)| now - then).collect();
         let common = median(&gains);
         let mut changes = Vec::new();
         for (index, electrode) in self.electrodes.iter_mut().enumerate() {
-            let drives = &wiring.drives[index];
+            let drives = &topology.drives[index];
             if drives.is_empty() {
                 continue;
             }
             let by_loops = drives.iter().map(|&drive| gains[drive] - common).fold(f64::INFINITY, f64::min);
-            let own = wiring.own[index].iter().map(|&(channel, sign)| sign * difference[channel]);
+            let own = topology.own[index].iter().map(|&(channel, sign)| sign * difference[channel]);
             electrode.gain_ohm = own.fold(by_loops, f64::min);
             electrode.smooth_ohm += SMOOTH * (electrode.gain_ohm - electrode.smooth_ohm);
             let least = drives.iter().map(|&drive| self.loops_ohm[drive]).fold(f64::INFINITY, f64::min);
             let noise = drives.iter().map(|&drive| self.loop_noise_ohm[drive]).fold(0.0, f64::max);
-            let limit = (NOISES * noise).max(wiring.part * least).max(5.0 * wiring.contacts_ohm[index]);
+            let limit = (NOISES * noise).max(topology.part * least).max(5.0 * topology.contacts_ohm[index]);
             let open = drives.iter().all(|&drive| frame.loops_ohm[drive] > OPEN * self.loops_ohm[drive]);
             let looks = match () {
                 () if open => ElectrodeState::Open,
@@ -244,12 +253,12 @@ impl Watch {
     }
 
     /// Takes the noise of a frame in. Under a touch what changes is not noise.
-    pub fn noise(&mut self, wiring: &Wiring, frame: &Measures, touch: Untouched<'_>) {
+    pub fn noise(&mut self, topology: &ElectrodeTopology, frame: &Measures, touch: Untouched<'_>) {
         let share = -(-touch.step_s / NOISE_S).exp_m1();
         if touch.untouched {
             for (channel, variance) in self.variance.iter_mut().enumerate() {
                 // What a bad contact does to a channel is no noise of the others that are part of it.
-                let square = match touch.silent[channel] {
+                let square = match touch.masked[channel] {
                     true => self.tare_variance[channel],
                     false => 0.5 * (frame.values_ohm[channel] - self.last_ohm[channel]).powi(2),
                 };
@@ -263,35 +272,35 @@ impl Watch {
                 }
             }
         }
-        if let Some(mismatch) = self.mismatch(wiring, &frame.values_ohm, touch.silent) {
+        if let Some(mismatch) = self.mismatch(topology, &frame.values_ohm, touch.masked) {
             self.reciprocity += share * (mismatch - self.reciprocity);
         }
         self.last_ohm.copy_from_slice(&frame.values_ohm);
     }
 
     /// The noise of all channels in use over that at the tare.
-    pub fn noise_ratio(&self, silent: &[bool]) -> f64 {
+    pub fn noise_ratio(&self, masked: &[bool]) -> f64 {
         let used = |values: &[f64]| -> f64 {
-            values.iter().zip(silent).filter(|(_, silent)| !**silent).map(|(value, _)| value).sum()
+            values.iter().zip(masked).filter(|(_, masked)| !**masked).map(|(value, _)| value).sum()
         };
         (used(&self.variance) / used(&self.tare_variance)).sqrt()
     }
 
     /// Root mean square by which reciprocal channels differ over what their noise explains; `None` without any.
-    pub fn reciprocity(&self, wiring: &Wiring) -> Option<f64> {
-        (!wiring.reciprocal.is_empty()).then(|| self.reciprocity.sqrt())
+    pub fn reciprocity(&self, topology: &ElectrodeTopology) -> Option<f64> {
+        (!topology.reciprocal.is_empty()).then(|| self.reciprocity.sqrt())
     }
 
     /// Every electrode as it is told.
-    pub fn told(&self, wiring: &Wiring) -> Vec<ElectrodeHealth> {
+    pub fn told(&self, topology: &ElectrodeTopology) -> Vec<ElectrodeHealth> {
         let told = |(index, electrode): (usize, &Electrode)| {
-            let channels = &wiring.channels[index];
+            let channels = &topology.channels[index];
             let sum = |values: &[f64]| channels.iter().map(|&channel| values[channel]).sum::<f64>();
             let noise = (sum(&self.variance) / sum(&self.tare_variance)).sqrt();
             let doubtful = electrode.state == ElectrodeState::Sound && noise > DOUBTFUL;
             ElectrodeHealth {
                 state: if doubtful { ElectrodeState::Doubtful } else { electrode.state },
-                contact_ohm: Some((wiring.contacts_ohm[index] + electrode.smooth_ohm).max(0.0)),
+                contact_ohm: Some((topology.contacts_ohm[index] + electrode.smooth_ohm).max(0.0)),
                 noise: Some(noise).filter(|noise| noise.is_finite()),
             }
         };
@@ -305,7 +314,7 @@ pub struct Untouched<'a> {
     /// Whether nothing touches.
     pub untouched: bool,
     /// Channels that are left out.
-    pub silent: &'a [bool],
+    pub masked: &'a [bool],
     /// Since the last frame, s.
     pub step_s: f64,
 }
@@ -333,10 +342,10 @@ impl Electrode {
 }
 
 /// Channels that some electrodes are part of.
-pub fn silent(wiring: &Wiring, electrodes: impl Iterator<Item = usize>) -> Vec<bool> {
-    let mut silent = vec![false; wiring.channel_count];
+pub fn masked(topology: &ElectrodeTopology, electrodes: impl Iterator<Item = usize>) -> Vec<bool> {
+    let mut masked = vec![false; topology.channel_count];
     for electrode in electrodes {
-        wiring.channels[electrode].iter().for_each(|&channel| silent[channel] = true);
+        topology.channels[electrode].iter().for_each(|&channel| masked[channel] = true);
     }
-    silent
+    masked
 }

@@ -1,10 +1,10 @@
 //! Contacts as lines of JSON, for any program in any language.
 
 use crate::LiveError;
-use crate::live::{Event, Shared};
+use crate::live::{Event, LiveHandle};
 use crate::mailbox::{Mailbox, Taken};
-use crate::moment::Moment;
 use crate::report::{ElectrodeState, LiveContact, LiveFrame};
+use crate::timestamp::Timestamp;
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::io::{BufWriter, Write};
@@ -20,11 +20,11 @@ pub struct FrameLine<'a> {
     /// Number of the frame since the device was powered up.
     pub sequence: u64,
     /// When its first reading was taken.
-    pub measured_at: Moment,
+    pub measured_at: Timestamp,
     /// When its last byte came.
-    pub received_at: Moment,
+    pub received_at: Timestamp,
     /// When its contacts were known.
-    pub output_at: Moment,
+    pub output_at: Timestamp,
     /// The frame that positions are in.
     pub frame_id: &'a str,
     /// Whether something touches.
@@ -71,7 +71,7 @@ impl<'a> FrameLine<'a> {
 const WAITING: usize = 256;
 
 /// The frames from now on, for [`write_lines`]; those that are not read fast enough are left out.
-pub fn lines(shared: &Shared) -> Arc<Mailbox<Event>> {
+pub fn lines(shared: &LiveHandle) -> Arc<Mailbox<Event>> {
     shared.subscribe_as("lines of JSON", WAITING)
 }
 
@@ -79,7 +79,7 @@ pub fn lines(shared: &Shared) -> Arc<Mailbox<Event>> {
 ///
 /// # Errors
 /// A writer that fails; one that was closed is no error.
-pub fn write_lines(shared: &Shared, mailbox: &Arc<Mailbox<Event>>, out: &mut dyn Write) -> std::io::Result<()> {
+pub fn write_lines(shared: &LiveHandle, mailbox: &Arc<Mailbox<Event>>, out: &mut dyn Write) -> std::io::Result<()> {
     let written = write_until_closed(shared, mailbox, out);
     shared.unsubscribe(mailbox);
     match written {
@@ -90,7 +90,7 @@ pub fn write_lines(shared: &Shared, mailbox: &Arc<Mailbox<Event>>, out: &mut dyn
     }
 }
 
-fn write_until_closed(shared: &Shared, mailbox: &Mailbox<Event>, out: &mut dyn Write) -> std::io::Result<()> {
+fn write_until_closed(shared: &LiveHandle, mailbox: &Mailbox<Event>, out: &mut dyn Write) -> std::io::Result<()> {
     let frame_id = &shared.skin().design.name;
     loop {
         match mailbox.take(Duration::from_secs(1)) {
@@ -111,7 +111,7 @@ fn write_until_closed(shared: &Shared, mailbox: &Mailbox<Event>, out: &mut dyn W
 ///
 /// # Errors
 /// An address that is in use, or that other machines can reach: nobody is asked who he is.
-pub fn serve_lines(shared: &Arc<Shared>, address: &str) -> Result<(SocketAddr, JoinHandle<()>), LiveError> {
+pub fn serve_lines(shared: &Arc<LiveHandle>, address: &str) -> Result<(SocketAddr, JoinHandle<()>), LiveError> {
     let failed = |error: std::io::Error| {
         let fix = match error.kind() {
             std::io::ErrorKind::AddrInUse => "another program listens there: take another port, or 0 for any",

@@ -1,6 +1,5 @@
 //! The live skin: from an instrument's bytes to contacts, seen, recorded and published.
 
-mod alarm;
 mod baseline;
 mod control;
 #[cfg(feature = "ros2")]
@@ -14,8 +13,7 @@ pub mod jsonl;
 mod live;
 mod mailbox;
 mod meter;
-mod moment;
-mod processor;
+mod pipeline;
 mod rebuild;
 pub mod record;
 pub mod replay;
@@ -27,21 +25,25 @@ mod settings;
 pub mod sink;
 mod skin;
 mod state;
+mod timestamp;
+mod touch_detector;
 mod untouched;
 
-pub use control::{Control, Guest, Request, Tapes};
+pub use control::{ClientSession, Control, RecordingOptions, Request};
 pub use error::LiveError;
-pub use live::{Event, Live, LiveOptions, Shared};
+pub use live::{Event, Live, LiveHandle, LiveOptions};
 pub use mailbox::{Mailbox, Taken};
 pub use meter::{Measures, Meter};
-pub use moment::Moment;
-pub use processor::{Incoming, Processor};
+pub use pipeline::{Incoming, Pipeline};
 pub use rebuild::{Rebuilding, Rebuilt};
-pub use report::{Counts, ElectrodeHealth, ElectrodeState, Health, Level, LiveContact, LiveFrame, Notice, quantiles};
+pub use report::{
+    Counts, ElectrodeHealth, ElectrodeState, Health, LiveContact, LiveFrame, Notice, Severity, quantiles,
+};
 pub use scan::{Role, ScanTable, TooLarge};
 pub use settings::{Command, Settings, Zone};
 pub use skin::{LiveSkin, NamedMethod};
 pub use state::State;
+pub use timestamp::Timestamp;
 
 #[cfg(test)]
 extern crate self as dermis_live;

@@ -5,14 +5,14 @@
 use crate::LiveError;
 use crate::device::{Address, Device, DeviceFacts, DeviceOptions, Heard, Stream};
 use crate::mailbox::{Mailbox, Taken};
-use crate::moment::Moment;
-use crate::processor::{Incoming, Processor};
+use crate::pipeline::{Incoming, Pipeline};
 use crate::rebuild::Rebuilt;
 use crate::replay::Player;
-use crate::report::{Level, LiveFrame, Notice};
+use crate::report::{LiveFrame, Notice, Severity};
 use crate::settings::{Command, Settings};
 use crate::skin::LiveSkin;
 use crate::state::State;
+use crate::timestamp::Timestamp;
 use std::collections::{BTreeMap, VecDeque};
 use std::mem::discriminant;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -49,18 +49,18 @@ pub enum Event {
     Notice(Notice),
     /// A command was carried out, before the frames that follow.
     Done(Command),
-    /// What the processor remembers between the frames before and after, where it was asked for.
+    /// What the pipeline remembers between the frames before and after, where it was asked for.
     State(Arc<State>),
 }
 
 /// A skin that is being read.
 pub struct Live {
-    shared: Arc<Shared>,
+    shared: Arc<LiveHandle>,
     threads: Vec<JoinHandle<()>>,
 }
 
 /// What the threads share.
-pub struct Shared {
+pub struct LiveHandle {
     skin: Arc<LiveSkin>,
     incoming: Mailbox<Fed>,
     commands: Mutex<VecDeque<Command>>,
@@ -116,14 +116,14 @@ impl Live {
     /// # Errors
     /// A device that cannot be reached or is refused; settings out of their ranges.
     pub fn start(skin: Arc<LiveSkin>, options: LiveOptions) -> Result<Self, LiveError> {
-        let processor = match options.state {
-            Some(state) => Processor::resume(Arc::clone(&skin), state)?,
-            None => Processor::new(Arc::clone(&skin), options.settings.clone())?,
+        let pipeline = match options.state {
+            Some(state) => Pipeline::resume(Arc::clone(&skin), state)?,
+            None => Pipeline::new(Arc::clone(&skin), options.settings.clone())?,
         };
         let device = Device::connect(&options.address, &skin, options.device, None)?;
-        let shared = Shared::new(&processor);
+        let shared = LiveHandle::new(&pipeline);
         let listener = Listener { shared: Arc::clone(&shared), address: options.address, options: options.device };
-        Ok(Self::with(shared, processor, true, move || listener.run(device)))
+        Ok(Self::with(shared, pipeline, true, move || listener.run(device)))
     }
 
     /// Prepares a recording to be played in the place of a device: [`roll`](Self::roll) begins. At its end all subscribers'
@@ -132,8 +132,8 @@ impl Live {
     /// # Errors
     /// A method that there is not; a state of another skin.
     pub fn play(skin: Arc<LiveSkin>, player: Player) -> Result<Self, LiveError> {
-        let processor = Processor::resume(skin, player.state().clone())?;
-        let shared = Shared::new(&processor);
+        let pipeline = Pipeline::resume(skin, player.state().clone())?;
+        let shared = LiveHandle::new(&pipeline);
         shared.connected(player.facts().clone());
         let fed = Arc::clone(&shared);
         let listen = move || {
@@ -143,20 +143,25 @@ impl Live {
             player.play(&fed);
             fed.incoming.close();
         };
-        Ok(Self::with(shared, processor, false, listen))
+        Ok(Self::with(shared, pipeline, false, listen))
     }
 
-    fn with(shared: Arc<Shared>, processor: Processor, rebuilds: bool, listen: impl FnOnce() + Send + 'static) -> Self {
-        let maker = Maker {
+    fn with(
+        shared: Arc<LiveHandle>,
+        pipeline: Pipeline,
+        rebuilds: bool,
+        listen: impl FnOnce() + Send + 'static,
+    ) -> Self {
+        let worker = PipelineThread {
             shared: Arc::clone(&shared),
-            processor,
+            pipeline,
             rebuilds,
             rebuilding: None,
             tried_without: None,
             kept_at: Instant::now(),
             told_left_out: (BTreeMap::new(), Instant::now()),
         };
-        let threads = vec![spawn("dermis-listen", listen), spawn("dermis-contacts", move || maker.run())];
+        let threads = vec![spawn("dermis-listen", listen), spawn("dermis-contacts", move || worker.run())];
         Live { shared, threads }
     }
 
@@ -166,11 +171,11 @@ impl Live {
     }
 
     /// What its threads share: to subscribe to, to command.
-    pub fn shared(&self) -> &Arc<Shared> {
+    pub fn shared(&self) -> &Arc<LiveHandle> {
         &self.shared
     }
 
-    /// Stops reading and tells what the processor remembers. Subscribers' mailboxes are closed when all is told.
+    /// Stops reading and tells what the pipeline remembers. Subscribers' mailboxes are closed when all is told.
     pub fn stop(self) -> State {
         self.shared.stopped.store(true, Ordering::Relaxed);
         for thread in self.threads {
@@ -191,19 +196,19 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl Shared {
-    fn new(processor: &Processor) -> Arc<Self> {
-        Arc::new(Shared {
-            skin: Arc::clone(processor.skin()),
+impl LiveHandle {
+    fn new(pipeline: &Pipeline) -> Arc<Self> {
+        Arc::new(LiveHandle {
+            skin: Arc::clone(pipeline.skin()),
             incoming: Mailbox::new(MOST_WAITING),
             commands: Mutex::default(),
             subscribers: Mutex::default(),
             begun: Instant::now(),
             early: Mutex::default(),
             left_out: Mutex::default(),
-            state: Mutex::new(processor.state().clone()),
+            state: Mutex::new(pipeline.state().clone()),
             facts: Mutex::default(),
-            method: Mutex::new(processor.method().name.clone()),
+            method: Mutex::new(pipeline.method().name.clone()),
             tells_state: AtomicBool::new(false),
             rolling: AtomicBool::new(false),
             stopped: AtomicBool::new(false),
@@ -293,7 +298,7 @@ impl Shared {
         self.tells_state.store(true, Ordering::Relaxed);
     }
 
-    /// What the processor remembered a few seconds ago at most.
+    /// What the pipeline remembered a few seconds ago at most.
     pub fn state(&self) -> State {
         lock(&self.state).clone()
     }
@@ -331,14 +336,14 @@ impl Shared {
         lock(&self.subscribers).iter().for_each(|subscriber| subscriber.mailbox.put(event.clone()));
     }
 
-    fn notice(&self, level: Level, text: String) {
-        self.tell(&Event::Notice(Notice { level, text, at: Moment::now() }));
+    fn notice(&self, level: Severity, text: String) {
+        self.tell(&Event::Notice(Notice { level, text, at: Timestamp::now() }));
     }
 }
 
 /// Listens to the device.
 struct Listener {
-    shared: Arc<Shared>,
+    shared: Arc<LiveHandle>,
     address: Address,
     options: DeviceOptions,
 }
@@ -378,13 +383,13 @@ impl Listener {
         while !self.shared.is_stopped() {
             match Device::connect(&self.address, &self.shared.skin, self.options, Some(stream.clone())) {
                 Ok(device) => {
-                    self.shared.notice(Level::Info, "the device was found again".into());
+                    self.shared.notice(Severity::Info, "the device was found again".into());
                     return Some(device);
                 }
                 Err(error) => {
                     let why = error.to_string();
                     if why != told {
-                        self.shared.notice(Level::Error, why.clone());
+                        self.shared.notice(Severity::Error, why.clone());
                         told = why;
                     }
                     std::thread::sleep(RETRY);
@@ -396,9 +401,9 @@ impl Listener {
 }
 
 /// Makes contacts of frames.
-struct Maker {
-    shared: Arc<Shared>,
-    processor: Processor,
+struct PipelineThread {
+    shared: Arc<LiveHandle>,
+    pipeline: Pipeline,
     /// Whether the method is made anew when that is better; a recording tells by itself when it was.
     rebuilds: bool,
     rebuilding: Option<JoinHandle<Result<Rebuilt, LiveError>>>,
@@ -409,7 +414,7 @@ struct Maker {
     told_left_out: (BTreeMap<&'static str, u64>, Instant),
 }
 
-impl Maker {
+impl PipelineThread {
     fn run(mut self) {
         loop {
             self.obey();
@@ -421,22 +426,22 @@ impl Maker {
                 Taken::Closed => break,
             }
         }
-        *lock(&self.shared.state) = self.processor.state().clone();
+        *lock(&self.shared.state) = self.pipeline.state().clone();
         lock(&self.shared.subscribers).iter().for_each(|subscriber| subscriber.mailbox.close());
     }
 
     fn make(&mut self, incoming: Incoming) {
-        match self.processor.process(incoming) {
+        match self.pipeline.process(incoming) {
             Ok(frame) => self.shared.tell(&Event::Frame(Arc::new(frame))),
-            Err(error) => self.shared.notice(Level::Error, error.to_string()),
+            Err(error) => self.shared.notice(Severity::Error, error.to_string()),
         }
-        for notice in self.processor.take_notices() {
+        for notice in self.pipeline.take_notices() {
             self.shared.tell(&Event::Notice(notice));
         }
         self.rebuild();
         if self.kept_at.elapsed() > KEEP {
             self.kept_at = Instant::now();
-            *lock(&self.shared.state) = self.processor.state().clone();
+            *lock(&self.shared.state) = self.pipeline.state().clone();
         }
     }
 
@@ -450,7 +455,7 @@ impl Maker {
             let more = count.saturating_sub(told.get(sink).copied().unwrap_or(0));
             if more > 0 {
                 let text = format!("{sink} did not keep up: {more} frames or messages were left out of it");
-                self.shared.notice(Level::Warning, text);
+                self.shared.notice(Severity::Warning, text);
             }
         }
         // What there was no room for of these notices is no news.
@@ -459,7 +464,7 @@ impl Maker {
 
     fn obey(&mut self) {
         if self.shared.tells_state.swap(false, Ordering::Relaxed) {
-            self.shared.tell(&Event::State(Arc::new(self.processor.state().clone())));
+            self.shared.tell(&Event::State(Arc::new(self.pipeline.state().clone())));
         }
         loop {
             let Some(command) = lock(&self.shared.commands).pop_front() else { return };
@@ -470,15 +475,15 @@ impl Maker {
     }
 
     fn carry_out(&mut self, command: Command) {
-        match self.processor.command(&command) {
+        match self.pipeline.command(&command) {
             Ok(()) => {
                 // Another method may be made without the channels that this one could not.
                 self.tried_without = None;
-                *lock(&self.shared.state) = self.processor.state().clone();
-                *lock(&self.shared.method) = self.processor.method().name.clone();
+                *lock(&self.shared.state) = self.pipeline.state().clone();
+                *lock(&self.shared.method) = self.pipeline.method().name.clone();
                 self.shared.tell(&Event::Done(command));
             }
-            Err(error) => self.shared.notice(Level::Error, error.to_string()),
+            Err(error) => self.shared.notice(Severity::Error, error.to_string()),
         }
     }
 
@@ -486,21 +491,21 @@ impl Maker {
     fn rebuild(&mut self) {
         if let Some(thread) = self.rebuilding.take_if(|thread| thread.is_finished()) {
             // A thread that panicked has told so already.
-            match thread.join().map(|made| made.map(|rebuilt| self.processor.install(rebuilt))) {
+            match thread.join().map(|made| made.map(|rebuilt| self.pipeline.install(rebuilt))) {
                 Ok(Ok(true)) => self.shared.tell(&Event::Done(Command::Rebuild)),
                 Ok(Ok(false)) | Err(_) => {}
-                Ok(Err(error)) => self.shared.notice(Level::Error, error.to_string()),
+                Ok(Err(error)) => self.shared.notice(Severity::Error, error.to_string()),
             }
         }
-        if self.rebuilding.is_some() || !self.rebuilds || !self.processor.wants_rebuild() {
+        if self.rebuilding.is_some() || !self.rebuilds || !self.pipeline.wants_rebuild() {
             return;
         }
-        let broken = self.processor.left_out();
+        let broken = self.pipeline.left_out();
         if self.tried_without.as_ref() == Some(&broken) {
             return;
         }
         self.tried_without = Some(broken);
-        let rebuilding = self.processor.rebuilding();
+        let rebuilding = self.pipeline.rebuilding();
         let thread = std::thread::Builder::new().name("dermis-rebuild".into());
         self.rebuilding = thread.spawn(move || rebuilding.run()).ok();
     }

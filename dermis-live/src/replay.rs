@@ -4,14 +4,14 @@
 
 use crate::LiveError;
 use crate::device::{DeviceFacts, Stream};
-use crate::live::{Event as LiveEvent, Fed, Shared};
-use crate::moment::Moment;
-use crate::processor::{Incoming, Processor};
+use crate::live::{Event as LiveEvent, Fed, LiveHandle};
+use crate::pipeline::{Incoming, Pipeline};
 use crate::record::{Event, RecordError, Recorded, Recording, Session};
-use crate::report::{Level, LiveFrame, Notice};
+use crate::report::{LiveFrame, Notice, Severity};
 use crate::settings::Command;
 use crate::skin::{LiveSkin, NamedMethod};
 use crate::state::State;
+use crate::timestamp::Timestamp;
 use dermis::design::SkinDesign;
 use dermis_learn::Card;
 use dermis_wire::ToHost;
@@ -20,7 +20,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// What a recording holds for a pipeline, in its order.
-struct Reel {
+struct RecordingReader {
     path: PathBuf,
     recording: Recording,
     stream: Stream,
@@ -35,16 +35,16 @@ enum Reeled {
     Found(DeviceFacts),
 }
 
-impl Reel {
+impl RecordingReader {
     /// Of a recording of the skin: what its device is known by, and the state of the pipeline at its beginning.
     fn new(path: &Path, recording: Recording, skin: Arc<LiveSkin>) -> Result<(Self, DeviceFacts, State), LiveError> {
         let mut state: State = serde_json::from_value(recording.session.state.clone())
             .map_err(|error| unreadable(path, "its state", error))?;
         state.settings.method = network(path, &recording.session, &skin, &state.settings.method)?;
         let hello = recording.session.hello.clone();
-        let mut reel = Reel { path: path.into(), recording, stream: Stream::default(), skin };
-        let facts = reel.greet(hello)?;
-        Ok((reel, facts, state))
+        let mut reader = RecordingReader { path: path.into(), recording, stream: Stream::default(), skin };
+        let facts = reader.greet(hello)?;
+        Ok((reader, facts, state))
     }
 
     fn greet(&mut self, hello: Vec<u8>) -> Result<DeviceFacts, LiveError> {
@@ -88,7 +88,7 @@ impl Reel {
         }
     }
 
-    fn frame(&mut self, measured_at: Moment, message: &[u8]) -> Result<Option<Incoming>, LiveError> {
+    fn frame(&mut self, measured_at: Timestamp, message: &[u8]) -> Result<Option<Incoming>, LiveError> {
         let Ok(ToHost::Frame(frame)) = ToHost::parse(message) else {
             return Err(unreadable(&self.path, "a frame", "its message is none"));
         };
@@ -130,13 +130,13 @@ fn without_its_network(path: &Path, name: &str) -> String {
 
 /// A recording being played again, frame by frame.
 pub struct Replay {
-    reel: Reel,
-    processor: Processor,
+    reader: RecordingReader,
+    pipeline: Pipeline,
 }
 
 impl std::fmt::Debug for Replay {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        formatter.debug_struct("Replay").field("path", &self.reel.path).finish_non_exhaustive()
+        formatter.debug_struct("Replay").field("path", &self.reader.path).finish_non_exhaustive()
     }
 }
 
@@ -165,18 +165,18 @@ impl Replay {
     pub fn with_model(path: &Path, model: Option<&str>) -> Result<Self, LiveError> {
         let recording = Recording::open(path)?;
         let skin = Arc::new(LiveSkin::new(&recording.session.design_toml, "design.toml", model)?);
-        let (reel, _, state) = Reel::new(path, recording, Arc::clone(&skin))?;
-        Ok(Replay { reel, processor: Processor::resume(skin, state)? })
+        let (reader, _, state) = RecordingReader::new(path, recording, Arc::clone(&skin))?;
+        Ok(Replay { reader, pipeline: Pipeline::resume(skin, state)? })
     }
 
     /// The skin.
     pub fn skin(&self) -> &Arc<LiveSkin> {
-        self.processor.skin()
+        self.pipeline.skin()
     }
 
     /// What the recording says of itself.
     pub fn session(&self) -> &Session {
-        &self.reel.recording.session
+        &self.reader.recording.session
     }
 
     /// The next frame or command; `None` at the end.
@@ -185,16 +185,16 @@ impl Replay {
     /// A part of the file that is damaged; the next call goes on behind it.
     pub fn step(&mut self) -> Result<Option<Replayed>, LiveError> {
         loop {
-            match self.reel.next()? {
+            match self.reader.next()? {
                 None => return Ok(None),
                 Some(Reeled::Found(_)) => {}
                 Some(Reeled::Command(command)) => {
-                    self.processor.command(&command)?;
+                    self.pipeline.command(&command)?;
                     return Ok(Some(Replayed::Command(command)));
                 }
                 Some(Reeled::Frame(incoming)) => {
-                    let frame = self.processor.process(*incoming)?;
-                    self.processor.take_notices();
+                    let frame = self.pipeline.process(*incoming)?;
+                    self.pipeline.take_notices();
                     return Ok(Some(Replayed::Frame(Box::new(frame))));
                 }
             }
@@ -204,7 +204,7 @@ impl Replay {
 
 /// A recording in the place of a device: its frames come at their own pace, or several times as fast.
 pub struct Player {
-    reel: Reel,
+    reader: RecordingReader,
     facts: DeviceFacts,
     state: State,
     speed: f64,
@@ -212,7 +212,7 @@ pub struct Player {
 
 impl std::fmt::Debug for Player {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        formatter.debug_struct("Player").field("path", &self.reel.path).finish_non_exhaustive()
+        formatter.debug_struct("Player").field("path", &self.reader.path).finish_non_exhaustive()
     }
 }
 
@@ -244,8 +244,8 @@ impl Player {
                 told(&skin.design)
             )));
         }
-        let (reel, facts, state) = Reel::new(path, recording, Arc::clone(skin))?;
-        Ok(Player { reel, facts, state, speed })
+        let (reader, facts, state) = RecordingReader::new(path, recording, Arc::clone(skin))?;
+        Ok(Player { reader, facts, state, speed })
     }
 
     /// What the pipeline remembered when the recording began.
@@ -259,10 +259,10 @@ impl Player {
     }
 
     /// Plays until the end, or until all is to stop.
-    pub(crate) fn play(mut self, shared: &Shared) {
+    pub(crate) fn play(mut self, shared: &LiveHandle) {
         let mut pace = Pace { speed: self.speed, begun: None };
         while !shared.is_stopped() {
-            let text = match self.reel.next() {
+            let text = match self.reader.next() {
                 Ok(Some(reeled)) => {
                     feed(reeled, &mut pace, shared);
                     continue;
@@ -272,10 +272,10 @@ impl Player {
                 Err(error) => Some((error.to_string(), false)),
             };
             let (level, text, is_end) = match text {
-                None => (Level::Info, format!("{} is at its end", self.reel.path.display()), true),
-                Some((text, is_end)) => (Level::Warning, text, is_end),
+                None => (Severity::Info, format!("{} is at its end", self.reader.path.display()), true),
+                Some((text, is_end)) => (Severity::Warning, text, is_end),
             };
-            shared.tell(&LiveEvent::Notice(Notice { level, text, at: Moment::now() }));
+            shared.tell(&LiveEvent::Notice(Notice { level, text, at: Timestamp::now() }));
             if is_end {
                 return;
             }
@@ -284,7 +284,7 @@ impl Player {
 }
 
 /// Hands a part of a recording on when it is due.
-fn feed(reeled: Reeled, pace: &mut Pace, shared: &Shared) {
+fn feed(reeled: Reeled, pace: &mut Pace, shared: &LiveHandle) {
     match reeled {
         Reeled::Command(command) => {
             await_room(shared);
@@ -294,7 +294,7 @@ fn feed(reeled: Reeled, pace: &mut Pace, shared: &Shared) {
         Reeled::Frame(mut incoming) => {
             pace.wait(incoming.measured_at, shared);
             await_room(shared);
-            incoming.received_at = Moment::now();
+            incoming.received_at = Timestamp::now();
             shared.feed(Fed::Frame(incoming));
         }
     }
@@ -303,11 +303,11 @@ fn feed(reeled: Reeled, pace: &mut Pace, shared: &Shared) {
 /// When what was measured at some moment is due.
 struct Pace {
     speed: f64,
-    begun: Option<(Moment, Instant)>,
+    begun: Option<(Timestamp, Instant)>,
 }
 
 impl Pace {
-    fn wait(&mut self, measured_at: Moment, shared: &Shared) {
+    fn wait(&mut self, measured_at: Timestamp, shared: &LiveHandle) {
         let (first, begun) = *self.begun.get_or_insert_with(|| (measured_at, Instant::now()));
         let since_s = (measured_at.seconds_since(first) / self.speed).max(0.0);
         let due = begun + Duration::try_from_secs_f64(since_s).unwrap_or_default();
@@ -322,7 +322,7 @@ impl Pace {
 }
 
 /// A file can wait, which a device cannot: nothing of it is left out.
-fn await_room(shared: &Shared) {
+fn await_room(shared: &LiveHandle) {
     while shared.is_full() && !shared.is_stopped() {
         std::thread::sleep(Duration::from_micros(100));
     }

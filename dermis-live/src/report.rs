@@ -1,6 +1,6 @@
 //! What is known of a frame once it has gone through the pipeline: what every sink is given.
 
-use crate::moment::Moment;
+use crate::timestamp::Timestamp;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -11,11 +11,11 @@ pub struct LiveFrame {
     /// Number of the frame since the device was powered up, not wrapping round.
     pub sequence: u64,
     /// When its first reading was taken, on the host's clock.
-    pub measured_at: Moment,
+    pub measured_at: Timestamp,
     /// When its last byte came.
-    pub received_at: Moment,
+    pub received_at: Timestamp,
     /// When its contacts were known.
-    pub output_at: Moment,
+    pub output_at: Timestamp,
     /// The message as the device sent it ([`dermis_wire::Frame`]): with the session's hello all that a replay needs.
     pub message: Vec<u8>,
     /// Its values, ohm, in the order of the protocol.
@@ -62,7 +62,7 @@ pub struct LiveContact {
     /// expected, with the strength and force that were last seen.
     pub seen: bool,
     /// When it began.
-    pub since: Moment,
+    pub since: Timestamp,
     /// The zone that it lies in, where zones are named.
     pub zone: Option<String>,
 }
@@ -81,7 +81,7 @@ pub struct Health {
     /// Channels whose readings are out of the converter's range now.
     pub saturated_channels: usize,
     /// Channels that are left out.
-    pub silent_channels: usize,
+    pub masked_channels: usize,
     /// Frames a second that arrive.
     pub rate_hz: f64,
     /// Counts since the start.
@@ -137,17 +137,17 @@ pub struct Counts {
 #[serde(deny_unknown_fields)]
 pub struct Notice {
     /// How much it matters.
-    pub level: Level,
+    pub level: Severity,
     /// What it is, and what to do.
     pub text: String,
     /// When it was noticed.
-    pub at: Moment,
+    pub at: Timestamp,
 }
 
 /// How much something matters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum Level {
+pub enum Severity {
     /// For the record.
     Info,
     /// Results may be worse.

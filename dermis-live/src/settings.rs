@@ -1,4 +1,4 @@
-//! What may be changed while a skin is read, and what a processor may be told.
+//! What may be changed while a skin is read, and what a pipeline may be told.
 
 use crate::LiveError;
 use dermis::geom::Point3;
@@ -91,7 +91,7 @@ impl Settings {
     }
 }
 
-/// What a processor may be told between two frames.
+/// What a pipeline may be told between two frames.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "do", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Command {

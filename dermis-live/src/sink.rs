@@ -1,13 +1,13 @@
 //! Threads that record and publish what a live skin tells. None of them can delay a contact.
 
 use crate::LiveError;
-use crate::live::{Event, Shared};
+use crate::live::{Event, LiveHandle};
 use crate::mailbox::{Mailbox, Taken};
-use crate::moment::Moment;
 use crate::record::{self, RecordError, Recorder, Session, Written};
-use crate::report::{Level, Notice};
+use crate::report::{Notice, Severity};
 use crate::ros::Reference;
 use crate::settings::Command;
+use crate::timestamp::Timestamp;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -26,9 +26,9 @@ const ROS2: &str = "ROS 2";
 const PAUSE: Duration = Duration::from_millis(400);
 
 /// A recording that is being made.
-pub struct Taping {
+pub struct RecordingSink {
     path: PathBuf,
-    shared: Arc<Shared>,
+    shared: Arc<LiveHandle>,
     mailbox: Arc<Mailbox<Event>>,
     told: Arc<Mutex<Told>>,
     thread: JoinHandle<()>,
@@ -43,18 +43,18 @@ pub struct Told {
     pub problem: Option<String>,
 }
 
-impl std::fmt::Debug for Taping {
+impl std::fmt::Debug for RecordingSink {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        formatter.debug_struct("Taping").field("path", &self.path).finish_non_exhaustive()
+        formatter.debug_struct("RecordingSink").field("path", &self.path).finish_non_exhaustive()
     }
 }
 
-impl Taping {
+impl RecordingSink {
     /// Records from the next frame on; `twin_toml` is the twin that an emulator plays.
     ///
     /// # Errors
     /// A file that is there already or cannot be written.
-    pub fn start(shared: &Arc<Shared>, path: &Path, twin_toml: Option<&str>) -> Result<Self, LiveError> {
+    pub fn start(shared: &Arc<LiveHandle>, path: &Path, twin_toml: Option<&str>) -> Result<Self, LiveError> {
         if path.exists() {
             let message =
                 format!("{} is there already: give another name, recordings are not overwritten", path.display());
@@ -63,7 +63,7 @@ impl Taping {
         let mailbox = shared.subscribe_as("the recording", WAITING_FOR_DISK);
         shared.tell_state();
         let told = Arc::new(Mutex::new(Told::default()));
-        let tape = Tape {
+        let tape = RecorderThread {
             shared: Arc::clone(shared),
             mailbox: Arc::clone(&mailbox),
             told: Arc::clone(&told),
@@ -72,7 +72,7 @@ impl Taping {
         };
         let thread = std::thread::Builder::new().name("dermis-record".into()).spawn(move || tape.run());
         let thread = thread.map_err(|source| LiveError::Io { path: path.into(), source })?;
-        Ok(Taping { path: path.into(), shared: Arc::clone(shared), mailbox, told, thread })
+        Ok(RecordingSink { path: path.into(), shared: Arc::clone(shared), mailbox, told, thread })
     }
 
     /// The file.
@@ -95,20 +95,20 @@ impl Taping {
 }
 
 /// What the recording thread has.
-struct Tape {
-    shared: Arc<Shared>,
+struct RecorderThread {
+    shared: Arc<LiveHandle>,
     mailbox: Arc<Mailbox<Event>>,
     told: Arc<Mutex<Told>>,
     path: PathBuf,
     twin_toml: Option<String>,
 }
 
-impl Tape {
+impl RecorderThread {
     fn run(self) {
         if let Err(error) = self.record() {
             let text = format!("the recording has ended: {error}; contacts go on");
             self.told.lock().unwrap_or_else(PoisonError::into_inner).problem = Some(error.to_string());
-            self.shared.tell(&Event::Notice(Notice { level: Level::Error, text, at: Moment::now() }));
+            self.shared.tell(&Event::Notice(Notice { level: Severity::Error, text, at: Timestamp::now() }));
             self.shared.unsubscribe(&self.mailbox);
         }
     }
@@ -123,13 +123,13 @@ impl Tape {
             match self.mailbox.take(PAUSE) {
                 Taken::Item(Event::Frame(frame)) => recorder.frame(&frame)?,
                 Taken::Item(Event::Done(command)) => {
-                    recorder.event(Moment::now(), &record::Event::Command(command_value(&command)))?;
+                    recorder.event(Timestamp::now(), &record::Event::Command(command_value(&command)))?;
                 }
                 Taken::Item(Event::Notice(notice)) => {
                     recorder.event(notice.at, &record::Event::Notice(notice.clone()))?;
                 }
                 Taken::Item(Event::Connected(facts)) => {
-                    recorder.event(Moment::now(), &record::Event::Hello(facts.hello.clone()))?;
+                    recorder.event(Timestamp::now(), &record::Event::Hello(facts.hello.clone()))?;
                 }
                 Taken::Item(Event::Lost(_) | Event::State(_)) => {}
                 Taken::TimedOut => recorder.flush()?,
@@ -140,7 +140,7 @@ impl Tape {
             let dropped = self.mailbox.dropped();
             if dropped > left_out {
                 let text = format!("{} frames or events are missing here: the disk is too slow", dropped - left_out);
-                let notice = Notice { level: Level::Warning, text, at: Moment::now() };
+                let notice = Notice { level: Severity::Warning, text, at: Timestamp::now() };
                 recorder.event(notice.at, &record::Event::Notice(notice.clone()))?;
                 left_out = dropped;
             }
@@ -185,7 +185,7 @@ fn command_value(command: &Command) -> Value {
 /// # Errors
 /// A domain that cannot be joined.
 #[cfg(feature = "ros2")]
-pub fn publish(shared: &Arc<Shared>, options: &crate::dds::PublisherOptions) -> Result<JoinHandle<()>, LiveError> {
+pub fn publish(shared: &Arc<LiveHandle>, options: &crate::dds::PublisherOptions) -> Result<JoinHandle<()>, LiveError> {
     let skin = shared.skin();
     let reference = Reference { frame_id: skin.design.name.clone(), space: Arc::clone(&skin.pixels) };
     let given = |error: crate::dds::PublishError| LiveError::Given(error.to_string());
@@ -201,7 +201,7 @@ pub fn publish(shared: &Arc<Shared>, options: &crate::dds::PublisherOptions) -> 
                     left_out = publisher.dropped();
                     if let Err(error) = publisher.frame(&frame) {
                         let text = format!("publishing has ended: {error}; contacts go on");
-                        shared.tell(&Event::Notice(Notice { level: Level::Error, text, at: Moment::now() }));
+                        shared.tell(&Event::Notice(Notice { level: Severity::Error, text, at: Timestamp::now() }));
                         shared.unsubscribe(&mailbox);
                         return;
                     }

@@ -105,10 +105,10 @@ impl LiveSkin {
     ///
     /// # Errors
     /// Too few channels left.
-    fn linear_method(&self, name: &str, prior: Prior, silent: &[usize]) -> Result<NamedMethod, LiveError> {
+    fn linear_method(&self, name: &str, prior: Prior, masked: &[usize]) -> Result<NamedMethod, LiveError> {
         let options = OneStepOptions {
             prior,
-            excluded: silent.to_vec(),
+            excluded: masked.to_vec(),
             touch: self.design.sheet.touch,
             ..OneStepOptions::default()
         };

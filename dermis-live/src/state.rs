@@ -1,13 +1,13 @@
-//! All that a processor remembers.
+//! All that a pipeline remembers.
 
 use crate::LiveError;
-use crate::alarm::Alarm;
 use crate::baseline::{Baseline, Noise, Touch};
 use crate::drift::Fitter;
-use crate::health::{Watch, Wiring};
+use crate::health::{ElectrodeMonitor, ElectrodeTopology};
 use crate::meter::Measures;
-use crate::moment::Moment;
 use crate::settings::Settings;
+use crate::timestamp::Timestamp;
+use crate::touch_detector::TouchDetector;
 use dermis::geom::Surface;
 use dermis::track::Tracker;
 use serde::{Deserialize, Serialize};
@@ -17,15 +17,15 @@ const QUIET_S: f64 = 0.5;
 /// What is felt for so long without a contact is no touch but a skin that has changed, s.
 const PUZZLED_S: f64 = 5.0;
 
-/// All that a processor remembers, as recordings and restarts keep it.
+/// All that a pipeline remembers, as recordings and restarts keep it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct State {
     /// What may be changed.
     pub settings: Settings,
     pub(crate) phase: Phase,
     /// When the first frame came: the zero of its clock.
-    pub(crate) begun: Option<Moment>,
-    pub(crate) last: Option<Moment>,
+    pub(crate) begun: Option<Timestamp>,
+    pub(crate) last: Option<Timestamp>,
     pub(crate) frames: u64,
     /// Channels that the method was made without.
     pub(crate) made_without: Vec<usize>,
@@ -43,8 +43,8 @@ pub(crate) enum Phase {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Reading {
     pub baseline: Baseline,
-    pub watch: Watch,
-    pub alarm: Alarm,
+    pub watch: ElectrodeMonitor,
+    pub alarm: TouchDetector,
     /// The tare's frames less their mean, ohm.
     pub untouched: Vec<Vec<f64>>,
     /// Since when nothing touches, and since when something is felt that is no contact; s.
@@ -64,13 +64,13 @@ impl State {
     }
 
     /// Refuses a state of another skin.
-    pub(crate) fn check(&self, wiring: &Wiring, drift_count: usize) -> Result<(), LiveError> {
-        let channel_count = wiring.channel_count();
+    pub(crate) fn check(&self, topology: &ElectrodeTopology, drift_count: usize) -> Result<(), LiveError> {
+        let channel_count = topology.channel_count();
         let fits = match &self.phase {
             Phase::Taring { frames } => frames.iter().all(|frame| frame.values_ohm.len() == channel_count),
             Phase::Reading(reading) => {
                 reading.baseline.fits(channel_count, drift_count)
-                    && reading.watch.fits(wiring)
+                    && reading.watch.fits(topology)
                     && reading.untouched.iter().all(|frame| frame.len() == channel_count)
             }
         };
@@ -100,7 +100,7 @@ impl Reading {
         surface: &Surface,
         fitter: &mut Fitter,
         alarm: bool,
-        silent: &[bool],
+        masked: &[bool],
         touch: Touch<'_>,
     ) -> bool {
         let since = |holds: bool, since_s: Option<f64>| holds.then(|| since_s.unwrap_or(touch.time_s));
@@ -112,7 +112,7 @@ impl Reading {
         if quiet || for_s(self.puzzled_since_s) >= PUZZLED_S {
             self.baseline.follow(touch.frame_ohm, touch.step_s);
         } else if felt {
-            let noise = Noise { sd_ohm: self.watch.noise_ohm(), silent };
+            let noise = Noise { sd_ohm: self.watch.noise_ohm(), masked };
             self.baseline.hold(surface, fitter, noise, touch);
         }
         quiet

@@ -4,7 +4,7 @@ use dermis::design::SkinDesign;
 use dermis::geom::Point3;
 use dermis_live::device::Stream;
 use dermis_live::emulator::{Emulator, EmulatorOptions, Script};
-use dermis_live::{LiveFrame, LiveSkin, Moment, Processor, Settings};
+use dermis_live::{LiveFrame, LiveSkin, Pipeline, Settings, Timestamp};
 use dermis_sim::twin::TwinOptions;
 use dermis_wire::{Decoder, Received, ToHost};
 use std::sync::Arc;
@@ -17,7 +17,7 @@ struct Pressed {
     skin: Arc<LiveSkin>,
     emulator: Arc<Emulator>,
     stream: Stream,
-    processor: Processor,
+    pipeline: Pipeline,
     decoder: Decoder<Vec<u8>>,
     next: u64,
     /// How long the twin took in all, s.
@@ -32,21 +32,21 @@ impl Pressed {
             EmulatorOptions { twin, seed: 1, script, faults: Vec::new(), speed: 1.0, prerendered: 0, unpaced: true };
         let emulator = Emulator::new(&skin.design, options).unwrap();
         let settings = Settings { method: method.into(), ..Settings::default() };
-        let processor = Processor::new(Arc::clone(skin), settings).unwrap();
+        let pipeline = Pipeline::new(Arc::clone(skin), settings).unwrap();
         let (mut decoder, mut stream) = (Decoder::new(vec![0; 1 << 16]), Stream::default());
         decoder.feed(&emulator.hello_packet((1e3 * RATE_HZ) as u32), |received| {
             let Received::Message(message) = received else { panic!("a damaged hello") };
             let Ok(ToHost::Hello(hello)) = ToHost::parse(message) else { panic!("no hello") };
             stream.hello(&hello, skin);
         });
-        Pressed { skin: Arc::clone(skin), emulator, stream, processor, decoder, next: 0, twin_s: 0.0 }
+        Pressed { skin: Arc::clone(skin), emulator, stream, pipeline, decoder, next: 0, twin_s: 0.0 }
     }
 
     fn frame(&mut self) -> LiveFrame {
         let begun = Instant::now();
         let packet = self.emulator.frame_packet(self.next).unwrap();
         self.twin_s += begun.elapsed().as_secs_f64();
-        let at = Moment { unix_ns: 1_800_000_000_000_000_000 + (self.time_s() * 1e9) as u64 };
+        let at = Timestamp { unix_ns: 1_800_000_000_000_000_000 + (self.time_s() * 1e9) as u64 };
         let mut heard = Vec::new();
         let Pressed { stream, decoder, .. } = self;
         decoder.feed(&packet, |received| {
@@ -55,7 +55,7 @@ impl Pressed {
             heard.extend(stream.frame(&frame, message, at));
         });
         self.next += 1;
-        self.processor.process(heard.pop().unwrap()).unwrap()
+        self.pipeline.process(heard.pop().unwrap()).unwrap()
     }
 
     fn time_s(&self) -> f64 {
@@ -87,7 +87,7 @@ struct Told {
     pressed: usize,
     right: usize,
     /// Frames without a finger in which there were contacts, and when the last of all contacts was told, s.
-    ghosts: usize,
+    false_positives: usize,
     last_s: f64,
     most_contacts: usize,
     ids: u64,
@@ -106,7 +106,7 @@ impl Told {
             let contacts = pressed.frame().contacts;
             told.pressed += usize::from(fingers > 0);
             told.right += usize::from(fingers > 0 && contacts.len() == fingers);
-            told.ghosts += usize::from(fingers == 0 && !contacts.is_empty());
+            told.false_positives += usize::from(fingers == 0 && !contacts.is_empty());
             told.most_contacts = told.most_contacts.max(contacts.len());
             for contact in &contacts {
                 (told.ids, told.last_s) = (told.ids.max(contact.id), time_s);
@@ -122,7 +122,7 @@ impl Told {
             "{}, {script}, {}: {} of {} frames with as many contacts as fingers, {} mm off (95 % within {} mm), {} ids, last \
              told at {:.2} s; the twin took {:.2} ms a frame",
             skin.design.name,
-            pressed.processor.method().name,
+            pressed.pipeline.method().name,
             told.right,
             told.pressed,
             mm(told.part(0.5)),

@@ -4,7 +4,7 @@ mod page;
 #[path = "../../fuzz/src/page.rs"]
 mod target;
 
-use dermis_live::{Event, Guest, Taken};
+use dermis_live::{ClientSession, Event, Taken};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
@@ -68,7 +68,7 @@ fn no_message_of_a_page_makes_the_skin_panic() {
     let folder = tempfile::tempdir().unwrap();
     let (live, control) = page::live(folder.path());
     let mailbox = live.shared().subscribe(1);
-    let mut guest = Guest::new(Arc::clone(&control));
+    let mut guest = ClientSession::new(Arc::clone(&control));
     SEEDS[..2].iter().for_each(|seed| guest.ask(seed).unwrap());
     for run in 0..runs {
         let mut random = ChaCha8Rng::seed_from_u64(run as u64);
@@ -79,7 +79,7 @@ fn no_message_of_a_page_makes_the_skin_panic() {
         }
         if run % 10_000 == 0 {
             // Ten fingers at most, whatever was asked.
-            drop(std::mem::replace(&mut guest, Guest::new(Arc::clone(&control))));
+            drop(std::mem::replace(&mut guest, ClientSession::new(Arc::clone(&control))));
         }
     }
     drop(guest);

@@ -3,7 +3,7 @@
 
 mod synthetic;
 
-use dermis_live::Moment;
+use dermis_live::Timestamp;
 use dermis_live::record::{Recorded, Recorder, Recording, Session, recover};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -25,7 +25,7 @@ fn records_until_it_is_killed() {
     let mut recorder = Recorder::create(Path::new(&path), skin.reference.clone(), &Session::default()).unwrap();
     for index in 0.. {
         let mut frame = skin.frame(index);
-        frame.measured_at = Moment::now();
+        frame.measured_at = Timestamp::now();
         recorder.frame(&frame).unwrap();
         std::thread::sleep(Duration::from_secs(1) / synthetic::RATE as u32);
     }
@@ -45,9 +45,9 @@ fn lost_s(seed: u64, folder: &Path) -> f64 {
         assert!(child.try_wait().unwrap().is_none(), "the program that records ended");
         std::thread::sleep(Duration::from_millis(5));
     }
-    let begun = Moment::now();
+    let begun = Timestamp::now();
     std::thread::sleep(Duration::from_millis(random.random_range(100..2_500)));
-    let killed = Moment::now();
+    let killed = Timestamp::now();
     child.kill().unwrap();
     child.wait().unwrap();
     let recovered = recover(&path, &whole).unwrap();

@@ -3,7 +3,7 @@
 mod page;
 
 use dermis_live::server::{Server, ServerOptions};
-use dermis_live::{Event, Guest, Taken};
+use dermis_live::{ClientSession, Event, Taken};
 use serde_json::Value;
 use std::io::Write;
 use std::net::{SocketAddr, TcpStream};
@@ -140,8 +140,8 @@ fn fingers_of_pages_are_their_own() {
     let emulator = Arc::clone(control.emulator().unwrap());
     let pressing = || emulator.presses(0.0).len();
     let press = |x_m: f64| format!(r#"{{"do":"press","finger":0,"position_m":[{x_m},0.0,0.0],"force_n":1.0}}"#);
-    let mut one = Guest::new(Arc::clone(&control));
-    let mut other = Guest::new(Arc::clone(&control));
+    let mut one = ClientSession::new(Arc::clone(&control));
+    let mut other = ClientSession::new(Arc::clone(&control));
     one.ask(&press(0.01)).unwrap();
     other.ask(&press(-0.01)).unwrap();
     assert_eq!(pressing(), 2, "the first finger of each");

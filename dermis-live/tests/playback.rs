@@ -4,7 +4,7 @@ use dermis::design::SkinDesign;
 use dermis_live::device::Address;
 use dermis_live::emulator::{Emulator, EmulatorOptions, Port, Script};
 use dermis_live::replay::{Player, Replay, Replayed};
-use dermis_live::sink::Taping;
+use dermis_live::sink::RecordingSink;
 use dermis_live::{Command, Event, Live, LiveContact, LiveOptions, LiveSkin, Mailbox, Settings, Taken};
 use dermis_sim::twin::TwinOptions;
 use std::net::TcpListener;
@@ -39,7 +39,7 @@ fn record(skin: &Arc<LiveSkin>, path: &Path) {
     let live = Live::start(Arc::clone(skin), options).unwrap();
     let mailbox = live.shared().subscribe(WAITING);
     await_frame(&mailbox, 200);
-    let taping = Taping::start(live.shared(), path, None).unwrap();
+    let taping = RecordingSink::start(live.shared(), path, None).unwrap();
     await_frame(&mailbox, 700);
     live.shared().command(Command::Threshold { value: 0.9 });
     await_frame(&mailbox, 800);

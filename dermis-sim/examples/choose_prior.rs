@@ -82,7 +82,7 @@ impl Experiment {
             1e3 * score.localisation_m.sd,
             1e3 * score.localisation_m.p95,
             score.misses,
-            score.ghosts,
+            score.false_positives,
             1e3 * score.eq11_m.mean,
             score.sensitivity_spread,
             resolved.count()
@@ -102,7 +102,9 @@ fn main() -> dermis_sim::Result<()> {
     let start = Instant::now();
     let model = Linearised::new(&forward, &pixels)?;
     println!("linear model of {} x {}: {:.2?}", model.channel_count(), model.pixel_count(), start.elapsed());
-    println!("method                               alpha  localisation, mm          miss ghost Eq11, mm spread  pairs");
+    println!(
+        "method                               alpha  localisation, mm          miss false_positive Eq11, mm spread  pairs"
+    );
     let priors = [
         Prior::Tikhonov,
         Prior::Noser { exponent: 0.3 },

@@ -2,7 +2,7 @@
 
 use dermis::design::SkinDesign;
 use dermis::forward::{BatchSolver, ForwardError, ForwardModel};
-use dermis::linalg::{BadLanes, BatchPlan, Entries, LANES, Level, Symbolic};
+use dermis::linalg::{BadLanes, BatchPlan, Entries, LANES, SimdLevel, Symbolic};
 use dermis::mesh::Mesh;
 use dermis_sim::random::{sample_rng, standard_normal};
 
@@ -39,7 +39,7 @@ fn every_lane_at_every_level_equals_the_plain_solver() {
                 model.solve(&one).expect("positive conductivities")
             })
             .collect();
-        for level in Level::available() {
+        for level in SimdLevel::available() {
             let batched = frames(&mut model.batch_solver_at(level), &conductivity);
             for (lane, plain) in plain.iter().enumerate() {
                 let norm = plain.iter().map(|v| v * v).sum::<f64>().sqrt();
@@ -57,7 +57,7 @@ fn every_lane_at_every_level_equals_the_plain_solver() {
 fn the_bits_of_a_lane_depend_on_nothing_but_its_conductivity() {
     let model = model("cylinder30");
     let conductivity = conductivities(&model);
-    for level in Level::available() {
+    for level in SimdLevel::available() {
         let mut solver = model.batch_solver_at(level);
         let first = frames(&mut solver, &conductivity);
         let turned: Vec<[f64; LANES]> =
@@ -133,7 +133,7 @@ fn grid(turned_lane: Option<usize>) -> (Grid, BatchPlan) {
 
 #[test]
 fn a_matrix_that_is_not_positive_definite_is_named_by_its_lane_alone() {
-    for level in Level::available() {
+    for level in SimdLevel::available() {
         let mut impedances = vec![[0.0; LANES]; 16];
         let (good, plan) = grid(None);
         let mut workspace = plan.workspace_at(level);

@@ -1,7 +1,7 @@
 //! Presses on patches: the fast way against the direct one, and what patches do that Gaussian touches do not.
 
 use dermis::design::SkinDesign;
-use dermis::forward::{ForwardModel, Network};
+use dermis::forward::{ElectrodeNetwork, ForwardModel};
 use dermis::frame::Frame;
 use dermis::mesh::Mesh;
 use dermis::protocol::Protocol;
@@ -74,7 +74,7 @@ fn norm(values: &[f64]) -> f64 {
 }
 
 /// The change of the values that touch no driven electrode, and their own size at rest.
-fn change(skin: &PatchedSkin, network: &Network) -> (Vec<f64>, f64) {
+fn change(skin: &PatchedSkin, network: &ElectrodeNetwork) -> (Vec<f64>, f64) {
     let protocol = skin.conductors().model().protocol();
     let rest = undriven(&skin.conductors().resting_network().unwrap().frame(protocol), protocol);
     let touched = undriven(&network.frame(protocol), protocol);

@@ -39,7 +39,7 @@ fn print(name: &str, aligned: &Aligned) {
     let score = &aligned.score;
     println!(
         "{name}: aligned by {}, {} scored: mean {:.2} mm, median {:.2} mm, 95 % {:.2} mm; Eq. 11 {:.2} mm; {} misses, {} \
-         ghosts; {} alpha {:.2} cut at {} sd; {:?}; left out {:?}",
+         false_positives; {} alpha {:.2} cut at {} sd; {:?}; left out {:?}",
         aligned.aligned_by,
         score.presses,
         1e3 * score.localisation_m.mean,
@@ -47,7 +47,7 @@ fn print(name: &str, aligned: &Aligned) {
         1e3 * score.localisation_m.p95,
         1e3 * score.eq11_m.mean,
         score.misses,
-        score.ghosts,
+        score.false_positives,
         score.method,
         score.alpha.unwrap_or(f64::NAN),
         aligned.limit_sd,

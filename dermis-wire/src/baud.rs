@@ -12,9 +12,9 @@ pub const STANDARD_BAUD: [u32; 17] = [
 const BITS_PER_BYTE: u64 = 10;
 
 /// What a device sends in a second at most, bytes: its frames and a status.
-pub const fn bytes_per_second(slot_count: usize, reading_bytes: usize, rate_mhz: u32) -> u64 {
+pub const fn bytes_per_second(slot_count: usize, reading_bytes: usize, rate_millihertz: u32) -> u64 {
     let frame = Frame::packet_bytes(slot_count, reading_bytes) as u64;
-    (frame * rate_mhz as u64).div_ceil(1000) + Status::PACKET_BYTES as u64
+    (frame * rate_millihertz as u64).div_ceil(1000) + Status::PACKET_BYTES as u64
 }
 
 /// The smallest usual speed of a serial line that carries some bytes a second; `Err` with the bits a second needed where

@@ -48,7 +48,9 @@ impl<'a> ToDevice<'a> {
             ToDevice::Start => packer.put(&[START]),
             ToDevice::Stop => packer.put(&[STOP]),
             ToDevice::Scan(part) => packer.put(&[SCAN]).and_then(|()| part.put(packer)),
-            ToDevice::Rate(rate_mhz) => packer.put(&[RATE]).and_then(|()| packer.put(&rate_mhz.to_le_bytes())),
+            ToDevice::Rate(rate_millihertz) => {
+                packer.put(&[RATE]).and_then(|()| packer.put(&rate_millihertz.to_le_bytes()))
+            }
             ToDevice::SelfTest => packer.put(&[SELF_TEST]),
         }
     }
@@ -68,7 +70,7 @@ impl<'a> ToDevice<'a> {
             START => reader.end(ToDevice::Start),
             STOP => reader.end(ToDevice::Stop),
             SCAN => ScanPart::read(&mut reader).map(ToDevice::Scan),
-            RATE => reader.u32().and_then(|rate_mhz| reader.end(ToDevice::Rate(rate_mhz))),
+            RATE => reader.u32().and_then(|rate_millihertz| reader.end(ToDevice::Rate(rate_millihertz))),
             SELF_TEST => reader.end(ToDevice::SelfTest),
             _ => None,
         }

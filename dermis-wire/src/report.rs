@@ -80,9 +80,9 @@ pub struct Hello<'a> {
     /// The counts that a reading can have at most, either way; a reading there is out of range.
     pub full_scale: u32,
     /// Frames a second, in thousandths of a hertz: now, and at most.
-    pub rate_mhz: u32,
+    pub rate_millihertz: u32,
     /// Highest such rate.
-    pub highest_rate_mhz: u32,
+    pub highest_rate_millihertz: u32,
     /// Bits a second of the serial line that it speaks on; 0 where that does not matter (USB, TCP).
     pub baud: u32,
     /// Number of the device.
@@ -109,7 +109,9 @@ impl<'a> Hello<'a> {
         for value in [self.reference_ohm, self.source_v].into_iter().chain(self.volts_per_count) {
             packer.put(&value.to_le_bytes())?;
         }
-        for value in [self.full_scale, self.rate_mhz, self.highest_rate_mhz, self.baud, self.serial, self.boot] {
+        for value in
+            [self.full_scale, self.rate_millihertz, self.highest_rate_millihertz, self.baud, self.serial, self.boot]
+        {
             packer.put(&value.to_le_bytes())?;
         }
         put_text(packer, self.name)
@@ -128,8 +130,8 @@ impl<'a> Hello<'a> {
             source_v: reader.f32()?,
             volts_per_count: [reader.f32()?, reader.f32()?, reader.f32()?],
             full_scale: reader.u32()?,
-            rate_mhz: reader.u32()?,
-            highest_rate_mhz: reader.u32()?,
+            rate_millihertz: reader.u32()?,
+            highest_rate_millihertz: reader.u32()?,
             baud: reader.u32()?,
             serial: reader.u32()?,
             boot: reader.u32()?,

@@ -62,12 +62,12 @@ prop_compose! {
         [version, electrode_count, slot_count] in any::<[u16; 3]>(),
         design_sha256 in any::<[u8; 32]>(),
         numbers in proptest::array::uniform5(-1e9f32..1e9),
-        [full_scale, rate_mhz, highest_rate_mhz, baud, serial, boot] in any::<[u32; 6]>(),
+        [full_scale, rate_millihertz, highest_rate_millihertz, baud, serial, boot] in any::<[u32; 6]>(),
     ) -> Hello<'static> {
         let [reference_ohm, source_v, undriven, driven, reference] = numbers;
         Hello {
             version, reading_bytes: if wide { 4 } else { 2 }, design_sha256, electrode_count, slot_count, reference_ohm,
-            source_v, volts_per_count: [undriven, driven, reference], full_scale, rate_mhz, highest_rate_mhz, baud,
+            source_v, volts_per_count: [undriven, driven, reference], full_scale, rate_millihertz, highest_rate_millihertz, baud,
             serial, boot, name: "",
         }
     }
@@ -148,8 +148,8 @@ proptest! {
     }
 
     #[test]
-    fn rate(rate_mhz: u32) {
-        round_trip_to_device(&ToDevice::Rate(rate_mhz));
+    fn rate(rate_millihertz: u32) {
+        round_trip_to_device(&ToDevice::Rate(rate_millihertz));
     }
 }
 
@@ -170,8 +170,8 @@ fn one_of_each<T>(take: impl FnOnce(&[ToHost<'_>], &[ToDevice<'_>]) -> T) -> T {
         source_v: 3.3,
         volts_per_count: [1e-6, 1e-4, 1e-3],
         full_scale: 2047,
-        rate_mhz: 120_000,
-        highest_rate_mhz: 120_000,
+        rate_millihertz: 120_000,
+        highest_rate_millihertz: 120_000,
         baud: 0,
         serial: 1,
         boot: 77,

@@ -3,7 +3,7 @@
 mod reference;
 mod shapes;
 
-use dermis::forward::{ForwardError, ForwardModel, Network};
+use dermis::forward::{ElectrodeNetwork, ForwardError, ForwardModel};
 use dermis::geom::vector::{cross, dot, norm, scale};
 use dermis::mesh::{Cells, ElectrodePatch, Mesh};
 use dermis::protocol::{Channel, Protocol};
@@ -30,7 +30,7 @@ fn uneven(cell_count: usize) -> Vec<f64> {
     (0..cell_count).map(|cell| 1.5 + (cell as f64 * 0.7).sin() * 0.5 + (cell as f64 * 0.0137).cos() * 0.4).collect()
 }
 
-fn resistance(network: &Network, source: usize, sink: usize) -> f64 {
+fn resistance(network: &ElectrodeNetwork, source: usize, sink: usize) -> f64 {
     let s = &network.transfer_impedance;
     s.at(source, source) - 2.0 * s.at(source, sink) + s.at(sink, sink)
 }

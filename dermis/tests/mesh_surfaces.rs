@@ -174,7 +174,11 @@ fn wrong_surfaces_are_named_with_their_place() {
     refused(Format::Ply, ply.replacen("0 3 0 3 2", "0 3 0 3 -2", 1), &["-2"]);
     refused(Format::Ply, ply.replacen("property float z", "property float w", 1), &["x, y and z"]);
     refused(Format::Ply, ply.replacen("format ascii", "format utf8", 1), &["utf8"]);
-    refused(Format::Ply, "ply\nformat ascii 1.0\nelement ghost 18446744073709551615\nend_header\n", &["no triangles"]);
+    refused(
+        Format::Ply,
+        "ply\nformat ascii 1.0\nelement false_positive 18446744073709551615\nend_header\n",
+        &["no triangles"],
+    );
 }
 
 #[test]

@@ -6,7 +6,7 @@
 //! `beta = (q - k) / (q + k)`, `q = x I_k'(x) / I_k(x)`, `x = a sqrt(g)`: 0 without contact, 1 for a perfect one. At the
 //! rim `u = (1 - beta a^(2k)) / (k (1 + beta a^(2k))) cos(k theta)`.
 
-use dermis::forward::{ConductorContact, Conductors, ForwardModel, Matrix, Moment, Moments};
+use dermis::forward::{ConductorContact, FloatingConductors, ForwardModel, Matrix, PotentialMoment, PotentialMoments};
 use dermis::mesh::{Cells, ElectrodePatch, Mesh};
 use dermis::protocol::{Channel, Protocol};
 use std::f64::consts::TAU;
@@ -16,7 +16,7 @@ const RADIUS: f64 = 0.4;
 
 /// A skin of rings and sectors with a point electrode at every node of its rim, and a moment for each node of the
 /// patch; with the areas of the patch that belong to the nodes.
-fn disk(refinement: usize) -> (Conductors, Vec<f64>) {
+fn disk(refinement: usize) -> (FloatingConductors, Vec<f64>) {
     let (sectors, inner, outer) = (16 * refinement, 4 * refinement, 6 * refinement);
     let radius = |ring: usize| match ring <= inner {
         true => RADIUS * ring as f64 / inner as f64,
@@ -48,8 +48,8 @@ fn disk(refinement: usize) -> (Conductors, Vec<f64>) {
     let protocol = Protocol::new(sectors, vec![Channel { drive: [0, 1], measure: [0, 1] }]).unwrap();
     let rest = vec![1.0; mesh.cell_count()];
     let model = ForwardModel::from_parts(&mesh, &vec![1.0; sectors], &protocol, &rest).unwrap();
-    let moments = (0..patch_nodes).map(|node| Moment { conductor: 0, nodes: vec![(node, 1.0)] }).collect();
-    (Conductors::new(&model, &rest, Arc::new(Moments::new(moments)), &[]).unwrap(), areas)
+    let moments = (0..patch_nodes).map(|node| PotentialMoment { conductor: 0, nodes: vec![(node, 1.0)] }).collect();
+    (FloatingConductors::new(&model, &rest, Arc::new(PotentialMoments::new(moments)), &[]).unwrap(), areas)
 }
 
 fn contact(areas: &[f64], conductance_s_per_m2: f64) -> ConductorContact {

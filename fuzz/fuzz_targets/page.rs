@@ -7,7 +7,7 @@ mod live;
 #[path = "../src/page.rs"]
 mod page;
 
-use dermis_live::{Control, Guest, Live};
+use dermis_live::{Control, ClientSession, Live};
 use std::sync::{Arc, LazyLock};
 
 /// One live skin for all runs; its recordings go into a folder that lasts as long as the process.
@@ -18,6 +18,6 @@ static SKIN: LazyLock<(Live, Arc<Control>, tempfile::TempDir)> = LazyLock::new(|
 });
 
 libfuzzer_sys::fuzz_target!(|data: &[u8]| {
-    let mut guest = Guest::new(Arc::clone(&SKIN.1));
+    let mut guest = ClientSession::new(Arc::clone(&SKIN.1));
     data.split(|&byte| byte == b'\n').for_each(|message| page::ask(&mut guest, message));
 });

@@ -11,7 +11,7 @@ use clap::Args;
 use dermis::detect::{DetectOptions, Forces, Misplacement, PositionSpread, REGION_95_SD, blur_share};
 use dermis::frame::write_whole;
 use dermis_sim::dataset::{Generator, PatchTouches, Recipe, SkinSpread, Skins, Touch};
-use dermis_sim::evaluate::Trial;
+use dermis_sim::evaluate::CalibrationRun;
 use serde_json::json;
 use std::io::Write;
 use std::path::PathBuf;
@@ -60,20 +60,20 @@ impl Arguments {
             }
             detection.peak_fraction = fraction;
         }
-        let trial = self.trial(&skin, method.reconstruct.as_ref(), &detection)?;
+        let run = self.calibration_run(&skin, method.reconstruct.as_ref(), &detection)?;
         let few = || {
             let message =
-                format!("{} contacts were matched with a touch, too few to measure by", trial.misplacements.len());
+                format!("{} contacts were matched with a touch, too few to measure by", run.misplacements.len());
             Failure::given(message, Some("ask for more --samples"))
         };
-        let blur = blur_share(&trial.misplacements).ok_or_else(few)?;
-        let before = covered(&trial.misplacements, |contact| contact.stated_m);
-        detection.spread = Some(PositionSpread::fit(&trial.misplacements).ok_or_else(few)?);
+        let blur = blur_share(&run.misplacements).ok_or_else(few)?;
+        let before = covered(&run.misplacements, |contact| contact.stated_m);
+        detection.spread = Some(PositionSpread::fit(&run.misplacements).ok_or_else(few)?);
         // A method that was measured on touches without a force keeps what it knows of forces.
-        let ratios = trial.misplacements.iter().filter(|contact| !contact.is_shared);
+        let ratios = run.misplacements.iter().filter(|contact| !contact.is_shared);
         detection.forces = Forces::fit(ratios.map(|contact| contact.newtons_per_strength)).or(detection.forces);
         if let Some(path) = &self.output {
-            write_whole(path, |out| write(out, &trial.misplacements))?;
+            write_whole(path, |out| write(out, &run.misplacements))?;
         }
         if self.keep {
             self.method.keep_detection(&skin, detection.clone())?;
@@ -82,33 +82,36 @@ impl Arguments {
             return print_json(&json!({
                 "method": method.reconstruct.name(),
                 "alpha": method.alpha,
-                "touches": trial.touches,
-                "found": trial.misplacements.len(),
-                "ghosts": trial.ghosts,
-                "unexplained": trial.images.unexplained(),
-                "gain": trial.images.gain(),
-                "target_variance": trial.images.target_variance(),
+                "touches": run.touches,
+                "found": run.misplacements.len(),
+                "false_positives": run.false_positives,
+                "unexplained": run.images.unexplained(),
+                "gain": run.images.gain(),
+                "target_variance": run.images.target_variance(),
                 "covered_before": before,
                 "blur_share": blur,
                 "detection": detection,
             }));
         }
-        print(&format!("{}\n\n{}\n", method.reconstruct.name(), told(&trial, &detection, before, blur).to_text()))
+        print(&format!("{}\n\n{}\n", method.reconstruct.name(), summary(&run, &detection, before, blur).to_text()))
     }
 
-    fn trial(
+    fn calibration_run(
         &self,
         skin: &Skin,
         method: &dyn dermis::reconstruct::Reconstruct,
         detection: &DetectOptions,
-    ) -> Outcome<Trial> {
+    ) -> Outcome<CalibrationRun> {
         let recipes = self.recipes()?;
         let progress = Progress::new("touching", self.samples as usize * recipes.len());
         let one = |recipe: &Recipe| {
             let generator = Generator::new(&skin.design, &skin.forward, recipe)?;
-            Ok(Trial::of(method, detection, &generator, 0..self.samples, || progress.step())?)
+            Ok(CalibrationRun::of(method, detection, &generator, 0..self.samples, || progress.step())?)
         };
-        recipes.iter().map(one).try_fold(Trial::default(), |sum, trial: Outcome<Trial>| Ok(sum.with(trial?)))
+        recipes
+            .iter()
+            .map(one)
+            .try_fold(CalibrationRun::default(), |sum, run: Outcome<CalibrationRun>| Ok(sum.with(run?)))
     }
 
     fn recipes(&self) -> Outcome<Vec<Recipe>> {
@@ -127,17 +130,17 @@ fn covered(contacts: &[Misplacement], sd_m: impl Fn(&Misplacement) -> f64) -> f6
     inside as f64 / contacts.len() as f64
 }
 
-fn told(trial: &Trial, detection: &DetectOptions, before: f64, blur: f64) -> Table {
-    let found = trial.misplacements.len();
+fn summary(run: &CalibrationRun, detection: &DetectOptions, before: f64, blur: f64) -> Table {
+    let found = run.misplacements.len();
     let spread = detection.spread.as_ref().expect("it was measured");
     let after = |counts: fn(&Misplacement) -> bool| {
-        let part: Vec<Misplacement> = trial.misplacements.iter().copied().filter(counts).collect();
+        let part: Vec<Misplacement> = run.misplacements.iter().copied().filter(counts).collect();
         format!("{:.1} %", 100.0 * covered(&part, |contact| spread.sd_m(&contact.circumstances)))
     };
     let mut table = Table::new(&["figure", "value"]);
     let mut row = |name: &str, value: String| table.row([name.to_string(), value]);
-    row("touches", trial.touches.to_string());
-    row("found", format!("{found}, and {} ghosts", trial.ghosts));
+    row("touches", run.touches.to_string());
+    row("found", format!("{found}, and {} false_positives", run.false_positives));
     row("95 % region holds the truth, as stated so far", format!("{:.1} %", 100.0 * before));
     row("the same by what was measured, one touch in the frame", after(|contact| contact.touches == 1));
     row("the same, several and all found", after(|contact| contact.touches > 1 && !contact.is_shared));
@@ -148,8 +151,8 @@ fn told(trial: &Trial, detection: &DetectOptions, before: f64, blur: f64) -> Tab
         row("standard deviation of a force", format!("{:.0} %", 100.0 * relative_sd));
     }
     row("error apart from noise over a contact's radius, one number", format!("{blur:.3}"));
-    row("unexplained variance of the images", format!("{:.4}", trial.images.unexplained()));
-    row("variance of the targets", format!("{:.3e}", trial.images.target_variance()));
+    row("unexplained variance of the images", format!("{:.4}", run.images.unexplained()));
+    row("variance of the targets", format!("{:.3e}", run.images.target_variance()));
     table
 }
 

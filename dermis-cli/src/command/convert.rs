@@ -28,11 +28,11 @@ impl Arguments {
         };
         match self.json {
             true => print_json(&converted),
-            false => print(&self.told(&converted)),
+            false => print(&self.summary(&converted)),
         }
     }
 
-    fn told(&self, converted: &Converted) -> String {
+    fn summary(&self, converted: &Converted) -> String {
         let Converted { frames, channels, picture: [rows, columns], contacts, ref left_out } = *converted;
         let folder = self.output.display();
         let mut text = format!(

@@ -28,7 +28,7 @@ pub struct Arguments {
     truth: PathBuf,
     /// The truth is headerless x,y,z (m) in the frame of the robot that pressed, a row a frame: the first N presses tell
     /// where the skin lies in that frame and which prior, alpha and cut suit it (of a network the cut alone), the others are
-    /// scored. Channels that disagree with their twins, or that the instrument is deaf to, are left out.
+    /// scored. Channels that disagree with their twins, or that the instrument is polarity_blind to, are left out.
     #[arg(
         long,
         value_name = "N",
@@ -155,12 +155,12 @@ fn table(skin: &str, score: &Score) -> String {
         "not known without forces".to_string()
     };
     format!(
-        "{skin}: {}{alpha}\n  presses             {}, of which {} missed; {} ghosts\n  localisation        {}\n  \
+        "{skin}: {}{alpha}\n  presses             {}, of which {} missed; {} false_positives\n  localisation        {}\n  \
          whole-image (Eq 11) {}\n  sensitivity spread  {spread}\n",
         score.method,
         score.presses,
         score.misses,
-        score.ghosts,
+        score.false_positives,
         millimetres(&score.localisation_m),
         millimetres(&score.eq11_m),
     )

@@ -73,7 +73,7 @@ impl Arguments {
         let text = serde_json::to_string_pretty(&summary).map_err(|error| Failure::Ours(error.to_string()))?;
         write_whole(&folder.growing().join("experiment.json"), |out| writeln!(out, "{text}"))?;
         folder.finish()?;
-        if self.json { print_json(&summary) } else { print(&self.told(&summary)) }
+        if self.json { print_json(&summary) } else { print(&self.summary(&summary)) }
     }
 
     fn record(&self, design: &SkinDesign, options: &TwinOptions, folder: &Path) -> Outcome<Summary> {
@@ -105,7 +105,7 @@ impl Arguments {
         })
     }
 
-    fn told(&self, summary: &Summary) -> String {
+    fn summary(&self, summary: &Summary) -> String {
         let mut table = Table::new(&["set", "frames", "touches", "forces, N", "median change"]);
         for set in &summary.sets {
             table.row([

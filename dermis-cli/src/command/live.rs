@@ -12,7 +12,8 @@ use dermis_live::emulator::{Emulator, Port};
 use dermis_live::replay::Player;
 use dermis_live::server::{Server, ServerOptions};
 use dermis_live::{
-    Command, Control, Event, Level, Live, LiveOptions, LiveSkin, Settings, State, Taken, Tapes, Zone, jsonl, sink,
+    Command, Control, Event, Severity, Live, LiveOptions, LiveSkin, RecordingOptions, Settings, State, Taken, Zone, jsonl,
+    sink,
 };
 use std::io::IsTerminal;
 use std::net::TcpListener;
@@ -99,11 +100,11 @@ impl Arguments {
                 (Live::start(Arc::clone(&skin), self.options(address)?)?, emulator)
             }
         };
-        let tapes = Tapes {
+        let tapes = RecordingOptions {
             folder: PathBuf::from("."),
             twin_toml: emulator.as_ref().map(|_| self.emulator.twin_text()).transpose()?,
         };
-        let source = if emulator.is_some() { self.emulator.told() } else { self.source.clone() };
+        let source = if emulator.is_some() { self.emulator.summary() } else { self.source.clone() };
         let control = Arc::new(Control::new(Arc::clone(live.shared()), emulator.clone(), source, tapes));
         let sinks = self.open(&control)?;
         let counted = self.watch(&live)?;
@@ -237,8 +238,8 @@ impl Arguments {
         while !ended.load(Ordering::Relaxed) {
             match mailbox.take(Duration::from_millis(100)) {
                 Taken::Item(Event::Frame(frame)) => latencies.take(&frame),
-                Taken::Item(Event::Notice(notice)) => line.print(&told(notice.level, &notice.text)),
-                Taken::Item(Event::Lost(why)) => line.print(&told(Level::Error, &why)),
+                Taken::Item(Event::Notice(notice)) => line.print(&summary(notice.level, &notice.text)),
+                Taken::Item(Event::Lost(why)) => line.print(&summary(Severity::Error, &why)),
                 Taken::Item(_) | Taken::TimedOut => {}
                 Taken::Closed => break,
             }
@@ -312,14 +313,14 @@ fn publish(_: &Control, _: &str) -> Outcome<JoinHandle<()>> {
     Err(Failure::given("this program was built without ROS 2", Some("build it with --features ros2")))
 }
 
-fn told(level: Level, text: &str) -> String {
+fn summary(level: Severity, text: &str) -> String {
     let colour = std::io::stderr().is_terminal();
     match (level, colour) {
-        (Level::Info, _) => text.into(),
-        (Level::Warning, true) => format!("\u{1b}[33mwarning\u{1b}[0m: {text}"),
-        (Level::Error, true) => format!("\u{1b}[31merror\u{1b}[0m: {text}"),
-        (Level::Warning, false) => format!("warning: {text}"),
-        (Level::Error, false) => format!("error: {text}"),
+        (Severity::Info, _) => text.into(),
+        (Severity::Warning, true) => format!("\u{1b}[33mwarning\u{1b}[0m: {text}"),
+        (Severity::Error, true) => format!("\u{1b}[31merror\u{1b}[0m: {text}"),
+        (Severity::Warning, false) => format!("warning: {text}"),
+        (Severity::Error, false) => format!("error: {text}"),
     }
 }
 

@@ -1,6 +1,6 @@
 //! The commands: each a module with its arguments and what it does with them.
 
-pub mod assess;
+pub mod benchmark;
 mod calibrate;
 mod contacts;
 mod convert;
@@ -43,7 +43,7 @@ pub enum Command {
     /// Score contacts against what truly touched the skin.
     Evaluate(evaluate::Arguments),
     /// Assess a method on twins that it has never seen: localisation, two and four touches, smallest force.
-    Assess(assess::Arguments),
+    Benchmark(benchmark::Arguments),
     /// Measure on simulated touches how far a method's contacts lie from what touched.
     Calibrate(calibrate::Arguments),
     /// Press a twin as the paper pressed its skin, and write the frames that its instrument delivers.
@@ -88,7 +88,7 @@ impl Command {
             Command::Reconstruct(arguments) => arguments.run(),
             Command::Contacts(arguments) => arguments.run(),
             Command::Evaluate(arguments) => arguments.run(),
-            Command::Assess(arguments) => arguments.run(),
+            Command::Benchmark(arguments) => arguments.run(),
             Command::Calibrate(arguments) => arguments.run(),
             Command::Experiment(arguments) => arguments.run(),
             Command::Export(arguments) => arguments.run(),

@@ -244,14 +244,14 @@ pub fn localisation_scene(
     truth: &[Vec<Contact>],
     contacts: &[Vec<Contact>],
 ) -> Scene {
-    let (mut pairs, mut ghosts) = (Vec::new(), Vec::new());
+    let (mut pairs, mut false_positives) = (Vec::new(), Vec::new());
     for (touches, found) in truth.iter().zip(contacts) {
         let matched = match_contacts(touches, found, &design.body.surface());
         pairs.extend(matched.pairs.iter().map(|&(touch, contact, _)| (touches[touch], Some(found[contact]))));
         pairs.extend(matched.missed.iter().map(|&touch| (touches[touch], None)));
-        ghosts.extend(matched.ghosts.iter().map(|&ghost| found[ghost]));
+        false_positives.extend(matched.false_positives.iter().map(|&false_positive| found[false_positive]));
     }
-    drawing.localisation(&pairs, &ghosts)
+    drawing.localisation(&pairs, &false_positives)
 }
 
 /// Images from a file: frames x rows x columns of the design's image, or frames x cells.

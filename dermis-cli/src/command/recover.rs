@@ -28,11 +28,11 @@ impl Arguments {
         };
         match self.json {
             true => print_json(&recovered),
-            false => print(&self.told(&recovered)),
+            false => print(&self.summary(&recovered)),
         }
     }
 
-    fn told(&self, recovered: &Recovered) -> String {
+    fn summary(&self, recovered: &Recovered) -> String {
         let Recovered { messages, frames, seconds, was_whole, cut_bytes, ref damaged, homeless } = *recovered;
         let mut text = format!("{}: {frames} frames, {messages} messages, {seconds:.1} s\n", self.output.display());
         if was_whole {

@@ -269,7 +269,7 @@ impl Arguments {
         let progress = Progress::with_rate("files", Record::read(folder)?.file_count());
         let manifest = dataset::finish(folder, || progress.step())?;
         drop(progress);
-        if self.json { print_json(&finished(folder, &manifest)) } else { print(&told(folder, &manifest)) }
+        if self.json { print_json(&finished(folder, &manifest)) } else { print(&summary(folder, &manifest)) }
     }
 
     fn verify(&self, folder: &Path) -> Outcome {
@@ -317,7 +317,7 @@ fn finished(folder: &Path, manifest: &Manifest) -> serde_json::Value {
     })
 }
 
-fn told(folder: &Path, manifest: &Manifest) -> String {
+fn summary(folder: &Path, manifest: &Manifest) -> String {
     format!(
         "{}: {} samples in {} files, all whole; images {:.4} +- {:.4}; manifest.json is written\n",
         folder.display(),

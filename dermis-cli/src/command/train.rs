@@ -11,8 +11,8 @@ use dermis::frame::write_whole;
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
 use dermis_learn::{
-    Epoch, Files, Ingredient, LearnError, Method, Model, Part, Precision, Samples, SkinRecord, Source, Streamed,
-    Trainer, TrainingRecord,
+    Ablation, Epoch, Files, LearnError, TrainingPreset, Model, Part, Precision, Samples, SkinRecord, Source, Streamed, Trainer,
+    TrainingRecord,
 };
 use dermis_sim::dataset::{Dataset, GaussianTouches, Generator, Recipe, SkinSpread, Skins, Touch};
 use dermis_sim::twin::{Twin, TwinOptions};
@@ -110,20 +110,20 @@ enum IngredientName {
 }
 
 impl IngredientName {
-    fn ingredient(self) -> Ingredient {
+    fn ablation(self) -> Ablation {
         match self {
-            IngredientName::Reciprocity => Ingredient::Reciprocity,
-            IngredientName::Refinement => Ingredient::Refinement,
-            IngredientName::Touches => Ingredient::Touches,
-            IngredientName::Symmetries => Ingredient::Symmetries,
-            IngredientName::Disturbance => Ingredient::Disturbance,
+            IngredientName::Reciprocity => Ablation::Reciprocity,
+            IngredientName::Refinement => Ablation::Refinement,
+            IngredientName::Touches => Ablation::Touches,
+            IngredientName::Symmetries => Ablation::Symmetries,
+            IngredientName::Disturbance => Ablation::Disturbance,
         }
     }
 }
 
 /// What machines get.
 #[derive(Serialize)]
-struct Told<'a> {
+struct Summary<'a> {
     model: &'a Path,
     name: &'a str,
     learned_values: usize,
@@ -175,16 +175,16 @@ impl Arguments {
     }
 
     /// The network that was asked for, with what was asked otherwise.
-    fn method(&self, design: &SkinDesign, forward: &ForwardModel, pixels: &PixelSpace) -> Outcome<Method> {
+    fn method(&self, design: &SkinDesign, forward: &ForwardModel, pixels: &PixelSpace) -> Outcome<TrainingPreset> {
         let noise_ohm = || noise_ohm(design, &TwinOptions::load(&self.noise)?);
         let mut method = match self.network {
-            NetworkName::Paper => Method::paper(forward.protocol(), pixels, noise_ohm()?),
-            NetworkName::PaperOtherwise => Method::paper_otherwise(forward.protocol(), pixels, noise_ohm()?),
+            NetworkName::Paper => TrainingPreset::paper(forward.protocol(), pixels, noise_ohm()?),
+            NetworkName::PaperOtherwise => TrainingPreset::paper_otherwise(forward.protocol(), pixels, noise_ohm()?),
             NetworkName::Best => {
-                let without: Vec<Ingredient> = self.without.iter().map(|name| name.ingredient()).collect();
-                Method::best_without(&without, design, forward.protocol(), pixels, noise_ohm()?)
+                let without: Vec<Ablation> = self.without.iter().map(|name| name.ablation()).collect();
+                TrainingPreset::best_without(&without, design, forward.protocol(), pixels, noise_ohm()?)
             }
-            NetworkName::Shapes => Method::shapes(forward.protocol(), pixels),
+            NetworkName::Shapes => TrainingPreset::shapes(forward.protocol(), pixels),
         };
         let options = &mut method.options;
         options.epochs = self.epochs.unwrap_or(options.epochs);
@@ -250,7 +250,7 @@ impl Arguments {
     fn tell(&self, model: &Model) -> Outcome {
         let record = &model.card().training;
         if self.json {
-            return print_json(&Told {
+            return print_json(&Summary {
                 model: &self.output,
                 name: &model.card().name,
                 learned_values: model.network().learned_count(),

@@ -97,8 +97,8 @@ impl<'a> Drawing<'a> {
     }
 
     /// Where touches were and where they were found, as the paper's Fig. 7: true places black dots, estimates red
-    /// circles, errors as lines, electrodes yellow. `ghosts` are estimates without a touch.
-    pub fn localisation(&self, touches: &[(Contact, Option<Contact>)], ghosts: &[Contact]) -> Scene {
+    /// circles, errors as lines, electrodes yellow. `false_positives` are estimates without a touch.
+    pub fn localisation(&self, touches: &[(Contact, Option<Contact>)], false_positives: &[Contact]) -> Scene {
         let mut scene = Scene { tiles: self.body_tiles(), ..Scene::default() };
         self.add_electrodes(&mut scene, ElectrodeLook::Filled { numbered: false });
         // Many presses need small marks.
@@ -118,7 +118,7 @@ impl<'a> Drawing<'a> {
             scene.dots.push(Dot { at: truth.position_m, normal: truth.normal, radius, mark });
             scene.dots.extend(estimate.iter().map(|estimate| estimate_dot(estimate, radius + 1.3)));
         }
-        scene.dots.extend(ghosts.iter().map(|ghost| estimate_dot(ghost, radius + 1.3)));
+        scene.dots.extend(false_positives.iter().map(|false_positive| estimate_dot(false_positive, radius + 1.3)));
         scene.legend.push((Mark::Disc(BLACK, false), "true place".to_string()));
         scene.legend.push((Mark::Ring(ESTIMATE), "estimate".to_string()));
         scene.legend.push((Mark::Line(mix(ESTIMATE, [255, 255, 255], 0.35)), "error".to_string()));

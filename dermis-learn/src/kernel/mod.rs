@@ -3,9 +3,9 @@
 //! Loops over vectors are `pulp::WithSimd` implementations, compiled for every instruction set and chosen at run time.
 
 pub mod adam;
+pub mod conv2d;
 pub mod matrix;
 pub mod norm;
-pub mod picture;
 
 /// Runs an operation with the best instructions of this machine.
 pub fn run<O: pulp::WithSimd>(operation: O) -> O::Output {

@@ -4,7 +4,7 @@ use super::file;
 use crate::inference::Inference;
 
 use crate::input::Input;
-use crate::network::{Network, Plan};
+use crate::network::{Architecture, Network};
 use crate::samples::Target;
 use dermis::frame::write_array;
 use rand::RngExt;
@@ -30,11 +30,11 @@ fn onnx_runtime_gives_our_images() {
         return eprintln!("skipped: no Python with numpy and onnxruntime (DERMIS_PYTHON names one)");
     };
     let folder = tempfile::tempdir().unwrap();
-    let ring = Plan::refined(20, [5, 6], true, &[4, 16, 16, 1]);
+    let ring = Architecture::refined(20, [5, 6], true, &[4, 16, 16, 1]);
     // More convolutions than columns: the ring is gone round more than once.
-    let narrow = Plan::refined(20, [4, 3], true, &[2, 16, 16, 16, 16, 1]);
-    let flat = Plan::refined(20, [5, 6], false, &[3, 16, 1]);
-    let plans = [Plan::paper(CHANNELS, 30), Plan::paper_otherwise(20, 30), ring, narrow, flat];
+    let narrow = Architecture::refined(20, [4, 3], true, &[2, 16, 16, 16, 16, 1]);
+    let flat = Architecture::refined(20, [5, 6], false, &[3, 16, 1]);
+    let plans = [Architecture::paper(CHANNELS, 30), Architecture::paper_otherwise(20, 30), ring, narrow, flat];
     for (index, plan) in plans.iter().enumerate() {
         for target in [Target::Conductance, Target::Touches { width_m: 0.01 }] {
             for scale_free in [false, true] {
@@ -45,7 +45,7 @@ fn onnx_runtime_gives_our_images() {
 }
 
 /// A network whose every value is drawn, as far from the beginning's zeros and ones as training leads.
-fn drawn(plan: &Plan, seed: u64) -> Network {
+fn drawn(plan: &Architecture, seed: u64) -> Network {
     let mut network = Network::new(plan, seed);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let names: Vec<String> = network.tensors().into_iter().map(|tensor| tensor.name).collect();
@@ -77,7 +77,7 @@ fn drawn_input(inputs: usize) -> Input {
     }
 }
 
-fn check(python: &str, folder: &Path, plan: &Plan, seed: u64, target: Target, scale_free: bool) {
+fn check(python: &str, folder: &Path, plan: &Architecture, seed: u64, target: Target, scale_free: bool) {
     let network = drawn(plan, seed);
     let mut input = drawn_input(plan.inputs());
     if scale_free {

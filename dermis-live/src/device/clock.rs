@@ -1,6 +1,6 @@
 //! A device's time on the host's clock.
 
-use crate::moment::Moment;
+use crate::timestamp::Timestamp;
 use std::time::Duration;
 
 /// Brings the times of a device onto the host's clock.
@@ -14,9 +14,9 @@ pub struct DeviceClock {
     /// The host's time less the device's at the least delay, ns; and the device's time then, us.
     least: Option<(i128, u64)>,
     /// Since when messages are late by more than a second.
-    late_since: Option<Moment>,
+    late_since: Option<Timestamp>,
     /// The moment that was told last: none before it is told.
-    told: Moment,
+    told: Timestamp,
 }
 
 /// How fast the least delay is forgotten: 100 parts in a million, what cheap oscillators differ by.
@@ -29,7 +29,7 @@ const SET_S: f64 = 1.0;
 impl DeviceClock {
     /// When something happened on the host's clock that the device says was at `time_us` and that came at `received_at`; not
     /// before what was told last.
-    pub fn moment(&mut self, time_us: u64, received_at: Moment) -> Moment {
+    pub fn moment(&mut self, time_us: u64, received_at: Timestamp) -> Timestamp {
         let device_ns = i128::from(time_us) * 1000;
         let offset_ns = i128::from(received_at.unix_ns) - device_ns;
         let allowed_ns = self.least.map(|(least_ns, at_us)| {
@@ -44,13 +44,13 @@ impl DeviceClock {
                 offset_ns
             }
         };
-        let moment = Moment { unix_ns: u64::try_from(device_ns + offset_ns).unwrap_or(0) };
+        let moment = Timestamp { unix_ns: u64::try_from(device_ns + offset_ns).unwrap_or(0) };
         self.told = self.told.max(moment);
         self.told
     }
 
     /// Whether messages are late for so long, as this one is by some time, that a clock must have been set.
-    fn was_set(&mut self, late_ns: i128, received_at: Moment) -> bool {
+    fn was_set(&mut self, late_ns: i128, received_at: Timestamp) -> bool {
         if late_ns < LATE_NS {
             self.late_since = None;
             return false;
@@ -81,7 +81,7 @@ mod tests {
             let device_us = frame * 8333;
             // Every seventh message is late by up to 30 ms.
             let delay_ns = if frame % 7 == 3 { (1 + frame % 31) * 1_000_000 } else { 200_000 };
-            let received_at = Moment { unix_ns: start_ns + device_us * 1000 + delay_ns };
+            let received_at = Timestamp { unix_ns: start_ns + device_us * 1000 + delay_ns };
             let told = clock.moment(device_us, received_at);
             let true_ns = start_ns + device_us * 1000 + 200_000;
             assert!(told.unix_ns.abs_diff(true_ns) < 10_000, "frame {frame}");
@@ -89,10 +89,10 @@ mod tests {
     }
     /// How late what is told is for each of ten seconds' frames of 1/100 s that arrive as `arrives_s` says.
     fn late_s(arrives_s: impl Fn(f64) -> f64) -> Vec<f64> {
-        let (mut clock, mut last) = (DeviceClock::default(), Moment::default());
+        let (mut clock, mut last) = (DeviceClock::default(), Timestamp::default());
         let frames = (0..1000).map(|frame| {
             let device_s = f64::from(frame) * 0.01;
-            let received_at = Moment { unix_ns: ((1e6 + arrives_s(device_s)) * 1e9) as u64 };
+            let received_at = Timestamp { unix_ns: ((1e6 + arrives_s(device_s)) * 1e9) as u64 };
             let told = clock.moment((device_s * 1e6) as u64, received_at);
             assert!(told >= last, "time runs back at frame {frame}");
             last = told;
@@ -117,7 +117,7 @@ mod tests {
     #[test]
     fn after_a_restart_nothing_is_told_that_lies_before() {
         let mut clock = DeviceClock::default();
-        let at = |ms: u64| Moment { unix_ns: 1_800_000_000_000_000_000 + ms * 1_000_000 };
+        let at = |ms: u64| Timestamp { unix_ns: 1_800_000_000_000_000_000 + ms * 1_000_000 };
         assert_eq!(clock.moment(0, at(0)), at(0));
         clock.restart();
         assert_eq!(clock.moment(20_000, at(33_000)), at(33_000), "its time stood still meanwhile");

@@ -1,19 +1,19 @@
 //! A device: found, asked who it is, told what to read, and listened to.
 
 mod clock;
+mod handshake;
 mod line;
-mod meeting;
 
 pub use clock::DeviceClock;
 pub use line::{Address, Line, PATIENCE, open};
 
 use crate::LiveError;
-use crate::device::meeting::{Meeting, send};
+use crate::device::handshake::{Handshake, send};
 use crate::meter::Meter;
-use crate::moment::Moment;
-use crate::processor::Incoming;
-use crate::report::{Counts, Level, Notice};
+use crate::pipeline::Incoming;
+use crate::report::{Counts, Notice, Severity};
 use crate::skin::LiveSkin;
+use crate::timestamp::Timestamp;
 use dermis_wire::{Arrival, Arrivals, Decoder, Frame, FrameFlags, Hello, Received, Status, ToDevice, ToHost};
 use std::time::{Duration, Instant};
 
@@ -70,10 +70,10 @@ pub struct Stream {
 /// Frames a second, from the device's times of the last frames.
 #[derive(Debug, Clone, Default)]
 struct Rate {
-    arrived: std::collections::VecDeque<Moment>,
+    arrived: std::collections::VecDeque<Timestamp>,
 }
 
-/// A device that says nothing for so long is silent.
+/// A device that says nothing for so long is masked.
 const SILENCE: Duration = Duration::from_secs(2);
 
 /// A device that has sent no frame for so long is started again.
@@ -86,7 +86,7 @@ impl Rate {
     /// Frames over which the rate is told.
     const FRAMES: usize = 240;
 
-    fn take(&mut self, at: Moment) -> f64 {
+    fn take(&mut self, at: Timestamp) -> f64 {
         if self.arrived.len() == Self::FRAMES {
             self.arrived.pop_front();
         }
@@ -129,7 +129,7 @@ impl Stream {
         let (mut name, mut serial, mut rate_hz) = (String::new(), 0, 0.0);
         if let Ok(ToHost::Hello(hello)) = ToHost::parse(&message) {
             self.hello(&hello, skin);
-            (name, serial, rate_hz) = (hello.name.into(), hello.serial, f64::from(hello.rate_mhz) * 1e-3);
+            (name, serial, rate_hz) = (hello.name.into(), hello.serial, f64::from(hello.rate_millihertz) * 1e-3);
         }
         tested.into_iter().for_each(|sequence| self.test(sequence));
         DeviceFacts { name, serial, rate_hz, hello: message }
@@ -144,7 +144,7 @@ impl Stream {
     }
 
     /// A frame's message that came at some moment; `None` of one that is not new or not the skin's.
-    pub fn frame(&mut self, frame: &Frame<'_>, message: &[u8], received_at: Moment) -> Option<Incoming> {
+    pub fn frame(&mut self, frame: &Frame<'_>, message: &[u8], received_at: Timestamp) -> Option<Incoming> {
         if frame.flags.has(FrameFlags::TEST) {
             self.test(frame.sequence);
             return None;
@@ -186,7 +186,7 @@ impl Device {
     /// connection before.
     ///
     /// # Errors
-    /// A device that cannot be reached, that is silent, that speaks something else or another version, or that is another
+    /// A device that cannot be reached, that is masked, that speaks something else or another version, or that is another
     /// skin's; the error says which and what to do.
     pub fn connect(
         address: &Address,
@@ -196,7 +196,7 @@ impl Device {
     ) -> Result<Self, LiveError> {
         let mut line = open(address)?;
         let mut decoder = Decoder::new(vec![0; dermis_wire::packet_bytes(dermis_wire::LONGEST_MESSAGE)]);
-        let met = Meeting { address, line: line.as_mut(), decoder: &mut decoder, skin, options }.meet()?;
+        let met = Handshake { address, line: line.as_mut(), decoder: &mut decoder, skin, options }.meet()?;
         let mut stream = stream.map_or_else(Stream::default, Stream::reconnected);
         let facts = stream.met(met.hello, met.tested, skin);
         let mut device = Device {
@@ -236,7 +236,7 @@ impl Device {
     /// Listens for a moment and tells what came.
     ///
     /// # Errors
-    /// A device that was lost or fell silent.
+    /// A device that was lost or fell masked.
     pub fn listen(&mut self, mut tell: impl FnMut(Heard)) -> Result<(), LiveError> {
         self.notice.take().into_iter().for_each(|notice| tell(Heard::Notice(notice)));
         if self.asked_at.elapsed() > START_AGAIN {
@@ -246,12 +246,12 @@ impl Device {
         let lost = |message: String| LiveError::Lost { address: self.address.clone(), message };
         let Some(count) = self.line.receive(&mut self.buffer).map_err(|error| lost(error.to_string()))? else {
             if self.heard_at.elapsed() > SILENCE {
-                return Err(lost(format!("it has been silent for {} s", SILENCE.as_secs())));
+                return Err(lost(format!("it has been masked for {} s", SILENCE.as_secs())));
             }
             return Ok(());
         };
         self.heard_at = Instant::now();
-        let received_at = Moment::now();
+        let received_at = Timestamp::now();
         let Device { decoder, buffer, stream, asked_at, .. } = self;
         decoder.feed(&buffer[..count], |received| {
             let Received::Message(message) = received else {
@@ -267,7 +267,7 @@ impl Device {
                 Ok(ToHost::Status(status)) => tell(Heard::Status(status)),
                 Ok(ToHost::Fault(fault)) => {
                     let text = format!("the device says: {}", fault.text);
-                    tell(Heard::Notice(Notice { level: Level::Error, text, at: received_at }));
+                    tell(Heard::Notice(Notice { level: Severity::Error, text, at: received_at }));
                 }
                 Ok(ToHost::Hello(_)) => {}
                 Err(_) => stream.damaged += 1,

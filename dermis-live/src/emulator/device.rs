@@ -99,7 +99,7 @@ impl Emulator {
             volts_per_count: twin.electronics().volts_per_count().unwrap_or(ideal),
             full_scale: ((1i64 << (bits.clamp(2, 32) - 1)) - 1) as i32,
             reading_bytes: if bits <= 16 { 2 } else { 4 },
-            boot: std::process::id() ^ crate::Moment::now().unix_ns as u32,
+            boot: std::process::id() ^ crate::Timestamp::now().unix_ns as u32,
             twin: Mutex::new(twin),
             fingers: Mutex::default(),
             frames: Vec::new(),
@@ -191,7 +191,7 @@ impl Emulator {
     }
 
     /// Frames a second at most, in thousandths.
-    pub(super) fn highest_rate_mhz(&self) -> u32 {
+    pub(super) fn highest_rate_millihertz(&self) -> u32 {
         let slots = self.scan.slots().len() as f64;
         let most_hz = match self.frames.is_empty() && !self.options.unpaced {
             true => self.options.twin.electronics.slot_rate_hz / slots,
@@ -231,7 +231,7 @@ impl Emulator {
     }
 
     /// The packet of its hello while it sends so many thousandths of a frame a second.
-    pub fn hello_packet(&self, rate_mhz: u32) -> Vec<u8> {
+    pub fn hello_packet(&self, rate_millihertz: u32) -> Vec<u8> {
         let electronics = &self.options.twin.electronics;
         let (twin, seed) = (&self.options.twin.name, self.options.seed);
         let name = format!("dermis {} emulating `{twin}`, seed {seed}", env!("CARGO_PKG_VERSION"));
@@ -245,8 +245,8 @@ impl Emulator {
             source_v: electronics.source_v as f32,
             volts_per_count: self.volts_per_count.map(|volts| volts as f32),
             full_scale: self.full_scale as u32,
-            rate_mhz,
-            highest_rate_mhz: self.highest_rate_mhz(),
+            rate_millihertz,
+            highest_rate_millihertz: self.highest_rate_millihertz(),
             baud: 0,
             serial: seed as u32,
             boot: self.boot,

@@ -2,11 +2,11 @@
 
 mod device;
 mod fault;
+mod host_session;
 mod port;
 #[cfg(unix)]
 mod pty;
 mod script;
-mod talk;
 mod timing;
 
 pub use device::{Emulator, EmulatorOptions};

@@ -2,7 +2,7 @@
 
 use crate::LiveError;
 use crate::emulator::Emulator;
-use crate::emulator::talk::{Talk, TalkEnd};
+use crate::emulator::host_session::{HostSession, SessionEnd};
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::time::Duration;
@@ -84,9 +84,9 @@ impl Emulator {
 
     /// Talks with one host until it goes.
     fn converse(&self, line: &mut dyn Wire) -> Result<(), LiveError> {
-        match Talk::new(self, line).run() {
-            Ok(()) | Err(TalkEnd::Gone) => Ok(()),
-            Err(TalkEnd::Failed(error)) => Err(*error),
+        match HostSession::new(self, line).run() {
+            Ok(()) | Err(SessionEnd::Gone) => Ok(()),
+            Err(SessionEnd::Failed(error)) => Err(*error),
         }
     }
 }

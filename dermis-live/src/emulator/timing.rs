@@ -3,41 +3,41 @@
 /// When frames are taken: at a rate that changes with a start only, on a clock that goes on meanwhile.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Timing {
-    rate_mhz: u32,
-    asked_mhz: u32,
+    rate_millihertz: u32,
+    asked_millihertz: u32,
     /// The first frame at this rate, and its time, us.
     since: (u64, f64),
 }
 
 impl Timing {
     /// At power-up.
-    pub fn new(rate_mhz: u32) -> Self {
-        Timing { rate_mhz, asked_mhz: rate_mhz, since: (0, 0.0) }
+    pub fn new(rate_millihertz: u32) -> Self {
+        Timing { rate_millihertz, asked_millihertz: rate_millihertz, since: (0, 0.0) }
     }
 
     /// Frames in a thousand seconds now.
-    pub fn rate_mhz(self) -> u32 {
-        self.rate_mhz
+    pub fn rate_millihertz(self) -> u32 {
+        self.rate_millihertz
     }
 
     /// The same, from the next start on.
-    pub fn asked_mhz(self) -> u32 {
-        self.asked_mhz
+    pub fn asked_millihertz(self) -> u32 {
+        self.asked_millihertz
     }
 
     /// A host asks for another rate.
-    pub fn ask(&mut self, rate_mhz: u32) {
-        self.asked_mhz = rate_mhz;
+    pub fn ask(&mut self, rate_millihertz: u32) {
+        self.asked_millihertz = rate_millihertz;
     }
 
     /// Frame `index` is the first after a start.
     pub fn start(&mut self, index: u64) {
         self.since = (index, self.time_us(index));
-        self.rate_mhz = self.asked_mhz;
+        self.rate_millihertz = self.asked_millihertz;
     }
 
     /// When frame `index` is taken, us since power-up.
     pub fn time_us(self, index: u64) -> f64 {
-        self.since.1 + index.saturating_sub(self.since.0) as f64 * 1e9 / f64::from(self.rate_mhz)
+        self.since.1 + index.saturating_sub(self.since.0) as f64 * 1e9 / f64::from(self.rate_millihertz)
     }
 }

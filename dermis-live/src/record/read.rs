@@ -1,6 +1,6 @@
 //! Reads recordings for a replay.
 
-use crate::Moment;
+use crate::Timestamp;
 use crate::record::walk::{End, Item, Walk};
 use crate::record::{Event, RecordError, Session};
 use crate::ros::{self, Topic};
@@ -16,16 +16,16 @@ pub enum Recorded {
     /// A frame came.
     Frame {
         /// When it was measured.
-        measured_at: Moment,
+        measured_at: Timestamp,
         /// When its contacts were known.
-        output_at: Moment,
+        output_at: Timestamp,
         /// The device's message.
         message: Vec<u8>,
     },
     /// Something happened beside the frames.
     Event {
         /// When.
-        at: Moment,
+        at: Timestamp,
         /// What.
         event: Event,
     },
@@ -100,8 +100,8 @@ impl Iterator for Recording {
 fn frame(header: &MessageHeader, data: &[u8]) -> Result<Recorded, String> {
     let wire: ros::UInt8MultiArray = ros::decode(data).map_err(|error| error.to_string())?;
     Ok(Recorded::Frame {
-        measured_at: Moment { unix_ns: header.log_time },
-        output_at: Moment { unix_ns: header.publish_time },
+        measured_at: Timestamp { unix_ns: header.log_time },
+        output_at: Timestamp { unix_ns: header.publish_time },
         message: wire.data,
     })
 }
@@ -109,7 +109,7 @@ fn frame(header: &MessageHeader, data: &[u8]) -> Result<Recorded, String> {
 fn event(header: &MessageHeader, data: &[u8]) -> Result<Recorded, String> {
     let text: ros::Text = ros::decode(data).map_err(|error| error.to_string())?;
     let event = serde_json::from_str(&text.data).map_err(|error| format!("an event: {error}"))?;
-    Ok(Recorded::Event { at: Moment { unix_ns: header.log_time }, event })
+    Ok(Recorded::Event { at: Timestamp { unix_ns: header.log_time }, event })
 }
 
 /// A message, or that something is damaged.

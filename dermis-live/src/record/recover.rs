@@ -1,6 +1,6 @@
 //! Makes a whole recording of what a cut or damaged one holds.
 
-use crate::Moment;
+use crate::Timestamp;
 use crate::record::walk::{End, Item, Walk};
 use crate::record::write::{CHUNK_TIME, Output, options, output};
 use crate::record::{RecordError, read};
@@ -107,7 +107,7 @@ fn copy(mut walk: Walk<impl Read>, file: &mut dyn Write) -> Result<Recovered, Fa
     }
     copy.writer.finish().map_err(Failed::Writing)?;
     recovered.seconds =
-        copy.times.map_or(0.0, |(first, last)| Moment { unix_ns: last }.seconds_since(Moment { unix_ns: first }));
+        copy.times.map_or(0.0, |(first, last)| Timestamp { unix_ns: last }.seconds_since(Timestamp { unix_ns: first }));
     match walk.end() {
         Some(End::Cut { bytes, .. }) => recovered.cut_bytes = bytes,
         _ => recovered.was_whole = recovered.damaged.is_empty() && recovered.homeless == 0,

@@ -1,6 +1,6 @@
 use super::*;
 use crate::synthetic::{self, Skin};
-use crate::{Level, LiveFrame, Moment, Notice};
+use crate::{LiveFrame, Notice, Severity, Timestamp};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::json;
@@ -50,7 +50,7 @@ fn recorded() -> &'static (Vec<u8>, Vec<u8>) {
     })
 }
 
-fn at(index: u64) -> Moment {
+fn at(index: u64) -> Timestamp {
     skin().frame(index).measured_at
 }
 
@@ -269,7 +269,7 @@ fn frames_in_part(path: &Path) -> u64 {
 
 #[test]
 fn events_come_back_as_they_were() {
-    let notice = Notice { level: Level::Warning, text: "electrode 3 is loose".into(), at: at(0) };
+    let notice = Notice { level: Severity::Warning, text: "electrode 3 is loose".into(), at: at(0) };
     for event in [Event::Hello(vec![0, 1, 0xfe]), tare(), Event::Notice(notice)] {
         let text = serde_json::to_string(&event).unwrap();
         assert_eq!(serde_json::from_str::<Event>(&text).unwrap(), event, "{text}");

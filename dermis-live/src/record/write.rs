@@ -2,7 +2,7 @@
 
 use crate::record::{Event, RecordError, Session};
 use crate::ros::{self, Due, Message, Reference, Topic};
-use crate::{LiveFrame, Moment};
+use crate::{LiveFrame, Timestamp};
 use mcap::records::MessageHeader;
 use mcap::{Attachment, Compression, WriteOptions};
 use std::collections::BTreeMap;
@@ -41,7 +41,7 @@ pub struct Recorder {
     chunk: ChunkClock,
     buffer: Vec<u8>,
     written: Written,
-    begun: Option<Moment>,
+    begun: Option<Timestamp>,
     events: u32,
 }
 
@@ -65,7 +65,7 @@ impl Recorder {
         let version = env!("CARGO_PKG_VERSION");
         let mut writer = options("ros2", &format!("dermis {version}")).create(self::output(output))?;
         let session = Session { version: version.into(), ..session.clone() };
-        let now = Moment::now().unix_ns;
+        let now = Timestamp::now().unix_ns;
         for (name, media_type, text) in session.attachments() {
             let (name, media_type) = (name.into(), media_type.into());
             writer.attach(&Attachment {
@@ -140,7 +140,7 @@ impl Recorder {
         &mut self,
         topic: Topic,
         sequence: u32,
-        [log, publish]: [Moment; 2],
+        [log, publish]: [Timestamp; 2],
         message: &M,
     ) -> mcap::McapResult<()> {
         ros::encode_into(message, &mut self.buffer);
@@ -155,7 +155,7 @@ impl Recorder {
     ///
     /// # Errors
     /// As [`frame`](Self::frame).
-    pub fn event(&mut self, at: Moment, event: &Event) -> Result<(), RecordError> {
+    pub fn event(&mut self, at: Timestamp, event: &Event) -> Result<(), RecordError> {
         // Keys are strings and numbers finite, whatever an event holds.
         let text = ros::Text { data: serde_json::to_string(event).expect("an event is JSON") };
         self.events = self.events.wrapping_add(1);
@@ -173,7 +173,7 @@ impl Recorder {
         self.writer.flush().map_err(|error| RecordError::mcap(&self.path, error))
     }
 
-    fn finish_chunk_if_due(&mut self, now: Moment) -> mcap::McapResult<()> {
+    fn finish_chunk_if_due(&mut self, now: Timestamp) -> mcap::McapResult<()> {
         if self.chunk.is_due(now) { self.writer.flush() } else { Ok(()) }
     }
 
@@ -194,11 +194,11 @@ impl Recorder {
 /// the device's clock or on the host's.
 #[derive(Default)]
 struct ChunkClock {
-    begun: Option<(Moment, Instant)>,
+    begun: Option<(Timestamp, Instant)>,
 }
 
 impl ChunkClock {
-    fn is_due(&mut self, now: Moment) -> bool {
+    fn is_due(&mut self, now: Timestamp) -> bool {
         let (measured, instant) = *self.begun.get_or_insert_with(|| (now, Instant::now()));
         let span_s = now.seconds_since(measured).abs();
         let due = span_s >= CHUNK_TIME.as_secs_f64() || instant.elapsed() >= CHUNK_TIME;

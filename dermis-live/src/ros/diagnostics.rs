@@ -28,7 +28,7 @@ fn instrument(reference: &Reference, health: &Health) -> DiagnosticStatus {
         value("noise (times that at the tare)", known(health.noise)),
         value("reciprocity (times what noise explains)", known(health.reciprocity)),
         value("saturated channels", saturated),
-        value("silent channels", health.silent_channels),
+        value("masked channels", health.masked_channels),
         value("frames", counts.frames),
         value("lost", counts.lost),
         value("repeated", counts.repeated),

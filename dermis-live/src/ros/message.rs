@@ -1,6 +1,6 @@
 //! The standard messages, as ROS 2 has had them since Humble. Units are those of REP 103: m, N, N m, s, rad.
 
-use crate::Moment;
+use crate::Timestamp;
 use crate::ros::Message;
 use serde::{Deserialize, Serialize};
 
@@ -299,9 +299,9 @@ impl Pose {
 
 const NS_PER_S: u64 = 1_000_000_000;
 
-impl From<Moment> for Time {
+impl From<Timestamp> for Time {
     /// Seconds beyond the year 2038 do not fit, and are cut to the last that does.
-    fn from(moment: Moment) -> Self {
+    fn from(moment: Timestamp) -> Self {
         let sec = i32::try_from(moment.unix_ns / NS_PER_S).unwrap_or(i32::MAX);
         Time { sec, nanosec: (moment.unix_ns % NS_PER_S) as u32 }
     }

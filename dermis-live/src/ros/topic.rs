@@ -2,7 +2,7 @@
 
 use crate::ros::{DiagnosticArray, MarkerArray, Text, UInt8MultiArray};
 use crate::ros::{Header, Image, Message, PointCloud2, PointField, Time, Vector3, Wrench, WrenchStamped};
-use crate::{LiveContact, LiveFrame, Moment};
+use crate::{LiveContact, LiveFrame, Timestamp};
 use dermis::image::PixelSpace;
 use std::sync::Arc;
 
@@ -85,7 +85,7 @@ pub struct Reference {
 
 impl Reference {
     /// The header of what was measured at `moment`.
-    pub fn header(&self, moment: Moment) -> Header {
+    pub fn header(&self, moment: Timestamp) -> Header {
         Header { stamp: Time::from(moment), frame_id: self.frame_id.clone() }
     }
 
@@ -101,7 +101,7 @@ impl Reference {
 /// more to take them away.
 #[derive(Debug, Clone, Default)]
 pub struct Due {
-    told_at: Option<Moment>,
+    told_at: Option<Timestamp>,
     told: Vec<crate::ElectrodeState>,
     drawn: Option<bool>,
 }
@@ -213,7 +213,7 @@ pub fn contacts(reference: &Reference, live: &LiveFrame) -> PointCloud2 {
 }
 
 /// The bytes of a contact, in the order of [`CONTACT_FIELDS`].
-fn point(contact: &LiveContact, now: Moment) -> [[u8; 4]; CONTACT_FIELDS.len()] {
+fn point(contact: &LiveContact, now: Timestamp) -> [[u8; 4]; CONTACT_FIELDS.len()] {
     let float = |value: f64| (value as f32).to_le_bytes();
     let known = |value: Option<f64>| float(value.unwrap_or(f64::NAN));
     let [x, y, z] = contact.position_m.map(float);

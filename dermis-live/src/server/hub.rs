@@ -3,10 +3,10 @@
 use crate::control::Control;
 use crate::live::Event;
 use crate::mailbox::Taken;
-use crate::moment::Moment;
 use crate::report::{Health, LiveContact, LiveFrame, Notice, quantiles};
 use crate::server::scene::{flat_m, scene};
 use crate::skin::NamedMethod;
+use crate::timestamp::Timestamp;
 use bytes::Bytes;
 use dermis::reconstruct::Quantity;
 use serde::Serialize;
@@ -109,7 +109,7 @@ impl Hub {
                 Taken::Item(Event::Frame(frame)) => self.take(&frame),
                 Taken::Item(Event::Notice(notice)) => self.say(notice),
                 Taken::Item(Event::Lost(why)) => {
-                    self.say(Notice { level: crate::Level::Error, text: why, at: Moment::now() });
+                    self.say(Notice { level: crate::Severity::Error, text: why, at: Timestamp::now() });
                 }
                 Taken::Item(Event::Done(_) | Event::Connected(_)) => self.show_scene(),
                 Taken::Item(Event::State(_)) | Taken::TimedOut => {}
@@ -183,7 +183,7 @@ impl Hub {
         let shared = self.control.shared();
         let state = shared.settings();
         let method = shared.method();
-        let Health { electrodes, noise, rate_hz, counts, silent_channels, .. } = &*self.health;
+        let Health { electrodes, noise, rate_hz, counts, masked_channels, .. } = &*self.health;
         let connected = shared.facts().is_some();
         let messages = self
             .messages
@@ -194,7 +194,7 @@ impl Hub {
             "connected": connected,
             "source": self.control.source(),
             "method": method,
-            "method_note": method_note(*silent_channels, shared.skin().method(&method).ok()),
+            "method_note": method_note(*masked_channels, shared.skin().method(&method).ok()),
             "paused": false,
             "recording": self.control.recording(),
             "threshold": state.threshold,
@@ -234,8 +234,8 @@ fn shown(contact: &LiveContact, flat_m: Option<[f64; 2]>) -> Shown<'_> {
 }
 
 /// What images lack where channels are left out.
-fn method_note(silent_channels: usize, method: Option<&NamedMethod>) -> Option<String> {
-    let channels = match silent_channels {
+fn method_note(masked_channels: usize, method: Option<&NamedMethod>) -> Option<String> {
+    let channels = match masked_channels {
         0 => return None,
         1 => "1 channel".to_string(),
         count => format!("{count} channels"),

@@ -1,7 +1,7 @@
 //! The WebSocket of one page.
 
-use super::{Shared, may_talk};
-use crate::control::Guest;
+use super::{LiveHandle, may_talk};
+use crate::control::ClientSession;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::extract::{Query, State};
 use axum::http::{HeaderMap, StatusCode, header};
@@ -24,7 +24,7 @@ pub(super) struct Asked {
 
 /// A page opens its WebSocket.
 pub(super) async fn open(
-    State(shared): State<Arc<Shared>>,
+    State(shared): State<Arc<LiveHandle>>,
     Query(asked): Query<Asked>,
     headers: HeaderMap,
     upgrade: WebSocketUpgrade,
@@ -39,8 +39,8 @@ pub(super) async fn open(
 
 /// One page.
 struct Page {
-    shared: Arc<Shared>,
-    guest: Arc<Mutex<Guest>>,
+    shared: Arc<LiveHandle>,
+    guest: Arc<Mutex<ClientSession>>,
     paused: bool,
     /// The number of the last frame that it was sent, and frames that it was not sent as it read slowly.
     last: Option<u64>,
@@ -48,8 +48,8 @@ struct Page {
 }
 
 impl Page {
-    fn new(shared: Arc<Shared>) -> Self {
-        let guest = Arc::new(Mutex::new(Guest::new(Arc::clone(&shared.control))));
+    fn new(shared: Arc<LiveHandle>) -> Self {
+        let guest = Arc::new(Mutex::new(ClientSession::new(Arc::clone(&shared.control))));
         Page { shared, guest, paused: false, last: None, skipped: 0 }
     }
 

@@ -3,7 +3,7 @@
 use dermis::design::SkinDesign;
 use dermis_live::device::Address;
 use dermis_live::emulator::{Emulator, EmulatorOptions, Port, Script};
-use dermis_live::{Control, Live, LiveOptions, LiveSkin, Settings, Tapes};
+use dermis_live::{Control, Live, LiveOptions, LiveSkin, RecordingOptions, Settings};
 use dermis_sim::twin::TwinOptions;
 use std::net::TcpListener;
 use std::path::Path;
@@ -29,7 +29,7 @@ pub fn live(folder: &Path) -> (Live, Arc<Control>) {
     std::thread::spawn(move || served.serve(Port::Tcp(listener)).unwrap());
     let options = LiveOptions { address, device: Default::default(), settings: Settings::default(), state: None };
     let live = Live::start(skin, options).unwrap();
-    let tapes = Tapes { folder: folder.into(), twin_toml: None };
+    let tapes = RecordingOptions { folder: folder.into(), twin_toml: None };
     let control = Arc::new(Control::new(Arc::clone(live.shared()), Some(emulator), "emulator".into(), tapes));
     (live, control)
 }

@@ -4,7 +4,7 @@ use dermis::design::SkinDesign;
 use dermis::geom::Point3;
 use dermis_live::device::Stream;
 use dermis_live::emulator::{Emulator, EmulatorOptions, Place, Script, Stroke};
-use dermis_live::{Incoming, LiveFrame, LiveSkin, Moment, Processor, Settings};
+use dermis_live::{Incoming, LiveFrame, LiveSkin, Pipeline, Settings, Timestamp};
 use dermis_sim::twin::TwinOptions;
 use dermis_wire::{Decoder, Received, ToHost};
 use std::sync::{Arc, OnceLock};
@@ -20,7 +20,7 @@ pub fn skin() -> Arc<LiveSkin> {
 pub struct Bench {
     pub emulator: Arc<Emulator>,
     pub stream: Stream,
-    pub processor: Processor,
+    pub pipeline: Pipeline,
     decoder: Decoder<Vec<u8>>,
     /// Number of the next frame.
     pub next: u64,
@@ -46,7 +46,7 @@ impl Bench {
         let faults = faults.iter().map(|fault| fault.parse().unwrap()).collect();
         let options = EmulatorOptions { twin, seed, script, faults, speed: 1.0, prerendered: 0, unpaced: true };
         let emulator = Emulator::new(&design, options).unwrap();
-        let processor = Processor::new(skin(), settings).unwrap();
+        let pipeline = Pipeline::new(skin(), settings).unwrap();
         let mut decoder = Decoder::new(vec![0; 1 << 16]);
         let mut stream = Stream::default();
         decoder.feed(&emulator.hello_packet((1e3 * rate_hz) as u32), |received| {
@@ -54,14 +54,14 @@ impl Bench {
             let Ok(ToHost::Hello(hello)) = ToHost::parse(message) else { panic!("no hello") };
             stream.hello(&hello, &skin());
         });
-        let mut bench = Bench { emulator, stream, processor, decoder, next: 0, rate_hz, damaged: 0 };
+        let mut bench = Bench { emulator, stream, pipeline, decoder, next: 0, rate_hz, damaged: 0 };
         (0..TARE).for_each(|_| drop(bench.frame()));
         bench
     }
 
     /// What comes of bytes that arrive when frame `index` is due.
     pub fn hear(&mut self, bytes: &[u8], index: u64) -> Vec<Incoming> {
-        let at = Moment { unix_ns: 1_800_000_000_000_000_000 + (index as f64 / self.rate_hz * 1e9) as u64 };
+        let at = Timestamp { unix_ns: 1_800_000_000_000_000_000 + (index as f64 / self.rate_hz * 1e9) as u64 };
         let Bench { stream, decoder, damaged, .. } = self;
         let mut heard = Vec::new();
         decoder.feed(bytes, |received| match received {
@@ -79,7 +79,7 @@ impl Bench {
         let packet = self.emulator.frame_packet(self.next).unwrap();
         let incoming = self.hear(&packet, self.next).pop().expect("every frame is new and whole");
         self.next += 1;
-        self.processor.process(incoming).unwrap()
+        self.pipeline.process(incoming).unwrap()
     }
 
     /// The device's time of the next frame, s.

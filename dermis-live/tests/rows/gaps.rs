@@ -2,7 +2,7 @@
 
 use crate::bench::{Bench, along, lab, place, skin, stroke, surface_distance};
 use dermis_live::emulator::Stroke;
-use dermis_live::{Command, ElectrodeState, LiveFrame, Processor, Settings, State};
+use dermis_live::{Command, ElectrodeState, LiveFrame, Pipeline, Settings, State};
 
 fn press(at_s: f64) -> Stroke {
     stroke(at_s, 1.0, place(0.15, 120.0), None, 2.0)
@@ -31,18 +31,18 @@ fn a_device_that_was_away_goes_on_with_the_old_baseline() {
 fn a_program_that_was_away_goes_on_with_the_old_baseline() {
     let mut bench = Bench::new(lab(), 62, vec![press(16.0)], Settings::default());
     until(&mut bench, 3.0);
-    let kept = serde_json::to_string(bench.processor.state()).unwrap();
+    let kept = serde_json::to_string(bench.pipeline.state()).unwrap();
     let state: State = serde_json::from_str(&kept).unwrap();
-    assert_eq!(&state, bench.processor.state());
+    assert_eq!(&state, bench.pipeline.state());
     // A state that does not fit the skin is refused, wherever it was harmed.
     for part in ["values_ohm", "loops_ohm", "last_ohm", "electrodes", "untouched"] {
         let mut harmed: serde_json::Value = serde_json::from_str(&kept).unwrap();
         shorten(&mut harmed, part);
         let state: State = serde_json::from_value(harmed).unwrap();
-        let told = Processor::resume(skin(), state).unwrap_err().to_string();
+        let told = Pipeline::resume(skin(), state).unwrap_err().to_string();
         assert!(told.contains("tare anew"), "{part}: {told}");
     }
-    bench.processor = Processor::resume(skin(), state).unwrap();
+    bench.pipeline = Pipeline::resume(skin(), state).unwrap();
     bench.next += 10 * 120;
     assert!(until(&mut bench, 16.0).iter().all(|frame| !frame.touched && frame.contacts.is_empty()));
     assert_eq!(until(&mut bench, 16.8).last().unwrap().contacts.len(), 1);
@@ -77,7 +77,7 @@ fn a_contact_does_not_outlast_a_gap_and_ids_do_not_come_again() {
     bench.next = 6 * 120 + 60;
     assert_eq!(until(&mut bench, 6.8).last().unwrap().contacts[0].id, 2);
     until(&mut bench, 7.5);
-    bench.processor.command(&Command::Tare).unwrap();
+    bench.pipeline.command(&Command::Tare).unwrap();
     assert_eq!(until(&mut bench, 10.8).last().unwrap().contacts[0].id, 3);
 }
 
@@ -85,11 +85,11 @@ fn a_contact_does_not_outlast_a_gap_and_ids_do_not_come_again() {
 fn an_electrode_that_is_gone_at_the_tare_is_named_and_the_rest_feels() {
     let faults = ["loose:7:1000000@0"];
     let mut bench = Bench::faulty(lab(), 64, vec![press(1.5)], Settings::default(), &faults);
-    let notices: Vec<String> = bench.processor.take_notices().into_iter().map(|notice| notice.text).collect();
+    let notices: Vec<String> = bench.pipeline.take_notices().into_iter().map(|notice| notice.text).collect();
     assert!(notices.iter().any(|text| text.contains("electrode 7 ")), "{notices:?}");
     assert_eq!(notices.len(), 2, "{notices:?}");
-    assert!(bench.processor.wants_rebuild());
-    bench.processor.command(&Command::Rebuild).unwrap();
+    assert!(bench.pipeline.wants_rebuild());
+    bench.pipeline.command(&Command::Rebuild).unwrap();
     let before = until(&mut bench, 1.5);
     assert!(before.iter().all(|frame| !frame.touched));
     let states: Vec<ElectrodeState> = before.last().unwrap().health.electrodes.iter().map(|e| e.state).collect();

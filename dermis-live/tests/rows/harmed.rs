@@ -107,7 +107,7 @@ fn packet(readings: &[i16], index: u64) -> Vec<u8> {
 
 fn frames(bench: &mut Bench, bytes: &[u8], index: u64) -> Vec<LiveFrame> {
     let heard = bench.hear(bytes, index);
-    heard.into_iter().map(|incoming| bench.processor.process(incoming).unwrap()).collect()
+    heard.into_iter().map(|incoming| bench.pipeline.process(incoming).unwrap()).collect()
 }
 
 /// One packet in a hundred is damaged, cut, doubled, or comes behind noise; never the last byte, which ends it.

@@ -8,14 +8,14 @@ use rand::RngExt;
 
 #[test]
 fn most_slides_that_cross_keep_their_ids() {
-    let swapped = meetings(10, 81, Meeting::Cross);
+    let swapped = meetings(10, 81, Handshake::Cross);
     println!("ids swapped or lost in {swapped} of 10 crossings");
     assert!(swapped <= 1, "{swapped} of 10 swapped or lost");
 }
 
 #[test]
 fn most_slides_that_turn_back_from_each_other_keep_their_ids() {
-    let swapped = meetings(5, 83, Meeting::TurnBack);
+    let swapped = meetings(5, 83, Handshake::TurnBack);
     println!("ids swapped or lost in {swapped} of 5 that turned back");
     assert!(swapped <= 1, "{swapped} of 5 swapped or lost");
 }
@@ -23,7 +23,7 @@ fn most_slides_that_turn_back_from_each_other_keep_their_ids() {
 #[test]
 #[ignore = "slow: 200 crossings"]
 fn of_two_hundred_slides_that_cross_few_swap_ids() {
-    let swapped = meetings(200, 82, Meeting::Cross);
+    let swapped = meetings(200, 82, Handshake::Cross);
     println!("ids swapped or lost in {swapped} of 200 crossings");
     assert!(swapped <= 10);
 }
@@ -31,14 +31,14 @@ fn of_two_hundred_slides_that_cross_few_swap_ids() {
 #[test]
 #[ignore = "slow: 100 meetings"]
 fn of_a_hundred_slides_that_turn_back_few_swap_ids() {
-    let swapped = meetings(100, 84, Meeting::TurnBack);
+    let swapped = meetings(100, 84, Handshake::TurnBack);
     println!("ids swapped or lost in {swapped} of 100 that turned back");
     assert!(swapped <= 5);
 }
 
 /// What two slides do where they meet.
 #[derive(Clone, Copy, PartialEq)]
-enum Meeting {
+enum Handshake {
     /// They go on, over the same place at the same time.
     Cross,
     /// They stop 15 mm from each other, for 0.1 to 0.5 s, and go back.
@@ -46,7 +46,7 @@ enum Meeting {
 }
 
 /// Two slides of 0.1 m/s that meet at a random place and angle; in how many the ids do not end where they should.
-fn meetings(count: u64, seed: u64, meeting: Meeting) -> usize {
+fn meetings(count: u64, seed: u64, meeting: Handshake) -> usize {
     let mut rng = sample_rng(seed, 0);
     (0..count)
         .filter(|index| {
@@ -54,7 +54,7 @@ fn meetings(count: u64, seed: u64, meeting: Meeting) -> usize {
             let first = std::f64::consts::TAU * rng.random::<f64>();
             let between = (0.3 + 0.4 * rng.random::<f64>()) * std::f64::consts::PI;
             let forces_n = [0, 1].map(|_| 1.5 + rng.random::<f64>());
-            let hold_s = if meeting == Meeting::TurnBack { 0.1 + 0.4 * rng.random::<f64>() } else { 0.0 };
+            let hold_s = if meeting == Handshake::TurnBack { 0.1 + 0.4 * rng.random::<f64>() } else { 0.0 };
             let near_m = 0.0075 / (0.5 * between).sin();
             let fingers = [(first, forces_n[0]), (first + between, forces_n[1])].map(|(direction, force_n)| {
                 let at = |along_m: f64| {
@@ -62,8 +62,8 @@ fn meetings(count: u64, seed: u64, meeting: Meeting) -> usize {
                     place(middle[0] + z_m, middle[1] + (round_m / 0.047_75).to_degrees())
                 };
                 match meeting {
-                    Meeting::Cross => vec![stroke(1.0, 1.6, at(-0.08), Some(at(0.08)), force_n)],
-                    Meeting::TurnBack => turning_back(at(-0.08), at(-near_m), (0.08 - near_m) / 0.1, hold_s, force_n),
+                    Handshake::Cross => vec![stroke(1.0, 1.6, at(-0.08), Some(at(0.08)), force_n)],
+                    Handshake::TurnBack => turning_back(at(-0.08), at(-near_m), (0.08 - near_m) / 0.1, hold_s, force_n),
                 }
             });
             exchanged(&fingers, seed + index)

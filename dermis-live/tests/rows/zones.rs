@@ -42,7 +42,7 @@ fn a_zone_names_its_contacts_and_has_a_threshold_of_its_own() {
 fn thresholds_change_while_the_skin_is_read() {
     let mut bench = pressed(Settings::default());
     let mut after = |command: &Command| {
-        bench.processor.command(command).unwrap();
+        bench.pipeline.command(command).unwrap();
         // A contact ends 50 ms after it was last seen and begins in the second frame.
         (0..10).for_each(|_| drop(bench.frame()));
         let frame = bench.frame();
@@ -58,7 +58,7 @@ fn thresholds_change_while_the_skin_is_read() {
 #[test]
 fn a_threshold_or_zone_out_of_range_is_refused_and_changes_nothing() {
     let mut bench = pressed(Settings::default());
-    let before = bench.processor.state().settings.clone();
+    let before = bench.pipeline.state().settings.clone();
     let radius = Zone { radius_m: -0.1, ..zone(1.0) };
     let centre = Zone { centre_m: [f64::NAN, 0.0, 0.0], ..zone(1.0) };
     for (command, names) in [
@@ -70,9 +70,9 @@ fn a_threshold_or_zone_out_of_range_is_refused_and_changes_nothing() {
         (Command::Zones { zones: vec![Zone { centre_m: [0.0, 0.0, 5.0], ..zone(1.0) }] }, "lengths are in metres"),
         (Command::Method { name: "nose".into() }, "nose"),
     ] {
-        let told = bench.processor.command(&command).unwrap_err().to_string();
+        let told = bench.pipeline.command(&command).unwrap_err().to_string();
         assert!(told.contains(names), "{told}");
-        assert_eq!(bench.processor.state().settings, before);
+        assert_eq!(bench.pipeline.state().settings, before);
     }
     assert_eq!(bench.frame().contacts.len(), 2);
 }

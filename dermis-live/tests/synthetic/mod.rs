@@ -5,7 +5,7 @@ use dermis::design::SkinDesign;
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
 use dermis_live::ros::Reference;
-use dermis_live::{ElectrodeHealth, ElectrodeState, Health, LiveContact, LiveFrame, Moment};
+use dermis_live::{ElectrodeHealth, ElectrodeState, Health, LiveContact, LiveFrame, Timestamp};
 use std::sync::Arc;
 
 /// What stands on the card of a [`retrained`] network, and on no other.
@@ -27,7 +27,7 @@ pub fn retrained(folder: &std::path::Path) -> String {
 /// Frames a second.
 pub const RATE: u64 = 120;
 /// When the first frame is measured: the 1st of January 2026.
-pub const BEGINNING: Moment = Moment { unix_ns: 1_767_225_600_000_000_000 };
+pub const BEGINNING: Timestamp = Timestamp { unix_ns: 1_767_225_600_000_000_000 };
 
 /// A skin and its frames.
 pub struct Skin {

@@ -4,7 +4,7 @@ use crate::dataset::generator::{Rows, write_row, write_truth};
 use crate::dataset::places::Places;
 use crate::dataset::raster::CellRaster;
 use crate::dataset::recipe::GaussianTouches;
-use crate::dataset::skins::{SkinMaker, Worn};
+use crate::dataset::skins::{SkinInstance, SkinMaker};
 use crate::dataset::target::Target;
 use crate::random::sample_rng;
 use crate::touch::GaussianTouch;
@@ -106,35 +106,35 @@ impl GaussianMaker {
         touches.clear();
         for _ in 0..count {
             let centre_m = self.places.draw(&mut rng);
-            let width_m = even(&mut rng, self.options.width_m);
-            touches.push(GaussianTouch { centre_m, amplitude: log_even(&mut rng, self.options.amplitude), width_m });
+            let width_m = uniform(&mut rng, self.options.width_m);
+            touches.push(GaussianTouch { centre_m, amplitude: log_uniform(&mut rng, self.options.amplitude), width_m });
         }
     }
 }
 
 /// Uniform between two bounds.
-pub(super) fn even(rng: &mut ChaCha8Rng, [low, high]: [f64; 2]) -> f64 {
+pub(super) fn uniform(rng: &mut ChaCha8Rng, [low, high]: [f64; 2]) -> f64 {
     low + (high - low) * rng.random::<f64>()
 }
 
 /// Uniform in its logarithm between two bounds; by `libm`, whose bits do not depend on the system.
-pub(super) fn log_even(rng: &mut ChaCha8Rng, [low, high]: [f64; 2]) -> f64 {
+pub(super) fn log_uniform(rng: &mut ChaCha8Rng, [low, high]: [f64; 2]) -> f64 {
     low * libm::exp(libm::log(high / low) * rng.random::<f64>())
 }
 
 impl GaussianWorker<'_> {
-    /// The samples of the unit that begins at `first`, `count` of them, on the skin that is worn.
+    /// The samples of the unit that begins at `first`, `count` of them, on the skin that is instance.
     pub fn make(
         &mut self,
         first: u64,
         count: usize,
-        worn: Option<&Worn>,
+        instance: Option<&SkinInstance>,
         rows: &mut Rows<'_>,
     ) -> Result<(), ForwardError> {
-        if let Some(worn) = worn {
-            self.put_on(worn);
+        if let Some(instance) = instance {
+            self.use_instance(instance);
             for row in 0..count {
-                rows.rest[row * worn.rest.len()..][..worn.rest.len()].copy_from_slice(&worn.rest);
+                rows.rest[row * instance.rest.len()..][..instance.rest.len()].copy_from_slice(&instance.rest);
             }
         }
         for from in (0..count).step_by(LANES) {
@@ -143,14 +143,14 @@ impl GaussianWorker<'_> {
         Ok(())
     }
 
-    fn put_on(&mut self, worn: &Worn) {
-        self.solver.set_model(&worn.skin.forward);
+    fn use_instance(&mut self, instance: &SkinInstance) {
+        self.solver.set_model(&instance.skin.forward);
         if let Some(moving) = &mut self.moving
-            && moving.skin != Some(worn.index)
+            && moving.skin != Some(instance.index)
         {
-            let mesh = worn.skin.forward.mesh();
-            moving.raster.follow(&self.maker.raster, mesh, &moving.is_movable, &worn.skin.shifts_m);
-            moving.skin = Some(worn.index);
+            let mesh = instance.skin.forward.mesh();
+            moving.raster.follow(&self.maker.raster, mesh, &moving.is_movable, &instance.skin.shifts_m);
+            moving.skin = Some(instance.index);
         }
     }
 

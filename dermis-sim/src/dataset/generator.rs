@@ -4,7 +4,7 @@ use crate::dataset::gaussian::{GaussianMaker, GaussianWorker};
 use crate::dataset::places::Places;
 use crate::dataset::pressed::{PressMaker, PressWorker};
 use crate::dataset::recipe::{Recipe, Skins, Touch};
-use crate::dataset::skins::{SkinMaker, Worn};
+use crate::dataset::skins::{SkinInstance, SkinMaker};
 use crate::touch::GaussianTouch;
 use crate::twin::Press;
 use dermis::design::SkinDesign;
@@ -57,12 +57,12 @@ pub struct Sample {
 #[derive(Debug)]
 pub struct Worker<'a> {
     generator: &'a Generator,
-    worn: Option<Worn>,
-    hand: Hand<'a>,
+    instance: Option<SkinInstance>,
+    hand: SampleMaker<'a>,
 }
 
 #[derive(Debug)]
-enum Hand<'a> {
+enum SampleMaker<'a> {
     Gaussian(Box<GaussianWorker<'a>>),
     Pressed(Box<PressWorker<'a>>),
 }
@@ -108,10 +108,10 @@ impl Generator {
     /// Memory to make samples with; each thread has its own.
     pub fn worker(&self) -> Worker<'_> {
         let hand = match &self.kind {
-            Kind::Gaussian(maker) => Hand::Gaussian(Box::new(maker.worker(&self.forward, self.skins.as_ref()))),
-            Kind::Pressed(maker) => Hand::Pressed(Box::new(maker.worker())),
+            Kind::Gaussian(maker) => SampleMaker::Gaussian(Box::new(maker.worker(&self.forward, self.skins.as_ref()))),
+            Kind::Pressed(maker) => SampleMaker::Pressed(Box::new(maker.worker())),
         };
-        Worker { generator: self, worn: None, hand }
+        Worker { generator: self, instance: None, hand }
     }
 
     /// What the samples are drawn from.
@@ -186,14 +186,14 @@ impl Worker<'_> {
     pub(super) fn make(&mut self, first: u64, count: usize, rows: &mut Rows<'_>) -> crate::Result<()> {
         debug_assert!(first.is_multiple_of(UNIT as u64) && count <= UNIT);
         if let Some(maker) = &self.generator.skins {
-            match &mut self.worn {
-                Some(worn) => worn.change(maker, first)?,
-                None => self.worn = Some(Worn::new(maker, first)?),
+            match &mut self.instance {
+                Some(instance) => instance.change(maker, first)?,
+                None => self.instance = Some(SkinInstance::new(maker, first)?),
             }
         }
         match &mut self.hand {
-            Hand::Gaussian(worker) => worker.make(first, count, self.worn.as_ref(), rows)?,
-            Hand::Pressed(worker) => worker.make(first, count, self.worn.as_ref(), rows)?,
+            SampleMaker::Gaussian(worker) => worker.make(first, count, self.instance.as_ref(), rows)?,
+            SampleMaker::Pressed(worker) => worker.make(first, count, self.instance.as_ref(), rows)?,
         }
         Ok(())
     }

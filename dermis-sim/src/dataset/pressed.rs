@@ -1,11 +1,11 @@
 //! Samples of presses on fabric patches: drawn, solved by a low-rank update.
 
-use crate::dataset::gaussian::{even, log_even};
+use crate::dataset::gaussian::{log_uniform, uniform};
 use crate::dataset::generator::{Rows, write_row, write_truth};
 use crate::dataset::places::Places;
 use crate::dataset::press_target::PressTarget;
 use crate::dataset::recipe::{PatchTouches, Recipe, SkinSpread, Skins};
-use crate::dataset::skins::Worn;
+use crate::dataset::skins::SkinInstance;
 use crate::random::sample_rng;
 use crate::twin::{Footprint, PatchOptions, PatchedSkin, Press, TwinError};
 use dermis::design::{Body, SkinDesign};
@@ -103,8 +103,8 @@ impl PressMaker {
         for _ in 0..count {
             presses.push(Press {
                 centre_m: self.place(presses.last(), &mut rng),
-                tip_radius_m: even(&mut rng, self.options.tip_radius_m),
-                force_n: log_even(&mut rng, self.options.force_n),
+                tip_radius_m: uniform(&mut rng, self.options.tip_radius_m),
+                force_n: log_uniform(&mut rng, self.options.force_n),
             });
         }
         presses
@@ -115,7 +115,7 @@ impl PressMaker {
         if let (Some(together), Some(before)) = (&self.options.together, before)
             && rng.random::<f64>() < together.share
         {
-            let (distance_m, way_rad) = (even(rng, together.distance_m), even(rng, [0.0, 2.0 * PI]));
+            let (distance_m, way_rad) = (uniform(rng, together.distance_m), uniform(rng, [0.0, 2.0 * PI]));
             let (sine, cosine) = libm::sincos(way_rad);
             let beside = self.body.surface().walk(before.centre_m, [distance_m * cosine, distance_m * sine]);
             if self.body.holds(beside) {
@@ -145,17 +145,23 @@ impl PressMaker {
 const PATCH_STREAM: u64 = 1;
 
 impl PressWorker<'_> {
-    /// The samples of the unit that begins at `first`, `count` of them, on the skin that is worn.
-    pub fn make(&mut self, first: u64, count: usize, worn: Option<&Worn>, rows: &mut Rows<'_>) -> crate::Result<()> {
+    /// The samples of the unit that begins at `first`, `count` of them, on the skin that is instance.
+    pub fn make(
+        &mut self,
+        first: u64,
+        count: usize,
+        instance: Option<&SkinInstance>,
+        rows: &mut Rows<'_>,
+    ) -> crate::Result<()> {
         let maker = self.maker;
         let presses: Vec<Vec<Press>> = (0..count).map(|row| maker.draw(first + row as u64)).collect();
-        match (&maker.skins, worn) {
-            (OnSkins::Many(spread), Some(worn)) => {
-                let model = &worn.skin.forward;
+        match (&maker.skins, instance) {
+            (OnSkins::Many(spread), Some(instance)) => {
+                let model = &instance.skin.forward;
                 // All sixteen samples of the skin, were fewer asked for: a sample's bits must not depend on how many are.
                 let all: Vec<Press> =
                     (0..super::generator::UNIT as u64).flat_map(|row| maker.draw(first + row)).collect();
-                let options = maker.patches(spread, worn.skin.seed);
+                let options = maker.patches(spread, instance.skin.seed);
                 let coat = model.rest_conductivity();
                 let skin = PatchedSkin::for_presses(&options, &maker.body, model, coat, &all)?;
                 skin.network_once(&[])?.frame_into(model.protocol(), &mut self.frame);
@@ -174,7 +180,7 @@ impl PressWorker<'_> {
                     self.write(row, presses, rows)?;
                 }
             }
-            (OnSkins::Many(_), None) => unreachable!("random skins are worn"),
+            (OnSkins::Many(_), None) => unreachable!("random skins are instance"),
         }
         Ok(())
     }

@@ -10,7 +10,7 @@ use crate::dataset::quadrature::{Rule, longest_edge_m};
 use crate::touch::GaussianTouch;
 use dermis::geom::vector::sub;
 use dermis::geom::{Point3, Surface};
-use dermis::linalg::{LANES, Level};
+use dermis::linalg::{LANES, SimdLevel};
 use dermis::mesh::{Cells, Mesh};
 use pulp::{Simd, WithSimd};
 
@@ -35,7 +35,7 @@ pub struct CellRaster {
     blocks: Vec<Block>,
     /// Per block, level and point: each coordinate of eight cells.
     points: Vec<[f64; LANES]>,
-    level: Level,
+    level: SimdLevel,
 }
 
 /// Eight cells that lie close together.
@@ -62,14 +62,14 @@ impl CellRaster {
     /// # Errors
     /// A width far below the cells of the mesh.
     pub fn new(surface: Surface, mesh: &Mesh, least_width_m: f64) -> Result<Self, DatasetError> {
-        Self::at_level(surface, mesh, least_width_m, Level::best())
+        Self::at_level(surface, mesh, least_width_m, SimdLevel::best())
     }
 
     /// The same with a chosen instruction set.
     ///
     /// # Errors
     /// As [`new`](Self::new).
-    pub fn at_level(surface: Surface, mesh: &Mesh, least_width_m: f64, level: Level) -> Result<Self, DatasetError> {
+    pub fn at_level(surface: Surface, mesh: &Mesh, least_width_m: f64, level: SimdLevel) -> Result<Self, DatasetError> {
         let rule = match mesh.cells {
             Cells::Triangles(_) => Rule::Triangle,
             Cells::Tetrahedra(_) => Rule::Tetrahedron,
@@ -356,7 +356,7 @@ mod tests {
     use rand::RngExt;
 
     /// Largest difference from the plain rasteriser, over the amplitude, for touches of the given widths.
-    fn worst(surface: Surface, mesh: &Mesh, places: &Places, widths_m: [f64; 2], level: Level) -> f64 {
+    fn worst(surface: Surface, mesh: &Mesh, places: &Places, widths_m: [f64; 2], level: SimdLevel) -> f64 {
         let raster = CellRaster::at_level(surface, mesh, widths_m[0], level).unwrap();
         let mut worst = 0.0f64;
         for index in 0..60 {
@@ -409,7 +409,7 @@ mod tests {
             let design = SkinDesign::shipped(name).unwrap();
             let mesh = Mesh::generate(&design).unwrap();
             let (surface, places) = (design.body.surface(), Places::new(&design.body, &mesh));
-            for level in Level::available() {
+            for level in SimdLevel::available() {
                 let off = worst(surface, &mesh, &places, [0.004, 0.02], level);
                 println!("{name} at {level:?}: off by {off:.1e} of the amplitude");
                 assert!(off < TOLERANCE, "{off}");
@@ -422,7 +422,7 @@ mod tests {
         let design = SkinDesign::shipped("cylinder30").unwrap();
         let mesh = Mesh::generate(&design).unwrap();
         let places = Places::new(&design.body, &mesh);
-        assert!(worst(design.body.surface(), &mesh, &places, [0.04, 0.1], Level::best()) < TOLERANCE);
+        assert!(worst(design.body.surface(), &mesh, &places, [0.04, 0.1], SimdLevel::best()) < TOLERANCE);
     }
 
     #[test]
@@ -430,14 +430,14 @@ mod tests {
         let design = SkinDesign::shipped("cylinder30").unwrap();
         let mesh = Mesh::generate(&design).unwrap();
         let places = Places::new(&design.body, &mesh);
-        assert!(worst(Surface::Free, &mesh, &places, [0.005, 0.02], Level::best()) < TOLERANCE);
+        assert!(worst(Surface::Free, &mesh, &places, [0.005, 0.02], SimdLevel::best()) < TOLERANCE);
         let nodes = vec![[0.0; 3], [0.02, 0.0, 0.0], [0.0, 0.02, 0.0], [0.0, 0.0, 0.02], [0.02, 0.02, 0.02]];
         let cells = Cells::Tetrahedra(vec![[0, 1, 2, 3], [1, 2, 3, 4]]);
         let volume = Mesh { nodes, cells, electrodes: vec![], regions: vec![] };
         let body = dermis::design::Body::Mesh { path: "block.msh".into(), unit_m: 1.0 };
         let places = Places::new(&body, &volume);
         // The plain rule divides each cell by its own longest edge, this one the two alike.
-        assert!(worst(Surface::Free, &volume, &places, [0.008, 0.02], Level::best()) < 2e-3);
+        assert!(worst(Surface::Free, &volume, &places, [0.008, 0.02], SimdLevel::best()) < 2e-3);
     }
 
     #[test]

@@ -4,7 +4,7 @@ use crate::dataset::error::DatasetError;
 use crate::dataset::file::{Label, Tensor, hex};
 use crate::dataset::generator::{Generator, TOUCH_COLUMNS};
 use crate::dataset::recipe::{Recipe, Touch};
-use dermis::linalg::Level;
+use dermis::linalg::SimdLevel;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use sha2::{Digest, Sha256};
@@ -26,7 +26,7 @@ pub struct Record {
     /// The version of this library.
     pub version: String,
     /// The instruction set: between two of them values differ by rounding.
-    pub cpu: Level,
+    pub cpu: SimdLevel,
     /// The design.
     pub design: DesignRecord,
     /// The mesh.
@@ -108,7 +108,7 @@ impl Record {
         Record {
             format: FORMAT.into(),
             version: env!("CARGO_PKG_VERSION").into(),
-            cpu: Level::best(),
+            cpu: SimdLevel::best(),
             design: DesignRecord {
                 name: design_name.into(),
                 sha256: sha256(design_text.as_bytes()),

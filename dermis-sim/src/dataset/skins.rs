@@ -224,21 +224,21 @@ fn patch_nodes(mesh: &Mesh, patch: &ElectrodePatch) -> Vec<usize> {
 
 /// The skin that a thread's samples are on, and its untouched frame.
 #[derive(Debug)]
-pub(super) struct Worn {
+pub(super) struct SkinInstance {
     pub index: u64,
     pub skin: Skin,
     pub rest: Vec<f32>,
     solver: Solver,
 }
 
-impl Worn {
+impl SkinInstance {
     /// The skin of a unit of samples.
     pub fn new(maker: &SkinMaker, first_sample: u64) -> crate::Result<Self> {
         let index = first_sample / UNIT as u64;
         let skin = maker.make(index)?;
-        let mut worn = Worn { index, rest: Vec::new(), solver: skin.forward.solver(), skin };
-        worn.measure()?;
-        Ok(worn)
+        let mut instance = SkinInstance { index, rest: Vec::new(), solver: skin.forward.solver(), skin };
+        instance.measure()?;
+        Ok(instance)
     }
 
     /// The next skin, in the same memory.

@@ -255,7 +255,7 @@ fn another_design_seed_or_machine_is_refused_and_named() {
     assert!(refused(&other).contains("`recipe.seed` is 5, not 6"), "{}", refused(&other));
     let message = refused(&Record::new(&generator, "disk", &format!("{DISK}\n# another")));
     assert!(message.contains("`design.sha256` is"), "{message}");
-    let cpu = Record { cpu: dermis::linalg::Level::Neon, ..record.clone() };
+    let cpu = Record { cpu: dermis::linalg::SimdLevel::Neon, ..record.clone() };
     assert!(refused(&cpu).contains("`cpu` is"), "{}", refused(&cpu));
     let mut mesh = record.clone();
     mesh.mesh.hash = "0".into();

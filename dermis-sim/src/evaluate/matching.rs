@@ -13,11 +13,11 @@ pub struct Match {
     /// Touches that no contact lies near enough to.
     pub missed: Vec<usize>,
     /// Contacts that lie near no touch of their own.
-    pub ghosts: Vec<usize>,
+    pub false_positives: Vec<usize>,
 }
 
 /// Matches contacts and touches one to one by the smallest total distance along the surface; then a pair farther apart
-/// than the [gate](GATE_M) is a miss and a ghost.
+/// than the [gate](GATE_M) is a miss and a false_positive.
 pub fn match_contacts(touches: &[Contact], contacts: &[Contact], surface: &Surface) -> Match {
     let distance =
         |touch: usize, contact: usize| surface.distance_m(touches[touch].position_m, contacts[contact].position_m);
@@ -33,6 +33,6 @@ pub fn match_contacts(touches: &[Contact], contacts: &[Contact], surface: &Surfa
     }
     found.pairs.sort_by_key(|pair| pair.0);
     found.missed = (0..touches.len()).filter(|&touch| !touch_met[touch]).collect();
-    found.ghosts = (0..contacts.len()).filter(|&contact| !contact_met[contact]).collect();
+    found.false_positives = (0..contacts.len()).filter(|&contact| !contact_met[contact]).collect();
     found
 }

@@ -1,10 +1,11 @@
 //! Contacts against the truth.
 //!
 //! Truth and estimate are matched one to one by the smallest total distance along the surface; a pair farther apart
-//! than the [gate](dermis::detect::GATE_M) is a miss and a ghost. See `docs/conventions.md`.
+//! than the [gate](dermis::detect::GATE_M) is a miss and a false_positive. See `docs/conventions.md`.
 
 mod align;
-mod assess;
+mod benchmark;
+mod calibration_run;
 mod explained;
 mod matching;
 mod presses;
@@ -12,18 +13,18 @@ mod score;
 mod tank;
 #[cfg(test)]
 mod tests;
-mod trial;
 
 pub use align::Alignment;
-pub use assess::{
-    AssessOptions, Assessment, Assessor, Covered, FALSE_CONTACTS_A_FRAME, FORCES_A_PLACE, ForceScore, FourScore,
+pub use benchmark::{
+    Benchmark, BenchmarkOptions, BenchmarkResult, Covered, FALSE_CONTACTS_A_FRAME, FORCES_A_PLACE, ForceScore,
+    FourScore,
 };
+pub use calibration_run::{CalibrationRun, NOISE_DB};
 pub use explained::GainFit;
 pub use matching::{Match, match_contacts};
 pub use presses::{AlignMethod, AlignOptions, Aligned, PressEstimates, Screen};
 pub use score::{Score, resolves_two, score};
 pub use tank::{FoundObject, Material, TankObject, find_objects};
-pub use trial::{NOISE_DB, Trial};
 
 use thiserror::Error;
 

@@ -44,8 +44,8 @@ pub struct AlignOptions {
 pub enum Screen {
     /// Those that disagree with their twins.
     Disagreeing,
-    /// Those that the instrument is [deaf](Screening::deaf) to.
-    Deaf,
+    /// Those that the instrument is [polarity_blind](Screening::polarity_blind) to.
+    PolarityBlind,
 }
 
 /// A method to choose among, and its alpha where it has one.
@@ -54,7 +54,7 @@ pub type AlignMethod = (Box<dyn Reconstruct>, Option<f64>);
 impl AlignOptions {
     /// NOSER with the exponents 0.25 and 0.5 (with larger ones the slivers of pixels at the rim outshine the others),
     /// alphas from 2 to 16 by factors of two, no cut and two; the shipped detector. Channels that disagree with their twins
-    /// are left out; the linear method gains nothing where those are that the instrument is deaf to.
+    /// are left out; the linear method gains nothing where those are that the instrument is polarity_blind to.
     pub fn new(touch: TouchEffect) -> Self {
         AlignOptions {
             priors: [0.25, 0.5].map(|exponent| Prior::Noser { exponent }).to_vec(),
@@ -99,10 +99,10 @@ pub struct Aligned {
     pub limit_sd: f64,
     /// Presses that it was aligned by.
     pub aligned_by: usize,
-    /// Channels left out: those known to be broken, and those that disagree with their twins, or that the instrument is deaf to.
+    /// Channels left out: those known to be broken, and those that disagree with their twins, or that the instrument is polarity_blind to.
     pub left_out: Vec<usize>,
     /// The score of the other presses. Every press is scored, one without a contact by the whole image's centroid:
-    /// `localisation_m` has no gate; misses and ghosts count contacts as everywhere.
+    /// `localisation_m` has no gate; misses and false_positives count contacts as everywhere.
     pub score: Score,
     /// The presses scored: index, place pressed and place found, in the robot's frame.
     pub places: Vec<(usize, Point2, Point2)>,
@@ -166,7 +166,7 @@ impl PressEstimates {
         let left_out = |screen: &Screen| {
             let mut channels = match screen {
                 Screen::Disagreeing => screening.disagreeing.clone(),
-                Screen::Deaf => screening.deaf(forward.protocol(), &untouched),
+                Screen::PolarityBlind => screening.polarity_blind(forward.protocol(), &untouched),
             };
             channels.extend(&options.left_out);
             channels.sort_unstable();
@@ -286,7 +286,7 @@ impl Candidate {
     ) -> Result<Score, EvaluateError> {
         let flat = |press: usize| [presses[press][0], presses[press][1]];
         let of_centroids = fit(&self.centroids, presses, align_by)?;
-        let (mut misses, mut ghosts) = (0, 0);
+        let (mut misses, mut false_positives) = (0, 0);
         for &press in scored {
             let [x, y] = flat(press);
             let touch = Contact::truth([x, y, 0.0], [0.0, 0.0, 1.0], f64::NAN);
@@ -295,7 +295,7 @@ impl Candidate {
             let contacts: Vec<Contact> = self.contacts[press].iter().map(moved).collect();
             let found = match_contacts(&[touch], &contacts, &Surface::Plane);
             misses += found.missed.len();
-            ghosts += found.ghosts.len();
+            false_positives += found.false_positives.len();
         }
         let errors = |places: &[Point2], alignment: &Alignment| {
             let error = |&press: &usize| distance(alignment.apply(places[press]), flat(press));
@@ -304,7 +304,7 @@ impl Candidate {
         Ok(Score {
             presses: scored.len(),
             misses,
-            ghosts,
+            false_positives,
             localisation_m: errors(&self.places, alignment),
             eq11_m: errors(&self.centroids, &of_centroids),
             sensitivity_spread: f64::NAN,

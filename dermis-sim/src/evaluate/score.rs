@@ -17,7 +17,7 @@ pub struct Score {
     /// Touches without a contact within the gate.
     pub misses: usize,
     /// Contacts without a touch within the gate.
-    pub ghosts: usize,
+    pub false_positives: usize,
     /// Distance along the surface of the touches from their contacts, over all pairs within the gate, m.
     pub localisation_m: Summary,
     /// Distance of the whole image's centroid (the paper's Eq. 11) from the touch, over all frames with one touch, m.
@@ -57,13 +57,13 @@ pub(super) fn score_contacts(
     if images.len() != truth.len() {
         return Err(EvaluateError::Count { images: images.len(), truths: truth.len() });
     }
-    let (mut misses, mut ghosts) = (0, 0);
+    let (mut misses, mut false_positives) = (0, 0);
     let (mut distances, mut eq11, mut sensitivities) = (Vec::new(), Vec::new(), Vec::new());
     for ((image, contacts), touches) in images.iter().zip(contacts).zip(truth) {
         let surface = &image.space.surface;
         let found = match_contacts(touches, contacts, surface);
         misses += found.missed.len();
-        ghosts += found.ghosts.len();
+        false_positives += found.false_positives.len();
         distances.extend(found.pairs.iter().map(|pair| pair.2));
         if let [touch] = touches[..] {
             eq11.extend(whole_image_centroid(image).map(|centre| surface.distance_m(centre, touch.position_m)));
@@ -74,7 +74,7 @@ pub(super) fn score_contacts(
     Ok(Score {
         presses: truth.iter().map(Vec::len).sum(),
         misses,
-        ghosts,
+        false_positives,
         localisation_m: Summary::of(&distances),
         eq11_m: Summary::of(&eq11),
         sensitivity_spread: spread(&sensitivities),

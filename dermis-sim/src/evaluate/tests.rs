@@ -37,9 +37,9 @@ fn the_smallest_total_wins_over_the_nearest_pair_and_far_pairs_are_misses_and_gh
     let found = match_contacts(&[at(0.100), at(0.111)], &[at(0.112), at(0.119)], &surface);
     assert_eq!(found.pairs.iter().map(|pair| (pair.0, pair.1)).collect::<Vec<_>>(), vec![(0, 0), (1, 1)]);
     let found = match_contacts(&[at(0.05)], &[at(0.071), at(0.2)], &surface);
-    assert_eq!((found.pairs.len(), found.missed, found.ghosts), (0, vec![0], vec![0, 1]));
+    assert_eq!((found.pairs.len(), found.missed, found.false_positives), (0, vec![0], vec![0, 1]));
     let found = match_contacts(&[], &[at(0.1)], &surface);
-    assert_eq!(found.ghosts, vec![0]);
+    assert_eq!(found.false_positives, vec![0]);
 }
 
 #[test]
@@ -55,7 +55,7 @@ fn the_score_of_a_small_experiment_is_known() {
         vec![touch(&surface, 0.15, 0.01, f64::NAN)],
     ];
     let score = score(&images, &truth, &Detector::default(), "test", Some(0.3)).unwrap();
-    assert_eq!((score.presses, score.misses, score.ghosts), (3, 2, 1));
+    assert_eq!((score.presses, score.misses, score.false_positives), (3, 2, 1));
     assert!((score.localisation_m.mean - 0.003).abs() < 2e-4 && score.localisation_m.sd == 0.0);
     // Eq. 11 knows no gate; the image without a positive value has no centroid.
     assert!((score.eq11_m.mean - 0.023).abs() < 5e-4, "{:?}", score.eq11_m);
@@ -66,7 +66,7 @@ fn the_score_of_a_small_experiment_is_known() {
     keys.sort_unstable();
     assert_eq!(
         keys,
-        ["alpha", "eq11_m", "ghosts", "localisation_m", "method", "misses", "presses", "sensitivity_spread"]
+        ["alpha", "eq11_m", "false_positives", "localisation_m", "method", "misses", "presses", "sensitivity_spread"]
     );
     for key in ["localisation_m", "eq11_m"] {
         let mut keys: Vec<&str> = json[key].as_object().unwrap().keys().map(String::as_str).collect();

@@ -2,7 +2,7 @@
 
 use super::TwinError;
 use super::patches::PatchGrid;
-use dermis::forward::{Moment, Moments};
+use dermis::forward::{PotentialMoment, PotentialMoments};
 use dermis::geom::{Point2, polygon};
 use dermis::linalg::Matrix;
 use dermis::mesh::{Cells, Mesh};
@@ -66,7 +66,7 @@ pub(super) fn cover(
     mesh: &Mesh,
     degree: usize,
     wanted: Option<&[bool]>,
-) -> Result<(Moments, Vec<Option<Cover>>), TwinError> {
+) -> Result<(PotentialMoments, Vec<Option<Cover>>), TwinError> {
     let Cells::Triangles(triangles) = &mesh.cells else { return Err(TwinError::NoChart) };
     let mut pieces: Vec<Vec<Piece>> = (0..grid.patch_count()).map(|_| Vec::new()).collect();
     for triangle in triangles {
@@ -82,10 +82,10 @@ pub(super) fn cover(
             continue;
         }
         let basis = Basis::new(pieces, area, degree);
-        moments.extend(basis.moments(pieces).into_iter().map(|nodes| Moment { conductor: patch, nodes }));
+        moments.extend(basis.moments(pieces).into_iter().map(|nodes| PotentialMoment { conductor: patch, nodes }));
         covers.push(Some(basis.cover()));
     }
-    Ok((Moments::new(moments), covers))
+    Ok((PotentialMoments::new(moments), covers))
 }
 
 /// Adds the pieces of one triangle to the patches that it lies under.

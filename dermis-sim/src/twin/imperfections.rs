@@ -5,7 +5,7 @@ use super::electronics::{not_negative, out_of_range, positive};
 use super::field::CorrelatedField;
 use crate::random::{sample_rng, standard_normal};
 use dermis::design::{Body, Electrode, ElectrodeShape, SkinDesign};
-use dermis::forward::{ForwardError, Network};
+use dermis::forward::{ElectrodeNetwork, ForwardError};
 use dermis::geom::{Point3, Surface};
 use dermis::mesh::Mesh;
 use schemars::JsonSchema;
@@ -186,7 +186,7 @@ impl Drift {
     }
 
     /// The network as it has become at a time.
-    pub fn at(&self, network: Network, time_s: f64) -> Result<Network, ForwardError> {
+    pub fn at(&self, network: ElectrodeNetwork, time_s: f64) -> Result<ElectrodeNetwork, ForwardError> {
         if self.options.is_none() && self.temperature.is_none() {
             return Ok(network);
         }

@@ -7,7 +7,7 @@ use super::press::{Footprint, Press};
 use super::strength;
 use super::{Foam, TwinError};
 use dermis::design::Body;
-use dermis::forward::{ConductorContact, Conductors, ForwardModel, Network};
+use dermis::forward::{ConductorContact, ElectrodeNetwork, FloatingConductors, ForwardModel};
 use dermis::geom::Point2;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -30,7 +30,7 @@ pub struct PatchedSkin {
     grid: PatchGrid,
     foam: Foam,
     contact: ContactLaw,
-    conductors: Conductors,
+    conductors: FloatingConductors,
     covers: Vec<Option<Cover>>,
     at_rest: Vec<ConductorContact>,
     /// Mean conductance of the coat, S.
@@ -117,7 +117,7 @@ impl PatchedSkin {
             .filter_map(|(conductor, cover)| Some((conductor, cover.as_ref()?.conductance(|_, _| rest))))
             .map(|(conductor, conductance)| ConductorContact { conductor, conductance })
             .collect::<Vec<ConductorContact>>();
-        let conductors = Conductors::new(model, conductivity, Arc::new(moments), &at_rest)?;
+        let conductors = FloatingConductors::new(model, conductivity, Arc::new(moments), &at_rest)?;
         let mean = conductivity.iter().sum::<f64>() / conductivity.len() as f64;
         Ok(PatchedSkin {
             grid,
@@ -137,7 +137,7 @@ impl PatchedSkin {
     }
 
     /// The sheet under them.
-    pub fn conductors(&self) -> &Conductors {
+    pub fn conductors(&self) -> &FloatingConductors {
         &self.conductors
     }
 
@@ -148,12 +148,12 @@ impl PatchedSkin {
 
     /// The network between the electrodes while some presses last; the presses' pressures add up.
     ///
-    /// The Green's functions of a patch are computed when it is first touched; [`prepare`](Conductors::prepare) computes
+    /// The Green's functions of a patch are computed when it is first touched; [`prepare`](FloatingConductors::prepare) computes
     /// all at once.
     ///
     /// # Errors
     /// A press that the skin cannot feel: see [`Footprint::new`].
-    pub fn network(&self, presses: &[Press]) -> crate::Result<Network> {
+    pub fn network(&self, presses: &[Press]) -> crate::Result<ElectrodeNetwork> {
         Ok(self.conductors.network(&self.contacts(presses)?)?)
     }
 
@@ -161,7 +161,7 @@ impl PatchedSkin {
     ///
     /// # Errors
     /// As [`network`](Self::network).
-    pub fn network_once(&self, presses: &[Press]) -> crate::Result<Network> {
+    pub fn network_once(&self, presses: &[Press]) -> crate::Result<ElectrodeNetwork> {
         Ok(self.conductors.network_once(&self.contacts(presses)?)?)
     }
 
@@ -169,7 +169,7 @@ impl PatchedSkin {
     ///
     /// # Errors
     /// As [`network`](Self::network).
-    pub fn network_after(&self, presses: &[Press], history: &mut ContactHistory) -> crate::Result<Network> {
+    pub fn network_after(&self, presses: &[Press], history: &mut ContactHistory) -> crate::Result<ElectrodeNetwork> {
         Ok(self.conductors.network(&self.contacts_after(presses, history)?)?)
     }
 

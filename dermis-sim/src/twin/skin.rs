@@ -6,7 +6,7 @@ use super::{GaussianOptions, PatchedSkin, Press, TouchOptions, TwinError, TwinOp
 use crate::noise::Noise;
 use crate::touch::{GaussianTouch, touched_conductivity};
 use dermis::design::{Body, SkinDesign, TouchEffect};
-use dermis::forward::{ForwardModel, Network, Solver, rest_conductivity};
+use dermis::forward::{ElectrodeNetwork, ForwardModel, Solver, rest_conductivity};
 use dermis::frame::Frame;
 use dermis::mesh::Mesh;
 use std::ops::Range;
@@ -24,7 +24,7 @@ pub struct Twin {
     /// What stands in series with each electrode beyond the skin's own, ohm; empty where nothing does.
     series_ohm: Vec<f64>,
     drift: Drift,
-    untouched: Network,
+    untouched: ElectrodeNetwork,
     electronics: Electronics,
 }
 
@@ -34,7 +34,7 @@ struct Skin {
     forward: ForwardModel,
     touch: Touch,
     /// The last presses and their network: a touch that is held is solved once.
-    last: Mutex<Option<(Vec<Press>, Network)>>,
+    last: Mutex<Option<(Vec<Press>, ElectrodeNetwork)>>,
 }
 
 #[derive(Debug)]
@@ -152,7 +152,7 @@ impl Twin {
     }
 
     /// The network between the electrodes of the untouched skin, before any drift.
-    pub fn untouched(&self) -> &Network {
+    pub fn untouched(&self) -> &ElectrodeNetwork {
         &self.untouched
     }
 
@@ -160,7 +160,7 @@ impl Twin {
     ///
     /// # Errors
     /// Presses that the twin cannot answer: off the skin, without a force, too strong for a touch that lowers conductance.
-    pub fn network(&self, presses: &[Press]) -> crate::Result<Network> {
+    pub fn network(&self, presses: &[Press]) -> crate::Result<ElectrodeNetwork> {
         let network = self.skin.network(presses)?;
         Ok(if self.series_ohm.is_empty() { network } else { network.with_series(&self.series_ohm)? })
     }
@@ -228,7 +228,7 @@ impl Twin {
         }
     }
 
-    fn network_or_untouched(&self, presses: &[Press]) -> crate::Result<Network> {
+    fn network_or_untouched(&self, presses: &[Press]) -> crate::Result<ElectrodeNetwork> {
         if presses.is_empty() { Ok(self.untouched.clone()) } else { self.network(presses) }
     }
 
@@ -262,7 +262,7 @@ impl Skin {
         Ok(Skin { forward, touch, last: Mutex::new(None) })
     }
 
-    fn network(&self, presses: &[Press]) -> crate::Result<Network> {
+    fn network(&self, presses: &[Press]) -> crate::Result<ElectrodeNetwork> {
         // What is kept is always whole, whatever another thread ran into.
         let last = || self.last.lock().unwrap_or_else(PoisonError::into_inner);
         let kept = last().as_ref().filter(|(of, _)| of == presses).map(|(_, network)| network.clone());
@@ -274,7 +274,7 @@ impl Skin {
         Ok(network)
     }
 
-    fn solve(&self, presses: &[Press]) -> crate::Result<Network> {
+    fn solve(&self, presses: &[Press]) -> crate::Result<ElectrodeNetwork> {
         match &self.touch {
             Touch::Patches(patched) => patched.network(presses),
             Touch::Gaussian { options, body, effect, solvers } => {

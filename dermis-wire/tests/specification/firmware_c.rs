@@ -65,7 +65,7 @@ fn line(message: Option<Message<'_>>) -> String {
         Some(Message::Device(ToDevice::Start)) => "kind 130".into(),
         Some(Message::Device(ToDevice::Stop)) => "kind 131".into(),
         Some(Message::Device(ToDevice::SelfTest)) => "kind 134".into(),
-        Some(Message::Device(ToDevice::Rate(rate_mhz))) => format!("rate {rate_mhz}"),
+        Some(Message::Device(ToDevice::Rate(rate_millihertz))) => format!("rate {rate_millihertz}"),
         Some(Message::Device(ToDevice::Scan(part))) => scan_line(&part),
         Some(Message::Empty) => "unknown 0 bytes".into(),
         None => panic!("the vectors are known"),
@@ -77,7 +77,7 @@ fn hello_line(hello: &Hello<'_>) -> String {
     format!(
         "hello version={} reading_bytes={} design={} electrodes={} slots={} reference_ohm={:08x} source_v={:08x} \
          volts_per_count={undriven:08x} volts_per_count={driven:08x} volts_per_count={reference:08x} full_scale={} \
-         rate_mhz={} highest_rate_mhz={} baud={} serial={} boot={} name={}",
+         rate_millihertz={} highest_rate_millihertz={} baud={} serial={} boot={} name={}",
         hello.version,
         hello.reading_bytes,
         hex(&hello.design_sha256),
@@ -86,8 +86,8 @@ fn hello_line(hello: &Hello<'_>) -> String {
         hello.reference_ohm.to_bits(),
         hello.source_v.to_bits(),
         hello.full_scale,
-        hello.rate_mhz,
-        hello.highest_rate_mhz,
+        hello.rate_millihertz,
+        hello.highest_rate_millihertz,
         hello.baud,
         hello.serial,
         hello.boot,

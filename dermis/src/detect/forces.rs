@@ -51,7 +51,7 @@ impl Forces {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::{sample_rng, standard_normal};
+    use dermis_sim::random::{sample_rng, standard_normal};
 
     #[test]
     fn the_spread_of_known_ratios_is_found() {

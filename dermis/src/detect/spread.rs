@@ -202,7 +202,7 @@ pub fn blur_share(contacts: &[Misplacement]) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::{sample_rng, standard_normal};
+    use dermis_sim::random::{sample_rng, standard_normal};
     use rand::RngExt;
 
     /// Contacts whose errors are Gaussian with a known deviation.

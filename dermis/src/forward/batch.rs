@@ -2,7 +2,7 @@
 
 use super::assembly::Assembly;
 use super::{ForwardError, ForwardModel};
-use crate::linalg::{AlignedVec, BatchPlan, BatchWorkspace, Entries, LANES, Level};
+use crate::linalg::{AlignedVec, BatchPlan, BatchWorkspace, Entries, LANES, SimdLevel};
 use pulp::Simd;
 use std::sync::Arc;
 
@@ -23,11 +23,11 @@ pub struct BatchSolver {
 impl ForwardModel {
     /// Memory for solves of eight conductivities at once, with the best instruction set of this machine.
     pub fn batch_solver(&self) -> BatchSolver {
-        self.batch_solver_at(Level::best())
+        self.batch_solver_at(SimdLevel::best())
     }
 
     /// The same with a chosen instruction set.
-    pub fn batch_solver_at(&self, level: Level) -> BatchSolver {
+    pub fn batch_solver_at(&self, level: SimdLevel) -> BatchSolver {
         let plan = Arc::new(self.symbolic().batch_plan());
         BatchSolver {
             terms: Terms::new(self.assembly(), &plan),
@@ -94,7 +94,7 @@ impl BatchSolver {
         Ok(())
     }
 
-    /// As [`Network::with_series`](super::Network) does it.
+    /// As [`ElectrodeNetwork::with_series`](super::ElectrodeNetwork) does it.
     fn add_series(&mut self) {
         let resistances = self.model.series_resistances();
         let count = resistances.len();

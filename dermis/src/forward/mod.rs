@@ -5,7 +5,7 @@
 //! is `(U - u) / z`, and its integral over `E` is the electrode's current `I` (Cheng, Isaacson, Newell and Gisser, 1989,
 //! DOI 10.1109/10.35300; existence and uniqueness: Somersalo, Cheney and Isaacson, 1992, DOI 10.1137/0152060). Linear
 //! elements give a symmetric system in the nodes' and the electrodes' potentials. Eliminating the nodes leaves the
-//! `L x L` admittance of the equivalent resistor network, which [`Network`] holds.
+//! `L x L` admittance of the equivalent resistor network, which [`ElectrodeNetwork`] holds.
 
 mod assembly;
 mod batch;
@@ -17,9 +17,9 @@ mod network;
 
 pub use crate::linalg::Matrix;
 pub use batch::BatchSolver;
-pub use conductors::{ConductorContact, Conductors, Moment, Moments};
+pub use conductors::{ConductorContact, FloatingConductors, PotentialMoment, PotentialMoments};
 pub use model::{ForwardModel, Solver, rest_conductivity};
-pub use network::Network;
+pub use network::ElectrodeNetwork;
 
 use thiserror::Error;
 

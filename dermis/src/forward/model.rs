@@ -1,7 +1,7 @@
 //! The forward model of one skin on one mesh.
 
 use super::assembly::Assembly;
-use super::{ForwardError, Network, near_field};
+use super::{ElectrodeNetwork, ForwardError, near_field};
 use crate::design::{RegionPlace, SkinDesign};
 use crate::frame::Frame;
 use crate::geom::{Point3, Surface};
@@ -191,7 +191,7 @@ impl ForwardModel {
     }
 
     /// A network of the mesh alone with the model's series resistances.
-    pub(super) fn with_own_series(&self, bare: Network) -> Result<Network, ForwardError> {
+    pub(super) fn with_own_series(&self, bare: ElectrodeNetwork) -> Result<ElectrodeNetwork, ForwardError> {
         match self.series_resistances.iter().all(|&resistance| resistance == 0.0) {
             true => Ok(bare),
             false => bare.with_series(&self.series_resistances),
@@ -220,7 +220,7 @@ impl ForwardModel {
     ///
     /// # Errors
     /// As [`solve`](Self::solve).
-    pub fn network(&self, conductivity: &[f64]) -> Result<Network, ForwardError> {
+    pub fn network(&self, conductivity: &[f64]) -> Result<ElectrodeNetwork, ForwardError> {
         self.solver().network(conductivity)
     }
 
@@ -267,13 +267,13 @@ impl Solver {
     ///
     /// # Errors
     /// As [`solve_into`](Self::solve_into).
-    pub fn network(&mut self, conductivity: &[f64]) -> Result<Network, ForwardError> {
+    pub fn network(&mut self, conductivity: &[f64]) -> Result<ElectrodeNetwork, ForwardError> {
         let bare = self.bare_network(conductivity)?;
         self.model.with_own_series(bare)
     }
 
     /// The network of the mesh alone.
-    fn bare_network(&mut self, conductivity: &[f64]) -> Result<Network, ForwardError> {
+    fn bare_network(&mut self, conductivity: &[f64]) -> Result<ElectrodeNetwork, ForwardError> {
         let shared = &self.model.shared;
         check_conductivity(&shared.mesh, conductivity)?;
         shared.assembly.values_into(conductivity, &mut self.entry_values);
@@ -281,7 +281,7 @@ impl Solver {
             .symbolic
             .factor_into(&self.entry_values, &mut self.factor, &mut self.workspace)
             .map_err(|error| self.name_singular(error))?;
-        Network::new(self.factor.schur().clone())
+        ElectrodeNetwork::new(self.factor.schur().clone())
     }
 
     /// [`ForwardModel::potentials`].

@@ -11,18 +11,18 @@ use crate::protocol::Protocol;
 /// `S`, the paper's transfer impedance (its Eq. 3-5), is the pseudo-inverse of `Y`. Both are symmetric of rank `L - 1`,
 /// their null vector the constant.
 #[derive(Debug, Clone)]
-pub struct Network {
+pub struct ElectrodeNetwork {
     /// `Y`, electrodes x electrodes, S.
     pub admittance: Matrix,
     /// `S`, electrodes x electrodes, ohm.
     pub transfer_impedance: Matrix,
 }
 
-impl Network {
+impl ElectrodeNetwork {
     /// The network of an admittance.
     pub(super) fn new(admittance: Matrix) -> Result<Self, ForwardError> {
         let transfer_impedance = pseudo_inverse(&admittance)?;
-        Ok(Network { admittance, transfer_impedance })
+        Ok(ElectrodeNetwork { admittance, transfer_impedance })
     }
 
     /// The network with a resistance in series with each electrode, ohm: `S' = S + P diag(r) P`, `P` the projector

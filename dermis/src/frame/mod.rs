@@ -4,15 +4,15 @@ mod broken;
 mod csv;
 mod npy;
 mod output;
+mod reciprocity;
 mod table;
 mod truth;
-mod twins;
 
 pub use broken::broken_channels;
 pub use output::write_whole;
+pub use reciprocity::{Screening, twins};
 pub use table::{Table, read_array, read_conductivities, read_frames, read_table, write_array, write_frames};
 pub use truth::{Truth, read_truth, write_truth};
-pub use twins::{Screening, twins};
 
 use std::ops::{Deref, DerefMut, Sub};
 use std::path::PathBuf;

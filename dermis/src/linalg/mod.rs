@@ -8,14 +8,14 @@ mod assignment;
 mod batch;
 mod dense;
 mod factor;
-mod level;
 mod matrix;
+mod simd_level;
 mod symbolic;
 
 pub use assignment::smallest_total;
 pub use batch::{AlignedVec, BadLanes, BatchPlan, BatchWorkspace, Entries, LANES};
 pub use dense::{cholesky_in_place, eliminate_in_place, invert_spd, subtract_gram};
 pub use factor::{Factor, NotPositiveDefinite, Workspace};
-pub use level::Level;
 pub use matrix::Matrix;
+pub use simd_level::SimdLevel;
 pub use symbolic::Symbolic;

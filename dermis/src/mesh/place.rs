@@ -1,6 +1,6 @@
 //! Electrodes of a design on a surface from a file.
 
-use super::remesh::{self, Curve, Patchwork, Target};
+use super::remesh::{self, Curve, MeshEditor, Target};
 use super::{Cells, ElectrodePatch, Mesh, MeshError};
 use crate::design::{Electrode, ElectrodeShape, MeshOptions};
 use crate::geom::vector::{self, Point3, add, distance, normalize, scale, sub};
@@ -41,17 +41,17 @@ pub(super) fn electrodes(surface: &Mesh, electrodes: &[Electrode], options: Mesh
     };
     let target = Target { surface: &tree, size: &size, onto_curve: &onto_curve, most_triangles: MOST_TRIANGLES };
     sizes.check()?;
-    let mut patchwork = Patchwork::new(surface.nodes.clone(), triangles.clone());
-    remesh::find_creases(&mut patchwork);
-    refine(&mut patchwork, &target)?;
+    let mut editor = MeshEditor::new(surface.nodes.clone(), triangles.clone());
+    remesh::find_creases(&mut editor);
+    refine(&mut editor, &target)?;
     for (electrode, spot) in spots.iter().enumerate() {
         match spot.radius_m {
-            Some(radius_m) => cut_disc(&mut patchwork, &tree, electrode, spot, radius_m)?,
-            None => put_point(&mut patchwork, spot, &size),
+            Some(radius_m) => cut_disc(&mut editor, &tree, electrode, spot, radius_m)?,
+            None => put_point(&mut editor, spot, &size),
         }
     }
-    refine(&mut patchwork, &target)?;
-    let mut mesh = finished(&patchwork, &spots)?;
+    refine(&mut editor, &target)?;
+    let mut mesh = finished(&editor, &spots)?;
     mesh.regions = regions(surface, &tree, &mesh);
     Ok(mesh)
 }
@@ -70,8 +70,8 @@ fn regions(surface: &Mesh, tree: &TriangleTree, mesh: &Mesh) -> Vec<(String, Vec
     surface.regions.iter().map(on_new_cells).collect()
 }
 
-fn refine(patchwork: &mut Patchwork, target: &Target<'_>) -> Result<(), MeshError> {
-    if remesh::remesh(patchwork, target, ROUNDS) { Ok(()) } else { Err(too_fine()) }
+fn refine(editor: &mut MeshEditor, target: &Target<'_>) -> Result<(), MeshError> {
+    if remesh::remesh(editor, target, ROUNDS) { Ok(()) } else { Err(too_fine()) }
 }
 
 fn too_fine() -> MeshError {
@@ -202,64 +202,64 @@ fn onto_outline(tree: &TriangleTree, spot: &Spot, point: Point3) -> Point3 {
 
 /// Cuts a disc's outline into the mesh and marks the triangles within.
 fn cut_disc(
-    patchwork: &mut Patchwork,
+    editor: &mut MeshEditor,
     tree: &TriangleTree,
     electrode: usize,
     spot: &Spot,
     radius_m: f64,
 ) -> Result<(), MeshError> {
-    let height = |patchwork: &Patchwork, point: usize| distance(patchwork.points[point], spot.centre) - radius_m;
+    let height = |editor: &MeshEditor, point: usize| distance(editor.points[point], spot.centre) - radius_m;
     // Nearer than this to the ball is on it: far below any edge, far above rounding.
     let on_outline_m = 1e-6 * radius_m;
-    snap_to_outline(patchwork, tree, spot, on_outline_m);
-    for [a, b] in patchwork.edges() {
-        let (from, to) = (height(patchwork, a), height(patchwork, b));
+    snap_to_outline(editor, tree, spot, on_outline_m);
+    for [a, b] in editor.edges() {
+        let (from, to) = (height(editor, a), height(editor, b));
         let crosses = from.min(to) < -on_outline_m && from.max(to) > on_outline_m;
-        if !crosses || patchwork.at_edge(a, b).is_empty() {
+        if !crosses || editor.at_edge(a, b).is_empty() {
             continue;
         }
-        let crossing = crossing(patchwork.points[a], patchwork.points[b], spot.centre, radius_m);
+        let crossing = crossing(editor.points[a], editor.points[b], spot.centre, radius_m);
         // A point on a crease stays on it.
-        let position = match patchwork.curve(a, b) {
+        let position = match editor.curve(a, b) {
             Some(_) => crossing,
             None => onto_outline(tree, spot, crossing),
         };
-        let middle = patchwork.split(a, b, position);
-        if patchwork.curve(a, middle).is_some() {
-            patchwork.pin(middle);
+        let middle = editor.split(a, b, position);
+        if editor.curve(a, middle).is_some() {
+            editor.pin(middle);
         }
     }
-    let is_inside = |patchwork: &Patchwork, triangle: usize| {
-        let corners = patchwork.triangles[triangle];
-        let lowest = corners.iter().map(|&point| height(patchwork, point)).fold(f64::INFINITY, f64::min);
-        let centre = vector::centroid(&patchwork.corners(triangle));
+    let is_inside = |editor: &MeshEditor, triangle: usize| {
+        let corners = editor.triangles[triangle];
+        let lowest = corners.iter().map(|&point| height(editor, point)).fold(f64::INFINITY, f64::min);
+        let centre = vector::centroid(&editor.corners(triangle));
         if lowest < -on_outline_m { true } else { distance(centre, spot.centre) < radius_m && lowest <= on_outline_m }
     };
-    let disc = connected_disc(patchwork, spot, is_inside);
+    let disc = connected_disc(editor, spot, is_inside);
     if disc.is_empty() {
         return Err(MeshError::Generate(format!(
             "electrode {electrode}: no triangle lies within its radius {radius_m} m"
         )));
     }
     for &triangle in &disc {
-        if let Some(other) = patchwork.covered_by[triangle].replace(electrode) {
+        if let Some(other) = editor.covered_by[triangle].replace(electrode) {
             return Err(MeshError::Generate(format!("electrodes {other} and {electrode} overlap on the body")));
         }
     }
-    mark_outline(patchwork, electrode, &disc);
+    mark_outline(editor, electrode, &disc);
     Ok(())
 }
 
 /// Moves points close to the outline onto it, so that cutting leaves no slivers.
-fn snap_to_outline(patchwork: &mut Patchwork, tree: &TriangleTree, spot: &Spot, on_outline_m: f64) {
+fn snap_to_outline(editor: &mut MeshEditor, tree: &TriangleTree, spot: &Spot, on_outline_m: f64) {
     let radius_m = spot.radius_m.unwrap_or(0.0);
     // A third of the way to the next point on the other side.
     const NEAR: f64 = 1.0 / 3.0;
-    for point in 0..patchwork.points.len() {
-        if !patchwork.is_free(point) || patchwork.around(point).is_empty() {
+    for point in 0..editor.points.len() {
+        if !editor.is_free(point) || editor.around(point).is_empty() {
             continue;
         }
-        let height = |point: usize| distance(patchwork.points[point], spot.centre) - radius_m;
+        let height = |point: usize| distance(editor.points[point], spot.centre) - radius_m;
         let own = height(point);
         if own.abs() <= on_outline_m || own.abs() > radius_m {
             continue;
@@ -268,9 +268,9 @@ fn snap_to_outline(patchwork: &mut Patchwork, tree: &TriangleTree, spot: &Spot, 
             let theirs = height(other);
             own * theirs < 0.0 && own.abs() < NEAR * (own.abs() + theirs.abs())
         };
-        if patchwork.neighbours(point).iter().any(near_share) {
-            let position = onto_outline(tree, spot, patchwork.points[point]);
-            patchwork.shift(point, position);
+        if editor.neighbours(point).iter().any(near_share) {
+            let position = onto_outline(tree, spot, editor.points[point]);
+            editor.shift(point, position);
         }
     }
 }
@@ -291,22 +291,22 @@ fn crossing(a: Point3, b: Point3, centre: Point3, radius_m: f64) -> Point3 {
 
 /// The triangles inside the outline that hang together with the one at the centre: a ball can also reach a far side of
 /// a thin body.
-fn connected_disc(patchwork: &Patchwork, spot: &Spot, is_inside: impl Fn(&Patchwork, usize) -> bool) -> Vec<usize> {
+fn connected_disc(editor: &MeshEditor, spot: &Spot, is_inside: impl Fn(&MeshEditor, usize) -> bool) -> Vec<usize> {
     let offset = |triangle: usize| {
-        let nearest = crate::geom::surface::nearest_on_triangle(spot.centre, patchwork.corners(triangle));
+        let nearest = crate::geom::surface::nearest_on_triangle(spot.centre, editor.corners(triangle));
         distance(nearest, spot.centre)
     };
-    let inside = patchwork.alive().filter(|&triangle| is_inside(patchwork, triangle));
+    let inside = editor.alive().filter(|&triangle| is_inside(editor, triangle));
     let Some(start) = inside.min_by(|&a, &b| offset(a).total_cmp(&offset(b))) else { return Vec::new() };
     let mut disc = vec![start];
     let mut seen = std::collections::BTreeSet::from([start]);
     let mut next = 0;
     while next < disc.len() {
-        let [a, b, c] = patchwork.triangles[disc[next]];
+        let [a, b, c] = editor.triangles[disc[next]];
         next += 1;
         for (from, to) in [(a, b), (b, c), (c, a)] {
-            for other in patchwork.at_edge(from, to) {
-                if is_inside(patchwork, other) && seen.insert(other) {
+            for other in editor.at_edge(from, to) {
+                if is_inside(editor, other) && seen.insert(other) {
                     disc.push(other);
                 }
             }
@@ -316,66 +316,66 @@ fn connected_disc(patchwork: &Patchwork, spot: &Spot, is_inside: impl Fn(&Patchw
 }
 
 /// Makes curves of the edges between a disc and the rest, and pins the points where they meet a crease.
-fn mark_outline(patchwork: &mut Patchwork, electrode: usize, disc: &[usize]) {
+fn mark_outline(editor: &mut MeshEditor, electrode: usize, disc: &[usize]) {
     for &triangle in disc {
-        let [a, b, c] = patchwork.triangles[triangle];
+        let [a, b, c] = editor.triangles[triangle];
         for (from, to) in [(a, b), (b, c), (c, a)] {
-            let is_rim = patchwork.at_edge(from, to).iter().any(|&t| patchwork.covered_by[t] != Some(electrode));
-            if is_rim && patchwork.curve(from, to).is_none() {
-                patchwork.set_curve(from, to, Curve::Outline(electrode));
+            let is_rim = editor.at_edge(from, to).iter().any(|&t| editor.covered_by[t] != Some(electrode));
+            if is_rim && editor.curve(from, to).is_none() {
+                editor.set_curve(from, to, Curve::Outline(electrode));
             }
         }
     }
     for &triangle in disc {
-        for point in patchwork.triangles[triangle] {
-            let ends = patchwork.curves_at(point);
+        for point in editor.triangles[triangle] {
+            let ends = editor.curves_at(point);
             let is_mixed = ends.iter().any(|(_, curve)| *curve != ends[0].1);
             if ends.len() > 2 || is_mixed {
-                patchwork.pin(point);
+                editor.pin(point);
             }
         }
     }
 }
 
 /// Puts a point electrode's node where it belongs: the nearest point of the mesh is moved there, or a new one made.
-fn put_point(patchwork: &mut Patchwork, spot: &Spot, size: &dyn Fn(Point3) -> f64) {
-    let offset = |&point: &usize| distance(patchwork.points[point], spot.centre);
-    let near = (0..patchwork.points.len()).filter(|&point| !patchwork.around(point).is_empty());
+fn put_point(editor: &mut MeshEditor, spot: &Spot, size: &dyn Fn(Point3) -> f64) {
+    let offset = |&point: &usize| distance(editor.points[point], spot.centre);
+    let near = (0..editor.points.len()).filter(|&point| !editor.around(point).is_empty());
     let nearest = near.min_by(|a, b| offset(a).total_cmp(&offset(b)));
     // Nearer than this a point of its own would make an edge that is too short.
     if let Some(point) = nearest.filter(|point| offset(point) < 0.4 * size(spot.centre))
-        && (patchwork.points[point] == spot.centre || (patchwork.is_free(point) && patchwork.shift(point, spot.centre)))
+        && (editor.points[point] == spot.centre || (editor.is_free(point) && editor.shift(point, spot.centre)))
     {
-        patchwork.pin(point);
+        editor.pin(point);
         return;
     }
     let off = |triangle: usize| {
-        let nearest = crate::geom::surface::nearest_on_triangle(spot.centre, patchwork.corners(triangle));
+        let nearest = crate::geom::surface::nearest_on_triangle(spot.centre, editor.corners(triangle));
         distance(nearest, spot.centre)
     };
-    let home = patchwork.alive().min_by(|&a, &b| off(a).total_cmp(&off(b)));
+    let home = editor.alive().min_by(|&a, &b| off(a).total_cmp(&off(b)));
     if let Some(triangle) = home {
-        let point = match nearest_edge(patchwork, triangle, spot.centre) {
-            Some([a, b]) => patchwork.split(a, b, spot.centre),
-            None => patchwork.split_triangle(triangle, spot.centre),
+        let point = match nearest_edge(editor, triangle, spot.centre) {
+            Some([a, b]) => editor.split(a, b, spot.centre),
+            None => editor.split_triangle(triangle, spot.centre),
         };
-        patchwork.pin(point);
+        editor.pin(point);
     }
 }
 
 /// The edge of a triangle on which a point lies, as good as.
-fn nearest_edge(patchwork: &Patchwork, triangle: usize, point: Point3) -> Option<[usize; 2]> {
-    let [a, b, c] = patchwork.triangles[triangle];
-    let whole = triangle_area(patchwork.corners(triangle));
+fn nearest_edge(editor: &MeshEditor, triangle: usize, point: Point3) -> Option<[usize; 2]> {
+    let [a, b, c] = editor.triangles[triangle];
+    let whole = triangle_area(editor.corners(triangle));
     [[a, b], [b, c], [c, a]].into_iter().find(|&[from, to]| {
         // A hundredth of the height: a triangle of its own there would be a sliver.
-        triangle_area([patchwork.points[from], patchwork.points[to], point]) < 0.01 * whole
+        triangle_area([editor.points[from], editor.points[to], point]) < 0.01 * whole
     })
 }
 
 /// The mesh with its electrodes.
-fn finished(patchwork: &Patchwork, spots: &[Spot]) -> Result<Mesh, MeshError> {
-    let (nodes, triangles, covered_by) = patchwork.compact();
+fn finished(editor: &MeshEditor, spots: &[Spot]) -> Result<Mesh, MeshError> {
+    let (nodes, triangles, covered_by) = editor.compact();
     let mut electrodes = Vec::new();
     for (index, spot) in spots.iter().enumerate() {
         let patch = match spot.radius_m {

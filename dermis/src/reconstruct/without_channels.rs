@@ -123,14 +123,14 @@ mod tests {
     fn what_a_broken_channel_says_makes_no_difference() {
         let (model, pixels) = skin();
         let method = OneStep::from_linearised(&model, pixels, &OneStepOptions::default()).unwrap();
-        let deaf = WithoutChannels::new(&method, &model, BROKEN.to_vec()).unwrap();
-        assert_eq!(image(&deaf, 1e6), image(&deaf, 0.0));
+        let polarity_blind = WithoutChannels::new(&method, &model, BROKEN.to_vec()).unwrap();
+        assert_eq!(image(&polarity_blind, 1e6), image(&polarity_blind, 0.0));
         assert_ne!(image(&method, 1.0), image(&method, 0.0));
         // The matrix is that of what it does.
-        let matrix = deaf.matrix().unwrap();
+        let matrix = polarity_blind.matrix().unwrap();
         let product: f64 = matrix.values[..870].iter().zip(difference(1e6)).map(|(a, b)| a * b).sum();
-        assert!((product - image(&deaf, 1e6)[0]).abs() < 1e-9 * product.abs());
-        assert!(deaf.reconstruct_into(&[0.0], &mut [0.0]).is_err());
+        assert!((product - image(&polarity_blind, 1e6)[0]).abs() < 1e-9 * product.abs());
+        assert!(polarity_blind.reconstruct_into(&[0.0], &mut [0.0]).is_err());
         assert!(WithoutChannels::new(&method, &model, vec![870]).is_err());
         let whole = WithoutChannels::new(&method, &model, Vec::new()).unwrap();
         assert_eq!(image(&whole, 1.0), image(&method, 1.0));

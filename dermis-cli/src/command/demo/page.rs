@@ -1,21 +1,21 @@
 //! The demo's report.
 
 use super::presses::{AMPLITUDE, CAVEAT, Demo, WIDTH_M};
-use crate::exhibit::{Exhibit, LOCALISATION_CAPTION};
+use crate::comparison::Shown;
 use crate::failure::Outcome;
-use crate::line_up::Shown;
 use crate::picture::colour::Scale;
+use crate::plots::{LOCALISATION_CAPTION, Plots};
 use crate::report::Report;
 
 /// The page of a demo.
 pub fn report(demo: &Demo) -> Outcome<Report> {
-    let exhibit = Exhibit::new(&demo.design, &demo.mesh);
+    let plots = Plots::new(&demo.design, &demo.mesh);
     let lead = "The skin of the paper, pressed 900 times in simulation: from a design to contacts, and how far they \
         are from the truth.";
     let mut report = Report::new("Dermis demo: 900 presses on cylinder30", lead);
-    results(&mut report, demo, &exhibit)?;
-    examples(&mut report, demo, &exhibit)?;
-    the_skin(&mut report, demo, &exhibit)?;
+    results(&mut report, demo, &plots)?;
+    examples(&mut report, demo, &plots)?;
+    the_skin(&mut report, demo, &plots)?;
     report.heading("Do it yourself");
     report.paragraph("The same from the command line, on a design of your own (see `dermis --help`):");
     report.code(
@@ -26,7 +26,7 @@ pub fn report(demo: &Demo) -> Outcome<Report> {
     Ok(report)
 }
 
-fn results(report: &mut Report, demo: &Demo, exhibit: &Exhibit<'_>) -> Outcome {
+fn results(report: &mut Report, demo: &Demo, plots: &Plots<'_>) -> Outcome {
     report.heading("Where the presses were found");
     report.paragraph(&demo.heading());
     report.table(&demo.table());
@@ -34,27 +34,27 @@ fn results(report: &mut Report, demo: &Demo, exhibit: &Exhibit<'_>) -> Outcome {
     let mut pictures = Vec::new();
     for shown in &demo.shown {
         let title = format!("Localisation of {} presses", demo.truth.len());
-        let scene = exhibit.localisation(&title, &format!("simulated; {}", shown.name), &demo.truth, shown);
-        pictures.push((exhibit.flat(&scene)?, format!("As the paper's Fig. 7. {LOCALISATION_CAPTION}")));
-        pictures.push((exhibit.solid(&scene)?, "The same, from both sides.".into()));
+        let scene = plots.localisation(&title, &format!("simulated; {}", shown.name), &demo.truth, shown);
+        pictures.push((plots.flat(&scene)?, format!("As the paper's Fig. 7. {LOCALISATION_CAPTION}")));
+        pictures.push((plots.solid(&scene)?, "The same, from both sides.".into()));
     }
     report.pictures(&pictures);
     let mut pictures = Vec::new();
     for shown in &demo.shown {
         let title = format!("Localisation error, simulated; {}", shown.name);
-        let errors = exhibit.errors(&title, &demo.truth, shown);
+        let errors = plots.errors(&title, &demo.truth, shown);
         pictures.push((errors, "How often a press was misplaced by how much.".into()));
         let caption = "As the paper's Fig. 8: the peak of the image of a press at each place, over its mean. An even skin would \
             show one colour.";
-        let map = exhibit.sensitivity_map(&demo.truth, shown);
+        let map = plots.sensitivity_map(&demo.truth, shown);
         let scale = Scale::sequential(map.iter().copied());
-        pictures.push((exhibit.flat(&exhibit.sensitivity(shown, &map, scale))?, caption.into()));
+        pictures.push((plots.flat(&plots.sensitivity(shown, &map, scale))?, caption.into()));
     }
     report.pictures(&pictures);
     Ok(())
 }
 
-fn examples(report: &mut Report, demo: &Demo, exhibit: &Exhibit<'_>) -> Outcome {
+fn examples(report: &mut Report, demo: &Demo, plots: &Plots<'_>) -> Outcome {
     report.heading("Images");
     report.paragraph(
         "What one frame of 870 voltages shows: red where the sheet conducts better than untouched, blue where the \
@@ -68,21 +68,21 @@ fn examples(report: &mut Report, demo: &Demo, exhibit: &Exhibit<'_>) -> Outcome 
         let index = nearest_press(demo, z_m, degrees);
         let title = format!("One press {name}");
         for shown in &demo.shown {
-            let scene = exhibit.example(&title, &of(shown), &demo.truth[index], shown, index);
-            pictures.push((exhibit.flat(&scene)?, format!("Press {index}, {name}.")));
+            let scene = plots.example(&title, &of(shown), &demo.truth[index], shown, index);
+            pictures.push((plots.flat(&scene)?, format!("Press {index}, {name}.")));
         }
     }
     let mut last = None;
     for shown in &demo.four {
-        let scene = exhibit.example("Four touches at once", &of(shown), &demo.four_truth, shown, 0);
+        let scene = plots.example("Four touches at once", &of(shown), &demo.four_truth, shown, 0);
         let found = shown.contacts[0].len();
         let caption = format!("Four touches in one frame, as in the paper's Fig. 9: {found} contacts found.");
-        pictures.push((exhibit.flat(&scene)?, caption));
+        pictures.push((plots.flat(&scene)?, caption));
         last = Some(scene);
     }
     report.pictures(&pictures);
     if let Some(scene) = last {
-        report.pictures(&[(exhibit.solid(&scene)?, "The four touches in space.".into())]);
+        report.pictures(&[(plots.solid(&scene)?, "The four touches in space.".into())]);
     }
     Ok(())
 }
@@ -94,7 +94,7 @@ fn nearest_press(demo: &Demo, z_m: f64, degrees: f64) -> usize {
     (0..demo.truth.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0)
 }
 
-fn the_skin(report: &mut Report, demo: &Demo, exhibit: &Exhibit<'_>) -> Outcome {
+fn the_skin(report: &mut Report, demo: &Demo, plots: &Plots<'_>) -> Outcome {
     report.heading("The skin and its model");
     report.paragraph(&format!(
         "A cylinder 300 mm long and 100 mm across with {} electrodes of 4 mm radius. A press raises the sheet's \
@@ -110,13 +110,13 @@ fn the_skin(report: &mut Report, demo: &Demo, exhibit: &Exhibit<'_>) -> Outcome 
     ));
     let space = &demo.first().images[0].space;
     report.pictures(&[
-        (exhibit.solid(&exhibit.electrodes())?, "The electrodes and their numbers.".into()),
+        (plots.solid(&plots.electrodes())?, "The electrodes and their numbers.".into()),
         (
-            exhibit.flat(&exhibit.mesh_scene("The mesh that reconstructs"))?,
+            plots.flat(&plots.mesh_scene("The mesh that reconstructs"))?,
             "Fine at the electrodes' edges, coarser between.".into(),
         ),
         (
-            exhibit.flat(&exhibit.frame_sensitivity(space, &demo.sensitivity))?,
+            plots.flat(&plots.frame_sensitivity(space, &demo.sensitivity))?,
             "How strongly a small touch at each place changes the frame.".into(),
         ),
     ]);

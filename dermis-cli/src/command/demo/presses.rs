@@ -1,10 +1,10 @@
 //! The paper's 900 indentations, simulated.
 
 use super::{PAPER_LINEAR, PAPER_NETWORK};
+use crate::comparison::{self, Shown};
 use crate::console::Progress;
-use crate::exhibit::four_touches;
 use crate::failure::Outcome;
-use crate::line_up::{self, Shown};
+use crate::plots::four_touches;
 use crate::report::Table;
 use dermis::contact::Contact;
 use dermis::design::SkinDesign;
@@ -82,7 +82,7 @@ impl Demo {
 
         let model = Linearised::new(&forward, &pixels)?;
         let (mut shown, mut of_four) = (Vec::new(), Vec::new());
-        for method in line_up::shipped(&design, &forward, &model, &pixels)? {
+        for method in comparison::shipped(&design, &forward, &model, &pixels)? {
             let detector = method.detector(&untouched)?;
             shown.push(Shown::of(&method, &recording, &truth, &detector)?);
             of_four.push(Shown::of(&method, &four, std::slice::from_ref(&four_truth), &detector)?);
@@ -125,7 +125,8 @@ impl Demo {
 
     /// The results beside the paper's linear row.
     pub fn table(&self) -> Table {
-        let header = ["localisation error", "mean \u{b1} sd (mm)", "median", "95th pct", "misses", "ghosts", "spread"];
+        let header =
+            ["localisation error", "mean \u{b1} sd (mm)", "median", "95th pct", "misses", "false_positives", "spread"];
         let mut table = Table::new(&header);
         let mm = |value_m: f64| format!("{:.1}", value_m * 1e3);
         let pair = |mean_m: f64, sd_m: f64| format!("{} \u{b1} {}", mm(mean_m), mm(sd_m));
@@ -133,7 +134,7 @@ impl Demo {
         let cells = |summary: &Summary| (pair(summary.mean, summary.sd), mm(summary.median), mm(summary.p95));
         for Shown { name, score, .. } in &self.shown {
             let (error, median, p95) = cells(&score.localisation_m);
-            let counts = (score.misses.to_string(), score.ghosts.to_string());
+            let counts = (score.misses.to_string(), score.false_positives.to_string());
             let spread = format!("{:.2}", score.sensitivity_spread);
             table.row([format!("{name}: contacts, simulated"), error, median, p95, counts.0, counts.1, spread]);
             let (error, median, p95) = cells(&score.eq11_m);

@@ -1,8 +1,8 @@
 //! Twins of one skin, pressed.
 
+use crate::comparison::Named;
 use crate::console::Progress;
 use crate::failure::Outcome;
-use crate::line_up::Named;
 use crate::skin::{Per, Skin};
 use dermis::contact::Contact;
 use dermis::design::SkinDesign;

@@ -5,9 +5,9 @@ use super::choose::Choice;
 use super::controls::{Control, place_m};
 use super::scale::{REPORTED_SEED, Scale};
 use super::stage::Work;
+use crate::comparison::{Named, Shown};
 use crate::console::Progress;
 use crate::failure::Outcome;
-use crate::line_up::{Named, Shown};
 use dermis::contact::Contact;
 use dermis::detect::whole_image_centroid;
 use dermis::geom::Surface;
@@ -49,7 +49,7 @@ pub struct Structure {
     /// Part of the presses in the middle third of the length that were missed.
     pub missed_middle: f64,
     /// Contacts without a press.
-    pub ghosts: usize,
+    pub false_positives: usize,
     /// Readings out of the converter's range in a hundred untouched frames of each twin.
     pub saturated_readings: usize,
     /// Distance of contacts from their presses, m.
@@ -145,7 +145,7 @@ fn press_and_tell(
     scale: Scale,
 ) -> Outcome<Vec<Structure>> {
     let surface = bench.skin.design.body.surface();
-    let (mut met, mut ghosts) = (vec![Vec::new(); methods.len()], vec![0; methods.len()]);
+    let (mut met, mut false_positives) = (vec![Vec::new(); methods.len()], vec![0; methods.len()]);
     let mut saturated_readings = 0;
     let seeds = REPORTED_SEED..REPORTED_SEED + scale.twins();
     let count = scale.structure_presses();
@@ -158,17 +158,17 @@ fn press_and_tell(
         for (number, method) in methods.iter().enumerate() {
             let detector = method.detector(&pressed.untouched)?;
             let shown = Shown::of(method, &pressed.recording, &pressed.truth, &detector)?;
-            ghosts[number] += shown.score.ghosts;
+            false_positives[number] += shown.score.false_positives;
             met[number].extend(meet(&surface, cut_rad, &pressed.truth, &shown));
         }
     }
     let extent = Extent::of(bench);
-    let told = methods.iter().zip(met).zip(ghosts);
+    let told = methods.iter().zip(met).zip(false_positives);
     Ok(told
-        .map(|((method, met), ghosts)| {
+        .map(|((method, met), false_positives)| {
             let mut structure = tell(&met, extent);
             (structure.design, structure.method) = (control.key.to_string(), method.key.clone());
-            (structure.alpha, structure.ghosts) = (method.alpha, ghosts);
+            (structure.alpha, structure.false_positives) = (method.alpha, false_positives);
             structure.saturated_readings = saturated_readings;
             structure
         })
@@ -245,7 +245,7 @@ fn tell(met: &[Met], extent: Extent) -> Structure {
         presses: met.len(),
         misses: met.iter().filter(|one| one.off_m.is_none()).count(),
         missed_middle: missed.mean,
-        ghosts: 0,
+        false_positives: 0,
         saturated_readings: 0,
         localisation: mean_sd(&all, &distance),
         localisation_middle: mean_sd(&in_middle, &distance),

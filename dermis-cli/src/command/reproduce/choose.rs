@@ -2,9 +2,9 @@
 
 use super::bench::{Bench, Pressed};
 use super::scale::{CHOOSING_SEED, Scale};
+use crate::comparison::{LINEAR, Named, Shown};
 use crate::console::Progress;
 use crate::failure::Outcome;
-use crate::line_up::{LINEAR, Named, Shown};
 use dermis::detect::GATE_M;
 use dermis::reconstruct::Alpha;
 use dermis_sim::evaluate::Score;
@@ -18,7 +18,7 @@ const QUARTER_POWERS: std::ops::RangeInclusive<i32> = -6..=4;
 pub struct Tried {
     /// Alpha.
     pub alpha: f64,
-    /// Mean distance of a press from its contact, m; a miss or a ghost counts as the gate of 20 mm.
+    /// Mean distance of a press from its contact, m; a miss or a false_positive counts as the gate of 20 mm.
     pub cost_m: f64,
 }
 
@@ -77,7 +77,7 @@ fn try_all(bench: &Bench<'_>, which: usize, pressed: &[Pressed]) -> Outcome<Vec<
 fn cost_m(score: &Score) -> f64 {
     let found = (score.presses - score.misses) as f64;
     let near = if found > 0.0 { found * score.localisation_m.mean } else { 0.0 };
-    (near + GATE_M * (score.misses + score.ghosts) as f64) / score.presses as f64
+    (near + GATE_M * (score.misses + score.false_positives) as f64) / score.presses as f64
 }
 
 #[cfg(test)]
@@ -88,10 +88,10 @@ mod tests {
     #[test]
     fn a_miss_and_a_ghost_cost_as_much_as_the_gate() {
         let summary = |mean| Summary { mean, sd: 0.0, median: mean, p95: mean };
-        let score = |misses, ghosts, mean| Score {
+        let score = |misses, false_positives, mean| Score {
             presses: 10,
             misses,
-            ghosts,
+            false_positives,
             localisation_m: summary(mean),
             eq11_m: summary(0.0),
             sensitivity_spread: 0.0,

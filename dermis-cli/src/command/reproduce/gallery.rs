@@ -2,10 +2,10 @@
 
 use super::bench::{Bench, Pressed};
 use super::scale::{REPORTED_SEED, Scale};
+use crate::comparison::{Named, Shown};
 use crate::console::Progress;
-use crate::exhibit::four_touches;
 use crate::failure::{Failure, Outcome};
-use crate::line_up::{Named, Shown};
+use crate::plots::four_touches;
 use dermis::contact::Contact;
 use dermis::image::Image;
 use dermis_sim::dataset::{GaussianTouches, Generator, Recipe, Skins, Touch};

@@ -1,7 +1,7 @@
 //! `dermis reproduce`: the paper's sections II to IV on twins, as one page and as numbers.
 
-mod assessed;
 mod bench;
+mod benchmarked;
 mod bias;
 mod choose;
 mod controls;
@@ -13,11 +13,11 @@ mod stage;
 mod stated;
 mod training;
 
+use crate::comparison::{LINEAR, Named, shipped_networks};
 use crate::console::print;
 use crate::failure::{Failure, Outcome};
-use crate::line_up::{LINEAR, Named, shipped_networks};
-use assessed::Assessed;
 use bench::Bench;
+use benchmarked::Benchmarked;
 use choose::Choice;
 use clap::Args;
 use dermis::design::SkinDesign;
@@ -86,10 +86,10 @@ impl Arguments {
             Vec::new()
         };
         let method_count = LINEAR.len() + networks.len() + steps.iter().filter(|step| step.model.is_some()).count();
-        let mut stages: Vec<(String, f64)> = steps.iter().map(|step| (step.told(), step.estimate_s)).collect();
+        let mut stages: Vec<(String, f64)> = steps.iter().map(|step| (step.summary(), step.estimate_s)).collect();
         stages.extend(plan(self.scale, bench.pixels.len(), method_count, controls.is_some()));
         let mut budget = Budget::new(stages);
-        eprintln!("{}", budget.told());
+        eprintln!("{}", budget.summary());
         for step in &steps {
             budget.stage(|| step.carry_out())?;
             networks.extend(step.model.iter().map(|folder| bench.network(folder)).collect::<Outcome<Vec<_>>>()?);
@@ -99,7 +99,7 @@ impl Arguments {
         let mut methods: Vec<Named> = choice.methods(&bench)?;
         methods.append(&mut networks);
         let assessed = budget.stage(|| {
-            methods.iter().map(|method| Assessed::make(&bench, method, self.scale, &work)).collect::<Outcome<_>>()
+            methods.iter().map(|method| Benchmarked::make(&bench, method, self.scale, &work)).collect::<Outcome<_>>()
         })?;
         let gallery = budget.stage(|| Gallery::make(&bench, &methods, self.scale))?;
         let structure = match controls {
@@ -113,7 +113,7 @@ impl Arguments {
 
     fn write(&self, found: &Results<'_>, budget: &Budget) -> Outcome {
         let page = page::page(found, budget.done())?.to_html();
-        let told = serde_json::to_string_pretty(&found.told(budget.done()));
+        let told = serde_json::to_string_pretty(&found.summary(budget.done()));
         let told = told.map_err(|error| Failure::Ours(error.to_string()))?;
         let index = self.output.join("index.html");
         write_whole(&index, |out| out.write_all(page.as_bytes()))?;
@@ -173,14 +173,14 @@ const FRAME_S: f64 = 4e-4;
 
 /// The stages and the seconds that they are expected to take on two cores.
 fn plan(scale: Scale, pixels: usize, methods: usize, controls: bool) -> Vec<(String, f64)> {
-    let size = scale.assessment();
+    let size = scale.result();
     let linear = LINEAR.len() as f64;
     let twin = |twins: u64, frames: usize| twins as f64 * (TWIN_S + frames as f64 * FRAME_S);
     // Every frame is seen once with every alpha.
     let choose = twin(scale.choosing_twins(), 11 * scale.choosing_presses()) + 11.0 * linear * 0.2;
     let grid = pixels.div_ceil(scale.grid_step());
     // The presses at random places are on a twin of their own; a smallest force takes some ten frames.
-    let frames = crate::command::assess::steps(&size, pixels) + 12 * pixels.div_ceil(size.force_step);
+    let frames = crate::command::benchmark::steps(&size, pixels) + 12 * pixels.div_ceil(size.force_step);
     let mut plan = vec![
         ("choosing alpha", choose),
         ("assessing the methods", methods as f64 * (twin(scale.twins(), frames) + TWIN_S * scale.twins() as f64)),

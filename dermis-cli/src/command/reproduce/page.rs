@@ -5,17 +5,17 @@ use super::results::{Results, StructureStudy};
 use super::scale::{CHOOSING_SEED, Scale};
 use super::stage::{Done, time};
 use super::stated::{facts, results, table};
-use crate::exhibit::{Exhibit, LOCALISATION_CAPTION};
 use crate::failure::Outcome;
 use crate::picture::Picture;
 use crate::picture::chart::Curves;
+use crate::plots::{LOCALISATION_CAPTION, Plots};
 use crate::report::{Report, Table};
 use dermis_learn::{Card, Epoch};
 
 /// The page.
 pub fn page(found: &Results<'_>, stages: &[Done]) -> Outcome<Report> {
     let design = &found.bench.skin.design;
-    let exhibit = Exhibit::new(design, found.bench.mesh());
+    let plots = Plots::new(design, found.bench.mesh());
     let lead = format!(
         "\u{201c}An ERT-based Robotic Skin with Sparsely Distributed Electrodes: Structure, Fabrication, and DNN-based Signal \
          Processing\u{201d}, its sections II to IV, on the twin \u{201c}{}\u{201d} of {}: {}. All of it is simulated.",
@@ -29,12 +29,12 @@ pub fn page(found: &Results<'_>, stages: &[Done]) -> Outcome<Report> {
             .paragraph("This page was made at the scale \u{201c}glance\u{201d}, from a few dozen presses: its figures mean nothing.");
     }
     the_table(&mut report, found);
-    the_sensor(&mut report, found, &exhibit)?;
-    a_sample(&mut report, found, &exhibit)?;
+    the_sensor(&mut report, found, &plots)?;
+    a_sample(&mut report, found, &plots)?;
     losses(&mut report, found);
-    localisation(&mut report, found, &exhibit)?;
-    sensitivity(&mut report, found, &exhibit)?;
-    several_touches(&mut report, found, &exhibit)?;
+    localisation(&mut report, found, &plots)?;
+    sensitivity(&mut report, found, &plots)?;
+    several_touches(&mut report, found, &plots)?;
     if let Some(study) = &found.structure {
         structure(&mut report, found, study)?;
     }
@@ -55,25 +55,24 @@ fn the_table(report: &mut Report, found: &Results<'_>) {
     report.table(&table(&["paper"], &["twin"], &facts(found)));
 }
 
-fn the_sensor(report: &mut Report, found: &Results<'_>, exhibit: &Exhibit<'_>) -> Outcome {
+fn the_sensor(report: &mut Report, found: &Results<'_>, plots: &Plots<'_>) -> Outcome {
     report.heading("The sensor and its mesh (Fig. 3)");
-    let sensitivity =
-        exhibit.frame_sensitivity(&found.bench.pixels, &found.bench.model.sensitivity(&found.bench.pixels));
+    let sensitivity = plots.frame_sensitivity(&found.bench.pixels, &found.bench.model.sensitivity(&found.bench.pixels));
     report.pictures(&[
         (
-            exhibit.solid(&exhibit.electrodes())?,
+            plots.solid(&plots.electrodes())?,
             "The electrodes and their numbers; those on the rims are half discs.".into(),
         ),
         (
-            exhibit.flat(&exhibit.mesh_scene("The mesh that makes images"))?,
+            plots.flat(&plots.mesh_scene("The mesh that makes images"))?,
             "Fine at the electrodes' edges, where the current is singular, coarser between.".into(),
         ),
-        (exhibit.flat(&sensitivity)?, "How strongly a small touch at each place changes the frame.".into()),
+        (plots.flat(&sensitivity)?, "How strongly a small touch at each place changes the frame.".into()),
     ]);
     Ok(())
 }
 
-fn a_sample(report: &mut Report, found: &Results<'_>, exhibit: &Exhibit<'_>) -> Outcome {
+fn a_sample(report: &mut Report, found: &Results<'_>, plots: &Plots<'_>) -> Outcome {
     report.heading("A sample of voltages and image (Fig. 2)");
     let sample = &found.gallery.sample;
     report.paragraph(
@@ -89,10 +88,10 @@ fn a_sample(report: &mut Report, found: &Results<'_>, exhibit: &Exhibit<'_>) -> 
         shown: vec![0.0],
         curves: vec![("change".into(), places)],
     };
-    let image = exhibit.truth_image("The image that belongs to it", &sample.touches, &sample.image);
+    let image = plots.truth_image("The image that belongs to it", &sample.touches, &sample.image);
     report.pictures(&[
         (voltages.draw(), format!("Change of {} values, volts per ampere driven.", sample.difference.len())),
-        (exhibit.flat(&image)?, "Relative change of conductance per pixel; dots are the touches.".into()),
+        (plots.flat(&image)?, "Relative change of conductance per pixel; dots are the touches.".into()),
     ]);
     Ok(())
 }
@@ -159,7 +158,7 @@ fn losses(report: &mut Report, found: &Results<'_>) {
     report.pictures(&[(picture.draw(), "Loss by epoch; training losses are means while weights changed.".into())]);
 }
 
-fn localisation(report: &mut Report, found: &Results<'_>, exhibit: &Exhibit<'_>) -> Outcome {
+fn localisation(report: &mut Report, found: &Results<'_>, plots: &Plots<'_>) -> Outcome {
     report.heading("Localisation (Fig. 7)");
     let gallery = &found.gallery;
     report.paragraph(&format!("The first twin, pressed {} times. {LOCALISATION_CAPTION}", gallery.pressed.truth.len()));
@@ -167,19 +166,19 @@ fn localisation(report: &mut Report, found: &Results<'_>, exhibit: &Exhibit<'_>)
     for shown in &gallery.shown {
         let error = &shown.score.localisation_m;
         let how = format!("{:.1} \u{b1} {:.1} mm, {} missed", error.mean * 1e3, error.sd * 1e3, shown.score.misses);
-        let scene = exhibit.localisation(&format!("Localisation, {}", shown.name), &how, &gallery.pressed.truth, shown);
-        pictures.push((exhibit.flat(&scene)?, shown.how.clone()));
+        let scene = plots.localisation(&format!("Localisation, {}", shown.name), &how, &gallery.pressed.truth, shown);
+        pictures.push((plots.flat(&scene)?, shown.how.clone()));
     }
     for shown in &gallery.shown {
         let title = format!("Localisation error, {}", shown.name);
-        let picture = exhibit.errors(&title, &gallery.pressed.truth, shown);
+        let picture = plots.errors(&title, &gallery.pressed.truth, shown);
         pictures.push((picture, "How often a press was misplaced by how much.".into()));
     }
     report.pictures(&pictures);
     Ok(())
 }
 
-fn sensitivity(report: &mut Report, found: &Results<'_>, exhibit: &Exhibit<'_>) -> Outcome {
+fn sensitivity(report: &mut Report, found: &Results<'_>, plots: &Plots<'_>) -> Outcome {
     report.heading("Sensitivity (Fig. 8)");
     report.paragraph(
         "The peak of the image of each press over its force, at the place of the press, in units of its mean. An even skin would \
@@ -187,18 +186,18 @@ fn sensitivity(report: &mut Report, found: &Results<'_>, exhibit: &Exhibit<'_>) 
     );
     let gallery = &found.gallery;
     let maps: Vec<Vec<f64>> =
-        gallery.shown.iter().map(|shown| exhibit.sensitivity_map(&gallery.pressed.truth, shown)).collect();
+        gallery.shown.iter().map(|shown| plots.sensitivity_map(&gallery.pressed.truth, shown)).collect();
     // One scale for all, so that they can be compared.
     let scale = crate::picture::colour::Scale::sequential(maps.iter().flatten().copied());
     let mut pictures = Vec::new();
     for (shown, map) in gallery.shown.iter().zip(&maps) {
-        pictures.push((exhibit.flat(&exhibit.sensitivity(shown, map, scale))?, shown.how.clone()));
+        pictures.push((plots.flat(&plots.sensitivity(shown, map, scale))?, shown.how.clone()));
     }
     report.pictures(&pictures);
     Ok(())
 }
 
-fn several_touches(report: &mut Report, found: &Results<'_>, exhibit: &Exhibit<'_>) -> Outcome {
+fn several_touches(report: &mut Report, found: &Results<'_>, plots: &Plots<'_>) -> Outcome {
     if let Some((truth, all)) = &found.gallery.four {
         report.heading("Four touches at once (Fig. 9)");
         report.paragraph(
@@ -208,23 +207,21 @@ fn several_touches(report: &mut Report, found: &Results<'_>, exhibit: &Exhibit<'
         let mut pictures = Vec::new();
         let mut last = None;
         for shown in all {
-            let scene = exhibit.example(
+            let scene = plots.example(
                 &format!("Four touches, {}", shown.name),
                 &format!("{} contacts found", shown.contacts[0].len()),
                 truth,
                 shown,
                 0,
             );
-            pictures.push((exhibit.flat(&scene)?, shown.how.clone()));
+            pictures.push((plots.flat(&scene)?, shown.how.clone()));
             last = Some((scene, shown));
         }
         report.pictures(&pictures);
         if let Some((scene, shown)) = last {
             report.heading("The touched skin in three dimensions (Fig. 1c)");
-            report.pictures(&[(
-                exhibit.solid(&scene)?,
-                format!("The same four touches from both sides; {}.", shown.how),
-            )]);
+            report
+                .pictures(&[(plots.solid(&scene)?, format!("The same four touches from both sides; {}.", shown.how))]);
         }
     }
     report.heading("Two touches");
@@ -296,7 +293,9 @@ fn structure_table(study: &StructureStudy, method: &str) -> Table {
     row("within 20 mm of the line of the cut, mm", &|one| one.localisation_cut.mean_mm());
     row("misses, % of presses", &|one| format!("{:.1}", 100.0 * one.misses as f64 / one.presses as f64));
     row("missed in the middle third, % of presses there", &|one| format!("{:.1}", 100.0 * one.missed_middle));
-    row("ghosts, % of presses", &|one| format!("{:.1}", 100.0 * one.ghosts as f64 / one.presses as f64));
+    row("false_positives, % of presses", &|one| {
+        format!("{:.1}", 100.0 * one.false_positives as f64 / one.presses as f64)
+    });
     row("sensitivity spread", &|one| format!("{:.2}", one.sensitivity_spread));
     row("sensitivity in the middle over that towards the rims", &|one| format!("{:.2}", one.sensitivity_middle));
     row("bias along, towards the middle, mm", &|one| signed(one.bias_along_m));
@@ -336,7 +335,7 @@ fn how_it_was_made(report: &mut Report, found: &Results<'_>, stages: &[Done]) {
     let alphas: Vec<String> = found.methods.iter().map(|method| method.how()).collect();
     report.paragraph(&format!(
         "Methods: {}. The linear methods have their best alpha, the one that misplaces presses least on {} (seeds from {CHOOSING_SEED}), \
-         which are not among those reported; a miss or a ghost counts as 20 mm. One detector serves all methods; what share of an image's peak it takes for a touch is a part of the method. Every press is one \
+         which are not among those reported; a miss or a false_positive counts as 20 mm. One detector serves all methods; what share of an image's peak it takes for a touch is a part of the method. Every press is one \
          frame, the baseline the mean of {} frames before the first press.",
         alphas.join("; "),
         match found.scale.choosing_twins() {

@@ -1,7 +1,7 @@
 //! Everything that a reproduction found, for the page and for programs.
 
-use super::assessed::Assessed;
 use super::bench::Bench;
+use super::benchmarked::Benchmarked;
 use super::bias::Structure;
 use super::choose::Choice;
 use super::controls::Control;
@@ -9,7 +9,7 @@ use super::gallery::Gallery;
 use super::scale::{CHOOSING_SEED, REPORTED_SEED, Scale};
 use super::stage::Done;
 use super::stated::{Row, facts, results};
-use crate::line_up::Named;
+use crate::comparison::Named;
 use serde::Serialize;
 
 /// Everything that a reproduction found.
@@ -23,7 +23,7 @@ pub struct Results<'a> {
     /// How the linear ones got their alpha.
     pub choice: &'a Choice,
     /// Every method on every reported twin.
-    pub assessed: Vec<Assessed>,
+    pub assessed: Vec<Benchmarked>,
     /// What the pictures show.
     pub gallery: Gallery,
     /// The controls; `None` where the design has none.
@@ -49,7 +49,7 @@ impl StructureStudy {
 
 impl Results<'_> {
     /// The linear methods among the assessed.
-    pub fn linear(&self) -> impl Iterator<Item = &Assessed> {
+    pub fn linear(&self) -> impl Iterator<Item = &Benchmarked> {
         self.assessed.iter().filter(|assessed| assessed.alpha.is_some())
     }
 
@@ -62,9 +62,9 @@ impl Results<'_> {
     }
 
     /// The same for programs.
-    pub fn told(&self, stages: &[Done]) -> Told<'_> {
-        let size = self.scale.assessment();
-        Told {
+    pub fn summary(&self, stages: &[Done]) -> Summary<'_> {
+        let size = self.scale.result();
+        Summary {
             dermis: env!("CARGO_PKG_VERSION"),
             simulated: true,
             scale: self.scale,
@@ -90,7 +90,7 @@ impl Results<'_> {
 
 /// What machines get.
 #[derive(Serialize)]
-pub struct Told<'a> {
+pub struct Summary<'a> {
     dermis: &'static str,
     simulated: bool,
     scale: Scale,
@@ -104,7 +104,7 @@ pub struct Told<'a> {
     /// On the grid and at random places.
     presses_a_twin: [usize; 2],
     alphas_tried: &'a Choice,
-    methods: &'a [Assessed],
+    methods: &'a [Benchmarked],
     /// Median time from a difference to contacts, one thread, in the order of the methods.
     seconds_a_frame: &'a [f64],
     cut_degrees: Option<f64>,

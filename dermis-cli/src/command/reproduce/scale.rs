@@ -1,7 +1,7 @@
 //! How large a reproduction is.
 
 use clap::ValueEnum;
-use dermis_sim::evaluate::AssessOptions;
+use dermis_sim::evaluate::BenchmarkOptions;
 use dermis_sim::experiment::Sizes;
 use serde::Serialize;
 
@@ -84,19 +84,19 @@ impl Scale {
         }
     }
 
-    /// How large the assessment of each twin is.
-    pub fn assessment(self) -> AssessOptions {
+    /// How large the result of each twin is.
+    pub fn result(self) -> BenchmarkOptions {
         let whole = Sizes::default();
         match self {
             Scale::Glance => {
                 let sizes = Sizes { grid_step: 37, random: 10, separations_m: vec![0.04, 0.08], pairs: 3, fours: 4 };
-                AssessOptions { sizes, untouched: 60, force_step: 450, places: 2, ..AssessOptions::default() }
+                BenchmarkOptions { sizes, untouched: 60, force_step: 450, places: 2, ..BenchmarkOptions::default() }
             }
             Scale::Quick => {
                 let sizes = Sizes { random: 300, pairs: 60, fours: 200, ..whole };
-                AssessOptions { sizes, untouched: 4000, force_step: 7, places: 20, ..AssessOptions::default() }
+                BenchmarkOptions { sizes, untouched: 4000, force_step: 7, places: 20, ..BenchmarkOptions::default() }
             }
-            Scale::Paper => AssessOptions::default(),
+            Scale::Paper => BenchmarkOptions::default(),
         }
     }
 }

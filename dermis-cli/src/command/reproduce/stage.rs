@@ -33,7 +33,7 @@ impl Budget {
     }
 
     /// The stages and what each is expected to take, for people.
-    pub fn told(&self) -> String {
+    pub fn summary(&self) -> String {
         let stages = self.planned.iter().map(|(stage, seconds)| format!("  {:>7}  {stage}\n", time(*seconds)));
         let whole = self.planned.iter().fold(0.0, |sum, stage| sum + stage.1);
         format!("expected on two cores:\n{}  {:>7}  in all", stages.collect::<String>(), time(whole))

@@ -1,8 +1,8 @@
 //! What the paper states, figure by figure, and ours beside it.
 
-use super::assessed::Assessed;
+use super::benchmarked::Benchmarked;
 use super::results::Results;
-use crate::line_up::Named;
+use crate::comparison::Named;
 use crate::report::Table;
 use dermis::design::{Body, ImageLayout};
 use dermis_learn::TrainingRecord;
@@ -61,7 +61,7 @@ pub fn facts(results: &Results<'_>) -> Vec<Row> {
         ImageLayout::Cells => format!("{} cells", results.bench.pixels.len()),
     };
     let electronics = &results.bench.twin.electronics;
-    let presses = results.bench.pixels.len().div_ceil(results.scale.assessment().sizes.grid_step);
+    let presses = results.bench.pixels.len().div_ceil(results.scale.result().sizes.grid_step);
     let [nodes, twin_nodes] = [results.bench.mesh().node_count(), results.gallery.pressed.nodes];
     let sheet_ohm = 1.0 / design.sheet.conductance;
     vec![
@@ -129,7 +129,7 @@ pub fn facts(results: &Results<'_>) -> Vec<Row> {
 }
 
 /// Mean of the twins, and in brackets the worst.
-fn cell(assessed: &Assessed, key: &str, factor: f64, decimals: usize) -> String {
+fn cell(assessed: &Benchmarked, key: &str, factor: f64, decimals: usize) -> String {
     let [mean, worst] = assessed.figure(key).map(|value| factor * value);
     match mean.is_nan() {
         true => "none".into(),
@@ -140,7 +140,7 @@ fn cell(assessed: &Assessed, key: &str, factor: f64, decimals: usize) -> String 
 
 /// The results.
 pub fn results(results: &Results<'_>) -> Vec<Row> {
-    let ours = |of: &dyn Fn(&Assessed) -> String| results.assessed.iter().map(of).collect::<Vec<String>>();
+    let ours = |of: &dyn Fn(&Benchmarked) -> String| results.assessed.iter().map(of).collect::<Vec<String>>();
     let row = |what: &str, paper_section, paper: [&str; 2], ours: Vec<String>, differs: &str| Row {
         what: what.into(),
         paper_section,
@@ -192,7 +192,7 @@ pub fn results(results: &Results<'_>) -> Vec<Row> {
         plain("95th percentile, grid, mm", "grid_localisation_p95_m", 1e3, 1, "not stated in the paper"),
         plain("rim and seam, mm", "rim_and_seam_mean_m", 1e3, 1, "within 20 mm of a rim or 15 mm of the seam"),
         plain("misses on the grid", "grid_misses", 1.0, 1, "no contact within 20 mm"),
-        plain("ghosts on the grid", "grid_ghosts", 1.0, 1, "a contact where nothing touched"),
+        plain("false_positives on the grid", "grid_ghosts", 1.0, 1, "a contact where nothing touched"),
         row(
             "sensitivity spread, sd over mean",
             "IV.C",
@@ -210,7 +210,7 @@ pub fn results(results: &Results<'_>) -> Vec<Row> {
             "on the same frames",
         ),
         row(
-            "four touches: all four found, no ghost, % of frames",
+            "four touches: all four found, no false_positive, % of frames",
             "IV.D, Fig. 9",
             ["not told apart", "told apart"],
             ours(&|one| cell(one, "four_all_found", 100.0, 0)),
@@ -310,7 +310,7 @@ fn loss_rows(results: &Results<'_>) -> Vec<Row> {
 fn structure_rows(results: &Results<'_>) -> Vec<Row> {
     let Some(study) = &results.structure else { return Vec::new() };
     let of = |design: &str, tell: &dyn Fn(&super::bias::Structure) -> String| {
-        let one = |assessed: &Assessed| study.of(design, &assessed.key).map_or(NONE.to_string(), tell);
+        let one = |assessed: &Benchmarked| study.of(design, &assessed.key).map_or(NONE.to_string(), tell);
         results.assessed.iter().map(one).collect::<Vec<String>>()
     };
     let signed = |along_m: f64, round_m: f64| format!("{:+.2}, {:+.2}", along_m * 1e3, round_m * 1e3);

@@ -79,7 +79,7 @@ pub struct Step {
 
 impl Step {
     /// The command, for people.
-    pub fn told(&self) -> String {
+    pub fn summary(&self) -> String {
         format!("dermis {}", self.arguments.join(" "))
     }
 
@@ -92,14 +92,14 @@ impl Step {
             std::env::current_exe().map_err(|error| Failure::Ours(format!("this program is nowhere: {error}")))?;
         // What it tells people stands among the stages; standard output is for the result of all.
         let status = Command::new(program).args(&self.arguments).stdout(Stdio::null()).status();
-        let status = status.map_err(|error| Failure::Ours(format!("`{}` cannot be run: {error}", self.told())))?;
+        let status = status.map_err(|error| Failure::Ours(format!("`{}` cannot be run: {error}", self.summary())))?;
         match status.code() {
             Some(0) => Ok(()),
             Some(2) => Err(Failure::given(
-                format!("`{}` was refused, for the reason above", self.told()),
+                format!("`{}` was refused, for the reason above", self.summary()),
                 Some("mend that, and run again: what is done is kept"),
             )),
-            _ => Err(Failure::Ours(format!("`{}` ended with {status}", self.told()))),
+            _ => Err(Failure::Ours(format!("`{}` ended with {status}", self.summary()))),
         }
     }
 }
@@ -162,7 +162,7 @@ mod tests {
         for step in &steps {
             let line = ["dermis".to_string()].into_iter().chain(step.arguments.iter().cloned());
             let parsed = <crate::Arguments as clap::Parser>::try_parse_from(line);
-            assert!(parsed.is_ok(), "{}: {}", step.told(), parsed.unwrap_err());
+            assert!(parsed.is_ok(), "{}: {}", step.summary(), parsed.unwrap_err());
         }
         // The bar of the whole: four hours.
         let whole: f64 = steps.iter().map(|step| step.estimate_s).sum();

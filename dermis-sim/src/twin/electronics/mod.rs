@@ -22,7 +22,7 @@ pub use report::{ElectronicsReport, ErrorPart};
 
 use crate::noise::Noise;
 use crate::random::{sample_rng, standard_normal};
-use dermis::forward::Network;
+use dermis::forward::ElectrodeNetwork;
 use dermis::frame::Frame;
 use dermis::protocol::{Pair, Protocol};
 use rand::RngExt;
@@ -92,7 +92,7 @@ impl Electronics {
     pub fn new(
         options: &ElectronicsOptions,
         protocol: &Protocol,
-        untouched: &Network,
+        untouched: &ElectrodeNetwork,
         seed: u64,
     ) -> crate::Result<Self> {
         options.check(protocol)?;
@@ -143,12 +143,12 @@ impl Electronics {
     }
 
     /// Frame `index` of a skin, ohm.
-    pub fn frame(&self, network: &Network, index: u64) -> Frame {
+    pub fn frame(&self, network: &ElectrodeNetwork, index: u64) -> Frame {
         self.values(&self.readings(network, index))
     }
 
     /// The readings of frame `index` of a skin.
-    pub fn readings(&self, network: &Network, index: u64) -> Readings {
+    pub fn readings(&self, network: &ElectrodeNetwork, index: u64) -> Readings {
         self.through(network, index, Stage::Quantisation)
     }
 
@@ -159,7 +159,7 @@ impl Electronics {
     }
 
     /// The readings of a frame up to a stage.
-    fn through(&self, network: &Network, index: u64, last: Stage) -> Readings {
+    fn through(&self, network: &ElectrodeNetwork, index: u64, last: Stage) -> Readings {
         let settles = self.options.line_capacitance_f > 0.0 && last >= Stage::Settling;
         let mut readings = if settles { self.settling(network) } else { self.settled(network) };
         if let (Some(hum), true) = (self.options.hum, last >= Stage::Hum) {
@@ -192,7 +192,7 @@ impl Electronics {
     }
 
     /// The current of a drive once everything has settled, A.
-    fn current_a(&self, network: &Network, [source, sink]: Pair) -> f64 {
+    fn current_a(&self, network: &ElectrodeNetwork, [source, sink]: Pair) -> f64 {
         let s = &network.transfer_impedance;
         let skin_ohm = (s.at(source, source) - s.at(source, sink)) - (s.at(sink, source) - s.at(sink, sink));
         let way_ohm = self.on_ohm[SOURCE][source] + self.on_ohm[GROUND][sink] + self.options.reference_ohm;
@@ -200,7 +200,7 @@ impl Electronics {
     }
 
     /// The readings of lines that settle at once.
-    fn settled(&self, network: &Network) -> Readings {
+    fn settled(&self, network: &ElectrodeNetwork) -> Readings {
         let mut values_v = network.frame(&self.protocol).0;
         let mut references_v = Vec::with_capacity(self.drives.len());
         for drive in &self.drives {
@@ -212,7 +212,7 @@ impl Electronics {
     }
 
     /// The readings at the ends of their slots.
-    fn settling(&self, network: &Network) -> Readings {
+    fn settling(&self, network: &ElectrodeNetwork) -> Readings {
         let source = Source { voltage_v: self.options.source_v, reference_ohm: self.options.reference_ohm };
         let (capacitance_f, slot_s) = (self.options.line_capacitance_f, 1.0 / self.options.slot_rate_hz);
         let channels = self.protocol.channels();

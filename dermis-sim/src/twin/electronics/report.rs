@@ -1,7 +1,7 @@
 //! What each part of the instrument adds to a frame's values.
 
 use super::{Electronics, Stage, undriven_rms};
-use dermis::forward::Network;
+use dermis::forward::ElectrodeNetwork;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -43,7 +43,7 @@ impl Electronics {
     ///
     /// # Panics
     /// Without a frame.
-    pub fn report(&self, network: &Network, indices: Range<u64>) -> ElectronicsReport {
+    pub fn report(&self, network: &ElectrodeNetwork, indices: Range<u64>) -> ElectronicsReport {
         assert!(!indices.is_empty(), "a report needs a frame");
         let stages = [Stage::Ideal, Stage::Settling, Stage::Hum, Stage::Gain, Stage::Noise, Stage::Quantisation];
         let mut squares = [0.0; 6];

@@ -11,7 +11,7 @@
 //! reference resistor and `e` the source line: three equations a slot, solved by the exponential of a 3 x 3 matrix. It is
 //! exact for this circuit; the capacitance of every single wire is lumped into the line that it is switched to.
 
-use dermis::forward::Network;
+use dermis::forward::ElectrodeNetwork;
 
 type Matrix3 = [[f64; 3]; 3];
 
@@ -56,7 +56,7 @@ pub(super) struct Joined {
 
 impl Joined {
     /// `M_jk`.
-    fn impedance(&self, network: &Network, j: usize, k: usize) -> f64 {
+    fn impedance(&self, network: &ElectrodeNetwork, j: usize, k: usize) -> f64 {
         let s = &network.transfer_impedance;
         let (a, b, sink) = (self.electrodes[j], self.electrodes[k], self.sink);
         let own = if j == k { self.on_ohm[j].max(LEAST_OHM) } else { 0.0 };
@@ -66,7 +66,7 @@ impl Joined {
 
 impl Slot {
     /// A slot that reads the voltage between two electrodes.
-    pub fn measuring(network: &Network, source: Source, joined: &Joined) -> Self {
+    pub fn measuring(network: &ElectrodeNetwork, source: Source, joined: &Joined) -> Self {
         let m: Matrix3 = std::array::from_fn(|j| std::array::from_fn(|k| joined.impedance(network, j, k)));
         let current_a = source.voltage_v / (source.reference_ohm + m[SOURCE][SOURCE]);
         let mut conductance = inverse(&m);
@@ -79,7 +79,7 @@ impl Slot {
     }
 
     /// A slot that reads the current: plus is joined to the source, minus to the far end of the reference resistor.
-    pub fn referring(network: &Network, source: Source, joined: &Joined) -> Self {
+    pub fn referring(network: &ElectrodeNetwork, source: Source, joined: &Joined) -> Self {
         let skin_ohm = joined.impedance(network, SOURCE, SOURCE);
         let current_a = source.voltage_v / (source.reference_ohm + skin_ohm);
         let [_, plus_ohm, minus_ohm] = joined.on_ohm.map(|ohm| ohm.max(LEAST_OHM));

@@ -18,7 +18,7 @@ static SKIN: LazyLock<(SkinDesign, ForwardModel)> = LazyLock::new(|| {
 });
 
 /// The network of the paper's skin at a sheet resistance.
-fn network(sheet_resistance_ohm: f64) -> Network {
+fn network(sheet_resistance_ohm: f64) -> ElectrodeNetwork {
     let rest = vec![1.0 / sheet_resistance_ohm; SKIN.1.mesh().cell_count()];
     SKIN.1.network(&rest).unwrap()
 }
@@ -37,7 +37,7 @@ fn settling_options() -> ElectronicsOptions {
     }
 }
 
-fn instrument(options: &ElectronicsOptions, network: &Network) -> Electronics {
+fn instrument(options: &ElectronicsOptions, network: &ElectrodeNetwork) -> Electronics {
     Electronics::new(options, protocol(), network, 3).unwrap()
 }
 
@@ -63,7 +63,7 @@ fn an_instrument_without_errors_delivers_the_forward_models_frame() {
 /// fourth-order rule in steps far below its shortest time constant.
 struct Nodal<'a> {
     electronics: &'a Electronics,
-    network: &'a Network,
+    network: &'a ElectrodeNetwork,
     wire_f: f64,
 }
 

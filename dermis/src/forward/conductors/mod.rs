@@ -17,7 +17,7 @@
 
 mod system;
 
-use super::{ForwardError, ForwardModel, Network};
+use super::{ElectrodeNetwork, ForwardError, ForwardModel};
 use crate::linalg::{Matrix, NotPositiveDefinite, eliminate_in_place, invert_spd, subtract_gram};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -32,14 +32,14 @@ const LOSS_TOLERANCE: f64 = 1e-9;
 
 /// One moment of the sheet's potential under a conductor.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Moment {
+pub struct PotentialMoment {
     /// The conductor.
     pub conductor: usize,
     /// Nodes with their weights: the moment is the weighted sum of their potentials.
     pub nodes: Vec<(usize, f64)>,
 }
 
-impl Moment {
+impl PotentialMoment {
     /// The moment of a potential of 1 V.
     fn of_one(&self) -> f64 {
         self.nodes.iter().map(|(_, weight)| weight).sum()
@@ -48,17 +48,17 @@ impl Moment {
 
 /// The moments of all conductors, those of one next to each other.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Moments {
-    all: Vec<Moment>,
+pub struct PotentialMoments {
+    all: Vec<PotentialMoment>,
     of_conductor: Vec<Range<usize>>,
 }
 
-impl Moments {
-    /// Moments in ascending order of their conductors.
+impl PotentialMoments {
+    /// PotentialMoments in ascending order of their conductors.
     ///
     /// # Panics
     /// Where they are in another order.
-    pub fn new(all: Vec<Moment>) -> Self {
+    pub fn new(all: Vec<PotentialMoment>) -> Self {
         assert!(all.is_sorted_by_key(|moment| moment.conductor), "moments in the order of their conductors");
         let count = all.last().map_or(0, |moment| moment.conductor + 1);
         let mut of_conductor = vec![0..0; count];
@@ -66,16 +66,16 @@ impl Moments {
             let range: &mut Range<usize> = &mut of_conductor[moment.conductor];
             *range = if range.end == 0 { index..index + 1 } else { range.start..index + 1 };
         }
-        Moments { all, of_conductor }
+        PotentialMoments { all, of_conductor }
     }
 
     /// All moments.
-    pub fn all(&self) -> &[Moment] {
+    pub fn all(&self) -> &[PotentialMoment] {
         &self.all
     }
 
     /// The moments of one conductor; none where there is no such conductor.
-    pub fn of_conductor(&self, conductor: usize) -> &[Moment] {
+    pub fn of_conductor(&self, conductor: usize) -> &[PotentialMoment] {
         &self.all[self.range(conductor)]
     }
 
@@ -98,9 +98,9 @@ pub struct ConductorContact {
 /// The Green's functions of a conductor are computed when it is first touched, and kept. Shared between threads by
 /// reference.
 #[derive(Debug)]
-pub struct Conductors {
+pub struct FloatingConductors {
     model: ForwardModel,
-    moments: Arc<Moments>,
+    moments: Arc<PotentialMoments>,
     base: System,
     /// The contacts at rest, by conductor.
     at_rest: BTreeMap<usize, Matrix>,
@@ -112,7 +112,7 @@ pub struct Conductors {
 
 impl ForwardModel {
     /// The network between the electrodes with conductors in contact, the direct way: one more unknown per touched
-    /// conductor, and a factorisation of its own. [`Conductors::network`] gives the same at a fraction of the cost.
+    /// conductor, and a factorisation of its own. [`FloatingConductors::network`] gives the same at a fraction of the cost.
     ///
     /// # Errors
     /// A conductivity or conductance that no matter has.
@@ -122,11 +122,11 @@ impl ForwardModel {
     pub fn network_with_conductors(
         &self,
         conductivity: &[f64],
-        moments: &Moments,
+        moments: &PotentialMoments,
         contacts: &[ConductorContact],
-    ) -> Result<Network, ForwardError> {
+    ) -> Result<ElectrodeNetwork, ForwardError> {
         let system = System::new(self, conductivity, moments, contacts)?;
-        self.with_own_series(Network::new(system.factor.schur().clone())?)
+        self.with_own_series(ElectrodeNetwork::new(system.factor.schur().clone())?)
     }
 }
 
@@ -148,7 +148,7 @@ struct Update {
     floating_count: usize,
 }
 
-impl Conductors {
+impl FloatingConductors {
     /// The skin of a model with some conductors in contact at rest.
     ///
     /// # Errors
@@ -159,7 +159,7 @@ impl Conductors {
     pub fn new(
         model: &ForwardModel,
         conductivity: &[f64],
-        moments: Arc<Moments>,
+        moments: Arc<PotentialMoments>,
         at_rest: &[ConductorContact],
     ) -> Result<Self, ForwardError> {
         let base = System::new(model, conductivity, &moments, at_rest)?;
@@ -170,7 +170,7 @@ impl Conductors {
         (0..electrode_count).for_each(|electrode| *unknowns.at_mut(interior + electrode, electrode) = 1.0);
         base.factor.extend_homogeneous(symbolic, &mut unknowns);
         let potentials = base.moments_of(&moments.all, &unknowns);
-        Ok(Conductors {
+        Ok(FloatingConductors {
             model: model.clone(),
             at_rest: at_rest.iter().map(|contact| (contact.conductor, contact.conductance.clone())).collect(),
             columns: (0..moments.of_conductor.len()).map(|_| OnceLock::new()).collect(),
@@ -186,7 +186,7 @@ impl Conductors {
     }
 
     /// The moments.
-    pub fn moments(&self) -> &Moments {
+    pub fn moments(&self) -> &PotentialMoments {
         &self.moments
     }
 
@@ -194,8 +194,8 @@ impl Conductors {
     ///
     /// # Errors
     /// A part of the skin that no electrode reaches.
-    pub fn resting_network(&self) -> Result<Network, ForwardError> {
-        self.model.with_own_series(Network::new(self.base.factor.schur().clone())?)
+    pub fn resting_network(&self) -> Result<ElectrodeNetwork, ForwardError> {
+        self.model.with_own_series(ElectrodeNetwork::new(self.base.factor.schur().clone())?)
     }
 
     /// Computes the Green's functions of all conductors now, on all threads, and not when each is first touched.
@@ -220,7 +220,7 @@ impl Conductors {
     ///
     /// # Panics
     /// Where a contact does not fit its conductor's moments, or a conductor is named twice.
-    pub fn network(&self, contacts: &[ConductorContact]) -> Result<Network, ForwardError> {
+    pub fn network(&self, contacts: &[ConductorContact]) -> Result<ElectrodeNetwork, ForwardError> {
         self.network_by(contacts, Self::fill_from_table)
     }
 
@@ -232,7 +232,7 @@ impl Conductors {
     ///
     /// # Panics
     /// As [`network`](Self::network).
-    pub fn network_once(&self, contacts: &[ConductorContact]) -> Result<Network, ForwardError> {
+    pub fn network_once(&self, contacts: &[ConductorContact]) -> Result<ElectrodeNetwork, ForwardError> {
         self.network_by(contacts, Self::fill_by_half_solve)
     }
 
@@ -240,7 +240,7 @@ impl Conductors {
         &self,
         contacts: &[ConductorContact],
         fill: impl FnOnce(&Self, &Update, &mut [f64], usize),
-    ) -> Result<Network, ForwardError> {
+    ) -> Result<ElectrodeNetwork, ForwardError> {
         let update = self.update(contacts)?;
         if update.rank == 0 {
             return self.resting_network();
@@ -289,7 +289,7 @@ impl Conductors {
         let of_touch = |touch: &Touch| {
             let own = &y[touch.start..touch.start + touch.root.columns];
             let current = (0..touch.root.rows).map(|k| dot(touch.root.row(k), own)).collect();
-            [current, self.moments.of_conductor(touch.conductor).iter().map(Moment::of_one).collect()]
+            [current, self.moments.of_conductor(touch.conductor).iter().map(PotentialMoment::of_one).collect()]
         };
         Ok(update.touches.iter().map(of_touch).collect())
     }
@@ -340,7 +340,7 @@ impl Conductors {
     }
 
     /// Eliminates contacts, then conductors, and adds what is left to the admittance.
-    fn finish(&self, update: &Update, mut front: Vec<f64>, order: usize) -> Result<Network, ForwardError> {
+    fn finish(&self, update: &Update, mut front: Vec<f64>, order: usize) -> Result<ElectrodeNetwork, ForwardError> {
         let (rank, conductors) = (update.rank, update.floating_count);
         eliminate_in_place(&mut front, order, rank).map_err(name_contact)?;
         // What is left is `-[P Q]' A^-1 [P Q]`.
@@ -361,7 +361,7 @@ impl Conductors {
                 }
             }
         }
-        self.model.with_own_series(Network::new(admittance)?)
+        self.model.with_own_series(ElectrodeNetwork::new(admittance)?)
     }
 
     fn fill_from_table(&self, update: &Update, front: &mut [f64], order: usize) {
@@ -497,7 +497,7 @@ fn name_contact(error: NotPositiveDefinite) -> ForwardError {
     ForwardError::Singular { place: format!("unknown {} of the touched conductors", error.unknown) }
 }
 
-fn check_fits(moments: &Moments, contact: &ConductorContact) {
+fn check_fits(moments: &PotentialMoments, contact: &ConductorContact) {
     let order = moments.range(contact.conductor).len();
     assert!(order > 0, "conductor {} has moments", contact.conductor);
     assert_eq!([contact.conductance.rows, contact.conductance.columns], [order; 2], "a value per pair of moments");

@@ -1,6 +1,6 @@
 //! The system of a sheet with some conductors in contact.
 
-use super::{ConductorContact, Moment, Moments, check_fits, dot, root};
+use super::{ConductorContact, PotentialMoment, PotentialMoments, check_fits, dot, root};
 use crate::forward::assembly::Assembly;
 use crate::forward::model::check_conductivity;
 use crate::forward::{ForwardError, ForwardModel};
@@ -23,7 +23,7 @@ impl System {
     pub fn new(
         model: &ForwardModel,
         conductivity: &[f64],
-        moments: &Moments,
+        moments: &PotentialMoments,
         contacts: &[ConductorContact],
     ) -> Result<Self, ForwardError> {
         check_conductivity(model.mesh(), conductivity)?;
@@ -63,7 +63,7 @@ impl System {
     }
 
     /// The unknowns of a moment of `u - v` with their weights; of `u` alone where the system has no `v`.
-    pub fn voltage(&self, moment: &Moment) -> impl Iterator<Item = (usize, f64)> {
+    pub fn voltage(&self, moment: &PotentialMoment) -> impl Iterator<Item = (usize, f64)> {
         let nodes = moment.nodes.iter().map(|&(node, weight)| (self.unknown_of_node[node], weight));
         let own = self.unknown_of_conductor.get(&moment.conductor);
         nodes.chain(own.map(|&unknown| (unknown, -moment.of_one())))
@@ -99,7 +99,7 @@ impl Extended {
     }
 
     /// Adds `(M'u - v e)' C (M'u - v e)` of one contact.
-    fn add(&mut self, moments: &[Moment], contact: &ConductorContact) {
+    fn add(&mut self, moments: &[PotentialMoment], contact: &ConductorContact) {
         // `W C W'` by the unknowns that the moments share: `W` has a row per unknown.
         let mut weights: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
         let conductor = self.unknown_of_conductor[&contact.conductor];
@@ -122,7 +122,7 @@ impl Extended {
 
 impl System {
     /// The moments of some fields, moments x fields, from their values at the unknowns.
-    pub fn moments_of(&self, moments: &[Moment], fields: &Matrix) -> Matrix {
+    pub fn moments_of(&self, moments: &[PotentialMoment], fields: &Matrix) -> Matrix {
         let mut out = Matrix::zeros(moments.len(), fields.columns);
         for (index, moment) in moments.iter().enumerate() {
             let target = out.row_mut(index);

@@ -16,7 +16,7 @@ mod plan;
 pub use plan::BatchPlan;
 
 use super::Symbolic;
-use super::level::Level;
+use super::simd_level::SimdLevel;
 use pulp::{Simd, WithSimd};
 
 /// Matrices factored at once.
@@ -37,7 +37,7 @@ pub struct BatchWorkspace {
     panel: AlignedVec,
     updates: AlignedVec,
     network: AlignedVec,
-    level: Level,
+    level: SimdLevel,
 }
 
 /// Matrices whose pivots are not all positive.
@@ -50,11 +50,11 @@ pub struct BadLanes(
 impl BatchPlan {
     /// Memory for [`transfer_impedances`](Self::transfer_impedances), with the best instruction set of this machine.
     pub fn workspace(&self) -> BatchWorkspace {
-        self.workspace_at(Level::best())
+        self.workspace_at(SimdLevel::best())
     }
 
     /// The same with a chosen instruction set.
-    pub fn workspace_at(&self, level: Level) -> BatchWorkspace {
+    pub fn workspace_at(&self, level: SimdLevel) -> BatchWorkspace {
         BatchWorkspace {
             panel: AlignedVec::new(self.panel_size * LANES),
             updates: AlignedVec::new(self.update_size * LANES),
@@ -65,7 +65,7 @@ impl BatchPlan {
 
     /// The pseudo-inverses of the kept unknowns' Schur complements, `kept x kept` row-major with a lane per matrix.
     ///
-    /// The complements must have the constant as their null vector; as in [`crate::forward::Network`].
+    /// The complements must have the constant as their null vector; as in [`crate::forward::ElectrodeNetwork`].
     ///
     /// # Errors
     /// Which matrices are not positive definite on the eliminated unknowns, or whose kept ones do not hang together.

@@ -2,11 +2,11 @@
 //! modeling, 2004, DOI 10.1145/1057432.1057457, section 4): long edges are split, short ones collapsed, edges flipped
 //! until the mesh is Delaunay, points moved towards the middle of their neighbours and back onto the surface.
 
-mod patchwork;
+mod editor;
 
-pub(crate) use patchwork::{Curve, Patchwork};
+pub(crate) use editor::{Curve, MeshEditor};
 
-use patchwork::angle;
+use editor::angle;
 
 use crate::geom::vector::{add, cross, dot, norm, scale, sub};
 use crate::geom::{Point3, TriangleTree};
@@ -36,95 +36,95 @@ const CREASE: f64 = 0.766;
 const CORNER: f64 = 0.766;
 
 /// Marks the boundary and the sharp edges as curves, and pins their corners.
-pub(crate) fn find_creases(patchwork: &mut Patchwork) {
-    for [a, b] in patchwork.edges() {
-        let is_crease = match patchwork.at_edge(a, b)[..] {
+pub(crate) fn find_creases(editor: &mut MeshEditor) {
+    for [a, b] in editor.edges() {
+        let is_crease = match editor.at_edge(a, b)[..] {
             [one, other] => {
-                let (one, other) = (patchwork.area_vector(one), patchwork.area_vector(other));
+                let (one, other) = (editor.area_vector(one), editor.area_vector(other));
                 dot(one, other) < CREASE * norm(one) * norm(other)
             }
             _ => true,
         };
         if is_crease {
-            patchwork.set_curve(a, b, Curve::Crease);
+            editor.set_curve(a, b, Curve::Crease);
         }
     }
-    for point in 0..patchwork.points.len() {
-        let is_corner = match *patchwork.curves_at(point) {
+    for point in 0..editor.points.len() {
+        let is_corner = match *editor.curves_at(point) {
             [] => false,
             [(a, _), (b, _)] => {
-                let here = patchwork.points[point];
-                let (u, v) = (sub(here, patchwork.points[a]), sub(patchwork.points[b], here));
+                let here = editor.points[point];
+                let (u, v) = (sub(here, editor.points[a]), sub(editor.points[b], here));
                 dot(u, v) < CORNER * norm(u) * norm(v)
             }
             _ => true,
         };
         if is_corner {
-            patchwork.pin(point);
+            editor.pin(point);
         }
     }
 }
 
 /// Remeshes in some rounds; false where the mesh would have more triangles than allowed.
-pub(crate) fn remesh(patchwork: &mut Patchwork, target: &Target<'_>, rounds: usize) -> bool {
+pub(crate) fn remesh(editor: &mut MeshEditor, target: &Target<'_>, rounds: usize) -> bool {
     for _ in 0..rounds {
-        if !split_long(patchwork, target) {
+        if !split_long(editor, target) {
             return false;
         }
-        collapse_short(patchwork, target);
-        flip_to_delaunay(patchwork);
-        relax(patchwork, target);
-        flip_to_delaunay(patchwork);
+        collapse_short(editor, target);
+        flip_to_delaunay(editor);
+        relax(editor, target);
+        flip_to_delaunay(editor);
     }
     true
 }
 
-fn split_long(patchwork: &mut Patchwork, target: &Target<'_>) -> bool {
+fn split_long(editor: &mut MeshEditor, target: &Target<'_>) -> bool {
     // Each pass halves the longest edges; 60 halve the largest number a thousand times over.
     for _ in 0..60 {
         let mut changed = false;
-        for [a, b] in patchwork.edges() {
-            let middle = patchwork.middle(a, b);
-            let is_there = !patchwork.at_edge(a, b).is_empty();
-            if !is_there || patchwork.length(a, b) <= LONG * (target.size)(middle) {
+        for [a, b] in editor.edges() {
+            let middle = editor.middle(a, b);
+            let is_there = !editor.at_edge(a, b).is_empty();
+            if !is_there || editor.length(a, b) <= LONG * (target.size)(middle) {
                 continue;
             }
-            let position = match patchwork.curve(a, b) {
+            let position = match editor.curve(a, b) {
                 Some(curve) => (target.onto_curve)(middle, curve),
                 None => target.surface.nearest(middle).point,
             };
-            patchwork.split(a, b, position);
+            editor.split(a, b, position);
             changed = true;
-            if patchwork.triangles.len() > target.most_triangles {
+            if editor.triangles.len() > target.most_triangles {
                 return false;
             }
         }
         if !changed {
             break;
         }
-        flip_to_delaunay(patchwork);
+        flip_to_delaunay(editor);
     }
     true
 }
 
-fn collapse_short(patchwork: &mut Patchwork, target: &Target<'_>) {
+fn collapse_short(editor: &mut MeshEditor, target: &Target<'_>) {
     let longest = |middle: Point3| LONG * (target.size)(middle);
-    for [a, b] in patchwork.edges() {
-        let is_there = !patchwork.at_edge(a, b).is_empty();
-        if is_there && patchwork.length(a, b) < SHORT * (target.size)(patchwork.middle(a, b)) {
-            let _ = patchwork.collapse(b, a, longest) || patchwork.collapse(a, b, longest);
+    for [a, b] in editor.edges() {
+        let is_there = !editor.at_edge(a, b).is_empty();
+        if is_there && editor.length(a, b) < SHORT * (target.size)(editor.middle(a, b)) {
+            let _ = editor.collapse(b, a, longest) || editor.collapse(a, b, longest);
         }
     }
 }
 
 /// Flips edges whose opposite angles exceed half a turn together.
-fn flip_to_delaunay(patchwork: &mut Patchwork) {
+fn flip_to_delaunay(editor: &mut MeshEditor) {
     // A plane needs few passes; on curved surfaces flips may go in circles, and some edges then stay as they are.
     for _ in 0..20 {
         let mut changed = false;
-        for [a, b] in patchwork.edges() {
-            if opposite_angles(patchwork, a, b).is_some_and(|sum| sum > PI + 1e-9) {
-                changed |= patchwork.flip(a, b);
+        for [a, b] in editor.edges() {
+            if opposite_angles(editor, a, b).is_some_and(|sum| sum > PI + 1e-9) {
+                changed |= editor.flip(a, b);
             }
         }
         if !changed {
@@ -133,34 +133,34 @@ fn flip_to_delaunay(patchwork: &mut Patchwork) {
     }
 }
 
-fn opposite_angles(patchwork: &Patchwork, a: usize, b: usize) -> Option<f64> {
-    let [first, second] = patchwork.at_edge(a, b)[..] else { return None };
+fn opposite_angles(editor: &MeshEditor, a: usize, b: usize) -> Option<f64> {
+    let [first, second] = editor.at_edge(a, b)[..] else { return None };
     let at = |triangle: usize| {
-        let corner = patchwork.opposite(triangle, a, b)?;
-        Some(angle([corner, a, b].map(|point| patchwork.points[point])))
+        let corner = editor.opposite(triangle, a, b)?;
+        Some(angle([corner, a, b].map(|point| editor.points[point])))
     };
     Some(at(first)? + at(second)?)
 }
 
 /// Moves free points towards the middle of the triangles round them, along the surface, and points of outlines
 /// towards the middle of their neighbours on it.
-fn relax(patchwork: &mut Patchwork, target: &Target<'_>) {
-    for point in 0..patchwork.points.len() {
-        if patchwork.around(point).is_empty() || patchwork.is_pinned(point) {
+fn relax(editor: &mut MeshEditor, target: &Target<'_>) {
+    for point in 0..editor.points.len() {
+        if editor.around(point).is_empty() || editor.is_pinned(point) {
             continue;
         }
-        match *patchwork.curves_at(point) {
+        match *editor.curves_at(point) {
             [] => {
-                let aim = target.surface.nearest(relaxed(patchwork, target, point)).point;
-                patchwork.shift(point, aim);
+                let aim = target.surface.nearest(relaxed(editor, target, point)).point;
+                editor.shift(point, aim);
             }
             [(a, Curve::Outline(one)), (b, Curve::Outline(other))] if one == other => {
-                let aim = (target.onto_curve)(patchwork.middle(a, b), Curve::Outline(one));
-                patchwork.shift(point, aim);
+                let aim = (target.onto_curve)(editor.middle(a, b), Curve::Outline(one));
+                editor.shift(point, aim);
             }
-            [(a, Curve::Crease), (b, Curve::Crease)] if is_straight(patchwork, a, point, b) => {
-                let aim = patchwork.middle(a, b);
-                patchwork.shift(point, aim);
+            [(a, Curve::Crease), (b, Curve::Crease)] if is_straight(editor, a, point, b) => {
+                let aim = editor.middle(a, b);
+                editor.shift(point, aim);
             }
             _ => {}
         }
@@ -169,21 +169,21 @@ fn relax(patchwork: &mut Patchwork, target: &Target<'_>) {
 
 /// Whether a point lies on the line between two others, as far as a body's accuracy goes: sliding it there moves the
 /// line by less than a thousandth of its length.
-fn is_straight(patchwork: &Patchwork, a: usize, point: usize, b: usize) -> bool {
-    let [a, point, b] = [a, point, b].map(|point| patchwork.points[point]);
+fn is_straight(editor: &MeshEditor, a: usize, point: usize, b: usize) -> bool {
+    let [a, point, b] = [a, point, b].map(|point| editor.points[point]);
     let (u, v) = (sub(point, a), sub(b, point));
     norm(cross(u, v)) < 1e-3 * norm(u) * norm(v)
 }
 
 /// The middle of the triangles round a point, those that are large for their place weighing more, in the point's
 /// tangent plane.
-fn relaxed(patchwork: &Patchwork, target: &Target<'_>, point: usize) -> Point3 {
-    let here = patchwork.points[point];
+fn relaxed(editor: &MeshEditor, target: &Target<'_>, point: usize) -> Point3 {
+    let here = editor.points[point];
     let mut normal = [0.0; 3];
     let mut mean = [0.0; 3];
     let mut weight_sum = 0.0;
-    for &triangle in patchwork.around(point) {
-        let [a, b, c] = patchwork.corners(triangle);
+    for &triangle in editor.around(point) {
+        let [a, b, c] = editor.corners(triangle);
         let centre = scale(add(add(a, b), c), 1.0 / 3.0);
         let area_vector = cross(sub(b, a), sub(c, a));
         let size = (target.size)(centre);

@@ -19,27 +19,27 @@ const MOST_LATE: Duration = Duration::from_millis(250);
 const STATUS_S: f64 = 1.0;
 
 /// Why a conversation ended.
-pub(super) enum TalkEnd {
+pub(super) enum SessionEnd {
     /// The host is gone.
     Gone,
     /// The device failed.
     Failed(Box<LiveError>),
 }
 
-impl From<std::io::Error> for TalkEnd {
+impl From<std::io::Error> for SessionEnd {
     fn from(_: std::io::Error) -> Self {
-        TalkEnd::Gone
+        SessionEnd::Gone
     }
 }
 
-impl From<LiveError> for TalkEnd {
+impl From<LiveError> for SessionEnd {
     fn from(error: LiveError) -> Self {
-        TalkEnd::Failed(Box::new(error))
+        SessionEnd::Failed(Box::new(error))
     }
 }
 
 /// A conversation with one host.
-pub(super) struct Talk<'a> {
+pub(super) struct HostSession<'a> {
     emulator: &'a Emulator,
     line: &'a mut dyn Wire,
     decoder: Decoder<[u8; ToDevice::PACKET_BYTES]>,
@@ -58,10 +58,10 @@ pub(super) struct Talk<'a> {
 /// The random stream of what happens to bytes.
 const BYTES_STREAM: u64 = u64::MAX - 17;
 
-impl<'a> Talk<'a> {
+impl<'a> HostSession<'a> {
     pub(super) fn new(emulator: &'a Emulator, line: &'a mut dyn Wire) -> Self {
         let slot_count = emulator.slots().len();
-        Talk {
+        HostSession {
             decoder: Decoder::new([0; ToDevice::PACKET_BYTES]),
             begun: None,
             running: false,
@@ -76,7 +76,7 @@ impl<'a> Talk<'a> {
         }
     }
 
-    pub(super) fn run(&mut self) -> Result<(), TalkEnd> {
+    pub(super) fn run(&mut self) -> Result<(), SessionEnd> {
         self.greet()?;
         let mut buffer = [0; 4096];
         while !self.emulator.is_stopped() {
@@ -94,23 +94,23 @@ impl<'a> Talk<'a> {
     }
 
     /// Commands while frames are sent are looked for a hundred times a second only: reading costs a wait.
-    fn peek(&mut self, buffer: &mut [u8]) -> Result<usize, TalkEnd> {
-        let every = (f64::from(self.emulator.timing().rate_mhz()) * 1e-5).ceil() as u64;
+    fn peek(&mut self, buffer: &mut [u8]) -> Result<usize, SessionEnd> {
+        let every = (f64::from(self.emulator.timing().rate_millihertz()) * 1e-5).ceil() as u64;
         let next = self.emulator.next_index();
         if next.is_multiple_of(every.max(1)) { Ok(self.line.heard(buffer)?) } else { Ok(0) }
     }
 
-    fn greet(&mut self) -> Result<(), TalkEnd> {
-        let packet = self.emulator.hello_packet(self.emulator.timing().asked_mhz());
+    fn greet(&mut self) -> Result<(), SessionEnd> {
+        let packet = self.emulator.hello_packet(self.emulator.timing().asked_millihertz());
         Ok(self.line.say(&packet)?)
     }
 
-    fn say(&mut self, message: &ToHost<'_>) -> Result<(), TalkEnd> {
+    fn say(&mut self, message: &ToHost<'_>) -> Result<(), SessionEnd> {
         let length = message.encode(&mut self.packet).map_err(no_room)?;
         Ok(self.line.say(&self.packet[..length])?)
     }
 
-    fn answer(&mut self, bytes: &[u8]) -> Result<(), TalkEnd> {
+    fn answer(&mut self, bytes: &[u8]) -> Result<(), SessionEnd> {
         let mut messages: Vec<Option<Vec<u8>>> = Vec::new();
         self.decoder.feed(bytes, |received| {
             messages.push(match received {
@@ -128,21 +128,21 @@ impl<'a> Talk<'a> {
         Ok(())
     }
 
-    fn refuse(&mut self, code: FaultCode, text: &str) -> Result<(), TalkEnd> {
+    fn refuse(&mut self, code: FaultCode, text: &str) -> Result<(), SessionEnd> {
         self.say(&ToHost::Fault(WireFault { code, text }))
     }
 
-    fn obey(&mut self, command: &ToDevice<'_>) -> Result<(), TalkEnd> {
+    fn obey(&mut self, command: &ToDevice<'_>) -> Result<(), SessionEnd> {
         match command {
             ToDevice::Identify => self.greet()?,
             ToDevice::Stop => self.running = false,
             ToDevice::Start if self.running => {}
             ToDevice::Start => self.start(),
             ToDevice::Scan(part) => self.scan(part)?,
-            ToDevice::Rate(rate_mhz) => {
-                let most = self.emulator.highest_rate_mhz();
-                if (1..=most).contains(rate_mhz) {
-                    self.emulator.timing().ask(*rate_mhz);
+            ToDevice::Rate(rate_millihertz) => {
+                let most = self.emulator.highest_rate_millihertz();
+                if (1..=most).contains(rate_millihertz) {
+                    self.emulator.timing().ask(*rate_millihertz);
                 } else {
                     self.refuse(FaultCode::Rate, &format!("at most {} frames a second", f64::from(most) * 1e-3))?;
                 }
@@ -152,7 +152,7 @@ impl<'a> Talk<'a> {
         Ok(())
     }
 
-    fn self_test(&mut self) -> Result<(), TalkEnd> {
+    fn self_test(&mut self) -> Result<(), SessionEnd> {
         let index = self.emulator.next_index();
         let readings: Vec<i32> =
             (0..self.emulator.slots().len()).map(|slot| test_reading(slot as u16).into()).collect();
@@ -172,7 +172,7 @@ impl<'a> Talk<'a> {
     }
 
     /// A part of a scan table: it takes that of its own skin alone, which it has at power-up.
-    fn scan(&mut self, part: &ScanPart<'_>) -> Result<(), TalkEnd> {
+    fn scan(&mut self, part: &ScanPart<'_>) -> Result<(), SessionEnd> {
         let mut slots = if part.first == 0 { Vec::new() } else { self.begun.take().unwrap_or_default() };
         let own = self.emulator.slots();
         if slots.len() != usize::from(part.first) {
@@ -194,10 +194,10 @@ impl<'a> Talk<'a> {
     }
 
     /// Waits for the next frame's time and sends it.
-    fn send_due(&mut self) -> Result<(), TalkEnd> {
+    fn send_due(&mut self) -> Result<(), SessionEnd> {
         let emulator = self.emulator;
         let index = emulator.next_index();
-        let frame_s = 1e3 / f64::from(emulator.timing().rate_mhz()) / emulator.options().speed;
+        let frame_s = 1e3 / f64::from(emulator.timing().rate_millihertz()) / emulator.options().speed;
         let mut flags = FrameFlags::default();
         if !emulator.options().unpaced {
             let due = self.began.0 + Duration::from_secs_f64((index - self.began.1) as f64 * frame_s);
@@ -208,7 +208,7 @@ impl<'a> Talk<'a> {
                     let skipped = (due.elapsed().as_secs_f64() / frame_s) as u64;
                     self.dropped = self.dropped.wrapping_add(skipped as u32);
                     emulator.set_next_index(index + skipped);
-                    emulator.is_slow(f64::from(emulator.timing().rate_mhz()) * 1e-3);
+                    emulator.is_slow(f64::from(emulator.timing().rate_millihertz()) * 1e-3);
                     flags = FrameFlags::OVERRUN;
                 }
                 None => {}
@@ -218,7 +218,7 @@ impl<'a> Talk<'a> {
         let time_s = index as f64 / emulator.options().twin.electronics.frame_rate_hz;
         emulator.fail(time_s)?;
         if emulator.is_unplugged(time_s) {
-            return Err(TalkEnd::Gone);
+            return Err(SessionEnd::Gone);
         }
         let counts = emulator.counts(index)?;
         self.send_frame(index, time_s, counts, flags)?;
@@ -230,7 +230,13 @@ impl<'a> Talk<'a> {
         Ok(())
     }
 
-    fn send_frame(&mut self, index: u64, time_s: f64, mut counts: Vec<i32>, flags: FrameFlags) -> Result<(), TalkEnd> {
+    fn send_frame(
+        &mut self,
+        index: u64,
+        time_s: f64,
+        mut counts: Vec<i32>,
+        flags: FrameFlags,
+    ) -> Result<(), SessionEnd> {
         let emulator = self.emulator;
         let noise = emulator.felt(time_s, |fault| match fault {
             Fault::Noise { counts, for_s } => Some((*counts, *for_s)),
@@ -259,7 +265,7 @@ impl<'a> Talk<'a> {
         Ok(self.line.say(&self.packet[..length])?)
     }
 
-    fn status(&mut self) -> Result<(), TalkEnd> {
+    fn status(&mut self) -> Result<(), SessionEnd> {
         let (frames, time_us) = self.stamp(self.emulator.next_index());
         self.say(&ToHost::Status(Status {
             uptime_ms: (time_us / 1000) as u32,
@@ -327,9 +333,9 @@ mod tests {
         };
         let emulator = Emulator::new(&SkinDesign::shipped("skin16").unwrap(), options).unwrap();
         let mut said = Said(Vec::new());
-        let mut talk = Talk::new(&emulator, &mut said);
-        let send = |talk: &mut Talk<'_>| (0..3).for_each(|_| assert!(talk.send_due().is_ok()));
-        let obey = |talk: &mut Talk<'_>, command| assert!(talk.obey(&command).is_ok());
+        let mut talk = HostSession::new(&emulator, &mut said);
+        let send = |talk: &mut HostSession<'_>| (0..3).for_each(|_| assert!(talk.send_due().is_ok()));
+        let obey = |talk: &mut HostSession<'_>, command| assert!(talk.obey(&command).is_ok());
         obey(&mut talk, ToDevice::Start);
         send(&mut talk);
         obey(&mut talk, ToDevice::Rate(60_000));
@@ -341,19 +347,19 @@ mod tests {
         obey(&mut talk, ToDevice::Start);
         send(&mut talk);
         // Another host finds the rate that the last one left.
-        assert!(Talk::new(&emulator, &mut said).greet().is_ok());
+        assert!(HostSession::new(&emulator, &mut said).greet().is_ok());
 
-        let (mut times_us, mut rate_mhz) = (Vec::new(), 0);
+        let (mut times_us, mut rate_millihertz) = (Vec::new(), 0);
         let mut decoder = Decoder::new(vec![0; 4096]);
         decoder.feed(&said.0, |received| {
             let Received::Message(message) = received else { return };
             match ToHost::parse(message).unwrap() {
                 ToHost::Frame(frame) => times_us.push(frame.time_us),
-                ToHost::Hello(hello) => rate_mhz = hello.rate_mhz,
+                ToHost::Hello(hello) => rate_millihertz = hello.rate_millihertz,
                 _ => {}
             }
         });
         assert_eq!(times_us, [0, 8333, 16_666, 25_000, 33_333, 41_666, 50_000, 66_666, 83_333]);
-        assert_eq!(rate_mhz, 60_000);
+        assert_eq!(rate_millihertz, 60_000);
     }
 }

@@ -1,23 +1,23 @@
-//! `dermis assess`: a method on twins that it has never seen.
+//! `dermis benchmark`: a method on twins that it has never seen.
 
 use crate::console::{Progress, print, print_json};
 use crate::failure::Outcome;
-use crate::figures;
 use crate::frames::Differences;
 use crate::method::MethodArguments;
+use crate::metrics;
 use crate::picture::chart::Curves;
 use crate::picture::colour::Scale;
 use crate::picture::{Drawing, Key, Picture, View};
 use crate::skin::{Per, Skin};
 use clap::Args;
 use dermis::frame::write_whole;
-use dermis_sim::evaluate::{AssessOptions, Assessment, Assessor, FORCES_A_PLACE};
+use dermis_sim::evaluate::{Benchmark, BenchmarkOptions, BenchmarkResult, FORCES_A_PLACE};
 use dermis_sim::experiment::Sizes;
 use dermis_sim::twin::TwinOptions;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// The arguments of `dermis assess`.
+/// The arguments of `dermis benchmark`.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// The design: a path, or a shipped name.
@@ -52,12 +52,12 @@ pub struct Arguments {
 
 /// What machines get.
 #[derive(Serialize)]
-struct Told<'a> {
+struct Summary<'a> {
     design: &'a str,
     twin: &'a str,
     method: String,
     alpha: Option<f64>,
-    twins: &'a [Assessment],
+    twins: &'a [BenchmarkResult],
 }
 
 impl Arguments {
@@ -67,7 +67,7 @@ impl Arguments {
         let options = TwinOptions::load(&self.twin)?;
         let pixels = skin.pixels(Per::Pixel)?;
         let method = self.method.prepare(&skin, Per::Pixel, &Differences::default())?;
-        let assessor = Assessor {
+        let benchmark = Benchmark {
             design: &skin.design,
             mesh: skin.forward.mesh(),
             pixels: &pixels,
@@ -79,8 +79,8 @@ impl Arguments {
         let each = steps(&size, pixels.len());
         let progress = Progress::new("pressing twins", each * self.twins as usize);
         let seeds = self.seed..self.seed + self.twins;
-        let twins = seeds.map(|seed| assessor.assess(seed, &size, |done| progress.steps(done as u64)));
-        let twins: Vec<Assessment> = twins.collect::<dermis_sim::Result<_>>()?;
+        let twins = seeds.map(|seed| benchmark.run(seed, &size, |done| progress.steps(done as u64)));
+        let twins: Vec<BenchmarkResult> = twins.collect::<dermis_sim::Result<_>>()?;
         drop(progress);
         if let Some(path) = &self.map {
             let picture = self.map(&skin, &pixels, &size, &twins)?;
@@ -93,7 +93,7 @@ impl Arguments {
         let name = method.reconstruct.name();
         if self.json {
             let alpha = method.alpha;
-            return print_json(&Told {
+            return print_json(&Summary {
                 design: &skin.design.name,
                 twin: &options.name,
                 method: name,
@@ -109,25 +109,25 @@ impl Arguments {
             skin.design.name,
             self.seed,
             self.seed + self.twins - 1,
-            figures::table(&twins).to_text()
+            metrics::table(&twins).to_text()
         ))
     }
 
-    fn size(&self) -> AssessOptions {
+    fn size(&self) -> BenchmarkOptions {
         let dead_electrodes = self.dead;
         match self.quick {
-            false => AssessOptions { dead_electrodes, ..AssessOptions::default() },
+            false => BenchmarkOptions { dead_electrodes, ..BenchmarkOptions::default() },
             true => {
                 let whole = Sizes::default();
                 // Seven has no divisor in common with the pictures of shipped skins, so that all columns have their turn.
                 let sizes = Sizes { grid_step: 7, random: 90, pairs: 20, fours: 50, ..whole };
-                AssessOptions { sizes, untouched: 2000, force_step: 7, places: 10, dead_electrodes }
+                BenchmarkOptions { sizes, untouched: 2000, force_step: 7, places: 10, dead_electrodes }
             }
         }
     }
 
     /// Two touches told apart, by their distance; the bar of 90 % beside.
-    fn curve(&self, method: String, twins: &[Assessment]) -> Picture {
+    fn curve(&self, method: String, twins: &[BenchmarkResult]) -> Picture {
         let places = resolved(twins);
         let bar = places.iter().map(|[distance_m, _]| [1e3 * distance_m, 90.0]).collect();
         let curve = places.iter().map(|[distance_m, part]| [1e3 * distance_m, 100.0 * part]).collect();
@@ -147,8 +147,8 @@ impl Arguments {
         &self,
         skin: &Skin,
         pixels: &dermis::image::PixelSpace,
-        size: &AssessOptions,
-        twins: &[Assessment],
+        size: &BenchmarkOptions,
+        twins: &[BenchmarkResult],
     ) -> Outcome<Picture> {
         let mut forces = vec![f64::NAN; pixels.len()];
         for (place, pixel) in (0..pixels.len()).step_by(size.force_step).enumerate() {
@@ -167,7 +167,7 @@ impl Arguments {
 }
 
 /// The part of pairs that was resolved on all twins together, by their distance (m).
-fn resolved(twins: &[Assessment]) -> Vec<[f64; 2]> {
+fn resolved(twins: &[BenchmarkResult]) -> Vec<[f64; 2]> {
     let steps = twins.first().map_or(&[][..], |twin| &twin.two_resolved);
     let part = |step: usize| twins.iter().map(|twin| twin.two_resolved[step].1).sum::<f64>() / twins.len() as f64;
     steps.iter().enumerate().map(|(step, (separation_m, _))| [*separation_m, part(step)]).collect()
@@ -177,8 +177,8 @@ fn counted(twins: usize) -> String {
     if twins == 1 { "1 twin".into() } else { format!("{twins} twins") }
 }
 
-/// Frames of one assessment, for its bar.
-pub fn steps(size: &AssessOptions, pixels: usize) -> usize {
+/// Frames of one result, for its bar.
+pub fn steps(size: &BenchmarkOptions, pixels: usize) -> usize {
     let Sizes { grid_step, random, separations_m, pairs, fours } = &size.sizes;
     pixels.div_ceil(*grid_step)
         + random

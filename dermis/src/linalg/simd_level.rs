@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// rounded differently.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Level {
+pub enum SimdLevel {
     /// No vectors are assumed.
     Plain,
     /// 256-bit vectors with fused multiply-add (x86-64-v3).
@@ -17,16 +17,16 @@ pub enum Level {
     Neon,
 }
 
-impl Level {
+impl SimdLevel {
     /// All levels that this machine has, the best last.
-    pub fn available() -> Vec<Level> {
-        let all = [Level::Plain, Level::Neon, Level::Avx2, Level::Avx512];
+    pub fn available() -> Vec<SimdLevel> {
+        let all = [SimdLevel::Plain, SimdLevel::Neon, SimdLevel::Avx2, SimdLevel::Avx512];
         all.into_iter().filter(|level| level.try_arch().is_some()).collect()
     }
 
     /// The best level of this machine.
     pub fn best() -> Self {
-        Self::available().last().copied().unwrap_or(Level::Plain)
+        Self::available().last().copied().unwrap_or(SimdLevel::Plain)
     }
 
     /// How to run code at this level: plain where the machine lacks it.
@@ -38,24 +38,24 @@ impl Level {
     fn try_arch(self) -> Option<pulp::Arch> {
         use pulp::x86::{V3, V4};
         match self {
-            Level::Plain => Some(pulp::Arch::Scalar),
-            Level::Avx2 => V3::try_new().map(pulp::Arch::V3),
-            Level::Avx512 => V4::try_new().map(pulp::Arch::V4),
-            Level::Neon => None,
+            SimdLevel::Plain => Some(pulp::Arch::Scalar),
+            SimdLevel::Avx2 => V3::try_new().map(pulp::Arch::V3),
+            SimdLevel::Avx512 => V4::try_new().map(pulp::Arch::V4),
+            SimdLevel::Neon => None,
         }
     }
 
     #[cfg(target_arch = "aarch64")]
     fn try_arch(self) -> Option<pulp::Arch> {
         match self {
-            Level::Plain => Some(pulp::Arch::Scalar),
-            Level::Neon => pulp::aarch64::Neon::try_new().map(pulp::Arch::Neon),
-            Level::Avx2 | Level::Avx512 => None,
+            SimdLevel::Plain => Some(pulp::Arch::Scalar),
+            SimdLevel::Neon => pulp::aarch64::Neon::try_new().map(pulp::Arch::Neon),
+            SimdLevel::Avx2 | SimdLevel::Avx512 => None,
         }
     }
 
     #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
     fn try_arch(self) -> Option<pulp::Arch> {
-        (self == Level::Plain).then_some(pulp::Arch::Scalar)
+        (self == SimdLevel::Plain).then_some(pulp::Arch::Scalar)
     }
 }

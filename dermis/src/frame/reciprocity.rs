@@ -50,14 +50,14 @@ impl Screening {
         Screening { disagreeing: disagreeing.collect(), sd }
     }
 
-    /// Channels to which an instrument is deaf that reports amplitudes and hears voltages of one sign alone, ascending: all
+    /// Channels to which an instrument is polarity_blind that reports amplitudes and hears voltages of one sign alone, ascending: all
     /// those whose value is of the other sign on the model's untouched skin. With the drive reversed the same voltage has
     /// the other sign, so that one of such twins hardly moves beside the other: where one is twice as loud, it must in four
     /// of five cases be the one of the same sign. None where signs are reported, or twins are about as loud.
     ///
     /// # Panics
     /// Where the untouched frame is of another length than the protocol.
-    pub fn deaf(&self, protocol: &Protocol, untouched: &Frame) -> Vec<usize> {
+    pub fn polarity_blind(&self, protocol: &Protocol, untouched: &Frame) -> Vec<usize> {
         assert_eq!(untouched.len(), protocol.channel_count(), "a frame of the protocol");
         if !protocol.amplitude_only() {
             return Vec::new();
@@ -185,13 +185,13 @@ mod tests {
         let untouched = Frame(vec![-1.0, 1.0, -2.0, -1.0]);
         let blind = protocol().with_amplitude_only(true);
         // Channel 1 has the drive of channel 0 reversed; channel 2 exchanges drive and measure; channel 3 has no twin.
-        assert_eq!(screening([1.0, 0.3, 1.2, 1.0]).deaf(&blind, &untouched), vec![1]);
-        assert_eq!(screening([0.3, 1.0, 0.4, 1.0]).deaf(&blind, &untouched), vec![0, 2, 3]);
+        assert_eq!(screening([1.0, 0.3, 1.2, 1.0]).polarity_blind(&blind, &untouched), vec![1]);
+        assert_eq!(screening([0.3, 1.0, 0.4, 1.0]).polarity_blind(&blind, &untouched), vec![0, 2, 3]);
         let none: Vec<usize> = Vec::new();
-        assert_eq!(screening([1.0, 0.9, 1.2, 1.0]).deaf(&blind, &untouched), none);
+        assert_eq!(screening([1.0, 0.9, 1.2, 1.0]).polarity_blind(&blind, &untouched), none);
         // One pair says so, the other the contrary.
-        assert_eq!(screening([1.0, 0.3, 0.1, 1.0]).deaf(&blind, &untouched), none);
-        assert_eq!(screening([1.0, 0.3, 1.2, 1.0]).deaf(&protocol(), &untouched), none);
+        assert_eq!(screening([1.0, 0.3, 0.1, 1.0]).polarity_blind(&blind, &untouched), none);
+        assert_eq!(screening([1.0, 0.3, 1.2, 1.0]).polarity_blind(&protocol(), &untouched), none);
     }
 
     #[test]

@@ -2,8 +2,8 @@
 
 use crate::card::{Card, DataRecord, SkinRecord, TrainingRecord};
 use crate::input::Input;
-use crate::network::{LayerPlan, Plan};
-use crate::samples::{Misfit, Noise, Target};
+use crate::network::{Architecture, LayerSpec};
+use crate::samples::{DomainRandomization, Noise, Target};
 use crate::symmetry::Symmetries;
 use crate::train::{Schedule, TrainOptions};
 use dermis::design::SkinDesign;
@@ -35,7 +35,7 @@ const TOUCH_NOISE_FACTOR: f64 = 50.0;
 
 /// What sets the best network apart from the paper's, one by one: what each is worth is seen by leaving it out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ingredient {
+pub enum Ablation {
     /// Readings that are the same by reciprocity are averaged; without it each is an input.
     Reciprocity,
     /// Convolutions make the image of pictures; without them the paper's dense layers make it.
@@ -50,11 +50,11 @@ pub enum Ingredient {
 
 /// Everything that is settled before training begins, beside the samples.
 #[derive(Debug, Clone)]
-pub struct Method {
+pub struct TrainingPreset {
     /// For tables and cards.
     pub name: &'static str,
     /// The network.
-    pub plan: Plan,
+    pub plan: Architecture,
     /// What it takes.
     pub input: Input,
     /// What it makes.
@@ -69,7 +69,7 @@ pub struct Method {
     pub options: TrainOptions,
 }
 
-impl Method {
+impl TrainingPreset {
     /// The card of the network that came of it.
     pub fn card(&self, skin: SkinRecord, input: &Input, data: &[Dataset], training: TrainingRecord) -> Card {
         let record = |dataset: &Dataset| DataRecord {
@@ -94,9 +94,9 @@ impl Method {
 
     /// The paper's: four dense layers, the image of the change of conductance, white noise as it was measured.
     pub fn paper(protocol: &Protocol, pixels: &PixelSpace, noise_ohm: Vec<f32>) -> Self {
-        Method {
+        TrainingPreset {
             name: "paper",
-            plan: Plan::paper(protocol.channel_count(), pixels.len()),
+            plan: Architecture::paper(protocol.channel_count(), pixels.len()),
             input: Input::each(protocol),
             target: Target::Conductance,
             noise: Noise::white(noise_ohm),
@@ -106,10 +106,10 @@ impl Method {
         }
     }
 
-    /// The paper's by its other reading: [`Plan::paper_otherwise`].
+    /// The paper's by its other reading: [`Architecture::paper_otherwise`].
     pub fn paper_otherwise(protocol: &Protocol, pixels: &PixelSpace, noise_ohm: Vec<f32>) -> Self {
-        let plan = Plan::paper_otherwise(protocol.channel_count(), pixels.len());
-        Method { name: "paper-otherwise", plan, ..Self::paper(protocol, pixels, noise_ohm) }
+        let plan = Architecture::paper_otherwise(protocol.channel_count(), pixels.len());
+        TrainingPreset { name: "paper-otherwise", plan, ..Self::paper(protocol, pixels, noise_ohm) }
     }
 
     /// Ours: reciprocal readings averaged, a linear layer to four pictures, convolutions that wrap; the touches themselves;
@@ -121,36 +121,36 @@ impl Method {
 
     /// The same with some of what sets it apart left out.
     pub fn best_without(
-        without: &[Ingredient],
+        without: &[Ablation],
         design: &SkinDesign,
         protocol: &Protocol,
         pixels: &PixelSpace,
         noise_ohm: Vec<f32>,
     ) -> Self {
-        let with = |ingredient| !without.contains(&ingredient);
-        let input = if with(Ingredient::Reciprocity) { Input::reciprocal(protocol) } else { Input::each(protocol) };
+        let with = |ablation| !without.contains(&ablation);
+        let input = if with(Ablation::Reciprocity) { Input::reciprocal(protocol) } else { Input::each(protocol) };
         let is_ring = matches!(pixels.surface, Surface::Cylinder { .. });
         let picture = pixels.grid.filter(|[rows, columns]| rows * columns == pixels.len());
-        let plan = match picture.filter(|_| with(Ingredient::Refinement)) {
-            Some(grid) => Plan::refined(input.len(), grid, is_ring, &CHANNELS),
-            None => Plan::paper(input.len(), pixels.len()),
+        let plan = match picture.filter(|_| with(Ablation::Refinement)) {
+            Some(grid) => Architecture::refined(input.len(), grid, is_ring, &CHANNELS),
+            None => Architecture::paper(input.len(), pixels.len()),
         };
-        let (target, detection) = match with(Ingredient::Touches) {
+        let (target, detection) = match with(Ablation::Touches) {
             true => (Target::Touches { width_m: TOUCH_WIDTH_M }, touch_detection()),
             false => (Target::Conductance, conductance_detection()),
         };
-        let noise = match with(Ingredient::Disturbance) {
+        let noise = match with(Ablation::Disturbance) {
             true => Noise { sd_ohm: noise_ohm, factor: [0.5, 4.0], coat_drift: 0.01, contact_drift: 0.1, misfit: None },
             false => Noise::white(noise_ohm),
         };
-        Method {
+        TrainingPreset {
             name: "best",
             plan,
             input,
             target,
             noise,
             // They move touches, not images of conductance.
-            symmetries: (with(Ingredient::Symmetries) && with(Ingredient::Touches))
+            symmetries: (with(Ablation::Symmetries) && with(Ablation::Touches))
                 .then(|| Symmetries::of(design, protocol)),
             detection,
             options: TrainOptions { epochs: 20, schedule: Schedule::Cosine, ..TrainOptions::default() },
@@ -159,19 +159,19 @@ impl Method {
 
     /// For skins of which neither the instrument's unit nor its noise nor the membrane's physics is known: the shape of a
     /// frame alone, twins averaged; small dense layers; touches of which only the shares are learned; in place of an
-    /// instrument's noise what the simulation misses, generously ([`Misfit::usual`]).
+    /// instrument's noise what the simulation misses, generously ([`DomainRandomization::usual`]).
     pub fn shapes(protocol: &Protocol, pixels: &PixelSpace) -> Self {
         let input = Input::shapes(protocol);
-        let layer = |inputs, outputs, relu| LayerPlan::Dense { inputs, outputs, relu };
+        let layer = |inputs, outputs, relu| LayerSpec::Dense { inputs, outputs, relu };
         let trunk =
             vec![layer(input.len(), HIDDEN, true), layer(HIDDEN, HIDDEN, true), layer(HIDDEN, pixels.len(), false)];
         let silent = Noise::white(vec![0.0; protocol.channel_count()]);
-        Method {
+        TrainingPreset {
             name: "shapes",
-            plan: Plan { trunk, refinement: None },
+            plan: Architecture { trunk, refinement: None },
             input,
             target: Target::Touches { width_m: TOUCH_WIDTH_M },
-            noise: Noise { misfit: Some(Misfit::usual()), ..silent },
+            noise: Noise { misfit: Some(DomainRandomization::usual()), ..silent },
             symmetries: None,
             detection: DetectOptions::default(),
             options: TrainOptions { epochs: 8, schedule: Schedule::Cosine, ..TrainOptions::default() },

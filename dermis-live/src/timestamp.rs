@@ -8,12 +8,12 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 /// A moment, in nanoseconds since 1970 (Unix time). In JSON it is that whole number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(transparent)]
-pub struct Moment {
+pub struct Timestamp {
     /// Nanoseconds since 1970.
     pub unix_ns: u64,
 }
 
-impl Moment {
+impl Timestamp {
     /// Now. It is never earlier than it was before: where the system's clock is set back, time goes on 5 % slower until that
     /// clock has caught up; where it is set forward, time follows at once.
     pub fn now() -> Self {
@@ -24,7 +24,7 @@ impl Moment {
         let system_ns = u64::try_from(since.as_nanos()).unwrap_or(u64::MAX);
         let unix_ns = steady.map_or(system_ns, |steady| steady.later_ns(system_ns, at));
         *steady = Some(Steady { unix_ns, at });
-        Moment { unix_ns }
+        Timestamp { unix_ns }
     }
 
     /// Seconds since 1970.
@@ -33,14 +33,14 @@ impl Moment {
     }
 
     /// Seconds from `earlier` to this moment; negative where it is later.
-    pub fn seconds_since(self, earlier: Moment) -> f64 {
+    pub fn seconds_since(self, earlier: Timestamp) -> f64 {
         (i128::from(self.unix_ns) - i128::from(earlier.unix_ns)) as f64 * 1e-9
     }
 
     /// This moment and some time.
     #[must_use]
     pub fn after(self, time: Duration) -> Self {
-        Moment { unix_ns: self.unix_ns.saturating_add(u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)) }
+        Timestamp { unix_ns: self.unix_ns.saturating_add(u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)) }
     }
 }
 
@@ -59,7 +59,7 @@ impl Steady {
     /// Now, where the system's clock says `system_ns`.
     fn later_ns(self, system_ns: u64, at: Instant) -> u64 {
         let least = at.saturating_duration_since(self.at).mul_f64(Self::CATCHES_UP);
-        system_ns.max(Moment { unix_ns: self.unix_ns }.after(least).unix_ns)
+        system_ns.max(Timestamp { unix_ns: self.unix_ns }.after(least).unix_ns)
     }
 }
 

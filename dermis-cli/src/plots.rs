@@ -1,8 +1,8 @@
 //! Pictures of an experiment, as pages show them.
 
 use crate::command::plot::{image_scene, localisation_scene, sensitivity_scene};
+use crate::comparison::Shown;
 use crate::failure::{Failure, Outcome};
-use crate::line_up::Shown;
 use crate::picture::chart::Histogram;
 use crate::picture::colour::Scale;
 use crate::picture::{Drawing, Key, Picture, Scene, View};
@@ -14,7 +14,7 @@ use dermis::reconstruct::Quantity;
 use dermis_sim::evaluate::match_contacts;
 
 /// A skin to draw experiments on.
-pub struct Exhibit<'a> {
+pub struct Plots<'a> {
     /// The skin.
     pub design: &'a SkinDesign,
     /// Its mesh.
@@ -26,10 +26,10 @@ pub struct Exhibit<'a> {
 pub const LOCALISATION_CAPTION: &str = "Black dots are the true places, red circles the estimates, yellow the \
     electrodes. Left and right edge are the same line on the skin.";
 
-impl<'a> Exhibit<'a> {
+impl<'a> Plots<'a> {
     /// Pictures of a skin.
     pub fn new(design: &'a SkinDesign, mesh: &'a Mesh) -> Self {
-        Exhibit { design, mesh, drawing: Drawing::new(design, mesh) }
+        Plots { design, mesh, drawing: Drawing::new(design, mesh) }
     }
 
     /// Laid out flat; a body that has no flat layout in space.

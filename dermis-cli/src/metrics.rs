@@ -1,16 +1,16 @@
 //! The figures that tell how a method does on a twin, for tables and for programs: one list for every command.
 
 use crate::report::Table;
-use dermis_sim::evaluate::Assessment;
+use dermis_sim::evaluate::BenchmarkResult;
 
-/// One figure of an assessment.
+/// One figure of an result.
 pub struct Figure {
     /// Its name for programs; the value there is in SI units.
     pub key: &'static str,
     /// Its name for people, with the unit that they read.
     pub name: &'static str,
     /// Its value, SI units; `NaN` where there is none.
-    pub of: fn(&Assessment) -> f64,
+    pub of: fn(&BenchmarkResult) -> f64,
     /// What people read is the value times this.
     pub factor: f64,
     /// Decimals that people read.
@@ -46,7 +46,7 @@ pub const FIGURES: &[Figure] = &[
     }),
     figure!("grid_eq11_mean_m", "grid: whole image (Eq. 11), mean, mm", 1e3, 1, More, |t| t.grid.eq11_m.mean),
     figure!("grid_misses", "grid: misses", 1.0, 1, More, |t| t.grid.misses as f64),
-    figure!("grid_ghosts", "grid: ghosts", 1.0, 1, More, |t| t.grid.ghosts as f64),
+    figure!("grid_ghosts", "grid: false_positives", 1.0, 1, More, |t| t.grid.false_positives as f64),
     figure!("grid_sensitivity_spread", "grid: sensitivity spread", 1.0, 2, More, |t| t.grid.sensitivity_spread),
     figure!("random_localisation_mean_m", "random: localisation, mean, mm", 1e3, 2, More, |t| {
         t.random.localisation_m.mean
@@ -60,7 +60,7 @@ pub const FIGURES: &[Figure] = &[
     }),
     figure!("random_eq11_mean_m", "random: whole image (Eq. 11), mean, mm", 1e3, 1, More, |t| t.random.eq11_m.mean),
     figure!("random_misses", "random: misses", 1.0, 1, More, |t| t.random.misses as f64),
-    figure!("random_ghosts", "random: ghosts", 1.0, 1, More, |t| t.random.ghosts as f64),
+    figure!("random_ghosts", "random: false_positives", 1.0, 1, More, |t| t.random.false_positives as f64),
     figure!("random_sensitivity_spread", "random: sensitivity spread", 1.0, 2, More, |t| t.random.sensitivity_spread),
     figure!("rim_and_seam_mean_m", "rim and seam: localisation, mean, mm", 1e3, 2, More, |t| t.rim_and_seam_m.mean),
     figure!("rim_and_seam_p95_m", "rim and seam: localisation, 95th percentile, mm", 1e3, 2, More, |t| {
@@ -97,7 +97,14 @@ pub const FIGURES: &[Figure] = &[
     figure!("covered_four", "95 % region holds the truth: four touches, all found, %", 100.0, 1, Less, |t| t
         .covered
         .four),
-    figure!("two_resolved_from_m", "two touches: 90 % resolved from, mm", 1e3, 0, More, Assessment::resolved_from_m),
+    figure!(
+        "two_resolved_from_m",
+        "two touches: 90 % resolved from, mm",
+        1e3,
+        0,
+        More,
+        BenchmarkResult::resolved_from_m
+    ),
     figure!("two_resolved_at_20_mm", "two touches: resolved at 20 mm, %", 100.0, 1, Less, |t| t.resolved_at(0.02)),
     figure!("two_resolved_at_40_mm", "two touches: resolved at 40 mm, %", 100.0, 1, Less, |t| t.resolved_at(0.04)),
     figure!("two_resolved_at_60_mm", "two touches: resolved at 60 mm, %", 100.0, 1, Less, |t| t.resolved_at(0.06)),
@@ -111,8 +118,8 @@ pub const FIGURES: &[Figure] = &[
     figure!("four_misses_per_touch", "four touches: misses, % of touches", 100.0, 1, More, |t| {
         t.four.misses as f64 / (4 * t.four.frames) as f64
     }),
-    figure!("four_ghosts_per_touch", "four touches: ghosts, % of touches", 100.0, 1, More, |t| {
-        t.four.ghosts as f64 / (4 * t.four.frames) as f64
+    figure!("four_ghosts_per_touch", "four touches: false_positives, % of touches", 100.0, 1, More, |t| {
+        t.four.false_positives as f64 / (4 * t.four.frames) as f64
     }),
     figure!("noise_factor", "threshold, sd of noise", 1.0, 2, More, |t| t.noise_factor),
     figure!("least_force_median_n", "smallest force found, median, N", 1.0, 3, More, |t| t.least_force_n()[0]),
@@ -143,7 +150,7 @@ pub fn mean(values: &[f64]) -> f64 {
 }
 
 /// Every figure: its mean over the twins and the worst of them.
-pub fn table(twins: &[Assessment]) -> Table {
+pub fn table(twins: &[BenchmarkResult]) -> Table {
     let mut table = Table::new(&["figure", "mean of twins", "worst twin"]);
     for figure in FIGURES {
         let values: Vec<f64> = twins.iter().map(figure.of).collect();

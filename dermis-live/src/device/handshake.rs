@@ -1,12 +1,12 @@
-//! Meeting a device: who it is, what it shall read, and whether its readings come through.
+//! Handshake a device: who it is, what it shall read, and whether its readings come through.
 
 use crate::LiveError;
 use crate::device::line::{Address, Line};
 use crate::device::{DeviceOptions, READ_BYTES, SILENCE};
-use crate::moment::Moment;
-use crate::report::{Level, Notice};
+use crate::report::{Notice, Severity};
 use crate::scan::Role;
 use crate::skin::LiveSkin;
+use crate::timestamp::Timestamp;
 use dermis_wire::{
     Decoder, Fault, FaultCode, Frame, FrameFlags, Hello, Received, ScanPart, Slot, ToDevice, ToHost, VERSION,
     test_reading,
@@ -24,7 +24,7 @@ pub(super) struct Met {
 }
 
 /// A device that is being met.
-pub(super) struct Meeting<'a> {
+pub(super) struct Handshake<'a> {
     pub address: &'a Address,
     pub line: &'a mut dyn Line,
     pub decoder: &'a mut Decoder<Vec<u8>>,
@@ -38,16 +38,16 @@ const ANSWER: Duration = Duration::from_millis(500);
 /// Bits of a byte on a serial line.
 const BITS: f64 = 10.0;
 
-impl Meeting<'_> {
+impl Handshake<'_> {
     /// Asks who it is, tells it what to read, tests it and asks again.
     ///
     /// # Errors
-    /// A device that is silent, speaks something else or another version, is another skin's, does not take the scan table or
+    /// A device that is masked, speaks something else or another version, is another skin's, does not take the scan table or
     /// the rate, or whose test readings are wrong.
     pub fn meet(mut self) -> Result<Met, LiveError> {
         let first = self.hello()?;
         let hello = self.checked(&first)?;
-        let asked = self.options.rate_hz.map_or(hello.rate_mhz, |rate_hz| (rate_hz * 1e3).round() as u32);
+        let asked = self.options.rate_hz.map_or(hello.rate_millihertz, |rate_hz| (rate_hz * 1e3).round() as u32);
         let baud = hello.baud;
         let begun = Instant::now();
         let mut said =
@@ -62,7 +62,7 @@ impl Meeting<'_> {
             let Some(hello) = answers.hello else { continue };
             let now = self.checked(&hello)?;
             let slots = self.skin.scan.slots().len();
-            if (usize::from(now.slot_count), now.rate_mhz) == (slots, asked) {
+            if (usize::from(now.slot_count), now.rate_millihertz) == (slots, asked) {
                 let notice = answers.tested.is_none().then(untested);
                 return Ok(Met { hello, notice, tested: answers.tested });
             }
@@ -70,7 +70,7 @@ impl Meeting<'_> {
                 "it was told to send {slots} readings {} times a second, and says that it will send {} {} times a second",
                 f64::from(asked) * 1e-3,
                 now.slot_count,
-                f64::from(now.rate_mhz) * 1e-3
+                f64::from(now.rate_millihertz) * 1e-3
             );
         }
         Err(self.refused(said))
@@ -139,12 +139,12 @@ impl Meeting<'_> {
     /// Tells it what to read and how often, tests it, and asks what it will do now; its answers come in that order.
     ///
     /// At most `tests` messages may be unknown to it.
-    fn settle(&mut self, rate_mhz: u32, baud: u32, tests: usize) -> Result<Answers, LiveError> {
+    fn settle(&mut self, rate_millihertz: u32, baud: u32, tests: usize) -> Result<Answers, LiveError> {
         let skin = self.skin;
         for part in skin.scan.parts() {
             self.send(&ToDevice::Scan(part))?;
         }
-        self.send(&ToDevice::Rate(rate_mhz))?;
+        self.send(&ToDevice::Rate(rate_millihertz))?;
         self.send(&ToDevice::SelfTest)?;
         self.send(&ToDevice::Identify)?;
         let patience = ANSWER + on_line(skin.scan.slots().len(), baud);
@@ -224,7 +224,7 @@ impl Answers {
 
 fn untested() -> Notice {
     let text = "the device knows no self-test: whether its readings come through as they are is not known".into();
-    Notice { level: Level::Info, text, at: Moment::now() }
+    Notice { level: Severity::Info, text, at: Timestamp::now() }
 }
 
 /// What is wrong with the readings of a self-test.
@@ -297,13 +297,16 @@ fn check(hello: &Hello<'_>, address: &Address, skin: &LiveSkin, options: DeviceO
     if hello.full_scale == 0 {
         return Err("its hello states a full scale of 0 counts: it must be the highest reading".into());
     }
-    let rate_mhz = options.rate_hz.map_or(f64::from(hello.rate_mhz), |rate_hz| rate_hz * 1e3);
-    if !(rate_mhz >= 1.0 && rate_mhz <= f64::from(hello.highest_rate_mhz)) {
-        let (asked, most) = (rate_mhz * 1e-3, f64::from(hello.highest_rate_mhz) * 1e-3);
+    let rate_millihertz = options.rate_hz.map_or(f64::from(hello.rate_millihertz), |rate_hz| rate_hz * 1e3);
+    if !(rate_millihertz >= 1.0 && rate_millihertz <= f64::from(hello.highest_rate_millihertz)) {
+        let (asked, most) = (rate_millihertz * 1e-3, f64::from(hello.highest_rate_millihertz) * 1e-3);
         return Err(format!("{asked} frames a second are asked for, but it takes at most {most}"));
     }
-    let bytes =
-        dermis_wire::bytes_per_second(skin.scan.slots().len(), usize::from(hello.reading_bytes), rate_mhz as u32);
+    let bytes = dermis_wire::bytes_per_second(
+        skin.scan.slots().len(),
+        usize::from(hello.reading_bytes),
+        rate_millihertz as u32,
+    );
     let baud = match address {
         Address::Serial { baud, .. } if hello.baud != 0 => (*baud).min(hello.baud),
         _ => return Ok(()),
@@ -314,7 +317,7 @@ fn check(hello: &Hello<'_>, address: &Address, skin: &LiveSkin, options: DeviceO
         Ok(needed) => Err(format!(
             "a line of {baud} bits a second is too slow for {} readings {} times a second: the smallest that does is {needed}",
             skin.scan.slots().len(),
-            rate_mhz * 1e-3
+            rate_millihertz * 1e-3
         )),
         Err(needed) => {
             Err(format!("its frames need {needed} bits a second, more than serial lines have: ask for a lower rate"))

@@ -1,16 +1,16 @@
-//! What assessments of the methods on the reported twins show, in a form that can be kept.
+//! What results of the methods on the reported twins show, in a form that can be kept.
 
 use super::bench::Bench;
 use super::scale::{REPORTED_SEED, Scale};
 use super::stage::Work;
 use super::training::gaussian_recipe;
-use crate::command::assess::steps;
+use crate::command::benchmark::steps;
+use crate::comparison::Named;
 use crate::console::Progress;
 use crate::failure::Outcome;
-use crate::figures::{FIGURES, mean};
-use crate::line_up::Named;
+use crate::metrics::{FIGURES, mean};
 use dermis_sim::dataset::Generator;
-use dermis_sim::evaluate::{Assessment, Assessor, Trial};
+use dermis_sim::evaluate::{Benchmark, BenchmarkResult, CalibrationRun};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -29,13 +29,13 @@ pub struct TwinFigures {
 }
 
 impl TwinFigures {
-    fn of(assessment: &Assessment) -> Self {
+    fn of(result: &BenchmarkResult) -> Self {
         let finite = |value: f64| Some(value).filter(|value| value.is_finite());
-        let figures = FIGURES.iter().map(|figure| (figure.key.to_string(), finite((figure.of)(assessment))));
+        let figures = FIGURES.iter().map(|figure| (figure.key.to_string(), finite((figure.of)(result))));
         TwinFigures {
-            seed: assessment.seed,
+            seed: result.seed,
             figures: figures.collect(),
-            two_resolved: assessment.two_resolved.iter().copied().filter(|step| step.1.is_finite()).collect(),
+            two_resolved: result.two_resolved.iter().copied().filter(|step| step.1.is_finite()).collect(),
         }
     }
 
@@ -46,7 +46,7 @@ impl TwinFigures {
 
 /// One method on all reported twins.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Assessed {
+pub struct Benchmarked {
     /// The method's name for programs.
     pub key: String,
     /// The method's name for people.
@@ -59,10 +59,10 @@ pub struct Assessed {
     pub twins: Vec<TwinFigures>,
 }
 
-impl Assessed {
+impl Benchmarked {
     /// Assesses a method on the reported twins, or takes what was kept.
     pub fn make(bench: &Bench<'_>, method: &Named, scale: Scale, work: &Work) -> Outcome<Self> {
-        let assessor = Assessor {
+        let benchmark = Benchmark {
             design: &bench.skin.design,
             mesh: bench.mesh(),
             pixels: &bench.pixels,
@@ -70,21 +70,21 @@ impl Assessed {
             method: method.reconstruct.as_ref(),
             alpha: method.alpha,
         };
-        let size = scale.assessment();
+        let size = scale.result();
         let frames = steps(&size, bench.pixels.len());
         let seeds = REPORTED_SEED..REPORTED_SEED + scale.twins();
         let twin = |seed: u64| {
             let key = format!("{}, {:?}, {size:?}", method.identity, method.reconstruct.detection());
             work.kept(&format!("assess-{}-{seed}", method.key), &key, || {
                 let progress = Progress::new(&format!("{}, twin {seed}", method.name), frames);
-                let assessment = assessor.assess(seed, &size, |done| progress.steps(done as u64))?;
-                Ok(TwinFigures::of(&assessment))
+                let result = benchmark.run(seed, &size, |done| progress.steps(done as u64))?;
+                Ok(TwinFigures::of(&result))
             })
         };
         let twins = seeds.map(twin).collect::<Outcome<_>>()?;
         let unexplained =
             work.kept(&format!("explained-{}", method.key), &method.identity, || unexplained(bench, method, scale))?;
-        Ok(Assessed { key: method.key.clone(), name: method.name.clone(), alpha: method.alpha, unexplained, twins })
+        Ok(Benchmarked { key: method.key.clone(), name: method.name.clone(), alpha: method.alpha, unexplained, twins })
     }
 
     /// A figure by its key: its mean over the twins and the worst of them, SI units; `NaN` where a twin has none.
@@ -118,6 +118,6 @@ fn unexplained(bench: &Bench<'_>, method: &Named, scale: Scale) -> Outcome<Optio
     let progress = Progress::new(&format!("{}, Gaussian touches", method.name), samples as usize);
     let generator = Generator::new(&bench.skin.design, &bench.skin.forward, &recipe)?;
     let reconstruct = method.reconstruct.as_ref();
-    let trial = Trial::of(reconstruct, &reconstruct.detection(), &generator, 0..samples, || progress.step())?;
-    Ok(Some(trial.images.unexplained()))
+    let run = CalibrationRun::of(reconstruct, &reconstruct.detection(), &generator, 0..samples, || progress.step())?;
+    Ok(Some(run.images.unexplained()))
 }

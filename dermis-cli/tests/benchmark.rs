@@ -1,4 +1,4 @@
-//! `dermis assess` and `dermis calibrate` as others script against them.
+//! `dermis benchmark` and `dermis calibrate` as others script against them.
 
 mod workplace;
 

@@ -48,8 +48,8 @@ impl Fake {
             source_v: 3.3,
             volts_per_count: [1e-4; 3],
             full_scale: 2047,
-            rate_mhz: 120_000,
-            highest_rate_mhz: 500_000,
+            rate_millihertz: 120_000,
+            highest_rate_millihertz: 500_000,
             baud: 0,
             serial: 7,
             boot: 1,
@@ -85,8 +85,8 @@ impl Fake {
         match message {
             ToDevice::Identify => say(stream, &ToHost::Hello(self.hello)),
             ToDevice::Scan(_) => drop(refuse(self.refuses[0])),
-            ToDevice::Rate(rate_mhz) if !refuse(self.refuses[1]) => {
-                self.hello.rate_mhz = self.keeps_mhz.unwrap_or(*rate_mhz);
+            ToDevice::Rate(rate_millihertz) if !refuse(self.refuses[1]) => {
+                self.hello.rate_millihertz = self.keeps_mhz.unwrap_or(*rate_millihertz);
             }
             ToDevice::SelfTest if self.knows_self_test => self.send_readings(stream, 0, FrameFlags::TEST),
             ToDevice::SelfTest => drop(refuse(Some((FaultCode::UnknownMessage, "what is 0x86?")))),
@@ -165,7 +165,7 @@ fn a_device_is_told_what_to_read_tested_and_asked_again() {
     assert_eq!((device.facts().rate_hz, device.facts().serial), (60.0, 7));
     // What recordings keep is what it said last.
     let Ok(ToHost::Hello(hello)) = ToHost::parse(&device.facts().hello) else { panic!("a hello") };
-    assert_eq!(hello.rate_mhz, 60_000);
+    assert_eq!(hello.rate_millihertz, 60_000);
     assert!(told(&mut device).is_empty());
     let mut wide = Fake::new();
     wide.hello.reading_bytes = 4;
@@ -228,8 +228,8 @@ fn what_a_host_must_refuse_it_refuses_with_the_reason() {
         (|hello| hello.reference_ohm = f32::NAN, &["NaN", "positive"]),
         (|hello| hello.volts_per_count[2] = 0.0, &["scale of 0", "positive"]),
         (|hello| hello.full_scale = 0, &["full scale of 0"]),
-        (|hello| hello.highest_rate_mhz = 100_000, &["120 frames", "at most 100"]),
-        (|hello| hello.rate_mhz = 0, &["0 frames"]),
+        (|hello| hello.highest_rate_millihertz = 100_000, &["120 frames", "at most 100"]),
+        (|hello| hello.rate_millihertz = 0, &["0 frames"]),
     ];
     for (change, words) in cases {
         let why = with(change);
@@ -245,11 +245,11 @@ fn what_is_no_device_is_told_from_one() {
         assert!(begun.elapsed() < Duration::from_millis(2500), "{error}");
         error
     };
-    let silent = unreachable(|stream| {
+    let masked = unreachable(|stream| {
         std::thread::sleep(Duration::from_secs(3));
         drop(stream);
     });
-    assert!(silent.contains("nothing came in 2 s") && silent.contains("is it on"), "{silent}");
+    assert!(masked.contains("nothing came in 2 s") && masked.contains("is it on"), "{masked}");
     let web = unreachable(|mut stream| {
         let _ = stream.write_all(b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\n\r\n");
     });

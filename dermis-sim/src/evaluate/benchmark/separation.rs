@@ -36,17 +36,17 @@ pub(super) fn resolved_from_m(two_resolved: &[(f64, f64)]) -> f64 {
 }
 
 pub(super) fn four(surface: &Surface, contacts: &[Vec<Contact>], truths: &[Vec<Contact>]) -> FourScore {
-    let (mut all, mut misses, mut ghosts, mut distances) = (0, 0, 0, Vec::new());
+    let (mut all, mut misses, mut false_positives, mut distances) = (0, 0, 0, Vec::new());
     for (contacts, touches) in contacts.iter().zip(truths) {
         let found = match_contacts(touches, contacts, surface);
         let near = found.pairs.len() == touches.len() && found.pairs.iter().all(|pair| pair.2 <= NEAR_M);
-        all += usize::from(near && found.ghosts.is_empty());
+        all += usize::from(near && found.false_positives.is_empty());
         misses += found.missed.len();
-        ghosts += found.ghosts.len();
+        false_positives += found.false_positives.len();
         distances.extend(found.pairs.iter().map(|pair| pair.2));
     }
     let all_found = all as f64 / contacts.len().max(1) as f64;
-    FourScore { frames: contacts.len(), all_found, localisation_m: Summary::of(&distances), misses, ghosts }
+    FourScore { frames: contacts.len(), all_found, localisation_m: Summary::of(&distances), misses, false_positives }
 }
 
 #[cfg(test)]
@@ -71,6 +71,6 @@ mod tests {
         let with_ghost = moved(0.0).into_iter().chain([touch(0.9)]).collect();
         let frames = [moved(0.014), moved(0.016), with_ghost, moved(0.0)[..3].to_vec()];
         let score = four(&Surface::Plane, &frames, &vec![touches.clone(); 4]);
-        assert_eq!((score.frames, score.all_found, score.misses, score.ghosts), (4, 0.25, 1, 1));
+        assert_eq!((score.frames, score.all_found, score.misses, score.false_positives), (4, 0.25, 1, 1));
     }
 }

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 /// those of the tare's frames. A frame is touched where it exceeds the quantile that noise exceeds once in three million
 /// frames, seven hours at 120 frames a second (Wilson and Hilferty, 1931, DOI 10.1073/pnas.17.12.684).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Alarm {
+pub struct TouchDetector {
     mean: f64,
     threshold: f64,
     alarm: bool,
@@ -24,18 +24,18 @@ const MOST: f64 = 5.0;
 /// An alarm ends below this part of the threshold's distance from the mean.
 const RELEASE: f64 = 0.6;
 
-impl Alarm {
+impl TouchDetector {
     /// From untouched frames, each half of them judged by the mean and the noise of the other: a frame that was counted for the
     /// noise looks more like it than one to come.
     ///
     /// # Panics
     /// Without four of them.
-    pub fn of(untouched: &[&[f64]], silent: &[bool]) -> Self {
+    pub fn of(untouched: &[&[f64]], masked: &[bool]) -> Self {
         let half = |first: usize| untouched.iter().copied().skip(first).step_by(2);
         let judged = |own: usize| {
             let other = Statistics::of(half(1 - own));
             let noise_ohm = other.deviations();
-            let of = move |frame| statistic(&difference(frame, &other.mean), &noise_ohm, silent);
+            let of = move |frame| statistic(&difference(frame, &other.mean), &noise_ohm, masked);
             half(own).map(of).collect::<Vec<f64>>()
         };
         Self::new(&[judged(0), judged(1)].concat())
@@ -55,7 +55,7 @@ impl Alarm {
         let freedom = (2.0 * mean * mean / variance.max(f64::MIN_POSITIVE)).max(1.0);
         let spread = (2.0 / (9.0 * freedom)).sqrt();
         let threshold = mean * (1.0 - spread * spread + QUANTILE * spread).powi(3);
-        Alarm { mean, threshold, alarm: false }
+        TouchDetector { mean, threshold, alarm: false }
     }
 
     /// Whether a frame of that statistic is touched.
@@ -67,10 +67,10 @@ impl Alarm {
 }
 
 /// The statistic of a difference: the sum of bounded squares over the deviations of the noise.
-pub fn statistic(difference: &[f64], noise_ohm: &[f64], silent: &[bool]) -> f64 {
-    let channels = difference.iter().zip(noise_ohm).zip(silent);
+pub fn statistic(difference: &[f64], noise_ohm: &[f64], masked: &[bool]) -> f64 {
+    let channels = difference.iter().zip(noise_ohm).zip(masked);
     let square = |difference: &f64, noise: &f64| (difference / noise).powi(2).min(MOST * MOST);
-    channels.filter(|(_, silent)| !**silent).map(|((difference, noise), _)| square(difference, noise)).sum()
+    channels.filter(|(_, masked)| !**masked).map(|((difference, noise), _)| square(difference, noise)).sum()
 }
 
 #[cfg(test)]
@@ -91,7 +91,7 @@ mod tests {
             values.map(|value| value * value).sum::<f64>()
         };
         let untouched: Vec<f64> = (0..100).map(|_| draw(0.0)).collect();
-        let mut alarm = Alarm::new(&untouched);
+        let mut alarm = TouchDetector::new(&untouched);
         assert_eq!((0..50_000).filter(|_| alarm.take(draw(0.0))).count(), 0);
         assert!(alarm.take(draw(4.0)));
         assert!(!alarm.take(draw(0.0)));
@@ -103,7 +103,7 @@ mod tests {
         let mut frame = || (0..200).map(|_| standard_normal(&mut rng)).collect::<Vec<f64>>();
         let untouched: Vec<Vec<f64>> = (0..100).map(|_| frame()).collect();
         let untouched: Vec<&[f64]> = untouched.iter().map(Vec::as_slice).collect();
-        let mut alarm = Alarm::of(&untouched, &[false; 200]);
+        let mut alarm = TouchDetector::of(&untouched, &[false; 200]);
         let (one, many) = (frame(), frame().iter().map(|value| value + 4.0).collect::<Vec<f64>>());
         let bad: Vec<f64> = one.iter().enumerate().map(|(at, value)| if at == 7 { 1e6 } else { *value }).collect();
         assert!(!alarm.take(statistic(&bad, &[1.0; 200], &[false; 200])));

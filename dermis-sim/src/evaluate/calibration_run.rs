@@ -20,18 +20,18 @@ const NOISE_STREAM: u64 = 1 << 60;
 
 /// What a method made of simulated touches.
 #[derive(Debug, Clone, Default)]
-pub struct Trial {
+pub struct CalibrationRun {
     /// Each contact that was matched with a touch.
     pub misplacements: Vec<Misplacement>,
     /// True touches.
     pub touches: usize,
     /// Contacts that were matched with none.
-    pub ghosts: usize,
+    pub false_positives: usize,
     /// The images against the generator's own.
     pub images: GainFit,
 }
 
-impl Trial {
+impl CalibrationRun {
     /// Makes the samples of a generator into frames with noise, [`NOISE_DB`] in turn, and finds their contacts by a method.
     /// `on_sample` is called after every sample, from several threads.
     ///
@@ -56,15 +56,15 @@ impl Trial {
         let (_, drives) = protocol.drives();
         let seed = generator.recipe().seed;
         let is_pressed = matches!(generator.recipe().touch, Touch::Patch(_));
-        let one = |sample: Sample| -> crate::Result<Trial> {
+        let one = |sample: Sample| -> crate::Result<CalibrationRun> {
             let level = sample.index as usize % levels.len();
             let frame = Frame(sample.frame.iter().map(|value| f64::from(*value)).collect());
             let rest = Frame(sample.rest.iter().map(|value| f64::from(*value)).collect());
             let noisy = levels[level].apply(&frame, &drives, &mut sample_rng(seed, NOISE_STREAM + sample.index));
             let image = method.reconstruct(&(&noisy - &rest))?;
-            let mut trial = Trial { touches: sample.touches.len(), ..Trial::default() };
+            let mut run = CalibrationRun { touches: sample.touches.len(), ..CalibrationRun::default() };
             let target: Vec<f64> = sample.image.iter().map(|value| f64::from(*value)).collect();
-            trial.images.add(&image.values, &target);
+            run.images.add(&image.values, &target);
             let found = detectors[level].detect_under(&image);
             let contacts: Vec<Contact> = found.iter().map(|(contact, _)| *contact).collect();
             // Presses have a force where Gaussians have an amplitude.
@@ -74,7 +74,7 @@ impl Trial {
             };
             let touches: Vec<Contact> = sample.touches.iter().map(place).collect();
             let matched = match_contacts(&touches, &contacts, &image.space.surface);
-            trial.ghosts = matched.ghosts.len();
+            run.false_positives = matched.false_positives.len();
             let (count, is_shared) = (touches.len(), !matched.missed.is_empty());
             let misplacement = |&(touch, index, error_m): &(usize, usize, f64)| {
                 let (contact, circumstances) = found[index];
@@ -82,9 +82,9 @@ impl Trial {
                 let stated_m = contact.sd_m;
                 Misplacement { circumstances, touches: count, is_shared, stated_m, error_m, newtons_per_strength }
             };
-            trial.misplacements = matched.pairs.iter().map(misplacement).collect();
+            run.misplacements = matched.pairs.iter().map(misplacement).collect();
             on_sample();
-            Ok(trial)
+            Ok(run)
         };
         let all: Vec<u64> = samples.collect();
         // Whole units of samples, so that no thread makes a skin for a part of one.
@@ -92,18 +92,18 @@ impl Trial {
             let stream = generator.stream(indices[0]).take(indices.len());
             stream
                 .map(|sample| one(sample?))
-                .try_fold(Trial::default(), |sum, trial| Ok::<_, crate::Error>(sum.with(trial?)))
+                .try_fold(CalibrationRun::default(), |sum, run| Ok::<_, crate::Error>(sum.with(run?)))
         };
-        let parts = all.par_chunks(64).map(part).collect::<crate::Result<Vec<Trial>>>()?;
-        Ok(parts.into_iter().fold(Trial::default(), Trial::with))
+        let parts = all.par_chunks(64).map(part).collect::<crate::Result<Vec<CalibrationRun>>>()?;
+        Ok(parts.into_iter().fold(CalibrationRun::default(), CalibrationRun::with))
     }
 
-    /// Two trials as one.
+    /// Two runs as one.
     #[must_use]
-    pub fn with(mut self, other: Trial) -> Self {
+    pub fn with(mut self, other: CalibrationRun) -> Self {
         self.misplacements.extend(other.misplacements);
         self.touches += other.touches;
-        self.ghosts += other.ghosts;
+        self.false_positives += other.false_positives;
         self.images.merge(&other.images);
         self
     }

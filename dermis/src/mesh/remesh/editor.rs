@@ -15,9 +15,9 @@ pub(crate) enum Curve {
 /// The corners of a triangle that is no more.
 const GONE: [usize; 3] = [usize::MAX; 3];
 
-/// A surface under change. Points and triangles keep their numbers until [`Patchwork::compact`].
+/// A surface under change. Points and triangles keep their numbers until [`MeshEditor::compact`].
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Patchwork {
+pub(crate) struct MeshEditor {
     pub points: Vec<Point3>,
     pub triangles: Vec<[usize; 3]>,
     /// The electrode that covers each triangle.
@@ -30,13 +30,13 @@ pub(crate) struct Patchwork {
     pinned: Vec<bool>,
 }
 
-impl Patchwork {
+impl MeshEditor {
     pub fn new(points: Vec<Point3>, triangles: Vec<[usize; 3]>) -> Self {
         let mut around = vec![Vec::new(); points.len()];
         for (index, triangle) in triangles.iter().enumerate() {
             triangle.iter().for_each(|&point| around[point].push(index));
         }
-        Patchwork {
+        MeshEditor {
             covered_by: vec![None; triangles.len()],
             curves: vec![Vec::new(); points.len()],
             pinned: vec![false; points.len()],

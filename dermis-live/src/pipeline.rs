@@ -1,20 +1,20 @@
 //! From the values of a frame to contacts: what happens to each frame, one after another, on one thread.
 //!
-//! A processor is a function of the frames and commands that it is given, and of nothing else: the same ones in the same order
+//! A pipeline is a function of the frames and commands that it is given, and of nothing else: the same ones in the same order
 //! give the same contacts to the last bit, which is what a replay rests on.
 
 use crate::LiveError;
-use crate::alarm::{Alarm, statistic};
 use crate::baseline::{Baseline, Touch};
 use crate::drift::Fitter;
-use crate::health::{Change, Untouched, Watch, Wiring, silent};
+use crate::health::{Change, ElectrodeMonitor, ElectrodeTopology, Untouched, masked};
 use crate::meter::Measures;
-use crate::moment::Moment;
 use crate::rebuild::{Rebuilding, Rebuilt, noise_of};
-use crate::report::{Counts, ElectrodeState, Health, Level, LiveContact, LiveFrame, Notice};
+use crate::report::{Counts, ElectrodeState, Health, LiveContact, LiveFrame, Notice, Severity};
 use crate::settings::{Command, Settings};
 use crate::skin::{LiveSkin, NamedMethod};
 use crate::state::{Phase, Reading, State};
+use crate::timestamp::Timestamp;
+use crate::touch_detector::{TouchDetector, statistic};
 use crate::untouched::{Statistics, difference};
 use dermis::contact::Contact;
 use dermis::detect::{Circumstances, Detector, Forces, ImageNoise};
@@ -29,9 +29,9 @@ pub struct Incoming {
     /// Its number, not wrapping round.
     pub sequence: u64,
     /// When it was taken.
-    pub measured_at: Moment,
+    pub measured_at: Timestamp,
     /// When its last byte came.
-    pub received_at: Moment,
+    pub received_at: Timestamp,
     /// What its readings say.
     pub measures: Measures,
     /// The message as the device sent it.
@@ -44,14 +44,14 @@ pub struct Incoming {
 
 /// Makes contacts from frames.
 #[derive(Debug)]
-pub struct Processor {
+pub struct Pipeline {
     skin: Arc<LiveSkin>,
     fitter: Fitter,
-    wiring: Wiring,
+    topology: ElectrodeTopology,
     state: State,
     method: NamedMethod,
     /// Channels that are left out now.
-    silent: Vec<bool>,
+    masked: Vec<bool>,
     detector: Detector,
     /// The noise of untouched images.
     noise: Option<ImageNoise>,
@@ -72,8 +72,8 @@ const FOREIGN: f64 = 30.0;
 /// Frames from one look at the health to the next.
 const HEALTH_FRAMES: u64 = 12;
 
-impl Processor {
-    /// A processor that begins with a tare.
+impl Pipeline {
+    /// A pipeline that begins with a tare.
     ///
     /// # Errors
     /// A method that there is not, settings out of their ranges.
@@ -85,20 +85,20 @@ impl Processor {
         Self::resume(skin, state)
     }
 
-    /// A processor that goes on where another one was.
+    /// A pipeline that goes on where another one was.
     ///
     /// # Errors
     /// A method that there is not, settings out of their ranges, a state of another skin.
     pub fn resume(skin: Arc<LiveSkin>, state: State) -> Result<Self, LiveError> {
         state.settings.check(&skin.pixels)?;
         let channel_count = skin.design.protocol.channel_count();
-        let (fitter, wiring) = (Fitter::new(Arc::clone(&skin)), Wiring::of(&skin));
-        state.check(&wiring, fitter.drifts().modes.rows)?;
+        let (fitter, topology) = (Fitter::new(Arc::clone(&skin)), ElectrodeTopology::of(&skin));
+        state.check(&topology, fitter.drifts().modes.rows)?;
         let method = skin.without(&skin.by_name(&state.settings.method)?.name, &state.made_without)?;
-        let mut processor = Processor {
+        let mut pipeline = Pipeline {
             fitter,
-            wiring,
-            silent: vec![false; channel_count],
+            topology,
+            masked: vec![false; channel_count],
             detector: Detector::default(),
             noise: None,
             noise_factor: 0.0,
@@ -110,11 +110,11 @@ impl Processor {
             skin,
             state,
         };
-        if let Phase::Reading(reading) = &processor.state.phase {
-            processor.silent = silent(&processor.wiring, reading.watch.bad());
+        if let Phase::Reading(reading) = &pipeline.state.phase {
+            pipeline.masked = masked(&pipeline.topology, reading.watch.bad());
         }
-        processor.measure_noise()?;
-        Ok(processor)
+        pipeline.measure_noise()?;
+        Ok(pipeline)
     }
 
     /// All that it remembers.
@@ -149,7 +149,7 @@ impl Processor {
 
     /// The channels that are left out now.
     pub fn left_out(&self) -> Vec<usize> {
-        numbers(&self.silent)
+        numbers(&self.masked)
     }
 
     /// The method without the channels that are left out now, for [`install`](Self::install): what
@@ -250,7 +250,7 @@ impl Processor {
             sequence: incoming.sequence,
             measured_at: incoming.measured_at,
             received_at: incoming.received_at,
-            output_at: Moment::now(),
+            output_at: Timestamp::now(),
             message: incoming.message,
             values_ohm: incoming.measures.values_ohm,
             image: self.image.values.iter().map(|&value| value as f32).collect(),
@@ -261,36 +261,36 @@ impl Processor {
     }
 
     /// The tare is done.
-    fn tared(&mut self, at: Moment) -> Result<(), LiveError> {
+    fn tared(&mut self, at: Timestamp) -> Result<(), LiveError> {
         let Phase::Taring { frames } = &mut self.state.phase else { return Ok(()) };
         let frames = std::mem::take(frames);
         let values: Vec<&[f64]> = frames.iter().map(|frame| frame.values_ohm.as_slice()).collect();
         let statistics = Statistics::of(values.iter().copied());
-        let watch = Watch::new(&self.wiring, &frames, &statistics);
-        self.silent = silent(&self.wiring, watch.bad());
+        let watch = ElectrodeMonitor::new(&self.topology, &frames, &statistics);
+        self.masked = masked(&self.topology, watch.bad());
         self.state.phase = Phase::Reading(Box::new(Reading {
             untouched: values.iter().map(|values| difference(values, &statistics.mean)).collect(),
-            alarm: Alarm::of(&values, &self.silent),
+            alarm: TouchDetector::of(&values, &self.masked),
             baseline: Baseline::new(statistics.mean),
             watch,
             quiet_since_s: None,
             puzzled_since_s: None,
         }));
-        self.notices.push(Notice { level: Level::Info, text: format!("tared on {} frames", frames.len()), at });
+        self.notices.push(Notice { level: Severity::Info, text: format!("tared on {} frames", frames.len()), at });
         self.warn_of_the_tare(at);
         self.measure_noise()
     }
 
     /// Tells of what a tare found wrong.
-    fn warn_of_the_tare(&mut self, at: Moment) {
+    fn warn_of_the_tare(&mut self, at: Timestamp) {
         let Phase::Reading(reading) = &self.state.phase else { return };
-        let mut warn = |text: String| self.notices.push(Notice { level: Level::Warning, text, at });
+        let mut warn = |text: String| self.notices.push(Notice { level: Severity::Warning, text, at });
         for electrode in reading.watch.bad() {
             warn(format!(
                 "electrode {electrode} carries hardly any current: its readings are left out; see its wire and contact, then tare"
             ));
         }
-        if let Some(times) = reading.watch.reciprocity(&self.wiring).filter(|times| *times > FOREIGN) {
+        if let Some(times) = reading.watch.reciprocity(&self.topology).filter(|times| *times > FOREIGN) {
             warn(format!(
                 "channels that should read the same differ by {times:.0} times their noise: wires in the wrong places, or a scan \
                  table of another skin"
@@ -304,15 +304,15 @@ impl Processor {
         measures: &Measures,
         time_s: f64,
         step_s: f64,
-        at: Moment,
+        at: Timestamp,
     ) -> Result<(bool, Vec<LiveContact>), LiveError> {
         let Phase::Reading(reading) = &mut self.state.phase else { return Ok((false, Vec::new())) };
         let mut difference = difference(&measures.values_ohm, reading.baseline.values_ohm());
-        let changes = reading.watch.contacts(&self.wiring, measures, &difference);
+        let changes = reading.watch.contacts(&self.topology, measures, &difference);
         let deaf =
-            silent(&self.wiring, (0..self.skin.design.electrodes.len()).filter(|&e| reading.watch.is_suspect(e)));
-        for ((value, silent), deaf) in difference.iter_mut().zip(&self.silent).zip(&deaf) {
-            if *silent || *deaf {
+            masked(&self.topology, (0..self.skin.design.electrodes.len()).filter(|&e| reading.watch.is_suspect(e)));
+        for ((value, masked), deaf) in difference.iter_mut().zip(&self.masked).zip(&deaf) {
+            if *masked || *deaf {
                 *value = 0.0;
             }
         }
@@ -327,26 +327,28 @@ impl Processor {
         let places: Vec<Point3> = tracked.iter().map(|tracked| tracked.contact.position_m).collect();
         let touch = Touch { frame_ohm: &measures.values_ohm, places: &places, time_s, step_s };
         let untouched = reading.follow(&self.skin.pixels.surface, &mut self.fitter, alarm, &deaf, touch);
-        let about = Untouched { untouched, silent: &deaf, step_s };
-        reading.watch.noise(&self.wiring, measures, about);
+        let about = Untouched { untouched, masked: &deaf, step_s };
+        reading.watch.noise(&self.topology, measures, about);
         self.take_changes(&changes, at);
         Ok((alarm || !contacts.is_empty(), contacts))
     }
 
     /// Leaves the channels of bad electrodes out, takes those of mended ones in.
-    fn take_changes(&mut self, changes: &[Change], at: Moment) {
+    fn take_changes(&mut self, changes: &[Change], at: Timestamp) {
         if changes.is_empty() {
             return;
         }
         let Phase::Reading(reading) = &self.state.phase else { return };
-        self.silent = silent(&self.wiring, reading.watch.bad());
+        self.masked = masked(&self.topology, reading.watch.bad());
         for Change { electrode, state } in changes {
             let (level, what) = match state {
                 ElectrodeState::Loose => {
-                    (Level::Warning, "is loose: its readings are left out; press it on or glue it")
+                    (Severity::Warning, "is loose: its readings are left out; press it on or glue it")
                 }
-                ElectrodeState::Open => (Level::Warning, "carries no current: its readings are left out; see its wire"),
-                ElectrodeState::Sound | ElectrodeState::Doubtful => (Level::Info, "is sound again"),
+                ElectrodeState::Open => {
+                    (Severity::Warning, "carries no current: its readings are left out; see its wire")
+                }
+                ElectrodeState::Sound | ElectrodeState::Doubtful => (Severity::Info, "is sound again"),
             };
             self.notices.push(Notice { level, text: format!("electrode {electrode} {what}"), at });
         }
@@ -359,15 +361,15 @@ impl Processor {
         }
         let mut health = Health {
             saturated_channels: incoming.measures.saturated.len(),
-            silent_channels: self.silent.iter().filter(|silent| **silent).count(),
+            masked_channels: self.masked.iter().filter(|masked| **masked).count(),
             rate_hz: incoming.rate_hz,
             counts: incoming.counts,
             ..Health::default()
         };
         if let Phase::Reading(reading) = &self.state.phase {
-            health.electrodes = reading.watch.told(&self.wiring);
-            health.noise = Some(reading.watch.noise_ratio(&self.silent)).filter(|noise| noise.is_finite());
-            health.reciprocity = reading.watch.reciprocity(&self.wiring);
+            health.electrodes = reading.watch.told(&self.topology);
+            health.noise = Some(reading.watch.noise_ratio(&self.masked)).filter(|noise| noise.is_finite());
+            health.reciprocity = reading.watch.reciprocity(&self.topology);
         }
         self.health = Arc::new(health);
     }
@@ -397,7 +399,7 @@ fn live(
     image: &Image,
     settings: &Settings,
     forces: Option<Forces>,
-    begun: Option<Moment>,
+    begun: Option<Timestamp>,
 ) -> LiveContact {
     let contact = &tracked.contact;
     let [centroid_m, centre_of_pressure_m] =

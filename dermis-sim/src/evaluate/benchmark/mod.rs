@@ -33,9 +33,9 @@ use serde::Serialize;
 /// The random stream of the electrodes that are dead, beside those of the twin.
 const DEAD_STREAM: u64 = (1 << 61) + 1;
 
-/// How large an assessment is.
+/// How large an result is.
 #[derive(Debug, Clone, PartialEq)]
-pub struct AssessOptions {
+pub struct BenchmarkOptions {
     /// The experiment.
     pub sizes: Sizes,
     /// Untouched frames from whose peaks the threshold follows.
@@ -48,15 +48,15 @@ pub struct AssessOptions {
     pub dead_electrodes: usize,
 }
 
-impl Default for AssessOptions {
+impl Default for BenchmarkOptions {
     fn default() -> Self {
-        AssessOptions { sizes: Sizes::default(), untouched: 20_000, force_step: 1, places: 50, dead_electrodes: 0 }
+        BenchmarkOptions { sizes: Sizes::default(), untouched: 20_000, force_step: 1, places: 50, dead_electrodes: 0 }
     }
 }
 
 /// How a method does on one twin.
 #[derive(Debug, Clone, Serialize)]
-pub struct Assessment {
+pub struct BenchmarkResult {
     /// The twin's seed.
     pub seed: u64,
     /// Presses on the grid.
@@ -96,12 +96,12 @@ pub struct FourScore {
     /// Touches that were missed, of four a frame.
     pub misses: usize,
     /// Contacts where nothing touched.
-    pub ghosts: usize,
+    pub false_positives: usize,
 }
 
-/// A method, the skin that it reconstructs, and the twin's file: what assessments share.
+/// A method, the skin that it reconstructs, and the twin's file: what results share.
 #[derive(Clone, Copy)]
-pub struct Assessor<'a> {
+pub struct Benchmark<'a> {
     /// The skin as designed; the method knows no other.
     pub design: &'a SkinDesign,
     /// Its mesh, to draw places from.
@@ -116,18 +116,18 @@ pub struct Assessor<'a> {
     pub alpha: Option<f64>,
 }
 
-impl Assessor<'_> {
+impl Benchmark<'_> {
     /// Draws a twin from a seed and assesses the method on it. `on_step` is called with the number of frames done since the
     /// last call, from several threads.
     ///
     /// # Errors
     /// A twin that cannot be drawn or pressed; a method that fails.
-    pub fn assess(
+    pub fn run(
         &self,
         seed: u64,
-        options: &AssessOptions,
+        options: &BenchmarkOptions,
         on_step: impl Fn(usize) + Sync,
-    ) -> crate::Result<Assessment> {
+    ) -> crate::Result<BenchmarkResult> {
         let twin = self.with_dead_electrodes(seed, options.dead_electrodes)?;
         let experiment = PaperExperiment::draw(self.design, self.mesh, self.pixels, &twin, seed, &options.sizes)?;
         let recordings = experiment.record(|| on_step(1))?;
@@ -137,18 +137,18 @@ impl Assessor<'_> {
         }
         let model = Linearised::new(&ForwardModel::new(self.design, self.mesh)?, self.pixels)?;
         let heard = WithoutChannels::new(self.method, &model, broken)?;
-        Assessor { method: &heard, ..*self }.scored(seed, options, &experiment, &recordings, on_step)
+        Benchmark { method: &heard, ..*self }.scored(seed, options, &experiment, &recordings, on_step)
     }
 
     /// What the method makes of an experiment that was recorded.
     fn scored(
         &self,
         seed: u64,
-        options: &AssessOptions,
+        options: &BenchmarkOptions,
         experiment: &PaperExperiment,
         recordings: &[Recording; 4],
         on_step: impl Fn(usize) + Sync,
-    ) -> crate::Result<Assessment> {
+    ) -> crate::Result<BenchmarkResult> {
         let surface = self.design.body.surface();
         let truths: [Vec<Vec<Contact>>; 4] =
             experiment.sets.each_ref().map(|set| set.presses.iter().map(|frame| truth(&surface, frame)).collect());
@@ -172,7 +172,7 @@ impl Assessor<'_> {
         let singles = |counts: &dyn Fn(Point3) -> bool| {
             Summary::of(&edges::distances_m(&surface, frames(0).chain(frames(1)), counts))
         };
-        Ok(Assessment {
+        Ok(BenchmarkResult {
             seed,
             grid: single(0)?,
             random: single(1)?,
@@ -236,7 +236,7 @@ impl Assessor<'_> {
     }
 }
 
-impl Assessment {
+impl BenchmarkResult {
     /// The smallest distance from which on at least 90 % of all pairs are resolved, at this distance and every greater one
     /// that was tried, m; `NaN` without one.
     pub fn resolved_from_m(&self) -> f64 {
