@@ -46,7 +46,7 @@ pub const FIGURES: &[Figure] = &[
     }),
     figure!("grid_eq11_mean_m", "grid: whole image (Eq. 11), mean, mm", 1e3, 1, More, |t| t.grid.eq11_m.mean),
     figure!("grid_misses", "grid: misses", 1.0, 1, More, |t| t.grid.misses as f64),
-    figure!("grid_ghosts", "grid: false_positives", 1.0, 1, More, |t| t.grid.false_positives as f64),
+    figure!("grid_ghosts", "grid: false positives", 1.0, 1, More, |t| t.grid.false_positives as f64),
     figure!("grid_sensitivity_spread", "grid: sensitivity spread", 1.0, 2, More, |t| t.grid.sensitivity_spread),
     figure!("random_localisation_mean_m", "random: localisation, mean, mm", 1e3, 2, More, |t| {
         t.random.localisation_m.mean
@@ -60,7 +60,7 @@ pub const FIGURES: &[Figure] = &[
     }),
     figure!("random_eq11_mean_m", "random: whole image (Eq. 11), mean, mm", 1e3, 1, More, |t| t.random.eq11_m.mean),
     figure!("random_misses", "random: misses", 1.0, 1, More, |t| t.random.misses as f64),
-    figure!("random_ghosts", "random: false_positives", 1.0, 1, More, |t| t.random.false_positives as f64),
+    figure!("random_ghosts", "random: false positives", 1.0, 1, More, |t| t.random.false_positives as f64),
     figure!("random_sensitivity_spread", "random: sensitivity spread", 1.0, 2, More, |t| t.random.sensitivity_spread),
     figure!("rim_and_seam_mean_m", "rim and seam: localisation, mean, mm", 1e3, 2, More, |t| t.rim_and_seam_m.mean),
     figure!("rim_and_seam_p95_m", "rim and seam: localisation, 95th percentile, mm", 1e3, 2, More, |t| {
@@ -118,7 +118,7 @@ pub const FIGURES: &[Figure] = &[
     figure!("four_misses_per_touch", "four touches: misses, % of touches", 100.0, 1, More, |t| {
         t.four.misses as f64 / (4 * t.four.frames) as f64
     }),
-    figure!("four_ghosts_per_touch", "four touches: false_positives, % of touches", 100.0, 1, More, |t| {
+    figure!("four_ghosts_per_touch", "four touches: false positives, % of touches", 100.0, 1, More, |t| {
         t.four.false_positives as f64 / (4 * t.four.frames) as f64
     }),
     figure!("noise_factor", "threshold, sd of noise", 1.0, 2, More, |t| t.noise_factor),

@@ -49,7 +49,7 @@ fn a_first_design_of_your_own() {
     let blocks = blocks(include_str!("../../README.md"));
     assert_eq!(blocks.len(), 2, "one walk from a design to a score, one live skin");
     let printed = run(&blocks[..1]);
-    assert!(printed.contains("presses             2, of which 0 missed; 0 false_positives"), "{printed}");
+    assert!(printed.contains("presses             2, of which 0 missed; 0 false positives"), "{printed}");
 }
 
 #[test]

@@ -2,18 +2,18 @@
 //!
 //! Sensing does not need this crate: it makes the frames that a method is trained, tested and compared on.
 
-// Floor 0
+// Layer 0
 pub mod random;
-// Floor 1
+// Layer 1
 pub mod touch;
-// Floor 2
+// Layer 2
 pub mod noise;
-// Floor 3
+// Layer 3
 pub mod twin;
-// Floor 4
+// Layer 4
 pub mod dataset;
 pub mod experiment;
-// Floor 5
+// Layer 5
 pub mod evaluate;
 
 mod error;

@@ -8,27 +8,27 @@
 //!
 //! Signs, orders, axes and units are those of `docs/conventions.md`: SI everywhere, indices from 0.
 
-// Floor 0
+// Layer 0
 pub mod geom;
 pub mod linalg;
 pub mod stats;
-// Floor 1
+// Layer 1
 pub mod contact;
 pub mod protocol;
-// Floor 2
+// Layer 2
 pub mod design;
 pub mod frame;
-// Floor 3
+// Layer 3
 pub mod mesh;
-// Floor 4
+// Layer 4
 pub mod fem;
 pub mod image;
-// Floor 5
+// Layer 5
 pub mod forward;
-// Floor 6
+// Layer 6
 pub mod detect;
 pub mod track;
-// Floor 7
+// Layer 7
 pub mod reconstruct;
 
 mod error;

@@ -140,7 +140,7 @@ fn summary(run: &CalibrationRun, detection: &DetectOptions, before: f64, blur: f
     let mut table = Table::new(&["figure", "value"]);
     let mut row = |name: &str, value: String| table.row([name.to_string(), value]);
     row("touches", run.touches.to_string());
-    row("found", format!("{found}, and {} false_positives", run.false_positives));
+    row("found", format!("{found}, and {} false positives", run.false_positives));
     row("95 % region holds the truth, as stated so far", format!("{:.1} %", 100.0 * before));
     row("the same by what was measured, one touch in the frame", after(|contact| contact.touches == 1));
     row("the same, several and all found", after(|contact| contact.touches > 1 && !contact.is_shared));

@@ -155,7 +155,7 @@ fn table(skin: &str, score: &Score) -> String {
         "not known without forces".to_string()
     };
     format!(
-        "{skin}: {}{alpha}\n  presses             {}, of which {} missed; {} false_positives\n  localisation        {}\n  \
+        "{skin}: {}{alpha}\n  presses             {}, of which {} missed; {} false positives\n  localisation        {}\n  \
          whole-image (Eq 11) {}\n  sensitivity spread  {spread}\n",
         score.method,
         score.presses,

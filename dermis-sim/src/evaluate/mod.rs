@@ -1,7 +1,7 @@
 //! Contacts against the truth.
 //!
 //! Truth and estimate are matched one to one by the smallest total distance along the surface; a pair farther apart
-//! than the [gate](dermis::detect::GATE_M) is a miss and a false_positive. See `docs/conventions.md`.
+//! than the [gate](dermis::detect::GATE_M) is a miss and a false positive. See `docs/conventions.md`.
 
 mod align;
 mod benchmark;

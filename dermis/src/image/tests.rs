@@ -209,7 +209,7 @@ fn tetrahedra_are_neighbours_across_faces_and_look_outwards() {
     }
 }
 
-/// The paper's 30 x 30 pixels, for tests of the floors above.
+/// The paper's 30 x 30 pixels, for tests of the layers above.
 pub(crate) fn cylinder_space() -> Arc<PixelSpace> {
     let (body, mesh) = cylinder();
     let layout = ImageLayout::Grid { rows: 30, columns: 30 };

@@ -126,7 +126,7 @@ impl Demo {
     /// The results beside the paper's linear row.
     pub fn table(&self) -> Table {
         let header =
-            ["localisation error", "mean \u{b1} sd (mm)", "median", "95th pct", "misses", "false_positives", "spread"];
+            ["localisation error", "mean \u{b1} sd (mm)", "median", "95th pct", "misses", "false positives", "spread"];
         let mut table = Table::new(&header);
         let mm = |value_m: f64| format!("{:.1}", value_m * 1e3);
         let pair = |mean_m: f64, sd_m: f64| format!("{} \u{b1} {}", mm(mean_m), mm(sd_m));

@@ -293,7 +293,7 @@ fn structure_table(study: &StructureStudy, method: &str) -> Table {
     row("within 20 mm of the line of the cut, mm", &|one| one.localisation_cut.mean_mm());
     row("misses, % of presses", &|one| format!("{:.1}", 100.0 * one.misses as f64 / one.presses as f64));
     row("missed in the middle third, % of presses there", &|one| format!("{:.1}", 100.0 * one.missed_middle));
-    row("false_positives, % of presses", &|one| {
+    row("false positives, % of presses", &|one| {
         format!("{:.1}", 100.0 * one.false_positives as f64 / one.presses as f64)
     });
     row("sensitivity spread", &|one| format!("{:.2}", one.sensitivity_spread));

@@ -192,7 +192,7 @@ pub fn results(results: &Results<'_>) -> Vec<Row> {
         plain("95th percentile, grid, mm", "grid_localisation_p95_m", 1e3, 1, "not stated in the paper"),
         plain("rim and seam, mm", "rim_and_seam_mean_m", 1e3, 1, "within 20 mm of a rim or 15 mm of the seam"),
         plain("misses on the grid", "grid_misses", 1.0, 1, "no contact within 20 mm"),
-        plain("false_positives on the grid", "grid_ghosts", 1.0, 1, "a contact where nothing touched"),
+        plain("false positives on the grid", "grid_ghosts", 1.0, 1, "a contact where nothing touched"),
         row(
             "sensitivity spread, sd over mean",
             "IV.C",
@@ -210,7 +210,7 @@ pub fn results(results: &Results<'_>) -> Vec<Row> {
             "on the same frames",
         ),
         row(
-            "four touches: all four found, no false_positive, % of frames",
+            "four touches: all four found, no false positive, % of frames",
             "IV.D, Fig. 9",
             ["not told apart", "told apart"],
             ours(&|one| cell(one, "four_all_found", 100.0, 0)),
