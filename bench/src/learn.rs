@@ -8,7 +8,7 @@ use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
 use dermis::reconstruct::Reconstruct;
 use dermis_learn::{
-    Augmentation, Files, TrainingPreset, Model, Noise, Part, Precision, Samples, SkinRecord, TrainOptions, Trainer,
+    Augmentation, Files, Model, Noise, Part, Precision, Samples, SkinRecord, TrainOptions, Trainer, TrainingPreset,
     TrainingRecord,
 };
 use dermis_sim::dataset::Dataset;
@@ -54,7 +54,12 @@ impl Skin {
         TrainingPreset::best(&self.design, self.forward.protocol(), &self.pixels, self.noise())
     }
 
-    fn samples<'a>(&self, method: &TrainingPreset, datasets: &'a [Dataset], part: Part) -> Result<Samples<'a>, Box<dyn Error>> {
+    fn samples<'a>(
+        &self,
+        method: &TrainingPreset,
+        datasets: &'a [Dataset],
+        part: Part,
+    ) -> Result<Samples<'a>, Box<dyn Error>> {
         let (noise, symmetries) = (method.noise.clone(), method.symmetries.clone());
         Ok(Samples::new(
             Files::new(datasets, part, &self.forward)?,

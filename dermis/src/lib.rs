@@ -30,6 +30,10 @@ pub mod detect;
 pub mod track;
 // Layer 7
 pub mod reconstruct;
+// Layer 8
+pub mod skin;
+// Layer 9
+pub mod method;
 
 mod error;
 pub use error::{Error, Result};

@@ -17,6 +17,8 @@ const LAYERED: &[(&str, &[&[&str]])] = &[
             &["forward"],
             &["detect", "track"],
             &["reconstruct"],
+            &["skin"],
+            &["method"],
         ],
     ),
     ("dermis-sim", &[&["random"], &["touch"], &["noise"], &["twin"], &["dataset", "experiment"], &["evaluate"]]),

@@ -12,8 +12,8 @@ use dermis_live::emulator::{Emulator, Port};
 use dermis_live::replay::Player;
 use dermis_live::server::{Server, ServerOptions};
 use dermis_live::{
-    Command, Control, Event, Severity, Live, LiveOptions, LiveSkin, RecordingOptions, Settings, State, Taken, Zone, jsonl,
-    sink,
+    Command, Control, Event, Live, LiveOptions, LiveSkin, RecordingOptions, Settings, Severity, State, Taken, Zone,
+    jsonl, sink,
 };
 use std::io::IsTerminal;
 use std::net::TcpListener;

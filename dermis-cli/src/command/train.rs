@@ -11,8 +11,8 @@ use dermis::frame::write_whole;
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
 use dermis_learn::{
-    Ablation, Epoch, Files, LearnError, TrainingPreset, Model, Part, Precision, Samples, SkinRecord, Source, Streamed, Trainer,
-    TrainingRecord,
+    Ablation, Epoch, Files, LearnError, Model, Part, Precision, Samples, SkinRecord, Source, Streamed, Trainer,
+    TrainingPreset, TrainingRecord,
 };
 use dermis_sim::dataset::{Dataset, GaussianTouches, Generator, Recipe, SkinSpread, Skins, Touch};
 use dermis_sim::twin::{Twin, TwinOptions};

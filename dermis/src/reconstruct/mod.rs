@@ -149,13 +149,19 @@ pub enum Quantity {
     Touch,
 }
 
-/// The noise of a method's images, told by differences of untouched frames from their baseline: by its matrix from the
-/// noise of each channel, or else from the images of those frames. `None` without frames.
+/// Fewest untouched frames from which the noise of images is measured: its standard deviation is then known to a quarter
+/// (1 / sqrt(2 n)).
+pub const FEWEST_UNTOUCHED_FRAMES: usize = 8;
+
+/// The noise of a method's images, from differences of untouched frames from their mean, ohm: by the method's matrix from the root
+/// mean square of each channel, or else from the images of those frames. `None` with fewer than [`FEWEST_UNTOUCHED_FRAMES`].
+///
+/// Every command and the live pipeline measure the noise by this rule.
 ///
 /// # Errors
 /// A method that fails on a frame.
 pub fn image_noise(method: &dyn Reconstruct, untouched: &[Frame]) -> Result<Option<ImageNoise>, ReconstructError> {
-    if untouched.is_empty() {
+    if untouched.len() < FEWEST_UNTOUCHED_FRAMES {
         return Ok(None);
     }
     let Some(matrix) = method.matrix() else {

@@ -1,0 +1,82 @@
+//! The methods that every skin has: one step with a prior, and the iterative and trained methods of the field.
+
+use crate::method::{Method, MethodError, MethodOptions};
+use crate::reconstruct::{
+    Alpha, GaussNewton, GaussNewtonOptions, Greit, GreitOptions, OneStepOptions, Prior, Reconstruct, TotalVariation,
+    TotalVariationOptions,
+};
+use crate::skin::Skin;
+use std::sync::Arc;
+
+/// Their names.
+pub(super) const NAMES: [&str; 6] = ["noser", "laplace", "tikhonov", "gauss-newton", "tv", "greit"];
+
+/// The one that is used where none is asked for.
+pub(super) fn default_name(_skin: &Skin) -> &'static str {
+    "noser"
+}
+
+/// Prepares the linear method of a name; `None` for any other name.
+pub(super) fn method(skin: &Skin, name: &str, options: &MethodOptions) -> Result<Option<Method>, MethodError> {
+    let noser = Prior::Noser { exponent: options.noser_exponent };
+    let one_step = |prior: Prior| Method::from_one_step(name, skin, one_step_options(prior, skin, options));
+    let method = match name {
+        "noser" => one_step(noser),
+        "laplace" => one_step(Prior::Laplace),
+        "tikhonov" => one_step(Prior::Tikhonov),
+        "gauss-newton" => gauss_newton(name, skin, one_step_options(noser, skin, options)),
+        "tv" => total_variation(name, skin, options),
+        "greit" => greit(name, skin, options),
+        _ => return Ok(None),
+    };
+    method.map(Some)
+}
+
+fn one_step_options(prior: Prior, skin: &Skin, options: &MethodOptions) -> OneStepOptions {
+    OneStepOptions {
+        prior,
+        alpha: options.alpha,
+        difference: options.difference,
+        excluded: options.excluded.clone(),
+        touch: skin.design().sheet.touch,
+        examples: options.examples.clone(),
+        ..OneStepOptions::default()
+    }
+}
+
+fn gauss_newton(name: &str, skin: &Skin, linear: OneStepOptions) -> Result<Method, MethodError> {
+    let options = GaussNewtonOptions { linear, ..GaussNewtonOptions::default() };
+    let method = GaussNewton::new(skin.forward(), Arc::clone(skin.pixels()), &options)?;
+    let (label, alpha) = (method.name(), method.alpha());
+    Ok(Method::new(name, label, Arc::new(method)).with_alpha(alpha))
+}
+
+fn total_variation(name: &str, skin: &Skin, options: &MethodOptions) -> Result<Method, MethodError> {
+    options.check_plain_difference(name)?;
+    let defaults = TotalVariationOptions::default();
+    let alpha = match options.alpha {
+        Alpha::Auto => defaults.alpha,
+        Alpha::Given(value) => value,
+        _ => return Err(MethodError::option(name, "has no rule for alpha: give a number, such as 0.03")),
+    };
+    let (excluded, touch) = (options.excluded.clone(), skin.design().sheet.touch);
+    let options = TotalVariationOptions { alpha, excluded, touch, ..defaults };
+    let method = TotalVariation::from_linearised(skin.linearised()?, Arc::clone(skin.pixels()), &options)?;
+    let label = method.name();
+    Ok(Method::new(name, label, Arc::new(method)).with_alpha(alpha))
+}
+
+fn greit(name: &str, skin: &Skin, options: &MethodOptions) -> Result<Method, MethodError> {
+    options.check_plain_difference(name)?;
+    let defaults = GreitOptions::default();
+    let noise_figure = match options.alpha {
+        Alpha::Auto => defaults.noise_figure,
+        Alpha::NoiseFigure(value) => value,
+        _ => return Err(MethodError::option(name, "is regularized by its noise figure alone: give noise-figure:0.5")),
+    };
+    let (excluded, touch) = (options.excluded.clone(), skin.design().sheet.touch);
+    let options = GreitOptions { noise_figure, excluded, touch, ..defaults };
+    let method = Greit::new(skin.forward(), Arc::clone(skin.pixels()), &options)?;
+    let label = method.name();
+    Ok(Method::new(name, label, Arc::new(method)))
+}

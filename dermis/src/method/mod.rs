@@ -1,0 +1,275 @@
+//! Reconstruction methods by name: one registry for every command, the live pipeline and programs.
+//!
+//! ```
+//! use dermis::method::{MethodOptions, Methods};
+//! use dermis::skin::Skin;
+//!
+//! let skin = Skin::load("tank16")?;
+//! let method = Methods::linear().method(&skin, "laplace", &MethodOptions::default())?;
+//! assert_eq!((method.name(), method.label()), ("laplace", "one-step Laplace"));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! A crate that knows more methods, as `dermis-learn` does, adds them with [`Methods::with`].
+
+mod linear;
+mod options;
+mod set;
+
+pub use options::MethodOptions;
+pub use set::MethodSet;
+
+use crate::detect::{Detector, ImageNoise};
+use crate::frame::Frame;
+use crate::reconstruct::{OneStep, OneStepOptions, Reconstruct, ReconstructError, WithoutChannels, image_noise};
+use crate::skin::Skin;
+use std::fmt;
+use std::sync::Arc;
+use thiserror::Error;
+
+/// A method that cannot be prepared.
+#[derive(Debug, Error)]
+pub enum MethodError {
+    /// No method of that name for the skin.
+    #[error("there is no method `{name}` for the skin `{skin}`: give one of {}, or the folder of a network, as in ./{name}", known.join(", "))]
+    Unknown {
+        /// The name.
+        name: String,
+        /// The design's name.
+        skin: String,
+        /// The names that there are.
+        known: Vec<String>,
+    },
+    /// An option that the method does not have.
+    #[error("{method} {message}")]
+    Option {
+        /// The method's name.
+        method: String,
+        /// What is wrong, and the fix.
+        message: String,
+    },
+    /// A reconstruction that cannot be set up.
+    #[error(transparent)]
+    Dermis(#[from] crate::Error),
+    /// An error of a [source](MethodSource) of methods.
+    #[error(transparent)]
+    Source(Box<dyn std::error::Error + Send + Sync>),
+}
+
+impl From<ReconstructError> for MethodError {
+    fn from(error: ReconstructError) -> Self {
+        MethodError::Dermis(error.into())
+    }
+}
+
+impl MethodError {
+    fn option(method: &str, message: impl Into<String>) -> Self {
+        MethodError::Option { method: method.into(), message: message.into() }
+    }
+}
+
+/// A reconstruction method prepared for a skin, with how contacts are detected in its images.
+#[derive(Clone)]
+pub struct Method {
+    name: String,
+    label: String,
+    reconstruct: Arc<dyn Reconstruct>,
+    alpha: Option<f64>,
+    card: Option<String>,
+    /// What a one-step method is made from; it is made again without the channels that are left out.
+    one_step: Option<OneStepOptions>,
+}
+
+impl fmt::Debug for Method {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.debug_struct("Method").field("name", &self.name).field("label", &self.label).finish_non_exhaustive()
+    }
+}
+
+impl Method {
+    /// A method under a name. `label` describes it in tables and pictures.
+    pub fn new(name: impl Into<String>, label: impl Into<String>, reconstruct: Arc<dyn Reconstruct>) -> Self {
+        Method { name: name.into(), label: label.into(), reconstruct, alpha: None, card: None, one_step: None }
+    }
+
+    /// The same method with its regularization parameter, to be shown beside its label.
+    #[must_use]
+    pub fn with_alpha(self, alpha: f64) -> Self {
+        Method { alpha: Some(alpha), ..self }
+    }
+
+    /// The same method with the card of a network, JSON, which recordings keep.
+    #[must_use]
+    pub fn with_card(self, card: String) -> Self {
+        Method { card: Some(card), ..self }
+    }
+
+    /// A one-step method.
+    fn from_one_step(name: &str, skin: &Skin, options: OneStepOptions) -> Result<Self, MethodError> {
+        let method = OneStep::from_linearised(skin.linearised()?, Arc::clone(skin.pixels()), &options)?;
+        let (label, alpha) = (method.name(), method.alpha());
+        let one_step = Some(options);
+        Ok(Method { one_step, ..Method::new(name, label, Arc::new(method)).with_alpha(alpha) })
+    }
+
+    /// The name that it is selected by: `noser`, `best`, `./my-model`.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Its name for people: "one-step NOSER", "shipped network `best`".
+    pub fn label(&self) -> &str {
+        &self.label
+    }
+
+    /// Its label and its regularization parameter.
+    pub fn description(&self) -> String {
+        self.alpha.map_or_else(|| self.label.clone(), |alpha| format!("{}, alpha {alpha:.4}", self.label))
+    }
+
+    /// Its regularization parameter, where it has one.
+    pub fn alpha(&self) -> Option<f64> {
+        self.alpha
+    }
+
+    /// The card of a network, JSON.
+    pub fn card(&self) -> Option<&str> {
+        self.card.as_deref()
+    }
+
+    /// The reconstruction.
+    pub fn reconstruct(&self) -> &Arc<dyn Reconstruct> {
+        &self.reconstruct
+    }
+
+    /// The noise of its images, from differences of untouched frames from their mean; see [`image_noise`].
+    ///
+    /// # Errors
+    /// A reconstruction that fails on a frame.
+    pub fn noise(&self, untouched: &[Frame]) -> Result<Option<ImageNoise>, ReconstructError> {
+        image_noise(self.reconstruct.as_ref(), untouched)
+    }
+
+    /// The detector for its images, with the noise that untouched frames show.
+    ///
+    /// # Errors
+    /// As [`noise`](Self::noise).
+    pub fn detector(&self, untouched: &[Frame]) -> Result<Detector, ReconstructError> {
+        let detector = Detector::new(self.reconstruct.detection());
+        Ok(match self.noise(untouched)? {
+            Some(noise) => detector.with_noise(noise),
+            None => detector,
+        })
+    }
+
+    /// The method for a skin of which some channels are masked. A one-step method is made again without them; for any other
+    /// method their values are predicted from the remaining channels ([`WithoutChannels`]).
+    ///
+    /// # Errors
+    /// Too few channels left.
+    pub fn without_channels(&self, skin: &Skin, masked: &[usize]) -> Result<Method, MethodError> {
+        if masked.is_empty() {
+            return Ok(self.clone());
+        }
+        if let Some(options) = &self.one_step {
+            return Self::from_one_step(
+                &self.name,
+                skin,
+                OneStepOptions { excluded: masked.to_vec(), ..options.clone() },
+            );
+        }
+        let filled = WithoutChannels::new(Arc::clone(&self.reconstruct), skin.linearised()?, masked.to_vec())?;
+        Ok(Method { reconstruct: Arc::new(filled), ..self.clone() })
+    }
+}
+
+/// A source of methods beside the linear ones.
+pub trait MethodSource: Send + Sync {
+    /// The names of the methods that it has for a skin, the best first.
+    ///
+    /// # Errors
+    /// A shipped file that is damaged.
+    fn names(&self, skin: &Skin) -> Result<Vec<String>, MethodError>;
+
+    /// Prepares the method of a name, or of a folder where the name is a path; `None` for a name that it does not know.
+    ///
+    /// # Errors
+    /// A method that cannot be prepared for the skin.
+    fn method(&self, skin: &Skin, name: &str, options: &MethodOptions) -> Result<Option<Method>, MethodError>;
+}
+
+/// The registry: the linear methods, and those of further sources.
+#[derive(Clone, Default)]
+pub struct Methods {
+    sources: Vec<Arc<dyn MethodSource>>,
+}
+
+impl Methods {
+    /// The names of the linear methods, which every skin has.
+    pub const LINEAR: [&str; 6] = linear::NAMES;
+
+    /// The linear methods alone.
+    pub fn linear() -> Self {
+        Self::default()
+    }
+
+    /// The same registry with the methods of another source, which are preferred.
+    #[must_use]
+    pub fn with(mut self, source: impl MethodSource + 'static) -> Self {
+        self.sources.push(Arc::new(source));
+        self
+    }
+
+    /// The names of all methods for a skin, the preferred one first.
+    ///
+    /// # Errors
+    /// A source that cannot tell its names.
+    pub fn names(&self, skin: &Skin) -> Result<Vec<String>, MethodError> {
+        let mut names = Vec::new();
+        for source in self.sources.iter().rev() {
+            names.extend(source.names(skin)?);
+        }
+        let preferred = linear::default_name(skin);
+        names.push(preferred.into());
+        names.extend(Self::LINEAR.iter().filter(|name| **name != preferred).map(|name| name.to_string()));
+        Ok(names)
+    }
+
+    /// The name of the method that is used where none is asked for: the first of [`names`](Self::names).
+    ///
+    /// # Errors
+    /// As [`names`](Self::names).
+    pub fn default_name(&self, skin: &Skin) -> Result<String, MethodError> {
+        Ok(self.names(skin)?.swap_remove(0))
+    }
+
+    /// Prepares a method for a skin. `name` is one of [`names`](Self::names), the path of a network's folder (`./my-model`), or
+    /// empty for the [default](Self::default_name).
+    ///
+    /// # Errors
+    /// An unknown name, options that the method does not have, a method that does not fit the skin.
+    pub fn method(&self, skin: &Skin, name: &str, options: &MethodOptions) -> Result<Method, MethodError> {
+        if name.is_empty() {
+            return self.method(skin, &self.default_name(skin)?, options);
+        }
+        options.check(skin)?;
+        if let Some(method) = linear::method(skin, name, options)? {
+            return Ok(method);
+        }
+        for source in self.sources.iter().rev() {
+            if let Some(method) = source.method(skin, name, options)? {
+                return Ok(method);
+            }
+        }
+        let (name, skin_name) = (name.to_string(), skin.design().name.clone());
+        Err(MethodError::Unknown { name, skin: skin_name, known: self.names(skin)? })
+    }
+}
+
+/// Whether the name of a method is the path of a folder: it has a separator of folders in it.
+pub fn is_path(name: &str) -> bool {
+    name.contains(std::path::is_separator)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,74 @@
+//! Methods prepared for a skin side by side, so that a pipeline can change from one to another between two frames.
+
+use crate::method::{Method, MethodError, MethodOptions, Methods};
+use crate::skin::Skin;
+
+/// A skin with the methods that a pipeline can change between.
+#[derive(Debug)]
+pub struct MethodSet {
+    skin: Skin,
+    methods: Vec<Method>,
+    default_name: String,
+    /// The name of a method that was asked for beside those that stand ready for every skin.
+    extra: Option<String>,
+}
+
+/// The one-step methods that stand ready.
+const READY: [&str; 2] = ["noser", "laplace"];
+
+impl MethodSet {
+    /// Prepares the methods of further sources (the shipped networks), NOSER and Laplace, and the method `extra` where it is none
+    /// of these: another linear one, or the folder of a network.
+    ///
+    /// # Errors
+    /// A method that cannot be prepared.
+    pub fn new(methods: &Methods, skin: Skin, extra: Option<&str>) -> Result<Self, MethodError> {
+        let known = methods.names(&skin)?;
+        let default_name = known[0].clone();
+        let is_ready = |name: &&String| !Methods::LINEAR.contains(&name.as_str()) || READY.contains(&name.as_str());
+        let mut names: Vec<&str> = known.iter().filter(is_ready).map(String::as_str).collect();
+        if !names.contains(&default_name.as_str()) {
+            names.insert(0, &default_name);
+        }
+        let extra = extra.filter(|extra| !extra.is_empty() && !names.contains(extra));
+        names.extend(extra);
+        let prepared = names.iter().map(|name| methods.method(&skin, name, &MethodOptions::default()));
+        let methods = prepared.collect::<Result<Vec<Method>, MethodError>>()?;
+        let extra = extra.map(str::to_string);
+        Ok(MethodSet { skin, methods, default_name, extra })
+    }
+
+    /// The skin.
+    pub fn skin(&self) -> &Skin {
+        &self.skin
+    }
+
+    /// The names of the methods.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.methods.iter().map(Method::name)
+    }
+
+    /// The method that was asked for beside those that stand ready for every skin.
+    pub fn extra(&self) -> Option<&Method> {
+        let name = self.extra.as_deref()?;
+        self.methods.iter().find(|method| method.name() == name)
+    }
+
+    /// The method of a name; the default one for an empty name.
+    ///
+    /// # Errors
+    /// An unknown name; the error lists those that there are.
+    pub fn method(&self, name: &str) -> Result<&Method, MethodError> {
+        let name = if name.is_empty() { &self.default_name } else { name };
+        self.methods.iter().find(|method| method.name() == name).ok_or_else(|| MethodError::Unknown {
+            name: name.into(),
+            skin: self.skin.design().name.clone(),
+            known: self.names().map(str::to_string).collect(),
+        })
+    }
+
+    /// The method that is used where none is asked for.
+    pub fn default_method(&self) -> &Method {
+        self.method("").expect("the default method is prepared first")
+    }
+}

@@ -1,0 +1,169 @@
+//! A skin prepared for computing: design, mesh, forward model and pixels, made once and shared.
+//!
+//! ```
+//! use dermis::skin::Skin;
+//!
+//! let skin = Skin::load("tank16")?;
+//! let untouched = skin.forward().solve(skin.forward().rest_conductivity())?; // ohm
+//! assert_eq!(untouched.len(), skin.design().protocol.channel_count());
+//! # Ok::<(), dermis::Error>(())
+//! ```
+
+use crate::Result;
+use crate::design::SkinDesign;
+use crate::forward::ForwardModel;
+use crate::image::PixelSpace;
+use crate::mesh::Mesh;
+use crate::reconstruct::Linearised;
+use std::fmt;
+use std::sync::{Arc, OnceLock};
+
+/// A skin prepared for computing. A clone shares everything with the original.
+#[derive(Clone)]
+pub struct Skin {
+    parts: Arc<Parts>,
+}
+
+struct Parts {
+    design: SkinDesign,
+    design_text: Option<String>,
+    forward: ForwardModel,
+    pixels: Arc<PixelSpace>,
+    linearised: OnceLock<Linearised>,
+}
+
+impl fmt::Debug for Skin {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.debug_struct("Skin").field("design", &self.parts.design.name).finish_non_exhaustive()
+    }
+}
+
+impl Skin {
+    /// Prepares the skin of a design: a shipped name (see [`SkinDesign::SHIPPED`]) or the path of a TOML file.
+    ///
+    /// # Errors
+    /// A design that cannot be read, meshed or solved.
+    pub fn load(name_or_path: &str) -> Result<Self> {
+        Self::parse(&SkinDesign::text_of(name_or_path)?, name_or_path)
+    }
+
+    /// Prepares a skin from the text of its design file. `name` is its path: it appears in errors, and files that the design
+    /// names are relative to its folder.
+    ///
+    /// # Errors
+    /// As [`load`](Self::load).
+    pub fn parse(text: &str, name: &str) -> Result<Self> {
+        let design = SkinDesign::parse(text, name)?;
+        let mesh = Mesh::generate(&design)?;
+        Self::assemble(design, Some(text.into()), &mesh)
+    }
+
+    /// Prepares the skin of a design that was built by a program.
+    ///
+    /// # Errors
+    /// A design that cannot be meshed or solved.
+    pub fn new(design: SkinDesign) -> Result<Self> {
+        let mesh = Mesh::generate(&design)?;
+        Self::with_mesh(design, &mesh)
+    }
+
+    /// Prepares the skin of a design on a given mesh.
+    ///
+    /// # Errors
+    /// A mesh that does not fit the design, or that cannot be solved.
+    pub fn with_mesh(design: SkinDesign, mesh: &Mesh) -> Result<Self> {
+        Self::assemble(design, None, mesh)
+    }
+
+    fn assemble(design: SkinDesign, design_text: Option<String>, mesh: &Mesh) -> Result<Self> {
+        let forward = ForwardModel::new(&design, mesh)?;
+        let pixels = Arc::new(PixelSpace::for_design(&design, forward.mesh())?);
+        Ok(Skin { parts: Arc::new(Parts { design, design_text, forward, pixels, linearised: OnceLock::new() }) })
+    }
+
+    /// The same skin with an image value for each cell of its mesh in place of the design's pixels.
+    #[must_use]
+    pub fn with_cells_as_pixels(&self) -> Self {
+        let Parts { design, design_text, forward, .. } = &*self.parts;
+        let pixels = Arc::new(PixelSpace::cells(forward.mesh(), design.body.surface()));
+        let (design, design_text, forward) = (design.clone(), design_text.clone(), forward.clone());
+        Skin { parts: Arc::new(Parts { design, design_text, forward, pixels, linearised: OnceLock::new() }) }
+    }
+
+    /// The design.
+    pub fn design(&self) -> &SkinDesign {
+        &self.parts.design
+    }
+
+    /// The text of the design's file; `None` for a design that was built by a program.
+    pub fn design_text(&self) -> Option<&str> {
+        self.parts.design_text.as_deref()
+    }
+
+    /// The forward model.
+    pub fn forward(&self) -> &ForwardModel {
+        &self.parts.forward
+    }
+
+    /// The mesh of the forward model.
+    pub fn mesh(&self) -> &Mesh {
+        self.parts.forward.mesh()
+    }
+
+    /// The pixels of its images.
+    pub fn pixels(&self) -> &Arc<PixelSpace> {
+        &self.parts.pixels
+    }
+
+    /// The forward model linearised about the untouched skin. Computed at the first call (one Jacobian).
+    ///
+    /// # Errors
+    /// A forward problem that cannot be solved.
+    pub fn linearised(&self) -> Result<&Linearised> {
+        if let Some(linearised) = self.parts.linearised.get() {
+            return Ok(linearised);
+        }
+        let linearised = Linearised::new(self.forward(), self.pixels())?;
+        Ok(self.parts.linearised.get_or_init(|| linearised))
+    }
+
+    /// Channels that drive or measure at an electrode.
+    pub fn channels_of(&self, electrode: usize) -> impl Iterator<Item = usize> {
+        let channels = self.design().protocol.channels().iter().enumerate();
+        channels
+            .filter(move |(_, channel)| channel.drive.contains(&electrode) || channel.measure.contains(&electrode))
+            .map(|(index, _)| index)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_clone_shares_the_linearised_model() {
+        let skin = Skin::load("tank16").unwrap();
+        let clone = skin.clone();
+        assert!(std::ptr::eq(skin.linearised().unwrap(), clone.linearised().unwrap()));
+        assert_eq!(skin.design_text(), SkinDesign::shipped_text("tank16"));
+    }
+
+    #[test]
+    fn cells_can_be_pixels() {
+        let skin = Skin::load("tank16").unwrap().with_cells_as_pixels();
+        assert_eq!(skin.pixels().len(), skin.mesh().cell_count());
+        assert_eq!(skin.linearised().unwrap().pixel_count(), skin.mesh().cell_count());
+    }
+
+    #[test]
+    fn an_electrode_has_the_channels_that_name_it() {
+        let skin = Skin::load("cylinder30").unwrap();
+        let protocol = &skin.design().protocol;
+        for channel in skin.channels_of(7) {
+            let channel = protocol.channels()[channel];
+            assert!(channel.drive.contains(&7) || channel.measure.contains(&7));
+        }
+        // Two drives of 29 channels each, and two channels of each of the 28 other drives.
+        assert_eq!(skin.channels_of(7).count(), 2 * 29 + 28 * 2);
+    }
+}
