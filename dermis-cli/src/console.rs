@@ -87,6 +87,26 @@ impl Drop for Progress {
     }
 }
 
+/// Progress of the study of the paper, shown on this console.
+#[derive(Debug, Clone, Copy)]
+pub struct StudyProgress;
+
+impl dermis_study::Progress for StudyProgress {
+    fn begin(&self, what: &str, total: usize) -> Box<dyn dermis_study::Task + '_> {
+        Box::new(Progress::new(what, total))
+    }
+
+    fn note(&self, line: &str) {
+        eprintln!("{line}");
+    }
+}
+
+impl dermis_study::Task for Progress {
+    fn advance(&self, steps: usize) {
+        self.steps(steps as u64);
+    }
+}
+
 /// Calls something when a person interrupts (Ctrl-C) or the system asks to end; a second interrupt ends at once.
 pub fn on_interrupt(mut then: impl FnMut() + Send + 'static) -> Outcome {
     let mut asked = false;

@@ -107,6 +107,22 @@ impl From<dermis_live::LiveError> for Failure {
     }
 }
 
+impl From<dermis_study::Error> for Failure {
+    fn from(error: dermis_study::Error) -> Self {
+        use dermis_study::Error;
+        match error {
+            Error::Dermis(error) => error.into(),
+            Error::Sim(error) => error.into(),
+            Error::Learn(error) => (*error).into(),
+            Error::Plot(_) | Error::Internal(_) => Failure::Ours(error.to_string()),
+            error => {
+                let fix = error.fix();
+                Failure::given(error, fix)
+            }
+        }
+    }
+}
+
 /// A table can be long: only where it begins is marked.
 fn first_line_of(span: std::ops::Range<usize>) -> SourceSpan {
     const MOST: usize = 80;

@@ -2,10 +2,10 @@
 
 use crate::console::print_json;
 use crate::failure::Outcome;
-use crate::picture::chart::Histogram;
-use crate::report::Table;
 use dermis::frame::write_whole;
 use dermis_live::{Counts, LiveFrame, LiveHandle, quantiles};
+use dermis_plot::chart::Histogram;
+use dermis_study::report::Table;
 use serde_json::json;
 use std::path::Path;
 use std::sync::Arc;

@@ -1,17 +1,12 @@
 //! `dermis`: skins, meshes, frames, images and contacts from the command line.
 
 mod command;
-mod comparison;
 mod console;
 mod emulated;
 mod failure;
 mod frames;
 mod latency;
 mod method;
-mod metrics;
-mod picture;
-mod plots;
-mod report;
 mod skin;
 
 use clap::Parser;

@@ -30,12 +30,17 @@ const EXEMPT: &[&str] = &["lib", "error"];
 /// Which crates of the workspace each crate may depend on.
 const CRATES: &[(&str, &[&str])] = &[
     ("dermis", &[]),
+    ("dermis-plot", &["dermis"]),
     ("dermis-sim", &["dermis"]),
     ("dermis-learn", &["dermis", "dermis-sim"]),
+    ("dermis-study", &["dermis", "dermis-learn", "dermis-plot", "dermis-sim"]),
     ("dermis-wire", &[]),
-    ("dermis-live", &["dermis", "dermis-sim", "dermis-learn", "dermis-wire"]),
-    ("dermis-cli", &["dermis", "dermis-sim", "dermis-learn", "dermis-live", "dermis-wire"]),
-    ("dermis-bench", &["dermis", "dermis-sim", "dermis-learn"]),
+    ("dermis-live", &["dermis", "dermis-learn", "dermis-sim", "dermis-wire"]),
+    (
+        "dermis-cli",
+        &["dermis", "dermis-learn", "dermis-live", "dermis-plot", "dermis-sim", "dermis-study", "dermis-wire"],
+    ),
+    ("dermis-bench", &["dermis", "dermis-learn", "dermis-sim"]),
 ];
 
 type Layers = &'static [&'static [&'static str]];

@@ -4,16 +4,16 @@ use crate::console::{Progress, print, print_json};
 use crate::failure::Outcome;
 use crate::frames::Differences;
 use crate::method::MethodArguments;
-use crate::metrics;
-use crate::picture::chart::Curves;
-use crate::picture::colour::Scale;
-use crate::picture::{Drawing, Key, Picture, View};
 use crate::skin::{Per, Skin};
 use clap::Args;
 use dermis::frame::write_whole;
-use dermis_sim::evaluate::{Benchmark, BenchmarkOptions, BenchmarkResult, FORCES_A_PLACE};
+use dermis_plot::chart::Curves;
+use dermis_plot::colour::Scale;
+use dermis_plot::{Drawing, Key, Picture, View};
+use dermis_sim::evaluate::{Benchmark, BenchmarkOptions, BenchmarkResult};
 use dermis_sim::experiment::Sizes;
 use dermis_sim::twin::TwinOptions;
+use dermis_study::metrics;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -76,7 +76,7 @@ impl Arguments {
             alpha: method.alpha,
         };
         let size = self.size();
-        let each = steps(&size, pixels.len());
+        let each = metrics::benchmark_frames(&size, pixels.len());
         let progress = Progress::new("pressing twins", each * self.twins as usize);
         let seeds = self.seed..self.seed + self.twins;
         let twins = seeds.map(|seed| benchmark.run(seed, &size, |done| progress.steps(done as u64)));
@@ -175,17 +175,4 @@ fn resolved(twins: &[BenchmarkResult]) -> Vec<[f64; 2]> {
 
 fn counted(twins: usize) -> String {
     if twins == 1 { "1 twin".into() } else { format!("{twins} twins") }
-}
-
-/// Frames of one result, for its bar.
-pub fn steps(size: &BenchmarkOptions, pixels: usize) -> usize {
-    let Sizes { grid_step, random, separations_m, pairs, fours } = &size.sizes;
-    pixels.div_ceil(*grid_step)
-        + random
-        + separations_m.len() * pairs
-        + fours
-        + size.places * FORCES_A_PLACE
-        + size.untouched
-        + dermis_sim::experiment::UNTOUCHED_FRAMES as usize
-        + pixels.div_ceil(size.force_step)
 }

@@ -2,7 +2,6 @@
 
 use crate::console::{Progress, print, print_json};
 use crate::failure::{Failure, Outcome};
-use crate::report::Table;
 use clap::Args;
 use dermis::design::SkinDesign;
 use dermis::frame::{write_frames, write_truth, write_whole};
@@ -11,6 +10,7 @@ use dermis::mesh::Mesh;
 use dermis_sim::experiment::{PaperExperiment, PressSet, Recording, Sizes, UNTOUCHED_FRAMES, truth};
 use dermis_sim::twin::TwinOptions;
 use dermis_sim::twin::electronics::ElectronicsReport;
+use dermis_study::report::Table;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 

@@ -3,19 +3,18 @@
 use crate::failure::{Failure, Outcome};
 use crate::frames::FrameArguments;
 use crate::method::MethodArguments;
-use crate::picture::colour::Scale;
-use crate::picture::{Drawing, Key, Picture, Scene, View};
 use crate::skin::{Per, Skin};
 use clap::ValueEnum;
 use dermis::contact::Contact;
-use dermis::design::{Body, SkinDesign, TouchEffect};
+use dermis::design::{Body, SkinDesign};
 use dermis::detect::Detector;
 use dermis::forward::ForwardModel;
 use dermis::frame::{Truth, read_array, read_truth, write_whole};
 use dermis::image::{Image, PixelSpace};
 use dermis::mesh::Mesh;
 use dermis::reconstruct::{Linearised, Quantity};
-use dermis_sim::evaluate::match_contacts;
+use dermis_plot::{Drawing, Picture, PlotError, Scene, View};
+use dermis_study::plots::localisation_scene;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -90,7 +89,7 @@ impl Arguments {
             scene.title = format!("{}: {}", design.name, self.what_name());
         }
         let view = self.view(&design, &mesh);
-        let picture = view.draw(&scene, &design).map_err(|error| Failure::given(error, None))?;
+        let picture = view.draw(&scene, &design).map_err(not_drawn)?;
         save(&picture, &self.output, format)?;
         crate::console::print(&format!("wrote {}\n", self.output.display()))
     }
@@ -124,12 +123,12 @@ impl Arguments {
             What::Sensitivity => {
                 let space = PixelSpace::for_design(design, mesh)?;
                 let forward = ForwardModel::new(design, mesh)?;
-                sensitivity_scene(&drawing, &space, &Linearised::new(&forward, &space)?.sensitivity(&space))
+                drawing.sensitivity(&space, &Linearised::new(&forward, &space)?.sensitivity(&space))
             }
             What::Image => {
                 let Seen { images, quantity, detector, how } = self.images(design, mesh)?;
                 let image = images.get(self.frame).ok_or_else(|| self.no_such_frame(images.len()))?;
-                let mut scene = image_scene(&drawing, image, quantity, design.sheet.touch);
+                let mut scene = drawing.image(image, quantity);
                 drawing.add_contacts(&mut scene, &detector.detect(image));
                 scene.title = format!("{}: image of frame {}", design.name, self.frame);
                 Scene { subtitle: how, ..scene }
@@ -200,60 +199,6 @@ struct Seen {
     how: String,
 }
 
-/// An image as colours: white where nothing changed.
-pub fn image_scene(drawing: &Drawing<'_>, image: &Image, quantity: Quantity, touch: TouchEffect) -> Scene {
-    let label = match (quantity, touch) {
-        (Quantity::Touch, _) => "size of touches",
-        (Quantity::Change, TouchEffect::ConductanceRises) => "relative rise of conductance",
-        (Quantity::Change, TouchEffect::ConductanceFalls) => "relative fall of conductance",
-    };
-    let scale = Scale::diverging(image.values.iter().copied());
-    drawing.field(&image.space, &image.values, Key { scale, label: label.into() })
-}
-
-/// Parts of the skin's area, of least and of most sensitivity, that share the colours at the ends of the scale: under an
-/// electrode it falls by a hundred dB, and all else would be one colour.
-const SENSITIVITY_ENDS: [f64; 2] = [0.05, 0.005];
-
-/// The sensitivity in dB above and below its median over the area: it spans decades.
-pub fn sensitivity_scene(drawing: &Drawing<'_>, space: &PixelSpace, sensitivity: &[f64]) -> Scene {
-    let mut order: Vec<usize> = (0..sensitivity.len()).collect();
-    order.sort_by(|&a, &b| sensitivity[a].total_cmp(&sensitivity[b]));
-    let total: f64 = space.areas.iter().sum();
-    let quantile = |part: f64| {
-        let mut below = 0.0;
-        let reaches = |&&pixel: &&usize| {
-            below += space.areas[pixel];
-            below >= part * total
-        };
-        order.iter().find(reaches).or(order.last()).map_or(1.0, |&pixel| sensitivity[pixel])
-    };
-    let median = quantile(0.5);
-    let decibels = |value: f64| 20.0 * (value / median).log10();
-    let values: Vec<f64> = sensitivity.iter().map(|&value| decibels(value)).collect();
-    let [low, high] = [quantile(SENSITIVITY_ENDS[0]), quantile(1.0 - SENSITIVITY_ENDS[1])].map(decibels);
-    let key = Key { scale: Scale::sequential([low, high]), label: "sensitivity above its median (dB)".into() };
-    let subtitle = "change of a frame by a small touch".to_string();
-    Scene { subtitle, ..drawing.field(space, &values, key) }
-}
-
-/// Where touches were and where they were found.
-pub fn localisation_scene(
-    drawing: &Drawing<'_>,
-    design: &SkinDesign,
-    truth: &[Vec<Contact>],
-    contacts: &[Vec<Contact>],
-) -> Scene {
-    let (mut pairs, mut false_positives) = (Vec::new(), Vec::new());
-    for (touches, found) in truth.iter().zip(contacts) {
-        let matched = match_contacts(touches, found, &design.body.surface());
-        pairs.extend(matched.pairs.iter().map(|&(touch, contact, _)| (touches[touch], Some(found[contact]))));
-        pairs.extend(matched.missed.iter().map(|&touch| (touches[touch], None)));
-        false_positives.extend(matched.false_positives.iter().map(|&false_positive| found[false_positive]));
-    }
-    drawing.localisation(&pairs, &false_positives)
-}
-
 /// Images from a file: frames x rows x columns of the design's image, or frames x cells.
 fn read_images(path: &Path, design: &SkinDesign, mesh: &Mesh) -> Outcome<Vec<Image>> {
     let (shape, values) = read_array(path, "images")?;
@@ -300,10 +245,16 @@ impl Format {
 /// Dots per pixel of a PNG: sharp on screens of high resolution and on paper.
 const PNG_SCALE: f64 = 2.0;
 
+/// A picture that cannot be drawn as asked for.
+fn not_drawn(error: PlotError) -> Failure {
+    let fix = matches!(error, PlotError::NoFlatLayout).then_some("ask for the view in space: --view 3d");
+    Failure::given(error, fix)
+}
+
 fn save(picture: &Picture, path: &Path, format: Format) -> Outcome {
     let bytes = match format {
         Format::Svg => picture.to_svg().into_bytes(),
-        Format::Png => picture.to_png(PNG_SCALE).map_err(Failure::Ours)?,
+        Format::Png => picture.to_png(PNG_SCALE).map_err(|error| Failure::Ours(error.to_string()))?,
     };
     Ok(write_whole(path, |writer| writer.write_all(&bytes))?)
 }

@@ -2,8 +2,6 @@
 
 use crate::console::{Progress, print, print_json};
 use crate::failure::{Failure, Outcome};
-use crate::picture::Picture;
-use crate::picture::chart::Curves;
 use clap::{Args, ValueEnum};
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
@@ -14,6 +12,8 @@ use dermis_learn::{
     Ablation, Epoch, Files, LearnError, Model, Part, Precision, Samples, SkinRecord, Source, Streamed, Trainer,
     TrainingPreset, TrainingRecord,
 };
+use dermis_plot::Picture;
+use dermis_plot::chart::Curves;
 use dermis_sim::dataset::{Dataset, GaussianTouches, Generator, Recipe, SkinSpread, Skins, Touch};
 use dermis_sim::twin::{Twin, TwinOptions};
 use serde::Serialize;

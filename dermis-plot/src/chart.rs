@@ -1,0 +1,154 @@
+//! Small diagrams that show no skin.
+
+use crate::colour::{Colour, FAINT, INK};
+use crate::frame::{self, Axis};
+use crate::scene::Mark;
+use crate::svg::{Anchor, Picture, Place, Style, Text, text_width};
+
+const WIDTH: f64 = 470.0;
+const HEIGHT: f64 = 230.0;
+const LEFT: f64 = 66.0;
+const BELOW: f64 = 52.0;
+const BARS: Colour = [66, 113, 158];
+
+/// How often values fall into even steps, with vertical lines that mark numbers of interest.
+pub struct Histogram<'a> {
+    /// What the picture shows.
+    pub title: &'a str,
+    /// What the values are, with their unit.
+    pub label: &'a str,
+    /// The values.
+    pub values: &'a [f64],
+    /// Width of a step.
+    pub step: f64,
+    /// Marked numbers and their names.
+    pub marks: Vec<(f64, String)>,
+}
+
+impl Histogram<'_> {
+    /// The picture. Values beyond the largest 99.5th percentile or mark stand in the last step.
+    pub fn draw(&self) -> Picture {
+        let steps = self.step_count();
+        let mut counts = vec![0usize; steps];
+        for &value in self.values.iter().filter(|value| value.is_finite()) {
+            counts[((value / self.step).max(0.0) as usize).min(steps - 1)] += 1;
+        }
+        let highest = counts.iter().copied().max().unwrap_or(0).max(1) as f64 * 1.12;
+        let top = frame::title_height(self.title, "");
+        let mut picture = Picture::new(LEFT + WIDTH + 24.0, top + HEIGHT + BELOW);
+        frame::title(&mut picture, self.title, "");
+        let x = |value: f64| LEFT + WIDTH * value / (steps as f64 * self.step);
+        let y = |count: f64| top + HEIGHT * (1.0 - count / highest);
+        for (index, &count) in counts.iter().enumerate().filter(|(_, count)| **count > 0) {
+            let (from, to) = (x(index as f64 * self.step) + 0.5, x((index + 1) as f64 * self.step) - 0.5);
+            let bar = [[from, y(0.0)], [to, y(0.0)], [to, y(count as f64)], [from, y(count as f64)]];
+            picture.polygon(&bar, Style::fill(BARS));
+        }
+        for (index, (value, name)) in self.marks.iter().enumerate() {
+            let at = x(*value);
+            picture.line(&[[at, top], [at, y(0.0)]], Style::line(INK, 1.2).dashed(4.0));
+            // Names one below the other cannot overlap.
+            let y = top + 15.0 + 17.0 * index as f64;
+            let fits = at + 10.0 + text_width(name, 12.0) < LEFT + WIDTH;
+            let (x, anchor) = if fits { (at + 5.0, Anchor::Start) } else { (at - 5.0, Anchor::End) };
+            picture.text([x, y], name, Text::new(12.0, anchor).rimmed());
+        }
+        frame::border(&mut picture, [LEFT, top], WIDTH, HEIGHT);
+        let below = Axis { range: [0.0, steps as f64 * self.step], label: self.label, wanted: 8 };
+        frame::axis_below(&mut picture, [LEFT, top + HEIGHT], WIDTH, &below);
+        let left = Axis { range: [0.0, highest], label: "presses", wanted: 5 };
+        frame::axis_left(&mut picture, [LEFT, top + HEIGHT], HEIGHT, &left);
+        picture
+    }
+
+    fn step_count(&self) -> usize {
+        let mut sorted: Vec<f64> = self.values.iter().copied().filter(|value| value.is_finite()).collect();
+        sorted.sort_by(f64::total_cmp);
+        let nearly_all = sorted.get((sorted.len() as f64 * 0.995) as usize).or(sorted.last()).copied().unwrap_or(0.0);
+        let marked = self.marks.iter().map(|(value, _)| *value).fold(0.0, f64::max);
+        (nearly_all.max(1.3 * marked) / self.step) as usize + 1
+    }
+}
+
+/// Colours of curves that can be told apart with any kind of colour vision (Okabe and Ito 2008).
+pub const CURVE_COLOURS: [Colour; 5] = [[0, 114, 178], [213, 94, 0], [0, 158, 115], [204, 121, 167], [86, 180, 233]];
+
+/// Numbers over numbers, a line for each of some things.
+pub struct Curves<'a> {
+    /// What the picture shows.
+    pub title: &'a str,
+    /// A second, smaller line.
+    pub subtitle: &'a str,
+    /// What runs to the right, with its unit.
+    pub below: &'a str,
+    /// What runs upwards, with its unit.
+    pub left: &'a str,
+    /// Numbers that the upward axis shows in any case.
+    pub shown: Vec<f64>,
+    /// A name and places for each line.
+    pub curves: Vec<(String, Vec<[f64; 2]>)>,
+}
+
+impl Curves<'_> {
+    /// The picture; places that are not finite are left out.
+    pub fn draw(&self) -> Picture {
+        let places =
+            || self.curves.iter().flat_map(|curve| &curve.1).filter(|place| place.iter().all(|v| v.is_finite()));
+        let range = |values: &mut dyn Iterator<Item = f64>| {
+            let (low, high) =
+                values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+            if low < high {
+                [low, high]
+            } else {
+                [low.min(0.0), low.max(0.0) + 1.0].map(|v| if v.is_finite() { v } else { 0.0 })
+            }
+        };
+        let across = range(&mut places().map(|place| place[0]));
+        let [low, high] = range(&mut places().map(|place| place[1]).chain(self.shown.iter().copied()));
+        // A little air above and below the lines.
+        let air = 0.04 * (high - low);
+        let upward = [low - air, high + air];
+        let legend: Vec<(Mark, String)> = if self.curves.len() > 1 {
+            self.curves.iter().enumerate().map(|(k, curve)| (Mark::Line(colour(k)), curve.0.clone())).collect()
+        } else {
+            Vec::new()
+        };
+        let top = frame::title_height(self.title, self.subtitle);
+        let legend_height = frame::legend_height(&legend, WIDTH);
+        let mut picture = Picture::new(LEFT + WIDTH + 24.0, top + HEIGHT + BELOW + legend_height);
+        frame::title(&mut picture, self.title, self.subtitle);
+        let x = |value: f64| LEFT + WIDTH * (value - across[0]) / (across[1] - across[0]);
+        let y = |value: f64| top + HEIGHT * (upward[1] - value) / (upward[1] - upward[0]);
+        if upward[0] < 0.0 && upward[1] > 0.0 {
+            picture.line(&[[LEFT, y(0.0)], [LEFT + WIDTH, y(0.0)]], Style::line(FAINT, 1.0));
+        }
+        for (number, (_, places)) in self.curves.iter().enumerate() {
+            let finite = places.iter().filter(|place| place.iter().all(|value| value.is_finite()));
+            let line: Vec<Place> = finite.map(|&[a, b]| [x(a), y(b)]).collect();
+            // Many values stand so close that a thick line would be a band.
+            let width = if line.len() > 100 { 0.8 } else { 2.0 };
+            if line.len() > 1 {
+                picture.line(&line, Style::line(colour(number), width));
+            }
+        }
+        frame::border(&mut picture, [LEFT, top], WIDTH, HEIGHT);
+        frame::axis_below(
+            &mut picture,
+            [LEFT, top + HEIGHT],
+            WIDTH,
+            &Axis { range: across, label: self.below, wanted: 7 },
+        );
+        frame::axis_left(
+            &mut picture,
+            [LEFT, top + HEIGHT],
+            HEIGHT,
+            &Axis { range: upward, label: self.left, wanted: 5 },
+        );
+        frame::legend(&mut picture, [LEFT, top + HEIGHT + BELOW - 6.0], WIDTH, &legend);
+        picture
+    }
+}
+
+fn colour(number: usize) -> Colour {
+    CURVE_COLOURS[number % CURVE_COLOURS.len()]
+}

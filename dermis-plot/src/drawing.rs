@@ -1,0 +1,373 @@
+//! From a design, its mesh and what was computed on it to a scene.
+
+use crate::colour::{BLACK, Colour, ELECTRODE, ESTIMATE, INK, SKIN, Scale, mix};
+use crate::scene::{Dot, Key, Label, Mark, Scene, Stand, Stroke, Tile, normal_of};
+use dermis::contact::Contact;
+use dermis::design::{Body, SkinDesign};
+use dermis::geom::polygon::clip_half_plane;
+use dermis::geom::vector::{add, centroid, cross, dot, normalize, sub};
+use dermis::geom::{Point3, Surface};
+use dermis::image::PixelSpace;
+use dermis::mesh::{Cells, ElectrodePatch, Mesh};
+use std::collections::HashMap;
+use std::f64::consts::TAU;
+
+/// Largest angle that a flat tile spans on a round body; its middle then lies 0.1 % of the radius inside.
+const TILE_ANGLE_RAD: f64 = TAU / 72.0;
+
+/// A skin as pictures are made of it.
+pub struct Drawing<'a> {
+    pub(crate) design: &'a SkinDesign,
+    mesh: &'a Mesh,
+    /// What can be seen of the mesh: triangles with outward corner order, and the cell each belongs to.
+    faces: Vec<([usize; 3], usize)>,
+    node_normals: Vec<Point3>,
+}
+
+impl<'a> Drawing<'a> {
+    /// The skin of a design on its mesh.
+    pub fn new(design: &'a SkinDesign, mesh: &'a Mesh) -> Self {
+        let faces = outer_faces(mesh);
+        let mut normals = vec![[0.0; 3]; mesh.node_count()];
+        for (face, _) in &faces {
+            let [a, b, c] = face.map(|node| mesh.nodes[node]);
+            let weighted = cross(sub(b, a), sub(c, a));
+            for &node in face {
+                normals[node] = add(normals[node], weighted);
+            }
+        }
+        Drawing { design, mesh, faces, node_normals: normals.into_iter().map(normalize).collect() }
+    }
+
+    fn surface(&self) -> Surface {
+        self.design.body.surface()
+    }
+
+    fn normal_at(&self, node: usize) -> Point3 {
+        self.surface().normal(self.mesh.nodes[node]).unwrap_or(self.node_normals[node])
+    }
+
+    /// The mesh: its cells with their edges, and its electrodes.
+    pub fn mesh(&self) -> Scene {
+        let mut scene = Scene { tiles: self.cell_tiles(|_| SKIN, Some(mix(SKIN, INK, 0.55))), ..Scene::default() };
+        self.add_electrodes(&mut scene, ElectrodeLook::Filled { numbered: false });
+        scene
+    }
+
+    /// The body and its electrodes with their numbers.
+    pub fn electrodes(&self) -> Scene {
+        let mut scene = Scene { tiles: self.body_tiles(), ..Scene::default() };
+        self.add_electrodes(&mut scene, ElectrodeLook::Filled { numbered: true });
+        scene
+    }
+
+    /// A number for each pixel of a space, as colours, with the electrodes' outlines.
+    pub fn field(&self, space: &PixelSpace, values: &[f64], key: Key) -> Scene {
+        let mut scene =
+            Scene { tiles: self.pixel_tiles(space, values, &key.scale), key: Some(key), ..Scene::default() };
+        self.add_electrodes(&mut scene, ElectrodeLook::Outlined);
+        scene
+    }
+
+    /// Marks of contacts found, on any scene.
+    pub fn add_contacts(&self, scene: &mut Scene, contacts: &[Contact]) {
+        add_marks(scene, contacts, 7.0, Mark::Cross(BLACK), "contact found");
+    }
+
+    /// Marks of true touches, on any scene.
+    pub fn add_touches(&self, scene: &mut Scene, touches: &[Contact]) {
+        add_marks(scene, touches, 3.4, Mark::Bead(BLACK), "true place");
+    }
+
+    /// Marks with a name each, on any scene.
+    pub fn add_named_marks(&self, scene: &mut Scene, marks: impl Iterator<Item = (Point3, String)>, meaning: &str) {
+        let mark = Mark::Cross(BLACK);
+        for (at, text) in marks {
+            let normal = self.surface().normal(at).unwrap_or([0.0, 0.0, 1.0]);
+            scene.dots.push(Dot { at, normal, radius: 7.0, mark });
+            scene.labels.push(Label { at, normal, text, reach_m: 0.0, stand: Stand::Above { pixels: 8.0 } });
+        }
+        scene.legend.push((mark, meaning.to_string()));
+    }
+
+    /// The electrodes' numbers, on any scene.
+    pub fn number_electrodes(&self, scene: &mut Scene) {
+        let labels = self.mesh.electrodes.iter().enumerate();
+        scene.labels.extend(labels.filter_map(|(number, patch)| self.electrode_label(patch, number)));
+    }
+
+    /// Where touches were and where they were found, as the paper's Fig. 7: true places black dots, estimates red
+    /// circles, errors as lines, electrodes yellow. `false_positives` are estimates without a touch.
+    pub fn localisation(&self, touches: &[(Contact, Option<Contact>)], false_positives: &[Contact]) -> Scene {
+        let mut scene = Scene { tiles: self.body_tiles(), ..Scene::default() };
+        self.add_electrodes(&mut scene, ElectrodeLook::Filled { numbered: false });
+        // Many presses need small marks.
+        let radius = if touches.len() > 200 { 1.7 } else { 3.0 };
+        for (truth, estimate) in touches {
+            if let Some(estimate) = estimate {
+                scene.strokes.push(Stroke {
+                    ends: [truth.position_m, estimate.position_m],
+                    normal: truth.normal,
+                    colour: mix(ESTIMATE, [255, 255, 255], 0.35),
+                    width: 1.0,
+                });
+            }
+        }
+        for (truth, estimate) in touches {
+            let mark = Mark::Disc(BLACK, false);
+            scene.dots.push(Dot { at: truth.position_m, normal: truth.normal, radius, mark });
+            scene.dots.extend(estimate.iter().map(|estimate| estimate_dot(estimate, radius + 1.3)));
+        }
+        scene.dots.extend(false_positives.iter().map(|false_positive| estimate_dot(false_positive, radius + 1.3)));
+        scene.legend.push((Mark::Disc(BLACK, false), "true place".to_string()));
+        scene.legend.push((Mark::Ring(ESTIMATE), "estimate".to_string()));
+        scene.legend.push((Mark::Line(mix(ESTIMATE, [255, 255, 255], 0.35)), "error".to_string()));
+        scene
+    }
+
+    fn cell_tiles(&self, colour: impl Fn(usize) -> Colour, edge: Option<Colour>) -> Vec<Tile> {
+        let corners = |face: &[usize; 3]| face.map(|node| self.mesh.nodes[node]).to_vec();
+        self.faces.iter().map(|(face, cell)| Tile { corners: corners(face), fill: colour(*cell), edge }).collect()
+    }
+
+    /// The bare body in few tiles.
+    fn body_tiles(&self) -> Vec<Tile> {
+        let tile = |corners: Vec<Point3>| Tile { corners, fill: mix(SKIN, [255, 255, 255], 0.45), edge: None };
+        match self.design.body {
+            Body::Cylinder { length_m, .. } => {
+                let rows = 12;
+                let columns = (TAU / TILE_ANGLE_RAD).round() as usize;
+                let place = |row: usize, column: usize| {
+                    let (z, theta) = (row as f64 / rows as f64 * length_m, column as f64 / columns as f64 * TAU);
+                    self.surface().at(z, theta).expect("a cylinder has angles")
+                };
+                let corner = |row, column| {
+                    tile(vec![
+                        place(row, column),
+                        place(row, column + 1),
+                        place(row + 1, column + 1),
+                        place(row + 1, column),
+                    ])
+                };
+                (0..rows)
+                    .flat_map(|row| (0..columns).map(move |column| (row, column)))
+                    .map(|(r, c)| corner(r, c))
+                    .collect()
+            }
+            Body::Disk { diameter_m } => vec![tile(flat(&round(diameter_m / 2.0)))],
+            Body::Rectangle { width_m: w, height_m: h } => {
+                vec![tile(flat(&[[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]]))]
+            }
+            Body::Mesh { .. } => self.cell_tiles(|_| SKIN, None),
+        }
+    }
+
+    fn pixel_tiles(&self, space: &PixelSpace, values: &[f64], scale: &Scale) -> Vec<Tile> {
+        let (Some([rows, columns]), false) = (space.grid, matches!(self.design.body, Body::Mesh { .. })) else {
+            let cell_values = self.spread_over_cells(space, values);
+            return self.cell_tiles(|cell| scale.colour(cell_values[cell]), None);
+        };
+        let mut tiles = Vec::new();
+        for (&position, &value) in space.position_in_grid.iter().zip(values) {
+            let fill = scale.colour(value);
+            for corners in self.pixel_polygons(position / columns, position % columns, rows, columns) {
+                tiles.push(Tile { corners, fill, edge: None });
+            }
+        }
+        tiles
+    }
+
+    /// The part of one pixel of the grid that lies on the body, as flat pieces.
+    fn pixel_polygons(&self, row: usize, column: usize, rows: usize, columns: usize) -> Vec<Vec<Point3>> {
+        let part = |index: usize, count: usize, low: f64, high: f64| {
+            [index, index + 1].map(|end| low + (high - low) * end as f64 / count as f64)
+        };
+        let square = |[x0, x1]: [f64; 2], [y0, y1]: [f64; 2]| [[x0, y0], [x1, y0], [x1, y1], [x0, y1]];
+        match self.design.body {
+            Body::Cylinder { length_m, .. } => {
+                let [z0, z1] = part(row, rows, 0.0, length_m);
+                let [from, to] = part(column, columns, 0.0, TAU);
+                let slices = ((to - from) / TILE_ANGLE_RAD).ceil().max(1.0) as usize;
+                let at = |z, theta| self.surface().at(z, theta).expect("a cylinder has angles");
+                let slice = |index| {
+                    let [a, b] = part(index, slices, from, to);
+                    vec![at(z0, a), at(z0, b), at(z1, b), at(z1, a)]
+                };
+                (0..slices).map(slice).collect()
+            }
+            Body::Disk { diameter_m } => {
+                let radius = diameter_m / 2.0;
+                let mut corners =
+                    square(part(column, columns, -radius, radius), part(row, rows, -radius, radius)).to_vec();
+                let outline = round(radius);
+                for (index, &from) in outline.iter().enumerate() {
+                    let to = outline[(index + 1) % outline.len()];
+                    let normal = [to[1] - from[1], from[0] - to[0]];
+                    corners = clip_half_plane(&corners, normal, normal[0] * from[0] + normal[1] * from[1]);
+                }
+                if corners.len() < 3 { vec![] } else { vec![flat(&corners)] }
+            }
+            Body::Rectangle { width_m, height_m } => {
+                vec![flat(&square(part(column, columns, 0.0, width_m), part(row, rows, 0.0, height_m)))]
+            }
+            Body::Mesh { .. } => vec![],
+        }
+    }
+
+    /// The value of each cell: that of its pixel, or the mean of those it lies in.
+    fn spread_over_cells(&self, space: &PixelSpace, values: &[f64]) -> Vec<f64> {
+        let (mut sums, mut shares) = (vec![0.0; self.mesh.cell_count()], vec![0.0; self.mesh.cell_count()]);
+        for (overlaps, &value) in space.overlaps.iter().zip(values) {
+            for &(cell, share) in overlaps {
+                sums[cell] += share * value;
+                shares[cell] += share;
+            }
+        }
+        // A cell outside all pixels is left grey.
+        sums.into_iter().zip(shares).map(|(sum, share)| if share > 0.0 { sum / share } else { f64::NAN }).collect()
+    }
+
+    fn add_electrodes(&self, scene: &mut Scene, look: ElectrodeLook) {
+        for (number, patch) in self.mesh.electrodes.iter().enumerate() {
+            self.add_electrode(scene, patch, look);
+            if matches!(look, ElectrodeLook::Filled { numbered: true }) {
+                scene.labels.extend(self.electrode_label(patch, number));
+            }
+        }
+        if let ElectrodeLook::Filled { .. } = look {
+            scene.legend.push((Mark::Disc(ELECTRODE, true), "electrode".to_string()));
+        } else {
+            scene.legend.push((Mark::Ring(INK), "electrode".to_string()));
+        }
+    }
+
+    fn add_electrode(&self, scene: &mut Scene, patch: &ElectrodePatch, look: ElectrodeLook) {
+        let filled = matches!(look, ElectrodeLook::Filled { .. });
+        let faces = self.patch_faces(patch);
+        if filled {
+            let corners = |face: &[usize; 3]| face.map(|node| self.mesh.nodes[node]).to_vec();
+            scene.patches.extend(faces.iter().map(|face| Tile { corners: corners(face), fill: ELECTRODE, edge: None }));
+        }
+        let mut stroke = |[a, b]: [usize; 2], colour, width| {
+            let ends = [a, b].map(|node| self.mesh.nodes[node]);
+            let normal = normalize(add(self.normal_at(a), self.normal_at(b)));
+            scene.strokes.push(Stroke { ends, normal, colour, width });
+        };
+        for edge in outline(&faces) {
+            stroke(edge, INK, 1.0);
+        }
+        match patch {
+            ElectrodePatch::Edges(edges) => {
+                edges.iter().for_each(|&edge| stroke(edge, INK, if filled { 7.0 } else { 5.0 }));
+                if filled {
+                    edges.iter().for_each(|&edge| stroke(edge, ELECTRODE, 5.0));
+                }
+            }
+            ElectrodePatch::Node(node) => {
+                let mark = if filled { Mark::Disc(ELECTRODE, true) } else { Mark::Ring(INK) };
+                scene.dots.push(Dot { at: self.mesh.nodes[*node], normal: self.normal_at(*node), radius: 4.0, mark });
+            }
+            ElectrodePatch::Cells(_) | ElectrodePatch::Faces(_) => {}
+        }
+    }
+
+    fn patch_faces(&self, patch: &ElectrodePatch) -> Vec<[usize; 3]> {
+        match (patch, &self.mesh.cells) {
+            (ElectrodePatch::Cells(cells), Cells::Triangles(triangles)) => {
+                cells.iter().map(|&c| triangles[c]).collect()
+            }
+            (ElectrodePatch::Faces(faces), _) => faces.iter().map(|&face| self.outward(face)).collect(),
+            _ => vec![],
+        }
+    }
+
+    /// A face with its corners in the order that faces outside.
+    fn outward(&self, [a, b, c]: [usize; 3]) -> [usize; 3] {
+        let normal = normal_of(&[a, b, c].map(|node| self.mesh.nodes[node]));
+        if dot(normal, self.node_normals[a]) < 0.0 { [a, c, b] } else { [a, b, c] }
+    }
+
+    fn electrode_label(&self, patch: &ElectrodePatch, number: usize) -> Option<Label> {
+        let nodes: Vec<usize> = match patch {
+            ElectrodePatch::Cells(cells) => {
+                cells.iter().flat_map(|&cell| self.mesh.cells.corners(cell).to_vec()).collect()
+            }
+            ElectrodePatch::Edges(edges) => edges.iter().flatten().copied().collect(),
+            ElectrodePatch::Faces(faces) => faces.iter().flatten().copied().collect(),
+            ElectrodePatch::Node(node) => vec![*node],
+        };
+        let first = *nodes.first()?;
+        let at = self.surface().weighted_mean(self.mesh.nodes[first], nodes.iter().map(|&n| (self.mesh.nodes[n], 1.0)));
+        let mean_normal = nodes.iter().fold([0.0; 3], |sum, &node| add(sum, self.normal_at(node)));
+        let reach = |&node: &usize| self.surface().distance_m(at, self.mesh.nodes[node]);
+        let reach_m = nodes.iter().map(reach).fold(0.0, f64::max);
+        let inwards = matches!(patch, ElectrodePatch::Edges(_));
+        let stand = if inwards { Stand::Inwards } else { Stand::OnOrAbove };
+        Some(Label { at, normal: normalize(mean_normal), text: number.to_string(), reach_m, stand })
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum ElectrodeLook {
+    Filled { numbered: bool },
+    Outlined,
+}
+
+fn add_marks(scene: &mut Scene, places: &[Contact], radius: f64, mark: Mark, name: &str) {
+    let dot = |place: &Contact| Dot { at: place.position_m, normal: place.normal, radius, mark };
+    scene.dots.extend(places.iter().map(dot));
+    if !places.is_empty() {
+        scene.legend.push((mark, name.to_string()));
+    }
+}
+
+fn estimate_dot(estimate: &Contact, radius: f64) -> Dot {
+    Dot { at: estimate.position_m, normal: estimate.normal, radius, mark: Mark::Ring(ESTIMATE) }
+}
+
+/// A circle round the origin as a polygon, counter-clockwise.
+fn round(radius_m: f64) -> Vec<[f64; 2]> {
+    const CORNERS: usize = 180;
+    (0..CORNERS).map(|k| TAU * k as f64 / CORNERS as f64).map(|a| [radius_m * a.cos(), radius_m * a.sin()]).collect()
+}
+
+fn flat(corners: &[[f64; 2]]) -> Vec<Point3> {
+    corners.iter().map(|&[x, y]| [x, y, 0.0]).collect()
+}
+
+/// The triangles of a surface, or the faces that only one tetrahedron has.
+fn outer_faces(mesh: &Mesh) -> Vec<([usize; 3], usize)> {
+    match &mesh.cells {
+        Cells::Triangles(cells) => cells.iter().enumerate().map(|(cell, &corners)| (corners, cell)).collect(),
+        Cells::Tetrahedra(cells) => {
+            let mut seen: HashMap<[usize; 3], usize> = HashMap::new();
+            let faces = |&[a, b, c, d]: &[usize; 4]| [[a, c, b], [a, b, d], [a, d, c], [b, c, d]];
+            let key = |mut face: [usize; 3]| {
+                face.sort_unstable();
+                face
+            };
+            cells.iter().flat_map(faces).for_each(|face| *seen.entry(key(face)).or_default() += 1);
+            let all = cells.iter().enumerate().flat_map(|(cell, corners)| faces(corners).map(|face| (face, cell)));
+            all.filter(|(face, _)| seen[&key(*face)] == 1)
+                .map(|(face, cell)| (oriented(mesh, face, cell), cell))
+                .collect()
+        }
+    }
+}
+
+/// A face of a cell with its corners turned to face away from the cell.
+fn oriented(mesh: &Mesh, [a, b, c]: [usize; 3], cell: usize) -> [usize; 3] {
+    let corners = [a, b, c].map(|node| mesh.nodes[node]);
+    let outwards = dot(normal_of(&corners), sub(centroid(&corners), mesh.cell_centre(cell))) > 0.0;
+    if outwards { [a, b, c] } else { [a, c, b] }
+}
+
+/// The edges that only one of some faces has.
+fn outline(faces: &[[usize; 3]]) -> Vec<[usize; 2]> {
+    let mut count: HashMap<[usize; 2], usize> = HashMap::new();
+    let edges = |&[a, b, c]: &[usize; 3]| [[a, b], [b, c], [c, a]];
+    let key = |[a, b]: [usize; 2]| [a.min(b), a.max(b)];
+    faces.iter().flat_map(edges).for_each(|edge| *count.entry(key(edge)).or_default() += 1);
+    // In the order of the faces, so that the same mesh gives the same file.
+    faces.iter().flat_map(edges).filter(|&edge| count[&key(edge)] == 1).collect()
+}

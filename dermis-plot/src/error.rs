@@ -1,0 +1,15 @@
+//! Why a picture cannot be made.
+
+use thiserror::Error;
+
+/// Why a picture cannot be made.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum PlotError {
+    /// A body that is known only by its mesh has no flat layout.
+    #[error("a body that is known only by its mesh cannot be unrolled")]
+    NoFlatLayout,
+    /// A PNG file that cannot be made; the picture is too large, or it is not valid SVG, which is a fault of this crate.
+    #[cfg(feature = "png")]
+    #[error("the picture cannot be rendered: {0}")]
+    Render(String),
+}

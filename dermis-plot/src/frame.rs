@@ -1,0 +1,205 @@
+//! What stands round a picture: title, axes with ticks, colour bar, legend.
+
+use crate::colour::{BLACK, FAINT, INK, WHITE};
+use crate::scene::{Key, Mark};
+use crate::svg::{Anchor, Picture, Place, Style, Text, text_width};
+
+/// Size of ordinary text, pixels.
+pub const TEXT_SIZE: f64 = 13.0;
+/// Size of titles, pixels.
+pub const TITLE_SIZE: f64 = 16.0;
+/// Width that a colour bar with its numbers and label needs, pixels.
+pub const KEY_WIDTH: f64 = 100.0;
+
+/// Round numbers that cover a range: about `wanted` of them.
+pub fn ticks(low: f64, high: f64, wanted: usize) -> Vec<f64> {
+    let rough = (high - low) / wanted.max(1) as f64;
+    if !(rough > 0.0 && rough.is_finite()) {
+        return Vec::new();
+    }
+    let power = 10f64.powf(rough.log10().floor());
+    let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|factor| factor * power).find(|&step| step >= rough * 0.999);
+    let step = step.unwrap_or(10.0 * power);
+    // A thousandth of a step forgives the rounding of ends that are multiples of it.
+    let first = (low / step - 1e-3).ceil() as i64;
+    let last = (high / step + 1e-3).floor() as i64;
+    (first..=last).map(|index| index as f64 * step).collect()
+}
+
+/// The numbers of an axis, all with as many decimals as the finest needs.
+pub fn tick_labels(values: &[f64]) -> Vec<String> {
+    let step = values.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
+    let decimals = if step.is_finite() { (-(step * 1.001).log10().floor()).max(0.0) as usize } else { 0 };
+    let largest = values.iter().fold(0.0f64, |largest, value| largest.max(value.abs()));
+    let text = |&value: &f64| {
+        let text = if largest != 0.0 && (largest >= 1e5 || decimals > 4) {
+            format!("{value:.1e}")
+        } else {
+            format!("{value:.decimals$}")
+        };
+        text.replace('-', "\u{2212}")
+    };
+    values.iter().map(text).collect()
+}
+
+/// The title and its second line; returns the height they take.
+pub fn title(picture: &mut Picture, title: &str, subtitle: &str) -> f64 {
+    let mut y = 8.0;
+    let width = picture.width;
+    let fit = |text: &str, size: f64| size.min(size * (width - 24.0) / text_width(text, size).max(1.0));
+    let (title_size, subtitle_size) = (fit(title, TITLE_SIZE), fit(subtitle, TEXT_SIZE));
+    if !title.is_empty() {
+        y += TITLE_SIZE;
+        picture.text([12.0, y], title, Text::new(title_size, Anchor::Start).coloured(BLACK));
+        y += 6.0;
+    }
+    if !subtitle.is_empty() {
+        y += TEXT_SIZE;
+        picture.text([12.0, y], subtitle, Text::new(subtitle_size, Anchor::Start).coloured([95, 100, 110]));
+        y += 6.0;
+    }
+    y + 4.0
+}
+
+/// Height of [`title`] before anything is drawn.
+pub fn title_height(title: &str, subtitle: &str) -> f64 {
+    let line = |text: &str, size: f64| if text.is_empty() { 0.0 } else { size + 6.0 };
+    12.0 + line(title, TITLE_SIZE) + line(subtitle, TEXT_SIZE)
+}
+
+/// A colour bar with its numbers to the right and its label beyond them.
+pub fn colour_bar(picture: &mut Picture, [x, y]: Place, height: f64, key: &Key) {
+    const STEPS: usize = 128;
+    const WIDTH: f64 = 16.0;
+    let (low, high) = (key.scale.low, key.scale.high);
+    let step = height / STEPS as f64;
+    for index in 0..STEPS {
+        let value = high - (high - low) * (index as f64 + 0.5) / STEPS as f64;
+        let top = y + index as f64 * step;
+        // Half a pixel of overlap hides the seams between the strips.
+        let bottom = (top + step + 0.5).min(y + height);
+        let strip = [[x, top], [x + WIDTH, top], [x + WIDTH, bottom], [x, bottom]];
+        picture.polygon(&strip, Style::fill(key.scale.colour(value)));
+    }
+    let frame = [[x, y], [x + WIDTH, y], [x + WIDTH, y + height], [x, y + height]];
+    picture.polygon(&frame, Style::line(INK, 1.0));
+    let values = ticks(low, high, (height / 60.0) as usize);
+    let labels = tick_labels(&values);
+    let mut widest = 0.0f64;
+    for (value, label) in values.iter().zip(&labels) {
+        let at = y + height * (high - value) / (high - low);
+        picture.line(&[[x + WIDTH, at], [x + WIDTH + 5.0, at]], Style::line(INK, 1.0));
+        picture.text([x + WIDTH + 8.0, at + 4.5], label, Text::new(12.0, Anchor::Start));
+        widest = widest.max(text_width(label, 12.0));
+    }
+    let label_size = TEXT_SIZE.min(TEXT_SIZE * height / text_width(&key.label, TEXT_SIZE));
+    let place = [x + WIDTH + 8.0 + widest + 18.0, y + height / 2.0];
+    picture.text(place, &key.label, Text::new(label_size, Anchor::Middle).upwards());
+}
+
+/// Height of a legend in a given width, and where each of its entries begins.
+fn legend_places(legend: &[(Mark, String)], width: f64) -> (f64, Vec<Place>) {
+    let mut places = Vec::with_capacity(legend.len());
+    let [mut x, mut y] = [0.0, 0.0];
+    for (_, text) in legend {
+        let entry = 26.0 + text_width(text, TEXT_SIZE) + 14.0;
+        if x > 0.0 && x + entry > width {
+            x = 0.0;
+            y += 22.0;
+        }
+        places.push([x, y]);
+        x += entry;
+    }
+    (if legend.is_empty() { 0.0 } else { y + 22.0 }, places)
+}
+
+/// Height that [`legend`] takes.
+pub fn legend_height(entries: &[(Mark, String)], width: f64) -> f64 {
+    legend_places(entries, width).0
+}
+
+/// The key to the marks, in as many rows as it needs.
+pub fn legend(picture: &mut Picture, [x, y]: Place, width: f64, entries: &[(Mark, String)]) {
+    let (_, places) = legend_places(entries, width);
+    for ((mark, text), [dx, dy]) in entries.iter().zip(places) {
+        let centre = [x + dx + 9.0, y + dy + 10.0];
+        draw_mark(picture, centre, 5.0, *mark);
+        picture.text([x + dx + 22.0, y + dy + 14.5], text, Text::new(TEXT_SIZE, Anchor::Start));
+    }
+}
+
+/// A mark at a place.
+pub fn draw_mark(picture: &mut Picture, [x, y]: Place, radius: f64, mark: Mark) {
+    match mark {
+        Mark::Disc(colour, false) => picture.circle([x, y], radius, Style::fill(colour)),
+        Mark::Disc(colour, true) => picture.circle([x, y], radius, Style::fill(colour).outlined(INK, 1.0)),
+        Mark::Bead(colour) => picture.circle([x, y], radius, Style::fill(colour).outlined(WHITE, 1.2)),
+        Mark::Cross(colour) => {
+            for style in [Style::line(WHITE, 4.4), Style::line(colour, 1.8)] {
+                picture.line(&[[x - radius, y], [x + radius, y]], style);
+                picture.line(&[[x, y - radius], [x, y + radius]], style);
+            }
+        }
+        Mark::Ring(colour) => picture.circle([x, y], radius, Style::line(colour, 1.4)),
+        Mark::Line(colour) => picture.line(&[[x - 8.0, y], [x + 8.0, y]], Style::line(colour, 1.4)),
+    }
+}
+
+/// An axis below (`upwards` false) or left of a plot: line of ticks with numbers, and a label with its unit.
+pub struct Axis<'a> {
+    /// Numbers at the two ends of the plot.
+    pub range: [f64; 2],
+    /// What the numbers are, with their unit.
+    pub label: &'a str,
+    /// How many ticks, about.
+    pub wanted: usize,
+}
+
+/// The axis below a plot whose lower left corner is given.
+pub fn axis_below(picture: &mut Picture, [x, y]: Place, width: f64, axis: &Axis<'_>) {
+    let values = ticks(axis.range[0], axis.range[1], axis.wanted);
+    for (value, label) in values.iter().zip(tick_labels(&values)) {
+        let at = x + width * (value - axis.range[0]) / (axis.range[1] - axis.range[0]);
+        picture.line(&[[at, y], [at, y + 5.0]], Style::line(INK, 1.0));
+        picture.text([at, y + 19.0], &label, Text::new(12.0, Anchor::Middle));
+    }
+    picture.text([x + width / 2.0, y + 38.0], axis.label, Text::new(TEXT_SIZE, Anchor::Middle));
+}
+
+/// The axis left of a plot whose lower left corner is given.
+pub fn axis_left(picture: &mut Picture, [x, y]: Place, height: f64, axis: &Axis<'_>) {
+    let values = ticks(axis.range[0], axis.range[1], axis.wanted);
+    for (value, label) in values.iter().zip(tick_labels(&values)) {
+        let at = y - height * (value - axis.range[0]) / (axis.range[1] - axis.range[0]);
+        picture.line(&[[x - 5.0, at], [x, at]], Style::line(INK, 1.0));
+        picture.text([x - 8.0, at + 4.5], &label, Text::new(12.0, Anchor::End));
+    }
+    picture.text([x - 46.0, y - height / 2.0], axis.label, Text::new(TEXT_SIZE, Anchor::Middle).upwards());
+}
+
+/// The frame of a plot.
+pub fn border(picture: &mut Picture, [x, y]: Place, width: f64, height: f64) {
+    let corners = [[x, y], [x + width, y], [x + width, y + height], [x, y + height]];
+    picture.polygon(&corners, Style::line(FAINT, 1.0));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_round_and_inside() {
+        assert_eq!(ticks(0.0, 314.2, 6), vec![0.0, 100.0, 200.0, 300.0]);
+        assert_eq!(tick_labels(&ticks(-0.02, 0.021, 5)), vec!["\u{2212}0.02", "\u{2212}0.01", "0.00", "0.01", "0.02"]);
+        assert_eq!(tick_labels(&ticks(0.0, 300.0, 6)), vec!["0", "50", "100", "150", "200", "250", "300"]);
+        assert!(ticks(1.0, 1.0, 5).is_empty());
+    }
+
+    #[test]
+    fn a_legend_wraps_into_rows_that_fit() {
+        let entries: Vec<_> = (0..6).map(|i| (Mark::Line(INK), format!("entry number {i}"))).collect();
+        assert_eq!(legend_height(&entries, 1e4), 22.0);
+        assert!(legend_height(&entries, 300.0) > 60.0);
+        assert_eq!(legend_height(&[], 300.0), 0.0);
+    }
+}

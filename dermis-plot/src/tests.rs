@@ -1,0 +1,120 @@
+use super::*;
+use crate::colour::Scale;
+use crate::scene::Tile;
+use dermis::contact::Contact;
+use dermis::geom::vector::{dot, triangle_area};
+use dermis::image::PixelSpace;
+use dermis::mesh::import;
+use std::f64::consts::PI;
+use std::path::Path;
+
+fn skin(name: &str) -> (SkinDesign, Mesh) {
+    let design = SkinDesign::shipped(name).unwrap();
+    let mesh = Mesh::generate(&design).unwrap();
+    (design, mesh)
+}
+
+fn area(tile: &Tile) -> f64 {
+    tile.corners[1..].windows(2).map(|pair| triangle_area([tile.corners[0], pair[0], pair[1]])).sum()
+}
+
+fn field(drawing: &Drawing<'_>, space: &PixelSpace) -> Scene {
+    let values: Vec<f64> = (0..space.len()).map(|pixel| pixel as f64).collect();
+    drawing.field(space, &values, Key { scale: Scale::sequential(values.iter().copied()), label: "value".into() })
+}
+
+#[test]
+fn the_pixels_of_a_picture_cover_the_body_once() {
+    for (name, exact) in [("tank16", PI * 0.1 * 0.1), ("cylinder30", PI * 0.1 * 0.3)] {
+        let (design, mesh) = skin(name);
+        let space = PixelSpace::for_design(&design, &mesh).unwrap();
+        let covered: f64 = field(&Drawing::new(&design, &mesh), &space).tiles.iter().map(area).sum();
+        // A round body's polygon of 72 or 180 corners lacks at most (pi / 72)^2 2/3 of its area.
+        assert!((covered / exact - 1.0).abs() < 2e-3, "{name}: {covered} of {exact}");
+    }
+}
+
+#[test]
+fn a_pixel_is_drawn_where_its_centre_is() {
+    for name in ["tank16", "cylinder30"] {
+        let (design, mesh) = skin(name);
+        let space = PixelSpace::for_design(&design, &mesh).unwrap();
+        let drawing = Drawing::new(&design, &mesh);
+        let mut values = vec![0.0; space.len()];
+        let marked = space.len() / 3;
+        values[marked] = 1.0;
+        let key = Key { scale: Scale::sequential([0.0, 1.0]), label: String::new() };
+        let bright = key.scale.colour(1.0);
+        let scene = drawing.field(&space, &values, key);
+        let tiles: Vec<&Tile> = scene.tiles.iter().filter(|tile| tile.fill == bright).collect();
+        let corners: Vec<_> = tiles.iter().flat_map(|tile| tile.corners.clone()).collect();
+        let middle = dermis::geom::vector::centroid(&corners);
+        let off = dermis::geom::vector::distance(middle, space.centres_m[marked]);
+        assert!(off < 1e-3, "{name}: the pixel is drawn {off} m off");
+    }
+}
+
+#[test]
+fn every_electrode_has_its_number_and_the_seam_shows_both_sides() {
+    let (design, mesh) = skin("cylinder30");
+    let scene = Drawing::new(&design, &mesh).electrodes();
+    assert_eq!(scene.labels.len(), 30);
+    let svg = View::Unrolled.draw(&scene, &design).unwrap().to_svg();
+    for number in 0..30 {
+        assert!(svg.contains(&format!(">{number}</text>")), "electrode {number}");
+    }
+    for label in ["z (mm)", "arc length s = r \u{3b8} (mm)", "\u{3b8} (degrees)"] {
+        assert!(svg.contains(label), "{label}");
+    }
+    let solid = View::solid(&design, &mesh).draw(&scene, &design).unwrap().to_svg();
+    assert!(solid.contains("50 mm") && solid.contains("seen from \u{3b8} = 200\u{b0}"));
+}
+
+#[test]
+fn a_touch_on_the_seam_appears_on_both_edges() {
+    let (design, mesh) = skin("cylinder30");
+    let surface = design.body.surface();
+    let at = |theta: f64| {
+        let place = surface.at(0.1, theta).unwrap();
+        Contact::truth(place, surface.normal(place).unwrap(), 1.0)
+    };
+    let drawing = Drawing::new(&design, &mesh);
+    let lines = |truth: f64, estimate: f64| {
+        let scene = drawing.localisation(&[(at(truth), Some(at(estimate)))], &[]);
+        let bare = drawing.localisation(&[], &[]);
+        let count = |scene: &Scene| {
+            let svg = View::Unrolled.draw(scene, &design).unwrap().to_svg();
+            svg.matches("stroke-linecap").count() as i64
+        };
+        count(&scene) - count(&bare)
+    };
+    assert_eq!(lines(1.0, 1.1), 1, "an error line in the middle is one line");
+    assert_eq!(lines(6.25, 0.05), 2, "an error line over the seam is seen on both sides");
+}
+
+#[test]
+fn a_volume_shows_its_outside_and_cannot_be_unrolled() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/bodies");
+    let mesh = import::load(&folder.join("block_4.1_ascii.msh"), 1.0).unwrap();
+    let mut design = SkinDesign::shipped("tank16").unwrap();
+    design.body = Body::Mesh { path: "block.msh".into(), unit_m: 1.0 };
+    let scene = Drawing::new(&design, &mesh).mesh();
+    let centre = dermis::geom::vector::centroid(&mesh.nodes);
+    for tile in &scene.tiles {
+        let outwards = dermis::geom::vector::sub(dermis::geom::vector::centroid(&tile.corners), centre);
+        assert!(dot(tile.normal(), outwards) > 0.0, "a face of the block looks inwards");
+    }
+    assert_eq!(View::Unrolled.draw(&scene, &design).unwrap_err(), PlotError::NoFlatLayout);
+    let picture = View::solid(&design, &mesh).draw(&scene, &design).unwrap();
+    assert!(picture.width > 300.0 && picture.height > 200.0);
+}
+
+#[test]
+fn the_same_scene_gives_the_same_file() {
+    let draw = || {
+        let (design, mesh) = skin("skin16");
+        let scene = Drawing::new(&design, &mesh).mesh();
+        View::solid(&design, &mesh).draw(&scene, &design).unwrap().to_svg()
+    };
+    assert_eq!(draw(), draw());
+}

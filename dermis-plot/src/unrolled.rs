@@ -1,0 +1,218 @@
+//! The skin laid out flat: a cylinder cut open at theta = 0, a flat skin as it is.
+
+use crate::colour::{FAINT, INK};
+use crate::frame::{self, Axis};
+use crate::scene::{LABEL_SIZE, Scene, Tile};
+use crate::svg::{Anchor, Picture, Place, Style, Text};
+use crate::{PlotError, solid};
+use dermis::design::{Body, SkinDesign};
+use dermis::geom::{Point3, Surface};
+use std::f64::consts::TAU;
+
+/// Largest extent of the plot, pixels.
+const PLOT_SIZE: f64 = 540.0;
+/// Room round the body inside the plot, as a part of the body's larger extent; marks at the edge need it.
+const MARGIN: f64 = 0.03;
+const LEFT: f64 = 66.0;
+const BELOW: f64 = 48.0;
+/// Room for the angles above a cylinder.
+const ABOVE: f64 = 44.0;
+
+/// A skin's body laid flat: lengths in m, the second axis upwards.
+#[derive(Debug, Clone, Copy)]
+struct Chart {
+    surface: Surface,
+    low_m: [f64; 2],
+    high_m: [f64; 2],
+    /// Circumference of a cylinder; what leaves on one side comes back on the other.
+    around_m: Option<f64>,
+    labels: [&'static str; 2],
+}
+
+impl Chart {
+    fn of(body: &Body) -> Option<Self> {
+        let flat = |low_m, high_m| Chart {
+            surface: Surface::Plane,
+            low_m,
+            high_m,
+            around_m: None,
+            labels: ["x (mm)", "y (mm)"],
+        };
+        match *body {
+            Body::Cylinder { length_m, diameter_m } => Some(Chart {
+                surface: body.surface(),
+                low_m: [0.0, 0.0],
+                high_m: [diameter_m / 2.0 * TAU, length_m],
+                around_m: Some(diameter_m / 2.0 * TAU),
+                labels: ["arc length s = r \u{3b8} (mm)", "z (mm)"],
+            }),
+            Body::Disk { diameter_m } => Some(flat([-diameter_m / 2.0; 2], [diameter_m / 2.0; 2])),
+            Body::Rectangle { width_m, height_m } => Some(flat([0.0; 2], [width_m, height_m])),
+            Body::Mesh { .. } => None,
+        }
+    }
+
+    /// A point of the skin, m.
+    fn point(&self, at: Point3) -> [f64; 2] {
+        match self.surface {
+            Surface::Cylinder { radius_m, .. } => {
+                [radius_m * self.surface.theta_rad(at).expect("a cylinder has angles"), at[2]]
+            }
+            _ => [at[0], at[1]],
+        }
+    }
+
+    /// Points that belong together (a tile, a line), as often as the seam makes them appear.
+    fn together(&self, points: &[Point3]) -> Vec<Vec<[f64; 2]>> {
+        let anchor = self.point(points[0]);
+        let placed: Vec<[f64; 2]> = points
+            .iter()
+            .map(|&point| {
+                let [dx, dy] = self.surface.chart(points[0], point);
+                [anchor[0] + dx, anchor[1] + dy]
+            })
+            .collect();
+        let mut copies = vec![placed.clone()];
+        if let Some(around) = self.around_m {
+            // A hair of tolerance keeps what merely touches the seam from being drawn twice.
+            let hair = 1e-9 * around;
+            let moved = |by: f64| placed.iter().map(|[x, y]| [x + by, *y]).collect();
+            if placed.iter().any(|[x, _]| *x < -hair) {
+                copies.push(moved(around));
+            }
+            if placed.iter().any(|[x, _]| *x > around + hair) {
+                copies.push(moved(-around));
+            }
+        }
+        copies
+    }
+}
+
+/// The plot's place and scale.
+struct Plot {
+    chart: Chart,
+    low_m: [f64; 2],
+    pixels_per_m: f64,
+    width: f64,
+    height: f64,
+}
+
+impl Plot {
+    fn new(chart: Chart) -> Self {
+        let extent = [chart.high_m[0] - chart.low_m[0], chart.high_m[1] - chart.low_m[1]];
+        let room = MARGIN * extent[0].max(extent[1]);
+        // A cylinder fills the plot from seam to seam.
+        let room = [if chart.around_m.is_some() { 0.0 } else { room }, room];
+        let full = [extent[0] + 2.0 * room[0], extent[1] + 2.0 * room[1]];
+        let pixels_per_m = PLOT_SIZE / full[0].max(full[1]);
+        Plot {
+            chart,
+            low_m: [chart.low_m[0] - room[0], chart.low_m[1] - room[1]],
+            pixels_per_m,
+            width: full[0] * pixels_per_m,
+            height: full[1] * pixels_per_m,
+        }
+    }
+
+    fn place(&self, [x, y]: [f64; 2]) -> Place {
+        [(x - self.low_m[0]) * self.pixels_per_m, self.height - (y - self.low_m[1]) * self.pixels_per_m]
+    }
+
+    fn range_mm(&self, axis: usize) -> [f64; 2] {
+        let extent = [self.width, self.height][axis] / self.pixels_per_m;
+        [self.low_m[axis] * 1e3, (self.low_m[axis] + extent) * 1e3]
+    }
+
+    fn tiles(&self, picture: &mut Picture, tiles: &[Tile]) {
+        for tile in tiles {
+            for copy in self.chart.together(&tile.corners) {
+                let places: Vec<Place> = copy.into_iter().map(|at| self.place(at)).collect();
+                picture.polygon(&places, solid::tile_style(tile.fill, tile.edge));
+            }
+        }
+    }
+
+    /// The seam's two sides, or the outline of a flat body.
+    fn outline(&self, picture: &mut Picture, body: &Body) {
+        let Chart { low_m: [x0, y0], high_m: [x1, y1], .. } = self.chart;
+        let style = Style::line(FAINT, 1.0);
+        match *body {
+            Body::Disk { diameter_m } => {
+                let centre = self.place([0.0, 0.0]);
+                picture.circle(centre, diameter_m / 2.0 * self.pixels_per_m, style);
+            }
+            _ => picture.polygon(&[[x0, y0], [x1, y0], [x1, y1], [x0, y1]].map(|at| self.place(at)), style),
+        }
+    }
+
+    fn draw(&self, scene: &Scene, body: &Body) -> Picture {
+        let mut picture = Picture::new(self.width, self.height);
+        self.tiles(&mut picture, &scene.tiles);
+        self.outline(&mut picture, body);
+        self.tiles(&mut picture, &scene.patches);
+        for stroke in &scene.strokes {
+            for copy in self.chart.together(&stroke.ends) {
+                let places: Vec<Place> = copy.into_iter().map(|at| self.place(at)).collect();
+                picture.line(&places, Style::line(stroke.colour, stroke.width));
+            }
+        }
+        for dot in &scene.dots {
+            let at = self.place(self.chart.point(dot.at));
+            let around = self.chart.around_m.map(|around| around * self.pixels_per_m);
+            let copies = around.map_or(vec![0.0], |around| vec![0.0, around, -around]);
+            for dx in copies {
+                let x = at[0] + dx;
+                if x > -dot.radius && x < self.width + dot.radius {
+                    frame::draw_mark(&mut picture, [x, at[1]], dot.radius, dot.mark);
+                }
+            }
+        }
+        for label in &scene.labels {
+            let anchor = self.place(self.chart.point(label.at));
+            let at = label.baseline(anchor, [self.width, self.height], self.pixels_per_m);
+            picture.text(at, &label.text, Text::new(LABEL_SIZE, Anchor::Middle).rimmed());
+        }
+        picture
+    }
+}
+
+/// The scene laid out flat.
+///
+/// # Errors
+/// A body that is known only by its mesh has no flat layout.
+pub fn draw(scene: &Scene, design: &SkinDesign) -> Result<Picture, PlotError> {
+    let chart = Chart::of(&design.body).ok_or(PlotError::NoFlatLayout)?;
+    let plot = Plot::new(chart);
+    let above = if chart.around_m.is_some() { ABOVE } else { 6.0 };
+    let right = if scene.key.is_some() { frame::KEY_WIDTH + 24.0 } else { 24.0 };
+    let top = frame::title_height(&scene.title, &scene.subtitle) + above;
+    let legend_height = frame::legend_height(&scene.legend, plot.width);
+    let mut picture = Picture::new(LEFT + plot.width + right, top + plot.height + BELOW + legend_height + 4.0);
+    frame::title(&mut picture, &scene.title, &scene.subtitle);
+    picture.place([LEFT, top], &plot.draw(scene, &design.body));
+    frame::border(&mut picture, [LEFT, top], plot.width, plot.height);
+    let corner = [LEFT, top + plot.height];
+    let wanted = |pixels: f64| ((pixels / 70.0) as usize).max(2);
+    let below = Axis { range: plot.range_mm(0), label: chart.labels[0], wanted: wanted(plot.width) };
+    frame::axis_below(&mut picture, corner, plot.width, &below);
+    let left = Axis { range: plot.range_mm(1), label: chart.labels[1], wanted: wanted(plot.height) };
+    frame::axis_left(&mut picture, corner, plot.height, &left);
+    if chart.around_m.is_some() {
+        angles(&mut picture, [LEFT, top], plot.width);
+    }
+    if let Some(key) = &scene.key {
+        frame::colour_bar(&mut picture, [LEFT + plot.width + 20.0, top], plot.height, key);
+    }
+    frame::legend(&mut picture, [LEFT, corner[1] + BELOW], plot.width, &scene.legend);
+    Ok(picture)
+}
+
+/// The angles round a cylinder, above the plot.
+fn angles(picture: &mut Picture, [x, y]: Place, width: f64) {
+    for degrees in (0..=360).step_by(60) {
+        let at = x + width * f64::from(degrees) / 360.0;
+        picture.line(&[[at, y - 5.0], [at, y]], Style::line(INK, 1.0));
+        picture.text([at, y - 9.0], &degrees.to_string(), Text::new(12.0, Anchor::Middle));
+    }
+    picture.text([x + width / 2.0, y - 27.0], "\u{3b8} (degrees)", Text::new(frame::TEXT_SIZE, Anchor::Middle));
+}

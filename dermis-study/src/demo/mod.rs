@@ -1,0 +1,105 @@
+//! Demonstrations: the paper's skin pressed 900 times in simulation, and a real tank.
+
+mod page;
+mod presses;
+mod tank;
+
+use crate::report::{Report, to_json};
+use crate::{Error, Progress, Result, StudyOutput};
+use dermis::frame::write_whole;
+use presses::Demo;
+use serde::Serialize;
+use std::path::Path;
+
+/// A result of the paper, measured on its real skin (900 indentations; Eqs. 11 and 12).
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct PaperRow {
+    /// Mean localisation error, m.
+    pub mean_m: f64,
+    /// Its standard deviation, m.
+    pub sd_m: f64,
+    /// Spread of the sensitivity.
+    pub sensitivity_spread: f64,
+}
+
+/// Of its linear method.
+pub const PAPER_LINEAR: PaperRow = PaperRow { mean_m: 5.5e-3, sd_m: 3.2e-3, sensitivity_spread: 0.45 };
+/// Of its network.
+pub const PAPER_NETWORK: PaperRow = PaperRow { mean_m: 5.2e-3, sd_m: 3.3e-3, sensitivity_spread: 0.39 };
+
+/// Presses every pixel of the paper's skin in simulation, four places at once at the end, and writes the report page.
+///
+/// # Errors
+/// A page that cannot be written.
+pub fn presses(output: &Path, seed: u64, progress: &dyn Progress) -> Result<StudyOutput> {
+    let demo = Demo::run(seed, progress)?;
+    write_page(output, &page::report(&demo)?)?;
+    let text = format!(
+        "{}\n{}\n{}\n\nThe report with all pictures: {}\n",
+        demo.heading(),
+        demo.table().to_text(),
+        presses::CAVEAT,
+        output.display()
+    );
+    Ok(StudyOutput { text, json: to_json(&Summary { demo: &demo, report: output })? })
+}
+
+/// Finds the objects in recordings of a real saline tank, and writes the report page.
+///
+/// # Errors
+/// A page that cannot be written.
+pub fn tank(output: &Path) -> Result<StudyOutput> {
+    tank::run(output)
+}
+
+/// Writes a page, with the folder that holds it.
+fn write_page(path: &Path, report: &Report) -> Result<()> {
+    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        std::fs::create_dir_all(folder).map_err(|source| Error::Folder { folder: folder.to_path_buf(), source })?;
+    }
+    Ok(write_whole(path, |writer| writer.write_all(report.to_html().as_bytes()))?)
+}
+
+struct Summary<'a> {
+    demo: &'a Demo,
+    report: &'a Path,
+}
+
+impl Serialize for Summary<'_> {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        #[derive(Serialize)]
+        struct Flat<'a> {
+            #[serde(flatten)]
+            score: &'a dermis_sim::evaluate::Score,
+            simulated: bool,
+            seed: u64,
+            snr_db: f64,
+            touch_amplitude: f64,
+            touch_width_m: f64,
+            simulation_nodes: usize,
+            reconstruction_nodes: usize,
+            seconds: f64,
+            methods: Vec<&'a dermis_sim::evaluate::Score>,
+            paper_linear_measured: PaperRow,
+            paper_network_measured: PaperRow,
+            report: &'a Path,
+        }
+        let demo = self.demo;
+        Flat {
+            score: &demo.first().score,
+            simulated: true,
+            seed: demo.seed,
+            snr_db: presses::SNR_DB,
+            touch_amplitude: presses::AMPLITUDE,
+            touch_width_m: presses::WIDTH_M,
+            simulation_nodes: demo.simulation_nodes,
+            reconstruction_nodes: demo.mesh.node_count(),
+            seconds: demo.seconds,
+            methods: demo.shown.iter().map(|shown| &shown.score).collect(),
+            paper_linear_measured: PAPER_LINEAR,
+            paper_network_measured: PAPER_NETWORK,
+            report: self.report,
+        }
+        .serialize(serializer)
+    }
+}

@@ -1,0 +1,168 @@
+//! The paper's 900 indentations, simulated.
+
+use super::{PAPER_LINEAR, PAPER_NETWORK};
+use crate::Result;
+use crate::comparison::{self, Shown};
+use crate::plots::four_touches;
+use crate::progress::Progress;
+use crate::report::Table;
+use dermis::contact::Contact;
+use dermis::design::SkinDesign;
+use dermis::forward::ForwardModel;
+use dermis::frame::Frame;
+use dermis::geom::Point3;
+use dermis::image::PixelSpace;
+use dermis::mesh::Mesh;
+use dermis::reconstruct::Linearised;
+use dermis::stats::Summary;
+use dermis_sim::experiment::{Recording, record};
+use dermis_sim::twin::{GaussianOptions, Press, TouchOptions, Twin, TwinOptions};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Relative rise of conductance in the middle of a press. The paper does not state its own; doubled conductance is what
+/// a fabric of the sheet's own resistance gives when it is pressed on.
+pub const AMPLITUDE: f64 = 1.0;
+/// Standard deviation of a press along the surface: a fingertip of about 20 mm at half its height.
+pub const WIDTH_M: f64 = 0.008;
+/// The mesh that simulates is finer than the one that reconstructs by this factor in every length, so that the model
+/// that makes the images is not the one that made the frames.
+const FINER: f64 = 0.5;
+/// White noise of every reading, dB.
+pub const SNR_DB: f64 = 50.0;
+
+/// What keeps the rows of the table from being compared without a thought.
+pub const CAVEAT: &str = "\
+The paper's rows were measured: a real skin, a real indenter, real electronics. The rows above are simulated, on an\n\
+even sheet with white noise at 50 dB and presses of one size; they show that the chain from frames to contacts works,\n\
+not that this skin beats that one.";
+
+/// The demo's experiment and what came of it.
+pub struct Demo {
+    /// The paper's skin.
+    pub design: SkinDesign,
+    /// The mesh that reconstructs.
+    pub mesh: Mesh,
+    /// Nodes of the mesh that simulates.
+    pub simulation_nodes: usize,
+    /// Seed of the noise.
+    pub seed: u64,
+    /// Change of the frame by each pixel, per area.
+    pub sensitivity: Vec<f64>,
+    /// Where each frame was touched.
+    pub truth: Vec<Vec<Contact>>,
+    /// What each method made of these frames.
+    pub shown: Vec<Shown>,
+    /// Four touches at once, as in the paper's Fig. 9.
+    pub four_truth: Vec<Contact>,
+    /// What each method made of that one frame.
+    pub four: Vec<Shown>,
+    /// How long all of it took.
+    pub seconds: f64,
+}
+
+impl Demo {
+    /// Presses every pixel of the paper's skin once, and four places at once at the end.
+    pub fn run(seed: u64, progress: &dyn Progress) -> Result<Self> {
+        let begun = Instant::now();
+        let design = SkinDesign::load("cylinder30")?;
+        let mesh = Mesh::generate(&design)?;
+        let forward = ForwardModel::new(&design, &mesh)?;
+        let pixels = Arc::new(PixelSpace::for_design(&design, &mesh)?);
+        // All presses are equally strong, as if of 1 N.
+        let press = |(&at, &normal): (&Point3, &Point3)| vec![Contact::truth(at, normal, 1.0)];
+        let mut truth: Vec<Vec<Contact>> = pixels.centres_m.iter().zip(&pixels.normals).map(press).collect();
+        truth.push(four_touches(&design, 1.0).expect("the paper's skin is a cylinder"));
+
+        let twin = twin(&design, seed)?;
+        let recording = record_presses(&twin, &truth, progress)?;
+        let untouched: Vec<Frame> = recording.untouched.iter().map(|frame| frame - &recording.baseline).collect();
+        let (recording, four) = recording.split_last().expect("the four touches were pressed last");
+        let four_truth = truth.pop().expect("and their truth stands last");
+
+        let model = Linearised::new(&forward, &pixels)?;
+        let (mut shown, mut of_four) = (Vec::new(), Vec::new());
+        for method in comparison::shipped(&design, &forward, &model, &pixels)? {
+            let detector = method.detector(&untouched)?;
+            shown.push(Shown::of(&method, &recording, &truth, &detector, progress)?);
+            of_four.push(Shown::of(&method, &four, std::slice::from_ref(&four_truth), &detector, progress)?);
+        }
+        Ok(Demo {
+            sensitivity: model.sensitivity(&pixels),
+            simulation_nodes: twin.mesh().node_count(),
+            seconds: begun.elapsed().as_secs_f64(),
+            design,
+            mesh,
+            seed,
+            truth,
+            shown,
+            four_truth,
+            four: of_four,
+        })
+    }
+
+    /// The method that stands first.
+    pub fn first(&self) -> &Shown {
+        self.shown.first().expect("there is the linear method at least")
+    }
+
+    /// What was done, in two lines.
+    pub fn heading(&self) -> String {
+        let methods: Vec<&str> = self.shown.iter().map(|shown| shown.how.as_str()).collect();
+        format!(
+            "{} presses on {}, SIMULATED on {} nodes with noise at {} dB (seed {}), reconstructed on {} nodes\n\
+             ({}), in {:.0} s.\n",
+            self.truth.len(),
+            self.design.name,
+            self.simulation_nodes,
+            SNR_DB,
+            self.seed,
+            self.mesh.node_count(),
+            methods.join("; "),
+            self.seconds
+        )
+    }
+
+    /// The results beside the paper's linear row.
+    pub fn table(&self) -> Table {
+        let header =
+            ["localisation error", "mean \u{b1} sd (mm)", "median", "95th pct", "misses", "false positives", "spread"];
+        let mut table = Table::new(&header);
+        let mm = |value_m: f64| format!("{:.1}", value_m * 1e3);
+        let pair = |mean_m: f64, sd_m: f64| format!("{} \u{b1} {}", mm(mean_m), mm(sd_m));
+        let none = || "\u{2013}".to_string();
+        let cells = |summary: &Summary| (pair(summary.mean, summary.sd), mm(summary.median), mm(summary.p95));
+        for Shown { name, score, .. } in &self.shown {
+            let (error, median, p95) = cells(&score.localisation_m);
+            let counts = (score.misses.to_string(), score.false_positives.to_string());
+            let spread = format!("{:.2}", score.sensitivity_spread);
+            table.row([format!("{name}: contacts, simulated"), error, median, p95, counts.0, counts.1, spread]);
+            let (error, median, p95) = cells(&score.eq11_m);
+            let what = format!("{name}: whole image (Eq. 11), simulated");
+            table.row([what, error, median, p95, none(), none(), none()]);
+        }
+        for (name, row) in [("linear method", PAPER_LINEAR), ("network", PAPER_NETWORK)] {
+            let error = pair(row.mean_m, row.sd_m);
+            let spread = format!("{:.2}", row.sensitivity_spread);
+            table.row([format!("paper, {name} (Eq. 11), measured"), error, none(), none(), none(), none(), spread]);
+        }
+        table
+    }
+}
+
+/// A twin without an error but white noise, touched as the paper trains.
+fn twin(design: &SkinDesign, seed: u64) -> Result<Twin> {
+    let mut options = TwinOptions::shipped("ideal").expect("a shipped twin");
+    options.mesh_scale = FINER;
+    options.touch = TouchOptions::Gaussian(GaussianOptions { amplitude_per_n: AMPLITUDE, width_m: WIDTH_M });
+    options.electronics.snr_db = Some(SNR_DB);
+    Ok(Twin::new(design, &options, seed)?)
+}
+
+fn record_presses(twin: &Twin, truth: &[Vec<Contact>], progress: &dyn Progress) -> Result<Recording> {
+    let tip_radius_m = twin.options().press.tip_radius_m;
+    let press = |touch: &Contact| Press { centre_m: touch.position_m, force_n: touch.force_n, tip_radius_m };
+    let presses: Vec<Vec<Press>> = truth.iter().map(|frame| frame.iter().map(press).collect()).collect();
+    let task = progress.begin("pressing", presses.len());
+    Ok(record(twin, &presses, 0, || task.advance(1))?)
+}

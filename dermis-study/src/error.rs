@@ -1,0 +1,77 @@
+//! The crate's error.
+
+use std::path::PathBuf;
+use thiserror::Error as ThisError;
+
+/// Shorthand for a result with the crate's [`enum@Error`].
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// Why a study cannot be made.
+#[derive(Debug, ThisError)]
+pub enum Error {
+    /// A design, a mesh, a forward problem, a reconstruction or a table that cannot be used.
+    #[error(transparent)]
+    Dermis(dermis::Error),
+    /// A twin, a touch or a score that cannot be computed.
+    #[error(transparent)]
+    Sim(dermis_sim::Error),
+    /// A network that cannot be used.
+    #[error(transparent)]
+    Learn(#[from] Box<dermis_learn::LearnError>),
+    /// A picture that cannot be drawn.
+    #[error(transparent)]
+    Plot(#[from] dermis_plot::PlotError),
+    /// An output folder that cannot be created.
+    #[error("the folder {} cannot be made: {source}", folder.display())]
+    Folder {
+        /// The folder.
+        folder: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// Two networks of one name: results are listed by name.
+    #[error("two of the networks are called `{0}`")]
+    SameName(String),
+    /// A command that trains a network was refused (exit code 2); its own message says why.
+    #[error("`{0}` was refused, for the reason above")]
+    CommandRefused(String),
+    /// A fault of this program.
+    #[error("{0}")]
+    Internal(String),
+}
+
+impl Error {
+    /// How to correct what was given, where the message alone does not say it.
+    pub fn fix(&self) -> Option<&'static str> {
+        match self {
+            Error::Folder { .. } => Some("choose another place with -o"),
+            Error::SameName(_) => Some("name another in one's card.json, or reproduce with one at a time"),
+            Error::CommandRefused(_) => Some("mend that, and run again: what is done is kept"),
+            _ => None,
+        }
+    }
+}
+
+impl From<dermis_learn::LearnError> for Error {
+    fn from(error: dermis_learn::LearnError) -> Self {
+        Box::new(error).into()
+    }
+}
+
+/// Errors of the crates below and of their modules.
+macro_rules! from_below {
+    ($($variant:ident: $($error:ty),*;)*) => {
+        $($(impl From<$error> for Error {
+            fn from(error: $error) -> Self {
+                Error::$variant(error.into())
+            }
+        })*)*
+    };
+}
+
+from_below!(
+    Dermis: dermis::Error, dermis::design::DesignError, dermis::frame::TableError, dermis::mesh::MeshError,
+        dermis::forward::ForwardError, dermis::reconstruct::ReconstructError;
+    Sim: dermis_sim::Error, dermis_sim::touch::TouchError, dermis_sim::twin::TwinError,
+        dermis_sim::dataset::DatasetError, dermis_sim::evaluate::EvaluateError;
+);

@@ -1,0 +1,30 @@
+//! The study of the paper that `dermis` follows, “An ERT-based Robotic Skin with Sparsely Distributed Electrodes”:
+//! its experiments on simulated skins, compared with the figures that it states.
+//!
+//! - [`demo`]: the paper's 900 indentations in simulation, and the objects in recordings of a real tank;
+//! - [`reproduce`]: sections II to IV of the paper on digital twins, as a page and as numbers;
+//! - [`comparison`], [`metrics`], [`plots`]: methods beside each other, the figures that are compared, their pictures;
+//! - [`report`]: tables, and HTML pages that need no other file.
+//!
+//! Nothing here prints. Long work reports to a [`Progress`].
+
+pub mod comparison;
+pub mod demo;
+mod error;
+pub mod metrics;
+pub mod plots;
+pub mod progress;
+pub mod report;
+pub mod reproduce;
+
+pub use error::{Error, Result};
+pub use progress::{Progress, Task};
+
+/// What a study has to say: a table and remarks for people, the numbers for programs.
+#[derive(Debug, Clone)]
+pub struct StudyOutput {
+    /// Text for a terminal.
+    pub text: String,
+    /// JSON, SI units.
+    pub json: String,
+}

@@ -1,0 +1,193 @@
+//! The figures that tell how a method does on a twin, for tables and for programs: one list for every command.
+
+use crate::report::Table;
+use dermis_sim::evaluate::{BenchmarkOptions, BenchmarkResult, FORCES_A_PLACE};
+use dermis_sim::experiment::Sizes;
+
+/// One figure of an result.
+pub struct Figure {
+    /// Its name for programs; the value there is in SI units.
+    pub key: &'static str,
+    /// Its name for people, with the unit that they read.
+    pub name: &'static str,
+    /// Its value, SI units; `NaN` where there is none.
+    pub of: fn(&BenchmarkResult) -> f64,
+    /// What people read is the value times this.
+    pub factor: f64,
+    /// Decimals that people read.
+    pub decimals: usize,
+    /// Which of two values is the worse one.
+    pub worse: Worse,
+}
+
+/// Which of two values of a figure is the worse one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Worse {
+    /// The greater one, as of an error.
+    More,
+    /// The lesser one, as of a share of successes.
+    Less,
+}
+
+macro_rules! figure {
+    ($key:literal, $name:literal, $factor:literal, $decimals:literal, $worse:ident, $of:expr) => {
+        Figure { key: $key, name: $name, of: $of, factor: $factor, decimals: $decimals, worse: Worse::$worse }
+    };
+}
+
+/// All figures, in the order of the tables.
+pub const FIGURES: &[Figure] = &[
+    figure!("grid_localisation_mean_m", "grid: localisation, mean, mm", 1e3, 2, More, |t| t.grid.localisation_m.mean),
+    figure!("grid_localisation_sd_m", "grid: localisation, sd, mm", 1e3, 2, More, |t| t.grid.localisation_m.sd),
+    figure!("grid_localisation_median_m", "grid: localisation, median, mm", 1e3, 2, More, |t| {
+        t.grid.localisation_m.median
+    }),
+    figure!("grid_localisation_p95_m", "grid: localisation, 95th percentile, mm", 1e3, 2, More, |t| {
+        t.grid.localisation_m.p95
+    }),
+    figure!("grid_eq11_mean_m", "grid: whole image (Eq. 11), mean, mm", 1e3, 1, More, |t| t.grid.eq11_m.mean),
+    figure!("grid_misses", "grid: misses", 1.0, 1, More, |t| t.grid.misses as f64),
+    figure!("grid_ghosts", "grid: false positives", 1.0, 1, More, |t| t.grid.false_positives as f64),
+    figure!("grid_sensitivity_spread", "grid: sensitivity spread", 1.0, 2, More, |t| t.grid.sensitivity_spread),
+    figure!("random_localisation_mean_m", "random: localisation, mean, mm", 1e3, 2, More, |t| {
+        t.random.localisation_m.mean
+    }),
+    figure!("random_localisation_sd_m", "random: localisation, sd, mm", 1e3, 2, More, |t| t.random.localisation_m.sd),
+    figure!("random_localisation_median_m", "random: localisation, median, mm", 1e3, 2, More, |t| {
+        t.random.localisation_m.median
+    }),
+    figure!("random_localisation_p95_m", "random: localisation, 95th percentile, mm", 1e3, 2, More, |t| {
+        t.random.localisation_m.p95
+    }),
+    figure!("random_eq11_mean_m", "random: whole image (Eq. 11), mean, mm", 1e3, 1, More, |t| t.random.eq11_m.mean),
+    figure!("random_misses", "random: misses", 1.0, 1, More, |t| t.random.misses as f64),
+    figure!("random_ghosts", "random: false positives", 1.0, 1, More, |t| t.random.false_positives as f64),
+    figure!("random_sensitivity_spread", "random: sensitivity spread", 1.0, 2, More, |t| t.random.sensitivity_spread),
+    figure!("rim_and_seam_mean_m", "rim and seam: localisation, mean, mm", 1e3, 2, More, |t| t.rim_and_seam_m.mean),
+    figure!("rim_and_seam_p95_m", "rim and seam: localisation, 95th percentile, mm", 1e3, 2, More, |t| {
+        t.rim_and_seam_m.p95
+    }),
+    figure!("rim_and_seam_over_all", "rim and seam: mean over that of both sets", 1.0, 2, More, |t| {
+        t.rim_and_seam_m.mean / t.single_m.mean
+    }),
+    figure!("grid_true_spread", "grid: spread of the true strength per newton", 1.0, 2, More, |t| {
+        t.force.true_spread[0]
+    }),
+    figure!("random_true_spread", "random: spread of the true strength per newton", 1.0, 2, More, |t| {
+        t.force.true_spread[1]
+    }),
+    figure!("rank_correlation_median", "peak and force at one place: rank correlation, median", 1.0, 3, Less, |t| {
+        t.force.rank_correlation()[0]
+    }),
+    figure!("rank_correlation_least", "peak and force at one place: rank correlation, least", 1.0, 3, Less, |t| {
+        t.force.rank_correlation()[1]
+    }),
+    figure!("peak_ratio_median", "peak at 4 N over 1 N, over the true ratio: median", 1.0, 2, Less, |t| {
+        t.force.peak_ratio()[0]
+    }),
+    figure!("peak_ratio_least", "peak at 4 N over 1 N, over the true ratio: least", 1.0, 2, Less, |t| {
+        t.force.peak_ratio()[1]
+    }),
+    figure!("covered_single", "95 % region holds the truth: one touch, %", 100.0, 1, Less, |t| t.covered.single),
+    figure!("covered_two", "95 % region holds the truth: two touches, both found, %", 100.0, 1, Less, |t| t
+        .covered
+        .two),
+    figure!("covered_two_as_one", "95 % region holds the nearer of two taken for one, %", 100.0, 1, Less, |t| {
+        t.covered.two_as_one
+    }),
+    figure!("covered_four", "95 % region holds the truth: four touches, all found, %", 100.0, 1, Less, |t| t
+        .covered
+        .four),
+    figure!(
+        "two_resolved_from_m",
+        "two touches: 90 % resolved from, mm",
+        1e3,
+        0,
+        More,
+        BenchmarkResult::resolved_from_m
+    ),
+    figure!("two_resolved_at_20_mm", "two touches: resolved at 20 mm, %", 100.0, 1, Less, |t| t.resolved_at(0.02)),
+    figure!("two_resolved_at_40_mm", "two touches: resolved at 40 mm, %", 100.0, 1, Less, |t| t.resolved_at(0.04)),
+    figure!("two_resolved_at_60_mm", "two touches: resolved at 60 mm, %", 100.0, 1, Less, |t| t.resolved_at(0.06)),
+    figure!("two_resolved_at_80_mm", "two touches: resolved at 80 mm, %", 100.0, 1, Less, |t| t.resolved_at(0.08)),
+    figure!("four_localisation_mean_m", "four touches: localisation, mean, mm", 1e3, 2, More, |t| {
+        t.four.localisation_m.mean
+    }),
+    figure!("four_localisation_p95_m", "four touches: localisation, 95th percentile, mm", 1e3, 2, More, |t| {
+        t.four.localisation_m.p95
+    }),
+    figure!("four_misses_per_touch", "four touches: misses, % of touches", 100.0, 1, More, |t| {
+        t.four.misses as f64 / (4 * t.four.frames) as f64
+    }),
+    figure!("four_ghosts_per_touch", "four touches: false positives, % of touches", 100.0, 1, More, |t| {
+        t.four.false_positives as f64 / (4 * t.four.frames) as f64
+    }),
+    figure!("noise_factor", "threshold, sd of noise", 1.0, 2, More, |t| t.noise_factor),
+    figure!("least_force_median_n", "smallest force found, median, N", 1.0, 3, More, |t| t.least_force_n()[0]),
+    figure!("least_force_p95_n", "smallest force found, 95th percentile, N", 1.0, 3, More, |t| t.least_force_n()[1]),
+    figure!("four_all_found", "four touches: all found, nothing else, %", 100.0, 1, Less, |t| t.four.all_found),
+];
+
+impl Figure {
+    /// The value as people read it.
+    pub fn show(&self, value: f64) -> String {
+        if value.is_nan() { "none".into() } else { format!("{:.*}", self.decimals, self.factor * value) }
+    }
+
+    /// The worst of some values; `NaN` where one is.
+    pub fn worst(&self, values: &[f64]) -> f64 {
+        let worse = |a: f64, b: f64| match self.worse {
+            _ if a.is_nan() || b.is_nan() => f64::NAN,
+            Worse::More => a.max(b),
+            Worse::Less => a.min(b),
+        };
+        values.iter().copied().reduce(worse).unwrap_or(f64::NAN)
+    }
+}
+
+/// The mean of some values; `NaN` without one.
+pub fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// Every figure: its mean over the twins and the worst of them.
+pub fn table(twins: &[BenchmarkResult]) -> Table {
+    let mut table = Table::new(&["figure", "mean of twins", "worst twin"]);
+    for figure in FIGURES {
+        let values: Vec<f64> = twins.iter().map(figure.of).collect();
+        table.row([figure.name.to_string(), figure.show(mean(&values)), figure.show(figure.worst(&values))]);
+    }
+    table
+}
+
+/// Frames that [`dermis_sim::evaluate::Benchmark::run`] reads at this size on a skin of so many pixels.
+pub fn benchmark_frames(size: &BenchmarkOptions, pixels: usize) -> usize {
+    let Sizes { grid_step, random, separations_m, pairs, fours } = &size.sizes;
+    pixels.div_ceil(*grid_step)
+        + random
+        + separations_m.len() * pairs
+        + fours
+        + size.places * FORCES_A_PLACE
+        + size.untouched
+        + dermis_sim::experiment::UNTOUCHED_FRAMES as usize
+        + pixels.div_ceil(size.force_step)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_figure_has_a_key_of_its_own_and_knows_its_worst_twin() {
+        let mut keys: Vec<&str> = FIGURES.iter().map(|figure| figure.key).collect();
+        keys.sort_unstable();
+        keys.dedup();
+        assert_eq!(keys.len(), FIGURES.len());
+        let figure = |key: &str| FIGURES.iter().find(|figure| figure.key == key).expect("a figure");
+        assert_eq!(figure("grid_misses").worst(&[1.0, 3.0, 2.0]), 3.0);
+        assert_eq!(figure("four_all_found").worst(&[0.9, 0.7, 0.8]), 0.7);
+        assert!(figure("grid_misses").worst(&[1.0, f64::NAN, 2.0]).is_nan());
+        assert_eq!(figure("four_all_found").show(0.905), "90.5");
+        assert_eq!(figure("two_resolved_from_m").show(f64::NAN), "none");
+    }
+}

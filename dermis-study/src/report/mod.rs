@@ -1,0 +1,93 @@
+//! A page that needs nothing but itself: text, tables and pictures in one HTML file.
+
+mod table;
+
+pub use table::Table;
+
+use dermis_plot::Picture;
+use dermis_plot::svg::escape;
+use std::fmt::Write as _;
+
+/// A value as JSON, with a newline at its end.
+pub(crate) fn to_json(value: &impl serde::Serialize) -> crate::Result<String> {
+    let text = serde_json::to_string_pretty(value).map_err(|error| crate::Error::Internal(error.to_string()))?;
+    Ok(format!("{text}\n"))
+}
+
+const STYLE: &str = include_str!("style.css");
+
+/// A page under construction, from above to below.
+#[derive(Debug, Clone)]
+pub struct Report {
+    title: String,
+    body: String,
+}
+
+impl Report {
+    /// A page that begins with its title and a sentence on what it is.
+    pub fn new(title: &str, lead: &str) -> Self {
+        let body = format!("<h1>{}</h1>\n<p class=\"lead\">{}</p>\n", escape(title), escape(lead));
+        Report { title: title.to_string(), body }
+    }
+
+    /// Begins a part.
+    pub fn heading(&mut self, text: &str) {
+        let _ = writeln!(self.body, "<h2>{}</h2>", escape(text));
+    }
+
+    /// A paragraph.
+    pub fn paragraph(&mut self, text: &str) {
+        let _ = writeln!(self.body, "<p>{}</p>", escape(text));
+    }
+
+    /// Commands or code.
+    pub fn code(&mut self, text: &str) {
+        let _ = writeln!(self.body, "<pre>{}</pre>", escape(text));
+    }
+
+    /// A table.
+    pub fn table(&mut self, table: &Table) {
+        self.body += &table.to_html();
+    }
+
+    /// Pictures beside each other where there is room, each with a line that says what is to be seen.
+    pub fn pictures(&mut self, pictures: &[(Picture, String)]) {
+        self.body += "<div class=\"pictures\">\n";
+        for (picture, caption) in pictures {
+            let caption = escape(caption);
+            let svg = picture.to_svg();
+            let _ = writeln!(self.body, "<figure>\n{svg}<figcaption>{caption}</figcaption>\n</figure>");
+        }
+        self.body += "</div>\n";
+    }
+
+    /// The page.
+    pub fn to_html(&self) -> String {
+        format!(
+            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+             <meta name=\"color-scheme\" content=\"light dark\">\n\
+             <title>{}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n{}\
+             <footer>Made by dermis {}.</footer>\n</main>\n</body>\n</html>\n",
+            escape(&self.title),
+            self.body,
+            env!("CARGO_PKG_VERSION"),
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_page_needs_nothing_from_elsewhere() {
+        let mut report = Report::new("A <page>", "lead");
+        report.pictures(&[(Picture::new(10.0, 10.0), "caption & more".into())]);
+        let html = report.to_html();
+        assert!(html.contains("A &lt;page&gt;") && html.contains("caption &amp; more"));
+        for foreign in ["src=", "href=", "url(", "@import", "<script"] {
+            assert!(!html.contains(foreign), "{foreign}");
+        }
+    }
+}

@@ -1,0 +1,122 @@
+//! What results of the methods on the reported twins show, in a form that can be kept.
+
+use super::bench::Bench;
+use super::scale::{REPORTED_SEED, Scale};
+use super::stage::Work;
+use super::training::gaussian_recipe;
+use crate::Result;
+use crate::comparison::Named;
+use crate::metrics::benchmark_frames;
+use crate::metrics::{FIGURES, mean};
+use dermis_sim::dataset::Generator;
+use dermis_sim::evaluate::{Benchmark, BenchmarkResult, CalibrationRun};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Seed of fresh Gaussian touches, apart from those of training and test.
+const EXPLAINED_SEED: u64 = 3002;
+
+/// The figures of one method on one twin; `None` where there is none.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TwinFigures {
+    /// The twin's seed.
+    pub seed: u64,
+    /// Every figure of [`FIGURES`] by its key, SI units.
+    pub figures: BTreeMap<String, Option<f64>>,
+    /// Distance of two touches (m) and the part of the pairs that was resolved.
+    pub two_resolved: Vec<(f64, f64)>,
+}
+
+impl TwinFigures {
+    fn of(result: &BenchmarkResult) -> Self {
+        let finite = |value: f64| Some(value).filter(|value| value.is_finite());
+        let figures = FIGURES.iter().map(|figure| (figure.key.to_string(), finite((figure.of)(result))));
+        TwinFigures {
+            seed: result.seed,
+            figures: figures.collect(),
+            two_resolved: result.two_resolved.iter().copied().filter(|step| step.1.is_finite()).collect(),
+        }
+    }
+
+    fn value(&self, key: &str) -> f64 {
+        self.figures.get(key).copied().flatten().unwrap_or(f64::NAN)
+    }
+}
+
+/// One method on all reported twins.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Benchmarked {
+    /// The method's name for programs.
+    pub key: String,
+    /// The method's name for people.
+    pub name: String,
+    /// Its alpha, where it has one.
+    pub alpha: Option<f64>,
+    /// What its images leave unexplained of Gaussian touches, with noise and one best gain: a part of the variance.
+    pub unexplained: Option<f64>,
+    /// What came of each twin.
+    pub twins: Vec<TwinFigures>,
+}
+
+impl Benchmarked {
+    /// Assesses a method on the reported twins, or takes what was kept.
+    pub fn make(bench: &Bench<'_>, method: &Named, scale: Scale, work: &Work) -> Result<Self> {
+        let benchmark = Benchmark {
+            design: &bench.design,
+            mesh: bench.mesh(),
+            pixels: &bench.pixels,
+            options: bench.twin,
+            method: method.reconstruct.as_ref(),
+            alpha: method.alpha,
+        };
+        let size = scale.result();
+        let frames = benchmark_frames(&size, bench.pixels.len());
+        let seeds = REPORTED_SEED..REPORTED_SEED + scale.twins();
+        let twin = |seed: u64| {
+            let key = format!("{}, {:?}, {size:?}", method.identity, method.reconstruct.detection());
+            work.kept(&format!("assess-{}-{seed}", method.key), &key, || {
+                let task = bench.progress.begin(&format!("{}, twin {seed}", method.name), frames);
+                let result = benchmark.run(seed, &size, |done| task.advance(done))?;
+                Ok(TwinFigures::of(&result))
+            })
+        };
+        let twins = seeds.map(twin).collect::<Result<_>>()?;
+        let unexplained =
+            work.kept(&format!("explained-{}", method.key), &method.identity, || unexplained(bench, method, scale))?;
+        Ok(Benchmarked { key: method.key.clone(), name: method.name.clone(), alpha: method.alpha, unexplained, twins })
+    }
+
+    /// A figure by its key: its mean over the twins and the worst of them, SI units; `NaN` where a twin has none.
+    pub fn figure(&self, key: &str) -> [f64; 2] {
+        let figure = FIGURES.iter().find(|figure| figure.key == key).expect("a figure of the list");
+        let values: Vec<f64> = self.twins.iter().map(|twin| twin.value(key)).collect();
+        [mean(&values), figure.worst(&values)]
+    }
+
+    /// The mean over the twins of the part of the pairs that was resolved, by their distance (m).
+    pub fn two_resolved(&self) -> Vec<[f64; 2]> {
+        let Some(first) = self.twins.first() else { return Vec::new() };
+        let at = |distance_m: f64| {
+            let same = |step: &&(f64, f64)| (step.0 - distance_m).abs() < 1e-9;
+            let parts: Vec<f64> =
+                self.twins.iter().filter_map(|twin| twin.two_resolved.iter().find(same)).map(|step| step.1).collect();
+            mean(&parts)
+        };
+        first.two_resolved.iter().map(|step| [step.0, at(step.0)]).collect()
+    }
+}
+
+/// What a method's images leave unexplained of touches like those that the paper's network learns from; `None` on skins that
+/// cannot be touched so.
+fn unexplained(bench: &Bench<'_>, method: &Named, scale: Scale) -> Result<Option<f64>> {
+    let samples = scale.explained();
+    let recipe = gaussian_recipe(EXPLAINED_SEED, samples)?;
+    if recipe.check(bench.design.sheet.touch).is_err() {
+        return Ok(None);
+    }
+    let task = bench.progress.begin(&format!("{}, Gaussian touches", method.name), samples as usize);
+    let generator = Generator::new(&bench.design, &bench.forward, &recipe)?;
+    let reconstruct = method.reconstruct.as_ref();
+    let run = CalibrationRun::of(reconstruct, &reconstruct.detection(), &generator, 0..samples, || task.advance(1))?;
+    Ok(Some(run.images.unexplained()))
+}

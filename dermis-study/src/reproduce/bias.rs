@@ -1,0 +1,297 @@
+//! How a skin's structure shows: error, sensitivity and bias by place.
+
+use super::bench::Bench;
+use super::choose::Choice;
+use super::controls::{Control, place_m};
+use super::scale::{REPORTED_SEED, Scale};
+use super::stage::Work;
+use crate::Result;
+use crate::comparison::{Named, Shown};
+use dermis::contact::Contact;
+use dermis::detect::whole_image_centroid;
+use dermis::geom::Surface;
+use dermis_sim::evaluate::match_contacts;
+use serde::{Deserialize, Serialize};
+use std::f64::consts::TAU;
+
+/// Parts that profiles are told in.
+const BINS: usize = 15;
+/// Next to the cut or to a rim means within this distance, m (`docs/conventions.md`: rim).
+const NEAR_M: f64 = 0.02;
+
+/// A press, as structure is told by it. Lengths along the surface, m: round is the arc from the cut.
+#[derive(Debug, Clone, Copy)]
+struct Met {
+    round_m: f64,
+    along_m: f64,
+    /// From the touch to its contact, round and along; `None` where it was missed.
+    off_m: Option<[f64; 2]>,
+    /// From the touch to the centroid of the whole image (Eq. 11), round and along.
+    eq11_off_m: Option<[f64; 2]>,
+    /// Peak of the image over the force.
+    peak_per_n: f64,
+}
+
+/// What one method shows of one structure.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Structure {
+    /// The design's name for programs.
+    pub design: String,
+    /// The method's name for programs.
+    pub method: String,
+    /// Its alpha, where it has one.
+    pub alpha: Option<f64>,
+    /// Presses on all twins.
+    pub presses: usize,
+    /// Presses without a contact within the gate.
+    pub misses: usize,
+    /// Part of the presses in the middle third of the length that were missed.
+    pub missed_middle: f64,
+    /// Contacts without a press.
+    pub false_positives: usize,
+    /// Readings out of the converter's range in a hundred untouched frames of each twin.
+    pub saturated_readings: usize,
+    /// Distance of contacts from their presses, m.
+    pub localisation: MeanSd,
+    /// The same in the middle third of the length.
+    pub localisation_middle: MeanSd,
+    /// The same within 20 mm of the line of the cut, on either side.
+    pub localisation_cut: MeanSd,
+    /// Spread of the peak per newton, standard deviation over mean.
+    pub sensitivity_spread: f64,
+    /// Mean peak per newton in the middle third of the length over that of the outer thirds.
+    pub sensitivity_middle: f64,
+    /// Mean error along the cylinder towards its middle, m; negative is outwards.
+    pub bias_along_m: f64,
+    /// Mean error round the cylinder away from the cut, m.
+    pub bias_round_m: f64,
+    /// The same within 20 mm of a rim, and of the cut.
+    pub bias_along_near_rims_m: f64,
+    /// See [`Self::bias_along_near_rims_m`].
+    pub bias_round_near_cut_m: f64,
+    /// Mean error of the whole image's centroid (Eq. 11) along the cylinder towards its middle, m.
+    pub eq11_bias_along_m: f64,
+    /// The same round it, away from the cut.
+    pub eq11_bias_round_m: f64,
+    /// Mean signed error (m, positive with growing z) by z (m).
+    pub along_profile_m: Vec<[f64; 2]>,
+    /// Mean signed error (m, positive with growing arc) by the arc from the cut (m).
+    pub round_profile_m: Vec<[f64; 2]>,
+}
+
+/// Mean and standard deviation; zero of nothing, told by the count.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct MeanSd {
+    /// Values.
+    pub count: usize,
+    /// Their mean.
+    pub mean: f64,
+    /// Their standard deviation.
+    pub sd: f64,
+}
+
+impl MeanSd {
+    /// Of some values.
+    pub fn of(values: impl IntoIterator<Item = f64>) -> Self {
+        let values: Vec<f64> = values.into_iter().filter(|value| value.is_finite()).collect();
+        let count = values.len();
+        if count == 0 {
+            return MeanSd { count, mean: 0.0, sd: 0.0 };
+        }
+        let mean = values.iter().sum::<f64>() / count as f64;
+        let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / count as f64;
+        MeanSd { count, mean, sd: variance.sqrt() }
+    }
+
+    /// The mean of some lengths as people read it, mm.
+    pub fn mean_mm(&self) -> String {
+        if self.count == 0 { "none".into() } else { format!("{:.1}", self.mean * 1e3) }
+    }
+
+    /// The same with the standard deviation.
+    pub fn mean_and_sd_mm(&self) -> String {
+        if self.count == 0 { "none".into() } else { format!("{} \u{b1} {:.1}", self.mean_mm(), self.sd * 1e3) }
+    }
+}
+
+/// Presses the twins of a design and tells the structure by every method; kept where it was done before. `more` are
+/// methods that know this design, beside the linear ones.
+pub fn structures(
+    control: &Control,
+    cut_rad: f64,
+    bench: &Bench<'_>,
+    methods: &[Named],
+    scale: Scale,
+    work: &Work,
+) -> Result<Vec<Structure>> {
+    let how: Vec<&str> = methods.iter().map(|method| method.identity.as_str()).collect();
+    let name = format!("structure-{}", control.key);
+    work.kept(&name, &how.join("; "), || press_and_tell(control, cut_rad, bench, methods, scale))
+}
+
+/// The best linear methods of a control, chosen on its own twins.
+pub fn linear(control: &Control, bench: &Bench<'_>, scale: Scale, work: &Work) -> Result<Vec<Named>> {
+    let name = format!("alpha-{}", control.key);
+    let choice: Choice = work.kept(&name, &bench.design.name, || Choice::make(bench, scale))?;
+    choice.methods(bench)
+}
+
+fn press_and_tell(
+    control: &Control,
+    cut_rad: f64,
+    bench: &Bench<'_>,
+    methods: &[Named],
+    scale: Scale,
+) -> Result<Vec<Structure>> {
+    let surface = bench.design.body.surface();
+    let (mut met, mut false_positives) = (vec![Vec::new(); methods.len()], vec![0; methods.len()]);
+    let mut saturated_readings = 0;
+    let seeds = REPORTED_SEED..REPORTED_SEED + scale.twins();
+    let count = scale.structure_presses();
+    let task = bench.progress.begin(&format!("pressing twins, {}", control.name), count * scale.twins() as usize);
+    for seed in seeds {
+        // Not on the grid, whose columns beat with those of the patches: that would be a bias of its own round the skin.
+        let presses = bench.presses(seed).at_random(count).presses;
+        let pressed = bench.press(seed, &presses, scale.untouched(), &*task)?;
+        saturated_readings += pressed.saturated_readings;
+        for (number, method) in methods.iter().enumerate() {
+            let detector = method.detector(&pressed.untouched)?;
+            let shown = Shown::of(method, &pressed.recording, &pressed.truth, &detector, bench.progress)?;
+            false_positives[number] += shown.score.false_positives;
+            met[number].extend(meet(&surface, cut_rad, &pressed.truth, &shown));
+        }
+    }
+    let extent = Extent::of(bench);
+    let told = methods.iter().zip(met).zip(false_positives);
+    Ok(told
+        .map(|((method, met), false_positives)| {
+            let mut structure = tell(&met, extent);
+            (structure.design, structure.method) = (control.key.to_string(), method.key.clone());
+            (structure.alpha, structure.false_positives) = (method.alpha, false_positives);
+            structure.saturated_readings = saturated_readings;
+            structure
+        })
+        .collect())
+}
+
+fn meet(surface: &Surface, cut_rad: f64, truth: &[Vec<Contact>], shown: &Shown) -> Vec<Met> {
+    let frames = truth.iter().zip(&shown.contacts).zip(&shown.images);
+    let one = |((touches, contacts), image): ((&Vec<Contact>, &Vec<Contact>), &dermis::image::Image)| {
+        let [touch] = touches[..] else { return None };
+        let [round_m, along_m] = place_m(surface, touch.position_m, cut_rad);
+        let found = match_contacts(touches, contacts, surface);
+        let off = |to| surface.chart(touch.position_m, to);
+        Some(Met {
+            round_m,
+            along_m,
+            off_m: found.pairs.first().map(|&(_, contact, _)| off(contacts[contact].position_m)),
+            eq11_off_m: whole_image_centroid(image).map(off),
+            peak_per_n: image.peak().map_or(f64::NAN, |(_, peak)| peak) / touch.force_n,
+        })
+    };
+    frames.filter_map(one).collect()
+}
+
+/// How far a skin reaches, round and along, m.
+#[derive(Debug, Clone, Copy)]
+struct Extent {
+    round_m: f64,
+    along_m: f64,
+}
+
+impl Extent {
+    fn of(bench: &Bench<'_>) -> Self {
+        match bench.design.body {
+            dermis::design::Body::Cylinder { length_m, diameter_m } => {
+                Extent { round_m: TAU * diameter_m / 2.0, along_m: length_m }
+            }
+            dermis::design::Body::Rectangle { width_m, height_m } => Extent { round_m: width_m, along_m: height_m },
+            _ => Extent { round_m: f64::NAN, along_m: f64::NAN },
+        }
+    }
+}
+
+fn tell(met: &[Met], extent: Extent) -> Structure {
+    let in_middle = |one: &Met| (one.along_m / extent.along_m - 0.5).abs() <= 1.0 / 6.0;
+    let near_cut = |one: &Met| one.round_m.min(extent.round_m - one.round_m) <= NEAR_M;
+    let near_rim = |one: &Met| one.along_m.min(extent.along_m - one.along_m) <= NEAR_M;
+    let inwards = |place: f64, whole: f64, off: f64| if place < 0.5 * whole { off } else { -off };
+    let along = |one: &Met, off: [f64; 2]| inwards(one.along_m, extent.along_m, off[1]);
+    let round = |one: &Met, off: [f64; 2]| inwards(one.round_m, extent.round_m, off[0]);
+    type Pick<'a> = &'a dyn Fn(&Met) -> bool;
+    type Value<'a> = &'a dyn Fn(&Met) -> Option<f64>;
+    let mean_sd = |pick: Pick<'_>, value: Value<'_>| MeanSd::of(met.iter().filter(|one| pick(one)).filter_map(value));
+    let all = |_: &Met| true;
+    let distance = |one: &Met| one.off_m.map(|off| off[0].hypot(off[1]));
+    let off_along = |one: &Met| one.off_m.map(|off| along(one, off));
+    let off_round = |one: &Met| one.off_m.map(|off| round(one, off));
+    let peak = |one: &Met| Some(one.peak_per_n);
+    let missed = mean_sd(&in_middle, &|one| Some(f64::from(u8::from(one.off_m.is_none()))));
+    let peaks = mean_sd(&all, &peak);
+    let [middle, outer] = [mean_sd(&in_middle, &peak).mean, mean_sd(&|one| !in_middle(one), &peak).mean];
+    let profile = |place: &dyn Fn(&Met) -> f64, whole: f64, axis: usize| {
+        let bin = |number: usize| {
+            let inside = |one: &Met| ((place(one) / whole * BINS as f64) as usize).min(BINS - 1) == number;
+            let off = mean_sd(&inside, &|one| one.off_m.map(|off| off[axis]));
+            (off.count > 0).then_some([(number as f64 + 0.5) / BINS as f64 * whole, off.mean])
+        };
+        (0..BINS).filter_map(bin).collect()
+    };
+    Structure {
+        design: String::new(),
+        method: String::new(),
+        alpha: None,
+        presses: met.len(),
+        misses: met.iter().filter(|one| one.off_m.is_none()).count(),
+        missed_middle: missed.mean,
+        false_positives: 0,
+        saturated_readings: 0,
+        localisation: mean_sd(&all, &distance),
+        localisation_middle: mean_sd(&in_middle, &distance),
+        localisation_cut: mean_sd(&near_cut, &distance),
+        sensitivity_spread: peaks.sd / peaks.mean,
+        sensitivity_middle: middle / outer,
+        bias_along_m: mean_sd(&all, &off_along).mean,
+        bias_round_m: mean_sd(&all, &off_round).mean,
+        bias_along_near_rims_m: mean_sd(&near_rim, &off_along).mean,
+        bias_round_near_cut_m: mean_sd(&near_cut, &off_round).mean,
+        eq11_bias_along_m: mean_sd(&all, &|one| one.eq11_off_m.map(|off| along(one, off))).mean,
+        eq11_bias_round_m: mean_sd(&all, &|one| one.eq11_off_m.map(|off| round(one, off))).mean,
+        along_profile_m: profile(&|one| one.along_m, extent.along_m, 1),
+        round_profile_m: profile(&|one| one.round_m, extent.round_m, 0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pull_to_the_middle_is_positive_on_both_sides_and_a_shift_is_none() {
+        let extent = Extent { round_m: 0.3, along_m: 0.3 };
+        let press = |along_m: f64, off: [f64; 2]| Met {
+            round_m: 0.01,
+            along_m,
+            off_m: Some(off),
+            eq11_off_m: None,
+            peak_per_n: if along_m == 0.15 { 0.5 } else { 1.0 },
+        };
+        let pulled =
+            tell(&[press(0.01, [0.001, 0.002]), press(0.29, [0.001, -0.002]), press(0.15, [0.0, 0.0])], extent);
+        assert!((pulled.bias_along_near_rims_m - 0.002).abs() < 1e-12, "{pulled:?}");
+        assert!((pulled.bias_round_near_cut_m - 0.002 / 3.0).abs() < 1e-12);
+        assert!((pulled.sensitivity_middle - 0.5).abs() < 1e-12);
+        assert_eq!(pulled.localisation_middle.count, 1);
+        let shifted = tell(&[press(0.01, [0.0, 0.002]), press(0.29, [0.0, 0.002])], extent);
+        assert!(shifted.bias_along_m.abs() < 1e-12);
+        assert!(shifted.along_profile_m.iter().all(|bin| (bin[1] - 0.002).abs() < 1e-12));
+    }
+
+    #[test]
+    fn a_missed_press_counts_as_missed_and_as_nothing_else() {
+        let met = Met { round_m: 0.1, along_m: 0.12, off_m: None, eq11_off_m: None, peak_per_n: 1.0 };
+        let told = tell(&[met], Extent { round_m: 0.3, along_m: 0.3 });
+        assert_eq!((told.misses, told.localisation.count, told.missed_middle), (1, 0, 1.0));
+        assert!(told.along_profile_m.is_empty());
+    }
+}

@@ -1,0 +1,124 @@
+//! What the pictures show: one twin pressed all over, four touches at once, a sample to train on.
+
+use super::bench::{Bench, Pressed};
+use super::scale::{REPORTED_SEED, Scale};
+use crate::comparison::{Named, Shown};
+use crate::plots::four_touches;
+use crate::{Error, Result};
+use dermis::contact::Contact;
+use dermis::image::Image;
+use dermis_sim::dataset::{GaussianTouches, Generator, Recipe, Skins, Touch};
+use dermis_sim::experiment::Recording;
+use dermis_sim::twin::Press;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Force of each of the four touches, N.
+const FOUR_FORCE_N: f64 = 2.0;
+/// Frames over which the time of one is told.
+const TIMED_FRAMES: usize = 200;
+/// The seed of the sample that is shown, and its number: the first one with as many touches as the paper's Fig. 2 shows.
+const SAMPLE_SEED: u64 = 1;
+const SAMPLE_TOUCHES: usize = 3;
+
+/// What the pictures show.
+pub struct Gallery {
+    /// The first reported twin, pressed on the grid.
+    pub pressed: Pressed,
+    /// What each method made of that.
+    pub shown: Vec<Shown>,
+    /// Four touches at once and what each method made of them; `None` on a body that is no cylinder.
+    pub four: Option<(Vec<Contact>, Vec<Shown>)>,
+    /// A sample to train on.
+    pub sample: TrainingSample,
+    /// Median time from a difference to contacts by each method, one frame after the other on one thread, s.
+    pub seconds_a_frame: Vec<f64>,
+}
+
+/// A sample to train on.
+pub struct TrainingSample {
+    /// The frame less the untouched one, ohm.
+    pub difference: Vec<f64>,
+    /// The relative change of conductance.
+    pub image: Image,
+    /// Where the touches are.
+    pub touches: Vec<Contact>,
+}
+
+impl Gallery {
+    /// Presses the first reported twin.
+    pub fn make(bench: &Bench<'_>, methods: &[Named], scale: Scale) -> Result<Self> {
+        let mut presses = bench.presses(REPORTED_SEED).on_grid(scale.grid_step()).presses;
+        let tip_radius_m = bench.twin.press.tip_radius_m;
+        let press = |touch: &Contact| Press { centre_m: touch.position_m, force_n: touch.force_n, tip_radius_m };
+        let four = four_touches(&bench.design, FOUR_FORCE_N);
+        presses.extend(four.iter().map(|touches| touches.iter().map(press).collect::<Vec<Press>>()));
+        let task = bench.progress.begin("pressing the first twin", presses.len());
+        let mut pressed = bench.press(REPORTED_SEED, &presses, scale.untouched(), &*task)?;
+        drop(task);
+        let four = match four {
+            None => None,
+            Some(_) => {
+                let last = "the four touches were pressed last";
+                let (rest, four) = pressed.recording.split_last().expect(last);
+                pressed.recording = rest;
+                Some((four, pressed.truth.pop().expect(last)))
+            }
+        };
+        let detectors = methods.iter().map(|method| method.detector(&pressed.untouched)).collect::<Result<Vec<_>>>()?;
+        let both = || methods.iter().zip(&detectors);
+        let shown = both()
+            .map(|(method, detector)| Shown::of(method, &pressed.recording, &pressed.truth, detector, bench.progress));
+        let shown = shown.collect::<Result<_>>()?;
+        let four = match four {
+            None => None,
+            Some((recording, truth)) => {
+                let truth = [truth];
+                let shown =
+                    both().map(|(method, detector)| Shown::of(method, &recording, &truth, detector, bench.progress));
+                let shown = shown.collect::<Result<_>>()?;
+                let [truth] = truth;
+                Some((truth, shown))
+            }
+        };
+        let seconds = |(method, detector)| seconds_a_frame(method, detector, &pressed.recording);
+        let seconds_a_frame = both().map(seconds).collect::<Result<_>>()?;
+        Ok(Gallery { sample: TrainingSample::make(bench)?, pressed, shown, four, seconds_a_frame })
+    }
+}
+
+fn seconds_a_frame(method: &Named, detector: &dermis::detect::Detector, recording: &Recording) -> Result<f64> {
+    let frames = recording.frames.iter().cycle().take(TIMED_FRAMES);
+    let time = |frame| {
+        let difference = frame - &recording.baseline;
+        let begun = Instant::now();
+        std::hint::black_box(detector.detect(&method.reconstruct.reconstruct(&difference)?));
+        Ok(begun.elapsed().as_secs_f64())
+    };
+    let mut seconds: Vec<f64> = frames.map(time).collect::<Result<_>>()?;
+    seconds.sort_by(f64::total_cmp);
+    Ok(seconds[seconds.len() / 2])
+}
+
+impl TrainingSample {
+    fn make(bench: &Bench<'_>) -> Result<Self> {
+        let touch = Touch::Gaussian(GaussianTouches::for_effect(bench.design.sheet.touch));
+        let recipe = Recipe { samples: 1, seed: SAMPLE_SEED, touch, skins: Skins::Even };
+        let generator = Generator::new(&bench.design, &bench.forward, &recipe)?;
+        let wanted = (0..).find(|&index| generator.touches(index).len() == SAMPLE_TOUCHES).unwrap_or(0);
+        let sample = generator.stream(wanted).next().ok_or_else(|| Error::Internal("no sample came".into()))??;
+        let surface = bench.design.body.surface();
+        let touch = |touch: &[f32]| {
+            let at = [0, 1, 2].map(|axis| f64::from(touch[axis]));
+            Contact::truth(at, surface.normal(at).unwrap_or([f64::NAN; 3]), f64::NAN)
+        };
+        Ok(TrainingSample {
+            difference: sample.frame.iter().zip(&sample.rest).map(|(a, b)| f64::from(a - b)).collect(),
+            touches: sample.touches.iter().map(|place| touch(place)).collect(),
+            image: Image {
+                space: Arc::clone(&bench.pixels),
+                values: sample.image.iter().map(|&value| f64::from(value)).collect(),
+            },
+        })
+    }
+}

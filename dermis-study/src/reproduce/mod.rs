@@ -1,0 +1,194 @@
+//! The paper's sections II to IV on digital twins, as one page and as numbers.
+
+mod bench;
+mod benchmarked;
+mod bias;
+mod choose;
+mod controls;
+mod gallery;
+mod page;
+mod results;
+mod scale;
+mod stage;
+mod stated;
+mod training;
+
+pub use scale::Scale;
+pub use training::Step;
+
+use crate::comparison::{LINEAR, Named, shipped_networks};
+use crate::report::to_json;
+use crate::{Error, Progress, Result, StudyOutput};
+use bench::Bench;
+use benchmarked::Benchmarked;
+use choose::Choice;
+use dermis::design::SkinDesign;
+use dermis::frame::write_whole;
+use dermis_sim::twin::TwinOptions;
+use gallery::Gallery;
+use results::{Results, StructureStudy};
+use stage::{Budget, Work, time};
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::path::{Path, PathBuf};
+
+/// What to reproduce, and where to.
+#[derive(Debug, Clone)]
+pub struct Reproduction {
+    /// The design: a path, or a shipped name.
+    pub design: String,
+    /// The twin: the path of its file, or a shipped name.
+    pub twin: String,
+    /// Folders of networks to compare with the linear methods. Without one, scale `paper` trains its own; the others take
+    /// those that are shipped.
+    pub models: Vec<PathBuf>,
+    /// How large.
+    pub scale: Scale,
+    /// The folder for `index.html`, `report.json` and the folder `work`, which holds what a run that was stopped has done.
+    pub output: PathBuf,
+    /// The program `dermis`, whose commands train networks. Kept results belong to one program file.
+    pub program: PathBuf,
+}
+
+impl Reproduction {
+    /// Makes the page and the numbers.
+    ///
+    /// # Errors
+    /// A design, a twin or a network that cannot be used, two networks of one name, a folder that cannot be written.
+    pub fn run(&self, progress: &dyn Progress) -> Result<StudyOutput> {
+        let design = SkinDesign::load(&self.design)?;
+        let twin = TwinOptions::load(&self.twin)?;
+        let work = Work::new(&self.output.join("work"), self.key(&design, &twin))?;
+        let controls = controls::controls(&design);
+        let bench = Bench::new(design, &twin, progress)?;
+        let mut networks = self.networks(&bench)?;
+        let steps = if self.scale == Scale::Paper && networks.is_empty() {
+            training_steps(&self.design, &self.twin, work.folder())?
+        } else {
+            Vec::new()
+        };
+        let method_count = LINEAR.len() + networks.len() + steps.iter().filter(|step| step.model.is_some()).count();
+        let mut stages: Vec<(String, f64)> = steps.iter().map(|step| (step.summary(), step.estimate_s)).collect();
+        stages.extend(plan(self.scale, bench.pixels.len(), method_count, controls.is_some()));
+        let mut budget = Budget::new(stages, progress);
+        progress.note(&budget.summary());
+        for step in &steps {
+            budget.stage(|| step.carry_out(&self.program))?;
+            networks.extend(step.model.iter().map(|folder| bench.network(folder)).collect::<Result<Vec<_>>>()?);
+        }
+
+        let choice: Choice = budget.stage(|| work.kept("alpha", "", || Choice::make(&bench, self.scale)))?;
+        let mut methods: Vec<Named> = choice.methods(&bench)?;
+        methods.append(&mut networks);
+        let assessed = budget.stage(|| {
+            methods.iter().map(|method| Benchmarked::make(&bench, method, self.scale, &work)).collect::<Result<_>>()
+        })?;
+        let gallery = budget.stage(|| Gallery::make(&bench, &methods, self.scale))?;
+        let structure = match controls {
+            None => None,
+            Some(controls) => Some(budget.stage(|| study(controls, &bench, &methods, self.scale, &work))?),
+        };
+        let scale = self.scale;
+        let found = Results { scale, bench: &bench, methods: &methods, choice: &choice, assessed, gallery, structure };
+        self.write(&found, &budget)
+    }
+
+    /// The networks that need no training; a folder that holds none for this skin is refused before anything is pressed.
+    fn networks(&self, bench: &Bench<'_>) -> Result<Vec<Named>> {
+        if self.models.is_empty() && self.scale != Scale::Paper {
+            return shipped_networks(&bench.forward, &bench.pixels);
+        }
+        let networks: Vec<Named> = self.models.iter().map(|folder| bench.network(folder)).collect::<Result<_>>()?;
+        let same = |(number, network): &(usize, &Named)| networks[..*number].iter().any(|one| one.key == network.key);
+        match networks.iter().enumerate().find(same) {
+            Some((_, network)) => Err(Error::SameName(network.key.clone())),
+            None => Ok(networks),
+        }
+    }
+
+    fn write(&self, found: &Results<'_>, budget: &Budget<'_>) -> Result<StudyOutput> {
+        let page = page::page(found, budget.done())?.to_html();
+        let json = to_json(&found.summary(budget.done()))?;
+        let index = self.output.join("index.html");
+        write_whole(&index, |out| out.write_all(page.as_bytes()))?;
+        write_whole(&self.output.join("report.json"), |out| out.write_all(json.as_bytes()))?;
+        let ours: Vec<&str> = found.assessed.iter().map(|one| one.name.as_str()).collect();
+        let table = stated::table(&["paper: linear", "paper: network"], &ours, &stated::results(found));
+        let text = format!(
+            "{} of {} (`{}`), SIMULATED; the paper's figures were measured\n\n{}\nThe page, with what differs: {} ({})\n",
+            found.twins(),
+            found.bench.design.name,
+            found.bench.twin.name,
+            table.to_text(),
+            index.display(),
+            time(budget.elapsed_s())
+        );
+        Ok(StudyOutput { text, json })
+    }
+
+    /// Everything that kept results depend on but the methods: the program, the design, the twin and the scale.
+    fn key(&self, design: &SkinDesign, twin: &TwinOptions) -> String {
+        let program = std::fs::metadata(&self.program).map(|file| (file.len(), file.modified().ok())).ok();
+        let mut hasher = DefaultHasher::new();
+        format!("{design:?}{twin:?}{program:?}").hash(&mut hasher);
+        let version = env!("CARGO_PKG_VERSION");
+        let (design, twin, scale, hash) = (&design.name, &twin.name, self.scale, hasher.finish());
+        format!("dermis {version}, {design}, {twin}, {scale:?}, {hash:016x}")
+    }
+}
+
+/// The commands that make both networks from nothing, in their order; what they leave goes into a folder.
+///
+/// # Errors
+/// A folder that cannot be written.
+pub fn training_steps(design: &str, twin: &str, work: &Path) -> Result<Vec<Step>> {
+    training::steps(design, twin, work)
+}
+
+/// The design under study and its controls, each with the linear methods; the design also by the methods that only it has.
+fn study(
+    controls: controls::Controls,
+    bench: &Bench<'_>,
+    methods: &[Named],
+    scale: Scale,
+    work: &Work,
+) -> Result<StructureStudy> {
+    let mut structures = Vec::new();
+    let cut_rad = controls.cut_rad;
+    for (number, control) in controls.designs.iter().enumerate() {
+        if number == 0 {
+            structures.extend(bias::structures(control, cut_rad, bench, methods, scale, work)?);
+        } else {
+            let own = Bench::new(control.design.clone(), bench.twin, bench.progress)?;
+            let linear = bias::linear(control, &own, scale, work)?;
+            structures.extend(bias::structures(control, cut_rad, &own, &linear, scale, work)?);
+        }
+    }
+    Ok(StructureStudy { designs: controls.designs, cut_rad, structures })
+}
+
+/// Time to draw a twin and to learn its patches, on two cores, s.
+const TWIN_S: f64 = 3.0;
+/// Time to read and to see a frame, on two cores, s.
+const FRAME_S: f64 = 4e-4;
+
+/// The stages and the seconds that they are expected to take on two cores.
+fn plan(scale: Scale, pixels: usize, methods: usize, controls: bool) -> Vec<(String, f64)> {
+    let size = scale.result();
+    let linear = LINEAR.len() as f64;
+    let twin = |twins: u64, frames: usize| twins as f64 * (TWIN_S + frames as f64 * FRAME_S);
+    // Every frame is seen once with every alpha.
+    let choose = twin(scale.choosing_twins(), 11 * scale.choosing_presses()) + 11.0 * linear * 0.2;
+    let grid = pixels.div_ceil(scale.grid_step());
+    // The presses at random places are on a twin of their own; a smallest force takes some ten frames.
+    let frames = crate::metrics::benchmark_frames(&size, pixels) + 12 * pixels.div_ceil(size.force_step);
+    let mut plan = vec![
+        ("choosing alpha", choose),
+        ("assessing the methods", methods as f64 * (twin(scale.twins(), frames) + TWIN_S * scale.twins() as f64)),
+        ("pictures", twin(1, grid) + 2.0),
+    ];
+    if controls {
+        let presses = 2 * scale.structure_presses();
+        plan.push(("structure and its controls", 4.0 * twin(scale.twins(), presses) + 3.0 * choose));
+    }
+    plan.into_iter().map(|(stage, seconds)| (stage.to_string(), seconds)).collect()
+}

@@ -1,0 +1,115 @@
+//! Everything that a reproduction found, for the page and for programs.
+
+use super::bench::Bench;
+use super::benchmarked::Benchmarked;
+use super::bias::Structure;
+use super::choose::Choice;
+use super::controls::Control;
+use super::gallery::Gallery;
+use super::scale::{CHOOSING_SEED, REPORTED_SEED, Scale};
+use super::stage::Done;
+use super::stated::{Row, facts, results};
+use crate::comparison::Named;
+use serde::Serialize;
+
+/// Everything that a reproduction found.
+pub struct Results<'a> {
+    /// How large it is.
+    pub scale: Scale,
+    /// The skin and its twins.
+    pub bench: &'a Bench<'a>,
+    /// The methods, in the order of all tables.
+    pub methods: &'a [Named],
+    /// How the linear ones got their alpha.
+    pub choice: &'a Choice,
+    /// Every method on every reported twin.
+    pub assessed: Vec<Benchmarked>,
+    /// What the pictures show.
+    pub gallery: Gallery,
+    /// The controls; `None` where the design has none.
+    pub structure: Option<StructureStudy>,
+}
+
+/// The design under study beside its controls.
+pub struct StructureStudy {
+    /// The designs, that under study first.
+    pub designs: Vec<Control>,
+    /// The angle of the cut, rad.
+    pub cut_rad: f64,
+    /// What each method shows of each design.
+    pub structures: Vec<Structure>,
+}
+
+impl StructureStudy {
+    /// What a method shows of a design.
+    pub fn of(&self, design: &str, method: &str) -> Option<&Structure> {
+        self.structures.iter().find(|structure| structure.design == design && structure.method == method)
+    }
+}
+
+impl Results<'_> {
+    /// The linear methods among the assessed.
+    pub fn linear(&self) -> impl Iterator<Item = &Benchmarked> {
+        self.assessed.iter().filter(|assessed| assessed.alpha.is_some())
+    }
+
+    /// Reported twins, as people read it: "2 twins, seeds 1001 to 1002".
+    pub fn twins(&self) -> String {
+        match self.scale.twins() {
+            1 => format!("1 twin, seed {REPORTED_SEED}"),
+            count => format!("{count} twins, seeds {REPORTED_SEED} to {}", REPORTED_SEED + count - 1),
+        }
+    }
+
+    /// The same for programs.
+    pub fn summary(&self, stages: &[Done]) -> Summary<'_> {
+        let size = self.scale.result();
+        Summary {
+            dermis: env!("CARGO_PKG_VERSION"),
+            simulated: true,
+            scale: self.scale,
+            design: &self.bench.design.name,
+            mesh_hash: self.bench.mesh().hash(),
+            twin: &self.bench.twin.name,
+            first_reported_seed: REPORTED_SEED,
+            reported_twins: self.scale.twins(),
+            first_choosing_seed: CHOOSING_SEED,
+            choosing_twins: self.scale.choosing_twins(),
+            presses_a_twin: [self.bench.pixels.len().div_ceil(size.sizes.grid_step), size.sizes.random],
+            alphas_tried: self.choice,
+            methods: &self.assessed,
+            seconds_a_frame: &self.gallery.seconds_a_frame,
+            cut_degrees: self.structure.as_ref().map(|study| study.cut_rad.to_degrees()),
+            structures: self.structure.as_ref().map_or(&[], |study| &study.structures),
+            facts: facts(self),
+            results: results(self),
+            stages: stages.to_vec(),
+        }
+    }
+}
+
+/// What machines get.
+#[derive(Serialize)]
+pub struct Summary<'a> {
+    dermis: &'static str,
+    simulated: bool,
+    scale: Scale,
+    design: &'a str,
+    mesh_hash: String,
+    twin: &'a str,
+    first_reported_seed: u64,
+    reported_twins: u64,
+    first_choosing_seed: u64,
+    choosing_twins: u64,
+    /// On the grid and at random places.
+    presses_a_twin: [usize; 2],
+    alphas_tried: &'a Choice,
+    methods: &'a [Benchmarked],
+    /// Median time from a difference to contacts, one thread, in the order of the methods.
+    seconds_a_frame: &'a [f64],
+    cut_degrees: Option<f64>,
+    structures: &'a [Structure],
+    facts: Vec<Row>,
+    results: Vec<Row>,
+    stages: Vec<Done>,
+}

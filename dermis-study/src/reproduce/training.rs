@@ -1,0 +1,165 @@
+//! The networks from nothing: commands of this program, one after the other, each of which goes on where it was.
+
+use crate::{Error, Result};
+use dermis::frame::write_whole;
+use dermis_sim::dataset::Recipe;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// Epochs of the paper's network, and of ours.
+const PAPER_EPOCHS: u64 = 28;
+const BEST_EPOCHS: u64 = 40;
+/// Samples of an epoch of ours, drawn from all presses.
+const BEST_EPOCH_SAMPLES: u64 = 147_456;
+/// Samples a second that each trains on, on two cores.
+const PAPER_RATE: f64 = 13_000.0;
+const BEST_RATE: f64 = 5_000.0;
+
+/// Samples a second that are checked when a dataset is finished.
+const FINISH_RATE: f64 = 60_000.0;
+
+/// A dataset that networks learn from or are tested by.
+struct Data {
+    name: &'static str,
+    recipe: &'static str,
+    recipe_text: &'static str,
+    samples: u64,
+    seed: u64,
+    /// Samples a second that are made on two cores.
+    rate: f64,
+}
+
+macro_rules! data {
+    ($name:literal, $samples:literal x $recipe:literal, seed $seed:literal, $rate:literal a second) => {
+        Data {
+            name: $name,
+            recipe: $recipe,
+            recipe_text: include_str!(concat!("../../../data/recipes/", $recipe, ".toml")),
+            samples: $samples,
+            seed: $seed,
+            rate: $rate,
+        }
+    };
+}
+
+/// What the paper's network learns from and is tested by: as many samples of Gaussian touches as the paper's.
+const GAUSSIANS: [Data; 2] = [
+    data!("training", 1_100_000 x "gaussian", seed 21, 2_800.0 a second),
+    data!("test", 40_000 x "gaussian", seed 22, 2_800.0 a second),
+];
+
+/// The distribution of the Gaussian touches that the paper's network learns from.
+pub fn gaussian_recipe(seed: u64, samples: u64) -> Result<Recipe> {
+    let text = GAUSSIANS[0].recipe_text;
+    Ok(Recipe::parse(text, Path::new("gaussian.toml"), seed, samples)?)
+}
+
+/// What ours learns from: presses on patches of other pitches, foams and contacts than any twin that is reported has.
+const PRESSES: [Data; 6] = [
+    data!("fine-soft", 24_576 x "fine-soft", seed 11, 140.0 a second),
+    data!("fine-firm", 24_576 x "fine-firm", seed 12, 300.0 a second),
+    data!("coarse-soft", 24_576 x "coarse-soft", seed 13, 270.0 a second),
+    data!("coarse-firm", 24_576 x "coarse-firm", seed 14, 500.0 a second),
+    data!("fine-firm-together", 24_576 x "fine-firm-together", seed 31, 300.0 a second),
+    data!("coarse-firm-together", 24_576 x "coarse-firm-together", seed 32, 500.0 a second),
+];
+
+/// A command of this program and what it leaves.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Step {
+    /// Its arguments.
+    pub arguments: Vec<String>,
+    /// The file that is there when it is done.
+    done: PathBuf,
+    /// The folder of the network that it trains, where it trains one.
+    pub model: Option<PathBuf>,
+    /// How long it is expected to take on two cores, s.
+    pub estimate_s: f64,
+}
+
+impl Step {
+    /// The command, for people.
+    pub fn summary(&self) -> String {
+        format!("dermis {}", self.arguments.join(" "))
+    }
+
+    /// Carries it out, or does nothing where what it leaves is there.
+    pub fn carry_out(&self, program: &Path) -> Result<()> {
+        if self.done.is_file() {
+            return Ok(());
+        }
+        // What it tells people stands among the stages; standard output is for the result of all.
+        let status = Command::new(program).args(&self.arguments).stdout(Stdio::null()).status();
+        let status = status.map_err(|error| Error::Internal(format!("`{}` cannot be run: {error}", self.summary())))?;
+        match status.code() {
+            Some(0) => Ok(()),
+            Some(2) => Err(Error::CommandRefused(self.summary())),
+            _ => Err(Error::Internal(format!("`{}` ended with {status}", self.summary()))),
+        }
+    }
+}
+
+/// All steps from nothing to both networks, in a folder for what they leave.
+pub fn steps(design: &str, twin: &str, work: &Path) -> Result<Vec<Step>> {
+    let mut all = Vec::new();
+    for data in GAUSSIANS.iter().chain(&PRESSES) {
+        all.extend(dataset(data, design, work)?);
+    }
+    let train = |network: &str, more: &[&str], data: &[&str], samples: u64, rate: f64| {
+        let model = work.join(format!("network-{network}"));
+        let line = ["train", design, "--network", network, "--noise", twin, "-o", &model.display().to_string()];
+        let mut arguments: Vec<String> = line.iter().chain(more).map(|word| word.to_string()).collect();
+        let folder = |name: &str| work.join(name).display().to_string();
+        arguments.extend(data.iter().flat_map(|name| ["--data".to_string(), folder(name)]));
+        Step { arguments, done: model.join("card.json"), model: Some(model), estimate_s: samples as f64 / rate }
+    };
+    let test = work.join("test").display().to_string();
+    let epochs = PAPER_EPOCHS.to_string();
+    let more = ["--half", "--epochs", &epochs, "--test", &test];
+    all.push(train("paper", &more, &["training"], PAPER_EPOCHS * GAUSSIANS[0].samples, PAPER_RATE));
+    let (epochs, samples) = (BEST_EPOCHS.to_string(), BEST_EPOCH_SAMPLES.to_string());
+    let more = ["--half", "--epochs", &epochs, "--epoch-samples", &samples];
+    let data = PRESSES.map(|data| data.name);
+    all.push(train("best", &more, &data, BEST_EPOCHS * BEST_EPOCH_SAMPLES, BEST_RATE));
+    Ok(all)
+}
+
+/// The steps that make and finish a dataset; its recipe is written beside it.
+fn dataset(data: &Data, design: &str, work: &Path) -> Result<[Step; 2]> {
+    let recipe = work.join(format!("{}.toml", data.recipe));
+    write_whole(&recipe, |out| out.write_all(data.recipe_text.as_bytes()))?;
+    let folder = work.join(data.name);
+    let done = folder.join("manifest.json");
+    let [recipe, folder] = [&recipe, &folder].map(|path| path.display().to_string());
+    let (samples, seed) = (data.samples.to_string(), data.seed.to_string());
+    let make = ["simulate", design, "--recipe", &recipe, "--samples", &samples, "--seed", &seed, "-o", &folder];
+    let finish = ["simulate", "--finish", &folder];
+    let step = |line: &[&str], estimate_s: f64| Step {
+        arguments: line.iter().map(|word| word.to_string()).collect(),
+        done: done.clone(),
+        model: None,
+        estimate_s,
+    };
+    // Every file is read once more to its last bit.
+    let (make_s, finish_s) = (data.samples as f64 / data.rate, 1.0 + data.samples as f64 / FINISH_RATE);
+    Ok([step(&make, make_s), step(&finish, finish_s)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_step_whose_result_is_there_is_not_carried_out() {
+        let work = tempfile::tempdir().unwrap();
+        let done = work.path().join("manifest.json");
+        let step = |done: &Path| Step {
+            arguments: vec!["no-such-command".into()],
+            done: done.to_path_buf(),
+            model: None,
+            estimate_s: 0.0,
+        };
+        std::fs::write(&done, "{}").unwrap();
+        assert!(step(&done).carry_out(Path::new("dermis")).is_ok());
+    }
+}
