@@ -320,3 +320,12 @@ fn who_stops_reading_standard_output_does_not_keep_it_from_ending() {
     assert_eq!(at.json("recover held.mcap -o again.mcap --json")["was_whole"], true);
     assert!(at.path("kept.json").exists());
 }
+
+#[cfg(not(feature = "ros2"))]
+#[test]
+fn ros2_without_its_feature_names_the_command_that_installs_it() {
+    let at = Workplace::new();
+    let words = ["--ros2", "cargo install --locked --path dermis-cli --features ros2"];
+    refused(&at, &format!("{DISK} --for 1 --record a.mcap --ros2"), &words);
+    assert!(!at.path("a.mcap").exists(), "a recording that never began");
+}

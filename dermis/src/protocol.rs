@@ -3,7 +3,6 @@
 mod table;
 
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 use std::collections::HashMap;
 use thiserror::Error;
 
@@ -218,7 +217,7 @@ impl Protocol {
 
     /// SHA-256 of the channel table ([`to_csv`](Self::to_csv)), in hexadecimal digits: what tells protocols apart.
     pub fn sha256(&self) -> String {
-        Sha256::digest(self.to_csv()).iter().map(|byte| format!("{byte:02x}")).collect()
+        hmac_sha256::Hash::hash(self.to_csv().as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()
     }
 
     /// The channel table as CSV: `channel,drive_source,drive_sink,measure_plus,measure_minus`.

@@ -51,7 +51,8 @@ pub struct Arguments {
     /// Record into a file (MCAP), which must not be there yet.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
-    /// Publish over DDS, as a ROS 2 node; the domain is that of ROS_DOMAIN_ID.
+    /// Publish over DDS, as a ROS 2 node; the domain is that of ROS_DOMAIN_ID. Needs a program built with `--features
+    /// ros2`.
     #[arg(long)]
     ros2: bool,
     /// Before the topics' names, as in /left_arm.
@@ -190,6 +191,9 @@ impl Arguments {
     fn open(&self, control: &Arc<Control>) -> Outcome<Sinks> {
         let shared = control.shared();
         let mut sinks = Sinks::default();
+        if self.ros2 {
+            sinks.threads.push(publish(control, &self.namespace)?);
+        }
         if self.serve != "off" {
             let options = ServerOptions { address: self.serve.clone(), token: self.token.clone() };
             let server = Server::start(Arc::clone(control), &options)?;
@@ -198,9 +202,6 @@ impl Arguments {
         }
         if let Some(path) = &self.record {
             control.record(path)?;
-        }
-        if self.ros2 {
-            sinks.threads.push(publish(control, &self.namespace)?);
         }
         match self.jsonl.as_deref().map(|at| (at, at.split_once(':'))) {
             None => {}
@@ -310,7 +311,8 @@ fn publish(control: &Control, namespace: &str) -> Outcome<JoinHandle<()>> {
 
 #[cfg(not(feature = "ros2"))]
 fn publish(_: &Control, _: &str) -> Outcome<JoinHandle<()>> {
-    Err(Failure::given("this program was built without ROS 2", Some("build it with --features ros2")))
+    let fix = "install it with ROS 2: cargo install --locked --path dermis-cli --features ros2";
+    Err(Failure::given("--ros2: this program was built without ROS 2", Some(fix)))
 }
 
 fn summary(level: Severity, text: &str) -> String {

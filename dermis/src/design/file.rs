@@ -1,7 +1,9 @@
 //! A design file as it is written: the tables and keys of the TOML, before they are checked.
 
+#[cfg(feature = "schema")]
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Deserialize, Deserializer};
+#[cfg(feature = "schema")]
 use std::borrow::Cow;
 use std::ops::Range;
 use std::path::PathBuf;
@@ -21,6 +23,7 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for At<T> {
     }
 }
 
+#[cfg(feature = "schema")]
 impl<T: JsonSchema> JsonSchema for At<T> {
     fn schema_name() -> Cow<'static, str> {
         T::schema_name()
@@ -37,9 +40,10 @@ impl<T: JsonSchema> JsonSchema for At<T> {
 }
 
 /// A skin: its body, its sheet, its electrodes, its protocol and its image. Lengths are metres, angles radians.
-#[derive(Debug, Deserialize, JsonSchema)]
+#[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
-#[schemars(title = "Dermis skin design")]
+#[cfg_attr(feature = "schema", schemars(title = "Dermis skin design"))]
 pub struct DesignFile {
     /// Name for tables and pictures; the file's name without it.
     pub name: Option<String>,
@@ -58,7 +62,8 @@ pub struct DesignFile {
 }
 
 /// The body that wears the skin.
-#[derive(Debug, Deserialize, JsonSchema)]
+#[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum BodyTable {
     /// A cylinder's wall, its axis along z from 0 to the length.
@@ -90,7 +95,8 @@ pub enum BodyTable {
 }
 
 /// Which way a touch turns the conductance of the sheet.
-#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum TouchName {
     /// Pressing raises it, as on the paper's skin.
@@ -100,7 +106,8 @@ pub enum TouchName {
 }
 
 /// The conductive coat.
-#[derive(Debug, Deserialize, JsonSchema)]
+#[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct SheetTable {
     /// Sheet resistance of a surface, ohm per square.
@@ -115,7 +122,8 @@ pub struct SheetTable {
 }
 
 /// A named part of the sheet with a conductance of its own.
-#[derive(Debug, Deserialize, JsonSchema)]
+#[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct RegionTable {
     /// Its name; without a box, the physical group of that name in the mesh file.
@@ -131,7 +139,8 @@ pub struct RegionTable {
 }
 
 /// One number for all, or a list with one for each.
-#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(untagged, expecting = "expected a number, or a list with a number for each electrode")]
 pub enum OneOrEach {
     /// The same for every electrode.
@@ -141,7 +150,8 @@ pub enum OneOrEach {
 }
 
 /// The electrodes.
-#[derive(Debug, Deserialize, JsonSchema)]
+#[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ElectrodesTable {
     /// What each covers.
@@ -155,7 +165,8 @@ pub struct ElectrodesTable {
 }
 
 /// What an electrode covers.
-#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum ShapeTable {
     /// A round patch inside the surface, clipped where it crosses an edge of the body.
@@ -175,7 +186,8 @@ pub enum ShapeTable {
 }
 
 /// Where the electrodes are.
-#[derive(Debug, Deserialize, JsonSchema)]
+#[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum LayoutTable {
     /// Rings round a cylinder. Electrode k of ring r has the number `per_ring * r + k`.
@@ -219,7 +231,8 @@ pub enum LayoutTable {
 }
 
 /// The place of one electrode.
-#[derive(Debug, Deserialize, JsonSchema)]
+#[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct PositionTable {
     /// Along x, m.
@@ -235,7 +248,8 @@ pub struct PositionTable {
 }
 
 /// The order of a frame's values.
-#[derive(Debug, Deserialize, JsonSchema)]
+#[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ProtocolTable {
     /// Which electrodes are driven and which are read.
@@ -252,7 +266,8 @@ pub struct ProtocolTable {
 }
 
 /// Which electrodes are driven and which are read.
-#[derive(Debug, Deserialize, JsonSchema)]
+#[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum PatternTable {
     /// Drive d to d + 1, every adjacent measure but the drive pair itself: L (L - 1) values.
@@ -269,7 +284,8 @@ pub enum PatternTable {
 }
 
 /// Where the measure pairs of a drive begin.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum MeasuresStart {
     /// At electrode 0.
@@ -280,7 +296,8 @@ pub enum MeasuresStart {
 }
 
 /// The image to reconstruct.
-#[derive(Debug, Deserialize, JsonSchema)]
+#[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum ImageTable {
     /// Rows along z and columns round theta on a cylinder; rows along y and columns along x on a flat skin.
@@ -295,7 +312,8 @@ pub enum ImageTable {
 }
 
 /// How fine the generated mesh is.
-#[derive(Debug, Deserialize, JsonSchema)]
+#[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct MeshTable {
     /// Longest edge allowed anywhere, m.

@@ -12,7 +12,6 @@ pub use error::{closest_name, explain_toml_error};
 
 use crate::geom::{Point3, Surface};
 use crate::protocol::Protocol;
-use sha2::{Digest, Sha256};
 use std::path::PathBuf;
 
 /// A skin, complete and checked.
@@ -93,10 +92,11 @@ impl SkinDesign {
             let [x, y, z] = electrode.centre_m.map(|value| (value * 1e5).round() + 0.0);
             text += &format!("{x} {y} {z} {:?}\n", electrode.shape);
         }
-        Sha256::digest(text + &self.protocol.to_csv()).into()
+        hmac_sha256::Hash::hash((text + &self.protocol.to_csv()).as_bytes())
     }
 
     /// JSON schema of the design file.
+    #[cfg(feature = "schema")]
     pub fn json_schema() -> serde_json::Value {
         schemars::schema_for!(file::DesignFile).to_value()
     }

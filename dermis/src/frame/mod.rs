@@ -3,12 +3,15 @@
 mod broken;
 mod csv;
 mod npy;
+#[cfg_attr(not(feature = "npz"), path = "no_npz.rs")]
+mod npz;
 mod output;
 mod reciprocity;
 mod table;
 mod truth;
 
 pub use broken::broken_channels;
+pub use npy::npy_header;
 pub use output::write_whole;
 pub use reciprocity::{Screening, twins};
 pub use table::{Table, read_array, read_conductivities, read_frames, read_table, write_array, write_frames};

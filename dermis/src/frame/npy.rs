@@ -1,8 +1,6 @@
-//! NumPy's NPY and NPZ files: <https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>.
+//! NumPy's NPY files: <https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>.
 
-use std::io::{Cursor, Read, Seek, Write};
-use zip::write::SimpleFileOptions;
-use zip::{ZipArchive, ZipWriter};
+use std::io::Write;
 
 const MAGIC: &[u8] = b"\x93NUMPY";
 
@@ -21,25 +19,6 @@ pub(super) fn is_npy(bytes: &[u8]) -> bool {
 /// Whether some bytes are a ZIP, as an NPZ file is.
 pub(super) fn is_npz(bytes: &[u8]) -> bool {
     bytes.starts_with(b"PK\x03\x04") || bytes.starts_with(b"PK\x05\x06")
-}
-
-/// The one array of an NPZ file, or the one called `name` if there are several.
-pub(super) fn read_npz(bytes: &[u8], name: &str) -> Result<Array, String> {
-    let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|error| format!("not an NPZ file: {error}"))?;
-    let names: Vec<String> = archive.file_names().filter_map(|name| Some(name.ok()?.into_owned())).collect();
-    let wanted = format!("{name}.npy");
-    let chosen = match names.as_slice() {
-        [only] => only.clone(),
-        _ if names.contains(&wanted) => wanted,
-        _ => {
-            let listed: Vec<&str> = names.iter().map(|name| name.trim_end_matches(".npy")).collect();
-            return Err(format!("no array `{name}` among {}: {}", names.len(), listed.join(", ")));
-        }
-    };
-    let mut file = archive.by_name(&chosen).map_err(|error| format!("{chosen}: {error}"))?;
-    let mut array = Vec::new();
-    file.read_to_end(&mut array).map_err(|error| format!("{chosen}: {error}"))?;
-    read_npy(&array)
 }
 
 /// An NPY file: float64, float32, integers or booleans, C or Fortran order, either byte order.
@@ -135,35 +114,27 @@ fn from_fortran(values: &[f64], shape: &[usize]) -> Vec<f64> {
     sorted
 }
 
-/// Writes an NPY file of version 1.0: float64, little-endian, C order.
-pub(super) fn write_npy(writer: &mut dyn Write, shape: &[usize], values: &[f64]) -> std::io::Result<()> {
+/// The header of an NPY file of version 1.0 in C order, whose values follow; the type as NumPy writes it, such as `<f8`.
+pub fn npy_header(dtype: &str, shape: &[usize]) -> Vec<u8> {
     let sides: Vec<String> = shape.iter().map(|side| format!("{side},")).collect();
     let sides = sides.join(" ");
     let sides = if shape.len() == 1 { sides.as_str() } else { sides.trim_end_matches(',') };
-    let mut header = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({sides}), }}");
+    let mut text = format!("{{'descr': '{dtype}', 'fortran_order': False, 'shape': ({sides}), }}");
     // The data begin at a multiple of 64 bytes: magic 6, version 2, length 2, header, newline.
-    let padding = (64 - (header.len() + 11) % 64) % 64;
-    header.extend(std::iter::repeat_n(' ', padding));
-    header.push('\n');
-    writer.write_all(MAGIC)?;
-    writer.write_all(&[1, 0])?;
-    writer.write_all(&(header.len() as u16).to_le_bytes())?;
-    writer.write_all(header.as_bytes())?;
+    let padding = (64 - (text.len() + 11) % 64) % 64;
+    text.extend(std::iter::repeat_n(' ', padding));
+    text.push('\n');
+    let mut header = [MAGIC, &[1, 0]].concat();
+    header.extend((text.len() as u16).to_le_bytes());
+    header.extend(text.into_bytes());
+    header
+}
+
+/// Writes an NPY file: float64, little-endian, C order.
+pub(super) fn write_npy(writer: &mut dyn Write, shape: &[usize], values: &[f64]) -> std::io::Result<()> {
+    writer.write_all(&npy_header("<f8", shape))?;
     for value in values {
         writer.write_all(&value.to_le_bytes())?;
     }
     Ok(())
-}
-
-/// Writes an NPZ file with one array, compressed.
-pub(super) fn write_npz(writer: &mut dyn Write, name: &str, shape: &[usize], values: &[f64]) -> std::io::Result<()> {
-    let mut buffer = Cursor::new(Vec::new());
-    let mut archive = ZipWriter::new(&mut buffer);
-    // The date of a file would make equal results differ.
-    let options = SimpleFileOptions::default().last_modified_time(zip::DateTime::default()).large_file(true);
-    archive.start_file(format!("{name}.npy"), options).map_err(std::io::Error::other)?;
-    write_npy(&mut archive, shape, values)?;
-    archive.finish().map_err(std::io::Error::other)?;
-    buffer.rewind()?;
-    writer.write_all(buffer.get_ref())
 }

@@ -1,7 +1,7 @@
 //! Tables of numbers in CSV, NPY and NPZ files.
 
 use crate::frame::output::write_whole;
-use crate::frame::{Frame, TableError, csv, npy};
+use crate::frame::{Frame, TableError, csv, npy, npz};
 use crate::protocol::Protocol;
 use std::path::Path;
 
@@ -39,7 +39,7 @@ pub fn read_table(path: &Path, array: &str) -> Result<Table, TableError> {
 /// [`read_table`] from bytes; rows may still differ in length.
 fn parse_table(bytes: &[u8], path: &Path, array: &str) -> Result<Table, TableError> {
     let array = if npy::is_npz(bytes) {
-        npy::read_npz(bytes, array)
+        npz::read_npz(bytes, array)
     } else if npy::is_npy(bytes) {
         npy::read_npy(bytes)
     } else {
@@ -65,7 +65,7 @@ fn parse_table(bytes: &[u8], path: &Path, array: &str) -> Result<Table, TableErr
 pub fn read_array(path: &Path, array: &str) -> Result<(Vec<usize>, Vec<f64>), TableError> {
     let bytes = std::fs::read(path).map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
     let read = if npy::is_npz(&bytes) {
-        npy::read_npz(&bytes, array)
+        npz::read_npz(&bytes, array)
     } else if npy::is_npy(&bytes) {
         npy::read_npy(&bytes)
     } else {
@@ -147,7 +147,7 @@ pub fn write_array(path: &Path, name: &str, shape: &[usize], values: &[f64]) -> 
     let extension = path.extension().map(|extension| extension.to_ascii_lowercase());
     write_whole(path, |writer| match extension.as_ref().and_then(|extension| extension.to_str()) {
         Some("npy") => npy::write_npy(writer, shape, values),
-        Some("npz") => npy::write_npz(writer, name, shape, values),
+        Some("npz") => npz::write_npz(writer, name, shape, values),
         _ => csv::write(writer, values, shape.iter().skip(1).product()),
     })
 }

@@ -1,0 +1,14 @@
+//! NPZ files in a build without them.
+
+use crate::frame::npy::Array;
+use std::io::Write;
+
+const WITHOUT: &str = "NPZ files need the feature `npz` of the crate `dermis`; NPY files do not";
+
+pub(super) fn read_npz(_: &[u8], _: &str) -> Result<Array, String> {
+    Err(WITHOUT.into())
+}
+
+pub(super) fn write_npz(_: &mut dyn Write, _: &str, _: &[usize], _: &[f64]) -> std::io::Result<()> {
+    Err(std::io::Error::new(std::io::ErrorKind::Unsupported, WITHOUT))
+}
