@@ -13,6 +13,7 @@ use dermis::forward::ForwardModel;
 use dermis::frame::{Frame, write_whole};
 use dermis::image::{Image, PixelSpace};
 use dermis::reconstruct::{Quantity, Reconstruct, ReconstructError, check_lengths};
+use dermis::skin::Skin;
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -31,6 +32,11 @@ pub struct Model {
 }
 
 impl SkinRecord {
+    /// The record of a skin.
+    pub fn of(skin: &Skin) -> Self {
+        Self::new(&skin.design().name, skin.forward(), skin.pixels())
+    }
+
     /// The skin of a design.
     pub fn new(design: &str, forward: &ForwardModel, pixels: &PixelSpace) -> Self {
         SkinRecord {
@@ -54,58 +60,37 @@ impl Model {
         Model { card, network, inference, pixels }
     }
 
-    /// A model by the name of a shipped one, or else by its folder.
+    /// Whether the shipped model of a name was trained for this skin.
     ///
     /// # Errors
-    /// As [`load`](Self::load); the name of a shipped one on a skin that none is shipped for.
-    pub fn named(name: &str, forward: &ForwardModel, pixels: Arc<PixelSpace>) -> Result<Self, LearnError> {
-        match shipped::files(name) {
-            Some((card, weights)) => Self::parse(Path::new(name), card, weights, forward, pixels),
-            None => Self::load(Path::new(name), forward, pixels),
-        }
-    }
-
-    /// The models that are shipped for a skin; none for most.
+    /// A shipped file that is damaged.
     ///
-    /// # Errors
-    /// A shipped file that is damaged, which is our fault.
-    pub fn shipped(forward: &ForwardModel, pixels: &Arc<PixelSpace>) -> Result<Vec<Self>, LearnError> {
-        let skin = SkinRecord::new("", forward, pixels);
-        let mut models = Vec::new();
-        for name in shipped::NAMES {
-            let (card, weights) = shipped::files(name).expect("every name has its files");
-            if parse_card(Path::new(name), card)?.skin.is_that_of(&skin) {
-                models.push(Self::parse(Path::new(name), card, weights, forward, Arc::clone(pixels))?);
-            }
-        }
-        Ok(models)
+    /// # Panics
+    /// For a name that is not shipped.
+    pub(crate) fn is_shipped_for(name: &str, skin: &Skin) -> Result<bool, LearnError> {
+        let (card, _) = shipped::files(name).expect("a shipped name");
+        Ok(parse_card(Path::new(name), card)?.skin.is_that_of(&SkinRecord::of(skin)))
     }
 
     /// Reads the model in a folder for a skin.
     ///
     /// # Errors
     /// Files that are missing, cut off or of another version; a model for another skin.
-    pub fn load(folder: &Path, forward: &ForwardModel, pixels: Arc<PixelSpace>) -> Result<Self, LearnError> {
+    pub fn load(folder: &Path, skin: &Skin) -> Result<Self, LearnError> {
         let read = |name: &str| {
             let path = folder.join(name);
             std::fs::read(&path).map_err(|source| LearnError::Io { path, source })
         };
-        Self::parse(folder, &read(CARD)?, &read(WEIGHTS)?, forward, pixels)
+        Self::parse(folder, &read(CARD)?, &read(WEIGHTS)?, skin)
     }
 
     /// A model from the bytes of its two files; `folder` is named in errors.
     ///
     /// # Errors
     /// As [`load`](Self::load).
-    pub fn parse(
-        folder: &Path,
-        card: &[u8],
-        weights: &[u8],
-        forward: &ForwardModel,
-        pixels: Arc<PixelSpace>,
-    ) -> Result<Self, LearnError> {
+    pub fn parse(folder: &Path, card: &[u8], weights: &[u8], skin: &Skin) -> Result<Self, LearnError> {
         let card = parse_card(&folder.join(CARD), card)?;
-        card.skin.check(folder, &SkinRecord::new(&card.skin.design, forward, &pixels))?;
+        card.skin.check(folder, &SkinRecord::of(skin))?;
         let path = folder.join(WEIGHTS);
         let file = tensors::parse(&path, weights)?;
         let mut network = Network::new(&card.plan, 0);
@@ -114,7 +99,7 @@ impl Model {
         for ((name, shape), values) in shapes.iter().zip(network.values_mut()) {
             *values = tensors::values(&path, &file, name, shape)?;
         }
-        Ok(Model::new(card, network, pixels))
+        Ok(Model::new(card, network, Arc::clone(skin.pixels())))
     }
 
     /// Writes the model into a folder, made where it is missing. Matrices and convolutions are stored as told, all else in

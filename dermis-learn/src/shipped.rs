@@ -1,7 +1,7 @@
 //! The models that come with the library: `paper` and `best` for the paper's skin, `shapes` for `skin16`.
 
-/// Their names.
-pub const NAMES: [&str; 3] = ["paper", "best", "shapes"];
+/// Their names, the preferred ones first.
+pub const NAMES: [&str; 3] = ["best", "paper", "shapes"];
 
 /// The card and the weights of a model by its name.
 pub fn files(name: &str) -> Option<(&'static [u8], &'static [u8])> {
