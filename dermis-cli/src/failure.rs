@@ -86,6 +86,15 @@ impl From<DesignError> for Failure {
     }
 }
 
+impl From<dermis::method::MethodError> for Failure {
+    fn from(error: dermis::method::MethodError) -> Self {
+        match error {
+            dermis::method::MethodError::Dermis(error) => error.into(),
+            error => Failure::given(error, None),
+        }
+    }
+}
+
 impl From<dermis_learn::LearnError> for Failure {
     fn from(error: dermis_learn::LearnError) -> Self {
         match error {

@@ -1,15 +1,11 @@
-//! A skin ready for computing: its design, mesh, forward model and pixels.
+//! The skin that a command is given, and maps of conductivity for it.
 
 use crate::console::Progress;
 use crate::failure::{Failure, Outcome};
 use clap::ValueEnum;
-use dermis::design::SkinDesign;
-use dermis::forward::ForwardModel;
 use dermis::frame::read_conductivities;
-use dermis::image::PixelSpace;
-use dermis::mesh::Mesh;
+use dermis::skin::Skin;
 use std::path::Path;
-use std::sync::Arc;
 
 /// What an image has a value for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -20,46 +16,26 @@ pub enum Per {
     Cell,
 }
 
-/// A skin ready for computing.
-#[derive(Debug)]
-pub struct Skin {
-    pub design: SkinDesign,
-    pub forward: ForwardModel,
+/// Prepares the skin of a design, by name or by path.
+pub fn load(design: &str) -> Outcome<Skin> {
+    let _waiting = Progress::waiting("preparing the skin");
+    Ok(Skin::load(design)?)
 }
 
-impl Skin {
-    /// The skin of a design, by name or by path.
-    pub fn load(design: &str) -> Outcome<Self> {
-        let design = SkinDesign::load(design)?;
-        let _waiting = Progress::waiting("meshing");
-        let forward = ForwardModel::new(&design, &Mesh::generate(&design)?)?;
-        Ok(Skin { design, forward })
+/// Maps of conductivity from a file, or the untouched skin without one.
+pub fn conductivities(skin: &Skin, path: Option<&Path>) -> Outcome<Vec<Vec<f64>>> {
+    match path {
+        Some(path) => Ok(read_conductivities(path, skin.mesh().cell_count())?),
+        None => Ok(vec![skin.forward().rest_conductivity().to_vec()]),
     }
+}
 
-    /// Its pixels, or its cells as pixels.
-    pub fn pixels(&self, per: Per) -> Outcome<Arc<PixelSpace>> {
-        let mesh = self.forward.mesh();
-        Ok(Arc::new(match per {
-            Per::Pixel => PixelSpace::for_design(&self.design, mesh)?,
-            Per::Cell => PixelSpace::cells(mesh, self.design.body.surface()),
-        }))
+/// The one map of conductivity of a file, or the untouched skin without one.
+pub fn conductivity(skin: &Skin, path: Option<&Path>) -> Outcome<Vec<f64>> {
+    let mut maps = conductivities(skin, path)?;
+    if maps.len() > 1 {
+        let message = format!("{} maps of conductivity, but a Jacobian belongs to one", maps.len());
+        return Err(Failure::given(message, Some("give a file with one row")));
     }
-
-    /// Maps of conductivity from a file, or the untouched skin without one.
-    pub fn conductivities(&self, path: Option<&Path>) -> Outcome<Vec<Vec<f64>>> {
-        match path {
-            Some(path) => Ok(read_conductivities(path, self.forward.mesh().cell_count())?),
-            None => Ok(vec![self.forward.rest_conductivity().to_vec()]),
-        }
-    }
-
-    /// One map of conductivity, where a command can use no more.
-    pub fn conductivity(&self, path: Option<&Path>) -> Outcome<Vec<f64>> {
-        let mut maps = self.conductivities(path)?;
-        if maps.len() > 1 {
-            let message = format!("{} maps of conductivity, but a Jacobian belongs to one", maps.len());
-            return Err(Failure::given(message, Some("give a file with one row")));
-        }
-        Ok(maps.remove(0))
-    }
+    Ok(maps.remove(0))
 }

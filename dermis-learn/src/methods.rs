@@ -64,8 +64,10 @@ impl Model {
     /// As [`load`](Self::load); a shipped model of another skin.
     pub fn named(name: &str, skin: &Skin) -> Result<Self, crate::LearnError> {
         match shipped::files(name) {
-            Some((card, weights)) => Self::parse(Path::new(name), card, weights, skin),
-            None => Self::load(Path::new(name), skin),
+            Some((card, weights)) => {
+                Self::parse(Path::new(name), card, weights, skin.forward(), Arc::clone(skin.pixels()))
+            }
+            None => Self::load(Path::new(name), skin.forward(), Arc::clone(skin.pixels())),
         }
     }
 }

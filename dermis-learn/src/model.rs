@@ -72,25 +72,47 @@ impl Model {
         Ok(parse_card(Path::new(name), card)?.skin.is_that_of(&SkinRecord::of(skin)))
     }
 
+    /// The models that are shipped for a skin, the preferred one first; none for most.
+    ///
+    /// # Errors
+    /// A shipped file that is damaged.
+    pub fn shipped(forward: &ForwardModel, pixels: &Arc<PixelSpace>) -> Result<Vec<Self>, LearnError> {
+        let skin = SkinRecord::new("", forward, pixels);
+        let mut models = Vec::new();
+        for name in shipped::NAMES {
+            let (card, weights) = shipped::files(name).expect("every name has its files");
+            if parse_card(Path::new(name), card)?.skin.is_that_of(&skin) {
+                models.push(Self::parse(Path::new(name), card, weights, forward, Arc::clone(pixels))?);
+            }
+        }
+        Ok(models)
+    }
+
     /// Reads the model in a folder for a skin.
     ///
     /// # Errors
     /// Files that are missing, cut off or of another version; a model for another skin.
-    pub fn load(folder: &Path, skin: &Skin) -> Result<Self, LearnError> {
+    pub fn load(folder: &Path, forward: &ForwardModel, pixels: Arc<PixelSpace>) -> Result<Self, LearnError> {
         let read = |name: &str| {
             let path = folder.join(name);
             std::fs::read(&path).map_err(|source| LearnError::Io { path, source })
         };
-        Self::parse(folder, &read(CARD)?, &read(WEIGHTS)?, skin)
+        Self::parse(folder, &read(CARD)?, &read(WEIGHTS)?, forward, pixels)
     }
 
     /// A model from the bytes of its two files; `folder` is named in errors.
     ///
     /// # Errors
     /// As [`load`](Self::load).
-    pub fn parse(folder: &Path, card: &[u8], weights: &[u8], skin: &Skin) -> Result<Self, LearnError> {
+    pub fn parse(
+        folder: &Path,
+        card: &[u8],
+        weights: &[u8],
+        forward: &ForwardModel,
+        pixels: Arc<PixelSpace>,
+    ) -> Result<Self, LearnError> {
         let card = parse_card(&folder.join(CARD), card)?;
-        card.skin.check(folder, &SkinRecord::of(skin))?;
+        card.skin.check(folder, &SkinRecord::new(&card.skin.design, forward, &pixels))?;
         let path = folder.join(WEIGHTS);
         let file = tensors::parse(&path, weights)?;
         let mut network = Network::new(&card.plan, 0);
@@ -99,7 +121,7 @@ impl Model {
         for ((name, shape), values) in shapes.iter().zip(network.values_mut()) {
             *values = tensors::values(&path, &file, name, shape)?;
         }
-        Ok(Model::new(card, network, Arc::clone(skin.pixels())))
+        Ok(Model::new(card, network, pixels))
     }
 
     /// Writes the model into a folder, made where it is missing. Matrices and convolutions are stored as told, all else in

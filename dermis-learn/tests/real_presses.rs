@@ -1,24 +1,18 @@
 //! The shipped network for `skin16`: what it promises, and real presses. The recordings have no licence, so they are looked for
 //! beside the project or where `DERMIS_DATA` points, and the test says that it was skipped without them.
 
-use dermis::design::SkinDesign;
 use dermis::detect::Detector;
-use dermis::forward::ForwardModel;
 use dermis::frame::{Frame, Truth, read_frames, read_truth};
-use dermis::image::PixelSpace;
-use dermis::mesh::Mesh;
 use dermis::reconstruct::Reconstruct;
+use dermis::skin::Skin;
 use dermis_learn::{LearnError, Model};
 use dermis_sim::evaluate::{AlignMethod, AlignOptions, PressEstimates, Screen};
 use std::path::PathBuf;
-use std::sync::Arc;
 
-fn shipped() -> (SkinDesign, ForwardModel, Arc<PixelSpace>, Model) {
-    let design = SkinDesign::shipped("skin16").unwrap();
-    let forward = ForwardModel::new(&design, &Mesh::generate(&design).unwrap()).unwrap();
-    let pixels = Arc::new(PixelSpace::for_design(&design, forward.mesh()).unwrap());
-    let model = Model::named("shapes", &forward, Arc::clone(&pixels)).unwrap();
-    (design, forward, pixels, model)
+fn shipped() -> (Skin, Model) {
+    let skin = Skin::load("skin16").unwrap();
+    let model = Model::named("shapes", &skin).unwrap();
+    (skin, model)
 }
 
 fn is_near(image: &[f64], expected: &[f64]) -> bool {
@@ -28,7 +22,7 @@ fn is_near(image: &[f64], expected: &[f64]) -> bool {
 
 #[test]
 fn images_follow_the_unit_and_twins_stand_for_what_is_left_out() {
-    let (_, _, _, model) = shipped();
+    let (_, model) = shipped();
     let value = |channel: usize| (0.7 * (channel % 96) as f64).sin();
     let difference = Frame((0..192).map(value).collect());
     let image = model.reconstruct(&difference).unwrap().values;
@@ -52,20 +46,20 @@ fn the_even_skin_is_localised_by_a_network_that_saw_simulations_alone() {
     if !folder.is_dir() {
         return println!("skipped: no recordings of real skins at {}", folder.display());
     }
-    let (design, forward, pixels, model) = shipped();
-    let frames = read_frames(&folder.join("inp_noPattern.csv"), &design.protocol).unwrap();
-    let truth = read_truth(&folder.join("out_noPattern.csv"), &pixels.surface, frames.len()).unwrap();
+    let (skin, model) = shipped();
+    let frames = read_frames(&folder.join("inp_noPattern.csv"), &skin.design().protocol).unwrap();
+    let truth = read_truth(&folder.join("out_noPattern.csv"), &skin.pixels().surface, frames.len()).unwrap();
     let Truth::Elsewhere(truth) = truth else { panic!("the presses have no header") };
     let options = AlignOptions {
         detector: Detector::new(model.detection()),
         left_out: (0..24).collect(),
         screens: vec![Screen::Disagreeing, Screen::PolarityBlind],
-        ..AlignOptions::new(design.sheet.touch)
+        ..AlignOptions::new(skin.design().sheet.touch)
     };
     let methods = |cut: &[Frame], left_out: &[usize]| -> Result<Vec<AlignMethod>, LearnError> {
         Ok(vec![(Box::new(model.without(left_out)?.matched(cut)), None)])
     };
-    let estimates = PressEstimates::by(&forward, &pixels, &frames, &options, methods).unwrap();
+    let estimates = PressEstimates::by(skin.forward(), skin.pixels(), &frames, &options, methods).unwrap();
     let aligned = estimates.align(&truth, &(0..2000).collect::<Vec<_>>()).unwrap();
     let few = estimates.align_by_few(&truth, 20, 200).unwrap();
     let (many_m, few_m) = (aligned.score.localisation_m.mean, 0.5 * (few[99] + few[100]));

@@ -1,4 +1,11 @@
 //! A place where something touches the skin: one type for truth and estimate.
+//!
+//! ```
+//! use dermis::contact::Contact;
+//!
+//! let touch = Contact::truth([0.01, 0.0, 0.0], [0.0, 0.0, 1.0], 2.0); // m, unit normal, N
+//! assert!(touch.sd_m.is_nan(), "a truth has no standard deviation");
+//! ```
 
 use crate::geom::Point3;
 use serde::{Deserialize, Deserializer, Serialize};
@@ -23,6 +30,9 @@ pub struct Contact {
     /// Normal force on the skin, positive when pressing, N.
     #[serde(deserialize_with = "number_or_null")]
     pub force_n: f64,
+    /// Standard deviation of the force, N.
+    #[serde(default = "unknown", deserialize_with = "number_or_null")]
+    pub force_sd_n: f64,
     /// Standard deviation of the position along the surface, per axis, m.
     #[serde(deserialize_with = "number_or_null")]
     pub sd_m: f64,
@@ -31,6 +41,30 @@ pub struct Contact {
 }
 
 impl Contact {
+    /// The columns of a contact in tables (CSV, NPZ): the keys of its JSON, vectors by component.
+    pub const COLUMNS: [&str; 13] = [
+        "id",
+        "x_m",
+        "y_m",
+        "z_m",
+        "normal_x",
+        "normal_y",
+        "normal_z",
+        "force_n",
+        "force_sd_n",
+        "strength",
+        "area_m2",
+        "sd_m",
+        "confidence",
+    ];
+
+    /// The values of [`COLUMNS`](Self::COLUMNS) but the id; `NaN` where a value is not known.
+    pub fn values(&self) -> [f64; 12] {
+        let Contact { position_m: [x, y, z], normal: [nx, ny, nz], .. } = *self;
+        let Contact { force_n, force_sd_n, strength, area_m2, sd_m, confidence, .. } = *self;
+        [x, y, z, nx, ny, nz, force_n, force_sd_n, strength, area_m2, sd_m, confidence]
+    }
+
     /// A known touch at a place; what is not known of it is `NaN`.
     pub fn truth(position_m: Point3, normal: Point3, force_n: f64) -> Self {
         Contact {
@@ -40,10 +74,15 @@ impl Contact {
             strength: f64::NAN,
             area_m2: f64::NAN,
             force_n,
+            force_sd_n: f64::NAN,
             sd_m: f64::NAN,
             confidence: 1.0,
         }
     }
+}
+
+fn unknown() -> f64 {
+    f64::NAN
 }
 
 /// JSON has no `NaN`: it is written as `null`, and read back from it.

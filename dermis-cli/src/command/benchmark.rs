@@ -4,9 +4,10 @@ use crate::console::{Progress, print, print_json};
 use crate::failure::Outcome;
 use crate::frames::Differences;
 use crate::method::MethodArguments;
-use crate::skin::{Per, Skin};
+use crate::skin;
 use clap::Args;
 use dermis::frame::write_whole;
+use dermis::skin::Skin;
 use dermis_plot::chart::Curves;
 use dermis_plot::colour::Scale;
 use dermis_plot::{Drawing, Key, Picture, View};
@@ -55,7 +56,7 @@ pub struct Arguments {
 struct Summary<'a> {
     design: &'a str,
     twin: &'a str,
-    method: String,
+    method: &'a str,
     alpha: Option<f64>,
     twins: &'a [BenchmarkResult],
 }
@@ -63,17 +64,17 @@ struct Summary<'a> {
 impl Arguments {
     /// Assesses the method on every twin.
     pub fn run(self) -> Outcome {
-        let skin = Skin::load(&self.design)?;
+        let skin = skin::load(&self.design)?;
         let options = TwinOptions::load(&self.twin)?;
-        let pixels = skin.pixels(Per::Pixel)?;
-        let method = self.method.prepare(&skin, Per::Pixel, &Differences::default())?;
+        let pixels = skin.pixels();
+        let method = self.method.prepare(&skin, &Differences::default())?;
         let benchmark = Benchmark {
-            design: &skin.design,
-            mesh: skin.forward.mesh(),
-            pixels: &pixels,
+            design: skin.design(),
+            mesh: skin.mesh(),
+            pixels,
             options: &options,
-            method: method.reconstruct.as_ref(),
-            alpha: method.alpha,
+            method: method.reconstruct().as_ref(),
+            alpha: method.alpha(),
         };
         let size = self.size();
         let each = metrics::benchmark_frames(&size, pixels.len());
@@ -83,32 +84,30 @@ impl Arguments {
         let twins: Vec<BenchmarkResult> = twins.collect::<dermis_sim::Result<_>>()?;
         drop(progress);
         if let Some(path) = &self.map {
-            let picture = self.map(&skin, &pixels, &size, &twins)?;
+            let picture = self.map(&skin, pixels, &size, &twins)?;
             write_whole(path, |out| out.write_all(picture.to_svg().as_bytes()))?;
         }
         if let Some(path) = &self.curve {
-            let picture = self.curve(method.reconstruct.name(), &twins);
+            let picture = self.curve(method.description(), &twins);
             write_whole(path, |out| out.write_all(picture.to_svg().as_bytes()))?;
         }
-        let name = method.reconstruct.name();
         if self.json {
-            let alpha = method.alpha;
             return print_json(&Summary {
-                design: &skin.design.name,
+                design: &skin.design().name,
                 twin: &options.name,
-                method: name,
-                alpha,
+                method: method.label(),
+                alpha: method.alpha(),
                 twins: &twins,
             });
         }
-        let alpha = method.alpha.map(|alpha| format!(", alpha {alpha:.4}")).unwrap_or_default();
         print(&format!(
-            "{} `{}` of {} (seeds {} to {}), {name}{alpha}\n\n{}\n",
+            "{} `{}` of {} (seeds {} to {}), {}\n\n{}\n",
             counted(twins.len()),
             options.name,
-            skin.design.name,
+            skin.design().name,
             self.seed,
             self.seed + self.twins - 1,
+            method.description(),
             metrics::table(&twins).to_text()
         ))
     }
@@ -155,14 +154,14 @@ impl Arguments {
             let sum: f64 = twins.iter().map(|twin| twin.least_forces_n[place]).sum();
             forces[pixel] = sum / twins.len() as f64;
         }
-        let drawing = Drawing::new(&skin.design, skin.forward.mesh());
+        let drawing = Drawing::new(skin.design(), skin.mesh());
         let scale = Scale::sequential(forces.iter().copied());
         let mut scene =
             drawing.field(pixels, &forces, Key { scale, label: "smallest force found 90 % of the time, N".into() });
         scene.title = "Smallest force".into();
         scene.subtitle =
             format!("{} `{}`, one false contact an hour at 120 frames a second", counted(twins.len()), self.twin);
-        View::Unrolled.draw(&scene, &skin.design).map_err(|error| crate::failure::Failure::Ours(error.to_string()))
+        View::Unrolled.draw(&scene, skin.design()).map_err(|error| crate::failure::Failure::Ours(error.to_string()))
     }
 }
 

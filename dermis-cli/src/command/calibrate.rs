@@ -5,10 +5,11 @@ use crate::console::{Progress, print, print_json};
 use crate::failure::{Failure, Outcome};
 use crate::frames::Differences;
 use crate::method::MethodArguments;
-use crate::skin::{Per, Skin};
+use crate::skin;
 use clap::Args;
 use dermis::detect::{DetectOptions, Forces, Misplacement, PositionSpread, REGION_95_SD, blur_share};
 use dermis::frame::write_whole;
+use dermis::skin::Skin;
 use dermis_sim::dataset::{Generator, PatchTouches, Recipe, SkinSpread, Skins, Touch};
 use dermis_sim::evaluate::CalibrationRun;
 use dermis_study::report::Table;
@@ -36,8 +37,8 @@ pub struct Arguments {
     /// The part of an image's highest peak that a contact's must exceed, in place of the method's own.
     #[arg(long, value_name = "SHARE")]
     peak_fraction: Option<f64>,
-    /// Keep what was measured, and the peak fraction, in the card of the model named by --model.
-    #[arg(long, requires = "model")]
+    /// Keep what was measured, and the peak fraction, in the card of the network whose folder --method names.
+    #[arg(long)]
     keep: bool,
     /// Write each contact that was matched with a touch: how it was found, and how far off (CSV).
     #[arg(short, long, value_name = "FILE")]
@@ -50,9 +51,12 @@ pub struct Arguments {
 impl Arguments {
     /// Simulates, finds and measures.
     pub fn run(self) -> Outcome {
-        let skin = Skin::load(&self.design)?;
-        let method = self.method.prepare(&skin, Per::Pixel, &Differences::default())?;
-        let mut detection = method.reconstruct.detection();
+        if self.keep {
+            self.method.check_is_folder("--keep")?;
+        }
+        let skin = skin::load(&self.design)?;
+        let method = self.method.prepare(&skin, &Differences::default())?;
+        let mut detection = method.reconstruct().detection();
         if let Some(fraction) = self.peak_fraction {
             if !(0.0..1.0).contains(&fraction) {
                 let message = format!("--peak-fraction is {fraction}: it must be at least 0 and below 1");
@@ -60,7 +64,7 @@ impl Arguments {
             }
             detection.peak_fraction = fraction;
         }
-        let run = self.calibration_run(&skin, method.reconstruct.as_ref(), &detection)?;
+        let run = self.calibration_run(&skin, method.reconstruct().as_ref(), &detection)?;
         let few = || {
             let message =
                 format!("{} contacts were matched with a touch, too few to measure by", run.misplacements.len());
@@ -80,8 +84,8 @@ impl Arguments {
         }
         if self.json {
             return print_json(&json!({
-                "method": method.reconstruct.name(),
-                "alpha": method.alpha,
+                "method": method.description(),
+                "alpha": method.alpha(),
                 "touches": run.touches,
                 "found": run.misplacements.len(),
                 "false_positives": run.false_positives,
@@ -93,7 +97,7 @@ impl Arguments {
                 "detection": detection,
             }));
         }
-        print(&format!("{}\n\n{}\n", method.reconstruct.name(), summary(&run, &detection, before, blur).to_text()))
+        print(&format!("{}\n\n{}\n", method.description(), summary(&run, &detection, before, blur).to_text()))
     }
 
     fn calibration_run(
@@ -105,7 +109,7 @@ impl Arguments {
         let recipes = self.recipes()?;
         let progress = Progress::new("touching", self.samples as usize * recipes.len());
         let one = |recipe: &Recipe| {
-            let generator = Generator::new(&skin.design, &skin.forward, recipe)?;
+            let generator = Generator::new(skin.design(), skin.forward(), recipe)?;
             Ok(CalibrationRun::of(method, detection, &generator, 0..self.samples, || progress.step())?)
         };
         recipes

@@ -1,62 +1,87 @@
 //! `dermis contacts`: frames to contacts.
 
 use crate::console::print;
-use crate::failure::Outcome;
-use crate::frames::FrameArguments;
+use crate::failure::{Failure, Outcome};
+use crate::frames::{FrameArguments, images};
 use crate::method::MethodArguments;
-use crate::skin::{Per, Skin};
+use crate::skin;
 use clap::Args;
 use dermis::contact::Contact;
 use dermis::frame::write_whole;
 use dermis::geom::Surface;
+use serde::Serialize;
 use std::io::Write;
 use std::path::PathBuf;
-
-/// The columns of the table of contacts.
-const COLUMNS: &str = "frame,id,x_m,y_m,z_m,theta_rad,nx,ny,nz,area_m2,strength,confidence,sd_m";
 
 /// The arguments of `dermis contacts`.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The design: a path, or a shipped name.
+    /// Design: the path of a file, or a shipped name.
     design: String,
     #[command(flatten)]
     frames: FrameArguments,
     #[command(flatten)]
     method: MethodArguments,
-    /// The table to write (CSV), a row per contact; theta is empty off cylinders.
+    /// File to write: a table with a row per contact (.csv; theta_rad on cylinders alone), or a line of JSON per frame (.jsonl).
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+}
+
+/// A line of JSON.
+#[derive(Serialize)]
+struct FrameContacts<'a> {
+    frame: usize,
+    contacts: &'a [Contact],
 }
 
 impl Arguments {
     /// Finds the contacts and writes them.
     pub fn run(self) -> Outcome {
-        let skin = Skin::load(&self.design)?;
-        let differences = self.frames.read(&skin.design.protocol)?;
-        let method = self.method.prepare(&skin, Per::Pixel, &differences)?;
-        let detector = method.detector(&differences)?;
-        let images = method.images(&differences.frames)?;
+        let write = self.format()?;
+        let skin = skin::load(&self.design)?;
+        let differences = self.frames.read(&skin.design().protocol)?;
+        let method = self.method.prepare(&skin, &differences)?;
+        let detector = method.detector(&differences.untouched)?;
+        let images = images(&method, &differences.frames)?;
         let contacts: Vec<Vec<Contact>> = images.iter().map(|image| detector.detect(image)).collect();
-        let surface = skin.design.body.surface();
+        let surface = skin.design().body.surface();
         write_whole(&self.output, |out| write(out, &contacts, &surface))?;
         let count: usize = contacts.iter().map(Vec::len).sum();
-        print(&format!("{}: {count} contacts in {} frames\n", self.output.display(), contacts.len()))
+        let (path, frames) = (self.output.display(), contacts.len());
+        print(&format!("{path}: {count} contacts in {frames} frames ({})\n", method.description()))
+    }
+
+    fn format(&self) -> Outcome<fn(&mut dyn Write, &[Vec<Contact>], &Surface) -> std::io::Result<()>> {
+        match self.output.extension().and_then(|extension| extension.to_str()) {
+            Some("csv") => Ok(write_csv),
+            Some("jsonl") => Ok(write_jsonl),
+            _ => {
+                let message = format!("{}: contacts are written as .csv or .jsonl", self.output.display());
+                Err(Failure::given(message, Some("choose one of these endings")))
+            }
+        }
     }
 }
 
-/// Writes contacts frame by frame.
-fn write(out: &mut dyn Write, frames: &[Vec<Contact>], surface: &Surface) -> std::io::Result<()> {
-    writeln!(out, "{COLUMNS}")?;
+/// A row for each contact.
+fn write_csv(out: &mut dyn Write, frames: &[Vec<Contact>], surface: &Surface) -> std::io::Result<()> {
+    writeln!(out, "frame,{},theta_rad", Contact::COLUMNS.join(","))?;
     for (frame, contacts) in frames.iter().enumerate() {
         for contact in contacts {
-            let [x, y, z] = contact.position_m;
-            let [nx, ny, nz] = contact.normal;
-            let theta = surface.theta_rad(contact.position_m).map(|theta| format!("{theta:?}")).unwrap_or_default();
-            let Contact { id, area_m2, strength, confidence, sd_m, .. } = contact;
-            write!(out, "{frame},{id},{x:?},{y:?},{z:?},{theta},{nx:?},{ny:?},{nz:?},")?;
-            writeln!(out, "{area_m2:?},{strength:?},{confidence:?},{sd_m:?}")?;
+            let known = |value: f64| if value.is_finite() { format!("{value:?}") } else { String::new() };
+            let theta_rad = surface.theta_rad(contact.position_m).map_or_else(String::new, known);
+            let values: Vec<String> = contact.values().into_iter().map(known).collect();
+            writeln!(out, "{frame},{},{},{theta_rad}", contact.id, values.join(","))?;
         }
+    }
+    Ok(())
+}
+
+/// A line of JSON for each frame.
+fn write_jsonl(out: &mut dyn Write, frames: &[Vec<Contact>], _: &Surface) -> std::io::Result<()> {
+    for (frame, contacts) in frames.iter().enumerate() {
+        serde_json::to_writer(&mut *out, &FrameContacts { frame, contacts })?;
+        out.write_all(b"\n")?;
     }
     Ok(())
 }

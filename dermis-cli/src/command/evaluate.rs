@@ -2,12 +2,13 @@
 
 use crate::console::{Progress, print, print_json};
 use crate::failure::{Failure, Outcome};
-use crate::frames::FrameArguments;
+use crate::frames::{FrameArguments, images};
 use crate::method::MethodArguments;
-use crate::skin::{Per, Skin};
+use crate::skin;
 use clap::Args;
 use dermis::frame::{Frame, Truth, read_truth};
 use dermis::geom::Point3;
+use dermis::skin::Skin;
 use dermis::stats::Summary;
 use dermis_sim::evaluate::{Aligned, Alignment, Score, score};
 use serde::Serialize;
@@ -32,7 +33,7 @@ pub struct Arguments {
     #[arg(
         long,
         value_name = "N",
-        conflicts_with_all = ["method", "alpha", "alpha_absolute", "noser_exponent", "weighing"]
+        conflicts_with_all = ["alpha", "alpha_absolute", "noser_exponent", "weighting"]
     )]
     align: Option<usize>,
     /// In place of the first presses, draw those to align by at random, this many times, and tell the median error.
@@ -46,9 +47,9 @@ pub struct Arguments {
 impl Arguments {
     /// Makes images, finds contacts and scores them.
     pub fn run(self) -> Outcome {
-        let skin = Skin::load(&self.design)?;
-        let differences = self.frames.read(&skin.design.protocol)?;
-        let truth = read_truth(&self.truth, &skin.design.body.surface(), differences.frames.len())?;
+        let skin = skin::load(&self.design)?;
+        let differences = self.frames.read(&skin.design().protocol)?;
+        let truth = read_truth(&self.truth, &skin.design().body.surface(), differences.frames.len())?;
         let truth = match (truth, self.align) {
             (Truth::OnSkin(truth), None) => truth,
             (Truth::Elsewhere(presses), Some(count)) => return self.align(&skin, &differences.frames, &presses, count),
@@ -62,11 +63,11 @@ impl Arguments {
                 return Err(Failure::given(message, Some("leave --align out")));
             }
         };
-        let method = self.method.prepare(&skin, Per::Pixel, &differences)?;
-        let detector = method.detector(&differences)?;
-        let images = method.images(&differences.frames)?;
-        let score = score(&images, &truth, &detector, &method.reconstruct.name(), method.alpha)?;
-        if self.json { print_json(&score) } else { print(&table(&skin.design.name, &score)) }
+        let method = self.method.prepare(&skin, &differences)?;
+        let detector = method.detector(&differences.untouched)?;
+        let images = images(&method, &differences.frames)?;
+        let score = score(&images, &truth, &detector, method.label(), method.alpha())?;
+        if self.json { print_json(&score) } else { print(&table(&skin.design().name, &score)) }
     }
 }
 
@@ -92,7 +93,7 @@ impl Arguments {
                 cut_sd: aligned.limit_sd,
             });
         }
-        print(&(table(&skin.design.name, &aligned.score) + &placement(&aligned)))
+        print(&(table(&skin.design().name, &aligned.score) + &placement(&aligned)))
     }
 }
 

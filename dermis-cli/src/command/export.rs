@@ -1,7 +1,7 @@
 //! `dermis export`: a trained network for other programs.
 
 use crate::failure::Outcome;
-use crate::skin::{Per, Skin};
+use crate::skin;
 use clap::Args;
 use dermis::frame::write_whole;
 use dermis_learn::Model;
@@ -12,9 +12,10 @@ use std::path::PathBuf;
 pub struct Arguments {
     /// The design: a path, or a shipped name.
     design: String,
-    /// The network: `paper` or `best`, which are shipped for the paper's skin, or the folder of a model of `dermis train`.
-    #[arg(long, value_name = "MODEL")]
-    model: String,
+    /// Network: a shipped name (best or paper for cylinder30, shapes for skin16), or the folder of a trained network, as in
+    /// ./my-model.
+    #[arg(long, value_name = "NAME|FOLDER")]
+    method: String,
     /// The ONNX file to write: differences in ohm go in, images come out.
     #[arg(long, value_name = "FILE")]
     onnx: PathBuf,
@@ -23,8 +24,8 @@ pub struct Arguments {
 impl Arguments {
     /// Writes the file.
     pub fn run(self) -> Outcome {
-        let skin = Skin::load(&self.design)?;
-        let model = Model::named(&self.model, &skin.forward, skin.pixels(Per::Pixel)?)?;
+        let skin = skin::load(&self.design)?;
+        let model = Model::named(&self.method, &skin)?;
         write_whole(&self.onnx, |out| out.write_all(&model.to_onnx()))?;
         Ok(())
     }

@@ -2,9 +2,10 @@
 
 use crate::console::{Progress, print};
 use crate::failure::{Failure, Outcome};
-use crate::skin::Skin;
+use crate::skin;
 use clap::Args;
 use dermis::frame::{Frame, Truth, read_table, read_truth, write_frames};
+use dermis::skin::Skin;
 use dermis_sim::touch::{GaussianTouch, touched_conductivity};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -39,20 +40,20 @@ pub struct Arguments {
 impl Arguments {
     /// Solves for every map.
     pub fn run(self) -> Outcome {
-        let skin = Skin::load(&self.design)?;
+        let skin = skin::load(&self.design)?;
         let maps = match &self.touches {
             Some(touches) => self.touched(&skin, touches)?,
-            None => skin.conductivities(self.conductivity.as_deref())?,
+            None => skin::conductivities(&skin, self.conductivity.as_deref())?,
         };
         let progress = Progress::new("solving", maps.len());
-        let channels = skin.design.protocol.channel_count();
+        let channels = skin.design().protocol.channel_count();
         let solve = |solver: &mut dermis::forward::Solver, map: &Vec<f64>| {
             let mut frame = Frame(vec![0.0; channels]);
             solver.solve_into(map, &mut frame)?;
             progress.step();
             Ok::<Frame, dermis::forward::ForwardError>(frame)
         };
-        let frames = maps.par_iter().map_init(|| skin.forward.solver(), solve).collect::<Result<Vec<_>, _>>()?;
+        let frames = maps.par_iter().map_init(|| skin.forward().solver(), solve).collect::<Result<Vec<_>, _>>()?;
         drop(progress);
         write_frames(&self.output, &frames)?;
         print(&format!("{}: {} frames of {channels} values\n", self.output.display(), frames.len()))
@@ -72,7 +73,7 @@ impl Arguments {
             let message = format!("{} names frame {last}: at most {MOST_FRAMES} are simulated", path.display());
             return Err(Failure::given(message, None));
         }
-        let (mesh, surface) = (skin.forward.mesh(), skin.design.body.surface());
+        let (mesh, surface) = (skin.mesh(), skin.design().body.surface());
         let Truth::OnSkin(frames) = read_truth(path, &surface, last as usize + 1)? else {
             return Err(Failure::given(format!("{} has no header", path.display()), Some("name the columns")));
         };
@@ -80,8 +81,8 @@ impl Arguments {
             |centre_m| GaussianTouch { centre_m, amplitude: self.touch_amplitude, width_m: self.touch_width_m };
         let map = |touches: &Vec<dermis::contact::Contact>| {
             let touches: Vec<_> = touches.iter().map(|touch| gaussian(touch.position_m)).collect();
-            let rest = skin.forward.rest_conductivity();
-            Ok(touched_conductivity(mesh, &surface, skin.design.sheet.touch, rest, &touches)?)
+            let rest = skin.forward().rest_conductivity();
+            Ok(touched_conductivity(mesh, &surface, skin.design().sheet.touch, rest, &touches)?)
         };
         frames.iter().map(map).collect()
     }

@@ -2,7 +2,7 @@
 
 use crate::console::print;
 use crate::failure::Outcome;
-use crate::skin::{Per, Skin};
+use crate::skin::{self, Per};
 use clap::Args;
 use dermis::frame::write_array;
 use std::path::PathBuf;
@@ -26,11 +26,11 @@ pub struct Arguments {
 impl Arguments {
     /// Computes and writes the matrix.
     pub fn run(self) -> Outcome {
-        let skin = Skin::load(&self.design)?;
-        let conductivity = skin.conductivity(self.conductivity.as_deref())?;
+        let skin = skin::load(&self.design)?;
+        let conductivity = skin::conductivity(&skin, self.conductivity.as_deref())?;
         let matrix = match self.per {
-            Per::Cell => skin.forward.jacobian(&conductivity)?,
-            Per::Pixel => skin.forward.pixel_jacobian(&conductivity, skin.pixels(Per::Pixel)?.as_ref())?,
+            Per::Cell => skin.forward().jacobian(&conductivity)?,
+            Per::Pixel => skin.forward().pixel_jacobian(&conductivity, skin.pixels())?,
         };
         write_array(&self.output, "jacobian", &[matrix.rows, matrix.columns], &matrix.values)?;
         print(&format!("{}: {} values x {} columns\n", self.output.display(), matrix.rows, matrix.columns))

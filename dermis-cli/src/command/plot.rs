@@ -1,9 +1,8 @@
 //! `dermis plot`: pictures of a skin.
 
 use crate::failure::{Failure, Outcome};
-use crate::frames::FrameArguments;
+use crate::frames::{FrameArguments, images};
 use crate::method::MethodArguments;
-use crate::skin::{Per, Skin};
 use clap::ValueEnum;
 use dermis::contact::Contact;
 use dermis::design::{Body, SkinDesign};
@@ -13,6 +12,7 @@ use dermis::frame::{Truth, read_array, read_truth, write_whole};
 use dermis::image::{Image, PixelSpace};
 use dermis::mesh::Mesh;
 use dermis::reconstruct::{Linearised, Quantity};
+use dermis::skin::Skin;
 use dermis_plot::{Drawing, Picture, PlotError, Scene, View};
 use dermis_study::plots::localisation_scene;
 use std::path::{Path, PathBuf};
@@ -178,13 +178,12 @@ impl Arguments {
         }
         let (frames, baseline) = (frames.clone(), self.baseline.clone());
         let frames = FrameArguments { frames, baseline, difference: self.difference };
-        let skin = Skin { design: design.clone(), forward: ForwardModel::new(design, mesh)? };
+        let skin = Skin::with_mesh(design.clone(), mesh)?;
         let differences = frames.read(&design.protocol)?;
-        let method = self.method.prepare(&skin, Per::Pixel, &differences)?;
-        let alpha = method.alpha.map(|alpha| format!(", alpha {alpha:.3}")).unwrap_or_default();
-        let how = format!("{}{alpha}", method.reconstruct.name());
-        let (images, detector) = (method.images(&differences.frames)?, method.detector(&differences)?);
-        Ok(Seen { images, quantity: method.reconstruct.quantity(), detector, how })
+        let method = self.method.prepare(&skin, &differences)?;
+        let how = method.description();
+        let (images, detector) = (images(&method, &differences.frames)?, method.detector(&differences.untouched)?);
+        Ok(Seen { images, quantity: method.reconstruct().quantity(), detector, how })
     }
 }
 

@@ -2,9 +2,9 @@
 
 use crate::console::print;
 use crate::failure::Outcome;
-use crate::frames::FrameArguments;
+use crate::frames::{FrameArguments, images};
 use crate::method::MethodArguments;
-use crate::skin::{Per, Skin};
+use crate::skin::{self, Per};
 use clap::Args;
 use dermis::frame::write_array;
 use std::path::PathBuf;
@@ -30,11 +30,14 @@ pub struct Arguments {
 impl Arguments {
     /// Makes the images and writes them.
     pub fn run(self) -> Outcome {
-        let skin = Skin::load(&self.design)?;
-        let differences = self.frames.read(&skin.design.protocol)?;
-        let method = self.method.prepare(&skin, self.per, &differences)?;
-        let images = method.images(&differences.frames)?;
-        let space = method.reconstruct.pixels();
+        let skin = match (skin::load(&self.design)?, self.per) {
+            (skin, Per::Pixel) => skin,
+            (skin, Per::Cell) => skin.with_cells_as_pixels(),
+        };
+        let differences = self.frames.read(&skin.design().protocol)?;
+        let method = self.method.prepare(&skin, &differences)?;
+        let images = images(&method, &differences.frames)?;
+        let space = method.reconstruct().pixels();
         let mut shape = vec![images.len()];
         match space.grid {
             Some([rows, columns]) => shape.extend([rows, columns]),
@@ -43,7 +46,6 @@ impl Arguments {
         let values: Vec<f64> = images.iter().flat_map(|image| image.to_grid()).collect();
         write_array(&self.output, "images", &shape, &values)?;
         let sizes: Vec<String> = shape.iter().map(usize::to_string).collect();
-        let alpha = method.alpha.map(|alpha| format!(", alpha {alpha:.4}")).unwrap_or_default();
-        print(&format!("{}: {} ({}{alpha})\n", self.output.display(), sizes.join(" x "), method.reconstruct.name()))
+        print(&format!("{}: {} ({})\n", self.output.display(), sizes.join(" x "), method.description()))
     }
 }
