@@ -3,7 +3,7 @@
 python load_model.py MODEL DIFFERENCES.npy [IMAGES.npy]      (pip install numpy; torch is used where it is installed)
 
 MODEL is a model's folder, DIFFERENCES are frames less the untouched frame, ohm, a row each; IMAGES, where given, are what
-`dermis reconstruct --model` made of them, and must agree.
+`dermis reconstruct --method` made of them, and must agree.
 """
 
 import json

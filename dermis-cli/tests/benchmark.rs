@@ -7,7 +7,7 @@ use workplace::Workplace;
 #[test]
 fn one_twin_is_assessed_alike_every_time() {
     let at = Workplace::new();
-    let arguments = "assess disk.toml --quick --twins 1 --seed 2001 --json --curve curve.svg --map map.svg";
+    let arguments = "benchmark disk.toml --quick --twins 1 --seed 2001 --json --curve curve.svg --map map.svg";
     let text = at.good(arguments);
     let told: serde_json::Value = serde_json::from_str(&text).unwrap();
     assert_eq!((&told["twin"], told["twins"].as_array().map(Vec::len)), (&"lab".into(), Some(1)));
@@ -38,12 +38,12 @@ fn one_twin_is_assessed_alike_every_time() {
 #[test]
 fn what_cannot_be_assessed_is_refused() {
     let at = Workplace::new();
-    assert!(at.refused("assess disk.toml --quick --twins 1 --dead 8").contains("8 dead electrodes leave none of 8"));
-    assert!(at.refused("assess disk.toml --twins 0").contains("--twins"));
-    assert!(at.refused("assess disk.toml --twin labb").contains("did you mean `lab`?"));
-    assert!(at.refused("assess nosuch --twins 1").contains("nosuch"));
-    assert!(at.refused("assess disk.toml --quick --model nosuch").contains("nosuch"));
-    assert!(at.refused("assess disk.toml --model best --method noser").contains("cannot be used with"));
+    assert!(at.refused("benchmark disk.toml --quick --twins 1 --dead 8").contains("8 dead electrodes leave none of 8"));
+    assert!(at.refused("benchmark disk.toml --twins 0").contains("--twins"));
+    assert!(at.refused("benchmark disk.toml --twin labb").contains("did you mean `lab`?"));
+    assert!(at.refused("benchmark nosuch --twins 1").contains("nosuch"));
+    assert!(at.refused("benchmark disk.toml --quick --method ./nosuch").contains("nosuch"));
+    assert!(at.refused("benchmark disk.toml --method best --alpha 0.1").contains("no regularization parameter"));
 }
 
 #[test]
@@ -68,5 +68,5 @@ fn contacts_are_measured_against_their_touches() {
     assert!(at.refused("calibrate disk.toml --recipe gaussian.toml --samples 20").contains("too few to measure by"));
     assert!(at.refused("calibrate disk.toml --recipe nosuch.toml").contains("nosuch.toml"));
     assert!(at.refused("calibrate disk.toml --samples 20 --peak-fraction 1.5").contains("--peak-fraction is 1.5"));
-    assert!(at.refused("calibrate disk.toml --keep").contains("--model"));
+    assert!(at.refused("calibrate disk.toml --keep").contains("--method"));
 }

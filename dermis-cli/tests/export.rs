@@ -24,8 +24,10 @@ impl Exports for Workplace {
         self.good(&format!("train {design} --data data --network {network} --epochs 1 -o model"));
         let differences: Vec<f64> = (0..FRAMES * channels).map(|at| 0.5 * (0.7 * at as f64).sin()).collect();
         write_array(&self.path("differences.npy"), "differences", &[FRAMES, channels], &differences).unwrap();
-        self.good(&format!("reconstruct {design} --frames differences.npy --difference --model model -o images.npy"));
-        self.good(&format!("export {design} --model model --onnx model.onnx"));
+        self.good(&format!(
+            "reconstruct {design} --frames differences.npy --difference --method ./model -o images.npy"
+        ));
+        self.good(&format!("export {design} --method ./model --onnx model.onnx"));
     }
 
     fn example(&self, python: &str, script: &str, files: &[&str]) -> String {
@@ -59,7 +61,7 @@ fn an_exported_network_is_a_file_that_names_its_ends() {
     for name in ["difference_ohm", "image", "Gemm", "dermis model"] {
         assert!(file.windows(name.len()).any(|part| part == name.as_bytes()), "{name}");
     }
-    let refused = workplace.run("export cylinder30 --model model --onnx other.onnx");
+    let refused = workplace.run("export cylinder30 --method ./model --onnx other.onnx");
     assert_eq!(refused.status.code(), Some(2));
     assert!(!workplace.path("other.onnx").exists());
 }

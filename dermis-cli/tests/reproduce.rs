@@ -49,7 +49,7 @@ fn a_glance_makes_the_page_and_the_same_numbers_and_goes_on_where_it_was() {
     }
 
     // What was done is not done again, and what it shows is the same.
-    let kept = folder.path().join("report/work/assess-noser-1001.json");
+    let kept = folder.path().join("report/work/benchmark-noser-1001.json");
     let before = std::fs::metadata(&kept).unwrap().modified().unwrap();
     let again = dermis(folder.path(), &GLANCE);
     let told_again: serde_json::Value = serde_json::from_slice(&again.stdout).expect("JSON");
@@ -69,7 +69,7 @@ fn a_design_that_is_none_and_a_folder_that_cannot_be_are_refused_at_once() {
     std::fs::write(folder.path().join("taken"), "a file").unwrap();
     let message = refused(&dermis(folder.path(), &["reproduce", "-o", "taken"]));
     assert!(message.contains("taken") && message.contains("-o"), "{message}");
-    let message = refused(&dermis(folder.path(), &["reproduce", "--model", "nowhere"]));
+    let message = refused(&dermis(folder.path(), &["reproduce", "--method", "nowhere"]));
     assert!(message.contains("nowhere") && !folder.path().join("report/index.html").exists(), "{message}");
     let message = refused(&dermis(folder.path(), &["reproduce", "--scale", "huge"]));
     assert!(message.contains("huge") && message.contains("quick"), "{message}");

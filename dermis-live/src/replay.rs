@@ -123,7 +123,7 @@ fn network(path: &Path, session: &Session, skin: &LiveSkin, name: &str) -> Resul
 
 fn without_its_network(path: &Path, name: &str) -> String {
     format!(
-        "{} was recorded with the network `{name}`, which this version does not hold: give its folder, --model FOLDER",
+        "{} was recorded with the network `{name}`, which this version does not hold: give its folder, --method FOLDER",
         path.display()
     )
 }

@@ -4,6 +4,7 @@ use crate::console::on_interrupt;
 use crate::emulated::EmulatorArguments;
 use crate::failure::{Failure, Outcome};
 use crate::latency::Latencies;
+use crate::method::METHOD_HELP;
 use clap::Args;
 use dermis::design::SkinDesign;
 use dermis::frame::write_whole;
@@ -34,10 +35,8 @@ pub struct Arguments {
     source: String,
     #[command(flatten)]
     emulator: EmulatorArguments,
-    /// How images are made: best, paper (networks), noser, laplace, or the folder of a network; the best that there is for the
-    /// skin without it.
-    #[arg(long, value_name = "METHOD")]
-    model: Option<String>,
+    #[arg(long, value_name = "NAME|FOLDER", help = METHOD_HELP)]
+    method: Option<String>,
     /// What a contact's signal must exceed, times the method's own [default: 1]
     #[arg(long, value_name = "TIMES")]
     threshold: Option<f64>,
@@ -92,7 +91,7 @@ impl Arguments {
         let text = SkinDesign::text_of(&self.design)?;
         let skin = {
             let _waiting = crate::console::Progress::waiting("preparing");
-            Arc::new(LiveSkin::new(&text, &self.design, model_folder(self.model.as_deref()))?)
+            Arc::new(LiveSkin::new(&text, &self.design, network_folder(self.method.as_deref()))?)
         };
         let (live, emulator) = match self.source.strip_prefix("replay:") {
             Some(recording) => (self.play(&skin, Path::new(recording))?, None),
@@ -136,9 +135,9 @@ impl Arguments {
         let recorded_with = player.state().settings.method.clone();
         let live = Live::play(Arc::clone(skin), player)?;
         let mut commands = Vec::new();
-        if let Some(model) = self.model.as_ref().filter(|model| **model != recorded_with) {
-            skin.method(model)?;
-            commands.push(Command::Method { name: model.clone() });
+        if let Some(method) = self.method.as_ref().filter(|method| **method != recorded_with) {
+            skin.method(method)?;
+            commands.push(Command::Method { name: method.clone() });
         }
         commands.extend(self.threshold.map(|value| Command::Threshold { value }));
         commands.extend((!zones.is_empty()).then_some(Command::Zones { zones }));
@@ -152,7 +151,7 @@ impl Arguments {
 
     fn options(&self, address: Address) -> Outcome<LiveOptions> {
         let zones = self.zones()?;
-        let method = self.model.clone().unwrap_or_default();
+        let method = self.method.clone().unwrap_or_default();
         let threshold = self.threshold.unwrap_or(1.0);
         let settings = Settings { method, threshold, zones, ..Settings::default() };
         let device = DeviceOptions { rate_hz: self.rate };
@@ -282,8 +281,8 @@ impl Arguments {
 }
 
 /// The folder of a network, where one is given.
-pub fn model_folder(model: Option<&str>) -> Option<&str> {
-    model.filter(|model| Path::new(model).is_dir())
+pub fn network_folder(method: Option<&str>) -> Option<&str> {
+    method.filter(|method| dermis::method::is_path(method))
 }
 
 /// What is told of frames.

@@ -15,9 +15,9 @@ use std::path::PathBuf;
 pub struct Arguments {
     /// The recording, finished or cut.
     recording: PathBuf,
-    /// The folder of the network that it was recorded with, where that does not come with this program.
+    /// Folder of the network that the recording was made with, unless a shipped one.
     #[arg(long, value_name = "FOLDER")]
-    model: Option<String>,
+    method: Option<String>,
     /// Print contacts alone, without the times at which they were made: the same of every replay, to the last byte.
     #[arg(long)]
     contacts: bool,
@@ -29,7 +29,7 @@ pub struct Arguments {
 impl Arguments {
     /// Replays as fast as it goes.
     pub fn run(self) -> Outcome {
-        let mut replay = Replay::with_model(&self.recording, self.model.as_deref())?;
+        let mut replay = Replay::with_model(&self.recording, self.method.as_deref())?;
         let name = replay.skin().design.name.clone();
         let waiting = Progress::waiting("replaying");
         let mut out = BufWriter::new(std::io::stdout().lock());

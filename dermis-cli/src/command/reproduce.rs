@@ -19,8 +19,8 @@ pub struct Arguments {
     twin: String,
     /// The folder of a network of `dermis train` to compare with the linear methods; may be given more than once. Without it,
     /// scale `paper` trains its own networks and the others use the shipped ones.
-    #[arg(long, value_name = "DIR")]
-    model: Vec<PathBuf>,
+    #[arg(long = "method", value_name = "FOLDER")]
+    models: Vec<PathBuf>,
     /// How large.
     #[arg(long, value_enum, default_value = "quick")]
     scale: Scale,
@@ -54,7 +54,7 @@ impl Arguments {
             Scale::Quick => reproduce::Scale::Quick,
             Scale::Paper => reproduce::Scale::Paper,
         };
-        let Arguments { design, twin, model: models, output, .. } = self;
+        let Arguments { design, twin, models, output, .. } = self;
         let output = Reproduction { design, twin, models, scale, output, program }.run(&StudyProgress)?;
         print(if self.json { &output.json } else { &output.text })
     }

@@ -74,7 +74,7 @@ impl Benchmarked {
         let seeds = REPORTED_SEED..REPORTED_SEED + scale.twins();
         let twin = |seed: u64| {
             let key = format!("{}, {:?}, {size:?}", method.identity, method.reconstruct.detection());
-            work.kept(&format!("assess-{}-{seed}", method.key), &key, || {
+            work.kept(&format!("benchmark-{}-{seed}", method.key), &key, || {
                 let task = bench.progress.begin(&format!("{}, twin {seed}", method.name), frames);
                 let result = benchmark.run(seed, &size, |done| task.advance(done))?;
                 Ok(TwinFigures::of(&result))
