@@ -246,8 +246,8 @@ bool dw_parse_hello(const uint8_t *message, size_t bytes, dw_hello *hello)
     for (size_t i = 0; i < 3; i++)
         hello->volts_per_count[i] = take_f32(&from);
     hello->full_scale = take_u32(&from);
-    hello->rate_mhz = take_u32(&from);
-    hello->highest_rate_mhz = take_u32(&from);
+    hello->rate_millihertz = take_u32(&from);
+    hello->highest_rate_millihertz = take_u32(&from);
     hello->baud = take_u32(&from);
     hello->serial = take_u32(&from);
     hello->boot = take_u32(&from);
@@ -312,12 +312,12 @@ bool dw_parse_scan(const uint8_t *message, size_t bytes, dw_scan *scan)
     return closes(&from) && scan_fits(scan);
 }
 
-bool dw_parse_rate(const uint8_t *message, size_t bytes, uint32_t *rate_mhz)
+bool dw_parse_rate(const uint8_t *message, size_t bytes, uint32_t *rate_millihertz)
 {
     reader from;
     if (!opens(&from, message, bytes, DW_RATE))
         return false;
-    *rate_mhz = take_u32(&from);
+    *rate_millihertz = take_u32(&from);
     return closes(&from);
 }
 
@@ -353,8 +353,8 @@ size_t dw_write_hello(uint8_t *out, size_t room, const dw_hello *hello)
     for (size_t i = 0; i < 3; i++)
         dw_put_f32(&writer, hello->volts_per_count[i]);
     dw_put_u32(&writer, hello->full_scale);
-    dw_put_u32(&writer, hello->rate_mhz);
-    dw_put_u32(&writer, hello->highest_rate_mhz);
+    dw_put_u32(&writer, hello->rate_millihertz);
+    dw_put_u32(&writer, hello->highest_rate_millihertz);
     dw_put_u32(&writer, hello->baud);
     dw_put_u32(&writer, hello->serial);
     dw_put_u32(&writer, hello->boot);
@@ -444,12 +444,12 @@ size_t dw_write_scan(uint8_t *out, size_t room, const dw_scan *scan, const dw_sl
     return dw_end(&writer);
 }
 
-size_t dw_write_rate(uint8_t *out, size_t room, uint32_t rate_mhz)
+size_t dw_write_rate(uint8_t *out, size_t room, uint32_t rate_millihertz)
 {
     dw_writer writer;
     dw_begin(&writer, out, room);
     dw_put_u8(&writer, DW_RATE);
-    dw_put_u32(&writer, rate_mhz);
+    dw_put_u32(&writer, rate_millihertz);
     return dw_end(&writer);
 }
 

@@ -88,7 +88,7 @@ typedef struct {
     uint8_t design_sha256[32];
     uint16_t electrode_count, slot_count;
     float reference_ohm, source_v, volts_per_count[3];
-    uint32_t full_scale, rate_mhz, highest_rate_mhz, baud, serial, boot;
+    uint32_t full_scale, rate_millihertz, highest_rate_millihertz, baud, serial, boot;
     const uint8_t *name; /* UTF-8, not ended by a zero byte */
     uint8_t name_bytes;
 } dw_hello;
@@ -128,7 +128,7 @@ bool dw_parse_frame(const uint8_t *message, size_t bytes, dw_frame *frame);
 bool dw_parse_status(const uint8_t *message, size_t bytes, dw_status *status);
 bool dw_parse_fault(const uint8_t *message, size_t bytes, dw_fault *fault);
 bool dw_parse_scan(const uint8_t *message, size_t bytes, dw_scan *scan);
-bool dw_parse_rate(const uint8_t *message, size_t bytes, uint32_t *rate_mhz);
+bool dw_parse_rate(const uint8_t *message, size_t bytes, uint32_t *rate_millihertz);
 /* Reading k of a parsed frame, k below its count. */
 int32_t dw_reading(const dw_frame *frame, size_t k);
 /* Slot k of a parsed part, k below its count. */
@@ -145,7 +145,7 @@ size_t dw_write_fault(uint8_t *out, size_t room, const dw_fault *fault);
 size_t dw_write_kind(uint8_t *out, size_t room, uint8_t kind);
 /* `slots` are `scan->count` of them; `scan->slots` is not looked at. */
 size_t dw_write_scan(uint8_t *out, size_t room, const dw_scan *scan, const dw_slot *slots);
-size_t dw_write_rate(uint8_t *out, size_t room, uint32_t rate_mhz);
+size_t dw_write_rate(uint8_t *out, size_t room, uint32_t rate_millihertz);
 
 /* Reading k of a self-test's frame. */
 int16_t dw_test_reading(uint16_t k);

@@ -29,8 +29,8 @@ static void print_hello(const dw_hello *hello)
     print_f32("source_v", hello->source_v);
     for (size_t i = 0; i < 3; i++)
         print_f32("volts_per_count", hello->volts_per_count[i]);
-    printf(" full_scale=%" PRIu32 " rate_mhz=%" PRIu32, hello->full_scale, hello->rate_mhz);
-    printf(" highest_rate_mhz=%" PRIu32 " baud=%" PRIu32, hello->highest_rate_mhz, hello->baud);
+    printf(" full_scale=%" PRIu32 " rate_millihertz=%" PRIu32, hello->full_scale, hello->rate_millihertz);
+    printf(" highest_rate_millihertz=%" PRIu32 " baud=%" PRIu32, hello->highest_rate_millihertz, hello->baud);
     printf(" serial=%" PRIu32 " boot=%" PRIu32, hello->serial, hello->boot);
     print_hex("name", hello->name, hello->name_bytes);
     printf("\n");
@@ -62,7 +62,7 @@ static void print_message(const uint8_t *message, size_t bytes)
     dw_status status;
     dw_fault fault;
     dw_scan scan;
-    uint32_t rate_mhz;
+    uint32_t rate_millihertz;
     const unsigned kind = bytes == 1 ? message[0] : 0;
     if (dw_parse_hello(message, bytes, &hello)) {
         print_hello(&hello);
@@ -78,8 +78,8 @@ static void print_message(const uint8_t *message, size_t bytes)
         printf("\n");
     } else if (dw_parse_scan(message, bytes, &scan)) {
         print_scan(&scan);
-    } else if (dw_parse_rate(message, bytes, &rate_mhz)) {
-        printf("rate %" PRIu32 "\n", rate_mhz);
+    } else if (dw_parse_rate(message, bytes, &rate_millihertz)) {
+        printf("rate %" PRIu32 "\n", rate_millihertz);
     } else if (kind == DW_IDENTIFY || kind == DW_START || kind == DW_STOP || kind == DW_SELF_TEST) {
         printf("kind %u\n", kind);
     } else {
@@ -128,7 +128,7 @@ static void send_reports(void)
     dw_hello hello = {
         .version = DW_VERSION, .reading_bytes = 2, .electrode_count = 30, .slot_count = 900,
         .reference_ohm = 1000.0f, .source_v = 3.3f, .volts_per_count = { 0.000125f, 0.00125f, 0.0005f },
-        .full_scale = 2047, .rate_mhz = 120000, .highest_rate_mhz = 2000000, .baud = 0, .serial = 42,
+        .full_scale = 2047, .rate_millihertz = 120000, .highest_rate_millihertz = 2000000, .baud = 0, .serial = 42,
         .boot = 0xDEADBEEFu, .name = (const uint8_t *)name, .name_bytes = sizeof name - 1
     };
     for (uint8_t i = 0; i < 32; i++)
