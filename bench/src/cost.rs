@@ -3,6 +3,7 @@
 use crate::problem::Problem;
 use crate::serve::time_forward;
 use dermis::linalg::{LANES, SimdLevel};
+use dermis::stats::upper_median;
 use std::error::Error;
 use std::time::{Duration, Instant};
 
@@ -19,9 +20,9 @@ pub fn print() -> Result<(), Box<dyn Error>> {
     for [edges, growth] in SCALES {
         let problem = Problem::cylinder(edges, growth)?;
         let (mesh, symbolic) = (problem.model.mesh(), problem.model.symbolic());
-        let single = median(time_forward(&problem, 21)?);
+        let single = upper_median(&time_forward(&problem, 21)?).unwrap_or(f64::NAN);
         for level in SimdLevel::available() {
-            let batched = median(time_at(&problem, level)?);
+            let batched = upper_median(&time_at(&problem, level)?).unwrap_or(f64::NAN);
             println!(
                 "{},{},{},{},{},{:.4},{:.4}",
                 mesh.node_count(),
@@ -51,9 +52,4 @@ fn time_at(problem: &Problem, level: SimdLevel) -> Result<Vec<f64>, Box<dyn Erro
         times.push(start.elapsed().as_secs_f64() / LANES as f64);
     }
     Ok(times)
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
 }

@@ -3,7 +3,8 @@
 use crate::console::print_json;
 use crate::failure::Outcome;
 use dermis::frame::write_whole;
-use dermis_live::{Counts, LiveFrame, LiveHandle, quantiles};
+use dermis::stats::nearest_quantiles;
+use dermis_live::{Counts, LiveFrame, LiveHandle};
 use dermis_plot::chart::Histogram;
 use dermis_study::report::Table;
 use serde_json::json;
@@ -60,7 +61,7 @@ impl Latencies {
     /// A line of what is now.
     pub fn line(&self) -> String {
         let recent = &self.all_ms[self.all_ms.len().saturating_sub(1000)..];
-        let [median, p99] = quantiles(recent, [0.5, 0.99]);
+        let [median, p99] = nearest_quantiles(recent, [0.5, 0.99]);
         let contacts = match self.contacts {
             1 => "1 contact".to_string(),
             count => format!("{count} contacts"),
@@ -75,7 +76,7 @@ impl Latencies {
         if let Some(path) = picture {
             self.draw(path)?;
         }
-        let [median, p99, worst] = quantiles(&self.all_ms, [0.5, 0.99, 1.0]);
+        let [median, p99, worst] = nearest_quantiles(&self.all_ms, [0.5, 0.99, 1.0]);
         let Counts { lost, repeated, reordered, damaged, reconnected, .. } = self.counts;
         let (skipped, left_out) = (self.shared.skipped(), self.shared.left_out());
         if as_json {
@@ -115,7 +116,7 @@ impl Latencies {
     }
 
     fn draw(&self, path: &Path) -> Outcome {
-        let [median, p99] = quantiles(&self.all_ms, [0.5, 0.99]).map(f64::from);
+        let [median, p99] = nearest_quantiles(&self.all_ms, [0.5, 0.99]).map(f64::from);
         // What is rarer than one in a hundred would leave the rest no room.
         let shown: Vec<f64> = self.all_ms.iter().map(|&ms| f64::from(ms)).filter(|&ms| ms <= 3.0 * p99).collect();
         let marks = vec![(median, format!("median {median:.2} ms")), (p99, format!("99 % within {p99:.2} ms"))];

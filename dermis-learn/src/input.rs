@@ -2,6 +2,7 @@
 
 use dermis::frame::twins;
 use dermis::protocol::Protocol;
+use dermis::stats::upper_median;
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 
@@ -92,12 +93,7 @@ impl Input {
             self.normalised(|channel| difference[channel], &mut inputs);
             columns.iter_mut().zip(&inputs).for_each(|(column, input)| column.push(input.abs()));
         }
-        let middle = differences.len() / 2;
-        let median = |column: &mut Vec<f32>| match column.is_empty() {
-            true => 0.0,
-            false => MEDIAN_TO_SD * *column.select_nth_unstable_by(middle, f32::total_cmp).1,
-        };
-        columns.iter_mut().map(median).collect()
+        columns.iter().map(|column| upper_median(column).map_or(0.0, |median| MEDIAN_TO_SD * median)).collect()
     }
 
     /// Number of inputs.

@@ -3,15 +3,16 @@
 use crate::LearnError;
 use crate::input::Input;
 use crate::source::Source;
-use crate::symmetry::{Flat, Symmetries};
+use crate::symmetry::Symmetries;
+use dermis::elementary::{exp_f32, powf_f32};
 use dermis::forward::ForwardModel;
 use dermis::geom::Point3;
 use dermis::image::PixelSpace;
 use dermis_sim::dataset::Sample;
-use dermis_sim::random::sample_rng;
+use dermis_sim::random::{Normal, sample_rng};
+use dermis_sim::unrolled::Unrolled;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -99,7 +100,7 @@ pub struct Samples<'a> {
     /// What each contact's drift adds to a difference, at one standard deviation.
     contacts: Vec<Vec<f32>>,
     target: Target,
-    flat: Flat,
+    surface: Unrolled,
     pixels: Vec<Point3>,
     /// Whether the instrument reports amplitudes.
     amplitude_only: bool,
@@ -128,16 +129,16 @@ impl<'a> Samples<'a> {
         noise: Noise,
         symmetries: Option<Symmetries>,
     ) -> Result<Self, LearnError> {
-        let flat = Flat::of(&pixels.surface);
+        let surface = Unrolled::of(&pixels.surface);
         Ok(Samples {
             source: Box::new(source),
             symmetries: symmetries.filter(|_| target != Target::Conductance),
             contacts: contact_patterns(forward, noise.contact_drift)?,
             noise,
             target,
-            flat,
+            surface,
             amplitude_only: forward.protocol().amplitude_only(),
-            pixels: pixels.centres_m.iter().map(|&centre| flat.place(centre)).collect(),
+            pixels: pixels.centres_m.iter().map(|&centre| surface.place(centre)).collect(),
         })
     }
 
@@ -237,11 +238,11 @@ impl<'a> Samples<'a> {
 
     fn disturb(&self, rng: &mut ChaCha8Rng, element: usize, rest: &[f32], difference: &mut [f32]) {
         let Noise { sd_ohm, factor: [low, high], coat_drift, .. } = &self.noise;
-        let mut normal = || -> f32 { StandardNormal.sample(&mut *rng) };
+        let mut normal = Normal::default();
         if *coat_drift > 0.0 || !self.contacts.is_empty() {
             // How long ago the untouched frame was: from just now to long.
-            let ago = normal().abs().min(1.0);
-            let share = ago * coat_drift * normal();
+            let ago = normal.next(rng).abs().min(1.0);
+            let share = ago * coat_drift * normal.next(rng);
             let mut moved = vec![0.0; rest.len()];
             match &self.symmetries {
                 Some(symmetries) => symmetries.frame(element, rest, &mut moved),
@@ -249,14 +250,13 @@ impl<'a> Samples<'a> {
             }
             difference.iter_mut().zip(&moved).for_each(|(value, rest)| *value += share * rest);
             for pattern in &self.contacts {
-                let share = ago * normal();
+                let share = ago * normal.next(rng);
                 difference.iter_mut().zip(pattern).for_each(|(value, of_one)| *value += share * of_one);
             }
         }
-        let factor = low * (high / low).powf(rng.random::<f32>());
+        let factor = low * powf_f32(high / low, rng.random::<f32>());
         for (value, sd) in difference.iter_mut().zip(sd_ohm) {
-            let deviate: f32 = StandardNormal.sample(&mut *rng);
-            *value += factor * sd * deviate;
+            *value += factor * sd * normal.next(rng);
         }
     }
 
@@ -273,13 +273,13 @@ impl<'a> Samples<'a> {
             if let Some(symmetries) = &self.symmetries {
                 place = symmetries.point(element, place);
             }
-            let place = self.flat.place(place);
+            let place = self.surface.place(place);
             let height = (weight(touch) / whole).sqrt();
             let per = -0.5 / (width_m * width_m);
             for (value, &pixel) in target.iter_mut().zip(&self.pixels) {
-                let exponent = per * self.flat.square_distance(place, pixel);
+                let exponent = per * self.surface.squared_distance_m2(place, pixel);
                 if exponent > -16.0 {
-                    *value += height * (exponent as f32).exp();
+                    *value += height * exp_f32(exponent as f32);
                 }
             }
         }
@@ -294,9 +294,9 @@ impl DomainRandomization {
         let along: f32 = rest.iter().zip(&*difference).map(|(rest, value)| rest * value).sum();
         let [low, high] = self.whole;
         let share = (low + (high - low) * rng.random::<f32>()) * size(difference) / size(rest).max(f32::MIN_POSITIVE);
+        let mut normal = Normal::default();
         for (value, rest) in difference.iter_mut().zip(rest) {
-            let deviate: f32 = StandardNormal.sample(&mut *rng);
-            *value = (*value + share.copysign(along) * rest) * (self.loudness_sd * deviate).exp();
+            *value = (*value + share.copysign(along) * rest) * exp_f32(self.loudness_sd * normal.next(rng));
         }
     }
 
@@ -306,8 +306,9 @@ impl DomainRandomization {
         let [low, high] = self.relative;
         let sd = (low + (high - low) * rng.random::<f32>()) * (square / inputs.len() as f32).sqrt();
         let missing = self.missing * rng.random::<f32>();
+        let mut normal = Normal::default();
         for input in inputs {
-            let deviate: f32 = StandardNormal.sample(&mut *rng);
+            let deviate = normal.next(rng);
             *input = if rng.random::<f32>() < missing { 0.0 } else { *input + sd * deviate };
         }
     }
@@ -328,9 +329,8 @@ fn contact_patterns(forward: &ForwardModel, share: f32) -> Result<Vec<Vec<f32>>,
         frame
     };
     let rest = frame(&network);
-    let impedances = forward.contact_impedances().iter().enumerate();
-    let contacts_ohm: Vec<f64> =
-        impedances.map(|(electrode, impedance)| impedance / forward.mesh().electrode_size(electrode)).collect();
+    let electrodes = 0..forward.mesh().electrodes.len();
+    let contacts_ohm: Vec<f64> = electrodes.map(|electrode| forward.contact_resistance_ohm(electrode)).collect();
     let pattern = |electrode: usize| -> Result<Vec<f32>, LearnError> {
         let mut series = vec![0.0; contacts_ohm.len()];
         series[electrode] = f64::from(share) * contacts_ohm[electrode];
@@ -338,4 +338,37 @@ fn contact_patterns(forward: &ForwardModel, share: f32) -> Result<Vec<Vec<f32>>,
         Ok(frame(&changed).iter().zip(&rest).map(|(one, rest)| (one - rest) as f32).collect())
     };
     (0..contacts_ohm.len()).map(pattern).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::preset::TrainingPreset;
+    use crate::source::Streamed;
+    use dermis::design::SkinDesign;
+    use dermis::mesh::Mesh;
+    use dermis_sim::dataset::{GaussianTouches, Generator, Recipe, Skins, Touch};
+
+    /// A point electrode has no contact impedance in the model: there is none to drift.
+    #[test]
+    fn samples_of_a_skin_with_point_electrodes_are_finite() {
+        let text = SkinDesign::text_of("tank16").unwrap();
+        let points = text.replace("shape.arc.length_m = 0.010", "shape = \"point\"");
+        let points = points.lines().filter(|line| !line.starts_with("contact_impedance")).collect::<Vec<_>>().join("\n");
+        let design = SkinDesign::parse(&points, "points").unwrap();
+        assert!(design.electrodes.iter().all(|electrode| electrode.shape == dermis::design::ElectrodeShape::Point));
+        let forward = ForwardModel::new(&design, &Mesh::generate(&design).unwrap()).unwrap();
+        let pixels = PixelSpace::for_design(&design, forward.mesh()).unwrap();
+        let touch = Touch::Gaussian(GaussianTouches::for_effect(design.sheet.touch));
+        let recipe = Recipe { seed: 1, samples: 16, touch, skins: Skins::Even };
+        let source = Streamed::new(Generator::new(&design, &forward, &recipe).unwrap(), 16);
+        let noise_ohm = vec![1e-3; forward.protocol().channel_count()];
+        let preset = TrainingPreset::best(&design, forward.protocol(), &pixels, noise_ohm);
+        assert!(preset.noise.contact_drift > 0.0);
+        let samples = Samples::new(source, &forward, &pixels, preset.target, preset.noise, preset.symmetries).unwrap();
+        samples.source().prepare(&[3]).unwrap();
+        let (mut inputs, mut target) = (vec![0.0; preset.input.len()], vec![0.0; pixels.len()]);
+        samples.fill(3, Augmentation::Step(1, 0), &preset.input, &mut inputs, &mut target).unwrap();
+        assert!(inputs.iter().chain(&target).all(|value| value.is_finite()));
+    }
 }

@@ -1,7 +1,8 @@
 //! Movements that bring a skin to lie on itself: a touch in one place tells of the touches in all places that they lead to.
 
 use dermis::design::{Body, SkinDesign};
-use dermis::geom::{Point3, Surface};
+use dermis::elementary::{atan2, hypot, sin_cos};
+use dermis::geom::Point3;
 use dermis::protocol::{Pair, Protocol};
 use std::collections::HashMap;
 
@@ -40,12 +41,13 @@ impl Motion {
     fn apply(&self, [x, y, z]: Point3) -> Point3 {
         match *self {
             Motion::Cylinder { turn_rad, sign, flips_m } => {
-                let (radius_m, theta) = (x.hypot(y), turn_rad + sign * y.atan2(x));
-                [radius_m * theta.cos(), radius_m * theta.sin(), flips_m.map_or(z, |length_m| length_m - z)]
+                let radius_m = hypot(x, y);
+                let (sine, cosine) = sin_cos(turn_rad + sign * atan2(y, x));
+                [radius_m * cosine, radius_m * sine, flips_m.map_or(z, |length_m| length_m - z)]
             }
             Motion::Disk { turn_rad, sign } => {
-                let (sin, cos) = turn_rad.sin_cos();
-                [cos * x - sin * sign * y, sin * x + cos * sign * y, z]
+                let (sine, cosine) = sin_cos(turn_rad);
+                [cosine * x - sine * sign * y, sine * x + cosine * sign * y, z]
             }
             Motion::Rectangle { flips_m: [across, along] } => {
                 [across.map_or(x, |size_m| size_m - x), along.map_or(y, |size_m| size_m - y), z]
@@ -145,7 +147,7 @@ fn neighbours(protocol: &Protocol) -> Option<Vec<Option<usize>>> {
 }
 
 fn motions(body: &Body, places: &[Point3]) -> Vec<Motion> {
-    let angle = |place: Point3| place[1].atan2(place[0]);
+    let angle = |place: Point3| atan2(place[1], place[0]);
     let mut motions = Vec::new();
     match *body {
         Body::Cylinder { length_m, .. } => {
@@ -189,33 +191,6 @@ fn permutation(motion: &Motion, places: &[Point3]) -> Option<Vec<usize>> {
         from[places.iter().position(near)?] = Some(electrode);
     }
     from.into_iter().collect()
-}
-
-/// Coordinates in which distances along a surface are those of straight lines, the first of them perhaps periodic.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Flat {
-    radius_m: Option<f64>,
-}
-
-impl Flat {
-    pub fn of(surface: &Surface) -> Self {
-        match surface {
-            Surface::Cylinder { radius_m, .. } => Flat { radius_m: Some(*radius_m) },
-            _ => Flat { radius_m: None },
-        }
-    }
-
-    pub fn place(&self, [x, y, z]: Point3) -> Point3 {
-        self.radius_m.map_or([x, y, z], |radius_m| [radius_m * y.atan2(x), z, 0.0])
-    }
-
-    pub fn square_distance(&self, a: Point3, b: Point3) -> f64 {
-        let mut across = (a[0] - b[0]).abs();
-        if let Some(radius_m) = self.radius_m {
-            across = across.min(std::f64::consts::TAU * radius_m - across);
-        }
-        across * across + (a[1] - b[1]).powi(2) + (a[2] - b[2]).powi(2)
-    }
 }
 
 #[cfg(test)]

@@ -8,8 +8,9 @@
 use crate::meter::Measures;
 use crate::report::{ElectrodeHealth, ElectrodeState};
 use crate::skin::LiveSkin;
-use crate::untouched::{Statistics, median};
+use crate::untouched::Statistics;
 use dermis::design::TouchEffect;
+use dermis::stats::upper_median;
 use serde::{Deserialize, Serialize};
 
 /// Frames running in which a contact must look loose, so that a single bad reading names nobody: 42 ms at 120 frames a
@@ -146,7 +147,7 @@ impl ElectrodeMonitor {
     /// Without two of them.
     pub fn new(topology: &ElectrodeTopology, untouched: &[Measures], values: &Statistics) -> Self {
         let loops = Statistics::of(untouched.iter().map(|frame| frame.loops_ohm.as_slice()));
-        let usual_ohm = median(&loops.mean);
+        let usual_ohm = upper_median(&loops.mean).unwrap_or(0.0);
         let electrode = |drives: &Vec<usize>| {
             let least_ohm = drives.iter().map(|&drive| loops.mean[drive]).fold(f64::INFINITY, f64::min);
             let state = match least_ohm / usual_ohm {
@@ -215,7 +216,7 @@ impl ElectrodeMonitor {
     /// Takes a frame in: what it says of each contact, before anything is made of the frame.
     pub fn contacts(&mut self, topology: &ElectrodeTopology, frame: &Measures, difference: &[f64]) -> Vec<Change> {
         let gains: Vec<f64> = frame.loops_ohm.iter().zip(&self.loops_ohm).map(|(now, then)| now - then).collect();
-        let common = median(&gains);
+        let common = upper_median(&gains).unwrap_or(0.0);
         let mut changes = Vec::new();
         for (index, electrode) in self.electrodes.iter_mut().enumerate() {
             let drives = &topology.drives[index];

@@ -36,9 +36,7 @@ pub use mailbox::{Mailbox, Taken};
 pub use meter::{Measures, Meter};
 pub use pipeline::{Incoming, Pipeline};
 pub use rebuild::{Rebuilding, Rebuilt};
-pub use report::{
-    Counts, ElectrodeHealth, ElectrodeState, Health, LiveContact, LiveFrame, Notice, Severity, quantiles,
-};
+pub use report::{Counts, ElectrodeHealth, ElectrodeState, Health, LiveContact, LiveFrame, Notice, Severity};
 pub use scan::{Role, ScanTable, TooLarge};
 pub use settings::{Command, Settings, Zone};
 pub use skin::{LiveSkin, NamedMethod};

@@ -155,27 +155,3 @@ pub enum Severity {
     /// Something does not work.
     Error,
 }
-
-/// The values that so great parts of all lie at or below, such as 0.5 for the median: the nearest of those that were counted;
-/// 0 of nothing.
-pub fn quantiles<const N: usize>(values: &[f32], parts: [f64; N]) -> [f32; N] {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f32::total_cmp);
-    parts.map(|part| match sorted.len() {
-        0 => 0.0,
-        count => sorted[((count - 1) as f64 * part).round() as usize],
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn quantiles_are_values_that_were_counted() {
-        let values: Vec<f32> = (0..=100).rev().map(|value| value as f32).collect();
-        assert_eq!(quantiles(&values, [0.0, 0.5, 0.99, 1.0]), [0.0, 50.0, 99.0, 100.0]);
-        assert_eq!(quantiles(&[3.0], [0.01, 0.99]), [3.0; 2]);
-        assert_eq!(quantiles(&[], [0.5]), [0.0]);
-    }
-}

@@ -184,10 +184,7 @@ impl LiveSkin {
 
     /// The contact resistance of an electrode as the design has it, ohm; 0 of a point.
     pub fn contact_ohm(&self, electrode: usize) -> f64 {
-        match self.forward.mesh().electrode_size(electrode) {
-            size if size > 0.0 => self.forward.contact_impedances()[electrode] / size,
-            _ => 0.0,
-        }
+        self.forward.contact_resistance_ohm(electrode)
     }
 }
 

@@ -1,5 +1,7 @@
 //! What untouched frames say: the mean of each value and its noise.
 
+use dermis::stats::upper_median;
+
 /// No channel is taken for less noisy than this part of the median channel.
 const LEAST_NOISE: f64 = 0.5;
 
@@ -30,11 +32,8 @@ impl Statistics {
 
     /// The deviations of the noise, none less than a part of their median: a channel whose value lies in the middle of a step
     /// of the converter says nothing of its noise until that is large.
-    ///
-    /// # Panics
-    /// Of frames without values.
     pub fn deviations(&self) -> Vec<f64> {
-        let least = (LEAST_NOISE * LEAST_NOISE * median(&self.variance)).max(f64::MIN_POSITIVE);
+        let least = (LEAST_NOISE * LEAST_NOISE * upper_median(&self.variance).unwrap_or(0.0)).max(f64::MIN_POSITIVE);
         self.variance.iter().map(|variance| variance.max(least).sqrt()).collect()
     }
 }
@@ -42,14 +41,4 @@ impl Statistics {
 /// A frame less another one.
 pub fn difference(frame: &[f64], rest: &[f64]) -> Vec<f64> {
     frame.iter().zip(rest).map(|(value, rest)| value - rest).collect()
-}
-
-/// The middle one of some values, the higher of two.
-///
-/// # Panics
-/// Without any.
-pub fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    let middle = sorted.len() / 2;
-    *sorted.select_nth_unstable_by(middle, f64::total_cmp).1
 }

@@ -11,6 +11,7 @@ use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
 use dermis::frame::{Frame, mean};
 use dermis::mesh::Mesh;
+use dermis::stats::upper_median;
 use dermis_sim::touch::{GaussianTouch, touched_conductivity};
 use dermis_sim::twin::{Twin, TwinOptions};
 
@@ -105,9 +106,8 @@ fn main() -> dermis_sim::Result<()> {
     let even = |k: i32| {
         (0.3 * (f64::from(k) * 0.754_877_67).fract(), std::f64::consts::TAU * (f64::from(k) * 0.569_840_29).fract())
     };
-    let mut changes = (0..60).map(even).map(|place| change(&place)).collect::<dermis_sim::Result<Vec<f64>>>()?;
-    changes.sort_by(f64::total_cmp);
-    let change = changes[changes.len() / 2];
+    let changes = (0..60).map(even).map(|place| change(&place)).collect::<dermis_sim::Result<Vec<f64>>>()?;
+    let change = upper_median(&changes).unwrap_or(f64::NAN);
     println!("the touch changes the frame by {:.2} % in the median", 100.0 * change);
     println!("{:>14} {:>16} {:>16}", "from rim (mm)", "along axis (mm)", "round it (mm)");
     let mut along_m = Vec::new();

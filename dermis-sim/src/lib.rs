@@ -4,6 +4,7 @@
 
 // Layer 0
 pub mod random;
+pub mod unrolled;
 // Layer 1
 pub mod touch;
 // Layer 2

@@ -2,8 +2,10 @@
 
 use crate::random::standard_normal;
 use crate::touch::TouchError;
+use dermis::elementary::powf;
 use dermis::frame::Frame;
 use dermis::protocol::Protocol;
+use dermis::stats::rms;
 use rand_chacha::ChaCha8Rng;
 
 /// White noise of the readings that a frame is made of.
@@ -29,15 +31,11 @@ impl Noise {
         protocol: &Protocol,
         reference_ohm: f64,
     ) -> Result<Self, TouchError> {
-        let undriven = untouched.iter().zip(protocol.channels()).filter(|(_, channel)| !channel.touches_driven());
-        let (sum, count) = undriven.fold((0.0, 0usize), |(sum, count), (value, _)| (sum + value * value, count + 1));
-        if count == 0 {
-            return Err(TouchError::NoUndrivenValue);
-        }
+        let signal_ohm = undriven_rms(protocol, untouched).ok_or(TouchError::NoUndrivenValue)?;
         if !snr_db.is_finite() {
             return Err(TouchError::NotPositive { what: "the signal-to-noise ratio in dB", value: snr_db });
         }
-        let sd_ohm = (sum / count as f64).sqrt() / 10f64.powf(snr_db / 20.0);
+        let sd_ohm = signal_ohm / powf(10.0, snr_db / 20.0);
         Ok(Noise { sd_ohm, reference_ohm })
     }
 
@@ -60,6 +58,12 @@ impl Noise {
         let mut draw = |count: usize| (0..count).map(|_| self.sd_ohm * standard_normal(rng)).collect();
         NoisyReadings { references_ohm: draw(drive_count), values_ohm: draw(value_count) }
     }
+}
+
+/// Root mean square of the values that share no electrode with their drive; `None` where there is none.
+pub(crate) fn undriven_rms(protocol: &Protocol, values: &[f64]) -> Option<f64> {
+    let undriven = values.iter().zip(protocol.channels()).filter(|(_, channel)| !channel.touches_driven());
+    Some(rms(undriven.map(|(value, _)| *value))).filter(|rms| !rms.is_nan())
 }
 
 /// What the noise adds to each reading of a frame, as an equivalent resistance at the drive current, ohm.

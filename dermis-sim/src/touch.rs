@@ -4,10 +4,13 @@
 //! `g(x) = A exp(-d(x)^2 / (2 w^2))`, where `d` is the distance along the surface, the conductance becomes
 //! `sigma0 (1 + e g)`, and `e` is +1 or -1 as [`TouchEffect::sign`] says. Several touches add up.
 
+use crate::unrolled::Unrolled;
 use dermis::design::TouchEffect;
-use dermis::geom::vector::{add, distance, scale};
+use dermis::elementary::exp;
+use dermis::geom::vector::{distance, longest_edge};
 use dermis::geom::{Point3, Surface};
 use dermis::mesh::{Cells, Mesh};
+use dermis::quadrature::{eighths, quarters, tetrahedron_points, triangle_points};
 use thiserror::Error;
 
 /// A touch or a noise that cannot be simulated.
@@ -51,14 +54,15 @@ const REACH_WIDTHS: f64 = 8.6;
 
 /// Longest edge of a cell in widths over which the quadrature rules are exact enough: at 1 the mean over a triangle is
 /// right to 1e-6 of the amplitude, at 0.5 the coarser rule for tetrahedra to 1e-3. Larger cells are split.
-const TRIANGLE_EDGE_WIDTHS: f64 = 1.0;
-const TETRAHEDRON_EDGE_WIDTHS: f64 = 0.5;
+pub(crate) const TRIANGLE_EDGE_WIDTHS: f64 = 1.0;
+pub(crate) const TETRAHEDRON_EDGE_WIDTHS: f64 = 0.5;
 
 impl GaussianTouch {
     /// The relative change of conductance at a point of the surface.
     pub fn value(&self, surface: &Surface, point_m: Point3) -> f64 {
-        let distance_widths = surface.distance_m(self.centre_m, point_m) / self.width_m;
-        self.amplitude * (-0.5 * distance_widths * distance_widths).exp()
+        let surface = Unrolled::of(surface);
+        let squared_m2 = surface.squared_distance_m2(surface.place(self.centre_m), surface.place(point_m));
+        self.amplitude * exp(-0.5 * squared_m2 / (self.width_m * self.width_m))
     }
 
     /// The mean of the change over each cell of a mesh, added to `sums` (one value per cell).
@@ -91,57 +95,20 @@ impl GaussianTouch {
         }
     }
 
-    /// The mean over one triangle by Radon's rule of degree 5 (Radon 1948; Stroud, Approximate Calculation of Multiple
-    /// Integrals, 1971, T2: 5-1), on quarters where the triangle is large beside the touch.
+    /// The mean over one triangle, by its quarters where it is large beside the touch.
     fn triangle_mean(&self, surface: &Surface, corners: [Point3; 3]) -> f64 {
         if longest_edge(&corners) > TRIANGLE_EDGE_WIDTHS * self.width_m {
-            let [a, b, c] = corners;
-            let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
-            let quarters = [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]];
-            return 0.25 * quarters.iter().map(|&quarter| self.triangle_mean(surface, quarter)).sum::<f64>();
+            return 0.25 * quarters(corners).map(|quarter| self.triangle_mean(surface, quarter)).iter().sum::<f64>();
         }
-        let root = 15f64.sqrt();
-        let mut mean = 9.0 / 40.0 * self.value(surface, weighted(&corners, &[1.0 / 3.0; 3]));
-        for (near, weight) in
-            [((6.0 - root) / 21.0, (155.0 - root) / 1200.0), ((6.0 + root) / 21.0, (155.0 + root) / 1200.0)]
-        {
-            for far in 0..3 {
-                let mut coordinates = [near; 3];
-                coordinates[far] = 1.0 - 2.0 * near;
-                mean += weight * self.value(surface, weighted(&corners, &coordinates));
-            }
-        }
-        mean
+        triangle_points(&corners).iter().map(|&(point, weight)| weight * self.value(surface, point)).sum()
     }
 
-    /// The mean over one tetrahedron by the rule of degree 2 with four points (Stroud 1971, T3: 2-1), on eighths where
-    /// the tetrahedron is large beside the touch.
+    /// The mean over one tetrahedron, by its eighths where it is large beside the touch.
     fn tetrahedron_mean(&self, surface: &Surface, corners: [Point3; 4]) -> f64 {
         if longest_edge(&corners) > TETRAHEDRON_EDGE_WIDTHS * self.width_m {
-            let [a, b, c, d] = corners;
-            let (ab, ac, ad) = (middle(a, b), middle(a, c), middle(a, d));
-            let (bc, bd, cd) = (middle(b, c), middle(b, d), middle(c, d));
-            let eighths = [
-                [a, ab, ac, ad],
-                [ab, b, bc, bd],
-                [ac, bc, c, cd],
-                [ad, bd, cd, d],
-                // The octahedron in the middle, split along its diagonal from `ab` to `cd`.
-                [ab, cd, ac, ad],
-                [ab, cd, ad, bd],
-                [ab, cd, bd, bc],
-                [ab, cd, bc, ac],
-            ];
-            return 0.125 * eighths.iter().map(|&eighth| self.tetrahedron_mean(surface, eighth)).sum::<f64>();
+            return 0.125 * eighths(corners).map(|eighth| self.tetrahedron_mean(surface, eighth)).iter().sum::<f64>();
         }
-        let near = (5.0 - 5f64.sqrt()) / 20.0;
-        let mut mean = 0.0;
-        for far in 0..4 {
-            let mut coordinates = [near; 4];
-            coordinates[far] = 1.0 - 3.0 * near;
-            mean += 0.25 * self.value(surface, weighted(&corners, &coordinates));
-        }
-        mean
+        tetrahedron_points(&corners).iter().map(|&(point, weight)| weight * self.value(surface, point)).sum()
     }
 }
 
@@ -181,33 +148,20 @@ pub fn touched_conductivity(
         .collect()
 }
 
-fn longest_edge(corners: &[Point3]) -> f64 {
-    let mut longest = 0.0f64;
-    for (index, &a) in corners.iter().enumerate() {
-        for &b in &corners[index + 1..] {
-            longest = longest.max(distance(a, b));
-        }
-    }
-    longest
-}
-
-fn middle(a: Point3, b: Point3) -> Point3 {
-    scale(add(a, b), 0.5)
-}
-
-fn weighted(corners: &[Point3], weights: &[f64]) -> Point3 {
-    corners.iter().zip(weights).fold([0.0; 3], |sum, (&corner, &weight)| add(sum, scale(corner, weight)))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use dermis::geom::vector::{add, scale};
     use std::f64::consts::TAU;
 
     const WIDTH_M: f64 = 0.008;
 
     fn touch(x: f64, y: f64) -> GaussianTouch {
         GaussianTouch { centre_m: [x, y, 0.0], amplitude: 0.7, width_m: WIDTH_M }
+    }
+
+    fn weighted(corners: &[Point3], weights: &[f64]) -> Point3 {
+        corners.iter().zip(weights).fold([0.0; 3], |sum, (&corner, &weight)| add(sum, scale(corner, weight)))
     }
 
     /// The mean by the midpoint rule on `n^2` equal parts of the triangle.

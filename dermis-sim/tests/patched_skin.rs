@@ -5,6 +5,7 @@ use dermis::forward::{ElectrodeNetwork, ForwardModel};
 use dermis::frame::Frame;
 use dermis::mesh::Mesh;
 use dermis::protocol::Protocol;
+use dermis::stats::upper_median;
 use dermis_sim::twin::{ContactHistory, ContactLaw, Foam, MOMENT_DEGREE, PatchOptions, PatchedSkin, Press};
 use std::sync::OnceLock;
 use std::time::Instant;
@@ -85,9 +86,8 @@ fn relative_difference(a: &[f64], b: &[f64]) -> f64 {
     norm(&a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<f64>>()) / norm(b)
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
+fn median(values: Vec<f64>) -> f64 {
+    upper_median(&values).expect("values")
 }
 
 /// Every combination of the table, of half a solve, and of a direct factorisation with a patch unknown, with and

@@ -1,6 +1,7 @@
 //! The figures that tell how a method does on a twin, for tables and for programs: one list for every command.
 
 use crate::report::Table;
+use dermis::stats::mean;
 use dermis_sim::evaluate::{BenchmarkOptions, BenchmarkResult, FORCES_A_PLACE};
 use dermis_sim::experiment::Sizes;
 
@@ -143,11 +144,6 @@ impl Figure {
         };
         values.iter().copied().reduce(worse).unwrap_or(f64::NAN)
     }
-}
-
-/// The mean of some values; `NaN` without one.
-pub fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
 }
 
 /// Every figure: its mean over the twins and the worst of them.

@@ -1,22 +1,39 @@
-//! Mean, spread and quantiles.
+//! Means, standard deviations, quantiles and ranks of samples.
+//!
+//! Conventions:
+//! - A standard deviation is that of a population: the sum of squares is divided by the number of values, not by one less.
+//! - [`quantile`] interpolates linearly between the two nearest values (type 7 of Hyndman and Fan, 1996, DOI
+//!   10.2307/2684934). The others give a value of the sample: [`inverse_cdf_quantile`] the smallest one that so great a part
+//!   of the sample does not exceed (type 1), [`nearest_quantiles`] the one nearest to the interpolated rank, [`upper_median`]
+//!   the higher one of the two in the middle.
+//! - Without a value, means and deviations are `NaN`.
+//!
+//! ```
+//! use dermis::stats::{Summary, quantile, upper_median};
+//!
+//! let sample = [1.0, 2.0, 3.0, 4.0];
+//! assert_eq!(Summary::of(&sample).mean, 2.5);
+//! assert_eq!((quantile(&sample, 0.5), upper_median(&sample)), (2.5, Some(3.0)));
+//! ```
 
 use serde::Serialize;
+use std::cmp::Ordering;
 
-/// Mean, standard deviation, median and 95th percentile of some numbers; `NaN` (in JSON `null`) without a number.
+/// Mean, standard deviation, median and 95th percentile of a sample; `NaN` (in JSON `null`) without a value.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Summary {
     /// The mean.
     pub mean: f64,
     /// The standard deviation, over the number of values.
     pub sd: f64,
-    /// The median.
+    /// The median, by [`quantile`].
     pub median: f64,
-    /// The 95th percentile.
+    /// The 95th percentile, by [`quantile`].
     pub p95: f64,
 }
 
 impl Summary {
-    /// The summary of some values.
+    /// The summary of a sample.
     pub fn of(values: &[f64]) -> Self {
         if values.is_empty() {
             return Summary { mean: f64::NAN, sd: f64::NAN, median: f64::NAN, p95: f64::NAN };
@@ -28,12 +45,47 @@ impl Summary {
     }
 }
 
+/// A floating-point number with its total order.
+pub trait Real: Copy {
+    /// The total order of IEEE 754.
+    fn total_order(&self, other: &Self) -> Ordering;
+}
+
+impl Real for f32 {
+    fn total_order(&self, other: &Self) -> Ordering {
+        self.total_cmp(other)
+    }
+}
+
+impl Real for f64 {
+    fn total_order(&self, other: &Self) -> Ordering {
+        self.total_cmp(other)
+    }
+}
+
+/// The mean; `NaN` without a value.
+pub fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
 /// Mean and standard deviation over the number of values; `NaN` without one.
 pub fn mean_and_sd(values: &[f64]) -> (f64, f64) {
-    let count = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / count;
-    let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / count;
+    let mean = mean(values);
+    let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64;
     (mean, variance.sqrt())
+}
+
+/// The standard deviation over `count` values, from their sum and the sum of their squares. Digits are lost where the mean is
+/// far larger than the deviation.
+pub fn sd_of_sums(sum: f64, squares: f64, count: f64) -> f64 {
+    let mean = sum / count;
+    (squares / count - mean * mean).max(0.0).sqrt()
+}
+
+/// The root mean square; `NaN` without a value.
+pub fn rms(values: impl IntoIterator<Item = f64>) -> f64 {
+    let (sum, count) = values.into_iter().fold((0.0, 0usize), |(sum, count), value| (sum + value * value, count + 1));
+    (sum / count as f64).sqrt()
 }
 
 /// A quantile of values in ascending order, linear between the two nearest.
@@ -45,6 +97,51 @@ pub fn quantile(sorted: &[f64], part: f64) -> f64 {
     let below = place.floor() as usize;
     let above = (below + 1).min(sorted.len() - 1);
     sorted[below] + (place - below as f64) * (sorted[above] - sorted[below])
+}
+
+/// The smallest of some values in ascending order that at least a part of them does not exceed; `None` without a value. It
+/// never mixes two values, one of which may be infinite.
+pub fn inverse_cdf_quantile(sorted: &[f64], part: f64) -> Option<f64> {
+    let rank = (part * sorted.len() as f64).ceil() as usize;
+    sorted.get(rank.saturating_sub(1)).copied()
+}
+
+/// For each part, such as 0.5 for the median, the value whose rank is nearest to the interpolated one; 0 without a value.
+pub fn nearest_quantiles<const N: usize>(values: &[f32], parts: [f64; N]) -> [f32; N] {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f32::total_cmp);
+    parts.map(|part| match sorted.len() {
+        0 => 0.0,
+        count => sorted[((count - 1) as f64 * part).round() as usize],
+    })
+}
+
+/// The value of a rank, counted from 0 in ascending order.
+///
+/// # Panics
+/// Where there are not so many values.
+pub fn order_statistic<T: Real>(values: &[T], rank: usize) -> T {
+    *values.to_vec().select_nth_unstable_by(rank, T::total_order).1
+}
+
+/// The value in the middle, the higher one of two; `None` without a value.
+pub fn upper_median<T: Real>(values: &[T]) -> Option<T> {
+    (!values.is_empty()).then(|| order_statistic(values, values.len() / 2))
+}
+
+/// The rank of each value, counted from 0 in ascending order; equal values share the mean of their ranks.
+pub fn ranks(values: &[f64]) -> Vec<f64> {
+    let mut order: Vec<usize> = (0..values.len()).collect();
+    order.sort_by(|&a, &b| values[a].total_cmp(&values[b]));
+    let mut ranks = vec![0.0; values.len()];
+    let mut start = 0;
+    while start < order.len() {
+        let same = order[start..].iter().take_while(|&&index| values[index] == values[order[start]]).count().max(1);
+        let rank = start as f64 + (same as f64 - 1.0) / 2.0;
+        order[start..start + same].iter().for_each(|&index| ranks[index] = rank);
+        start += same;
+    }
+    ranks
 }
 
 #[cfg(test)]
@@ -59,5 +156,36 @@ mod tests {
         assert!((summary.sd - 1.25_f64.sqrt()).abs() < 1e-12);
         assert!(Summary::of(&[]).mean.is_nan());
         assert_eq!(Summary::of(&[7.0]).p95, 7.0);
+    }
+
+    #[test]
+    fn the_other_quantiles_are_values_of_the_sample() {
+        let values: Vec<f32> = (0..=100).rev().map(|value| value as f32).collect();
+        assert_eq!(nearest_quantiles(&values, [0.0, 0.5, 0.99, 1.0]), [0.0, 50.0, 99.0, 100.0]);
+        assert_eq!(nearest_quantiles(&[3.0], [0.01, 0.99]), [3.0; 2]);
+        assert_eq!(nearest_quantiles(&[], [0.5]), [0.0]);
+        assert_eq!(upper_median(&[4.0, 1.0, 3.0, 2.0]), Some(3.0));
+        assert_eq!(upper_median(&[9.0f32, 1.0, 3.0]), Some(3.0));
+        assert_eq!(upper_median::<f64>(&[]), None);
+        assert_eq!(order_statistic(&[4.0, 1.0, 3.0, 2.0], 0), 1.0);
+        let sorted = [0.1, 0.2, f64::INFINITY];
+        assert_eq!([0.0, 0.5, 0.95].map(|part| inverse_cdf_quantile(&sorted, part)), sorted.map(Some));
+        assert_eq!(inverse_cdf_quantile(&[], 0.5), None);
+    }
+
+    #[test]
+    fn deviations_of_sums_and_of_values_agree() {
+        let values = [1.0, 4.0, 9.0, 16.0];
+        let (sum, squares) = values.iter().fold((0.0, 0.0), |(sum, squares), v| (sum + v, squares + v * v));
+        let (mean, sd) = mean_and_sd(&values);
+        assert!((sd_of_sums(sum, squares, 4.0) - sd).abs() < 1e-12);
+        assert!((rms(values).powi(2) - sd * sd - mean * mean).abs() < 1e-12);
+        assert!(rms([]).is_nan());
+    }
+
+    #[test]
+    fn equal_values_share_their_ranks() {
+        assert_eq!(ranks(&[2.0, 1.0, 2.0, 5.0]), [1.5, 0.0, 1.5, 3.0]);
+        assert_eq!(ranks(&[f64::NAN, 0.0]), [1.0, 0.0]);
     }
 }

@@ -7,6 +7,7 @@ use dermis::design::SkinDesign;
 use dermis::frame::{write_frames, write_truth, write_whole};
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
+use dermis::stats::upper_median;
 use dermis_sim::experiment::{PaperExperiment, PressSet, Recording, Sizes, UNTOUCHED_FRAMES, truth};
 use dermis_sim::twin::TwinOptions;
 use dermis_sim::twin::electronics::ElectronicsReport;
@@ -150,9 +151,7 @@ impl SetSummary {
         let norm = |value: &dyn Fn(usize) -> f64| undriven.iter().map(|&i| value(i).powi(2)).sum::<f64>().sqrt();
         let baseline = &recording.baseline;
         let rest = norm(&|i| baseline[i]);
-        let mut changes: Vec<f64> =
-            recording.frames.iter().map(|frame| norm(&|i| frame[i] - baseline[i]) / rest).collect();
-        changes.sort_by(f64::total_cmp);
+        let changes: Vec<f64> = recording.frames.iter().map(|frame| norm(&|i| frame[i] - baseline[i]) / rest).collect();
         let forces = || set.presses.iter().flatten().map(|press| press.force_n);
         SetSummary {
             name: set.name,
@@ -160,7 +159,7 @@ impl SetSummary {
             touches: forces().count(),
             least_force_n: forces().fold(f64::INFINITY, f64::min),
             greatest_force_n: forces().fold(0.0, f64::max),
-            median_change: changes.get(changes.len() / 2).copied().unwrap_or(f64::NAN),
+            median_change: upper_median(&changes).unwrap_or(f64::NAN),
             separations_m: set.separations_m.clone(),
         }
     }

@@ -3,12 +3,13 @@
 use crate::control::Control;
 use crate::live::Event;
 use crate::mailbox::Taken;
-use crate::report::{Health, LiveContact, LiveFrame, Notice, quantiles};
+use crate::report::{Health, LiveContact, LiveFrame, Notice};
 use crate::server::scene::{flat_m, scene};
 use crate::skin::NamedMethod;
 use crate::timestamp::Timestamp;
 use bytes::Bytes;
 use dermis::reconstruct::Quantity;
+use dermis::stats::nearest_quantiles;
 use serde::Serialize;
 use serde_json::{Value, json};
 use std::collections::VecDeque;
@@ -249,6 +250,6 @@ fn latency(latencies_ms: &VecDeque<f32>) -> Value {
     if latencies_ms.is_empty() {
         return Value::Null;
     }
-    let [median, p99] = quantiles(&latencies_ms.iter().copied().collect::<Vec<f32>>(), [0.5, 0.99]);
+    let [median, p99] = nearest_quantiles(&latencies_ms.iter().copied().collect::<Vec<f32>>(), [0.5, 0.99]);
     json!({ "median": median, "p99": p99 })
 }

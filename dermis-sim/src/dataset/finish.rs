@@ -4,6 +4,7 @@ use crate::dataset::DatasetError;
 use crate::dataset::file::Reader;
 use crate::dataset::record::{FRAMES, IMAGES, REST, Record, file_name};
 use crate::dataset::run::{remove_leftovers, write_durable};
+use dermis::stats::sd_of_sums;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -293,7 +294,7 @@ impl Sums {
     fn statistics(&self, reference: &[f64]) -> Statistics {
         let count = self.samples as f64;
         let means = |sums: &[[f64; 2]]| sums.iter().map(|sum| sum[0] / count).collect::<Vec<f64>>();
-        let sds = |sums: &[[f64; 2]]| sums.iter().map(|&sum| sd(sum, count)).collect();
+        let sds = |sums: &[[f64; 2]]| sums.iter().map(|&[sum, squares]| sd_of_sums(sum, squares, count)).collect();
         Statistics {
             samples: self.samples,
             frame_mean_ohm: means(&self.frame).iter().zip(reference).map(|(mean, rest)| mean + rest).collect(),
@@ -301,7 +302,7 @@ impl Sums {
             difference_mean_ohm: means(&self.difference),
             difference_sd_ohm: sds(&self.difference),
             image_mean: self.image[0] / self.pixels as f64,
-            image_sd: sd(self.image, self.pixels as f64),
+            image_sd: sd_of_sums(self.image[0], self.image[1], self.pixels as f64),
         }
     }
 }
@@ -309,9 +310,4 @@ impl Sums {
 fn accumulate(sums: &mut [f64; 2], value: f64) {
     sums[0] += value;
     sums[1] += value * value;
-}
-
-fn sd([sum, squares]: [f64; 2], count: f64) -> f64 {
-    let mean = sum / count;
-    (squares / count - mean * mean).max(0.0).sqrt()
 }

@@ -6,14 +6,13 @@ use crate::dataset::raster::CellRaster;
 use crate::dataset::recipe::GaussianTouches;
 use crate::dataset::skins::{SkinInstance, SkinMaker};
 use crate::dataset::target::Target;
-use crate::random::sample_rng;
+use crate::random::{log_uniform, sample_rng, uniform};
 use crate::touch::GaussianTouch;
 use dermis::design::SkinDesign;
 use dermis::forward::{BatchSolver, ForwardError, ForwardModel};
 use dermis::image::PixelSpace;
 use dermis::linalg::LANES;
 use rand::RngExt;
-use rand_chacha::ChaCha8Rng;
 
 /// Makes samples of Gaussian touches.
 #[derive(Debug)]
@@ -110,16 +109,6 @@ impl GaussianMaker {
             touches.push(GaussianTouch { centre_m, amplitude: log_uniform(&mut rng, self.options.amplitude), width_m });
         }
     }
-}
-
-/// Uniform between two bounds.
-pub(super) fn uniform(rng: &mut ChaCha8Rng, [low, high]: [f64; 2]) -> f64 {
-    low + (high - low) * rng.random::<f64>()
-}
-
-/// Uniform in its logarithm between two bounds; by `libm`, whose bits do not depend on the system.
-pub(super) fn log_uniform(rng: &mut ChaCha8Rng, [low, high]: [f64; 2]) -> f64 {
-    low * libm::exp(libm::log(high / low) * rng.random::<f64>())
 }
 
 impl GaussianWorker<'_> {

@@ -1,8 +1,9 @@
 //! Places drawn uniformly by area from the surface of a skin.
 
 use dermis::design::Body;
+use dermis::elementary::sin_cos;
+use dermis::geom::Point3;
 use dermis::geom::vector::{add, scale, sub, triangle_area};
-use dermis::geom::{Point3, Surface};
 use dermis::mesh::{Cells, Mesh};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -55,11 +56,11 @@ impl Places {
         let (first, second): (f64, f64) = (rng.random(), rng.random());
         match self {
             &Places::Cylinder { radius_m, length_m } => {
-                let (sine, cosine) = libm::sincos(TAU * second);
+                let (sine, cosine) = sin_cos(TAU * second);
                 [radius_m * cosine, radius_m * sine, length_m * first]
             }
             &Places::Disk { radius_m } => {
-                let (sine, cosine) = libm::sincos(TAU * second);
+                let (sine, cosine) = sin_cos(TAU * second);
                 let from_centre_m = radius_m * first.sqrt();
                 [from_centre_m * cosine, from_centre_m * sine, 0.0]
             }
@@ -99,27 +100,12 @@ fn outer_triangles(mesh: &Mesh) -> Vec<[usize; 3]> {
     }
 }
 
-/// A point in the coordinates in which distances along the surface are straight: (round, along) with `round` in
-/// `[0, 2 pi r)` on a cylinder, else the point itself.
-pub(super) fn flat(surface: Surface, point_m: Point3) -> Point3 {
-    match (surface, surface.theta_rad(point_m)) {
-        (Surface::Cylinder { radius_m, .. }, Some(theta_rad)) => [radius_m * theta_rad, point_m[2], 0.0],
-        _ => point_m,
-    }
-}
-
-/// The length after which the first of these coordinates repeats, m.
-pub(super) fn period_m(surface: Surface) -> Option<f64> {
-    match surface {
-        Surface::Cylinder { radius_m, .. } => Some(TAU * radius_m),
-        _ => None,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::random::sample_rng;
+    use crate::unrolled::Unrolled;
+    use dermis::geom::Surface;
     use dermis::geom::vector::distance;
 
     const COUNT: u64 = 40_000;
@@ -136,12 +122,9 @@ mod tests {
     fn places_are_uniform_by_area_with_rim_and_seam() {
         let none = Mesh { nodes: vec![], cells: Cells::Triangles(vec![]), electrodes: vec![], regions: vec![] };
         let cylinder = Places::new(&Body::Cylinder { length_m: 0.3, diameter_m: 0.1 }, &none);
-        let surface = Surface::Cylinder { radius_m: 0.05, length_m: 0.3 };
+        let surface = Unrolled::of(&Surface::Cylinder { radius_m: 0.05, length_m: 0.3 });
         let rim = share(&cylinder, |p| p[2] < 0.02 || p[2] > 0.28);
-        let seam = share(&cylinder, |p| {
-            let round = flat(surface, p)[0];
-            !(0.015..=TAU * 0.05 - 0.015).contains(&round)
-        });
+        let seam = share(&cylinder, |p| surface.place(p)[0].abs() < 0.015);
         println!("rim {rim:.4} for {:.4}, seam {seam:.4} for {:.4}", 0.04 / 0.3, 0.03 / (TAU * 0.05));
         assert!((rim - 0.04 / 0.3).abs() < TOLERANCE && (seam - 0.03 / (TAU * 0.05)).abs() < TOLERANCE);
         let disk = Places::new(&Body::Disk { diameter_m: 0.2 }, &none);

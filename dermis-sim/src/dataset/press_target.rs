@@ -7,11 +7,11 @@
 //! for the contact that the pressure would make if there were no gaps: where a press is, not which patches it met, for
 //! their places are not known to whoever looks at the image.
 
-use crate::dataset::places::{flat, period_m};
 use crate::dataset::quadrature::Rule;
 use crate::twin::{ContactLaw, Foam, Footprint, PatchOptions, Press, TwinError};
+use crate::unrolled::Unrolled;
 use dermis::design::{Body, ImageLayout, SkinDesign};
-use dermis::geom::vector::distance;
+use dermis::elementary::tanh;
 use dermis::geom::{Point3, Surface};
 use dermis::image::{PixelSpace, chart_box};
 use dermis::mesh::{Cells, Mesh};
@@ -22,8 +22,7 @@ const POINTS_PER_SIDE: usize = 6;
 /// How the image of some presses is made.
 #[derive(Debug, Clone)]
 pub(super) struct PressTarget {
-    surface: Surface,
-    period_m: Option<f64>,
+    surface: Unrolled,
     body: Body,
     foam: Foam,
     contact: ContactLaw,
@@ -53,12 +52,11 @@ impl PressTarget {
             (&ImageLayout::Grid { rows, columns }, _, Some(area)) => {
                 grid_pixels(&design.body, surface, space, [rows, columns], area)
             }
-            (_, Cells::Triangles(_), _) => cell_pixels(surface, mesh),
+            (_, Cells::Triangles(_), _) => cell_pixels(Unrolled::of(&surface), mesh),
             _ => return Err(TwinError::NoChart),
         };
         let mut target = PressTarget {
-            surface,
-            period_m: period_m(surface),
+            surface: Unrolled::of(&surface),
             body: design.body.clone(),
             foam: patches.foam,
             contact: patches.contact,
@@ -67,32 +65,22 @@ impl PressTarget {
         };
         let pixel = |(points, &area_m2): (Vec<Point3>, &f64)| {
             let centre = points[points.len() / 2];
-            let radius_m = points.iter().map(|&point| target.distance_m(centre, point)).fold(0.0, f64::max);
+            let radius_m = points.iter().map(|&point| target.surface.distance_m(centre, point)).fold(0.0, f64::max);
             Pixel { centre, radius_m, area_m2, points }
         };
         target.pixels = pixels.into_iter().zip(&space.areas).map(pixel).collect();
         Ok(target)
     }
 
-    fn distance_m(&self, a: Point3, b: Point3) -> f64 {
-        match self.period_m {
-            Some(period_m) => {
-                let round = (a[0] - b[0]).abs();
-                round.min(period_m - round).hypot(a[1] - b[1])
-            }
-            None => distance(a, b),
-        }
-    }
-
     /// The image of some presses together.
     pub fn image_into(&self, presses: &[Press], image: &mut [f64]) -> Result<(), TwinError> {
         let footprints: Vec<(Point3, Footprint)> = (presses.iter())
-            .map(|press| Ok((flat(self.surface, press.centre_m), Footprint::new(press, &self.foam, &self.body)?)))
+            .map(|press| Ok((self.surface.place(press.centre_m), Footprint::new(press, &self.foam, &self.body)?)))
             .collect::<Result<_, TwinError>>()?;
         let at_rest = self.change(0.0);
         for (value, pixel) in image.iter_mut().zip(&self.pixels) {
             let reaches = |(centre, footprint): &&(Point3, Footprint)| {
-                self.distance_m(pixel.centre, *centre) < pixel.radius_m + footprint.reach_m()
+                self.surface.distance_m(pixel.centre, *centre) < pixel.radius_m + footprint.reach_m()
             };
             let near: Vec<&(Point3, Footprint)> = footprints.iter().filter(reaches).collect();
             *value = 0.0;
@@ -101,7 +89,7 @@ impl PressTarget {
             }
             for &point in &pixel.points {
                 let pressure: f64 = (near.iter())
-                    .map(|(centre, footprint)| footprint.pressure_pa(self.distance_m(point, *centre)))
+                    .map(|(centre, footprint)| footprint.pressure_pa(self.surface.distance_m(point, *centre)))
                     .sum();
                 *value += self.change(pressure) - at_rest;
             }
@@ -121,7 +109,7 @@ impl PressTarget {
         let contact = self.contact.conductance_s_per_m2(self.contact.preload_pa + pressure_pa);
         let k = self.half_side * contact.sqrt();
         // Two terms of the series are right to k^6 / 1000 of one.
-        if k < 0.01 { k * k / 3.0 - k.powi(4) / 45.0 } else { k / libm::tanh(k) - 1.0 }
+        if k < 0.01 { k * k / 3.0 - k * k * k * k / 45.0 } else { k / tanh(k) - 1.0 }
     }
 }
 
@@ -165,12 +153,12 @@ fn grid_pixels(
     space.position_in_grid.iter().map(pixel).collect()
 }
 
-fn cell_pixels(surface: Surface, mesh: &Mesh) -> Vec<Vec<Point3>> {
+fn cell_pixels(surface: Unrolled, mesh: &Mesh) -> Vec<Vec<Point3>> {
     let points = |cell: usize| {
         let corners: Vec<Point3> = mesh.cells.corners(cell).iter().map(|&node| mesh.nodes[node]).collect();
         // The middles of 16 equal parts, each of which counts alike.
         let points = Rule::Triangle.points(&corners, 2);
-        points.chunks_exact(Rule::Triangle.weights().len()).map(|part| flat(surface, part[0])).collect()
+        points.chunks_exact(Rule::Triangle.weights().len()).map(|part| surface.place(part[0])).collect()
     };
     (0..mesh.cell_count()).map(points).collect()
 }
@@ -212,7 +200,7 @@ mod tests {
     #[test]
     fn an_image_peaks_under_its_press_and_wraps_at_the_seam() {
         let target = target();
-        let surface = target.surface;
+        let surface = Surface::Cylinder { radius_m: 0.05, length_m: 0.3 };
         let mut image = vec![0.0; 900];
         let press = |theta_rad: f64| Press {
             centre_m: surface.at(0.145, theta_rad).unwrap(),

@@ -1,14 +1,15 @@
 //! Samples of presses on fabric patches: drawn, solved by a low-rank update.
 
-use crate::dataset::gaussian::{log_uniform, uniform};
 use crate::dataset::generator::{Rows, write_row, write_truth};
 use crate::dataset::places::Places;
 use crate::dataset::press_target::PressTarget;
 use crate::dataset::recipe::{PatchTouches, Recipe, SkinSpread, Skins};
 use crate::dataset::skins::SkinInstance;
-use crate::random::sample_rng;
+use crate::random::{log_uniform, sample_rng, uniform};
 use crate::twin::{Footprint, PatchOptions, PatchedSkin, Press, TwinError};
+use crate::unrolled::Unrolled;
 use dermis::design::{Body, SkinDesign};
+use dermis::elementary::sin_cos;
 use dermis::forward::ForwardModel;
 use dermis::geom::Point3;
 use dermis::image::PixelSpace;
@@ -116,8 +117,9 @@ impl PressMaker {
             && rng.random::<f64>() < together.share
         {
             let (distance_m, way_rad) = (uniform(rng, together.distance_m), uniform(rng, [0.0, 2.0 * PI]));
-            let (sine, cosine) = libm::sincos(way_rad);
-            let beside = self.body.surface().walk(before.centre_m, [distance_m * cosine, distance_m * sine]);
+            let (sine, cosine) = sin_cos(way_rad);
+            let beside =
+                Unrolled::of(&self.body.surface()).walk(before.centre_m, [distance_m * cosine, distance_m * sine]);
             if self.body.holds(beside) {
                 return beside;
             }

@@ -5,10 +5,10 @@
 //! close together share a block of eight, one in each lane of a vector; and only blocks near a touch are looked at.
 
 use crate::dataset::DatasetError;
-use crate::dataset::places::{flat, period_m};
-use crate::dataset::quadrature::{Rule, longest_edge_m};
+use crate::dataset::quadrature::Rule;
 use crate::touch::GaussianTouch;
-use dermis::geom::vector::sub;
+use crate::unrolled::Unrolled;
+use dermis::geom::vector::longest_edge;
 use dermis::geom::{Point3, Surface};
 use dermis::linalg::{LANES, SimdLevel};
 use dermis::mesh::{Cells, Mesh};
@@ -26,8 +26,7 @@ const NO_CELL: u32 = u32::MAX;
 /// The cells of a mesh, ready for Gaussian touches.
 #[derive(Debug, Clone)]
 pub struct CellRaster {
-    surface: Surface,
-    period_m: Option<f64>,
+    surface: Unrolled,
     /// Coordinates of a point: two on a surface that can be unrolled, three in space.
     dimensions: usize,
     rule: Rule,
@@ -76,12 +75,12 @@ impl CellRaster {
         };
         let flat_sheet = surface == Surface::Plane && mesh.nodes.iter().all(|node| node[2] == 0.0);
         let dimensions = if flat_sheet || matches!(surface, Surface::Cylinder { .. }) { 2 } else { 3 };
+        let surface = Unrolled::of(&surface);
         let mut items: Vec<Item> =
-            (0..mesh.cell_count()).map(|cell| Item { cell, centre: flat(surface, mesh.cell_centre(cell)) }).collect();
+            (0..mesh.cell_count()).map(|cell| Item { cell, centre: surface.place(mesh.cell_centre(cell)) }).collect();
         sort_by_place(&mut items, dimensions);
         let mut raster = CellRaster {
             surface,
-            period_m: period_m(surface),
             dimensions,
             rule,
             weights: rule.weights(),
@@ -99,7 +98,7 @@ impl CellRaster {
         let corners: Vec<Vec<Point3>> = (items.iter())
             .map(|item| mesh.cells.corners(item.cell).iter().map(|&node| mesh.nodes[node]).collect())
             .collect();
-        let longest = corners.iter().map(|corners| longest_edge_m(corners)).fold(0.0, f64::max);
+        let longest = corners.iter().map(|corners| longest_edge(corners)).fold(0.0, f64::max);
         let levels = self.rule.level(longest, least_width_m);
         if levels > MOST_DIVISIONS {
             return Err(DatasetError::OutOfRange {
@@ -113,7 +112,7 @@ impl CellRaster {
             *lane = u32::try_from(item.cell).expect("a mesh has fewer cells than 32 bits count");
         }
         let centre = items[items.len() / 2].centre;
-        let away = |corner: &Point3| self.squared_distance_m2(centre, flat(self.surface, *corner));
+        let away = |corner: &Point3| self.surface.squared_distance_m2(centre, self.surface.place(*corner));
         let radius_m = corners.iter().flatten().map(away).fold(0.0, f64::max).sqrt();
         let mut starts = Vec::with_capacity(levels + 1);
         for level in 0..=levels {
@@ -121,7 +120,7 @@ impl CellRaster {
             let points: Vec<Vec<Point3>> = corners.iter().map(|corners| self.rule.points(corners, level)).collect();
             for point in 0..points[0].len() {
                 // Lanes without a cell repeat the first.
-                let of_lane = |lane: usize| flat(self.surface, points.get(lane).unwrap_or(&points[0])[point]);
+                let of_lane = |lane: usize| self.surface.place(points.get(lane).unwrap_or(&points[0])[point]);
                 let lanes: [Point3; LANES] = std::array::from_fn(of_lane);
                 for axis in 0..self.dimensions {
                     self.points.push(lanes.map(|point| point[axis]));
@@ -130,17 +129,6 @@ impl CellRaster {
         }
         self.blocks.push(Block { centre, radius_m, longest_edge_m: longest, cells, starts });
         Ok(())
-    }
-
-    /// The square of a distance in flat coordinates, the short way round where they repeat, m2.
-    #[inline(always)]
-    fn squared_distance_m2(&self, a: Point3, b: Point3) -> f64 {
-        let [round, along, up] = sub(a, b);
-        let round = match self.period_m {
-            Some(period_m) => round.abs().min(period_m - round.abs()),
-            None => round,
-        };
-        round * round + along * along + up * up
     }
 
     /// Moves the points of some cells with their nodes, to where they are on another making of the skin. `original` is the
@@ -191,7 +179,7 @@ impl CellRaster {
     ///
     /// Equal to [`GaussianTouch::add_cell_means`] to 5e-6 of the amplitude.
     pub fn for_each_mean(&self, touch: &GaussianTouch, mut add: impl FnMut(usize, f64)) {
-        let centre = flat(self.surface, touch.centre_m);
+        let centre = self.surface.place(touch.centre_m);
         let reach_m = REACH_WIDTHS * touch.width_m;
         let run = Means { raster: self, centre, reach_m, touch, add: &mut add };
         self.level.arch().dispatch(run);
@@ -234,14 +222,14 @@ impl<F: FnMut(usize, f64)> WithSimd for Means<'_, F> {
         let mut sums = [0.0; LANES];
         for block in &raster.blocks {
             let reach_m = self.reach_m + block.radius_m;
-            if raster.squared_distance_m2(block.centre, self.centre) > reach_m * reach_m {
+            if raster.surface.squared_distance_m2(block.centre, self.centre) > reach_m * reach_m {
                 continue;
             }
             let level = raster.rule.level(block.longest_edge_m, self.touch.width_m);
             let count = raster.rule.part_count(level) * raster.weights.len();
             let start = block.starts[level];
             let points = &raster.points[start..start + count * raster.dimensions];
-            match (raster.dimensions, raster.period_m) {
+            match (raster.dimensions, raster.surface.period_m()) {
                 (2, Some(period_m)) => {
                     block_sums(simd, Wrapped { centre: self.centre, period_m }, points, raster, per_square, &mut sums)
                 }

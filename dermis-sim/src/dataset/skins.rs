@@ -3,12 +3,14 @@
 use crate::dataset::DatasetError;
 use crate::dataset::generator::UNIT;
 use crate::dataset::recipe::SkinSpread;
-use crate::random::sample_rng;
+use crate::random::{log_normal, sample_rng};
 use crate::twin::FieldPlaces;
+use crate::unrolled::Unrolled;
 use dermis::design::{Body, ElectrodeShape, SkinDesign};
+use dermis::elementary::{cos, hypot};
 use dermis::forward::{ForwardModel, Solver};
-use dermis::geom::vector::{cross, distance, dot, sub};
-use dermis::geom::{Point3, Surface};
+use dermis::geom::Point3;
+use dermis::geom::vector::{cross, dot, sub};
 use dermis::mesh::{Cells, ElectrodePatch, Mesh};
 use rand::RngExt;
 use std::f64::consts::PI;
@@ -94,11 +96,9 @@ impl SkinMaker {
         let impedances: Vec<f64> = drawn.electrodes.iter().map(|electrode| electrode.contact_impedance).collect();
         let mut rest = self.base.rest_conductivity().to_vec();
         if let Some(coat) = &self.coat {
-            // Log-normal of mean 1, as `CoatOptions` states.
-            let variance = libm::log1p(self.spread.coat.rms * self.spread.coat.rms);
             let field = coat.draw(&mut sample_rng(seed, SKIN_STREAMS));
             for (value, unit) in rest.iter_mut().zip(field) {
-                *value *= libm::exp(variance.sqrt() * unit - 0.5 * variance);
+                *value *= log_normal(self.spread.coat.rms, unit);
             }
         }
         Ok(Skin { forward: self.base.remade(&nodes, &impedances, &rest)?, shifts_m, seed })
@@ -107,13 +107,13 @@ impl SkinMaker {
     /// Where the nodes of a skin lie.
     fn moved(&self, drawn: &SkinDesign) -> (Vec<Point3>, Vec<[f64; 2]>) {
         let mesh = self.base.mesh();
-        let surface = self.design.body.surface();
+        let surface = Unrolled::of(&self.design.body.surface());
         let farthest_m = FARTHEST * self.spread.electrodes.displacement_rms_m;
         let mut shifts = vec![[0.0; 2]; mesh.node_count()];
         let pairs = self.design.electrodes.iter().zip(&drawn.electrodes).zip(&self.followers);
         for ((from, to), followers) in pairs {
-            let step = surface.chart(from.centre_m, to.centre_m);
-            let cut = (farthest_m / step[0].hypot(step[1])).min(1.0);
+            let step = surface.step(surface.place(from.centre_m), surface.place(to.centre_m));
+            let cut = (farthest_m / hypot(step[0], step[1])).min(1.0);
             for &(node, share) in followers {
                 shifts[node][0] += share * cut * step[0];
                 shifts[node][1] += share * cut * step[1];
@@ -152,7 +152,7 @@ fn too_far(rms_m: f64) -> DatasetError {
 }
 
 /// Moves a node by a shift of the chart, of which edges of the body take off what would leave them.
-fn stay_on(body: &Body, surface: Surface, node: Point3, shift: &mut [f64; 2]) -> Point3 {
+fn stay_on(body: &Body, surface: Unrolled, node: Point3, shift: &mut [f64; 2]) -> Point3 {
     let [x, y, z] = node;
     match *body {
         Body::Cylinder { length_m, .. } if z == 0.0 || z == length_m => shift[1] = 0.0,
@@ -164,12 +164,12 @@ fn stay_on(body: &Body, surface: Surface, node: Point3, shift: &mut [f64; 2]) ->
                 shift[1] = 0.0;
             }
         }
-        Body::Disk { diameter_m } if (x.hypot(y) - 0.5 * diameter_m).abs() <= 1e-9 * diameter_m => {
+        Body::Disk { diameter_m } if (hypot(x, y) - 0.5 * diameter_m).abs() <= 1e-9 * diameter_m => {
             // Along the rim: the part across it is taken off.
             let across = (x * shift[0] + y * shift[1]) / (x * x + y * y);
             let along = [shift[0] - across * x, shift[1] - across * y];
             let moved = [x + along[0], y + along[1]];
-            let back = x.hypot(y) / moved[0].hypot(moved[1]);
+            let back = hypot(x, y) / hypot(moved[0], moved[1]);
             *shift = [back * moved[0] - x, back * moved[1] - y];
         }
         _ => {}
@@ -187,12 +187,13 @@ fn followers(design: &SkinDesign, mesh: &Mesh, rms_m: f64) -> Result<Vec<Vec<(us
             must: "0 on bodies from mesh files and in volumes, where electrodes cannot be moved".into(),
         });
     }
-    let surface = design.body.surface();
-    let centres: Vec<Point3> = design.electrodes.iter().map(|electrode| electrode.centre_m).collect();
+    let surface = Unrolled::of(&design.body.surface());
+    let centres: Vec<Point3> = design.electrodes.iter().map(|electrode| surface.place(electrode.centre_m)).collect();
+    let places: Vec<Point3> = mesh.nodes.iter().map(|&node| surface.place(node)).collect();
     let mut all = Vec::with_capacity(centres.len());
     for (index, &centre) in centres.iter().enumerate() {
         let radius_m = (patch_nodes(mesh, &mesh.electrodes[index]).into_iter())
-            .map(|node| surface.distance_m(centre, mesh.nodes[node]))
+            .map(|node| surface.distance_m(centre, places[node]))
             .fold(0.0, f64::max);
         let others = centres.iter().enumerate().filter(|(other, _)| *other != index);
         let next_m = others.map(|(_, &other)| surface.distance_m(centre, other)).fold(f64::INFINITY, f64::min);
@@ -204,10 +205,9 @@ fn followers(design: &SkinDesign, mesh: &Mesh, rms_m: f64) -> Result<Vec<Vec<(us
         }
         let share = |away_m: f64| match away_m <= radius_m * (1.0 + 1e-9) {
             true => 1.0,
-            false => 0.5 + 0.5 * libm::cos(PI * (away_m - radius_m) / (reach_m - radius_m)),
+            false => 0.5 + 0.5 * cos(PI * (away_m - radius_m) / (reach_m - radius_m)),
         };
-        let near = mesh.nodes.iter().enumerate().filter(|(_, node)| distance(**node, centre) < reach_m);
-        let near = near.map(|(node, &place)| (node, surface.distance_m(centre, place)));
+        let near = places.iter().enumerate().map(|(node, &place)| (node, surface.distance_m(centre, place)));
         all.push(near.filter(|&(_, away_m)| away_m < reach_m).map(|(node, away_m)| (node, share(away_m))).collect());
     }
     Ok(all)
@@ -266,6 +266,8 @@ impl SkinInstance {
 mod tests {
     use super::*;
     use crate::twin::{CoatOptions, ElectrodeOptions};
+    use dermis::geom::vector::distance;
+    use dermis::stats::mean_and_sd;
 
     fn spread() -> SkinSpread {
         SkinSpread::usual()
@@ -328,8 +330,7 @@ mod tests {
             assert!(skin.shifts_m.iter().all(|shift| *shift == [0.0; 2]));
         }
         for (values, rms) in [(factors, 0.2), (contacts, 0.3)] {
-            let mean = values.iter().sum::<f64>() / 400.0;
-            let sd = (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / 400.0).sqrt();
+            let (mean, sd) = mean_and_sd(&values);
             println!("mean {mean:.3}, standard deviation {sd:.3} for {rms}");
             assert!((mean - 1.0).abs() < 0.06 && (sd / rms - 1.0).abs() < 0.15);
         }

@@ -2,6 +2,7 @@
 
 use crate::touch::GaussianTouch;
 use dermis::design::{Body, ImageLayout, SkinDesign};
+use dermis::elementary::{atan2, erf};
 use dermis::geom::Point3;
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
@@ -87,7 +88,7 @@ impl Rectangles {
         match self.wraps {
             true => {
                 let radius_m = self.size_m[1] / TAU;
-                [point[2], radius_m * libm::atan2(point[1], point[0])]
+                [point[2], radius_m * atan2(point[1], point[0])]
             }
             false => [point[1], point[0]],
         }
@@ -104,7 +105,7 @@ fn means(size_m: f64, count: usize, centre_m: f64, width_m: f64, wraps: bool) ->
     let half_m = if wraps { 0.5 * size_m } else { f64::INFINITY };
     let integral = |edge: usize, turn: f64| {
         let off_m = (edge as f64 * step_m - centre_m + turn * size_m).clamp(-half_m, half_m);
-        libm::erf(off_m / (SQRT_2 * width_m))
+        erf(off_m / (SQRT_2 * width_m))
     };
     // A centre lies at most half a turn before the first edge and at most one after it.
     let turns: &[f64] = if wraps { &[-1.0, 0.0, 1.0] } else { &[0.0] };

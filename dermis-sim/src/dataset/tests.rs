@@ -9,6 +9,7 @@ use crate::twin::PatchedSkin;
 use dermis::design::{SkinDesign, TouchEffect};
 use dermis::forward::ForwardModel;
 use dermis::mesh::Mesh;
+use dermis::stats::mean_and_sd;
 use std::path::Path;
 
 /// A small skin: 8 arcs on the rim of a disk, 40 values.
@@ -186,24 +187,18 @@ fn the_manifest_tells_mean_and_spread_as_a_plain_sum_does() {
     let manifest = finish(folder.path(), || ()).unwrap();
     assert_eq!(Manifest::read(folder.path()).unwrap(), manifest);
     assert_eq!(manifest.files.iter().map(|file| file.samples).collect::<Vec<_>>(), [8192, 808]);
+    let spread = |values: &mut dyn Iterator<Item = f64>| mean_and_sd(&values.collect::<Vec<f64>>());
     let samples: Vec<_> = generator.stream(0).take(9000).map(Result::unwrap).collect();
-    let (mean, sd) = mean_and_sd(samples.iter().map(|sample| f64::from(sample.frame[3])));
+    let (mean, sd) = spread(&mut samples.iter().map(|sample| f64::from(sample.frame[3])));
     let statistics = &manifest.statistics;
     assert!((statistics.frame_mean_ohm[3] / mean - 1.0).abs() < 1e-12);
     assert!((statistics.frame_sd_ohm[3] / sd - 1.0).abs() < 1e-9);
-    let differences = samples.iter().map(|sample| f64::from(sample.frame[7]) - f64::from(sample.rest[7]));
-    let (mean, sd) = mean_and_sd(differences);
+    let mut differences = samples.iter().map(|sample| f64::from(sample.frame[7]) - f64::from(sample.rest[7]));
+    let (mean, sd) = spread(&mut differences);
     assert!((statistics.difference_mean_ohm[7] / mean - 1.0).abs() < 1e-12);
     assert!((statistics.difference_sd_ohm[7] / sd - 1.0).abs() < 1e-12);
-    let (mean, sd) = mean_and_sd(samples.iter().flat_map(|sample| sample.image.iter().map(|&value| f64::from(value))));
+    let (mean, sd) = spread(&mut samples.iter().flat_map(|sample| sample.image.iter().map(|&value| f64::from(value))));
     assert!((statistics.image_mean / mean - 1.0).abs() < 1e-12 && (statistics.image_sd / sd - 1.0).abs() < 1e-12);
-}
-
-fn mean_and_sd(values: impl Iterator<Item = f64>) -> (f64, f64) {
-    let values: Vec<f64> = values.collect();
-    let mean = values.iter().sum::<f64>() / values.len() as f64;
-    let square = values.iter().map(|value| (value - mean) * (value - mean)).sum::<f64>() / values.len() as f64;
-    (mean, square.sqrt())
 }
 
 #[test]

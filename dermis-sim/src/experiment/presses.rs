@@ -2,7 +2,9 @@
 
 use crate::random::sample_rng;
 use crate::twin::{Press, PressOptions};
+use crate::unrolled::Unrolled;
 use dermis::design::SkinDesign;
+use dermis::elementary::{ln, sin_cos};
 use dermis::geom::Surface;
 use dermis::geom::vector::{Point3, add, scale};
 use dermis::image::PixelSpace;
@@ -128,16 +130,17 @@ impl<'a> Presses<'a> {
 
     /// A place drawn evenly by area.
     fn place(&self, rng: &mut impl Rng) -> Point3 {
-        if let Surface::Cylinder { length_m, .. } = self.surface {
+        if let Surface::Cylinder { radius_m, length_m } = self.surface {
             let (z_m, theta) = (rng.random::<f64>() * length_m, rng.random::<f64>() * TAU);
-            return self.surface.at(z_m, theta).expect("a cylinder");
+            let (sine, cosine) = sin_cos(theta);
+            return [radius_m * cosine, radius_m * sine, z_m];
         }
         let whole = self.areas_up_to.last().copied().expect("a mesh has cells");
         let at = rng.random::<f64>() * whole;
         let cell = self.areas_up_to.partition_point(|&area| area <= at).min(self.areas_up_to.len() - 1);
         // Exponentials over their sum are even in a simplex (Devroye, Non-Uniform Random Variate Generation, 1986, XI.2).
         let corners = self.mesh.cells.corners(cell);
-        let weights: Vec<f64> = corners.iter().map(|_| -(1.0 - rng.random::<f64>()).ln()).collect();
+        let weights: Vec<f64> = corners.iter().map(|_| -ln(1.0 - rng.random::<f64>())).collect();
         let sum: f64 = weights.iter().sum();
         let add_corner =
             |point, (&node, weight): (&usize, &f64)| add(point, scale(self.mesh.nodes[node], weight / sum));
@@ -147,8 +150,8 @@ impl<'a> Presses<'a> {
     fn pair(&self, separation_m: f64, rng: &mut impl Rng) -> Option<[Point3; 2]> {
         (0..MOST_DRAWS).find_map(|_| {
             let first = self.place(rng);
-            let (sin, cos) = (rng.random::<f64>() * TAU).sin_cos();
-            let second = self.surface.walk(first, [separation_m * cos, separation_m * sin]);
+            let (sine, cosine) = sin_cos(rng.random::<f64>() * TAU);
+            let second = Unrolled::of(&self.surface).walk(first, [separation_m * cosine, separation_m * sine]);
             let reached_m = self.surface.distance_m(first, second);
             let fits = self.design.body.holds(second) && (reached_m - separation_m).abs() < 1e-6 * separation_m;
             fits.then_some([first, second])

@@ -2,6 +2,7 @@
 
 use super::TwinError;
 use super::error::{check_between, check_positive};
+use dermis::elementary::powf;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -37,7 +38,7 @@ impl ContactLaw {
         if pressure_pa <= 0.0 {
             return 0.0;
         }
-        let free = self.conductance_s_per_m2 * (pressure_pa / self.reference_pressure_pa).powf(self.exponent);
+        let free = self.conductance_s_per_m2 * powf(pressure_pa / self.reference_pressure_pa, self.exponent);
         free / (1.0 + free / self.saturation_s_per_m2)
     }
 
@@ -47,7 +48,7 @@ impl ContactLaw {
         if pressure_pa <= 0.0 || self.hysteresis == 0.0 {
             return self.conductance_s_per_m2(pressure_pa);
         }
-        self.conductance_s_per_m2(pressure_pa * (highest_pa.max(pressure_pa) / pressure_pa).powf(self.hysteresis))
+        self.conductance_s_per_m2(pressure_pa * powf(highest_pa.max(pressure_pa) / pressure_pa, self.hysteresis))
     }
 
     /// The highest pressure to remember: it grows with the pressure, and is forgotten when the contact is back at the

@@ -6,8 +6,8 @@ use dermis::forward::{PotentialMoment, PotentialMoments};
 use dermis::geom::{Point2, polygon};
 use dermis::linalg::Matrix;
 use dermis::mesh::{Cells, Mesh};
+use dermis::quadrature::{gauss_legendre, triangle_points};
 use std::collections::BTreeMap;
-use std::f64::consts::PI;
 
 /// A patch of which the body's edge leaves less than this share has no contact.
 const SMALLEST_SHARE: f64 = 1e-4;
@@ -56,11 +56,19 @@ struct Piece {
     part: [Point2; 3],
 }
 
+impl Piece {
+    /// Points of the piece with the areas they stand for, m2.
+    fn points(&self) -> [(Point2, f64); 7] {
+        let area = polygon::signed_area(&self.part).abs();
+        triangle_points(&self.part).map(|(point, weight)| (point, weight * area))
+    }
+}
+
 /// For each patch the moments of the potential against polynomials up to a degree, orthonormal in the mean over the
 /// patch. The first is the mean. Patches without contact have no moments.
 ///
 /// The functions are products of Legendre polynomials on a rectangle; on a patch cut otherwise, what Gram and Schmidt
-/// make of them. Integrals of shape functions are taken piece by piece by Radon's rule, exactly up to degree 4.
+/// make of them. Integrals of shape functions are taken piece by piece, exactly up to degree 4.
 pub(super) fn cover(
     grid: &PatchGrid,
     mesh: &Mesh,
@@ -143,12 +151,12 @@ impl Basis {
         (0..count).for_each(|k| *combinations.at_mut(k, k) = 1.0);
         let mut basis = Basis { degree, area, middle, half, points: Vec::new(), combinations };
         if (4.0 * half[0] * half[1] / area - 1.0).abs() < WHOLE {
-            let rule = gauss_rule(POINTS_PER_SIDE);
+            let rule = gauss_legendre(POINTS_PER_SIDE);
             let at = |s: f64, t: f64| [middle[0] + half[0] * s, middle[1] + half[1] * t];
             let products = rule.iter().flat_map(|&(s, v)| rule.iter().map(move |&(t, w)| (s, t, v * w)));
             basis.points = products.map(|(s, t, weight)| (at(s, t), 0.25 * weight * area)).collect();
         } else {
-            basis.points = pieces.iter().flat_map(|piece| radon_points(&piece.part)).collect();
+            basis.points = pieces.iter().flat_map(Piece::points).collect();
             basis.orthonormalise();
         }
         basis
@@ -195,7 +203,7 @@ impl Basis {
         let mut weights: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
         for piece in pieces {
             let whole = polygon::signed_area(&piece.triangle);
-            for (point, area) in radon_points(&piece.part) {
+            for (point, area) in piece.points() {
                 let values = self.values(point);
                 for (corner, &node) in piece.nodes.iter().enumerate() {
                     let mut opposite = piece.triangle;
@@ -226,46 +234,6 @@ fn legendre(degree: usize, t: f64) -> Vec<f64> {
         values.push(next);
     }
     values.iter().take(degree + 1).enumerate().map(|(n, value)| value * ((2 * n + 1) as f64).sqrt()).collect()
-}
-
-/// Gauss's rule on -1 to 1: roots of the Legendre polynomial by Newton's method (Abramowitz and Stegun, 25.4.29).
-fn gauss_rule(count: usize) -> Vec<(f64, f64)> {
-    let root = |k: usize| {
-        let mut t = (PI * (k as f64 + 0.75) / (count as f64 + 0.5)).cos();
-        let mut slope = 1.0;
-        for _ in 0..20 {
-            let (mut before, mut value) = (1.0, t);
-            for n in 1..count {
-                (before, value) = (value, ((2 * n + 1) as f64 * t * value - n as f64 * before) / (n + 1) as f64);
-            }
-            slope = count as f64 * (t * value - before) / (t * t - 1.0);
-            t -= value / slope;
-        }
-        (t, 2.0 / ((1.0 - t * t) * slope * slope))
-    };
-    (0..count).map(root).collect()
-}
-
-/// Radon's rule of degree 5 on a triangle (Radon 1948; Stroud, Approximate Calculation of Multiple Integrals, 1971, T2:
-/// 5-1), with areas as weights.
-fn radon_points(corners: &[Point2; 3]) -> Vec<(Point2, f64)> {
-    let area = polygon::signed_area(corners).abs();
-    let at = |weights: [f64; 3]| {
-        let sum = |axis: usize| corners.iter().zip(weights).map(|(corner, weight)| corner[axis] * weight).sum();
-        [sum(0), sum(1)]
-    };
-    let root = 15f64.sqrt();
-    let mut points = vec![(at([1.0 / 3.0; 3]), 9.0 / 40.0 * area)];
-    for (near, weight) in
-        [((6.0 - root) / 21.0, (155.0 - root) / 1200.0), ((6.0 + root) / 21.0, (155.0 + root) / 1200.0)]
-    {
-        for far in 0..3 {
-            let mut coordinates = [near; 3];
-            coordinates[far] = 1.0 - 2.0 * near;
-            points.push((at(coordinates), weight * area));
-        }
-    }
-    points
 }
 
 #[cfg(test)]

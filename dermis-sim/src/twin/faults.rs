@@ -2,6 +2,7 @@
 
 use super::TwinError;
 use dermis::design::{Body, SkinDesign};
+use dermis::elementary::atan2;
 use dermis::geom::Point2;
 use dermis::geom::Surface;
 use dermis::geom::surface::angle_difference;
@@ -127,7 +128,7 @@ impl CutOptions {
         let Surface::Cylinder { radius_m, .. } = surface else {
             return segment_meets([self.from_m, self.to_m], corners.map(|[x, y, _]| [x, y]));
         };
-        let theta = |corner: dermis::geom::Point3| corner[1].atan2(corner[0]);
+        let theta = |corner: dermis::geom::Point3| atan2(corner[1], corner[0]);
         let first = theta(corners[0]);
         let unrolled = corners.map(|corner| [corner[2], radius_m * (first + angle_difference(theta(corner), first))]);
         let round_m = std::f64::consts::TAU * radius_m;

@@ -6,6 +6,8 @@
 //! they run straight through space.
 
 use crate::random::standard_normal;
+use crate::unrolled::Unrolled;
+use dermis::elementary::exp;
 use dermis::geom::{Point3, Surface};
 use dermis::mesh::Mesh;
 use rand_chacha::ChaCha8Rng;
@@ -21,7 +23,7 @@ const MOST_POINTS: f64 = 2e7;
 /// A Gaussian field of mean 0 and variance 1.
 #[derive(Debug, Clone)]
 pub struct CorrelatedField {
-    surface: Surface,
+    surface: Unrolled,
     axes: Vec<Axis>,
     length_m: f64,
     noise: Vec<f64>,
@@ -41,12 +43,12 @@ impl CorrelatedField {
     pub fn new(surface: Surface, mesh: &Mesh, length_m: f64, rng: &mut ChaCha8Rng) -> Option<Self> {
         let (axes, count) = axes_over(surface, mesh, length_m)?;
         let noise = (0..count).map(|_| standard_normal(rng)).collect();
-        Some(CorrelatedField { surface, axes, length_m, noise })
+        Some(CorrelatedField { surface: Unrolled::of(&surface), axes, length_m, noise })
     }
 
     /// The field at a point.
     pub fn at(&self, point_m: Point3) -> f64 {
-        let place = place(self.surface, point_m);
+        let place = self.surface.place(point_m);
         let weights: Vec<Vec<(usize, f64)>> =
             self.axes.iter().zip(place).map(|(axis, place)| axis.weights(place, self.length_m)).collect();
         self.sum(&weights, 0)
@@ -65,7 +67,7 @@ fn axes_over(surface: Surface, mesh: &Mesh, length_m: f64) -> Option<(Vec<Axis>,
     let dimensions = if surface == Surface::Free { 3 } else { 2 };
     let mut bounds = vec![[f64::INFINITY, f64::NEG_INFINITY]; dimensions];
     for &node in &mesh.nodes {
-        for (bound, place) in bounds.iter_mut().zip(place(surface, node)) {
+        for (bound, place) in bounds.iter_mut().zip(Unrolled::of(&surface).place(node)) {
             *bound = [bound[0].min(place), bound[1].max(place)];
         }
     }
@@ -100,7 +102,7 @@ impl FieldPlaces {
         let mut places =
             FieldPlaces { noise_count, runs_of_point: Vec::new(), runs: Vec::new(), last_weights: Vec::new() };
         for &point in points {
-            let place = place(surface, point);
+            let place = Unrolled::of(&surface).place(point);
             // The last axis is never closed, so that its points follow each other.
             let along = last.weights(place[before.len()], length_m);
             let (first, start) = (along.first()?.0, places.last_weights.len());
@@ -169,7 +171,7 @@ impl Axis {
         let mut weights: Vec<(usize, f64)> = Vec::new();
         for index in first..=last {
             let off = (self.first_m + index as f64 * self.step_m - place_m) / length_m;
-            let weight = (-off * off).exp();
+            let weight = exp(-off * off);
             if self.period_m.is_none() {
                 if (0..self.count as i64).contains(&index) {
                     weights.push((index as usize, weight));
@@ -186,14 +188,6 @@ impl Axis {
         let norm = weights.iter().map(|(_, weight)| weight * weight).sum::<f64>().sqrt();
         weights.iter_mut().for_each(|(_, weight)| *weight /= norm);
         weights
-    }
-}
-
-/// A point as the grid sees it: (round, along z) on a cylinder, (x, y) on a plane, else (x, y, z); m.
-fn place(surface: Surface, point_m: Point3) -> [f64; 3] {
-    match (surface, surface.theta_rad(point_m)) {
-        (Surface::Cylinder { radius_m, .. }, Some(theta)) => [radius_m * theta, point_m[2], 0.0],
-        _ => point_m,
     }
 }
 

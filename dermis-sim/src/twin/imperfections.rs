@@ -3,8 +3,10 @@
 use super::TwinError;
 use super::electronics::{not_negative, out_of_range, positive};
 use super::field::CorrelatedField;
-use crate::random::{sample_rng, standard_normal};
+use crate::random::{log_normal, sample_rng, standard_normal};
+use crate::unrolled::Unrolled;
 use dermis::design::{Body, Electrode, ElectrodeShape, SkinDesign};
+use dermis::elementary::{atan2, exp_m1, hypot, sin_cos};
 use dermis::forward::{ElectrodeNetwork, ForwardError};
 use dermis::geom::{Point3, Surface};
 use dermis::mesh::Mesh;
@@ -123,7 +125,7 @@ fn displaced(body: &Body, electrode: &Electrode, step_m: [f64; 3]) -> Point3 {
     // Two components share the distance; along a rim one has all of it.
     let [x, y, z] = electrode.centre_m;
     let half = step_m.map(|s| s * 0.5f64.sqrt());
-    let surface = body.surface();
+    let surface = Unrolled::of(&body.surface());
     match *body {
         Body::Cylinder { length_m, .. } if z == 0.0 || z == length_m => surface.walk([x, y, z], [step_m[0], 0.0]),
         Body::Cylinder { length_m, .. } => {
@@ -131,14 +133,14 @@ fn displaced(body: &Body, electrode: &Electrode, step_m: [f64; 3]) -> Point3 {
             [x, y, z.clamp(0.0, length_m)]
         }
         Body::Disk { diameter_m } => {
-            let (radius_m, from_centre_m) = (0.5 * diameter_m, x.hypot(y));
+            let (radius_m, from_centre_m) = (0.5 * diameter_m, hypot(x, y));
             let on_rim = (from_centre_m - radius_m).abs() <= 1e-9 * diameter_m;
             if on_rim {
-                let theta = y.atan2(x) + step_m[0] / radius_m;
-                return [radius_m * theta.cos(), radius_m * theta.sin(), 0.0];
+                let (sine, cosine) = sin_cos(atan2(y, x) + step_m[0] / radius_m);
+                return [radius_m * cosine, radius_m * sine, 0.0];
             }
             let (x, y) = (x + half[0], y + half[1]);
-            let back = (radius_m / x.hypot(y)).min(1.0);
+            let back = (radius_m / hypot(x, y)).min(1.0);
             [x * back, y * back, 0.0]
         }
         Body::Rectangle { width_m, height_m } => {
@@ -190,7 +192,7 @@ impl Drift {
         if self.options.is_none() && self.temperature.is_none() {
             return Ok(network);
         }
-        let grown = self.options.map_or(0.0, |drift| -(-time_s / drift.time_constant_s).exp_m1());
+        let grown = self.options.map_or(0.0, |drift| -exp_m1(-time_s / drift.time_constant_s));
         let warmth = self.temperature.map_or(0.0, |t| t.coefficient_per_k * (t.change_k + t.rate_k_per_s * time_s));
         // No conductance is less than nothing, however far a linear law is carried.
         let factor = ((1.0 + self.conductance * grown) * (1.0 + warmth)).max(1e-3);
@@ -225,12 +227,6 @@ impl TemperatureOptions {
         }
         Ok(())
     }
-}
-
-/// A log-normal factor of mean 1 and the given standard deviation, from a standard normal deviate.
-fn log_normal(rms: f64, deviate: f64) -> f64 {
-    let variance = (rms * rms).ln_1p();
-    (variance.sqrt() * deviate - 0.5 * variance).exp()
 }
 
 /// A relative standard deviation.

@@ -5,6 +5,7 @@ use super::faults::FaultOptions;
 use super::imperfections::{CoatOptions, DriftOptions, ElectrodeOptions, TemperatureOptions};
 use super::{PatchOptions, TwinError, shipped};
 use dermis::design::{Body, DesignError, SkinDesign, TouchEffect};
+use dermis::elementary::powf;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -206,7 +207,7 @@ impl PressOptions {
 
     /// The force at a share of the range, from 0 to 1: log-uniform for a uniform share.
     pub fn force_n(&self, share: f64) -> f64 {
-        self.least_force_n * (self.greatest_force_n / self.least_force_n).powf(share)
+        self.least_force_n * powf(self.greatest_force_n / self.least_force_n, share)
     }
 }
 

@@ -7,6 +7,7 @@ use super::press::{Footprint, Press};
 use super::strength;
 use super::{Foam, TwinError};
 use dermis::design::Body;
+use dermis::elementary::hypot;
 use dermis::forward::{ConductorContact, ElectrodeNetwork, FloatingConductors, ForwardModel};
 use dermis::geom::Point2;
 use std::collections::HashMap;
@@ -279,7 +280,7 @@ impl Load {
     fn pressure_pa(&self, grid: &PatchGrid, point: Point2) -> f64 {
         let of_press = |(centre, footprint): &(Point2, Footprint)| {
             let [round, along] = grid.step(*centre, point);
-            footprint.pressure_pa(round.hypot(along))
+            footprint.pressure_pa(hypot(round, along))
         };
         self.preload_pa + self.footprints.iter().map(of_press).sum::<f64>()
     }

@@ -4,7 +4,9 @@ use super::TwinError;
 use super::contact_law::ContactLaw;
 use super::error::{check_between, check_positive};
 use super::press::Foam;
+use crate::unrolled::Unrolled;
 use dermis::design::Body;
+use dermis::elementary::sin_cos;
 use dermis::geom::{Point2, Point3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -210,19 +212,17 @@ impl PatchGrid {
         let [round, along] = [0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])];
         match self.body {
             Body::Cylinder { diameter_m, .. } => {
-                let theta = 2.0 * round / diameter_m;
-                [0.5 * diameter_m * theta.cos(), 0.5 * diameter_m * theta.sin(), along]
+                let (sine, cosine) = sin_cos(2.0 * round / diameter_m);
+                [0.5 * diameter_m * cosine, 0.5 * diameter_m * sine, along]
             }
             _ => [round, along, 0.0],
         }
     }
 
     /// A point of the skin in the chart, m.
-    pub(super) fn chart(&self, [x, y, z]: Point3) -> Point2 {
-        match self.body {
-            Body::Cylinder { diameter_m, .. } => [0.5 * diameter_m * y.atan2(x), z],
-            _ => [x, y],
-        }
+    pub(super) fn chart(&self, point_m: Point3) -> Point2 {
+        let [round, along, _] = Unrolled::of(&self.body.surface()).place(point_m);
+        [round, along]
     }
 
     /// The patches of which some part may lie within a distance of a place of the chart.
@@ -236,11 +236,9 @@ impl PatchGrid {
 
     /// The short way from one place of the chart to another.
     pub(super) fn step(&self, from: Point2, to: Point2) -> Point2 {
-        let mut round = to[0] - from[0];
-        if let Some(period) = self.round.period_m {
-            round -= period * (round / period).round();
-        }
-        [round, to[1] - from[1]]
+        let place = |[round, along]: Point2| [round, along, 0.0];
+        let [round, along, _] = Unrolled::of(&self.body.surface()).step(place(from), place(to));
+        [round, along]
     }
 }
 

@@ -3,9 +3,11 @@
 use super::TwinError;
 use super::error::check_positive;
 use dermis::design::Body;
+use dermis::elementary::{acos, atan2, cos, hypot};
 use dermis::geom::Point3;
 use dermis::geom::vector::distance;
 use dermis::mesh::Mesh;
+use dermis::quadrature::gauss_legendre;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
@@ -171,13 +173,17 @@ fn spread(force_n: f64, radius_m: f64, reach_m: f64, foam: &Foam) -> Vec<f64> {
     let h = foam.thickness_m;
     let panels = 2 + (2.0 * radius_m / h).ceil() as usize;
     let angles = 8 * (1 + (radius_m / h).ceil() as usize);
-    let cosines: Vec<f64> = (0..angles).map(|k| (PI * (k as f64 + 0.5) / angles as f64).cos()).collect();
+    let cosines: Vec<f64> = (0..angles).map(|k| cos(PI * (k as f64 + 0.5) / angles as f64)).collect();
     // Rings of the tip's pressure, as forces: Gauss's rule with three points on each panel.
     let width = radius_m / panels as f64;
-    let gauss = [(0.5 - 0.15f64.sqrt(), 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.5 + 0.15f64.sqrt(), 5.0 / 18.0)];
+    let gauss = gauss_legendre(3);
     let rings: Vec<(f64, f64)> = (0..panels)
-        .flat_map(|panel| gauss.map(|(at, weight)| ((panel as f64 + at) * width, weight * width)))
-        .map(|(s, weight)| (s, weight * 4.0 * force_n * s / radius_m.powi(2) * (1.0 - (s / radius_m).powi(2))))
+        .flat_map(|panel| {
+            gauss.iter().map(move |(t, weight)| ((panel as f64 + 0.5 * (1.0 + t)) * width, 0.5 * weight * width))
+        })
+        .map(|(s, weight)| {
+            (s, weight * 4.0 * force_n * s / (radius_m * radius_m) * (1.0 - (s / radius_m) * (s / radius_m)))
+        })
         .collect();
     let pressure = |r: f64| {
         let of_ring = |&(s, force): &(f64, f64)| {
@@ -216,7 +222,7 @@ impl Edge {
                 straight(height_m - y, PI / 2.0),
             ],
             Body::Disk { diameter_m } => {
-                vec![Edge::Round { radius_m: diameter_m / 2.0, off_centre_m: x.hypot(y), angle_rad: y.atan2(x) }]
+                vec![Edge::Round { radius_m: diameter_m / 2.0, off_centre_m: hypot(x, y), angle_rad: atan2(y, x) }]
             }
             Body::Mesh { .. } => Vec::new(),
         }
@@ -225,13 +231,13 @@ impl Edge {
     /// The arc of a circle round the point that lies beyond the edge: its middle and half its angle.
     fn arc_beyond(&self, circle_m: f64) -> (f64, f64) {
         match *self {
-            Edge::Straight { distance_m, angle_rad } => (angle_rad, (distance_m / circle_m).clamp(-1.0, 1.0).acos()),
+            Edge::Straight { distance_m, angle_rad } => (angle_rad, acos((distance_m / circle_m).clamp(-1.0, 1.0))),
             Edge::Round { radius_m, off_centre_m, angle_rad } => {
                 let excess = radius_m * radius_m - off_centre_m * off_centre_m - circle_m * circle_m;
                 let across = 2.0 * off_centre_m * circle_m;
                 // At the disk's own centre the circle lies inside or outside as a whole.
                 let cosine = if across > 0.0 { excess / across } else { excess.signum() };
-                (angle_rad, cosine.clamp(-1.0, 1.0).acos())
+                (angle_rad, acos(cosine.clamp(-1.0, 1.0)))
             }
         }
     }
@@ -263,7 +269,7 @@ fn check_on_body(centre_m: Point3, body: &Body) -> Result<(), TwinError> {
     let within = |value: f64, size: f64| (-OFF_SURFACE_M..=size + OFF_SURFACE_M).contains(&value);
     let (on_skin, skin) = match *body {
         Body::Cylinder { length_m, diameter_m } => (
-            (x.hypot(y) - diameter_m / 2.0).abs() <= OFF_SURFACE_M && within(z, length_m),
+            (hypot(x, y) - diameter_m / 2.0).abs() <= OFF_SURFACE_M && within(z, length_m),
             format!("a cylinder of radius {} m and z from 0 to {length_m} m", diameter_m / 2.0),
         ),
         Body::Rectangle { width_m, height_m } => (

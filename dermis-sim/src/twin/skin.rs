@@ -78,12 +78,8 @@ impl Twin {
         let sound = Skin::new(&drawn, &mesh, &coat, options)?;
         let sound_network = sound.network(&[])?;
         let electronics = Electronics::new(&options.electronics, &drawn.protocol, &sound_network, seed)?;
-        let contacts_ohm: Vec<f64> = (0..drawn.electrodes.len())
-            .map(|electrode| match mesh.electrode_size(electrode) {
-                0.0 => 0.0,
-                size => drawn.electrodes[electrode].contact_impedance / size,
-            })
-            .collect();
+        let contacts_ohm: Vec<f64> =
+            (0..drawn.electrodes.len()).map(|electrode| sound.forward.contact_resistance_ohm(electrode)).collect();
         let drift = Drift::draw(options.drift, options.temperature, &contacts_ohm, seed);
         let mut twin = Twin {
             options: options.clone(),

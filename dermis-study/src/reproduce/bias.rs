@@ -10,6 +10,7 @@ use crate::comparison::{Named, Shown};
 use dermis::contact::Contact;
 use dermis::detect::whole_image_centroid;
 use dermis::geom::Surface;
+use dermis::stats::mean_and_sd;
 use dermis_sim::evaluate::match_contacts;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
@@ -98,9 +99,8 @@ impl MeanSd {
         if count == 0 {
             return MeanSd { count, mean: 0.0, sd: 0.0 };
         }
-        let mean = values.iter().sum::<f64>() / count as f64;
-        let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / count as f64;
-        MeanSd { count, mean, sd: variance.sqrt() }
+        let (mean, sd) = mean_and_sd(&values);
+        MeanSd { count, mean, sd }
     }
 
     /// The mean of some lengths as people read it, mm.

@@ -7,6 +7,7 @@ use crate::plots::four_touches;
 use crate::{Error, Result};
 use dermis::contact::Contact;
 use dermis::image::Image;
+use dermis::stats::upper_median;
 use dermis_sim::dataset::{GaussianTouches, Generator, Recipe, Skins, Touch};
 use dermis_sim::experiment::Recording;
 use dermis_sim::twin::Press;
@@ -95,9 +96,8 @@ fn seconds_a_frame(method: &Named, detector: &dermis::detect::Detector, recordin
         std::hint::black_box(detector.detect(&method.reconstruct.reconstruct(&difference)?));
         Ok(begun.elapsed().as_secs_f64())
     };
-    let mut seconds: Vec<f64> = frames.map(time).collect::<Result<_>>()?;
-    seconds.sort_by(f64::total_cmp);
-    Ok(seconds[seconds.len() / 2])
+    let seconds: Vec<f64> = frames.map(time).collect::<Result<_>>()?;
+    Ok(upper_median(&seconds).unwrap_or(f64::NAN))
 }
 
 impl TrainingSample {

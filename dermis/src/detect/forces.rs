@@ -1,5 +1,6 @@
 //! The force of a contact from its strength, where that was measured.
 
+use crate::stats::{order_statistic, upper_median};
 use serde::{Deserialize, Serialize};
 
 /// How the strengths of a method's contacts become forces, measured on presses of known force.
@@ -20,16 +21,14 @@ const WITHIN_ONE: f64 = 0.682_689_492;
 impl Forces {
     /// From the forces of presses over the strengths of their contacts, ratios that are no numbers left aside; `None` of too few.
     pub fn fit(ratios: impl Iterator<Item = f64>) -> Option<Self> {
-        let mut ratios: Vec<f64> = ratios.filter(|ratio| ratio.is_finite() && *ratio > 0.0).collect();
+        let ratios: Vec<f64> = ratios.filter(|ratio| ratio.is_finite() && *ratio > 0.0).collect();
         if ratios.len() < LEAST_PRESSES {
             return None;
         }
-        ratios.sort_by(f64::total_cmp);
-        let newtons_per_strength = ratios[ratios.len() / 2];
+        let newtons_per_strength = upper_median(&ratios)?;
         // How far the true force is from the stated one, over the stated one.
-        let mut off: Vec<f64> = ratios.iter().map(|ratio| (ratio / newtons_per_strength - 1.0).abs()).collect();
-        off.sort_by(f64::total_cmp);
-        let relative_sd = off[((off.len() - 1) as f64 * WITHIN_ONE) as usize];
+        let off: Vec<f64> = ratios.iter().map(|ratio| (ratio / newtons_per_strength - 1.0).abs()).collect();
+        let relative_sd = order_statistic(&off, ((off.len() - 1) as f64 * WITHIN_ONE) as usize);
         Some(Forces { newtons_per_strength, relative_sd })
     }
 

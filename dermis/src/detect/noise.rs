@@ -4,6 +4,7 @@ use crate::forward::Matrix;
 use crate::geom::Surface;
 use crate::geom::vector::{Point3, add, dot, scale, sub};
 use crate::image::Image;
+use crate::stats::upper_median;
 use serde::{Deserialize, Serialize};
 
 /// The noise of images: how independent sources of unit variance spread over the pixels.
@@ -121,14 +122,10 @@ pub(super) fn roughness(image: &Image) -> f64 {
         let mean = around.iter().map(|&other| image.values[other]).sum::<f64>() / count;
         (image.values[pixel] - mean).abs() / (1.0 + 1.0 / count).sqrt()
     };
-    let mut deviations: Vec<f64> = (image.space.neighbours.iter().enumerate())
+    let deviations: Vec<f64> = (image.space.neighbours.iter().enumerate())
         .filter(|(_, around)| !around.is_empty())
         .map(deviation)
         .filter(|deviation| deviation.is_finite())
         .collect();
-    if deviations.is_empty() {
-        return 0.0;
-    }
-    let middle = deviations.len() / 2;
-    1.4826 * *deviations.select_nth_unstable_by(middle, f64::total_cmp).1
+    1.4826 * upper_median(&deviations).unwrap_or(0.0)
 }

@@ -1,6 +1,7 @@
 //! How far contacts lie from what touched: measured, not assumed.
 
 use crate::detect::REGION_95_SD;
+use crate::stats::order_statistic;
 use serde::{Deserialize, Serialize};
 
 /// What tells how well a contact is placed.
@@ -175,12 +176,12 @@ fn same_as_before(pairs: &[(f64, f64)], place: usize) -> usize {
 
 /// The standard deviation of the Gaussian in two dimensions whose 95 % region holds 95 % of some distances; `None` of too
 /// few.
-fn region_sd(mut distances: Vec<f64>) -> Option<f64> {
+fn region_sd(distances: Vec<f64>) -> Option<f64> {
     if distances.len() < LEAST_CONTACTS {
         return None;
     }
     let rank = (0.95 * distances.len() as f64) as usize;
-    Some(*distances.select_nth_unstable_by(rank, f64::total_cmp).1 / REGION_95_SD)
+    Some(order_statistic(&distances, rank) / REGION_95_SD)
 }
 
 /// The part of a contact's radius by which images misplace it beside what noise does, such that 95 % of the errors lie in the
@@ -191,12 +192,12 @@ pub fn blur_share(contacts: &[Misplacement]) -> Option<f64> {
         let Circumstances { noise_m, radius_m, .. } = contact.circumstances;
         ((contact.error_m / REGION_95_SD).powi(2) - noise_m * noise_m).max(0.0).sqrt() / radius_m
     };
-    let mut shares: Vec<f64> = contacts.iter().filter(|contact| !contact.is_shared).map(share).collect();
+    let shares: Vec<f64> = contacts.iter().filter(|contact| !contact.is_shared).map(share).collect();
     if shares.len() < LEAST_CONTACTS {
         return None;
     }
     let rank = (0.95 * shares.len() as f64) as usize;
-    Some(*shares.select_nth_unstable_by(rank, f64::total_cmp).1)
+    Some(order_statistic(&shares, rank))
 }
 
 #[cfg(test)]

@@ -171,6 +171,15 @@ impl ForwardModel {
         &self.shared.contact_impedances
     }
 
+    /// The contact resistance of an electrode, ohm: its contact impedance over its size (m2, or m of an arc). A point electrode
+    /// has no contact impedance in the model, and the resistance 0.
+    pub fn contact_resistance_ohm(&self, electrode: usize) -> f64 {
+        match self.mesh().electrode_size(electrode) {
+            size if size > 0.0 => self.contact_impedances()[electrode] / size,
+            _ => 0.0,
+        }
+    }
+
     /// Conductivity of the untouched skin, a value per cell.
     pub fn rest_conductivity(&self) -> &[f64] {
         &self.shared.rest_conductivity

@@ -1,6 +1,7 @@
 //! Channels that an untouched skin shows to be broken.
 
 use crate::frame::{Frame, mean};
+use crate::stats::upper_median;
 
 /// A channel this many times as noisy as the median one is broken: converters that step between ranges make some channels
 /// four times as noisy, a drive without a current some thousand times.
@@ -15,9 +16,8 @@ pub fn broken_channels(untouched: &[Frame]) -> Vec<usize> {
     let Some(mean) = mean(untouched).filter(|_| untouched.len() > 1) else { return Vec::new() };
     let square = |channel: usize| untouched.iter().map(|frame| (frame[channel] - mean[channel]).powi(2)).sum::<f64>();
     let sd: Vec<f64> = (0..mean.len()).map(|channel| (square(channel) / untouched.len() as f64).sqrt()).collect();
-    let mut sorted: Vec<f64> = sd.iter().copied().filter(|sd| sd.is_finite()).collect();
-    sorted.sort_by(f64::total_cmp);
-    let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    let finite: Vec<f64> = sd.iter().copied().filter(|sd| sd.is_finite()).collect();
+    let median = upper_median(&finite).unwrap_or(0.0);
     // An instrument without noise tells nothing.
     let is_broken = |sd: f64| !sd.is_finite() || (median > 0.0 && sd > TOO_NOISY * median);
     (0..sd.len()).filter(|&channel| is_broken(sd[channel])).collect()

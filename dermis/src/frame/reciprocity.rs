@@ -2,6 +2,7 @@
 
 use crate::frame::Frame;
 use crate::protocol::{Channel, Protocol};
+use crate::stats::{ranks, upper_median};
 use std::collections::HashMap;
 
 /// Fewest frames from which agreement is told: a rank correlation of unrelated values is then below a third in nine of
@@ -34,12 +35,12 @@ impl Screening {
         let count = protocol.channel_count();
         assert!(differences.iter().all(|frame| frame.len() == count), "differences of the protocol");
         let column = |channel: usize| differences.iter().map(|frame| frame[channel]).collect::<Vec<f64>>();
-        let sd =
-            (0..count).map(|channel| 1.4826 * median(column(channel).into_iter().map(f64::abs).collect())).collect();
+        let sizes = |channel: usize| column(channel).into_iter().map(f64::abs).collect::<Vec<f64>>();
+        let sd = (0..count).map(|channel| 1.4826 * upper_median(&sizes(channel)).unwrap_or(0.0)).collect();
         if differences.len() < FRAMES_AT_LEAST {
             return Screening { disagreeing: Vec::new(), sd };
         }
-        let ranks: Vec<Vec<f64>> = (0..count).map(|channel| ranks(&column(channel))).collect();
+        let ranks: Vec<Vec<f64>> = (0..count).map(|channel| centred_ranks(&column(channel))).collect();
         let together = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let disagrees = |channel: usize, twins: &[(usize, f64)]| {
             let agrees = |&&(twin, sign): &&(usize, f64)| sign * together(&ranks[channel], &ranks[twin]) > 0.0;
@@ -120,28 +121,9 @@ fn key(channel: &Channel) -> ([usize; 4], f64) {
 }
 
 /// The ranks of some values less their mean; equal values share the mean of their ranks.
-fn ranks(values: &[f64]) -> Vec<f64> {
-    let mut order: Vec<usize> = (0..values.len()).collect();
-    order.sort_by(|&a, &b| values[a].total_cmp(&values[b]));
+fn centred_ranks(values: &[f64]) -> Vec<f64> {
     let middle = (values.len() as f64 - 1.0) / 2.0;
-    let mut ranks = vec![0.0; values.len()];
-    let mut start = 0;
-    while start < order.len() {
-        let alike = order[start..].iter().take_while(|&&index| values[index] == values[order[start]]).count();
-        let rank = start as f64 + (alike as f64 - 1.0) / 2.0 - middle;
-        order[start..start + alike].iter().for_each(|&index| ranks[index] = rank);
-        start += alike;
-    }
-    ranks
-}
-
-/// The upper median; zero without a value.
-fn median(mut values: Vec<f64>) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+    ranks(values).into_iter().map(|rank| rank - middle).collect()
 }
 
 #[cfg(test)]
@@ -212,6 +194,6 @@ mod tests {
 
     #[test]
     fn equal_values_share_their_rank() {
-        assert_eq!(ranks(&[5.0, 1.0, 5.0, 9.0]), vec![0.0, -1.5, 0.0, 1.5]);
+        assert_eq!(centred_ranks(&[5.0, 1.0, 5.0, 9.0]), vec![0.0, -1.5, 0.0, 1.5]);
     }
 }

@@ -60,6 +60,13 @@ pub fn centroid(points: &[Point3]) -> Point3 {
     scale(sum, 1.0 / points.len() as f64)
 }
 
+/// The longest distance between two of some points: the longest edge of a triangle or a tetrahedron.
+pub fn longest_edge(corners: &[Point3]) -> f64 {
+    let others =
+        |(index, a): (usize, &Point3)| corners[index + 1..].iter().map(move |b| distance(*a, *b)).fold(0.0, f64::max);
+    corners.iter().enumerate().map(others).fold(0.0, f64::max)
+}
+
 /// The area of a triangle in space.
 #[inline]
 pub fn triangle_area(corners: [Point3; 3]) -> f64 {

@@ -1,6 +1,6 @@
 //! Checks that a forward problem can be solved on a mesh.
 
-use crate::geom::vector::{Point3, cross, distance, sub, tetrahedron_volume};
+use crate::geom::vector::{Point3, cross, longest_edge, sub, tetrahedron_volume};
 use crate::mesh::{Cells, ElectrodePatch, Mesh, MeshError};
 use std::collections::{BTreeMap, HashMap};
 
@@ -82,7 +82,8 @@ impl Mesh {
     fn check_cells(&self) -> Result<(), MeshError> {
         for cell in 0..self.cell_count() {
             let corners = self.cells.corners(cell);
-            let longest = longest_edge(corners, &self.nodes);
+            let corners_m: Vec<Point3> = corners.iter().map(|&node| self.nodes[node]).collect();
+            let longest = longest_edge(&corners_m);
             let (relative, what) = match &self.cells {
                 Cells::Triangles(_) => (2.0 * self.cell_measure(cell) / (longest * longest), "area"),
                 Cells::Tetrahedra(cells) => {
@@ -228,16 +229,6 @@ fn sorted(nodes: &[usize]) -> Vec<usize> {
     let mut nodes = nodes.to_vec();
     nodes.sort_unstable();
     nodes
-}
-
-fn longest_edge(corners: &[usize], nodes: &[Point3]) -> f64 {
-    let mut longest: f64 = 0.0;
-    for (k, &a) in corners.iter().enumerate() {
-        for &b in &corners[..k] {
-            longest = longest.max(distance(nodes[a], nodes[b]));
-        }
-    }
-    longest
 }
 
 /// The axis across the plane z = constant (or x, or y) in which all nodes lie.

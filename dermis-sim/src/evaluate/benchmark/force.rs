@@ -4,7 +4,7 @@ use crate::experiment::{PressSet, Recording, record};
 use crate::twin::{Press, Twin};
 use dermis::frame::Frame;
 use dermis::reconstruct::Reconstruct;
-use dermis::stats::{mean_and_sd, quantile};
+use dermis::stats::{mean_and_sd, quantile, ranks};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -83,15 +83,6 @@ fn rank_correlation(a: &[f64], b: &[f64]) -> f64 {
     let (mean_b, sd_b) = mean_and_sd(&b);
     let product = a.iter().zip(&b).map(|(a, b)| (a - mean_a) * (b - mean_b)).sum::<f64>() / a.len() as f64;
     product / (sd_a * sd_b)
-}
-
-fn ranks(values: &[f64]) -> Vec<f64> {
-    let rank = |value: &f64| {
-        let below = values.iter().filter(|other| *other < value).count();
-        let same = values.iter().filter(|other| *other == value).count();
-        below as f64 + 0.5 * (same as f64 - 1.0)
-    };
-    values.iter().map(rank).collect()
 }
 
 /// Median and least; `NaN` without a number. One that is none counts as the least.

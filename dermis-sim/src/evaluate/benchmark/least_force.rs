@@ -7,7 +7,7 @@ use dermis::frame::{Frame, mean};
 use dermis::geom::Point3;
 use dermis::image::Image;
 use dermis::reconstruct::Reconstruct;
-use dermis::stats::mean_and_sd;
+use dermis::stats::{inverse_cdf_quantile, mean_and_sd};
 use rayon::prelude::*;
 
 /// One false contact an hour at 120 frames a second.
@@ -126,9 +126,7 @@ pub(super) fn median_and_p95(forces_n: &[f64]) -> [f64; 2] {
     let mut forces: Vec<f64> =
         forces_n.iter().map(|force| if force.is_nan() { f64::INFINITY } else { *force }).collect();
     forces.sort_by(f64::total_cmp);
-    // The smallest force that suffices at this part of the places: no mean of two, one of which may be infinite.
-    let rank = |part: f64| (part * forces.len() as f64).ceil() as usize;
-    [0.5, 0.95].map(|part| forces.get(rank(part).saturating_sub(1)).copied().unwrap_or(f64::NAN))
+    [0.5, 0.95].map(|part| inverse_cdf_quantile(&forces, part).unwrap_or(f64::NAN))
 }
 
 #[cfg(test)]

@@ -20,8 +20,9 @@ pub use options::{AdcOptions, ElectronicsOptions, HumOptions};
 pub(super) use options::{not_negative, out_of_range, positive};
 pub use report::{ElectronicsReport, ErrorPart};
 
-use crate::noise::Noise;
+use crate::noise::{Noise, undriven_rms};
 use crate::random::{sample_rng, standard_normal};
+use dermis::elementary::sin;
 use dermis::forward::ElectrodeNetwork;
 use dermis::frame::Frame;
 use dermis::protocol::{Pair, Protocol};
@@ -256,7 +257,7 @@ impl Electronics {
                 slot += 1;
                 let time_s = self.time_s(index) + f64::from(slot) / self.options.slot_rate_hz;
                 readings.values_v[channel] +=
-                    hum.amplitude_v * (TAU * hum.frequency_hz * time_s + self.hum_phase_rad).sin();
+                    hum.amplitude_v * sin(TAU * hum.frequency_hz * time_s + self.hum_phase_rad);
             }
         }
     }
@@ -284,11 +285,4 @@ impl Electronics {
             convert(value_v, if channel.touches_driven() { adc.gain_driven } else { adc.gain });
         }
     }
-}
-
-/// Root mean square of the values that share no electrode with their drive; `None` where there is none.
-fn undriven_rms(protocol: &Protocol, values: &[f64]) -> Option<f64> {
-    let undriven = values.iter().zip(protocol.channels()).filter(|(_, channel)| !channel.touches_driven());
-    let (sum, count) = undriven.fold((0.0, 0usize), |(sum, count), (value, _)| (sum + value * value, count + 1));
-    (count > 0).then(|| (sum / count as f64).sqrt())
 }

@@ -1,6 +1,7 @@
 //! What each part of the instrument adds to a frame's values.
 
-use super::{Electronics, Stage, undriven_rms};
+use super::{Electronics, Stage};
+use crate::noise::undriven_rms;
 use dermis::forward::ElectrodeNetwork;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;

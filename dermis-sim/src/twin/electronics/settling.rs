@@ -11,6 +11,7 @@
 //! reference resistor and `e` the source line: three equations a slot, solved by the exponential of a 3 x 3 matrix. It is
 //! exact for this circuit; the capacitance of every single wire is lumped into the line that it is switched to.
 
+use dermis::elementary::log2;
 use dermis::forward::ElectrodeNetwork;
 
 type Matrix3 = [[f64; 3]; 3];
@@ -122,7 +123,7 @@ fn inverse(m: &Matrix3) -> Matrix3 {
 fn exponential(matrix: &Matrix3) -> Matrix3 {
     const TERMS: u32 = 13;
     let norm = matrix.iter().map(|row| row.iter().map(|value| value.abs()).sum::<f64>()).fold(0.0, f64::max);
-    let halvings = if norm > 0.5 { (2.0 * norm).log2().ceil() as i32 } else { 0 };
+    let halvings = if norm > 0.5 { log2(2.0 * norm).ceil() as i32 } else { 0 };
     let part = matrix.map(|row| row.map(|value| value * 0.5f64.powi(halvings)));
     let identity: Matrix3 = std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j))));
     // Horner's scheme: 1 + X (1 + X / 2 (1 + X / 3 (...))).

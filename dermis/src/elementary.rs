@@ -1,0 +1,16 @@
+//! Elementary functions with the same bits on every system.
+//!
+//! The standard library calls the C library of the system, and C libraries differ in the last bit. What is drawn from a seed
+//! must not: simulation and training use these functions, all of them from the crate `libm`. Square roots, sums and products
+//! are exact to the last bit everywhere (IEEE 754) and need no such care.
+//!
+//! ```
+//! use dermis::elementary::{exp, ln};
+//!
+//! assert!((exp(ln(2.0)) - 2.0).abs() < 1e-15);
+//! ```
+
+pub use libm::{
+    acos, atan2, cos, erf, exp, expf as exp_f32, expm1 as exp_m1, hypot, log as ln, log1p as ln_1p, log2, pow as powf,
+    powf as powf_f32, sin, sincos as sin_cos, tanh,
+};
