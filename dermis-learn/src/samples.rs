@@ -4,11 +4,11 @@ use crate::LearnError;
 use crate::input::Input;
 use crate::source::Source;
 use crate::symmetry::Symmetries;
-use dermis::elementary::{exp_f32, powf_f32};
 use dermis::forward::ForwardModel;
 use dermis::geom::Point3;
 use dermis::image::PixelSpace;
 use dermis_sim::dataset::Sample;
+use dermis_sim::elementary::{exp_f32, powf_f32};
 use dermis_sim::random::{Normal, sample_rng};
 use dermis_sim::unrolled::Unrolled;
 use rand::RngExt;
@@ -354,7 +354,8 @@ mod tests {
     fn samples_of_a_skin_with_point_electrodes_are_finite() {
         let text = SkinDesign::text_of("tank16").unwrap();
         let points = text.replace("shape.arc.length_m = 0.010", "shape = \"point\"");
-        let points = points.lines().filter(|line| !line.starts_with("contact_impedance")).collect::<Vec<_>>().join("\n");
+        let points =
+            points.lines().filter(|line| !line.starts_with("contact_impedance")).collect::<Vec<_>>().join("\n");
         let design = SkinDesign::parse(&points, "points").unwrap();
         assert!(design.electrodes.iter().all(|electrode| electrode.shape == dermis::design::ElectrodeShape::Point));
         let forward = ForwardModel::new(&design, &Mesh::generate(&design).unwrap()).unwrap();

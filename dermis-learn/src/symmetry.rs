@@ -1,9 +1,9 @@
 //! Movements that bring a skin to lie on itself: a touch in one place tells of the touches in all places that they lead to.
 
 use dermis::design::{Body, SkinDesign};
-use dermis::elementary::{atan2, hypot, sin_cos};
 use dermis::geom::Point3;
 use dermis::protocol::{Pair, Protocol};
+use dermis_sim::elementary::{atan2, hypot, sin_cos};
 use std::collections::HashMap;
 
 /// Electrodes that are this close are the same, m.

@@ -3,18 +3,21 @@
 //! Sensing does not need this crate: it makes the frames that a method is trained, tested and compared on.
 
 // Layer 0
+pub mod elementary;
+// Layer 1
+pub mod quadrature;
 pub mod random;
 pub mod unrolled;
-// Layer 1
-pub mod touch;
 // Layer 2
-pub mod noise;
+pub mod touch;
 // Layer 3
-pub mod twin;
+pub mod noise;
 // Layer 4
+pub mod twin;
+// Layer 5
 pub mod dataset;
 pub mod experiment;
-// Layer 5
+// Layer 6
 pub mod evaluate;
 
 mod error;

@@ -1,8 +1,8 @@
 //! White measurement noise of a frame.
 
+use crate::elementary::powf;
 use crate::random::standard_normal;
 use crate::touch::TouchError;
-use dermis::elementary::powf;
 use dermis::frame::Frame;
 use dermis::protocol::Protocol;
 use dermis::stats::rms;

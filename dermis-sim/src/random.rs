@@ -9,7 +9,7 @@
 //! assert_ne!(draw(7, 0), draw(7, 1));
 //! ```
 
-use dermis::elementary::{cos, exp, ln, ln_1p, sin_cos};
+use crate::elementary::{cos, exp, ln, ln_1p, sin_cos};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::TAU;

@@ -4,13 +4,13 @@
 //! `g(x) = A exp(-d(x)^2 / (2 w^2))`, where `d` is the distance along the surface, the conductance becomes
 //! `sigma0 (1 + e g)`, and `e` is +1 or -1 as [`TouchEffect::sign`] says. Several touches add up.
 
+use crate::elementary::exp;
+use crate::quadrature::{eighths, quarters, tetrahedron_points, triangle_points};
 use crate::unrolled::Unrolled;
 use dermis::design::TouchEffect;
-use dermis::elementary::exp;
 use dermis::geom::vector::{distance, longest_edge};
 use dermis::geom::{Point3, Surface};
 use dermis::mesh::{Cells, Mesh};
-use dermis::quadrature::{eighths, quarters, tetrahedron_points, triangle_points};
 use thiserror::Error;
 
 /// A touch or a noise that cannot be simulated.

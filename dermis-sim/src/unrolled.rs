@@ -14,7 +14,7 @@
 //! assert!((surface.distance_m(here, there) - 0.05).abs() < 1e-12);
 //! ```
 
-use dermis::elementary::{atan2, sin_cos};
+use crate::elementary::{atan2, sin_cos};
 use dermis::geom::vector::sub;
 use dermis::geom::{Point3, Surface};
 use std::f64::consts::TAU;

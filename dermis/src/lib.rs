@@ -9,10 +9,8 @@
 //! Signs, orders, axes and units are those of `docs/conventions.md`: SI everywhere, indices from 0.
 
 // Layer 0
-pub mod elementary;
 pub mod geom;
 pub mod linalg;
-pub mod quadrature;
 pub mod stats;
 // Layer 1
 pub mod contact;

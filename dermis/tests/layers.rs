@@ -21,7 +21,18 @@ const LAYERED: &[(&str, &[&[&str]])] = &[
             &["method"],
         ],
     ),
-    ("dermis-sim", &[&["random"], &["touch"], &["noise"], &["twin"], &["dataset", "experiment"], &["evaluate"]]),
+    (
+        "dermis-sim",
+        &[
+            &["elementary"],
+            &["quadrature", "random", "unrolled"],
+            &["touch"],
+            &["noise"],
+            &["twin"],
+            &["dataset", "experiment"],
+            &["evaluate"],
+        ],
+    ),
 ];
 
 /// Modules outside the layers: the crate's error has one variant per module, and `lib.rs` declares them all.

@@ -1,7 +1,7 @@
 //! Places drawn uniformly by area from the surface of a skin.
 
+use crate::elementary::sin_cos;
 use dermis::design::Body;
-use dermis::elementary::sin_cos;
 use dermis::geom::Point3;
 use dermis::geom::vector::{add, scale, sub, triangle_area};
 use dermis::mesh::{Cells, Mesh};

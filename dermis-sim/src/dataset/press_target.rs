@@ -8,10 +8,10 @@
 //! their places are not known to whoever looks at the image.
 
 use crate::dataset::quadrature::Rule;
+use crate::elementary::tanh;
 use crate::twin::{ContactLaw, Foam, Footprint, PatchOptions, Press, TwinError};
 use crate::unrolled::Unrolled;
 use dermis::design::{Body, ImageLayout, SkinDesign};
-use dermis::elementary::tanh;
 use dermis::geom::{Point3, Surface};
 use dermis::image::{PixelSpace, chart_box};
 use dermis::mesh::{Cells, Mesh};

@@ -1,8 +1,8 @@
 //! The mean of a Gaussian over a cell, divided as often as its width asks for.
 
+use crate::quadrature::{Weighted, eighths, quarters, tetrahedron_points, triangle_points};
 use crate::touch::{TETRAHEDRON_EDGE_WIDTHS, TRIANGLE_EDGE_WIDTHS};
 use dermis::geom::Point3;
-use dermis::quadrature::{Weighted, eighths, quarters, tetrahedron_points, triangle_points};
 
 /// The rule by which the mean over a kind of cell is taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

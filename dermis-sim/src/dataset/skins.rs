@@ -3,11 +3,11 @@
 use crate::dataset::DatasetError;
 use crate::dataset::generator::UNIT;
 use crate::dataset::recipe::SkinSpread;
+use crate::elementary::{cos, hypot};
 use crate::random::{log_normal, sample_rng};
 use crate::twin::FieldPlaces;
 use crate::unrolled::Unrolled;
 use dermis::design::{Body, ElectrodeShape, SkinDesign};
-use dermis::elementary::{cos, hypot};
 use dermis::forward::{ForwardModel, Solver};
 use dermis::geom::Point3;
 use dermis::geom::vector::{cross, dot, sub};

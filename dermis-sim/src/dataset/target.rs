@@ -1,8 +1,8 @@
 //! Images that a network should make: the mean of each pixel's relative change of conductance.
 
+use crate::elementary::{atan2, erf};
 use crate::touch::GaussianTouch;
 use dermis::design::{Body, ImageLayout, SkinDesign};
-use dermis::elementary::{atan2, erf};
 use dermis::geom::Point3;
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;

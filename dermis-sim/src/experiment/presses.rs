@@ -1,10 +1,10 @@
 //! Where and how hard an experiment presses.
 
+use crate::elementary::{ln, sin_cos};
 use crate::random::sample_rng;
 use crate::twin::{Press, PressOptions};
 use crate::unrolled::Unrolled;
 use dermis::design::SkinDesign;
-use dermis::elementary::{ln, sin_cos};
 use dermis::geom::Surface;
 use dermis::geom::vector::{Point3, add, scale};
 use dermis::image::PixelSpace;

@@ -2,7 +2,7 @@
 
 use super::TwinError;
 use super::error::{check_between, check_positive};
-use dermis::elementary::powf;
+use crate::elementary::powf;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -2,11 +2,11 @@
 
 use super::TwinError;
 use super::patches::PatchGrid;
+use crate::quadrature::{gauss_legendre, triangle_points};
 use dermis::forward::{PotentialMoment, PotentialMoments};
 use dermis::geom::{Point2, polygon};
 use dermis::linalg::Matrix;
 use dermis::mesh::{Cells, Mesh};
-use dermis::quadrature::{gauss_legendre, triangle_points};
 use std::collections::BTreeMap;
 
 /// A patch of which the body's edge leaves less than this share has no contact.

@@ -1,8 +1,8 @@
 //! Faults, each asked for by name.
 
 use super::TwinError;
+use crate::elementary::atan2;
 use dermis::design::{Body, SkinDesign};
-use dermis::elementary::atan2;
 use dermis::geom::Point2;
 use dermis::geom::Surface;
 use dermis::geom::surface::angle_difference;

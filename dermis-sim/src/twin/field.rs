@@ -5,9 +5,9 @@
 //! `exp(-d^2 / (2 l^2))`. Distances run along the surface, round the seam of a cylinder; on a body known only by its mesh
 //! they run straight through space.
 
+use crate::elementary::exp;
 use crate::random::standard_normal;
 use crate::unrolled::Unrolled;
-use dermis::elementary::exp;
 use dermis::geom::{Point3, Surface};
 use dermis::mesh::Mesh;
 use rand_chacha::ChaCha8Rng;

@@ -3,10 +3,10 @@
 use super::TwinError;
 use super::electronics::{not_negative, out_of_range, positive};
 use super::field::CorrelatedField;
+use crate::elementary::{atan2, exp_m1, hypot, sin_cos};
 use crate::random::{log_normal, sample_rng, standard_normal};
 use crate::unrolled::Unrolled;
 use dermis::design::{Body, Electrode, ElectrodeShape, SkinDesign};
-use dermis::elementary::{atan2, exp_m1, hypot, sin_cos};
 use dermis::forward::{ElectrodeNetwork, ForwardError};
 use dermis::geom::{Point3, Surface};
 use dermis::mesh::Mesh;

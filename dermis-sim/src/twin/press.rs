@@ -2,12 +2,12 @@
 
 use super::TwinError;
 use super::error::check_positive;
+use crate::elementary::{acos, atan2, cos, hypot};
+use crate::quadrature::gauss_legendre;
 use dermis::design::Body;
-use dermis::elementary::{acos, atan2, cos, hypot};
 use dermis::geom::Point3;
 use dermis::geom::vector::distance;
 use dermis::mesh::Mesh;
-use dermis::quadrature::gauss_legendre;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};

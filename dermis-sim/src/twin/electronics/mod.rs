@@ -20,9 +20,9 @@ pub use options::{AdcOptions, ElectronicsOptions, HumOptions};
 pub(super) use options::{not_negative, out_of_range, positive};
 pub use report::{ElectronicsReport, ErrorPart};
 
+use crate::elementary::sin;
 use crate::noise::{Noise, undriven_rms};
 use crate::random::{sample_rng, standard_normal};
-use dermis::elementary::sin;
 use dermis::forward::ElectrodeNetwork;
 use dermis::frame::Frame;
 use dermis::protocol::{Pair, Protocol};

@@ -11,7 +11,7 @@
 //! reference resistor and `e` the source line: three equations a slot, solved by the exponential of a 3 x 3 matrix. It is
 //! exact for this circuit; the capacitance of every single wire is lumped into the line that it is switched to.
 
-use dermis::elementary::log2;
+use crate::elementary::log2;
 use dermis::forward::ElectrodeNetwork;
 
 type Matrix3 = [[f64; 3]; 3];

@@ -5,7 +5,7 @@
 //! are exact to the last bit everywhere (IEEE 754) and need no such care.
 //!
 //! ```
-//! use dermis::elementary::{exp, ln};
+//! use dermis_sim::elementary::{exp, ln};
 //!
 //! assert!((exp(ln(2.0)) - 2.0).abs() < 1e-15);
 //! ```

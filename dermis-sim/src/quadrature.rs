@@ -1,7 +1,7 @@
 //! Quadrature: points and weights whose weighted sum is a mean.
 //!
 //! ```
-//! use dermis::quadrature::triangle_points;
+//! use dermis_sim::quadrature::triangle_points;
 //!
 //! let corners = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
 //! let mean: f64 = triangle_points(&corners).iter().map(|([x, y], weight)| weight * x * y).sum();
@@ -9,8 +9,8 @@
 //! ```
 
 use crate::elementary::cos;
-use crate::geom::Point3;
-use crate::geom::vector::{add, scale};
+use dermis::geom::Point3;
+use dermis::geom::vector::{add, scale};
 use std::f64::consts::PI;
 
 /// A point in `D` coordinates and its weight.
@@ -97,7 +97,7 @@ pub fn gauss_legendre(count: usize) -> Vec<(f64, f64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geom::vector::{cross, dot, sub, triangle_area};
+    use dermis::geom::vector::{cross, dot, sub, triangle_area};
 
     fn factorial(n: u32) -> f64 {
         (1..=n).map(f64::from).product()
