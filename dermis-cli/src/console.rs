@@ -1,4 +1,4 @@
-//! What a person sees while a command runs and when it is done.
+//! Output of commands: results, progress bars, status lines.
 
 use crate::failure::{Failure, Outcome};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -6,7 +6,7 @@ use std::io::Write;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Prints a result. A reader that has seen enough (`dermis ... | head`) is no error.
+/// Prints a result. A closed pipe (`dermis ... | head`) is not an error.
 pub fn print(text: &str) -> Outcome {
     let mut out = std::io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
@@ -23,7 +23,7 @@ pub fn print_json(value: &impl serde::Serialize) -> Outcome {
     print(&format!("{text}\n"))
 }
 
-/// A bar with the time left, on work that takes longer than two seconds, where standard error is a terminal.
+/// A progress bar with the time left, shown after two seconds where standard error is a terminal.
 #[derive(Debug)]
 pub struct Progress {
     bar: ProgressBar,
@@ -32,7 +32,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// How long work may take without a bar.
+    /// Time without a bar.
     const QUIET: Duration = Duration::from_secs(2);
 
     /// A bar over `count` steps.
@@ -44,7 +44,7 @@ impl Progress {
         Progress { bar, begun: Instant::now(), shown: AtomicBool::new(false) }
     }
 
-    /// A bar over `count` steps that also shows how many are done in a second.
+    /// A bar over `count` steps that also shows the rate.
     pub fn with_rate(what: &str, count: u64) -> Self {
         let progress = Progress::new(what, usize::try_from(count).unwrap_or(usize::MAX));
         let template = "{msg} {wide_bar} {pos}/{len}, {per_sec}, {eta} left";
@@ -52,7 +52,7 @@ impl Progress {
         progress
     }
 
-    /// A sign of life on work whose steps are not known; it shows how long the work has taken.
+    /// A spinner with the elapsed time, for work of unknown length.
     pub fn waiting(what: &str) -> Self {
         let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
         bar.set_style(ProgressStyle::with_template("{msg} {spinner} {elapsed}").expect("a valid template"));
@@ -61,20 +61,20 @@ impl Progress {
         Progress { bar, begun: Instant::now(), shown: AtomicBool::new(true) }
     }
 
-    /// What is being done now.
+    /// Changes the message.
     pub fn tell(&self, what: &str) {
         self.bar.set_message(what.to_string());
     }
 
-    /// One step is done.
+    /// Advances by one step.
     pub fn step(&self) {
         self.steps(1);
     }
 
-    /// Some steps are done.
+    /// Advances by some steps.
     pub fn steps(&self, count: u64) {
         if self.begun.elapsed() > Self::QUIET && !self.shown.swap(true, Ordering::Relaxed) {
-            // Draws nothing where standard error is no terminal.
+            // Draws nothing where standard error is not a terminal.
             self.bar.set_draw_target(ProgressDrawTarget::stderr());
         }
         self.bar.inc(count);
@@ -107,7 +107,7 @@ impl dermis_study::Task for Progress {
     }
 }
 
-/// Calls something when a person interrupts (Ctrl-C) or the system asks to end; a second interrupt ends at once.
+/// Calls a function on the first interrupt (Ctrl-C) or request to terminate; a second one exits at once.
 pub fn on_interrupt(mut then: impl FnMut() + Send + 'static) -> Outcome {
     let mut asked = false;
     let handler = move || {
@@ -120,7 +120,7 @@ pub fn on_interrupt(mut then: impl FnMut() + Send + 'static) -> Outcome {
     ctrlc::set_handler(handler).map_err(|error| Failure::Ours(format!("no handler of interrupts: {error}")))
 }
 
-/// A line on the terminal that is drawn again and again; nothing where standard error is no terminal.
+/// A status line on the terminal that is redrawn; nothing where standard error is not a terminal.
 #[derive(Debug)]
 pub struct StatusLine {
     bar: ProgressBar,
@@ -140,7 +140,7 @@ impl StatusLine {
         self.bar.tick();
     }
 
-    /// Prints something above it.
+    /// Prints text above it.
     pub fn print(&self, text: &str) {
         if self.bar.is_hidden() { eprintln!("{text}") } else { self.bar.println(text) }
     }

@@ -10,7 +10,7 @@ use std::sync::Arc;
 /// What is emulated.
 #[derive(Debug, Clone, Args)]
 pub struct EmulatorArguments {
-    /// The twin: the path of its file, or a shipped name (ideal, lab, harsh).
+    /// Digital twin: the path of a file, or a shipped name (ideal, lab, harsh).
     #[arg(long, value_name = "TWIN", default_value = "lab")]
     twin: String,
     /// Its seed, which is the number of the device too.

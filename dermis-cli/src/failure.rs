@@ -1,4 +1,4 @@
-//! What went wrong, told to a person, and the code to exit with.
+//! Errors of commands and their exit codes.
 
 use dermis::design::DesignError;
 use miette::{Diagnostic, NamedSource, SourceSpan};
@@ -11,20 +11,20 @@ pub type Outcome<T = ()> = Result<T, Failure>;
 /// Why a command did not finish.
 #[derive(Debug)]
 pub enum Failure {
-    /// Something that was given is wrong or missing, or a result cannot be written: exit code 2.
+    /// Invalid input, or a result that cannot be written: exit code 2.
     Given(miette::Report),
-    /// A fault of ours: exit code 1.
+    /// An internal error: exit code 1.
     Ours(String),
 }
 
 impl Failure {
-    /// A mistake in the arguments, and how to mend it.
+    /// An error of the user's input, and the fix.
     pub fn given(message: impl fmt::Display, fix: Option<&str>) -> Self {
         let fix = fix.map(str::to_string);
         Failure::Given(Excerpt { message: message.to_string(), fix, source: None, span: None }.into())
     }
 
-    /// Tells the person and gives the code to exit with.
+    /// Prints the error and returns the exit code.
     pub fn report(self) -> ExitCode {
         match self {
             Failure::Given(report) => {
@@ -33,7 +33,7 @@ impl Failure {
             }
             Failure::Ours(message) => {
                 eprintln!(
-                    "Error: {message}\nThis is a fault of dermis: please report it with the command and its files."
+                    "Error: {message}\nThis is an internal error of dermis: please report it with the command and its files."
                 );
                 ExitCode::from(1)
             }
@@ -41,12 +41,12 @@ impl Failure {
     }
 }
 
-/// Tells the person of a panic, whose own message stands above.
+/// Reports a panic, after its own message.
 pub fn report_panic() -> ExitCode {
-    Failure::Ours("an unexpected state (see above)".into()).report()
+    Failure::Ours("unexpected state (see above)".into()).report()
 }
 
-/// A message with the part of the file at fault.
+/// A message with the excerpt of the file where the error is.
 #[derive(Debug)]
 struct Excerpt {
     message: String,
@@ -132,7 +132,7 @@ impl From<dermis_study::Error> for Failure {
     }
 }
 
-/// A table can be long: only where it begins is marked.
+/// Marks only the beginning of a long table.
 fn first_line_of(span: std::ops::Range<usize>) -> SourceSpan {
     const MOST: usize = 80;
     (span.start, span.len().min(MOST)).into()
@@ -147,7 +147,6 @@ impl From<dermis::Error> for Failure {
     }
 }
 
-/// The errors of single modules.
 impl From<dermis_sim::Error> for Failure {
     fn from(error: dermis_sim::Error) -> Self {
         match error {

@@ -1,4 +1,4 @@
-//! `dermis`: skins, meshes, frames, images and contacts from the command line.
+//! The program `dermis`.
 
 mod command;
 mod console;
@@ -12,14 +12,14 @@ mod skin;
 use clap::Parser;
 use std::process::ExitCode;
 
-/// Touch for robots, from a handful of electrodes.
+/// Electrical resistance tomography (ERT) skins for robots: design, simulation, reconstruction, live contacts.
 #[derive(Debug, Parser)]
 #[command(
     name = "dermis",
     version,
     about,
-    after_help = "A DESIGN is the path of a design file or a shipped name: \
-    cylinder30, skin16, tank16. Exit codes: 0 done, 2 a mistake in what was given, 1 a fault of dermis."
+    after_help = "DESIGN is the path of a design file or a shipped name: \
+    cylinder30, skin16, tank16. Exit codes: 0 success, 2 invalid input, 1 internal error."
 )]
 struct Arguments {
     #[command(subcommand)]

@@ -88,10 +88,10 @@ fn results_have_the_shapes_that_scripts_expect() {
     assert!(images[0][0].is_nan() && images[0][28].is_finite(), "NaN outside the disk, numbers inside");
     at.good(&format!("contacts {input} -o contacts.csv"));
     let contacts = std::fs::read_to_string(at.path("contacts.csv")).unwrap();
-    let header = "frame,id,x_m,y_m,z_m,theta_rad,nx,ny,nz,area_m2,strength,confidence,sd_m\n";
+    let header = "frame,id,x_m,y_m,z_m,normal_x,normal_y,normal_z,force_n,force_sd_n,strength,area_m2,sd_m,confidence,theta_rad\n";
     assert!(contacts.starts_with(header), "{contacts}");
     let first: Vec<&str> = contacts.lines().nth(1).expect("a contact").split(',').collect();
-    assert_eq!((first.len(), first[5]), (13, ""), "theta is empty off cylinders");
+    assert_eq!((first.len(), first[14]), (15, ""), "theta is empty except on cylinders");
 }
 
 #[test]
@@ -249,7 +249,7 @@ fn a_new_design_is_read_and_meshed_as_it_is() {
         at.good(&format!("new {body}"));
         at.good(&format!("mesh {body}.toml -o {body}.vtu"));
     }
-    assert!(at.refused("new disk").contains("is there already"));
+    assert!(at.refused("new disk").contains("exists already"));
     at.good("new disk --force");
     at.good("new disk -o other.toml");
     assert!(at.path("other.toml").is_file());

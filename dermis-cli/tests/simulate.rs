@@ -99,7 +99,7 @@ fn two_processes_with_a_shard_each_make_what_one_makes() {
     workplace.good("simulate --finish two --threads 2");
     assert_same(&workplace.path("one"), &workplace.path("two"));
     let told = workplace.good("simulate disk.toml --verify two");
-    assert!(told.contains("5 of 5 files, all whole; finished"), "{told}");
+    assert!(told.contains("5 of 5 files, all intact; finished"), "{told}");
 }
 
 #[test]

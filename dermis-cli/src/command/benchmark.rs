@@ -1,4 +1,4 @@
-//! `dermis benchmark`: a method on twins that it has never seen.
+//! `dermis benchmark`: a method on digital twins.
 
 use crate::console::{Progress, print, print_json};
 use crate::failure::Outcome;
@@ -21,37 +21,37 @@ use std::path::PathBuf;
 /// The arguments of `dermis benchmark`.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The design: a path, or a shipped name.
+    /// Design: the path of a file, or a shipped name.
     design: String,
-    /// The twin: the path of its file, or a shipped name (ideal, lab, harsh).
+    /// Digital twin: the path of a file, or a shipped name (ideal, lab, harsh).
     #[arg(long, value_name = "TWIN", default_value = "lab")]
     twin: String,
-    /// How many twins are drawn and assessed.
+    /// Number of twins.
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..))]
     twins: u64,
-    /// Seed of the first twin; the others have those that follow.
+    /// Seed of the first twin; the following twins use the following seeds.
     #[arg(long, value_name = "S", default_value_t = 1001)]
     seed: u64,
     #[command(flatten)]
     method: MethodArguments,
-    /// A tenth of the frames, for a first look.
+    /// Use a tenth of the frames.
     #[arg(long)]
     quick: bool,
-    /// Write a map of the smallest force found, on the mean of the twins, as SVG.
+    /// Write a map of the smallest detectable force, averaged over the twins (SVG).
     #[arg(long, value_name = "FILE")]
     map: Option<PathBuf>,
-    /// Write the part of two touches that is resolved by their distance, on all twins together, as SVG.
+    /// Write the share of resolved pairs of touches against their distance, over all twins (SVG).
     #[arg(long, value_name = "FILE")]
     curve: Option<PathBuf>,
-    /// So many electrodes of each twin have come off, drawn from its seed.
+    /// Number of disconnected electrodes of each twin, drawn from its seed.
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     dead: usize,
-    /// Print JSON (SI units) in place of a table.
+    /// Print JSON (SI units) instead of a table.
     #[arg(long)]
     json: bool,
 }
 
-/// What machines get.
+/// The results as JSON.
 #[derive(Serialize)]
 struct Summary<'a> {
     design: &'a str,
@@ -62,7 +62,7 @@ struct Summary<'a> {
 }
 
 impl Arguments {
-    /// Assesses the method on every twin.
+    /// Runs the benchmark on every twin.
     pub fn run(self) -> Outcome {
         let skin = skin::load(&self.design)?;
         let options = TwinOptions::load(&self.twin)?;
@@ -78,7 +78,7 @@ impl Arguments {
         };
         let size = self.size();
         let each = metrics::benchmark_frames(&size, pixels.len());
-        let progress = Progress::new("pressing twins", each * self.twins as usize);
+        let progress = Progress::new("benchmarking", each * self.twins as usize);
         let seeds = self.seed..self.seed + self.twins;
         let twins = seeds.map(|seed| benchmark.run(seed, &size, |done| progress.steps(done as u64)));
         let twins: Vec<BenchmarkResult> = twins.collect::<dermis_sim::Result<_>>()?;
@@ -125,23 +125,23 @@ impl Arguments {
         }
     }
 
-    /// Two touches told apart, by their distance; the bar of 90 % beside.
+    /// Resolved pairs of touches against their distance, beside the line at 90 %.
     fn curve(&self, method: String, twins: &[BenchmarkResult]) -> Picture {
         let places = resolved(twins);
         let bar = places.iter().map(|[distance_m, _]| [1e3 * distance_m, 90.0]).collect();
         let curve = places.iter().map(|[distance_m, part]| [1e3 * distance_m, 100.0 * part]).collect();
         Curves {
-            title: "Two touches told apart",
+            title: "Two-point resolution",
             subtitle: &format!("{} `{}`", counted(twins.len()), self.twin),
-            below: "distance, mm",
-            left: "resolved, %",
+            below: "distance (mm)",
+            left: "resolved pairs (%)",
             shown: vec![0.0, 100.0],
             curves: vec![(method, curve), ("90 %".into(), bar)],
         }
         .draw()
     }
 
-    /// Where the smallest force is sought at every pixel, its mean over the twins.
+    /// The mean over the twins of the smallest detectable force at each pixel.
     fn map(
         &self,
         skin: &Skin,
@@ -156,16 +156,19 @@ impl Arguments {
         }
         let drawing = Drawing::new(skin.design(), skin.mesh());
         let scale = Scale::sequential(forces.iter().copied());
-        let mut scene =
-            drawing.field(pixels, &forces, Key { scale, label: "smallest force found 90 % of the time, N".into() });
-        scene.title = "Smallest force".into();
+        let mut scene = drawing.field(
+            pixels,
+            &forces,
+            Key { scale, label: "smallest force detected with probability 0.9 (N)".into() },
+        );
+        scene.title = "Smallest detectable force".into();
         scene.subtitle =
             format!("{} `{}`, one false contact an hour at 120 frames a second", counted(twins.len()), self.twin);
         View::Unrolled.draw(&scene, skin.design()).map_err(|error| crate::failure::Failure::Ours(error.to_string()))
     }
 }
 
-/// The part of pairs that was resolved on all twins together, by their distance (m).
+/// The share of resolved pairs over all twins for each distance (m).
 fn resolved(twins: &[BenchmarkResult]) -> Vec<[f64; 2]> {
     let steps = twins.first().map_or(&[][..], |twin| &twin.two_resolved);
     let part = |step: usize| twins.iter().map(|twin| twin.two_resolved[step].1).sum::<f64>() / twins.len() as f64;

@@ -1,5 +1,4 @@
-//! `dermis calibrate`: how far a method's contacts lie from what touched, and how strong they are for a force, measured on
-//! simulated touches.
+//! `dermis calibrate`: position errors and force per strength of a method, measured on simulated touches.
 
 use crate::console::{Progress, print, print_json};
 use crate::failure::{Failure, Outcome};
@@ -20,36 +19,36 @@ use std::path::PathBuf;
 /// The arguments of `dermis calibrate`.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The design: a path, or a shipped name.
+    /// Design: the path of a file, or a shipped name.
     design: String,
     #[command(flatten)]
     method: MethodArguments,
-    /// What the touches and skins are drawn from, several files one after the other; without one, presses on the patches of
-    /// careful workshops.
+    /// Recipe of the touches and skins (TOML); may be given more than once. Default: presses on patches, with a careful
+    /// workshop's tolerances.
     #[arg(long, value_name = "FILE")]
     recipe: Vec<PathBuf>,
     /// Samples of each recipe.
     #[arg(long, value_name = "N", default_value_t = 4000, value_parser = clap::value_parser!(u64).range(1..))]
     samples: u64,
-    /// Their seed; not one that the method was trained with.
+    /// Seed of the samples; use one that the method was not trained with.
     #[arg(long, value_name = "S", default_value_t = 3001)]
     seed: u64,
-    /// The part of an image's highest peak that a contact's must exceed, in place of the method's own.
+    /// Smallest peak of a contact as a share of the image's highest peak, instead of the method's own.
     #[arg(long, value_name = "SHARE")]
     peak_fraction: Option<f64>,
-    /// Keep what was measured, and the peak fraction, in the card of the network whose folder --method names.
+    /// Save the calibration and the peak fraction to the card of the network in the folder of --method.
     #[arg(long)]
     keep: bool,
-    /// Write each contact that was matched with a touch: how it was found, and how far off (CSV).
+    /// Write the matched contacts with their errors (CSV).
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Print JSON (SI units) in place of a table.
+    /// Print JSON (SI units) instead of a table.
     #[arg(long)]
     json: bool,
 }
 
 impl Arguments {
-    /// Simulates, finds and measures.
+    /// Simulates touches, detects contacts and measures their errors.
     pub fn run(self) -> Outcome {
         if self.keep {
             self.method.check_is_folder("--keep")?;
@@ -66,8 +65,10 @@ impl Arguments {
         }
         let run = self.calibration_run(&skin, method.reconstruct().as_ref(), &detection)?;
         let few = || {
-            let message =
-                format!("{} contacts were matched with a touch, too few to measure by", run.misplacements.len());
+            let message = format!(
+                "only {} contacts were matched with a touch: too few for a calibration",
+                run.misplacements.len()
+            );
             Failure::given(message, Some("ask for more --samples"))
         };
         let blur = blur_share(&run.misplacements).ok_or_else(few)?;
@@ -107,7 +108,7 @@ impl Arguments {
         detection: &DetectOptions,
     ) -> Outcome<CalibrationRun> {
         let recipes = self.recipes()?;
-        let progress = Progress::new("touching", self.samples as usize * recipes.len());
+        let progress = Progress::new("simulating touches", self.samples as usize * recipes.len());
         let one = |recipe: &Recipe| {
             let generator = Generator::new(skin.design(), skin.forward(), recipe)?;
             Ok(CalibrationRun::of(method, detection, &generator, 0..self.samples, || progress.step())?)
@@ -128,7 +129,7 @@ impl Arguments {
     }
 }
 
-/// The part of the truths in the 95 % regions that some deviations make.
+/// The share of true positions inside the 95 % regions of given standard deviations.
 fn covered(contacts: &[Misplacement], sd_m: impl Fn(&Misplacement) -> f64) -> f64 {
     let inside = contacts.iter().filter(|contact| contact.error_m <= REGION_95_SD * sd_m(contact)).count();
     inside as f64 / contacts.len() as f64
@@ -144,17 +145,17 @@ fn summary(run: &CalibrationRun, detection: &DetectOptions, before: f64, blur: f
     let mut table = Table::new(&["figure", "value"]);
     let mut row = |name: &str, value: String| table.row([name.to_string(), value]);
     row("touches", run.touches.to_string());
-    row("found", format!("{found}, and {} false positives", run.false_positives));
-    row("95 % region holds the truth, as stated so far", format!("{:.1} %", 100.0 * before));
-    row("the same by what was measured, one touch in the frame", after(|contact| contact.touches == 1));
-    row("the same, several and all found", after(|contact| contact.touches > 1 && !contact.is_shared));
-    row("the same, several and some not found", after(|contact| contact.is_shared));
+    row("detected", format!("{found}, and {} false positives", run.false_positives));
+    row("95 % region contains the truth, before calibration", format!("{:.1} %", 100.0 * before));
+    row("after calibration, one touch in the frame", after(|contact| contact.touches == 1));
+    row("after calibration, several touches, all detected", after(|contact| contact.touches > 1 && !contact.is_shared));
+    row("after calibration, several touches, some missed", after(|contact| contact.is_shared));
     row("typical standard deviation", format!("{:.2} mm", 1e3 * spread.typical_m));
     if let Some(Forces { newtons_per_strength, relative_sd }) = detection.forces {
         row("force over strength", format!("{newtons_per_strength:.4e} N"));
         row("standard deviation of a force", format!("{:.0} %", 100.0 * relative_sd));
     }
-    row("error apart from noise over a contact's radius, one number", format!("{blur:.3}"));
+    row("systematic error over contact radius", format!("{blur:.3}"));
     row("unexplained variance of the images", format!("{:.4}", run.images.unexplained()));
     row("variance of the targets", format!("{:.3e}", run.images.target_variance()));
     table

@@ -35,7 +35,7 @@ struct FrameContacts<'a> {
 }
 
 impl Arguments {
-    /// Finds the contacts and writes them.
+    /// Detects the contacts and writes them.
     pub fn run(self) -> Outcome {
         let write = self.format()?;
         let skin = skin::load(&self.design)?;

@@ -12,7 +12,7 @@ use std::sync::Arc;
 /// The arguments of `dermis emulate`.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The design: a path, or a shipped name.
+    /// Design: the path of a file, or a shipped name.
     design: String,
     #[command(flatten)]
     emulator: EmulatorArguments,

@@ -1,4 +1,4 @@
-//! `dermis evaluate`: contacts against what truly touched the skin.
+//! `dermis evaluate`: detected contacts against true touches.
 
 use crate::console::{Progress, print, print_json};
 use crate::failure::{Failure, Outcome};
@@ -17,35 +17,36 @@ use std::path::PathBuf;
 /// The arguments of `dermis evaluate`.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The design: a path, or a shipped name.
+    /// Design: the path of a file, or a shipped name.
     design: String,
     #[command(flatten)]
     frames: FrameArguments,
     #[command(flatten)]
     method: MethodArguments,
-    /// Where the skin was touched, a row per touch: frame,z_m,theta_rad on a cylinder, frame,x_m,y_m on a flat skin,
-    /// frame,x_m,y_m,z_m on a mesh; force_n may follow.
+    /// True touches, one per row: frame,z_m,theta_rad on a cylinder, frame,x_m,y_m on a flat skin, frame,x_m,y_m,z_m on a mesh;
+    /// optionally force_n.
     #[arg(long, value_name = "FILE")]
     truth: PathBuf,
-    /// The truth is headerless x,y,z (m) in the frame of the robot that pressed, a row a frame: the first N presses tell
-    /// where the skin lies in that frame and which prior, alpha and cut suit it (of a network the cut alone), the others are
-    /// scored. Channels that disagree with their twins, or that the instrument is polarity_blind to, are left out.
+    /// Align with the first N presses and score the others. The truth is then x,y,z (m) without a header, in the frame of the
+    /// robot that pressed, one row per frame. The first N presses determine the pose of the skin and select prior, alpha and
+    /// outlier cut (for a network the cut alone). Channels that disagree with their reciprocal channels, or whose polarity the
+    /// instrument cannot measure, are left out.
     #[arg(
         long,
         value_name = "N",
         conflicts_with_all = ["alpha", "alpha_absolute", "noser_exponent", "weighting"]
     )]
     align: Option<usize>,
-    /// In place of the first presses, draw those to align by at random, this many times, and tell the median error.
+    /// Draw the N presses at random, this many times, and report the median error.
     #[arg(long, value_name = "TIMES", requires = "align", value_parser = clap::value_parser!(u64).range(1..))]
     draws: Option<u64>,
-    /// Print JSON (lengths in m) in place of a table (mm).
+    /// Print JSON (lengths in m) instead of a table (mm).
     #[arg(long)]
     json: bool,
 }
 
 impl Arguments {
-    /// Makes images, finds contacts and scores them.
+    /// Reconstructs images, detects contacts and scores them.
     pub fn run(self) -> Outcome {
         let skin = skin::load(&self.design)?;
         let differences = self.frames.read(&skin.design().protocol)?;
@@ -54,12 +55,16 @@ impl Arguments {
             (Truth::OnSkin(truth), None) => truth,
             (Truth::Elsewhere(presses), Some(count)) => return self.align(&skin, &differences.frames, &presses, count),
             (Truth::Elsewhere(_), None) => {
-                let message = format!("{} has no header: where the skin lies is unknown", self.truth.display());
-                let fix = "name the columns in the first row, or find out with --align N";
+                let message =
+                    format!("{} has no header: the coordinate frame of its positions is unknown", self.truth.display());
+                let fix = "name the columns in the first row, or align with --align N";
                 return Err(Failure::given(message, Some(fix)));
             }
             (Truth::OnSkin(_), Some(_)) => {
-                let message = format!("{} is in the skin's own frame: there is nothing to align", self.truth.display());
+                let message = format!(
+                    "{} is in the skin's own coordinate frame: there is nothing to align",
+                    self.truth.display()
+                );
                 return Err(Failure::given(message, Some("leave --align out")));
             }
         };
@@ -72,9 +77,9 @@ impl Arguments {
 }
 
 impl Arguments {
-    /// Finds out from the first presses where the skin lies, and scores the others.
+    /// Determines the pose of the skin from the first presses and scores the others.
     fn align(&self, skin: &Skin, differences: &[Frame], presses: &[Point3], count: usize) -> Outcome {
-        let progress = Progress::waiting("images of all presses, by every prior, alpha and cut to choose from");
+        let progress = Progress::waiting("reconstructing all presses with every candidate prior, alpha and cut");
         let estimates = self.method.press_estimates(skin, differences)?;
         if let Some(draws) = self.draws {
             let means_m = estimates.align_by_few(presses, count, draws).map_err(dermis_sim::Error::from)?;
@@ -106,7 +111,7 @@ impl Arguments {
             return print_json(&serde_json::json!({ "aligned_by": count, "median_m": median_m, "p90_m": p90_m }));
         }
         print(&format!(
-            "aligned by {count} presses, drawn {} times: mean error {:.2} mm in the median draw, {:.2} mm in one of ten or more\n",
+            "aligned by {count} presses, drawn {} times: mean error {:.2} mm (median of the draws), {:.2} mm (90th percentile)\n",
             means_m.len(),
             1e3 * median_m,
             1e3 * p90_m
@@ -114,22 +119,22 @@ impl Arguments {
     }
 }
 
-/// A score of aligned presses for machines.
+/// The score of aligned presses as JSON.
 #[derive(Serialize)]
 struct AlignedJson<'a> {
     #[serde(flatten)]
     score: &'a Score,
-    /// Where the skin lies.
+    /// Pose of the skin in the frame of the presses.
     alignment: &'a Alignment,
-    /// Presses that told it.
+    /// Number of presses that determined it.
     aligned_by: usize,
     /// Channels that were left out.
     left_out: &'a [usize],
-    /// Where outlying values were cut, in standard deviations of their channel; `null` for no cut.
+    /// Outlier cut in standard deviations of the channel; `null` for no cut.
     cut_sd: f64,
 }
 
-/// Where the skin lies and what told it, for people.
+/// The pose of the skin, as text.
 fn placement(aligned: &Aligned) -> String {
     let Alignment { centre_m, rotation_rad, mirrored, scale, residual_m } = aligned.alignment;
     let left_out: Vec<String> = aligned.left_out.iter().map(usize::to_string).collect();
@@ -147,13 +152,13 @@ fn placement(aligned: &Aligned) -> String {
     )
 }
 
-/// A score for people.
+/// The score, as text.
 fn table(skin: &str, score: &Score) -> String {
     let alpha = score.alpha.map(|alpha| format!(", alpha {alpha:.4}")).unwrap_or_default();
     let spread = if score.sensitivity_spread.is_finite() {
         format!("{:.2} (standard deviation over mean)", score.sensitivity_spread)
     } else {
-        "not known without forces".to_string()
+        "unknown without forces".to_string()
     };
     format!(
         "{skin}: {}{alpha}\n  presses             {}, of which {} missed; {} false positives\n  localisation        {}\n  \

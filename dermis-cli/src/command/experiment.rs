@@ -1,4 +1,4 @@
-//! `dermis experiment`: the paper's indentation experiment on a twin.
+//! `dermis experiment`: the paper's indentation experiment on a digital twin.
 
 use crate::console::{Progress, print, print_json};
 use crate::failure::{Failure, Outcome};
@@ -18,34 +18,34 @@ use std::path::{Path, PathBuf};
 /// The arguments of `dermis experiment`.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The design: a path, or a shipped name.
+    /// Design: the path of a file, or a shipped name.
     design: String,
-    /// The twin: the path of its file, or a shipped name (ideal, lab, harsh).
+    /// Digital twin: the path of a file, or a shipped name (ideal, lab, harsh).
     #[arg(long, value_name = "TWIN", default_value = "lab")]
     twin: String,
-    /// The twin, the presses and the noise depend on the seed alone.
+    /// Seed of the twin, the presses and the noise.
     #[arg(long, value_name = "S")]
     seed: u64,
-    /// The folder to write; it must not exist, or be empty.
+    /// Folder to write; it must not exist, or be empty.
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Print JSON in place of a table.
+    /// Print JSON instead of a table.
     #[arg(long)]
     json: bool,
 }
 
-/// What an experiment was, beside its frames.
+/// The description of an experiment, beside its frames.
 #[derive(Debug, Serialize)]
 struct Summary {
     dermis: &'static str,
     design: String,
     twin: TwinOptions,
     seed: u64,
-    /// The mesh that made the frames; it is never the one that reconstructs.
+    /// The mesh of the simulation; never the mesh of the reconstruction.
     mesh_hash: String,
     mesh_nodes: usize,
     untouched_frames_before_each_set: u64,
-    /// What the instrument adds to untouched frames, before the first press.
+    /// Errors of the instrument in untouched frames, before the first press.
     electronics: ElectronicsReport,
     sets: Vec<SetSummary>,
 }
@@ -65,14 +65,14 @@ struct SetSummary {
 }
 
 impl Arguments {
-    /// Draws the twin, presses it and writes what its instrument delivers.
+    /// Simulates the presses and writes the frames.
     pub fn run(self) -> Outcome {
         let design = SkinDesign::load(&self.design)?;
         let options = TwinOptions::load(&self.twin)?;
         let folder = Folder::begin(&self.output)?;
-        let summary = self.record(&design, &options, folder.growing())?;
+        let summary = self.record(&design, &options, folder.partial())?;
         let text = serde_json::to_string_pretty(&summary).map_err(|error| Failure::Ours(error.to_string()))?;
-        write_whole(&folder.growing().join("experiment.json"), |out| writeln!(out, "{text}"))?;
+        write_whole(&folder.partial().join("experiment.json"), |out| writeln!(out, "{text}"))?;
         folder.finish()?;
         if self.json { print_json(&summary) } else { print(&self.summary(&summary)) }
     }
@@ -81,7 +81,7 @@ impl Arguments {
         let mesh = Mesh::generate(design)?;
         let pixels = PixelSpace::for_design(design, &mesh)?;
         let experiment = {
-            let _waiting = Progress::waiting("drawing the twin");
+            let _waiting = Progress::waiting("preparing the twin");
             PaperExperiment::draw(design, &mesh, &pixels, options, self.seed, &Sizes::default())?
         };
         let progress = Progress::new("pressing", experiment.frame_count());
@@ -165,35 +165,35 @@ impl SetSummary {
     }
 }
 
-/// A folder that gets its name once all of it is there.
+/// A folder that is renamed into place when it is complete.
 struct Folder {
     path: PathBuf,
-    growing: PathBuf,
+    partial: PathBuf,
 }
 
 impl Folder {
     fn begin(path: &Path) -> Outcome<Self> {
         let taken = std::fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_some()) || path.is_file();
         if taken {
-            let message = format!("{} is there and not empty", path.display());
+            let message = format!("{} exists and is not empty", path.display());
             return Err(Failure::given(message, Some("give another folder with -o, or remove this one")));
         }
         let mut name = path.file_name().unwrap_or_default().to_os_string();
         name.push(format!(".part-{}", std::process::id()));
-        let growing = path.with_file_name(name);
-        make_folder(&growing)?;
-        Ok(Folder { path: path.to_path_buf(), growing })
+        let partial = path.with_file_name(name);
+        make_folder(&partial)?;
+        Ok(Folder { path: path.to_path_buf(), partial })
     }
 
-    fn growing(&self) -> &Path {
-        &self.growing
+    fn partial(&self) -> &Path {
+        &self.partial
     }
 
     fn finish(self) -> Outcome {
-        // An empty folder of that name gives way.
+        // An empty folder of that name is replaced.
         let _ = std::fs::remove_dir(&self.path);
-        std::fs::rename(&self.growing, &self.path).map_err(|error| {
-            let message = format!("{} cannot become {}: {error}", self.growing.display(), self.path.display());
+        std::fs::rename(&self.partial, &self.path).map_err(|error| {
+            let message = format!("{} cannot be renamed to {}: {error}", self.partial.display(), self.path.display());
             Failure::given(message, None)
         })
     }
@@ -201,12 +201,12 @@ impl Folder {
 
 impl Drop for Folder {
     fn drop(&mut self) {
-        // Nothing is left of an experiment that failed; after a good one there is nothing to remove.
-        let _ = std::fs::remove_dir_all(&self.growing);
+        // Removes a partial folder after an error; after a success it no longer exists.
+        let _ = std::fs::remove_dir_all(&self.partial);
     }
 }
 
 fn make_folder(path: &Path) -> Outcome {
     std::fs::create_dir_all(path)
-        .map_err(|error| Failure::given(format!("the folder {} cannot be made: {error}", path.display()), None))
+        .map_err(|error| Failure::given(format!("the folder {} cannot be created: {error}", path.display()), None))
 }

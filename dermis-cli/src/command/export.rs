@@ -1,4 +1,4 @@
-//! `dermis export`: a trained network for other programs.
+//! `dermis export`: a trained network as ONNX.
 
 use crate::failure::Outcome;
 use crate::skin;
@@ -10,13 +10,13 @@ use std::path::PathBuf;
 /// The arguments of `dermis export`.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The design: a path, or a shipped name.
+    /// Design: the path of a file, or a shipped name.
     design: String,
     /// Network: a shipped name (best or paper for cylinder30, shapes for skin16), or the folder of a trained network, as in
     /// ./my-model.
     #[arg(long, value_name = "NAME|FOLDER")]
     method: String,
-    /// The ONNX file to write: differences in ohm go in, images come out.
+    /// ONNX file to write. Input: differences, ohm; output: images.
     #[arg(long, value_name = "FILE")]
     onnx: PathBuf,
 }

@@ -16,29 +16,27 @@ const MOST_FRAMES: f64 = 1e6;
 /// The arguments of `dermis forward`.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The design: a path, or a shipped name.
+    /// Design: the path of a file, or a shipped name.
     design: String,
-    /// Conductivity of every cell in the mesh's order, a row per map (S on surfaces, S/m in volumes); the untouched
-    /// skin without it.
+    /// Conductivity of every cell in mesh order, one map per row (S on surfaces, S/m in volumes) [default: the untouched skin]
     #[arg(long, value_name = "FILE")]
     conductivity: Option<PathBuf>,
-    /// Touches to simulate, in place of conductivities: a row per touch with the columns of a truth (see `evaluate`),
-    /// each a Gaussian change of conductance.
+    /// Touches to simulate, one per row, with the columns of --truth of `evaluate`. Each is a Gaussian change of conductance.
     #[arg(long, value_name = "FILE", conflicts_with = "conductivity")]
     touches: Option<PathBuf>,
-    /// Relative change of conductance in the middle of a simulated touch: 1 doubles it.
+    /// Relative change of conductance at the centre of a simulated touch: 1 doubles it.
     #[arg(long, value_name = "NUMBER", default_value_t = 0.5, requires = "touches")]
     touch_amplitude: f64,
     /// Standard deviation of a simulated touch along the surface, m.
     #[arg(long, value_name = "M", default_value_t = 0.008, requires = "touches")]
     touch_width_m: f64,
-    /// The frames to write, a row per map: CSV, NPY or NPZ; ohm.
+    /// Frames to write, one per row: CSV, NPY or NPZ; ohm.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 }
 
 impl Arguments {
-    /// Solves for every map.
+    /// Solves the forward problem for every map.
     pub fn run(self) -> Outcome {
         let skin = skin::load(&self.design)?;
         let maps = match &self.touches {
@@ -58,7 +56,7 @@ impl Arguments {
         write_frames(&self.output, &frames)?;
         print(&format!("{}: {} frames of {channels} values\n", self.output.display(), frames.len()))
     }
-    /// The conductivity of each frame that a file of touches names; frames without a touch are untouched.
+    /// The conductivity of each frame in a file of touches; frames without a touch are untouched.
     fn touched(&self, skin: &Skin, path: &Path) -> Outcome<Vec<Vec<f64>>> {
         let table = read_table(path, "truth")?;
         let frame_column = table.header.iter().flatten().position(|name| name == "frame");

@@ -1,4 +1,4 @@
-//! `dermis jacobian`: the derivative of a frame by the conductivity.
+//! `dermis jacobian`: the Jacobian of a frame with respect to conductivity.
 
 use crate::console::print;
 use crate::failure::Outcome;
@@ -10,15 +10,15 @@ use std::path::PathBuf;
 /// The arguments of `dermis jacobian`.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The design: a path, or a shipped name.
+    /// Design: the path of a file, or a shipped name.
     design: String,
-    /// Conductivity of every cell in the mesh's order, in one row; the untouched skin without it.
+    /// Conductivity of every cell in mesh order, in one row [default: the untouched skin]
     #[arg(long, value_name = "FILE")]
     conductivity: Option<PathBuf>,
-    /// What the columns stand for.
+    /// Meaning of the columns.
     #[arg(long, value_enum, default_value_t = Per::Pixel)]
     per: Per,
-    /// The matrix to write, values x pixels (or cells): NPY, NPZ or CSV; ohm per S.
+    /// Matrix to write, channels x pixels (or cells): NPY, NPZ or CSV; ohm per S.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 }

@@ -27,7 +27,7 @@ use std::time::{Duration, Instant};
 /// The arguments of `dermis live`.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The design: a path, or a shipped name.
+    /// Design: the path of a file, or a shipped name.
     design: String,
     /// Where frames come from: `emulate` (a twin inside this program), tcp:HOST:PORT, serial:PATH[@BAUD] or replay:FILE (a
     /// recording, at its own pace or --speed times as fast, from the state at its beginning on).

@@ -1,4 +1,4 @@
-//! `dermis mesh`: the mesh of a design, and a report of it.
+//! `dermis mesh`: the mesh of a design and its quality.
 
 use crate::console::{Progress, print, print_json};
 use crate::failure::Outcome;
@@ -12,18 +12,18 @@ use std::path::PathBuf;
 /// The arguments of `dermis mesh`.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The design: a path, or a shipped name.
+    /// Design: the path of a file, or a shipped name.
     design: String,
-    /// The file to write: .vtu (ParaView), .msh (Gmsh) or .stl.
+    /// Mesh file to write: .vtu (ParaView), .msh (Gmsh) or .stl.
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Print the report as JSON (SI units) in place of a table (mm).
+    /// Print JSON (SI units) instead of a table (mm).
     #[arg(long)]
     json: bool,
 }
 
 impl Arguments {
-    /// Makes the mesh, writes it and reports on it.
+    /// Generates the mesh, writes it and prints the report.
     pub fn run(self) -> Outcome {
         let design = SkinDesign::load(&self.design)?;
         let waiting = Progress::waiting("meshing");
@@ -55,7 +55,7 @@ fn as_json(mesh: &Mesh, report: &MeshReport) -> serde_json::Value {
     })
 }
 
-/// A report for people.
+/// The report as text.
 fn table(name: &str, mesh: &Mesh, report: &MeshReport) -> String {
     let mut text = format!(
         "{name}: {} nodes, {} cells\n  smallest angle  {:.1} degrees\n  edges           {:.3} to {:.3} mm\n  \

@@ -1,4 +1,4 @@
-//! The commands: each a module with its arguments and what it does with them.
+//! The commands: a module for each, with its arguments.
 
 pub mod benchmark;
 mod calibrate;
@@ -27,59 +27,59 @@ mod train;
 use crate::failure::Outcome;
 use clap::Subcommand;
 
-/// What to do.
+/// The command.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Make the mesh of a design, write it and report on it.
+    /// Generate the mesh of a design, write it and report its quality.
     Mesh(mesh::Arguments),
-    /// Solve for the frames of given conductivities.
+    /// Compute frames of voltages from conductivities or simulated touches.
     Forward(forward::Arguments),
-    /// Write the derivative of a frame by the conductivity.
+    /// Compute the Jacobian of a frame with respect to conductivity.
     Jacobian(jacobian::Arguments),
-    /// Make images from frames.
+    /// Reconstruct images from frames.
     Reconstruct(reconstruct::Arguments),
-    /// Find the contacts in frames.
+    /// Detect contacts in frames.
     Contacts(contacts::Arguments),
-    /// Score contacts against what truly touched the skin.
+    /// Score detected contacts against true touches.
     Evaluate(evaluate::Arguments),
-    /// Assess a method on twins that it has never seen: localisation, two and four touches, smallest force.
+    /// Benchmark a method on digital twins: localisation, two and four touches, smallest force.
     Benchmark(benchmark::Arguments),
-    /// Measure on simulated touches how far a method's contacts lie from what touched.
+    /// Calibrate a method on simulated touches: standard deviation of positions, force per strength.
     Calibrate(calibrate::Arguments),
-    /// Press a twin as the paper pressed its skin, and write the frames that its instrument delivers.
+    /// Simulate the paper's indentation experiment on a digital twin and write its frames.
     Experiment(experiment::Arguments),
-    /// Write a trained network for other programs: an ONNX file.
+    /// Export a trained network to ONNX.
     Export(export::Arguments),
-    /// See it work: the paper's skin pressed 900 times in simulation, or a real tank; writes a report.
+    /// Run a demonstration: 900 simulated presses on the paper's skin, or recordings of a real tank; writes a report.
     Demo(demo::Arguments),
-    /// The paper, reproduced: its figures and pictures on twins, beside what it states; writes a page.
+    /// Reproduce the paper on digital twins: its figures and pictures beside the stated ones; writes a report.
     Reproduce(reproduce::Arguments),
-    /// Make a dataset to train on: touches drawn from a seed, frames, images and truth.
+    /// Generate a training dataset: random touches, frames, images and ground truth.
     Simulate(simulate::Arguments),
-    /// Train a network on datasets.
+    /// Train a network.
     Train(train::Arguments),
-    /// Read a skin as it is touched: contacts, a page to see them on, recordings, ROS 2.
+    /// Read a live skin: contacts, a viewer page, recordings, ROS 2.
     Live(live::Arguments),
-    /// A device to try without hardware: a twin that speaks the wire protocol.
+    /// Run a simulated device that speaks the wire protocol.
     Emulate(emulate::Arguments),
-    /// Make the contacts of a recording anew.
+    /// Recompute the contacts of a recording.
     Replay(replay::Arguments),
-    /// Make a whole recording of what an interrupted one holds.
+    /// Repair a truncated recording.
     Recover(recover::Arguments),
-    /// Make tables of a recording: CSV and NPZ.
+    /// Convert a recording to CSV and NPZ.
     Convert(convert::Arguments),
-    /// Write what an instrument for a skin reads, in which order.
+    /// Write the scan table of a skin for firmware: CSV or a C header.
     ScanTable(scan_table::Arguments),
-    /// Write a commented design file to start from.
+    /// Write a commented design file.
     New(new::Arguments),
-    /// Draw a skin: mesh, electrodes, sensitivity, an image, where touches were found.
+    /// Draw a mesh, electrodes, sensitivity, an image or localisation errors.
     Plot(plot::Arguments),
-    /// Print the JSON schema of design files, twin files, scripts of touches or live frames.
+    /// Print a JSON schema: design files, twin files, touch scripts or live frames.
     Schema(schema::Arguments),
 }
 
 impl Command {
-    /// Does it.
+    /// Runs the command.
     pub fn run(self) -> Outcome {
         match self {
             Command::Mesh(arguments) => arguments.run(),

@@ -1,4 +1,4 @@
-//! `dermis new`: a commented design file to start from.
+//! `dermis new`: a commented design file.
 
 use crate::console::print;
 use crate::failure::{Failure, Outcome};
@@ -9,23 +9,23 @@ use std::path::PathBuf;
 /// The arguments of `dermis new`.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The body that wears the skin.
+    /// Body of the skin.
     body: BodyKind,
-    /// The file to write; `<body>.toml` without it.
+    /// File to write [default: BODY.toml]
     #[arg(short, long)]
     output: Option<PathBuf>,
-    /// Replace a file that is there already.
+    /// Replace an existing file.
     #[arg(long)]
     force: bool,
 }
 
-/// A body to start from.
+/// The body of a new design.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum BodyKind {
     Cylinder,
     Disk,
     Rectangle,
-    /// A body of any shape, from a file: a forearm, whose file is written beside.
+    /// A body from a mesh file: a forearm, whose file is written beside the design.
     Mesh,
 }
 
@@ -53,8 +53,8 @@ impl Arguments {
             files.push((path.with_file_name(FOREARM.0), FOREARM.1));
         }
         if let Some((there, _)) = files.iter().find(|(path, _)| !self.force && path.is_file()) {
-            let message = format!("{} is there already", there.display());
-            return Err(Failure::given(message, Some("choose another place with -o, or replace it with --force")));
+            let message = format!("{} exists already", there.display());
+            return Err(Failure::given(message, Some("give another path with -o, or replace it with --force")));
         }
         for (path, content) in files {
             write_whole(&path, |writer| writer.write_all(content))?;

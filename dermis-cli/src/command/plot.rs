@@ -21,7 +21,7 @@ use std::sync::Arc;
 /// The arguments of `dermis plot`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// The design: a path, or a shipped name.
+    /// Design: the path of a file, or a shipped name.
     design: String,
     /// What to draw.
     #[arg(long, value_enum, default_value = "electrodes")]

@@ -12,23 +12,22 @@ use std::path::PathBuf;
 /// The arguments of `dermis reconstruct`.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The design: a path, or a shipped name.
+    /// Design: the path of a file, or a shipped name.
     design: String,
     #[command(flatten)]
     frames: FrameArguments,
     #[command(flatten)]
     method: MethodArguments,
-    /// What an image has a value for.
+    /// Elements of an image.
     #[arg(long, value_enum, default_value_t = Per::Pixel)]
     per: Per,
-    /// The images to write: NPY or NPZ of frames x rows x columns (NaN outside the body) or frames x cells; CSV with a
-    /// row per image.
+    /// Images to write: NPY or NPZ, frames x rows x columns (NaN outside the body) or frames x cells; CSV, one image per row.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 }
 
 impl Arguments {
-    /// Makes the images and writes them.
+    /// Reconstructs the images and writes them.
     pub fn run(self) -> Outcome {
         let skin = match (skin::load(&self.design)?, self.per) {
             (skin, Per::Pixel) => skin,

@@ -11,10 +11,10 @@ use std::path::PathBuf;
 #[command(after_help = "Results are kept in the folder `work` beside the page: a run that was stopped continues from \
     them when it is started again.")]
 pub struct Arguments {
-    /// The design: a path, or a shipped name.
+    /// Design: the path of a file, or a shipped name.
     #[arg(default_value = "cylinder30")]
     design: String,
-    /// The twin: the path of its file, or a shipped name (ideal, lab, harsh).
+    /// Digital twin: the path of a file, or a shipped name (ideal, lab, harsh).
     #[arg(long, value_name = "TWIN", default_value = "lab")]
     twin: String,
     /// The folder of a network of `dermis train` to compare with the linear methods; may be given more than once. Without it,

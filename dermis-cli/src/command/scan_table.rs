@@ -11,7 +11,7 @@ use std::path::PathBuf;
 /// The arguments of `dermis scan-table`.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The design: a path, or a shipped name.
+    /// Design: the path of a file, or a shipped name.
     design: String,
     /// Write a C header for firmware in place of CSV.
     #[arg(long)]

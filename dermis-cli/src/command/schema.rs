@@ -11,13 +11,13 @@ use dermis_sim::twin::TwinOptions;
 /// The arguments of `dermis schema`.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The schema of twin files in place of design files.
+    /// Schema of twin files instead of design files.
     #[arg(long)]
     twin: bool,
-    /// The schema of scripts of touches for `dermis emulate`.
+    /// Schema of touch scripts of `dermis emulate`.
     #[arg(long, conflicts_with = "twin")]
     touch: bool,
-    /// The schema of a line of `dermis live --jsonl`.
+    /// Schema of a line of `dermis live --jsonl`.
     #[arg(long, conflicts_with_all = ["twin", "touch"])]
     jsonl: bool,
 }

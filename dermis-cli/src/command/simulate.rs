@@ -1,4 +1,4 @@
-//! `dermis simulate`: datasets to train on.
+//! `dermis simulate`: training datasets.
 
 use crate::console::{Progress, print, print_json};
 use crate::failure::{Failure, Outcome};
@@ -17,68 +17,66 @@ use std::time::Instant;
 /// The arguments of `dermis simulate`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Run again with the same arguments, a run that was stopped goes on where it was. Several processes may \
-    share a folder, each with a shard of its own; when all are done, `dermis simulate --finish DIR` checks the files and \
-    writes the manifest."
+    after_help = "An interrupted run continues when it is started again with the same arguments. Several processes may \
+    share a folder, each with its own --shard; then `dermis simulate --finish DIR` checks the files and writes the manifest."
 )]
 pub struct Arguments {
-    /// The design: a path, or a shipped name. With --finish or --verify it may be given to check that the dataset was made
-    /// from it.
+    /// Design: the path of a file, or a shipped name. With --finish or --verify: check that the dataset was made
+    /// from this design.
     #[arg(required_unless_present_any = ["finish", "verify"])]
     design: Option<String>,
-    /// How many samples.
+    /// Number of samples.
     #[arg(long, value_name = "N", required_unless_present_any = ["finish", "verify"])]
     samples: Option<u64>,
-    /// The seed: sample i depends on it and on i alone.
+    /// Seed; sample i depends on the seed and on i alone.
     #[arg(long, value_name = "S", required_unless_present_any = ["finish", "verify"])]
     seed: Option<u64>,
-    /// The folder for the files.
+    /// Folder for the files.
     #[arg(short, long, value_name = "DIR", required_unless_present_any = ["finish", "verify"])]
     output: Option<PathBuf>,
-    /// A recipe that says what touches do and how skins differ: the path of a TOML file. The flags below are for those who
-    /// have none.
+    /// Recipe of the touches and skins (TOML), instead of the options below.
     #[arg(long, value_name = "FILE", conflicts_with_all = RECIPE)]
     recipe: Option<PathBuf>,
-    /// What touches do.
+    /// Touch model.
     #[arg(long, value_enum, default_value_t = TouchName::Gaussian)]
     touch: TouchName,
-    /// A sample has 1 to this many touches.
+    /// Largest number of touches of a sample.
     #[arg(long, value_name = "K")]
     most_touches: Option<usize>,
-    /// Narrowest and widest touch (standard deviation), m.
+    /// Smallest and largest width of a touch (standard deviation), m.
     #[arg(long, value_names = ["FROM", "TO"], num_args = 2)]
     width_m: Option<Vec<f64>>,
-    /// Weakest and strongest touch: the relative change of conductance in its middle.
+    /// Smallest and largest amplitude of a touch: relative change of conductance at its centre.
     #[arg(long, value_names = ["FROM", "TO"], num_args = 2)]
     amplitude: Option<Vec<f64>>,
-    /// Weakest and strongest press on patches, N.
+    /// Smallest and largest force of a press on patches, N.
     #[arg(long, value_names = ["FROM", "TO"], num_args = 2)]
     force_n: Option<Vec<f64>>,
-    /// Smallest and largest radius of the tip that presses on patches, m.
+    /// Smallest and largest radius of the pressing tip, m.
     #[arg(long, value_names = ["FROM", "TO"], num_args = 2)]
     tip_radius_m: Option<Vec<f64>>,
-    /// Whether the samples are of one skin or of many.
-    #[arg(long, value_enum, default_value_t = SkinsName::Even)]
+    /// Skins of the samples.
+    #[arg(long, value_enum, default_value_t = SkinsName::Uniform)]
     skins: SkinsName,
-    /// Standard deviation of the coat's conductance over its mean, of random skins.
+    /// Relative standard deviation of the coat's conductance, for random skins.
     #[arg(long, value_name = "SHARE")]
     coat_rms: Option<f64>,
-    /// Root mean square of the electrodes' distances from their places, of random skins, m.
+    /// RMS displacement of the electrodes, for random skins, m.
     #[arg(long, value_name = "M")]
     electrode_displacement_m: Option<f64>,
-    /// Standard deviation of the contact impedance over the design's, of random skins.
+    /// Relative standard deviation of the contact impedance, for random skins.
     #[arg(long, value_name = "SHARE")]
     contact_impedance_rms: Option<f64>,
-    /// Make only the files k with k mod N = I, for processes that share the work.
+    /// Generate only the files k with k mod N = I.
     #[arg(long, value_name = "I/N")]
     shard: Option<ShardChoice>,
-    /// Threads; all that the machine runs at once without it.
+    /// Number of threads [default: all of the machine]
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
-    /// Check that all files of a folder are there and whole, and write its manifest.
+    /// Check that all files of a folder are complete and write its manifest.
     #[arg(long, value_name = "DIR", conflicts_with_all = MAKING)]
     finish: Option<PathBuf>,
-    /// Check a folder's files, finished or not, to the last bit.
+    /// Verify the checksums of a folder's files.
     #[arg(long, value_name = "DIR", conflicts_with_all = MAKING, conflicts_with = "finish")]
     verify: Option<PathBuf>,
     /// Print JSON.
@@ -86,7 +84,7 @@ pub struct Arguments {
     json: bool,
 }
 
-/// What belongs to making samples alone.
+/// Options of generating samples.
 const MAKING: [&str; 13] = [
     "recipe",
     "samples",
@@ -103,7 +101,7 @@ const MAKING: [&str; 13] = [
     "shard",
 ];
 
-/// What a recipe's file says.
+/// Options that a recipe replaces.
 const RECIPE: [&str; 10] = [
     "touch",
     "most_touches",
@@ -117,7 +115,7 @@ const RECIPE: [&str; 10] = [
     "contact_impedance_rms",
 ];
 
-/// What touches do.
+/// The touch model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum TouchName {
     /// Gaussian changes of conductance.
@@ -126,12 +124,12 @@ enum TouchName {
     Patch,
 }
 
-/// Of how many skins samples are.
+/// The skins of the samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum SkinsName {
-    /// The design as it is written.
-    Even,
-    /// Another coat, other contacts, displaced electrodes and patches for every 16 samples.
+    /// The design itself.
+    Uniform,
+    /// A new random coat, contact impedances, electrode displacements and patches for every 16 samples.
     Random,
 }
 
@@ -144,17 +142,23 @@ impl FromStr for ShardChoice {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let numbers = text.split_once('/').and_then(|(index, count)| Some((index.parse().ok()?, count.parse().ok()?)));
-        let (index, count) = numbers.ok_or_else(|| format!("`{text}` is no shard: write 0/4 for the first of four"))?;
+        let (index, count) =
+            numbers.ok_or_else(|| format!("`{text}` is not a shard: write 0/4 for the first of four"))?;
         Shard::new(index, count).map(ShardChoice).map_err(|error| error.to_string())
     }
 }
 
 impl Arguments {
-    /// Makes samples, or finishes or checks a dataset.
+    /// Generates samples, or finishes or verifies a dataset.
     pub fn run(self) -> Outcome {
         let mut builder = rayon::ThreadPoolBuilder::new();
         match self.threads {
-            Some(0) => return Err(Failure::given("0 threads do no work", Some("leave --threads out"))),
+            Some(0) => {
+                return Err(Failure::given(
+                    "--threads is 0: it must be at least 1",
+                    Some("leave --threads out to use all"),
+                ));
+            }
             Some(threads) => builder = builder.num_threads(threads),
             None => {}
         }
@@ -167,7 +171,7 @@ impl Arguments {
     }
 
     fn make(&self) -> Outcome {
-        // Clap has seen to it that these are given.
+        // Clap requires these.
         let (Some(name), Some(samples), Some(seed), Some(folder)) =
             (&self.design, self.samples, self.seed, &self.output)
         else {
@@ -205,7 +209,7 @@ impl Arguments {
             }));
         }
         print(&format!(
-            "{}: {} samples in {} files, {rate:.0} samples a second; {} files were there already\n",
+            "{}: {} samples in {} files, {rate:.0} samples/s; {} files existed already\n",
             folder.display(),
             report.made_samples,
             report.made_files,
@@ -247,11 +251,11 @@ impl Arguments {
     fn skins(&self) -> Outcome<Skins> {
         let given = [self.coat_rms, self.electrode_displacement_m, self.contact_impedance_rms];
         match self.skins {
-            SkinsName::Even if given.iter().any(Option::is_some) => {
-                let message = "how skins differ is told, but they are even";
+            SkinsName::Uniform if given.iter().any(Option::is_some) => {
+                let message = "options of random skins are given, but the skins are uniform";
                 Err(Failure::given(message, Some("write --skins random")))
             }
-            SkinsName::Even => Ok(Skins::Even),
+            SkinsName::Uniform => Ok(Skins::Even),
             SkinsName::Random => {
                 let mut spread = SkinSpread::usual();
                 let [coat, displacement, contact] = given;
@@ -290,14 +294,14 @@ impl Arguments {
         }
         let state = if checked.finished { "finished" } else { "without a manifest yet" };
         print(&format!(
-            "{}: {} of {} files, all whole; {state}\n",
+            "{}: {} of {} files, all intact; {state}\n",
             folder.display(),
             checked.good_files,
             checked.file_count
         ))
     }
 
-    /// A design that is given must be the dataset's.
+    /// Refuses a design that the dataset was not made from.
     fn check_design(&self, folder: &Path) -> Outcome {
         match &self.design {
             Some(name) => Ok(Record::read(folder)?.check_design(folder, &SkinDesign::text_of(name)?)?),
@@ -319,7 +323,7 @@ fn finished(folder: &Path, manifest: &Manifest) -> serde_json::Value {
 
 fn summary(folder: &Path, manifest: &Manifest) -> String {
     format!(
-        "{}: {} samples in {} files, all whole; images {:.4} +- {:.4}; manifest.json is written\n",
+        "{}: {} samples in {} files, all intact; images {:.4} +- {:.4}; wrote manifest.json\n",
         folder.display(),
         manifest.statistics.samples,
         manifest.files.len(),

@@ -1,4 +1,4 @@
-//! `dermis train`: networks from datasets.
+//! `dermis train`: training of networks.
 
 use crate::console::{Progress, print, print_json};
 use crate::failure::{Failure, Outcome};
@@ -20,59 +20,58 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Seed of the twin whose noise is measured: none that is reported or selected by.
+/// Seed of the twin whose noise is measured; not used by any benchmark or selection.
 const NOISE_SEED: u64 = 3000;
-/// Untouched frames from which it is measured.
+/// Number of untouched frames for the noise.
 const NOISE_FRAMES: u64 = 1000;
 
-/// Samples of an epoch that is streamed, and of its test.
+/// Samples of a streamed epoch and of its test set.
 const STREAMED: usize = 100_000;
 const STREAMED_TEST: usize = 4096;
 
 /// The arguments of `dermis train`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Run again with the same arguments, a training that was stopped goes on after its last epoch, with the \
-    losses that it would have had."
+    after_help = "An interrupted training continues after its last epoch when it is started again with the same \
+    arguments, with identical losses."
 )]
 pub struct Arguments {
-    /// The design: a path, or a shipped name.
+    /// Design: the path of a file, or a shipped name.
     design: String,
-    /// A finished dataset of `dermis simulate`; several are learned from together.
+    /// Finished dataset of `dermis simulate`; may be given more than once.
     #[arg(long, value_name = "DIR", required_unless_present = "stream")]
     data: Vec<PathBuf>,
-    /// Make the samples while training, every epoch others, of a recipe: the path of its TOML file, or `gaussian` for
-    /// Gaussian touches on random skins. Nothing is written but the model.
+    /// Generate samples during training from a recipe (TOML), or from `gaussian`: Gaussian touches on random skins.
     #[arg(long, value_name = "RECIPE", conflicts_with_all = ["data", "test"])]
     stream: Option<PathBuf>,
-    /// A finished dataset to test by; without it the last thirtieth of each --data is held out.
+    /// Finished dataset for testing [default: the last thirtieth of each --data]
     #[arg(long, value_name = "DIR")]
     test: Vec<PathBuf>,
-    /// The folder for the model.
+    /// Folder for the model.
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// The network.
+    /// Network and training preset.
     #[arg(long, value_enum, default_value_t = NetworkName::Paper)]
     network: NetworkName,
-    /// Leave out something that sets the best network apart, to see what it is worth; may be given more than once.
-    #[arg(long, value_enum, value_name = "INGREDIENT")]
-    without: Vec<IngredientName>,
-    /// The twin whose noise is measured and added: the path of its file, or a shipped name.
+    /// Ablation: remove a component of the best network; may be given more than once.
+    #[arg(long, value_enum, value_name = "COMPONENT")]
+    without: Vec<AblationName>,
+    /// Digital twin whose noise is added: the path of a file, or a shipped name.
     #[arg(long, value_name = "TWIN", default_value = "lab")]
     noise: String,
-    /// Most epochs.
+    /// Number of epochs.
     #[arg(long, value_name = "N")]
     epochs: Option<usize>,
-    /// Samples of an epoch, drawn anew from all for each.
+    /// Samples of an epoch, drawn at random for each epoch.
     #[arg(long, value_name = "N")]
     epoch_samples: Option<usize>,
-    /// Adam's rate.
+    /// Learning rate of Adam.
     #[arg(long, value_name = "NUMBER")]
     rate: Option<f32>,
-    /// The seed of weights, order and noise.
+    /// Seed of the initial weights, the order of samples and the noise.
     #[arg(long, value_name = "S")]
     seed: Option<u64>,
-    /// Store the weights in half precision: half the bytes.
+    /// Store the weights in half precision.
     #[arg(long)]
     half: bool,
     /// Print JSON.
@@ -85,43 +84,43 @@ pub struct Arguments {
 enum NetworkName {
     /// The paper's four dense layers.
     Paper,
-    /// The other reading of the paper: batch normalisation before each of five dense layers.
+    /// Alternative reading of the paper: batch normalisation before each of five dense layers.
     PaperOtherwise,
-    /// Ours: a linear layer refined by convolutions.
+    /// A linear layer refined by convolutions, trained with domain randomization.
     Best,
-    /// For real skins of which little is known: it sees the shape of a frame alone, whatever the instrument's unit, and what
-    /// simulations miss is added generously in place of a twin's noise.
+    /// For uncalibrated instruments: input normalised by the size of the frame, strong domain randomization instead of a twin's
+    /// noise.
     Shapes,
 }
 
-/// What sets the best network apart, by name.
+/// A component of the best network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum IngredientName {
-    /// The mean of readings that are the same by reciprocity.
+enum AblationName {
+    /// Averaging of reciprocal channels.
     Reciprocity,
-    /// Convolutions after the linear layer; without them the paper's dense layers.
+    /// Convolutions after the linear layer; without them, the paper's dense layers.
     Refinement,
-    /// Touches as the target; without them the change of conductance, and no symmetries.
+    /// Touches as the target; without them, the change of conductance and no symmetries.
     Touches,
-    /// Samples moved by the skin's symmetries.
+    /// Augmentation by the symmetries of the skin.
     Symmetries,
-    /// Noise of several strengths, drift of coat and contacts; without it white noise alone.
+    /// Noise of several levels, drift of coat and contacts; without it, white noise.
     Disturbance,
 }
 
-impl IngredientName {
+impl AblationName {
     fn ablation(self) -> Ablation {
         match self {
-            IngredientName::Reciprocity => Ablation::Reciprocity,
-            IngredientName::Refinement => Ablation::Refinement,
-            IngredientName::Touches => Ablation::Touches,
-            IngredientName::Symmetries => Ablation::Symmetries,
-            IngredientName::Disturbance => Ablation::Disturbance,
+            AblationName::Reciprocity => Ablation::Reciprocity,
+            AblationName::Refinement => Ablation::Refinement,
+            AblationName::Touches => Ablation::Touches,
+            AblationName::Symmetries => Ablation::Symmetries,
+            AblationName::Disturbance => Ablation::Disturbance,
         }
     }
 }
 
-/// What machines get.
+/// The results as JSON.
 #[derive(Serialize)]
 struct Summary<'a> {
     model: &'a Path,
@@ -134,10 +133,10 @@ struct Summary<'a> {
 }
 
 impl Arguments {
-    /// Trains, or goes on with training, and writes the model.
+    /// Trains or resumes training, and writes the model.
     pub fn run(self) -> Outcome {
         if !self.without.is_empty() && self.network != NetworkName::Best {
-            let message = "--without leaves out what sets the best network apart: the paper's has none of it";
+            let message = "--without removes components of the best network, which other networks do not have";
             return Err(Failure::given(message, Some("add `--network best`")));
         }
         let design = SkinDesign::load(&self.design)?;
@@ -171,10 +170,10 @@ impl Arguments {
         let card = method.card(SkinRecord::new(&design.name, &forward, &pixels), trainer.input(), &data, record);
         let model = Model::new(card, trainer.network(), pixels);
         model.save(&self.output, if self.half { Precision::Half } else { Precision::Single })?;
-        self.tell(&model)
+        self.print_summary(&model)
     }
 
-    /// The network that was asked for, with what was asked otherwise.
+    /// The training preset with the options that were given.
     fn method(&self, design: &SkinDesign, forward: &ForwardModel, pixels: &PixelSpace) -> Outcome<TrainingPreset> {
         let noise_ohm = || noise_ohm(design, &TwinOptions::load(&self.noise)?);
         let mut method = match self.network {
@@ -194,7 +193,7 @@ impl Arguments {
         Ok(method)
     }
 
-    /// Samples to train on and to test by, made as they are asked for.
+    /// Streamed training and test samples.
     fn streams<'a>(
         &self,
         recipe: &Path,
@@ -217,12 +216,12 @@ impl Arguments {
         Ok((source(seed, self.epoch_samples.unwrap_or(STREAMED))?, source(seed + 1, STREAMED_TEST)?))
     }
 
-    /// Epoch after epoch, with a checkpoint and a picture of the losses after each.
+    /// Trains epoch by epoch, with a checkpoint and a plot of the losses after each.
     fn train(&self, trainer: &mut Trainer<'_>, batch: usize) -> Outcome {
         std::fs::create_dir_all(&self.output).map_err(|source| LearnError::Io { path: self.output.clone(), source })?;
         let checkpoint = self.output.join("checkpoint.safetensors");
         if trainer.resume(&checkpoint)? && !self.json {
-            print(&format!("going on after epoch {}\n", trainer.epochs().len()))?;
+            print(&format!("resuming after epoch {}\n", trainer.epochs().len()))?;
         }
         while !trainer.is_done() {
             let number = trainer.epochs().len() + 1;
@@ -240,14 +239,14 @@ impl Arguments {
                 let rate = (trainer.steps_per_epoch() * batch) as f64 / seconds;
                 print(&format!(
                     "epoch {number:3}: training loss {training_loss:.4e}, test loss {test_loss:.4e}, {seconds:.0} s \
-                     ({rate:.0} samples a second with the test)\n"
+                     ({rate:.0} samples/s including the test)\n"
                 ))?;
             }
         }
         Ok(())
     }
 
-    fn tell(&self, model: &Model) -> Outcome {
+    fn print_summary(&self, model: &Model) -> Outcome {
         let record = &model.card().training;
         if self.json {
             return print_json(&Summary {
@@ -262,7 +261,7 @@ impl Arguments {
         }
         let least = record.epochs.iter().map(|epoch| epoch.test_loss).fold(f64::INFINITY, f64::min);
         print(&format!(
-            "{}: {} learned values, least test loss {least:.4e}, {:.1} % of the target's variance\n",
+            "{}: {} parameters, lowest test loss {least:.4e}, {:.1} % of the target's variance\n",
             self.output.display(),
             model.network().learned_count(),
             100.0 * least / record.target_variance
@@ -270,7 +269,7 @@ impl Arguments {
     }
 }
 
-/// The losses by epoch.
+/// The losses against the epoch.
 fn losses(epochs: &[Epoch]) -> Picture {
     let curve = |name: &str, of: fn(&Epoch) -> f64| {
         let place = |(number, epoch): (usize, &Epoch)| [number as f64 + 1.0, of(epoch).log10()];
