@@ -7,7 +7,7 @@ use crate::symmetry::Symmetries;
 use dermis::forward::ForwardModel;
 use dermis::geom::Point3;
 use dermis::image::PixelSpace;
-use dermis_sim::dataset::Sample;
+use dermis_sim::dataset::{Sample, SampleTouch};
 use dermis_sim::elementary::{exp_f32, powf_f32};
 use dermis_sim::random::{Normal, sample_rng};
 use dermis_sim::unrolled::Unrolled;
@@ -161,22 +161,22 @@ impl<'a> Samples<'a> {
     /// # Errors
     /// As [`difference`](Self::difference).
     pub fn typical_difference(&self, number: usize, seed: u64) -> Result<Vec<f32>, LearnError> {
-        let (sample, mut difference, _) = self.read(number, false)?;
+        let (sample, mut difference) = self.read(number, false)?;
         if let Some(misfit) = &self.noise.misfit {
             misfit.stretch(&mut sample_rng(seed, TYPICAL_STREAMS + number as u64), &sample.rest, &mut difference);
         }
         Ok(difference)
     }
 
-    /// A sample, what its touches changed as the instrument reports it, and whether they are presses. Where amplitudes are
-    /// reported the untouched frame becomes its amplitudes too.
-    fn read(&self, number: usize, with_image: bool) -> Result<(Sample, Vec<f32>, bool), LearnError> {
-        let (mut sample, is_press) = self.source.read(number, with_image)?;
+    /// A sample, and what its touches changed as the instrument reports it. Where amplitudes are reported the untouched frame
+    /// becomes its amplitudes too.
+    fn read(&self, number: usize, with_image: bool) -> Result<(Sample, Vec<f32>), LearnError> {
+        let mut sample = self.source.read(number, with_image)?;
         if self.amplitude_only {
             sample.rest.iter_mut().chain(&mut sample.frame).for_each(|value| *value = value.abs());
         }
         let difference = sample.frame.iter().zip(&sample.rest).map(|(touched, rest)| touched - rest).collect();
-        Ok((sample, difference, is_press))
+        Ok((sample, difference))
     }
 
     /// The variance of all values of the undisturbed targets of some samples.
@@ -187,8 +187,8 @@ impl<'a> Samples<'a> {
         self.source.prepare(numbers)?;
         let sums = |&number: &usize| -> Result<[f64; 2], LearnError> {
             let mut target = vec![0.0; self.pixels.len()];
-            let (sample, is_press) = self.source.read(number, self.target == Target::Conductance)?;
-            self.target(&sample, is_press, 0, None, &mut target);
+            let sample = self.source.read(number, self.target == Target::Conductance)?;
+            self.target(&sample, 0, None, &mut target);
             let values = || target.iter().map(|&value| f64::from(value));
             Ok([values().sum(), values().map(|value| value * value).sum()])
         };
@@ -210,7 +210,7 @@ impl<'a> Samples<'a> {
         inputs: &mut [f32],
         target: &mut [f32],
     ) -> Result<(), LearnError> {
-        let (sample, mut difference, is_press) = self.read(number, self.target == Target::Conductance)?;
+        let (sample, mut difference) = self.read(number, self.target == Target::Conductance)?;
         let mut element = 0;
         let mut drawn = None;
         if let Augmentation::Step(seed, step) = disturb {
@@ -232,7 +232,7 @@ impl<'a> Samples<'a> {
             misfit.blur(rng, inputs);
         }
         let size = input.take_size(inputs);
-        self.target(&sample, is_press, element, input.scale_free.then_some(size), target);
+        self.target(&sample, element, input.scale_free.then_some(size), target);
         Ok(())
     }
 
@@ -260,16 +260,16 @@ impl<'a> Samples<'a> {
         }
     }
 
-    fn target(&self, sample: &Sample, is_press: bool, element: usize, size: Option<f32>, target: &mut [f32]) {
+    fn target(&self, sample: &Sample, element: usize, size: Option<f32>, target: &mut [f32]) {
         let Target::Touches { width_m } = self.target else {
             let factor = size.map_or(1.0, f32::recip);
             return target.iter_mut().zip(&sample.image).for_each(|(target, image)| *target = factor * image);
         };
         target.fill(0.0);
-        let weight = |touch: &[f32; 6]| if is_press { touch[4] } else { touch[5] * 1e4 };
+        let weight = |touch: &SampleTouch| touch.force_n().unwrap_or(touch.strength_m2 * 1e4);
         let whole = if size.is_some() { sample.touches.iter().map(weight).sum() } else { 1.0 };
         for touch in &sample.touches {
-            let mut place = [touch[0], touch[1], touch[2]].map(f64::from);
+            let mut place = touch.centre_m.map(f64::from);
             if let Some(symmetries) = &self.symmetries {
                 place = symmetries.point(element, place);
             }

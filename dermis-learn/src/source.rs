@@ -2,7 +2,7 @@
 
 use crate::LearnError;
 use dermis::forward::ForwardModel;
-use dermis_sim::dataset::{Dataset, Generator, Sample, Touch};
+use dermis_sim::dataset::{Dataset, Generator, Sample};
 use dermis_sim::random::sample_rng;
 use rand::seq::SliceRandom;
 use rayon::prelude::*;
@@ -35,11 +35,11 @@ pub trait Source: Sync + std::fmt::Debug {
         Ok(())
     }
 
-    /// A sample, its image only where it is asked for, and whether its touches are presses with a force.
+    /// A sample, its image only where it is asked for.
     ///
     /// # Errors
     /// A file that cannot be read; a value that is not finite.
-    fn read(&self, number: usize, with_image: bool) -> Result<(Sample, bool), LearnError>;
+    fn read(&self, number: usize, with_image: bool) -> Result<Sample, LearnError>;
 }
 
 impl<S: Source + ?Sized> Source for Box<S> {
@@ -55,7 +55,7 @@ impl<S: Source + ?Sized> Source for Box<S> {
         (**self).prepare(numbers)
     }
 
-    fn read(&self, number: usize, with_image: bool) -> Result<(Sample, bool), LearnError> {
+    fn read(&self, number: usize, with_image: bool) -> Result<Sample, LearnError> {
         (**self).read(number, with_image)
     }
 }
@@ -133,7 +133,7 @@ impl Source for Files<'_> {
         order
     }
 
-    fn read(&self, number: usize, with_image: bool) -> Result<(Sample, bool), LearnError> {
+    fn read(&self, number: usize, with_image: bool) -> Result<Sample, LearnError> {
         let (dataset, index) = self.places[number];
         let dataset = &self.datasets[dataset];
         let (mut rest, mut frame) = (vec![0.0; self.channels], vec![0.0; self.channels]);
@@ -146,8 +146,7 @@ impl Source for Files<'_> {
         if !rest.iter().chain(&frame).chain(&image).all(|value| value.is_finite()) {
             return Err(LearnError::NotFinite { folder: dataset.folder().to_path_buf(), sample: index });
         }
-        let is_press = matches!(dataset.manifest().record.recipe.touch, Touch::Patch(_));
-        Ok((Sample { index, frame, rest, image, touches: dataset.touches(index)? }, is_press))
+        Ok(Sample { index, frame, rest, image, touches: dataset.touches(index)? })
     }
 }
 
@@ -202,11 +201,10 @@ impl Source for Streamed {
         Ok(())
     }
 
-    fn read(&self, number: usize, _with_image: bool) -> Result<(Sample, bool), LearnError> {
-        let is_press = matches!(self.generator.recipe().touch, Touch::Patch(_));
+    fn read(&self, number: usize, _with_image: bool) -> Result<Sample, LearnError> {
         let ready = self.ready.read().expect("no thread panics while it holds the lock");
         let block = ready.get(&(number / TOGETHER)).expect("samples are asked for before they are read");
-        Ok((block[number % TOGETHER].clone(), is_press))
+        Ok(block[number % TOGETHER].clone())
     }
 }
 
@@ -215,7 +213,7 @@ mod tests {
     use super::*;
     use dermis::design::{SkinDesign, TouchEffect};
     use dermis::mesh::Mesh;
-    use dermis_sim::dataset::{GaussianTouches, Recipe, Record, Run, Shard, Skins, finish};
+    use dermis_sim::dataset::{GaussianTouches, Recipe, Record, Run, Shard, Skins, Touch, finish};
 
     #[test]
     fn every_epoch_has_every_sample_once_in_an_order_of_its_own() {

@@ -88,7 +88,7 @@ impl Arguments {
         let recordings = experiment.record(|| progress.step())?;
         drop(progress);
         let mut summaries = Vec::new();
-        for (set, recording) in experiment.sets.iter().zip(&recordings) {
+        for (set, recording) in experiment.sets.iter().zip(recordings.iter()) {
             write_set(&folder.join(set.name), design, set, recording)?;
             summaries.push(SetSummary::new(design, set, recording));
         }

@@ -306,9 +306,9 @@ mod tests {
         let sizes = Sizes { random: 0, separations_m: vec![], pairs: 0, fours: 0, ..Sizes::default() };
         let experiment = PaperExperiment::draw(&design, &mesh, &pixels, &twin, 7, &sizes).unwrap();
         let script = Script::load("grid", &design, &twin, 7).unwrap();
-        assert_eq!(script.touches.len(), experiment.sets[0].presses.len());
+        assert_eq!(script.touches.len(), experiment.sets.grid.presses.len());
         let interval_s = twin.press.interval_s;
-        for (index, pressed) in experiment.sets[0].presses.iter().enumerate() {
+        for (index, pressed) in experiment.sets.grid.presses.iter().enumerate() {
             for held_s in [0.1, 0.5 * HELD * interval_s, HELD * interval_s - 0.1] {
                 let time_s = GRID_BEGINS_S + index as f64 * interval_s + held_s;
                 assert_eq!(&script.presses(time_s, &surface, twin.press.tip_radius_m), pressed, "press {index}");

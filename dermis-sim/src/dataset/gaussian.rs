@@ -1,9 +1,10 @@
 //! Samples of Gaussian touches: drawn, laid on the cells, solved eight at a time.
 
-use crate::dataset::generator::{Rows, write_row, write_truth};
+use crate::dataset::generator::{Rows, write_row, write_touches};
 use crate::dataset::places::Places;
 use crate::dataset::raster::CellRaster;
 use crate::dataset::recipe::GaussianTouches;
+use crate::dataset::sample::{SampleTouch, TouchKind, single};
 use crate::dataset::skins::{SkinInstance, SkinMaker};
 use crate::dataset::target::Target;
 use crate::random::{log_uniform, sample_rng, uniform};
@@ -174,11 +175,12 @@ impl GaussianWorker<'_> {
             let change = |cell: usize| maker.sign * (self.conductivity[cell][lane] / rest[cell] - 1.0);
             maker.target.image_into(&self.touches[lane], change, &mut self.image);
             write_row(rows.images, row + lane, self.image.iter().copied());
-            let truth = self.touches[lane].iter().zip(&self.strengths[lane]).map(|(touch, &strength)| {
-                let [x, y, z] = touch.centre_m;
-                [x, y, z, touch.width_m, touch.amplitude, strength]
+            let touches = self.touches[lane].iter().zip(&self.strengths[lane]).map(|(touch, &strength)| SampleTouch {
+                centre_m: single(touch.centre_m),
+                kind: TouchKind::Gaussian { width_m: touch.width_m as f32, amplitude: touch.amplitude as f32 },
+                strength_m2: strength as f32,
             });
-            write_truth(rows.touches, row + lane, maker.options.most, truth);
+            write_touches(rows.touches, row + lane, maker.options.most, touches);
         }
         Ok(())
     }

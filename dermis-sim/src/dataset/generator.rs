@@ -4,6 +4,7 @@ use crate::dataset::gaussian::{GaussianMaker, GaussianWorker};
 use crate::dataset::places::Places;
 use crate::dataset::pressed::{PressMaker, PressWorker};
 use crate::dataset::recipe::{Recipe, Skins, Touch};
+use crate::dataset::sample::{Sample, SampleTouch, TOUCH_COLUMNS};
 use crate::dataset::skins::{SkinInstance, SkinMaker};
 use crate::touch::GaussianTouch;
 use crate::twin::Press;
@@ -15,9 +16,6 @@ use dermis::linalg::LANES;
 /// Samples that are made together: two batches of the solver, and the samples of one skin where skins differ. Which
 /// samples share a unit depends on their numbers alone.
 pub(super) const UNIT: usize = 2 * LANES;
-
-/// Numbers that tell a touch.
-pub(super) const TOUCH_COLUMNS: usize = 6;
 
 /// Makes samples of one recipe on one design. Shared between threads, each of which has a [`Worker`].
 #[derive(Debug)]
@@ -34,23 +32,6 @@ pub struct Generator {
 enum Kind {
     Gaussian(Box<GaussianMaker>),
     Pressed(Box<PressMaker>),
-}
-
-/// One sample.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Sample {
-    /// Its number.
-    pub index: u64,
-    /// The frame while the touches last, ohm.
-    pub frame: Vec<f32>,
-    /// The untouched frame of the same skin, ohm.
-    pub rest: Vec<f32>,
-    /// The relative change of conductance, a mean per pixel, positive for any touch.
-    pub image: Vec<f32>,
-    /// The touches: x, y, z (m, in the body's frame) of each, then width (m) and amplitude of a Gaussian, or the tip's
-    /// radius (m) and the force (N) of a press; last its strength, the integral over the surface of the relative change of
-    /// conductance that it makes alone (m2).
-    pub touches: Vec<[f32; TOUCH_COLUMNS]>,
 }
 
 /// Memory of one thread that makes samples.
@@ -208,17 +189,13 @@ impl Worker<'_> {
         let mut touches = vec![0.0; UNIT * width];
         let mut rows = Rows { rest: &mut rest, frames: &mut frames, images: &mut images, touches: &mut touches };
         self.make(first, UNIT, &mut rows)?;
-        let truth = |row: usize| {
-            let places = touches[row * width..][..width].chunks_exact(TOUCH_COLUMNS);
-            let places = places.map(|place| <[f32; TOUCH_COLUMNS]>::try_from(place).expect("as many columns"));
-            places.filter(|place| !place[0].is_nan()).collect()
-        };
+        let is_press = generator.recipe.has_presses();
         let sample = |row: usize| Sample {
             index: first + row as u64,
             frame: frames[row * channels..][..channels].to_vec(),
             rest: rest.chunks_exact(channels).nth(row).unwrap_or(&generator.rest).to_vec(),
             image: images[row * pixels..][..pixels].to_vec(),
-            touches: truth(row),
+            touches: SampleTouch::from_rows(&touches[row * width..][..width], is_press),
         };
         Ok((0..UNIT).map(sample).collect())
     }
@@ -230,18 +207,11 @@ pub(super) fn write_row(rows: &mut [f32], row: usize, values: impl ExactSizeIter
     rows[row * width..][..width].iter_mut().zip(values).for_each(|(place, value)| *place = value as f32);
 }
 
-/// Writes the truth of a sample: a place and three numbers for each touch.
-pub(super) fn write_truth(
-    rows: &mut [f32],
-    row: usize,
-    most: usize,
-    touches: impl Iterator<Item = [f64; TOUCH_COLUMNS]>,
-) {
-    let truth = &mut rows[row * most * TOUCH_COLUMNS..][..most * TOUCH_COLUMNS];
-    truth.fill(f32::NAN);
-    for (place, touch) in truth.chunks_exact_mut(TOUCH_COLUMNS).zip(touches) {
-        place.copy_from_slice(&touch.map(|value| value as f32));
-    }
+/// Writes the touches of a sample.
+pub(super) fn write_touches(rows: &mut [f32], row: usize, most: usize, touches: impl Iterator<Item = SampleTouch>) {
+    let values = &mut rows[row * most * TOUCH_COLUMNS..][..most * TOUCH_COLUMNS];
+    values.fill(f32::NAN);
+    values.chunks_exact_mut(TOUCH_COLUMNS).zip(touches).for_each(|(place, touch)| place.copy_from_slice(&touch.row()));
 }
 
 /// Samples without a disk and without an end; see [`Generator::stream`].

@@ -21,6 +21,7 @@ mod reader;
 mod recipe;
 mod record;
 mod run;
+mod sample;
 mod skins;
 mod target;
 #[cfg(test)]
@@ -28,9 +29,10 @@ mod tests;
 
 pub use error::DatasetError;
 pub use finish::{Checked, FileRecord, Manifest, Statistics, finish, verify};
-pub use generator::{Generator, Sample, Stream, Worker};
+pub use generator::{Generator, Stream, Worker};
 pub use raster::CellRaster;
 pub use reader::Dataset;
 pub use recipe::{GaussianTouches, PatchTouches, Recipe, SkinSpread, Skins, Together, Touch};
 pub use record::{DesignRecord, MeshRecord, PixelRecord, Record, SAMPLES_PER_FILE, TensorRecord};
 pub use run::{Run, RunReport, Shard};
+pub use sample::{Sample, SampleTouch, TouchKind};

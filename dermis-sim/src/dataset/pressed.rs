@@ -1,9 +1,10 @@
 //! Samples of presses on fabric patches: drawn, solved by a low-rank update.
 
-use crate::dataset::generator::{Rows, write_row, write_truth};
+use crate::dataset::generator::{Rows, write_row, write_touches};
 use crate::dataset::places::Places;
 use crate::dataset::press_target::PressTarget;
 use crate::dataset::recipe::{PatchTouches, Recipe, SkinSpread, Skins};
+use crate::dataset::sample::{SampleTouch, TouchKind, single};
 use crate::dataset::skins::SkinInstance;
 use crate::elementary::sin_cos;
 use crate::random::{log_uniform, sample_rng, uniform};
@@ -194,11 +195,12 @@ impl PressWorker<'_> {
         let strengths = (presses.iter())
             .map(|press| self.maker.target.strength_m2(press, &mut self.image))
             .collect::<Result<Vec<f64>, TwinError>>()?;
-        let truth = presses.iter().zip(strengths).map(|(press, strength)| {
-            let [x, y, z] = press.centre_m;
-            [x, y, z, press.tip_radius_m, press.force_n, strength]
+        let touches = presses.iter().zip(strengths).map(|(press, strength)| SampleTouch {
+            centre_m: single(press.centre_m),
+            kind: TouchKind::Press { tip_radius_m: press.tip_radius_m as f32, force_n: press.force_n as f32 },
+            strength_m2: strength as f32,
         });
-        write_truth(rows.touches, row, self.maker.options.most, truth);
+        write_touches(rows.touches, row, self.maker.options.most, touches);
         Ok(())
     }
 }

@@ -3,8 +3,8 @@
 use crate::dataset::DatasetError;
 use crate::dataset::file::Reader;
 use crate::dataset::finish::Manifest;
-use crate::dataset::generator::TOUCH_COLUMNS;
 use crate::dataset::record::{FRAMES, IMAGES, REST, TOUCHES, file_name};
+use crate::dataset::sample::{SampleTouch, TOUCH_COLUMNS};
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
@@ -24,6 +24,15 @@ struct Rows {
     start: u64,
     count: usize,
     width: usize,
+}
+
+/// The tensors of a file, in the order of [`NAMES`].
+#[derive(Debug, Clone, Copy)]
+enum Values {
+    Rest,
+    Frames,
+    Images,
+    Touches,
 }
 
 /// The tensors in the order of [`Dataset::tensors`].
@@ -72,7 +81,7 @@ impl Dataset {
 
     /// Values of an image.
     pub fn pixel_count(&self) -> usize {
-        self.tensors.first().map_or(0, |tensors| tensors[2].width)
+        self.tensors.first().map_or(0, |tensors| tensors[Values::Images as usize].width)
     }
 
     /// Number of samples.
@@ -93,7 +102,7 @@ impl Dataset {
     /// # Panics
     /// Here as in the other readers: a sample that is not there, or memory of another size than a row's.
     pub fn rest_into(&self, sample: u64, values: &mut [f32]) -> Result<(), DatasetError> {
-        self.row(0, sample, values)
+        self.row(Values::Rest, sample, values)
     }
 
     /// The frame of a sample while its touches last, ohm.
@@ -101,7 +110,7 @@ impl Dataset {
     /// # Errors
     /// A file that cannot be read.
     pub fn frame_into(&self, sample: u64, values: &mut [f32]) -> Result<(), DatasetError> {
-        self.row(1, sample, values)
+        self.row(Values::Frames, sample, values)
     }
 
     /// The image of a sample.
@@ -109,24 +118,24 @@ impl Dataset {
     /// # Errors
     /// A file that cannot be read.
     pub fn image_into(&self, sample: u64, values: &mut [f32]) -> Result<(), DatasetError> {
-        self.row(2, sample, values)
+        self.row(Values::Images, sample, values)
     }
 
-    /// The touches of a sample, as in [`Sample::touches`](crate::dataset::Sample::touches).
+    /// The touches of a sample.
     ///
     /// # Errors
     /// A file that cannot be read.
-    pub fn touches(&self, sample: u64) -> Result<Vec<[f32; TOUCH_COLUMNS]>, DatasetError> {
-        let mut values = vec![0.0; self.manifest.record.recipe.most_touches() * TOUCH_COLUMNS];
-        self.row(3, sample, &mut values)?;
-        let touches = values.chunks_exact(TOUCH_COLUMNS).map(|touch| touch.try_into().expect("as many columns"));
-        Ok(touches.filter(|touch: &[f32; TOUCH_COLUMNS]| !touch[0].is_nan()).collect())
+    pub fn touches(&self, sample: u64) -> Result<Vec<SampleTouch>, DatasetError> {
+        let recipe = &self.manifest.record.recipe;
+        let mut values = vec![0.0; recipe.most_touches() * TOUCH_COLUMNS];
+        self.row(Values::Touches, sample, &mut values)?;
+        Ok(SampleTouch::from_rows(&values, recipe.has_presses()))
     }
 
-    fn row(&self, tensor: usize, sample: u64, values: &mut [f32]) -> Result<(), DatasetError> {
+    fn row(&self, tensor: Values, sample: u64, values: &mut [f32]) -> Result<(), DatasetError> {
         let per_file = self.manifest.record.samples_per_file;
         let file = (sample / per_file) as usize;
-        let Rows { start, count, width } = self.tensors[file][tensor];
+        let Rows { start, count, width } = self.tensors[file][tensor as usize];
         assert_eq!(values.len(), width, "memory for a row");
         // One row for all samples, or one for each.
         let row = if count == 1 { 0 } else { sample % per_file };

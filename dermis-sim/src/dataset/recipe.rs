@@ -252,6 +252,11 @@ impl Recipe {
         }
     }
 
+    /// Whether touches are presses, which have a force.
+    pub fn has_presses(&self) -> bool {
+        matches!(self.touch, Touch::Patch(_))
+    }
+
     /// Most touches of a sample.
     pub fn most_touches(&self) -> usize {
         match &self.touch {

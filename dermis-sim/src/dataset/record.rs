@@ -2,8 +2,9 @@
 
 use crate::dataset::error::DatasetError;
 use crate::dataset::file::{Label, Tensor, hex};
-use crate::dataset::generator::{Generator, TOUCH_COLUMNS};
+use crate::dataset::generator::Generator;
 use crate::dataset::recipe::{Recipe, Touch};
+use crate::dataset::sample::TOUCH_COLUMNS;
 use dermis::linalg::SimdLevel;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

@@ -2,8 +2,9 @@
 
 use crate::dataset::DatasetError;
 use crate::dataset::file::{self, Reader, Tensor};
-use crate::dataset::generator::{Generator, Rows, TOUCH_COLUMNS, UNIT, Worker};
+use crate::dataset::generator::{Generator, Rows, UNIT, Worker};
 use crate::dataset::record::{FRAMES, IMAGES, REST, Record, TOUCHES, file_name};
+use crate::dataset::sample::TOUCH_COLUMNS;
 use rayon::prelude::*;
 use std::fs::{File, TryLockError};
 use std::io::Write;

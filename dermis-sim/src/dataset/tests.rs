@@ -2,7 +2,7 @@ use crate::dataset::record::file_name;
 use crate::dataset::skins::SkinMaker;
 use crate::dataset::{
     DatasetError, GaussianTouches, Generator, Manifest, PatchTouches, Recipe, Record, Run, Shard, SkinSpread, Skins,
-    Touch, finish, verify,
+    Touch, TouchKind, finish, verify,
 };
 use crate::touch::touched_conductivity;
 use crate::twin::PatchedSkin;
@@ -97,7 +97,8 @@ fn a_sample_is_what_the_plain_rasteriser_and_the_plain_solver_make_of_its_touche
                 worst_image = worst_image.max((f64::from(got) - want).abs() / strongest);
             }
             assert_eq!(sample.touches.len(), touches.len());
-            assert_eq!(sample.touches[0][4], touches[0].amplitude as f32);
+            let TouchKind::Gaussian { amplitude, .. } = sample.touches[0].kind else { panic!("a Gaussian touch") };
+            assert_eq!(amplitude, touches[0].amplitude as f32);
         }
         println!(
             "{name}: frames off by {worst_frame:.1e} of the largest value, images by {worst_image:.3} of the amplitude"
@@ -379,7 +380,7 @@ fn a_press_sample_is_what_the_patched_skin_makes_of_its_presses() {
         let frame = skin.network(&presses).unwrap().frame(&design.protocol);
         assert!(off(&sample.frame, &frame, &rest) < 1e-3);
         assert_eq!(sample.touches.len(), presses.len());
-        assert_eq!(sample.touches[0][4], presses[0].force_n as f32);
+        assert_eq!(sample.touches[0].force_n(), Some(presses[0].force_n as f32));
         let peak = sample.image.iter().copied().fold(0.0, f32::max);
         assert!(peak > 0.05, "{peak}");
     }

@@ -1,6 +1,6 @@
 //! Contacts of known touches in simulated frames, to measure how far contacts lie from what touched.
 
-use crate::dataset::{Generator, Sample, Touch};
+use crate::dataset::{Generator, Sample, SampleTouch};
 use crate::evaluate::{GainFit, match_contacts};
 use crate::noise::Noise;
 use crate::random::sample_rng;
@@ -55,7 +55,6 @@ impl CalibrationRun {
         let detectors = levels.iter().map(detector).collect::<crate::Result<Vec<Detector>>>()?;
         let (_, drives) = protocol.drives();
         let seed = generator.recipe().seed;
-        let is_pressed = matches!(generator.recipe().touch, Touch::Patch(_));
         let one = |sample: Sample| -> crate::Result<CalibrationRun> {
             let level = sample.index as usize % levels.len();
             let frame = Frame(sample.frame.iter().map(|value| f64::from(*value)).collect());
@@ -67,10 +66,9 @@ impl CalibrationRun {
             run.images.add(&image.values, &target);
             let found = detectors[level].detect_under(&image);
             let contacts: Vec<Contact> = found.iter().map(|(contact, _)| *contact).collect();
-            // Presses have a force where Gaussians have an amplitude.
-            let force_n = |touch: &[f32; 6]| if is_pressed { f64::from(touch[4]) } else { f64::NAN };
-            let place = |touch: &[f32; 6]| {
-                Contact::truth([touch[0], touch[1], touch[2]].map(f64::from), [f64::NAN; 3], force_n(touch))
+            let place = |touch: &SampleTouch| {
+                let force_n = touch.force_n().map_or(f64::NAN, f64::from);
+                Contact::truth(touch.centre_m.map(f64::from), [f64::NAN; 3], force_n)
             };
             let touches: Vec<Contact> = sample.touches.iter().map(place).collect();
             let matched = match_contacts(&touches, &contacts, &image.space.surface);

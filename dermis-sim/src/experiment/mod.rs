@@ -6,7 +6,7 @@
 mod paper;
 mod presses;
 
-pub use paper::{FOUR_APART_M, PaperExperiment, Sizes};
+pub use paper::{FOUR_APART_M, PaperExperiment, Sets, Sizes};
 pub use presses::{PressSet, Presses};
 
 use crate::twin::{Press, Twin};

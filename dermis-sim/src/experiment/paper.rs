@@ -45,8 +45,43 @@ pub struct PaperExperiment {
     pub twin: Twin,
     /// The same skin with its patches shifted by a random part of their pitch, for the presses at random places.
     pub shifted: Twin,
-    /// The presses: grid, random, two, four.
-    pub sets: [PressSet; 4],
+    /// The presses.
+    pub sets: Sets<PressSet>,
+}
+
+/// One of something for each set of presses.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sets<T> {
+    /// Of single presses in the middles of the pixels.
+    pub grid: T,
+    /// Of single presses at random places, the patches shifted.
+    pub random: T,
+    /// Of two presses at once.
+    pub two: T,
+    /// Of four presses at once.
+    pub four: T,
+}
+
+impl<T> Sets<T> {
+    /// All of them, in the order of time.
+    pub fn iter(&self) -> impl Iterator<Item = &T> {
+        [&self.grid, &self.random, &self.two, &self.four].into_iter()
+    }
+
+    /// What a function makes of each.
+    pub fn map<'a, U>(&'a self, mut function: impl FnMut(&'a T) -> U) -> Sets<U> {
+        let Ok(sets) = self.try_map(|one| Ok::<U, std::convert::Infallible>(function(one)));
+        sets
+    }
+
+    /// What a function makes of each, in the order of time.
+    ///
+    /// # Errors
+    /// Those of the function.
+    pub fn try_map<'a, U, E>(&'a self, mut function: impl FnMut(&'a T) -> Result<U, E>) -> Result<Sets<U>, E> {
+        let Sets { grid, random, two, four } = self;
+        Ok(Sets { grid: function(grid)?, random: function(random)?, two: function(two)?, four: function(four)? })
+    }
 }
 
 impl PaperExperiment {
@@ -63,12 +98,12 @@ impl PaperExperiment {
         sizes: &Sizes,
     ) -> crate::Result<Self> {
         let presses = Presses::new(design, mesh, pixels, options.press, seed);
-        let sets = [
-            presses.on_grid(sizes.grid_step),
-            presses.at_random(sizes.random),
-            presses.in_pairs(&sizes.separations_m, sizes.pairs),
-            presses.apart(4, FOUR_APART_M, sizes.fours),
-        ];
+        let sets = Sets {
+            grid: presses.on_grid(sizes.grid_step),
+            random: presses.at_random(sizes.random),
+            two: presses.in_pairs(&sizes.separations_m, sizes.pairs),
+            four: presses.apart(4, FOUR_APART_M, sizes.fours),
+        };
         let mut shifted = options.clone();
         if let TouchOptions::Patches(patches) = &mut shifted.touch {
             let pitch_m = patches.on_body(&design.body)?.pitch_m();
@@ -88,14 +123,13 @@ impl PaperExperiment {
     ///
     /// # Errors
     /// As [`record`].
-    pub fn record(&self, on_frame: impl Fn() + Sync) -> crate::Result<[Recording; 4]> {
+    pub fn record(&self, on_frame: impl Fn() + Sync) -> crate::Result<Sets<Recording>> {
         let mut next_index = 0;
-        let mut one = |number: usize| {
-            let twin = if self.sets[number].name == "random" { &self.shifted } else { &self.twin };
-            let recording = record(twin, &self.sets[number].presses, next_index, &on_frame)?;
+        self.sets.try_map(|set| {
+            let twin = if std::ptr::eq(set, &self.sets.random) { &self.shifted } else { &self.twin };
+            let recording = record(twin, &set.presses, next_index, &on_frame)?;
             next_index = recording.next_index;
-            Ok::<Recording, crate::Error>(recording)
-        };
-        Ok([one(0)?, one(1)?, one(2)?, one(3)?])
+            Ok(recording)
+        })
     }
 }

@@ -8,7 +8,7 @@ use crate::{Error, Result};
 use dermis::contact::Contact;
 use dermis::image::Image;
 use dermis::stats::upper_median;
-use dermis_sim::dataset::{GaussianTouches, Generator, Recipe, Skins, Touch};
+use dermis_sim::dataset::{GaussianTouches, Generator, Recipe, SampleTouch, Skins, Touch};
 use dermis_sim::experiment::Recording;
 use dermis_sim::twin::Press;
 use std::sync::Arc;
@@ -108,13 +108,13 @@ impl TrainingSample {
         let wanted = (0..).find(|&index| generator.touches(index).len() == SAMPLE_TOUCHES).unwrap_or(0);
         let sample = generator.stream(wanted).next().ok_or_else(|| Error::Internal("no sample came".into()))??;
         let surface = bench.design.body.surface();
-        let touch = |touch: &[f32]| {
-            let at = [0, 1, 2].map(|axis| f64::from(touch[axis]));
+        let touch = |touch: &SampleTouch| {
+            let at = touch.centre_m.map(f64::from);
             Contact::truth(at, surface.normal(at).unwrap_or([f64::NAN; 3]), f64::NAN)
         };
         Ok(TrainingSample {
             difference: sample.frame.iter().zip(&sample.rest).map(|(a, b)| f64::from(a - b)).collect(),
-            touches: sample.touches.iter().map(|place| touch(place)).collect(),
+            touches: sample.touches.iter().map(touch).collect(),
             image: Image {
                 space: Arc::clone(&bench.pixels),
                 values: sample.image.iter().map(|&value| f64::from(value)).collect(),

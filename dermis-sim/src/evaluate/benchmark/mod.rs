@@ -12,7 +12,7 @@ pub use least_force::FALSE_CONTACTS_A_FRAME;
 
 use crate::evaluate::score::score_contacts;
 use crate::evaluate::{EvaluateError, Score};
-use crate::experiment::{PaperExperiment, Presses, Recording, Sizes, truth};
+use crate::experiment::{PaperExperiment, Presses, Recording, Sets, Sizes, truth};
 use crate::random::sample_rng;
 use crate::twin::TwinOptions;
 use dermis::contact::Contact;
@@ -131,7 +131,7 @@ impl Benchmark<'_> {
         let twin = self.with_dead_electrodes(seed, options.dead_electrodes)?;
         let experiment = PaperExperiment::draw(self.design, self.mesh, self.pixels, &twin, seed, &options.sizes)?;
         let recordings = experiment.record(|| on_step(1))?;
-        let broken = broken_channels(&recordings[0].untouched);
+        let broken = broken_channels(&recordings.grid.untouched);
         if broken.is_empty() {
             return self.scored(seed, options, &experiment, &recordings, on_step);
         }
@@ -146,16 +146,14 @@ impl Benchmark<'_> {
         seed: u64,
         options: &BenchmarkOptions,
         experiment: &PaperExperiment,
-        recordings: &[Recording; 4],
+        recordings: &Sets<Recording>,
         on_step: impl Fn(usize) + Sync,
     ) -> crate::Result<BenchmarkResult> {
         let surface = self.design.body.surface();
-        let truths: [Vec<Vec<Contact>>; 4] =
-            experiment.sets.each_ref().map(|set| set.presses.iter().map(|frame| truth(&surface, frame)).collect());
         let presses = Presses::new(self.design, self.mesh, self.pixels, self.options.press, seed);
         let fixed = presses.at_fixed_places(options.places, &force::FORCES_N);
         let (rank_correlations, peak_ratios, after) =
-            force::at_fixed_places(&experiment.twin, self.method, &fixed, recordings[3].next_index, &on_step)?;
+            force::at_fixed_places(&experiment.twin, self.method, &fixed, recordings.four.next_index, &on_step)?;
         let untouched = untouched_differences(&experiment.twin, after, options.untouched, &on_step)?;
         let noise = self.noise(&untouched)?;
         let finder = Finder { method: self.method, noise: &noise };
@@ -163,42 +161,42 @@ impl Benchmark<'_> {
         let places: Vec<Point3> = self.pixels.centres_m.iter().copied().step_by(options.force_step.max(1)).collect();
         let least_forces_n = finder.least_forces(&experiment.twin, noise_factor, &places, &on_step)?;
         let detector = Detector::new(self.method.detection()).with_noise(noise);
-        let images: Vec<Vec<Image>> = recordings.iter().map(|one| self.images(one)).collect::<crate::Result<_>>()?;
-        let contacts: Vec<Vec<Vec<Contact>>> =
-            images.iter().map(|set| set.par_iter().map(|image| detector.detect(image)).collect()).collect();
-        let frames = |set: usize| contacts[set].iter().zip(&truths[set]);
-        let single =
-            |set: usize| score_contacts(&images[set], &contacts[set], &truths[set], &self.method.name(), self.alpha);
-        let singles = |counts: &dyn Fn(Point3) -> bool| {
-            Summary::of(&edges::distances_m(&surface, frames(0).chain(frames(1)), counts))
+        let seen = recordings.try_map(|recording| self.seen(recording, &detector))?;
+        let truths: Sets<Vec<Vec<Contact>>> =
+            experiment.sets.map(|set| set.presses.iter().map(|frame| truth(&surface, frame)).collect());
+        let scored = |seen: &Seen, truths: &[Vec<Contact>]| {
+            score_contacts(&seen.images, &seen.contacts, truths, &self.method.name(), self.alpha)
         };
+        let of_singles = || frames(&seen.grid, &truths.grid).chain(frames(&seen.random, &truths.random));
+        let singles =
+            |counts: &dyn Fn(Point3) -> bool| Summary::of(&edges::distances_m(&surface, of_singles(), counts));
         Ok(BenchmarkResult {
             seed,
-            grid: single(0)?,
-            random: single(1)?,
+            grid: scored(&seen.grid, &truths.grid)?,
+            random: scored(&seen.random, &truths.random)?,
             single_m: singles(&|_| true),
             rim_and_seam_m: singles(&|place| edges::is_at_edge(&self.design.body, place)),
             covered: Covered {
-                single: coverage::covered(&surface, frames(0).chain(frames(1)), 0),
-                two: coverage::covered(&surface, frames(2), 0),
-                two_as_one: coverage::covered(&surface, frames(2), 1),
-                four: coverage::covered(&surface, frames(3), 0),
+                single: coverage::covered(&surface, of_singles(), 0),
+                two: coverage::covered(&surface, frames(&seen.two, &truths.two), 0),
+                two_as_one: coverage::covered(&surface, frames(&seen.two, &truths.two), 1),
+                four: coverage::covered(&surface, frames(&seen.four, &truths.four), 0),
             },
             force: ForceScore {
                 true_spread: [
-                    force::true_spread(&experiment.twin, &experiment.sets[0].presses)?,
-                    force::true_spread(&experiment.shifted, &experiment.sets[1].presses)?,
+                    force::true_spread(&experiment.twin, &experiment.sets.grid.presses)?,
+                    force::true_spread(&experiment.shifted, &experiment.sets.random.presses)?,
                 ],
                 rank_correlations,
                 peak_ratios,
             },
             two_resolved: separation::two_resolved(
                 &surface,
-                &contacts[2],
-                &truths[2],
-                &experiment.sets[2].separations_m,
+                &seen.two.contacts,
+                &truths.two,
+                &experiment.sets.two.separations_m,
             ),
-            four: separation::four(&surface, &contacts[3], &truths[3]),
+            four: separation::four(&surface, &seen.four.contacts, &truths.four),
             noise_factor,
             noise_factor_error,
             least_forces_n,
@@ -224,9 +222,12 @@ impl Benchmark<'_> {
         Ok(options)
     }
 
-    fn images(&self, recording: &Recording) -> crate::Result<Vec<Image>> {
+    /// The images of a recording, and the contacts in them.
+    fn seen(&self, recording: &Recording, detector: &Detector) -> crate::Result<Seen> {
         let image = |frame: &Frame| Ok(self.method.reconstruct(&(frame - &recording.baseline))?);
-        recording.frames.par_iter().map(image).collect()
+        let images = recording.frames.par_iter().map(image).collect::<crate::Result<Vec<Image>>>()?;
+        let contacts = images.par_iter().map(|image| detector.detect(image)).collect();
+        Ok(Seen { images, contacts })
     }
 
     /// The noise of the images: by the method's matrix from that of each channel, or from images of untouched frames.
@@ -234,6 +235,20 @@ impl Benchmark<'_> {
         let few = &untouched[..untouched.len().min(1000)];
         Ok(image_noise(self.method, few)?.expect("there are untouched frames"))
     }
+}
+
+/// What a method made of a recording.
+struct Seen {
+    images: Vec<Image>,
+    contacts: Vec<Vec<Contact>>,
+}
+
+/// The contacts of each frame with its true touches.
+fn frames<'a>(
+    seen: &'a Seen,
+    truths: &'a [Vec<Contact>],
+) -> impl Iterator<Item = (&'a Vec<Contact>, &'a Vec<Contact>)> {
+    seen.contacts.iter().zip(truths)
 }
 
 impl BenchmarkResult {
