@@ -7,7 +7,7 @@ use crate::emulator::timing::Timing;
 use crate::scan::{Role, ScanTable};
 use dermis::design::SkinDesign;
 use dermis::geom::{Point3, Surface};
-use dermis_sim::twin::{Press, Twin, TwinOptions};
+use dermis_sim::twin::{ContactHistory, Press, Twin, TwinOptions};
 use dermis_wire::{Frame, FrameFlags, Hello, NoRoom, Readings, Slot, ToHost, VERSION};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -46,6 +46,8 @@ pub struct Emulator {
     reading_bytes: u8,
     boot: u32,
     twin: Mutex<Twin>,
+    /// What the twin's contacts remember of the presses of earlier frames.
+    history: Mutex<ContactHistory>,
     fingers: Mutex<BTreeMap<u32, Press>>,
     frames: Vec<Vec<i32>>,
     /// The number of the next frame, from power-up on; a connection goes on where the last one ended.
@@ -101,6 +103,7 @@ impl Emulator {
             reading_bytes: if bits <= 16 { 2 } else { 4 },
             boot: std::process::id() ^ crate::Timestamp::now().unix_ns as u32,
             twin: Mutex::new(twin),
+            history: Mutex::default(),
             fingers: Mutex::default(),
             frames: Vec::new(),
             next: Mutex::new(0),
@@ -213,7 +216,7 @@ impl Emulator {
     fn take(&self, index: u64) -> Result<Vec<i32>, LiveError> {
         let time_s = index as f64 / self.options.twin.electronics.frame_rate_hz;
         let presses = self.presses(time_s);
-        let readings = lock(&self.twin).readings(&presses, index)?;
+        let readings = lock(&self.twin).readings_after(&presses, &mut lock(&self.history), index)?;
         let channels = self.design.protocol.channels();
         let count = |value_v: f64, volts_per_count: f64| {
             (value_v / volts_per_count).round().clamp(-f64::from(self.full_scale) - 1.0, f64::from(self.full_scale))

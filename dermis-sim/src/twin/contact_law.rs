@@ -26,8 +26,10 @@ pub struct ContactLaw {
     /// Pressure that the foam exerts everywhere without any press, Pa; 0 where patches lie loose.
     #[serde(default)]
     pub preload_pa: f64,
-    /// How much of the conductance at the highest pressure stays while the pressure falls: 0 for none, below 1. The
-    /// contact behaves as at `p (p_max / p)^hysteresis`, `p_max` the highest pressure since it closed.
+    /// How much of the conductance at the highest pressure remains while the pressure falls: 0 for none, below 1. The contact
+    /// behaves as at `p (p_max / p)^hysteresis`, `p_max` the highest pressure since it closed. It acts while a press is released
+    /// or slides, as on an emulated device. The tip leaves the skin between the presses of an experiment and the samples of a
+    /// dataset: each of these begins without memory.
     #[serde(default)]
     pub hysteresis: f64,
 }
@@ -44,7 +46,7 @@ impl ContactLaw {
 
     /// Conductance per area at a pressure after a higher one, S/m2. A pure function: `highest_pa` is the highest
     /// pressure since the contact closed, the present one included; the caller keeps it.
-    pub fn conductance_after_s_per_m2(&self, pressure_pa: f64, highest_pa: f64) -> f64 {
+    pub(super) fn conductance_after_s_per_m2(&self, pressure_pa: f64, highest_pa: f64) -> f64 {
         if pressure_pa <= 0.0 || self.hysteresis == 0.0 {
             return self.conductance_s_per_m2(pressure_pa);
         }
@@ -53,7 +55,7 @@ impl ContactLaw {
 
     /// The highest pressure to remember: it grows with the pressure, and is forgotten when the contact is back at the
     /// preload.
-    pub fn highest_pa(&self, pressure_pa: f64, highest_before_pa: f64) -> f64 {
+    pub(super) fn highest_pa(&self, pressure_pa: f64, highest_before_pa: f64) -> f64 {
         if pressure_pa <= self.preload_pa { pressure_pa } else { pressure_pa.max(highest_before_pa) }
     }
 

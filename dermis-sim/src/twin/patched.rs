@@ -39,8 +39,8 @@ pub struct PatchedSkin {
     least_s: f64,
 }
 
-/// The highest pressures since contact, of every place where there is contact: the memory of a contact with
-/// [hysteresis](ContactLaw::hysteresis). It belongs to the caller; a new one is a skin that was never touched.
+/// What contacts with [hysteresis](ContactLaw::hysteresis) remember of the presses before: the highest pressure at each place
+/// since the contact closed there. The default is the untouched skin. It stays empty without hysteresis.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ContactHistory {
     /// By patch and point of the patch, Pa.
@@ -166,7 +166,8 @@ impl PatchedSkin {
         Ok(self.conductors.network_once(&self.contacts(presses)?)?)
     }
 
-    /// [`network`](Self::network) of a contact with hysteresis, whose memory is brought up to date.
+    /// The network between the electrodes while some presses last that follow others, of which contacts with hysteresis
+    /// remember the highest pressure. `history` is brought up to date.
     ///
     /// # Errors
     /// As [`network`](Self::network).
@@ -179,28 +180,27 @@ impl PatchedSkin {
     /// # Errors
     /// As [`network`](Self::network).
     pub fn contacts(&self, presses: &[Press]) -> Result<Vec<ConductorContact>, TwinError> {
-        self.patches_under(presses, |_, pressure| self.contact.conductance_s_per_m2(pressure))
+        self.contacts_after(presses, &mut ContactHistory::default())
     }
 
-    /// [`contacts`](Self::contacts) with hysteresis.
-    ///
-    /// # Errors
-    /// As [`network`](Self::network).
-    pub fn contacts_after(
+    fn contacts_after(
         &self,
         presses: &[Press],
         history: &mut ContactHistory,
     ) -> Result<Vec<ConductorContact>, TwinError> {
-        let mut now = HashMap::new();
+        if self.contact.hysteresis == 0.0 {
+            return self.patches_under(presses, |_, pressure| self.contact.conductance_s_per_m2(pressure));
+        }
+        let mut highest_pa = HashMap::new();
         let contacts = self.patches_under(presses, |point, pressure| {
             let before = history.highest_pa.get(&point).copied().unwrap_or(0.0);
             let highest = self.contact.highest_pa(pressure, before);
             if pressure > self.contact.preload_pa {
-                now.insert(point, highest);
+                highest_pa.insert(point, highest);
             }
             self.contact.conductance_after_s_per_m2(pressure, highest)
         })?;
-        history.highest_pa = now;
+        history.highest_pa = highest_pa;
         Ok(contacts)
     }
 

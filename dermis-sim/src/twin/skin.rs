@@ -2,7 +2,7 @@
 
 use super::electronics::{Electronics, ElectronicsReport, Readings, not_negative};
 use super::imperfections::Drift;
-use super::{GaussianOptions, PatchedSkin, Press, TouchOptions, TwinError, TwinOptions};
+use super::{ContactHistory, GaussianOptions, PatchedSkin, Press, TouchOptions, TwinError, TwinOptions};
 use crate::noise::Noise;
 use crate::touch::{GaussianTouch, touched_conductivity};
 use dermis::design::{Body, SkinDesign, TouchEffect};
@@ -33,8 +33,17 @@ pub struct Twin {
 struct Skin {
     forward: ForwardModel,
     touch: Touch,
-    /// The last presses and their network: a touch that is held is solved once.
-    last: Mutex<Option<(Vec<Press>, ElectrodeNetwork)>>,
+    /// The last solution: a touch that is held is solved once.
+    last: Mutex<Option<Solution>>,
+}
+
+/// The network of some presses, by what the contacts remembered before them.
+#[derive(Debug)]
+struct Solution {
+    presses: Vec<Press>,
+    before: ContactHistory,
+    after: ContactHistory,
+    network: ElectrodeNetwork,
 }
 
 #[derive(Debug)]
@@ -76,7 +85,7 @@ impl Twin {
 
         // The noise is stated of a skin that works; only the frames are those of a broken one.
         let sound = Skin::new(&drawn, &mesh, &coat, options)?;
-        let sound_network = sound.network(&[])?;
+        let sound_network = sound.network(&[], &mut ContactHistory::default())?;
         let electronics = Electronics::new(&options.electronics, &drawn.protocol, &sound_network, seed)?;
         let contacts_ohm: Vec<f64> =
             (0..drawn.electrodes.len()).map(|electrode| sound.forward.contact_resistance_ohm(electrode)).collect();
@@ -152,12 +161,19 @@ impl Twin {
         &self.untouched
     }
 
-    /// The network under some presses, before any drift.
+    /// The network under some presses that begin on the untouched skin, before any drift.
     ///
     /// # Errors
     /// Presses that the twin cannot answer: off the skin, without a force, too strong for a touch that lowers conductance.
     pub fn network(&self, presses: &[Press]) -> crate::Result<ElectrodeNetwork> {
-        let network = self.skin.network(presses)?;
+        self.network_after(presses, &mut ContactHistory::default())
+    }
+
+    /// The network under some presses that follow others, before any drift: contacts with hysteresis
+    /// ([`ContactLaw::hysteresis`](crate::twin::ContactLaw::hysteresis)) remember the highest pressure since they closed.
+    /// `history` is what they remember, and is brought up to date.
+    fn network_after(&self, presses: &[Press], history: &mut ContactHistory) -> crate::Result<ElectrodeNetwork> {
+        let network = self.skin.network(presses, history)?;
         Ok(if self.series_ohm.is_empty() { network } else { network.with_series(&self.series_ohm)? })
     }
 
@@ -169,8 +185,8 @@ impl Twin {
         Ok(self.network_or_untouched(presses)?.frame(&self.design.protocol))
     }
 
-    /// Frame `index` as the instrument delivers it, taken at `index / frame_rate`; ohm. Its noise depends on the seed and
-    /// the index alone.
+    /// Frame `index` as the instrument delivers it, taken at `index / frame_rate`, of presses that begin on the untouched skin;
+    /// ohm. Its noise depends on the seed and the index alone.
     ///
     /// # Errors
     /// As [`network`](Self::network).
@@ -178,13 +194,33 @@ impl Twin {
         Ok(self.electronics.values(&self.readings(presses, index)?))
     }
 
-    /// The readings of frame `index`, before they become ohm.
+    /// [`readings_after`](Self::readings_after) of presses that begin on the untouched skin.
     ///
     /// # Errors
     /// As [`network`](Self::network).
     pub fn readings(&self, presses: &[Press], index: u64) -> crate::Result<Readings> {
-        let network = self.drift.at(self.network_or_untouched(presses)?, self.electronics.time_s(index))?;
-        Ok(self.electronics.readings(&network, index))
+        self.readings_after(presses, &mut ContactHistory::default(), index)
+    }
+
+    /// The readings of frame `index`, before they become ohm, of presses that follow those of earlier frames: `history` is what
+    /// contacts with hysteresis remember of them, and is brought up to date.
+    ///
+    /// # Errors
+    /// As [`network`](Self::network).
+    pub fn readings_after(
+        &self,
+        presses: &[Press],
+        history: &mut ContactHistory,
+        index: u64,
+    ) -> crate::Result<Readings> {
+        let network = match presses {
+            [] => {
+                *history = ContactHistory::default();
+                self.untouched.clone()
+            }
+            _ => self.network_after(presses, history)?,
+        };
+        Ok(self.electronics.readings(&self.drift.at(network, self.electronics.time_s(index))?, index))
     }
 
     /// Puts a resistance in series with an electrode from now on, ohm: a contact that comes loose while frames are taken, or
@@ -258,21 +294,23 @@ impl Skin {
         Ok(Skin { forward, touch, last: Mutex::new(None) })
     }
 
-    fn network(&self, presses: &[Press]) -> crate::Result<ElectrodeNetwork> {
-        // What is kept is always whole, whatever another thread ran into.
+    fn network(&self, presses: &[Press], history: &mut ContactHistory) -> crate::Result<ElectrodeNetwork> {
+        // A panic in another thread leaves a whole solution behind.
         let last = || self.last.lock().unwrap_or_else(PoisonError::into_inner);
-        let kept = last().as_ref().filter(|(of, _)| of == presses).map(|(_, network)| network.clone());
-        if let Some(network) = kept {
-            return Ok(network);
+        if let Some(known) = last().as_ref().filter(|known| known.presses == presses && known.before == *history) {
+            *history = known.after.clone();
+            return Ok(known.network.clone());
         }
-        let network = self.solve(presses)?;
-        *last() = Some((presses.to_vec(), network.clone()));
+        let before = history.clone();
+        let network = self.solve(presses, history)?;
+        let (presses, after) = (presses.to_vec(), history.clone());
+        *last() = Some(Solution { presses, before, after, network: network.clone() });
         Ok(network)
     }
 
-    fn solve(&self, presses: &[Press]) -> crate::Result<ElectrodeNetwork> {
+    fn solve(&self, presses: &[Press], history: &mut ContactHistory) -> crate::Result<ElectrodeNetwork> {
         match &self.touch {
-            Touch::Patches(patched) => patched.network(presses),
+            Touch::Patches(patched) => patched.network_after(presses, history),
             Touch::Gaussian { options, body, effect, solvers } => {
                 let touches = options.touches(presses, body, self.forward.mesh())?;
                 let rest = self.forward.rest_conductivity();

@@ -291,3 +291,24 @@ fn a_touch_that_is_held_is_what_a_fresh_twin_says_of_it() {
         assert_eq!(held.clean(&presses).unwrap(), twin().clean(&presses).unwrap());
     }
 }
+
+/// Released presses lie above loading ones, and a skin that was let go forgets.
+#[test]
+fn contacts_with_hysteresis_remember_earlier_frames() {
+    let mut options = coarse("lab");
+    let TouchOptions::Patches(patches) = &mut options.touch else { panic!("`lab` has patches") };
+    patches.contact.hysteresis = 0.3;
+    let twin = Twin::new(&cylinder(), &options, 3).unwrap();
+    let rest = twin.readings(&[], 0).unwrap().values_v;
+    let mut history = ContactHistory::default();
+    let mut change = |force_n: f64| {
+        let presses: Vec<Press> = (force_n > 0.0).then(|| press(0.14, 1.0, force_n)).into_iter().collect();
+        let values_v = twin.readings_after(&presses, &mut history, 0).unwrap().values_v;
+        values_v.iter().zip(&rest).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+    };
+    let [up, highest, held, down] = [1.0, 4.0, 4.0, 1.0].map(&mut change);
+    println!("1 N after 4 N changes the readings {:.2} times as much as before", down / up);
+    assert!(down > 1.05 * up && down < highest);
+    assert_eq!((held, change(1.0)), (highest, down), "a held press stays as it is");
+    assert_eq!([change(0.0), change(1.0)], [0.0, up], "let go, the contact forgets");
+}
