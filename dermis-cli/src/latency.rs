@@ -124,6 +124,7 @@ impl Latencies {
             title: &format!("{} frames", self.all_ms.len()),
             label: "from the last byte of a frame to its contacts (ms)",
             values: &shown,
+            counted: "frames",
             step: (p99 / 40.0).max(0.005),
             marks,
         };

@@ -9,6 +9,8 @@ const WIDTH: f64 = 470.0;
 const HEIGHT: f64 = 230.0;
 const LEFT: f64 = 66.0;
 const BELOW: f64 = 52.0;
+/// Height of a row with the name of a mark, pixels.
+const MARK_ROW: f64 = 16.0;
 const BARS: Colour = [66, 113, 158];
 
 /// How often values fall into even steps, with vertical lines that mark numbers of interest.
@@ -19,6 +21,8 @@ pub struct Histogram<'a> {
     pub label: &'a str,
     /// The values.
     pub values: &'a [f64],
+    /// What is counted: "frames".
+    pub counted: &'a str,
     /// Width of a step.
     pub step: f64,
     /// Marked numbers and their names.
@@ -34,7 +38,9 @@ impl Histogram<'_> {
             counts[((value / self.step).max(0.0) as usize).min(steps - 1)] += 1;
         }
         let highest = counts.iter().copied().max().unwrap_or(0).max(1) as f64 * 1.12;
-        let top = frame::title_height(self.title, "");
+        // The names of the marks stand above the bars, a row each.
+        let head = frame::title_height(self.title, "");
+        let top = head + MARK_ROW * self.marks.len() as f64;
         let mut picture = Picture::new(LEFT + WIDTH + 24.0, top + HEIGHT + BELOW);
         frame::title(&mut picture, self.title, "");
         let x = |value: f64| LEFT + WIDTH * value / (steps as f64 * self.step);
@@ -46,17 +52,16 @@ impl Histogram<'_> {
         }
         for (index, (value, name)) in self.marks.iter().enumerate() {
             let at = x(*value);
-            picture.line(&[[at, top], [at, y(0.0)]], Style::line(INK, 1.2).dashed(4.0));
-            // Names one below the other cannot overlap.
-            let y = top + 15.0 + 17.0 * index as f64;
+            let row = head + MARK_ROW * index as f64;
+            picture.line(&[[at, row], [at, y(0.0)]], Style::line(INK, 1.2).dashed(4.0));
             let fits = at + 10.0 + text_width(name, 12.0) < LEFT + WIDTH;
             let (x, anchor) = if fits { (at + 5.0, Anchor::Start) } else { (at - 5.0, Anchor::End) };
-            picture.text([x, y], name, Text::new(12.0, anchor).rimmed());
+            picture.text([x, row + 12.0], name, Text::new(12.0, anchor).rimmed());
         }
         frame::border(&mut picture, [LEFT, top], WIDTH, HEIGHT);
-        let below = Axis { range: [0.0, steps as f64 * self.step], label: self.label, wanted: 8 };
+        let below = Axis { range: [0.0, steps as f64 * self.step], logarithmic: false, label: self.label, wanted: 8 };
         frame::axis_below(&mut picture, [LEFT, top + HEIGHT], WIDTH, &below);
-        let left = Axis { range: [0.0, highest], label: "presses", wanted: 5 };
+        let left = Axis { range: [0.0, highest], logarithmic: false, label: self.counted, wanted: 5 };
         frame::axis_left(&mut picture, [LEFT, top + HEIGHT], HEIGHT, &left);
         picture
     }
@@ -83,6 +88,8 @@ pub struct Curves<'a> {
     pub below: &'a str,
     /// What runs upwards, with its unit.
     pub left: &'a str,
+    /// Whether the upward axis is logarithmic; values that are not positive are then left out.
+    pub logarithmic: bool,
     /// Numbers that the upward axis shows in any case.
     pub shown: Vec<f64>,
     /// A name and places for each line.
@@ -92,19 +99,15 @@ pub struct Curves<'a> {
 impl Curves<'_> {
     /// The picture; places that are not finite are left out.
     pub fn draw(&self) -> Picture {
-        let places =
-            || self.curves.iter().flat_map(|curve| &curve.1).filter(|place| place.iter().all(|v| v.is_finite()));
-        let range = |values: &mut dyn Iterator<Item = f64>| {
-            let (low, high) =
-                values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
-            if low < high {
-                [low, high]
-            } else {
-                [low.min(0.0), low.max(0.0) + 1.0].map(|v| if v.is_finite() { v } else { 0.0 })
-            }
+        let upward = |value: f64| if self.logarithmic { value.log10() } else { value };
+        let finite = |places: &[[f64; 2]]| {
+            let places = places.iter().map(|&[across, up]| [across, upward(up)]);
+            places.filter(|place| place.iter().all(|value| value.is_finite())).collect::<Vec<_>>()
         };
-        let across = range(&mut places().map(|place| place[0]));
-        let [low, high] = range(&mut places().map(|place| place[1]).chain(self.shown.iter().copied()));
+        let curves: Vec<Vec<[f64; 2]>> = self.curves.iter().map(|curve| finite(&curve.1)).collect();
+        let places = || curves.iter().flatten();
+        let across = range(places().map(|place| place[0]));
+        let [low, high] = range(places().map(|place| place[1]).chain(self.shown.iter().map(|&value| upward(value))));
         // A little air above and below the lines.
         let air = 0.04 * (high - low);
         let upward = [low - air, high + air];
@@ -119,12 +122,11 @@ impl Curves<'_> {
         frame::title(&mut picture, self.title, self.subtitle);
         let x = |value: f64| LEFT + WIDTH * (value - across[0]) / (across[1] - across[0]);
         let y = |value: f64| top + HEIGHT * (upward[1] - value) / (upward[1] - upward[0]);
-        if upward[0] < 0.0 && upward[1] > 0.0 {
+        if upward[0] < 0.0 && upward[1] > 0.0 && !self.logarithmic {
             picture.line(&[[LEFT, y(0.0)], [LEFT + WIDTH, y(0.0)]], Style::line(FAINT, 1.0));
         }
-        for (number, (_, places)) in self.curves.iter().enumerate() {
-            let finite = places.iter().filter(|place| place.iter().all(|value| value.is_finite()));
-            let line: Vec<Place> = finite.map(|&[a, b]| [x(a), y(b)]).collect();
+        for (number, places) in curves.iter().enumerate() {
+            let line: Vec<Place> = places.iter().map(|&[a, b]| [x(a), y(b)]).collect();
             // Many values stand so close that a thick line would be a band.
             let width = if line.len() > 100 { 0.8 } else { 2.0 };
             if line.len() > 1 {
@@ -136,13 +138,13 @@ impl Curves<'_> {
             &mut picture,
             [LEFT, top + HEIGHT],
             WIDTH,
-            &Axis { range: across, label: self.below, wanted: 7 },
+            &Axis { range: across, logarithmic: false, label: self.below, wanted: 7 },
         );
         frame::axis_left(
             &mut picture,
             [LEFT, top + HEIGHT],
             HEIGHT,
-            &Axis { range: upward, label: self.left, wanted: 5 },
+            &Axis { range: upward, logarithmic: self.logarithmic, label: self.left, wanted: 5 },
         );
         frame::legend(&mut picture, [LEFT, top + HEIGHT + BELOW - 6.0], WIDTH, &legend);
         picture
@@ -151,4 +153,13 @@ impl Curves<'_> {
 
 fn colour(number: usize) -> Colour {
     CURVE_COLOURS[number % CURVE_COLOURS.len()]
+}
+
+/// The least and the greatest of some numbers; a range of one around a single one.
+fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
+    let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+    match low < high {
+        true => [low, high],
+        false => [low.min(0.0), low.max(0.0) + 1.0].map(|v| if v.is_finite() { v } else { 0.0 }),
+    }
 }

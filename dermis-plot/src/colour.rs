@@ -15,6 +15,8 @@ pub const FAINT: Colour = [150, 156, 166];
 pub const ELECTRODE: Colour = [255, 213, 45];
 /// Estimates, as in the paper's Fig. 7.
 pub const ESTIMATE: Colour = [214, 40, 40];
+/// Estimates where nothing touched.
+pub const FALSE_POSITIVE: Colour = [126, 47, 142];
 /// Bare skin.
 pub const SKIN: Colour = [206, 216, 228];
 
@@ -79,6 +81,14 @@ impl Scale {
         Scale { low, high, kind: Kind::Sequential }
     }
 
+    /// From one quantile of some numbers to another, parts of their count; numbers beyond have the colours of the ends.
+    pub fn between_quantiles(values: impl IntoIterator<Item = f64>, parts: [f64; 2]) -> Self {
+        let mut sorted: Vec<f64> = values.into_iter().filter(|value| value.is_finite()).collect();
+        sorted.sort_by(f64::total_cmp);
+        let last = sorted.len().saturating_sub(1) as f64;
+        Self::sequential(parts.iter().filter_map(|part| sorted.get((part * last).round() as usize)).copied())
+    }
+
     /// White at zero, the same extent to either side.
     pub fn diverging(values: impl IntoIterator<Item = f64>) -> Self {
         let (low, high) = finite_range(values);
@@ -140,6 +150,14 @@ mod tests {
             assert!(now > last, "step {step}");
             last = now;
         }
+    }
+
+    #[test]
+    fn outliers_do_not_stretch_a_scale_between_quantiles() {
+        let values = (0..=100).map(f64::from).chain([1e6, f64::NAN]);
+        let scale = Scale::between_quantiles(values, [0.02, 0.98]);
+        assert_eq!((scale.low, scale.high), (2.0, 99.0));
+        assert_eq!(scale.colour(1e6), scale.colour(99.0));
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! From a design, its mesh and what was computed on it to a scene.
 
-use crate::colour::{BLACK, Colour, ELECTRODE, ESTIMATE, INK, SKIN, Scale, mix};
-use crate::scene::{Dot, Key, Label, Mark, Scene, Stand, Stroke, Tile, normal_of};
+use crate::colour::{BLACK, Colour, ELECTRODE, ESTIMATE, FALSE_POSITIVE, INK, SKIN, Scale, mix};
+use crate::scene::{Dot, Key, LABEL_SIZE, Label, Mark, Scene, Stand, Stroke, Tile, normal_of};
 use dermis::contact::Contact;
 use dermis::design::{Body, SkinDesign};
 use dermis::geom::polygon::clip_half_plane;
@@ -14,6 +14,9 @@ use std::f64::consts::TAU;
 
 /// Largest angle that a flat tile spans on a round body; its middle then lies 0.1 % of the radius inside.
 const TILE_ANGLE_RAD: f64 = TAU / 72.0;
+
+/// Size of the names of marks, pixels.
+const NAME_SIZE: f64 = 13.0;
 
 /// A skin as pictures are made of it.
 pub struct Drawing<'a> {
@@ -69,9 +72,20 @@ impl<'a> Drawing<'a> {
         scene
     }
 
-    /// Marks of contacts found, on any scene.
+    /// Marks of contacts found, on any scene; several are numbered from 0 in their order.
     pub fn add_contacts(&self, scene: &mut Scene, contacts: &[Contact]) {
         add_marks(scene, contacts, 7.0, Mark::Cross(BLACK), "contact found");
+        if contacts.len() > 1 {
+            let label = |(number, contact): (usize, &Contact)| Label {
+                at: contact.position_m,
+                normal: contact.normal,
+                text: format!("#{number}"),
+                reach_m: 0.0,
+                stand: Stand::Above { pixels: 8.0 },
+                size: NAME_SIZE,
+            };
+            scene.labels.extend(contacts.iter().enumerate().map(label));
+        }
     }
 
     /// Marks of true touches, on any scene.
@@ -85,15 +99,16 @@ impl<'a> Drawing<'a> {
         for (at, text) in marks {
             let normal = self.surface().normal(at).unwrap_or([0.0, 0.0, 1.0]);
             scene.dots.push(Dot { at, normal, radius: 7.0, mark });
-            scene.labels.push(Label { at, normal, text, reach_m: 0.0, stand: Stand::Above { pixels: 8.0 } });
+            scene.labels.push(Label {
+                at,
+                normal,
+                text,
+                reach_m: 0.0,
+                stand: Stand::Inwards { pixels: 24.0 },
+                size: NAME_SIZE,
+            });
         }
         scene.legend.push((mark, meaning.to_string()));
-    }
-
-    /// The electrodes' numbers, on any scene.
-    pub fn number_electrodes(&self, scene: &mut Scene) {
-        let labels = self.mesh.electrodes.iter().enumerate();
-        scene.labels.extend(labels.filter_map(|(number, patch)| self.electrode_label(patch, number)));
     }
 
     /// Where touches were and where they were found, as the paper's Fig. 7: true places black dots, estimates red
@@ -118,10 +133,15 @@ impl<'a> Drawing<'a> {
             scene.dots.push(Dot { at: truth.position_m, normal: truth.normal, radius, mark });
             scene.dots.extend(estimate.iter().map(|estimate| estimate_dot(estimate, radius + 1.3)));
         }
-        scene.dots.extend(false_positives.iter().map(|false_positive| estimate_dot(false_positive, radius + 1.3)));
+        let mark = Mark::Diamond(FALSE_POSITIVE);
+        let dot = |found: &Contact| Dot { at: found.position_m, normal: found.normal, radius: radius + 2.5, mark };
+        scene.dots.extend(false_positives.iter().map(dot));
         scene.legend.push((Mark::Disc(BLACK, false), "true place".to_string()));
         scene.legend.push((Mark::Ring(ESTIMATE), "estimate".to_string()));
         scene.legend.push((Mark::Line(mix(ESTIMATE, [255, 255, 255], 0.35)), "error".to_string()));
+        if !false_positives.is_empty() {
+            scene.legend.push((mark, "false positive (nothing touched there)".to_string()));
+        }
         scene
     }
 
@@ -230,7 +250,7 @@ impl<'a> Drawing<'a> {
     fn add_electrodes(&self, scene: &mut Scene, look: ElectrodeLook) {
         for (number, patch) in self.mesh.electrodes.iter().enumerate() {
             self.add_electrode(scene, patch, look);
-            if matches!(look, ElectrodeLook::Filled { numbered: true }) {
+            if look != (ElectrodeLook::Filled { numbered: false }) {
                 scene.labels.extend(self.electrode_label(patch, number));
             }
         }
@@ -302,14 +322,16 @@ impl<'a> Drawing<'a> {
         let reach = |&node: &usize| self.surface().distance_m(at, self.mesh.nodes[node]);
         let reach_m = nodes.iter().map(reach).fold(0.0, f64::max);
         let inwards = matches!(patch, ElectrodePatch::Edges(_));
-        let stand = if inwards { Stand::Inwards } else { Stand::OnOrAbove };
-        Some(Label { at, normal: normalize(mean_normal), text: number.to_string(), reach_m, stand })
+        let stand = if inwards { Stand::Inwards { pixels: 14.0 } } else { Stand::OnOrAbove };
+        Some(Label { at, normal: normalize(mean_normal), text: number.to_string(), reach_m, stand, size: LABEL_SIZE })
     }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum ElectrodeLook {
+    /// Yellow.
     Filled { numbered: bool },
+    /// An outline and its number, so that the data below stay visible.
     Outlined,
 }
 

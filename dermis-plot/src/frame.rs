@@ -140,27 +140,70 @@ pub fn draw_mark(picture: &mut Picture, [x, y]: Place, radius: f64, mark: Mark) 
                 picture.line(&[[x, y - radius], [x, y + radius]], style);
             }
         }
+        Mark::Diamond(colour) => {
+            let corners = [[x, y - radius], [x + radius, y], [x, y + radius], [x - radius, y]];
+            picture.polygon(&corners, Style::fill(colour).outlined(WHITE, 1.0));
+        }
         Mark::Ring(colour) => picture.circle([x, y], radius, Style::line(colour, 1.4)),
         Mark::Line(colour) => picture.line(&[[x - 8.0, y], [x + 8.0, y]], Style::line(colour, 1.4)),
     }
 }
 
-/// An axis below (`upwards` false) or left of a plot: line of ticks with numbers, and a label with its unit.
+/// An axis below or left of a plot: ticks with numbers, and a label with its unit.
 pub struct Axis<'a> {
-    /// Numbers at the two ends of the plot.
+    /// Numbers at the two ends of the plot; their common logarithms on a logarithmic axis.
     pub range: [f64; 2],
+    /// Whether the axis is logarithmic.
+    pub logarithmic: bool,
     /// What the numbers are, with their unit.
     pub label: &'a str,
     /// How many ticks, about.
     pub wanted: usize,
 }
 
+impl Axis<'_> {
+    /// Places of the ticks, as parts of the axis, with their numbers; a tick between decades has none.
+    fn ticks(&self) -> Vec<(f64, String)> {
+        let [low, high] = self.range;
+        let (values, labels) = if self.logarithmic {
+            log_ticks(low, high)
+        } else {
+            let values = ticks(low, high, self.wanted);
+            let labels = tick_labels(&values);
+            (values, labels)
+        };
+        values.iter().map(|value| (value - low) / (high - low)).zip(labels).collect()
+    }
+}
+
+/// Ticks of a logarithmic axis between two common logarithms: their logarithms and their numbers. Decades have numbers; the
+/// multiples between have them too where fewer than two decades are in the range.
+fn log_ticks(low: f64, high: f64) -> (Vec<f64>, Vec<String>) {
+    let powers = low.floor() as i32..=high.ceil() as i32;
+    let inside = |value: f64| (low - 1e-9..=high + 1e-9).contains(&value);
+    let decades = powers.clone().filter(|&power| inside(f64::from(power))).count();
+    let digits = powers.flat_map(|power| (1..10).map(move |digit| (digit, power)));
+    let place = |(digit, power): (i32, i32)| f64::from(digit).log10() + f64::from(power);
+    let numbered = |digit: i32| digit == 1 || decades < 2 && (digit == 2 || digit == 5);
+    let label = |(digit, power): (i32, i32)| match power {
+        _ if !numbered(digit) => String::new(),
+        0..=4 => format!("{digit}{}", "0".repeat(power as usize)),
+        -3..0 => format!("0.{}{digit}", "0".repeat(-power as usize - 1)),
+        _ => format!("{digit}e{power}").replace('-', "\u{2212}"),
+    };
+    digits.filter(|&tick| inside(place(tick))).map(|tick| (place(tick), label(tick))).unzip()
+}
+
+/// Length of a tick, pixels: shorter without a number.
+fn tick_length(label: &str) -> f64 {
+    if label.is_empty() { 3.0 } else { 5.0 }
+}
+
 /// The axis below a plot whose lower left corner is given.
 pub fn axis_below(picture: &mut Picture, [x, y]: Place, width: f64, axis: &Axis<'_>) {
-    let values = ticks(axis.range[0], axis.range[1], axis.wanted);
-    for (value, label) in values.iter().zip(tick_labels(&values)) {
-        let at = x + width * (value - axis.range[0]) / (axis.range[1] - axis.range[0]);
-        picture.line(&[[at, y], [at, y + 5.0]], Style::line(INK, 1.0));
+    for (part, label) in axis.ticks() {
+        let at = x + width * part;
+        picture.line(&[[at, y], [at, y + tick_length(&label)]], Style::line(INK, 1.0));
         picture.text([at, y + 19.0], &label, Text::new(12.0, Anchor::Middle));
     }
     picture.text([x + width / 2.0, y + 38.0], axis.label, Text::new(TEXT_SIZE, Anchor::Middle));
@@ -168,10 +211,9 @@ pub fn axis_below(picture: &mut Picture, [x, y]: Place, width: f64, axis: &Axis<
 
 /// The axis left of a plot whose lower left corner is given.
 pub fn axis_left(picture: &mut Picture, [x, y]: Place, height: f64, axis: &Axis<'_>) {
-    let values = ticks(axis.range[0], axis.range[1], axis.wanted);
-    for (value, label) in values.iter().zip(tick_labels(&values)) {
-        let at = y - height * (value - axis.range[0]) / (axis.range[1] - axis.range[0]);
-        picture.line(&[[x - 5.0, at], [x, at]], Style::line(INK, 1.0));
+    for (part, label) in axis.ticks() {
+        let at = y - height * part;
+        picture.line(&[[x - tick_length(&label), at], [x, at]], Style::line(INK, 1.0));
         picture.text([x - 8.0, at + 4.5], &label, Text::new(12.0, Anchor::End));
     }
     picture.text([x - 46.0, y - height / 2.0], axis.label, Text::new(TEXT_SIZE, Anchor::Middle).upwards());
@@ -193,6 +235,18 @@ mod tests {
         assert_eq!(tick_labels(&ticks(-0.02, 0.021, 5)), vec!["\u{2212}0.02", "\u{2212}0.01", "0.00", "0.01", "0.02"]);
         assert_eq!(tick_labels(&ticks(0.0, 300.0, 6)), vec!["0", "50", "100", "150", "200", "250", "300"]);
         assert!(ticks(1.0, 1.0, 5).is_empty());
+    }
+
+    #[test]
+    fn a_logarithmic_axis_has_decades_and_between_two_of_them_multiples() {
+        let numbers = |low: f64, high: f64| {
+            let labels: Vec<String> = log_ticks(low.log10(), high.log10()).1;
+            labels.into_iter().filter(|label| !label.is_empty()).collect::<Vec<_>>()
+        };
+        assert_eq!(numbers(0.5, 200.0), ["1", "10", "100"]);
+        assert_eq!(numbers(3e-5, 0.02), ["1e\u{2212}4", "0.001", "0.01"]);
+        assert_eq!(numbers(1.5, 12.0), ["2", "5", "10"]);
+        assert_eq!(log_ticks(0.0, 1.0).0.len(), 10, "every digit has a tick");
     }
 
     #[test]

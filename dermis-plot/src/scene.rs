@@ -58,6 +58,8 @@ pub enum Mark {
     Bead(Colour),
     /// An upright cross with a white rim.
     Cross(Colour),
+    /// A filled diamond with a white rim.
+    Diamond(Colour),
     /// An empty circle.
     Ring(Colour),
     /// A line, in the legend only.
@@ -77,6 +79,8 @@ pub struct Label {
     pub reach_m: f64,
     /// Where it stands.
     pub stand: Stand,
+    /// Height of its letters, pixels.
+    pub size: f64,
 }
 
 /// Where a label stands beside what it names.
@@ -90,7 +94,10 @@ pub enum Stand {
     /// On it where it is large enough, else above it (below it where there is no room).
     OnOrAbove,
     /// Towards the middle of the body: for what lies on its edge.
-    Inwards,
+    Inwards {
+        /// From its place to the middle of the letters.
+        pixels: f64,
+    },
 }
 
 /// A key to the colours of the tiles.
@@ -132,7 +139,7 @@ pub fn normal_of(corners: &[Point3]) -> Point3 {
     normalize(sum)
 }
 
-/// Size of labels on the skin, pixels.
+/// Size of the electrodes' numbers, pixels.
 pub const LABEL_SIZE: f64 = 10.0;
 
 impl Label {
@@ -140,20 +147,20 @@ impl Label {
     /// per m; always whole inside the plot.
     pub fn baseline(&self, [x, y]: [f64; 2], [width, height]: [f64; 2], pixels_per_m: f64) -> [f64; 2] {
         let reach = self.reach_m * pixels_per_m;
-        let half = text_width(&self.text, LABEL_SIZE) / 2.0;
-        let centred = 0.36 * LABEL_SIZE;
+        let half = text_width(&self.text, self.size) / 2.0;
+        let centred = 0.36 * self.size;
         let (x, y) = match self.stand {
             Stand::Above { pixels } => (x, y - pixels - 2.0),
-            Stand::OnOrAbove if reach > LABEL_SIZE => (x, y + centred),
-            Stand::OnOrAbove if y - reach - 3.0 > LABEL_SIZE => (x, y - reach - 3.0),
-            Stand::OnOrAbove => (x, y + reach + 2.0 + LABEL_SIZE),
-            Stand::Inwards => {
+            Stand::OnOrAbove if reach > self.size => (x, y + centred),
+            Stand::OnOrAbove if y - reach - 3.0 > self.size => (x, y - reach - 3.0),
+            Stand::OnOrAbove => (x, y + reach + 2.0 + self.size),
+            Stand::Inwards { pixels } => {
                 let (dx, dy) = (width / 2.0 - x, height / 2.0 - y);
                 let length = dx.hypot(dy).max(1e-9);
-                let step = 14.0f64.min(length);
+                let step = pixels.min(length);
                 (x + step * dx / length, y + step * dy / length + centred)
             }
         };
-        [x.clamp(half + 2.0, width - half - 2.0), y.clamp(LABEL_SIZE, height - 2.0)]
+        [x.clamp(half + 2.0, width - half - 2.0), y.clamp(self.size, height - 2.0)]
     }
 }

@@ -180,7 +180,7 @@ impl Picture {
         };
         let turn = if how.upwards { format!(" transform=\"rotate(-90 {x} {y})\"") } else { String::new() };
         let rim = if how.rim {
-            format!(" stroke=\"{}\" stroke-width=\"2.5\" stroke-linejoin=\"round\" paint-order=\"stroke\"", hex(WHITE))
+            format!(" stroke=\"{}\" stroke-width=\"3\" stroke-linejoin=\"round\" paint-order=\"stroke\"", hex(WHITE))
         } else {
             String::new()
         };

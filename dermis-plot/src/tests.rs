@@ -2,8 +2,10 @@ use super::*;
 use crate::colour::Scale;
 use crate::scene::Tile;
 use dermis::contact::Contact;
+use dermis::design::Body;
 use dermis::geom::vector::{dot, triangle_area};
 use dermis::image::PixelSpace;
+use dermis::mesh::Mesh;
 use dermis::mesh::import;
 use std::f64::consts::PI;
 use std::path::Path;
@@ -66,7 +68,7 @@ fn every_electrode_has_its_number_and_the_seam_shows_both_sides() {
     for label in ["z (mm)", "arc length s = r \u{3b8} (mm)", "\u{3b8} (degrees)"] {
         assert!(svg.contains(label), "{label}");
     }
-    let solid = View::solid(&design, &mesh).draw(&scene, &design).unwrap().to_svg();
+    let solid = View::Solid.draw(&scene, &design).unwrap().to_svg();
     assert!(solid.contains("50 mm") && solid.contains("seen from \u{3b8} = 200\u{b0}"));
 }
 
@@ -105,7 +107,7 @@ fn a_volume_shows_its_outside_and_cannot_be_unrolled() {
         assert!(dot(tile.normal(), outwards) > 0.0, "a face of the block looks inwards");
     }
     assert_eq!(View::Unrolled.draw(&scene, &design).unwrap_err(), PlotError::NoFlatLayout);
-    let picture = View::solid(&design, &mesh).draw(&scene, &design).unwrap();
+    let picture = View::Solid.draw(&scene, &design).unwrap();
     assert!(picture.width > 300.0 && picture.height > 200.0);
 }
 
@@ -114,7 +116,7 @@ fn the_same_scene_gives_the_same_file() {
     let draw = || {
         let (design, mesh) = skin("skin16");
         let scene = Drawing::new(&design, &mesh).mesh();
-        View::solid(&design, &mesh).draw(&scene, &design).unwrap().to_svg()
+        View::Solid.draw(&scene, &design).unwrap().to_svg()
     };
     assert_eq!(draw(), draw());
 }

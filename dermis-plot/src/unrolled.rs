@@ -2,7 +2,7 @@
 
 use crate::colour::{FAINT, INK};
 use crate::frame::{self, Axis};
-use crate::scene::{LABEL_SIZE, Scene, Tile};
+use crate::scene::{Scene, Tile};
 use crate::svg::{Anchor, Picture, Place, Style, Text};
 use crate::{PlotError, solid};
 use dermis::design::{Body, SkinDesign};
@@ -170,7 +170,7 @@ impl Plot {
         for label in &scene.labels {
             let anchor = self.place(self.chart.point(label.at));
             let at = label.baseline(anchor, [self.width, self.height], self.pixels_per_m);
-            picture.text(at, &label.text, Text::new(LABEL_SIZE, Anchor::Middle).rimmed());
+            picture.text(at, &label.text, Text::new(label.size, Anchor::Middle).rimmed());
         }
         picture
     }
@@ -193,9 +193,11 @@ pub fn draw(scene: &Scene, design: &SkinDesign) -> Result<Picture, PlotError> {
     frame::border(&mut picture, [LEFT, top], plot.width, plot.height);
     let corner = [LEFT, top + plot.height];
     let wanted = |pixels: f64| ((pixels / 70.0) as usize).max(2);
-    let below = Axis { range: plot.range_mm(0), label: chart.labels[0], wanted: wanted(plot.width) };
+    let below =
+        Axis { range: plot.range_mm(0), logarithmic: false, label: chart.labels[0], wanted: wanted(plot.width) };
     frame::axis_below(&mut picture, corner, plot.width, &below);
-    let left = Axis { range: plot.range_mm(1), label: chart.labels[1], wanted: wanted(plot.height) };
+    let left =
+        Axis { range: plot.range_mm(1), logarithmic: false, label: chart.labels[1], wanted: wanted(plot.height) };
     frame::axis_left(&mut picture, corner, plot.height, &left);
     if chart.around_m.is_some() {
         angles(&mut picture, [LEFT, top], plot.width);

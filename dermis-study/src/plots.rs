@@ -41,7 +41,7 @@ impl<'a> Plots<'a> {
 
     /// In space.
     pub fn solid(&self, scene: &Scene) -> Result<Picture> {
-        self.draw(scene, &View::solid(self.design, self.mesh))
+        self.draw(scene, &View::Solid)
     }
 
     fn draw(&self, scene: &Scene, view: &View) -> Result<Picture> {
@@ -83,7 +83,15 @@ impl<'a> Plots<'a> {
         let marks = [("median", summary.median), ("mean", summary.mean), ("95th percentile", summary.p95)];
         let marks =
             marks.into_iter().filter(|mark| mark.1.is_finite()).map(|(name, value)| mark(name, value)).collect();
-        Histogram { title, label: "distance along the surface (mm)", values: &errors_mm, step: 0.25, marks }.draw()
+        Histogram {
+            title,
+            label: "distance along the surface (mm)",
+            values: &errors_mm,
+            counted: "presses",
+            step: 0.25,
+            marks,
+        }
+        .draw()
     }
 
     /// The peak of the image per newton of the press in each pixel, over its mean (the paper's Fig. 8). Each frame has one

@@ -135,6 +135,7 @@ impl Arguments {
             subtitle: &format!("{} `{}`", counted(twins.len()), self.twin),
             below: "distance (mm)",
             left: "resolved pairs (%)",
+            logarithmic: false,
             shown: vec![0.0, 100.0],
             curves: vec![(method, curve), ("90 %".into(), bar)],
         }

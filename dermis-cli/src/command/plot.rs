@@ -7,11 +7,10 @@ use clap::ValueEnum;
 use dermis::contact::Contact;
 use dermis::design::{Body, SkinDesign};
 use dermis::detect::Detector;
-use dermis::forward::ForwardModel;
 use dermis::frame::{Truth, read_array, read_truth, write_whole};
 use dermis::image::{Image, PixelSpace};
 use dermis::mesh::Mesh;
-use dermis::reconstruct::{Linearised, Quantity};
+use dermis::reconstruct::Quantity;
 use dermis::skin::Skin;
 use dermis_plot::{Drawing, Picture, PlotError, Scene, View};
 use dermis_study::plots::localisation_scene;
@@ -26,16 +25,16 @@ pub struct Arguments {
     /// What to draw.
     #[arg(long, value_enum, default_value = "electrodes")]
     what: What,
-    /// From where; without it flat where the body can be laid out flat, else in space.
+    /// View; without it unrolled where the body has a flat layout, else in space.
     #[arg(long, value_enum)]
     view: Option<ViewName>,
-    /// Images to draw, as `dermis reconstruct` writes them.
+    /// Images, as `dermis reconstruct` writes them.
     #[arg(long, value_name = "FILE", conflicts_with = "frames")]
     images: Option<PathBuf>,
-    /// Frames to make images of and draw, a row each (CSV, NPY or NPZ; ohm).
+    /// Frames to reconstruct, a row each (CSV, NPY or NPZ; ohm).
     #[arg(long, value_name = "FILE")]
     frames: Option<PathBuf>,
-    /// Untouched frames, a row each; their mean is taken off.
+    /// Untouched frames, a row each; their mean is subtracted.
     #[arg(long, value_name = "FILE", requires = "frames", conflicts_with = "difference")]
     baseline: Option<PathBuf>,
     /// The frames are differences from the untouched skin already.
@@ -43,13 +42,13 @@ pub struct Arguments {
     difference: bool,
     #[command(flatten)]
     method: MethodArguments,
-    /// Which image or frame, from 0 (for `--what image`).
+    /// Number of the image or frame, from 0 (for `--what image`).
     #[arg(long, default_value_t = 0)]
     frame: usize,
-    /// Where the skin was truly touched (for `--what localisation`), as for `dermis evaluate`.
+    /// True places of the touches (for `--what image` and `--what localisation`), as for `dermis evaluate`.
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
-    /// The picture to write: .svg or .png.
+    /// Picture to write: .svg or .png.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 }
@@ -61,9 +60,9 @@ enum What {
     Mesh,
     /// The electrodes with their numbers.
     Electrodes,
-    /// How strongly each place speaks in a frame.
+    /// Sensitivity of a frame to a small touch at each place.
     Sensitivity,
-    /// An image with the contacts found in it.
+    /// An image with the contacts found in it, and with the true places where --truth gives them.
     Image,
     /// True places, estimates and the errors between them.
     Localisation,
@@ -73,7 +72,7 @@ enum What {
 enum ViewName {
     /// Laid out flat.
     Unrolled,
-    /// In space.
+    /// In space, from as many sides as show every electrode and contact.
     #[value(name = "3d")]
     Solid,
 }
@@ -88,7 +87,7 @@ impl Arguments {
         if scene.title.is_empty() {
             scene.title = format!("{}: {}", design.name, self.what_name());
         }
-        let view = self.view(&design, &mesh);
+        let view = self.view(&design);
         let picture = view.draw(&scene, &design).map_err(not_drawn)?;
         save(&picture, &self.output, format)?;
         crate::console::print(&format!("wrote {}\n", self.output.display()))
@@ -104,11 +103,11 @@ impl Arguments {
         }
     }
 
-    fn view(&self, design: &SkinDesign, mesh: &Mesh) -> View {
+    fn view(&self, design: &SkinDesign) -> View {
         match self.view {
             Some(ViewName::Unrolled) => View::Unrolled,
             None if !matches!(design.body, Body::Mesh { .. }) => View::Unrolled,
-            _ => View::solid(design, mesh),
+            _ => View::Solid,
         }
     }
 
@@ -121,21 +120,27 @@ impl Arguments {
             }
             What::Electrodes => drawing.electrodes(),
             What::Sensitivity => {
-                let space = PixelSpace::for_design(design, mesh)?;
-                let forward = ForwardModel::new(design, mesh)?;
-                drawing.sensitivity(&space, &Linearised::new(&forward, &space)?.sensitivity(&space))
+                let skin = Skin::with_mesh(design.clone(), mesh)?;
+                drawing.sensitivity(skin.pixels(), &skin.linearised()?.sensitivity(skin.pixels()))
             }
             What::Image => {
                 let Seen { images, quantity, detector, how } = self.images(design, mesh)?;
                 let image = images.get(self.frame).ok_or_else(|| self.no_such_frame(images.len()))?;
                 let mut scene = drawing.image(image, quantity);
                 drawing.add_contacts(&mut scene, &detector.detect(image));
+                if let Some(path) = &self.truth {
+                    drawing.add_touches(&mut scene, &read_touches(path, design, images.len())?[self.frame]);
+                }
                 scene.title = format!("{}: image of frame {}", design.name, self.frame);
                 Scene { subtitle: how, ..scene }
             }
             What::Localisation => {
                 let Seen { images, detector, how, .. } = self.images(design, mesh)?;
-                let truth = self.truth(design, images.len())?;
+                let Some(path) = &self.truth else {
+                    let message = "a picture of the localisation needs the true places";
+                    return Err(Failure::given(message, Some("name their file with --truth")));
+                };
+                let truth = read_touches(path, design, images.len())?;
                 let contacts: Vec<Vec<Contact>> = images.iter().map(|image| detector.detect(image)).collect();
                 Scene { subtitle: how, ..localisation_scene(&drawing, design, &truth, &contacts) }
             }
@@ -145,20 +150,6 @@ impl Arguments {
     fn no_such_frame(&self, count: usize) -> Failure {
         let message = format!("there is no image {}: there are {count}, counted from 0", self.frame);
         Failure::given(message, Some("choose another with --frame"))
-    }
-
-    fn truth(&self, design: &SkinDesign, frame_count: usize) -> Outcome<Vec<Vec<Contact>>> {
-        let Some(path) = &self.truth else {
-            let message = "a picture of the localisation needs the true places";
-            return Err(Failure::given(message, Some("name their file with --truth")));
-        };
-        match read_truth(path, &design.body.surface(), frame_count)? {
-            Truth::OnSkin(touches) => Ok(touches),
-            Truth::Elsewhere(_) => {
-                let message = format!("{} holds places in a frame of space of its own", path.display());
-                Err(Failure::given(message, Some("align it first: see `dermis evaluate --align`")))
-            }
-        }
     }
 
     /// The images to draw.
@@ -196,6 +187,17 @@ struct Seen {
     detector: Detector,
     /// How they were made, for people.
     how: String,
+}
+
+/// The true places of the touches of each frame.
+fn read_touches(path: &Path, design: &SkinDesign, frame_count: usize) -> Outcome<Vec<Vec<Contact>>> {
+    match read_truth(path, &design.body.surface(), frame_count)? {
+        Truth::OnSkin(touches) => Ok(touches),
+        Truth::Elsewhere(_) => {
+            let message = format!("{} holds places in a coordinate frame of its own", path.display());
+            Err(Failure::given(message, Some("align it first: see `dermis evaluate --align`")))
+        }
+    }
 }
 
 /// Images from a file: frames x rows x columns of the design's image, or frames x cells.

@@ -272,12 +272,21 @@ impl Arguments {
 /// The losses against the epoch.
 fn losses(epochs: &[Epoch]) -> Picture {
     let curve = |name: &str, of: fn(&Epoch) -> f64| {
-        let place = |(number, epoch): (usize, &Epoch)| [number as f64 + 1.0, of(epoch).log10()];
+        let place = |(number, epoch): (usize, &Epoch)| [number as f64 + 1.0, of(epoch)];
         (name.to_string(), epochs.iter().enumerate().map(place).collect::<Vec<_>>())
     };
     let curves = vec![curve("training", |epoch| epoch.training_loss), curve("test", |epoch| epoch.test_loss)];
-    let left = "log10 of the mean square error";
-    Curves { title: "Loss", subtitle: "on inputs with noise", below: "epoch", left, shown: vec![], curves }.draw()
+    let left = "mean square error";
+    Curves {
+        title: "Loss",
+        subtitle: "on inputs with noise",
+        below: "epoch",
+        left,
+        logarithmic: true,
+        shown: vec![],
+        curves,
+    }
+    .draw()
 }
 
 /// The standard deviation of each channel of a twin's untouched frames, ohm.

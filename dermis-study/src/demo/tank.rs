@@ -166,7 +166,6 @@ fn picture(drawing: &Drawing<'_>, design: &SkinDesign, recording: &Found, how: &
         // The water's conductance and the tank's size are not stated with the recordings.
         key.label = "conductance above the water's (arbitrary scale)".into();
     }
-    drawing.number_electrodes(&mut scene);
     let named = recording.objects.iter().filter_map(|object| {
         let name = format!("{} {}", material_name(object.object.material), object.object.electrode);
         object.position_m.map(|position_m| (position_m, name))

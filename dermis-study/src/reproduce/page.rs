@@ -85,6 +85,7 @@ fn a_sample(report: &mut Report, found: &Results<'_>, plots: &Plots<'_>) -> Resu
         subtitle: "simulated, without noise",
         below: "channel",
         left: "change (ohm)",
+        logarithmic: false,
         shown: vec![0.0],
         curves: vec![("change".into(), places)],
     };
@@ -152,6 +153,7 @@ fn losses(report: &mut Report, found: &Results<'_>) {
         subtitle: "over the variance of the target",
         below: "epoch",
         left: "unexplained (%)",
+        logarithmic: false,
         shown: vec![0.0],
         curves: curves.collect(),
     };
@@ -237,6 +239,7 @@ fn several_touches(report: &mut Report, found: &Results<'_>, plots: &Plots<'_>) 
         subtitle: &found.twins(),
         below: "distance along the surface (mm)",
         left: "pairs resolved (%)",
+        logarithmic: false,
         shown: vec![0.0, 100.0],
         curves: curves.collect(),
     };
@@ -320,7 +323,7 @@ fn profiles(study: &StructureStudy, method: &str, name: &str) -> Vec<(Picture, S
     let subtitle = format!("estimate minus truth, {name}");
     let picture = |title, below, curves| {
         let left = "mean error (mm)";
-        Curves { title, subtitle: &subtitle, below, left, shown: vec![-1.0, 1.0], curves }.draw()
+        Curves { title, subtitle: &subtitle, below, left, logarithmic: false, shown: vec![-1.0, 1.0], curves }.draw()
     };
     let along = picture("Bias along the cylinder", "z (mm)", curves(&|one| &one.along_profile_m));
     let round = picture("Bias round the cylinder", "arc from the cut (mm)", curves(&|one| &one.round_profile_m));
