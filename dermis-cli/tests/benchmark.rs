@@ -65,7 +65,9 @@ fn contacts_are_measured_against_their_touches() {
     assert_eq!(table.lines().count() as u64, 1 + found);
     assert_eq!(at.good(arguments), text, "the same seed, the same figures");
 
-    assert!(at.refused("calibrate disk.toml --recipe gaussian.toml --samples 20").contains("too few for a calibration"));
+    assert!(
+        at.refused("calibrate disk.toml --recipe gaussian.toml --samples 20").contains("too few for a calibration")
+    );
     assert!(at.refused("calibrate disk.toml --recipe nosuch.toml").contains("nosuch.toml"));
     assert!(at.refused("calibrate disk.toml --samples 20 --peak-fraction 1.5").contains("--peak-fraction is 1.5"));
     assert!(at.refused("calibrate disk.toml --keep").contains("--method"));

@@ -3,12 +3,12 @@
 use crate::Result;
 use crate::progress::Progress;
 use dermis::contact::Contact;
-use dermis::design::SkinDesign;
 use dermis::detect::Detector;
-use dermis::forward::ForwardModel;
 use dermis::frame::Frame;
-use dermis::image::{Image, PixelSpace};
-use dermis::reconstruct::{Alpha, Linearised, OneStep, OneStepOptions, Prior, Quantity, Reconstruct, image_noise};
+use dermis::image::Image;
+use dermis::method::{Method, MethodOptions, Methods};
+use dermis::reconstruct::{Alpha, Quantity};
+use dermis::skin::Skin;
 use dermis_learn::{Card, Model};
 use dermis_sim::evaluate::{Score, score};
 use dermis_sim::experiment::Recording;
@@ -23,40 +23,27 @@ pub struct Named {
     /// Its name for people: "linear, NOSER".
     pub name: String,
     /// The method.
-    pub reconstruct: Box<dyn Reconstruct>,
-    /// Its alpha, where it has one.
-    pub alpha: Option<f64>,
-    /// What a network says of itself.
+    pub method: Method,
+    /// The card of a network.
     pub card: Option<Card>,
-    /// What tells it from every other method of its name: its alpha or its weights.
+    /// What distinguishes it from every other method of its name: its alpha or its weights.
     pub identity: String,
 }
 
-/// The linear methods of the paper: NOSER and a spatial high-pass filter, which is what Laplace's prior is.
-pub const LINEAR: [(&str, &str, Prior); 2] =
-    [("noser", "linear, NOSER", Prior::Noser { exponent: 0.5 }), ("laplace", "linear, Laplace", Prior::Laplace)];
+/// The linear methods of the paper, by their name in the registry and for people: NOSER and a spatial high-pass filter, which is
+/// what Laplace's prior is.
+pub const LINEAR: [(&str, &str); 2] = [("noser", "linear, NOSER"), ("laplace", "linear, Laplace")];
 
 impl Named {
     /// A linear method by its place in [`LINEAR`].
-    pub fn linear(
-        which: usize,
-        design: &SkinDesign,
-        model: &Linearised,
-        pixels: &Arc<PixelSpace>,
-        alpha: Alpha,
-    ) -> Result<Self> {
-        let (key, name, prior) = LINEAR[which];
-        let options = OneStepOptions { prior, alpha, touch: design.sheet.touch, ..OneStepOptions::default() };
-        let method = OneStep::from_linearised(model, Arc::clone(pixels), &options)?;
-        let alpha = Some(method.alpha());
-        Ok(Named {
-            key: key.into(),
-            name: name.into(),
-            identity: format!("{:?}, alpha {}", options.prior, method.alpha()),
-            reconstruct: Box::new(method),
-            alpha,
-            card: None,
-        })
+    ///
+    /// # Errors
+    /// A skin whose forward problem cannot be solved.
+    pub fn linear(which: usize, skin: &Skin, alpha: Alpha) -> Result<Self> {
+        let (key, name) = LINEAR[which];
+        let method = Methods::linear().method(skin, key, &MethodOptions { alpha, ..MethodOptions::default() })?;
+        let identity = format!("alpha {:?}", method.alpha());
+        Ok(Named { key: key.into(), name: name.into(), method, card: None, identity })
     }
 
     /// A trained network.
@@ -68,64 +55,49 @@ impl Named {
             other => format!("network {other}"),
         };
         // A card's name comes from a file, and becomes part of the names of others.
-        let key = card.name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
+        let key: String = card.name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
         let mut hasher = DefaultHasher::new();
         let weights = model.network().tensors().into_iter().flat_map(|tensor| tensor.values);
         weights.for_each(|weight| weight.to_bits().hash(&mut hasher));
         // What is found in its images depends on how they are read too.
         format!("{:?}", card.detection).hash(&mut hasher);
-        Named {
-            key,
-            name,
-            identity: format!("weights {:016x}", hasher.finish()),
-            reconstruct: Box::new(model),
-            alpha: None,
-            card: Some(card),
-        }
+        let method = Method::new(key.clone(), name.clone(), Arc::new(model));
+        Named { key, name, method, card: Some(card), identity: format!("weights {:016x}", hasher.finish()) }
     }
 
     /// Its name with its alpha.
     pub fn how(&self) -> String {
-        self.alpha.map_or_else(|| self.name.clone(), |alpha| format!("{}, alpha {alpha:.3}", self.name))
+        self.method.alpha().map_or_else(|| self.name.clone(), |alpha| format!("{}, alpha {alpha:.3}", self.name))
     }
 
     /// The image of every frame of a recording.
     pub fn images(&self, recording: &Recording, progress: &dyn Progress) -> Result<Vec<Image>> {
         let task = progress.begin("reconstructing", recording.frames.len());
         let image = |frame: &Frame| {
-            let image = self.reconstruct.reconstruct(&(frame - &recording.baseline));
+            let image = self.method.reconstruct().reconstruct(&(frame - &recording.baseline));
             task.advance(1);
             Ok(image?)
         };
         recording.frames.par_iter().map(image).collect()
     }
-
-    /// The detector for its images, told of their noise by the differences of untouched frames from their baseline.
-    pub fn detector(&self, untouched: &[Frame]) -> Result<Detector> {
-        let detector = Detector::new(self.reconstruct.detection());
-        let noise = image_noise(&*self.reconstruct, untouched)?;
-        Ok(match noise {
-            Some(noise) => detector.with_noise(noise),
-            None => detector,
-        })
-    }
 }
 
-/// The methods that need no choice on this skin: the linear one, and the networks that are shipped for it.
-pub fn shipped(
-    design: &SkinDesign,
-    forward: &ForwardModel,
-    model: &Linearised,
-    pixels: &Arc<PixelSpace>,
-) -> Result<Vec<Named>> {
-    let mut methods = vec![Named::linear(0, design, model, pixels, Alpha::Auto)?];
-    methods.extend(shipped_networks(forward, pixels)?);
+/// The methods that need no choice on this skin: the linear one, and the shipped networks.
+///
+/// # Errors
+/// A skin whose forward problem cannot be solved; a shipped file that is damaged.
+pub fn shipped(skin: &Skin) -> Result<Vec<Named>> {
+    let mut methods = vec![Named::linear(0, skin, Alpha::Auto)?];
+    methods.extend(shipped_networks(skin)?);
     Ok(methods)
 }
 
-/// The networks that are shipped for this skin.
-pub fn shipped_networks(forward: &ForwardModel, pixels: &Arc<PixelSpace>) -> Result<Vec<Named>> {
-    Ok(Model::shipped(forward, pixels)?.into_iter().map(Named::network).collect())
+/// The networks that are shipped for this skin, the preferred one last.
+///
+/// # Errors
+/// A shipped file that is damaged.
+pub fn shipped_networks(skin: &Skin) -> Result<Vec<Named>> {
+    Ok(Model::shipped(skin.forward(), skin.pixels())?.into_iter().rev().map(Named::network).collect())
 }
 
 /// What one method made of some presses.
@@ -155,8 +127,8 @@ impl Shown {
     ) -> Result<Self> {
         let images = method.images(recording, progress)?;
         let contacts = images.par_iter().map(|image| detector.detect(image)).collect();
-        let score = score(&images, truth, detector, &method.name, method.alpha)?;
-        let quantity = method.reconstruct.quantity();
+        let score = score(&images, truth, detector, &method.name, method.method.alpha())?;
+        let quantity = method.method.reconstruct().quantity();
         Ok(Shown { name: method.name.clone(), how: method.how(), images, quantity, contacts, score })
     }
 }

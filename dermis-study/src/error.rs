@@ -18,6 +18,9 @@ pub enum Error {
     /// A network that cannot be used.
     #[error(transparent)]
     Learn(#[from] Box<dermis_learn::LearnError>),
+    /// A method that cannot be prepared.
+    #[error(transparent)]
+    Method(#[from] dermis::method::MethodError),
     /// A picture that cannot be drawn.
     #[error(transparent)]
     Plot(#[from] dermis_plot::PlotError),

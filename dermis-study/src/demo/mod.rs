@@ -93,7 +93,7 @@ impl Serialize for Summary<'_> {
             touch_amplitude: presses::AMPLITUDE,
             touch_width_m: presses::WIDTH_M,
             simulation_nodes: demo.simulation_nodes,
-            reconstruction_nodes: demo.mesh.node_count(),
+            reconstruction_nodes: demo.skin.mesh().node_count(),
             seconds: demo.seconds,
             methods: demo.shown.iter().map(|shown| &shown.score).collect(),
             paper_linear_measured: PAPER_LINEAR,

@@ -9,7 +9,7 @@ use dermis_plot::colour::Scale;
 
 /// The page of a demo.
 pub fn report(demo: &Demo) -> Result<Report> {
-    let plots = Plots::new(&demo.design, &demo.mesh);
+    let plots = Plots::new(demo.skin.design(), demo.skin.mesh());
     let lead = "The skin of the paper, pressed 900 times in simulation: from a design to contacts, and how far they \
         are from the truth.";
     let mut report = Report::new("Dermis demo: 900 presses on cylinder30", lead);
@@ -44,7 +44,7 @@ fn results(report: &mut Report, demo: &Demo, plots: &Plots<'_>) -> Result<()> {
         let title = format!("Localisation error, simulated; {}", shown.name);
         let errors = plots.errors(&title, &demo.truth, shown);
         pictures.push((errors, "How often a press was misplaced by how much.".into()));
-        let caption = "As the paper's Fig. 8: the peak of the image of a press at each place, over its mean. An even skin would \
+        let caption = "As the paper's Fig. 8: the peak of the image of a press at each place, over its mean. A uniform skin would \
             show one colour.";
         let map = plots.sensitivity_map(&demo.truth, shown);
         let scale = Scale::sequential(map.iter().copied());
@@ -88,7 +88,7 @@ fn examples(report: &mut Report, demo: &Demo, plots: &Plots<'_>) -> Result<()> {
 }
 
 fn nearest_press(demo: &Demo, z_m: f64, degrees: f64) -> usize {
-    let surface = demo.design.body.surface();
+    let surface = demo.skin.design().body.surface();
     let place = surface.at(z_m, f64::to_radians(degrees)).expect("the paper's skin is a cylinder");
     let distance = |index: &usize| surface.distance_m(demo.truth[*index][0].position_m, place);
     (0..demo.truth.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0)
@@ -101,11 +101,11 @@ fn the_skin(report: &mut Report, demo: &Demo, plots: &Plots<'_>) -> Result<()> {
          conductance by a Gaussian: {} times more in the middle, with a standard deviation of {} mm. The frames come \
          from a mesh of {} nodes, the images from one of {} nodes; a baseline is the mean of {} untouched frames, and \
          each press is one frame with its own noise.",
-        demo.design.electrodes.len(),
+        demo.skin.design().electrodes.len(),
         1.0 + AMPLITUDE,
         WIDTH_M * 1e3,
         demo.simulation_nodes,
-        demo.mesh.node_count(),
+        demo.skin.mesh().node_count(),
         dermis_sim::experiment::UNTOUCHED_FRAMES
     ));
     let space = &demo.first().images[0].space;

@@ -4,15 +4,15 @@ use super::write_page;
 use crate::report::{Report, Table, to_json};
 use crate::{Result, StudyOutput};
 use dermis::design::SkinDesign;
-use dermis::forward::ForwardModel;
 use dermis::frame::Frame;
-use dermis::image::{Image, PixelSpace};
+use dermis::image::Image;
 use dermis::mesh::Mesh;
-use dermis::reconstruct::{OneStep, OneStepOptions, Quantity, Reconstruct};
+use dermis::method::{Method, MethodOptions, Methods};
+use dermis::reconstruct::Quantity;
+use dermis::skin::Skin;
 use dermis_plot::{Drawing, Picture, Scene, View};
 use dermis_sim::evaluate::{FoundObject, Material, TankObject, find_objects};
 use std::path::Path;
-use std::sync::Arc;
 
 /// A recording: the frame of the empty tank and that of the tank with its objects, a row of numbers each.
 struct Recording {
@@ -56,16 +56,13 @@ struct Found {
 
 /// Finds the objects in every recording, prints where, and writes the page.
 pub fn run(output: &Path) -> Result<StudyOutput> {
-    let design = SkinDesign::load("tank16")?;
-    let mesh = Mesh::generate(&design)?;
-    let forward = ForwardModel::new(&design, &mesh)?;
-    let pixels = Arc::new(PixelSpace::for_design(&design, &mesh)?);
-    let options = OneStepOptions { touch: design.sheet.touch, ..OneStepOptions::default() };
-    let method = OneStep::new(&forward, pixels, &options)?;
+    let skin = Skin::load("tank16")?;
+    let design = skin.design();
+    let method = Methods::linear().method(&skin, "noser", &MethodOptions::default())?;
     let found: Vec<Found> =
-        RECORDINGS.iter().map(|recording| find(recording, &design, &method)).collect::<Result<_>>()?;
-    let how = format!("{}, alpha {:.3}", method.name(), method.alpha());
-    write_page(output, &page(&design, &mesh, &found, &how)?)?;
+        RECORDINGS.iter().map(|recording| find(recording, design, &method)).collect::<Result<_>>()?;
+    let how = method.description();
+    write_page(output, &page(design, skin.mesh(), &found, &how)?)?;
     let there = found.iter().flat_map(|found| &found.objects);
     let (all, near) =
         there.fold((0, 0), |(all, near), object| (all + 1, near + usize::from(object.is_at_its_electrode())));
@@ -78,9 +75,9 @@ pub fn run(output: &Path) -> Result<StudyOutput> {
     Ok(StudyOutput { text, json: to_json(&summary(&found, output))? })
 }
 
-fn find(recording: &Recording, design: &SkinDesign, method: &OneStep) -> Result<Found> {
+fn find(recording: &Recording, design: &SkinDesign, method: &Method) -> Result<Found> {
     let difference = &frame(recording.objects, design) - &frame(recording.empty, design);
-    let image = method.reconstruct(&difference)?;
+    let image = method.reconstruct().reconstruct(&difference)?;
     let named: Vec<TankObject> = objects_of(recording.name);
     Ok(Found { name: recording.name, objects: find_objects(&image, &named, design.electrodes.len()), image })
 }

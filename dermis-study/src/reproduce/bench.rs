@@ -4,12 +4,8 @@ use crate::Result;
 use crate::comparison::Named;
 use crate::progress::{Progress, Task};
 use dermis::contact::Contact;
-use dermis::design::SkinDesign;
-use dermis::forward::ForwardModel;
 use dermis::frame::Frame;
-use dermis::image::PixelSpace;
-use dermis::mesh::Mesh;
-use dermis::reconstruct::Linearised;
+use dermis::skin::Skin;
 use dermis_learn::Model;
 use dermis_sim::experiment::{Presses, Recording, record, truth};
 use dermis_sim::twin::{Press, Twin, TwinOptions};
@@ -20,14 +16,8 @@ use std::sync::Arc;
 /// A skin as designed, and the twins of it that can be pressed.
 pub struct Bench<'a> {
     /// The skin as designed; no method knows more.
-    pub design: SkinDesign,
-    /// Its forward model.
-    pub forward: ForwardModel,
-    /// The pixels of its images.
-    pub pixels: Arc<PixelSpace>,
-    /// The forward model made linear about the untouched skin.
-    pub model: Linearised,
-    /// What twins are drawn from.
+    pub skin: Skin,
+    /// The distribution of the twins.
     pub twin: &'a TwinOptions,
     /// Where the progress of long work is shown.
     pub progress: &'a dyn Progress,
@@ -47,37 +37,24 @@ pub struct Pressed {
     pub saturated_readings: usize,
 }
 
-impl<'a> Bench<'a> {
-    /// A bench for the twins of a design.
-    pub fn new(design: SkinDesign, twin: &'a TwinOptions, progress: &'a dyn Progress) -> Result<Self> {
-        let forward = ForwardModel::new(&design, &Mesh::generate(&design)?)?;
-        let pixels = Arc::new(PixelSpace::for_design(&design, forward.mesh())?);
-        let model = Linearised::new(&forward, &pixels)?;
-        Ok(Bench { design, forward, pixels, model, twin, progress })
-    }
-
-    /// The skin's mesh, on which images are made.
-    pub fn mesh(&self) -> &Mesh {
-        self.forward.mesh()
-    }
-
+impl Bench<'_> {
     /// The network in a folder, for this skin.
     pub fn network(&self, folder: &Path) -> Result<Named> {
-        Ok(Named::network(Model::load(folder, &self.forward, Arc::clone(&self.pixels))?))
+        Ok(Named::network(Model::load(folder, self.skin.forward(), Arc::clone(self.skin.pixels()))?))
     }
 
     /// Where and how hard an experiment with this seed presses.
     pub fn presses(&self, seed: u64) -> Presses<'_> {
-        Presses::new(&self.design, self.mesh(), &self.pixels, self.twin.press, seed)
+        Presses::new(self.skin.design(), self.skin.mesh(), self.skin.pixels(), self.twin.press, seed)
     }
 
     /// Draws a twin, presses it, and reads some untouched frames when all is done.
     pub fn press(&self, seed: u64, presses: &[Vec<Press>], untouched: u64, task: &dyn Task) -> Result<Pressed> {
-        let twin = Twin::new(&self.design, self.twin, seed)?;
+        let twin = Twin::new(self.skin.design(), self.twin, seed)?;
         let recording = record(&twin, presses, 0, || task.advance(1))?;
         let frame = |index: u64| Ok(&twin.frame(&[], recording.next_index + index)? - &recording.baseline);
         let untouched = (0..untouched).into_par_iter().map(frame).collect::<dermis_sim::Result<Vec<Frame>>>()?;
-        let surface = self.design.body.surface();
+        let surface = self.skin.design().body.surface();
         Ok(Pressed {
             truth: presses.iter().map(|frame| truth(&surface, frame)).collect(),
             saturated_readings: twin.report(0..dermis_sim::experiment::UNTOUCHED_FRAMES)?.saturated_readings,

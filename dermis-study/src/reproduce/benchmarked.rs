@@ -2,7 +2,7 @@
 
 use super::bench::Bench;
 use super::scale::{REPORTED_SEED, Scale};
-use super::stage::Work;
+use super::stage::{Parts, Work};
 use super::training::gaussian_recipe;
 use crate::Result;
 use crate::comparison::Named;
@@ -61,30 +61,43 @@ pub struct Benchmarked {
 
 impl Benchmarked {
     /// Assesses a method on the reported twins, or takes what was kept.
-    pub fn make(bench: &Bench<'_>, method: &Named, scale: Scale, work: &Work) -> Result<Self> {
+    pub fn make(
+        bench: &Bench<'_>,
+        method: &Named,
+        scale: Scale,
+        work: &Work,
+        parts: &Parts<'_>,
+        total: usize,
+    ) -> Result<Self> {
         let benchmark = Benchmark {
-            design: &bench.design,
-            mesh: bench.mesh(),
-            pixels: &bench.pixels,
+            design: bench.skin.design(),
+            mesh: bench.skin.mesh(),
+            pixels: bench.skin.pixels(),
             options: bench.twin,
-            method: method.reconstruct.as_ref(),
-            alpha: method.alpha,
+            method: method.method.reconstruct().as_ref(),
+            alpha: method.method.alpha(),
         };
         let size = scale.result();
-        let frames = benchmark_frames(&size, bench.pixels.len());
+        let frames = benchmark_frames(&size, bench.skin.pixels().len());
         let seeds = REPORTED_SEED..REPORTED_SEED + scale.twins();
         let twin = |seed: u64| {
-            let key = format!("{}, {:?}, {size:?}", method.identity, method.reconstruct.detection());
+            let key = format!("{}, {:?}, {size:?}", method.identity, method.method.reconstruct().detection());
             work.kept(&format!("benchmark-{}-{seed}", method.key), &key, || {
                 let task = bench.progress.begin(&format!("{}, twin {seed}", method.name), frames);
                 let result = benchmark.run(seed, &size, |done| task.advance(done))?;
                 Ok(TwinFigures::of(&result))
             })
         };
-        let twins = seeds.map(twin).collect::<Result<_>>()?;
+        let twins = seeds.map(|seed| parts.part(total, work, || twin(seed))).collect::<Result<_>>()?;
         let unexplained =
             work.kept(&format!("explained-{}", method.key), &method.identity, || unexplained(bench, method, scale))?;
-        Ok(Benchmarked { key: method.key.clone(), name: method.name.clone(), alpha: method.alpha, unexplained, twins })
+        Ok(Benchmarked {
+            key: method.key.clone(),
+            name: method.name.clone(),
+            alpha: method.method.alpha(),
+            unexplained,
+            twins,
+        })
     }
 
     /// A figure by its key: its mean over the twins and the worst of them, SI units; `NaN` where a twin has none.
@@ -112,12 +125,12 @@ impl Benchmarked {
 fn unexplained(bench: &Bench<'_>, method: &Named, scale: Scale) -> Result<Option<f64>> {
     let samples = scale.explained();
     let recipe = gaussian_recipe(EXPLAINED_SEED, samples)?;
-    if recipe.check(bench.design.sheet.touch).is_err() {
+    if recipe.check(bench.skin.design().sheet.touch).is_err() {
         return Ok(None);
     }
     let task = bench.progress.begin(&format!("{}, Gaussian touches", method.name), samples as usize);
-    let generator = Generator::new(&bench.design, &bench.forward, &recipe)?;
-    let reconstruct = method.reconstruct.as_ref();
+    let generator = Generator::new(bench.skin.design(), bench.skin.forward(), &recipe)?;
+    let reconstruct = method.method.reconstruct().as_ref();
     let run = CalibrationRun::of(reconstruct, &reconstruct.detection(), &generator, 0..samples, || task.advance(1))?;
     Ok(Some(run.images.unexplained()))
 }

@@ -132,7 +132,7 @@ pub fn structures(
 /// The best linear methods of a control, chosen on its own twins.
 pub fn linear(control: &Control, bench: &Bench<'_>, scale: Scale, work: &Work) -> Result<Vec<Named>> {
     let name = format!("alpha-{}", control.key);
-    let choice: Choice = work.kept(&name, &bench.design.name, || Choice::make(bench, scale))?;
+    let choice: Choice = work.kept(&name, &bench.skin.design().name, || Choice::make(bench, scale))?;
     choice.methods(bench)
 }
 
@@ -143,7 +143,7 @@ fn press_and_tell(
     methods: &[Named],
     scale: Scale,
 ) -> Result<Vec<Structure>> {
-    let surface = bench.design.body.surface();
+    let surface = bench.skin.design().body.surface();
     let (mut met, mut false_positives) = (vec![Vec::new(); methods.len()], vec![0; methods.len()]);
     let mut saturated_readings = 0;
     let seeds = REPORTED_SEED..REPORTED_SEED + scale.twins();
@@ -155,7 +155,7 @@ fn press_and_tell(
         let pressed = bench.press(seed, &presses, scale.untouched(), &*task)?;
         saturated_readings += pressed.saturated_readings;
         for (number, method) in methods.iter().enumerate() {
-            let detector = method.detector(&pressed.untouched)?;
+            let detector = method.method.detector(&pressed.untouched)?;
             let shown = Shown::of(method, &pressed.recording, &pressed.truth, &detector, bench.progress)?;
             false_positives[number] += shown.score.false_positives;
             met[number].extend(meet(&surface, cut_rad, &pressed.truth, &shown));
@@ -167,7 +167,7 @@ fn press_and_tell(
         .map(|((method, met), false_positives)| {
             let mut structure = tell(&met, extent);
             (structure.design, structure.method) = (control.key.to_string(), method.key.clone());
-            (structure.alpha, structure.false_positives) = (method.alpha, false_positives);
+            (structure.alpha, structure.false_positives) = (method.method.alpha(), false_positives);
             structure.saturated_readings = saturated_readings;
             structure
         })
@@ -201,7 +201,7 @@ struct Extent {
 
 impl Extent {
     fn of(bench: &Bench<'_>) -> Self {
-        match bench.design.body {
+        match bench.skin.design().body {
             dermis::design::Body::Cylinder { length_m, diameter_m } => {
                 Extent { round_m: TAU * diameter_m / 2.0, along_m: length_m }
             }

@@ -52,9 +52,7 @@ impl Choice {
 
     /// The linear methods with these alphas.
     pub fn methods(&self, bench: &Bench<'_>) -> Result<Vec<Named>> {
-        let linear = |(which, &alpha): (usize, &f64)| {
-            Named::linear(which, &bench.design, &bench.model, &bench.pixels, Alpha::Given(alpha))
-        };
+        let linear = |(which, &alpha): (usize, &f64)| Named::linear(which, &bench.skin, Alpha::Given(alpha));
         self.alphas.iter().enumerate().map(linear).collect()
     }
 }
@@ -62,9 +60,9 @@ impl Choice {
 fn try_all(bench: &Bench<'_>, which: usize, pressed: &[Pressed]) -> Result<Vec<Tried>> {
     let try_one = |quarter: i32| {
         let alpha = 10f64.powf(0.25 * f64::from(quarter));
-        let method = Named::linear(which, &bench.design, &bench.model, &bench.pixels, Alpha::Given(alpha))?;
+        let method = Named::linear(which, &bench.skin, Alpha::Given(alpha))?;
         let cost = |one: &Pressed| {
-            let detector = method.detector(&one.untouched)?;
+            let detector = method.method.detector(&one.untouched)?;
             Ok(cost_m(&Shown::of(&method, &one.recording, &one.truth, &detector, bench.progress)?.score))
         };
         let costs: Vec<f64> = pressed.iter().map(cost).collect::<Result<_>>()?;

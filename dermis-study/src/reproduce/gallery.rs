@@ -52,7 +52,7 @@ impl Gallery {
         let mut presses = bench.presses(REPORTED_SEED).on_grid(scale.grid_step()).presses;
         let tip_radius_m = bench.twin.press.tip_radius_m;
         let press = |touch: &Contact| Press { centre_m: touch.position_m, force_n: touch.force_n, tip_radius_m };
-        let four = four_touches(&bench.design, FOUR_FORCE_N);
+        let four = four_touches(bench.skin.design(), FOUR_FORCE_N);
         presses.extend(four.iter().map(|touches| touches.iter().map(press).collect::<Vec<Press>>()));
         let task = bench.progress.begin("pressing the first twin", presses.len());
         let mut pressed = bench.press(REPORTED_SEED, &presses, scale.untouched(), &*task)?;
@@ -66,7 +66,8 @@ impl Gallery {
                 Some((four, pressed.truth.pop().expect(last)))
             }
         };
-        let detectors = methods.iter().map(|method| method.detector(&pressed.untouched)).collect::<Result<Vec<_>>>()?;
+        let detectors =
+            methods.iter().map(|method| Ok(method.method.detector(&pressed.untouched)?)).collect::<Result<Vec<_>>>()?;
         let both = || methods.iter().zip(&detectors);
         let shown = both()
             .map(|(method, detector)| Shown::of(method, &pressed.recording, &pressed.truth, detector, bench.progress));
@@ -93,7 +94,7 @@ fn seconds_a_frame(method: &Named, detector: &dermis::detect::Detector, recordin
     let time = |frame| {
         let difference = frame - &recording.baseline;
         let begun = Instant::now();
-        std::hint::black_box(detector.detect(&method.reconstruct.reconstruct(&difference)?));
+        std::hint::black_box(detector.detect(&method.method.reconstruct().reconstruct(&difference)?));
         Ok(begun.elapsed().as_secs_f64())
     };
     let seconds: Vec<f64> = frames.map(time).collect::<Result<_>>()?;
@@ -102,12 +103,12 @@ fn seconds_a_frame(method: &Named, detector: &dermis::detect::Detector, recordin
 
 impl TrainingSample {
     fn make(bench: &Bench<'_>) -> Result<Self> {
-        let touch = Touch::Gaussian(GaussianTouches::for_effect(bench.design.sheet.touch));
+        let touch = Touch::Gaussian(GaussianTouches::for_effect(bench.skin.design().sheet.touch));
         let recipe = Recipe { samples: 1, seed: SAMPLE_SEED, touch, skins: Skins::Even };
-        let generator = Generator::new(&bench.design, &bench.forward, &recipe)?;
+        let generator = Generator::new(bench.skin.design(), bench.skin.forward(), &recipe)?;
         let wanted = (0..).find(|&index| generator.touches(index).len() == SAMPLE_TOUCHES).unwrap_or(0);
         let sample = generator.stream(wanted).next().ok_or_else(|| Error::Internal("no sample came".into()))??;
-        let surface = bench.design.body.surface();
+        let surface = bench.skin.design().body.surface();
         let touch = |touch: &SampleTouch| {
             let at = touch.centre_m.map(f64::from);
             Contact::truth(at, surface.normal(at).unwrap_or([f64::NAN; 3]), f64::NAN)
@@ -116,7 +117,7 @@ impl TrainingSample {
             difference: sample.frame.iter().zip(&sample.rest).map(|(a, b)| f64::from(a - b)).collect(),
             touches: sample.touches.iter().map(touch).collect(),
             image: Image {
-                space: Arc::clone(&bench.pixels),
+                space: Arc::clone(bench.skin.pixels()),
                 values: sample.image.iter().map(|&value| f64::from(value)).collect(),
             },
         })

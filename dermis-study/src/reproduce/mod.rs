@@ -16,7 +16,7 @@ mod training;
 pub use scale::Scale;
 pub use training::Step;
 
-use crate::comparison::{LINEAR, Named, shipped_networks};
+use crate::comparison::{Named, shipped_networks};
 use crate::report::to_json;
 use crate::{Error, Progress, Result, StudyOutput};
 use bench::Bench;
@@ -24,10 +24,11 @@ use benchmarked::Benchmarked;
 use choose::Choice;
 use dermis::design::SkinDesign;
 use dermis::frame::write_whole;
+use dermis::skin::Skin;
 use dermis_sim::twin::TwinOptions;
 use gallery::Gallery;
 use results::{Results, StructureStudy};
-use stage::{Budget, Work, time};
+use stage::{Parts, Schedule, Work, time};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 
@@ -59,43 +60,47 @@ impl Reproduction {
         let twin = TwinOptions::load(&self.twin)?;
         let work = Work::new(&self.output.join("work"), self.key(&design, &twin))?;
         let controls = controls::controls(&design);
-        let bench = Bench::new(design, &twin, progress)?;
+        let bench = Bench { skin: Skin::new(design)?, twin: &twin, progress };
         let mut networks = self.networks(&bench)?;
         let steps = if self.scale == Scale::Paper && networks.is_empty() {
             training_steps(&self.design, &self.twin, work.folder())?
         } else {
             Vec::new()
         };
-        let method_count = LINEAR.len() + networks.len() + steps.iter().filter(|step| step.model.is_some()).count();
-        let mut stages: Vec<(String, f64)> = steps.iter().map(|step| (step.summary(), step.estimate_s)).collect();
-        stages.extend(plan(self.scale, bench.pixels.len(), method_count, controls.is_some()));
-        let mut budget = Budget::new(stages, progress);
-        progress.note(&budget.summary());
+        let mut stages: Vec<String> = steps.iter().map(Step::summary).collect();
+        stages.extend(["choosing alpha", "assessing the methods", "pictures"].map(String::from));
+        stages.extend(controls.is_some().then(|| "structure and its controls".to_string()));
+        let mut schedule = Schedule::new(stages, progress);
+        progress.note(&schedule.summary());
         for step in &steps {
-            budget.stage(|| step.carry_out(&self.program))?;
+            schedule.stage(|_| step.carry_out(&self.program))?;
             networks.extend(step.model.iter().map(|folder| bench.network(folder)).collect::<Result<Vec<_>>>()?);
         }
 
-        let choice: Choice = budget.stage(|| work.kept("alpha", "", || Choice::make(&bench, self.scale)))?;
+        let choice: Choice = schedule.stage(|_| work.kept("alpha", "", || Choice::make(&bench, self.scale)))?;
         let mut methods: Vec<Named> = choice.methods(&bench)?;
         methods.append(&mut networks);
-        let assessed = budget.stage(|| {
-            methods.iter().map(|method| Benchmarked::make(&bench, method, self.scale, &work)).collect::<Result<_>>()
+        let assessed = schedule.stage(|parts| {
+            let total = methods.len() * self.scale.twins() as usize;
+            let make = |method| Benchmarked::make(&bench, method, self.scale, &work, parts, total);
+            methods.iter().map(make).collect::<Result<_>>()
         })?;
-        let gallery = budget.stage(|| Gallery::make(&bench, &methods, self.scale))?;
+        let gallery = schedule.stage(|_| Gallery::make(&bench, &methods, self.scale))?;
         let structure = match controls {
             None => None,
-            Some(controls) => Some(budget.stage(|| study(controls, &bench, &methods, self.scale, &work))?),
+            Some(controls) => {
+                Some(schedule.stage(|parts| study(controls, &bench, &methods, self.scale, &work, parts))?)
+            }
         };
         let scale = self.scale;
         let found = Results { scale, bench: &bench, methods: &methods, choice: &choice, assessed, gallery, structure };
-        self.write(&found, &budget)
+        self.write(&found, &schedule)
     }
 
     /// The networks that need no training; a folder that holds none for this skin is refused before anything is pressed.
     fn networks(&self, bench: &Bench<'_>) -> Result<Vec<Named>> {
         if self.models.is_empty() && self.scale != Scale::Paper {
-            return shipped_networks(&bench.forward, &bench.pixels);
+            return shipped_networks(&bench.skin);
         }
         let networks: Vec<Named> = self.models.iter().map(|folder| bench.network(folder)).collect::<Result<_>>()?;
         let same = |(number, network): &(usize, &Named)| networks[..*number].iter().any(|one| one.key == network.key);
@@ -105,9 +110,9 @@ impl Reproduction {
         }
     }
 
-    fn write(&self, found: &Results<'_>, budget: &Budget<'_>) -> Result<StudyOutput> {
-        let page = page::page(found, budget.done())?.to_html();
-        let json = to_json(&found.summary(budget.done()))?;
+    fn write(&self, found: &Results<'_>, schedule: &Schedule<'_>) -> Result<StudyOutput> {
+        let page = page::page(found, schedule.done())?.to_html();
+        let json = to_json(&found.summary(schedule.done()))?;
         let index = self.output.join("index.html");
         write_whole(&index, |out| out.write_all(page.as_bytes()))?;
         write_whole(&self.output.join("report.json"), |out| out.write_all(json.as_bytes()))?;
@@ -116,11 +121,11 @@ impl Reproduction {
         let text = format!(
             "{} of {} (`{}`), SIMULATED; the paper's figures were measured\n\n{}\nThe page, with what differs: {} ({})\n",
             found.twins(),
-            found.bench.design.name,
+            found.bench.skin.design().name,
             found.bench.twin.name,
             table.to_text(),
             index.display(),
-            time(budget.elapsed_s())
+            time(schedule.elapsed_s())
         );
         Ok(StudyOutput { text, json })
     }
@@ -151,44 +156,20 @@ fn study(
     methods: &[Named],
     scale: Scale,
     work: &Work,
+    parts: &Parts<'_>,
 ) -> Result<StructureStudy> {
     let mut structures = Vec::new();
     let cut_rad = controls.cut_rad;
+    let total = controls.designs.len();
     for (number, control) in controls.designs.iter().enumerate() {
-        if number == 0 {
-            structures.extend(bias::structures(control, cut_rad, bench, methods, scale, work)?);
-        } else {
-            let own = Bench::new(control.design.clone(), bench.twin, bench.progress)?;
+        structures.extend(parts.part(total, work, || {
+            if number == 0 {
+                return bias::structures(control, cut_rad, bench, methods, scale, work);
+            }
+            let own = Bench { skin: Skin::new(control.design.clone())?, ..*bench };
             let linear = bias::linear(control, &own, scale, work)?;
-            structures.extend(bias::structures(control, cut_rad, &own, &linear, scale, work)?);
-        }
+            bias::structures(control, cut_rad, &own, &linear, scale, work)
+        })?);
     }
     Ok(StructureStudy { designs: controls.designs, cut_rad, structures })
-}
-
-/// Time to draw a twin and to learn its patches, on two cores, s.
-const TWIN_S: f64 = 3.0;
-/// Time to read and to see a frame, on two cores, s.
-const FRAME_S: f64 = 4e-4;
-
-/// The stages and the seconds that they are expected to take on two cores.
-fn plan(scale: Scale, pixels: usize, methods: usize, controls: bool) -> Vec<(String, f64)> {
-    let size = scale.result();
-    let linear = LINEAR.len() as f64;
-    let twin = |twins: u64, frames: usize| twins as f64 * (TWIN_S + frames as f64 * FRAME_S);
-    // Every frame is seen once with every alpha.
-    let choose = twin(scale.choosing_twins(), 11 * scale.choosing_presses()) + 11.0 * linear * 0.2;
-    let grid = pixels.div_ceil(scale.grid_step());
-    // The presses at random places are on a twin of their own; a smallest force takes some ten frames.
-    let frames = crate::metrics::benchmark_frames(&size, pixels) + 12 * pixels.div_ceil(size.force_step);
-    let mut plan = vec![
-        ("choosing alpha", choose),
-        ("assessing the methods", methods as f64 * (twin(scale.twins(), frames) + TWIN_S * scale.twins() as f64)),
-        ("pictures", twin(1, grid) + 2.0),
-    ];
-    if controls {
-        let presses = 2 * scale.structure_presses();
-        plan.push(("structure and its controls", 4.0 * twin(scale.twins(), presses) + 3.0 * choose));
-    }
-    plan.into_iter().map(|(stage, seconds)| (stage.to_string(), seconds)).collect()
 }

@@ -14,8 +14,8 @@ use dermis_plot::chart::Curves;
 
 /// The page.
 pub fn page(found: &Results<'_>, stages: &[Done]) -> Result<Report> {
-    let design = &found.bench.design;
-    let plots = Plots::new(design, found.bench.mesh());
+    let design = found.bench.skin.design();
+    let plots = Plots::new(design, found.bench.skin.mesh());
     let lead = format!(
         "\u{201c}An ERT-based Robotic Skin with Sparsely Distributed Electrodes: Structure, Fabrication, and DNN-based Signal \
          Processing\u{201d}, its sections II to IV, on the twin \u{201c}{}\u{201d} of {}: {}. All of it is simulated.",
@@ -57,7 +57,10 @@ fn the_table(report: &mut Report, found: &Results<'_>) {
 
 fn the_sensor(report: &mut Report, found: &Results<'_>, plots: &Plots<'_>) -> Result<()> {
     report.heading("The sensor and its mesh (Fig. 3)");
-    let sensitivity = plots.frame_sensitivity(&found.bench.pixels, &found.bench.model.sensitivity(&found.bench.pixels));
+    let sensitivity = plots.frame_sensitivity(
+        found.bench.skin.pixels(),
+        &found.bench.skin.linearised()?.sensitivity(found.bench.skin.pixels()),
+    );
     report.pictures(&[
         (
             plots.solid(&plots.electrodes())?,
@@ -183,14 +186,15 @@ fn localisation(report: &mut Report, found: &Results<'_>, plots: &Plots<'_>) -> 
 fn sensitivity(report: &mut Report, found: &Results<'_>, plots: &Plots<'_>) -> Result<()> {
     report.heading("Sensitivity (Fig. 8)");
     report.paragraph(
-        "The peak of the image of each press over its force, at the place of the press, in units of its mean. An even skin would \
-         show one colour; so would not a twin, whose patches have gaps and whose contacts saturate.",
+        "The peak of the image of each press over its force, at the place of the press, in units of its mean. A uniform \
+         skin would show one colour; a twin does not, as its patches have gaps and its contacts saturate. All maps share one scale, \
+         from the 2nd to the 98th percentile of all values; values beyond have the colours of its ends.",
     );
     let gallery = &found.gallery;
     let maps: Vec<Vec<f64>> =
         gallery.shown.iter().map(|shown| plots.sensitivity_map(&gallery.pressed.truth, shown)).collect();
-    // One scale for all, so that they can be compared.
-    let scale = dermis_plot::colour::Scale::sequential(maps.iter().flatten().copied());
+    // One scale for all, so that they can be compared; a few presses near electrodes would stretch it to several times the mean.
+    let scale = dermis_plot::colour::Scale::between_quantiles(maps.iter().flatten().copied(), [0.02, 0.98]);
     let mut pictures = Vec::new();
     for (shown, map) in gallery.shown.iter().zip(&maps) {
         pictures.push((plots.flat(&plots.sensitivity(shown, map, scale))?, shown.how.clone()));
@@ -256,7 +260,7 @@ fn structure(report: &mut Report, found: &Results<'_>, study: &StructureStudy) -
          rim. Cut open: the coat parted from rim to rim at {:.0} degrees, where no electrode is; \
          since a sheet knows lengths along itself alone, that is a flat rectangle of the same size, and the cut is a wall for the \
          current. Every control has meshes, twins and methods of its own, with the best alpha chosen anew.",
-        found.bench.design.electrodes.len(),
+        found.bench.skin.design().electrodes.len(),
         study.cut_rad.to_degrees()
     ));
     let mut methods: Vec<&str> = study.structures.iter().map(|one| one.method.as_str()).collect();
@@ -354,11 +358,12 @@ fn how_it_was_made(report: &mut Report, found: &Results<'_>, stages: &[Done]) {
     };
     report.code(&format!(
         "dermis reproduce {} --twin {} --scale {scale} -o report",
-        found.bench.design.name, found.bench.twin.name
+        found.bench.skin.design().name,
+        found.bench.twin.name
     ));
-    let mut table = Table::new(&["stage", "time", "expected"]);
+    let mut table = Table::new(&["stage", "time"]);
     for stage in stages {
-        table.row([stage.stage.clone(), time(stage.seconds), time(stage.estimate_s)]);
+        table.row([stage.stage.clone(), time(stage.seconds)]);
     }
     report.table(&table);
     report.paragraph("The same figures for programs, in SI units, stand in report.json beside this page.");

@@ -5,6 +5,7 @@ use crate::{Error, Result};
 use dermis::frame::write_whole;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use std::cell::Cell;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -15,49 +16,41 @@ pub struct Done {
     pub stage: String,
     /// How long it took, s; nearly nothing where its results were there.
     pub seconds: f64,
-    /// How long it was expected to take, s.
-    pub estimate_s: f64,
 }
 
-/// The time budget.
-pub struct Budget<'a> {
+/// The stages of a run and the time that they take.
+pub struct Schedule<'a> {
     progress: &'a dyn Progress,
     begun: Instant,
-    planned: Vec<(String, f64)>,
+    planned: Vec<String>,
     done: Vec<Done>,
 }
 
-impl<'a> Budget<'a> {
-    /// A budget of stages with the seconds that each is expected to take.
-    pub fn new(planned: Vec<(String, f64)>, progress: &'a dyn Progress) -> Self {
-        Budget { progress, begun: Instant::now(), planned, done: Vec::new() }
+impl<'a> Schedule<'a> {
+    /// A schedule of stages.
+    pub fn new(planned: Vec<String>, progress: &'a dyn Progress) -> Self {
+        Schedule { progress, begun: Instant::now(), planned, done: Vec::new() }
     }
 
-    /// The stages and what each is expected to take, for people.
+    /// The stages, for people.
     pub fn summary(&self) -> String {
-        let stages = self.planned.iter().map(|(stage, seconds)| format!("  {:>7}  {stage}\n", time(*seconds)));
-        let whole = self.planned.iter().fold(0.0, |sum, stage| sum + stage.1);
-        format!("expected on two cores:\n{}  {:>7}  in all", stages.collect::<String>(), time(whole))
+        let stages = self.planned.iter().enumerate().map(|(number, stage)| format!("\n  {}  {stage}", number + 1));
+        format!("stages:{}", stages.collect::<String>())
     }
 
-    /// Carries out the next stage of the plan and tells how the budget stands.
-    pub fn stage<T>(&mut self, work: impl FnOnce() -> Result<T>) -> Result<T> {
-        let number = self.done.len();
-        let (stage, estimate_s) = self.planned[number].clone();
+    /// Carries out the next stage and notes how long it took.
+    pub fn stage<T>(&mut self, work: impl FnOnce(&Parts<'_>) -> Result<T>) -> Result<T> {
+        let stage = self.planned[self.done.len()].clone();
         let begun = Instant::now();
-        let result = work()?;
+        let result = work(&Parts::new(self.progress))?;
         let seconds = begun.elapsed().as_secs_f64();
-        self.done.push(Done { stage: stage.clone(), seconds, estimate_s });
-        // From nought: the sum of nothing is minus zero.
-        let left = self.planned[number + 1..].iter().fold(0.0, |sum, stage| sum + stage.1);
+        self.done.push(Done { stage: stage.clone(), seconds });
         self.progress.note(&format!(
-            "{} of {}  {stage}: {} (expected {}); {} so far, about {} left",
-            number + 1,
+            "{} of {}  {stage}: {}; {} so far",
+            self.done.len(),
             self.planned.len(),
             time(seconds),
-            time(estimate_s),
-            time(self.begun.elapsed().as_secs_f64()),
-            time(left)
+            time(self.elapsed_s())
         ));
         Ok(result)
     }
@@ -67,9 +60,45 @@ impl<'a> Budget<'a> {
         &self.done
     }
 
-    /// Seconds since the budget began.
+    /// Seconds since the schedule began.
     pub fn elapsed_s(&self) -> f64 {
         self.begun.elapsed().as_secs_f64()
+    }
+}
+
+/// The parts of a stage. The time left is estimated from the parts that are done, and only once one is.
+pub struct Parts<'a> {
+    progress: &'a dyn Progress,
+    done: Cell<usize>,
+    made: Cell<usize>,
+    made_s: Cell<f64>,
+}
+
+impl<'a> Parts<'a> {
+    fn new(progress: &'a dyn Progress) -> Self {
+        Parts { progress, done: Cell::new(0), made: Cell::new(0), made_s: Cell::new(0.0) }
+    }
+
+    /// Carries out one of `total` parts. Parts whose results were kept take no time, and do not count in the estimate.
+    pub fn part<T>(&self, total: usize, work: &Work, part: impl FnOnce() -> Result<T>) -> Result<T> {
+        let (made, begun) = (work.made.get(), Instant::now());
+        let result = part()?;
+        self.done.set(self.done.get() + 1);
+        if work.made.get() > made {
+            self.made.set(self.made.get() + 1);
+            self.made_s.set(self.made_s.get() + begun.elapsed().as_secs_f64());
+        }
+        if let Some(left_s) = self.left_s(total) {
+            let done = self.done.get();
+            self.progress.note(&format!("    {done} of {total} parts; about {} left in this stage", time(left_s)));
+        }
+        Ok(result)
+    }
+
+    /// Seconds that the parts that are not done take at the pace of those that were; `None` before one was, and at the end.
+    fn left_s(&self, total: usize) -> Option<f64> {
+        let left = total.checked_sub(self.done.get()).filter(|&left| left > 0 && self.made.get() > 0)?;
+        Some(left as f64 * self.made_s.get() / self.made.get() as f64)
     }
 }
 
@@ -88,6 +117,8 @@ pub fn time(seconds: f64) -> String {
 pub struct Work {
     folder: PathBuf,
     key: String,
+    /// How many results were made, and not read.
+    made: Cell<usize>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -100,7 +131,7 @@ impl Work {
     /// A folder for results of one key: everything that they depend on, written out.
     pub fn new(folder: &Path, key: String) -> Result<Self> {
         std::fs::create_dir_all(folder).map_err(|source| Error::Folder { folder: folder.to_path_buf(), source })?;
-        Ok(Work { folder: folder.to_path_buf(), key })
+        Ok(Work { folder: folder.to_path_buf(), key, made: Cell::new(0) })
     }
 
     /// The folder.
@@ -125,6 +156,7 @@ impl Work {
         let kept = Kept { key, value: make()? };
         let text = serde_json::to_string(&kept).map_err(|error| Error::Internal(error.to_string()))?;
         write_whole(&path, |out| out.write_all(text.as_bytes()))?;
+        self.made.set(self.made.get() + 1);
         Ok(kept.value)
     }
 }
@@ -152,6 +184,21 @@ mod tests {
         std::fs::write(folder.path().join("figures.json"), "{\"key\": \"b; noser\", \"val").unwrap();
         get("b");
         assert_eq!(made.get(), 3);
+    }
+
+    #[test]
+    fn the_time_left_is_that_of_the_parts_that_were_made() {
+        let folder = tempfile::tempdir().unwrap();
+        let work = Work::new(folder.path(), "key".into()).unwrap();
+        work.kept("0", "", || Ok(0)).unwrap();
+        let parts = Parts::new(&());
+        let part = |name: &str| parts.part(3, &work, || work.kept(name, "", || Ok(0))).unwrap();
+        part("0");
+        assert_eq!(parts.left_s(3), None, "a result that was kept tells no time");
+        part("1");
+        assert_eq!(parts.left_s(3), Some(parts.made_s.get()));
+        part("2");
+        assert_eq!((parts.left_s(3), parts.made.get()), (None, 2));
     }
 
     #[test]

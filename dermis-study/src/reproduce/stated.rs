@@ -40,7 +40,7 @@ pub fn table(paper: &[&str], ours: &[&str], rows: &[Row]) -> Table {
 
 /// The sensor, its instrument and its data.
 pub fn facts(results: &Results<'_>) -> Vec<Row> {
-    let design = &results.bench.design;
+    let design = results.bench.skin.design();
     let row = |what: &str, paper_section, paper: &str, ours: String, differs: &str| Row {
         what: what.into(),
         paper_section,
@@ -55,14 +55,14 @@ pub fn facts(results: &Results<'_>) -> Vec<Row> {
         Body::Disk { diameter_m } => format!("flat disk, {}", mm(diameter_m)),
         Body::Mesh { .. } => "a mesh file".into(),
     };
-    let area_cm2 = results.bench.pixels.areas.iter().sum::<f64>() * 1e4;
+    let area_cm2 = results.bench.skin.pixels().areas.iter().sum::<f64>() * 1e4;
     let image = match design.image {
         ImageLayout::Grid { rows, columns } => format!("{rows} x {columns}"),
-        ImageLayout::Cells => format!("{} cells", results.bench.pixels.len()),
+        ImageLayout::Cells => format!("{} cells", results.bench.skin.pixels().len()),
     };
     let electronics = &results.bench.twin.electronics;
-    let presses = results.bench.pixels.len().div_ceil(results.scale.result().sizes.grid_step);
-    let [nodes, twin_nodes] = [results.bench.mesh().node_count(), results.gallery.pressed.nodes];
+    let presses = results.bench.skin.pixels().len().div_ceil(results.scale.result().sizes.grid_step);
+    let [nodes, twin_nodes] = [results.bench.skin.mesh().node_count(), results.gallery.pressed.nodes];
     let sheet_ohm = 1.0 / design.sheet.conductance;
     vec![
         row("length and diameter of the body", "III.A", "300 mm, 100 mm", size, "nothing"),

@@ -11,12 +11,6 @@ const PAPER_EPOCHS: u64 = 28;
 const BEST_EPOCHS: u64 = 40;
 /// Samples of an epoch of ours, drawn from all presses.
 const BEST_EPOCH_SAMPLES: u64 = 147_456;
-/// Samples a second that each trains on, on two cores.
-const PAPER_RATE: f64 = 13_000.0;
-const BEST_RATE: f64 = 5_000.0;
-
-/// Samples a second that are checked when a dataset is finished.
-const FINISH_RATE: f64 = 60_000.0;
 
 /// A dataset that networks learn from or are tested by.
 struct Data {
@@ -25,28 +19,23 @@ struct Data {
     recipe_text: &'static str,
     samples: u64,
     seed: u64,
-    /// Samples a second that are made on two cores.
-    rate: f64,
 }
 
 macro_rules! data {
-    ($name:literal, $samples:literal x $recipe:literal, seed $seed:literal, $rate:literal a second) => {
+    ($name:literal, $samples:literal x $recipe:literal, seed $seed:literal) => {
         Data {
             name: $name,
             recipe: $recipe,
             recipe_text: include_str!(concat!("../../../data/recipes/", $recipe, ".toml")),
             samples: $samples,
             seed: $seed,
-            rate: $rate,
         }
     };
 }
 
 /// What the paper's network learns from and is tested by: as many samples of Gaussian touches as the paper's.
-const GAUSSIANS: [Data; 2] = [
-    data!("training", 1_100_000 x "gaussian", seed 21, 2_800.0 a second),
-    data!("test", 40_000 x "gaussian", seed 22, 2_800.0 a second),
-];
+const GAUSSIANS: [Data; 2] =
+    [data!("training", 1_100_000 x "gaussian", seed 21), data!("test", 40_000 x "gaussian", seed 22)];
 
 /// The distribution of the Gaussian touches that the paper's network learns from.
 pub fn gaussian_recipe(seed: u64, samples: u64) -> Result<Recipe> {
@@ -56,12 +45,12 @@ pub fn gaussian_recipe(seed: u64, samples: u64) -> Result<Recipe> {
 
 /// What ours learns from: presses on patches of other pitches, foams and contacts than any twin that is reported has.
 const PRESSES: [Data; 6] = [
-    data!("fine-soft", 24_576 x "fine-soft", seed 11, 140.0 a second),
-    data!("fine-firm", 24_576 x "fine-firm", seed 12, 300.0 a second),
-    data!("coarse-soft", 24_576 x "coarse-soft", seed 13, 270.0 a second),
-    data!("coarse-firm", 24_576 x "coarse-firm", seed 14, 500.0 a second),
-    data!("fine-firm-together", 24_576 x "fine-firm-together", seed 31, 300.0 a second),
-    data!("coarse-firm-together", 24_576 x "coarse-firm-together", seed 32, 500.0 a second),
+    data!("fine-soft", 24_576 x "fine-soft", seed 11),
+    data!("fine-firm", 24_576 x "fine-firm", seed 12),
+    data!("coarse-soft", 24_576 x "coarse-soft", seed 13),
+    data!("coarse-firm", 24_576 x "coarse-firm", seed 14),
+    data!("fine-firm-together", 24_576 x "fine-firm-together", seed 31),
+    data!("coarse-firm-together", 24_576 x "coarse-firm-together", seed 32),
 ];
 
 /// A command of this program and what it leaves.
@@ -73,8 +62,6 @@ pub struct Step {
     done: PathBuf,
     /// The folder of the network that it trains, where it trains one.
     pub model: Option<PathBuf>,
-    /// How long it is expected to take on two cores, s.
-    pub estimate_s: f64,
 }
 
 impl Step {
@@ -105,22 +92,22 @@ pub fn steps(design: &str, twin: &str, work: &Path) -> Result<Vec<Step>> {
     for data in GAUSSIANS.iter().chain(&PRESSES) {
         all.extend(dataset(data, design, work)?);
     }
-    let train = |network: &str, more: &[&str], data: &[&str], samples: u64, rate: f64| {
+    let train = |network: &str, more: &[&str], data: &[&str]| {
         let model = work.join(format!("network-{network}"));
         let line = ["train", design, "--network", network, "--noise", twin, "-o", &model.display().to_string()];
         let mut arguments: Vec<String> = line.iter().chain(more).map(|word| word.to_string()).collect();
         let folder = |name: &str| work.join(name).display().to_string();
         arguments.extend(data.iter().flat_map(|name| ["--data".to_string(), folder(name)]));
-        Step { arguments, done: model.join("card.json"), model: Some(model), estimate_s: samples as f64 / rate }
+        Step { arguments, done: model.join("card.json"), model: Some(model) }
     };
     let test = work.join("test").display().to_string();
     let epochs = PAPER_EPOCHS.to_string();
     let more = ["--half", "--epochs", &epochs, "--test", &test];
-    all.push(train("paper", &more, &["training"], PAPER_EPOCHS * GAUSSIANS[0].samples, PAPER_RATE));
+    all.push(train("paper", &more, &["training"]));
     let (epochs, samples) = (BEST_EPOCHS.to_string(), BEST_EPOCH_SAMPLES.to_string());
     let more = ["--half", "--epochs", &epochs, "--epoch-samples", &samples];
     let data = PRESSES.map(|data| data.name);
-    all.push(train("best", &more, &data, BEST_EPOCHS * BEST_EPOCH_SAMPLES, BEST_RATE));
+    all.push(train("best", &more, &data));
     Ok(all)
 }
 
@@ -134,15 +121,12 @@ fn dataset(data: &Data, design: &str, work: &Path) -> Result<[Step; 2]> {
     let (samples, seed) = (data.samples.to_string(), data.seed.to_string());
     let make = ["simulate", design, "--recipe", &recipe, "--samples", &samples, "--seed", &seed, "-o", &folder];
     let finish = ["simulate", "--finish", &folder];
-    let step = |line: &[&str], estimate_s: f64| Step {
+    let step = |line: &[&str]| Step {
         arguments: line.iter().map(|word| word.to_string()).collect(),
         done: done.clone(),
         model: None,
-        estimate_s,
     };
-    // Every file is read once more to its last bit.
-    let (make_s, finish_s) = (data.samples as f64 / data.rate, 1.0 + data.samples as f64 / FINISH_RATE);
-    Ok([step(&make, make_s), step(&finish, finish_s)])
+    Ok([step(&make), step(&finish)])
 }
 
 #[cfg(test)]
@@ -153,12 +137,8 @@ mod tests {
     fn a_step_whose_result_is_there_is_not_carried_out() {
         let work = tempfile::tempdir().unwrap();
         let done = work.path().join("manifest.json");
-        let step = |done: &Path| Step {
-            arguments: vec!["no-such-command".into()],
-            done: done.to_path_buf(),
-            model: None,
-            estimate_s: 0.0,
-        };
+        let step =
+            |done: &Path| Step { arguments: vec!["no-such-command".into()], done: done.to_path_buf(), model: None };
         std::fs::write(&done, "{}").unwrap();
         assert!(step(&done).carry_out(Path::new("dermis")).is_ok());
     }
