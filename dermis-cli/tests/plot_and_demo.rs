@@ -48,6 +48,11 @@ fn images_and_localisation_are_drawn_from_frames() {
     let what = ["plot", "tank16", "--what", "localisation", "--truth", "t.csv"];
     ok(&dermis(folder.path(), &[&what[..], &from[..]].concat()));
     assert!(std::fs::read_to_string(folder.path().join("p.svg")).unwrap().contains("true place"));
+    let svg = std::fs::read_to_string(folder.path().join("p.svg")).unwrap();
+    assert!(!svg.contains("contact found"), "a picture of the localisation has estimates");
+    let what = ["plot", "tank16", "--what", "image", "--truth", "t.csv"];
+    ok(&dermis(folder.path(), &[&what[..], &from[..]].concat()));
+    assert!(std::fs::read_to_string(folder.path().join("p.svg")).unwrap().contains("true place"));
     let images = ["reconstruct", "tank16", "--frames", "d.csv", "--difference", "-o", "i.npy"];
     ok(&dermis(folder.path(), &images));
     ok(&dermis(folder.path(), &["plot", "tank16", "--what", "image", "--images", "i.npy", "-o", "q.svg"]));

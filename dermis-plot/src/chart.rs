@@ -1,4 +1,20 @@
-//! Small diagrams that show no skin.
+//! Charts: histograms and curves.
+//!
+//! ```
+//! use dermis_plot::chart::Curves;
+//!
+//! let loss = (1..=40).map(|epoch| [f64::from(epoch), 0.3 / f64::from(epoch * epoch)]).collect();
+//! let chart = Curves {
+//!     title: "Loss",
+//!     subtitle: "",
+//!     below: "epoch",
+//!     left: "mean square error",
+//!     logarithmic: true,
+//!     shown: vec![],
+//!     curves: vec![("training".into(), loss)],
+//! };
+//! assert!(chart.draw().to_svg().contains(">0.001</text>"));
+//! ```
 
 use crate::colour::{Colour, FAINT, INK};
 use crate::frame::{self, Axis};
@@ -76,7 +92,7 @@ impl Histogram<'_> {
 }
 
 /// Colours of curves that can be told apart with any kind of colour vision (Okabe and Ito 2008).
-pub const CURVE_COLOURS: [Colour; 5] = [[0, 114, 178], [213, 94, 0], [0, 158, 115], [204, 121, 167], [86, 180, 233]];
+const CURVE_COLOURS: [Colour; 5] = [[0, 114, 178], [213, 94, 0], [0, 158, 115], [204, 121, 167], [86, 180, 233]];
 
 /// Numbers over numbers, a line for each of some things.
 pub struct Curves<'a> {

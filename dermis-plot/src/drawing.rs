@@ -18,7 +18,7 @@ const TILE_ANGLE_RAD: f64 = TAU / 72.0;
 /// Size of the names of marks, pixels.
 const NAME_SIZE: f64 = 13.0;
 
-/// A skin as pictures are made of it.
+/// A skin to draw: its design and its mesh.
 pub struct Drawing<'a> {
     pub(crate) design: &'a SkinDesign,
     mesh: &'a Mesh,
@@ -53,7 +53,7 @@ impl<'a> Drawing<'a> {
     /// The mesh: its cells with their edges, and its electrodes.
     pub fn mesh(&self) -> Scene {
         let mut scene = Scene { tiles: self.cell_tiles(|_| SKIN, Some(mix(SKIN, INK, 0.55))), ..Scene::default() };
-        self.add_electrodes(&mut scene, ElectrodeLook::Filled { numbered: false });
+        self.add_electrodes(&mut scene, ElectrodeLook::Filled { numbered: true });
         scene
     }
 
@@ -115,9 +115,10 @@ impl<'a> Drawing<'a> {
     /// circles, errors as lines, electrodes yellow. `false_positives` are estimates without a touch.
     pub fn localisation(&self, touches: &[(Contact, Option<Contact>)], false_positives: &[Contact]) -> Scene {
         let mut scene = Scene { tiles: self.body_tiles(), ..Scene::default() };
-        self.add_electrodes(&mut scene, ElectrodeLook::Filled { numbered: false });
-        // Many presses need small marks.
-        let radius = if touches.len() > 200 { 1.7 } else { 3.0 };
+        // Many presses need small marks, and leave no room for numbers.
+        let crowded = touches.len() > 200;
+        self.add_electrodes(&mut scene, ElectrodeLook::Filled { numbered: !crowded });
+        let radius = if crowded { 1.7 } else { 3.0 };
         for (truth, estimate) in touches {
             if let Some(estimate) = estimate {
                 scene.strokes.push(Stroke {

@@ -1,25 +1,43 @@
-//! Pictures of skins: laid out flat and in space, as SVG and PNG.
+//! Pictures of skins, laid out flat and in space, and charts; as SVG and PNG.
 //!
-//! A [`Drawing`] turns a design, its mesh and what was computed on it into a [`Scene`]; a [`View`] draws the scene.
+//! A [`Drawing`] turns a design, its mesh and what was computed on it into a [`Scene`]; a [`View`] draws the scene as a
+//! [`Picture`].
+//!
+//! ```
+//! use dermis::design::SkinDesign;
+//! use dermis::mesh::Mesh;
+//! use dermis_plot::{Drawing, View};
+//!
+//! let design = SkinDesign::shipped("cylinder30").expect("a shipped design");
+//! let mesh = Mesh::generate(&design)?;
+//! let scene = Drawing::new(&design, &mesh).electrodes().titled("Electrodes", "");
+//! let svg = View::Solid.draw(&scene, &design)?.to_svg();
+//! // As many sides as show the number of every electrode.
+//! assert!((0..30).all(|number| svg.contains(&format!(">{number}</text>"))));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! PNG files need the feature `png`, which is on by default.
 
 mod camera;
 pub mod chart;
-pub mod colour;
+mod colour;
 mod drawing;
 mod error;
 mod field;
 mod frame;
 mod projection;
-pub mod scene;
+mod scene;
 mod solid;
-pub mod svg;
+mod svg;
 mod unrolled;
 
 pub use camera::Camera;
+pub use colour::{Colour, Scale};
 pub use drawing::Drawing;
 pub use error::PlotError;
 pub use scene::{Key, Scene};
-pub use svg::Picture;
+pub use svg::{Picture, escape};
 
 use dermis::design::SkinDesign;
 

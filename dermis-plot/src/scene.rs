@@ -116,20 +116,28 @@ pub struct Scene {
     pub title: String,
     /// A second, smaller line: how it was made.
     pub subtitle: String,
-    /// The skin itself.
-    pub tiles: Vec<Tile>,
-    /// Tiles that lie on the skin.
-    pub patches: Vec<Tile>,
-    /// Lines on the skin.
-    pub strokes: Vec<Stroke>,
-    /// Marks on the skin.
-    pub dots: Vec<Dot>,
-    /// Texts on the skin.
-    pub labels: Vec<Label>,
     /// The key to the colours.
     pub key: Option<Key>,
+    /// The skin itself.
+    pub(crate) tiles: Vec<Tile>,
+    /// Tiles that lie on the skin.
+    pub(crate) patches: Vec<Tile>,
+    /// Lines on the skin.
+    pub(crate) strokes: Vec<Stroke>,
+    /// Marks on the skin.
+    pub(crate) dots: Vec<Dot>,
+    /// Texts on the skin.
+    pub(crate) labels: Vec<Label>,
     /// The key to the marks.
-    pub legend: Vec<(Mark, String)>,
+    pub(crate) legend: Vec<(Mark, String)>,
+}
+
+impl Scene {
+    /// The same scene with a title and a second, smaller line; either may be empty.
+    #[must_use]
+    pub fn titled(self, title: impl Into<String>, subtitle: impl Into<String>) -> Self {
+        Scene { title: title.into(), subtitle: subtitle.into(), ..self }
+    }
 }
 
 /// The unit normal of a flat polygon (from its first corners that span a plane).

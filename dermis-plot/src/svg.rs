@@ -142,13 +142,13 @@ pub struct Picture {
 
 impl Picture {
     /// An empty picture.
-    pub fn new(width: f64, height: f64) -> Self {
+    pub(crate) fn new(width: f64, height: f64) -> Self {
         Picture { width, height, body: String::new(), polygon_tail: String::new() }
     }
 
     /// A closed polygon. Polygons of one style that follow each other become one element: a mesh would be three times
     /// as large without. They must turn the same way where they overlap.
-    pub fn polygon(&mut self, corners: &[Place], style: Style) {
+    pub(crate) fn polygon(&mut self, corners: &[Place], style: Style) {
         let tail = format!("\"{}/>\n", style.attributes());
         if tail == self.polygon_tail && self.body.ends_with(&tail) {
             self.body.truncate(self.body.len() - tail.len());
@@ -160,18 +160,18 @@ impl Picture {
     }
 
     /// An open line through some places.
-    pub fn line(&mut self, places: &[Place], style: Style) {
+    pub(crate) fn line(&mut self, places: &[Place], style: Style) {
         let _ = writeln!(self.body, "<path d=\"{}\"{} stroke-linecap=\"round\"/>", path(places), style.attributes());
     }
 
     /// A circle.
-    pub fn circle(&mut self, centre: Place, radius: f64, style: Style) {
+    pub(crate) fn circle(&mut self, centre: Place, radius: f64, style: Style) {
         let [x, y] = centre.map(number);
         let _ = writeln!(self.body, "<circle cx=\"{x}\" cy=\"{y}\" r=\"{}\"{}/>", number(radius), style.attributes());
     }
 
     /// A line of text; its place is on the baseline.
-    pub fn text(&mut self, place: Place, text: &str, how: Text) {
+    pub(crate) fn text(&mut self, place: Place, text: &str, how: Text) {
         let [x, y] = place.map(number);
         let anchor = match how.anchor {
             Anchor::Start => "start",
@@ -194,7 +194,7 @@ impl Picture {
     }
 
     /// Another picture inside this one, its upper left corner at a place; what leaves its frame is cut off.
-    pub fn place(&mut self, [x, y]: Place, inner: &Picture) {
+    pub(crate) fn place(&mut self, [x, y]: Place, inner: &Picture) {
         let (w, h) = (number(inner.width), number(inner.height));
         let _ = writeln!(
             self.body,

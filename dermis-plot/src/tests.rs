@@ -69,7 +69,33 @@ fn every_electrode_has_its_number_and_the_seam_shows_both_sides() {
         assert!(svg.contains(label), "{label}");
     }
     let solid = View::Solid.draw(&scene, &design).unwrap().to_svg();
-    assert!(solid.contains("50 mm") && solid.contains("seen from \u{3b8} = 200\u{b0}"));
+    assert!(solid.contains("50 mm") && solid.contains("seen from \u{3b8} = "));
+}
+
+#[test]
+fn every_electrode_and_contact_is_seen_in_space_and_data_have_the_colours_of_the_key() {
+    let (design, mesh) = skin("cylinder30");
+    let space = PixelSpace::for_design(&design, &mesh).unwrap();
+    let surface = design.body.surface();
+    let drawing = Drawing::new(&design, &mesh);
+    let values = vec![0.5; space.len()];
+    let key = Key { scale: Scale::sequential([0.0, 1.0]), label: String::new() };
+    let [r, g, b] = key.scale.colour(0.5);
+    let mut scene = drawing.field(&space, &values, key);
+    let contacts = [(0.075, 0.05), (0.215, 1.1), (0.105, 2.6), (0.225, 4.5)].map(|(z_m, theta_rad)| {
+        let place = surface.at(z_m, theta_rad).unwrap();
+        Contact::truth(place, surface.normal(place).unwrap(), 1.0)
+    });
+    drawing.add_contacts(&mut scene, &contacts);
+    let cameras = Camera::for_scene(&scene);
+    assert!((2..=3).contains(&cameras.len()), "{cameras:?}");
+    let svg = View::From(cameras).draw(&scene, &design).unwrap().to_svg();
+    for name in (0..30).map(|number| number.to_string()).chain((0..4).map(|number| format!("#{number}"))) {
+        assert!(svg.contains(&format!(">{name}</text>")), "{name}");
+    }
+    // The tiles of a view are one element, of one colour.
+    let fill = format!("fill=\"#{r:02x}{g:02x}{b:02x}\"");
+    assert!(svg.matches(&fill).count() >= 2, "no tile has the colour of its number");
 }
 
 #[test]

@@ -3,21 +3,22 @@
 //!
 //! - [`demo`]: the paper's 900 indentations in simulation, and the objects in recordings of a real tank;
 //! - [`reproduce`]: sections II to IV of the paper on digital twins, as a page and as numbers;
-//! - [`comparison`], [`metrics`], [`plots`]: methods beside each other, the figures that are compared, their pictures;
+//! - [`metrics`]: the figures that methods are compared by;
 //! - [`report`]: tables, and HTML pages that need no other file.
 //!
 //! Nothing here prints. Long work reports to a [`Progress`].
 
-pub mod comparison;
+mod comparison;
 pub mod demo;
 mod error;
 pub mod metrics;
-pub mod plots;
+mod plots;
 pub mod progress;
 pub mod report;
 pub mod reproduce;
 
 pub use error::{Error, Result};
+pub use plots::localisation_scene;
 pub use progress::{Progress, Task};
 
 /// What a study has to say: a table and remarks for people, the numbers for programs.

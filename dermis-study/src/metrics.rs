@@ -1,4 +1,12 @@
-//! The figures that tell how a method does on a twin, for tables and for programs: one list for every command.
+//! The figures that a method is assessed by on a digital twin, for tables and for programs: one list for every command.
+//!
+//! ```
+//! use dermis_study::metrics::FIGURES;
+//!
+//! let resolved = FIGURES.iter().find(|figure| figure.key == "two_resolved_from_m").expect("a figure");
+//! assert_eq!(resolved.show(0.04), "40"); // mm
+//! assert_eq!(resolved.worst(&[0.03, 0.04]), 0.04);
+//! ```
 
 use crate::report::Table;
 use dermis::stats::mean;

@@ -8,8 +8,7 @@ use dermis::image::{Image, PixelSpace};
 use dermis::mesh::Mesh;
 use dermis::reconstruct::Quantity;
 use dermis_plot::chart::Histogram;
-use dermis_plot::colour::Scale;
-use dermis_plot::{Drawing, Key, Picture, Scene, View};
+use dermis_plot::{Drawing, Key, Picture, Scale, Scene, View};
 use dermis_sim::evaluate::match_contacts;
 
 /// A skin to draw experiments on.
@@ -50,24 +49,25 @@ impl<'a> Plots<'a> {
 
     /// The electrodes with their numbers.
     pub fn electrodes(&self) -> Scene {
-        Scene { title: "Electrodes".into(), ..self.drawing.electrodes() }
+        self.drawing.electrodes().titled("Electrodes", "")
     }
 
     /// The mesh.
     pub fn mesh_scene(&self, title: &str) -> Scene {
         let subtitle = format!("{} nodes, {} triangles", self.mesh.node_count(), self.mesh.cell_count());
-        Scene { title: title.into(), subtitle, ..self.drawing.mesh() }
+        self.drawing.mesh().titled(title, subtitle)
     }
 
     /// How strongly a frame answers to each pixel.
     pub fn frame_sensitivity(&self, space: &PixelSpace, sensitivity: &[f64]) -> Scene {
-        Scene { title: "Sensitivity of the frame".into(), ..self.drawing.sensitivity(space, sensitivity) }
+        let scene = self.drawing.sensitivity(space, sensitivity);
+        let subtitle = scene.subtitle.clone();
+        scene.titled("Sensitivity of the frame", subtitle)
     }
 
     /// Where presses were and where a method found them (the paper's Fig. 7).
     pub fn localisation(&self, title: &str, subtitle: &str, truth: &[Vec<Contact>], shown: &Shown) -> Scene {
-        let scene = localisation_scene(&self.drawing, self.design, truth, &shown.contacts);
-        Scene { title: title.into(), subtitle: subtitle.into(), ..scene }
+        localisation_scene(&self.drawing, self.design, truth, &shown.contacts).titled(title, subtitle)
     }
 
     /// How often a press was misplaced by how much.
@@ -127,14 +127,14 @@ impl<'a> Plots<'a> {
         let mut scene = self.drawing.image(&shown.images[frame], shown.quantity);
         self.drawing.add_contacts(&mut scene, &shown.contacts[frame]);
         self.drawing.add_touches(&mut scene, touches);
-        Scene { title: title.into(), subtitle: subtitle.into(), ..scene }
+        scene.titled(title, subtitle)
     }
 
     /// A change of conductance as it is, with marks where touches were.
     pub fn truth_image(&self, title: &str, touches: &[Contact], image: &Image) -> Scene {
         let mut scene = self.drawing.image(image, Quantity::Change);
         self.drawing.add_touches(&mut scene, touches);
-        Scene { title: title.into(), ..scene }
+        scene.titled(title, "")
     }
 }
 

@@ -13,7 +13,7 @@ use dermis::mesh::Mesh;
 use dermis::reconstruct::Quantity;
 use dermis::skin::Skin;
 use dermis_plot::{Drawing, Picture, PlotError, Scene, View};
-use dermis_study::plots::localisation_scene;
+use dermis_study::localisation_scene;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -116,7 +116,7 @@ impl Arguments {
         Ok(match self.what {
             What::Mesh => {
                 let subtitle = format!("{} nodes, {} cells", mesh.node_count(), mesh.cell_count());
-                Scene { subtitle, ..drawing.mesh() }
+                drawing.mesh().titled("", subtitle)
             }
             What::Electrodes => drawing.electrodes(),
             What::Sensitivity => {
@@ -131,8 +131,7 @@ impl Arguments {
                 if let Some(path) = &self.truth {
                     drawing.add_touches(&mut scene, &read_touches(path, design, images.len())?[self.frame]);
                 }
-                scene.title = format!("{}: image of frame {}", design.name, self.frame);
-                Scene { subtitle: how, ..scene }
+                scene.titled(format!("{}: image of frame {}", design.name, self.frame), how)
             }
             What::Localisation => {
                 let Seen { images, detector, how, .. } = self.images(design, mesh)?;
@@ -142,7 +141,7 @@ impl Arguments {
                 };
                 let truth = read_touches(path, design, images.len())?;
                 let contacts: Vec<Vec<Contact>> = images.iter().map(|image| detector.detect(image)).collect();
-                Scene { subtitle: how, ..localisation_scene(&drawing, design, &truth, &contacts) }
+                localisation_scene(&drawing, design, &truth, &contacts).titled("", how)
             }
         })
     }

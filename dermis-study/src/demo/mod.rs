@@ -1,4 +1,10 @@
 //! Demonstrations: the paper's skin pressed 900 times in simulation, and a real tank.
+//!
+//! ```no_run
+//! let output = dermis_study::demo::presses("demo.html".as_ref(), 1, &())?;
+//! println!("{}", output.text);
+//! # Ok::<(), dermis_study::Error>(())
+//! ```
 
 mod page;
 mod presses;
@@ -13,19 +19,19 @@ use std::path::Path;
 
 /// A result of the paper, measured on its real skin (900 indentations; Eqs. 11 and 12).
 #[derive(Debug, Clone, Copy, Serialize)]
-pub struct PaperRow {
+struct PaperRow {
     /// Mean localisation error, m.
-    pub mean_m: f64,
+    mean_m: f64,
     /// Its standard deviation, m.
-    pub sd_m: f64,
+    sd_m: f64,
     /// Spread of the sensitivity.
-    pub sensitivity_spread: f64,
+    sensitivity_spread: f64,
 }
 
 /// Of its linear method.
-pub const PAPER_LINEAR: PaperRow = PaperRow { mean_m: 5.5e-3, sd_m: 3.2e-3, sensitivity_spread: 0.45 };
+const PAPER_LINEAR: PaperRow = PaperRow { mean_m: 5.5e-3, sd_m: 3.2e-3, sensitivity_spread: 0.45 };
 /// Of its network.
-pub const PAPER_NETWORK: PaperRow = PaperRow { mean_m: 5.2e-3, sd_m: 3.3e-3, sensitivity_spread: 0.39 };
+const PAPER_NETWORK: PaperRow = PaperRow { mean_m: 5.2e-3, sd_m: 3.3e-3, sensitivity_spread: 0.39 };
 
 /// Presses every pixel of the paper's skin in simulation, four places at once at the end, and writes the report page.
 ///

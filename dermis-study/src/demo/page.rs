@@ -5,7 +5,7 @@ use crate::Result;
 use crate::comparison::Shown;
 use crate::plots::{LOCALISATION_CAPTION, Plots};
 use crate::report::Report;
-use dermis_plot::colour::Scale;
+use dermis_plot::Scale;
 
 /// The page of a demo.
 pub fn report(demo: &Demo) -> Result<Report> {
@@ -36,7 +36,7 @@ fn results(report: &mut Report, demo: &Demo, plots: &Plots<'_>) -> Result<()> {
         let title = format!("Localisation of {} presses", demo.truth.len());
         let scene = plots.localisation(&title, &format!("simulated; {}", shown.name), &demo.truth, shown);
         pictures.push((plots.flat(&scene)?, format!("As the paper's Fig. 7. {LOCALISATION_CAPTION}")));
-        pictures.push((plots.solid(&scene)?, "The same, from both sides.".into()));
+        pictures.push((plots.solid(&scene)?, "The same in space.".into()));
     }
     report.pictures(&pictures);
     let mut pictures = Vec::new();

@@ -10,7 +10,7 @@ use dermis::mesh::Mesh;
 use dermis::method::{Method, MethodOptions, Methods};
 use dermis::reconstruct::Quantity;
 use dermis::skin::Skin;
-use dermis_plot::{Drawing, Picture, Scene, View};
+use dermis_plot::{Drawing, Picture, View};
 use dermis_sim::evaluate::{FoundObject, Material, TankObject, find_objects};
 use std::path::Path;
 
@@ -168,7 +168,7 @@ fn picture(drawing: &Drawing<'_>, design: &SkinDesign, recording: &Found, how: &
         object.position_m.map(|position_m| (position_m, name))
     });
     drawing.add_named_marks(&mut scene, named, "object found, with its electrode");
-    let scene = Scene { title: recording.name.to_string(), subtitle: how.to_string(), ..scene };
+    let scene = scene.titled(recording.name, how);
     Ok(View::Unrolled.draw(&scene, design)?)
 }
 

@@ -1,11 +1,22 @@
-//! A page that needs nothing but itself: text, tables and pictures in one HTML file.
+//! Pages of text, tables and pictures, each one HTML file that needs no other.
+//!
+//! ```
+//! use dermis_study::report::{Report, Table};
+//!
+//! let mut table = Table::new(&["method", "mean (mm)"]);
+//! table.row(["NOSER".into(), "2.5".into()]);
+//! let mut report = Report::new("Localisation", "Two methods on one skin.");
+//! report.table(&table);
+//! assert!(report.to_html().contains("<td>2.5</td>"));
+//! assert!(table.to_text().ends_with("NOSER          2.5\n"));
+//! ```
 
 mod table;
 
 pub use table::Table;
 
 use dermis_plot::Picture;
-use dermis_plot::svg::escape;
+use dermis_plot::escape;
 use std::fmt::Write as _;
 
 /// A value as JSON, with a newline at its end.
@@ -79,11 +90,13 @@ impl Report {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use dermis_plot::chart::Histogram;
 
     #[test]
     fn a_page_needs_nothing_from_elsewhere() {
         let mut report = Report::new("A <page>", "lead");
-        report.pictures(&[(Picture::new(10.0, 10.0), "caption & more".into())]);
+        let picture = Histogram { title: "", label: "", values: &[1.0], counted: "frames", step: 1.0, marks: vec![] };
+        report.pictures(&[(picture.draw(), "caption & more".into())]);
         let html = report.to_html();
         assert!(html.contains("A &lt;page&gt;") && html.contains("caption &amp; more"));
         for foreign in ["src=", "href=", "url(", "@import", "<script"] {

@@ -1,6 +1,6 @@
 //! A small table, for the terminal and for a page.
 
-use dermis_plot::svg::escape;
+use dermis_plot::escape;
 use std::fmt::Write as _;
 
 /// A table of texts; the first column names the row.

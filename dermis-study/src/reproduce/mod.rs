@@ -1,4 +1,19 @@
 //! The paper's sections II to IV on digital twins, as one page and as numbers.
+//!
+//! ```no_run
+//! use dermis_study::reproduce::{Reproduction, Scale};
+//!
+//! let reproduction = Reproduction {
+//!     design: "cylinder30".into(),
+//!     twin: "lab".into(),
+//!     models: vec![],
+//!     scale: Scale::Quick,
+//!     output: "report".into(),
+//!     program: "dermis".into(),
+//! };
+//! println!("{}", reproduction.run(&())?.text);
+//! # Ok::<(), dermis_study::Error>(())
+//! ```
 
 mod bench;
 mod benchmarked;

@@ -194,7 +194,7 @@ fn sensitivity(report: &mut Report, found: &Results<'_>, plots: &Plots<'_>) -> R
     let maps: Vec<Vec<f64>> =
         gallery.shown.iter().map(|shown| plots.sensitivity_map(&gallery.pressed.truth, shown)).collect();
     // One scale for all, so that they can be compared; a few presses near electrodes would stretch it to several times the mean.
-    let scale = dermis_plot::colour::Scale::between_quantiles(maps.iter().flatten().copied(), [0.02, 0.98]);
+    let scale = dermis_plot::Scale::between_quantiles(maps.iter().flatten().copied(), [0.02, 0.98]);
     let mut pictures = Vec::new();
     for (shown, map) in gallery.shown.iter().zip(&maps) {
         pictures.push((plots.flat(&plots.sensitivity(shown, map, scale))?, shown.how.clone()));
@@ -226,8 +226,7 @@ fn several_touches(report: &mut Report, found: &Results<'_>, plots: &Plots<'_>) 
         report.pictures(&pictures);
         if let Some((scene, shown)) = last {
             report.heading("The touched skin in three dimensions (Fig. 1c)");
-            report
-                .pictures(&[(plots.solid(&scene)?, format!("The same four touches from both sides; {}.", shown.how))]);
+            report.pictures(&[(plots.solid(&scene)?, format!("The same four touches in space; {}.", shown.how))]);
         }
     }
     report.heading("Two touches");
