@@ -62,7 +62,7 @@ impl Camera {
             let even = |turn: usize| (0..count).map(move |view| turn + view * apart);
             let worst =
                 |turn: &usize| worst(&even(*turn).map(|index| &level[index]).collect::<Vec<_>>(), targets.len());
-            // The last of equals would be chosen: from behind, it is the first.
+            // `max_by` returns the last of equals: in reverse order, the first.
             let turn = (0..apart).rev().max_by(|a, b| worst(a).total_cmp(&worst(b))).unwrap_or(0);
             if worst(&turn) > READABLE {
                 return even(turn).map(|index| level[index].camera).collect();

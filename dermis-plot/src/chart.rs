@@ -46,7 +46,7 @@ pub struct Histogram<'a> {
 }
 
 impl Histogram<'_> {
-    /// The picture. Values beyond the largest 99.5th percentile or mark stand in the last step.
+    /// The picture. Values beyond the largest 99.5th percentile or mark are counted in the last step.
     pub fn draw(&self) -> Picture {
         let steps = self.step_count();
         let mut counts = vec![0usize; steps];
@@ -54,7 +54,7 @@ impl Histogram<'_> {
             counts[((value / self.step).max(0.0) as usize).min(steps - 1)] += 1;
         }
         let highest = counts.iter().copied().max().unwrap_or(0).max(1) as f64 * 1.12;
-        // The names of the marks stand above the bars, a row each.
+        // The names of the marks are above the bars, a row each.
         let head = frame::title_height(self.title, "");
         let top = head + MARK_ROW * self.marks.len() as f64;
         let mut picture = Picture::new(LEFT + WIDTH + 24.0, top + HEIGHT + BELOW);
@@ -91,7 +91,7 @@ impl Histogram<'_> {
     }
 }
 
-/// Colours of curves that can be told apart with any kind of colour vision (Okabe and Ito 2008).
+/// Colours of curves that can be distinguished with any kind of colour vision (Okabe and Ito 2008).
 const CURVE_COLOURS: [Colour; 5] = [[0, 114, 178], [213, 94, 0], [0, 158, 115], [204, 121, 167], [86, 180, 233]];
 
 /// Numbers over numbers, a line for each of some things.
@@ -143,7 +143,7 @@ impl Curves<'_> {
         }
         for (number, places) in curves.iter().enumerate() {
             let line: Vec<Place> = places.iter().map(|&[a, b]| [x(a), y(b)]).collect();
-            // Many values stand so close that a thick line would be a band.
+            // A thick line through many values would be a band.
             let width = if line.len() > 100 { 0.8 } else { 2.0 };
             if line.len() > 1 {
                 picture.line(&line, Style::line(colour(number), width));

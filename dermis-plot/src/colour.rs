@@ -1,4 +1,4 @@
-//! Colours, and the maps from numbers to colours. Both maps can be told apart with any kind of colour vision.
+//! Colours, and the maps from numbers to colours. Both maps can be read with any kind of colour vision.
 
 /// An opaque colour: red, green, blue.
 pub type Colour = [u8; 3];

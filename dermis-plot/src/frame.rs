@@ -1,4 +1,4 @@
-//! What stands round a picture: title, axes with ticks, colour bar, legend.
+//! The frame of a picture: title, axes with ticks, colour bar, legend.
 
 use crate::colour::{BLACK, FAINT, INK, WHITE};
 use crate::scene::{Key, Mark};

@@ -73,17 +73,17 @@ pub struct Label {
     pub at: Point3,
     /// Outward normal there.
     pub normal: Point3,
-    /// What it says.
+    /// Its text.
     pub text: String,
     /// How far what it names reaches from there, m.
     pub reach_m: f64,
-    /// Where it stands.
+    /// Its position.
     pub stand: Stand,
     /// Height of its letters, pixels.
     pub size: f64,
 }
 
-/// Where a label stands beside what it names.
+/// The position of a label beside what it names.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Stand {
     /// Above it, by some pixels.

@@ -28,7 +28,7 @@ static FONTS: LazyLock<Arc<usvg::fontdb::Database>> = LazyLock::new(|| {
     Arc::new(fonts)
 });
 
-/// How a shape is drawn.
+/// The style of a shape.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Style {
     /// Colour inside.
@@ -75,7 +75,7 @@ impl Style {
     }
 }
 
-/// Which part of a text stands at its place.
+/// The part of a text that is at its place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Anchor {
     /// Its left end.
@@ -93,7 +93,7 @@ pub struct Text {
     pub size: f64,
     /// Colour.
     pub colour: Colour,
-    /// Which part stands at the place.
+    /// The part that is at the place.
     pub anchor: Anchor,
     /// Turned a quarter to the left, to be read from below to above.
     pub upwards: bool,
@@ -205,7 +205,7 @@ impl Picture {
         );
     }
 
-    /// The picture as an SVG document; it can stand in a page as well as in a file.
+    /// The picture as an SVG document; it fits into a page as well as a file.
     pub fn to_svg(&self) -> String {
         let (w, h) = (number(self.width), number(self.height));
         format!(

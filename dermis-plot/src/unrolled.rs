@@ -74,13 +74,13 @@ impl Chart {
             .collect();
         let mut copies = vec![placed.clone()];
         if let Some(around) = self.around_m {
-            // A hair of tolerance keeps what merely touches the seam from being drawn twice.
-            let hair = 1e-9 * around;
+            // A small tolerance keeps what merely touches the seam from being drawn twice.
+            let tolerance = 1e-9 * around;
             let moved = |by: f64| placed.iter().map(|[x, y]| [x + by, *y]).collect();
-            if placed.iter().any(|[x, _]| *x < -hair) {
+            if placed.iter().any(|[x, _]| *x < -tolerance) {
                 copies.push(moved(around));
             }
-            if placed.iter().any(|[x, _]| *x > around + hair) {
+            if placed.iter().any(|[x, _]| *x > around + tolerance) {
                 copies.push(moved(-around));
             }
         }

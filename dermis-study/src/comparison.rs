@@ -16,11 +16,11 @@ use rayon::prelude::*;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 
-/// A method under the name that people read.
+/// A method with its name in tables and pictures.
 pub struct Named {
-    /// Its name for programs and files: "noser".
+    /// Its identifier, also in names of files: "noser".
     pub key: String,
-    /// Its name for people: "linear, NOSER".
+    /// Its name in tables and pictures: "linear, NOSER".
     pub name: String,
     /// The method.
     pub method: Method,
@@ -30,7 +30,7 @@ pub struct Named {
     pub identity: String,
 }
 
-/// The linear methods of the paper, by their name in the registry and for people: NOSER and a spatial high-pass filter, which is
+/// The linear methods of the paper, by their names in the registry and in tables: NOSER and a spatial high-pass filter, which is
 /// what Laplace's prior is.
 pub const LINEAR: [(&str, &str); 2] = [("noser", "linear, NOSER"), ("laplace", "linear, Laplace")];
 
@@ -100,9 +100,9 @@ pub fn shipped_networks(skin: &Skin) -> Result<Vec<Named>> {
     Ok(Model::shipped(skin.forward(), skin.pixels())?.into_iter().rev().map(Named::network).collect())
 }
 
-/// What one method made of some presses.
+/// The results of one method on some presses.
 pub struct Shown {
-    /// The method's name for people.
+    /// The method's name in tables and pictures.
     pub name: String,
     /// The same with its alpha.
     pub how: String,

@@ -29,13 +29,13 @@ pub enum Error {
     Folder {
         /// The folder.
         folder: PathBuf,
-        /// What the system says.
+        /// The error of the system.
         source: std::io::Error,
     },
     /// Two networks of one name: results are listed by name.
     #[error("two of the networks are called `{0}`")]
     SameName(String),
-    /// A command that trains a network was refused (exit code 2); its own message says why.
+    /// A command that trains a network was refused (exit code 2); its own message states why.
     #[error("`{0}` was refused, for the reason above")]
     CommandRefused(String),
     /// A fault of this program.

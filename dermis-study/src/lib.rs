@@ -21,7 +21,7 @@ pub use error::{Error, Result};
 pub use plots::localisation_scene;
 pub use progress::{Progress, Task};
 
-/// What a study has to say: a table and remarks for people, the numbers for programs.
+/// The results of a study: a table with remarks, and the numbers as JSON.
 #[derive(Debug, Clone)]
 pub struct StudyOutput {
     /// Text for a terminal.

@@ -1,4 +1,4 @@
-//! The figures that a method is assessed by on a digital twin, for tables and for programs: one list for every command.
+//! The figures that a method is assessed by on a digital twin, for tables and JSON: one list for every command.
 //!
 //! ```
 //! use dermis_study::metrics::FIGURES;
@@ -15,15 +15,15 @@ use dermis_sim::experiment::Sizes;
 
 /// One figure of an result.
 pub struct Figure {
-    /// Its name for programs; the value there is in SI units.
+    /// Its identifier in JSON, where the value is in SI units.
     pub key: &'static str,
-    /// Its name for people, with the unit that they read.
+    /// Its name in tables, with the unit there.
     pub name: &'static str,
     /// Its value, SI units; `NaN` where there is none.
     pub of: fn(&BenchmarkResult) -> f64,
-    /// What people read is the value times this.
+    /// Tables show the value times this.
     pub factor: f64,
-    /// Decimals that people read.
+    /// Decimals in tables.
     pub decimals: usize,
     /// Which of two values is the worse one.
     pub worse: Worse,
@@ -138,7 +138,7 @@ pub const FIGURES: &[Figure] = &[
 ];
 
 impl Figure {
-    /// The value as people read it.
+    /// The value as tables show it.
     pub fn show(&self, value: f64) -> String {
         if value.is_nan() { "none".into() } else { format!("{:.*}", self.decimals, self.factor * value) }
     }

@@ -37,7 +37,7 @@ The paper's rows were measured: a real skin, a real indenter, real electronics. 
 uniform sheet with white noise at 50 dB and presses of one size; they show that the chain from frames to contacts\n\
 works, not that this skin is better than that one.";
 
-/// The demo's experiment and what came of it.
+/// The demo's experiment and its results.
 pub struct Demo {
     /// The paper's skin.
     pub skin: Skin,
@@ -49,11 +49,11 @@ pub struct Demo {
     pub sensitivity: Vec<f64>,
     /// Where each frame was touched.
     pub truth: Vec<Vec<Contact>>,
-    /// What each method made of these frames.
+    /// The results of each method.
     pub shown: Vec<Shown>,
     /// Four touches at once, as in the paper's Fig. 9.
     pub four_truth: Vec<Contact>,
-    /// What each method made of that one frame.
+    /// The results of each method on that one frame.
     pub four: Vec<Shown>,
     /// How long all of it took.
     pub seconds: f64,
@@ -74,7 +74,7 @@ impl Demo {
         let recording = record_presses(&twin, &truth, progress)?;
         let untouched: Vec<Frame> = recording.untouched.iter().map(|frame| frame - &recording.baseline).collect();
         let (recording, four) = recording.split_last().expect("the four touches were pressed last");
-        let four_truth = truth.pop().expect("and their truth stands last");
+        let four_truth = truth.pop().expect("and their true places are the last");
 
         let (mut shown, mut of_four) = (Vec::new(), Vec::new());
         for method in comparison::shipped(&skin)? {
@@ -95,7 +95,7 @@ impl Demo {
         })
     }
 
-    /// The method that stands first.
+    /// The first method.
     pub fn first(&self) -> &Shown {
         self.shown.first().expect("there is the linear method at least")
     }

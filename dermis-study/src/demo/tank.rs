@@ -1,4 +1,4 @@
-//! Real frames of a saline tank: what stands in it, and where.
+//! Measured frames of a saline tank: the objects in it, and their places.
 
 use super::write_page;
 use crate::report::{Report, Table, to_json};
@@ -41,13 +41,13 @@ const RECORDINGS: [Recording; 6] = [
     recording!("metal1_plastic5_plastic9_metal13_60uA"),
 ];
 
-/// What stands at which electrode in each recording.
+/// The object at each electrode in each recording.
 const OBJECTS: &str = include_str!("../../../data/tank/objects.csv");
 
 /// Where the frames come from.
 const SOURCE: &str = "Real frames of a 16-electrode saline tank, from CBZ199671/PyEIDORS (MIT licence; see data/tank).";
 
-/// A recording and what came of it.
+/// A recording, its image and its objects.
 struct Found {
     name: &'static str,
     image: Image,
@@ -116,7 +116,7 @@ fn table(found: &[Found]) -> Table {
             let count = RIM_ELECTRODES as f64;
             let place = (electrode as f64 + object.off_spacings).rem_euclid(count);
             let (place, off) = match object.position_m {
-                // A hair below the count is the zeroth electrode again.
+                // Just below the count is the zeroth electrode again.
                 Some(_) => (
                     format!("{:.2}", if place >= count - 0.005 { 0.0 } else { place }),
                     format!("{:+.2}", object.off_spacings),

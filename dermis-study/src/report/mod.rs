@@ -61,7 +61,7 @@ impl Report {
         self.body += &table.to_html();
     }
 
-    /// Pictures beside each other where there is room, each with a line that says what is to be seen.
+    /// Pictures beside each other where there is room, each with a caption.
     pub fn pictures(&mut self, pictures: &[(Picture, String)]) {
         self.body += "<div class=\"pictures\">\n";
         for (picture, caption) in pictures {

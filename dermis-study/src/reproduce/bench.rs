@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 /// A skin as designed, and the twins of it that can be pressed.
 pub struct Bench<'a> {
-    /// The skin as designed; no method knows more.
+    /// The skin as designed; methods have no other information of the twins.
     pub skin: Skin,
     /// The distribution of the twins.
     pub twin: &'a TwinOptions,

@@ -47,15 +47,15 @@ impl TwinFigures {
 /// One method on all reported twins.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Benchmarked {
-    /// The method's name for programs.
+    /// The method's identifier.
     pub key: String,
-    /// The method's name for people.
+    /// The method's name in tables and pictures.
     pub name: String,
     /// Its alpha, where it has one.
     pub alpha: Option<f64>,
     /// What its images leave unexplained of Gaussian touches, with noise and one best gain: a part of the variance.
     pub unexplained: Option<f64>,
-    /// What came of each twin.
+    /// The figures of each twin.
     pub twins: Vec<TwinFigures>,
 }
 

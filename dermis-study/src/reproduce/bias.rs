@@ -15,12 +15,12 @@ use dermis_sim::evaluate::match_contacts;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
-/// Parts that profiles are told in.
+/// Number of bins of a profile.
 const BINS: usize = 15;
 /// Next to the cut or to a rim means within this distance, m (`docs/conventions.md`: rim).
 const NEAR_M: f64 = 0.02;
 
-/// A press, as structure is told by it. Lengths along the surface, m: round is the arc from the cut.
+/// A press and its estimate. Lengths along the surface, m: round is the arc from the cut.
 #[derive(Debug, Clone, Copy)]
 struct Met {
     round_m: f64,
@@ -36,9 +36,9 @@ struct Met {
 /// What one method shows of one structure.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Structure {
-    /// The design's name for programs.
+    /// The design's identifier.
     pub design: String,
-    /// The method's name for programs.
+    /// The method's identifier.
     pub method: String,
     /// Its alpha, where it has one.
     pub alpha: Option<f64>,
@@ -80,7 +80,7 @@ pub struct Structure {
     pub round_profile_m: Vec<[f64; 2]>,
 }
 
-/// Mean and standard deviation; zero of nothing, told by the count.
+/// Mean and standard deviation; zero where the count is.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct MeanSd {
     /// Values.
@@ -103,7 +103,7 @@ impl MeanSd {
         MeanSd { count, mean, sd }
     }
 
-    /// The mean of some lengths as people read it, mm.
+    /// The mean of some lengths in words, mm.
     pub fn mean_mm(&self) -> String {
         if self.count == 0 { "none".into() } else { format!("{:.1}", self.mean * 1e3) }
     }
@@ -114,8 +114,7 @@ impl MeanSd {
     }
 }
 
-/// Presses the twins of a design and tells the structure by every method; kept where it was done before. `more` are
-/// methods that know this design, beside the linear ones.
+/// Presses the twins of a design and computes the structure by every method; kept results are read.
 pub fn structures(
     control: &Control,
     cut_rad: f64,
@@ -126,7 +125,7 @@ pub fn structures(
 ) -> Result<Vec<Structure>> {
     let how: Vec<&str> = methods.iter().map(|method| method.identity.as_str()).collect();
     let name = format!("structure-{}", control.key);
-    work.kept(&name, &how.join("; "), || press_and_tell(control, cut_rad, bench, methods, scale))
+    work.kept(&name, &how.join("; "), || press_and_summarize(control, cut_rad, bench, methods, scale))
 }
 
 /// The best linear methods of a control, chosen on its own twins.
@@ -136,7 +135,7 @@ pub fn linear(control: &Control, bench: &Bench<'_>, scale: Scale, work: &Work) -
     choice.methods(bench)
 }
 
-fn press_and_tell(
+fn press_and_summarize(
     control: &Control,
     cut_rad: f64,
     bench: &Bench<'_>,
@@ -150,7 +149,7 @@ fn press_and_tell(
     let count = scale.structure_presses();
     let task = bench.progress.begin(&format!("pressing twins, {}", control.name), count * scale.twins() as usize);
     for seed in seeds {
-        // Not on the grid, whose columns beat with those of the patches: that would be a bias of its own round the skin.
+        // Not on the grid, whose columns interfere with those of the patches: that would be a bias round the skin.
         let presses = bench.presses(seed).at_random(count).presses;
         let pressed = bench.press(seed, &presses, scale.untouched(), &*task)?;
         saturated_readings += pressed.saturated_readings;
@@ -165,7 +164,7 @@ fn press_and_tell(
     let told = methods.iter().zip(met).zip(false_positives);
     Ok(told
         .map(|((method, met), false_positives)| {
-            let mut structure = tell(&met, extent);
+            let mut structure = summarize(&met, extent);
             (structure.design, structure.method) = (control.key.to_string(), method.key.clone());
             (structure.alpha, structure.false_positives) = (method.method.alpha(), false_positives);
             structure.saturated_readings = saturated_readings;
@@ -211,7 +210,7 @@ impl Extent {
     }
 }
 
-fn tell(met: &[Met], extent: Extent) -> Structure {
+fn summarize(met: &[Met], extent: Extent) -> Structure {
     let in_middle = |one: &Met| (one.along_m / extent.along_m - 0.5).abs() <= 1.0 / 6.0;
     let near_cut = |one: &Met| one.round_m.min(extent.round_m - one.round_m) <= NEAR_M;
     let near_rim = |one: &Met| one.along_m.min(extent.along_m - one.along_m) <= NEAR_M;
@@ -277,12 +276,12 @@ mod tests {
             peak_per_n: if along_m == 0.15 { 0.5 } else { 1.0 },
         };
         let pulled =
-            tell(&[press(0.01, [0.001, 0.002]), press(0.29, [0.001, -0.002]), press(0.15, [0.0, 0.0])], extent);
+            summarize(&[press(0.01, [0.001, 0.002]), press(0.29, [0.001, -0.002]), press(0.15, [0.0, 0.0])], extent);
         assert!((pulled.bias_along_near_rims_m - 0.002).abs() < 1e-12, "{pulled:?}");
         assert!((pulled.bias_round_near_cut_m - 0.002 / 3.0).abs() < 1e-12);
         assert!((pulled.sensitivity_middle - 0.5).abs() < 1e-12);
         assert_eq!(pulled.localisation_middle.count, 1);
-        let shifted = tell(&[press(0.01, [0.0, 0.002]), press(0.29, [0.0, 0.002])], extent);
+        let shifted = summarize(&[press(0.01, [0.0, 0.002]), press(0.29, [0.0, 0.002])], extent);
         assert!(shifted.bias_along_m.abs() < 1e-12);
         assert!(shifted.along_profile_m.iter().all(|bin| (bin[1] - 0.002).abs() < 1e-12));
     }
@@ -290,7 +289,7 @@ mod tests {
     #[test]
     fn a_missed_press_counts_as_missed_and_as_nothing_else() {
         let met = Met { round_m: 0.1, along_m: 0.12, off_m: None, eq11_off_m: None, peak_per_n: 1.0 };
-        let told = tell(&[met], Extent { round_m: 0.3, along_m: 0.3 });
+        let told = summarize(&[met], Extent { round_m: 0.3, along_m: 0.3 });
         assert_eq!((told.misses, told.localisation.count, told.missed_middle), (1, 0, 1.0));
         assert!(told.along_profile_m.is_empty());
     }

@@ -6,9 +6,9 @@ use std::f64::consts::TAU;
 
 /// A design that differs from the one under study in one thing.
 pub struct Control {
-    /// Its name for programs.
+    /// Its identifier.
     pub key: &'static str,
-    /// Its name for people.
+    /// Its name in tables and pictures.
     pub name: &'static str,
     /// The design.
     pub design: SkinDesign,
@@ -146,7 +146,7 @@ mod tests {
     #[test]
     fn the_cut_passes_every_electrode_at_the_same_distance() {
         let (design, controls) = made();
-        // Electrodes stand at every 36 degrees: the cut is at 18, 15.7 mm from the nearest.
+        // There is an electrode at every 36 degrees: the cut is at 18, 15.7 mm from the nearest.
         assert!((controls.cut_rad.to_degrees() - 18.0).abs() < 1e-9);
         let opened = &controls.designs[3].design;
         let margin = |electrode: &Electrode| electrode.centre_m[0].min(TAU * 0.05 - electrode.centre_m[0]);

@@ -16,7 +16,7 @@ use std::time::Instant;
 
 /// Force of each of the four touches, N.
 const FOUR_FORCE_N: f64 = 2.0;
-/// Frames over which the time of one is told.
+/// Frames over which the time of one is measured.
 const TIMED_FRAMES: usize = 200;
 /// The seed of the sample that is shown, and its number: the first one with as many touches as the paper's Fig. 2 shows.
 const SAMPLE_SEED: u64 = 1;
@@ -26,9 +26,9 @@ const SAMPLE_TOUCHES: usize = 3;
 pub struct Gallery {
     /// The first reported twin, pressed on the grid.
     pub pressed: Pressed,
-    /// What each method made of that.
+    /// The results of each method.
     pub shown: Vec<Shown>,
-    /// Four touches at once and what each method made of them; `None` on a body that is no cylinder.
+    /// Four touches at once and the results of each method; `None` on a body that is no cylinder.
     pub four: Option<(Vec<Contact>, Vec<Shown>)>,
     /// A sample to train on.
     pub sample: TrainingSample,

@@ -46,8 +46,8 @@ fn the_table(report: &mut Report, found: &Results<'_>) {
     report.heading("The paper's figures and ours");
     report.paragraph(
         "The paper's figures were measured: a real skin, a real indenter, real electronics. Ours come from twins, simulated skins \
-         with errors of their own that no method knows. The last column says what differs; the two show that the chain works, not \
-         that one skin beats another. Ours is the mean of the twins, in brackets the worst one.",
+         with errors that no method has information of. The last column lists the differences; the table shows that the chain works, \
+         not that one skin is better than another. Ours is the mean of the twins, in brackets the worst one.",
     );
     let ours: Vec<&str> = found.assessed.iter().map(|one| one.name.as_str()).collect();
     report.table(&table(&["paper: linear", "paper: network"], &ours, &results(found)));
@@ -140,7 +140,7 @@ fn losses(report: &mut Report, found: &Results<'_>) {
     }
     report.table(&table);
     let curve = |name: &str, card: &Card, of: fn(&Epoch) -> f64| {
-        // Over the variance, so that networks with other targets stand in one picture.
+        // Over the variance, so that networks with different targets fit in one chart.
         let part =
             |(number, epoch): (usize, &Epoch)| [number as f64 + 1.0, 100.0 * of(epoch) / card.training.target_variance];
         (name.to_string(), card.training.epochs.iter().enumerate().map(part).collect::<Vec<_>>())
@@ -231,14 +231,14 @@ fn several_touches(report: &mut Report, found: &Results<'_>, plots: &Plots<'_>) 
     }
     report.heading("Two touches");
     report.paragraph(
-        "The part of pairs of touches, with forces drawn one by one, that were told apart: exactly two contacts, each within 10 mm \
+        "The part of pairs of touches, with forces drawn one by one, that were resolved: exactly two contacts, each within 10 mm \
          of its touch and within a third of the distance between them.",
     );
     let percent = |[distance_m, part]: [f64; 2]| [distance_m * 1e3, part * 100.0];
     let curves =
         found.assessed.iter().map(|one| (one.name.clone(), one.two_resolved().into_iter().map(percent).collect()));
     let picture = Curves {
-        title: "Two touches told apart",
+        title: "Two-point resolution",
         subtitle: &found.twins(),
         below: "distance along the surface (mm)",
         left: "pairs resolved (%)",
@@ -253,11 +253,11 @@ fn several_touches(report: &mut Report, found: &Results<'_>, plots: &Plots<'_>) 
 fn structure(report: &mut Report, found: &Results<'_>, study: &StructureStudy) -> Result<()> {
     report.heading("Does the structure matter?");
     report.paragraph(&format!(
-        "The paper claims that electrodes on the edge alone leave the middle poor (III.A), and that centroids are not drawn to the \
+        "The paper claims that electrodes on the edge alone leave the middle poor (III.A), and that centroids are not biased towards the \
          middle because the domain is closed (IV.B). The controls differ from the skin in one thing each. Rims only: the same {} \
          electrodes, half of them on each rim, once numbered so that pairs drive along a rim and once so that they drive from rim to \
          rim. Cut open: the coat parted from rim to rim at {:.0} degrees, where no electrode is; \
-         since a sheet knows lengths along itself alone, that is a flat rectangle of the same size, and the cut is a wall for the \
+         since a sheet is described by lengths along itself alone, that is a flat rectangle of the same size, and the cut is a wall for the \
          current. Every control has meshes, twins and methods of its own, with the best alpha chosen anew.",
         found.bench.skin.design().electrodes.len(),
         study.cut_rad.to_degrees()
@@ -365,5 +365,5 @@ fn how_it_was_made(report: &mut Report, found: &Results<'_>, stages: &[Done]) {
         table.row([stage.stage.clone(), time(stage.seconds)]);
     }
     report.table(&table);
-    report.paragraph("The same figures for programs, in SI units, stand in report.json beside this page.");
+    report.paragraph("The same figures in SI units are in report.json beside this page.");
 }

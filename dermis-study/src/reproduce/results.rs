@@ -1,4 +1,4 @@
-//! Everything that a reproduction found, for the page and for programs.
+//! Everything that a reproduction found, for the page and for report.json.
 
 use super::bench::Bench;
 use super::benchmarked::Benchmarked;
@@ -53,7 +53,7 @@ impl Results<'_> {
         self.assessed.iter().filter(|assessed| assessed.alpha.is_some())
     }
 
-    /// Reported twins, as people read it: "2 twins, seeds 1001 to 1002".
+    /// The reported twins in words: "2 twins, seeds 1001 to 1002".
     pub fn twins(&self) -> String {
         match self.scale.twins() {
             1 => format!("1 twin, seed {REPORTED_SEED}"),
@@ -61,7 +61,7 @@ impl Results<'_> {
         }
     }
 
-    /// The same for programs.
+    /// The numbers for report.json.
     pub fn summary(&self, stages: &[Done]) -> Summary<'_> {
         let size = self.scale.result();
         Summary {

@@ -65,7 +65,7 @@ impl Scale {
         }
     }
 
-    /// Untouched frames that tell the noise of images.
+    /// Untouched frames from which the noise of images is estimated.
     pub fn untouched(self) -> u64 {
         match self {
             Scale::Glance => 50,

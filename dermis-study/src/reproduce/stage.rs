@@ -1,4 +1,4 @@
-//! The stages of a reproduction: how long each takes, and results kept so that a run that was stopped goes on.
+//! The stages of a reproduction: how long each takes, and results that are kept, so that a run that was stopped can continue.
 
 use crate::progress::Progress;
 use crate::{Error, Result};
@@ -32,7 +32,7 @@ impl<'a> Schedule<'a> {
         Schedule { progress, begun: Instant::now(), planned, done: Vec::new() }
     }
 
-    /// The stages, for people.
+    /// The list of stages.
     pub fn summary(&self) -> String {
         let stages = self.planned.iter().enumerate().map(|(number, stage)| format!("\n  {}  {stage}", number + 1));
         format!("stages:{}", stages.collect::<String>())
@@ -102,7 +102,7 @@ impl<'a> Parts<'a> {
     }
 }
 
-/// A time for people.
+/// A time in words.
 pub fn time(seconds: f64) -> String {
     match seconds {
         s if s < 9.95 => format!("{s:.1} s"),
@@ -194,7 +194,7 @@ mod tests {
         let parts = Parts::new(&());
         let part = |name: &str| parts.part(3, &work, || work.kept(name, "", || Ok(0))).unwrap();
         part("0");
-        assert_eq!(parts.left_s(3), None, "a result that was kept tells no time");
+        assert_eq!(parts.left_s(3), None, "a kept result gives no time");
         part("1");
         assert_eq!(parts.left_s(3), Some(parts.made_s.get()));
         part("2");

@@ -123,7 +123,7 @@ pub fn facts(results: &Results<'_>) -> Vec<Row> {
             "900, on a 30 x 30 grid, on one skin",
             format!("{presses} on each of {}", results.twins()),
             "their forces are not stated: ours lie between 1 and 5 N, log-uniform, independent of the place. Ours press fabric \
-             patches under foam on a twin whose coat, electrodes and contacts no method knows",
+             patches under foam on a twin whose coat, electrodes and contacts are unknown to all methods",
         ),
     ]
 }
@@ -212,7 +212,7 @@ pub fn results(results: &Results<'_>) -> Vec<Row> {
         row(
             "four touches: all four found, no false positive, % of frames",
             "IV.D, Fig. 9",
-            ["not told apart", "told apart"],
+            ["not resolved", "resolved"],
             ours(&|one| cell(one, "four_all_found", 100.0, 0)),
             "the paper shows one picture, pressed by hand; ours are counted, at random places at least 60 mm apart with forces \
              between 1 and 5 N, each found within 15 mm",
@@ -327,7 +327,7 @@ fn structure_rows(results: &Results<'_>) -> Vec<Row> {
             "IV.B",
             "none",
             of("designed", &|one| signed(one.bias_along_m, one.bias_round_m)),
-            "the paper says so of its Fig. 7 without a figure. Round means away from a line 18 degrees beside the seam; on a closed \
+            "the paper states it for its Fig. 7 without a figure. Round means away from a line 18 degrees beside the seam; on a closed \
              skin it should vanish",
         ),
         row(

@@ -1,4 +1,4 @@
-//! The networks from nothing: commands of this program, one after the other, each of which goes on where it was.
+//! Training of the networks: commands of this program, one after the other, each of which continues where it was stopped.
 
 use crate::{Error, Result};
 use dermis::frame::write_whole;
@@ -65,7 +65,7 @@ pub struct Step {
 }
 
 impl Step {
-    /// The command, for people.
+    /// The command line.
     pub fn summary(&self) -> String {
         format!("dermis {}", self.arguments.join(" "))
     }
@@ -75,7 +75,7 @@ impl Step {
         if self.done.is_file() {
             return Ok(());
         }
-        // What it tells people stands among the stages; standard output is for the result of all.
+        // Its messages appear among the stages; standard output is for the final result.
         let status = Command::new(program).args(&self.arguments).stdout(Stdio::null()).status();
         let status = status.map_err(|error| Error::Internal(format!("`{}` cannot be run: {error}", self.summary())))?;
         match status.code() {
