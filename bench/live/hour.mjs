@@ -78,9 +78,10 @@ const rows = quarters.map(({ frames, touched, contacts, lost, named, ms, kib }, 
   return `| ${index + 1} | ${frames} | ${touched} | ${contacts} | ${lost} | ${[...named].join(", ") || "none"} | ${of(0.5)} | ${of(0.99)} | ${rss} | ${most} |`;
 });
 const table = [
-  `On ${cpus().length} cores of ${cpus()[0].model.trim()}, ${minutes} minutes (\`node bench/live/hour.mjs\`), a recording of ${megabytes.toFixed(0)} MB, ${lostBefore} frames lost on the way:`,
+  `On ${cpus().length} cores of ${cpus()[0].model.trim()}, ${minutes} minutes (\`node bench/live/hour.mjs\`), a recording of ${megabytes.toFixed(0)} MB, ${lostBefore} frames lost:`,
   "",
-  "| quarter | frames | of them touched | contacts so far | lost or left out | electrodes named | last byte to contacts: median, ms | 99 % within, ms | memory, mean, MiB | at most, MiB |",
+  "<!-- table: node bench/live/hour.mjs -->",
+  "| quarter | frames | touched frames | contacts in total | lost or dropped | electrodes reported | latency from last byte to contacts: median, ms | 99th percentile, ms | memory, mean, MiB | memory, maximum, MiB |",
   "|---|---|---|---|---|---|---|---|---|---|",
   ...rows,
   "",

@@ -63,13 +63,13 @@ for (const pages of [1, 10]) {
   const { median, p99, worst } = told.latency_ms;
   alone ??= p99;
   const seen = Math.min(...told.seen);
-  rows.push([`120 frames a second, recording, ROS 2, ${pages} page${pages > 1 ? "s" : ""}`, told.frames, told.lost + told.skipped, median, p99, worst, seen]);
+  rows.push([`120 frames per second, recording, ROS 2, ${pages} page${pages > 1 ? "s" : ""}`, told.frames, told.lost + told.skipped, median, p99, worst, seen]);
   console.error(rows.at(-1).join("  "), pages > 1 ? `99 % within ${(p99 / alone).toFixed(2)} of what it is with one page` : "");
 }
 for (const rate of [500, 1000, 2000, 3000]) {
   const told = await measure({ emulate: [...touched, "--prerender", "480"], live: ["--rate", String(rate)] });
   const { median, p99, worst } = told.latency_ms;
-  rows.push([`${rate} frames a second, made beforehand`, told.frames, told.lost + told.skipped, median, p99, worst, ""]);
+  rows.push([`${rate} frames per second, prerendered`, told.frames, told.lost + told.skipped, median, p99, worst, ""]);
   console.error(rows.at(-1).join("  "));
 }
 
@@ -77,7 +77,8 @@ const number = (value) => (typeof value === "number" && !Number.isInteger(value)
 const table = [
   `On ${cpus().length} cores of ${cpus()[0].model.trim()}, ${seconds} s each (\`node bench/live/latency.mjs\`):`,
   "",
-  "| what | frames | lost or left out | last byte to contacts: median, ms | 99 % within, ms | longest, ms | frames that the slowest page saw |",
+  "<!-- table: node bench/live/latency.mjs -->",
+  "| load | frames | lost or dropped | latency from last byte to contacts: median, ms | 99th percentile, ms | longest, ms | frames received by the slowest page |",
   "|---|---|---|---|---|---|---|",
   ...rows.map((row) => `| ${row.map(number).join(" | ")} |`),
   "",

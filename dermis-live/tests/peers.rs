@@ -144,6 +144,12 @@ fn rosbags_reads_a_recording() {
     let expected = expected(folder.path());
     let said = run(Command::new(python).arg(scripts().join("check_recording.py")).arg(&path).arg(expected));
     println!("{}", said.unwrap_or_else(|why| panic!("{why}")));
+    // The example of the documents, as a user runs it.
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/read_recording.py");
+    let printed = run(Command::new(python).arg(example).arg(&path)).unwrap_or_else(|why| panic!("{why}"));
+    let last = printed.lines().last().unwrap_or_default();
+    let touched = (0..FRAMES).filter(|&index| !skin().frame(index).contacts.is_empty()).count();
+    assert!(last.starts_with(&format!("{FRAMES} frames, {touched} with contacts, ")), "{printed}");
 }
 
 #[cfg(feature = "ros2")]
