@@ -10,8 +10,9 @@ use std::path::Path;
 use std::process::Command;
 
 /// A table with a digit outside code in its body.
-fn has_figures(table: &Table) -> bool {
-    let outside_code = |cell: &String| cell.split('`').step_by(2).any(|text| text.contains(|c: char| c.is_ascii_digit()));
+fn has_figures(table: &Table<'_>) -> bool {
+    let outside_code =
+        |cell: &String| cell.split('`').step_by(2).any(|text| text.contains(|c: char| c.is_ascii_digit()));
     table.rows.iter().flatten().any(outside_code)
 }
 
@@ -41,13 +42,15 @@ fn the_commands_of_tables_exist() {
                 Some("each row") => {
                     for row in &table.rows {
                         let row = row.join(" ");
-                        let named = spans(&row).iter().filter(|span| names_a_test_or_command(span, &helps, &tests)).count();
+                        let named =
+                            spans(&row).iter().filter(|span| names_a_test_or_command(span, &helps, &tests)).count();
                         assert!(named > 0, "{place}: no test or command in the row\n{row}");
                     }
                 }
                 Some(mark) => {
                     for command in mark.split(" | ") {
-                        check_command(command, &helps, &tests).unwrap_or_else(|why| panic!("{place}: {command}: {why}"));
+                        check_command(command, &helps, &tests)
+                            .unwrap_or_else(|why| panic!("{place}: {command}: {why}"));
                     }
                 }
             }
@@ -280,12 +283,14 @@ fn console_blocks_print_what_they_show() {
 /// The tables of `dermis benchmark`: a row for each figure, a column for each run with `mean (worst twin)`.
 fn benchmark_tables(page: &Page) -> Vec<Table<'_>> {
     let mut tables = page.tables();
-    tables.retain(|table| table.mark.is_some_and(|mark| mark.starts_with("dermis benchmark")) && table.head[0] == "figure");
+    tables.retain(|table| {
+        table.mark.is_some_and(|mark| mark.starts_with("dermis benchmark")) && table.head[0] == "figure"
+    });
     tables
 }
 
 /// The runs of such a table, and the columns that they fill.
-fn runs<'a>(table: &'a Table) -> (Vec<&'a str>, usize) {
+fn runs<'a>(table: &'a Table<'a>) -> (Vec<&'a str>, usize) {
     let runs: Vec<&str> = table.mark.expect("chosen by it").split(" | ").collect();
     (runs.clone(), table.head.len() - runs.len())
 }

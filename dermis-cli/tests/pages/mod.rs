@@ -100,7 +100,7 @@ impl Page {
     /// The tables, in order.
     pub fn tables(&self) -> Vec<Table<'_>> {
         let of_page = self.text.contains("<!-- tables: stated -->").then_some("stated");
-        let mut tables: Vec<Table> = Vec::new();
+        let mut tables: Vec<Table<'_>> = Vec::new();
         let (mut mark, mut last) = (None, 0);
         for (line, text) in self.prose() {
             let text = text.trim();
@@ -203,26 +203,29 @@ fn token(text: &str) -> Token<'_> {
     }
 }
 
-fn agree(shown: &[Token], printed: &[Token]) -> bool {
-    let is_text = |at: Option<&Token>, text: &str| matches!(at, Some(Token::Text(is)) if *is == text);
+fn agree(shown: &[Token<'_>], printed: &[Token<'_>]) -> bool {
+    let is_text = |at: Option<&Token<'_>>, text: &str| matches!(at, Some(Token::Text(is)) if *is == text);
     shown.len() == printed.len()
         && shown.iter().zip(printed).enumerate().all(|(at, pair)| match pair {
             (Token::Text(a), Token::Text(b)) => a == b,
-            (&Token::Number { value: a, decimals }, &Token::Number { value: b, .. }) => {
+            (&Token::Number { value: a, decimals }, &Token::Number { value: b, decimals: more }) => {
                 let is_duration = at > 0 && is_text(shown.get(at - 1), "in") && is_text(shown.get(at + 1), "s");
-                is_duration || (a - b).abs() <= precision(a, decimals)
+                is_duration || (a - b).abs() <= precision(a, decimals, more)
             }
             _ => false,
         })
 }
 
-/// One unit of the last decimal. Counts are exact. Numbers written in full may differ by rounding between processors.
-fn precision(value: f64, decimals: usize) -> f64 {
+/// Half a unit of the last decimal where the page has fewer than the output, else one unit. Counts are exact. Numbers written in
+/// full may differ by rounding between processors.
+fn precision(value: f64, decimals: usize, printed: usize) -> f64 {
     const FULL: usize = 7;
+    let unit = 10f64.powi(-i32::try_from(decimals).expect("few decimals"));
     match decimals {
-        0 => 0.0,
+        0 if printed == 0 => 0.0,
         decimals if decimals >= FULL => 1e-4 * value.abs(),
-        decimals => 1.001 * 10f64.powi(-i32::try_from(decimals).expect("few decimals")),
+        decimals if printed > decimals => 0.501 * unit,
+        _ => 1.001 * unit,
     }
 }
 
@@ -242,7 +245,8 @@ fn planted_differences_are_found() {
     let agree_on = |a, b| agree(&tokens(a), &tokens(b));
     assert!(!agree_on("2.5 mm", "2.7 mm") && !agree_on("900", "899") && !agree_on("+0.1", "-0.1"));
     assert!(!agree_on("hash 34ea", "hash 34eb") && !agree_on("two words", "two"));
-    let page = Page { name: "x".into(), text: "<!-- table: a -->\n| a |\n|---|\n| 1 |\n\n| b |\n|---|\n| `2` |\n".into() };
+    let page =
+        Page { name: "x".into(), text: "<!-- table: a -->\n| a |\n|---|\n| 1 |\n\n| b |\n|---|\n| `2` |\n".into() };
     let tables = page.tables();
     assert_eq!(tables.iter().map(|table| table.mark).collect::<Vec<_>>(), [Some("a"), None]);
     assert_eq!((tables[0].rows.len(), tables[1].rows[0][0].as_str()), (1, "`2`"));
