@@ -19,7 +19,7 @@ fn has_figures(table: &Table<'_>) -> bool {
 #[test]
 fn every_table_with_figures_names_its_command() {
     let mut without = Vec::new();
-    for page in &pages() {
+    for page in pages().iter().filter(|page| page.name == "README.md" || page.name.starts_with("docs/")) {
         let tables = page.tables();
         let unmarked = tables.iter().filter(|table| has_figures(table) && table.mark.is_none());
         without.extend(unmarked.map(|table| format!("{}:{}", page.name, table.line)));
