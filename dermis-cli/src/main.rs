@@ -9,7 +9,7 @@ mod latency;
 mod method;
 mod skin;
 
-use clap::Parser;
+use clap::{CommandFactory, Parser};
 use std::process::ExitCode;
 
 /// Electrical resistance tomography (ERT) skins for robots: design, simulation, reconstruction, live contacts.
@@ -24,6 +24,11 @@ use std::process::ExitCode;
 struct Arguments {
     #[command(subcommand)]
     command: command::Command,
+}
+
+/// The program as declared, for completions and manual pages.
+fn program() -> clap::Command {
+    Arguments::command()
 }
 
 fn main() -> ExitCode {

@@ -7,7 +7,7 @@ import { fixed, significant, strengthMm2 } from "./format";
 import type { Contact, StatusMessage } from "./types";
 
 const SPAN_S = 30;
-/** Contacts are noted in bins this wide, each with its largest value, so that no short touch is lost. */
+/** Width of a bin of the contact chart, which keeps its largest value: a short touch stays visible. */
 const BIN_S = 0.05;
 const BINS = SPAN_S / BIN_S;
 const HEIGHT = 96;
@@ -93,7 +93,7 @@ class Strip {
   }
 }
 
-/** Writes the name of each line over its newest point. */
+/** Draws the name of each line over its newest point. */
 function nameLines(plot: uPlot, looks: Look[], names: string[], ground: string): void {
   const { ctx: pen, data } = plot;
   const scale = devicePixelRatio || 1;
@@ -140,7 +140,7 @@ export class Charts {
   private readonly names: string[] = new Array<string>(SLOT_COUNT).fill("");
   private readings: Reading[] = [];
   private bin = 0;
-  /** The bin each contact was last noted in, by its id. */
+  /** The last bin of each contact, by its id. */
   private lastBin = new Map<number, number>();
   private force = false;
 
@@ -165,7 +165,7 @@ export class Charts {
     for (const strip of [this.contacts, this.rate, this.latency, this.noise]) strip.resize();
   }
 
-  /** Forgets the contacts of another scene; how the frames come is the same line's story. */
+  /** Removes the contacts of another scene; rate and latency stay. */
   clear(): void {
     for (const line of this.lines) line.fill(null);
     this.names.fill("");
@@ -174,7 +174,7 @@ export class Charts {
     this.contacts.setTitle("Contact strength (mm²)");
   }
 
-  /** Notes what the contacts of a frame are worth. */
+  /** Adds the contacts of a frame. */
   addContacts(contacts: readonly Contact[], slots: readonly number[], nowS: number): void {
     this.shift(nowS);
     contacts.forEach((contact, k) => {
@@ -198,8 +198,8 @@ export class Charts {
     this.readings.push({ at: nowS, rate, drawn: drawnHz, median: latency?.median ?? null, p99: latency?.p99 ?? null, noise });
     while (this.readings.length && (this.readings[0] as Reading).at < nowS - SPAN_S - 1) this.readings.shift();
     this.rate.say(`${fixed(rate, 0)} /s in, ${fixed(drawnHz, 0)} /s drawn`);
-    this.latency.say(`${significant(latency?.median, 2)} ms median, ${significant(latency?.p99, 2)} ms p99`);
-    this.noise.say(`${fixed(noise, 2)} × that at the tare`);
+    this.latency.say(`median ${significant(latency?.median, 2)}, p99 ${significant(latency?.p99, 2)} ms`);
+    this.noise.say(`${fixed(noise, 2)} × the noise at the tare`);
   }
 
   draw(nowS: number): void {
@@ -214,7 +214,7 @@ export class Charts {
     this.noise.draw(times, [pick("noise")]);
   }
 
-  /** Force as soon as one is known, strength until then; the two never share an axis. */
+  /** Force as soon as one is known, strength until then; never both on one axis. */
   private measure(contact: Contact): void {
     if (this.force || contact.force_n === null) return;
     this.force = true;

@@ -1,13 +1,13 @@
-// One WebSocket that mends itself. Of the frames only the newest is kept: a page that draws slowly
-// leaves frames out, and never works through a backlog.
+// One WebSocket that reconnects. Only the newest frame is kept: a page that draws slowly skips frames and builds no
+// backlog.
 
 import type { Command, RefusedMessage, SceneMessage, ServerMessage, StatusMessage } from "./types";
 
 const FIRST_WAIT_MS = 250;
 const LONGEST_WAIT_MS = 4000;
-/** The server speaks four times a second; a line silent for this long is dead though nobody hung up. */
+/** The server sends a status four times a second; after this time without a message the page reconnects. */
 const SILENCE_MS = 6000;
-/** Moves of a finger are left out while this much waits to be sent: the next one says it better. */
+/** No move of a press is sent while this much is queued: the next one replaces it. */
 const SEND_QUEUE_BYTES = 65536;
 
 export interface Listener {
@@ -15,7 +15,7 @@ export interface Listener {
   setStatus(status: StatusMessage): void;
   refused(refused: RefusedMessage): void;
   connected(): void;
-  /** The line is down; the next attempt is in `waitMs`. */
+  /** The connection is lost; the next attempt is in `waitMs`. */
   disconnected(waitMs: number): void;
 }
 
@@ -43,7 +43,7 @@ export class Connection {
     const socket = new WebSocket(this.address);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
-    this.expectWord();
+    this.watchSilence();
     socket.onmessage = (event) => this.receive(event.data as string | ArrayBuffer);
     socket.onclose = () => this.lost();
     socket.onerror = () => socket.close();
@@ -65,7 +65,7 @@ export class Connection {
   }
 
   private receive(data: string | ArrayBuffer): void {
-    this.heard = performance.now();
+    this.receivedAt = performance.now();
     if (typeof data !== "string") {
       this.newest = data;
       return;
@@ -89,13 +89,13 @@ export class Connection {
     }
   }
 
-  private heard = 0;
+  private receivedAt = 0;
 
-  private expectWord(): void {
+  private watchSilence(): void {
     window.clearInterval(this.watchdog);
-    this.heard = performance.now();
+    this.receivedAt = performance.now();
     this.watchdog = window.setInterval(() => {
-      if (performance.now() - this.heard > SILENCE_MS) this.lost();
+      if (performance.now() - this.receivedAt > SILENCE_MS) this.lost();
     }, 1000);
   }
 
@@ -119,7 +119,7 @@ export class Connection {
   }
 }
 
-/** Where the page's own server speaks; a token in the page's address is handed on. */
+/** The WebSocket of the page's own server, with the token of the page's address. */
 export function liveAddress(location: Location): string {
   const token = new URLSearchParams(location.search).get("token");
   const scheme = location.protocol === "https:" ? "wss:" : "ws:";

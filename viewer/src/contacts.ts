@@ -1,8 +1,8 @@
-// The contacts in words, one line each.
+// The list of contacts, one line each.
 
 import { contactColour, SLOT_COUNT, type Theme } from "./colours";
 import { contactSize, fixed } from "./format";
-import { make, part, say, show } from "./page";
+import { make, part, say, show } from "./dom";
 import type { Contact } from "./types";
 
 export class ContactList {
@@ -39,11 +39,11 @@ export class ContactList {
   }
 }
 
-/** The same with units and spreads, for the pointer that rests on it. */
+/** The tooltip of a contact. */
 function explain(contact: Contact): string {
   const sd = contact.sd_m === null ? "unknown" : `${fixed(contact.sd_m * 1000, 1)} mm`;
   const sure = contact.confidence === null ? "unknown" : fixed(contact.confidence, 2);
-  return `contact ${contact.id}: standard deviation of the place ${sd}, confidence ${sure}`;
+  return `contact ${contact.id}: standard deviation of the position ${sd}, confidence ${sure}`;
 }
 
 function describe(contact: Contact): string {

@@ -1,11 +1,11 @@
 // Tare, threshold, method, record, pause; and the force of the pointer on an emulated skin.
 
 import { bytes, whole } from "./format";
-import { part, say, show } from "./page";
+import { part, say, show } from "./dom";
 import type { Command, SceneMessage, StatusMessage } from "./types";
 
-/** What the server says does not move a control that was touched this recently: its answer is on the way. */
-const OWN_WORD_MS = 1500;
+/** A status does not move a control that was changed this recently: the answer of the server is still to come. */
+const PENDING_MS = 1500;
 
 export class Controls {
   private readonly tare = part<HTMLButtonElement>("tare");
@@ -39,7 +39,7 @@ export class Controls {
     this.sayForce();
   }
 
-  /** Of the pointer on an emulated skin. */
+  /** Force of a press, N. */
   get forceN(): number {
     return Number(this.force.value);
   }
@@ -58,16 +58,16 @@ export class Controls {
     toggle(this.pause, status.paused, "Resume", "Pause");
     toggle(this.record, status.recording !== null, "Stop", "Record");
     this.sayRecording(status);
-    if (now - this.methodTouched > OWN_WORD_MS && this.method.value !== status.method) this.method.value = status.method;
+    if (now - this.methodTouched > PENDING_MS && this.method.value !== status.method) this.method.value = status.method;
     say(this.methodNote, status.method_note ?? "");
     show(this.methodNote, status.method_note !== null);
-    if (now - this.thresholdTouched > OWN_WORD_MS) {
+    if (now - this.thresholdTouched > PENDING_MS) {
       this.threshold.value = `${Math.log2(status.threshold)}`;
       this.sayThreshold();
     }
   }
 
-  /** The slider counts in octaves: a quarter to four times the method's own. */
+  /** The slider is logarithmic: a quarter to four times the method's default. */
   private get thresholdFactor(): number {
     return Math.round(2 ** Number(this.threshold.value) * 100) / 100;
   }
@@ -75,7 +75,7 @@ export class Controls {
   private sayThreshold(): void {
     const text = `${this.thresholdFactor.toFixed(2)} ×`;
     say(this.thresholdValue, text);
-    this.threshold.setAttribute("aria-valuetext", `${text} the method's own`);
+    this.threshold.setAttribute("aria-valuetext", `${text} the method's default`);
   }
 
   private sayForce(): void {

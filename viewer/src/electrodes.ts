@@ -1,8 +1,8 @@
-// The health of each electrode: a small card with its number, a shape and a word for its state, and its contact resistance.
+// Electrode health: a tile per electrode with its number, a symbol and a word for its state, and its contact resistance.
 
 import { electrodeText, ohms, STATE_SYMBOL } from "./format";
 import { STATES } from "./markers";
-import { make, part, say } from "./page";
+import { make, part, say } from "./dom";
 import type { ElectrodeHealth } from "./types";
 
 export class ElectrodeGrid {
@@ -10,7 +10,7 @@ export class ElectrodeGrid {
   private readonly summary = part("electrode-summary");
   private cards: { card: HTMLElement; symbol: HTMLElement; word: HTMLElement; value: HTMLElement; shown: string }[] = [];
 
-  /** `pointed` is told the electrode under the mouse, or null. */
+  /** `pointed` receives the electrode under the mouse, or null. */
   constructor(private readonly pointed: (electrode: number | null) => void) {}
 
   setCount(count: number): void {
@@ -45,8 +45,8 @@ export class ElectrodeGrid {
       held.card.setAttribute("aria-label", text);
     });
     const counted = STATES.map((state) => [state, health.filter((electrode) => electrode.state === state).length] as const);
-    // Faults first: the end may be cut off.
-    const told = counted.filter(([state, count]) => count > 0 || state === "sound").reverse();
-    say(this.summary, told.map(([state, count]) => `${count} ${state}`).join(" · "));
+    // Faults first: the end may be truncated.
+    const listed = counted.filter(([state, count]) => count > 0 || state === "sound").reverse();
+    say(this.summary, listed.map(([state, count]) => `${count} ${state}`).join(" · "));
   }
 }

@@ -1,8 +1,8 @@
-// Numbers as people read them.
+// Numbers as text.
 
 import type { Contact, ElectrodeHealth, ElectrodeState } from "./types";
 
-/** About three significant digits, without a tail of zeros' noise: 0.00123, 4.56, 78.9, 1230. */
+/** About three significant digits, without trailing digits: 0.00123, 4.56, 78.9, 1230. */
 export function significant(value: number | null | undefined, digits = 3): string {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   if (value === 0) return "0";
@@ -14,7 +14,7 @@ export function fixed(value: number | null | undefined, places: number, unit = "
   return value === null || value === undefined || !Number.isFinite(value) ? "–" : `${value.toFixed(places)}${unit && ` ${unit}`}`;
 }
 
-/** Strength is relative change of conductance times area; in mm² it has readable sizes. */
+/** Strength is relative change of conductance times area, in mm². */
 export function strengthMm2(strength: number): number {
   return strength * 1e6;
 }
@@ -28,10 +28,12 @@ export function contactLabel(contact: Contact): string {
   return `#${contact.id} ${contactSize(contact)}`.trim();
 }
 
+/** Two or three digits; at most six characters, so that it fits into the tile of an electrode. */
 export function ohms(value: number | null | undefined): string {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
-  if (Math.abs(value) >= 1e6) return `${significant(value / 1e6)} MΩ`;
-  return Math.abs(value) >= 1e4 ? `${significant(value / 1e3, 2)} kΩ` : `${significant(value, Math.abs(value) < 1 ? 2 : 3)} Ω`;
+  const size = Math.abs(value);
+  const [scale, unit] = size >= 999.5e3 ? [1e-6, "MΩ"] : size >= 999.5 ? [1e-3, "kΩ"] : size >= 0.9995 ? [1, "Ω"] : [1e3, "mΩ"];
+  return size < 0.00005 ? "0 Ω" : `${(value * scale).toFixed(size * scale < 9.95 ? 1 : 0)} ${unit}`;
 }
 
 export const STATE_SYMBOL: Record<ElectrodeState, string> = { sound: "●", doubtful: "◆", loose: "▲", open: "✖" };

@@ -1,7 +1,7 @@
-// The bar at the top: what is seen, whether it is touched, how well the frames come.
+// The bar at the top: the design, whether the skin is touched, frame rate, latency and losses.
 
 import { fixed, significant, whole } from "./format";
-import { part, say } from "./page";
+import { part, say } from "./dom";
 import type { Counts, SceneMessage, StatusMessage } from "./types";
 
 export class Header {
@@ -28,7 +28,7 @@ export class Header {
     this.losses.title = `${whole(status.counts.frames)} frames received; ${every(status.counts)}`;
   }
 
-  /** Null while nothing is known. */
+  /** Null while it is unknown. */
   setTouched(touched: boolean | null): void {
     const state = touched === null ? "unknown" : touched ? "touched" : "untouched";
     if (this.touched.dataset["state"] === state) return;
@@ -36,7 +36,7 @@ export class Header {
     say(this.touched, state);
   }
 
-  /** Without a device there is nothing live, and nothing is known of touches. */
+  /** Without a device it is unknown whether the skin is touched. */
   setLink(connected: boolean, paused: boolean, device: boolean): void {
     if (!device) this.setTouched(null);
     const state = !connected ? "disconnected" : !device ? "no device" : paused ? "paused" : "live";
@@ -52,7 +52,7 @@ function every(counts: Counts): string {
   return LOSSES.map((name) => `${whole(counts[name])} ${name}`).join(", ");
 }
 
-/** Only what happened; of "late" frames no contacts were made. "Skipped" frames were merely not sent to this page: no loss. */
+/** Only counts above zero. No contacts were computed of "late" frames. "Skipped" frames were not sent to this page: no loss. */
 function losses(counts: Counts): string {
   const happened = LOSSES.filter((name) => name !== "skipped" && counts[name] > 0);
   return happened.length === 0 ? "none" : happened.map((name) => `${whole(counts[name])} ${name}`).join(", ");

@@ -1,4 +1,4 @@
-// The page put together: newest frame in, pictures out.
+// The whole page: each new frame is drawn in every view.
 
 import "./style.css";
 
@@ -9,17 +9,17 @@ import { ContactList } from "./contacts";
 import { Controls } from "./controls";
 import { decode } from "./decode";
 import { ElectrodeGrid } from "./electrodes";
-import { onSkin, onUnrolled } from "./hands";
+import { onSkin, onUnrolled } from "./input";
 import { Header } from "./header";
-import { Banner, Notes } from "./notes";
-import { expose } from "./outside";
-import { part, show } from "./page";
+import { Banner, Notes } from "./messages";
+import { expose } from "./inspection";
+import { part, show } from "./dom";
 import { Presser } from "./press";
 import { AutoRange } from "./range";
 import { Scale } from "./scale";
 import { SkinView } from "./scene3d";
 import { largest, VertexValues } from "./skin";
-import { Slots } from "./slots";
+import { Slots } from "./colour_slots";
 import type { Contact, FrameHeader, SceneMessage, StatusMessage } from "./types";
 import { UnrolledView } from "./unrolled";
 
@@ -57,9 +57,9 @@ class Viewer {
   private drawnBefore = { count: 0, at: 0 };
 
   start(): void {
-    const hands = { emulated: () => this.scene?.emulated ?? false, changed: () => this.handMoved() };
-    if (this.skin) onSkin(this.skin, this.presser, hands);
-    onUnrolled(this.unrolled, this.presser, hands);
+    const input = { emulated: () => this.scene?.emulated ?? false, changed: () => this.inputChanged() };
+    if (this.skin) onSkin(this.skin, this.presser, input);
+    onUnrolled(this.unrolled, this.presser, input);
     this.wireButtons();
     this.watchWindow();
     this.retheme();
@@ -68,7 +68,7 @@ class Viewer {
     requestAnimationFrame((now) => this.draw(now));
   }
 
-  // What the connection tells.
+  // Events of the connection.
 
   connected(): void {
     this.banner.hide();
@@ -137,8 +137,8 @@ class Viewer {
     if (message && this.scene) this.showFrame(message, now);
     if (this.redraw) {
       this.redraw = false;
-      this.skin?.setFingers(this.presser.places);
-      this.unrolled.setFingers(this.presser.places);
+      this.skin?.setPresses(this.presser.places);
+      this.unrolled.setPresses(this.presser.places);
       this.skin?.render();
       this.unrolled.render();
       if (message) this.drawn += 1;
@@ -177,7 +177,7 @@ class Viewer {
     this.unrolled.setContacts(contacts, this.contactSlots);
   }
 
-  /** Words and charts need no more than ten drawings a second. */
+  /** Text and charts are updated ten times a second at most. */
   private drawSlowParts(now: number): void {
     const still = this.status?.paused === true || !this.connection.connected;
     if (now - this.chartsAt >= CHARTS_EVERY_MS && !still) {
@@ -209,7 +209,7 @@ class Viewer {
 
   // The window and its buttons.
 
-  private handMoved(): void {
+  private inputChanged(): void {
     this.redraw = true;
   }
 
@@ -242,7 +242,7 @@ class Viewer {
     const observer = new ResizeObserver(() => this.resize());
     for (const id of ["skin-stage", "unrolled-stage", "charts"]) observer.observe(part(id));
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.retheme());
-    // A hand that leaves the window lets go.
+    // All presses end when the window loses the focus.
     window.addEventListener("blur", () => this.presser.upAll());
     window.addEventListener("pagehide", () => this.presser.upAll());
     document.addEventListener("visibilitychange", () => {
@@ -273,7 +273,7 @@ class Viewer {
 const axisLines = [...document.querySelectorAll<SVGLineElement>("#axes line")];
 const axisNames = [...document.querySelectorAll<SVGTextElement>("#axes text")];
 
-/** Null, and said so, in a browser without WebGL: the unrolled picture and all the rest work without. */
+/** Null without WebGL, with a note on the page; the rest of the page works. */
 function makeSkinView(): SkinView | null {
   try {
     return new SkinView(part<HTMLCanvasElement>("skin"), part("skin-labels"));

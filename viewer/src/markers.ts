@@ -1,4 +1,4 @@
-// What stands on the skin in space: electrodes (a shape for each state), contacts (ring and pin) and the pressing finger.
+// Markers of the 3D view: electrodes (a shape for each state), contacts (ring and pin) and presses (cross).
 
 import {
   type BufferGeometry,
@@ -26,13 +26,13 @@ export const STATES: readonly ElectrodeState[] = ["sound", "doubtful", "loose", 
 const FAULT_SIZE = 1.7;
 const OUT = new Vector3(0, 0, 1);
 
-/** Length of a pin for a force: it grows with the force, but less and less, so that 5 N still fits. */
+/** Length of the pin of a force: it grows with the square root of the force. */
 export function pinLength(contact: Contact, bodySize: number): number {
   const force = contact.force_n ?? 2;
   return bodySize * 0.16 * Math.sqrt(Math.max(force, 0.1) / 2);
 }
 
-/** Radius of the disc that has the contact's area; a fingertip where it is unknown. */
+/** Radius of the disc that has the contact's area; 8 mm where it is unknown. */
 export function contactRadius(contact: Contact): number {
   return contact.area_m2 !== null && contact.area_m2 > 0 ? Math.max(Math.sqrt(contact.area_m2 / Math.PI), 0.003) : 0.008;
 }
@@ -165,7 +165,7 @@ export class ContactMarks {
     this.theme = theme;
   }
 
-  /** Shows the contacts; the tips of their pins come back, where labels go. */
+  /** Shows the contacts; returns the tips of their pins, where the labels go. */
   update(contacts: readonly Contact[], slots: readonly number[]): Vector3[] {
     while (this.pool.length < contacts.length) {
       const mark = new ContactMark(this.bodySize);
@@ -181,8 +181,8 @@ export class ContactMarks {
   }
 }
 
-/** Where the pointer presses: a cross, so that it is told from what the skin feels (a ring). */
-export class FingerMarks {
+/** Where the pointer presses: a cross; a contact is a ring. */
+export class PressMarks {
   readonly group = new Group();
   private readonly shape: BufferGeometry;
   private readonly material = new MeshBasicMaterial();

@@ -1,4 +1,4 @@
-// The camera goes round the body: two angles and a distance, z up.
+// The camera orbits the body: two angles and a distance, z up.
 
 import { type PerspectiveCamera, Vector3 } from "three";
 
@@ -35,20 +35,20 @@ export class Orbit {
     this.place();
   }
 
-  /** The body follows the hand: pixels to the right and down. */
+  /** Rotates the body by pixels to the right and down. */
   turn(right: number, down: number): void {
     this.azimuth -= right * TURN_PER_PIXEL;
     this.elevation = Math.min(Math.max(this.elevation + down * TURN_PER_PIXEL, -STEEPEST), STEEPEST);
     this.place();
   }
 
-  /** Above one goes nearer. */
+  /** Above one zooms in. */
   zoomBy(factor: number): void {
     this.zoom = Math.min(Math.max(this.zoom / factor, NEAREST), FARTHEST);
     this.place();
   }
 
-  /** Puts the camera where the box fills the picture at a zoom of one, whatever the picture's shape. */
+  /** Places the camera so that the box fills the view at a zoom of one, for any aspect ratio. */
   place(): void {
     const { camera } = this;
     const towards = new Vector3(
@@ -65,7 +65,7 @@ export class Orbit {
     camera.updateMatrixWorld();
   }
 
-  /** The distance at which the box, seen from its home angle or any turn about z, stays inside the picture. */
+  /** The distance at which the box, seen from its home angle or any turn about z, stays inside the view. */
   private fitting(): number {
     const { x, y, z } = this.halfSize;
     const round = Math.hypot(x, y);

@@ -1,15 +1,15 @@
-// Fingers on an emulated skin: what the pointers do becomes `press` and `release`, at most one press a finger and drawing.
+// Presses on an emulated skin: pointers become `press` and `release` commands, at most one `press` per touch and frame.
 
 import type { Command, Vec3 } from "./types";
 
-interface Finger {
+interface Press {
   position: Vec3;
   force: number;
   changed: boolean;
 }
 
 export class Presser {
-  private readonly fingers = new Map<number, Finger>();
+  private readonly presses = new Map<number, Press>();
   private readonly numberOf = new Map<string, number>();
 
   constructor(
@@ -18,28 +18,28 @@ export class Presser {
   ) {}
 
   get places(): Vec3[] {
-    return [...this.fingers.values()].map((finger) => finger.position);
+    return [...this.presses.values()].map((press) => press.position);
   }
 
   get count(): number {
-    return this.fingers.size;
+    return this.presses.size;
   }
 
-  /** `who` names the pointer or key that presses. */
+  /** `who` identifies the pointer or key. */
   down(who: string, position: Vec3): void {
     if (this.numberOf.has(who)) return this.move(who, position);
     let number = 0;
-    while (this.fingers.has(number)) number += 1;
+    while (this.presses.has(number)) number += 1;
     this.numberOf.set(who, number);
-    this.fingers.set(number, { position, force: this.force(), changed: true });
+    this.presses.set(number, { position, force: this.force(), changed: true });
     this.flush();
   }
 
   move(who: string, position: Vec3): void {
-    const finger = this.fingers.get(this.numberOf.get(who) ?? -1);
-    if (!finger) return;
-    finger.position = position;
-    finger.changed = true;
+    const press = this.presses.get(this.numberOf.get(who) ?? -1);
+    if (!press) return;
+    press.position = position;
+    press.changed = true;
   }
 
   up(who: string): void {
@@ -47,7 +47,7 @@ export class Presser {
     if (number === undefined) return;
     this.flush();
     this.numberOf.delete(who);
-    this.fingers.delete(number);
+    this.presses.delete(number);
     this.send({ do: "release", finger: number });
   }
 
@@ -59,18 +59,18 @@ export class Presser {
     for (const who of [...this.numberOf.keys()]) this.up(who);
   }
 
-  /** The fingers still down press again: after a line that was lost, or when the force changes. */
+  /** Sends all presses again, after a reconnection. */
   repeat(): void {
-    for (const finger of this.fingers.values()) finger.changed = true;
+    for (const press of this.presses.values()) press.changed = true;
   }
 
-  /** Sends what changed since the last time. */
+  /** Sends the changes since the last call. */
   flush(): void {
-    for (const [number, finger] of this.fingers) {
+    for (const [number, press] of this.presses) {
       const force = this.force();
-      if (!finger.changed && force === finger.force) continue;
-      finger.force = force;
-      finger.changed = !this.send({ do: "press", finger: number, position_m: finger.position, force_n: force });
+      if (!press.changed && force === press.force) continue;
+      press.force = force;
+      press.changed = !this.send({ do: "press", finger: number, position_m: press.position, force_n: force });
     }
   }
 }

@@ -2,7 +2,7 @@
 
 import { colourTable, TABLE_SIZE, type Theme } from "./colours";
 import { significant } from "./format";
-import { part, say } from "./page";
+import { part, say } from "./dom";
 import type { Quantity } from "./types";
 
 export class Scale {

@@ -1,4 +1,4 @@
-// The skin in space: the picture, and what lies under a point of it.
+// The 3D view of the skin: drawing, and the point of the skin under a pixel.
 
 import {
   BufferAttribute,
@@ -19,26 +19,26 @@ import {
 import { colourTable, contactColour, SLOT_COUNT, type Theme } from "./colours";
 import { contactLabel, electrodeText } from "./format";
 import { type Label, Labels } from "./labels";
-import { ContactMarks, contactRadius, ElectrodeMarks, FingerMarks } from "./markers";
+import { ContactMarks, contactRadius, ElectrodeMarks, PressMarks } from "./markers";
 import { Orbit } from "./orbit";
 import { skinMaterial, tableTexture } from "./shading";
 import type { Contact, ElectrodeHealth, SceneMessage, Vec2, Vec3 } from "./types";
 
-/** Where drawings follow each other more slowly than this, they are made of fewer points, step by step. */
+/** Below this rate the resolution is reduced step by step. */
 const SLOW_MS = 50;
 const STEPS = [1, 0.8, 0.6];
-/** Drawings looked at before a step, so that one hiccup does not count. */
+/** Frames averaged before a step, so that one slow frame has no effect. */
 const LOOKED_AT = 40;
-/** The body stands this much above the middle, CSS pixels: the scale of colours lies below. */
+/** The body is this far above the middle, CSS pixels: the colour scale is below. */
 const RAISED = 16;
 
-/** What is made anew for each scene. */
+/** The objects of one scene. */
 interface Body {
   mesh: Mesh<BufferGeometry, ShaderMaterial>;
   values: BufferAttribute;
   electrodes: ElectrodeMarks;
   contacts: ContactMarks;
-  fingers: FingerMarks;
+  presses: PressMarks;
   scene: SceneMessage;
 }
 
@@ -87,9 +87,9 @@ export class SkinView {
     const mesh = new Mesh(geometry, skinMaterial());
     const electrodes = new ElectrodeMarks(scene.electrodes);
     const contacts = new ContactMarks(bodySize);
-    const fingers = new FingerMarks(bodySize * 0.014);
-    this.body = { mesh, values, electrodes, contacts, fingers, scene };
-    this.world.add(mesh, electrodes.group, contacts.group, fingers.group);
+    const presses = new PressMarks(bodySize * 0.014);
+    this.body = { mesh, values, electrodes, contacts, presses, scene };
+    this.world.add(mesh, electrodes.group, contacts.group, presses.group);
     if (box) this.orbit.frame(box.min, box.max, ...firstLook(scene));
     this.setTheme(this.theme);
     this.setContacts([], []);
@@ -106,7 +106,7 @@ export class SkinView {
     set(uniforms, "edge", theme === "light" ? -0.42 : 0.5);
     const inside = new Color().set(theme === "light" ? "#aab3bf" : "#1b2027");
     set(uniforms, "inside", inside.convertLinearToSRGB());
-    for (const part of [body.electrodes, body.contacts, body.fingers]) part.setTheme(theme);
+    for (const part of [body.electrodes, body.contacts, body.presses]) part.setTheme(theme);
     this.setContacts(this.contacts, this.slots);
   }
 
@@ -129,8 +129,8 @@ export class SkinView {
     this.body?.electrodes.update(health.map((electrode) => electrode.state));
   }
 
-  setFingers(places: readonly Vec3[]): void {
-    this.body?.fingers.update(places.map((position) => ({ position, normal: this.normalNear(position) })));
+  setPresses(places: readonly Vec3[]): void {
+    this.body?.presses.update(places.map((position) => ({ position, normal: this.normalNear(position) })));
   }
 
   resize(width: number, height: number): void {
@@ -146,7 +146,7 @@ export class SkinView {
     this.labels.show(this.makeLabels());
   }
 
-  /** Told the time between two drawings, the view draws coarser on a machine that cannot keep up. */
+  /** Reduces the resolution on a slow machine, from the time between two frames. */
   pace(elapsedMs: number): void {
     this.paced += 1;
     this.paceMs += (elapsedMs - this.paceMs) / Math.min(this.paced, LOOKED_AT);

@@ -1,4 +1,4 @@
-// What server and page say to each other; README.md describes every field.
+// Messages between server and page; README.md describes every field.
 
 export type Vec2 = [number, number];
 export type Vec3 = [number, number, number];

@@ -1,4 +1,4 @@
-// The unrolled picture: the image cell by cell, true to scale, with axes in mm, electrodes and contacts.
+// The unrolled view: the image cell by cell, to scale, with axes in mm, electrodes and contacts.
 
 import { colourTable, contactColour, INK, SLOT_COUNT, type Theme } from "./colours";
 import { Flat } from "./flat";
@@ -29,14 +29,14 @@ interface Body {
 export class UnrolledView {
   hovered: number | null = null;
   showNumbers = false;
-  /** The place that the keyboard moves; null while the mouse is used. */
+  /** The cursor of the keyboard; null while the mouse is used. */
   cursor: Vec2 | null = null;
   private body: Body | null = null;
   private theme: Theme = "light";
   private table: Uint32Array = new Uint32Array();
   private contacts: readonly Contact[] = [];
   private slots: readonly number[] = [];
-  private fingers: readonly Vec3[] = [];
+  private presses: readonly Vec3[] = [];
   private health: ElectrodeHealth[] = [];
   private size: Vec2 = [1, 1];
   private ratio = 1;
@@ -46,7 +46,7 @@ export class UnrolledView {
 
   constructor(readonly canvas: HTMLCanvasElement) {
     const pen = canvas.getContext("2d");
-    if (!pen) throw new Error("this browser draws no two-dimensional pictures");
+    if (!pen) throw new Error("this browser has no 2D canvas");
     this.pen = pen;
   }
 
@@ -99,8 +99,8 @@ export class UnrolledView {
     this.slots = slots;
   }
 
-  setFingers(places: readonly Vec3[]): void {
-    this.fingers = places;
+  setPresses(places: readonly Vec3[]): void {
+    this.presses = places;
   }
 
   resize(width: number, height: number): void {
@@ -127,7 +127,7 @@ export class UnrolledView {
     pen.drawImage(this.ground, 0, 0);
     pen.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
     this.drawContacts(body);
-    this.drawFingers(body);
+    this.drawPresses(body);
     this.drawHover(body);
   }
 
@@ -195,7 +195,7 @@ export class UnrolledView {
     pen.lineWidth = 1;
     pen.strokeRect(x - 0.5, y - 0.5, width + 1, height + 1);
     if (body.flat.wraps) {
-      // The two sides are one line on the body: broken, so that they are not taken for an edge.
+      // Both sides are the same line on the body, so they are dashed.
       pen.strokeStyle = ink.panel;
       pen.setLineDash([5, 5]);
       pen.beginPath();
@@ -243,7 +243,7 @@ export class UnrolledView {
     pen.stroke();
     pen.textAlign = "center";
     pen.textBaseline = "alphabetic";
-    const seam = body.flat.wraps ? "  ·  closes on itself at the sides" : "";
+    const seam = body.flat.wraps ? "  ·  wraps at the sides" : "";
     pen.fillText(body.unrolled.labels[0] + (width > 260 ? seam : ""), x + width / 2, y + height + 33);
     pen.save();
     pen.translate(x - 36, y + height / 2);
@@ -312,9 +312,9 @@ export class UnrolledView {
     });
   }
 
-  private drawFingers(body: Body): void {
+  private drawPresses(body: Body): void {
     const { pen } = this;
-    const places = this.fingers.map((finger) => body.flat.fromSpace(finger));
+    const places = this.presses.map((press) => body.flat.fromSpace(press));
     if (this.cursor) places.push(this.cursor);
     for (const place of places) {
       if (!place) continue;
@@ -359,7 +359,7 @@ function ring(pen: CanvasRenderingContext2D, x: number, y: number, radius: numbe
   pen.stroke();
 }
 
-/** Words with an edge of the ground's colour, readable on any picture. */
+/** Text with an outline in the background colour, readable on any image. */
 function words(pen: CanvasRenderingContext2D, text: string, x: number, y: number, ink: string, halo: string, size: number): void {
   pen.font = `600 ${size}px system-ui, sans-serif`;
   pen.textAlign = "center";

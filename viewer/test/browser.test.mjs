@@ -120,7 +120,7 @@ withPage("a contact has a label and keeps its colour while others come and go", 
 });
 
 for (const [view, place] of [["skin", project], ["unrolled picture", projectFlat]])
-  withPage(`a press with the mouse on the ${view} is felt there`, {}, async (page, server) => {
+  withPage(`a press with the mouse on the ${view} gives a contact there`, {}, async (page, server) => {
     for (const [theta, z] of [[2.4, 0.17], [1.9, 0.1], [2.9, 0.24]]) {
       const point = onCylinder(theta, z);
       const [x, y] = await place(page, point);
@@ -211,7 +211,7 @@ withPage("on a real device the left button turns", { server: { scene: scene({ em
   await page.mouse.down();
   await page.mouse.move(before[0] + 40, before[1], { steps: 4 });
   await page.mouse.up();
-  assert.ok((await project(page, point))[0] - before[0] > 8, "the body follows the hand");
+  assert.ok((await project(page, point))[0] - before[0] > 8, "the body follows the pointer");
   await page.mouse.click(...(await projectFlat(page, point)));
   await wait(200);
   assert.equal(server.commands.length, 0);
@@ -269,7 +269,7 @@ withPage("controls send their commands and show what the server answers", {}, as
   await until("live", async () => (await page.textContent("#link")) === "live" && !(await page.isVisible("#banner")));
 });
 
-withPage("what is refused is said, and the control goes back", { server: { refuses: "laplace" } }, async (page) => {
+withPage("a refused command is shown, and the control returns to its value", { server: { refuses: "laplace" } }, async (page) => {
   await page.selectOption("#method", "laplace");
   await until("the refusal", () => page.isVisible("#refusal"));
   assert.match(await page.textContent("#refusal"), /Refused: no method is called `laplace`/);
@@ -278,10 +278,10 @@ withPage("what is refused is said, and the control goes back", { server: { refus
   assert.equal(await page.isVisible("#refusal"), false);
 });
 
-withPage("an electrode's state is told in shapes and words, its number on hover", {}, async (page) => {
+withPage("an electrode's state is shown by a symbol and a word, its number on hover", {}, async (page) => {
   assert.equal(await page.textContent("#electrode-summary"), "1 loose · 29 sound");
   const card = page.locator("#electrode-grid .electrode").nth(7);
-  assert.equal(await card.textContent(), "7▲5400 Ωloose");
+  assert.equal(await card.textContent(), "7▲5.4 kΩloose");
   assert.equal(await page.textContent("#skin-labels .electrode.loose"), "7 loose");
   assert.match(await page.textContent("#message-list"), /warning:electrode 7 is loose/);
   // Electrode 16: ring 3, theta = 1.5 * 72 degrees.
@@ -290,7 +290,7 @@ withPage("an electrode's state is told in shapes and words, its number on hover"
   assert.match(await page.textContent("#skin-labels .hovered"), /^electrode 16: sound, 110 Ω/);
 });
 
-test("the page comes back by itself after the server is killed, with growing waits", { timeout: 90_000 }, async () => {
+test("the page reconnects after the server is killed, with growing waits", { timeout: 90_000 }, async () => {
   let server = await startServer();
   const { port } = server;
   const page = await openPage(browser, server.address);
@@ -320,17 +320,17 @@ test("the page comes back by itself after the server is killed, with growing wai
   await server.close();
 });
 
-withPage("a line that falls silent is taken for dead", {}, async (page, server) => {
+withPage("the page reconnects when the server sends nothing", {}, async (page, server) => {
   server.mute();
   await until("the banner", () => page.isVisible("#banner"), 12_000);
   await until("another attempt", () => server.addresses.length > 1);
 });
 
-withPage("the token of the page's address is handed to the WebSocket", { query: "?token=a%20b" }, async (_page, server) => {
+withPage("the token of the page's address is passed to the WebSocket", { query: "?token=a%20b" }, async (_page, server) => {
   assert.deepEqual(server.addresses, ["/live?token=a%20b"]);
 });
 
-withPage("a slow page leaves frames out and never builds a backlog", {}, async (page, server) => {
+withPage("a slow page skips frames and builds no backlog", {}, async (page, server) => {
   await page.evaluate(() => {
     const end = performance.now() + 2500;
     while (performance.now() < end);
@@ -361,14 +361,30 @@ withPage("at least 20 drawings a second at 120 frames a second, drawn by softwar
   assert.ok(Math.max(...rates) >= 20);
 });
 
-withPage("a telephone shows one column, nothing wider than the screen, big buttons", { page: PHONE, server: { touches: () => [steady] } }, async (page) => {
+withPage("a phone shows one column, nothing wider than the screen, large buttons", { page: PHONE, server: { touches: () => [steady] } }, async (page) => {
   assert.ok((await page.evaluate(() => document.scrollingElement.scrollWidth)) <= 360);
   const wide = await page.$$eval("body *", (all) => all.filter((one) => !one.closest(".labels") && one.getBoundingClientRect().right > 360.5).map((one) => one.id || one.className));
   assert.deepEqual(wide, []);
   for (const id of ["tare", "pause", "record"]) assert.ok((await page.locator(`#${id}`).boundingBox()).height >= 44);
 });
 
-withPage("one finger presses, two turn and zoom", { page: PHONE }, async (page, server) => {
+const extremes = [0.0039, 100, 5432, 81234, 1.23e6, 310.5];
+const faults = scene().electrodes.map((_, k) => ({ state: { 6: "open", 8: "loose", 17: "doubtful" }[k] ?? "sound", contact_ohm: extremes[k % extremes.length], noise: 1 }));
+for (const [width, height] of [[320, 640], [360, 740], [390, 844], [1280, 800]])
+  withPage(`the text fits its box on a screen ${width} pixels wide`, { page: { viewport: { width, height } }, server: { electrodes: faults } }, async (page) => {
+    await until("the state", async () => (await page.textContent("#touched")) === "untouched");
+    const overflow = await page.$$eval("#touched, #electrode-grid .electrode *", (boxes) =>
+      boxes.filter((box) => box.textContent !== "").flatMap((box) => {
+        const text = document.createRange();
+        text.selectNodeContents(box);
+        const [inner, outer] = [text.getBoundingClientRect(), box.closest("#touched, .electrode").getBoundingClientRect()];
+        return inner.left < outer.left + 2 || inner.right > outer.right - 2 ? [box.textContent] : [];
+      }));
+    assert.deepEqual(overflow, []);
+    assert.ok((await page.evaluate(() => document.scrollingElement.scrollWidth)) <= width);
+  });
+
+withPage("one finger presses, two rotate and zoom", { page: PHONE }, async (page, server) => {
   const touch = await page.context().newCDPSession(page);
   const send = (type, ...points) => touch.send("Input.dispatchTouchEvent", { type, touchPoints: points.map(([x, y], id) => ({ x, y, id })) });
   const [x, y] = await project(page, onCylinder(2.2, 0.15));

@@ -9,7 +9,8 @@ const { decode } = await load("decode");
 const { AutoRange, roundUp } = await load("range");
 const { Flat } = await load("flat");
 const { makeRaster } = await load("raster");
-const { Slots } = await load("slots");
+const { Slots } = await load("colour_slots");
+const { ohms } = await load("format");
 const { Presser } = await load("press");
 const { VertexValues } = await load("skin");
 
@@ -172,7 +173,7 @@ test("raster: cells of a mesh without a grid are found where they lie", () => {
   for (const [column, row] of [[5, 5], [5, h - 5], [w - 5, h - 5]]) assert.equal(at(column, row), TABLE_SIZE / 2 + 1);
 });
 
-test("slots: a contact keeps its colour while others come and go", () => {
+test("colour slots: a contact keeps its colour while others come and go", () => {
   const slots = new Slots();
   const assign = (...ids) => slots.assign(ids.map((id) => ({ id })));
   const [first] = assign(4);
@@ -184,7 +185,7 @@ test("slots: a contact keeps its colour while others come and go", () => {
   assert.equal(new Set(many.slice(0, 8)).size, 8);
 });
 
-test("press: fingers get the lowest free number, and what changed is sent once", () => {
+test("press: each touch gets the lowest free number, and a change is sent once", () => {
   const sent = [];
   let force = 2;
   const presser = new Presser((command) => (sent.push(command), true), () => force);
@@ -206,4 +207,12 @@ test("press: fingers get the lowest free number, and what changed is sent once",
   assert.deepEqual(take(), [["release", 0, undefined], ["press", 0, 3]]);
   presser.upAll();
   assert.deepEqual(take().map(([what]) => what), ["release", "release"]);
+});
+
+test("format: a resistance has two or three digits, and six characters at most", () => {
+  const cases = [[0, "0 Ω"], [0.00001, "0 Ω"], [0.0039, "3.9 mΩ"], [0.99, "990 mΩ"], [0.999, "999 mΩ"], [1, "1.0 Ω"], [4.27, "4.3 Ω"], [99.7, "100 Ω"], [310.5, "311 Ω"], [999.7, "1.0 kΩ"], [5432, "5.4 kΩ"], [81234, "81 kΩ"], [999900, "1.0 MΩ"], [1.23e6, "1.2 MΩ"], [null, "–"]];
+  for (const [value, text] of cases) {
+    assert.equal(ohms(value), text, `${value}`);
+    assert.ok(text.length <= 6);
+  }
 });

@@ -21,6 +21,7 @@ mod replay;
 mod reproduce;
 mod scan_table;
 mod schema;
+mod shell;
 mod simulate;
 mod train;
 
@@ -76,6 +77,10 @@ pub enum Command {
     Plot(plot::Arguments),
     /// Print a JSON schema: design files, twin files, touch scripts or live frames.
     Schema(schema::Arguments),
+    /// Print a completion script for a shell.
+    Completions(shell::CompletionArguments),
+    /// Print the manual page, or write those of all commands.
+    Man(shell::ManArguments),
 }
 
 impl Command {
@@ -105,6 +110,8 @@ impl Command {
             Command::New(arguments) => arguments.run(),
             Command::Plot(arguments) => arguments.run(),
             Command::Schema(arguments) => arguments.run(),
+            Command::Completions(arguments) => arguments.run(),
+            Command::Man(arguments) => arguments.run(),
         }
     }
 }

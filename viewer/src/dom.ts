@@ -1,8 +1,8 @@
-// Finding the parts of the page, and writing to them only what changed.
+// Elements of the page. Text is written only when it changes.
 
 export function part<T extends HTMLElement = HTMLElement>(id: string): T {
   const element = document.getElementById(id);
-  if (!element) throw new Error(`the page has no part called ${id}`);
+  if (!element) throw new Error(`the page has no element #${id}`);
   return element as T;
 }
 
@@ -14,7 +14,7 @@ export function show(element: HTMLElement, visible: boolean): void {
   if (element.hidden === visible) element.hidden = !visible;
 }
 
-/** A new element with a class and words. */
+/** A new element with a class and text. */
 export function make(tag: string, className = "", text = ""): HTMLElement {
   const element = document.createElement(tag);
   if (className) element.className = className;

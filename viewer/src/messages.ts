@@ -1,6 +1,6 @@
-// Messages of the server, what it refuses, and the banner across the page.
+// Messages of the server, refused commands, and the banner.
 
-import { make, part, say, show } from "./page";
+import { make, part, say, show } from "./dom";
 import type { Level, Note } from "./types";
 
 const REFUSAL_SHOWN_MS = 8000;
@@ -23,7 +23,7 @@ export class Notes {
     if (key === this.shown) return;
     this.shown = key;
     show(this.none, messages.length === 0);
-    // The newest is read first.
+    // Newest first.
     this.list.replaceChildren(...[...messages].reverse().map(line));
   }
 
@@ -57,7 +57,7 @@ export class Banner {
     this.again.addEventListener("click", tryNow);
   }
 
-  /** The server is out of reach; the next attempt is after `waitMs`. */
+  /** No connection; the next attempt is after `waitMs`. */
   waiting(waitMs: number): void {
     this.since ??= performance.now();
     this.until = performance.now() + waitMs;
@@ -67,16 +67,16 @@ export class Banner {
     this.tick();
   }
 
-  /** The server is there, its device is not. */
+  /** The server is connected, its device is not. */
   deviceGone(): void {
     this.stop();
-    say(this.text, "The device is not connected. Waiting for it to come back.");
+    say(this.text, "The device is not connected. Waiting for it to reconnect.");
     this.put("device", false);
   }
 
   paused(): void {
     this.stop();
-    say(this.text, "Paused: this is the last picture. Press Resume to go on.");
+    say(this.text, "Paused: the last frame is shown. Press Resume to continue.");
     this.put("paused", false);
   }
 
@@ -99,8 +99,8 @@ export class Banner {
   private tick(): void {
     const left = Math.ceil((this.until - performance.now()) / 1000);
     const gone = Math.round((performance.now() - (this.since ?? performance.now())) / 1000);
-    const next = left > 0 ? `Trying again in ${left} s.` : "Trying again now.";
-    const age = gone >= 2 ? ` The picture is ${gone} s old.` : "";
+    const next = left > 0 ? `Reconnecting in ${left} s.` : "Reconnecting now.";
+    const age = gone >= 2 ? ` The last frame is ${gone} s old.` : "";
     say(this.text, `Disconnected from the server. ${next}${age}`);
   }
 }

@@ -1,5 +1,5 @@
-// What pointers and keys do on the two pictures. On an emulated skin the left button or one finger on the skin presses;
-// elsewhere, and with the right button or two fingers, the body turns; the wheel and two fingers zoom.
+// Pointer and keyboard input on both views. On an emulated skin the left button, or one finger on a touch screen, presses
+// the skin. Beside the skin, with the right button or with two fingers, the body rotates; the wheel and two fingers zoom.
 
 import type { Presser } from "./press";
 import type { SkinView } from "./scene3d";
@@ -11,9 +11,9 @@ const KEY_STEP_M = 0.005;
 const KEY_FINE_STEP_M = 0.001;
 const KEYBOARD = "keyboard";
 
-export interface Hands {
+export interface InputListener {
   emulated(): boolean;
-  /** Something that is drawn has changed. */
+  /** A view must be drawn again. */
   changed(): void;
 }
 
@@ -21,7 +21,7 @@ function place(event: PointerEvent | WheelEvent): Vec2 {
   return [event.clientX, event.clientY];
 }
 
-export function onSkin(view: SkinView, presser: Presser, hands: Hands): void {
+export function onSkin(view: SkinView, presser: Presser, listener: InputListener): void {
   const { canvas, orbit } = view;
   const pointers = new Map<number, Vec2>();
   const name = (event: PointerEvent): string => `skin ${event.pointerId}`;
@@ -31,19 +31,19 @@ export function onSkin(view: SkinView, presser: Presser, hands: Hands): void {
     pointers.set(event.pointerId, place(event));
     view.hovered = null;
     if (pointers.size > 1) presser.upAll();
-    else if (event.button === 0 && hands.emulated()) {
+    else if (event.button === 0 && listener.emulated()) {
       const hit = view.pick(place(event));
       if (hit) presser.down(name(event), hit);
     }
     canvas.classList.toggle("pressing", presser.count > 0);
     canvas.classList.toggle("turning", presser.count === 0);
-    hands.changed();
+    listener.changed();
   });
 
   canvas.addEventListener("pointermove", (event) => {
     const before = pointers.get(event.pointerId);
     if (!before) {
-      if (event.pointerType === "mouse") hover(view, event, hands);
+      if (event.pointerType === "mouse") hover(view, event, listener);
       return;
     }
     const now = place(event);
@@ -52,10 +52,10 @@ export function onSkin(view: SkinView, presser: Presser, hands: Hands): void {
       if (hit) presser.move(name(event), hit);
     } else turn(before, now, event.pointerId);
     pointers.set(event.pointerId, now);
-    hands.changed();
+    listener.changed();
   });
 
-  /** One pointer turns; of two each turns by half, and the change of their distance zooms. */
+  /** One pointer rotates the body. With two, each rotates it by half, and their distance sets the zoom. */
   const turn = (before: Vec2, now: Vec2, moved: number): void => {
     const other = [...pointers].find(([id]) => id !== moved)?.[1];
     const share = other ? 0.5 : 1;
@@ -69,11 +69,11 @@ export function onSkin(view: SkinView, presser: Presser, hands: Hands): void {
     pointers.delete(event.pointerId);
     presser.up(name(event));
     canvas.classList.remove("pressing", "turning");
-    hands.changed();
+    listener.changed();
   };
   canvas.addEventListener("pointerup", end);
   canvas.addEventListener("pointercancel", end);
-  canvas.addEventListener("pointerleave", () => leave(view, hands));
+  canvas.addEventListener("pointerleave", () => leave(view, listener));
   canvas.addEventListener("contextmenu", (event) => event.preventDefault());
   canvas.addEventListener(
     "wheel",
@@ -81,7 +81,7 @@ export function onSkin(view: SkinView, presser: Presser, hands: Hands): void {
       event.preventDefault();
       const pixels = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? event.deltaY * 30 : event.deltaY;
       orbit.zoomBy(Math.exp(-0.0014 * pixels));
-      hands.changed();
+      listener.changed();
     },
     { passive: false },
   );
@@ -94,57 +94,57 @@ export function onSkin(view: SkinView, presser: Presser, hands: Hands): void {
     else if (event.key === "Home" || event.key === "0") orbit.reset();
     else return;
     event.preventDefault();
-    hands.changed();
+    listener.changed();
   });
 }
 
-export function onUnrolled(view: UnrolledView, presser: Presser, hands: Hands): void {
+export function onUnrolled(view: UnrolledView, presser: Presser, listener: InputListener): void {
   const { canvas } = view;
   const name = (event: PointerEvent): string => `flat ${event.pointerId}`;
 
   canvas.addEventListener("pointerdown", (event) => {
-    if (event.button !== 0 || !hands.emulated()) return;
+    if (event.button !== 0 || !listener.emulated()) return;
     const at = view.placeAt(place(event));
     const inside = at && onBody(view, at) ? view.flat?.toSpace(at) : null;
     if (!inside) return;
     canvas.setPointerCapture(event.pointerId);
     view.hovered = view.cursor = null;
     presser.down(name(event), inside);
-    hands.changed();
+    listener.changed();
   });
 
   canvas.addEventListener("pointermove", (event) => {
     if (!presser.holds(name(event))) {
-      if (event.pointerType === "mouse") hover(view, event, hands);
+      if (event.pointerType === "mouse") hover(view, event, listener);
       return;
     }
     const at = view.placeAt(place(event));
     const inside = at && view.flat ? view.flat.toSpace(view.flat.clamped(at)) : null;
     if (inside) presser.move(name(event), inside);
-    hands.changed();
+    listener.changed();
   });
 
   const end = (event: PointerEvent): void => {
     presser.up(name(event));
-    hands.changed();
+    listener.changed();
   };
   canvas.addEventListener("pointerup", end);
   canvas.addEventListener("pointercancel", end);
-  canvas.addEventListener("pointerleave", () => leave(view, hands));
+  canvas.addEventListener("pointerleave", () => leave(view, listener));
   canvas.addEventListener("contextmenu", (event) => event.preventDefault());
   canvas.addEventListener("blur", () => {
     view.cursor = null;
     presser.up(KEYBOARD);
-    hands.changed();
+    listener.changed();
   });
   canvas.addEventListener("keydown", (event) => {
-    if (!hands.emulated() || !pressWithKey(view, presser, event)) return;
+    if (!listener.emulated() || !pressWithKey(view, presser, event)) return;
     event.preventDefault();
-    hands.changed();
+    listener.changed();
   });
 }
 
-/** Arrows move a cross, the space bar presses there until it is struck again, Escape lets go. */
+/** Arrow keys move a cursor, the space bar starts and ends a press there, Escape removes the cursor. */
 function pressWithKey(view: UnrolledView, presser: Presser, event: KeyboardEvent): boolean {
   const { flat } = view;
   if (!flat) return false;
@@ -164,7 +164,7 @@ function pressWithKey(view: UnrolledView, presser: Presser, event: KeyboardEvent
   return true;
 }
 
-/** A press begins on the picture itself, not on its axes; sliding then goes on round the seam. */
+/** A press begins on the image, not on its axes; a slide may cross the seam. */
 function onBody(view: UnrolledView, [u, v]: Vec2): boolean {
   const { flat } = view;
   if (!flat) return false;
@@ -172,15 +172,15 @@ function onBody(view: UnrolledView, [u, v]: Vec2): boolean {
   return u >= u0 && u <= u0 + flat.size[0] && v >= v0 && v <= v0 + flat.size[1];
 }
 
-function hover(view: SkinView | UnrolledView, event: PointerEvent, hands: Hands): void {
+function hover(view: SkinView | UnrolledView, event: PointerEvent, listener: InputListener): void {
   const found = view.electrodeAt(place(event));
   if (found === view.hovered) return;
   view.hovered = found;
-  hands.changed();
+  listener.changed();
 }
 
-function leave(view: SkinView | UnrolledView, hands: Hands): void {
+function leave(view: SkinView | UnrolledView, listener: InputListener): void {
   if (view.hovered === null) return;
   view.hovered = null;
-  hands.changed();
+  listener.changed();
 }

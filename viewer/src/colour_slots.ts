@@ -1,9 +1,9 @@
-// A contact keeps one colour as long as it lasts, and a colour rests a little before another contact gets it.
+// Each contact keeps one colour. A free colour is given to another contact after some frames.
 
 import { SLOT_COUNT } from "./colours";
 import type { Contact } from "./types";
 
-/** A strip chart shows the last half minute; a colour not needed elsewhere stays with its old line for a while. */
+/** The charts show the last half minute: a colour is not reused before this many frames. */
 const REST_FRAMES = 60;
 
 export class Slots {
@@ -12,7 +12,7 @@ export class Slots {
   private readonly taken: boolean[] = new Array<boolean>(SLOT_COUNT).fill(false);
   private clock = 0;
 
-  /** A slot for each contact, in their order; more contacts than colours share the last, neutral one. */
+  /** A slot for each contact, in their order; contacts beyond the number of colours share the last, neutral one. */
   assign(contacts: readonly Contact[]): number[] {
     this.clock += 1;
     this.forget(new Set(contacts.map((contact) => contact.id)));

@@ -1,8 +1,8 @@
-// What other programs (tests, a console) may read of the page.
+// The state of the page as `window.dermis`, for the console and for tests.
 
 import type { FrameHeader, SceneMessage, StatusMessage, Vec2, Vec3 } from "./types";
 
-export interface Outside {
+export interface Inspection {
   /** Frames drawn so far. */
   readonly drawn: number;
   /** Header of the frame drawn last. */
@@ -10,22 +10,22 @@ export interface Outside {
   readonly status: StatusMessage | null;
   readonly scene: SceneMessage | null;
   readonly connected: boolean;
-  /** Where a point of space is in the picture in space, CSS pixels of the window. */
+  /** The pixel of a point in the 3D view, CSS pixels of the window. */
   project(position_m: Vec3): Vec2 | null;
-  /** Where it is in the unrolled picture. */
+  /** The same in the unrolled view. */
   projectFlat(position_m: Vec3): Vec2 | null;
-  /** The point of the skin's outside under a pixel of the picture in space. */
+  /** The point of the skin under a pixel of the 3D view. */
   unproject(pixel: Vec2): Vec3 | null;
-  /** The point of the skin under a pixel of the unrolled picture. */
+  /** The same in the unrolled view. */
   unprojectFlat(pixel: Vec2): Vec3 | null;
 }
 
 declare global {
   interface Window {
-    readonly dermis: Outside;
+    readonly dermis: Inspection;
   }
 }
 
-export function expose(outside: Outside): void {
-  Object.defineProperty(window, "dermis", { value: Object.freeze(outside), enumerable: true });
+export function expose(inspection: Inspection): void {
+  Object.defineProperty(window, "dermis", { value: Object.freeze(inspection), enumerable: true });
 }
