@@ -1,4 +1,4 @@
-//! What a model says of itself.
+//! The card of a model: its provenance and its settings.
 
 use crate::input::Input;
 use crate::network::Architecture;

@@ -11,7 +11,7 @@ use std::path::Path;
 const FORMAT: &str = "dermis checkpoint 1";
 const KEY: &str = "dermis";
 
-/// What a checkpoint says of itself.
+/// The metadata of a checkpoint.
 #[derive(Serialize, Deserialize)]
 struct Label {
     format: String,
@@ -47,7 +47,7 @@ pub(crate) fn write(path: &Path, options: &TrainOptions, state: &State) -> Resul
     tensors::write(path, &named, HashMap::from([(KEY.to_string(), label)]))
 }
 
-/// Reads a checkpoint into a state of the same network and options; tells whether there was one.
+/// Reads a checkpoint into a state of the same network and options; returns whether there was one.
 pub(crate) fn read(path: &Path, options: &TrainOptions, state: &mut State) -> Result<bool, LearnError> {
     let bytes = match std::fs::read(path) {
         Ok(bytes) => bytes,

@@ -31,7 +31,7 @@ pub enum LearnError {
         message: String,
     },
     /// A value in a dataset that is no number.
-    #[error("sample {sample} of {} has a value that is not finite: `dermis simulate --verify` tells damaged files", folder.display())]
+    #[error("sample {sample} of {} has a value that is not finite: `dermis simulate --verify` lists damaged files", folder.display())]
     NotFinite {
         /// The dataset's folder.
         folder: PathBuf,
@@ -57,7 +57,7 @@ pub enum LearnError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The error of the system.
         source: std::io::Error,
     },
 }

@@ -1,4 +1,4 @@
-//! Networks that turn the frames of a skin into images of touch: their shape, training and use.
+//! Neural networks that reconstruct images of touch from the frames of a skin: architecture, training and inference.
 
 mod card;
 mod checkpoint;

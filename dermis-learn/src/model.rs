@@ -53,7 +53,7 @@ impl Model {
     /// A network and its card as a model.
     ///
     /// # Panics
-    /// Where the card tells of another network.
+    /// Where the card describes another network.
     pub fn new(card: Card, network: Network, pixels: Arc<PixelSpace>) -> Self {
         assert!(card.plan == *network.plan() && card.skin.pixels == pixels.len(), "the card of this network");
         let inference = Inference::new(&network, &card.input, card.target);
@@ -124,7 +124,7 @@ impl Model {
         Ok(Model::new(card, network, pixels))
     }
 
-    /// Writes the model into a folder, made where it is missing. Matrices and convolutions are stored as told, all else in
+    /// Writes the model into a folder, made where it is missing. Matrices and convolutions are stored in the given precision, all else in
     /// single precision.
     ///
     /// # Errors
@@ -149,7 +149,7 @@ impl Model {
         written.map_err(|error| LearnError::Dermis(error.into()))
     }
 
-    /// What it says of itself.
+    /// Its card.
     pub fn card(&self) -> &Card {
         &self.card
     }

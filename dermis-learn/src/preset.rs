@@ -1,4 +1,4 @@
-//! The networks that are trained by name, and what each is trained with.
+//! Training presets: architecture, inputs, target, augmentation and schedule of each network by name.
 
 use crate::card::{Card, DataRecord, SkinRecord, TrainingRecord};
 use crate::input::Input;
@@ -33,7 +33,7 @@ const PAPER_NOISE_FACTOR: f64 = 100.0;
 /// The same in images of touches.
 const TOUCH_NOISE_FACTOR: f64 = 50.0;
 
-/// What sets the best network apart from the paper's, one by one: what each is worth is seen by leaving it out.
+/// Parts of the best network that the paper's lacks, to be left out one by one in an ablation study.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ablation {
     /// Readings that are the same by reciprocity are averaged; without it each is an input.
@@ -165,13 +165,13 @@ impl TrainingPreset {
         let layer = |inputs, outputs, relu| LayerSpec::Dense { inputs, outputs, relu };
         let trunk =
             vec![layer(input.len(), HIDDEN, true), layer(HIDDEN, HIDDEN, true), layer(HIDDEN, pixels.len(), false)];
-        let silent = Noise::white(vec![0.0; protocol.channel_count()]);
+        let none = Noise::white(vec![0.0; protocol.channel_count()]);
         TrainingPreset {
             name: "shapes",
             plan: Architecture { trunk, refinement: None },
             input,
             target: Target::Touches { width_m: TOUCH_WIDTH_M },
-            noise: Noise { misfit: Some(DomainRandomization::usual()), ..silent },
+            noise: Noise { misfit: Some(DomainRandomization::usual()), ..none },
             symmetries: None,
             detection: DetectOptions::default(),
             options: TrainOptions { epochs: 8, schedule: Schedule::Cosine, ..TrainOptions::default() },

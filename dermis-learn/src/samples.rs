@@ -1,4 +1,4 @@
-//! What a network learns from: samples of datasets, moved by symmetries, disturbed by noise, turned into inputs and targets.
+//! Training samples: augmented by symmetries and noise, and converted to inputs and targets.
 
 use crate::LearnError;
 use crate::input::Input;
@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 /// Streams of random numbers from here on stretch the samples that inputs are normalised by.
 const TYPICAL_STREAMS: u64 = 3 << 61;
 
-/// What a network is to make of a frame.
+/// The target image of a network.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Target {
@@ -36,7 +36,7 @@ pub enum Target {
 }
 
 impl Target {
-    /// What becomes of the network's output to make the image.
+    /// A pixel of the image from the network's output.
     pub fn image(&self, output: f32) -> f32 {
         match self {
             Target::Conductance => output,
@@ -45,7 +45,7 @@ impl Target {
     }
 }
 
-/// What is added to a difference before a network sees it, anew at every step.
+/// Noise that is added to a difference, drawn for each step of training.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Noise {
@@ -57,19 +57,20 @@ pub struct Noise {
     pub coat_drift: f32,
     /// How far each contact's resistance drifts: standard deviation over the design's.
     pub contact_drift: f32,
-    /// What the physics of the simulation misses; nothing without it.
+    /// Domain randomization; none without it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub misfit: Option<DomainRandomization>,
 }
 
-/// What the physics of a simulation misses of a real skin, in shares of what a touch changes.
+/// Differences between simulation and real skins, relative to the change by a touch (domain randomization: Tobin et al., 2017,
+/// DOI 10.1109/IROS.2017.8202133).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DomainRandomization {
     /// A touch changes the whole coat too, evenly, as a stretched membrane does: the root mean square of that over the root
     /// mean square of the touch's own change. Uniform between two bounds.
     pub whole: [f32; 2],
-    /// Each channel is louder than it should be by a factor whose logarithm has this standard deviation.
+    /// Each channel's gain is wrong by a factor whose logarithm has this standard deviation.
     pub loudness_sd: f32,
     /// White noise of the inputs, its standard deviation over their root mean square. Uniform between two bounds.
     pub relative: [f32; 2],
@@ -106,12 +107,12 @@ pub struct Samples<'a> {
     amplitude_only: bool,
 }
 
-/// How the samples of a step are disturbed.
+/// Augmentation of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Augmentation {
-    /// Not at all.
+    /// None.
     Nothing,
-    /// By noise that a seed and a step's number tell, moved by a symmetry where there are any.
+    /// By noise and by a symmetry, where there are any, drawn from a seed and the index of the step.
     Step(u64, u64),
 }
 

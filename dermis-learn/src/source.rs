@@ -1,4 +1,4 @@
-//! Where samples come from: files in any order, or a generator that never repeats itself.
+//! Sources of samples: the files of datasets, or a generator.
 
 use crate::LearnError;
 use dermis::forward::ForwardModel;
@@ -24,10 +24,10 @@ pub trait Source: Sync + std::fmt::Debug {
         self.len() == 0
     }
 
-    /// The numbers of an epoch in the order that a seed tells.
+    /// The samples of an epoch in the order of a seed.
     fn order(&self, seed: u64, epoch: u64) -> Vec<usize>;
 
-    /// Sees to it that samples can be read.
+    /// Prepares samples, so that they can be read.
     ///
     /// # Errors
     /// Samples that cannot be made.

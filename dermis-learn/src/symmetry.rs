@@ -1,4 +1,4 @@
-//! Movements that bring a skin to lie on itself: a touch in one place tells of the touches in all places that they lead to.
+//! Symmetries of a skin, by which the touches of samples are moved.
 
 use dermis::design::{Body, SkinDesign};
 use dermis::geom::Point3;
@@ -107,7 +107,7 @@ impl Symmetries {
                 let channel = self.channel_of[drive * count + measure];
                 *step = channel.map_or(0.0, |channel| f64::from(frame[channel]));
             }
-            // The voltages round the ring add up to nothing, which tells the one that is not read.
+            // The voltages round the ring add up to zero, which gives the one that is not measured.
             steps[drive] = -steps.iter().sum::<f64>();
             let mut sum = 0.0;
             for measure in 0..count {

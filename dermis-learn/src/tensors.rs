@@ -38,7 +38,7 @@ pub(crate) fn write(path: &Path, tensors: &[Named<'_>], metadata: HashMap<String
             Precision::Single => Dtype::F32,
             Precision::Half => Dtype::F16,
         };
-        let view = TensorView::new(dtype, tensor.shape.clone(), bytes).expect("as many bytes as the shape says");
+        let view = TensorView::new(dtype, tensor.shape.clone(), bytes).expect("as many bytes as the shape has");
         (tensor.name.clone(), view)
     });
     let metadata = Some(metadata).filter(|metadata| !metadata.is_empty());
@@ -64,7 +64,7 @@ pub(crate) fn values(path: &Path, file: &SafeTensors<'_>, name: &str, shape: &[u
     }
 }
 
-/// Reads a file's header; a cut-off or foreign one is told.
+/// Reads a file's header; a truncated or foreign one is an error.
 pub(crate) fn parse<'a>(path: &Path, bytes: &'a [u8]) -> Result<SafeTensors<'a>, LearnError> {
     SafeTensors::deserialize(bytes)
         .map_err(|error| LearnError::model(path, format!("damaged, cut off or no safetensors file ({error})")))

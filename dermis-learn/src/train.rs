@@ -211,7 +211,7 @@ impl<'a> Trainer<'a> {
         epochs.len() >= self.options.epochs || stands && self.options.schedule == Schedule::Constant
     }
 
-    /// One epoch, then the test. `on_step` is told the mean loss so far after every step.
+    /// One epoch, then the test. `on_step` is called with the mean loss so far after every step.
     ///
     /// # Errors
     /// Samples that cannot be read; a loss that is no longer a number.

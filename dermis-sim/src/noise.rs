@@ -1,4 +1,20 @@
 //! White measurement noise of a frame.
+//!
+//! ```
+//! use dermis::frame::Frame;
+//! use dermis::protocol::Protocol;
+//! use dermis_sim::noise::Noise;
+//! use dermis_sim::random::sample_rng;
+//!
+//! let protocol = Protocol::adjacent(8)?;
+//! let clean = Frame(vec![10.0; protocol.channel_count()]);
+//! let noise = Noise::at_snr_db(40.0, &clean, &protocol, f64::INFINITY)?;
+//! assert!((noise.sd_ohm - 0.1).abs() < 1e-12);
+//! let (_, drive_of) = protocol.drives();
+//! let noisy = noise.apply(&clean, &drive_of, &mut sample_rng(1, 0));
+//! assert!(noisy != clean);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 use crate::elementary::powf;
 use crate::random::standard_normal;
@@ -66,7 +82,7 @@ pub(crate) fn undriven_rms(protocol: &Protocol, values: &[f64]) -> Option<f64> {
     Some(rms(undriven.map(|(value, _)| *value))).filter(|rms| !rms.is_nan())
 }
 
-/// What the noise adds to each reading of a frame, as an equivalent resistance at the drive current, ohm.
+/// The noise of each reading of a frame, as an equivalent resistance at the drive current, ohm.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NoisyReadings {
     /// To the reading of each drive's current across the reference resistor.

@@ -1,8 +1,17 @@
-//! What a touch does to the sheet, and what the electronics' noise does to a frame.
+//! The effect of a touch on the conductance of the sheet.
 //!
-//! The touch here is the paper's training touch: a Gaussian rise of conductance. With the relative change
+//! The model is the paper's training touch: a Gaussian rise of conductance. With the relative change
 //! `g(x) = A exp(-d(x)^2 / (2 w^2))`, where `d` is the distance along the surface, the conductance becomes
 //! `sigma0 (1 + e g)`, and `e` is +1 or -1 as [`TouchEffect::sign`] says. Several touches add up.
+//!
+//! ```
+//! use dermis::geom::Surface;
+//! use dermis_sim::touch::GaussianTouch;
+//!
+//! let touch = GaussianTouch { centre_m: [0.01, 0.0, 0.0], amplitude: 0.5, width_m: 0.008 };
+//! assert_eq!(touch.value(&Surface::Plane, [0.01, 0.0, 0.0]), 0.5);
+//! assert!((touch.value(&Surface::Plane, [0.018, 0.0, 0.0]) - 0.5 * (-0.5f64).exp()).abs() < 1e-12);
+//! ```
 
 use crate::elementary::exp;
 use crate::quadrature::{eighths, quarters, tetrahedron_points, triangle_points};

@@ -99,15 +99,17 @@ impl Arguments {
                 twins: &twins,
             });
         }
+        let advice = twins.iter().find_map(|twin| twin.grid.advice());
         print(&format!(
-            "{} `{}` of {} (seeds {} to {}), {}\n\n{}\n",
+            "{} `{}` of {} (seeds {} to {}), {}\n\n{}\n{}",
             counted(twins.len()),
             options.name,
             skin.design().name,
             self.seed,
             self.seed + self.twins - 1,
             method.description(),
-            metrics::table(&twins).to_text()
+            metrics::table(&twins).to_text(),
+            advice.map(|advice| format!("\nnote: {advice}\n")).unwrap_or_default()
         ))
     }
 

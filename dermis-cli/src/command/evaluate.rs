@@ -160,9 +160,10 @@ fn table(skin: &str, score: &Score) -> String {
     } else {
         "unknown without forces".to_string()
     };
+    let advice = score.advice().map(|advice| format!("  note                {advice}\n")).unwrap_or_default();
     format!(
         "{skin}: {}{alpha}\n  presses             {}, of which {} missed; {} false positives\n  localisation        {}\n  \
-         whole-image (Eq 11) {}\n  sensitivity spread  {spread}\n",
+         whole-image (Eq 11) {}\n  sensitivity spread  {spread}\n{advice}",
         score.method,
         score.presses,
         score.misses,

@@ -48,7 +48,7 @@ impl<F: Fn(usize, f32, f32) -> [f32; 2]> WithSimd for ColumnSums<'_, F> {
     }
 }
 
-/// Changes each value of a matrix, told its column and the value at the same place of another matrix.
+/// Changes each value of a matrix by a function of the value, its column and the value at the same place of another matrix.
 pub fn change_rows(
     values: &mut [f32],
     other: &[f32],

@@ -23,7 +23,7 @@ const COLUMNS: i64 = 3;
 
 impl Model {
     /// The bytes of an ONNX file that makes images of differences as the model does: opset 13, one input `difference_ohm`,
-    /// one output `image`; the card is kept in its metadata as `card`, so that the file tells where it comes from.
+    /// one output `image`; the card is kept in its metadata as `card`.
     pub fn to_onnx(&self) -> Vec<u8> {
         let card = self.card();
         let text = serde_json::to_string(card).expect("a card is JSON");

@@ -1,4 +1,4 @@
-//! Why a dataset cannot be made, read or gone on with.
+//! Errors of datasets.
 
 use std::path::PathBuf;
 use thiserror::Error;
@@ -16,7 +16,7 @@ pub enum DatasetError {
         /// The values it may have.
         must: String,
     },
-    /// A shard that is none.
+    /// A shard whose index is not below the number of shards.
     #[error("shard {index} of {count}: with {count} shards their numbers are 0 to {}", count.saturating_sub(1))]
     Shard {
         /// Its number.
@@ -26,7 +26,7 @@ pub enum DatasetError {
     },
     /// A folder that holds another dataset than the one asked for.
     #[error(
-        "{} holds another dataset: its `{field}` is {there}, not {asked}; go on with what it was begun with, or take \
+        "{} holds another dataset: its `{field}` is {there}, not {asked}; continue it with the settings that it was begun with, or use \
          another folder", path.display()
     )]
     Mismatch {
@@ -51,7 +51,7 @@ pub enum DatasetError {
         /// Its folder.
         folder: PathBuf,
     },
-    /// A file that is not what its name says.
+    /// A file with other contents than its name states, or a damaged one.
     #[error("{}: {message}", path.display())]
     File {
         /// The file.
@@ -98,7 +98,7 @@ pub enum DatasetError {
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         source: std::io::Error,
     },
 }

@@ -27,7 +27,7 @@ pub(super) struct Tensor {
     pub values: Vec<f32>,
 }
 
-/// What a file says of itself.
+/// The metadata in a file's header.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Label {
     /// The dataset's identity: the SHA-256 of its record.
@@ -108,7 +108,7 @@ impl Reader {
     /// Opens a file that should hold tensors of these shapes under this label (whose checksum is not looked at).
     ///
     /// # Errors
-    /// A file that cannot be read, is of another length, or whose header says otherwise.
+    /// A file that cannot be read, is of another length, or with other metadata in its header.
     pub fn open(path: &Path, shapes: &[(&str, Vec<usize>)], expected: &Label) -> Result<Self, DatasetError> {
         let io = |source| DatasetError::Io { path: path.to_path_buf(), source };
         let wrong = |message: &str| DatasetError::File {
@@ -131,10 +131,10 @@ impl Reader {
             return Err(wrong("it belongs to another dataset"));
         }
         if bytes != header(shapes, &Label { sha256: label.sha256.clone(), ..expected.clone() }) {
-            return Err(wrong("it holds other samples than its name says"));
+            return Err(wrong("its samples are not those of its name"));
         }
         if length != file_bytes(shapes, &label) {
-            return Err(wrong("it is damaged: its length is not what its header says"));
+            return Err(wrong("it is damaged: its length is not the one in its header"));
         }
         let whole = Sha256::new().chain_update(start).chain_update(&bytes);
         let header_bytes = 8 + header_length;

@@ -14,7 +14,7 @@ const MANIFEST: &str = "manifest.json";
 /// Files that are read side by side before their sums are added up: what bounds the memory for sums.
 const FILES_AT_ONCE: usize = 64;
 
-/// What a finished dataset is: written once all files are there.
+/// The manifest of a finished dataset, written once all files are complete.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
@@ -61,16 +61,16 @@ pub struct Statistics {
     pub image_sd: f64,
 }
 
-/// What a check of a folder found.
+/// Results of checking a folder.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Checked {
-    /// Files that are as they must be.
+    /// Files without a fault.
     pub good_files: u64,
     /// Files that the dataset has when it is finished.
     pub file_count: u64,
-    /// Whether there is a manifest, and it tells the same.
+    /// Whether there is a manifest that agrees with the files.
     pub finished: bool,
-    /// What is wrong: a message for each bad file.
+    /// A message for each bad file.
     pub problems: Vec<String>,
 }
 
@@ -94,7 +94,7 @@ impl Manifest {
         let bytes = match std::fs::read(&path) {
             Ok(bytes) => bytes,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-                // A folder that holds nothing of a dataset says so itself.
+                // A folder without a dataset has an error of its own.
                 Record::read(folder)?;
                 return Err(DatasetError::Unfinished { folder: folder.to_path_buf() });
             }
@@ -145,7 +145,7 @@ pub fn finish(folder: &Path, on_file: impl Fn() + Sync) -> Result<Manifest, Data
 /// Checks every file that is there to its last bit, and the manifest where there is one.
 ///
 /// # Errors
-/// A folder without a dataset, or with a manifest that cannot be read. Bad files are told in the result.
+/// A folder without a dataset, or with a manifest that cannot be read. Bad files are listed in the result.
 pub fn verify(folder: &Path, on_file: impl Fn() + Sync) -> Result<Checked, DatasetError> {
     let record = Record::read(folder)?;
     let identity = record.identity();

@@ -113,7 +113,7 @@ impl GaussianMaker {
 }
 
 impl GaussianWorker<'_> {
-    /// The samples of the unit that begins at `first`, `count` of them, on the skin that is instance.
+    /// The samples of the unit that begins at `first`, `count` of them, on a skin instance where skins differ.
     pub fn make(
         &mut self,
         first: u64,

@@ -1,4 +1,4 @@
-//! From a number to a sample.
+//! From an index to a sample.
 
 use crate::dataset::gaussian::{GaussianMaker, GaussianWorker};
 use crate::dataset::places::Places;
@@ -39,7 +39,7 @@ enum Kind {
 pub struct Worker<'a> {
     generator: &'a Generator,
     instance: Option<SkinInstance>,
-    hand: SampleMaker<'a>,
+    maker: SampleMaker<'a>,
 }
 
 #[derive(Debug)]
@@ -88,11 +88,11 @@ impl Generator {
 
     /// Memory to make samples with; each thread has its own.
     pub fn worker(&self) -> Worker<'_> {
-        let hand = match &self.kind {
+        let maker = match &self.kind {
             Kind::Gaussian(maker) => SampleMaker::Gaussian(Box::new(maker.worker(&self.forward, self.skins.as_ref()))),
             Kind::Pressed(maker) => SampleMaker::Pressed(Box::new(maker.worker())),
         };
-        Worker { generator: self, instance: None, hand }
+        Worker { generator: self, instance: None, maker }
     }
 
     /// What the samples are drawn from.
@@ -172,7 +172,7 @@ impl Worker<'_> {
                 None => self.instance = Some(SkinInstance::new(maker, first)?),
             }
         }
-        match &mut self.hand {
+        match &mut self.maker {
             SampleMaker::Gaussian(worker) => worker.make(first, count, self.instance.as_ref(), rows)?,
             SampleMaker::Pressed(worker) => worker.make(first, count, self.instance.as_ref(), rows)?,
         }

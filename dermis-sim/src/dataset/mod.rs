@@ -1,11 +1,22 @@
-//! A million samples for training: drawn from a seed, solved in batches, written to files that survive a crash.
+//! Datasets for training: samples drawn from a seed, solved in batches, and written to files that survive a crash.
 //!
-//! A [`Recipe`] says what samples are drawn from; a [`Generator`] makes sample `i` from `(seed, i)` alone, so that the same
+//! A [`Recipe`] holds the distributions that samples are drawn from; a [`Generator`] makes sample `i` from `(seed, i)` alone, so that the same
 //! bytes come out for any number of threads and any split into [`Shard`]s on one instruction set. [`Run`] puts them into
 //! files of 8,192, each whole or not there; [`finish`] reads them back, checks them and writes the [`Manifest`].
 //! [`Generator::stream`] gives the same samples without a disk.
 //!
-//! `docs/datasets.md` tells how to read the files without this library.
+//! `docs/datasets.md` describes the files, to read them without this library.
+//!
+//! ```
+//! use dermis::design::TouchEffect;
+//! use dermis_sim::dataset::{GaussianTouches, Recipe, Skins, Touch};
+//!
+//! let touch = Touch::Gaussian(GaussianTouches::for_effect(TouchEffect::ConductanceRises));
+//! let recipe = Recipe { seed: 1, samples: 8192, touch, skins: Skins::Even };
+//! recipe.check(TouchEffect::ConductanceRises)?;
+//! assert!(Recipe { samples: 0, ..recipe }.check(TouchEffect::ConductanceRises).is_err());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod error;
 mod file;

@@ -64,7 +64,7 @@ impl PressMaker {
             )?)),
             Skins::Random(spread) => OnSkins::Many(spread.clone()),
         };
-        // The hardest press that may be drawn, in a place that may be: what it asks for is refused now and not on the way.
+        // The hardest press that can be drawn, so that foam too thin for it is refused before any sample is made.
         let hardest = Press {
             centre_m: places.draw(&mut sample_rng(recipe.seed, 0)),
             force_n: options.force_n[1],
@@ -148,7 +148,7 @@ impl PressMaker {
 const PATCH_STREAM: u64 = 1;
 
 impl PressWorker<'_> {
-    /// The samples of the unit that begins at `first`, `count` of them, on the skin that is instance.
+    /// The samples of the unit that begins at `first`, `count` of them, on a skin instance where skins differ.
     pub fn make(
         &mut self,
         first: u64,
@@ -183,7 +183,7 @@ impl PressWorker<'_> {
                     self.write(row, presses, rows)?;
                 }
             }
-            (OnSkins::Many(_), None) => unreachable!("random skins are instance"),
+            (OnSkins::Many(_), None) => unreachable!("random skins come with an instance"),
         }
         Ok(())
     }

@@ -131,7 +131,7 @@ impl CellRaster {
         Ok(())
     }
 
-    /// Moves the points of some cells with their nodes, to where they are on another making of the skin. `original` is the
+    /// Moves the points of some cells with their nodes, to their places on another skin of the design. `original` is the
     /// raster of the mesh as it was made, `shifts_m` how far each node lies from its place there (round, along; or x, y).
     ///
     /// Points move by the mean of their corners' shifts, weighted by how near these are. Only blocks with one of the cells

@@ -39,8 +39,8 @@ enum Values {
 const NAMES: [&str; 4] = [REST, FRAMES, IMAGES, TOUCHES];
 
 impl Dataset {
-    /// Opens the dataset of a folder, the header of every file checked. Whether values are damaged is what
-    /// [`verify`](crate::dataset::verify) tells.
+    /// Opens the dataset of a folder, the header of every file checked. Damaged values are found by
+    /// [`verify`](crate::dataset::verify).
     ///
     /// # Errors
     /// A folder without a manifest; a file that is missing, cut off or of another dataset.

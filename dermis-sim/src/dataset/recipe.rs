@@ -1,4 +1,4 @@
-//! What a dataset is made of: the distributions from which its samples are drawn.
+//! The distributions from which the samples of a dataset are drawn.
 
 use crate::dataset::DatasetError;
 use crate::twin::{CoatOptions, ElectrodeOptions, PatchOptions, TouchOptions, TwinOptions};
@@ -9,7 +9,7 @@ use std::path::Path;
 /// Most touches that a sample may have: more than fingers of two hands are a typing error.
 const MOST_TOUCHES: usize = 16;
 
-/// Everything that decides what the samples are, beside the design and its mesh.
+/// Everything that determines the samples, besides the design and its mesh.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Recipe {

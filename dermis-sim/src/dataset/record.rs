@@ -1,4 +1,4 @@
-//! What a dataset is, as its folder says: the record written when it is begun.
+//! The record of a dataset, written into its folder when it is begun.
 
 use crate::dataset::error::DatasetError;
 use crate::dataset::file::{Label, Tensor, hex};
@@ -17,8 +17,8 @@ pub const SAMPLES_PER_FILE: u64 = 8192;
 /// The version of what stands in a dataset's files; another one is not read.
 const FORMAT: &str = "dermis dataset 2";
 
-/// Everything that decides which bytes a dataset holds. It is written as `run.json` when a dataset is begun; whoever goes
-/// on with it must have the same.
+/// Everything that determines the bytes of a dataset. It is written as `run.json` when a dataset is begun; a run that continues
+/// the dataset must have the same record.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Record {

@@ -1,4 +1,4 @@
-//! Making the files of a dataset: several processes at once, killed at any moment, gone on with.
+//! Generation of the files of a dataset, by several processes that may be killed and continued.
 
 use crate::dataset::DatasetError;
 use crate::dataset::file::{self, Reader, Tensor};
@@ -109,7 +109,7 @@ impl<'a> Run<'a> {
             found_files: 0,
             missing_samples: 0,
         };
-        run.look_round()?;
+        run.scan_folder()?;
         let missing = u128::from(whole - run.found_files);
         check_space(folder, missing * bytes_of_a_file(record, &run.identity))?;
         Ok(run)
@@ -123,7 +123,7 @@ impl<'a> Run<'a> {
     /// Makes what is missing, in the current thread pool. `on_samples` is called from several threads with the number of
     /// samples that have been made since.
     ///
-    /// A file that another process is making is left to it; that is told as an error when the others are made.
+    /// A file that another process is making is left to that process, and reported as an error when the others are made.
     ///
     /// # Errors
     /// A full disk, files that another process is making, a forward problem without a solution.
@@ -170,7 +170,7 @@ impl<'a> Run<'a> {
             }
             let tensors = self.fill(file, workers, on_samples)?;
             if sender.send((claim, tensors)).is_err() {
-                // The writer has stopped; it knows why.
+                // The writer has stopped with an error of its own.
                 return Ok(());
             }
             report.made_files += 1;
@@ -219,8 +219,8 @@ impl<'a> Run<'a> {
         Ok(tensors)
     }
 
-    /// Counts what is there and refuses what does not belong there.
-    fn look_round(&mut self) -> Result<(), DatasetError> {
+    /// Counts the files of the dataset that exist, and refuses foreign ones.
+    fn scan_folder(&mut self) -> Result<(), DatasetError> {
         for file in self.shard.files(self.record.file_count()) {
             let path = self.path(file);
             if path.exists() {
@@ -247,7 +247,7 @@ impl<'a> Run<'a> {
         Ok(lock(&self.lock_path(file))?.map(|lock| Claim { file, lock }))
     }
 
-    /// Gives a file up whose final form is in place: nobody needs its lock any more.
+    /// Releases the lock of a finished file.
     fn release(&self, claim: Claim) {
         // What cannot be removed is removed by the next run or by `--finish`.
         let _ = std::fs::remove_file(self.lock_path(claim.file));
@@ -322,7 +322,7 @@ fn claim_folder(folder: &Path, record: &Record) -> Result<(), DatasetError> {
     write_durable(folder, "run.json", &record.to_bytes())
 }
 
-/// Refuses a folder with files that bear our names but no record that tells whose they are.
+/// Refuses a folder that holds files of samples but no record.
 fn refuse_strays(folder: &Path, record: &Record) -> Result<(), DatasetError> {
     for name in [file_name(0), file_name(record.file_count() - 1)] {
         let path = folder.join(name);
@@ -371,7 +371,7 @@ fn check_space(folder: &Path, needed_bytes: u128) -> Result<(), DatasetError> {
     Err(DatasetError::Space { folder: folder.to_path_buf(), available_bytes, needed_bytes })
 }
 
-/// The nearest folder above that exists, which tells the disk.
+/// The nearest existing folder above, which lies on the same disk.
 fn existing_ancestor(folder: &Path) -> PathBuf {
     let found = folder.ancestors().find(|path| !path.as_os_str().is_empty() && path.exists());
     found.map_or_else(|| PathBuf::from("."), Path::to_path_buf)

@@ -1,4 +1,4 @@
-//! Skins that came out differently: one for every sixteen samples.
+//! Random skins of one design: one for every sixteen samples.
 
 use crate::dataset::DatasetError;
 use crate::dataset::generator::UNIT;

@@ -1,4 +1,4 @@
-//! Images that a network should make: the mean of each pixel's relative change of conductance.
+//! Target images of networks: the mean of each pixel's relative change of conductance.
 
 use crate::elementary::{atan2, erf};
 use crate::touch::GaussianTouch;

@@ -1,4 +1,4 @@
-//! Where a flat skin lies in a robot's frame.
+//! Registration of a flat skin with a robot's frame.
 
 use crate::evaluate::EvaluateError;
 use dermis::geom::Point2;

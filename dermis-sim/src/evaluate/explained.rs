@@ -1,6 +1,6 @@
-//! How much of what images should show they do show.
+//! The part of the variance of target images that a method's images explain.
 
-/// Images against what they should show, with one best-fit gain for all.
+/// Fit of images to their targets, with one gain for all.
 ///
 /// With `x` the pixels of all images and `t` those of all targets, the gain is `g = sum x t / sum x^2`, and the unexplained
 /// part of the variance `sum (g x - t)^2 / sum (t - mean t)^2`: 1 - R^2. A network that was trained to make targets has a

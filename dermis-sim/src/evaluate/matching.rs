@@ -1,4 +1,4 @@
-//! Which estimate belongs to which touch.
+//! Assignment of contacts to true touches.
 
 use dermis::contact::Contact;
 use dermis::detect::GATE_M;
@@ -17,7 +17,7 @@ pub struct Match {
 }
 
 /// Matches contacts and touches one to one by the smallest total distance along the surface; then a pair farther apart
-/// than the [gate](GATE_M) is a miss and a false_positive.
+/// than the [gate](GATE_M) counts as a miss and a false positive.
 pub fn match_contacts(touches: &[Contact], contacts: &[Contact], surface: &Surface) -> Match {
     let distance =
         |touch: usize, contact: usize| surface.distance_m(touches[touch].position_m, contacts[contact].position_m);

@@ -2,6 +2,17 @@
 //!
 //! Truth and estimate are matched one to one by the smallest total distance along the surface; a pair farther apart
 //! than the [gate](dermis::detect::GATE_M) is a miss and a false positive. See `docs/conventions.md`.
+//!
+//! ```
+//! use dermis::contact::Contact;
+//! use dermis::geom::Surface;
+//! use dermis_sim::evaluate::match_contacts;
+//!
+//! let at = |x_m: f64| Contact::truth([x_m, 0.0, 0.0], [0.0, 0.0, 1.0], 1.0);
+//! let matched = match_contacts(&[at(0.0), at(0.1)], &[at(0.003), at(0.5)], &Surface::Plane);
+//! assert_eq!((matched.pairs[0].0, matched.pairs[0].1), (0, 0));
+//! assert_eq!((matched.missed, matched.false_positives), (vec![1], vec![1]));
+//! ```
 
 mod align;
 mod benchmark;

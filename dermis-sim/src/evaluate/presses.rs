@@ -1,4 +1,4 @@
-//! Real presses whose places are known in a robot's frame only.
+//! Scores of real presses whose places are known only in a robot's frame.
 
 use crate::evaluate::EvaluateError;
 use crate::evaluate::align::{Alignment, distance};
@@ -33,7 +33,7 @@ pub struct AlignOptions {
     pub detector: Detector,
     /// Which way a touch turns the conductance.
     pub touch: TouchEffect,
-    /// Channels that are known to be broken, whatever their twins say.
+    /// Channels that are known to be broken, whatever the screening finds.
     pub left_out: Vec<usize>,
     /// Rules of which other channels to leave out, to choose from.
     pub screens: Vec<Screen>,
@@ -42,9 +42,9 @@ pub struct AlignOptions {
 /// A rule of which channels to leave out, without labels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Screen {
-    /// Those that disagree with their twins.
+    /// Those that disagree with their reciprocal channels.
     Disagreeing,
-    /// Those that the instrument is [polarity_blind](Screening::polarity_blind) to.
+    /// Those whose polarity the instrument cannot measure ([`Screening::polarity_blind`]).
     PolarityBlind,
 }
 
@@ -259,7 +259,7 @@ impl Candidate {
     fn new(method: &dyn Reconstruct, differences: &[Frame], detector: &Detector) -> Result<Self, crate::Error> {
         let found = |difference: &Frame| -> crate::Result<(Vec<Contact>, Point2)> {
             let image: Image = method.reconstruct(difference)?;
-            // An image without a positive value tells nothing: the middle of the skin is the best guess.
+            // Without a positive value in the image, the middle of the skin is the best estimate.
             let [x, y, _] = whole_image_centroid(&image).unwrap_or_default();
             Ok((detector.detect(&image), [x, y]))
         };

@@ -9,7 +9,7 @@ use dermis::image::Image;
 use dermis::stats::{Summary, mean_and_sd};
 use serde::Serialize;
 
-/// How well a method did in an experiment; serialises to the JSON that `dermis evaluate --json` prints.
+/// Scores of a method in an experiment; serialises to the JSON that `dermis evaluate --json` prints.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Score {
     /// Number of true touches.
@@ -31,7 +31,19 @@ pub struct Score {
     pub alpha: Option<f64>,
 }
 
-/// Scores images against what truly touched the skin in their frames.
+impl Score {
+    /// What to do where no contact was found in any frame; `None` where some were. A network that was hardly trained is such a
+    /// method: its images never exceed the threshold that follows from its own noise.
+    pub fn advice(&self) -> Option<&'static str> {
+        let found_none = self.presses > 0 && self.misses == self.presses && self.false_positives == 0;
+        found_none.then_some(
+            "no contact was found in any frame: the images never exceed the detection threshold, which follows from their noise; \
+             train a network longer (more samples or epochs), or press harder",
+        )
+    }
+}
+
+/// Scores images against the true touches of their frames.
 ///
 /// # Errors
 /// Not as many images as frames of the truth.
@@ -88,7 +100,7 @@ fn spread(values: &[f64]) -> f64 {
     sd / mean
 }
 
-/// Whether two touches were told apart: exactly two contacts, each within 10 mm of its touch and within a third of the
+/// Whether two touches were resolved: exactly two contacts, each within 10 mm of its touch and within a third of the
 /// touches' distance from each other.
 pub fn resolves_two(touches: &[Contact; 2], contacts: &[Contact], surface: &Surface) -> bool {
     const NEAR_M: f64 = 0.01;

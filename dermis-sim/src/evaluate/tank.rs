@@ -1,4 +1,4 @@
-//! Objects in a tank, named by the electrode at which they stand.
+//! Objects in a round tank, each at an electrode.
 
 use dermis::detect::{DetectOptions, Detector};
 use dermis::geom::Point3;

@@ -100,3 +100,15 @@ fn two_touches_are_resolved_by_two_near_contacts_alone() {
     // 11 mm is too far, however far apart the touches are.
     assert!(!resolves_two(&[at(0.1), at(0.2)], &[at(0.1), at(0.211)], &surface));
 }
+
+#[test]
+fn a_method_that_finds_nothing_at_all_gets_advice() {
+    let space = cylinder_space();
+    let truth = vec![vec![touch(&space.surface, 0.1, 1.0, 2.0)]];
+    let place = truth[0][0].position_m;
+    let scored = |height: f64| {
+        score(&[bumps(&space, &[(place, height, 0.01)])], &truth, &Detector::default(), "a method", None).unwrap()
+    };
+    assert!(scored(0.0).advice().is_some_and(|advice| advice.contains("train a network longer")));
+    assert_eq!(scored(1.0).advice(), None);
+}

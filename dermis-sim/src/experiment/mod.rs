@@ -2,6 +2,16 @@
 //!
 //! Frames follow each other in one time line, that of the [`Twin`]: untouched ones first, whose mean is the baseline, then
 //! one for every press, a press's interval apart and never averaged.
+//!
+//! ```
+//! use dermis::geom::Surface;
+//! use dermis_sim::experiment::truth;
+//! use dermis_sim::twin::Press;
+//!
+//! let press = Press { centre_m: [0.01, 0.02, 0.0], force_n: 2.0, tip_radius_m: 0.005 };
+//! let contacts = truth(&Surface::Plane, &[press]);
+//! assert_eq!((contacts[0].position_m, contacts[0].force_n), ([0.01, 0.02, 0.0], 2.0));
+//! ```
 
 mod paper;
 mod presses;
@@ -18,7 +28,7 @@ use rayon::prelude::*;
 /// Untouched frames before the first press.
 pub const UNTOUCHED_FRAMES: u64 = 100;
 
-/// What an experiment recorded.
+/// The frames of an experiment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recording {
     /// The untouched frames before the first press, ohm.

@@ -1,4 +1,4 @@
-//! Where and how hard an experiment presses.
+//! The presses of experiments: places and forces.
 
 use crate::elementary::{ln, sin_cos};
 use crate::random::sample_rng;
@@ -15,7 +15,7 @@ use std::f64::consts::TAU;
 /// Each set of presses has random streams of its own, from its number and one times this on: the first ones are those of
 /// the frames' noise.
 const STREAMS_PER_SET: u64 = 1 << 32;
-/// How often places are drawn again that do not fit together before it is given up.
+/// Most draws of places that must fit together.
 const MOST_DRAWS: usize = 10_000;
 
 /// Presses of one kind, a list for each frame.
@@ -128,7 +128,7 @@ impl<'a> Presses<'a> {
         Press { centre_m, force_n, tip_radius_m: self.options.tip_radius_m }
     }
 
-    /// A place drawn evenly by area.
+    /// A place, uniform by area.
     fn place(&self, rng: &mut impl Rng) -> Point3 {
         if let Surface::Cylinder { radius_m, length_m } = self.surface {
             let (z_m, theta) = (rng.random::<f64>() * length_m, rng.random::<f64>() * TAU);

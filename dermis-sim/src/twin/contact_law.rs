@@ -1,4 +1,4 @@
-//! How well a patch touches the coat under a pressure.
+//! Contact conductance between a patch and the coat as a function of the pressure.
 
 use super::TwinError;
 use super::error::{check_between, check_positive};

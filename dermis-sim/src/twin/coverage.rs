@@ -1,4 +1,4 @@
-//! What of the sheet each patch covers: the moments of the potential below it.
+//! The part of the sheet below each patch, and the moments of the potential there.
 
 use super::TwinError;
 use super::patches::PatchGrid;

@@ -1,4 +1,4 @@
-//! What is wrong with a twin, and how to mend it.
+//! Errors of digital twins.
 
 use dermis::geom::Point3;
 use thiserror::Error;
@@ -15,7 +15,7 @@ pub enum TwinError {
         value: f64,
         /// The values it may have.
         must: String,
-        /// How to mend it.
+        /// The fix.
         fix: String,
     },
     /// Patches that do not fit on the body.

@@ -1,4 +1,4 @@
-//! Faults, each asked for by name.
+//! Faults of a skin.
 
 use super::TwinError;
 use crate::elementary::atan2;
@@ -10,7 +10,7 @@ use dermis::mesh::{Cells, Mesh};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What is broken. Nothing is, unless it is named here.
+/// Faults of a skin; none by default.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FaultOptions {
@@ -47,7 +47,7 @@ const TORN_OHM: f64 = 1e8;
 const CUT_SHARE: f64 = 1e-6;
 
 impl FaultOptions {
-    /// Whether nothing is broken.
+    /// Whether there is no fault.
     pub fn none(&self) -> bool {
         let lists = [&self.dead_electrodes, &self.loose_electrodes, &self.torn_wires];
         lists.iter().all(|list| list.is_empty()) && self.cuts.is_empty()

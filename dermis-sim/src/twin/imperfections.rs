@@ -1,4 +1,4 @@
-//! What no two skins have in common: an uneven coat, electrodes beside their places, contacts of their own, drift.
+//! Differences between skins of one design: uneven coats, displaced electrodes, contact impedances, drift.
 
 use super::TwinError;
 use super::electronics::{not_negative, out_of_range, positive};
@@ -13,7 +13,7 @@ use dermis::mesh::Mesh;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Random streams of what a skin is born with; frames have the streams of their numbers, the instrument the last one.
+/// Random streams of a skin's imperfections; frames have the streams of their indices, the instrument the last one.
 const COAT_STREAM: u64 = u64::MAX - 1;
 const PLACE_STREAM: u64 = u64::MAX - 2;
 const CONTACT_STREAM: u64 = u64::MAX - 3;
@@ -52,7 +52,7 @@ pub struct DriftOptions {
     pub time_constant_s: f64,
 }
 
-/// How warm the skin is.
+/// Temperature of the skin.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TemperatureOptions {
@@ -194,7 +194,7 @@ impl Drift {
         }
         let grown = self.options.map_or(0.0, |drift| -exp_m1(-time_s / drift.time_constant_s));
         let warmth = self.temperature.map_or(0.0, |t| t.coefficient_per_k * (t.change_k + t.rate_k_per_s * time_s));
-        // No conductance is less than nothing, however far a linear law is carried.
+        // A linear law can fall below zero; a conductance cannot.
         let factor = ((1.0 + self.conductance * grown) * (1.0 + warmth)).max(1e-3);
         let series: Vec<f64> = self.contact_ohm.iter().map(|ohm| ohm * grown).collect();
         network.scaled(factor).with_series(&series)

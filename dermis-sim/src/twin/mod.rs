@@ -1,9 +1,22 @@
-//! A twin of the skin: touches and electronics that behave like the real ones.
+//! Digital twins: simulated skins with realistic touches, imperfections and electronics.
 //!
 //! The paper's skin is a conductive coat under a grid of highly conductive fabric patches and a layer of foam. A press
 //! spreads through the foam and joins some patches to the coat; current then takes the way through the patch, which is
 //! one equipotential whose net current is zero. From this follow what the Gaussian touches of [`touch`](crate::touch)
 //! do not show: steps of a patch's size, saturation, and touches that do not add up.
+//!
+//! ```
+//! use dermis::design::SkinDesign;
+//! use dermis_sim::twin::{Press, Twin, TwinOptions};
+//!
+//! let design = SkinDesign::load("skin16")?;
+//! let mut options = TwinOptions::load("ideal")?.made_of(&design);
+//! options.mesh_scale = 2.0;
+//! let twin = Twin::new(&design, &options, 1)?;
+//! let press = Press { centre_m: [0.01, 0.0, 0.0], force_n: 1.0, tip_radius_m: 0.005 };
+//! assert!(twin.frame(&[press], 0)? != twin.frame(&[], 0)?);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod contact_law;
 mod coverage;

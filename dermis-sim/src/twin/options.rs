@@ -1,4 +1,4 @@
-//! What a twin is, as its file states it.
+//! Options of a digital twin, as in its file.
 
 use super::electronics::{ElectronicsOptions, out_of_range, positive};
 use super::faults::FaultOptions;
@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::sync::Arc;
 
-/// A twin: how it is touched, what is wrong with its skin, and the instrument that reads it. Units are SI, as the names
-/// say. Optional tables that are left out have no error.
+/// A digital twin: the effect of a press, the imperfections and faults of the skin, and the instrument. Units are SI, as in the
+/// names. An imperfection whose table is left out is absent.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(title = "Dermis twin")]
@@ -21,7 +21,7 @@ pub struct TwinOptions {
     pub name: String,
     /// Edges of the twin's mesh over those of the design's, which reconstructs.
     pub mesh_scale: f64,
-    /// What a press does to the skin.
+    /// Effect of a press on the skin.
     pub touch: TouchOptions,
     /// The presses of an experiment.
     pub press: PressOptions,
@@ -31,9 +31,9 @@ pub struct TwinOptions {
     pub electrodes: ElectrodeOptions,
     /// What changes while frames are taken.
     pub drift: Option<DriftOptions>,
-    /// How warm the skin is.
+    /// Temperature of the skin.
     pub temperature: Option<TemperatureOptions>,
-    /// What is broken.
+    /// Faults of the skin.
     #[serde(default)]
     pub faults: FaultOptions,
     /// The instrument.
@@ -50,7 +50,7 @@ pub(super) struct Source {
     text: String,
 }
 
-/// What a press does to the skin.
+/// Effect of a press on the skin.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum TouchOptions {
@@ -117,10 +117,10 @@ impl TwinOptions {
         shipped::text(name)
     }
 
-    /// A twin from the text of its TOML file; `name` is told in errors.
+    /// A twin from the text of its TOML file; errors name the file `name`.
     ///
     /// # Errors
-    /// A text that is not TOML; unknown, missing or mistyped keys; values that no twin has. The error knows the line.
+    /// A text that is not TOML; unknown, missing or mistyped keys; values that no twin has. The error names the line.
     pub fn parse(text: &str, name: &str) -> Result<Self, DesignError> {
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         let source = Source { name: name.to_string(), text: text.to_string() };
@@ -158,7 +158,7 @@ impl TwinOptions {
     /// This twin as it can be made of a design: fabric patches need a body with rows and columns and raise the coat's
     /// conductance. On any other body, and on a skin whose conductance falls where it is touched (a membrane that is
     /// stretched), a press is a Gaussian change of 8 mm instead: a rise of 0.5 a newton as in `ideal`, or a fall of 0.1 a
-    /// newton, of which 5 N leave half of the conductance. The name then says so.
+    /// newton, of which 5 N leave half of the conductance. The name of the twin then ends in `without patches`.
     #[must_use]
     pub fn made_of(mut self, design: &SkinDesign) -> Self {
         let charted = !matches!(design.body, Body::Mesh { .. });

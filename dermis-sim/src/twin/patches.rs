@@ -39,7 +39,7 @@ pub struct PatchOptions {
     pub pitch_m: Option<[f64; 2]>,
     /// The foam between a tip and the patches.
     pub foam: Foam,
-    /// How well a patch touches the coat under a pressure.
+    /// Contact conductance between patch and coat.
     pub contact: ContactLaw,
 }
 

@@ -1,4 +1,4 @@
-//! The twins that are shipped.
+//! Shipped twins.
 
 /// Their names.
 pub(super) const NAMES: [&str; 3] = ["ideal", "lab", "harsh"];

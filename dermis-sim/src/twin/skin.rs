@@ -1,4 +1,4 @@
-//! One twin: a skin drawn from a seed, touched and read.
+//! One digital twin: a skin drawn from a seed, its presses and its frames.
 
 use super::electronics::{Electronics, ElectronicsReport, Readings, not_negative};
 use super::imperfections::Drift;
@@ -12,7 +12,7 @@ use dermis::mesh::Mesh;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
-/// A skin as it came out, with the instrument that reads it: drawn from a seed once, and the same for ever after.
+/// A manufactured skin and its instrument, drawn from a seed; it does not change afterwards.
 ///
 /// Frames may be taken from several threads at once.
 #[derive(Debug)]
@@ -83,7 +83,7 @@ impl Twin {
         let unevenness = options.coat.draw(surface, &mesh, seed)?;
         coat.iter_mut().zip(unevenness).for_each(|(value, factor)| *value *= factor);
 
-        // The noise is stated of a skin that works; only the frames are those of a broken one.
+        // The noise is defined on the skin without faults; only the frames are those of the skin with faults.
         let sound = Skin::new(&drawn, &mesh, &coat, options)?;
         let sound_network = sound.network(&[], &mut ContactHistory::default())?;
         let electronics = Electronics::new(&options.electronics, &drawn.protocol, &sound_network, seed)?;
@@ -131,7 +131,7 @@ impl Twin {
         self.seed
     }
 
-    /// The design as it came out: electrodes where they lie, contacts as they are, and the twin's own mesh options.
+    /// The design as manufactured: displaced electrodes, their contact impedances, and the mesh options of the twin.
     pub fn design(&self) -> &SkinDesign {
         &self.design
     }

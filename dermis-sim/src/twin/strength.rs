@@ -12,7 +12,7 @@
 ///
 /// `pi a^4 c / (4 s)` for a weak contact, twice the disk's area for a perfect one.
 ///
-/// Here the contact is told by its whole conductance `G = integral of c` (S) and its second moment about its own centre
+/// Here the contact is described by its whole conductance `G = integral of c` (S) and its second moment about its own centre
 /// `m = integral of c |r - centre|^2` (S m2): it is taken for the even disk of the same two, `a^2 = 2 m / G` and
 /// `x^2 = G / (pi s)`, which is exact for weak contacts of any shape.
 pub(super) fn of_contact(conductance_s: f64, moment_s_m2: f64, sheet_s: f64) -> f64 {

@@ -1,4 +1,4 @@
-//! Whether positions are as sure as their contacts say.
+//! Coverage of the 95 % regions of positions.
 
 use crate::evaluate::match_contacts;
 use dermis::contact::Contact;

@@ -1,4 +1,4 @@
-//! Where localisation is hardest: at the rims and at the seam.
+//! Localisation at the rims and at the seam, where errors are largest.
 
 use crate::evaluate::match_contacts;
 use dermis::contact::Contact;
@@ -20,7 +20,7 @@ pub(super) fn is_at_edge(body: &Body, place: Point3) -> bool {
     at_seam || body.edge_distance_m(place).is_some_and(|distance_m| distance_m <= RIM_M)
 }
 
-/// Distances of contacts from their touches in frames of which some touch lies where `counts` says, m.
+/// Distances of contacts from their touches in frames with a touch at a place for which `counts` holds, m.
 pub(super) fn distances_m<'a>(
     surface: &Surface,
     frames: impl Iterator<Item = (&'a Vec<Contact>, &'a Vec<Contact>)>,

@@ -1,4 +1,4 @@
-//! What the height of a peak tells of the force.
+//! How the height of an image's peak depends on the force.
 
 use crate::experiment::{PressSet, Recording, record};
 use crate::twin::{Press, Twin};
@@ -38,7 +38,7 @@ impl ForceScore {
     }
 }
 
-/// Presses some places with all forces, from the twin's frame `first_index` on, and looks at the peaks.
+/// Presses each place with every force, from the twin's frame `first_index` on, and evaluates the peaks.
 pub(super) fn at_fixed_places(
     twin: &Twin,
     method: &dyn Reconstruct,

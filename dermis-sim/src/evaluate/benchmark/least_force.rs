@@ -1,4 +1,4 @@
-//! The smallest force that a method finds, at a rate of false contacts that a robot can live with.
+//! The smallest force that a method detects at a fixed rate of false contacts.
 
 use crate::experiment::UNTOUCHED_FRAMES;
 use crate::twin::{Press, Twin};

@@ -1,4 +1,4 @@
-//! A method on a twin: the paper's experiment scored, and the smallest force that is found.
+//! Benchmark of a method on a digital twin: scores of the paper's experiment, and the smallest force that is detected.
 
 mod coverage;
 mod edges;
@@ -33,7 +33,7 @@ use serde::Serialize;
 /// The random stream of the electrodes that are dead, beside those of the twin.
 const DEAD_STREAM: u64 = (1 << 61) + 1;
 
-/// How large an result is.
+/// The extent of a benchmark.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BenchmarkOptions {
     /// The experiment.
@@ -67,9 +67,9 @@ pub struct BenchmarkResult {
     pub single_m: Summary,
     /// Localisation within 20 mm of an end or 15 mm of the seam, both sets together, m.
     pub rim_and_seam_m: Summary,
-    /// How far the stated standard deviations of positions are right.
+    /// Coverage of the stated standard deviations of positions.
     pub covered: Covered,
-    /// What peaks tell of forces.
+    /// How peaks depend on forces.
     pub force: ForceScore,
     /// For each distance of two touches: the distance (m) and the part that was resolved.
     pub two_resolved: Vec<(f64, f64)>,
@@ -95,14 +95,14 @@ pub struct FourScore {
     pub localisation_m: Summary,
     /// Touches that were missed, of four a frame.
     pub misses: usize,
-    /// Contacts where nothing touched.
+    /// Contacts without a touch.
     pub false_positives: usize,
 }
 
-/// A method, the skin that it reconstructs, and the twin's file: what results share.
+/// A method, the skin that it reconstructs, and the options of the twins: what all runs share.
 #[derive(Clone, Copy)]
 pub struct Benchmark<'a> {
-    /// The skin as designed; the method knows no other.
+    /// The skin as designed, for which the method was made.
     pub design: &'a SkinDesign,
     /// Its mesh, to draw places from.
     pub mesh: &'a Mesh,
@@ -117,7 +117,7 @@ pub struct Benchmark<'a> {
 }
 
 impl Benchmark<'_> {
-    /// Draws a twin from a seed and assesses the method on it. `on_step` is called with the number of frames done since the
+    /// Draws a twin from a seed and scores the method on it. `on_step` is called with the number of frames done since the
     /// last call, from several threads.
     ///
     /// # Errors
@@ -136,8 +136,8 @@ impl Benchmark<'_> {
             return self.scored(seed, options, &experiment, &recordings, on_step);
         }
         let model = Linearised::new(&ForwardModel::new(self.design, self.mesh)?, self.pixels)?;
-        let heard = WithoutChannels::new(self.method, &model, broken)?;
-        Benchmark { method: &heard, ..*self }.scored(seed, options, &experiment, &recordings, on_step)
+        let working = WithoutChannels::new(self.method, &model, broken)?;
+        Benchmark { method: &working, ..*self }.scored(seed, options, &experiment, &recordings, on_step)
     }
 
     /// What the method makes of an experiment that was recorded.

@@ -1,4 +1,4 @@
-//! The instrument: from the network between the electrodes to a frame as it is delivered.
+//! The instrument: from the network between the electrodes to the readings of a frame.
 //!
 //! A constant voltage drives each pair of electrodes through a reference resistor and two multiplexers; two more join the
 //! amplifier's inputs to the electrodes. A frame is a list of slots: for each drive one that reads its current across the
@@ -30,8 +30,7 @@ use rand::RngExt;
 use settling::{Joined, MINUS, PLUS, SOURCE, Slot, Source};
 use std::f64::consts::TAU;
 
-/// The random stream of what the instrument is born with: its multiplexers and the phase of the hum. Frames have the
-/// streams of their numbers.
+/// The random stream of the instrument's multiplexers and of the phase of the hum. Frames have the streams of their indices.
 const BIRTH_STREAM: u64 = u64::MAX;
 
 /// One instrument: its multiplexers drawn, its noise calibrated on the untouched skin.
@@ -62,7 +61,7 @@ struct Drive {
 /// Index of the ground's multiplexer; the others are in the order of the lines.
 const GROUND: usize = 3;
 
-/// The readings of a frame at the amplifier's input, as the converter tells them.
+/// The readings of a frame at the amplifier's input, after conversion.
 #[derive(Debug, Clone)]
 pub struct Readings {
     /// Of its values, in their order; V.
@@ -178,8 +177,8 @@ impl Electronics {
         readings
     }
 
-    /// The readings over the currents read. A current of zero (a torn wire under a coarse converter) counts as the least
-    /// that the converter tells from it, so that the values are large but finite.
+    /// The readings over the currents read. A current of zero (a torn wire with a coarse converter) counts as half a step of the
+    /// converter, so that the values are large but finite.
     pub fn values(&self, readings: &Readings) -> Frame {
         let least_v = self.options.adc.map_or(f64::MIN_POSITIVE, |adc| 0.5 * adc.step_v(adc.gain_reference));
         let mut values = vec![0.0; self.protocol.channel_count()];

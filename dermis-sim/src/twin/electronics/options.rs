@@ -1,4 +1,4 @@
-//! What an instrument is, as a twin's file states it.
+//! Options of an instrument, as in a twin's file.
 
 use crate::twin::TwinError;
 use dermis::protocol::Protocol;
@@ -29,7 +29,7 @@ pub struct ElectronicsOptions {
     pub snr_db: Option<f64>,
     /// The converter.
     pub adc: Option<AdcOptions>,
-    /// What the skin picks up from the mains.
+    /// Mains hum that the skin picks up.
     pub hum: Option<HumOptions>,
 }
 
@@ -166,7 +166,7 @@ pub(in crate::twin) fn positive(field: &'static str, value: f64) -> Result<(), T
     if good {
         Ok(())
     } else {
-        Err(out_of_range(field, value, "positive and finite".into(), "units are SI, as the name says"))
+        Err(out_of_range(field, value, "positive and finite".into(), "units are SI, as in the name"))
     }
 }
 

@@ -1,4 +1,4 @@
-//! What each part of the instrument adds to a frame's values.
+//! Contribution of each part of the instrument to the error of a frame.
 
 use super::{Electronics, Stage};
 use crate::noise::undriven_rms;
