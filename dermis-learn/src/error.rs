@@ -11,7 +11,7 @@ pub enum LearnError {
     Dermis(#[from] dermis::Error),
     /// A dataset, a twin or a touch that cannot be used.
     #[error(transparent)]
-    Sim(#[from] dermis_sim::Error),
+    Sim(Box<dermis_sim::Error>),
     /// A number that training cannot take.
     #[error("{what} is {value}: it must be {must}")]
     OutOfRange {
@@ -72,8 +72,15 @@ impl LearnError {
     }
 }
 
+// Boxed: its paths and values would make every result of the crate larger.
+impl From<dermis_sim::Error> for LearnError {
+    fn from(error: dermis_sim::Error) -> Self {
+        LearnError::Sim(Box::new(error))
+    }
+}
+
 impl From<dermis_sim::dataset::DatasetError> for LearnError {
     fn from(error: dermis_sim::dataset::DatasetError) -> Self {
-        LearnError::Sim(error.into())
+        dermis_sim::Error::from(error).into()
     }
 }

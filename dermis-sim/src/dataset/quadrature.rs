@@ -50,8 +50,8 @@ impl Rule {
     /// Where the cell has another number of corners than the rule's.
     pub fn points(self, corners: &[Point3], level: usize) -> Vec<Point3> {
         match self {
-            Rule::Triangle => points(corners, level, quarters, |part| triangle_points(part)),
-            Rule::Tetrahedron => points(corners, level, eighths, |part| tetrahedron_points(part)),
+            Rule::Triangle => points(corners, level, quarters, triangle_points),
+            Rule::Tetrahedron => points(corners, level, eighths, tetrahedron_points),
         }
     }
 }
