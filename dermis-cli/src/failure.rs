@@ -99,7 +99,7 @@ impl From<dermis_learn::LearnError> for Failure {
     fn from(error: dermis_learn::LearnError) -> Self {
         match error {
             dermis_learn::LearnError::Dermis(error) => error.into(),
-            dermis_learn::LearnError::Sim(error) => error.into(),
+            dermis_learn::LearnError::Sim(error) => (*error).into(),
             error => Failure::given(error, None),
         }
     }
