@@ -104,7 +104,7 @@ impl<'a> Drawing<'a> {
                 normal,
                 text,
                 reach_m: 0.0,
-                stand: Stand::Inwards { pixels: 24.0 },
+                stand: Stand::Inwards { pixels: 12.0 },
                 size: NAME_SIZE,
             });
         }
@@ -323,7 +323,7 @@ impl<'a> Drawing<'a> {
         let reach = |&node: &usize| self.surface().distance_m(at, self.mesh.nodes[node]);
         let reach_m = nodes.iter().map(reach).fold(0.0, f64::max);
         let inwards = matches!(patch, ElectrodePatch::Edges(_));
-        let stand = if inwards { Stand::Inwards { pixels: 14.0 } } else { Stand::OnOrAbove };
+        let stand = if inwards { Stand::Inwards { pixels: 8.0 } } else { Stand::OnOrAbove };
         Some(Label { at, normal: normalize(mean_normal), text: number.to_string(), reach_m, stand, size: LABEL_SIZE })
     }
 }

@@ -95,7 +95,7 @@ pub enum Stand {
     OnOrAbove,
     /// Towards the middle of the body: for what lies on its edge.
     Inwards {
-        /// From its place to the middle of the letters.
+        /// From its place to the letters.
         pixels: f64,
     },
 }
@@ -165,7 +165,8 @@ impl Label {
             Stand::Inwards { pixels } => {
                 let (dx, dy) = (width / 2.0 - x, height / 2.0 - y);
                 let length = dx.hypot(dy).max(1e-9);
-                let step = pixels.min(length);
+                let step = pixels + half * (dx / length).abs() + 0.5 * self.size * (dy / length).abs();
+                let step = step.min(length);
                 (x + step * dx / length, y + step * dy / length + centred)
             }
         };

@@ -113,7 +113,9 @@ fn axes(picture: &mut Picture, view: &Projection, origin: Place) {
         let length = dx.hypot(dy);
         if length > 6.0 {
             let beyond = (length + 9.0) / length;
-            let at = [origin[0] + dx * beyond, origin[1] + dy * beyond + 4.0];
+            // Beside the z axis, not on it.
+            let aside = if name != "z" && dx.abs() < 6.0 { 9.0 } else { 0.0 };
+            let at = [origin[0] + dx * beyond + aside, origin[1] + dy * beyond + 4.0];
             picture.text(at, name, Text::new(12.0, Anchor::Middle));
         }
     }
