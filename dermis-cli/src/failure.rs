@@ -110,7 +110,9 @@ impl From<dermis_live::LiveError> for Failure {
         match error {
             dermis_live::LiveError::Dermis(error) => error.into(),
             dermis_live::LiveError::Sim(error) => error.into(),
-            dermis_live::LiveError::Learn(error) => (*error).into(),
+            dermis_live::LiveError::Method(error) => error.into(),
+            dermis_live::LiveError::Pipeline(dermis::pipeline::PipelineError::Method(error)) => error.into(),
+            dermis_live::LiveError::Pipeline(dermis::pipeline::PipelineError::Dermis(error)) => error.into(),
             error => Failure::given(error, None),
         }
     }

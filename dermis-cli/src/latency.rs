@@ -3,8 +3,9 @@
 use crate::console::print_json;
 use crate::failure::Outcome;
 use dermis::frame::write_whole;
+use dermis::pipeline::Counts;
 use dermis::stats::nearest_quantiles;
-use dermis_live::{Counts, LiveFrame, LiveHandle};
+use dermis_live::{LiveFrame, LiveHandle};
 use dermis_plot::chart::Histogram;
 use dermis_study::report::Table;
 use serde_json::json;
@@ -52,10 +53,10 @@ impl Latencies {
             self.all_ms.push(1e3 * frame.output_at.seconds_since(frame.received_at) as f32);
         }
         self.frames += 1;
-        self.contacts = frame.contacts.len();
-        self.touched_frames += u64::from(!frame.contacts.is_empty());
-        self.counts = frame.health.counts;
-        self.rate_hz = frame.health.rate_hz;
+        self.contacts = frame.result.contacts.len();
+        self.touched_frames += u64::from(!frame.result.contacts.is_empty());
+        self.counts = frame.result.health.counts;
+        self.rate_hz = frame.result.health.rate_hz;
     }
 
     /// A line of what is now.

@@ -1,7 +1,7 @@
 //! What a frame of the paper's skin costs on the thread that makes contacts, untouched and touched at four places, one after
 //! another and 120 times a second: `frame_cost [METHOD]`.
 
-use dermis_live::Settings;
+use dermis::pipeline::Settings;
 use dermis_live::emulator::Stroke;
 use std::time::{Duration, Instant};
 
@@ -31,7 +31,7 @@ fn main() {
                 std::thread::sleep(pause);
                 let begun = Instant::now();
                 let incoming = bench.hear(packet, index).pop().expect("a whole frame");
-                contacts = bench.pipeline.process(incoming).expect("contacts").contacts.len();
+                contacts = bench.pipeline.process(incoming.input).expect("contacts").contacts.len();
                 times_us.push(begun.elapsed().as_secs_f64() * 1e6);
             }
             times_us.sort_by(f64::total_cmp);

@@ -11,7 +11,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let seconds: f64 = arguments.next().ok_or("publish SECONDS [DOMAIN] [NAMESPACE]")?.parse()?;
     let domain = arguments.next().map(|text| text.parse()).transpose()?;
     let namespace = arguments.next().unwrap_or_default();
-    let skin = synthetic::Skin::shipped("skin16");
+    let skin = synthetic::SyntheticSkin::shipped("skin16");
     let mut publisher = Publisher::new(skin.reference.clone(), &PublisherOptions { domain, namespace })?;
     let begun = Instant::now();
     let mut index = 0;

@@ -11,10 +11,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
     let design = arguments.next().unwrap_or_else(|| "cylinder30".into());
     let count: u64 = arguments.next().map_or(Ok(6_000), |text| text.parse())?;
-    let skin = synthetic::Skin::shipped(&design);
+    let skin = synthetic::SyntheticSkin::shipped(&design);
     let frames: Vec<LiveFrame> = (0..count).map(|index| skin.frame(index)).collect();
-    let values = frames[0].values_ohm.len();
-    println!("{design}: {values} values, {} pixels, {count} frames, two contacts in most", frames[0].image.len());
+    let values = frames[0].result.values_ohm.len();
+    println!(
+        "{design}: {values} values, {} pixels, {count} frames, two contacts in most",
+        frames[0].result.image.len()
+    );
 
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("cost.mcap");

@@ -1,12 +1,12 @@
 //! What people and programs may ask of a live skin.
 
 use crate::LiveError;
+use crate::clock;
 use crate::emulator::Emulator;
 use crate::live::LiveHandle;
-use crate::settings::Command;
 use crate::sink::{RecordingSink, Told};
-use crate::timestamp::Timestamp;
 use dermis::geom::{Point3, Surface};
+use dermis::pipeline::Command;
 use serde::Deserialize;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -159,14 +159,14 @@ impl Control {
                 self.shared.command(Command::Threshold { value: *value });
             }
             Request::Method { name } => {
-                self.shared.skin().method(name)?;
+                self.shared.methods().method(name)?;
                 self.shared.command(Command::Method { name: name.clone() });
             }
             Request::Press { finger, position_m, force_n } => self.press(*finger, *position_m, *force_n)?,
             Request::Release { finger } => self.release(*finger),
             Request::Record { on: true } => {
-                let seconds = Timestamp::now().unix_ns / 1_000_000_000;
-                let name = format!("{}-{seconds}.mcap", self.shared.skin().design.name);
+                let seconds = clock::now().unix_ns / 1_000_000_000;
+                let name = format!("{}-{seconds}.mcap", self.shared.skin().design().name);
                 self.record(&self.tapes.folder.join(name))?;
             }
             Request::Record { on: false } => drop(self.end_recording()),
@@ -182,7 +182,7 @@ impl Control {
         if !(force_n > 0.0 && force_n <= MOST_N) {
             return Err(LiveError::Given(format!("a force of {force_n} N: it must be above 0 and at most {MOST_N}")));
         }
-        emulator.press(finger, onto(&self.shared.skin().pixels.surface, position_m), force_n)
+        emulator.press(finger, onto(&self.shared.skin().pixels().surface, position_m), force_n)
     }
 }
 

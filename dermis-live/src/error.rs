@@ -12,20 +12,15 @@ pub enum LiveError {
     /// A twin that cannot be built or pressed.
     #[error(transparent)]
     Sim(#[from] dermis_sim::Error),
-    /// A network.
+    /// A method that does not exist or cannot be prepared.
     #[error(transparent)]
-    Learn(Box<dermis_learn::LearnError>),
+    Method(#[from] dermis::method::MethodError),
+    /// A pipeline that cannot be made, or a frame or command that it refuses.
+    #[error(transparent)]
+    Pipeline(#[from] dermis::pipeline::PipelineError),
     /// A protocol too large for the wire.
     #[error(transparent)]
     Scan(#[from] crate::scan::TooLarge),
-    /// A method that there is not.
-    #[error("no method is called `{name}`: there are {}", known.join(", "))]
-    NoSuchMethod {
-        /// What was asked for.
-        name: String,
-        /// What there is.
-        known: Vec<String>,
-    },
     /// A device that cannot be reached.
     #[error("cannot reach the device at {address}: {message}")]
     Unreachable {
@@ -64,17 +59,4 @@ pub enum LiveError {
         /// What the system said.
         source: std::io::Error,
     },
-}
-
-impl From<dermis::reconstruct::ReconstructError> for LiveError {
-    fn from(error: dermis::reconstruct::ReconstructError) -> Self {
-        LiveError::Dermis(error.into())
-    }
-}
-
-// Boxed: it would make every result of the crate larger.
-impl From<dermis_learn::LearnError> for LiveError {
-    fn from(error: dermis_learn::LearnError) -> Self {
-        LiveError::Learn(Box::new(error))
-    }
 }

@@ -3,8 +3,8 @@
 use crate::LiveError;
 use crate::live::{Event, LiveHandle};
 use crate::mailbox::{Mailbox, Taken};
-use crate::report::{ElectrodeState, LiveContact, LiveFrame};
-use crate::timestamp::Timestamp;
+use crate::report::LiveFrame;
+use dermis::pipeline::{ElectrodeState, Timestamp, TrackedContact};
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::io::{BufWriter, Write};
@@ -30,7 +30,7 @@ pub struct FrameLine<'a> {
     /// Whether something touches.
     pub touched: bool,
     /// What touches, the oldest contact first.
-    pub contacts: &'a [LiveContact],
+    pub contacts: &'a [TrackedContact],
     /// Electrodes that are loose or open, by number.
     pub bad_electrodes: Vec<usize>,
     /// Frames a second that arrive.
@@ -45,18 +45,19 @@ impl<'a> FrameLine<'a> {
     /// Of a frame; none is skipped.
     pub fn new(frame: &'a LiveFrame, frame_id: &'a str) -> Self {
         let is_bad = |state| matches!(state, ElectrodeState::Loose | ElectrodeState::Open);
-        let electrodes = &frame.health.electrodes;
+        let result = &frame.result;
+        let electrodes = &result.health.electrodes;
         FrameLine {
-            sequence: frame.sequence,
-            measured_at: frame.measured_at,
+            sequence: result.sequence,
+            measured_at: result.measured_at,
             received_at: frame.received_at,
             output_at: frame.output_at,
             frame_id,
-            touched: frame.touched,
-            contacts: &frame.contacts,
+            touched: result.touched,
+            contacts: &result.contacts,
             bad_electrodes: (0..electrodes.len()).filter(|&index| is_bad(electrodes[index].state)).collect(),
-            rate_hz: frame.health.rate_hz,
-            lost: frame.health.counts.lost,
+            rate_hz: result.health.rate_hz,
+            lost: result.health.counts.lost,
             skipped: 0,
         }
     }
@@ -91,7 +92,7 @@ pub fn write_lines(shared: &LiveHandle, mailbox: &Arc<Mailbox<Event>>, out: &mut
 }
 
 fn write_until_closed(shared: &LiveHandle, mailbox: &Mailbox<Event>, out: &mut dyn Write) -> std::io::Result<()> {
-    let frame_id = &shared.skin().design.name;
+    let frame_id = &shared.skin().design().name;
     loop {
         match mailbox.take(Duration::from_secs(1)) {
             Taken::Item(Event::Frame(frame)) => {

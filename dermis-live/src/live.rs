@@ -3,16 +3,14 @@
 //! Nobody who is told can delay a contact: each subscriber has a [`Mailbox`] of its own that keeps the newest.
 
 use crate::LiveError;
-use crate::device::{Address, Device, DeviceFacts, DeviceOptions, Heard, Stream};
+use crate::clock;
+use crate::device::{Address, Device, DeviceFacts, DeviceOptions, Heard, IncomingFrame, Stream};
 use crate::mailbox::{Mailbox, Taken};
-use crate::pipeline::{Incoming, Pipeline};
-use crate::rebuild::Rebuilt;
 use crate::replay::Player;
-use crate::report::{LiveFrame, Notice, Severity};
-use crate::settings::{Command, Settings};
-use crate::skin::LiveSkin;
-use crate::state::State;
-use crate::timestamp::Timestamp;
+use crate::report::LiveFrame;
+use dermis::method::MethodSet;
+use dermis::pipeline::{Command, DriftFit, Notice, Pipeline, PipelineError, RebuiltMethod, Settings, Severity, State};
+use dermis::skin::Skin;
 use std::collections::{BTreeMap, VecDeque};
 use std::mem::discriminant;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -61,7 +59,7 @@ pub struct Live {
 
 /// What the threads share.
 pub struct LiveHandle {
-    skin: Arc<LiveSkin>,
+    methods: Arc<MethodSet>,
     incoming: Mailbox<Fed>,
     commands: Mutex<VecDeque<Command>>,
     subscribers: Mutex<Vec<Subscriber>>,
@@ -88,7 +86,7 @@ struct Subscriber {
 /// What the thread that listens hands to the one that makes contacts.
 pub(crate) enum Fed {
     /// A frame.
-    Frame(Box<Incoming>),
+    Frame(Box<IncomingFrame>),
     /// A command of a recording, between the same frames as when it was recorded.
     Command(Command),
 }
@@ -106,7 +104,7 @@ const KEEP: Duration = Duration::from_secs(5);
 
 impl std::fmt::Debug for Live {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        formatter.debug_struct("Live").field("skin", &self.shared.skin).finish_non_exhaustive()
+        formatter.debug_struct("Live").field("skin", self.shared.skin()).finish_non_exhaustive()
     }
 }
 
@@ -115,12 +113,12 @@ impl Live {
     ///
     /// # Errors
     /// A device that cannot be reached or is refused; settings out of their ranges.
-    pub fn start(skin: Arc<LiveSkin>, options: LiveOptions) -> Result<Self, LiveError> {
+    pub fn start(methods: Arc<MethodSet>, options: LiveOptions) -> Result<Self, LiveError> {
         let pipeline = match options.state {
-            Some(state) => Pipeline::resume(Arc::clone(&skin), state)?,
-            None => Pipeline::new(Arc::clone(&skin), options.settings.clone())?,
+            Some(state) => Pipeline::resume(Arc::clone(&methods), state)?,
+            None => Pipeline::new(Arc::clone(&methods), options.settings.clone())?,
         };
-        let device = Device::connect(&options.address, &skin, options.device, None)?;
+        let device = Device::connect(&options.address, methods.skin(), options.device, None)?;
         let shared = LiveHandle::new(&pipeline);
         let listener = Listener { shared: Arc::clone(&shared), address: options.address, options: options.device };
         Ok(Self::with(shared, pipeline, true, move || listener.run(device)))
@@ -131,8 +129,8 @@ impl Live {
     ///
     /// # Errors
     /// A method that there is not; a state of another skin.
-    pub fn play(skin: Arc<LiveSkin>, player: Player) -> Result<Self, LiveError> {
-        let pipeline = Pipeline::resume(skin, player.state().clone())?;
+    pub fn play(methods: Arc<MethodSet>, player: Player) -> Result<Self, LiveError> {
+        let pipeline = Pipeline::resume(methods, player.state().clone())?;
         let shared = LiveHandle::new(&pipeline);
         shared.connected(player.facts().clone());
         let fed = Arc::clone(&shared);
@@ -157,6 +155,7 @@ impl Live {
             pipeline,
             rebuilds,
             rebuilding: None,
+            fitting: None,
             tried_without: None,
             kept_at: Instant::now(),
             told_left_out: (BTreeMap::new(), Instant::now()),
@@ -199,7 +198,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 impl LiveHandle {
     fn new(pipeline: &Pipeline) -> Arc<Self> {
         Arc::new(LiveHandle {
-            skin: Arc::clone(pipeline.skin()),
+            methods: Arc::clone(pipeline.methods()),
             incoming: Mailbox::new(MOST_WAITING),
             commands: Mutex::default(),
             subscribers: Mutex::default(),
@@ -208,7 +207,7 @@ impl LiveHandle {
             left_out: Mutex::default(),
             state: Mutex::new(pipeline.state().clone()),
             facts: Mutex::default(),
-            method: Mutex::new(pipeline.method().name.clone()),
+            method: Mutex::new(pipeline.method().name().into()),
             tells_state: AtomicBool::new(false),
             rolling: AtomicBool::new(false),
             stopped: AtomicBool::new(false),
@@ -233,8 +232,13 @@ impl LiveHandle {
     }
 
     /// The skin.
-    pub fn skin(&self) -> &Arc<LiveSkin> {
-        &self.skin
+    pub fn skin(&self) -> &Skin {
+        self.methods.skin()
+    }
+
+    /// The methods that the pipeline can change between.
+    pub fn methods(&self) -> &Arc<MethodSet> {
+        &self.methods
     }
 
     /// From now on, what happens; the newest of it, where it is not taken fast enough.
@@ -337,7 +341,7 @@ impl LiveHandle {
     }
 
     fn notice(&self, level: Severity, text: String) {
-        self.tell(&Event::Notice(Notice { level, text, at: Timestamp::now() }));
+        self.tell(&Event::Notice(Notice { level, text, at: clock::now() }));
     }
 }
 
@@ -381,7 +385,7 @@ impl Listener {
     fn find_again(&self, stream: Stream) -> Option<Device> {
         let mut told = String::new();
         while !self.shared.is_stopped() {
-            match Device::connect(&self.address, &self.shared.skin, self.options, Some(stream.clone())) {
+            match Device::connect(&self.address, self.shared.skin(), self.options, Some(stream.clone())) {
                 Ok(device) => {
                     self.shared.notice(Severity::Info, "the device was found again".into());
                     return Some(device);
@@ -406,7 +410,8 @@ struct PipelineThread {
     pipeline: Pipeline,
     /// Whether the method is made anew when that is better; a recording tells by itself when it was.
     rebuilds: bool,
-    rebuilding: Option<JoinHandle<Result<Rebuilt, LiveError>>>,
+    rebuilding: Option<JoinHandle<Result<RebuiltMethod, PipelineError>>>,
+    fitting: Option<JoinHandle<Result<DriftFit, PipelineError>>>,
     /// Channels without which the method was last made anew, or could not be: that is not tried twice.
     tried_without: Option<Vec<usize>>,
     kept_at: Instant,
@@ -430,14 +435,16 @@ impl PipelineThread {
         lock(&self.shared.subscribers).iter().for_each(|subscriber| subscriber.mailbox.close());
     }
 
-    fn make(&mut self, incoming: Incoming) {
-        match self.pipeline.process(incoming) {
+    fn make(&mut self, incoming: IncomingFrame) {
+        self.install_drift_fit();
+        match process(&mut self.pipeline, incoming) {
             Ok(frame) => self.shared.tell(&Event::Frame(Arc::new(frame))),
             Err(error) => self.shared.notice(Severity::Error, error.to_string()),
         }
         for notice in self.pipeline.take_notices() {
             self.shared.tell(&Event::Notice(notice));
         }
+        self.start_drift_fit();
         self.rebuild();
         if self.kept_at.elapsed() > KEEP {
             self.kept_at = Instant::now();
@@ -480,7 +487,7 @@ impl PipelineThread {
                 // Another method may be made without the channels that this one could not.
                 self.tried_without = None;
                 *lock(&self.shared.state) = self.pipeline.state().clone();
-                *lock(&self.shared.method) = self.pipeline.method().name.clone();
+                *lock(&self.shared.method) = self.pipeline.method().name().into();
                 self.shared.tell(&Event::Done(command));
             }
             Err(error) => self.shared.notice(Severity::Error, error.to_string()),
@@ -491,7 +498,7 @@ impl PipelineThread {
     fn rebuild(&mut self) {
         if let Some(thread) = self.rebuilding.take_if(|thread| thread.is_finished()) {
             // A thread that panicked has told so already.
-            match thread.join().map(|made| made.map(|rebuilt| self.pipeline.install(rebuilt))) {
+            match thread.join().map(|made| made.map(|rebuilt| self.pipeline.install_method(rebuilt))) {
                 Ok(Ok(true)) => self.shared.tell(&Event::Done(Command::Rebuild)),
                 Ok(Ok(false)) | Err(_) => {}
                 Ok(Err(error)) => self.shared.notice(Severity::Error, error.to_string()),
@@ -500,13 +507,35 @@ impl PipelineThread {
         if self.rebuilding.is_some() || !self.rebuilds || !self.pipeline.wants_rebuild() {
             return;
         }
-        let broken = self.pipeline.left_out();
+        let broken = self.pipeline.masked_channels();
         if self.tried_without.as_ref() == Some(&broken) {
             return;
         }
         self.tried_without = Some(broken);
-        let rebuilding = self.pipeline.rebuilding();
+        let rebuilding = self.pipeline.rebuild_job();
         let thread = std::thread::Builder::new().name("dermis-rebuild".into());
         self.rebuilding = thread.spawn(move || rebuilding.run()).ok();
     }
+
+    /// Has a drift fit computed on a thread of its own, where the pipeline offers one.
+    fn start_drift_fit(&mut self) {
+        if let Some(job) = self.pipeline.drift_fit_job() {
+            let thread = std::thread::Builder::new().name("dermis-drift".into());
+            // Without a thread the pipeline computes it when it is needed.
+            self.fitting = thread.spawn(move || job.run()).ok();
+        }
+    }
+
+    fn install_drift_fit(&mut self) {
+        if let Some(Ok(Ok(fit))) = self.fitting.take_if(|thread| thread.is_finished()).map(JoinHandle::join) {
+            self.pipeline.install_drift_fit(fit);
+        }
+    }
+}
+
+/// Processes a frame as it was received.
+pub(crate) fn process(pipeline: &mut Pipeline, incoming: IncomingFrame) -> Result<LiveFrame, PipelineError> {
+    let IncomingFrame { input, received_at, message } = incoming;
+    let result = pipeline.process(input)?;
+    Ok(LiveFrame { result, received_at, output_at: clock::now(), message })
 }

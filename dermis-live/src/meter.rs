@@ -1,9 +1,9 @@
 //! From readings to ohm.
 
 use crate::scan::{Role, ScanTable};
+use dermis::pipeline::Measurement;
 use dermis::protocol::Protocol;
 use dermis_wire::{Hello, Readings};
-use serde::{Deserialize, Serialize};
 
 /// Turns the readings of one device into the values of a frame.
 ///
@@ -21,17 +21,6 @@ pub struct Meter {
     reading_bytes: u8,
     /// The design takes the instrument for one that loses signs, as its linear models and networks do.
     amplitude_only: bool,
-}
-
-/// What a frame's readings say.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub struct Measures {
-    /// The values of the frame, ohm, in the order of the protocol.
-    pub values_ohm: Vec<f64>,
-    /// What stands between source and ground beside the reference resistor, for each drive: skin, contacts, switches; ohm.
-    pub loops_ohm: Vec<f64>,
-    /// Channels whose readings, or those of their currents, are out of range.
-    pub saturated: Vec<usize>,
 }
 
 impl Meter {
@@ -64,11 +53,11 @@ impl Meter {
     ///
     /// # Panics
     /// Where there is not a reading for each slot.
-    pub fn measure(&self, readings: Readings<'_>) -> Measures {
+    pub fn measure(&self, readings: Readings<'_>) -> Measurement {
         assert_eq!(readings.len(), self.roles.len(), "a reading for each slot");
         let mut currents_a = vec![0.0; self.drive_count];
         let mut saturated = vec![false; self.drive_count];
-        let mut measures = Measures {
+        let mut measurement = Measurement {
             values_ohm: vec![0.0; self.channels.len()],
             loops_ohm: vec![0.0; self.drive_count],
             saturated: Vec::new(),
@@ -78,30 +67,30 @@ impl Meter {
                 Role::Current(drive) => {
                     let counts = if reading == 0 { 0.5 } else { f64::from(reading) };
                     currents_a[drive] = counts * self.volts_per_reference_count / self.reference_ohm;
-                    measures.loops_ohm[drive] = self.source_v / currents_a[drive] - self.reference_ohm;
+                    measurement.loops_ohm[drive] = self.source_v / currents_a[drive] - self.reference_ohm;
                     saturated[drive] = self.is_saturated(reading);
                 }
                 Role::Channel(channel) => {
                     let (_, volts_per_count) = self.channels[channel];
-                    measures.values_ohm[channel] = f64::from(reading) * volts_per_count;
+                    measurement.values_ohm[channel] = f64::from(reading) * volts_per_count;
                     if self.is_saturated(reading) {
-                        measures.saturated.push(channel);
+                        measurement.saturated.push(channel);
                     }
                 }
             }
         }
-        for (channel, (value, &(drive, _))) in measures.values_ohm.iter_mut().zip(&self.channels).enumerate() {
+        for (channel, (value, &(drive, _))) in measurement.values_ohm.iter_mut().zip(&self.channels).enumerate() {
             *value /= currents_a[drive];
             if saturated[drive] {
-                measures.saturated.push(channel);
+                measurement.saturated.push(channel);
             }
             if self.amplitude_only {
                 *value = value.abs();
             }
         }
-        measures.saturated.sort_unstable();
-        measures.saturated.dedup();
-        measures
+        measurement.saturated.sort_unstable();
+        measurement.saturated.dedup();
+        measurement
     }
 
     /// The lowest code of a converter is one farther from zero than the highest.

@@ -3,16 +3,15 @@
 //! [`Replay`] makes them as fast as it goes; a [`Player`] stands in for the device of a [`Live`](crate::Live).
 
 use crate::LiveError;
-use crate::device::{DeviceFacts, Stream};
-use crate::live::{Event as LiveEvent, Fed, LiveHandle};
-use crate::pipeline::{Incoming, Pipeline};
+use crate::clock;
+use crate::device::{DeviceFacts, IncomingFrame, Stream};
+use crate::live::{Event as LiveEvent, Fed, LiveHandle, process};
 use crate::record::{Event, RecordError, Recorded, Recording, Session};
-use crate::report::{LiveFrame, Notice, Severity};
-use crate::settings::Command;
-use crate::skin::{LiveSkin, NamedMethod};
-use crate::state::State;
-use crate::timestamp::Timestamp;
+use crate::report::LiveFrame;
 use dermis::design::SkinDesign;
+use dermis::method::{Method, MethodSet};
+use dermis::pipeline::{Command, Notice, Pipeline, Severity, State, Timestamp};
+use dermis::skin::Skin;
 use dermis_learn::Card;
 use dermis_wire::ToHost;
 use std::path::{Path, PathBuf};
@@ -24,12 +23,12 @@ struct RecordingReader {
     path: PathBuf,
     recording: Recording,
     stream: Stream,
-    skin: Arc<LiveSkin>,
+    methods: Arc<MethodSet>,
 }
 
 /// A part of it.
 enum Reeled {
-    Frame(Box<Incoming>),
+    Frame(Box<IncomingFrame>),
     Command(Command),
     /// The device was found again.
     Found(DeviceFacts),
@@ -37,19 +36,24 @@ enum Reeled {
 
 impl RecordingReader {
     /// Of a recording of the skin: what its device is known by, and the state of the pipeline at its beginning.
-    fn new(path: &Path, recording: Recording, skin: Arc<LiveSkin>) -> Result<(Self, DeviceFacts, State), LiveError> {
+    fn new(
+        path: &Path,
+        recording: Recording,
+        methods: Arc<MethodSet>,
+    ) -> Result<(Self, DeviceFacts, State), LiveError> {
         let mut state: State = serde_json::from_value(recording.session.state.clone())
             .map_err(|error| unreadable(path, "its state", error))?;
-        state.settings.method = network(path, &recording.session, &skin, &state.settings.method)?;
+        state.settings.method = network(path, &recording.session, &methods, &state.settings.method)?;
         let hello = recording.session.hello.clone();
-        let mut reader = RecordingReader { path: path.into(), recording, stream: Stream::default(), skin };
+        let mut reader =
+            RecordingReader { path: path.into(), recording, stream: Stream::new(methods.skin())?, methods };
         let facts = reader.greet(hello)?;
         Ok((reader, facts, state))
     }
 
     fn greet(&mut self, hello: Vec<u8>) -> Result<DeviceFacts, LiveError> {
         match ToHost::parse(&hello) {
-            Ok(ToHost::Hello(_)) => Ok(self.stream.met(hello, None, &self.skin)),
+            Ok(ToHost::Hello(_)) => Ok(self.stream.met(hello, None)),
             Ok(_) => Err(unreadable(&self.path, "a hello", "it is another message")),
             Err(error) => Err(unreadable(&self.path, "a hello", error)),
         }
@@ -81,20 +85,21 @@ impl RecordingReader {
     /// A command as it is to be given here: a network that does not come with the library has another folder.
     fn here(&self, command: Command) -> Result<Command, LiveError> {
         let Command::Method { name } = &command else { return Ok(command) };
-        match (self.skin.method(name), self.skin.own()) {
+        match (self.methods.method(name), self.methods.extra()) {
             (Ok(_), _) => Ok(command),
-            (Err(_), Some(own)) => Ok(Command::Method { name: own.name.clone() }),
+            (Err(_), Some(own)) => Ok(Command::Method { name: own.name().into() }),
             (Err(_), None) => Err(LiveError::Given(without_its_network(&self.path, name))),
         }
     }
 
-    fn frame(&mut self, measured_at: Timestamp, message: &[u8]) -> Result<Option<Incoming>, LiveError> {
+    fn frame(&mut self, measured_at: Timestamp, message: &[u8]) -> Result<Option<IncomingFrame>, LiveError> {
         let Ok(ToHost::Frame(frame)) = ToHost::parse(message) else {
             return Err(unreadable(&self.path, "a frame", "its message is none"));
         };
-        let incoming = self.stream.frame(&frame, message, measured_at);
-        // The moment on the host's clock was worked out when it was recorded.
-        Ok(incoming.map(|incoming| Incoming { measured_at, ..incoming }))
+        let mut incoming = self.stream.frame(&frame, message, measured_at);
+        // The time on the host's clock is the recorded one.
+        incoming.iter_mut().for_each(|incoming| incoming.input.measured_at = measured_at);
+        Ok(incoming)
     }
 }
 
@@ -103,19 +108,19 @@ fn unreadable(path: &Path, what: &str, why: impl std::fmt::Display) -> LiveError
 }
 
 /// The name that the network has here that a recording began with under some name, by the card in it.
-fn network(path: &Path, session: &Session, skin: &LiveSkin, name: &str) -> Result<String, LiveError> {
+fn network(path: &Path, session: &Session, methods: &MethodSet, name: &str) -> Result<String, LiveError> {
     let Some(recorded) = &session.model_card_json else { return Ok(name.into()) };
     let card = serde_json::from_str::<Card>(recorded).ok().and_then(|card| serde_json::to_string_pretty(&card).ok());
-    let is_it = |method: &&NamedMethod| method.card.is_some() && method.card == card;
-    if skin.by_name(name).is_ok_and(|method| is_it(&method)) {
+    let is_it = |method: &Method| method.card().is_some() && method.card() == card.as_deref();
+    if methods.method(name).is_ok_and(is_it) {
         return Ok(name.into());
     }
-    match skin.own() {
-        Some(own) if is_it(&own) => Ok(own.name.clone()),
+    match methods.extra() {
+        Some(own) if is_it(own) => Ok(own.name().into()),
         Some(own) => Err(LiveError::Given(format!(
             "{}; {} is another one: the card in the recording differs from its own",
             without_its_network(path, name),
-            own.name
+            own.name()
         ))),
         None => Err(LiveError::Given(without_its_network(path, name))),
     }
@@ -164,13 +169,14 @@ impl Replay {
     /// As [`open`](Self::open); another network than that of the recording.
     pub fn with_model(path: &Path, model: Option<&str>) -> Result<Self, LiveError> {
         let recording = Recording::open(path)?;
-        let skin = Arc::new(LiveSkin::new(&recording.session.design_toml, "design.toml", model)?);
-        let (reader, _, state) = RecordingReader::new(path, recording, Arc::clone(&skin))?;
-        Ok(Replay { reader, pipeline: Pipeline::resume(skin, state)? })
+        let skin = Skin::parse(&recording.session.design_toml, "design.toml")?;
+        let methods = Arc::new(MethodSet::new(&dermis_learn::methods(), skin, model)?);
+        let (reader, _, state) = RecordingReader::new(path, recording, Arc::clone(&methods))?;
+        Ok(Replay { reader, pipeline: Pipeline::resume(methods, state)? })
     }
 
     /// The skin.
-    pub fn skin(&self) -> &Arc<LiveSkin> {
+    pub fn skin(&self) -> &Skin {
         self.pipeline.skin()
     }
 
@@ -193,7 +199,7 @@ impl Replay {
                     return Ok(Some(Replayed::Command(command)));
                 }
                 Some(Reeled::Frame(incoming)) => {
-                    let frame = self.pipeline.process(*incoming)?;
+                    let frame = process(&mut self.pipeline, *incoming)?;
                     self.pipeline.take_notices();
                     return Ok(Some(Replayed::Frame(Box::new(frame))));
                 }
@@ -225,13 +231,14 @@ impl Player {
     /// # Errors
     /// A file that is no recording, or one of another skin; a state that this version cannot read; a network that the skin
     /// was prepared without.
-    pub fn open(path: &Path, skin: &Arc<LiveSkin>, speed: f64) -> Result<Self, LiveError> {
+    pub fn open(path: &Path, methods: &Arc<MethodSet>, speed: f64) -> Result<Self, LiveError> {
         if !(speed > 0.0 && speed.is_finite()) {
             return Err(LiveError::Given(format!("the speed is {speed}: it must be positive")));
         }
         let recording = Recording::open(path)?;
         let design = SkinDesign::parse(&recording.session.design_toml, "design.toml").map_err(dermis::Error::from)?;
-        if design.sha256() != skin.design.sha256() {
+        let own = methods.skin().design();
+        if design.sha256() != own.sha256() {
             let told = |design: &SkinDesign| {
                 format!("{} electrodes, {} channels", design.electrodes.len(), design.protocol.channel_count())
             };
@@ -240,11 +247,11 @@ impl Player {
                  needs none)",
                 path.display(),
                 told(&design),
-                skin.design.name,
-                told(&skin.design)
+                own.name,
+                told(own)
             )));
         }
-        let (reader, facts, state) = RecordingReader::new(path, recording, Arc::clone(skin))?;
+        let (reader, facts, state) = RecordingReader::new(path, recording, Arc::clone(methods))?;
         Ok(Player { reader, facts, state, speed })
     }
 
@@ -275,7 +282,7 @@ impl Player {
                 None => (Severity::Info, format!("{} is at its end", self.reader.path.display()), true),
                 Some((text, is_end)) => (Severity::Warning, text, is_end),
             };
-            shared.tell(&LiveEvent::Notice(Notice { level, text, at: Timestamp::now() }));
+            shared.tell(&LiveEvent::Notice(Notice { level, text, at: clock::now() }));
             if is_end {
                 return;
             }
@@ -292,9 +299,9 @@ fn feed(reeled: Reeled, pace: &mut Pace, shared: &LiveHandle) {
         }
         Reeled::Found(facts) => shared.connected(facts),
         Reeled::Frame(mut incoming) => {
-            pace.wait(incoming.measured_at, shared);
+            pace.wait(incoming.input.measured_at, shared);
             await_room(shared);
-            incoming.received_at = Timestamp::now();
+            incoming.received_at = clock::now();
             shared.feed(Fed::Frame(incoming));
         }
     }

@@ -1,13 +1,12 @@
 //! Threads that record and publish what a live skin tells. None of them can delay a contact.
 
 use crate::LiveError;
+use crate::clock;
 use crate::live::{Event, LiveHandle};
 use crate::mailbox::{Mailbox, Taken};
 use crate::record::{self, RecordError, Recorder, Session, Written};
-use crate::report::{Notice, Severity};
 use crate::ros::Reference;
-use crate::settings::Command;
-use crate::timestamp::Timestamp;
+use dermis::pipeline::{Command, Notice, Severity};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -108,7 +107,7 @@ impl RecorderThread {
         if let Err(error) = self.record() {
             let text = format!("the recording has ended: {error}; contacts go on");
             self.told.lock().unwrap_or_else(PoisonError::into_inner).problem = Some(error.to_string());
-            self.shared.tell(&Event::Notice(Notice { level: Severity::Error, text, at: Timestamp::now() }));
+            self.shared.tell(&Event::Notice(Notice { level: Severity::Error, text, at: clock::now() }));
             self.shared.unsubscribe(&self.mailbox);
         }
     }
@@ -116,20 +115,20 @@ impl RecorderThread {
     fn record(&self) -> Result<(), RecordError> {
         let Some(session) = self.await_session() else { return Ok(()) };
         let skin = self.shared.skin();
-        let reference = Reference { frame_id: skin.design.name.clone(), space: Arc::clone(&skin.pixels) };
+        let reference = Reference { frame_id: skin.design().name.clone(), space: Arc::clone(skin.pixels()) };
         let mut recorder = Recorder::create(&self.path, reference, &session)?;
         let mut left_out = self.mailbox.dropped();
         loop {
             match self.mailbox.take(PAUSE) {
                 Taken::Item(Event::Frame(frame)) => recorder.frame(&frame)?,
                 Taken::Item(Event::Done(command)) => {
-                    recorder.event(Timestamp::now(), &record::Event::Command(command_value(&command)))?;
+                    recorder.event(clock::now(), &record::Event::Command(command_value(&command)))?;
                 }
                 Taken::Item(Event::Notice(notice)) => {
                     recorder.event(notice.at, &record::Event::Notice(notice.clone()))?;
                 }
                 Taken::Item(Event::Connected(facts)) => {
-                    recorder.event(Timestamp::now(), &record::Event::Hello(facts.hello.clone()))?;
+                    recorder.event(clock::now(), &record::Event::Hello(facts.hello.clone()))?;
                 }
                 Taken::Item(Event::Lost(_) | Event::State(_)) => {}
                 Taken::TimedOut => recorder.flush()?,
@@ -140,7 +139,7 @@ impl RecorderThread {
             let dropped = self.mailbox.dropped();
             if dropped > left_out {
                 let text = format!("{} frames or events are missing here: the disk is too slow", dropped - left_out);
-                let notice = Notice { level: Severity::Warning, text, at: Timestamp::now() };
+                let notice = Notice { level: Severity::Warning, text, at: clock::now() };
                 recorder.event(notice.at, &record::Event::Notice(notice.clone()))?;
                 left_out = dropped;
             }
@@ -157,12 +156,12 @@ impl RecorderThread {
                 Taken::Item(Event::State(state)) => {
                     // A device that is away is waited for: without its hello nobody can read its messages.
                     let Some(facts) = self.shared.facts() else { continue };
-                    let skin = self.shared.skin();
+                    let method = self.shared.methods().method(&state.settings.method);
                     return Some(Session {
                         version: String::new(),
-                        design_toml: skin.design_text.clone(),
+                        design_toml: self.shared.skin().design_text().unwrap_or_default().into(),
                         twin_toml: self.twin_toml.clone(),
-                        model_card_json: skin.by_name(&state.settings.method).ok().and_then(|m| m.card.clone()),
+                        model_card_json: method.ok().and_then(|method| method.card()).map(str::to_string),
                         hello: facts.hello.clone(),
                         options: serde_json::to_value(&state.settings).unwrap_or(Value::Null),
                         state: serde_json::to_value(&*state).unwrap_or(Value::Null),
@@ -187,7 +186,7 @@ fn command_value(command: &Command) -> Value {
 #[cfg(feature = "ros2")]
 pub fn publish(shared: &Arc<LiveHandle>, options: &crate::dds::PublisherOptions) -> Result<JoinHandle<()>, LiveError> {
     let skin = shared.skin();
-    let reference = Reference { frame_id: skin.design.name.clone(), space: Arc::clone(&skin.pixels) };
+    let reference = Reference { frame_id: skin.design().name.clone(), space: Arc::clone(skin.pixels()) };
     let given = |error: crate::dds::PublishError| LiveError::Given(error.to_string());
     let mut publisher = crate::dds::Publisher::new(reference, options).map_err(given)?;
     let shared = Arc::clone(shared);
@@ -201,7 +200,7 @@ pub fn publish(shared: &Arc<LiveHandle>, options: &crate::dds::PublisherOptions)
                     left_out = publisher.dropped();
                     if let Err(error) = publisher.frame(&frame) {
                         let text = format!("publishing has ended: {error}; contacts go on");
-                        shared.tell(&Event::Notice(Notice { level: Severity::Error, text, at: Timestamp::now() }));
+                        shared.tell(&Event::Notice(Notice { level: Severity::Error, text, at: clock::now() }));
                         shared.unsubscribe(&mailbox);
                         return;
                     }

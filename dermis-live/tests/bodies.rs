@@ -2,9 +2,11 @@
 
 use dermis::design::SkinDesign;
 use dermis::geom::Point3;
+use dermis::method::MethodSet;
+use dermis::pipeline::{Pipeline, PipelineFrame, Settings, Timestamp};
+use dermis::skin::Skin;
 use dermis_live::device::Stream;
 use dermis_live::emulator::{Emulator, EmulatorOptions, Script};
-use dermis_live::{LiveFrame, LiveSkin, Pipeline, Settings, Timestamp};
 use dermis_sim::twin::TwinOptions;
 use dermis_wire::{Decoder, Received, ToHost};
 use std::sync::Arc;
@@ -14,7 +16,7 @@ const RATE_HZ: f64 = 120.0;
 
 /// A twin of a skin that a script touches, and what reads it.
 struct Pressed {
-    skin: Arc<LiveSkin>,
+    skin: Skin,
     emulator: Arc<Emulator>,
     stream: Stream,
     pipeline: Pipeline,
@@ -25,24 +27,25 @@ struct Pressed {
 }
 
 impl Pressed {
-    fn new(skin: &Arc<LiveSkin>, script: &str, method: &str) -> Self {
+    fn new(methods: &Arc<MethodSet>, script: &str, method: &str) -> Self {
+        let skin = methods.skin();
         let twin = TwinOptions::shipped("lab").unwrap();
-        let script = Script::load(script, &skin.design, &twin, 1).unwrap();
+        let script = Script::load(script, skin.design(), &twin, 1).unwrap();
         let options =
             EmulatorOptions { twin, seed: 1, script, faults: Vec::new(), speed: 1.0, prerendered: 0, unpaced: true };
-        let emulator = Emulator::new(&skin.design, options).unwrap();
+        let emulator = Emulator::new(skin.design(), options).unwrap();
         let settings = Settings { method: method.into(), ..Settings::default() };
-        let pipeline = Pipeline::new(Arc::clone(skin), settings).unwrap();
-        let (mut decoder, mut stream) = (Decoder::new(vec![0; 1 << 16]), Stream::default());
+        let pipeline = Pipeline::new(Arc::clone(methods), settings).unwrap();
+        let (mut decoder, mut stream) = (Decoder::new(vec![0; 1 << 16]), Stream::new(skin).unwrap());
         decoder.feed(&emulator.hello_packet((1e3 * RATE_HZ) as u32), |received| {
             let Received::Message(message) = received else { panic!("a damaged hello") };
             let Ok(ToHost::Hello(hello)) = ToHost::parse(message) else { panic!("no hello") };
-            stream.hello(&hello, skin);
+            stream.hello(&hello);
         });
-        Pressed { skin: Arc::clone(skin), emulator, stream, pipeline, decoder, next: 0, twin_s: 0.0 }
+        Pressed { skin: skin.clone(), emulator, stream, pipeline, decoder, next: 0, twin_s: 0.0 }
     }
 
-    fn frame(&mut self) -> LiveFrame {
+    fn frame(&mut self) -> PipelineFrame {
         let begun = Instant::now();
         let packet = self.emulator.frame_packet(self.next).unwrap();
         self.twin_s += begun.elapsed().as_secs_f64();
@@ -55,7 +58,7 @@ impl Pressed {
             heard.extend(stream.frame(&frame, message, at));
         });
         self.next += 1;
-        self.pipeline.process(heard.pop().unwrap()).unwrap()
+        self.pipeline.process(heard.pop().unwrap().input).unwrap()
     }
 
     fn time_s(&self) -> f64 {
@@ -64,7 +67,7 @@ impl Pressed {
 
     /// How far a place is from what presses, m.
     fn off_m(&self, place: Point3, time_s: f64) -> f64 {
-        let surface = &self.skin.pixels.surface;
+        let surface = &self.skin.pixels().surface;
         let presses = self.emulator.presses(time_s);
         presses.iter().map(|press| surface.distance_m(press.centre_m, place)).fold(f64::INFINITY, f64::min)
     }
@@ -72,12 +75,12 @@ impl Pressed {
     /// How far a place is from the middle of a pixel, m.
     fn off_body_m(&self, place: Point3) -> f64 {
         let away = |centre: &Point3| dermis::geom::vector::distance(*centre, place);
-        self.skin.pixels.centres_m.iter().map(away).fold(f64::INFINITY, f64::min)
+        self.skin.pixels().centres_m.iter().map(away).fold(f64::INFINITY, f64::min)
     }
 }
 
-fn skin(name: &str) -> Arc<LiveSkin> {
-    Arc::new(LiveSkin::new(&SkinDesign::text_of(name).unwrap(), name, None).unwrap())
+fn methods(name: &str) -> Arc<MethodSet> {
+    Arc::new(MethodSet::new(&dermis_learn::methods(), Skin::load(name).unwrap(), None).unwrap())
 }
 
 /// What came of a touch.
@@ -98,8 +101,8 @@ struct Told {
 }
 
 impl Told {
-    fn of(skin: &Arc<LiveSkin>, script: &str, method: &str) -> Self {
-        let (mut pressed, mut told) = (Pressed::new(skin, script, method), Told::default());
+    fn of(methods: &Arc<MethodSet>, script: &str, method: &str) -> Self {
+        let (mut pressed, mut told) = (Pressed::new(methods, script, method), Told::default());
         while pressed.time_s() < 3.7 {
             let time_s = pressed.time_s();
             let fingers = pressed.emulator.presses(time_s).len();
@@ -121,8 +124,8 @@ impl Told {
         println!(
             "{}, {script}, {}: {} of {} frames with as many contacts as fingers, {} mm off (95 % within {} mm), {} ids, last \
              told at {:.2} s; the twin took {:.2} ms a frame",
-            skin.design.name,
-            pressed.pipeline.method().name,
+            pressed.skin.design().name,
+            pressed.pipeline.method().name(),
             told.right,
             told.pressed,
             mm(told.part(0.5)),
@@ -146,27 +149,31 @@ fn mm(metres: f64) -> String {
 }
 
 /// A press of 2 N from 1 to 3 s: one contact from its third frame on, so near, which ends within 0.3 s of the lift.
-fn pressed_and_lifted(skin: &Arc<LiveSkin>, method: &str, within_m: f64) {
-    let told = Told::of(skin, "press", method);
+fn pressed_and_lifted(methods: &Arc<MethodSet>, method: &str, within_m: f64) {
+    let told = Told::of(methods, "press", method);
     assert_eq!((told.most_contacts, told.ids), (1, 1), "one contact with one id");
     assert!(told.right + 9 >= told.pressed, "{} of {} frames", told.right, told.pressed);
     assert!(told.part(0.95) < within_m, "{} mm", mm(told.part(0.95)));
     assert!(told.last_s < 3.3, "it is told until {} s", told.last_s);
-    assert!(told.off_body_m < 2.0 * skin.pixels.half_pixel_m(), "{} mm off the body", mm(told.off_body_m));
+    assert!(told.off_body_m < 2.0 * methods.skin().pixels().half_pixel_m(), "{} mm off the body", mm(told.off_body_m));
 }
 
 #[test]
 fn a_press_is_one_contact_on_every_shipped_skin_and_ends() {
     for (name, within_m) in [("cylinder30", 0.004), ("skin16", 0.006), ("tank16", 0.020)] {
         assert!(SkinDesign::SHIPPED.contains(&name) && SkinDesign::SHIPPED.len() == 3, "a skin more: press it here");
-        let skin = skin(name);
-        let preferred = skin.preferred().name.clone();
-        let methods = if preferred == "noser" { vec!["noser"] } else { vec![preferred.as_str(), "noser"] };
-        for method in methods {
-            pressed_and_lifted(&skin, method, within_m);
-            let told = Told::of(&skin, "four", method);
+        let methods = methods(name);
+        let default = methods.default_method().name();
+        let names = if default == "noser" { vec!["noser"] } else { vec![default, "noser"] };
+        for method in names {
+            pressed_and_lifted(&methods, method, within_m);
+            let told = Told::of(&methods, "four", method);
             assert!(told.right > 0 || !told.off_m.is_empty(), "four fingers are felt at least as one");
-            assert!(told.off_body_m < 2.0 * skin.pixels.half_pixel_m(), "{} mm off the body", mm(told.off_body_m));
+            assert!(
+                told.off_body_m < 2.0 * methods.skin().pixels().half_pixel_m(),
+                "{} mm off the body",
+                mm(told.off_body_m)
+            );
         }
     }
 }
@@ -174,5 +181,5 @@ fn a_press_is_one_contact_on_every_shipped_skin_and_ends() {
 #[test]
 #[ignore = "the images of 14,806 cells take half a minute to prepare"]
 fn a_press_is_one_contact_on_a_sleeve_from_an_stl_file() {
-    pressed_and_lifted(&skin("../data/designs/forearm.toml"), "", 0.003);
+    pressed_and_lifted(&methods("../data/designs/forearm.toml"), "", 0.003);
 }

@@ -1,19 +1,22 @@
 //! The whole loop: a twin that speaks the wire protocol over TCP, read live.
 
 use dermis::design::SkinDesign;
+use dermis::method::MethodSet;
+use dermis::pipeline::{ElectrodeState, Settings};
+use dermis::skin::Skin;
 use dermis_live::device::Address;
 use dermis_live::emulator::{Emulator, EmulatorOptions, Port, Script, TimedFault};
-use dermis_live::{ElectrodeState, Event, Live, LiveFrame, LiveOptions, LiveSkin, Settings, Taken};
+use dermis_live::{Event, Live, LiveFrame, LiveOptions, Taken};
 use dermis_sim::twin::TwinOptions;
 use std::net::TcpListener;
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 /// The paper's skin, prepared once for all tests.
-fn skin() -> Arc<LiveSkin> {
-    static SKIN: OnceLock<Arc<LiveSkin>> = OnceLock::new();
-    let text = SkinDesign::shipped_text("cylinder30").unwrap();
-    Arc::clone(SKIN.get_or_init(|| Arc::new(LiveSkin::new(text, "cylinder30", None).unwrap())))
+fn methods() -> Arc<MethodSet> {
+    static METHODS: OnceLock<Arc<MethodSet>> = OnceLock::new();
+    let prepare = || MethodSet::new(&dermis_learn::methods(), Skin::load("cylinder30").unwrap(), None).unwrap();
+    Arc::clone(METHODS.get_or_init(|| Arc::new(prepare())))
 }
 
 struct Running {
@@ -43,7 +46,7 @@ fn emulate(script: &str, faults: &[&str]) -> Running {
 
 fn read(running: &Running, settings: Settings) -> Live {
     let options = LiveOptions { address: running.address.clone(), device: Default::default(), settings, state: None };
-    Live::start(skin(), options).unwrap()
+    Live::start(methods(), options).unwrap()
 }
 
 /// Frames until `done` says so; fails after a minute.
@@ -65,21 +68,21 @@ fn frames_until(live: &Live, mut done: impl FnMut(&LiveFrame) -> bool) {
 fn a_press_by_hand_is_found_where_it_is_and_ends() {
     let running = emulate("none", &[]);
     let live = read(&running, Settings::default());
-    let surface = skin().design.body.surface();
+    let surface = methods().skin().design().body.surface();
     let place = surface.at(0.13, 1.0).unwrap();
-    frames_until(&live, |frame| !frame.health.electrodes.is_empty());
+    frames_until(&live, |frame| !frame.result.health.electrodes.is_empty());
     running.emulator.press(0, place, 2.0).unwrap();
     let mut id = None;
     frames_until(&live, |frame| {
-        let Some(contact) = frame.contacts.first() else { return false };
+        let Some(contact) = frame.result.contacts.first() else { return false };
         let off_m = surface.distance_m(contact.position_m, place);
         assert!(off_m < 0.006, "{off_m} m off");
-        assert!(frame.touched);
+        assert!(frame.result.touched);
         id = Some(contact.id);
         true
     });
     running.emulator.release(0);
-    frames_until(&live, |frame| frame.contacts.is_empty() && !frame.touched);
+    frames_until(&live, |frame| frame.result.contacts.is_empty() && !frame.result.touched);
     assert_eq!(id, Some(1));
     live.stop();
     running.emulator.stop();
@@ -90,25 +93,25 @@ fn an_electrode_that_comes_loose_is_named_and_contacts_go_on() {
     let running = emulate("press", &["loose:7:100@4"]);
     let live = read(&running, Settings::default());
     let loose = |frame: &LiveFrame| {
-        let named: Vec<usize> = (0..frame.health.electrodes.len())
-            .filter(|&e| frame.health.electrodes[e].state != ElectrodeState::Sound)
+        let named: Vec<usize> = (0..frame.result.health.electrodes.len())
+            .filter(|&e| frame.result.health.electrodes[e].state != ElectrodeState::Sound)
             .collect();
-        assert!(named.is_empty() || named == [7], "{named:?} at frame {}", frame.sequence);
+        assert!(named.is_empty() || named == [7], "{named:?} at frame {}", frame.result.sequence);
         named == [7]
     };
     let mut named_at = 0;
     frames_until(&live, |frame| {
-        named_at = frame.sequence;
+        named_at = frame.result.sequence;
         loose(frame)
     });
     // It came loose at frame 480.
     assert!((480..=492).contains(&named_at), "named at frame {named_at}");
-    let place = skin().design.body.surface().at(0.15, std::f64::consts::FRAC_PI_2).unwrap();
+    let place = methods().skin().design().body.surface().at(0.15, std::f64::consts::FRAC_PI_2).unwrap();
     frames_until(&live, |frame| {
-        let near = |contact: &dermis_live::LiveContact| {
-            skin().design.body.surface().distance_m(contact.position_m, place) < 0.01
+        let near = |contact: &dermis::pipeline::TrackedContact| {
+            methods().skin().design().body.surface().distance_m(contact.position_m, place) < 0.01
         };
-        frame.sequence > 500 && frame.contacts.iter().any(near)
+        frame.result.sequence > 500 && frame.result.contacts.iter().any(near)
     });
     live.stop();
     running.emulator.stop();
@@ -126,13 +129,13 @@ fn a_device_that_is_unplugged_is_found_again() {
             Taken::Item(Event::Lost(_)) => lost = true,
             Taken::Item(Event::Frame(frame)) if lost => {
                 // Nothing touches, and the baseline is the old one.
-                assert!(frame.contacts.is_empty());
+                assert!(frame.result.contacts.is_empty());
                 // While it is away its clock loses a third.
-                let late_s = frame.received_at.seconds_since(frame.measured_at);
+                let late_s = frame.received_at.seconds_since(frame.result.measured_at);
                 assert!(late_s < 0.25, "{late_s} s between measuring and receiving");
-                found = frame.sequence > 400;
+                found = frame.result.sequence > 400;
                 // The health is looked at every dozen frames.
-                assert!(!found || frame.health.counts.reconnected == 1);
+                assert!(!found || frame.result.health.counts.reconnected == 1);
             }
             _ => {}
         }

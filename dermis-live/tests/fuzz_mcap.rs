@@ -20,7 +20,7 @@ const RUNS: usize = 100_000;
 fn seeds() -> Vec<Vec<u8>> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("seed.mcap");
-    let skin = synthetic::Skin::shipped("skin16");
+    let skin = synthetic::SyntheticSkin::shipped("skin16");
     let session = Session { design_toml: "# a design\n".into(), hello: vec![1, 2, 3], ..Session::default() };
     let mut recorder = Recorder::create(&path, skin.reference.clone(), &session).unwrap();
     recorder.event(synthetic::BEGINNING, &Event::Command(serde_json::json!({"tare": null}))).unwrap();

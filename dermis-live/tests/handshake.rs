@@ -1,9 +1,9 @@
 //! Devices that answer as they should, and all kinds of others: whom a host takes, and what it says of the rest.
 
-use dermis::design::SkinDesign;
+use dermis::skin::Skin;
 use dermis_live::device::{Address, Device, DeviceOptions, Heard};
 use dermis_live::emulator::{Emulator, EmulatorOptions, Port, Script};
-use dermis_live::{LiveError, LiveSkin};
+use dermis_live::{LiveError, ScanTable};
 use dermis_sim::twin::TwinOptions;
 use dermis_wire::{
     Decoder, Fault, FaultCode, Frame, FrameFlags, Hello, Readings, Received, ToDevice, ToHost, VERSION, test_reading,
@@ -15,9 +15,14 @@ use std::time::{Duration, Instant};
 
 const DESIGN: &str = "skin16";
 
-fn skin() -> &'static LiveSkin {
-    static SKIN: OnceLock<LiveSkin> = OnceLock::new();
-    SKIN.get_or_init(|| LiveSkin::new(SkinDesign::shipped_text(DESIGN).unwrap(), DESIGN, None).unwrap())
+fn skin() -> &'static Skin {
+    static SKIN: OnceLock<Skin> = OnceLock::new();
+    SKIN.get_or_init(|| Skin::load(DESIGN).unwrap())
+}
+
+/// Readings of a frame.
+fn slot_count() -> usize {
+    ScanTable::new(&skin().design().protocol).unwrap().slots().len()
 }
 
 /// A device that answers as it should but for what is changed.
@@ -37,13 +42,13 @@ struct Fake {
 
 impl Fake {
     fn new() -> Self {
-        let design = &skin().design;
+        let design = skin().design();
         let hello = Hello {
             version: VERSION,
             reading_bytes: 2,
             design_sha256: design.sha256(),
             electrode_count: design.electrodes.len() as u16,
-            slot_count: skin().scan.slots().len() as u16,
+            slot_count: slot_count() as u16,
             reference_ohm: 1000.0,
             source_v: 3.3,
             volts_per_count: [1e-4; 3],
@@ -144,7 +149,11 @@ fn told(device: &mut Device) -> Vec<String> {
         assert!(begun.elapsed() < Duration::from_secs(3), "no frame");
         let tell = |heard: Heard| match heard {
             Heard::Frame(frame) => {
-                assert_eq!((frame.sequence, frame.counts.frames, frame.counts.lost), (1, 1, 0), "a test is no frame");
+                assert_eq!(
+                    (frame.input.sequence, frame.input.counts.frames, frame.input.counts.lost),
+                    (1, 1, 0),
+                    "a test is no frame"
+                );
                 done = true;
             }
             Heard::Notice(notice) => texts.push(notice.text),
@@ -210,7 +219,7 @@ fn a_self_test_that_is_wrong_names_the_slot() {
     let why = refused(Fake { swaps: Some(5), ..Fake::new() }, None);
     let (is, shall) = (test_reading(5).swap_bytes(), test_reading(5));
     assert!(why.contains(&format!("slot 5 (channel 4): {is} in place of {shall}")), "{why}");
-    assert!(why.contains(&format!("1 of {} readings", skin().scan.slots().len())), "{why}");
+    assert!(why.contains(&format!("1 of {} readings", slot_count())), "{why}");
 }
 
 #[test]
@@ -298,7 +307,7 @@ fn a_serial_line_that_is_too_slow_is_refused_with_the_smallest_speed_that_does()
 }
 
 fn emulated(twin: &str) -> Arc<Emulator> {
-    let design = SkinDesign::shipped(DESIGN).unwrap();
+    let design = skin().design();
     let options = EmulatorOptions {
         twin: TwinOptions::shipped(twin).unwrap(),
         seed: 3,

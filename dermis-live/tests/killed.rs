@@ -3,7 +3,6 @@
 
 mod synthetic;
 
-use dermis_live::Timestamp;
 use dermis_live::record::{Recorded, Recorder, Recording, Session, recover};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -21,11 +20,11 @@ const AT_ONCE: u64 = 10;
 #[test]
 fn records_until_it_is_killed() {
     let Some(path) = std::env::var_os(INTO) else { return };
-    let skin = synthetic::Skin::shipped("skin16");
+    let skin = synthetic::SyntheticSkin::shipped("skin16");
     let mut recorder = Recorder::create(Path::new(&path), skin.reference.clone(), &Session::default()).unwrap();
     for index in 0.. {
         let mut frame = skin.frame(index);
-        frame.measured_at = Timestamp::now();
+        frame.result.measured_at = dermis_live::clock::now();
         recorder.frame(&frame).unwrap();
         std::thread::sleep(Duration::from_secs(1) / synthetic::RATE as u32);
     }
@@ -45,9 +44,9 @@ fn lost_s(seed: u64, folder: &Path) -> f64 {
         assert!(child.try_wait().unwrap().is_none(), "the program that records ended");
         std::thread::sleep(Duration::from_millis(5));
     }
-    let begun = Timestamp::now();
+    let begun = dermis_live::clock::now();
     std::thread::sleep(Duration::from_millis(random.random_range(100..2_500)));
-    let killed = Timestamp::now();
+    let killed = dermis_live::clock::now();
     child.kill().unwrap();
     child.wait().unwrap();
     let recovered = recover(&path, &whole).unwrap();

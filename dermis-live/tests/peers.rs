@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
-use synthetic::Skin;
+use synthetic::SyntheticSkin;
 
 const FRAMES: u64 = 300;
 
@@ -58,9 +58,9 @@ fn run(command: &mut Command) -> Result<String, String> {
     if output.status.success() { Ok(said) } else { Err(format!("{command:?}: {}\n{said}", output.status)) }
 }
 
-fn skin() -> &'static Skin {
-    static SKIN: OnceLock<Skin> = OnceLock::new();
-    SKIN.get_or_init(|| Skin::shipped("skin16"))
+fn skin() -> &'static SyntheticSkin {
+    static SKIN: OnceLock<SyntheticSkin> = OnceLock::new();
+    SKIN.get_or_init(|| SyntheticSkin::shipped("skin16"))
 }
 
 /// What the messages should hold, worked out from the frames and not from the messages.
@@ -79,14 +79,15 @@ fn expected_of(reference: &Reference, frame: &LiveFrame) -> Value {
     let [rows, columns] = reference.picture();
     let mut picture = vec![Value::Null; rows * columns];
     for (pixel, &position) in reference.space.position_in_grid.iter().enumerate() {
-        picture[position] = json!(frame.image[pixel]);
+        picture[position] = json!(frame.result.image[pixel]);
     }
     let contacts: Vec<Value> = frame
+        .result
         .contacts
         .iter()
         .map(|contact| {
             let [[x, y, z], [nx, ny, nz], [vx, vy, vz]] = [contact.position_m, contact.normal, contact.velocity_m_s];
-            let age_s = (frame.measured_at.unix_ns - contact.since.unix_ns) as f64 * 1e-9;
+            let age_s = (frame.result.measured_at.unix_ns - contact.since.unix_ns) as f64 * 1e-9;
             json!([
                 x,
                 y,
@@ -110,7 +111,7 @@ fn expected_of(reference: &Reference, frame: &LiveFrame) -> Value {
         .collect();
     // One contact of known force at most: F = -n f, M = r x F.
     let mut wrench = [0.0; 6];
-    for contact in &frame.contacts {
+    for contact in &frame.result.contacts {
         if let Some(force_n) = contact.force_n {
             let [x, y, z] = contact.position_m;
             let [fx, fy, fz] = contact.normal.map(|part| -part * force_n);
@@ -119,12 +120,12 @@ fn expected_of(reference: &Reference, frame: &LiveFrame) -> Value {
     }
     let message: String = frame.message.iter().map(|byte| format!("{byte:02x}")).collect();
     json!({
-        "measured_ns": frame.measured_at.unix_ns,
-        "values_ohm": frame.values_ohm,
+        "measured_ns": frame.result.measured_at.unix_ns,
+        "values_ohm": frame.result.values_ohm,
         "picture": picture,
         "contacts": contacts,
         "wrench": wrench,
-        "at_m": frame.contacts.first().map(|contact| contact.position_m),
+        "at_m": frame.result.contacts.first().map(|contact| contact.position_m),
         "message": message,
     })
 }
@@ -139,7 +140,7 @@ fn rosbags_reads_a_recording() {
     for index in 0..FRAMES {
         recorder.frame(&skin().frame(index)).unwrap();
     }
-    recorder.event(skin().frame(FRAMES).measured_at, &Event::Command(json!({"tare": null}))).unwrap();
+    recorder.event(skin().frame(FRAMES).result.measured_at, &Event::Command(json!({"tare": null}))).unwrap();
     recorder.finish().unwrap();
     let expected = expected(folder.path());
     let said = run(Command::new(python).arg(scripts().join("check_recording.py")).arg(&path).arg(expected));

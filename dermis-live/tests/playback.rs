@@ -1,11 +1,13 @@
 //! A recording played in the place of its device.
 
-use dermis::design::SkinDesign;
+use dermis::method::MethodSet;
+use dermis::pipeline::{Command, Settings, TrackedContact};
+use dermis::skin::Skin;
 use dermis_live::device::Address;
 use dermis_live::emulator::{Emulator, EmulatorOptions, Port, Script};
 use dermis_live::replay::{Player, Replay, Replayed};
 use dermis_live::sink::RecordingSink;
-use dermis_live::{Command, Event, Live, LiveContact, LiveOptions, LiveSkin, Mailbox, Settings, Taken};
+use dermis_live::{Event, Live, LiveOptions, Mailbox, Taken};
 use dermis_sim::twin::TwinOptions;
 use std::net::TcpListener;
 use std::path::Path;
@@ -15,28 +17,28 @@ use std::time::{Duration, Instant};
 /// Enough for every event of a recording here.
 const WAITING: usize = 1 << 14;
 
-fn skin(name: &str) -> Arc<LiveSkin> {
-    Arc::new(LiveSkin::new(SkinDesign::shipped_text(name).unwrap(), name, None).unwrap())
+fn methods(name: &str) -> Arc<MethodSet> {
+    Arc::new(MethodSet::new(&dermis_learn::methods(), Skin::load(name).unwrap(), None).unwrap())
 }
 
 /// Records a press, commands among its frames.
-fn record(skin: &Arc<LiveSkin>, path: &Path) {
+fn record(methods: &Arc<MethodSet>, path: &Path) {
     let options = EmulatorOptions {
         twin: TwinOptions::shipped("lab").unwrap(),
         seed: 5,
-        script: Script::load("press", &skin.design, &TwinOptions::shipped("lab").unwrap(), 5).unwrap(),
+        script: Script::load("press", methods.skin().design(), &TwinOptions::shipped("lab").unwrap(), 5).unwrap(),
         faults: vec!["unplug@4.5+0.2".parse().unwrap(), "loose:9:200@6".parse().unwrap()],
         speed: 1.0,
         prerendered: 0,
         unpaced: false,
     };
-    let emulator = Emulator::new(&skin.design, options).unwrap();
+    let emulator = Emulator::new(methods.skin().design(), options).unwrap();
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = Address::Tcp(listener.local_addr().unwrap().to_string());
     let served = Arc::clone(&emulator);
     std::thread::spawn(move || served.serve(Port::Tcp(listener)).unwrap());
     let options = LiveOptions { address, device: Default::default(), settings: Settings::default(), state: None };
-    let live = Live::start(Arc::clone(skin), options).unwrap();
+    let live = Live::start(Arc::clone(methods), options).unwrap();
     let mailbox = live.shared().subscribe(WAITING);
     await_frame(&mailbox, 200);
     let taping = RecordingSink::start(live.shared(), path, None).unwrap();
@@ -57,7 +59,7 @@ fn await_frame(mailbox: &Mailbox<Event>, sequence: u64) {
     let begun = Instant::now();
     while begun.elapsed() < Duration::from_secs(60) {
         if let Taken::Item(Event::Frame(frame)) = mailbox.take(Duration::from_secs(1))
-            && frame.sequence >= sequence
+            && frame.result.sequence >= sequence
         {
             return;
         }
@@ -66,8 +68,8 @@ fn await_frame(mailbox: &Mailbox<Event>, sequence: u64) {
 }
 
 /// What a live skin tells of a recording: contacts by frames, and commands.
-fn played(skin: &Arc<LiveSkin>, path: &Path, speed: f64) -> (Vec<(u64, Vec<LiveContact>)>, Vec<Command>) {
-    let live = Live::play(Arc::clone(skin), Player::open(path, skin, speed).unwrap()).unwrap();
+fn played(methods: &Arc<MethodSet>, path: &Path, speed: f64) -> (Vec<(u64, Vec<TrackedContact>)>, Vec<Command>) {
+    let live = Live::play(Arc::clone(methods), Player::open(path, methods, speed).unwrap()).unwrap();
     let mailbox = live.shared().subscribe(WAITING);
     live.roll();
     let (mut frames, mut commands, mut connected, mut ended) = (Vec::new(), Vec::new(), 0, false);
@@ -75,7 +77,7 @@ fn played(skin: &Arc<LiveSkin>, path: &Path, speed: f64) -> (Vec<(u64, Vec<LiveC
         match mailbox.take(Duration::from_secs(30)) {
             Taken::Item(Event::Frame(frame)) => {
                 assert!(frame.received_at <= frame.output_at, "latencies are those of now");
-                frames.push((frame.sequence, frame.contacts.clone()));
+                frames.push((frame.result.sequence, frame.result.contacts.clone()));
             }
             Taken::Item(Event::Done(command)) => commands.push(command),
             Taken::Item(Event::Connected(_)) => connected += 1,
@@ -94,16 +96,16 @@ fn played(skin: &Arc<LiveSkin>, path: &Path, speed: f64) -> (Vec<(u64, Vec<LiveC
 
 #[test]
 fn a_recording_in_the_place_of_its_device_gives_the_contacts_of_its_replay() {
-    let skin = skin("cylinder30");
+    let methods = methods("cylinder30");
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("press.mcap");
-    record(&skin, &path);
+    record(&methods, &path);
 
     let mut replay = Replay::open(&path).unwrap();
     let (mut frames, mut commands) = (Vec::new(), Vec::new());
     while let Some(replayed) = replay.step().unwrap() {
         match replayed {
-            Replayed::Frame(frame) => frames.push((frame.sequence, frame.contacts)),
+            Replayed::Frame(frame) => frames.push((frame.result.sequence, frame.result.contacts)),
             Replayed::Command(command) => commands.push(command),
         }
     }
@@ -111,19 +113,19 @@ fn a_recording_in_the_place_of_its_device_gives_the_contacts_of_its_replay() {
     assert!(commands.contains(&Command::Threshold { value: 0.9 }), "{commands:?}");
 
     let begun = Instant::now();
-    let at_four_times = played(&skin, &path, 4.0);
+    let at_four_times = played(&methods, &path, 4.0);
     let seconds = begun.elapsed().as_secs_f64();
     assert!((1.5..4.0).contains(&seconds), "some seven seconds took {seconds} s at four times their pace");
     assert_eq!(at_four_times.1, commands);
     assert!(at_four_times.0 == frames, "the same contacts in every frame");
     // Faster than contacts can be made: nothing is left out either.
-    assert!(played(&skin, &path, 1e6).0 == frames);
+    assert!(played(&methods, &path, 1e6).0 == frames);
 
-    let other = self::skin("skin16");
+    let other = self::methods("skin16");
     let error = Player::open(&path, &other, 1.0).expect_err("another skin").to_string();
     assert!(
         error.contains("press.mcap") && error.contains("(30 electrodes, 870 channels) than `skin16` (16"),
         "{error}"
     );
-    assert!(Player::open(&path, &skin, f64::NAN).is_err());
+    assert!(Player::open(&path, &methods, f64::NAN).is_err());
 }

@@ -2,8 +2,9 @@
 
 mod page;
 
+use dermis::pipeline::{Notice, Severity};
+use dermis_live::Event;
 use dermis_live::server::{Server, ServerOptions};
-use dermis_live::{Event, Notice, Severity, Timestamp};
 use std::io::{Read, Seek, SeekFrom};
 use std::net::{SocketAddr, TcpStream};
 use std::time::{Duration, Instant};
@@ -40,7 +41,8 @@ fn a_recording_that_ends_slowly_holds_no_other_page_up() {
     // The recorder gets behind: it is told at once more than it can write in a second.
     let texts: Vec<String> = (0..40).map(text).collect();
     for index in 0..3900 {
-        let notice = Notice { level: Severity::Info, text: texts[index % texts.len()].clone(), at: Timestamp::now() };
+        let notice =
+            Notice { level: Severity::Info, text: texts[index % texts.len()].clone(), at: dermis_live::clock::now() };
         live.shared().tell(&Event::Notice(notice));
     }
     one.send(Message::text(r#"{"do":"record","on":false}"#)).unwrap();

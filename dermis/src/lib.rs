@@ -34,6 +34,8 @@ pub mod reconstruct;
 pub mod skin;
 // Layer 9
 pub mod method;
+// Layer 10
+pub mod pipeline;
 
 mod error;
 pub use error::{Error, Result};

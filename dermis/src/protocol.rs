@@ -215,6 +215,13 @@ impl Protocol {
         distinct(self.channels.iter().map(|channel| channel.measure))
     }
 
+    /// The change of each channel's value for each ohm that an electrode's contact resistance rises: 1 or -1 where the channel
+    /// drives and measures at the electrode, else 0.
+    pub fn contact_gains(&self, electrode: usize) -> impl Iterator<Item = f64> {
+        let sign = move |pair: Pair| f64::from(pair[0] == electrode) - f64::from(pair[1] == electrode);
+        self.channels.iter().map(move |channel| sign(channel.drive) * sign(channel.measure))
+    }
+
     /// SHA-256 of the channel table ([`to_csv`](Self::to_csv)), in hexadecimal digits: what tells protocols apart.
     pub fn sha256(&self) -> String {
         hmac_sha256::Hash::hash(self.to_csv().as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()

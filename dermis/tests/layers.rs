@@ -19,6 +19,7 @@ const LAYERED: &[(&str, &[&[&str]])] = &[
             &["reconstruct"],
             &["skin"],
             &["method"],
+            &["pipeline"],
         ],
     ),
     (

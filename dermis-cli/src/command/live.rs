@@ -8,14 +8,14 @@ use crate::method::METHOD_HELP;
 use clap::Args;
 use dermis::design::SkinDesign;
 use dermis::frame::write_whole;
+use dermis::method::MethodSet;
+use dermis::pipeline::{Command, Settings, Severity, State, Zone};
+use dermis::skin::Skin;
 use dermis_live::device::{Address, DeviceOptions};
 use dermis_live::emulator::{Emulator, Port};
 use dermis_live::replay::Player;
 use dermis_live::server::{Server, ServerOptions};
-use dermis_live::{
-    Command, Control, Event, Live, LiveOptions, LiveSkin, RecordingOptions, Settings, Severity, State, Taken, Zone,
-    jsonl, sink,
-};
+use dermis_live::{Control, Event, Live, LiveOptions, RecordingOptions, Taken, jsonl, sink};
 use std::io::IsTerminal;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
@@ -88,16 +88,15 @@ impl Arguments {
     /// Reads the skin until it is interrupted.
     pub fn run(self) -> Outcome {
         self.check_folders()?;
-        let text = SkinDesign::text_of(&self.design)?;
-        let skin = {
+        let methods = {
             let _waiting = crate::console::Progress::waiting("preparing");
-            Arc::new(LiveSkin::new(&text, &self.design, network_folder(self.method.as_deref()))?)
+            Arc::new(MethodSet::new(&dermis_learn::methods(), Skin::load(&self.design)?, self.method.as_deref())?)
         };
         let (live, emulator) = match self.source.strip_prefix("replay:") {
-            Some(recording) => (self.play(&skin, Path::new(recording))?, None),
+            Some(recording) => (self.play(&methods, Path::new(recording))?, None),
             None => {
-                let (address, emulator) = self.address(&skin)?;
-                (Live::start(Arc::clone(&skin), self.options(address)?)?, emulator)
+                let (address, emulator) = self.address(methods.skin().design())?;
+                (Live::start(Arc::clone(&methods), self.options(address)?)?, emulator)
             }
         };
         let tapes = RecordingOptions {
@@ -125,18 +124,18 @@ impl Arguments {
     }
 
     /// A recording in the place of a device. What is asked for here goes before what it was recorded with.
-    fn play(&self, skin: &Arc<LiveSkin>, recording: &Path) -> Outcome<Live> {
+    fn play(&self, methods: &Arc<MethodSet>, recording: &Path) -> Outcome<Live> {
         if self.state.is_some() || self.rate.is_some() {
             let fix = "leave --state and --rate out: a recording has its own";
             return Err(Failure::given("a recording takes no --state and no --rate", Some(fix)));
         }
         let zones = self.zones()?;
-        let player = Player::open(recording, skin, self.emulator.speed())?;
+        let player = Player::open(recording, methods, self.emulator.speed())?;
         let recorded_with = player.state().settings.method.clone();
-        let live = Live::play(Arc::clone(skin), player)?;
+        let live = Live::play(Arc::clone(methods), player)?;
         let mut commands = Vec::new();
         if let Some(method) = self.method.as_ref().filter(|method| **method != recorded_with) {
-            skin.method(method)?;
+            methods.method(method)?;
             commands.push(Command::Method { name: method.clone() });
         }
         commands.extend(self.threshold.map(|value| Command::Threshold { value }));
@@ -169,11 +168,11 @@ impl Arguments {
     }
 
     /// Where the device is; an emulated one is powered up.
-    fn address(&self, skin: &LiveSkin) -> Outcome<(Address, Option<Arc<Emulator>>)> {
+    fn address(&self, design: &SkinDesign) -> Outcome<(Address, Option<Arc<Emulator>>)> {
         if self.source != "emulate" {
             return Ok((Address::parse(&self.source)?, None));
         }
-        let emulator = self.emulator.emulator(&skin.design)?;
+        let emulator = self.emulator.emulator(design)?;
         let failed = |error: std::io::Error| Failure::given(format!("no port for the emulated device: {error}"), None);
         let listener = TcpListener::bind("127.0.0.1:0").map_err(failed)?;
         let address = Address::Tcp(listener.local_addr().map_err(failed)?.to_string());
@@ -278,11 +277,6 @@ impl Arguments {
         eprintln!("{}: {} frames, {:.1} s", path.display(), told.written.frames, told.written.seconds);
         Ok(())
     }
-}
-
-/// The folder of a network, where one is given.
-pub fn network_folder(method: Option<&str>) -> Option<&str> {
-    method.filter(|method| dermis::method::is_path(method))
 }
 
 /// What is told of frames.

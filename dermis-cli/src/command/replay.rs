@@ -30,7 +30,7 @@ impl Arguments {
     /// Replays as fast as it goes.
     pub fn run(self) -> Outcome {
         let mut replay = Replay::with_model(&self.recording, self.method.as_deref())?;
-        let name = replay.skin().design.name.clone();
+        let name = replay.skin().design().name.clone();
         let waiting = Progress::waiting("replaying");
         let mut out = BufWriter::new(std::io::stdout().lock());
         let (mut frames, mut touched, mut damaged) = (0u64, 0u64, 0u64);
@@ -46,10 +46,10 @@ impl Arguments {
                 Err(error) => return Err(error.into()),
             };
             frames += 1;
-            touched += u64::from(!frame.contacts.is_empty());
+            touched += u64::from(!frame.result.contacts.is_empty());
             let written = match (self.summary, self.contacts) {
                 (true, _) => Ok(()),
-                (_, true) => serde_json::to_writer(&mut out, &frame.contacts).map_err(std::io::Error::from),
+                (_, true) => serde_json::to_writer(&mut out, &frame.result.contacts).map_err(std::io::Error::from),
                 _ => serde_json::to_writer(&mut out, &FrameLine::new(&frame, &name)).map_err(std::io::Error::from),
             };
             let written = if self.summary { written } else { written.and_then(|()| out.write_all(b"\n")) };

@@ -1,6 +1,6 @@
 //! A device's time on the host's clock.
 
-use crate::timestamp::Timestamp;
+use dermis::pipeline::Timestamp;
 use std::time::Duration;
 
 /// Brings the times of a device onto the host's clock.

@@ -3,10 +3,9 @@
 use crate::LiveError;
 use crate::device::line::{Address, Line};
 use crate::device::{DeviceOptions, READ_BYTES, SILENCE};
-use crate::report::{Notice, Severity};
-use crate::scan::Role;
-use crate::skin::LiveSkin;
-use crate::timestamp::Timestamp;
+use crate::scan::{Role, ScanTable};
+use dermis::pipeline::{Notice, Severity};
+use dermis::skin::Skin;
 use dermis_wire::{
     Decoder, Fault, FaultCode, Frame, FrameFlags, Hello, Received, ScanPart, Slot, ToDevice, ToHost, VERSION,
     test_reading,
@@ -28,7 +27,8 @@ pub(super) struct Handshake<'a> {
     pub address: &'a Address,
     pub line: &'a mut dyn Line,
     pub decoder: &'a mut Decoder<Vec<u8>>,
-    pub skin: &'a LiveSkin,
+    pub skin: &'a Skin,
+    pub scan: &'a ScanTable,
     pub options: DeviceOptions,
 }
 
@@ -61,7 +61,7 @@ impl Handshake<'_> {
             let answers = self.settle(asked, baud, attempt + 1)?;
             let Some(hello) = answers.hello else { continue };
             let now = self.checked(&hello)?;
-            let slots = self.skin.scan.slots().len();
+            let slots = self.scan.slots().len();
             if (usize::from(now.slot_count), now.rate_millihertz) == (slots, asked) {
                 let notice = answers.tested.is_none().then(untested);
                 return Ok(Met { hello, notice, tested: answers.tested });
@@ -92,7 +92,8 @@ impl Handshake<'_> {
         let Ok(ToHost::Hello(hello)) = ToHost::parse(message) else {
             return Err(self.refused("its hello cannot be read".into()));
         };
-        check(&hello, self.address, self.skin, self.options).map_err(|why| self.refused(why))?;
+        check(&hello, self.address, self.skin, self.scan.slots().len(), self.options)
+            .map_err(|why| self.refused(why))?;
         Ok(hello)
     }
 
@@ -140,14 +141,14 @@ impl Handshake<'_> {
     ///
     /// At most `tests` messages may be unknown to it.
     fn settle(&mut self, rate_millihertz: u32, baud: u32, tests: usize) -> Result<Answers, LiveError> {
-        let skin = self.skin;
-        for part in skin.scan.parts() {
+        let scan = self.scan;
+        for part in scan.parts() {
             self.send(&ToDevice::Scan(part))?;
         }
         self.send(&ToDevice::Rate(rate_millihertz))?;
         self.send(&ToDevice::SelfTest)?;
         self.send(&ToDevice::Identify)?;
-        let patience = ANSWER + on_line(skin.scan.slots().len(), baud);
+        let patience = ANSWER + on_line(scan.slots().len(), baud);
         let mut answers = Answers::default();
         let mut buffer = vec![0; READ_BYTES];
         let begun = Instant::now();
@@ -156,7 +157,7 @@ impl Handshake<'_> {
             let Some(count) = received else { continue };
             self.decoder.feed(&buffer[..count], |received| {
                 if let Received::Message(message) = received {
-                    answers.take(message, skin);
+                    answers.take(message, scan);
                 }
             });
             if let Some(why) = answers.refusal(tests) {
@@ -192,13 +193,13 @@ struct Answers {
 }
 
 impl Answers {
-    fn take(&mut self, message: &[u8], skin: &LiveSkin) {
+    fn take(&mut self, message: &[u8], scan: &ScanTable) {
         match ToHost::parse(message) {
             Ok(ToHost::Fault(Fault { code: FaultCode::UnknownMessage, text })) => self.unknown.push(text.into()),
             Ok(ToHost::Fault(fault)) => self.fault = Some(fault.text.into()),
             Ok(ToHost::Frame(frame)) if frame.flags.has(FrameFlags::TEST) => {
                 self.tested = Some(frame.sequence);
-                self.wrong = wrong_reading(&frame, skin);
+                self.wrong = wrong_reading(&frame, scan);
             }
             // An earlier one answers an earlier question.
             Ok(ToHost::Hello(_)) if self.tested.is_some() || !self.unknown.is_empty() => {
@@ -224,12 +225,12 @@ impl Answers {
 
 fn untested() -> Notice {
     let text = "the device knows no self-test: whether its readings come through as they are is not known".into();
-    Notice { level: Severity::Info, text, at: Timestamp::now() }
+    Notice { level: Severity::Info, text, at: crate::clock::now() }
 }
 
 /// What is wrong with the readings of a self-test.
-fn wrong_reading(frame: &Frame<'_>, skin: &LiveSkin) -> Option<String> {
-    let roles = skin.scan.roles();
+fn wrong_reading(frame: &Frame<'_>, scan: &ScanTable) -> Option<String> {
+    let roles = scan.roles();
     if frame.readings.len() != roles.len() {
         return Some(format!("its self-test has {} readings, the scan table {}", frame.readings.len(), roles.len()));
     }
@@ -272,8 +273,14 @@ fn no_hello(bytes: usize, address: &Address) -> String {
 }
 
 /// Refuses what is not a device for the skin.
-fn check(hello: &Hello<'_>, address: &Address, skin: &LiveSkin, options: DeviceOptions) -> Result<(), String> {
-    let design = &skin.design;
+fn check(
+    hello: &Hello<'_>,
+    address: &Address,
+    skin: &Skin,
+    slot_count: usize,
+    options: DeviceOptions,
+) -> Result<(), String> {
+    let design = skin.design();
     if usize::from(hello.electrode_count) != design.electrodes.len() {
         let (device, skin) = (hello.electrode_count, design.electrodes.len());
         return Err(format!("it is a skin of {device} electrodes, but `{}` has {skin}", design.name));
@@ -302,11 +309,7 @@ fn check(hello: &Hello<'_>, address: &Address, skin: &LiveSkin, options: DeviceO
         let (asked, most) = (rate_millihertz * 1e-3, f64::from(hello.highest_rate_millihertz) * 1e-3);
         return Err(format!("{asked} frames a second are asked for, but it takes at most {most}"));
     }
-    let bytes = dermis_wire::bytes_per_second(
-        skin.scan.slots().len(),
-        usize::from(hello.reading_bytes),
-        rate_millihertz as u32,
-    );
+    let bytes = dermis_wire::bytes_per_second(slot_count, usize::from(hello.reading_bytes), rate_millihertz as u32);
     let baud = match address {
         Address::Serial { baud, .. } if hello.baud != 0 => (*baud).min(hello.baud),
         _ => return Ok(()),
@@ -316,7 +319,7 @@ fn check(hello: &Hello<'_>, address: &Address, skin: &LiveSkin, options: DeviceO
         Ok(needed) if needed <= baud => Ok(()),
         Ok(needed) => Err(format!(
             "a line of {baud} bits a second is too slow for {} readings {} times a second: the smallest that does is {needed}",
-            skin.scan.slots().len(),
+            slot_count,
             rate_millihertz * 1e-3
         )),
         Err(needed) => {

@@ -10,11 +10,11 @@ pub use line::{Address, Line, PATIENCE, open};
 use crate::LiveError;
 use crate::device::handshake::{Handshake, send};
 use crate::meter::Meter;
-use crate::pipeline::Incoming;
-use crate::report::{Counts, Notice, Severity};
-use crate::skin::LiveSkin;
-use crate::timestamp::Timestamp;
+use crate::scan::{ScanTable, TooLarge};
+use dermis::pipeline::{Counts, FrameInput, Notice, Severity, Timestamp};
+use dermis::skin::Skin;
 use dermis_wire::{Arrival, Arrivals, Decoder, Frame, FrameFlags, Hello, Received, Status, ToDevice, ToHost};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// How a device is to be read.
@@ -51,9 +51,22 @@ pub struct Device {
     asked_at: Instant,
 }
 
-/// What is known of the frames of a device, from one connection to the next.
-#[derive(Debug, Clone, Default)]
+/// A frame as it was received.
+#[derive(Debug, Clone, PartialEq)]
+pub struct IncomingFrame {
+    /// The frame, for the pipeline.
+    pub input: FrameInput,
+    /// When its last byte was received.
+    pub received_at: Timestamp,
+    /// The message of the device.
+    pub message: Vec<u8>,
+}
+
+/// The frames of a device in order, from one connection to the next.
+#[derive(Debug, Clone)]
 pub struct Stream {
+    skin: Skin,
+    scan: Arc<ScanTable>,
     meter: Option<Meter>,
     arrivals: Arrivals,
     clock: DeviceClock,
@@ -97,6 +110,26 @@ impl Rate {
 }
 
 impl Stream {
+    /// Without a frame yet.
+    ///
+    /// # Errors
+    /// A protocol that is too large for the wire.
+    pub fn new(skin: &Skin) -> Result<Self, TooLarge> {
+        Ok(Stream {
+            skin: skin.clone(),
+            scan: Arc::new(ScanTable::new(&skin.design().protocol)?),
+            meter: None,
+            arrivals: Arrivals::default(),
+            clock: DeviceClock::default(),
+            rate: Rate::default(),
+            boot: None,
+            newest: None,
+            tests: 0,
+            damaged: 0,
+            reconnected: 0,
+        })
+    }
+
     /// Counts since the start.
     pub fn counts(&self) -> Counts {
         Counts {
@@ -110,12 +143,12 @@ impl Stream {
     }
 
     /// The device says who it is.
-    pub fn hello(&mut self, hello: &Hello<'_>, skin: &LiveSkin) {
+    pub fn hello(&mut self, hello: &Hello<'_>) {
         if self.boot.replace(hello.boot).is_some_and(|boot| boot != hello.boot) {
             self.arrivals.restart();
             self.clock.restart();
         }
-        self.meter = Some(Meter::new(hello, &skin.scan, &skin.design.protocol));
+        self.meter = Some(Meter::new(hello, &self.scan, &self.skin.design().protocol));
     }
 
     /// The same, on a new connection: how the device's clock went meanwhile is not known.
@@ -125,10 +158,10 @@ impl Stream {
     }
 
     /// A device was met that said a hello, after it had sent a frame of test readings.
-    pub(crate) fn met(&mut self, message: Vec<u8>, tested: Option<u32>, skin: &LiveSkin) -> DeviceFacts {
+    pub(crate) fn met(&mut self, message: Vec<u8>, tested: Option<u32>) -> DeviceFacts {
         let (mut name, mut serial, mut rate_hz) = (String::new(), 0, 0.0);
         if let Ok(ToHost::Hello(hello)) = ToHost::parse(&message) {
-            self.hello(&hello, skin);
+            self.hello(&hello);
             (name, serial, rate_hz) = (hello.name.into(), hello.serial, f64::from(hello.rate_millihertz) * 1e-3);
         }
         tested.into_iter().for_each(|sequence| self.test(sequence));
@@ -144,7 +177,7 @@ impl Stream {
     }
 
     /// A frame's message that came at some moment; `None` of one that is not new or not the skin's.
-    pub fn frame(&mut self, frame: &Frame<'_>, message: &[u8], received_at: Timestamp) -> Option<Incoming> {
+    pub fn frame(&mut self, frame: &Frame<'_>, message: &[u8], received_at: Timestamp) -> Option<IncomingFrame> {
         if frame.flags.has(FrameFlags::TEST) {
             self.test(frame.sequence);
             return None;
@@ -158,15 +191,14 @@ impl Stream {
         let newest = self.newest.map_or(u64::from(frame.sequence), |newest| newest + 1 + u64::from(skipped));
         self.newest = Some(newest);
         let measured_at = self.clock.moment(frame.time_us, received_at);
-        Some(Incoming {
+        let input = FrameInput {
             sequence: newest,
             measured_at,
-            received_at,
-            measures: meter.measure(frame.readings),
-            message: message.to_vec(),
+            measurement: meter.measure(frame.readings),
             counts: self.counts(),
             rate_hz: self.rate.take(measured_at),
-        })
+        };
+        Some(IncomingFrame { input, received_at, message: message.to_vec() })
     }
 }
 
@@ -174,7 +206,7 @@ impl Stream {
 #[derive(Debug, Clone, PartialEq)]
 pub enum Heard {
     /// A frame.
-    Frame(Box<Incoming>),
+    Frame(Box<IncomingFrame>),
     /// How it is.
     Status(Status),
     /// Something that a person should know.
@@ -190,15 +222,19 @@ impl Device {
     /// skin's; the error says which and what to do.
     pub fn connect(
         address: &Address,
-        skin: &LiveSkin,
+        skin: &Skin,
         options: DeviceOptions,
         stream: Option<Stream>,
     ) -> Result<Self, LiveError> {
         let mut line = open(address)?;
         let mut decoder = Decoder::new(vec![0; dermis_wire::packet_bytes(dermis_wire::LONGEST_MESSAGE)]);
-        let met = Handshake { address, line: line.as_mut(), decoder: &mut decoder, skin, options }.meet()?;
-        let mut stream = stream.map_or_else(Stream::default, Stream::reconnected);
-        let facts = stream.met(met.hello, met.tested, skin);
+        let mut stream = match stream {
+            Some(stream) => stream.reconnected(),
+            None => Stream::new(skin)?,
+        };
+        let scan = &stream.scan;
+        let met = Handshake { address, line: line.as_mut(), decoder: &mut decoder, skin, scan, options }.meet()?;
+        let facts = stream.met(met.hello, met.tested);
         let mut device = Device {
             address: address.to_string(),
             line,
@@ -251,7 +287,7 @@ impl Device {
             return Ok(());
         };
         self.heard_at = Instant::now();
-        let received_at = Timestamp::now();
+        let received_at = crate::clock::now();
         let Device { decoder, buffer, stream, asked_at, .. } = self;
         decoder.feed(&buffer[..count], |received| {
             let Received::Message(message) = received else {

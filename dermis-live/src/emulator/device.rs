@@ -101,7 +101,7 @@ impl Emulator {
             volts_per_count: twin.electronics().volts_per_count().unwrap_or(ideal),
             full_scale: ((1i64 << (bits.clamp(2, 32) - 1)) - 1) as i32,
             reading_bytes: if bits <= 16 { 2 } else { 4 },
-            boot: std::process::id() ^ crate::Timestamp::now().unix_ns as u32,
+            boot: std::process::id() ^ crate::clock::now().unix_ns as u32,
             twin: Mutex::new(twin),
             history: Mutex::default(),
             fingers: Mutex::default(),

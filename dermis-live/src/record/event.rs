@@ -1,6 +1,6 @@
 //! What happens beside the frames.
 
-use crate::Notice;
+use dermis::pipeline::Notice;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 

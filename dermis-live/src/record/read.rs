@@ -1,9 +1,9 @@
 //! Reads recordings for a replay.
 
-use crate::Timestamp;
 use crate::record::walk::{End, Item, Walk};
 use crate::record::{Event, RecordError, Session};
 use crate::ros::{self, Topic};
+use dermis::pipeline::Timestamp;
 use mcap::records::MessageHeader;
 use std::collections::HashMap;
 use std::fs::File;

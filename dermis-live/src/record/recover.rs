@@ -1,10 +1,10 @@
 //! Makes a whole recording of what a cut or damaged one holds.
 
-use crate::Timestamp;
 use crate::record::walk::{End, Item, Walk};
 use crate::record::write::{CHUNK_TIME, Output, options, output};
 use crate::record::{RecordError, read};
 use crate::ros::Topic;
+use dermis::pipeline::Timestamp;
 use mcap::records::{AttachmentHeader, Channel, Header, MessageHeader, SchemaHeader};
 use mcap::{Attachment, McapError, McapResult, Writer};
 use serde::Serialize;

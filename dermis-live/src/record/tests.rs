@@ -1,6 +1,6 @@
 use super::*;
-use crate::synthetic::{self, Skin};
-use crate::{LiveFrame, Notice, Severity, Timestamp};
+use crate::synthetic::{self, SyntheticSkin};
+use dermis::pipeline::{Notice, Severity, Timestamp};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::json;
@@ -25,9 +25,9 @@ fn tare() -> Event {
     Event::Command(json!({"tare": null}))
 }
 
-fn skin() -> &'static Skin {
-    static SKIN: OnceLock<Skin> = OnceLock::new();
-    SKIN.get_or_init(|| Skin::shipped("skin16"))
+fn skin() -> &'static SyntheticSkin {
+    static SKIN: OnceLock<SyntheticSkin> = OnceLock::new();
+    SKIN.get_or_init(|| SyntheticSkin::shipped("skin16"))
 }
 
 /// A finished recording of 300 frames with an event after the hundredth, and the bytes that it had before it was finished.
@@ -51,7 +51,7 @@ fn recorded() -> &'static (Vec<u8>, Vec<u8>) {
 }
 
 fn at(index: u64) -> Timestamp {
-    skin().frame(index).measured_at
+    skin().frame(index).result.measured_at
 }
 
 fn in_file(bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
@@ -67,8 +67,9 @@ fn frames_in(path: &Path) -> u64 {
     for recorded in Recording::open(path).unwrap() {
         match recorded.unwrap() {
             Recorded::Frame { measured_at, output_at, message } => {
-                let LiveFrame { message: expected, measured_at: from, output_at: to, .. } = skin().frame(next);
-                assert_eq!((measured_at, output_at, message), (from, to, expected), "frame {next}");
+                let expected = skin().frame(next);
+                let times = (expected.result.measured_at, expected.output_at);
+                assert_eq!((measured_at, output_at, message), (times.0, times.1, expected.message), "frame {next}");
                 next += 1;
             }
             Recorded::Event { at: moment, event } => assert_eq!((moment, event), (at(100), tare())),
@@ -105,7 +106,7 @@ fn another_reader_finds_every_message() {
         match message.channel.topic.as_str() {
             "/dermis/image" => {
                 assert_eq!(message.channel.schema.as_ref().unwrap().name, "sensor_msgs/msg/Image");
-                assert_eq!(message.log_time, frame.measured_at.unix_ns);
+                assert_eq!(message.log_time, frame.result.measured_at.unix_ns);
                 let image: crate::ros::Image = crate::ros::decode(&message.data).unwrap();
                 assert_eq!(image, crate::ros::image(&skin().reference, &frame));
                 images += 1;
@@ -118,7 +119,7 @@ fn another_reader_finds_every_message() {
         }
     }
     assert_eq!(images, FRAMES);
-    assert_eq!(contacts, (0..FRAMES).map(|index| skin().frame(index).contacts.len() as u64).sum::<u64>());
+    assert_eq!(contacts, (0..FRAMES).map(|index| skin().frame(index).result.contacts.len() as u64).sum::<u64>());
 }
 
 /// Killed at any byte: whatever was in a finished chunk is there, and a chunk takes 0.4 s.
@@ -290,13 +291,14 @@ fn tables_hold_what_was_recorded() {
     for name in ["frames.csv", "recording.npz"] {
         let table = dermis::frame::read_frames(&out.join(name), &skin().design.protocol).unwrap();
         assert_eq!(table.len(), FRAMES as usize, "{name}");
-        let expected: Vec<f64> = skin().frame(77).values_ohm.iter().map(|&value| f64::from(value as f32)).collect();
+        let expected: Vec<f64> =
+            skin().frame(77).result.values_ohm.iter().map(|&value| f64::from(value as f32)).collect();
         assert!(table[77].0.iter().zip(&expected).all(|(a, b)| (a - b).abs() <= 1e-6 * b.abs()), "{name}");
     }
     let (shape, images) = dermis::frame::read_array(&out.join("recording.npz"), "images").unwrap();
     assert_eq!(shape[1..], converted.picture);
     let pixel = skin().reference.space.position_in_grid[5];
-    assert_eq!(images[pixel], f64::from(skin().frame(0).image[5]));
+    assert_eq!(images[pixel], f64::from(skin().frame(0).result.image[5]));
     let (_, ids) = dermis::frame::read_array(&out.join("recording.npz"), "contact_id").unwrap();
     assert_eq!((ids.len(), ids[0], ids[1]), (converted.contacts, 7.0, 8.0));
     let contacts = std::fs::read_to_string(out.join("contacts.csv")).unwrap();

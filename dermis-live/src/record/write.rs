@@ -1,8 +1,10 @@
 //! Writes recordings.
 
+use crate::LiveFrame;
+use crate::clock;
 use crate::record::{Event, RecordError, Session};
 use crate::ros::{self, Due, Message, Reference, Topic};
-use crate::{LiveFrame, Timestamp};
+use dermis::pipeline::Timestamp;
 use mcap::records::MessageHeader;
 use mcap::{Attachment, Compression, WriteOptions};
 use std::collections::BTreeMap;
@@ -65,7 +67,7 @@ impl Recorder {
         let version = env!("CARGO_PKG_VERSION");
         let mut writer = options("ros2", &format!("dermis {version}")).create(self::output(output))?;
         let session = Session { version: version.into(), ..session.clone() };
-        let now = Timestamp::now().unix_ns;
+        let now = clock::now().unix_ns;
         for (name, media_type, text) in session.attachments() {
             let (name, media_type) = (name.into(), media_type.into());
             writer.attach(&Attachment {
@@ -112,7 +114,7 @@ impl Recorder {
     }
 
     fn write_frame(&mut self, frame: &LiveFrame) -> mcap::McapResult<()> {
-        self.finish_chunk_if_due(frame.measured_at)?;
+        self.finish_chunk_if_due(frame.result.measured_at)?;
         let wire = ros::UInt8MultiArray { data: frame.message.clone(), ..Default::default() };
         self.message(Topic::Wire, frame, &wire)?;
         self.message(Topic::Frame, frame, &ros::frame(&self.reference, frame))?;
@@ -125,15 +127,15 @@ impl Recorder {
         if self.due.diagnostics(frame) {
             self.message(Topic::Diagnostics, frame, &ros::diagnostics(&self.reference, frame))?;
         }
-        let begun = *self.begun.get_or_insert(frame.measured_at);
+        let begun = *self.begun.get_or_insert(frame.result.measured_at);
         self.written.frames += 1;
-        self.written.seconds = frame.measured_at.seconds_since(begun);
+        self.written.seconds = frame.result.measured_at.seconds_since(begun);
         Ok(())
     }
 
     fn message<M: Message>(&mut self, topic: Topic, frame: &LiveFrame, message: &M) -> mcap::McapResult<()> {
-        let times = [frame.measured_at, frame.output_at];
-        self.put(topic, frame.sequence as u32, times, message)
+        let times = [frame.result.measured_at, frame.output_at];
+        self.put(topic, frame.result.sequence as u32, times, message)
     }
 
     fn put<M: Message>(

@@ -1,7 +1,8 @@
 //! How the skin and its instrument are, as ROS tools show it.
 
+use crate::LiveFrame;
 use crate::ros::{DiagnosticArray, DiagnosticStatus, KeyValue, Reference};
-use crate::{ElectrodeHealth, ElectrodeState, Health, LiveFrame};
+use dermis::pipeline::{ElectrodeHealth, ElectrodeState, Health};
 use std::fmt::Display;
 
 const OK: u8 = 0;
@@ -11,8 +12,8 @@ const ERROR: u8 = 2;
 /// Two parts: the instrument with its rate, noise and losses, and the electrodes with the state of each.
 pub fn diagnostics(reference: &Reference, live: &LiveFrame) -> DiagnosticArray {
     DiagnosticArray {
-        header: reference.header(live.measured_at),
-        status: vec![instrument(reference, &live.health), electrodes(reference, &live.health)],
+        header: reference.header(live.result.measured_at),
+        status: vec![instrument(reference, &live.result.health), electrodes(reference, &live.result.health)],
     }
 }
 

@@ -1,7 +1,8 @@
 //! Contacts drawn for RViz and its like.
 
+use crate::LiveFrame;
 use crate::ros::{ColorRGBA, Marker, MarkerArray, Point, Pose, Reference, Vector3};
-use crate::{LiveContact, LiveFrame};
+use dermis::pipeline::TrackedContact;
 use std::time::Duration;
 
 const ARROW: i32 = 0;
@@ -20,15 +21,15 @@ const ARROW_M_PER_N: f64 = 0.01;
 /// An arrow is 10 mm a newton long; where the force is unknown the strongest contact's is a sixth of the skin, and the
 /// others' are in proportion to the root of their strength. All are between a fortieth and a third of the skin.
 pub fn markers(reference: &Reference, live: &LiveFrame) -> MarkerArray {
-    if live.contacts.is_empty() {
+    if live.result.contacts.is_empty() {
         let mut all = marker(reference, live, "contacts", 0, ARROW);
         all.action = DELETE_ALL;
         return MarkerArray { markers: vec![all] };
     }
     let extent_m = reference.space.extent_m();
-    let strongest = live.contacts.iter().map(|contact| contact.strength).fold(f64::MIN_POSITIVE, f64::max);
-    let mut markers = Vec::with_capacity(2 * live.contacts.len());
-    for contact in &live.contacts {
+    let strongest = live.result.contacts.iter().map(|contact| contact.strength).fold(f64::MIN_POSITIVE, f64::max);
+    let mut markers = Vec::with_capacity(2 * live.result.contacts.len());
+    for contact in &live.result.contacts {
         let guess = || extent_m / 6.0 * (contact.strength / strongest).max(0.0).sqrt();
         let length_m = contact.force_n.map_or_else(guess, |force_n| ARROW_M_PER_N * force_n.abs());
         let length_m = length_m.max(extent_m / 40.0).min(extent_m / 3.0);
@@ -38,7 +39,7 @@ pub fn markers(reference: &Reference, live: &LiveFrame) -> MarkerArray {
     MarkerArray { markers }
 }
 
-fn arrow(reference: &Reference, live: &LiveFrame, contact: &LiveContact, length_m: f64) -> Marker {
+fn arrow(reference: &Reference, live: &LiveFrame, contact: &TrackedContact, length_m: f64) -> Marker {
     let mut arrow = marker(reference, live, "contacts", contact.id as i32, ARROW);
     arrow.points = [above(contact, length_m), contact.position_m].map(|[x, y, z]| Point { x, y, z }).to_vec();
     arrow.scale = Vector3 { x: 0.15 * length_m, y: 0.3 * length_m, z: 0.35 * length_m };
@@ -47,7 +48,7 @@ fn arrow(reference: &Reference, live: &LiveFrame, contact: &LiveContact, length_
     arrow
 }
 
-fn label(reference: &Reference, live: &LiveFrame, contact: &LiveContact, length_m: f64) -> Marker {
+fn label(reference: &Reference, live: &LiveFrame, contact: &TrackedContact, length_m: f64) -> Marker {
     let height_m = reference.space.extent_m() / 25.0;
     let mut label = marker(reference, live, "ids", contact.id as i32, TEXT);
     label.pose = Pose::at(above(contact, length_m + height_m));
@@ -61,13 +62,13 @@ fn label(reference: &Reference, live: &LiveFrame, contact: &LiveContact, length_
 }
 
 /// The point above a contact, outside the skin.
-fn above(contact: &LiveContact, height_m: f64) -> [f64; 3] {
+fn above(contact: &TrackedContact, height_m: f64) -> [f64; 3] {
     std::array::from_fn(|axis| contact.position_m[axis] + height_m * contact.normal[axis])
 }
 
 fn marker(reference: &Reference, live: &LiveFrame, ns: &str, id: i32, kind: i32) -> Marker {
     Marker {
-        header: reference.header(live.measured_at),
+        header: reference.header(live.result.measured_at),
         ns: ns.into(),
         id,
         r#type: kind,

@@ -1,7 +1,7 @@
 //! The standard messages, as ROS 2 has had them since Humble. Units are those of REP 103: m, N, N m, s, rad.
 
-use crate::Timestamp;
 use crate::ros::Message;
+use dermis::pipeline::Timestamp;
 use serde::{Deserialize, Serialize};
 
 macro_rules! messages {

@@ -1,5 +1,6 @@
 use super::*;
 use crate::synthetic;
+use dermis::pipeline::ElectrodeState;
 
 /// Bytes worked out by hand from the rules of CDR: numbers at multiples of their size, counted behind the first four bytes.
 #[test]
@@ -64,7 +65,7 @@ fn an_image_has_nothing_outside_the_body() {
     let values: Vec<f32> = message.data.as_chunks().0.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect();
     for (index, value) in values.iter().enumerate() {
         match reference.space.position_in_grid.iter().position(|&position| position == index) {
-            Some(pixel) => assert_eq!(*value, live.image[pixel]),
+            Some(pixel) => assert_eq!(*value, live.result.image[pixel]),
             None => assert!(value.is_nan()),
         }
     }
@@ -75,17 +76,17 @@ fn an_image_has_nothing_outside_the_body() {
 fn the_wrench_is_the_sum_of_the_presses() {
     let (reference, mut live) = synthetic::pressed();
     // 2 N down at x = 0.03, and a contact whose force is unknown: M = r x F = (0.03, 0, 0) x (0, 0, -2) = (0, 0.06, 0).
-    live.contacts.truncate(2);
-    live.contacts[0].position_m = [0.03, 0.0, 0.0];
-    live.contacts[0].normal = [0.0, 0.0, 1.0];
-    live.contacts[0].force_n = Some(2.0);
-    live.contacts[1].force_n = None;
+    live.result.contacts.truncate(2);
+    live.result.contacts[0].position_m = [0.03, 0.0, 0.0];
+    live.result.contacts[0].normal = [0.0, 0.0, 1.0];
+    live.result.contacts[0].force_n = Some(2.0);
+    live.result.contacts[1].force_n = None;
     let Wrench { force, torque } = wrench(&reference, &live).wrench;
     assert_eq!((force.x, force.y, force.z), (0.0, 0.0, -2.0));
     assert!((torque.y - 0.06).abs() < 1e-12 && torque.x == 0.0 && torque.z == 0.0, "{torque:?}");
-    live.contacts[0].force_n = None;
+    live.result.contacts[0].force_n = None;
     assert!(wrench(&reference, &live).wrench.force.z.is_nan());
-    live.contacts.clear();
+    live.result.contacts.clear();
     assert_eq!(wrench(&reference, &live).wrench.force.z, 0.0);
 }
 
@@ -93,12 +94,12 @@ fn the_wrench_is_the_sum_of_the_presses() {
 fn markers_point_at_contacts_and_go_with_the_last() {
     let (reference, mut live) = synthetic::pressed();
     let drawn = markers(&reference, &live).markers;
-    assert_eq!(drawn.len(), 2 * live.contacts.len());
-    let [x, y, z] = live.contacts[0].position_m;
+    assert_eq!(drawn.len(), 2 * live.result.contacts.len());
+    let [x, y, z] = live.result.contacts[0].position_m;
     assert_eq!(drawn[0].points[1], Point { x, y, z });
     let mut due = Due::default();
     assert!(due.markers(&live) && due.markers(&live));
-    live.contacts.clear();
+    live.result.contacts.clear();
     assert!(due.markers(&live), "once more, to take them away");
     assert!(!due.markers(&live));
     assert_eq!(markers(&reference, &live).markers[0].action, 3);
@@ -106,7 +107,6 @@ fn markers_point_at_contacts_and_go_with_the_last() {
 
 #[test]
 fn diagnostics_come_once_a_second_and_when_an_electrode_fails() {
-    use crate::ElectrodeState;
     use std::sync::Arc;
     let (reference, mut live) = synthetic::pressed();
     let mut due = Due::default();
@@ -114,10 +114,10 @@ fn diagnostics_come_once_a_second_and_when_an_electrode_fails() {
     let mut told = 0;
     for _ in 0..250 {
         told += usize::from(due.diagnostics(&live));
-        live.measured_at = live.measured_at.after(step);
+        live.result.measured_at = live.result.measured_at.after(step);
     }
     assert_eq!(told, 3, "at 0, 1 and 2 s");
-    Arc::make_mut(&mut live.health).electrodes[3].state = ElectrodeState::Loose;
+    Arc::make_mut(&mut live.result.health).electrodes[3].state = ElectrodeState::Loose;
     assert!(due.diagnostics(&live) && !due.diagnostics(&live));
     let status = &diagnostics(&reference, &live).status[1];
     assert_eq!((status.level, status.message.as_str()), (2, "electrode 3 is loose"));

@@ -1,9 +1,10 @@
 //! What a frame says on each topic.
 
+use crate::LiveFrame;
 use crate::ros::{DiagnosticArray, MarkerArray, Text, UInt8MultiArray};
 use crate::ros::{Header, Image, Message, PointCloud2, PointField, Time, Vector3, Wrench, WrenchStamped};
-use crate::{LiveContact, LiveFrame, Timestamp};
 use dermis::image::PixelSpace;
+use dermis::pipeline::{Timestamp, TrackedContact};
 use std::sync::Arc;
 
 /// A topic, by its place in [`Topic::ALL`].
@@ -102,24 +103,24 @@ impl Reference {
 #[derive(Debug, Clone, Default)]
 pub struct Due {
     told_at: Option<Timestamp>,
-    told: Vec<crate::ElectrodeState>,
+    told: Vec<dermis::pipeline::ElectrodeState>,
     drawn: Option<bool>,
 }
 
 impl Due {
     /// Whether markers are due with this frame.
     pub fn markers(&mut self, frame: &LiveFrame) -> bool {
-        let drawn = self.drawn.replace(!frame.contacts.is_empty());
-        !frame.contacts.is_empty() || drawn != Some(false)
+        let drawn = self.drawn.replace(!frame.result.contacts.is_empty());
+        !frame.result.contacts.is_empty() || drawn != Some(false)
     }
 
     /// Whether diagnostics are due with this frame.
     pub fn diagnostics(&mut self, frame: &LiveFrame) -> bool {
-        let states = || frame.health.electrodes.iter().map(|electrode| electrode.state);
-        let long_ago = self.told_at.is_none_or(|at| !(0.0..1.0).contains(&frame.measured_at.seconds_since(at)));
+        let states = || frame.result.health.electrodes.iter().map(|electrode| electrode.state);
+        let long_ago = self.told_at.is_none_or(|at| !(0.0..1.0).contains(&frame.result.measured_at.seconds_since(at)));
         let due = long_ago || !states().eq(self.told.iter().copied());
         if due {
-            self.told_at = Some(frame.measured_at);
+            self.told_at = Some(frame.result.measured_at);
             self.told.clear();
             self.told.extend(states());
         }
@@ -129,8 +130,8 @@ impl Due {
 
 /// The values of a frame, ohm, as one row.
 pub fn frame(reference: &Reference, live: &LiveFrame) -> Image {
-    let values = live.values_ohm.iter().map(|&value| value as f32);
-    picture(reference.header(live.measured_at), [1, live.values_ohm.len()], values)
+    let values = live.result.values_ohm.iter().map(|&value| value as f32);
+    picture(reference.header(live.result.measured_at), [1, live.result.values_ohm.len()], values)
 }
 
 /// The image, `NaN` outside the body. Rows and columns are those of every picture here: row 0 at z = 0 of a cylinder, at
@@ -138,12 +139,12 @@ pub fn frame(reference: &Reference, live: &LiveFrame) -> Image {
 pub fn image(reference: &Reference, live: &LiveFrame) -> Image {
     let [rows, columns] = reference.picture();
     let mut values = vec![f32::NAN; rows * columns];
-    for (&position, &value) in reference.space.position_in_grid.iter().zip(&live.image) {
+    for (&position, &value) in reference.space.position_in_grid.iter().zip(&live.result.image) {
         if let Some(place) = values.get_mut(position) {
             *place = value;
         }
     }
-    picture(reference.header(live.measured_at), [rows, columns], values.into_iter())
+    picture(reference.header(live.result.measured_at), [rows, columns], values.into_iter())
 }
 
 fn picture(header: Header, [rows, columns]: [usize; 2], values: impl Iterator<Item = f32>) -> Image {
@@ -195,14 +196,14 @@ pub fn contacts(reference: &Reference, live: &LiveFrame) -> PointCloud2 {
         count: 1,
     };
     let point_step = CONTACT_FIELDS.len() * FIELD_BYTES;
-    let mut data = Vec::with_capacity(live.contacts.len() * point_step);
-    for contact in &live.contacts {
-        data.extend(point(contact, live.measured_at).into_iter().flatten());
+    let mut data = Vec::with_capacity(live.result.contacts.len() * point_step);
+    for contact in &live.result.contacts {
+        data.extend(point(contact, live.result.measured_at).into_iter().flatten());
     }
     PointCloud2 {
-        header: reference.header(live.measured_at),
+        header: reference.header(live.result.measured_at),
         height: 1,
-        width: live.contacts.len() as u32,
+        width: live.result.contacts.len() as u32,
         fields: CONTACT_FIELDS.into_iter().enumerate().map(field).collect(),
         is_bigendian: false,
         point_step: point_step as u32,
@@ -213,7 +214,7 @@ pub fn contacts(reference: &Reference, live: &LiveFrame) -> PointCloud2 {
 }
 
 /// The bytes of a contact, in the order of [`CONTACT_FIELDS`].
-fn point(contact: &LiveContact, now: Timestamp) -> [[u8; 4]; CONTACT_FIELDS.len()] {
+fn point(contact: &TrackedContact, now: Timestamp) -> [[u8; 4]; CONTACT_FIELDS.len()] {
     let float = |value: f64| (value as f32).to_le_bytes();
     let known = |value: Option<f64>| float(value.unwrap_or(f64::NAN));
     let [x, y, z] = contact.position_m.map(float);
@@ -243,8 +244,8 @@ fn point(contact: &LiveContact, now: Timestamp) -> [[u8; 4]; CONTACT_FIELDS.len(
 /// The force on the skin and its torque about the frame's origin: F = sum of -n f, M = sum of r x (-n f) over the contacts
 /// whose force f is known. All zero without a contact, all `NaN` where there are contacts and no force is known.
 pub fn wrench(reference: &Reference, live: &LiveFrame) -> WrenchStamped {
-    let known = live.contacts.iter().filter_map(|contact| Some((contact, contact.force_n?)));
-    let unknown = !live.contacts.is_empty() && known.clone().next().is_none();
+    let known = live.result.contacts.iter().filter_map(|contact| Some((contact, contact.force_n?)));
+    let unknown = !live.result.contacts.is_empty() && known.clone().next().is_none();
     let (mut force_n, mut torque_nm) =
         ([if unknown { f64::NAN } else { 0.0 }; 3], [if unknown { f64::NAN } else { 0.0 }; 3]);
     for (contact, pressing_n) in known {
@@ -257,7 +258,7 @@ pub fn wrench(reference: &Reference, live: &LiveFrame) -> WrenchStamped {
     }
     let vector = |[x, y, z]: [f64; 3]| Vector3 { x, y, z };
     let wrench = Wrench { force: vector(force_n), torque: vector(torque_nm) };
-    WrenchStamped { header: reference.header(live.measured_at), wrench }
+    WrenchStamped { header: reference.header(live.result.measured_at), wrench }
 }
 
 fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {

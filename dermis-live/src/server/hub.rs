@@ -1,13 +1,14 @@
 //! What pages are sent: made once for all of them, on a thread of its own.
 
+use crate::clock;
 use crate::control::Control;
 use crate::live::Event;
 use crate::mailbox::Taken;
-use crate::report::{Health, LiveContact, LiveFrame, Notice};
+use crate::report::LiveFrame;
 use crate::server::scene::{flat_m, scene};
-use crate::skin::NamedMethod;
-use crate::timestamp::Timestamp;
 use bytes::Bytes;
+use dermis::method::Method;
+use dermis::pipeline::{Health, Notice, Severity, TrackedContact};
 use dermis::reconstruct::Quantity;
 use dermis::stats::nearest_quantiles;
 use serde::Serialize;
@@ -110,7 +111,7 @@ impl Hub {
                 Taken::Item(Event::Frame(frame)) => self.take(&frame),
                 Taken::Item(Event::Notice(notice)) => self.say(notice),
                 Taken::Item(Event::Lost(why)) => {
-                    self.say(Notice { level: crate::Severity::Error, text: why, at: Timestamp::now() });
+                    self.say(Notice { level: Severity::Error, text: why, at: clock::now() });
                 }
                 Taken::Item(Event::Done(_) | Event::Connected(_)) => self.show_scene(),
                 Taken::Item(Event::State(_)) | Taken::TimedOut => {}
@@ -128,7 +129,7 @@ impl Hub {
             self.latencies_ms.pop_front();
         }
         self.latencies_ms.push_back(1e3 * frame.output_at.seconds_since(frame.received_at) as f32);
-        self.health = Arc::clone(&frame.health);
+        self.health = Arc::clone(&frame.result.health);
         self.number += 1;
         // Without a page nothing is drawn up.
         if self.board.frame.receiver_count() > 0 {
@@ -138,13 +139,14 @@ impl Hub {
 
     /// The binary message of a frame.
     fn message(&self, frame: &LiveFrame) -> Bytes {
-        let surface = &self.control.shared().skin().pixels.surface;
+        let surface = &self.control.shared().skin().pixels().surface;
         let header = Header {
-            sequence: frame.sequence,
-            measured_at_s: frame.measured_at.seconds(),
+            sequence: frame.result.sequence,
+            measured_at_s: frame.result.measured_at.seconds(),
             output_at_s: frame.output_at.seconds(),
-            touched: frame.touched,
+            touched: frame.result.touched,
             contacts: frame
+                .result
                 .contacts
                 .iter()
                 .map(|contact| shown(contact, flat_m(surface, contact.position_m)))
@@ -155,7 +157,7 @@ impl Hub {
         bytes.resize(bytes.len().next_multiple_of(4), b' ');
         let length = (bytes.len() - 4) as u32;
         bytes[..4].copy_from_slice(&length.to_le_bytes());
-        bytes.extend(frame.image.iter().flat_map(|value| value.to_le_bytes()));
+        bytes.extend(frame.result.image.iter().flat_map(|value| value.to_le_bytes()));
         bytes.into()
     }
 
@@ -172,10 +174,10 @@ impl Hub {
         if method == self.method {
             return;
         }
-        let skin = shared.skin();
-        let quantity = skin.method(&method).map_or(Quantity::Change, |method| method.method.quantity());
-        let names: Vec<String> = skin.method_names().map(str::to_string).collect();
-        let text = scene(skin, quantity, &names, self.control.emulator().is_some()).to_string();
+        let methods = shared.methods();
+        let quantity = methods.method(&method).map_or(Quantity::Change, |method| method.reconstruct().quantity());
+        let names: Vec<String> = methods.names().map(str::to_string).collect();
+        let text = scene(shared.skin(), quantity, &names, self.control.emulator().is_some()).to_string();
         self.method = method;
         self.board.scene.send_replace(Arc::new(text));
     }
@@ -195,7 +197,7 @@ impl Hub {
             "connected": connected,
             "source": self.control.source(),
             "method": method,
-            "method_note": method_note(*masked_channels, shared.skin().method(&method).ok()),
+            "method_note": method_note(*masked_channels, shared.methods().method(&method).ok()),
             "paused": false,
             "recording": self.control.recording(),
             "threshold": state.threshold,
@@ -218,7 +220,7 @@ impl Hub {
     }
 }
 
-fn shown(contact: &LiveContact, flat_m: Option<[f64; 2]>) -> Shown<'_> {
+fn shown(contact: &TrackedContact, flat_m: Option<[f64; 2]>) -> Shown<'_> {
     Shown {
         id: contact.id,
         position_m: &contact.position_m,
@@ -235,15 +237,19 @@ fn shown(contact: &LiveContact, flat_m: Option<[f64; 2]>) -> Shown<'_> {
 }
 
 /// What images lack where channels are left out.
-fn method_note(masked_channels: usize, method: Option<&NamedMethod>) -> Option<String> {
+fn method_note(masked_channels: usize, method: Option<&Method>) -> Option<String> {
     let channels = match masked_channels {
         0 => return None,
         1 => "1 channel".to_string(),
         count => format!("{count} channels"),
     };
-    let is_network = method?.prior.is_none();
-    // A network cannot be made anew: what the other channels say of them is filled in.
-    Some(if is_network { format!("{channels} filled in from the others") } else { format!("made without {channels}") })
+    // Any method but a one-step method has the values of masked channels predicted from the others.
+    let is_predicted = !method?.is_one_step();
+    Some(if is_predicted {
+        format!("{channels} filled in from the others")
+    } else {
+        format!("made without {channels}")
+    })
 }
 
 fn latency(latencies_ms: &VecDeque<f32>) -> Value {

@@ -35,7 +35,7 @@ pub struct Server {
 }
 
 /// What the handlers share.
-struct LiveHandle {
+struct ServerState {
     control: Arc<Control>,
     board: Arc<Board>,
     token: Option<String>,
@@ -74,7 +74,7 @@ impl Server {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(failed)?;
         let board = Arc::new(Board::new());
         let hub = Hub::new(Arc::clone(&control), Arc::clone(&board));
-        let shared = Arc::new(LiveHandle { control, board, token: options.token.clone() });
+        let shared = Arc::new(ServerState { control, board, token: options.token.clone() });
         let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
         let serve = move || {
             runtime.block_on(async move {
@@ -160,7 +160,7 @@ fn listen(options: &ServerOptions) -> Result<TcpListener, LiveError> {
     })
 }
 
-fn router(shared: Arc<LiveHandle>) -> Router {
+fn router(shared: Arc<ServerState>) -> Router {
     let mut router = Router::new().route("/live", get(socket::open));
     for (path, kind, bytes) in FILES {
         router = router.route(path, get(move || async move { file(kind, bytes) }));
@@ -180,7 +180,7 @@ fn file(kind: &'static str, bytes: &'static [u8]) -> Response {
 }
 
 /// Whether a page may talk: it knows the token, and it is this server's own.
-fn may_talk(shared: &LiveHandle, token: Option<&str>, origin: Option<&str>, host: Option<&str>) -> bool {
+fn may_talk(shared: &ServerState, token: Option<&str>, origin: Option<&str>, host: Option<&str>) -> bool {
     let known = match (&shared.token, token) {
         (None, _) => true,
         (Some(token), Some(given)) => same(token.as_bytes(), given.as_bytes()),
@@ -197,7 +197,7 @@ fn may_talk(shared: &LiveHandle, token: Option<&str>, origin: Option<&str>, host
 
 /// Without a token the page must have been asked for by an address of this machine: a name that someone else has pointed at the
 /// loopback is not one.
-fn host_is_ours(shared: &LiveHandle, host: Option<&str>) -> bool {
+fn host_is_ours(shared: &ServerState, host: Option<&str>) -> bool {
     if shared.token.is_some() {
         return true;
     }

@@ -1,12 +1,12 @@
 //! The skin as the page draws it.
 
-use crate::skin::LiveSkin;
 use dermis::design::{Body, ElectrodeShape, SkinDesign, TouchEffect};
 use dermis::geom::vector::{Point3, add, cross, normalize, scale, sub};
 use dermis::geom::{Surface, surface::wrap_angle};
 use dermis::image::PixelSpace;
 use dermis::mesh::{Cells, ElectrodePatch, Mesh};
 use dermis::reconstruct::Quantity;
+use dermis::skin::Skin;
 use serde_json::{Value, json};
 use std::collections::HashMap;
 
@@ -26,9 +26,9 @@ struct Drawn {
 }
 
 /// The message `scene`.
-pub fn scene(skin: &LiveSkin, quantity: Quantity, methods: &[String], emulated: bool) -> Value {
-    let (design, pixels) = (&skin.design, &skin.pixels);
-    let drawn = drawn(design, skin.forward.mesh(), pixels);
+pub fn scene(skin: &Skin, quantity: Quantity, methods: &[String], emulated: bool) -> Value {
+    let (design, pixels) = (skin.design(), skin.pixels());
+    let drawn = drawn(design, skin.mesh(), pixels);
     let flat = |list: &[Point3]| -> Vec<f32> { list.iter().flatten().map(|&value| value as f32).collect() };
     let electrodes = (0..design.electrodes.len()).map(|index| {
         let (position_m, normal) = electrode(skin, index);
@@ -77,9 +77,9 @@ pub fn flat_m(surface: &Surface, place: Point3) -> Option<[f64; 2]> {
     }
 }
 
-fn unrolled(skin: &LiveSkin) -> Value {
-    let surface = &skin.pixels.surface;
-    let (size_m, wraps, labels) = match (&skin.design.body, surface) {
+fn unrolled(skin: &Skin) -> Value {
+    let surface = &skin.pixels().surface;
+    let (size_m, wraps, labels) = match (&skin.design().body, surface) {
         (_, Surface::Cylinder { radius_m, length_m }) => {
             ([std::f64::consts::TAU * radius_m, *length_m], true, ["round (mm)", "along z (mm)"])
         }
@@ -88,20 +88,19 @@ fn unrolled(skin: &LiveSkin) -> Value {
         _ => return Value::Null,
     };
     let places: Vec<_> =
-        (0..skin.design.electrodes.len()).map(|index| flat_m(surface, electrode(skin, index).0)).collect();
+        (0..skin.design().electrodes.len()).map(|index| flat_m(surface, electrode(skin, index).0)).collect();
     json!({ "size_m": size_m, "wraps": wraps, "labels": labels, "electrodes_m": places })
 }
 
 /// Where an electrode is, and the outward normal there.
-fn electrode(skin: &LiveSkin, index: usize) -> (Point3, Point3) {
-    let centre = skin.design.electrodes[index].centre_m;
-    let place =
-        if centre.iter().all(|value| value.is_finite()) { centre } else { patch_centre(skin.forward.mesh(), index) };
+fn electrode(skin: &Skin, index: usize) -> (Point3, Point3) {
+    let centre = skin.design().electrodes[index].centre_m;
+    let place = if centre.iter().all(|value| value.is_finite()) { centre } else { patch_centre(skin.mesh(), index) };
     let nearest = || {
-        let away = |pixel: &usize| dermis::geom::vector::distance(skin.pixels.centres_m[*pixel], place);
-        (0..skin.pixels.len()).min_by(|a, b| away(a).total_cmp(&away(b))).map(|pixel| skin.pixels.normals[pixel])
+        let away = |pixel: &usize| dermis::geom::vector::distance(skin.pixels().centres_m[*pixel], place);
+        (0..skin.pixels().len()).min_by(|a, b| away(a).total_cmp(&away(b))).map(|pixel| skin.pixels().normals[pixel])
     };
-    (place, skin.pixels.surface.normal(place).or_else(nearest).unwrap_or([0.0, 0.0, 1.0]))
+    (place, skin.pixels().surface.normal(place).or_else(nearest).unwrap_or([0.0, 0.0, 1.0]))
 }
 
 /// The middle of the nodes that an electrode covers, m.
@@ -115,12 +114,12 @@ fn patch_centre(mesh: &Mesh, electrode: usize) -> Point3 {
     dermis::geom::vector::centroid(&nodes.into_iter().map(|node| mesh.nodes[node]).collect::<Vec<_>>())
 }
 
-fn radius_m(skin: &LiveSkin, index: usize) -> f64 {
-    match skin.design.electrodes[index].shape {
+fn radius_m(skin: &Skin, index: usize) -> f64 {
+    match skin.design().electrodes[index].shape {
         ElectrodeShape::Disc { radius_m } => radius_m,
         ElectrodeShape::Arc { length_m } => 0.5 * length_m,
         ElectrodeShape::Point => 0.002,
-        ElectrodeShape::Group => (skin.forward.mesh().electrode_size(index) / std::f64::consts::PI).sqrt(),
+        ElectrodeShape::Group => (skin.mesh().electrode_size(index) / std::f64::consts::PI).sqrt(),
     }
 }
 

@@ -1,6 +1,6 @@
 //! The WebSocket of one page.
 
-use super::{LiveHandle, may_talk};
+use super::{ServerState, may_talk};
 use crate::control::ClientSession;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::extract::{Query, State};
@@ -24,7 +24,7 @@ pub(super) struct Asked {
 
 /// A page opens its WebSocket.
 pub(super) async fn open(
-    State(shared): State<Arc<LiveHandle>>,
+    State(shared): State<Arc<ServerState>>,
     Query(asked): Query<Asked>,
     headers: HeaderMap,
     upgrade: WebSocketUpgrade,
@@ -39,7 +39,7 @@ pub(super) async fn open(
 
 /// One page.
 struct Page {
-    shared: Arc<LiveHandle>,
+    shared: Arc<ServerState>,
     guest: Arc<Mutex<ClientSession>>,
     paused: bool,
     /// The number of the last frame that it was sent, and frames that it was not sent as it read slowly.
@@ -48,7 +48,7 @@ struct Page {
 }
 
 impl Page {
-    fn new(shared: Arc<LiveHandle>) -> Self {
+    fn new(shared: Arc<ServerState>) -> Self {
         let guest = Arc::new(Mutex::new(ClientSession::new(Arc::clone(&shared.control))));
         Page { shared, guest, paused: false, last: None, skipped: 0 }
     }

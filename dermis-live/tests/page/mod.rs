@@ -1,9 +1,11 @@
 //! A live skin with an emulated device, for the tests of what pages ask.
 
-use dermis::design::SkinDesign;
+use dermis::method::MethodSet;
+use dermis::pipeline::Settings;
+use dermis::skin::Skin;
 use dermis_live::device::Address;
 use dermis_live::emulator::{Emulator, EmulatorOptions, Port, Script};
-use dermis_live::{Control, Live, LiveOptions, LiveSkin, RecordingOptions, Settings};
+use dermis_live::{Control, Live, LiveOptions, RecordingOptions};
 use dermis_sim::twin::TwinOptions;
 use std::net::TcpListener;
 use std::path::Path;
@@ -11,8 +13,7 @@ use std::sync::Arc;
 
 /// A skin that is read; recordings go into a folder.
 pub fn live(folder: &Path) -> (Live, Arc<Control>) {
-    let text = SkinDesign::shipped_text("skin16").unwrap();
-    let skin = Arc::new(LiveSkin::new(text, "skin16", None).unwrap());
+    let methods = MethodSet::new(&dermis_learn::methods(), Skin::load("skin16").unwrap(), None).unwrap();
     let options = EmulatorOptions {
         twin: TwinOptions::shipped("lab").unwrap(),
         seed: 1,
@@ -22,13 +23,13 @@ pub fn live(folder: &Path) -> (Live, Arc<Control>) {
         prerendered: 0,
         unpaced: false,
     };
-    let emulator = Emulator::new(&skin.design, options).unwrap();
+    let emulator = Emulator::new(methods.skin().design(), options).unwrap();
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = Address::Tcp(listener.local_addr().unwrap().to_string());
     let served = Arc::clone(&emulator);
     std::thread::spawn(move || served.serve(Port::Tcp(listener)).unwrap());
     let options = LiveOptions { address, device: Default::default(), settings: Settings::default(), state: None };
-    let live = Live::start(skin, options).unwrap();
+    let live = Live::start(Arc::new(methods), options).unwrap();
     let tapes = RecordingOptions { folder: folder.into(), twin_toml: None };
     let control = Arc::new(Control::new(Arc::clone(live.shared()), Some(emulator), "emulator".into(), tapes));
     (live, control)

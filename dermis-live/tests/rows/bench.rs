@@ -1,19 +1,26 @@
 //! A device and a pipeline without a line between them, frame by frame, as fast as it goes.
 
 use dermis::design::SkinDesign;
-use dermis::geom::Point3;
-use dermis_live::device::Stream;
+use dermis::geom::{Point3, Surface};
+use dermis::method::MethodSet;
+use dermis::pipeline::{Pipeline, PipelineFrame, Settings, Timestamp};
+use dermis::skin::Skin;
+use dermis_live::device::{IncomingFrame, Stream};
 use dermis_live::emulator::{Emulator, EmulatorOptions, Place, Script, Stroke};
-use dermis_live::{Incoming, LiveFrame, LiveSkin, Pipeline, Settings, Timestamp};
 use dermis_sim::twin::TwinOptions;
 use dermis_wire::{Decoder, Received, ToHost};
 use std::sync::{Arc, OnceLock};
 
-/// The paper's skin, prepared once.
-pub fn skin() -> Arc<LiveSkin> {
-    static SKIN: OnceLock<Arc<LiveSkin>> = OnceLock::new();
-    let text = SkinDesign::shipped_text("cylinder30").unwrap();
-    Arc::clone(SKIN.get_or_init(|| Arc::new(LiveSkin::new(text, "cylinder30", None).unwrap())))
+/// The paper's skin and its methods, prepared once.
+pub fn methods() -> Arc<MethodSet> {
+    static METHODS: OnceLock<Arc<MethodSet>> = OnceLock::new();
+    let prepare = || MethodSet::new(&dermis_learn::methods(), Skin::load("cylinder30").unwrap(), None).unwrap();
+    Arc::clone(METHODS.get_or_init(|| Arc::new(prepare())))
+}
+
+/// Its surface.
+fn surface() -> Surface {
+    methods().skin().pixels().surface
 }
 
 /// A device and a pipeline, frame by frame.
@@ -46,13 +53,13 @@ impl Bench {
         let faults = faults.iter().map(|fault| fault.parse().unwrap()).collect();
         let options = EmulatorOptions { twin, seed, script, faults, speed: 1.0, prerendered: 0, unpaced: true };
         let emulator = Emulator::new(&design, options).unwrap();
-        let pipeline = Pipeline::new(skin(), settings).unwrap();
+        let pipeline = Pipeline::new(methods(), settings).unwrap();
         let mut decoder = Decoder::new(vec![0; 1 << 16]);
-        let mut stream = Stream::default();
+        let mut stream = Stream::new(methods().skin()).unwrap();
         decoder.feed(&emulator.hello_packet((1e3 * rate_hz) as u32), |received| {
             let Received::Message(message) = received else { panic!("a damaged hello") };
             let Ok(ToHost::Hello(hello)) = ToHost::parse(message) else { panic!("no hello") };
-            stream.hello(&hello, &skin());
+            stream.hello(&hello);
         });
         let mut bench = Bench { emulator, stream, pipeline, decoder, next: 0, rate_hz, damaged: 0 };
         (0..TARE).for_each(|_| drop(bench.frame()));
@@ -60,7 +67,7 @@ impl Bench {
     }
 
     /// What comes of bytes that arrive when frame `index` is due.
-    pub fn hear(&mut self, bytes: &[u8], index: u64) -> Vec<Incoming> {
+    pub fn hear(&mut self, bytes: &[u8], index: u64) -> Vec<IncomingFrame> {
         let at = Timestamp { unix_ns: 1_800_000_000_000_000_000 + (index as f64 / self.rate_hz * 1e9) as u64 };
         let Bench { stream, decoder, damaged, .. } = self;
         let mut heard = Vec::new();
@@ -75,11 +82,11 @@ impl Bench {
     }
 
     /// The next frame.
-    pub fn frame(&mut self) -> LiveFrame {
+    pub fn frame(&mut self) -> PipelineFrame {
         let packet = self.emulator.frame_packet(self.next).unwrap();
         let incoming = self.hear(&packet, self.next).pop().expect("every frame is new and whole");
         self.next += 1;
-        self.pipeline.process(incoming).unwrap()
+        self.pipeline.process(incoming.input).unwrap()
     }
 
     /// The device's time of the next frame, s.
@@ -101,7 +108,7 @@ pub fn stroke(at_s: f64, for_s: f64, from: Place, to: Option<Place>, force_n: f6
 }
 
 pub fn surface_distance(a: Point3, b: Point3) -> f64 {
-    skin().pixels.surface.distance_m(a, b)
+    surface().distance_m(a, b)
 }
 
 /// Where a stroke is at some time.
@@ -113,5 +120,5 @@ pub fn along(stroke: &Stroke, time_s: f64) -> Point3 {
     };
     let (from, to) = (coordinates(stroke.from), coordinates(stroke.to.unwrap_or(stroke.from)));
     let at = [0, 1].map(|axis| from[axis] + part * (to[axis] - from[axis]));
-    skin().pixels.surface.at(at[0], at[1].to_radians()).unwrap()
+    surface().at(at[0], at[1].to_radians()).unwrap()
 }

@@ -1,15 +1,16 @@
 //! What the pipeline makes of a while without frames, of another tare, and of an electrode that is gone from the start.
 
-use crate::bench::{Bench, along, lab, place, skin, stroke, surface_distance};
+use crate::bench::{Bench, along, lab, methods, place, stroke, surface_distance};
+use dermis::pipeline::PipelineFrame;
+use dermis::pipeline::{Command, ElectrodeState, Pipeline, Settings, State};
 use dermis_live::emulator::Stroke;
-use dermis_live::{Command, ElectrodeState, LiveFrame, Pipeline, Settings, State};
 
 fn press(at_s: f64) -> Stroke {
     stroke(at_s, 1.0, place(0.15, 120.0), None, 2.0)
 }
 
 /// Reads until a time of the device.
-fn until(bench: &mut Bench, time_s: f64) -> Vec<LiveFrame> {
+fn until(bench: &mut Bench, time_s: f64) -> Vec<PipelineFrame> {
     let mut frames = Vec::new();
     while bench.time_s() < time_s {
         frames.push(bench.frame());
@@ -39,10 +40,10 @@ fn a_program_that_was_away_goes_on_with_the_old_baseline() {
         let mut harmed: serde_json::Value = serde_json::from_str(&kept).unwrap();
         shorten(&mut harmed, part);
         let state: State = serde_json::from_value(harmed).unwrap();
-        let told = Pipeline::resume(skin(), state).unwrap_err().to_string();
-        assert!(told.contains("tare anew"), "{part}: {told}");
+        let told = Pipeline::resume(methods(), state).unwrap_err().to_string();
+        assert!(told.contains("tare again"), "{part}: {told}");
     }
-    bench.pipeline = Pipeline::resume(skin(), state).unwrap();
+    bench.pipeline = Pipeline::resume(methods(), state).unwrap();
     bench.next += 10 * 120;
     assert!(until(&mut bench, 16.0).iter().all(|frame| !frame.touched && frame.contacts.is_empty()));
     assert_eq!(until(&mut bench, 16.8).last().unwrap().contacts.len(), 1);

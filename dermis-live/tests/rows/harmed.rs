@@ -1,8 +1,9 @@
 //! Frames that are harmed on their way: each costs itself alone, and the contacts of all others are what they would have been.
 
 use crate::bench::{Bench, TARE, lab, place, stroke};
+use dermis::pipeline::PipelineFrame;
+use dermis::pipeline::Settings;
 use dermis_live::emulator::Stroke;
-use dermis_live::{LiveFrame, Settings};
 use dermis_sim::random::sample_rng;
 use dermis_wire::{Decoder, Frame, FrameFlags, Readings, Received, ToHost};
 use rand::{Rng, RngExt};
@@ -105,9 +106,9 @@ fn packet(readings: &[i16], index: u64) -> Vec<u8> {
     packet
 }
 
-fn frames(bench: &mut Bench, bytes: &[u8], index: u64) -> Vec<LiveFrame> {
+fn frames(bench: &mut Bench, bytes: &[u8], index: u64) -> Vec<PipelineFrame> {
     let heard = bench.hear(bytes, index);
-    heard.into_iter().map(|incoming| bench.pipeline.process(incoming).unwrap()).collect()
+    heard.into_iter().map(|incoming| bench.pipeline.process(incoming.input).unwrap()).collect()
 }
 
 /// One packet in a hundred is damaged, cut, doubled, or comes behind noise; never the last byte, which ends it.

@@ -8,7 +8,7 @@ mod meetings;
 mod zones;
 
 use bench::{Bench, along, lab, place, stroke, surface_distance};
-use dermis_live::Settings;
+use dermis::pipeline::Settings;
 use dermis_live::emulator::{Place, Stroke};
 use dermis_sim::random::sample_rng;
 use dermis_sim::twin::DriftOptions;

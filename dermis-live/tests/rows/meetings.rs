@@ -1,7 +1,7 @@
 //! Two contacts that come so near each other that the image shows one.
 
 use crate::bench::{Bench, along, lab, place, stroke, surface_distance};
-use dermis_live::Settings;
+use dermis::pipeline::Settings;
 use dermis_live::emulator::{Place, Stroke};
 use dermis_sim::random::sample_rng;
 use rand::RngExt;
@@ -88,8 +88,9 @@ fn exchanged(fingers: &[Vec<Stroke>; 2], seed: u64) -> bool {
         let frame = bench.frame();
         let owner = |finger: &Vec<Stroke>| {
             let now = finger.iter().find(|stroke| (stroke.at_s..stroke.at_s + stroke.for_s).contains(&time_s))?;
-            let near =
-                |contact: &&dermis_live::LiveContact| surface_distance(contact.position_m, along(now, time_s)) < 0.015;
+            let near = |contact: &&dermis::pipeline::TrackedContact| {
+                surface_distance(contact.position_m, along(now, time_s)) < 0.015
+            };
             frame.contacts.iter().find(near).map(|contact| contact.id)
         };
         if (1.1..1.2).contains(&time_s) {

@@ -1,8 +1,9 @@
 //! Thresholds: of the whole skin and of parts of it, from the start and changed while it is read.
 
 use crate::bench::{Bench, along, lab, place, stroke};
+use dermis::pipeline::PipelineFrame;
+use dermis::pipeline::{Command, Settings, Zone};
 use dermis_live::emulator::{Place, Stroke};
-use dermis_live::{Command, LiveFrame, Settings, Zone};
 
 /// Two presses at once, one in the zone.
 fn presses() -> [Stroke; 2] {
@@ -21,7 +22,7 @@ fn pressed(settings: Settings) -> Bench {
     bench
 }
 
-fn zones(frame: &LiveFrame) -> Vec<Option<&str>> {
+fn zones(frame: &PipelineFrame) -> Vec<Option<&str>> {
     frame.contacts.iter().map(|contact| contact.zone.as_deref()).collect()
 }
 

@@ -4,8 +4,9 @@
 use dermis::design::SkinDesign;
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
+use dermis::pipeline::{ElectrodeHealth, ElectrodeState, Health, PipelineFrame, Timestamp, TrackedContact};
+use dermis_live::LiveFrame;
 use dermis_live::ros::Reference;
-use dermis_live::{ElectrodeHealth, ElectrodeState, Health, LiveContact, LiveFrame, Timestamp};
 use std::sync::Arc;
 
 /// What stands on the card of a [`retrained`] network, and on no other.
@@ -30,13 +31,13 @@ pub const RATE: u64 = 120;
 pub const BEGINNING: Timestamp = Timestamp { unix_ns: 1_767_225_600_000_000_000 };
 
 /// A skin and its frames.
-pub struct Skin {
+pub struct SyntheticSkin {
     pub design: SkinDesign,
     pub reference: Reference,
     health: Arc<Health>,
 }
 
-impl Skin {
+impl SyntheticSkin {
     /// A shipped one.
     pub fn shipped(name: &str) -> Self {
         let design = SkinDesign::shipped(name).expect("a shipped design");
@@ -45,7 +46,7 @@ impl Skin {
         let sound = ElectrodeHealth { state: ElectrodeState::Sound, contact_ohm: Some(120.0), noise: Some(1.0) };
         let electrodes = vec![sound; design.electrodes.len()];
         let health = Health { electrodes, noise: Some(1.0), rate_hz: RATE as f64, ..Health::default() };
-        Skin { reference: Reference { frame_id: "skin".into(), space }, design, health: Arc::new(health) }
+        SyntheticSkin { reference: Reference { frame_id: "skin".into(), space }, design, health: Arc::new(health) }
     }
 
     /// Frame `index`: two presses that go up and down, the first of known force, and now and then none.
@@ -54,25 +55,28 @@ impl Skin {
         let pressing = index / 60 % 4 != 3;
         let contacts = if pressing { vec![self.contact(index, 7), self.contact(index, 8)] } else { Vec::new() };
         let channels = self.design.protocol.channel_count();
-        LiveFrame {
+        let result = PipelineFrame {
             sequence: index,
             measured_at,
-            received_at: measured_at.after(std::time::Duration::from_micros(200)),
-            output_at: measured_at.after(std::time::Duration::from_micros(300)),
-            message: message(index, channels),
             values_ohm: (0..channels).map(|channel| 10.0 + noise(index, channel as u64)).collect(),
             image: (0..self.reference.space.len()).map(|pixel| noise(index, 1_000_000 + pixel as u64) as f32).collect(),
             touched: pressing,
             contacts,
             health: Arc::clone(&self.health),
+        };
+        LiveFrame {
+            result,
+            received_at: measured_at.after(std::time::Duration::from_micros(200)),
+            output_at: measured_at.after(std::time::Duration::from_micros(300)),
+            message: message(index, channels),
         }
     }
 
-    fn contact(&self, index: u64, id: u64) -> LiveContact {
+    fn contact(&self, index: u64, id: u64) -> TrackedContact {
         let space = &self.reference.space;
         let pixel = (id as usize * 7919) % space.len();
         let strength = 1e-4 * (1.0 + (index as f64 * 0.1).sin());
-        LiveContact {
+        TrackedContact {
             id,
             position_m: space.centres_m[pixel],
             normal: space.normals[pixel],
@@ -94,7 +98,7 @@ impl Skin {
 
 /// A disk-shaped skin, and a frame with two contacts.
 pub fn pressed() -> (Reference, LiveFrame) {
-    let skin = Skin::shipped("skin16");
+    let skin = SyntheticSkin::shipped("skin16");
     let frame = skin.frame(3);
     (skin.reference, frame)
 }

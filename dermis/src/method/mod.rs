@@ -137,6 +137,11 @@ impl Method {
         self.card.as_deref()
     }
 
+    /// Whether it is a one-step method: one that is prepared again without masked channels.
+    pub fn is_one_step(&self) -> bool {
+        self.one_step.is_some()
+    }
+
     /// The reconstruction.
     pub fn reconstruct(&self) -> &Arc<dyn Reconstruct> {
         &self.reconstruct

@@ -1,73 +1,75 @@
-//! The fast path: whether something touches, from the raw voltages alone.
+//! Touch detection from the voltages alone, before any image.
 
-use crate::untouched::{Statistics, difference};
+use crate::pipeline::statistics::{Statistics, difference};
 use serde::{Deserialize, Serialize};
 
-/// Tells touched frames from untouched ones by the size of their difference.
+/// Detects touched frames by the size of their difference from the baseline.
 ///
-/// The statistic is the sum of squares of all differences in use, each over the deviation of its noise and bounded. Of untouched frames
-/// it follows a chi-squared distribution, scaled, as the noise of channels is not independent: its mean and variance are
-/// those of the tare's frames. A frame is touched where it exceeds the quantile that noise exceeds once in three million
-/// frames, seven hours at 120 frames a second (Wilson and Hilferty, 1931, DOI 10.1073/pnas.17.12.684).
+/// The statistic is the sum of squares of all differences in use, each over the deviation of its noise and bounded. For
+/// untouched frames it follows a scaled chi-squared distribution, as the noise of channels is not independent: its mean and
+/// variance are those of the tare's frames. A frame is touched if it exceeds the quantile that noise exceeds once in three
+/// million frames, seven hours at 120 frames per second (Wilson and Hilferty, 1931, DOI 10.1073/pnas.17.12.684).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct TouchDetector {
+pub(super) struct TouchDetector {
     mean: f64,
     threshold: f64,
-    alarm: bool,
+    /// Whether the last frame was touched.
+    #[serde(rename = "alarm")]
+    touched: bool,
 }
 
-/// The standard normal's quantile of that: `Q(z) = 1 / 3e6`.
+/// The quantile of the standard normal distribution: `Q(z) = 1 / 3e6`.
 const QUANTILE: f64 = 4.97;
-/// No channel counts for more deviations than this: a bad reading, or a step of the converter where the noise is far less, is
-/// no touch. A touch changes many channels.
+/// No channel counts for more deviations than this: a single bad reading, or a step of the converter where the noise is far
+/// less, is no touch. A touch changes many channels.
 const MOST: f64 = 5.0;
-/// An alarm ends below this part of the threshold's distance from the mean.
+/// A touch ends below this part of the threshold's distance from the mean.
 const RELEASE: f64 = 0.6;
 
 impl TouchDetector {
-    /// From untouched frames, each half of them judged by the mean and the noise of the other: a frame that was counted for the
-    /// noise looks more like it than one to come.
+    /// From untouched frames, each half of them judged by the mean and the noise of the other half: a frame looks more like
+    /// noise that was measured with it than a new frame does.
     ///
     /// # Panics
-    /// Without four of them.
+    /// With fewer than four frames.
     pub fn of(untouched: &[&[f64]], masked: &[bool]) -> Self {
         let half = |first: usize| untouched.iter().copied().skip(first).step_by(2);
-        let judged = |own: usize| {
+        let statistics = |own: usize| {
             let other = Statistics::of(half(1 - own));
             let noise_ohm = other.deviations();
             let of = move |frame| statistic(&difference(frame, &other.mean), &noise_ohm, masked);
             half(own).map(of).collect::<Vec<f64>>()
         };
-        Self::new(&[judged(0), judged(1)].concat())
+        Self::new(&[statistics(0), statistics(1)].concat())
     }
 
     /// From the statistics of untouched frames.
     ///
     /// # Panics
-    /// Without two of them.
+    /// With fewer than two of them.
     pub fn new(untouched: &[f64]) -> Self {
         assert!(untouched.len() > 1, "a variance needs two values");
         let count = untouched.len() as f64;
         let mean = untouched.iter().sum::<f64>() / count;
         let variance = untouched.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0);
-        // The variance of n frames is known to sqrt(2 / n): the noise may be that much more unruly than it looked.
+        // The variance of n frames is known to sqrt(2 / n): the true one may be that much larger.
         let variance = variance * (1.0 + 2.0 * (2.0 / count).sqrt());
         let freedom = (2.0 * mean * mean / variance.max(f64::MIN_POSITIVE)).max(1.0);
         let spread = (2.0 / (9.0 * freedom)).sqrt();
         let threshold = mean * (1.0 - spread * spread + QUANTILE * spread).powi(3);
-        TouchDetector { mean, threshold, alarm: false }
+        TouchDetector { mean, threshold, touched: false }
     }
 
-    /// Whether a frame of that statistic is touched.
-    pub fn take(&mut self, statistic: f64) -> bool {
-        let limit = if self.alarm { self.mean + RELEASE * (self.threshold - self.mean) } else { self.threshold };
-        self.alarm = statistic > limit;
-        self.alarm
+    /// Whether a frame with this statistic is touched.
+    pub fn update(&mut self, statistic: f64) -> bool {
+        let limit = if self.touched { self.mean + RELEASE * (self.threshold - self.mean) } else { self.threshold };
+        self.touched = statistic > limit;
+        self.touched
     }
 }
 
-/// The statistic of a difference: the sum of bounded squares over the deviations of the noise.
-pub fn statistic(difference: &[f64], noise_ohm: &[f64], masked: &[bool]) -> f64 {
+/// The statistic of a difference: the sum of its bounded squares over the variances of the noise.
+pub(super) fn statistic(difference: &[f64], noise_ohm: &[f64], masked: &[bool]) -> f64 {
     let channels = difference.iter().zip(noise_ohm).zip(masked);
     let square = |difference: &f64, noise: &f64| (difference / noise).powi(2).min(MOST * MOST);
     channels.filter(|(_, masked)| !**masked).map(|((difference, noise), _)| square(difference, noise)).sum()
@@ -79,7 +81,7 @@ mod tests {
     use dermis_sim::random::{sample_rng, standard_normal};
 
     #[test]
-    fn noise_of_many_frames_alarms_no_more_often_than_said_and_a_touch_at_once() {
+    fn noise_is_never_a_touch_in_50_000_frames_and_a_touch_is_detected_at_once() {
         let mut rng = sample_rng(7, 0);
         // Half of the channels share their noise, as those of one current do.
         let mut draw = |touch: f64| {
@@ -91,10 +93,10 @@ mod tests {
             values.map(|value| value * value).sum::<f64>()
         };
         let untouched: Vec<f64> = (0..100).map(|_| draw(0.0)).collect();
-        let mut alarm = TouchDetector::new(&untouched);
-        assert_eq!((0..50_000).filter(|_| alarm.take(draw(0.0))).count(), 0);
-        assert!(alarm.take(draw(4.0)));
-        assert!(!alarm.take(draw(0.0)));
+        let mut detector = TouchDetector::new(&untouched);
+        assert_eq!((0..50_000).filter(|_| detector.update(draw(0.0))).count(), 0);
+        assert!(detector.update(draw(4.0)));
+        assert!(!detector.update(draw(0.0)));
     }
 
     #[test]
@@ -103,10 +105,10 @@ mod tests {
         let mut frame = || (0..200).map(|_| standard_normal(&mut rng)).collect::<Vec<f64>>();
         let untouched: Vec<Vec<f64>> = (0..100).map(|_| frame()).collect();
         let untouched: Vec<&[f64]> = untouched.iter().map(Vec::as_slice).collect();
-        let mut alarm = TouchDetector::of(&untouched, &[false; 200]);
+        let mut detector = TouchDetector::of(&untouched, &[false; 200]);
         let (one, many) = (frame(), frame().iter().map(|value| value + 4.0).collect::<Vec<f64>>());
         let bad: Vec<f64> = one.iter().enumerate().map(|(at, value)| if at == 7 { 1e6 } else { *value }).collect();
-        assert!(!alarm.take(statistic(&bad, &[1.0; 200], &[false; 200])));
-        assert!(alarm.take(statistic(&many, &[1.0; 200], &[false; 200])));
+        assert!(!detector.update(statistic(&bad, &[1.0; 200], &[false; 200])));
+        assert!(detector.update(statistic(&many, &[1.0; 200], &[false; 200])));
     }
 }

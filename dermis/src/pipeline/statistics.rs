@@ -1,16 +1,16 @@
-//! What untouched frames say: the mean of each value and its noise.
+//! Mean and noise of untouched frames.
 
-use dermis::stats::upper_median;
+use crate::stats::upper_median;
 
 /// No channel is taken for less noisy than this part of the median channel.
 const LEAST_NOISE: f64 = 0.5;
 
-/// Mean and variance of each value over some frames.
+/// Mean and variance of each value over several frames.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Statistics {
+pub(super) struct Statistics {
     /// The means.
     pub mean: Vec<f64>,
-    /// The variances, of no meaning for less than two frames.
+    /// The variances, without meaning for fewer than two frames.
     pub variance: Vec<f64>,
 }
 
@@ -30,15 +30,15 @@ impl Statistics {
         Statistics { mean, variance }
     }
 
-    /// The deviations of the noise, none less than a part of their median: a channel whose value lies in the middle of a step
-    /// of the converter says nothing of its noise until that is large.
+    /// Standard deviations of the noise, none less than a part of their median: a channel whose value lies in the middle of a
+    /// step of the converter shows no noise until the noise is large.
     pub fn deviations(&self) -> Vec<f64> {
         let least = (LEAST_NOISE * LEAST_NOISE * upper_median(&self.variance).unwrap_or(0.0)).max(f64::MIN_POSITIVE);
         self.variance.iter().map(|variance| variance.max(least).sqrt()).collect()
     }
 }
 
-/// A frame less another one.
-pub fn difference(frame: &[f64], rest: &[f64]) -> Vec<f64> {
-    frame.iter().zip(rest).map(|(value, rest)| value - rest).collect()
+/// The difference of two frames.
+pub(super) fn difference(frame: &[f64], baseline: &[f64]) -> Vec<f64> {
+    frame.iter().zip(baseline).map(|(value, baseline)| value - baseline).collect()
 }

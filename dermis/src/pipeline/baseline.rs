@@ -1,0 +1,206 @@
+//! The baseline: the untouched frame, and how it follows drift.
+//!
+//! While nothing touches, the baseline follows the frame itself. Under a touch it follows only the drift of the coating's
+//! conductance (as a whole and along each axis) and of each electrode's contact. Their amounts in a frame are fitted together
+//! with the touch (least squares with a prior variance for each), and only their change from the beginning of the touch
+//! counts, so that a long press does not fade.
+
+use crate::forward::Matrix;
+use crate::geom::{Point3, Surface};
+use crate::pipeline::drift::{DriftFitter, FitQuestion};
+use crate::pipeline::error::PipelineError;
+use serde::{Deserialize, Serialize};
+
+/// Time constant with which the untouched baseline follows the frame, s: slower than any press rises, faster than a coating
+/// warms.
+const FOLLOW_S: f64 = 10.0;
+/// Time constant of the fitted drift under a touch, s.
+const FIT_S: f64 = 2.0;
+/// Drift is fitted once the contacts have stayed in place for so long, s.
+const SETTLE_S: f64 = 1.0;
+/// The fit is requested once they have stayed in place for so long, s.
+const PREPARE_S: f64 = 0.5;
+/// The fits of the first so many seconds are averaged: they are the reference, from which drift is counted, s.
+const REFERENCE_S: f64 = 0.5;
+/// A contact that moves farther than this is another touch, m.
+const MOVED_M: f64 = 0.005;
+
+/// The untouched frame now.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Baseline {
+    values_ohm: Vec<f64>,
+    hold: Option<Hold>,
+}
+
+/// A touch that stays in place, and the drift since it began.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Hold {
+    /// Positions of its contacts, m.
+    #[serde(rename = "places")]
+    positions_m: Vec<Point3>,
+    /// When it began, s on the clock of the frames.
+    since_s: f64,
+    /// The baseline when it began, ohm.
+    #[serde(rename = "begun_ohm")]
+    initial_ohm: Vec<f64>,
+    /// Channels that were masked when the fit was requested.
+    masked: Option<Vec<bool>>,
+    /// Linear map from a frame's difference to the drift in it, channels x drift modes.
+    fit: Option<Matrix>,
+    /// The fit without drift, and the number of frames in this average.
+    reference: Vec<f64>,
+    reference_frames: f64,
+    /// The fit now, smoothed.
+    now: Vec<f64>,
+}
+
+/// The noise of each channel.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ChannelNoise<'a> {
+    /// Standard deviation of each channel, ohm.
+    pub sd_ohm: &'a [f64],
+    /// Channels that are masked.
+    pub masked: &'a [bool],
+}
+
+/// A frame with its contacts.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct TouchedFrame<'a> {
+    /// Its values, ohm.
+    pub values_ohm: &'a [f64],
+    /// Positions of its contacts, m.
+    pub positions_m: &'a [Point3],
+    /// Its time, s on the clock of the frames.
+    pub time_s: f64,
+    /// Time since the last frame, s.
+    pub step_s: f64,
+}
+
+impl Baseline {
+    /// From the mean of untouched frames, ohm.
+    pub fn new(values_ohm: Vec<f64>) -> Self {
+        Baseline { values_ohm, hold: None }
+    }
+
+    /// Whether it has so many channels and drift modes.
+    pub fn fits(&self, channel_count: usize, drift_count: usize) -> bool {
+        self.values_ohm.len() == channel_count
+            && self.hold.as_ref().is_none_or(|hold| hold.fits(channel_count, drift_count))
+    }
+
+    /// The baseline, ohm.
+    pub fn values_ohm(&self) -> &[f64] {
+        &self.values_ohm
+    }
+
+    /// Follows an untouched frame.
+    pub fn follow(&mut self, frame_ohm: &[f64], step_s: f64) {
+        self.hold = None;
+        let share = -(-step_s / FOLLOW_S).exp_m1();
+        for (value, now) in self.values_ohm.iter_mut().zip(frame_ohm) {
+            *value += share * (now - *value);
+        }
+    }
+
+    /// Follows the drift of a frame with contacts.
+    pub fn hold(
+        &mut self,
+        surface: &Surface,
+        fitter: &mut DriftFitter,
+        noise: ChannelNoise<'_>,
+        frame: TouchedFrame<'_>,
+    ) -> Result<(), PipelineError> {
+        let drift_count = fitter.modes().rows;
+        let Some(hold) = self.hold.as_mut().filter(|hold| hold.stays(surface, frame.positions_m)) else {
+            self.hold = Some(Hold::new(&self.values_ohm, frame, drift_count));
+            return Ok(());
+        };
+        let held_s = frame.time_s - hold.since_s;
+        if held_s < PREPARE_S {
+            return Ok(());
+        }
+        if hold.masked.is_none() {
+            hold.masked = Some(noise.masked.to_vec());
+            fitter.request(hold.question(noise));
+        }
+        if held_s < SETTLE_S {
+            return Ok(());
+        }
+        if hold.fit.is_none() {
+            hold.fit = Some(fitter.fit(hold.question(noise))?);
+        }
+        hold.update(held_s, frame);
+        hold.add_drift(fitter.modes(), &mut self.values_ohm);
+        Ok(())
+    }
+}
+
+impl Hold {
+    fn new(baseline_ohm: &[f64], frame: TouchedFrame<'_>, drift_count: usize) -> Self {
+        Hold {
+            positions_m: frame.positions_m.to_vec(),
+            since_s: frame.time_s,
+            initial_ohm: baseline_ohm.to_vec(),
+            masked: None,
+            fit: None,
+            reference: vec![0.0; drift_count],
+            reference_frames: 0.0,
+            now: vec![0.0; drift_count],
+        }
+    }
+
+    fn fits(&self, channel_count: usize, drift_count: usize) -> bool {
+        let Hold { initial_ohm, masked, fit, reference, now, .. } = self;
+        let is_fit = |fit: &Matrix| {
+            [fit.rows, fit.columns] == [channel_count, drift_count] && fit.values.len() == channel_count * drift_count
+        };
+        initial_ohm.len() == channel_count
+            && masked.as_ref().is_none_or(|masked| masked.len() == channel_count)
+            && fit.as_ref().is_none_or(is_fit)
+            && [reference, now].iter().all(|drifts| drifts.len() == drift_count)
+    }
+
+    /// Whether the contacts are still in place.
+    fn stays(&self, surface: &Surface, positions_m: &[Point3]) -> bool {
+        let near = |(a, b): (&Point3, &Point3)| surface.distance_m(*a, *b) <= MOVED_M;
+        self.positions_m.len() == positions_m.len() && self.positions_m.iter().zip(positions_m).all(near)
+    }
+
+    /// The input of the fit, as it was when the fit was requested.
+    fn question(&self, noise: ChannelNoise<'_>) -> FitQuestion {
+        let masked = self.masked.clone().unwrap_or_else(|| noise.masked.to_vec());
+        FitQuestion { positions_m: self.positions_m.clone(), sd_ohm: noise.sd_ohm.to_vec(), masked }
+    }
+
+    /// Updates the fitted drift with a frame.
+    fn update(&mut self, held_s: f64, frame: TouchedFrame<'_>) {
+        let Some(fit) = &self.fit else { return };
+        let mut found = vec![0.0; self.now.len()];
+        let values = frame.values_ohm.iter().zip(&self.initial_ohm);
+        for (row, (now, initial)) in fit.values.chunks_exact(found.len()).zip(values) {
+            let difference = now - initial;
+            found.iter_mut().zip(row).for_each(|(found, value)| *found += difference * value);
+        }
+        if held_s < SETTLE_S + REFERENCE_S {
+            self.reference_frames += 1.0;
+            for (reference, found) in self.reference.iter_mut().zip(&found) {
+                *reference += (found - *reference) / self.reference_frames;
+            }
+            self.now.copy_from_slice(&self.reference);
+            return;
+        }
+        let share = -(-frame.step_s / FIT_S).exp_m1();
+        self.now.iter_mut().zip(&found).for_each(|(now, found)| *now += share * (found - *now));
+    }
+
+    /// Sets the baseline to its initial values plus the drift since.
+    fn add_drift(&self, modes: &Matrix, values_ohm: &mut [f64]) {
+        values_ohm.copy_from_slice(&self.initial_ohm);
+        for (mode, (now, reference)) in self.now.iter().zip(&self.reference).enumerate() {
+            let change = now - reference;
+            for (value, mode) in values_ohm.iter_mut().zip(modes.row(mode)) {
+                *value += change * mode;
+            }
+        }
+    }
+}

@@ -1,0 +1,392 @@
+//! Monitoring of electrodes and channels, frame by frame.
+//!
+//! A loose contact shows in two ways that a touch does not. The resistance of every loop through it (source, skin, sink) rises
+//! by the same amount, and so does every channel that measures at it while it is driven; all other channels keep their values.
+//! The least rise over an electrode's loops and such channels is the rise of its contact resistance. A touch that raises the
+//! conductance lowers all of them; one that lowers it raises them by far less than a third.
+
+use crate::design::TouchEffect;
+use crate::pipeline::frame::Measurement;
+use crate::pipeline::health::{ElectrodeHealth, ElectrodeState};
+use crate::pipeline::statistics::Statistics;
+use crate::protocol::Protocol;
+use crate::skin::Skin;
+use crate::stats::upper_median;
+use serde::{Deserialize, Serialize};
+
+/// Consecutive frames in which a contact must look loose, so that a single bad reading names no electrode: 42 ms at 120
+/// frames per second.
+const FRAMES_TO_NAME: u32 = 5;
+/// Consecutive frames in which it must look sound again.
+const FRAMES_TO_CLEAR: u32 = 120;
+/// Limit of a contact's rise, in standard deviations of a reading's noise.
+const NOISES: f64 = 6.0;
+/// The same as a part of the smallest loop: where touches lower loops, and where they raise them.
+const PART_RISES: f64 = 0.01;
+const PART_FALLS: f64 = 0.3;
+/// A loop of more than this many times its resistance at the tare is open.
+const OPEN: f64 = 20.0;
+/// Share of each frame in the smoothed rise.
+const SMOOTH: f64 = 0.02;
+/// Time constant of the noise, s.
+const NOISE_S: f64 = 1.0;
+/// Time constant with which the reference of sound contacts follows, s.
+const FOLLOW_S: f64 = 60.0;
+/// At the tare, an electrode is loose if each of its loops is this many times the median loop.
+const LOOSE_AT_TARE: f64 = 3.0;
+/// An untouched electrode this many times noisier than at the tare is doubtful.
+const DOUBTFUL: f64 = 4.0;
+/// A loop that grows to more than this many times its reference is not followed.
+const FOLLOWED: f64 = 2.0;
+
+/// The electrodes, drives and channels of a skin, and how they belong together.
+#[derive(Debug, Clone)]
+pub(super) struct ElectrodeTopology {
+    /// The drives of each electrode.
+    drives: Vec<Vec<usize>>,
+    /// For each electrode the channels that change with its contact resistance, with the sign of the change.
+    contact_channels: Vec<Vec<(usize, f64)>>,
+    /// The channels of each electrode.
+    channels: Vec<Vec<usize>>,
+    /// Pairs of reciprocal channels.
+    reciprocal: Vec<[usize; 2]>,
+    contacts_ohm: Vec<f64>,
+    /// Limit of a contact's rise, as a part of its smallest loop.
+    part: f64,
+    channel_count: usize,
+    drive_count: usize,
+}
+
+impl ElectrodeTopology {
+    /// Of a skin.
+    pub fn of(skin: &Skin) -> Self {
+        let protocol = &skin.design().protocol;
+        let (drives, _) = protocol.drives();
+        let electrodes = 0..skin.design().electrodes.len();
+        let drives_of =
+            |electrode: usize| (0..drives.len()).filter(|&drive| drives[drive].contains(&electrode)).collect();
+        ElectrodeTopology {
+            drives: electrodes.clone().map(drives_of).collect(),
+            contact_channels: electrodes.clone().map(|electrode| contact_channels(protocol, electrode)).collect(),
+            channels: electrodes.clone().map(|electrode| skin.channels_of(electrode).collect()).collect(),
+            reciprocal: reciprocal_pairs(protocol),
+            contacts_ohm: electrodes.map(|electrode| skin.forward().contact_resistance_ohm(electrode)).collect(),
+            part: match skin.design().sheet.touch {
+                TouchEffect::ConductanceRises => PART_RISES,
+                TouchEffect::ConductanceFalls => PART_FALLS,
+            },
+            channel_count: protocol.channel_count(),
+            drive_count: drives.len(),
+        }
+    }
+
+    /// Channels of a frame.
+    pub fn channel_count(&self) -> usize {
+        self.channel_count
+    }
+
+    /// Drives of a frame.
+    pub fn drive_count(&self) -> usize {
+        self.drive_count
+    }
+
+    /// Whether a measurement has a value for each channel, and one for each drive or none.
+    pub fn fits(&self, frame: &Measurement) -> bool {
+        frame.values_ohm.len() == self.channel_count && self.fits_loops(&frame.loops_ohm)
+    }
+
+    fn fits_loops(&self, loops_ohm: &[f64]) -> bool {
+        loops_ohm.is_empty() || loops_ohm.len() == self.drive_count
+    }
+
+    /// The channels of some electrodes.
+    pub fn channels_of(&self, electrodes: impl Iterator<Item = usize>) -> Vec<bool> {
+        let mut marked = vec![false; self.channel_count];
+        for electrode in electrodes {
+            self.channels[electrode].iter().for_each(|&channel| marked[channel] = true);
+        }
+        marked
+    }
+}
+
+/// The channels that change with an electrode's contact resistance, with the sign of the change. For an instrument that
+/// reports amplitudes, the sign of the amplitude's change.
+fn contact_channels(protocol: &Protocol, electrode: usize) -> Vec<(usize, f64)> {
+    let gains = protocol.contact_gains(electrode).enumerate();
+    let signed = gains.map(|(channel, gain)| (channel, if protocol.amplitude_only() { gain.abs() } else { gain }));
+    signed.filter(|(_, gain)| *gain != 0.0).collect()
+}
+
+/// Pairs of reciprocal channels, the lower number first.
+fn reciprocal_pairs(protocol: &Protocol) -> Vec<[usize; 2]> {
+    let index: std::collections::HashMap<_, _> =
+        protocol.channels().iter().enumerate().map(|(index, channel)| (*channel, index)).collect();
+    let pair = |(own, channel): (usize, &crate::protocol::Channel)| {
+        index.get(&channel.reciprocal()).filter(|&&other| own < other).map(|&other| [own, other])
+    };
+    protocol.channels().iter().enumerate().filter_map(pair).collect()
+}
+
+/// The state of electrodes and channels.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct ElectrodeMonitor {
+    /// Loops with sound contacts, ohm, and their noise; empty where loops are not measured.
+    loops_ohm: Vec<f64>,
+    loop_noise_ohm: Vec<f64>,
+    /// Noise of each channel at the tare and now, ohm squared.
+    tare_variance: Vec<f64>,
+    variance: Vec<f64>,
+    /// Standard deviation of the noise of each channel at the tare, ohm.
+    noise_ohm: Vec<f64>,
+    /// The last frame, ohm.
+    last_ohm: Vec<f64>,
+    /// Mean square difference of reciprocal channels over its expectation from their noise, smoothed.
+    reciprocity: f64,
+    electrodes: Vec<Electrode>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Electrode {
+    state: ElectrodeState,
+    /// Rise of its contact resistance, ohm: in this frame, and smoothed.
+    #[serde(rename = "gain_ohm")]
+    rise_ohm: f64,
+    #[serde(rename = "smooth_ohm")]
+    smooth_rise_ohm: f64,
+    /// Consecutive frames that contradict its state.
+    #[serde(rename = "against")]
+    contradicting_frames: u32,
+    /// Whether it was bad at the tare: then its values with a sound contact are unknown.
+    #[serde(rename = "since_tare")]
+    bad_at_tare: bool,
+}
+
+/// A change of an electrode's state.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Change {
+    /// The electrode.
+    pub electrode: usize,
+    /// Its new state.
+    pub state: ElectrodeState,
+}
+
+/// What the noise of a frame is measured with.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct NoiseFrame<'a> {
+    /// Whether nothing touches.
+    pub untouched: bool,
+    /// Channels that are masked.
+    pub masked: &'a [bool],
+    /// Time since the last frame, s.
+    pub step_s: f64,
+}
+
+impl ElectrodeMonitor {
+    /// From untouched frames and the statistics of their values.
+    ///
+    /// # Panics
+    /// With fewer than two frames.
+    pub fn new(topology: &ElectrodeTopology, untouched: &[Measurement], values: &Statistics) -> Self {
+        let loops = loop_statistics(topology, untouched);
+        let usual_ohm = upper_median(&loops.mean).unwrap_or(f64::NAN);
+        let electrode = |drives: &Vec<usize>| {
+            let loops_ohm = drives.iter().filter_map(|&drive| loops.mean.get(drive).copied());
+            Electrode::at_tare(loops_ohm.reduce(f64::min).map(|least_ohm| least_ohm / usual_ohm))
+        };
+        let electrodes = topology.drives.iter().map(electrode).collect();
+        let mut monitor = ElectrodeMonitor {
+            loops_ohm: loops.mean,
+            loop_noise_ohm: loops.variance.into_iter().map(f64::sqrt).collect(),
+            variance: values.variance.clone(),
+            noise_ohm: values.deviations(),
+            tare_variance: values.variance.clone(),
+            last_ohm: untouched[untouched.len() - 1].values_ohm.clone(),
+            reciprocity: 1.0,
+            electrodes,
+        };
+        let masked = topology.channels_of(monitor.bad());
+        monitor.reciprocity = monitor.mismatch(topology, &values.mean, &masked).unwrap_or(1.0);
+        monitor
+    }
+
+    /// Sets the frame before the next one.
+    pub fn set_last(&mut self, frame: &Measurement) {
+        self.last_ohm.copy_from_slice(&frame.values_ohm);
+    }
+
+    /// Mean square difference of reciprocal channels in use, over its expectation from their noise.
+    fn mismatch(&self, topology: &ElectrodeTopology, values_ohm: &[f64], masked: &[bool]) -> Option<f64> {
+        let used = topology.reciprocal.iter().filter(|pair| pair.iter().all(|&channel| !masked[channel]));
+        let (sum, count) = used.fold((0.0, 0.0), |(sum, count), &[a, b]| {
+            let variance = self.noise_ohm[a].powi(2) + self.noise_ohm[b].powi(2);
+            (sum + (values_ohm[a] - values_ohm[b]).powi(2) / variance, count + 1.0)
+        });
+        (count > 0.0).then(|| sum / count)
+    }
+
+    /// Whether it is that of a skin.
+    pub fn fits(&self, topology: &ElectrodeTopology) -> bool {
+        let channels = [&self.tare_variance, &self.variance, &self.noise_ohm, &self.last_ohm];
+        channels.iter().all(|values| values.len() == topology.channel_count)
+            && topology.fits_loops(&self.loops_ohm)
+            && self.loop_noise_ohm.len() == self.loops_ohm.len()
+            && self.electrodes.len() == topology.drives.len()
+    }
+
+    /// Standard deviation of the noise of each channel at the tare, ohm.
+    pub fn noise_ohm(&self) -> &[f64] {
+        &self.noise_ohm
+    }
+
+    /// Updates the state of each contact with a frame, and returns the changes.
+    pub fn update_contacts(
+        &mut self,
+        topology: &ElectrodeTopology,
+        frame: &Measurement,
+        difference: &[f64],
+    ) -> Vec<Change> {
+        if self.loops_ohm.is_empty() || frame.loops_ohm.len() != self.loops_ohm.len() {
+            return Vec::new();
+        }
+        let rises: Vec<f64> = frame.loops_ohm.iter().zip(&self.loops_ohm).map(|(now, then)| now - then).collect();
+        let common = upper_median(&rises).unwrap_or(0.0);
+        let mut changes = Vec::new();
+        for (index, electrode) in self.electrodes.iter_mut().enumerate() {
+            let drives = &topology.drives[index];
+            if drives.is_empty() {
+                continue;
+            }
+            let by_loops = drives.iter().map(|&drive| rises[drive] - common).fold(f64::INFINITY, f64::min);
+            let by_channels =
+                topology.contact_channels[index].iter().map(|&(channel, sign)| sign * difference[channel]);
+            electrode.rise_ohm = by_channels.fold(by_loops, f64::min);
+            electrode.smooth_rise_ohm += SMOOTH * (electrode.rise_ohm - electrode.smooth_rise_ohm);
+            let least = drives.iter().map(|&drive| self.loops_ohm[drive]).fold(f64::INFINITY, f64::min);
+            let noise = drives.iter().map(|&drive| self.loop_noise_ohm[drive]).fold(0.0, f64::max);
+            let limit = (NOISES * noise).max(topology.part * least).max(5.0 * topology.contacts_ohm[index]);
+            let open = drives.iter().all(|&drive| frame.loops_ohm[drive] > OPEN * self.loops_ohm[drive]);
+            let apparent = electrode.apparent_state(open, limit);
+            changes.extend(electrode.update(apparent).map(|state| Change { electrode: index, state }));
+        }
+        changes
+    }
+
+    /// Electrodes that looked bad in the last frame, confirmed or not, by number.
+    pub fn suspect(&self) -> impl Iterator<Item = usize> {
+        self.numbers(|electrode| electrode.is_bad() || electrode.contradicting_frames > 0)
+    }
+
+    /// Electrodes whose channels are to be masked, by number.
+    pub fn bad(&self) -> impl Iterator<Item = usize> {
+        self.numbers(Electrode::is_bad)
+    }
+
+    fn numbers(&self, holds: impl Fn(&Electrode) -> bool) -> impl Iterator<Item = usize> {
+        self.electrodes.iter().enumerate().filter(move |(_, electrode)| holds(electrode)).map(|(index, _)| index)
+    }
+
+    /// Updates the noise with a frame. Changes under a touch are not noise.
+    pub fn update_noise(&mut self, topology: &ElectrodeTopology, frame: &Measurement, about: NoiseFrame<'_>) {
+        let share = -(-about.step_s / NOISE_S).exp_m1();
+        if about.untouched {
+            for (channel, variance) in self.variance.iter_mut().enumerate() {
+                // The effect of a bad contact on its channels is not noise of the other electrodes of these channels.
+                let square = match about.masked[channel] {
+                    true => self.tare_variance[channel],
+                    false => 0.5 * (frame.values_ohm[channel] - self.last_ohm[channel]).powi(2),
+                };
+                *variance += share * (square - *variance);
+            }
+            let follow = -(-about.step_s / FOLLOW_S).exp_m1();
+            for (value, now) in self.loops_ohm.iter_mut().zip(&frame.loops_ohm) {
+                if *now < FOLLOWED * *value {
+                    *value += follow * (now - *value);
+                }
+            }
+        }
+        if let Some(mismatch) = self.mismatch(topology, &frame.values_ohm, about.masked) {
+            self.reciprocity += share * (mismatch - self.reciprocity);
+        }
+        self.last_ohm.copy_from_slice(&frame.values_ohm);
+    }
+
+    /// Noise of all channels in use, relative to the tare.
+    pub fn noise_ratio(&self, masked: &[bool]) -> f64 {
+        let used = |values: &[f64]| -> f64 {
+            values.iter().zip(masked).filter(|(_, masked)| !**masked).map(|(value, _)| value).sum()
+        };
+        (used(&self.variance) / used(&self.tare_variance)).sqrt()
+    }
+
+    /// Root mean square difference of reciprocal channels over its expectation from their noise; `None` without any.
+    pub fn reciprocity(&self, topology: &ElectrodeTopology) -> Option<f64> {
+        (!topology.reciprocal.is_empty()).then(|| self.reciprocity.sqrt())
+    }
+
+    /// The health of every electrode.
+    pub fn health(&self, topology: &ElectrodeTopology) -> Vec<ElectrodeHealth> {
+        let is_monitored = !self.loops_ohm.is_empty();
+        let health = |(index, electrode): (usize, &Electrode)| {
+            let channels = &topology.channels[index];
+            let sum = |values: &[f64]| channels.iter().map(|&channel| values[channel]).sum::<f64>();
+            let noise = (sum(&self.variance) / sum(&self.tare_variance)).sqrt();
+            let doubtful = electrode.state == ElectrodeState::Sound && noise > DOUBTFUL;
+            ElectrodeHealth {
+                state: if doubtful { ElectrodeState::Doubtful } else { electrode.state },
+                contact_ohm: is_monitored.then(|| (topology.contacts_ohm[index] + electrode.smooth_rise_ohm).max(0.0)),
+                noise: Some(noise).filter(|noise| noise.is_finite()),
+            }
+        };
+        self.electrodes.iter().enumerate().map(health).collect()
+    }
+}
+
+/// The statistics of the loops; empty unless every frame has them.
+fn loop_statistics(topology: &ElectrodeTopology, untouched: &[Measurement]) -> Statistics {
+    let are_measured = untouched.iter().all(|frame| frame.loops_ohm.len() == topology.drive_count);
+    let frames = if are_measured { untouched } else { &[] };
+    Statistics::of(frames.iter().map(|frame| frame.loops_ohm.as_slice()))
+}
+
+impl Electrode {
+    /// At the tare; `loop_ratio`: its smallest loop over the median loop, if it is driven and loops are measured.
+    fn at_tare(loop_ratio: Option<f64>) -> Self {
+        let state = match loop_ratio {
+            Some(ratio) if ratio > OPEN => ElectrodeState::Open,
+            Some(ratio) if ratio > LOOSE_AT_TARE => ElectrodeState::Loose,
+            _ => ElectrodeState::Sound,
+        };
+        let bad_at_tare = state != ElectrodeState::Sound;
+        Electrode { state, rise_ohm: 0.0, smooth_rise_ohm: 0.0, contradicting_frames: 0, bad_at_tare }
+    }
+
+    fn is_bad(&self) -> bool {
+        matches!(self.state, ElectrodeState::Loose | ElectrodeState::Open)
+    }
+
+    /// The state that a frame shows, with hysteresis.
+    fn apparent_state(&self, open: bool, limit_ohm: f64) -> ElectrodeState {
+        match () {
+            () if open => ElectrodeState::Open,
+            () if self.rise_ohm > limit_ohm => ElectrodeState::Loose,
+            () if self.is_bad() && self.rise_ohm > 0.5 * limit_ohm => self.state,
+            () => ElectrodeState::Sound,
+        }
+    }
+
+    /// Updates the state with that of a frame; the new state where it changes.
+    fn update(&mut self, apparent: ElectrodeState) -> Option<ElectrodeState> {
+        if apparent == self.state || self.bad_at_tare {
+            self.contradicting_frames = 0;
+            return None;
+        }
+        self.contradicting_frames += 1;
+        let needed = if apparent == ElectrodeState::Sound { FRAMES_TO_CLEAR } else { FRAMES_TO_NAME };
+        if self.contradicting_frames < needed {
+            return None;
+        }
+        self.contradicting_frames = 0;
+        self.state = apparent;
+        Some(apparent)
+    }
+}

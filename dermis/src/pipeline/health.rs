@@ -1,0 +1,77 @@
+//! State of the skin and its instrument, and messages for people.
+
+use crate::pipeline::frame::Counts;
+use crate::pipeline::timestamp::Timestamp;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// State of the skin and its instrument.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Health {
+    /// Every electrode, by its number.
+    pub electrodes: Vec<ElectrodeHealth>,
+    /// Root mean square of the noise of all channels in use, relative to the tare; `null` while it is unknown.
+    pub noise: Option<f64>,
+    /// Root mean square of the differences of reciprocal channels, relative to their noise; `null` where no two channels are
+    /// reciprocal.
+    pub reciprocity: Option<f64>,
+    /// Channels whose readings are out of the converter's range now.
+    pub saturated_channels: usize,
+    /// Channels that are masked.
+    pub masked_channels: usize,
+    /// Frames per second.
+    pub rate_hz: f64,
+    /// Counts since the start.
+    pub counts: Counts,
+}
+
+/// State of an electrode.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ElectrodeHealth {
+    /// Its state.
+    pub state: ElectrodeState,
+    /// Contact resistance, ohm: the design's value at the tare plus the measured change since.
+    pub contact_ohm: Option<f64>,
+    /// Noise of its channels, relative to the tare.
+    pub noise: Option<f64>,
+}
+
+/// States of an electrode.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ElectrodeState {
+    /// In order.
+    Sound,
+    /// Noisier than at the tare; its channels are used.
+    Doubtful,
+    /// Its contact resistance has risen; its channels are masked.
+    Loose,
+    /// It carries no current; its channels are masked.
+    Open,
+}
+
+/// A message for people.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Notice {
+    /// How much it matters.
+    pub level: Severity,
+    /// What happened, and what to do.
+    pub text: String,
+    /// When it happened.
+    pub at: Timestamp,
+}
+
+/// Severity of a notice.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Severity {
+    /// Information.
+    Info,
+    /// Results may be worse.
+    Warning,
+    /// Something does not work.
+    Error,
+}

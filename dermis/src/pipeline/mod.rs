@@ -1,0 +1,269 @@
+//! From frames to contacts, frame by frame: baseline, drift, touch detection, electrode health, tracking.
+//!
+//! A [`Pipeline`] is a function of its frames and commands alone: it has no input or output of its own, no threads and no
+//! clock. The same frames and commands in the same order give the same contacts, to the last bit.
+//!
+//! A robot prepares a skin and a pipeline once, and gives each frame to it as it is measured. Here a simulated press takes the
+//! place of the instrument:
+//!
+//! ```
+//! use dermis::method::{MethodSet, Methods};
+//! use dermis::pipeline::{FrameInput, Pipeline, Settings, Timestamp};
+//! use dermis::skin::Skin;
+//! # use dermis_sim::{noise::Noise, random::sample_rng, touch::{GaussianTouch, touched_conductivity}};
+//!
+//! let skin = Skin::load("skin16")?;
+//! let methods = MethodSet::new(&Methods::linear(), skin.clone(), None)?;
+//! let mut pipeline = Pipeline::new(methods.into(), Settings::default())?; // a tare of 100 frames, then contacts
+//!
+//! # let (design, rest) = (skin.design(), skin.forward().rest_conductivity());
+//! # let press = GaussianTouch { centre_m: [0.02, 0.0, 0.0], amplitude: 0.5, width_m: 0.01 };
+//! # let pressed = touched_conductivity(skin.mesh(), &design.body.surface(), design.sheet.touch, rest, &[press])?;
+//! # let frames = [skin.forward().solve(rest)?, skin.forward().solve(&pressed)?];
+//! # let noise = Noise::at_snr_db(70.0, &frames[0], &design.protocol, f64::INFINITY)?;
+//! # let (_, drive_of) = design.protocol.drives();
+//! # let measure = |index: u64| {
+//! #     noise.apply(&frames[usize::from(index >= 100)], &drive_of, &mut sample_rng(7, index)).0
+//! # };
+//! let mut contacts = Vec::new();
+//! for index in 0..110 {
+//!     let values_ohm = measure(index); // the instrument, pressed from frame 100 on
+//!     let measured_at = Timestamp { unix_ns: index * 8_333_333 };
+//!     let frame = pipeline.process(FrameInput::new(index, measured_at, values_ohm))?;
+//!     contacts = frame.contacts; // position, normal, force, id: see TrackedContact
+//! }
+//! assert_eq!(contacts.len(), 1);
+//! assert!((contacts[0].position_m[0] - 0.02).abs() < 0.005 && contacts[0].position_m[1].abs() < 0.005);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod baseline;
+mod contact;
+mod drift;
+mod electrodes;
+mod error;
+mod frame;
+mod health;
+mod process;
+mod rebuild;
+mod settings;
+mod state;
+mod statistics;
+mod timestamp;
+mod touch_detector;
+
+pub use contact::TrackedContact;
+pub use drift::{DriftFit, DriftFitJob};
+pub use error::PipelineError;
+pub use frame::{Counts, FrameInput, Measurement, PipelineFrame};
+pub use health::{ElectrodeHealth, ElectrodeState, Health, Notice, Severity};
+pub use rebuild::{RebuildJob, RebuiltMethod};
+pub use settings::{Command, Settings, Zone};
+pub use state::State;
+pub use timestamp::Timestamp;
+
+use crate::detect::{Detector, Forces, ImageNoise};
+use crate::image::Image;
+use crate::method::{Method, MethodSet};
+use crate::pipeline::drift::DriftFitter;
+use crate::pipeline::electrodes::ElectrodeTopology;
+use crate::pipeline::state::Phase;
+use crate::skin::Skin;
+use crate::track::{TrackOptions, Tracker};
+use std::sync::Arc;
+
+/// Computes contacts from frames.
+#[derive(Debug)]
+pub struct Pipeline {
+    methods: Arc<MethodSet>,
+    fitter: DriftFitter,
+    topology: ElectrodeTopology,
+    state: State,
+    /// The method in use, without the state's masked channels.
+    method: Method,
+    /// Channels of bad electrodes.
+    masked: Vec<bool>,
+    detector: Detector,
+    /// The noise of untouched images.
+    noise: Option<ImageNoise>,
+    /// The method's own threshold, and its calibration of forces.
+    noise_factor: f64,
+    forces: Option<Forces>,
+    image: Image,
+    health: Arc<Health>,
+    notices: Vec<Notice>,
+}
+
+impl Pipeline {
+    /// A pipeline that begins with a tare.
+    ///
+    /// # Errors
+    /// An unknown method, a setting out of its range.
+    pub fn new(methods: Arc<MethodSet>, settings: Settings) -> Result<Self, PipelineError> {
+        let phase = Phase::Taring { frames: Vec::new() };
+        let (pixels, design) = (methods.skin().pixels(), methods.skin().design());
+        let tracker = Tracker::on(pixels, TrackOptions::for_skin(pixels, design.electrodes.len()));
+        let state = State { settings, phase, start: None, last: None, frames: 0, method_masked: Vec::new(), tracker };
+        Self::resume(methods, state)
+    }
+
+    /// A pipeline that continues from a state.
+    ///
+    /// # Errors
+    /// An unknown method, a setting out of its range, a state of another skin.
+    pub fn resume(methods: Arc<MethodSet>, state: State) -> Result<Self, PipelineError> {
+        let skin = methods.skin();
+        state.settings.check(skin.pixels())?;
+        let (fitter, topology) = (DriftFitter::new(skin.clone())?, ElectrodeTopology::of(skin));
+        state.check(&topology, fitter.modes().rows)?;
+        let method = methods.method(&state.settings.method)?.without_channels(skin, &state.method_masked)?;
+        let mut pipeline = Pipeline {
+            masked: vec![false; topology.channel_count()],
+            image: Image { space: Arc::clone(skin.pixels()), values: vec![0.0; skin.pixels().len()] },
+            detector: Detector::default(),
+            noise: None,
+            noise_factor: 0.0,
+            forces: None,
+            health: Arc::default(),
+            notices: Vec::new(),
+            fitter,
+            topology,
+            method,
+            state,
+            methods,
+        };
+        if let Phase::Reading(reading) = &pipeline.state.phase {
+            pipeline.masked = pipeline.topology.channels_of(reading.electrodes.bad());
+        }
+        pipeline.measure_noise()?;
+        Ok(pipeline)
+    }
+
+    /// The complete state, to be stored; [`resume`](Self::resume) continues from it.
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// The skin.
+    pub fn skin(&self) -> &Skin {
+        self.methods.skin()
+    }
+
+    /// The methods that it can change between.
+    pub fn methods(&self) -> &Arc<MethodSet> {
+        &self.methods
+    }
+
+    /// The method in use.
+    pub fn method(&self) -> &Method {
+        &self.method
+    }
+
+    /// Whether a tare is in progress: there are no contacts during it.
+    pub fn is_taring(&self) -> bool {
+        matches!(self.state.phase, Phase::Taring { .. })
+    }
+
+    /// Removes and returns the notices since the last call.
+    pub fn take_notices(&mut self) -> Vec<Notice> {
+        std::mem::take(&mut self.notices)
+    }
+
+    /// The channels that are masked now: those of bad electrodes.
+    pub fn masked_channels(&self) -> Vec<usize> {
+        marked(&self.masked)
+    }
+
+    /// Whether the method should be [prepared again](Command::Rebuild), because the masked channels have changed.
+    pub fn wants_rebuild(&self) -> bool {
+        self.state.method_masked != self.masked_channels()
+    }
+
+    /// The job of [`Command::Rebuild`], to be run beside the pipeline; its result goes to
+    /// [`install_method`](Self::install_method).
+    pub fn rebuild_job(&self) -> RebuildJob {
+        RebuildJob {
+            methods: Arc::clone(&self.methods),
+            name: self.method.name().into(),
+            masked: self.masked_channels(),
+            untouched: self.state.phase.untouched().to_vec(),
+        }
+    }
+
+    /// Uses a method that was prepared again, unless method or masked channels have changed since; whether it is used.
+    pub fn install_method(&mut self, rebuilt: RebuiltMethod) -> bool {
+        let is_wanted = rebuilt.masked == self.masked_channels() && rebuilt.method.name() == self.method.name();
+        if is_wanted {
+            self.method = rebuilt.method;
+            self.state.method_masked = rebuilt.masked;
+            self.noise = rebuilt.noise;
+            self.prepare_detector();
+        }
+        is_wanted
+    }
+
+    /// A computation that will be needed half a second after it is offered here, to be run beside the pipeline; its result
+    /// goes to [`install_drift_fit`](Self::install_drift_fit). Without it in time the pipeline computes the same by itself.
+    pub fn drift_fit_job(&mut self) -> Option<DriftFitJob> {
+        self.fitter.job()
+    }
+
+    /// Takes the result of a [`DriftFitJob`]. It saves time, and changes no contact.
+    pub fn install_drift_fit(&mut self, fit: DriftFit) {
+        self.fitter.install(fit);
+    }
+
+    /// Carries out a command.
+    ///
+    /// # Errors
+    /// An unknown method, a setting out of its range.
+    pub fn command(&mut self, command: &Command) -> Result<(), PipelineError> {
+        match command {
+            Command::Tare => {
+                self.state.phase = Phase::Taring { frames: Vec::new() };
+                self.state.tracker.clear();
+            }
+            Command::Threshold { value } => self.set(Settings { threshold: *value, ..self.state.settings.clone() })?,
+            Command::Zones { zones } => self.set(Settings { zones: zones.clone(), ..self.state.settings.clone() })?,
+            Command::Method { name } => {
+                self.method = self.methods.method(name)?.clone();
+                self.state.method_masked.clear();
+                self.state.settings.method.clone_from(name);
+                self.measure_noise()?;
+            }
+            Command::Rebuild => drop(self.install_method(self.rebuild_job().run()?)),
+        }
+        Ok(())
+    }
+
+    fn set(&mut self, settings: Settings) -> Result<(), PipelineError> {
+        settings.check(self.skin().pixels())?;
+        self.state.settings = settings;
+        self.prepare_detector();
+        Ok(())
+    }
+
+    /// Prepares the detector for the method, the thresholds and the noise.
+    fn prepare_detector(&mut self) {
+        let mut options = self.method.reconstruct().detection();
+        (self.noise_factor, self.forces) = (options.noise_factor, options.forces);
+        options.noise_factor *= self.state.settings.lowest_threshold() * TrackOptions::default().release_fraction;
+        let detector = Detector::new(options);
+        self.detector = match &self.noise {
+            Some(noise) => detector.with_noise(noise.clone()),
+            None => detector,
+        };
+    }
+
+    /// Measures the noise of the method's images, from the image of every frame of the tare.
+    fn measure_noise(&mut self) -> Result<(), PipelineError> {
+        self.noise = rebuild::noise_without(&self.method, self.state.phase.untouched(), &self.state.method_masked)?;
+        self.prepare_detector();
+        Ok(())
+    }
+}
+
+/// The indices of marked channels.
+fn marked(channels: &[bool]) -> Vec<usize> {
+    (0..channels.len()).filter(|&channel| channels[channel]).collect()
+}

@@ -1,0 +1,52 @@
+//! The method prepared again without the masked channels, and the noise of its images.
+
+use crate::detect::ImageNoise;
+use crate::frame::Frame;
+use crate::method::{Method, MethodSet};
+use crate::pipeline::error::PipelineError;
+use std::sync::Arc;
+
+/// A job that prepares a method without some channels. It may run on any thread.
+#[derive(Debug, Clone)]
+pub struct RebuildJob {
+    pub(super) methods: Arc<MethodSet>,
+    pub(super) name: String,
+    pub(super) masked: Vec<usize>,
+    pub(super) untouched: Vec<Vec<f64>>,
+}
+
+/// The result of a [`RebuildJob`].
+#[derive(Debug, Clone)]
+pub struct RebuiltMethod {
+    pub(super) method: Method,
+    pub(super) masked: Vec<usize>,
+    pub(super) noise: Option<ImageNoise>,
+}
+
+impl RebuildJob {
+    /// Prepares the method.
+    ///
+    /// # Errors
+    /// Too few channels left.
+    pub fn run(self) -> Result<RebuiltMethod, PipelineError> {
+        let RebuildJob { methods, name, masked, untouched } = self;
+        let method = methods.method(&name)?.without_channels(methods.skin(), &masked)?;
+        let noise = noise_without(&method, &untouched, &masked)?;
+        Ok(RebuiltMethod { method, masked, noise })
+    }
+}
+
+/// The noise of a method's images, from differences of untouched frames in which some channels are masked.
+pub(super) fn noise_without(
+    method: &Method,
+    untouched: &[Vec<f64>],
+    masked: &[usize],
+) -> Result<Option<ImageNoise>, PipelineError> {
+    let without_masked = |frame: &Vec<f64>| {
+        let mut frame = frame.clone();
+        masked.iter().for_each(|&channel| frame[channel] = 0.0);
+        Frame(frame)
+    };
+    let untouched: Vec<Frame> = untouched.iter().map(without_masked).collect();
+    Ok(method.noise(&untouched)?)
+}

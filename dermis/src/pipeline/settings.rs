@@ -1,0 +1,128 @@
+//! Settings and commands of a pipeline.
+
+use crate::geom::Point3;
+use crate::geom::vector::distance;
+use crate::image::PixelSpace;
+use crate::pipeline::error::PipelineError;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Settings that can change between two frames.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// Name of the method; empty for the default method of the skin.
+    pub method: String,
+    /// Detection threshold of a contact's signal, relative to the method's own.
+    pub threshold: f64,
+    /// Zones: parts of the skin with a name and a threshold of their own.
+    pub zones: Vec<Zone>,
+    /// Frames of a tare.
+    pub tare_frames: usize,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings { method: String::new(), threshold: 1.0, zones: Vec::new(), tare_frames: 100 }
+    }
+}
+
+/// A part of the skin: all of it that lies in a ball.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Zone {
+    /// Name, which contacts in the zone carry.
+    pub name: String,
+    /// Centre of the ball, m.
+    pub centre_m: [f64; 3],
+    /// Radius of the ball, m.
+    pub radius_m: f64,
+    /// Detection threshold in the zone, relative to that of the rest of the skin.
+    pub threshold: f64,
+}
+
+/// The range of thresholds.
+fn is_threshold(value: f64) -> bool {
+    value > 0.0 && value <= 1e6
+}
+
+impl Settings {
+    /// Checks the settings for a skin with some pixels.
+    ///
+    /// # Errors
+    /// A setting out of its range, with its value.
+    pub fn check(&self, pixels: &PixelSpace) -> Result<(), PipelineError> {
+        if !is_threshold(self.threshold) {
+            let message = format!("the threshold is {}: it must be above 0 and at most 1e6", self.threshold);
+            return Err(PipelineError::Setting(message));
+        }
+        if !(8..=100_000).contains(&self.tare_frames) {
+            let message = format!("a tare of {} frames: it must be from 8 to 100,000", self.tare_frames);
+            return Err(PipelineError::Setting(message));
+        }
+        self.zones.iter().try_for_each(|zone| zone.check(pixels))
+    }
+
+    /// The zone of a position: the first one that contains it.
+    pub fn zone_at(&self, position_m: Point3) -> Option<&Zone> {
+        self.zones.iter().find(|zone| zone.contains(position_m))
+    }
+
+    /// The detection threshold at a position, relative to the method's own.
+    pub fn threshold_at(&self, position_m: Point3) -> f64 {
+        self.threshold * self.zone_at(position_m).map_or(1.0, |zone| zone.threshold)
+    }
+
+    /// The lowest detection threshold on the skin.
+    pub fn lowest_threshold(&self) -> f64 {
+        self.threshold * self.zones.iter().map(|zone| zone.threshold).fold(1.0, f64::min)
+    }
+}
+
+impl Zone {
+    fn contains(&self, position_m: Point3) -> bool {
+        distance(self.centre_m, position_m) <= self.radius_m
+    }
+
+    fn check(&self, pixels: &PixelSpace) -> Result<(), PipelineError> {
+        let refused = |message: String| Err(PipelineError::Setting(format!("zone `{}` {message}", self.name)));
+        let is_ball = self.centre_m.iter().all(|value| value.is_finite()) && self.radius_m > 0.0;
+        if !is_ball || !is_threshold(self.threshold) {
+            let must = "must have a finite centre, a positive radius, and a threshold above 0 and at most 1e6";
+            return refused(must.into());
+        }
+        if !pixels.centres_m.iter().any(|&centre_m| self.contains(centre_m)) {
+            let box_m = pixels.box_m().map(|[least, most]| format!("{least:.3} to {most:.3}"));
+            let box_m = box_m.join(", ");
+            return refused(format!(
+                "contains no pixel of the skin: they lie at {box_m} m in x, y and z; lengths are in metres"
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// A command that a pipeline carries out between two frames.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "do", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Command {
+    /// Measure the baseline again, from the next frames.
+    Tare,
+    /// Change the detection threshold of all contacts.
+    Threshold {
+        /// Threshold relative to the method's own.
+        value: f64,
+    },
+    /// Change the method.
+    Method {
+        /// Name of the method.
+        name: String,
+    },
+    /// Replace the zones.
+    Zones {
+        /// The new zones.
+        zones: Vec<Zone>,
+    },
+    /// Prepare the method again without the masked channels.
+    Rebuild,
+}

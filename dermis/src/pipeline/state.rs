@@ -1,0 +1,127 @@
+//! The state of a pipeline.
+
+use crate::geom::Surface;
+use crate::pipeline::baseline::{Baseline, ChannelNoise, TouchedFrame};
+use crate::pipeline::drift::DriftFitter;
+use crate::pipeline::electrodes::{ElectrodeMonitor, ElectrodeTopology};
+use crate::pipeline::error::PipelineError;
+use crate::pipeline::frame::Measurement;
+use crate::pipeline::settings::Settings;
+use crate::pipeline::timestamp::Timestamp;
+use crate::pipeline::touch_detector::TouchDetector;
+use crate::track::Tracker;
+use serde::{Deserialize, Serialize};
+
+/// The baseline follows the frames once nothing has touched for so long, s.
+const QUIET_S: f64 = 0.5;
+/// A difference without a contact that lasts so long is a change of the skin, not a touch, s.
+const UNEXPLAINED_S: f64 = 5.0;
+
+/// The complete state of a pipeline, as recordings and restarts keep it.
+// The names in files are older than some of the names here.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct State {
+    /// The settings.
+    pub settings: Settings,
+    pub(super) phase: Phase,
+    /// Time of the first frame: the zero of the tracker's clock.
+    #[serde(rename = "begun")]
+    pub(super) start: Option<Timestamp>,
+    /// Time of the last frame.
+    pub(super) last: Option<Timestamp>,
+    pub(super) frames: u64,
+    /// Channels that the method was prepared without.
+    #[serde(rename = "made_without")]
+    pub(super) method_masked: Vec<usize>,
+    pub(super) tracker: Tracker,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) enum Phase {
+    /// Untouched frames are collected.
+    Taring { frames: Vec<Measurement> },
+    /// Contacts are detected.
+    Reading(Box<Reading>),
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Reading {
+    pub baseline: Baseline,
+    #[serde(rename = "watch")]
+    pub electrodes: ElectrodeMonitor,
+    #[serde(rename = "alarm")]
+    pub touch_detector: TouchDetector,
+    /// Differences of the tare's frames from their mean, ohm.
+    pub untouched: Vec<Vec<f64>>,
+    /// Since when nothing touches, s.
+    pub quiet_since_s: Option<f64>,
+    /// Since when frames differ from the baseline without a contact, s.
+    #[serde(rename = "puzzled_since_s")]
+    pub unexplained_since_s: Option<f64>,
+}
+
+impl State {
+    /// Continues after a gap in the frames: with the same baseline, and without contacts.
+    pub(super) fn after_gap(&mut self, measurement: &Measurement) {
+        self.tracker.clear();
+        if let Phase::Reading(reading) = &mut self.phase {
+            reading.electrodes.set_last(measurement);
+            reading.quiet_since_s = None;
+            reading.unexplained_since_s = None;
+        }
+    }
+
+    /// Refuses a state of another skin.
+    pub(super) fn check(&self, topology: &ElectrodeTopology, drift_count: usize) -> Result<(), PipelineError> {
+        let channel_count = topology.channel_count();
+        let fits = match &self.phase {
+            Phase::Taring { frames } => frames.iter().all(|frame| topology.fits(frame)),
+            Phase::Reading(reading) => {
+                reading.baseline.fits(channel_count, drift_count)
+                    && reading.electrodes.fits(topology)
+                    && reading.untouched.iter().all(|frame| frame.len() == channel_count)
+            }
+        };
+        match fits && self.method_masked.iter().all(|&channel| channel < channel_count) {
+            true => Ok(()),
+            false => Err(PipelineError::State { channel_count }),
+        }
+    }
+}
+
+impl Phase {
+    /// Differences of the tare's frames from their mean, ohm.
+    pub fn untouched(&self) -> &[Vec<f64>] {
+        match self {
+            Phase::Taring { .. } => &[],
+            Phase::Reading(reading) => &reading.untouched,
+        }
+    }
+}
+
+impl Reading {
+    /// Updates the baseline; whether nothing has touched for a while. `touched`: what the touch detector says; `masked`:
+    /// channels that are not used in this frame.
+    pub fn update_baseline(
+        &mut self,
+        surface: &Surface,
+        fitter: &mut DriftFitter,
+        touched: bool,
+        masked: &[bool],
+        frame: TouchedFrame<'_>,
+    ) -> Result<bool, PipelineError> {
+        let since = |holds: bool, since_s: Option<f64>| holds.then(|| since_s.unwrap_or(frame.time_s));
+        let lasts_s = |since_s: Option<f64>| since_s.map_or(0.0, |since_s| frame.time_s - since_s);
+        let has_contacts = !frame.positions_m.is_empty();
+        self.quiet_since_s = since(!touched && !has_contacts, self.quiet_since_s);
+        self.unexplained_since_s = since(touched && !has_contacts, self.unexplained_since_s);
+        let is_quiet = lasts_s(self.quiet_since_s) >= QUIET_S;
+        if is_quiet || lasts_s(self.unexplained_since_s) >= UNEXPLAINED_S {
+            self.baseline.follow(frame.values_ohm, frame.step_s);
+        } else if has_contacts {
+            let noise = ChannelNoise { sd_ohm: self.electrodes.noise_ohm(), masked };
+            self.baseline.hold(surface, fitter, noise, frame)?;
+        }
+        Ok(is_quiet)
+    }
+}
