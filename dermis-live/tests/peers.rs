@@ -149,7 +149,7 @@ fn rosbags_reads_a_recording() {
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/read_recording.py");
     let printed = run(Command::new(python).arg(example).arg(&path)).unwrap_or_else(|why| panic!("{why}"));
     let last = printed.lines().last().unwrap_or_default();
-    let touched = (0..FRAMES).filter(|&index| !skin().frame(index).contacts.is_empty()).count();
+    let touched = (0..FRAMES).filter(|&index| !skin().frame(index).result.contacts.is_empty()).count();
     assert!(last.starts_with(&format!("{FRAMES} frames, {touched} with contacts, ")), "{printed}");
 }
 
