@@ -190,7 +190,9 @@ fn command_lines(page: &Page) -> Vec<String> {
     }
     let prose: Vec<&str> = page.prose().into_iter().map(|(_, line)| line).collect();
     lines.extend(spans(&prose.join(" ")).into_iter().map(str::to_owned));
-    lines.retain(|line| line.starts_with("dermis ") || line.starts_with("cargo run --release -- "));
+    // Two spaces: a drawing of the crates.
+    let is_command = |line: &str| line.starts_with("dermis ") && !line.starts_with("dermis  ");
+    lines.retain(|line| is_command(line) || line.starts_with("cargo run --release -- "));
     lines
 }
 
