@@ -50,7 +50,7 @@ impl FrameArguments {
 pub fn images(method: &Method, differences: &[Frame]) -> Outcome<Vec<Image>> {
     let progress = Progress::new("reconstructing", differences.len());
     let image = |difference| {
-        let image = method.reconstruct().reconstruct(difference);
+        let image = method.image(difference);
         progress.step();
         image
     };

@@ -3,7 +3,7 @@
 use crate::method::{Method, MethodError, MethodOptions};
 use crate::reconstruct::{
     Alpha, GaussNewton, GaussNewtonOptions, Greit, GreitOptions, OneStepOptions, Prior, Reconstruct, TotalVariation,
-    TotalVariationOptions,
+    TotalVariationOptions, default_prior,
 };
 use crate::skin::Skin;
 use std::sync::Arc;
@@ -12,8 +12,12 @@ use std::sync::Arc;
 pub(super) const NAMES: [&str; 6] = ["noser", "laplace", "tikhonov", "gauss-newton", "tv", "greit"];
 
 /// The one that is used where none is asked for.
-pub(super) fn default_name(_skin: &Skin) -> &'static str {
-    "noser"
+pub(super) fn default_name(skin: &Skin) -> &'static str {
+    match default_prior(skin.design()) {
+        Prior::Laplace => "laplace",
+        Prior::Tikhonov => "tikhonov",
+        Prior::Noser { .. } => "noser",
+    }
 }
 
 /// Prepares the linear method of a name; `None` for any other name.
@@ -77,6 +81,6 @@ fn greit(name: &str, skin: &Skin, options: &MethodOptions) -> Result<Method, Met
     let (excluded, touch) = (options.excluded.clone(), skin.design().sheet.touch);
     let options = GreitOptions { noise_figure, excluded, touch, ..defaults };
     let method = Greit::new(skin.forward(), Arc::clone(skin.pixels()), &options)?;
-    let label = method.name();
-    Ok(Method::new(name, label, Arc::new(method)))
+    let (label, rule) = (method.name(), method.alpha_rule());
+    Ok(Method { alpha_rule: Some(rule), ..Method::new(name, label, Arc::new(method)) })
 }

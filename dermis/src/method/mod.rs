@@ -21,7 +21,10 @@ pub use set::MethodSet;
 
 use crate::detect::{Detector, ImageNoise};
 use crate::frame::Frame;
-use crate::reconstruct::{OneStep, OneStepOptions, Reconstruct, ReconstructError, WithoutChannels, image_noise};
+use crate::image::Image;
+use crate::reconstruct::{
+    AlphaRule, OneStep, OneStepOptions, Reconstruct, ReconstructError, WithoutChannels, image_noise,
+};
 use crate::skin::Skin;
 use std::fmt;
 use std::sync::Arc;
@@ -75,6 +78,7 @@ pub struct Method {
     label: String,
     reconstruct: Arc<dyn Reconstruct>,
     alpha: Option<f64>,
+    alpha_rule: Option<AlphaRule>,
     card: Option<String>,
     /// What a one-step method is made from; it is made again without the channels that are left out.
     one_step: Option<OneStepOptions>,
@@ -89,7 +93,15 @@ impl fmt::Debug for Method {
 impl Method {
     /// A method under a name. `label` describes it in tables and pictures.
     pub fn new(name: impl Into<String>, label: impl Into<String>, reconstruct: Arc<dyn Reconstruct>) -> Self {
-        Method { name: name.into(), label: label.into(), reconstruct, alpha: None, card: None, one_step: None }
+        Method {
+            name: name.into(),
+            label: label.into(),
+            reconstruct,
+            alpha: None,
+            alpha_rule: None,
+            card: None,
+            one_step: None,
+        }
     }
 
     /// The same method with its regularization parameter, to be shown beside its label.
@@ -108,8 +120,8 @@ impl Method {
     fn from_one_step(name: &str, skin: &Skin, options: OneStepOptions) -> Result<Self, MethodError> {
         let method = OneStep::from_linearised(skin.linearised()?, Arc::clone(skin.pixels()), &options)?;
         let (label, alpha) = (method.name(), method.alpha());
-        let one_step = Some(options);
-        Ok(Method { one_step, ..Method::new(name, label, Arc::new(method)).with_alpha(alpha) })
+        let (alpha_rule, one_step) = (Some(method.alpha_rule()), Some(options));
+        Ok(Method { alpha_rule, one_step, ..Method::new(name, label, Arc::new(method)).with_alpha(alpha) })
     }
 
     /// The name that it is selected by: `noser`, `best`, `./my-model`.
@@ -122,9 +134,14 @@ impl Method {
         &self.label
     }
 
-    /// Its label and its regularization parameter.
+    /// Its label and its regularization parameter, with the rule that chose it where the usual rule has no answer.
     pub fn description(&self) -> String {
-        self.alpha.map_or_else(|| self.label.clone(), |alpha| format!("{}, alpha {alpha:.4}", self.label))
+        let alpha = self.alpha.map(|alpha| format!(", alpha {alpha:.4}")).unwrap_or_default();
+        let rule = match self.alpha_rule {
+            Some(rule @ AlphaRule::AttainableNoiseFigure(_)) => format!(" ({rule})"),
+            _ => String::new(),
+        };
+        format!("{}{alpha}{rule}", self.label)
     }
 
     /// Its regularization parameter, where it has one.
@@ -145,6 +162,14 @@ impl Method {
     /// The reconstruction.
     pub fn reconstruct(&self) -> &Arc<dyn Reconstruct> {
         &self.reconstruct
+    }
+
+    /// The image of a difference (frame minus baseline, ohm).
+    ///
+    /// # Errors
+    /// A difference of another length than the protocol's, or with values that are not finite; an iteration that fails.
+    pub fn image(&self, difference: &Frame) -> Result<Image, ReconstructError> {
+        self.reconstruct.reconstruct(difference)
     }
 
     /// The noise of its images, from differences of untouched frames from their mean; see [`image_noise`].
