@@ -17,6 +17,11 @@ pub fn print(text: &str) -> Outcome {
     }
 }
 
+/// Prints a warning to standard error.
+pub fn warn(text: &str) {
+    eprintln!("warning: {text}");
+}
+
 /// Prints a value as JSON.
 pub fn print_json(value: &impl serde::Serialize) -> Outcome {
     let text = serde_json::to_string_pretty(value).map_err(|error| Failure::Ours(error.to_string()))?;

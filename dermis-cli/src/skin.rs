@@ -4,6 +4,7 @@ use crate::console::Progress;
 use crate::failure::{Failure, Outcome};
 use clap::ValueEnum;
 use dermis::frame::read_conductivities;
+use dermis::geom::PlaceLimits;
 use dermis::skin::Skin;
 use std::path::Path;
 
@@ -20,6 +21,11 @@ pub enum Per {
 pub fn load(design: &str) -> Outcome<Skin> {
     let _waiting = Progress::waiting("preparing the skin");
     Ok(Skin::load(design)?)
+}
+
+/// The places that touches of a skin can have.
+pub fn place_limits(skin: &Skin) -> PlaceLimits {
+    skin.mesh().place_limits(skin.design().body.surface())
 }
 
 /// Maps of conductivity from a file, or the untouched skin without one.

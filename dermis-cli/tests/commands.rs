@@ -204,7 +204,18 @@ fn an_evaluation_is_a_table_or_json() {
         assert!(json["eq11_m"][key].is_number(), "{key}");
     }
     at.write("truth.csv", "frame,x_m,y_m\n0,0,0\n2,0,0\n");
-    assert!(at.refused(input).contains("truth.csv, row 3, column 1: frame 2, but the frames are 0 to 1"));
+    assert!(at.refused(input).contains("truth.csv, row 3, column 1: frame 2, but there are 2 frames: 0 to 1"));
+    at.write("truth.csv", "frame,x_m,y_m\n0,10,20\n1,-20,0\n");
+    let wrong = at.refused(input);
+    assert!(wrong.contains("truth.csv, row 2:") && wrong.contains("it seems to be in millimetres"), "{wrong}");
+    let wrong = at.refused("forward disk.toml --touches truth.csv -o frames.csv");
+    assert!(wrong.contains("truth.csv, row 2:") && wrong.contains("it seems to be in millimetres"), "{wrong}");
+    // A frame too many is named.
+    at.write("truth.csv", "frame,x_m,y_m\n0,0.01,0.02\n");
+    let output = at.run(input);
+    let said = String::from_utf8_lossy(&output.stderr);
+    let named = "truth.csv has its last touch in frame 0, but there are 2 frames: the last 1 count as untouched";
+    assert!(output.status.success() && said.contains(named), "{said}");
 }
 
 /// Touches on a sunflower's spiral, in the skin's frame and as a robot elsewhere would report them: turned by 30 degrees,
@@ -338,7 +349,7 @@ fn bad_frames_are_named_by_row_and_column() {
     );
     assert!(
         refused(format!("{good}\n{}\n", good.replacen('1', "open", 1)))
-            .contains("row 2, column 1: `open` is no number")
+            .contains("row 2, column 1: `open` is not a number")
     );
     at.write("mark.csv", format!("\u{feff}{good}\r\n{good}\r\n"));
     at.good("reconstruct disk.toml --frames mark.csv --difference -o a.csv");

@@ -29,7 +29,8 @@ fn presses(name: &str) -> Option<(PressEstimates, Vec<Point3>)> {
     let forward = ForwardModel::new(&design, &mesh).expect("a model");
     let pixels = Arc::new(PixelSpace::for_design(&design, &mesh).expect("pixels"));
     let frames: Vec<Frame> = read_frames(&folder.join(format!("inp_{name}.csv")), &design.protocol).expect("frames");
-    let truth = read_truth(&folder.join(format!("out_{name}.csv")), &pixels.surface, frames.len()).expect("a truth");
+    let truth = read_truth(&folder.join(format!("out_{name}.csv")), &mesh.place_limits(pixels.surface), frames.len())
+        .expect("a truth");
     let Truth::Elsewhere(truth) = truth else { panic!("the presses have no header") };
     let options = AlignOptions::new(design.sheet.touch);
     Some((PressEstimates::new(&forward, &pixels, &frames, &options).expect("estimates"), truth))

@@ -6,7 +6,7 @@
 
 use dermis::design::SkinDesign;
 use dermis::frame;
-use dermis::geom::Surface;
+use dermis::geom::{PlaceLimits, Surface};
 use dermis::mesh::Cells;
 use dermis::mesh::import::{self, Format};
 use dermis::protocol::Protocol;
@@ -80,7 +80,8 @@ pub fn fuzz_truth(data: &[u8]) {
     in_file(data, "csv", |path| {
         let surfaces = [Surface::Cylinder { radius_m: 0.05, length_m: 0.3 }, Surface::Plane, Surface::Free];
         for surface in surfaces {
-            let _ = frame::read_truth(path, &surface, 3);
+            let limits = PlaceLimits::of_box(surface, [[-1.0; 3], [1.0; 3]], 0.1);
+            let _ = frame::read_truth(path, &limits, 3);
         }
     });
 }

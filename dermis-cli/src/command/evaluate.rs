@@ -1,12 +1,13 @@
 //! `dermis evaluate`: detected contacts against true touches.
 
-use crate::console::{Progress, print, print_json};
+use crate::console::{Progress, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
 use crate::frames::{FrameArguments, images};
 use crate::method::MethodArguments;
 use crate::skin;
 use clap::Args;
-use dermis::frame::{Frame, Truth, read_truth};
+use dermis::contact::Contact;
+use dermis::frame::{Frame, Truth, frames_after_last_touch, read_truth};
 use dermis::geom::Point3;
 use dermis::skin::Skin;
 use dermis::stats::Summary;
@@ -50,9 +51,12 @@ impl Arguments {
     pub fn run(self) -> Outcome {
         let skin = skin::load(&self.design)?;
         let differences = self.frames.read(&skin.design().protocol)?;
-        let truth = read_truth(&self.truth, &skin.design().body.surface(), differences.frames.len())?;
+        let truth = read_truth(&self.truth, &skin::place_limits(&skin), differences.frames.len())?;
         let truth = match (truth, self.align) {
-            (Truth::OnSkin(truth), None) => truth,
+            (Truth::OnSkin(truth), None) => {
+                self.warn_of_frames_after(&truth);
+                truth
+            }
             (Truth::Elsewhere(presses), Some(count)) => return self.align(&skin, &differences.frames, &presses, count),
             (Truth::Elsewhere(_), None) => {
                 let message =
@@ -77,6 +81,20 @@ impl Arguments {
 }
 
 impl Arguments {
+    /// A frame without a touch is no error, but one too many at the end is more often a mistake in counting.
+    fn warn_of_frames_after(&self, truth: &[Vec<Contact>]) {
+        let rest = frames_after_last_touch(truth);
+        if !rest.is_empty() {
+            warn(&format!(
+                "{} has its last touch in frame {}, but there are {} frames: the last {} count as untouched",
+                self.truth.display(),
+                rest.start as i64 - 1,
+                truth.len(),
+                rest.len()
+            ));
+        }
+    }
+
     /// Determines the pose of the skin from the first presses and scores the others.
     fn align(&self, skin: &Skin, differences: &[Frame], presses: &[Point3], count: usize) -> Outcome {
         let progress = Progress::waiting("reconstructing all presses with every candidate prior, alpha and cut");

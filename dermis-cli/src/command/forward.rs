@@ -72,7 +72,7 @@ impl Arguments {
             return Err(Failure::given(message, None));
         }
         let (mesh, surface) = (skin.mesh(), skin.design().body.surface());
-        let Truth::OnSkin(frames) = read_truth(path, &surface, last as usize + 1)? else {
+        let Truth::OnSkin(frames) = read_truth(path, &skin::place_limits(skin), last as usize + 1)? else {
             return Err(Failure::given(format!("{} has no header", path.display()), Some("name the columns")));
         };
         let gaussian =

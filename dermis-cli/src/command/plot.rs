@@ -129,7 +129,7 @@ impl Arguments {
                 let mut scene = drawing.image(image, quantity);
                 drawing.add_contacts(&mut scene, &detector.detect(image));
                 if let Some(path) = &self.truth {
-                    drawing.add_touches(&mut scene, &read_touches(path, design, images.len())?[self.frame]);
+                    drawing.add_touches(&mut scene, &read_touches(path, design, mesh, images.len())?[self.frame]);
                 }
                 scene.titled(format!("{}: image of frame {}", design.name, self.frame), how)
             }
@@ -139,7 +139,7 @@ impl Arguments {
                     let message = "a picture of the localisation needs the true places";
                     return Err(Failure::given(message, Some("name their file with --truth")));
                 };
-                let truth = read_touches(path, design, images.len())?;
+                let truth = read_touches(path, design, mesh, images.len())?;
                 let contacts: Vec<Vec<Contact>> = images.iter().map(|image| detector.detect(image)).collect();
                 localisation_scene(&drawing, design, &truth, &contacts).titled("", how)
             }
@@ -189,8 +189,8 @@ struct Seen {
 }
 
 /// The true places of the touches of each frame.
-fn read_touches(path: &Path, design: &SkinDesign, frame_count: usize) -> Outcome<Vec<Vec<Contact>>> {
-    match read_truth(path, &design.body.surface(), frame_count)? {
+fn read_touches(path: &Path, design: &SkinDesign, mesh: &Mesh, frame_count: usize) -> Outcome<Vec<Vec<Contact>>> {
+    match read_truth(path, &mesh.place_limits(design.body.surface()), frame_count)? {
         Truth::OnSkin(touches) => Ok(touches),
         Truth::Elsewhere(_) => {
             let message = format!("{} holds places in a coordinate frame of its own", path.display());

@@ -10,47 +10,83 @@ pub(super) struct Rows {
     pub rows: Vec<(usize, Vec<f64>)>,
 }
 
-/// Reads rows of numbers. The first row is a header where none of its fields is a number. A byte-order mark, carriage
-/// returns and empty lines at the end do no harm.
-pub(super) fn parse(text: &[u8], path: &Path) -> Result<Rows, TableError> {
+/// Reads rows of numbers, separated by commas or by semicolons (then with decimal points or commas).
+///
+/// The first row is a header where none of its fields is a number, where its first field is no number and the others count
+/// the columns (0, 1, 2, ... or 1, 2, 3, ...), or where it counts exactly `columns` columns, as pandas writes them. A byte-order
+/// mark, carriage returns and empty lines at the end are ignored.
+pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>) -> Result<Rows, TableError> {
     let text = std::str::from_utf8(text).map_err(|error| TableError::File {
         path: path.to_path_buf(),
         message: format!("not UTF-8 text (byte {}); write CSV, NPY or NPZ", error.valid_up_to()),
     })?;
     let text = text.strip_prefix('\u{feff}').unwrap_or(text).trim_end();
+    let separator = if text.lines().next().is_some_and(|line| line.contains(';')) { ';' } else { ',' };
     let mut header = None;
     let mut rows = Vec::new();
     for (index, line) in text.lines().enumerate() {
-        let fields = line.split(',').map(str::trim);
-        if index == 0 && fields.clone().all(|field| number(field).is_none()) {
-            header = Some(fields.map(|field| field.trim_matches('"').to_string()).collect());
+        if index == 0 && is_header(line, separator, columns) {
+            let name = |field: &str| field.trim().trim_matches('"').to_string();
+            header = Some(line.split(separator).map(name).collect());
             continue;
         }
-        rows.push((index + 1, row(line, index + 1, path)?));
+        rows.push((index + 1, row(line, index + 1, separator, path)?));
     }
     Ok(Rows { header, rows })
 }
 
-fn row(line: &str, row: usize, path: &Path) -> Result<Vec<f64>, TableError> {
+/// Whether the first line of a file names or counts the columns; see [`parse`].
+fn is_header(line: &str, separator: char, columns: Option<usize>) -> bool {
+    if line.split(separator).any(|field| holds_several_numbers(field)) {
+        return false;
+    }
+    let fields: Vec<Option<f64>> = line.split(separator).map(|field| number(field, separator)).collect();
+    match fields.as_slice() {
+        [None, rest @ ..] => {
+            rest.iter().all(Option::is_none) || counts(rest.iter().map(|field| field.unwrap_or(f64::NAN)))
+        }
+        all => columns == Some(all.len()) && counts(all.iter().map(|field| field.unwrap_or(f64::NAN))),
+    }
+}
+
+/// Whether values count up from 0 or from 1; a single value does not.
+pub(super) fn counts(values: impl ExactSizeIterator<Item = f64>) -> bool {
+    let mut first = None;
+    let enough = values.len() > 1;
+    enough
+        && values.enumerate().all(|(index, value)| {
+            let first = *first.get_or_insert(value);
+            (first == 0.0 || first == 1.0) && value == first + index as f64
+        })
+}
+
+fn row(line: &str, row: usize, separator: char, path: &Path) -> Result<Vec<f64>, TableError> {
     let cell =
         |column: Option<usize>, message: String| TableError::Cell { path: path.to_path_buf(), row, column, message };
     if line.trim().is_empty() {
         return Err(cell(None, "an empty line between rows".into()));
     }
     let value = |(index, field): (usize, &str)| {
-        number(field.trim()).ok_or_else(|| {
-            let message = match field.trim() {
-                "" => "no value".to_string(),
-                text => format!("`{}` is no number", shortened(text)),
-            };
-            cell(Some(index + 1), message)
+        number(field, separator).ok_or_else(|| match field.trim() {
+            "" => cell(Some(index + 1), "no value".to_string()),
+            text if holds_several_numbers(text) => {
+                cell(None, "the values are separated by spaces or tabs; separate them by commas".to_string())
+            }
+            text => cell(Some(index + 1), format!("`{}` is not a number", shortened(text))),
         })
     };
-    line.split(',').enumerate().map(value).collect()
+    line.split(separator).enumerate().map(value).collect()
 }
 
-fn number(field: &str) -> Option<f64> {
-    field.trim_matches('"').parse().ok()
+/// Whether a field is a row of numbers with spaces or tabs between them.
+fn holds_several_numbers(field: &str) -> bool {
+    field.split_whitespace().count() > 1 && field.split_whitespace().all(|word| word.parse::<f64>().is_ok())
+}
+
+/// The number in a field. Only between semicolons a comma is a decimal point.
+fn number(field: &str, separator: char) -> Option<f64> {
+    let field = field.trim().trim_matches('"');
+    if separator == ';' && field.contains(',') { field.replacen(',', ".", 1).parse() } else { field.parse() }.ok()
 }
 
 /// The beginning of a text, for a message.

@@ -16,14 +16,19 @@ pub struct Table {
     pub file_rows: Vec<usize>,
 }
 
-/// Reads a table: CSV, or NPY or NPZ told by their first bytes. In an NPZ file of several arrays the one called
+/// Reads a table: CSV, NPY or NPZ, recognised by their first bytes. In an NPZ file of several arrays the one called
 /// `array` is read. Values may be `NaN` or infinite here.
 ///
 /// # Errors
 /// A file that cannot be read, is empty, or holds anything but rows of numbers of equal length (row and column named).
 pub fn read_table(path: &Path, array: &str) -> Result<Table, TableError> {
+    read_rows(path, array, None)
+}
+
+/// [`read_table`]; a CSV file whose first row counts this number of columns has that row as its header.
+fn read_rows(path: &Path, array: &str, columns: Option<usize>) -> Result<Table, TableError> {
     let bytes = std::fs::read(path).map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
-    let table = parse_table(&bytes, path, array)?;
+    let table = parse_table(&bytes, path, array, columns)?;
     if table.rows.is_empty() {
         return Err(file_error(path, "the file is empty: it holds no row of numbers"));
     }
@@ -36,14 +41,55 @@ pub fn read_table(path: &Path, array: &str) -> Result<Table, TableError> {
     Ok(table)
 }
 
-/// [`read_table`] from bytes; rows may still differ in length.
-fn parse_table(bytes: &[u8], path: &Path, array: &str) -> Result<Table, TableError> {
+/// Reads rows of `columns` values each. A column in front that numbers the rows is left out.
+///
+/// # Errors
+/// As [`read_table`]; rows of another length, a column of times named as such.
+fn read_values(path: &Path, array: &str, columns: usize, what: &str) -> Result<Table, TableError> {
+    let mut table = read_rows(path, array, Some(columns))?;
+    if table.rows[0].len() == 1 && table.rows.len() == columns && columns > 1 {
+        return Err(file_error(path, format!("one value in each of {columns} rows: write them in one row")));
+    }
+    if table.rows[0].len() == columns + 1 {
+        drop_row_numbers(&mut table, path, what)?;
+    }
+    for (row, &file_row) in table.rows.iter().zip(&table.file_rows) {
+        if row.len() != columns {
+            return Err(count_error(path, file_row, row.len(), columns, what));
+        }
+    }
+    Ok(table)
+}
+
+/// Leaves out the first column where it numbers the rows: under an empty name, as pandas writes its index, or counting from 0
+/// or 1. A first column that rises otherwise holds times, which is an error.
+fn drop_row_numbers(table: &mut Table, path: &Path, what: &str) -> Result<(), TableError> {
+    let first: Vec<f64> = table.rows.iter().map(|row| row[0]).collect();
+    let name = table.header.as_ref().and_then(|header| header.first());
+    if name.is_some_and(String::is_empty) || csv::counts(first.iter().copied()) {
+        table.rows.iter_mut().for_each(|row| _ = row.remove(0));
+        table.header.iter_mut().for_each(|header| _ = header.remove(0));
+        return Ok(());
+    }
+    if first.len() > 1 && first.is_sorted_by(|a, b| a < b) {
+        let name = name.map(|name| format!(" `{name}`")).unwrap_or_default();
+        let message = format!(
+            "the column{name} rises from row to row, as times do, and {what} have {} values: remove it",
+            table.rows[0].len() - 1
+        );
+        return Err(TableError::Cell { path: path.to_path_buf(), row: table.file_rows[0], column: Some(1), message });
+    }
+    Ok(())
+}
+
+/// [`read_rows`] from bytes; rows may still differ in length.
+fn parse_table(bytes: &[u8], path: &Path, array: &str, columns: Option<usize>) -> Result<Table, TableError> {
     let array = if npy::is_npz(bytes) {
         npz::read_npz(bytes, array)
     } else if npy::is_npy(bytes) {
         npy::read_npy(bytes)
     } else {
-        let csv::Rows { header, rows } = csv::parse(bytes, path)?;
+        let csv::Rows { header, rows } = csv::parse(bytes, path, columns)?;
         let (file_rows, rows) = rows.into_iter().unzip();
         return Ok(Table { header, rows, file_rows });
     };
@@ -88,16 +134,14 @@ fn count_error(path: &Path, row: usize, got: usize, expected: usize, what: &str)
 
 /// Reads frames (or differences of frames) of a protocol, ohm: a row each.
 ///
+/// A header that counts the channels and a first column that numbers the frames, as pandas writes them, are left out.
+///
 /// # Errors
-/// As [`read_table`]; rows that do not have a value for every channel; a value that is `NaN` or infinite.
+/// As [`read_table`]; rows that do not have a value for every channel; a value that is `NaN` or infinite; a column of times.
 pub fn read_frames(path: &Path, protocol: &Protocol) -> Result<Vec<Frame>, TableError> {
-    let table = read_table(path, "frames")?;
-    let expected = protocol.channel_count();
+    let table = read_values(path, "frames", protocol.channel_count(), "frames of this protocol")?;
     let mut frames = Vec::with_capacity(table.rows.len());
     for (row, file_row) in table.rows.into_iter().zip(table.file_rows) {
-        if row.len() != expected {
-            return Err(count_error(path, file_row, row.len(), expected, "frames of this protocol"));
-        }
         if let Some(column) = row.iter().position(|value| !value.is_finite()) {
             let message = format!("the value is {}: it must be finite", row[column]);
             let column = Some(column + 1);
@@ -109,22 +153,13 @@ pub fn read_frames(path: &Path, protocol: &Protocol) -> Result<Vec<Frame>, Table
 }
 
 /// Reads maps of conductivity, a row each with a value per cell in the order of the mesh (S on surfaces, S/m in
-/// volumes).
+/// volumes). A header and row numbers are left out as in [`read_frames`].
 ///
 /// # Errors
 /// As [`read_table`]; rows that do not have a value for every cell; a value that is not positive and finite.
 pub fn read_conductivities(path: &Path, cell_count: usize) -> Result<Vec<Vec<f64>>, TableError> {
-    let table = read_table(path, "conductivity")?;
+    let table = read_values(path, "conductivity", cell_count, "maps of this mesh")?;
     for (row, &file_row) in table.rows.iter().zip(&table.file_rows) {
-        if row.len() == 1 && table.rows.len() == cell_count && cell_count > 1 {
-            return Err(file_error(
-                path,
-                format!("one value in each of {cell_count} rows: write all cells in one row"),
-            ));
-        }
-        if row.len() != cell_count {
-            return Err(count_error(path, file_row, row.len(), cell_count, "maps of this mesh"));
-        }
         if let Some(cell) = row.iter().position(|value| !(*value > 0.0 && value.is_finite())) {
             let message = format!("the conductivity of cell {cell} is {}: it must be positive and finite", row[cell]);
             let column = Some(cell + 1);

@@ -1,10 +1,12 @@
 //! What tables are read, and what is said of those that are not.
 
+use crate::contact::Contact;
 use crate::frame::{
-    Frame, Truth, read_conductivities, read_frames, read_table, read_truth, write_array, write_frames, write_whole,
+    Frame, Truth, frames_after_last_touch, read_conductivities, read_frames, read_table, read_truth, write_array,
+    write_frames, write_whole,
 };
-use crate::geom::Surface;
 use crate::geom::vector::distance;
+use crate::geom::{PlaceLimits, Surface};
 use crate::protocol::Protocol;
 use std::path::PathBuf;
 
@@ -22,7 +24,7 @@ fn protocol() -> Protocol {
 }
 
 fn row(last: &str) -> String {
-    format!("1,2,3,4,5,6,7,8,9,10,11,{last}")
+    format!("2,1,3,4,5,6,7,8,9,10,11,{last}")
 }
 
 /// What is said of a file of frames.
@@ -46,13 +48,65 @@ fn headers_byte_order_marks_and_carriage_returns_do_no_harm() {
     }
 }
 
+/// The frames of a file, or what is wrong with it.
+fn frames(content: &str) -> Result<Vec<Vec<f64>>, String> {
+    let (_folder, path) = file("f.csv", content);
+    let read = read_frames(&path, &protocol()).map_err(|error| error.to_string());
+    read.map(|frames| frames.into_iter().map(|frame| frame.0).collect())
+        .map_err(|message| message.split_once("f.csv").unwrap().1.to_string())
+}
+
+/// What pandas writes of a frame of 12 channels, by `to_csv` with and without an index or a header.
+#[test]
+fn headers_that_count_and_row_numbers_are_no_values() {
+    let header = |first: usize| (first..first + 12).map(|n| n.to_string()).collect::<Vec<_>>().join(",");
+    let (a, b) = (row("12"), row("13"));
+    for text in [
+        format!("{}\n{a}\n{b}\n", header(0)),
+        format!("{}\n{a}\n{b}\n", header(1)),
+        format!(",{}\n0,{a}\n1,{b}\n", header(0)),
+        format!("index,{}\n0,{a}\n1,{b}\n", header(0)),
+        format!("frame,a,b,c,d,e,f,g,h,i,j,k,l\n1,{a}\n2,{b}\n"),
+        format!("\"\",\"a\",b,c,d,e,f,g,h,i,j,k,l\n7,{a}\n9,{b}\n"),
+        format!("0,{a}\n1,{b}\n"),
+        format!(",{}\n0,{a}\n1,{b}\n", header(0)).replace(',', ";"),
+        format!("{}\n{}\n", a.replace(',', ";"), b.replace(',', ";").replace("13", "13,0")),
+    ] {
+        let read = frames(&text).unwrap();
+        let last: Vec<(usize, f64, f64)> = read.iter().map(|row| (row.len(), row[0], row[11])).collect();
+        assert_eq!(last, [(12, 2.0, 12.0), (12, 2.0, 13.0)], "{text}");
+    }
+    let (_folder, path) = file("c.csv", "0,1,2\n0.5,1,2\n");
+    assert_eq!(read_conductivities(&path, 3).unwrap(), vec![vec![0.5, 1.0, 2.0]]);
+    let decimal_commas = row("1").replace(',', ";").replace("10", "10,25");
+    assert_eq!(frames(&decimal_commas).unwrap()[0][9], 10.25);
+}
+
+#[test]
+fn columns_that_are_no_channels_are_refused_with_the_fix() {
+    let (a, b) = (row("12"), row("13"));
+    let message = frames(&format!("time_s,a,b,c,d,e,f,g,h,i,j,k,l\n0.0,{a}\n0.01,{b}\n")).unwrap_err();
+    assert_eq!(
+        message,
+        ", row 2, column 1: the column `time_s` rises from row to row, as times do, and frames of this protocol have 12 \
+         values: remove it"
+    );
+    let message = frames(&format!("1700000000,{a}\n1700000001,{b}\n")).unwrap_err();
+    assert!(message.starts_with(", row 1, column 1: the column rises from row to row"), "{message}");
+    // Neither numbers nor times: one value too many.
+    let message = frames(&format!("5,{a}\n5,{b}\n")).unwrap_err();
+    assert_eq!(message, ", row 1: too many values: 13, but frames of this protocol have 12");
+    let message = frames(&a.replace(',', " ")).unwrap_err();
+    assert_eq!(message, ", row 1: the values are separated by spaces or tabs; separate them by commas");
+}
+
 #[test]
 fn a_bad_value_is_named_by_row_and_column() {
     let two = |last: &str| format!("{}\n{}\n", row("12"), row(last));
     assert_eq!(frame_error(two("NaN")), ", row 2, column 12: the value is NaN: it must be finite");
     assert_eq!(frame_error(two("-inf")), ", row 2, column 12: the value is -inf: it must be finite");
     assert_eq!(frame_error(two("1e999")), ", row 2, column 12: the value is inf: it must be finite");
-    assert_eq!(frame_error(two("open")), ", row 2, column 12: `open` is no number");
+    assert_eq!(frame_error(two("open")), ", row 2, column 12: `open` is not a number");
     assert_eq!(frame_error(two("")), ", row 2, column 12: no value");
     assert_eq!(frame_error(two("1,13")), ", row 2: too many values: 13, but the rows before have 12");
     assert_eq!(frame_error("1,2,3\n"), ", row 1: too few values: 3, but frames of this protocol have 12");
@@ -82,7 +136,7 @@ fn a_conductivity_that_no_matter_has_is_named_by_its_cell() {
         assert!(message.contains("row 2, column 2: the conductivity of cell 1 is"), "{message}");
     }
     assert!(error("1,1\n").contains("too few values: 2, but maps of this mesh have 3"));
-    assert!(error("1\n1\n1\n").contains("write all cells in one row"));
+    assert!(error("1\n1\n1\n").contains("write them in one row"));
 }
 
 #[test]
@@ -152,11 +206,16 @@ fn a_full_device_is_an_error_and_stays_a_device() {
     assert!(!std::fs::metadata(&full).unwrap().is_file());
 }
 
+/// Places within a box of some metres, as wide as the truths of these tests need.
+fn limits(surface: Surface) -> PlaceLimits {
+    PlaceLimits::of_box(surface, [[-9.0; 3], [9.0; 3]], 0.0)
+}
+
 #[test]
 fn truths_are_read_for_each_kind_of_body() {
     let read = |text: &str, surface: Surface| {
         let (_folder, path) = file("t.csv", text);
-        read_truth(&path, &surface, 3).map_err(|error| error.to_string())
+        read_truth(&path, &limits(surface), 3).map_err(|error| error.to_string())
     };
     let cylinder = Surface::Cylinder { radius_m: 0.05, length_m: 0.3 };
     let Truth::OnSkin(touches) = read("frame,z_m,theta_rad,force_n\n2,0.1,0.0,5\n2,0.2,1,6\n", cylinder).unwrap()
@@ -171,7 +230,7 @@ fn truths_are_read_for_each_kind_of_body() {
     let robot = read("1,2,3\n4,5,6\n7,8,9\n", Surface::Plane).unwrap();
     assert_eq!(robot, Truth::Elsewhere(vec![[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]]));
     let beyond = read("frame,x_m,y_m\n0,0,0\n3,0,0\n", Surface::Plane).unwrap_err();
-    assert!(beyond.ends_with("row 3, column 1: frame 3, but the frames are 0 to 2"), "{beyond}");
+    assert!(beyond.ends_with("row 3, column 1: frame 3, but there are 3 frames: 0 to 2"), "{beyond}");
     assert!(read("frame,x_m,y_m\n0.5,0,0\n", Surface::Plane).unwrap_err().contains("frame 0.5"));
     assert!(
         read("frame,x_m,y_m\n0,0,0\n", cylinder)
@@ -179,8 +238,35 @@ fn truths_are_read_for_each_kind_of_body() {
             .contains("unknown column `x_m`; the columns are frame,z_m")
     );
     assert!(read("frame,x_m\n0,0\n", Surface::Plane).unwrap_err().contains("no column `y_m`"));
-    assert!(read("1,2,3\n", Surface::Plane).unwrap_err().contains("1 presses for 3 frames"));
+    assert!(read("1,2,3\n", Surface::Plane).unwrap_err().contains("1 presses, but there are 3 frames"));
     assert!(read("1,2\n1,2\n1,2\n", Surface::Plane).unwrap_err().contains("x, y, z in each row, not 2"));
+}
+
+#[test]
+fn places_off_the_body_are_named_with_their_row_and_unit() {
+    let corners = [[-0.04, -0.04, 0.0], [0.04, -0.04, 0.0], [0.04, 0.04, 0.0], [-0.04, 0.04, 0.0]];
+    let triangles = [[0, 1, 2], [0, 2, 3]].map(|t| t.map(|corner: usize| corners[corner]));
+    let plane = PlaceLimits::of_surface(Surface::Plane, triangles, 0.01);
+    let error = |text: &str, limits: &PlaceLimits| {
+        let (_folder, path) = file("t.csv", text);
+        let message = read_truth(&path, limits, 3).unwrap_err().to_string();
+        message.split_once("t.csv").unwrap().1.to_string()
+    };
+    let message = error("frame,x_m,y_m\n0,0,0.045\n1,10,0\n", &plane);
+    assert!(message.starts_with(", row 3: the place [10.0, 0.0, 0.0] m lies 9.9600 m off the body"), "{message}");
+    assert!(message.ends_with("places are in metres; it seems to be in millimetres"), "{message}");
+    let cylinder = Surface::Cylinder { radius_m: 0.05, length_m: 0.3 };
+    let wall = PlaceLimits::of_box(cylinder, [[-0.05, -0.05, 0.0], [0.05, 0.05, 0.3]], 0.01);
+    let message = error("frame,z_m,theta_rad\n0,0.1,-120\n", &wall);
+    assert!(message.starts_with(", row 2: theta_rad is -120, more than one turn"), "{message}");
+}
+
+#[test]
+fn frames_after_the_last_touch_are_counted() {
+    let touch = Contact::truth([0.0; 3], [0.0, 0.0, 1.0], 1.0);
+    assert_eq!(frames_after_last_touch(&[vec![touch], Vec::new(), vec![touch]]), 3..3);
+    assert_eq!(frames_after_last_touch(&[vec![touch], Vec::new(), Vec::new()]), 1..3);
+    assert_eq!(frames_after_last_touch(&[Vec::new()]), 0..1);
 }
 
 proptest::proptest! {

@@ -4,7 +4,7 @@ use crate::contact::Contact;
 use crate::frame::TableError;
 use crate::frame::output::write_whole;
 use crate::frame::table::{Table, read_table};
-use crate::geom::{Point3, Surface};
+use crate::geom::{PlaceLimits, Point3, Surface};
 use std::path::Path;
 
 /// Where a skin was really touched.
@@ -21,8 +21,9 @@ pub enum Truth {
 /// x, y, z of one press for each frame in turn, in a frame of space of its own.
 ///
 /// # Errors
-/// As [`read_table`]; columns that are missing or unknown; a frame that is not there; values that are not finite.
-pub fn read_truth(path: &Path, surface: &Surface, frame_count: usize) -> Result<Truth, TableError> {
+/// As [`read_table`]; columns that are missing or unknown; a frame that is not there; values that are not finite; a place off
+/// the body, with the unit that it is probably given in.
+pub fn read_truth(path: &Path, limits: &PlaceLimits, frame_count: usize) -> Result<Truth, TableError> {
     let table = read_table(path, "truth")?;
     for (row, &file_row) in table.rows.iter().zip(&table.file_rows) {
         if let Some(column) = row.iter().position(|value| !value.is_finite()) {
@@ -36,7 +37,7 @@ pub fn read_truth(path: &Path, surface: &Surface, frame_count: usize) -> Result<
         }
     }
     match &table.header {
-        Some(header) => on_skin(path, &table, header, surface, frame_count),
+        Some(header) => on_skin(path, &table, header, limits, frame_count),
         None => elsewhere(path, &table, frame_count),
     }
 }
@@ -78,50 +79,87 @@ fn place_columns(surface: &Surface) -> &'static [&'static str] {
     }
 }
 
+/// The frames after the last touch of a truth.
+///
+/// A truth may leave out frames that show no touch, but a frame too many at the end is more often a mistake in counting.
+pub fn frames_after_last_touch(truth: &[Vec<Contact>]) -> std::ops::Range<usize> {
+    let end = truth.iter().rposition(|touches| !touches.is_empty()).map_or(0, |last| last + 1);
+    end..truth.len()
+}
+
+/// Where the columns of a truth are.
+struct Columns {
+    frame: usize,
+    place: Vec<usize>,
+    force: Option<usize>,
+}
+
+impl Columns {
+    fn find(path: &Path, table: &Table, header: &[String], surface: &Surface) -> Result<Self, TableError> {
+        let place = place_columns(surface);
+        let known = |name: &str| name == "frame" || name == "force_n" || place.contains(&name);
+        let wrong_header = |message: String| {
+            let message = format!("{message}; the columns are frame,{}[,force_n]", place.join(","));
+            TableError::Cell { path: path.to_path_buf(), row: 1, column: None, message }
+        };
+        if let Some(name) = header.iter().find(|name| !known(name)) {
+            return Err(wrong_header(format!("unknown column `{name}`")));
+        }
+        let column = |name: &str| header.iter().position(|column| column == name);
+        let needed = |name: &str| column(name).ok_or_else(|| wrong_header(format!("no column `{name}`")));
+        let columns = Columns {
+            frame: needed("frame")?,
+            place: place.iter().map(|name| needed(name)).collect::<Result<Vec<_>, _>>()?,
+            force: column("force_n"),
+        };
+        if table.rows[0].len() != header.len() {
+            return Err(wrong_header(format!("{} names over {} values", header.len(), table.rows[0].len())));
+        }
+        Ok(columns)
+    }
+
+    /// The frame of a row.
+    fn frame(&self, row: &[f64], frame_count: usize) -> Result<usize, String> {
+        let frame = row[self.frame];
+        if frame.fract() == 0.0 && frame >= 0.0 && frame < frame_count as f64 {
+            return Ok(frame as usize);
+        }
+        Err(match frame_count {
+            0 => format!("frame {frame}, but there are no frames"),
+            _ => format!("frame {frame}, but there are {frame_count} frames: 0 to {}", frame_count - 1),
+        })
+    }
+
+    /// The touch of a row.
+    fn touch(&self, row: &[f64], limits: &PlaceLimits) -> Result<Contact, String> {
+        let position_m = match *self.place.as_slice() {
+            [z, theta] if matches!(limits.surface, Surface::Cylinder { .. }) => {
+                limits.check_on_cylinder(row[z], row[theta]).expect("the surface is a cylinder")?
+            }
+            [x, y] => limits.check([row[x], row[y], 0.0])?,
+            _ => limits.check([0, 1, 2].map(|axis| row[self.place[axis]]))?,
+        };
+        let normal = limits.surface.normal(position_m).unwrap_or([f64::NAN; 3]);
+        Ok(Contact::truth(position_m, normal, self.force.map_or(f64::NAN, |column| row[column])))
+    }
+}
+
 fn on_skin(
     path: &Path,
     table: &Table,
     header: &[String],
-    surface: &Surface,
+    limits: &PlaceLimits,
     frame_count: usize,
 ) -> Result<Truth, TableError> {
-    let place = place_columns(surface);
-    let known = |name: &str| name == "frame" || name == "force_n" || place.contains(&name);
-    let wrong_header = |message: String| {
-        let message = format!("{message}; the columns are frame,{}[,force_n]", place.join(","));
-        TableError::Cell { path: path.to_path_buf(), row: 1, column: None, message }
-    };
-    if let Some(name) = header.iter().find(|name| !known(name)) {
-        return Err(wrong_header(format!("unknown column `{name}`")));
-    }
-    let column = |name: &str| header.iter().position(|column| column == name);
-    let needed = |name: &str| column(name).ok_or_else(|| wrong_header(format!("no column `{name}`")));
-    let frame_column = needed("frame")?;
-    let place = place.iter().map(|name| needed(name)).collect::<Result<Vec<_>, _>>()?;
-    if table.rows[0].len() != header.len() {
-        return Err(wrong_header(format!("{} names over {} values", header.len(), table.rows[0].len())));
-    }
+    let columns = Columns::find(path, table, header, &limits.surface)?;
     let mut touches = vec![Vec::new(); frame_count];
-    for (row, &file_row) in table.rows.iter().zip(&table.file_rows) {
-        let frame = row[frame_column];
-        if frame.fract() != 0.0 || frame < 0.0 || frame >= frame_count as f64 {
-            let message = match frame_count {
-                0 => format!("frame {frame}, but there are no frames"),
-                _ => format!("frame {frame}, but the frames are 0 to {}", frame_count - 1),
-            };
-            let column = Some(frame_column + 1);
-            return Err(TableError::Cell { path: path.to_path_buf(), row: file_row, column, message });
-        }
-        let force_n = column("force_n").map_or(f64::NAN, |column| row[column]);
-        let position_m = match (surface, place.as_slice()) {
-            (Surface::Cylinder { .. }, &[z, theta]) => surface.at(row[z], row[theta]).expect("a cylinder"),
-            (_, &[x, y]) => [row[x], row[y], 0.0],
-            (_, place) => [row[place[0]], row[place[1]], row[place[2]]],
-        };
-        let normal = surface.normal(position_m).unwrap_or([f64::NAN; 3]);
-        let frame_touches: &mut Vec<Contact> = &mut touches[frame as usize];
+    for (values, &row) in table.rows.iter().zip(&table.file_rows) {
+        let cell = |column: Option<usize>, message| TableError::Cell { path: path.to_path_buf(), row, column, message };
+        let frame = columns.frame(values, frame_count).map_err(|message| cell(Some(columns.frame + 1), message))?;
+        let touch = columns.touch(values, limits).map_err(|message| cell(None, message))?;
+        let frame_touches: &mut Vec<Contact> = &mut touches[frame];
         let id = frame_touches.len() as u64;
-        frame_touches.push(Contact { id, ..Contact::truth(position_m, normal, force_n) });
+        frame_touches.push(Contact { id, ..touch });
     }
     Ok(Truth::OnSkin(touches))
 }
@@ -133,7 +171,10 @@ fn elsewhere(path: &Path, table: &Table, frame_count: usize) -> Result<Truth, Ta
         return Err(wrong(message));
     }
     if table.rows.len() != frame_count {
-        let message = format!("{} presses for {frame_count} frames: there must be one each", table.rows.len());
+        let message = format!(
+            "{} presses, but there are {frame_count} frames: there must be one press in each",
+            table.rows.len()
+        );
         return Err(wrong(message));
     }
     Ok(Truth::Elsewhere(table.rows.iter().map(|row| [row[0], row[1], row[2]]).collect()))

@@ -1,10 +1,12 @@
 //! Points, polygons and surfaces.
 
+mod place_limits;
 pub mod polygon;
 pub mod surface;
 pub mod triangle_tree;
 pub mod vector;
 
+pub use place_limits::PlaceLimits;
 pub use surface::Surface;
 pub use triangle_tree::TriangleTree;
 pub use vector::{Point2, Point3};

@@ -6,6 +6,7 @@ mod fit;
 mod generate;
 mod hash;
 pub mod import;
+mod limits;
 mod place;
 pub mod quality;
 mod remesh;
