@@ -115,9 +115,27 @@ fn a_mesh_that_is_wholly_turned_is_turned_back() {
 }
 
 #[test]
-fn inverted_cells_and_cells_without_extent() {
-    refused(STRIP, "5 5 1 3 4", "5 5 1 4 3", &["element 6", "inverted"]);
-    refused(WEDGE, "2 5 3 4\n", "5 2 3 4\n", &["element 6", "inverted"]);
+fn cells_whose_nodes_are_in_another_order_are_reordered() {
+    let count = |text: &str| {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("body.msh");
+        std::fs::write(&path, text).unwrap();
+        import::reordered_cells(&path, 1.0).unwrap()
+    };
+    for (good, from, to) in [(STRIP, "5 5 1 3 4", "5 5 1 4 3"), (WEDGE, "2 5 3 4\n", "5 2 3 4\n")] {
+        let text = good.replacen(from, to, 1);
+        let (mesh, unmixed) = (generated(&text).unwrap(), generated(good).unwrap());
+        assert!(
+            (0..mesh.cell_count()).all(|cell| (mesh.cell_measure(cell) - unmixed.cell_measure(cell)).abs() < 1e-18)
+        );
+        assert_eq!((count(&text), count(good)), (1, 0));
+    }
+}
+
+#[test]
+fn overlapping_cells_and_cells_without_extent() {
+    // Node 5 on the side of the face of nodes 2, 3 and 4 where node 1 lies.
+    refused(WEDGE, "5 1 1 1\n", "5 -1 -1 -1\n", &["elements 5 and 6 overlap"]);
     // Node 6 pulled across the edge from 2 to 5: its triangles fold.
     refused(STRIP, "6 2 1 0", "6 2 -1 0", &["folded"]);
     refused(STRIP, "6 2 1 0", "6 3 0 0", &["element 7", "no area"]);
@@ -199,9 +217,15 @@ fn files_that_cannot_be_read_or_written() {
     let mesh = generated(STRIP).unwrap();
     assert!(matches!(export::save(&mesh, Path::new("/nowhere/mesh.vtu"), None), Err(MeshError::Io { .. })));
     let error = export::save(&mesh, Path::new("mesh.obj"), None).unwrap_err().to_string();
-    assert!(error.contains(".vtu, .msh or .stl"), "{error}");
+    assert!(error.contains(".vtu, .msh or .stl, not as `.obj`"), "{error}");
     let error = export::save(&mesh, Path::new("mesh.vtu"), Some(&[1.0])).unwrap_err().to_string();
-    assert!(error.contains("1 conductivities") && error.contains("4 cells"), "{error}");
+    assert!(error.contains("1 values of `conductivity`") && error.contains("4 cells"), "{error}");
+    let field = export::CellField { name: "image".into(), values: vec![0.0; 4] };
+    let fields = [field.clone(), field];
+    let error = export::save_cell_fields(&mesh, Path::new("mesh.vtk"), &fields[..1]).unwrap_err().to_string();
+    assert!(error.contains("mesh.vtk: values of cells are written as .vtu, not as `.vtk`"), "{error}");
+    let error = export::save_cell_fields(&mesh, Path::new("mesh.vtu"), &fields).unwrap_err().to_string();
+    assert!(error.contains("two fields have the name `image`"), "{error}");
 }
 
 /// A device that is always full stands for a full disk; it takes no extension, hence the link.

@@ -2,8 +2,12 @@
 
 mod shapes;
 
+use dermis::design::SkinDesign;
+use dermis::image::{Image, PixelSpace};
+use dermis::mesh::export::CellField;
 use dermis::mesh::{Cells, ElectrodePatch, Mesh, export, import};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 fn sample(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/bodies").join(name)
@@ -103,6 +107,35 @@ fn vtu_array(text: &str, name: &str) -> Vec<f64> {
     let body = &text[start..];
     let body = &body[body.find('>').unwrap() + 1..body.find("</DataArray>").unwrap()];
     body.split_whitespace().map(|word| word.parse().unwrap()).collect()
+}
+
+/// Images of a grid and of cells, as arrays of their own: a constant image stays constant, and the sum over cells keeps the
+/// integral that the pixels have.
+#[test]
+fn a_vtu_file_holds_images_per_cell() {
+    let mut design = SkinDesign::shipped("cylinder30").unwrap();
+    design.mesh = design.mesh.scaled(2.0);
+    let mesh = Mesh::generate(&design).unwrap();
+    let space = Arc::new(PixelSpace::for_design(&design, &mesh).unwrap());
+    let along_z = space.centres_m.iter().map(|centre| centre[2]).collect();
+    let images = [vec![0.25; space.len()], along_z].map(|values| Image { space: Arc::clone(&space), values });
+    let names = ["constant", "height < \"z\""];
+    let fields: Vec<CellField> = images
+        .iter()
+        .zip(names)
+        .map(|(image, name)| CellField { name: name.into(), values: image.to_cells(mesh.cell_count()) })
+        .collect();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("images.vtu");
+    export::save_cell_fields(&mesh, &path, &fields).unwrap();
+    let text = std::fs::read_to_string(&path).unwrap();
+    let constant = vtu_array(&text, "constant");
+    assert!(constant[..mesh.cell_count()].iter().all(|value| (value - 0.25).abs() < 1e-12));
+    let height = vtu_array(&text, "height &lt; &quot;z&quot;");
+    // A pixel is 10 mm high: the mean over a cell is the height of its centre to half a pixel and half a cell (12 mm).
+    for (cell, value) in height[..mesh.cell_count()].iter().enumerate() {
+        assert!((value - mesh.cell_centre(cell)[2]).abs() < 0.005 + 0.006, "cell {cell}");
+    }
 }
 
 #[test]

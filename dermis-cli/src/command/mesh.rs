@@ -1,11 +1,11 @@
 //! `dermis mesh`: the mesh of a design and its quality.
 
-use crate::console::{Progress, print, print_json};
+use crate::console::{Progress, print, print_json, warn};
 use crate::failure::Outcome;
 use clap::Args;
-use dermis::design::SkinDesign;
+use dermis::design::{Body, SkinDesign};
 use dermis::mesh::quality::MeshReport;
-use dermis::mesh::{ElectrodePatch, Mesh, export};
+use dermis::mesh::{ElectrodePatch, Mesh, export, import};
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -32,6 +32,12 @@ impl Arguments {
         drop(waiting);
         if let Some(path) = &self.output {
             export::save(&mesh, path, None)?;
+        }
+        if let Body::Mesh { path, unit_m } = &design.body {
+            match import::reordered_cells(path, *unit_m)? {
+                0 => {}
+                count => warn(&format!("{}: the nodes of {count} cells were reordered", path.display())),
+            }
         }
         let report = MeshReport::new(&design, &mesh);
         if self.json { print_json(&as_json(&mesh, &report)) } else { print(&table(&design.name, &mesh, &report)) }

@@ -205,12 +205,19 @@ pub enum LayoutTable {
         /// How far rings 1, 3, 5, ... are turned, as a fraction of the step from electrode to electrode; 0 without it.
         stagger: Option<At<f64>>,
     },
-    /// Evenly along the rim of a disk, counter-clockwise.
+    /// Evenly along the edge of a disk or a rectangle.
     Rim {
-        /// Number of electrodes.
-        count: At<usize>,
-        /// Angle of electrode 0 from +x towards +y, rad; 0 without it.
+        /// Number of electrodes, at equal distances along the edge; on a rectangle the first half a distance from its corner.
+        count: Option<At<usize>>,
+        /// Number of electrodes on each side of a rectangle, in place of `count`.
+        per_side: Option<At<usize>>,
+        /// Angle of electrode 0 of a disk from +x towards +y, rad; 0 without it.
         first_theta_rad: Option<At<f64>>,
+        /// Corner of a rectangle where the numbering starts; `lower_left` (the origin) without it.
+        first_corner: Option<At<Corner>>,
+        /// Direction of the numbering, as seen from +z; counter-clockwise without it.
+        #[serde(default)]
+        direction: Direction,
     },
     /// A grid on a rectangle: row by row from y = 0, each from x = 0.
     Grid {
@@ -228,6 +235,32 @@ pub enum LayoutTable {
         /// Number of electrodes.
         count: At<usize>,
     },
+}
+
+/// A corner of a rectangle, as seen from +z with x to the right and y up.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Corner {
+    /// The origin.
+    #[default]
+    LowerLeft,
+    /// (width, 0).
+    LowerRight,
+    /// (width, height).
+    UpperRight,
+    /// (0, height).
+    UpperLeft,
+}
+
+/// A direction round an edge, as seen from +z.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Direction {
+    /// From +x towards +y.
+    #[default]
+    CounterClockwise,
+    /// From +y towards +x.
+    Clockwise,
 }
 
 /// The place of one electrode.

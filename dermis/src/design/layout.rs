@@ -1,9 +1,9 @@
 //! Where a layout puts the electrodes.
 
 use crate::design::error::DesignError;
-use crate::design::file::{At, ElectrodesTable, LayoutTable, PositionTable};
+use crate::design::file::{At, Corner, ElectrodesTable, LayoutTable, PositionTable};
 use crate::design::resolve::Source;
-use crate::design::{Body, ElectrodeShape};
+use crate::design::{Body, ElectrodeShape, rim};
 use crate::geom::Point3;
 use std::f64::consts::TAU;
 use std::ops::Range;
@@ -38,14 +38,11 @@ pub(super) fn places(source: &Source<'_>, body: &Body, table: &ElectrodesTable) 
             (0..rings.value * per_ring.value).map(place).collect()
         }
         (LayoutTable::Rings { .. }, _) => return Err(wrong_body("rings", "a cylinder")),
-        (LayoutTable::Rim { count, first_theta_rad }, &Body::Disk { diameter_m }) => {
-            let place = |index: usize| {
-                let theta_rad = optional(first_theta_rad) + index as f64 * TAU / count.value as f64;
-                [0.5 * diameter_m * theta_rad.cos(), 0.5 * diameter_m * theta_rad.sin(), 0.0]
-            };
-            (0..count.value).map(place).collect()
+        (LayoutTable::Rim { .. }, &Body::Disk { .. } | &Body::Rectangle { .. }) => {
+            rim_places(body, &table.layout.value)
+                .map_err(|(message, fix)| source.fail(Some(span.clone()), message, fix))?
         }
-        (LayoutTable::Rim { .. }, _) => return Err(wrong_body("a rim", "a disk")),
+        (LayoutTable::Rim { .. }, _) => return Err(wrong_body("a rim", "a disk or a rectangle")),
         (LayoutTable::Grid { rows, columns, margin_m }, &Body::Rectangle { width_m, height_m }) => {
             let margin_m = margin_m.as_ref().map(|at| at.value);
             let place = |index: usize| {
@@ -75,12 +72,46 @@ pub(super) fn places(source: &Source<'_>, body: &Body, table: &ElectrodesTable) 
     Ok(centres.into_iter().map(|centre: Point3| (centre, shape)).collect())
 }
 
+/// The places of electrodes along an edge; what is wrong with the keys, and the fix.
+fn rim_places(body: &Body, layout: &LayoutTable) -> Result<Vec<Point3>, (String, Option<String>)> {
+    let LayoutTable::Rim { count, per_side, first_theta_rad, first_corner, direction } = layout else {
+        unreachable!("called for a rim")
+    };
+    let no_key = |key: &str, other: &str| {
+        let message = format!("electrodes on the rim of {} have no `{key}`", name(body));
+        Err((message, Some(format!("write `{other}`"))))
+    };
+    match (body, count, per_side) {
+        (Body::Disk { .. }, _, Some(_)) => no_key("per_side", "count = ..."),
+        (Body::Disk { .. }, ..) if first_corner.is_some() => no_key("first_corner", "first_theta_rad = ..."),
+        (Body::Rectangle { .. }, ..) if first_theta_rad.is_some() => no_key("first_theta_rad", "first_corner = ..."),
+        (&Body::Disk { diameter_m }, Some(count), None) => {
+            let first_rad = first_theta_rad.as_ref().map_or(0.0, |at| at.value);
+            Ok(rim::on_disk(diameter_m, count.value, first_rad, *direction))
+        }
+        (&Body::Rectangle { width_m, height_m }, count, per_side) if count.is_some() != per_side.is_some() => {
+            let in_all = count.as_ref().map(|count| rim::Count::InAll(count.value));
+            let count = in_all.or(per_side.as_ref().map(|count| rim::Count::PerSide(count.value)));
+            let count = count.expect("one of the two is there");
+            let first = first_corner.as_ref().map_or(Corner::default(), |at| at.value);
+            Ok(rim::on_rectangle([width_m, height_m], count, first, *direction))
+        }
+        (Body::Disk { .. }, ..) => Err(("a rim needs `count`".into(), None)),
+        _ => Err(("a rim needs either `count` or `per_side`".into(), None)),
+    }
+}
+
 /// Refuses counts that no memory holds before any electrode is placed.
 fn count_fits(source: &Source<'_>, span: &Range<usize>, layout: &LayoutTable) -> Result<(), DesignError> {
     let count = match layout {
         LayoutTable::Rings { rings, per_ring, .. } => rings.value.saturating_mul(per_ring.value),
         LayoutTable::Grid { rows, columns, .. } => rows.value.saturating_mul(columns.value),
-        LayoutTable::Rim { count, .. } | LayoutTable::Groups { count } => count.value,
+        LayoutTable::Rim { count, per_side, .. } => match (count, per_side) {
+            (Some(count), _) => count.value,
+            (None, Some(per_side)) => per_side.value.saturating_mul(4),
+            (None, None) => return Ok(()),
+        },
+        LayoutTable::Groups { count } => count.value,
         LayoutTable::Positions(list) => list.len(),
     };
     let wrong = if count < 4 {

@@ -5,6 +5,7 @@ mod error;
 mod file;
 mod layout;
 mod resolve;
+mod rim;
 mod shipped;
 
 pub use error::DesignError;

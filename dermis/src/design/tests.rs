@@ -219,6 +219,68 @@ fn a_rectangle_with_a_list_of_electrodes_and_a_region() {
     assert!(error("sheet_resistance_ohm = 2000", "conductivity_s_per_m = 1").contains("different quantities"));
 }
 
+/// The centres of a flat skin's electrodes, in mm to a thousandth, or what is wrong.
+fn centres(body: &str, layout: &str) -> Result<Vec<[f64; 2]>, String> {
+    let text = format!(
+        "{body}\n[sheet]\nsheet_resistance_ohm = 500\ntouch = \"conductance_falls\"\n[electrodes]\nshape.arc.length_m = 0.004\n\
+         contact_impedance_ohm_m = 0.01\n[electrodes.layout.rim]\n{layout}\n[protocol]\npattern = \"adjacent\"\n"
+    );
+    let design = SkinDesign::parse(&text, "flat.toml").map_err(|error| error.to_string())?;
+    let rounded = |value: f64| (value * 1e6).round() / 1e3 + 0.0;
+    Ok(design
+        .electrodes
+        .iter()
+        .map(|electrode| [rounded(electrode.centre_m[0]), rounded(electrode.centre_m[1])])
+        .collect())
+}
+
+#[test]
+fn electrodes_on_the_rim_of_a_rectangle_are_where_a_drawing_has_them() {
+    let sheet = "[body.rectangle]\nwidth_m = 0.06\nheight_m = 0.04";
+    // 200 mm round, ten electrodes 20 mm apart, counter-clockwise from the origin.
+    let ten = [
+        [10.0, 0.0],
+        [30.0, 0.0],
+        [50.0, 0.0],
+        [60.0, 10.0],
+        [60.0, 30.0],
+        [50.0, 40.0],
+        [30.0, 40.0],
+        [10.0, 40.0],
+        [0.0, 30.0],
+        [0.0, 10.0],
+    ];
+    assert_eq!(centres(sheet, "count = 10").unwrap(), ten);
+    let clockwise: Vec<[f64; 2]> = ten.into_iter().rev().collect();
+    assert_eq!(centres(sheet, "count = 10\ndirection = \"clockwise\"").unwrap(), clockwise);
+    // From the upper right corner on: first along the top, then down the left side.
+    let turned: Vec<[f64; 2]> = ten.into_iter().cycle().skip(5).take(10).collect();
+    assert_eq!(centres(sheet, "count = 10\nfirst_corner = \"upper_right\"").unwrap(), turned);
+    let per_side =
+        [[60.0, 30.0], [60.0, 10.0], [45.0, 0.0], [15.0, 0.0], [0.0, 10.0], [0.0, 30.0], [15.0, 40.0], [45.0, 40.0]];
+    let down = "per_side = 2\nfirst_corner = \"upper_right\"\ndirection = \"clockwise\"";
+    assert_eq!(centres(sheet, down).unwrap(), per_side);
+    assert!(centres(sheet, "count = 10\nper_side = 2").unwrap_err().contains("either `count` or `per_side`"));
+    assert!(centres(sheet, "").unwrap_err().contains("either `count` or `per_side`"));
+    assert!(centres(sheet, "count = 8\nfirst_theta_rad = 1").unwrap_err().contains("write `first_corner = ...`"));
+    assert!(centres(sheet, "per_side = 100000000000000000").unwrap_err().contains("too many"));
+    assert!(centres(sheet, "count = 8\nfirst_corner = \"top\"").unwrap_err().contains("unknown variant `top`"));
+}
+
+#[test]
+fn electrodes_on_the_rim_of_a_disk_run_either_way_from_a_given_angle() {
+    let disk = "[body.disk]\ndiameter_m = 0.08";
+    // Clock faces: 12, 3, 6, 9.
+    let clock = "count = 4\nfirst_theta_rad = 1.5707963267948966\ndirection = \"clockwise\"";
+    assert_eq!(centres(disk, clock).unwrap(), [[0.0, 40.0], [40.0, 0.0], [0.0, -40.0], [-40.0, 0.0]]);
+    assert_eq!(centres(disk, "count = 4").unwrap(), [[40.0, 0.0], [0.0, 40.0], [-40.0, 0.0], [0.0, -40.0]]);
+    assert!(centres(disk, "per_side = 4").unwrap_err().contains("a disk have no `per_side`"));
+    assert!(centres(disk, "count = 4\nfirst_corner = \"lower_left\"").unwrap_err().contains("write `first_theta_rad"));
+    assert!(centres(disk, "first_theta_rad = 1").unwrap_err().contains("a rim needs `count`"));
+    let cylinder = "[body.cylinder]\nlength_m = 0.3\ndiameter_m = 0.1";
+    assert!(centres(cylinder, "count = 8").unwrap_err().contains("need a disk or a rectangle, not a cylinder"));
+}
+
 #[test]
 fn the_schema_knows_the_tables() {
     let schema = SkinDesign::json_schema();

@@ -154,6 +154,22 @@ impl Image {
         picture
     }
 
+    /// The mean of the image over each of the mesh's `cell_count` cells, weighted by how much of the cell lies in each pixel;
+    /// `NaN` where a cell lies in no pixel.
+    ///
+    /// # Panics
+    /// Where a pixel overlaps a cell beyond `cell_count`.
+    pub fn to_cells(&self, cell_count: usize) -> Vec<f64> {
+        let mut sums = vec![[0.0; 2]; cell_count];
+        for (overlaps, value) in self.space.overlaps.iter().zip(&self.values) {
+            for &(cell, fraction) in overlaps {
+                sums[cell][0] += fraction * value;
+                sums[cell][1] += fraction;
+            }
+        }
+        sums.into_iter().map(|[sum, part]| sum / part).collect()
+    }
+
     /// The pixel with the largest value and that value; `None` where no value is a number.
     pub fn peak(&self) -> Option<(usize, f64)> {
         let numbers = self.values.iter().copied().enumerate().filter(|(_, value)| !value.is_nan());

@@ -24,7 +24,7 @@ pub use linearised::Linearised;
 pub use merit::{FiguresOfMerit, figures_of_merit};
 pub use noise_figure::noise_figure;
 pub use one_step::{OneStep, OneStepOptions};
-pub use prior::Prior;
+pub use prior::{Prior, default_prior};
 pub use total_variation::{TotalVariation, TotalVariationOptions};
 pub use without_channels::WithoutChannels;
 

@@ -1,5 +1,6 @@
 //! What an image is expected to look like before it is measured: the matrix R of the penalty x'Rx.
 
+use crate::design::{Body, SkinDesign};
 use crate::image::PixelSpace;
 use crate::reconstruct::ReconstructError;
 use faer::linalg::solvers::Solve;
@@ -26,6 +27,25 @@ impl Default for Prior {
     /// NOSER with the exponent 0.5.
     fn default() -> Self {
         Prior::Noser { exponent: 0.5 }
+    }
+}
+
+/// The prior for a skin where none is asked for.
+///
+/// NOSER where the body has a shape of its own; Laplace on bodies from a mesh file, where NOSER leaves false contacts on the
+/// electrodes (`docs/decisions/one-step-defaults.md`).
+///
+/// ```
+/// use dermis::design::SkinDesign;
+/// use dermis::reconstruct::{Prior, default_prior};
+///
+/// let design = SkinDesign::shipped("cylinder30").unwrap();
+/// assert_eq!(default_prior(&design), Prior::Noser { exponent: 0.5 });
+/// ```
+pub fn default_prior(design: &SkinDesign) -> Prior {
+    match design.body {
+        Body::Mesh { .. } => Prior::Laplace,
+        Body::Cylinder { .. } | Body::Disk { .. } | Body::Rectangle { .. } => Prior::default(),
     }
 }
 

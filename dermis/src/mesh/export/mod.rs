@@ -23,23 +23,90 @@ use std::path::Path;
 /// # Errors
 /// Another extension; a conductivity of the wrong length; a file that cannot be written.
 pub fn save(mesh: &Mesh, path: &Path, conductivity: Option<&[f64]>) -> Result<(), MeshError> {
-    let wrong = |message: String| MeshError::File { path: path.to_path_buf(), message };
-    if let Some(values) = conductivity.filter(|values| values.len() != mesh.cell_count()) {
-        let message = format!("{} conductivities, but the mesh has {} cells", values.len(), mesh.cell_count());
-        return Err(wrong(message));
+    let fields: Vec<CellField> =
+        conductivity.iter().map(|&values| CellField { name: "conductivity".into(), values: values.to_vec() }).collect();
+    check_fields(mesh, path, &fields)?;
+    match extension(path).as_str() {
+        "vtu" => write(path, |out| vtu::write(mesh, &fields, out)),
+        "msh" => write(path, |out| msh::write(mesh, conductivity, out)),
+        "stl" => write(path, |out| stl::write(mesh, out)),
+        other => Err(unknown_extension(path, "a mesh", other, ".vtu, .msh or .stl")),
     }
-    let extension = path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
-    let write = |out: &mut dyn Write| match extension.as_deref() {
-        Some("vtu") => vtu::write(mesh, conductivity, out),
-        Some("msh") => msh::write(mesh, conductivity, out),
-        _ => stl::write(mesh, out),
-    };
-    if !matches!(extension.as_deref(), Some("vtu" | "msh" | "stl")) {
-        return Err(wrong("a mesh is written as .vtu, .msh or .stl".into()));
+}
+
+/// Values of a quantity for every cell of a mesh, under its name.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CellField {
+    /// Name of the data array.
+    pub name: String,
+    /// A value for each cell, in the order of the mesh.
+    pub values: Vec<f64>,
+}
+
+/// Writes values of the cells of a mesh as a `.vtu` file for ParaView: the mesh as [`save`] writes it, with a cell data array
+/// for each field. Cells that only show an electrode, and values that are not finite, are written as 0.
+///
+/// ```
+/// use dermis::design::SkinDesign;
+/// use dermis::image::{Image, PixelSpace};
+/// use dermis::mesh::Mesh;
+/// use dermis::mesh::export::{CellField, save_cell_fields};
+/// use std::sync::Arc;
+///
+/// let mut design = SkinDesign::shipped("cylinder30").unwrap();
+/// design.mesh = design.mesh.scaled(2.0);
+/// let mesh = Mesh::generate(&design)?;
+/// let space = Arc::new(PixelSpace::for_design(&design, &mesh)?);
+/// let image = Image { values: vec![0.5; space.len()], space };
+///
+/// let path = std::env::temp_dir().join(format!("dermis-{}.vtu", std::process::id()));
+/// let fields = [CellField { name: "frame 0".into(), values: image.to_cells(mesh.cell_count()) }];
+/// save_cell_fields(&mesh, &path, &fields)?;
+/// assert!(std::fs::read_to_string(&path).unwrap().contains("Name=\"frame 0\""));
+/// # std::fs::remove_file(&path).unwrap();
+/// # Ok::<(), dermis::Error>(())
+/// ```
+///
+/// # Errors
+/// Another extension; a field of the wrong length; two fields of one name; a file that cannot be written.
+pub fn save_cell_fields(mesh: &Mesh, path: &Path, fields: &[CellField]) -> Result<(), MeshError> {
+    check_fields(mesh, path, fields)?;
+    match extension(path).as_str() {
+        "vtu" => write(path, |out| vtu::write(mesh, fields, out)),
+        other => Err(unknown_extension(path, "values of cells", other, ".vtu")),
     }
-    write_whole(path, write).map_err(|error| match error {
+}
+
+fn extension(path: &Path) -> String {
+    path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase()).unwrap_or_default()
+}
+
+fn file_error(path: &Path, message: String) -> MeshError {
+    MeshError::File { path: path.to_path_buf(), message }
+}
+
+fn unknown_extension(path: &Path, what: &str, extension: &str, known: &str) -> MeshError {
+    let is = if what.ends_with('s') { "are" } else { "is" };
+    file_error(path, format!("{what} {is} written as {known}, not as `.{extension}`"))
+}
+
+fn check_fields(mesh: &Mesh, path: &Path, fields: &[CellField]) -> Result<(), MeshError> {
+    for (index, CellField { name, values }) in fields.iter().enumerate() {
+        if values.len() != mesh.cell_count() {
+            let message = format!("{} values of `{name}`, but the mesh has {} cells", values.len(), mesh.cell_count());
+            return Err(file_error(path, message));
+        }
+        if fields[..index].iter().any(|other| other.name == *name) {
+            return Err(file_error(path, format!("two fields have the name `{name}`")));
+        }
+    }
+    Ok(())
+}
+
+fn write(path: &Path, fill: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> Result<(), MeshError> {
+    write_whole(path, fill).map_err(|error| match error {
         TableError::Io { path, source } => MeshError::Io { path, source },
-        other => wrong(other.to_string()),
+        other => file_error(path, other.to_string()),
     })
 }
 

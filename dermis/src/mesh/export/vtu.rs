@@ -1,12 +1,12 @@
 //! VTU, the XML format of VTK for unstructured grids, as text
 //! (Kitware, VTK file formats, "Unstructured grid").
 
-use super::{electrode_parts, electrodes_of_cells};
+use super::{CellField, electrode_parts, electrodes_of_cells};
 use crate::mesh::{Cells, Mesh};
 use std::fmt::Display;
 use std::io::{self, Write};
 
-pub(super) fn write(mesh: &Mesh, conductivity: Option<&[f64]>, out: &mut dyn Write) -> io::Result<()> {
+pub(super) fn write(mesh: &Mesh, fields: &[CellField], out: &mut dyn Write) -> io::Result<()> {
     let parts = electrode_parts(mesh);
     let corner_lists = || {
         let cells = (0..mesh.cell_count()).map(|cell| mesh.cells.corners(cell));
@@ -37,12 +37,18 @@ pub(super) fn write(mesh: &Mesh, conductivity: Option<&[f64]>, out: &mut dyn Wri
     writeln!(out, "</Cells>\n<CellData>")?;
     let of_cells = electrodes_of_cells(mesh).into_iter().map(|list| list.first().map_or(-1, |&e| e as i64));
     array(out, "Int32", "electrode", of_cells.chain(parts.iter().map(|part| part.electrode as i64)))?;
-    if let Some(values) = conductivity {
+    for CellField { name, values } in fields {
         // Not NaN, which VTK cannot read as text.
-        let values = values.iter().copied().chain(parts.iter().map(|_| 0.0));
-        array(out, "Float64", "conductivity", values.map(|value| format!("{value:?}")))?;
+        let finite = values.iter().map(|&value| if value.is_finite() { value } else { 0.0 });
+        let values = finite.chain(parts.iter().map(|_| 0.0));
+        array(out, "Float64", &escaped(name), values.map(|value| format!("{value:?}")))?;
     }
     writeln!(out, "</CellData>\n</Piece>\n</UnstructuredGrid>\n</VTKFile>")
+}
+
+/// A name as the value of an XML attribute.
+fn escaped(name: &str) -> String {
+    name.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 /// VTK's number for a vertex, line, triangle or tetrahedron.

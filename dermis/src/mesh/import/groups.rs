@@ -2,8 +2,8 @@
 
 use super::cursor::Problem;
 use super::msh::{Element, Gmsh, Kind};
-use super::orient;
 use super::shape::is_flat;
+use super::{orient, overlap};
 use crate::geom::vector;
 use crate::mesh::{Cells, ElectrodePatch, Mesh};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -13,8 +13,8 @@ type Group = (usize, i64);
 
 /// The mesh that a Gmsh file describes. Tetrahedra make a volume, whose triangles are only faces of electrodes; without
 /// tetrahedra the triangles make a surface. Nodes and cells come in the order of their tags; nodes of no cell are
-/// dropped, and so are elements that stand in the file twice.
-pub(super) fn mesh(gmsh: &Gmsh, unit_m: f64) -> Result<Mesh, Problem> {
+/// dropped, and so are elements that stand in the file twice. With it, the number of cells whose corners were reordered.
+pub(super) fn mesh(gmsh: &Gmsh, unit_m: f64) -> Result<(Mesh, usize), Problem> {
     let cell_kind = match gmsh.elements.iter().map(|element| element.kind).max() {
         Some(kind @ (Kind::Triangle | Kind::Tetrahedron)) => kind,
         _ => return Err(Problem::new("the file has neither triangles nor tetrahedra")),
@@ -39,9 +39,9 @@ pub(super) fn mesh(gmsh: &Gmsh, unit_m: f64) -> Result<Mesh, Problem> {
         let what = if cell_kind == Kind::Triangle { "area" } else { "volume" };
         return Err(Problem(format!("element {} with the corners {corners:?} m has no {what}", cells[cell].tag)));
     }
-    turn_cells(&mut mesh, cells)?;
+    let reordered = order_corners(&mut mesh, cells)?;
     mesh.electrodes = electrodes(gmsh, &elements, cell_kind, &index_of_node, &mesh)?;
-    Ok(mesh)
+    Ok((mesh, reordered))
 }
 
 fn check_positions(mesh: &Mesh) -> Result<(), Problem> {
@@ -51,35 +51,27 @@ fn check_positions(mesh: &Mesh) -> Result<(), Problem> {
     }
 }
 
-/// Gives the cells the order of corners that [`Cells`] asks for. A part of a mesh that is turned as a whole only orders
-/// its corners in another way, and is turned back; one cell turned against its neighbours is inverted.
-fn turn_cells(mesh: &mut Mesh, elements: &[&Element]) -> Result<(), Problem> {
-    let inverted = |cell: usize, fix: &str| {
-        Problem(format!("element {} is inverted, unlike its neighbours: {fix}", elements[cell].tag))
-    };
+/// Gives the cells the order of corners that [`Cells`] asks for, and returns how many had another. The order says nothing
+/// about the shape, and stock meshes mix it; cells that overlap are an error.
+fn order_corners(mesh: &mut Mesh, elements: &[&Element]) -> Result<usize, Problem> {
     match &mut mesh.cells {
         Cells::Tetrahedra(cells) => {
             let is_negative = |cell: &[usize; 4]| vector::tetrahedron_volume(cell.map(|node| mesh.nodes[node])) < 0.0;
-            let first = cells.iter().position(is_negative);
-            if cells.iter().all(is_negative) {
-                cells.iter_mut().for_each(|cell| cell.swap(2, 3));
-            } else if let Some(cell) = first {
-                return Err(inverted(cell, "its volume is negative; mesh the body anew"));
+            let negative: Vec<usize> = (0..cells.len()).filter(|&cell| is_negative(&cells[cell])).collect();
+            if let Some([one, other]) = overlap::overlapping(&mesh.nodes, cells) {
+                let [one, other] = [one, other].map(|cell| elements[cell].tag);
+                return Err(Problem(format!(
+                    "elements {one} and {other} overlap: they lie on the same side of the face between them; mesh the body anew"
+                )));
             }
+            negative.iter().for_each(|&cell| cells[cell].swap(2, 3));
+            Ok(negative.len())
         }
         Cells::Triangles(cells) => {
-            for part in orient::parts(&mesh.nodes, cells)? {
-                let turned = part.iter().filter(|(_, turn)| *turn).count();
-                let fewer = 2 * turned <= part.len();
-                match part.iter().find(|(_, turn)| *turn == fewer) {
-                    Some(&(cell, _)) => return Err(inverted(cell, "swap two of its nodes, or mesh the body anew")),
-                    None if turned > 0 => part.iter().for_each(|&(cell, _)| cells[cell].swap(1, 2)),
-                    None => {}
-                }
-            }
+            let turned = orient::parts(&mesh.nodes, cells)?.into_iter().flatten().filter(|(_, turn)| *turn);
+            Ok(turned.map(|(cell, _)| cells[cell].swap(1, 2)).count())
         }
     }
-    Ok(())
 }
 
 /// The different elements of a file, each kind in the order of their tags, and the groups that hold them.

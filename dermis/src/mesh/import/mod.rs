@@ -5,6 +5,7 @@ mod groups;
 mod msh;
 mod obj;
 mod orient;
+mod overlap;
 mod ply;
 mod shape;
 mod soup;
@@ -30,6 +31,20 @@ const LARGEST_FILE: u64 = 1 << 31;
 /// # Errors
 /// A file that cannot be read, is not of the format its name says, or describes no usable mesh.
 pub fn load(path: &Path, unit_m: f64) -> Result<Mesh, MeshError> {
+    Ok(load_counting(path, unit_m)?.0)
+}
+
+/// How many cells of a Gmsh file have their nodes in another order than Dermis uses ([`load`] reorders them): tetrahedra of
+/// negative volume, triangles that face the other way. 0 for other formats, where the order is arbitrary.
+///
+/// # Errors
+/// As [`load`].
+pub fn reordered_cells(path: &Path, unit_m: f64) -> Result<usize, MeshError> {
+    Ok(load_counting(path, unit_m)?.1)
+}
+
+/// [`load`], with the number of cells that were reordered.
+fn load_counting(path: &Path, unit_m: f64) -> Result<(Mesh, usize), MeshError> {
     let in_file = |Problem(message)| MeshError::File { path: path.to_path_buf(), message };
     let format = Format::of(path).map_err(in_file)?;
     check_unit(unit_m).map_err(in_file)?;
@@ -98,13 +113,15 @@ impl Format {
         }
     }
 
-    fn parse(self, bytes: &[u8], unit_m: f64) -> Result<Mesh, Problem> {
-        match self {
-            Format::Msh => groups::mesh(&msh::read(bytes)?, unit_m),
-            Format::Stl => stl::read(bytes)?.into_mesh(unit_m),
-            Format::Obj => obj::read(bytes)?.into_mesh(unit_m),
-            Format::Ply => ply::read(bytes)?.into_mesh(unit_m),
-        }
+    /// The mesh, and how many of its cells were reordered.
+    fn parse(self, bytes: &[u8], unit_m: f64) -> Result<(Mesh, usize), Problem> {
+        let soup = match self {
+            Format::Msh => return groups::mesh(&msh::read(bytes)?, unit_m),
+            Format::Stl => stl::read(bytes)?,
+            Format::Obj => obj::read(bytes)?,
+            Format::Ply => ply::read(bytes)?,
+        };
+        Ok((soup.into_mesh(unit_m)?, 0))
     }
 }
 
@@ -115,7 +132,7 @@ impl Format {
 pub fn parse(bytes: &[u8], format: Format, unit_m: f64) -> Result<Mesh, MeshError> {
     let wrong = |Problem(message)| MeshError::Invalid(message);
     check_unit(unit_m).map_err(wrong)?;
-    format.parse(bytes, unit_m).map_err(wrong)
+    Ok(format.parse(bytes, unit_m).map_err(wrong)?.0)
 }
 
 fn extension(path: &Path) -> String {

@@ -2,8 +2,10 @@
 //! mesh than the one that reconstructs, at 50 dB; localisation for several priors and alphas.
 //!
 //! Expected: 1.4 to 3 mm over two decades of alpha, the automatic rule within them; the Laplace prior is best. It asserts the
-//! automatic rule's. `cargo run --release -p dermis --example choose_prior -- 50` prints the whole table, the number being the noise in dB; without
-//! it, two priors by the rules alone.
+//! automatic rule's. `cargo run --release -p dermis-sim --example choose_prior -- 50` prints the whole table, the number being the noise in dB; without
+//! it, two priors by the rules alone. `-- bodies` compares the priors on several bodies, `-- small` the rules for alpha on small disks.
+
+mod bodies;
 
 use dermis::contact::Contact;
 use dermis::design::SkinDesign;
@@ -92,8 +94,15 @@ impl Experiment {
 }
 
 fn main() -> dermis_sim::Result<()> {
+    match std::env::args().nth(1).as_deref() {
+        Some("bodies") => bodies::compare_priors(),
+        Some("small") => bodies::compare_rules(),
+        noise => cylinder(noise.map(str::to_string)),
+    }
+}
+
+fn cylinder(noise: Option<String>) -> dermis_sim::Result<()> {
     let design = SkinDesign::shipped("cylinder30").expect("a shipped design");
-    let noise = std::env::args().nth(1);
     let snr_db = noise.as_ref().map_or(50.0, |text| text.parse().expect("the noise in dB, a number"));
     let experiment = Experiment::new(&design, snr_db)?;
     let mesh = Mesh::generate(&design)?;
