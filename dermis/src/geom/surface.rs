@@ -125,7 +125,7 @@ impl Surface {
 }
 
 /// The point of a triangle nearest to `point` (Ericson, Real-Time Collision Detection, 2005, section 5.1.5).
-pub fn nearest_on_triangle(point: Point3, corners: [Point3; 3]) -> Point3 {
+pub(crate) fn nearest_on_triangle(point: Point3, corners: [Point3; 3]) -> Point3 {
     let [a, b, c] = corners;
     let (ab, ac, ap) = (sub(b, a), sub(c, a), sub(point, a));
     let (d1, d2) = (dot(ab, ap), dot(ac, ap));

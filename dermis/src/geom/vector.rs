@@ -76,7 +76,7 @@ pub fn triangle_area(corners: [Point3; 3]) -> f64 {
 
 /// The volume of a tetrahedron, positive where `d` lies on the side of `abc` from which it runs clockwise.
 #[inline]
-pub fn tetrahedron_volume(corners: [Point3; 4]) -> f64 {
+pub(crate) fn tetrahedron_volume(corners: [Point3; 4]) -> f64 {
     let [a, b, c, d] = corners;
     dot(cross(sub(b, a), sub(c, a)), sub(d, a)) / 6.0
 }

@@ -13,8 +13,10 @@ mod simd_level;
 mod symbolic;
 
 pub use assignment::smallest_total;
-pub use batch::{AlignedVec, BadLanes, BatchPlan, BatchWorkspace, Entries, LANES};
-pub use dense::{cholesky_in_place, eliminate_in_place, invert_spd, subtract_gram};
+pub(crate) use batch::AlignedVec;
+pub use batch::{BadLanes, BatchPlan, BatchWorkspace, Entries, LANES};
+pub use dense::{cholesky_in_place, invert_spd};
+pub(crate) use dense::{eliminate_in_place, subtract_gram};
 pub use factor::{Factor, NotPositiveDefinite, Workspace};
 pub use matrix::Matrix;
 pub use simd_level::SimdLevel;

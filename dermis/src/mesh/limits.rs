@@ -9,7 +9,7 @@ impl Mesh {
     ///
     /// # Panics
     /// Where there is no such electrode.
-    pub fn electrode_centre(&self, electrode: usize) -> Point3 {
+    pub(crate) fn electrode_centre(&self, electrode: usize) -> Point3 {
         let mut nodes: Vec<usize> = match &self.electrodes[electrode] {
             ElectrodePatch::Cells(cells) => cells.iter().flat_map(|&cell| self.cells.corners(cell)).copied().collect(),
             ElectrodePatch::Edges(edges) => edges.iter().flatten().copied().collect(),
@@ -22,7 +22,7 @@ impl Mesh {
     }
 
     /// The distance from an electrode to its nearest neighbour, of the electrode where it is largest, m.
-    pub fn electrode_spacing_m(&self) -> f64 {
+    pub(crate) fn electrode_spacing_m(&self) -> f64 {
         let centres: Vec<Point3> =
             (0..self.electrodes.len()).map(|electrode| self.electrode_centre(electrode)).collect();
         let nearest = |own: usize| {

@@ -1,4 +1,4 @@
-//! How strongly the prior counts: rules that choose alpha, none of which needs a label.
+//! The regularization parameter alpha, and the rules that choose it without a label.
 
 use crate::image::PixelSpace;
 use crate::reconstruct::channels::Channels;
@@ -7,8 +7,9 @@ use crate::reconstruct::one_step::OneStepOptions;
 use crate::reconstruct::system::System;
 use crate::reconstruct::{ReconstructError, check_finite};
 use faer::{Mat, Side};
+use std::fmt;
 
-/// How strongly the prior counts.
+/// The regularization parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Alpha {
     /// A number without a unit: the prior is scaled by `trace(J'J) / trace(R)`, J taken against relative changes.
@@ -25,35 +26,71 @@ pub enum Alpha {
     Gcv,
     /// A rule that needs neither data nor a number: a noise figure of one half. On `cylinder30` it localises within 0.6 mm of
     /// the best alpha from 30 to 60 dB, and on real pressed skins within half a millimetre (`docs/decisions/one-step-defaults.md`).
+    /// Where no alpha has that noise figure, as on skins of few electrodes, another one is taken: see [`AlphaRule`].
     #[default]
     Auto,
 }
 
+/// The rule that chose alpha; its text is for tables and notes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum AlphaRule {
+    /// The number was given.
+    Given,
+    /// The noise figure of a small target is this.
+    NoiseFigure(f64),
+    /// [`Alpha::Auto`] could not reach its noise figure, and took this one.
+    AttainableNoiseFigure(f64),
+    /// The corner of the L-curve of the examples.
+    LCurve,
+    /// Generalised cross-validation of the examples.
+    Gcv,
+}
+
+impl fmt::Display for AlphaRule {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            AlphaRule::Given => f.write_str("given"),
+            AlphaRule::NoiseFigure(value) => write!(f, "noise figure {value}"),
+            AlphaRule::AttainableNoiseFigure(value) => {
+                write!(f, "noise figure {value:.2}, because no alpha gives {AUTO_NOISE_FIGURE} with these channels")
+            }
+            AlphaRule::LCurve => f.write_str("corner of the L-curve"),
+            AlphaRule::Gcv => f.write_str("generalised cross-validation"),
+        }
+    }
+}
+
 /// The noise figure that [`Alpha::Auto`] asks for.
-const AUTO_NOISE_FIGURE: f64 = 0.5;
+pub(crate) const AUTO_NOISE_FIGURE: f64 = 0.5;
+/// Where that is out of reach, [`Alpha::Auto`] asks for this many times the least noise figure that there is.
+const OVER_LEAST: f64 = std::f64::consts::SQRT_2;
 /// Range of `mu` over the largest eigenvalue of `J R^-1 J'` in which a rule looks: from where rounding drowns
-/// the small eigenvalues to where images
-/// are a thousandth of their size.
+/// the small eigenvalues to where images are a thousandth of their size.
 const RELATIVE_RANGE: [f64; 2] = [1e-12, 1e3];
 
-/// The alpha that the options ask for, for a problem whose prior is multiplied by `alpha^2 scale`.
+/// The alpha that the options ask for, for a problem whose prior is multiplied by `alpha^2 scale`, and the rule that chose it.
 pub(crate) fn choose(
     system: &System,
     scale: f64,
     channels: &Channels,
     pixels: &PixelSpace,
     options: &OneStepOptions,
-) -> Result<f64, ReconstructError> {
-    let mu = match options.alpha {
-        Alpha::Given(alpha) | Alpha::Absolute(alpha) => return positive("alpha", alpha),
-        Alpha::NoiseFigure(value) => {
-            mu_at_noise_figure(system, scale, positive("the noise figure", value)?, pixels, options)?
+) -> Result<(f64, AlphaRule), ReconstructError> {
+    let (mu, rule) = match options.alpha {
+        Alpha::Given(alpha) | Alpha::Absolute(alpha) => return Ok((positive("alpha", alpha)?, AlphaRule::Given)),
+        Alpha::NoiseFigure(_) | Alpha::Auto => {
+            let figure = NoiseFigure::new(system, pixels, &options.target)?;
+            let wanted = match options.alpha {
+                Alpha::NoiseFigure(value) => Some(value),
+                _ => None,
+            };
+            // From alpha = 0.1 outwards.
+            mu_at_noise_figure(&|mu| figure.at(mu), wanted, 0.01 * scale)?
         }
-        Alpha::Auto => mu_at_noise_figure(system, scale, AUTO_NOISE_FIGURE, pixels, options)?,
-        Alpha::LCurve => Spectrum::new(system, channels, options)?.corner()?,
-        Alpha::Gcv => Spectrum::new(system, channels, options)?.least_gcv()?,
+        Alpha::LCurve => (Spectrum::new(system, channels, options)?.corner()?, AlphaRule::LCurve),
+        Alpha::Gcv => (Spectrum::new(system, channels, options)?.least_gcv()?, AlphaRule::Gcv),
     };
-    Ok((mu / scale).sqrt())
+    Ok(((mu / scale).sqrt(), rule))
 }
 
 pub(crate) fn positive(what: &str, value: f64) -> Result<f64, ReconstructError> {
@@ -64,44 +101,75 @@ pub(crate) fn positive(what: &str, value: f64) -> Result<f64, ReconstructError> 
     }
 }
 
-/// The `mu` at which the noise figure of the options' target is `wanted`.
-fn mu_at_noise_figure(
-    system: &System,
-    scale: f64,
-    wanted: f64,
-    pixels: &PixelSpace,
-    options: &OneStepOptions,
-) -> Result<f64, ReconstructError> {
-    let figure = NoiseFigure::new(system, pixels, &options.target)?;
-    // From alpha = 0.1 outwards.
-    mu_where(&|mu| figure.at(mu), wanted, 0.01 * scale)
+/// The `mu` of a noise figure, or by the rule of [`Alpha::Auto`] where none is given, searched from `start` outwards.
+///
+/// # Errors
+/// A noise figure that no `mu` has, where it is given; a noise figure that cannot be computed.
+pub(crate) fn mu_at_noise_figure(
+    noise_figure: &impl Fn(f64) -> Result<f64, ReconstructError>,
+    wanted: Option<f64>,
+    start: f64,
+) -> Result<(f64, AlphaRule), ReconstructError> {
+    if let Some(wanted) = wanted {
+        let wanted = positive("the noise figure", wanted)?;
+        return match mu_where(noise_figure, wanted, start)? {
+            Search::Found(mu) => Ok((mu, AlphaRule::NoiseFigure(wanted))),
+            Search::OutOfReach { nearest, .. } => {
+                let message = format!("no alpha gives the noise figure {wanted}: the nearest found is {nearest:.3e}");
+                Err(ReconstructError::Parameter(message))
+            }
+        };
+    }
+    match mu_where(noise_figure, AUTO_NOISE_FIGURE, start)? {
+        Search::Found(mu) => Ok((mu, AlphaRule::NoiseFigure(AUTO_NOISE_FIGURE))),
+        Search::OutOfReach { nearest, mu } if nearest < AUTO_NOISE_FIGURE => {
+            Ok((mu, AlphaRule::AttainableNoiseFigure(nearest)))
+        }
+        Search::OutOfReach { nearest: least, mu } => match mu_where(noise_figure, OVER_LEAST * least, start)? {
+            Search::Found(mu) => Ok((mu, AlphaRule::AttainableNoiseFigure(OVER_LEAST * least))),
+            Search::OutOfReach { .. } => Ok((mu, AlphaRule::AttainableNoiseFigure(least))),
+        },
+    }
 }
 
-/// The `mu` at which a noise figure is `wanted`, to 1e-6 of itself, looked for from `start` outwards; it falls as `mu` rises.
-pub(crate) fn mu_where(
+/// The result of a search for a noise figure.
+enum Search {
+    /// The `mu` that has it.
+    Found(f64),
+    /// No `mu` in the range has it.
+    OutOfReach {
+        /// The noise figure nearest to it.
+        nearest: f64,
+        /// The `mu` of that.
+        mu: f64,
+    },
+}
+
+/// The `mu` at which a noise figure is `wanted`, to 1e-6 of itself, searched from `start` outwards; it falls as `mu` rises.
+fn mu_where(
     noise_figure: &impl Fn(f64) -> Result<f64, ReconstructError>,
     wanted: f64,
     start: f64,
-) -> Result<f64, ReconstructError> {
+) -> Result<Search, ReconstructError> {
     let gap = |log_mu: f64| Ok::<f64, ReconstructError>(noise_figure(log_mu.exp())?.ln() - wanted.ln());
     let step = 10.0_f64.ln();
     let (mut low, mut high) = (start.ln(), start.ln());
     let (mut gap_low, mut gap_high) = (gap(low)?, gap(high)?);
     for _ in 0..16 {
         if gap_low >= 0.0 && gap_high <= 0.0 {
-            return root(&gap, [low, high], [gap_low, gap_high]).map(f64::exp);
+            return root(&gap, [low, high], [gap_low, gap_high]).map(|log_mu| Search::Found(log_mu.exp()));
         }
         if gap_low < 0.0 {
-            (high, gap_high, low) = (low, gap_low, low - step);
-            gap_low = gap(low)?;
+            // A smaller mu may be too small for the Jacobian.
+            let Ok(next) = gap(low - step) else { break };
+            (high, gap_high, low, gap_low) = (low, gap_low, low - step, next);
         } else {
             (low, gap_low, high) = (high, gap_high, high + step);
             gap_high = gap(high)?;
         }
     }
-    let reached = wanted * if gap_low < 0.0 { gap_low.exp() } else { gap_high.exp() };
-    let message = format!("no alpha gives the noise figure {wanted}: the nearest found is {reached:.3e}");
-    Err(ReconstructError::Parameter(message))
+    let (gap, log_mu) = if gap_low < 0.0 { (gap_low, low) } else { (gap_high, high) };
+    Ok(Search::OutOfReach { nearest: wanted * gap.exp(), mu: log_mu.exp() })
 }
 
 /// The root of a falling function between two points (Illinois form of the false position).

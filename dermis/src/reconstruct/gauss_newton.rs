@@ -87,7 +87,7 @@ impl GaussNewton {
         let penalty = linear.prior.matrix(for_prior.as_ref(), &pixels)?;
         let system = System::new(channels.jacobian(&model, &channels.scale, false), penalty.clone())?;
         let scale = if matches!(linear.alpha, alpha::Alpha::Absolute(_)) { 1.0 } else { system.scale()? };
-        let alpha = alpha::choose(&system, scale, &channels, &pixels, linear)?;
+        let (alpha, _) = alpha::choose(&system, scale, &channels, &pixels, linear)?;
         Ok(GaussNewton {
             forward: forward.clone(),
             pixels,

@@ -6,7 +6,7 @@ use crate::forward::{ForwardModel, Matrix};
 use crate::geom::Point3;
 use crate::image::PixelSpace;
 use crate::mesh::Mesh;
-use crate::reconstruct::alpha::{mu_where, positive};
+use crate::reconstruct::alpha::{AlphaRule, mu_at_noise_figure, positive};
 use crate::reconstruct::channels::{Channels, Difference};
 use crate::reconstruct::linearised::Linearised;
 use crate::reconstruct::{Reconstruct, ReconstructError, check_lengths, noise_figure};
@@ -17,8 +17,9 @@ use std::sync::Arc;
 /// How GREIT is trained.
 #[derive(Debug, Clone)]
 pub struct GreitOptions {
-    /// The noise figure, for the training target that the electrodes see least.
-    pub noise_figure: f64,
+    /// The noise figure for the training target that the electrodes see least; `None` takes the rule of
+    /// [`Alpha::Auto`](crate::reconstruct::Alpha::Auto).
+    pub noise_figure: Option<f64>,
     /// Radius of the training targets over that of a disk of the body's area.
     pub target_radius: f64,
     /// Radius of the desired image of a target over the mean spacing of the electrodes (the root of the area that each
@@ -35,7 +36,7 @@ pub struct GreitOptions {
 impl Default for GreitOptions {
     fn default() -> Self {
         GreitOptions {
-            noise_figure: 0.5,
+            noise_figure: None,
             target_radius: 0.05,
             desired_radius: 0.45,
             smallest_part: 0.8,
@@ -58,6 +59,7 @@ impl Default for GreitOptions {
 pub struct Greit {
     pixels: Arc<PixelSpace>,
     matrix: Matrix,
+    rule: AlphaRule,
 }
 
 impl Greit {
@@ -67,7 +69,6 @@ impl Greit {
     /// Options out of their range, a forward problem that cannot be solved, targets smaller than the mesh can hold.
     pub fn new(forward: &ForwardModel, pixels: Arc<PixelSpace>, options: &GreitOptions) -> crate::Result<Self> {
         for (what, value) in [
-            ("the noise figure", options.noise_figure),
             ("the target radius", options.target_radius),
             ("the desired radius", options.desired_radius),
             ("the smallest part of a target's desired image", options.smallest_part),
@@ -85,9 +86,16 @@ impl Greit {
         let desired_radius_m = options.desired_radius * (body_area / electrode_count).sqrt();
         let (desired, weights) = desired_images(&pixels, &targets.strengths, desired_radius_m, options.smallest_part);
         let faint = faintest(&differences, &targets.strengths);
-        let inverse = train(&differences, &desired, &weights, &pixels.areas, &faint, options.noise_figure)?;
+        let (inverse, rule) = train(&differences, &desired, &weights, &pixels.areas, &faint, options.noise_figure)?;
         let matrix = channels.spread(inverse.as_ref(), &model, false, options.touch.sign());
-        Ok(Greit { pixels, matrix })
+        Ok(Greit { pixels, matrix, rule })
+    }
+}
+
+impl Greit {
+    /// The rule that chose the regularization parameter.
+    pub fn alpha_rule(&self) -> AlphaRule {
+        self.rule
     }
 }
 
@@ -188,8 +196,8 @@ fn train(
     weights: &[f64],
     areas: &[f64],
     faint: &[f64],
-    wanted: f64,
-) -> Result<Mat<f64>, ReconstructError> {
+    wanted: Option<f64>,
+) -> Result<(Mat<f64>, AlphaRule), ReconstructError> {
     let weighted = Mat::from_fn(differences.nrows(), weights.len(), |channel, target| {
         weights[target] * differences[(channel, target)]
     });
@@ -206,7 +214,8 @@ fn train(
     let figure = |mu: f64| Ok(noise_figure::of_matrix(at(mu)?.as_ref(), areas, faint));
     let mean = (0..spread.nrows()).map(|channel| spread[(channel, channel)]).sum::<f64>() / spread.nrows() as f64;
     // A noise of a tenth of the training signal's amplitude to start from.
-    at(mu_where(&figure, wanted, 0.01 * mean)?)
+    let (mu, rule) = mu_at_noise_figure(&figure, wanted, 0.01 * mean)?;
+    Ok((at(mu)?, rule))
 }
 
 impl Reconstruct for Greit {

@@ -16,7 +16,7 @@ mod testing;
 mod total_variation;
 mod without_channels;
 
-pub use alpha::Alpha;
+pub use alpha::{Alpha, AlphaRule};
 pub use channels::Difference;
 pub use gauss_newton::{GaussNewton, GaussNewtonOptions, Solution};
 pub use greit::{Greit, GreitOptions};

@@ -4,7 +4,7 @@ use crate::design::TouchEffect;
 use crate::forward::{ForwardModel, Matrix};
 use crate::frame::Frame;
 use crate::image::PixelSpace;
-use crate::reconstruct::alpha::{self, Alpha};
+use crate::reconstruct::alpha::{self, Alpha, AlphaRule};
 use crate::reconstruct::channels::{Channels, Difference};
 use crate::reconstruct::linearised::Linearised;
 use crate::reconstruct::prior::Prior;
@@ -17,7 +17,7 @@ use std::sync::Arc;
 pub struct OneStepOptions {
     /// What an image is expected to look like.
     pub prior: Prior,
-    /// How strongly the prior counts.
+    /// Regularization parameter.
     pub alpha: Alpha,
     /// How the channels are weighed against each other.
     pub difference: Difference,
@@ -60,6 +60,7 @@ pub struct OneStep {
     prior: Prior,
     matrix: Matrix,
     alpha: f64,
+    rule: AlphaRule,
     hyperparameter: f64,
 }
 
@@ -90,7 +91,7 @@ impl OneStep {
         };
         let system = System::new(channels.jacobian(model, &channels.scale, absolute), penalty)?;
         let scale = if absolute { 1.0 } else { system.scale()? };
-        let alpha = alpha::choose(&system, scale, &channels, &pixels, options)?;
+        let (alpha, rule) = alpha::choose(&system, scale, &channels, &pixels, options)?;
         let inverse = system.inverse(alpha * alpha * scale)?;
         let matrix = channels.spread(inverse.as_ref(), model, absolute, options.touch.sign());
         if let Some(at) = matrix.values.iter().position(|value| !value.is_finite()) {
@@ -98,12 +99,17 @@ impl OneStep {
                 format!("the reconstruction matrix is {} at pixel {}", matrix.values[at], at / matrix.columns);
             return Err(ReconstructError::Singular(message));
         }
-        Ok(OneStep { pixels, prior: options.prior, matrix, alpha, hyperparameter: alpha * scale.sqrt() })
+        Ok(OneStep { pixels, prior: options.prior, matrix, alpha, rule, hyperparameter: alpha * scale.sqrt() })
     }
 
     /// The alpha in use: as given, or as chosen. Without a unit, but for [`Alpha::Absolute`].
     pub fn alpha(&self) -> f64 {
         self.alpha
+    }
+
+    /// The rule that chose alpha.
+    pub fn alpha_rule(&self) -> AlphaRule {
+        self.rule
     }
 
     /// What multiplies the square root of the prior: `alpha sqrt(c)`.
