@@ -71,7 +71,7 @@ fn greit(name: &str, skin: &Skin, options: &MethodOptions) -> Result<Method, Met
     let defaults = GreitOptions::default();
     let noise_figure = match options.alpha {
         Alpha::Auto => defaults.noise_figure,
-        Alpha::NoiseFigure(value) => value,
+        Alpha::NoiseFigure(value) => Some(value),
         _ => return Err(MethodError::option(name, "is regularized by its noise figure alone: give noise-figure:0.5")),
     };
     let (excluded, touch) = (options.excluded.clone(), skin.design().sheet.touch);

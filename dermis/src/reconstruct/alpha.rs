@@ -62,7 +62,8 @@ impl fmt::Display for AlphaRule {
 
 /// The noise figure that [`Alpha::Auto`] asks for.
 pub(crate) const AUTO_NOISE_FIGURE: f64 = 0.5;
-/// Where that is out of reach, [`Alpha::Auto`] asks for this many times the least noise figure that there is.
+/// Where that is out of reach, [`Alpha::Auto`] asks for this many times the least noise figure: the least itself is the limit
+/// of an infinite alpha. This is 3 dB above it.
 const OVER_LEAST: f64 = std::f64::consts::SQRT_2;
 /// Range of `mu` over the largest eigenvalue of `J R^-1 J'` in which a rule looks: from where rounding drowns
 /// the small eigenvalues to where images are a thousandth of their size.

@@ -32,8 +32,8 @@ impl Default for Prior {
 
 /// The prior for a skin where none is asked for.
 ///
-/// NOSER where the body has a shape of its own; Laplace on bodies from a mesh file, where NOSER leaves false contacts on the
-/// electrodes (`docs/decisions/one-step-defaults.md`).
+/// Laplace on bodies from a mesh file, whose images have a value per cell: there NOSER is prone to false contacts at the
+/// electrodes. NOSER on all others. `cargo run --release -p dermis-sim --example choose_prior -- bodies` compares them.
 ///
 /// ```
 /// use dermis::design::SkinDesign;

@@ -153,3 +153,23 @@ fn rules_that_cannot_choose_say_so() {
     let beyond = OneStepOptions { target: vec![15], ..options(Prior::Tikhonov, Alpha::Auto) };
     assert!(fails(beyond).to_string().contains("pixel 15"));
 }
+
+/// Disks of few electrodes have an automatic alpha, and the rule names the noise figure that it has.
+#[test]
+fn skins_of_few_electrodes_have_an_automatic_alpha() {
+    for electrodes in [6, 8, 10] {
+        let text = format!(
+            "[body.disk]\ndiameter_m = 0.08\n[sheet]\nsheet_resistance_ohm = 1000.0\ntouch = \"conductance_falls\"\n\
+             [electrodes]\nshape.arc.length_m = 0.004\ncontact_impedance_ohm_m = 0.01\n[electrodes.layout.rim]\n\
+             count = {electrodes}\n[protocol]\npattern = \"adjacent_undriven\"\n[image.grid]\nrows = 12\ncolumns = 12\n"
+        );
+        let design = crate::design::SkinDesign::parse(&text, "disk.toml").unwrap();
+        let mesh = crate::mesh::Mesh::generate(&design).unwrap();
+        let forward = crate::forward::ForwardModel::new(&design, &mesh).unwrap();
+        let pixels = Arc::new(crate::image::PixelSpace::for_design(&design, &mesh).unwrap());
+        let one_step = OneStep::new(&forward, pixels, &OneStepOptions::default()).unwrap();
+        println!("{electrodes} electrodes: alpha {:.3e}, {}", one_step.alpha(), one_step.alpha_rule());
+        assert!(one_step.alpha().is_finite() && one_step.alpha() > 0.0);
+        assert!(one_step.alpha_rule().to_string().starts_with("noise figure "));
+    }
+}
