@@ -2,7 +2,7 @@
 
 use super::surface::Surface;
 use super::triangle_tree::TriangleTree;
-use super::vector::{Point3, norm};
+use super::vector::{Point3, distance, norm};
 use std::f64::consts::TAU;
 
 /// The places that touches of a body can have: on it, or off it by less than a margin.
@@ -99,9 +99,11 @@ impl PlaceLimits {
 
     /// What is wrong with a place off the body; `fits` tells whether the place times a factor lies on it.
     fn explain(&self, place: &str, distance_m: f64, fits: impl Fn(f64) -> bool) -> String {
+        // A place just off the body is in metres: scaled down it lies near the origin, which is often on the body.
+        let is_far = distance_m > distance(self.low_m, self.high_m);
         let units: Vec<&str> = [("millimetres", 1e-3), ("centimetres", 1e-2)]
             .into_iter()
-            .filter_map(|(name, factor)| fits(factor).then_some(name))
+            .filter_map(|(name, factor)| (is_far && fits(factor)).then_some(name))
             .collect();
         let unit = match units.as_slice() {
             [] => String::new(),
