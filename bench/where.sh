@@ -4,8 +4,8 @@
 # Once, on Debian: apt-get install linux-perf binutils
 set -euo pipefail
 cd "$(dirname "$0")/.."
-case=${1:-cylinder30} batches=${2:-4000} program=target/release/dermis-bench
-cargo build --quiet --release --package dermis-bench
+case=${1:-cylinder30} batches=${2:-4000} program=target/profiling/dermis-bench
+cargo build --quiet --profile profiling --package dermis-bench
 folder=$(mktemp -d)
 trap 'rm -r "$folder"' EXIT
 perf record -q -e cpu-clock -F 4000 -o "$folder/data" "$program" serve "$case" "$folder" <<<"batched $batches" >"$folder/out"
