@@ -79,7 +79,7 @@ impl Latencies {
         }
         let [median, p99, worst] = nearest_quantiles(&self.all_ms, [0.5, 0.99, 1.0]);
         let Counts { lost, repeated, reordered, damaged, reconnected, .. } = self.counts;
-        let (skipped, left_out) = (self.shared.skipped(), self.shared.left_out());
+        let (skipped, dropped) = (self.shared.skipped(), self.shared.dropped());
         if as_json {
             return print_json(&json!({
                 "seconds": seconds,
@@ -88,7 +88,7 @@ impl Latencies {
                 "frames_with_contacts": self.touched_frames,
                 "lost": lost,
                 "skipped": skipped,
-                "left_out": left_out,
+                "left_out": dropped,
                 "repeated": repeated,
                 "reordered": reordered,
                 "damaged": damaged,
@@ -102,9 +102,9 @@ impl Latencies {
         row("frames", format!("{} in {seconds:.1} s", self.frames));
         row("of them with contacts", self.touched_frames.to_string());
         row("lost on the way", lost.to_string());
-        row("left out, as contacts took too long", skipped.to_string());
-        for (sink, count) in left_out {
-            row(&format!("left out of {sink}, which did not keep up"), count.to_string());
+        row("dropped before the pipeline", skipped.to_string());
+        for (sink, count) in dropped {
+            row(&format!("dropped by {sink}"), count.to_string());
         }
         row("repeated; reordered", format!("{repeated}; {reordered}"));
         row("damaged packets", damaged.to_string());

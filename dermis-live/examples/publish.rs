@@ -1,6 +1,6 @@
 //! Publishes frames of a pressed skin over DDS for some seconds: `publish SECONDS [DOMAIN] [NAMESPACE]`.
 
-use dermis_live::dds::{Publisher, PublisherOptions};
+use dermis_live::sinks::ros2::dds::{Publisher, PublisherOptions};
 use std::time::{Duration, Instant};
 
 #[path = "../tests/synthetic/mod.rs"]

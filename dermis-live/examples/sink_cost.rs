@@ -1,7 +1,7 @@
 //! What recording and publishing cost a frame of `cylinder30`, on the thread that does it: `sink_cost [DESIGN] [FRAMES]`.
 
 use dermis_live::LiveFrame;
-use dermis_live::record::{Recorder, Session};
+use dermis_live::recording::{Recorder, Session};
 use std::time::{Duration, Instant};
 
 #[path = "../tests/synthetic/mod.rs"]
@@ -28,7 +28,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     #[cfg(feature = "ros2")]
     {
-        use dermis_live::dds::{Publisher, PublisherOptions};
+        use dermis_live::sinks::ros2::dds::{Publisher, PublisherOptions};
         let options = PublisherOptions { domain: Some(99), ..PublisherOptions::default() };
         let mut publisher = Publisher::new(skin.reference.clone(), &options)?;
         // As they come live: the middleware's own thread shall keep up.

@@ -20,7 +20,7 @@ pub enum LiveError {
     Pipeline(#[from] dermis::pipeline::PipelineError),
     /// A protocol too large for the wire.
     #[error(transparent)]
-    Scan(#[from] crate::scan::TooLarge),
+    Scan(#[from] crate::device::TooLarge),
     /// A device that cannot be reached.
     #[error("cannot reach the device at {address}: {message}")]
     Unreachable {
@@ -47,7 +47,7 @@ pub enum LiveError {
     },
     /// A recording that cannot be read or written.
     #[error(transparent)]
-    Record(#[from] crate::record::RecordError),
+    Record(#[from] crate::recording::RecordError),
     /// An argument that cannot be.
     #[error("{0}")]
     Given(String),

@@ -5,8 +5,8 @@ mod synthetic;
 #[path = "../../fuzz/src/recording.rs"]
 mod target;
 
-use dermis_live::record::{Event, Recorder, Recording, Session};
-use dermis_live::ros::{self, Message};
+use dermis_live::recording::{Event, Recorder, Recording, Session};
+use dermis_live::sinks::ros2::{self as ros, Message};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::io::Cursor;

@@ -87,6 +87,6 @@ fn no_message_of_a_page_makes_the_skin_panic() {
     let goes_on = (0..50).any(|_| matches!(mailbox.take(Duration::from_secs(1)), Taken::Item(Event::Frame(_))));
     assert!(goes_on, "frames go on");
     // Whoever panicked on another thread has ended it.
-    live.shared().tell_state();
+    live.shared().request_state();
     live.stop();
 }

@@ -3,7 +3,7 @@
 
 mod synthetic;
 
-use dermis_live::record::{Recorded, Recorder, Recording, Session, recover};
+use dermis_live::recording::{Recorded, Recorder, Recording, Session, recover};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::path::Path;

@@ -2,7 +2,7 @@
 
 mod page;
 
-use dermis_live::server::{Server, ServerOptions};
+use dermis_live::sinks::viewer::{Server, ServerOptions};
 use dermis_live::{ClientSession, Event, Taken};
 use serde_json::Value;
 use std::io::Write;
@@ -119,14 +119,14 @@ fn what_a_sink_leaves_out_is_told_and_counted() {
     let mut told = Vec::new();
     while begun.elapsed() < Duration::from_millis(3500) {
         if let Taken::Item(Event::Notice(notice)) = reader.take(Duration::from_millis(100)) {
-            told.extend(notice.text.contains("a stalled sink did not keep up").then_some(notice));
+            told.extend(notice.text.contains("a stalled sink: too slow").then_some(notice));
         }
     }
     assert!((2..=4).contains(&told.len()), "{told:?}");
-    let left_out = shared.left_out()["a stalled sink"];
+    let left_out = shared.dropped()["a stalled sink"];
     assert!(left_out > 200, "{left_out}");
     shared.unsubscribe(&stalled);
-    assert!(shared.left_out()["a stalled sink"] >= left_out, "when it has gone too");
+    assert!(shared.dropped()["a stalled sink"] >= left_out, "when it has gone too");
     assert_eq!(next(&mut open(server.address()), "status")["counts"]["late"], 0);
     live.stop();
     server.stop();

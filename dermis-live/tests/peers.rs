@@ -6,8 +6,8 @@
 mod synthetic;
 
 use dermis_live::LiveFrame;
-use dermis_live::record::{Event, Recorder, Session};
-use dermis_live::ros::{self, CONTACT_FIELDS, Reference};
+use dermis_live::recording::{Event, Recorder, Session};
+use dermis_live::sinks::ros2::{self as ros, CONTACT_FIELDS, Reference};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -156,7 +156,7 @@ fn rosbags_reads_a_recording() {
 #[cfg(feature = "ros2")]
 #[test]
 fn cyclone_receives_what_is_published() {
-    use dermis_live::dds::{Publisher, PublisherOptions};
+    use dermis_live::sinks::ros2::dds::{Publisher, PublisherOptions};
     use std::sync::atomic::{AtomicBool, Ordering};
     use std::time::Duration;
 

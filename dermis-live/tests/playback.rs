@@ -5,8 +5,8 @@ use dermis::pipeline::{Command, Settings, TrackedContact};
 use dermis::skin::Skin;
 use dermis_live::device::Address;
 use dermis_live::emulator::{Emulator, EmulatorOptions, Port, Script};
-use dermis_live::replay::{Player, Replay, Replayed};
-use dermis_live::sink::RecordingSink;
+use dermis_live::recording::RecordingSink;
+use dermis_live::recording::{Player, Replay, Replayed};
 use dermis_live::{Event, Live, LiveOptions, Mailbox, Taken};
 use dermis_sim::twin::TwinOptions;
 use std::net::TcpListener;
@@ -71,7 +71,7 @@ fn await_frame(mailbox: &Mailbox<Event>, sequence: u64) {
 fn played(methods: &Arc<MethodSet>, path: &Path, speed: f64) -> (Vec<(u64, Vec<TrackedContact>)>, Vec<Command>) {
     let live = Live::play(Arc::clone(methods), Player::open(path, methods, speed).unwrap()).unwrap();
     let mailbox = live.shared().subscribe(WAITING);
-    live.roll();
+    live.begin_playback();
     let (mut frames, mut commands, mut connected, mut ended) = (Vec::new(), Vec::new(), 0, false);
     loop {
         match mailbox.take(Duration::from_secs(30)) {

@@ -4,7 +4,7 @@ mod page;
 
 use dermis::pipeline::{Notice, Severity};
 use dermis_live::Event;
-use dermis_live::server::{Server, ServerOptions};
+use dermis_live::sinks::viewer::{Server, ServerOptions};
 use std::io::{Read, Seek, SeekFrom};
 use std::net::{SocketAddr, TcpStream};
 use std::time::{Duration, Instant};
@@ -43,7 +43,7 @@ fn a_recording_that_ends_slowly_holds_no_other_page_up() {
     for index in 0..3900 {
         let notice =
             Notice { level: Severity::Info, text: texts[index % texts.len()].clone(), at: dermis_live::clock::now() };
-        live.shared().tell(&Event::Notice(notice));
+        live.shared().publish(&Event::Notice(notice));
     }
     one.send(Message::text(r#"{"do":"record","on":false}"#)).unwrap();
     let path = std::fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap().path();

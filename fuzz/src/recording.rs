@@ -1,6 +1,6 @@
 //! What the fuzz target of recordings calls; `dermis-live/tests/fuzz_mcap.rs` runs it on seeded mutations of good files.
 
-use dermis_live::record::{self, Recorded, Recording};
+use dermis_live::recording::{self as record, Recorded, Recording};
 use std::io::Cursor;
 use std::path::Path;
 

@@ -3,7 +3,7 @@
 use crate::console::{Progress, print, print_json};
 use crate::failure::Outcome;
 use clap::Args;
-use dermis_live::record::{Converted, convert};
+use dermis_live::recording::{Converted, convert};
 use std::path::PathBuf;
 
 /// The arguments of `dermis convert`.

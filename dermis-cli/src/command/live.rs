@@ -13,9 +13,10 @@ use dermis::pipeline::{Command, Settings, Severity, State, Zone};
 use dermis::skin::Skin;
 use dermis_live::device::{Address, DeviceOptions};
 use dermis_live::emulator::{Emulator, Port};
-use dermis_live::replay::Player;
-use dermis_live::server::{Server, ServerOptions};
-use dermis_live::{Control, Event, Live, LiveOptions, RecordingOptions, Taken, jsonl, sink};
+use dermis_live::recording::Player;
+use dermis_live::sinks::jsonl;
+use dermis_live::sinks::viewer::{Server, ServerOptions};
+use dermis_live::{Control, Event, Live, LiveOptions, RecordingOptions, Taken};
 use std::io::IsTerminal;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
@@ -230,7 +231,7 @@ impl Arguments {
         let end = Arc::clone(&ended);
         on_interrupt(move || end.store(true, Ordering::Relaxed))?;
         let mailbox = live.shared().subscribe(WAITING);
-        live.roll();
+        live.begin_playback();
         let mut latencies = Latencies::new(Arc::clone(live.shared()));
         let (begun, mut shown) = (Instant::now(), Instant::now());
         let line = crate::console::StatusLine::new();
@@ -298,8 +299,8 @@ fn wait_a_moment(thread: &JoinHandle<()>) {
 
 #[cfg(feature = "ros2")]
 fn publish(control: &Control, namespace: &str) -> Outcome<JoinHandle<()>> {
-    let options = dermis_live::dds::PublisherOptions { domain: None, namespace: namespace.into() };
-    Ok(sink::publish(control.shared(), &options)?)
+    let options = dermis_live::sinks::ros2::dds::PublisherOptions { domain: None, namespace: namespace.into() };
+    Ok(dermis_live::sinks::ros2::dds::publish(control.shared(), &options)?)
 }
 
 #[cfg(not(feature = "ros2"))]

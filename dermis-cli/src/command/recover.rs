@@ -3,7 +3,7 @@
 use crate::console::{Progress, print, print_json};
 use crate::failure::Outcome;
 use clap::Args;
-use dermis_live::record::{Recovered, recover};
+use dermis_live::recording::{Recovered, recover};
 use std::path::PathBuf;
 
 /// The arguments of `dermis recover`.

@@ -4,9 +4,9 @@ use crate::console::{Progress, print};
 use crate::failure::{Failure, Outcome};
 use clap::Args;
 use dermis_live::LiveError;
-use dermis_live::jsonl::FrameLine;
-use dermis_live::record::RecordError;
-use dermis_live::replay::{Replay, Replayed};
+use dermis_live::recording::RecordError;
+use dermis_live::recording::{Replay, Replayed};
+use dermis_live::sinks::jsonl::FrameLine;
 use std::io::{BufWriter, Write};
 use std::path::PathBuf;
 

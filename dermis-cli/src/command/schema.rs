@@ -5,7 +5,7 @@ use crate::failure::Outcome;
 use clap::Args;
 use dermis::design::SkinDesign;
 use dermis_live::emulator::Script;
-use dermis_live::jsonl::FrameLine;
+use dermis_live::sinks::jsonl::FrameLine;
 use dermis_sim::twin::TwinOptions;
 
 /// The arguments of `dermis schema`.

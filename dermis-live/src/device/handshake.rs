@@ -3,7 +3,7 @@
 use crate::LiveError;
 use crate::device::line::{Address, Line};
 use crate::device::{DeviceOptions, READ_BYTES, SILENCE};
-use crate::scan::{Role, ScanTable};
+use crate::device::{Role, ScanTable};
 use dermis::pipeline::{Notice, Severity};
 use dermis::skin::Skin;
 use dermis_wire::{

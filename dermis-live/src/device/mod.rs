@@ -1,16 +1,26 @@
-//! A device: found, asked who it is, told what to read, and listened to.
+//! Devices: connection, handshake, messages, and readings to ohm.
+//!
+//! ```
+//! use dermis_live::device::Address;
+//!
+//! let address = Address::parse("serial:/dev/ttyACM0@115200")?;
+//! assert_eq!(address, Address::Serial { port: "/dev/ttyACM0".into(), baud: 115_200 });
+//! # Ok::<(), dermis_live::LiveError>(())
+//! ```
 
 mod clock;
 mod handshake;
 mod line;
+mod meter;
+mod scan;
 
 pub use clock::DeviceClock;
 pub use line::{Address, Line, PATIENCE, open};
+pub use meter::Meter;
+pub use scan::{Role, ScanTable, TooLarge};
 
 use crate::LiveError;
 use crate::device::handshake::{Handshake, send};
-use crate::meter::Meter;
-use crate::scan::{ScanTable, TooLarge};
 use dermis::pipeline::{Counts, FrameInput, Notice, Severity, Timestamp};
 use dermis::skin::Skin;
 use dermis_wire::{Arrival, Arrivals, Decoder, Frame, FrameFlags, Hello, Received, Status, ToDevice, ToHost};

@@ -1,10 +1,10 @@
 //! The emulated device: a twin, what touches it, what goes wrong with it, and the packets that come of that.
 
 use crate::LiveError;
+use crate::device::{Role, ScanTable};
 use crate::emulator::fault::{Fault, TimedFault};
 use crate::emulator::script::Script;
 use crate::emulator::timing::Timing;
-use crate::scan::{Role, ScanTable};
 use dermis::design::SkinDesign;
 use dermis::geom::{Point3, Surface};
 use dermis_sim::twin::{ContactHistory, Press, Twin, TwinOptions};

@@ -6,7 +6,7 @@ use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
 use dermis::pipeline::{ElectrodeHealth, ElectrodeState, Health, PipelineFrame, Timestamp, TrackedContact};
 use dermis_live::LiveFrame;
-use dermis_live::ros::Reference;
+use dermis_live::sinks::ros2::Reference;
 use std::sync::Arc;
 
 /// What stands on the card of a [`retrained`] network, and on no other.

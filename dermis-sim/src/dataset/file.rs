@@ -131,7 +131,7 @@ impl Reader {
             return Err(wrong("it belongs to another dataset"));
         }
         if bytes != header(shapes, &Label { sha256: label.sha256.clone(), ..expected.clone() }) {
-            return Err(wrong("its samples are not those of its name"));
+            return Err(wrong("it holds other samples than those of its name"));
         }
         if length != file_bytes(shapes, &label) {
             return Err(wrong("it is damaged: its length is not the one in its header"));

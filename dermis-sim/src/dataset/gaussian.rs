@@ -12,13 +12,14 @@ use crate::touch::GaussianTouch;
 use dermis::design::SkinDesign;
 use dermis::forward::{BatchSolver, ForwardError, ForwardModel};
 use dermis::image::PixelSpace;
-use dermis::linalg::LANES;
+use dermis::linalg::{LANES, SimdLevel};
 use rand::RngExt;
 
 /// Makes samples of Gaussian touches.
 #[derive(Debug)]
 pub(super) struct GaussianMaker {
     seed: u64,
+    level: SimdLevel,
     options: GaussianTouches,
     sign: f64,
     places: Places,
@@ -60,13 +61,15 @@ impl GaussianMaker {
         places: Places,
         seed: u64,
         options: &GaussianTouches,
+        level: SimdLevel,
     ) -> crate::Result<Self> {
         Ok(GaussianMaker {
             seed,
+            level,
             options: options.clone(),
             sign: design.sheet.touch.sign(),
             places,
-            raster: CellRaster::new(design.body.surface(), forward.mesh(), options.width_m[0])?,
+            raster: CellRaster::at_level(design.body.surface(), forward.mesh(), options.width_m[0], level)?,
             target: Target::new(design, forward.mesh(), pixels),
             pixel_count: pixels.len(),
             measures: (0..forward.mesh().cell_count()).map(|cell| forward.mesh().cell_measure(cell)).collect(),
@@ -81,7 +84,7 @@ impl GaussianMaker {
         });
         GaussianWorker {
             maker: self,
-            solver: forward.batch_solver(),
+            solver: forward.batch_solver_at(self.level),
             conductivity: vec![[0.0; LANES]; forward.mesh().cell_count()],
             frames: vec![[0.0; LANES]; forward.protocol().channel_count()],
             image: vec![0.0; self.pixel_count],

@@ -11,7 +11,7 @@ use crate::twin::Press;
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
 use dermis::image::PixelSpace;
-use dermis::linalg::LANES;
+use dermis::linalg::{LANES, SimdLevel};
 
 /// Samples that are made together: two batches of the solver, and the samples of one skin where skins differ. Which
 /// samples share a unit depends on their numbers alone.
@@ -65,6 +65,16 @@ impl Generator {
     /// A recipe that no sample can be drawn from; touches narrower than the mesh can carry; electrodes that would fold the
     /// mesh; patches or presses that do not fit the body; a design whose image does not fit its body.
     pub fn new(design: &SkinDesign, forward: &ForwardModel, recipe: &Recipe) -> crate::Result<Self> {
+        Self::at_level(design, forward, recipe, SimdLevel::best())
+    }
+
+    /// The same with a chosen instruction set.
+    pub(super) fn at_level(
+        design: &SkinDesign,
+        forward: &ForwardModel,
+        recipe: &Recipe,
+        level: SimdLevel,
+    ) -> crate::Result<Self> {
         recipe.check(design.sheet.touch)?;
         let skins = match &recipe.skins {
             Skins::Even => None,
@@ -73,9 +83,15 @@ impl Generator {
         let pixels = PixelSpace::for_design(design, forward.mesh())?;
         let places = Places::new(&design.body, forward.mesh());
         let kind = match &recipe.touch {
-            Touch::Gaussian(touches) => {
-                Kind::Gaussian(Box::new(GaussianMaker::new(design, forward, &pixels, places, recipe.seed, touches)?))
-            }
+            Touch::Gaussian(touches) => Kind::Gaussian(Box::new(GaussianMaker::new(
+                design,
+                forward,
+                &pixels,
+                places,
+                recipe.seed,
+                touches,
+                level,
+            )?)),
             Touch::Patch(touches) => {
                 Kind::Pressed(Box::new(PressMaker::new(design, forward, &pixels, places, recipe, touches)?))
             }

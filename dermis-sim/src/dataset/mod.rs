@@ -23,6 +23,8 @@ mod file;
 mod finish;
 mod gaussian;
 mod generator;
+#[cfg(test)]
+mod golden;
 mod places;
 mod press_target;
 mod pressed;

@@ -1,8 +1,8 @@
 //! Reads recordings for a replay.
 
-use crate::record::walk::{End, Item, Walk};
-use crate::record::{Event, RecordError, Session};
-use crate::ros::{self, Topic};
+use crate::recording::walk::{End, Item, Walk};
+use crate::recording::{Event, RecordError, Session};
+use crate::sinks::ros2::{self as ros, Topic};
 use dermis::pipeline::Timestamp;
 use mcap::records::MessageHeader;
 use std::collections::HashMap;

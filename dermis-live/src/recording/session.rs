@@ -1,6 +1,6 @@
 //! What a recording says of itself before its first frame.
 
-use crate::record::walk::Item;
+use crate::recording::walk::Item;
 use mcap::records::Metadata;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 /// What was given when the recording began: with the frames and events that follow, all that a replay needs.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Session {
-    /// Version of Dermis that recorded it; a [`Recorder`](crate::record::Recorder) writes its own.
+    /// Version of Dermis that recorded it; a [`Recorder`](crate::recording::Recorder) writes its own.
     pub version: String,
     /// The design, as written.
     pub design_toml: String,
@@ -35,7 +35,7 @@ impl Session {
             ("version", self.version.clone()),
             ("options", self.options.to_string()),
             ("state", self.state.to_string()),
-            ("hello", crate::record::event::to_hex(&self.hello)),
+            ("hello", crate::recording::event::to_hex(&self.hello)),
         ];
         let metadata: BTreeMap<String, String> = entries.map(|(key, value)| (key.to_owned(), value)).into();
         Metadata { name: NAME.into(), metadata }
@@ -59,7 +59,7 @@ impl Session {
                 self.version = text("version").to_owned();
                 self.options = serde_json::from_str(text("options")).unwrap_or_default();
                 self.state = serde_json::from_str(text("state")).unwrap_or_default();
-                self.hello = crate::record::event::from_hex(text("hello")).unwrap_or_default();
+                self.hello = crate::recording::event::from_hex(text("hello")).unwrap_or_default();
             }
             Item::Attachment { header, data } => {
                 let text = || String::from_utf8_lossy(data).into_owned();

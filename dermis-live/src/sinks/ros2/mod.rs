@@ -3,6 +3,8 @@
 //! No ROS installation is needed. The bytes are XCDR1, little-endian, behind the four bytes that say so: what DDS carries
 //! and what a recording holds.
 
+#[cfg(feature = "ros2")]
+pub mod dds;
 mod diagnostics;
 mod markers;
 mod message;

@@ -107,12 +107,12 @@ fn another_reader_finds_every_message() {
             "/dermis/image" => {
                 assert_eq!(message.channel.schema.as_ref().unwrap().name, "sensor_msgs/msg/Image");
                 assert_eq!(message.log_time, frame.result.measured_at.unix_ns);
-                let image: crate::ros::Image = crate::ros::decode(&message.data).unwrap();
-                assert_eq!(image, crate::ros::image(&skin().reference, &frame));
+                let image: crate::sinks::ros2::Image = crate::sinks::ros2::decode(&message.data).unwrap();
+                assert_eq!(image, crate::sinks::ros2::image(&skin().reference, &frame));
                 images += 1;
             }
             "/dermis/contacts" => {
-                let cloud: crate::ros::PointCloud2 = crate::ros::decode(&message.data).unwrap();
+                let cloud: crate::sinks::ros2::PointCloud2 = crate::sinks::ros2::decode(&message.data).unwrap();
                 contacts += u64::from(cloud.width);
             }
             _ => {}

@@ -1,9 +1,9 @@
 //! Tables of what a recording holds, for any program.
 
-use crate::record::read::{Messages, Told};
-use crate::record::walk::End;
-use crate::record::{RecordError, Session, npz};
-use crate::ros::{self, CONTACT_FIELDS, Image, PointCloud2, Topic};
+use crate::recording::read::{Messages, Told};
+use crate::recording::walk::End;
+use crate::recording::{RecordError, Session, npz};
+use crate::sinks::ros2::{self as ros, CONTACT_FIELDS, Image, PointCloud2, Topic};
 use serde::Serialize;
 use std::fs::File;
 use std::io::{BufWriter, Write};

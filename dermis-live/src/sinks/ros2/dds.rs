@@ -1,11 +1,18 @@
 //! Frames as ROS 2 messages over DDS, without a ROS installation.
 
-use crate::LiveFrame;
-use crate::ros::{self, DiagnosticArray, Due, Image, MarkerArray, PointCloud2, Reference, Topic, WrenchStamped};
+use crate::LiveError;
+use crate::clock;
+use crate::runtime::{Event, LiveFrame, LiveHandle, Taken};
+use crate::sinks::ros2::{
+    self as ros, DiagnosticArray, Due, Image, MarkerArray, PointCloud2, Reference, Topic, WrenchStamped,
+};
+use dermis::pipeline::{Notice, Severity};
 use ros2_client::dds::rustdds::DomainParticipantBuilder;
 use ros2_client::qos::{Durability, History, WhenFull};
 use ros2_client::{Context, MessageTypeName, Name, Node, NodeName, NodeOptions, QosProfile, WriteError};
 use std::net::Ipv4Addr;
+use std::sync::Arc;
+use std::thread::JoinHandle;
 use thiserror::Error;
 
 /// The highest domain whose ports lie below 65,536: RTPS 2.5, 9.6.2.3.
@@ -199,6 +206,45 @@ fn quality(topic: Topic) -> QosProfile {
         _ => depth(5).reliability_best_effort(),
     }
     .durability(Durability::Volatile)
+}
+
+/// Events that can wait for the network.
+const WAITING: usize = 64;
+/// The name of this sink in reports of dropped events.
+const ROS2: &str = "ROS 2";
+
+/// Publishes over DDS until the skin is no longer read.
+///
+/// # Errors
+/// A domain that cannot be joined.
+pub fn publish(shared: &Arc<LiveHandle>, options: &PublisherOptions) -> Result<JoinHandle<()>, LiveError> {
+    let skin = shared.skin();
+    let reference = Reference { frame_id: skin.design().name.clone(), space: Arc::clone(skin.pixels()) };
+    let given = |error: PublishError| LiveError::Given(error.to_string());
+    let mut publisher = Publisher::new(reference, options).map_err(given)?;
+    let shared = Arc::clone(shared);
+    let mailbox = shared.subscribe_as(ROS2, WAITING);
+    let run = move || {
+        let mut reported = 0;
+        loop {
+            match mailbox.take(std::time::Duration::from_secs(1)) {
+                Taken::Item(Event::Frame(frame)) => {
+                    shared.add_dropped(ROS2, publisher.dropped() - reported);
+                    reported = publisher.dropped();
+                    if let Err(error) = publisher.frame(&frame) {
+                        let text = format!("publishing has ended: {error}; contacts go on");
+                        shared.publish(&Event::Notice(Notice { level: Severity::Error, text, at: clock::now() }));
+                        shared.unsubscribe(&mailbox);
+                        return;
+                    }
+                }
+                Taken::Item(_) | Taken::TimedOut => {}
+                Taken::Closed => return,
+            }
+        }
+    };
+    let thread = std::thread::Builder::new().name("dermis-ros2".into()).spawn(run);
+    thread.map_err(|error| LiveError::Given(format!("no thread for publishing: {error}")))
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! The WebSocket of one page.
 
 use super::{ServerState, may_talk};
-use crate::control::ClientSession;
+use crate::runtime::ClientSession;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::extract::{Query, State};
 use axum::http::{HeaderMap, StatusCode, header};

@@ -1,9 +1,9 @@
 //! Contacts as lines of JSON, for any program in any language.
 
 use crate::LiveError;
-use crate::live::{Event, LiveHandle};
-use crate::mailbox::{Mailbox, Taken};
-use crate::report::LiveFrame;
+use crate::runtime::LiveFrame;
+use crate::runtime::{Event, LiveHandle};
+use crate::runtime::{Mailbox, Taken};
 use dermis::pipeline::{ElectrodeState, Timestamp, TrackedContact};
 use schemars::JsonSchema;
 use serde::Serialize;

@@ -1,11 +1,11 @@
 //! What pages are sent: made once for all of them, on a thread of its own.
 
 use crate::clock;
-use crate::control::Control;
-use crate::live::Event;
-use crate::mailbox::Taken;
-use crate::report::LiveFrame;
-use crate::server::scene::{flat_m, scene};
+use crate::runtime::Control;
+use crate::runtime::Event;
+use crate::runtime::LiveFrame;
+use crate::runtime::Taken;
+use crate::sinks::viewer::scene::{flat_m, scene};
 use bytes::Bytes;
 use dermis::method::Method;
 use dermis::pipeline::{Health, Notice, Severity, TrackedContact};

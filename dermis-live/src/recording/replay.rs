@@ -5,9 +5,9 @@
 use crate::LiveError;
 use crate::clock;
 use crate::device::{DeviceFacts, IncomingFrame, Stream};
-use crate::live::{Event as LiveEvent, Fed, LiveHandle, process};
-use crate::record::{Event, RecordError, Recorded, Recording, Session};
-use crate::report::LiveFrame;
+use crate::recording::{Event, RecordError, Recorded, Recording, Session};
+use crate::runtime::LiveFrame;
+use crate::runtime::{Event as LiveEvent, LiveHandle, WorkItem, process};
 use dermis::design::SkinDesign;
 use dermis::method::{Method, MethodSet};
 use dermis::pipeline::{Command, Notice, Pipeline, Severity, State, Timestamp};
@@ -282,7 +282,7 @@ impl Player {
                 None => (Severity::Info, format!("{} is at its end", self.reader.path.display()), true),
                 Some((text, is_end)) => (Severity::Warning, text, is_end),
             };
-            shared.tell(&LiveEvent::Notice(Notice { level, text, at: clock::now() }));
+            shared.publish(&LiveEvent::Notice(Notice { level, text, at: clock::now() }));
             if is_end {
                 return;
             }
@@ -295,14 +295,14 @@ fn feed(reeled: Reeled, pace: &mut Pace, shared: &LiveHandle) {
     match reeled {
         Reeled::Command(command) => {
             await_room(shared);
-            shared.feed(Fed::Command(command));
+            shared.queue(WorkItem::Command(command));
         }
         Reeled::Found(facts) => shared.connected(facts),
         Reeled::Frame(mut incoming) => {
             pace.wait(incoming.input.measured_at, shared);
             await_room(shared);
             incoming.received_at = clock::now();
-            shared.feed(Fed::Frame(incoming));
+            shared.queue(WorkItem::Frame(incoming));
         }
     }
 }

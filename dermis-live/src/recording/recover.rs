@@ -1,9 +1,9 @@
 //! Makes a whole recording of what a cut or damaged one holds.
 
-use crate::record::walk::{End, Item, Walk};
-use crate::record::write::{CHUNK_TIME, Output, options, output};
-use crate::record::{RecordError, read};
-use crate::ros::Topic;
+use crate::recording::walk::{End, Item, Walk};
+use crate::recording::write::{CHUNK_TIME, Output, options, output};
+use crate::recording::{RecordError, read};
+use crate::sinks::ros2::Topic;
 use dermis::pipeline::Timestamp;
 use mcap::records::{AttachmentHeader, Channel, Header, MessageHeader, SchemaHeader};
 use mcap::{Attachment, McapError, McapResult, Writer};

@@ -1,6 +1,6 @@
 //! From readings to ohm.
 
-use crate::scan::{Role, ScanTable};
+use crate::device::{Role, ScanTable};
 use dermis::pipeline::Measurement;
 use dermis::protocol::Protocol;
 use dermis_wire::{Hello, Readings};

@@ -1,6 +1,6 @@
 //! The standard messages, as ROS 2 has had them since Humble. Units are those of REP 103: m, N, N m, s, rad.
 
-use crate::ros::Message;
+use crate::sinks::ros2::Message;
 use dermis::pipeline::Timestamp;
 use serde::{Deserialize, Serialize};
 

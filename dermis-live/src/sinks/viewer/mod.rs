@@ -7,7 +7,7 @@ mod scene;
 mod socket;
 
 use crate::LiveError;
-use crate::control::Control;
+use crate::runtime::Control;
 use axum::Router;
 use axum::http::{HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -49,9 +49,9 @@ impl std::fmt::Debug for Server {
 
 /// The page's files: path, type and bytes.
 const FILES: [(&str, &str, &[u8]); 3] = [
-    ("/", "text/html; charset=utf-8", include_bytes!("../../../viewer/dist/index.html")),
-    ("/viewer.js", "text/javascript; charset=utf-8", include_bytes!("../../../viewer/dist/viewer.js")),
-    ("/viewer.css", "text/css; charset=utf-8", include_bytes!("../../../viewer/dist/viewer.css")),
+    ("/", "text/html; charset=utf-8", include_bytes!("../../../../viewer/dist/index.html")),
+    ("/viewer.js", "text/javascript; charset=utf-8", include_bytes!("../../../../viewer/dist/viewer.js")),
+    ("/viewer.css", "text/css; charset=utf-8", include_bytes!("../../../../viewer/dist/viewer.css")),
 ];
 
 /// Characters of the shortest token.

@@ -1,11 +1,21 @@
-//! Queues that keep the newest.
+//! Queues of limited length that keep the newest items.
 
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// A queue of limited length between two threads. Who puts never waits: where the queue is full the oldest item goes, and
-/// is counted.
+/// A queue of limited length between two threads. Putting never blocks: where the queue is full the oldest item is dropped
+/// and counted.
+///
+/// ```
+/// use dermis_live::{Mailbox, Taken};
+/// use std::time::Duration;
+///
+/// let mailbox = Mailbox::new(2);
+/// (0..3).for_each(|item| mailbox.put(item));
+/// assert_eq!(mailbox.take(Duration::ZERO), Taken::Item(1));
+/// assert_eq!(mailbox.dropped(), 1);
+/// ```
 #[derive(Debug)]
 pub struct Mailbox<T> {
     capacity: usize,
@@ -20,25 +30,25 @@ struct State<T> {
     closed: bool,
 }
 
-/// What came of waiting.
+/// The result of waiting for an item.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Taken<T> {
     /// The oldest item.
     Item(T),
-    /// None came in time.
+    /// No item in time.
     TimedOut,
-    /// None will come any more.
+    /// No item will come any more.
     Closed,
 }
 
 impl<T> Mailbox<T> {
-    /// A queue of so many items.
+    /// A queue of at most so many items.
     pub fn new(capacity: usize) -> Self {
         let state = State { items: VecDeque::with_capacity(capacity.min(1024)), dropped: 0, closed: false };
         Mailbox { capacity: capacity.max(1), state: Mutex::new(state), changed: Condvar::new() }
     }
 
-    /// Puts an item in; never waits for who takes.
+    /// Puts an item in. Never blocks.
     pub fn put(&self, item: T) {
         let mut state = self.lock();
         if state.closed {
@@ -53,7 +63,7 @@ impl<T> Mailbox<T> {
         self.changed.notify_one();
     }
 
-    /// The oldest item, as soon as there is one.
+    /// Takes the oldest item, and waits for it at most so long.
     pub fn take(&self, patience: Duration) -> Taken<T> {
         let until = Instant::now() + patience;
         let mut state = self.lock();
@@ -72,29 +82,29 @@ impl<T> Mailbox<T> {
         }
     }
 
-    /// No more items will be put; those that are there can still be taken.
+    /// Ends the queue: further items are ignored, those in it can still be taken.
     pub fn close(&self) {
         self.lock().closed = true;
         self.changed.notify_all();
     }
 
-    /// Items that went because none took them in time.
+    /// Number of dropped items.
     pub fn dropped(&self) -> u64 {
         self.lock().dropped
     }
 
-    /// Items that wait.
+    /// Number of waiting items.
     pub fn len(&self) -> usize {
         self.lock().items.len()
     }
 
-    /// Whether none waits.
+    /// Whether no item waits.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
     fn lock(&self) -> MutexGuard<'_, State<T>> {
-        // A queue is whole between any two of its operations.
+        // A queue is consistent between any two operations.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -2,8 +2,8 @@
 
 use crate::LiveFrame;
 use crate::clock;
-use crate::record::{Event, RecordError, Session};
-use crate::ros::{self, Due, Message, Reference, Topic};
+use crate::recording::{Event, RecordError, Session};
+use crate::sinks::ros2::{self as ros, Due, Message, Reference, Topic};
 use dermis::pipeline::Timestamp;
 use mcap::records::MessageHeader;
 use mcap::{Attachment, Compression, WriteOptions};
@@ -33,7 +33,7 @@ pub struct Written {
 }
 
 /// Writes frames and events into a file as they come. It has a file of its own from the start on; whatever happens, the
-/// file lacks at most what came in the last 0.4 s, and [`recover`](crate::record::recover) makes it whole.
+/// file lacks at most what came in the last 0.4 s, and [`recover`](crate::recording::recover) makes it whole.
 pub struct Recorder {
     path: PathBuf,
     writer: mcap::Writer<Output<Box<dyn Write + Send>>>,

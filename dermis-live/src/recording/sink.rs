@@ -1,11 +1,11 @@
-//! Threads that record and publish what a live skin tells. None of them can delay a contact.
+//! The thread that records a skin being read. It never blocks the pipeline.
 
 use crate::LiveError;
 use crate::clock;
-use crate::live::{Event, LiveHandle};
-use crate::mailbox::{Mailbox, Taken};
-use crate::record::{self, RecordError, Recorder, Session, Written};
-use crate::ros::Reference;
+use crate::recording::{self as record, RecordError, Recorder, Session, Written};
+use crate::runtime::{Event, LiveHandle};
+use crate::runtime::{Mailbox, Taken};
+use crate::sinks::ros2::Reference;
 use dermis::pipeline::{Command, Notice, Severity};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -15,28 +15,22 @@ use std::time::Duration;
 
 /// Events that may wait for the disk: half a minute at 120 frames a second.
 const WAITING_FOR_DISK: usize = 4096;
-/// Events that may wait for the network.
-#[cfg(feature = "ros2")]
-const WAITING_FOR_NETWORK: usize = 64;
-/// What publishing is called where it leaves something out.
-#[cfg(feature = "ros2")]
-const ROS2: &str = "ROS 2";
-/// How long a recorder waits for a frame before it puts by what it has.
+/// The recorder flushes what it has after so long without an event.
 const PAUSE: Duration = Duration::from_millis(400);
 
-/// A recording that is being made.
+/// A recording in progress.
 pub struct RecordingSink {
     path: PathBuf,
     shared: Arc<LiveHandle>,
     mailbox: Arc<Mailbox<Event>>,
-    told: Arc<Mutex<Told>>,
+    status: Arc<Mutex<RecordingStatus>>,
     thread: JoinHandle<()>,
 }
 
-/// How a recording goes.
+/// Status of a recording.
 #[derive(Debug, Clone, Default)]
-pub struct Told {
-    /// What it holds by now.
+pub struct RecordingStatus {
+    /// What it holds so far.
     pub written: Written,
     /// Why it ended early.
     pub problem: Option<String>,
@@ -52,7 +46,7 @@ impl RecordingSink {
     /// Records from the next frame on; `twin_toml` is the twin that an emulator plays.
     ///
     /// # Errors
-    /// A file that is there already or cannot be written.
+    /// A file that exists already or cannot be written.
     pub fn start(shared: &Arc<LiveHandle>, path: &Path, twin_toml: Option<&str>) -> Result<Self, LiveError> {
         if path.exists() {
             let message =
@@ -60,18 +54,18 @@ impl RecordingSink {
             return Err(LiveError::Given(message));
         }
         let mailbox = shared.subscribe_as("the recording", WAITING_FOR_DISK);
-        shared.tell_state();
-        let told = Arc::new(Mutex::new(Told::default()));
-        let tape = RecorderThread {
+        shared.request_state();
+        let status = Arc::new(Mutex::new(RecordingStatus::default()));
+        let recorder = RecorderThread {
             shared: Arc::clone(shared),
             mailbox: Arc::clone(&mailbox),
-            told: Arc::clone(&told),
+            status: Arc::clone(&status),
             path: path.into(),
             twin_toml: twin_toml.map(str::to_string),
         };
-        let thread = std::thread::Builder::new().name("dermis-record".into()).spawn(move || tape.run());
+        let thread = std::thread::Builder::new().name("dermis-record".into()).spawn(move || recorder.run());
         let thread = thread.map_err(|source| LiveError::Io { path: path.into(), source })?;
-        Ok(RecordingSink { path: path.into(), shared: Arc::clone(shared), mailbox, told, thread })
+        Ok(RecordingSink { path: path.into(), shared: Arc::clone(shared), mailbox, status, thread })
     }
 
     /// The file.
@@ -79,25 +73,25 @@ impl RecordingSink {
         &self.path
     }
 
-    /// How it goes.
-    pub fn told(&self) -> Told {
-        self.told.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    /// Its status.
+    pub fn status(&self) -> RecordingStatus {
+        self.status.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Ends it: what was told by now is recorded, and the file closed.
-    pub fn stop(self) -> Told {
+    /// Ends it: every event so far is recorded, and the file closed.
+    pub fn stop(self) -> RecordingStatus {
         self.shared.unsubscribe(&self.mailbox);
-        // A thread that panicked has told so already.
+        // A thread that panicked has printed its message already.
         let _ = self.thread.join();
-        self.told.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.status.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }
 
-/// What the recording thread has.
+/// The recording thread.
 struct RecorderThread {
     shared: Arc<LiveHandle>,
     mailbox: Arc<Mailbox<Event>>,
-    told: Arc<Mutex<Told>>,
+    status: Arc<Mutex<RecordingStatus>>,
     path: PathBuf,
     twin_toml: Option<String>,
 }
@@ -106,8 +100,8 @@ impl RecorderThread {
     fn run(self) {
         if let Err(error) = self.record() {
             let text = format!("the recording has ended: {error}; contacts go on");
-            self.told.lock().unwrap_or_else(PoisonError::into_inner).problem = Some(error.to_string());
-            self.shared.tell(&Event::Notice(Notice { level: Severity::Error, text, at: clock::now() }));
+            self.status.lock().unwrap_or_else(PoisonError::into_inner).problem = Some(error.to_string());
+            self.shared.publish(&Event::Notice(Notice { level: Severity::Error, text, at: clock::now() }));
             self.shared.unsubscribe(&self.mailbox);
         }
     }
@@ -117,7 +111,7 @@ impl RecorderThread {
         let skin = self.shared.skin();
         let reference = Reference { frame_id: skin.design().name.clone(), space: Arc::clone(skin.pixels()) };
         let mut recorder = Recorder::create(&self.path, reference, &session)?;
-        let mut left_out = self.mailbox.dropped();
+        let mut reported = self.mailbox.dropped();
         loop {
             match self.mailbox.take(PAUSE) {
                 Taken::Item(Event::Frame(frame)) => recorder.frame(&frame)?,
@@ -134,27 +128,27 @@ impl RecorderThread {
                 Taken::TimedOut => recorder.flush()?,
                 Taken::Closed => break,
             }
-            self.told.lock().unwrap_or_else(PoisonError::into_inner).written = recorder.written();
-            // A replay of what follows differs: say so where it is.
+            self.status.lock().unwrap_or_else(PoisonError::into_inner).written = recorder.written();
+            // A replay of what follows differs: report it in the recording, at this place.
             let dropped = self.mailbox.dropped();
-            if dropped > left_out {
-                let text = format!("{} frames or events are missing here: the disk is too slow", dropped - left_out);
+            if dropped > reported {
+                let text = format!("{} frames or events are missing here: the disk is too slow", dropped - reported);
                 let notice = Notice { level: Severity::Warning, text, at: clock::now() };
                 recorder.event(notice.at, &record::Event::Notice(notice.clone()))?;
-                left_out = dropped;
+                reported = dropped;
             }
         }
         let written = recorder.finish()?;
-        self.told.lock().unwrap_or_else(PoisonError::into_inner).written = written;
+        self.status.lock().unwrap_or_else(PoisonError::into_inner).written = written;
         Ok(())
     }
 
-    /// What the recording begins with; `None` where it ends before that.
+    /// The session that the recording begins with; `None` where it is ended before.
     fn await_session(&self) -> Option<Session> {
         loop {
             match self.mailbox.take(PAUSE) {
                 Taken::Item(Event::State(state)) => {
-                    // A device that is away is waited for: without its hello nobody can read its messages.
+                    // Without the hello of a device its messages cannot be read: wait until one is connected.
                     let Some(facts) = self.shared.facts() else { continue };
                     let method = self.shared.methods().method(&state.settings.method);
                     return Some(Session {
@@ -167,7 +161,7 @@ impl RecorderThread {
                         state: serde_json::to_value(&*state).unwrap_or(Value::Null),
                     });
                 }
-                Taken::Item(Event::Connected(_)) => self.shared.tell_state(),
+                Taken::Item(Event::Connected(_)) => self.shared.request_state(),
                 Taken::Item(_) | Taken::TimedOut => {}
                 Taken::Closed => return None,
             }
@@ -177,39 +171,4 @@ impl RecorderThread {
 
 fn command_value(command: &Command) -> Value {
     serde_json::to_value(command).unwrap_or(Value::Null)
-}
-
-/// Publishes over DDS until the live skin stops.
-///
-/// # Errors
-/// A domain that cannot be joined.
-#[cfg(feature = "ros2")]
-pub fn publish(shared: &Arc<LiveHandle>, options: &crate::dds::PublisherOptions) -> Result<JoinHandle<()>, LiveError> {
-    let skin = shared.skin();
-    let reference = Reference { frame_id: skin.design().name.clone(), space: Arc::clone(skin.pixels()) };
-    let given = |error: crate::dds::PublishError| LiveError::Given(error.to_string());
-    let mut publisher = crate::dds::Publisher::new(reference, options).map_err(given)?;
-    let shared = Arc::clone(shared);
-    let mailbox = shared.subscribe_as(ROS2, WAITING_FOR_NETWORK);
-    let run = move || {
-        let mut left_out = 0;
-        loop {
-            match mailbox.take(Duration::from_secs(1)) {
-                Taken::Item(Event::Frame(frame)) => {
-                    shared.leave_out(ROS2, publisher.dropped() - left_out);
-                    left_out = publisher.dropped();
-                    if let Err(error) = publisher.frame(&frame) {
-                        let text = format!("publishing has ended: {error}; contacts go on");
-                        shared.tell(&Event::Notice(Notice { level: Severity::Error, text, at: clock::now() }));
-                        shared.unsubscribe(&mailbox);
-                        return;
-                    }
-                }
-                Taken::Item(_) | Taken::TimedOut => {}
-                Taken::Closed => return,
-            }
-        }
-    };
-    let thread = std::thread::Builder::new().name("dermis-ros2".into()).spawn(run);
-    thread.map_err(|error| LiveError::Given(format!("no thread for publishing: {error}")))
 }

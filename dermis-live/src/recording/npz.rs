@@ -1,8 +1,8 @@
 //! A recording as arrays for NumPy.
 
-use crate::record::RecordError;
-use crate::record::convert::{Columns, Converted, Row, Rows};
-use crate::ros::{CONTACT_FIELDS, Image};
+use crate::recording::RecordError;
+use crate::recording::convert::{Columns, Converted, Row, Rows};
+use crate::sinks::ros2::{CONTACT_FIELDS, Image};
 use dermis::frame::npy_header;
 use std::fs::File;
 use std::io::{BufWriter, Write};

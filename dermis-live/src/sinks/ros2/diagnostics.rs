@@ -1,7 +1,7 @@
 //! How the skin and its instrument are, as ROS tools show it.
 
 use crate::LiveFrame;
-use crate::ros::{DiagnosticArray, DiagnosticStatus, KeyValue, Reference};
+use crate::sinks::ros2::{DiagnosticArray, DiagnosticStatus, KeyValue, Reference};
 use dermis::pipeline::{ElectrodeHealth, ElectrodeState, Health};
 use std::fmt::Display;
 

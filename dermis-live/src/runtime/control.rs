@@ -1,10 +1,10 @@
-//! What people and programs may ask of a live skin.
+//! Requests of pages and programs to a skin being read.
 
 use crate::LiveError;
 use crate::clock;
 use crate::emulator::Emulator;
-use crate::live::LiveHandle;
-use crate::sink::{RecordingSink, Told};
+use crate::recording::{RecordingSink, RecordingStatus};
+use crate::runtime::LiveHandle;
 use dermis::geom::{Point3, Surface};
 use dermis::pipeline::Command;
 use serde::Deserialize;
@@ -14,21 +14,21 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// What may be asked of a live skin, as pages ask it.
+/// A request, as pages send it.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(tag = "do", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Request {
-    /// Take the skin as it is for untouched.
+    /// Measure the baseline again.
     // With braces, so that a field that it does not have is refused.
     Tare {},
-    /// Change the threshold.
+    /// Change the detection threshold.
     Threshold {
-        /// Times the method's own.
+        /// Threshold relative to the method's own.
         value: f64,
     },
-    /// Make images otherwise.
+    /// Change the method.
     Method {
-        /// The method's name.
+        /// Name of the method.
         name: String,
     },
     /// Begin or end a recording.
@@ -36,44 +36,44 @@ pub enum Request {
         /// Begin.
         on: bool,
     },
-    /// Hold the frames of this page back.
+    /// Stop or continue the frames of this page.
     Pause {
         /// Begin.
         on: bool,
     },
     /// Press the emulated skin.
     Press {
-        /// Which finger.
+        /// Number of the finger.
         finger: u32,
-        /// Where, m.
+        /// Position, m.
         position_m: Point3,
-        /// How hard, N.
+        /// Force, N.
         force_n: f64,
     },
     /// Lift a finger.
     Release {
-        /// Which.
+        /// Number of the finger.
         finger: u32,
     },
 }
 
-/// A live skin with all that belongs to it: what pages and programs talk to.
+/// A skin being read with its emulator and its recording: receives the requests of pages and programs.
 pub struct Control {
     shared: Arc<LiveHandle>,
     emulator: Option<Arc<Emulator>>,
     source: String,
-    tapes: RecordingOptions,
-    taping: Mutex<Option<RecordingSink>>,
-    /// The number that the next finger of a guest has on the emulated skin.
+    recording_options: RecordingOptions,
+    recording: Mutex<Option<RecordingSink>>,
+    /// The number of the next client's finger on the emulated skin.
     next_finger: AtomicU32,
 }
 
-/// Where recordings go, and what they carry.
+/// Options of recordings.
 #[derive(Debug, Clone, Default)]
 pub struct RecordingOptions {
-    /// The folder of recordings that pages ask for; they are named by the time.
+    /// Folder of the recordings that pages request; they are named by the time.
     pub folder: PathBuf,
-    /// The twin that an emulator plays.
+    /// The digital twin of the emulator (TOML).
     pub twin_toml: Option<String>,
 }
 
@@ -81,63 +81,70 @@ pub struct RecordingOptions {
 const MOST_N: f64 = 20.0;
 
 impl Control {
-    /// Of a live skin; `source` tells in words where its frames come from.
+    /// For a skin being read; `source` describes where its frames come from.
     pub fn new(
         shared: Arc<LiveHandle>,
         emulator: Option<Arc<Emulator>>,
         source: String,
-        tapes: RecordingOptions,
+        recording_options: RecordingOptions,
     ) -> Self {
-        Control { shared, emulator, source, tapes, taping: Mutex::new(None), next_finger: AtomicU32::new(0) }
+        Control {
+            shared,
+            emulator,
+            source,
+            recording_options,
+            recording: Mutex::new(None),
+            next_finger: AtomicU32::new(0),
+        }
     }
 
-    /// The live skin.
+    /// The handle of the skin.
     pub fn shared(&self) -> &Arc<LiveHandle> {
         &self.shared
     }
 
-    /// The emulated device, where there is one inside.
+    /// The emulated device, where there is one in this program.
     pub fn emulator(&self) -> Option<&Arc<Emulator>> {
         self.emulator.as_ref()
     }
 
-    /// Where frames come from, in words.
+    /// Description of where frames come from.
     pub fn source(&self) -> &str {
         &self.source
     }
 
-    /// The recording as pages are told of it; `null` without one.
+    /// The recording as pages receive it; `null` without one.
     pub fn recording(&self) -> Value {
-        let taping = self.lock();
-        let Some(taping) = &*taping else { return Value::Null };
-        let told = taping.told();
-        let bytes = std::fs::metadata(taping.path()).map_or(0, |file| file.len());
-        let path = taping.path().display().to_string();
-        json!({ "path": path, "frames": told.written.frames, "bytes": bytes, "problem": told.problem })
+        let recording = self.lock();
+        let Some(recording) = &*recording else { return Value::Null };
+        let status = recording.status();
+        let bytes = std::fs::metadata(recording.path()).map_or(0, |file| file.len());
+        let path = recording.path().display().to_string();
+        json!({ "path": path, "frames": status.written.frames, "bytes": bytes, "problem": status.problem })
     }
 
     /// Begins a recording.
     ///
     /// # Errors
-    /// One that is being made already; a file that is there already.
+    /// A recording in progress; a file that exists already.
     pub fn record(&self, path: &Path) -> Result<(), LiveError> {
-        let mut taping = self.lock();
-        if let Some(taping) = &*taping {
-            return Err(LiveError::Given(format!("{} is being recorded already", taping.path().display())));
+        let mut recording = self.lock();
+        if let Some(recording) = &*recording {
+            return Err(LiveError::Given(format!("{} is being recorded already", recording.path().display())));
         }
-        *taping = Some(RecordingSink::start(&self.shared, path, self.tapes.twin_toml.as_deref())?);
+        *recording = Some(RecordingSink::start(&self.shared, path, self.recording_options.twin_toml.as_deref())?);
         Ok(())
     }
 
-    /// Ends the recording, if there is one; its file and how it went.
-    pub fn end_recording(&self) -> Option<(PathBuf, Told)> {
-        let taping = self.lock().take()?;
-        let path = taping.path().to_path_buf();
-        Some((path, taping.stop()))
+    /// Ends the recording, if there is one; its file and status.
+    pub fn end_recording(&self) -> Option<(PathBuf, RecordingStatus)> {
+        let recording = self.lock().take()?;
+        let path = recording.path().to_path_buf();
+        Some((path, recording.stop()))
     }
 
     fn lock(&self) -> MutexGuard<'_, Option<RecordingSink>> {
-        self.taping.lock().unwrap_or_else(PoisonError::into_inner)
+        self.recording.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn release(&self, finger: u32) {
@@ -146,7 +153,7 @@ impl Control {
         }
     }
 
-    /// Does what is asked; fingers have their numbers on the emulated skin.
+    /// Carries out a request; fingers have their numbers on the emulated skin.
     fn carry_out(&self, request: &Request) -> Result<(), LiveError> {
         match request {
             Request::Tare {} => self.shared.command(Command::Tare),
@@ -167,7 +174,7 @@ impl Control {
             Request::Record { on: true } => {
                 let seconds = clock::now().unix_ns / 1_000_000_000;
                 let name = format!("{}-{seconds}.mcap", self.shared.skin().design().name);
-                self.record(&self.tapes.folder.join(name))?;
+                self.record(&self.recording_options.folder.join(name))?;
             }
             Request::Record { on: false } => drop(self.end_recording()),
             Request::Pause { .. } => {}
@@ -186,32 +193,32 @@ impl Control {
     }
 }
 
-/// One of those who ask things of a live skin, as a page does: with its own fingers, which are lifted when it goes.
+/// A client such as a page, with its own fingers on the emulated skin. They are released when it disconnects.
 pub struct ClientSession {
     control: Arc<Control>,
-    /// Its fingers that press, by its own numbers: theirs on the emulated skin, where no other guest's finger has them.
+    /// Its pressing fingers: their numbers on the emulated skin, which are unique among all clients, by its own numbers.
     fingers: BTreeMap<u32, u32>,
     paused: bool,
 }
 
-/// Fingers of a guest that may press at once.
+/// Most fingers of a client that press at once.
 const MOST_FINGERS: usize = 10;
 
 impl ClientSession {
-    /// Of a live skin.
+    /// For a skin being read.
     pub fn new(control: Arc<Control>) -> Self {
         ClientSession { control, fingers: BTreeMap::new(), paused: false }
     }
 
-    /// Whether it wants no frames now.
+    /// Whether its frames are paused.
     pub fn is_paused(&self) -> bool {
         self.paused
     }
 
-    /// Does what a message asks.
+    /// Carries out the request of a message.
     ///
     /// # Errors
-    /// A message that is no request, or that cannot be done; in words.
+    /// A message that is no request, or a request that fails; a message for people.
     pub fn ask(&mut self, text: &str) -> Result<(), String> {
         let mut request: Request =
             serde_json::from_str(text).map_err(|error| format!("this message is no command: {error}"))?;
@@ -243,7 +250,7 @@ impl Drop for ClientSession {
     }
 }
 
-/// The point of the surface nearest to one that was picked on a drawing of it, which has corners.
+/// The point of the surface nearest to one that was picked on its triangles.
 fn onto(surface: &Surface, point: Point3) -> Point3 {
     match *surface {
         Surface::Cylinder { length_m, .. } => {

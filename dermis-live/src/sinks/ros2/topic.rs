@@ -1,8 +1,8 @@
 //! What a frame says on each topic.
 
 use crate::LiveFrame;
-use crate::ros::{DiagnosticArray, MarkerArray, Text, UInt8MultiArray};
-use crate::ros::{Header, Image, Message, PointCloud2, PointField, Time, Vector3, Wrench, WrenchStamped};
+use crate::sinks::ros2::{DiagnosticArray, MarkerArray, Text, UInt8MultiArray};
+use crate::sinks::ros2::{Header, Image, Message, PointCloud2, PointField, Time, Vector3, Wrench, WrenchStamped};
 use dermis::image::PixelSpace;
 use dermis::pipeline::{Timestamp, TrackedContact};
 use std::sync::Arc;

@@ -8,7 +8,9 @@ mod event;
 mod npz;
 mod read;
 mod recover;
+mod replay;
 mod session;
+mod sink;
 mod walk;
 mod write;
 
@@ -16,7 +18,9 @@ pub use convert::{Converted, convert};
 pub use event::Event;
 pub use read::{Recorded, Recording};
 pub use recover::{Recovered, recover, recover_into};
+pub use replay::{Player, Replay, Replayed};
 pub use session::Session;
+pub use sink::{RecordingSink, RecordingStatus};
 pub use write::{Recorder, Written};
 
 use std::path::{Path, PathBuf};

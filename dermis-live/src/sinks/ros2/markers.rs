@@ -1,7 +1,7 @@
 //! Contacts drawn for RViz and its like.
 
 use crate::LiveFrame;
-use crate::ros::{ColorRGBA, Marker, MarkerArray, Point, Pose, Reference, Vector3};
+use crate::sinks::ros2::{ColorRGBA, Marker, MarkerArray, Point, Pose, Reference, Vector3};
 use dermis::pipeline::TrackedContact;
 use std::time::Duration;
 

@@ -1,0 +1,246 @@
+//! The handle of a skin being read: subscriptions, commands and facts.
+
+use crate::clock;
+use crate::device::{DeviceFacts, IncomingFrame};
+use crate::runtime::{Event, Mailbox, Taken, lock};
+use dermis::method::MethodSet;
+use dermis::pipeline::{Command, Notice, Pipeline, Settings, Severity, State};
+use dermis::skin::Skin;
+use std::collections::{BTreeMap, VecDeque};
+use std::mem::discriminant;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+/// A subscriber receives the notices of this time after the start, however late in it it subscribes.
+const EARLY: Duration = Duration::from_secs(5);
+/// Frames that can wait for the pipeline: half a second at 120 frames per second.
+const MOST_WAITING: usize = 64;
+
+/// The handle of a skin being read, shared between threads.
+pub struct LiveHandle {
+    methods: Arc<MethodSet>,
+    work: Mailbox<WorkItem>,
+    commands: Mutex<VecDeque<Command>>,
+    subscribers: Mutex<Vec<Subscriber>>,
+    start: Instant,
+    /// Notices of the first seconds, for later subscribers.
+    early_notices: Mutex<Vec<Notice>>,
+    /// Events dropped by sinks whose subscription has ended, and those that sinks report themselves.
+    dropped: Mutex<BTreeMap<&'static str, u64>>,
+    state: Mutex<State>,
+    facts: Mutex<Option<Arc<DeviceFacts>>>,
+    method: Mutex<String>,
+    state_requested: AtomicBool,
+    playing: AtomicBool,
+    stopped: AtomicBool,
+}
+
+/// A receiver of events.
+struct Subscriber {
+    /// Its name in the counts of dropped events; a subscriber without a name is not counted.
+    sink: Option<&'static str>,
+    mailbox: Arc<Mailbox<Event>>,
+}
+
+/// An item of work for the pipeline's thread.
+pub(crate) enum WorkItem {
+    /// A frame.
+    Frame(Box<IncomingFrame>),
+    /// A command of a recording, between the same frames as in the recording.
+    Command(Command),
+}
+
+impl LiveHandle {
+    pub(super) fn new(pipeline: &Pipeline) -> Arc<Self> {
+        Arc::new(LiveHandle {
+            methods: Arc::clone(pipeline.methods()),
+            work: Mailbox::new(MOST_WAITING),
+            commands: Mutex::default(),
+            subscribers: Mutex::default(),
+            start: Instant::now(),
+            early_notices: Mutex::default(),
+            dropped: Mutex::default(),
+            state: Mutex::new(pipeline.state().clone()),
+            facts: Mutex::default(),
+            method: Mutex::new(pipeline.method().name().into()),
+            state_requested: AtomicBool::new(false),
+            playing: AtomicBool::new(false),
+            stopped: AtomicBool::new(false),
+        })
+    }
+
+    /// Queues an item for the pipeline's thread.
+    pub(crate) fn queue(&self, item: WorkItem) {
+        self.work.put(item);
+    }
+
+    /// Whether one more item could drop an older one.
+    pub(crate) fn is_full(&self) -> bool {
+        self.work.len() + 1 >= MOST_WAITING
+    }
+
+    /// Announces a device.
+    pub(crate) fn connected(&self, facts: DeviceFacts) {
+        let facts = Arc::new(facts);
+        *lock(&self.facts) = Some(Arc::clone(&facts));
+        self.publish(&Event::Connected(facts));
+    }
+
+    /// The skin.
+    pub fn skin(&self) -> &Skin {
+        self.methods.skin()
+    }
+
+    /// The methods that the pipeline can change between.
+    pub fn methods(&self) -> &Arc<MethodSet> {
+        &self.methods
+    }
+
+    /// Subscribes to the events from now on. Where they are not taken fast enough, the oldest are dropped.
+    pub fn subscribe(&self, capacity: usize) -> Arc<Mailbox<Event>> {
+        self.add_subscriber(None, capacity)
+    }
+
+    /// The same for a sink: its dropped events are counted by its name ([`dropped`](Self::dropped)) and reported.
+    pub fn subscribe_as(&self, sink: &'static str, capacity: usize) -> Arc<Mailbox<Event>> {
+        self.add_subscriber(Some(sink), capacity)
+    }
+
+    fn add_subscriber(&self, sink: Option<&'static str>, capacity: usize) -> Arc<Mailbox<Event>> {
+        let mailbox = Arc::new(Mailbox::new(capacity));
+        if let Some(facts) = lock(&self.facts).clone() {
+            mailbox.put(Event::Connected(facts));
+        }
+        if self.start.elapsed() < EARLY {
+            lock(&self.early_notices).iter().for_each(|notice| mailbox.put(Event::Notice(notice.clone())));
+        }
+        lock(&self.subscribers).push(Subscriber { sink, mailbox: Arc::clone(&mailbox) });
+        mailbox
+    }
+
+    /// Ends a subscription.
+    pub fn unsubscribe(&self, mailbox: &Arc<Mailbox<Event>>) {
+        let mut subscribers = lock(&self.subscribers);
+        let ended = subscribers.extract_if(.., |other| Arc::ptr_eq(&other.mailbox, mailbox));
+        ended.filter_map(|ended| ended.sink).for_each(|sink| self.add_dropped(sink, mailbox.dropped()));
+        mailbox.close();
+    }
+
+    /// Counts events that a sink dropped by itself.
+    pub fn add_dropped(&self, sink: &'static str, count: u64) {
+        *lock(&self.dropped).entry(sink).or_default() += count;
+    }
+
+    /// Events that each sink has dropped since the start.
+    pub fn dropped(&self) -> BTreeMap<&'static str, u64> {
+        let subscribers = lock(&self.subscribers);
+        let mut counts = lock(&self.dropped).clone();
+        for Subscriber { sink, mailbox } in subscribers.iter() {
+            if let (Some(sink), dropped @ 1..) = (sink, mailbox.dropped()) {
+                *counts.entry(sink).or_default() += dropped;
+            }
+        }
+        counts.retain(|_, count| *count > 0);
+        counts
+    }
+
+    /// Queues a command, to be carried out before the next frame; [`Event::Done`] or a notice reports it. It replaces a waiting
+    /// command of its kind, so that a frame waits for at most one command of each kind.
+    pub fn command(&self, command: Command) {
+        let mut commands = lock(&self.commands);
+        commands.retain(|other| discriminant(other) != discriminant(&command));
+        commands.push_back(command);
+    }
+
+    /// Requests [`Event::State`] before the next frame.
+    pub fn request_state(&self) {
+        self.state_requested.store(true, Ordering::Relaxed);
+    }
+
+    /// The state of the pipeline, at most a few seconds old.
+    pub fn state(&self) -> State {
+        lock(&self.state).clone()
+    }
+
+    /// The settings in use.
+    pub fn settings(&self) -> Settings {
+        lock(&self.state).settings.clone()
+    }
+
+    /// The name of the method in use.
+    pub fn method(&self) -> String {
+        lock(&self.method).clone()
+    }
+
+    /// The facts of the device, while one is connected.
+    pub fn facts(&self) -> Option<Arc<DeviceFacts>> {
+        lock(&self.facts).clone()
+    }
+
+    /// Frames that were dropped before the pipeline, because they arrived faster than it works.
+    pub fn skipped(&self) -> u64 {
+        self.work.dropped()
+    }
+
+    /// Whether it is being stopped.
+    pub fn is_stopped(&self) -> bool {
+        self.stopped.load(Ordering::Relaxed)
+    }
+
+    /// Sends an event to every subscriber.
+    pub fn publish(&self, event: &Event) {
+        if let (Event::Notice(notice), true) = (event, self.start.elapsed() < EARLY) {
+            lock(&self.early_notices).push(notice.clone());
+        }
+        lock(&self.subscribers).iter().for_each(|subscriber| subscriber.mailbox.put(event.clone()));
+    }
+
+    pub(super) fn notice(&self, level: Severity, text: String) {
+        self.publish(&Event::Notice(Notice { level, text, at: clock::now() }));
+    }
+
+    pub(super) fn stop(&self) {
+        self.stopped.store(true, Ordering::Relaxed);
+    }
+
+    pub(super) fn begin_playback(&self) {
+        self.playing.store(true, Ordering::Relaxed);
+    }
+
+    pub(super) fn is_playing(&self) -> bool {
+        self.playing.load(Ordering::Relaxed)
+    }
+
+    /// No more items will be queued.
+    pub(super) fn close_work(&self) {
+        self.work.close();
+    }
+
+    pub(super) fn take_work(&self, timeout: Duration) -> Taken<WorkItem> {
+        self.work.take(timeout)
+    }
+
+    pub(super) fn close_mailboxes(&self) {
+        lock(&self.subscribers).iter().for_each(|subscriber| subscriber.mailbox.close());
+    }
+
+    pub(super) fn take_command(&self) -> Option<Command> {
+        lock(&self.commands).pop_front()
+    }
+
+    /// Whether the state was requested since the last call.
+    pub(super) fn take_state_request(&self) -> bool {
+        self.state_requested.swap(false, Ordering::Relaxed)
+    }
+
+    /// Publishes state and method.
+    pub(super) fn set_state(&self, pipeline: &Pipeline) {
+        *lock(&self.state) = pipeline.state().clone();
+        *lock(&self.method) = pipeline.method().name().into();
+    }
+
+    pub(super) fn disconnected(&self) {
+        *lock(&self.facts) = None;
+    }
+}

@@ -1,0 +1,168 @@
+//! A skin being read: a thread for the device, a thread for the pipeline, and subscribers.
+//!
+//! Each subscriber has a [`Mailbox`] of its own that keeps the newest events: a slow subscriber never blocks the pipeline.
+//!
+//! ```
+//! use dermis::method::{MethodSet, Methods};
+//! use dermis::pipeline::Settings;
+//! use dermis::skin::Skin;
+//! use dermis_live::device::{Address, DeviceOptions};
+//! use dermis_live::{Live, LiveError, LiveOptions};
+//! use std::sync::Arc;
+//!
+//! let methods = Arc::new(MethodSet::new(&Methods::linear(), Skin::load("skin16")?, None)?);
+//! let address = Address::parse("tcp:127.0.0.1:1")?; // no device listens there
+//! let options =
+//!     LiveOptions { address, device: DeviceOptions::default(), settings: Settings::default(), state: None };
+//! assert!(matches!(Live::start(methods, options), Err(LiveError::Unreachable { .. })));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod control;
+mod device_thread;
+mod frame;
+mod handle;
+mod mailbox;
+mod pipeline_thread;
+
+pub use control::{ClientSession, Control, RecordingOptions, Request};
+pub use frame::LiveFrame;
+pub use handle::LiveHandle;
+pub use mailbox::{Mailbox, Taken};
+
+pub(crate) use handle::WorkItem;
+pub(crate) use pipeline_thread::process;
+
+use crate::LiveError;
+use crate::device::{Address, Device, DeviceFacts, DeviceOptions};
+use crate::recording::Player;
+use crate::runtime::device_thread::DeviceThread;
+use crate::runtime::pipeline_thread::PipelineThread;
+use dermis::method::MethodSet;
+use dermis::pipeline::{Command, Notice, Pipeline, Settings, State};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// How a skin is read.
+#[derive(Debug, Clone)]
+pub struct LiveOptions {
+    /// Address of the device.
+    pub address: Address,
+    /// Options of the device.
+    pub device: DeviceOptions,
+    /// Settings of the pipeline.
+    pub settings: Settings,
+    /// The state of an earlier run, to continue from instead of a tare.
+    pub state: Option<State>,
+}
+
+/// What subscribers receive.
+#[derive(Debug, Clone)]
+pub enum Event {
+    /// A device was connected.
+    Connected(Arc<DeviceFacts>),
+    /// The device was lost; the reason. The connection is tried again.
+    Lost(String),
+    /// A frame.
+    Frame(Arc<LiveFrame>),
+    /// A message for people.
+    Notice(Notice),
+    /// A command was carried out, before the frames that follow.
+    Done(Command),
+    /// The state of the pipeline between the frames before and after, where it was requested.
+    State(Arc<State>),
+}
+
+/// A skin that is being read.
+pub struct Live {
+    shared: Arc<LiveHandle>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+impl std::fmt::Debug for Live {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.debug_struct("Live").field("skin", self.shared.skin()).finish_non_exhaustive()
+    }
+}
+
+impl Live {
+    /// Connects to the device and begins to read it.
+    ///
+    /// # Errors
+    /// A device that cannot be reached or is refused; settings out of their ranges.
+    pub fn start(methods: Arc<MethodSet>, options: LiveOptions) -> Result<Self, LiveError> {
+        let pipeline = match options.state {
+            Some(state) => Pipeline::resume(Arc::clone(&methods), state)?,
+            None => Pipeline::new(Arc::clone(&methods), options.settings.clone())?,
+        };
+        let device = Device::connect(&options.address, methods.skin(), options.device, None)?;
+        let shared = LiveHandle::new(&pipeline);
+        let thread = DeviceThread::new(Arc::clone(&shared), options.address, options.device);
+        Ok(Self::with_threads(shared, pipeline, true, move || thread.run(device)))
+    }
+
+    /// Prepares to play a recording instead of a device; [`begin_playback`](Self::begin_playback) begins. At its end all
+    /// mailboxes are closed.
+    ///
+    /// # Errors
+    /// An unknown method, a state of another skin.
+    pub fn play(methods: Arc<MethodSet>, player: Player) -> Result<Self, LiveError> {
+        let pipeline = Pipeline::resume(methods, player.state().clone())?;
+        let shared = LiveHandle::new(&pipeline);
+        shared.connected(player.facts().clone());
+        let handle = Arc::clone(&shared);
+        let play = move || {
+            while !handle.is_playing() && !handle.is_stopped() {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            player.play(&handle);
+            handle.close_work();
+        };
+        Ok(Self::with_threads(shared, pipeline, false, play))
+    }
+
+    fn with_threads(
+        shared: Arc<LiveHandle>,
+        pipeline: Pipeline,
+        rebuilds: bool,
+        source: impl FnOnce() + Send + 'static,
+    ) -> Self {
+        let worker = PipelineThread::new(Arc::clone(&shared), pipeline, rebuilds);
+        let threads = vec![spawn("dermis-listen", source), spawn("dermis-contacts", move || worker.run())];
+        Live { shared, threads }
+    }
+
+    /// Begins to play the recording. Who subscribes before receives its first frame.
+    pub fn begin_playback(&self) {
+        self.shared.begin_playback();
+    }
+
+    /// The handle to subscribe with and to send commands with.
+    pub fn shared(&self) -> &Arc<LiveHandle> {
+        &self.shared
+    }
+
+    /// Stops reading and returns the state of the pipeline. Mailboxes are closed once they have every event.
+    pub fn stop(self) -> State {
+        self.shared.stop();
+        for thread in self.threads {
+            // A thread that panicked has printed its message already.
+            let _ = thread.join();
+        }
+        self.shared.close_mailboxes();
+        self.shared.state()
+    }
+}
+
+fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> JoinHandle<()> {
+    std::thread::Builder::new().name(name.into()).spawn(run).expect("a thread can be started")
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    // The data behind these locks is consistent between any two operations.
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Threads look at least this often whether they shall stop.
+const POLL: Duration = Duration::from_millis(50);

@@ -1,0 +1,163 @@
+//! The thread that runs the pipeline.
+
+use crate::clock;
+use crate::device::IncomingFrame;
+use crate::runtime::{Event, LiveFrame, LiveHandle, POLL, Taken, WorkItem};
+use dermis::pipeline::{Command, DriftFit, Pipeline, PipelineError, RebuiltMethod, Severity};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Least interval between two reports of dropped events.
+const REPORT_DROPPED: Duration = Duration::from_secs(1);
+/// Interval at which the state is saved for [`LiveHandle::state`].
+const SAVE: Duration = Duration::from_secs(5);
+
+/// Runs the pipeline on the frames of the device, and its jobs on threads of their own.
+pub(super) struct PipelineThread {
+    shared: Arc<LiveHandle>,
+    pipeline: Pipeline,
+    /// Whether the method is prepared again when the masked channels change; a recording says itself when it was.
+    rebuilds: bool,
+    rebuilding: Option<JoinHandle<Result<RebuiltMethod, PipelineError>>>,
+    fitting: Option<JoinHandle<Result<DriftFit, PipelineError>>>,
+    /// The masked channels of the last attempt to prepare the method again: it is not repeated.
+    tried_without: Option<Vec<usize>>,
+    saved_at: Instant,
+    /// The dropped events that were reported, and when.
+    reported_dropped: (BTreeMap<&'static str, u64>, Instant),
+}
+
+impl PipelineThread {
+    pub fn new(shared: Arc<LiveHandle>, pipeline: Pipeline, rebuilds: bool) -> Self {
+        PipelineThread {
+            shared,
+            pipeline,
+            rebuilds,
+            rebuilding: None,
+            fitting: None,
+            tried_without: None,
+            saved_at: Instant::now(),
+            reported_dropped: (BTreeMap::new(), Instant::now()),
+        }
+    }
+
+    /// Runs until no more frames come.
+    pub fn run(mut self) {
+        loop {
+            self.run_commands();
+            self.report_dropped();
+            match self.shared.take_work(POLL) {
+                Taken::Item(WorkItem::Frame(incoming)) => self.process(*incoming),
+                Taken::Item(WorkItem::Command(command)) => self.carry_out(command),
+                Taken::TimedOut => {}
+                Taken::Closed => break,
+            }
+        }
+        self.shared.set_state(&self.pipeline);
+        self.shared.close_mailboxes();
+    }
+
+    fn process(&mut self, incoming: IncomingFrame) {
+        self.install_drift_fit();
+        match process(&mut self.pipeline, incoming) {
+            Ok(frame) => self.shared.publish(&Event::Frame(Arc::new(frame))),
+            Err(error) => self.shared.notice(Severity::Error, error.to_string()),
+        }
+        for notice in self.pipeline.take_notices() {
+            self.shared.publish(&Event::Notice(notice));
+        }
+        self.start_drift_fit();
+        self.rebuild();
+        if self.saved_at.elapsed() > SAVE {
+            self.saved_at = Instant::now();
+            self.shared.set_state(&self.pipeline);
+        }
+    }
+
+    /// Reports the events that sinks have dropped since the last report.
+    fn report_dropped(&mut self) {
+        let (reported, reported_at) = &mut self.reported_dropped;
+        if reported_at.elapsed() < REPORT_DROPPED {
+            return;
+        }
+        for (sink, count) in self.shared.dropped() {
+            let more = count.saturating_sub(reported.get(sink).copied().unwrap_or(0));
+            if more > 0 {
+                let text = format!("{sink}: too slow, {more} frames or messages were dropped");
+                self.shared.notice(Severity::Warning, text);
+            }
+        }
+        // These notices can be dropped themselves: they are not to be reported.
+        (*reported, *reported_at) = (self.shared.dropped(), Instant::now());
+    }
+
+    fn run_commands(&mut self) {
+        if self.shared.take_state_request() {
+            self.shared.publish(&Event::State(Arc::new(self.pipeline.state().clone())));
+        }
+        while let Some(command) = self.shared.take_command() {
+            // From here on the playback differs from the recording.
+            self.rebuilds = true;
+            self.carry_out(command);
+        }
+    }
+
+    fn carry_out(&mut self, command: Command) {
+        match self.pipeline.command(&command) {
+            Ok(()) => {
+                // Another method may work without channels that this one needs.
+                self.tried_without = None;
+                self.shared.set_state(&self.pipeline);
+                self.shared.publish(&Event::Done(command));
+            }
+            Err(error) => self.shared.notice(Severity::Error, error.to_string()),
+        }
+    }
+
+    /// Has the method prepared again on a thread of its own where that is wanted, and installs the result.
+    fn rebuild(&mut self) {
+        if let Some(thread) = self.rebuilding.take_if(|thread| thread.is_finished()) {
+            // A thread that panicked has printed its message already.
+            match thread.join().map(|made| made.map(|rebuilt| self.pipeline.install_method(rebuilt))) {
+                Ok(Ok(true)) => self.shared.publish(&Event::Done(Command::Rebuild)),
+                Ok(Ok(false)) | Err(_) => {}
+                Ok(Err(error)) => self.shared.notice(Severity::Error, error.to_string()),
+            }
+        }
+        if self.rebuilding.is_some() || !self.rebuilds || !self.pipeline.wants_rebuild() {
+            return;
+        }
+        let broken = self.pipeline.masked_channels();
+        if self.tried_without.as_ref() == Some(&broken) {
+            return;
+        }
+        self.tried_without = Some(broken);
+        let rebuilding = self.pipeline.rebuild_job();
+        let thread = std::thread::Builder::new().name("dermis-rebuild".into());
+        self.rebuilding = thread.spawn(move || rebuilding.run()).ok();
+    }
+
+    /// Has a drift fit computed on a thread of its own, where the pipeline offers one.
+    fn start_drift_fit(&mut self) {
+        if let Some(job) = self.pipeline.drift_fit_job() {
+            let thread = std::thread::Builder::new().name("dermis-drift".into());
+            // Without a thread the pipeline computes it when it is needed.
+            self.fitting = thread.spawn(move || job.run()).ok();
+        }
+    }
+
+    fn install_drift_fit(&mut self) {
+        if let Some(Ok(Ok(fit))) = self.fitting.take_if(|thread| thread.is_finished()).map(JoinHandle::join) {
+            self.pipeline.install_drift_fit(fit);
+        }
+    }
+}
+
+/// Processes a frame as it was received.
+pub(crate) fn process(pipeline: &mut Pipeline, incoming: IncomingFrame) -> Result<LiveFrame, PipelineError> {
+    let IncomingFrame { input, received_at, message } = incoming;
+    let result = pipeline.process(input)?;
+    Ok(LiveFrame { result, received_at, output_at: clock::now(), message })
+}

@@ -1,0 +1,5 @@
+//! Outputs of contacts. None of them can block the pipeline.
+
+pub mod jsonl;
+pub mod ros2;
+pub mod viewer;
