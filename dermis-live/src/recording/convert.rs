@@ -170,7 +170,7 @@ fn tables(path: &Path, folder: &Path) -> Result<(Converted, Columns), RecordErro
     };
     let [mut frames, mut times, mut contacts] = [create("frames.csv")?, create("times.csv")?, create("contacts.csv")?];
     let io = |source| RecordError::io(folder, source);
-    let names: Vec<&str> = CONTACT_FIELDS.iter().map(|field| field.0).collect();
+    let names: Vec<&str> = CONTACT_FIELDS.iter().map(|field| field.1).collect();
     writeln!(times, "sequence,measured_s,output_s").map_err(io)?;
     writeln!(contacts, "frame,measured_s,{}", names.join(",")).map_err(io)?;
     let mut rows = Rows::open(path)?;
@@ -222,7 +222,7 @@ fn contact_lines(file: &mut impl Write, frame: usize, row: &Row, columns: &mut C
     let (contacts, _) = numbers.as_chunks::<{ CONTACT_FIELDS.len() }>();
     for contact in contacts {
         write!(file, "{frame},{}", seconds(row.measured_ns))?;
-        for ((name, _), &bytes) in CONTACT_FIELDS.iter().zip(contact) {
+        for ((name, ..), &bytes) in CONTACT_FIELDS.iter().zip(contact) {
             match *name {
                 "id" => write!(file, ",{}", u32::from_le_bytes(bytes))?,
                 _ => write!(file, ",{:?}", f32::from_le_bytes(bytes))?,

@@ -54,9 +54,9 @@ fn small(archive: &mut Archive, columns: &Columns) -> std::io::Result<()> {
     array(archive, "measured_ns", "<u8", columns.measured_ns.iter().map(|value| value.to_le_bytes()))?;
     array(archive, "output_ns", "<u8", columns.output_ns.iter().map(|value| value.to_le_bytes()))?;
     array(archive, "contact_frame", "<u8", columns.contact_frames.iter().map(|value| value.to_le_bytes()))?;
-    for (index, (field, _)) in CONTACT_FIELDS.iter().enumerate() {
-        let dtype = if *field == "id" { "<u4" } else { "<f4" };
-        array(archive, &format!("contact_{field}"), dtype, columns.contacts.iter().map(|contact| contact[index]))?;
+    for (index, (_, column, _)) in CONTACT_FIELDS.iter().enumerate() {
+        let dtype = if *column == "id" { "<u4" } else { "<f4" };
+        array(archive, &format!("contact_{column}"), dtype, columns.contacts.iter().map(|contact| contact[index]))?;
     }
     Ok(())
 }

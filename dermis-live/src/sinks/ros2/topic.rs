@@ -163,25 +163,26 @@ fn picture(header: Header, [rows, columns]: [usize; 2], values: impl Iterator<It
     }
 }
 
-/// What each contact is in a cloud of points, with its unit. All but `id` are float32; four bytes each.
-pub const CONTACT_FIELDS: [(&str, &str); 17] = [
-    ("x", "m"),
-    ("y", "m"),
-    ("z", "m"),
-    ("nx", "outward unit normal"),
-    ("ny", "outward unit normal"),
-    ("nz", "outward unit normal"),
-    ("strength", "of the image, times m2"),
-    ("area", "m2"),
-    ("id", "uint32: the lowest 32 bits of the contact's number"),
-    ("confidence", "0 to 1"),
-    ("force", "N, NaN where unknown"),
-    ("force_sd", "N, NaN where unknown"),
-    ("sd", "m, of the position, per axis"),
-    ("vx", "m/s"),
-    ("vy", "m/s"),
-    ("vz", "m/s"),
-    ("age", "s"),
+/// The fields of a contact in a point cloud, four bytes each, all but `id` float32: name in the message, column in tables as in
+/// [`Contact::COLUMNS`](dermis::contact::Contact::COLUMNS), and unit.
+pub const CONTACT_FIELDS: [(&str, &str, &str); 17] = [
+    ("x", "x_m", "m"),
+    ("y", "y_m", "m"),
+    ("z", "z_m", "m"),
+    ("nx", "normal_x", "outward unit normal"),
+    ("ny", "normal_y", "outward unit normal"),
+    ("nz", "normal_z", "outward unit normal"),
+    ("strength", "strength", "of the image, times m2"),
+    ("area", "area_m2", "m2"),
+    ("id", "id", "uint32: the lowest 32 bits of the contact's number"),
+    ("confidence", "confidence", "0 to 1"),
+    ("force", "force_n", "N, NaN where unknown"),
+    ("force_sd", "force_sd_n", "N, NaN where unknown"),
+    ("sd", "sd_m", "m, of the position, per axis"),
+    ("vx", "velocity_x_m_s", "m/s"),
+    ("vy", "velocity_y_m_s", "m/s"),
+    ("vz", "velocity_z_m_s", "m/s"),
+    ("age", "age_s", "s"),
 ];
 
 /// The contacts as points, the oldest first.
@@ -189,7 +190,7 @@ pub fn contacts(reference: &Reference, live: &LiveFrame) -> PointCloud2 {
     const FIELD_BYTES: usize = 4;
     const FLOAT32: u8 = 7;
     const UINT32: u8 = 6;
-    let field = |(index, (name, _)): (usize, (&str, &str))| PointField {
+    let field = |(index, (name, ..)): (usize, (&str, &str, &str))| PointField {
         name: name.into(),
         offset: (index * FIELD_BYTES) as u32,
         datatype: if name == "id" { UINT32 } else { FLOAT32 },
