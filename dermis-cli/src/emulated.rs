@@ -7,36 +7,35 @@ use dermis_live::emulator::{Emulator, EmulatorOptions, Script, TimedFault};
 use dermis_sim::twin::TwinOptions;
 use std::sync::Arc;
 
-/// What is emulated.
+/// The emulated device.
 #[derive(Debug, Clone, Args)]
 pub struct EmulatorArguments {
     /// Digital twin: the path of a file, or a shipped name (ideal, lab, harsh).
     #[arg(long, value_name = "TWIN", default_value = "lab")]
     twin: String,
-    /// Its seed, which is the number of the device too.
+    /// Seed of the twin, and serial number of the device.
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
-    /// What touches it: a script's file, or none, random, press, slide, cross, four, grid (the presses of `dermis experiment`, one
-    /// after the other, each held).
+    /// Touch script: the path of a file, or none, random, press, slide, cross, four, grid (the presses of `dermis experiment`).
     #[arg(long, value_name = "SCRIPT", default_value = "none")]
     touch: String,
-    /// What goes wrong, and when (s): loose:ELECTRODE[:OHM]@10, mend:ELECTRODE@20, noise:COUNTS@10+5, bytes:SHARE@0+60,
-    /// unplug@10+3. May be given several times.
+    /// Fault and its time (s): loose:ELECTRODE[:OHM]@10, mend:ELECTRODE@20, noise:COUNTS@10+5, bytes:SHARE@0+60,
+    /// unplug@10+3. May be given more than once.
     #[arg(long, value_name = "FAULT")]
     fault: Vec<String>,
-    /// Seconds of the device (of `live`: or of a recording) that pass in one of ours.
+    /// Speed of the simulated device or of a recording, as a multiple of real time.
     #[arg(long, value_name = "TIMES", default_value_t = 1.0)]
     speed: f64,
-    /// Make so many frames beforehand and send them over and over, to try high rates.
+    /// Compute this many frames in advance and send them repeatedly, for high rates.
     #[arg(long, value_name = "FRAMES", default_value_t = 0, hide_default_value = true)]
     prerender: usize,
-    /// Send frames as fast as the line takes them.
+    /// Send frames at the full rate of the connection.
     #[arg(long)]
     unpaced: bool,
 }
 
 impl EmulatorArguments {
-    /// Powers the device up.
+    /// Starts the device.
     pub fn emulator(&self, design: &SkinDesign) -> Outcome<Arc<Emulator>> {
         let faults = self.fault.iter().map(|fault| fault.parse()).collect::<Result<Vec<TimedFault>, _>>();
         let twin = TwinOptions::load(&self.twin)?;
@@ -52,12 +51,12 @@ impl EmulatorArguments {
         Ok(Emulator::new(design, options)?)
     }
 
-    /// Seconds of the device, or of a recording in its place, that pass in one of ours.
+    /// Speed as a multiple of real time.
     pub fn speed(&self) -> f64 {
         self.speed
     }
 
-    /// It in words.
+    /// A short description.
     pub fn summary(&self) -> String {
         format!("emulator: {}, seed {}", self.twin, self.seed)
     }

@@ -9,18 +9,18 @@ use std::path::PathBuf;
 /// The arguments of `dermis convert`.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The recording, finished or cut.
+    /// Recording, complete or truncated.
     recording: PathBuf,
-    /// The folder to make, which must not be there yet: frames.csv, times.csv, contacts.csv and recording.npz.
+    /// Folder to write, which must not exist: frames.csv, times.csv, contacts.csv and recording.npz.
     #[arg(short, long, value_name = "FOLDER")]
     output: PathBuf,
-    /// Print what was converted as JSON.
+    /// Print a summary as JSON.
     #[arg(long)]
     json: bool,
 }
 
 impl Arguments {
-    /// Converts.
+    /// Converts the recording.
     pub fn run(self) -> Outcome {
         let converted = {
             let _waiting = Progress::waiting("converting");

@@ -16,10 +16,10 @@ pub struct Arguments {
     design: String,
     #[command(flatten)]
     emulator: EmulatorArguments,
-    /// Where it can be reached over TCP; port 0 is any free one.
+    /// TCP address; port 0 selects a free port.
     #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:7420")]
     tcp: String,
-    /// As a serial port in place of TCP: a pseudo terminal, whose path is printed.
+    /// Serve a serial port instead of TCP: a pseudo terminal, whose path is printed.
     #[arg(long, conflicts_with = "tcp")]
     pty: bool,
 }

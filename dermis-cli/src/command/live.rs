@@ -30,59 +30,58 @@ use std::time::{Duration, Instant};
 pub struct Arguments {
     /// Design: the path of a file, or a shipped name.
     design: String,
-    /// Where frames come from: `emulate` (a twin inside this program), tcp:HOST:PORT, serial:PATH[@BAUD] or replay:FILE (a
-    /// recording, at its own pace or --speed times as fast, from the state at its beginning on).
+    /// Source of frames: `emulate` (a simulated device inside this program), tcp:HOST:PORT, serial:PATH[@BAUD], or replay:FILE (a
+    /// recording, at its own rate or --speed times as fast).
     #[arg(long, value_name = "SOURCE", default_value = "emulate")]
     source: String,
     #[command(flatten)]
     emulator: EmulatorArguments,
     #[arg(long, value_name = "NAME|FOLDER", help = METHOD_HELP)]
     method: Option<String>,
-    /// What a contact's signal must exceed, times the method's own [default: 1]
+    /// Detection threshold, as a multiple of the method's own [default: 1]
     #[arg(long, value_name = "TIMES")]
     threshold: Option<f64>,
-    /// A part of the skin with a name and a threshold of its own, times that of the rest: what lies in a ball of metres,
-    /// NAME=X,Y,Z,RADIUS,TIMES. May be given several times.
+    /// Named zone with its own threshold, NAME=X,Y,Z,RADIUS,TIMES: a ball (m) and a multiple of --threshold. May be given more than
+    /// once.
     #[arg(long, value_name = "ZONE")]
     zone: Vec<String>,
-    /// Frames a second; as many as the device sends without it.
+    /// Frame rate [default: the device's own]
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
-    /// Record into a file (MCAP), which must not be there yet.
+    /// Record to a new file (MCAP).
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
-    /// Publish over DDS, as a ROS 2 node; the domain is that of ROS_DOMAIN_ID. Needs a program built with `--features
+    /// Publish over DDS as a ROS 2 node, in the domain ROS_DOMAIN_ID. Needs a program built with `--features
     /// ros2`.
     #[arg(long)]
     ros2: bool,
-    /// Before the topics' names, as in /left_arm.
+    /// Namespace of the ROS 2 topics, as in /left_arm.
     #[arg(long, value_name = "NAME", default_value = "", hide_default_value = true, requires = "ros2")]
     namespace: String,
-    /// Write a line of JSON for each frame: `-` to standard output, tcp:127.0.0.1:PORT to every program of this
-    /// machine that connects.
+    /// Write a line of JSON per frame: `-` to standard output, tcp:127.0.0.1:PORT to every program on this machine that connects.
     #[arg(long, value_name = "WHERE")]
     jsonl: Option<String>,
-    /// Where the viewer is served; `off` for none. Anywhere but on this machine needs --token.
+    /// Address of the viewer, or `off`. Any address beyond this machine needs --token.
     #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:8420")]
     serve: String,
-    /// What pages must know: at least eight characters.
+    /// Access token of the viewer, at least eight characters.
     #[arg(long, value_name = "SECRET")]
     token: Option<String>,
-    /// Keep the untouched frame in a file, and go on with it in place of a tare where it is there already.
+    /// State file: the baseline and settings are restored from it, if it exists, instead of a tare, and saved to it.
     #[arg(long, value_name = "FILE")]
     state: Option<PathBuf>,
-    /// End after so many seconds.
+    /// Run for this many seconds.
     #[arg(long = "for", value_name = "SECONDS")]
     for_s: Option<f64>,
-    /// When it ends, draw how long contacts took from the last byte of their frame, as SVG.
+    /// Draw a histogram of the latency from the last byte of a frame to its contacts (SVG).
     #[arg(long, value_name = "FILE")]
     latency: Option<PathBuf>,
-    /// When it ends, print what it counted and measured as JSON.
+    /// Print the statistics of the run as JSON.
     #[arg(long, conflicts_with = "jsonl")]
     json: bool,
 }
 
-/// Events that may wait to be counted.
+/// Capacity of the queue of events.
 const WAITING: usize = 1 << 16;
 
 impl Arguments {
@@ -112,7 +111,7 @@ impl Arguments {
         counted.tell(self.latency.as_deref(), self.json)
     }
 
-    /// Refuses files that could not be written at the end, before anything begins.
+    /// Refuses output files in missing folders before anything starts.
     fn check_folders(&self) -> Outcome {
         for path in [&self.record, &self.state, &self.latency].into_iter().flatten() {
             let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -124,7 +123,7 @@ impl Arguments {
         Ok(())
     }
 
-    /// A recording in the place of a device. What is asked for here goes before what it was recorded with.
+    /// Plays a recording. Options given here override the recorded settings.
     fn play(&self, methods: &Arc<MethodSet>, recording: &Path) -> Outcome<Live> {
         if self.state.is_some() || self.rate.is_some() {
             let fix = "leave --state and --rate out: a recording has its own";
@@ -168,7 +167,7 @@ impl Arguments {
         Ok(Some(serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?))
     }
 
-    /// Where the device is; an emulated one is powered up.
+    /// The address of the device; starts an emulated one.
     fn address(&self, design: &SkinDesign) -> Outcome<(Address, Option<Arc<Emulator>>)> {
         if self.source != "emulate" {
             return Ok((Address::parse(&self.source)?, None));
@@ -186,7 +185,7 @@ impl Arguments {
         Ok((address, Some(emulator)))
     }
 
-    /// Opens all that is told of frames.
+    /// Starts the outputs.
     fn open(&self, control: &Arc<Control>) -> Outcome<Sinks> {
         let shared = control.shared();
         let mut sinks = Sinks::default();
@@ -225,7 +224,7 @@ impl Arguments {
         Ok(sinks)
     }
 
-    /// Counts what happens and tells a person of it, until the end.
+    /// Shows notices and statistics until the end.
     fn watch(&self, live: &Live) -> Outcome<Latencies> {
         let ended = Arc::new(AtomicBool::new(false));
         let end = Arc::clone(&ended);
@@ -255,7 +254,7 @@ impl Arguments {
         Ok(latencies)
     }
 
-    /// Ends all in order: nothing that was recorded is lost.
+    /// Stops everything in order, so that no recorded frame is lost.
     fn close(&self, live: Live, emulator: Option<Arc<Emulator>>, control: &Control, sinks: Sinks) -> Outcome {
         let taped = control.end_recording();
         let state = live.stop();
@@ -280,7 +279,7 @@ impl Arguments {
     }
 }
 
-/// What is told of frames.
+/// The outputs of frames.
 #[derive(Default)]
 struct Sinks {
     server: Option<Server>,
@@ -289,7 +288,7 @@ struct Sinks {
     lines: Option<JoinHandle<()>>,
 }
 
-/// Waits until a thread has ended, but not for long: the end of the program ends it in any case.
+/// Waits a short time for a thread to end.
 fn wait_a_moment(thread: &JoinHandle<()>) {
     let begun = Instant::now();
     while !thread.is_finished() && begun.elapsed() < Duration::from_millis(500) {

@@ -9,18 +9,18 @@ use std::path::PathBuf;
 /// The arguments of `dermis recover`.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The recording that was interrupted or damaged; it stays as it is.
+    /// Truncated or damaged recording; it is not changed.
     recording: PathBuf,
-    /// The file to write, which must not be there yet.
+    /// File to write; it must not exist.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// Print what was recovered as JSON.
+    /// Print a summary as JSON.
     #[arg(long)]
     json: bool,
 }
 
 impl Arguments {
-    /// Recovers.
+    /// Repairs the recording.
     pub fn run(self) -> Outcome {
         let recovered = {
             let _waiting = Progress::waiting("recovering");

@@ -13,21 +13,21 @@ use std::path::PathBuf;
 /// The arguments of `dermis replay`.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The recording, finished or cut.
+    /// Recording, complete or truncated.
     recording: PathBuf,
     /// Folder of the network that the recording was made with, unless a shipped one.
     #[arg(long, value_name = "FOLDER")]
     method: Option<String>,
-    /// Print contacts alone, without the times at which they were made: the same of every replay, to the last byte.
+    /// Print contacts alone, without times of output: identical for every replay.
     #[arg(long)]
     contacts: bool,
-    /// Print a summary in place of a line of JSON for each frame.
+    /// Print a summary instead of a line of JSON per frame.
     #[arg(long, conflicts_with = "contacts")]
     summary: bool,
 }
 
 impl Arguments {
-    /// Replays as fast as it goes.
+    /// Replays at full speed.
     pub fn run(self) -> Outcome {
         let mut replay = Replay::with_model(&self.recording, self.method.as_deref())?;
         let name = replay.skin().design().name.clone();

@@ -13,10 +13,10 @@ use std::path::PathBuf;
 pub struct Arguments {
     /// Design: the path of a file, or a shipped name.
     design: String,
-    /// Write a C header for firmware in place of CSV.
+    /// Write a C header instead of CSV.
     #[arg(long)]
     header: bool,
-    /// Write to a file in place of standard output.
+    /// File to write instead of standard output.
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
 }
