@@ -156,7 +156,7 @@ fn alpha_is_a_number_or_a_rule() {
         at.refused(&run(wrong));
     }
     assert!(at.refused(&run("--alpha-absolute")).contains("--alpha-absolute needs a number"));
-    assert!(at.refused(&run("--alpha 1 --alpha-absolute 2")).contains("two alphas"));
+    assert!(at.refused(&run("--alpha 1 --alpha-absolute 2")).contains("two values of alpha"));
 }
 
 #[test]
@@ -183,7 +183,7 @@ fn methods_are_told_apart() {
         at.refused("reconstruct disk.toml --frames frames.csv --baseline rest.csv --method greit --alpha 1 -o g.csv");
     assert!(wrong.contains("noise-figure"), "{wrong}");
     let wrong = at.refused("reconstruct disk.toml --frames frames.csv --baseline rest.csv --leave-out 40 -o a.csv");
-    assert!(wrong.contains("channel 40 is to be left out, but the channels are 0 to 39"), "{wrong}");
+    assert!(wrong.contains("cannot leave channel 40 out: the channels are 0 to 39"), "{wrong}");
     let wrong = at.refused("reconstruct disk.toml --frames frames.csv --baseline rest.csv --method noise -o a.csv");
     assert!(wrong.contains("noser"), "{wrong}");
 }
@@ -246,7 +246,7 @@ fn presses_in_a_robots_frame_are_aligned_first() {
     assert!(json["localisation_m"]["mean"].as_f64().unwrap() < 0.006, "{json}");
     assert!(at.good(&format!("{input} --align 20")).contains("seen mirrored"));
 
-    assert!(at.refused(input).contains("find out with --align N"));
+    assert!(at.refused(input).contains("align with --align N"));
     assert!(at.refused(&format!("{input} --align 40")).contains("40"));
     assert!(at.refused(&format!("{input} --align 20 --alpha 1")).contains("cannot be used with"));
     let own = input.replace("robot.csv", "skin.csv");

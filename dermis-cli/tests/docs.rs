@@ -102,7 +102,10 @@ fn check_cargo(words: &[&str], tests: &BTreeSet<String>) -> Result<(), String> {
                 let name = format!("{package}/tests/{}", value());
                 exists(&format!("{name}.rs")).or_else(|_| exists(&format!("{name}/main.rs")))?;
             }
-            "--example" => exists(&format!("{package}/examples/{}.rs", value()))?,
+            "--example" => {
+                let example = format!("{package}/examples/{}", value());
+                exists(&format!("{example}/main.rs")).or_else(|_| exists(&format!("{example}.rs")))?;
+            }
             "--" if is_run => break,
             word if word.starts_with('-') => {}
             name if is_test(name, tests) => {}

@@ -141,7 +141,7 @@ fn arguments_that_cannot_be_name_themselves_and_the_fix() {
     let at = Workplace::new();
     let wrong = |arguments: &str, words: &[&str]| refused(&at, &format!("{DISK} {arguments}"), words);
     wrong("--zone palm=1,2", &["`palm=1,2`", "NAME=X,Y,Z,RADIUS,TIMES"]);
-    wrong("--zone palm=0,0,0,-1,2", &["zone `palm`", "radius positive"]);
+    wrong("--zone palm=0,0,0,-1,2", &["zone `palm`", "a positive radius"]);
     wrong("--threshold 0", &["threshold is 0", "above 0"]);
     wrong("--threshold NaN", &["threshold is NaN"]);
     wrong("--fault fire@1", &["`fire@1`", "loose:7@10"]);
@@ -286,13 +286,13 @@ fn what_was_recorded_with_a_network_of_ones_own_is_replayed_with_it_and_no_other
     let run = "live skin16 --serve off --touch press --threshold 0.3 --for 3.4 --record own.mcap --method ./own";
     let output = at.run(run);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    refused(&at, "replay own.mcap", &["own.mcap", "the network `own`", "--method FOLDER"]);
+    refused(&at, "replay own.mcap", &["own.mcap", "the network `./own`", "--method FOLDER"]);
     refused(&at, "replay own.mcap --method ./other", &["own.mcap", "other is another one", "card"]);
     std::fs::rename(at.path("own"), at.path("moved")).unwrap();
     let contacts = at.good("replay own.mcap --method ./moved --contacts");
     assert!(contacts.lines().any(|line| line.contains("position_m")));
     let played = "live skin16 --serve off --speed 4 --jsonl - --source replay:own.mcap";
-    refused(&at, played, &["the network `own`", "--method FOLDER"]);
+    refused(&at, played, &["the network `./own`", "--method FOLDER"]);
     let output = at.run(&format!("{played} --method ./moved"));
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let lines = String::from_utf8(output.stdout).unwrap();
