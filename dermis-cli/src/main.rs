@@ -17,7 +17,7 @@ use std::process::ExitCode;
 #[command(
     name = "dermis",
     version,
-    about,
+    about = "Electrical resistance tomography (ERT) skins for robots: design, simulation, reconstruction, live contacts",
     after_help = "DESIGN is the path of a design file or a shipped name: \
     cylinder30, skin16, tank16. Exit codes: 0 success, 2 invalid input, 1 internal error."
 )]
