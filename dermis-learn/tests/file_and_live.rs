@@ -16,6 +16,9 @@ const RELEASED: u64 = 30;
 /// Frames after the beginning or the end of a press in which the tracker may lag behind: a contact counts from its second frame on,
 /// and ends 50 ms after it was last seen.
 const LAG: u64 = 8;
+/// Share of untouched frames in which a file may have a false contact. A file's frames are judged one by one; in the pipeline a
+/// contact needs two frames in a row, both of them touched by the voltages alone, so it has none.
+const MOST_SINGLE: f64 = 0.03;
 /// The tracker averages positions over a few frames; a single frame scatters by its noise.
 const SCATTER_M: f64 = 2e-3;
 const MEAN_M: f64 = 0.5e-3;
@@ -78,6 +81,7 @@ fn frames_of_a_file_and_of_the_pipeline_give_the_same_contacts() {
     for name in ["noser", "best"] {
         let (file, live) = (from_file(&skin, name, &frames), from_pipeline(&skin, name, &frames));
         let (mut distances_m, mut compared) = (Vec::new(), 0);
+        let (mut single, mut untouched) = (0, 0);
         for (index, ((file, live), (_, touches))) in file.iter().zip(&live).zip(&frames).enumerate() {
             let since = (index as u64).checked_sub(TARE).map(|since| since % (HELD + RELEASED));
             let Some(since) = since.filter(|since| since % HELD >= LAG && (*since < HELD || since - HELD >= LAG))
@@ -85,7 +89,13 @@ fn frames_of_a_file_and_of_the_pipeline_give_the_same_contacts() {
                 continue;
             };
             let at = format!("{name}, frame {index} ({since} after the press)");
-            assert_eq!((file.len(), live.len()), (*touches, *touches), "{at}");
+            assert_eq!(live.len(), *touches, "{at}");
+            if *touches == 0 {
+                single += file.len();
+                untouched += 1;
+                continue;
+            }
+            assert_eq!(file.len(), *touches, "{at}");
             for contact in live {
                 let distance_m = |other: &&Contact| surface.distance_m(other.position_m, contact.position_m);
                 let nearest = file.iter().min_by(|a, b| distance_m(a).total_cmp(&distance_m(b))).unwrap();
@@ -96,7 +106,13 @@ fn frames_of_a_file_and_of_the_pipeline_give_the_same_contacts() {
             compared += 1;
         }
         let mean_m = dermis::stats::mean(&distances_m);
-        println!("{name}: {compared} frames, {} contacts, {:.3} mm apart on average", distances_m.len(), 1e3 * mean_m);
-        assert!(compared > 150 && mean_m < MEAN_M, "{name}: {:.3} mm", 1e3 * mean_m);
+        println!(
+            "{name}: {compared} touched frames, {} contacts, {:.3} mm apart on average; {single} of {untouched} untouched frames \
+             of the file with a false contact",
+            distances_m.len(),
+            1e3 * mean_m
+        );
+        assert!(single as f64 <= MOST_SINGLE * untouched as f64, "{name}: {single} of {untouched}");
+        assert!(compared > 100 && mean_m < MEAN_M, "{name}: {:.3} mm", 1e3 * mean_m);
     }
 }
