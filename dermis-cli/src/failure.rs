@@ -109,10 +109,13 @@ impl From<dermis_live::LiveError> for Failure {
     fn from(error: dermis_live::LiveError) -> Self {
         match error {
             dermis_live::LiveError::Dermis(error) => error.into(),
-            dermis_live::LiveError::Sim(error) => error.into(),
-            dermis_live::LiveError::Method(error) => error.into(),
-            dermis_live::LiveError::Pipeline(dermis::pipeline::PipelineError::Method(error)) => error.into(),
-            dermis_live::LiveError::Pipeline(dermis::pipeline::PipelineError::Dermis(error)) => error.into(),
+            dermis_live::LiveError::Sim(error) => (*error).into(),
+            dermis_live::LiveError::Method(error) => (*error).into(),
+            dermis_live::LiveError::Pipeline(error) => match *error {
+                dermis::pipeline::PipelineError::Method(error) => (*error).into(),
+                dermis::pipeline::PipelineError::Dermis(error) => (*error).into(),
+                error => Failure::given(error, None),
+            },
             error => Failure::given(error, None),
         }
     }

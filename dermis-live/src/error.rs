@@ -11,13 +11,13 @@ pub enum LiveError {
     Dermis(#[from] dermis::Error),
     /// A twin that cannot be built or pressed.
     #[error(transparent)]
-    Sim(#[from] dermis_sim::Error),
+    Sim(Box<dermis_sim::Error>),
     /// A method that does not exist or cannot be prepared.
     #[error(transparent)]
-    Method(#[from] dermis::method::MethodError),
+    Method(Box<dermis::method::MethodError>),
     /// A pipeline that cannot be made, or a frame or command that it refuses.
     #[error(transparent)]
-    Pipeline(#[from] dermis::pipeline::PipelineError),
+    Pipeline(Box<dermis::pipeline::PipelineError>),
     /// A protocol too large for the wire.
     #[error(transparent)]
     Scan(#[from] crate::device::TooLarge),
@@ -60,3 +60,16 @@ pub enum LiveError {
         source: std::io::Error,
     },
 }
+
+/// Errors of other crates, boxed: their paths and values would make every result of this crate larger.
+macro_rules! boxed {
+    ($($variant:ident($error:ty)),*) => {
+        $(impl From<$error> for LiveError {
+            fn from(error: $error) -> Self {
+                LiveError::$variant(Box::new(error))
+            }
+        })*
+    };
+}
+
+boxed!(Sim(dermis_sim::Error), Method(dermis::method::MethodError), Pipeline(dermis::pipeline::PipelineError));

@@ -317,7 +317,7 @@ fn emulated(twin: &str) -> Arc<Emulator> {
         prerendered: 0,
         unpaced: false,
     };
-    Emulator::new(&design, options).unwrap()
+    Emulator::new(design, options).unwrap()
 }
 
 #[test]

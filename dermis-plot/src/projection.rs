@@ -48,6 +48,9 @@ pub struct Projection {
     high: Place,
 }
 
+/// The ends of an edge, and the numbers of its tiles that face the viewer and that do not.
+type Edge = ([Point3; 2], [usize; 2]);
+
 impl Projection {
     /// The projection in which the body just fills the plot.
     pub fn new(camera: &Camera, tiles: &[Tile]) -> Self {
@@ -163,7 +166,7 @@ impl Projection {
         // Corners that differ by rounding are one corner.
         let grain_m = 1e-4 * PLOT_SIZE / self.pixels_per_m;
         let key = |corner: Point3| corner.map(|length_m| (length_m / grain_m).round() as i64);
-        let mut edges: HashMap<[[i64; 3]; 2], ([Point3; 2], [usize; 2])> = HashMap::new();
+        let mut edges: HashMap<[[i64; 3]; 2], Edge> = HashMap::new();
         let mut order = Vec::new();
         for tile in tiles {
             let side = usize::from(self.facing(tile.normal()) < 0.0);

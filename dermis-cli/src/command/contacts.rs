@@ -27,6 +27,9 @@ pub struct Arguments {
     output: PathBuf,
 }
 
+/// Writes the contacts of frames on a surface.
+type Format = fn(&mut dyn Write, &[Vec<Contact>], &Surface) -> std::io::Result<()>;
+
 /// A line of JSON.
 #[derive(Serialize)]
 struct FrameContacts<'a> {
@@ -51,7 +54,7 @@ impl Arguments {
         print(&format!("{path}: {count} contacts in {frames} frames ({})\n", method.description()))
     }
 
-    fn format(&self) -> Outcome<fn(&mut dyn Write, &[Vec<Contact>], &Surface) -> std::io::Result<()>> {
+    fn format(&self) -> Outcome<Format> {
         match self.output.extension().and_then(|extension| extension.to_str()) {
             Some("csv") => Ok(write_csv),
             Some("jsonl") => Ok(write_jsonl),

@@ -37,7 +37,7 @@ pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>) -> Result<
 
 /// Whether the first line of a file names or counts the columns; see [`parse`].
 fn is_header(line: &str, separator: char, columns: Option<usize>) -> bool {
-    if line.split(separator).any(|field| holds_several_numbers(field)) {
+    if line.split(separator).any(holds_several_numbers) {
         return false;
     }
     let fields: Vec<Option<f64>> = line.split(separator).map(|field| number(field, separator)).collect();

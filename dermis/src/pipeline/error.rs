@@ -9,10 +9,10 @@ use thiserror::Error;
 pub enum PipelineError {
     /// A method that does not exist or cannot be prepared.
     #[error(transparent)]
-    Method(#[from] MethodError),
+    Method(Box<MethodError>),
     /// A computation that failed.
     #[error(transparent)]
-    Dermis(#[from] crate::Error),
+    Dermis(Box<crate::Error>),
     /// A setting out of its range.
     #[error("{0}")]
     Setting(String),
@@ -34,6 +34,19 @@ pub enum PipelineError {
 
 impl From<ReconstructError> for PipelineError {
     fn from(error: ReconstructError) -> Self {
-        PipelineError::Dermis(error.into())
+        crate::Error::from(error).into()
+    }
+}
+
+// Boxed: their paths and values would make every result of the pipeline larger.
+impl From<crate::Error> for PipelineError {
+    fn from(error: crate::Error) -> Self {
+        PipelineError::Dermis(Box::new(error))
+    }
+}
+
+impl From<MethodError> for PipelineError {
+    fn from(error: MethodError) -> Self {
+        PipelineError::Method(Box::new(error))
     }
 }

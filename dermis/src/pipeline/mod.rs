@@ -23,7 +23,9 @@
 //! # let noise = Noise::at_snr_db(70.0, &frames[0], &design.protocol, f64::INFINITY)?;
 //! # let (_, drive_of) = design.protocol.drives();
 //! # let measure = |index: u64| {
-//! #     noise.apply(&frames[usize::from(index >= 100)], &drive_of, &mut sample_rng(7, index)).0
+//! #     // The instrument of this skin measures amplitudes.
+//! #     let frame = noise.apply(&frames[usize::from(index >= 100)], &drive_of, &mut sample_rng(7, index));
+//! #     frame.iter().map(|value| value.abs()).collect::<Vec<f64>>()
 //! # };
 //! let mut contacts = Vec::new();
 //! for index in 0..110 {
