@@ -1,10 +1,9 @@
-//! Touch for robots, from a handful of electrodes.
+//! Electrical resistance tomography skins: sensing, from a design to contacts.
 //!
 //! A skin's [design](design::SkinDesign) becomes a [mesh](mesh::Mesh), the mesh a
-//! [forward model](forward::ForwardModel); the forward model makes [frames](frame::Frame) of voltages
-//! and the Jacobian; a [reconstruction](reconstruct::Reconstruct) makes an [image](image::Image) from a
-//! frame; [detection](detect) finds the contacts in it, and [evaluation](evaluate) scores them against
-//! the truth.
+//! [forward model](forward::ForwardModel), which gives [frames](frame::Frame) of voltages and the Jacobian. A
+//! [skin](skin::Skin) holds these, prepared once. A [method](method::Method) reconstructs an [image](image::Image) from a
+//! frame, [detection](detect) finds the contacts in it, and the [pipeline](pipeline::Pipeline) does this for a stream of frames.
 //!
 //! Signs, orders, axes and units are those of `docs/conventions.md`: SI everywhere, indices from 0.
 
