@@ -86,6 +86,10 @@ fn results_have_the_shapes_that_scripts_expect() {
     let images = read_csv(&at.path("images.csv"));
     assert_eq!((images.len(), images[0].len()), (2, 64));
     assert!(images[0][0].is_nan() && images[0][28].is_finite(), "NaN outside the disk, numbers inside");
+    at.good(&format!("reconstruct {input} -o images.vtu"));
+    let mesh = std::fs::read_to_string(at.path("images.vtu")).unwrap();
+    assert!(mesh.contains("Name=\"frame 0\"") && mesh.contains("Name=\"frame 1\""), "a field for each frame");
+    assert!(at.refused(&format!("reconstruct {input} -o images.mat")).contains(".npy, .npz, .csv or .vtu"));
     at.good(&format!("contacts {input} -o contacts.csv"));
     let contacts = std::fs::read_to_string(at.path("contacts.csv")).unwrap();
     let header = "frame,id,x_m,y_m,z_m,normal_x,normal_y,normal_z,force_n,force_sd_n,strength,area_m2,sd_m,confidence,theta_rad\n";

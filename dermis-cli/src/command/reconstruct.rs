@@ -1,12 +1,15 @@
 //! `dermis reconstruct`: frames to images.
 
 use crate::console::print;
-use crate::failure::Outcome;
+use crate::failure::{Failure, Outcome};
 use crate::frames::{FrameArguments, images};
 use crate::method::MethodArguments;
 use crate::skin::{self, Per};
 use clap::Args;
 use dermis::frame::write_array;
+use dermis::image::Image;
+use dermis::mesh::export::{CellField, save_cell_fields};
+use dermis::skin::Skin;
 use std::path::PathBuf;
 
 /// The arguments of `dermis reconstruct`.
@@ -21,7 +24,8 @@ pub struct Arguments {
     /// Elements of an image.
     #[arg(long, value_enum, default_value_t = Per::Pixel)]
     per: Per,
-    /// Images to write: NPY or NPZ, frames x rows x columns (NaN outside the body) or frames x cells; CSV, one image per row.
+    /// Images to write: NPY or NPZ, frames x rows x columns (NaN outside the body) or frames x cells; CSV, one image per row; VTU (ParaView), the mesh with a
+    /// field per image.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 }
@@ -33,18 +37,51 @@ impl Arguments {
             (skin, Per::Pixel) => skin,
             (skin, Per::Cell) => skin.with_cells_as_pixels(),
         };
+        let is_mesh_file = self.is_mesh_file()?;
         let differences = self.frames.read(&skin.design().protocol)?;
         let method = self.method.prepare(&skin, &differences)?;
         let images = images(&method, &differences.frames)?;
-        let space = method.reconstruct().pixels();
+        let size = if is_mesh_file { self.write_cells(&skin, &images)? } else { self.write_array(&images)? };
+        print(&format!("{}: {size} ({})\n", self.output.display(), method.description()))
+    }
+
+    /// Whether the images are written on the mesh; refuses unknown extensions.
+    fn is_mesh_file(&self) -> Outcome<bool> {
+        let extension = self.output.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
+        match extension.as_deref() {
+            Some("vtu") => Ok(true),
+            Some("npy" | "npz" | "csv") => Ok(false),
+            _ => {
+                let message = format!("{}: images are written as .npy, .npz, .csv or .vtu", self.output.display());
+                Err(Failure::given(message, Some("choose one of these endings")))
+            }
+        }
+    }
+
+    /// Writes a field of cell values for each frame; its size in words.
+    fn write_cells(&self, skin: &Skin, images: &[Image]) -> Outcome<String> {
+        let cell_count = skin.mesh().cell_count();
+        let field = |(frame, image): (usize, &Image)| CellField {
+            name: format!("frame {frame}"),
+            values: image.to_cells(cell_count),
+        };
+        let fields: Vec<CellField> = images.iter().enumerate().map(field).collect();
+        save_cell_fields(skin.mesh(), &self.output, &fields)?;
+        Ok(format!("{} x {cell_count} cells", fields.len()))
+    }
+
+    /// Writes the images as an array; its shape in words.
+    fn write_array(&self, images: &[Image]) -> Outcome<String> {
         let mut shape = vec![images.len()];
-        match space.grid {
-            Some([rows, columns]) => shape.extend([rows, columns]),
-            None => shape.push(space.len()),
+        match images.first().map(|image| &image.space) {
+            Some(space) => match space.grid {
+                Some([rows, columns]) => shape.extend([rows, columns]),
+                None => shape.push(space.len()),
+            },
+            None => shape.push(0),
         }
         let values: Vec<f64> = images.iter().flat_map(|image| image.to_grid()).collect();
         write_array(&self.output, "images", &shape, &values)?;
-        let sizes: Vec<String> = shape.iter().map(usize::to_string).collect();
-        print(&format!("{}: {} ({})\n", self.output.display(), sizes.join(" x "), method.description()))
+        Ok(shape.iter().map(usize::to_string).collect::<Vec<_>>().join(" x "))
     }
 }
