@@ -19,7 +19,7 @@ fn open(address: SocketAddr) -> WebSocket<TcpStream> {
 /// Digits that no two texts share.
 fn text(seed: u64) -> String {
     let mut random = 2 * seed + 1;
-    let digits = (0..4000).map(|_| {
+    let digits = (0..10_000).map(|_| {
         random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         format!("{random:016x}")
     });
