@@ -238,7 +238,8 @@ pub enum LayoutTable {
 }
 
 /// A corner of a rectangle, as seen from +z with x to the right and y up.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Corner {
     /// The origin.
@@ -253,7 +254,8 @@ pub enum Corner {
 }
 
 /// A direction round an edge, as seen from +z.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Direction {
     /// From +x towards +y.

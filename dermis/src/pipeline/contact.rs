@@ -5,12 +5,12 @@ use crate::image::Image;
 use crate::pipeline::settings::Settings;
 use crate::pipeline::timestamp::Timestamp;
 use crate::track::Tracked;
-use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
 /// A contact that is tracked from frame to frame. This is the schema of contacts in JSON; unknown numbers are `null`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct TrackedContact {
     /// Identifier, which lasts as long as the contact and is not used again.

@@ -3,7 +3,6 @@
 use crate::pipeline::contact::TrackedContact;
 use crate::pipeline::health::Health;
 use crate::pipeline::timestamp::Timestamp;
-use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -63,7 +62,8 @@ pub struct PipelineFrame {
 }
 
 /// Frames and packets since the start.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Counts {
     /// Frames received, each counted once.

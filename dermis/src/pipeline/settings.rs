@@ -4,11 +4,11 @@ use crate::geom::Point3;
 use crate::geom::vector::distance;
 use crate::image::PixelSpace;
 use crate::pipeline::error::PipelineError;
-use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Settings that can change between two frames.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
     /// Name of the method; empty for the default method of the skin.
@@ -28,7 +28,8 @@ impl Default for Settings {
 }
 
 /// A part of the skin: all of it that lies in a ball.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Zone {
     /// Name, which contacts in the zone carry.
@@ -103,7 +104,8 @@ impl Zone {
 }
 
 /// A command that a pipeline carries out between two frames.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(tag = "do", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Command {
     /// Measure the baseline again, from the next frames.

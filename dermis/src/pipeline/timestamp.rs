@@ -1,13 +1,13 @@
 //! Times of measurement.
 
-use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
 /// A time in nanoseconds since 1970 (Unix time). In JSON it is that whole number.
 ///
 /// The pipeline reads no clock: its times are those of its frames.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Hash, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(transparent)]
 pub struct Timestamp {
     /// Nanoseconds since 1970.
