@@ -19,7 +19,7 @@ fn open(address: SocketAddr) -> WebSocket<TcpStream> {
 /// Digits that no two texts share.
 fn text(seed: u64) -> String {
     let mut random = 2 * seed + 1;
-    let digits = (0..4000).map(|_| {
+    let digits = (0..7000).map(|_| {
         random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         format!("{random:016x}")
     });
@@ -66,8 +66,7 @@ fn a_recording_that_ends_slowly_holds_no_other_page_up() {
         }
     }
     let took = ended.join().unwrap();
-    // Twelve frames at 120 Hz: long enough that a page that had to wait for the file would show it.
-    assert!(took > Duration::from_millis(100) && longest < took / 2, "{longest:?} without a frame of {took:?}");
+    assert!(took > Duration::from_millis(300) && longest < took / 2, "{longest:?} without a frame of {took:?}");
     live.stop();
     server.stop();
 }
