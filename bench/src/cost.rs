@@ -1,4 +1,4 @@
-//! How the time of a solve grows with the mesh.
+//! Dependence of the solve time on the mesh size.
 
 use crate::problem::Problem;
 use crate::serve::time_forward;
@@ -7,14 +7,14 @@ use dermis::stats::upper_median;
 use std::error::Error;
 use std::time::{Duration, Instant};
 
-/// Edge lengths and their growth that give `cylinder30` about 1,000, 2,000, 5,000, 20,000 and 50,000 nodes, relative to
-/// its own. The coarsest needs a faster growth: its electrodes have no fewer corners.
+/// Edge lengths and their growth, relative to its own, that give `cylinder30` about 1,000, 2,000, 5,000, 20,000 and
+/// 50,000 nodes. The coarsest needs a faster growth, because its electrodes have the same number of corners.
 const SCALES: [[f64; 2]; 5] = [[4.5, 2.0], [1.9, 1.0], [1.0, 1.0], [0.475, 1.0], [0.292, 1.0]];
-/// Time spent on each line, and the fewest batches whatever they take.
+/// Time per line, and the minimum number of batches.
 const PATIENCE: Duration = Duration::from_millis(1500);
 const FEWEST: usize = 9;
 
-/// A line per mesh and instruction set: `batched_ms` and `single_ms` are medians per sample.
+/// One line per mesh and instruction set: `batched_ms` and `single_ms` are medians per sample.
 pub fn print() -> Result<(), Box<dyn Error>> {
     println!("nodes,cells,factor_entries,multiply_adds,level,batched_ms,single_ms");
     for [edges, growth] in SCALES {

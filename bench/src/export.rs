@@ -1,4 +1,4 @@
-//! A problem as NPY files, for the other programs.
+//! Export of a problem as NPY files, for the other programs.
 
 use crate::problem::Problem;
 use dermis::frame::write_array;
@@ -7,7 +7,7 @@ use dermis::mesh::{Cells, ElectrodePatch, Mesh};
 use std::error::Error;
 use std::path::Path;
 
-/// Writes the mesh, its electrodes and channels, the conductivities and our voltages at each: one by one, and batched.
+/// Writes the mesh, its electrodes and channels, the conductivities and our voltages for each: one by one, and batched.
 pub fn write_problem(problem: &Problem, folder: &Path) -> Result<(), Box<dyn Error>> {
     let model = &problem.model;
     let mesh = model.mesh();
@@ -37,7 +37,7 @@ pub fn write_problem(problem: &Problem, folder: &Path) -> Result<(), Box<dyn Err
     Ok(())
 }
 
-/// A row per simplex of a patch: the electrode, then its corners.
+/// One row per simplex of a patch: the electrode, then its corners.
 fn electrode_parts(mesh: &Mesh) -> Vec<Vec<usize>> {
     let mut rows = Vec::new();
     for (electrode, patch) in mesh.electrodes.iter().enumerate() {

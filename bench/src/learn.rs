@@ -1,4 +1,5 @@
-//! Networks beside other programs: answers with times of training steps and of single frames while they take turns.
+//! Networks compared with other programs: outputs the times of training steps and of single frames, in turns with the
+//! other program.
 
 use crate::serve::answer;
 use dermis::design::SkinDesign;
@@ -17,16 +18,16 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Standard deviation of the noise, ohm; what it costs does not depend on it.
+/// Standard deviation of the noise, ohm; the time does not depend on it.
 const NOISE_OHM: f32 = 0.01;
-/// Steps on one batch whose losses the programs must agree on.
+/// Number of steps on one batch whose losses must agree between the programs.
 const COMPARED_STEPS: usize = 5;
-/// Frames whose images they must agree on.
+/// Number of frames whose images must agree.
 const COMPARED_FRAMES: usize = 64;
-/// Epochs before frames are compared and timed, so that no weight is as it began.
+/// Epochs before frames are compared and timed, so that all weights differ from their initial values.
 const EPOCHS: usize = 2;
 
-/// The shipped skin, ready.
+/// The prepared shipped skin.
 struct Skin {
     design: SkinDesign,
     forward: ForwardModel,
@@ -71,7 +72,7 @@ impl Skin {
         )?)
     }
 
-    /// The network as it is, its outputs times a factor.
+    /// The current network, its outputs times a factor.
     fn model(&self, trainer: &Trainer<'_>, method: &TrainingPreset, factor: f32) -> Model {
         let training = TrainingRecord {
             options: method.options.clone(),
@@ -86,8 +87,8 @@ impl Skin {
     }
 }
 
-/// `training`: writes what another program needs to train the paper's network from the same start, into the folder:
-/// the first batch and our losses on it. Then answers `train N` with the times of N steps.
+/// `training`: writes the data that another program needs to train the paper's network from the same start into the
+/// folder: the first batch and our losses on it. Then answers `train N` with the times of N steps.
 pub fn training(data: &Path, few: &Path, folder: &Path) -> Result<(), Box<dyn Error>> {
     let skin = Skin::new()?;
     let method = skin.paper();
@@ -98,7 +99,7 @@ pub fn training(data: &Path, few: &Path, folder: &Path) -> Result<(), Box<dyn Er
     answer(|words| match *words {
         ["train", count] => {
             let count: usize = count.parse()?;
-            // The first step has no time of its own.
+            // The first step is not timed.
             let epoch_samples = Some((count + 1) * method.options.batch);
             let options = TrainOptions { epoch_samples, ..method.options.clone() };
             let mut trainer = Trainer::new(&method.plan, method.input.clone(), &options, &training, &test)?;
@@ -122,7 +123,7 @@ fn write_start(skin: &Skin, few: &Path, folder: &Path) -> Result<(), Box<dyn Err
         return Err(format!("{} samples to train on, but one batch is {batch}", training.source().len()).into());
     }
     let mut trainer = Trainer::new(&method.plan, method.input.clone(), &method.options, &training, &test)?;
-    // Targets are learned in units of their standard deviation, and so they are given to the other program.
+    // Targets are learned in units of their standard deviation; the other program gets the same values.
     let scale = trainer.target_scale();
     let (mut given, mut wanted) = (vec![0.0; batch * inputs], vec![0.0; batch * outputs]);
     for (index, (given, wanted)) in given.chunks_exact_mut(inputs).zip(wanted.chunks_exact_mut(outputs)).enumerate() {
@@ -144,8 +145,8 @@ fn save(folder: &Path, name: &str, shape: &[usize], values: &[f32]) -> Result<()
     Ok(write_array(&folder.join(format!("{name}.npy")), name, shape, &values)?)
 }
 
-/// `inference`: trains both networks a little and writes their folders, their ONNX files, differences and our images of
-/// them. Then answers `infer NAME N` with the times of N frames, one by one.
+/// `inference`: trains both networks for a short time and writes their folders, their ONNX files, differences and our
+/// images of them. Then answers `infer NAME N` with the times of N frames, one by one.
 pub fn inference(data: &Path, folder: &Path) -> Result<(), Box<dyn Error>> {
     let skin = Skin::new()?;
     let datasets = [Dataset::open(data)?];

@@ -1,22 +1,22 @@
-//! What one core of this machine can do at best.
+//! Performance limits of one core of this machine.
 
 use pulp::{Arch, Simd, WithSimd};
 use std::hint::black_box;
 use std::time::Instant;
 
-/// A loop is timed so often, and the fastest counts: a limit is what nothing disturbed.
+/// Number of runs of each loop; the fastest is used, as the others were disturbed.
 const TRIES: usize = 15;
-/// Sums that do not wait for each other: more than two pipes of latency four need, and few enough for 16 registers.
+/// Number of independent sums: more than two pipes of latency four need, and few enough for 16 registers.
 const SUMS: usize = 12;
 
-/// A line per limit: instruction set, what, working set in KiB (0: registers), value, unit.
+/// One line per limit: instruction set, quantity, working set in KiB (0: registers), value, unit.
 pub fn print() {
     println!("level,what,working_set_kib,value,unit");
     println!("-,clock,0,{:.2},GHz", clock_ghz());
     for (name, arch) in levels() {
         println!("{name},multiply-adds,0,{:.1},G/s", arch.dispatch(MultiplyAdds));
         for kib in [24, 512, 8 << 10, 128 << 10] {
-            // Not zeros, which would all be one page of memory until written to.
+            // Not zeros, which would share one page of memory until written to.
             let mut numbers = vec![1.0; kib * 1024 / size_of::<f64>()];
             println!("{name},read,{kib},{:.1},GB/s", arch.dispatch(Read(&numbers)));
             println!("{name},add to,{kib},{:.1},GB/s", arch.dispatch(AddTo(&mut numbers)));
@@ -36,8 +36,8 @@ fn levels() -> Vec<(&'static str, Arch)> {
     levels
 }
 
-/// From a chain of integer multiplications and additions, each of which waits for the one before: three cycles and one
-/// on every x86-64 core of the last decade.
+/// The clock frequency, from a chain of dependent integer multiplications and additions: three cycles and one on every
+/// x86-64 core of the last decade.
 fn clock_ghz() -> f64 {
     let steps = 500_000_u64;
     let seconds = fastest(|| {
@@ -56,7 +56,7 @@ struct MultiplyAdds;
 impl WithSimd for MultiplyAdds {
     type Output = f64;
 
-    /// Multiply-adds of single numbers per second, 1e9.
+    /// Scalar multiply-adds per second, 1e9.
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> f64 {
         let rounds = 1_000_000;
@@ -130,7 +130,7 @@ impl WithSimd for AddTo<'_> {
     }
 }
 
-/// So many passes that about 256 MiB go through.
+/// The number of passes for a total of about 256 MiB.
 fn passes(numbers: usize) -> usize {
     ((256 << 20) / (numbers * size_of::<f64>())).max(1)
 }

@@ -1,17 +1,17 @@
-//! Our half of the comparison with other programs (`bench/peers/run.sh` drives it).
+//! The Dermis part of the comparison with other programs (started by `bench/peers/run.sh`).
 //!
-//! - `dermis-bench serve CASE FOLDER` writes a problem (mesh, electrodes, channels, conductivities) and our voltages into
-//!   the folder as NPY files. Then it waits for commands on the standard input, so that the other programs and this one
-//!   can take turns in one run; the end of input ends it. Each answers with one line of times in seconds:
-//!   `forward N` and `jacobian N` with N of them; `batched N` with the time per sample of N batches of eight;
-//!   `forward-on T N` and `batched-on T N` with the time per sample of T threads, each with a solver of its own, that
-//!   solve N samples or batches side by side.
-//! - `dermis-bench training DATA FEW FOLDER` and `dermis-bench inference DATA FOLDER` do the same for networks
-//!   (`bench/peers/learn.sh` drives them), on datasets of `dermis simulate`: `train N` with the times of N steps of the
-//!   paper's network, `infer paper N` and `infer best N` with those of N frames. FEW holds a single batch to train on.
-//! - `dermis-bench cost` prints how the time per sample grows with the mesh, for each instruction set, as CSV.
-//! - `dermis-bench limits` prints what this machine can do at best: multiply-adds in registers, numbers streamed through
-//!   each level of its memory, as CSV.
+//! - `dermis-bench serve CASE FOLDER` writes a problem (mesh, electrodes, channels, conductivities) and our voltages
+//!   into the folder as NPY files. Then it reads commands from the standard input, so that it and the other programs
+//!   run in turns; it ends at the end of input. The answer to each command is one line of times in seconds: `forward N`
+//!   and `jacobian N` with N of them; `batched N` with the time per sample of N batches of eight; `forward-on T N` and
+//!   `batched-on T N` with the time per sample of T threads, each with its own solver, that solve N samples or batches
+//!   in parallel.
+//! - `dermis-bench training DATA FEW FOLDER` and `dermis-bench inference DATA FOLDER` do the same for networks (started
+//!   by `bench/peers/learn.sh`), on datasets of `dermis simulate`: `train N` with the times of N steps of the paper's
+//!   network, `infer paper N` and `infer best N` with those of N frames. FEW contains a single batch to train on.
+//! - `dermis-bench cost` prints the time per sample as a function of the mesh size, for each instruction set, as CSV.
+//! - `dermis-bench limits` prints the limits of this machine: multiply-adds in registers, numbers streamed through each
+//!   level of its memory, as CSV.
 
 use std::error::Error;
 use std::path::Path;

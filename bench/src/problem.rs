@@ -1,4 +1,4 @@
-//! The problems that the programs are compared on.
+//! The problems for the comparison of programs.
 
 use dermis::design::{Body, ImageLayout, SkinDesign};
 use dermis::forward::ForwardModel;
@@ -11,12 +11,12 @@ use std::collections::HashMap;
 use std::error::Error;
 use std::path::Path;
 
-/// Conductivities per problem: enough that no program sees the same one twice in a row.
+/// Number of conductivities per problem: enough that no program gets the same one twice in a row.
 const CONDUCTIVITY_COUNT: usize = LANES;
-/// Standard deviation of the logarithm of a cell's conductance: values from about a half to about twice the rest.
+/// Standard deviation of the logarithm of a cell's conductance: values from about half to about twice the rest value.
 const LOG_SPREAD: f64 = 0.3;
 
-/// A forward model, its pixels and conductivities to solve it at.
+/// A forward model, its pixels and the conductivities to solve.
 pub struct Problem {
     pub model: ForwardModel,
     pub pixels: PixelSpace,
@@ -39,7 +39,7 @@ impl Problem {
         Self::of_skin(&skin)
     }
 
-    /// The shipped skin on a mesh of edges `edges` times as long as its own that grow `growth` times as fast.
+    /// The shipped skin on a mesh with edges `edges` times as long, which grow `growth` times as fast.
     pub fn cylinder(edges: f64, growth: f64) -> Result<Self, Box<dyn Error>> {
         Self::of_skin(&cylinder30(edges, growth)?)
     }
@@ -64,7 +64,7 @@ struct Skin {
     contact_impedances: Vec<f64>,
     protocol: Protocol,
     rest: Vec<f64>,
-    /// Where the point electrodes go that stand in for the area electrodes.
+    /// The positions of the point electrodes that replace the area electrodes.
     centre_nodes: Vec<usize>,
     /// A design whose body and image are those of the mesh.
     imaging: SkinDesign,
@@ -76,7 +76,7 @@ fn varied(rest: &[f64], index: u64) -> Vec<f64> {
 }
 
 impl Skin {
-    /// The same with every triangle cut into four at the middles of its edges.
+    /// The same with every triangle split into four at the midpoints of its edges.
     fn quartered(mut self) -> Self {
         let Cells::Triangles(triangles) = &self.mesh.cells else { return self };
         let nodes = &mut self.mesh.nodes;
@@ -103,7 +103,7 @@ impl Skin {
     }
 }
 
-/// The shipped skin on a mesh of edges `edges` times as long as its own that grow `growth` times as fast.
+/// The shipped skin on a mesh with edges `edges` times as long, which grow `growth` times as fast.
 fn cylinder30(edges: f64, growth: f64) -> Result<Skin, Box<dyn Error>> {
     let mut design = SkinDesign::load("cylinder30")?;
     design.mesh.max_edge_m *= edges;

@@ -1,4 +1,4 @@
-//! Answers with times while other programs take turns.
+//! Outputs times, in turns with other programs.
 
 use crate::export::write_problem;
 use crate::problem::Problem;
@@ -42,7 +42,7 @@ pub fn serve(case: &str, folder: &Path) -> Result<(), Box<dyn Error>> {
     })
 }
 
-/// Says that all is ready, then answers each line of the standard input with a line of times, until it ends.
+/// Prints that it is ready, then answers each line of the standard input with a line of times, until the input ends.
 pub fn answer(mut times: impl FnMut(&[&str]) -> Result<Vec<f64>, Box<dyn Error>>) -> Result<(), Box<dyn Error>> {
     println!("ready");
     for line in std::io::stdin().lock().lines() {
@@ -55,7 +55,7 @@ pub fn answer(mut times: impl FnMut(&[&str]) -> Result<Vec<f64>, Box<dyn Error>>
     Ok(())
 }
 
-/// Seconds for one new conductivity to a frame, symbolic factor and memory kept.
+/// Seconds from one new conductivity to a frame; the symbolic factorisation and memory are reused.
 pub fn time_forward(problem: &Problem, count: usize) -> Result<Vec<f64>, Box<dyn Error>> {
     let mut solver = problem.model.solver();
     let mut values = vec![0.0; problem.model.protocol().channel_count()];
@@ -69,7 +69,7 @@ pub fn time_forward(problem: &Problem, count: usize) -> Result<Vec<f64>, Box<dyn
     Ok(times)
 }
 
-/// Seconds per sample for eight new conductivities to their frames.
+/// Seconds per sample from eight new conductivities to their frames.
 fn time_batched(problem: &Problem, count: usize) -> Result<Vec<f64>, Box<dyn Error>> {
     let mut solver = problem.model.batch_solver();
     let mut batch = problem.batch();
@@ -97,8 +97,8 @@ fn time_jacobian(problem: &Problem, count: usize) -> Result<Vec<f64>, Box<dyn Er
     Ok(times)
 }
 
-/// Seconds per sample where each thread makes a solver of its own and calls it `count` times, all starting together; a
-/// call says how many samples it solved.
+/// Seconds per sample if each thread creates its own solver and calls it `count` times, all starting together; a call
+/// returns the number of samples that it solved.
 fn on_threads<Solve: FnMut() -> usize>(threads: usize, count: usize, make: impl Fn() -> Solve + Sync) -> f64 {
     let start_line = Barrier::new(threads + 1);
     std::thread::scope(|scope| {

@@ -67,7 +67,7 @@ impl Progress {
     }
 
     /// Changes the message.
-    pub fn tell(&self, what: &str) {
+    pub fn show(&self, what: &str) {
         self.bar.set_message(what.to_string());
     }
 
@@ -112,7 +112,7 @@ impl dermis_study::Task for Progress {
     }
 }
 
-/// Calls a function on the first interrupt (Ctrl-C) or request to terminate; a second one exits at once.
+/// Calls a function on the first interrupt (Ctrl-C) or termination request; a second one exits immediately.
 pub fn on_interrupt(mut then: impl FnMut() + Send + 'static) -> Outcome {
     let mut asked = false;
     let handler = move || {

@@ -1,4 +1,4 @@
-//! The emulated device, as asked for on the command line.
+//! The emulated device, from command-line options.
 
 use crate::failure::{Failure, Outcome};
 use clap::Args;
@@ -16,7 +16,8 @@ pub struct EmulatorArguments {
     /// Seed of the twin, and serial number of the device.
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
-    /// Touch script: the path of a file, or none, random, press, slide, cross, four, grid (the presses of `dermis experiment`).
+    /// Touch script: the path of a file, or none, random, press, slide, cross, four, grid (the presses of `dermis
+    /// experiment`).
     #[arg(long, value_name = "SCRIPT", default_value = "none")]
     touch: String,
     /// Fault and its time (s): loose:ELECTRODE[:OHM]@10, mend:ELECTRODE@20, noise:COUNTS@10+5, bytes:SHARE@0+60,

@@ -1,4 +1,4 @@
-//! The frames that a command is given, as differences from the untouched skin.
+//! The input frames of a command, as differences from the untouched skin.
 
 use crate::console::Progress;
 use crate::failure::{Failure, Outcome};
@@ -16,7 +16,8 @@ pub struct FrameArguments {
     /// Frames, one per row (CSV, NPY or NPZ; ohm).
     #[arg(long, value_name = "FILE")]
     pub frames: PathBuf,
-    /// Untouched frames, one per row; their mean is the baseline. From 8 of them on, the noise is measured from their scatter.
+    /// Untouched frames, one per row; their mean is the baseline. From 8 of them on, the noise is measured from their
+    /// scatter.
     #[arg(long, value_name = "FILE", required_unless_present = "difference", conflicts_with = "difference")]
     pub baseline: Option<PathBuf>,
     /// The frames are differences from the untouched skin.

@@ -1,4 +1,4 @@
-//! How long contacts take, counted while a skin is read.
+//! Latency statistics of a live skin.
 
 use crate::console::print_json;
 use crate::failure::Outcome;
@@ -13,7 +13,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// What was counted of a live skin.
+/// Latency statistics of a live skin.
 pub struct Latencies {
     shared: Arc<LiveHandle>,
     begun: Instant,
@@ -28,11 +28,11 @@ pub struct Latencies {
     pub missed: u64,
 }
 
-/// Latencies that are kept at most: an hour at 2,000 frames a second.
+/// Maximum number of stored latencies: one hour at 2,000 frames per second.
 const MOST: usize = 7_200_000;
 
 impl Latencies {
-    /// Nothing yet.
+    /// Without frames yet.
     pub fn new(shared: Arc<LiveHandle>) -> Self {
         Latencies {
             shared,
@@ -47,7 +47,7 @@ impl Latencies {
         }
     }
 
-    /// Counts a frame.
+    /// Adds a frame.
     pub fn take(&mut self, frame: &LiveFrame) {
         if self.all_ms.len() < MOST {
             self.all_ms.push(1e3 * frame.output_at.seconds_since(frame.received_at) as f32);
@@ -59,7 +59,7 @@ impl Latencies {
         self.rate_hz = frame.result.health.rate_hz;
     }
 
-    /// A line of what is now.
+    /// A status line.
     pub fn line(&self) -> String {
         let recent = &self.all_ms[self.all_ms.len().saturating_sub(1000)..];
         let [median, p99] = nearest_quantiles(recent, [0.5, 0.99]);
@@ -71,8 +71,8 @@ impl Latencies {
         format!("{:.0} frames/s, {contacts}, {median:.2} ms (99 %: {p99:.2} ms), {lost} frames lost", self.rate_hz)
     }
 
-    /// Tells all of it at the end.
-    pub fn tell(self, picture: Option<&Path>, as_json: bool) -> Outcome {
+    /// Prints the final statistics.
+    pub fn show(self, picture: Option<&Path>, as_json: bool) -> Outcome {
         let seconds = self.begun.elapsed().as_secs_f64();
         if let Some(path) = picture {
             self.draw(path)?;
@@ -111,14 +111,14 @@ impl Latencies {
         row("from last byte to contacts, median", format!("{median:.3} ms"));
         row("the same, 99 % within", format!("{p99:.3} ms"));
         row("the same, longest", format!("{worst:.3} ms"));
-        // Standard output may carry lines of JSON, and be held by who writes them to a reader that does not read.
+        // Standard output may carry lines of JSON, and its writer may hold the lock while a reader does not read.
         eprintln!("\n{}", table.to_text());
         Ok(())
     }
 
     fn draw(&self, path: &Path) -> Outcome {
         let [median, p99] = nearest_quantiles(&self.all_ms, [0.5, 0.99]).map(f64::from);
-        // What is rarer than one in a hundred would leave the rest no room.
+        // Rare outliers would compress the rest of the histogram.
         let shown: Vec<f64> = self.all_ms.iter().map(|&ms| f64::from(ms)).filter(|&ms| ms <= 3.0 * p99).collect();
         let marks = vec![(median, format!("median {median:.2} ms")), (p99, format!("99 % within {p99:.2} ms"))];
         let histogram = Histogram {

@@ -33,7 +33,7 @@ fn program() -> clap::Command {
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    // A panic is our bug: it ends with code 1 like every other fault of ours.
+    // A panic is a bug: exit code 1, as for every internal error.
     match std::panic::catch_unwind(|| arguments.command.run()) {
         Ok(Ok(())) => ExitCode::SUCCESS,
         Ok(Err(failure)) => failure.report(),

@@ -24,11 +24,12 @@ pub const METHOD_HELP: &str = "Reconstruction method: noser, laplace, tikhonov, 
 pub struct MethodArguments {
     #[arg(long, value_name = "NAME|FOLDER", help = METHOD_HELP)]
     method: Option<String>,
-    /// Regularization parameter of a linear method: a number, `auto`, `noise-figure`, `noise-figure:VALUE`, `l-curve` or `gcv`.
+    /// Regularization parameter of a linear method: a number, `auto`, `noise-figure`, `noise-figure:VALUE`, `l-curve`
+    /// or `gcv`.
     #[arg(long, value_name = "ALPHA")]
     alpha: Option<AlphaChoice>,
-    /// Absolute regularization parameter, as EIDORS's hyperparameter: Jacobian of the conductivity itself, prior not scaled. Takes
-    /// its own number or that of --alpha.
+    /// Absolute regularization parameter, as EIDORS's hyperparameter: Jacobian of the conductivity itself, prior not
+    /// scaled. Takes its own number or that of --alpha.
     #[arg(long, value_name = "NUMBER", num_args = 0..=1)]
     alpha_absolute: Option<Option<f64>>,
     /// Exponent of the NOSER prior: 0 is Tikhonov's, 1 the original NOSER.
@@ -56,7 +57,7 @@ impl FromStr for Channels {
         for part in text.split(',').filter(|part| !part.trim().is_empty()) {
             let (first, last) = part.split_once('-').unwrap_or((part, part));
             let (first, last) = (number(first)?, number(last)?);
-            // A protocol of the most electrodes that a skin may have has about a million channels.
+            // A protocol with the maximum number of electrodes has about one million channels.
             if last < first || last - first > 2_000_000 {
                 return Err(format!("`{part}` is not a range of channels"));
             }
@@ -93,7 +94,7 @@ impl FromStr for AlphaChoice {
             Some(("noise-figure", value)) => Alpha::NoiseFigure(positive(value)?),
             _ => match text {
                 "auto" => Alpha::Auto,
-                // The usual choice in comparisons of methods.
+                // The usual value in comparisons of methods.
                 "noise-figure" => Alpha::NoiseFigure(1.0),
                 "l-curve" => Alpha::LCurve,
                 "gcv" => Alpha::Gcv,
@@ -104,12 +105,12 @@ impl FromStr for AlphaChoice {
 }
 
 impl MethodArguments {
-    /// The name that is asked for; empty for the default.
+    /// The requested name; empty for the default.
     pub fn name(&self) -> &str {
         self.method.as_deref().unwrap_or_default()
     }
 
-    /// Prepares the method for a skin. Rules that choose alpha from data look at the differences.
+    /// Prepares the method for a skin. Rules that choose alpha from data use the differences.
     pub fn prepare(&self, skin: &Skin, differences: &Differences) -> Outcome<Method> {
         let _waiting = Progress::waiting("preparing the method");
         Ok(dermis_learn::methods().method(skin, self.name(), &self.options(differences)?)?)
@@ -131,7 +132,7 @@ impl MethodArguments {
         })
     }
 
-    /// The alpha that the arguments ask for.
+    /// The requested alpha.
     fn alpha(&self) -> Outcome<Alpha> {
         let given = self.alpha.map(|choice| choice.0);
         match (self.alpha_absolute, given) {
@@ -148,8 +149,8 @@ impl MethodArguments {
         }
     }
 
-    /// Estimates of presses whose true places are known in another coordinate frame: by linear methods to choose from, or by the
-    /// network that is asked for.
+    /// Position estimates of presses whose true positions are known in another coordinate frame: by several linear
+    /// methods to select from, or by the requested network.
     pub fn press_estimates(&self, skin: &Skin, differences: &[Frame]) -> Outcome<PressEstimates> {
         let left_out = self.options(&Differences::default())?.excluded;
         let options = AlignOptions { left_out, ..AlignOptions::new(skin.design().sheet.touch) };
@@ -175,13 +176,13 @@ impl MethodArguments {
         )
     }
 
-    /// Writes the options of detection into the card of the model in a folder.
+    /// Saves the detection options to the card of the model in a folder.
     pub fn keep_detection(&self, skin: &Skin, detection: DetectOptions) -> Outcome {
         let folder = Path::new(self.name());
         Ok(Model::named(self.name(), skin)?.with_detection(detection).save_card(folder)?)
     }
 
-    /// Refuses anything but the folder of a network.
+    /// Rejects anything but the folder of a network.
     pub fn check_is_folder(&self, option: &str) -> Outcome {
         if is_path(self.name()) {
             return Ok(());

@@ -1,4 +1,4 @@
-//! The skin that a command is given, and maps of conductivity for it.
+//! The skin of a command, and conductivity maps for it.
 
 use crate::console::Progress;
 use crate::failure::{Failure, Outcome};
@@ -8,7 +8,7 @@ use dermis::geom::PlaceLimits;
 use dermis::skin::Skin;
 use std::path::Path;
 
-/// What an image has a value for.
+/// Elements of an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Per {
     /// Each pixel of the design's image.
@@ -23,12 +23,12 @@ pub fn load(design: &str) -> Outcome<Skin> {
     Ok(Skin::load(design)?)
 }
 
-/// The places that touches of a skin can have.
+/// The valid positions of touches on a skin.
 pub fn place_limits(skin: &Skin) -> PlaceLimits {
     skin.mesh().place_limits(skin.design().body.surface())
 }
 
-/// Maps of conductivity from a file, or the untouched skin without one.
+/// Conductivity maps from a file, or the untouched skin without one.
 pub fn conductivities(skin: &Skin, path: Option<&Path>) -> Outcome<Vec<Vec<f64>>> {
     match path {
         Some(path) => Ok(read_conductivities(path, skin.mesh().cell_count())?),
@@ -36,7 +36,7 @@ pub fn conductivities(skin: &Skin, path: Option<&Path>) -> Outcome<Vec<Vec<f64>>
     }
 }
 
-/// The one map of conductivity of a file, or the untouched skin without one.
+/// The only conductivity map of a file, or the untouched skin without one.
 pub fn conductivity(skin: &Skin, path: Option<&Path>) -> Outcome<Vec<f64>> {
     let mut maps = conductivities(skin, path)?;
     if maps.len() > 1 {

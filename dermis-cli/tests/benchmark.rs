@@ -1,4 +1,4 @@
-//! `dermis benchmark` and `dermis calibrate` as others script against them.
+//! `dermis benchmark` and `dermis calibrate`, as scripts use them.
 
 mod workplace;
 
@@ -20,7 +20,7 @@ fn one_twin_is_assessed_alike_every_time() {
     };
     let force = &twin["force"];
     assert_eq!(numbers(&force["rank_correlations"]).len(), 10);
-    // Peaks follow the force as the twin's true strength does, though the noise is in them.
+    // Despite the noise, peaks follow the force as the true strength of the twin does.
     assert!(numbers(&force["peak_ratios"]).iter().all(|ratio| (0.4..2.0).contains(ratio)), "{force}");
     assert!(numbers(&force["true_spread"]).iter().all(|spread| (0.1..0.5).contains(spread)), "{force}");
     for part in ["single", "two", "four"] {
@@ -30,7 +30,7 @@ fn one_twin_is_assessed_alike_every_time() {
         assert!(std::fs::read_to_string(at.path(picture)).unwrap().starts_with("<svg"), "{picture}");
     }
     assert_eq!(at.good(arguments), text, "the same seed, the same figures");
-    // A dead electrode costs accuracy: its frames are others.
+    // A disconnected electrode changes the frames and reduces the accuracy.
     let dead = at.good(&format!("{arguments} --dead 1"));
     assert_ne!(serde_json::from_str::<serde_json::Value>(&dead).unwrap()["twins"][0]["grid"], twin["grid"]);
 }

@@ -1,4 +1,4 @@
-//! The commands as others script against them: shapes of results, exit codes, messages.
+//! The commands, as scripts use them: shapes of results, exit codes, messages.
 
 mod workplace;
 
@@ -7,9 +7,9 @@ use workplace::{DISK, Workplace};
 
 const VALUES: usize = 40;
 
-/// Inputs that several tests need.
+/// Input files for several tests.
 trait Inputs {
-    /// Frames of the small skin: an untouched one, and one for each of a few conductivities.
+    /// Frames of the small skin: an untouched one, and one for each of several conductivity maps.
     fn frames(&self);
     fn cell_count(&self) -> usize;
     /// Runs a command that writes an NPY file.
@@ -39,7 +39,7 @@ impl Inputs for Workplace {
     }
 }
 
-/// The shape that an NPY file states.
+/// The shape in the header of an NPY file.
 fn read_npy_shape(path: &Path) -> Vec<usize> {
     let bytes = std::fs::read(path).unwrap();
     let header = String::from_utf8_lossy(&bytes[..128]).into_owned();
@@ -113,7 +113,7 @@ fn every_format_holds_the_same_frames() {
 }
 
 #[test]
-fn differences_are_taken_as_they_are() {
+fn differences_are_used_unchanged() {
     let at = Workplace::new();
     at.frames();
     let rest = &read_csv(&at.path("rest.csv"))[0];
@@ -139,7 +139,7 @@ fn alpha_is_a_number_or_a_rule() {
     for alpha in ["--alpha 0.1", "--alpha auto", "--alpha noise-figure:0.7", "--alpha noise-figure"] {
         at.good(&run(alpha));
     }
-    // These two look at the frames, which need some noise for an alpha to be best.
+    // These two rules use the frames, which need some noise for an optimal alpha.
     let noisy: Vec<String> = read_csv(&at.path("frames.csv"))
         .iter()
         .map(|frame| {
@@ -164,7 +164,7 @@ fn alpha_is_a_number_or_a_rule() {
 }
 
 #[test]
-fn methods_are_told_apart() {
+fn methods_are_distinguished() {
     let at = Workplace::new();
     at.frames();
     for method in ["noser", "tikhonov", "laplace"] {
@@ -214,7 +214,7 @@ fn an_evaluation_is_a_table_or_json() {
     assert!(wrong.contains("truth.csv, row 2:") && wrong.contains("it seems to be in millimetres"), "{wrong}");
     let wrong = at.refused("forward disk.toml --touches truth.csv -o frames.csv");
     assert!(wrong.contains("truth.csv, row 2:") && wrong.contains("it seems to be in millimetres"), "{wrong}");
-    // A frame too many is named.
+    // An extra frame is reported.
     at.write("truth.csv", "frame,x_m,y_m\n0,0.01,0.02\n");
     let output = at.run(input);
     let said = String::from_utf8_lossy(&output.stderr);
@@ -222,8 +222,8 @@ fn an_evaluation_is_a_table_or_json() {
     assert!(output.status.success() && said.contains(named), "{said}");
 }
 
-/// Touches on a sunflower's spiral, in the skin's frame and as a robot elsewhere would report them: turned by 30 degrees,
-/// seen mirrored, its origin 0.4 m away. (The same model simulates and reconstructs: this tests the frames of space.)
+/// Touches on a Fermat spiral, in the coordinate frame of the skin and in that of a robot: rotated by 30 degrees,
+/// mirrored, origin 0.4 m away. (The same model simulates and reconstructs: this tests the coordinate frames.)
 #[test]
 fn presses_in_a_robots_frame_are_aligned_first() {
     let at = Workplace::new();
@@ -326,7 +326,7 @@ fn experiments_that_cannot_be_are_refused_and_leave_nothing() {
     at.write("full/notes.txt", "mine");
     assert!(at.refused("experiment disk.toml --twin ideal --seed 1 -o full").contains("not empty"));
     assert!(at.path("full/notes.txt").exists());
-    // The twin is drawn only after its folder was begun: nothing of it stays.
+    // The twin is drawn only after the folder was created: no partial output remains.
     at.write("far.toml", include_str!("../../data/twins/ideal.toml").replace("torn_wires = []", "torn_wires = [99]"));
     assert!(at.refused("experiment disk.toml --twin far.toml --seed 1 -o out").contains("electrode 99"));
     let left: Vec<_> = std::fs::read_dir(at.folder()).unwrap().map(|entry| entry.unwrap().file_name()).collect();

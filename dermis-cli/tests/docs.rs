@@ -1,4 +1,4 @@
-//! The documents: tables with figures name the command that prints them, commands and links exist, shown output is real.
+//! The documentation: tables with figures name their command, commands and links exist, printed output is correct.
 #![cfg(unix)]
 
 mod pages;
@@ -67,7 +67,7 @@ fn is_test(part: &str, tests: &BTreeSet<String>) -> bool {
     tests.iter().any(|name| name.contains(part))
 }
 
-/// Whether a command is one of ours and everything that it names exists.
+/// Whether a command is known and everything that it refers to exists.
 fn check_command(command: &str, helps: &Helps, tests: &BTreeSet<String>) -> Result<(), String> {
     let mut words: Vec<&str> = command.split_whitespace().collect();
     while words.first().is_some_and(|word| *word == "time" || word.contains('=')) {
@@ -116,7 +116,7 @@ fn check_cargo(words: &[&str], tests: &BTreeSet<String>) -> Result<(), String> {
     exists(&package)
 }
 
-/// The names of all functions that are tests.
+/// The names of all test functions.
 fn test_names() -> BTreeSet<String> {
     fn sources(folder: &Path, names: &mut BTreeSet<String>) {
         for entry in fs::read_dir(folder).expect("a folder of the repository") {
@@ -182,7 +182,7 @@ fn has_option(help: &str, option: &str) -> bool {
     help.match_indices(&option).any(|(at, _)| ends(&help[at + option.len()..]))
 }
 
-/// The command lines of `dermis` in a page: in blocks of commands, and in the text.
+/// The `dermis` command lines of a page: in blocks of commands, and in the text.
 fn command_lines(page: &Page) -> Vec<String> {
     let mut lines = Vec::new();
     for block in page.blocks() {
@@ -193,7 +193,7 @@ fn command_lines(page: &Page) -> Vec<String> {
     }
     let prose: Vec<&str> = page.prose().into_iter().map(|(_, line)| line).collect();
     lines.extend(spans(&prose.join(" ")).into_iter().map(str::to_owned));
-    // Two spaces: a drawing of the crates.
+    // Two spaces: a diagram of the crates.
     let is_command = |line: &str| line.starts_with("dermis ") && !line.starts_with("dermis  ");
     lines.retain(|line| is_command(line) || line.starts_with("cargo run --release -- "));
     lines
@@ -203,12 +203,12 @@ fn command_lines(page: &Page) -> Vec<String> {
 fn commands_use_options_that_exist() {
     let helps = Helps::new();
     let mut wrong = Vec::new();
-    // The changelog names commands of the past.
+    // The changelog contains commands of earlier versions.
     for page in pages().iter().filter(|page| page.name != "CHANGELOG.md") {
         for line in command_lines(page) {
             let words: Vec<&str> = line.split_whitespace().filter(|word| *word != "...").collect();
             let arguments = if words[0] == "dermis" { &words[1..] } else { &words[4..] };
-            // `new cylinder|disk` and the like name several.
+            // `new cylinder|disk` and similar stand for several commands.
             if let Err(why) = helps.check(arguments) {
                 wrong.push(format!("{}: {line}: {why}", page.name));
             }
@@ -234,7 +234,7 @@ fn no_page_includes_a_file_and_copies_are_equal() {
     assert!(copies > 0, "no page has a copy of a file");
 }
 
-/// The anchor that a heading has on forges and in the book.
+/// The anchor of a heading on GitHub and in the book.
 fn anchor(heading: &str) -> String {
     let kept = heading.trim_start_matches('#').trim().to_lowercase();
     let kept = kept.chars().filter(|c| c.is_alphanumeric() || matches!(c, ' ' | '-' | '_'));
@@ -264,7 +264,7 @@ fn links_between_pages_lead_somewhere() {
     assert!(wrong.is_empty(), "links that lead nowhere:\n{}", wrong.join("\n"));
 }
 
-/// Runs the `console` blocks of all pages whose mark is the one given, page by page, and compares what they print.
+/// Runs the `console` blocks with the given mark on all pages, page by page, and compares the output.
 fn run_console_blocks(mark: Option<&str>) -> usize {
     let mut count = 0;
     for page in &pages() {
@@ -295,7 +295,7 @@ fn benchmark_tables(page: &Page) -> Vec<Table<'_>> {
     tables
 }
 
-/// The runs of such a table, and the columns that they fill.
+/// The runs of such a table, and the number of their columns.
 fn runs<'a>(table: &'a Table<'a>) -> (Vec<&'a str>, usize) {
     let runs: Vec<&str> = table.mark.expect("chosen by it").split(" | ").collect();
     (runs.clone(), table.head.len() - runs.len())

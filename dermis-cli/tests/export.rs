@@ -1,4 +1,4 @@
-//! Trained networks in other programs: the ONNX file in ONNX Runtime, the folder in NumPy and PyTorch.
+//! Trained networks in other programs: the ONNX file in ONNX Runtime, the model folder in NumPy and PyTorch.
 
 mod workplace;
 
@@ -9,11 +9,11 @@ use workplace::Workplace;
 
 const FRAMES: usize = 5;
 
-/// What the tests do with a network.
+/// Steps of the tests with a network.
 trait Exports {
-    /// Trains a little, writes differences, our images of them and the ONNX file.
+    /// Trains briefly, and writes differences, their images and the ONNX file.
     fn model(&self, design: &str, network: &str, channels: usize);
-    /// What an example says when it is given files of this place.
+    /// The output of an example script for files of this folder.
     fn example(&self, python: &str, script: &str, files: &[&str]) -> String;
 }
 
@@ -40,7 +40,7 @@ impl Exports for Workplace {
     }
 }
 
-/// `DERMIS_PYTHON`, or the comparison's own, or `python3`; `None`, with a word of it, where it lacks the modules.
+/// `DERMIS_PYTHON`, the interpreter of the comparison, or `python3`; `None`, with a message, if it lacks the modules.
 fn python(modules: &str) -> Option<String> {
     let own = concat!(env!("CARGO_MANIFEST_DIR"), "/../bench/peers/.venv-learn/bin/python");
     let named = std::env::var("DERMIS_PYTHON").ok();

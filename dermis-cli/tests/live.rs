@@ -1,4 +1,4 @@
-//! `dermis live` and what belongs to it, given what they cannot use: exit code 2, and words that say what would help.
+//! `dermis live` and related commands with invalid input: exit code 2, and a message with the fix.
 
 mod workplace;
 
@@ -9,10 +9,10 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use workplace::Workplace;
 
-/// The arguments of every run: a skin that is prepared at once, and no page.
+/// The arguments of every run: a skin that is prepared quickly, without a page.
 const DISK: &str = "live disk.toml --serve off";
 
-/// That a command is refused with all of these words.
+/// Checks that a command is rejected with a message that contains all of these words.
 fn refused(at: &Workplace, arguments: &str, words: &[&str]) {
     let said = at.refused(arguments);
     for word in words {
@@ -20,7 +20,7 @@ fn refused(at: &Workplace, arguments: &str, words: &[&str]) {
     }
 }
 
-/// Where somebody talks with whoever comes.
+/// Calls `serve` for every connection to the returned address.
 fn served(serve: impl Fn(TcpStream) + Send + 'static) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
@@ -28,7 +28,7 @@ fn served(serve: impl Fn(TcpStream) + Send + 'static) -> String {
     format!("tcp:{address}")
 }
 
-/// A command that goes on until it is dropped, and the first line that it prints.
+/// A running command, killed when dropped, and its first line of output.
 struct Running {
     child: Child,
     line: String,
@@ -45,7 +45,7 @@ impl Running {
 
 impl Drop for Running {
     fn drop(&mut self) {
-        // It may have ended by itself.
+        // It may have exited already.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
@@ -63,7 +63,7 @@ fn a_device_that_cannot_be_reached_says_why() {
 }
 
 #[test]
-fn what_is_silent_or_speaks_something_else_is_told_apart() {
+fn silent_and_foreign_devices_are_distinguished() {
     let at = Workplace::new();
     let begun = Instant::now();
     let silent = served(|stream| {
@@ -80,12 +80,12 @@ fn what_is_silent_or_speaks_something_else_is_told_apart() {
 
 #[cfg(unix)]
 #[test]
-fn a_wrong_speed_of_the_line_is_named() {
+fn a_wrong_baud_rate_is_reported() {
     let at = Workplace::new();
     let (port, path) = dermis_live::emulator::pseudo_terminal().unwrap();
     let dermis_live::emulator::Port::Terminal { mut device, _host } = port else { panic!("a terminal") };
     std::thread::spawn(move || {
-        // What a UART makes of bytes at another speed: other bytes.
+        // Bytes at a wrong baud rate, as a UART reads them.
         while device.write_all(&[0xF8, 0x00, 0xFE, 0xE0, 0x80]).is_ok() {
             std::thread::sleep(Duration::from_millis(20));
         }
@@ -101,11 +101,11 @@ fn a_device_of_another_skin_or_version_is_refused() {
     let source = format!("--source {}", emulated.line);
     refused(&at, &format!("{DISK} {source}"), &["is refused", "16 electrodes", "`disk` has 8"]);
     refused(&at, &format!("live cylinder30 --serve off {source}"), &["16 electrodes", "`cylinder30` has 30"]);
-    // As many electrodes, elsewhere.
+    // The same number of electrodes on another body.
     at.write("other.toml", workplace::DISK.replace("diameter_m = 0.1", "diameter_m = 0.2"));
     let other = Running::start(&at, "emulate other.toml --tcp 127.0.0.1:0");
     refused(&at, &format!("{DISK} --source {}", other.line), &["another skin", "hash", "scan-table"]);
-    // The first bytes of a hello say the version, whatever follows; this packet holds four, and their checksum.
+    // The first bytes of a hello contain the version; this packet has four bytes and their checksum.
     let newer = served(|mut stream| {
         let mut packet = [0; 32];
         let length = dermis_wire::encode(&[1, 2, 9, 0], &mut packet).unwrap();
@@ -187,7 +187,7 @@ fn recordings_are_replayed_recovered_and_made_tables() {
     at.good("convert good.mcap -o tables");
     assert!(at.path("tables/contacts.csv").exists());
 
-    // The same, as if its frames came from the device.
+    // The same as if its frames came from a device.
     let output = at.run(&format!("{DISK} --source replay:good.mcap --speed 4 --jsonl -"));
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let lines = String::from_utf8(output.stdout).unwrap();
@@ -219,7 +219,7 @@ fn recordings_are_replayed_recovered_and_made_tables() {
     refused(&at, "convert cut.mcap -o tables", &["tables", "exists already"]);
 }
 
-/// The system lets the file grow to some bytes and no further, as a full disk does.
+/// Limits the size of a file, as on a full disk.
 #[cfg(unix)]
 #[test]
 fn a_disk_without_room_ends_the_recording_and_not_the_contacts() {
@@ -237,12 +237,12 @@ fn a_disk_without_room_ends_the_recording_and_not_the_contacts() {
     let lines = String::from_utf8_lossy(&output.stdout);
     let frames = lines.lines().filter(|line| line.contains("\"sequence\"")).count();
     assert!(frames > 250, "{frames} frames: contacts went on");
-    // What was recorded until then is kept.
+    // Data recorded before are kept.
     let kept = at.json("recover touch.mcap -o kept.mcap --json")["frames"].as_u64().unwrap();
     assert!(kept > 0 && kept < frames as u64, "{kept} of {frames} frames");
 }
 
-/// A program that reads lines of JSON and stops reading costs nobody else a frame.
+/// A program that stops reading lines of JSON does not delay frames for others.
 #[test]
 fn who_stops_reading_lines_holds_nobody_up() {
     let at = Workplace::new();
@@ -268,7 +268,7 @@ fn who_stops_reading_lines_holds_nobody_up() {
     assert!(live.wait().unwrap().success());
 }
 
-/// Networks for `skin16` that are called like the shipped one and are others.
+/// Networks for `skin16` with the name of the shipped one but another version.
 fn retrained(at: &Workplace, folder: &str) {
     let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../dermis-learn/models/skin16/shapes");
     std::fs::create_dir(at.path(folder)).unwrap();
@@ -307,7 +307,7 @@ fn who_stops_reading_standard_output_does_not_keep_it_from_ending() {
     let at = Workplace::new();
     let run = format!("{DISK} --prerender 200 --rate 1000 --jsonl - --for 4 --record held.mcap --state kept.json");
     let begun = Instant::now();
-    // Nobody reads its standard output, which holds 64 KiB.
+    // Standard output is not read; the pipe buffer has 64 KiB.
     let mut live = at.command(&run).spawn().unwrap();
     let mut told = String::new();
     live.stderr.take().unwrap().read_to_string(&mut told).unwrap();

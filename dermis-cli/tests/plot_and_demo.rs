@@ -1,4 +1,4 @@
-//! `dermis plot` and `dermis demo` as a person calls them.
+//! `dermis plot` and `dermis demo`, as users run them.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -30,7 +30,7 @@ fn every_kind_of_picture_is_drawn_in_both_views() {
     }
 }
 
-/// A frame of `tank16` whose first values differ from nothing, as a difference.
+/// A frame of `tank16` as a difference, with nonzero first values.
 fn difference(folder: &Path) {
     let row: Vec<String> = (0..208).map(|channel| if channel < 13 { "0.5".into() } else { "0".to_string() }).collect();
     std::fs::write(folder.join("d.csv"), row.join(",") + "\n").unwrap();
@@ -103,7 +103,7 @@ fn the_demo_finds_every_press_and_writes_a_page_that_needs_nothing_else() {
     println!("demo: {json}");
     assert_eq!(json["presses"], 900);
     assert_eq!(json["simulated"], true);
-    // Measured with seed 1: no miss, no false_positive, 2.8 mm. A broken chain is far beyond these.
+    // Measured with seed 1: no miss, no false positive, 2.8 mm. A broken pipeline is far outside these limits.
     assert!(json["misses"].as_u64().unwrap() <= 9 && json["false_positives"].as_u64().unwrap() <= 9);
     let mean_m = json["localisation_m"]["mean"].as_f64().unwrap();
     assert!(mean_m > 1e-3 && mean_m < 5.5e-3, "{mean_m}");

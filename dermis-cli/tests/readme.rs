@@ -1,4 +1,4 @@
-//! The commands of the README and of the tour do what these pages say.
+//! The commands of the README and of the tour work as described.
 #![cfg(unix)]
 
 mod pages;
@@ -23,7 +23,7 @@ fn the_first_design_of_the_readme() {
 #[test]
 fn the_live_skin_of_the_readme() {
     let readme = page("README.md");
-    // It runs until it is interrupted, and its usual port may be taken.
+    // It runs until interrupted, and its default port may be in use.
     let command = format!("{} --for 3 --serve 127.0.0.1:0 --json", commands(&readme)[1].trim());
     let printed = Shell::new().run(&command);
     let summary: serde_json::Value = serde_json::from_str(&printed).expect("JSON");

@@ -1,4 +1,4 @@
-//! `dermis reproduce` as a person calls it.
+//! `dermis reproduce`, as users run it.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -30,7 +30,7 @@ fn a_glance_makes_the_page_and_the_same_numbers_and_goes_on_where_it_was() {
     for method in methods {
         let mean_m = method["twins"][0]["figures"]["grid_localisation_mean_m"].as_f64().unwrap();
         assert!(mean_m > 1e-4 && mean_m < 0.01, "{}: {mean_m} m", method["name"]);
-        // Every design and control, by every linear method.
+        // Every design and control, with every linear method.
         let of = |one: &&serde_json::Value| one["method"] == method["key"];
         let designs = told["structures"].as_array().unwrap().iter().filter(of).count();
         assert!(designs == 4 || method["alpha"].is_null(), "{designs} designs by {}", method["name"]);
@@ -48,7 +48,7 @@ fn a_glance_makes_the_page_and_the_same_numbers_and_goes_on_where_it_was() {
         assert!(!page.contains(foreign), "{foreign}");
     }
 
-    // What was done is not done again, and what it shows is the same.
+    // Finished parts are not repeated, and the results are the same.
     let kept = folder.path().join("report/work/benchmark-noser-1001.json");
     let before = std::fs::metadata(&kept).unwrap().modified().unwrap();
     let again = dermis(folder.path(), &GLANCE);
@@ -59,7 +59,7 @@ fn a_glance_makes_the_page_and_the_same_numbers_and_goes_on_where_it_was() {
 }
 
 #[test]
-fn a_design_that_is_none_and_a_folder_that_cannot_be_are_refused_at_once() {
+fn an_invalid_design_or_folder_is_rejected_immediately() {
     let folder = tempfile::tempdir().unwrap();
     let message = refused(&dermis(folder.path(), &["reproduce", "cylinder31"]));
     assert!(message.contains("cylinder31"), "{message}");

@@ -44,7 +44,7 @@ fn manual_pages_are_written_for_the_program_and_every_command() {
         .take_while(|line| !line.is_empty())
         .filter(|line| line.starts_with("  ") && !line.starts_with("   "))
         .count();
-    // `help` has no page of its own, the program has one.
+    // `help` has no page, the program itself has one.
     assert_eq!(pages, commands, "a page for the program and for every command");
     at.write("file", "");
     assert!(at.refused("man -o file/pages").contains("file/pages"));

@@ -1,4 +1,4 @@
-//! `dermis train`: killed at any moment it goes on with the same losses, and what it cannot learn from is refused.
+//! `dermis train`: a killed run continues with the same losses, and unsuitable inputs are rejected.
 
 mod workplace;
 
@@ -65,7 +65,7 @@ fn samples_may_be_streamed_and_ingredients_left_out() {
     let inputs = |folder: &str| card(folder)["input"]["channels"].as_array().unwrap().len();
     assert_eq!((inputs("best"), inputs("plain")), (20, 40));
     assert_eq!(card("plain")["noise"]["factor"], serde_json::json!([1.0, 1.0]));
-    // A skin with symmetries: they move touches, so that without touches there are none.
+    // A skin with symmetries: these move touches, so that a network that is trained without touches has none.
     at.write(
         "cylinder.toml",
         include_str!("../../data/designs/cylinder30.toml").replace("max_edge_m = 0.006", "max_edge_m = 0.012"),
@@ -102,7 +102,7 @@ fn what_cannot_be_learned_from_is_refused_and_a_good_checkpoint_stays() {
 
     at.good("train disk.toml --data data --epochs 1 -o model");
     let checkpoint = std::fs::read(at.path("model/checkpoint.safetensors")).unwrap();
-    // Another training, and another network, do not go on from it.
+    // Other training options and another network do not resume from this checkpoint.
     assert!(refused("disk.toml --data data --epochs 2 --rate 0.01 -o model").contains("checkpoint"));
     assert!(refused("disk.toml --data data --epochs 1 --network best -o model").contains("checkpoint"));
     assert!(std::fs::read(at.path("model/checkpoint.safetensors")).unwrap() == checkpoint);

@@ -8,7 +8,7 @@ use dermis::detect::DetectOptions;
 use dermis_sim::dataset::Recipe;
 use serde::{Deserialize, Serialize};
 
-/// Everything about a model but its weights: `card.json` in its folder.
+/// The complete description of a model without its weights: `card.json` in its folder.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Card {
@@ -16,31 +16,31 @@ pub struct Card {
     pub format: String,
     /// The version of this library.
     pub version: String,
-    /// How the network is called: "paper", "best".
+    /// The name of the network: "paper", "best".
     pub name: String,
     /// The skin it was trained for.
     pub skin: SkinRecord,
     /// The shape of the network.
     pub plan: Architecture,
-    /// How a difference becomes its inputs.
+    /// The conversion of a difference to its inputs.
     pub input: Input,
-    /// What it makes.
+    /// The quantity of its output.
     pub target: Target,
-    /// What its training inputs were disturbed by.
+    /// Noise and disturbances of its training inputs.
     pub noise: Noise,
-    /// By how many symmetries of the skin each sample was multiplied.
+    /// Number of symmetries of the skin used for augmentation.
     pub symmetries: usize,
-    /// How contacts are found in its images.
+    /// Detection options for its images.
     #[serde(default)]
     pub detection: DetectOptions,
-    /// What it was trained on.
+    /// Its training data.
     pub data: Vec<DataRecord>,
-    /// How its training went.
+    /// The record of its training.
     pub training: TrainingRecord,
 }
 
 impl Card {
-    /// The version of what stands in a model's folder; another one is not read.
+    /// The version of the format of a model's folder; other versions are not read.
     pub const FORMAT: &str = "dermis model 1";
 }
 
@@ -66,21 +66,21 @@ pub struct SkinRecord {
 pub struct DataRecord {
     /// The dataset's identity.
     pub identity: String,
-    /// What it was drawn from.
+    /// The distributions of its samples.
     pub recipe: Recipe,
 }
 
-/// How a training went.
+/// The record of a training.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainingRecord {
-    /// What was asked for.
+    /// The options.
     pub options: TrainOptions,
-    /// Samples that were trained on.
+    /// Number of training samples.
     pub samples: usize,
-    /// Samples that were tested by.
+    /// Number of test samples.
     pub test_samples: usize,
-    /// Variance of the test samples' targets, what a network that always makes their mean would lose.
+    /// Variance of the test samples' targets: the loss of a network whose output is always their mean.
     pub target_variance: f64,
     /// The epochs.
     pub epochs: Vec<Epoch>,

@@ -1,4 +1,4 @@
-//! What training needs to go on after it was stopped.
+//! The data needed to continue an interrupted training.
 
 use crate::LearnError;
 use crate::tensors::{self, Named, Precision};
@@ -22,7 +22,7 @@ struct Label {
     epochs: Vec<Epoch>,
 }
 
-/// Writes a checkpoint, whole or not at all.
+/// Writes a checkpoint, completely or not at all.
 pub(crate) fn write(path: &Path, options: &TrainOptions, state: &State) -> Result<(), LearnError> {
     let single = |name: String, shape: Vec<usize>, values| Named { name, shape, values, precision: Precision::Single };
     let mut named = Vec::new();
@@ -62,7 +62,7 @@ pub(crate) fn read(path: &Path, options: &TrainOptions, state: &mut State) -> Re
     let Some(label) = label.filter(|label| label.format == FORMAT) else {
         return Err(LearnError::model(path, format!("no checkpoint of this version; {fix}")));
     };
-    // More epochs may be asked for later.
+    // The number of epochs may be increased later.
     if (TrainOptions { epochs: options.epochs, ..label.options } != *options) || label.plan != *state.network.plan() {
         return Err(LearnError::model(path, format!("it is of another network or of other options; {fix}")));
     }

@@ -1,4 +1,4 @@
-//! Why a network cannot be trained, loaded or used.
+//! Errors of training, loading and using networks.
 
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -6,20 +6,20 @@ use thiserror::Error;
 /// A network that cannot be trained, loaded or used.
 #[derive(Debug, Error)]
 pub enum LearnError {
-    /// Something of the physics: a design, a dataset, a twin.
+    /// An error of the sensing library: a design, a mesh, a reconstruction.
     #[error(transparent)]
     Dermis(#[from] dermis::Error),
     /// A dataset, a twin or a touch that cannot be used.
     #[error(transparent)]
     Sim(Box<dermis_sim::Error>),
-    /// A number that training cannot take.
+    /// An invalid option of training.
     #[error("{what} is {value}: it must be {must}")]
     OutOfRange {
-        /// What the number is.
+        /// The name of the number.
         what: &'static str,
         /// Its value.
         value: f64,
-        /// The values it may have.
+        /// The allowed values.
         must: &'static str,
     },
     /// A dataset that does not fit the others or the design.
@@ -30,7 +30,7 @@ pub enum LearnError {
         /// What is wrong, and the fix.
         message: String,
     },
-    /// A value in a dataset that is no number.
+    /// A value in a dataset that is not finite.
     #[error("sample {sample} of {} has a value that is not finite: `dermis simulate --verify` lists damaged files", folder.display())]
     NotFinite {
         /// The dataset's folder.
@@ -38,13 +38,13 @@ pub enum LearnError {
         /// Number of the sample.
         sample: u64,
     },
-    /// A loss that is no longer a number.
+    /// A loss that is not finite.
     #[error("the loss of epoch {epoch} is not finite: take a smaller --rate; the last checkpoint is kept")]
     Diverged {
-        /// Number of the epoch, from 1 on.
+        /// Number of the epoch, from 1.
         epoch: usize,
     },
-    /// A model or checkpoint that is not what it should be.
+    /// An invalid model or checkpoint.
     #[error("{}: {message}", path.display())]
     Model {
         /// The file.
@@ -57,7 +57,7 @@ pub enum LearnError {
     Io {
         /// The file.
         path: PathBuf,
-        /// The error of the system.
+        /// The error of the operating system.
         source: std::io::Error,
     },
 }

@@ -1,4 +1,4 @@
-//! A network made ready for use: normalisation folded into the layers beside it, memory laid out once.
+//! A network prepared for inference: normalisation folded into the adjacent layers, memory allocated once.
 
 use crate::input::Input;
 use crate::kernel::conv2d::Last;
@@ -10,7 +10,7 @@ use crate::train_pass::{convolve, pack};
 use rayon::prelude::*;
 use std::sync::Mutex;
 
-/// A network that turns differences into images.
+/// A network that computes images from differences.
 #[derive(Debug)]
 pub struct Inference {
     input: Input,
@@ -18,11 +18,11 @@ pub struct Inference {
     refinement: Option<(Refinement, Vec<Vec<f32>>)>,
     target: Target,
     pixels: usize,
-    /// Memory that no thread uses now.
+    /// Memory that is not in use by a thread.
     idle: Mutex<Vec<Scratch>>,
 }
 
-/// A dense layer, batch normalisation folded in.
+/// A dense layer with batch normalisation folded in.
 #[derive(Debug)]
 pub(crate) struct Folded {
     pub dense: Dense,
@@ -31,13 +31,13 @@ pub(crate) struct Folded {
 
 #[derive(Debug)]
 struct Scratch {
-    /// What each layer takes, then what the last one makes.
+    /// The input of each layer, then the output of the last one.
     values: Vec<Vec<f32>>,
     pictures: Vec<Vec<f32>>,
 }
 
 impl Inference {
-    /// Makes a network ready.
+    /// Prepares a network.
     pub fn new(network: &Network, input: &Input, target: Target) -> Self {
         let layers = fold(network);
         let refinement = network.refinement.clone().map(|refinement| {
@@ -53,7 +53,7 @@ impl Inference {
         self.pixels
     }
 
-    /// The image of a difference, ohm. After the first call of each thread at a time nothing is allocated.
+    /// The image of a difference, ohm. After the first call in each concurrent thread no memory is allocated.
     pub fn image_into(&self, difference: &[f64], image: &mut [f64]) {
         let mut scratch = self.take();
         let size = self.input.prepare(|channel| difference[channel] as f32, &mut scratch.values[0]);
@@ -92,7 +92,7 @@ impl Inference {
         });
     }
 
-    /// From what the layers made to the image, times the size of what the network was shown.
+    /// Converts the outputs of the layers to the image, times the size of the network's input.
     fn finish(&self, scratch: &mut Scratch, size: f32, image: &mut [f64]) {
         let made = scratch.values.last().expect("there are layers");
         let Some((refinement, packed)) = &self.refinement else {
@@ -131,8 +131,8 @@ impl Inference {
     }
 }
 
-/// The dense layers of a network with its batch normalisations folded into them: one that follows a dense layer scales and
-/// shifts its outputs, one that precedes it its inputs.
+/// The dense layers of a network with its batch normalisations folded into them: one that follows a dense layer scales
+/// and shifts its outputs, one that precedes it its inputs.
 pub(crate) fn fold(network: &Network) -> Vec<Folded> {
     let mut layers: Vec<Folded> = Vec::new();
     let mut waiting: Option<(Vec<f64>, Vec<f64>)> = None;
@@ -164,7 +164,7 @@ pub(crate) fn fold(network: &Network) -> Vec<Folded> {
 }
 
 impl BatchNorm {
-    /// What it multiplies by and what it adds, once it is trained.
+    /// The factor and the offset of the trained normalisation.
     fn factors(&self) -> (Vec<f64>, Vec<f64>) {
         let factor = |at: usize| f64::from(self.scale[at]) / f64::from(self.variance[at] + Self::EPSILON).sqrt();
         let scale: Vec<f64> = (0..self.scale.len()).map(factor).collect();
@@ -175,7 +175,7 @@ impl BatchNorm {
 }
 
 impl Dense {
-    /// The layer of inputs that are scaled and shifted before.
+    /// The layer for inputs that are scaled and shifted before it.
     fn take_in(&mut self, scale: &[f64], shift: &[f64]) {
         let mut bias: Vec<f64> = self.bias.iter().map(|&value| f64::from(value)).collect();
         for ((row, scale), shift) in self.weight.chunks_exact_mut(self.outputs).zip(scale).zip(shift) {
@@ -187,7 +187,7 @@ impl Dense {
         self.bias = bias.into_iter().map(|value| value as f32).collect();
     }
 
-    /// The layer whose outputs are scaled and shifted after.
+    /// The layer with outputs that are scaled and shifted after it.
     fn put_out(&mut self, scale: &[f64], shift: &[f64]) {
         for row in self.weight.chunks_exact_mut(self.outputs) {
             row.iter_mut().zip(scale).for_each(|(weight, scale)| *weight = (scale * f64::from(*weight)) as f32);
@@ -230,7 +230,7 @@ mod tests {
                 input.prepare(|channel| row[channel] as f32, inputs);
             }
             let expected = Pass::new(&network, 3).outputs(&mut network, &inputs);
-            // Scaled by a power of two, all outputs are so to the last bit.
+            // Scaling by a power of two is exact for all outputs.
             let halved = Pass::new(&network, 3).outputs(&mut network.clone().scaled(0.5), &inputs);
             assert!(halved.iter().zip(&expected).all(|(half, whole)| *half == 0.5 * whole));
             let near = |image: &[f64]| image.iter().zip(&expected).all(|(a, b)| (a - f64::from(*b)).abs() < 1e-5);

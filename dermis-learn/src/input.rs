@@ -1,4 +1,4 @@
-//! From the difference of a frame to what a network takes: the same in training, evaluation and live.
+//! Conversion of a frame difference to network inputs: the same in training, evaluation and live use.
 
 use dermis::frame::twins;
 use dermis::protocol::Protocol;
@@ -6,35 +6,35 @@ use dermis::stats::upper_median;
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 
-/// How a difference (frame less the untouched frame of the same skin, ohm) becomes the inputs of a network.
+/// The conversion of a difference (frame minus the untouched frame of the same skin, ohm) to the inputs of a network.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Input {
-    /// For each input the channels whose mean it is; one without a channel is zero, as a mean one would be.
+    /// For each input the channels that are averaged; an input without a channel is zero, like one at its mean.
     pub channels: Vec<Vec<usize>>,
-    /// What is taken off each, ohm: its mean over the training set.
+    /// The offset subtracted from each input, ohm: its mean over the training set.
     pub mean_ohm: Vec<f32>,
-    /// What it is divided by, ohm: its standard deviation there; where frames have no scale, the robust one of what is
-    /// typical (1.4826 times the median of the sizes of its values).
+    /// The divisor of each input, ohm: its standard deviation over the training set; for scale-free inputs a robust
+    /// estimate (1.4826 times the median of the absolute values).
     pub sd_ohm: Vec<f32>,
-    /// Whether the network is shown a frame's shape alone: nothing is taken off, all inputs are divided by their root mean
-    /// square, and the image is multiplied by it. Then the image of a multiple is the multiple of the image, whatever the
+    /// Whether the inputs are scale-free: no offset is subtracted, all inputs are divided by their root mean square,
+    /// and the image is multiplied by it. Then a multiple of a difference gives the same multiple of the image, for any
     /// unit of the instrument.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub scale_free: bool,
 }
 
-/// From the median of sizes to the standard deviation of a normal distribution.
+/// Ratio of the standard deviation of a normal distribution to its median absolute value.
 const MEDIAN_TO_SD: f32 = 1.4826;
 
 impl Input {
-    /// Every channel by itself, not normalised yet.
+    /// Each channel is an input, not normalised yet.
     pub fn each(protocol: &Protocol) -> Self {
         Self::of((0..protocol.channel_count()).map(|channel| vec![channel]).collect())
     }
 
-    /// Channels that read the same by reciprocity (drive and measure exchanged) averaged, not normalised yet. Noise of the
-    /// two is independent, so that nothing is lost.
+    /// Reciprocal channels (drive and measure exchanged) averaged, not normalised yet. Their noise is independent, so
+    /// no information is lost.
     pub fn reciprocal(protocol: &Protocol) -> Self {
         let numbers: HashMap<_, usize> =
             protocol.channels().iter().enumerate().map(|(number, &channel)| (channel, number)).collect();
@@ -46,8 +46,8 @@ impl Input {
         Self::of(protocol.channels().iter().enumerate().filter_map(pair).collect())
     }
 
-    /// Channels that read the same with the same sign ([`twins`]: drive or measure reversed, or both exchanged) averaged, and
-    /// of a frame its shape alone; not normalised yet.
+    /// Channels that measure the same quantity with the same sign ([`twins`]: drive or measure reversed, or both
+    /// exchanged) averaged, scale-free; not normalised yet.
     pub fn shapes(protocol: &Protocol) -> Self {
         let groups = twins(protocol).into_iter().enumerate().filter_map(|(channel, twins)| {
             let same = twins.into_iter().filter(|(_, sign)| *sign > 0.0).map(|(twin, _)| twin);
@@ -63,19 +63,19 @@ impl Input {
         Input { channels, mean_ohm: vec![0.0; count], sd_ohm: vec![1.0; count], scale_free: false }
     }
 
-    /// The same without some channels: their twins stand for them.
+    /// The same without some channels, which are replaced by their twins.
     #[must_use]
     pub fn without(&self, left_out: &[usize]) -> Self {
         let kept = |group: &Vec<usize>| group.iter().copied().filter(|channel| !left_out.contains(channel)).collect();
         Input { channels: self.channels.iter().map(kept).collect(), ..self.clone() }
     }
 
-    /// The same for an instrument whose channels are not equally loud: each input is divided by what is typical of it in
-    /// some differences, as in training by what was typical there. No label is needed, but touches all over the skin. An
-    /// input that is zero in half of them keeps its divisor.
+    /// The same for an instrument whose channels have different amplitudes: each input is divided by its robust scale
+    /// in some differences, as in training. No labels are needed, but touches all over the skin. An input that is zero
+    /// in half of the differences keeps its divisor.
     ///
     /// # Panics
-    /// Where frames have a scale.
+    /// If the inputs are not scale-free.
     #[must_use]
     pub fn matched(&self, differences: &[Vec<f32>]) -> Self {
         assert!(self.scale_free, "only of a frame's shape");
@@ -101,12 +101,12 @@ impl Input {
         self.channels.len()
     }
 
-    /// Whether there is none.
+    /// Whether there are no inputs.
     pub fn is_empty(&self) -> bool {
         self.channels.is_empty()
     }
 
-    /// The inputs of a difference, ohm; gives what the image is to be multiplied by.
+    /// The inputs of a difference, ohm; returns the factor of the image.
     pub fn prepare(&self, difference: impl Fn(usize) -> f32, inputs: &mut [f32]) -> f32 {
         self.normalised(difference, inputs);
         self.take_size(inputs)
@@ -122,7 +122,7 @@ impl Input {
         }
     }
 
-    /// Divides the inputs by their root mean square where frames have no scale; gives what the image is to be multiplied by.
+    /// Divides the inputs by their root mean square if they are scale-free; returns the factor of the image.
     pub(crate) fn take_size(&self, inputs: &mut [f32]) -> f32 {
         if !self.scale_free {
             return 1.0;
@@ -130,14 +130,14 @@ impl Input {
         let count = self.channels.iter().filter(|channels| !channels.is_empty()).count();
         let square: f32 = inputs.iter().map(|input| input * input).sum();
         let size = (square / count.max(1) as f32).sqrt();
-        // Nothing but zeros stays so: its image is multiplied by nothing.
+        // Zero inputs stay zero: the factor of the image is then zero.
         let factor = if size > 0.0 { 1.0 / size } else { 0.0 };
         inputs.iter_mut().for_each(|input| *input *= factor);
         size
     }
 
-    /// Normalises by the mean and the standard deviation of some differences. An input that is always the same is divided
-    /// by the smallest deviation of the others.
+    /// Normalises by the mean and the standard deviation of some differences. An input that is constant is divided by
+    /// the smallest deviation of the others.
     pub fn normalise(&mut self, differences: &[Vec<f32>]) {
         self.mean_ohm.fill(0.0);
         self.sd_ohm.fill(1.0);
@@ -161,7 +161,8 @@ impl Input {
         self.sd_ohm = (0..self.len()).map(|at| sd(at).max(least) as f32).collect();
     }
 
-    /// Divides by what is typical; an input that is zero in half of the differences by the least of the others.
+    /// Divides by the robust scale; for an input that is zero in half of the differences, the smallest scale of the
+    /// others is used.
     fn normalise_sizes(&mut self, differences: &[Vec<f32>]) {
         let typical = self.typical(differences);
         let least = typical.iter().copied().filter(|sd| *sd > 0.0).fold(f32::INFINITY, f32::min);
@@ -203,9 +204,9 @@ mod tests {
     }
 
     #[test]
-    fn a_twin_stands_for_a_channel_that_is_left_out() {
+    fn a_twin_replaces_an_excluded_channel() {
         let (input, mut difference) = input();
-        // Drive d and drive d + 8 are one pair of electrodes, read alike.
+        // Drive d and drive d + 8 use the same pair of electrodes, measured in the same way.
         assert!(input.len() == 96 && input.channels.iter().all(|group| group[1] == group[0] + 96));
         for channel in 0..96 {
             difference[96 + channel] = difference[channel];
@@ -216,7 +217,7 @@ mod tests {
         }
         assert_eq!(prepared(&input.without(&[5, 40, 130]), &difference), whole);
         assert_ne!(prepared(&input, &difference), whole);
-        // With both gone the input is what a mean one would be, and the size is that of the others.
+        // Without both channels the input is zero, and the size is computed from the others.
         let (gone, _) = prepared(&input.without(&[5, 101]), &difference);
         assert_eq!(gone[5], 0.0);
     }

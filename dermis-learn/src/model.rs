@@ -22,7 +22,7 @@ use std::sync::Arc;
 const CARD: &str = "card.json";
 const WEIGHTS: &str = "weights.safetensors";
 
-/// A trained network, ready to make images.
+/// A trained network, ready for inference.
 #[derive(Debug)]
 pub struct Model {
     card: Card,
@@ -53,7 +53,7 @@ impl Model {
     /// A network and its card as a model.
     ///
     /// # Panics
-    /// Where the card describes another network.
+    /// If the card describes another network.
     pub fn new(card: Card, network: Network, pixels: Arc<PixelSpace>) -> Self {
         assert!(card.plan == *network.plan() && card.skin.pixels == pixels.len(), "the card of this network");
         let inference = Inference::new(&network, &card.input, card.target);
@@ -72,7 +72,7 @@ impl Model {
         Ok(parse_card(Path::new(name), card)?.skin.is_that_of(&SkinRecord::of(skin)))
     }
 
-    /// The models that are shipped for a skin, the preferred one first; none for most.
+    /// The models that are shipped for a skin, the preferred one first; for most skins there are none.
     ///
     /// # Errors
     /// A shipped file that is damaged.
@@ -91,7 +91,7 @@ impl Model {
     /// Reads the model in a folder for a skin.
     ///
     /// # Errors
-    /// Files that are missing, cut off or of another version; a model for another skin.
+    /// Files that are missing, truncated or of another version; a model for another skin.
     pub fn load(folder: &Path, forward: &ForwardModel, pixels: Arc<PixelSpace>) -> Result<Self, LearnError> {
         let read = |name: &str| {
             let path = folder.join(name);
@@ -100,7 +100,7 @@ impl Model {
         Self::parse(folder, &read(CARD)?, &read(WEIGHTS)?, forward, pixels)
     }
 
-    /// A model from the bytes of its two files; `folder` is named in errors.
+    /// A model from the bytes of its two files; errors contain `folder`.
     ///
     /// # Errors
     /// As [`load`](Self::load).
@@ -124,8 +124,8 @@ impl Model {
         Ok(Model::new(card, network, pixels))
     }
 
-    /// Writes the model into a folder, made where it is missing. Matrices and convolutions are stored in the given precision, all else in
-    /// single precision.
+    /// Writes the model into a folder, which is created if missing. Matrices and convolutions are stored in the given
+    /// precision, all other values in single precision.
     ///
     /// # Errors
     /// A folder or file that cannot be written.
@@ -139,7 +139,7 @@ impl Model {
         self.save_card(folder)
     }
 
-    /// Writes the card alone into the model's folder.
+    /// Writes only the card into the model's folder.
     ///
     /// # Errors
     /// A file that cannot be written.
@@ -154,17 +154,17 @@ impl Model {
         &self.card
     }
 
-    /// The same network with contacts found otherwise in its images.
+    /// The same network with other detection options for its images.
     #[must_use]
     pub fn with_detection(mut self, detection: DetectOptions) -> Self {
         self.card.detection = detection;
         self
     }
 
-    /// The same network without some channels, whose twins stand for them.
+    /// The same network without some channels, which are replaced by their twins.
     ///
     /// # Errors
-    /// An input of a network that knows frames with their scale of which no channel is left.
+    /// An input without a remaining channel, for a network that is not scale-free.
     pub fn without(&self, left_out: &[usize]) -> Result<Self, LearnError> {
         let input = self.card.input.without(left_out);
         if let Some(empty) = input.channels.iter().position(Vec::is_empty).filter(|_| !input.scale_free) {
@@ -175,8 +175,8 @@ impl Model {
         Ok(self.with_input(input))
     }
 
-    /// The same network for an instrument whose channels are not equally loud ([`Input::matched`]); of a network that knows
-    /// frames with their scale nothing changes.
+    /// The same network for an instrument whose channels have different amplitudes ([`Input::matched`]); no effect on a
+    /// network that is not scale-free.
     #[must_use]
     pub fn matched(&self, differences: &[Frame]) -> Self {
         if !self.card.input.scale_free {
@@ -261,7 +261,7 @@ fn parse_card(path: &Path, bytes: &[u8]) -> Result<Card, LearnError> {
 }
 
 impl SkinRecord {
-    /// Whether two skins are the same but for their names.
+    /// Whether two skins are the same except for their names.
     fn is_that_of(&self, other: &SkinRecord) -> bool {
         *self == SkinRecord { design: self.design.clone(), ..other.clone() }
     }

@@ -1,4 +1,4 @@
-//! What a network is made of, and its values.
+//! The structure and the weights of a network.
 
 use crate::kernel::conv2d::{Shape, TAPS};
 use rand::RngExt;
@@ -6,17 +6,17 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use serde::{Deserialize, Serialize};
 
-/// Output channels of a convolution that is not the last are a multiple of this: they fill whole vectors.
+/// The number of output channels of a convolution, except the last one, is a multiple of this, to fill whole vectors.
 pub const CHANNELS_TOGETHER: usize = 16;
 
-/// The shape of a network, as it stands in a model's card: a trunk of layers on vectors, then perhaps convolutions that
-/// refine the picture that the trunk made.
+/// The architecture of a network, as stored in a model's card: a sequence of layers on vectors (the trunk), optionally
+/// followed by convolutions that refine the resulting image.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Architecture {
     /// The layers, in their order.
     pub trunk: Vec<LayerSpec>,
-    /// What follows them.
+    /// The refinement after the layers.
     pub refinement: Option<RefinementSpec>,
 }
 
@@ -24,42 +24,43 @@ pub struct Architecture {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum LayerSpec {
-    /// Every output is a sum over all inputs.
+    /// A dense layer: every output is a sum over all inputs.
     Dense {
-        /// Values in.
+        /// Number of inputs.
         inputs: usize,
-        /// Values out.
+        /// Number of outputs.
         outputs: usize,
-        /// Whether outputs below zero become zero.
+        /// Whether a rectifier follows.
         relu: bool,
     },
-    /// Each value less its mean over the batch, over its deviation, then scaled and shifted.
+    /// Each value minus its mean over the batch, divided by its standard deviation, then scaled and shifted.
     BatchNorm {
-        /// Values in and out.
+        /// Number of inputs and outputs.
         features: usize,
-        /// Whether outputs below zero become zero.
+        /// Whether a rectifier follows.
         relu: bool,
     },
 }
 
-/// The shape of a refinement: convolutions of 3 x 3 pixels, a rectifier between two of them; the first channel of what
-/// comes in is added to what comes out.
+/// The architecture of a refinement: convolutions of 3 x 3 pixels with rectifiers between them; the first channel of
+/// the input is added to the output.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RefinementSpec {
-    /// Rows of the picture.
+    /// Number of rows of the image.
     pub rows: usize,
-    /// Its columns.
+    /// Number of columns.
     pub columns: usize,
-    /// Whether the last column is the first one's neighbour.
+    /// Whether the last column is adjacent to the first.
     pub is_ring: bool,
-    /// Channels of what comes in, and after each convolution; the last is 1.
+    /// Number of channels of the input, and after each convolution; the last is 1.
     pub channels: Vec<usize>,
 }
 
 impl Architecture {
-    /// The paper's network as we read it (dense, batch normalisation, rectifier) three times and a last dense layer: from
-    /// 870 values over 870, 880 and 890 to an image of 900 on its skin; on others the hidden sizes lie evenly between.
+    /// The paper's network in our interpretation (dense, batch normalisation, rectifier) three times and a final dense
+    /// layer: on its skin 870 values, hidden layers of 870, 880 and 890, an image of 900; on other skins the hidden
+    /// sizes are interpolated linearly.
     pub fn paper(channels: usize, pixels: usize) -> Self {
         let size = |step: usize| (channels * (3 - step) + pixels * step + 1) / 3;
         let sizes = [channels, size(0), size(1), size(2), pixels];
@@ -72,8 +73,8 @@ impl Architecture {
         Architecture { trunk, refinement: None }
     }
 
-    /// The other reading of the paper: batch normalisation of what enters each of four hidden layers, and a fifth that makes
-    /// the image.
+    /// The other interpretation of the paper: batch normalisation of the input of each of four hidden layers, and a
+    /// fifth layer that makes the image.
     pub fn paper_otherwise(channels: usize, pixels: usize) -> Self {
         let size = |step: usize| (channels * (3 - step) + pixels * step + 1) / 3;
         let sizes = [channels, size(0), size(1), size(2), pixels];
@@ -86,17 +87,17 @@ impl Architecture {
         Architecture { trunk, refinement: None }
     }
 
-    /// A linear layer that makes several pictures of the frame, and convolutions that make one of them.
+    /// A linear layer that makes several images of the frame, and convolutions that combine them into one.
     pub fn refined(inputs: usize, [rows, columns]: [usize; 2], is_ring: bool, channels: &[usize]) -> Self {
         let outputs = rows * columns * channels[0];
         let refinement = RefinementSpec { rows, columns, is_ring, channels: channels.to_vec() };
         Architecture { trunk: vec![LayerSpec::Dense { inputs, outputs, relu: false }], refinement: Some(refinement) }
     }
 
-    /// Checks that every layer takes what the one before it gives.
+    /// Checks that the input size of every layer equals the output size of the one before.
     ///
     /// # Errors
-    /// What does not fit, in words.
+    /// A description of the mismatch.
     pub fn check(&self) -> Result<(), String> {
         let mut values = None;
         for (index, layer) in self.trunk.iter().enumerate() {
@@ -128,8 +129,8 @@ impl Architecture {
         Ok(())
     }
 
-    /// Whether a layer can be folded into a dense one beside it: a batch normalisation into the one before where that has no
-    /// rectifier of its own, else, having none itself, into the one after.
+    /// Whether a layer can be folded into an adjacent dense layer: a batch normalisation into the layer before if that
+    /// has no rectifier, else, if it has no rectifier itself, into the layer after.
     fn is_foldable(&self, index: usize) -> bool {
         let LayerSpec::BatchNorm { relu, .. } = self.trunk[index] else { return true };
         let before = index.checked_sub(1).map(|before| self.trunk[before]);
@@ -138,12 +139,12 @@ impl Architecture {
             || (!relu && matches!(after, Some(LayerSpec::Dense { .. })))
     }
 
-    /// Values that come in.
+    /// Number of inputs.
     pub fn inputs(&self) -> usize {
         self.trunk.first().map_or(0, |layer| layer.sizes().0)
     }
 
-    /// Values that come out.
+    /// Number of outputs.
     pub fn outputs(&self) -> usize {
         match &self.refinement {
             Some(refinement) => refinement.rows * refinement.columns,
@@ -161,7 +162,7 @@ impl LayerSpec {
     }
 }
 
-/// A network: a plan and its values.
+/// A network: an architecture and its weights.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Network {
     plan: Architecture,
@@ -197,7 +198,7 @@ pub(crate) struct Dense {
 pub(crate) struct BatchNorm {
     pub scale: Vec<f32>,
     pub shift: Vec<f32>,
-    /// Over the batches so far, each counting less the longer it is ago.
+    /// Over the batches so far, exponentially weighted.
     pub mean: Vec<f32>,
     pub variance: Vec<f32>,
 }
@@ -205,11 +206,11 @@ pub(crate) struct BatchNorm {
 impl BatchNorm {
     /// Added to the variance (Keras' default).
     pub const EPSILON: f32 = 1e-3;
-    /// What the means over batches keep at each batch (Keras' default).
+    /// Decay of the moving averages per batch (Keras' default).
     pub const MOMENTUM: f32 = 0.99;
 }
 
-/// Convolutions that refine a picture.
+/// Convolutions that refine an image.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Refinement {
     pub shape: Shape,
@@ -218,7 +219,7 @@ pub(crate) struct Refinement {
 
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Convolution {
-    /// In and out.
+    /// Input and output channels.
     pub channels: [usize; 2],
     /// `[tap][input channel][output channel]`.
     pub weight: Vec<f32>,
@@ -232,18 +233,18 @@ pub struct Tensor<T> {
     pub name: String,
     /// Sizes, row-major.
     pub shape: Vec<usize>,
-    /// Whether training descends its gradient; the others follow the data.
+    /// Whether it is trained by gradient descent; the others are moving averages.
     pub is_learned: bool,
     /// Its values.
     pub values: T,
 }
 
 impl Network {
-    /// A network before training: weights even within the bounds of Glorot and Bengio (2010), `+-sqrt(6 / (inputs +
-    /// outputs))`, the last convolution zero so that a refinement begins by changing nothing.
+    /// A network before training: weights uniform within the bounds of Glorot and Bengio (2010),
+    /// `+-sqrt(6 / (inputs + outputs))`, the last convolution zero so that a refinement initially changes nothing.
     ///
     /// # Panics
-    /// Where the plan's layers do not fit together.
+    /// If the architecture's layers do not fit together.
     pub fn new(plan: &Architecture, seed: u64) -> Self {
         if let Err(message) = plan.check() {
             panic!("{message}");
@@ -286,17 +287,17 @@ impl Network {
         Network { plan: plan.clone(), trunk, refinement }
     }
 
-    /// Its shape.
+    /// Its architecture.
     pub fn plan(&self) -> &Architecture {
         &self.plan
     }
 
-    /// Values that training changes.
+    /// Number of trained values.
     pub fn learned_count(&self) -> usize {
         self.tensors().iter().filter(|tensor| tensor.is_learned).map(|tensor| tensor.values.len()).sum()
     }
 
-    /// The network whose outputs are this one's times a positive factor.
+    /// The network with the outputs of this one times a positive factor.
     #[must_use]
     pub fn scaled(mut self, factor: f32) -> Self {
         let scale = |values: &mut [f32]| values.iter_mut().for_each(|value| *value *= factor);
@@ -307,7 +308,7 @@ impl Network {
         let last = last.expect("a network ends with a dense layer");
         scale(&mut last.weight);
         scale(&mut last.bias);
-        // A rectifier of a multiple is the multiple of the rectifier, so that of what follows only what is added counts.
+        // A rectifier is positively homogeneous, so in the following layers only the additive terms are scaled.
         let convolutions = self.refinement.iter_mut().flat_map(|refinement| &mut refinement.convolutions);
         convolutions.for_each(|one| scale(&mut one.bias));
         self
@@ -342,7 +343,7 @@ impl Network {
         tensors
     }
 
-    /// The values of all tensors, to be changed; in the order of [`tensors`](Self::tensors).
+    /// The values of all tensors, mutable; in the order of [`tensors`](Self::tensors).
     pub fn values_mut(&mut self) -> Vec<&mut Vec<f32>> {
         let mut values = Vec::new();
         for layer in &mut self.trunk {

@@ -13,64 +13,66 @@ use dermis::image::PixelSpace;
 use dermis::protocol::Protocol;
 use dermis_sim::dataset::Dataset;
 
-/// Channels of the pictures that the best network's convolutions take and make.
+/// Number of image channels at the input of the best network's convolutions, and of their outputs.
 const CHANNELS: [usize; 6] = [4, 16, 16, 16, 16, 1];
-/// Standard deviation of the Gaussians that its touches become, m: a pixel of the paper's skin.
+/// Standard deviation of the Gaussians in its target, m: a pixel of the paper's skin.
 const TOUCH_WIDTH_M: f64 = 0.010;
 
-/// Values of each hidden layer of the network of shapes.
+/// Size of each hidden layer of the network `shapes`.
 const HIDDEN: usize = 256;
 
-// Settled on twins with the seeds 2001 and 2002, which are never reported.
-/// The lowest peak beside the highest in the paper's network's images: they have hardly a side lobe.
+// Chosen on twins with the seeds 2001 and 2002, which are not used for reported results.
+/// The lowest peak relative to the highest in images of the paper's network, which have almost no side lobes.
 const PAPER_PEAK_FRACTION: f64 = 0.15;
-/// The same of spots, whose squares tell forces: a touch of a sixteenth of the strongest one's force is found beside it.
+/// The same for spots, whose squares are proportional to forces: a touch with a sixteenth of the strongest one's force
+/// is still detected.
 const SPOT_PEAK_FRACTION: f64 = 0.06;
-// Noise in a network's images is next to nothing as long as nothing touches, and then, once an hour at 120 frames a second, many
-// of its standard deviations high: 84 in the paper's, 32 in touches.
-/// A contact's least height in images of the change of conductance, in standard deviations.
+// The noise in a network's images is almost zero without a touch, but about once an hour at 120 frames per second it
+// has a peak of many standard deviations: 84 for the paper's network, 32 for images of touches.
+/// Minimum height of a contact in images of the change of conductance, in standard deviations.
 const PAPER_NOISE_FACTOR: f64 = 100.0;
 /// The same in images of touches.
 const TOUCH_NOISE_FACTOR: f64 = 50.0;
 
-/// Parts of the best network that the paper's lacks, to be left out one by one in an ablation study.
+/// Parts of the best network that the paper's network does not have, to be removed one by one in an ablation study.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ablation {
-    /// Readings that are the same by reciprocity are averaged; without it each is an input.
+    /// Reciprocal readings are averaged; without it each is an input.
     Reciprocity,
-    /// Convolutions make the image of pictures; without them the paper's dense layers make it.
+    /// Convolutions make the image; without them the paper's dense layers make it.
     Refinement,
-    /// The target is touches; without it the change of conductance, as the paper's, and no symmetries, which move touches.
+    /// The target is touches; without it, it is the change of conductance, as in the paper, without symmetries, which
+    /// move touches.
     Touches,
-    /// Samples are moved by the skin's symmetries; without it they stay where they are.
+    /// Samples are moved by the skin's symmetries; without it they are not moved.
     Symmetries,
-    /// Noise varies, coat and contacts drift; without it noise is white and as it was measured.
+    /// The noise level varies, coating and contacts drift; without it the noise is white with the measured level.
     Disturbance,
 }
 
-/// Everything that is settled before training begins, beside the samples.
+/// All choices before training, except the samples.
 #[derive(Debug, Clone)]
 pub struct TrainingPreset {
-    /// For tables and cards.
+    /// Name for tables and cards.
     pub name: &'static str,
-    /// The network.
+    /// The architecture.
     pub plan: Architecture,
-    /// What it takes.
+    /// The inputs.
     pub input: Input,
-    /// What it makes.
+    /// The target.
     pub target: Target,
-    /// What disturbs it.
+    /// The disturbances of the inputs.
     pub noise: Noise,
-    /// By what movements samples are multiplied.
+    /// The symmetries for augmentation.
     pub symmetries: Option<Symmetries>,
-    /// How contacts are found in its images.
+    /// Detection options for its images.
     pub detection: DetectOptions,
-    /// How it is trained.
+    /// Training options.
     pub options: TrainOptions,
 }
 
 impl TrainingPreset {
-    /// The card of the network that came of it.
+    /// The card of the resulting network.
     pub fn card(&self, skin: SkinRecord, input: &Input, data: &[Dataset], training: TrainingRecord) -> Card {
         let record = |dataset: &Dataset| DataRecord {
             identity: dataset.manifest().identity.clone(),
@@ -92,7 +94,8 @@ impl TrainingPreset {
         }
     }
 
-    /// The paper's: four dense layers, the image of the change of conductance, white noise as it was measured.
+    /// The paper's network: four dense layers, the image of the change of conductance, white noise of the measured
+    /// level.
     pub fn paper(protocol: &Protocol, pixels: &PixelSpace, noise_ohm: Vec<f32>) -> Self {
         TrainingPreset {
             name: "paper",
@@ -106,20 +109,20 @@ impl TrainingPreset {
         }
     }
 
-    /// The paper's by its other reading: [`Architecture::paper_otherwise`].
+    /// The paper's network in the other interpretation: [`Architecture::paper_otherwise`].
     pub fn paper_otherwise(protocol: &Protocol, pixels: &PixelSpace, noise_ohm: Vec<f32>) -> Self {
         let plan = Architecture::paper_otherwise(protocol.channel_count(), pixels.len());
         TrainingPreset { name: "paper-otherwise", plan, ..Self::paper(protocol, pixels, noise_ohm) }
     }
 
-    /// Ours: reciprocal readings averaged, a linear layer to four pictures, convolutions that wrap; the touches themselves;
-    /// noise from half to four times what was measured, drift of coat and contacts; all symmetries of the skin. Where pixels
-    /// fill no rectangle, dense layers stand in for the convolutions.
+    /// Our network: reciprocal readings averaged, a linear layer to four images, convolutions with periodic columns;
+    /// touches as the target; noise from half to four times the measured level, drift of coating and contacts; all
+    /// symmetries of the skin. If the pixels do not fill a rectangle, dense layers replace the convolutions.
     pub fn best(design: &SkinDesign, protocol: &Protocol, pixels: &PixelSpace, noise_ohm: Vec<f32>) -> Self {
         Self::best_without(&[], design, protocol, pixels, noise_ohm)
     }
 
-    /// The same with some of what sets it apart left out.
+    /// The same without some of its parts.
     pub fn best_without(
         without: &[Ablation],
         design: &SkinDesign,
@@ -157,9 +160,9 @@ impl TrainingPreset {
         }
     }
 
-    /// For skins of which neither the instrument's unit nor its noise nor the membrane's physics is known: the shape of a
-    /// frame alone, twins averaged; small dense layers; touches of which only the shares are learned; in place of an
-    /// instrument's noise what the simulation misses, generously ([`DomainRandomization::usual`]).
+    /// For skins with unknown unit and noise of the instrument and unknown physics of the membrane: scale-free inputs,
+    /// twins averaged; small dense layers; only the relative sizes of touches are learned; in place of an instrument's
+    /// noise, the differences between simulation and real skins, with large ranges ([`DomainRandomization::usual`]).
     pub fn shapes(protocol: &Protocol, pixels: &PixelSpace) -> Self {
         let input = Input::shapes(protocol);
         let layer = |inputs, outputs, relu| LayerSpec::Dense { inputs, outputs, relu };
@@ -179,12 +182,12 @@ impl TrainingPreset {
     }
 }
 
-/// How contacts are found in images of the change of conductance.
+/// Detection options for images of the change of conductance.
 fn conductance_detection() -> DetectOptions {
     DetectOptions { noise_factor: PAPER_NOISE_FACTOR, peak_fraction: PAPER_PEAK_FRACTION, ..DetectOptions::default() }
 }
 
-/// How contacts are found in images of touches.
+/// Detection options for images of touches.
 fn touch_detection() -> DetectOptions {
     DetectOptions {
         noise_factor: TOUCH_NOISE_FACTOR,

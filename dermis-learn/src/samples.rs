@@ -16,7 +16,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Streams of random numbers from here on stretch the samples that inputs are normalised by.
+/// The random streams from here on are for the domain randomization of the samples that inputs are normalised by.
 const TYPICAL_STREAMS: u64 = 3 << 61;
 
 /// The target image of a network.
@@ -25,10 +25,10 @@ const TYPICAL_STREAMS: u64 = 3 << 61;
 pub enum Target {
     /// The mean relative change of conductance of each pixel.
     Conductance,
-    /// Every touch as a Gaussian of this standard deviation (m), its height the root of the touch's size: the force of a
-    /// press (N), the strength of a Gaussian touch (in cm2). The image is the square of what the network makes, its sign
-    /// kept. Where frames have no scale ([`Input::scale_free`]), the height is the root of the touch's share in the size of
-    /// all touches, and the image is that times the frame's size.
+    /// Every touch as a Gaussian of this standard deviation (m), its height the square root of the touch's size: the
+    /// force of a press (N), the strength of a Gaussian touch (in cm2). The image is the square of the network's output
+    /// with its sign. For scale-free inputs ([`Input::scale_free`]), the height is the square root of the touch's
+    /// fraction of the total size of all touches, and the image is that times the frame's size.
     Touches {
         /// Standard deviation, m.
         width_m: f64,
@@ -45,60 +45,60 @@ impl Target {
     }
 }
 
-/// Noise that is added to a difference, drawn for each step of training.
+/// Noise that is added to a difference, drawn for each training step.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Noise {
     /// Standard deviation of each channel's noise, ohm.
     pub sd_ohm: Vec<f32>,
-    /// Each sample's noise is that times a factor between these, uniform in its logarithm.
+    /// The noise of each sample is this times a factor between these, uniform in its logarithm.
     pub factor: [f32; 2],
-    /// How far the coat's conductance drifts after the untouched frame: standard deviation of the relative change.
+    /// Drift of the coating's conductance after the untouched frame: standard deviation of the relative change.
     pub coat_drift: f32,
-    /// How far each contact's resistance drifts: standard deviation over the design's.
+    /// Drift of each contact's resistance: standard deviation relative to the design's.
     pub contact_drift: f32,
-    /// Domain randomization; none without it.
+    /// Domain randomization; none by default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub misfit: Option<DomainRandomization>,
 }
 
-/// Differences between simulation and real skins, relative to the change by a touch (domain randomization: Tobin et al., 2017,
-/// DOI 10.1109/IROS.2017.8202133).
+/// Differences between simulation and real skins, relative to the change by a touch (domain randomization: Tobin et
+/// al., 2017, DOI 10.1109/IROS.2017.8202133).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DomainRandomization {
-    /// A touch changes the whole coat too, evenly, as a stretched membrane does: the root mean square of that over the root
-    /// mean square of the touch's own change. Uniform between two bounds.
+    /// A touch also changes the whole coating uniformly, as in a stretched membrane: the root mean square of this
+    /// change over the root mean square of the touch's own change. Uniform between two bounds.
     pub whole: [f32; 2],
-    /// Each channel's gain is wrong by a factor whose logarithm has this standard deviation.
+    /// Gain error of each channel: standard deviation of the logarithm of the gain.
     pub loudness_sd: f32,
     /// White noise of the inputs, its standard deviation over their root mean square. Uniform between two bounds.
     pub relative: [f32; 2],
-    /// Each input is missing with a probability that is uniform from nothing to this.
+    /// Each input is missing with a probability that is uniform from zero to this.
     pub missing: f32,
 }
 
 impl DomainRandomization {
-    /// Of real skins whose instrument is not known: 0.3 to 0.6, 0.5, up to 2, 0.3.
+    /// For real skins with an unknown instrument: 0.3 to 0.6, 0.5, up to 2, 0.3.
     pub fn usual() -> Self {
         DomainRandomization { whole: [0.3, 0.6], loudness_sd: 0.5, relative: [0.0, 2.0], missing: 0.3 }
     }
 }
 
 impl Noise {
-    /// White noise of given standard deviations and nothing else.
+    /// Only white noise, with given standard deviations.
     pub fn white(sd_ohm: Vec<f32>) -> Self {
         Noise { sd_ohm, factor: [1.0, 1.0], coat_drift: 0.0, contact_drift: 0.0, misfit: None }
     }
 }
 
-/// Samples to learn from, and how they become inputs and targets.
+/// Training samples, and their conversion to inputs and targets.
 #[derive(Debug)]
 pub struct Samples<'a> {
     source: Box<dyn Source + 'a>,
     symmetries: Option<Symmetries>,
     noise: Noise,
-    /// What each contact's drift adds to a difference, at one standard deviation.
+    /// The change of a difference by each contact's drift, for one standard deviation.
     contacts: Vec<Vec<f32>>,
     target: Target,
     surface: Unrolled,
@@ -112,16 +112,16 @@ pub struct Samples<'a> {
 pub enum Augmentation {
     /// None.
     Nothing,
-    /// By noise and by a symmetry, where there are any, drawn from a seed and the index of the step.
+    /// By noise and by a symmetry, if there are any, drawn from a seed and the index of the step.
     Step(u64, u64),
 }
 
 impl<'a> Samples<'a> {
-    /// Samples of a source on the skin of a forward model. Symmetries move touches: where the target is an image of
-    /// conductance, samples stay where they are.
+    /// Samples of a source on the skin of a forward model. Symmetries move touches: if the target is an image of
+    /// conductance, samples are not moved.
     ///
     /// # Errors
-    /// A contact whose drift cannot be solved.
+    /// A contact whose drift cannot be computed.
     pub fn new(
         source: impl Source + 'a,
         forward: &ForwardModel,
@@ -143,12 +143,12 @@ impl<'a> Samples<'a> {
         })
     }
 
-    /// Where they come from.
+    /// The source of the samples.
     pub fn source(&self) -> &dyn Source {
         &*self.source
     }
 
-    /// The undisturbed difference of a sample that was asked for, ohm.
+    /// The undisturbed difference of a prepared sample, ohm.
     ///
     /// # Errors
     /// A file that cannot be read; a value that is not finite.
@@ -156,8 +156,7 @@ impl<'a> Samples<'a> {
         Ok(self.read(number, false)?.1)
     }
 
-    /// The difference of a sample that was asked for, and what the simulation misses of it but for noise: what inputs are
-    /// normalised by.
+    /// The difference of a prepared sample with domain randomization but without noise: used to normalise inputs.
     ///
     /// # Errors
     /// As [`difference`](Self::difference).
@@ -169,8 +168,8 @@ impl<'a> Samples<'a> {
         Ok(difference)
     }
 
-    /// A sample, and what its touches changed as the instrument reports it. Where amplitudes are reported the untouched frame
-    /// becomes its amplitudes too.
+    /// A sample, and the change by its touches as reported by the instrument. If amplitudes are reported, the untouched
+    /// frame is converted to amplitudes too.
     fn read(&self, number: usize, with_image: bool) -> Result<(Sample, Vec<f32>), LearnError> {
         let mut sample = self.source.read(number, with_image)?;
         if self.amplitude_only {
@@ -199,7 +198,7 @@ impl<'a> Samples<'a> {
         Ok(square - mean * mean)
     }
 
-    /// The inputs and the target of a sample that was asked for.
+    /// The inputs and the target of a prepared sample.
     ///
     /// # Errors
     /// As [`difference`](Self::difference).
@@ -241,7 +240,7 @@ impl<'a> Samples<'a> {
         let Noise { sd_ohm, factor: [low, high], coat_drift, .. } = &self.noise;
         let mut normal = Normal::default();
         if *coat_drift > 0.0 || !self.contacts.is_empty() {
-            // How long ago the untouched frame was: from just now to long.
+            // The age of the untouched frame: from zero to long.
             let ago = normal.next(rng).abs().min(1.0);
             let share = ago * coat_drift * normal.next(rng);
             let mut moved = vec![0.0; rest.len()];
@@ -288,8 +287,9 @@ impl<'a> Samples<'a> {
 }
 
 impl DomainRandomization {
-    /// The even change of the whole coat, and channels that are too loud or too faint. A conductance that falls everywhere
-    /// raises all values alike, whichever way touches turn it: the change is along the untouched frame.
+    /// The uniform change of the whole coating, and gain errors of the channels. A uniform decrease of conductance
+    /// raises all values by the same factor, for either sign of the touch effect: the change is proportional to the
+    /// untouched frame.
     fn stretch(&self, rng: &mut ChaCha8Rng, rest: &[f32], difference: &mut [f32]) {
         let size = |values: &[f32]| values.iter().map(|value| value * value).sum::<f32>().sqrt();
         let along: f32 = rest.iter().zip(&*difference).map(|(rest, value)| rest * value).sum();
@@ -301,7 +301,7 @@ impl DomainRandomization {
         }
     }
 
-    /// Noise of the inputs, and some of them missing.
+    /// Noise of the inputs, and missing inputs.
     fn blur(&self, rng: &mut ChaCha8Rng, inputs: &mut [f32]) {
         let square: f32 = inputs.iter().map(|input| input * input).sum();
         let [low, high] = self.relative;
@@ -315,7 +315,7 @@ impl DomainRandomization {
     }
 }
 
-/// For each contact what a resistance of its own, a share of the design's in series with it, adds to the untouched frame.
+/// For each contact the change of the untouched frame by a resistance in series with it, a fraction of the design's.
 fn contact_patterns(forward: &ForwardModel, share: f32) -> Result<Vec<Vec<f32>>, LearnError> {
     if share == 0.0 {
         return Ok(Vec::new());
@@ -350,7 +350,7 @@ mod tests {
     use dermis::mesh::Mesh;
     use dermis_sim::dataset::{GaussianTouches, Generator, Recipe, Skins, Touch};
 
-    /// A point electrode has no contact impedance in the model: there is none to drift.
+    /// A point electrode has no contact impedance in the model, so it cannot drift.
     #[test]
     fn samples_of_a_skin_with_point_electrodes_are_finite() {
         let text = SkinDesign::text_of("tank16").unwrap();

@@ -1,4 +1,4 @@
-//! The models that come with the library: `paper` and `best` for the paper's skin, `shapes` for `skin16`.
+//! The shipped models: `paper` and `best` for the paper's skin, `shapes` for `skin16`.
 
 /// Their names, the preferred ones first.
 pub const NAMES: [&str; 3] = ["best", "paper", "shapes"];

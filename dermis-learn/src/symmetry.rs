@@ -6,32 +6,32 @@ use dermis::protocol::{Pair, Protocol};
 use dermis_sim::elementary::{atan2, hypot, sin_cos};
 use std::collections::HashMap;
 
-/// Electrodes that are this close are the same, m.
+/// Electrodes closer than this are the same, m.
 const SAME_M: f64 = 1e-6;
 
-/// The symmetries of a skin: at least the one that moves nothing.
+/// The symmetries of a skin: at least the identity.
 #[derive(Debug, Clone)]
 pub struct Symmetries {
     elements: Vec<Symmetry>,
     drives: Vec<[usize; 4]>,
     electrodes: usize,
-    /// For each pair of neighbours in the ring of electrodes (drive, measure) the channel that reads it.
+    /// For each pair of neighbours in the ring of electrodes (drive, measure) its channel.
     channel_of: Vec<Option<usize>>,
 }
 
-/// One movement.
+/// One symmetry.
 #[derive(Debug, Clone)]
 struct Symmetry {
     motion: Motion,
-    /// From which electrode each one comes.
+    /// For each electrode the index of the electrode that is mapped to it.
     from: Vec<usize>,
 }
 
 #[derive(Debug, Clone, Copy)]
 enum Motion {
-    /// On a cylinder: theta becomes `turn_rad + sign theta`, z perhaps the length less z.
+    /// On a cylinder: theta becomes `turn_rad + sign theta`, z optionally the length minus z.
     Cylinder { turn_rad: f64, sign: f64, flips_m: Option<f64> },
-    /// In the plane: a turn about the origin, after y has changed its sign where `sign` is -1.
+    /// In the plane: a rotation about the origin, after y is multiplied by `sign`.
     Disk { turn_rad: f64, sign: f64 },
     /// In the plane: mirrored about the middle of either axis.
     Rectangle { flips_m: [Option<f64>; 2] },
@@ -57,9 +57,8 @@ impl Motion {
 }
 
 impl Symmetries {
-    /// The symmetries of a design whose frames tell them: all neighbours drive and all others measure, so that the voltage
-    /// between any two electrodes for a current through any two follows from a frame. Any other protocol has the one
-    /// symmetry that moves nothing.
+    /// The symmetries of a design with adjacent drives and all other adjacent measures, so that the voltage between any
+    /// two electrodes for a current through any two follows from a frame. Any other protocol has only the identity.
     pub fn of(design: &SkinDesign, protocol: &Protocol) -> Self {
         let electrodes = protocol.electrode_count();
         let channel_of = neighbours(protocol).unwrap_or_default();
@@ -79,27 +78,27 @@ impl Symmetries {
         Symmetries { elements, drives: protocol.channels().iter().map(drive).collect(), electrodes, channel_of }
     }
 
-    /// How many there are.
+    /// Number of symmetries.
     pub fn len(&self) -> usize {
         self.elements.len().max(1)
     }
 
-    /// Never: the one that moves nothing is always there.
+    /// Always false: the identity is always included.
     pub fn is_empty(&self) -> bool {
         false
     }
 
-    /// Where a symmetry leads a point.
+    /// The image of a point under a symmetry.
     pub fn point(&self, element: usize, point: Point3) -> Point3 {
         self.elements.get(element).map_or(point, |symmetry| symmetry.motion.apply(point))
     }
 
-    /// The frame of a skin that a symmetry moved, from the frame of the skin: transfer resistances follow their electrodes.
-    /// Frames must be exact: of noise every value would become a sum.
+    /// The frame of a skin transformed by a symmetry, from the frame of the skin: transfer resistances follow their
+    /// electrodes. Frames must be free of noise: each result is a sum of several values.
     pub fn frame(&self, element: usize, frame: &[f32], moved: &mut [f32]) {
         let Some(symmetry) = self.elements.get(element) else { return moved.copy_from_slice(frame) };
         let count = self.electrodes;
-        // [d][k]: the potential of electrode 0 against electrode k for a current into 0 and out of d.
+        // [d][k]: the potential of electrode 0 minus that of electrode k for a current into 0 and out of d.
         let mut potential = vec![0.0f64; count * count];
         let mut steps = vec![0.0f64; count];
         for drive in 0..count - 1 {
@@ -107,7 +106,7 @@ impl Symmetries {
                 let channel = self.channel_of[drive * count + measure];
                 *step = channel.map_or(0.0, |channel| f64::from(frame[channel]));
             }
-            // The voltages round the ring add up to zero, which gives the one that is not measured.
+            // The voltages around the ring sum to zero, which gives the one that is not measured.
             steps[drive] = -steps.iter().sum::<f64>();
             let mut sum = 0.0;
             for measure in 0..count {
@@ -125,7 +124,8 @@ impl Symmetries {
     }
 }
 
-/// For each (drive, measure) of neighbours in the ring the channel; `None` where one but the drive's own is missing.
+/// For each (drive, measure) of neighbours in the ring the channel; `None` if one other than the drive's own is
+/// missing.
 fn neighbours(protocol: &Protocol) -> Option<Vec<Option<usize>>> {
     let count = protocol.electrode_count();
     let numbers: HashMap<(Pair, Pair), usize> = protocol
@@ -182,7 +182,7 @@ fn motions(body: &Body, places: &[Point3]) -> Vec<Motion> {
     motions
 }
 
-/// From which electrode each one comes under a motion; `None` where one comes from nowhere.
+/// For each electrode the index of the one mapped to it by a motion; `None` if there is none.
 fn permutation(motion: &Motion, places: &[Point3]) -> Option<Vec<usize>> {
     let mut from = vec![None; places.len()];
     for (electrode, &place) in places.iter().enumerate() {
@@ -221,7 +221,7 @@ mod tests {
             symmetries.frame(element, &here, &mut moved);
             let there = frame(symmetries.point(element, place));
             let off: Vec<f32> = moved.iter().zip(&there).map(|(a, b)| a - b).collect();
-            // Meshes differ from place to place: not more than what a mesh is worth.
+            // Meshes are not symmetric: the tolerance is their discretisation error.
             assert!(size(&off) < 0.02 * size(&there), "{element}: {}", size(&off) / size(&there));
         }
         symmetries.frame(0, &here, &mut moved);

@@ -8,7 +8,7 @@ use safetensors::tensor::{Dtype, TensorView};
 use std::collections::HashMap;
 use std::path::Path;
 
-/// How values are stored.
+/// The storage precision of values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Precision {
     /// Four bytes each.
@@ -17,7 +17,7 @@ pub enum Precision {
     Half,
 }
 
-/// A tensor to be written.
+/// A tensor to write.
 pub(crate) struct Named<'a> {
     pub name: String,
     pub shape: Vec<usize>,
@@ -25,7 +25,7 @@ pub(crate) struct Named<'a> {
     pub precision: Precision,
 }
 
-/// Writes tensors and a text under each key of the metadata, whole or not at all.
+/// Writes tensors and a text under each key of the metadata, completely or not at all.
 pub(crate) fn write(path: &Path, tensors: &[Named<'_>], metadata: HashMap<String, String>) -> Result<(), LearnError> {
     let bytes: Vec<Vec<u8>> = (tensors.iter())
         .map(|tensor| match tensor.precision {
@@ -46,7 +46,7 @@ pub(crate) fn write(path: &Path, tensors: &[Named<'_>], metadata: HashMap<String
     write_whole(path, |out| out.write_all(&bytes)).map_err(|error| LearnError::Dermis(error.into()))
 }
 
-/// The values of a tensor that must be there in a shape.
+/// The values of a required tensor of a given shape.
 pub(crate) fn values(path: &Path, file: &SafeTensors<'_>, name: &str, shape: &[usize]) -> Result<Vec<f32>, LearnError> {
     let wrong = |what: String| LearnError::model(path, what);
     let tensor = file.tensor(name).map_err(|_| wrong(format!("the tensor `{name}` is missing")))?;
@@ -64,7 +64,7 @@ pub(crate) fn values(path: &Path, file: &SafeTensors<'_>, name: &str, shape: &[u
     }
 }
 
-/// Reads a file's header; a truncated or foreign one is an error.
+/// Reads a file's header; a truncated file or one of another format is an error.
 pub(crate) fn parse<'a>(path: &Path, bytes: &'a [u8]) -> Result<SafeTensors<'a>, LearnError> {
     SafeTensors::deserialize(bytes)
         .map_err(|error| LearnError::model(path, format!("damaged, cut off or no safetensors file ({error})")))

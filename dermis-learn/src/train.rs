@@ -1,4 +1,4 @@
-//! Training: epochs of steps down the gradient, until the test loss falls no more.
+//! Training: epochs of gradient descent steps, until the test loss stops decreasing.
 
 use crate::LearnError;
 use crate::checkpoint;
@@ -13,48 +13,48 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::time::Instant;
 
-/// Samples from which the inputs' mean and deviation are taken.
+/// Number of samples for the inputs' mean and standard deviation.
 const NORMALISE_BY: usize = 20_000;
-/// Values that one thread steps at a time.
+/// Number of values updated by one thread at a time.
 const STEP_TOGETHER: usize = 1 << 15;
-/// Streams of random numbers from here on disturb the test samples, those below the training samples.
+/// The random streams from here on are for noise of the test samples, those below for the training samples.
 const TEST_STREAMS: u64 = 1 << 62;
 
-/// How a network is trained.
+/// Training options.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainOptions {
-    /// Samples of a step.
+    /// Samples per step.
     pub batch: usize,
-    /// Most epochs.
+    /// Maximum number of epochs.
     pub epochs: usize,
-    /// Samples of an epoch; all of them without it.
+    /// Samples per epoch; all of them by default.
     pub epoch_samples: Option<usize>,
-    /// Adam's rate.
+    /// Learning rate of Adam.
     pub rate: f32,
-    /// How the rate goes.
+    /// Learning rate schedule.
     pub schedule: Schedule,
     /// The seed of weights, order and noise.
     pub seed: u64,
-    /// Training ends when the least test loss has not fallen by this share...
+    /// Training ends when the smallest test loss has not decreased by this fraction...
     pub least_gain: f64,
     /// ... in this many epochs.
     pub patience: usize,
 }
 
-/// How the rate goes.
+/// Learning rate schedule.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Schedule {
-    /// It stays.
+    /// Constant.
     Constant,
-    /// It falls along half a cosine, to nothing at the end of the last epoch (Loshchilov and Hutter, 2017, arXiv
-    /// 1608.03983, Eq. 5).
+    /// Half a cosine, to zero at the end of the last epoch (Loshchilov and Hutter, 2017, arXiv 1608.03983, Eq. 5).
     Cosine,
 }
 
 impl Default for TrainOptions {
-    /// The paper's minibatch, Keras' rate; it ends where the test loss has not fallen by 0.5 % in 5 epochs.
+    /// The paper's minibatch, Keras' learning rate; training ends if the test loss has not decreased by 0.5 % in 5
+    /// epochs.
     fn default() -> Self {
         TrainOptions {
             batch: 360,
@@ -69,18 +69,18 @@ impl Default for TrainOptions {
     }
 }
 
-/// An epoch that is done.
+/// A finished epoch.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Epoch {
-    /// Mean square error over the steps, on disturbed inputs, while weights changed.
+    /// Mean square error over the steps, on disturbed inputs, while the weights change.
     pub training_loss: f64,
-    /// Mean square error on the test samples, disturbed alike, after it.
+    /// Mean square error on the test samples after the epoch, with the same disturbances.
     pub test_loss: f64,
-    /// How long it took, s.
+    /// Its duration, s.
     pub seconds: f64,
 }
 
-/// A network in training.
+/// A network during training.
 #[derive(Debug)]
 pub struct Trainer<'a> {
     options: TrainOptions,
@@ -90,27 +90,27 @@ pub struct Trainer<'a> {
     pass: Pass,
     inputs: Vec<f32>,
     targets: Vec<f32>,
-    /// Targets are learned times this: in units of their standard deviation, beside which Adam's rate is what it is meant
-    /// to be.
+    /// The targets are multiplied by this for training: then they have standard deviation one, for which Adam's
+    /// learning rate is intended.
     scale: f32,
 }
 
-/// All that training needs to go on.
+/// The complete state that is needed to continue training.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct State {
     pub network: Network,
     pub input: Input,
-    /// Adam's means and mean squares of each learned tensor.
+    /// Adam's means and mean squares of each trained tensor.
     pub moments: Vec<[Vec<f32>; 2]>,
     pub steps: u64,
     pub epochs: Vec<Epoch>,
 }
 
 impl<'a> Trainer<'a> {
-    /// A network before its first step, the input normalised by the training samples.
+    /// A network before its first step, with the input normalised by the training samples.
     ///
     /// # Errors
-    /// Fewer samples than a step takes; numbers out of range; samples that cannot be read.
+    /// Fewer samples than the batch size; options out of range; samples that cannot be read.
     pub fn new(
         plan: &Architecture,
         mut input: Input,
@@ -158,7 +158,7 @@ impl<'a> Trainer<'a> {
         })
     }
 
-    /// Goes on from a checkpoint, if there is one.
+    /// Continues from a checkpoint, if there is one.
     ///
     /// # Errors
     /// A checkpoint of another network or training, or a damaged one.
@@ -166,55 +166,55 @@ impl<'a> Trainer<'a> {
         checkpoint::read(path, &self.options, &mut self.state)
     }
 
-    /// Writes all that going on needs.
+    /// Writes the state that is needed to continue.
     ///
     /// # Errors
-    /// A file that cannot be written; the one before it is then untouched.
+    /// A file that cannot be written; the previous checkpoint is then unchanged.
     pub fn save(&self, path: &Path) -> Result<(), LearnError> {
         checkpoint::write(path, &self.options, &self.state)
     }
 
-    /// The network as it is.
+    /// The current network.
     pub fn network(&self) -> Network {
         self.state.network.clone().scaled(self.scale.recip())
     }
 
-    /// What targets are multiplied by while it learns: one over their standard deviation.
+    /// The factor of the targets during training: one over their standard deviation.
     pub fn target_scale(&self) -> f32 {
         self.scale
     }
 
-    /// How differences become its inputs.
+    /// The conversion of differences to its inputs.
     pub fn input(&self) -> &Input {
         &self.state.input
     }
 
-    /// The epochs that are done.
+    /// The finished epochs.
     pub fn epochs(&self) -> &[Epoch] {
         &self.state.epochs
     }
 
-    /// Steps of an epoch.
+    /// Steps per epoch.
     pub fn steps_per_epoch(&self) -> usize {
         let samples = self.options.epoch_samples.unwrap_or(usize::MAX).min(self.training.source().len());
         (samples / self.options.batch).max(1)
     }
 
-    /// Whether all epochs are done, or the test loss falls no more.
+    /// Whether all epochs are finished, or the test loss has stopped decreasing.
     pub fn is_done(&self) -> bool {
         let epochs = &self.state.epochs;
         let least = |epochs: &[Epoch]| epochs.iter().map(|epoch| epoch.test_loss).fold(f64::INFINITY, f64::min);
         let before = epochs.len().saturating_sub(self.options.patience);
         let stands =
             before > 0 && least(&epochs[before..]) > (1.0 - self.options.least_gain) * least(&epochs[..before]);
-        // A rate that is to fall to nothing earns its best at the end.
+        // With a decreasing learning rate the best loss is reached at the end.
         epochs.len() >= self.options.epochs || stands && self.options.schedule == Schedule::Constant
     }
 
     /// One epoch, then the test. `on_step` is called with the mean loss so far after every step.
     ///
     /// # Errors
-    /// Samples that cannot be read; a loss that is no longer a number.
+    /// Samples that cannot be read; a loss that is not finite.
     pub fn epoch(&mut self, mut on_step: impl FnMut(f64)) -> Result<Epoch, LearnError> {
         let begun = Instant::now();
         let number = self.state.epochs.len() + 1;
@@ -222,7 +222,7 @@ impl<'a> Trainer<'a> {
         let steps = self.steps_per_epoch();
         let mut sum = 0.0;
         for (done, indices) in order.chunks_exact(self.options.batch).take(steps).enumerate() {
-            // Every sample of every epoch has noise of its own.
+            // Every sample of every epoch has its own noise.
             let first = self.state.steps * self.options.batch as u64;
             self.fill(self.training, indices, first)?;
             sum += self.step() / f64::from(self.scale * self.scale);
@@ -269,7 +269,7 @@ impl<'a> Trainer<'a> {
         })
     }
 
-    /// One step down the gradient of what is filled in; gives the loss before it.
+    /// One gradient step on the current batch; returns the loss before it.
     fn step(&mut self) -> f64 {
         let batch = Batch { inputs: &self.inputs, targets: &self.targets };
         let loss = self.pass.descend(&mut self.state.network, batch);

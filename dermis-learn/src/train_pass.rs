@@ -7,47 +7,47 @@ use crate::kernel::run;
 use crate::network::{BatchNorm, CHANNELS_TOGETHER, Convolution, Dense, Kind, Network, Refinement};
 use rayon::prelude::*;
 
-/// Parts of a batch whose gradients are summed one by one: the same for any number of threads.
+/// Parts of a batch whose gradients are summed separately: the same for any number of threads.
 const PARTS: usize = 12;
 
-/// Memory for the passes of a network over batches of one size.
+/// Work memory for the passes of a network over batches of one size.
 #[derive(Debug)]
 pub struct Pass {
     rows: usize,
     /// The output of each layer of the trunk, rows x outputs.
     outputs: Vec<Vec<f32>>,
-    /// Mean and reciprocal deviation over the batch, of layers that normalise by it.
+    /// Mean and reciprocal standard deviation over the batch, for batch normalisations.
     statistics: Vec<[Vec<f32>; 2]>,
-    /// The loss's gradient by the outputs of the layer that is passed, and by its inputs.
+    /// The gradient of the loss with respect to the outputs of the current layer, and to its inputs.
     error: Vec<f32>,
     next_error: Vec<f32>,
     parts: Vec<Part>,
-    /// The loss's gradient by each learned tensor.
+    /// The gradient of the loss with respect to each trained tensor.
     pub gradient: Vec<Vec<f32>>,
 }
 
-/// What is asked of a batch.
+/// Inputs and targets of a batch.
 #[derive(Debug, Clone, Copy)]
 pub struct Batch<'a> {
-    /// What goes in, rows x inputs.
+    /// Inputs, rows x inputs.
     pub inputs: &'a [f32],
-    /// What should come out, rows x outputs.
+    /// Targets, rows x outputs.
     pub targets: &'a [f32],
 }
 
-/// Memory of one thread for the refinement of some rows.
+/// Work memory of one thread for the refinement of some rows.
 #[derive(Debug)]
 struct Part {
-    /// The bordered picture that each convolution takes, then the last one's.
+    /// The bordered image at the input of each convolution, then the output of the last one.
     pictures: Vec<Vec<f32>>,
-    /// The loss's gradient by each of them.
+    /// The gradient of the loss with respect to each of them.
     errors: Vec<Vec<f32>>,
     gradient: Vec<Vec<f32>>,
     loss: f64,
 }
 
 impl Pass {
-    /// Memory for batches of `rows` samples.
+    /// Work memory for batches of `rows` samples.
     pub fn new(network: &Network, rows: usize) -> Self {
         let outputs = |layer: &crate::network::Layer| match &layer.kind {
             Kind::Dense(dense) => dense.outputs,
@@ -70,8 +70,8 @@ impl Pass {
         }
     }
 
-    /// The loss of a batch and its gradient by every learned tensor: the mean square over all values of the difference of
-    /// output and target. Means over batches that layers keep are brought up to date.
+    /// The loss of a batch and its gradient with respect to every trained tensor: the mean square over all values of
+    /// the difference of output and target. Moving averages over batches are updated.
     pub fn descend(&mut self, network: &mut Network, batch: Batch<'_>) -> f64 {
         self.forward(network, batch.inputs, true);
         let loss = self.loss_and_error(network, batch);
@@ -79,7 +79,7 @@ impl Pass {
         loss
     }
 
-    /// The outputs for a batch as they are in use, where layers normalise by what they learned.
+    /// The outputs for a batch in inference mode, in which layers normalise by their moving averages.
     pub fn outputs(&mut self, network: &mut Network, inputs: &[f32]) -> Vec<f32> {
         self.forward(network, inputs, false);
         let trunk = self.outputs.last().expect("a network has layers");
@@ -114,7 +114,7 @@ impl Pass {
         }
     }
 
-    /// The loss, and its gradient by the trunk's outputs into `error`.
+    /// The loss; its gradient with respect to the trunk's outputs is written to `error`.
     fn loss_and_error(&mut self, network: &Network, batch: Batch<'_>) -> f64 {
         let trunk = self.outputs.last().expect("a network has layers");
         self.error.resize(trunk.len(), 0.0);
@@ -159,7 +159,7 @@ impl Pass {
     }
 
     fn backward(&mut self, network: &Network, inputs: &[f32]) {
-        // Every layer of the trunk has two learned tensors.
+        // Every layer of the trunk has two trained tensors.
         for (index, layer) in network.trunk.iter().enumerate().rev() {
             let output = &self.outputs[index];
             if layer.relu {
@@ -213,7 +213,8 @@ impl Dense {
 }
 
 impl BatchNorm {
-    /// Mean and reciprocal deviation to normalise by: those of a batch in training, which also enter the lasting ones.
+    /// Mean and reciprocal standard deviation for normalisation: those of a batch in training, which also update the
+    /// moving averages.
     fn statistics_into(
         &mut self,
         x: &[f32],
@@ -249,7 +250,8 @@ impl BatchNorm {
         }
     }
 
-    /// Turns the gradient by the outputs into that by the inputs, and gives those by scale and shift.
+    /// Converts the gradient with respect to the outputs to that with respect to the inputs, and computes those of
+    /// scale and shift.
     fn backward(
         &self,
         x: &[f32],
@@ -272,7 +274,7 @@ impl BatchNorm {
     }
 }
 
-/// The weights of convolutions in the orders that the passes read them in.
+/// The weights of convolutions in the orders in which the passes read them.
 #[derive(Debug)]
 pub(crate) struct Packed {
     forward: Vec<Vec<f32>>,
@@ -290,7 +292,7 @@ impl Packed {
     }
 }
 
-/// As [`Wide`] reads weights where there are many output channels, else as [`Narrow`] does.
+/// In the order of [`Wide`] if there are many output channels, else of [`Narrow`].
 pub(crate) fn pack(weight: &[f32], [from, to]: [usize; 2]) -> Vec<f32> {
     if to.is_multiple_of(CHANNELS_TOGETHER) {
         return weight.to_vec();
@@ -298,7 +300,7 @@ pub(crate) fn pack(weight: &[f32], [from, to]: [usize; 2]) -> Vec<f32> {
     (0..to * TAPS * from).map(|at| weight[at % (TAPS * from) * to + at / (TAPS * from)]).collect()
 }
 
-/// The weights of the convolution that carries gradients back: turned by half a turn, inputs and outputs exchanged.
+/// The weights of the convolution for backpropagation: rotated by half a turn, inputs and outputs exchanged.
 fn turned(one: &Convolution) -> Vec<f32> {
     let [from, to] = one.channels;
     let mut turned = vec![0.0; one.weight.len()];
@@ -312,7 +314,7 @@ fn turned(one: &Convolution) -> Vec<f32> {
     turned
 }
 
-/// One convolution of a bordered picture, whichever kernel fits.
+/// One convolution of a bordered image, by the suitable kernel.
 pub(crate) fn convolve(
     shape: Shape,
     channels: [usize; 2],
@@ -334,7 +336,7 @@ impl Refinement {
         self.convolutions[0].channels[0]
     }
 
-    /// Bordered pictures: the input of each convolution, then the last one's output.
+    /// Bordered images: the input of each convolution, then the last one's output.
     pub fn pictures(&self) -> Vec<Vec<f32>> {
         let first = std::iter::once(self.channels_in());
         let channels = first.chain(self.convolutions.iter().map(|one| one.channels[1]));
@@ -374,7 +376,7 @@ impl Part {
         }
     }
 
-    /// Adds the loss of one row and its gradient; `error` takes that by what came in.
+    /// Adds the loss of one row and its gradient; the gradient with respect to the input is written to `error`.
     fn descend(
         &mut self,
         refinement: &Refinement,
@@ -411,7 +413,7 @@ impl Part {
         if to.is_multiple_of(CHANNELS_TOGETHER) {
             run(WeightGradient { shape, input, error, channels, gradient: by_weight });
         } else {
-            // Exchanged: the few channels of the error are what is read beside each pixel of the input.
+            // Exchanged: the few channels of the error are read next to each pixel of the input.
             let mut turned = vec![0.0; by_weight.len()];
             run(WeightGradient { shape, input: error, error: input, channels: [to, from], gradient: &mut turned });
             for (tap, turned) in turned.chunks_exact(from * to).enumerate() {
@@ -439,10 +441,10 @@ mod tests {
         (0..count).map(|at| (at as f32 * step).sin()).collect()
     }
 
-    /// The gradient of a network against differences of its loss.
+    /// The gradient of a network compared with differences of its loss.
     fn gradient_is_right(plan: &Architecture, rows: usize) {
         let mut network = Network::new(plan, 3);
-        // Away from the start, where the last convolution is zero.
+        // Not at the initial weights, where the last convolution is zero.
         for (at, values) in network.values_mut().into_iter().enumerate() {
             values.iter_mut().zip(filled(100_000, 0.37 + at as f32)).for_each(|(value, more)| *value += 0.1 * more);
         }
@@ -454,7 +456,7 @@ mod tests {
         let learned: Vec<usize> =
             network.tensors().iter().enumerate().filter(|(_, t)| t.is_learned).map(|(at, _)| at).collect();
         for (tensor, gradient) in learned.into_iter().zip(&gradient) {
-            // Along one direction per tensor, where single values would drown in rounding.
+            // Along one direction per tensor; for single values the rounding error would be too large.
             let direction: Vec<f32> = gradient.iter().map(|value| value.signum()).collect();
             let slope: f64 = gradient.iter().map(|value| f64::from(value.abs())).sum();
             let step = 3e-4 / (gradient.len() as f32).sqrt();

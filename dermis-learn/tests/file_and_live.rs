@@ -1,4 +1,5 @@
-//! Contacts of frames in a file and of the same frames through the live pipeline: the same rule of noise and thresholds.
+//! Contacts of frames in a file and of the same frames through the live pipeline: the same rule for noise and
+//! thresholds.
 
 use dermis::contact::Contact;
 use dermis::frame::{Frame, mean};
@@ -8,19 +9,19 @@ use dermis::skin::Skin;
 use dermis_sim::twin::{Press, Twin, TwinOptions};
 use std::sync::Arc;
 
-/// Untouched frames of the tare, which are the baseline of the file too.
+/// Untouched frames of the tare, which are also the baseline of the file.
 const TARE: u64 = 100;
-/// Frames of a press, and untouched ones after it: shorter than the pipeline waits before its baseline follows.
+/// Frames of a press, and untouched ones after it: shorter than the time after which the pipeline's baseline follows.
 const HELD: u64 = 40;
 const RELEASED: u64 = 30;
-/// Frames after the beginning or the end of a press in which the tracker may lag behind: a contact counts from its second frame on,
-/// and ends 50 ms after it was last seen.
+/// Number of frames after the start or the end of a press in which the tracker may lag: a contact is confirmed in its
+/// second frame, and ends 50 ms after it was last seen.
 const LAG: u64 = 8;
-/// The tracker averages positions over a few frames; a single frame scatters by its noise.
+/// The tracker averages positions over a few frames; those of single frames have larger noise.
 const SCATTER_M: f64 = 2e-3;
 const MEAN_M: f64 = 0.5e-3;
 
-/// The presses of the test: one and two at a time, at the rims and across the seam.
+/// The presses of the test: one or two at a time, at the rims and across the seam.
 fn presses(skin: &Skin) -> Vec<Vec<Press>> {
     let surface = skin.design().body.surface();
     let press = |z_m: f64, theta_rad: f64, force_n: f64| Press {
@@ -87,8 +88,8 @@ fn frames_of_a_file_and_of_the_pipeline_give_the_same_contacts() {
             };
             let at = format!("{name}, frame {index} ({since} after the press)");
             assert_eq!(live.len(), *touches, "{at}");
-            // A file's frames are judged one by one. In the pipeline a contact needs two frames in a row, both of them touched
-            // by the voltages alone: it has no false contact here, whatever single frames show.
+            // The frames of a file are evaluated one by one. In the pipeline a contact needs two consecutive frames,
+            // both detected as touched by the voltages: it has no false contact here, whatever single frames show.
             if *touches == 0 {
                 single += file.len();
                 untouched += 1;

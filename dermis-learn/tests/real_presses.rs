@@ -1,5 +1,5 @@
-//! The shipped network for `skin16`: what it promises, and real presses. The recordings have no licence, so they are looked for
-//! beside the project or where `DERMIS_DATA` points, and the test says that it was skipped without them.
+//! The shipped network for `skin16`: its stated accuracy, on real presses. The recordings have no licence, so they are
+//! searched for next to the project or in `DERMIS_DATA`; without them the test prints that it was skipped.
 
 use dermis::detect::Detector;
 use dermis::frame::{Frame, Truth, read_frames, read_truth};
@@ -21,7 +21,7 @@ fn is_near(image: &[f64], expected: &[f64]) -> bool {
 }
 
 #[test]
-fn images_follow_the_unit_and_twins_stand_for_what_is_left_out() {
+fn images_scale_with_the_unit_and_twins_replace_excluded_channels() {
     let (_, model) = shipped();
     let value = |channel: usize| (0.7 * (channel % 96) as f64).sin();
     let difference = Frame((0..192).map(value).collect());
@@ -65,6 +65,6 @@ fn the_even_skin_is_localised_by_a_network_that_saw_simulations_alone() {
     let few = estimates.align_by_few(&truth, 20, 200).unwrap();
     let (many_m, few_m) = (aligned.score.localisation_m.mean, 0.5 * (few[99] + few[100]));
     println!("noPattern: {:.2} mm, {:.2} mm", 1e3 * many_m, 1e3 * few_m);
-    // What the linear method errs by on the same presses.
+    // The error of the linear method on the same presses.
     assert!(many_m <= 5.65e-3 && few_m <= 5.79e-3, "{:.2} mm, {:.2} mm", 1e3 * many_m, 1e3 * few_m);
 }

@@ -1,4 +1,4 @@
-//! Training as a whole: it learns, it is repeatable, and killed it goes on as if nothing had happened.
+//! Training as a whole: it learns, it is reproducible, and after an interruption it continues with the same result.
 
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
@@ -115,7 +115,7 @@ fn a_killed_training_goes_on_with_the_same_losses_and_the_model_is_what_was_trai
 }
 
 #[test]
-fn what_does_not_fit_is_told() {
+fn inputs_that_do_not_fit_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let bench = bench(&folder.path().join("data"));
     let [method, _] = bench.methods();
@@ -129,7 +129,7 @@ fn what_does_not_fit_is_told() {
         let message = new(&options).unwrap_err().to_string();
         assert!(message.contains(expected), "{message}");
     }
-    // A rate that no loss survives.
+    // A learning rate at which the loss diverges.
     let mut wild = new(&TrainOptions { rate: 1e30, ..method.options.clone() }).unwrap();
     let ends = (0..4).find_map(|_| wild.epoch(|_| ()).err());
     assert!(matches!(ends, Some(LearnError::Diverged { .. })), "{ends:?}");

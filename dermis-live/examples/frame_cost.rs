@@ -1,5 +1,5 @@
-//! What a frame of the paper's skin costs on the thread that makes contacts, untouched and touched at four places, one after
-//! another and 120 times a second: `frame_cost [METHOD]`.
+//! Processing time of a frame of the paper's skin on the pipeline thread, untouched and with four touches, at full
+//! speed and at 120 frames per second: `frame_cost [METHOD]`.
 
 use dermis::pipeline::Settings;
 use dermis_live::emulator::Stroke;
@@ -11,7 +11,7 @@ mod bench;
 
 use bench::{Bench, lab, place, stroke};
 
-/// Frames of each.
+/// Frames of each case.
 const FRAMES: u64 = 600;
 
 fn main() {

@@ -1,4 +1,4 @@
-//! Publishes frames of a pressed skin over DDS for some seconds: `publish SECONDS [DOMAIN] [NAMESPACE]`.
+//! Publishes frames of a pressed skin over DDS: `publish SECONDS [DOMAIN] [NAMESPACE]`.
 
 use dermis_live::sinks::ros2::dds::{Publisher, PublisherOptions};
 use std::time::{Duration, Instant};

@@ -1,4 +1,4 @@
-//! What recording and publishing cost a frame of `cylinder30`, on the thread that does it: `sink_cost [DESIGN] [FRAMES]`.
+//! Time to record and to publish a frame of `cylinder30`, on the thread of the sink: `sink_cost [DESIGN] [FRAMES]`.
 
 use dermis_live::LiveFrame;
 use dermis_live::recording::{Recorder, Session};
@@ -31,7 +31,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         use dermis_live::sinks::ros2::dds::{Publisher, PublisherOptions};
         let options = PublisherOptions { domain: Some(99), ..PublisherOptions::default() };
         let mut publisher = Publisher::new(skin.reference.clone(), &options)?;
-        // As they come live: the middleware's own thread shall keep up.
+        // At the live rate, so that the thread of the middleware can keep up.
         let pause = Duration::from_secs(1) / synthetic::RATE as u32;
         tell("publishing", pause, &frames[..frames.len().min(600)], |frame| Ok(publisher.frame(frame)?))?;
     }
@@ -40,7 +40,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
 type Outcome = Result<(), Box<dyn std::error::Error>>;
 
-/// Prints the mean, the median, the 99th percentile and the longest time of `sink`; the pause before each frame does not count.
+/// Prints the mean, the median, the 99th percentile and the maximum time of `sink`; the pause before each frame is not
+/// counted.
 fn tell(what: &str, pause: Duration, frames: &[LiveFrame], mut sink: impl FnMut(&LiveFrame) -> Outcome) -> Outcome {
     let mut times_us = Vec::with_capacity(frames.len());
     for frame in frames {

@@ -9,8 +9,8 @@ use dermis::pipeline::Timestamp;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
-/// The time now, never earlier than a time that was returned before. Where the system's clock is set back, time runs 5 %
-/// slower until that clock has caught up; where it is set forward, time follows at once.
+/// The current time, never earlier than a returned time. After the system clock is set back, this clock runs 5 % slower
+/// until the system clock has caught up; when it is set forward, this clock follows immediately.
 pub fn now() -> Timestamp {
     static LAST: Mutex<Option<Reading>> = Mutex::new(None);
     let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
@@ -22,8 +22,8 @@ pub fn now() -> Timestamp {
     Timestamp { unix_ns }
 }
 
-/// The last time that was returned. Tracking and baseline run in this time: it must go on at about its own pace, whatever
-/// happens to the system's clock.
+/// The last returned time. Tracking and the baseline use this clock: its rate must stay nearly constant, whatever
+/// happens to the system clock.
 #[derive(Debug, Clone, Copy)]
 struct Reading {
     unix_ns: u64,
@@ -31,10 +31,10 @@ struct Reading {
 }
 
 impl Reading {
-    /// The pace of time while the system's clock, which was set back, catches up.
+    /// The rate while the system clock, which was set back, catches up.
     const SLOWED: f64 = 0.95;
 
-    /// The next time, where the system's clock shows `system_ns`.
+    /// The next time when the system clock shows `system_ns`.
     fn next_ns(self, system_ns: u64, at: Instant) -> u64 {
         let least = at.saturating_duration_since(self.at).mul_f64(Self::SLOWED);
         system_ns.max(Timestamp { unix_ns: self.unix_ns }.after(least).unix_ns)
@@ -46,7 +46,7 @@ mod tests {
     use super::*;
     use std::time::Duration;
 
-    /// The time at each hundredth of a second of a system's clock that is set by `step_s` after a second.
+    /// The time at each hundredth of a second, for a system clock that is set by `step_s` after one second.
     fn times_s(step_s: f64, seconds: f64) -> Vec<f64> {
         let (start, mut last) = (Instant::now(), None::<Reading>);
         let system_s = |time_s: f64| 1e6 + time_s + if time_s < 1.0 { 0.0 } else { step_s };
@@ -68,12 +68,12 @@ mod tests {
             let step_s = pair[1] - pair[0];
             assert!((0.0094..0.0101).contains(&step_s), "{step_s} s in a hundredth");
         }
-        // 2 s at a twentieth are caught up after 40 s.
+        // 2 s are caught up after 40 s at a rate difference of one twentieth.
         assert!((times[3900] - 37.0).abs() > 0.05 && (times[5000] - 48.0).abs() < 1e-3, "{} s", times[5000]);
     }
 
     #[test]
-    fn a_clock_that_is_set_forward_is_followed_at_once() {
+    fn a_clock_that_is_set_forward_is_followed_immediately() {
         let times = times_s(3600.0, 2.0);
         assert!((times[99] - 0.99).abs() < 1e-6 && (times[100] - 3601.0).abs() < 1e-6);
     }

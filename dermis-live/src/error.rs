@@ -1,4 +1,4 @@
-//! What can go wrong live.
+//! Errors of live skins.
 
 use std::path::PathBuf;
 use thiserror::Error;
@@ -42,13 +42,13 @@ pub enum LiveError {
     Lost {
         /// Its address.
         address: String,
-        /// How.
+        /// Why.
         message: String,
     },
     /// A recording that cannot be read or written.
     #[error(transparent)]
     Record(#[from] crate::recording::RecordError),
-    /// An argument that cannot be.
+    /// An invalid argument.
     #[error("{0}")]
     Given(String),
     /// A file that cannot be read or written.
@@ -56,12 +56,12 @@ pub enum LiveError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system error.
         source: std::io::Error,
     },
 }
 
-/// Errors of other crates, boxed: their paths and values would make every result of this crate larger.
+/// Errors of other crates, boxed: their size would enlarge every result of this crate.
 macro_rules! boxed {
     ($($variant:ident($error:ty)),*) => {
         $(impl From<$error> for LiveError {

@@ -11,12 +11,12 @@ pub mod sinks;
 pub use device::ScanTable;
 pub use error::LiveError;
 pub use runtime::{
-    ClientSession, Control, Event, Live, LiveFrame, LiveHandle, LiveOptions, Mailbox, RecordingOptions, Taken,
+    ClientSession, Control, Event, Live, LiveFrame, LiveHandle, LiveOptions, Mailbox, Popped, RecordingOptions,
 };
 
 #[cfg(test)]
 extern crate self as dermis_live;
-/// Synthetic frames, shared with the tests beside the crate.
+/// Synthetic frames, shared with the tests of the crate.
 #[cfg(test)]
 #[path = "../tests/synthetic/mod.rs"]
 mod synthetic;

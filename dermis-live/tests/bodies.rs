@@ -1,4 +1,4 @@
-//! Every design that is shipped, pressed by its twin: contacts come, stay on the body and end.
+//! Every shipped design, pressed by its twin: contacts appear, stay on the body and end.
 
 use dermis::design::SkinDesign;
 use dermis::geom::Point3;
@@ -14,7 +14,7 @@ use std::time::Instant;
 
 const RATE_HZ: f64 = 120.0;
 
-/// A twin of a skin that a script touches, and what reads it.
+/// A twin with a touch script, and its pipeline.
 struct Pressed {
     skin: Skin,
     emulator: Arc<Emulator>,
@@ -22,7 +22,7 @@ struct Pressed {
     pipeline: Pipeline,
     decoder: Decoder<Vec<u8>>,
     next: u64,
-    /// How long the twin took in all, s.
+    /// Total time of the twin, s.
     twin_s: f64,
 }
 
@@ -65,14 +65,14 @@ impl Pressed {
         self.next as f64 / RATE_HZ
     }
 
-    /// How far a place is from what presses, m.
+    /// Distance of a position from the nearest press, m.
     fn off_m(&self, place: Point3, time_s: f64) -> f64 {
         let surface = &self.skin.pixels().surface;
         let presses = self.emulator.presses(time_s);
         presses.iter().map(|press| surface.distance_m(press.centre_m, place)).fold(f64::INFINITY, f64::min)
     }
 
-    /// How far a place is from the middle of a pixel, m.
+    /// Distance of a position from the nearest pixel centre, m.
     fn off_body_m(&self, place: Point3) -> f64 {
         let away = |centre: &Point3| dermis::geom::vector::distance(*centre, place);
         self.skin.pixels().centres_m.iter().map(away).fold(f64::INFINITY, f64::min)
@@ -83,18 +83,18 @@ fn methods(name: &str) -> Arc<MethodSet> {
     Arc::new(MethodSet::new(&dermis_learn::methods(), Skin::load(name).unwrap(), None).unwrap())
 }
 
-/// What came of a touch.
+/// Results of a touch.
 #[derive(Default)]
 struct Told {
-    /// Frames in which something pressed, and those of them with as many contacts as fingers.
+    /// Frames with a press, and those of them with the correct number of contacts.
     pressed: usize,
     right: usize,
-    /// Frames without a finger in which there were contacts, and when the last of all contacts was told, s.
+    /// Frames without a press that have contacts, and the time of the last contact, s.
     false_positives: usize,
     last_s: f64,
     most_contacts: usize,
     ids: u64,
-    /// How far contacts are from what presses, in order, and the farthest from the middle of any pixel, m.
+    /// Distances of contacts from the presses, sorted, and the largest distance from a pixel centre, m.
     off_m: Vec<f64>,
     off_body_m: f64,
     twin_ms: f64,
@@ -137,7 +137,7 @@ impl Told {
         told
     }
 
-    /// The distance that a part of the contacts keeps, m.
+    /// A quantile of the distances, m.
     fn part(&self, part: f64) -> f64 {
         let last = self.off_m.len().saturating_sub(1);
         self.off_m.get((part * last as f64) as usize).copied().unwrap_or(f64::NAN)
@@ -148,7 +148,8 @@ fn mm(metres: f64) -> String {
     format!("{:.1}", 1e3 * metres)
 }
 
-/// A press of 2 N from 1 to 3 s: one contact from its third frame on, so near, which ends within 0.3 s of the lift.
+/// A press of 2 N from 1 to 3 s: one contact from its third frame on, within this distance, that ends within 0.3 s of
+/// the lift.
 fn pressed_and_lifted(methods: &Arc<MethodSet>, method: &str, within_m: f64) {
     let told = Told::of(methods, "press", method);
     assert_eq!((told.most_contacts, told.ids), (1, 1), "one contact with one id");

@@ -1,4 +1,4 @@
-//! The whole loop: a twin that speaks the wire protocol over TCP, read live.
+//! The complete loop: a twin with the wire protocol over TCP, read live.
 
 use dermis::design::SkinDesign;
 use dermis::method::MethodSet;
@@ -6,7 +6,7 @@ use dermis::pipeline::{ElectrodeState, Settings};
 use dermis::skin::Skin;
 use dermis_live::device::Address;
 use dermis_live::emulator::{Emulator, EmulatorOptions, Port, Script, TimedFault};
-use dermis_live::{Event, Live, LiveFrame, LiveOptions, Taken};
+use dermis_live::{Event, Live, LiveFrame, LiveOptions, Popped};
 use dermis_sim::twin::TwinOptions;
 use std::net::TcpListener;
 use std::sync::{Arc, OnceLock};
@@ -49,12 +49,12 @@ fn read(running: &Running, settings: Settings) -> Live {
     Live::start(methods(), options).unwrap()
 }
 
-/// Frames until `done` says so; fails after a minute.
+/// Reads frames until `done` returns true; fails after a minute.
 fn frames_until(live: &Live, mut done: impl FnMut(&LiveFrame) -> bool) {
     let mailbox = live.shared().subscribe(4096);
     let begun = Instant::now();
     while begun.elapsed() < Duration::from_secs(60) {
-        if let Taken::Item(Event::Frame(frame)) = mailbox.take(Duration::from_secs(5))
+        if let Popped::Item(Event::Frame(frame)) = mailbox.take(Duration::from_secs(5))
             && done(&frame)
         {
             live.shared().unsubscribe(&mailbox);
@@ -104,7 +104,7 @@ fn an_electrode_that_comes_loose_is_named_and_contacts_go_on() {
         named_at = frame.result.sequence;
         loose(frame)
     });
-    // It came loose at frame 480.
+    // The fault begins at frame 480.
     assert!((480..=492).contains(&named_at), "named at frame {named_at}");
     let place = methods().skin().design().body.surface().at(0.15, std::f64::consts::FRAC_PI_2).unwrap();
     frames_until(&live, |frame| {
@@ -126,15 +126,15 @@ fn a_device_that_is_unplugged_is_found_again() {
     let begun = Instant::now();
     while !found && begun.elapsed() < Duration::from_secs(30) {
         match mailbox.take(Duration::from_secs(5)) {
-            Taken::Item(Event::Lost(_)) => lost = true,
-            Taken::Item(Event::Frame(frame)) if lost => {
-                // Nothing touches, and the baseline is the old one.
+            Popped::Item(Event::Lost(_)) => lost = true,
+            Popped::Item(Event::Frame(frame)) if lost => {
+                // There is no touch, and the baseline is the old one.
                 assert!(frame.result.contacts.is_empty());
-                // While it is away its clock loses a third.
+                // The emulator's clock loses a third of the time while it is unplugged.
                 let late_s = frame.received_at.seconds_since(frame.result.measured_at);
                 assert!(late_s < 0.25, "{late_s} s between measuring and receiving");
                 found = frame.result.sequence > 400;
-                // The health is looked at every dozen frames.
+                // Health is evaluated every twelve frames.
                 assert!(!found || frame.result.health.counts.reconnected == 1);
             }
             _ => {}

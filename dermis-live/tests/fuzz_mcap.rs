@@ -1,5 +1,5 @@
-//! The fuzz target of recordings on seeded mutations of good ones: bits flipped, bytes overwritten, lengths made extreme,
-//! pieces cut, doubled and moved. No panic, no memory that a file only claims.
+//! The fuzz target of recordings on seeded mutations of valid ones: bits flipped, bytes overwritten, lengths made
+//! extreme, pieces cut, doubled and moved. No panic, and no allocation for a size that a file only claims.
 
 mod synthetic;
 #[path = "../../fuzz/src/recording.rs"]
@@ -12,11 +12,11 @@ use rand_chacha::ChaCha8Rng;
 use std::io::Cursor;
 use std::path::Path;
 
-/// Mutations. Set `DERMIS_FUZZ_RUNS` for more.
+/// Number of mutations. Set `DERMIS_FUZZ_RUNS` for more.
 const RUNS: usize = 100_000;
 
-/// Small recordings: a finished one, one that was not finished, and one whose chunks are laid open, so that what is in
-/// them is read whatever it is.
+/// Small recordings: a complete one, an incomplete one, and one with uncompressed chunks, so that mutations reach their
+/// contents.
 fn seeds() -> Vec<Vec<u8>> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("seed.mcap");
@@ -34,11 +34,11 @@ fn seeds() -> Vec<Vec<u8>> {
     vec![finished, unfinished, open]
 }
 
-/// The same recording with chunks that are neither compressed nor checked: a checksum of 0 means that there is none.
+/// The same recording with chunks that are neither compressed nor checked: a checksum of 0 means none.
 fn laid_open(bytes: &[u8]) -> Vec<u8> {
     const CHUNK: u8 = 6;
     const MAGIC_BYTES: usize = 8;
-    // Kind and length.
+    // Opcode and length.
     const PREFIX_BYTES: usize = 9;
     // Two times and the length of the records; the checksum; the word `zstd` and its length; the compressed length.
     const BEFORE_CHECKSUM: usize = 24;
@@ -64,7 +64,7 @@ fn laid_open(bytes: &[u8]) -> Vec<u8> {
     out
 }
 
-/// One to four changes of a good file.
+/// One to four mutations of a valid file.
 fn mutated(seeds: &[Vec<u8>], random: &mut ChaCha8Rng) -> Vec<u8> {
     const LENGTHS: [u64; 7] = [0, 1, u64::MAX, 1 << 63, u32::MAX as u64, 1 << 31, 1 << 24];
     let mut bytes = seeds[random.random_range(0..seeds.len())].clone();
@@ -112,7 +112,7 @@ fn no_recording_makes_the_reader_panic() {
         let bytes = mutated(&seeds, &mut random);
         let all = || {
             target::read(&bytes);
-            // It takes ten times as long.
+            // Repairing takes ten times as long.
             if run % 10 == 0 {
                 target::mend(&bytes);
             }
@@ -130,7 +130,7 @@ fn no_message_makes_the_decoder_panic() {
         for run in 0..runs {
             let mut random = ChaCha8Rng::seed_from_u64(run);
             if let Ok(message) = ros::decode::<M>(&mutated(&seeds, &mut random)) {
-                // What was read can be written.
+                // Every decoded message can be encoded.
                 ros::encode(&message);
             }
         }

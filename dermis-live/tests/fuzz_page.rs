@@ -1,19 +1,20 @@
-//! The fuzz target of the page's messages on seeded mutations of good ones, while the skin is read: no panic, and frames go on.
+//! The fuzz target of page messages on seeded mutations of valid ones, while the skin is read: no panic, and frames
+//! continue.
 
 mod page;
 #[path = "../../fuzz/src/page.rs"]
 mod target;
 
-use dermis_live::{ClientSession, Event, Taken};
+use dermis_live::{ClientSession, Event, Popped};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Mutations. Set `DERMIS_FUZZ_RUNS` for more.
+/// Number of mutations. Set `DERMIS_FUZZ_RUNS` for more.
 const RUNS: usize = 100_000;
 
-/// Every request, and the edges of their values.
+/// Every request, with extreme values.
 const SEEDS: [&str; 12] = [
     r#"{"do":"tare"}"#,
     r#"{"do":"threshold","value":1.5}"#,
@@ -29,11 +30,11 @@ const SEEDS: [&str; 12] = [
     r#"{"do":"zones","zones":[{"name":"\u0000","centre_m":[0,0,0],"radius_m":1,"threshold":2}]}"#,
 ];
 
-/// Pieces that JSON is made of, and some that it is not.
+/// Fragments of JSON, and some that are invalid.
 const PIECES: [&str; 14] =
     ["{", "}", "[", "]", "\"", ",", ":", "null", "NaN", "1e999", "-0", "\\ud800", "[[[[[[[[[[[[[[[[", "\u{10FFFF}"];
 
-/// One to four changes of a good message.
+/// One to four mutations of a valid message.
 fn mutated(random: &mut ChaCha8Rng) -> Vec<u8> {
     let mut bytes = SEEDS[random.random_range(0..SEEDS.len())].as_bytes().to_vec();
     for _ in 0..random.random_range(1..=4) {
@@ -78,15 +79,15 @@ fn no_message_of_a_page_makes_the_skin_panic() {
             panic!("run {run} panics: {}", String::from_utf8_lossy(&bytes));
         }
         if run % 10_000 == 0 {
-            // Ten fingers at most, whatever was asked.
+            // A client has at most ten fingers: start a new session.
             drop(std::mem::replace(&mut guest, ClientSession::new(Arc::clone(&control))));
         }
     }
     drop(guest);
     control.end_recording();
-    let goes_on = (0..50).any(|_| matches!(mailbox.take(Duration::from_secs(1)), Taken::Item(Event::Frame(_))));
+    let goes_on = (0..50).any(|_| matches!(mailbox.take(Duration::from_secs(1)), Popped::Item(Event::Frame(_))));
     assert!(goes_on, "frames go on");
-    // Whoever panicked on another thread has ended it.
+    // A panic on another thread would have stopped it.
     live.shared().request_state();
     live.stop();
 }

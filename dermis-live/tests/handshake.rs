@@ -1,7 +1,7 @@
-//! Devices that answer as they should, and all kinds of others: whom a host takes, and what it says of the rest.
+//! Devices with correct and incorrect answers: which ones a host accepts, and how it reports the others.
 
 use dermis::skin::Skin;
-use dermis_live::device::{Address, Device, DeviceOptions, Heard};
+use dermis_live::device::{Address, Device, DeviceEvent, DeviceOptions};
 use dermis_live::emulator::{Emulator, EmulatorOptions, Port, Script};
 use dermis_live::{LiveError, ScanTable};
 use dermis_sim::twin::TwinOptions;
@@ -20,24 +20,24 @@ fn skin() -> &'static Skin {
     SKIN.get_or_init(|| Skin::load(DESIGN).unwrap())
 }
 
-/// Readings of a frame.
+/// Number of readings per frame.
 fn slot_count() -> usize {
     ScanTable::new(&skin().design().protocol).unwrap().slots().len()
 }
 
-/// A device that answers as it should but for what is changed.
+/// A device that answers correctly, except for the configured deviations.
 #[derive(Clone)]
 struct Fake {
     hello: Hello<'static>,
-    /// The rate that it says it will keep, whatever it is told.
+    /// The rate that it reports, whatever is requested.
     keeps_mhz: Option<u32>,
-    /// What it says to a scan table, and to a rate.
+    /// Its faults in answer to a scan table, and to a rate.
     refuses: [Option<(FaultCode, &'static str)>; 2],
     knows_self_test: bool,
-    /// A slot whose bytes it sends in the wrong order.
+    /// A slot with swapped bytes.
     swaps: Option<usize>,
-    /// Frames that it sends when it is started the first time.
-    deaf_starts: u32,
+    /// Number of start requests that it ignores.
+    ignored_starts: u32,
 }
 
 impl Fake {
@@ -60,16 +60,16 @@ impl Fake {
             boot: 1,
             name: "fake",
         };
-        Fake { hello, keeps_mhz: None, refuses: [None; 2], knows_self_test: true, swaps: None, deaf_starts: 0 }
+        Fake { hello, keeps_mhz: None, refuses: [None; 2], knows_self_test: true, swaps: None, ignored_starts: 0 }
     }
 
-    /// Where it is now.
+    /// Serves it and returns the address.
     fn plugged_in(self) -> Address {
         served(move |stream| self.clone().talk(stream))
     }
 
     fn talk(mut self, mut stream: impl Read + Write) {
-        // As over USB: it says hello before it is asked.
+        // As over USB: it sends its hello before a request.
         say(&mut stream, &ToHost::Hello(self.hello));
         let mut decoder = Decoder::new([0; ToDevice::PACKET_BYTES]);
         let mut buffer = [0; 4096];
@@ -95,7 +95,7 @@ impl Fake {
             }
             ToDevice::SelfTest if self.knows_self_test => self.send_readings(stream, 0, FrameFlags::TEST),
             ToDevice::SelfTest => drop(refuse(Some((FaultCode::UnknownMessage, "what is 0x86?")))),
-            ToDevice::Start if self.deaf_starts > 0 => self.deaf_starts -= 1,
+            ToDevice::Start if self.ignored_starts > 0 => self.ignored_starts -= 1,
             ToDevice::Start => self.send_readings(stream, 1, FrameFlags::default()),
             ToDevice::Stop | ToDevice::Rate(_) => {}
         }
@@ -113,11 +113,11 @@ impl Fake {
 fn say(stream: &mut impl Write, message: &ToHost<'_>) {
     let mut packet = vec![0; 4096];
     let length = message.encode(&mut packet).unwrap();
-    // Who has heard enough is gone.
+    // The host may have disconnected already.
     let _ = stream.write_all(&packet[..length]);
 }
 
-/// Where `serve` talks with whoever comes.
+/// Calls `serve` for every connection to the returned address.
 fn served(serve: impl Fn(TcpStream) + Send + 'static) -> Address {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = Address::Tcp(listener.local_addr().unwrap().to_string());
@@ -133,7 +133,7 @@ fn met(fake: Fake, rate_hz: Option<f64>) -> Device {
     meet_at(&fake.plugged_in(), rate_hz).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// Why a device is refused.
+/// The error message of a refused device.
 fn refused(fake: Fake, rate_hz: Option<f64>) -> String {
     match meet_at(&fake.plugged_in(), rate_hz) {
         Err(error @ LiveError::Refused { .. }) => error.to_string(),
@@ -142,13 +142,13 @@ fn refused(fake: Fake, rate_hz: Option<f64>) -> String {
     }
 }
 
-/// What a device tells until a frame has come.
+/// The notices of a device until the first frame.
 fn told(device: &mut Device) -> Vec<String> {
     let (mut texts, mut done, begun) = (Vec::new(), false, Instant::now());
     while !done {
         assert!(begun.elapsed() < Duration::from_secs(3), "no frame");
-        let tell = |heard: Heard| match heard {
-            Heard::Frame(frame) => {
+        let tell = |heard: DeviceEvent| match heard {
+            DeviceEvent::Frame(frame) => {
                 assert_eq!(
                     (frame.input.sequence, frame.input.counts.frames, frame.input.counts.lost),
                     (1, 1, 0),
@@ -156,8 +156,8 @@ fn told(device: &mut Device) -> Vec<String> {
                 );
                 done = true;
             }
-            Heard::Notice(notice) => texts.push(notice.text),
-            Heard::Status(_) => {}
+            DeviceEvent::Notice(notice) => texts.push(notice.text),
+            DeviceEvent::Status(_) => {}
         };
         device.listen(tell).unwrap();
     }
@@ -165,14 +165,14 @@ fn told(device: &mut Device) -> Vec<String> {
 }
 
 #[test]
-fn a_device_is_told_what_to_read_tested_and_asked_again() {
+fn a_device_is_configured_tested_and_identified_again() {
     skin();
     let begun = Instant::now();
     let mut device = met(Fake::new(), Some(60.0));
     let seconds = begun.elapsed().as_secs_f64();
     assert!(seconds < 0.4, "{seconds} s: answers are not waited for longer than they take");
     assert_eq!((device.facts().rate_hz, device.facts().serial), (60.0, 7));
-    // What recordings keep is what it said last.
+    // Recordings store the last hello.
     let Ok(ToHost::Hello(hello)) = ToHost::parse(&device.facts().hello) else { panic!("a hello") };
     assert_eq!(hello.rate_millihertz, 60_000);
     assert!(told(&mut device).is_empty());
@@ -189,7 +189,7 @@ fn an_older_device_without_a_self_test_is_read_and_that_is_said() {
 
 #[test]
 fn a_device_that_missed_its_start_is_started_again() {
-    told(&mut met(Fake { deaf_starts: 1, ..Fake::new() }, None));
+    told(&mut met(Fake { ignored_starts: 1, ..Fake::new() }, None));
 }
 
 #[test]
@@ -205,7 +205,7 @@ fn a_device_that_cannot_is_refused_in_its_own_words() {
     assert!(why.contains("at most 90 Hz"), "{why}");
     let why = refused(at(1, (FaultCode::UnknownMessage, "what is 0x85?")), None);
     assert!(why.contains("0x85") && why.contains("update"), "{why}");
-    // A firmware that knows neither the scan table nor the self-test, but states as many readings.
+    // A firmware that supports neither the scan table nor the self-test, but states the same number of readings.
     let mut fake = Fake { knows_self_test: false, ..Fake::new() };
     fake.refuses[0] = Some((FaultCode::UnknownMessage, "what is 0x84?"));
     let why = refused(fake, None);
@@ -247,18 +247,18 @@ fn what_a_host_must_refuse_it_refuses_with_the_reason() {
 }
 
 #[test]
-fn what_is_no_device_is_told_from_one() {
+fn peers_that_are_not_devices_are_distinguished() {
     let unreachable = |serve: fn(TcpStream)| {
         let begun = Instant::now();
         let error = meet_at(&served(serve), None).err().expect("no device").to_string();
         assert!(begun.elapsed() < Duration::from_millis(2500), "{error}");
         error
     };
-    let masked = unreachable(|stream| {
+    let silent = unreachable(|stream| {
         std::thread::sleep(Duration::from_secs(3));
         drop(stream);
     });
-    assert!(masked.contains("nothing came in 2 s") && masked.contains("is it on"), "{masked}");
+    assert!(silent.contains("nothing came in 2 s") && silent.contains("is it on"), "{silent}");
     let web = unreachable(|mut stream| {
         let _ = stream.write_all(b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\n\r\n");
     });
@@ -274,10 +274,10 @@ fn what_is_no_device_is_told_from_one() {
     assert!(gone.contains("was lost"), "{gone}");
 }
 
-/// What bytes of another speed look like: a pseudo terminal has none, so its other end sends what a UART would read.
+/// Bytes at a wrong baud rate: a pseudo terminal has none, so its other end sends what a UART would read.
 #[cfg(unix)]
 #[test]
-fn a_wrong_speed_of_the_line_is_named() {
+fn a_wrong_baud_rate_is_reported() {
     let (port, path) = dermis_live::emulator::pseudo_terminal().unwrap();
     let Port::Terminal { mut device, _host } = port else { panic!("a terminal") };
     std::thread::spawn(move || {
@@ -302,7 +302,7 @@ fn a_serial_line_that_is_too_slow_is_refused_with_the_smallest_speed_that_does()
     let address = Address::Serial { port: path.display().to_string(), baud: 115_200 };
     let why = meet_at(&address, None).err().expect("too slow").to_string();
     assert!(why.contains("115200 bits a second is too slow") && why.contains("576000"), "{why}");
-    // Over TCP the speed does not matter.
+    // Over TCP the baud rate does not matter.
     told(&mut met(fake, None));
 }
 

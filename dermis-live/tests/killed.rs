@@ -1,5 +1,5 @@
-//! A program that records is killed while it does (SIGKILL): at most one second is lost, and what is left is always
-//! recovered. `DERMIS_KILLS` sets how often.
+//! Kills a recording program (SIGKILL): at most one second is lost, and the rest is always recovered. `DERMIS_KILLS`
+//! sets the number of runs.
 
 mod synthetic;
 
@@ -10,13 +10,13 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-/// Names the file to record into, for the program that is killed: this one.
+/// Environment variable with the file to record into, for the killed process: this same program.
 const INTO: &str = "DERMIS_TEST_RECORD_INTO";
 const KILLS: u64 = 20;
-/// Programs that record side by side.
+/// Number of processes that record in parallel.
 const AT_ONCE: u64 = 10;
 
-/// Records at 120 frames a second, on the real clock, until it is killed.
+/// Records at 120 frames per second in real time until it is killed.
 #[test]
 fn records_until_it_is_killed() {
     let Some(path) = std::env::var_os(INTO) else { return };
@@ -30,7 +30,7 @@ fn records_until_it_is_killed() {
     }
 }
 
-/// Lets this program record for a while, kills it, and tells how much is lost, s.
+/// Lets this program record for a while, kills it, and returns the lost time, s.
 fn lost_s(seed: u64, folder: &Path) -> f64 {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let [path, whole] = ["cut", "whole"].map(|name| folder.join(format!("{seed}-{name}.mcap")));

@@ -1,16 +1,16 @@
-//! A recording that an earlier version of the program made replays to the contacts that version found.
+//! A recording of an earlier version of the program replays to the contacts that this version had found.
 
 use dermis::linalg::SimdLevel;
 use dermis_live::recording::{Replay, Replayed};
 use serde_json::Value;
 use std::path::Path;
 
-/// The instruction set of the machine that made the recording: on others, sums are rounded differently.
+/// Instruction set of the machine that made the recording: others round sums differently.
 const RECORDED_AT: SimdLevel = SimdLevel::Avx512;
-/// Relative difference of numbers on other instruction sets.
+/// Tolerance on other instruction sets, relative.
 const ROUNDING: f64 = 1e-6;
 
-/// Whether two values are the same but for rounding.
+/// Whether two values are equal within rounding.
 fn is_near(a: &Value, b: &Value) -> bool {
     match (a, b) {
         (Value::Number(a), Value::Number(b)) => {

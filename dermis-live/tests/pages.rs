@@ -1,9 +1,10 @@
-//! Pages that send rubbish, and pages that never read: contacts go on, the other pages are served, memory stays bounded.
+//! Pages that send invalid data, and pages that never read: contacts continue, other pages are served, memory stays
+//! bounded.
 
 mod page;
 
 use dermis_live::sinks::viewer::{Server, ServerOptions};
-use dermis_live::{ClientSession, Event, Taken};
+use dermis_live::{ClientSession, Event, Popped};
 use serde_json::Value;
 use std::io::Write;
 use std::net::{SocketAddr, TcpStream};
@@ -19,7 +20,7 @@ fn open(address: SocketAddr) -> Page {
     tungstenite::client(format!("ws://{address}/live"), stream).unwrap().0
 }
 
-/// Frames that a page is sent in some time.
+/// Number of frames that a page receives in a given time.
 fn frames_in(page: &mut Page, time: Duration) -> usize {
     let (begun, mut frames) = (Instant::now(), 0);
     while begun.elapsed() < time {
@@ -28,7 +29,7 @@ fn frames_in(page: &mut Page, time: Duration) -> usize {
     frames
 }
 
-/// The next message of a kind.
+/// The next message of a given kind.
 fn next(page: &mut Page, kind: &str) -> Value {
     let begun = Instant::now();
     while begun.elapsed() < Duration::from_secs(5) {
@@ -42,14 +43,14 @@ fn next(page: &mut Page, kind: &str) -> Value {
     panic!("no message `{kind}`");
 }
 
-/// Bytes of this process in memory.
+/// Resident memory of this process, bytes.
 #[cfg(target_os = "linux")]
 fn resident_bytes() -> usize {
     let text = std::fs::read_to_string("/proc/self/statm").unwrap();
     text.split_whitespace().nth(1).unwrap().parse::<usize>().unwrap() * 4096
 }
 
-/// One test at a time: memory is counted for the whole program.
+/// Serialises the tests, because memory is measured for the whole process.
 fn alone() -> MutexGuard<'static, ()> {
     static ALONE: Mutex<()> = Mutex::new(());
     ALONE.lock().unwrap_or_else(PoisonError::into_inner)
@@ -87,11 +88,11 @@ fn rubbish_is_refused_in_words_and_disturbs_nobody() {
         let why = next(&mut bad, "refused")["why"].as_str().unwrap().to_string();
         assert!(!why.is_empty() && why.len() < 1000, "{text}: {why}");
     }
-    // Bytes are not looked at; and the page is still served.
+    // Binary messages are ignored, and the page is still served.
     bad.send(Message::binary(vec![0xFF; 4000])).unwrap();
     assert_eq!(next(&mut bad, "status")["threshold"], 1.0);
 
-    // A message that is too long, and bytes that are no message, end that page.
+    // A message that is too long, or an invalid WebSocket frame, closes the connection of that page.
     bad.send(Message::text("x".repeat(1 << 20))).unwrap_or_default();
     let ended = |page: &mut Page| (0..2000).any(|_| page.read().is_err());
     assert!(ended(&mut bad), "a page that sends a megabyte");
@@ -107,7 +108,7 @@ fn rubbish_is_refused_in_words_and_disturbs_nobody() {
 }
 
 #[test]
-fn what_a_sink_leaves_out_is_told_and_counted() {
+fn events_dropped_by_a_sink_are_reported_and_counted() {
     let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
     let (live, control) = page::live(folder.path());
@@ -118,7 +119,7 @@ fn what_a_sink_leaves_out_is_told_and_counted() {
     let begun = Instant::now();
     let mut told = Vec::new();
     while begun.elapsed() < Duration::from_millis(3500) {
-        if let Taken::Item(Event::Notice(notice)) = reader.take(Duration::from_millis(100)) {
+        if let Popped::Item(Event::Notice(notice)) = reader.take(Duration::from_millis(100)) {
             told.extend(notice.text.contains("a stalled sink: too slow").then_some(notice));
         }
     }

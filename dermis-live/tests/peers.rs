@@ -1,7 +1,7 @@
-//! Programs of others read what is recorded and what is published: rosbags and Cyclone DDS, both from PyPI.
+//! Third-party programs read the recorded and published data: rosbags and Cyclone DDS, both from PyPI.
 //!
-//! They are installed into a virtual environment under `target/`, at the versions in `python/requirements.txt`. Where that
-//! cannot be done the tests say so and pass, unless `DERMIS_REQUIRE_PYTHON` is set.
+//! They are installed into a virtual environment under `target/`, at the versions in `python/requirements.txt`. If that
+//! is not possible, the tests print a message and pass, unless `DERMIS_REQUIRE_PYTHON` is set.
 
 mod synthetic;
 
@@ -20,7 +20,7 @@ fn scripts() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python")
 }
 
-/// The interpreter with the peers installed; `None` where it cannot be had.
+/// The interpreter with the peers installed; `None` if it is not available.
 fn python() -> Option<&'static Path> {
     static PYTHON: OnceLock<Option<PathBuf>> = OnceLock::new();
     let found = PYTHON.get_or_init(|| match install() {
@@ -37,7 +37,7 @@ fn python() -> Option<&'static Path> {
 fn install() -> Result<PathBuf, String> {
     let requirements =
         std::fs::read(scripts().join("requirements.txt")).expect("the requirements are in the repository");
-    // Another folder for other requirements.
+    // A separate folder for each version of the requirements.
     let name = format!("peers-{:08x}", crc32fast::hash(&requirements));
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     let python = folder.join(if cfg!(windows) { "Scripts/python.exe" } else { "bin/python" });
@@ -63,7 +63,7 @@ fn skin() -> &'static SyntheticSkin {
     SKIN.get_or_init(|| SyntheticSkin::shipped("skin16"))
 }
 
-/// What the messages should hold, worked out from the frames and not from the messages.
+/// The expected contents of the messages, computed from the frames and not from the messages.
 fn expected(folder: &Path) -> PathBuf {
     let reference = &skin().reference;
     let frames: Vec<Value> = (0..FRAMES).map(|index| expected_of(reference, &skin().frame(index))).collect();
@@ -109,7 +109,7 @@ fn expected_of(reference: &Reference, frame: &LiveFrame) -> Value {
             ])
         })
         .collect();
-    // One contact of known force at most: F = -n f, M = r x F.
+    // At most one contact of known force: F = -n f, M = r x F.
     let mut wrench = [0.0; 6];
     for contact in &frame.result.contacts {
         if let Some(force_n) = contact.force_n {
@@ -145,7 +145,7 @@ fn rosbags_reads_a_recording() {
     let expected = expected(folder.path());
     let said = run(Command::new(python).arg(scripts().join("check_recording.py")).arg(&path).arg(expected));
     println!("{}", said.unwrap_or_else(|why| panic!("{why}")));
-    // The example of the documents, as a user runs it.
+    // The example of the documentation, as a user runs it.
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/read_recording.py");
     let printed = run(Command::new(python).arg(example).arg(&path)).unwrap_or_else(|why| panic!("{why}"));
     let last = printed.lines().last().unwrap_or_default();
@@ -164,7 +164,7 @@ fn cyclone_receives_what_is_published() {
     let Some(python) = python() else { return };
     let folder = tempfile::tempdir().unwrap();
     let expected = expected(folder.path());
-    // Tests that run side by side shall not hear each other.
+    // A separate domain per process, so that parallel tests do not receive each other's messages.
     let domain = 100 + (std::process::id() % 100) as u16;
     let options = PublisherOptions { domain: Some(domain), namespace: "/left_arm".into() };
     let mut publisher = Publisher::new(skin().reference.clone(), &options).unwrap();
@@ -188,6 +188,6 @@ fn cyclone_receives_what_is_published() {
 }
 
 #[test]
-fn definitions_are_told_in_the_names_that_dds_has() {
+fn definitions_have_the_dds_names() {
     assert_eq!(ros::dds_type("visualization_msgs/msg/MarkerArray"), "visualization_msgs::msg::dds_::MarkerArray_");
 }

@@ -1,4 +1,4 @@
-//! A recording played in the place of its device.
+//! Playback of a recording in place of its device.
 
 use dermis::method::MethodSet;
 use dermis::pipeline::{Command, Settings, TrackedContact};
@@ -7,21 +7,21 @@ use dermis_live::device::Address;
 use dermis_live::emulator::{Emulator, EmulatorOptions, Port, Script};
 use dermis_live::recording::RecordingSink;
 use dermis_live::recording::{Player, Replay, Replayed};
-use dermis_live::{Event, Live, LiveOptions, Mailbox, Taken};
+use dermis_live::{Event, Live, LiveOptions, Mailbox, Popped};
 use dermis_sim::twin::TwinOptions;
 use std::net::TcpListener;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Enough for every event of a recording here.
+/// Enough for all events of a recording here.
 const WAITING: usize = 1 << 14;
 
 fn methods(name: &str) -> Arc<MethodSet> {
     Arc::new(MethodSet::new(&dermis_learn::methods(), Skin::load(name).unwrap(), None).unwrap())
 }
 
-/// Records a press, commands among its frames.
+/// Records a press, with commands between its frames.
 fn record(methods: &Arc<MethodSet>, path: &Path) {
     let options = EmulatorOptions {
         twin: TwinOptions::shipped("lab").unwrap(),
@@ -45,7 +45,7 @@ fn record(methods: &Arc<MethodSet>, path: &Path) {
     await_frame(&mailbox, 700);
     live.shared().command(Command::Threshold { value: 0.9 });
     await_frame(&mailbox, 800);
-    // One after the other between the same two frames.
+    // Two commands between the same two frames.
     live.shared().command(Command::Threshold { value: 0.95 });
     live.shared().command(Command::Zones { zones: Vec::new() });
     live.shared().command(Command::Method { name: "noser".into() });
@@ -58,7 +58,7 @@ fn record(methods: &Arc<MethodSet>, path: &Path) {
 fn await_frame(mailbox: &Mailbox<Event>, sequence: u64) {
     let begun = Instant::now();
     while begun.elapsed() < Duration::from_secs(60) {
-        if let Taken::Item(Event::Frame(frame)) = mailbox.take(Duration::from_secs(1))
+        if let Popped::Item(Event::Frame(frame)) = mailbox.take(Duration::from_secs(1))
             && frame.result.sequence >= sequence
         {
             return;
@@ -67,7 +67,7 @@ fn await_frame(mailbox: &Mailbox<Event>, sequence: u64) {
     panic!("frame {sequence} did not come");
 }
 
-/// What a live skin tells of a recording: contacts by frames, and commands.
+/// The output of a live skin during playback: contacts by frame, and commands.
 fn played(methods: &Arc<MethodSet>, path: &Path, speed: f64) -> (Vec<(u64, Vec<TrackedContact>)>, Vec<Command>) {
     let live = Live::play(Arc::clone(methods), Player::open(path, methods, speed).unwrap()).unwrap();
     let mailbox = live.shared().subscribe(WAITING);
@@ -75,16 +75,16 @@ fn played(methods: &Arc<MethodSet>, path: &Path, speed: f64) -> (Vec<(u64, Vec<T
     let (mut frames, mut commands, mut connected, mut ended) = (Vec::new(), Vec::new(), 0, false);
     loop {
         match mailbox.take(Duration::from_secs(30)) {
-            Taken::Item(Event::Frame(frame)) => {
+            Popped::Item(Event::Frame(frame)) => {
                 assert!(frame.received_at <= frame.output_at, "latencies are those of now");
                 frames.push((frame.result.sequence, frame.result.contacts.clone()));
             }
-            Taken::Item(Event::Done(command)) => commands.push(command),
-            Taken::Item(Event::Connected(_)) => connected += 1,
-            Taken::Item(Event::Notice(notice)) => ended |= notice.text.contains("at its end"),
-            Taken::Item(_) => {}
-            Taken::TimedOut => panic!("a recording that stands still"),
-            Taken::Closed => break,
+            Popped::Item(Event::Done(command)) => commands.push(command),
+            Popped::Item(Event::Connected(_)) => connected += 1,
+            Popped::Item(Event::Notice(notice)) => ended |= notice.text.contains("at its end"),
+            Popped::Item(_) => {}
+            Popped::TimedOut => panic!("a recording that stands still"),
+            Popped::Closed => break,
         }
     }
     assert!(ended, "the end is told");
@@ -118,7 +118,7 @@ fn a_recording_in_the_place_of_its_device_gives_the_contacts_of_its_replay() {
     assert!((1.5..4.0).contains(&seconds), "some seven seconds took {seconds} s at four times their pace");
     assert_eq!(at_four_times.1, commands);
     assert!(at_four_times.0 == frames, "the same contacts in every frame");
-    // Faster than contacts can be made: nothing is left out either.
+    // Faster than the pipeline: no frame is dropped either.
     assert!(played(&methods, &path, 1e6).0 == frames);
 
     let other = self::methods("skin16");

@@ -1,4 +1,5 @@
-//! A recording that takes long to end: apart from the other tests of pages, which measure the memory of their process.
+//! A recording that takes long to end: in a separate program, because the other tests of pages measure the memory of
+//! their process.
 
 mod page;
 
@@ -16,7 +17,7 @@ fn open(address: SocketAddr) -> WebSocket<TcpStream> {
     tungstenite::client(format!("ws://{address}/live"), stream).unwrap().0
 }
 
-/// Digits that no two texts share.
+/// Incompressible digits.
 fn text(seed: u64) -> String {
     let mut random = 2 * seed + 1;
     let digits = (0..7000).map(|_| {
@@ -38,7 +39,7 @@ fn a_recording_that_ends_slowly_holds_no_other_page_up() {
     while frames < 100 {
         frames += usize::from(matches!(other.read().unwrap(), Message::Binary(_)));
     }
-    // The recorder gets behind: it is told at once more than it can write in a second.
+    // More data than the recorder can write in one second.
     let texts: Vec<String> = (0..40).map(text).collect();
     for index in 0..3900 {
         let notice =
@@ -48,7 +49,7 @@ fn a_recording_that_ends_slowly_holds_no_other_page_up() {
     one.send(Message::text(r#"{"do":"record","on":false}"#)).unwrap();
     let path = std::fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap().path();
     let begun = Instant::now();
-    // A file is whole when its last bytes are those of its kind.
+    // A complete file ends with its magic bytes.
     let ended = std::thread::spawn(move || {
         let mut last = [0; 8];
         while &last != b"\x89MCAP0\r\n" {

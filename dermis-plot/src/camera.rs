@@ -1,28 +1,28 @@
-//! From where a scene is seen.
+//! Viewing directions of a scene.
 
 use crate::projection::{Light, Projection};
 use crate::scene::Scene;
 use dermis::geom::Point3;
 use dermis::geom::vector::cross;
 
-/// A direction from which the skin is seen. Angles in radians.
+/// A viewing direction. Angles in radians.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Camera {
-    /// Round the z axis, from +x towards +y.
+    /// Azimuth around the z axis, from +x towards +y.
     pub azimuth_rad: f64,
-    /// Above the plane z = 0.
+    /// Elevation above the plane z = 0.
     pub elevation_rad: f64,
 }
 
-/// Least cosine between view and normal at which a mark or a number on the skin can be read.
+/// Smallest cosine between view and normal at which a mark or a number on the skin is readable.
 pub const READABLE: f64 = 0.3;
-/// Steps of the azimuth among which views are chosen, degrees: a divisor of the turns between 2, 3 and 4 even views.
+/// Step of the azimuth when choosing views, degrees: a divisor of the angles between 2, 3 and 4 evenly spaced views.
 const STEP_DEGREES: usize = 10;
-/// Elevation of even views, degrees: the upper rim of a cylinder shows that it is open.
+/// Elevation of evenly spaced views, degrees: the upper rim of a cylinder shows that it is open.
 const ELEVATION_DEGREES: f64 = 22.0;
-/// Further elevations, for what lies above or below.
+/// Further elevations, for marks on the top or the bottom.
 const FURTHER_DEGREES: [f64; 4] = [ELEVATION_DEGREES, -ELEVATION_DEGREES, 65.0, -65.0];
-/// Most views of a picture.
+/// Maximum number of views of a picture.
 const MOST_VIEWS: usize = 6;
 
 impl Camera {
@@ -39,12 +39,13 @@ impl Camera {
         [right, cross(towards, right), towards]
     }
 
-    /// The cameras for a scene: as few as see every mark and every label of it, evenly round the body where that is possible,
-    /// turned so that what is seen worst faces its viewer most. A flat skin needs one.
+    /// The cameras for a scene: as few as are needed to show every mark and every label, evenly spaced around the body
+    /// if possible, and rotated so that the least visible target faces its camera as much as possible. A flat skin
+    /// needs one.
     pub fn for_scene(scene: &Scene) -> Vec<Camera> {
         let heights = || scene.tiles.iter().flat_map(|tile| tile.corners.iter().map(|corner| corner[2]));
         if heights().all(|z_m| Some(z_m) == heights().next()) {
-            // With x to the right and y to the back.
+            // x to the right and y to the back.
             return vec![Camera::degrees(-75.0, 42.0)];
         }
         let targets: Vec<(Point3, Point3)> = scene
@@ -62,7 +63,7 @@ impl Camera {
             let even = |turn: usize| (0..count).map(move |view| turn + view * apart);
             let worst =
                 |turn: &usize| worst(&even(*turn).map(|index| &level[index]).collect::<Vec<_>>(), targets.len());
-            // `max_by` returns the last of equals: in reverse order, the first.
+            // `max_by` returns the last of equal elements: in reverse order, the first.
             let turn = (0..apart).rev().max_by(|a, b| worst(a).total_cmp(&worst(b))).unwrap_or(0);
             if worst(&turn) > READABLE {
                 return even(turn).map(|index| level[index].camera).collect();
@@ -74,10 +75,10 @@ impl Camera {
     }
 }
 
-/// What a camera sees.
+/// The visibility of targets from a camera.
 struct Sight {
     camera: Camera,
-    /// How much each target faces it; -1 where something hides it.
+    /// Cosine between each target and the camera; -1 if it is hidden.
     facing: Vec<f64>,
 }
 
@@ -93,13 +94,13 @@ impl Sight {
     }
 }
 
-/// How much the target that is seen worst faces the camera that sees it best.
+/// The smallest cosine over all targets, each for its best camera.
 fn worst(sights: &[&Sight], targets: usize) -> f64 {
     let best = |target: usize| sights.iter().map(|sight| sight.facing[target]).fold(-1.0, f64::max);
     (0..targets).map(best).fold(1.0, f64::min)
 }
 
-/// Cameras chosen one after the other, each for most of the targets that none of those before sees; at least two.
+/// Cameras chosen greedily, each for most of the targets that are not yet visible; at least two.
 fn one_by_one(all: &[Sight], targets: usize) -> Vec<Camera> {
     let mut seen = vec![false; targets];
     let mut chosen: Vec<Camera> = Vec::new();

@@ -25,28 +25,28 @@ const WIDTH: f64 = 470.0;
 const HEIGHT: f64 = 230.0;
 const LEFT: f64 = 66.0;
 const BELOW: f64 = 52.0;
-/// Height of a row with the name of a mark, pixels.
+/// Height of a row with the label of a mark, pixels.
 const MARK_ROW: f64 = 16.0;
 const BARS: Colour = [66, 113, 158];
 
-/// How often values fall into even steps, with vertical lines that mark numbers of interest.
+/// A histogram with uniform bins, and vertical lines that mark numbers of interest.
 pub struct Histogram<'a> {
-    /// What the picture shows.
+    /// The title.
     pub title: &'a str,
-    /// What the values are, with their unit.
+    /// The quantity of the values, with its unit.
     pub label: &'a str,
     /// The values.
     pub values: &'a [f64],
-    /// What is counted: "frames".
+    /// What is counted, for example "frames".
     pub counted: &'a str,
-    /// Width of a step.
+    /// Bin width.
     pub step: f64,
-    /// Marked numbers and their names.
+    /// Marked numbers and their labels.
     pub marks: Vec<(f64, String)>,
 }
 
 impl Histogram<'_> {
-    /// The picture. Values beyond the largest 99.5th percentile or mark are counted in the last step.
+    /// The picture. Values beyond the larger of the 99.5th percentile and the last mark are counted in the last bin.
     pub fn draw(&self) -> Picture {
         let steps = self.step_count();
         let mut counts = vec![0usize; steps];
@@ -54,7 +54,7 @@ impl Histogram<'_> {
             counts[((value / self.step).max(0.0) as usize).min(steps - 1)] += 1;
         }
         let highest = counts.iter().copied().max().unwrap_or(0).max(1) as f64 * 1.12;
-        // The names of the marks are above the bars, a row each.
+        // The labels of the marks are above the bars, one row each.
         let head = frame::title_height(self.title, "");
         let top = head + MARK_ROW * self.marks.len() as f64;
         let mut picture = Picture::new(LEFT + WIDTH + 24.0, top + HEIGHT + BELOW);
@@ -94,26 +94,26 @@ impl Histogram<'_> {
 /// Colours of curves that can be distinguished with any kind of colour vision (Okabe and Ito 2008).
 const CURVE_COLOURS: [Colour; 5] = [[0, 114, 178], [213, 94, 0], [0, 158, 115], [204, 121, 167], [86, 180, 233]];
 
-/// Numbers over numbers, a line for each of some things.
+/// Line plots of several curves.
 pub struct Curves<'a> {
-    /// What the picture shows.
+    /// The title.
     pub title: &'a str,
     /// A second, smaller line.
     pub subtitle: &'a str,
-    /// What runs to the right, with its unit.
+    /// Label of the horizontal axis, with its unit.
     pub below: &'a str,
-    /// What runs upwards, with its unit.
+    /// Label of the vertical axis, with its unit.
     pub left: &'a str,
-    /// Whether the upward axis is logarithmic; values that are not positive are then left out.
+    /// Whether the vertical axis is logarithmic; values that are not positive are then omitted.
     pub logarithmic: bool,
-    /// Numbers that the upward axis shows in any case.
+    /// Numbers that the vertical axis always includes.
     pub shown: Vec<f64>,
-    /// A name and places for each line.
+    /// The name and the points of each line.
     pub curves: Vec<(String, Vec<[f64; 2]>)>,
 }
 
 impl Curves<'_> {
-    /// The picture; places that are not finite are left out.
+    /// The picture; points that are not finite are omitted.
     pub fn draw(&self) -> Picture {
         let upward = |value: f64| if self.logarithmic { value.log10() } else { value };
         let finite = |places: &[[f64; 2]]| {
@@ -124,9 +124,9 @@ impl Curves<'_> {
         let places = || curves.iter().flatten();
         let across = range(places().map(|place| place[0]));
         let [low, high] = range(places().map(|place| place[1]).chain(self.shown.iter().map(|&value| upward(value))));
-        // A little air above and below the lines.
-        let air = 0.04 * (high - low);
-        let upward = [low - air, high + air];
+        // A small margin above and below the lines.
+        let margin = 0.04 * (high - low);
+        let upward = [low - margin, high + margin];
         let legend: Vec<(Mark, String)> = if self.curves.len() > 1 {
             self.curves.iter().enumerate().map(|(k, curve)| (Mark::Line(colour(k)), curve.0.clone())).collect()
         } else {
@@ -143,7 +143,7 @@ impl Curves<'_> {
         }
         for (number, places) in curves.iter().enumerate() {
             let line: Vec<Place> = places.iter().map(|&[a, b]| [x(a), y(b)]).collect();
-            // A thick line through many values would be a band.
+            // A thick line through many values would look like a band.
             let width = if line.len() > 100 { 0.8 } else { 2.0 };
             if line.len() > 1 {
                 picture.line(&line, Style::line(colour(number), width));
@@ -171,7 +171,7 @@ fn colour(number: usize) -> Colour {
     CURVE_COLOURS[number % CURVE_COLOURS.len()]
 }
 
-/// The least and the greatest of some numbers; a range of one around a single one.
+/// The minimum and the maximum of some numbers; if they are equal, a range that also contains 0.
 fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
     let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
     match low < high {

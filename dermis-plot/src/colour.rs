@@ -1,4 +1,4 @@
-//! Colours, and the maps from numbers to colours. Both maps can be read with any kind of colour vision.
+//! Colours and colour maps. Both maps are readable with any kind of colour vision.
 
 /// An opaque colour: red, green, blue.
 pub type Colour = [u8; 3];
@@ -9,18 +9,18 @@ pub const BLACK: Colour = [0, 0, 0];
 pub const WHITE: Colour = [255, 255, 255];
 /// Text and axes.
 pub const INK: Colour = [40, 44, 52];
-/// Lines that should stay behind the data.
+/// Lines in the background of the data.
 pub const FAINT: Colour = [150, 156, 166];
 /// Electrodes, as in the paper's Fig. 7.
 pub const ELECTRODE: Colour = [255, 213, 45];
 /// Estimates, as in the paper's Fig. 7.
 pub const ESTIMATE: Colour = [214, 40, 40];
-/// Estimates where nothing touched.
+/// False positives.
 pub const FALSE_POSITIVE: Colour = [126, 47, 142];
 /// Bare skin.
 pub const SKIN: Colour = [206, 216, 228];
 
-/// Viridis (van der Walt and Smith 2015, CC0), sampled at 17 even places.
+/// Viridis (van der Walt and Smith 2015, CC0), sampled at 17 uniform positions.
 const VIRIDIS: [Colour; 17] = [
     [68, 1, 84],
     [72, 24, 106],
@@ -41,7 +41,7 @@ const VIRIDIS: [Colour; 17] = [
     [253, 231, 37],
 ];
 
-/// Blue over white to red (ColorBrewer's RdBu reversed, Brewer and Harrower, Apache 2.0), at 11 even places.
+/// Blue over white to red (ColorBrewer's RdBu reversed, Brewer and Harrower, Apache 2.0), at 11 uniform positions.
 const BLUE_RED: [Colour; 11] = [
     [5, 48, 97],
     [34, 103, 172],
@@ -56,7 +56,7 @@ const BLUE_RED: [Colour; 11] = [
     [103, 0, 31],
 ];
 
-/// A colour map with the numbers at its ends.
+/// A colour map with its limits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scale {
     /// Number at the first colour.
@@ -73,15 +73,15 @@ enum Kind {
 }
 
 impl Scale {
-    /// From the smallest to the largest of some numbers; numbers that are not finite do not count.
+    /// From the minimum to the maximum of some numbers; numbers that are not finite are ignored.
     pub fn sequential(values: impl IntoIterator<Item = f64>) -> Self {
         let (low, high) = finite_range(values);
-        // An even picture still needs a scale with an extent.
+        // A constant image still needs a scale with an extent.
         let high = if high > low { high } else { low + low.abs().max(1.0) };
         Scale { low, high, kind: Kind::Sequential }
     }
 
-    /// From one quantile of some numbers to another, parts of their count; numbers beyond have the colours of the ends.
+    /// Between two quantiles of some numbers, given as fractions; numbers beyond have the colours of the ends.
     pub fn between_quantiles(values: impl IntoIterator<Item = f64>, parts: [f64; 2]) -> Self {
         let mut sorted: Vec<f64> = values.into_iter().filter(|value| value.is_finite()).collect();
         sorted.sort_by(f64::total_cmp);
@@ -89,7 +89,7 @@ impl Scale {
         Self::sequential(parts.iter().filter_map(|part| sorted.get((part * last).round() as usize)).copied())
     }
 
-    /// White at zero, the same extent to either side.
+    /// White at zero, with symmetric limits.
     pub fn diverging(values: impl IntoIterator<Item = f64>) -> Self {
         let (low, high) = finite_range(values);
         let extent = low.abs().max(high.abs());
@@ -110,7 +110,7 @@ impl Scale {
     }
 }
 
-/// A colour with a share of another mixed in.
+/// A mixture of two colours; `share` is the fraction of the second.
 pub fn mix(a: Colour, b: Colour, share: f64) -> Colour {
     let channel = |i: usize| (f64::from(a[i]) * (1.0 - share) + f64::from(b[i]) * share).round() as u8;
     [channel(0), channel(1), channel(2)]

@@ -1,7 +1,7 @@
-//! From a design, its mesh and what was computed on it to a scene.
+//! Conversion of a design, its mesh and computed fields to a scene.
 
 use crate::colour::{BLACK, Colour, ELECTRODE, ESTIMATE, FALSE_POSITIVE, INK, SKIN, Scale, mix};
-use crate::scene::{Dot, Key, LABEL_SIZE, Label, Mark, Scene, Stand, Stroke, Tile, normal_of};
+use crate::scene::{Dot, Key, LABEL_SIZE, Label, LabelPosition, Mark, Scene, Stroke, Tile, normal_of};
 use dermis::contact::Contact;
 use dermis::design::{Body, SkinDesign};
 use dermis::geom::polygon::clip_half_plane;
@@ -12,17 +12,17 @@ use dermis::mesh::{Cells, ElectrodePatch, Mesh};
 use std::collections::HashMap;
 use std::f64::consts::TAU;
 
-/// Largest angle that a flat tile spans on a round body; its middle then lies 0.1 % of the radius inside.
+/// Largest angle of a flat tile on a round body; its centre is then 0.1 % of the radius below the surface.
 const TILE_ANGLE_RAD: f64 = TAU / 72.0;
 
-/// Size of the names of marks, pixels.
+/// Text size of the names of marks, pixels.
 const NAME_SIZE: f64 = 13.0;
 
 /// A skin to draw: its design and its mesh.
 pub struct Drawing<'a> {
     pub(crate) design: &'a SkinDesign,
     mesh: &'a Mesh,
-    /// What can be seen of the mesh: triangles with outward corner order, and the cell each belongs to.
+    /// The visible faces of the mesh: triangles with outward orientation, and the cell of each.
     faces: Vec<([usize; 3], usize)>,
     node_normals: Vec<Point3>,
 }
@@ -64,7 +64,7 @@ impl<'a> Drawing<'a> {
         scene
     }
 
-    /// A number for each pixel of a space, as colours, with the electrodes' outlines.
+    /// A value for each pixel of a space, as colours, with the outlines of the electrodes.
     pub fn field(&self, space: &PixelSpace, values: &[f64], key: Key) -> Scene {
         let mut scene =
             Scene { tiles: self.pixel_tiles(space, values, &key.scale), key: Some(key), ..Scene::default() };
@@ -72,7 +72,7 @@ impl<'a> Drawing<'a> {
         scene
     }
 
-    /// Marks of contacts found, on any scene; several are numbered from 0 in their order.
+    /// Adds marks of detected contacts to any scene; several contacts are numbered from 0 in order.
     pub fn add_contacts(&self, scene: &mut Scene, contacts: &[Contact]) {
         add_marks(scene, contacts, 7.0, Mark::Cross(BLACK), "contact found");
         if contacts.len() > 1 {
@@ -81,19 +81,19 @@ impl<'a> Drawing<'a> {
                 normal: contact.normal,
                 text: format!("#{number}"),
                 reach_m: 0.0,
-                stand: Stand::Above { pixels: 8.0 },
+                position: LabelPosition::Above { pixels: 8.0 },
                 size: NAME_SIZE,
             };
             scene.labels.extend(contacts.iter().enumerate().map(label));
         }
     }
 
-    /// Marks of true touches, on any scene.
+    /// Adds marks of true touches to any scene.
     pub fn add_touches(&self, scene: &mut Scene, touches: &[Contact]) {
-        add_marks(scene, touches, 3.4, Mark::Bead(BLACK), "true place");
+        add_marks(scene, touches, 3.4, Mark::OutlinedDisc(BLACK), "true place");
     }
 
-    /// Marks with a name each, on any scene.
+    /// Adds named marks to any scene.
     pub fn add_named_marks(&self, scene: &mut Scene, marks: impl Iterator<Item = (Point3, String)>, meaning: &str) {
         let mark = Mark::Cross(BLACK);
         for (at, text) in marks {
@@ -104,18 +104,18 @@ impl<'a> Drawing<'a> {
                 normal,
                 text,
                 reach_m: 0.0,
-                stand: Stand::Inwards { pixels: 12.0 },
+                position: LabelPosition::Inwards { pixels: 12.0 },
                 size: NAME_SIZE,
             });
         }
         scene.legend.push((mark, meaning.to_string()));
     }
 
-    /// Where touches were and where they were found, as the paper's Fig. 7: true places black dots, estimates red
-    /// circles, errors as lines, electrodes yellow. `false_positives` are estimates without a touch.
+    /// True and estimated positions of touches, as in the paper's Fig. 7: true positions are black dots, estimates red
+    /// circles, errors lines, electrodes yellow. `false_positives` are estimates without a touch.
     pub fn localisation(&self, touches: &[(Contact, Option<Contact>)], false_positives: &[Contact]) -> Scene {
         let mut scene = Scene { tiles: self.body_tiles(), ..Scene::default() };
-        // Many presses need small marks, and leave no room for numbers.
+        // With many presses, marks are small and have no numbers.
         let crowded = touches.len() > 200;
         self.add_electrodes(&mut scene, ElectrodeLook::Filled { numbered: !crowded });
         let radius = if crowded { 1.7 } else { 3.0 };
@@ -151,7 +151,7 @@ impl<'a> Drawing<'a> {
         self.faces.iter().map(|(face, cell)| Tile { corners: corners(face), fill: colour(*cell), edge }).collect()
     }
 
-    /// The bare body in few tiles.
+    /// The bare body as a few tiles.
     fn body_tiles(&self) -> Vec<Tile> {
         let tile = |corners: Vec<Point3>| Tile { corners, fill: mix(SKIN, [255, 255, 255], 0.45), edge: None };
         match self.design.body {
@@ -198,7 +198,7 @@ impl<'a> Drawing<'a> {
         tiles
     }
 
-    /// The part of one pixel of the grid that lies on the body, as flat pieces.
+    /// The part of one pixel of the grid on the body, as flat polygons.
     fn pixel_polygons(&self, row: usize, column: usize, rows: usize, columns: usize) -> Vec<Vec<Point3>> {
         let part = |index: usize, count: usize, low: f64, high: f64| {
             [index, index + 1].map(|end| low + (high - low) * end as f64 / count as f64)
@@ -235,7 +235,7 @@ impl<'a> Drawing<'a> {
         }
     }
 
-    /// The value of each cell: that of its pixel, or the mean of those it lies in.
+    /// The value of each cell: that of its pixel, or the mean of the pixels that contain it.
     fn spread_over_cells(&self, space: &PixelSpace, values: &[f64]) -> Vec<f64> {
         let (mut sums, mut shares) = (vec![0.0; self.mesh.cell_count()], vec![0.0; self.mesh.cell_count()]);
         for (overlaps, &value) in space.overlaps.iter().zip(values) {
@@ -244,7 +244,7 @@ impl<'a> Drawing<'a> {
                 shares[cell] += share;
             }
         }
-        // A cell outside all pixels is left grey.
+        // A cell outside all pixels is grey.
         sums.into_iter().zip(shares).map(|(sum, share)| if share > 0.0 { sum / share } else { f64::NAN }).collect()
     }
 
@@ -302,7 +302,7 @@ impl<'a> Drawing<'a> {
         }
     }
 
-    /// A face with its corners in the order that faces outside.
+    /// Orients a face outwards.
     fn outward(&self, [a, b, c]: [usize; 3]) -> [usize; 3] {
         let normal = normal_of(&[a, b, c].map(|node| self.mesh.nodes[node]));
         if dot(normal, self.node_normals[a]) < 0.0 { [a, c, b] } else { [a, b, c] }
@@ -323,16 +323,23 @@ impl<'a> Drawing<'a> {
         let reach = |&node: &usize| self.surface().distance_m(at, self.mesh.nodes[node]);
         let reach_m = nodes.iter().map(reach).fold(0.0, f64::max);
         let inwards = matches!(patch, ElectrodePatch::Edges(_));
-        let stand = if inwards { Stand::Inwards { pixels: 8.0 } } else { Stand::OnOrAbove };
-        Some(Label { at, normal: normalize(mean_normal), text: number.to_string(), reach_m, stand, size: LABEL_SIZE })
+        let position = if inwards { LabelPosition::Inwards { pixels: 8.0 } } else { LabelPosition::OnOrAbove };
+        Some(Label {
+            at,
+            normal: normalize(mean_normal),
+            text: number.to_string(),
+            reach_m,
+            position,
+            size: LABEL_SIZE,
+        })
     }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum ElectrodeLook {
-    /// Yellow.
+    /// Filled in yellow.
     Filled { numbered: bool },
-    /// An outline and its number, so that the data below stay visible.
+    /// An outline and the number, so that the data below remain visible.
     Outlined,
 }
 
@@ -348,7 +355,7 @@ fn estimate_dot(estimate: &Contact, radius: f64) -> Dot {
     Dot { at: estimate.position_m, normal: estimate.normal, radius, mark: Mark::Ring(ESTIMATE) }
 }
 
-/// A circle round the origin as a polygon, counter-clockwise.
+/// A circle around the origin as a polygon, counter-clockwise.
 fn round(radius_m: f64) -> Vec<[f64; 2]> {
     const CORNERS: usize = 180;
     (0..CORNERS).map(|k| TAU * k as f64 / CORNERS as f64).map(|a| [radius_m * a.cos(), radius_m * a.sin()]).collect()
@@ -358,7 +365,7 @@ fn flat(corners: &[[f64; 2]]) -> Vec<Point3> {
     corners.iter().map(|&[x, y]| [x, y, 0.0]).collect()
 }
 
-/// The triangles of a surface, or the faces that only one tetrahedron has.
+/// The triangles of a surface, or the faces that belong to one tetrahedron only.
 fn outer_faces(mesh: &Mesh) -> Vec<([usize; 3], usize)> {
     match &mesh.cells {
         Cells::Triangles(cells) => cells.iter().enumerate().map(|(cell, &corners)| (corners, cell)).collect(),
@@ -378,19 +385,19 @@ fn outer_faces(mesh: &Mesh) -> Vec<([usize; 3], usize)> {
     }
 }
 
-/// A face of a cell with its corners turned to face away from the cell.
+/// Orients a face away from its cell.
 fn oriented(mesh: &Mesh, [a, b, c]: [usize; 3], cell: usize) -> [usize; 3] {
     let corners = [a, b, c].map(|node| mesh.nodes[node]);
     let outwards = dot(normal_of(&corners), sub(centroid(&corners), mesh.cell_centre(cell))) > 0.0;
     if outwards { [a, b, c] } else { [a, c, b] }
 }
 
-/// The edges that only one of some faces has.
+/// The edges that belong to one face only.
 fn outline(faces: &[[usize; 3]]) -> Vec<[usize; 2]> {
     let mut count: HashMap<[usize; 2], usize> = HashMap::new();
     let edges = |&[a, b, c]: &[usize; 3]| [[a, b], [b, c], [c, a]];
     let key = |[a, b]: [usize; 2]| [a.min(b), a.max(b)];
     faces.iter().flat_map(edges).for_each(|edge| *count.entry(key(edge)).or_default() += 1);
-    // In the order of the faces, so that the same mesh gives the same file.
+    // In the order of the faces, so that the output is deterministic.
     faces.iter().flat_map(edges).filter(|&edge| count[&key(edge)] == 1).collect()
 }

@@ -1,4 +1,4 @@
-//! Why a picture cannot be made.
+//! Errors of pictures.
 
 use thiserror::Error;
 
@@ -8,7 +8,7 @@ pub enum PlotError {
     /// A body that is known only by its mesh has no flat layout.
     #[error("a body that is known only by its mesh cannot be unrolled")]
     NoFlatLayout,
-    /// A PNG file that cannot be made; the picture is too large, or it is not valid SVG, which is a fault of this crate.
+    /// A PNG file that cannot be created: the picture is too large, or it is not valid SVG, which is an internal fault.
     #[cfg(feature = "png")]
     #[error("the picture cannot be rendered: {0}")]
     Render(String),

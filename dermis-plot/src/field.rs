@@ -1,4 +1,4 @@
-//! Numbers on the skin as colours: images and the sensitivity.
+//! Fields on the skin as colours: images and the sensitivity.
 
 use crate::colour::Scale;
 use crate::drawing::Drawing;
@@ -7,12 +7,12 @@ use dermis::design::TouchEffect;
 use dermis::image::{Image, PixelSpace};
 use dermis::reconstruct::Quantity;
 
-/// Parts of the skin's area, of least and of most sensitivity, that share the colours at the ends of the scale: under an
-/// electrode it falls by a hundred dB, and all else would be one colour.
+/// Fractions of the area with the lowest and with the highest sensitivity that are clipped to the ends of the scale.
+/// Under an electrode the sensitivity falls by 100 dB; without clipping, the rest would have a single colour.
 const SENSITIVITY_ENDS: [f64; 2] = [0.05, 0.005];
 
 impl Drawing<'_> {
-    /// An image as colours: white where nothing changed.
+    /// An image as colours: white where there is no change.
     pub fn image(&self, image: &Image, quantity: Quantity) -> Scene {
         let label = match (quantity, self.design.sheet.touch) {
             (Quantity::Touch, _) => "size of touches",
@@ -23,7 +23,7 @@ impl Drawing<'_> {
         self.field(&image.space, &image.values, Key { scale, label: label.into() })
     }
 
-    /// The sensitivity in dB above and below its median over the area: it spans decades.
+    /// The sensitivity in dB relative to its area-weighted median, because it spans decades.
     pub fn sensitivity(&self, space: &PixelSpace, sensitivity: &[f64]) -> Scene {
         let mut order: Vec<usize> = (0..sensitivity.len()).collect();
         order.sort_by(|&a, &b| sensitivity[a].total_cmp(&sensitivity[b]));

@@ -8,10 +8,10 @@ use crate::svg::{Anchor, Picture, Place, Style, Text, text_width};
 pub const TEXT_SIZE: f64 = 13.0;
 /// Size of titles, pixels.
 pub const TITLE_SIZE: f64 = 16.0;
-/// Width that a colour bar with its numbers and label needs, pixels.
+/// Width of a colour bar with its numbers and label, pixels.
 pub const KEY_WIDTH: f64 = 100.0;
 
-/// Round numbers that cover a range: about `wanted` of them.
+/// About `wanted` round numbers that cover a range.
 pub fn ticks(low: f64, high: f64, wanted: usize) -> Vec<f64> {
     let rough = (high - low) / wanted.max(1) as f64;
     if !(rough > 0.0 && rough.is_finite()) {
@@ -20,13 +20,13 @@ pub fn ticks(low: f64, high: f64, wanted: usize) -> Vec<f64> {
     let power = 10f64.powf(rough.log10().floor());
     let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|factor| factor * power).find(|&step| step >= rough * 0.999);
     let step = step.unwrap_or(10.0 * power);
-    // A thousandth of a step forgives the rounding of ends that are multiples of it.
+    // A tolerance of a thousandth of a step for rounding errors at the limits.
     let first = (low / step - 1e-3).ceil() as i64;
     let last = (high / step + 1e-3).floor() as i64;
     (first..=last).map(|index| index as f64 * step).collect()
 }
 
-/// The numbers of an axis, all with as many decimals as the finest needs.
+/// The numbers of an axis, all with the decimals that the finest needs.
 pub fn tick_labels(values: &[f64]) -> Vec<String> {
     let step = values.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
     let decimals = if step.is_finite() { (-(step * 1.001).log10().floor()).max(0.0) as usize } else { 0 };
@@ -42,7 +42,7 @@ pub fn tick_labels(values: &[f64]) -> Vec<String> {
     values.iter().map(text).collect()
 }
 
-/// The title and its second line; returns the height they take.
+/// Draws the title and its second line; returns their height.
 pub fn title(picture: &mut Picture, title: &str, subtitle: &str) -> f64 {
     let mut y = 8.0;
     let width = picture.width;
@@ -67,7 +67,7 @@ pub fn title_height(title: &str, subtitle: &str) -> f64 {
     12.0 + line(title, TITLE_SIZE) + line(subtitle, TEXT_SIZE)
 }
 
-/// A colour bar with its numbers to the right and its label beyond them.
+/// A colour bar with its numbers on the right, followed by its label.
 pub fn colour_bar(picture: &mut Picture, [x, y]: Place, height: f64, key: &Key) {
     const STEPS: usize = 128;
     const WIDTH: f64 = 16.0;
@@ -76,7 +76,7 @@ pub fn colour_bar(picture: &mut Picture, [x, y]: Place, height: f64, key: &Key) 
     for index in 0..STEPS {
         let value = high - (high - low) * (index as f64 + 0.5) / STEPS as f64;
         let top = y + index as f64 * step;
-        // Half a pixel of overlap hides the seams between the strips.
+        // Half a pixel of overlap hides the gaps between the strips.
         let bottom = (top + step + 0.5).min(y + height);
         let strip = [[x, top], [x + WIDTH, top], [x + WIDTH, bottom], [x, bottom]];
         picture.polygon(&strip, Style::fill(key.scale.colour(value)));
@@ -97,7 +97,7 @@ pub fn colour_bar(picture: &mut Picture, [x, y]: Place, height: f64, key: &Key) 
     picture.text(place, &key.label, Text::new(label_size, Anchor::Middle).upwards());
 }
 
-/// Height of a legend in a given width, and where each of its entries begins.
+/// Height of a legend of a given width, and the position of each entry.
 fn legend_places(legend: &[(Mark, String)], width: f64) -> (f64, Vec<Place>) {
     let mut places = Vec::with_capacity(legend.len());
     let [mut x, mut y] = [0.0, 0.0];
@@ -113,12 +113,12 @@ fn legend_places(legend: &[(Mark, String)], width: f64) -> (f64, Vec<Place>) {
     (if legend.is_empty() { 0.0 } else { y + 22.0 }, places)
 }
 
-/// Height that [`legend`] takes.
+/// Height of [`legend`].
 pub fn legend_height(entries: &[(Mark, String)], width: f64) -> f64 {
     legend_places(entries, width).0
 }
 
-/// The key to the marks, in as many rows as it needs.
+/// The legend of the marks, in as many rows as needed.
 pub fn legend(picture: &mut Picture, [x, y]: Place, width: f64, entries: &[(Mark, String)]) {
     let (_, places) = legend_places(entries, width);
     for ((mark, text), [dx, dy]) in entries.iter().zip(places) {
@@ -128,12 +128,12 @@ pub fn legend(picture: &mut Picture, [x, y]: Place, width: f64, entries: &[(Mark
     }
 }
 
-/// A mark at a place.
+/// Draws a mark.
 pub fn draw_mark(picture: &mut Picture, [x, y]: Place, radius: f64, mark: Mark) {
     match mark {
         Mark::Disc(colour, false) => picture.circle([x, y], radius, Style::fill(colour)),
         Mark::Disc(colour, true) => picture.circle([x, y], radius, Style::fill(colour).outlined(INK, 1.0)),
-        Mark::Bead(colour) => picture.circle([x, y], radius, Style::fill(colour).outlined(WHITE, 1.2)),
+        Mark::OutlinedDisc(colour) => picture.circle([x, y], radius, Style::fill(colour).outlined(WHITE, 1.2)),
         Mark::Cross(colour) => {
             for style in [Style::line(WHITE, 4.4), Style::line(colour, 1.8)] {
                 picture.line(&[[x - radius, y], [x + radius, y]], style);
@@ -151,18 +151,18 @@ pub fn draw_mark(picture: &mut Picture, [x, y]: Place, radius: f64, mark: Mark) 
 
 /// An axis below or left of a plot: ticks with numbers, and a label with its unit.
 pub struct Axis<'a> {
-    /// Numbers at the two ends of the plot; their common logarithms on a logarithmic axis.
+    /// Limits of the axis; their common logarithms on a logarithmic axis.
     pub range: [f64; 2],
     /// Whether the axis is logarithmic.
     pub logarithmic: bool,
-    /// What the numbers are, with their unit.
+    /// The label, with its unit.
     pub label: &'a str,
-    /// How many ticks, about.
+    /// Approximate number of ticks.
     pub wanted: usize,
 }
 
 impl Axis<'_> {
-    /// Places of the ticks, as parts of the axis, with their numbers; a tick between decades has none.
+    /// Positions of the ticks, as fractions of the axis, with their numbers; a minor tick has no number.
     fn ticks(&self) -> Vec<(f64, String)> {
         let [low, high] = self.range;
         let (values, labels) = if self.logarithmic {
@@ -176,8 +176,8 @@ impl Axis<'_> {
     }
 }
 
-/// Ticks of a logarithmic axis between two common logarithms: their logarithms and their numbers. Decades have numbers; the
-/// multiples between have them too where fewer than two decades are in the range.
+/// Ticks of a logarithmic axis between two common logarithms: their logarithms and their numbers. Decades have numbers;
+/// 2 and 5 times a decade have numbers too if the range contains fewer than two decades.
 fn log_ticks(low: f64, high: f64) -> (Vec<f64>, Vec<String>) {
     let powers = low.floor() as i32..=high.ceil() as i32;
     let inside = |value: f64| (low - 1e-9..=high + 1e-9).contains(&value);
@@ -194,7 +194,7 @@ fn log_ticks(low: f64, high: f64) -> (Vec<f64>, Vec<String>) {
     digits.filter(|&tick| inside(place(tick))).map(|tick| (place(tick), label(tick))).unzip()
 }
 
-/// Length of a tick, pixels: shorter without a number.
+/// Length of a tick, pixels: ticks without a number are shorter.
 fn tick_length(label: &str) -> f64 {
     if label.is_empty() { 3.0 } else { 5.0 }
 }

@@ -1,6 +1,7 @@
-//! Pictures of skins, laid out flat and in space, and charts; as SVG and PNG.
+//! Pictures of skins, unrolled and in 3D, and charts; as SVG and PNG.
 //!
-//! A [`Drawing`] turns a design, its mesh and what was computed on it into a [`Scene`]; a [`View`] draws the scene as a
+//! A [`Drawing`] converts a design, its mesh and computed fields to a [`Scene`]; a [`View`] draws the scene as a
+//! [`Picture`].
 //! [`Picture`].
 //!
 //! ```
@@ -12,7 +13,7 @@
 //! let mesh = Mesh::generate(&design)?;
 //! let scene = Drawing::new(&design, &mesh).electrodes().titled("Electrodes", "");
 //! let svg = View::Solid.draw(&scene, &design)?.to_svg();
-//! // As many sides as show the number of every electrode.
+//! // Enough views to show the number of every electrode.
 //! assert!((0..30).all(|number| svg.contains(&format!(">{number}</text>"))));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
@@ -41,14 +42,14 @@ pub use svg::{Picture, escape};
 
 use dermis::design::SkinDesign;
 
-/// How a scene is seen.
+/// View of a scene.
 #[derive(Debug, Clone, PartialEq)]
 pub enum View {
-    /// Laid out flat.
+    /// Unrolled.
     Unrolled,
-    /// In space, from as many sides as it takes to see all that is marked: [`Camera::for_scene`].
+    /// In 3D, with enough views to show all marks: [`Camera::for_scene`].
     Solid,
-    /// In space, from given sides, side by side.
+    /// In 3D with given cameras, side by side.
     From(Vec<Camera>),
 }
 
@@ -56,7 +57,7 @@ impl View {
     /// Draws the scene.
     ///
     /// # Errors
-    /// A flat layout of a body that is known only by its mesh.
+    /// A flat layout of a body that is defined by its mesh only.
     pub fn draw(&self, scene: &Scene, design: &SkinDesign) -> Result<Picture, PlotError> {
         match self {
             View::Unrolled => unrolled::draw(scene, design),

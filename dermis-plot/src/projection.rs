@@ -1,4 +1,4 @@
-//! A scene in parallel projection: where its parts fall in a picture, and which of them are seen.
+//! Parallel projection of a scene, and visibility of its parts.
 
 use crate::camera::Camera;
 use crate::colour::{BLACK, Colour, SKIN, mix};
@@ -10,31 +10,31 @@ use std::collections::HashMap;
 
 /// Largest extent of the body in a picture, pixels.
 pub const PLOT_SIZE: f64 = 540.0;
-/// Room round the body, pixels.
+/// Margin around the body, pixels.
 pub const MARGIN: f64 = 24.0;
 
-/// A tile as the camera sees it.
+/// A projected tile.
 pub struct Seen {
     /// Its corners, pixels.
     pub places: Vec<Place>,
-    /// Its colour in this light.
+    /// Its shaded colour.
     pub fill: Colour,
-    /// The colour of its outline in this light.
+    /// The shaded colour of its outline.
     pub edge: Option<Colour>,
     depth: f64,
     /// Bounding box, pixels.
     low: Place,
     high: Place,
-    /// Depth as a plane over the picture: `depth = plane[0] + plane[1] x + plane[2] y`; none seen edge-on.
+    /// Depth as a plane over the picture: `depth = plane[0] + plane[1] x + plane[2] y`; `None` if seen edge-on.
     plane: Option<[f64; 3]>,
 }
 
-/// How colours depend on the light.
+/// Shading of colours.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Light {
     /// From the upper left: shows the shape.
     Shaded,
-    /// The same everywhere: colours stay those of the key.
+    /// Uniform: colours match the colour bar.
     Even,
 }
 
@@ -48,11 +48,11 @@ pub struct Projection {
     high: Place,
 }
 
-/// The ends of an edge, and the numbers of its tiles that face the viewer and that do not.
+/// The ends of an edge, and the numbers of its front-facing and back-facing tiles.
 type Edge = ([Point3; 2], [usize; 2]);
 
 impl Projection {
-    /// The projection in which the body just fills the plot.
+    /// The projection in which the body fills the plot.
     pub fn new(camera: &Camera, tiles: &[Tile]) -> Self {
         let axes = camera.axes();
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
@@ -77,7 +77,7 @@ impl Projection {
         (self.high[1] - self.low[1]) * self.pixels_per_m + 2.0 * MARGIN
     }
 
-    /// Where a point falls.
+    /// The projection of a point.
     pub fn place(&self, point: Point3) -> Place {
         let right = dot(self.axes[0], point) - self.low[0];
         let up = self.high[1] - dot(self.axes[1], point);
@@ -95,7 +95,7 @@ impl Projection {
 
     fn lit(&self, fill: Colour, normal: Point3, light: Light) -> Colour {
         let facing = self.facing(normal);
-        // The inside of an open body shows no data, and is darker.
+        // The inside of an open body has no data and is darker.
         let (fill, normal) = if facing < 0.0 { (mix(SKIN, BLACK, 0.35), scale(normal, -1.0)) } else { (fill, normal) };
         if light == Light::Even && facing >= 0.0 {
             return fill;
@@ -111,7 +111,7 @@ impl Projection {
         seen
     }
 
-    /// A tile as it is seen.
+    /// Projects a tile.
     pub fn see(&self, tile: &Tile, light: Light) -> Seen {
         let places: Vec<Place> = tile.corners.iter().map(|&corner| self.place(corner)).collect();
         let normal = tile.normal();
@@ -144,10 +144,10 @@ impl Projection {
         Some([self.depth(tile.corners[0]) - dx * first[0] - dy * first[1], dx, dy])
     }
 
-    /// Whether nothing of the skin lies between a point on it and the viewer.
+    /// Whether no part of the skin is between a point on it and the viewer.
     pub fn unobstructed(&self, point: Point3, skin: &[Seen]) -> bool {
         let place = self.place(point);
-        // A point on a curved body lies a little off its flat tiles; half a percent of the picture forgives that.
+        // A point on a curved body is slightly off its flat tiles: tolerance of 0.5 % of the picture.
         let limit = self.depth(point) + 0.005 * PLOT_SIZE / self.pixels_per_m;
         !skin.iter().any(|tile| {
             let inside_box = (0..2).all(|axis| tile.low[axis] <= place[axis] && place[axis] <= tile.high[axis]);
@@ -156,14 +156,14 @@ impl Projection {
         })
     }
 
-    /// The same for a point that faces the viewer by more than a cosine.
+    /// The same for a point whose normal has at least a given cosine with the view.
     pub fn visible(&self, point: Point3, normal: Point3, least_facing: f64, skin: &[Seen]) -> bool {
         self.facing(normal) > least_facing && self.unobstructed(point, skin)
     }
 
-    /// The outline of the body: edges of one tile alone, and those between a tile that faces the viewer and one that does not.
+    /// The outline of the body: edges of one tile only, and edges between a front-facing and a back-facing tile.
     pub fn outline(&self, tiles: &[Tile], skin: &[Seen]) -> Vec<[Place; 2]> {
-        // Corners that differ by rounding are one corner.
+        // Corners that differ only by rounding are merged.
         let grain_m = 1e-4 * PLOT_SIZE / self.pixels_per_m;
         let key = |corner: Point3| corner.map(|length_m| (length_m / grain_m).round() as i64);
         let mut edges: HashMap<[[i64; 3]; 2], Edge> = HashMap::new();
@@ -181,7 +181,7 @@ impl Projection {
                 edge.1[side] += 1;
             }
         }
-        // In the order of the tiles, so that the same scene gives the same file.
+        // In the order of the tiles, so that the output is deterministic.
         let edges =
             order.iter().map(|ends| &edges[ends]).filter(|(_, sides)| sides[0] + sides[1] == 1 || sides == &[1, 1]);
         let seen = edges.filter(|(ends, _)| self.unobstructed(centroid(ends), skin));

@@ -1,18 +1,18 @@
-//! What there is to see, in space; the views unroll it or look at it from outside.
+//! A scene in 3D; the views unroll or project it.
 
 use crate::colour::{Colour, Scale};
 use crate::svg::text_width;
 use dermis::geom::Point3;
 use dermis::geom::vector::{cross, normalize, sub};
 
-/// A flat piece of the skin. Corners run counter-clockwise as seen from outside.
+/// A flat polygon of the skin. Corners are counter-clockwise as seen from outside.
 #[derive(Debug, Clone)]
 pub struct Tile {
     /// Corners, m.
     pub corners: Vec<Point3>,
     /// Its colour.
     pub fill: Colour,
-    /// Colour of its outline, where it has one.
+    /// Colour of its outline, if any.
     pub edge: Option<Colour>,
 }
 
@@ -28,7 +28,7 @@ impl Tile {
 pub struct Stroke {
     /// Its ends, m.
     pub ends: [Point3; 2],
-    /// Outward normal where it lies.
+    /// Outward normal at its position.
     pub normal: Point3,
     /// Its colour.
     pub colour: Colour,
@@ -39,23 +39,23 @@ pub struct Stroke {
 /// A round mark on the skin.
 #[derive(Debug, Clone)]
 pub struct Dot {
-    /// Where, m.
+    /// Position, m.
     pub at: Point3,
-    /// Outward normal there.
+    /// Outward normal at its position.
     pub normal: Point3,
     /// Its radius, pixels.
     pub radius: f64,
-    /// How it is drawn.
+    /// Its shape and colour.
     pub mark: Mark,
 }
 
-/// A kind of round mark, for dots and for the legend.
+/// A shape of round mark, for dots and for the legend.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Mark {
-    /// Filled with a dark rim or without.
+    /// A disc with or without a dark rim.
     Disc(Colour, bool),
-    /// Filled, with a white rim that lifts it off any colour.
-    Bead(Colour),
+    /// A disc with a white rim that separates it from any background.
+    OutlinedDisc(Colour),
     /// An upright cross with a white rim.
     Cross(Colour),
     /// A filled diamond with a white rim.
@@ -69,58 +69,58 @@ pub enum Mark {
 /// A short text on the skin.
 #[derive(Debug, Clone)]
 pub struct Label {
-    /// Where, m.
+    /// Position, m.
     pub at: Point3,
-    /// Outward normal there.
+    /// Outward normal at its position.
     pub normal: Point3,
     /// Its text.
     pub text: String,
-    /// How far what it names reaches from there, m.
+    /// Extent of the labelled object from there, m.
     pub reach_m: f64,
     /// Its position.
-    pub stand: Stand,
-    /// Height of its letters, pixels.
+    pub position: LabelPosition,
+    /// Text size, pixels.
     pub size: f64,
 }
 
-/// The position of a label beside what it names.
+/// The position of a label relative to its object.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Stand {
-    /// Above it, by some pixels.
+pub enum LabelPosition {
+    /// Above it, with an offset.
     Above {
-        /// From its place to the foot of the letters.
+        /// Offset to the baseline, pixels.
         pixels: f64,
     },
-    /// On it where it is large enough, else above it (below it where there is no room).
+    /// On it if it is large enough, else above it (below it if there is no room).
     OnOrAbove,
-    /// Towards the middle of the body: for what lies on its edge.
+    /// Towards the centre of the body, for objects at its edge.
     Inwards {
-        /// From its place to the letters.
+        /// Offset to the text, pixels.
         pixels: f64,
     },
 }
 
-/// A key to the colours of the tiles.
+/// The colour bar of the tiles.
 #[derive(Debug, Clone)]
 pub struct Key {
-    /// The colours.
+    /// The colour map.
     pub scale: Scale,
-    /// What the numbers are, with their unit.
+    /// The quantity, with its unit.
     pub label: String,
 }
 
-/// Everything that a view draws: tiles from back to front, then what lies on them.
+/// All elements of a view: tiles from back to front, then the elements on them.
 #[derive(Debug, Clone, Default)]
 pub struct Scene {
-    /// What the picture shows.
+    /// The title.
     pub title: String,
-    /// A second, smaller line: how it was made.
+    /// A second, smaller line, for example on the method.
     pub subtitle: String,
-    /// The key to the colours.
+    /// The colour bar.
     pub key: Option<Key>,
     /// The skin itself.
     pub(crate) tiles: Vec<Tile>,
-    /// Tiles that lie on the skin.
+    /// Tiles on top of the skin.
     pub(crate) patches: Vec<Tile>,
     /// Lines on the skin.
     pub(crate) strokes: Vec<Stroke>,
@@ -128,7 +128,7 @@ pub struct Scene {
     pub(crate) dots: Vec<Dot>,
     /// Texts on the skin.
     pub(crate) labels: Vec<Label>,
-    /// The key to the marks.
+    /// The legend of the marks.
     pub(crate) legend: Vec<(Mark, String)>,
 }
 
@@ -151,18 +151,18 @@ pub fn normal_of(corners: &[Point3]) -> Point3 {
 pub const LABEL_SIZE: f64 = 10.0;
 
 impl Label {
-    /// The middle of the label's baseline in a plot of some size, from the pixels where it is anchored and the pixels
-    /// per m; always whole inside the plot.
+    /// The centre of the baseline of the label in a plot of a given size, from its anchor in pixels and the pixels per
+    /// m; the label is always completely inside the plot.
     pub fn baseline(&self, [x, y]: [f64; 2], [width, height]: [f64; 2], pixels_per_m: f64) -> [f64; 2] {
         let reach = self.reach_m * pixels_per_m;
         let half = text_width(&self.text, self.size) / 2.0;
         let centred = 0.36 * self.size;
-        let (x, y) = match self.stand {
-            Stand::Above { pixels } => (x, y - pixels - 2.0),
-            Stand::OnOrAbove if reach > self.size => (x, y + centred),
-            Stand::OnOrAbove if y - reach - 3.0 > self.size => (x, y - reach - 3.0),
-            Stand::OnOrAbove => (x, y + reach + 2.0 + self.size),
-            Stand::Inwards { pixels } => {
+        let (x, y) = match self.position {
+            LabelPosition::Above { pixels } => (x, y - pixels - 2.0),
+            LabelPosition::OnOrAbove if reach > self.size => (x, y + centred),
+            LabelPosition::OnOrAbove if y - reach - 3.0 > self.size => (x, y - reach - 3.0),
+            LabelPosition::OnOrAbove => (x, y + reach + 2.0 + self.size),
+            LabelPosition::Inwards { pixels } => {
                 let (dx, dy) = (width / 2.0 - x, height / 2.0 - y);
                 let length = dx.hypot(dy).max(1e-9);
                 let step = pixels + half * (dx / length).abs() + 0.5 * self.size * (dy / length).abs();

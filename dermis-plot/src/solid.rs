@@ -1,4 +1,4 @@
-//! The skin in space: parallel projection, the painter's algorithm.
+//! The skin in 3D: parallel projection, painter's algorithm.
 
 use crate::camera::{Camera, READABLE};
 use crate::colour::{Colour, INK, WHITE, mix};
@@ -8,16 +8,16 @@ use crate::scene::{Key, Scene};
 use crate::svg::{Anchor, Picture, Place, Style, Text};
 use dermis::geom::vector::{centroid, dot};
 
-/// Room below the body for the axes and the scale bar, pixels.
+/// Height below the body for the axes and the scale bar, pixels.
 const BELOW: f64 = 74.0;
-/// Width that a picture has at least, so that its title can be read, pixels.
+/// Minimum width of a picture, so that its title is readable, pixels.
 const LEAST_WIDTH: f64 = 400.0;
-/// Least cosine between view and normal for marks: nearer to the body's limb they would crowd.
+/// Smallest cosine between view and normal for marks: near the limb of the body they would be too dense.
 const MARKED: f64 = 0.15;
-/// Room for a caption below each of several views, pixels.
+/// Height of a caption below each of several views, pixels.
 const CAPTION: f64 = 22.0;
 
-/// How a tile is drawn: with its outline, or with a seam of its own colour that hides the gaps between neighbours.
+/// Style of a tile: with its outline, or with a line in its own colour that hides the gaps between neighbours.
 pub fn tile_style(fill: Colour, edge: Option<Colour>) -> Style {
     let (colour, width) = edge.map_or((fill, 1.0), |edge| (edge, 0.5));
     Style::fill(fill).outlined(colour, width)
@@ -26,7 +26,7 @@ pub fn tile_style(fill: Colour, edge: Option<Colour>) -> Style {
 /// The scene as seen by some cameras, side by side.
 pub fn draw(scene: &Scene, cameras: &[Camera]) -> Picture {
     let mut views: Vec<Projection> = cameras.iter().map(|camera| Projection::new(camera, &scene.tiles)).collect();
-    // One scale for all views; the bar stands by the first.
+    // One scale for all views; the scale bar is next to the first.
     let pixels_per_m = views.iter().map(|view| view.pixels_per_m).fold(f64::INFINITY, f64::min);
     views.iter_mut().for_each(|view| view.pixels_per_m = pixels_per_m);
     let width = views.iter().map(Projection::width).sum::<f64>();
@@ -34,7 +34,7 @@ pub fn draw(scene: &Scene, cameras: &[Camera]) -> Picture {
     let right = if scene.key.is_some() { frame::KEY_WIDTH } else { 0.0 };
     let top = frame::title_height(&scene.title, &scene.subtitle);
     let base = top + height + if views.len() > 1 { CAPTION } else { 0.0 };
-    // Narrow bodies leave the title some room.
+    // Leave room for the title next to a narrow body.
     let total_width = (width + right).max(LEAST_WIDTH);
     let legend_width = total_width - 2.0 * MARGIN;
     let legend_height = frame::legend_height(&scene.legend, legend_width);
@@ -67,7 +67,7 @@ fn colour_bar(picture: &mut Picture, x: f64, top: f64, height: f64, key: &Key) {
 
 fn draw_body(scene: &Scene, view: &Projection) -> Picture {
     let mut picture = Picture::new(view.width(), view.height());
-    // Data keep the colours of the key; bare skin is shaded.
+    // Data keep the colours of the colour bar; bare skin is shaded.
     let light = if scene.key.is_some() { Light::Even } else { Light::Shaded };
     let skin = view.see_all(&scene.tiles, light);
     for tile in &skin {
@@ -104,7 +104,7 @@ fn caption(camera: &Camera, all: &[Camera]) -> String {
     }
 }
 
-/// The directions of the axes.
+/// The coordinate axes.
 fn axes(picture: &mut Picture, view: &Projection, origin: Place) {
     const LENGTH: f64 = 30.0;
     for (name, axis) in [("x", [1.0, 0.0, 0.0]), ("y", [0.0, 1.0, 0.0]), ("z", [0.0, 0.0, 1.0])] {
@@ -113,7 +113,7 @@ fn axes(picture: &mut Picture, view: &Projection, origin: Place) {
         let length = dx.hypot(dy);
         if length > 6.0 {
             let beyond = (length + 9.0) / length;
-            // Beside the z axis, not on it.
+            // Next to the z axis, not on it.
             let aside = if name != "z" && dx.abs() < 6.0 { 9.0 } else { 0.0 };
             let at = [origin[0] + dx * beyond + aside, origin[1] + dy * beyond + 4.0];
             picture.text(at, name, Text::new(12.0, Anchor::Middle));
@@ -121,7 +121,7 @@ fn axes(picture: &mut Picture, view: &Projection, origin: Place) {
     }
 }
 
-/// A bar of known length.
+/// A scale bar.
 fn scale_bar(picture: &mut Picture, view: &Projection, [x, y]: Place) {
     let length_mm = round_down(0.2 * PLOT_SIZE / view.pixels_per_m * 1e3);
     let pixels = length_mm / 1e3 * view.pixels_per_m;
@@ -131,7 +131,7 @@ fn scale_bar(picture: &mut Picture, view: &Projection, [x, y]: Place) {
     picture.text([x + pixels / 2.0, y + 20.0], &text, Text::new(frame::TEXT_SIZE, Anchor::Middle));
 }
 
-/// The largest of 1, 2, 5 times a power of ten that is not above a number.
+/// The largest of 1, 2, 5 times a power of ten that does not exceed a number.
 fn round_down(value: f64) -> f64 {
     let power = 10f64.powf(value.log10().floor());
     [5.0, 2.0, 1.0].into_iter().map(|factor| factor * power).find(|&round| round <= value).unwrap_or(power)

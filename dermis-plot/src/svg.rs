@@ -9,16 +9,16 @@ use std::fmt::Write as _;
 #[cfg(feature = "png")]
 use std::sync::{Arc, LazyLock};
 
-/// A place in a picture: pixels from the left and from the top.
+/// A position in a picture: pixels from the left and from the top.
 pub type Place = [f64; 2];
 
-/// The font of all text. DejaVu Sans is wide, so what fits in it fits in whatever a browser puts in its place.
+/// The font of all text. DejaVu Sans is wide, so that text also fits in the font that a browser substitutes.
 const FONT_FAMILY: &str = "'DejaVu Sans', Verdana, sans-serif";
 #[cfg(feature = "png")]
 const FONT: &[u8] = include_bytes!("../fonts/DejaVuSans-subset.ttf");
 
-/// Mean width of a character of the font as a part of its size, measured over the labels of our pictures; good enough
-/// to keep labels apart.
+/// Mean width of a character relative to the font size, measured on the labels of the pictures; accurate enough to
+/// separate labels.
 const MEAN_CHARACTER_WIDTH: f64 = 0.6;
 
 #[cfg(feature = "png")]
@@ -75,7 +75,7 @@ impl Style {
     }
 }
 
-/// The part of a text that is at its place.
+/// Anchor of a text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Anchor {
     /// Its left end.
@@ -86,33 +86,33 @@ pub enum Anchor {
     End,
 }
 
-/// How a text is set.
+/// Style of a text.
 #[derive(Debug, Clone, Copy)]
 pub struct Text {
-    /// Height of the letters, pixels.
+    /// Font size, pixels.
     pub size: f64,
     /// Colour.
     pub colour: Colour,
-    /// The part that is at the place.
+    /// The anchor.
     pub anchor: Anchor,
-    /// Turned a quarter to the left, to be read from below to above.
+    /// Rotated by 90 degrees, to be read upwards.
     pub upwards: bool,
-    /// A white rim, for text on pictures.
+    /// A white outline, for text on images.
     pub rim: bool,
 }
 
 impl Text {
-    /// Dark text of a size.
+    /// Dark text of a given size.
     pub fn new(size: f64, anchor: Anchor) -> Self {
         Text { size, colour: INK, anchor, upwards: false, rim: false }
     }
 
-    /// Turned to be read from below to above.
+    /// Rotated, to be read upwards.
     pub fn upwards(self) -> Self {
         Text { upwards: true, ..self }
     }
 
-    /// With a white rim.
+    /// With a white outline.
     pub fn rimmed(self) -> Self {
         Text { rim: true, ..self }
     }
@@ -123,7 +123,7 @@ impl Text {
     }
 }
 
-/// Roughly how wide a text is, pixels.
+/// Approximate width of a text, pixels.
 pub fn text_width(text: &str, size: f64) -> f64 {
     text.chars().count() as f64 * MEAN_CHARACTER_WIDTH * size
 }
@@ -136,7 +136,7 @@ pub struct Picture {
     /// Height, pixels.
     pub height: f64,
     body: String,
-    /// How the last element ends, if it is a polygon.
+    /// The end of the last element, if it is a polygon.
     polygon_tail: String,
 }
 
@@ -146,8 +146,8 @@ impl Picture {
         Picture { width, height, body: String::new(), polygon_tail: String::new() }
     }
 
-    /// A closed polygon. Polygons of one style that follow each other become one element: a mesh would be three times
-    /// as large without. They must turn the same way where they overlap.
+    /// Adds a closed polygon. Consecutive polygons of the same style are merged into one element: the file of a mesh
+    /// would be three times as large otherwise. Overlapping polygons must have the same orientation.
     pub(crate) fn polygon(&mut self, corners: &[Place], style: Style) {
         let tail = format!("\"{}/>\n", style.attributes());
         if tail == self.polygon_tail && self.body.ends_with(&tail) {
@@ -159,18 +159,18 @@ impl Picture {
         }
     }
 
-    /// An open line through some places.
+    /// Adds an open line through some points.
     pub(crate) fn line(&mut self, places: &[Place], style: Style) {
         let _ = writeln!(self.body, "<path d=\"{}\"{} stroke-linecap=\"round\"/>", path(places), style.attributes());
     }
 
-    /// A circle.
+    /// Adds a circle.
     pub(crate) fn circle(&mut self, centre: Place, radius: f64, style: Style) {
         let [x, y] = centre.map(number);
         let _ = writeln!(self.body, "<circle cx=\"{x}\" cy=\"{y}\" r=\"{}\"{}/>", number(radius), style.attributes());
     }
 
-    /// A line of text; its place is on the baseline.
+    /// Adds a line of text; its position is on the baseline.
     pub(crate) fn text(&mut self, place: Place, text: &str, how: Text) {
         let [x, y] = place.map(number);
         let anchor = match how.anchor {
@@ -193,7 +193,7 @@ impl Picture {
         );
     }
 
-    /// Another picture inside this one, its upper left corner at a place; what leaves its frame is cut off.
+    /// Embeds another picture with its upper left corner at a position; parts outside its frame are clipped.
     pub(crate) fn place(&mut self, [x, y]: Place, inner: &Picture) {
         let (w, h) = (number(inner.width), number(inner.height));
         let _ = writeln!(
@@ -205,7 +205,7 @@ impl Picture {
         );
     }
 
-    /// The picture as an SVG document; it fits into a page as well as a file.
+    /// The picture as an SVG document; it can also be embedded in a page.
     pub fn to_svg(&self) -> String {
         let (w, h) = (number(self.width), number(self.height));
         format!(
@@ -218,7 +218,7 @@ impl Picture {
     /// The picture as a PNG file with `scale` dots per pixel.
     ///
     /// # Errors
-    /// A picture too large to hold in memory.
+    /// A picture that is too large for the memory.
     #[cfg(feature = "png")]
     pub fn to_png(&self, scale: f64) -> Result<Vec<u8>, PlotError> {
         let options = usvg::Options { fontdb: Arc::clone(&FONTS), ..usvg::Options::default() };
@@ -241,7 +241,7 @@ fn path(places: &[Place]) -> String {
     text
 }
 
-/// A number to a tenth of a pixel, without trailing zeros.
+/// A number rounded to a tenth of a pixel, without trailing zeros.
 fn number(value: f64) -> String {
     let text = format!("{value:.1}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
@@ -252,7 +252,7 @@ fn hex([r, g, b]: Colour) -> String {
     format!("#{r:02x}{g:02x}{b:02x}")
 }
 
-/// Text made safe for XML and HTML.
+/// Escapes a text for XML and HTML.
 pub fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
@@ -273,7 +273,7 @@ mod tests {
         let mut written = blank.clone();
         written.text([5.0, 20.0], "\u{3b8} 90\u{b0}", Text::new(13.0, Anchor::Start));
         blank.circle([30.0, 15.0], 10.0, Style::fill(BLACK));
-        // Text that found no font would leave the page empty.
+        // Without a font for the text, the page would be empty.
         assert_ne!(written.to_png(2.0).unwrap(), empty);
         assert_ne!(blank.to_png(2.0).unwrap(), empty);
     }

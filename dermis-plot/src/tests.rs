@@ -31,7 +31,7 @@ fn the_pixels_of_a_picture_cover_the_body_once() {
         let (design, mesh) = skin(name);
         let space = PixelSpace::for_design(&design, &mesh).unwrap();
         let covered: f64 = field(&Drawing::new(&design, &mesh), &space).tiles.iter().map(area).sum();
-        // A round body's polygon of 72 or 180 corners lacks at most (pi / 72)^2 2/3 of its area.
+        // A polygon of 72 or 180 corners lacks at most (pi / 72)^2 2/3 of the area of a round body.
         assert!((covered / exact - 1.0).abs() < 2e-3, "{name}: {covered} of {exact}");
     }
 }
@@ -93,7 +93,7 @@ fn every_electrode_and_contact_is_seen_in_space_and_data_have_the_colours_of_the
     for name in (0..30).map(|number| number.to_string()).chain((0..4).map(|number| format!("#{number}"))) {
         assert!(svg.contains(&format!(">{name}</text>")), "{name}");
     }
-    // The tiles of a view are one element, of one colour.
+    // The tiles of a view are one element with one colour.
     let fill = format!("fill=\"#{r:02x}{g:02x}{b:02x}\"");
     assert!(svg.matches(&fill).count() >= 2, "no tile has the colour of its number");
 }

@@ -1,4 +1,4 @@
-//! The skin laid out flat: a cylinder cut open at theta = 0, a flat skin as it is.
+//! The skin unrolled: a cylinder cut open at theta = 0, a flat skin unchanged.
 
 use crate::colour::{FAINT, INK};
 use crate::frame::{self, Axis};
@@ -11,20 +11,20 @@ use std::f64::consts::TAU;
 
 /// Largest extent of the plot, pixels.
 const PLOT_SIZE: f64 = 540.0;
-/// Room round the body inside the plot, as a part of the body's larger extent; marks at the edge need it.
+/// Margin around the body inside the plot, relative to the larger extent of the body; marks at the edge need it.
 const MARGIN: f64 = 0.03;
 const LEFT: f64 = 66.0;
 const BELOW: f64 = 48.0;
-/// Room for the angles above a cylinder.
+/// Height of the angles above a cylinder.
 const ABOVE: f64 = 44.0;
 
-/// A skin's body laid flat: lengths in m, the second axis upwards.
+/// The flat layout of a body: lengths in m, the second axis upwards.
 #[derive(Debug, Clone, Copy)]
 struct Chart {
     surface: Surface,
     low_m: [f64; 2],
     high_m: [f64; 2],
-    /// Circumference of a cylinder; what leaves on one side comes back on the other.
+    /// Circumference of a cylinder; positions wrap around at the seam.
     around_m: Option<f64>,
     labels: [&'static str; 2],
 }
@@ -62,7 +62,7 @@ impl Chart {
         }
     }
 
-    /// Points that belong together (a tile, a line), as often as the seam makes them appear.
+    /// The points of one element (a tile, a line), repeated where it crosses the seam.
     fn together(&self, points: &[Point3]) -> Vec<Vec<[f64; 2]>> {
         let anchor = self.point(points[0]);
         let placed: Vec<[f64; 2]> = points
@@ -74,7 +74,7 @@ impl Chart {
             .collect();
         let mut copies = vec![placed.clone()];
         if let Some(around) = self.around_m {
-            // A small tolerance keeps what merely touches the seam from being drawn twice.
+            // A small tolerance, so that an element that only touches the seam is not drawn twice.
             let tolerance = 1e-9 * around;
             let moved = |by: f64| placed.iter().map(|[x, y]| [x + by, *y]).collect();
             if placed.iter().any(|[x, _]| *x < -tolerance) {
@@ -88,7 +88,7 @@ impl Chart {
     }
 }
 
-/// The plot's place and scale.
+/// Position and scale of the plot.
 struct Plot {
     chart: Chart,
     low_m: [f64; 2],
@@ -132,7 +132,7 @@ impl Plot {
         }
     }
 
-    /// The seam's two sides, or the outline of a flat body.
+    /// The two sides of the seam, or the outline of a flat body.
     fn outline(&self, picture: &mut Picture, body: &Body) {
         let Chart { low_m: [x0, y0], high_m: [x1, y1], .. } = self.chart;
         let style = Style::line(FAINT, 1.0);
@@ -176,10 +176,10 @@ impl Plot {
     }
 }
 
-/// The scene laid out flat.
+/// The scene as an unrolled picture.
 ///
 /// # Errors
-/// A body that is known only by its mesh has no flat layout.
+/// A body that is defined by its mesh only has no flat layout.
 pub fn draw(scene: &Scene, design: &SkinDesign) -> Result<Picture, PlotError> {
     let chart = Chart::of(&design.body).ok_or(PlotError::NoFlatLayout)?;
     let plot = Plot::new(chart);
@@ -209,7 +209,7 @@ pub fn draw(scene: &Scene, design: &SkinDesign) -> Result<Picture, PlotError> {
     Ok(picture)
 }
 
-/// The angles round a cylinder, above the plot.
+/// The angles of a cylinder, above the plot.
 fn angles(picture: &mut Picture, [x, y]: Place, width: f64) {
     for degrees in (0..=360).step_by(60) {
         let at = x + width * f64::from(degrees) / 360.0;

@@ -1,11 +1,11 @@
-//! How well a single frame can tell where a skin was touched: the Cramér-Rao bound of a touch's place on `cylinder30`, with
-//! the noise of the twin `lab` and everything else known but the touch's place, width and strength (Kay, 1993, "Fundamentals
-//! of Statistical Signal Processing: Estimation Theory", Eq. 3.31: the covariance is at least the inverse of
-//! `F = sum_channels g g' / sd^2`, `g` the frame's derivatives).
+//! The accuracy with which a single frame determines the position of a touch: the Cramér-Rao bound of a touch's
+//! position on `cylinder30`, with the noise of the twin `lab` and everything else known except the touch's position,
+//! width and strength (Kay, 1993, "Fundamentals of Statistical Signal Processing: Estimation Theory", Eq. 3.31: the
+//! covariance is at least the inverse of `F = sum_channels g g' / sd^2`, `g` the frame's derivatives).
 //!
 //! Expected: tenths of a millimetre in the middle, where patches and not noise limit every method, and several times as
-//! much along the axis at a rim: no current crosses an edge, so that next to it a frame hardly depends on how far from it the
-//! touch is. It asserts both.
+//! much along the axis at a rim: no current crosses an edge, so that near it a frame hardly depends on the distance of
+//! the touch from it. Both are asserted.
 
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
@@ -15,13 +15,13 @@ use dermis::stats::upper_median;
 use dermis_sim::touch::{GaussianTouch, touched_conductivity};
 use dermis_sim::twin::{Twin, TwinOptions};
 
-/// A press of 2 N on the patches of `lab` changes the frame by as much.
+/// Amplitude with the same change of the frame as a press of 2 N on the patches of `lab`.
 const WIDTH_M: f64 = 0.008;
 const AMPLITUDE: f64 = 0.7;
-/// Untouched frames that tell the noise, and the seed of their twin.
+/// Number of untouched frames for the noise, and the seed of their twin.
 const UNTOUCHED: u64 = 200;
 const SEED: u64 = 3000;
-/// Steps of the derivatives: of places (m), and of the logarithms of amplitude and width.
+/// Steps of the derivatives: of positions (m), and of the logarithms of amplitude and width.
 const PLACE_STEP_M: f64 = 2e-4;
 const LOG_STEP: f64 = 0.01;
 
@@ -44,7 +44,8 @@ impl Skin {
         Ok(Skin { design, forward, noise_ohm })
     }
 
-    /// The frame of a touch at a height and an angle, its amplitude and width times the exponentials of two numbers.
+    /// The frame of a touch at a z and an angle, with its amplitude and width multiplied by the exponentials of two
+    /// numbers.
     fn frame(&self, [z_m, theta_rad, log_amplitude, log_width]: [f64; 4]) -> dermis_sim::Result<Frame> {
         let surface = self.design.body.surface();
         let touch = GaussianTouch {
@@ -57,7 +58,7 @@ impl Skin {
         Ok(self.forward.solve(&touched)?)
     }
 
-    /// The least standard deviations along the axis and round it, m.
+    /// The smallest possible standard deviations along the axis and around it, m.
     fn bound_m(&self, z_m: f64, theta_rad: f64, radius_m: f64) -> dermis_sim::Result<[f64; 2]> {
         let steps = [PLACE_STEP_M, PLACE_STEP_M / radius_m, LOG_STEP, LOG_STEP];
         let mut derivatives = Vec::new();
@@ -78,7 +79,7 @@ impl Skin {
     }
 }
 
-/// The inverse of a positive definite matrix (Gauss and Jordan).
+/// The inverse of a positive definite matrix (Gauss-Jordan).
 fn inverse(mut matrix: [[f64; 4]; 4]) -> [[f64; 4]; 4] {
     let mut inverse: [[f64; 4]; 4] = std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j))));
     for pivot in 0..4 {
@@ -102,7 +103,8 @@ fn main() -> dermis_sim::Result<()> {
     let change = |&(z_m, theta_rad): &(f64, f64)| -> dermis_sim::Result<f64> {
         Ok(norm(&(&skin.frame([z_m, theta_rad, 0.0, 0.0])? - &rest)) / norm(&rest))
     };
-    // Places that fill the skin evenly (Roberts, 2018, "The unreasonable effectiveness of quasirandom sequences").
+    // Positions that cover the skin uniformly (Roberts, 2018, "The unreasonable effectiveness of quasirandom
+    // sequences").
     let even = |k: i32| {
         (0.3 * (f64::from(k) * 0.754_877_67).fract(), std::f64::consts::TAU * (f64::from(k) * 0.569_840_29).fract())
     };
@@ -112,7 +114,7 @@ fn main() -> dermis_sim::Result<()> {
     println!("{:>14} {:>16} {:>16}", "from rim (mm)", "along axis (mm)", "round it (mm)");
     let mut along_m = Vec::new();
     for from_rim_m in [0.001, 0.002, 0.005, 0.010, 0.015, 0.020, 0.030, 0.050, 0.150] {
-        // The mean of places round the skin, between electrodes and on them.
+        // The mean over positions around the skin, between electrodes and on them.
         let places = 12;
         let mut sum = [0.0; 2];
         for place in 0..places {

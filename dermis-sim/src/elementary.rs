@@ -1,8 +1,8 @@
 //! Elementary functions with the same bits on every system.
 //!
-//! The standard library calls the C library of the system, and C libraries differ in the last bit. What is drawn from a seed
-//! must not: simulation and training use these functions, all of them from the crate `libm`. Square roots, sums and products
-//! are exact to the last bit everywhere (IEEE 754) and need no such care.
+//! The standard library calls the C library of the system, and C libraries differ in the last bit. Numbers drawn from a
+//! seed must not differ: simulation and training use these functions, all of them from the crate `libm`. Square roots,
+//! sums and products are exact to the last bit everywhere (IEEE 754) and need no replacement.
 //!
 //! ```
 //! use dermis_sim::elementary::{exp, ln};

@@ -14,10 +14,10 @@ pub enum Error {
     /// A touch or a noise that cannot be simulated.
     #[error(transparent)]
     Touch(#[from] crate::touch::TouchError),
-    /// A twin that cannot be built, or a press that it cannot answer.
+    /// A twin that cannot be built, or a press that it cannot simulate.
     #[error(transparent)]
     Twin(#[from] crate::twin::TwinError),
-    /// A dataset that cannot be made, read or resumed.
+    /// A dataset that cannot be generated, read or resumed.
     #[error(transparent)]
     Dataset(Box<crate::dataset::DatasetError>),
     /// A score that cannot be computed.

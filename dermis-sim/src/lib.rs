@@ -1,6 +1,7 @@
-//! Simulated skins: touch models, measurement noise, digital twins, datasets, experiments, and the scoring of methods on them.
+//! Simulated skins: touch models, measurement noise, digital twins, datasets, experiments, and scores of methods on
+//! them.
 //!
-//! Sensing does not need this crate: it makes the frames that a method is trained, tested and compared on.
+//! Sensing does not need this crate: it generates the frames for training, testing and comparing methods.
 
 // Layer 0
 pub mod elementary;
@@ -23,7 +24,7 @@ pub mod evaluate;
 mod error;
 pub use error::{Error, Result};
 
-/// The code of the book compiles.
+/// The code examples of the book compile.
 #[cfg(doctest)]
 #[doc = include_str!("../../docs/datasets.md")]
 pub struct Datasets;

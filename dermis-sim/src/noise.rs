@@ -24,23 +24,23 @@ use dermis::protocol::Protocol;
 use dermis::stats::rms;
 use rand_chacha::ChaCha8Rng;
 
-/// White noise of the readings that a frame is made of.
+/// White noise of the readings of a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Noise {
     /// Standard deviation of every reading, as an equivalent resistance at the drive current, ohm.
     pub sd_ohm: f64,
-    /// The resistor in series with the drive, across which each drive's current is read, ohm. The reading of the
-    /// current is as noisy as any other: a frame's value is `(z + n) / (1 + n_ref / R_ref)`, with one `n_ref` per
-    /// drive and frame. Infinite where the current is known exactly.
+    /// The resistor in series with the drive, across which each drive's current is measured, ohm. The reading of the
+    /// current has the same noise as any other: a frame's value is `(z + n) / (1 + n_ref / R_ref)`, with one `n_ref`
+    /// per drive and frame. Infinite if the current is known exactly.
     pub reference_ohm: f64,
 }
 
 impl Noise {
     /// The noise of a signal-to-noise ratio in dB, `SNR = 20 log10(r / s)`: `s` is [`sd_ohm`](Self::sd_ohm), `r` the
-    /// root mean square of those values of the untouched frame that share no electrode with their drive.
+    /// root mean square of the values of the untouched frame that share no electrode with their drive.
     ///
     /// # Errors
-    /// A ratio that is not finite; a protocol without any such value.
+    /// A ratio that is not finite; a protocol without such a value.
     pub fn at_snr_db(
         snr_db: f64,
         untouched: &Frame,
@@ -55,11 +55,11 @@ impl Noise {
         Ok(Noise { sd_ohm, reference_ohm })
     }
 
-    /// A frame with noise, from the frame without. `drive_of` holds the index of each value's drive, as
-    /// [`Protocol::drives`] gives it.
+    /// A frame with noise, from the frame without. `drive_of` contains the index of each value's drive, as returned by
+    /// [`Protocol::drives`].
     ///
     /// # Panics
-    /// Where `drive_of` is shorter than the frame.
+    /// If `drive_of` is shorter than the frame.
     pub fn apply(&self, clean: &Frame, drive_of: &[usize], rng: &mut ChaCha8Rng) -> Frame {
         let drive_count = drive_of.iter().max().map_or(0, |last| last + 1);
         let noise = self.readings(drive_count, clean.len(), rng);
@@ -76,7 +76,7 @@ impl Noise {
     }
 }
 
-/// Root mean square of the values that share no electrode with their drive; `None` where there is none.
+/// Root mean square of the values that share no electrode with their drive; `None` if there are none.
 pub(crate) fn undriven_rms(protocol: &Protocol, values: &[f64]) -> Option<f64> {
     let undriven = values.iter().zip(protocol.channels()).filter(|(_, channel)| !channel.touches_driven());
     Some(rms(undriven.map(|(value, _)| *value))).filter(|rms| !rms.is_nan())
@@ -85,9 +85,9 @@ pub(crate) fn undriven_rms(protocol: &Protocol, values: &[f64]) -> Option<f64> {
 /// The noise of each reading of a frame, as an equivalent resistance at the drive current, ohm.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NoisyReadings {
-    /// To the reading of each drive's current across the reference resistor.
+    /// In the reading of each drive's current across the reference resistor.
     pub references_ohm: Vec<f64>,
-    /// To the reading of each value.
+    /// In the reading of each value.
     pub values_ohm: Vec<f64>,
 }
 
@@ -99,7 +99,7 @@ mod tests {
     #[test]
     fn fifty_decibels_are_fifty_decibels_of_the_values_that_no_contact_impedance_touches() {
         let protocol = Protocol::adjacent(30).unwrap();
-        // Driven values are made huge: they must not count.
+        // Driven values are made very large: they must have no effect.
         let clean = Frame(
             protocol
                 .channels()
@@ -132,7 +132,8 @@ mod tests {
         let clean = Frame(vec![1e6; protocol.channel_count()]);
         let noise = Noise { sd_ohm: 1.0, reference_ohm: 1000.0 };
         let noisy = noise.apply(&clean, &drive_of, &mut sample_rng(1, 0));
-        // Beside 1e6 the reading's own noise is 1e-6, the reference's 1e-3: values of one drive agree to the former.
+        // Relative to 1e6 the reading's own noise is 1e-6, the reference's 1e-3: values of one drive agree to the
+        // former.
         for drive in 0..16 {
             let values: Vec<f64> = noisy.iter().zip(&drive_of).filter(|(_, d)| **d == drive).map(|(v, _)| *v).collect();
             let spread = values.iter().map(|v| (v / values[0] - 1.0).abs()).fold(0.0, f64::max);

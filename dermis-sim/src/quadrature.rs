@@ -31,13 +31,14 @@ pub fn triangle_points<const D: usize>(corners: &[[f64; D]; 3]) -> [Weighted<D>;
     })
 }
 
-/// Four points of a tetrahedron whose weighted sum is the mean of a polynomial of degree 2 or less (Stroud, 1971, T3: 2-1).
+/// Four points of a tetrahedron whose weighted sum is the mean of a polynomial of degree 2 or less (Stroud, 1971, T3:
+/// 2-1).
 pub fn tetrahedron_points<const D: usize>(corners: &[[f64; D]; 4]) -> [Weighted<D>; 4] {
     let near = (5.0 - 5f64.sqrt()) / 20.0;
     std::array::from_fn(|far| (combination(corners, one_far(near, far)), 0.25))
 }
 
-/// Barycentric coordinates that are equal but for one.
+/// Barycentric coordinates with one different value.
 fn one_far<const N: usize>(near: f64, far: usize) -> [f64; N] {
     std::array::from_fn(|corner| if corner == far { 1.0 - (N - 1) as f64 * near } else { near })
 }
@@ -48,13 +49,13 @@ fn combination<const D: usize, const N: usize>(corners: &[[f64; D]; N], weights:
     })
 }
 
-/// The four triangles of equal area between the corners and the middles of the edges.
+/// The four triangles of equal area between the corners and the midpoints of the edges.
 pub fn quarters([a, b, c]: [Point3; 3]) -> [[Point3; 3]; 4] {
     let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
     [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
 }
 
-/// The eight tetrahedra of equal volume between the corners and the middles of the edges.
+/// The eight tetrahedra of equal volume between the corners and the midpoints of the edges.
 pub fn eighths([a, b, c, d]: [Point3; 4]) -> [[Point3; 4]; 8] {
     let (ab, ac, ad) = (middle(a, b), middle(a, c), middle(a, d));
     let (bc, bd, cd) = (middle(b, c), middle(b, d), middle(c, d));
@@ -63,7 +64,7 @@ pub fn eighths([a, b, c, d]: [Point3; 4]) -> [[Point3; 4]; 8] {
         [ab, b, bc, bd],
         [ac, bc, c, cd],
         [ad, bd, cd, d],
-        // The octahedron in the middle, split along its diagonal from `ab` to `cd`.
+        // The octahedron in the centre, split along its diagonal from `ab` to `cd`.
         [ab, cd, ac, ad],
         [ab, cd, ad, bd],
         [ab, cd, bd, bc],
@@ -75,8 +76,8 @@ fn middle(a: Point3, b: Point3) -> Point3 {
     scale(add(a, b), 0.5)
 }
 
-/// Gauss's rule on -1 to 1: points and weights (which add up to 2) that integrate polynomials of degree `2 count - 1`. Roots of
-/// the Legendre polynomial by Newton's method (Abramowitz and Stegun, 1964, 25.4.29).
+/// The Gauss-Legendre rule on -1 to 1: points and weights (which sum to 2), exact for polynomials of degree
+/// `2 count - 1`. Roots of the Legendre polynomial by Newton's method (Abramowitz and Stegun, 1964, 25.4.29).
 pub fn gauss_legendre(count: usize) -> Vec<(f64, f64)> {
     let root = |k: usize| {
         let mut t = cos(PI * (k as f64 + 0.75) / (count as f64 + 0.5));
@@ -103,7 +104,7 @@ mod tests {
         (1..=n).map(f64::from).product()
     }
 
-    /// The error of the mean of `x^a y^b z^c` over the simplex of the origin and the unit vectors, where it is
+    /// The error of the mean of `x^a y^b z^c` over the simplex of the origin and the unit vectors, whose exact value is
     /// `D! a! b! c! / (a + b + c + D)!`.
     fn error<const D: usize>(points: &[Weighted<D>], powers: [u32; D]) -> f64 {
         let value = |point: &[f64; D]| point.iter().zip(powers).map(|(x, power)| x.powi(power as i32)).product::<f64>();

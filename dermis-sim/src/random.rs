@@ -1,5 +1,5 @@
-//! Seeded streams of random numbers and the deviates that are drawn from them. A stream depends on its seed and index alone,
-//! and a deviate has the same bits on every system.
+//! Seeded streams of random numbers and the deviates drawn from them. A stream depends only on its seed and index, and
+//! a deviate has the same bits on every system.
 //!
 //! ```
 //! use dermis_sim::random::{sample_rng, standard_normal};
@@ -14,7 +14,7 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::TAU;
 
-/// The random numbers of sample `index` under a seed; they depend on nothing else.
+/// The random numbers of sample `index` for a seed; they depend on nothing else.
 pub fn sample_rng(seed: u64, index: u64) -> ChaCha8Rng {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(index);
@@ -37,14 +37,14 @@ pub fn standard_normal(rng: &mut impl Rng) -> f64 {
     radius * cos(angle_rad)
 }
 
-/// Two independent standard normal deviates for the price of one.
+/// Two independent standard normal deviates at the cost of one.
 pub fn standard_normal_pair(rng: &mut impl Rng) -> [f64; 2] {
     let (radius, angle_rad) = polar(rng);
     let (sine, cosine) = sin_cos(angle_rad);
     [radius * cosine, radius * sine]
 }
 
-/// Standard normal deviates one after the other, drawn in pairs.
+/// A sequence of standard normal deviates, drawn in pairs.
 #[derive(Debug, Clone, Default)]
 pub struct Normal {
     spare: Option<f64>,
@@ -66,11 +66,11 @@ impl Normal {
 fn polar(rng: &mut impl Rng) -> (f64, f64) {
     let uniform: f64 = rng.random();
     let angle: f64 = rng.random();
-    // 1 - u lies in (0, 1], so that the logarithm is finite.
+    // 1 - u is in (0, 1], so that the logarithm is finite.
     ((-2.0 * ln(1.0 - uniform)).sqrt(), TAU * angle)
 }
 
-/// The log-normal factor of mean 1 and a standard deviation that belongs to a standard normal deviate.
+/// The log-normal factor of mean 1 and a given standard deviation, for a standard normal deviate.
 pub fn log_normal(sd: f64, deviate: f64) -> f64 {
     let variance = ln_1p(sd * sd);
     exp(variance.sqrt() * deviate - 0.5 * variance)

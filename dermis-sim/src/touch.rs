@@ -2,7 +2,7 @@
 //!
 //! The model is the paper's training touch: a Gaussian rise of conductance. With the relative change
 //! `g(x) = A exp(-d(x)^2 / (2 w^2))`, where `d` is the distance along the surface, the conductance becomes
-//! `sigma0 (1 + e g)`, and `e` is +1 or -1 as [`TouchEffect::sign`] says. Several touches add up.
+//! `sigma0 (1 + e g)`, and `e` is +1 or -1 according to [`TouchEffect::sign`]. Several touches add up.
 //!
 //! ```
 //! use dermis::geom::Surface;
@@ -31,18 +31,18 @@ pub enum TouchError {
          all touches of a frame together"
     )]
     TooStrong {
-        /// The amplitude, or the sum of those that meet in one cell.
+        /// The amplitude, or the sum of those that overlap in one cell.
         amplitude: f64,
     },
     /// A number that must be positive and finite.
     #[error("{what} is {value}: it must be positive and finite")]
     NotPositive {
-        /// What the number is.
+        /// The name of the number.
         what: &'static str,
         /// Its value.
         value: f64,
     },
-    /// A protocol on which the signal-to-noise ratio is not defined.
+    /// A protocol for which the signal-to-noise ratio is not defined.
     #[error("every value of the protocol shares an electrode with its drive: the noise in dB is not defined")]
     NoUndrivenValue,
 }
@@ -58,11 +58,11 @@ pub struct GaussianTouch {
     pub width_m: f64,
 }
 
-/// Distance in widths beyond which a Gaussian is below the resolution of a double beside 1.
+/// Distance in widths beyond which a Gaussian is below the resolution of a double relative to 1.
 const REACH_WIDTHS: f64 = 8.6;
 
-/// Longest edge of a cell in widths over which the quadrature rules are exact enough: at 1 the mean over a triangle is
-/// right to 1e-6 of the amplitude, at 0.5 the coarser rule for tetrahedra to 1e-3. Larger cells are split.
+/// Longest edge of a cell in widths for which the quadrature rules are accurate enough: at 1 the mean over a triangle
+/// is correct to 1e-6 of the amplitude, at 0.5 the coarser rule for tetrahedra to 1e-3. Larger cells are split.
 pub(crate) const TRIANGLE_EDGE_WIDTHS: f64 = 1.0;
 pub(crate) const TETRAHEDRON_EDGE_WIDTHS: f64 = 0.5;
 
@@ -76,11 +76,11 @@ impl GaussianTouch {
 
     /// The mean of the change over each cell of a mesh, added to `sums` (one value per cell).
     ///
-    /// The mean, not the value at the cell's centre: that is what a cell of even conductivity can hold, and it keeps
-    /// the integral of the touch the same wherever it falls on the mesh.
+    /// The mean is used instead of the value at the cell's centre, because a cell has a constant conductivity, and
+    /// because the integral of the touch is then independent of its position on the mesh.
     ///
     /// # Panics
-    /// Where `sums` has another length than the mesh has cells.
+    /// If the length of `sums` differs from the number of cells.
     pub fn add_cell_means(&self, surface: &Surface, mesh: &Mesh, sums: &mut [f64]) {
         assert_eq!(sums.len(), mesh.cell_count(), "one sum per cell");
         let reach_m = REACH_WIDTHS * self.width_m;
@@ -104,7 +104,7 @@ impl GaussianTouch {
         }
     }
 
-    /// The mean over one triangle, by its quarters where it is large beside the touch.
+    /// The mean over one triangle; a triangle that is large compared with the touch is split into quarters.
     fn triangle_mean(&self, surface: &Surface, corners: [Point3; 3]) -> f64 {
         if longest_edge(&corners) > TRIANGLE_EDGE_WIDTHS * self.width_m {
             return 0.25 * quarters(corners).map(|quarter| self.triangle_mean(surface, quarter)).iter().sum::<f64>();
@@ -112,7 +112,7 @@ impl GaussianTouch {
         triangle_points(&corners).iter().map(|&(point, weight)| weight * self.value(surface, point)).sum()
     }
 
-    /// The mean over one tetrahedron, by its eighths where it is large beside the touch.
+    /// The mean over one tetrahedron; a tetrahedron that is large compared with the touch is split into eighths.
     fn tetrahedron_mean(&self, surface: &Surface, corners: [Point3; 4]) -> f64 {
         if longest_edge(&corners) > TETRAHEDRON_EDGE_WIDTHS * self.width_m {
             return 0.125 * eighths(corners).map(|eighth| self.tetrahedron_mean(surface, eighth)).iter().sum::<f64>();
@@ -121,13 +121,13 @@ impl GaussianTouch {
     }
 }
 
-/// The conductivity of each cell with some touches on a skin whose untouched conductivity is given.
+/// The conductivity of each cell with some touches on a skin with the given untouched conductivity.
 ///
 /// # Errors
 /// A width or amplitude that is not positive; touches that leave no conductance in a cell.
 ///
 /// # Panics
-/// Where `rest_conductivity` has another length than the mesh has cells.
+/// If the length of `rest_conductivity` differs from the number of cells.
 pub fn touched_conductivity(
     mesh: &Mesh,
     surface: &Surface,
@@ -244,7 +244,7 @@ mod tests {
         let size = 0.03;
         let corners = [[0.0; 3], [size, 0.0, 0.0], [0.0, size, 0.0], [0.0, 0.0, size]];
         let touch = GaussianTouch { centre_m: [0.01, 0.0, 0.008], amplitude: 1.0, width_m: WIDTH_M };
-        // Midpoints of n^3 cubes that lie inside x + y + z < size; the boundary layer costs about 1 / n.
+        // Midpoints of n^3 cubes that are inside x + y + z < size; the boundary layer gives an error of about 1 / n.
         let n = 240;
         let (mut sum, mut count) = (0.0, 0usize);
         for i in 0..n {

@@ -1,8 +1,8 @@
-//! The unrolled surface: coordinates in which distances along it are those of straight lines.
+//! The unrolled surface: coordinates in which distances along the surface are straight-line distances.
 //!
-//! On a cylinder they are (round, along): the arc from theta = 0 and z, and the first of them is periodic. On any other surface
-//! they are those of space. The arithmetic is that of [`Surface`], by functions with the same bits on every system, for what
-//! is drawn from a seed.
+//! On a cylinder they are (around, along): the arc from theta = 0 and z, and the first is periodic. On any other
+//! surface they are the coordinates in space. The arithmetic is that of [`Surface`], by functions with the same bits on
+//! every system, for numbers drawn from a seed.
 //!
 //! ```
 //! use dermis::geom::Surface;
@@ -35,17 +35,17 @@ impl Unrolled {
         }
     }
 
-    /// The length after which the first coordinate repeats, m.
+    /// The period of the first coordinate, m.
     pub fn period_m(&self) -> Option<f64> {
         self.radius_m.map(|radius_m| TAU * radius_m)
     }
 
-    /// A point in unrolled coordinates, m; the first lies between minus and plus half a period where there is one.
+    /// A point in unrolled coordinates, m; the first is between minus and plus half a period if it is periodic.
     pub fn place(&self, point_m: Point3) -> Point3 {
         self.radius_m.map_or(point_m, |radius_m| [radius_m * atan2(point_m[1], point_m[0]), point_m[2], 0.0])
     }
 
-    /// The step between two places, the short way round, m.
+    /// The step between two positions, the shorter way around, m.
     pub fn step(&self, from: Point3, to: Point3) -> Point3 {
         let mut step = sub(to, from);
         if let Some(period_m) = self.period_m() {
@@ -54,18 +54,18 @@ impl Unrolled {
         step
     }
 
-    /// The square of the distance of two places, m2.
+    /// The square of the distance of two positions, m2.
     #[inline]
     pub fn squared_distance_m2(&self, a: Point3, b: Point3) -> f64 {
         let [mut round, along, up] = sub(a, b);
         if let Some(period_m) = self.period_m() {
-            // Right for places up to one and a half periods apart: the square forgets the sign.
+            // Correct for positions up to one and a half periods apart: the square does not depend on the sign.
             round = round.abs().min(period_m - round.abs());
         }
         round * round + along * along + up * up
     }
 
-    /// The distance of two places, m.
+    /// The distance of two positions, m.
     #[inline]
     pub fn distance_m(&self, a: Point3, b: Point3) -> f64 {
         self.squared_distance_m2(a, b).sqrt()

@@ -1,4 +1,4 @@
-//! Eight conductivities at once give what one by one gives, at every instruction set, and fail as clearly.
+//! Eight conductivities solved together give the same results and errors as one by one, at every instruction set.
 
 use dermis::design::SkinDesign;
 use dermis::forward::{BatchSolver, ForwardError, ForwardModel};
@@ -6,7 +6,8 @@ use dermis::linalg::{BadLanes, BatchPlan, Entries, LANES, SimdLevel, Symbolic};
 use dermis::mesh::Mesh;
 use dermis_sim::random::{sample_rng, standard_normal};
 
-/// Rounding of both ways, amplified by the system's condition (about 1e5 with contacts of 2e-5 ohm m2), stays far below.
+/// Tolerance: rounding of both methods, amplified by the system's condition number (about 1e5 with contacts of 2e-5 ohm
+/// m2), is far below.
 const AGREEMENT: f64 = 1e-10;
 
 fn model(name: &str) -> ForwardModel {
@@ -15,7 +16,7 @@ fn model(name: &str) -> ForwardModel {
     ForwardModel::new(&design, &mesh).expect("shipped designs have a model")
 }
 
-/// Conductivities that vary from cell to cell and from lane to lane, by a factor of e in the extremes.
+/// Conductivities that vary between cells and lanes, by at most a factor of e.
 fn conductivities(model: &ForwardModel) -> Vec<[f64; LANES]> {
     let mut rng = sample_rng(8, 0);
     let mut factor = || (0.3 * standard_normal(&mut rng)).exp();

@@ -1,4 +1,5 @@
-//! Presses on patches: the fast way against the direct one, and what patches do that Gaussian touches do not.
+//! Presses on patches: the fast method compared with the direct one, and effects of patches that Gaussian touches do
+//! not have.
 
 use dermis::design::SkinDesign;
 use dermis::forward::{ElectrodeNetwork, ForwardModel};
@@ -53,7 +54,7 @@ fn press(z_m: f64, theta_rad: f64, force_n: f64) -> Press {
     Press { centre_m: [0.05 * cos, 0.05 * sin, z_m], force_n, tip_radius_m: 0.005 }
 }
 
-/// A few places, the rim and the seam among them.
+/// Some positions, including the rim and the seam.
 fn places() -> Vec<Press> {
     vec![
         press(0.155, 1.1, 2.0),
@@ -64,7 +65,7 @@ fn places() -> Vec<Press> {
     ]
 }
 
-/// The values that touch no driven electrode.
+/// The values without a driven electrode.
 fn undriven(frame: &Frame, protocol: &Protocol) -> Vec<f64> {
     let channels = frame.iter().zip(protocol.channels());
     channels.filter(|(_, channel)| !channel.touches_driven()).map(|(value, _)| *value).collect()
@@ -74,7 +75,7 @@ fn norm(values: &[f64]) -> f64 {
     values.iter().map(|value| value * value).sum::<f64>().sqrt()
 }
 
-/// The change of the values that touch no driven electrode, and their own size at rest.
+/// The change of the values without a driven electrode, and their size at rest.
 fn change(skin: &PatchedSkin, network: &ElectrodeNetwork) -> (Vec<f64>, f64) {
     let protocol = skin.conductors().model().protocol();
     let rest = undriven(&skin.conductors().resting_network().unwrap().frame(protocol), protocol);
@@ -90,8 +91,8 @@ fn median(values: Vec<f64>) -> f64 {
     upper_median(&values).expect("values")
 }
 
-/// Every combination of the table, of half a solve, and of a direct factorisation with a patch unknown, with and
-/// without contact at rest.
+/// Every combination of the table, of the forward substitution, and of a direct factorisation with a patch unknown,
+/// with and without contact at rest.
 #[test]
 fn the_low_rank_update_equals_the_direct_solve() {
     let mut preloaded = lab();
@@ -127,7 +128,8 @@ fn the_low_rank_update_equals_the_direct_solve() {
     }
 }
 
-/// The bar is 2 ms for a press that touches several patches; the fastest of many runs, for others work here too.
+/// The limit is 2 ms for a press that touches several patches; the fastest of many runs is used, because other
+/// processes may run too.
 #[test]
 fn a_frame_costs_little() {
     let start = Instant::now();
@@ -179,14 +181,14 @@ fn the_polynomials_under_a_patch_are_fine_enough() {
     assert!(medians.is_sorted_by(|a, b| a > b) && medians[MOMENT_DEGREE - 1] < 0.03);
 }
 
-/// Relative differences of the changes by some presses on two makings of a skin.
+/// Relative differences of the changes by some presses on two instances of a skin.
 fn errors_of_changes(skin: &PatchedSkin, reference: &PatchedSkin) -> Vec<f64> {
     let presses = (0..24).map(|k| press(0.02 + 0.0113 * k as f64, 0.37 * k as f64, 1.0 + 0.17 * k as f64));
     let of = |skin: &PatchedSkin, press| change(skin, &skin.network_once(&[press]).unwrap()).0;
     presses.map(|press| relative_difference(&of(skin, press), &of(reference, press))).collect()
 }
 
-/// Skins that are touched a few times only, as in a set of training samples: on the mesh of the design itself.
+/// Skins that are touched only a few times, as in a set of training samples: on the mesh of the design itself.
 #[test]
 fn a_skin_of_a_few_touches_costs_little() {
     let design = SkinDesign::load("cylinder30").unwrap();
@@ -219,19 +221,19 @@ fn a_skin_of_a_few_touches_costs_little() {
 /// The pitch of the columns, m.
 const PITCH_M: f64 = 0.1 * std::f64::consts::PI / 31.0;
 
-/// A press of 2 N at a place round the skin, counted in pitches from a gap, in the middle of a row.
+/// A press of 2 N at a position around the skin, in pitches from a gap, in the middle of a row.
 fn along_the_columns(pitches: f64) -> Press {
     press(0.155, pitches * PITCH_M / 0.05, 2.0)
 }
 
-/// The anchor of the twin `lab`: the contact's conductance is chosen so that a press of 2 N changes the values that
-/// touch no driven electrode by 0.5 to 2 %.
+/// The calibration of the twin `lab`: the contact's conductance is chosen so that a press of 2 N changes the values
+/// without a driven electrode by 0.5 to 2 %.
 #[test]
 fn a_press_of_two_newtons_changes_the_frame_by_about_one_per_cent() {
     let skin = patched(&lab(), MOMENT_DEGREE);
     let share = |force_n: f64| {
         let of = |k: usize| {
-            // Places that fill the skin evenly: the golden ratio's cousin in two dimensions (Roberts, 2018).
+            // Positions that cover the skin uniformly: the two-dimensional golden ratio sequence (Roberts, 2018).
             let (u, v) = ((k as f64 * 0.754_877_67).fract(), (k as f64 * 0.569_840_29).fract());
             let press = press(0.3 * u, std::f64::consts::TAU * v, force_n);
             let (change, rest) = change(&skin, &skin.network(&[press]).unwrap());
@@ -245,8 +247,8 @@ fn a_press_of_two_newtons_changes_the_frame_by_about_one_per_cent() {
     assert!(one < two && two < five);
 }
 
-/// Patch-size steps: within a patch a press may move and the frame hardly follows, across a gap it jumps. The harder
-/// the contact and the smaller the footprint beside the patch, the more so.
+/// Patch-size steps: if a press moves within a patch the frame hardly changes, across a gap it jumps. The effect
+/// increases with the contact pressure and with the size of the patch relative to the footprint.
 #[test]
 fn the_frame_moves_in_steps_of_a_patch() {
     let mut hard = lab();
@@ -271,8 +273,8 @@ fn the_frame_moves_in_steps_of_a_patch() {
     }
 }
 
-/// Saturation: a light press is felt with nearly the law's own exponent, a strong one with half of it, though it reaches
-/// further patches.
+/// Saturation: the response to a light press has nearly the exponent of the contact law, that of a strong one half of
+/// it, although it reaches more patches.
 #[test]
 fn the_change_saturates_with_the_force() {
     let skin = patched(&lab(), MOMENT_DEGREE);
@@ -286,7 +288,7 @@ fn the_change_saturates_with_the_force() {
     assert!(exponents[2] < 0.6 * exponents[0] && exponents[3] < 0.7 * exponents[0], "{exponents:?}");
 }
 
-/// Two presses on one patch share it: their change is less than the sum; far apart they add up.
+/// Two presses on one patch: their change is less than the sum; far apart they add up.
 #[test]
 fn touches_on_one_patch_do_not_add_up() {
     let skin = patched(&lab(), MOMENT_DEGREE);
@@ -304,7 +306,7 @@ fn touches_on_one_patch_do_not_add_up() {
     assert!(together(0.4).1 < 0.9);
 }
 
-/// Kirchhoff: what enters a patch leaves it, to 1e-12 of the drive current.
+/// Kirchhoff: the net current of a patch is zero, to 1e-12 of the drive current.
 #[test]
 fn no_patch_keeps_a_current() {
     let (design, model) = skin();
@@ -331,7 +333,7 @@ fn no_patch_keeps_a_current() {
     assert!(worst < 1e-12 && largest > 1e-3);
 }
 
-/// The memory of a contact: on the way back it is better, and a skin let go forgets.
+/// Hysteresis of a contact: its conductance is higher during release, and a released skin has no history.
 #[test]
 fn unloading_follows_another_way() {
     let mut options = lab();
@@ -355,7 +357,7 @@ fn unloading_follows_another_way() {
     assert_eq!(never.frame(skin.conductors().model().protocol()), rest, "untouched to the last bit");
 }
 
-/// How far the change of the frame by a press depends on the mesh.
+/// Dependence of the frame change by a press on the mesh.
 #[test]
 fn a_press_hardly_feels_the_mesh() {
     let (design, _) = skin();
@@ -376,8 +378,8 @@ fn a_press_hardly_feels_the_mesh() {
     assert!(median(errors) < 0.08);
 }
 
-/// The true strength of presses against what they do to the frame: light and strong ones in one place, the patches shifted
-/// under them, so that nothing changes but how much contact there is and how the patches share it.
+/// The true strength of presses compared with their effect on the frame: light and strong presses at one position, with
+/// the patches shifted under them, so that only the amount of contact and its distribution over the patches change.
 #[test]
 fn the_true_strength_is_what_the_frame_feels() {
     let (design, model) = skin();

@@ -1,5 +1,5 @@
-//! Real presses on real skins. The recordings have no licence, so they are looked for beside the project or where
-//! `DERMIS_DATA` points, and the tests say that they were skipped without them.
+//! Real presses on real skins. The recordings have no licence, so they are searched for next to the project or in
+//! `DERMIS_DATA`; without them the tests print that they were skipped.
 
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
@@ -58,7 +58,7 @@ fn print(name: &str, aligned: &Aligned) {
 }
 
 /// Mean error over the last 500 presses after alignment by the first 2,000, and the median over 200 random draws of 20
-/// presses to align by of the mean error over all others; m.
+/// presses for alignment of the mean error over all others; m.
 fn figures(name: &str) -> Option<(f64, f64)> {
     let (estimates, truth) = presses(name)?;
     let many: Vec<usize> = (0..2000).collect();
@@ -84,6 +84,6 @@ fn the_even_skin_is_localised() {
 #[test]
 fn the_striped_skin_is_localised_better_than_by_guessing_its_centre() {
     let Some((many, few)) = figures("parallel") else { return };
-    // Guessing the centre errs by 26 mm.
+    // Estimating the centre for every press gives an error of 26 mm.
     assert!(many <= 20e-3 && few <= 22e-3, "{:.2} mm, {:.2} mm", 1e3 * many, 1e3 * few);
 }

@@ -1,4 +1,4 @@
-//! A skin made again equals the same skin built from nothing.
+//! A skin instance from `remade` equals the same skin built from the start.
 
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
@@ -30,7 +30,7 @@ fn a_remade_skin_equals_one_built_from_nothing() {
     let change = |frame: &[f64]| frame.iter().zip(&before.0).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     assert!(change(&ours) > 1.0, "the skins differ: {}", change(&ours));
 
-    // Both solvers go over to the new skin.
+    // Both solvers continue with the new skin.
     let mut plain = model.solver();
     plain.set_model(&remade);
     let mut values = vec![0.0; before.len()];
@@ -52,7 +52,7 @@ fn the_near_field_of_a_remade_skin_goes_with_its_coat() {
     let model = ForwardModel::new(&design, &mesh).expect("a model");
     let twice: Vec<f64> = model.rest_conductivity().iter().map(|s| 2.0 * s).collect();
     let halved: Vec<f64> = model.contact_impedances().iter().map(|z| 0.5 * z).collect();
-    // All resistances of the skin halve, so every value must.
+    // All resistances of the skin are halved, so every value must be halved too.
     let remade = model.remade(&mesh.nodes, &halved, &twice).expect("a sound skin");
     let (half, whole) = (remade.solve(&twice).expect("a frame"), model.solve(model.rest_conductivity()).expect("one"));
     for (half, whole) in half.iter().zip(whole.iter()) {

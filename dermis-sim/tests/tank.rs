@@ -1,4 +1,4 @@
-//! Real frames of a saline tank: every object is found at the electrode that its recording names.
+//! Real frames of a saline tank: every object is found at the electrode given in its recording.
 
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;

@@ -1,6 +1,7 @@
-//! Whether the default mesh is fine enough to learn from: differences of frames against a mesh with edges a quarter as long.
+//! Checks that the default mesh is fine enough for training: differences of frames compared with a mesh with edges a
+//! quarter as long.
 //!
-//! `cargo test --release -p dermis --test training_mesh -- --ignored --nocapture` prints the figures.
+//! `cargo test --release -p dermis-sim --test training_mesh -- --ignored --nocapture` prints the results.
 
 use dermis::design::{Electrode, SkinDesign};
 use dermis::forward::ForwardModel;
@@ -9,7 +10,7 @@ use dermis_sim::dataset::{GaussianTouches, Generator, Recipe, Skins, Touch};
 use dermis_sim::touch::{GaussianTouch, touched_conductivity};
 use rayon::prelude::*;
 
-/// Relative L2 over the values that touch no driven electrode.
+/// Relative L2 error over the values without a driven electrode.
 const MEDIAN_AT_MOST: f64 = 0.015;
 const P95_AT_MOST: f64 = 0.04;
 const ON_ELECTRODE_AT_MOST: f64 = 0.08;
@@ -28,7 +29,7 @@ impl Side {
         Side { model, rest }
     }
 
-    /// What touches change in the values that touch no driven electrode, ohm.
+    /// The change by touches of the values without a driven electrode, ohm.
     fn difference(&self, design: &SkinDesign, touches: &[GaussianTouch]) -> Vec<f64> {
         let (mesh, rest) = (self.model.mesh(), self.model.rest_conductivity());
         let touched = touched_conductivity(mesh, &design.body.surface(), design.sheet.touch, rest, touches);

@@ -1,4 +1,4 @@
-//! The methods that pages set side by side, and what each makes of recorded presses.
+//! The methods that the reports compare, and their results on recorded presses.
 
 use crate::Result;
 use crate::progress::Progress;
@@ -18,7 +18,7 @@ use std::sync::Arc;
 
 /// A method with its name in tables and pictures.
 pub struct Named {
-    /// Its identifier, also in names of files: "noser".
+    /// Its identifier, also used in file names: "noser".
     pub key: String,
     /// Its name in tables and pictures: "linear, NOSER".
     pub name: String,
@@ -26,16 +26,16 @@ pub struct Named {
     pub method: Method,
     /// The card of a network.
     pub card: Option<Card>,
-    /// What distinguishes it from every other method of its name: its alpha or its weights.
+    /// Identifies the method among others of the same name: its alpha or its weights.
     pub identity: String,
 }
 
-/// The linear methods of the paper, by their names in the registry and in tables: NOSER and a spatial high-pass filter, which is
-/// what Laplace's prior is.
+/// The linear methods of the paper, by their names in the registry and in tables: NOSER, and the Laplace prior, which
+/// is a spatial high-pass filter.
 pub const LINEAR: [(&str, &str); 2] = [("noser", "linear, NOSER"), ("laplace", "linear, Laplace")];
 
 impl Named {
-    /// A linear method by its place in [`LINEAR`].
+    /// A linear method by its index in [`LINEAR`].
     ///
     /// # Errors
     /// A skin whose forward problem cannot be solved.
@@ -54,12 +54,12 @@ impl Named {
             "best" => "best network".to_string(),
             other => format!("network {other}"),
         };
-        // A card's name comes from a file, and becomes part of the names of others.
+        // The name on the card comes from a file and becomes part of file names.
         let key: String = card.name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
         let mut hasher = DefaultHasher::new();
         let weights = model.network().tensors().into_iter().flat_map(|tensor| tensor.values);
         weights.for_each(|weight| weight.to_bits().hash(&mut hasher));
-        // What is found in its images depends on how they are read too.
+        // The contacts in its images also depend on the detection options.
         format!("{:?}", card.detection).hash(&mut hasher);
         let method = Method::new(key.clone(), name.clone(), Arc::new(model));
         Named { key, name, method, card: Some(card), identity: format!("weights {:016x}", hasher.finish()) }
@@ -82,7 +82,7 @@ impl Named {
     }
 }
 
-/// The methods that need no choice on this skin: the linear one, and the shipped networks.
+/// The methods that need no tuning on this skin: the linear one, and the shipped networks.
 ///
 /// # Errors
 /// A skin whose forward problem cannot be solved; a shipped file that is damaged.
@@ -92,7 +92,7 @@ pub fn shipped(skin: &Skin) -> Result<Vec<Named>> {
     Ok(methods)
 }
 
-/// The networks that are shipped for this skin, the preferred one last.
+/// The shipped networks for this skin, the preferred one last.
 ///
 /// # Errors
 /// A shipped file that is damaged.
@@ -104,20 +104,20 @@ pub fn shipped_networks(skin: &Skin) -> Result<Vec<Named>> {
 pub struct Shown {
     /// The method's name in tables and pictures.
     pub name: String,
-    /// The same with its alpha.
+    /// The same with its alpha, if any.
     pub how: String,
     /// The image of each frame.
     pub images: Vec<Image>,
-    /// What their values are.
+    /// Quantity of their values.
     pub quantity: Quantity,
-    /// The contacts found in each image.
+    /// The detected contacts of each image.
     pub contacts: Vec<Vec<Contact>>,
     /// The score.
     pub score: Score,
 }
 
 impl Shown {
-    /// Makes the images of a recording, finds the contacts in them and scores them.
+    /// Computes the images of a recording, detects the contacts and scores them.
     pub fn of(
         method: &Named,
         recording: &Recording,

@@ -1,12 +1,12 @@
-//! The crate's error.
+//! The error type of the crate.
 
 use std::path::PathBuf;
 use thiserror::Error as ThisError;
 
-/// Shorthand for a result with the crate's [`enum@Error`].
+/// A result with the crate's [`enum@Error`].
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// Why a study cannot be made.
+/// Errors of a study.
 #[derive(Debug, ThisError)]
 pub enum Error {
     /// A design, a mesh, a forward problem, a reconstruction or a table that cannot be used.
@@ -29,22 +29,22 @@ pub enum Error {
     Folder {
         /// The folder.
         folder: PathBuf,
-        /// The error of the system.
+        /// The system error.
         source: std::io::Error,
     },
-    /// Two networks of one name: results are listed by name.
+    /// Two networks with the same name: results are listed by name.
     #[error("two of the networks are called `{0}`")]
     SameName(String),
-    /// A command that trains a network was refused (exit code 2); its own message states why.
+    /// A command that trains a network was rejected (exit code 2); its own message states the reason.
     #[error("`{0}` was refused, for the reason above")]
     CommandRefused(String),
-    /// A fault of this program.
+    /// An internal fault.
     #[error("{0}")]
     Internal(String),
 }
 
 impl Error {
-    /// How to correct what was given, where the message alone does not say it.
+    /// The fix, if the message does not contain it.
     pub fn fix(&self) -> Option<&'static str> {
         match self {
             Error::Folder { .. } => Some("choose another place with -o"),

@@ -1,12 +1,12 @@
-//! The study of the paper that `dermis` follows, “An ERT-based Robotic Skin with Sparsely Distributed Electrodes”:
-//! its experiments on simulated skins, compared with the figures that it states.
+//! The study of the paper “An ERT-based Robotic Skin with Sparsely Distributed Electrodes”: its experiments on
+//! simulated skins, compared with the figures in the paper.
 //!
 //! - [`demo`]: the paper's 900 indentations in simulation, and the objects in recordings of a real tank;
 //! - [`reproduce`]: sections II to IV of the paper on digital twins, as a page and as numbers;
-//! - [`metrics`]: the figures that methods are compared by;
-//! - [`report`]: tables, and HTML pages that need no other file.
+//! - [`metrics`]: the figures for the comparison of methods;
+//! - [`report`]: tables, and self-contained HTML pages.
 //!
-//! Nothing here prints. Long work reports to a [`Progress`].
+//! Nothing here prints. Long computations report to a [`Progress`].
 
 mod comparison;
 pub mod demo;

@@ -1,4 +1,4 @@
-//! The figures that a method is assessed by on a digital twin, for tables and JSON: one list for every command.
+//! The figures of a method on a digital twin, for tables and JSON: one list for all commands.
 //!
 //! ```
 //! use dermis_study::metrics::FIGURES;
@@ -10,31 +10,31 @@
 
 use crate::report::Table;
 use dermis::stats::mean;
-use dermis_sim::evaluate::{BenchmarkOptions, BenchmarkResult, FORCES_A_PLACE};
+use dermis_sim::evaluate::{BenchmarkOptions, BenchmarkResult, FORCES_PER_POSITION};
 use dermis_sim::experiment::Sizes;
 
-/// One figure of an result.
+/// One figure of a result.
 pub struct Figure {
-    /// Its identifier in JSON, where the value is in SI units.
+    /// Its identifier in JSON, where values are in SI units.
     pub key: &'static str,
-    /// Its name in tables, with the unit there.
+    /// Its name in tables, with the unit used there.
     pub name: &'static str,
-    /// Its value, SI units; `NaN` where there is none.
+    /// Its value in SI units; `NaN` if there is none.
     pub of: fn(&BenchmarkResult) -> f64,
-    /// Tables show the value times this.
+    /// Factor from SI units to the unit in tables.
     pub factor: f64,
     /// Decimals in tables.
     pub decimals: usize,
-    /// Which of two values is the worse one.
+    /// Which of two values is worse.
     pub worse: Worse,
 }
 
-/// Which of two values of a figure is the worse one.
+/// Which of two values of a figure is worse.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Worse {
-    /// The greater one, as of an error.
+    /// The greater one, as for an error.
     More,
-    /// The lesser one, as of a share of successes.
+    /// The lesser one, as for a success rate.
     Less,
 }
 
@@ -138,12 +138,12 @@ pub const FIGURES: &[Figure] = &[
 ];
 
 impl Figure {
-    /// The value as tables show it.
+    /// The value as printed in tables.
     pub fn show(&self, value: f64) -> String {
         if value.is_nan() { "none".into() } else { format!("{:.*}", self.decimals, self.factor * value) }
     }
 
-    /// The worst of some values; `NaN` where one is.
+    /// The worst of some values; `NaN` if one of them is `NaN`.
     pub fn worst(&self, values: &[f64]) -> f64 {
         let worse = |a: f64, b: f64| match self.worse {
             _ if a.is_nan() || b.is_nan() => f64::NAN,
@@ -154,7 +154,7 @@ impl Figure {
     }
 }
 
-/// Every figure: its mean over the twins and the worst of them.
+/// Every figure: its mean over the twins and the worst twin.
 pub fn table(twins: &[BenchmarkResult]) -> Table {
     let mut table = Table::new(&["figure", "mean of twins", "worst twin"]);
     for figure in FIGURES {
@@ -164,14 +164,14 @@ pub fn table(twins: &[BenchmarkResult]) -> Table {
     table
 }
 
-/// Frames that [`dermis_sim::evaluate::Benchmark::run`] reads at this size on a skin of so many pixels.
+/// Number of frames of [`dermis_sim::evaluate::Benchmark::run`] for this size, on a skin with `pixels` pixels.
 pub fn benchmark_frames(size: &BenchmarkOptions, pixels: usize) -> usize {
     let Sizes { grid_step, random, separations_m, pairs, fours } = &size.sizes;
     pixels.div_ceil(*grid_step)
         + random
         + separations_m.len() * pairs
         + fours
-        + size.places * FORCES_A_PLACE
+        + size.places * FORCES_PER_POSITION
         + size.untouched
         + dermis_sim::experiment::UNTOUCHED_FRAMES as usize
         + pixels.div_ceil(size.force_step)

@@ -1,4 +1,4 @@
-//! Pictures of an experiment, as pages show them.
+//! Pictures of an experiment for reports.
 
 use crate::Result;
 use crate::comparison::Shown;
@@ -11,7 +11,7 @@ use dermis_plot::chart::Histogram;
 use dermis_plot::{Drawing, Key, Picture, Scale, Scene, View};
 use dermis_sim::evaluate::match_contacts;
 
-/// A skin to draw experiments on.
+/// A skin for pictures of experiments.
 pub struct Plots<'a> {
     /// The skin.
     pub design: &'a SkinDesign,
@@ -20,7 +20,7 @@ pub struct Plots<'a> {
     drawing: Drawing<'a>,
 }
 
-/// What all pictures of localisation say.
+/// Caption of all pictures of localisation.
 pub const LOCALISATION_CAPTION: &str = "Black dots are the true places, red circles the estimates, yellow the \
     electrodes. Left and right edge are the same line on the skin.";
 
@@ -30,7 +30,7 @@ impl<'a> Plots<'a> {
         Plots { design, mesh, drawing: Drawing::new(design, mesh) }
     }
 
-    /// Laid out flat; a body that has no flat layout in space.
+    /// The unrolled picture; in 3D for a body without a flat layout.
     pub fn flat(&self, scene: &Scene) -> Result<Picture> {
         match self.design.body {
             dermis::design::Body::Mesh { .. } => self.solid(scene),
@@ -38,7 +38,7 @@ impl<'a> Plots<'a> {
         }
     }
 
-    /// In space.
+    /// The picture in 3D.
     pub fn solid(&self, scene: &Scene) -> Result<Picture> {
         self.draw(scene, &View::Solid)
     }
@@ -58,19 +58,19 @@ impl<'a> Plots<'a> {
         self.drawing.mesh().titled(title, subtitle)
     }
 
-    /// How strongly a frame answers to each pixel.
+    /// The sensitivity of a frame to each pixel.
     pub fn frame_sensitivity(&self, space: &PixelSpace, sensitivity: &[f64]) -> Scene {
         let scene = self.drawing.sensitivity(space, sensitivity);
         let subtitle = scene.subtitle.clone();
         scene.titled("Sensitivity of the frame", subtitle)
     }
 
-    /// Where presses were and where a method found them (the paper's Fig. 7).
+    /// True and estimated positions of presses (the paper's Fig. 7).
     pub fn localisation(&self, title: &str, subtitle: &str, truth: &[Vec<Contact>], shown: &Shown) -> Scene {
         localisation_scene(&self.drawing, self.design, truth, &shown.contacts).titled(title, subtitle)
     }
 
-    /// How often a press was misplaced by how much.
+    /// A histogram of the localisation errors.
     pub fn errors(&self, title: &str, truth: &[Vec<Contact>], shown: &Shown) -> Picture {
         let surface = self.design.body.surface();
         let mut errors_mm = Vec::new();
@@ -94,8 +94,8 @@ impl<'a> Plots<'a> {
         .draw()
     }
 
-    /// The peak of the image per newton of the press in each pixel, over its mean (the paper's Fig. 8). Each frame has one
-    /// press, each in another pixel; pixels that were not pressed are `NaN`.
+    /// The peak of the image per newton of the press in each pixel, divided by its mean (the paper's Fig. 8). Each
+    /// frame has one press, each in another pixel; pixels without a press are `NaN`.
     pub fn sensitivity_map(&self, truth: &[Vec<Contact>], shown: &Shown) -> Vec<f64> {
         let Some(space) = shown.images.first().map(|image| &image.space) else { return Vec::new() };
         let surface = self.design.body.surface();
@@ -113,7 +113,7 @@ impl<'a> Plots<'a> {
         values.iter().map(|value| value / mean).collect()
     }
 
-    /// Such a map as a picture; pixels that were not pressed are grey.
+    /// This map as a picture; pixels without a press are grey.
     pub fn sensitivity(&self, shown: &Shown, map: &[f64], scale: Scale) -> Scene {
         let space = &shown.images[0].space;
         let mut scene = self.drawing.field(space, map, Key { scale, label: "peak per newton over its mean".into() });
@@ -122,7 +122,7 @@ impl<'a> Plots<'a> {
         scene
     }
 
-    /// One of a method's images with the true places and the contacts found.
+    /// One image of a method with the true positions and the detected contacts.
     pub fn example(&self, title: &str, subtitle: &str, touches: &[Contact], shown: &Shown, frame: usize) -> Scene {
         let mut scene = self.drawing.image(&shown.images[frame], shown.quantity);
         self.drawing.add_contacts(&mut scene, &shown.contacts[frame]);
@@ -130,7 +130,7 @@ impl<'a> Plots<'a> {
         scene.titled(title, subtitle)
     }
 
-    /// A change of conductance as it is, with marks where touches were.
+    /// A true change of conductance, with marks at the touches.
     pub fn truth_image(&self, title: &str, touches: &[Contact], image: &Image) -> Scene {
         let mut scene = self.drawing.image(image, Quantity::Change);
         self.drawing.add_touches(&mut scene, touches);
@@ -138,7 +138,7 @@ impl<'a> Plots<'a> {
     }
 }
 
-/// Where touches were and where they were found.
+/// True and estimated positions of touches.
 pub fn localisation_scene(
     drawing: &Drawing<'_>,
     design: &SkinDesign,
@@ -155,8 +155,8 @@ pub fn localisation_scene(
     drawing.localisation(&pairs, &false_positives)
 }
 
-/// Four touches at once, one of them on the seam, as parts of a cylinder's length and degrees; on the paper's skin the
-/// nearest two are 95 mm apart. `None` on a body that is no cylinder.
+/// Four simultaneous touches, one of them on the seam, at fractions of the length of a cylinder and at angles; on the
+/// paper's skin, the nearest two are 95 mm apart. `None` on a body that is not a cylinder.
 pub fn four_touches(design: &SkinDesign, force_n: f64) -> Option<Vec<Contact>> {
     let dermis::geom::Surface::Cylinder { length_m, .. } = design.body.surface() else { return None };
     let surface = design.body.surface();

@@ -1,4 +1,4 @@
-//! Progress of long work, as a program may show it.
+//! Progress of long computations.
 //!
 //! ```
 //! use dermis_study::progress::{Progress, Task};
@@ -8,18 +8,18 @@
 //! task.advance(900);
 //! ```
 
-/// Shows the progress of long work. The unit type shows nothing.
+/// Displays the progress of long computations. The unit type displays nothing.
 pub trait Progress: Sync {
-    /// Begins a task of `total` steps; it ends when the returned value is dropped.
+    /// Begins a task with `total` steps; it ends when the returned value is dropped.
     fn begin(&self, what: &str, total: usize) -> Box<dyn Task + '_>;
 
-    /// Shows a line of text at once, such as the end of a stage.
+    /// Displays a line of text immediately, for example at the end of a stage.
     fn note(&self, line: &str);
 }
 
 /// A task in progress.
 pub trait Task: Sync {
-    /// Counts further steps as done.
+    /// Marks further steps as done.
     fn advance(&self, steps: usize);
 }
 

@@ -1,57 +1,57 @@
-//! Frames as they arrive: what was lost, repeated, reordered.
+//! Statistics of arriving frames: lost, repeated, reordered.
 
-/// How a frame arrived.
+/// Classification of an arriving frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Arrival {
-    /// The first one, or the next one after this many that have not come.
+    /// The first frame, or a new frame after this number of missing frames.
     New {
-        /// Frames left out before it.
+        /// Missing frames before it.
         skipped: u32,
     },
-    /// A frame that has come already.
+    /// A frame that has arrived already.
     Repeated,
-    /// A frame that was overtaken by later ones.
+    /// A frame that arrives after later ones.
     Late,
 }
 
-/// Counts frames by their sequence numbers, which wrap round.
+/// Counts frames by their sequence numbers, which wrap around.
 ///
-/// Every frame that was due is counted once, as received or as lost: `received + lost` is the number of frames from the
-/// first to the newest, and of late ones before the first. A number far from the newest is a counter that began again, and
-/// nothing is lost by it. A counter that began again *near* the newest cannot be told from repeated frames: call
-/// [`restart`](Self::restart) when a [`Hello`](crate::Hello) tells of another `boot`.
+/// Every due frame is counted once, as received or as lost: `received + lost` is the number of frames from the first to
+/// the newest, plus the late ones before the first. A number far from the newest is a restarted counter, and does not
+/// count as a loss. A counter that restarted *near* the newest number cannot be distinguished from repeated frames:
+/// call [`restart`](Self::restart) when a [`Hello`](crate::Hello) has another `boot`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Arrivals {
-    /// Frames that came, each once.
+    /// Frames that arrived, each counted once.
     pub received: u64,
-    /// Frames that have not come (a late one comes off this again).
+    /// Frames that did not arrive (reduced by one when a late frame arrives).
     pub lost: u64,
-    /// Frames that came again.
+    /// Frames that arrived again.
     pub repeated: u64,
-    /// Frames that came after later ones.
+    /// Frames that arrived after later ones.
     pub reordered: u64,
     window: Option<Window>,
 }
 
-/// What is known of the newest frame and the 63 before it; the lowest bit is the newest's.
+/// State of the newest frame and the 63 before it; the lowest bit is the newest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Window {
     newest: u32,
-    /// Those that have come.
+    /// The frames that have arrived.
     seen: u64,
-    /// Those after the first: where such a one has not come, it was counted as lost.
+    /// The frames after the first one: of these, a frame that has not arrived was counted as lost.
     due: u64,
 }
 
-/// A number this far behind the newest is no late frame but a counter that began again.
+/// A number this far behind the newest is not a late frame but a restarted counter.
 const MOST_LATE: u32 = u64::BITS;
 
-/// A number farther ahead of the newest than this is no loss but a counter that began again: 2.3 hours at 2,000 frames a
+/// A number farther ahead of the newest than this is not a loss but a restarted counter: 2.3 hours at 2,000 frames per
 /// second.
 const MOST_AHEAD: u32 = 1 << 24;
 
 impl Arrivals {
-    /// Takes a frame's number in.
+    /// Counts a frame by its number.
     pub fn take(&mut self, sequence: u32) -> Arrival {
         let Some(window) = self.window else { return self.start(sequence) };
         let behind = window.newest.wrapping_sub(sequence);
@@ -70,19 +70,19 @@ impl Arrivals {
         Arrival::New { skipped: ahead - 1 }
     }
 
-    /// Forgets the numbers but not the counts: the device was powered up again.
+    /// Resets the numbers but not the counts, after the device was restarted.
     pub fn restart(&mut self) {
         self.window = None;
     }
 
-    /// The first frame; those before it were never due.
+    /// The first frame; the frames before it were never due.
     fn start(&mut self, sequence: u32) -> Arrival {
         self.window = Some(Window { newest: sequence, seen: 1, due: 1 });
         self.received += 1;
         Arrival::New { skipped: 0 }
     }
 
-    /// The newest frame again, or one before it.
+    /// The newest frame again, or an earlier one.
     fn old(&mut self, bit: u64, window: Window) -> Arrival {
         if window.seen & bit != 0 {
             self.repeated += 1;
@@ -122,7 +122,7 @@ mod tests {
     #[test]
     fn numbers_wrap_round() {
         assert_eq!(after([u32::MAX - 1, u32::MAX, 0, 1]), [4, 0, 0, 0]);
-        // 2^32 - 1 and 1 are left out; the former comes late, then again.
+        // 2^32 - 1 and 1 are missing; the former arrives late, then again.
         assert_eq!(after([u32::MAX - 1, 0, 2, u32::MAX, u32::MAX]), [4, 1, 1, 1]);
     }
 
@@ -141,18 +141,18 @@ mod tests {
     #[test]
     fn a_frame_that_the_first_overtook_was_never_lost() {
         assert_eq!(after([5, 4, 6, 4, 3]), [4, 0, 1, 2]);
-        // Nor does it stand for one that was.
+        // Nor does it replace a frame that was due.
         assert_eq!(after([5, 8, 4]), [3, 2, 0, 1]);
     }
 
     #[test]
     fn the_window_holds_64_numbers() {
-        // 63 behind is late; one more is a counter that began again.
+        // 63 behind is late; one more is a restarted counter.
         assert_eq!(after([0, 2, 64, 1]), [4, 61, 0, 1]);
         let mut arrivals = taken([0, 2, 65]);
         assert_eq!(arrivals.take(1), Arrival::New { skipped: 0 });
         assert_eq!(counts(&arrivals), [4, 63, 0, 0]);
-        // Every one of the 63 before the newest may come late, and once.
+        // Each of the 63 before the newest can arrive late, once.
         let numbers = [100, 164].into_iter().chain((101..164).rev()).chain(101..164);
         assert_eq!(after(numbers), [65, 0, 63, 63]);
     }
@@ -160,7 +160,7 @@ mod tests {
     #[test]
     fn a_device_that_began_again_has_lost_nothing() {
         assert_eq!(after([1000, 1001, 0, 1]), [4, 0, 0, 0]);
-        // Also where its last number was in the upper half.
+        // Also if its last number was in the upper half of the range.
         assert_eq!(after([3_000_000_000, 0, 1]), [3, 0, 0, 0]);
         let mut arrivals = taken([7, 8]);
         arrivals.restart();

@@ -1,8 +1,8 @@
-//! Numbers to little-endian bytes and back.
+//! Conversion of numbers to and from little-endian bytes.
 
 use crate::packet::{NoRoom, Packer};
 
-/// Reads a message from its beginning.
+/// Reads the fields of a message in order.
 pub(crate) struct Reader<'a> {
     rest: &'a [u8],
 }
@@ -46,7 +46,7 @@ impl<'a> Reader<'a> {
         self.array().map(f32::from_le_bytes)
     }
 
-    /// A text behind its length in a byte; what is not UTF-8 ends it.
+    /// A text after its length in one byte; it ends before the first invalid UTF-8.
     pub fn text(&mut self) -> Option<&'a str> {
         let length = self.u8()?;
         let bytes = self.take(usize::from(length))?;
@@ -56,13 +56,13 @@ impl<'a> Reader<'a> {
         })
     }
 
-    /// `value`, if nothing is left.
+    /// `value` if no bytes are left.
     pub fn end<T>(&self, value: T) -> Option<T> {
         self.rest.is_empty().then_some(value)
     }
 }
 
-/// A text of at most 255 bytes behind its length; a longer one is cut between two characters.
+/// Writes a text of at most 255 bytes after its length; a longer one is truncated between two characters.
 pub(crate) fn put_text(packer: &mut Packer<'_>, text: &str) -> Result<(), NoRoom> {
     let mut length = text.len().min(255);
     while !text.is_char_boundary(length) {

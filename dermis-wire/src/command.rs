@@ -1,4 +1,4 @@
-//! What a host asks of a device.
+//! Messages from a host to a device.
 
 use crate::bytes::Reader;
 use crate::packet::{NoRoom, Packer, pack};
@@ -8,15 +8,15 @@ use crate::{Unknown, packet_bytes};
 /// A message from the host to the device.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ToDevice<'a> {
-    /// Say who you are: the answer is a [`Hello`](crate::Hello).
+    /// Request the identity of the device: it answers with a [`Hello`](crate::Hello).
     Identify,
-    /// Begin to send frames.
+    /// Start sending frames.
     Start,
-    /// Send no more frames.
+    /// Stop sending frames.
     Stop,
-    /// A part of the scan table to be used from the next start on.
+    /// A part of the scan table for the next start.
     Scan(ScanPart<'a>),
-    /// Frames a second, in thousandths of a hertz.
+    /// Frame rate, thousandths of a hertz.
     Rate(u32),
     /// Send one frame of [test readings](crate::test_reading) and a [`Status`](crate::Status).
     SelfTest,
@@ -30,14 +30,14 @@ const RATE: u8 = 0x85;
 const SELF_TEST: u8 = 0x86;
 
 impl<'a> ToDevice<'a> {
-    /// Bytes of the longest packet.
+    /// Length of the longest packet, bytes.
     pub const PACKET_BYTES: usize = packet_bytes(7 + ScanPart::MOST * Slot::BYTES);
 
-    /// Writes its packet into `out` and tells its length.
+    /// Writes the packet of the message to `out` and returns its length.
     ///
     /// # Errors
-    /// A buffer that is too small ([`PACKET_BYTES`](Self::PACKET_BYTES) is enough), a part of more than
-    /// [`ScanPart::MOST`] slots or that reaches past its table.
+    /// A buffer that is too small ([`PACKET_BYTES`](Self::PACKET_BYTES) is enough), or a part with more than
+    /// [`ScanPart::MOST`] slots or past the end of its table.
     pub fn encode(&self, out: &mut [u8]) -> Result<usize, NoRoom> {
         pack(out, |packer| self.put(packer))
     }
@@ -55,10 +55,10 @@ impl<'a> ToDevice<'a> {
         }
     }
 
-    /// Reads one.
+    /// Parses a message.
     ///
     /// # Errors
-    /// A kind or a length that this version does not know.
+    /// A kind or a length that this version does not support.
     pub fn parse(message: &'a [u8]) -> Result<Self, Unknown> {
         Self::read(message).ok_or(Unknown { kind: message.first().copied(), length: message.len() })
     }

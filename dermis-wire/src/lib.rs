@@ -1,15 +1,15 @@
-//! The wire protocol between a skin's instrument and its host: what a microcontroller and a computer share.
+//! The wire protocol between the instrument of a skin and its host, for microcontrollers and computers.
 //!
-//! A stream of bytes, over USB serial or TCP, carries packets that each begin and end with a zero byte:
+//! A byte stream, over USB serial or TCP, contains packets that each begin and end with a zero byte:
 //!
 //! ```text
 //! 00  COBS( message  CRC-32C of the message, little-endian )  00
 //! ```
 //!
-//! [`encode`] writes one, a [`Decoder`] finds them in whatever arrives; [`ToHost`] and [`ToDevice`] are the messages,
-//! little-endian and of fixed layout; [`Arrivals`] counts what was lost, repeated or reordered on the way. Nothing
-//! allocates, and no bytes that come in make anything here panic. The layouts, byte by byte and with test vectors, the
-//! conversation of host and device and what a host refuses are in `docs/wire-protocol.md`.
+//! [`encode`] writes a packet, a [`Decoder`] finds packets in a byte stream; [`ToHost`] and [`ToDevice`] are the
+//! messages, little-endian and of fixed layout; [`Arrivals`] counts lost, repeated and reordered frames. Nothing here
+//! allocates, and no input causes a panic. The layouts with test vectors, the sequence of messages and the errors are
+//! specified in `docs/wire-protocol.md`.
 //!
 //! A device sends a frame, and the line damages the first copy:
 //!
@@ -26,7 +26,7 @@
 //! let mut line = [packet, packet].concat();
 //! line[5] ^= 0x10;
 //!
-//! // On the host: bytes come in pieces of any length.
+//! // On the host: bytes arrive in pieces of any length.
 //! let (mut decoder, mut arrivals) = (Decoder::new([0; PACKET_BYTES]), Arrivals::default());
 //! let (mut frames, mut damaged) = (0, 0);
 //! for piece in line.chunks(10) {
@@ -43,7 +43,7 @@
 //! # Ok::<(), dermis_wire::NoRoom>(())
 //! ```
 //!
-//! A host asks in the same way:
+//! A host sends messages in the same way:
 //!
 //! ```
 //! use dermis_wire::ToDevice;
@@ -74,18 +74,18 @@ pub use packet::{Decoder, NoRoom, Received, encode, packet_bytes};
 pub use report::{Fault, FaultCode, Frame, FrameFlags, Hello, Readings, Status, ToHost, test_reading};
 pub use scan::{ScanPart, Slot, Slots};
 
-/// Version of the protocol. Devices and hosts of different versions refuse each other.
+/// Version of the protocol. Devices and hosts of different versions reject each other.
 pub const VERSION: u16 = 1;
 
-/// Bytes of the longest message: a frame of 65,535 readings of four bytes.
+/// Length of the longest message, bytes: a frame of 65,535 readings of four bytes.
 pub const LONGEST_MESSAGE: usize = Frame::HEADER_BYTES + 4 * u16::MAX as usize;
 
-/// A message whose checksum is right and that says nothing this version knows.
+/// A message with a valid checksum that this version does not support.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Unknown {
-    /// Its first byte, which says what it is; `None` of an empty one.
+    /// Its first byte, which is its kind; `None` for an empty message.
     pub kind: Option<u8>,
-    /// Its bytes.
+    /// Its length, bytes.
     pub length: usize,
 }
 

@@ -1,13 +1,13 @@
-//! Packets: messages with a checksum between zero bytes.
+//! Packets: messages with a checksum, delimited by zero bytes.
 
 use crc::{CRC_32_ISCSI, Crc, Digest, Table};
 
-/// CRC-32C, by the name of its best-known user.
+/// CRC-32C, named after iSCSI.
 static CRC: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISCSI);
 
 const CHECKSUM_BYTES: usize = 4;
 
-/// A message that does not fit: the buffer is too small for its packet, or a value of it is none that its layout holds.
+/// A message that cannot be encoded: the buffer is too small for its packet, or a value does not fit its layout.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NoRoom;
 
@@ -19,19 +19,19 @@ impl core::fmt::Display for NoRoom {
 
 impl core::error::Error for NoRoom {}
 
-/// Bytes of the packet of a message, at most: its checksum, COBS's overhead and both zero bytes.
+/// Maximum length of the packet of a message: with its checksum, the overhead of COBS and both zero bytes.
 pub const fn packet_bytes(message_bytes: usize) -> usize {
     cobs::max_encoding_length(message_bytes + CHECKSUM_BYTES) + 2
 }
 
-/// Writes the packet of a message, which `put` gives piece by piece, into `out` and tells its length.
+/// Writes the packet of a message, which `put` supplies piece by piece, to `out` and returns its length.
 ///
 /// # Errors
 /// A buffer that is too small; [`packet_bytes`] is always enough.
 pub(crate) fn pack(out: &mut [u8], put: impl FnOnce(&mut Packer<'_>) -> Result<(), NoRoom>) -> Result<usize, NoRoom> {
     let (first, rest) = out.split_first_mut().ok_or(NoRoom)?;
     *first = 0;
-    // The encoder writes its first byte unasked.
+    // The encoder writes its first byte unconditionally.
     if rest.is_empty() {
         return Err(NoRoom);
     }
@@ -44,7 +44,7 @@ pub(crate) fn pack(out: &mut [u8], put: impl FnOnce(&mut Packer<'_>) -> Result<(
     Ok(length + 2)
 }
 
-/// Takes the bytes of a message into a packet.
+/// Adds the bytes of a message to a packet.
 pub(crate) struct Packer<'a> {
     encoder: cobs::CobsEncoder<'a>,
     digest: Digest<'static, u32, Table<16>>,
@@ -57,7 +57,7 @@ impl Packer<'_> {
     }
 }
 
-/// Writes the packet of a message's bytes into `out` and tells its length.
+/// Writes the packet of a message to `out` and returns its length.
 ///
 /// # Errors
 /// A buffer that is too small; [`packet_bytes`] is always enough.
@@ -65,35 +65,35 @@ pub fn encode(message: &[u8], out: &mut [u8]) -> Result<usize, NoRoom> {
     pack(out, |packer| packer.put(message))
 }
 
-/// What a [`Decoder`] found.
+/// An item found by a [`Decoder`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Received<'a> {
-    /// A message whose checksum is right.
+    /// A message with a valid checksum.
     Message(&'a [u8]),
-    /// Bytes between two zeros that are no packet: noise, or a packet that was cut or damaged on the way.
+    /// Bytes between two zeros that are not a packet: noise, or a truncated or damaged packet.
     Damaged,
 }
 
-/// Finds packets in a stream of bytes, with a buffer as long as the longest packet that it shall understand.
+/// Finds packets in a byte stream, with a buffer as long as the longest packet to decode.
 ///
-/// Whatever comes in, it goes on at the next zero byte: a damaged packet costs itself alone. Damage that makes a zero byte
-/// cuts a packet in two, and both halves are told; what was lost, [`Arrivals`](crate::Arrivals) counts. What is longer than
-/// the buffer is damaged. Nothing is told before a zero byte comes.
+/// After any input, decoding continues at the next zero byte: a damaged packet does not affect others. Damage that
+/// creates a zero byte splits a packet, and both halves are reported; [`Arrivals`](crate::Arrivals) counts the lost
+/// frames. A packet longer than the buffer is reported as damaged. Nothing is reported before a zero byte arrives.
 #[derive(Debug)]
 pub struct Decoder<B> {
     buffer: B,
     length: usize,
-    /// Whether more came than the buffer holds.
+    /// Whether the packet is longer than the buffer.
     overrun: bool,
 }
 
 impl<B: AsMut<[u8]>> Decoder<B> {
-    /// A decoder with its memory: an array, or any other bytes.
+    /// A decoder with its buffer: an array, or any other bytes.
     pub fn new(buffer: B) -> Self {
         Decoder { buffer, length: 0, overrun: false }
     }
 
-    /// Takes bytes in and tells `found` of every packet that they complete, in their order.
+    /// Processes bytes and passes every completed packet to `found`, in order.
     pub fn feed(&mut self, mut bytes: &[u8], mut found: impl FnMut(Received<'_>)) {
         while let Some(zero) = bytes.iter().position(|&byte| byte == 0) {
             self.take(&bytes[..zero]);
@@ -105,7 +105,7 @@ impl<B: AsMut<[u8]>> Decoder<B> {
         self.take(bytes);
     }
 
-    /// Forgets what has begun to come in, as when a connection is made anew.
+    /// Discards a partial packet, for example after a reconnection.
     pub fn reset(&mut self) {
         self.length = 0;
         self.overrun = false;
@@ -119,7 +119,7 @@ impl<B: AsMut<[u8]>> Decoder<B> {
         self.overrun |= count < bytes.len();
     }
 
-    /// What came in since the last zero byte; `None` where nothing did.
+    /// The packet since the last zero byte; `None` for an empty one.
     fn finish(&mut self) -> Option<Received<'_>> {
         let (length, overrun) = (self.length, self.overrun);
         self.reset();
@@ -132,7 +132,7 @@ impl<B: AsMut<[u8]>> Decoder<B> {
     }
 }
 
-/// The message in a packet without its zero bytes, decoded in place.
+/// Decodes a packet without its zero bytes in place; returns its message.
 fn unpack(coded: &mut [u8]) -> Option<&[u8]> {
     let coded_bytes = coded.len();
     let report = cobs::decode_in_place_report(coded).ok()?;
@@ -156,7 +156,7 @@ mod tests {
         assert_eq!(CRC.checksum(b"123456789"), 0xE306_9283);
     }
 
-    /// COBS block by block, as its definition says: the slow twin. Writes what lies between the zero bytes.
+    /// Reference decoder of COBS, block by block, as defined. Writes the bytes between the zero bytes.
     fn cobs_twin(coded: &[u8], out: &mut [u8]) -> usize {
         let (mut rest, mut length) = (coded, 0);
         loop {
@@ -164,7 +164,8 @@ mod tests {
             out[length] = run as u8 + 1;
             out[length + 1..length + 1 + run].copy_from_slice(&rest[..run]);
             length += 1 + run;
-            // A full block stands for no zero byte; any other takes one, and what follows it needs a block even if empty.
+            // A full block does not represent a zero byte. Any other block does, and what follows needs a block even if
+            // it is empty.
             match run {
                 254 if rest.len() == 254 => return length,
                 254 => rest = &rest[254..],
@@ -174,7 +175,7 @@ mod tests {
         }
     }
 
-    /// A message of `length` bytes without a zero byte but at `zero`, whose checksum holds none either.
+    /// A message of `length` bytes without a zero byte except at `zero`, and with no zero byte in its checksum.
     fn message(length: usize, zero: Option<usize>) -> [u8; MOST] {
         let mut bytes = [0x55; MOST];
         if let Some(zero) = zero {
@@ -203,7 +204,7 @@ mod tests {
                 let packet_length = encode(message, &mut packet).unwrap();
                 assert_eq!(packet[..packet_length], expected[..coded_bytes + 2], "{length} bytes, a zero at {zero:?}");
                 assert!(packet_length <= packet_bytes(length));
-                // Without any zero byte the bound is met.
+                // Without any zero byte the packet has the maximum length.
                 assert!(zero.is_some() || packet_length == packet_bytes(length));
                 assert_eq!(packet[packet_length], 0xAA, "nothing is written behind the packet");
 
@@ -233,7 +234,7 @@ mod tests {
         }
     }
 
-    /// How many messages, and how many damaged packets, are found in some bytes.
+    /// The numbers of messages and of damaged packets in some bytes.
     fn count<const N: usize>(bytes: &[&[u8]]) -> [usize; 2] {
         let (mut decoder, mut counts) = (Decoder::new([0; N]), [0, 0]);
         for bytes in bytes {
@@ -266,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn a_decoder_forgets_when_told() {
+    fn a_reset_discards_a_partial_packet() {
         let mut packet = [0; 16];
         let length = encode(b"abc", &mut packet).unwrap();
         let (mut decoder, mut found) = (Decoder::new([0; 8]), 0);

@@ -1,4 +1,4 @@
-//! What a device tells its host.
+//! Messages from a device to its host.
 
 use crate::Unknown;
 use crate::bytes::{Reader, put_text};
@@ -7,13 +7,13 @@ use crate::packet::{NoRoom, Packer, pack, packet_bytes};
 /// A message from the device to the host.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ToHost<'a> {
-    /// Who it is, on connecting and when asked.
+    /// Its identity, on connecting and on request.
     Hello(Hello<'a>),
     /// The readings of one frame.
     Frame(Frame<'a>),
-    /// How it is, about once a second.
+    /// Its status, about once per second.
     Status(Status),
-    /// What it could not do.
+    /// A fault or a rejected request.
     Fault(Fault<'a>),
 }
 
@@ -23,10 +23,10 @@ const STATUS: u8 = 0x03;
 const FAULT: u8 = 0x04;
 
 impl<'a> ToHost<'a> {
-    /// Writes its packet into `out` and tells its length.
+    /// Writes the packet of the message to `out` and returns its length.
     ///
     /// # Errors
-    /// A buffer that is too small, more than 65,535 readings, a hello whose readings have neither two bytes nor four.
+    /// A buffer that is too small, more than 65,535 readings, or a hello with readings of neither two nor four bytes.
     pub fn encode(&self, out: &mut [u8]) -> Result<usize, NoRoom> {
         pack(out, |packer| match self {
             ToHost::Hello(hello) => hello.put(packer),
@@ -36,10 +36,10 @@ impl<'a> ToHost<'a> {
         })
     }
 
-    /// Reads one.
+    /// Parses a message.
     ///
     /// # Errors
-    /// A kind or a length that this version does not know.
+    /// A kind or a length that this version does not support.
     pub fn parse(message: &'a [u8]) -> Result<Self, Unknown> {
         Self::read(message).ok_or(Unknown { kind: message.first().copied(), length: message.len() })
     }
@@ -56,45 +56,45 @@ impl<'a> ToHost<'a> {
     }
 }
 
-/// Who a device is, and how its readings are to be understood.
+/// Identity of a device, and the format of its readings.
 ///
-/// Only the first four bytes are the same in every version, so that hosts of another version can say which it is.
+/// Only the first four bytes are the same in every version, so that hosts of another version can report the version.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hello<'a> {
-    /// Version of the protocol that it speaks: [`VERSION`](crate::VERSION).
+    /// Version of its protocol: [`VERSION`](crate::VERSION).
     pub version: u16,
-    /// Bytes of a reading: 2 or 4.
+    /// Bytes per reading: 2 or 4.
     pub reading_bytes: u8,
-    /// What tells the skin from others: SHA-256 of its body, electrodes and protocol.
+    /// Identifier of the skin: SHA-256 of its body, electrodes and protocol.
     pub design_sha256: [u8; 32],
     /// Electrodes of the skin.
     pub electrode_count: u16,
-    /// Readings of a frame, those of the reference resistor included.
+    /// Readings per frame, including those of the reference resistor.
     pub slot_count: u16,
     /// Resistor in series with the source, ohm.
     pub reference_ohm: f32,
     /// Voltage of the source, V.
     pub source_v: f32,
-    /// Volts a count: of readings that touch no driven electrode, of those that touch one, of the reference resistor's.
+    /// Volts per count: of readings without a driven electrode, of those with one, of the reference resistor.
     pub volts_per_count: [f32; 3],
-    /// The counts that a reading can have at most, either way; a reading there is out of range.
+    /// Largest count of a reading, positive or negative; such a reading is out of range.
     pub full_scale: u32,
-    /// Frames a second, in thousandths of a hertz: now, and at most.
+    /// Current frame rate, thousandths of a hertz.
     pub rate_millihertz: u32,
-    /// Highest such rate.
+    /// Highest frame rate, thousandths of a hertz.
     pub highest_rate_millihertz: u32,
-    /// Bits a second of the serial line that it speaks on; 0 where that does not matter (USB, TCP).
+    /// Baud rate of its serial line, bits per second; 0 where it has no effect (USB, TCP).
     pub baud: u32,
-    /// Number of the device.
+    /// Serial number of the device.
     pub serial: u32,
-    /// Drawn anew at every power-up: sequence numbers begin again.
+    /// Random number of each power-up; sequence numbers then begin again.
     pub boot: u32,
-    /// What it is, for people; 255 bytes at most.
+    /// Name of the device, as text; at most 255 bytes.
     pub name: &'a str,
 }
 
 impl<'a> Hello<'a> {
-    /// Bytes of the longest packet.
+    /// Length of the longest packet, bytes.
     pub const PACKET_BYTES: usize = packet_bytes(84 + 1 + 255);
 
     fn put(&self, packer: &mut Packer<'_>) -> Result<(), NoRoom> {
@@ -144,8 +144,8 @@ impl<'a> Hello<'a> {
         [2, 4].contains(&self.reading_bytes)
     }
 
-    /// The version in a message that may be the hello of any version: ask this first, for what another version's hello
-    /// says behind its first four bytes may parse and be wrong.
+    /// The version in a message that may be the hello of any version. Check this first, because a hello of another
+    /// version may parse without an error and contain wrong values.
     pub fn version_of(message: &[u8]) -> Option<u16> {
         match *message {
             [HELLO, _, low, high, ..] => Some(u16::from_le_bytes([low, high])),
@@ -157,51 +157,52 @@ impl<'a> Hello<'a> {
 /// The readings of one frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Frame<'a> {
-    /// Number of the frame, from 0 at power-up; after the highest comes 0.
+    /// Sequence number of the frame, from 0 at power-up; it wraps around to 0.
     pub sequence: u32,
     /// The device's time when the frame's first reading was taken, microseconds since power-up.
     pub time_us: u64,
-    /// What is to be said of it.
+    /// Flags of the frame.
     pub flags: FrameFlags,
     /// Readings in the order of the scan table, counts.
     pub readings: Readings<'a>,
 }
 
-/// What is to be said of a frame.
+/// Flags of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct FrameFlags(u8);
 
 impl FrameFlags {
-    /// Some reading was out of the converter's range.
+    /// A reading was out of the range of the converter.
     pub const SATURATED: FrameFlags = FrameFlags(1);
-    /// Frames before it were not sent, as the line was too slow.
+    /// Earlier frames were not sent because the line was too slow.
     pub const OVERRUN: FrameFlags = FrameFlags(2);
     /// Its readings are the [test readings](test_reading).
     pub const TEST: FrameFlags = FrameFlags(4);
 
-    /// Both.
+    /// The union of both.
     #[must_use]
     pub fn and(self, other: FrameFlags) -> FrameFlags {
         FrameFlags(self.0 | other.0)
     }
 
-    /// Whether all of `other` is said.
+    /// Whether all flags of `other` are set.
     pub fn has(self, other: FrameFlags) -> bool {
         self.0 & other.0 == other.0
     }
 
-    /// Its bits, also those that have no name yet.
+    /// Its bits, including those without a name.
     pub fn bits(self) -> u8 {
         self.0
     }
 }
 
-/// Readings, counts: given by a program, or as they lie in a message. Equal counts of as many bytes are equal either way.
+/// Readings, counts: given as numbers, or as the bytes of a message. Equal counts of the same width are equal in either
+/// form.
 #[derive(Debug, Clone, Copy)]
 pub enum Readings<'a> {
-    /// Given, of two bytes each.
+    /// Numbers of two bytes each.
     I16(&'a [i16]),
-    /// Given, of four bytes each.
+    /// Numbers of four bytes each.
     I32(&'a [i32]),
     /// In the bytes of a message, of two bytes each.
     Bytes2(&'a [[u8; 2]]),
@@ -210,7 +211,7 @@ pub enum Readings<'a> {
 }
 
 impl<'a> Readings<'a> {
-    /// How many.
+    /// The number of readings.
     pub fn len(&self) -> usize {
         match self {
             Readings::I16(values) => values.len(),
@@ -220,12 +221,12 @@ impl<'a> Readings<'a> {
         }
     }
 
-    /// Whether there is none.
+    /// Whether there are no readings.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Bytes of each.
+    /// Bytes per reading.
     pub fn reading_bytes(&self) -> u8 {
         match self {
             Readings::I16(_) | Readings::Bytes2(_) => 2,
@@ -243,7 +244,7 @@ impl<'a> Readings<'a> {
         }
     }
 
-    /// Reading by reading, counts.
+    /// The readings in order, counts.
     pub fn iter(self) -> impl ExactSizeIterator<Item = i32> + 'a {
         (0..self.len()).map(move |slot| self.get(slot).unwrap_or_default())
     }
@@ -261,14 +262,14 @@ impl<'a> Frame<'a> {
     /// Bytes before the readings.
     pub const HEADER_BYTES: usize = 16;
 
-    /// Bytes of its packet at most.
+    /// Maximum length of its packet, bytes.
     pub const fn packet_bytes(slot_count: usize, reading_bytes: usize) -> usize {
         packet_bytes(Self::HEADER_BYTES + slot_count * reading_bytes)
     }
 
     fn put(&self, packer: &mut Packer<'_>) -> Result<(), NoRoom> {
         let count = u16::try_from(self.readings.len()).map_err(|_| NoRoom)?;
-        // Two bytes a reading unless the flag's highest bit says four.
+        // Readings have two bytes, or four if the highest bit of the flags is set.
         let wide = if self.readings.reading_bytes() == 4 { Self::WIDE } else { 0 };
         packer.put(&[FRAME, self.flags.0 | wide])?;
         packer.put(&count.to_le_bytes())?;
@@ -282,7 +283,7 @@ impl<'a> Frame<'a> {
         }
     }
 
-    /// The bit of the flags that says that readings have four bytes.
+    /// The flag bit of readings of four bytes.
     const WIDE: u8 = 0x80;
 
     fn read(reader: &mut Reader<'a>) -> Option<Self> {
@@ -298,31 +299,31 @@ impl<'a> Frame<'a> {
     }
 }
 
-/// The reading of a slot in a frame of test readings: every bit of a reading of two bytes takes both values.
+/// The reading of a slot in a test frame: every bit of a two-byte reading takes both values.
 pub const fn test_reading(slot: u16) -> i16 {
-    // An odd factor near 2^16 over the golden ratio goes through all values and far apart.
+    // An odd factor near 2^16 divided by the golden ratio visits all values and spreads them.
     slot.wrapping_mul(40_503) as i16
 }
 
-/// How a device is.
+/// Status of a device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Status {
-    /// Since power-up, ms.
+    /// Time since power-up, ms.
     pub uptime_ms: u32,
     /// Frames taken since power-up.
     pub frames: u32,
-    /// Frames of those that were not sent, as the line was too slow.
+    /// Of these, frames that were not sent because the line was too slow.
     pub dropped: u32,
     /// Packets from the host that were damaged.
     pub damaged: u32,
-    /// Temperature of the board, hundredths of a degree Celsius; [`i16::MIN`] where it is not known.
+    /// Temperature of the board, hundredths of a degree Celsius; [`i16::MIN`] if unknown.
     pub temperature_cc: i16,
-    /// Voltage of the supply, mV; 0 where it is not known.
+    /// Supply voltage, mV; 0 if unknown.
     pub supply_mv: u16,
 }
 
 impl Status {
-    /// Bytes of its packet at most.
+    /// Maximum length of its packet, bytes.
     pub const PACKET_BYTES: usize = packet_bytes(21);
 
     fn put(&self, packer: &mut Packer<'_>) -> Result<(), NoRoom> {
@@ -347,27 +348,27 @@ impl Status {
     }
 }
 
-/// What a device could not do.
+/// A fault of a device, or a request that it rejects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Fault<'a> {
-    /// What kind of thing it is.
+    /// Kind of fault.
     pub code: FaultCode,
-    /// What happened, for people; 255 bytes at most.
+    /// Description as text; at most 255 bytes.
     pub text: &'a str,
 }
 
-/// What kind of thing a device could not do.
+/// Kinds of faults.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FaultCode {
-    /// A message that it does not know.
+    /// A message that it does not support.
     UnknownMessage,
     /// A scan table with an electrode that it does not have, or with a part missing.
     ScanTable,
-    /// A rate that it cannot keep; the text says the highest.
+    /// A rate that it does not support; the text states the highest.
     Rate,
     /// Its line is too slow for its frames.
     Line,
-    /// A fault of its own.
+    /// An internal fault.
     Hardware,
     /// Any other.
     Other(u8),
@@ -400,7 +401,7 @@ impl From<FaultCode> for u8 {
 }
 
 impl<'a> Fault<'a> {
-    /// Bytes of the longest packet.
+    /// Length of the longest packet, bytes.
     pub const PACKET_BYTES: usize = packet_bytes(2 + 1 + 255);
 
     fn put(&self, packer: &mut Packer<'_>) -> Result<(), NoRoom> {

@@ -1,24 +1,25 @@
-//! What a frame's readings are: the scan table, slot by slot.
+//! The scan table: the measurement of each slot of a frame.
 
 use crate::bytes::Reader;
 use crate::packet::{NoRoom, Packer};
 
-/// One reading of a frame: which electrodes are joined to the source, the ground and the amplifier's inputs.
+/// One reading of a frame: the electrodes that are connected to the source, to ground and to the inputs of the
+/// amplifier.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Slot {
-    /// Electrode on the source.
+    /// Electrode connected to the source.
     pub source: u16,
-    /// Electrode on the ground.
+    /// Electrode connected to ground.
     pub sink: u16,
-    /// Electrodes on the amplifier's inputs, plus and minus; `None` where both are on the reference resistor. (Number 65,535
-    /// stands for that in a message, so no electrode has it.)
+    /// Electrodes connected to the inputs of the amplifier, plus and minus; `None` if both inputs are on the reference
+    /// resistor. (65,535 encodes this case in a message, so no electrode has this number.)
     pub measure: Option<[u16; 2]>,
 }
 
 impl Slot {
-    /// Bytes of a slot in a message.
+    /// Bytes per slot in a message.
     pub const BYTES: usize = 8;
-    /// What stands for an input that is on the reference resistor.
+    /// Code of an input on the reference resistor.
     const REFERENCE: u16 = u16::MAX;
 
     /// Its bytes: source, sink, plus, minus.
@@ -31,7 +32,7 @@ impl Slot {
         bytes
     }
 
-    /// The slot of some bytes.
+    /// Decodes a slot.
     pub fn from_bytes(bytes: [u8; Self::BYTES]) -> Self {
         let number = |at: usize| u16::from_le_bytes([bytes[2 * at], bytes[2 * at + 1]]);
         let (plus, minus) = (number(2), number(3));
@@ -40,17 +41,17 @@ impl Slot {
     }
 }
 
-/// Consecutive slots: given by a program, or as they lie in a message. Equal slots are equal either way.
+/// Consecutive slots: given as values, or as the bytes of a message. Equal slots are equal in either form.
 #[derive(Debug, Clone, Copy)]
 pub enum Slots<'a> {
-    /// Given.
+    /// Values.
     Given(&'a [Slot]),
     /// In the bytes of a message.
     Bytes(&'a [[u8; Slot::BYTES]]),
 }
 
 impl<'a> Slots<'a> {
-    /// How many.
+    /// The number of slots.
     pub fn len(&self) -> usize {
         match self {
             Slots::Given(slots) => slots.len(),
@@ -58,12 +59,12 @@ impl<'a> Slots<'a> {
         }
     }
 
-    /// Whether there is none.
+    /// Whether there are no slots.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Slot by slot.
+    /// The slots in order.
     pub fn iter(self) -> impl Iterator<Item = Slot> + 'a {
         let (given, bytes) = match self {
             Slots::Given(slots) => (slots, &[][..]),
@@ -81,20 +82,20 @@ impl PartialEq for Slots<'_> {
 
 impl Eq for Slots<'_> {}
 
-/// A part of a scan table on its way to the device. Parts follow each other from slot 0 on without a gap; the one that ends
-/// at `total` completes the table.
+/// A part of a scan table in a message. The parts start at slot 0 and follow each other without a gap; the part that
+/// ends at `total` completes the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ScanPart<'a> {
-    /// Number of its first slot.
+    /// Index of its first slot.
     pub first: u16,
-    /// Slots of the whole table.
+    /// Number of slots of the whole table.
     pub total: u16,
     /// Its slots.
     pub slots: Slots<'a>,
 }
 
 impl<'a> ScanPart<'a> {
-    /// Slots that one message may carry at most, so that a small device needs little memory.
+    /// Maximum number of slots per message, so that a small device needs little memory.
     pub const MOST: usize = 64;
 
     pub(crate) fn put(&self, packer: &mut Packer<'_>) -> Result<(), NoRoom> {
@@ -113,7 +114,7 @@ impl<'a> ScanPart<'a> {
         reader.end(ScanPart { first, total, slots }).filter(Self::fits)
     }
 
-    /// Whether it is short enough and lies within its table.
+    /// Whether it has at most `MOST` slots and ends within its table.
     fn fits(&self) -> bool {
         let count = self.slots.len();
         count <= Self::MOST && usize::from(self.first) + count <= usize::from(self.total)

@@ -1,4 +1,4 @@
-//! Every message comes back from its packet as it was.
+//! Every message is the same after encoding and decoding.
 
 use dermis_wire::{
     Decoder, Fault, Frame, FrameFlags, Hello, LONGEST_MESSAGE, NoRoom, Readings, Received, ScanPart, Slot, Slots,
@@ -32,7 +32,7 @@ fn packet_to_device(message: &ToDevice<'_>) -> Vec<u8> {
     packet
 }
 
-/// It comes back as it was, and its packet is within `most` bytes.
+/// Encodes and decodes a message and checks that it is unchanged and its packet has at most `most` bytes.
 fn round_trip_to_host(message: &ToHost<'_>, most: usize) {
     let packet = packet_to_host(message);
     assert!(packet.len() <= most);
@@ -50,7 +50,7 @@ fn round_trip_to_device(message: &ToDevice<'_>) {
     assert_eq!(packet_to_device(&parsed), packet);
 }
 
-/// A text as it arrives: its first characters, of 255 bytes at most.
+/// A text as received: truncated to at most 255 bytes, at a character boundary.
 fn cut(text: &str) -> &str {
     let ends = text.char_indices().map(|(start, character)| start + character.len_utf8());
     &text[..ends.take_while(|&end| end <= 255).last().unwrap_or(0)]
@@ -199,7 +199,7 @@ fn one_of_each<T>(take: impl FnOnce(&[ToHost<'_>], &[ToDevice<'_>]) -> T) -> T {
     take(&to_host, &to_device)
 }
 
-/// A message that lost bytes at its end, or has some too many, is unknown: every length is checked.
+/// A truncated or extended message is unknown: every length is checked.
 #[test]
 fn messages_of_a_wrong_length_are_unknown() {
     one_of_each(|to_host, to_device| {
@@ -224,7 +224,7 @@ fn messages_of_a_wrong_length_are_unknown() {
     });
 }
 
-/// Every buffer shorter than the packet is refused, none makes a panic; the packet's own length is enough.
+/// Every buffer shorter than the packet is rejected without a panic; the length of the packet is enough.
 #[test]
 fn buffers_of_every_length() {
     one_of_each(|to_host, to_device| {
@@ -276,7 +276,7 @@ fn the_longest_frame_fits() {
     round_trip_to_host(&ToHost::Frame(frame), packet_bytes(LONGEST_MESSAGE));
 }
 
-/// A text that is cut ends with a whole character; bytes that are no text end one, and the rest of the message stands.
+/// A truncated text ends with a complete character; invalid UTF-8 ends the text, and the rest of the message is valid.
 #[test]
 fn texts_are_cut_between_characters() {
     for start in 0..4 {
@@ -290,7 +290,7 @@ fn texts_are_cut_between_characters() {
     assert_eq!(ToHost::parse(b"\x04\x05\x03abcd"), Err(Unknown { kind: Some(4), length: 7 }));
 }
 
-/// Every bit of a test reading takes both values in a frame of few slots, and no two slots read the same.
+/// Every bit of a test reading takes both values in a frame with few slots, and no two slots have the same reading.
 #[test]
 fn test_readings_show_every_bit() {
     let readings: Vec<i16> = (0..=u16::MAX).map(test_reading).collect();

@@ -1,4 +1,4 @@
-//! The crate is for microcontrollers: neither it nor what it needs takes the standard library or an allocator.
+//! The crate supports microcontrollers: neither it nor its dependencies use the standard library or an allocator.
 
 use std::path::Path;
 use std::process::Command;
@@ -12,7 +12,7 @@ fn cargo() -> Command {
     command
 }
 
-/// `cargo tree` names the features that each dependency is built with for this crate alone.
+/// `cargo tree` lists the features of each dependency for this crate alone.
 #[test]
 fn no_dependency_takes_std_or_alloc() {
     let words = ["tree", "--offline", "--package", "dermis-wire", "--edges", "features,normal,no-proc-macro"];
@@ -25,7 +25,7 @@ fn no_dependency_takes_std_or_alloc() {
     }
 }
 
-/// The compiler's own word, where the target's core library is installed (`rustup target add thumbv7em-none-eabi`).
+/// Compiles the crate, if the core library of the target is installed (`rustup target add thumbv7em-none-eabi`).
 #[test]
 fn compiles_where_there_is_no_standard_library() {
     let libraries = Command::new("rustc").args(["--print", "target-libdir", "--target", BARE]).output();

@@ -1,4 +1,4 @@
-//! Long streams with damage: a damaged frame costs itself alone, and no bytes make the crate panic.
+//! Long streams with damage: a damaged frame does not affect others, and no input causes a panic.
 
 use dermis_wire::{
     Arrival, Arrivals, Decoder, Frame, FrameFlags, Hello, Readings, Received, ScanPart, Slot, Slots, Status, ToDevice,
@@ -10,20 +10,20 @@ use rand_chacha::ChaCha8Rng;
 const SLOTS: usize = 30;
 const PACKET_BYTES: usize = Frame::packet_bytes(SLOTS, 2);
 
-/// What was done to the stream, and so must be found in it.
+/// Damage applied to the stream, which the decoder must report.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 struct Counts {
-    /// Frames whose packet came whole, each once.
+    /// Frames whose packet arrived undamaged, each counted once.
     whole: u64,
     /// Frames whose packet was damaged or cut.
     lost: u64,
-    /// Frames whose packet came again.
+    /// Frames whose packet was repeated.
     repeated: u64,
-    /// Stretches of bytes between zero bytes that are no packet.
+    /// Sequences of bytes between zero bytes that are not a packet.
     damaged: u64,
 }
 
-/// The readings of frame `sequence`: of it alone, with zero bytes and without.
+/// The readings of frame `sequence`, computed from this number alone; some contain zero bytes.
 fn readings(sequence: u32) -> [i16; SLOTS] {
     let mut rng = ChaCha8Rng::seed_from_u64(sequence.into());
     std::array::from_fn(|_| if rng.random_bool(0.1) { 0 } else { rng.random() })
@@ -39,7 +39,7 @@ fn packet(sequence: u32) -> Vec<u8> {
     packet
 }
 
-/// Counts the stretches of other bytes than zero in a stream that comes in pieces.
+/// Counts the sequences of nonzero bytes in a stream that arrives in pieces.
 #[derive(Default)]
 struct Stretches {
     count: u64,
@@ -61,18 +61,18 @@ fn noise(rng: &mut ChaCha8Rng) -> Vec<u8> {
     bytes
 }
 
-/// Appends frame `sequence` to the stream, one in a hundred of them damaged, cut, doubled or with noise before it.
+/// Appends frame `sequence` to the stream; one in a hundred is altered, cut, repeated, or preceded by noise.
 fn append(sequence: u32, rng: &mut ChaCha8Rng, stream: &mut Vec<u8>, counts: &mut Counts) {
     let sound = packet(sequence);
     let mut packet = sound.clone();
     match if rng.random_bool(0.01) { rng.random_range(0..4) } else { 9 } {
-        // One byte to three anywhere, which may become zero bytes or have been the packet's ends.
+        // One to three bytes at any position, which may become or replace zero bytes.
         0 => {
             for _ in 0..rng.random_range(1..4) {
                 packet[rng.random_range(0..sound.len())] ^= rng.random_range(1..=255u8);
             }
         }
-        // Bytes left out, its last zero byte too at times.
+        // Bytes removed, sometimes including the last zero byte.
         1 => {
             let start = rng.random_range(1..sound.len() - 1);
             packet.drain(start..rng.random_range(start + 1..=sound.len()));
@@ -81,7 +81,7 @@ fn append(sequence: u32, rng: &mut ChaCha8Rng, stream: &mut Vec<u8>, counts: &mu
             stream.extend_from_slice(&packet);
             counts.repeated += 1;
         }
-        // Noise; the packet's own zero byte ends it.
+        // Noise; the zero byte of the packet ends it.
         3 => stream.extend(noise(rng)),
         _ => {}
     }
@@ -90,13 +90,13 @@ fn append(sequence: u32, rng: &mut ChaCha8Rng, stream: &mut Vec<u8>, counts: &mu
     stream.extend(packet);
 }
 
-/// Feeds `count` frames with damage, in chunks of any length, and holds what is found against what was done.
+/// Decodes `count` frames with damage, in chunks of any length, and compares the counts with the damage.
 fn survives(count: u32, seed: u64) {
     let rng = &mut ChaCha8Rng::seed_from_u64(seed);
     let (mut stream, mut done, mut found) = (Vec::new(), Counts::default(), Counts::default());
     let (mut decoder, mut arrivals) = (Decoder::new([0; PACKET_BYTES]), Arrivals::default());
     let mut stretches = Stretches::default();
-    // The first and the last come whole, so that every lost one is seen to be missing.
+    // The first and the last frame are undamaged, so that every lost one is detected as missing.
     stream.extend(packet(0));
     done.whole += 1;
     for sequence in 1..=count {
@@ -126,7 +126,7 @@ fn survives(count: u32, seed: u64) {
     println!("{} frames, seed {seed}: {done:?}", count + 1);
 }
 
-/// A frame that came is the one that was sent.
+/// Checks that a received frame equals the one that was sent.
 fn take(message: &[u8], arrivals: &mut Arrivals, found: &mut Counts) {
     let Ok(ToHost::Frame(frame)) = ToHost::parse(message) else { panic!("no frame") };
     assert!(frame.readings.iter().eq(readings(frame.sequence).map(i32::from)));
@@ -152,7 +152,7 @@ fn a_damaged_frame_of_a_million_costs_itself_alone() {
     survives(1_000_000, 2);
 }
 
-/// Packets to begin with: of every kind that has a layout.
+/// Packets to mutate: one of every kind.
 fn seeds() -> Vec<Vec<u8>> {
     let mut packets = vec![packet(3), packet(1 << 30)];
     let mut buffer = [0; 1024];
@@ -187,7 +187,7 @@ fn seeds() -> Vec<Vec<u8>> {
     packets
 }
 
-/// Reads a message as both sides do, and whatever is in it.
+/// Parses a message as both sides do, and reads all of its contents.
 fn parse_both(message: &[u8]) -> usize {
     Hello::version_of(message);
     let mut known = 0;
@@ -207,7 +207,7 @@ fn parse_both(message: &[u8]) -> usize {
     known
 }
 
-/// Bytes altered, left out, put in.
+/// Alters, removes and inserts bytes.
 fn mutate(bytes: &mut Vec<u8>, rng: &mut ChaCha8Rng) {
     for _ in 0..rng.random_range(1..4) {
         let at = rng.random_range(0..=bytes.len());
@@ -232,12 +232,12 @@ fn no_bytes_of_30_million_make_a_panic() {
     takes_any_bytes(10_000_000, 6);
 }
 
-/// Three strings a round: an altered packet, an altered message, noise.
+/// Three inputs per round: a mutated packet, a mutated message, noise.
 fn takes_any_bytes(rounds: u32, seed: u64) {
     let rng = &mut ChaCha8Rng::seed_from_u64(seed);
     let seeds = seeds();
     let messages: Vec<Vec<u8>> = seeds.iter().map(|packet| unpacked(packet)).collect();
-    // A buffer shorter than some of the packets, so that it overruns too.
+    // A buffer shorter than some of the packets, so that it also overflows.
     let mut decoder = Decoder::new([0; 80]);
     let (mut sound, mut damaged, mut known) = (0u64, 0u64, 0);
     let mut bytes = Vec::new();
@@ -252,7 +252,7 @@ fn takes_any_bytes(rounds: u32, seed: u64) {
             }
             Received::Damaged => damaged += 1,
         });
-        // The checksum lets hardly any of them through, so messages are altered as well.
+        // The checksum rejects nearly all of them, so messages are mutated as well.
         bytes.clear();
         bytes.extend_from_slice(&messages[rng.random_range(0..messages.len())]);
         mutate(&mut bytes, rng);
@@ -265,7 +265,7 @@ fn takes_any_bytes(rounds: u32, seed: u64) {
     assert!(sound > 1000 && damaged > 100_000 && known > 1000, "{sound} sound, {damaged} damaged, {known} known");
 }
 
-/// The message of a packet without a checksum's harm.
+/// The message of a packet.
 fn unpacked(packet: &[u8]) -> Vec<u8> {
     let mut message = Vec::new();
     Decoder::new([0; 1024]).feed(packet, |received| {

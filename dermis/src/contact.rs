@@ -1,4 +1,4 @@
-//! A place where something touches the skin: one type for truth and estimate.
+//! A contact on the skin: one type for ground truth and estimate.
 //!
 //! ```
 //! use dermis::contact::Contact;
@@ -10,16 +10,16 @@
 use crate::geom::Point3;
 use serde::{Deserialize, Deserializer, Serialize};
 
-/// One place where something touches the skin, true or estimated.
+/// One contact on the skin, true or estimated.
 ///
-/// A quantity that is not known is `NaN` (truths have no spread, uncalibrated estimates no force).
+/// An unknown quantity is `NaN` (ground truth has no standard deviation, uncalibrated estimates have no force).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Contact {
-    /// Number of the contact, unique within its frame; it stays while the contact lasts once contacts are tracked.
+    /// Number of the contact, unique within its frame. With tracking it stays the same while the contact lasts.
     pub id: u64,
     /// Position on the surface, in the body's frame, m.
     pub position_m: Point3,
-    /// Outward unit normal there.
+    /// Outward unit normal at the position.
     pub normal: Point3,
     /// Integral of the image over the contact: relative change of conductance times area, m2.
     #[serde(deserialize_with = "number_or_null")]
@@ -36,7 +36,7 @@ pub struct Contact {
     /// Standard deviation of the position along the surface, per axis, m.
     #[serde(deserialize_with = "number_or_null")]
     pub sd_m: f64,
-    /// Probability that a true contact lies within 20 mm.
+    /// Probability that a true contact is within 20 mm.
     pub confidence: f64,
 }
 
@@ -58,14 +58,14 @@ impl Contact {
         "confidence",
     ];
 
-    /// The values of [`COLUMNS`](Self::COLUMNS) but the id; `NaN` where a value is not known.
+    /// The values of [`COLUMNS`](Self::COLUMNS) without the id; unknown values are `NaN`.
     pub fn values(&self) -> [f64; 12] {
         let Contact { position_m: [x, y, z], normal: [nx, ny, nz], .. } = *self;
         let Contact { force_n, force_sd_n, strength, area_m2, sd_m, confidence, .. } = *self;
         [x, y, z, nx, ny, nz, force_n, force_sd_n, strength, area_m2, sd_m, confidence]
     }
 
-    /// A known touch at a place; what is not known of it is `NaN`.
+    /// A known touch at a place; unknown quantities are `NaN`.
     pub fn truth(position_m: Point3, normal: Point3, force_n: f64) -> Self {
         Contact {
             id: 0,
@@ -85,7 +85,7 @@ fn unknown() -> f64 {
     f64::NAN
 }
 
-/// JSON has no `NaN`: it is written as `null`, and read back from it.
+/// JSON has no `NaN`: it is written and read as `null`.
 fn number_or_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::NAN))
 }

@@ -5,7 +5,7 @@ use thiserror::Error as ThisError;
 /// Shorthand for a result with the crate's [`enum@Error`].
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// Everything that can go wrong in this crate, by the module that noticed it.
+/// All errors of this crate, by module.
 #[derive(Debug, ThisError)]
 pub enum Error {
     /// A design that cannot be read or cannot be built.

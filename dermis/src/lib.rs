@@ -1,9 +1,10 @@
 //! Electrical resistance tomography skins: sensing, from a design to contacts.
 //!
-//! A skin's [design](design::SkinDesign) becomes a [mesh](mesh::Mesh), the mesh a
-//! [forward model](forward::ForwardModel), which gives [frames](frame::Frame) of voltages and the Jacobian. A
-//! [skin](skin::Skin) holds these, prepared once. A [method](method::Method) reconstructs an [image](image::Image) from a
-//! frame, [detection](detect) finds the contacts in it, and the [pipeline](pipeline::Pipeline) does this for a stream of frames.
+//! A skin's [design](design::SkinDesign) becomes a [mesh](mesh::Mesh), the mesh a [forward
+//! model](forward::ForwardModel), which gives [frames](frame::Frame) of voltages and the Jacobian. A [skin](skin::Skin)
+//! contains these, prepared once. A [method](method::Method) reconstructs an [image](image::Image) from a frame,
+//! [detection](detect) finds the contacts in it, and the [pipeline](pipeline::Pipeline) does this for a stream of
+//! frames.
 //!
 //! Signs, orders, axes and units are those of `docs/conventions.md`: SI everywhere, indices from 0.
 
@@ -39,7 +40,7 @@ pub mod pipeline;
 mod error;
 pub use error::{Error, Result};
 
-/// The README's code compiles and does what it says.
+/// The README's code compiles and runs.
 #[cfg(doctest)]
 #[doc = include_str!("../../README.md")]
 pub struct Readme;

@@ -1,4 +1,4 @@
-//! Which electrodes are driven and which are read for every value of a frame.
+//! The drive and measure electrodes of every value of a frame.
 
 mod table;
 
@@ -19,24 +19,24 @@ pub struct Channel {
 }
 
 impl Channel {
-    /// Whether an electrode of the measure pair is driven too, so that the value feels a contact impedance.
+    /// Whether an electrode of the measure pair is also driven, so that the value depends on its contact impedance.
     pub fn touches_driven(&self) -> bool {
         self.measure.iter().any(|electrode| self.drive.contains(electrode))
     }
 
-    /// The channel with drive and measure exchanged, which reads the same value by reciprocity.
+    /// The channel with drive and measure exchanged; by reciprocity it reads the same value.
     pub fn reciprocal(&self) -> Channel {
         Channel { drive: self.measure, measure: self.drive }
     }
 }
 
-/// A protocol that names what does not exist or drives what cannot be driven.
+/// A protocol with an electrode that does not exist or a drive that is not possible.
 #[derive(Debug, Error, PartialEq)]
 pub enum ProtocolError {
-    /// Fewer electrodes than an image can be made from.
+    /// Fewer electrodes than imaging needs.
     #[error("{electrode_count} electrodes are too few: a skin needs at least 4")]
     TooFewElectrodes {
-        /// Number of electrodes asked for.
+        /// Number of electrodes given.
         electrode_count: usize,
     },
     /// An electrode that the skin does not have.
@@ -44,12 +44,12 @@ pub enum ProtocolError {
     NoSuchElectrode {
         /// Index of the channel.
         channel: usize,
-        /// The electrode named.
+        /// The electrode.
         electrode: usize,
         /// Number of electrodes of the skin.
         electrode_count: usize,
     },
-    /// A pair of one electrode with itself.
+    /// A pair of an electrode with itself.
     #[error("channel {channel} {verb} electrode {electrode} against itself")]
     SelfPair {
         /// Index of the channel.
@@ -59,7 +59,7 @@ pub enum ProtocolError {
         /// The electrode.
         electrode: usize,
     },
-    /// A skip that brings a pair back to its first electrode.
+    /// A skip that pairs an electrode with itself.
     #[error("skip {skip} pairs every electrode with itself on a skin of {electrode_count} electrodes")]
     BadSkip {
         /// Electrodes skipped.
@@ -88,7 +88,7 @@ pub enum ProtocolError {
     },
 }
 
-/// The order of a frame's values, and which electrodes each drives and reads.
+/// The order of a frame's values, and the drive and measure electrodes of each.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Protocol {
     electrode_count: usize,
@@ -121,7 +121,7 @@ impl Protocol {
         Ok(Protocol { electrode_count, channels, amplitude_only: false })
     }
 
-    /// Adjacent drive, adjacent measure, all pairs but the driven one: `L (L - 1)` values, drive-major.
+    /// Adjacent drive, adjacent measure, all pairs except the driven one: `L (L - 1)` values, drive-major.
     ///
     /// # Errors
     /// Fewer than four electrodes.
@@ -129,7 +129,7 @@ impl Protocol {
         Self::cyclic(electrode_count, 1, |drive, measure| drive != measure)
     }
 
-    /// Adjacent drive, adjacent measure, without any pair that holds a driven electrode: `L (L - 3)` values.
+    /// Adjacent drive, adjacent measure, without pairs that contain a driven electrode: `L (L - 3)` values.
     ///
     /// # Errors
     /// Fewer than four electrodes.
@@ -137,7 +137,7 @@ impl Protocol {
         Self::cyclic(electrode_count, 1, |drive, measure| drive.iter().all(|e| !measure.contains(e)))
     }
 
-    /// Drive `d` to `d + 1 + skip`, adjacent measure, without any pair that holds a driven electrode.
+    /// Drive `d` to `d + 1 + skip`, adjacent measure, without pairs that contain a driven electrode.
     ///
     /// # Errors
     /// Fewer than four electrodes; a skip that pairs an electrode with itself.
@@ -148,7 +148,7 @@ impl Protocol {
         Self::cyclic(electrode_count, skip + 1, |drive, measure| drive.iter().all(|e| !measure.contains(e)))
     }
 
-    /// Drive `d` to `d + L/2`, adjacent measure, without any pair that holds a driven electrode.
+    /// Drive `d` to `d + L/2`, adjacent measure, without pairs that contain a driven electrode.
     ///
     /// # Errors
     /// Fewer than four electrodes, or an odd number of them.
@@ -159,7 +159,7 @@ impl Protocol {
         Self::cyclic(electrode_count, electrode_count / 2, |drive, measure| drive.iter().all(|e| !measure.contains(e)))
     }
 
-    /// Drives `d -> d + step` and adjacent measures, drive-major, measure ascending, where `keep` says so.
+    /// Drives `d -> d + step` and adjacent measures, drive-major, measure ascending, if `keep` returns true.
     fn cyclic(electrode_count: usize, step: usize, keep: impl Fn(Pair, Pair) -> bool) -> Result<Self, ProtocolError> {
         let count = electrode_count;
         let mut channels = Vec::new();
@@ -178,8 +178,8 @@ impl Protocol {
         Self::new(count, channels)
     }
 
-    /// The same protocol for an instrument that reports amplitudes: signs are lost and the model's untouched
-    /// signs have to be put back.
+    /// The same protocol for an instrument that reports amplitudes: the signs are lost and must be restored from the
+    /// untouched model.
     pub fn with_amplitude_only(mut self, amplitude_only: bool) -> Self {
         self.amplitude_only = amplitude_only;
         self
@@ -205,24 +205,24 @@ impl Protocol {
         &self.channels
     }
 
-    /// The distinct drive pairs in order of first use, and for each channel the index of its own.
+    /// The distinct drive pairs in order of first use, and for each channel the index of its drive pair.
     pub fn drives(&self) -> (Vec<Pair>, Vec<usize>) {
         distinct(self.channels.iter().map(|channel| channel.drive))
     }
 
-    /// The distinct measure pairs in order of first use, and for each channel the index of its own.
+    /// The distinct measure pairs in order of first use, and for each channel the index of its measure pair.
     pub fn measures(&self) -> (Vec<Pair>, Vec<usize>) {
         distinct(self.channels.iter().map(|channel| channel.measure))
     }
 
-    /// The change of each channel's value for each ohm that an electrode's contact resistance rises: 1 or -1 where the channel
-    /// drives and measures at the electrode, else 0.
+    /// The change of each channel's value per ohm of increase of an electrode's contact resistance: 1 or -1 if the
+    /// channel drives and measures at the electrode, else 0.
     pub fn contact_gains(&self, electrode: usize) -> impl Iterator<Item = f64> {
         let sign = move |pair: Pair| f64::from(pair[0] == electrode) - f64::from(pair[1] == electrode);
         self.channels.iter().map(move |channel| sign(channel.drive) * sign(channel.measure))
     }
 
-    /// SHA-256 of the channel table ([`to_csv`](Self::to_csv)), in hexadecimal digits: what tells protocols apart.
+    /// SHA-256 of the channel table ([`to_csv`](Self::to_csv)), in hexadecimal digits: identifies the protocol.
     pub fn sha256(&self) -> String {
         hmac_sha256::Hash::hash(self.to_csv().as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()
     }

@@ -1,4 +1,4 @@
-//! A skin prepared for computing: design, mesh, forward model and pixels, made once and shared.
+//! A skin prepared for computing: design, mesh, forward model and pixels, computed once and shared.
 //!
 //! ```
 //! use dermis::skin::Skin;
@@ -18,7 +18,7 @@ use crate::reconstruct::Linearised;
 use std::fmt;
 use std::sync::{Arc, OnceLock};
 
-/// A skin prepared for computing. A clone shares everything with the original.
+/// A skin prepared for computing. A clone shares all data with the original.
 #[derive(Clone)]
 pub struct Skin {
     parts: Arc<Parts>,
@@ -47,8 +47,8 @@ impl Skin {
         Self::parse(&SkinDesign::text_of(name_or_path)?, name_or_path)
     }
 
-    /// Prepares a skin from the text of its design file. `name` is its path: it appears in errors, and files that the design
-    /// names are relative to its folder.
+    /// Prepares a skin from the text of its design file. `name` is its path: errors contain it, and relative paths in
+    /// the design start from its folder.
     ///
     /// # Errors
     /// As [`load`](Self::load).
@@ -81,7 +81,7 @@ impl Skin {
         Ok(Skin { parts: Arc::new(Parts { design, design_text, forward, pixels, linearised: OnceLock::new() }) })
     }
 
-    /// The same skin with an image value for each cell of its mesh in place of the design's pixels.
+    /// The same skin with one pixel per mesh cell in place of the design's pixels.
     #[must_use]
     pub fn with_cells_as_pixels(&self) -> Self {
         let Parts { design, design_text, forward, .. } = &*self.parts;
@@ -115,7 +115,7 @@ impl Skin {
         &self.parts.pixels
     }
 
-    /// The forward model linearised about the untouched skin. Computed at the first call (one Jacobian).
+    /// The forward model linearised about the untouched skin. Computed in the first call (one Jacobian).
     ///
     /// # Errors
     /// A forward problem that cannot be solved.
@@ -163,7 +163,7 @@ mod tests {
             let channel = protocol.channels()[channel];
             assert!(channel.drive.contains(&7) || channel.measure.contains(&7));
         }
-        // Two drives of 29 channels each, and two channels of each of the 28 other drives.
+        // Two drives of 29 channels each, and two channels of each of the other 28 drives.
         assert_eq!(skin.channels_of(7).count(), 2 * 29 + 28 * 2);
     }
 }

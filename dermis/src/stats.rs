@@ -1,12 +1,12 @@
 //! Means, standard deviations, quantiles and ranks of samples.
 //!
 //! Conventions:
-//! - A standard deviation is that of a population: the sum of squares is divided by the number of values, not by one less.
+//! - A standard deviation is that of a population: the sum of squares is divided by the number of values n, not n - 1.
 //! - [`quantile`] interpolates linearly between the two nearest values (type 7 of Hyndman and Fan, 1996, DOI
-//!   10.2307/2684934). The others give a value of the sample: [`inverse_cdf_quantile`] the smallest one that so great a part
-//!   of the sample does not exceed (type 1), [`nearest_quantiles`] the one nearest to the interpolated rank, [`upper_median`]
-//!   the higher one of the two in the middle.
-//! - Without a value, means and deviations are `NaN`.
+//!   10.2307/2684934). The others give a value of the sample: [`inverse_cdf_quantile`] the smallest value with at least
+//!   the given fraction of the sample at or below it (type 1), [`nearest_quantiles`] the one nearest to the
+//!   interpolated rank, [`upper_median`] the upper one of the two middle values.
+//! - Means and deviations of an empty sample are `NaN`.
 //!
 //! ```
 //! use dermis::stats::{Summary, quantile, upper_median};
@@ -19,12 +19,12 @@
 use serde::Serialize;
 use std::cmp::Ordering;
 
-/// Mean, standard deviation, median and 95th percentile of a sample; `NaN` (in JSON `null`) without a value.
+/// Mean, standard deviation, median and 95th percentile of a sample; `NaN` (in JSON `null`) if it is empty.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Summary {
     /// The mean.
     pub mean: f64,
-    /// The standard deviation, over the number of values.
+    /// The standard deviation (divided by the number of values).
     pub sd: f64,
     /// The median, by [`quantile`].
     pub median: f64,
@@ -45,7 +45,7 @@ impl Summary {
     }
 }
 
-/// A floating-point number with its total order.
+/// A floating-point number with a total order.
 pub trait Real: Copy {
     /// The total order of IEEE 754.
     fn total_order(&self, other: &Self) -> Ordering;
@@ -63,26 +63,26 @@ impl Real for f64 {
     }
 }
 
-/// The mean; `NaN` without a value.
+/// The mean; `NaN` if there are no values.
 pub fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// Mean and standard deviation over the number of values; `NaN` without one.
+/// Mean and standard deviation (divided by the number of values); `NaN` if there are no values.
 pub fn mean_and_sd(values: &[f64]) -> (f64, f64) {
     let mean = mean(values);
     let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64;
     (mean, variance.sqrt())
 }
 
-/// The standard deviation over `count` values, from their sum and the sum of their squares. Digits are lost where the mean is
-/// far larger than the deviation.
+/// The standard deviation of `count` values, from their sum and the sum of their squares. Inaccurate if the mean is far
+/// larger than the deviation.
 pub fn sd_of_sums(sum: f64, squares: f64, count: f64) -> f64 {
     let mean = sum / count;
     (squares / count - mean * mean).max(0.0).sqrt()
 }
 
-/// The root mean square; `NaN` without a value.
+/// The root mean square; `NaN` if there are no values.
 pub fn rms(values: impl IntoIterator<Item = f64>) -> f64 {
     let (sum, count) = values.into_iter().fold((0.0, 0usize), |(sum, count), value| (sum + value * value, count + 1));
     (sum / count as f64).sqrt()
@@ -91,7 +91,7 @@ pub fn rms(values: impl IntoIterator<Item = f64>) -> f64 {
 /// A quantile of values in ascending order, linear between the two nearest.
 ///
 /// # Panics
-/// Without a value.
+/// If there are no values.
 pub fn quantile(sorted: &[f64], part: f64) -> f64 {
     let place = part * (sorted.len() - 1) as f64;
     let below = place.floor() as usize;
@@ -99,14 +99,15 @@ pub fn quantile(sorted: &[f64], part: f64) -> f64 {
     sorted[below] + (place - below as f64) * (sorted[above] - sorted[below])
 }
 
-/// The smallest of some values in ascending order that at least a part of them does not exceed; `None` without a value. It
-/// never mixes two values, one of which may be infinite.
+/// The smallest of some ascending values such that at least the given fraction of them does not exceed it; `None` if
+/// there are no values. It never interpolates between two values, one of which may be infinite.
 pub fn inverse_cdf_quantile(sorted: &[f64], part: f64) -> Option<f64> {
     let rank = (part * sorted.len() as f64).ceil() as usize;
     sorted.get(rank.saturating_sub(1)).copied()
 }
 
-/// For each part, such as 0.5 for the median, the value whose rank is nearest to the interpolated one; 0 without a value.
+/// For each fraction, such as 0.5 for the median, the value whose rank is nearest to the interpolated one; 0 if there
+/// are no values.
 pub fn nearest_quantiles<const N: usize>(values: &[f32], parts: [f64; N]) -> [f32; N] {
     let mut sorted = values.to_vec();
     sorted.sort_by(f32::total_cmp);
@@ -119,12 +120,12 @@ pub fn nearest_quantiles<const N: usize>(values: &[f32], parts: [f64; N]) -> [f3
 /// The value of a rank, counted from 0 in ascending order.
 ///
 /// # Panics
-/// Where there are not so many values.
+/// If the rank is out of range.
 pub fn order_statistic<T: Real>(values: &[T], rank: usize) -> T {
     *values.to_vec().select_nth_unstable_by(rank, T::total_order).1
 }
 
-/// The value in the middle, the higher one of two; `None` without a value.
+/// The median; for an even number of values the upper one of the two in the middle; `None` if there are no values.
 pub fn upper_median<T: Real>(values: &[T]) -> Option<T> {
     (!values.is_empty()).then(|| order_statistic(values, values.len() / 2))
 }

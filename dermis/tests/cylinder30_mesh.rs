@@ -1,4 +1,5 @@
-//! The default mesh of the paper's skin: its size and shape, and its voltages against a mesh a quarter as coarse.
+//! The default mesh of the paper's skin: its size and shape, and its voltages compared with a finer mesh (edges a
+//! quarter as long).
 
 mod reference;
 
@@ -46,11 +47,11 @@ fn the_default_mesh_is_small_graded_and_well_shaped() {
     for (index, patch) in mesh.electrodes.iter().enumerate() {
         let ElectrodePatch::Cells(cells) = patch else { panic!("electrode {index} is a disc") };
         let area: f64 = cells.iter().map(|&cell| mesh.cell_measure(cell)).sum();
-        // The outer rings lie on the rims: half discs.
+        // The outer rings are on the rims: half discs.
         let design_area = PI * 0.004 * 0.004 * if !(5..25).contains(&index) { 0.5 } else { 1.0 };
         assert!((area / design_area - 1.0).abs() < 0.01, "electrode {index}: {}", area / design_area);
     }
-    // A tube closed round the axis: V - E + F = 0, every edge in two triangles but those of the two rims.
+    // A tube closed around the axis: V - E + F = 0, every edge in two triangles except those of the two rims.
     let mut edges = std::collections::BTreeMap::new();
     for &[a, b, c] in triangles(&mesh) {
         for (from, to) in [(a, b), (b, c), (c, a)] {

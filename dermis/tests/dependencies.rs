@@ -1,4 +1,4 @@
-//! What a program compiles that depends on the sensing library alone.
+//! The crates compiled by a program that depends only on the sensing library.
 
 use std::collections::BTreeSet;
 use std::process::Command;
@@ -6,7 +6,7 @@ use std::process::Command;
 /// The crates of `cargo tree -p dermis -e normal --prefix none --no-dedupe | sort -u`, `dermis` included.
 const MOST_CRATES: usize = 90;
 
-/// Servers, recordings, archives, command lines and pictures belong to other crates, or behind a feature.
+/// Servers, recordings, archives, command lines and plots belong to other crates, or are behind a feature.
 const ABSENT: &[&str] = &["axum", "clap", "mcap", "resvg", "tokio", "zip"];
 
 #[test]

@@ -52,9 +52,9 @@ fn errors(mesh: MeshOptions) -> (usize, [f64; 3]) {
     (mesh.node_count(), [error(2), error(1), error(0)])
 }
 
-/// What linear elements reach with 5,000 nodes: their error is the energy of the interpolation error, which falls
-/// with the number of nodes only. Finer meshes are to fall with second order, a little less next to the ends of the
-/// electrodes, where the field is singular down to the width `s z` of the contact layer.
+/// The accuracy of linear elements with 5,000 nodes: their error is the energy of the interpolation error, which
+/// decreases only with the number of nodes. Finer meshes should converge with second order, a little slower next to the
+/// ends of the electrodes, where the field is singular down to the width `s z` of the contact layer.
 #[test]
 fn errors_on_the_exact_disk_fall_with_second_order() {
     let options = MeshOptions { max_edge_m: 0.15, electrode_edge_m: 0.006, growth: 0.17 };

@@ -11,10 +11,10 @@ use reference::{Reference, relative_difference};
 use shapes::{block, polar, polar_cells, polar_rim, strip};
 use std::f64::consts::{PI, TAU};
 
-/// Laws that hold in exact arithmetic.
+/// Tolerance for laws that hold in exact arithmetic.
 const EXACT: f64 = 1e-10;
 
-/// All pairs of four electrodes against each other: enough to see the whole network.
+/// All pairs of four electrodes against each other: they determine the whole network.
 fn four_electrodes() -> Protocol {
     let channels = [[0, 1], [2, 3], [0, 2], [1, 3]];
     Protocol::new(4, channels.iter().flat_map(|&drive| channels.map(|measure| Channel { drive, measure })).collect())
@@ -103,7 +103,7 @@ fn reciprocity() {
     assert_eq!(pairs, 435);
 }
 
-/// c times the conductivity and a c-th of the contact impedance give a c-th of the voltages.
+/// c times the conductivity and 1/c of the contact impedance give 1/c of the voltages.
 #[test]
 fn scaling() {
     let disk = Reference::disk16();
@@ -203,7 +203,7 @@ fn assert_derivative(model: &ForwardModel, what: &str) {
 
 #[test]
 fn the_jacobian_is_the_derivative_on_triangles_in_space() {
-    // A tube: the strip rolled up by three quarters of a turn, so that no coordinate is special.
+    // A tube: the strip rolled up by three quarters of a turn, so that no coordinate direction is special.
     let mut mesh = strip(0.3, 0.1, 9, 5);
     for node in &mut mesh.nodes {
         let angle = node[0] / 0.3 * 1.5 * PI;
@@ -247,8 +247,8 @@ fn graded_radii(a: f64, outer: f64, l: f64, refine: usize) -> (Vec<f64>, usize) 
     (inside, electrode_rings)
 }
 
-/// A round electrode in the middle of a disk whose rim is one electrode: radially symmetric, hence exact:
-/// R = l I0(a/l) / (2 pi a s I1(a/l)) + ln(R/a) / (2 pi s) + z_rim / (2 pi R), l = sqrt(s z).
+/// A disc electrode in the centre of a disk whose rim is one electrode: radially symmetric, hence exact: R = l I0(a/l)
+/// / (2 pi a s I1(a/l)) + ln(R/a) / (2 pi s) + z_rim / (2 pi R), l = sqrt(s z).
 #[test]
 fn a_round_area_electrode_in_a_grounded_disk() {
     let (a, outer, s, rim) = (0.004, 0.05, 1e-3, 1e-3);
@@ -291,7 +291,7 @@ fn a_half_disc_on_an_edge_is_a_mirrored_disc_at_twice_the_current() {
         Cells::Triangles(cells) => cells.clone(),
         Cells::Tetrahedra(_) => unreachable!("polar makes triangles"),
     };
-    // Mirrored copies of all nodes off the edge y = 0; the two ends of each ring lie on it.
+    // Mirrored copies of all nodes off the edge y = 0; the two ends of each ring are on it.
     let mut whole = half.clone();
     let mut twin: Vec<usize> = (0..half.node_count()).collect();
     for (node, twin) in twin.iter_mut().enumerate() {
@@ -307,7 +307,7 @@ fn a_half_disc_on_an_edge_is_a_mirrored_disc_at_twice_the_current() {
     let disc = polar_cells(rings, sectors);
     let last = 1 + (radii.len() - 1) * (sectors + 1);
     let rim: Vec<[usize; 2]> = (0..sectors).map(|k| [last + k, last + k + 1]).collect();
-    // Both ends of the rim's arc lie on the mirror line, so that the mirrored points are the same nodes.
+    // Both ends of the rim's arc are on the mirror line, so that the mirrored points are the same nodes.
     half.electrodes = vec![
         ElectrodePatch::Cells((0..disc).collect()),
         ElectrodePatch::Edges(rim.clone()),

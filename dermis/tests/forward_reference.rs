@@ -1,4 +1,4 @@
-//! Voltages and Jacobians against independent programs.
+//! Voltages and Jacobians compared with independent programs.
 
 mod reference;
 
@@ -6,7 +6,7 @@ use reference::{Reference, matrix_of, relative_difference, table};
 
 /// Voltages agree to rounding: the same mesh, the same elements, another program.
 const VOLTAGES: f64 = 1e-9;
-/// Jacobians lose a few digits more, being products of differences of fields.
+/// Jacobians lose a few more digits, because they are products of differences of fields.
 const JACOBIAN: f64 = 1e-8;
 
 fn assert_close(what: &str, ours: &[f64], theirs: &[f64], tolerance: f64) {

@@ -1,5 +1,6 @@
-//! The fuzz targets on seeded mutations of good files: bits flipped, bytes overwritten, numbers made extreme, lines
-//! and pieces cut, doubled, moved between files. No reader may panic, hang or take memory that a file only claims.
+//! The fuzz targets on seeded mutations of valid files: bits flipped, bytes overwritten, numbers made extreme, lines
+//! and parts removed, duplicated, moved between files. No reader may panic, hang or allocate memory by a size that a
+//! file only states.
 
 #[path = "../../fuzz/src/lib.rs"]
 mod targets;
@@ -8,7 +9,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::path::{Path, PathBuf};
 
-/// Mutations of each reader's files. Set `DERMIS_FUZZ_RUNS` for more.
+/// Number of mutations of each reader's files. Set `DERMIS_FUZZ_RUNS` for more.
 const RUNS: usize = 2_000;
 
 fn runs() -> usize {
@@ -20,7 +21,7 @@ fn data(path: &str) -> Vec<u8> {
     std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// Words that readers have stumbled over.
+/// Words that have caused failures in readers.
 const WORDS: [&[u8]; 22] = [
     b"-1",
     b"0",
@@ -46,7 +47,7 @@ const WORDS: [&[u8]; 22] = [
     b",",
 ];
 
-/// One to four changes of a good file.
+/// One to four changes of a valid file.
 fn mutated(seeds: &[Vec<u8>], random: &mut ChaCha8Rng) -> Vec<u8> {
     let mut bytes = seeds[random.random_range(0..seeds.len())].clone();
     for _ in 0..random.random_range(1..=4) {
@@ -91,14 +92,14 @@ fn mutated(seeds: &[Vec<u8>], random: &mut ChaCha8Rng) -> Vec<u8> {
     bytes
 }
 
-/// Replaces the number in a text that stands at or after a place.
+/// Replaces the number in a text at or after a position.
 fn replace_number(bytes: &mut Vec<u8>, at: usize, with: &[u8]) {
     let Some(start) = bytes[at..].iter().position(u8::is_ascii_digit).map(|offset| at + offset) else { return };
     let length = bytes[start..].iter().take_while(|&&b| b.is_ascii_digit() || b == b'.').count();
     bytes.splice(start..start + length, with.iter().copied());
 }
 
-/// Runs a target on its good files, then on mutations of them; sample `i` depends on the seed and `i` alone.
+/// Runs a target on its valid files, then on mutations of them; sample `i` depends only on the seed and `i`.
 fn fuzz(target: fn(&[u8]), seeds: &[Vec<u8>], seed: u64) {
     seeds.iter().for_each(|bytes| target(bytes));
     for run in 0..runs() {
@@ -129,7 +130,7 @@ fn gmsh_files() {
     fuzz(targets::fuzz_msh, &blocks, 3);
 }
 
-/// A fan of triangles in every format of surfaces.
+/// A fan of triangles in every surface format.
 fn fan() -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
     let rim = (0..12).map(|k| [(0.5 * k as f32).cos(), (0.5 * k as f32).sin(), 0.1 * k as f32]);
     let points = std::iter::once([0.0; 3]).chain(rim).collect();
@@ -197,7 +198,7 @@ fn ply_files() {
     fuzz(targets::fuzz_ply, &["ascii", "binary_little_endian", "binary_big_endian"].map(seed), 6);
 }
 
-/// Small tables in all formats, as the writers make them.
+/// Small tables in all formats, as written by the library.
 fn tables(extension: &str) -> Vec<Vec<u8>> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(format!("frames.{extension}"));

@@ -1,10 +1,12 @@
-//! Module layers and crate dependencies: a module imports only from lower layers, a crate depends only on the crates in its row.
+//! Module layers and crate dependencies: a module imports only from lower layers, a crate depends only on the crates in
+//! its row.
 
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The layers of each layered crate, lowest first. `ARCHITECTURE.md` draws them; this table is the one that is enforced.
+/// The layers of each layered crate, lowest first. `ARCHITECTURE.md` describes them; this table is enforced by the
+/// test.
 const LAYERED: &[(&str, &[&[&str]])] = &[
     (
         "dermis",
@@ -39,7 +41,7 @@ const LAYERED: &[(&str, &[&[&str]])] = &[
 /// Modules outside the layers: the crate's error has one variant per module, and `lib.rs` declares them all.
 const EXEMPT: &[&str] = &["lib", "error"];
 
-/// Which crates of the workspace each crate may depend on.
+/// The workspace crates that each crate may depend on.
 const CRATES: &[(&str, &[&str])] = &[
     ("dermis", &[]),
     ("dermis-plot", &["dermis"]),
@@ -148,7 +150,7 @@ fn first_names(tail: &str) -> Vec<&str> {
     names
 }
 
-/// Top-level modules that `source` reaches by `crate::...`, or by a chain of `super::` as long as its file lies deep.
+/// Top-level modules that `source` uses by `crate::...`, or by a chain of `super::` up to the crate root.
 fn imports(source: &str, file_depth: usize) -> BTreeSet<String> {
     let code = code_only(source);
     let mut found = BTreeSet::new();
@@ -169,7 +171,7 @@ fn imports(source: &str, file_depth: usize) -> BTreeSet<String> {
     found
 }
 
-/// Imports of `source`, a file of `module`, that reach the module's own layer or a higher one.
+/// Imports of `source`, a file of `module`, from the module's own layer or a higher one.
 fn violations(layers: Layers, module: &str, file_depth: usize, source: &str) -> Vec<String> {
     let own = layer_of(layers, module).unwrap_or_else(|| panic!("module `{module}` is in no layer of the table"));
     let imported = imports(source, file_depth);

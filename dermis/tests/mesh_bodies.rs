@@ -113,7 +113,7 @@ fn the_forearm_gets_round_electrodes_and_well_shaped_triangles() {
         println!("area of the electrode over pi r2: {ratio:.4}");
         assert!((ratio - 1.0).abs() < 0.01, "{ratio}");
     }
-    // Nodes lie on the facets of the file; chords across its shallow edges take a little of the area.
+    // Nodes are on the facets of the file; chords across its shallow edges reduce the area slightly.
     let sleeve = total_area(&forearm::sleeve()) * 1e-6;
     assert!((total_area(&mesh) / sleeve - 1.0).abs() < 2e-3, "{}", total_area(&mesh) / sleeve);
     assert_eq!(import::from_design(&design).unwrap(), mesh, "the same design gives the same mesh");
@@ -121,7 +121,7 @@ fn the_forearm_gets_round_electrodes_and_well_shaped_triangles() {
 
 #[test]
 fn a_coarse_cube_is_refined_and_keeps_its_edges() {
-    // A side that single precision holds exactly.
+    // A side that is exact in single precision.
     let (side, half) = (0.125, 0.0625);
     let centres = [[half, half, 0.0], [half, half, side], [0.0, half, half], [side, half, half]];
     let mesh = placed(&cube(side), &centres.map(|centre| (centre, disc(0.01))), 0.008).unwrap();
@@ -155,7 +155,7 @@ fn a_disc_across_an_edge_of_the_body_is_clipped() {
 
 #[test]
 fn a_disc_on_one_side_of_a_thin_body_leaves_the_other_side_alone() {
-    // A plate 2 mm thick: the ball of a disc of 10 mm reaches through it.
+    // A plate 2 mm thick: the ball of a disc of 10 mm extends through it.
     let mut plate = cube(0.1);
     plate.nodes.iter_mut().for_each(|node| node[2] *= 0.02);
     let centres = [[0.03, 0.05, 0.002], [0.07, 0.05, 0.002], [0.05, 0.02, 0.002], [0.05, 0.08, 0.002]];
@@ -197,7 +197,7 @@ fn electrodes_off_the_body_or_on_top_of_one_another_are_errors() {
     assert!(error.contains("max_edge_m"), "{error}");
 }
 
-/// Laws that hold in exact arithmetic.
+/// Tolerance for laws that hold in exact arithmetic.
 const EXACT: f64 = 1e-10;
 
 #[test]
@@ -222,8 +222,8 @@ fn the_forearm_obeys_reciprocity_and_scaling() {
     }
 }
 
-/// A potential that is linear along the block is exact on any mesh of it: `R = l / (sigma A) + 2 z / A`, and without the
-/// contacts `l / (sigma A)` between points on the two ends.
+/// A potential that is linear along the block is exact on any mesh of it: `R = l / (sigma A) + 2 z / A`, and without
+/// the contacts `l / (sigma A)` between points on the two ends.
 #[test]
 fn a_block_from_a_file_has_its_exact_resistance() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/bodies/block_4.1_binary.msh");

@@ -1,4 +1,4 @@
-//! Mesh files that are wrong: each is refused with what is wrong and where.
+//! Invalid mesh files: each is refused with the problem and its place.
 
 use dermis::design::{Body, ElectrodeShape, ImageLayout, SkinDesign};
 use dermis::mesh::import::{self, Format};
@@ -83,7 +83,7 @@ fn generated(text: &str) -> Result<Mesh, MeshError> {
     Mesh::generate(&design)
 }
 
-/// What a message must contain when one piece of a good file is replaced.
+/// The required text of a message when one part of a valid file is replaced.
 fn refused(text: &str, old: &str, new: &str, expected: &[&str]) {
     assert!(text.contains(old), "{old}");
     let error = generated(&text.replacen(old, new, 1)).unwrap_err().to_string();
@@ -134,9 +134,9 @@ fn cells_whose_nodes_are_in_another_order_are_reordered() {
 
 #[test]
 fn overlapping_cells_and_cells_without_extent() {
-    // Node 5 on the side of the face of nodes 2, 3 and 4 where node 1 lies.
+    // Node 5 on the same side of the face of nodes 2, 3 and 4 as node 1.
     refused(WEDGE, "5 1 1 1\n", "5 -1 -1 -1\n", &["elements 5 and 6 overlap"]);
-    // Node 6 pulled across the edge from 2 to 5: its triangles fold.
+    // Node 6 moved across the edge from 2 to 5: its triangles fold.
     refused(STRIP, "6 2 1 0", "6 2 -1 0", &["folded"]);
     refused(STRIP, "6 2 1 0", "6 3 0 0", &["element 7", "no area"]);
     refused(WEDGE, "4 0 0 1", "4 1 1 0", &["element 5", "no volume"]);
@@ -145,10 +145,10 @@ fn overlapping_cells_and_cells_without_extent() {
 
 #[test]
 fn torn_and_lonely_parts() {
-    // The right half has nodes of its own where it should share 2 and 3.
+    // The right half has its own nodes where it should share 2 and 3.
     let torn = STRIP.replacen("$Nodes\n6\n", "$Nodes\n8\n7 1 0 0\n8 1 1 0\n", 1);
     refused(&torn, "2 5 6\n8 2 2 5 5 2 6 3", "7 5 6\n8 2 2 5 5 7 6 8", &["torn"]);
-    // A triangle far away that no electrode touches.
+    // A distant triangle without an electrode.
     let lonely = STRIP.replacen("$Nodes\n6\n", "$Nodes\n9\n7 9 9 0\n8 10 9 0\n9 9 10 0\n", 1);
     refused(&lonely, "$Elements\n8\n", "$Elements\n9\n9 2 2 5 5 7 8 9\n", &["no electrode touches"]);
     // Three triangles at the edge from 2 to 3.
@@ -166,7 +166,7 @@ fn electrodes_that_are_missing_or_misplaced() {
     refused(STRIP, "15 2 4 2 3", "15 2 3 2 3", &["electrode_2 holds 2 points"]);
     let lost = STRIP.replacen("$Nodes\n6\n", "$Nodes\n7\n7 5 5 0\n", 1);
     refused(&lost, "15 2 4 2 3", "15 2 4 2 7", &["electrode_3", "touches no triangles"]);
-    // A face between two tetrahedra is no outside.
+    // A face between two tetrahedra is not on the outside.
     refused(WEDGE, "2 2 1 3 1 2 3", "2 2 1 3 2 3 4", &["electrode_0", "does not belong"]);
     // Lines on a volume.
     let lines = WEDGE.replacen("2 1 \"electrode_0\"", "1 1 \"electrode_0\"", 1);
@@ -228,7 +228,7 @@ fn files_that_cannot_be_read_or_written() {
     assert!(error.contains("two fields have the name `image`"), "{error}");
 }
 
-/// A device that is always full stands for a full disk; it takes no extension, hence the link.
+/// A device that is always full represents a full disk; it takes no extension, hence the link.
 #[test]
 #[cfg(target_os = "linux")]
 fn a_full_disk_is_an_error_and_leaves_no_file() {

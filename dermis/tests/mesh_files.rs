@@ -1,4 +1,4 @@
-//! Mesh files: Gmsh's own samples, round trips, and files that are wrong.
+//! Mesh files: Gmsh's own examples, round trips, and invalid files.
 
 mod shapes;
 
@@ -52,7 +52,7 @@ fn gmsh_surfaces_of_both_versions_and_codings_are_one_mesh() {
     let ElectrodePatch::Edges(edges) = &mesh.electrodes[0] else { panic!() };
     assert!(edges.iter().flatten().all(|&node| mesh.nodes[node][0] == 0.0));
     let ElectrodePatch::Cells(disc) = &mesh.electrodes[2] else { panic!() };
-    // A polygon in a circle: a little less than pi r2.
+    // A polygon inscribed in a circle: a little less than pi r2.
     let ratio = area_of(disc) / (std::f64::consts::PI * 9e-6);
     assert!(ratio > 0.7 && ratio < 1.0, "{ratio}");
     let names: Vec<&str> = mesh.regions.iter().map(|region| region.0.as_str()).collect();
@@ -94,7 +94,7 @@ fn what_is_written_as_msh_is_read_back_the_same() {
         export::save(&mesh, &path, Some(&conductivity)).unwrap();
         assert_eq!(import::load(&path, 1.0).unwrap(), mesh);
         if let Ok(folder) = std::env::var("DERMIS_KEEP_MESHES") {
-            // For a look at them with other programs.
+            // Written for inspection with other programs.
             let name = format!("{}_{}.msh", mesh.node_count(), mesh.cell_count());
             std::fs::copy(&path, Path::new(&folder).join(name)).unwrap();
         }
@@ -109,8 +109,8 @@ fn vtu_array(text: &str, name: &str) -> Vec<f64> {
     body.split_whitespace().map(|word| word.parse().unwrap()).collect()
 }
 
-/// Images of a grid and of cells, as arrays of their own: a constant image stays constant, and the sum over cells keeps the
-/// integral that the pixels have.
+/// Images of a grid and of cells, as separate arrays: a constant image stays constant, and the sum over cells equals
+/// the integral over the pixels.
 #[test]
 fn a_vtu_file_holds_images_per_cell() {
     let mut design = SkinDesign::shipped("cylinder30").unwrap();
@@ -177,7 +177,7 @@ fn the_outside_of_a_volume_is_written_as_stl() {
     let mesh = import::load(&path, 1.0).unwrap();
     assert_eq!(mesh.cell_count(), 2 * 2 * (8 + 4 + 2));
     assert_eq!(total_measure(&mesh), 2.0 * (0.5 * 0.25 + 0.5 * 0.125 + 0.25 * 0.125));
-    // Written outwards, so that reading turns nothing.
+    // Written with outward orientation, so that reading reverses no triangle.
     let bytes = std::fs::read(&path).unwrap();
     let number = |at: usize| f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
     let first = [0, 1, 2].map(|k| number(84 + 4 * k));

@@ -1,4 +1,4 @@
-//! Generated meshes: their shape, and how well a forward model on them meets the truth.
+//! Generated meshes: their shape, and the accuracy of a forward model on them.
 
 use dermis::design::{Body, Electrode, ElectrodeShape, MeshOptions, SkinDesign};
 use dermis::geom::Point3;
@@ -12,7 +12,7 @@ fn cylinder30() -> SkinDesign {
     SkinDesign::shipped("cylinder30").unwrap()
 }
 
-/// A flat or rolled body with some electrodes; sheet and protocol do not matter to a mesh.
+/// A flat or rolled body with some electrodes; sheet and protocol do not affect the mesh.
 fn skin(body: Body, electrodes: &[(Point3, ElectrodeShape)], mesh: MeshOptions) -> SkinDesign {
     let electrodes: Vec<Electrode> =
         electrodes.iter().map(|&(centre_m, shape)| Electrode { centre_m, shape, contact_impedance: 1e-3 }).collect();
@@ -24,7 +24,7 @@ fn disc(x: f64, y: f64, z: f64, radius_m: f64) -> (Point3, ElectrodeShape) {
     ([x, y, z], ElectrodeShape::Disc { radius_m })
 }
 
-/// Generates, checks what must hold of every mesh and prints the report.
+/// Generates a mesh, checks the properties of every mesh and prints the report.
 fn generated(what: &str, design: &SkinDesign) -> (Mesh, MeshReport) {
     let start = std::time::Instant::now();
     let mesh = Mesh::generate(design).unwrap_or_else(|error| panic!("{what}: {error}"));
@@ -79,7 +79,7 @@ fn the_same_design_gives_the_same_mesh_on_any_number_of_threads() {
     }
 }
 
-/// Electrodes may lie on the seam, across it, or beside it: the mesh closes as well.
+/// Electrodes may be on the seam, across it, or next to it: the mesh must be closed in all cases.
 #[test]
 fn the_seam_closes_wherever_the_electrodes_are() {
     for turn in [0.0, 1e-12, 0.003, 0.02, 0.04, 0.079, 0.081, 0.3, -1e-9, TAU - 0.05] {
@@ -96,7 +96,7 @@ fn the_seam_closes_wherever_the_electrodes_are() {
     }
 }
 
-/// Discs of eight corners without a point inside are all ties: their copies must be divided alike.
+/// Discs of eight corners without a point inside are all ties: their copies must be divided in the same way.
 #[test]
 fn tiny_discs_on_the_seam_close() {
     let mesh = MeshOptions { max_edge_m: 0.006, electrode_edge_m: 0.002, growth: 0.4 };
@@ -178,7 +178,7 @@ fn what_cannot_be_meshed_is_named() {
     assert!(group.contains("electrode 2"), "{group}");
 }
 
-/// Scaling the options scales every edge: four times finer is sixteen times the cells.
+/// Scaling the options scales every edge: four times finer gives sixteen times the cells.
 #[test]
 fn a_quarter_of_the_size_has_sixteen_times_the_cells() {
     let coarse = cylinder30();

@@ -1,11 +1,11 @@
-//! Surfaces from STL, OBJ and PLY files, whole and broken.
+//! Surfaces from STL, OBJ and PLY files, valid and invalid.
 
 use dermis::mesh::import::{Format, parse};
 use dermis::mesh::{Cells, Mesh};
 use std::fmt::Write;
 
-/// The corners of a box 40 x 20 x 10 and its twelve triangles, seen from outside; every other one turned inwards, as
-/// careless files have them.
+/// The corners of a box 40 x 20 x 10 and its twelve triangles, seen from outside; every other one is oriented inwards,
+/// as in some real files.
 fn corners() -> Vec<[f32; 3]> {
     (0..8).map(|k| [40.0 * (k & 1) as f32, 20.0 * (k >> 1 & 1) as f32, 10.0 * (k >> 2) as f32]).collect()
 }
@@ -29,7 +29,7 @@ fn stl_ascii() -> Vec<u8> {
 }
 
 fn stl_binary() -> Vec<u8> {
-    // Some programs start binary files with the word that marks a text.
+    // Some programs start binary files with the word that marks text files.
     let mut bytes = b"solid, but binary".to_vec();
     bytes.resize(80, 0);
     bytes.extend((triangles().len() as u32).to_le_bytes());
@@ -48,7 +48,7 @@ fn obj() -> Vec<u8> {
     for [x, y, z] in corners() {
         writeln!(text, "v {x} {y} {z} 1.0\r\nvn 0 0 1\r").unwrap();
     }
-    // A polygon, corners with texture and normal, corners counted back from the last.
+    // A polygon, corners with texture and normal, corners numbered relative to the last.
     text.push_str("f 1 3 4 2\r\nf 5/1/1 6/1/1 8/1/1 7/1/1\r\nf -8 -7 -3 -4\r\n");
     for [a, b, c] in &triangles()[6..] {
         writeln!(text, "f {}//1 {}//1 {}//1\r", a + 1, b + 1, c + 1).unwrap();
@@ -102,7 +102,7 @@ fn all() -> Vec<(&'static str, Format, Vec<u8>)> {
     ]
 }
 
-/// Six times the volume that a closed surface holds, positive where it faces outwards.
+/// Six times the enclosed volume of a closed surface, positive if it is oriented outwards.
 fn volume(mesh: &Mesh) -> f64 {
     let Cells::Triangles(cells) = &mesh.cells else { panic!() };
     let of = |cell: &[usize; 3]| {
@@ -128,7 +128,7 @@ fn a_truncated_file_is_an_error_at_every_length() {
             let part = &bytes[..length];
             match parse(part, format, 1.0) {
                 Err(error) => assert!(!error.to_string().is_empty()),
-                // Text may end early between two faces or within its last name, and still be whole; OBJ has no end mark.
+                // Text may end between two faces or within its last number, and still be valid; OBJ has no end mark.
                 Ok(mesh) => {
                     assert!(bytes.len() - length < 8 || name == "OBJ", "{name}: {length} of {} bytes", bytes.len());
                     assert!(mesh.cell_count() <= 12);
@@ -138,7 +138,7 @@ fn a_truncated_file_is_an_error_at_every_length() {
     }
 }
 
-/// What a message must contain for a file that is wrong.
+/// The required text of a message for an invalid file.
 fn refused(format: Format, bytes: impl AsRef<[u8]>, expected: &[&str]) {
     let error = parse(bytes.as_ref(), format, 1.0).unwrap_err().to_string();
     for part in expected {
@@ -183,10 +183,10 @@ fn wrong_surfaces_are_named_with_their_place() {
 
 #[test]
 fn surfaces_that_no_sheet_can_have_are_refused() {
-    // Three leaves at one edge.
+    // Three triangles at one edge.
     let book = "v 0 0 0\nv 0 0 1\nv 1 0 0\nv 0 1 0\nv -1 -1 0\nf 1 2 3\nf 1 2 4\nf 1 2 5\n";
     refused(Format::Obj, book, &["3 triangles meet at the edge"]);
-    // A band of five triangles with half a turn in it.
+    // A Moebius band of five triangles.
     let band = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 1\nv 0 0 1\nf 1 2 3\nf 2 3 4\nf 3 4 5\nf 4 5 1\nf 5 1 2\n";
     refused(Format::Obj, band, &["one side only"]);
     refused(Format::Obj, "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", &["no area"]);

@@ -1,4 +1,4 @@
-//! One-step images and noise figures against an independent program.
+//! One-step images and noise figures compared with an independent program.
 
 mod reference;
 
@@ -8,9 +8,9 @@ use dermis::reconstruct::{Alpha, Difference, Linearised, OneStep, OneStepOptions
 use reference::{Reference, relative_difference};
 use std::sync::Arc;
 
-/// Our own Jacobian and the same formula: what rounding leaves.
+/// Our own Jacobian and the same formula: only rounding errors differ.
 const IMAGES: f64 = 1e-8;
-/// The noise figure is given to a per mille, its inverse to a per cent.
+/// The noise figure is given to 0.1 %, its inverse to 1 %.
 const NOISE_FIGURE: f64 = 1e-3;
 const HYPERPARAMETER: f64 = 1e-2;
 
@@ -40,7 +40,7 @@ impl Disk {
         OneStep::from_linearised(&self.model, Arc::clone(&self.pixels), options).unwrap()
     }
 
-    /// The difference of a case from the even disk, the voltages being the reference's.
+    /// The difference of a case from the uniform disk, with the voltages of the reference.
     fn difference(&self, case: &str) -> Vec<f64> {
         let rest = self.reference.column("v_homog.csv");
         self.reference.column(&format!("v_{case}.csv")).iter().zip(&rest).map(|(a, b)| a - b).collect()
@@ -78,7 +78,7 @@ fn the_image_of_a_normalised_difference() {
     disk.assert_image(&one_step, "incl", "img_noser_incl_normalized.csv");
 }
 
-/// The target is the reference's: a rise by a per cent of the cells in the middle.
+/// The target of the reference: an increase of one per cent in the cells in the centre.
 #[test]
 fn noise_figures() {
     let disk = Disk::new();
@@ -96,7 +96,7 @@ fn noise_figures() {
         println!("disk16 {name}: noise figure {ours:.6}, reference {theirs:.6}: {:+.1e}", ours / theirs - 1.0);
         assert!((ours / theirs - 1.0).abs() <= NOISE_FIGURE);
 
-        // Our alpha becomes the reference's hyperparameter through the prior's scale.
+        // The prior's scale converts our alpha to the reference's hyperparameter.
         let chosen = disk.one_step(&OneStepOptions { alpha: Alpha::NoiseFigure(1.0), ..options });
         let ours = chosen.hyperparameter();
         let theirs = disk.meta["hp_for_noise_figure_1"][name].as_f64().unwrap();

@@ -1,10 +1,11 @@
-//! A round patch in the middle of a round skin against the exact potential, from no contact to a perfect one.
+//! A disc-shaped patch in the centre of a disk-shaped skin compared with the exact potential, from no contact to a
+//! perfect one.
 //!
-//! On the unit disk of conductance 1 S a patch of radius `a` touches with `g` per area. The current `cos(k theta)`
-//! through the rim gives the potential `r^k - beta a^(2k) r^-k` outside the patch and `I_k(r sqrt(g))` under it, both
-//! times `cos(k theta)`; by symmetry the patch floats at 0. The derivatives meet at `a` where
-//! `beta = (q - k) / (q + k)`, `q = x I_k'(x) / I_k(x)`, `x = a sqrt(g)`: 0 without contact, 1 for a perfect one. At the
-//! rim `u = (1 - beta a^(2k)) / (k (1 + beta a^(2k))) cos(k theta)`.
+//! On the unit disk of conductance 1 S a patch of radius `a` has the contact conductance `g` per area. The current
+//! `cos(k theta)` through the rim gives the potential `r^k - beta a^(2k) r^-k` outside the patch and `I_k(r sqrt(g))`
+//! under it, both times `cos(k theta)`; by symmetry the patch floats at 0. The derivatives are continuous at `a` if
+//! `beta = (q - k) / (q + k)`, `q = x I_k'(x) / I_k(x)`, `x = a sqrt(g)`: 0 without contact, 1 for a perfect one. At
+//! the rim `u = (1 - beta a^(2k)) / (k (1 + beta a^(2k))) cos(k theta)`.
 
 use dermis::forward::{ConductorContact, FloatingConductors, ForwardModel, Matrix, PotentialMoment, PotentialMoments};
 use dermis::mesh::{Cells, ElectrodePatch, Mesh};
@@ -92,7 +93,7 @@ fn exact(k: usize, conductance_s_per_m2: f64) -> f64 {
 }
 
 #[test]
-fn a_round_patch_meets_the_exact_potential_from_no_contact_to_a_perfect_one() {
+fn a_disc_patch_agrees_with_the_exact_potential_from_no_contact_to_a_perfect_one() {
     let levels = [1, 2, 4].map(disk);
     for (name, conductance) in [("weak", 1.0), ("half", 25.0), ("perfect", 1e9)] {
         for k in [1, 2] {
@@ -103,7 +104,7 @@ fn a_round_patch_meets_the_exact_potential_from_no_contact_to_a_perfect_one() {
                 change / (exact(k, conductance) - exact(k, 0.0)) - 1.0
             });
             let rate = (errors[1] / errors[2]).abs().log2();
-            // What is left when the second order is taken out (Richardson).
+            // The error after removal of the second-order term (Richardson extrapolation).
             let left = (4.0 * errors[2] - errors[1]) / 3.0;
             println!("{name} contact, k = {k}: errors {errors:.4?} of the change, rate {rate:.2}, limit {left:.1e}");
             assert!((1.7..2.4).contains(&rate));
@@ -123,8 +124,8 @@ fn without_contact_the_frame_is_the_untouched_one() {
     }
 }
 
-/// In the perfect limit the patch is one equipotential: its conductance no longer matters, and the exact change is
-/// that of a hole's opposite, `beta = 1`.
+/// In the perfect limit the patch is one equipotential: its conductance has no effect, and the exact change is the
+/// opposite of that of a hole, `beta = 1`.
 #[test]
 fn the_perfect_limit_is_reached_and_the_direct_solve_agrees() {
     let (skin, areas) = disk(1);

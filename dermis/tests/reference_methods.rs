@@ -1,4 +1,4 @@
-//! The methods to compare with - Gauss-Newton, total variation, GREIT - against an independent program's results.
+//! The methods for comparison - Gauss-Newton, total variation, GREIT - against an independent program's results.
 
 mod reference;
 
@@ -25,9 +25,10 @@ fn meta(reference: &Reference) -> serde_json::Value {
     serde_json::from_str(&std::fs::read_to_string(reference.folder.join("meta.json")).unwrap()).unwrap()
 }
 
-/// The absolute image of two inclusions. The reference gives its misfit, but not its image. Solved to the end, the same
-/// problem leaves 0.1 % more misfit at the reference's hyperparameter (its iteration goes on past a smaller objective, or
-/// stops before it), so it is asked to agree there, and to leave less at half of it, which is weak enough to fit better.
+/// The absolute image of two inclusions. The reference gives its misfit, but not its image. Converged, the same problem
+/// has a 0.1 % larger misfit at the reference's hyperparameter (its iteration continues past a smaller objective, or
+/// stops before it). The misfit must therefore agree there, and must be smaller at half of it, which is weak enough for
+/// a better fit.
 #[test]
 fn absolute_gauss_newton_fits_no_worse_than_the_reference() {
     const SAME_PROBLEM: f64 = 2e-3;
@@ -54,7 +55,7 @@ fn absolute_gauss_newton_fits_no_worse_than_the_reference() {
     };
     let (method, solution, misfit) = solve(0.01);
     assert!((misfit / theirs - 1.0).abs() < SAME_PROBLEM);
-    // The image of the same prior and hyperparameter that the reference does give is its one step.
+    // The reference gives only the one-step image for the same prior and hyperparameter.
     let objective = *solution.objectives.last().unwrap();
     let one_step = method.objective(&disk.column("img_laplace_two.csv"), &measured).unwrap();
     println!(
@@ -64,7 +65,7 @@ fn absolute_gauss_newton_fits_no_worse_than_the_reference() {
     assert!(solve(0.005).2 <= theirs);
 }
 
-/// A difference is explained by the same iteration as the frame, when the untouched skin is the model's.
+/// A difference is explained by the same iteration as the frame, if the untouched skin is that of the model.
 #[test]
 fn gauss_newton_explains_a_difference() {
     let disk = Reference::disk16();
@@ -82,8 +83,8 @@ fn gauss_newton_explains_a_difference() {
     assert_eq!(method.reconstruct(&difference).unwrap().values, solution.change);
 }
 
-/// Our objective, `1/2 |J x - d|^2 + lambda TV(x)`, is no larger at our image than at the reference's, whatever the weight;
-/// with the default weight neither is the misfit.
+/// Our objective, `1/2 |J x - d|^2 + lambda TV(x)`, is at most as large for our image as for the reference's, for any
+/// weight; with the default weight the same holds for the misfit.
 #[test]
 fn total_variation_is_no_worse_than_the_reference() {
     let disk = Reference::disk16();
@@ -111,8 +112,8 @@ fn total_variation_is_no_worse_than_the_reference() {
     }
 }
 
-/// Frames of small targets, by the whole forward model: at noise figure 0.5 and within 0.7 of the radius the amplitude
-/// response is even within 10 %, and the position is right within 3 % of the radius.
+/// Frames of small targets, by the full forward model: at noise figure 0.5 and within 0.7 of the radius the amplitude
+/// response is uniform within 10 %, and the position is correct within 3 % of the radius.
 #[test]
 fn greit_is_even_and_right() {
     const EVEN: f64 = 0.1;
@@ -170,7 +171,7 @@ fn greit_is_even_and_right() {
     assert!(figures.iter().all(|f| f.1.position_error_m <= POSITION));
 }
 
-/// The part of each cell within a disc, by 256 points a cell.
+/// The fraction of each cell within a disc, by 256 points per cell.
 fn parts_inside(disk: &Reference, centre: [f64; 3], radius: f64) -> Vec<f64> {
     let part = |cell: usize| {
         let corners: Vec<[f64; 3]> = disk.mesh.cells.corners(cell).iter().map(|&node| disk.mesh.nodes[node]).collect();

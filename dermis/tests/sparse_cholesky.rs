@@ -1,9 +1,9 @@
-//! The sparse factorisation against dense algebra, on random patterns.
+//! The sparse factorisation compared with dense algebra, on random patterns.
 
 use dermis::linalg::{Matrix, Symbolic, cholesky_in_place, invert_spd};
 use proptest::prelude::*;
 
-/// A random symmetric, diagonally dominant matrix: its entries as the pattern lists them, and dense.
+/// A random symmetric, diagonally dominant matrix: as pattern entries, and dense.
 #[derive(Debug, Clone)]
 struct Sample {
     count: usize,
@@ -42,7 +42,7 @@ impl Sample {
     }
 }
 
-/// Diagonal dominance bounds the condition; 40 unknowns lose few digits.
+/// Diagonal dominance bounds the condition number; 40 unknowns lose few digits.
 const TOLERANCE: f64 = 1e-11;
 
 proptest! {

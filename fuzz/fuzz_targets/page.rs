@@ -1,4 +1,4 @@
-//! What a page may send, to a live skin that an emulated device feeds.
+//! Messages of a web page to a live skin with an emulated device.
 
 #![no_main]
 
@@ -10,7 +10,7 @@ mod page;
 use dermis_live::{Control, ClientSession, Live};
 use std::sync::{Arc, LazyLock};
 
-/// One live skin for all runs; its recordings go into a folder that lasts as long as the process.
+/// One live skin for all runs; its recordings are in a folder that is kept until the process ends.
 static SKIN: LazyLock<(Live, Arc<Control>, tempfile::TempDir)> = LazyLock::new(|| {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let (live, control) = live::live(folder.path());

@@ -1,4 +1,4 @@
-//! The wire protocol on any bytes: as a stream in pieces of any length, and as a message of either direction.
+//! The wire protocol on arbitrary bytes: as a stream in parts of any length, and as a message of either direction.
 
 #![no_main]
 
@@ -12,14 +12,14 @@ libfuzzer_sys::fuzz_target!(|data: &[u8]| {
     at_once.iter().flatten().for_each(|message| check(message));
     check(bytes);
 
-    // Whatever came before it, a packet is found, and last.
+    // After any bytes, a valid packet is found, as the last one.
     let mut packet = vec![0; packet_bytes(bytes.len())];
     let length = encode(bytes, &mut packet).expect("`packet_bytes` is enough");
     let stream = [bytes, &packet[..length]].concat();
     assert_eq!(found(&stream, packet.len(), 7).last(), Some(&Some(bytes.to_vec())));
 });
 
-/// The messages in some bytes, `None` where a packet is damaged.
+/// The messages in some bytes, `None` for a damaged packet.
 fn found(bytes: &[u8], room: usize, piece_bytes: usize) -> Vec<Option<Vec<u8>>> {
     let (mut decoder, mut messages) = (Decoder::new(vec![0; room]), Vec::new());
     for piece in bytes.chunks(piece_bytes) {
@@ -31,7 +31,7 @@ fn found(bytes: &[u8], room: usize, piece_bytes: usize) -> Vec<Option<Vec<u8>>> 
     messages
 }
 
-/// What was understood is written as the bytes it was read from.
+/// A decoded message is encoded to the bytes it was decoded from.
 fn check(bytes: &[u8]) {
     if let Ok(message) = ToHost::parse(bytes) {
         let again = written(bytes, |packet| message.encode(packet));
@@ -40,11 +40,11 @@ fn check(bytes: &[u8]) {
             ToHost::Fault(_) => &bytes[3..],
             ToHost::Frame(_) | ToHost::Status(_) => &[],
         };
-        // What is no text ends one, and is not written again.
+        // A text ends at invalid characters, which are not encoded again.
         if std::str::from_utf8(text).is_ok() {
             assert_eq!(again, bytes);
         } else {
-            // Words and not values: a number that is none is not equal to itself.
+            // Texts are compared instead of values: NaN is not equal to itself.
             assert_eq!(format!("{:?}", ToHost::parse(&again)), format!("{:?}", Ok::<_, ()>(message)));
         }
     }

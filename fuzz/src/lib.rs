@@ -1,8 +1,8 @@
-//! What the fuzz targets call: each reader on any bytes. They return whatever a file holds as an error or a value;
-//! a panic is a finding, and so is a value that contradicts itself.
+//! The functions of the fuzz targets: each reader on arbitrary bytes. They return an error or a value for any file
+//! content; a panic is a finding, and so is an inconsistent value.
 //!
 //! `cargo +nightly fuzz run msh` from this folder's parent; `dermis/tests/fuzz_readers.rs` runs the same functions on
-//! seeded mutations of good files in the ordinary tests.
+//! seeded mutations of valid files in the ordinary tests.
 
 use dermis::design::SkinDesign;
 use dermis::frame;
@@ -94,7 +94,7 @@ fn table(data: &[u8], extension: &str) {
     });
 }
 
-/// These readers take a path. A temporary file serves.
+/// These readers take a path: a temporary file is used.
 fn in_file(data: &[u8], extension: &str, read: impl Fn(&Path)) {
     let file = tempfile::Builder::new().suffix(&format!(".{extension}")).tempfile().expect("a temporary file");
     std::fs::write(file.path(), data).expect("a temporary file can be written");

@@ -1,10 +1,11 @@
-//! What the fuzz target of the page's messages calls; `dermis-live/tests/fuzz_page.rs` runs it on seeded mutations of good ones.
+//! The function of the fuzz target of the page's messages; `dermis-live/tests/fuzz_page.rs` runs it on seeded mutations
+//! of valid ones.
 
 use dermis_live::ClientSession;
 
-/// Whatever a page says is done, or refused in words.
+/// Any message of a page is executed, or refused with an error message.
 pub fn ask(guest: &mut ClientSession, data: &[u8]) {
-    // The WebSocket hands on text alone.
+    // The WebSocket accepts only text.
     let Ok(text) = std::str::from_utf8(data) else { return };
     if let Err(why) = guest.ask(text) {
         assert!(!why.is_empty() && why.len() < 4 * data.len() + 1000, "{} bytes on {}", why.len(), data.len());

@@ -1,4 +1,5 @@
-//! What the fuzz target of recordings calls; `dermis-live/tests/fuzz_mcap.rs` runs it on seeded mutations of good files.
+//! The functions of the fuzz target of recordings; `dermis-live/tests/fuzz_mcap.rs` runs them on seeded mutations of
+//! valid files.
 
 use dermis_live::recording::{self as record, Recorded, Recording};
 use std::io::Cursor;
@@ -6,14 +7,14 @@ use std::path::Path;
 
 const NAME: &str = "fuzz.mcap";
 
-/// The reader of recordings, and what mends them.
+/// The reader of recordings, and their repair.
 #[allow(dead_code, reason = "the ordinary tests call the parts")]
 pub fn fuzz_mcap(data: &[u8]) {
     read(data);
     mend(data);
 }
 
-/// Whatever is in a recording comes as a frame, an event or an error.
+/// Any content of a recording gives a frame, an event or an error.
 pub fn read(data: &[u8]) {
     let input = Box::new(Cursor::new(data.to_vec()));
     let Ok(recording) = Recording::from_reader(input, data.len() as u64, Path::new(NAME)) else { return };
@@ -25,7 +26,7 @@ pub fn read(data: &[u8]) {
     }
 }
 
-/// What was mended is whole, and mending it again changes nothing.
+/// A repaired recording is complete, and a second repair changes nothing.
 pub fn mend(data: &[u8]) {
     let name = Path::new(NAME);
     let mut whole = Vec::new();

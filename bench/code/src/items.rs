@@ -7,12 +7,12 @@ use std::path::PathBuf;
 use syn::Visibility;
 use syn::visit::Visit;
 
-/// Where an item's name occurs outside its crate.
+/// The places outside an item's crate where its name occurs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Use {
     /// In another crate, outside tests.
     Crates,
-    /// In tests and examples alone, its own crate's included.
+    /// Only in tests and examples, including those of its own crate.
     Tests,
     Nowhere,
 }
@@ -42,7 +42,7 @@ pub fn public(files: &[SourceFile]) -> Vec<Public> {
     found
 }
 
-/// Identifiers of each crate, by whether they are in a file of tests.
+/// Identifiers of each crate, separately for files of tests and other files.
 type Names<'a> = BTreeMap<(&'a str, bool), BTreeSet<String>>;
 
 fn names_of_crates(files: &[SourceFile]) -> Names<'_> {

@@ -1,15 +1,15 @@
 //! Measures of the source: lines, lengths of functions and files, public items and their use.
 //!
-//! `cargo run --manifest-path bench/code/Cargo.toml -- [FOLDER] [--list]` prints them for the workspace in FOLDER (`.` without
-//! it); with `--list` the public items without use as well.
+//! `cargo run --manifest-path bench/code/Cargo.toml -- [FOLDER] [--list]` prints them for the workspace in FOLDER
+//! (default `.`); with `--list` also the unused public items.
 //!
-//! - A line counts unless it is blank. `code` are those that hold more than a comment.
+//! - Blank lines are not counted. `code` counts the lines that contain more than a comment.
 //! - Outside tests: not in `tests/`, `examples/` or `benches/`, nor in an item or a file under `#[cfg(test)]`.
-//! - The length of a function is that from its `fn` to its closing brace, both lines included.
-//! - The length of a file is that of all its lines.
-//! - A public item is `pub` without restriction, in a library outside tests: an item, a method or an associated constant.
-//!   It counts as used where its name occurs in another crate, or in the tests and examples of its own: an item that
-//!   shares its name with a used one counts as used too.
+//! - The length of a function is measured from its `fn` to its closing brace, both lines included.
+//! - The length of a file is the number of all its lines.
+//! - A public item is `pub` without restriction, in a library outside tests: an item, a method or an associated
+//!   constant. It counts as used if its name occurs in another crate, or in the tests and examples of its own: an item
+//!   with the same name as a used one also counts as used.
 
 mod items;
 mod source;

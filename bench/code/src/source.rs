@@ -24,7 +24,7 @@ pub struct SourceFile {
     pub length: usize,
     /// Lines outside tests, neither blank nor of an item under `#[cfg(test)]`.
     pub lines: usize,
-    /// Those of them that hold more than a comment.
+    /// The number of these lines that contain more than a comment.
     pub code: usize,
     /// Lines of tests, not blank.
     pub test_lines: usize,
@@ -32,7 +32,7 @@ pub struct SourceFile {
     pub syntax: syn::File,
 }
 
-/// All Rust files of the crates in a workspace; a folder with its own `[workspace]` is another one.
+/// All Rust files of the crates in a workspace; a folder with its own `[workspace]` is excluded.
 pub fn files(root: &Path) -> Result<Vec<SourceFile>, Box<dyn Error>> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(root)? {
@@ -98,7 +98,7 @@ fn mark_test_modules(files: &mut [SourceFile]) {
     }
 }
 
-/// The folder in which a file's modules are.
+/// The folder of a file's submodules.
 fn module_folder(path: &Path) -> PathBuf {
     let name = path.file_stem().unwrap_or_default();
     if name == "mod" || name == "lib" || name == "main" {
@@ -149,7 +149,7 @@ impl Visitor {
         self.functions.push(Function { name: signature.ident.to_string(), line, lines });
     }
 
-    /// Whether an item belongs to tests; its lines are noted.
+    /// Whether an item belongs to tests; its lines are recorded.
     fn skip(&mut self, attributes: &[syn::Attribute], item: &impl Spanned) -> bool {
         let test = is_test(attributes);
         if test {

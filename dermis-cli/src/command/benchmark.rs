@@ -119,14 +119,14 @@ impl Arguments {
             false => BenchmarkOptions { dead_electrodes, ..BenchmarkOptions::default() },
             true => {
                 let whole = Sizes::default();
-                // Seven has no divisor in common with the pictures of shipped skins, so that all columns have their turn.
+                // 7 has no common divisor with the image sizes of the shipped skins, so that all columns are used.
                 let sizes = Sizes { grid_step: 7, random: 90, pairs: 20, fours: 50, ..whole };
                 BenchmarkOptions { sizes, untouched: 2000, force_step: 7, places: 10, dead_electrodes }
             }
         }
     }
 
-    /// Resolved pairs of touches against their distance, beside the line at 90 %.
+    /// The fraction of resolved pairs of touches against their distance, with a line at 90 %.
     fn curve(&self, method: String, twins: &[BenchmarkResult]) -> Picture {
         let places = resolved(twins);
         let bar = places.iter().map(|[distance_m, _]| [1e3 * distance_m, 90.0]).collect();

@@ -74,7 +74,7 @@ impl Arguments {
         let blur = blur_share(&run.misplacements).ok_or_else(few)?;
         let before = covered(&run.misplacements, |contact| contact.stated_m);
         detection.spread = Some(PositionSpread::fit(&run.misplacements).ok_or_else(few)?);
-        // A method that was measured on touches without a force keeps what it knows of forces.
+        // A method that is calibrated on touches without a force keeps its force calibration.
         let ratios = run.misplacements.iter().filter(|contact| !contact.is_shared);
         detection.forces = Forces::fit(ratios.map(|contact| contact.newtons_per_strength)).or(detection.forces);
         if let Some(path) = &self.output {

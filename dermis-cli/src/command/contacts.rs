@@ -22,7 +22,8 @@ pub struct Arguments {
     frames: FrameArguments,
     #[command(flatten)]
     method: MethodArguments,
-    /// File to write: a table with a row per contact (.csv; theta_rad on cylinders alone), or a line of JSON per frame (.jsonl).
+    /// File to write: a table with a row per contact (.csv; theta_rad on cylinders alone), or a line of JSON per frame
+    /// (.jsonl).
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 }
@@ -30,7 +31,7 @@ pub struct Arguments {
 /// Writes the contacts of frames on a surface.
 type Format = fn(&mut dyn Write, &[Vec<Contact>], &Surface) -> std::io::Result<()>;
 
-/// A line of JSON.
+/// A frame as a line of JSON.
 #[derive(Serialize)]
 struct FrameContacts<'a> {
     frame: usize,

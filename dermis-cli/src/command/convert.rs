@@ -1,4 +1,4 @@
-//! `dermis convert`: tables of what a recording holds.
+//! `dermis convert`: conversion of a recording to tables.
 
 use crate::console::{Progress, print, print_json};
 use crate::failure::Outcome;

@@ -1,4 +1,4 @@
-//! `dermis demo`: demonstrations of the whole chain.
+//! `dermis demo`: demonstrations of the complete pipeline.
 
 use crate::console::{StudyProgress, print};
 use crate::failure::Outcome;
@@ -12,7 +12,7 @@ pub struct Arguments {
     /// What to show.
     #[arg(value_enum, default_value = "presses")]
     what: What,
-    /// The page to write; out/demo/index.html or out/demo/tank.html without it.
+    /// Page to write [default: out/demo/index.html or out/demo/tank.html]
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Seed of the simulated noise.

@@ -1,4 +1,4 @@
-//! `dermis emulate`: a twin that speaks the wire protocol.
+//! `dermis emulate`: an emulated device with the wire protocol.
 
 use crate::console::print;
 use crate::emulated::EmulatorArguments;
@@ -25,7 +25,7 @@ pub struct Arguments {
 }
 
 impl Arguments {
-    /// Serves hosts until it is interrupted.
+    /// Serves hosts until interrupted.
     pub fn run(self) -> Outcome {
         let design = SkinDesign::load(&self.design)?;
         let emulator = self.emulator.emulator(&design)?;

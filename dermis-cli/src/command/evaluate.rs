@@ -24,14 +24,14 @@ pub struct Arguments {
     frames: FrameArguments,
     #[command(flatten)]
     method: MethodArguments,
-    /// True touches, one per row: frame,z_m,theta_rad on a cylinder, frame,x_m,y_m on a flat skin, frame,x_m,y_m,z_m on a mesh;
-    /// optionally force_n.
+    /// True touches, one per row: frame,z_m,theta_rad on a cylinder, frame,x_m,y_m on a flat skin, frame,x_m,y_m,z_m on
+    /// a mesh; optionally force_n.
     #[arg(long, value_name = "FILE")]
     truth: PathBuf,
-    /// Align with the first N presses and score the others. The truth is then x,y,z (m) without a header, in the frame of the
-    /// robot that pressed, one row per frame. The first N presses determine the pose of the skin and select prior, alpha and
-    /// outlier cut (for a network the cut alone). Channels that disagree with their reciprocal channels, or whose polarity the
-    /// instrument cannot measure, are left out.
+    /// Align with the first N presses and score the others. The truth is then x,y,z (m) without a header, in the frame
+    /// of the robot that pressed, one row per frame. The first N presses determine the pose of the skin and select
+    /// prior, alpha and outlier cut (for a network the cut alone). Channels that disagree with their reciprocal
+    /// channels, or whose polarity the instrument cannot measure, are left out.
     #[arg(
         long,
         value_name = "N",
@@ -81,7 +81,8 @@ impl Arguments {
 }
 
 impl Arguments {
-    /// A frame without a touch is no error, but one too many at the end is more often a mistake in counting.
+    /// Warns about frames after the last true touch. A frame without a touch is valid, but at the end it usually
+    /// indicates a counting error.
     fn warn_of_frames_after(&self, truth: &[Vec<Contact>]) {
         let rest = frames_after_last_touch(truth);
         if !rest.is_empty() {
@@ -102,7 +103,7 @@ impl Arguments {
         if let Some(draws) = self.draws {
             let means_m = estimates.align_by_few(presses, count, draws).map_err(dermis_sim::Error::from)?;
             drop(progress);
-            return self.tell_draws(count, &means_m);
+            return self.print_draws(count, &means_m);
         }
         let align_by: Vec<usize> = (0..count).collect();
         let aligned = estimates.align(presses, &align_by).map_err(dermis_sim::Error::from)?;
@@ -121,7 +122,7 @@ impl Arguments {
 }
 
 impl Arguments {
-    fn tell_draws(&self, count: usize, means_m: &[f64]) -> Outcome {
+    fn print_draws(&self, count: usize, means_m: &[f64]) -> Outcome {
         let last = means_m.len() - 1;
         let median_m = 0.5 * (means_m[last / 2] + means_m[last - last / 2]);
         let p90_m = means_m[9 * last / 10];

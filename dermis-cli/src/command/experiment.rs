@@ -34,7 +34,7 @@ pub struct Arguments {
     json: bool,
 }
 
-/// The description of an experiment, beside its frames.
+/// The description of an experiment, stored with its frames.
 #[derive(Debug, Serialize)]
 struct Summary {
     dermis: &'static str,

@@ -10,7 +10,7 @@ use dermis_sim::touch::{GaussianTouch, touched_conductivity};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
-/// Most frames that a file of touches may ask for.
+/// Maximum number of frames from a file of touches.
 const MOST_FRAMES: f64 = 1e6;
 
 /// The arguments of `dermis forward`.
@@ -18,10 +18,12 @@ const MOST_FRAMES: f64 = 1e6;
 pub struct Arguments {
     /// Design: the path of a file, or a shipped name.
     design: String,
-    /// Conductivity of every cell in mesh order, one map per row (S on surfaces, S/m in volumes) [default: the untouched skin]
+    /// Conductivity of every cell in mesh order, one map per row (S on surfaces, S/m in volumes) [default: the
+    /// untouched skin]
     #[arg(long, value_name = "FILE")]
     conductivity: Option<PathBuf>,
-    /// Touches to simulate, one per row, with the columns of --truth of `evaluate`. Each is a Gaussian change of conductance.
+    /// Touches to simulate, one per row, with the columns of --truth of `evaluate`. Each is a Gaussian change of
+    /// conductance.
     #[arg(long, value_name = "FILE", conflicts_with = "conductivity")]
     touches: Option<PathBuf>,
     /// Relative change of conductance at the centre of a simulated touch: 1 doubles it.

@@ -1,4 +1,4 @@
-//! `dermis live`: a skin read as it is touched.
+//! `dermis live`: processing of a live skin.
 
 use crate::console::on_interrupt;
 use crate::emulated::EmulatorArguments;
@@ -16,7 +16,7 @@ use dermis_live::emulator::{Emulator, Port};
 use dermis_live::recording::Player;
 use dermis_live::sinks::jsonl;
 use dermis_live::sinks::viewer::{Server, ServerOptions};
-use dermis_live::{Control, Event, Live, LiveOptions, RecordingOptions, Taken};
+use dermis_live::{Control, Event, Live, LiveOptions, Popped, RecordingOptions};
 use std::io::IsTerminal;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
@@ -30,8 +30,8 @@ use std::time::{Duration, Instant};
 pub struct Arguments {
     /// Design: the path of a file, or a shipped name.
     design: String,
-    /// Source of frames: `emulate` (a simulated device inside this program), tcp:HOST:PORT, serial:PATH[@BAUD], or replay:FILE (a
-    /// recording, at its own rate or --speed times as fast).
+    /// Source of frames: `emulate` (a simulated device inside this program), tcp:HOST:PORT, serial:PATH[@BAUD], or
+    /// replay:FILE (a recording, at its own rate or --speed times as fast).
     #[arg(long, value_name = "SOURCE", default_value = "emulate")]
     source: String,
     #[command(flatten)]
@@ -41,8 +41,8 @@ pub struct Arguments {
     /// Detection threshold, as a multiple of the method's own [default: 1]
     #[arg(long, value_name = "TIMES")]
     threshold: Option<f64>,
-    /// Named zone with its own threshold, NAME=X,Y,Z,RADIUS,TIMES: a ball (m) and a multiple of --threshold. May be given more than
-    /// once.
+    /// Named zone with its own threshold, NAME=X,Y,Z,RADIUS,TIMES: a ball (m) and a multiple of --threshold. May be
+    /// given more than once.
     #[arg(long, value_name = "ZONE")]
     zone: Vec<String>,
     /// Frame rate [default: the device's own]
@@ -58,7 +58,8 @@ pub struct Arguments {
     /// Namespace of the ROS 2 topics, as in /left_arm.
     #[arg(long, value_name = "NAME", default_value = "", hide_default_value = true, requires = "ros2")]
     namespace: String,
-    /// Write a line of JSON per frame: `-` to standard output, tcp:127.0.0.1:PORT to every program on this machine that connects.
+    /// Write a line of JSON per frame: `-` to standard output, tcp:127.0.0.1:PORT to every program on this machine that
+    /// connects.
     #[arg(long, value_name = "WHERE")]
     jsonl: Option<String>,
     /// Address of the viewer, or `off`. Any address beyond this machine needs --token.
@@ -85,7 +86,7 @@ pub struct Arguments {
 const WAITING: usize = 1 << 16;
 
 impl Arguments {
-    /// Reads the skin until it is interrupted.
+    /// Reads the skin until interrupted.
     pub fn run(self) -> Outcome {
         self.check_folders()?;
         let methods = {
@@ -108,7 +109,7 @@ impl Arguments {
         let sinks = self.open(&control)?;
         let counted = self.watch(&live)?;
         self.close(live, emulator, &control, sinks)?;
-        counted.tell(self.latency.as_deref(), self.json)
+        counted.show(self.latency.as_deref(), self.json)
     }
 
     /// Refuses output files in missing folders before anything starts.
@@ -236,11 +237,11 @@ impl Arguments {
         let line = crate::console::StatusLine::new();
         while !ended.load(Ordering::Relaxed) {
             match mailbox.take(Duration::from_millis(100)) {
-                Taken::Item(Event::Frame(frame)) => latencies.take(&frame),
-                Taken::Item(Event::Notice(notice)) => line.print(&summary(notice.level, &notice.text)),
-                Taken::Item(Event::Lost(why)) => line.print(&summary(Severity::Error, &why)),
-                Taken::Item(_) | Taken::TimedOut => {}
-                Taken::Closed => break,
+                Popped::Item(Event::Frame(frame)) => latencies.take(&frame),
+                Popped::Item(Event::Notice(notice)) => line.print(&summary(notice.level, &notice.text)),
+                Popped::Item(Event::Lost(why)) => line.print(&summary(Severity::Error, &why)),
+                Popped::Item(_) | Popped::TimedOut => {}
+                Popped::Closed => break,
             }
             if shown.elapsed() > Duration::from_millis(200) {
                 shown = Instant::now();
@@ -270,11 +271,11 @@ impl Arguments {
             write_whole(path, |out| out.write_all(text.as_bytes()))?;
         }
         sinks.lines.into_iter().for_each(|lines| wait_a_moment(&lines));
-        let Some((path, told)) = taped else { return Ok(()) };
-        if let Some(problem) = told.problem {
+        let Some((path, ended)) = taped else { return Ok(()) };
+        if let Some(problem) = ended.problem {
             return Err(Failure::given(format!("the recording ended early: {problem}"), None));
         }
-        eprintln!("{}: {} frames, {:.1} s", path.display(), told.written.frames, told.written.seconds);
+        eprintln!("{}: {} frames, {:.1} s", path.display(), ended.written.frames, ended.written.seconds);
         Ok(())
     }
 }

@@ -1,4 +1,4 @@
-//! The commands: a module for each, with its arguments.
+//! The commands: one module each, with its arguments.
 
 pub mod benchmark;
 mod calibrate;
@@ -53,7 +53,7 @@ pub enum Command {
     Export(export::Arguments),
     /// Run a demonstration: 900 simulated presses on the paper's skin, or recordings of a real tank; writes a report.
     Demo(demo::Arguments),
-    /// Reproduce the paper on digital twins: its figures and pictures beside the stated ones; writes a report.
+    /// Reproduce the paper on digital twins, compare its figures and pictures with the results, and write a report.
     Reproduce(reproduce::Arguments),
     /// Generate a training dataset: random touches, frames, images and ground truth.
     Simulate(simulate::Arguments),
@@ -61,7 +61,7 @@ pub enum Command {
     Train(train::Arguments),
     /// Read a live skin: contacts, a viewer page, recordings, ROS 2.
     Live(live::Arguments),
-    /// Run a simulated device that speaks the wire protocol.
+    /// Run a simulated device with the wire protocol.
     Emulate(emulate::Arguments),
     /// Recompute the contacts of a recording.
     Replay(replay::Arguments),

@@ -25,7 +25,7 @@ enum BodyKind {
     Cylinder,
     Disk,
     Rectangle,
-    /// A body from a mesh file: a forearm, whose file is written beside the design.
+    /// A body from a mesh file: a forearm; its file is written next to the design.
     Mesh,
 }
 

@@ -25,19 +25,19 @@ pub struct Arguments {
     /// What to draw.
     #[arg(long, value_enum, default_value = "electrodes")]
     what: What,
-    /// View; without it unrolled where the body has a flat layout, else in space.
+    /// View [default: unrolled where the body has a flat layout, else 3d]
     #[arg(long, value_enum)]
     view: Option<ViewName>,
     /// Images, as `dermis reconstruct` writes them.
     #[arg(long, value_name = "FILE", conflicts_with = "frames")]
     images: Option<PathBuf>,
-    /// Frames to reconstruct, a row each (CSV, NPY or NPZ; ohm).
+    /// Frames to reconstruct, one per row (CSV, NPY or NPZ; ohm).
     #[arg(long, value_name = "FILE")]
     frames: Option<PathBuf>,
-    /// Untouched frames, a row each; their mean is subtracted.
+    /// Untouched frames, one per row; their mean is subtracted.
     #[arg(long, value_name = "FILE", requires = "frames", conflicts_with = "difference")]
     baseline: Option<PathBuf>,
-    /// The frames are differences from the untouched skin already.
+    /// The frames are differences from the untouched skin.
     #[arg(long, requires = "frames")]
     difference: bool,
     #[command(flatten)]
@@ -45,7 +45,7 @@ pub struct Arguments {
     /// Number of the image or frame, from 0 (for `--what image`).
     #[arg(long, default_value_t = 0)]
     frame: usize,
-    /// True places of the touches (for `--what image` and `--what localisation`), as for `dermis evaluate`.
+    /// True positions of the touches (for `--what image` and `--what localisation`), as for `dermis evaluate`.
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
     /// Picture to write: .svg or .png.
@@ -53,18 +53,18 @@ pub struct Arguments {
     output: PathBuf,
 }
 
-/// What there is to draw.
+/// Content of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum What {
     /// The cells and the electrodes.
     Mesh,
     /// The electrodes with their numbers.
     Electrodes,
-    /// Sensitivity of a frame to a small touch at each place.
+    /// Sensitivity of a frame to a small touch at each position.
     Sensitivity,
-    /// An image with the contacts found in it, and with the true places where --truth gives them.
+    /// An image with its detected contacts, and with the true positions of --truth.
     Image,
-    /// True places, estimates and the errors between them.
+    /// True positions, estimates and the errors between them.
     Localisation,
 }
 
@@ -72,7 +72,7 @@ enum What {
 enum ViewName {
     /// Laid out flat.
     Unrolled,
-    /// In space, from as many sides as show every electrode and contact.
+    /// In space, from enough sides to show every electrode and contact.
     #[value(name = "3d")]
     Solid,
 }
@@ -180,15 +180,15 @@ impl Arguments {
 /// Images to draw.
 struct Seen {
     images: Vec<Image>,
-    /// What their values are.
+    /// Quantity of the values.
     quantity: Quantity,
-    /// The detector that knows their noise.
+    /// A detector calibrated to their noise.
     detector: Detector,
-    /// How they were made, for people.
+    /// Description of the method.
     how: String,
 }
 
-/// The true places of the touches of each frame.
+/// The true positions of the touches of each frame.
 fn read_touches(path: &Path, design: &SkinDesign, mesh: &Mesh, frame_count: usize) -> Outcome<Vec<Vec<Contact>>> {
     match read_truth(path, &mesh.place_limits(design.body.surface()), frame_count)? {
         Truth::OnSkin(touches) => Ok(touches),
@@ -222,7 +222,7 @@ fn read_images(path: &Path, design: &SkinDesign, mesh: &Mesh) -> Outcome<Vec<Ima
     Ok(values.chunks_exact(size.max(1)).map(image).collect())
 }
 
-/// A format of pictures.
+/// Format of a picture file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Format {
     Svg,
@@ -242,10 +242,10 @@ impl Format {
     }
 }
 
-/// Dots per pixel of a PNG: sharp on screens of high resolution and on paper.
+/// Dots per pixel of a PNG, for high-resolution screens and print.
 const PNG_SCALE: f64 = 2.0;
 
-/// A picture that cannot be drawn as asked for.
+/// The error of a picture that cannot be drawn.
 fn not_drawn(error: PlotError) -> Failure {
     let fix = matches!(error, PlotError::NoFlatLayout).then_some("ask for the view in space: --view 3d");
     Failure::given(error, fix)

@@ -24,8 +24,8 @@ pub struct Arguments {
     /// Elements of an image.
     #[arg(long, value_enum, default_value_t = Per::Pixel)]
     per: Per,
-    /// Images to write: NPY or NPZ, frames x rows x columns (NaN outside the body) or frames x cells; CSV, one image per row; VTU (ParaView), the mesh with a
-    /// field per image.
+    /// Images to write: NPY or NPZ, frames x rows x columns (NaN outside the body) or frames x cells; CSV, one image
+    /// per row; VTU (ParaView), the mesh with a field per image.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 }

@@ -1,4 +1,4 @@
-//! `dermis recover`: a whole recording of what an interrupted one holds.
+//! `dermis recover`: repair of a truncated recording.
 
 use crate::console::{Progress, print, print_json};
 use crate::failure::Outcome;
@@ -33,7 +33,7 @@ impl Arguments {
     }
 
     fn summary(&self, recovered: &Recovered) -> String {
-        let Recovered { messages, frames, seconds, was_whole, cut_bytes, ref damaged, homeless } = *recovered;
+        let Recovered { messages, frames, seconds, was_whole, cut_bytes, ref damaged, without_topic } = *recovered;
         let mut text = format!("{}: {frames} frames, {messages} messages, {seconds:.1} s\n", self.output.display());
         if was_whole {
             text += "the recording was whole: nothing was left out\n";
@@ -46,8 +46,8 @@ impl Arguments {
         for place in damaged {
             text += &format!("left out: {place}\n");
         }
-        if homeless > 0 {
-            text += &format!("left out: {homeless} messages on topics whose names are lost\n");
+        if without_topic > 0 {
+            text += &format!("left out: {without_topic} messages on topics whose names are lost\n");
         }
         text
     }

@@ -1,4 +1,4 @@
-//! `dermis replay`: the contacts of a recording, made anew from the device's own messages.
+//! `dermis replay`: the contacts of a recording, recomputed from the messages of the device.
 
 use crate::console::{Progress, print};
 use crate::failure::{Failure, Outcome};

@@ -17,34 +17,34 @@ pub struct Arguments {
     /// Digital twin: the path of a file, or a shipped name (ideal, lab, harsh).
     #[arg(long, value_name = "TWIN", default_value = "lab")]
     twin: String,
-    /// The folder of a network of `dermis train` to compare with the linear methods; may be given more than once. Without it,
-    /// scale `paper` trains its own networks and the others use the shipped ones.
+    /// Folder of a network of `dermis train` to compare with the linear methods; may be given more than once. Without
+    /// it, scale `paper` trains its own networks and the others use the shipped ones.
     #[arg(long = "method", value_name = "FOLDER")]
     models: Vec<PathBuf>,
-    /// How large.
+    /// Scale of the reproduction.
     #[arg(long, value_enum, default_value = "quick")]
     scale: Scale,
-    /// The folder for index.html and report.json.
+    /// Folder for index.html and report.json.
     #[arg(short, long, value_name = "DIR", default_value = "report")]
     output: PathBuf,
-    /// Print the numbers as JSON in place of tables.
+    /// Print the numbers as JSON instead of tables.
     #[arg(long)]
     json: bool,
 }
 
-/// How large a reproduction is.
+/// Scale of a reproduction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Scale {
-    /// One twin and a few dozen presses, in seconds: to see the page, not for its figures.
+    /// One twin and a few dozen presses, in seconds: a preview of the page, not for its figures.
     Glance,
-    /// Two twins, the whole grid and a third of all else; at most five minutes on two cores.
+    /// Two twins, the whole grid and a third of everything else; at most five minutes on two cores.
     Quick,
     /// Ten twins, every press of the paper and more.
     Paper,
 }
 
 impl Arguments {
-    /// Makes the page and the numbers.
+    /// Computes the numbers and writes the page.
     pub fn run(self) -> Outcome {
         let program = std::env::current_exe();
         let program =

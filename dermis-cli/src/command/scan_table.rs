@@ -1,4 +1,4 @@
-//! `dermis scan-table`: what an instrument reads, in which order.
+//! `dermis scan-table`: the scan table of a skin, for firmware.
 
 use crate::console::print;
 use crate::failure::Outcome;

@@ -301,7 +301,7 @@ impl Arguments {
         ))
     }
 
-    /// Refuses a design that the dataset was not made from.
+    /// Rejects a design that differs from that of the dataset.
     fn check_design(&self, folder: &Path) -> Outcome {
         match &self.design {
             Some(name) => Ok(Record::read(folder)?.check_design(folder, &SkinDesign::text_of(name)?)?),

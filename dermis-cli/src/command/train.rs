@@ -88,8 +88,8 @@ enum NetworkName {
     PaperOtherwise,
     /// A linear layer refined by convolutions, trained with domain randomization.
     Best,
-    /// For uncalibrated instruments: input normalised by the size of the frame, strong domain randomization instead of a twin's
-    /// noise.
+    /// For uncalibrated instruments: input normalised by the size of the frame, strong domain randomization instead of
+    /// a twin's noise.
     Shapes,
 }
 
@@ -227,7 +227,7 @@ impl Arguments {
             let number = trainer.epochs().len() + 1;
             let progress = Progress::with_rate("", (trainer.steps_per_epoch() * batch) as u64);
             let epoch = trainer.epoch(|loss| {
-                progress.tell(&format!("epoch {number}, loss {loss:.3e}"));
+                progress.show(&format!("epoch {number}, loss {loss:.3e}"));
                 progress.steps(batch as u64);
             })?;
             drop(progress);

@@ -1,6 +1,6 @@
-//! The pages of the documentation, their blocks and tables, and commands run as a reader runs them.
+//! The pages of the documentation, their blocks and tables, and a shell to run their commands.
 
-// Every test program has a copy of its own and needs some of it.
+// Every test program compiles its own copy and uses a part of it.
 #![allow(dead_code)]
 
 use std::fs;
@@ -28,7 +28,7 @@ pub struct Block<'a> {
 pub struct Table<'a> {
     /// Its first line, from 1.
     pub line: usize,
-    /// What follows `table:` in the comment before it, or in `<!-- tables: stated -->` for all tables of the page.
+    /// The text after `table:` in the comment before it, or in `<!-- tables: stated -->` for all tables of the page.
     pub mark: Option<&'a str>,
     pub head: Vec<String>,
     pub rows: Vec<Vec<String>>,
@@ -45,7 +45,7 @@ pub fn page(name: &str) -> Page {
     Page { name: name.to_owned(), text }
 }
 
-/// README.md, the other pages beside it, and the book.
+/// README.md, the other pages in the same folder, and the book.
 pub fn pages() -> Vec<Page> {
     let mut names: Vec<String> =
         ["README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md", "data/README.md"].map(String::from).into();
@@ -120,7 +120,7 @@ impl Page {
     }
 }
 
-/// The cells of a row; `\|` is a character of a cell.
+/// The cells of a row; `\|` is an escaped character.
 fn cells(row: &str) -> Vec<String> {
     let row = row.replace("\\|", "\u{1}");
     row.trim_matches('|').split('|').map(|cell| cell.trim().replace('\u{1}', "|")).collect()
@@ -136,7 +136,7 @@ pub fn dermis() -> &'static Path {
     Path::new(env!("CARGO_BIN_EXE_dermis"))
 }
 
-/// A folder in which commands run, one after the other.
+/// A folder in which commands run in sequence.
 pub struct Shell {
     folder: TempDir,
 }
@@ -146,7 +146,7 @@ impl Shell {
         Shell { folder: tempfile::tempdir().expect("a folder") }
     }
 
-    /// Runs a script with `dermis` on the path; what it prints.
+    /// Runs a script with `dermis` on the path; returns its output.
     pub fn run(&self, script: &str) -> String {
         let folder = dermis().parent().expect("a program lies in a folder");
         let path = format!("{}:{}", folder.display(), std::env::var("PATH").unwrap_or_default());
@@ -158,8 +158,8 @@ impl Shell {
     }
 }
 
-/// Checks that all shown lines are in the output, in order: the same words, and numbers equal within their printed precision.
-/// `...` stands for any lines; the time that a command took is not compared.
+/// Checks that all shown lines are in the output, in order: the same words, and numbers equal within their printed
+/// precision. `...` stands for any lines; elapsed times are not compared.
 pub fn assert_shown(shown: &str, printed: &str, place: &str) {
     let mut rest = printed.lines();
     let is_rule = |line: &str| line.chars().all(|c| c == '-' || c.is_whitespace());
@@ -216,8 +216,8 @@ fn agree(shown: &[Token<'_>], printed: &[Token<'_>]) -> bool {
         })
 }
 
-/// Half a unit of the last decimal where the page has fewer than the output, else one unit. Counts are exact. Numbers written in
-/// full may differ by rounding between processors.
+/// Half a unit of the last decimal if the page has fewer decimals than the output, else one unit. Counts are exact.
+/// Numbers printed in full may differ by rounding between processors.
 fn precision(value: f64, decimals: usize, printed: usize) -> f64 {
     const FULL: usize = 7;
     let unit = 10f64.powi(-i32::try_from(decimals).expect("few decimals"));
@@ -229,7 +229,7 @@ fn precision(value: f64, decimals: usize, printed: usize) -> f64 {
     }
 }
 
-/// Compares a cell such as `4.25 (4.32)` with numbers: as many as the cell has, within its precision.
+/// Compares the numbers of a cell such as `4.25 (4.32)` with printed numbers, within its precision.
 pub fn assert_cell(cell: &str, printed: &[&str], place: &str) {
     let shown: Vec<&str> = cell.split([' ', '(', ')', '*']).filter(|word| !word.is_empty()).collect();
     assert!(!shown.is_empty() && shown.len() <= printed.len(), "{place}: `{cell}`");

@@ -1,14 +1,14 @@
 //! A folder to run commands in, with a small skin.
 
-// Every test program has a copy of its own and needs some of it.
+// Every test program compiles its own copy and uses a part of it.
 #![allow(dead_code)]
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use tempfile::TempDir;
 
-/// The design `disk.toml`: 8 arcs on the rim of a disk, 8 x 5 = 40 values; of 8 x 8 pixels those outside the disk do not
-/// exist.
+/// The design `disk.toml`: 8 arcs on the rim of a disk, 8 x 5 = 40 values; of 8 x 8 pixels, those outside the disk are
+/// omitted.
 pub const DISK: &str = r#"
 [body.disk]
 diameter_m = 0.1
@@ -29,20 +29,20 @@ max_edge_m = 0.01
 electrode_edge_m = 0.0025
 "#;
 
-/// A folder to work in, gone when it is dropped.
+/// A temporary working folder, removed when dropped.
 pub struct Workplace {
     folder: TempDir,
 }
 
 impl Workplace {
-    /// With the design `disk.toml` in it.
+    /// A folder with the design `disk.toml`.
     pub fn new() -> Self {
         let workplace = Workplace::empty();
         workplace.write("disk.toml", DISK);
         workplace
     }
 
-    /// With nothing in it.
+    /// An empty folder.
     pub fn empty() -> Self {
         Workplace { folder: tempfile::tempdir().unwrap() }
     }
@@ -65,7 +65,7 @@ impl Workplace {
         let mut command = Command::new(env!("CARGO_BIN_EXE_dermis"));
         command.args(arguments.split_whitespace()).current_dir(self.folder.path());
         command.stdout(Stdio::piped()).stderr(Stdio::piped());
-        // Colours and wrapped lines would depend on where the test runs.
+        // Colours and line wrapping would depend on the terminal.
         command.env("NO_COLOR", "1");
         command
     }
@@ -74,7 +74,7 @@ impl Workplace {
         self.command(arguments).output().unwrap()
     }
 
-    /// Runs a command that must succeed; what it prints.
+    /// Runs a command that must succeed; returns its output.
     pub fn good(&self, arguments: &str) -> String {
         let output = self.run(arguments);
         let stderr = String::from_utf8_lossy(&output.stderr);
@@ -88,7 +88,7 @@ impl Workplace {
         serde_json::from_str(&self.good(arguments)).unwrap()
     }
 
-    /// Runs a command that must refuse what it is given; what it says, on one line.
+    /// Runs a command that must fail with exit code 2; returns its message on one line.
     pub fn refused(&self, arguments: &str) -> String {
         let output = self.run(arguments);
         let stderr = String::from_utf8_lossy(&output.stderr);

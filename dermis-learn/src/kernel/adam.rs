@@ -2,26 +2,26 @@
 
 use pulp::{Simd, WithSimd};
 
-/// Adam's numbers.
+/// Parameters of Adam.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AdamOptions {
     /// Decay of the mean gradient.
     pub beta1: f32,
     /// Decay of the mean square.
     pub beta2: f32,
-    /// Added to the root of the mean square.
+    /// Added to the square root of the mean square.
     pub epsilon: f32,
 }
 
 impl Default for AdamOptions {
-    /// Those of Keras.
+    /// Keras' defaults.
     fn default() -> Self {
         AdamOptions { beta1: 0.9, beta2: 0.999, epsilon: 1e-7 }
     }
 }
 
 impl AdamOptions {
-    /// The rate of step `step` (from 1 on), corrected for means that began at zero.
+    /// The learning rate of step `step` (from 1), corrected for moving averages that start at zero.
     pub fn corrected(&self, rate: f32, step: u64) -> f32 {
         let (first, second) = (f64::from(self.beta1).powf(step as f64), f64::from(self.beta2).powf(step as f64));
         (f64::from(rate) * (1.0 - second).sqrt() / (1.0 - first)) as f32
@@ -31,17 +31,17 @@ impl AdamOptions {
 /// One step of some values.
 #[derive(Debug)]
 pub struct AdamStep<'a> {
-    /// Adam's numbers.
+    /// Parameters of Adam.
     pub options: AdamOptions,
-    /// The corrected rate.
+    /// The corrected learning rate.
     pub rate: f32,
-    /// What is learned.
+    /// The trained values.
     pub values: &'a mut [f32],
-    /// The gradient of the loss by each.
+    /// The gradient of the loss with respect to each value.
     pub gradient: &'a [f32],
-    /// Its mean.
+    /// Moving average of the gradient.
     pub mean: &'a mut [f32],
-    /// The mean of its square.
+    /// Moving average of its square.
     pub square: &'a mut [f32],
 }
 

@@ -1,8 +1,8 @@
-//! Convolutions of 3 x 3 pixels over a picture whose columns may close to a ring.
+//! Convolutions of 3 x 3 pixels over an image, optionally with periodic columns.
 //!
-//! A picture lies in memory as `[row][column][channel]` with a border one pixel wide all round: rows above and below are
-//! zero, columns beside repeat the other end where the picture is a ring and are zero where it is not. With the border
-//! filled, every pixel is computed alike.
+//! An image is stored as `[row][column][channel]` with a border one pixel wide: rows above and below are zero; columns
+//! at the sides are copies of the opposite end if the columns are periodic, else zero. With the border filled, every
+//! pixel is computed in the same way.
 
 use pulp::{Simd, WithSimd};
 
@@ -12,40 +12,40 @@ pub const TAPS: usize = 9;
 /// Neighbouring pixels that are computed together, each with a vector of sums in a register.
 const TOGETHER: usize = 15;
 
-/// The shape of a picture.
+/// The shape of an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shape {
     /// Rows.
     pub rows: usize,
     /// Columns.
     pub columns: usize,
-    /// Whether the last column is the first one's neighbour.
+    /// Whether the last column is adjacent to the first.
     pub is_ring: bool,
 }
 
 impl Shape {
-    /// Pixels without the border.
+    /// Number of pixels without the border.
     pub fn pixels(&self) -> usize {
         self.rows * self.columns
     }
 
-    /// Pixels of a row with its border.
+    /// Number of pixels of a row with its border.
     fn stride(&self) -> usize {
         self.columns + 2
     }
 
-    /// Values of a picture with its border.
+    /// Number of values of an image with its border.
     pub fn bordered(&self, channels: usize) -> usize {
         (self.rows + 2) * self.stride() * channels
     }
 
-    /// Where the pixels of a row lie in a bordered picture.
+    /// The range of the pixels of a row in a bordered image.
     pub fn row(&self, row: usize, channels: usize) -> std::ops::Range<usize> {
         let start = ((row + 1) * self.stride() + 1) * channels;
         start..start + self.columns * channels
     }
 
-    /// Copies a picture without a border into one with it.
+    /// Copies an image without a border into one with a border.
     pub fn put(&self, values: &[f32], channels: usize, picture: &mut [f32]) {
         for (row, values) in values.chunks_exact(self.columns * channels).enumerate() {
             picture[self.row(row, channels)].copy_from_slice(values);
@@ -53,14 +53,14 @@ impl Shape {
         self.fill_border(picture, channels);
     }
 
-    /// Copies a picture with its border into one without.
+    /// Copies an image with a border into one without.
     pub fn take(&self, picture: &[f32], channels: usize, values: &mut [f32]) {
         for (row, values) in values.chunks_exact_mut(self.columns * channels).enumerate() {
             values.copy_from_slice(&picture[self.row(row, channels)]);
         }
     }
 
-    /// Fills the columns of the border; its rows above and below are never written and stay zero.
+    /// Fills the columns of the border; the rows above and below are never written and stay zero.
     pub fn fill_border(&self, picture: &mut [f32], channels: usize) {
         if !self.is_ring {
             return;
@@ -73,13 +73,13 @@ impl Shape {
     }
 }
 
-/// `output[pixel] = bias + sum over taps and channels of input[pixel + tap] weight[tap]`, where output channels fill whole
-/// vectors (a multiple of 16).
+/// `output[pixel] = bias + sum over taps and channels of input[pixel + tap] weight[tap]`, for numbers of output
+/// channels that fill whole vectors (a multiple of 16).
 #[derive(Debug)]
 pub struct Wide<'a> {
-    /// The pictures' shape.
+    /// The shape of the images.
     pub shape: Shape,
-    /// Bordered.
+    /// With border.
     pub input: &'a [f32],
     /// Channels of the input and the output.
     pub channels: [usize; 2],
@@ -87,20 +87,20 @@ pub struct Wide<'a> {
     pub weight: &'a [f32],
     /// One for each output channel, or none.
     pub bias: Option<&'a [f32]>,
-    /// Bordered; the border is not written.
+    /// With border; the border is not written.
     pub output: &'a mut [f32],
-    /// What is done with a sum before it is stored.
+    /// The function applied to a sum before it is stored.
     pub last: Last<'a>,
 }
 
-/// What is done with a sum.
+/// The function applied to a sum.
 #[derive(Debug, Clone, Copy)]
 pub enum Last<'a> {
-    /// Nothing.
+    /// None.
     Keep,
-    /// Below zero it becomes zero.
+    /// A rectifier: negative sums become zero.
     Relu,
-    /// It becomes zero where this picture is not positive: a rectifier's gradient.
+    /// The gradient of a rectifier: the sum becomes zero where this image is not positive.
     Where(&'a [f32]),
 }
 
@@ -109,7 +109,7 @@ impl WithSimd for Wide<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        // The number of input channels as a constant lets all pixels of a block share one address.
+        // With the number of input channels as a constant, all pixels of a block share one address.
         match self.channels[0] {
             1 => wide(simd, self, 1),
             4 => wide(simd, self, 4),
@@ -165,7 +165,7 @@ fn finish<S: Simd>(simd: S, last: Last<'_>, at: usize, sum: S::f32s) -> S::f32s 
     }
 }
 
-/// Values in a vector.
+/// Number of values in a vector.
 fn lanes<S: Simd>() -> usize {
     size_of::<S::f32s>() / size_of::<f32>()
 }
@@ -202,12 +202,12 @@ impl<S: Simd> Block<'_, S> {
     }
 }
 
-/// The same where there are few output channels and the input's fill whole vectors.
+/// The same for few output channels, with a number of input channels that fills whole vectors.
 #[derive(Debug)]
 pub struct Narrow<'a> {
-    /// The pictures' shape.
+    /// The shape of the images.
     pub shape: Shape,
-    /// Bordered.
+    /// With border.
     pub input: &'a [f32],
     /// Channels of the input and the output.
     pub channels: [usize; 2],
@@ -215,7 +215,7 @@ pub struct Narrow<'a> {
     pub weight: &'a [f32],
     /// One for each output channel, or none.
     pub bias: Option<&'a [f32]>,
-    /// Bordered; the border is not written.
+    /// With border; the border is not written.
     pub output: &'a mut [f32],
 }
 
@@ -234,7 +234,7 @@ impl WithSimd for Narrow<'_> {
                     let mut sums = [simd.splat_f32s(0.0); 3];
                     for (line, weight) in weight.chunks_exact(3 * vectors).enumerate() {
                         let from = ((row + line) * shape.stride() + column) * vectors;
-                        // Three neighbours in a row lie side by side.
+                        // Three neighbours in a row are contiguous.
                         let pixels = &input[from..from + 3 * vectors];
                         for (value, weight) in pixels.iter().zip(weight) {
                             sums[line] = simd.mul_add_e_f32s(*value, *weight, sums[line]);
@@ -248,15 +248,15 @@ impl WithSimd for Narrow<'_> {
     }
 }
 
-/// Adds the gradient of the weights: `gradient[tap] += sum over pixels of input[pixel + tap] error[pixel]`, where the
-/// error's channels fill whole vectors.
+/// Adds the gradient of the weights: `gradient[tap] += sum over pixels of input[pixel + tap] error[pixel]`, for numbers
+/// of error channels that fill whole vectors.
 #[derive(Debug)]
 pub struct WeightGradient<'a> {
-    /// The pictures' shape.
+    /// The shape of the images.
     pub shape: Shape,
-    /// Bordered.
+    /// With border.
     pub input: &'a [f32],
-    /// Bordered, of the output's channels.
+    /// With border, with the output's channels.
     pub error: &'a [f32],
     /// Channels of the input and the output.
     pub channels: [usize; 2],
@@ -348,7 +348,7 @@ mod tests {
         picture
     }
 
-    /// A value of a picture without a border, zero outside of it.
+    /// A value of an image without a border, zero outside of it.
     fn at(shape: Shape, channels: usize, values: &[f32], row: isize, column: isize, channel: usize) -> f64 {
         let columns = shape.columns as isize;
         let column = if shape.is_ring { column.rem_euclid(columns) } else { column };

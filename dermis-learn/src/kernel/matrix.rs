@@ -4,7 +4,7 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 use pulp::{Simd, WithSimd};
 
-/// Threads for a product: those of the pool that the caller runs in.
+/// Threads for a product: those of the caller's thread pool.
 fn threads() -> Par {
     match rayon::current_num_threads() {
         1 => Par::Seq,
@@ -33,8 +33,9 @@ pub fn product_with_transpose(out: &mut [f32], left: &[f32], right: &[f32], [row
     matmul(MatMut::from_row_major_slice_mut(out, rows, columns), Accum::Replace, left, right, 1.0, threads());
 }
 
-/// One row times a matrix, `out = bias + input weight`, negative sums cut off where asked. Rows of the weight whose input
-/// is zero are never read: after a rectifier that is half of them, and a single product is as fast as its memory.
+/// One row times a matrix, `out = bias + input weight`, optionally with a rectifier. Rows of the weight whose input is
+/// zero are not read: after a rectifier these are about half of them, and the speed of a single product is limited by
+/// memory.
 #[derive(Debug)]
 pub struct RowProduct<'a> {
     /// One value per row of the weight.
@@ -43,7 +44,7 @@ pub struct RowProduct<'a> {
     pub weight: &'a [f32],
     /// One value per output.
     pub bias: &'a [f32],
-    /// Whether outputs below zero become zero.
+    /// Whether a rectifier follows.
     pub relu: bool,
     /// One value per output.
     pub output: &'a mut [f32],

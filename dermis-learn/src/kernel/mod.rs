@@ -1,13 +1,14 @@
-//! The arithmetic of networks, in single precision: products of matrices, convolutions of pictures, sums over batches.
+//! The arithmetic of networks, in single precision: matrix products, convolutions, sums over batches.
 //!
-//! Loops over vectors are `pulp::WithSimd` implementations, compiled for every instruction set and chosen at run time.
+//! Loops over vectors are `pulp::WithSimd` implementations, compiled for every instruction set and selected at run
+//! time.
 
 pub mod adam;
 pub mod conv2d;
 pub mod matrix;
 pub mod norm;
 
-/// Runs an operation with the best instructions of this machine.
+/// Runs an operation with the best instruction set of this machine.
 pub fn run<O: pulp::WithSimd>(operation: O) -> O::Output {
     pulp::Arch::new().dispatch(operation)
 }

@@ -4,11 +4,11 @@
 
 use crate::onnx::protobuf::Message;
 
-/// The set of operators that a file asks for: old, so that many programs read it, and the first of those whose forms of
-/// what is used here are still read as written.
+/// The operator set version of the file: old, so that many programs can read it, and the first one whose definitions of
+/// the operators used here have not changed since.
 pub(super) const OPERATOR_SET: i64 = 13;
 
-/// The version of the format that came with that set (ONNX 1.8, November 2020).
+/// The format version released with that operator set (ONNX 1.8, November 2020).
 const FORMAT_VERSION: i64 = 7;
 
 const FLOAT: i64 = 1;
@@ -17,13 +17,13 @@ const INT64: i64 = 7;
 /// An attribute of an operation.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Attribute<'a> {
-    /// A whole number.
+    /// An integer.
     Integer(i64),
-    /// Several.
+    /// Several integers.
     Integers(&'a [i64]),
 }
 
-/// A graph being written; values are known by name.
+/// A graph that is being built; values are identified by name.
 #[derive(Debug, Default)]
 pub(super) struct Graph {
     body: Message,
@@ -31,16 +31,16 @@ pub(super) struct Graph {
 }
 
 impl Graph {
-    /// Adds a constant of floats and gives its name.
+    /// Adds a constant of floats and returns its name.
     ///
     /// # Panics
-    /// Where the shape does not hold as many values.
+    /// If the shape does not match the number of values.
     pub fn floats(&mut self, name: &str, shape: &[usize], values: &[f32]) -> String {
         assert_eq!(shape.iter().product::<usize>(), values.len(), "the shape of {name}");
         self.constant(name, shape, FLOAT, &values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>())
     }
 
-    /// Adds a constant list of whole numbers and gives its name.
+    /// Adds a constant list of integers and returns its name.
     pub fn integers(&mut self, name: &str, values: &[i64]) -> String {
         let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
         self.constant(name, &[values.len()], INT64, &bytes)
@@ -53,7 +53,7 @@ impl Graph {
         name.into()
     }
 
-    /// Adds an operation and gives its output's name.
+    /// Adds an operation and returns its output's name.
     pub fn operation(
         &mut self,
         kind: &str,
@@ -97,7 +97,7 @@ fn attribute(name: &str, value: Attribute<'_>) -> Message {
     }
 }
 
-/// The type of an input or output: floats, a row for each frame.
+/// The type of an input or output: floats, one row per frame.
 fn value(name: &str, size: usize) -> Message {
     let frames = Message::default().text(2, "frames");
     let size = Message::default().integer(1, size as i64);

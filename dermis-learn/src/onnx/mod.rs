@@ -1,7 +1,7 @@
-//! A network as an ONNX file, so that other programs can run it: <https://onnx.ai>.
+//! Export of a network as an ONNX file, for other programs: <https://onnx.ai>.
 //!
-//! The graph takes differences in ohm, float32, `[frames, channels]`, and gives images `[frames, pixels]`; whatever a model
-//! does to its input stands at the graph's beginning.
+//! The input of the graph is differences in ohm, float32, `[frames, channels]`, the output images `[frames, pixels]`;
+//! the model's input normalisation is at the start of the graph.
 
 mod graph;
 mod protobuf;
@@ -18,12 +18,12 @@ use graph::{Attribute, Graph};
 /// The end of a slice that goes to the end.
 const TO_THE_END: i64 = i64::MAX;
 
-/// The axis of a picture's columns, where it lies as `[frame, channel, row, column]`.
+/// The axis of an image's columns, in the layout `[frame, channel, row, column]`.
 const COLUMNS: i64 = 3;
 
 impl Model {
-    /// The bytes of an ONNX file that makes images of differences as the model does: opset 13, one input `difference_ohm`,
-    /// one output `image`; the card is kept in its metadata as `card`.
+    /// The bytes of an ONNX file that computes images of differences like the model: opset 13, one input
+    /// `difference_ohm`, one output `image`; the card is stored in its metadata as `card`.
     pub fn to_onnx(&self) -> Vec<u8> {
         let card = self.card();
         let text = serde_json::to_string(card).expect("a card is JSON");
@@ -31,7 +31,7 @@ impl Model {
     }
 }
 
-/// An ONNX file with notes in its metadata.
+/// An ONNX file with entries in its metadata.
 fn file(input: &Input, network: &Network, target: Target, channels: usize, notes: &[(&str, String)]) -> Vec<u8> {
     let mut graph = Graph::default();
     let value = add_input(&mut graph, input, channels, "difference_ohm");
@@ -51,10 +51,10 @@ fn file(input: &Input, network: &Network, target: Target, channels: usize, notes
     graph.into_file("dermis", [("difference_ohm", channels), ("image", network.plan().outputs())], notes)
 }
 
-/// Adds what happens to the channels before the network: means, normalisation.
+/// Adds the conversion of the channels before the network: means, normalisation.
 ///
-/// Where every input is a mean of `n` channels (or can be written as one, channels repeated), it is the sum of `n` gathered
-/// values, and `1 / n` joins the factor.
+/// If every input is a mean of `n` channels (or can be written as one, with repeated channels), it is the sum of `n`
+/// gathered values, and `1 / n` is included in the factor.
 fn add_input(graph: &mut Graph, input: &Input, channels: usize, value: &str) -> String {
     let count = input.channels.iter().fold(1, |count, group| least_common_multiple(count, group.len().max(1)));
     let mut value = value.to_string();
@@ -75,7 +75,7 @@ fn add_input(graph: &mut Graph, input: &Input, channels: usize, value: &str) -> 
     graph.operation("Mul", &[&centred, &factors], "normalised", &[])
 }
 
-/// Divides the inputs by their root mean square; gives their name and its.
+/// Divides the inputs by their root mean square; returns the names of the result and of the root mean square.
 fn add_size(graph: &mut Graph, input: &Input, value: &str) -> (String, String) {
     let square = graph.operation("Mul", &[value, value], "normalised.square", &[]);
     let axes = [("axes", Attribute::Integers(&[1]))];
@@ -92,7 +92,7 @@ fn add_size(graph: &mut Graph, input: &Input, value: &str) -> (String, String) {
 
 /// One channel of each input.
 fn add_gathered(graph: &mut Graph, input: &Input, turn: usize, value: &str) -> String {
-    // An input without a channel is multiplied by nothing: any will do.
+    // An input without a channel is multiplied by zero: any channel can be used.
     let of = |group: &Vec<usize>| if group.is_empty() { 0 } else { group[turn % group.len()] as i64 };
     let channels: Vec<i64> = input.channels.iter().map(of).collect();
     let name = format!("reciprocal.{turn}");
@@ -108,7 +108,7 @@ fn least_common_multiple(a: usize, b: usize) -> usize {
     a / divisor * b
 }
 
-/// Adds the layers of a network that takes `value`, batch normalisations folded in; gives the name of its output.
+/// Adds the layers of a network with the input `value`, batch normalisations folded in; returns the name of its output.
 fn add_network(graph: &mut Graph, network: &Network, value: &str) -> String {
     let mut value = value.to_string();
     for (index, Folded { dense, relu }) in fold(network).iter().enumerate() {
@@ -131,10 +131,10 @@ fn add_relu(graph: &mut Graph, is_wanted: bool, value: &str) -> String {
     }
 }
 
-/// The refinement of a picture that comes in as `[frame, row, column, channel]`, flat.
+/// The refinement of an image with the flat input layout `[frame, row, column, channel]`.
 ///
-/// On a ring the picture is made wider once, by a column on either side for each convolution, and each convolution takes one
-/// off: the same as wrapping round before each, without touching the pictures between.
+/// With periodic columns the image is extended once, by a column on either side for each convolution, and each
+/// convolution removes one: the same as periodic padding before each, without extending the intermediate images.
 fn add_refinement(graph: &mut Graph, refinement: &Refinement, value: &str) -> String {
     let shape = &refinement.shape;
     let sizes = [shape.rows, shape.columns, refinement.channels_in()].map(|size| size as i64);
@@ -162,11 +162,12 @@ fn add_refinement(graph: &mut Graph, refinement: &Refinement, value: &str) -> St
     graph.operation("Flatten", &[&sum], "refined.flat", &[])
 }
 
-/// Adds as many columns on either side as a ring has there.
+/// Extends a periodic image by a number of columns on either side.
 fn add_neighbours(graph: &mut Graph, picture: &str, count: usize, columns: usize) -> String {
     let (mut value, mut left, mut round) = (picture.to_string(), count, 0);
     while left > 0 {
-        // Widened by all its columns a ring's picture repeats itself thrice, and can be widened again alike.
+        // Extended by all its columns, a periodic image is repeated three times, and can be extended again in the same
+        // way.
         let step = left.min(columns) as i64;
         let before = add_slice(graph, &value, &format!("ring.{round}.before"), COLUMNS, [-step, TO_THE_END]);
         let behind = add_slice(graph, &value, &format!("ring.{round}.behind"), COLUMNS, [0, step]);
@@ -183,7 +184,7 @@ fn add_slice(graph: &mut Graph, value: &str, name: &str, axis: i64, [from, to]: 
     graph.operation("Slice", &[value, &from, &to, &axis], name, &[])
 }
 
-/// Weights `[row][column][input][output]` as `[output][input][row][column]`.
+/// Converts weights `[row][column][input][output]` to `[output][input][row][column]`.
 fn channels_first(weight: &[f32], [from, to]: [usize; 2]) -> Vec<f32> {
     let taps = weight.len() / (from * to);
     let mut turned = Vec::with_capacity(weight.len());

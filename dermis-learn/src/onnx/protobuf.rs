@@ -1,4 +1,4 @@
-//! Messages as protocol buffers write them: each field its number and kind, then its value.
+//! Encoding of protocol buffer messages: each field is its number and kind, then its value.
 //!
 //! Encoding: <https://protobuf.dev/programming-guides/encoding/>. Fields are written in the order they are added.
 
@@ -11,24 +11,24 @@ const LENGTH_DELIMITED: u64 = 2;
 pub(super) struct Message(Vec<u8>);
 
 impl Message {
-    /// With an integer; a negative one takes ten bytes, as its two's complement of 64 bits.
+    /// Adds an integer; a negative one takes ten bytes, as its two's complement of 64 bits.
     pub fn integer(mut self, field: u64, value: i64) -> Self {
         self.varint(field << 3 | VARINT);
         self.varint(value as u64);
         self
     }
 
-    /// With a text.
+    /// Adds a text.
     pub fn text(self, field: u64, value: &str) -> Self {
         self.bytes(field, value.as_bytes())
     }
 
-    /// With a message inside it.
+    /// Adds a nested message.
     pub fn message(self, field: u64, value: &Message) -> Self {
         self.bytes(field, &value.0)
     }
 
-    /// With bytes.
+    /// Adds bytes.
     pub fn bytes(mut self, field: u64, value: &[u8]) -> Self {
         self.varint(field << 3 | LENGTH_DELIMITED);
         self.varint(value.len() as u64);
@@ -41,7 +41,7 @@ impl Message {
         self.0
     }
 
-    /// Seven bits a byte, the lowest first; the highest bit says that more follow.
+    /// Seven bits per byte, the lowest first; the highest bit means that more bytes follow.
     fn varint(&mut self, mut value: u64) {
         while value >= 0x80 {
             self.0.push(value as u8 | 0x80);

@@ -1,4 +1,4 @@
-//! Every kind of network against ONNX Runtime, where it is installed.
+//! Every kind of network compared with ONNX Runtime, if it is installed.
 
 use super::file;
 use crate::inference::Inference;
@@ -15,7 +15,7 @@ use std::process::Command;
 
 const FRAMES: usize = 4;
 
-/// The Python that the tests use: `DERMIS_PYTHON`, or the comparison's own, or `python3`; `None` where it lacks the modules.
+/// The Python for the tests: `DERMIS_PYTHON`, or that of the comparison, or `python3`; `None` if it lacks the modules.
 fn python(modules: &str) -> Option<String> {
     let own = concat!(env!("CARGO_MANIFEST_DIR"), "/../bench/peers/.venv-learn/bin/python");
     let named = std::env::var("DERMIS_PYTHON").ok();
@@ -31,7 +31,7 @@ fn onnx_runtime_gives_our_images() {
     };
     let folder = tempfile::tempdir().unwrap();
     let ring = Architecture::refined(20, [5, 6], true, &[4, 16, 16, 1]);
-    // More convolutions than columns: the ring is gone round more than once.
+    // More convolutions than columns: the periodic image is repeated more than once.
     let narrow = Architecture::refined(20, [4, 3], true, &[2, 16, 16, 16, 16, 1]);
     let flat = Architecture::refined(20, [5, 6], false, &[3, 16, 1]);
     let plans = [Architecture::paper(CHANNELS, 30), Architecture::paper_otherwise(20, 30), ring, narrow, flat];
@@ -44,7 +44,7 @@ fn onnx_runtime_gives_our_images() {
     }
 }
 
-/// A network whose every value is drawn, as far from the beginning's zeros and ones as training leads.
+/// A network with random values everywhere, as different from the initial zeros and ones as after training.
 fn drawn(plan: &Architecture, seed: u64) -> Network {
     let mut network = Network::new(plan, seed);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -60,10 +60,10 @@ fn drawn(plan: &Architecture, seed: u64) -> Network {
     network
 }
 
-/// Channels of the test's frames.
+/// Number of channels of the test's frames.
 const CHANNELS: usize = 40;
 
-/// As many inputs as there are channels, or means of one to three of them.
+/// As many inputs as channels, or means of one to three channels.
 fn drawn_input(inputs: usize) -> Input {
     let group = |at: usize| match inputs == CHANNELS {
         true => vec![at],

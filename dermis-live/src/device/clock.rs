@@ -1,34 +1,34 @@
-//! A device's time on the host's clock.
+//! Conversion of device time to host time.
 
 use dermis::pipeline::Timestamp;
 use std::time::Duration;
 
-/// Brings the times of a device onto the host's clock.
+/// Converts the times of a device to the host clock.
 ///
-/// A message arrives some time after what it tells of, never before: the least delay of late is taken as none (Cristian 1989,
-/// DOI 10.1007/BF01784024, in one direction). The two clocks may drift apart by a ten-thousandth. Where messages have been late
-/// by more than a second for longer than a second, one of the clocks was set: a line that stood still sends all that it held back
-/// at once.
+/// A message arrives with a delay after the event that it reports. The smallest delay is taken as zero (Cristian 1989,
+/// DOI 10.1007/BF01784024, in one direction). The two clocks may drift apart by 1e-4. When all messages have been late
+/// by more than one second for longer than one second, one of the clocks was set. (A connection that merely stalled
+/// delivers its delayed messages together.)
 #[derive(Debug, Clone, Default)]
 pub struct DeviceClock {
-    /// The host's time less the device's at the least delay, ns; and the device's time then, us.
+    /// Host time minus device time at the smallest delay, ns, and the device time of that message, us.
     least: Option<(i128, u64)>,
-    /// Since when messages are late by more than a second.
+    /// Time since which messages are late by more than one second.
     late_since: Option<Timestamp>,
-    /// The moment that was told last: none before it is told.
-    told: Timestamp,
+    /// The last returned time; later times are never earlier.
+    last: Timestamp,
 }
 
-/// How fast the least delay is forgotten: 100 parts in a million, what cheap oscillators differ by.
+/// Rate at which the smallest delay expires: 100 ppm, the difference between cheap oscillators.
 const DRIFT: f64 = 1e-4;
-/// What is later than this is late, ns.
+/// A message later than this is late, ns.
 const LATE_NS: i128 = 1_000_000_000;
-/// Who is late for so long has another clock, s.
+/// After messages have been late for this long, a clock must have been set, s.
 const SET_S: f64 = 1.0;
 
 impl DeviceClock {
-    /// When something happened on the host's clock that the device says was at `time_us` and that came at `received_at`; not
-    /// before what was told last.
+    /// The host time of an event that the device reports at `time_us` and that was received at `received_at`; never
+    /// earlier than the last returned time.
     pub fn moment(&mut self, time_us: u64, received_at: Timestamp) -> Timestamp {
         let device_ns = i128::from(time_us) * 1000;
         let offset_ns = i128::from(received_at.unix_ns) - device_ns;
@@ -45,11 +45,11 @@ impl DeviceClock {
             }
         };
         let moment = Timestamp { unix_ns: u64::try_from(device_ns + offset_ns).unwrap_or(0) };
-        self.told = self.told.max(moment);
-        self.told
+        self.last = self.last.max(moment);
+        self.last
     }
 
-    /// Whether messages are late for so long, as this one is by some time, that a clock must have been set.
+    /// Whether messages have been late for so long, this one by `late_ns`, that a clock must have been set.
     fn was_set(&mut self, late_ns: i128, received_at: Timestamp) -> bool {
         if late_ns < LATE_NS {
             self.late_since = None;
@@ -63,9 +63,9 @@ impl DeviceClock {
         was_set
     }
 
-    /// Forgets how the two clocks stood: the device was powered up again, or lost for a while.
+    /// Resets the relation between the clocks, after the device was restarted or disconnected.
     pub fn restart(&mut self) {
-        *self = DeviceClock { told: self.told, ..Self::default() };
+        *self = DeviceClock { last: self.last, ..Self::default() };
     }
 }
 
@@ -79,24 +79,25 @@ mod tests {
         let start_ns = 1_800_000_000_000_000_000u64;
         for frame in 0..1000u64 {
             let device_us = frame * 8333;
-            // Every seventh message is late by up to 30 ms.
+            // Every seventh message is delayed by up to 30 ms.
             let delay_ns = if frame % 7 == 3 { (1 + frame % 31) * 1_000_000 } else { 200_000 };
             let received_at = Timestamp { unix_ns: start_ns + device_us * 1000 + delay_ns };
-            let told = clock.moment(device_us, received_at);
+            let time = clock.moment(device_us, received_at);
             let true_ns = start_ns + device_us * 1000 + 200_000;
-            assert!(told.unix_ns.abs_diff(true_ns) < 10_000, "frame {frame}");
+            assert!(time.unix_ns.abs_diff(true_ns) < 10_000, "frame {frame}");
         }
     }
-    /// How late what is told is for each of ten seconds' frames of 1/100 s that arrive as `arrives_s` says.
+    /// The delay of the converted times in each of ten seconds, for frames of 1/100 s that arrive at the times of
+    /// `arrives_s`.
     fn late_s(arrives_s: impl Fn(f64) -> f64) -> Vec<f64> {
         let (mut clock, mut last) = (DeviceClock::default(), Timestamp::default());
         let frames = (0..1000).map(|frame| {
             let device_s = f64::from(frame) * 0.01;
             let received_at = Timestamp { unix_ns: ((1e6 + arrives_s(device_s)) * 1e9) as u64 };
-            let told = clock.moment((device_s * 1e6) as u64, received_at);
-            assert!(told >= last, "time runs back at frame {frame}");
-            last = told;
-            received_at.seconds_since(told)
+            let time = clock.moment((device_s * 1e6) as u64, received_at);
+            assert!(time >= last, "time runs back at frame {frame}");
+            last = time;
+            received_at.seconds_since(time)
         });
         frames.collect()
     }
@@ -107,7 +108,7 @@ mod tests {
         assert!(set_forward[700..].iter().all(|late_s| *late_s < 1e-3), "{}", set_forward[999]);
         let set_back = late_s(|device_s| device_s - if device_s < 5.0 { 0.0 } else { 13.0 });
         assert!(set_back[499] < 1e-3);
-        // Nothing came for three seconds, and then all of them at once.
+        // Nothing arrives for three seconds, then all delayed frames together.
         let stood_still =
             late_s(|device_s| if (4.0..7.0).contains(&device_s) { 7.0 + 1e-4 * device_s } else { device_s });
         assert!((stood_still[400] - 3.0).abs() < 0.01 && (stood_still[600] - 1.0).abs() < 0.01);
@@ -115,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn after_a_restart_nothing_is_told_that_lies_before() {
+    fn times_after_a_restart_are_never_earlier() {
         let mut clock = DeviceClock::default();
         let at = |ms: u64| Timestamp { unix_ns: 1_800_000_000_000_000_000 + ms * 1_000_000 };
         assert_eq!(clock.moment(0, at(0)), at(0));

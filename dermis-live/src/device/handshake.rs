@@ -1,4 +1,4 @@
-//! Handshake a device: who it is, what it shall read, and whether its readings come through.
+//! Handshake with a device: its identity, its configuration, and a test of its readings.
 
 use crate::LiveError;
 use crate::device::line::{Address, Line};
@@ -12,17 +12,17 @@ use dermis_wire::{
 };
 use std::time::{Duration, Instant};
 
-/// What came of meeting a device: it stands ready to be started.
-pub(super) struct Met {
-    /// Its hello, after it was told what to read.
+/// The result of a handshake; the device is ready to start.
+pub(super) struct Connected {
+    /// Its hello, after the configuration.
     pub hello: Vec<u8>,
-    /// What a person should know of it.
+    /// A notice for the user.
     pub notice: Option<Notice>,
-    /// The number of the frame of its self-test.
+    /// The sequence number of its self-test frame.
     pub tested: Option<u32>,
 }
 
-/// A device that is being met.
+/// A handshake in progress.
 pub(super) struct Handshake<'a> {
     pub address: &'a Address,
     pub line: &'a mut dyn Line,
@@ -32,19 +32,19 @@ pub(super) struct Handshake<'a> {
     pub options: DeviceOptions,
 }
 
-/// How long an answer may take beside the time that its line needs; then it is asked again.
+/// Time to wait for an answer, in addition to the transmission time, before the request is repeated.
 const ANSWER: Duration = Duration::from_millis(500);
 
-/// Bits of a byte on a serial line.
+/// Bits per byte on a serial line.
 const BITS: f64 = 10.0;
 
 impl Handshake<'_> {
-    /// Asks who it is, tells it what to read, tests it and asks again.
+    /// Requests the device's identity, configures and tests it, and requests its identity again.
     ///
     /// # Errors
-    /// A device that is masked, speaks something else or another version, is another skin's, does not take the scan table or
-    /// the rate, or whose test readings are wrong.
-    pub fn meet(mut self) -> Result<Met, LiveError> {
+    /// A device that does not answer, uses another protocol or version, belongs to another skin, rejects the scan table
+    /// or the rate, or sends wrong test readings.
+    pub fn run(mut self) -> Result<Connected, LiveError> {
         let first = self.hello()?;
         let hello = self.checked(&first)?;
         let asked = self.options.rate_hz.map_or(hello.rate_millihertz, |rate_hz| (rate_hz * 1e3).round() as u32);
@@ -52,22 +52,22 @@ impl Handshake<'_> {
         let begun = Instant::now();
         let mut said =
             "it said hello, but answered neither scan table nor self-test: is its firmware stuck?".to_string();
-        // Twice at least, however slow its line is.
+        // At least two attempts, even on a slow line.
         for attempt in 0.. {
             if attempt >= 2 && begun.elapsed() >= SILENCE {
                 break;
             }
-            // Each attempt asks for one self-test, which a device need not know.
+            // Each attempt requests one self-test, which a device need not support.
             let answers = self.settle(asked, baud, attempt + 1)?;
             let Some(hello) = answers.hello else { continue };
             let now = self.checked(&hello)?;
             let slots = self.scan.slots().len();
             if (usize::from(now.slot_count), now.rate_millihertz) == (slots, asked) {
                 let notice = answers.tested.is_none().then(untested);
-                return Ok(Met { hello, notice, tested: answers.tested });
+                return Ok(Connected { hello, notice, tested: answers.tested });
             }
             said = format!(
-                "it was told to send {slots} readings {} times a second, and says that it will send {} {} times a second",
+                "it was asked to send {slots} readings {} times a second, and says that it will send {} {} times a second",
                 f64::from(asked) * 1e-3,
                 now.slot_count,
                 f64::from(now.rate_millihertz) * 1e-3
@@ -97,7 +97,7 @@ impl Handshake<'_> {
         Ok(hello)
     }
 
-    /// Waits for the hello of a device, whatever else comes before it.
+    /// Waits for the hello of a device and ignores everything before it.
     fn hello(&mut self) -> Result<Vec<u8>, LiveError> {
         let begun = Instant::now();
         let mut asked_at = None::<Instant>;
@@ -105,14 +105,14 @@ impl Handshake<'_> {
         let (mut bytes, mut hello, mut other_version) = (0, None, None);
         while begun.elapsed() < SILENCE {
             if asked_at.is_none_or(|asked_at| asked_at.elapsed() >= ANSWER) {
-                // Whoever has hung up may have spoken before: what came says what it was.
+                // A peer that closed the connection may have sent data before; these data identify it.
                 let _ = self.send(&ToDevice::Stop).and_then(|()| self.send(&ToDevice::Identify));
                 asked_at = Some(Instant::now());
             }
             let count = match self.line.receive(&mut buffer) {
                 Ok(count) => count.unwrap_or(0),
                 Err(error) if bytes == 0 => return Err(self.lost(&error)),
-                // What has spoken and gone was no device.
+                // A peer that sent data and closed the connection is not a device.
                 Err(_) => break,
             };
             bytes += count;
@@ -137,9 +137,10 @@ impl Handshake<'_> {
         Err(LiveError::Unreachable { address: self.address.to_string(), message: no_hello(bytes, self.address) })
     }
 
-    /// Tells it what to read and how often, tests it, and asks what it will do now; its answers come in that order.
+    /// Sends the scan table and the rate, requests a self-test, and requests the identity again. The answers arrive in
+    /// that order.
     ///
-    /// At most `tests` messages may be unknown to it.
+    /// The device may report at most `tests` messages as unknown.
     fn settle(&mut self, rate_millihertz: u32, baud: u32, tests: usize) -> Result<Answers, LiveError> {
         let scan = self.scan;
         for part in scan.parts() {
@@ -168,7 +169,7 @@ impl Handshake<'_> {
     }
 }
 
-/// How long a serial line takes for the scan table on its way and the test readings on theirs.
+/// Transmission time of the scan table and of the test readings on a serial line.
 fn on_line(slot_count: usize, baud: u32) -> Duration {
     let part_bytes = dermis_wire::packet_bytes(7 + ScanPart::MOST * Slot::BYTES);
     let bytes = slot_count.div_ceil(ScanPart::MOST) * part_bytes + Frame::packet_bytes(slot_count, 4);
@@ -178,17 +179,17 @@ fn on_line(slot_count: usize, baud: u32) -> Duration {
     }
 }
 
-/// What a device answers to what it shall read, the self-test, and the question who it is.
+/// The answers of a device to its configuration, the self-test and the request for its identity.
 #[derive(Default)]
 struct Answers {
-    /// What it will not do.
+    /// A request that it rejects.
     fault: Option<String>,
-    /// Messages that it does not know.
+    /// Messages that it does not support.
     unknown: Vec<String>,
-    /// The number of the frame of test readings, and what is wrong with them.
+    /// Sequence number of the test frame, and what is wrong with its readings.
     tested: Option<u32>,
     wrong: Option<String>,
-    /// Its hello behind all that.
+    /// The hello that follows these answers.
     hello: Option<Vec<u8>>,
 }
 
@@ -201,7 +202,7 @@ impl Answers {
                 self.tested = Some(frame.sequence);
                 self.wrong = wrong_reading(&frame, scan);
             }
-            // An earlier one answers an earlier question.
+            // An earlier hello answers an earlier request.
             Ok(ToHost::Hello(_)) if self.tested.is_some() || !self.unknown.is_empty() => {
                 self.hello = Some(message.to_vec());
             }
@@ -209,12 +210,12 @@ impl Answers {
         }
     }
 
-    /// Why the device cannot be read, if so, after it was asked for so many self-tests.
+    /// Why the device cannot be used, if so, after this number of self-test requests.
     fn refusal(&self, tests: usize) -> Option<String> {
         if let Some(text) = &self.fault {
             return Some(format!("it says: {text}"));
         }
-        // It need not know the self-test; where it does, it is another message that it does not know.
+        // It need not support the self-test; if it does, the unknown message is another one.
         let other = self.unknown.len() > if self.tested.is_some() { 0 } else { tests };
         if let (Some(text), true) = (self.unknown.first(), other) {
             return Some(format!("it does not know the scan table or the rate: {text}; update its firmware"));
@@ -228,7 +229,7 @@ fn untested() -> Notice {
     Notice { level: Severity::Info, text, at: crate::clock::now() }
 }
 
-/// What is wrong with the readings of a self-test.
+/// Describes a wrong reading of a self-test.
 fn wrong_reading(frame: &Frame<'_>, scan: &ScanTable) -> Option<String> {
     let roles = scan.roles();
     if frame.readings.len() != roles.len() {
@@ -258,7 +259,7 @@ pub(super) fn send(line: &mut dyn Line, message: &ToDevice<'_>) -> std::io::Resu
     line.send(&packet[..length])
 }
 
-/// Why no hello came, and what to do.
+/// Explains why no hello was received, and the fix.
 fn no_hello(bytes: usize, address: &Address) -> String {
     match (bytes, address) {
         (0, _) => "nothing came in 2 s: is it on, is this its port, does no other program read it?".into(),
@@ -272,7 +273,7 @@ fn no_hello(bytes: usize, address: &Address) -> String {
     }
 }
 
-/// Refuses what is not a device for the skin.
+/// Rejects a device that does not match the skin.
 fn check(
     hello: &Hello<'_>,
     address: &Address,

@@ -1,4 +1,4 @@
-//! A line to a device: TCP or a serial port.
+//! A connection to a device: TCP or a serial port.
 
 use crate::LiveError;
 use serial2::IntoSettings;
@@ -6,28 +6,28 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
 use std::time::Duration;
 
-/// Where a device is.
+/// Address of a device.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Address {
     /// A host and a port.
     Tcp(String),
-    /// A serial port and its speed, bits a second.
+    /// A serial port and its baud rate.
     Serial {
         /// The port's path or name.
         port: String,
-        /// Its speed.
+        /// Its baud rate, bits per second.
         baud: u32,
     },
 }
 
-/// The speed of a serial line where none is given, bits a second; a USB device does not mind.
+/// The default baud rate; USB devices ignore it.
 const USUAL_BAUD: u32 = 4_000_000;
 
 impl Address {
-    /// From `tcp:HOST:PORT`, `serial:PATH` or `serial:PATH@BAUD`.
+    /// Parses `tcp:HOST:PORT`, `serial:PATH` or `serial:PATH@BAUD`.
     ///
     /// # Errors
-    /// Anything else.
+    /// Any other text.
     pub fn parse(text: &str) -> Result<Self, LiveError> {
         match text.split_once(':') {
             Some(("tcp", address)) if address.contains(':') => Ok(Address::Tcp(address.into())),
@@ -61,31 +61,31 @@ impl std::fmt::Display for Address {
     }
 }
 
-/// A line to a device. Reading gives up after [`PATIENCE`].
+/// A connection to a device. Reading times out after [`PATIENCE`].
 pub trait Line: Send {
-    /// Bytes that have come; `None` where none came in time.
+    /// Received bytes; `None` after a timeout.
     ///
     /// # Errors
-    /// A line that is broken or closed.
+    /// A broken or closed connection.
     fn receive(&mut self, buffer: &mut [u8]) -> std::io::Result<Option<usize>>;
 
     /// Sends bytes.
     ///
     /// # Errors
-    /// A line that is broken or closed.
+    /// A broken or closed connection.
     fn send(&mut self, bytes: &[u8]) -> std::io::Result<()>;
 }
 
-/// How long a line is listened to at a time.
+/// Timeout of one read.
 pub const PATIENCE: Duration = Duration::from_millis(50);
 
-/// How long a connection may take.
+/// Timeout of a connection attempt.
 const CONNECT: Duration = Duration::from_secs(3);
 
-/// Opens the line to a device.
+/// Opens the connection to a device.
 ///
 /// # Errors
-/// A device that cannot be reached; the error says how to mend it.
+/// A device that cannot be reached; the error states the fix.
 pub fn open(address: &Address) -> Result<Box<dyn Line>, LiveError> {
     let unreachable = |message: String| LiveError::Unreachable { address: address.to_string(), message };
     match address {
@@ -100,7 +100,7 @@ fn open_tcp(host: &str) -> Result<TcpStream, String> {
     for address in addresses {
         match TcpStream::connect_timeout(&address, CONNECT) {
             Ok(stream) => {
-                // A frame is to come as soon as it is whole.
+                // Deliver a frame as soon as it is complete.
                 let set = stream.set_nodelay(true).and_then(|()| stream.set_read_timeout(Some(PATIENCE)));
                 return set.map(|()| stream).map_err(|error| error.to_string());
             }
@@ -115,7 +115,7 @@ fn open_tcp(host: &str) -> Result<TcpStream, String> {
 
 fn open_serial(port: &str, baud: u32) -> Result<serial2::SerialPort, String> {
     let opened = || {
-        // Its settings are changed only when it is ours.
+        // The port's settings are changed only after it is locked.
         let mut opened = serial2::SerialPort::open(port, serial2::KeepSettings)?;
         own(&opened)?;
         let mut settings = opened.get_configuration()?;
@@ -127,8 +127,9 @@ fn open_serial(port: &str, baud: u32) -> Result<serial2::SerialPort, String> {
     opened().map_err(|error| unopened(&error, port, baud))
 }
 
-/// Takes a port for this program alone, until it is closed: of two that read it each would get some of the bytes. Unlike the
-/// port's exclusive mode (TIOCEXCL), a lock holds against the superuser too, and goes with the program that has it.
+/// Locks a port for this program until it is closed: with two readers, each would receive only some of the bytes.
+/// Unlike the exclusive mode of the port (TIOCEXCL), a lock also applies to the superuser and is released with its
+/// process.
 #[cfg(unix)]
 fn own(port: &serial2::SerialPort) -> std::io::Result<()> {
     use rustix::fs::{FlockOperation, flock};
@@ -138,13 +139,13 @@ fn own(port: &serial2::SerialPort) -> std::io::Result<()> {
     })
 }
 
-/// Elsewhere a port has one program at a time anyway.
+/// On other systems a port has one program at a time anyway.
 #[cfg(not(unix))]
 fn own(_: &serial2::SerialPort) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Why a port could not be opened, and what to do.
+/// Explains why a port could not be opened, and the fix.
 fn unopened(error: &std::io::Error, port: &str, baud: u32) -> String {
     match error.kind() {
         ErrorKind::NotFound => format!("there is no port {port}: {}", ports()),
@@ -157,7 +158,7 @@ fn unopened(error: &std::io::Error, port: &str, baud: u32) -> String {
     }
 }
 
-/// What ports there are, as a fix.
+/// The available ports, as a fix.
 fn ports() -> String {
     match serial2::SerialPort::available_ports() {
         Ok(ports) if !ports.is_empty() => {
@@ -204,7 +205,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn addresses_are_read_and_told() {
+    fn addresses_are_parsed_and_printed() {
         assert_eq!(Address::parse("tcp:localhost:7001").unwrap(), Address::Tcp("localhost:7001".into()));
         let serial = Address::parse("serial:/dev/ttyACM0@115200").unwrap();
         assert_eq!(serial, Address::Serial { port: "/dev/ttyACM0".into(), baud: 115_200 });

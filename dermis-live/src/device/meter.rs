@@ -1,17 +1,18 @@
-//! From readings to ohm.
+//! Conversion of readings to ohm.
 
 use crate::device::{Role, ScanTable};
 use dermis::pipeline::Measurement;
 use dermis::protocol::Protocol;
 use dermis_wire::{Hello, Readings};
 
-/// Turns the readings of one device into the values of a frame.
+/// Converts the readings of one device to the values of a frame.
 ///
-/// Each drive's current is read across the reference resistor, `I = V_ref / R_ref`; a value is the voltage read over it.
+/// The current of each drive is measured across the reference resistor, `I = V_ref / R_ref`; a value is the measured
+/// voltage divided by this current.
 #[derive(Debug, Clone)]
 pub struct Meter {
     roles: Vec<Role>,
-    /// For each channel its drive and the volts of a count.
+    /// For each channel, its drive and the volts per count.
     channels: Vec<(usize, f64)>,
     drive_count: usize,
     volts_per_reference_count: f64,
@@ -19,7 +20,7 @@ pub struct Meter {
     source_v: f64,
     full_scale: i64,
     reading_bytes: u8,
-    /// The design takes the instrument for one that loses signs, as its linear models and networks do.
+    /// The design assumes an instrument that loses signs, as its linear models and networks do.
     amplitude_only: bool,
 }
 
@@ -42,17 +43,17 @@ impl Meter {
         }
     }
 
-    /// Whether readings are a frame of the device: as many, and as wide, as its hello says.
+    /// Whether readings have the number and the width that the hello of the device states.
     pub fn takes(&self, readings: &Readings<'_>) -> bool {
         readings.len() == self.roles.len() && readings.reading_bytes() == self.reading_bytes
     }
 
-    /// The readings of a frame as ohm. A current of zero counts as the least that the converter tells from it, so that the
-    /// values of a drive through a torn wire are large but finite. Of a protocol of amplitudes the values have no sign, whether or
-    /// not the device sends one.
+    /// The readings of a frame in ohm. A current of zero is replaced by the smallest that the converter resolves, so
+    /// that the values of a drive with a broken wire are large but finite. With a protocol of amplitudes the values
+    /// have no sign, whether or not the device sends one.
     ///
     /// # Panics
-    /// Where there is not a reading for each slot.
+    /// If the number of readings differs from the number of slots.
     pub fn measure(&self, readings: Readings<'_>) -> Measurement {
         assert_eq!(readings.len(), self.roles.len(), "a reading for each slot");
         let mut currents_a = vec![0.0; self.drive_count];
@@ -93,7 +94,7 @@ impl Meter {
         measurement
     }
 
-    /// The lowest code of a converter is one farther from zero than the highest.
+    /// The lowest code of a converter is farther from zero by one than the highest.
     fn is_saturated(&self, reading: i32) -> bool {
         i64::from(reading).abs() >= self.full_scale
     }

@@ -1,4 +1,4 @@
-//! Devices: connection, handshake, messages, and readings to ohm.
+//! Devices: connection, handshake, messages, and conversion of readings to ohm.
 //!
 //! ```
 //! use dermis_live::device::Address;
@@ -27,27 +27,27 @@ use dermis_wire::{Arrival, Arrivals, Decoder, Frame, FrameFlags, Hello, Received
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// How a device is to be read.
+/// Options for reading a device.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct DeviceOptions {
-    /// Frames a second; the device's own rate without it.
+    /// Frame rate; `None` for the device's own.
     pub rate_hz: Option<f64>,
 }
 
-/// What a device is known by.
+/// The facts of a device.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DeviceFacts {
     /// Its name.
     pub name: String,
-    /// Its number.
+    /// Its serial number.
     pub serial: u32,
-    /// Frames a second that it sends.
+    /// Frames per second that it sends.
     pub rate_hz: f64,
-    /// Its hello as it came, which recordings keep.
+    /// Its hello as received; recordings store it.
     pub hello: Vec<u8>,
 }
 
-/// A device that is being read.
+/// A connected device.
 pub struct Device {
     address: String,
     line: Box<dyn Line>,
@@ -57,7 +57,7 @@ pub struct Device {
     stream: Stream,
     notice: Option<Notice>,
     heard_at: Instant,
-    /// When a frame came last, or frames were asked for.
+    /// When the last frame was received, or frames were last requested.
     asked_at: Instant,
 }
 
@@ -72,7 +72,7 @@ pub struct IncomingFrame {
     pub message: Vec<u8>,
 }
 
-/// The frames of a device in order, from one connection to the next.
+/// The frames of a device in order, across reconnections.
 #[derive(Debug, Clone)]
 pub struct Stream {
     skin: Skin,
@@ -82,31 +82,31 @@ pub struct Stream {
     clock: DeviceClock,
     rate: Rate,
     boot: Option<u32>,
-    /// Number of the newest frame, not wrapping round.
+    /// Number of the newest frame, without wrap-around.
     newest: Option<u64>,
-    /// Frames of self-tests among those that arrived.
+    /// Self-test frames among those that arrived.
     tests: u64,
     damaged: u64,
     reconnected: u64,
 }
 
-/// Frames a second, from the device's times of the last frames.
+/// Frames per second, from the device times of the last frames.
 #[derive(Debug, Clone, Default)]
 struct Rate {
     arrived: std::collections::VecDeque<Timestamp>,
 }
 
-/// A device that says nothing for so long is masked.
+/// A device that sends nothing for this time is lost.
 const SILENCE: Duration = Duration::from_secs(2);
 
-/// A device that has sent no frame for so long is started again.
+/// A device that has sent no frame for this time is started again.
 const START_AGAIN: Duration = Duration::from_secs(1);
 
-/// Bytes that are read at once.
+/// Size of the read buffer.
 const READ_BYTES: usize = 1 << 16;
 
 impl Rate {
-    /// Frames over which the rate is told.
+    /// Frames over which the rate is averaged.
     const FRAMES: usize = 240;
 
     fn take(&mut self, at: Timestamp) -> f64 {
@@ -120,10 +120,10 @@ impl Rate {
 }
 
 impl Stream {
-    /// Without a frame yet.
+    /// A stream without a frame yet.
     ///
     /// # Errors
-    /// A protocol that is too large for the wire.
+    /// A protocol that exceeds the limits of the wire format.
     pub fn new(skin: &Skin) -> Result<Self, TooLarge> {
         Ok(Stream {
             skin: skin.clone(),
@@ -152,7 +152,7 @@ impl Stream {
         }
     }
 
-    /// The device says who it is.
+    /// Processes the hello of the device.
     pub fn hello(&mut self, hello: &Hello<'_>) {
         if self.boot.replace(hello.boot).is_some_and(|boot| boot != hello.boot) {
             self.arrivals.restart();
@@ -161,14 +161,14 @@ impl Stream {
         self.meter = Some(Meter::new(hello, &self.scan, &self.skin.design().protocol));
     }
 
-    /// The same, on a new connection: how the device's clock went meanwhile is not known.
+    /// The same stream after a reconnection: the relation of the device's clock is no longer known.
     fn reconnected(mut self) -> Self {
         self.clock.restart();
         Stream { reconnected: self.reconnected + 1, ..self }
     }
 
-    /// A device was met that said a hello, after it had sent a frame of test readings.
-    pub(crate) fn met(&mut self, message: Vec<u8>, tested: Option<u32>) -> DeviceFacts {
+    /// Processes the result of a handshake: the last hello, and the sequence number of the self-test frame.
+    pub(crate) fn connect(&mut self, message: Vec<u8>, tested: Option<u32>) -> DeviceFacts {
         let (mut name, mut serial, mut rate_hz) = (String::new(), 0, 0.0);
         if let Ok(ToHost::Hello(hello)) = ToHost::parse(&message) {
             self.hello(&hello);
@@ -178,7 +178,7 @@ impl Stream {
         DeviceFacts { name, serial, rate_hz, hello: message }
     }
 
-    /// A frame of test readings has used up a number, and is none.
+    /// Counts a self-test frame, which uses a sequence number but is not part of the stream.
     fn test(&mut self, sequence: u32) {
         if let Arrival::New { skipped } = self.arrivals.take(sequence) {
             self.newest = self.newest.map(|newest| newest + 1 + u64::from(skipped));
@@ -186,7 +186,7 @@ impl Stream {
         }
     }
 
-    /// A frame's message that came at some moment; `None` of one that is not new or not the skin's.
+    /// Converts a received frame; `None` for a frame that is not new or does not match the skin.
     pub fn frame(&mut self, frame: &Frame<'_>, message: &[u8], received_at: Timestamp) -> Option<IncomingFrame> {
         if frame.flags.has(FrameFlags::TEST) {
             self.test(frame.sequence);
@@ -212,24 +212,24 @@ impl Stream {
     }
 }
 
-/// What a device says that concerns more than the stream of frames.
+/// A received message, beyond the handshake.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Heard {
+pub enum DeviceEvent {
     /// A frame.
     Frame(Box<IncomingFrame>),
-    /// How it is.
+    /// The device's status.
     Status(Status),
-    /// Something that a person should know.
+    /// A notice for the user.
     Notice(Notice),
 }
 
 impl Device {
-    /// Finds a device, checks that it is one for the skin, tells it what to read and starts it. `stream` goes on from a
-    /// connection before.
+    /// Connects to a device, checks that it matches the skin, configures and starts it. `stream` continues the stream
+    /// of an earlier connection.
     ///
     /// # Errors
-    /// A device that cannot be reached, that is masked, that speaks something else or another version, or that is another
-    /// skin's; the error says which and what to do.
+    /// A device that cannot be reached, does not answer, uses another protocol or version, or belongs to another skin;
+    /// the error states the cause and the fix.
     pub fn connect(
         address: &Address,
         skin: &Skin,
@@ -243,8 +243,8 @@ impl Device {
             None => Stream::new(skin)?,
         };
         let scan = &stream.scan;
-        let met = Handshake { address, line: line.as_mut(), decoder: &mut decoder, skin, scan, options }.meet()?;
-        let facts = stream.met(met.hello, met.tested);
+        let connected = Handshake { address, line: line.as_mut(), decoder: &mut decoder, skin, scan, options }.run()?;
+        let facts = stream.connect(connected.hello, connected.tested);
         let mut device = Device {
             address: address.to_string(),
             line,
@@ -252,7 +252,7 @@ impl Device {
             buffer: vec![0; READ_BYTES],
             facts,
             stream,
-            notice: met.notice,
+            notice: connected.notice,
             heard_at: Instant::now(),
             asked_at: Instant::now(),
         };
@@ -260,17 +260,17 @@ impl Device {
         Ok(device)
     }
 
-    /// What it is known by.
+    /// The facts of the device.
     pub fn facts(&self) -> &DeviceFacts {
         &self.facts
     }
 
-    /// What is known of its frames, for the next connection.
+    /// The state of its stream, for the next connection.
     pub fn into_stream(self) -> Stream {
         self.stream
     }
 
-    /// Sends it a message.
+    /// Sends a message to it.
     ///
     /// # Errors
     /// A device that was lost.
@@ -279,12 +279,12 @@ impl Device {
         sent.map_err(|error| LiveError::Lost { address: self.address.clone(), message: error.to_string() })
     }
 
-    /// Listens for a moment and tells what came.
+    /// Reads for a short time and passes the received messages on.
     ///
     /// # Errors
-    /// A device that was lost or fell masked.
-    pub fn listen(&mut self, mut tell: impl FnMut(Heard)) -> Result<(), LiveError> {
-        self.notice.take().into_iter().for_each(|notice| tell(Heard::Notice(notice)));
+    /// A device that was lost or stopped answering.
+    pub fn listen(&mut self, mut publish: impl FnMut(DeviceEvent)) -> Result<(), LiveError> {
+        self.notice.take().into_iter().for_each(|notice| publish(DeviceEvent::Notice(notice)));
         if self.asked_at.elapsed() > START_AGAIN {
             self.asked_at = Instant::now();
             self.send(&ToDevice::Start)?;
@@ -292,7 +292,7 @@ impl Device {
         let lost = |message: String| LiveError::Lost { address: self.address.clone(), message };
         let Some(count) = self.line.receive(&mut self.buffer).map_err(|error| lost(error.to_string()))? else {
             if self.heard_at.elapsed() > SILENCE {
-                return Err(lost(format!("it has been masked for {} s", SILENCE.as_secs())));
+                return Err(lost(format!("it has sent nothing for {} s", SILENCE.as_secs())));
             }
             return Ok(());
         };
@@ -308,12 +308,12 @@ impl Device {
                 Ok(ToHost::Frame(frame)) => {
                     *asked_at = Instant::now();
                     let incoming = stream.frame(&frame, message, received_at);
-                    incoming.into_iter().for_each(|incoming| tell(Heard::Frame(Box::new(incoming))));
+                    incoming.into_iter().for_each(|incoming| publish(DeviceEvent::Frame(Box::new(incoming))));
                 }
-                Ok(ToHost::Status(status)) => tell(Heard::Status(status)),
+                Ok(ToHost::Status(status)) => publish(DeviceEvent::Status(status)),
                 Ok(ToHost::Fault(fault)) => {
                     let text = format!("the device says: {}", fault.text);
-                    tell(Heard::Notice(Notice { level: Severity::Error, text, at: received_at }));
+                    publish(DeviceEvent::Notice(Notice { level: Severity::Error, text, at: received_at }));
                 }
                 Ok(ToHost::Hello(_)) => {}
                 Err(_) => stream.damaged += 1,

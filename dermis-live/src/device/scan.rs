@@ -1,18 +1,18 @@
-//! The scan table of a protocol: which reading of a frame is which channel's.
+//! The scan table of a protocol: the channel of each reading of a frame.
 
 use dermis::protocol::Protocol;
 use dermis_wire::{ScanPart, Slot, Slots};
 
-/// What the readings of a frame are, slot by slot: for each drive, in order of first use, one reading of the reference
-/// resistor and then the drive's channels in their order.
+/// The meaning of the readings of a frame, slot by slot: for each drive, in order of first use, one reading of the
+/// reference resistor and then the drive's channels in their order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScanTable {
     slots: Vec<Slot>,
-    /// For each slot the drive whose current it reads, or the channel.
+    /// For each slot, the drive whose current it reads, or the channel.
     roles: Vec<Role>,
 }
 
-/// What a slot reads.
+/// Meaning of a slot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
     /// The current of a drive, by its number.
@@ -25,7 +25,7 @@ impl ScanTable {
     /// The table of a protocol.
     ///
     /// # Errors
-    /// More electrodes or slots than a device can be told of.
+    /// More electrodes or slots than the wire format supports.
     pub fn new(protocol: &Protocol) -> Result<Self, TooLarge> {
         let (drives, drive_of) = protocol.drives();
         let slot_count = drives.len() + drive_of.len();
@@ -49,12 +49,12 @@ impl ScanTable {
         Ok(table)
     }
 
-    /// The slots, as a device is told of them.
+    /// The slots, as sent to a device.
     pub fn slots(&self) -> &[Slot] {
         &self.slots
     }
 
-    /// What each slot reads.
+    /// The meaning of each slot.
     pub fn roles(&self) -> &[Role] {
         &self.roles
     }
@@ -69,8 +69,8 @@ impl ScanTable {
         })
     }
 
-    /// The table as CSV: `slot,drive_source,drive_sink,measure_plus,measure_minus,channel`; readings of the reference resistor
-    /// have no measure pair and no channel.
+    /// The table as CSV: `slot,drive_source,drive_sink,measure_plus,measure_minus,channel`; readings of the reference
+    /// resistor have no measure pair and no channel.
     pub fn to_csv(&self) -> String {
         let mut text = String::from("slot,drive_source,drive_sink,measure_plus,measure_minus,channel\n");
         for (index, (slot, role)) in self.slots.iter().zip(&self.roles).enumerate() {
@@ -85,8 +85,8 @@ impl ScanTable {
         text
     }
 
-    /// The table as a C header for firmware: an array of `{source, sink, plus, minus}`, `0xFFFF` for an input that is on the
-    /// reference resistor, and the hash that the device shall say in its hello.
+    /// The table as a C header for firmware: an array of `{source, sink, plus, minus}`, with `0xFFFF` for an input that
+    /// is on the reference resistor, and the design hash that the device must send in its hello.
     pub fn to_c_header(&self, design: &str, design_sha256: [u8; 32]) -> String {
         let hash: Vec<String> = design_sha256.iter().map(|byte| format!("0x{byte:02x}")).collect();
         let mut text = format!(
@@ -109,13 +109,13 @@ impl ScanTable {
     }
 }
 
-/// A protocol too large for the wire.
+/// A protocol that exceeds the limits of the wire format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{slot_count} readings of {electrode_count} electrodes are more than a device can be told of: at most 65,535 readings of 65,534 electrodes"
+    "{slot_count} readings of {electrode_count} electrodes are more than a device accepts: at most 65,535 readings of 65,534 electrodes"
 )]
 pub struct TooLarge {
-    /// Readings of a frame.
+    /// Readings per frame.
     pub slot_count: usize,
     /// Electrodes.
     pub electrode_count: usize,

@@ -1,4 +1,4 @@
-//! The emulated device: a twin, what touches it, what goes wrong with it, and the packets that come of that.
+//! The emulated device: a digital twin, its touches and faults, and the resulting packets.
 
 use crate::LiveError;
 use crate::device::{Role, ScanTable};
@@ -13,23 +13,23 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// What is emulated.
+/// Options of the emulator.
 #[derive(Debug, Clone)]
 pub struct EmulatorOptions {
-    /// The twin.
+    /// Options of the twin.
     pub twin: TwinOptions,
-    /// Its seed, which is the device's number too.
+    /// Seed of the twin, and serial number of the device.
     pub seed: u64,
-    /// What touches it.
+    /// The touches.
     pub script: Script,
-    /// What goes wrong.
+    /// The faults.
     pub faults: Vec<TimedFault>,
-    /// Seconds of the device that pass in one of ours.
+    /// Seconds of device time per second of real time.
     pub speed: f64,
-    /// So many frames are made beforehand and sent over and over; none are where it is 0. Touches that come later and faults of
-    /// the skin are then not seen.
+    /// Number of frames that are computed in advance and sent repeatedly; 0 for none. Later touches and faults of the
+    /// skin then have no effect.
     pub prerendered: usize,
-    /// Frames are sent as fast as the line takes them.
+    /// Send frames as fast as the connection allows.
     pub unpaced: bool,
 }
 
@@ -40,23 +40,23 @@ pub struct Emulator {
     scan: ScanTable,
     surface: Surface,
     tip_radius_m: f64,
-    /// Volts a count, and the highest count.
+    /// Volts per count, and the highest count.
     volts_per_count: [f64; 3],
     full_scale: i32,
     reading_bytes: u8,
     boot: u32,
     twin: Mutex<Twin>,
-    /// What the twin's contacts remember of the presses of earlier frames.
+    /// Memory of the twin's contacts of the presses in earlier frames.
     history: Mutex<ContactHistory>,
     fingers: Mutex<BTreeMap<u32, Press>>,
     frames: Vec<Vec<i32>>,
-    /// The number of the next frame, from power-up on; a connection goes on where the last one ended.
+    /// The number of the next frame since power-up; a new connection continues the numbers.
     next: Mutex<u64>,
     timing: Mutex<Timing>,
-    /// Faults of the skin that have happened.
+    /// Number of faults of the skin that have been applied.
     happened: Mutex<usize>,
     stopped: AtomicBool,
-    /// Whether it was said that the twin is too slow.
+    /// Whether the warning about a slow twin was printed.
     said_slow: AtomicBool,
 }
 
@@ -66,16 +66,16 @@ impl std::fmt::Debug for Emulator {
     }
 }
 
-/// Bits of a converter where the twin has none.
+/// Resolution of an ideal converter, bits.
 const IDEAL_BITS: u32 = 32;
-/// Its range, V.
+/// Range of an ideal converter, V.
 const IDEAL_RANGE_V: f64 = 10.0;
 
 impl Emulator {
-    /// Powers a device up. Its twin is [made of](TwinOptions::made_of) the design.
+    /// Powers up a device. Its twin is [derived](TwinOptions::made_of) from the design.
     ///
     /// # Errors
-    /// A twin that does not fit the design, a fault of an electrode that there is not.
+    /// A twin that does not fit the design; a fault of an unknown electrode.
     pub fn new(design: &SkinDesign, options: EmulatorOptions) -> Result<Arc<Self>, LiveError> {
         let options = EmulatorOptions { twin: options.twin.made_of(design), ..options };
         let twin = Twin::new(design, &options.twin, options.seed)?;
@@ -120,15 +120,15 @@ impl Emulator {
         Ok(Arc::new(emulator))
     }
 
-    /// What is emulated.
+    /// The options.
     pub fn options(&self) -> &EmulatorOptions {
         &self.options
     }
 
-    /// A finger presses, or presses elsewhere.
+    /// Presses a finger on the skin, or moves it.
     ///
     /// # Errors
-    /// A place off the skin, a force that is not positive.
+    /// A position off the skin; a force that is not positive.
     pub fn press(&self, finger: u32, centre_m: Point3, force_n: f64) -> Result<(), LiveError> {
         let press = Press { centre_m, force_n, tip_radius_m: self.tip_radius_m };
         lock(&self.twin).network(&[press])?;
@@ -136,12 +136,12 @@ impl Emulator {
         Ok(())
     }
 
-    /// A finger is lifted.
+    /// Lifts a finger.
     pub fn release(&self, finger: u32) {
         lock(&self.fingers).remove(&finger);
     }
 
-    /// What presses at a time of the device, s.
+    /// The presses at a device time, s.
     pub fn presses(&self, time_s: f64) -> Vec<Press> {
         let mut presses = self.options.script.presses(time_s, &self.surface, self.tip_radius_m);
         presses.extend(lock(&self.fingers).values());
@@ -157,7 +157,7 @@ impl Emulator {
         self.stopped.load(Ordering::Relaxed)
     }
 
-    /// The slots of its skin, the only ones that it reads.
+    /// The slots of its skin, the only ones that it supports.
     pub(super) fn slots(&self) -> &[Slot] {
         self.scan.slots()
     }
@@ -171,7 +171,7 @@ impl Emulator {
         *lock(&self.next) = index;
     }
 
-    /// Frames had to be left out: says so on standard error, once.
+    /// Warns once, on standard error, that frames were skipped.
     pub(super) fn is_slow(&self, rate_hz: f64) {
         if !self.said_slow.swap(true, Ordering::Relaxed) {
             eprintln!(
@@ -183,7 +183,7 @@ impl Emulator {
         }
     }
 
-    /// Its rate and clock, which it keeps from one host to the next.
+    /// Its rate and clock, which persist across hosts.
     pub(super) fn timing(&self) -> MutexGuard<'_, Timing> {
         lock(&self.timing)
     }
@@ -193,18 +193,18 @@ impl Emulator {
         self.full_scale
     }
 
-    /// Frames a second at most, in thousandths.
+    /// Highest frame rate, thousandths of a hertz.
     pub(super) fn highest_rate_millihertz(&self) -> u32 {
         let slots = self.scan.slots().len() as f64;
         let most_hz = match self.frames.is_empty() && !self.options.unpaced {
             true => self.options.twin.electronics.slot_rate_hz / slots,
-            // Frames that are made beforehand are sent as fast as is asked.
+            // Precomputed frames are sent at any requested rate.
             false => 1e6,
         };
         (most_hz * 1e3 * (1.0 + 1e-9)) as u32
     }
 
-    /// The counts of frame `index`: made now, or beforehand.
+    /// The counts of frame `index`, computed now or in advance.
     pub(super) fn counts(&self, index: u64) -> Result<Vec<i32>, LiveError> {
         match self.frames.len() as u64 {
             0 => self.take(index),
@@ -212,7 +212,7 @@ impl Emulator {
         }
     }
 
-    /// Takes frame `index`: its counts, in the order of the scan table.
+    /// Measures frame `index`: its counts, in the order of the scan table.
     fn take(&self, index: u64) -> Result<Vec<i32>, LiveError> {
         let time_s = index as f64 / self.options.twin.electronics.frame_rate_hz;
         let presses = self.presses(time_s);
@@ -233,7 +233,7 @@ impl Emulator {
         Ok(counts.collect())
     }
 
-    /// The packet of its hello while it sends so many thousandths of a frame a second.
+    /// The packet of its hello at a frame rate, in thousandths of a hertz.
     pub fn hello_packet(&self, rate_millihertz: u32) -> Vec<u8> {
         let electronics = &self.options.twin.electronics;
         let (twin, seed) = (&self.options.twin.name, self.options.seed);
@@ -258,10 +258,11 @@ impl Emulator {
         packet(&ToHost::Hello(hello), Hello::PACKET_BYTES)
     }
 
-    /// The packet of frame `index`, at the rate of the twin's instrument: what a host would receive, without a line between.
+    /// The packet of frame `index` at the rate of the twin's instrument, as a host would receive it without a
+    /// connection.
     ///
     /// # Errors
-    /// A twin that fails.
+    /// A failure of the twin.
     pub fn frame_packet(&self, index: u64) -> Result<Vec<u8>, LiveError> {
         let rate_hz = self.options.twin.electronics.frame_rate_hz;
         self.fail(index as f64 / rate_hz)?;
@@ -277,7 +278,7 @@ impl Emulator {
         Ok(packet)
     }
 
-    /// Writes the packet of a frame of some number and time into `out` and tells its length.
+    /// Writes the packet of a frame with a number and a time into `out` and returns its length.
     pub(super) fn write_frame(
         &self,
         (sequence, time_us): (u32, u64),
@@ -299,7 +300,7 @@ impl Emulator {
         ToHost::Frame(Frame { sequence, time_us, flags, readings }).encode(out)
     }
 
-    /// Lets the faults of the skin happen that are due.
+    /// Applies the faults of the skin that are due.
     pub(super) fn fail(&self, time_s: f64) -> Result<(), LiveError> {
         let mut happened = lock(&self.happened);
         let mut due: Vec<&TimedFault> = self.options.faults.iter().collect();
@@ -313,7 +314,7 @@ impl Emulator {
         Ok(())
     }
 
-    /// How much a fault that lasts is felt now; 0 where none is.
+    /// The strength of a lasting fault at this time; 0 without one.
     pub(super) fn felt(&self, time_s: f64, of: impl Fn(&Fault) -> Option<(f64, f64)>) -> f64 {
         let felt = |timed: &TimedFault| {
             of(&timed.fault)
@@ -323,7 +324,7 @@ impl Emulator {
         self.options.faults.iter().filter_map(felt).fold(0.0, f64::max)
     }
 
-    /// The device's time of the next frame, s.
+    /// The device time of the next frame, s.
     pub(super) fn now_s(&self) -> f64 {
         self.next_index() as f64 / self.options.twin.electronics.frame_rate_hz
     }
@@ -336,7 +337,7 @@ impl Emulator {
     }
 }
 
-/// The packet of a message that fits into so many bytes.
+/// The packet of a message, of at most `most` bytes.
 fn packet(message: &ToHost<'_>, most: usize) -> Vec<u8> {
     let mut packet = vec![0; most];
     let length = message.encode(&mut packet).expect("the packet fits into the bytes that it takes at most");
@@ -345,6 +346,6 @@ fn packet(message: &ToHost<'_>, most: usize) -> Vec<u8> {
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    // Whatever another thread left half done is overwritten by the next frame.
+    // A partial update by another thread is overwritten by the next frame.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,15 +1,15 @@
-//! What goes wrong with an emulated device, on demand.
+//! Faults of an emulated device, on demand.
 
 use crate::LiveError;
 use serde::{Deserialize, Serialize};
 use std::str::FromStr;
 
-/// A fault and when it happens.
+/// A fault and its time.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct TimedFault {
-    /// When, s from the device's start.
+    /// Time, s from the start of the device.
     pub at_s: f64,
-    /// What.
+    /// The fault.
     pub fault: Fault,
 }
 
@@ -17,42 +17,43 @@ pub struct TimedFault {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fault {
-    /// Every reading has noise more, for some time.
+    /// Additional noise on every reading, for some time.
     Noise {
         /// Its standard deviation, counts.
         counts: f64,
-        /// For how long, s.
+        /// Duration, s.
         for_s: f64,
     },
-    /// Each packet is damaged with some probability: a byte changed, lost or doubled, or noise before it; for some time.
+    /// Damage to packets with some probability: a byte changed, lost or doubled, or noise before the packet; for some
+    /// time.
     Bytes {
         /// Probability for each packet.
         share: f64,
-        /// For how long, s.
+        /// Duration, s.
         for_s: f64,
     },
-    /// An electrode comes loose: some resistance stands in series with it from then on. 0 mends it.
+    /// A loose electrode: from then on, a resistance in series with it. 0 repairs it.
     Loose {
         /// The electrode.
         electrode: usize,
         /// Resistance, ohm.
         ohm: f64,
     },
-    /// The device is unplugged and plugged in again after some time.
+    /// The device is unplugged, and plugged in again after some time.
     Unplug {
-        /// For how long, s.
+        /// Duration, s.
         for_s: f64,
     },
 }
 
-/// What a contact that comes loose gains where nothing else is said, ohm.
+/// Default resistance of a loose contact, ohm.
 const LOOSE_OHM: f64 = 1000.0;
 
 impl FromStr for TimedFault {
     type Err = LiveError;
 
-    /// From `noise:COUNTS@SECONDS+FOR`, `bytes:SHARE@SECONDS+FOR`, `loose:ELECTRODE[:OHM]@SECONDS`, `mend:ELECTRODE@SECONDS`,
-    /// `unplug@SECONDS+FOR`.
+    /// Parses `noise:COUNTS@SECONDS+FOR`, `bytes:SHARE@SECONDS+FOR`, `loose:ELECTRODE[:OHM]@SECONDS`,
+    /// `mend:ELECTRODE@SECONDS`, `unplug@SECONDS+FOR`.
     fn from_str(text: &str) -> Result<Self, LiveError> {
         parse(text).ok_or_else(|| {
             LiveError::Given(format!(

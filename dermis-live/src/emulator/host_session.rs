@@ -1,4 +1,4 @@
-//! The emulated device's conversation with one host.
+//! The session of the emulated device with one host.
 
 use crate::LiveError;
 use crate::emulator::Emulator;
@@ -13,14 +13,14 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use std::time::{Duration, Instant};
 
-/// A frame that is later than this is not sent.
+/// A frame that is later than this is skipped.
 const MOST_LATE: Duration = Duration::from_millis(250);
-/// How often a status is sent, s of ours.
+/// Interval of status messages, s of real time.
 const STATUS_S: f64 = 1.0;
 
-/// Why a conversation ended.
+/// Why a session ended.
 pub(super) enum SessionEnd {
-    /// The host is gone.
+    /// The host disconnected.
     Gone,
     /// The device failed.
     Failed(Box<LiveError>),
@@ -38,15 +38,15 @@ impl From<LiveError> for SessionEnd {
     }
 }
 
-/// A conversation with one host.
+/// A session with one host.
 pub(super) struct HostSession<'a> {
     emulator: &'a Emulator,
     line: &'a mut dyn Wire,
     decoder: Decoder<[u8; ToDevice::PACKET_BYTES]>,
-    /// The parts so far of a scan table that the host is sending.
+    /// The parts received so far of a scan table.
     begun: Option<Vec<Slot>>,
     running: bool,
-    /// Our time of the first frame after the start, and its number.
+    /// Real time of the first frame after the start, and its number.
     began: (Instant, u64),
     dropped: u32,
     damaged: u32,
@@ -55,7 +55,7 @@ pub(super) struct HostSession<'a> {
     rng: ChaCha8Rng,
 }
 
-/// The random stream of what happens to bytes.
+/// The random stream of damaged bytes.
 const BYTES_STREAM: u64 = u64::MAX - 17;
 
 impl<'a> HostSession<'a> {
@@ -80,7 +80,7 @@ impl<'a> HostSession<'a> {
         self.greet()?;
         let mut buffer = [0; 4096];
         while !self.emulator.is_stopped() {
-            let count = if self.running { self.peek(&mut buffer)? } else { self.line.heard(&mut buffer)? };
+            let count = if self.running { self.peek(&mut buffer)? } else { self.line.receive(&mut buffer)? };
             if count > 0 {
                 self.answer(&buffer[..count])?;
             }
@@ -93,11 +93,11 @@ impl<'a> HostSession<'a> {
         Ok(())
     }
 
-    /// Commands while frames are sent are looked for a hundred times a second only: reading costs a wait.
+    /// While frames are sent, commands are read only a hundred times per second, because reading costs time.
     fn peek(&mut self, buffer: &mut [u8]) -> Result<usize, SessionEnd> {
         let every = (f64::from(self.emulator.timing().rate_millihertz()) * 1e-5).ceil() as u64;
         let next = self.emulator.next_index();
-        if next.is_multiple_of(every.max(1)) { Ok(self.line.heard(buffer)?) } else { Ok(0) }
+        if next.is_multiple_of(every.max(1)) { Ok(self.line.receive(buffer)?) } else { Ok(0) }
     }
 
     fn greet(&mut self) -> Result<(), SessionEnd> {
@@ -122,7 +122,7 @@ impl<'a> HostSession<'a> {
             match message.as_deref().map(ToDevice::parse) {
                 None => self.damaged += 1,
                 Some(Err(_)) => self.refuse(FaultCode::UnknownMessage, "this message is unknown")?,
-                Some(Ok(command)) => self.obey(&command)?,
+                Some(Ok(command)) => self.execute(&command)?,
             }
         }
         Ok(())
@@ -132,7 +132,7 @@ impl<'a> HostSession<'a> {
         self.say(&ToHost::Fault(WireFault { code, text }))
     }
 
-    fn obey(&mut self, command: &ToDevice<'_>) -> Result<(), SessionEnd> {
+    fn execute(&mut self, command: &ToDevice<'_>) -> Result<(), SessionEnd> {
         match command {
             ToDevice::Identify => self.greet()?,
             ToDevice::Stop => self.running = false,
@@ -171,7 +171,7 @@ impl<'a> HostSession<'a> {
         self.began = (Instant::now(), index);
     }
 
-    /// A part of a scan table: it takes that of its own skin alone, which it has at power-up.
+    /// Processes a part of a scan table. Only the table of its own skin, which is set at power-up, is accepted.
     fn scan(&mut self, part: &ScanPart<'_>) -> Result<(), SessionEnd> {
         let mut slots = if part.first == 0 { Vec::new() } else { self.begun.take().unwrap_or_default() };
         let own = self.emulator.slots();
@@ -193,7 +193,7 @@ impl<'a> HostSession<'a> {
         (index as u32, self.emulator.timing().time_us(index) as u64)
     }
 
-    /// Waits for the next frame's time and sends it.
+    /// Waits until the next frame is due and sends it.
     fn send_due(&mut self) -> Result<(), SessionEnd> {
         let emulator = self.emulator;
         let index = emulator.next_index();
@@ -204,7 +204,7 @@ impl<'a> HostSession<'a> {
             match due.checked_duration_since(Instant::now()) {
                 Some(wait) => std::thread::sleep(wait),
                 None if due.elapsed() > MOST_LATE => {
-                    // It cannot keep up: what is late is left out, as an instrument does whose line is too slow.
+                    // The twin is too slow: late frames are skipped, as an instrument does on a slow line.
                     let skipped = (due.elapsed().as_secs_f64() / frame_s) as u64;
                     self.dropped = self.dropped.wrapping_add(skipped as u32);
                     emulator.set_next_index(index + skipped);
@@ -244,7 +244,7 @@ impl<'a> HostSession<'a> {
         });
         if noise > 0.0 {
             let full = f64::from(emulator.full_scale());
-            // About a count is the noise of the usual converter.
+            // About one count is the noise of a typical converter.
             let rng = &mut self.rng;
             counts.iter_mut().for_each(|count| {
                 let noisy = f64::from(*count) + noise * standard_normal(rng);
@@ -278,12 +278,12 @@ impl<'a> HostSession<'a> {
     }
 }
 
-/// No message of ours is longer than the buffer.
+/// No message is longer than the buffer.
 fn no_room(error: dermis_wire::NoRoom) -> std::io::Error {
     std::io::Error::other(error.to_string())
 }
 
-/// A packet after an accident: a byte changed, cut short, doubled, or noise before it.
+/// A packet with random damage: a byte changed, cut short, doubled, or noise before it.
 fn damaged(packet: &[u8], rng: &mut ChaCha8Rng) -> Vec<u8> {
     let mut bytes = packet.to_vec();
     let inside = 1 + rng.random_range(0..packet.len() - 2);
@@ -306,11 +306,11 @@ mod tests {
     use dermis::design::SkinDesign;
     use dermis_sim::twin::TwinOptions;
 
-    /// A line that keeps what the device says.
+    /// A connection that stores what the device sends.
     struct Said(Vec<u8>);
 
     impl Wire for Said {
-        fn heard(&mut self, _: &mut [u8]) -> std::io::Result<usize> {
+        fn receive(&mut self, _: &mut [u8]) -> std::io::Result<usize> {
             Ok(0)
         }
 
@@ -335,18 +335,18 @@ mod tests {
         let mut said = Said(Vec::new());
         let mut talk = HostSession::new(&emulator, &mut said);
         let send = |talk: &mut HostSession<'_>| (0..3).for_each(|_| assert!(talk.send_due().is_ok()));
-        let obey = |talk: &mut HostSession<'_>, command| assert!(talk.obey(&command).is_ok());
-        obey(&mut talk, ToDevice::Start);
+        let execute = |talk: &mut HostSession<'_>, command| assert!(talk.execute(&command).is_ok());
+        execute(&mut talk, ToDevice::Start);
         send(&mut talk);
-        obey(&mut talk, ToDevice::Rate(60_000));
+        execute(&mut talk, ToDevice::Rate(60_000));
         let began = talk.began;
-        obey(&mut talk, ToDevice::Start);
+        execute(&mut talk, ToDevice::Start);
         assert_eq!(talk.began, began, "it is started already");
         send(&mut talk);
-        obey(&mut talk, ToDevice::Stop);
-        obey(&mut talk, ToDevice::Start);
+        execute(&mut talk, ToDevice::Stop);
+        execute(&mut talk, ToDevice::Start);
         send(&mut talk);
-        // Another host finds the rate that the last one left.
+        // The next host finds the rate that the previous one set.
         assert!(HostSession::new(&emulator, &mut said).greet().is_ok());
 
         let (mut times_us, mut rate_millihertz) = (Vec::new(), 0);

@@ -1,4 +1,4 @@
-//! A twin that speaks the wire protocol: a device for whoever has none, and for tests.
+//! A digital twin that implements the wire protocol: an emulated device for tests and for users without hardware.
 
 mod device;
 mod fault;

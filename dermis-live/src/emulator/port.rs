@@ -1,4 +1,4 @@
-//! Where an emulated device can be reached: its ports, and the wires that come of them.
+//! The ports of an emulated device, and its connections.
 
 use crate::LiveError;
 use crate::emulator::Emulator;
@@ -7,18 +7,18 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::time::Duration;
 
-/// Where the emulated device can be reached.
+/// A port of the emulated device.
 pub enum Port {
     /// Over TCP; one host at a time.
     Tcp(TcpListener),
     /// As a serial port.
     Serial(serial2::SerialPort),
-    /// As a pseudo terminal; its other end is held open, so that it outlives its hosts.
+    /// A pseudo terminal; the host end is kept open, so that the port outlives its hosts.
     #[cfg(unix)]
     Terminal {
-        /// The device's end.
+        /// The device end.
         device: std::fs::File,
-        /// The hosts' end.
+        /// The host end.
         _host: std::fs::File,
     },
 }
@@ -27,7 +27,7 @@ impl Emulator {
     /// Serves hosts one after another until it is [stopped](Self::stop).
     ///
     /// # Errors
-    /// A port that breaks; a twin that fails, which is our fault.
+    /// A port failure; an internal failure of the twin.
     pub fn serve(&self, port: Port) -> Result<(), LiveError> {
         let broken = |error: std::io::Error| LiveError::Given(format!("the emulated device's port: {error}"));
         match port {
@@ -73,7 +73,7 @@ impl Emulator {
         }
     }
 
-    /// While it is unplugged its time goes on.
+    /// Waits while the device is unplugged; its time continues.
     fn wait_unplugged(&self) {
         if self.is_unplugged(self.now_s()) {
             let frame_s = 1.0 / (self.options().twin.electronics.frame_rate_hz * self.options().speed);
@@ -82,7 +82,7 @@ impl Emulator {
         }
     }
 
-    /// Talks with one host until it goes.
+    /// Serves one host until it disconnects.
     fn converse(&self, line: &mut dyn Wire) -> Result<(), LiveError> {
         match HostSession::new(self, line).run() {
             Ok(()) | Err(SessionEnd::Gone) => Ok(()),
@@ -91,9 +91,9 @@ impl Emulator {
     }
 }
 
-/// A line as the device sees it: reading does not wait.
+/// A connection as the device uses it: reading does not block.
 pub(super) trait Wire {
-    fn heard(&mut self, buffer: &mut [u8]) -> std::io::Result<usize>;
+    fn receive(&mut self, buffer: &mut [u8]) -> std::io::Result<usize>;
     fn say(&mut self, bytes: &[u8]) -> std::io::Result<()>;
 }
 
@@ -105,7 +105,7 @@ fn nothing_yet(error: std::io::Error) -> std::io::Result<usize> {
 }
 
 impl Wire for TcpStream {
-    fn heard(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+    fn receive(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
         match self.read(buffer) {
             Ok(0) => Err(ErrorKind::UnexpectedEof.into()),
             Ok(count) => Ok(count),
@@ -120,7 +120,7 @@ impl Wire for TcpStream {
 
 #[cfg(unix)]
 impl Wire for std::fs::File {
-    fn heard(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+    fn receive(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
         use rustix::event::{PollFd, PollFlags, poll};
         let now = rustix::event::Timespec { tv_sec: 0, tv_nsec: 0 };
         let ready = poll(&mut [PollFd::new(&*self, PollFlags::IN)], Some(&now))?;
@@ -133,7 +133,7 @@ impl Wire for std::fs::File {
 }
 
 impl Wire for serial2::SerialPort {
-    fn heard(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+    fn receive(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
         serial2::SerialPort::read(self, buffer).or_else(nothing_yet)
     }
 

@@ -1,4 +1,4 @@
-//! What touches an emulated skin, and when.
+//! Scripts of touches of an emulated skin.
 
 use crate::LiveError;
 use dermis::design::SkinDesign;
@@ -13,32 +13,32 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// A script of touches, as its TOML file states it.
+/// A script of touches, as in its TOML file.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Script {
-    /// After so long it begins again, s; never without it.
+    /// Period after which the script repeats, s; without it, the script runs once.
     pub repeat_s: Option<f64>,
     /// The touches.
     #[serde(default, rename = "touch")]
     pub touches: Vec<Stroke>,
 }
 
-/// One touch: pressed, held or drawn along a straight line of the surface, and lifted.
+/// One touch: a press that is held or moved along a straight line on the surface, and lifted.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Stroke {
-    /// When it begins, s.
+    /// Start time, s.
     pub at_s: f64,
-    /// How long it lasts, s.
+    /// Duration, s.
     pub for_s: f64,
-    /// Where it begins.
+    /// Start position.
     pub from: Place,
-    /// Where it ends; where it began, without it.
+    /// End position; the start position if absent.
     pub to: Option<Place>,
     /// Force on the skin, N.
     pub force_n: f64,
-    /// How long the force takes to come up and to go, s.
+    /// Rise and fall time of the force, s.
     #[serde(default = "usual_ramp_s")]
     pub ramp_s: f64,
 }
@@ -47,7 +47,7 @@ fn usual_ramp_s() -> f64 {
     0.03
 }
 
-/// A place on a skin.
+/// A position on a skin.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged, deny_unknown_fields)]
 pub enum Place {
@@ -57,20 +57,20 @@ pub enum Place {
     Cylinder {
         /// Along the axis, m.
         z_m: f64,
-        /// Round it, degrees.
+        /// Around the axis, degrees.
         theta_deg: f64,
     },
 }
 
-/// Scripts that need no file.
+/// Built-in scripts.
 pub const NAMED: [&str; 7] = ["none", "random", "press", "slide", "cross", "four", "grid"];
 
 impl Script {
-    /// A script by its name, or else from its file. Random touches and the forces of `grid` depend on the seed; `grid` presses as
-    /// the twin's experiment does.
+    /// Loads a built-in script by its name, or a file. Random touches and the forces of `grid` depend on the seed;
+    /// `grid` presses as the twin's experiment does.
     ///
     /// # Errors
-    /// A file that cannot be read, touches that no skin has.
+    /// A file that cannot be read; touches that the skin cannot have.
     pub fn load(name_or_path: &str, design: &SkinDesign, twin: &TwinOptions, seed: u64) -> Result<Self, LiveError> {
         if !Path::new(name_or_path).is_file() {
             if name_or_path == "grid" {
@@ -92,9 +92,9 @@ impl Script {
         Ok(script)
     }
 
-    /// The presses of the paper's experiment, those that `dermis experiment` records as the set `grid` for the same twin and
-    /// seed: the middle of every pixel, one after the other. The experiment has one frame of each; here it is held for a part of
-    /// the interval.
+    /// The presses of the paper's experiment, as `dermis experiment` records them in the set `grid` for the same twin
+    /// and seed: the centre of every pixel, one after the other. The experiment has one frame per press; here each
+    /// press is held for a part of the interval.
     ///
     /// # Errors
     /// A design without a mesh or pixels.
@@ -116,7 +116,7 @@ impl Script {
         Ok(Script { repeat_s, touches })
     }
 
-    /// A script that needs no file; `None` of another name.
+    /// A built-in script; `None` for an unknown name.
     fn named(name: &str, design: &SkinDesign, seed: u64) -> Option<Self> {
         let at = |part: f64, turn: f64| place(design, part, turn);
         let stroke = |at_s: f64, for_s: f64, from: Place, to: Option<Place>| Stroke {
@@ -166,27 +166,27 @@ impl Script {
         Ok(())
     }
 
-    /// JSON schema of a script's file.
+    /// JSON schema of a script file.
     pub fn json_schema() -> serde_json::Value {
         schemars::schema_for!(Script).to_value()
     }
 
-    /// What presses at some time, s, with a tip of some radius.
+    /// The presses at a time, s, with a tip of the given radius.
     pub fn presses(&self, time_s: f64, surface: &Surface, tip_radius_m: f64) -> Vec<Press> {
         let time_s = self.repeat_s.map_or(time_s, |repeat_s| time_s.rem_euclid(repeat_s));
         self.touches.iter().filter_map(|stroke| stroke.press(time_s, surface, tip_radius_m)).collect()
     }
 }
 
-/// The random stream of touches; frames have those of their numbers.
+/// The random stream of touches; frames use the streams of their numbers.
 const RANDOM_STREAM: u64 = u64::MAX - 16;
-/// When the first press of the grid begins, s: behind a tare.
+/// Time of the first press of the grid, s: after a tare.
 const GRID_BEGINS_S: f64 = 1.0;
-/// The part of an experiment's interval for which a press is held.
+/// Part of an experiment's interval for which a press is held.
 const HELD: f64 = 0.6;
-/// Random touches until they come again.
+/// Number of random touches before they repeat.
 const RANDOM_TOUCHES: u32 = 500;
-/// No skin is pressed by less, N: the force while it comes up from nothing.
+/// Smallest force of a press, N: the force while it rises from zero.
 const LEAST_N: f64 = 0.01;
 
 impl Stroke {
@@ -242,7 +242,7 @@ impl Stroke {
 }
 
 impl Place {
-    /// The point on a surface; `None` of a place on a cylinder elsewhere.
+    /// The point on a surface; `None` for a cylinder position on another body.
     pub fn point(&self, surface: &Surface) -> Option<Point3> {
         match *self {
             Place::Space(point) => Some(point),
@@ -251,8 +251,8 @@ impl Place {
     }
 }
 
-/// A place by the part of a skin's length and of a turn round it; on a flat skin by parts of a circle round its middle, on any
-/// other body at one of its electrodes.
+/// A position by fractions of the length of a skin and of a turn around it. On a flat skin, the fractions are those of
+/// a circle around its centre; on any other body, they select an electrode.
 fn place(design: &SkinDesign, part: f64, turn: f64) -> Place {
     match (design.body.surface(), &design.body) {
         (Surface::Cylinder { length_m, .. }, _) => Place::Cylinder { z_m: part * length_m, theta_deg: 360.0 * turn },
@@ -296,7 +296,7 @@ mod tests {
         let off = text.replace("0.1,", "0.4,");
         assert!(toml::from_str::<Script>(&off).unwrap().check(&design).unwrap_err().contains("off the skin"));
     }
-    /// The experiment's own presses, in its order: places, forces and number.
+    /// The same presses as the experiment, in its order: positions, forces and number.
     #[test]
     fn the_grid_is_that_of_the_experiment_and_each_press_is_held() {
         let design = SkinDesign::shipped("skin16").unwrap();

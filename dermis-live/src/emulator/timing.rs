@@ -1,6 +1,6 @@
-//! The emulated device's rate and clock.
+//! Frame rate and clock of the emulated device.
 
-/// When frames are taken: at a rate that changes with a start only, on a clock that goes on meanwhile.
+/// Times of the frames: the rate changes only at a start, and the clock continues meanwhile.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Timing {
     rate_millihertz: u32,
@@ -15,17 +15,17 @@ impl Timing {
         Timing { rate_millihertz, asked_millihertz: rate_millihertz, since: (0, 0.0) }
     }
 
-    /// Frames in a thousand seconds now.
+    /// The current rate, frames per 1000 s.
     pub fn rate_millihertz(self) -> u32 {
         self.rate_millihertz
     }
 
-    /// The same, from the next start on.
+    /// The requested rate, used from the next start on.
     pub fn asked_millihertz(self) -> u32 {
         self.asked_millihertz
     }
 
-    /// A host asks for another rate.
+    /// Requests another rate.
     pub fn ask(&mut self, rate_millihertz: u32) {
         self.asked_millihertz = rate_millihertz;
     }
@@ -36,7 +36,7 @@ impl Timing {
         self.rate_millihertz = self.asked_millihertz;
     }
 
-    /// When frame `index` is taken, us since power-up.
+    /// Time of frame `index`, us since power-up.
     pub fn time_us(self, index: u64) -> f64 {
         self.since.1 + index.saturating_sub(self.since.0) as f64 * 1e9 / f64::from(self.rate_millihertz)
     }

@@ -1,6 +1,6 @@
-//! Tables of what a recording holds, for any program.
+//! Conversion of recordings to tables.
 
-use crate::recording::read::{Messages, Told};
+use crate::recording::read::{Messages, ReadItem};
 use crate::recording::walk::End;
 use crate::recording::{RecordError, Session, npz};
 use crate::sinks::ros2::{self as ros, CONTACT_FIELDS, Image, PointCloud2, Topic};
@@ -9,32 +9,32 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
-/// What was converted.
+/// Summary of a conversion.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Converted {
-    /// Frames: those that are complete.
+    /// Complete frames.
     pub frames: usize,
-    /// Values of a frame.
+    /// Values per frame.
     pub channels: usize,
     /// Rows and columns of an image.
     pub picture: [usize; 2],
-    /// Contacts in all frames together.
+    /// Contacts in all frames.
     pub contacts: usize,
-    /// What was left out: frames that are not complete, what is damaged, and where the recording was cut.
+    /// What was skipped: incomplete frames, damaged parts, and a truncated end.
     pub left_out: Vec<String>,
 }
 
-/// Makes a folder of a recording:
+/// Converts a recording to a folder:
 ///
-/// - `frames.csv`: the values of a frame in each row, ohm, as every command of `dermis` reads them;
-/// - `times.csv`: the number of each frame, when it was measured and when its contacts were known, s since 1970;
+/// - `frames.csv`: the values of one frame per row, ohm, as every command of `dermis` reads them;
+/// - `times.csv`: the number of each frame, and the times of its measurement and of its contacts, s since 1970;
 /// - `contacts.csv`: each contact of each frame;
-/// - `recording.npz`: all of that and the images, for NumPy.
+/// - `recording.npz`: all of these and the images, for NumPy.
 ///
-/// The folder is there whole or not at all.
+/// The folder is created completely or not at all.
 ///
 /// # Errors
-/// A file that is no recording of frames; a folder that exists; what the system says.
+/// A file that is not a recording of frames; a folder that exists; a system error.
 pub fn convert(path: &Path, folder: &Path) -> Result<Converted, RecordError> {
     if folder.exists() {
         return Err(RecordError::Exists { path: folder.to_path_buf() });
@@ -43,7 +43,7 @@ pub fn convert(path: &Path, folder: &Path) -> Result<Converted, RecordError> {
     let parent = folder.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut builder = tempfile::Builder::new();
     builder.prefix(".dermis-");
-    // Temporary folders are private by default; a result has the rights of any other new folder.
+    // Temporary folders are private by default; the result gets the permissions of any other new folder.
     #[cfg(unix)]
     let builder = builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o777));
     let beside = builder.tempdir_in(parent).map_err(io)?;
@@ -51,24 +51,24 @@ pub fn convert(path: &Path, folder: &Path) -> Result<Converted, RecordError> {
     npz::write(path, &beside.path().join("recording.npz"), &converted, &columns)?;
     converted.contacts = columns.contact_frames.len();
     std::fs::rename(beside.path(), folder).map_err(io)?;
-    // Its name is another now: there is nothing left to take away.
+    // The folder was renamed: nothing is left to remove.
     let _ = beside.keep();
     Ok(converted)
 }
 
-/// What is short enough to be kept while the file is read.
+/// Data small enough to keep in memory while the file is read.
 #[derive(Default)]
 pub(super) struct Columns {
     pub sequences: Vec<u32>,
     pub measured_ns: Vec<u64>,
     pub output_ns: Vec<u64>,
-    /// The frame that each contact belongs to.
+    /// The frame of each contact.
     pub contact_frames: Vec<u64>,
     /// The bytes of each contact, in the order of [`CONTACT_FIELDS`].
     pub contacts: Vec<[[u8; 4]; CONTACT_FIELDS.len()]>,
 }
 
-/// A frame of which everything is there.
+/// A complete frame.
 pub(super) struct Row {
     pub sequence: u32,
     pub measured_ns: u64,
@@ -91,13 +91,13 @@ impl Rows {
         Ok(Rows { messages: Messages::open(path)?, values: None, image: None, left_out: Vec::new() })
     }
 
-    /// The next complete frame. What cannot be read is left out, and said.
+    /// The next complete frame. Unreadable parts are skipped and reported.
     pub fn next(&mut self) -> Result<Option<Row>, RecordError> {
-        while let Some(told) = self.messages.next_told(&mut Session::default())? {
-            let taken = match told {
-                Told::Message { topic: Some(topic), header, data } => self.take(topic, header, &data),
-                Told::Message { .. } => Ok(None),
-                Told::Damaged { at, why } => Err(format!("byte {at}: {why}")),
+        while let Some(item) = self.messages.next_item(&mut Session::default())? {
+            let taken = match item {
+                ReadItem::Message { topic: Some(topic), header, data } => self.take(topic, header, &data),
+                ReadItem::Message { .. } => Ok(None),
+                ReadItem::Damaged { at, why } => Err(format!("byte {at}: {why}")),
             };
             match taken {
                 Ok(Some(row)) => return Ok(Some(row)),
@@ -114,7 +114,7 @@ impl Rows {
         Ok(None)
     }
 
-    /// A frame is complete with its contacts, which are written behind its values and its image.
+    /// A frame is complete with its contacts, which are written after its values and its image.
     fn take(&mut self, topic: Topic, header: mcap::records::MessageHeader, data: &[u8]) -> Result<Option<Row>, String> {
         let place = |error: ros::DecodeError| format!("frame {}: {error}", header.sequence);
         match topic {
@@ -145,7 +145,7 @@ impl Rows {
     }
 }
 
-/// A frame says itself how large it is.
+/// Checks a frame against the sizes that it states.
 fn check(row: &Row) -> Result<(), String> {
     let cells = |image: &Image| u64::from(image.height) * u64::from(image.width) * 4;
     let fits = |image: &Image| image.encoding == "32FC1" && cells(image) == image.data.len() as u64;
@@ -157,7 +157,7 @@ fn check(row: &Row) -> Result<(), String> {
     }
 }
 
-/// The numbers of a picture.
+/// The values of an image message.
 pub(super) fn numbers(image: &Image) -> impl Iterator<Item = f32> {
     image.data.as_chunks().0.iter().map(|&bytes| f32::from_le_bytes(bytes))
 }
@@ -199,7 +199,7 @@ fn tables(path: &Path, folder: &Path) -> Result<(Converted, Columns), RecordErro
 }
 
 impl Converted {
-    /// Whether a frame is as large as the first.
+    /// Whether a frame has the same size as the first.
     pub(super) fn takes(&mut self, row: &Row) -> bool {
         let (channels, picture) = (row.values.width as usize, [row.image.height as usize, row.image.width as usize]);
         if self.frames == 0 {
@@ -235,7 +235,7 @@ fn contact_lines(file: &mut impl Write, frame: usize, row: &Row, columns: &mut C
     Ok(())
 }
 
-/// Seconds with all nine digits behind the point, which a binary number of 64 bits would not keep.
+/// Seconds with nine decimals, which a 64-bit float would not represent.
 fn seconds(ns: u64) -> String {
     format!("{}.{:09}", ns / 1_000_000_000, ns % 1_000_000_000)
 }

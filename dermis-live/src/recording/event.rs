@@ -1,18 +1,18 @@
-//! What happens beside the frames.
+//! Events of a recording other than frames.
 
 use dermis::pipeline::Notice;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-/// Something that happened beside the frames. In JSON: `{"kind": "command", "value": ...}`.
+/// An event other than a frame. In JSON: `{"kind": "command", "value": ...}`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", content = "value", rename_all = "snake_case")]
 pub enum Event {
-    /// A device said who it is: on being found again.
+    /// The hello of a device after a reconnection.
     Hello(#[serde(with = "hex")] Vec<u8>),
-    /// What the pipeline was told: to tare, another threshold.
+    /// A command to the pipeline: a tare, another threshold.
     Command(Value),
-    /// Something that a person should know.
+    /// A notice for the user.
     Notice(Notice),
 }
 

@@ -1,7 +1,7 @@
-//! Recordings: one MCAP file that ROS tools, Foxglove and Rerun open, and that holds all that a replay needs.
+//! Recordings: one MCAP file for ROS tools, Foxglove and Rerun, with all data that a replay needs.
 //!
-//! A [`Recorder`] writes one as frames come; [`Recording`] reads it back, finished or not; [`recover`] makes a whole file of
-//! what an interrupted one holds; [`convert`] makes tables of it. What lies where is told in `docs/recording.md`.
+//! A [`Recorder`] writes frames as they arrive; [`Recording`] reads a file, complete or truncated; [`recover`] repairs
+//! a truncated recording; [`convert`] converts one to tables. The format is described in `docs/recording.md`.
 
 mod convert;
 mod event;
@@ -26,10 +26,10 @@ pub use write::{Recorder, Written};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// What went wrong with a recording: the file, the place, what to do.
+/// An error of a recording: the file, the place, the fix.
 #[derive(Debug, Error)]
 pub enum RecordError {
-    /// Something of that name is there already.
+    /// A file or folder of that name exists already.
     #[error("{}: exists already; give another name, or move it away first", path.display())]
     Exists {
         /// The file or folder.
@@ -44,36 +44,36 @@ pub enum RecordError {
         /// The file.
         path: PathBuf,
     },
-    /// A file that cannot be made, read or written.
+    /// A file that cannot be created, read or written.
     #[error("{}: {source}", path.display())]
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system error.
         source: std::io::Error,
     },
-    /// The file is something else, or too short to be anything.
+    /// A file of another format, or a file that is too short.
     #[error("{}: no MCAP recording: {why}", path.display())]
     NoRecording {
         /// The file.
         path: PathBuf,
-        /// What it is instead.
+        /// What is wrong with it.
         why: String,
     },
-    /// A recording, but not one of Dermis, or one that lacks something.
+    /// A recording of another program, or one that lacks something.
     #[error("{}: {why}", path.display())]
     Lacks {
         /// The file.
         path: PathBuf,
-        /// What it lacks, and what to do.
+        /// What is missing, and the fix.
         why: String,
     },
-    /// Bytes that do not say what they should.
+    /// Invalid data.
     #[error("{}, byte {at}: {why}", path.display())]
     Damaged {
         /// The file.
         path: PathBuf,
-        /// Where.
+        /// Byte position.
         at: u64,
         /// What is wrong.
         why: String,
@@ -90,7 +90,7 @@ impl RecordError {
         }
     }
 
-    /// What the writer of MCAP files said. All but the system's answers are mistakes of ours.
+    /// An error of the MCAP writer. Everything but system errors is an internal fault.
     fn mcap(path: &Path, error: mcap::McapError) -> Self {
         match error {
             mcap::McapError::Io(source) => Self::io(path, source),

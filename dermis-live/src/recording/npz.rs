@@ -12,7 +12,7 @@ use zip::write::SimpleFileOptions;
 
 type Archive = ZipWriter<BufWriter<File>>;
 
-/// Writes the arrays. Frames and images are read once more each: they may be larger than memory.
+/// Writes the arrays. Frames and images are read again for each array, because they may exceed the memory.
 pub(super) fn write(path: &Path, to: &Path, sizes: &Converted, columns: &Columns) -> Result<(), RecordError> {
     let io = |source| RecordError::io(to, source);
     let mut archive = ZipWriter::new(BufWriter::new(File::create_new(to).map_err(io)?));
@@ -37,7 +37,7 @@ fn pictures(
     let mut rows = Rows::open(path)?;
     let mut sizes = Converted { left_out: Vec::new(), ..sizes.clone() };
     let mut left = sizes.frames;
-    // More may have been recorded since the first time.
+    // Frames may have been recorded since the first pass.
     while left > 0
         && let Some(row) = rows.next()?
     {
@@ -73,7 +73,7 @@ fn array<const N: usize>(
 }
 
 fn begin(archive: &mut Archive, name: &str, dtype: &str, shape: &[usize]) -> std::io::Result<()> {
-    // Stored as it is: the last digits are noise, and NumPy reads it at once.
+    // Stored uncompressed: the last digits are noise, and NumPy reads it faster.
     let options = SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored).large_file(true);
     archive.start_file(format!("{name}.npy"), options)?;
     archive.write_all(&npy_header(dtype, shape))

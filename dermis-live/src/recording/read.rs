@@ -10,55 +10,55 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// What a replay needs of a recording, in the order in which it was recorded.
+/// The items of a recording that a replay needs, in recorded order.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Recorded {
-    /// A frame came.
+    /// A frame.
     Frame {
-        /// When it was measured.
+        /// Time of measurement.
         measured_at: Timestamp,
-        /// When its contacts were known.
+        /// Time of its contacts.
         output_at: Timestamp,
-        /// The device's message.
+        /// The message of the device.
         message: Vec<u8>,
     },
-    /// Something happened beside the frames.
+    /// An event other than a frame.
     Event {
-        /// When.
+        /// Time of the event.
         at: Timestamp,
-        /// What.
+        /// The event.
         event: Event,
     },
 }
 
-/// A recording, finished or cut. An iterator over its frames and events; what is damaged comes as an error, and the
-/// iterator goes on behind it.
+/// A recording, complete or truncated. An iterator over its frames and events; a damaged part is returned as an error,
+/// and the iterator continues after it.
 pub struct Recording {
-    /// What it says of itself.
+    /// The data of the session.
     pub session: Session,
     messages: Messages,
-    /// The first message, which was met when the session had been read.
-    first: Option<Told>,
+    /// The first message, which was read after the session.
+    first: Option<ReadItem>,
 }
 
 impl Recording {
-    /// Opens a recording and reads what it says of itself.
+    /// Opens a recording and reads the data of its session.
     ///
     /// # Errors
-    /// A file that is no recording, or none of Dermis.
+    /// A file that is not a recording of Dermis.
     pub fn open(path: &Path) -> Result<Self, RecordError> {
         let (file, length) = open(path)?;
         Self::from_reader(Box::new(file), length, path)
     }
 
-    /// Reads a recording of so many bytes that is no file; `path` is what errors call it.
+    /// Reads a recording of `length` bytes from any source; errors refer to it as `path`.
     ///
     /// # Errors
-    /// As [`open`](Self::open).
+    /// The same as [`open`](Self::open).
     pub fn from_reader(input: Box<dyn Read + Send>, length: u64, path: &Path) -> Result<Self, RecordError> {
         let mut messages = Messages::new(input, length, path)?;
         let mut session = Session::default();
-        let first = messages.next_told(&mut session)?;
+        let first = messages.next_item(&mut session)?;
         if session.version.is_empty() {
             return Err(RecordError::lacks(
                 path,
@@ -68,7 +68,7 @@ impl Recording {
         Ok(Recording { session, messages, first })
     }
 
-    /// Whether the file ends as it should; known once all is read.
+    /// Whether the file is complete; known after all of it was read.
     pub fn is_whole(&self) -> bool {
         self.messages.walk.end() == Some(End::Whole)
     }
@@ -79,18 +79,18 @@ impl Iterator for Recording {
 
     fn next(&mut self) -> Option<Self::Item> {
         loop {
-            let told = match self.first.take() {
+            let item = match self.first.take() {
                 Some(first) => first,
-                None => match self.messages.next_told(&mut Session::default()) {
-                    Ok(told) => told?,
+                None => match self.messages.next_item(&mut Session::default()) {
+                    Ok(item) => item?,
                     Err(error) => return Some(Err(error)),
                 },
             };
-            let result = match told {
-                Told::Message { topic: Some(Topic::Wire), header, data } => frame(&header, &data),
-                Told::Message { topic: Some(Topic::Events), header, data } => event(&header, &data),
-                Told::Message { .. } => continue,
-                Told::Damaged { at, why } => return Some(Err(self.messages.damaged(at, why))),
+            let result = match item {
+                ReadItem::Message { topic: Some(Topic::Wire), header, data } => frame(&header, &data),
+                ReadItem::Message { topic: Some(Topic::Events), header, data } => event(&header, &data),
+                ReadItem::Message { .. } => continue,
+                ReadItem::Damaged { at, why } => return Some(Err(self.messages.damaged(at, why))),
             };
             return Some(result.map_err(|why| self.messages.damaged(self.messages.walk.record_at(), why)));
         }
@@ -112,13 +112,13 @@ fn event(header: &MessageHeader, data: &[u8]) -> Result<Recorded, String> {
     Ok(Recorded::Event { at: Timestamp { unix_ns: header.log_time }, event })
 }
 
-/// A message, or that something is damaged.
-pub(super) enum Told {
+/// A message, or a damaged part.
+pub(super) enum ReadItem {
     Message { topic: Option<Topic>, header: MessageHeader, data: Vec<u8> },
     Damaged { at: u64, why: String },
 }
 
-/// The messages of a recording with the topics that they are on.
+/// The messages of a recording with their topics.
 pub(super) struct Messages {
     path: PathBuf,
     pub walk: Walk<Box<dyn Read + Send>>,
@@ -135,8 +135,8 @@ impl Messages {
         Ok(Messages { path: path.to_path_buf(), walk: walk(input, length, path)?, topics: HashMap::new() })
     }
 
-    /// The next message; what comes before it is taken into the session.
-    pub fn next_told(&mut self, session: &mut Session) -> Result<Option<Told>, RecordError> {
+    /// The next message; other items before it are added to the session.
+    pub fn next_item(&mut self, session: &mut Session) -> Result<Option<ReadItem>, RecordError> {
         while let Some(item) = self.walk.next().map_err(|source| RecordError::io(&self.path, source))? {
             session.take(&item);
             match item {
@@ -146,9 +146,9 @@ impl Messages {
                 }
                 Item::Message { header, data } => {
                     let topic = self.topics.get(&header.channel_id).copied().flatten();
-                    return Ok(Some(Told::Message { topic, header, data }));
+                    return Ok(Some(ReadItem::Message { topic, header, data }));
                 }
-                Item::Damaged { at, why, .. } => return Ok(Some(Told::Damaged { at, why })),
+                Item::Damaged { at, why, .. } => return Ok(Some(ReadItem::Damaged { at, why })),
                 _ => {}
             }
         }
@@ -166,7 +166,7 @@ pub(super) fn open(path: &Path) -> Result<(File, u64), RecordError> {
     file.map(|(length, file)| (file, length)).map_err(|source| RecordError::io(path, source))
 }
 
-/// Begins to walk.
+/// Starts to read the records.
 pub(super) fn walk<R: Read>(input: R, length: u64, path: &Path) -> Result<Walk<R>, RecordError> {
     let walk = Walk::new(input, length).map_err(|source| RecordError::io(path, source))?;
     walk.map_err(|why| RecordError::NoRecording { path: path.to_path_buf(), why })

@@ -1,4 +1,4 @@
-//! Makes a whole recording of what a cut or damaged one holds.
+//! Repair of truncated or damaged recordings.
 
 use crate::recording::walk::{End, Item, Walk};
 use crate::recording::write::{CHUNK_TIME, Output, options, output};
@@ -12,7 +12,7 @@ use std::collections::HashSet;
 use std::io::{Read, Write};
 use std::path::Path;
 
-/// What was recovered, and what was not.
+/// Summary of a repair.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Recovered {
     /// Messages on all topics.
@@ -23,23 +23,23 @@ pub struct Recovered {
     pub seconds: f64,
     /// Whether the file was whole, and nothing in it damaged.
     pub was_whole: bool,
-    /// Bytes at the end that nothing could be made of.
+    /// Bytes at the end that could not be read.
     pub cut_bytes: u64,
-    /// What was damaged and left out, with its place.
+    /// Damaged parts that were skipped, with their positions.
     pub damaged: Vec<String>,
-    /// Messages that belong to no topic, as what named it is lost; they are left out.
-    pub homeless: u64,
+    /// Messages without a topic, because its declaration was lost; they are skipped.
+    pub without_topic: u64,
 }
 
-/// Writes everything that a recording still holds into a new file, which then is whole.
+/// Writes the readable contents of a recording to a new, complete file.
 ///
-/// What was recorded is not changed, nor its order; recovering what was recovered gives the same bytes again.
+/// Recorded data and their order do not change; repairing a repaired file gives the same bytes.
 ///
 /// # Errors
-/// A file that is no recording; an output that exists; what the system says of either.
+/// A file that is not a recording; an output that exists; a system error.
 pub fn recover(from: &Path, to: &Path) -> Result<Recovered, RecordError> {
     let (file, length) = read::open(from)?;
-    // Before anything is written.
+    // Check the input before anything is written.
     let walk = read::walk(file, length, from)?;
     if to.exists() {
         return Err(RecordError::Exists { path: to.to_path_buf() });
@@ -47,11 +47,11 @@ pub fn recover(from: &Path, to: &Path) -> Result<Recovered, RecordError> {
     let mut done = None;
     let written = dermis::frame::write_whole(to, |output| {
         let copied = done.insert(copy(walk, output));
-        // Only that something failed: what it was stands in `done`.
+        // The error itself is in `done`.
         if copied.is_ok() { Ok(()) } else { Err(std::io::ErrorKind::Other.into()) }
     });
     match (done, written) {
-        (Some(Err(failed)), _) => Err(failed.told(from, to)),
+        (Some(Err(failed)), _) => Err(failed.into_error(from, to)),
         (Some(Ok(recovered)), Ok(())) => Ok(recovered),
         (_, Err(dermis::frame::TableError::Io { source, .. })) => Err(RecordError::io(to, source)),
         (_, Err(other)) => Err(RecordError::io(to, std::io::Error::other(other))),
@@ -59,17 +59,17 @@ pub fn recover(from: &Path, to: &Path) -> Result<Recovered, RecordError> {
     }
 }
 
-/// As [`recover`], from a recording of so many bytes that is no file into anything; `path` is what errors call it.
+/// As [`recover`], from any source of `length` bytes to any output; errors refer to the source as `path`.
 ///
 /// # Errors
-/// As [`recover`].
+/// The same as [`recover`].
 pub fn recover_into(
     input: impl Read,
     length: u64,
     path: &Path,
     output: &mut dyn Write,
 ) -> Result<Recovered, RecordError> {
-    copy(read::walk(input, length, path)?, output).map_err(|failed| failed.told(path, path))
+    copy(read::walk(input, length, path)?, output).map_err(|failed| failed.into_error(path, path))
 }
 
 enum Failed {
@@ -78,7 +78,7 @@ enum Failed {
 }
 
 impl Failed {
-    fn told(self, from: &Path, to: &Path) -> RecordError {
+    fn into_error(self, from: &Path, to: &Path) -> RecordError {
         match self {
             Failed::Reading(source) => RecordError::io(from, source),
             Failed::Writing(error) => RecordError::mcap(to, error),
@@ -88,7 +88,7 @@ impl Failed {
 
 fn copy(mut walk: Walk<impl Read>, file: &mut dyn Write) -> Result<Recovered, Failed> {
     let mut recovered = Recovered::default();
-    // Before the header nothing can be written.
+    // Nothing can be written before the header.
     let mut header = Header { profile: "ros2".into(), library: String::new() };
     let mut pending = None;
     while let Some(item) = walk.next().map_err(Failed::Reading)? {
@@ -110,17 +110,17 @@ fn copy(mut walk: Walk<impl Read>, file: &mut dyn Write) -> Result<Recovered, Fa
         copy.times.map_or(0.0, |(first, last)| Timestamp { unix_ns: last }.seconds_since(Timestamp { unix_ns: first }));
     match walk.end() {
         Some(End::Cut { bytes, .. }) => recovered.cut_bytes = bytes,
-        _ => recovered.was_whole = recovered.damaged.is_empty() && recovered.homeless == 0,
+        _ => recovered.was_whole = recovered.damaged.is_empty() && recovered.without_topic == 0,
     }
     Ok(recovered)
 }
 
-/// What goes on from one file to the other.
+/// The state of a copy from one file to the other.
 struct Copy<'a> {
     writer: Writer<Output<&'a mut dyn Write>>,
     channels: HashSet<u16>,
     wire: HashSet<u16>,
-    /// Time of the first message of the chunk that is being written.
+    /// Time of the first message of the current chunk.
     chunk_from: Option<u64>,
     /// First and last time of all messages.
     times: Option<(u64, u64)>,
@@ -134,7 +134,7 @@ impl<'a> Copy<'a> {
 
     fn item(&mut self, item: Item, recovered: &mut Recovered) -> McapResult<()> {
         let copied = match item {
-            // Only the first counts.
+            // Only the first header counts.
             Item::Header(_) => Ok(()),
             Item::Schema { header, data } => self.schema(&header, &data),
             Item::Channel(channel) => self.channel(&channel),
@@ -175,7 +175,7 @@ impl<'a> Copy<'a> {
 
     fn message(&mut self, header: &MessageHeader, data: &[u8], recovered: &mut Recovered) -> McapResult<()> {
         if !self.channels.contains(&header.channel_id) {
-            recovered.homeless += 1;
+            recovered.without_topic += 1;
             return Ok(());
         }
         let from = *self.chunk_from.get_or_insert(header.log_time);

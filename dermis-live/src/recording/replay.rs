@@ -1,6 +1,6 @@
-//! A recording played again: the same frames and commands give the same contacts.
+//! Replay of recordings: the same frames and commands give the same contacts.
 //!
-//! [`Replay`] makes them as fast as it goes; a [`Player`] stands in for the device of a [`Live`](crate::Live).
+//! [`Replay`] runs at full speed; a [`Player`] replaces the device of a [`Live`](crate::Live).
 
 use crate::LiveError;
 use crate::clock;
@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// What a recording holds for a pipeline, in its order.
+/// The items of a recording for a pipeline, in their order.
 struct RecordingReader {
     path: PathBuf,
     recording: Recording,
@@ -26,16 +26,16 @@ struct RecordingReader {
     methods: Arc<MethodSet>,
 }
 
-/// A part of it.
-enum Reeled {
+/// One item.
+enum RecordedItem {
     Frame(Box<IncomingFrame>),
     Command(Command),
-    /// The device was found again.
+    /// The device was reconnected.
     Found(DeviceFacts),
 }
 
 impl RecordingReader {
-    /// Of a recording of the skin: what its device is known by, and the state of the pipeline at its beginning.
+    /// For a recording of the skin: also returns the facts of the device and the initial state of the pipeline.
     fn new(
         path: &Path,
         recording: Recording,
@@ -53,36 +53,36 @@ impl RecordingReader {
 
     fn greet(&mut self, hello: Vec<u8>) -> Result<DeviceFacts, LiveError> {
         match ToHost::parse(&hello) {
-            Ok(ToHost::Hello(_)) => Ok(self.stream.met(hello, None)),
+            Ok(ToHost::Hello(_)) => Ok(self.stream.connect(hello, None)),
             Ok(_) => Err(unreadable(&self.path, "a hello", "it is another message")),
             Err(error) => Err(unreadable(&self.path, "a hello", error)),
         }
     }
 
-    /// What comes next; `None` at the end.
-    fn next(&mut self) -> Result<Option<Reeled>, LiveError> {
+    /// The next item; `None` at the end.
+    fn next(&mut self) -> Result<Option<RecordedItem>, LiveError> {
         loop {
             let Some(recorded) = self.recording.next().transpose()? else { return Ok(None) };
             match recorded {
                 Recorded::Frame { measured_at, message, .. } => {
                     if let Some(incoming) = self.frame(measured_at, &message)? {
-                        return Ok(Some(Reeled::Frame(Box::new(incoming))));
+                        return Ok(Some(RecordedItem::Frame(Box::new(incoming))));
                     }
                 }
                 Recorded::Event { event: Event::Command(value), .. } => {
                     let command = serde_json::from_value(value);
                     let command = command.map_err(|error| unreadable(&self.path, "a command", error))?;
-                    return Ok(Some(Reeled::Command(self.here(command)?)));
+                    return Ok(Some(RecordedItem::Command(self.here(command)?)));
                 }
                 Recorded::Event { event: Event::Hello(hello), .. } => {
-                    return Ok(Some(Reeled::Found(self.greet(hello)?)));
+                    return Ok(Some(RecordedItem::Found(self.greet(hello)?)));
                 }
                 Recorded::Event { .. } => {}
             }
         }
     }
 
-    /// A command as it is to be given here: a network that does not come with the library has another folder.
+    /// A command with the names of this run: a network that is not shipped may be in another folder.
     fn here(&self, command: Command) -> Result<Command, LiveError> {
         let Command::Method { name } = &command else { return Ok(command) };
         match (self.methods.method(name), self.methods.extra()) {
@@ -97,7 +97,7 @@ impl RecordingReader {
             return Err(unreadable(&self.path, "a frame", "its message is none"));
         };
         let mut incoming = self.stream.frame(&frame, message, measured_at);
-        // The time on the host's clock is the recorded one.
+        // The time on the host clock is the recorded one.
         incoming.iter_mut().for_each(|incoming| incoming.input.measured_at = measured_at);
         Ok(incoming)
     }
@@ -107,7 +107,7 @@ fn unreadable(path: &Path, what: &str, why: impl std::fmt::Display) -> LiveError
     LiveError::Given(format!("{}: {what} cannot be read: {why}", path.display()))
 }
 
-/// The name that the network has here that a recording began with under some name, by the card in it.
+/// The name in this run of a network that the recording refers to by `name`, identified by its card.
 fn network(path: &Path, session: &Session, methods: &MethodSet, name: &str) -> Result<String, LiveError> {
     let Some(recorded) = &session.model_card_json else { return Ok(name.into()) };
     let card = serde_json::from_str::<Card>(recorded).ok().and_then(|card| serde_json::to_string_pretty(&card).ok());
@@ -133,7 +133,7 @@ fn without_its_network(path: &Path, name: &str) -> String {
     )
 }
 
-/// A recording being played again, frame by frame.
+/// A replay, frame by frame.
 pub struct Replay {
     reader: RecordingReader,
     pipeline: Pipeline,
@@ -145,10 +145,10 @@ impl std::fmt::Debug for Replay {
     }
 }
 
-/// What a step of a replay gives.
+/// The result of one step of a replay.
 #[derive(Debug)]
 pub enum Replayed {
-    /// A frame and its contacts, made anew.
+    /// A frame and its recomputed contacts.
     Frame(Box<LiveFrame>),
     /// A command that was carried out.
     Command(Command),
@@ -158,15 +158,16 @@ impl Replay {
     /// Opens a recording and prepares its skin.
     ///
     /// # Errors
-    /// A file that is no recording; a design or a state that this version cannot read; a network that this version lacks.
+    /// A file that is not a recording; a design or a state that this version cannot read; a network that this version
+    /// lacks.
     pub fn open(path: &Path) -> Result<Self, LiveError> {
         Self::with_model(path, None)
     }
 
-    /// The same; `model`: the folder of the network that it was recorded with, where that is not a shipped one.
+    /// The same with a network; `model` is the folder of the network of the recording, unless it is a shipped one.
     ///
     /// # Errors
-    /// As [`open`](Self::open); another network than that of the recording.
+    /// The same as [`open`](Self::open); a network that differs from that of the recording.
     pub fn with_model(path: &Path, model: Option<&str>) -> Result<Self, LiveError> {
         let recording = Recording::open(path)?;
         let skin = Skin::parse(&recording.session.design_toml, "design.toml")?;
@@ -180,7 +181,7 @@ impl Replay {
         self.pipeline.skin()
     }
 
-    /// What the recording says of itself.
+    /// The data of the session.
     pub fn session(&self) -> &Session {
         &self.reader.recording.session
     }
@@ -188,17 +189,17 @@ impl Replay {
     /// The next frame or command; `None` at the end.
     ///
     /// # Errors
-    /// A part of the file that is damaged; the next call goes on behind it.
+    /// A damaged part of the file; the next call continues after it.
     pub fn step(&mut self) -> Result<Option<Replayed>, LiveError> {
         loop {
             match self.reader.next()? {
                 None => return Ok(None),
-                Some(Reeled::Found(_)) => {}
-                Some(Reeled::Command(command)) => {
+                Some(RecordedItem::Found(_)) => {}
+                Some(RecordedItem::Command(command)) => {
                     self.pipeline.command(&command)?;
                     return Ok(Some(Replayed::Command(command)));
                 }
-                Some(Reeled::Frame(incoming)) => {
+                Some(RecordedItem::Frame(incoming)) => {
                     let frame = process(&mut self.pipeline, *incoming)?;
                     self.pipeline.take_notices();
                     return Ok(Some(Replayed::Frame(Box::new(frame))));
@@ -208,7 +209,7 @@ impl Replay {
     }
 }
 
-/// A recording in the place of a device: its frames come at their own pace, or several times as fast.
+/// Plays a recording in place of a device, in real time or at a multiple of it.
 pub struct Player {
     reader: RecordingReader,
     facts: DeviceFacts,
@@ -222,15 +223,15 @@ impl std::fmt::Debug for Player {
     }
 }
 
-/// How long a player sleeps at most before it looks whether it shall stop.
-const NAP: Duration = Duration::from_millis(20);
+/// Longest sleep of a player before it checks whether it was stopped.
+const LONGEST_SLEEP: Duration = Duration::from_millis(20);
 
 impl Player {
-    /// Opens a recording of a skin; `speed`: seconds of it that pass in one of ours.
+    /// Opens a recording of a skin; `speed` is a multiple of real time.
     ///
     /// # Errors
-    /// A file that is no recording, or one of another skin; a state that this version cannot read; a network that the skin
-    /// was prepared without.
+    /// A file that is not a recording, or one of another skin; a state that this version cannot read; a network that
+    /// was not prepared for the skin.
     pub fn open(path: &Path, methods: &Arc<MethodSet>, speed: f64) -> Result<Self, LiveError> {
         if !(speed > 0.0 && speed.is_finite()) {
             return Err(LiveError::Given(format!("the speed is {speed}: it must be positive")));
@@ -239,39 +240,39 @@ impl Player {
         let design = SkinDesign::parse(&recording.session.design_toml, "design.toml").map_err(dermis::Error::from)?;
         let own = methods.skin().design();
         if design.sha256() != own.sha256() {
-            let told = |design: &SkinDesign| {
+            let announced = |design: &SkinDesign| {
                 format!("{} electrodes, {} channels", design.electrodes.len(), design.protocol.channel_count())
             };
             return Err(LiveError::Given(format!(
                 "{} is a recording of another skin ({}) than `{}` ({}): give the design that it was made with (`dermis replay` \
                  needs none)",
                 path.display(),
-                told(&design),
+                announced(&design),
                 own.name,
-                told(own)
+                announced(own)
             )));
         }
         let (reader, facts, state) = RecordingReader::new(path, recording, Arc::clone(methods))?;
         Ok(Player { reader, facts, state, speed })
     }
 
-    /// What the pipeline remembered when the recording began.
+    /// The state of the pipeline at the start of the recording.
     pub fn state(&self) -> &State {
         &self.state
     }
 
-    /// What the device was known by.
+    /// The facts of the device.
     pub fn facts(&self) -> &DeviceFacts {
         &self.facts
     }
 
-    /// Plays until the end, or until all is to stop.
+    /// Plays until the end, or until it is stopped.
     pub(crate) fn play(mut self, shared: &LiveHandle) {
         let mut pace = Pace { speed: self.speed, begun: None };
         while !shared.is_stopped() {
             let text = match self.reader.next() {
-                Ok(Some(reeled)) => {
-                    feed(reeled, &mut pace, shared);
+                Ok(Some(item)) => {
+                    feed(item, &mut pace, shared);
                     continue;
                 }
                 Ok(None) => None,
@@ -290,15 +291,15 @@ impl Player {
     }
 }
 
-/// Hands a part of a recording on when it is due.
-fn feed(reeled: Reeled, pace: &mut Pace, shared: &LiveHandle) {
-    match reeled {
-        Reeled::Command(command) => {
+/// Passes an item to the pipeline when it is due.
+fn feed(item: RecordedItem, pace: &mut Pace, shared: &LiveHandle) {
+    match item {
+        RecordedItem::Command(command) => {
             await_room(shared);
             shared.queue(WorkItem::Command(command));
         }
-        Reeled::Found(facts) => shared.connected(facts),
-        Reeled::Frame(mut incoming) => {
+        RecordedItem::Found(facts) => shared.connected(facts),
+        RecordedItem::Frame(mut incoming) => {
             pace.wait(incoming.input.measured_at, shared);
             await_room(shared);
             incoming.received_at = clock::now();
@@ -307,7 +308,7 @@ fn feed(reeled: Reeled, pace: &mut Pace, shared: &LiveHandle) {
     }
 }
 
-/// When what was measured at some moment is due.
+/// Schedules frames by their times of measurement.
 struct Pace {
     speed: f64,
     begun: Option<(Timestamp, Instant)>,
@@ -323,12 +324,12 @@ impl Pace {
             if left.is_zero() {
                 return;
             }
-            std::thread::sleep(left.min(NAP));
+            std::thread::sleep(left.min(LONGEST_SLEEP));
         }
     }
 }
 
-/// A file can wait, which a device cannot: nothing of it is left out.
+/// Waits for room in the queue. Unlike a device, a file can wait: no frame is dropped.
 fn await_room(shared: &LiveHandle) {
     while shared.is_full() && !shared.is_stopped() {
         std::thread::sleep(Duration::from_micros(100));

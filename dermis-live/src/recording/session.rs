@@ -1,20 +1,20 @@
-//! What a recording says of itself before its first frame.
+//! The data that a recording contains before its first frame.
 
 use crate::recording::walk::Item;
 use mcap::records::Metadata;
 use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// What was given when the recording began: with the frames and events that follow, all that a replay needs.
+/// The inputs of a recording at its start; together with the frames and events, all data that a replay needs.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Session {
-    /// Version of Dermis that recorded it; a [`Recorder`](crate::recording::Recorder) writes its own.
+    /// Version of Dermis that made the recording; a [`Recorder`](crate::recording::Recorder) writes its own version.
     pub version: String,
-    /// The design, as written.
+    /// The design file.
     pub design_toml: String,
-    /// The twin that an emulator played, as written.
+    /// The twin file of an emulated device.
     pub twin_toml: Option<String>,
-    /// The card of the network, where one made the images.
+    /// The card of the network that computed the images, if any.
     pub model_card_json: Option<String>,
     /// The device's hello.
     pub hello: Vec<u8>,
@@ -41,7 +41,7 @@ impl Session {
         Metadata { name: NAME.into(), metadata }
     }
 
-    /// Name, kind and text of what is attached.
+    /// Name, media type and text of each attachment.
     pub(super) fn attachments(&self) -> impl Iterator<Item = (&'static str, &'static str, &str)> {
         let all = [
             (DESIGN, "application/toml", Some(self.design_toml.as_str())),
@@ -51,7 +51,7 @@ impl Session {
         all.into_iter().filter_map(|(name, kind, text)| Some((name, kind, text?)))
     }
 
-    /// Takes in what a recording says.
+    /// Adds an item of a recording.
     pub(super) fn take(&mut self, item: &Item) {
         match item {
             Item::Metadata(Metadata { name, metadata }) if name == NAME => {

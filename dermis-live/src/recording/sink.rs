@@ -4,7 +4,7 @@ use crate::LiveError;
 use crate::clock;
 use crate::recording::{self as record, RecordError, Recorder, Session, Written};
 use crate::runtime::{Event, LiveHandle};
-use crate::runtime::{Mailbox, Taken};
+use crate::runtime::{Mailbox, Popped};
 use crate::sinks::ros2::Reference;
 use dermis::pipeline::{Command, Notice, Severity};
 use serde_json::Value;
@@ -13,9 +13,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Events that may wait for the disk: half a minute at 120 frames a second.
+/// Events that can wait for the disk: half a minute at 120 frames per second.
 const WAITING_FOR_DISK: usize = 4096;
-/// The recorder flushes what it has after so long without an event.
+/// The recorder flushes after this time without an event.
 const PAUSE: Duration = Duration::from_millis(400);
 
 /// A recording in progress.
@@ -30,7 +30,7 @@ pub struct RecordingSink {
 /// Status of a recording.
 #[derive(Debug, Clone, Default)]
 pub struct RecordingStatus {
-    /// What it holds so far.
+    /// What was written so far.
     pub written: Written,
     /// Why it ended early.
     pub problem: Option<String>,
@@ -78,7 +78,7 @@ impl RecordingSink {
         self.status.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Ends it: every event so far is recorded, and the file closed.
+    /// Ends the recording: all events so far are written, and the file is closed.
     pub fn stop(self) -> RecordingStatus {
         self.shared.unsubscribe(&self.mailbox);
         // A thread that panicked has printed its message already.
@@ -114,22 +114,22 @@ impl RecorderThread {
         let mut reported = self.mailbox.dropped();
         loop {
             match self.mailbox.take(PAUSE) {
-                Taken::Item(Event::Frame(frame)) => recorder.frame(&frame)?,
-                Taken::Item(Event::Done(command)) => {
+                Popped::Item(Event::Frame(frame)) => recorder.frame(&frame)?,
+                Popped::Item(Event::Done(command)) => {
                     recorder.event(clock::now(), &record::Event::Command(command_value(&command)))?;
                 }
-                Taken::Item(Event::Notice(notice)) => {
+                Popped::Item(Event::Notice(notice)) => {
                     recorder.event(notice.at, &record::Event::Notice(notice.clone()))?;
                 }
-                Taken::Item(Event::Connected(facts)) => {
+                Popped::Item(Event::Connected(facts)) => {
                     recorder.event(clock::now(), &record::Event::Hello(facts.hello.clone()))?;
                 }
-                Taken::Item(Event::Lost(_) | Event::State(_)) => {}
-                Taken::TimedOut => recorder.flush()?,
-                Taken::Closed => break,
+                Popped::Item(Event::Lost(_) | Event::State(_)) => {}
+                Popped::TimedOut => recorder.flush()?,
+                Popped::Closed => break,
             }
             self.status.lock().unwrap_or_else(PoisonError::into_inner).written = recorder.written();
-            // A replay of what follows differs: report it in the recording, at this place.
+            // Reports dropped events at this place of the recording, because a replay differs from here on.
             let dropped = self.mailbox.dropped();
             if dropped > reported {
                 let text = format!("{} frames or events are missing here: the disk is too slow", dropped - reported);
@@ -143,12 +143,12 @@ impl RecorderThread {
         Ok(())
     }
 
-    /// The session that the recording begins with; `None` where it is ended before.
+    /// The session of the recording; `None` if the recording ends before one starts.
     fn await_session(&self) -> Option<Session> {
         loop {
             match self.mailbox.take(PAUSE) {
-                Taken::Item(Event::State(state)) => {
-                    // Without the hello of a device its messages cannot be read: wait until one is connected.
+                Popped::Item(Event::State(state)) => {
+                    // Messages of a device cannot be read without its hello: wait until a device is connected.
                     let Some(facts) = self.shared.facts() else { continue };
                     let method = self.shared.methods().method(&state.settings.method);
                     return Some(Session {
@@ -161,9 +161,9 @@ impl RecorderThread {
                         state: serde_json::to_value(&*state).unwrap_or(Value::Null),
                     });
                 }
-                Taken::Item(Event::Connected(_)) => self.shared.request_state(),
-                Taken::Item(_) | Taken::TimedOut => {}
-                Taken::Closed => return None,
+                Popped::Item(Event::Connected(_)) => self.shared.request_state(),
+                Popped::Item(_) | Popped::TimedOut => {}
+                Popped::Closed => return None,
             }
         }
     }

@@ -30,7 +30,7 @@ fn skin() -> &'static SyntheticSkin {
     SKIN.get_or_init(|| SyntheticSkin::shipped("skin16"))
 }
 
-/// A finished recording of 300 frames with an event after the hundredth, and the bytes that it had before it was finished.
+/// A complete recording of 300 frames with an event after the hundredth, and its bytes before it was finished.
 fn recorded() -> &'static (Vec<u8>, Vec<u8>) {
     static RECORDED: OnceLock<(Vec<u8>, Vec<u8>)> = OnceLock::new();
     RECORDED.get_or_init(|| {
@@ -61,7 +61,7 @@ fn in_file(bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
     (folder, path)
 }
 
-/// The frames that a recording gives back, after each was compared with what was recorded.
+/// Reads the frames of a recording and compares each with the recorded one; returns their number.
 fn frames_in(path: &Path) -> u64 {
     let mut next = 0;
     for recorded in Recording::open(path).unwrap() {
@@ -91,7 +91,7 @@ fn what_was_recorded_is_read_back() {
     assert!(recording.is_whole());
 }
 
-/// The independent reader: that of the crate `mcap`, with every checksum.
+/// An independent reader: the crate `mcap`, with all checksums.
 #[test]
 fn another_reader_finds_every_message() {
     let bytes = &recorded().0;
@@ -122,7 +122,7 @@ fn another_reader_finds_every_message() {
     assert_eq!(contacts, (0..FRAMES).map(|index| skin().frame(index).result.contacts.len() as u64).sum::<u64>());
 }
 
-/// Killed at any byte: whatever was in a finished chunk is there, and a chunk takes 0.4 s.
+/// After truncation at any byte, every finished chunk is there; a chunk takes 0.4 s.
 #[test]
 fn a_recording_that_is_cut_anywhere_is_recovered() {
     let whole = &recorded().0;
@@ -138,7 +138,7 @@ fn a_recording_that_is_cut_anywhere_is_recovered() {
         if recovered.frames > 0 {
             assert_eq!(frames_in(&to), recovered.frames);
         }
-        // Bytes are as good as time here, as all frames are about as long; a chunk takes 0.4 s.
+        // Bytes measure time here, because all frames have about the same length; a chunk takes 0.4 s.
         let lost_s =
             (length as f64 / whole.len() as f64 * FRAMES as f64 - recovered.frames as f64) / synthetic::RATE as f64;
         assert!(lost_s < 0.45, "{length} bytes: {lost_s} s lost");
@@ -199,7 +199,7 @@ fn what_is_no_recording_is_refused() {
     assert!(recover(&path, &to).unwrap_err().to_string().contains("ends after 5 bytes"));
     assert!(!to.exists());
     assert!(matches!(recover(&folder.path().join("none"), &to), Err(RecordError::Io { .. })));
-    // Another program's.
+    // A file of another program.
     let mut foreign = mcap::Writer::new(std::io::Cursor::new(Vec::new())).unwrap();
     foreign.finish().unwrap();
     std::fs::write(&path, foreign.into_inner().into_inner()).unwrap();
@@ -221,7 +221,7 @@ fn nothing_is_written_over() {
     assert!(matches!(error, RecordError::Io { .. }), "{error}");
 }
 
-/// A disk that has room for some bytes.
+/// A disk with room for a number of bytes.
 struct Disk {
     room: usize,
     holds: Arc<Mutex<Vec<u8>>>,
@@ -244,7 +244,7 @@ impl Write for Disk {
 }
 
 #[test]
-fn a_full_disk_is_told_and_what_it_holds_is_kept() {
+fn a_full_disk_is_reported_and_its_data_are_kept() {
     let holds = Arc::default();
     let disk = Disk { room: recorded().0.len() / 2, holds: Arc::clone(&holds) };
     let path = Path::new("presses.mcap");

@@ -1,14 +1,14 @@
-//! From one end of an MCAP file to the other, whatever has happened to it: <https://mcap.dev/spec>.
+//! Reads the records of an MCAP file, complete, truncated or damaged: <https://mcap.dev/spec>.
 //!
-//! Every record has its length in front: one that is damaged is told and skipped, one that the file does not hold to its
-//! end is where it was cut. Nothing is believed that would take more memory than the file has bytes.
+//! Every record begins with its length. A damaged record is reported and skipped; a record that extends past the end of
+//! the file marks the truncation. No stated length causes an allocation larger than the file.
 
 use mcap::MAGIC;
 use mcap::records::{AttachmentHeader, Channel, Header, MessageHeader, Metadata, SchemaHeader, op};
 use std::collections::BTreeMap;
 use std::io::{BufReader, Read};
 
-/// Something that the file holds.
+/// An item of the file.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Item {
     Header(Header),
@@ -26,7 +26,7 @@ pub(super) enum Item {
         data: Vec<u8>,
     },
     Metadata(Metadata),
-    /// Bytes that were skipped: where, how many, why.
+    /// Skipped bytes: position, number, reason.
     Damaged {
         at: u64,
         bytes: u64,
@@ -34,41 +34,41 @@ pub(super) enum Item {
     },
 }
 
-/// How the file ends.
+/// The end of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum End {
-    /// As it should.
+    /// Complete.
     Whole,
-    /// In the middle: the bytes from the last whole record on, which nothing could be made of.
+    /// Truncated: the bytes after the last complete record, which cannot be read.
     Cut { at: u64, bytes: u64 },
 }
 
-/// A record in front of which stands its kind and its length.
+/// Length of the prefix of a record: its opcode and its length.
 const PREFIX_BYTES: usize = 9;
-/// The longest record that is believed: a chunk of a recording has about a megabyte.
+/// Longest accepted record; a chunk of a recording has about one megabyte.
 const LONGEST_RECORD: u64 = 256 << 20;
 
-/// Walks through a file.
+/// A reader of the records of a file.
 pub(super) struct Walk<R> {
     input: BufReader<R>,
-    /// Bytes of the file.
+    /// Length of the file, bytes.
     length: u64,
-    /// Bytes that have been read.
+    /// Number of bytes read.
     at: u64,
-    /// Records of the chunk that is being read, what is left of them, and where they began.
+    /// Records of the current chunk, what is left of them, and their position.
     chunk: Vec<u8>,
     in_chunk: usize,
     chunk_at: u64,
-    /// Whether the data have ended and only their index is left.
+    /// Whether the data section has ended and only the summary is left.
     summary: bool,
     end: Option<End>,
 }
 
 impl<R: Read> Walk<R> {
-    /// Begins with a file of some length.
+    /// For a file of a given length.
     ///
     /// # Errors
-    /// What the file is instead of a recording; what the system says.
+    /// What the file is instead of a recording; a system error.
     pub fn new(input: R, length: u64) -> std::io::Result<Result<Self, String>> {
         let mut walk = Walk {
             input: BufReader::with_capacity(1 << 16, input),
@@ -89,12 +89,12 @@ impl<R: Read> Walk<R> {
         })
     }
 
-    /// Where the record begins that the last item came from.
+    /// Position of the record that contains the last item.
     pub fn record_at(&self) -> u64 {
         self.chunk_at
     }
 
-    /// How the file ended, once there is no further item.
+    /// How the file ended, after the last item.
     pub fn end(&self) -> Option<End> {
         self.end
     }
@@ -102,7 +102,7 @@ impl<R: Read> Walk<R> {
     /// The next item; `None` at the end.
     ///
     /// # Errors
-    /// What the system says.
+    /// A system error.
     pub fn next(&mut self) -> std::io::Result<Option<Item>> {
         while self.end.is_none() {
             if let Some(item) = self.next_in_chunk() {
@@ -112,7 +112,7 @@ impl<R: Read> Walk<R> {
                 return Ok(Some(item));
             }
         }
-        // What was found in a chunk that is cut.
+        // Items of a truncated chunk.
         Ok(self.next_in_chunk())
     }
 
@@ -132,7 +132,7 @@ impl<R: Read> Walk<R> {
         None
     }
 
-    /// The next record of the file itself; `None` where it is a chunk, an index, or the end.
+    /// The next record of the file itself; `None` for a chunk, an index, or the end.
     fn next_record(&mut self) -> std::io::Result<Option<Item>> {
         let start = self.at;
         self.chunk_at = start;
@@ -179,8 +179,8 @@ impl<R: Read> Walk<R> {
         None
     }
 
-    /// The records that a cut chunk holds. Nothing tells whether they are sound but that they can be read; what a killed
-    /// program had written is.
+    /// Reads the records of a truncated chunk. Its checksum cannot be verified; the records that a killed program had
+    /// written are valid.
     fn take_what_is_left_of_chunk(&mut self, body: &[u8]) {
         if let Some((header, records)) = chunk_header(body) {
             self.chunk = unpacked(&header, records).0;
@@ -202,7 +202,7 @@ impl<R: Read> Walk<R> {
     }
 }
 
-/// Kind and body of the record at a place, and the place behind it; `None` where there is no whole one.
+/// Opcode and body of the record at a position, and the position after it; `None` without a complete record.
 fn record_at(bytes: &[u8], at: usize) -> Option<(u8, &[u8], usize)> {
     let (&[kind, ref length @ ..], rest) = bytes.get(at..)?.split_first_chunk::<PREFIX_BYTES>()?;
     let length = usize::try_from(u64::from_le_bytes(*length)).ok()?;
@@ -215,10 +215,10 @@ struct ChunkHeader {
     compression: String,
 }
 
-/// The header of a chunk and its records, as far as they are there.
+/// The header of a chunk and its records, as far as the file contains them.
 fn chunk_header(body: &[u8]) -> Option<(ChunkHeader, &[u8])> {
     let mut fields = Fields(body);
-    // First and last time.
+    // Start and end time.
     fields.bytes(16)?;
     let header = ChunkHeader { unpacked_bytes: fields.u64()?, crc: fields.u32()?, compression: fields.text()? };
     let length = fields.u64()?;
@@ -237,9 +237,9 @@ fn chunk(body: &[u8]) -> Result<Vec<u8>, String> {
     Ok(records)
 }
 
-/// As much of a chunk's records as can be unpacked, and whether that is all.
+/// The records of a chunk that can be decompressed, and whether these are all.
 fn unpacked(header: &ChunkHeader, records: &[u8]) -> (Vec<u8>, Result<(), String>) {
-    /// The farthest back that a compressed chunk may refer, in bits of its distance: no chunk here is that long.
+    /// Largest window of a compressed chunk, as a power of two: no chunk is longer.
     const WINDOW_BITS: u32 = 24;
     let mut all = Vec::new();
     let outcome = match header.compression.as_str() {
@@ -261,7 +261,7 @@ fn unpacked(header: &ChunkHeader, records: &[u8]) -> (Vec<u8>, Result<(), String
     (all, outcome)
 }
 
-/// An item from a record outside a chunk or in it; `None` of those that only repeat or index others.
+/// The item of a record; `None` for records that only repeat or index others.
 fn parse(kind: u8, body: &[u8]) -> Result<Option<Item>, &'static str> {
     let mut fields = Fields(body);
     Ok(Some(match kind {
@@ -280,7 +280,7 @@ fn header(fields: &mut Fields<'_>) -> Option<Header> {
 }
 
 fn schema(fields: &mut Fields<'_>) -> Option<Item> {
-    // The number 0 stands for no schema.
+    // 0 means no schema.
     let id = fields.u16().filter(|&id| id != 0)?;
     let header = SchemaHeader { id, name: fields.text()?, encoding: fields.text()? };
     let length = fields.u32()?;
@@ -326,7 +326,7 @@ fn metadata(fields: &mut Fields<'_>) -> Option<Metadata> {
     Some(Metadata { name: fields.text()?, metadata: fields.map()? })
 }
 
-/// Takes the fields of a record from its beginning on.
+/// Reads the fields of a record in order.
 struct Fields<'a>(&'a [u8]);
 
 impl<'a> Fields<'a> {

@@ -13,27 +13,27 @@ use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// The longest that frames wait for their chunk to be finished, which is when they are safe.
+/// Longest time that frames wait for their chunk to be finished; a finished chunk survives a crash.
 pub(super) const CHUNK_TIME: Duration = Duration::from_millis(400);
-/// A chunk that has grown to this many bytes is finished, so that readers need little memory.
+/// A chunk of this size is finished, so that readers need little memory.
 const CHUNK_BYTES: u64 = 1 << 20;
 
-/// Where recordings go: what is written cannot be gone back to, so that the file is always the beginning of a whole one.
+/// The output of a recording: the writer never seeks back, so that the file is always a prefix of a complete one.
 pub(super) type Output<W> = mcap::write::NoSeek<BufWriter<W>>;
 
-/// What a recording holds.
+/// Contents of a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Written {
     /// Frames.
     pub frames: u64,
     /// Messages on all topics.
     pub messages: u64,
-    /// From the first frame's measurement to the last one's, s.
+    /// From the measurement of the first frame to that of the last, s.
     pub seconds: f64,
 }
 
-/// Writes frames and events into a file as they come. It has a file of its own from the start on; whatever happens, the
-/// file lacks at most what came in the last 0.4 s, and [`recover`](crate::recording::recover) makes it whole.
+/// Writes frames and events to a file as they arrive. If the program is killed, at most the last 0.4 s are lost, and
+/// [`recover`](crate::recording::recover) repairs the file.
 pub struct Recorder {
     path: PathBuf,
     writer: mcap::Writer<Output<Box<dyn Write + Send>>>,
@@ -48,10 +48,10 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Begins a file, which must not be there yet.
+    /// Creates a file, which must not exist.
     ///
     /// # Errors
-    /// A file of that name; a folder that is missing or cannot be written; a full disk.
+    /// A file of that name; a folder that is missing or not writable; a full disk.
     pub fn create(path: &Path, reference: Reference, session: &Session) -> Result<Self, RecordError> {
         let file = File::options().write(true).create_new(true).open(path);
         let file = file.map_err(|source| RecordError::io(path, source))?;
@@ -100,7 +100,7 @@ impl Recorder {
         &self.path
     }
 
-    /// What it holds by now.
+    /// What was written so far.
     pub fn written(&self) -> Written {
         self.written
     }
@@ -108,7 +108,7 @@ impl Recorder {
     /// Writes a frame.
     ///
     /// # Errors
-    /// A full disk, above all. Nothing can be written any more then; what the file holds is kept.
+    /// A full disk, above all. Nothing can be written after that; the contents of the file are kept.
     pub fn frame(&mut self, frame: &LiveFrame) -> Result<(), RecordError> {
         self.write_frame(frame).map_err(|error| RecordError::mcap(&self.path, error))
     }
@@ -153,12 +153,12 @@ impl Recorder {
         Ok(())
     }
 
-    /// Writes something that happened beside the frames; a replay takes it between the same two frames.
+    /// Writes an event; a replay processes it between the same two frames.
     ///
     /// # Errors
-    /// As [`frame`](Self::frame).
+    /// The same as [`frame`](Self::frame).
     pub fn event(&mut self, at: Timestamp, event: &Event) -> Result<(), RecordError> {
-        // Keys are strings and numbers finite, whatever an event holds.
+        // An event always has string keys and finite numbers.
         let text = ros::Text { data: serde_json::to_string(event).expect("an event is JSON") };
         self.events = self.events.wrapping_add(1);
         self.put(Topic::Events, self.events, [at; 2], &text)
@@ -166,10 +166,10 @@ impl Recorder {
             .map_err(|error| RecordError::mcap(&self.path, error))
     }
 
-    /// Makes what came so far safe. To be called when no frame has come for a while.
+    /// Writes all buffered data to the file. Call this when no frame has arrived for a while.
     ///
     /// # Errors
-    /// As [`frame`](Self::frame).
+    /// The same as [`frame`](Self::frame).
     pub fn flush(&mut self) -> Result<(), RecordError> {
         self.chunk = ChunkClock::default();
         self.writer.flush().map_err(|error| RecordError::mcap(&self.path, error))
@@ -179,10 +179,10 @@ impl Recorder {
         if self.chunk.is_due(now) { self.writer.flush() } else { Ok(()) }
     }
 
-    /// Ends the file as it should be, and waits until the system has it on the disk.
+    /// Completes the file, and waits until the system has written it to the disk.
     ///
     /// # Errors
-    /// As [`frame`](Self::frame).
+    /// The same as [`frame`](Self::frame).
     pub fn finish(mut self) -> Result<Written, RecordError> {
         let finished = self.writer.finish().and_then(|_| Ok(self.writer.into_inner().into_inner().flush()?));
         finished.map_err(|error| RecordError::mcap(&self.path, error))?;
@@ -192,8 +192,8 @@ impl Recorder {
     }
 }
 
-/// When the chunk that is being written has to be finished: once [`CHUNK_TIME`] has gone by since its first message, on
-/// the device's clock or on the host's.
+/// When the current chunk must be finished: [`CHUNK_TIME`] after its first message, on the device clock or on the host
+/// clock.
 #[derive(Default)]
 struct ChunkClock {
     begun: Option<(Timestamp, Instant)>,
@@ -211,8 +211,9 @@ impl ChunkClock {
     }
 }
 
-/// How recordings are written. Zstandard at its fastest level: live frames of a twin of `cylinder30` took 57 % of the bytes at
-/// some 30 us a frame; LZ4 78 % at 19 us, the default level 53 % at 57 us. On this thread: the others are the pipeline's.
+/// Options of the MCAP writer. Zstandard at its fastest level: live frames of a twin of `cylinder30` took 57 % of the
+/// bytes at about 30 us per frame; LZ4 78 % at 19 us, the default level 53 % at 57 us. Compression runs on this thread,
+/// because the pipeline needs the others.
 pub(super) fn options(profile: &str, library: &str) -> WriteOptions {
     WriteOptions::new()
         .profile(profile)

@@ -19,7 +19,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 #[serde(tag = "do", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Request {
     /// Measure the baseline again.
-    // With braces, so that a field that it does not have is refused.
+    // The braces make serde reject unknown fields.
     Tare {},
     /// Change the detection threshold.
     Threshold {
@@ -81,7 +81,7 @@ pub struct RecordingOptions {
 const MOST_N: f64 = 20.0;
 
 impl Control {
-    /// For a skin being read; `source` describes where its frames come from.
+    /// Controls a skin being read; `source` describes where its frames come from.
     pub fn new(
         shared: Arc<LiveHandle>,
         emulator: Option<Arc<Emulator>>,
@@ -196,7 +196,8 @@ impl Control {
 /// A client such as a page, with its own fingers on the emulated skin. They are released when it disconnects.
 pub struct ClientSession {
     control: Arc<Control>,
-    /// Its pressing fingers: their numbers on the emulated skin, which are unique among all clients, by its own numbers.
+    /// Its pressing fingers: a map from its own finger numbers to the numbers on the emulated skin, which are unique
+    /// among all clients.
     fingers: BTreeMap<u32, u32>,
     paused: bool,
 }
@@ -205,7 +206,7 @@ pub struct ClientSession {
 const MOST_FINGERS: usize = 10;
 
 impl ClientSession {
-    /// For a skin being read.
+    /// A session with the controls of a skin.
     pub fn new(control: Arc<Control>) -> Self {
         ClientSession { control, fingers: BTreeMap::new(), paused: false }
     }
@@ -218,7 +219,7 @@ impl ClientSession {
     /// Carries out the request of a message.
     ///
     /// # Errors
-    /// A message that is no request, or a request that fails; a message for people.
+    /// A message that is not a valid request, or a request that fails; the error is a text for people.
     pub fn ask(&mut self, text: &str) -> Result<(), String> {
         let mut request: Request =
             serde_json::from_str(text).map_err(|error| format!("this message is no command: {error}"))?;
@@ -250,7 +251,7 @@ impl Drop for ClientSession {
     }
 }
 
-/// The point of the surface nearest to one that was picked on its triangles.
+/// The surface point nearest to one that was picked on the drawn triangles.
 fn onto(surface: &Surface, point: Point3) -> Point3 {
     match *surface {
         Surface::Cylinder { length_m, .. } => {

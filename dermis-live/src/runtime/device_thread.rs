@@ -1,6 +1,6 @@
 //! The thread that reads the device.
 
-use crate::device::{Address, Device, DeviceOptions, Heard, Stream};
+use crate::device::{Address, Device, DeviceEvent, DeviceOptions, Stream};
 use crate::runtime::{Event, LiveHandle, WorkItem};
 use dermis::pipeline::Severity;
 use std::sync::Arc;
@@ -36,12 +36,12 @@ impl DeviceThread {
     /// Reads until the device is lost or the skin is stopped.
     fn listen(&self, mut device: Device) -> Stream {
         while !self.shared.is_stopped() {
-            let heard = device.listen(|heard| match heard {
-                Heard::Frame(incoming) => self.shared.queue(WorkItem::Frame(incoming)),
-                Heard::Notice(notice) => self.shared.publish(&Event::Notice(notice)),
-                Heard::Status(_) => {}
+            let result = device.listen(|event| match event {
+                DeviceEvent::Frame(incoming) => self.shared.queue(WorkItem::Frame(incoming)),
+                DeviceEvent::Notice(notice) => self.shared.publish(&Event::Notice(notice)),
+                DeviceEvent::Status(_) => {}
             });
-            if let Err(error) = heard {
+            if let Err(error) = result {
                 self.shared.publish(&Event::Lost(error.to_string()));
                 return device.into_stream();
             }

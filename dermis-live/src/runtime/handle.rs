@@ -2,7 +2,7 @@
 
 use crate::clock;
 use crate::device::{DeviceFacts, IncomingFrame};
-use crate::runtime::{Event, Mailbox, Taken, lock};
+use crate::runtime::{Event, Mailbox, Popped, lock};
 use dermis::method::MethodSet;
 use dermis::pipeline::{Command, Notice, Pipeline, Settings, Severity, State};
 use dermis::skin::Skin;
@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-/// A subscriber receives the notices of this time after the start, however late in it it subscribes.
+/// A subscriber receives the notices of this time after the start, even if it subscribes later.
 const EARLY: Duration = Duration::from_secs(5);
 /// Frames that can wait for the pipeline: half a second at 120 frames per second.
 const MOST_WAITING: usize = 64;
@@ -97,7 +97,7 @@ impl LiveHandle {
         &self.methods
     }
 
-    /// Subscribes to the events from now on. Where they are not taken fast enough, the oldest are dropped.
+    /// Subscribes to the events from now on. If they are not taken fast enough, the oldest are dropped.
     pub fn subscribe(&self, capacity: usize) -> Arc<Mailbox<Event>> {
         self.add_subscriber(None, capacity)
     }
@@ -145,8 +145,8 @@ impl LiveHandle {
         counts
     }
 
-    /// Queues a command, to be carried out before the next frame; [`Event::Done`] or a notice reports it. It replaces a waiting
-    /// command of its kind, so that a frame waits for at most one command of each kind.
+    /// Queues a command, to be carried out before the next frame; [`Event::Done`] or a notice reports it. It replaces a
+    /// waiting command of its kind, so that a frame waits for at most one command of each kind.
     pub fn command(&self, command: Command) {
         let mut commands = lock(&self.commands);
         commands.retain(|other| discriminant(other) != discriminant(&command));
@@ -217,7 +217,7 @@ impl LiveHandle {
         self.work.close();
     }
 
-    pub(super) fn take_work(&self, timeout: Duration) -> Taken<WorkItem> {
+    pub(super) fn take_work(&self, timeout: Duration) -> Popped<WorkItem> {
         self.work.take(timeout)
     }
 

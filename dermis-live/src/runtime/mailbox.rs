@@ -4,16 +4,16 @@ use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// A queue of limited length between two threads. Putting never blocks: where the queue is full the oldest item is dropped
-/// and counted.
+/// A queue of limited length between two threads. Putting never blocks: if the queue is full, the oldest item is
+/// dropped and counted.
 ///
 /// ```
-/// use dermis_live::{Mailbox, Taken};
+/// use dermis_live::{Mailbox, Popped};
 /// use std::time::Duration;
 ///
 /// let mailbox = Mailbox::new(2);
 /// (0..3).for_each(|item| mailbox.put(item));
-/// assert_eq!(mailbox.take(Duration::ZERO), Taken::Item(1));
+/// assert_eq!(mailbox.take(Duration::ZERO), Popped::Item(1));
 /// assert_eq!(mailbox.dropped(), 1);
 /// ```
 #[derive(Debug)]
@@ -32,17 +32,17 @@ struct State<T> {
 
 /// The result of waiting for an item.
 #[derive(Debug, PartialEq, Eq)]
-pub enum Taken<T> {
+pub enum Popped<T> {
     /// The oldest item.
     Item(T),
     /// No item in time.
     TimedOut,
-    /// No item will come any more.
+    /// No further items.
     Closed,
 }
 
 impl<T> Mailbox<T> {
-    /// A queue of at most so many items.
+    /// A queue of at most `capacity` items.
     pub fn new(capacity: usize) -> Self {
         let state = State { items: VecDeque::with_capacity(capacity.min(1024)), dropped: 0, closed: false };
         Mailbox { capacity: capacity.max(1), state: Mutex::new(state), changed: Condvar::new() }
@@ -63,20 +63,20 @@ impl<T> Mailbox<T> {
         self.changed.notify_one();
     }
 
-    /// Takes the oldest item, and waits for it at most so long.
-    pub fn take(&self, patience: Duration) -> Taken<T> {
+    /// Takes the oldest item; waits for it up to `patience`.
+    pub fn take(&self, patience: Duration) -> Popped<T> {
         let until = Instant::now() + patience;
         let mut state = self.lock();
         loop {
             if let Some(item) = state.items.pop_front() {
-                return Taken::Item(item);
+                return Popped::Item(item);
             }
             if state.closed {
-                return Taken::Closed;
+                return Popped::Closed;
             }
             let left = until.saturating_duration_since(Instant::now());
             if left.is_zero() {
-                return Taken::TimedOut;
+                return Popped::TimedOut;
             }
             state = self.changed.wait_timeout(state, left).unwrap_or_else(PoisonError::into_inner).0;
         }
@@ -121,9 +121,9 @@ mod tests {
         mailbox.close();
         mailbox.put(9);
         let patience = Duration::from_millis(1);
-        assert_eq!(mailbox.take(patience), Taken::Item(3));
-        assert_eq!(mailbox.take(patience), Taken::Item(4));
-        assert_eq!(mailbox.take(patience), Taken::Closed);
-        assert_eq!(Mailbox::<u8>::new(1).take(patience), Taken::TimedOut);
+        assert_eq!(mailbox.take(patience), Popped::Item(3));
+        assert_eq!(mailbox.take(patience), Popped::Item(4));
+        assert_eq!(mailbox.take(patience), Popped::Closed);
+        assert_eq!(Mailbox::<u8>::new(1).take(patience), Popped::TimedOut);
     }
 }

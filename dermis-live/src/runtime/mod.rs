@@ -1,6 +1,7 @@
 //! A skin being read: a thread for the device, a thread for the pipeline, and subscribers.
 //!
-//! Each subscriber has a [`Mailbox`] of its own that keeps the newest events: a slow subscriber never blocks the pipeline.
+//! Each subscriber has a separate [`Mailbox`] that keeps the newest events: a slow subscriber never blocks the
+//! pipeline.
 //!
 //! ```
 //! use dermis::method::{MethodSet, Methods};
@@ -28,7 +29,7 @@ mod pipeline_thread;
 pub use control::{ClientSession, Control, RecordingOptions, Request};
 pub use frame::LiveFrame;
 pub use handle::LiveHandle;
-pub use mailbox::{Mailbox, Taken};
+pub use mailbox::{Mailbox, Popped};
 
 pub(crate) use handle::WorkItem;
 pub(crate) use pipeline_thread::process;
@@ -102,8 +103,8 @@ impl Live {
         Ok(Self::with_threads(shared, pipeline, true, move || thread.run(device)))
     }
 
-    /// Prepares to play a recording instead of a device; [`begin_playback`](Self::begin_playback) begins. At its end all
-    /// mailboxes are closed.
+    /// Prepares to play a recording instead of a device; [`begin_playback`](Self::begin_playback) begins. At its end
+    /// all mailboxes are closed.
     ///
     /// # Errors
     /// An unknown method, a state of another skin.
@@ -133,7 +134,7 @@ impl Live {
         Live { shared, threads }
     }
 
-    /// Begins to play the recording. Who subscribes before receives its first frame.
+    /// Begins to play the recording. Subscribers from before this call receive its first frame.
     pub fn begin_playback(&self) {
         self.shared.begin_playback();
     }
@@ -164,5 +165,5 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Threads look at least this often whether they shall stop.
+/// Longest interval at which threads check whether they must stop.
 const POLL: Duration = Duration::from_millis(50);

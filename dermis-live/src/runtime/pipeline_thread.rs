@@ -2,14 +2,14 @@
 
 use crate::clock;
 use crate::device::IncomingFrame;
-use crate::runtime::{Event, LiveFrame, LiveHandle, POLL, Taken, WorkItem};
+use crate::runtime::{Event, LiveFrame, LiveHandle, POLL, Popped, WorkItem};
 use dermis::pipeline::{Command, DriftFit, Pipeline, PipelineError, RebuiltMethod, Severity};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Least interval between two reports of dropped events.
+/// Minimum interval between two reports of dropped events.
 const REPORT_DROPPED: Duration = Duration::from_secs(1);
 /// Interval at which the state is saved for [`LiveHandle::state`].
 const SAVE: Duration = Duration::from_secs(5);
@@ -18,7 +18,8 @@ const SAVE: Duration = Duration::from_secs(5);
 pub(super) struct PipelineThread {
     shared: Arc<LiveHandle>,
     pipeline: Pipeline,
-    /// Whether the method is prepared again when the masked channels change; a recording says itself when it was.
+    /// Whether the method is prepared again when the masked channels change; during playback, the recording contains
+    /// these changes.
     rebuilds: bool,
     rebuilding: Option<JoinHandle<Result<RebuiltMethod, PipelineError>>>,
     fitting: Option<JoinHandle<Result<DriftFit, PipelineError>>>,
@@ -49,10 +50,10 @@ impl PipelineThread {
             self.run_commands();
             self.report_dropped();
             match self.shared.take_work(POLL) {
-                Taken::Item(WorkItem::Frame(incoming)) => self.process(*incoming),
-                Taken::Item(WorkItem::Command(command)) => self.carry_out(command),
-                Taken::TimedOut => {}
-                Taken::Closed => break,
+                Popped::Item(WorkItem::Frame(incoming)) => self.process(*incoming),
+                Popped::Item(WorkItem::Command(command)) => self.carry_out(command),
+                Popped::TimedOut => {}
+                Popped::Closed => break,
             }
         }
         self.shared.set_state(&self.pipeline);
@@ -89,7 +90,7 @@ impl PipelineThread {
                 self.shared.notice(Severity::Warning, text);
             }
         }
-        // These notices can be dropped themselves: they are not to be reported.
+        // The notices below can be dropped themselves; these drops are not reported.
         (*reported, *reported_at) = (self.shared.dropped(), Instant::now());
     }
 
@@ -116,7 +117,7 @@ impl PipelineThread {
         }
     }
 
-    /// Has the method prepared again on a thread of its own where that is wanted, and installs the result.
+    /// Prepares the method again on a separate thread where needed, and installs the result.
     fn rebuild(&mut self) {
         if let Some(thread) = self.rebuilding.take_if(|thread| thread.is_finished()) {
             // A thread that panicked has printed its message already.
@@ -139,7 +140,7 @@ impl PipelineThread {
         self.rebuilding = thread.spawn(move || rebuilding.run()).ok();
     }
 
-    /// Has a drift fit computed on a thread of its own, where the pipeline offers one.
+    /// Computes a drift fit on a separate thread, if the pipeline requests one.
     fn start_drift_fit(&mut self) {
         if let Some(job) = self.pipeline.drift_fit_job() {
             let thread = std::thread::Builder::new().name("dermis-drift".into());

@@ -1,9 +1,9 @@
-//! Contacts as lines of JSON, for any program in any language.
+//! Contacts as lines of JSON, for programs in any language.
 
 use crate::LiveError;
 use crate::runtime::LiveFrame;
 use crate::runtime::{Event, LiveHandle};
-use crate::runtime::{Mailbox, Taken};
+use crate::runtime::{Mailbox, Popped};
 use dermis::pipeline::{ElectrodeState, Timestamp, TrackedContact};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -13,7 +13,7 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// One frame as a line of JSON. Lengths are in m, forces in N; moments are nanoseconds since 1970; what is not known is `null`.
+/// One frame as a line of JSON. Lengths in m, forces in N, times in nanoseconds since 1970; unknown values are `null`.
 #[derive(Debug, Serialize, JsonSchema)]
 #[schemars(title = "Dermis live frame")]
 pub struct FrameLine<'a> {
@@ -21,28 +21,28 @@ pub struct FrameLine<'a> {
     pub sequence: u64,
     /// When its first reading was taken.
     pub measured_at: Timestamp,
-    /// When its last byte came.
+    /// When its last byte was received.
     pub received_at: Timestamp,
-    /// When its contacts were known.
+    /// When its contacts were computed.
     pub output_at: Timestamp,
-    /// The frame that positions are in.
+    /// The coordinate frame of the positions.
     pub frame_id: &'a str,
-    /// Whether something touches.
+    /// Whether there is a contact.
     pub touched: bool,
-    /// What touches, the oldest contact first.
+    /// The contacts, the oldest first.
     pub contacts: &'a [TrackedContact],
-    /// Electrodes that are loose or open, by number.
+    /// Electrodes that are loose or open, by index.
     pub bad_electrodes: Vec<usize>,
-    /// Frames a second that arrive.
+    /// Frames received per second.
     pub rate_hz: f64,
-    /// Frames that did not come, since the start.
+    /// Lost frames since the start.
     pub lost: u64,
-    /// Frames that came and of which no contacts were made, as they came too fast, since the start.
+    /// Received frames that were not processed because they arrived too fast, since the start.
     pub skipped: u64,
 }
 
 impl<'a> FrameLine<'a> {
-    /// Of a frame; none is skipped.
+    /// The line of a frame.
     pub fn new(frame: &'a LiveFrame, frame_id: &'a str) -> Self {
         let is_bad = |state| matches!(state, ElectrodeState::Loose | ElectrodeState::Open);
         let result = &frame.result;
@@ -68,18 +68,18 @@ impl<'a> FrameLine<'a> {
     }
 }
 
-/// Lines that may wait for a reader.
+/// Lines that can wait for a reader.
 const WAITING: usize = 256;
 
-/// The frames from now on, for [`write_lines`]; those that are not read fast enough are left out.
+/// Subscribes to the frames from now on, for [`write_lines`]; if they are not read fast enough, the oldest are dropped.
 pub fn lines(shared: &LiveHandle) -> Arc<Mailbox<Event>> {
     shared.subscribe_as("lines of JSON", WAITING)
 }
 
-/// Writes a line for each frame until the live skin stops or nobody reads any more.
+/// Writes a line for each frame until the live skin stops or the reader disconnects.
 ///
 /// # Errors
-/// A writer that fails; one that was closed is no error.
+/// A writer that fails; a closed one is not an error.
 pub fn write_lines(shared: &LiveHandle, mailbox: &Arc<Mailbox<Event>>, out: &mut dyn Write) -> std::io::Result<()> {
     let written = write_until_closed(shared, mailbox, out);
     shared.unsubscribe(mailbox);
@@ -95,23 +95,23 @@ fn write_until_closed(shared: &LiveHandle, mailbox: &Mailbox<Event>, out: &mut d
     let frame_id = &shared.skin().design().name;
     loop {
         match mailbox.take(Duration::from_secs(1)) {
-            Taken::Item(Event::Frame(frame)) => {
+            Popped::Item(Event::Frame(frame)) => {
                 let line = FrameLine { skipped: shared.skipped(), ..FrameLine::new(&frame, frame_id) };
                 let mut line = serde_json::to_vec(&line)?;
                 line.push(b'\n');
                 out.write_all(&line)?;
                 out.flush()?;
             }
-            Taken::Item(_) | Taken::TimedOut => {}
-            Taken::Closed => return Ok(()),
+            Popped::Item(_) | Popped::TimedOut => {}
+            Popped::Closed => return Ok(()),
         }
     }
 }
 
-/// Sends lines to every program of this machine that connects, each on a thread of its own.
+/// Sends lines to every program on this machine that connects, each on a separate thread.
 ///
 /// # Errors
-/// An address that is in use, or that other machines can reach: nobody is asked who he is.
+/// An address that is in use, or that other machines can reach, because there is no authentication.
 pub fn serve_lines(shared: &Arc<LiveHandle>, address: &str) -> Result<(SocketAddr, JoinHandle<()>), LiveError> {
     let failed = |error: std::io::Error| {
         let fix = match error.kind() {
@@ -138,14 +138,14 @@ pub fn serve_lines(shared: &Arc<LiveHandle>, address: &str) -> Result<(SocketAdd
                 std::thread::sleep(Duration::from_millis(20));
                 continue;
             };
-            // A reader that takes nothing for so long is gone.
+            // A reader that reads nothing for this time is disconnected.
             let ready = stream
                 .set_nonblocking(false)
                 .and_then(|()| stream.set_nodelay(true))
                 .and_then(|()| stream.set_write_timeout(Some(Duration::from_secs(10))));
             if ready.is_ok() {
                 let shared = Arc::clone(&shared);
-                // Whether the reader went or was too slow is its own affair.
+                // A reader that disconnects or is too slow is not an error.
                 let mailbox = lines(&shared);
                 std::thread::spawn(move || write_lines(&shared, &mailbox, &mut BufWriter::new(stream)));
             }

@@ -1,4 +1,4 @@
-//! A live skin with an emulated device, for the tests of what pages ask.
+//! A live skin with an emulated device, for the tests of page requests.
 
 use dermis::method::MethodSet;
 use dermis::pipeline::Settings;
@@ -11,7 +11,7 @@ use std::net::TcpListener;
 use std::path::Path;
 use std::sync::Arc;
 
-/// A skin that is read; recordings go into a folder.
+/// A skin being read; recordings are written to a folder.
 pub fn live(folder: &Path) -> (Live, Arc<Control>) {
     let methods = MethodSet::new(&dermis_learn::methods(), Skin::load("skin16").unwrap(), None).unwrap();
     let options = EmulatorOptions {

@@ -1,4 +1,4 @@
-//! A device and a pipeline without a line between them, frame by frame, as fast as it goes.
+//! A device and a pipeline without a connection between them, frame by frame, at full speed.
 
 use dermis::design::SkinDesign;
 use dermis::geom::{Point3, Surface};
@@ -32,7 +32,7 @@ pub struct Bench {
     /// Number of the next frame.
     pub next: u64,
     rate_hz: f64,
-    /// Packets that the decoder found damaged.
+    /// Packets that the decoder reported as damaged.
     pub damaged: u64,
 }
 
@@ -40,12 +40,12 @@ pub struct Bench {
 pub const TARE: u64 = 100;
 
 impl Bench {
-    /// A twin touched by a script, tared.
+    /// A twin with a touch script, after its tare.
     pub fn new(twin: TwinOptions, seed: u64, touches: Vec<Stroke>, settings: Settings) -> Self {
         Self::faulty(twin, seed, touches, settings, &[])
     }
 
-    /// The same of a device on which something goes wrong.
+    /// The same with faults of the device.
     pub fn faulty(twin: TwinOptions, seed: u64, touches: Vec<Stroke>, settings: Settings, faults: &[&str]) -> Self {
         let design = SkinDesign::shipped("cylinder30").unwrap();
         let rate_hz = twin.electronics.frame_rate_hz;
@@ -66,7 +66,7 @@ impl Bench {
         bench
     }
 
-    /// What comes of bytes that arrive when frame `index` is due.
+    /// Processes bytes that arrive when frame `index` is due.
     pub fn hear(&mut self, bytes: &[u8], index: u64) -> Vec<IncomingFrame> {
         let at = Timestamp { unix_ns: 1_800_000_000_000_000_000 + (index as f64 / self.rate_hz * 1e9) as u64 };
         let Bench { stream, decoder, damaged, .. } = self;
@@ -89,7 +89,7 @@ impl Bench {
         self.pipeline.process(incoming.input).unwrap()
     }
 
-    /// The device's time of the next frame, s.
+    /// The device time of the next frame, s.
     pub fn time_s(&self) -> f64 {
         self.next as f64 / self.rate_hz
     }
@@ -111,7 +111,7 @@ pub fn surface_distance(a: Point3, b: Point3) -> f64 {
     surface().distance_m(a, b)
 }
 
-/// Where a stroke is at some time.
+/// The position of a stroke at some time.
 pub fn along(stroke: &Stroke, time_s: f64) -> Point3 {
     let part = (time_s - stroke.at_s) / stroke.for_s;
     let coordinates = |place: Place| match place {

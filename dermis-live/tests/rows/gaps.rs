@@ -1,4 +1,4 @@
-//! What the pipeline makes of a while without frames, of another tare, and of an electrode that is gone from the start.
+//! The pipeline after a gap in the frames, after another tare, and with an electrode that is open from the start.
 
 use crate::bench::{Bench, along, lab, methods, place, stroke, surface_distance};
 use dermis::pipeline::PipelineFrame;
@@ -9,7 +9,7 @@ fn press(at_s: f64) -> Stroke {
     stroke(at_s, 1.0, place(0.15, 120.0), None, 2.0)
 }
 
-/// Reads until a time of the device.
+/// Reads frames until a device time.
 fn until(bench: &mut Bench, time_s: f64) -> Vec<PipelineFrame> {
     let mut frames = Vec::new();
     while bench.time_s() < time_s {
@@ -35,7 +35,7 @@ fn a_program_that_was_away_goes_on_with_the_old_baseline() {
     let kept = serde_json::to_string(bench.pipeline.state()).unwrap();
     let state: State = serde_json::from_str(&kept).unwrap();
     assert_eq!(&state, bench.pipeline.state());
-    // A state that does not fit the skin is refused, wherever it was harmed.
+    // A state that does not fit the skin is rejected, whichever part is invalid.
     for part in ["values_ohm", "loops_ohm", "last_ohm", "electrodes", "untouched"] {
         let mut harmed: serde_json::Value = serde_json::from_str(&kept).unwrap();
         shorten(&mut harmed, part);
@@ -49,7 +49,7 @@ fn a_program_that_was_away_goes_on_with_the_old_baseline() {
     assert_eq!(until(&mut bench, 16.8).last().unwrap().contacts.len(), 1);
 }
 
-/// Takes the last one off every list of a name, or off the lists in it.
+/// Removes the last element of every list of a name, or of the lists in it.
 fn shorten(value: &mut serde_json::Value, name: &str) {
     match value {
         serde_json::Value::Object(members) => {
@@ -74,7 +74,7 @@ fn shorten(value: &mut serde_json::Value, name: &str) {
 fn a_contact_does_not_outlast_a_gap_and_ids_do_not_come_again() {
     let mut bench = Bench::new(lab(), 63, vec![press(1.0), press(6.0), press(10.0)], Settings::default());
     assert_eq!(until(&mut bench, 1.5).last().unwrap().contacts[0].id, 1);
-    // Lifted and pressed again while nobody listened.
+    // Lifted and pressed again during the gap.
     bench.next = 6 * 120 + 60;
     assert_eq!(until(&mut bench, 6.8).last().unwrap().contacts[0].id, 2);
     until(&mut bench, 7.5);

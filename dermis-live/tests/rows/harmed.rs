@@ -1,4 +1,4 @@
-//! Frames that are harmed on their way: each costs itself alone, and the contacts of all others are what they would have been.
+//! Damaged frames in transit: only the damaged frame is lost, and the contacts of all others do not change.
 
 use crate::bench::{Bench, TARE, lab, place, stroke};
 use dermis::pipeline::PipelineFrame;
@@ -9,34 +9,34 @@ use dermis_wire::{Decoder, Frame, FrameFlags, Readings, Received, ToHost};
 use rand::{Rng, RngExt};
 use rand_chacha::ChaCha8Rng;
 
-/// Frames that come over and over: ten seconds of presses.
+/// Frames that repeat: ten seconds of presses.
 const CYCLE: u64 = 1200;
 
 #[test]
-fn harmed_frames_cost_themselves_alone() {
+fn damaged_frames_do_not_affect_others() {
     survives(12_000);
 }
 
 #[test]
 #[ignore = "slow: a million frames through two pipelines"]
-fn a_million_frames_of_which_one_in_a_hundred_is_harmed() {
+fn a_million_frames_with_one_percent_damaged() {
     survives(1_000_000);
 }
 
-/// What was done to a stream.
+/// Damage applied to a stream.
 #[derive(Debug, Default, PartialEq)]
 struct Done {
     lost: u64,
     repeated: u64,
 }
 
-/// Reads the same frames whole and harmed and holds what comes of them against each other.
+/// Reads the same frames with and without damage and compares the results.
 fn survives(count: u64) {
     let mut whole = Bench::new(lab(), 91, presses(), Settings::default());
     let mut harmed = Bench::new(lab(), 91, presses(), Settings::default());
     let cycle: Vec<Vec<i16>> = (TARE..TARE + CYCLE).map(|index| readings(&whole, index)).collect();
     let (mut rng, mut done) = (sample_rng(92, 0), Done::default());
-    // Frames since one was lost, and what differed.
+    // Frames since the last lost one, and the number of differences.
     let (mut since, mut late) = (u64::MAX, 0);
     let (mut contacts, mut moved, mut farthest_m) = (0u64, 0u64, 0f64);
     for index in TARE..TARE + count {
@@ -53,8 +53,8 @@ fn survives(count: u64) {
         let [a, b] =
             [&found, &expected].map(|frame| frame.contacts.iter().map(|contact| contact.id).collect::<Vec<u64>>());
         if a != b {
-            // A contact counts from its second frame and ends 50 ms after its last one: where one of these was lost it begins
-            // or ends one frame sooner or later.
+            // A contact is reported from its second frame on and ends 50 ms after its last one: if one of these frames
+            // is lost, it begins or ends one frame earlier or later.
             assert!(since <= 8, "frame {index}: contacts {a:?} in place of {b:?}, {since} frames after a lost one");
             late += 1;
             continue;
@@ -77,7 +77,7 @@ fn survives(count: u64) {
     );
     assert_eq!(Done { lost: counts.lost, repeated: counts.repeated }, done);
     assert!(done.lost > count / 400 && done.repeated > 0 && harmed.damaged > done.lost);
-    // What hides behind another one, or was just lifted, is where its velocity takes it, which every frame had a part in.
+    // The position of an occluded or just lifted contact is predicted with its velocity, which depends on every frame.
     assert!(late < done.lost && moved * 100 < contacts && farthest_m < 2e-3);
 }
 
@@ -111,7 +111,7 @@ fn frames(bench: &mut Bench, bytes: &[u8], index: u64) -> Vec<PipelineFrame> {
     heard.into_iter().map(|incoming| bench.pipeline.process(incoming.input).unwrap()).collect()
 }
 
-/// One packet in a hundred is damaged, cut, doubled, or comes behind noise; never the last byte, which ends it.
+/// Damages one packet in a hundred: altered, cut, doubled, or preceded by noise; never its last byte, which ends it.
 fn harm(packet: &[u8], rng: &mut ChaCha8Rng, done: &mut Done) -> Vec<u8> {
     let mut bytes = packet.to_vec();
     if !rng.random_bool(0.01) {

@@ -1,5 +1,5 @@
-//! What the pipeline is to show, without a line between device and host and as fast as it goes. The long ones run by
-//! `cargo test --release -p dermis-live --test rows -- --ignored --nocapture`.
+//! Requirements of the pipeline, tested without a connection between device and host and at full speed. Run the long
+//! tests with `cargo test --release -p dermis-live --test rows -- --ignored --nocapture`.
 
 mod bench;
 mod gaps;
@@ -19,13 +19,14 @@ fn a_press_of_one_newton_alarms_in_the_next_frame() {
     presses_alarm(40);
 }
 
-/// Presses of 1 N that come up within a frame, at random places: how many alarm in the first frame that has them whole.
+/// Presses of 1 N that rise within one frame, at random positions: how many are detected in the first frame with their
+/// full force.
 fn presses_alarm(count: u32) {
     let mut rng = sample_rng(51, 0);
     let touches: Vec<Stroke> = (0..count)
         .map(|index| {
             let from = place(0.3 * rng.random::<f64>(), 360.0 * rng.random::<f64>());
-            // Between two frames, so that the first one has the whole force.
+            // Between two frames, so that the first one has the full force.
             Stroke { ramp_s: 0.0, ..stroke(1.0 + f64::from(index) + 0.5 / 120.0, 0.3, from, None, 1.0) }
         })
         .collect();
@@ -69,7 +70,7 @@ fn alarms_of_a_thousand_presses_and_of_an_hour_untouched() {
 #[test]
 fn a_press_of_ten_minutes_does_not_fade_with_drift() {
     let mut twin = lab();
-    // Ten frames a second: what matters is the time, not the number.
+    // Ten frames per second: the time matters, not the number of frames.
     twin.electronics.frame_rate_hz = 10.0;
     twin.drift = Some(DriftOptions { conductance_rms: 0.01, contact_rms: 0.1, time_constant_s: 600.0 });
     let mut worst: f64 = 0.0;
@@ -96,7 +97,7 @@ fn a_press_of_ten_minutes_does_not_fade_with_drift() {
 
 #[test]
 fn a_slide_across_the_seam_is_one_contact_as_exact_as_one_that_stays() {
-    // 0.1 m/s round the cylinder and slanting.
+    // 0.1 m/s around the cylinder and diagonally.
     let degrees = (0.2f64 / 0.047_75).to_degrees();
     let slide = stroke(1.0, 2.0, place(0.10, 330.0), Some(place(0.15, 330.0 + degrees)), 2.0);
     let mut bench = Bench::new(lab(), 71, vec![slide.clone()], Settings::default());
@@ -110,7 +111,7 @@ fn a_slide_across_the_seam_is_one_contact_as_exact_as_one_that_stays() {
             errors_m.push(surface_distance(frame.contacts[0].position_m, along(&slide, time_s)));
         }
     }
-    // The same places, one after another, each held.
+    // The same positions, one after another, each held.
     let mut still_m = Vec::new();
     for part in 0..12 {
         let time_s = 1.05 + 1.9 * f64::from(part) / 11.0;

@@ -1,4 +1,4 @@
-//! Two contacts that come so near each other that the image shows one.
+//! Two contacts so close to each other that the image shows one.
 
 use crate::bench::{Bench, along, lab, place, stroke, surface_distance};
 use dermis::pipeline::Settings;
@@ -8,14 +8,14 @@ use rand::RngExt;
 
 #[test]
 fn most_slides_that_cross_keep_their_ids() {
-    let swapped = meetings(10, 81, Handshake::Cross);
+    let swapped = meetings(10, 81, Encounter::Cross);
     println!("ids swapped or lost in {swapped} of 10 crossings");
     assert!(swapped <= 1, "{swapped} of 10 swapped or lost");
 }
 
 #[test]
 fn most_slides_that_turn_back_from_each_other_keep_their_ids() {
-    let swapped = meetings(5, 83, Handshake::TurnBack);
+    let swapped = meetings(5, 83, Encounter::TurnBack);
     println!("ids swapped or lost in {swapped} of 5 that turned back");
     assert!(swapped <= 1, "{swapped} of 5 swapped or lost");
 }
@@ -23,7 +23,7 @@ fn most_slides_that_turn_back_from_each_other_keep_their_ids() {
 #[test]
 #[ignore = "slow: 200 crossings"]
 fn of_two_hundred_slides_that_cross_few_swap_ids() {
-    let swapped = meetings(200, 82, Handshake::Cross);
+    let swapped = meetings(200, 82, Encounter::Cross);
     println!("ids swapped or lost in {swapped} of 200 crossings");
     assert!(swapped <= 10);
 }
@@ -31,22 +31,22 @@ fn of_two_hundred_slides_that_cross_few_swap_ids() {
 #[test]
 #[ignore = "slow: 100 meetings"]
 fn of_a_hundred_slides_that_turn_back_few_swap_ids() {
-    let swapped = meetings(100, 84, Handshake::TurnBack);
+    let swapped = meetings(100, 84, Encounter::TurnBack);
     println!("ids swapped or lost in {swapped} of 100 that turned back");
     assert!(swapped <= 5);
 }
 
-/// What two slides do where they meet.
+/// Motion of two slides at their common point.
 #[derive(Clone, Copy, PartialEq)]
-enum Handshake {
-    /// They go on, over the same place at the same time.
+enum Encounter {
+    /// They continue over the same point at the same time.
     Cross,
-    /// They stop 15 mm from each other, for 0.1 to 0.5 s, and go back.
+    /// They stop 15 mm from each other, for 0.1 to 0.5 s, and return.
     TurnBack,
 }
 
-/// Two slides of 0.1 m/s that meet at a random place and angle; in how many the ids do not end where they should.
-fn meetings(count: u64, seed: u64, meeting: Handshake) -> usize {
+/// Two slides of 0.1 m/s to a random point at a random angle; returns in how many runs the ids are exchanged or lost.
+fn meetings(count: u64, seed: u64, encounter: Encounter) -> usize {
     let mut rng = sample_rng(seed, 0);
     (0..count)
         .filter(|index| {
@@ -54,16 +54,16 @@ fn meetings(count: u64, seed: u64, meeting: Handshake) -> usize {
             let first = std::f64::consts::TAU * rng.random::<f64>();
             let between = (0.3 + 0.4 * rng.random::<f64>()) * std::f64::consts::PI;
             let forces_n = [0, 1].map(|_| 1.5 + rng.random::<f64>());
-            let hold_s = if meeting == Handshake::TurnBack { 0.1 + 0.4 * rng.random::<f64>() } else { 0.0 };
+            let hold_s = if encounter == Encounter::TurnBack { 0.1 + 0.4 * rng.random::<f64>() } else { 0.0 };
             let near_m = 0.0075 / (0.5 * between).sin();
             let fingers = [(first, forces_n[0]), (first + between, forces_n[1])].map(|(direction, force_n)| {
                 let at = |along_m: f64| {
                     let [z_m, round_m] = [along_m * direction.sin(), along_m * direction.cos()];
                     place(middle[0] + z_m, middle[1] + (round_m / 0.047_75).to_degrees())
                 };
-                match meeting {
-                    Handshake::Cross => vec![stroke(1.0, 1.6, at(-0.08), Some(at(0.08)), force_n)],
-                    Handshake::TurnBack => turning_back(at(-0.08), at(-near_m), (0.08 - near_m) / 0.1, hold_s, force_n),
+                match encounter {
+                    Encounter::Cross => vec![stroke(1.0, 1.6, at(-0.08), Some(at(0.08)), force_n)],
+                    Encounter::TurnBack => turning_back(at(-0.08), at(-near_m), (0.08 - near_m) / 0.1, hold_s, force_n),
                 }
             });
             exchanged(&fingers, seed + index)
@@ -71,14 +71,14 @@ fn meetings(count: u64, seed: u64, meeting: Handshake) -> usize {
         .count()
 }
 
-/// A finger that comes to a place, stays and goes back, without a lift.
+/// A finger that moves to a position, stays and returns, without a lift.
 fn turning_back(from: Place, to: Place, way_s: f64, hold_s: f64, force_n: f64) -> Vec<Stroke> {
     let part = |at_s, for_s, from, to| Stroke { ramp_s: 0.0, ..stroke(at_s, for_s, from, Some(to), force_n) };
     let turn_s = 1.0 + way_s + hold_s;
     vec![part(1.0, way_s, from, to), part(1.0 + way_s, hold_s, to, to), part(turn_s, way_s, to, from)]
 }
 
-/// Whether the ids of two fingers are not at the end what they were at the beginning.
+/// Whether two fingers have other ids at the end than at the beginning.
 fn exchanged(fingers: &[Vec<Stroke>; 2], seed: u64) -> bool {
     let end_s = fingers[0].last().map_or(0.0, |stroke| stroke.at_s + stroke.for_s);
     let mut bench = Bench::new(lab(), seed, fingers.concat(), Settings::default());

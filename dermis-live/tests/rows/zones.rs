@@ -1,11 +1,11 @@
-//! Thresholds: of the whole skin and of parts of it, from the start and changed while it is read.
+//! Thresholds of the whole skin and of zones, set at the start and changed while it is read.
 
 use crate::bench::{Bench, along, lab, place, stroke};
 use dermis::pipeline::PipelineFrame;
 use dermis::pipeline::{Command, Settings, Zone};
 use dermis_live::emulator::{Place, Stroke};
 
-/// Two presses at once, one in the zone.
+/// Two simultaneous presses, one in the zone.
 fn presses() -> [Stroke; 2] {
     [place(0.1, 40.0), place(0.2, 200.0)].map(|at: Place| stroke(1.0, 9.0, at, None, 2.0))
 }
@@ -35,7 +35,7 @@ fn a_zone_names_its_contacts_and_has_a_threshold_of_its_own() {
         .collect::<Vec<_>>();
     named.sort();
     assert_eq!(named, [None, Some("palm".into())]);
-    // What it takes there is more than the press: the other one alone is left.
+    // The threshold there is above the press: only the other contact remains.
     assert_eq!(zones(&pressed(of(vec![zone(1e5)])).frame()), [None]);
 }
 
@@ -44,7 +44,7 @@ fn thresholds_change_while_the_skin_is_read() {
     let mut bench = pressed(Settings::default());
     let mut after = |command: &Command| {
         bench.pipeline.command(command).unwrap();
-        // A contact ends 50 ms after it was last seen and begins in the second frame.
+        // A contact ends 50 ms after it was last detected and begins in the second frame.
         (0..10).for_each(|_| drop(bench.frame()));
         let frame = bench.frame();
         zones(&frame).into_iter().map(|zone| zone.map(str::to_string)).collect::<Vec<Option<String>>>()

@@ -1,4 +1,4 @@
-//! Frames of skins that are pressed, made from their number alone: what tests write, send and read back.
+//! Frames of pressed skins, computed from their number alone, for tests that write, send and read them.
 #![allow(dead_code, reason = "each test takes what it needs")]
 
 use dermis::design::SkinDesign;
@@ -9,10 +9,10 @@ use dermis_live::LiveFrame;
 use dermis_live::sinks::ros2::Reference;
 use std::sync::Arc;
 
-/// What stands on the card of a [`retrained`] network, and on no other.
+/// Version on the card of a [`retrained`] network.
 pub const RETRAINED: &str = "0.0.1-retrained";
 
-/// A network for `skin16` that is called like the shipped one and is another: its folder in `folder`.
+/// A copy of the shipped network for `skin16` with another version on its card; returns its folder, in `folder`.
 pub fn retrained(folder: &std::path::Path) -> String {
     let shipped = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../dermis-learn/models/skin16/shapes");
     let card = std::fs::read_to_string(shipped.join("card.json")).expect("its card");
@@ -25,9 +25,9 @@ pub fn retrained(folder: &std::path::Path) -> String {
     own.display().to_string()
 }
 
-/// Frames a second.
+/// Frames per second.
 pub const RATE: u64 = 120;
-/// When the first frame is measured: the 1st of January 2026.
+/// Time of the first frame: 1 January 2026.
 pub const BEGINNING: Timestamp = Timestamp { unix_ns: 1_767_225_600_000_000_000 };
 
 /// A skin and its frames.
@@ -38,7 +38,7 @@ pub struct SyntheticSkin {
 }
 
 impl SyntheticSkin {
-    /// A shipped one.
+    /// A shipped skin.
     pub fn shipped(name: &str) -> Self {
         let design = SkinDesign::shipped(name).expect("a shipped design");
         let mesh = Mesh::generate(&design).expect("a mesh");
@@ -49,7 +49,7 @@ impl SyntheticSkin {
         SyntheticSkin { reference: Reference { frame_id: "skin".into(), space }, design, health: Arc::new(health) }
     }
 
-    /// Frame `index`: two presses that go up and down, the first of known force, and now and then none.
+    /// Frame `index`: two presses with varying force, the first of known force; some frames have none.
     pub fn frame(&self, index: u64) -> LiveFrame {
         let measured_at = BEGINNING.after(std::time::Duration::from_nanos(index * 1_000_000_000 / RATE));
         let pressing = index / 60 % 4 != 3;
@@ -103,7 +103,7 @@ pub fn pressed() -> (Reference, LiveFrame) {
     (skin.reference, frame)
 }
 
-/// A device's message: a frame of four-byte readings.
+/// A message of the device: a frame of four-byte readings.
 fn message(index: u64, channels: usize) -> Vec<u8> {
     let readings: Vec<i32> = (0..channels).map(|channel| (1e6 * noise(index, channel as u64)) as i32).collect();
     let readings = dermis_wire::Readings::I32(&readings);
@@ -121,8 +121,8 @@ fn message(index: u64, channels: usize) -> Vec<u8> {
     message
 }
 
-/// A number between -1 and 1 that follows from two others: the output of SplitMix64 (Steele, Lea and Flood, 2014,
-/// DOI 10.1145/2660193.2660195).
+/// A hash of two integers to a number between -1 and 1: the output of SplitMix64 (Steele, Lea and Flood, 2014, DOI
+/// 10.1145/2660193.2660195).
 fn noise(a: u64, b: u64) -> f64 {
     let mut z = a.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ b.wrapping_mul(0xd1b5_4a32_d192_ed03);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -1,4 +1,5 @@
-//! The priors and the rules for alpha on several bodies: single Gaussian touches anywhere, recorded on a finer mesh.
+//! Comparison of priors and rules for alpha on several bodies: single Gaussian touches at random positions, simulated
+//! on a finer mesh.
 
 use dermis::design::{Body, Electrode, ElectrodeShape, ImageLayout, SkinDesign};
 use dermis::detect::{DetectOptions, Detector, ImageNoise};
@@ -17,9 +18,9 @@ use dermis_sim::twin::{GaussianOptions, TouchOptions, Twin, TwinOptions};
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-/// Touches on each body.
+/// Number of touches on each body.
 const TOUCHES: usize = 60;
-/// Noise of a frame, dB.
+/// Signal-to-noise ratio of a frame, dB.
 const SNR_DB: f64 = 50.0;
 const TOUCH: GaussianOptions = GaussianOptions { amplitude_per_n: 1.0, width_m: 0.008 };
 
@@ -88,7 +89,7 @@ fn forearm() -> SkinDesign {
     SkinDesign::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../data/designs/forearm.toml")).expect("a shipped design")
 }
 
-/// Touches on a body and what its instrument read.
+/// Touches on a body and the readings of its instrument.
 struct Touched {
     design: SkinDesign,
     forward: ForwardModel,
@@ -182,7 +183,7 @@ pub fn compare_priors() -> dermis_sim::Result<()> {
     Ok(())
 }
 
-/// Alphas and the rules that choose one, on disks of few electrodes.
+/// Alphas and the rules that choose them, on disks with few electrodes.
 pub fn compare_rules() -> dermis_sim::Result<()> {
     heading();
     for electrodes in [4, 5, 6, 8, 10, 12, 16] {

@@ -1,9 +1,10 @@
-//! The experiment behind the defaults of the one-step reconstruction: Gaussian touches on `cylinder30`, recorded on a finer
-//! mesh than the one that reconstructs, at 50 dB; localisation for several priors and alphas.
+//! The experiment for the defaults of the one-step reconstruction: Gaussian touches on `cylinder30`, simulated on a
+//! finer mesh than that of the reconstruction, at 50 dB; localisation for several priors and alphas.
 //!
-//! Expected: 1.4 to 3 mm over two decades of alpha, the automatic rule within them; the Laplace prior is best. It asserts the
-//! automatic rule's. `cargo run --release -p dermis-sim --example choose_prior -- 50` prints the whole table, the number being the noise in dB; without
-//! it, two priors by the rules alone. `-- bodies` compares the priors on several bodies, `-- small` the rules for alpha on small disks.
+//! Expected: 1.4 to 3 mm over two decades of alpha, the automatic rule within this range; the Laplace prior is best.
+//! The result of the automatic rule is asserted. `cargo run --release -p dermis-sim --example choose_prior -- 50`
+//! prints the whole table, the number being the noise in dB; without it, only two priors with the rules. `-- bodies`
+//! compares the priors on several bodies, `-- small` the rules for alpha on small disks.
 
 mod bodies;
 

@@ -3,17 +3,17 @@
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// A dataset that cannot be made, read or gone on with.
+/// A dataset that cannot be generated, read or continued.
 #[derive(Debug, Error)]
 pub enum DatasetError {
-    /// A number that no dataset can have.
+    /// A number that is invalid for a dataset.
     #[error("{what} is {value}: it must be {must}")]
     OutOfRange {
-        /// What the number is.
+        /// The name of the number.
         what: &'static str,
         /// Its value.
         value: f64,
-        /// The values it may have.
+        /// The allowed values.
         must: String,
     },
     /// A shard whose index is not below the number of shards.
@@ -21,10 +21,10 @@ pub enum DatasetError {
     Shard {
         /// Its number.
         index: u64,
-        /// How many there are.
+        /// The number of shards.
         count: u64,
     },
-    /// A folder that holds another dataset than the one asked for.
+    /// A folder that contains another dataset than the requested one.
     #[error(
         "{} holds another dataset: its `{field}` is {there}, not {asked}; continue it with the settings that it was begun with, or use \
          another folder", path.display()
@@ -36,7 +36,7 @@ pub enum DatasetError {
         field: String,
         /// Its value in the folder.
         there: String,
-        /// The value asked for.
+        /// The requested value.
         asked: String,
     },
     /// A folder without the record of a dataset.
@@ -51,7 +51,7 @@ pub enum DatasetError {
         /// Its folder.
         folder: PathBuf,
     },
-    /// A file with other contents than its name states, or a damaged one.
+    /// A file with contents that do not match its name, or a damaged one.
     #[error("{}: {message}", path.display())]
     File {
         /// The file.
@@ -59,7 +59,7 @@ pub enum DatasetError {
         /// What is wrong, and the fix.
         message: String,
     },
-    /// Files that another process is making.
+    /// Files that another process is generating.
     #[error(
         "{} is being made by another process, which holds its lock{}: wait for it, or give each process a shard of its \
          own", path.display(), others(.count)
@@ -67,17 +67,17 @@ pub enum DatasetError {
     Busy {
         /// The first of them.
         path: PathBuf,
-        /// How many there are.
+        /// Their number.
         count: u64,
     },
-    /// Files that have not been made yet.
+    /// Files that have not been generated yet.
     #[error("{count} of {of} files are missing, the first is {}: run the shards that make them", path.display())]
     Missing {
         /// The first of them.
         path: PathBuf,
-        /// How many are missing.
+        /// The number of missing files.
         count: u64,
-        /// How many there should be.
+        /// The total number of files.
         of: u64,
     },
     /// A disk that is too small.
@@ -86,19 +86,19 @@ pub enum DatasetError {
          another disk", folder.display()
     )]
     Space {
-        /// Where the dataset should go.
+        /// The folder of the dataset.
         folder: PathBuf,
-        /// What is free there.
+        /// The free space.
         available_bytes: u64,
-        /// What the dataset takes; the largest number there is where it takes more.
+        /// The size of the dataset; the maximum integer if it is larger.
         needed_bytes: u64,
     },
-    /// A file or folder that cannot be made, read or written.
+    /// A file or folder that cannot be created, read or written.
     #[error("{}: {source}", path.display())]
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// The error of the system.
+        /// The error of the operating system.
         source: std::io::Error,
     },
 }

@@ -1,8 +1,8 @@
 //! One file of a dataset, in the safetensors format.
 //!
 //! Eight bytes with the length of a JSON header, the header, then the tensors' values in little-endian order (Hugging
-//! Face, safetensors). The one key of its metadata holds what a file must prove of itself: which dataset it belongs to,
-//! its place in it, and the SHA-256 of its values.
+//! Face, safetensors). The only key of its metadata identifies the file: its dataset, its place in the dataset, and the
+//! SHA-256 of its values.
 
 use crate::dataset::DatasetError;
 use serde::{Deserialize, Serialize};
@@ -12,11 +12,11 @@ use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
-/// The key of a file's metadata that is ours.
+/// Our key of a file's metadata.
 const KEY: &str = "dermis";
-/// Longest header that is read: a few hundred bytes are usual.
+/// Maximum length of a header: a few hundred bytes are usual.
 const LONGEST_HEADER: u64 = 1 << 20;
-/// Values are turned into bytes in pieces of this many.
+/// Number of values converted to bytes at a time.
 const PIECE: usize = 1 << 14;
 
 /// A tensor's name, shape and values, row-major.
@@ -43,9 +43,10 @@ pub(super) fn hex(digest: impl IntoIterator<Item = u8>) -> String {
     digest.into_iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// The header of some tensors, padded so that the values begin at a multiple of eight bytes.
+/// The header of some tensors, padded so that the values start at a multiple of eight bytes.
 ///
-/// Written by hand: a map of `serde_json` has its keys in an order that depends on how that crate was built.
+/// Written without `serde_json`, whose maps have their keys in an order that depends on the build options of that
+/// crate.
 fn header(shapes: &[(&str, Vec<usize>)], label: &Label) -> Vec<u8> {
     let text = Value::String(serde_json::to_string(label).expect("a label is JSON"));
     let mut header = format!("{{\"__metadata__\":{{\"{KEY}\":{text}}}");
@@ -63,17 +64,17 @@ fn header(shapes: &[(&str, Vec<usize>)], label: &Label) -> Vec<u8> {
     bytes
 }
 
-/// Length of a file with tensors of such shapes, in bytes.
+/// Length of a file with tensors of these shapes, in bytes.
 pub(super) fn file_bytes(shapes: &[(&str, Vec<usize>)], label: &Label) -> u64 {
     let values: usize = shapes.iter().map(|(_, shape)| shape.iter().product::<usize>()).sum();
     8 + header(shapes, label).len() as u64 + 4 * values as u64
 }
 
-/// Writes tensors to a file at `path`, to the disk itself. `label` needs no checksum yet.
+/// Writes tensors to a file at `path`, synced to the disk. The checksum of `label` is not used.
 pub(super) fn write(path: &Path, tensors: &[Tensor], label: &Label) -> std::io::Result<()> {
     let mut file = File::create(path)?;
     let shapes: Vec<(&str, Vec<usize>)> = tensors.iter().map(|t| (t.name.as_str(), t.shape.clone())).collect();
-    // The length of the header does not depend on the digits of the checksum, so that the values go first.
+    // The length of the header does not depend on the digits of the checksum, so the values are written first.
     let blank = Label { sha256: "0".repeat(64), ..label.clone() };
     let length = header(&shapes, &blank).len();
     file.seek(SeekFrom::Start(8 + length as u64))?;
@@ -92,23 +93,23 @@ pub(super) fn write(path: &Path, tensors: &[Tensor], label: &Label) -> std::io::
     file.sync_all()
 }
 
-/// A file of a dataset that has been opened and whose header is as it must be.
+/// An opened file of a dataset with a valid header.
 #[derive(Debug)]
 pub(super) struct Reader {
     reader: BufReader<File>,
     label: Label,
     header_bytes: u64,
-    /// Of the values read.
+    /// Hash of the values read.
     digest: Sha256,
-    /// Of all bytes read.
+    /// Hash of all bytes read.
     whole: Sha256,
 }
 
 impl Reader {
-    /// Opens a file that should hold tensors of these shapes under this label (whose checksum is not looked at).
+    /// Opens a file that should contain tensors of these shapes with this label (without its checksum).
     ///
     /// # Errors
-    /// A file that cannot be read, is of another length, or with other metadata in its header.
+    /// A file that cannot be read, has another length, or has other metadata in its header.
     pub fn open(path: &Path, shapes: &[(&str, Vec<usize>)], expected: &Label) -> Result<Self, DatasetError> {
         let io = |source| DatasetError::Io { path: path.to_path_buf(), source };
         let wrong = |message: &str| DatasetError::File {
@@ -161,8 +162,7 @@ impl Reader {
         Ok(())
     }
 
-    /// The SHA-256 of the file, all values of which have been read; `None` where they do not have the checksum that the
-    /// header tells.
+    /// The SHA-256 of the file after all values have been read; `None` if they do not have the checksum in the header.
     pub fn sha256(self) -> Option<String> {
         (hex(self.digest.finalize()) == self.label.sha256).then(|| hex(self.whole.finalize()))
     }

@@ -1,4 +1,4 @@
-//! The manifest of a finished dataset, and checking one.
+//! The manifest of a finished dataset, and verification.
 
 use crate::dataset::DatasetError;
 use crate::dataset::file::Reader;
@@ -11,20 +11,20 @@ use std::path::{Path, PathBuf};
 
 /// Name of the manifest in a folder.
 const MANIFEST: &str = "manifest.json";
-/// Files that are read side by side before their sums are added up: what bounds the memory for sums.
+/// Number of files read in parallel before their sums are added: limits the memory for sums.
 const FILES_AT_ONCE: usize = 64;
 
 /// The manifest of a finished dataset, written once all files are complete.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
-    /// What it was made from.
+    /// The record of the dataset.
     pub record: Record,
-    /// SHA-256 of the record's file, which every file of samples names in its header.
+    /// SHA-256 of the record's file, which is in the header of every file of samples.
     pub identity: String,
     /// The files, in order.
     pub files: Vec<FileRecord>,
-    /// Mean and spread, over all samples.
+    /// Means and standard deviations over all samples.
     pub statistics: Statistics,
 }
 
@@ -40,8 +40,8 @@ pub struct FileRecord {
     pub sha256: String,
 }
 
-/// Means and standard deviations over all samples (divided by their number, not by one less), summed in double precision
-/// in the order of the files.
+/// Means and standard deviations over all samples (divided by n, not n - 1), summed in double precision in the order of
+/// the files.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Statistics {
@@ -53,7 +53,7 @@ pub struct Statistics {
     pub frame_sd_ohm: Vec<f64>,
     /// Mean of each channel's difference from the sample's own untouched frame, ohm.
     pub difference_mean_ohm: Vec<f64>,
-    /// Standard deviation of it, ohm.
+    /// Standard deviation of this difference, ohm.
     pub difference_sd_ohm: Vec<f64>,
     /// Mean over the pixels of all images.
     pub image_mean: f64,
@@ -64,9 +64,9 @@ pub struct Statistics {
 /// Results of checking a folder.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Checked {
-    /// Files without a fault.
+    /// Number of valid files.
     pub good_files: u64,
-    /// Files that the dataset has when it is finished.
+    /// Number of files of the finished dataset.
     pub file_count: u64,
     /// Whether there is a manifest that agrees with the files.
     pub finished: bool,
@@ -74,7 +74,7 @@ pub struct Checked {
     pub problems: Vec<String>,
 }
 
-/// Sums over samples; frames are taken less the first sample's untouched frame, so that squares lose no digits.
+/// Sums over samples; the first sample's untouched frame is subtracted from frames to avoid cancellation in squares.
 #[derive(Debug, Clone)]
 struct Sums {
     samples: u64,
@@ -88,13 +88,13 @@ impl Manifest {
     /// The manifest in a folder.
     ///
     /// # Errors
-    /// A folder without one; a file that is none.
+    /// A folder without a manifest; a file that is not a manifest.
     pub fn read(folder: &Path) -> Result<Self, DatasetError> {
         let path = Self::path(folder);
         let bytes = match std::fs::read(&path) {
             Ok(bytes) => bytes,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-                // A folder without a dataset has an error of its own.
+                // A folder without a dataset has a separate error.
                 Record::read(folder)?;
                 return Err(DatasetError::Unfinished { folder: folder.to_path_buf() });
             }
@@ -109,11 +109,11 @@ impl Manifest {
     }
 }
 
-/// Reads all files of a dataset, checks each to its last bit, and writes the manifest. `on_file` is called after every
-/// file, from several threads.
+/// Reads all files of a dataset, checks every bit, and writes the manifest. `on_file` is called after every file, from
+/// several threads.
 ///
 /// # Errors
-/// A folder without a dataset; files that are missing, damaged or another dataset's.
+/// A folder without a dataset; files that are missing, damaged or of another dataset.
 pub fn finish(folder: &Path, on_file: impl Fn() + Sync) -> Result<Manifest, DatasetError> {
     let record = Record::read(folder)?;
     let identity = record.identity();
@@ -142,7 +142,7 @@ pub fn finish(folder: &Path, on_file: impl Fn() + Sync) -> Result<Manifest, Data
     Ok(manifest)
 }
 
-/// Checks every file that is there to its last bit, and the manifest where there is one.
+/// Checks every bit of all existing files, and the manifest if there is one.
 ///
 /// # Errors
 /// A folder without a dataset, or with a manifest that cannot be read. Bad files are listed in the result.

@@ -1,4 +1,4 @@
-//! Samples of Gaussian touches: drawn, laid on the cells, solved eight at a time.
+//! Samples of Gaussian touches: drawn, rasterised on the cells, solved eight at a time.
 
 use crate::dataset::generator::{Rows, write_row, write_touches};
 use crate::dataset::places::Places;
@@ -15,7 +15,7 @@ use dermis::image::PixelSpace;
 use dermis::linalg::{LANES, SimdLevel};
 use rand::RngExt;
 
-/// Makes samples of Gaussian touches.
+/// Generates samples of Gaussian touches.
 #[derive(Debug)]
 pub(super) struct GaussianMaker {
     seed: u64,
@@ -30,7 +30,7 @@ pub(super) struct GaussianMaker {
     measures: Vec<f64>,
 }
 
-/// Memory of one thread that makes them.
+/// Work memory of one thread.
 #[derive(Debug)]
 pub(super) struct GaussianWorker<'a> {
     maker: &'a GaussianMaker,
@@ -44,12 +44,12 @@ pub(super) struct GaussianWorker<'a> {
     moving: Option<Moving>,
 }
 
-/// The raster on a skin whose mesh followed its electrodes.
+/// The raster on a skin whose mesh is adapted to its electrode positions.
 #[derive(Debug)]
 struct Moving {
     raster: CellRaster,
     is_movable: Vec<bool>,
-    /// The skin that it follows.
+    /// The skin of the raster.
     skin: Option<u64>,
 }
 
@@ -94,7 +94,7 @@ impl GaussianMaker {
         }
     }
 
-    /// The untouched frame of the design, by the solver that makes the others.
+    /// The untouched frame of the design, by the same solver as all others.
     pub fn untouched(&self, forward: &ForwardModel) -> Result<Vec<f64>, ForwardError> {
         let mut worker = self.worker(forward, None);
         worker.rest_everywhere();
@@ -116,7 +116,7 @@ impl GaussianMaker {
 }
 
 impl GaussianWorker<'_> {
-    /// The samples of the unit that begins at `first`, `count` of them, on a skin instance where skins differ.
+    /// The samples of the unit that starts at `first`, `count` of them, on a skin instance if skins differ.
     pub fn make(
         &mut self,
         first: u64,
@@ -153,7 +153,7 @@ impl GaussianWorker<'_> {
         }
     }
 
-    /// Eight samples at once, or the last few. A lane's bits do not depend on its neighbours.
+    /// Eight samples together, or the last few. The bits of a lane do not depend on the other lanes.
     fn batch(&mut self, first: u64, count: usize, row: usize, rows: &mut Rows<'_>) -> Result<(), ForwardError> {
         self.rest_everywhere();
         let maker = self.maker;

@@ -1,4 +1,4 @@
-//! From an index to a sample.
+//! Generation of samples by index.
 
 use crate::dataset::gaussian::{GaussianMaker, GaussianWorker};
 use crate::dataset::places::Places;
@@ -13,11 +13,11 @@ use dermis::forward::ForwardModel;
 use dermis::image::PixelSpace;
 use dermis::linalg::{LANES, SimdLevel};
 
-/// Samples that are made together: two batches of the solver, and the samples of one skin where skins differ. Which
-/// samples share a unit depends on their numbers alone.
+/// Number of samples generated together: two batches of the solver, and the samples of one skin if skins differ. The
+/// samples of a unit depend only on their indices.
 pub(super) const UNIT: usize = 2 * LANES;
 
-/// Makes samples of one recipe on one design. Shared between threads, each of which has a [`Worker`].
+/// Generates samples of one recipe on one design. Shared between threads, each with its own [`Worker`].
 #[derive(Debug)]
 pub struct Generator {
     recipe: Recipe,
@@ -34,7 +34,7 @@ enum Kind {
     Pressed(Box<PressMaker>),
 }
 
-/// Memory of one thread that makes samples.
+/// Work memory of one thread.
 #[derive(Debug)]
 pub struct Worker<'a> {
     generator: &'a Generator,
@@ -48,10 +48,10 @@ enum SampleMaker<'a> {
     Pressed(Box<PressWorker<'a>>),
 }
 
-/// Where the samples of one unit go, row by row.
+/// The output memory of the samples of one unit, row by row.
 #[derive(Debug)]
 pub(super) struct Rows<'a> {
-    /// One for each sample; empty where all samples are of one skin.
+    /// One for each sample; empty if all samples are of one skin.
     pub rest: &'a mut [f32],
     pub frames: &'a mut [f32],
     pub images: &'a mut [f32],
@@ -59,11 +59,11 @@ pub(super) struct Rows<'a> {
 }
 
 impl Generator {
-    /// The generator of a recipe on a design whose forward model is given.
+    /// The generator of a recipe on a design with a given forward model.
     ///
     /// # Errors
-    /// A recipe that no sample can be drawn from; touches narrower than the mesh can carry; electrodes that would fold the
-    /// mesh; patches or presses that do not fit the body; a design whose image does not fit its body.
+    /// A recipe from which no sample can be drawn; touches narrower than the mesh can resolve; electrodes that would
+    /// fold the mesh; patches or presses that do not fit the body; a design whose image does not fit its body.
     pub fn new(design: &SkinDesign, forward: &ForwardModel, recipe: &Recipe) -> crate::Result<Self> {
         Self::at_level(design, forward, recipe, SimdLevel::best())
     }
@@ -102,7 +102,7 @@ impl Generator {
         Ok(generator)
     }
 
-    /// Memory to make samples with; each thread has its own.
+    /// Work memory; each thread needs its own.
     pub fn worker(&self) -> Worker<'_> {
         let maker = match &self.kind {
             Kind::Gaussian(maker) => SampleMaker::Gaussian(Box::new(maker.worker(&self.forward, self.skins.as_ref()))),
@@ -111,7 +111,7 @@ impl Generator {
         Worker { generator: self, instance: None, maker }
     }
 
-    /// What the samples are drawn from.
+    /// The recipe.
     pub fn recipe(&self) -> &Recipe {
         &self.recipe
     }
@@ -141,18 +141,18 @@ impl Generator {
         &self.rest
     }
 
-    /// Whether each sample has an untouched frame of its own.
+    /// Whether each sample has its own untouched frame.
     pub(super) fn has_own_rest(&self) -> bool {
         self.skins.is_some()
     }
 
-    /// The samples from `first` on, one after the other and without an end: the recipe's number of samples does not bind
-    /// here. Sample `i` is the one that a file would hold.
+    /// The samples from `first` on, without an end: the recipe's number of samples is not a limit here. Sample `i` is
+    /// the same as in the files.
     pub fn stream(&self, first: u64) -> Stream<'_> {
         Stream { worker: self.worker(), next: first, ready: Vec::new().into_iter() }
     }
 
-    /// The Gaussian touches of a sample; none where touches are presses.
+    /// The Gaussian touches of a sample; none if touches are presses.
     pub fn touches(&self, index: u64) -> Vec<GaussianTouch> {
         let mut touches = Vec::new();
         if let Kind::Gaussian(maker) = &self.kind {
@@ -161,7 +161,7 @@ impl Generator {
         touches
     }
 
-    /// The presses of a sample; none where touches are Gaussian.
+    /// The presses of a sample; none if touches are Gaussian.
     pub fn presses(&self, index: u64) -> Vec<Press> {
         match &self.kind {
             Kind::Gaussian(_) => Vec::new(),
@@ -179,7 +179,7 @@ impl Generator {
 }
 
 impl Worker<'_> {
-    /// The samples of the unit that begins at `first`, `count` of them.
+    /// The samples of the unit that starts at `first`, `count` of them.
     pub(super) fn make(&mut self, first: u64, count: usize, rows: &mut Rows<'_>) -> crate::Result<()> {
         debug_assert!(first.is_multiple_of(UNIT as u64) && count <= UNIT);
         if let Some(maker) = &self.generator.skins {
@@ -230,7 +230,7 @@ pub(super) fn write_touches(rows: &mut [f32], row: usize, most: usize, touches: 
     values.chunks_exact_mut(TOUCH_COLUMNS).zip(touches).for_each(|(place, touch)| place.copy_from_slice(&touch.row()));
 }
 
-/// Samples without a disk and without an end; see [`Generator::stream`].
+/// An endless sequence of samples without files; see [`Generator::stream`].
 #[derive(Debug)]
 pub struct Stream<'a> {
     worker: Worker<'a>,

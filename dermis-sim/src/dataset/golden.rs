@@ -1,7 +1,7 @@
-//! Checksums of small datasets: samples have the same bits on every system, given the mesh.
+//! Checksums of small datasets: samples have the same bits on every system, for the same mesh.
 //!
-//! The mesh, the places of the electrodes and the instruction set are fixed here, so that nothing but the functions under test
-//! decides. A checksum changes with the recipe of samples; then the version of the format changes too.
+//! The mesh, the electrode positions and the instruction set are fixed here, so that the result depends only on the
+//! functions under test. A checksum changes with the recipe of samples; then the version of the format changes too.
 
 use super::record::sha256;
 use super::{GaussianTouches, Generator, Recipe, SkinSpread, Skins, Touch};

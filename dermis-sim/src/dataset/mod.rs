@@ -1,11 +1,11 @@
-//! Datasets for training: samples drawn from a seed, solved in batches, and written to files that survive a crash.
+//! Datasets for training: samples drawn from a seed, solved in batches, and written to crash-safe files.
 //!
-//! A [`Recipe`] holds the distributions that samples are drawn from; a [`Generator`] makes sample `i` from `(seed, i)` alone, so that the same
-//! bytes come out for any number of threads and any split into [`Shard`]s on one instruction set. [`Run`] puts them into
-//! files of 8,192, each whole or not there; [`finish`] reads them back, checks them and writes the [`Manifest`].
-//! [`Generator::stream`] gives the same samples without a disk.
+//! A [`Recipe`] contains the distributions of the samples; a [`Generator`] generates sample `i` from `(seed, i)` only,
+//! so that the bytes are the same for any number of threads and any split into [`Shard`]s on one instruction set.
+//! [`Run`] writes them to files of 8,192 samples, each written completely or not at all; [`finish`] reads them back,
+//! checks them and writes the [`Manifest`]. [`Generator::stream`] gives the same samples without files.
 //!
-//! `docs/datasets.md` describes the files, to read them without this library.
+//! `docs/datasets.md` describes the file format, for use without this library.
 //!
 //! ```
 //! use dermis::design::TouchEffect;

@@ -1,4 +1,4 @@
-//! Places drawn uniformly by area from the surface of a skin.
+//! Positions drawn uniformly by area from the surface of a skin.
 
 use crate::elementary::sin_cos;
 use dermis::design::Body;
@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use std::collections::HashMap;
 use std::f64::consts::TAU;
 
-/// The surface of a skin, for drawing places on it: every piece of equal area is as likely, edges included.
+/// The surface of a skin, for drawing positions uniformly by area, edges included.
 #[derive(Debug, Clone)]
 pub(super) enum Places {
     Cylinder {
@@ -23,7 +23,7 @@ pub(super) enum Places {
     Rectangle {
         size_m: [f64; 2],
     },
-    /// The triangles of a surface or the outer faces of a volume, with the areas up to and with each.
+    /// The triangles of a surface or the outer faces of a volume, with the cumulative areas.
     Triangles {
         corners: Vec<[Point3; 3]>,
         areas_up_to: Vec<f64>,
@@ -51,7 +51,7 @@ impl Places {
         }
     }
 
-    /// A place, in the body's frame.
+    /// A position, in the body's frame.
     pub fn draw(&self, rng: &mut ChaCha8Rng) -> Point3 {
         let (first, second): (f64, f64) = (rng.random(), rng.random());
         match self {
@@ -81,7 +81,7 @@ fn in_triangle([a, b, c]: [Point3; 3], first: f64, second: f64) -> Point3 {
     add(a, add(scale(sub(b, a), root * (1.0 - second)), scale(sub(c, a), root * second)))
 }
 
-/// The triangles of a surface, or the faces that only one tetrahedron has.
+/// The triangles of a surface, or the faces that belong to only one tetrahedron.
 fn outer_triangles(mesh: &Mesh) -> Vec<[usize; 3]> {
     match &mesh.cells {
         Cells::Triangles(triangles) => triangles.clone(),
@@ -110,7 +110,7 @@ mod tests {
 
     const COUNT: u64 = 40_000;
 
-    /// Share of places that fulfil something; a share `p` of 40,000 has a standard deviation below 0.0025.
+    /// Fraction of positions that fulfil a condition; a fraction `p` of 40,000 has a standard deviation below 0.0025.
     fn share(places: &Places, holds: impl Fn(Point3) -> bool) -> f64 {
         let drawn = (0..COUNT).map(|index| places.draw(&mut sample_rng(3, index)));
         drawn.filter(|&place| holds(place)).count() as f64 / COUNT as f64
@@ -135,14 +135,14 @@ mod tests {
 
     #[test]
     fn places_on_a_mesh_follow_the_area_of_its_outside() {
-        // Two triangles of areas 1 and 3, and a lone tetrahedron whose four faces are all outside.
+        // Two triangles of areas 1 and 3, and a single tetrahedron whose four faces are all outside.
         let nodes = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [-3.0, 0.0, 0.0], [0.0, 0.0, 1.0]];
         let body = Body::Mesh { path: "skin.msh".into(), unit_m: 1.0 };
         let cells = Cells::Triangles(vec![[0, 1, 2], [0, 2, 3]]);
         let mesh = Mesh { nodes, cells, electrodes: vec![], regions: vec![] };
         let places = Places::new(&body, &mesh);
         assert!((share(&places, |p| p[0] > 0.0) - 0.25).abs() < TOLERANCE);
-        // The quarter next to a corner, scaled by a half.
+        // The quarter next to a corner, scaled by one half.
         assert!((share(&places, |p| p[0] > 0.0 && p[0] + p[1] / 2.0 < 0.5) - 0.0625).abs() < TOLERANCE);
         let volume = Mesh { cells: Cells::Tetrahedra(vec![[0, 1, 2, 4]]), ..mesh };
         let places = Places::new(&body, &volume);

@@ -1,11 +1,11 @@
 //! Images of presses on patches.
 //!
-//! A press does not change the coat but lets current pass through the fabric. What it does to a strip of the coat as long
-//! as a patch, `p`, joined to it by a conductance `c` per area, is known exactly: with `s` the coat's sheet conductance the
-//! strip conducts as if its conductance were `s k / tanh k`, `k = (p / 2) sqrt(c / s)` (a transmission line that floats at
-//! its middle; for a weak contact `s + c p^2 / 12`). The image is the pixel mean of that relative change, `k / tanh k - 1`,
-//! for the contact that the pressure would make if there were no gaps: where a press is, not which patches it met, for
-//! their places are not known to whoever looks at the image.
+//! A press does not change the coating but lets current pass through the fabric. The effect on a strip of the coating
+//! of the same length `p` as a patch, connected to it by a conductance `c` per area, is known exactly: with `s` the
+//! coating's sheet conductance the strip conducts as if its conductance were `s k / tanh k`, `k = (p / 2) sqrt(c / s)`
+//! (a transmission line that floats at its middle; for a weak contact `s + c p^2 / 12`). The image is the pixel mean of
+//! this relative change, `k / tanh k - 1`, for the contact that the pressure would make without gaps. It shows the
+//! position of a press and not the patches under it, because the positions of the patches are unknown in use.
 
 use crate::dataset::quadrature::Rule;
 use crate::elementary::tanh;
@@ -16,7 +16,7 @@ use dermis::geom::{Point3, Surface};
 use dermis::image::{PixelSpace, chart_box};
 use dermis::mesh::{Cells, Mesh};
 
-/// Points along each side of a pixel: midpoints of parts.
+/// Points along each side of a pixel: midpoints of equal parts.
 const POINTS_PER_SIDE: usize = 6;
 
 /// How the image of some presses is made.
@@ -26,12 +26,12 @@ pub(super) struct PressTarget {
     body: Body,
     foam: Foam,
     contact: ContactLaw,
-    /// Half of a patch's side over the root of the coat's conductance: `k / sqrt(c)`.
+    /// Half of a patch's side over the square root of the coating's conductance: `k / sqrt(c)`.
     half_side: f64,
     pixels: Vec<Pixel>,
 }
 
-/// Where a pixel's mean is taken; all points count alike.
+/// The points for a pixel's mean, with equal weights.
 #[derive(Debug, Clone)]
 struct Pixel {
     centre: Point3,
@@ -98,7 +98,7 @@ impl PressTarget {
         Ok(())
     }
 
-    /// The strength of a press alone: the integral of its image, m2. `image` is memory to make it in.
+    /// The strength of a single press: the integral of its image, m2. `image` is scratch memory.
     pub fn strength_m2(&self, press: &Press, image: &mut [f64]) -> Result<f64, TwinError> {
         self.image_into(std::slice::from_ref(press), image)?;
         Ok(image.iter().zip(&self.pixels).map(|(value, pixel)| value * pixel.area_m2).sum())
@@ -108,12 +108,12 @@ impl PressTarget {
     fn change(&self, pressure_pa: f64) -> f64 {
         let contact = self.contact.conductance_s_per_m2(self.contact.preload_pa + pressure_pa);
         let k = self.half_side * contact.sqrt();
-        // Two terms of the series are right to k^6 / 1000 of one.
+        // Two terms of the series have a relative error of k^6 / 1000.
         if k < 0.01 { k * k / 3.0 - k * k * k * k / 45.0 } else { k / tanh(k) - 1.0 }
     }
 }
 
-/// The root of the mean square of a patch's sides, m.
+/// The root mean square of a patch's sides, m.
 fn mean_side_m(patches: &PatchOptions, body: &Body) -> Result<f64, TwinError> {
     let grid = patches.on_body(body)?;
     let [low, high] = grid.corners_m(0);
@@ -127,7 +127,7 @@ fn grid_pixels(
     [rows, columns]: [usize; 2],
     (low, size): ([f64; 2], [f64; 2]),
 ) -> Vec<Vec<Point3>> {
-    // The chart of a cylinder's picture is (theta, z); flat coordinates have the arc in its place.
+    // The grid's chart on a cylinder is (theta, z); flat coordinates use the arc length instead of theta.
     let per_chart = if let Surface::Cylinder { radius_m, .. } = surface { radius_m } else { 1.0 };
     let middle = |line: usize, part: usize, count: usize| {
         (line as f64 + (part as f64 + 0.5) / POINTS_PER_SIDE as f64) / count as f64
@@ -143,7 +143,7 @@ fn grid_pixels(
             _ => true,
         };
         let points: Vec<Point3> = (0..POINTS_PER_SIDE * POINTS_PER_SIDE).map(point).filter(inside).collect();
-        // A sliver at the rim that holds none of the points.
+        // A narrow part of a pixel at the rim that contains none of the points.
         if points.is_empty() {
             let index = space.position_in_grid.iter().position(|&other| other == position);
             return vec![index.map_or([0.0; 3], |index| space.centres_m[index])];
@@ -156,7 +156,7 @@ fn grid_pixels(
 fn cell_pixels(surface: Unrolled, mesh: &Mesh) -> Vec<Vec<Point3>> {
     let points = |cell: usize| {
         let corners: Vec<Point3> = mesh.cells.corners(cell).iter().map(|&node| mesh.nodes[node]).collect();
-        // The middles of 16 equal parts, each of which counts alike.
+        // The midpoints of 16 equal parts, with equal weights.
         let points = Rule::Triangle.points(&corners, 2);
         points.chunks_exact(Rule::Triangle.weights().len()).map(|part| surface.place(part[0])).collect()
     };
@@ -177,14 +177,15 @@ mod tests {
 
     #[test]
     fn the_change_is_that_of_a_strip_joined_to_a_floating_patch() {
-        // The strip as 4,000 resistors in a row, each joined to the patch; its ends held at +-1/2 V, the patch at 0.
+        // The strip as 4,000 resistors in a row, each connected to the patch; its ends are at +-1/2 V, the patch at 0.
         let target = target();
         let (side_m, sheet_s) = (2.0 * target.half_side * 1e-3f64.sqrt(), 1e-3);
         for pressure_pa in [3.0, 300.0, 3e4] {
             let contact = target.contact.conductance_s_per_m2(pressure_pa);
             let parts = 4000;
             let (step, joint) = (sheet_s * parts as f64 / side_m, contact * side_m / parts as f64);
-            // From the middle outwards: the current and the potential of a half that is odd about it.
+            // From the middle outwards: the current and the potential of one half; the potential is odd about the
+            // middle.
             let (mut potential, mut current) = (0.5 / step, 1.0);
             for _ in 0..parts / 2 {
                 current += joint * potential;
@@ -211,7 +212,7 @@ mod tests {
         let row = &image[14 * 30..15 * 30];
         assert!(row[0] > 0.1 && (row[0] / row[29] - 1.0).abs() < 1e-9, "{row:?}");
         assert!(image.iter().filter(|value| **value > 0.0).count() < 20);
-        // Two presses in one place count by the pressure of both, once.
+        // Two presses at one position have the effect of the sum of their pressures.
         let mut both = vec![0.0; 900];
         target.image_into(&[press(0.0), press(0.0)], &mut both).unwrap();
         assert!(both[420] > image[420] && both[420] < 2.0 * image[420]);

@@ -18,7 +18,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::PI;
 
-/// Makes samples of presses.
+/// Generates samples of presses.
 #[derive(Debug)]
 pub(super) struct PressMaker {
     seed: u64,
@@ -31,14 +31,14 @@ pub(super) struct PressMaker {
     skins: OnSkins,
 }
 
-/// On what skins.
+/// The skins of the samples.
 #[derive(Debug)]
 enum OnSkins {
     One(Box<PatchedSkin>),
     Many(SkinSpread),
 }
 
-/// Memory of one thread that makes them.
+/// Work memory of one thread.
 #[derive(Debug)]
 pub(super) struct PressWorker<'a> {
     maker: &'a PressMaker,
@@ -64,7 +64,7 @@ impl PressMaker {
             )?)),
             Skins::Random(spread) => OnSkins::Many(spread.clone()),
         };
-        // The hardest press that can be drawn, so that foam too thin for it is refused before any sample is made.
+        // The strongest press that can be drawn, so that too thin foam is refused before any sample is generated.
         let hardest = Press {
             centre_m: places.draw(&mut sample_rng(recipe.seed, 0)),
             force_n: options.force_n[1],
@@ -87,7 +87,7 @@ impl PressMaker {
         PressWorker { maker: self, frame: vec![0.0; self.channel_count], image: vec![0.0; self.pixel_count] }
     }
 
-    /// The untouched frame of the design under its patches.
+    /// The untouched frame of the design with its patches.
     pub fn untouched(&self, forward: &ForwardModel) -> crate::Result<Vec<f64>> {
         let mut frame = vec![0.0; self.channel_count];
         match &self.skins {
@@ -112,7 +112,7 @@ impl PressMaker {
         presses
     }
 
-    /// Where the press after another is.
+    /// The position of a press next to another.
     fn place(&self, before: Option<&Press>, rng: &mut ChaCha8Rng) -> Point3 {
         if let (Some(together), Some(before)) = (&self.options.together, before)
             && rng.random::<f64>() < together.share
@@ -144,11 +144,11 @@ impl PressMaker {
     }
 }
 
-/// The stream of a skin's random numbers that its patches are drawn from.
+/// The random stream of a skin for its patches.
 const PATCH_STREAM: u64 = 1;
 
 impl PressWorker<'_> {
-    /// The samples of the unit that begins at `first`, `count` of them, on a skin instance where skins differ.
+    /// The samples of the unit that starts at `first`, `count` of them, on a skin instance if skins differ.
     pub fn make(
         &mut self,
         first: u64,
@@ -161,7 +161,8 @@ impl PressWorker<'_> {
         match (&maker.skins, instance) {
             (OnSkins::Many(spread), Some(instance)) => {
                 let model = &instance.skin.forward;
-                // All sixteen samples of the skin, were fewer asked for: a sample's bits must not depend on how many are.
+                // All sixteen samples of the skin, even if fewer were requested: a sample's bits must not depend on
+                // their number.
                 let all: Vec<Press> =
                     (0..super::generator::UNIT as u64).flat_map(|row| maker.draw(first + row)).collect();
                 let options = maker.patches(spread, instance.skin.seed);

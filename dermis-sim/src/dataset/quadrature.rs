@@ -1,20 +1,20 @@
-//! The mean of a Gaussian over a cell, divided as often as its width asks for.
+//! The mean of a Gaussian over a cell, with subdivision according to its width.
 
 use crate::quadrature::{Weighted, eighths, quarters, tetrahedron_points, triangle_points};
 use crate::touch::{TETRAHEDRON_EDGE_WIDTHS, TRIANGLE_EDGE_WIDTHS};
 use dermis::geom::Point3;
 
-/// The rule by which the mean over a kind of cell is taken.
+/// The quadrature rule for a kind of cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Rule {
-    /// [`triangle_points`] of quarters of quarters.
+    /// [`triangle_points`] on triangles that are split into quarters recursively.
     Triangle,
-    /// [`tetrahedron_points`] of eighths of eighths.
+    /// [`tetrahedron_points`] on tetrahedra that are split into eighths recursively.
     Tetrahedron,
 }
 
 impl Rule {
-    /// How often a cell is divided for a Gaussian of a width.
+    /// The subdivision level of a cell for a Gaussian of a given width.
     pub fn level(self, longest_edge_m: f64, width_m: f64) -> usize {
         let enough = match self {
             Rule::Triangle => TRIANGLE_EDGE_WIDTHS,
@@ -27,7 +27,7 @@ impl Rule {
         level
     }
 
-    /// The weights of the points of one part; those of a cell repeat for each of its parts, over their number.
+    /// The weights of the points of one part; those of a cell repeat for each of its parts, divided by their number.
     pub fn weights(self) -> Vec<f64> {
         let weights = |points: &[Weighted<1>]| points.iter().map(|point| point.1).collect();
         match self {
@@ -36,7 +36,7 @@ impl Rule {
         }
     }
 
-    /// Parts of a cell at a level.
+    /// Number of parts of a cell at a level.
     pub fn part_count(self, level: usize) -> usize {
         match self {
             Rule::Triangle => 4usize.pow(level as u32),
@@ -47,7 +47,7 @@ impl Rule {
     /// The points of a cell at a level, part by part.
     ///
     /// # Panics
-    /// Where the cell has another number of corners than the rule's.
+    /// If the number of corners of the cell differs from that of the rule.
     pub fn points(self, corners: &[Point3], level: usize) -> Vec<Point3> {
         match self {
             Rule::Triangle => points(corners, level, quarters, triangle_points),

@@ -1,8 +1,8 @@
-//! Gaussian touches on the cells of a mesh, fast.
+//! Fast rasterisation of Gaussian touches on the cells of a mesh.
 //!
-//! It gives what [`GaussianTouch::add_cell_means`] gives, for many touches on one mesh: the points of every cell's
-//! quadrature are computed once, in the coordinates in which distances along the surface are straight; cells that lie
-//! close together share a block of eight, one in each lane of a vector; and only blocks near a touch are looked at.
+//! The results equal those of [`GaussianTouch::add_cell_means`], for many touches on one mesh. The quadrature points of
+//! every cell are computed once, in coordinates in which distances along the surface are straight-line distances; eight
+//! neighbouring cells form a block, one in each SIMD lane; only blocks near a touch are evaluated.
 
 use crate::dataset::DatasetError;
 use crate::dataset::quadrature::Rule;
@@ -14,16 +14,16 @@ use dermis::linalg::{LANES, SimdLevel};
 use dermis::mesh::{Cells, Mesh};
 use pulp::{Simd, WithSimd};
 
-/// Distance in widths beyond which a Gaussian counts as nothing: exp(-5.5^2 / 2) = 2.7e-7 of its amplitude.
+/// Distance in widths beyond which a Gaussian is neglected: exp(-5.5^2 / 2) = 2.7e-7 of its amplitude.
 const REACH_WIDTHS: f64 = 5.5;
-/// Exponents are cut here, so that the series for the exponential stays in its range: exp(-32) = 1.3e-14.
+/// Limit of exponents, so that the series for the exponential stays in its range: exp(-32) = 1.3e-14.
 const LARGEST_EXPONENT: f64 = 32.0;
-/// Most divisions of a cell: a touch of an eighth of a cell's edge is a touch that the mesh cannot carry.
+/// Maximum subdivision level: a mesh cannot resolve a touch of an eighth of a cell's edge.
 const MOST_DIVISIONS: usize = 3;
 /// A block's lane without a cell.
 const NO_CELL: u32 = u32::MAX;
 
-/// The cells of a mesh, ready for Gaussian touches.
+/// The cells of a mesh, prepared for Gaussian touches.
 #[derive(Debug, Clone)]
 pub struct CellRaster {
     surface: Unrolled,
@@ -37,25 +37,25 @@ pub struct CellRaster {
     level: SimdLevel,
 }
 
-/// Eight cells that lie close together.
+/// Eight neighbouring cells.
 #[derive(Debug, Clone)]
 struct Block {
     centre: Point3,
     radius_m: f64,
     longest_edge_m: f64,
     cells: [u32; LANES],
-    /// Where the points of each level start.
+    /// The index of the first point of each level.
     starts: Vec<usize>,
 }
 
-/// One cell while blocks are made.
+/// One cell during the construction of blocks.
 struct Item {
     cell: usize,
     centre: Point3,
 }
 
 impl CellRaster {
-    /// The raster of a mesh for touches that are no narrower than `least_width_m`, with the best instruction set of this
+    /// The raster of a mesh for touches with a width of at least `least_width_m`, with the best instruction set of this
     /// machine.
     ///
     /// # Errors
@@ -119,7 +119,7 @@ impl CellRaster {
             starts.push(self.points.len());
             let points: Vec<Vec<Point3>> = corners.iter().map(|corners| self.rule.points(corners, level)).collect();
             for point in 0..points[0].len() {
-                // Lanes without a cell repeat the first.
+                // Lanes without a cell repeat the first cell.
                 let of_lane = |lane: usize| self.surface.place(points.get(lane).unwrap_or(&points[0])[point]);
                 let lanes: [Point3; LANES] = std::array::from_fn(of_lane);
                 for axis in 0..self.dimensions {
@@ -131,18 +131,18 @@ impl CellRaster {
         Ok(())
     }
 
-    /// Moves the points of some cells with their nodes, to their places on another skin of the design. `original` is the
-    /// raster of the mesh as it was made, `shifts_m` how far each node lies from its place there (round, along; or x, y).
+    /// Moves the quadrature points of some cells with their nodes, for another skin of the design. `original` is the
+    /// raster of the undeformed mesh, `shifts_m` the displacement of each node (around, along; or x, y).
     ///
-    /// Points move by the mean of their corners' shifts, weighted by how near these are. Only blocks with one of the cells
-    /// that `is_movable` are looked at: the others never move.
+    /// Points move by the weighted mean of their corners' shifts, with larger weights for nearer corners. Only blocks
+    /// that contain a cell with `is_movable` are updated: the others never move.
     pub(super) fn follow(&mut self, original: &CellRaster, mesh: &Mesh, movable: &[bool], shifts_m: &[[f64; 2]]) {
         let shares = original.shares();
         for (block, (own, from)) in self.blocks.iter_mut().zip(&original.blocks).enumerate() {
             if !from.cells.iter().any(|&cell| cell != NO_CELL && movable[cell as usize]) {
                 continue;
             }
-            // Lanes without a cell follow the first, as they do in the raster itself.
+            // Lanes without a cell follow the first cell, as in the raster itself.
             let nodes = |lane: usize| {
                 let cell = if from.cells[lane] == NO_CELL { from.cells[0] } else { from.cells[lane] };
                 mesh.cells.corners(cell as usize)
@@ -168,16 +168,16 @@ impl CellRaster {
         }
     }
 
-    /// For each level and point of a cell, how near its corners are.
+    /// For each level and point of a cell, the weights of its corners.
     fn shares(&self) -> Vec<Vec<Point3>> {
         let levels = self.blocks.iter().map(|block| block.starts.len()).max().unwrap_or(0);
         let corners = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         (0..levels).map(|level| self.rule.points(&corners, level)).collect()
     }
 
-    /// Calls `add(cell, mean)` with the mean of a touch's change over every cell that it reaches; each cell comes once.
+    /// Calls `add(cell, mean)` with the mean of a touch's change over every cell within its range, once per cell.
     ///
-    /// Equal to [`GaussianTouch::add_cell_means`] to 5e-6 of the amplitude.
+    /// Equal to [`GaussianTouch::add_cell_means`] within 5e-6 of the amplitude.
     pub fn for_each_mean(&self, touch: &GaussianTouch, mut add: impl FnMut(usize, f64)) {
         let centre = self.surface.place(touch.centre_m);
         let reach_m = REACH_WIDTHS * touch.width_m;
@@ -186,7 +186,7 @@ impl CellRaster {
     }
 }
 
-/// Puts cells that lie close together next to each other: halves of halves along the longer side, in whole blocks.
+/// Sorts cells so that neighbouring cells are adjacent: recursive bisection along the longer side, in whole blocks.
 fn sort_by_place(items: &mut [Item], dimensions: usize) {
     if items.len() <= LANES {
         return;
@@ -246,15 +246,15 @@ impl<F: FnMut(usize, f64)> WithSimd for Means<'_, F> {
     }
 }
 
-/// How far points lie from a centre.
+/// The distances of points from a centre.
 trait SquaredDistance: Copy {
     const DIMENSIONS: usize;
 
-    /// The squares of the distances of as many cells as a vector has lanes, m2.
+    /// The squared distances of as many cells as a vector has lanes, m2.
     fn squares<S: Simd>(self, simd: S, point: &[[f64; LANES]], pass: usize) -> S::f64s;
 }
 
-/// Straight distances in `D` coordinates.
+/// Straight-line distances in `D` coordinates.
 #[derive(Clone, Copy)]
 struct Flat<const D: usize>(Point3);
 
@@ -272,7 +272,7 @@ impl<const D: usize> SquaredDistance for Flat<D> {
     }
 }
 
-/// Distances on a cylinder, the short way round.
+/// Distances on a cylinder, the shorter way around.
 #[derive(Clone, Copy)]
 struct Wrapped {
     centre: Point3,
@@ -318,8 +318,8 @@ fn block_sums<S: Simd, D: SquaredDistance>(
 
 /// `exp(-t)` for `t` from 0 to [`LARGEST_EXPONENT`]: the series at `x = -t / 64`, squared six times.
 ///
-/// With `|x| <= 1/2` and nine terms beyond the first it is right to `64 (1/2)^10 / 10! = 2e-8` of itself where it is
-/// smallest; where it counts, at `t < 8`, to 1e-14.
+/// With `|x| <= 1/2` and nine terms after the first the relative error is at most `64 (1/2)^10 / 10! = 2e-8`, for the
+/// smallest values; in the important range `t < 8` it is 1e-14.
 #[inline(always)]
 fn exp_of_minus<S: Simd>(simd: S, t: S::f64s) -> S::f64s {
     const INVERSE_FACTORIALS: [f64; 9] =
@@ -343,7 +343,7 @@ mod tests {
     use dermis::design::SkinDesign;
     use rand::RngExt;
 
-    /// Largest difference from the plain rasteriser, over the amplitude, for touches of the given widths.
+    /// Largest difference from the reference rasteriser, relative to the amplitude, for touches of the given widths.
     fn worst(surface: Surface, mesh: &Mesh, places: &Places, widths_m: [f64; 2], level: SimdLevel) -> f64 {
         let raster = CellRaster::at_level(surface, mesh, widths_m[0], level).unwrap();
         let mut worst = 0.0f64;
@@ -364,8 +364,8 @@ mod tests {
         worst
     }
 
-    /// What quadrature leaves on a cell as long as the touch is wide; the plain rasteriser has it too, and divides by each
-    /// cell's own edge where this one takes the longest of eight.
+    /// The quadrature error for a cell as long as the width of the touch; the reference rasteriser also has it. It
+    /// subdivides by each cell's own edge, this one by the longest edge of eight cells.
     const TOLERANCE: f64 = 5e-6;
 
     #[test]
@@ -424,7 +424,7 @@ mod tests {
         let volume = Mesh { nodes, cells, electrodes: vec![], regions: vec![] };
         let body = dermis::design::Body::Mesh { path: "block.msh".into(), unit_m: 1.0 };
         let places = Places::new(&body, &volume);
-        // The plain rule divides each cell by its own longest edge, this one the two alike.
+        // The reference rule subdivides each cell by its own longest edge, this one both in the same way.
         assert!(worst(Surface::Free, &volume, &places, [0.008, 0.02], SimdLevel::best()) < 2e-3);
     }
 
@@ -434,7 +434,7 @@ mod tests {
         let mesh = Mesh::generate(&design).unwrap();
         let surface = design.body.surface();
         let original = CellRaster::new(surface, &mesh, 0.005).unwrap();
-        // A smooth field of shifts of up to 1.4 mm that leaves the rims where they are; only nodes with z above 60 mm move.
+        // A smooth field of shifts of up to 1.4 mm that is zero at the rims; only nodes with z above 60 mm move.
         let shift = |node: &Point3| match node[2] > 0.06 {
             true => [1e-3 * (20.0 * node[0]).sin(), 1e-3 * (10.5 * (node[2] - 0.06)).sin()],
             false => [0.0; 2],
@@ -446,7 +446,7 @@ mod tests {
         let nodes = mesh.nodes.iter().zip(&shifts).map(|(&node, &shift)| surface.walk(node, shift)).collect();
         let moved = Mesh { nodes, ..mesh.clone() };
         let mut raster = original.clone();
-        // What it followed before leaves no trace.
+        // The result does not depend on earlier updates.
         raster.follow(&original, &mesh, &movable, &vec![[5e-4, -5e-4]; mesh.node_count()]);
         raster.follow(&original, &mesh, &movable, &shifts);
         let (mut worst, mut worst_left_behind) = (0.0f64, 0.0f64);

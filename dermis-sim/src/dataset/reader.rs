@@ -8,17 +8,18 @@ use crate::dataset::sample::{SampleTouch, TOUCH_COLUMNS};
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
-/// A finished dataset, open for reading. The system keeps in memory what is read often; nothing else is.
+/// A finished dataset, open for reading. The operating system caches frequently read parts; nothing else is kept in
+/// memory.
 #[derive(Debug)]
 pub struct Dataset {
     folder: PathBuf,
     manifest: Manifest,
     files: Vec<File>,
-    /// Where each tensor of each file begins, and the values of one of its rows.
+    /// The start of each tensor of each file, and the number of values of one of its rows.
     tensors: Vec<[Rows; 4]>,
 }
 
-/// Where the rows of a tensor lie.
+/// The layout of the rows of a tensor.
 #[derive(Debug, Clone, Copy)]
 struct Rows {
     start: u64,
@@ -39,11 +40,11 @@ enum Values {
 const NAMES: [&str; 4] = [REST, FRAMES, IMAGES, TOUCHES];
 
 impl Dataset {
-    /// Opens the dataset of a folder, the header of every file checked. Damaged values are found by
+    /// Opens the dataset of a folder, and checks the header of every file. Damaged values are found by
     /// [`verify`](crate::dataset::verify).
     ///
     /// # Errors
-    /// A folder without a manifest; a file that is missing, cut off or of another dataset.
+    /// A folder without a manifest; a file that is missing, truncated or of another dataset.
     pub fn open(folder: &Path) -> Result<Self, DatasetError> {
         let manifest = Manifest::read(folder)?;
         let (mut files, mut tensors) = (Vec::new(), Vec::new());
@@ -69,7 +70,7 @@ impl Dataset {
         Ok(Dataset { folder: folder.to_path_buf(), manifest, files, tensors })
     }
 
-    /// What it was made from, and its statistics.
+    /// Its record and statistics.
     pub fn manifest(&self) -> &Manifest {
         &self.manifest
     }
@@ -89,7 +90,7 @@ impl Dataset {
         self.manifest.record.recipe.samples
     }
 
-    /// Whether there is none.
+    /// Whether there are no samples.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -100,12 +101,12 @@ impl Dataset {
     /// A file that cannot be read.
     ///
     /// # Panics
-    /// Here as in the other readers: a sample that is not there, or memory of another size than a row's.
+    /// Here as in the other readers: a sample that does not exist, or memory of another size than a row's.
     pub fn rest_into(&self, sample: u64, values: &mut [f32]) -> Result<(), DatasetError> {
         self.row(Values::Rest, sample, values)
     }
 
-    /// The frame of a sample while its touches last, ohm.
+    /// The frame of a sample during its touches, ohm.
     ///
     /// # Errors
     /// A file that cannot be read.

@@ -6,18 +6,18 @@ use dermis::design::TouchEffect;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// Most touches that a sample may have: more than fingers of two hands are a typing error.
+/// Maximum number of touches of a sample: more than the ten fingers of two hands are a typing error.
 const MOST_TOUCHES: usize = 16;
 
-/// Everything that determines the samples, besides the design and its mesh.
+/// All parameters of the samples, besides the design and its mesh.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Recipe {
-    /// The seed: sample `i` depends on `(seed, i)` alone.
+    /// The seed: sample `i` depends only on `(seed, i)`.
     pub seed: u64,
-    /// How many samples.
+    /// Number of samples.
     pub samples: u64,
-    /// What touches do, and how they are drawn.
+    /// The effect and the distributions of touches.
     pub touch: Touch,
     /// Whether the samples are of one skin or of many.
     pub skins: Skins,
@@ -27,30 +27,30 @@ pub struct Recipe {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Skins {
-    /// The design as it is written.
+    /// The exact design.
     Even,
-    /// A skin of its own for every 16 samples, drawn from the seed.
+    /// Another skin for every 16 samples, drawn from the seed.
     Random(SkinSpread),
 }
 
-/// How skins of one design differ.
+/// The random differences of the skins of one design.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SkinSpread {
-    /// The coat.
+    /// The coating.
     pub coat: CoatOptions,
     /// The electrodes.
     pub electrodes: ElectrodeOptions,
-    /// Patches of a skin, for touches that are presses: fewest and most rows and columns, each number as often (and with it
-    /// the pitch); the grid's offset is uniform over a pitch.
+    /// The patches of a skin, for touches that are presses: minimum and maximum number of rows, uniformly distributed
+    /// (the pitch follows from it); the grid's offset is uniform over a pitch.
     pub patch_rows: [usize; 2],
-    /// Columns, likewise.
+    /// Columns, in the same way.
     pub patch_columns: [usize; 2],
 }
 
 impl SkinSpread {
-    /// As careful workshops make them (the twin `lab`): coat 10 % rms at 40 mm, electrodes 0.5 mm rms, contact impedance
-    /// 30 %; patches in 28 to 32 rows and 29 to 33 columns.
+    /// The values of a careful workshop (the twin `lab`): coating 10 % rms at 40 mm, electrodes 0.5 mm rms, contact
+    /// impedance 30 %; patches in 28 to 32 rows and 29 to 33 columns.
     pub fn usual() -> Self {
         SkinSpread {
             coat: CoatOptions { rms: 0.1, correlation_m: 0.04 },
@@ -70,31 +70,32 @@ impl SkinSpread {
     }
 }
 
-/// What touches do, and how they are drawn.
+/// The effect and the distributions of touches.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Touch {
-    /// Gaussian changes of conductance, as the paper trains on.
+    /// Gaussian changes of conductance, as in the paper's training.
     Gaussian(GaussianTouches),
     /// Presses on fabric patches under foam: [`PatchedSkin`](crate::twin::PatchedSkin).
     Patch(PatchTouches),
 }
 
-/// Presses beside the one before.
+/// Presses next to the one before.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Together {
-    /// What share of the presses after the first are beside the one before.
+    /// The fraction of the presses after the first that are next to the one before.
     pub share: f64,
-    /// Shortest and longest distance from it, m; uniform between. One that would lie off the body is anywhere.
+    /// Minimum and maximum distance from it, m; uniform between. A press that would be off the body is placed at
+    /// random.
     pub distance_m: [f64; 2],
 }
 
-/// Presses of a spherical tip on a skin with patches. Their places are uniform by area over the whole surface.
+/// Presses of a spherical tip on a skin with patches. Their positions are uniform by area over the whole surface.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PatchTouches {
-    /// A sample has 1 to this many presses, each number as often.
+    /// A sample has 1 to this many presses, uniformly distributed.
     pub most: usize,
     /// Lowest and highest force, N; uniform in its logarithm between.
     pub force_n: [f64; 2],
@@ -102,7 +103,7 @@ pub struct PatchTouches {
     pub tip_radius_m: [f64; 2],
     /// The patches; on random skins their rows, columns and offset differ.
     pub patches: PatchOptions,
-    /// Presses side by side; without it every press is where it is by chance, which is seldom near another.
+    /// Presses next to each other; by default all positions are independent, and presses are rarely near each other.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub together: Option<Together>,
 }
@@ -137,22 +138,23 @@ impl PatchTouches {
     }
 }
 
-/// Gaussian touches: `1 + sum of A exp(-d^2 / (2 w^2))` times the untouched conductance, the sum taken off where touches
-/// lower it. Their places are uniform by area over the whole surface, rim and seam included.
+/// Gaussian touches: `1 + sum of A exp(-d^2 / (2 w^2))` times the untouched conductance, with a minus sign if touches
+/// lower it. Their positions are uniform by area over the whole surface, rim and seam included.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GaussianTouches {
-    /// A sample has 1 to this many touches, each number as often.
+    /// A sample has 1 to this many touches, uniformly distributed.
     pub most: usize,
     /// Lowest and highest width `w` (standard deviation along the surface), m; uniform between.
     pub width_m: [f64; 2],
-    /// Lowest and highest amplitude `A`, the relative change in the middle; uniform in its logarithm between.
+    /// Lowest and highest amplitude `A`, the relative change in the centre; uniform in its logarithm between.
     pub amplitude: [f64; 2],
 }
 
 impl GaussianTouches {
-    /// 1 to 4 touches, 5 to 15 mm wide: from half of the paper's patch to the foot of a hand. Amplitudes from 0.1 to 2
-    /// where touches raise conductance; from 0.05 to 0.2 where they lower it, so that four in one place leave some.
+    /// 1 to 4 touches, 5 to 15 mm wide: from half of the paper's patch to the heel of a hand. Amplitudes from 0.1 to 2
+    /// if touches raise the conductance; from 0.05 to 0.2 if they lower it, so that four at one position leave a
+    /// positive conductance.
     pub fn for_effect(effect: TouchEffect) -> Self {
         let amplitude = match effect {
             TouchEffect::ConductanceRises => [0.1, 2.0],
@@ -161,10 +163,10 @@ impl GaussianTouches {
         GaussianTouches { most: 4, width_m: [0.005, 0.015], amplitude }
     }
 
-    /// Checks everything that can be checked without a mesh.
+    /// All checks that need no mesh.
     ///
     /// # Errors
-    /// A number that no touch has; amplitudes that could leave no conductance.
+    /// A number that is invalid for a touch; amplitudes that could leave no conductance.
     pub fn check(&self, effect: TouchEffect) -> Result<(), DatasetError> {
         check_count(self.most)?;
         check_range("the width of touches in m", self.width_m)?;
@@ -202,7 +204,7 @@ fn check_range(what: &'static str, [low, high]: [f64; 2]) -> Result<(), DatasetE
     Ok(())
 }
 
-/// A recipe's file: what does not depend on how many samples are made of it.
+/// A recipe file: the parts that do not depend on the number of samples.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RecipeFile {
@@ -214,7 +216,7 @@ impl Recipe {
     /// Reads the touches and the skins of a recipe from a TOML file.
     ///
     /// # Errors
-    /// A file that cannot be read or is no recipe, with the line.
+    /// A file that cannot be read or is not a recipe, with the line.
     pub fn load(path: &Path, seed: u64, samples: u64) -> Result<Self, DatasetError> {
         let io = |source| DatasetError::Io { path: path.to_path_buf(), source };
         Self::parse(&std::fs::read_to_string(path).map_err(io)?, path, seed, samples)
@@ -223,7 +225,7 @@ impl Recipe {
     /// The same from the text of such a file; its path is for messages.
     ///
     /// # Errors
-    /// A text that is no recipe, with the line.
+    /// A text that is not a recipe, with the line.
     pub fn parse(text: &str, path: &Path, seed: u64, samples: u64) -> Result<Self, DatasetError> {
         let wrong =
             |error: toml::de::Error| DatasetError::File { path: path.to_path_buf(), message: error.to_string() };
@@ -231,10 +233,10 @@ impl Recipe {
         Ok(Recipe { seed, samples, touch, skins })
     }
 
-    /// Checks everything that can be checked without a mesh.
+    /// All checks that need no mesh.
     ///
     /// # Errors
-    /// No samples; numbers that no touch has.
+    /// No samples; numbers that are invalid for a touch.
     pub fn check(&self, effect: TouchEffect) -> Result<(), DatasetError> {
         if self.samples == 0 {
             return Err(DatasetError::OutOfRange {
@@ -257,7 +259,7 @@ impl Recipe {
         matches!(self.touch, Touch::Patch(_))
     }
 
-    /// Most touches of a sample.
+    /// Maximum number of touches of a sample.
     pub fn most_touches(&self) -> usize {
         match &self.touch {
             Touch::Gaussian(touches) => touches.most,

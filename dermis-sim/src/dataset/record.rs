@@ -1,4 +1,4 @@
-//! The record of a dataset, written into its folder when it is begun.
+//! The record of a dataset, written into its folder at the start.
 
 use crate::dataset::error::DatasetError;
 use crate::dataset::file::{Label, Tensor, hex};
@@ -11,14 +11,14 @@ use serde_json::Value;
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 
-/// Samples in a file, whatever their number: the last file may hold fewer.
+/// Number of samples per file, for any total number: the last file may contain fewer.
 pub const SAMPLES_PER_FILE: u64 = 8192;
 
-/// The version of what stands in a dataset's files; another one is not read.
+/// The version of the format of a dataset's files; other versions are not read.
 const FORMAT: &str = "dermis dataset 2";
 
-/// Everything that determines the bytes of a dataset. It is written as `run.json` when a dataset is begun; a run that continues
-/// the dataset must have the same record.
+/// All parameters that determine the bytes of a dataset. It is written as `run.json` when a dataset is started; a run
+/// that continues the dataset must have the same record.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Record {
@@ -26,7 +26,7 @@ pub struct Record {
     pub format: String,
     /// The version of this library.
     pub version: String,
-    /// The instruction set: between two of them values differ by rounding.
+    /// The instruction set: the values of different ones differ by rounding.
     pub cpu: SimdLevel,
     /// The design.
     pub design: DesignRecord,
@@ -34,17 +34,17 @@ pub struct Record {
     pub mesh: MeshRecord,
     /// SHA-256 of the protocol as a channel table.
     pub protocol_sha256: String,
-    /// What the samples are drawn from.
+    /// The recipe of the samples.
     pub recipe: Recipe,
-    /// Samples in each file but the last.
+    /// Number of samples in each file except the last.
     pub samples_per_file: u64,
-    /// The tensors of each file, in their order there.
+    /// The tensors of each file, in the order of the file.
     pub tensors: Vec<TensorRecord>,
     /// The pixels of an image.
     pub pixels: PixelRecord,
 }
 
-/// A design, word for word.
+/// A design with its complete text.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DesignRecord {
@@ -56,7 +56,7 @@ pub struct DesignRecord {
     pub text: String,
 }
 
-/// Which mesh the samples were solved on.
+/// The mesh on which the samples were solved.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MeshRecord {
@@ -74,11 +74,11 @@ pub struct MeshRecord {
 pub struct TensorRecord {
     /// Its name.
     pub name: String,
-    /// Its rows in a file: `n`, one a sample, or `1`, one for all.
+    /// Its rows in a file: `n`, one per sample, or `1`, one for all.
     pub rows: String,
     /// The shape of a row.
     pub shape: Vec<usize>,
-    /// What it holds, with its unit.
+    /// Its content, with the unit.
     pub holds: String,
 }
 
@@ -86,9 +86,9 @@ pub struct TensorRecord {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PixelRecord {
-    /// Rows and columns of the picture; none where each cell of the mesh is a pixel.
+    /// Rows and columns of the grid; none if each cell of the mesh is a pixel.
     pub grid: Option<[usize; 2]>,
-    /// Place in the picture, row-major, of each pixel; none where all of them exist, in order.
+    /// Index in the grid, row-major, of each pixel; none if all of them exist, in order.
     pub positions: Option<Vec<usize>>,
 }
 
@@ -99,7 +99,7 @@ pub(super) const IMAGES: &str = "images";
 pub(super) const TOUCHES: &str = "touches";
 
 impl Record {
-    /// The record of what a generator makes from a design whose file reads `design_text`.
+    /// The record of the output of a generator from a design with the file text `design_text`.
     pub fn new(generator: &Generator, design_name: &str, design_text: &str) -> Self {
         let forward = generator.forward();
         let mesh = forward.mesh();
@@ -124,7 +124,7 @@ impl Record {
         }
     }
 
-    /// What the record's file holds.
+    /// The content of the record's file.
     pub(super) fn to_bytes(&self) -> Vec<u8> {
         let mut text = serde_json::to_string_pretty(self).expect("a record is JSON");
         text.push('\n');
@@ -134,7 +134,7 @@ impl Record {
     /// The record in a folder.
     ///
     /// # Errors
-    /// A folder without one; a file that is none.
+    /// A folder without one; a file that is not a record.
     pub fn read(folder: &Path) -> Result<Self, DatasetError> {
         let path = Self::path(folder);
         let bytes = match std::fs::read(&path) {
@@ -150,7 +150,7 @@ impl Record {
         serde_json::from_slice(&bytes).map_err(|error| wrong(format!("no record of a dataset: {error}")))
     }
 
-    /// Where the record of a folder is.
+    /// The path of the record in a folder.
     pub(super) fn path(folder: &Path) -> PathBuf {
         folder.join("run.json")
     }
@@ -160,7 +160,7 @@ impl Record {
         sha256(&self.to_bytes())
     }
 
-    /// Refuses a record that differs from this one, which lies at `path`.
+    /// Refuses a record at `path` that differs from this one.
     pub(super) fn check_same(&self, asked: &Record, path: &Path) -> Result<(), DatasetError> {
         let value = |record: &Record| serde_json::to_value(record).expect("a record is JSON");
         match first_difference("", &value(self), &value(asked)) {
@@ -171,7 +171,7 @@ impl Record {
         }
     }
 
-    /// Refuses a design whose text is not the one the dataset was made from.
+    /// Refuses a design whose text differs from that of the dataset.
     ///
     /// # Errors
     /// Another text.
@@ -192,7 +192,7 @@ impl Record {
     /// Samples of a file.
     pub(super) fn samples_of(&self, file: u64) -> usize {
         let first = file * self.samples_per_file;
-        // A file holds few samples.
+        // A file contains few samples.
         self.samples_per_file.min(self.recipe.samples - first) as usize
     }
 
@@ -205,7 +205,7 @@ impl Record {
         self.tensors.iter().map(|tensor| (tensor.name.as_str(), shape(tensor))).collect()
     }
 
-    /// What a file must say of itself, its checksum left out.
+    /// The required label of a file, without its checksum.
     pub(super) fn label(&self, identity: &str, file: u64) -> Label {
         let first_sample = file * self.samples_per_file;
         Label { dataset: identity.into(), first_sample, sha256: "0".repeat(64) }
@@ -253,7 +253,7 @@ fn tensor_records(generator: &Generator) -> Vec<TensorRecord> {
     ]
 }
 
-/// The first place where two values differ, with what stands there.
+/// The first place where two values differ, with both values.
 fn first_difference(at: &str, there: &Value, asked: &Value) -> Option<(String, String, String)> {
     if there == asked {
         return None;

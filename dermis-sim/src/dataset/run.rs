@@ -12,10 +12,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
-/// Room that is left on a disk beside the dataset, bytes: manifest, locks, and whatever else is written there.
+/// Free space left on a disk in addition to the dataset, bytes: manifest, locks, and other files.
 const SPARE_BYTES: u128 = 16 << 20;
 
-/// The part of a dataset that one process makes: the files `k` with `k mod count = index`.
+/// The part of a dataset that one process generates: the files `k` with `k mod count = index`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shard {
     index: u64,
@@ -26,37 +26,37 @@ impl Shard {
     /// All files.
     pub const WHOLE: Shard = Shard { index: 0, count: 1 };
 
-    /// The shard of a number among so many.
+    /// The shard with a given index and count.
     ///
     /// # Errors
-    /// A number that is not below their count.
+    /// An index that is not below the count.
     pub fn new(index: u64, count: u64) -> Result<Self, DatasetError> {
         if index < count { Ok(Shard { index, count }) } else { Err(DatasetError::Shard { index, count }) }
     }
 
-    /// Its files among so many.
+    /// Its files among a number of files.
     fn files(self, file_count: u64) -> impl Iterator<Item = u64> {
         (self.index..file_count).step_by(usize::try_from(self.count).unwrap_or(usize::MAX))
     }
 
-    /// How many these are.
+    /// The number of its files.
     fn count_of(self, file_count: u64) -> u64 {
         file_count.saturating_sub(self.index).div_ceil(self.count)
     }
 }
 
-/// What a run did.
+/// The result of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct RunReport {
-    /// Samples that it made.
+    /// Number of generated samples.
     pub made_samples: u64,
-    /// Files that it made.
+    /// Number of generated files.
     pub made_files: u64,
-    /// Files of its shard that were there already.
+    /// Number of files of its shard that already existed.
     pub found_files: u64,
 }
 
-/// A run that has checked the folder and knows what it will make.
+/// A run that has checked the folder and determined what to generate.
 #[derive(Debug)]
 pub struct Run<'a> {
     generator: &'a Generator,
@@ -68,19 +68,19 @@ pub struct Run<'a> {
     missing_samples: u64,
 }
 
-/// A file whose lock this process holds, from before its first sample is made until it has its name.
+/// A file locked by this process, from before its first sample is generated until it is renamed.
 struct Claim {
     file: u64,
-    /// The lock dies with the process, however that dies.
+    /// The operating system releases the lock when the process ends.
     lock: File,
 }
 
 impl<'a> Run<'a> {
-    /// Begins a dataset in a folder, or prepares to go on with it.
+    /// Starts a dataset in a folder, or prepares to continue it.
     ///
     /// # Errors
-    /// A folder that cannot be written or holds another dataset; a file there that is not the dataset's; a disk that is
-    /// too small.
+    /// A folder that cannot be written or contains another dataset; a file in it that does not belong to the dataset; a
+    /// disk that is too small.
     pub fn new(
         generator: &'a Generator,
         record: &'a Record,
@@ -89,7 +89,8 @@ impl<'a> Run<'a> {
     ) -> Result<Self, DatasetError> {
         let io = |source| DatasetError::Io { path: folder.to_path_buf(), source };
         let whole = shard.count_of(record.file_count());
-        // Before anything is made, so that a refusal leaves nothing behind; files that are there are taken off below.
+        // Before anything is created, so that a refusal leaves no files; the size of existing files is subtracted
+        // below.
         let existing = existing_ancestor(folder);
         let identity = record.identity();
         if Record::path(folder).exists() {
@@ -115,18 +116,18 @@ impl<'a> Run<'a> {
         Ok(run)
     }
 
-    /// Samples that are missing from its shard.
+    /// The number of samples missing from its shard.
     pub fn missing_samples(&self) -> u64 {
         self.missing_samples
     }
 
-    /// Makes what is missing, in the current thread pool. `on_samples` is called from several threads with the number of
-    /// samples that have been made since.
+    /// Generates what is missing, in the current thread pool. `on_samples` is called from several threads with the
+    /// number of samples generated since the last call.
     ///
-    /// A file that another process is making is left to that process, and reported as an error when the others are made.
+    /// A file that another process is generating is skipped, and reported as an error after the others are finished.
     ///
     /// # Errors
-    /// A full disk, files that another process is making, a forward problem without a solution.
+    /// A full disk, files that another process is generating, a forward problem without a solution.
     pub fn make(&self, on_samples: impl Fn(u64) + Sync) -> crate::Result<RunReport> {
         let mut report = RunReport { found_files: self.found_files, ..RunReport::default() };
         let mut busy: Option<(u64, u64)> = None;
@@ -164,13 +165,13 @@ impl<'a> Run<'a> {
                 continue;
             };
             if self.path(file).exists() {
-                // Another process finished it between the two looks.
+                // Another process finished it between the two checks.
                 self.release(claim);
                 continue;
             }
             let tensors = self.fill(file, workers, on_samples)?;
             if sender.send((claim, tensors)).is_err() {
-                // The writer has stopped with an error of its own.
+                // The writer has stopped with its own error.
                 return Ok(());
             }
             report.made_files += 1;
@@ -219,14 +220,14 @@ impl<'a> Run<'a> {
         Ok(tensors)
     }
 
-    /// Counts the files of the dataset that exist, and refuses foreign ones.
+    /// Counts the existing files of the dataset, and refuses other files.
     fn scan_folder(&mut self) -> Result<(), DatasetError> {
         for file in self.shard.files(self.record.file_count()) {
             let path = self.path(file);
             if path.exists() {
                 Reader::open(&path, &self.record.shapes(file), &self.record.label(&self.identity, file))?;
                 self.found_files += 1;
-                // The lock of a process that was killed after it had given the file its name.
+                // The lock of a process that was killed after it had renamed the file.
                 remove(&self.lock_path(file))?;
             } else {
                 self.missing_samples += self.record.samples_of(file) as u64;
@@ -249,7 +250,7 @@ impl<'a> Run<'a> {
 
     /// Releases the lock of a finished file.
     fn release(&self, claim: Claim) {
-        // What cannot be removed is removed by the next run or by `--finish`.
+        // What cannot be removed now is removed by the next run or by `--finish`.
         let _ = std::fs::remove_file(self.lock_path(claim.file));
         drop(claim.lock);
     }
@@ -270,11 +271,11 @@ impl<'a> Run<'a> {
     }
 }
 
-/// How the names of locks and of unfinished files begin.
+/// Prefix of the names of locks and of unfinished files.
 const LOCK: &str = ".lock-";
 const PART: &str = ".part-";
 
-/// A lock on a file made for it; `None` where another process holds it.
+/// A lock on a file created for it; `None` if another process holds it.
 fn lock(path: &Path) -> Result<Option<File>, DatasetError> {
     let io = |source| DatasetError::Io { path: path.to_path_buf(), source };
     let file = File::options().create(true).truncate(false).write(true).open(path).map_err(io)?;
@@ -285,11 +286,11 @@ fn lock(path: &Path) -> Result<Option<File>, DatasetError> {
     }
 }
 
-/// Gives a finished file its name, on the disk itself.
+/// Renames a finished file and syncs the folder to the disk.
 fn rename(part: &Path, path: &Path) -> std::io::Result<()> {
     std::fs::rename(part, path)?;
     if let Some(folder) = path.parent() {
-        // Some systems cannot open a folder; the name is then as safe as they make it.
+        // Some systems cannot open a folder; then the durability of the name depends on the system.
         if let Ok(folder) = File::open(folder) {
             folder.sync_all()?;
         }
@@ -297,7 +298,7 @@ fn rename(part: &Path, path: &Path) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Writes a small file whole or not at all, to the disk itself. The caller holds whatever lock it needs.
+/// Writes a small file completely or not at all, synced to the disk. The caller holds the necessary locks.
 pub(super) fn write_durable(folder: &Path, name: &str, bytes: &[u8]) -> Result<(), DatasetError> {
     let (part, path) = (folder.join(format!("{PART}{name}")), folder.join(name));
     let written = File::create(&part)
@@ -309,7 +310,8 @@ pub(super) fn write_durable(folder: &Path, name: &str, bytes: &[u8]) -> Result<(
     })
 }
 
-/// Writes the record into a folder, or checks the one that is there. Of several processes that begin at once, one writes.
+/// Writes the record into a folder, or checks the existing one. If several processes start at the same time, one of
+/// them writes it.
 fn claim_folder(folder: &Path, record: &Record) -> Result<(), DatasetError> {
     let path = Record::path(folder);
     let lock_path = folder.join(format!("{LOCK}run.json"));
@@ -322,7 +324,7 @@ fn claim_folder(folder: &Path, record: &Record) -> Result<(), DatasetError> {
     write_durable(folder, "run.json", &record.to_bytes())
 }
 
-/// Refuses a folder that holds files of samples but no record.
+/// Refuses a folder with files of samples but without a record.
 fn refuse_strays(folder: &Path, record: &Record) -> Result<(), DatasetError> {
     for name in [file_name(0), file_name(record.file_count() - 1)] {
         let path = folder.join(name);
@@ -334,7 +336,7 @@ fn refuse_strays(folder: &Path, record: &Record) -> Result<(), DatasetError> {
     Ok(())
 }
 
-/// Removes what runs that were killed left behind; for a folder whose files are complete.
+/// Removes the temporary files of killed runs; for a folder whose files are complete.
 pub(super) fn remove_leftovers(folder: &Path) -> Result<(), DatasetError> {
     let io = |source| DatasetError::Io { path: folder.to_path_buf(), source };
     for entry in std::fs::read_dir(folder).map_err(io)? {
@@ -356,7 +358,7 @@ fn remove(path: &Path) -> Result<(), DatasetError> {
     }
 }
 
-/// Length of a whole file, bytes.
+/// Length of a complete file, bytes.
 fn bytes_of_a_file(record: &Record, identity: &str) -> u128 {
     u128::from(file::file_bytes(&record.shapes(0), &record.label(identity, 0)))
 }
@@ -371,7 +373,7 @@ fn check_space(folder: &Path, needed_bytes: u128) -> Result<(), DatasetError> {
     Err(DatasetError::Space { folder: folder.to_path_buf(), available_bytes, needed_bytes })
 }
 
-/// The nearest existing folder above, which lies on the same disk.
+/// The nearest existing parent folder, which is on the same disk.
 fn existing_ancestor(folder: &Path) -> PathBuf {
     let found = folder.ancestors().find(|path| !path.as_os_str().is_empty() && path.exists());
     found.map_or_else(|| PathBuf::from("."), Path::to_path_buf)

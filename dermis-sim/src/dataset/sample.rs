@@ -5,7 +5,7 @@
 pub struct Sample {
     /// Its index.
     pub index: u64,
-    /// The frame while the touches last, ohm.
+    /// The frame during the touches, ohm.
     pub frame: Vec<f32>,
     /// The untouched frame of the same skin, ohm.
     pub rest: Vec<f32>,
@@ -20,13 +20,13 @@ pub struct Sample {
 pub struct SampleTouch {
     /// Its centre on the surface, in the body's frame, m.
     pub centre_m: [f32; 3],
-    /// What touched.
+    /// The kind of touch.
     pub kind: TouchKind,
-    /// The integral over the surface of the relative change of conductance that it makes alone, m2.
+    /// The integral over the surface of the relative change of conductance by this touch alone, m2.
     pub strength_m2: f32,
 }
 
-/// What touched a sample's skin.
+/// The kind of a touch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TouchKind {
     /// A Gaussian change of conductance.
@@ -45,15 +45,15 @@ pub enum TouchKind {
     },
 }
 
-/// Numbers of a touch in a file.
+/// Number of values of a touch in a file.
 pub(super) const TOUCH_COLUMNS: usize = 6;
 
-/// A touch as a row of a file: x, y, z (m), then width (m) and amplitude of a Gaussian, or radius of the tip (m) and force (N) of
-/// a press, and the strength (m2). A row of `NaN` is no touch.
+/// A touch as a row of a file: x, y, z (m), then width (m) and amplitude of a Gaussian, or radius of the tip (m) and
+/// force (N) of a press, and the strength (m2). A row of `NaN` means no touch.
 pub(super) type TouchRow = [f32; TOUCH_COLUMNS];
 
 impl SampleTouch {
-    /// The force of a press, N; `None` of a Gaussian touch.
+    /// The force of a press, N; `None` for a Gaussian touch.
     pub fn force_n(&self) -> Option<f32> {
         match self.kind {
             TouchKind::Press { force_n, .. } => Some(force_n),
@@ -70,7 +70,7 @@ impl SampleTouch {
         [x, y, z, size, height, self.strength_m2]
     }
 
-    /// The touches of a sample's rows, of which those after the last touch are `NaN`.
+    /// The touches of a sample's rows; the rows after the last touch are `NaN`.
     pub(super) fn from_rows(values: &[f32], is_press: bool) -> Vec<Self> {
         let (rows, _) = values.as_chunks::<TOUCH_COLUMNS>();
         let touch = |&[x, y, z, size, height, strength_m2]: &TouchRow| SampleTouch {

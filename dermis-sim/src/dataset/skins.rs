@@ -15,29 +15,29 @@ use dermis::mesh::{Cells, ElectrodePatch, Mesh};
 use rand::RngExt;
 use std::f64::consts::PI;
 
-/// Random streams from here on belong to skins, those below to samples.
+/// The random streams from here on are for skins, those below for samples.
 const SKIN_STREAMS: u64 = 1 << 63;
 
-/// Round an electrode the mesh moves with it; from there to this many of its radii it follows less and less, or to half way
-/// to the next electrode.
+/// The mesh around an electrode moves with it; the displacement then decreases to zero at this many radii of the
+/// electrode, or halfway to the next electrode.
 const FOLLOWING_RADII: f64 = 5.0;
-/// Displacements in units of their root mean square that the mesh must bear: farther ones come once in 10 million and are cut.
+/// Maximum displacement in units of its root mean square; larger ones occur once in 10 million and are limited.
 const FARTHEST: f64 = 4.0;
-/// Most compression of the mesh beside an electrode: the slope of a displacement.
+/// Maximum compression of the mesh next to an electrode: the slope of a displacement.
 const STEEPEST: f64 = 0.7;
 
-/// Makes the skins of a recipe.
+/// Generates the skins of a recipe.
 #[derive(Debug)]
 pub(super) struct SkinMaker {
     seed: u64,
     spread: SkinSpread,
     design: SkinDesign,
     base: ForwardModel,
-    /// The coat's field at the cells' centres; none where the coat is even.
+    /// The coating's random field at the cells' centres; none if the coating is uniform.
     coat: Option<FieldPlaces>,
-    /// For each electrode the nodes that follow it, and how far.
+    /// For each electrode the nodes that move with it, and their weights.
     followers: Vec<Vec<(usize, f64)>>,
-    /// Cells with a node that follows an electrode.
+    /// Cells with a node that moves with an electrode.
     movable: Vec<usize>,
 }
 
@@ -45,9 +45,10 @@ pub(super) struct SkinMaker {
 #[derive(Debug)]
 pub(super) struct Skin {
     pub forward: ForwardModel,
-    /// How far each node lies from its place, in the coordinates in which distances along the surface are straight, m.
+    /// The displacement of each node, in the coordinates in which distances along the surface are straight-line
+    /// distances, m.
     pub shifts_m: Vec<[f64; 2]>,
-    /// Random numbers for what else differs.
+    /// Random numbers for all other differences.
     pub seed: u64,
 }
 
@@ -82,12 +83,12 @@ impl SkinMaker {
         })
     }
 
-    /// Cells that lie elsewhere on some skins.
+    /// Cells whose nodes move on some skins.
     pub fn movable_cells(&self) -> &[usize] {
         &self.movable
     }
 
-    /// The skin of the samples from `16 index` on. It depends on the seed and the index alone.
+    /// The skin of the samples from `16 index` on. It depends only on the seed and the index.
     pub fn make(&self, index: u64) -> crate::Result<Skin> {
         let seed: u64 = sample_rng(self.seed, SKIN_STREAMS + index).random();
         let drawn = self.spread.electrodes.draw(&self.design, seed)?;
@@ -104,7 +105,7 @@ impl SkinMaker {
         Ok(Skin { forward: self.base.remade(&nodes, &impedances, &rest)?, shifts_m, seed })
     }
 
-    /// Where the nodes of a skin lie.
+    /// The node positions of a skin.
     fn moved(&self, drawn: &SkinDesign) -> (Vec<Point3>, Vec<[f64; 2]>) {
         let mesh = self.base.mesh();
         let surface = Unrolled::of(&self.design.body.surface());
@@ -133,7 +134,7 @@ impl SkinMaker {
         let normal = |nodes: &[Point3], [a, b, c]: [usize; 3]| cross(sub(nodes[b], nodes[a]), sub(nodes[c], nodes[a]));
         let folds = |&&cell: &&usize| {
             let before = normal(&self.base.mesh().nodes, triangles[cell]);
-            // A triangle that keeps less than a twentieth of its area is one that no solution should rest on.
+            // A triangle that keeps less than a twentieth of its area gives no reliable solution.
             dot(normal(nodes, triangles[cell]), before) < 0.05 * dot(before, before)
         };
         match self.movable.iter().find(folds) {
@@ -151,7 +152,7 @@ fn too_far(rms_m: f64) -> DatasetError {
     }
 }
 
-/// Moves a node by a shift of the chart, of which edges of the body take off what would leave them.
+/// Moves a node by a shift in the chart, without the components that would leave the edges of the body.
 fn stay_on(body: &Body, surface: Unrolled, node: Point3, shift: &mut [f64; 2]) -> Point3 {
     let [x, y, z] = node;
     match *body {
@@ -165,7 +166,7 @@ fn stay_on(body: &Body, surface: Unrolled, node: Point3, shift: &mut [f64; 2]) -
             }
         }
         Body::Disk { diameter_m } if (hypot(x, y) - 0.5 * diameter_m).abs() <= 1e-9 * diameter_m => {
-            // Along the rim: the part across it is taken off.
+            // Along the rim: the component across it is removed.
             let across = (x * shift[0] + y * shift[1]) / (x * x + y * y);
             let along = [shift[0] - across * x, shift[1] - across * y];
             let moved = [x + along[0], y + along[1]];
@@ -177,7 +178,7 @@ fn stay_on(body: &Body, surface: Unrolled, node: Point3, shift: &mut [f64; 2]) -
     surface.walk(node, *shift)
 }
 
-/// The nodes that follow each electrode: all the way on it, then less and less (a half cosine).
+/// The nodes that move with each electrode: completely on it, then decreasing (a half cosine).
 fn followers(design: &SkinDesign, mesh: &Mesh, rms_m: f64) -> Result<Vec<Vec<(usize, f64)>>, DatasetError> {
     let flat = matches!(mesh.cells, Cells::Triangles(_)) && !matches!(design.body, Body::Mesh { .. });
     if !flat || design.electrodes.iter().any(|electrode| electrode.shape == ElectrodeShape::Group) {
@@ -199,7 +200,7 @@ fn followers(design: &SkinDesign, mesh: &Mesh, rms_m: f64) -> Result<Vec<Vec<(us
         let next_m = others.map(|(_, &other)| surface.distance_m(centre, other)).fold(f64::INFINITY, f64::min);
         let around_m = radius_m.max(FARTHEST * rms_m);
         let reach_m = (radius_m + FOLLOWING_RADII * around_m).min(0.5 * next_m);
-        // The steepest slope of a half cosine is pi / 2 over its length.
+        // The maximum slope of a half cosine is pi / 2 over its length.
         if 0.5 * PI * FARTHEST * rms_m > STEEPEST * (reach_m - radius_m) {
             return Err(too_far(rms_m));
         }
@@ -222,7 +223,7 @@ fn patch_nodes(mesh: &Mesh, patch: &ElectrodePatch) -> Vec<usize> {
     }
 }
 
-/// The skin that a thread's samples are on, and its untouched frame.
+/// The current skin of a thread, and its untouched frame.
 #[derive(Debug)]
 pub(super) struct SkinInstance {
     pub index: u64,
@@ -241,7 +242,7 @@ impl SkinInstance {
         Ok(instance)
     }
 
-    /// The next skin, in the same memory.
+    /// Replaces the skin by the next one, in the same memory.
     pub fn change(&mut self, maker: &SkinMaker, first_sample: u64) -> crate::Result<()> {
         let index = first_sample / UNIT as u64;
         if index != self.index || self.rest.is_empty() {
@@ -290,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn a_skin_whose_mesh_followed_its_electrodes_measures_as_one_meshed_anew() {
+    fn a_skin_with_moved_nodes_has_the_frames_of_a_remeshed_skin() {
         let (design, forward) = base("cylinder30");
         let moved = SkinSpread {
             coat: CoatOptions { rms: 0.0, correlation_m: 0.04 },

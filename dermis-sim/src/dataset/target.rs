@@ -11,8 +11,8 @@ use std::f64::consts::{FRAC_PI_2, SQRT_2, TAU};
 /// How the image of some touches is made.
 #[derive(Debug, Clone)]
 pub(super) enum Target {
-    /// Pixels that are rectangles in the unrolled surface: the mean of a Gaussian is a product of differences of the
-    /// error function, exactly.
+    /// Pixels that are rectangles in the unrolled surface: the mean of a Gaussian is exactly a product of differences
+    /// of the error function.
     Rectangles(Rectangles),
     /// Any other pixels: the mean over the cells that they overlap, each cell weighted by the shared area.
     Cells(Vec<Vec<(usize, f64)>>),
@@ -23,7 +23,7 @@ pub(super) enum Target {
 pub(super) struct Rectangles {
     rows: usize,
     columns: usize,
-    /// Extent of the surface along the rows' axis and the columns', m.
+    /// Extent of the surface along the rows' and the columns' axis, m.
     size_m: [f64; 2],
     wraps: bool,
 }
@@ -42,7 +42,7 @@ impl Target {
         }
     }
 
-    /// The image of some touches, given also by the relative change of conductance in each cell.
+    /// The image of some touches; their relative change of conductance in each cell is also given.
     pub fn image_into(&self, touches: &[GaussianTouch], change: impl Fn(usize) -> f64, image: &mut [f64]) {
         match self {
             Target::Rectangles(grid) => {
@@ -58,7 +58,7 @@ impl Target {
     }
 }
 
-/// For each pixel its cells, with weights that add up to one.
+/// For each pixel its cells, with weights that sum to one.
 fn shares(space: &PixelSpace, mesh: &Mesh) -> Vec<Vec<(usize, f64)>> {
     let weights = |overlaps: &Vec<(usize, f64)>| {
         let parts: Vec<(usize, f64)> =
@@ -83,7 +83,7 @@ impl Rectangles {
         }
     }
 
-    /// Where a point lies along the rows' axis and the columns', m.
+    /// The coordinates of a point along the rows' and the columns' axis, m.
     fn place(&self, point: Point3) -> [f64; 2] {
         match self.wraps {
             true => {
@@ -98,7 +98,7 @@ impl Rectangles {
 /// The means of `exp(-d^2 / (2 w^2))` over `count` equal intervals of `0..size`, `d` the distance from a centre:
 /// `sqrt(pi / 2) w / h (erf(b / (sqrt 2 w)) - erf(a / (sqrt 2 w)))` over an interval from `a` to `b`, of length `h`.
 ///
-/// Where the axis wraps, `d` is the short way round: the Gaussian ends half way round on either side.
+/// If the axis is periodic, `d` is the shorter way around: the Gaussian is truncated half a period away on either side.
 fn means(size_m: f64, count: usize, centre_m: f64, width_m: f64, wraps: bool) -> Vec<f64> {
     let step_m = size_m / count as f64;
     let factor = FRAC_PI_2.sqrt() * width_m / step_m;
@@ -107,7 +107,7 @@ fn means(size_m: f64, count: usize, centre_m: f64, width_m: f64, wraps: bool) ->
         let off_m = (edge as f64 * step_m - centre_m + turn * size_m).clamp(-half_m, half_m);
         erf(off_m / (SQRT_2 * width_m))
     };
-    // A centre lies at most half a turn before the first edge and at most one after it.
+    // A centre is at most half a period before the first edge and at most one after it.
     let turns: &[f64] = if wraps { &[-1.0, 0.0, 1.0] } else { &[0.0] };
     let mut means = vec![0.0; count];
     for &turn in turns {

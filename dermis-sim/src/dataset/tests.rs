@@ -50,7 +50,7 @@ fn generator(samples: u64) -> Generator {
     Generator::new(&design, &forward, &recipe(samples)).unwrap()
 }
 
-/// Makes a dataset, or what is missing of it.
+/// Generates a dataset, or the missing part of it.
 fn make(generator: &Generator, folder: &Path, shard: Shard) -> crate::Result<super::RunReport> {
     let record = Record::new(generator, "disk", DISK);
     Run::new(generator, &record, folder, shard)?.make(|_| ())
@@ -60,7 +60,7 @@ fn bytes(folder: &Path, file: u64) -> Vec<u8> {
     std::fs::read(folder.join(file_name(file))).unwrap()
 }
 
-/// The frames are stored in single precision: 6e-8 of a value.
+/// The frames are stored in single precision: relative error 6e-8.
 const STORED: f64 = 2e-7;
 
 #[test]
@@ -88,7 +88,7 @@ fn a_sample_is_what_the_plain_rasteriser_and_the_plain_solver_make_of_its_touche
             assert!(
                 sample.rest.iter().zip(plain_rest.iter()).all(|(&a, &b)| (f64::from(a) - b).abs() < STORED * largest)
             );
-            // The pixels' mean of the cells is what a mesh can tell of the exact mean over the pixel.
+            // The pixels' mean over the cells approximates the exact mean over the pixel.
             let change: Vec<f64> =
                 conductivity.iter().zip(rest).map(|(now, rest)| effect.sign() * (now / rest - 1.0)).collect();
             let pixels = generator.pixels().average_cells(&mesh, &change);
@@ -136,7 +136,7 @@ fn touches_are_drawn_as_stated() {
     };
     assert!(all().all(|touch| (0.005..=0.015).contains(&touch.width_m) && (0.1..=2.0).contains(&touch.amplitude)));
     assert!((share(&|touch| touch.width_m < 0.01) - 0.5).abs() < 0.01);
-    // Half of the amplitudes lie below the geometric mean of their bounds.
+    // Half of the amplitudes are below the geometric mean of their bounds.
     assert!((share(&|touch| touch.amplitude < 0.2f64.sqrt()) - 0.5).abs() < 0.01);
 }
 
@@ -155,7 +155,7 @@ fn bytes_do_not_depend_on_threads_shards_or_interruptions() {
     let second = in_threads(2, "two", Shard::new(1, 2).unwrap());
     assert_eq!((second.made_samples, second.made_files), (8192, 1));
     in_threads(3, "three", Shard::WHOLE);
-    // A run that was killed: a file is missing, one is half written under its working name, a lock lies about.
+    // A killed run: a file is missing, one is half written under its temporary name, a lock file is left.
     std::fs::remove_file(at("three").join(file_name(1))).unwrap();
     std::fs::write(at("three").join(".part-00001"), [0; 1000]).unwrap();
     std::fs::write(at("three").join(".lock-00001"), []).unwrap();
@@ -181,7 +181,7 @@ fn bytes_do_not_depend_on_threads_shards_or_interruptions() {
 }
 
 #[test]
-fn the_manifest_tells_mean_and_spread_as_a_plain_sum_does() {
+fn the_manifest_has_the_mean_and_spread_of_a_plain_sum() {
     let folder = tempfile::tempdir().unwrap();
     let generator = generator(9000);
     make(&generator, folder.path(), Shard::WHOLE).unwrap();
@@ -220,7 +220,7 @@ fn damaged_foreign_and_missing_files_are_named_and_nothing_is_overwritten() {
     assert!(refused(b"").contains("too short"));
     assert!(refused(&[b'x'; 4000]).contains("not a safetensors file"));
     assert!(refused(&bytes(folder.path(), 0)).contains("other samples"));
-    // A flipped bit is found when the file is read.
+    // A flipped bit is detected when the file is read.
     let mut flipped = good.clone();
     flipped[good.len() / 2] ^= 4;
     std::fs::write(&path, &flipped).unwrap();
@@ -232,7 +232,7 @@ fn damaged_foreign_and_missing_files_are_named_and_nothing_is_overwritten() {
     assert!(matches!(error, DatasetError::Missing { count: 1, of: 2, .. }), "{error}");
     make(&generator, folder.path(), Shard::WHOLE).unwrap();
     assert!(bytes(folder.path(), 1) == good);
-    // After the manifest, a file that is another one bit by bit but whole in itself.
+    // After the manifest, a file that is valid in itself but differs from the original.
     finish(folder.path(), || ()).unwrap();
     std::fs::remove_file(&path).unwrap();
     assert_eq!(verify(folder.path(), || ()).unwrap().problems, ["1 files are missing"]);
@@ -283,7 +283,7 @@ fn impossible_runs_are_refused() {
     let error = Shard::new(2, 2).unwrap_err().to_string();
     assert!(error.contains("shard 2 of 2") && error.contains("0 to 1"), "{error}");
     assert!(Shard::new(0, 0).is_err());
-    // More than any disk holds.
+    // More than the capacity of any disk.
     let generator = generator(u64::MAX / 2);
     let folder = tempfile::tempdir().unwrap();
     let inside = folder.path().join("new");
@@ -324,7 +324,7 @@ fn a_disk_that_fills_up_leaves_no_file_and_says_so() {
     assert_eq!(make(&generator, folder.path(), Shard::WHOLE).unwrap().made_files, 1);
 }
 
-/// The norm of a difference over that of the second, of the values that touch no driven electrode.
+/// The relative norm of a difference, over the values without a driven electrode.
 fn off(got: &[f32], want: &[f64], less: &[f64]) -> f64 {
     let squares = |values: &mut dyn Iterator<Item = f64>| values.map(|value| value * value).sum::<f64>();
     let error = squares(&mut got.iter().zip(want).map(|(&got, want)| f64::from(got) - want));

@@ -5,28 +5,28 @@ use dermis::geom::Point2;
 use dermis::geom::vector::Point3;
 use serde::Serialize;
 
-/// Where a flat skin lies in the x-y plane of a robot's frame, and by how much its estimates are too narrow:
-/// `p = centre + scale R(rotation) M e`, where M turns y round if the skin is seen mirrored.
+/// The pose of a flat skin in the x-y plane of a robot's frame, and the scale of its estimates:
+/// `p = centre + scale R(rotation) M e`, where M reverses y if the skin is mirrored.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Alignment {
     /// The skin's origin in the robot's frame, m.
     pub centre_m: Point2,
     /// Angle from the robot's x to the skin's x, from -pi to pi.
     pub rotation_rad: f64,
-    /// Whether the skin's y runs the other way round (its handedness).
+    /// Whether the skin's y axis is reversed (its handedness).
     pub mirrored: bool,
-    /// Factor on the estimates.
+    /// Scale factor of the estimates.
     pub scale: f64,
-    /// Mean distance of the presses that it was fitted to, m.
+    /// Mean distance of the presses used for the fit, m.
     pub residual_m: f64,
 }
 
-/// Rounds of reweighting; the mean distance no longer changes by a micrometre after about twenty.
+/// Iterations of reweighting; after about twenty the mean distance changes by less than a micrometre.
 const ROUNDS: usize = 40;
-/// Distances below this weigh alike: far below what any skin resolves, m.
+/// Distances below this have equal weights: far below the resolution of any skin, m.
 const SMALLEST_DISTANCE_M: f64 = 1e-4;
 
-/// Complex numbers stand for points of the plane.
+/// Complex numbers represent points of the plane.
 type Complex = [f64; 2];
 
 fn times(a: Complex, b: Complex) -> Complex {
@@ -36,14 +36,16 @@ fn times(a: Complex, b: Complex) -> Complex {
 impl Alignment {
     /// The alignment of the smallest mean distance between estimates and presses.
     ///
-    /// The mean distance, not its square, so that single presses that a skin got quite wrong do not turn it: least
-    /// squares, reweighted by one over the distance (Weiszfeld 1937), for each handedness.
+    /// The mean distance is used instead of its square, so that single presses with large errors do not affect the
+    /// alignment: iteratively reweighted least squares with weights of one over the distance (Weiszfeld 1937), for each
+    /// handedness.
     ///
     /// # Errors
-    /// Fewer than three different presses (two cannot tell the handedness), estimates that all lie at one place.
+    /// Fewer than three different presses (two do not determine the handedness), estimates that are all at one
+    /// position.
     ///
     /// # Panics
-    /// Where there are not as many estimates as presses.
+    /// If the numbers of estimates and presses differ.
     pub fn fit(estimates: &[Point2], presses: &[Point2]) -> Result<Self, EvaluateError> {
         assert_eq!(estimates.len(), presses.len(), "an estimate for each press");
         let mut places: Vec<[u64; 2]> = presses.iter().map(|press| press.map(f64::to_bits)).collect();
@@ -77,14 +79,14 @@ impl Alignment {
         best.ok_or(EvaluateError::NoScale)
     }
 
-    /// A place on the skin, in the robot's frame.
+    /// A position on the skin, in the robot's frame.
     pub fn apply(&self, estimate: Point2) -> Point2 {
         let seen = [estimate[0], if self.mirrored { -estimate[1] } else { estimate[1] }];
         let turned = times([self.scale * self.rotation_rad.cos(), self.scale * self.rotation_rad.sin()], seen);
         [self.centre_m[0] + turned[0], self.centre_m[1] + turned[1]]
     }
 
-    /// The same for a point of space, at the height zero.
+    /// The same for a point in space, at z = 0.
     pub(super) fn apply_to_point(&self, point: Point3) -> Point3 {
         let [x, y] = self.apply([point[0], point[1]]);
         [x, y, 0.0]
@@ -96,7 +98,7 @@ pub(super) fn distance(a: Point2, b: Point2) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
-/// The complex factor f and the offset c of the least `sum w |p - c - f e|^2`; `None` where the estimates are one point.
+/// The complex factor f and the offset c that minimise `sum w |p - c - f e|^2`; `None` if all estimates are one point.
 fn least_squares(estimates: &[Complex], presses: &[Complex], weights: &[f64]) -> Option<(Complex, Complex)> {
     let total: f64 = weights.iter().sum();
     let mean = |points: &[Complex]| {
@@ -134,7 +136,7 @@ mod tests {
             let truth = Alignment { centre_m, rotation_rad: 2.5, mirrored, scale: 1.3, residual_m: 0.0 };
             let presses: Vec<Point2> = places().into_iter().map(|place| truth.apply(place)).collect();
             let mut estimates = places();
-            // A fifth of the estimates is anywhere.
+            // A fifth of the estimates is random.
             for k in (0..30).step_by(5) {
                 estimates[k] = [-estimates[k][1], 0.03];
             }

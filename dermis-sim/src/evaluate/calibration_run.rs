@@ -11,33 +11,33 @@ use dermis::reconstruct::Reconstruct;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Noise at which touches are simulated in turn, dB: from a bench to a body in motion.
+/// Noise levels for simulated touches, in turn, dB: from a bench to a moving body.
 pub const NOISE_DB: [f64; 4] = [54.0, 50.0, 46.0, 42.0];
-/// Frames of pure noise from which the noise of a method's images is estimated where the method has no matrix; its relative
-/// standard error is 1 / sqrt(2 * 400), 4 %.
+/// Number of noise frames from which the noise of a method's images is estimated if the method has no matrix; the
+/// relative standard error is 1 / sqrt(2 * 400), 4 %.
 const NOISE_FRAMES: u64 = 400;
-/// The random stream of the noise, apart from the samples'.
+/// The random stream of the noise, separate from those of the samples.
 const NOISE_STREAM: u64 = 1 << 60;
 
-/// Contacts that a method found of simulated touches.
+/// Contacts detected by a method in simulated touches.
 #[derive(Debug, Clone, Default)]
 pub struct CalibrationRun {
     /// Each contact that was matched with a touch.
     pub misplacements: Vec<Misplacement>,
-    /// True touches.
+    /// Number of true touches.
     pub touches: usize,
-    /// Contacts that were matched with none.
+    /// Number of contacts without a touch.
     pub false_positives: usize,
-    /// The images against the generator's own.
+    /// The fit of the images to those of the generator.
     pub images: GainFit,
 }
 
 impl CalibrationRun {
-    /// Makes the samples of a generator into frames with noise, [`NOISE_DB`] in turn, and finds their contacts by a method.
+    /// Adds noise to the samples of a generator, [`NOISE_DB`] in turn, and detects their contacts by a method.
     /// `on_sample` is called after every sample, from several threads.
     ///
     /// # Errors
-    /// Samples that cannot be made; a method that fails.
+    /// Samples that cannot be generated; a method that fails.
     pub fn of(
         method: &dyn Reconstruct,
         detection: &DetectOptions,
@@ -86,7 +86,7 @@ impl CalibrationRun {
             Ok(run)
         };
         let all: Vec<u64> = samples.collect();
-        // Whole units of samples, so that no thread makes a skin for a part of one.
+        // Whole units of samples, so that no thread generates a skin for only a part of one.
         let part = |indices: &[u64]| {
             let stream = generator.stream(indices[0]).take(indices.len());
             stream
@@ -97,7 +97,7 @@ impl CalibrationRun {
         Ok(parts.into_iter().fold(CalibrationRun::default(), CalibrationRun::with))
     }
 
-    /// Two runs as one.
+    /// Merges two runs.
     #[must_use]
     pub fn with(mut self, other: CalibrationRun) -> Self {
         self.misplacements.extend(other.misplacements);
@@ -108,7 +108,7 @@ impl CalibrationRun {
     }
 }
 
-/// The noise of a method's images from that of every value of a frame, ohm.
+/// The noise of a method's images from the noise of every value of a frame, ohm.
 fn image_noise(method: &dyn Reconstruct, sd_ohm: f64, channels: usize) -> crate::Result<ImageNoise> {
     if let Some(matrix) = method.matrix() {
         return Ok(ImageNoise::from_matrix(matrix, &vec![sd_ohm; matrix.columns]));

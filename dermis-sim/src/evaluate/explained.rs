@@ -1,10 +1,10 @@
-//! The part of the variance of target images that a method's images explain.
+//! The fraction of the variance of target images that a method's images explain.
 
 /// Fit of images to their targets, with one gain for all.
 ///
-/// With `x` the pixels of all images and `t` those of all targets, the gain is `g = sum x t / sum x^2`, and the unexplained
-/// part of the variance `sum (g x - t)^2 / sum (t - mean t)^2`: 1 - R^2. A network that was trained to make targets has a
-/// gain of about one; a linear image is blurred and scaled, of which the gain mends the scale.
+/// With `x` the pixels of all images and `t` those of all targets, the gain is `g = sum x t / sum x^2`, and the
+/// unexplained fraction of the variance `sum (g x - t)^2 / sum (t - mean t)^2`: 1 - R^2. A network trained on these
+/// targets has a gain of about one; a linear image is blurred and scaled, and the gain corrects the scale.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct GainFit {
     pixels: f64,
@@ -15,10 +15,10 @@ pub struct GainFit {
 }
 
 impl GainFit {
-    /// Counts an image and its target.
+    /// Adds an image and its target.
     ///
     /// # Panics
-    /// Where they differ in length.
+    /// If their lengths differ.
     pub fn add(&mut self, image: &[f64], target: &[f64]) {
         assert_eq!(image.len(), target.len(), "an image and its target");
         self.pixels += image.len() as f64;
@@ -30,7 +30,7 @@ impl GainFit {
         }
     }
 
-    /// Counts what another has counted.
+    /// Adds the sums of another fit.
     pub fn merge(&mut self, other: &GainFit) {
         self.pixels += other.pixels;
         self.image_square += other.image_square;
@@ -39,17 +39,18 @@ impl GainFit {
         self.target_square += other.target_square;
     }
 
-    /// The gain that makes images most like their targets.
+    /// The least-squares gain of the images.
     pub fn gain(&self) -> f64 {
         self.product / self.image_square
     }
 
-    /// Mean square of a target's pixel about the mean of all.
+    /// Variance of the targets' pixels.
     pub fn target_variance(&self) -> f64 {
         (self.target_square - self.target * self.target / self.pixels) / self.pixels
     }
 
-    /// The part of the targets' variance that the images leave unexplained, at the best gain; `NaN` without a target.
+    /// The fraction of the targets' variance that the images do not explain, with the best gain; `NaN` without a
+    /// target.
     pub fn unexplained(&self) -> f64 {
         (self.target_square - self.gain() * self.product) / self.pixels / self.target_variance()
     }
@@ -62,7 +63,8 @@ mod tests {
 
     #[test]
     fn noise_that_is_added_is_what_stays_unexplained() {
-        // x = a t + n: the best gain leaves the part s^2 / (a^2 + s^2) of a target of variance one and mean zero.
+        // x = a t + n: with the best gain the fraction s^2 / (a^2 + s^2) of a target of variance one and mean zero is
+        // unexplained.
         let mut rng = sample_rng(8, 0);
         let (a, s) = (0.2, 0.1);
         let mut fit = GainFit::default();

@@ -5,14 +5,14 @@ use dermis::detect::GATE_M;
 use dermis::geom::Surface;
 use dermis::linalg::smallest_total;
 
-/// The one-to-one match of the contacts found in a frame with its true touches.
+/// The one-to-one match of the contacts detected in a frame with its true touches.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Match {
     /// Index of the touch, index of the contact and their distance along the surface, m.
     pub pairs: Vec<(usize, usize, f64)>,
-    /// Touches that no contact lies near enough to.
+    /// Touches without a contact within the gate.
     pub missed: Vec<usize>,
-    /// Contacts that lie near no touch of their own.
+    /// Contacts without their own touch within the gate.
     pub false_positives: Vec<usize>,
 }
 

@@ -1,7 +1,7 @@
-//! Contacts against the truth.
+//! Scores of contacts against the ground truth.
 //!
-//! Truth and estimate are matched one to one by the smallest total distance along the surface; a pair farther apart
-//! than the [gate](dermis::detect::GATE_M) is a miss and a false positive. See `docs/conventions.md`.
+//! Ground truth and estimate are matched one to one by the smallest total distance along the surface; a pair farther
+//! apart than the [gate](dermis::detect::GATE_M) is a miss and a false positive. See `docs/conventions.md`.
 //!
 //! ```
 //! use dermis::contact::Contact;
@@ -27,7 +27,7 @@ mod tests;
 
 pub use align::Alignment;
 pub use benchmark::{
-    Benchmark, BenchmarkOptions, BenchmarkResult, Covered, FALSE_CONTACTS_A_FRAME, FORCES_A_PLACE, ForceScore,
+    Benchmark, BenchmarkOptions, BenchmarkResult, Covered, FALSE_CONTACTS_A_FRAME, FORCES_PER_POSITION, ForceScore,
     FourScore,
 };
 pub use calibration_run::{CalibrationRun, NOISE_DB};
@@ -42,61 +42,61 @@ use thiserror::Error;
 /// A score that cannot be computed.
 #[derive(Debug, Error, PartialEq)]
 pub enum EvaluateError {
-    /// A truth that does not fit the frames.
+    /// A ground truth that does not fit the frames.
     #[error("{0}")]
     Truth(String),
-    /// Lists that should go together frame by frame.
+    /// Lists that must have the same number of frames.
     #[error("{images} images, but the truth has {truths} frames: there must be one image a frame")]
     Count {
         /// Number of images.
         images: usize,
-        /// Number of frames of the truth.
+        /// Number of frames of the ground truth.
         truths: usize,
     },
-    /// Presses that tell too little to align by.
+    /// Too few different presses for alignment.
     #[error("{presses} presses to align by at {places} places: at least 3 places are needed")]
     TooFewPresses {
-        /// Presses to align by.
+        /// Number of presses for alignment.
         presses: usize,
-        /// Different places among them.
+        /// Number of different positions among them.
         places: usize,
     },
-    /// A press to align by that was not recorded.
+    /// A press for alignment that was not recorded.
     #[error("press {press} is to be aligned by, but only {presses} were recorded: align by fewer")]
     NoSuchPress {
         /// Index of the press.
         press: usize,
-        /// All presses.
+        /// Number of all presses.
         presses: usize,
     },
     /// No press left to score.
     #[error("{align} presses to align by leave none of the {presses} to score: align by fewer")]
     NothingToScore {
-        /// Presses to align by.
+        /// Number of presses for alignment.
         align: usize,
-        /// All presses.
+        /// Number of all presses.
         presses: usize,
     },
-    /// As many dead electrodes as there are.
+    /// All electrodes of the skin as dead electrodes.
     #[error("{dead} dead electrodes leave none of {electrodes} that works: ask for fewer")]
     NoElectrodeLeft {
-        /// Electrodes that are dead.
+        /// Number of dead electrodes.
         dead: usize,
-        /// Electrodes of the skin.
+        /// Number of electrodes of the skin.
         electrodes: usize,
     },
-    /// Estimates that all lie at one place, so that they tell no scale.
+    /// Estimates that are all at one position, so that the scale is not determined.
     #[error("the estimates of the presses to align by all lie at one place")]
     NoScale,
     /// Alignment on a surface that is not flat.
     #[error("presses in a robot's frame can be aligned with flat skins only")]
     NotFlat,
-    /// A press that is no place.
+    /// A press with an invalid position.
     #[error("press {press} is at {position:?}: it must be finite")]
     Press {
         /// Index of the press.
         press: usize,
-        /// What was given.
+        /// The given position.
         position: [f64; 3],
     },
 }

@@ -1,4 +1,4 @@
-//! Scores of real presses whose places are known only in a robot's frame.
+//! Scores of real presses whose positions are known only in a robot's frame.
 
 use crate::evaluate::EvaluateError;
 use crate::evaluate::align::{Alignment, distance};
@@ -20,26 +20,26 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Among what the presses to align by choose.
+/// The options among which the presses for alignment choose.
 #[derive(Debug, Clone)]
 pub struct AlignOptions {
     /// Priors to choose from.
     pub priors: Vec<Prior>,
     /// Alphas to choose from.
     pub alphas: Vec<Alpha>,
-    /// Where to cut outlying values, in robust standard deviations of their channel, to choose from.
+    /// Limits of outliers, in robust standard deviations of their channel, to choose from.
     pub limits_sd: Vec<f64>,
-    /// What finds the contacts.
+    /// The detection options.
     pub detector: Detector,
-    /// Which way a touch turns the conductance.
+    /// The sign of the conductance change under touch.
     pub touch: TouchEffect,
-    /// Channels that are known to be broken, whatever the screening finds.
+    /// Channels that are known to be broken, in addition to the result of the screening.
     pub left_out: Vec<usize>,
-    /// Rules of which other channels to leave out, to choose from.
+    /// Rules for excluding other channels, to choose from.
     pub screens: Vec<Screen>,
 }
 
-/// A rule of which channels to leave out, without labels.
+/// A rule for excluding channels, without labels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Screen {
     /// Those that disagree with their reciprocal channels.
@@ -48,13 +48,14 @@ pub enum Screen {
     PolarityBlind,
 }
 
-/// A method to choose among, and its alpha where it has one.
+/// A method to choose from, and its alpha if it has one.
 pub type AlignMethod = (Box<dyn Reconstruct>, Option<f64>);
 
 impl AlignOptions {
-    /// NOSER with the exponents 0.25 and 0.5 (with larger ones the slivers of pixels at the rim outshine the others),
-    /// alphas from 2 to 16 by factors of two, no cut and two; the shipped detector. Channels that disagree with their twins
-    /// are left out; the linear method gains nothing where those are that the instrument is polarity_blind to.
+    /// NOSER with the exponents 0.25 and 0.5 (with larger ones the small clipped pixels at the rim have too large
+    /// values), alphas from 2 to 16 by factors of two, no outlier limit and two; the default detection options.
+    /// Channels that disagree with their twins are excluded; excluding `polarity_blind` channels does not improve the
+    /// linear method.
     pub fn new(touch: TouchEffect) -> Self {
         AlignOptions {
             priors: [0.25, 0.5].map(|exponent| Prior::Noser { exponent }).to_vec(),
@@ -68,7 +69,7 @@ impl AlignOptions {
     }
 }
 
-/// What one method found for every press, in the skin's frame.
+/// The results of one method for every press, in the skin's frame.
 #[derive(Debug, Clone)]
 struct Candidate {
     method: String,
@@ -77,14 +78,14 @@ struct Candidate {
     alpha: Option<f64>,
     /// All contacts of each press, the strongest first.
     contacts: Vec<Vec<Contact>>,
-    /// The mean of the contacts weighted by their strength, as one press made them all; without a contact the whole
-    /// image's centroid.
+    /// The mean of the contacts weighted by their strength, as one press made them all; without a contact the centroid
+    /// of the whole image.
     places: Vec<Point2>,
-    /// The whole image's centroid.
+    /// The centroid of the whole image.
     centroids: Vec<Point2>,
 }
 
-/// What some methods found for every press of an experiment, before anyone knows where the skin lies.
+/// The results of some methods for every press of an experiment, before the alignment of the skin is known.
 #[derive(Debug, Clone)]
 pub struct PressEstimates {
     candidates: Vec<Candidate>,
@@ -93,29 +94,30 @@ pub struct PressEstimates {
 /// Presses scored after alignment.
 #[derive(Debug, Clone)]
 pub struct Aligned {
-    /// Where the skin lies.
+    /// The alignment of the skin.
     pub alignment: Alignment,
-    /// Where the outlying values of a channel were cut, in its robust standard deviations; infinite for no cut.
+    /// The limit of outliers, in robust standard deviations of their channel; infinite for no limit.
     pub limit_sd: f64,
-    /// Presses that it was aligned by.
+    /// Number of presses for alignment.
     pub aligned_by: usize,
-    /// Channels left out: those known to be broken, and those that disagree with their twins, or that the instrument is polarity_blind to.
+    /// Excluded channels: those known to be broken, and those that disagree with their twins, or are `polarity_blind`.
     pub left_out: Vec<usize>,
-    /// The score of the other presses. Every press is scored, one without a contact by the whole image's centroid:
-    /// `localisation_m` has no gate; misses and false_positives count contacts as everywhere.
+    /// The score of the other presses. Every press is scored, one without a contact by the centroid of the whole image:
+    /// `localisation_m` has no gate; misses and false_positives count contacts as in other scores.
     pub score: Score,
-    /// The presses scored: index, place pressed and place found, in the robot's frame.
+    /// The presses scored: index, true position and estimated position, in the robot's frame.
     pub places: Vec<(usize, Point2, Point2)>,
 }
 
 impl PressEstimates {
-    /// Screens the channels of the differences, without labels, and finds the contacts of every press by every method.
+    /// Screens the channels of the differences, without labels, and detects the contacts of every press by every
+    /// method.
     ///
     /// # Errors
     /// A skin that is not flat, options out of their range, differences of the wrong length.
     ///
     /// # Panics
-    /// Without a prior, an alpha, a limit or a screen to choose from.
+    /// If there is no prior, alpha, limit or screen to choose from.
     pub fn new(
         forward: &ForwardModel,
         pixels: &Arc<PixelSpace>,
@@ -146,11 +148,11 @@ impl PressEstimates {
         })
     }
 
-    /// The same by any methods: `methods` makes them for differences that are cut and channels to leave out, once for every
+    /// The same for any methods: `methods` prepares them for limited differences and excluded channels, once for every
     /// limit and each screen of the options.
     ///
     /// # Errors
-    /// A skin that is not flat, differences of the wrong length, whatever `methods` says.
+    /// A skin that is not flat, differences of the wrong length, the errors of `methods`.
     pub fn by<E: From<crate::Error>>(
         forward: &ForwardModel,
         pixels: &PixelSpace,
@@ -187,8 +189,8 @@ impl PressEstimates {
         Ok(PressEstimates { candidates })
     }
 
-    /// The mean errors, m, after alignments by a few presses, drawn at random that many times (draw `i` depends on `i`
-    /// alone); ascending.
+    /// The mean errors, m, after alignments by a few presses, for a number of random draws (draw `i` depends only on
+    /// `i`); ascending.
     ///
     /// # Errors
     /// As [`align`](Self::align).
@@ -205,11 +207,12 @@ impl PressEstimates {
         Ok(means)
     }
 
-    /// Aligns by the presses `align_by`, which also choose among the methods by the smallest mean distance that remains, and
+    /// Aligns by the presses `align_by`, which also choose the method with the smallest remaining mean distance, and
     /// scores all others.
     ///
     /// # Errors
-    /// Not one press a frame, a press that is not finite, fewer than three places to align by, none left to score.
+    /// A frame that does not have exactly one press, a press that is not finite, fewer than three positions for
+    /// alignment, no press left to score.
     pub fn align(&self, presses: &[Point3], align_by: &[usize]) -> Result<Aligned, EvaluateError> {
         let frames = self.candidates[0].places.len();
         if presses.len() != frames {
@@ -259,7 +262,7 @@ impl Candidate {
     fn new(method: &dyn Reconstruct, differences: &[Frame], detector: &Detector) -> Result<Self, crate::Error> {
         let found = |difference: &Frame| -> crate::Result<(Vec<Contact>, Point2)> {
             let image: Image = method.reconstruct(difference)?;
-            // Without a positive value in the image, the middle of the skin is the best estimate.
+            // Without a positive value in the image, the centre of the skin is the best estimate.
             let [x, y, _] = whole_image_centroid(&image).unwrap_or_default();
             Ok((detector.detect(&image), [x, y]))
         };

@@ -9,7 +9,7 @@ use dermis::image::Image;
 use dermis::stats::{Summary, mean_and_sd};
 use serde::Serialize;
 
-/// Scores of a method in an experiment; serialises to the JSON that `dermis evaluate --json` prints.
+/// Scores of a method in an experiment; serialised to the JSON output of `dermis evaluate --json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Score {
     /// Number of true touches.
@@ -18,22 +18,22 @@ pub struct Score {
     pub misses: usize,
     /// Contacts without a touch within the gate.
     pub false_positives: usize,
-    /// Distance along the surface of the touches from their contacts, over all pairs within the gate, m.
+    /// Distance along the surface between touches and their contacts, over all pairs within the gate, m.
     pub localisation_m: Summary,
     /// Distance of the whole image's centroid (the paper's Eq. 11) from the touch, over all frames with one touch, m.
     pub eq11_m: Summary,
     /// Standard deviation over mean of the image's peak per newton (the paper's Eq. 12), over all frames with one touch
-    /// of known force; `NaN` (in JSON `null`) without one.
+    /// of known force; `NaN` (in JSON `null`) if there are none.
     pub sensitivity_spread: f64,
     /// The method's name.
     pub method: String,
-    /// Its alpha, where it has one.
+    /// Its alpha, if it has one.
     pub alpha: Option<f64>,
 }
 
 impl Score {
-    /// What to do where no contact was found in any frame; `None` where some were. A network that was hardly trained is such a
-    /// method: its images never exceed the threshold that follows from its own noise.
+    /// A hint for the user if no contact was detected in any frame; `None` otherwise. An example is a network with too
+    /// little training, whose images never exceed the threshold that follows from its own noise.
     pub fn advice(&self) -> Option<&'static str> {
         let found_none = self.presses > 0 && self.misses == self.presses && self.false_positives == 0;
         found_none.then_some(
@@ -46,7 +46,7 @@ impl Score {
 /// Scores images against the true touches of their frames.
 ///
 /// # Errors
-/// Not as many images as frames of the truth.
+/// A number of images that differs from the number of frames of the ground truth.
 pub fn score(
     images: &[Image],
     truth: &[Vec<Contact>],
@@ -58,7 +58,7 @@ pub fn score(
     score_contacts(images, &contacts, truth, method, alpha)
 }
 
-/// [`score`] of contacts that were found before, a list for each image.
+/// [`score`] of contacts that were already detected, a list for each image.
 pub(super) fn score_contacts(
     images: &[Image],
     contacts: &[Vec<Contact>],

@@ -8,7 +8,7 @@ use dermis::linalg::smallest_total;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-/// What an object is made of.
+/// The material of an object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Material {
     /// Conducts better than the water: a maximum of the image.
@@ -17,23 +17,23 @@ pub enum Material {
     Plastic,
 }
 
-/// An object that stands at an electrode of a round tank.
+/// An object at an electrode of a round tank.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TankObject {
     /// The electrode, counted from 0.
     pub electrode: usize,
-    /// What it is made of.
+    /// Its material.
     pub material: Material,
 }
 
-/// Where an object was found.
+/// The detected position of an object.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FoundObject {
-    /// The object, as the recording names it.
+    /// The object, as named in the recording.
     pub object: TankObject,
-    /// Where it was found, m; `None` where the image has fewer spots of its kind than objects.
+    /// Its detected position, m; `None` if the image has fewer spots of its kind than objects.
     pub position_m: Option<Point3>,
-    /// Its angle less that of its electrode, in spacings of the electrodes, from -L/2 to L/2; `NaN` where it was not found.
+    /// Its angle minus that of its electrode, in electrode spacings, from -L/2 to L/2; `NaN` if it was not found.
     pub off_spacings: f64,
 }
 
@@ -44,9 +44,9 @@ impl FoundObject {
     }
 }
 
-/// Finds objects in the image of a round tank round the origin whose electrodes lie evenly round it, electrode 0 on the
+/// Finds objects in the image of a round tank around the origin with equally spaced electrodes, electrode 0 on the
 /// x-axis. The highest maxima, as many as there are metal objects, and the lowest minima, as many as there are plastic
-/// ones, go to the objects so that their angles are off by the least in all.
+/// ones, are assigned to the objects with the smallest total angle error.
 pub fn find_objects(image: &Image, objects: &[TankObject], electrode_count: usize) -> Vec<FoundObject> {
     let detector = Detector::new(DetectOptions::default());
     let spacing = TAU / electrode_count as f64;

@@ -13,7 +13,7 @@ fn cylinder_space() -> Arc<PixelSpace> {
     Arc::new(PixelSpace::for_design(&design, &Mesh::generate(&design).unwrap()).unwrap())
 }
 
-/// An image of Gaussian bumps: place, height and width.
+/// An image of Gaussian peaks: position, height and width.
 fn bumps(space: &Arc<PixelSpace>, bumps: &[(Point3, f64, f64)]) -> Image {
     let value = |&at: &Point3| -> f64 {
         let bump = |&(centre, height, width): &(Point3, f64, f64)| {
@@ -30,10 +30,10 @@ fn touch(surface: &Surface, z_m: f64, theta_rad: f64, force_n: f64) -> Contact {
 }
 
 #[test]
-fn the_smallest_total_wins_over_the_nearest_pair_and_far_pairs_are_misses_and_ghosts() {
+fn the_smallest_total_wins_over_the_nearest_pair_and_far_pairs_are_misses_and_false_positives() {
     let surface = Surface::Cylinder { radius_m: 0.05, length_m: 0.3 };
     let at = |z: f64| touch(&surface, z, 0.0, 1.0);
-    // The contact at 12 is nearest to the touch at 11, but then the one at 19 would have to reach 0.
+    // The contact at 12 is nearest to the touch at 11, but then the one at 19 would be assigned to 0.
     let found = match_contacts(&[at(0.100), at(0.111)], &[at(0.112), at(0.119)], &surface);
     assert_eq!(found.pairs.iter().map(|pair| (pair.0, pair.1)).collect::<Vec<_>>(), vec![(0, 0), (1, 1)]);
     let found = match_contacts(&[at(0.05)], &[at(0.071), at(0.2)], &surface);
@@ -46,7 +46,7 @@ fn the_smallest_total_wins_over_the_nearest_pair_and_far_pairs_are_misses_and_gh
 fn the_score_of_a_small_experiment_is_known() {
     let space = cylinder_space();
     let surface = space.surface;
-    // Frame 0: found 3 mm off along z. Frame 1: found where nothing is, 43 mm away. Frame 2: nothing there at all.
+    // Frame 0: contact 3 mm off along z. Frame 1: contact far from the touch, 43 mm away. Frame 2: no contact.
     let image = |z: f64, height: f64| bumps(&space, &[(surface.at(z, 0.01).unwrap(), height, 0.015)]);
     let images = [image(0.153, 2.0), image(0.193, 3.0), bumps(&space, &[])];
     let truth = vec![
@@ -57,9 +57,9 @@ fn the_score_of_a_small_experiment_is_known() {
     let score = score(&images, &truth, &Detector::default(), "test", Some(0.3)).unwrap();
     assert_eq!((score.presses, score.misses, score.false_positives), (3, 2, 1));
     assert!((score.localisation_m.mean - 0.003).abs() < 2e-4 && score.localisation_m.sd == 0.0);
-    // Eq. 11 knows no gate; the image without a positive value has no centroid.
+    // Eq. 11 has no gate; the image without a positive value has no centroid.
     assert!((score.eq11_m.mean - 0.023).abs() < 5e-4, "{:?}", score.eq11_m);
-    // Peaks of 2 and 3 over 1 and 1.5 N, both 2 mm beside a pixel centre.
+    // Peaks of 2 and 3 over 1 and 1.5 N, both 2 mm from a pixel centre.
     assert!(score.sensitivity_spread < 1e-3);
     let json = serde_json::to_value(&score).unwrap();
     let mut keys: Vec<&str> = json.as_object().unwrap().keys().map(String::as_str).collect();
@@ -93,11 +93,11 @@ fn two_touches_are_resolved_by_two_near_contacts_alone() {
     let at = |z: f64| touch(&surface, z, 0.0, 1.0);
     let touches = [at(0.100), at(0.124)];
     assert!(resolves_two(&touches, &[at(0.093), at(0.125)], &surface));
-    // 9 mm is near, but more than a third of 24 mm.
+    // 9 mm is within 10 mm, but more than a third of 24 mm.
     assert!(!resolves_two(&touches, &[at(0.091), at(0.125)], &surface));
     assert!(!resolves_two(&touches, &[at(0.1), at(0.124), at(0.2)], &surface));
     assert!(!resolves_two(&touches, &[at(0.1)], &surface));
-    // 11 mm is too far, however far apart the touches are.
+    // 11 mm is too far, for any distance of the touches.
     assert!(!resolves_two(&[at(0.1), at(0.2)], &[at(0.1), at(0.211)], &surface));
 }
 

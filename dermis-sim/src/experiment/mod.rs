@@ -1,7 +1,7 @@
-//! Virtual experiments: presses on a twin, recorded as its instrument delivers them.
+//! Virtual experiments: presses on a twin, recorded as delivered by its instrument.
 //!
-//! Frames follow each other in one time line, that of the [`Twin`]: untouched ones first, whose mean is the baseline, then
-//! one for every press, a press's interval apart and never averaged.
+//! Frames are consecutive in the time of the [`Twin`]: first the untouched ones, whose mean is the baseline, then one
+//! for every press, at the interval of the presses and without averaging.
 //!
 //! ```
 //! use dermis::geom::Surface;
@@ -25,7 +25,7 @@ use dermis::frame::{Frame, mean};
 use dermis::geom::Surface;
 use rayon::prelude::*;
 
-/// Untouched frames before the first press.
+/// Number of untouched frames before the first press.
 pub const UNTOUCHED_FRAMES: u64 = 100;
 
 /// The frames of an experiment.
@@ -42,7 +42,7 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// The same without its last frame, and that frame as a recording of its own; `None` without a frame.
+    /// The same without its last frame, and that frame as a separate recording; `None` without a frame.
     pub fn split_last(&self) -> Option<(Recording, Recording)> {
         let (last, rest) = self.frames.split_last()?;
         let with = |frames: Vec<Frame>| Recording { frames, ..self.clone() };
@@ -50,12 +50,12 @@ impl Recording {
     }
 }
 
-/// Records one frame for each entry of `presses`, which holds all presses of that frame, from the twin's frame
-/// `first_index` on. `on_frame` is called after every frame, from several threads; what is recorded does not depend on
-/// their number.
+/// Records one frame for each entry of `presses`, which contains all presses of that frame, from the twin's frame
+/// `first_index` on. `on_frame` is called after every frame, from several threads; the result does not depend on their
+/// number.
 ///
 /// # Errors
-/// Presses that the twin cannot answer.
+/// Presses that the twin cannot simulate.
 pub fn record(
     twin: &Twin,
     presses: &[Vec<Press>],
@@ -77,7 +77,7 @@ pub fn record(
     Ok(Recording { untouched, baseline, frames, next_index: first_press + presses.len() as u64 * step })
 }
 
-/// The presses of a frame as a truth to score against.
+/// The presses of a frame as ground truth.
 pub fn truth(surface: &Surface, presses: &[Press]) -> Vec<Contact> {
     let contact = |(id, press): (usize, &Press)| {
         let normal = surface.normal(press.centre_m).unwrap_or([f64::NAN; 3]);

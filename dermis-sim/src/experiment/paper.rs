@@ -1,4 +1,4 @@
-//! The indentation experiment of the paper's section IV, and what goes beyond it.
+//! The indentation experiment of the paper's section IV, and extensions of it.
 
 use super::{PressSet, Presses, Recording, record};
 use crate::random::sample_rng;
@@ -11,54 +11,54 @@ use rand::RngExt;
 /// The random stream of the patches' phase; presses have low ones, twins the last ones.
 const PHASE_STREAM: u64 = 1 << 61;
 
-/// How many frames of each kind an experiment has.
+/// The number of frames of each kind in an experiment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sizes {
-    /// Every so manyth pixel of the grid is pressed.
+    /// Every n-th pixel of the grid is pressed.
     pub grid_step: usize,
-    /// Single presses at random places.
+    /// Number of single presses at random positions.
     pub random: usize,
     /// Distances of two touches, m.
     pub separations_m: Vec<f64>,
-    /// Pairs at each distance.
+    /// Number of pairs at each distance.
     pub pairs: usize,
-    /// Frames of four touches, each at least [`FOUR_APART_M`] from the others.
+    /// Number of frames of four touches, each at least [`FOUR_APART_M`] from the others.
     pub fours: usize,
 }
 
-/// Least distance of four touches from each other, m.
+/// Minimum distance of four touches from each other, m.
 pub const FOUR_APART_M: f64 = 0.06;
 
 impl Default for Sizes {
-    /// The whole grid, as many presses at random as the paper's grid has (900), 200 pairs at every 5 mm from 10 to 80 mm,
-    /// and 500 times four.
+    /// The whole grid, as many random presses as the paper's grid has (900), 200 pairs at every 5 mm from 10 to 80 mm,
+    /// and 500 sets of four.
     fn default() -> Self {
         let separations_m = (2..=16).map(|step| f64::from(step) * 0.005).collect();
         Sizes { grid_step: 1, random: 900, separations_m, pairs: 200, fours: 500 }
     }
 }
 
-/// The sets of one experiment, and the twins that they are pressed on.
+/// The sets of one experiment, and their twins.
 #[derive(Debug)]
 pub struct PaperExperiment {
     /// The twin.
     pub twin: Twin,
-    /// The same skin with its patches shifted by a random part of their pitch, for the presses at random places.
+    /// The same skin with its patches shifted by a random fraction of their pitch, for the presses at random positions.
     pub shifted: Twin,
     /// The presses.
     pub sets: Sets<PressSet>,
 }
 
-/// One of something for each set of presses.
+/// One value for each set of presses.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sets<T> {
-    /// Of single presses in the middles of the pixels.
+    /// For single presses at the pixel centres.
     pub grid: T,
-    /// Of single presses at random places, the patches shifted.
+    /// For single presses at random positions, with shifted patches.
     pub random: T,
-    /// Of two presses at once.
+    /// For two simultaneous presses.
     pub two: T,
-    /// Of four presses at once.
+    /// For four simultaneous presses.
     pub four: T,
 }
 
@@ -68,16 +68,16 @@ impl<T> Sets<T> {
         [&self.grid, &self.random, &self.two, &self.four].into_iter()
     }
 
-    /// What a function makes of each.
+    /// The results of a function for each of them.
     pub fn map<'a, U>(&'a self, mut function: impl FnMut(&'a T) -> U) -> Sets<U> {
         let Ok(sets) = self.try_map(|one| Ok::<U, std::convert::Infallible>(function(one)));
         sets
     }
 
-    /// What a function makes of each, in the order of time.
+    /// The results of a function for each of them, in the order of time.
     ///
     /// # Errors
-    /// Those of the function.
+    /// The errors of the function.
     pub fn try_map<'a, U, E>(&'a self, mut function: impl FnMut(&'a T) -> Result<U, E>) -> Result<Sets<U>, E> {
         let Sets { grid, random, two, four } = self;
         Ok(Sets { grid: function(grid)?, random: function(random)?, two: function(two)?, four: function(four)? })
@@ -85,7 +85,7 @@ impl<T> Sets<T> {
 }
 
 impl PaperExperiment {
-    /// Draws the twins and the presses; all of it depends on the seed alone.
+    /// Draws the twins and the presses; they depend only on the seed.
     ///
     /// # Errors
     /// As [`Twin::new`].

@@ -1,4 +1,4 @@
-//! The presses of experiments: places and forces.
+//! The presses of experiments: positions and forces.
 
 use crate::elementary::{ln, sin_cos};
 use crate::random::sample_rng;
@@ -12,10 +12,10 @@ use dermis::mesh::Mesh;
 use rand::{Rng, RngExt};
 use std::f64::consts::TAU;
 
-/// Each set of presses has random streams of its own, from its number and one times this on: the first ones are those of
+/// Each set of presses has its own random streams, from its number plus one times this on: the first ones are those of
 /// the frames' noise.
 const STREAMS_PER_SET: u64 = 1 << 32;
-/// Most draws of places that must fit together.
+/// Maximum number of draws for a set of compatible positions.
 const MOST_DRAWS: usize = 10_000;
 
 /// Presses of one kind, a list for each frame.
@@ -29,13 +29,13 @@ pub struct PressSet {
     pub separations_m: Vec<f64>,
 }
 
-/// Draws the presses of experiments on one skin: forces log-uniform and independent of the place, all of them dependent
-/// on the seed and their number alone.
+/// Draws the presses of experiments on one skin: forces are log-uniform and independent of the position; both depend
+/// only on the seed and their number.
 #[derive(Debug)]
 pub struct Presses<'a> {
     surface: Surface,
     pixels: &'a PixelSpace,
-    /// The design's own surface, to draw places from.
+    /// The design's own surface, to draw positions from.
     mesh: &'a Mesh,
     areas_up_to: Vec<f64>,
     design: &'a SkinDesign,
@@ -44,7 +44,7 @@ pub struct Presses<'a> {
 }
 
 impl<'a> Presses<'a> {
-    /// Presses on a design, whose mesh and pixels are given.
+    /// Presses on a design with a given mesh and pixels.
     pub fn new(
         design: &'a SkinDesign,
         mesh: &'a Mesh,
@@ -62,7 +62,7 @@ impl<'a> Presses<'a> {
         Presses { surface: design.body.surface(), pixels, mesh, areas_up_to, design, options, seed }
     }
 
-    /// One press in the middle of every `step`-th pixel; with 1 the paper's experiment.
+    /// One press at the centre of every `step`-th pixel; with 1 the paper's experiment.
     pub fn on_grid(&self, step: usize) -> PressSet {
         let press = |(number, &centre_m): (usize, &Point3)| vec![self.press(centre_m, &mut self.rng(0, number as u64))];
         PressSet {
@@ -72,7 +72,7 @@ impl<'a> Presses<'a> {
         }
     }
 
-    /// Single presses anywhere on the skin, rims and seam included.
+    /// Single presses at random positions on the skin, rims and seam included.
     pub fn at_random(&self, count: usize) -> PressSet {
         let press = |number| {
             let mut rng = self.rng(1, number);
@@ -81,8 +81,8 @@ impl<'a> Presses<'a> {
         PressSet { name: "random", presses: (0..count as u64).map(press).collect(), separations_m: vec![] }
     }
 
-    /// Two presses at once, `count` pairs at each separation (m along the surface); pairs that do not fit on the skin are
-    /// left out.
+    /// Two simultaneous presses, `count` pairs at each separation (m along the surface); pairs that do not fit on the
+    /// skin are omitted.
     pub fn in_pairs(&self, separations_m: &[f64], count: usize) -> PressSet {
         let mut set = PressSet { name: "two", presses: vec![], separations_m: vec![] };
         for (step, &separation_m) in separations_m.iter().enumerate() {
@@ -97,8 +97,7 @@ impl<'a> Presses<'a> {
         set
     }
 
-    /// Several presses at once, each at least a distance from every other; frames for which there is no room are left
-    /// out.
+    /// Several simultaneous presses with a minimum distance from each other; frames without enough space are omitted.
     pub fn apart(&self, touches: usize, least_m: f64, count: usize) -> PressSet {
         let frame = |number| {
             let mut rng = self.rng(3, number);
@@ -108,7 +107,7 @@ impl<'a> Presses<'a> {
         PressSet { name: "four", presses: (0..count as u64).filter_map(frame).collect(), separations_m: vec![] }
     }
 
-    /// Presses at some places anywhere on the skin, each with every force (N), one after the other.
+    /// Presses at some random positions on the skin, each with every force (N), one after the other.
     pub fn at_fixed_places(&self, places: usize, forces_n: &[f64]) -> PressSet {
         let at_place = |number| {
             let centre_m = self.place(&mut self.rng(4, number));
@@ -128,7 +127,7 @@ impl<'a> Presses<'a> {
         Press { centre_m, force_n, tip_radius_m: self.options.tip_radius_m }
     }
 
-    /// A place, uniform by area.
+    /// A position, uniform by area.
     fn place(&self, rng: &mut impl Rng) -> Point3 {
         if let Surface::Cylinder { radius_m, length_m } = self.surface {
             let (z_m, theta) = (rng.random::<f64>() * length_m, rng.random::<f64>() * TAU);
@@ -138,7 +137,8 @@ impl<'a> Presses<'a> {
         let whole = self.areas_up_to.last().copied().expect("a mesh has cells");
         let at = rng.random::<f64>() * whole;
         let cell = self.areas_up_to.partition_point(|&area| area <= at).min(self.areas_up_to.len() - 1);
-        // Exponentials over their sum are even in a simplex (Devroye, Non-Uniform Random Variate Generation, 1986, XI.2).
+        // Exponential deviates over their sum are uniform in a simplex (Devroye, Non-Uniform Random Variate Generation,
+        // 1986, XI.2).
         let corners = self.mesh.cells.corners(cell);
         let weights: Vec<f64> = corners.iter().map(|_| -ln(1.0 - rng.random::<f64>())).collect();
         let sum: f64 = weights.iter().sum();

@@ -105,6 +105,6 @@ fn the_baseline_is_ten_times_quieter_than_a_frame_and_a_press_is_seen() {
     let (baseline, untouched, touched) =
         (rms(&recording.baseline), rms(&recording.frames[0]), rms(&recording.frames[1]));
     println!("baseline {baseline:.2e}, untouched {untouched:.2e}, pressed {touched:.2e} ohm");
-    // The gain's and the settling's errors are in both alike; the noise falls with the root of a hundred.
+    // The errors of gain and settling are equal in both; the noise decreases with the square root of a hundred.
     assert!(baseline < 0.6 * untouched && touched > 2.0 * untouched);
 }

@@ -1,4 +1,4 @@
-//! Contact conductance between a patch and the coat as a function of the pressure.
+//! Contact conductance between a patch and the coating as a function of the pressure.
 
 use super::TwinError;
 use super::error::{check_between, check_positive};
@@ -6,12 +6,12 @@ use crate::elementary::powf;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Contact conductance per area between patch and coat as a function of the pressure.
+/// Contact conductance per area between patch and coating as a function of the pressure.
 ///
-/// `g(p) = c / (1 + c / g_max)` with `c = g_ref (p / p_ref)^n`: a power law that saturates. The exponent is 1/2 where
-/// one spot of contact grows elastically or plastically, and near 1 where pressing adds spots (Holm, Electric
-/// Contacts, 4th ed. 1967, DOI 10.1007/978-3-662-06688-1; Greenwood and Williamson, 1966,
-/// DOI 10.1098/rspa.1966.0242). It saturates when the fabric lies flat on the coat.
+/// `g(p) = c / (1 + c / g_max)` with `c = g_ref (p / p_ref)^n`: a power law with saturation. The exponent is 1/2 if one
+/// contact spot grows elastically or plastically, and near 1 if the number of spots grows with the pressure (Holm,
+/// Electric Contacts, 4th ed. 1967, DOI 10.1007/978-3-662-06688-1; Greenwood and Williamson, 1966, DOI
+/// 10.1098/rspa.1966.0242). It saturates when the fabric is in full contact with the coating.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ContactLaw {
@@ -23,13 +23,13 @@ pub struct ContactLaw {
     pub exponent: f64,
     /// `g_max`: conductance per area at full contact, S/m2.
     pub saturation_s_per_m2: f64,
-    /// Pressure that the foam exerts everywhere without any press, Pa; 0 where patches lie loose.
+    /// Pressure of the foam everywhere without a press, Pa; 0 if patches are loose.
     #[serde(default)]
     pub preload_pa: f64,
-    /// How much of the conductance at the highest pressure remains while the pressure falls: 0 for none, below 1. The contact
-    /// behaves as at `p (p_max / p)^hysteresis`, `p_max` the highest pressure since it closed. It acts while a press is released
-    /// or slides, as on an emulated device. The tip leaves the skin between the presses of an experiment and the samples of a
-    /// dataset: each of these begins without memory.
+    /// Hysteresis: the fraction of the conductance at the highest pressure that remains while the pressure decreases: 0
+    /// for none, below 1. The contact behaves as at `p (p_max / p)^hysteresis`, `p_max` the highest pressure since it
+    /// closed. It has an effect while a press is released or slides, as on an emulated device. The tip leaves the skin
+    /// between the presses of an experiment and the samples of a dataset, so each of these starts without history.
     #[serde(default)]
     pub hysteresis: f64,
 }
@@ -45,7 +45,7 @@ impl ContactLaw {
     }
 
     /// Conductance per area at a pressure after a higher one, S/m2. A pure function: `highest_pa` is the highest
-    /// pressure since the contact closed, the present one included; the caller keeps it.
+    /// pressure since the contact closed, the present one included; the caller stores it.
     pub(super) fn conductance_after_s_per_m2(&self, pressure_pa: f64, highest_pa: f64) -> f64 {
         if pressure_pa <= 0.0 || self.hysteresis == 0.0 {
             return self.conductance_s_per_m2(pressure_pa);
@@ -53,14 +53,14 @@ impl ContactLaw {
         self.conductance_s_per_m2(pressure_pa * powf(highest_pa.max(pressure_pa) / pressure_pa, self.hysteresis))
     }
 
-    /// The highest pressure to remember: it grows with the pressure, and is forgotten when the contact is back at the
-    /// preload.
+    /// The highest pressure for the next call: it increases with the pressure, and is reset when the contact is back at
+    /// the preload.
     pub(super) fn highest_pa(&self, pressure_pa: f64, highest_before_pa: f64) -> f64 {
         if pressure_pa <= self.preload_pa { pressure_pa } else { pressure_pa.max(highest_before_pa) }
     }
 
     /// # Errors
-    /// Values that no contact has.
+    /// Invalid values.
     pub(super) fn check(&self) -> Result<(), TwinError> {
         check_positive("conductance_s_per_m2", self.conductance_s_per_m2, "20 is a fabric pressed on a coat")?;
         check_positive("reference_pressure_pa", self.reference_pressure_pa, "10000 is the pressure of a finger")?;
@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn unloading_lies_above_loading_and_closes_the_loop() {
+    fn the_unloading_curve_is_above_the_loading_curve_and_closes_the_loop() {
         let (mut highest, mut loop_area) = (0.0, 0.0);
         let up: Vec<f64> = (0..=50).map(|k| f64::from(k) * 400.0).collect();
         let down: Vec<f64> = up.iter().rev().copied().collect();

@@ -9,21 +9,21 @@ use dermis::linalg::Matrix;
 use dermis::mesh::{Cells, Mesh};
 use std::collections::BTreeMap;
 
-/// A patch of which the body's edge leaves less than this share has no contact.
+/// A patch with less than this fraction of its area on the body has no contact.
 const SMALLEST_SHARE: f64 = 1e-4;
-/// A patch that fills its box within this is a rectangle.
+/// A patch that fills its bounding box within this tolerance is a rectangle.
 const WHOLE: f64 = 1e-9;
-/// A function of which the others leave less than this share of its square is one of them: rounding leaves 1e-16, and a
-/// second pass mends what the first loses above this.
+/// A function whose norm squared, after projection onto the complement of the others, is below this fraction is
+/// linearly dependent: rounding leaves 1e-16, and above this limit a second pass corrects the errors of the first.
 const LEAST_OWN: f64 = 1e-10;
-/// Points along each side of a patch at which the pressure is taken. With the patches of `lab` on `cylinder30`, 8 differ
-/// from 16 by 0.3 % of a press's change of the frame (0.7 % at worst), 5 by 0.7 % (1.9 %).
+/// Points along each side of a patch at which the pressure is evaluated. With the patches of `lab` on `cylinder30`, 8
+/// differ from 16 by 0.3 % of a press's change of the frame (0.7 % at worst), 5 by 0.7 % (1.9 %).
 const POINTS_PER_SIDE: usize = 8;
 
-/// Where the pressure on a patch is taken.
+/// The points of a patch at which the pressure is evaluated.
 #[derive(Debug, Clone)]
 pub(super) struct Cover {
-    /// Points of the chart with the areas they stand for, m2.
+    /// Points in the chart with their areas, m2.
     pub points: Vec<(Point2, f64)>,
     /// The functions' values, points x functions.
     pub values: Matrix,
@@ -49,7 +49,7 @@ impl Cover {
     }
 }
 
-/// A piece of a triangle of the mesh under a patch, in the chart of the patch.
+/// A part of a triangle of the mesh under a patch, in the chart of the patch.
 struct Piece {
     nodes: [usize; 3],
     triangle: [Point2; 3],
@@ -57,18 +57,18 @@ struct Piece {
 }
 
 impl Piece {
-    /// Points of the piece with the areas they stand for, m2.
+    /// Points of the part with their areas, m2.
     fn points(&self) -> [(Point2, f64); 7] {
         let area = polygon::signed_area(&self.part).abs();
         triangle_points(&self.part).map(|(point, weight)| (point, weight * area))
     }
 }
 
-/// For each patch the moments of the potential against polynomials up to a degree, orthonormal in the mean over the
-/// patch. The first is the mean. Patches without contact have no moments.
+/// For each patch the moments of the potential with polynomials up to a degree, orthonormal in the mean over the patch.
+/// The first is the mean. Patches without contact have no moments.
 ///
-/// The functions are products of Legendre polynomials on a rectangle; on a patch cut otherwise, what Gram and Schmidt
-/// make of them. Integrals of shape functions are taken piece by piece, exactly up to degree 4.
+/// The functions are products of Legendre polynomials on a rectangle; on a patch of another shape they are
+/// orthogonalised by Gram-Schmidt. Integrals of shape functions are computed part by part, exactly up to degree 4.
 pub(super) fn cover(
     grid: &PatchGrid,
     mesh: &Mesh,
@@ -96,7 +96,7 @@ pub(super) fn cover(
     Ok((PotentialMoments::new(moments), covers))
 }
 
-/// Adds the pieces of one triangle to the patches that it lies under.
+/// Adds the parts of one triangle to the patches above it.
 fn cut(grid: &PatchGrid, mesh: &Mesh, nodes: &[usize; 3], wanted: Option<&[bool]>, pieces: &mut [Vec<Piece>]) {
     let first = grid.chart(mesh.nodes[nodes[0]]);
     let corners = nodes.map(|node| {
@@ -162,7 +162,8 @@ impl Basis {
         basis
     }
 
-    /// Gram and Schmidt in the mean over the points, twice: once leaves rounding of the order of the condition.
+    /// Gram-Schmidt in the mean over the points, twice: after one pass the rounding error is of the order of the
+    /// condition number.
     fn orthonormalise(&mut self) {
         let count = self.combinations.rows;
         for _ in 0..2 {
@@ -175,7 +176,7 @@ impl Basis {
                 let overlaps: Vec<f64> = (0..k).map(|earlier| mean(k, earlier)).collect();
                 let own = mean(k, k);
                 let rest = own - overlaps.iter().map(|o| o * o).sum::<f64>();
-                // On a sliver the functions depend on each other to rounding: what is none of its own counts as zero.
+                // On a sliver the functions are linearly dependent up to rounding: dependent ones are set to zero.
                 let factor = if rest > LEAST_OWN * own { 1.0 / rest.sqrt() } else { 0.0 };
                 for column in 0..count {
                     let taken: f64 =

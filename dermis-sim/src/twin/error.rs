@@ -3,17 +3,17 @@
 use dermis::geom::Point3;
 use thiserror::Error;
 
-/// A twin that cannot be built, or a press that it cannot answer.
+/// A twin that cannot be built, or a press that it cannot simulate.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum TwinError {
-    /// A number that no twin can have.
+    /// A number that is invalid for a twin.
     #[error("`{field}` is {value}: it must be {must} ({fix})")]
     OutOfRange {
-        /// The field as it is written in the twin's file.
+        /// The field as written in the twin's file.
         field: &'static str,
-        /// The value it has.
+        /// Its value.
         value: f64,
-        /// The values it may have.
+        /// The allowed values.
         must: String,
         /// The fix.
         fix: String,
@@ -26,15 +26,15 @@ pub enum TwinError {
     PatchesMisfit {
         /// "rows" or "columns".
         count_field: &'static str,
-        /// How many there are.
+        /// Their number.
         count: usize,
         /// Distance from one to the next, m.
         pitch_m: f64,
-        /// What they take together, m.
+        /// Their total size, m.
         taken_m: f64,
-        /// What the body offers, m.
+        /// The available size on the body, m.
         size_m: f64,
-        /// How to mend it.
+        /// The fix.
         fix: String,
     },
     /// A body without rows and columns.
@@ -46,14 +46,14 @@ pub enum TwinError {
     /// A fault of an electrode that the skin does not have.
     #[error("`{field}` names electrode {electrode}, but the skin has electrodes 0 to {}", electrode_count - 1)]
     NoSuchElectrode {
-        /// The field as it is written in the twin's file.
+        /// The field as written in the twin's file.
         field: &'static str,
-        /// The electrode that it names.
+        /// The electrode.
         electrode: usize,
         /// Number of electrodes of the skin.
         electrode_count: usize,
     },
-    /// A cut through a body that has no chart to cut in.
+    /// A cut on a body without a chart.
     #[error("`faults.cuts` needs a cylinder, a disk or a rectangle, but the body is a mesh file (leave the cuts out)")]
     CutOnMesh,
     /// Displaced electrodes that are parts of a mesh file.
@@ -65,12 +65,12 @@ pub enum TwinError {
     /// A press that does not touch the skin.
     #[error("a press at {centre_m:?} m is not on the skin, {skin}")]
     OffTheSkin {
-        /// Where it is.
+        /// The position of the press.
         centre_m: Point3,
-        /// Where the skin is.
+        /// The position of the skin.
         skin: String,
     },
-    /// A tip that sinks through the foam.
+    /// A tip whose indentation exceeds the foam thickness.
     #[error(
         "a force of {force_n} N on a tip of radius {tip_radius_m} m sinks {depth_mm:.2} mm into foam of \
          {thickness_mm} mm (press less, with a larger tip, or through thicker or stiffer foam: `foam.thickness_m`, \
@@ -81,7 +81,7 @@ pub enum TwinError {
         force_n: f64,
         /// Radius of the tip, m.
         tip_radius_m: f64,
-        /// How deep it would sink, mm.
+        /// The indentation depth, mm.
         depth_mm: f64,
         /// Thickness of the foam, mm.
         thickness_mm: f64,
@@ -89,7 +89,7 @@ pub enum TwinError {
 }
 
 impl TwinError {
-    /// The field at fault as it is written in the twin's file, where one field is.
+    /// The wrong field as written in the twin's file, if the error is in one field.
     pub fn field(&self) -> Option<&'static str> {
         match self {
             TwinError::OutOfRange { field, .. } | TwinError::NoSuchElectrode { field, .. } => Some(field),

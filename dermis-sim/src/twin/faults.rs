@@ -14,36 +14,36 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FaultOptions {
-    /// Electrodes that have come off the coat, by number.
+    /// Electrodes that are detached from the coating, by number.
     pub dead_electrodes: Vec<usize>,
-    /// Electrodes that hardly touch it, by number.
+    /// Electrodes with loose contact, by number.
     pub loose_electrodes: Vec<usize>,
-    /// Contact impedance of a loose electrode over that of a sound one.
+    /// Contact impedance of a loose electrode over that of a good one.
     pub loose_factor: f64,
-    /// Electrodes whose wire is torn, by number. They still lie on the coat.
+    /// Electrodes with a broken wire, by number. They are still on the coating.
     pub torn_wires: Vec<usize>,
-    /// Cuts through the coat.
+    /// Cuts through the coating.
     pub cuts: Vec<CutOptions>,
 }
 
-/// A straight cut through the coat, as thin as the cells of the mesh allow.
+/// A straight cut through the coating, as thin as the cells of the mesh allow.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CutOptions {
-    /// Where it begins, m: (z, s = radius * theta) on a cylinder, (x, y) on a flat skin.
+    /// Start point, m: (z, s = radius * theta) on a cylinder, (x, y) on a flat skin.
     pub from_m: [f64; 2],
-    /// Where it ends, m.
+    /// End point, m.
     pub to_m: [f64; 2],
 }
 
-/// Contact impedance of an electrode that has come off, over that of one on the coat: of the order of 40 Mohm for a disc
-/// of 4 mm, the insulation of dry air and board between them.
+/// Contact impedance of a detached electrode over that of one on the coating: about 40 Mohm for a disc of 4 mm, the
+/// insulation of dry air and board between them.
 const DEAD_FACTOR: f64 = 1e8;
 
-/// Insulation across a torn wire, ohm.
+/// Insulation resistance of a broken wire, ohm.
 const TORN_OHM: f64 = 1e8;
 
-/// What a cut leaves of the coat's conductance in the cells that it crosses.
+/// Remaining fraction of the coating's conductance in the cells of a cut.
 const CUT_SHARE: f64 = 1e-6;
 
 impl FaultOptions {
@@ -104,12 +104,12 @@ impl FaultOptions {
         }
     }
 
-    /// What stands in series with an electrode, ohm.
+    /// The series resistance of an electrode, ohm.
     pub(super) fn series_ohm(&self, electrode: usize) -> f64 {
         if self.torn_wires.contains(&electrode) { TORN_OHM } else { 0.0 }
     }
 
-    /// Cuts the coat: what is left of the conductance of each cell.
+    /// Cuts the coating: reduces the conductance of each cell on the cut.
     pub(super) fn cut(&self, surface: Surface, mesh: &Mesh, conductivity: &mut [f64]) {
         let Cells::Triangles(triangles) = &mesh.cells else { return };
         for cut in &self.cuts {
@@ -126,7 +126,7 @@ impl CutOptions {
     /// Whether the cut crosses a triangle, in the chart of the surface.
     fn crosses(&self, surface: Surface, corners: [dermis::geom::Point3; 3]) -> bool {
         let Surface::Cylinder { radius_m, .. } = surface else {
-            return segment_meets([self.from_m, self.to_m], corners.map(|[x, y, _]| [x, y]));
+            return segment_intersects([self.from_m, self.to_m], corners.map(|[x, y, _]| [x, y]));
         };
         let theta = |corner: dermis::geom::Point3| atan2(corner[1], corner[0]);
         let first = theta(corners[0]);
@@ -136,13 +136,13 @@ impl CutOptions {
         let high = ((self.from_m[1].max(self.to_m[1]) + round_m) / round_m).ceil() as i64;
         (low..=high).any(|turn| {
             let shifted = [self.from_m, self.to_m].map(|[z, s]| [z, s - turn as f64 * round_m]);
-            segment_meets(shifted, unrolled)
+            segment_intersects(shifted, unrolled)
         })
     }
 }
 
 /// Whether a segment has a point in common with a triangle.
-fn segment_meets(segment: [Point2; 2], triangle: [Point2; 3]) -> bool {
+fn segment_intersects(segment: [Point2; 2], triangle: [Point2; 3]) -> bool {
     let inside = |p: Point2| {
         let sides = [0, 1, 2].map(|i| turn(triangle[i], triangle[(i + 1) % 3], p));
         sides.iter().all(|&side| side >= 0.0) || sides.iter().all(|&side| side <= 0.0)

@@ -2,8 +2,8 @@
 //!
 //! White noise on a regular grid, smoothed by a Gaussian kernel (process convolution: Higdon, 2002, DOI
 //! 10.1007/978-1-4471-0657-9_2): with the kernel `exp(-d^2 / l^2)` the covariance at a distance `d` is
-//! `exp(-d^2 / (2 l^2))`. Distances run along the surface, round the seam of a cylinder; on a body known only by its mesh
-//! they run straight through space.
+//! `exp(-d^2 / (2 l^2))`. Distances are along the surface, across the seam of a cylinder; on a body known only by its
+//! mesh they are straight-line distances in space.
 
 use crate::elementary::exp;
 use crate::random::standard_normal;
@@ -12,12 +12,12 @@ use dermis::geom::{Point3, Surface};
 use dermis::mesh::Mesh;
 use rand_chacha::ChaCha8Rng;
 
-/// Grid points to a correlation length: at two the grid shows in the covariance by 3e-9 of it
+/// Grid points per correlation length: with two, the effect of the grid on the covariance is 3e-9
 /// (`exp(-2 pi^2 (l / 2h)^2)`, Poisson's summation formula).
 const POINTS_PER_LENGTH: f64 = 2.0;
-/// Correlation lengths beyond which the kernel is dropped: `exp(-3.3^2) = 2e-5`.
+/// Correlation lengths beyond which the kernel is truncated: `exp(-3.3^2) = 2e-5`.
 const REACH_LENGTHS: f64 = 3.3;
-/// Most grid points: more are a correlation length far below any mesh.
+/// Maximum number of grid points: more mean a correlation length far below the cell size of any mesh.
 const MOST_POINTS: f64 = 2e7;
 
 /// A Gaussian field of mean 0 and variance 1.
@@ -39,7 +39,7 @@ struct Axis {
 }
 
 impl CorrelatedField {
-    /// A field over the nodes of a mesh; `None` where the correlation length is too short for it.
+    /// A field over the nodes of a mesh; `None` if the correlation length is too short for it.
     pub fn new(surface: Surface, mesh: &Mesh, length_m: f64, rng: &mut ChaCha8Rng) -> Option<Self> {
         let (axes, count) = axes_over(surface, mesh, length_m)?;
         let noise = (0..count).map(|_| standard_normal(rng)).collect();
@@ -54,7 +54,7 @@ impl CorrelatedField {
         self.sum(&weights, 0)
     }
 
-    /// The weighted sum over the axes from the given one on, at a place of the grid along those before.
+    /// The weighted sum over the axes from the given one on, at a grid index along the axes before.
     fn sum(&self, weights: &[Vec<(usize, f64)>], before: usize) -> f64 {
         let Some((first, rest)) = weights.split_first() else { return self.noise[before] };
         let count = self.axes[self.axes.len() - weights.len()].count;
@@ -81,21 +81,21 @@ fn axes_over(surface: Surface, mesh: &Mesh, length_m: f64) -> Option<(Vec<Axis>,
     (points <= MOST_POINTS).then_some((axes, points as usize))
 }
 
-/// The same points of many fields: what a field is at each of them, as weights of its noise, computed once.
+/// Precomputed noise weights for evaluating many fields at the same points.
 ///
-/// [`draw`](Self::draw) gives what [`CorrelatedField::at`] gives for the same random numbers, to rounding.
+/// [`draw`](Self::draw) gives the values of [`CorrelatedField::at`] for the same random numbers, up to rounding.
 #[derive(Debug, Clone)]
 pub struct FieldPlaces {
     noise_count: usize,
     /// For each point its runs of weights.
     runs_of_point: Vec<std::ops::Range<usize>>,
-    /// Where a run begins in the noise and in the weights of the last axis, its length, and the weight of all of it.
+    /// The start of a run in the noise and in the weights of the last axis, its length, and its weight.
     runs: Vec<(usize, usize, usize, f64)>,
     last_weights: Vec<f64>,
 }
 
 impl FieldPlaces {
-    /// The places of some points, for fields over the nodes of a mesh; `None` where the correlation length is too short.
+    /// The weights of some points, for fields over the nodes of a mesh; `None` if the correlation length is too short.
     pub fn new(surface: Surface, mesh: &Mesh, length_m: f64, points: &[Point3]) -> Option<Self> {
         let (axes, noise_count) = axes_over(surface, mesh, length_m)?;
         let (last, before) = axes.split_last()?;
@@ -103,7 +103,7 @@ impl FieldPlaces {
             FieldPlaces { noise_count, runs_of_point: Vec::new(), runs: Vec::new(), last_weights: Vec::new() };
         for &point in points {
             let place = Unrolled::of(&surface).place(point);
-            // The last axis is never closed, so that its points follow each other.
+            // The last axis is never periodic, so that its points are contiguous.
             let along = last.weights(place[before.len()], length_m);
             let (first, start) = (along.first()?.0, places.last_weights.len());
             places.last_weights.extend(along.iter().map(|entry| entry.1));
@@ -138,7 +138,7 @@ impl FieldPlaces {
     }
 }
 
-/// A scalar product in four sums, which run side by side.
+/// A scalar product in four independent sums.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [0.0; 4];
     let (a_fours, b_fours) = (a.chunks_exact(4), b.chunks_exact(4));
@@ -163,7 +163,7 @@ impl Axis {
         Axis { first_m, step_m, count: count as usize, period_m: None }
     }
 
-    /// The grid points within reach of a place with their weights, whose squares add up to 1.
+    /// The grid points within the kernel radius of a position, with their weights, whose squares sum to 1.
     fn weights(&self, place_m: f64, length_m: f64) -> Vec<(usize, f64)> {
         let reach_m = REACH_LENGTHS * length_m;
         let first = ((place_m - reach_m - self.first_m) / self.step_m).ceil() as i64;
@@ -178,7 +178,7 @@ impl Axis {
                 }
                 continue;
             }
-            // Several turns of a short period meet in one point.
+            // Several periods of a short axis coincide in one point.
             let index = index.rem_euclid(self.count as i64) as usize;
             match weights.iter_mut().find(|entry| entry.0 == index) {
                 Some(entry) => entry.1 += weight,

@@ -1,4 +1,4 @@
-//! Differences between skins of one design: uneven coats, displaced electrodes, contact impedances, drift.
+//! Differences between skins of one design: non-uniform coatings, displaced electrodes, contact impedances, drift.
 
 use super::TwinError;
 use super::electronics::{not_negative, out_of_range, positive};
@@ -19,7 +19,7 @@ const PLACE_STREAM: u64 = u64::MAX - 2;
 const CONTACT_STREAM: u64 = u64::MAX - 3;
 const DRIFT_STREAM: u64 = u64::MAX - 4;
 
-/// The coat as it was sprayed: log-normal about the design's conductance.
+/// Non-uniformity of the coating: log-normal about the design's conductance.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CoatOptions {
@@ -29,22 +29,22 @@ pub struct CoatOptions {
     pub correlation_m: f64,
 }
 
-/// The electrodes as they were placed.
+/// Placement errors of the electrodes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ElectrodeOptions {
-    /// Root mean square of their distances from their places, m. On a rim they move along it alone.
+    /// Root mean square of their displacements, m. On a rim they are displaced only along it.
     pub displacement_rms_m: f64,
     /// Standard deviation of the contact impedance over the design's, log-normal.
     pub contact_impedance_rms: f64,
 }
 
-/// What changes while frames are taken: `1 + a (1 - exp(-t / tau))`, with an amplitude `a` drawn once for the coat and once
-/// for each contact.
+/// Drift during a recording: `1 + a (1 - exp(-t / tau))`, with an amplitude `a` drawn once for the coating and once for
+/// each contact.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DriftOptions {
-    /// Standard deviation of the coat's amplitude, relative to its conductance.
+    /// Standard deviation of the coating's amplitude, relative to its conductance.
     pub conductance_rms: f64,
     /// Standard deviation of a contact's amplitude, relative to its impedance.
     pub contact_rms: f64,
@@ -56,11 +56,11 @@ pub struct DriftOptions {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TemperatureOptions {
-    /// Relative change of the coat's conductance for each kelvin, 1/K.
+    /// Relative change of the coating's conductance per kelvin, 1/K.
     pub coefficient_per_k: f64,
-    /// Temperature at the first frame above that at which the design's conductance holds, K.
+    /// Temperature at the first frame minus that of the design's conductance, K.
     pub change_k: f64,
-    /// Warming from then on, K/s.
+    /// Heating rate, K/s.
     pub rate_k_per_s: f64,
 }
 
@@ -70,11 +70,11 @@ impl CoatOptions {
         positive("coat.correlation_m", self.correlation_m)
     }
 
-    /// The factor of the coat's conductance in each cell: `exp(q g - q^2 / 2)` of a unit field `g`, with
+    /// The factor of the coating's conductance in each cell: `exp(q g - q^2 / 2)` of a unit field `g`, with
     /// `q^2 = ln(1 + rms^2)`, so that its mean is 1 and its standard deviation `rms`.
     ///
     /// # Errors
-    /// A correlation length far below any mesh.
+    /// A correlation length far below the cell size of any mesh.
     pub(super) fn draw(&self, surface: Surface, mesh: &Mesh, seed: u64) -> Result<Vec<f64>, TwinError> {
         if self.rms == 0.0 {
             return Ok(vec![1.0; mesh.cell_count()]);
@@ -98,10 +98,10 @@ impl ElectrodeOptions {
         share("electrodes.contact_impedance_rms", self.contact_impedance_rms)
     }
 
-    /// The design with its electrodes where they came to lie, and the contacts that they have there.
+    /// The design with its displaced electrodes and their contact impedances.
     ///
     /// # Errors
-    /// Electrodes that are groups of a mesh file, which cannot be moved; electrodes that came to overlap.
+    /// Electrodes that are groups of a mesh file, which cannot be moved; electrodes that overlap after displacement.
     pub(crate) fn draw(&self, design: &SkinDesign, seed: u64) -> crate::Result<SkinDesign> {
         let (mut places, mut contacts) = (sample_rng(seed, PLACE_STREAM), sample_rng(seed, CONTACT_STREAM));
         let mut drawn = design.clone();
@@ -120,9 +120,9 @@ impl ElectrodeOptions {
     }
 }
 
-/// Where an electrode lies after a step whose components each have the wanted root mean square, m.
+/// The position of an electrode after a step whose components each have the given root mean square, m.
 fn displaced(body: &Body, electrode: &Electrode, step_m: [f64; 3]) -> Point3 {
-    // Two components share the distance; along a rim one has all of it.
+    // The distance has two components; along a rim only one.
     let [x, y, z] = electrode.centre_m;
     let half = step_m.map(|s| s * 0.5f64.sqrt());
     let surface = Unrolled::of(&body.surface());
@@ -154,15 +154,15 @@ fn displaced(body: &Body, electrode: &Electrode, step_m: [f64; 3]) -> Point3 {
             };
             [(x + dx).clamp(0.0, width_m), (y + dy).clamp(0.0, height_m), 0.0]
         }
-        // Brought back onto the body when its mesh is made, which takes off the component across it.
+        // Moved back onto the body when its mesh is generated, which removes the component across it.
         Body::Mesh { .. } => [x + half[0], y + half[1], z + half[2]],
     }
 }
 
-/// How a skin's conductance and contacts change with time.
+/// The change of a skin's conductance and contacts with time.
 ///
-/// The coat, the fabric and the mean contact change together, which divides the transfer impedance by one factor; what a
-/// contact adds to that stands in series with its electrode.
+/// The coating, the fabric and the mean contact change together, which divides the transfer impedance by one factor;
+/// the additional change of a contact is in series with its electrode.
 #[derive(Debug, Clone)]
 pub(super) struct Drift {
     options: Option<DriftOptions>,
@@ -173,7 +173,7 @@ pub(super) struct Drift {
 }
 
 impl Drift {
-    /// The drift of a skin whose contacts have the given resistances, ohm.
+    /// The drift of a skin with the given contact resistances, ohm.
     pub fn draw(
         options: Option<DriftOptions>,
         temperature: Option<TemperatureOptions>,
@@ -187,14 +187,14 @@ impl Drift {
         Drift { options, temperature, conductance, contact_ohm }
     }
 
-    /// The network as it has become at a time.
+    /// The network at a time.
     pub fn at(&self, network: ElectrodeNetwork, time_s: f64) -> Result<ElectrodeNetwork, ForwardError> {
         if self.options.is_none() && self.temperature.is_none() {
             return Ok(network);
         }
         let grown = self.options.map_or(0.0, |drift| -exp_m1(-time_s / drift.time_constant_s));
         let warmth = self.temperature.map_or(0.0, |t| t.coefficient_per_k * (t.change_k + t.rate_k_per_s * time_s));
-        // A linear law can fall below zero; a conductance cannot.
+        // A linear law can become negative; a conductance cannot.
         let factor = ((1.0 + self.conductance * grown) * (1.0 + warmth)).max(1e-3);
         let series: Vec<f64> = self.contact_ohm.iter().map(|ohm| ohm * grown).collect();
         network.scaled(factor).with_series(&series)

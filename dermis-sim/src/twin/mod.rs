@@ -1,10 +1,9 @@
 //! Digital twins: simulated skins with realistic touches, imperfections and electronics.
 //!
-//! The paper's skin is a conductive coat under a grid of highly conductive fabric patches and a layer of foam. A press
-//! spreads through the foam and joins some patches to the coat; current then takes the way through the patch, which is
-//! one equipotential whose net current is zero. From this follow what the Gaussian touches of [`touch`](crate::touch)
-//! do not show: steps of a patch's size, saturation, and touches that do not add up.
-//!
+//! The paper's skin is a conductive coating under a grid of highly conductive fabric patches and a layer of foam. A
+//! press spreads through the foam and brings some patches into contact with the coating; current then flows through the
+//! patch, which is one equipotential with zero net current. This gives effects that the Gaussian touches of
+//! [`touch`](crate::touch) do not have: steps of a patch's size, saturation, and touches that do not add up.
 //! ```
 //! use dermis::design::SkinDesign;
 //! use dermis_sim::twin::{Press, Twin, TwinOptions};

@@ -11,25 +11,25 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::sync::Arc;
 
-/// A digital twin: the effect of a press, the imperfections and faults of the skin, and the instrument. Units are SI, as in the
-/// names. An imperfection whose table is left out is absent.
+/// A digital twin: the effect of a press, the imperfections and faults of the skin, and the instrument. Units are SI,
+/// as in the names. A missing table means that the imperfection is absent.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(title = "Dermis twin")]
 pub struct TwinOptions {
     /// Name for tables and summaries.
     pub name: String,
-    /// Edges of the twin's mesh over those of the design's, which reconstructs.
+    /// Edge length of the twin's mesh over that of the design's mesh, which is used for reconstruction.
     pub mesh_scale: f64,
     /// Effect of a press on the skin.
     pub touch: TouchOptions,
     /// The presses of an experiment.
     pub press: PressOptions,
-    /// The coat as it was sprayed.
+    /// Non-uniformity of the coating.
     pub coat: CoatOptions,
-    /// The electrodes as they were placed.
+    /// Placement errors of the electrodes.
     pub electrodes: ElectrodeOptions,
-    /// What changes while frames are taken.
+    /// Drift during a recording.
     pub drift: Option<DriftOptions>,
     /// Temperature of the skin.
     pub temperature: Option<TemperatureOptions>,
@@ -54,9 +54,9 @@ pub(super) struct Source {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum TouchOptions {
-    /// The paper's training touch: a Gaussian change of the coat's conductance.
+    /// The paper's training touch: a Gaussian change of the coating's conductance.
     Gaussian(GaussianOptions),
-    /// What the paper's skin does: fabric patches that foam presses onto the coat.
+    /// The paper's skin: fabric patches that foam presses onto the coating.
     Patches(PatchOptions),
 }
 
@@ -64,7 +64,7 @@ pub enum TouchOptions {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct GaussianOptions {
-    /// Relative change of conductance in the middle of a press for each newton, 1/N.
+    /// Relative change of conductance in the centre of a press per newton, 1/N.
     pub amplitude_per_n: f64,
     /// Standard deviation along the surface, m.
     pub width_m: f64,
@@ -74,24 +74,25 @@ pub struct GaussianOptions {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PressOptions {
-    /// Least force, N; forces are log-uniform and independent of the place.
+    /// Minimum force, N; forces are log-uniform and independent of the position.
     pub least_force_n: f64,
-    /// Greatest force, N.
+    /// Maximum force, N.
     pub greatest_force_n: f64,
     /// Radius of the spherical tip, m.
     pub tip_radius_m: f64,
-    /// From one press to the next, s; at least one frame.
+    /// Interval between presses, s; at least one frame.
     pub interval_s: f64,
 }
 
 impl TwinOptions {
-    /// Names of the twins that are shipped.
+    /// Names of the shipped twins.
     pub const SHIPPED: [&str; 3] = shipped::NAMES;
 
-    /// A twin by name (see [`SHIPPED`](Self::SHIPPED)) or by the path of its TOML file. A file of that name comes first.
+    /// A twin by name (see [`SHIPPED`](Self::SHIPPED)) or by the path of its TOML file. A file of that name has
+    /// priority.
     ///
     /// # Errors
-    /// No such file or name; whatever [`parse`](Self::parse) refuses.
+    /// No such file or name; the errors of [`parse`](Self::parse).
     pub fn load(name_or_path: &str) -> Result<Self, DesignError> {
         if let (false, Some(twin)) = (Path::new(name_or_path).is_file(), Self::shipped(name_or_path)) {
             return Ok(twin);
@@ -106,21 +107,21 @@ impl TwinOptions {
         Self::parse(&text, name_or_path)
     }
 
-    /// A shipped twin; `None` where there is none of that name.
+    /// A shipped twin; `None` if there is none of that name.
     pub fn shipped(name: &str) -> Option<Self> {
         let text = shipped::text(name)?;
         Some(Self::parse(text, name).expect("shipped twins are valid: a test reads each"))
     }
 
-    /// The text of a shipped twin; `None` where there is none of that name.
+    /// The text of a shipped twin; `None` if there is none of that name.
     pub fn shipped_text(name: &str) -> Option<&'static str> {
         shipped::text(name)
     }
 
-    /// A twin from the text of its TOML file; errors name the file `name`.
+    /// A twin from the text of its TOML file; errors contain the file name `name`.
     ///
     /// # Errors
-    /// A text that is not TOML; unknown, missing or mistyped keys; values that no twin has. The error names the line.
+    /// A text that is not TOML; unknown, missing or mistyped keys; invalid values. The error contains the line.
     pub fn parse(text: &str, name: &str) -> Result<Self, DesignError> {
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         let source = Source { name: name.to_string(), text: text.to_string() };
@@ -133,10 +134,10 @@ impl TwinOptions {
         Ok(twin)
     }
 
-    /// Refuses values that no twin has, whatever the skin.
+    /// Refuses values that are invalid for any skin.
     ///
     /// # Errors
-    /// The field at fault, its value and the fix.
+    /// The wrong field, its value and the fix.
     pub fn check(&self) -> Result<(), TwinError> {
         if !(0.05..=4.0).contains(&self.mesh_scale) {
             let fix = "0.6 makes edges that much shorter than the design's";
@@ -155,10 +156,10 @@ impl TwinOptions {
         self.electronics.check_ranges()
     }
 
-    /// This twin as it can be made of a design: fabric patches need a body with rows and columns and raise the coat's
-    /// conductance. On any other body, and on a skin whose conductance falls where it is touched (a membrane that is
-    /// stretched), a press is a Gaussian change of 8 mm instead: a rise of 0.5 a newton as in `ideal`, or a fall of 0.1 a
-    /// newton, of which 5 N leave half of the conductance. The name of the twin then ends in `without patches`.
+    /// This twin adapted to a design: fabric patches need a body with rows and columns and raise the coating's
+    /// conductance. On any other body, and on a skin whose conductance decreases when touched (a stretched membrane), a
+    /// press is a Gaussian change of 8 mm instead: a rise of 0.5 per newton as in `ideal`, or a decrease of 0.1 per
+    /// newton, so that half of the conductance remains at 5 N. The name of the twin then ends in `without patches`.
     #[must_use]
     pub fn made_of(mut self, design: &SkinDesign) -> Self {
         let charted = !matches!(design.body, Body::Mesh { .. });
@@ -171,7 +172,7 @@ impl TwinOptions {
         self
     }
 
-    /// An error of this twin with its place in the file, where it was read from one.
+    /// An error of this twin with its place in the file, if it was read from one.
     pub(super) fn locate(&self, error: TwinError) -> crate::Error {
         match &self.source {
             Some(source) => source.locate(error).into(),
@@ -205,7 +206,7 @@ impl PressOptions {
         Ok(())
     }
 
-    /// The force at a share of the range, from 0 to 1: log-uniform for a uniform share.
+    /// The force at a fraction of the range, from 0 to 1: log-uniform for a uniform fraction.
     pub fn force_n(&self, share: f64) -> f64 {
         self.least_force_n * powf(self.greatest_force_n / self.least_force_n, share)
     }
@@ -228,11 +229,11 @@ impl Source {
     }
 }
 
-/// Where fields may stand that name themselves without their tables.
+/// The possible parent tables of fields that are named without their tables.
 const TABLES: [&str; 4] = ["", "touch.patches.", "touch.patches.foam.", "touch.patches.contact."];
 
 impl Source {
-    /// The bytes of a field's value, or of the innermost table on the way to it that is there.
+    /// The byte range of a field's value, or of the innermost existing table on the way to it.
     fn span_of(&self, field: &str) -> Option<std::ops::Range<usize>> {
         let document = toml::de::DeTable::parse(&self.text).ok()?;
         let found = TABLES.map(|table| deepest(document.get_ref(), &format!("{table}{field}")));
@@ -241,7 +242,7 @@ impl Source {
     }
 }
 
-/// The place of the innermost part of a path that is there, and whether it is the whole path.
+/// The place of the innermost existing part of a path, and whether it is the whole path.
 fn deepest(document: &toml::de::DeTable<'_>, path: &str) -> (Option<std::ops::Range<usize>>, bool) {
     let (mut table, mut span) = (document, None);
     for key in path.split('.') {

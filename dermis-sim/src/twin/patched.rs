@@ -1,4 +1,4 @@
-//! A skin under its patches: presses in, the electrodes' network out.
+//! A skin under its patches: from presses to the network between the electrodes.
 
 use super::contact_law::ContactLaw;
 use super::coverage::{Cover, cover};
@@ -13,19 +13,19 @@ use dermis::geom::Point2;
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// Degree of the polynomials in which the potential under a patch is described. With the patches of `lab` on
-/// `cylinder30`, degree 3 (10 moments a patch) is off by 1.5 % of a press's change of the frame, degree 2 by 1.6 % but
-/// 11 % at worst. (Sites of even potential converge with second order only.)
+/// Degree of the polynomials for the potential under a patch. With the patches of `lab` on `cylinder30`, degree 3 (10
+/// moments per patch) has an error of 1.5 % of a press's change of the frame, degree 2 of 1.6 % but 11 % at worst.
+/// (Sites of constant potential converge only with second order.)
 pub const MOMENT_DEGREE: usize = 3;
 
-/// Contacts below this share of the sheet's conductance are none: what they change is below rounding.
+/// Contacts below this fraction of the sheet's conductance are ignored: their effect is below rounding.
 const LEAST_SHARE: f64 = 1e-12;
 
 /// A skin under a grid of patches and a layer of foam.
 ///
-/// Each patch is a floating equipotential; a press joins it to the coat with a conductance per area that follows from
-/// the pressure ([`ContactLaw`], [`Footprint`]), integrated over the patch against the moments of the potential below it. Everything that does not depend on the
-/// presses is computed once.
+/// Each patch is a floating equipotential; a press connects it to the coating with a conductance per area that follows
+/// from the pressure ([`ContactLaw`], [`Footprint`]), integrated over the patch with the moments of the potential below
+/// it. Everything that does not depend on the presses is computed once.
 #[derive(Debug)]
 pub struct PatchedSkin {
     grid: PatchGrid,
@@ -34,13 +34,13 @@ pub struct PatchedSkin {
     conductors: FloatingConductors,
     covers: Vec<Option<Cover>>,
     at_rest: Vec<ConductorContact>,
-    /// Mean conductance of the coat, S.
+    /// Mean conductance of the coating, S.
     coat_s: f64,
     least_s: f64,
 }
 
-/// What contacts with [hysteresis](ContactLaw::hysteresis) remember of the presses before: the highest pressure at each place
-/// since the contact closed there. The default is the untouched skin. It stays empty without hysteresis.
+/// The history of contacts with [hysteresis](ContactLaw::hysteresis): the highest pressure at each point since the
+/// contact closed there. The default is the untouched skin. It stays empty without hysteresis.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ContactHistory {
     /// By patch and point of the patch, Pa.
@@ -54,10 +54,10 @@ struct Load {
 }
 
 impl PatchedSkin {
-    /// The skin of a forward model on a body, with the coat's conductance per cell, S.
+    /// The skin of a forward model on a body, with the coating's conductance per cell, S.
     ///
     /// # Errors
-    /// Patches that do not fit the body; a body or mesh without a chart; a conductance that no coat has.
+    /// Patches that do not fit the body; a body or mesh without a chart; an invalid conductance of the coating.
     pub fn new(options: &PatchOptions, body: &Body, model: &ForwardModel, conductivity: &[f64]) -> crate::Result<Self> {
         Self::with_degree(options, body, model, conductivity, MOMENT_DEGREE)
     }
@@ -77,8 +77,8 @@ impl PatchedSkin {
         Self::of_patches(options, grid, model, conductivity, degree, None)
     }
 
-    /// The skin with only those patches that some presses reach, for the few presses on a skin of which there are many:
-    /// it answers these presses as the whole skin does, by [`network_once`](Self::network_once).
+    /// The skin with only those patches that some presses reach, for the case of many skins with few presses each: for
+    /// these presses [`network_once`](Self::network_once) gives the same result as on the whole skin.
     ///
     /// # Errors
     /// As [`new`](Self::new) and [`network`](Self::network).
@@ -90,7 +90,7 @@ impl PatchedSkin {
         presses: &[Press],
     ) -> crate::Result<Self> {
         let grid = options.on_body(body)?;
-        // A preload keeps all patches in contact.
+        // With a preload all patches are in contact.
         let wanted = match options.contact.preload_pa > 0.0 {
             true => None,
             false => {
@@ -142,23 +142,23 @@ impl PatchedSkin {
         &self.conductors
     }
 
-    /// The contacts that the preload makes; none where patches lie loose.
+    /// The contacts due to the preload; none if patches are loose.
     pub fn contacts_at_rest(&self) -> &[ConductorContact] {
         &self.at_rest
     }
 
-    /// The network between the electrodes while some presses last; the presses' pressures add up.
+    /// The network between the electrodes during some presses; the presses' pressures add up.
     ///
-    /// The Green's functions of a patch are computed when it is first touched; [`prepare`](FloatingConductors::prepare) computes
-    /// all at once.
+    /// The Green's functions of a patch are computed when it is first touched; [`prepare`](FloatingConductors::prepare)
+    /// computes all of them.
     ///
     /// # Errors
-    /// A press that the skin cannot feel: see [`Footprint::new`].
+    /// An invalid press: see [`Footprint::new`].
     pub fn network(&self, presses: &[Press]) -> crate::Result<ElectrodeNetwork> {
         Ok(self.conductors.network(&self.contacts(presses)?)?)
     }
 
-    /// [`network`](Self::network) without a table of Green's functions, for a skin that is touched a few times only.
+    /// [`network`](Self::network) without a table of Green's functions, for a skin that is touched only a few times.
     ///
     /// # Errors
     /// As [`network`](Self::network).
@@ -166,8 +166,8 @@ impl PatchedSkin {
         Ok(self.conductors.network_once(&self.contacts(presses)?)?)
     }
 
-    /// The network between the electrodes while some presses last that follow others, of which contacts with hysteresis
-    /// remember the highest pressure. `history` is brought up to date.
+    /// The network between the electrodes during some presses that follow others, for contacts with hysteresis, which
+    /// depend on the highest pressure. `history` is updated.
     ///
     /// # Errors
     /// As [`network`](Self::network).
@@ -204,10 +204,10 @@ impl PatchedSkin {
         Ok(contacts)
     }
 
-    /// The true strength of some presses together: the relative rise of the coat's conductance, integrated over the surface,
-    /// that would change the field round it as the contacts do, m2. Each patch counts by the conductance of its contact and
-    /// by how far that reaches (see the theory, "Presses on patches"); patches do not act on each other here, and the coat
-    /// is taken as even.
+    /// The true strength of some presses together: the relative rise of the coating's conductance, integrated over the
+    /// surface, that would change the field around it as the contacts do, m2. The contribution of each patch depends on
+    /// the conductance and the extent of its contact (see the theory, "Presses on patches"); interaction of patches is
+    /// neglected, and the coating is assumed uniform.
     ///
     /// # Errors
     /// As [`network`](Self::network).
@@ -240,7 +240,7 @@ impl PatchedSkin {
             let conductance = cover.conductance(|index, point| {
                 conductance_s_per_m2((conductor, index), load.pressure_pa(&self.grid, point))
             });
-            // The first moment is the mean, so that the first value is the whole conductance.
+            // The first moment is the mean, so that the first value is the total conductance.
             let resting = self.at_rest.binary_search_by_key(&conductor, |contact| contact.conductor);
             let resting_s = resting.map_or(0.0, |index| self.at_rest[index].conductance.at(0, 0));
             if conductance.at(0, 0) - resting_s > self.least_s {

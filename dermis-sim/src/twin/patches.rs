@@ -12,42 +12,42 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
-/// More rows or columns than any skin has: beyond this a typing error is likelier.
+/// Maximum number of rows or columns: larger numbers are probably typing errors.
 const MOST_LINES: usize = 1000;
-/// Sizes that agree within this are equal: those of a file are rounded.
+/// Relative tolerance for equal sizes: those in a file are rounded.
 const RELATIVE_ROUNDING: f64 = 1e-6;
 
-/// Conductive patches in rows and columns over the coat, and the foam above them.
+/// Conductive patches in rows and columns over the coating, and the foam above them.
 ///
-/// Rows follow each other along the axis of a cylinder, or along y of the box that bounds a flat skin; columns go round
-/// the cylinder, or along x. The edge of the body cuts patches that cross it.
+/// Rows are along the axis of a cylinder, or along y of the bounding box of a flat skin; columns are around the
+/// cylinder, or along x. Patches are clipped at the edge of the body.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PatchOptions {
     /// Rows of patches.
     pub rows: usize,
-    /// Columns of patches; on a cylinder a whole number goes round.
+    /// Columns of patches; on a cylinder they are closed around it.
     pub columns: usize,
     /// Width of the gaps between patches, m.
     pub gap_m: f64,
-    /// How far the grid is shifted [along, round], m. Where the grid covers the body, what is shifted out at one end
-    /// comes in at the other.
+    /// Shift of the grid [along, around], m. If the grid covers the body, parts shifted out at one end enter at the
+    /// other.
     #[serde(default)]
     pub offset_m: [f64; 2],
-    /// Distance from one patch to the next [along, round], m; without it the grid covers the body.
+    /// Pitch of the patches [along, around], m; by default the grid covers the body.
     #[serde(default)]
     pub pitch_m: Option<[f64; 2]>,
     /// The foam between a tip and the patches.
     pub foam: Foam,
-    /// Contact conductance between patch and coat.
+    /// Contact conductance between patch and coating.
     pub contact: ContactLaw,
 }
 
 impl PatchOptions {
-    /// Checks everything that can be checked without a body.
+    /// All checks that need no body.
     ///
     /// # Errors
-    /// A number that no skin has; it is named with its value and a fix.
+    /// An invalid number, with its name, its value and a fix.
     pub fn check(&self) -> Result<(), TwinError> {
         check_between("rows", self.rows as f64, [1.0, MOST_LINES as f64], "the paper's skin has about 30")?;
         check_between("columns", self.columns as f64, [1.0, MOST_LINES as f64], "the paper's skin has about 30")?;
@@ -67,7 +67,7 @@ impl PatchOptions {
     ///
     /// # Errors
     /// As [`check`](Self::check); patches that are larger than the body, a gap that leaves nothing of them, columns
-    /// that do not close round a cylinder, a body known only by its mesh.
+    /// that do not close around a cylinder, a body known only by its mesh.
     pub fn on_body(&self, body: &Body) -> Result<PatchGrid, TwinError> {
         self.check()?;
         let (low, size, wraps) = match *body {
@@ -111,11 +111,11 @@ impl PatchOptions {
 /// The rows or the columns of a grid: intervals of one pitch each.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Lines {
-    /// Where the first begins, m.
+    /// Start of the first interval, m.
     pub start_m: f64,
     pub pitch_m: f64,
     pub count: usize,
-    /// The length after which they repeat, on a closed axis.
+    /// The period of a closed axis.
     pub period_m: Option<f64>,
 }
 
@@ -127,14 +127,14 @@ impl Lines {
         }
         let shift = offset_m.rem_euclid(pitch_m);
         match covers && shift > RELATIVE_ROUNDING * pitch_m {
-            // One line more, cut at both ends.
+            // One more line, clipped at both ends.
             true => Lines { start_m: low_m + shift - pitch_m, pitch_m, count: count + 1, period_m: None },
             false if covers => Lines { start_m: low_m, pitch_m, count, period_m: None },
             false => Lines { start_m: low_m + offset_m, pitch_m, count, period_m: None },
         }
     }
 
-    /// The lines that an interval reaches, each with the shift by whole periods that brings it there, m.
+    /// The lines that overlap an interval, each with its shift by whole periods, m.
     pub fn lines_between(&self, low_m: f64, high_m: f64) -> impl Iterator<Item = (usize, f64)> + Clone + use<> {
         let Lines { start_m, pitch_m, count, period_m } = *self;
         let line = |value: f64| ((value - start_m) / pitch_m).floor() as i64;
@@ -157,7 +157,7 @@ impl Lines {
 
 /// The patches of one body.
 ///
-/// Places are given in the chart `[round, along]`: (radius * theta, z) on a cylinder, (x, y) on a flat skin.
+/// Positions are given in the chart `[around, along]`: (radius * theta, z) on a cylinder, (x, y) on a flat skin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PatchGrid {
     pub(super) along: Lines,
@@ -167,12 +167,12 @@ pub struct PatchGrid {
 }
 
 impl PatchGrid {
-    /// Distance from one patch to the next [along, round], m.
+    /// Pitch of the patches [along, around], m.
     pub fn pitch_m(&self) -> [f64; 2] {
         [self.along.pitch_m, self.round.pitch_m]
     }
 
-    /// Number of patches, those included that the body's edge cuts away.
+    /// Number of patches, including those that are completely clipped by the body's edge.
     pub fn patch_count(&self) -> usize {
         self.along.count * self.round.count
     }
@@ -182,15 +182,15 @@ impl PatchGrid {
         row * self.round.count + column
     }
 
-    /// Lower and upper corner of a patch in the chart `[round, along]`, m. On a cylinder the upper one may lie past the
-    /// seam.
+    /// Lower and upper corner of a patch in the chart `[around, along]`, m. On a cylinder the upper one may be beyond
+    /// the seam.
     pub fn corners_m(&self, patch: usize) -> [Point2; 2] {
         let along = self.along.fabric(patch / self.round.count, self.gap_m);
         let round = self.round.fabric(patch % self.round.count, self.gap_m);
         [[round[0], along[0]], [round[1], along[1]]]
     }
 
-    /// The patch on which a point of the skin lies; `None` in a gap, and off the grid.
+    /// The patch at a point of the skin; `None` in a gap, and off the grid.
     pub fn patch_at(&self, point_m: Point3) -> Option<usize> {
         let [round, along] = self.chart(point_m);
         let line = |lines: &Lines, value: f64| {
@@ -206,7 +206,7 @@ impl PatchGrid {
         Some(self.patch(line(&self.along, along)?, line(&self.round, round)?))
     }
 
-    /// The middle of a patch on the skin, as if no edge cut it.
+    /// The centre of a patch on the skin, without clipping.
     pub fn centre_m(&self, patch: usize) -> Point3 {
         let [low, high] = self.corners_m(patch);
         let [round, along] = [0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])];
@@ -225,7 +225,7 @@ impl PatchGrid {
         [round, along]
     }
 
-    /// The patches of which some part may lie within a distance of a place of the chart.
+    /// The patches that may be within a distance of a position in the chart.
     pub(super) fn patches_near(&self, place: Point2, reach_m: f64) -> Vec<usize> {
         let columns = self.round.lines_between(place[0] - reach_m, place[0] + reach_m);
         let rows = self.along.lines_between(place[1] - reach_m, place[1] + reach_m);
@@ -234,7 +234,7 @@ impl PatchGrid {
             .collect()
     }
 
-    /// The short way from one place of the chart to another.
+    /// The shorter way from one position of the chart to another.
     pub(super) fn step(&self, from: Point2, to: Point2) -> Point2 {
         let place = |[round, along]: Point2| [round, along, 0.0];
         let [round, along, _] = Unrolled::of(&self.body.surface()).step(place(from), place(to));

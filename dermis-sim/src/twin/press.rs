@@ -12,22 +12,22 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 
-/// Values of the profile's table; the pressure between them is interpolated with third order.
+/// Number of values of the profile's table; the pressure between them is interpolated with third order.
 const PROFILE_STEPS: usize = 48;
-/// The footprint reaches this many thicknesses of the foam beyond the tip's contact. In a half space the pressure of a
-/// point load still leaves 3 % of the force out there, but below a layer on a stiff ground it falls exponentially.
+/// The footprint extends this many foam thicknesses beyond the tip's contact. In a half space the pressure of a point
+/// load still has 3 % of the force beyond this radius, but below a layer on a stiff ground it decreases exponentially.
 const REACH_THICKNESSES: f64 = 3.0;
-/// Steps of the integral over circles that an edge of the body cuts; their length as a function of the radius has a
-/// root at each edge, so that the error falls with the power 3/2 of this.
+/// Steps of the integral over circles that are clipped by an edge of the body; their length as a function of the radius
+/// has a square-root singularity at each edge, so the error decreases with the power 3/2 of this number.
 const RIM_STEPS: usize = 600;
-/// A press this far off the surface still counts as on it, m: places that were read from files are rounded.
+/// A press within this distance of the surface counts as on it, m: positions in files are rounded.
 const OFF_SURFACE_M: f64 = 1e-3;
 
 /// A spherical tip pressed on the skin with a force.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Press {
-    /// Where the tip's axis meets the skin, m.
+    /// The intersection of the tip's axis with the skin, m.
     pub centre_m: Point3,
     /// Force on the skin along its inward normal, N.
     pub force_n: f64,
@@ -36,7 +36,7 @@ pub struct Press {
 }
 
 impl Press {
-    /// On a body that only its mesh knows, a centre counts as on it within a distance of a node.
+    /// On a body known only by its mesh, a centre must be within a distance of a node.
     ///
     /// # Errors
     /// A force or radius that is not positive, a centre off the skin.
@@ -77,7 +77,7 @@ pub struct Foam {
 }
 
 impl Foam {
-    /// How deep a tip sinks in: `delta = sqrt(F h / (pi R E))`, m.
+    /// The indentation depth of a tip: `delta = sqrt(F h / (pi R E))`, m.
     pub fn depth_m(&self, press: &Press) -> f64 {
         (press.force_n * self.thickness_m / (PI * press.tip_radius_m * self.modulus_pa)).sqrt()
     }
@@ -90,8 +90,8 @@ impl Foam {
 
 /// The pressure of one press on the sheet, as a function of the distance along it.
 ///
-/// The tip meets the foam as an elastic foundation (Johnson, Contact Mechanics, 1985, section 4.3,
-/// DOI 10.1017/CBO9781139171731): with modulus `E` and thickness `h`,
+/// The tip presses on the foam as on an elastic foundation (Johnson, Contact Mechanics, 1985, section 4.3, DOI
+/// 10.1017/CBO9781139171731): with modulus `E` and thickness `h`,
 ///
 /// `p(r) = (E/h) (delta - r^2 / (2R)) = 2F / (pi a^2) (1 - r^2 / a^2)`, `a^2 = 2 R delta`, `F = pi R E delta^2 / h`.
 ///
@@ -100,13 +100,13 @@ impl Foam {
 ///
 /// `p(d) = 3 F h^3 / (2 pi (d^2 + h^2)^(5/2))`,
 ///
-/// whatever its modulus and Poisson's ratio. Beyond `a + 3 h` the pressure is zero; what the half space would still
-/// carry out there, and what would fall beside the body, is borne by the rest in proportion, so that the integral over
-/// the skin is the force.
+/// for any modulus and Poisson's ratio. Beyond `a + 3 h` the pressure is zero; the remaining pressure of the half space
+/// there, and the part off the body, are distributed proportionally over the rest, so that the integral over the skin
+/// equals the force.
 #[derive(Debug, Clone)]
 pub struct Footprint {
     reach_m: f64,
-    /// Pressures at equal steps from the centre to the reach, where it is zero, Pa.
+    /// Pressures at equal steps from the centre to the outer radius, where it is zero, Pa.
     profile_pa: Vec<f64>,
 }
 
@@ -114,7 +114,8 @@ impl Footprint {
     /// The footprint of a press on a body under foam.
     ///
     /// # Errors
-    /// A force or radius that is not positive, a centre off the skin, a tip that would sink through the foam.
+    /// A force or radius that is not positive, a centre off the skin, a tip whose indentation exceeds the foam
+    /// thickness.
     pub fn new(press: &Press, foam: &Foam, body: &Body) -> Result<Self, TwinError> {
         press.check_on(body)?;
         let depth_m = foam.depth_m(press);
@@ -147,7 +148,7 @@ impl Footprint {
         }
         let step = place as usize;
         let t = place - step as f64;
-        // Lagrange's cubic through the four values round the place; the profile is even, and zero past its end.
+        // Lagrange's cubic through the four nearest values; the profile is even, and zero beyond its end.
         let at = |k: isize| self.profile_pa.get(k.unsigned_abs()).copied().unwrap_or(0.0);
         let (k, one) = (step as isize, t + 1.0);
         let value = -t * (t - 1.0) * (t - 2.0) / 6.0 * at(k - 1) + one * (t - 1.0) * (t - 2.0) / 2.0 * at(k)
@@ -156,7 +157,7 @@ impl Footprint {
         value.max(0.0)
     }
 
-    /// The integral over the part of the surface that the body has, N.
+    /// The integral over the part of the surface on the body, N.
     fn integral(&self, centre_m: Point3, body: &Body) -> f64 {
         let edges = Edge::of(body, centre_m);
         let step = self.reach_m / RIM_STEPS as f64;
@@ -168,13 +169,13 @@ impl Footprint {
     }
 }
 
-/// The pressure below the foam at equal steps, less its value at the reach, so that it ends without a jump.
+/// The pressure below the foam at equal steps, minus its value at the outer radius, so that it ends without a jump.
 fn spread(force_n: f64, radius_m: f64, reach_m: f64, foam: &Foam) -> Vec<f64> {
     let h = foam.thickness_m;
     let panels = 2 + (2.0 * radius_m / h).ceil() as usize;
     let angles = 8 * (1 + (radius_m / h).ceil() as usize);
     let cosines: Vec<f64> = (0..angles).map(|k| cos(PI * (k as f64 + 0.5) / angles as f64)).collect();
-    // Rings of the tip's pressure, as forces: Gauss's rule with three points on each panel.
+    // Rings of the tip's pressure, as forces: Gauss's rule with three points per panel.
     let width = radius_m / panels as f64;
     let gauss = gauss_legendre(3);
     let rings: Vec<(f64, f64)> = (0..panels)
@@ -196,17 +197,17 @@ fn spread(force_n: f64, radius_m: f64, reach_m: f64, foam: &Foam) -> Vec<f64> {
     (0..=PROFILE_STEPS).map(|k| (pressure(reach_m * k as f64 / PROFILE_STEPS as f64) - end).max(0.0)).collect()
 }
 
-/// Boussinesq's pressure of a unit load at depth `h`, at the square of a distance.
+/// Boussinesq's pressure of a unit load at depth `h`, as a function of the squared distance.
 fn kernel(distance_squared: f64, h: f64) -> f64 {
     let q = distance_squared + h * h;
     3.0 * h * h * h / (TAU * q * q * q.sqrt())
 }
 
-/// One edge of a body as seen from a point inside.
+/// One edge of a body relative to a point inside.
 enum Edge {
     /// A straight edge at this distance in this direction.
     Straight { distance_m: f64, angle_rad: f64 },
-    /// The rim of a disk, its centre this far behind in the direction opposite to the angle.
+    /// The rim of a disk, with its centre at this distance in the direction opposite to the angle.
     Round { radius_m: f64, off_centre_m: f64, angle_rad: f64 },
 }
 
@@ -228,14 +229,14 @@ impl Edge {
         }
     }
 
-    /// The arc of a circle round the point that lies beyond the edge: its middle and half its angle.
+    /// The arc of a circle around the point that is beyond the edge: its middle and half its angle.
     fn arc_beyond(&self, circle_m: f64) -> (f64, f64) {
         match *self {
             Edge::Straight { distance_m, angle_rad } => (angle_rad, acos((distance_m / circle_m).clamp(-1.0, 1.0))),
             Edge::Round { radius_m, off_centre_m, angle_rad } => {
                 let excess = radius_m * radius_m - off_centre_m * off_centre_m - circle_m * circle_m;
                 let across = 2.0 * off_centre_m * circle_m;
-                // At the disk's own centre the circle lies inside or outside as a whole.
+                // At the disk's own centre the whole circle is either inside or outside.
                 let cosine = if across > 0.0 { excess / across } else { excess.signum() };
                 (angle_rad, acos(cosine.clamp(-1.0, 1.0)))
             }
@@ -243,11 +244,11 @@ impl Edge {
     }
 }
 
-/// The share of a circle that lies inside all edges.
+/// The fraction of a circle that is inside all edges.
 fn share_inside(edges: &[Edge], circle_m: f64) -> f64 {
     let mut arcs: Vec<[f64; 2]> = Vec::new();
     for (middle, half) in edges.iter().map(|edge| edge.arc_beyond(circle_m)).filter(|(_, half)| *half > 0.0) {
-        // Cut where the angle jumps, so that arcs are intervals of [0, 2 pi].
+        // Split where the angle jumps, so that arcs are intervals of [0, 2 pi].
         let start = (middle - half).rem_euclid(TAU);
         let end = start + 2.0 * half;
         arcs.push([start, end.min(TAU)]);
@@ -307,7 +308,7 @@ mod tests {
             Body::Cylinder { length_m, .. } => (0.0..length_m).contains(&y),
             Body::Mesh { .. } => false,
         };
-        // On the cylinder x goes round it, and y along.
+        // On the cylinder x is around it, and y along.
         let [x0, y0] = match body {
             Body::Cylinder { .. } => [0.0, press.centre_m[2]],
             _ => [press.centre_m[0], press.centre_m[1]],
@@ -324,7 +325,7 @@ mod tests {
         force
     }
 
-    /// Conservation: the sheet bears the force, wherever the tip stands and whatever falls beside the body.
+    /// Conservation: the total pressure on the sheet equals the force, for any position of the tip.
     #[test]
     fn the_pressure_integrates_to_the_force() {
         let cylinder = Body::Cylinder { length_m: 0.3, diameter_m: 0.1 };
@@ -344,7 +345,7 @@ mod tests {
         }
     }
 
-    /// The table and its interpolation against the same integral by a fine midpoint rule.
+    /// The table and its interpolation compared with the same integral by a fine midpoint rule.
     #[test]
     fn the_profile_is_the_convolution_of_tip_and_foam() {
         let press = press(0.1, 0.05);
@@ -379,7 +380,8 @@ mod tests {
         }
     }
 
-    /// The foundation's laws: `F = pi R E delta^2 / h`, so that depth goes like the root of the force.
+    /// The laws of the foundation: `F = pi R E delta^2 / h`, so the depth is proportional to the square root of the
+    /// force.
     #[test]
     fn depth_and_contact_follow_the_foundation() {
         let press = press(0.1, 0.05);

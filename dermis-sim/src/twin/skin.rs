@@ -21,23 +21,23 @@ pub struct Twin {
     seed: u64,
     design: SkinDesign,
     skin: Skin,
-    /// What stands in series with each electrode beyond the skin's own, ohm; empty where nothing does.
+    /// Additional series resistance of each electrode, ohm; empty if there is none.
     series_ohm: Vec<f64>,
     drift: Drift,
     untouched: ElectrodeNetwork,
     electronics: Electronics,
 }
 
-/// A coat on its mesh, and what a press does to it.
+/// A coating on its mesh, and the effect of a press on it.
 #[derive(Debug)]
 struct Skin {
     forward: ForwardModel,
     touch: Touch,
-    /// The last solution: a touch that is held is solved once.
+    /// The last solution: a touch that is held is solved only once.
     last: Mutex<Option<Solution>>,
 }
 
-/// The network of some presses, by what the contacts remembered before them.
+/// The network of some presses, with the history of the contacts before them.
 #[derive(Debug)]
 struct Solution {
     presses: Vec<Press>,
@@ -52,18 +52,18 @@ enum Touch {
         options: GaussianOptions,
         body: Body,
         effect: TouchEffect,
-        /// Memory of frames that are done, for those to come.
+        /// Memory of finished frames, to be reused.
         solvers: Mutex<Vec<Solver>>,
     },
     Patches(Box<PatchedSkin>),
 }
 
 impl Twin {
-    /// Draws a twin of a design: its electrodes' places, its mesh, its coat, its contacts and its instrument.
+    /// Draws a twin of a design: its electrode positions, its mesh, its coating, its contacts and its instrument.
     ///
     /// # Errors
-    /// Options that no twin has, or that do not fit the design: electrodes that it lacks, patches larger than its body. Where
-    /// the options were read from a file the error knows the line. A design without a solution.
+    /// Invalid options, or options that do not fit the design: missing electrodes, patches larger than its body. If the
+    /// options were read from a file, the error contains the line. A design without a solution.
     pub fn new(design: &SkinDesign, options: &TwinOptions, seed: u64) -> crate::Result<Self> {
         Self::draw(design, options, seed).map_err(|error| match error {
             crate::Error::Twin(error) => options.locate(error),
@@ -106,7 +106,7 @@ impl Twin {
         Ok(twin)
     }
 
-    /// Puts the faults in.
+    /// Adds the faults.
     fn break_down(&mut self, mesh: &Mesh, mut coat: Vec<f64>) -> crate::Result<()> {
         let faults = &self.options.faults;
         faults.cut(self.design.body.surface(), mesh, &mut coat);
@@ -121,12 +121,12 @@ impl Twin {
         Ok(())
     }
 
-    /// What it was drawn from.
+    /// Its options.
     pub fn options(&self) -> &TwinOptions {
         &self.options
     }
 
-    /// The seed that it was drawn from.
+    /// Its seed.
     pub fn seed(&self) -> u64 {
         self.seed
     }
@@ -136,12 +136,12 @@ impl Twin {
         &self.design
     }
 
-    /// The mesh that its frames are solved on.
+    /// The mesh on which its frames are solved.
     pub fn mesh(&self) -> &Mesh {
         self.skin.forward.mesh()
     }
 
-    /// Conductance of the untouched coat, a value per cell of its mesh.
+    /// Conductance of the untouched coating, a value per cell of its mesh.
     pub fn coat(&self) -> &[f64] {
         self.skin.forward.rest_conductivity()
     }
@@ -161,23 +161,24 @@ impl Twin {
         &self.untouched
     }
 
-    /// The network under some presses that begin on the untouched skin, before any drift.
+    /// The network during some presses that start on the untouched skin, before any drift.
     ///
     /// # Errors
-    /// Presses that the twin cannot answer: off the skin, without a force, too strong for a touch that lowers conductance.
+    /// Presses that the twin cannot simulate: off the skin, without a force, too strong for a touch that lowers the
+    /// conductance.
     pub fn network(&self, presses: &[Press]) -> crate::Result<ElectrodeNetwork> {
         self.network_after(presses, &mut ContactHistory::default())
     }
 
-    /// The network under some presses that follow others, before any drift: contacts with hysteresis
-    /// ([`ContactLaw::hysteresis`](crate::twin::ContactLaw::hysteresis)) remember the highest pressure since they closed.
-    /// `history` is what they remember, and is brought up to date.
+    /// The network during some presses that follow others, before any drift: contacts with hysteresis
+    /// ([`ContactLaw::hysteresis`](crate::twin::ContactLaw::hysteresis)) depend on the highest pressure since they
+    /// closed. `history` contains it, and is updated.
     fn network_after(&self, presses: &[Press], history: &mut ContactHistory) -> crate::Result<ElectrodeNetwork> {
         let network = self.skin.network(presses, history)?;
         Ok(if self.series_ohm.is_empty() { network } else { network.with_series(&self.series_ohm)? })
     }
 
-    /// The frame that an instrument without any error would deliver, before any drift; ohm.
+    /// The frame of an instrument without errors, before any drift; ohm.
     ///
     /// # Errors
     /// As [`network`](Self::network).
@@ -185,8 +186,8 @@ impl Twin {
         Ok(self.network_or_untouched(presses)?.frame(&self.design.protocol))
     }
 
-    /// Frame `index` as the instrument delivers it, taken at `index / frame_rate`, of presses that begin on the untouched skin;
-    /// ohm. Its noise depends on the seed and the index alone.
+    /// Frame `index` as delivered by the instrument, at the time `index / frame_rate`, of presses that start on the
+    /// untouched skin; ohm. Its noise depends only on the seed and the index.
     ///
     /// # Errors
     /// As [`network`](Self::network).
@@ -194,7 +195,7 @@ impl Twin {
         Ok(self.electronics.values(&self.readings(presses, index)?))
     }
 
-    /// [`readings_after`](Self::readings_after) of presses that begin on the untouched skin.
+    /// [`readings_after`](Self::readings_after) of presses that start on the untouched skin.
     ///
     /// # Errors
     /// As [`network`](Self::network).
@@ -202,8 +203,8 @@ impl Twin {
         self.readings_after(presses, &mut ContactHistory::default(), index)
     }
 
-    /// The readings of frame `index`, before they become ohm, of presses that follow those of earlier frames: `history` is what
-    /// contacts with hysteresis remember of them, and is brought up to date.
+    /// The readings of frame `index`, before conversion to ohm, of presses that follow those of earlier frames:
+    /// `history` is the history of contacts with hysteresis, and is updated.
     ///
     /// # Errors
     /// As [`network`](Self::network).
@@ -223,11 +224,11 @@ impl Twin {
         Ok(self.electronics.readings(&self.drift.at(network, self.electronics.time_s(index))?, index))
     }
 
-    /// Puts a resistance in series with an electrode from now on, ohm: a contact that comes loose while frames are taken, or
-    /// a wire that tears. 0 mends it.
+    /// Sets a resistance in series with an electrode from now on, ohm: a contact that becomes loose during a recording,
+    /// or a broken wire. 0 repairs it.
     ///
     /// # Errors
-    /// An electrode that the skin lacks, a resistance that is negative or infinite.
+    /// An electrode that does not exist, a resistance that is negative or infinite.
     pub fn loosen(&mut self, electrode: usize, series_ohm: f64) -> crate::Result<()> {
         let electrode_count = self.design.electrodes.len();
         if electrode >= electrode_count {
@@ -240,8 +241,8 @@ impl Twin {
         Ok(())
     }
 
-    /// The true strength of some presses together: the relative change of conductance integrated over the surface, m2. Of
-    /// patches see [`PatchedSkin::strength_m2`].
+    /// The true strength of some presses together: the relative change of conductance integrated over the surface, m2.
+    /// For patches see [`PatchedSkin::strength_m2`].
     ///
     /// # Errors
     /// As [`network`](Self::network).
@@ -264,13 +265,13 @@ impl Twin {
         if presses.is_empty() { Ok(self.untouched.clone()) } else { self.network(presses) }
     }
 
-    /// What each part of the instrument adds to frames of the untouched skin.
+    /// The contribution of each part of the instrument to frames of the untouched skin.
     ///
     /// # Errors
-    /// A drift that leaves no network.
+    /// A drift that makes the network invalid.
     ///
     /// # Panics
-    /// Without a frame.
+    /// If there are no frames.
     pub fn report(&self, indices: Range<u64>) -> crate::Result<ElectronicsReport> {
         let network = self.drift.at(self.untouched.clone(), self.electronics.time_s(indices.start))?;
         Ok(self.electronics.report(&network, indices))
@@ -295,7 +296,7 @@ impl Skin {
     }
 
     fn network(&self, presses: &[Press], history: &mut ContactHistory) -> crate::Result<ElectrodeNetwork> {
-        // A panic in another thread leaves a whole solution behind.
+        // After a panic in another thread the stored solution is still consistent.
         let last = || self.last.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(known) = last().as_ref().filter(|known| known.presses == presses && known.before == *history) {
             *history = known.after.clone();
@@ -315,7 +316,7 @@ impl Skin {
                 let touches = options.touches(presses, body, self.forward.mesh())?;
                 let rest = self.forward.rest_conductivity();
                 let conductivity = touched_conductivity(self.forward.mesh(), &body.surface(), *effect, rest, &touches)?;
-                // A solver holds nothing but memory: whatever another thread left in it does no harm.
+                // A solver contains only work memory: its content from another thread has no effect.
                 let pool = || solvers.lock().unwrap_or_else(PoisonError::into_inner);
                 let free = pool().pop();
                 let mut solver = free.unwrap_or_else(|| self.forward.solver());

@@ -1,20 +1,20 @@
-//! How strong a touch truly is.
+//! The true strength of a touch.
 
-/// The relative rise of conductance, integrated over the sheet, that changes the field of its surroundings as a round
-/// contact under a floating patch does, m2.
+/// The relative rise of conductance, integrated over the sheet, that changes the field around it in the same way as a
+/// round contact under a floating patch, m2.
 ///
-/// A disk of radius `a` that is joined to the patch with the conductance `c` per area obeys `laplace(phi) = (c / s) phi` in
-/// it, `s` being the sheet's conductance, and `laplace(phi) = 0` outside. In a uniform field it answers with the dipole
-/// `a^2 I2(x) / I0(x)`, `x = a sqrt(c / s)` (modified Bessel functions), where a small change of conductance of the
-/// integral `q` answers with `q / (2 pi)`; so
+/// A disk of radius `a` that is connected to the patch with the conductance `c` per area obeys
+/// `laplace(phi) = (c / s) phi` in it, `s` being the sheet's conductance, and `laplace(phi) = 0` outside. In a uniform
+/// field its response is the dipole `a^2 I2(x) / I0(x)`, `x = a sqrt(c / s)` (modified Bessel functions); the response
+/// of a small change of conductance with the integral `q` is `q / (2 pi)`; so
 ///
 /// `q = 2 pi a^2 I2(x) / I0(x)`:
 ///
 /// `pi a^4 c / (4 s)` for a weak contact, twice the disk's area for a perfect one.
 ///
-/// Here the contact is described by its whole conductance `G = integral of c` (S) and its second moment about its own centre
-/// `m = integral of c |r - centre|^2` (S m2): it is taken for the even disk of the same two, `a^2 = 2 m / G` and
-/// `x^2 = G / (pi s)`, which is exact for weak contacts of any shape.
+/// Here the contact is described by its total conductance `G = integral of c` (S) and its second moment about its own
+/// centre `m = integral of c |r - centre|^2` (S m2). It is replaced by the uniform disk with the same values,
+/// `a^2 = 2 m / G` and `x^2 = G / (pi s)`, which is exact for weak contacts of any shape.
 pub(super) fn of_contact(conductance_s: f64, moment_s_m2: f64, sheet_s: f64) -> f64 {
     if conductance_s <= 0.0 {
         return 0.0;
@@ -23,8 +23,9 @@ pub(super) fn of_contact(conductance_s: f64, moment_s_m2: f64, sheet_s: f64) -> 
     std::f64::consts::TAU * square_m2 * second_over_zeroth((conductance_s / (std::f64::consts::PI * sheet_s)).sqrt())
 }
 
-/// `I2(x) / I0(x)` for `x > 0`, by the continued fraction of ratios of neighbours `I_n / I_(n-1) = 1 / (2 n / x + I_(n+1) /
-/// I_n)` (Abramowitz and Stegun 1964, 9.6.26), from an order far above `x` down.
+/// `I2(x) / I0(x)` for `x > 0`, by the continued fraction of ratios of neighbouring orders
+/// `I_n / I_(n-1) = 1 / (2 n / x + I_(n+1) / I_n)` (Abramowitz and Stegun 1964, 9.6.26), from an order far above `x`
+/// down.
 fn second_over_zeroth(x: f64) -> f64 {
     let highest = 20 + (2.0 * x) as usize;
     let second = (2..=highest).rev().fold(0.0, |ratio, n| 1.0 / (2.0 * n as f64 / x + ratio));

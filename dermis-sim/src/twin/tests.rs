@@ -1,4 +1,4 @@
-//! Twins as they are written, drawn, broken and read.
+//! Reading, drawing, faults and frames of twins.
 
 use super::*;
 use dermis::design::SkinDesign;
@@ -140,7 +140,7 @@ fn a_twin_is_drawn_from_its_seed_and_never_on_the_designs_own_mesh() {
     assert_eq!(threads[0], again.frame(&presses, 8).unwrap());
 }
 
-/// The drawn numbers over many seeds: their root mean squares are those stated.
+/// Statistics over many seeds: the root mean squares are the specified ones.
 #[test]
 fn imperfections_have_the_size_that_is_stated() {
     let (design, lab) = (cylinder(), TwinOptions::shipped("lab").unwrap());
@@ -176,7 +176,7 @@ fn imperfections_have_the_size_that_is_stated() {
     );
     assert!((rms(&inner) / 0.0005 - 1.0).abs() < 0.06 && (rms(&rim) / 0.0005 - 1.0).abs() < 0.1);
     assert!((rms(&contacts) / 0.30 - 1.0).abs() < 0.08 && mean(&contacts).abs() < 0.02);
-    // A coat of 300 x 314 mm holds about 20 patches of its correlation length: 60 coats know 10 % to 0.003.
+    // A coating of 300 x 314 mm contains about 20 areas of its correlation length: 60 coatings determine 10 % to 0.003.
     assert!((rms(&coat) / 0.10 - 1.0).abs() < 0.08 && mean(&coat).abs() < 0.01);
 }
 
@@ -197,7 +197,7 @@ fn faults_do_what_their_names_say() {
     assert!(between(&dead, [7, 8]) > 1e6 && (between(&dead, [12, 13]) / between(&sound, [12, 13]) - 1.0).abs() < 0.01);
     let torn = with_faults(FaultOptions { torn_wires: vec![7], ..FaultOptions::default() });
     assert!(between(&torn, [7, 8]) > 1e7);
-    // The electrode itself still lies on the coat: other pairs do not feel the tear.
+    // The electrode itself is still on the coating: other pairs are not affected by the broken wire.
     assert!((between(&torn, [12, 13]) / between(&sound, [12, 13]) - 1.0).abs() < 1e-9);
     let loose = FaultOptions { loose_electrodes: vec![7], loose_factor: 1e4, ..FaultOptions::default() };
     let more = between(&with_faults(loose), [7, 8]) - between(&sound, [7, 8]);
@@ -205,7 +205,8 @@ fn faults_do_what_their_names_say() {
     println!("a loose contact adds {more:.0} ohm of {:.0}", 0.2 / (TAU / 2.0 * 1.6e-5));
     assert!(more > 0.5 * 0.2 / (TAU / 2.0 * 1.6e-5) && more < 1.1 * 0.2 / (TAU / 2.0 * 1.6e-5));
 
-    // A cut all the way round at half height: no current crosses it; one across the seam, of the same length, does.
+    // A cut all the way around at half the length: no current crosses it; a cut of the same length across the seam is
+    // crossed.
     let cut = |from_m, to_m| {
         let cuts = vec![CutOptions { from_m, to_m }];
         with_faults(FaultOptions { cuts, ..FaultOptions::default() })
@@ -250,7 +251,7 @@ fn drift_begins_at_nothing_and_ends_at_its_amplitude() {
         let channels = twin.design().protocol.channels().iter();
         frame.iter().zip(channels).filter(|(_, c)| !c.touches_driven()).map(|(v, _)| *v).collect::<Vec<f64>>()
     };
-    // Values away from the drive see the coat alone: after one time constant 63 % of the way.
+    // Values without a driven electrode depend only on the coating: after one time constant 63 % of the change.
     let share = |frame: &Frame| undriven(&clean)[5] / undriven(frame)[5] - 1.0;
     assert!((share(&middle) / share(&late) - (1.0 - (-1f64).exp())).abs() < 1e-6);
 
@@ -258,7 +259,7 @@ fn drift_begins_at_nothing_and_ends_at_its_amplitude() {
     options.temperature = Some(TemperatureOptions { coefficient_per_k: -2e-3, change_k: 5.0, rate_k_per_s: 0.5 });
     let warm = Twin::new(&cylinder(), &options, 9).unwrap().frame(&[], 1200).unwrap();
     let cold = Twin::new(&cylinder(), &coarse("ideal"), 9).unwrap().clean(&[]).unwrap();
-    // 5 K and 10 s at 0.5 K/s: the coat conducts 2 % less.
+    // 5 K and 10 s at 0.5 K/s: the coating's conductance is 2 % lower.
     assert!(warm.iter().zip(cold.iter()).all(|(warm, cold)| (warm * 0.98 / cold - 1.0).abs() < 1e-9));
 }
 
@@ -272,7 +273,8 @@ fn a_twin_without_patches_where_they_cannot_be_or_would_turn_a_touch_round() {
     let options = lab.made_of(&design);
     let twin = Twin::new(&design, &options, 1).unwrap();
     let press = |x_m: f64, force_n: f64| Press { centre_m: [x_m, 0.0, 0.0], force_n, tip_radius_m: 0.005 };
-    // A membrane conducts less where it is pressed: as much voltage or more between all neighbours of a drive's electrodes.
+    // A membrane has a lower conductance where it is pressed: equal or higher voltage between all neighbours of a
+    // drive's electrodes.
     let [rest, soft, firm] = [vec![], vec![press(0.0, 1.0)], vec![press(0.0, 5.0)]].map(|presses| {
         let frame = twin.clean(&presses).unwrap();
         frame.iter().map(|value| value.abs()).sum::<f64>()
@@ -292,9 +294,9 @@ fn a_touch_that_is_held_is_what_a_fresh_twin_says_of_it() {
     }
 }
 
-/// Released presses lie above loading ones, and a skin that was let go forgets.
+/// The curve of releasing presses is above that of loading ones, and a released skin has no history.
 #[test]
-fn contacts_with_hysteresis_remember_earlier_frames() {
+fn contacts_with_hysteresis_depend_on_earlier_frames() {
     let mut options = coarse("lab");
     let TouchOptions::Patches(patches) = &mut options.touch else { panic!("`lab` has patches") };
     patches.contact.hysteresis = 0.3;

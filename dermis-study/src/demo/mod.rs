@@ -1,4 +1,4 @@
-//! Demonstrations: the paper's skin pressed 900 times in simulation, and a real tank.
+//! Demonstrations: 900 simulated presses on the paper's skin, and a real tank.
 //!
 //! ```no_run
 //! let output = dermis_study::demo::presses("demo.html".as_ref(), 1, &())?;
@@ -17,7 +17,7 @@ use presses::Demo;
 use serde::Serialize;
 use std::path::Path;
 
-/// A result of the paper, measured on its real skin (900 indentations; Eqs. 11 and 12).
+/// A result in the paper, measured on its real skin (900 indentations; Eqs. 11 and 12).
 #[derive(Debug, Clone, Copy, Serialize)]
 struct PaperRow {
     /// Mean localisation error, m.
@@ -28,12 +28,13 @@ struct PaperRow {
     sensitivity_spread: f64,
 }
 
-/// Of its linear method.
+/// Result of its linear method.
 const PAPER_LINEAR: PaperRow = PaperRow { mean_m: 5.5e-3, sd_m: 3.2e-3, sensitivity_spread: 0.45 };
-/// Of its network.
+/// Result of its network.
 const PAPER_NETWORK: PaperRow = PaperRow { mean_m: 5.2e-3, sd_m: 3.3e-3, sensitivity_spread: 0.39 };
 
-/// Presses every pixel of the paper's skin in simulation, four places at once at the end, and writes the report page.
+/// Simulates a press on every pixel of the paper's skin and a final frame with four touches, and writes the report
+/// page.
 ///
 /// # Errors
 /// A page that cannot be written.
@@ -50,7 +51,7 @@ pub fn presses(output: &Path, seed: u64, progress: &dyn Progress) -> Result<Stud
     Ok(StudyOutput { text, json: to_json(&Summary { demo: &demo, report: output })? })
 }
 
-/// Finds the objects in recordings of a real saline tank, and writes the report page.
+/// Localises the objects in recordings of a real saline tank, and writes the report page.
 ///
 /// # Errors
 /// A page that cannot be written.
@@ -58,7 +59,7 @@ pub fn tank(output: &Path) -> Result<StudyOutput> {
     tank::run(output)
 }
 
-/// Writes a page, with the folder that holds it.
+/// Writes a page and creates its folder.
 fn write_page(path: &Path, report: &Report) -> Result<()> {
     if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         std::fs::create_dir_all(folder).map_err(|source| Error::Folder { folder: folder.to_path_buf(), source })?;

@@ -16,18 +16,18 @@ use dermis_sim::experiment::{Recording, record};
 use dermis_sim::twin::{GaussianOptions, Press, TouchOptions, Twin, TwinOptions};
 use std::time::Instant;
 
-/// Relative rise of conductance in the middle of a press. The paper does not state its own; doubled conductance is what
-/// a fabric of the sheet's own resistance gives when it is pressed on.
+/// Relative increase of conductance at the centre of a press. The paper does not state its value; a fabric with the
+/// resistance of the sheet doubles the conductance when it is pressed on it.
 pub const AMPLITUDE: f64 = 1.0;
-/// Standard deviation of a press along the surface: a fingertip of about 20 mm at half its height.
+/// Standard deviation of a press along the surface: about a fingertip with a full width at half maximum of 20 mm.
 pub const WIDTH_M: f64 = 0.008;
-/// The mesh that simulates is finer than the one that reconstructs by this factor in every length, so that the model
-/// that makes the images is not the one that made the frames.
+/// Ratio of the mesh sizes of simulation and reconstruction. The simulation mesh is finer, so that the same model does
+/// not generate and reconstruct the frames (inverse crime).
 const FINER: f64 = 0.5;
 /// White noise of every reading, dB.
 pub const SNR_DB: f64 = 50.0;
 
-/// What the rows of the table can and cannot be compared for.
+/// Limits of the comparison between the rows of the table.
 pub const CAVEAT: &str = "\
 The paper's network is ahead of the best network here because these frames are of the kind that it was trained on:\n\
 Gaussian touches of the same simulation. The best network is trained for touches on conductive patches, as on digital\n\
@@ -41,31 +41,31 @@ works, not that this skin is better than that one.";
 pub struct Demo {
     /// The paper's skin.
     pub skin: Skin,
-    /// Nodes of the mesh that simulates.
+    /// Number of nodes of the simulation mesh.
     pub simulation_nodes: usize,
     /// Seed of the noise.
     pub seed: u64,
-    /// Change of the frame by each pixel, per area.
+    /// Sensitivity of the frame to each pixel, per area.
     pub sensitivity: Vec<f64>,
-    /// Where each frame was touched.
+    /// True positions of the touches in each frame.
     pub truth: Vec<Vec<Contact>>,
     /// The results of each method.
     pub shown: Vec<Shown>,
-    /// Four touches at once, as in the paper's Fig. 9.
+    /// Four simultaneous touches, as in the paper's Fig. 9.
     pub four_truth: Vec<Contact>,
-    /// The results of each method on that one frame.
+    /// The results of each method on that frame.
     pub four: Vec<Shown>,
-    /// How long all of it took.
+    /// Total time, s.
     pub seconds: f64,
 }
 
 impl Demo {
-    /// Presses every pixel of the paper's skin once, and four places at once at the end.
+    /// Simulates one press on every pixel of the paper's skin, and a final frame with four touches.
     pub fn run(seed: u64, progress: &dyn Progress) -> Result<Self> {
         let begun = Instant::now();
         let skin = Skin::load("cylinder30")?;
         let pixels = skin.pixels();
-        // All presses are equally strong, as if of 1 N.
+        // All presses have the same strength, as for a force of 1 N.
         let press = |(&at, &normal): (&Point3, &Point3)| vec![Contact::truth(at, normal, 1.0)];
         let mut truth: Vec<Vec<Contact>> = pixels.centres_m.iter().zip(&pixels.normals).map(press).collect();
         truth.push(four_touches(skin.design(), 1.0).expect("the paper's skin is a cylinder"));
@@ -100,7 +100,7 @@ impl Demo {
         self.shown.first().expect("there is the linear method at least")
     }
 
-    /// What was done, in two lines.
+    /// A summary of the experiment, in two lines.
     pub fn heading(&self) -> String {
         let methods: Vec<&str> = self.shown.iter().map(|shown| shown.how.as_str()).collect();
         format!(
@@ -117,7 +117,7 @@ impl Demo {
         )
     }
 
-    /// The results beside the paper's linear row.
+    /// The results next to the paper's linear row.
     pub fn table(&self) -> Table {
         let header =
             ["localisation error", "mean \u{b1} sd (mm)", "median", "95th pct", "misses", "false positives", "spread"];
@@ -144,7 +144,7 @@ impl Demo {
     }
 }
 
-/// A twin without an error but white noise, touched as the paper trains.
+/// A twin with white noise as its only error, touched as in the training of the paper.
 fn twin(design: &SkinDesign, seed: u64) -> Result<Twin> {
     let mut options = TwinOptions::shipped("ideal").expect("a shipped twin");
     options.mesh_scale = FINER;

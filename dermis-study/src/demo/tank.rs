@@ -1,4 +1,4 @@
-//! Measured frames of a saline tank: the objects in it, and their places.
+//! Measured frames of a saline tank: the objects in it, and their positions.
 
 use super::write_page;
 use crate::report::{Report, Table, to_json};
@@ -14,14 +14,14 @@ use dermis_plot::{Drawing, Picture, View};
 use dermis_sim::evaluate::{FoundObject, Material, TankObject, find_objects};
 use std::path::Path;
 
-/// A recording: the frame of the empty tank and that of the tank with its objects, a row of numbers each.
+/// A recording: the frame of the empty tank and that of the tank with its objects, one row of numbers each.
 struct Recording {
     name: &'static str,
     empty: &'static str,
     objects: &'static str,
 }
 
-/// The frames of one recording, by its name in `data/tank`.
+/// The two frames of a recording, by its name in `data/tank`.
 macro_rules! recording {
     ($name:literal) => {
         Recording {
@@ -54,7 +54,7 @@ struct Found {
     objects: Vec<FoundObject>,
 }
 
-/// Finds the objects in every recording, prints where, and writes the page.
+/// Localises the objects in every recording, prints their positions, and writes the page.
 pub fn run(output: &Path) -> Result<StudyOutput> {
     let skin = Skin::load("tank16")?;
     let design = skin.design();
@@ -82,7 +82,7 @@ fn find(recording: &Recording, design: &SkinDesign, method: &Method) -> Result<F
     Ok(Found { name: recording.name, objects: find_objects(&image, &named, design.electrodes.len()), image })
 }
 
-/// A frame from its shipped text.
+/// Parses a shipped frame.
 fn frame(text: &str, design: &SkinDesign) -> Frame {
     let number = |cell: &str| cell.trim().parse().expect("the shipped frames hold numbers");
     let values: Vec<f64> = text.trim().split(',').map(number).collect();
@@ -116,7 +116,7 @@ fn table(found: &[Found]) -> Table {
             let count = RIM_ELECTRODES as f64;
             let place = (electrode as f64 + object.off_spacings).rem_euclid(count);
             let (place, off) = match object.position_m {
-                // Just below the count is the zeroth electrode again.
+                // Positions just below the count wrap around to electrode 0.
                 Some(_) => (
                     format!("{:.2}", if place >= count - 0.005 { 0.0 } else { place }),
                     format!("{:+.2}", object.off_spacings),
@@ -130,7 +130,7 @@ fn table(found: &[Found]) -> Table {
     table
 }
 
-/// Electrodes of the tank.
+/// Number of electrodes of the tank.
 const RIM_ELECTRODES: usize = 16;
 
 fn page(design: &SkinDesign, mesh: &Mesh, found: &[Found], how: &str) -> Result<Report> {
@@ -160,7 +160,7 @@ fn caption(recording: &Found) -> String {
 fn picture(drawing: &Drawing<'_>, design: &SkinDesign, recording: &Found, how: &str) -> Result<Picture> {
     let mut scene = drawing.image(&recording.image, Quantity::Change);
     if let Some(key) = &mut scene.key {
-        // The water's conductance and the tank's size are not stated with the recordings.
+        // The recordings do not state the conductance of the water or the size of the tank.
         key.label = "conductance above the water's (arbitrary scale)".into();
     }
     let named = recording.objects.iter().filter_map(|object| {

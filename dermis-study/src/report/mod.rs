@@ -1,4 +1,4 @@
-//! Pages of text, tables and pictures, each one HTML file that needs no other.
+//! Pages of text, tables and pictures; each page is one self-contained HTML file.
 //!
 //! ```
 //! use dermis_study::report::{Report, Table};
@@ -19,7 +19,7 @@ use dermis_plot::Picture;
 use dermis_plot::escape;
 use std::fmt::Write as _;
 
-/// A value as JSON, with a newline at its end.
+/// A value as JSON, with a trailing newline.
 pub(crate) fn to_json(value: &impl serde::Serialize) -> crate::Result<String> {
     let text = serde_json::to_string_pretty(value).map_err(|error| crate::Error::Internal(error.to_string()))?;
     Ok(format!("{text}\n"))
@@ -27,7 +27,7 @@ pub(crate) fn to_json(value: &impl serde::Serialize) -> crate::Result<String> {
 
 const STYLE: &str = include_str!("style.css");
 
-/// A page under construction, from above to below.
+/// A page under construction, from top to bottom.
 #[derive(Debug, Clone)]
 pub struct Report {
     title: String,
@@ -35,33 +35,33 @@ pub struct Report {
 }
 
 impl Report {
-    /// A page that begins with its title and a sentence on what it is.
+    /// A page with a title and an introductory sentence.
     pub fn new(title: &str, lead: &str) -> Self {
         let body = format!("<h1>{}</h1>\n<p class=\"lead\">{}</p>\n", escape(title), escape(lead));
         Report { title: title.to_string(), body }
     }
 
-    /// Begins a part.
+    /// Begins a section.
     pub fn heading(&mut self, text: &str) {
         let _ = writeln!(self.body, "<h2>{}</h2>", escape(text));
     }
 
-    /// A paragraph.
+    /// Adds a paragraph.
     pub fn paragraph(&mut self, text: &str) {
         let _ = writeln!(self.body, "<p>{}</p>", escape(text));
     }
 
-    /// Commands or code.
+    /// Adds commands or code.
     pub fn code(&mut self, text: &str) {
         let _ = writeln!(self.body, "<pre>{}</pre>", escape(text));
     }
 
-    /// A table.
+    /// Adds a table.
     pub fn table(&mut self, table: &Table) {
         self.body += &table.to_html();
     }
 
-    /// Pictures beside each other where there is room, each with a caption.
+    /// Adds pictures with captions, side by side if there is room.
     pub fn pictures(&mut self, pictures: &[(Picture, String)]) {
         self.body += "<div class=\"pictures\">\n";
         for (picture, caption) in pictures {
@@ -72,7 +72,7 @@ impl Report {
         self.body += "</div>\n";
     }
 
-    /// The page.
+    /// The page as HTML.
     pub fn to_html(&self) -> String {
         format!(
             "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\

@@ -1,16 +1,16 @@
-//! A small table, for the terminal and for a page.
+//! A small table, for terminals and pages.
 
 use dermis_plot::escape;
 use std::fmt::Write as _;
 
-/// A table of texts; the first column names the row.
+/// A table of text cells; the first column names the row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
     /// Names of the columns.
     pub header: Vec<String>,
     /// The rows, each as long as the header.
     pub rows: Vec<Vec<String>>,
-    /// Whether the last column is a remark in words.
+    /// Whether the last column contains remarks as text.
     remarks: bool,
 }
 
@@ -20,15 +20,16 @@ impl Table {
         Table { header: header.iter().map(|name| name.to_string()).collect(), rows: Vec::new(), remarks: false }
     }
 
-    /// A table without rows whose last column is a remark in words: on a page it wraps, in a terminal it is left out.
+    /// A table without rows whose last column contains remarks as text: it wraps on a page, and is omitted in a
+    /// terminal.
     pub fn with_remarks(header: &[&str]) -> Self {
         Table { remarks: true, ..Table::new(header) }
     }
 
-    /// Adds a row of as many cells as the header has.
+    /// Adds a row with one cell per column.
     ///
     /// # Panics
-    /// Where it has not.
+    /// If the number of cells differs from the number of columns.
     pub fn push(&mut self, cells: Vec<String>) {
         assert_eq!(cells.len(), self.header.len(), "a cell for each column");
         self.rows.push(cells);
@@ -39,7 +40,7 @@ impl Table {
         self.rows.push(cells.into());
     }
 
-    /// The table in columns of even width: the first to the left, the others to the right.
+    /// The table with aligned columns: the first to the left, the others to the right.
     pub fn to_text(&self) -> String {
         let columns = self.header.len() - usize::from(self.remarks);
         let widths: Vec<usize> = (0..columns)
@@ -60,7 +61,7 @@ impl Table {
         text
     }
 
-    /// The table for a page.
+    /// The table as HTML.
     pub fn to_html(&self) -> String {
         let line = |cells: &[String], tag: &str| {
             let cells: String = cells.iter().map(|cell| format!("<{tag}>{}</{tag}>", escape(cell))).collect();

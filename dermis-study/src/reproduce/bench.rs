@@ -1,4 +1,4 @@
-//! Twins of one skin, pressed.
+//! Presses on the twins of one skin.
 
 use crate::Result;
 use crate::comparison::Named;
@@ -13,42 +13,42 @@ use rayon::prelude::*;
 use std::path::Path;
 use std::sync::Arc;
 
-/// A skin as designed, and the twins of it that can be pressed.
+/// A nominal skin and its twins.
 pub struct Bench<'a> {
-    /// The skin as designed; methods have no other information of the twins.
+    /// The nominal skin; methods have no other information on the twins.
     pub skin: Skin,
     /// The distribution of the twins.
     pub twin: &'a TwinOptions,
-    /// Where the progress of long work is shown.
+    /// Receives the progress of long computations.
     pub progress: &'a dyn Progress,
 }
 
-/// A twin that was pressed.
+/// Results of pressing one twin.
 pub struct Pressed {
-    /// What its instrument delivered.
+    /// The frames of its instrument.
     pub recording: Recording,
-    /// Where each frame was truly touched.
+    /// True positions of the touches in each frame.
     pub truth: Vec<Vec<Contact>>,
     /// Differences of further untouched frames from the baseline.
     pub untouched: Vec<Frame>,
-    /// Nodes of its mesh.
+    /// Number of nodes of its mesh.
     pub nodes: usize,
-    /// Readings out of the converter's range in the untouched frames of the baseline.
+    /// Readings out of the range of the converter in the untouched frames of the baseline.
     pub saturated_readings: usize,
 }
 
 impl Bench<'_> {
-    /// The network in a folder, for this skin.
+    /// Loads the network in a folder for this skin.
     pub fn network(&self, folder: &Path) -> Result<Named> {
         Ok(Named::network(Model::load(folder, self.skin.forward(), Arc::clone(self.skin.pixels()))?))
     }
 
-    /// Where and how hard an experiment with this seed presses.
+    /// The positions and forces of the presses with this seed.
     pub fn presses(&self, seed: u64) -> Presses<'_> {
         Presses::new(self.skin.design(), self.skin.mesh(), self.skin.pixels(), self.twin.press, seed)
     }
 
-    /// Draws a twin, presses it, and reads some untouched frames when all is done.
+    /// Draws a twin, presses it, and reads some untouched frames at the end.
     pub fn press(&self, seed: u64, presses: &[Vec<Press>], untouched: u64, task: &dyn Task) -> Result<Pressed> {
         let twin = Twin::new(self.skin.design(), self.twin, seed)?;
         let recording = record(&twin, presses, 0, || task.advance(1))?;

@@ -1,4 +1,4 @@
-//! What results of the methods on the reported twins show, in a form that can be kept.
+//! Benchmark results of the methods on the reported twins, in a serialisable form.
 
 use super::bench::Bench;
 use super::scale::{REPORTED_SEED, Scale};
@@ -14,17 +14,17 @@ use dermis_sim::evaluate::{Benchmark, BenchmarkResult, CalibrationRun};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Seed of fresh Gaussian touches, apart from those of training and test.
+/// Seed of fresh Gaussian touches, separate from those of training and test.
 const EXPLAINED_SEED: u64 = 3002;
 
-/// The figures of one method on one twin; `None` where there is none.
+/// The figures of one method on one twin; `None` if a figure does not exist.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TwinFigures {
     /// The twin's seed.
     pub seed: u64,
     /// Every figure of [`FIGURES`] by its key, SI units.
     pub figures: BTreeMap<String, Option<f64>>,
-    /// Distance of two touches (m) and the part of the pairs that was resolved.
+    /// Distance of two touches (m) and the fraction of resolved pairs.
     pub two_resolved: Vec<(f64, f64)>,
 }
 
@@ -44,23 +44,23 @@ impl TwinFigures {
     }
 }
 
-/// One method on all reported twins.
+/// The results of one method on all reported twins.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Benchmarked {
     /// The method's identifier.
     pub key: String,
     /// The method's name in tables and pictures.
     pub name: String,
-    /// Its alpha, where it has one.
+    /// Its alpha, if it has one.
     pub alpha: Option<f64>,
-    /// What its images leave unexplained of Gaussian touches, with noise and one best gain: a part of the variance.
+    /// Fraction of the variance of Gaussian touches that its images do not explain, with noise and one optimal gain.
     pub unexplained: Option<f64>,
     /// The figures of each twin.
     pub twins: Vec<TwinFigures>,
 }
 
 impl Benchmarked {
-    /// Assesses a method on the reported twins, or takes what was kept.
+    /// Benchmarks a method on the reported twins, or reads saved results.
     pub fn make(
         bench: &Bench<'_>,
         method: &Named,
@@ -100,14 +100,14 @@ impl Benchmarked {
         })
     }
 
-    /// A figure by its key: its mean over the twins and the worst of them, SI units; `NaN` where a twin has none.
+    /// A figure by its key: its mean over the twins and the worst twin, SI units; `NaN` if a twin has none.
     pub fn figure(&self, key: &str) -> [f64; 2] {
         let figure = FIGURES.iter().find(|figure| figure.key == key).expect("a figure of the list");
         let values: Vec<f64> = self.twins.iter().map(|twin| twin.value(key)).collect();
         [mean(&values), figure.worst(&values)]
     }
 
-    /// The mean over the twins of the part of the pairs that was resolved, by their distance (m).
+    /// The mean over the twins of the fraction of resolved pairs, by their distance (m).
     pub fn two_resolved(&self) -> Vec<[f64; 2]> {
         let Some(first) = self.twins.first() else { return Vec::new() };
         let at = |distance_m: f64| {
@@ -120,8 +120,8 @@ impl Benchmarked {
     }
 }
 
-/// What a method's images leave unexplained of touches like those that the paper's network learns from; `None` on skins that
-/// cannot be touched so.
+/// The unexplained fraction of the variance of touches like those for training the paper's network; `None` on skins
+/// that do not support such touches.
 fn unexplained(bench: &Bench<'_>, method: &Named, scale: Scale) -> Result<Option<f64>> {
     let samples = scale.explained();
     let recipe = gaussian_recipe(EXPLAINED_SEED, samples)?;

@@ -1,4 +1,4 @@
-//! How a skin's structure shows: error, sensitivity and bias by place.
+//! Effects of the structure of a skin: error, sensitivity and bias by position.
 
 use super::bench::Bench;
 use super::choose::Choice;
@@ -17,73 +17,73 @@ use std::f64::consts::TAU;
 
 /// Number of bins of a profile.
 const BINS: usize = 15;
-/// Next to the cut or to a rim means within this distance, m (`docs/conventions.md`: rim).
+/// Maximum distance from the cut or from a rim that counts as near, m (`docs/conventions.md`: rim).
 const NEAR_M: f64 = 0.02;
 
-/// A press and its estimate. Lengths along the surface, m: round is the arc from the cut.
+/// A press and its estimate. Lengths along the surface, m: the circumferential coordinate is the arc from the cut.
 #[derive(Debug, Clone, Copy)]
-struct Met {
+struct ScoredPress {
     round_m: f64,
     along_m: f64,
-    /// From the touch to its contact, round and along; `None` where it was missed.
+    /// Offset of the contact from the touch, circumferential and axial; `None` for a miss.
     off_m: Option<[f64; 2]>,
-    /// From the touch to the centroid of the whole image (Eq. 11), round and along.
+    /// Offset of the centroid of the whole image (Eq. 11) from the touch, circumferential and axial.
     eq11_off_m: Option<[f64; 2]>,
-    /// Peak of the image over the force.
+    /// Peak of the image divided by the force.
     peak_per_n: f64,
 }
 
-/// What one method shows of one structure.
+/// Results of one method on one structure.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Structure {
     /// The design's identifier.
     pub design: String,
     /// The method's identifier.
     pub method: String,
-    /// Its alpha, where it has one.
+    /// Its alpha, if it has one.
     pub alpha: Option<f64>,
-    /// Presses on all twins.
+    /// Number of presses on all twins.
     pub presses: usize,
     /// Presses without a contact within the gate.
     pub misses: usize,
-    /// Part of the presses in the middle third of the length that were missed.
+    /// Fraction of missed presses in the middle third of the length.
     pub missed_middle: f64,
     /// Contacts without a press.
     pub false_positives: usize,
-    /// Readings out of the converter's range in a hundred untouched frames of each twin.
+    /// Readings out of the range of the converter in a hundred untouched frames of each twin.
     pub saturated_readings: usize,
     /// Distance of contacts from their presses, m.
     pub localisation: MeanSd,
     /// The same in the middle third of the length.
     pub localisation_middle: MeanSd,
-    /// The same within 20 mm of the line of the cut, on either side.
+    /// The same within 20 mm of the cut, on both sides.
     pub localisation_cut: MeanSd,
-    /// Spread of the peak per newton, standard deviation over mean.
+    /// Spread of the peak per newton: standard deviation divided by mean.
     pub sensitivity_spread: f64,
-    /// Mean peak per newton in the middle third of the length over that of the outer thirds.
+    /// Mean peak per newton in the middle third of the length, divided by that in the outer thirds.
     pub sensitivity_middle: f64,
-    /// Mean error along the cylinder towards its middle, m; negative is outwards.
+    /// Mean axial error towards the middle of the cylinder, m; negative is outwards.
     pub bias_along_m: f64,
-    /// Mean error round the cylinder away from the cut, m.
+    /// Mean circumferential error away from the cut, m.
     pub bias_round_m: f64,
-    /// The same within 20 mm of a rim, and of the cut.
+    /// Mean axial error within 20 mm of a rim, m.
     pub bias_along_near_rims_m: f64,
-    /// See [`Self::bias_along_near_rims_m`].
+    /// Mean circumferential error within 20 mm of the cut, m.
     pub bias_round_near_cut_m: f64,
-    /// Mean error of the whole image's centroid (Eq. 11) along the cylinder towards its middle, m.
+    /// Mean axial error of the centroid of the whole image (Eq. 11) towards the middle of the cylinder, m.
     pub eq11_bias_along_m: f64,
-    /// The same round it, away from the cut.
+    /// The same in the circumferential direction, away from the cut.
     pub eq11_bias_round_m: f64,
-    /// Mean signed error (m, positive with growing z) by z (m).
+    /// Mean signed error (m, positive towards larger z) by z (m).
     pub along_profile_m: Vec<[f64; 2]>,
-    /// Mean signed error (m, positive with growing arc) by the arc from the cut (m).
+    /// Mean signed error (m, positive towards a larger arc) by the arc from the cut (m).
     pub round_profile_m: Vec<[f64; 2]>,
 }
 
-/// Mean and standard deviation; zero where the count is.
+/// Mean and standard deviation; zero without values.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct MeanSd {
-    /// Values.
+    /// Number of values.
     pub count: usize,
     /// Their mean.
     pub mean: f64,
@@ -103,7 +103,7 @@ impl MeanSd {
         MeanSd { count, mean, sd }
     }
 
-    /// The mean of some lengths in words, mm.
+    /// The mean of lengths as text, mm.
     pub fn mean_mm(&self) -> String {
         if self.count == 0 { "none".into() } else { format!("{:.1}", self.mean * 1e3) }
     }
@@ -114,7 +114,7 @@ impl MeanSd {
     }
 }
 
-/// Presses the twins of a design and computes the structure by every method; kept results are read.
+/// Presses the twins of a design and evaluates all methods on the structure; saved results are reused.
 pub fn structures(
     control: &Control,
     cut_rad: f64,
@@ -128,7 +128,7 @@ pub fn structures(
     work.kept(&name, &how.join("; "), || press_and_summarize(control, cut_rad, bench, methods, scale))
 }
 
-/// The best linear methods of a control, chosen on its own twins.
+/// The linear methods with the best alpha for a control, chosen on its own twins.
 pub fn linear(control: &Control, bench: &Bench<'_>, scale: Scale, work: &Work) -> Result<Vec<Named>> {
     let name = format!("alpha-{}", control.key);
     let choice: Choice = work.kept(&name, &bench.skin.design().name, || Choice::make(bench, scale))?;
@@ -143,13 +143,14 @@ fn press_and_summarize(
     scale: Scale,
 ) -> Result<Vec<Structure>> {
     let surface = bench.skin.design().body.surface();
-    let (mut met, mut false_positives) = (vec![Vec::new(); methods.len()], vec![0; methods.len()]);
+    let (mut scored, mut false_positives) = (vec![Vec::new(); methods.len()], vec![0; methods.len()]);
     let mut saturated_readings = 0;
     let seeds = REPORTED_SEED..REPORTED_SEED + scale.twins();
     let count = scale.structure_presses();
     let task = bench.progress.begin(&format!("pressing twins, {}", control.name), count * scale.twins() as usize);
     for seed in seeds {
-        // Not on the grid, whose columns interfere with those of the patches: that would be a bias round the skin.
+        // Not on the grid: its columns interfere with the columns of patches, which would bias the circumferential
+        // error.
         let presses = bench.presses(seed).at_random(count).presses;
         let pressed = bench.press(seed, &presses, scale.untouched(), &*task)?;
         saturated_readings += pressed.saturated_readings;
@@ -157,14 +158,14 @@ fn press_and_summarize(
             let detector = method.method.detector(&pressed.untouched)?;
             let shown = Shown::of(method, &pressed.recording, &pressed.truth, &detector, bench.progress)?;
             false_positives[number] += shown.score.false_positives;
-            met[number].extend(meet(&surface, cut_rad, &pressed.truth, &shown));
+            scored[number].extend(score_presses(&surface, cut_rad, &pressed.truth, &shown));
         }
     }
     let extent = Extent::of(bench);
-    let told = methods.iter().zip(met).zip(false_positives);
-    Ok(told
-        .map(|((method, met), false_positives)| {
-            let mut structure = summarize(&met, extent);
+    let structure = methods.iter().zip(scored).zip(false_positives);
+    Ok(structure
+        .map(|((method, scored), false_positives)| {
+            let mut structure = summarize(&scored, extent);
             (structure.design, structure.method) = (control.key.to_string(), method.key.clone());
             (structure.alpha, structure.false_positives) = (method.method.alpha(), false_positives);
             structure.saturated_readings = saturated_readings;
@@ -173,14 +174,14 @@ fn press_and_summarize(
         .collect())
 }
 
-fn meet(surface: &Surface, cut_rad: f64, truth: &[Vec<Contact>], shown: &Shown) -> Vec<Met> {
+fn score_presses(surface: &Surface, cut_rad: f64, truth: &[Vec<Contact>], shown: &Shown) -> Vec<ScoredPress> {
     let frames = truth.iter().zip(&shown.contacts).zip(&shown.images);
     let one = |((touches, contacts), image): ((&Vec<Contact>, &Vec<Contact>), &dermis::image::Image)| {
         let [touch] = touches[..] else { return None };
         let [round_m, along_m] = place_m(surface, touch.position_m, cut_rad);
         let found = match_contacts(touches, contacts, surface);
         let off = |to| surface.chart(touch.position_m, to);
-        Some(Met {
+        Some(ScoredPress {
             round_m,
             along_m,
             off_m: found.pairs.first().map(|&(_, contact, _)| off(contacts[contact].position_m)),
@@ -191,7 +192,7 @@ fn meet(surface: &Surface, cut_rad: f64, truth: &[Vec<Contact>], shown: &Shown) 
     frames.filter_map(one).collect()
 }
 
-/// How far a skin reaches, round and along, m.
+/// Dimensions of a skin, circumferential and axial, m.
 #[derive(Debug, Clone, Copy)]
 struct Extent {
     round_m: f64,
@@ -210,27 +211,28 @@ impl Extent {
     }
 }
 
-fn summarize(met: &[Met], extent: Extent) -> Structure {
-    let in_middle = |one: &Met| (one.along_m / extent.along_m - 0.5).abs() <= 1.0 / 6.0;
-    let near_cut = |one: &Met| one.round_m.min(extent.round_m - one.round_m) <= NEAR_M;
-    let near_rim = |one: &Met| one.along_m.min(extent.along_m - one.along_m) <= NEAR_M;
+fn summarize(scored: &[ScoredPress], extent: Extent) -> Structure {
+    let in_middle = |one: &ScoredPress| (one.along_m / extent.along_m - 0.5).abs() <= 1.0 / 6.0;
+    let near_cut = |one: &ScoredPress| one.round_m.min(extent.round_m - one.round_m) <= NEAR_M;
+    let near_rim = |one: &ScoredPress| one.along_m.min(extent.along_m - one.along_m) <= NEAR_M;
     let inwards = |place: f64, whole: f64, off: f64| if place < 0.5 * whole { off } else { -off };
-    let along = |one: &Met, off: [f64; 2]| inwards(one.along_m, extent.along_m, off[1]);
-    let round = |one: &Met, off: [f64; 2]| inwards(one.round_m, extent.round_m, off[0]);
-    type Pick<'a> = &'a dyn Fn(&Met) -> bool;
-    type Value<'a> = &'a dyn Fn(&Met) -> Option<f64>;
-    let mean_sd = |pick: Pick<'_>, value: Value<'_>| MeanSd::of(met.iter().filter(|one| pick(one)).filter_map(value));
-    let all = |_: &Met| true;
-    let distance = |one: &Met| one.off_m.map(|off| off[0].hypot(off[1]));
-    let off_along = |one: &Met| one.off_m.map(|off| along(one, off));
-    let off_round = |one: &Met| one.off_m.map(|off| round(one, off));
-    let peak = |one: &Met| Some(one.peak_per_n);
+    let along = |one: &ScoredPress, off: [f64; 2]| inwards(one.along_m, extent.along_m, off[1]);
+    let round = |one: &ScoredPress, off: [f64; 2]| inwards(one.round_m, extent.round_m, off[0]);
+    type Pick<'a> = &'a dyn Fn(&ScoredPress) -> bool;
+    type Value<'a> = &'a dyn Fn(&ScoredPress) -> Option<f64>;
+    let mean_sd =
+        |pick: Pick<'_>, value: Value<'_>| MeanSd::of(scored.iter().filter(|one| pick(one)).filter_map(value));
+    let all = |_: &ScoredPress| true;
+    let distance = |one: &ScoredPress| one.off_m.map(|off| off[0].hypot(off[1]));
+    let off_along = |one: &ScoredPress| one.off_m.map(|off| along(one, off));
+    let off_round = |one: &ScoredPress| one.off_m.map(|off| round(one, off));
+    let peak = |one: &ScoredPress| Some(one.peak_per_n);
     let missed = mean_sd(&in_middle, &|one| Some(f64::from(u8::from(one.off_m.is_none()))));
     let peaks = mean_sd(&all, &peak);
     let [middle, outer] = [mean_sd(&in_middle, &peak).mean, mean_sd(&|one| !in_middle(one), &peak).mean];
-    let profile = |place: &dyn Fn(&Met) -> f64, whole: f64, axis: usize| {
+    let profile = |place: &dyn Fn(&ScoredPress) -> f64, whole: f64, axis: usize| {
         let bin = |number: usize| {
-            let inside = |one: &Met| ((place(one) / whole * BINS as f64) as usize).min(BINS - 1) == number;
+            let inside = |one: &ScoredPress| ((place(one) / whole * BINS as f64) as usize).min(BINS - 1) == number;
             let off = mean_sd(&inside, &|one| one.off_m.map(|off| off[axis]));
             (off.count > 0).then_some([(number as f64 + 0.5) / BINS as f64 * whole, off.mean])
         };
@@ -240,8 +242,8 @@ fn summarize(met: &[Met], extent: Extent) -> Structure {
         design: String::new(),
         method: String::new(),
         alpha: None,
-        presses: met.len(),
-        misses: met.iter().filter(|one| one.off_m.is_none()).count(),
+        presses: scored.len(),
+        misses: scored.iter().filter(|one| one.off_m.is_none()).count(),
         missed_middle: missed.mean,
         false_positives: 0,
         saturated_readings: 0,
@@ -268,7 +270,7 @@ mod tests {
     #[test]
     fn a_pull_to_the_middle_is_positive_on_both_sides_and_a_shift_is_none() {
         let extent = Extent { round_m: 0.3, along_m: 0.3 };
-        let press = |along_m: f64, off: [f64; 2]| Met {
+        let press = |along_m: f64, off: [f64; 2]| ScoredPress {
             round_m: 0.01,
             along_m,
             off_m: Some(off),
@@ -288,9 +290,9 @@ mod tests {
 
     #[test]
     fn a_missed_press_counts_as_missed_and_as_nothing_else() {
-        let met = Met { round_m: 0.1, along_m: 0.12, off_m: None, eq11_off_m: None, peak_per_n: 1.0 };
-        let told = summarize(&[met], Extent { round_m: 0.3, along_m: 0.3 });
-        assert_eq!((told.misses, told.localisation.count, told.missed_middle), (1, 0, 1.0));
-        assert!(told.along_profile_m.is_empty());
+        let scored = ScoredPress { round_m: 0.1, along_m: 0.12, off_m: None, eq11_off_m: None, peak_per_n: 1.0 };
+        let structure = summarize(&[scored], Extent { round_m: 0.3, along_m: 0.3 });
+        assert_eq!((structure.misses, structure.localisation.count, structure.missed_middle), (1, 0, 1.0));
+        assert!(structure.along_profile_m.is_empty());
     }
 }

@@ -1,4 +1,4 @@
-//! The best alpha of a linear method, chosen on twins that are not reported.
+//! Selection of alpha for a linear method, on twins that are not reported.
 
 use super::bench::{Bench, Pressed};
 use super::scale::{CHOOSING_SEED, Scale};
@@ -9,29 +9,29 @@ use dermis::reconstruct::Alpha;
 use dermis_sim::evaluate::Score;
 use serde::{Deserialize, Serialize};
 
-/// Powers of ten between which alpha is sought, in quarters: from where noise drowns the image to where it is a blur.
+/// Exponents of ten of the tested alphas, in quarters: from images dominated by noise to over-smoothed images.
 const QUARTER_POWERS: std::ops::RangeInclusive<i32> = -6..=4;
 
-/// An alpha that was tried, and what it costs.
+/// A tested alpha and its cost.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Tried {
     /// Alpha.
     pub alpha: f64,
-    /// Mean distance of a press from its contact, m; a miss or a false_positive counts as the gate of 20 mm.
+    /// Mean distance of a press from its contact, m; a miss or a false positive counts as the gate of 20 mm.
     pub cost_m: f64,
 }
 
-/// What was tried for each linear method, and the best of it.
+/// All tested alphas of each linear method, and the best one.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Choice {
     /// Best alpha of each method of [`LINEAR`].
     pub alphas: Vec<f64>,
-    /// All that was tried, for each of them.
+    /// All tested alphas of each method.
     pub tried: Vec<Vec<Tried>>,
 }
 
 impl Choice {
-    /// Tries every alpha on twins that are not reported.
+    /// Tests all alphas on twins that are not reported.
     pub fn make(bench: &Bench<'_>, scale: Scale) -> Result<Self> {
         let seeds = CHOOSING_SEED..CHOOSING_SEED + scale.choosing_twins();
         let count = scale.choosing_presses();
@@ -83,7 +83,7 @@ mod tests {
     use dermis::stats::Summary;
 
     #[test]
-    fn a_miss_and_a_ghost_cost_as_much_as_the_gate() {
+    fn a_miss_and_a_false_positive_cost_as_much_as_the_gate() {
         let summary = |mean| Summary { mean, sd: 0.0, median: mean, p95: mean };
         let score = |misses, false_positives, mean| Score {
             presses: 10,

@@ -1,10 +1,11 @@
-//! The controls of the paper's claims on structure: the same electrodes elsewhere, the same skin cut open.
+//! Control designs for the paper's claims on structure: the same electrodes at other positions, and the same skin cut
+//! open.
 
 use dermis::design::{Body, Electrode, ElectrodeShape, SkinDesign};
 use dermis::geom::{Point3, Surface};
 use std::f64::consts::TAU;
 
-/// A design that differs from the one under study in one thing.
+/// A design that differs from the design under study in one aspect.
 pub struct Control {
     /// Its identifier.
     pub key: &'static str,
@@ -14,25 +15,27 @@ pub struct Control {
     pub design: SkinDesign,
 }
 
-/// The design under study and its controls, and the angle of the cut; `None` for a body that is no cylinder.
+/// The design under study and its controls, and the angle of the cut.
 pub struct Controls {
-    /// The designs, that under study first.
+    /// The designs; the first is the design under study.
     pub designs: Vec<Control>,
-    /// Where the cut is, rad; as far from all electrodes as can be.
+    /// Angle of the cut, rad; as far as possible from all electrodes.
     pub cut_rad: f64,
 }
 
 /// The design under study and its controls.
 ///
-/// - **On the rims only**: as many electrodes of the same size, half of them on each rim at even angles, those of the far rim
-///   turned by half a step. Which electrodes drive together follows from their numbers, and the paper does not say how they
-///   would be numbered there: once they run round one rim and then round the other, so that all but two pairs drive along a
-///   rim; once to and fro, so that every pair drives from rim to rim.
-/// - **Cut open**: the same coat, electrodes and size, parted along a line from rim to rim. A sheet knows lengths along itself
-///   alone (Eq. 1 has no curvature), so the parted cylinder is a flat rectangle of the same lengths, and is modelled as one.
-///   The cut goes where no electrode is, or it would halve some of them and the control would differ in two things.
+/// - **On the rims only**: the same number of electrodes of the same size, half of them on each rim at uniform angles,
+///   with the second rim rotated by half a step. The electrode numbers determine the drive pairs, and the paper does
+///   not state the numbering for this case. One control numbers one rim and then the other, so that all but two pairs
+///   drive along a rim; another alternates between the rims, so that every pair drives from rim to rim.
+/// - **Cut open**: the same coat, electrodes and size, cut along a line from rim to rim. Conduction in a sheet depends
+///   only on lengths within the sheet (Eq. 1 has no curvature), so the cut cylinder is modelled as a flat rectangle of
+///   the same size. The cut avoids the electrodes; it would otherwise split some of them, and the control would differ
+///   in two aspects.
 ///
-/// `None` for a body that is no cylinder, for electrodes that are no discs, for none that leave room for a cut.
+/// `None` for a body that is not a cylinder, for electrodes that are not discs, and for electrodes without room for a
+/// cut.
 pub fn controls(design: &SkinDesign) -> Option<Controls> {
     let Body::Cylinder { length_m, diameter_m } = design.body else { return None };
     let radius_m = diameter_m / 2.0;
@@ -47,7 +50,7 @@ pub fn controls(design: &SkinDesign) -> Option<Controls> {
     Some(Controls { designs, cut_rad })
 }
 
-/// The angle in the middle of the widest gap between electrodes.
+/// The angle at the centre of the widest gap between electrodes.
 fn cut(design: &SkinDesign, radius_m: f64) -> Option<f64> {
     let surface = design.body.surface();
     let mut angles: Vec<f64> =
@@ -56,11 +59,11 @@ fn cut(design: &SkinDesign, radius_m: f64) -> Option<f64> {
     let first = *angles.first()?;
     let next = angles[1..].iter().copied().chain([first + TAU]);
     let gaps = angles.iter().zip(next).map(|(&from, to)| (to - from, 0.5 * (from + to)));
-    // Gaps of one size: the first, so that rounding does not choose.
+    // Of equal gaps the first, so that rounding errors do not decide.
     let (gap, middle) = gaps.fold((0.0, 0.0), |best, gap| if gap.0 > best.0 + 1e-9 { gap } else { best });
     let largest_m =
         design.electrodes.iter().map(|electrode| disc_m(electrode).unwrap_or(f64::INFINITY)).fold(0.0, f64::max);
-    // At least as much room between cut and electrode as the electrode is wide, so that the mesh is even there.
+    // The space between cut and electrode is at least as wide as the electrode, so that the mesh is regular there.
     (0.5 * gap * radius_m >= 3.0 * largest_m).then(|| middle.rem_euclid(TAU))
 }
 
@@ -72,7 +75,7 @@ fn disc_m(electrode: &Electrode) -> Option<f64> {
     }
 }
 
-/// How electrodes on two rims are numbered.
+/// Numbering of electrodes on two rims.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Numbering {
     RimByRim,
@@ -98,7 +101,7 @@ fn rims(design: &SkinDesign, length_m: f64, numbering: Numbering) -> Option<Skin
     checked(SkinDesign { name: format!("{}-rims", design.name), electrodes, ..design.clone() })
 }
 
-/// The parted cylinder laid flat: x is the arc from the cut, y is z.
+/// The cut cylinder as a flat skin: x is the arc from the cut, y is z.
 fn opened(design: &SkinDesign, length_m: f64, radius_m: f64, cut_rad: f64) -> Option<SkinDesign> {
     if !design.sheet.regions.is_empty() {
         return None;
@@ -117,13 +120,14 @@ fn checked(design: SkinDesign) -> Option<SkinDesign> {
     design.check().is_ok().then_some(design)
 }
 
-/// The arc from the cut to a place on the cylinder, m, from 0 to the circumference.
+/// The arc from the cut to a position on the cylinder, m, from 0 to the circumference.
 fn from_cut_m(surface: &Surface, place: Point3, cut_rad: f64) -> Option<f64> {
     let Surface::Cylinder { radius_m, .. } = *surface else { return None };
     Some(radius_m * (surface.theta_rad(place)? - cut_rad).rem_euclid(TAU))
 }
 
-/// A place as the controls compare it: the arc from the cut and the height, m. On the opened skin these are x and y.
+/// A position for the comparison of the controls: the arc from the cut and the height, m. On the opened skin these are
+/// x and y.
 pub fn place_m(surface: &Surface, place: Point3, cut_rad: f64) -> [f64; 2] {
     match from_cut_m(surface, place, cut_rad) {
         Some(arc_m) => [arc_m, place[2]],
@@ -146,7 +150,7 @@ mod tests {
     #[test]
     fn the_cut_passes_every_electrode_at_the_same_distance() {
         let (design, controls) = made();
-        // There is an electrode at every 36 degrees: the cut is at 18, 15.7 mm from the nearest.
+        // There is an electrode every 36 degrees: the cut is at 18, 15.7 mm from the nearest one.
         assert!((controls.cut_rad.to_degrees() - 18.0).abs() < 1e-9);
         let opened = &controls.designs[3].design;
         let margin = |electrode: &Electrode| electrode.centre_m[0].min(TAU * 0.05 - electrode.centre_m[0]);
@@ -164,7 +168,7 @@ mod tests {
             for b in 0..30 {
                 let [there, here] = [&opened.electrodes, &design.electrodes].map(|e| [e[a].centre_m, e[b].centre_m]);
                 let (flat_m, round_m) = (flat.distance_m(there[0], there[1]), round.distance_m(here[0], here[1]));
-                // The way round may have been the shorter one; never the flat one.
+                // The path around the cylinder may be shorter than the flat one, never longer.
                 assert!(flat_m >= round_m - 1e-12, "{a} {b}");
                 let across = (there[0][0] - there[1][0]).abs() > 0.5 * TAU * 0.05;
                 assert!(across || (flat_m - round_m).abs() < 1e-12, "{a} {b}");
@@ -193,7 +197,7 @@ mod tests {
             (0..30).filter(|&number| height(number) != height(number + 1)).count()
         };
         assert_eq!([crosses(along), crosses(across)], [2, 30]);
-        // The same places, in another order.
+        // The same positions, in another order.
         for electrode in across {
             assert!(
                 along.iter().any(|other| dermis::geom::vector::distance(other.centre_m, electrode.centre_m) < 1e-12)

@@ -1,4 +1,4 @@
-//! What the pictures show: one twin pressed all over, four touches at once, a sample to train on.
+//! The data of the pictures: one twin pressed on the grid, four simultaneous touches, a training sample.
 
 use super::bench::{Bench, Pressed};
 use super::scale::{REPORTED_SEED, Scale};
@@ -16,33 +16,33 @@ use std::time::Instant;
 
 /// Force of each of the four touches, N.
 const FOUR_FORCE_N: f64 = 2.0;
-/// Frames over which the time of one is measured.
+/// Number of frames for the median processing time.
 const TIMED_FRAMES: usize = 200;
-/// The seed of the sample that is shown, and its number: the first one with as many touches as the paper's Fig. 2 shows.
+/// Seed of the training sample, and its number: the first one with the same number of touches as in the paper's Fig. 2.
 const SAMPLE_SEED: u64 = 1;
 const SAMPLE_TOUCHES: usize = 3;
 
-/// What the pictures show.
+/// The data of the pictures.
 pub struct Gallery {
     /// The first reported twin, pressed on the grid.
     pub pressed: Pressed,
     /// The results of each method.
     pub shown: Vec<Shown>,
-    /// Four touches at once and the results of each method; `None` on a body that is no cylinder.
+    /// Four simultaneous touches and the results of each method; `None` on a body that is not a cylinder.
     pub four: Option<(Vec<Contact>, Vec<Shown>)>,
-    /// A sample to train on.
+    /// A training sample.
     pub sample: TrainingSample,
-    /// Median time from a difference to contacts by each method, one frame after the other on one thread, s.
+    /// Median time from a difference to contacts for each method, frame by frame on one thread, s.
     pub seconds_a_frame: Vec<f64>,
 }
 
-/// A sample to train on.
+/// A training sample.
 pub struct TrainingSample {
-    /// The frame less the untouched one, ohm.
+    /// The frame minus the untouched one, ohm.
     pub difference: Vec<f64>,
     /// The relative change of conductance.
     pub image: Image,
-    /// Where the touches are.
+    /// The touches.
     pub touches: Vec<Contact>,
 }
 

@@ -1,4 +1,4 @@
-//! The paper's sections II to IV on digital twins, as one page and as numbers.
+//! Sections II to IV of the paper on digital twins, as one page and as numbers.
 //!
 //! ```no_run
 //! use dermis_study::reproduce::{Reproduction, Scale};
@@ -47,29 +47,31 @@ use stage::{Parts, Schedule, Work, time};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 
-/// What to reproduce, and where to.
+/// Inputs and output of a reproduction.
 #[derive(Debug, Clone)]
 pub struct Reproduction {
     /// The design: a path, or a shipped name.
     pub design: String,
     /// The twin: the path of its file, or a shipped name.
     pub twin: String,
-    /// Folders of networks to compare with the linear methods. Without one, scale `paper` trains its own; the others take
-    /// those that are shipped.
+    /// Folders of networks to compare with the linear methods. Without one, scale `paper` trains its own networks; the
+    /// other scales use the shipped ones.
     pub models: Vec<PathBuf>,
-    /// How large.
+    /// The scale.
     pub scale: Scale,
-    /// The folder for `index.html`, `report.json` and the folder `work`, which holds what a run that was stopped has done.
+    /// The folder for `index.html`, `report.json` and the folder `work`, which stores the finished parts of an
+    /// interrupted run.
     pub output: PathBuf,
-    /// The program `dermis`, whose commands train networks. Kept results belong to one program file.
+    /// The program `dermis`, whose commands train networks. Saved results are valid for one program file only.
     pub program: PathBuf,
 }
 
 impl Reproduction {
-    /// Makes the page and the numbers.
+    /// Computes the numbers and writes the page.
     ///
     /// # Errors
-    /// A design, a twin or a network that cannot be used, two networks of one name, a folder that cannot be written.
+    /// A design, a twin or a network that cannot be used; two networks with the same name; a folder that cannot be
+    /// written.
     pub fn run(&self, progress: &dyn Progress) -> Result<StudyOutput> {
         let design = SkinDesign::load(&self.design)?;
         let twin = TwinOptions::load(&self.twin)?;
@@ -112,7 +114,7 @@ impl Reproduction {
         self.write(&found, &schedule)
     }
 
-    /// The networks that need no training; a folder that holds none for this skin is refused before anything is pressed.
+    /// The networks that need no training; a folder without a network for this skin is rejected before the first press.
     fn networks(&self, bench: &Bench<'_>) -> Result<Vec<Named>> {
         if self.models.is_empty() && self.scale != Scale::Paper {
             return shipped_networks(&bench.skin);
@@ -145,7 +147,7 @@ impl Reproduction {
         Ok(StudyOutput { text, json })
     }
 
-    /// Everything that kept results depend on but the methods: the program, the design, the twin and the scale.
+    /// All inputs of the saved results except the methods: the program, the design, the twin and the scale.
     fn key(&self, design: &SkinDesign, twin: &TwinOptions) -> String {
         let program = std::fs::metadata(&self.program).map(|file| (file.len(), file.modified().ok())).ok();
         let mut hasher = DefaultHasher::new();
@@ -156,7 +158,7 @@ impl Reproduction {
     }
 }
 
-/// The commands that make both networks from nothing, in their order; what they leave goes into a folder.
+/// The commands that train both networks from scratch, in order; their output is written to a folder.
 ///
 /// # Errors
 /// A folder that cannot be written.
@@ -164,7 +166,8 @@ pub fn training_steps(design: &str, twin: &str, work: &Path) -> Result<Vec<Step>
     training::steps(design, twin, work)
 }
 
-/// The design under study and its controls, each with the linear methods; the design also by the methods that only it has.
+/// The design under study and its controls, each with the linear methods; the design under study also with the other
+/// methods.
 fn study(
     controls: controls::Controls,
     bench: &Bench<'_>,

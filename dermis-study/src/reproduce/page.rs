@@ -140,7 +140,7 @@ fn losses(report: &mut Report, found: &Results<'_>) {
     }
     report.table(&table);
     let curve = |name: &str, card: &Card, of: fn(&Epoch) -> f64| {
-        // Over the variance, so that networks with different targets fit in one chart.
+        // Divided by the variance, so that networks with different targets fit in one chart.
         let part =
             |(number, epoch): (usize, &Epoch)| [number as f64 + 1.0, 100.0 * of(epoch) / card.training.target_variance];
         (name.to_string(), card.training.epochs.iter().enumerate().map(part).collect::<Vec<_>>())
@@ -193,7 +193,7 @@ fn sensitivity(report: &mut Report, found: &Results<'_>, plots: &Plots<'_>) -> R
     let gallery = &found.gallery;
     let maps: Vec<Vec<f64>> =
         gallery.shown.iter().map(|shown| plots.sensitivity_map(&gallery.pressed.truth, shown)).collect();
-    // One scale for all, so that they can be compared; a few presses near electrodes would stretch it to several times the mean.
+    // One common scale for comparison; a few presses near electrodes would extend it to several times the mean.
     let scale = dermis_plot::Scale::between_quantiles(maps.iter().flatten().copied(), [0.02, 0.98]);
     let mut pictures = Vec::new();
     for (shown, map) in gallery.shown.iter().zip(&maps) {
@@ -286,12 +286,12 @@ fn structure(report: &mut Report, found: &Results<'_>, study: &StructureStudy) -
 }
 
 fn structure_table(study: &StructureStudy, method: &str) -> Table {
-    let told: Vec<(&str, &Structure)> =
+    let structures: Vec<(&str, &Structure)> =
         study.designs.iter().filter_map(|control| Some((control.name, study.of(control.key, method)?))).collect();
-    let header: Vec<&str> = ["figure"].into_iter().chain(told.iter().map(|one| one.0)).collect();
+    let header: Vec<&str> = ["figure"].into_iter().chain(structures.iter().map(|one| one.0)).collect();
     let mut table = Table::new(&header);
     let mut row = |what: &str, of: &dyn Fn(&Structure) -> String| {
-        table.push([what.to_string()].into_iter().chain(told.iter().map(|one| of(one.1))).collect());
+        table.push([what.to_string()].into_iter().chain(structures.iter().map(|one| of(one.1))).collect());
     };
     let signed = |value_m: f64| format!("{:+.2}", value_m * 1e3).replace('-', "\u{2212}");
     row("localisation, mm", &|one| one.localisation.mean_and_sd_mm());

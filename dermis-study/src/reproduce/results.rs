@@ -1,4 +1,4 @@
-//! Everything that a reproduction found, for the page and for report.json.
+//! All results of a reproduction, for the page and for report.json.
 
 use super::bench::Bench;
 use super::benchmarked::Benchmarked;
@@ -12,48 +12,48 @@ use super::stated::{Row, facts, results};
 use crate::comparison::Named;
 use serde::Serialize;
 
-/// Everything that a reproduction found.
+/// All results of a reproduction.
 pub struct Results<'a> {
-    /// How large it is.
+    /// Its scale.
     pub scale: Scale,
     /// The skin and its twins.
     pub bench: &'a Bench<'a>,
     /// The methods, in the order of all tables.
     pub methods: &'a [Named],
-    /// How the linear ones got their alpha.
+    /// The choice of alpha for the linear methods.
     pub choice: &'a Choice,
-    /// Every method on every reported twin.
+    /// Benchmark of every method on the reported twins.
     pub assessed: Vec<Benchmarked>,
-    /// What the pictures show.
+    /// The data of the pictures.
     pub gallery: Gallery,
-    /// The controls; `None` where the design has none.
+    /// The controls; `None` for a design without controls.
     pub structure: Option<StructureStudy>,
 }
 
-/// The design under study beside its controls.
+/// The design under study and its controls.
 pub struct StructureStudy {
-    /// The designs, that under study first.
+    /// The designs; the first is the design under study.
     pub designs: Vec<Control>,
     /// The angle of the cut, rad.
     pub cut_rad: f64,
-    /// What each method shows of each design.
+    /// Results of each method on each design.
     pub structures: Vec<Structure>,
 }
 
 impl StructureStudy {
-    /// What a method shows of a design.
+    /// Results of a method on a design.
     pub fn of(&self, design: &str, method: &str) -> Option<&Structure> {
         self.structures.iter().find(|structure| structure.design == design && structure.method == method)
     }
 }
 
 impl Results<'_> {
-    /// The linear methods among the assessed.
+    /// The linear methods.
     pub fn linear(&self) -> impl Iterator<Item = &Benchmarked> {
         self.assessed.iter().filter(|assessed| assessed.alpha.is_some())
     }
 
-    /// The reported twins in words: "2 twins, seeds 1001 to 1002".
+    /// The reported twins as text: "2 twins, seeds 1001 to 1002".
     pub fn twins(&self) -> String {
         match self.scale.twins() {
             1 => format!("1 twin, seed {REPORTED_SEED}"),
@@ -88,7 +88,7 @@ impl Results<'_> {
     }
 }
 
-/// What machines get.
+/// The contents of report.json.
 #[derive(Serialize)]
 pub struct Summary<'a> {
     dermis: &'static str,
@@ -101,7 +101,7 @@ pub struct Summary<'a> {
     reported_twins: u64,
     first_choosing_seed: u64,
     choosing_twins: u64,
-    /// On the grid and at random places.
+    /// Numbers of presses on the grid and at random positions.
     presses_a_twin: [usize; 2],
     alphas_tried: &'a Choice,
     methods: &'a [Benchmarked],

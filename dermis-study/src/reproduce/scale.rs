@@ -1,28 +1,28 @@
-//! How large a reproduction is.
+//! The scale of a reproduction.
 
 use dermis_sim::evaluate::BenchmarkOptions;
 use dermis_sim::experiment::Sizes;
 use serde::Serialize;
 
-/// How large a reproduction is.
+/// The scale of a reproduction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Scale {
-    /// One twin and a few dozen presses, in seconds: to see the page, not for its figures.
+    /// One twin and a few dozen presses, in seconds: a preview of the page, not for its figures.
     Glance,
-    /// Two twins, the whole grid and a third of all else; at most five minutes on two cores.
+    /// Two twins, the whole grid and a third of everything else; at most five minutes on two cores.
     Quick,
     /// Ten twins, every press of the paper and more.
     Paper,
 }
 
-/// First seed of the twins that are reported; no choice of any kind looks at them.
+/// First seed of the reported twins; no selection uses them.
 pub const REPORTED_SEED: u64 = 1001;
-/// First seed of the twins on which choices are made.
+/// First seed of the twins for selections.
 pub const CHOOSING_SEED: u64 = 2001;
 
 impl Scale {
-    /// Twins that are reported.
+    /// Number of reported twins.
     pub fn twins(self) -> u64 {
         match self {
             Scale::Glance => 1,
@@ -31,7 +31,7 @@ impl Scale {
         }
     }
 
-    /// Twins that choices are made on.
+    /// Number of twins for selections.
     pub fn choosing_twins(self) -> u64 {
         match self {
             Scale::Glance | Scale::Quick => 1,
@@ -39,7 +39,7 @@ impl Scale {
         }
     }
 
-    /// Presses on each of them.
+    /// Number of presses on each of them.
     pub fn choosing_presses(self) -> usize {
         match self {
             Scale::Glance => 20,
@@ -48,8 +48,8 @@ impl Scale {
         }
     }
 
-    /// Every so manyth pixel is pressed for maps. 37 has no divisor in common with the shipped pictures, so
-    /// that all columns have their turn.
+    /// Step of the pixels that are pressed for maps. 37 has no common divisor with the shipped image sizes, so that all
+    /// columns are used.
     pub fn grid_step(self) -> usize {
         match self {
             Scale::Glance => 37,
@@ -57,7 +57,7 @@ impl Scale {
         }
     }
 
-    /// Presses on each twin of a design and its controls.
+    /// Number of presses on each twin of a design and its controls.
     pub fn structure_presses(self) -> usize {
         match self {
             Scale::Glance => 25,
@@ -65,7 +65,7 @@ impl Scale {
         }
     }
 
-    /// Untouched frames from which the noise of images is estimated.
+    /// Number of untouched frames for the noise estimate of images.
     pub fn untouched(self) -> u64 {
         match self {
             Scale::Glance => 50,
@@ -74,7 +74,7 @@ impl Scale {
         }
     }
 
-    /// Gaussian touches, fresh ones, of which it is measured what images leave unexplained.
+    /// Number of fresh Gaussian touches for the unexplained variance of images.
     pub fn explained(self) -> u64 {
         match self {
             Scale::Glance => 32,
@@ -83,7 +83,7 @@ impl Scale {
         }
     }
 
-    /// How large the result of each twin is.
+    /// Size of the benchmark of each twin.
     pub fn result(self) -> BenchmarkOptions {
         let whole = Sizes::default();
         match self {

@@ -1,4 +1,4 @@
-//! The stages of a reproduction: how long each takes, and results that are kept, so that a run that was stopped can continue.
+//! The stages of a reproduction: their durations, and saved results, so that an interrupted run can continue.
 
 use crate::progress::Progress;
 use crate::{Error, Result};
@@ -9,16 +9,16 @@ use std::cell::Cell;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// A stage that is done.
+/// A completed stage.
 #[derive(Debug, Clone, Serialize)]
 pub struct Done {
-    /// What was done.
+    /// Description.
     pub stage: String,
-    /// How long it took, s; nearly nothing where its results were there.
+    /// Duration, s; nearly zero if its results were saved before.
     pub seconds: f64,
 }
 
-/// The stages of a run and the time that they take.
+/// The stages of a run and their durations.
 pub struct Schedule<'a> {
     progress: &'a dyn Progress,
     begun: Instant,
@@ -38,7 +38,7 @@ impl<'a> Schedule<'a> {
         format!("stages:{}", stages.collect::<String>())
     }
 
-    /// Carries out the next stage and notes how long it took.
+    /// Runs the next stage and records its duration.
     pub fn stage<T>(&mut self, work: impl FnOnce(&Parts<'_>) -> Result<T>) -> Result<T> {
         let stage = self.planned[self.done.len()].clone();
         let begun = Instant::now();
@@ -55,18 +55,18 @@ impl<'a> Schedule<'a> {
         Ok(result)
     }
 
-    /// The stages that are done.
+    /// The completed stages.
     pub fn done(&self) -> &[Done] {
         &self.done
     }
 
-    /// Seconds since the schedule began.
+    /// Seconds since the start of the schedule.
     pub fn elapsed_s(&self) -> f64 {
         self.begun.elapsed().as_secs_f64()
     }
 }
 
-/// The parts of a stage. The time left is estimated from the parts that are done, and only once one is.
+/// The parts of a stage. The remaining time is estimated from the completed parts, as soon as there is one.
 pub struct Parts<'a> {
     progress: &'a dyn Progress,
     done: Cell<usize>,
@@ -79,7 +79,7 @@ impl<'a> Parts<'a> {
         Parts { progress, done: Cell::new(0), made: Cell::new(0), made_s: Cell::new(0.0) }
     }
 
-    /// Carries out one of `total` parts. Parts whose results were kept take no time, and do not count in the estimate.
+    /// Runs one of `total` parts. Parts with saved results take no time, and are not used for the estimate.
     pub fn part<T>(&self, total: usize, work: &Work, part: impl FnOnce() -> Result<T>) -> Result<T> {
         let (made, begun) = (work.made.get(), Instant::now());
         let result = part()?;
@@ -95,14 +95,14 @@ impl<'a> Parts<'a> {
         Ok(result)
     }
 
-    /// Seconds that the parts that are not done take at the pace of those that were; `None` before one was, and at the end.
+    /// Estimated seconds for the remaining parts; `None` before the first computed part, and at the end.
     fn left_s(&self, total: usize) -> Option<f64> {
         let left = total.checked_sub(self.done.get()).filter(|&left| left > 0 && self.made.get() > 0)?;
         Some(left as f64 * self.made_s.get() / self.made.get() as f64)
     }
 }
 
-/// A time in words.
+/// A duration as text.
 pub fn time(seconds: f64) -> String {
     match seconds {
         s if s < 9.95 => format!("{s:.1} s"),
@@ -112,12 +112,12 @@ pub fn time(seconds: f64) -> String {
     }
 }
 
-/// A folder of results that are done.
+/// A folder of saved results.
 #[derive(Debug)]
 pub struct Work {
     folder: PathBuf,
     key: String,
-    /// How many results were made, and not read.
+    /// Number of results that were computed, not read.
     made: Cell<usize>,
 }
 
@@ -128,7 +128,7 @@ struct Kept<T> {
 }
 
 impl Work {
-    /// A folder for results of one key: everything that they depend on, written out.
+    /// A folder for results with one key: a text with all inputs of the results.
     pub fn new(folder: &Path, key: String) -> Result<Self> {
         std::fs::create_dir_all(folder).map_err(|source| Error::Folder { folder: folder.to_path_buf(), source })?;
         Ok(Work { folder: folder.to_path_buf(), key, made: Cell::new(0) })
@@ -139,8 +139,8 @@ impl Work {
         &self.folder
     }
 
-    /// A result that was kept, where it depends on the same; else it is made and kept. A file that cannot be read as one
-    /// is made again.
+    /// Reads the saved result if its key is the same; otherwise computes and saves it. An unreadable file is computed
+    /// again.
     pub fn kept<T: Serialize + DeserializeOwned>(
         &self,
         name: &str,
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn times_are_told_in_what_people_count_by() {
+    fn times_are_printed_in_suitable_units() {
         assert_eq!([0.31, 42.3, 300.0, 13_000.0].map(time), ["0.3 s", "42 s", "5 min", "3.6 h"].map(String::from));
     }
 }

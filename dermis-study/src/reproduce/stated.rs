@@ -1,4 +1,4 @@
-//! What the paper states, figure by figure, and ours beside it.
+//! The figures in the paper, one by one, next to those of the reproduction.
 
 use super::benchmarked::Benchmarked;
 use super::results::Results;
@@ -8,24 +8,24 @@ use dermis::design::{Body, ImageLayout};
 use dermis_learn::TrainingRecord;
 use serde::Serialize;
 
-/// A figure of the paper and ours.
+/// A figure in the paper and in the reproduction.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Row {
-    /// What it is, with its unit.
+    /// The quantity, with its unit.
     pub what: String,
-    /// Where the paper states it.
+    /// The section of the paper.
     pub paper_section: &'static str,
-    /// What the paper states, in as many columns as its table has; a dash where it states nothing.
+    /// The values in the paper, one per column of its table; a dash where there is no value.
     pub paper: Vec<String>,
-    /// Ours, in as many columns as its table has.
+    /// The values of the reproduction, one per column of its table.
     pub ours: Vec<String>,
-    /// What differs between the paper's and ours.
+    /// The differences between the paper and the reproduction.
     pub differs: String,
 }
 
 const NONE: &str = "\u{2013}";
 
-/// A table of rows: the paper's columns, ours, and what differs.
+/// A table of rows: the columns of the paper, those of the reproduction, and the differences.
 pub fn table(paper: &[&str], ours: &[&str], rows: &[Row]) -> Table {
     let header: Vec<&str> = ["figure"].iter().chain(paper).chain(ours).chain(&["what differs"]).copied().collect();
     let mut table = Table::with_remarks(&header);
@@ -38,7 +38,7 @@ pub fn table(paper: &[&str], ours: &[&str], rows: &[Row]) -> Table {
     table
 }
 
-/// The sensor, its instrument and its data.
+/// Rows on the sensor, its instrument and its data.
 pub fn facts(results: &Results<'_>) -> Vec<Row> {
     let design = results.bench.skin.design();
     let row = |what: &str, paper_section, paper: &str, ours: String, differs: &str| Row {
@@ -128,7 +128,7 @@ pub fn facts(results: &Results<'_>) -> Vec<Row> {
     ]
 }
 
-/// Mean of the twins, and in brackets the worst.
+/// Mean over the twins, and the worst twin in parentheses.
 fn cell(assessed: &Benchmarked, key: &str, factor: f64, decimals: usize) -> String {
     let [mean, worst] = assessed.figure(key).map(|value| factor * value);
     match mean.is_nan() {
@@ -138,7 +138,7 @@ fn cell(assessed: &Benchmarked, key: &str, factor: f64, decimals: usize) -> Stri
     }
 }
 
-/// The results.
+/// Rows of results.
 pub fn results(results: &Results<'_>) -> Vec<Row> {
     let ours = |of: &dyn Fn(&Benchmarked) -> String| results.assessed.iter().map(of).collect::<Vec<String>>();
     let row = |what: &str, paper_section, paper: [&str; 2], ours: Vec<String>, differs: &str| Row {
@@ -256,7 +256,7 @@ pub fn results(results: &Results<'_>) -> Vec<Row> {
     rows
 }
 
-/// The losses, where there are networks.
+/// Rows of losses, if there are networks.
 fn loss_rows(results: &Results<'_>) -> Vec<Row> {
     if results.methods.iter().all(|method| method.card.is_none()) {
         return Vec::new();
@@ -306,11 +306,11 @@ fn loss_rows(results: &Results<'_>) -> Vec<Row> {
     ]
 }
 
-/// The paper's claims on structure as figures.
+/// Rows on the paper's claims on structure.
 fn structure_rows(results: &Results<'_>) -> Vec<Row> {
     let Some(study) = &results.structure else { return Vec::new() };
-    let of = |design: &str, tell: &dyn Fn(&super::bias::Structure) -> String| {
-        let one = |assessed: &Benchmarked| study.of(design, &assessed.key).map_or(NONE.to_string(), tell);
+    let of = |design: &str, format: &dyn Fn(&super::bias::Structure) -> String| {
+        let one = |assessed: &Benchmarked| study.of(design, &assessed.key).map_or(NONE.to_string(), format);
         results.assessed.iter().map(one).collect::<Vec<String>>()
     };
     let signed = |along_m: f64, round_m: f64| format!("{:+.2}, {:+.2}", along_m * 1e3, round_m * 1e3);

@@ -1,4 +1,4 @@
-//! Training of the networks: commands of this program, one after the other, each of which continues where it was stopped.
+//! Training of the networks: commands of this program in sequence, each of which can resume.
 
 use crate::{Error, Result};
 use dermis::frame::write_whole;
@@ -6,13 +6,13 @@ use dermis_sim::dataset::Recipe;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// Epochs of the paper's network, and of ours.
+/// Epochs of the paper's network and of the best network.
 const PAPER_EPOCHS: u64 = 28;
 const BEST_EPOCHS: u64 = 40;
-/// Samples of an epoch of ours, drawn from all presses.
+/// Samples per epoch of the best network, drawn from all presses.
 const BEST_EPOCH_SAMPLES: u64 = 147_456;
 
-/// A dataset that networks learn from or are tested by.
+/// A dataset for training or testing.
 struct Data {
     name: &'static str,
     recipe: &'static str,
@@ -33,17 +33,18 @@ macro_rules! data {
     };
 }
 
-/// What the paper's network learns from and is tested by: as many samples of Gaussian touches as the paper's.
+/// Datasets for training and testing the paper's network: as many samples of Gaussian touches as in the paper.
 const GAUSSIANS: [Data; 2] =
     [data!("training", 1_100_000 x "gaussian", seed 21), data!("test", 40_000 x "gaussian", seed 22)];
 
-/// The distribution of the Gaussian touches that the paper's network learns from.
+/// The distribution of Gaussian touches for training the paper's network.
 pub fn gaussian_recipe(seed: u64, samples: u64) -> Result<Recipe> {
     let text = GAUSSIANS[0].recipe_text;
     Ok(Recipe::parse(text, Path::new("gaussian.toml"), seed, samples)?)
 }
 
-/// What ours learns from: presses on patches of other pitches, foams and contacts than any twin that is reported has.
+/// Datasets for training the best network: presses on patches with other pitches, foams and contacts than those of any
+/// reported twin.
 const PRESSES: [Data; 6] = [
     data!("fine-soft", 24_576 x "fine-soft", seed 11),
     data!("fine-firm", 24_576 x "fine-firm", seed 12),
@@ -53,14 +54,14 @@ const PRESSES: [Data; 6] = [
     data!("coarse-firm-together", 24_576 x "coarse-firm-together", seed 32),
 ];
 
-/// A command of this program and what it leaves.
+/// A command of this program and its output.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Step {
     /// Its arguments.
     pub arguments: Vec<String>,
-    /// The file that is there when it is done.
+    /// The file that exists when it is done.
     done: PathBuf,
-    /// The folder of the network that it trains, where it trains one.
+    /// The folder of the network that it trains, if any.
     pub model: Option<PathBuf>,
 }
 
@@ -70,12 +71,12 @@ impl Step {
         format!("dermis {}", self.arguments.join(" "))
     }
 
-    /// Carries it out, or does nothing where what it leaves is there.
+    /// Runs it, unless its output exists already.
     pub fn carry_out(&self, program: &Path) -> Result<()> {
         if self.done.is_file() {
             return Ok(());
         }
-        // Its messages appear among the stages; standard output is for the final result.
+        // Its messages appear between the stages; standard output is reserved for the final result.
         let status = Command::new(program).args(&self.arguments).stdout(Stdio::null()).status();
         let status = status.map_err(|error| Error::Internal(format!("`{}` cannot be run: {error}", self.summary())))?;
         match status.code() {
@@ -86,7 +87,7 @@ impl Step {
     }
 }
 
-/// All steps from nothing to both networks, in a folder for what they leave.
+/// All steps to train both networks from scratch, with a folder for their output.
 pub fn steps(design: &str, twin: &str, work: &Path) -> Result<Vec<Step>> {
     let mut all = Vec::new();
     for data in GAUSSIANS.iter().chain(&PRESSES) {
@@ -111,7 +112,7 @@ pub fn steps(design: &str, twin: &str, work: &Path) -> Result<Vec<Step>> {
     Ok(all)
 }
 
-/// The steps that make and finish a dataset; its recipe is written beside it.
+/// The steps that generate and finish a dataset; its recipe is written to the same folder.
 fn dataset(data: &Data, design: &str, work: &Path) -> Result<[Step; 2]> {
     let recipe = work.join(format!("{}.toml", data.recipe));
     write_whole(&recipe, |out| out.write_all(data.recipe_text.as_bytes()))?;

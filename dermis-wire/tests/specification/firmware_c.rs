@@ -1,4 +1,4 @@
-//! The C implementation, written from the specification, and this crate say the same of the same bytes.
+//! The C implementation, written from the specification, and this crate agree on the same bytes.
 
 use crate::vectors::{Message, written};
 use dermis_wire::{Decoder, Fault, Frame, Hello, Received, ScanPart, Status, ToDevice, ToHost};
@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::LazyLock;
 
-/// The program of `tests/c`, or why there is none.
+/// The program of `tests/c`, or why it is not available.
 static PROGRAM: LazyLock<Result<PathBuf, String>> = LazyLock::new(|| {
     let compiler = std::env::var("CC").unwrap_or("cc".into());
     Command::new(&compiler)
@@ -31,7 +31,7 @@ fn compile(compiler: &str, more: &[&str]) -> Result<PathBuf, String> {
     if output.status.success() { Ok(program) } else { Err(String::from_utf8_lossy(&output.stderr).into_owned()) }
 }
 
-/// What the program writes when it reads `input`; `None`, with a message, where there is no compiler.
+/// The output of the program for `input`; `None`, with a message, if there is no compiler.
 fn run(word: &str, name: &str, input: &[u8]) -> Option<Vec<u8>> {
     let program = match &*PROGRAM {
         Ok(program) => program,
@@ -40,7 +40,7 @@ fn run(word: &str, name: &str, input: &[u8]) -> Option<Vec<u8>> {
             return None;
         }
     };
-    // A file and not a pipe: neither side waits for the other.
+    // A file and not a pipe, so that neither side blocks the other.
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     std::fs::write(&path, input).unwrap();
     let output = Command::new(program).arg(word).stdin(File::open(&path).unwrap()).output().unwrap();
@@ -52,7 +52,7 @@ fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// What the program should print for a message.
+/// The expected output of the program for a message.
 fn line(message: Option<Message<'_>>) -> String {
     match message {
         Some(Message::Host(ToHost::Hello(hello))) => hello_line(&hello),
@@ -119,7 +119,7 @@ fn scan_line(part: &ScanPart<'_>) -> String {
     format!("scan first={} total={} slots={slots}", part.first, part.total)
 }
 
-/// What this crate finds in some bytes, as the program prints it.
+/// The messages that this crate decodes, in the format of the program.
 fn decoded(bytes: &[u8]) -> Vec<String> {
     let mut lines = Vec::new();
     Decoder::new([0; 4096]).feed(bytes, |received| match received {
@@ -154,7 +154,7 @@ fn c_encodes_the_vectors() {
     assert!(bytes == expected, "C writes\n{}\nand the page\n{}", hex(&bytes), hex(&expected));
 }
 
-/// A tenth of the packets altered, cut, run together, with noise between.
+/// A tenth of the packets are altered, cut or joined, with noise between them.
 #[test]
 fn c_decodes_a_damaged_stream() {
     let rng = &mut ChaCha8Rng::seed_from_u64(3);

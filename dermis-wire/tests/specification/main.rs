@@ -1,4 +1,4 @@
-//! `docs/wire-protocol.md` says what the crate does: its vectors and its tables of speeds are read and held against it.
+//! `docs/wire-protocol.md` agrees with the crate: its test vectors and its tables of baud rates are compared with it.
 
 mod firmware_c;
 mod vectors;
@@ -7,7 +7,7 @@ use dermis_wire::{Decoder, Frame, Received, bytes_per_second, smallest_baud};
 use std::fmt::Write;
 use vectors::{Message, page, said, written};
 
-/// The vectors as the page should write them.
+/// The expected text of the vectors in the document.
 fn vector_block() -> String {
     let mut block = String::new();
     said(|name, message| {
@@ -43,7 +43,7 @@ fn the_vectors_say_what_parse_reads() {
     assert_eq!(written.next(), None);
 }
 
-/// What the page says of two vectors holds, or they show nothing.
+/// The statements of the document on two vectors hold, so that the vectors show what they should.
 #[test]
 fn the_vectors_reach_the_edges() {
     let packet = |name| written().into_iter().find(|vector| vector.0 == name).expect("the vector is there").1;
@@ -105,7 +105,7 @@ fn the_speed_of_the_papers_skin_by_hand() {
     assert_eq!(Frame::packet_bytes(900, 2), 1830);
     assert_eq!(bytes_per_second(900, 2, 120_000), 1830 * 120 + 28);
     assert_eq!(smallest_baud(1830 * 120 + 28), Ok(2_500_000));
-    // Part of a byte is a byte more; the fastest speed is the last, and nothing overflows.
+    // A partial byte is rounded up; the highest baud rate is the last, and nothing overflows.
     assert_eq!(bytes_per_second(900, 2, 1), 2 + 28);
     assert_eq!((smallest_baud(400_000), smallest_baud(400_001)), (Ok(4_000_000), Err(4_000_010)));
     assert_eq!(smallest_baud(u64::MAX), Err(u64::MAX));

@@ -1,17 +1,17 @@
-//! The test vectors of `docs/wire-protocol.md`: what each says, and the bytes written there.
+//! The test vectors of `docs/wire-protocol.md`: their messages, and the bytes in the document.
 
 use dermis_wire::{
     Fault, FaultCode, Frame, FrameFlags, Hello, Readings, ScanPart, Slot, Slots, Status, ToDevice, ToHost, encode,
     test_reading,
 };
 
-/// The page, as it is now.
+/// The text of the document.
 pub fn page() -> String {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/wire-protocol.md");
     std::fs::read_to_string(path).expect("the specification lies beside the crates")
 }
 
-/// Name and packet of each vector in the page, in order.
+/// Name and packet of each vector in the document, in order.
 pub fn written() -> Vec<(String, Vec<u8>)> {
     let page = page();
     let (_, rest) = page.split_once("## Test vectors").expect("the page has test vectors");
@@ -49,7 +49,7 @@ impl<'a> Message<'a> {
         packet
     }
 
-    /// The kinds of both directions differ.
+    /// The kinds of the two directions are distinct.
     pub fn parse(message: &'a [u8]) -> Option<Self> {
         match message {
             [] => Some(Message::Empty),
@@ -59,7 +59,7 @@ impl<'a> Message<'a> {
     }
 }
 
-/// Gives every vector's name and message, as the page's last table says them, to `take`.
+/// Passes the name and the message of every vector to `take`, as the last table of the document lists them.
 pub fn said(mut take: impl FnMut(&str, Message<'_>)) {
     commands(|name, message| take(name, Message::Device(message)));
     reports(|name, message| take(name, Message::Host(message)));

@@ -1,4 +1,4 @@
-//! Checks that a design can be built: sizes, places, overlaps.
+//! Checks that a design can be built: sizes, positions, overlaps.
 
 use crate::design::layout::{MOST_ELECTRODES, name};
 use crate::design::resolve::Place;
@@ -6,7 +6,7 @@ use crate::design::{Body, Electrode, ElectrodeShape, ImageLayout, RegionPlace, S
 use crate::geom::surface::angle_difference;
 use crate::geom::vector::distance;
 
-/// What is wrong with a design, and where.
+/// The errors of a design, and their places.
 pub(super) struct Problem {
     pub place: Place,
     pub message: String,
@@ -24,20 +24,20 @@ impl Problem {
     }
 }
 
-/// Sizes beyond these are another unit than metres: no skin is 0.1 mm or 20 m across.
+/// Sizes outside these limits are in another unit than metres: no skin is 0.1 mm or 20 m across.
 const SMALLEST_BODY_M: f64 = 1e-4;
 const LARGEST_BODY_M: f64 = 20.0;
 
-/// Most pixels of an image: a thousand times the paper's.
+/// Maximum number of pixels of an image: a thousand times that of the paper.
 const MOST_PIXELS: usize = 1_000_000;
 
-/// Most cells that a mesh may be asked to have.
+/// Maximum number of cells of a mesh.
 const MOST_CELLS: f64 = 1e7;
 
-/// Distance from an edge, relative to the body, that rounding explains.
+/// Distance from an edge, relative to the body, that counts as rounding error.
 const ROUNDING: f64 = 1e-9;
 
-/// Everything that can be checked without a mesh.
+/// All checks that need no mesh.
 pub(super) fn check(design: &SkinDesign) -> Result<(), Problem> {
     body(&design.body)?;
     sheet(design)?;
@@ -57,7 +57,7 @@ pub(super) fn check(design: &SkinDesign) -> Result<(), Problem> {
     mesh(design)
 }
 
-/// Sizes that a body can have.
+/// Checks the size of the body.
 pub(super) fn body(body: &Body) -> Result<(), Problem> {
     let sizes: &[(&str, f64)] = match *body {
         Body::Cylinder { length_m, diameter_m } => &[("length_m", length_m), ("diameter_m", diameter_m)],
@@ -117,7 +117,7 @@ fn sheet(design: &SkinDesign) -> Result<(), Problem> {
     Ok(())
 }
 
-/// One electrode by itself: its size, its place, its contact impedance.
+/// Checks one electrode: its size, its place, its contact impedance.
 fn electrode(body: &Body, index: usize, electrode: &Electrode) -> Result<(), Problem> {
     let wrong = |message: String| problem(Place::Electrode(index), format!("electrode {index} {message}"));
     let Electrode { centre_m, shape, contact_impedance } = *electrode;
@@ -165,7 +165,7 @@ fn impedance(index: usize, value: f64) -> Result<(), Problem> {
     Err(problem(Place::ContactImpedance, message))
 }
 
-/// An arc lies on an edge and is shorter than it.
+/// Checks that an arc is on an edge and shorter than it.
 fn arc(body: &Body, index: usize, electrode: &Electrode, length_m: f64) -> Result<(), Problem> {
     let wrong = |message: String| problem(Place::Electrode(index), format!("electrode {index} {message}"));
     let [x, y, z] = electrode.centre_m;
@@ -194,7 +194,7 @@ fn arc(body: &Body, index: usize, electrode: &Electrode, length_m: f64) -> Resul
     Ok(())
 }
 
-/// Where a centre is and the body's limits, if it lies off the body.
+/// The centre and the body's limits, if the centre is off the body.
 fn off_body(body: &Body, [x, y, z]: [f64; 3]) -> Option<(String, String)> {
     let beyond = |value: f64, high: f64| value < -ROUNDING * high || value > high * (1.0 + ROUNDING);
     match *body {
@@ -211,7 +211,7 @@ fn off_body(body: &Body, [x, y, z]: [f64; 3]) -> Option<(String, String)> {
     }
 }
 
-/// The narrowest way across a body.
+/// The smallest width of a body.
 fn extent_m(body: &Body) -> f64 {
     match *body {
         Body::Cylinder { length_m, diameter_m } => length_m.min(std::f64::consts::PI * diameter_m),
@@ -226,7 +226,7 @@ fn overlaps(body: &Body, electrodes: &[Electrode]) -> Result<(), Problem> {
         for (i, a) in electrodes[..j].iter().enumerate() {
             let apart_m = distance_m(body, a, b);
             let needed_m = reach_m(a.shape) + reach_m(b.shape);
-            // Rounding may bring two that touch a hair apart; no mesh fits between them.
+            // Rounding may leave a tiny gap between two electrodes that touch; no mesh fits into it.
             if apart_m <= needed_m * (1.0 + ROUNDING) {
                 let message = format!(
                     "electrodes {i} and {j} overlap: their centres are {} mm apart, and they reach {} mm",
@@ -249,8 +249,8 @@ fn reach_m(shape: ElectrodeShape) -> f64 {
     }
 }
 
-/// The distance of two electrodes: along the edge between arcs, along the surface otherwise. Groups have no place,
-/// hence no distance (`NaN`, which overlaps nothing).
+/// The distance of two electrodes: along the edge between arcs, along the surface otherwise. Groups have no known
+/// place, so their distance is `NaN`, which never counts as overlap.
 fn distance_m(body: &Body, a: &Electrode, b: &Electrode) -> f64 {
     let both_arcs = matches!((a.shape, b.shape), (ElectrodeShape::Arc { .. }, ElectrodeShape::Arc { .. }));
     let ([ax, ay, _], [bx, by, _]) = (a.centre_m, b.centre_m);
@@ -266,7 +266,7 @@ fn distance_m(body: &Body, a: &Electrode, b: &Electrode) -> f64 {
     }
 }
 
-/// How far along a rectangle's edge a point of it lies, counter-clockwise from the origin.
+/// The arc length along a rectangle's edge of a point on it, counter-clockwise from the origin.
 fn perimeter_m([x, y]: [f64; 2], width_m: f64, height_m: f64) -> f64 {
     let sides =
         [(y.abs(), x), ((x - width_m).abs(), width_m + y), ((y - height_m).abs(), 2.0 * width_m + height_m - x)];
@@ -319,7 +319,7 @@ fn mesh(design: &SkinDesign) -> Result<(), Problem> {
     Ok(())
 }
 
-/// About how many cells the mesh will have: the body in its longest edges, the electrodes in theirs.
+/// Approximate number of cells of the mesh: the body with its longest edges, the electrodes with theirs.
 fn cell_estimate(design: &SkinDesign) -> f64 {
     use std::f64::consts::PI;
     let area_m2 = match design.body {
@@ -334,7 +334,7 @@ fn cell_estimate(design: &SkinDesign) -> f64 {
     area_m2 * per_area(design.mesh.max_edge_m) + fine_m2 * per_area(design.mesh.electrode_edge_m)
 }
 
-/// A length in mm as people write it.
+/// A length in mm for messages.
 fn millimetres(length_m: f64) -> String {
     let text = format!("{:.3}", length_m * 1000.0);
     text.trim_end_matches('0').trim_end_matches('.').to_string()

@@ -1,29 +1,29 @@
-//! What is wrong with a design or another file of its kind, where in it, and how to mend it.
+//! Errors of a design or another TOML file: what is wrong, where, and the fix.
 
 use std::ops::Range;
 use thiserror::Error;
 
-/// A design, or another TOML file such as a twin's, that cannot be read or built: where, what, and the fix.
+/// An error of a design or another TOML file (such as a twin's) that cannot be read or built: place, problem and fix.
 #[derive(Debug, Error)]
 #[error("{}{message}{}", self.location(), self.fix.as_ref().map(|fix| format!(" ({fix})")).unwrap_or_default())]
 pub struct DesignError {
-    /// What is wrong, naming the field and the numbers.
+    /// What is wrong, with the field and the numbers.
     pub message: String,
-    /// How to mend it, where that is known.
+    /// How to fix it, if known.
     pub fix: Option<String>,
-    /// The file's name and its text, for an excerpt.
+    /// The file's name and text, for an excerpt.
     pub source_text: Option<(String, String)>,
-    /// Byte range of the offending text in the file.
+    /// Byte range of the wrong text in the file.
     pub span: Option<Range<usize>>,
 }
 
 impl DesignError {
-    /// An error that belongs to no place in a file.
+    /// An error without a place in a file.
     pub fn new(message: impl Into<String>, fix: Option<String>) -> Self {
         DesignError { message: message.into(), fix, source_text: None, span: None }
     }
 
-    /// 1-based line of the offending text.
+    /// 1-based line of the wrong text.
     pub fn line(&self) -> Option<usize> {
         let ((_, text), span) = (self.source_text.as_ref()?, self.span.as_ref()?);
         let before = text.as_bytes().get(..span.start)?;
@@ -39,7 +39,7 @@ impl DesignError {
     }
 }
 
-/// A TOML error in our words, and the name or the unit that was probably meant.
+/// A TOML error with a clearer text, and the name or unit that was probably meant.
 pub fn explain_toml_error(message: &str) -> (String, Option<String>) {
     if let Some((keys, known)) =
         message.strip_prefix("unexpected keys in table: ").and_then(|rest| rest.split_once(", available keys: "))
@@ -56,7 +56,7 @@ pub fn explain_toml_error(message: &str) -> (String, Option<String>) {
     (message.to_string(), fix)
 }
 
-/// Which of the known names was probably meant.
+/// The known name that was probably meant.
 fn meant(written: &str, known: &[&str]) -> Option<String> {
     if let Some(name) = known.iter().find(|name| stem(name) == stem(written) && **name != written) {
         return Some(format!("did you mean `{name}`? The unit is part of the name"));
@@ -73,13 +73,13 @@ fn stem(name: &str) -> &str {
     UNITS.iter().find_map(|unit| name.strip_suffix(unit)).unwrap_or(name)
 }
 
-/// The name most like the one written, if any is like it at all.
+/// The known name most similar to the given one, if any is similar.
 pub fn closest_name<'a>(written: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     let (distance, name) = known.map(|name| (edit_distance(written, name), name)).min()?;
     (distance <= 1 + written.len() / 4).then_some(name)
 }
 
-/// The number of insertions, deletions and replacements that turn one word into the other (Levenshtein, 1966).
+/// The number of insertions, deletions and replacements between two words (Levenshtein, 1966).
 fn edit_distance(a: &str, b: &str) -> usize {
     let b: Vec<char> = b.chars().collect();
     let mut row: Vec<usize> = (0..=b.len()).collect();

@@ -1,4 +1,4 @@
-//! A design file as it is written: the tables and keys of the TOML, before they are checked.
+//! The tables and keys of a design file (TOML), before they are checked.
 
 #[cfg(feature = "schema")]
 use schemars::{JsonSchema, Schema, SchemaGenerator};
@@ -39,29 +39,29 @@ impl<T: JsonSchema> JsonSchema for At<T> {
     }
 }
 
-/// A skin: its body, its sheet, its electrodes, its protocol and its image. Lengths are metres, angles radians.
+/// A skin: its body, its sheet, its electrodes, its protocol and its image. Lengths are in metres, angles in radians.
 #[derive(Debug, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
 #[cfg_attr(feature = "schema", schemars(title = "Dermis skin design"))]
 pub struct DesignFile {
-    /// Name for tables and pictures; the file's name without it.
+    /// Name for tables and plots; default: the file name.
     pub name: Option<String>,
-    /// The body that wears the skin.
+    /// The body that the skin covers.
     pub body: At<BodyTable>,
-    /// The conductive coat.
+    /// The conductive coating.
     pub sheet: At<SheetTable>,
     /// The electrodes.
     pub electrodes: At<ElectrodesTable>,
     /// The order of a frame's values.
     pub protocol: At<ProtocolTable>,
-    /// The image to reconstruct: a grid of 30 x 30 without it, a value per cell on a mesh body.
+    /// The image to reconstruct; default: a grid of 30 x 30, on a mesh body one value per cell.
     pub image: Option<At<ImageTable>>,
-    /// How fine the generated mesh is; chosen from the sizes of the body and the electrodes without it.
+    /// Resolution of the generated mesh; default: chosen from the sizes of the body and the electrodes.
     pub mesh: Option<At<MeshTable>>,
 }
 
-/// The body that wears the skin.
+/// The body that the skin covers.
 #[derive(Debug, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
@@ -73,7 +73,7 @@ pub enum BodyTable {
         /// Diameter, m.
         diameter_m: At<f64>,
     },
-    /// A flat disk round the origin in the plane z = 0.
+    /// A flat disk around the origin in the plane z = 0.
     Disk {
         /// Diameter, m.
         diameter_m: At<f64>,
@@ -87,25 +87,25 @@ pub enum BodyTable {
     },
     /// A mesh file: Gmsh .msh, STL, OBJ or PLY.
     Mesh {
-        /// The file, as seen from the folder of the design.
+        /// The file, relative to the folder of the design.
         path: At<PathBuf>,
         /// Metres per unit of the file: 0.001 for a file in millimetres.
         unit_m: At<f64>,
     },
 }
 
-/// Which way a touch turns the conductance of the sheet.
+/// The sign of the conductance change under touch.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum TouchName {
-    /// Pressing raises it, as on the paper's skin.
+    /// Pressing raises the conductance, as on the paper's skin.
     ConductanceRises,
-    /// Pressing lowers it, as on membranes that are stretched.
+    /// Pressing lowers the conductance, as on stretched membranes.
     ConductanceFalls,
 }
 
-/// The conductive coat.
+/// The conductive coating.
 #[derive(Debug, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -114,23 +114,23 @@ pub struct SheetTable {
     pub sheet_resistance_ohm: Option<At<f64>>,
     /// Conductivity of a volume (a mesh of tetrahedra), S/m; in place of the sheet resistance.
     pub conductivity_s_per_m: Option<At<f64>>,
-    /// Which way a touch turns the conductance.
+    /// The sign of the conductance change under touch.
     pub touch: TouchName,
-    /// Parts of another conductance; where they overlap, the later one holds.
+    /// Regions with another conductance; where they overlap, the last one applies.
     #[serde(default)]
     pub regions: Vec<At<RegionTable>>,
 }
 
-/// A named part of the sheet with a conductance of its own.
+/// A named region of the sheet with its own conductance.
 #[derive(Debug, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct RegionTable {
     /// Its name; without a box, the physical group of that name in the mesh file.
     pub name: String,
-    /// Sheet resistance there, ohm per square.
+    /// Sheet resistance in the region, ohm per square.
     pub sheet_resistance_ohm: Option<At<f64>>,
-    /// Conductivity there, S/m; in place of the sheet resistance.
+    /// Conductivity in the region, S/m; in place of the sheet resistance.
     pub conductivity_s_per_m: Option<At<f64>>,
     /// Lower corner of a box, m: (z, s = radius * theta) on a cylinder, (x, y) on a flat skin.
     pub low_m: Option<At<[f64; 2]>>,
@@ -154,9 +154,9 @@ pub enum OneOrEach {
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ElectrodesTable {
-    /// What each covers.
+    /// The shape of each electrode.
     pub shape: At<ShapeTable>,
-    /// Where they are.
+    /// The positions of the electrodes.
     pub layout: At<LayoutTable>,
     /// Contact impedance of discs and of groups of faces, ohm m2: one number, or one for each electrode.
     pub contact_impedance_ohm_m2: Option<At<OneOrEach>>,
@@ -164,17 +164,17 @@ pub struct ElectrodesTable {
     pub contact_impedance_ohm_m: Option<At<OneOrEach>>,
 }
 
-/// What an electrode covers.
+/// The shape of an electrode.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum ShapeTable {
-    /// A round patch inside the surface, clipped where it crosses an edge of the body.
+    /// A disc on the surface, clipped at the edges of the body.
     Disc {
         /// Radius along the surface, m.
         radius_m: f64,
     },
-    /// A piece of the body's edge, its middle at the electrode's place.
+    /// A part of the body's edge, centred at the electrode's position.
     Arc {
         /// Length along the edge, m.
         length_m: f64,
@@ -185,37 +185,38 @@ pub enum ShapeTable {
     Group,
 }
 
-/// Where the electrodes are.
+/// The positions of the electrodes.
 #[derive(Debug, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum LayoutTable {
-    /// Rings round a cylinder. Electrode k of ring r has the number `per_ring * r + k`.
+    /// Rings around a cylinder. Electrode k of ring r has the number `per_ring * r + k`.
     Rings {
         /// Number of rings.
         rings: At<usize>,
         /// Electrodes on each ring.
         per_ring: At<usize>,
-        /// Distance from ring to ring along z, m.
+        /// Distance between rings along z, m.
         spacing_m: At<f64>,
-        /// Height of ring 0, m; 0 (the lower rim) without it.
+        /// z of ring 0, m; default: 0 (the lower rim).
         first_z_m: Option<At<f64>>,
-        /// Angle of electrode 0, rad; 0 without it.
+        /// Angle of electrode 0, rad; default: 0.
         first_theta_rad: Option<At<f64>>,
-        /// How far rings 1, 3, 5, ... are turned, as a fraction of the step from electrode to electrode; 0 without it.
+        /// Rotation of rings 1, 3, 5, ... as a fraction of the step between electrodes; default: 0.
         stagger: Option<At<f64>>,
     },
-    /// Evenly along the edge of a disk or a rectangle.
+    /// At equal distances along the edge of a disk or a rectangle.
     Rim {
-        /// Number of electrodes, at equal distances along the edge; on a rectangle the first half a distance from its corner.
+        /// Number of electrodes, at equal distances along the edge; on a rectangle the first is half a step from its
+        /// corner.
         count: Option<At<usize>>,
         /// Number of electrodes on each side of a rectangle, in place of `count`.
         per_side: Option<At<usize>>,
-        /// Angle of electrode 0 of a disk from +x towards +y, rad; 0 without it.
+        /// Angle of electrode 0 of a disk from +x towards +y, rad; default: 0.
         first_theta_rad: Option<At<f64>>,
-        /// Corner of a rectangle where the numbering starts; `lower_left` (the origin) without it.
+        /// Corner of a rectangle where the numbering starts; default: `lower_left` (the origin).
         first_corner: Option<At<Corner>>,
-        /// Direction of the numbering, as seen from +z; counter-clockwise without it.
+        /// Direction of the numbering, as seen from +z; default: counter-clockwise.
         #[serde(default)]
         direction: Direction,
     },
@@ -225,12 +226,12 @@ pub enum LayoutTable {
         rows: At<usize>,
         /// Columns along x.
         columns: At<usize>,
-        /// Distance of the outer electrodes from the edges, m; half a step without it.
+        /// Distance of the outer electrodes from the edges, m; default: half a step.
         margin_m: Option<At<f64>>,
     },
-    /// One by one: (z_m, theta_rad) on a cylinder, (x_m, y_m) on a flat skin, (x_m, y_m, z_m) on a mesh.
+    /// A list of positions: (z_m, theta_rad) on a cylinder, (x_m, y_m) on a flat skin, (x_m, y_m, z_m) on a mesh.
     Positions(Vec<At<PositionTable>>),
-    /// As many physical groups `electrode_<n>` as the mesh file has.
+    /// The physical groups `electrode_<n>` of the mesh file.
     Groups {
         /// Number of electrodes.
         count: At<usize>,
@@ -253,7 +254,7 @@ pub enum Corner {
     UpperLeft,
 }
 
-/// A direction round an edge, as seen from +z.
+/// A direction along an edge, as seen from +z.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case")]
@@ -265,7 +266,7 @@ pub enum Direction {
     Clockwise,
 }
 
-/// The place of one electrode.
+/// The position of one electrode.
 #[derive(Debug, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -276,9 +277,9 @@ pub struct PositionTable {
     pub y_m: Option<f64>,
     /// Along z, m.
     pub z_m: Option<f64>,
-    /// Round a cylinder, rad.
+    /// Angle around a cylinder, rad.
     pub theta_rad: Option<f64>,
-    /// What this electrode covers, where it differs from the others.
+    /// The shape of this electrode, if it differs from the others.
     pub shape: Option<ShapeTable>,
 }
 
@@ -287,12 +288,12 @@ pub struct PositionTable {
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ProtocolTable {
-    /// Which electrodes are driven and which are read.
+    /// The drive and measure pattern.
     pub pattern: At<PatternTable>,
-    /// The instrument reports amplitudes: the sign of a value is lost, and the model's is put back.
+    /// The instrument reports amplitudes: the signs are lost and are restored from the model.
     #[serde(default)]
     pub amplitude_only: bool,
-    /// Where the measure pairs of a drive begin.
+    /// The start of the measure pairs of a drive.
     #[serde(default)]
     pub measures_start: MeasuresStart,
     /// Read V[m + 1] - V[m] in place of V[m] - V[m + 1].
@@ -300,25 +301,25 @@ pub struct ProtocolTable {
     pub measures_reversed: bool,
 }
 
-/// Which electrodes are driven and which are read.
+/// The drive and measure pattern.
 #[derive(Debug, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum PatternTable {
-    /// Drive d to d + 1, every adjacent measure but the drive pair itself: L (L - 1) values.
+    /// Drive d to d + 1, every adjacent measure except the drive pair itself: L (L - 1) values.
     Adjacent,
-    /// Drive d to d + 1, every adjacent measure that holds no driven electrode: L (L - 3) values.
+    /// Drive d to d + 1, every adjacent measure without a driven electrode: L (L - 3) values.
     AdjacentUndriven,
-    /// Drive d to d + L/2, every adjacent measure that holds no driven electrode: L (L - 4) values.
+    /// Drive d to d + L/2, every adjacent measure without a driven electrode: L (L - 4) values.
     Opposite,
     /// Drive d to d + 1 + the number of electrodes skipped, every adjacent measure without a driven electrode.
     Skip(usize),
-    /// A channel table (CSV: channel,drive_source,drive_sink,measure_plus,measure_minus), as seen from the folder
-    /// of the design.
+    /// A channel table (CSV: channel,drive_source,drive_sink,measure_plus,measure_minus), relative to the folder of the
+    /// design.
     Table(PathBuf),
 }
 
-/// Where the measure pairs of a drive begin.
+/// The start of the measure pairs of a drive.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case")]
@@ -335,26 +336,26 @@ pub enum MeasuresStart {
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum ImageTable {
-    /// Rows along z and columns round theta on a cylinder; rows along y and columns along x on a flat skin.
+    /// Rows along z and columns around theta on a cylinder; rows along y and columns along x on a flat skin.
     Grid {
         /// Pixels along z or y.
         rows: At<usize>,
-        /// Pixels round theta or along x.
+        /// Pixels around theta or along x.
         columns: At<usize>,
     },
     /// A pixel for every cell of the mesh.
     Cells,
 }
 
-/// How fine the generated mesh is.
+/// Resolution of the generated mesh.
 #[derive(Debug, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct MeshTable {
-    /// Longest edge allowed anywhere, m.
+    /// Longest edge allowed, m.
     pub max_edge_m: Option<At<f64>>,
     /// Length of the edges along an electrode's outline, m.
     pub electrode_edge_m: Option<At<f64>>,
-    /// Growth of the edge length per length of distance from the nearest electrode outline.
+    /// Growth of the edge length per distance from the nearest electrode outline.
     pub growth: Option<At<f64>>,
 }

@@ -1,4 +1,4 @@
-//! Where a layout puts the electrodes.
+//! The electrode positions of a layout.
 
 use crate::design::error::DesignError;
 use crate::design::file::{At, Corner, ElectrodesTable, LayoutTable, PositionTable};
@@ -8,7 +8,7 @@ use crate::geom::Point3;
 use std::f64::consts::TAU;
 use std::ops::Range;
 
-/// Most electrodes of a skin: the adjacent protocol of so many has a million values.
+/// Maximum number of electrodes of a skin: the adjacent protocol then has a million values.
 pub(super) const MOST_ELECTRODES: usize = 1024;
 
 type Places = Vec<(Point3, ElectrodeShape)>;
@@ -72,7 +72,7 @@ pub(super) fn places(source: &Source<'_>, body: &Body, table: &ElectrodesTable) 
     Ok(centres.into_iter().map(|centre: Point3| (centre, shape)).collect())
 }
 
-/// The places of electrodes along an edge; what is wrong with the keys, and the fix.
+/// The positions of electrodes along an edge; else what is wrong with the keys, and the fix.
 fn rim_places(body: &Body, layout: &LayoutTable) -> Result<Vec<Point3>, (String, Option<String>)> {
     let LayoutTable::Rim { count, per_side, first_theta_rad, first_corner, direction } = layout else {
         unreachable!("called for a rim")
@@ -101,7 +101,7 @@ fn rim_places(body: &Body, layout: &LayoutTable) -> Result<Vec<Point3>, (String,
     }
 }
 
-/// Refuses counts that no memory holds before any electrode is placed.
+/// Refuses counts that do not fit in memory, before any electrode is placed.
 fn count_fits(source: &Source<'_>, span: &Range<usize>, layout: &LayoutTable) -> Result<(), DesignError> {
     let count = match layout {
         LayoutTable::Rings { rings, per_ring, .. } => rings.value.saturating_mul(per_ring.value),
@@ -163,14 +163,14 @@ fn group_without_groups(source: &Source<'_>, span: &Range<usize>) -> DesignError
     source.fail(Some(span.clone()), "only electrodes in groups of a mesh file have the shape `group`", Some(fix))
 }
 
-/// A place on a cylinder; on its rim exactly where it lies there but for rounding.
+/// A position on a cylinder; a z within rounding error of a rim is set to the rim.
 fn on_cylinder(length_m: f64, diameter_m: f64, z_m: f64, theta_rad: f64) -> Point3 {
     let rounding_m = 1e-9 * length_m;
     let z_m = [0.0, length_m].into_iter().find(|rim| (z_m - rim).abs() <= rounding_m).unwrap_or(z_m);
     [0.5 * diameter_m * theta_rad.cos(), 0.5 * diameter_m * theta_rad.sin(), z_m]
 }
 
-/// The place of step `index` of `count` along a side.
+/// The position of step `index` of `count` along a side.
 fn step(index: usize, count: usize, side_m: f64, margin_m: Option<f64>) -> f64 {
     match margin_m {
         Some(_) if count == 1 => 0.5 * side_m,
@@ -179,7 +179,7 @@ fn step(index: usize, count: usize, side_m: f64, margin_m: Option<f64>) -> f64 {
     }
 }
 
-/// A body in words.
+/// A description of a body for messages.
 pub(super) fn name(body: &Body) -> &'static str {
     match body {
         Body::Cylinder { .. } => "a cylinder",

@@ -1,4 +1,4 @@
-//! What a skin is: its body, its sheet, its electrodes, its protocol and its image.
+//! Skin designs: body, sheet, electrodes, protocol and image.
 
 mod check;
 mod error;
@@ -18,11 +18,11 @@ use std::path::PathBuf;
 /// A skin, complete and checked.
 #[derive(Debug, Clone)]
 pub struct SkinDesign {
-    /// Name for tables and pictures.
+    /// Name for tables and plots.
     pub name: String,
-    /// The body that wears the skin.
+    /// The body that the skin covers.
     pub body: Body,
-    /// The conductive coat.
+    /// The conductive coating.
     pub sheet: Sheet,
     /// The electrodes, in the order of their numbers.
     pub electrodes: Vec<Electrode>,
@@ -30,18 +30,18 @@ pub struct SkinDesign {
     pub protocol: Protocol,
     /// The image to reconstruct.
     pub image: ImageLayout,
-    /// How fine the generated mesh is.
+    /// Resolution of the generated mesh.
     pub mesh: MeshOptions,
 }
 
 impl SkinDesign {
-    /// Names of the designs that are shipped.
+    /// Names of the shipped designs.
     pub const SHIPPED: [&str; 3] = shipped::NAMES;
 
-    /// A design by name (see [`SHIPPED`](Self::SHIPPED)) or by path. A file of that name comes first.
+    /// A design by name (see [`SHIPPED`](Self::SHIPPED)) or by path. A file of that name has priority.
     ///
     /// # Errors
-    /// No such file or name; whatever [`parse`](Self::parse) refuses.
+    /// No such file or name; the errors of [`parse`](Self::parse).
     pub fn load(name_or_path: &str) -> Result<Self, DesignError> {
         resolve::load(name_or_path)
     }
@@ -54,27 +54,27 @@ impl SkinDesign {
         resolve::text_of(name_or_path)
     }
 
-    /// A shipped design; `None` where there is none of that name.
+    /// A shipped design; `None` if there is none of that name.
     pub fn shipped(name: &str) -> Option<Self> {
         let text = shipped::text(name)?;
         Some(Self::parse(text, name).expect("shipped designs are valid: a test reads each"))
     }
 
-    /// The text of a shipped design; `None` where there is none of that name.
+    /// The text of a shipped design; `None` if there is none of that name.
     pub fn shipped_text(name: &str) -> Option<&'static str> {
         shipped::text(name)
     }
 
-    /// A design from the text of a TOML file. Files that it names are sought in the folder of `name`, its path.
+    /// A design from the text of a TOML file. Relative paths in it start from the folder of `name`, its path.
     ///
     /// # Errors
-    /// A text that is not TOML; unknown, missing or mistyped keys; sizes that no skin has; electrodes that leave the
-    /// body or overlap; a protocol that does not fit the electrodes. The error knows the line.
+    /// A text that is not TOML; unknown, missing or mistyped keys; sizes that no skin has; electrodes that are outside
+    /// the body or overlap; a protocol that does not fit the electrodes. The error contains the line.
     pub fn parse(text: &str, name: &str) -> Result<Self, DesignError> {
         resolve::parse(text, name)
     }
 
-    /// Checks a design that was built or changed by a program as [`parse`](Self::parse) checks a file.
+    /// Checks a design that was built or changed by a program, as [`parse`](Self::parse) checks a file.
     ///
     /// # Errors
     /// As [`parse`](Self::parse), without a line.
@@ -82,8 +82,8 @@ impl SkinDesign {
         check::check(self).map_err(|problem| DesignError::new(problem.message, problem.fix))
     }
 
-    /// What tells skins apart: SHA-256 of the body, the electrodes' places and shapes (to a hundredth of a millimetre) and the
-    /// protocol. The material, the contacts, the image and the mesh are not part of it: an instrument does not depend on them.
+    /// Identifies a skin: SHA-256 of the body and the electrodes' positions and shapes (rounded to 0.01 mm). The
+    /// material, the contacts, the image and the mesh are not included: an instrument does not depend on them.
     pub fn sha256(&self) -> [u8; 32] {
         let mut text = match &self.body {
             Body::Mesh { unit_m, .. } => format!("mesh {unit_m}\n"),
@@ -103,7 +103,7 @@ impl SkinDesign {
     }
 }
 
-/// The body that wears the skin.
+/// The body that the skin covers.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Body {
     /// A cylinder's wall: axis z from 0 to the length.
@@ -113,7 +113,7 @@ pub enum Body {
         /// Diameter, m.
         diameter_m: f64,
     },
-    /// A flat disk round the origin in the plane z = 0.
+    /// A flat disk around the origin in the plane z = 0.
     Disk {
         /// Diameter, m.
         diameter_m: f64,
@@ -135,7 +135,7 @@ pub enum Body {
 }
 
 impl Body {
-    /// The surface on which contacts live.
+    /// The surface on which contacts are located.
     pub fn surface(&self) -> Surface {
         match *self {
             Body::Cylinder { length_m, diameter_m } => Surface::Cylinder { radius_m: diameter_m / 2.0, length_m },
@@ -144,7 +144,7 @@ impl Body {
         }
     }
 
-    /// Whether a point of the unbounded surface lies on the body; any does on a body known only by its mesh.
+    /// Whether a point of the unbounded surface is on the body; always true on a body known only by its mesh.
     pub fn holds(&self, [x, y, z]: Point3) -> bool {
         match *self {
             Body::Cylinder { length_m, .. } => (0.0..=length_m).contains(&z),
@@ -165,17 +165,17 @@ impl Body {
     }
 }
 
-/// Which way a touch turns the conductance of the sheet.
+/// The sign of the conductance change under touch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TouchEffect {
-    /// Pressing raises it, as on the paper's skin.
+    /// Pressing raises the conductance, as on the paper's skin.
     ConductanceRises,
-    /// Pressing lowers it, as on membranes that are stretched.
+    /// Pressing lowers the conductance, as on stretched membranes.
     ConductanceFalls,
 }
 
 impl TouchEffect {
-    /// +1 where a touch raises conductance, -1 where it lowers it.
+    /// +1 if a touch raises the conductance, -1 if it lowers it.
     pub fn sign(self) -> f64 {
         match self {
             TouchEffect::ConductanceRises => 1.0,
@@ -184,44 +184,44 @@ impl TouchEffect {
     }
 }
 
-/// Whether the conductor is a coat or fills the body.
+/// Whether the conductor is a coating or fills the body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SheetKind {
-    /// A coat on a surface (triangles), told by its sheet conductance.
+    /// A coating on a surface (triangles), given by its sheet conductance.
     Surface,
-    /// A volume (tetrahedra), told by its conductivity.
+    /// A volume (tetrahedra), given by its conductivity.
     Volume,
 }
 
-/// The conductive coat.
+/// The conductive coating.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sheet {
-    /// Whether it is a coat or fills the body.
+    /// Whether it is a coating or fills the body.
     pub kind: SheetKind,
     /// Untouched conductance: sheet conductance in S for a surface, conductivity in S/m for a volume.
     pub conductance: f64,
-    /// Parts of another conductance.
+    /// Regions with another conductance.
     pub regions: Vec<Region>,
-    /// Which way a touch turns it.
+    /// The sign of the conductance change under touch.
     pub touch: TouchEffect,
 }
 
-/// A named part of the sheet with a conductance of its own.
+/// A named region of the sheet with its own conductance.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Region {
     /// Its name.
     pub name: String,
-    /// Untouched conductance there, as in [`Sheet::conductance`].
+    /// Untouched conductance in the region, as in [`Sheet::conductance`].
     pub conductance: f64,
-    /// Where it is.
+    /// The cells that belong to it.
     pub place: RegionPlace,
 }
 
-/// Where a region of the sheet is.
+/// The cells that belong to a region.
 #[derive(Debug, Clone, PartialEq)]
 pub enum RegionPlace {
-    /// The cells whose centre lies in a box given by opposite corners, m: (z, s = radius * theta) on a cylinder,
-    /// (x, y) on a flat skin.
+    /// The cells whose centre is inside a box given by opposite corners, m: (z, s = radius * theta) on a cylinder, (x,
+    /// y) on a flat skin.
     Box {
         /// Lower corner.
         low_m: [f64; 2],
@@ -235,62 +235,61 @@ pub enum RegionPlace {
 /// One electrode.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Electrode {
-    /// Its centre on the surface, m; `NaN` for a group, whose place only the mesh file knows.
+    /// Its centre on the surface, m; `NaN` for a group, whose position is only in the mesh file.
     pub centre_m: Point3,
-    /// What it covers.
+    /// Its shape.
     pub shape: ElectrodeShape,
     /// Contact impedance: ohm m2 for discs and faces, ohm m for arcs, unused for points.
     pub contact_impedance: f64,
 }
 
-/// What an electrode covers.
+/// The shape of an electrode.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ElectrodeShape {
-    /// A round patch inside the surface, clipped where it crosses an edge of the body.
+    /// A disc on the surface, clipped at the edges of the body.
     Disc {
         /// Radius along the surface, m.
         radius_m: f64,
     },
-    /// A piece of the body's edge.
+    /// A part of the body's edge.
     Arc {
         /// Length along the edge, m.
         length_m: f64,
     },
     /// A single point.
     Point,
-    /// Whatever the mesh file's physical group `electrode_<n>` holds.
+    /// The physical group `electrode_<n>` of the mesh file.
     Group,
 }
 
 /// The image to reconstruct.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ImageLayout {
-    /// A grid of pixels: rows along z and columns round theta on a cylinder; rows along y and columns along x on a
+    /// A grid of pixels: rows along z and columns around theta on a cylinder; rows along y and columns along x on a
     /// flat skin (pixels outside a disk are masked).
     Grid {
         /// Pixels along z or y.
         rows: usize,
-        /// Pixels round theta or along x.
+        /// Pixels around theta or along x.
         columns: usize,
     },
     /// A pixel for every cell of the mesh.
     Cells,
 }
 
-/// How fine the generated mesh is. Lengths in m.
+/// Resolution of the generated mesh. Lengths in m.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeshOptions {
-    /// Longest edge allowed anywhere.
+    /// Longest edge allowed.
     pub max_edge_m: f64,
     /// Length of the edges along an electrode's outline.
     pub electrode_edge_m: f64,
-    /// Growth of the edge length per length of distance from the nearest electrode outline.
+    /// Growth of the edge length per distance from the nearest electrode outline.
     pub growth: f64,
 }
 
 impl MeshOptions {
-    /// The same grading with every edge multiplied by `factor`: at any place edges are that much longer, hence they grow
-    /// that much faster with the distance.
+    /// The same grading with every edge length multiplied by `factor`. The growth with distance is multiplied too.
     pub fn scaled(self, factor: f64) -> Self {
         MeshOptions {
             max_edge_m: self.max_edge_m * factor,

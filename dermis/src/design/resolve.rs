@@ -1,4 +1,4 @@
-//! From the tables of a design file to a skin.
+//! Conversion of the tables of a design file to a skin.
 
 use crate::design::check;
 use crate::design::error::{DesignError, closest_name, explain_toml_error};
@@ -15,7 +15,7 @@ use crate::protocol::{Channel, Protocol};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// A place in a design, as a check names it.
+/// A place in a design, as the checks name it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Place {
     Body,
@@ -64,7 +64,7 @@ pub(super) fn parse(text: &str, name: &str) -> Result<SkinDesign, DesignError> {
     Ok(design)
 }
 
-/// Where in the file a place is.
+/// The byte range of a place in the file.
 fn locate(file: &DesignFile, place: Place) -> Range<usize> {
     let electrodes = &file.electrodes.value;
     match place {
@@ -107,7 +107,7 @@ impl Source<'_> {
         }
     }
 
-    /// A file that the design names, as seen from its own folder.
+    /// A file named in the design, relative to the folder of the design.
     fn beside(&self, path: &Path) -> PathBuf {
         Path::new(self.name).parent().unwrap_or(Path::new("")).join(path)
     }
@@ -180,7 +180,7 @@ impl Source<'_> {
         Ok(Sheet { kind, conductance, regions, touch })
     }
 
-    /// The conductance of a sheet or a region from whichever of the two keys is there.
+    /// The conductance of a sheet or a region from the one of the two keys that is given.
     fn conductance(
         &self,
         resistance_ohm: &Option<At<f64>>,
@@ -234,7 +234,7 @@ impl Source<'_> {
             ElectrodeShape::Point => return Ok(0.0),
             ElectrodeShape::Disc { .. } => (per_area, "contact_impedance_ohm_m2"),
             ElectrodeShape::Arc { .. } => (per_length, "contact_impedance_ohm_m"),
-            // Faces or edges: only the mesh file knows.
+            // Faces or edges: this is known only from the mesh file.
             ElectrodeShape::Group => (per_area.or(per_length), "contact_impedance_ohm_m2"),
         };
         let Some(given) = given else {
@@ -287,7 +287,7 @@ impl Source<'_> {
     }
 }
 
-/// The grading that the file asks for, the rest from the sizes of the body and its electrodes.
+/// The mesh sizes of the file; missing ones are computed from the sizes of the body and its electrodes.
 fn mesh_options(body: &Body, electrodes: &[Electrode], table: Option<&MeshTable>) -> MeshOptions {
     let given = |pick: fn(&MeshTable) -> Option<&At<f64>>| table.and_then(pick).map(|at| at.value);
     let max_edge_m = given(|t| t.max_edge_m.as_ref()).unwrap_or_else(|| default_edge_m(body));
@@ -299,21 +299,21 @@ fn mesh_options(body: &Body, electrodes: &[Electrode], table: Option<&MeshTable>
     let smallest_m = size_m.fold(f64::INFINITY, f64::min);
     MeshOptions {
         max_edge_m,
-        // Five edges to a radius resolve the current crowding at a disc's outline on the paper's skin.
+        // Five edges per radius resolve the current crowding at a disc's outline on the paper's skin.
         electrode_edge_m: given(|t| t.electrode_edge_m.as_ref())
             .unwrap_or_else(|| (smallest_m / 5.0).min(max_edge_m / 4.0)),
         growth: given(|t| t.growth.as_ref()).unwrap_or(0.3),
     }
 }
 
-/// A fiftieth of the side of a square of the body's area: 6 mm on the paper's skin.
+/// A fiftieth of the side of a square with the body's area: 6 mm on the paper's skin.
 fn default_edge_m(body: &Body) -> f64 {
     use std::f64::consts::PI;
     let area_m2 = match *body {
         Body::Cylinder { length_m, diameter_m } => PI * diameter_m * length_m,
         Body::Disk { diameter_m } => PI * diameter_m * diameter_m / 4.0,
         Body::Rectangle { width_m, height_m } => width_m * height_m,
-        // A mesh file has its own edges.
+        // The mesh of a file keeps its own edges.
         Body::Mesh { .. } => return f64::INFINITY,
     };
     area_m2.sqrt() / 50.0

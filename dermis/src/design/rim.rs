@@ -4,7 +4,7 @@ use crate::design::file::{Corner, Direction};
 use crate::geom::Point3;
 use std::f64::consts::TAU;
 
-/// Electrodes at equal distances round a disk.
+/// Electrodes at equal distances around a disk.
 pub(super) fn on_disk(diameter_m: f64, count: usize, first_theta_rad: f64, direction: Direction) -> Vec<Point3> {
     let sign = match direction {
         Direction::CounterClockwise => 1.0,
@@ -17,16 +17,16 @@ pub(super) fn on_disk(diameter_m: f64, count: usize, first_theta_rad: f64, direc
     (0..count).map(place).collect()
 }
 
-/// How many electrodes a rectangle's edge has.
+/// The number of electrodes on a rectangle's edge.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Count {
-    /// In all, at equal distances along the whole edge.
+    /// In total, at equal distances along the whole edge.
     InAll(usize),
     /// On each side, at equal distances along it.
     PerSide(usize),
 }
 
-/// Electrodes along the edge of a rectangle. The first and the last of a row are half a distance from its ends.
+/// Electrodes along the edge of a rectangle. The first and the last of a row are half a step from its ends.
 pub(super) fn on_rectangle(size_m: [f64; 2], count: Count, first: Corner, direction: Direction) -> Vec<Point3> {
     let sides = sides(size_m, first, direction);
     let lengths_m = sides.map(|(_, _, length_m)| length_m);
@@ -49,7 +49,7 @@ pub(super) fn on_rectangle(size_m: [f64; 2], count: Count, first: Corner, direct
 /// Corner, direction and length of a side.
 type Side = ([f64; 2], [f64; 2], f64);
 
-/// The sides in the order in which they are passed.
+/// The sides in numbering order.
 fn sides([width_m, height_m]: [f64; 2], first: Corner, direction: Direction) -> [Side; 4] {
     let corners = [[0.0, 0.0], [width_m, 0.0], [width_m, height_m], [0.0, height_m]];
     let start = first as usize;
@@ -64,7 +64,7 @@ fn sides([width_m, height_m]: [f64; 2], first: Corner, direction: Direction) -> 
     })
 }
 
-/// The point at a way along the sides.
+/// The point at an arc length along the sides.
 fn at(sides: &[Side; 4], way_m: f64) -> Point3 {
     let mut rest_m = way_m;
     for (index, &(from, direction, length_m)) in sides.iter().enumerate() {

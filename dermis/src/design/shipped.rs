@@ -1,4 +1,4 @@
-//! The designs that are shipped.
+//! The shipped designs.
 
 /// Their names.
 pub(super) const NAMES: [&str; 3] = ["cylinder30", "skin16", "tank16"];

@@ -1,4 +1,4 @@
-//! What designs are read, and what is said of those that are not.
+//! Valid designs, and the error messages of invalid ones.
 
 use crate::design::{Body, ElectrodeShape, ImageLayout, SkinDesign, TouchEffect};
 use crate::geom::vector::distance;
@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 
 const GOOD: &str = include_str!("../../../data/designs/cylinder30.toml");
 
-/// The shipped cylinder with one piece of text replaced, and the error it gives.
+/// The error of the shipped cylinder with one piece of text replaced.
 fn broken(from: &str, to: &str) -> String {
     assert!(GOOD.contains(from), "{from} is not in the design");
     let error = SkinDesign::parse(&GOOD.replacen(from, to, 1), "skin.toml").expect_err(to);
@@ -16,7 +16,7 @@ fn broken(from: &str, to: &str) -> String {
     error.to_string()
 }
 
-/// The 1-based line of the shipped cylinder that holds a text.
+/// The 1-based line of a text in the shipped cylinder.
 fn line_of(text: &str) -> usize {
     1 + GOOD.lines().position(|line| line.contains(text)).unwrap()
 }
@@ -219,7 +219,7 @@ fn a_rectangle_with_a_list_of_electrodes_and_a_region() {
     assert!(error("sheet_resistance_ohm = 2000", "conductivity_s_per_m = 1").contains("different quantities"));
 }
 
-/// The centres of a flat skin's electrodes, in mm to a thousandth, or what is wrong.
+/// The centres of a flat skin's electrodes, in mm rounded to a thousandth, or the error.
 fn centres(body: &str, layout: &str) -> Result<Vec<[f64; 2]>, String> {
     let text = format!(
         "{body}\n[sheet]\nsheet_resistance_ohm = 500\ntouch = \"conductance_falls\"\n[electrodes]\nshape.arc.length_m = 0.004\n\
@@ -237,7 +237,7 @@ fn centres(body: &str, layout: &str) -> Result<Vec<[f64; 2]>, String> {
 #[test]
 fn electrodes_on_the_rim_of_a_rectangle_are_where_a_drawing_has_them() {
     let sheet = "[body.rectangle]\nwidth_m = 0.06\nheight_m = 0.04";
-    // 200 mm round, ten electrodes 20 mm apart, counter-clockwise from the origin.
+    // Perimeter 200 mm, ten electrodes 20 mm apart, counter-clockwise from the origin.
     let ten = [
         [10.0, 0.0],
         [30.0, 0.0],
@@ -253,7 +253,7 @@ fn electrodes_on_the_rim_of_a_rectangle_are_where_a_drawing_has_them() {
     assert_eq!(centres(sheet, "count = 10").unwrap(), ten);
     let clockwise: Vec<[f64; 2]> = ten.into_iter().rev().collect();
     assert_eq!(centres(sheet, "count = 10\ndirection = \"clockwise\"").unwrap(), clockwise);
-    // From the upper right corner on: first along the top, then down the left side.
+    // From the upper right corner: first along the top, then down the left side.
     let turned: Vec<[f64; 2]> = ten.into_iter().cycle().skip(5).take(10).collect();
     assert_eq!(centres(sheet, "count = 10\nfirst_corner = \"upper_right\"").unwrap(), turned);
     let per_side =
@@ -270,7 +270,7 @@ fn electrodes_on_the_rim_of_a_rectangle_are_where_a_drawing_has_them() {
 #[test]
 fn electrodes_on_the_rim_of_a_disk_run_either_way_from_a_given_angle() {
     let disk = "[body.disk]\ndiameter_m = 0.08";
-    // Clock faces: 12, 3, 6, 9.
+    // Positions as on a clock: 12, 3, 6, 9.
     let clock = "count = 4\nfirst_theta_rad = 1.5707963267948966\ndirection = \"clockwise\"";
     assert_eq!(centres(disk, clock).unwrap(), [[0.0, 40.0], [40.0, 0.0], [0.0, -40.0], [-40.0, 0.0]]);
     assert_eq!(centres(disk, "count = 4").unwrap(), [[40.0, 0.0], [0.0, 40.0], [-40.0, 0.0], [0.0, -40.0]]);
@@ -292,7 +292,7 @@ fn the_schema_knows_the_tables() {
 }
 
 proptest::proptest! {
-    /// Whatever stands in a file is a design or an error, never a panic.
+    /// Any file content gives a design or an error, never a panic.
     #[test]
     fn no_text_panics(at in 0..GOOD.len(), length in 0_usize..40, junk in "[-a-z0-9_=\\[\\]{}\".,#\n ]{0,12}") {
         let end = (at + length).min(GOOD.len());
@@ -304,7 +304,7 @@ proptest::proptest! {
 }
 
 #[test]
-fn the_hash_tells_skins_apart_but_not_their_materials() {
+fn the_hash_depends_on_the_skin_but_not_on_its_material() {
     let design = SkinDesign::shipped("cylinder30").unwrap();
     let mut other = design.clone();
     other.sheet.conductance *= 2.0;

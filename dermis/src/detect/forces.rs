@@ -1,38 +1,39 @@
-//! The force of a contact from its strength, where that was measured.
+//! The force of a contact from its strength, if the method is calibrated.
 
 use crate::stats::{order_statistic, upper_median};
 use serde::{Deserialize, Serialize};
 
-/// How the strengths of a method's contacts become forces, measured on presses of known force.
+/// Conversion of the strengths of a method's contacts to forces, measured on presses of known force.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Forces {
-    /// Force of a contact over its strength, N per unit of strength: half of the presses have more.
+    /// Median ratio of force to strength, N per unit of strength.
     pub newtons_per_strength: f64,
-    /// Standard deviation of a force beside itself: that of the Gaussian which has as many of the presses within one of them, 68 %.
+    /// Relative standard deviation of a force: that of a Gaussian with the same 68 % quantile of the errors.
     pub relative_sd: f64,
 }
 
-/// Fewest presses to measure by.
+/// Minimum number of presses for a calibration.
 const LEAST_PRESSES: usize = 30;
-/// The part of a Gaussian within one standard deviation.
+/// The fraction of a Gaussian within one standard deviation.
 const WITHIN_ONE: f64 = 0.682_689_492;
 
 impl Forces {
-    /// From the forces of presses over the strengths of their contacts, ratios that are no numbers left aside; `None` of too few.
+    /// From the ratios of force to strength of presses; ratios that are not finite are ignored. `None` if too few are
+    /// left.
     pub fn fit(ratios: impl Iterator<Item = f64>) -> Option<Self> {
         let ratios: Vec<f64> = ratios.filter(|ratio| ratio.is_finite() && *ratio > 0.0).collect();
         if ratios.len() < LEAST_PRESSES {
             return None;
         }
         let newtons_per_strength = upper_median(&ratios)?;
-        // How far the true force is from the stated one, over the stated one.
+        // The relative error of the stated force.
         let off: Vec<f64> = ratios.iter().map(|ratio| (ratio / newtons_per_strength - 1.0).abs()).collect();
         let relative_sd = order_statistic(&off, ((off.len() - 1) as f64 * WITHIN_ONE) as usize);
         Some(Forces { newtons_per_strength, relative_sd })
     }
 
-    /// What is wrong with it, where it was read from a file that something is wrong with.
+    /// Checks values that were read from a file.
     ///
     /// # Errors
     /// The field and its value.

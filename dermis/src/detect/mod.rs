@@ -1,9 +1,9 @@
 //! From an image to contacts.
 //!
-//! A pixel takes part where it exceeds [`DetectOptions::noise_factor`] standard deviations of its noise and
-//! [`DetectOptions::peak_fraction`] of the image's peak. Peaks are told apart by the saddle between them, placed by
-//! their centroid, and each comes with a standard deviation of its position and the probability that something
-//! is there. Each method says with which options its images are read.
+//! A pixel is used if it exceeds [`DetectOptions::noise_factor`] standard deviations of its noise and
+//! [`DetectOptions::peak_fraction`] of the image's peak. Peaks are separated by the saddle between them and located by
+//! their centroid. Each contact has a standard deviation of its position and the probability that it is real. Each
+//! method defines the options for its images.
 
 mod forces;
 mod noise;
@@ -25,26 +25,25 @@ use peaks::Basin;
 use serde::{Deserialize, Serialize};
 use spots::Spot;
 
-/// How contacts are found. The defaults are those of linear images.
+/// Detection options. The defaults are those of linear images.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct DetectOptions {
-    /// A contact's peak exceeds this many standard deviations of the image's noise there. At 5 the noise of 900
-    /// independent pixels makes a false contact in one image of 4,000.
+    /// A contact's peak exceeds this many standard deviations of the image's noise at its pixel. At 5 the noise of 900
+    /// independent pixels gives a false contact in one image of 4,000.
     pub noise_factor: f64,
-    /// A contact's peak exceeds this part of the image's highest: above the side lobes that linear images have.
+    /// A contact's peak exceeds this fraction of the image's maximum: above the side lobes of linear images.
     pub peak_fraction: f64,
-    /// Two peaks are two contacts if the image sinks between them to less than this part of the lower one.
+    /// Two peaks are two contacts if the image between them falls below this fraction of the lower one.
     pub saddle_fraction: f64,
-    /// A pixel weighs in the centroid, and counts for the strength, by what it has above this part of its contact's peak.
+    /// The weight of a pixel in the centroid and the strength is its value above this fraction of its contact's peak.
     pub weight_fraction: f64,
-    /// Where every touch is a spot of one shape in the root of the image, a Gaussian of this standard deviation, m: then
-    /// spots are fitted in place of centroids taken, and the saddle does not matter.
+    /// For images in which the square root of every touch is a Gaussian of this standard deviation, m: spots of this
+    /// shape are fitted, and neither centroids nor the saddle are used.
     pub spot_width_m: Option<f64>,
-    /// How far contacts lie from what touched, where that was measured for the method and its skin; `None` takes what is
-    /// known of linear images.
+    /// Measured position errors of contacts for the method and its skin; `None` uses those of linear images.
     pub spread: Option<PositionSpread>,
-    /// How strengths become forces, where that was measured for the method and its skin; `None` leaves forces unknown.
+    /// Measured conversion of strengths to forces for the method and its skin; `None` leaves forces unknown.
     pub forces: Option<Forces>,
 }
 
@@ -63,7 +62,7 @@ impl Default for DetectOptions {
 }
 
 impl DetectOptions {
-    /// What is wrong with them, where they were read from a file that something is wrong with.
+    /// Checks values that were read from a file.
     ///
     /// # Errors
     /// The field and its value.
@@ -91,18 +90,18 @@ impl DetectOptions {
 /// A true contact counts as found within this distance: the gate of the scores, m.
 pub const GATE_M: f64 = 0.02;
 
-/// The distance, in standard deviations per axis, within which 95 % of a Gaussian in two dimensions lie: the root of
+/// The radius, in standard deviations per axis, that contains 95 % of a two-dimensional Gaussian: the square root of
 /// `-2 ln 0.05`.
 pub const REGION_95_SD: f64 = 2.447_746_830_680_816;
 
-/// Pixels below this many standard deviations of noise do not weigh in a centroid.
+/// Pixels below this many standard deviations of noise have no weight in a centroid.
 const FLOOR_SD: f64 = 2.0;
 
-/// The part of a contact's radius (of a disk of its area) by which a linear image misplaces it, per axis, beside the noise and
-/// the pixels: what `dermis calibrate cylinder30` measures ([`blur_share`]), to a tenth of itself.
+/// The position error of a linear image per axis, in addition to the noise and the pixel size, as a fraction of a
+/// contact's radius (of a disk of its area): as measured by `dermis calibrate cylinder30` ([`blur_share`]), to 10 %.
 const BLUR_ERROR: f64 = 0.1;
 
-/// Finds contacts in images whose noise it knows, or else estimates from each image.
+/// Finds contacts in images whose noise is known, or estimated from each image.
 #[derive(Debug, Clone, Default)]
 pub struct Detector {
     options: DetectOptions,
@@ -110,8 +109,8 @@ pub struct Detector {
 }
 
 impl Detector {
-    /// A detector that takes the noise from each image: from how pixels differ from the mean of their neighbours. That
-    /// is the standard deviation of white noise; a smooth image has none.
+    /// A detector that estimates the noise from each image, by the difference of pixels from the mean of their
+    /// neighbours. This is the standard deviation of white noise; it is zero for a smooth image.
     pub fn new(options: DetectOptions) -> Self {
         Detector { options, noise: None }
     }
@@ -123,15 +122,15 @@ impl Detector {
 
     /// The contacts in an image, the strongest peak first.
     ///
-    /// Values that are not finite are no part of any contact.
+    /// Values that are not finite belong to no contact.
     ///
     /// # Panics
-    /// Where the image has not a value for each of its pixels, or the noise belongs to other pixels.
+    /// If the number of values differs from the number of pixels, or the noise belongs to other pixels.
     pub fn detect(&self, image: &Image) -> Vec<Contact> {
         self.detect_under(image).into_iter().map(|(contact, _)| contact).collect()
     }
 
-    /// The contacts in an image, each with the circumstances from which the standard deviation of its position follows.
+    /// The contacts in an image, each with the circumstances that determine the standard deviation of its position.
     ///
     /// # Panics
     /// As [`detect`](Self::detect).
@@ -169,7 +168,7 @@ impl Detector {
 
     fn found_basin(&self, image: &Image, basin: &Basin, peak_sd: f64) -> Found {
         let space = &image.space;
-        // Far from the peak there is more noise than contact.
+        // Far from the peak the noise exceeds the contact.
         let floor = (self.options.weight_fraction * basin.height).max(FLOOR_SD * peak_sd);
         let inside: Vec<usize> = basin.pixels.iter().copied().filter(|&p| image.values[p] > floor).collect();
         let weight = |pixel: usize| (image.values[pixel] - floor) * space.areas[pixel];
@@ -190,7 +189,7 @@ impl Detector {
         }
     }
 
-    /// A contact with what follows from its own image and from the contacts beside it.
+    /// A contact with all values that follow from its own image and from the neighbouring contacts.
     fn rated(&self, image: &Image, found: &[Found], index: usize, highest: f64) -> (Contact, Circumstances) {
         let own = &found[index];
         let surface = &image.space.surface;
@@ -198,7 +197,7 @@ impl Detector {
         let distance_m = |(_, other): (usize, &Found)| surface.distance_m(own.place.0, other.place.0);
         let circumstances = Circumstances {
             signal: own.height / own.peak_sd,
-            // The pixel's own size: a position spread evenly over it has a twelfth of its side squared.
+            // The pixel size: a uniform distribution over a pixel has the variance of its side squared over twelve.
             noise_m: (own.noise_variance_m2 + image.space.half_pixel_m().powi(2) / 3.0).sqrt(),
             radius_m: (own.area_m2 / std::f64::consts::PI).sqrt(),
             next_m: others.map(distance_m).fold(f64::INFINITY, f64::min),
@@ -223,25 +222,25 @@ impl Detector {
     }
 }
 
-/// What an image shows of a contact.
+/// The measurements of a contact in an image.
 struct Found {
-    /// Where it is, and the outward normal there.
+    /// Its position, and the outward normal there.
     place: (Point3, Point3),
     strength: f64,
     area_m2: f64,
     height: f64,
     /// Standard deviation of the noise at its peak.
     peak_sd: f64,
-    /// What the noise adds to the variance of its position per axis.
+    /// Variance of its position per axis due to noise.
     noise_variance_m2: f64,
 }
 
-/// A spot as a contact.
+/// A contact from a fitted spot.
 fn found_spot(image: &Image, spot: &Spot, width_m: f64, peak_sd: f64) -> Found {
     let height = spot.height * spot.height;
     Found {
         place: place_on_surface(image, &[spot.pixel], spot.centre_m),
-        // The square of a Gaussian is one of half the variance.
+        // The square of a Gaussian is a Gaussian of half the variance.
         strength: height * std::f64::consts::PI * width_m * width_m,
         area_m2: std::f64::consts::PI * width_m * width_m * std::f64::consts::LN_2,
         height,
@@ -250,17 +249,17 @@ fn found_spot(image: &Image, spot: &Spot, width_m: f64, peak_sd: f64) -> Found {
     }
 }
 
-/// The contacts in an image, the strongest peak first; the noise is taken from the image itself, as
-/// [`Detector::new`] says.
+/// The contacts in an image, the strongest peak first; the noise is estimated from the image itself, as in
+/// [`Detector::new`].
 pub fn detect(image: &Image, options: &DetectOptions) -> Vec<Contact> {
     Detector::new(options.clone()).detect(image)
 }
 
-/// The centroid of a whole image, weighted by the positive values and the areas of all pixels (the paper's Eq. 11);
-/// round a cylinder the circular mean. `None` where no value is positive.
+/// The centroid of a whole image, weighted by the positive values and the areas of all pixels (the paper's Eq. 11); on
+/// a cylinder the circular mean. `None` if no value is positive.
 ///
 /// The paper sums over raw values; its network's images are not negative. In a linear image the negative side lobes
-/// would enter the denominator too, which can vanish, so they carry no weight.
+/// would also enter the denominator, which can become zero, so they have no weight.
 pub fn whole_image_centroid(image: &Image) -> Option<Point3> {
     let (mut total, mut sum) = (0.0, [0.0; 3]);
     for ((&value, centre), area) in image.values.iter().zip(&image.space.centres_m).zip(&image.space.areas) {
@@ -275,7 +274,7 @@ pub fn whole_image_centroid(image: &Image) -> Option<Point3> {
     }
     let mean = scale(sum, 1.0 / total);
     match image.space.surface {
-        // Cosine and sine summed give the mean direction.
+        // The sums of cosine and sine give the mean direction.
         Surface::Cylinder { .. } => image.space.surface.at(mean[2], mean[1].atan2(mean[0])),
         Surface::Plane => Some(mean),
         Surface::Free => {
@@ -285,8 +284,8 @@ pub fn whole_image_centroid(image: &Image) -> Option<Point3> {
     }
 }
 
-/// The point of the surface nearest to a mean of points on it, and the outward normal there. On a surface known only
-/// by its pixels it is moved onto the tangent plane of the nearest pixel.
+/// The point of the surface nearest to a mean of points on it, and the outward normal there. On a surface known only by
+/// its pixels it is projected onto the tangent plane of the nearest pixel.
 fn place_on_surface(image: &Image, pixels: &[usize], mean: Point3) -> (Point3, Point3) {
     let space = &image.space;
     if let Some(normal) = space.surface.normal(mean) {
@@ -300,8 +299,8 @@ fn place_on_surface(image: &Image, pixels: &[usize], mean: Point3) -> (Point3, P
     (sub(mean, scale(normal, height)), normal)
 }
 
-/// Variance of a centroid per axis where the noise of the pixels is white: `sum (w_p' (x_p - c))^2 sd^2 / W^2 / 2`,
-/// the half because two axes share it.
+/// Variance of a centroid per axis for white pixel noise: `sum (w_p' (x_p - c))^2 sd^2 / W^2 / 2`; the factor 1/2 is
+/// the average over two axes.
 fn white_centroid_variance_m2(image: &Image, inside: &[usize], floor: f64, sd: f64, mean: Point3) -> f64 {
     let space = &image.space;
     let total: f64 = inside.iter().map(|&p| (image.values[p] - floor) * space.areas[p]).sum();
@@ -310,14 +309,15 @@ fn white_centroid_variance_m2(image: &Image, inside: &[usize], floor: f64, sd: f
     0.5 * sum * (sd / total).powi(2)
 }
 
-/// The probability that a true contact lies within the [gate](GATE_M): that the peak is no noise, times that it is no
-/// side lobe of a higher peak, times that its position errs by less than the gate.
+/// The probability that a true contact is within the [gate](GATE_M): that the peak is not noise, times that it is not a
+/// side lobe of a higher peak, times that its position error is less than the gate.
 ///
-/// - No noise: a white image of `n` pixels has a pixel `z` standard deviations high with the probability `n Q(z)` at
-///   most.
-/// - No side lobe: the higher the peak beside the image's highest, the surer, in a straight line from 0.5 at the least
-///   height that counts at all to 1 at the same height.
-/// - Position: the error is Gaussian with `sd_m` per axis, so that it stays below r with `1 - exp(-r^2 / (2 sd^2))`.
+/// - Not noise: a white image of `n` pixels has a pixel above `z` standard deviations with a probability of at most
+///   `n Q(z)`.
+/// - Not a side lobe: the probability rises linearly with the peak relative to the image's maximum, from 0.5 at the
+///   lowest accepted height to 1 at the same height.
+/// - Position: the error is Gaussian with `sd_m` per axis, so it is less than r with probability
+///   `1 - exp(-r^2 / (2 sd^2))`.
 fn confidence(height: f64, noise_sd: f64, highest: f64, sd_m: f64, pixel_count: usize) -> f64 {
     let false_alarm = if noise_sd > 0.0 { pixel_count as f64 * normal_tail(height / noise_sd) } else { 0.0 };
     let real = 1.0 - false_alarm.min(1.0);
@@ -336,10 +336,10 @@ fn normal_tail(z: f64) -> f64 {
     (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt() * sum
 }
 
-/// Two middles of a contact in its image: of the area where the image exceeds half of the contact's peak, and of the image
-/// itself over the contact's surroundings (its centre of pressure); m. Both are its position where it has no pixels.
+/// Two centres of a contact in its image: of the area where the image exceeds half of the contact's peak, and of the
+/// image itself near the contact (its centre of pressure); m. Both are its position if it has no pixels.
 ///
-/// Its surroundings are the pixels within three radii of a disk of its area.
+/// The pixels within three radii of a disk of its area are used.
 pub fn centres(image: &Image, contact: &Contact) -> [Point3; 2] {
     let space = &image.space;
     let reach_m = 3.0 * (contact.area_m2 / std::f64::consts::PI).sqrt() + 2.0 * space.half_pixel_m();

@@ -1,4 +1,4 @@
-//! The noise of images: from that of the frames, or from images of the untouched skin.
+//! The noise of images, from the noise of frames or from images of the untouched skin.
 
 use crate::forward::Matrix;
 use crate::geom::Surface;
@@ -7,7 +7,7 @@ use crate::image::Image;
 use crate::stats::upper_median;
 use serde::{Deserialize, Serialize};
 
-/// The noise of images: how independent sources of unit variance spread over the pixels.
+/// The noise of images: the response of the pixels to independent sources of unit variance.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ImageNoise {
     /// Pixels x sources.
@@ -21,7 +21,7 @@ impl ImageNoise {
     /// each channel's noise in a difference: `sd_p^2 = sum_c (B_pc s_c)^2`.
     ///
     /// # Panics
-    /// Where there is not a standard deviation for each channel.
+    /// If the number of standard deviations differs from the number of channels.
     pub fn from_matrix(matrix: &Matrix, channel_sd_ohm: &[f64]) -> Self {
         assert_eq!(matrix.columns, channel_sd_ohm.len(), "a standard deviation per channel");
         let mut values = matrix.values.clone();
@@ -31,14 +31,14 @@ impl ImageNoise {
         Self::new(Matrix { rows: matrix.rows, columns: matrix.columns, values })
     }
 
-    /// The noise of any reconstruction's images, from images of untouched frames (their mean is their true value, zero);
-    /// `None` without an image. Twenty of them give each standard deviation to a sixth.
+    /// The noise of any reconstruction's images, from images of untouched frames (their true mean is zero); `None`
+    /// without an image. Twenty images give each standard deviation to a sixth.
     ///
-    /// No pixel's standard deviation is less than the root mean square of all pixels': where a network's pixel is nearly always
-    /// zero, its rare peaks are as high as its neighbours', and its own deviation says nothing of them.
+    /// No pixel's standard deviation is less than the root mean square of all pixels: a network's pixel that is nearly
+    /// always zero has rare peaks as high as its neighbours', which its own deviation does not show.
     ///
     /// # Panics
-    /// Where the images differ in length.
+    /// If the images differ in length.
     pub fn from_untouched(images: &[Image]) -> Option<Self> {
         let pixels = images.first()?.values.len();
         let scale = 1.0 / (images.len() as f64).sqrt();
@@ -103,7 +103,7 @@ impl ImageNoise {
     }
 }
 
-/// Where a point lies as seen from another, along the surface.
+/// The position of a point relative to another, along the surface.
 fn arm(surface: &Surface, from: Point3, to: Point3) -> Point3 {
     match surface {
         Surface::Free => sub(to, from),
@@ -114,8 +114,8 @@ fn arm(surface: &Surface, from: Point3, to: Point3) -> Point3 {
     }
 }
 
-/// The standard deviation of the white noise that would make an image as rough as it is: 1.4826 times the median of
-/// `|v - mean of its n neighbours| / sqrt(1 + 1/n)`. A contact covers few pixels, so that it hardly moves the median.
+/// The standard deviation of white noise of the same roughness as the image: 1.4826 times the median of
+/// `|v - mean of its n neighbours| / sqrt(1 + 1/n)`. A contact covers few pixels and hardly changes the median.
 pub(super) fn roughness(image: &Image) -> f64 {
     let deviation = |(pixel, around): (usize, &Vec<usize>)| {
         let count = around.len() as f64;

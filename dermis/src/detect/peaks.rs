@@ -1,8 +1,8 @@
-//! Separate peaks of an image: a watershed that is flooded from the top.
+//! Separate peaks of an image: a watershed from the highest pixel down.
 
 use crate::image::Image;
 
-/// One peak and the pixels that lead up to it.
+/// One peak and the pixels of its basin.
 #[derive(Debug, Clone)]
 pub(super) struct Basin {
     /// The highest pixel.
@@ -15,15 +15,15 @@ pub(super) struct Basin {
 
 /// The positive peaks of an image, the highest first.
 ///
-/// Pixels are visited from the highest down. One without a visited neighbour starts a basin; another joins the basin of
-/// its highest neighbour. Where two basins meet, at the saddle, the lower one is swallowed unless it stands out: its
-/// peak times `saddle_fraction` and its peak less `least_prominence` must both exceed the saddle.
+/// Pixels are visited from the highest down. A pixel without a visited neighbour starts a basin; any other joins the
+/// basin of its highest neighbour. Where two basins meet, at the saddle, the lower one is merged into the other unless
+/// it is prominent: its peak times `saddle_fraction` and its peak less `least_prominence` must both exceed the saddle.
 pub(super) fn basins(image: &Image, saddle_fraction: f64, least_prominence: impl Fn(usize) -> f64) -> Vec<Basin> {
     let values = &image.values;
     let mut order: Vec<usize> = (0..values.len()).filter(|&p| values[p].is_finite() && values[p] > 0.0).collect();
     order.sort_by(|&a, &b| values[b].total_cmp(&values[a]).then(a.cmp(&b)));
     let mut basin_of: Vec<Option<usize>> = vec![None; values.len()];
-    // The basin into which each was swallowed, itself where it stands; the peak of each.
+    // The basin into which each was merged (itself if not merged); the peak of each.
     let (mut into, mut peak): (Vec<usize>, Vec<usize>) = (Vec::new(), Vec::new());
     let stands = |into: &[usize], mut basin: usize| {
         while into[basin] != basin {
@@ -36,7 +36,7 @@ pub(super) fn basins(image: &Image, saddle_fraction: f64, least_prominence: impl
             .filter_map(|&other| basin_of[other])
             .map(|basin| stands(&into, basin))
             .collect();
-        // Basins are numbered from the highest down, so the first is the one that swallows.
+        // Basins are numbered from the highest down, so the others are merged into the first.
         around.sort_unstable();
         around.dedup();
         let Some(&highest) = around.first() else {

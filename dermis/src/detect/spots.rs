@@ -1,40 +1,40 @@
-//! Touches in images whose every touch is a spot of the same shape.
+//! Touches in images in which every touch is a spot of the same shape.
 //!
-//! The root of such an image is a sum of Gaussians of one known width. They are found one after the other where the most is
-//! left unexplained, and after each find all are fitted anew (orthogonal matching pursuit: Pati, Rezaiifar and
-//! Krishnaprasad, 1993, DOI 10.1109/ACSSC.1993.342465). A spot that the skin's edge cuts off is placed as well as a whole
-//! one, which a centroid would pull inwards.
+//! The square root of such an image is a sum of Gaussians of one known width. The spots are found one after the other
+//! at the maximum of the residual, and after each one all are fitted again (orthogonal matching pursuit: Pati,
+//! Rezaiifar and Krishnaprasad, 1993, DOI 10.1109/ACSSC.1993.342465). A spot that is clipped by the skin's edge is
+//! located as well as a whole one; a centroid would be biased inwards.
 
 use crate::geom::vector::{cross, dot};
 use crate::geom::{Point3, Surface};
 use crate::image::{Image, PixelSpace};
 
-/// One spot: `height exp(-d^2 / (2 width^2))` in the root of the image.
+/// One spot: `height exp(-d^2 / (2 width^2))` in the square root of the image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Spot {
     /// The pixel where it was found.
     pub pixel: usize,
-    /// Where it is.
+    /// Its position.
     pub centre_m: Point3,
     /// Its height.
     pub height: f64,
 }
 
-/// Rounds in which all spots are fitted in turn after each find, at most.
+/// Maximum number of rounds in which all spots are fitted in turn after each new one.
 const ROUNDS: usize = 4;
-/// A round that changes no spot by more than this part of its width and height is the last.
+/// The rounds end when no spot changes by more than this fraction of its width and height.
 const SETTLED: f64 = 1e-4;
-/// A spot is fitted to the pixels this many widths around.
+/// A spot is fitted to the pixels within this many widths.
 const REACH: f64 = 2.0;
-/// This many widths away a spot is less than a millionth of its height.
+/// At this many widths a spot is less than a millionth of its height.
 const FAR: f64 = 5.3;
-/// A spot that has moved this many widths from where it was found is given other pixels.
+/// A spot that has moved this many widths from where it was found gets a new set of pixels.
 const ASTRAY: f64 = 1.0;
-/// More touches than this are not looked for.
+/// Maximum number of touches.
 const MOST: usize = 16;
 
-/// The spots of an image, as long as the root of what is left exceeds `least` at its highest pixel; that is told the pixel
-/// and the height of the first spot.
+/// The spots of an image, until the maximum of the residual of its square root is at most `least`, a function of the
+/// pixel and the height of the first spot.
 pub(super) fn spots(image: &Image, width_m: f64, least: impl Fn(usize, f64) -> f64) -> Vec<Spot> {
     let root = |value: &f64| if value.is_finite() { value.signum() * value.abs().sqrt() } else { 0.0 };
     let mut search = Search { image, width_m, left: image.values.iter().map(root).collect(), fits: Vec::new() };
@@ -48,17 +48,17 @@ pub(super) fn spots(image: &Image, width_m: f64, least: impl Fn(usize, f64) -> f
         search.add(pixel, height);
     }
     let mut spots: Vec<Spot> = search.fits.iter().map(|fit| fit.spot(&image.space.surface)).collect();
-    // A spot that shrank when its neighbours were fitted was none.
+    // If a spot shrank when its neighbours were fitted, it was not a spot.
     let highest = spots.iter().map(|spot| spot.height).fold(0.0, f64::max);
     spots.retain(|spot| spot.height > least(spot.pixel, highest));
     spots.sort_by(|a, b| b.height.total_cmp(&a.height));
     spots
 }
 
-/// What noise gives the place of a spot, variance per axis, from the standard deviation `s` of its pixel in untouched images:
-/// in the root of the image it is `sd = (s / sqrt 3)^(1/2)` (the signed square of a normal deviate), and a fitted Gaussian of height h has the variance
-/// `sd^2 / sum (h shape u / width^2)^2` (least squares), the sum an integral over the plane: `sd^2 2 A / (pi h^2)`, `A` the
-/// area of a pixel.
+/// The variance per axis of a spot's position due to noise, from the standard deviation `s` of its pixel in untouched
+/// images: in the square root of the image it is `sd = (s / sqrt 3)^(1/2)` (the signed square of a normal deviate), and
+/// a fitted Gaussian of height h has the variance `sd^2 / sum (h shape u / width^2)^2` (least squares), with the sum as
+/// an integral over the plane: `sd^2 2 A / (pi h^2)`, `A` the area of a pixel.
 pub(super) fn centre_variance_m2(space: &PixelSpace, spot: &Spot, sd: f64) -> f64 {
     let root_sd = (sd / 3f64.sqrt()).sqrt();
     2.0 * space.areas[spot.pixel] / std::f64::consts::PI * (root_sd / spot.height).powi(2)
@@ -67,29 +67,29 @@ pub(super) fn centre_variance_m2(space: &PixelSpace, spot: &Spot, sd: f64) -> f6
 struct Search<'a> {
     image: &'a Image,
     width_m: f64,
-    /// The root of the image less all spots.
+    /// The square root of the image less all spots.
     left: Vec<f64>,
     fits: Vec<Fit>,
 }
 
-/// A spot as it is fitted, in the chart about a point near it.
+/// A spot during the fit, in the chart about a point near it.
 #[derive(Default)]
 struct Fit {
     pixel: usize,
     origin_m: Point3,
-    /// Where it is in the chart, m.
+    /// Its position in the chart, m.
     at_m: [f64; 2],
     height: f64,
-    /// The pixels that it reaches, and what it takes off each.
+    /// The pixels that it covers, and its value in each.
     patch: Vec<Reached>,
 }
 
-/// A pixel that a spot reaches.
+/// A pixel that a spot covers.
 struct Reached {
     pixel: usize,
-    /// Where it lies in the chart, m.
+    /// Its position in the chart, m.
     at_m: [f64; 2],
-    /// The spot there.
+    /// The value of the spot there.
     value: f64,
 }
 
@@ -125,7 +125,7 @@ impl Search<'_> {
         }
     }
 
-    /// A spot with the pixels that it reaches, also once it has moved a little.
+    /// A spot with the pixels that it covers, including a margin for small moves.
     fn fit_about(&self, pixel: usize, origin_m: Point3, height: f64) -> Fit {
         let Search { image: Image { space, .. }, width_m, .. } = self;
         let patch = (space.near(origin_m, (FAR + ASTRAY) * width_m))
@@ -134,7 +134,7 @@ impl Search<'_> {
         Fit { pixel, origin_m, at_m: [0.0; 2], height, patch }
     }
 
-    /// Takes a spot off what is left.
+    /// Subtracts a spot from the residual.
     fn take_off(&mut self, fit: &mut Fit) {
         let factor = -0.5 / (self.width_m * self.width_m);
         for reached in &mut fit.patch {
@@ -143,7 +143,7 @@ impl Search<'_> {
         }
     }
 
-    /// Fits a spot anew beside all others; by what part of its width or height it has changed.
+    /// Fits a spot again together with all others; returns the relative change of its width or height.
     fn refit(&mut self, index: usize) -> f64 {
         let Some([up, du, dv]) = self.step(&self.fits[index]) else { return 0.0 };
         let mut fit = std::mem::take(&mut self.fits[index]);
@@ -162,7 +162,7 @@ impl Search<'_> {
         change
     }
 
-    /// One step of Gauss and Newton for height and place, against what is left with this spot.
+    /// One Gauss-Newton step for height and position, against the residual with this spot added back.
     fn step(&self, fit: &Fit) -> Option<[f64; 3]> {
         let (mut matrix, mut right) = ([[0.0; 3]; 3], [0.0; 3]);
         let per_width = 1.0 / (self.width_m * self.width_m);
@@ -179,12 +179,12 @@ impl Search<'_> {
             }
         }
         let [up, du, dv] = solved(matrix, right)?;
-        // No farther at once than half a width: beyond, a spot is not the line that the step takes it for.
+        // At most half a width per step: beyond, the linearisation is not valid.
         let short = (0.5 * self.width_m / du.hypot(dv)).min(1.0);
         Some([up, short * du, short * dv])
     }
 
-    /// The place on the skin nearest to one that may lie beyond its rim.
+    /// The point on the skin nearest to one that may be outside its edge.
     fn inside(&self, fit: &Fit, [u, v]: [f64; 2]) -> [f64; 2] {
         match self.image.space.surface {
             Surface::Cylinder { length_m, .. } => [u, v.clamp(-fit.origin_m[2], length_m - fit.origin_m[2])],
@@ -193,7 +193,7 @@ impl Search<'_> {
     }
 }
 
-/// Solves three equations by Cramer's rule (the matrix is symmetric); `None` where they are singular.
+/// Solves three equations by Cramer's rule (the matrix is symmetric); `None` if they are singular.
 fn solved([a, b, c]: [[f64; 3]; 3], right: [f64; 3]) -> Option<[f64; 3]> {
     let determinant = dot(a, cross(b, c));
     let solution = [cross(b, c), cross(c, a), cross(a, b)].map(|minor| dot(right, minor) / determinant);
@@ -229,7 +229,7 @@ mod tests {
     fn spots_are_found_where_they_are_even_side_by_side_and_at_the_edge() {
         let surface = SkinDesign::shipped("cylinder30").unwrap().body.surface();
         let at = |z: f64, theta: f64| surface.at(z, theta).unwrap();
-        // At the rim, across the seam, and two 25 mm apart of which one is a fifth of the other.
+        // At the rim, across the seam, and two spots 25 mm apart, one of them a fifth of the other.
         let touches = [(at(0.001, 1.0), 2.0), (at(0.1, 0.03), 1.0), (at(0.2, 3.0), 5.0), (at(0.2, 3.5), 1.0)];
         let found = spots(&image(&touches), WIDTH_M, |_, first| 0.2 * first);
         assert_eq!(found.len(), 4, "{found:?}");

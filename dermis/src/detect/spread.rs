@@ -1,15 +1,15 @@
-//! How far contacts lie from what touched: measured, not assumed.
+//! The position errors of contacts, measured on known touches.
 
 use crate::detect::REGION_95_SD;
 use crate::stats::order_statistic;
 use serde::{Deserialize, Serialize};
 
-/// What tells how well a contact is placed.
+/// Quantities that predict the position error of a contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Circumstances {
     /// Height of its peak in standard deviations of the noise there; infinite without noise.
     pub signal: f64,
-    /// Standard deviation per axis that noise and the pixels' size alone give its position, by propagation, m.
+    /// Standard deviation of its position per axis due to noise and pixel size alone, by error propagation, m.
     pub noise_m: f64,
     /// Radius of a disk of its area, m.
     pub radius_m: f64,
@@ -17,28 +17,28 @@ pub struct Circumstances {
     pub next_m: f64,
 }
 
-/// A contact that was matched with a touch, and how far it lies from it.
+/// A contact that was matched with a touch, and its position error.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Misplacement {
-    /// How it was found.
+    /// How it was detected.
     pub circumstances: Circumstances,
-    /// Touches in its frame.
+    /// Number of touches in its frame.
     pub touches: usize,
-    /// Whether its frame has a touch that no contact was found for: then this contact may stand for two.
+    /// Whether its frame has a touch without a contact: then this contact may be two merged touches.
     pub is_shared: bool,
-    /// The standard deviation of its position that was stated, m.
+    /// The stated standard deviation of its position, m.
     pub stated_m: f64,
     /// Its distance from the touch along the surface, m.
     pub error_m: f64,
-    /// The touch's force over the contact's strength; `NaN` where the force is not known.
+    /// The touch's force over the contact's strength; `NaN` if the force is unknown.
     pub newtons_per_strength: f64,
 }
 
-/// The standard deviation of contacts' positions as measured on touches at known places: a typical one times a factor for
-/// each of the [circumstances](Circumstances).
+/// The standard deviation of contacts' positions as measured on touches at known positions: a typical one times a
+/// factor for each of the [circumstances](Circumstances).
 ///
-/// "Standard deviation" is that of the Gaussian whose 95 % region has the radius within which 95 % of the errors lie
-/// ([`REGION_95_SD`] of them): errors are no Gaussian, and this is what whoever trusts a region asks for.
+/// "Standard deviation" is that of the Gaussian whose 95 % region has the radius that contains 95 % of the errors
+/// ([`REGION_95_SD`] of them): the errors are not Gaussian, and the 95 % region is what users need.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PositionSpread {
@@ -46,13 +46,13 @@ pub struct PositionSpread {
     pub typical_m: f64,
     /// By the height of the peak in standard deviations of its noise.
     pub signal: Factor,
-    /// By the radius of the contact, m: one that is wider than others may be two.
+    /// By the radius of the contact, m: a wide one may be two merged touches.
     pub radius_m: Factor,
     /// By the distance to the next contact, m.
     pub next_m: Factor,
 }
 
-/// A factor that depends on one number: linear in its logarithm between the given ones, even beyond them.
+/// A factor that depends on one number: linear in its logarithm, with linear extrapolation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Factor {
@@ -62,28 +62,28 @@ pub struct Factor {
     pub times: Vec<f64>,
 }
 
-/// Fewest contacts that a factor is measured by: the 95th percentile of 300 is known to a twentieth or so.
+/// Minimum number of contacts for a factor: the 95th percentile of 300 is known to about 5 %.
 const LEAST_CONTACTS: usize = 300;
-/// Most numbers at which a factor is given.
+/// Maximum number of points of a factor.
 const MOST_STEPS: usize = 8;
-/// Times that each factor is measured with the others as they are.
+/// Number of passes in which each factor is fitted with the others fixed.
 const SWEEPS: usize = 6;
-/// A signal counts up to here, that images without noise be no exception.
+/// Upper limit of the signal, for images without noise.
 const MOST_SIGNAL: f64 = 1e9;
-/// The distance of the next contact counts up to here, m: farther ones make no difference.
+/// Upper limit of the distance to the next contact, m: larger distances have no effect.
 const FARTHEST_NEXT_M: f64 = 0.15;
 
 impl Circumstances {
-    /// Signal, radius and distance, each within what makes a difference.
+    /// Signal, radius and distance, each limited to its range.
     fn values(&self) -> [f64; 3] {
         [self.signal.min(MOST_SIGNAL), self.radius_m, self.next_m.min(FARTHEST_NEXT_M)]
     }
 }
 
 impl PositionSpread {
-    /// Measures the spread by contacts of known error: each factor in turn is set, in steps of as many contacts each, so that
-    /// 95 % of the errors of a step lie in their regions. Contacts that may stand for two touches do not count: the place of
-    /// both has no one error. `None` of fewer than 300 others.
+    /// Measures the spread on contacts of known error: each factor in turn is set, in bins of equal numbers of
+    /// contacts, so that 95 % of the errors of a bin are within their regions. Contacts that may be two merged touches
+    /// are ignored, as their error is not defined. `None` if fewer than 300 are left.
     pub fn fit(contacts: &[Misplacement]) -> Option<Self> {
         let contacts: Vec<&Misplacement> = contacts.iter().filter(|contact| !contact.is_shared).collect();
         let typical_m = region_sd(contacts.iter().map(|contact| contact.error_m).collect())?;
@@ -115,7 +115,7 @@ impl PositionSpread {
         self.typical_m * self.signal.of(signal) * self.radius_m.of(radius_m) * self.next_m.of(next_m)
     }
 
-    /// What is wrong with it, where it was read from a file that something is wrong with.
+    /// Checks values that were read from a file.
     ///
     /// # Errors
     /// The field and its value.
@@ -154,7 +154,7 @@ impl Factor {
         let (mut at, mut times) = (Vec::new(), Vec::new());
         let mut first = 0;
         for step in 1..=steps {
-            // Equal numbers stay together.
+            // Equal numbers stay in one bin.
             let end = pairs.len() * step / steps;
             let last = end + same_as_before(&pairs, end);
             if last < first + LEAST_CONTACTS.min(pairs.len()) {
@@ -169,13 +169,13 @@ impl Factor {
     }
 }
 
-/// How many from a place on have the number of the one before it.
+/// The number of values from an index on that equal the value before it.
 fn same_as_before(pairs: &[(f64, f64)], place: usize) -> usize {
     pairs[place..].iter().take_while(|pair| pair.0 == pairs[place - 1].0).count()
 }
 
-/// The standard deviation of the Gaussian in two dimensions whose 95 % region holds 95 % of some distances; `None` of too
-/// few.
+/// The standard deviation of the two-dimensional Gaussian whose 95 % region contains 95 % of some distances; `None` if
+/// there are too few.
 fn region_sd(distances: Vec<f64>) -> Option<f64> {
     if distances.len() < LEAST_CONTACTS {
         return None;
@@ -184,9 +184,9 @@ fn region_sd(distances: Vec<f64>) -> Option<f64> {
     Some(order_statistic(&distances, rank) / REGION_95_SD)
 }
 
-/// The part of a contact's radius by which images misplace it beside what noise does, such that 95 % of the errors lie in the
-/// regions: the one number by which contacts are rated where no [`PositionSpread`] was measured. Contacts that may stand for
-/// two touches do not count. `None` of too few others.
+/// The position error of images in addition to noise, as a fraction of a contact's radius, such that 95 % of the errors
+/// are within the regions: the only parameter of the position error without a measured [`PositionSpread`]. Contacts
+/// that may be two merged touches are ignored. `None` if too few are left.
 pub fn blur_share(contacts: &[Misplacement]) -> Option<f64> {
     let share = |contact: &Misplacement| {
         let Circumstances { noise_m, radius_m, .. } = contact.circumstances;
@@ -206,7 +206,7 @@ mod tests {
     use dermis_sim::random::{sample_rng, standard_normal};
     use rand::RngExt;
 
-    /// Contacts whose errors are Gaussian with a known deviation.
+    /// Contacts with Gaussian errors of known deviation.
     fn contacts(count: u64, sd_m: impl Fn(&Circumstances) -> f64) -> Vec<Misplacement> {
         let contact = |index: u64| {
             let mut rng = sample_rng(11, index);
@@ -247,7 +247,7 @@ mod tests {
         let spread = PositionSpread::fit(known).expect("contacts enough");
         spread.check().expect("what is fitted is valid");
         assert!((covered(&spread, fresh) - 0.95).abs() < 0.006, "{}", covered(&spread, fresh));
-        // In every corner of the circumstances, not only on the whole.
+        // In every combination of the circumstances, not only overall.
         for is_in in [
             |c: &Circumstances| c.signal < 10.0,
             |c: &Circumstances| c.signal > 100.0,
@@ -260,7 +260,7 @@ mod tests {
             let part = covered(&spread, &part);
             assert!((0.925..0.975).contains(&part), "{part}");
         }
-        // Within the steps the deviation itself is right to a tenth or so.
+        // Within the bins the deviation itself is correct to about 10 %.
         for signal in [8.0, 30.0, 200.0] {
             let c = Circumstances { signal, noise_m: f64::NAN, radius_m: 0.015, next_m: f64::INFINITY };
             assert!((spread.sd_m(&c) / truly(&c) - 1.0).abs() < 0.12, "{signal}: {}", spread.sd_m(&c) / truly(&c));

@@ -20,7 +20,7 @@ fn with_white_noise(image: &Image, sd: f64, rng: &mut ChaCha8Rng) -> Image {
     Image { space: Arc::clone(&image.space), values }
 }
 
-/// White noise of the pixels themselves.
+/// White noise in the pixels.
 fn white(space: &PixelSpace, sd: f64) -> ImageNoise {
     let count = space.len();
     let mut unit = Matrix { rows: count, columns: count, values: vec![0.0; count * count] };
@@ -29,7 +29,7 @@ fn white(space: &PixelSpace, sd: f64) -> ImageNoise {
 }
 
 #[test]
-fn a_bump_is_found_at_its_centre_wherever_it_lies_across_the_seam() {
+fn a_peak_is_found_at_its_centre_also_across_the_seam() {
     let space = cylinder_space();
     for theta in [0.0, 0.03, 0.1, 1.234, TAU - 0.05] {
         let centre = space.surface.at(0.1537, theta).unwrap();
@@ -58,10 +58,10 @@ fn two_bumps_are_two_contacts_the_higher_first_and_a_ripple_is_none() {
     assert!(space.surface.distance_m(contacts[0].position_m, b) < 1e-3);
     assert!(space.surface.distance_m(contacts[1].position_m, a) < 1e-3);
     assert!(contacts[0].confidence > contacts[1].confidence);
-    // Closer than a width they are one.
+    // Closer than a width they are one contact.
     let near = space.surface.at(0.111, 0.02).unwrap();
     assert_eq!(detect(&bumps(&space, &[(a, 1.0, 0.012), (near, 1.0, 0.012)]), &DetectOptions::default()).len(), 1);
-    // A side lobe below the part of the peak that counts.
+    // A side lobe below the accepted fraction of the peak.
     assert_eq!(detect(&bumps(&space, &[(a, 0.2, 0.012), (b, 2.0, 0.012)]), &DetectOptions::default()).len(), 1);
 }
 
@@ -81,7 +81,7 @@ fn noise_alone_makes_no_contact() {
 }
 
 #[test]
-fn the_position_scatters_as_its_standard_deviation_says() {
+fn the_scatter_of_positions_equals_the_stated_standard_deviation() {
     let space = cylinder_space();
     let centre = space.surface.at(0.152, 3.0).unwrap();
     let image = bumps(&space, &[(centre, 1.0, 0.02)]);
@@ -108,7 +108,7 @@ fn the_position_scatters_as_its_standard_deviation_says() {
 }
 
 #[test]
-fn untouched_images_tell_the_noise_and_no_pixel_is_quieter_than_the_root_mean_square() {
+fn untouched_images_give_the_noise_and_no_pixel_is_below_the_root_mean_square() {
     let space = cylinder_space();
     let nothing = bumps(&space, &[]);
     let mut rng = ChaCha8Rng::seed_from_u64(3);
@@ -125,7 +125,7 @@ fn untouched_images_tell_the_noise_and_no_pixel_is_quieter_than_the_root_mean_sq
             (0..noise.pixel_count()).filter(|&pixel| which(pixel)).map(|pixel| noise.sd()[pixel]).collect();
         sd.iter().sum::<f64>() / sd.len() as f64
     };
-    // A quarter of the pixels is loud: the root mean square is half of theirs.
+    // A quarter of the pixels is noisy: the root mean square is half of their deviation.
     let [loud, quiet] = [mean(&loud), mean(&|pixel| !loud(pixel))];
     assert!((loud / 0.5 - 1.0).abs() < 0.01, "{loud}");
     assert!((quiet / 0.25 - 1.0).abs() < 0.01, "{quiet}");
@@ -149,7 +149,7 @@ fn values_that_are_not_finite_are_no_contact() {
 
 #[test]
 fn on_a_free_surface_a_contact_lies_on_the_surface() {
-    // A square tilted by 45 degrees round x.
+    // A square tilted by 45 degrees about x.
     let n = 12;
     let half = 0.5_f64.sqrt();
     let node = |i: usize, j: usize| j * (n + 1) + i;

@@ -1,4 +1,4 @@
-//! From conductivities to the entries of the system: the plan computed once.
+//! Assembly of the system matrix from conductivities, with a plan that is computed once.
 
 use super::ForwardError;
 use crate::fem::{Gradients, mass};
@@ -6,7 +6,7 @@ use crate::geom::vector::{distance, triangle_area};
 use crate::mesh::{ElectrodePatch, Mesh};
 use std::sync::Arc;
 
-/// Not a node of the system's interior.
+/// A node that is not an interior unknown of the system.
 const UNSET: usize = usize::MAX;
 
 /// The system's pattern, and each entry as `fixed + sum of coefficient * conductivity[cell]`.
@@ -18,7 +18,7 @@ pub(super) struct Assembly {
     coefficients: Vec<f64>,
 }
 
-/// What depends on which nodes make up the cells and electrodes, but not on where they lie.
+/// The part that depends on the nodes of the cells and electrodes, but not on their positions.
 #[derive(Debug)]
 pub(super) struct Pattern {
     /// Unknown of each node: the interior ones first, then one per electrode; a point electrode is its node.
@@ -79,7 +79,7 @@ impl Assembly {
         Ok(Self::of_pattern(Arc::new(Pattern::new(mesh)?), mesh, contact_impedances))
     }
 
-    /// The entries of a mesh whose nodes may have moved and contacts changed since its pattern was made.
+    /// The entries of a mesh whose node positions and contacts may have changed since its pattern was computed.
     pub fn of_pattern(pattern: Arc<Pattern>, mesh: &Mesh, contact_impedances: &[f64]) -> Self {
         let mut coefficients = vec![0.0; pattern.cells.len()];
         let (mut terms, mut last) = (pattern.term_of_stiffness.iter(), None);
@@ -100,7 +100,7 @@ impl Assembly {
         Assembly { pattern, fixed, coefficients }
     }
 
-    /// An entry's fixed part, and cells with their coefficients.
+    /// An entry's constant part, and cells with their coefficients.
     pub fn entry(&self, index: usize) -> (f64, impl Iterator<Item = (usize, f64)>) {
         let terms = self.pattern.starts[index]..self.pattern.starts[index + 1];
         let cells = self.pattern.cells[terms.clone()].iter().copied();
@@ -116,7 +116,7 @@ impl Assembly {
     }
 }
 
-/// Calls back for every pair of corners of every cell, each once.
+/// Calls the closure for every pair of corners of every cell, each once.
 fn for_each_pair(mesh: &Mesh, mut callback: impl FnMut(usize, [usize; 2])) {
     for cell in 0..mesh.cell_count() {
         for i in 0..mesh.cells.corners(cell).len() {
@@ -172,14 +172,14 @@ pub(super) fn patch_parts(mesh: &Mesh, patch: &ElectrodePatch) -> Vec<(Vec<usize
     }
 }
 
-/// What a part of a contact joins.
+/// The unknowns that a part of a contact connects.
 #[derive(Clone, Copy)]
 enum End {
     Node(usize),
     Electrode(usize),
 }
 
-/// Calls back with every part of `integral of (u - U)^2 / z` over every electrode's patch.
+/// Calls the closure for every part of `integral of (u - U)^2 / z` over every electrode's patch.
 fn for_each_contact(mesh: &Mesh, contact_impedances: &[f64], mut callback: impl FnMut([End; 2], f64)) {
     for (electrode, patch) in mesh.electrodes.iter().enumerate() {
         let (own, admittance) = (End::Electrode(electrode), 1.0 / contact_impedances[electrode]);

@@ -1,4 +1,4 @@
-//! Eight conductivities solved at once.
+//! Eight conductivities solved simultaneously.
 
 use super::assembly::Assembly;
 use super::{ForwardError, ForwardModel};
@@ -6,10 +6,10 @@ use crate::linalg::{AlignedVec, BatchPlan, BatchWorkspace, Entries, LANES, SimdL
 use pulp::Simd;
 use std::sync::Arc;
 
-/// Memory for many solves of eight conductivities at once, one in each lane of a vector.
+/// Work memory for repeated solves of eight conductivities simultaneously, one in each SIMD lane.
 ///
-/// It gives what [`Solver`](super::Solver) gives, rounded differently, several times faster. A lane's bits do not depend
-/// on the other lanes.
+/// It gives the results of [`Solver`](super::Solver) except for rounding, several times faster. The bits of a lane do
+/// not depend on the other lanes.
 #[derive(Debug, Clone)]
 pub struct BatchSolver {
     model: ForwardModel,
@@ -21,7 +21,7 @@ pub struct BatchSolver {
 }
 
 impl ForwardModel {
-    /// Memory for solves of eight conductivities at once, with the best instruction set of this machine.
+    /// Work memory with the best instruction set of this machine.
     pub fn batch_solver(&self) -> BatchSolver {
         self.batch_solver_at(SimdLevel::best())
     }
@@ -41,15 +41,15 @@ impl ForwardModel {
 }
 
 impl BatchSolver {
-    /// The model it solves.
+    /// The model in use.
     pub fn model(&self) -> &ForwardModel {
         &self.model
     }
 
-    /// Goes on with another making of the same skin, as [`ForwardModel::remade`] gives them.
+    /// Continues with another instance of the same skin, from [`ForwardModel::remade`].
     ///
     /// # Panics
-    /// Where the model is of another mesh.
+    /// If the model is of another mesh.
     pub fn set_model(&mut self, model: &ForwardModel) {
         assert!(self.model.has_pattern_of(model), "a model of another mesh");
         self.terms = Terms::new(model.assembly(), &self.plan);
@@ -62,7 +62,7 @@ impl BatchSolver {
     /// A conductivity of the wrong length, or one that is not positive and finite.
     ///
     /// # Panics
-    /// Where `frames` has another length than the protocol.
+    /// If the length of `frames` differs from the protocol.
     pub fn solve_into(
         &mut self,
         conductivity: &[[f64; LANES]],
@@ -111,7 +111,7 @@ impl BatchSolver {
         }
     }
 
-    /// What the plain solver says of the first lane that failed.
+    /// The error of the plain solver for the first lane that failed.
     fn name_singular(&self, conductivity: &[[f64; LANES]], bad: [bool; LANES]) -> ForwardError {
         let lane = bad.iter().position(|&bad| bad).unwrap_or(0);
         let one: Vec<f64> = conductivity.iter().map(|lanes| lanes[lane]).collect();
@@ -122,8 +122,7 @@ impl BatchSolver {
     }
 }
 
-/// The entries of the system in the order in which the factorisation asks for them: each `fixed + sum of coefficient *
-/// conductivity[cell]`.
+/// The entries of the system in the order of the factorisation: each `fixed + sum of coefficient * conductivity[cell]`.
 #[derive(Debug, Clone)]
 struct Terms {
     fixed: Vec<f64>,

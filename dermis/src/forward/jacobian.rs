@@ -1,7 +1,7 @@
-//! The derivative of a frame by the conductivity, by the adjoint method.
+//! The derivative of a frame with respect to the conductivity, by the adjoint method.
 //!
 //! With `u_d` the field of 1 A through drive `d` and `u_m` that of 1 A through measure pair `m`, the voltage at `m` for
-//! `d` changes by `-integral of grad u_d . grad u_m` per conductivity over the part that changes
+//! `d` changes by `-integral of grad u_d . grad u_m` per unit of conductivity, over the region that changes
 //! (Geselowitz, 1971, DOI 10.1109/TBME.1971.4502787).
 
 use super::{ForwardError, ForwardModel};
@@ -12,13 +12,13 @@ use crate::mesh::Mesh;
 use crate::protocol::Protocol;
 use pulp::{Simd, WithSimd};
 
-/// Cells or pixels whose derivatives are computed before they are written out together, so that the writes, a frame
-/// apart, fill whole cache lines (64 bytes hold 8 values).
+/// Number of cells or pixels whose derivatives are computed before they are written together: the writes have a stride
+/// of one frame, so this fills whole cache lines (64 bytes hold 8 values).
 const BLOCK: usize = 8;
 
 impl ForwardModel {
-    /// The derivative of the frame by the conductivity of each cell, channels x cells, ohm per S (ohm per S/m in
-    /// volumes).
+    /// The derivative of the frame with respect to the conductivity of each cell, channels x cells, ohm per S (ohm per
+    /// S/m in volumes).
     ///
     /// # Errors
     /// As [`solve`](Self::solve).
@@ -27,8 +27,8 @@ impl ForwardModel {
         self.derivative_by(&cells, conductivity)
     }
 
-    /// The derivative of the frame by the conductivity of each pixel, channels x pixels: the cells' derivatives
-    /// summed with the fraction of each that lies in the pixel; ohm per S.
+    /// The derivative of the frame with respect to the conductivity of each pixel, channels x pixels: the sum of the
+    /// cells' derivatives, weighted by the fraction of each cell in the pixel; ohm per S.
     ///
     /// # Errors
     /// As [`solve`](Self::solve).
@@ -36,7 +36,8 @@ impl ForwardModel {
         self.derivative_by(&pixels.overlaps, conductivity)
     }
 
-    /// The derivative by the conductivity of parts, each a list of cells with the fraction of them that changes.
+    /// The derivative with respect to the conductivity of regions, each a list of cells with the fraction of each that
+    /// changes.
     fn derivative_by(&self, parts: &[Vec<(usize, f64)>], conductivity: &[f64]) -> Result<Matrix, ForwardError> {
         let potentials = self.potentials(conductivity)?;
         let fields = Fields::new(self.mesh(), &potentials);
@@ -52,12 +53,12 @@ impl ForwardModel {
     }
 }
 
-/// Electrodes are worked on in groups of this many, the lanes of the widest vectors.
+/// Electrodes are processed in groups of this size, the lanes of the widest vectors.
 const LANES: usize = 8;
 
 /// The gradient of every electrode's field on every cell.
 struct Fields {
-    /// Number of electrodes, rounded up to whole lanes with fields of zero.
+    /// Number of electrodes, rounded up to whole lanes (padded with zero fields).
     stride: usize,
     dimension: usize,
     /// Per cell, per dimension, per electrode.
@@ -93,7 +94,7 @@ impl Fields {
     }
 }
 
-/// The gradients in axes of the cell: a triangle's need two only.
+/// The gradients in axes of the cell: a triangle needs only two.
 fn in_local_axes(gradients: &Gradients) -> [[f64; 3]; 4] {
     use crate::geom::vector::{dot, normalize, scale, sub};
     if gradients.corner_count == 4 {
@@ -140,7 +141,7 @@ fn fill(fields: &Fields, parts: &[Vec<(usize, f64)>], protocol: &Protocol, jacob
     }
 }
 
-/// The integral of the products of all electrodes' fields over a part.
+/// The integral of the products of all electrodes' fields over a region.
 #[inline(always)]
 fn accumulate(fields: &Fields, part: &[(usize, f64)], product: &mut [f64]) {
     let count = fields.stride;

@@ -1,11 +1,11 @@
 //! The complete electrode model: conductance to voltages, transfer impedance, Jacobian.
 //!
 //! On the skin `div (s grad u) = 0`, with `s` the sheet conductance (S) or, in a volume, the conductivity (S/m). An
-//! electrode at potential `U` touches its patch `E` through a contact impedance `z`: the current density into the skin
-//! is `(U - u) / z`, and its integral over `E` is the electrode's current `I` (Cheng, Isaacson, Newell and Gisser, 1989,
-//! DOI 10.1109/10.35300; existence and uniqueness: Somersalo, Cheney and Isaacson, 1992, DOI 10.1137/0152060). Linear
-//! elements give a symmetric system in the nodes' and the electrodes' potentials. Eliminating the nodes leaves the
-//! `L x L` admittance of the equivalent resistor network, which [`ElectrodeNetwork`] holds.
+//! electrode at potential `U` covers its patch `E` through a contact impedance `z`: the current density into the skin
+//! is `(U - u) / z`, and its integral over `E` is the electrode's current `I` (Cheng, Isaacson, Newell and Gisser,
+//! 1989, DOI 10.1109/10.35300; existence and uniqueness: Somersalo, Cheney and Isaacson, 1992, DOI 10.1137/0152060).
+//! Linear elements give a symmetric system in the nodes' and the electrodes' potentials. Elimination of the nodes gives
+//! the `L x L` admittance of the equivalent resistor network, stored in [`ElectrodeNetwork`].
 
 mod assembly;
 mod batch;
@@ -26,7 +26,7 @@ use thiserror::Error;
 /// A forward problem without a solution.
 #[derive(Debug, Error)]
 pub enum ForwardError {
-    /// A conductivity that no matter has.
+    /// A conductivity that is not positive and finite.
     #[error("the conductivity of cell {cell} is {value}: it must be positive and finite")]
     Conductivity {
         /// Index of the cell.
@@ -34,7 +34,7 @@ pub enum ForwardError {
         /// Its value.
         value: f64,
     },
-    /// A contact impedance that no contact has.
+    /// A contact impedance that is not positive and finite.
     #[error("the contact impedance of electrode {electrode} is {value}: it must be positive and finite")]
     ContactImpedance {
         /// Index of the electrode.
@@ -42,7 +42,7 @@ pub enum ForwardError {
         /// Its value.
         value: f64,
     },
-    /// A series resistance that is no number.
+    /// A series resistance that is not finite.
     #[error("the series resistance of electrode {electrode} is {value}: it must be finite")]
     SeriesResistance {
         /// Index of the electrode.
@@ -50,22 +50,22 @@ pub enum ForwardError {
         /// Its value.
         value: f64,
     },
-    /// A list of another length than what it describes.
+    /// A list of the wrong length.
     #[error("{what}: {got} values, but {expected} are needed")]
     Count {
-        /// What the list holds.
+        /// The content of the list.
         what: &'static str,
         /// Its length.
         got: usize,
         /// The length needed.
         expected: usize,
     },
-    /// A contact that no conductor has: not finite, or less than at rest.
+    /// A contact with an invalid conductance: not finite, or less than at rest.
     #[error("the contact of conductor {conductor} is {value}: it must be finite and nowhere less than at rest")]
     ConductorContact {
         /// Index of the conductor.
         conductor: usize,
-        /// The offending conductance.
+        /// The invalid conductance.
         value: f64,
     },
     /// Two point electrodes on one node.
@@ -78,7 +78,7 @@ pub enum ForwardError {
         /// Their node.
         node: usize,
     },
-    /// A part of the skin that no electrode reaches, or values so far apart that arithmetic fails.
+    /// A part of the skin without an electrode, or values of too different magnitude for floating-point arithmetic.
     #[error("the potentials are not determined at {place}: is there a part of the skin that no electrode touches?")]
     Singular {
         /// "node 17" or "electrode 3".

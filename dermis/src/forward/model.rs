@@ -10,7 +10,7 @@ use crate::mesh::{ElectrodePatch, Mesh};
 use crate::protocol::Protocol;
 use std::sync::Arc;
 
-/// The forward model of one skin on one mesh: everything that does not depend on the conductivity, computed once.
+/// The forward model of one skin on one mesh, with all data that do not depend on the conductivity.
 ///
 /// Cheap to clone.
 #[derive(Debug, Clone)]
@@ -29,7 +29,7 @@ struct Shared {
     symbolic: Arc<Symbolic>,
 }
 
-/// Memory for many solves of one model, one after the other.
+/// Work memory for repeated solves of one model.
 #[derive(Debug, Clone)]
 pub struct Solver {
     model: ForwardModel,
@@ -42,13 +42,13 @@ impl ForwardModel {
     /// The model of a design on its mesh.
     ///
     /// # Errors
-    /// A mesh without the electrodes or regions of the design, or one that no forward problem can be solved on.
+    /// A mesh without the electrodes or regions of the design, or on which no forward problem can be solved.
     pub fn new(design: &SkinDesign, mesh: &Mesh) -> crate::Result<Self> {
         Self::with_coat(design, mesh, &rest_conductivity(design, mesh))
     }
 
-    /// The model of a design whose coat came out uneven: `rest_conductivity` has a value per cell (S on surfaces, S/m in
-    /// volumes), for example [`rest_conductivity`] times a random field.
+    /// The model of a design with a non-uniform coating: `rest_conductivity` has a value per cell (S on surfaces, S/m
+    /// in volumes), for example [`rest_conductivity`] times a random field.
     ///
     /// # Errors
     /// As [`new`](Self::new); conductivities of the wrong number or not positive.
@@ -62,11 +62,11 @@ impl ForwardModel {
 
     /// The same model with a resistance in series with each electrode, ohm.
     ///
-    /// [`new`](Self::new) puts there what its mesh misses next to each electrode; a resistance of the wiring comes on
-    /// top of [`series_resistances`](Self::series_resistances).
+    /// [`new`](Self::new) sets the correction of the mesh near each electrode; add a resistance of the wiring to
+    /// [`series_resistances`](Self::series_resistances).
     ///
     /// # Errors
-    /// A list of another length than the electrodes; a value that is not finite.
+    /// A list of the wrong length; a value that is not finite.
     pub fn with_series_resistances(mut self, resistances: &[f64]) -> Result<Self, ForwardError> {
         check_count("series resistances", resistances.len(), self.mesh().electrodes.len())?;
         if let Some(electrode) = resistances.iter().position(|value| !value.is_finite()) {
@@ -112,10 +112,11 @@ impl ForwardModel {
         })
     }
 
-    /// The same skin made again: nodes that lie elsewhere, other contact impedances, another coat (S per cell on
-    /// surfaces, S/m in volumes). Which nodes make up the cells and electrodes stays, and with it all that costs time.
+    /// Another instance of the same skin: other node positions, contact impedances and coating (S per cell on surfaces,
+    /// S/m in volumes). The nodes of the cells and electrodes stay the same, so the expensive setup is reused.
     ///
-    /// The series resistances go with one over the conductance of the electrode's own cells, as a near field does.
+    /// The series resistances are scaled with the inverse of the conductance of the electrode's own cells, like a near
+    /// field.
     ///
     /// # Errors
     /// Lists of the wrong length, values that are not positive.
@@ -151,7 +152,7 @@ impl ForwardModel {
         })
     }
 
-    /// Whether both are makings of one skin on one mesh.
+    /// Whether both are instances of one skin on one mesh.
     pub(super) fn has_pattern_of(&self, other: &ForwardModel) -> bool {
         Arc::ptr_eq(&self.assembly().pattern, &other.assembly().pattern)
     }
@@ -171,8 +172,8 @@ impl ForwardModel {
         &self.shared.contact_impedances
     }
 
-    /// The contact resistance of an electrode, ohm: its contact impedance over its size (m2, or m of an arc). A point electrode
-    /// has no contact impedance in the model, and the resistance 0.
+    /// The contact resistance of an electrode, ohm: its contact impedance over its size (m2, or m of an arc). 0 for a
+    /// point electrode, which has no contact impedance in the model.
     pub fn contact_resistance_ohm(&self, electrode: usize) -> f64 {
         match self.mesh().electrode_size(electrode) {
             size if size > 0.0 => self.contact_impedances()[electrode] / size,
@@ -199,7 +200,7 @@ impl ForwardModel {
         &self.shared.assembly.pattern.unknown_of_node
     }
 
-    /// A network of the mesh alone with the model's series resistances.
+    /// The network of the mesh with the model's series resistances.
     pub(super) fn with_own_series(&self, bare: ElectrodeNetwork) -> Result<ElectrodeNetwork, ForwardError> {
         match self.series_resistances.iter().all(|&resistance| resistance == 0.0) {
             true => Ok(bare),
@@ -207,7 +208,7 @@ impl ForwardModel {
         }
     }
 
-    /// Memory for many solves.
+    /// Work memory for repeated solves.
     pub fn solver(&self) -> Solver {
         Solver {
             entry_values: vec![0.0; self.shared.symbolic.entry_count()],
@@ -233,8 +234,8 @@ impl ForwardModel {
         self.solver().network(conductivity)
     }
 
-    /// The potentials of all nodes, nodes x electrodes, V: column `k` for 1 A that enters at electrode `k` and leaves
-    /// through all electrodes in equal parts, so that the difference of two columns is a drive's field.
+    /// The potentials of all nodes, nodes x electrodes, V: column `k` is for 1 A that enters at electrode `k` and
+    /// leaves through all electrodes in equal parts. The difference of two columns is the field of a drive.
     ///
     /// # Errors
     /// As [`solve`](Self::solve).
@@ -244,27 +245,27 @@ impl ForwardModel {
 }
 
 impl Solver {
-    /// The model it solves.
+    /// The model in use.
     pub fn model(&self) -> &ForwardModel {
         &self.model
     }
 
-    /// Goes on with another making of the same skin, as [`ForwardModel::remade`] gives them.
+    /// Continues with another instance of the same skin, from [`ForwardModel::remade`].
     ///
     /// # Panics
-    /// Where the model is of another mesh.
+    /// If the model is of another mesh.
     pub fn set_model(&mut self, model: &ForwardModel) {
         assert!(self.model.has_pattern_of(model), "a model of another mesh");
         self.model = model.clone();
     }
 
-    /// The frame of a skin with the given conductivity per cell, into memory of the caller, ohm.
+    /// The frame of a skin with the given conductivity per cell, written to the caller's memory, ohm.
     ///
     /// # Errors
     /// A conductivity of the wrong length, or one that is not positive and finite.
     ///
     /// # Panics
-    /// Where `values` has another length than the protocol.
+    /// If the length of `values` differs from the protocol.
     pub fn solve_into(&mut self, conductivity: &[f64], values: &mut [f64]) -> Result<(), ForwardError> {
         assert_eq!(values.len(), self.model.protocol().channel_count(), "a value per channel");
         let network = self.network(conductivity)?;
@@ -281,7 +282,7 @@ impl Solver {
         self.model.with_own_series(bare)
     }
 
-    /// The network of the mesh alone.
+    /// The network of the mesh, without series resistances.
     fn bare_network(&mut self, conductivity: &[f64]) -> Result<ElectrodeNetwork, ForwardError> {
         let shared = &self.model.shared;
         check_conductivity(&shared.mesh, conductivity)?;
@@ -293,7 +294,7 @@ impl Solver {
         ElectrodeNetwork::new(self.factor.schur().clone())
     }
 
-    /// [`ForwardModel::potentials`].
+    /// [`ForwardModel::potentials`] with this work memory.
     ///
     /// # Errors
     /// As [`solve_into`](Self::solve_into).
@@ -318,8 +319,8 @@ impl Solver {
     }
 }
 
-/// The untouched conductance of each cell as the design has it: the region's that holds its centre, or the sheet's (S on
-/// surfaces, S/m in volumes).
+/// The untouched conductance of each cell in the design: that of the region that contains its centre, or that of the
+/// sheet (S on surfaces, S/m in volumes).
 pub fn rest_conductivity(design: &SkinDesign, mesh: &Mesh) -> Vec<f64> {
     let mut values = vec![design.sheet.conductance; mesh.cell_count()];
     for region in &design.sheet.regions {
@@ -343,7 +344,7 @@ pub fn rest_conductivity(design: &SkinDesign, mesh: &Mesh) -> Vec<f64> {
     values
 }
 
-/// A cell's centre as regions name places: (z, radius * theta) on a cylinder, (x, y) elsewhere.
+/// A cell's centre in the coordinates of regions: (z, radius * theta) on a cylinder, (x, y) elsewhere.
 fn region_coordinates(surface: Surface, mesh: &Mesh, cell: usize) -> [f64; 2] {
     let centre = mesh.cell_centre(cell);
     match (surface, surface.theta_rad(centre)) {

@@ -1,14 +1,14 @@
-//! What linear elements miss right next to a small electrode, as a resistance in series with it.
+//! Correction of the discretisation error of linear elements near a small electrode, as a resistance in series with it.
 //!
-//! Round a disc electrode of radius `a` the potential falls off like `ln r`, and inside its rim the current leaves the
-//! electrode within `l = sqrt(s z)`. Elements that follow both would have to be a few hundred per electrode; coarser
-//! ones let the current pass too easily, by an amount that belongs to the mesh near the electrode alone. So, as
-//! reservoir simulators do at their wells (Peaceman, 1978, DOI 10.2118/6893-PA), the near field is solved once on the
-//! mesh as it is and once exactly,
+//! Around a disc electrode of radius `a` the potential decreases like `ln r`, and inside its rim the current leaves the
+//! electrode within `l = sqrt(s z)`. To resolve both, a few hundred elements per electrode are needed; with coarser
+//! elements the resistance is too low, by an amount that depends only on the mesh near the electrode. So, as in
+//! reservoir simulators at wells (Peaceman, 1978, DOI 10.2118/6893-PA), the near field is solved once on the given mesh
+//! and once exactly,
 //!
 //! `U = l I0(a/l) / (2 pi f a s I1(a/l))` at the electrode and `u(r) = -ln(r/a) / (2 pi f s)` outside, for 1 A,
 //!
-//! and the difference is put in series with the electrode. `f` is 1 in the open and 1/2 on a straight edge.
+//! and the difference is added in series with the electrode. `f` is 1 in the interior and 1/2 on a straight edge.
 
 use super::ForwardError;
 use super::assembly::Assembly;
@@ -20,19 +20,19 @@ use crate::mesh::{Cells, ElectrodePatch, Mesh};
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::TAU;
 
-/// The near field reaches this many radii from an electrode's centre; beyond three, elements that grow with the
-/// distance miss little.
+/// Radius of the near field in electrode radii; beyond three, the error of elements that grow with the distance is
+/// small.
 const REACH_RADII: f64 = 4.0;
-/// And at most this share of the way to the next electrode, whose presence the exact solution does not know.
+/// Its limit as a fraction of the distance to the next electrode, which the exact solution does not include.
 const REACH_SHARE: f64 = 0.45;
-/// Below this many radii there is no near field to speak of, and nothing is corrected.
+/// Below this many radii the near field is too small, and no correction is made.
 const LEAST_RADII: f64 = 1.5;
-/// A patch is a whole disc or a half one if its area says so within this.
+/// Relative tolerance of the patch area for a whole or half disc.
 const AREA_TOLERANCE: f64 = 0.03;
 
-/// An electrode's surroundings count as even, with their mean conductance, up to this relative deviation: the series
-/// resistance is a few per cent of the near field's, and the error of the mean a share of that. Edges of regions
-/// deviate more.
+/// The surroundings of an electrode count as uniform, with their mean conductance, up to this relative deviation: the
+/// series resistance is a few per cent of the near field's, and the error of the mean a fraction of that. Region
+/// boundaries deviate more.
 const UNEVENNESS: f64 = 0.5;
 
 /// One electrode and its surroundings.
@@ -46,9 +46,9 @@ struct NearField<'a> {
     reach_m: f64,
 }
 
-/// The series resistance of every electrode of a design, ohm. It is zero where the near field is not known exactly: an
-/// electrode that is no disc, one clipped otherwise than in half on a straight edge, one whose surroundings are uneven
-/// or too close to another.
+/// The series resistance of every electrode of a design, ohm. It is zero if there is no exact near field: an electrode
+/// that is not a disc, that is clipped other than in half on a straight edge, whose surroundings are not uniform or
+/// that is too close to another.
 pub(super) fn series_resistances(
     design: &SkinDesign,
     mesh: &Mesh,
@@ -83,7 +83,7 @@ pub(super) fn series_resistances(
 }
 
 impl NearField<'_> {
-    /// The conductance round the electrode and the share of a circle that it has, if the exact solution covers it.
+    /// The conductance around the electrode and its fraction of a full circle, if the exact solution applies.
     fn is_known(&self, body: &Body, rest_conductivity: &[f64]) -> Option<(f64, f64)> {
         if self.reach_m < LEAST_RADII * self.radius_m || matches!(self.surface, Surface::Free) {
             return None;
@@ -117,7 +117,7 @@ impl NearField<'_> {
         self.surface.distance_m(self.centre_m, self.mesh.nodes[node])
     }
 
-    /// The cells with all corners within reach.
+    /// The cells with all corners within the radius of the near field.
     fn cells(&self) -> Vec<usize> {
         let within =
             |cell: &usize| self.mesh.cells.corners(*cell).iter().all(|&node| self.distance(node) < self.reach_m);
@@ -130,7 +130,7 @@ impl NearField<'_> {
         layer * bessel_i0_over_i1(self.radius_m / layer) / (TAU * fraction * self.radius_m * conductance)
     }
 
-    /// The same on the mesh, with the exact potential on the outermost nodes.
+    /// The same on the mesh, with the exact potential at the outermost nodes.
     fn discrete(&self, conductance: f64, fraction: f64) -> Result<f64, ForwardError> {
         let cells = self.cells();
         let (mesh, nodes, outer) = self.part(&cells);
@@ -149,7 +149,7 @@ impl NearField<'_> {
             (0..assembly.pattern.unknown_count).filter(|unknown| !given.contains_key(unknown)).collect();
         let place: BTreeMap<usize, usize> = free.iter().copied().zip(0..).collect();
         let mut right = Matrix::zeros(free.len(), 1);
-        // The electrode is the last unknown and takes in 1 A.
+        // The electrode is the last unknown and supplies 1 A.
         right.values[free.len() - 1] = 1.0;
         let (mut pattern, mut kept) = (Vec::new(), Vec::new());
         for (&[i, j], &value) in assembly.pattern.entries.iter().zip(&values) {
@@ -171,7 +171,7 @@ impl NearField<'_> {
         Ok(right.values[free.len() - 1])
     }
 
-    /// The cells as a mesh of their own, its nodes in this one, and those of them that other cells share.
+    /// The cells as a separate mesh, its nodes in this one, and those nodes that are shared with other cells.
     fn part(&self, cells: &[usize]) -> (Mesh, Vec<usize>, Vec<usize>) {
         let inside: BTreeSet<usize> = cells.iter().copied().collect();
         let nodes: BTreeSet<usize> = cells.iter().flat_map(|&cell| self.mesh.cells.corners(cell)).copied().collect();
@@ -198,7 +198,7 @@ impl NearField<'_> {
     }
 }
 
-/// Whether the edge next to an electrode is straight within its reach.
+/// Whether the edge near an electrode is straight within the near field.
 fn straight_for(body: &Body, field: &NearField<'_>) -> bool {
     match *body {
         Body::Cylinder { length_m, .. } => length_m > 2.0 * field.reach_m,
@@ -211,9 +211,8 @@ fn straight_for(body: &Body, field: &NearField<'_>) -> bool {
     }
 }
 
-/// `I0(x) / I1(x)` for positive `x`, by the continued fraction
-/// `I1/I0 = 1 / (2/x + 1 / (4/x + 1 / (6/x + ...)))` (DLMF 10.33.1), or its asymptotic series (DLMF 10.40.1) beyond
-/// where that takes long; both are right to 1e-12.
+/// `I0(x) / I1(x)` for positive `x`, by the continued fraction `I1/I0 = 1 / (2/x + 1 / (4/x + 1 / (6/x + ...)))` (DLMF
+/// 10.33.1), or for large `x`, where this is slow, by its asymptotic series (DLMF 10.40.1); both are correct to 1e-12.
 fn bessel_i0_over_i1(x: f64) -> f64 {
     if x > 1e4 {
         return 1.0 + 1.0 / (2.0 * x) + 3.0 / (8.0 * x * x);
@@ -237,8 +236,8 @@ mod tests {
         assert!((below - above).abs() < 1e-12);
     }
 
-    /// A coarse disk grounded at its rim, with a disc electrode in its middle: with the series resistance the exact
-    /// resistance comes out, which the mesh alone misses by several per cent.
+    /// A coarse disk grounded at its rim, with a disc electrode in its centre: with the series resistance the result is
+    /// exact; without it the error is several per cent.
     #[test]
     fn a_coarse_mesh_and_its_series_resistance_give_the_exact_resistance() {
         let (radius_m, outer_m, conductance) = (0.004, 0.05, 1e-3);

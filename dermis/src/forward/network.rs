@@ -1,11 +1,11 @@
-//! The resistor network between the electrodes that is left when all nodes are eliminated.
+//! The resistor network between the electrodes that remains after elimination of all nodes.
 
 use super::ForwardError;
 use crate::frame::Frame;
 use crate::linalg::{Matrix, invert_spd};
 use crate::protocol::Protocol;
 
-/// The skin as its electrodes see it: `I = Y U` and `U = S I`.
+/// The skin as a network between its electrodes: `I = Y U` and `U = S I`.
 ///
 /// `Y` is the Schur complement of the nodes in the finite-element system (Kron, 1939: Tensor Analysis of Networks);
 /// `S`, the paper's transfer impedance (its Eq. 3-5), is the pseudo-inverse of `Y`. Both are symmetric of rank `L - 1`,
@@ -25,14 +25,14 @@ impl ElectrodeNetwork {
         Ok(ElectrodeNetwork { admittance, transfer_impedance })
     }
 
-    /// The network with a resistance in series with each electrode, ohm: `S' = S + P diag(r) P`, `P` the projector
-    /// that leaves currents that add up to zero.
+    /// The network with a resistance in series with each electrode, ohm: `S' = S + P diag(r) P`, `P` the projector onto
+    /// currents with zero sum.
     ///
     /// # Errors
-    /// Resistances so negative that no network is left.
+    /// Negative resistances so large that the network is not positive.
     ///
     /// # Panics
-    /// Where there is not one resistance for each electrode.
+    /// If the number of resistances differs from the number of electrodes.
     pub fn with_series(mut self, resistances: &[f64]) -> Result<Self, ForwardError> {
         let count = resistances.len();
         assert_eq!(count, self.transfer_impedance.rows, "a resistance for each electrode");
@@ -63,7 +63,7 @@ impl ElectrodeNetwork {
         Frame(values)
     }
 
-    /// [`frame`](Self::frame) into memory of the caller.
+    /// [`frame`](Self::frame), written to the caller's memory.
     pub fn frame_into(&self, protocol: &Protocol, values: &mut [f64]) {
         let s = &self.transfer_impedance;
         for (value, channel) in values.iter_mut().zip(protocol.channels()) {

@@ -1,24 +1,24 @@
-//! Channels that an untouched skin shows to be broken.
+//! Detection of broken channels in frames of the untouched skin.
 
 use crate::frame::{Frame, mean};
 use crate::stats::upper_median;
 
-/// A channel this many times as noisy as the median one is broken: converters that step between ranges make some channels
-/// four times as noisy, a drive without a current some thousand times.
+/// A channel is broken if its noise is this many times that of the median channel: for some channels, range switching
+/// of the converter gives four times the noise, a drive without current about a thousand times.
 const TOO_NOISY: f64 = 30.0;
 
-/// The channels that scatter far more than others in frames of an untouched skin, or are not finite, ascending: what a drive
-/// through an electrode that has come off delivers. With fewer than two frames none.
+/// The channels with far more noise than others in frames of an untouched skin, or with values that are not finite,
+/// ascending: for example the channels of a drive through a disconnected electrode. Empty for fewer than two frames.
 ///
 /// # Panics
-/// Where the frames differ in length.
+/// If the frames differ in length.
 pub fn broken_channels(untouched: &[Frame]) -> Vec<usize> {
     let Some(mean) = mean(untouched).filter(|_| untouched.len() > 1) else { return Vec::new() };
     let square = |channel: usize| untouched.iter().map(|frame| (frame[channel] - mean[channel]).powi(2)).sum::<f64>();
     let sd: Vec<f64> = (0..mean.len()).map(|channel| (square(channel) / untouched.len() as f64).sqrt()).collect();
     let finite: Vec<f64> = sd.iter().copied().filter(|sd| sd.is_finite()).collect();
     let median = upper_median(&finite).unwrap_or(0.0);
-    // An instrument without noise tells nothing.
+    // Without noise no channel can be judged.
     let is_broken = |sd: f64| !sd.is_finite() || (median > 0.0 && sd > TOO_NOISY * median);
     (0..sd.len()).filter(|&channel| is_broken(sd[channel])).collect()
 }

@@ -12,9 +12,9 @@ pub(super) struct Rows {
 
 /// Reads rows of numbers, separated by commas or by semicolons (then with decimal points or commas).
 ///
-/// The first row is a header where none of its fields is a number, where its first field is no number and the others count
-/// the columns (0, 1, 2, ... or 1, 2, 3, ...), or where it counts exactly `columns` columns, as pandas writes them. A byte-order
-/// mark, carriage returns and empty lines at the end are ignored.
+/// The first row is a header if none of its fields is a number, if its first field is not a number and the others
+/// number the columns (0, 1, 2, ... or 1, 2, 3, ...), or if it numbers exactly `columns` columns, as pandas writes
+/// them. A byte-order mark, carriage returns and empty lines at the end are ignored.
 pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>) -> Result<Rows, TableError> {
     let text = std::str::from_utf8(text).map_err(|error| TableError::File {
         path: path.to_path_buf(),
@@ -35,7 +35,7 @@ pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>) -> Result<
     Ok(Rows { header, rows })
 }
 
-/// Whether the first line of a file names or counts the columns; see [`parse`].
+/// Whether the first line of a file names or numbers the columns; see [`parse`].
 fn is_header(line: &str, separator: char, columns: Option<usize>) -> bool {
     if line.split(separator).any(holds_several_numbers) {
         return false;
@@ -49,7 +49,7 @@ fn is_header(line: &str, separator: char, columns: Option<usize>) -> bool {
     }
 }
 
-/// Whether values count up from 0 or from 1; a single value does not.
+/// Whether values count up from 0 or from 1; false for a single value.
 pub(super) fn counts(values: impl ExactSizeIterator<Item = f64>) -> bool {
     let mut first = None;
     let enough = values.len() > 1;
@@ -83,7 +83,7 @@ fn holds_several_numbers(field: &str) -> bool {
     field.split_whitespace().count() > 1 && field.split_whitespace().all(|word| word.parse::<f64>().is_ok())
 }
 
-/// The number in a field. Only between semicolons a comma is a decimal point.
+/// The number in a field. A comma is a decimal point only if the separator is a semicolon.
 fn number(field: &str, separator: char) -> Option<f64> {
     let field = field.trim().trim_matches('"');
     if separator == ';' && field.contains(',') { field.replacen(',', ".", 1).parse() } else { field.parse() }.ok()
@@ -98,7 +98,7 @@ fn shortened(text: &str) -> String {
     }
 }
 
-/// Writes rows of numbers, each with the fewest digits that read back the same.
+/// Writes rows of numbers, each with the shortest text that reads back as the same number.
 pub(super) fn write(writer: &mut dyn Write, values: &[f64], columns: usize) -> std::io::Result<()> {
     for row in values.chunks(columns.max(1)) {
         for (index, value) in row.iter().enumerate() {

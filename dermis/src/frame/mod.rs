@@ -1,4 +1,4 @@
-//! Frames of voltages, baselines, and the tables that hold them.
+//! Frames of voltages, baselines, and tables of them.
 
 mod broken;
 mod csv;
@@ -24,7 +24,7 @@ use thiserror::Error;
 #[cfg(test)]
 mod tests;
 
-/// A table of numbers that cannot be read or written: the file, the row and column, what is wrong.
+/// A table of numbers that cannot be read or written: the file, the row and column, and the problem.
 #[derive(Debug, Error)]
 pub enum TableError {
     /// A file that cannot be opened, read or written.
@@ -32,17 +32,17 @@ pub enum TableError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: std::io::Error,
     },
-    /// A value or a row that does not belong there.
+    /// A wrong value or row.
     #[error("{}, row {row}{}: {message}", path.display(), column.map(|c| format!(", column {c}")).unwrap_or_default())]
     Cell {
         /// The file.
         path: PathBuf,
         /// 1-based row of the file, its header included.
         row: usize,
-        /// 1-based column, where one value is at fault.
+        /// 1-based column, if a single value is wrong.
         column: Option<usize>,
         /// What is wrong, and the fix.
         message: String,
@@ -76,10 +76,10 @@ impl DerefMut for Frame {
 
 impl Sub for &Frame {
     type Output = Frame;
-    /// The difference value by value.
+    /// The difference of each value.
     ///
     /// # Panics
-    /// Where the frames differ in length.
+    /// If the frames differ in length.
     fn sub(self, other: &Frame) -> Frame {
         assert_eq!(self.len(), other.len(), "frames of different protocols");
         Frame(self.iter().zip(other.iter()).map(|(a, b)| a - b).collect())

@@ -1,4 +1,4 @@
-//! NPZ files in a build without them.
+//! NPZ files in a build without support for them.
 
 use crate::frame::npy::Array;
 use std::io::Write;

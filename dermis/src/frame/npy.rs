@@ -96,7 +96,7 @@ fn decode(bytes: &[u8], kind: &str) -> Result<Vec<f64>, String> {
     }
 }
 
-/// Values in Fortran order (the first index runs fastest) brought into C order.
+/// Converts values from Fortran order (the first index runs fastest) to C order.
 fn from_fortran(values: &[f64], shape: &[usize]) -> Vec<f64> {
     let mut sorted = Vec::with_capacity(values.len());
     let mut index = vec![0_usize; shape.len()];
@@ -114,13 +114,13 @@ fn from_fortran(values: &[f64], shape: &[usize]) -> Vec<f64> {
     sorted
 }
 
-/// The header of an NPY file of version 1.0 in C order, whose values follow; the type as NumPy writes it, such as `<f8`.
+/// The header of an NPY file of version 1.0 in C order; the type in NumPy notation, such as `<f8`.
 pub fn npy_header(dtype: &str, shape: &[usize]) -> Vec<u8> {
     let sides: Vec<String> = shape.iter().map(|side| format!("{side},")).collect();
     let sides = sides.join(" ");
     let sides = if shape.len() == 1 { sides.as_str() } else { sides.trim_end_matches(',') };
     let mut text = format!("{{'descr': '{dtype}', 'fortran_order': False, 'shape': ({sides}), }}");
-    // The data begin at a multiple of 64 bytes: magic 6, version 2, length 2, header, newline.
+    // The data start at a multiple of 64 bytes: magic 6, version 2, length 2, header, newline.
     let padding = (64 - (text.len() + 11) % 64) % 64;
     text.extend(std::iter::repeat_n(' ', padding));
     text.push('\n');

@@ -5,7 +5,7 @@ use std::io::{Cursor, Read, Write};
 use zip::write::SimpleFileOptions;
 use zip::{ZipArchive, ZipWriter};
 
-/// The one array of an NPZ file, or the one called `name` if there are several.
+/// The only array of an NPZ file, or the one called `name` if there are several.
 pub(super) fn read_npz(bytes: &[u8], name: &str) -> Result<Array, String> {
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|error| format!("not an NPZ file: {error}"))?;
     let names: Vec<String> = archive.file_names().filter_map(|name| Some(name.ok()?.into_owned())).collect();
@@ -28,7 +28,7 @@ pub(super) fn read_npz(bytes: &[u8], name: &str) -> Result<Array, String> {
 pub(super) fn write_npz(writer: &mut dyn Write, name: &str, shape: &[usize], values: &[f64]) -> std::io::Result<()> {
     let mut buffer = Cursor::new(Vec::new());
     let mut archive = ZipWriter::new(&mut buffer);
-    // The date of a file would make equal results differ.
+    // A fixed date, so that equal results give equal files.
     let options = SimpleFileOptions::default().last_modified_time(zip::DateTime::default()).large_file(true);
     archive.start_file(format!("{name}.npy"), options).map_err(std::io::Error::other)?;
     write_npy(&mut archive, shape, values)?;

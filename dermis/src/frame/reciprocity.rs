@@ -1,36 +1,35 @@
-//! Channels that read the same twice, and whether they agree.
+//! Reciprocal channels, and whether they agree.
 
 use crate::frame::Frame;
 use crate::protocol::{Channel, Protocol};
 use crate::stats::{ranks, upper_median};
 use std::collections::HashMap;
 
-/// Fewest frames from which agreement is told: a rank correlation of unrelated values is then below a third in nine of
-/// ten cases.
+/// Minimum number of frames: the rank correlation of unrelated values is then below a third in nine of ten cases.
 const FRAMES_AT_LEAST: usize = 20;
 
-/// A channel that is this many times as loud as its twin speaks against that one.
+/// Amplitude ratio of two twins from which the weaker one counts as not measured.
 const LOUDER: f64 = 2.0;
 
-/// Which channels of some differences can be trusted, and how far; found without any label.
+/// Which channels of some differences are reliable, and their scale; no labels are needed.
 ///
-/// A channel's twins read the same between the same pairs of electrodes: with the drive or the measure reversed, or
-/// with drive and measure exchanged (reciprocity). Over many frames a channel and its twins must rise and fall
-/// together: a channel whose rank correlation (Spearman 1904) is positive with fewer than half of its twins is left
-/// out. Of two that disagree both are, as nothing tells which of them is wrong.
+/// The twins of a channel measure the same quantity between the same pairs of electrodes: with the drive or the measure
+/// reversed, or with drive and measure exchanged (reciprocity). Over many frames a channel and its twins must rise and
+/// fall together: a channel is excluded if its rank correlation (Spearman 1904) is positive with fewer than half of its
+/// twins. If two channels disagree, both are excluded, as it is unknown which one is wrong.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Screening {
     /// Channels that disagree with their twins, ascending.
     pub disagreeing: Vec<usize>,
-    /// The robust standard deviation of each channel: 1.4826 times the median of the sizes of its values, in their unit.
+    /// The robust standard deviation of each channel: 1.4826 times the median of the absolute values, in their unit.
     pub sd: Vec<f64>,
 }
 
 impl Screening {
-    /// Screens differences of one protocol; with fewer than 20 of them nothing is left out.
+    /// Screens differences of one protocol; with fewer than 20 of them no channel is excluded.
     ///
     /// # Panics
-    /// Where a difference is of another length than the protocol.
+    /// If the length of a difference differs from the protocol.
     pub fn of(differences: &[Frame], protocol: &Protocol) -> Self {
         let count = protocol.channel_count();
         assert!(differences.iter().all(|frame| frame.len() == count), "differences of the protocol");
@@ -51,13 +50,14 @@ impl Screening {
         Screening { disagreeing: disagreeing.collect(), sd }
     }
 
-    /// Channels to which an instrument is polarity_blind that reports amplitudes and hears voltages of one sign alone, ascending: all
-    /// those whose value is of the other sign on the model's untouched skin. With the drive reversed the same voltage has
-    /// the other sign, so that one of such twins hardly moves beside the other: where one is twice as loud, it must in four
-    /// of five cases be the one of the same sign. None where signs are reported, or twins are about as loud.
+    /// Channels of an instrument that reports amplitudes and measures voltages of only one sign (`polarity_blind`),
+    /// ascending: all those whose value has the other sign on the model's untouched skin. With the drive reversed the
+    /// same voltage has the other sign, so one of two such twins hardly changes compared with the other: if one of them
+    /// has twice the amplitude, the stronger one must have the same sign in four of five cases. Empty if signs are
+    /// reported, or if the amplitudes of twins are similar.
     ///
     /// # Panics
-    /// Where the untouched frame is of another length than the protocol.
+    /// If the length of the untouched frame differs from the protocol.
     pub fn polarity_blind(&self, protocol: &Protocol, untouched: &Frame) -> Vec<usize> {
         assert_eq!(untouched.len(), protocol.channel_count(), "a frame of the protocol");
         if !protocol.amplitude_only() {
@@ -73,15 +73,15 @@ impl Screening {
                 }
             }
         }
-        // Every pair was met from both its ends; most must speak, and with one voice.
-        let told = louder[0] + louder[1];
-        let one_sign = 4 * told >= pairs && 5 * louder[0].max(louder[1]) >= 4 * told && told > 0;
-        let deaf_to = louder[0] > louder[1];
-        (0..untouched.len()).filter(|&channel| one_sign && positive(channel) == deaf_to).collect()
+        // Every pair was counted from both ends; most pairs must give a result, and the results must agree.
+        let decided = louder[0] + louder[1];
+        let one_sign = 4 * decided >= pairs && 5 * louder[0].max(louder[1]) >= 4 * decided && decided > 0;
+        let blind_to_positive = louder[0] > louder[1];
+        (0..untouched.len()).filter(|&channel| one_sign && positive(channel) == blind_to_positive).collect()
     }
 
-    /// A difference with its outlying values brought back to some robust standard deviations of their channel. A channel
-    /// of which more than half of the values are zero is left as it is: nothing tells how large the others may be.
+    /// A difference with its outliers limited to some robust standard deviations of their channel. A channel with more
+    /// than half of its values zero is not changed, as its scale is unknown.
     pub fn cut(&self, difference: &Frame, limit_sd: f64) -> Frame {
         let cut = |(&value, &sd): (&f64, &f64)| match sd * limit_sd {
             limit if limit > 0.0 => value.clamp(-limit, limit),
@@ -91,8 +91,8 @@ impl Screening {
     }
 }
 
-/// For each channel the others that read the same, with the sign that they read it with (always +1 where the
-/// instrument reports amplitudes).
+/// For each channel the others that measure the same quantity, with the relative sign (always +1 if the instrument
+/// reports amplitudes).
 pub fn twins(protocol: &Protocol) -> Vec<Vec<(usize, f64)>> {
     let keys: Vec<([usize; 4], f64)> = protocol.channels().iter().map(key).collect();
     let mut groups: HashMap<[usize; 4], Vec<usize>> = HashMap::new();
@@ -107,7 +107,7 @@ pub fn twins(protocol: &Protocol) -> Vec<Vec<(usize, f64)>> {
     (0..keys.len()).map(others).collect()
 }
 
-/// What is the same for channels that read the same but for a sign, and that sign.
+/// A key that is equal for channels that measure the same quantity up to a sign, and that sign.
 fn key(channel: &Channel) -> ([usize; 4], f64) {
     let mut sign = 1.0;
     let mut pairs = [channel.drive, channel.measure].map(|[a, b]| {
@@ -130,7 +130,8 @@ fn centred_ranks(values: &[f64]) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    /// Drives 0 -> 2 and 2 -> 0 of a skin of four, each read between 1 and 3, and a channel without a twin.
+    /// Drives 0 -> 2 and 2 -> 0 of a skin of four electrodes, each measured between 1 and 3, and a channel without a
+    /// twin.
     fn protocol() -> Protocol {
         let channel = |drive, measure| Channel { drive, measure };
         let channels =
@@ -162,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn an_instrument_is_deaf_to_the_sign_whose_channels_hardly_move() {
+    fn the_sign_whose_channels_hardly_change_is_polarity_blind() {
         let screening = |sd: [f64; 4]| Screening { disagreeing: Vec::new(), sd: sd.to_vec() };
         let untouched = Frame(vec![-1.0, 1.0, -2.0, -1.0]);
         let blind = protocol().with_amplitude_only(true);
@@ -171,7 +172,7 @@ mod tests {
         assert_eq!(screening([0.3, 1.0, 0.4, 1.0]).polarity_blind(&blind, &untouched), vec![0, 2, 3]);
         let none: Vec<usize> = Vec::new();
         assert_eq!(screening([1.0, 0.9, 1.2, 1.0]).polarity_blind(&blind, &untouched), none);
-        // One pair says so, the other the contrary.
+        // One pair supports it, the other contradicts it.
         assert_eq!(screening([1.0, 0.3, 0.1, 1.0]).polarity_blind(&blind, &untouched), none);
         assert_eq!(screening([1.0, 0.3, 1.2, 1.0]).polarity_blind(&protocol(), &untouched), none);
     }

@@ -8,24 +8,25 @@ use std::path::Path;
 /// Rows of numbers, all of the same length.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
-    /// The names of the columns, where the file has a header.
+    /// The names of the columns, if the file has a header.
     pub header: Option<Vec<String>>,
     /// The rows.
     pub rows: Vec<Vec<f64>>,
-    /// Row of the file (1-based, its header included) of each row.
+    /// 1-based row number in the file (header included) of each row.
     pub file_rows: Vec<usize>,
 }
 
 /// Reads a table: CSV, NPY or NPZ, recognised by their first bytes. In an NPZ file of several arrays the one called
-/// `array` is read. Values may be `NaN` or infinite here.
+/// `array` is read. Values may be `NaN` or infinite.
 ///
 /// # Errors
-/// A file that cannot be read, is empty, or holds anything but rows of numbers of equal length (row and column named).
+/// A file that cannot be read, is empty, or contains anything other than rows of numbers of equal length (with row and
+/// column).
 pub fn read_table(path: &Path, array: &str) -> Result<Table, TableError> {
     read_rows(path, array, None)
 }
 
-/// [`read_table`]; a CSV file whose first row counts this number of columns has that row as its header.
+/// [`read_table`] with a known number of columns: a first row of a CSV file that numbers them is a header.
 fn read_rows(path: &Path, array: &str, columns: Option<usize>) -> Result<Table, TableError> {
     let bytes = std::fs::read(path).map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
     let table = parse_table(&bytes, path, array, columns)?;
@@ -41,10 +42,10 @@ fn read_rows(path: &Path, array: &str, columns: Option<usize>) -> Result<Table, 
     Ok(table)
 }
 
-/// Reads rows of `columns` values each. A column in front that numbers the rows is left out.
+/// Reads rows of `columns` values each. A first column of row numbers is dropped.
 ///
 /// # Errors
-/// As [`read_table`]; rows of another length, a column of times named as such.
+/// As [`read_table`]; rows of another length, a column named as times.
 fn read_values(path: &Path, array: &str, columns: usize, what: &str) -> Result<Table, TableError> {
     let mut table = read_rows(path, array, Some(columns))?;
     if table.rows[0].len() == 1 && table.rows.len() == columns && columns > 1 {
@@ -61,8 +62,8 @@ fn read_values(path: &Path, array: &str, columns: usize, what: &str) -> Result<T
     Ok(table)
 }
 
-/// Leaves out the first column where it numbers the rows: under an empty name, as pandas writes its index, or counting from 0
-/// or 1. A first column that rises otherwise holds times, which is an error.
+/// Drops the first column if it contains row numbers: with an empty name, as the index of pandas, or counting from 0
+/// or 1. Any other increasing first column contains times, which is an error.
 fn drop_row_numbers(table: &mut Table, path: &Path, what: &str) -> Result<(), TableError> {
     let first: Vec<f64> = table.rows.iter().map(|row| row[0]).collect();
     let name = table.header.as_ref().and_then(|header| header.first());
@@ -82,7 +83,7 @@ fn drop_row_numbers(table: &mut Table, path: &Path, what: &str) -> Result<(), Ta
     Ok(())
 }
 
-/// [`read_rows`] from bytes; rows may still differ in length.
+/// [`read_rows`] from bytes; the rows may differ in length.
 fn parse_table(bytes: &[u8], path: &Path, array: &str, columns: Option<usize>) -> Result<Table, TableError> {
     let array = if npy::is_npz(bytes) {
         npz::read_npz(bytes, array)
@@ -103,8 +104,8 @@ fn parse_table(bytes: &[u8], path: &Path, array: &str, columns: Option<usize>) -
     Ok(Table { header: None, file_rows: (1..=rows.len()).collect(), rows })
 }
 
-/// Reads an array of any shape from an NPY or NPZ file (in an NPZ file of several the one called `array`), row-major, with
-/// its shape. A table of numbers (CSV) has the shape rows x columns.
+/// Reads an array of any shape from an NPY or NPZ file (of several arrays in an NPZ file the one called `array`),
+/// row-major, with its shape. A table of numbers (CSV) has the shape rows x columns.
 ///
 /// # Errors
 /// As [`read_table`].
@@ -132,12 +133,13 @@ fn count_error(path: &Path, row: usize, got: usize, expected: usize, what: &str)
     TableError::Cell { path: path.to_path_buf(), row, column: None, message }
 }
 
-/// Reads frames (or differences of frames) of a protocol, ohm: a row each.
+/// Reads frames (or differences of frames) of a protocol, ohm, one per row.
 ///
-/// A header that counts the channels and a first column that numbers the frames, as pandas writes them, are left out.
+/// A header of channel numbers and a first column of frame numbers, as written by pandas, are dropped.
 ///
 /// # Errors
-/// As [`read_table`]; rows that do not have a value for every channel; a value that is `NaN` or infinite; a column of times.
+/// As [`read_table`]; rows that do not have a value for every channel; a value that is `NaN` or infinite; a column of
+/// times.
 pub fn read_frames(path: &Path, protocol: &Protocol) -> Result<Vec<Frame>, TableError> {
     let table = read_values(path, "frames", protocol.channel_count(), "frames of this protocol")?;
     let mut frames = Vec::with_capacity(table.rows.len());
@@ -152,8 +154,8 @@ pub fn read_frames(path: &Path, protocol: &Protocol) -> Result<Vec<Frame>, Table
     Ok(frames)
 }
 
-/// Reads maps of conductivity, a row each with a value per cell in the order of the mesh (S on surfaces, S/m in
-/// volumes). A header and row numbers are left out as in [`read_frames`].
+/// Reads conductivity maps, one per row with a value per cell in the order of the mesh (S on surfaces, S/m in volumes).
+/// A header and row numbers are dropped as in [`read_frames`].
 ///
 /// # Errors
 /// As [`read_table`]; rows that do not have a value for every cell; a value that is not positive and finite.
@@ -169,14 +171,14 @@ pub fn read_conductivities(path: &Path, cell_count: usize) -> Result<Vec<Vec<f64
     Ok(table.rows)
 }
 
-/// Writes an array in row-major order, whole or not at all: NPY or NPZ (float64; the array is called `name`) by the
-/// file's extension, else CSV with a row per first index.
+/// Writes an array in row-major order, completely or not at all: NPY or NPZ (float64; the array is called `name`) by
+/// the file's extension, else CSV with one row per first index.
 ///
 /// # Errors
 /// A path that cannot be written, a full disk.
 ///
 /// # Panics
-/// Where the shape does not hold as many values.
+/// If the shape does not match the number of values.
 pub fn write_array(path: &Path, name: &str, shape: &[usize], values: &[f64]) -> Result<(), TableError> {
     assert_eq!(shape.iter().product::<usize>(), values.len(), "shape {shape:?}");
     let extension = path.extension().map(|extension| extension.to_ascii_lowercase());
@@ -187,13 +189,13 @@ pub fn write_array(path: &Path, name: &str, shape: &[usize], values: &[f64]) -> 
     })
 }
 
-/// Writes frames, a row each: NPY, NPZ or CSV by the file's extension.
+/// Writes frames, one per row: NPY, NPZ or CSV by the file's extension.
 ///
 /// # Errors
 /// As [`write_array`].
 ///
 /// # Panics
-/// Where the frames differ in length.
+/// If the frames differ in length.
 pub fn write_frames(path: &Path, frames: &[Frame]) -> Result<(), TableError> {
     let columns = frames.first().map_or(0, |frame| frame.len());
     let values: Vec<f64> = frames.iter().flat_map(|frame| frame.iter().copied()).collect();

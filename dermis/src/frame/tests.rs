@@ -1,4 +1,4 @@
-//! What tables are read, and what is said of those that are not.
+//! Valid tables, and the error messages of invalid ones.
 
 use crate::contact::Contact;
 use crate::frame::{
@@ -27,7 +27,7 @@ fn row(last: &str) -> String {
     format!("2,1,3,4,5,6,7,8,9,10,11,{last}")
 }
 
-/// What is said of a file of frames.
+/// The error of a file of frames.
 fn frame_error(content: impl AsRef<[u8]>) -> String {
     let (_folder, path) = file("f.csv", content);
     let message = read_frames(&path, &protocol()).unwrap_err().to_string();
@@ -48,7 +48,7 @@ fn headers_byte_order_marks_and_carriage_returns_do_no_harm() {
     }
 }
 
-/// The frames of a file, or what is wrong with it.
+/// The frames of a file, or its error.
 fn frames(content: &str) -> Result<Vec<Vec<f64>>, String> {
     let (_folder, path) = file("f.csv", content);
     let read = read_frames(&path, &protocol()).map_err(|error| error.to_string());
@@ -56,7 +56,7 @@ fn frames(content: &str) -> Result<Vec<Vec<f64>>, String> {
         .map_err(|message| message.split_once("f.csv").unwrap().1.to_string())
 }
 
-/// What pandas writes of a frame of 12 channels, by `to_csv` with and without an index or a header.
+/// The text that pandas writes for a frame of 12 channels, by `to_csv` with and without an index or a header.
 #[test]
 fn headers_that_count_and_row_numbers_are_no_values() {
     let header = |first: usize| (first..first + 12).map(|n| n.to_string()).collect::<Vec<_>>().join(",");
@@ -93,7 +93,7 @@ fn columns_that_are_no_channels_are_refused_with_the_fix() {
     );
     let message = frames(&format!("1700000000,{a}\n1700000001,{b}\n")).unwrap_err();
     assert!(message.starts_with(", row 1, column 1: the column rises from row to row"), "{message}");
-    // Neither numbers nor times: one value too many.
+    // Neither row numbers nor times: one value too many.
     let message = frames(&format!("5,{a}\n5,{b}\n")).unwrap_err();
     assert_eq!(message, ", row 1: too many values: 13, but frames of this protocol have 12");
     let message = frames(&a.replace(',', " ")).unwrap_err();
@@ -154,7 +154,7 @@ fn numbers_come_back_bit_for_bit_in_every_format() {
     }
 }
 
-/// An NPY file as `numpy.save` writes it, from its header's entries and its data.
+/// An NPY file as written by `numpy.save`, from its header entries and its data.
 fn npy(descr: &str, fortran: &str, shape: &str, data: &[u8]) -> Vec<u8> {
     let header = format!("{{'descr': '{descr}', 'fortran_order': {fortran}, 'shape': {shape}, }}\n");
     let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
@@ -206,7 +206,7 @@ fn a_full_device_is_an_error_and_stays_a_device() {
     assert!(!std::fs::metadata(&full).unwrap().is_file());
 }
 
-/// Places within a box of some metres, as wide as the truths of these tests need.
+/// Limits of some metres, large enough for the truths of these tests.
 fn limits(surface: Surface) -> PlaceLimits {
     PlaceLimits::of_box(surface, [[-9.0; 3], [9.0; 3]], 0.0)
 }
@@ -270,7 +270,7 @@ fn frames_after_the_last_touch_are_counted() {
 }
 
 proptest::proptest! {
-    /// Whatever a file holds, reading it is a table or an error, never a panic.
+    /// Any file content gives a table or an error, never a panic.
     #[test]
     fn no_bytes_panic(head in 0_usize..4, tail in proptest::collection::vec(proptest::num::u8::ANY, 0..120)) {
         let mut bytes: Vec<u8> = [&b""[..], b"1,2\n", b"\x93NUMPY\x01\x00\x10\x00{'shape': (", b"PK\x03\x04"][head].to_vec();

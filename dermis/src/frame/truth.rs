@@ -1,4 +1,4 @@
-//! Where a skin was really touched.
+//! Ground truth of touches.
 
 use crate::contact::Contact;
 use crate::frame::TableError;
@@ -7,22 +7,22 @@ use crate::frame::table::{Table, read_table};
 use crate::geom::{PlaceLimits, Point3, Surface};
 use std::path::Path;
 
-/// Where a skin was really touched.
+/// Ground truth of touches.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Truth {
-    /// Touches in the body's frame, for each frame those that it shows.
+    /// The touches of each frame, in the body's frame.
     OnSkin(Vec<Vec<Contact>>),
-    /// One press a frame in another frame of space, m (a robot's): to be aligned.
+    /// One press per frame in another coordinate frame, m (of a robot), to be aligned.
     Elsewhere(Vec<Point3>),
 }
 
-/// Reads a truth, a row per touch: `frame,z_m,theta_rad[,force_n]` on a cylinder, `frame,x_m,y_m[,force_n]` on a flat
-/// skin, `frame,x_m,y_m,z_m[,force_n]` on any other body; `frame` counts from 0. A file without a header holds
-/// x, y, z of one press for each frame in turn, in a frame of space of its own.
+/// Reads a ground truth, one row per touch: `frame,z_m,theta_rad[,force_n]` on a cylinder, `frame,x_m,y_m[,force_n]` on
+/// a flat skin, `frame,x_m,y_m,z_m[,force_n]` on any other body; `frame` counts from 0. A file without a header
+/// contains x, y, z of one press for each frame in turn, in its own coordinate frame.
 ///
 /// # Errors
-/// As [`read_table`]; columns that are missing or unknown; a frame that is not there; values that are not finite; a place off
-/// the body, with the unit that it is probably given in.
+/// As [`read_table`]; columns that are missing or unknown; a frame that does not exist; values that are not finite; a
+/// position off the body, with the unit in which it is probably given.
 pub fn read_truth(path: &Path, limits: &PlaceLimits, frame_count: usize) -> Result<Truth, TableError> {
     let table = read_table(path, "truth")?;
     for (row, &file_row) in table.rows.iter().zip(&table.file_rows) {
@@ -42,7 +42,7 @@ pub fn read_truth(path: &Path, limits: &PlaceLimits, frame_count: usize) -> Resu
     }
 }
 
-/// Writes touches, those of each frame, as [`read_truth`] reads them; the forces that are known as `force_n`.
+/// Writes the touches of each frame in the format of [`read_truth`]; known forces as `force_n`.
 ///
 /// # Errors
 /// A file that cannot be written.
@@ -70,7 +70,7 @@ pub fn write_truth(path: &Path, surface: &Surface, truth: &[Vec<Contact>]) -> Re
     })
 }
 
-/// The columns that place a touch on a surface.
+/// The columns with the position of a touch on a surface.
 fn place_columns(surface: &Surface) -> &'static [&'static str] {
     match surface {
         Surface::Cylinder { .. } => &["z_m", "theta_rad"],
@@ -79,15 +79,15 @@ fn place_columns(surface: &Surface) -> &'static [&'static str] {
     }
 }
 
-/// The frames after the last touch of a truth.
+/// The frames after the last touch of a ground truth.
 ///
-/// A truth may leave out frames that show no touch, but a frame too many at the end is more often a mistake in counting.
+/// A ground truth may omit frames without a touch, but extra frames at the end are more often a mistake in counting.
 pub fn frames_after_last_touch(truth: &[Vec<Contact>]) -> std::ops::Range<usize> {
     let end = truth.iter().rposition(|touches| !touches.is_empty()).map_or(0, |last| last + 1);
     end..truth.len()
 }
 
-/// Where the columns of a truth are.
+/// The indices of the columns of a ground truth.
 struct Columns {
     frame: usize,
     place: Vec<usize>,

@@ -1,11 +1,11 @@
-//! Whether a place can be on a body, or is given in another unit.
+//! Checks that a position is on a body, and not given in another unit.
 
 use super::surface::Surface;
 use super::triangle_tree::TriangleTree;
 use super::vector::{Point3, distance, norm};
 use std::f64::consts::TAU;
 
-/// The places that touches of a body can have: on it, or off it by less than a margin.
+/// The allowed positions of touches on a body: on it, or off it by less than a margin.
 ///
 /// ```
 /// use dermis::geom::{PlaceLimits, Surface};
@@ -19,12 +19,12 @@ use std::f64::consts::TAU;
 /// ```
 #[derive(Debug, Clone)]
 pub struct PlaceLimits {
-    /// The surface on which contacts live.
+    /// The surface on which contacts are located.
     pub surface: Surface,
     margin_m: f64,
     low_m: Point3,
     high_m: Point3,
-    /// The triangles of a surface; a volume is known by its box alone.
+    /// The triangles of a surface; for a volume only its bounding box is known.
     tree: Option<TriangleTree>,
 }
 
@@ -32,14 +32,14 @@ impl PlaceLimits {
     /// The limits of a body of triangles.
     ///
     /// # Panics
-    /// Without a triangle.
+    /// If there is no triangle.
     pub fn of_surface(surface: Surface, triangles: impl IntoIterator<Item = [Point3; 3]>, margin_m: f64) -> Self {
         let triangles: Vec<[Point3; 3]> = triangles.into_iter().collect();
         let limits = Self::of_box(surface, triangles.iter().flatten().copied(), margin_m);
         PlaceLimits { tree: Some(TriangleTree::new(triangles)), ..limits }
     }
 
-    /// The limits of a body that fills the box around some points.
+    /// The limits of a body that fills the bounding box of some points.
     pub fn of_box(surface: Surface, points: impl IntoIterator<Item = Point3>, margin_m: f64) -> Self {
         let (mut low_m, mut high_m) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
         for point in points {
@@ -51,7 +51,7 @@ impl PlaceLimits {
         PlaceLimits { surface, margin_m, low_m, high_m, tree: None }
     }
 
-    /// The distance of a place from the body, m.
+    /// The distance of a position from the body, m.
     pub fn distance_m(&self, place: Point3) -> f64 {
         match &self.tree {
             Some(tree) => tree.nearest(place).distance_m,
@@ -59,10 +59,10 @@ impl PlaceLimits {
         }
     }
 
-    /// A place in metres, checked.
+    /// Checks a position in metres.
     ///
     /// # Errors
-    /// A place farther off the body than the margin: what is wrong, with the unit that it is probably given in.
+    /// A position farther off the body than the margin: the problem, with the unit in which it is probably given.
     pub fn check(&self, place: Point3) -> Result<Point3, String> {
         let distance_m = self.distance_m(place);
         if distance_m <= self.margin_m {
@@ -72,13 +72,13 @@ impl PlaceLimits {
         Err(self.explain(&format!("{place:?} m"), distance_m, fits))
     }
 
-    /// The point of a cylinder at `(z, theta)`, checked; `None` where the surface is no cylinder.
+    /// Checks `(z, theta)` and returns the point of the cylinder; `None` if the surface is not a cylinder.
     ///
     /// # Errors
     /// As [`check`](Self::check); an angle of more than one turn, which is probably in degrees.
     pub fn check_on_cylinder(&self, z_m: f64, theta_rad: f64) -> Option<Result<Point3, String>> {
         let place = self.surface.at(z_m, theta_rad)?;
-        // Rounding may bring a whole turn above its value.
+        // Rounding may raise a full turn above its exact value.
         if theta_rad.abs() > TAU * (1.0 + 1e-6) {
             let message = format!(
                 "theta_rad is {theta_rad}, more than one turn: angles are in radians; if it is in degrees, write {:.4}",
@@ -97,9 +97,9 @@ impl PlaceLimits {
         Some(Err(self.explain(&format!("z_m = {z_m}"), distance_m, fits)))
     }
 
-    /// What is wrong with a place off the body; `fits` tells whether the place times a factor lies on it.
+    /// The error text for a position off the body; `fits` returns whether the position times a factor is on it.
     fn explain(&self, place: &str, distance_m: f64, fits: impl Fn(f64) -> bool) -> String {
-        // A place just off the body is in metres: scaled down it lies near the origin, which is often on the body.
+        // A position just off the body is in metres: scaled down it is near the origin, which is often on the body.
         let is_far = distance_m > distance(self.low_m, self.high_m);
         let units: Vec<&str> = [("millimetres", 1e-3), ("centimetres", 1e-2)]
             .into_iter()

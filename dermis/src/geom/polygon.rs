@@ -35,7 +35,7 @@ pub fn clip_half_plane(corners: &[Point2], normal: Point2, offset: f64) -> Vec<P
     kept
 }
 
-/// The part of a convex polygon inside an axis-parallel box.
+/// The part of a convex polygon inside an axis-aligned box.
 pub fn clip_box(corners: &[Point2], low: Point2, high: Point2) -> Vec<Point2> {
     let mut kept = clip_half_plane(corners, [1.0, 0.0], high[0]);
     kept = clip_half_plane(&kept, [-1.0, 0.0], -low[0]);

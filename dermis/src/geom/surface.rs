@@ -4,10 +4,10 @@ use crate::geom::vector::{Point3, add, distance, dot, normalize, scale, sub};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 
-/// The surface on which contacts live.
+/// The surface on which contacts are located.
 ///
-/// A cylinder has its axis along z from 0 to `length_m`; a flat skin lies in the plane z = 0 with the
-/// normal +z; any other body is `Free`, where distances are taken straight through space.
+/// A cylinder has its axis along z from 0 to `length_m`; a flat skin is in the plane z = 0 with the normal +z; on any
+/// other body (`Free`) distances are straight-line distances in space.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Surface {
@@ -24,19 +24,19 @@ pub enum Surface {
     Free,
 }
 
-/// An angle brought into `[0, 2 pi)`.
+/// An angle reduced to `[0, 2 pi)`.
 pub fn wrap_angle(angle_rad: f64) -> f64 {
     let wrapped = angle_rad.rem_euclid(TAU);
     if wrapped < TAU { wrapped } else { 0.0 }
 }
 
-/// The difference of two angles brought into `[-pi, pi)`.
+/// The difference of two angles, reduced to `[-pi, pi)`.
 pub fn angle_difference(a_rad: f64, b_rad: f64) -> f64 {
     wrap_angle(a_rad - b_rad + PI) - PI
 }
 
 impl Surface {
-    /// The angle round the cylinder's axis in `[0, 2 pi)`, from +x towards +y; `None` off cylinders.
+    /// The angle around the cylinder's axis in `[0, 2 pi)`, from +x towards +y; `None` for other surfaces.
     pub fn theta_rad(&self, position_m: Point3) -> Option<f64> {
         match self {
             Surface::Cylinder { .. } => Some(wrap_angle(position_m[1].atan2(position_m[0]))),
@@ -44,7 +44,7 @@ impl Surface {
         }
     }
 
-    /// The point of a cylinder at `(z, theta)`; `None` off cylinders.
+    /// The point of a cylinder at `(z, theta)`; `None` for other surfaces.
     pub fn at(&self, z_m: f64, theta_rad: f64) -> Option<Point3> {
         match *self {
             Surface::Cylinder { radius_m, .. } => Some([radius_m * theta_rad.cos(), radius_m * theta_rad.sin(), z_m]),
@@ -52,8 +52,8 @@ impl Surface {
         }
     }
 
-    /// The distance along the surface, the short way round a cylinder; straight through space where the
-    /// surface is `Free`.
+    /// The distance along the surface, on a cylinder the shorter way around; straight through space if the surface is
+    /// `Free`.
     pub fn distance_m(&self, a: Point3, b: Point3) -> f64 {
         match *self {
             Surface::Cylinder { .. } => {
@@ -64,8 +64,8 @@ impl Surface {
         }
     }
 
-    /// Where `point` lies as seen from `origin`, in metres along the surface: (round, along z) on a
-    /// cylinder, (x, y) on a plane. On a `Free` surface the first two components of the difference.
+    /// The position of `point` relative to `origin`, in metres along the surface: (around, along z) on a cylinder, (x,
+    /// y) on a plane. On a `Free` surface the first two components of the difference.
     pub fn chart(&self, origin: Point3, point: Point3) -> [f64; 2] {
         match *self {
             Surface::Cylinder { radius_m, .. } => {
@@ -77,8 +77,8 @@ impl Surface {
         }
     }
 
-    /// The weighted mean position of some points near `origin`, on the surface: the circular mean on a
-    /// cylinder as long as all points lie within half a turn of `origin`.
+    /// The weighted mean position of some points near `origin`, on the surface: the circular mean on a cylinder if all
+    /// points are within half a turn of `origin`.
     pub fn weighted_mean(&self, origin: Point3, points: impl Iterator<Item = (Point3, f64)>) -> Point3 {
         let mut weight_sum = 0.0;
         match *self {
@@ -114,7 +114,7 @@ impl Surface {
         }
     }
 
-    /// The outward unit normal; `None` where the surface is known only by its mesh.
+    /// The outward unit normal; `None` if the surface is known only by its mesh.
     pub fn normal(&self, position_m: Point3) -> Option<Point3> {
         match self {
             Surface::Cylinder { .. } => Some(normalize([position_m[0], position_m[1], 0.0])),

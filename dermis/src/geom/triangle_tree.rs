@@ -3,11 +3,11 @@
 use super::surface::nearest_on_triangle;
 use super::vector::{Point3, distance};
 
-/// A binary tree of boxes round triangles, for the point of a surface that is nearest to a given one.
+/// A binary tree of bounding boxes of triangles, for the point of a surface that is nearest to a given one.
 #[derive(Debug, Clone)]
 pub struct TriangleTree {
     corners: Vec<[Point3; 3]>,
-    /// Numbers of the triangles as given, in the order of `corners`.
+    /// Original indices of the triangles, in the order of `corners`.
     numbers: Vec<usize>,
     boxes: Vec<Node>,
 }
@@ -27,25 +27,25 @@ enum Kind {
     Fork { second: usize },
 }
 
-/// Triangles in a leaf: few enough that their boxes would save nothing.
+/// Triangles in a leaf: for fewer triangles, boxes save no time.
 const LEAF: usize = 8;
 
 /// A point of a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Nearest {
-    /// Where it is, m.
+    /// Its position, m.
     pub point: Point3,
-    /// Which triangle it is on.
+    /// The triangle that contains it.
     pub triangle: usize,
-    /// How far it is from the point asked for, m.
+    /// Its distance from the given point, m.
     pub distance_m: f64,
 }
 
 impl TriangleTree {
-    /// The tree of some triangles.
+    /// Builds the tree of some triangles.
     ///
     /// # Panics
-    /// Without a triangle.
+    /// If there is no triangle.
     pub fn new(triangles: impl IntoIterator<Item = [Point3; 3]>) -> Self {
         let mut items: Vec<(usize, [Point3; 3])> = triangles.into_iter().enumerate().collect();
         assert!(!items.is_empty(), "a surface has triangles");
@@ -76,7 +76,7 @@ impl TriangleTree {
                 }
                 Kind::Fork { second } => {
                     let (first, second) = (at + 1, second);
-                    // The nearer child is looked at first: it goes on the stack last.
+                    // The nearer child is visited first: it is pushed last.
                     if self.boxes[first].distance(point) <= self.boxes[second].distance(point) {
                         stack.extend([second, first]);
                     } else {

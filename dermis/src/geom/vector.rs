@@ -47,7 +47,7 @@ pub fn distance(a: Point3, b: Point3) -> f64 {
     norm(sub(a, b))
 }
 
-/// `a` at length one; the zero vector stays zero.
+/// `a` scaled to length one; the zero vector is not changed.
 #[inline]
 pub fn normalize(a: Point3) -> Point3 {
     let length = norm(a);
@@ -60,7 +60,7 @@ pub fn centroid(points: &[Point3]) -> Point3 {
     scale(sum, 1.0 / points.len() as f64)
 }
 
-/// The longest distance between two of some points: the longest edge of a triangle or a tetrahedron.
+/// The longest distance between any two of some points: the longest edge of a triangle or a tetrahedron.
 pub fn longest_edge(corners: &[Point3]) -> f64 {
     let others =
         |(index, a): (usize, &Point3)| corners[index + 1..].iter().map(move |b| distance(*a, *b)).fold(0.0, f64::max);
@@ -74,7 +74,7 @@ pub fn triangle_area(corners: [Point3; 3]) -> f64 {
     0.5 * norm(cross(sub(b, a), sub(c, a)))
 }
 
-/// The volume of a tetrahedron, positive where `d` lies on the side of `abc` from which it runs clockwise.
+/// The volume of a tetrahedron, positive if `abc` is counter-clockwise as seen from `d`.
 #[inline]
 pub(crate) fn tetrahedron_volume(corners: [Point3; 4]) -> f64 {
     let [a, b, c, d] = corners;

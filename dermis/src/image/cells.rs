@@ -1,4 +1,4 @@
-//! A pixel for every cell of a mesh.
+//! One pixel per mesh cell.
 
 use crate::geom::vector::{Point3, add, cross, normalize, scale, sub};
 use crate::geom::{Surface, vector};
@@ -43,8 +43,8 @@ fn face_opposite(corners: &[usize; 4], left_out: usize) -> [usize; 3] {
     std::array::from_fn(|_| others.next().expect("three corners remain of four"))
 }
 
-/// For each cell, given the nodes of its sides, the cells that share a side; and the sides that belong to one cell
-/// alone, as (cell, side).
+/// For each cell, given the nodes of its sides, the cells that share a side; and the sides that belong to only one
+/// cell, as (cell, side).
 fn adjacency<const N: usize>(sides: impl Iterator<Item = [Vec<usize>; N]>) -> (Vec<Vec<usize>>, Vec<(usize, usize)>) {
     let mut owners: HashMap<Vec<usize>, Vec<(usize, usize)>> = HashMap::new();
     let mut count = 0;
@@ -74,7 +74,8 @@ fn face_normal([a, b, c]: [Point3; 3]) -> Point3 {
     normalize(cross(sub(b, a), sub(c, a)))
 }
 
-/// Outward normals of cells with an outer face (the mean of theirs), handed inwards from neighbour to neighbour.
+/// Outward normals of cells with an outer face (the mean of its outer faces), propagated inwards from neighbour to
+/// neighbour.
 fn volume_normals(
     mesh: &Mesh,
     tetrahedra: &[[usize; 4]],

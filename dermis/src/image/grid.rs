@@ -1,4 +1,4 @@
-//! Pixels of a picture with rows and columns, and their exact overlaps with the triangles of a mesh.
+//! Pixels in a grid of rows and columns, and their exact overlaps with the triangles of a mesh.
 
 use crate::design::Body;
 use crate::geom::surface::{angle_difference, wrap_angle};
@@ -7,10 +7,10 @@ use crate::geom::{Surface, polygon};
 use crate::image::{PixelSpace, chart_box};
 use crate::mesh::{Cells, Mesh, MeshError};
 
-/// Overlaps below this part of a cell are rounding of a shared edge, not area.
+/// Overlaps below this fraction of a cell are rounding errors at a shared edge.
 const SMALLEST_FRACTION: f64 = 1e-12;
 
-/// A picture laid over a body: the unrolled wall of a cylinder, or the box that bounds a flat skin.
+/// A pixel grid on a body: the unrolled wall of a cylinder, or the bounding box of a flat skin.
 struct Grid {
     surface: Surface,
     rows: usize,
@@ -19,7 +19,7 @@ struct Grid {
     low: Point2,
     /// Extent of a pixel in the chart.
     step: Point2,
-    /// Whether the last column touches the first.
+    /// Whether the last column is adjacent to the first.
     wraps: bool,
 }
 
@@ -81,7 +81,7 @@ impl Grid {
         }
     }
 
-    /// The corners of a triangle in the chart; on a cylinder the angles follow the first corner's without a jump.
+    /// The corners of a triangle in the chart; on a cylinder without a jump of the angle relative to the first corner.
     fn unroll(&self, corners: [Point3; 3]) -> [Point2; 3] {
         if !self.wraps {
             return corners.map(|p| [p[0], p[1]]);
@@ -91,8 +91,8 @@ impl Grid {
         corners.map(|p| [wrap_angle(first) + angle_difference(angle(p), first), p[2]])
     }
 
-    /// The parts of a triangle in each pixel. The outermost pixels reach beyond the box, so that rounding at the
-    /// body's edge loses nothing.
+    /// The parts of a triangle in each pixel. The outermost pixels extend beyond the box, so that rounding at the
+    /// body's edge loses no area.
     fn cut(&self, corners: &[Point2; 3]) -> Vec<Piece> {
         let whole = polygon::signed_area(corners).abs();
         let mut pieces: Vec<Piece> = Vec::new();
@@ -125,7 +125,7 @@ impl Grid {
         pieces
     }
 
-    /// First and last line of pixels that some corners reach along an axis.
+    /// First and last line of pixels that some corners cover along an axis.
     fn lines(&self, corners: &[Point2], axis: usize, count: usize, wraps: bool) -> (i64, i64) {
         let line = |value: f64| {
             let line = ((value - self.low[axis]) / self.step[axis]).floor() as i64;
@@ -136,7 +136,7 @@ impl Grid {
         (line(low), line(high))
     }
 
-    /// The part of a polygon in one line of pixels along an axis; with a count the outer lines are open outwards.
+    /// The part of a polygon in one line of pixels along an axis; with a count the outer lines are unbounded outwards.
     fn clip(&self, corners: &[Point2], axis: usize, line: i64, open_count: Option<usize>) -> Vec<Point2> {
         let mut normal = [0.0; 2];
         let mut kept = corners.to_vec();
@@ -155,7 +155,7 @@ impl Grid {
     fn centre(&self, position: usize, moment: Point2, area: f64) -> Point3 {
         let (row, column) = (position / self.columns, position % self.columns);
         match self.surface {
-            // A pixel of the wall lies inside as a whole.
+            // A pixel of the wall is entirely inside.
             Surface::Cylinder { .. } => {
                 let z_m = self.low[1] + (row as f64 + 0.5) * self.step[1];
                 let theta_rad = (column as f64 + 0.5) * self.step[0];
@@ -165,7 +165,7 @@ impl Grid {
         }
     }
 
-    /// The up to four pixels of the picture that share an edge with each, among those that exist.
+    /// The up to four existing pixels of the grid that share an edge with each pixel.
     fn neighbours(&self, position_in_grid: &[usize]) -> Vec<Vec<usize>> {
         let mut index = vec![None; self.rows * self.columns];
         for (pixel, &position) in position_in_grid.iter().enumerate() {
@@ -194,7 +194,7 @@ impl Grid {
     }
 }
 
-/// Area and first moments of a polygon, whichever way its corners run.
+/// Area and first moments of a polygon, for either order of its corners.
 fn area_and_moment(corners: &[Point2]) -> (f64, Point2) {
     let Some(&origin) = corners.first() else { return (0.0, [0.0; 2]) };
     let (mut area, mut moment) = (0.0, [0.0; 2]);

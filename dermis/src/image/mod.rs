@@ -11,16 +11,16 @@ use crate::geom::{Point3, Surface};
 use crate::mesh::{Mesh, MeshError};
 use std::sync::Arc;
 
-/// The pixels of a skin's image: where they are, which are neighbours, and which part of each mesh cell they hold.
+/// The pixels of a skin's image: their positions, their neighbours, and the fraction of each mesh cell in each pixel.
 ///
-/// Only pixels that overlap the body exist here; `position_in_grid` places them in the picture.
+/// Only pixels that overlap the body are stored; `position_in_grid` gives their places in the grid.
 #[derive(Debug, Clone)]
 pub struct PixelSpace {
-    /// The surface on which they lie.
+    /// The surface of the pixels.
     pub surface: Surface,
-    /// Rows and columns of the picture; `None` where every cell is a pixel.
+    /// Rows and columns of the grid; `None` if every cell is a pixel.
     pub grid: Option<[usize; 2]>,
-    /// Index in the picture, row-major, of each pixel (the cell's index without a grid).
+    /// Index in the grid, row-major, of each pixel (the cell's index without a grid).
     pub position_in_grid: Vec<usize>,
     /// Centre of each pixel on the surface, m (of the part inside the body).
     pub centres_m: Vec<Point3>,
@@ -28,24 +28,24 @@ pub struct PixelSpace {
     pub normals: Vec<Point3>,
     /// Area of the part of each pixel inside the body, m2 (volume of a tetrahedron, m3).
     pub areas: Vec<f64>,
-    /// Pixels that share an edge with each, by index in this list (a face, in a volume).
+    /// Neighbours of each pixel, by index in this list: pixels that share an edge (in a volume a face).
     pub neighbours: Vec<Vec<usize>>,
-    /// For each pixel the cells it overlaps with the fraction of the cell's measure that lies in it. The fractions of
-    /// one cell over all pixels add up to one.
+    /// For each pixel the cells that it overlaps, with the fraction of the cell's measure in the pixel. The fractions
+    /// of one cell over all pixels sum to one.
     pub overlaps: Vec<Vec<(usize, f64)>>,
 }
 
 impl PixelSpace {
-    /// The pixels that a design asks for, on its mesh.
+    /// The pixels of a design, on its mesh.
     ///
-    /// On a cylinder pixel `(i, j)` of a picture of `rows` x `columns` is the part of the wall with z between `i` and
+    /// On a cylinder, pixel `(i, j)` of a grid of `rows` x `columns` is the part of the wall with z between `i` and
     /// `i + 1` times `length / rows` and theta between `j` and `j + 1` times `2 pi / columns`; on a flat skin rows run
-    /// along y and columns along x over the box that bounds the body. The overlap of a pixel and a triangle is the
-    /// area of the clipped triangle, on a cylinder of its unrolled image (whose edges are straight in z and theta, so
-    /// that the unrolled triangles tile the wall).
+    /// along y and columns along x over the bounding box of the body. The overlap of a pixel and a triangle is the area
+    /// of the clipped triangle, on a cylinder of its unrolled image (with edges straight in z and theta, so that the
+    /// unrolled triangles tile the wall).
     ///
     /// # Errors
-    /// A picture asked for on a body that has no rows and columns (a mesh file), or on a volume.
+    /// A grid on a body without rows and columns (a mesh file), or on a volume.
     pub fn for_design(design: &SkinDesign, mesh: &Mesh) -> Result<Self, MeshError> {
         match design.image {
             ImageLayout::Cells => Ok(Self::cells(mesh, design.body.surface())),
@@ -53,9 +53,9 @@ impl PixelSpace {
         }
     }
 
-    /// A pixel for every cell of a mesh; neighbours share an edge (triangles) or a face (tetrahedra).
+    /// One pixel per mesh cell; neighbours share an edge (triangles) or a face (tetrahedra).
     ///
-    /// The normal of a tetrahedron is that of the body's outside nearest to it, counted in cells.
+    /// The normal of a tetrahedron is that of the nearest part of the body's outer surface, counted in cells.
     pub fn cells(mesh: &Mesh, surface: Surface) -> Self {
         cells::pixels(mesh, surface)
     }
@@ -65,7 +65,7 @@ impl PixelSpace {
         self.centres_m.len()
     }
 
-    /// Whether there is no pixel.
+    /// Whether there are no pixels.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -73,7 +73,7 @@ impl PixelSpace {
     /// The mean of a value per cell over each pixel, weighted by the measure of the overlap.
     ///
     /// # Panics
-    /// Where there is not a value and a measure for every cell.
+    /// If the number of values or measures differs from the number of cells.
     pub fn average_cells(&self, mesh: &Mesh, cell_values: &[f64]) -> Vec<f64> {
         assert_eq!(cell_values.len(), mesh.cell_count(), "a value per cell");
         let mean = |overlaps: &Vec<(usize, f64)>| {
@@ -88,14 +88,14 @@ impl PixelSpace {
         self.overlaps.iter().map(mean).collect()
     }
 
-    /// Half of the distance between pixel centres that are as far apart as the side of a square of mean area: the
-    /// position of anything in an image is rounded to about this, m. In a volume the side of a cube.
+    /// Half of the pixel spacing, from the side of a square of mean area (in a volume of a cube): the approximate
+    /// rounding error of positions in an image, m.
     pub fn half_pixel_m(&self) -> f64 {
         let mean = self.areas.iter().sum::<f64>() / self.len().max(1) as f64;
         0.5 * mean.sqrt()
     }
 
-    /// The box round the pixels' centres: the least and the greatest coordinate along x, y and z, m.
+    /// The bounding box of the pixels' centres: the minimum and maximum coordinate along x, y and z, m.
     pub fn box_m(&self) -> [[f64; 2]; 3] {
         [0, 1, 2].map(|axis| {
             let along = self.centres_m.iter().map(|centre| centre[axis]);
@@ -103,13 +103,13 @@ impl PixelSpace {
         })
     }
 
-    /// The longest side of the box round the pixels' centres, m.
+    /// The longest side of the bounding box of the pixels' centres, m.
     pub fn extent_m(&self) -> f64 {
         self.box_m().into_iter().map(|[least, most]| most - least).fold(f64::MIN_POSITIVE, f64::max)
     }
 
-    /// Pixels that may lie within some distance of a place along the surface: those that do so straight through space, which
-    /// no way along it is shorter than, and which is far cheaper to tell.
+    /// Pixels that may be within some distance of a position along the surface: those within the straight-line
+    /// distance, which is a lower bound of the distance along the surface and much faster to compute.
     pub fn near(&self, place: Point3, reach_m: f64) -> impl Iterator<Item = usize> {
         let square = reach_m * reach_m;
         let is_near = move |(_, centre): &(usize, &Point3)| {
@@ -120,8 +120,8 @@ impl PixelSpace {
     }
 }
 
-/// The extent of a body's chart: the lower corner and the size of the box in the chart (x, y) of a flat skin, or
-/// (theta, z) of a cylinder.
+/// The extent of a body's chart: the lower corner and the size of its bounding box in the chart (x, y) of a flat skin,
+/// or (theta, z) of a cylinder.
 pub fn chart_box(body: &Body) -> Option<([f64; 2], [f64; 2])> {
     match *body {
         Body::Cylinder { length_m, .. } => Some(([0.0, 0.0], [std::f64::consts::TAU, length_m])),
@@ -131,7 +131,7 @@ pub fn chart_box(body: &Body) -> Option<([f64; 2], [f64; 2])> {
     }
 }
 
-/// One image: a value for each pixel. A touch is positive, whichever way it turns the conductance; the values are
+/// One image: a value for each pixel. A touch is positive, whether it raises or lowers the conductance; the values are
 /// relative changes of conductance.
 #[derive(Debug, Clone)]
 pub struct Image {
@@ -142,7 +142,7 @@ pub struct Image {
 }
 
 impl Image {
-    /// The picture, row-major with `NaN` outside the body; without a grid the values as they are, one per cell.
+    /// The grid of values, row-major with `NaN` outside the body; without a grid the values themselves, one per cell.
     pub fn to_grid(&self) -> Vec<f64> {
         let mut picture = match self.space.grid {
             Some([rows, columns]) => vec![f64::NAN; rows * columns],
@@ -154,11 +154,11 @@ impl Image {
         picture
     }
 
-    /// The mean of the image over each of the mesh's `cell_count` cells, weighted by how much of the cell lies in each pixel;
-    /// `NaN` where a cell lies in no pixel.
+    /// The mean of the image over each of the mesh's `cell_count` cells, weighted by the fraction of the cell in each
+    /// pixel; `NaN` if a cell is in no pixel.
     ///
     /// # Panics
-    /// Where a pixel overlaps a cell beyond `cell_count`.
+    /// If a pixel overlaps a cell beyond `cell_count`.
     pub fn to_cells(&self, cell_count: usize) -> Vec<f64> {
         let mut sums = vec![[0.0; 2]; cell_count];
         for (overlaps, value) in self.space.overlaps.iter().zip(&self.values) {
@@ -170,7 +170,7 @@ impl Image {
         sums.into_iter().map(|[sum, part]| sum / part).collect()
     }
 
-    /// The pixel with the largest value and that value; `None` where no value is a number.
+    /// The pixel with the largest value and that value; `None` if no value is a number.
     pub fn peak(&self) -> Option<(usize, f64)> {
         let numbers = self.values.iter().copied().enumerate().filter(|(_, value)| !value.is_nan());
         numbers.reduce(|best, next| if next.1 > best.1 { next } else { best })

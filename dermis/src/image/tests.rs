@@ -28,7 +28,8 @@ fn surface_mesh(nodes: Vec<Point3>, triangles: Vec<[usize; 3]>) -> Mesh {
     Mesh { nodes, cells: Cells::Triangles(triangles), electrodes: Vec::new(), regions: Vec::new() }
 }
 
-/// A lattice of `rows` x `columns` squares, each cut in two; `place` puts its nodes, `wraps` closes the columns.
+/// A lattice of `rows` x `columns` squares, each cut in two; `place` gives the node positions, `wraps` closes the
+/// columns.
 fn lattice(rows: usize, columns: usize, wraps: bool, place: impl Fn(f64, f64) -> Point3) -> Mesh {
     let stride = if wraps { columns } else { columns + 1 };
     let node = |row: usize, column: usize| row * stride + column % stride;
@@ -50,7 +51,7 @@ fn lattice(rows: usize, columns: usize, wraps: bool, place: impl Fn(f64, f64) ->
     surface_mesh(nodes, triangles)
 }
 
-/// A cylinder of the paper's size, its lattice sheared and turned so that no edge lies on a pixel's edge or the seam.
+/// A cylinder of the paper's size, with a sheared and rotated lattice so that no edge is on a pixel's edge or the seam.
 fn cylinder() -> (Body, Mesh) {
     let mesh = lattice(23, 37, true, |along, round| {
         let theta = TAU * round + 0.05 + 0.6 * along;
@@ -59,7 +60,7 @@ fn cylinder() -> (Body, Mesh) {
     (Body::Cylinder { length_m: 0.3, diameter_m: 0.1 }, mesh)
 }
 
-/// A disk of radius 1 made of rings of triangles round its middle.
+/// A disk of radius 1 of rings of triangles around its centre.
 fn disk() -> (Body, Mesh) {
     let (rings, spokes) = (7, 29);
     let mut nodes = vec![[0.0; 3]];
@@ -85,8 +86,8 @@ fn mesh_area(mesh: &Mesh) -> f64 {
     (0..mesh.cell_count()).map(|cell| mesh.cell_measure(cell)).sum()
 }
 
-/// What holds for every pixel space: fractions of a cell add up to one, areas to the mesh's, a constant stays one,
-/// neighbours are mutual and centres lie on the surface.
+/// Properties of every pixel space: the fractions of a cell sum to one, the areas to the mesh's area, a constant stays
+/// one, neighbours are mutual and centres are on the surface.
 fn assert_partition(space: &PixelSpace, mesh: &Mesh) {
     let mut sums = vec![0.0; mesh.cell_count()];
     for &(cell, fraction) in space.overlaps.iter().flatten() {
@@ -116,7 +117,7 @@ fn the_cylinders_pixels_share_out_every_triangle_and_wrap_at_the_seam() {
     let expected = space.surface.at(0.145, 29.5 * PI / 15.0).unwrap();
     assert!(distance(space.centres_m[14 * 30 + 29], expected) < 1e-15);
     assert!(dot(space.normals[0], space.centres_m[0]) > 0.0);
-    // Pixels of one size on a mesh of one size: equal areas to the difference of chord and arc.
+    // Equal pixels on a mesh of equal cells: equal areas up to the difference of chord and arc.
     let arc = 0.01 * 0.05 * PI / 15.0;
     assert!(space.areas.iter().all(|area| (area / arc - 1.0).abs() < 0.005));
     assert_eq!(space.neighbours[14 * 30], vec![13 * 30, 14 * 30 + 1, 14 * 30 + 29, 15 * 30]);
@@ -125,7 +126,7 @@ fn the_cylinders_pixels_share_out_every_triangle_and_wrap_at_the_seam() {
 
 #[test]
 fn a_step_in_z_is_halved_by_the_ring_of_pixels_that_straddles_it() {
-    // A step halfway up, in a ring of pixels that straddles it: every pixel of that ring gets one half.
+    // A step halfway up, in the middle of a ring of pixels: every pixel of that ring gets one half.
     let mesh =
         lattice(2, 12, true, |along, round| [0.05 * (TAU * round).cos(), 0.05 * (TAU * round).sin(), 0.3 * along]);
     let body = Body::Cylinder { length_m: 0.3, diameter_m: 0.1 };
@@ -150,7 +151,7 @@ fn the_disks_pixels_end_at_its_rim() {
     let picture = image.to_grid();
     assert!(picture[0].is_nan() && picture[255].is_nan() && picture[8 * 16 + 8] == 1.0);
     assert_eq!(picture.iter().filter(|value| !value.is_nan()).count(), space.len());
-    // A centre is the centroid of the part inside: weighted by area they balance in the middle.
+    // A centre is the centroid of the part inside: their mean weighted by area is the centre of the disk.
     for axis in 0..2 {
         let moment: f64 = space.centres_m.iter().zip(&space.areas).map(|(c, area)| c[axis] * area).sum();
         assert!(moment.abs() < 1e-12, "{moment}");
@@ -190,7 +191,7 @@ fn every_cell_is_a_pixel_of_a_mesh_body() {
 
 #[test]
 fn tetrahedra_are_neighbours_across_faces_and_look_outwards() {
-    // A cube round the origin cut into five: four corners and a middle one.
+    // A cube around the origin cut into five tetrahedra: four corners and a middle one.
     let nodes: Vec<Point3> = (0..8).map(|i| [i & 1, (i >> 1) & 1, (i >> 2) & 1].map(|v| v as f64 - 0.5)).collect();
     let mut cells = vec![[0, 1, 2, 4], [3, 2, 1, 7], [5, 4, 7, 1], [6, 7, 4, 2], [1, 2, 4, 7]];
     for cell in &mut cells {
@@ -216,7 +217,7 @@ pub(crate) fn cylinder_space() -> Arc<PixelSpace> {
     Arc::new(PixelSpace::for_design(&design(body, layout), &mesh).unwrap())
 }
 
-/// An image of Gaussian bumps: place, height and width.
+/// An image of Gaussian peaks: position, height and width.
 pub(crate) fn bumps(space: &Arc<PixelSpace>, bumps: &[(Point3, f64, f64)]) -> Image {
     let value = |&at: &Point3| -> f64 {
         let bump = |&(centre, height, width): &(Point3, f64, f64)| {

@@ -1,6 +1,6 @@
-//! Who belongs to whom, at the smallest total cost.
+//! Assignment of rows to columns at the smallest total cost.
 
-/// The assignment of rows to columns, as many as the smaller count, of the smallest total cost: the Hungarian method
+/// The assignment of rows to columns (as many as the smaller count) with the smallest total cost: the Hungarian method
 /// by shortest augmenting paths (Jonker and Volgenant 1987, DOI 10.1007/BF02278710).
 pub fn smallest_total(rows: usize, columns: usize, cost: &dyn Fn(usize, usize) -> f64) -> Vec<(usize, usize)> {
     if rows > columns {
@@ -61,7 +61,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// The smallest total by trying every assignment of rows to columns.
+    /// The smallest total over all assignments of rows to columns, by brute force.
     fn by_trying(rows: usize, columns: usize, cost: &dyn Fn(usize, usize) -> f64) -> f64 {
         fn best(row: usize, rows: usize, used: &mut [bool], cost: &dyn Fn(usize, usize) -> f64) -> f64 {
             if row == rows {

@@ -4,15 +4,14 @@ use super::factor::NotPositiveDefinite;
 use super::matrix::Matrix;
 use pulp::{Simd, WithSimd};
 
-/// How many pivots are applied to a column at once: their values are loaded once per four updates, so that arithmetic
-/// rather than memory is the limit.
+/// Number of pivots applied to a column together: the column's values are loaded once per four updates, so that the
+/// speed is limited by arithmetic and not by memory.
 const PANEL: usize = 4;
 
 /// Eliminates the first `width` unknowns of a symmetric front in place.
 ///
-/// `front` is column-major of order `height`, of which only the lower triangle is read and written. Afterwards its
-/// first `width` columns hold the factor, and the rest the Schur complement. On a pivot that is not positive its index
-/// comes back.
+/// `front` is column-major of order `height`; only its lower triangle is read and written. Afterwards its first `width`
+/// columns contain the factor, and the rest the Schur complement. If a pivot is not positive, its index is returned.
 #[inline(always)]
 pub(super) fn eliminate(front: &mut [f64], height: usize, width: usize) -> Result<(), usize> {
     let mut first = 0;
@@ -37,7 +36,7 @@ pub(super) fn eliminate(front: &mut [f64], height: usize, width: usize) -> Resul
     Ok(())
 }
 
-/// Factors the columns `first..end` against each other.
+/// Factors the columns `first..end` as a block.
 #[inline(always)]
 fn factor_panel(front: &mut [f64], height: usize, first: usize, end: usize) -> Result<(), usize> {
     for pivot in first..end {
@@ -82,8 +81,8 @@ fn subtract_four(panel: &[f64], height: usize, row: usize, target: &mut [f64]) {
     }
 }
 
-/// Eliminates the first `width` unknowns of a symmetric matrix of the given order in place: of the rest the Schur
-/// complement is left.
+/// Eliminates the first `width` unknowns of a symmetric matrix of the given order in place: the rest becomes the Schur
+/// complement.
 ///
 /// `values` is column-major; only the lower triangle is read and written.
 ///
@@ -91,7 +90,7 @@ fn subtract_four(panel: &[f64], height: usize, row: usize, target: &mut [f64]) {
 /// The index of a pivot that is not positive.
 ///
 /// # Panics
-/// Where `values` is not a square of the order, or `width` exceeds it.
+/// If `values` is not a square matrix of the order, or `width` exceeds it.
 pub fn eliminate_in_place(values: &mut [f64], order: usize, width: usize) -> Result<(), NotPositiveDefinite> {
     assert_eq!(values.len(), order * order, "a square matrix");
     assert!(width <= order, "no more unknowns than there are");
@@ -102,7 +101,7 @@ pub fn eliminate_in_place(values: &mut [f64], order: usize, width: usize) -> Res
 /// Subtracts `R' R` from the lower triangle of a column-major square matrix, `R` row-major with as many columns.
 ///
 /// # Panics
-/// Where `values` is not a square of the order, or `rows` not whole rows.
+/// If `values` is not a square matrix of the order, or `rows` is not a whole number of rows.
 pub fn subtract_gram(values: &mut [f64], order: usize, rows: &[f64]) {
     assert_eq!(values.len(), order * order, "a square matrix");
     assert!(rows.len().is_multiple_of(order.max(1)), "whole rows");
@@ -135,13 +134,13 @@ impl WithSimd for SubtractGram<'_> {
     }
 }
 
-/// The Cholesky factor of a symmetric positive definite matrix, in its lower triangle; the upper one is not touched.
+/// The Cholesky factor of a symmetric positive definite matrix, in its lower triangle; the upper one is not changed.
 ///
 /// # Errors
 /// The index of a pivot that is not positive.
 ///
 /// # Panics
-/// Where the matrix is not square.
+/// If the matrix is not square.
 pub fn cholesky_in_place(matrix: &mut Matrix) -> Result<(), NotPositiveDefinite> {
     assert_eq!(matrix.rows, matrix.columns, "a square matrix");
     let order = matrix.rows;
@@ -181,7 +180,7 @@ fn transpose(matrix: &mut Matrix) {
 /// The index of a pivot that is not positive.
 ///
 /// # Panics
-/// Where the matrix is not square.
+/// If the matrix is not square.
 pub fn invert_spd(matrix: &Matrix) -> Result<Matrix, NotPositiveDefinite> {
     let order = matrix.rows;
     let mut factor = matrix.clone();

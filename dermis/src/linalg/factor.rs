@@ -1,4 +1,4 @@
-//! The numbers of a sparse Cholesky factorisation.
+//! The numeric part of a sparse Cholesky factorisation.
 
 use super::dense::eliminate;
 use super::matrix::Matrix;
@@ -6,8 +6,8 @@ use super::symbolic::{Supernode, Symbolic};
 use pulp::{Simd, WithSimd};
 use thiserror::Error;
 
-/// Right-hand sides are worked on in groups of this many, the lanes of the widest vectors: a shorter rest would be
-/// done one by one.
+/// Right-hand sides are processed in groups of this size, the lanes of the widest vectors: a smaller remainder would be
+/// processed one by one.
 const LANES: usize = 8;
 
 /// A matrix that is not positive definite.
@@ -18,7 +18,7 @@ pub struct NotPositiveDefinite {
     pub unknown: usize,
 }
 
-/// Memory that factorisations of one pattern share.
+/// Work memory shared by factorisations of one pattern.
 #[derive(Debug, Clone)]
 pub struct Workspace {
     front: Vec<f64>,
@@ -34,7 +34,7 @@ pub struct Factor {
 }
 
 impl Symbolic {
-    /// Memory for [`factor_into`](Self::factor_into).
+    /// Work memory for [`factor_into`](Self::factor_into).
     pub fn workspace(&self) -> Workspace {
         Workspace { front: vec![0.0; self.front_max * self.front_max], stack: vec![0.0; self.stack_max] }
     }
@@ -44,26 +44,26 @@ impl Symbolic {
         Factor { values: vec![0.0; self.value_count], schur: Matrix::zeros(self.kept_count, self.kept_count) }
     }
 
-    /// Factors the matrix whose entries have the given values, in the order in which the pattern listed them.
+    /// Factors the matrix with the given entry values, in the order of the pattern's entries.
     ///
     /// # Errors
     /// A matrix that is not positive definite on the eliminated unknowns.
     ///
     /// # Panics
-    /// Where the number of values is not the pattern's.
+    /// If the number of values differs from the pattern's.
     pub fn factor(&self, values: &[f64]) -> Result<Factor, NotPositiveDefinite> {
         let mut factor = self.empty_factor();
         self.factor_into(values, &mut factor, &mut self.workspace())?;
         Ok(factor)
     }
 
-    /// [`factor`](Self::factor) into memory of the caller.
+    /// [`factor`](Self::factor) into the caller's memory.
     ///
     /// # Errors
     /// A matrix that is not positive definite on the eliminated unknowns.
     ///
     /// # Panics
-    /// Where the number of values is not the pattern's, or the memory another pattern's.
+    /// If the number of values differs from the pattern's, or the memory is of another pattern.
     pub fn factor_into(
         &self,
         values: &[f64],
@@ -110,7 +110,7 @@ impl Symbolic {
         Ok(())
     }
 
-    /// Adds the update on top of the stack, which is `child`'s, to a front; returns its size.
+    /// Adds the update on top of the stack, which belongs to `child`, to a front; returns its size.
     #[inline(always)]
     fn extend_add(&self, child: &Supernode, stack: &[f64], front: &mut [f64], height: usize) -> usize {
         let rows = child.rows.len();
@@ -151,14 +151,14 @@ impl Factor {
         &self.schur
     }
 
-    /// Given the kept unknowns' values, the eliminated ones' that make their equations homogeneous:
+    /// Given the values of the kept unknowns, computes the eliminated ones that make their equations homogeneous:
     /// `A_ii x_i + A_ik x_k = 0`.
     ///
-    /// `x` holds a row per unknown, in the caller's order, and a column per problem; the last rows are given, the rest
-    /// is filled.
+    /// `x` has a row per unknown, in the caller's order, and a column per problem; the last rows are given, the others
+    /// are computed.
     ///
     /// # Panics
-    /// Where `x` has the wrong number of rows.
+    /// If `x` has the wrong number of rows.
     pub fn extend_homogeneous(&self, symbolic: &Symbolic, x: &mut Matrix) {
         assert_eq!(x.rows, symbolic.unknown_count, "a row per unknown");
         let interior = symbolic.unknown_count - symbolic.kept_count;
@@ -169,7 +169,7 @@ impl Factor {
     /// Solves `A x = b` in place for a matrix without kept unknowns; a row per unknown, a column per problem.
     ///
     /// # Panics
-    /// Where unknowns are kept or `x` has the wrong number of rows.
+    /// If there are kept unknowns or `x` has the wrong number of rows.
     pub fn solve_in_place(&self, symbolic: &Symbolic, x: &mut Matrix) {
         assert_eq!(symbolic.kept_count, 0, "no unknown kept");
         assert_eq!(x.rows, symbolic.unknown_count, "a row per unknown");
@@ -177,11 +177,11 @@ impl Factor {
         self.back_substitute(symbolic, x);
     }
 
-    /// Solves `A_ii x_i = b_i` in place on the eliminated unknowns, the kept ones held at zero; a row per unknown, a
-    /// column per problem.
+    /// Solves `A_ii x_i = b_i` in place on the eliminated unknowns, with the kept ones fixed at zero; a row per
+    /// unknown, a column per problem.
     ///
     /// # Panics
-    /// Where `x` has the wrong number of rows.
+    /// If `x` has the wrong number of rows.
     pub fn solve_grounded(&self, symbolic: &Symbolic, x: &mut Matrix) {
         assert_eq!(x.rows, symbolic.unknown_count, "a row per unknown");
         self.forward_substitute(symbolic, x);
@@ -190,17 +190,17 @@ impl Factor {
         self.back_substitute(symbolic, x);
     }
 
-    /// Half a solve: with `A_ii = L L'`, the eliminated unknowns become `L^-1 b_i` and the kept ones
+    /// Forward substitution: with `A_ii = L L'`, the eliminated unknowns become `L^-1 b_i` and the kept ones
     /// `b_k - A_ki A_ii^-1 b_i`; a row per unknown, a column per problem.
     ///
     /// # Panics
-    /// Where `x` has the wrong number of rows.
+    /// If `x` has the wrong number of rows.
     pub fn half_solve(&self, symbolic: &Symbolic, x: &mut Matrix) {
         assert_eq!(x.rows, symbolic.unknown_count, "a row per unknown");
         self.forward_substitute(symbolic, x);
     }
 
-    /// `x <- L^-1 x` on the eliminated unknowns, whose share is taken out of the kept ones.
+    /// `x <- L^-1 x` on the eliminated unknowns; their contribution is subtracted from the kept ones.
     fn forward_substitute(&self, symbolic: &Symbolic, x: &mut Matrix) {
         let stride = x.columns.next_multiple_of(LANES);
         let mut buffer = vec![0.0; symbolic.front_max * stride];
@@ -221,8 +221,8 @@ impl Factor {
     }
 }
 
-// The loops below are compiled once per instruction set (`pulp` calls them inside a function with the features on); a
-// closure would be compiled without.
+// The loops below are compiled once per instruction set (`pulp` calls them inside a function with the features
+// enabled); a closure would be compiled without the features.
 
 struct Eliminate<'a> {
     symbolic: &'a Symbolic,
@@ -253,7 +253,7 @@ impl WithSimd for ForwardSubstitute<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        // Right-hand sides with few entries leave most of the tree at zero.
+        // For right-hand sides with few entries, most of the tree stays zero.
         let mut reached = vec![false; self.symbolic.supernodes.len()];
         for (index, supernode) in self.symbolic.supernodes.iter().enumerate() {
             let children = &self.symbolic.children[supernode.children.clone()];
@@ -291,7 +291,7 @@ impl WithSimd for BackSubstitute<'_> {
     }
 }
 
-/// Solves a supernode's rows and takes their share out of the rows below.
+/// Solves a supernode's rows and subtracts their contribution from the rows below.
 #[inline(always)]
 fn forward_block(block: &[f64], supernode: &Supernode, buffer: &mut [f64], stride: usize) {
     let height = supernode.height();
@@ -306,7 +306,7 @@ fn forward_block(block: &[f64], supernode: &Supernode, buffer: &mut [f64], strid
     }
 }
 
-/// Takes the share of the rows below out of a supernode's rows, and solves them.
+/// Subtracts the contribution of the rows below from a supernode's rows, and solves them.
 #[inline(always)]
 fn backward_block(block: &[f64], supernode: &Supernode, buffer: &mut [f64], stride: usize) {
     let height = supernode.height();
@@ -325,7 +325,7 @@ fn backward_block(block: &[f64], supernode: &Supernode, buffer: &mut [f64], stri
     }
 }
 
-/// Takes multiples of many rows out of `COUNT` columns of one, which stay in registers meanwhile.
+/// Subtracts multiples of many rows from `COUNT` columns of one row, which stay in registers meanwhile.
 #[inline(always)]
 fn subtract_rows<const COUNT: usize>(solved: &mut [f64], factors: &[f64], rows: &[f64], first: usize, stride: usize) {
     let Some(target) = solved[first..].first_chunk_mut::<COUNT>() else { return };

@@ -26,7 +26,7 @@ impl Matrix {
         &self.values[row * self.columns..(row + 1) * self.columns]
     }
 
-    /// One row, to change.
+    /// One row, mutable.
     #[inline]
     pub fn row_mut(&mut self, row: usize) -> &mut [f64] {
         &mut self.values[row * self.columns..(row + 1) * self.columns]
@@ -38,16 +38,16 @@ impl Matrix {
         self.values[row * self.columns + column]
     }
 
-    /// One value, to change.
+    /// One value, mutable.
     #[inline]
     pub fn at_mut(&mut self, row: usize, column: usize) -> &mut f64 {
         &mut self.values[row * self.columns + column]
     }
 
-    /// The product with a vector, into `out`.
+    /// The product with a vector, written to `out`.
     ///
     /// # Panics
-    /// Where the lengths do not fit.
+    /// If the lengths do not match.
     pub fn product_into(&self, vector: &[f64], out: &mut [f64]) {
         assert_eq!(vector.len(), self.columns, "vector length");
         assert_eq!(out.len(), self.rows, "output length");

@@ -1,8 +1,8 @@
-//! Sparse Cholesky, symbolic apart from numeric, and small dense algebra.
+//! Sparse Cholesky with separate symbolic and numeric parts, and small dense algebra.
 //!
-//! The sparse matrices of this crate are symmetric and positive definite, share one pattern over many values, and
-//! often end in a few unknowns (the electrodes) of which only the Schur complement is wanted. [`Symbolic`] holds all
-//! that follows from the pattern; [`Factor`] the numbers.
+//! The sparse matrices of this crate are symmetric and positive definite, have one pattern for many sets of values, and
+//! often end with a few unknowns (the electrodes) of which only the Schur complement is needed. [`Symbolic`] contains
+//! the results that depend on the pattern only; [`Factor`] the numbers.
 
 mod assignment;
 mod batch;

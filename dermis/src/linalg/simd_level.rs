@@ -1,13 +1,13 @@
-//! The instruction sets that vector loops are compiled for.
+//! The instruction sets for which vector loops are compiled.
 
 use serde::{Deserialize, Serialize};
 
-/// An instruction set. Results of one level are the same bits on every machine that has it; between levels sums are
-/// rounded differently.
+/// An instruction set. One level gives the same bits on every machine that has it; the rounding of sums differs between
+/// levels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SimdLevel {
-    /// No vectors are assumed.
+    /// No vector instructions.
     Plain,
     /// 256-bit vectors with fused multiply-add (x86-64-v3).
     Avx2,
@@ -18,7 +18,7 @@ pub enum SimdLevel {
 }
 
 impl SimdLevel {
-    /// All levels that this machine has, the best last.
+    /// All levels that this machine supports, the best last.
     pub fn available() -> Vec<SimdLevel> {
         let all = [SimdLevel::Plain, SimdLevel::Neon, SimdLevel::Avx2, SimdLevel::Avx512];
         all.into_iter().filter(|level| level.try_arch().is_some()).collect()
@@ -29,7 +29,7 @@ impl SimdLevel {
         Self::available().last().copied().unwrap_or(SimdLevel::Plain)
     }
 
-    /// How to run code at this level: plain where the machine lacks it.
+    /// The dispatcher for this level; plain code if the machine does not support it.
     pub fn arch(self) -> pulp::Arch {
         self.try_arch().unwrap_or(pulp::Arch::Scalar)
     }

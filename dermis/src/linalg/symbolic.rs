@@ -1,4 +1,4 @@
-//! The part of a sparse Cholesky factorisation that depends on the pattern alone.
+//! The part of a sparse Cholesky factorisation that depends only on the pattern.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::SymbolicSparseColMat;
@@ -7,14 +7,14 @@ use faer::sparse::linalg::amd;
 /// No supernode.
 const NONE: usize = usize::MAX;
 
-/// Supernodes are merged into their parents as long as the zeros this stores stay below a share that falls with the
-/// width: `(columns up to, share)`. A wide front amortises its bookkeeping, a narrow one does not, so narrow ones may
-/// waste more. Measured on 1,000 to 20,000 nodes; the optimum is flat.
+/// Supernodes are merged into their parents as long as the fraction of stored zeros stays below a limit that decreases
+/// with the width: `(columns up to, fraction)`. Narrow fronts have more overhead per column, so they may store more
+/// zeros. Measured on 1,000 to 20,000 nodes; the optimum is flat.
 const MERGE: [(usize, f64); 3] = [(4, 0.8), (16, 0.3), (48, 0.1)];
-/// The share allowed to wider ones.
+/// The limit for wider supernodes.
 const MERGE_WIDE: f64 = 0.05;
 
-/// A run of columns of the factor that share one pattern below their diagonal block.
+/// A sequence of columns of the factor that share one pattern below their diagonal block.
 #[derive(Debug, Clone)]
 pub(super) struct Supernode {
     /// First column and one past the last, in elimination order.
@@ -27,7 +27,7 @@ pub(super) struct Supernode {
     pub entries: std::ops::Range<usize>,
     /// Its children, as a range of [`Symbolic::children`]; in the order in which their updates were pushed.
     pub children: std::ops::Range<usize>,
-    /// Where its rows lie in its parent's front, as a range of [`Symbolic::row_in_parent`].
+    /// The positions of its rows in its parent's front, as a range of [`Symbolic::row_in_parent`].
     pub row_in_parent: std::ops::Range<usize>,
 }
 
@@ -46,8 +46,8 @@ impl Supernode {
 /// Elimination order, supernodes and assembly plan of a symmetric pattern whose last unknowns are kept.
 ///
 /// The first `n - kept` unknowns are eliminated in a fill-reducing order (approximate minimum degree: Amestoy, Davis
-/// and Duff, 1996, DOI 10.1137/S0895479894278952) by the multifrontal method (Duff and Reid, 1983,
-/// DOI 10.1145/356044.356047); of the last `kept` the Schur complement is left.
+/// and Duff, 1996, DOI 10.1137/S0895479894278952) by the multifrontal method (Duff and Reid, 1983, DOI
+/// 10.1145/356044.356047); for the last `kept` the Schur complement is computed.
 #[derive(Debug, Clone)]
 pub struct Symbolic {
     pub(super) unknown_count: usize,
@@ -74,7 +74,7 @@ impl Symbolic {
     /// either triangle.
     ///
     /// # Panics
-    /// Where an index is out of range or `kept_count` exceeds `unknown_count`.
+    /// If an index is out of range or `kept_count` exceeds `unknown_count`.
     pub fn new(unknown_count: usize, kept_count: usize, entries: &[[usize; 2]]) -> Self {
         assert!(kept_count <= unknown_count, "more unknowns kept than there are");
         let interior = unknown_count - kept_count;
@@ -90,7 +90,7 @@ impl Symbolic {
         self.unknown_count
     }
 
-    /// Number of unknowns kept, of which the Schur complement is left.
+    /// Number of kept unknowns, for which the Schur complement is computed.
     pub fn kept_count(&self) -> usize {
         self.kept_count
     }
@@ -100,7 +100,7 @@ impl Symbolic {
         self.entry_count
     }
 
-    /// Number of values in the factor, with the zeros that merging stores.
+    /// Number of values in the factor, including the zeros stored because of merging.
     pub fn value_count(&self) -> usize {
         self.value_count
     }
@@ -176,7 +176,7 @@ impl Symbolic {
         self.supernodes.push(supernode);
     }
 
-    /// For each supernode, where its rows lie in its parent's front (in the kept block for a root).
+    /// For each supernode, the positions of its rows in its parent's front (in the kept block for a root).
     fn place_rows_in_parents(
         &mut self,
         groups: &[std::ops::Range<usize>],
@@ -235,7 +235,7 @@ impl Symbolic {
         }
     }
 
-    /// The most values that updates waiting for their parents ever take.
+    /// The maximum number of values of updates that wait for their parents.
     fn measure_stack(&mut self) {
         let size = |s: &Supernode| s.rows.len() * s.rows.len();
         let mut held = 0;
@@ -347,7 +347,7 @@ fn postorder(order: &[usize], columns: &Columns) -> Vec<usize> {
     reversed.iter().rev().map(|&j| order[j]).chain(order[interior..].iter().copied()).collect()
 }
 
-/// Runs of columns in which each has the pattern of the one before, less itself.
+/// Sequences of columns in which each column has the pattern of the one before without its first entry.
 fn fundamental(columns: &Columns) -> Vec<std::ops::Range<usize>> {
     let mut groups: Vec<std::ops::Range<usize>> = Vec::new();
     for j in 0..columns.parent.len() {
@@ -364,7 +364,7 @@ fn fundamental(columns: &Columns) -> Vec<std::ops::Range<usize>> {
     groups
 }
 
-/// Merges groups into the parents that follow them where few zeros are stored for it.
+/// Merges groups into the parents that follow them if few zeros are stored for it.
 fn merge(groups: Vec<std::ops::Range<usize>>, columns: &Columns) -> Vec<std::ops::Range<usize>> {
     let nonzeros = |group: &std::ops::Range<usize>| group.clone().map(|j| columns.below[j].len() + 1).sum::<usize>();
     let stored = |group: &std::ops::Range<usize>| {

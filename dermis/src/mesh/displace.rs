@@ -4,27 +4,27 @@ use crate::design::{Body, ElectrodeShape, SkinDesign};
 use crate::geom::Point3;
 use crate::mesh::{ElectrodePatch, Mesh};
 
-/// Up to this many radii from its centre everything moves with a disc electrode.
+/// Within this many radii of its centre, all nodes move with a disc electrode.
 const RIGID_RADII: f64 = 1.5;
-/// From this share of the way to the nearest electrode on, nothing moves.
+/// From this fraction of the distance to the nearest electrode on, no node moves.
 const REACH_SHARE: f64 = 0.5;
-/// A disc this near to an edge of the body, in radii, moves along the edge only.
+/// A disc within this many radii of an edge of the body moves along the edge only.
 const EDGE_RADII: f64 = 1.0;
-/// Steepest decay of a displacement: cells are sheared by at most this much.
+/// Maximum slope of a displacement, which limits the shear of cells.
 const STEEPEST: f64 = 0.5;
 
 impl Mesh {
-    /// The nodes of the mesh of a design when its disc electrodes stick elsewhere: electrode `k` has moved by
-    /// `displacements_m[k]`, in the coordinates of [`chart`](crate::geom::Surface::chart) (round and along a cylinder, x
-    /// and y on a flat skin).
+    /// The nodes of a design's mesh with displaced disc electrodes: electrode `k` is displaced by `displacements_m[k]`,
+    /// in the coordinates of [`chart`](crate::geom::Surface::chart) (around and along a cylinder, x and y on a flat
+    /// skin).
     ///
-    /// A disc moves with its surroundings as one piece; farther out the displacement fades smoothly, and ends halfway to
-    /// the next electrode. Discs on the rim of a cylinder move along it; other shapes, discs at the edge of a flat skin and
-    /// those of a body known only by its mesh stay. A displacement too large for the room that there is is cut to what
-    /// shears no cell by more than a half.
+    /// The nodes near a disc move with it; farther out the displacement decreases smoothly to zero halfway to the next
+    /// electrode. Discs on the rim of a cylinder move along it; other shapes, discs at the edge of a flat skin and
+    /// those of a body known only by its mesh do not move. A displacement too large for the available space is limited
+    /// so that no cell is sheared by more than one half.
     ///
     /// # Panics
-    /// Where there is not a displacement for every electrode.
+    /// If the number of displacements differs from the number of electrodes.
     pub fn displaced(&self, design: &SkinDesign, displacements_m: &[[f64; 2]]) -> Vec<Point3> {
         assert_eq!(displacements_m.len(), design.electrodes.len(), "a displacement per electrode");
         let surface = design.body.surface();
@@ -62,7 +62,7 @@ fn fade(x: f64) -> f64 {
     1.0 - x * x * (3.0 - 2.0 * x)
 }
 
-/// Along which axes of the chart an electrode can move; `None` where it cannot.
+/// The axes of the chart along which an electrode can move; `None` if it cannot move.
 fn freedom(design: &SkinDesign, centre_m: Point3, radius_m: f64) -> Option<[f64; 2]> {
     let depth_m = design.body.edge_distance_m(centre_m)?;
     let at_edge = depth_m < EDGE_RADII * radius_m;
@@ -73,7 +73,8 @@ fn freedom(design: &SkinDesign, centre_m: Point3, radius_m: f64) -> Option<[f64;
     }
 }
 
-/// How far from an electrode nodes move: halfway to the next one, and not over the edge if it moves across it.
+/// The radius around an electrode within which nodes move: halfway to the next one, and not beyond the edge if it moves
+/// across it.
 fn reach(design: &SkinDesign, centre_m: Point3, nearest_m: f64, freedom: [f64; 2]) -> f64 {
     let half = REACH_SHARE * nearest_m;
     match design.body.edge_distance_m(centre_m) {

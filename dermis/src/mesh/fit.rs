@@ -1,14 +1,14 @@
-//! Whether a mesh is the mesh of a design.
+//! Checks that a mesh fits a design.
 
 use crate::design::{RegionPlace, SheetKind, SkinDesign};
 use crate::mesh::{Cells, Mesh, MeshError};
 
 impl Mesh {
-    /// Checks that the mesh has what a design names: its electrodes, its regions, a surface for a sheet resistance and a
+    /// Checks that the mesh has the electrodes and regions of a design, and is a surface for a sheet resistance or a
     /// volume for a conductivity.
     ///
     /// # Errors
-    /// What the mesh lacks.
+    /// The missing part.
     pub fn check_fits(&self, design: &SkinDesign) -> Result<(), MeshError> {
         let (kind, has) = match self.cells {
             Cells::Triangles(_) => (SheetKind::Surface, "a surface: state its sheet_resistance_ohm"),
@@ -59,7 +59,7 @@ pattern = "adjacent"
 
     #[test]
     fn what_a_design_names_must_be_in_its_mesh() {
-        // As if the design lay at the root of the workspace.
+        // The design file is in the root of the workspace.
         let name = concat!(env!("CARGO_MANIFEST_DIR"), "/../skin.toml");
         let mesh =
             import::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../data/bodies/sheet_4.1_ascii.msh").as_ref(), 1e-3);

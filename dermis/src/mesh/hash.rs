@@ -22,7 +22,7 @@ impl Fnv {
 
 impl Mesh {
     /// 32 hexadecimal digits that depend on every bit of the mesh: positions, cells, electrodes and regions, in their
-    /// order. It tells meshes apart that data or models were made on; it is no protection against forgery.
+    /// order. They identify the mesh of data or models; they do not protect against forgery.
     pub fn hash(&self) -> String {
         let mut hash = Fnv(Fnv::OFFSET);
         hash.numbers([self.node_count()]);

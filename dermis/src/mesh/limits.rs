@@ -1,4 +1,4 @@
-//! Where a skin can be touched.
+//! The positions at which a skin can be touched.
 
 use crate::geom::vector::{Point3, centroid, distance};
 use crate::geom::{PlaceLimits, Surface};
@@ -8,7 +8,7 @@ impl Mesh {
     /// The centre of an electrode: the mean of its nodes, m.
     ///
     /// # Panics
-    /// Where there is no such electrode.
+    /// If the electrode does not exist.
     pub(crate) fn electrode_centre(&self, electrode: usize) -> Point3 {
         let mut nodes: Vec<usize> = match &self.electrodes[electrode] {
             ElectrodePatch::Cells(cells) => cells.iter().flat_map(|&cell| self.cells.corners(cell)).copied().collect(),
@@ -21,7 +21,7 @@ impl Mesh {
         centroid(&nodes.iter().map(|&node| self.nodes[node]).collect::<Vec<_>>())
     }
 
-    /// The distance from an electrode to its nearest neighbour, of the electrode where it is largest, m.
+    /// The largest distance from an electrode to its nearest neighbour, m.
     pub(crate) fn electrode_spacing_m(&self) -> f64 {
         let centres: Vec<Point3> =
             (0..self.electrodes.len()).map(|electrode| self.electrode_centre(electrode)).collect();
@@ -32,7 +32,7 @@ impl Mesh {
         (0..centres.len()).map(nearest).filter(|spacing_m| spacing_m.is_finite()).fold(0.0, f64::max)
     }
 
-    /// The places that touches can have on a body of this mesh: on it, or off it by less than the electrodes' spacing.
+    /// The possible positions of touches on a body of this mesh: on it, or off it by less than the electrode spacing.
     pub fn place_limits(&self, surface: Surface) -> PlaceLimits {
         let margin_m = self.electrode_spacing_m();
         match &self.cells {
@@ -53,7 +53,8 @@ mod tests {
     fn touches_may_lie_off_the_skin_by_the_spacing_of_its_electrodes() {
         let design = SkinDesign::shipped("cylinder30").unwrap();
         let mesh = Mesh::generate(&design).unwrap();
-        // The rings are 60 mm apart; neighbours on a ring and across rings are not nearer than 58.8 mm (a chord of 72 degrees).
+        // The rings are 60 mm apart; neighbours on a ring and across rings are at least 58.8 mm apart (a chord of 72
+        // degrees).
         let spacing_m = mesh.electrode_spacing_m();
         assert!((0.05..0.06).contains(&spacing_m), "{spacing_m}");
         let limits = mesh.place_limits(design.body.surface());

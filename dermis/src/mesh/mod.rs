@@ -24,21 +24,21 @@ pub enum MeshError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: std::io::Error,
     },
-    /// A file that is not what its name says.
+    /// A file that is not of the format of its name.
     #[error("{}: {message}", path.display())]
     File {
         /// The file.
         path: PathBuf,
-        /// What is wrong and where, and the fix.
+        /// The problem, its place, and the fix.
         message: String,
     },
-    /// A mesh that no forward problem can be solved on.
+    /// A mesh on which no forward problem can be solved.
     #[error("{0}")]
     Invalid(String),
-    /// A design that no mesh can be made for.
+    /// A design for which no mesh can be generated.
     #[error("{0}")]
     Generate(String),
 }
@@ -61,7 +61,7 @@ impl Cells {
         }
     }
 
-    /// Whether there is no cell.
+    /// Whether there are no cells.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -75,7 +75,7 @@ impl Cells {
     }
 }
 
-/// The part of a mesh that an electrode touches.
+/// The part of a mesh covered by an electrode.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ElectrodePatch {
     /// Whole triangles of a surface mesh, by cell index.
@@ -95,7 +95,7 @@ pub struct Mesh {
     pub nodes: Vec<Point3>,
     /// The cells.
     pub cells: Cells,
-    /// What each electrode touches, in the order of the electrodes.
+    /// The patch of each electrode, in the order of the electrodes.
     pub electrodes: Vec<ElectrodePatch>,
     /// Named groups of cells, by cell index (from a file's physical groups; empty on generated meshes).
     pub regions: Vec<(String, Vec<usize>)>,

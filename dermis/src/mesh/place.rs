@@ -6,23 +6,24 @@ use crate::design::{Electrode, ElectrodeShape, MeshOptions};
 use crate::geom::vector::{self, Point3, add, distance, normalize, scale, sub};
 use crate::geom::{TriangleTree, vector::triangle_area};
 
-/// A centre may lie this far off the surface, or as far as its electrode's radius: points are copied from drawings by
-/// hand, to a tenth of a millimetre or so.
+/// A centre may be off the surface by this distance, or by its electrode's radius if that is larger: points are often
+/// copied by hand, to about a tenth of a millimetre.
 const LEAST_REACH_M: f64 = 1e-3;
 
-/// An outline has at least this many edges to its radius; with two, a disc is a dodecagon that lacks 4.5 % of its area.
+/// Minimum number of edges per radius of an outline; with two, a disc is a dodecagon with 4.5 % less area.
 const LEAST_EDGES_PER_RADIUS: f64 = 2.0;
 
-/// Most triangles of a remeshed surface, as many as the mesh of a design may have.
+/// Maximum number of triangles of a remeshed surface, the same as for the mesh of a design.
 const MOST_TRIANGLES: usize = 2_000_000;
 
-/// Rounds of remeshing before the electrodes are cut out, and after. Botsch and Kobbelt find 5 to 10 enough.
+/// Iterations of remeshing before the electrodes are cut out, and after. According to Botsch and Kobbelt 5 to 10 are
+/// enough.
 const ROUNDS: usize = 6;
 
-/// The surface with electrodes, remeshed to the sizes asked for.
+/// The surface with electrodes, remeshed to the sizes of the design.
 ///
-/// A disc is what a ball of its radius round its centre, brought onto the surface, cuts out of the surface: its outline
-/// becomes edges. A ball's cut of a sphere has just the area `pi r^2`.
+/// A disc is the intersection of the surface with a ball of its radius around its centre, projected onto the surface:
+/// its outline becomes edges. On a sphere this has exactly the area `pi r^2`.
 pub(super) fn electrodes(surface: &Mesh, electrodes: &[Electrode], options: MeshOptions) -> Result<Mesh, MeshError> {
     let Cells::Triangles(triangles) = &surface.cells else {
         return Err(MeshError::Generate(
@@ -35,7 +36,7 @@ pub(super) fn electrodes(surface: &Mesh, electrodes: &[Electrode], options: Mesh
     let sizes = Sizes::new(surface, &spots, options);
     let size = |point: Point3| sizes.at(point);
     let onto_curve = |point: Point3, curve: Curve| match curve {
-        // The middle of a straight piece of a crease is on it.
+        // The midpoint of a straight part of a crease is on it.
         Curve::Crease => point,
         Curve::Outline(electrode) => onto_outline(&tree, &spots[electrode], point),
     };
@@ -56,7 +57,7 @@ pub(super) fn electrodes(surface: &Mesh, electrodes: &[Electrode], options: Mesh
     Ok(mesh)
 }
 
-/// The regions of the surface on its new cells: a cell belongs where its centre does.
+/// The regions of the surface on its new cells: a cell belongs to the region of its centre.
 fn regions(surface: &Mesh, tree: &TriangleTree, mesh: &Mesh) -> Vec<(String, Vec<usize>)> {
     if surface.regions.is_empty() {
         return Vec::new();
@@ -81,7 +82,7 @@ fn too_fine() -> MeshError {
     ))
 }
 
-/// An electrode's place on the surface.
+/// An electrode's position on the surface.
 #[derive(Debug, Clone, Copy)]
 struct Spot {
     centre: Point3,
@@ -89,7 +90,7 @@ struct Spot {
     radius_m: Option<f64>,
 }
 
-/// The centres of the electrodes, brought onto the surface.
+/// The centres of the electrodes, projected onto the surface.
 fn spots(tree: &TriangleTree, electrodes: &[Electrode]) -> Result<Vec<Spot>, MeshError> {
     let mut spots = Vec::new();
     for (index, electrode) in electrodes.iter().enumerate() {
@@ -104,7 +105,7 @@ fn spots(tree: &TriangleTree, electrodes: &[Electrode]) -> Result<Vec<Spot>, Mes
         };
         let nearest = tree.nearest(electrode.centre_m);
         let reach_m = radius_m.unwrap_or(0.0).max(LEAST_REACH_M);
-        // A centre that is no number is infinitely far.
+        // A centre that is not a number has infinite distance.
         if nearest.distance_m > reach_m {
             let message = format!(
                 "electrode {index}: its centre {:?} m lies {:.4} m off the body, more than {reach_m} m; the nearest point \
@@ -136,7 +137,7 @@ fn check_apart(spots: &[Spot]) -> Result<(), MeshError> {
     Ok(())
 }
 
-/// The wanted edge lengths: those of an outline there, growing with the distance from it.
+/// The target edge lengths: that of the nearest outline, growing with the distance from it.
 struct Sizes<'a> {
     area_m2: f64,
     spots: &'a [Spot],
@@ -148,7 +149,7 @@ struct Sizes<'a> {
 impl<'a> Sizes<'a> {
     fn new(surface: &Mesh, spots: &'a [Spot], options: MeshOptions) -> Self {
         let area_m2: f64 = (0..surface.cell_count()).map(|cell| surface.cell_measure(cell)).sum();
-        // Without a length asked for, the same as on generated bodies: a fiftieth of the side of a square of its area.
+        // The default is the same as on generated bodies: a fiftieth of the side of a square of the same area.
         let longest_m = if options.max_edge_m.is_finite() { options.max_edge_m } else { area_m2.sqrt() / 50.0 };
         let asked_m = options.electrode_edge_m.min(longest_m);
         let outline_m = spots.iter().map(|spot| match spot.radius_m {
@@ -158,8 +159,8 @@ impl<'a> Sizes<'a> {
         Sizes { area_m2, spots, longest_m, outline_m: outline_m.collect(), growth: options.growth }
     }
 
-    /// Refuses lengths that make no mesh, and at once what would take minutes to fail: even triangles of the longest
-    /// edge are too many already.
+    /// Refuses invalid lengths, and also those that would fail only after minutes: equilateral triangles of the longest
+    /// edge length would already be too many.
     fn check(&self) -> Result<(), MeshError> {
         let lengths_m = self.outline_m.iter().chain([&self.longest_m]);
         for &length_m in lengths_m {
@@ -188,8 +189,8 @@ impl<'a> Sizes<'a> {
 fn onto_outline(tree: &TriangleTree, spot: &Spot, point: Point3) -> Point3 {
     let Some(radius_m) = spot.radius_m else { return spot.centre };
     let mut at = point;
-    // Going to and fro between ball and surface; where they cross steeply each pass gains digits, and what is left of
-    // the distance after the last is no more than the chord's own error.
+    // Alternating projections onto ball and surface; where they intersect steeply each iteration adds digits, and the
+    // distance after the last one is within the chord's own error.
     for _ in 0..30 {
         let on_ball = add(spot.centre, scale(normalize(sub(at, spot.centre)), radius_m));
         at = tree.nearest(on_ball).point;
@@ -200,7 +201,7 @@ fn onto_outline(tree: &TriangleTree, spot: &Spot, point: Point3) -> Point3 {
     at
 }
 
-/// Cuts a disc's outline into the mesh and marks the triangles within.
+/// Cuts a disc's outline into the mesh and marks the triangles inside.
 fn cut_disc(
     editor: &mut MeshEditor,
     tree: &TriangleTree,
@@ -209,7 +210,7 @@ fn cut_disc(
     radius_m: f64,
 ) -> Result<(), MeshError> {
     let height = |editor: &MeshEditor, point: usize| distance(editor.points[point], spot.centre) - radius_m;
-    // Nearer than this to the ball is on it: far below any edge, far above rounding.
+    // Tolerance of the distance from the ball: far below any edge length, far above rounding.
     let on_outline_m = 1e-6 * radius_m;
     snap_to_outline(editor, tree, spot, on_outline_m);
     for [a, b] in editor.edges() {
@@ -253,7 +254,7 @@ fn cut_disc(
 /// Moves points close to the outline onto it, so that cutting leaves no slivers.
 fn snap_to_outline(editor: &mut MeshEditor, tree: &TriangleTree, spot: &Spot, on_outline_m: f64) {
     let radius_m = spot.radius_m.unwrap_or(0.0);
-    // A third of the way to the next point on the other side.
+    // A third of the distance to the next point on the other side.
     const NEAR: f64 = 1.0 / 3.0;
     for point in 0..editor.points.len() {
         if !editor.is_free(point) || editor.around(point).is_empty() {
@@ -275,7 +276,7 @@ fn snap_to_outline(editor: &mut MeshEditor, tree: &TriangleTree, spot: &Spot, on
     }
 }
 
-/// Where a straight edge crosses the ball: the root of `|a + t (b - a) - c| = r` between its ends.
+/// The intersection of a straight edge with the ball: the root of `|a + t (b - a) - c| = r` between its ends.
 fn crossing(a: Point3, b: Point3, centre: Point3, radius_m: f64) -> Point3 {
     let (mut inside, mut outside) = if distance(a, centre) < radius_m { (a, b) } else { (b, a) };
     for _ in 0..60 {
@@ -289,8 +290,8 @@ fn crossing(a: Point3, b: Point3, centre: Point3, radius_m: f64) -> Point3 {
     outside
 }
 
-/// The triangles inside the outline that hang together with the one at the centre: a ball can also reach a far side of
-/// a thin body.
+/// The triangles inside the outline that are connected with the one at the centre: a ball can also contain a part of
+/// the far side of a thin body.
 fn connected_disc(editor: &MeshEditor, spot: &Spot, is_inside: impl Fn(&MeshEditor, usize) -> bool) -> Vec<usize> {
     let offset = |triangle: usize| {
         let nearest = crate::geom::surface::nearest_on_triangle(spot.centre, editor.corners(triangle));
@@ -315,7 +316,7 @@ fn connected_disc(editor: &MeshEditor, spot: &Spot, is_inside: impl Fn(&MeshEdit
     disc
 }
 
-/// Makes curves of the edges between a disc and the rest, and pins the points where they meet a crease.
+/// Marks the edges between a disc and the rest as curves, and pins the points where they intersect a crease.
 fn mark_outline(editor: &mut MeshEditor, electrode: usize, disc: &[usize]) {
     for &triangle in disc {
         let [a, b, c] = editor.triangles[triangle];
@@ -337,12 +338,13 @@ fn mark_outline(editor: &mut MeshEditor, electrode: usize, disc: &[usize]) {
     }
 }
 
-/// Puts a point electrode's node where it belongs: the nearest point of the mesh is moved there, or a new one made.
+/// Creates a point electrode's node at its position: the nearest point of the mesh is moved there, or a new one is
+/// inserted.
 fn put_point(editor: &mut MeshEditor, spot: &Spot, size: &dyn Fn(Point3) -> f64) {
     let offset = |&point: &usize| distance(editor.points[point], spot.centre);
     let near = (0..editor.points.len()).filter(|&point| !editor.around(point).is_empty());
     let nearest = near.min_by(|a, b| offset(a).total_cmp(&offset(b)));
-    // Nearer than this a point of its own would make an edge that is too short.
+    // Closer than this, a new point would make too short an edge.
     if let Some(point) = nearest.filter(|point| offset(point) < 0.4 * size(spot.centre))
         && (editor.points[point] == spot.centre || (editor.is_free(point) && editor.shift(point, spot.centre)))
     {
@@ -363,12 +365,12 @@ fn put_point(editor: &mut MeshEditor, spot: &Spot, size: &dyn Fn(Point3) -> f64)
     }
 }
 
-/// The edge of a triangle on which a point lies, as good as.
+/// The edge of a triangle on which a point is located, within a tolerance.
 fn nearest_edge(editor: &MeshEditor, triangle: usize, point: Point3) -> Option<[usize; 2]> {
     let [a, b, c] = editor.triangles[triangle];
     let whole = triangle_area(editor.corners(triangle));
     [[a, b], [b, c], [c, a]].into_iter().find(|&[from, to]| {
-        // A hundredth of the height: a triangle of its own there would be a sliver.
+        // A hundredth of the height: with a smaller distance an own triangle would be a sliver.
         triangle_area([editor.points[from], editor.points[to], point]) < 0.01 * whole
     })
 }

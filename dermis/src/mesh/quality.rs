@@ -1,14 +1,15 @@
-//! What a mesh is like: counts, angles, edges, and each electrode against its design.
+//! Mesh quality: counts, angles, edges, and each electrode compared with its design.
 
 use crate::design::{Body, Electrode, ElectrodeShape, SkinDesign};
 use crate::geom::vector::{Point3, distance, dot, norm, sub, triangle_area};
 use crate::mesh::{ElectrodePatch, Mesh};
 use std::f64::consts::{PI, TAU};
 
-/// Directions in which a clipped disc is measured: the area's error falls with their square, to 1e-8 of it here.
+/// Number of directions in which a clipped disc is measured: the relative error of the area decreases with its square,
+/// here to 1e-8.
 const DIRECTIONS: usize = 20_000;
 
-/// A mesh in numbers.
+/// Statistics of a mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeshReport {
     /// Number of nodes.
@@ -21,7 +22,7 @@ pub struct MeshReport {
     pub shortest_edge_m: f64,
     /// Longest edge, m.
     pub longest_edge_m: f64,
-    /// Each electrode, in their order.
+    /// The size of each electrode, in their order.
     pub electrodes: Vec<ElectrodeReport>,
 }
 
@@ -30,7 +31,7 @@ pub struct MeshReport {
 pub struct ElectrodeReport {
     /// Area (m2) of a patch of cells or faces, length (m) of edges, 0 for a point.
     pub size: f64,
-    /// The same of the designed outline, clipped at the body's edges; `None` where the design does not tell: points,
+    /// The size of the designed outline, clipped at the body's edges; `None` if the design does not define it: points,
     /// groups, and discs on a body known only by its mesh.
     pub designed_size: Option<f64>,
 }
@@ -70,7 +71,7 @@ impl MeshReport {
         }
     }
 
-    /// Lowest and highest ratio of an electrode's size to its designed one; `None` where no design tells.
+    /// Lowest and highest ratio of an electrode's size to its designed one; `None` if the design defines no sizes.
     pub fn electrode_ratios(&self) -> Option<[f64; 2]> {
         let ratios = self.electrodes.iter().filter_map(ElectrodeReport::ratio);
         ratios.fold(None, |range, ratio| {
@@ -106,7 +107,7 @@ fn designed_size(body: &Body, electrode: &Electrode) -> Option<f64> {
     match electrode.shape {
         ElectrodeShape::Arc { length_m } => Some(length_m),
         ElectrodeShape::Disc { radius_m } => {
-            // Bodies are convex when unrolled, so what is left of a disc is seen whole from its centre.
+            // Bodies are convex when unrolled, so the clipped disc is star-shaped about its centre.
             let step = TAU / DIRECTIONS as f64;
             let mut twice = 0.0;
             for k in 0..DIRECTIONS {
@@ -119,7 +120,7 @@ fn designed_size(body: &Body, electrode: &Electrode) -> Option<f64> {
     }
 }
 
-/// How far the edge of an unrolled body is in a direction; `None` for a body known only by its mesh.
+/// The distance to the edge of an unrolled body in a direction; `None` for a body known only by its mesh.
 fn reach_m(body: &Body, centre: Point3, angle: f64) -> Option<f64> {
     let (sin, cos) = angle.sin_cos();
     let along =

@@ -4,17 +4,17 @@ use crate::geom::vector::{Point3, cross, longest_edge, sub, tetrahedron_volume};
 use crate::mesh::{Cells, ElectrodePatch, Mesh, MeshError};
 use std::collections::{BTreeMap, HashMap};
 
-/// A triangle whose height is less than this part of its longest edge has no area but for rounding; likewise a
-/// tetrahedron whose volume is less than this part of its longest edge cubed.
+/// A triangle whose height is less than this fraction of its longest edge is degenerate, as its area is a rounding
+/// error; likewise a tetrahedron whose volume is less than this fraction of its longest edge cubed.
 const FLAT: f64 = 1e-10;
 
 impl Mesh {
     /// Checks that a forward problem can be solved on this mesh.
     ///
     /// # Errors
-    /// A node that is not finite or belongs to no cell; an index out of range; a cell without area or turned inside
-    /// out; an edge of more than two triangles (a face of more than two tetrahedra); a tear, where two boundary nodes
-    /// lie at one place; an electrode without faces, or two on one cell; a part of the mesh without an electrode.
+    /// A node that is not finite or belongs to no cell; an index out of range; a cell without area or inverted; an edge
+    /// of more than two triangles (a face of more than two tetrahedra); a crack, where two boundary nodes have the same
+    /// position; an electrode without faces, or two on one cell; a part of the mesh without an electrode.
     pub fn validate(&self) -> Result<(), MeshError> {
         self.check_indices()?;
         self.check_nodes()?;
@@ -94,7 +94,7 @@ impl Mesh {
             if relative < -FLAT {
                 return invalid(format!("cell {cell} is inverted: its volume is negative"));
             }
-            // The NaN of a cell whose corners are one point has no area either.
+            // A cell whose corners coincide gives NaN, which also counts as no area.
             if relative.is_nan() || relative <= FLAT {
                 return invalid(format!("cell {cell} has no {what}"));
             }
@@ -105,7 +105,7 @@ impl Mesh {
         }
     }
 
-    /// In a plane, triangles that run the other way round than the most are folded over.
+    /// In a plane, triangles of the less frequent orientation are folded over.
     fn check_flat_orientation(&self, cells: &[[usize; 3]]) -> Result<(), MeshError> {
         let normal = |corners: &[usize; 3]| {
             let [a, b, c] = corners.map(|node| self.nodes[node]);
@@ -125,7 +125,7 @@ impl Mesh {
         }
     }
 
-    /// Two boundary nodes at one place are a crack that current cannot cross.
+    /// Two boundary nodes at the same position are a crack that current cannot cross.
     fn check_tears(&self, boundary: &BTreeMap<Vec<usize>, usize>) -> Result<(), MeshError> {
         let mut at: HashMap<[u64; 3], usize> = HashMap::new();
         let mut seen = vec![false; self.node_count()];
@@ -133,7 +133,7 @@ impl Mesh {
             if std::mem::replace(&mut seen[node], true) {
                 continue;
             }
-            // Adding zero makes the two zeros one.
+            // Adding zero converts -0.0 to 0.0.
             let place = self.nodes[node].map(|x| (x + 0.0).to_bits());
             if let Some(other) = at.insert(place, node) {
                 let (low, high) = (other.min(node), other.max(node));
@@ -247,7 +247,8 @@ fn triangle_edges(cells: &[[usize; 3]]) -> HashMap<[usize; 2], Vec<usize>> {
     edges
 }
 
-/// The edges of one triangle, each with it, after a check that all others have two that agree which side is outside.
+/// The edges that belong to one triangle, with the triangle; also checks that all other edges have two triangles of
+/// consistent orientation.
 fn triangle_boundary(cells: &[[usize; 3]]) -> Result<BTreeMap<Vec<usize>, usize>, MeshError> {
     let mut directed: BTreeMap<[usize; 2], usize> = BTreeMap::new();
     for (edge, owners) in triangle_edges(cells) {
@@ -272,7 +273,7 @@ fn triangle_boundary(cells: &[[usize; 3]]) -> Result<BTreeMap<Vec<usize>, usize>
     Ok(open.map(|(edge, &cell)| (sorted(edge), cell)).collect())
 }
 
-/// The faces of one tetrahedron, each with it, after a check that none has more than two.
+/// The faces that belong to one tetrahedron, with the tetrahedron; also checks that no face has more than two.
 fn tetrahedron_boundary(cells: &[[usize; 4]]) -> Result<BTreeMap<Vec<usize>, usize>, MeshError> {
     let mut faces: BTreeMap<Vec<usize>, Vec<usize>> = BTreeMap::new();
     for (cell, &[a, b, c, d]) in cells.iter().enumerate() {
@@ -291,7 +292,7 @@ fn tetrahedron_boundary(cells: &[[usize; 4]]) -> Result<BTreeMap<Vec<usize>, usi
 mod tests {
     use super::*;
 
-    /// A square of four triangles round a middle node, electrodes on two of its edges.
+    /// A square of four triangles around a central node, electrodes on two of its edges.
     fn square() -> Mesh {
         Mesh {
             nodes: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [0.5, 0.5, 0.0]],

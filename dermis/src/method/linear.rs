@@ -1,4 +1,5 @@
-//! The methods that every skin has: one step with a prior, and the iterative and trained methods of the field.
+//! The methods available for every skin: one step with a prior, and the iterative and trained methods of the
+//! literature.
 
 use crate::method::{Method, MethodError, MethodOptions};
 use crate::reconstruct::{
@@ -11,7 +12,7 @@ use std::sync::Arc;
 /// Their names.
 pub(super) const NAMES: [&str; 6] = ["noser", "laplace", "tikhonov", "gauss-newton", "tv", "greit"];
 
-/// The one that is used where none is asked for.
+/// The default method.
 pub(super) fn default_name(skin: &Skin) -> &'static str {
     match default_prior(skin.design()) {
         Prior::Laplace => "laplace",
@@ -20,7 +21,7 @@ pub(super) fn default_name(skin: &Skin) -> &'static str {
     }
 }
 
-/// Prepares the linear method of a name; `None` for any other name.
+/// Prepares the linear method with this name; `None` for any other name.
 pub(super) fn method(skin: &Skin, name: &str, options: &MethodOptions) -> Result<Option<Method>, MethodError> {
     let noser = Prior::Noser { exponent: options.noser_exponent };
     let one_step = |prior: Prior| Method::from_one_step(name, skin, one_step_options(prior, skin, options));

@@ -10,7 +10,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! A crate that knows more methods, as `dermis-learn` does, adds them with [`Methods::with`].
+//! A crate with more methods, such as `dermis-learn`, adds them with [`Methods::with`].
 
 mod linear;
 mod options;
@@ -40,7 +40,7 @@ pub enum MethodError {
         name: String,
         /// The design's name.
         skin: String,
-        /// The names that there are.
+        /// The available names.
         known: Vec<String>,
     },
     /// An option that the method does not have.
@@ -71,7 +71,7 @@ impl MethodError {
     }
 }
 
-/// A reconstruction method prepared for a skin, with how contacts are detected in its images.
+/// A reconstruction method prepared for a skin, with the detection options for its images.
 #[derive(Clone)]
 pub struct Method {
     name: String,
@@ -80,7 +80,7 @@ pub struct Method {
     alpha: Option<f64>,
     alpha_rule: Option<AlphaRule>,
     card: Option<String>,
-    /// What a one-step method is made from; it is made again without the channels that are left out.
+    /// The parameters of a one-step method, to prepare it again without masked channels.
     one_step: Option<OneStepOptions>,
 }
 
@@ -91,7 +91,7 @@ impl fmt::Debug for Method {
 }
 
 impl Method {
-    /// A method under a name. `label` describes it in tables and pictures.
+    /// A method with a name. `label` describes it in tables and plots.
     pub fn new(name: impl Into<String>, label: impl Into<String>, reconstruct: Arc<dyn Reconstruct>) -> Self {
         Method {
             name: name.into(),
@@ -104,13 +104,13 @@ impl Method {
         }
     }
 
-    /// The same method with its regularization parameter, to be shown beside its label.
+    /// The same method with its regularization parameter, to be shown with its label.
     #[must_use]
     pub fn with_alpha(self, alpha: f64) -> Self {
         Method { alpha: Some(alpha), ..self }
     }
 
-    /// The same method with the card of a network, JSON, which recordings keep.
+    /// The same method with the card of a network, JSON, which is stored in recordings.
     #[must_use]
     pub fn with_card(self, card: String) -> Self {
         Method { card: Some(card), ..self }
@@ -124,17 +124,17 @@ impl Method {
         Ok(Method { alpha_rule, one_step, ..Method::new(name, label, Arc::new(method)).with_alpha(alpha) })
     }
 
-    /// The name that it is selected by: `noser`, `best`, `./my-model`.
+    /// The name by which it is selected: `noser`, `best`, `./my-model`.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Its name for people: "one-step NOSER", "shipped network `best`".
+    /// Its display name: "one-step NOSER", "shipped network `best`".
     pub fn label(&self) -> &str {
         &self.label
     }
 
-    /// Its label and its regularization parameter, with the rule that chose it where the usual rule has no answer.
+    /// Its label and its regularization parameter, with the rule that chose it if the default rule has no solution.
     pub fn description(&self) -> String {
         let alpha = self.alpha.map(|alpha| format!(", alpha {alpha:.4}")).unwrap_or_default();
         let rule = match self.alpha_rule {
@@ -144,7 +144,7 @@ impl Method {
         format!("{}{alpha}{rule}", self.label)
     }
 
-    /// Its regularization parameter, where it has one.
+    /// Its regularization parameter, if it has one.
     pub fn alpha(&self) -> Option<f64> {
         self.alpha
     }
@@ -154,7 +154,7 @@ impl Method {
         self.card.as_deref()
     }
 
-    /// Whether it is a one-step method: one that is prepared again without masked channels.
+    /// Whether it is a one-step method, which can be prepared again without masked channels.
     pub fn is_one_step(&self) -> bool {
         self.one_step.is_some()
     }
@@ -172,7 +172,7 @@ impl Method {
         self.reconstruct.reconstruct(difference)
     }
 
-    /// The noise of its images, from differences of untouched frames from their mean; see [`image_noise`].
+    /// The noise of its images, from differences of untouched frames and their mean; see [`image_noise`].
     ///
     /// # Errors
     /// A reconstruction that fails on a frame.
@@ -180,7 +180,7 @@ impl Method {
         image_noise(self.reconstruct.as_ref(), untouched)
     }
 
-    /// The detector for its images, with the noise that untouched frames show.
+    /// The detector for its images, with the noise measured in untouched frames.
     ///
     /// # Errors
     /// As [`noise`](Self::noise).
@@ -192,7 +192,7 @@ impl Method {
         })
     }
 
-    /// The method for a skin of which some channels are masked. A one-step method is made again without them; for any other
+    /// The method for a skin with some masked channels. A one-step method is prepared again without them; for any other
     /// method their values are predicted from the remaining channels ([`WithoutChannels`]).
     ///
     /// # Errors
@@ -213,32 +213,32 @@ impl Method {
     }
 }
 
-/// A source of methods beside the linear ones.
+/// A source of methods in addition to the linear ones.
 pub trait MethodSource: Send + Sync {
-    /// The names of the methods that it has for a skin, the best first.
+    /// The names of its methods for a skin, the best first.
     ///
     /// # Errors
     /// A shipped file that is damaged.
     fn names(&self, skin: &Skin) -> Result<Vec<String>, MethodError>;
 
-    /// Prepares the method of a name, or of a folder where the name is a path; `None` for a name that it does not know.
+    /// Prepares the method with this name, or of a folder if the name is a path; `None` for an unknown name.
     ///
     /// # Errors
     /// A method that cannot be prepared for the skin.
     fn method(&self, skin: &Skin, name: &str, options: &MethodOptions) -> Result<Option<Method>, MethodError>;
 }
 
-/// The registry: the linear methods, and those of further sources.
+/// The registry: the linear methods, and those of other sources.
 #[derive(Clone, Default)]
 pub struct Methods {
     sources: Vec<Arc<dyn MethodSource>>,
 }
 
 impl Methods {
-    /// The names of the linear methods, which every skin has.
+    /// The names of the linear methods, which are available for every skin.
     pub const LINEAR: [&str; 6] = linear::NAMES;
 
-    /// The linear methods alone.
+    /// The linear methods only.
     pub fn linear() -> Self {
         Self::default()
     }
@@ -253,7 +253,7 @@ impl Methods {
     /// The names of all methods for a skin, the preferred one first.
     ///
     /// # Errors
-    /// A source that cannot tell its names.
+    /// A source whose names cannot be read.
     pub fn names(&self, skin: &Skin) -> Result<Vec<String>, MethodError> {
         let mut names = Vec::new();
         for source in self.sources.iter().rev() {
@@ -265,7 +265,7 @@ impl Methods {
         Ok(names)
     }
 
-    /// The name of the method that is used where none is asked for: the first of [`names`](Self::names).
+    /// The name of the default method: the first of [`names`](Self::names).
     ///
     /// # Errors
     /// As [`names`](Self::names).
@@ -273,8 +273,8 @@ impl Methods {
         Ok(self.names(skin)?.swap_remove(0))
     }
 
-    /// Prepares a method for a skin. `name` is one of [`names`](Self::names), the path of a network's folder (`./my-model`), or
-    /// empty for the [default](Self::default_name).
+    /// Prepares a method for a skin. `name` is one of [`names`](Self::names), the path of a network's folder
+    /// (`./my-model`), or empty for the [default](Self::default_name).
     ///
     /// # Errors
     /// An unknown name, options that the method does not have, a method that does not fit the skin.
@@ -296,7 +296,7 @@ impl Methods {
     }
 }
 
-/// Whether the name of a method is the path of a folder: it has a separator of folders in it.
+/// Whether the name of a method is the path of a folder: it contains a path separator.
 pub fn is_path(name: &str) -> bool {
     name.contains(std::path::is_separator)
 }

@@ -1,22 +1,23 @@
-//! What may be chosen of a method beside its name.
+//! Options of a method.
 
 use crate::frame::Frame;
 use crate::method::MethodError;
 use crate::reconstruct::{Alpha, Difference};
 use crate::skin::Skin;
 
-/// Options of a method. The default of each suits every method; one that a method does not have is an error.
+/// Options of a method. The defaults are valid for every method; an option that a method does not have is an error.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MethodOptions {
     /// Regularization parameter of a linear method.
     pub alpha: Alpha,
-    /// Exponent of the NOSER prior: 0 is Tikhonov's, 1 the original NOSER (Cheney et al. 1990, DOI 10.1002/ima.1850020203).
+    /// Exponent of the NOSER prior: 0 is the Tikhonov prior, 1 the original NOSER (Cheney et al. 1990, DOI
+    /// 10.1002/ima.1850020203).
     pub noser_exponent: f64,
     /// Scaling of the channels of a linear method.
     pub difference: Difference,
-    /// Channels that are left out.
+    /// Channels that are excluded.
     pub excluded: Vec<usize>,
-    /// Measured differences, ohm, for the rules of alpha that look at data ([`Alpha::LCurve`], [`Alpha::Gcv`]).
+    /// Measured differences, ohm, for the rules of alpha that use data ([`Alpha::LCurve`], [`Alpha::Gcv`]).
     pub examples: Vec<Frame>,
 }
 

@@ -1,4 +1,4 @@
-//! Methods prepared for a skin side by side, so that a pipeline can change from one to another between two frames.
+//! Several methods prepared for one skin, so that a pipeline can change the method between two frames.
 
 use crate::method::{Method, MethodError, MethodOptions, Methods};
 use crate::skin::Skin;
@@ -9,16 +9,16 @@ pub struct MethodSet {
     skin: Skin,
     methods: Vec<Method>,
     default_name: String,
-    /// The name of a method that was asked for beside those that stand ready for every skin.
+    /// The name of the additional method.
     extra: Option<String>,
 }
 
-/// The one-step methods that stand ready.
+/// The one-step methods that are always prepared.
 const READY: [&str; 2] = ["noser", "laplace"];
 
 impl MethodSet {
-    /// Prepares the methods of further sources (the shipped networks), NOSER and Laplace, and the method `extra` where it is none
-    /// of these: another linear one, or the folder of a network.
+    /// Prepares the methods of other sources (the shipped networks), NOSER and Laplace, and the method `extra` if it is
+    /// not one of these: another linear one, or the folder of a network.
     ///
     /// # Errors
     /// A method that cannot be prepared.
@@ -48,16 +48,16 @@ impl MethodSet {
         self.methods.iter().map(Method::name)
     }
 
-    /// The method that was asked for beside those that stand ready for every skin.
+    /// The additional method, if any.
     pub fn extra(&self) -> Option<&Method> {
         let name = self.extra.as_deref()?;
         self.methods.iter().find(|method| method.name() == name)
     }
 
-    /// The method of a name; the default one for an empty name.
+    /// The method with this name; the default one for an empty name.
     ///
     /// # Errors
-    /// An unknown name; the error lists those that there are.
+    /// An unknown name; the error lists the available ones.
     pub fn method(&self, name: &str) -> Result<&Method, MethodError> {
         let name = if name.is_empty() { &self.default_name } else { name };
         self.methods.iter().find(|method| method.name() == name).ok_or_else(|| MethodError::Unknown {
@@ -67,7 +67,7 @@ impl MethodSet {
         })
     }
 
-    /// The method that is used where none is asked for.
+    /// The default method.
     pub fn default_method(&self) -> &Method {
         self.method("").expect("the default method is prepared first")
     }

@@ -1,9 +1,9 @@
-//! The baseline: the untouched frame, and how it follows drift.
+//! The baseline: the untouched frame and its drift correction.
 //!
-//! While nothing touches, the baseline follows the frame itself. Under a touch it follows only the drift of the coating's
-//! conductance (as a whole and along each axis) and of each electrode's contact. Their amounts in a frame are fitted together
-//! with the touch (least squares with a prior variance for each), and only their change from the beginning of the touch
-//! counts, so that a long press does not fade.
+//! Without a touch, the baseline follows the frame itself. During a touch it follows only the drift of the coating's
+//! conductance (as a whole and along each axis) and of each electrode's contact. Their amounts in a frame are fitted
+//! together with the touch (least squares with a prior variance for each), and only their change since the start of the
+//! touch counts, so that a long press does not fade.
 
 use crate::forward::Matrix;
 use crate::geom::{Point3, Surface};
@@ -11,36 +11,36 @@ use crate::pipeline::drift::{DriftFitter, FitQuestion};
 use crate::pipeline::error::PipelineError;
 use serde::{Deserialize, Serialize};
 
-/// Time constant with which the untouched baseline follows the frame, s: slower than any press rises, faster than a coating
-/// warms.
+/// Time constant with which the untouched baseline follows the frame, s: slower than the rise of a press, faster than
+/// the thermal drift of a coating.
 const FOLLOW_S: f64 = 10.0;
 /// Time constant of the fitted drift under a touch, s.
 const FIT_S: f64 = 2.0;
-/// Drift is fitted once the contacts have stayed in place for so long, s.
+/// Drift is fitted once the contacts have been stationary for this time, s.
 const SETTLE_S: f64 = 1.0;
-/// The fit is requested once they have stayed in place for so long, s.
+/// The fit is requested once they have been stationary for this time, s.
 const PREPARE_S: f64 = 0.5;
-/// The fits of the first so many seconds are averaged: they are the reference, from which drift is counted, s.
+/// The fits during this first time are averaged: they are the reference for the drift, s.
 const REFERENCE_S: f64 = 0.5;
 /// A contact that moves farther than this is another touch, m.
 const MOVED_M: f64 = 0.005;
 
-/// The untouched frame now.
+/// The current untouched frame.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Baseline {
     values_ohm: Vec<f64>,
     hold: Option<Hold>,
 }
 
-/// A touch that stays in place, and the drift since it began.
+/// A stationary touch, and the drift since its start.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Hold {
     /// Positions of its contacts, m.
     #[serde(rename = "places")]
     positions_m: Vec<Point3>,
-    /// When it began, s on the clock of the frames.
+    /// Its start time, s on the clock of the frames.
     since_s: f64,
-    /// The baseline when it began, ohm.
+    /// The baseline at its start, ohm.
     #[serde(rename = "begun_ohm")]
     initial_ohm: Vec<f64>,
     /// Channels that were masked when the fit was requested.
@@ -50,7 +50,7 @@ struct Hold {
     /// The fit without drift, and the number of frames in this average.
     reference: Vec<f64>,
     reference_frames: f64,
-    /// The fit now, smoothed.
+    /// The current fit, smoothed.
     now: Vec<f64>,
 }
 
@@ -82,7 +82,7 @@ impl Baseline {
         Baseline { values_ohm, hold: None }
     }
 
-    /// Whether it has so many channels and drift modes.
+    /// Whether it has these numbers of channels and drift modes.
     pub fn fits(&self, channel_count: usize, drift_count: usize) -> bool {
         self.values_ohm.len() == channel_count
             && self.hold.as_ref().is_none_or(|hold| hold.fits(channel_count, drift_count))
@@ -166,7 +166,7 @@ impl Hold {
         self.positions_m.len() == positions_m.len() && self.positions_m.iter().zip(positions_m).all(near)
     }
 
-    /// The input of the fit, as it was when the fit was requested.
+    /// The input of the fit at the time of the request.
     fn question(&self, noise: ChannelNoise<'_>) -> FitQuestion {
         let masked = self.masked.clone().unwrap_or_else(|| noise.masked.to_vec());
         FitQuestion { positions_m: self.positions_m.clone(), sd_ohm: noise.sd_ohm.to_vec(), masked }
@@ -193,7 +193,7 @@ impl Hold {
         self.now.iter_mut().zip(&found).for_each(|(now, found)| *now += share * (found - *now));
     }
 
-    /// Sets the baseline to its initial values plus the drift since.
+    /// Sets the baseline to its initial values plus the drift since then.
     fn add_drift(&self, modes: &Matrix, values_ohm: &mut [f64]) {
         values_ohm.copy_from_slice(&self.initial_ohm);
         for (mode, (now, reference)) in self.now.iter().zip(&self.reference).enumerate() {

@@ -1,4 +1,4 @@
-//! A contact as it is reported: the schema of contacts in JSON.
+//! The contact as reported: the schema of contacts in JSON.
 
 use crate::detect::{Forces, centres};
 use crate::image::Image;
@@ -8,16 +8,16 @@ use crate::track::Tracked;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// A contact that is tracked from frame to frame. This is the schema of contacts in JSON; unknown numbers are `null`.
+/// A contact tracked from frame to frame. This is the schema of contacts in JSON; unknown numbers are `null`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct TrackedContact {
-    /// Identifier, which lasts as long as the contact and is not used again.
+    /// Identifier, constant while the contact lasts and never used again.
     pub id: u64,
     /// Position on the surface, in the body's frame, m.
     pub position_m: [f64; 3],
-    /// Outward unit normal there.
+    /// Outward unit normal at the position.
     pub normal: [f64; 3],
     /// Centre of the area where the image exceeds half of the contact's peak, m.
     pub centroid_m: [f64; 3],
@@ -25,24 +25,25 @@ pub struct TrackedContact {
     pub centre_of_pressure_m: [f64; 3],
     /// Velocity along the surface, m/s.
     pub velocity_m_s: [f64; 3],
-    /// Integral of the image over the contact: relative change of conductance (or newtons, of an image of touches) times m2.
+    /// Integral of the image over the contact: relative change of conductance (or newtons, for images of touches) times
+    /// m2.
     pub strength: f64,
     /// Area where the image exceeds half of the contact's peak, m2.
     pub area_m2: f64,
-    /// Normal force on the skin, positive when pressing, N; where the skin or the method is calibrated.
+    /// Normal force on the skin, positive when pressing, N; only if the skin or the method is calibrated.
     pub force_n: Option<f64>,
     /// Standard deviation of the force, N.
     pub force_sd_n: Option<f64>,
     /// Standard deviation of the position along the surface, per axis, m.
     pub sd_m: f64,
-    /// Probability that a true contact lies within 20 mm.
+    /// Probability that a true contact is within 20 mm.
     pub confidence: f64,
-    /// Whether the image of this frame shows it on its own. Where it does not (merged with another contact, or missing for a
-    /// few frames), the position is the expected one, and strength and force are the last measured.
+    /// Whether it is separate in the image of this frame. If not (merged with another contact, or missing for a few
+    /// frames), the position is the predicted one, and strength and force are the last measured.
     pub seen: bool,
-    /// When the contact began.
+    /// Start time of the contact.
     pub since: Timestamp,
-    /// The zone that it lies in, where zones are defined.
+    /// The zone that contains it, if zones are defined.
     pub zone: Option<String>,
 }
 

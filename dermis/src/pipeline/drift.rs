@@ -1,5 +1,5 @@
-//! Drift of a frame that is no touch: of the coating's conductance as a whole and along each axis, and of each electrode's
-//! contact.
+//! Drift of a frame without a touch: of the coating's conductance as a whole and along each axis, and of each
+//! electrode's contact.
 
 use crate::forward::Matrix;
 use crate::geom::Point3;
@@ -19,8 +19,8 @@ const COATING_SD: f64 = 0.03;
 const CONTACT_SD: f64 = 0.5;
 const CONTACT_LEAST_OHM: f64 = 0.5;
 
-/// The drift modes of a skin, modes x channels: the change of a frame for one standard deviation of each, ohm. First the
-/// coating's, then each electrode's.
+/// The drift modes of a skin, modes x channels: the change of a frame for one standard deviation of each, ohm. First
+/// the coating's, then each electrode's.
 fn drift_modes(skin: &Skin) -> crate::Result<Matrix> {
     let jacobian = &skin.linearised()?.jacobian;
     let pixels = skin.pixels();
@@ -34,7 +34,7 @@ fn drift_modes(skin: &Skin) -> crate::Result<Matrix> {
     ];
     let centre = centroid(&pixels.centres_m);
     for shape in shapes {
-        // A body without extent along an axis has no such mode: its weights are not finite.
+        // A body without extent along an axis does not have this mode: its weights are not finite.
         let weights: Vec<f64> = (pixels.centres_m.iter())
             .map(|position| COATING_SD * shape([0, 1, 2].map(|axis| position[axis] - centre[axis])))
             .map(|weight| if weight.is_finite() { weight } else { 0.0 })
@@ -61,7 +61,7 @@ pub(super) struct FitQuestion {
     pub masked: Vec<bool>,
 }
 
-/// Computes the maps from frames to drift, or takes one that was computed elsewhere. A map depends on its question alone.
+/// Computes the maps from frames to drift, or uses one that was computed elsewhere. A map depends only on its input.
 #[derive(Debug)]
 pub(super) struct DriftFitter {
     skin: Skin,
@@ -70,7 +70,7 @@ pub(super) struct DriftFitter {
     installed: Option<DriftFit>,
 }
 
-/// A job that computes how drift is told from a touch. It may run on any thread.
+/// A job that computes how drift is separated from a touch. It may run on any thread.
 #[derive(Debug, Clone)]
 pub struct DriftFitJob {
     skin: Skin,
@@ -113,7 +113,7 @@ impl DriftFitter {
         self.requested = Some(question);
     }
 
-    /// The fit that was announced, if nobody has taken it yet.
+    /// The announced fit, if it has not been taken yet.
     pub fn job(&mut self) -> Option<DriftFitJob> {
         let question = self.requested.take()?;
         Some(DriftFitJob { skin: self.skin.clone(), modes: Arc::clone(&self.modes), question })
@@ -134,8 +134,8 @@ impl DriftFitter {
     }
 }
 
-/// The map from a difference to the drift in it, fitted together with changes of the pixels near the contacts: the rows of
-/// `(A' W A + 1)^-1 A' W` that belong to drift modes, with the columns of `A` for one standard deviation each and `W` the
+/// The map from a difference to the drift in it, fitted together with changes of the pixels near the contacts: the rows
+/// of `(A' W A + 1)^-1 A' W` for the drift modes, with the columns of `A` for one standard deviation each and `W` the
 /// inverse variances of the noise. Transposed: channels x drift modes.
 fn fit(
     skin: &Skin,
@@ -162,7 +162,7 @@ fn fit(
         }
     }
     let mut fit = Matrix::zeros(channel_count, drift_count);
-    // The ones on the diagonal keep it positive definite, if the noise is finite.
+    // The identity matrix keeps it positive definite, if the noise is finite.
     let Ok(inverse) = invert_spd(&gram_plus_one(&columns)) else { return Ok(fit) };
     for (channel, row) in fit.values.chunks_exact_mut(drift_count).enumerate() {
         for (mode, value) in row.iter_mut().enumerate() {

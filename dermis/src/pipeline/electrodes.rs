@@ -1,9 +1,9 @@
 //! Monitoring of electrodes and channels, frame by frame.
 //!
-//! A loose contact shows in two ways that a touch does not. The resistance of every loop through it (source, skin, sink) rises
-//! by the same amount, and so does every channel that measures at it while it is driven; all other channels keep their values.
-//! The least rise over an electrode's loops and such channels is the rise of its contact resistance. A touch that raises the
-//! conductance lowers all of them; one that lowers it raises them by far less than a third.
+//! A loose contact differs from a touch in two ways. The resistance of every loop through it (source, skin, sink) rises
+//! by the same amount, and so does every channel that measures at it while it is driven; all other channels keep their
+//! values. The smallest rise over an electrode's loops and such channels is the rise of its contact resistance. A touch
+//! that raises the conductance lowers all of them; one that lowers it raises them by far less than a third.
 
 use crate::design::TouchEffect;
 use crate::pipeline::frame::Measurement;
@@ -14,23 +14,23 @@ use crate::skin::Skin;
 use crate::stats::upper_median;
 use serde::{Deserialize, Serialize};
 
-/// Consecutive frames in which a contact must look loose, so that a single bad reading names no electrode: 42 ms at 120
-/// frames per second.
+/// Number of consecutive frames in which a contact must look loose, so that a single bad reading marks no electrode: 42
+/// ms at 120 frames per second.
 const FRAMES_TO_NAME: u32 = 5;
-/// Consecutive frames in which it must look sound again.
+/// Number of consecutive frames in which it must look good again.
 const FRAMES_TO_CLEAR: u32 = 120;
 /// Limit of a contact's rise, in standard deviations of a reading's noise.
 const NOISES: f64 = 6.0;
-/// The same as a part of the smallest loop: where touches lower loops, and where they raise them.
+/// The same as a fraction of the smallest loop: for touches that lower loops, and for touches that raise them.
 const PART_RISES: f64 = 0.01;
 const PART_FALLS: f64 = 0.3;
 /// A loop of more than this many times its resistance at the tare is open.
 const OPEN: f64 = 20.0;
-/// Share of each frame in the smoothed rise.
+/// Weight of each frame in the smoothed rise.
 const SMOOTH: f64 = 0.02;
 /// Time constant of the noise, s.
 const NOISE_S: f64 = 1.0;
-/// Time constant with which the reference of sound contacts follows, s.
+/// Time constant with which the reference of good contacts follows, s.
 const FOLLOW_S: f64 = 60.0;
 /// At the tare, an electrode is loose if each of its loops is this many times the median loop.
 const LOOSE_AT_TARE: f64 = 3.0;
@@ -39,7 +39,7 @@ const DOUBTFUL: f64 = 4.0;
 /// A loop that grows to more than this many times its reference is not followed.
 const FOLLOWED: f64 = 2.0;
 
-/// The electrodes, drives and channels of a skin, and how they belong together.
+/// The electrodes, drives and channels of a skin, and their relations.
 #[derive(Debug, Clone)]
 pub(super) struct ElectrodeTopology {
     /// The drives of each electrode.
@@ -51,7 +51,7 @@ pub(super) struct ElectrodeTopology {
     /// Pairs of reciprocal channels.
     reciprocal: Vec<[usize; 2]>,
     contacts_ohm: Vec<f64>,
-    /// Limit of a contact's rise, as a part of its smallest loop.
+    /// Limit of a contact's rise, as a fraction of its smallest loop.
     part: f64,
     channel_count: usize,
     drive_count: usize,
@@ -90,7 +90,7 @@ impl ElectrodeTopology {
         self.drive_count
     }
 
-    /// Whether a measurement has a value for each channel, and one for each drive or none.
+    /// Whether a measurement has a value for each channel, and either one for each drive or none.
     pub fn fits(&self, frame: &Measurement) -> bool {
         frame.values_ohm.len() == self.channel_count && self.fits_loops(&frame.loops_ohm)
     }
@@ -130,7 +130,7 @@ fn reciprocal_pairs(protocol: &Protocol) -> Vec<[usize; 2]> {
 /// The state of electrodes and channels.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct ElectrodeMonitor {
-    /// Loops with sound contacts, ohm, and their noise; empty where loops are not measured.
+    /// Loops with good contacts, ohm, and their noise; empty if loops are not measured.
     loops_ohm: Vec<f64>,
     loop_noise_ohm: Vec<f64>,
     /// Noise of each channel at the tare and now, ohm squared.
@@ -156,7 +156,7 @@ struct Electrode {
     /// Consecutive frames that contradict its state.
     #[serde(rename = "against")]
     contradicting_frames: u32,
-    /// Whether it was bad at the tare: then its values with a sound contact are unknown.
+    /// Whether it was bad at the tare: then its values with a good contact are unknown.
     #[serde(rename = "since_tare")]
     bad_at_tare: bool,
 }
@@ -170,10 +170,10 @@ pub(super) struct Change {
     pub state: ElectrodeState,
 }
 
-/// What the noise of a frame is measured with.
+/// The context for the noise measurement of a frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct NoiseFrame<'a> {
-    /// Whether nothing touches.
+    /// Whether there is no touch.
     pub untouched: bool,
     /// Channels that are masked.
     pub masked: &'a [bool],
@@ -185,7 +185,7 @@ impl ElectrodeMonitor {
     /// From untouched frames and the statistics of their values.
     ///
     /// # Panics
-    /// With fewer than two frames.
+    /// If there are fewer than two frames.
     pub fn new(topology: &ElectrodeTopology, untouched: &[Measurement], values: &Statistics) -> Self {
         let loops = loop_statistics(topology, untouched);
         let usual_ohm = upper_median(&loops.mean).unwrap_or(f64::NAN);
@@ -224,7 +224,7 @@ impl ElectrodeMonitor {
         (count > 0.0).then(|| sum / count)
     }
 
-    /// Whether it is that of a skin.
+    /// Whether it fits a skin.
     pub fn fits(&self, topology: &ElectrodeTopology) -> bool {
         let channels = [&self.tare_variance, &self.variance, &self.noise_ohm, &self.last_ohm];
         channels.iter().all(|values| values.len() == topology.channel_count)
@@ -374,7 +374,7 @@ impl Electrode {
         }
     }
 
-    /// Updates the state with that of a frame; the new state where it changes.
+    /// Updates the state with that of a frame; returns the new state if it changes.
     fn update(&mut self, apparent: ElectrodeState) -> Option<ElectrodeState> {
         if apparent == self.state || self.bad_at_tare {
             self.contradicting_frames = 0;

@@ -4,7 +4,7 @@ use crate::method::MethodError;
 use crate::reconstruct::ReconstructError;
 use thiserror::Error;
 
-/// A pipeline that cannot be made, or a frame or command that it refuses.
+/// A pipeline that cannot be created, or a frame or command that it refuses.
 #[derive(Debug, Error)]
 pub enum PipelineError {
     /// A method that does not exist or cannot be prepared.

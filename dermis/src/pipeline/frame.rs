@@ -1,4 +1,4 @@
-//! What goes into a pipeline, and what comes out.
+//! Input and output of a pipeline.
 
 use crate::pipeline::contact::TrackedContact;
 use crate::pipeline::health::Health;
@@ -11,18 +11,18 @@ use std::sync::Arc;
 pub struct FrameInput {
     /// Its number, which increases from frame to frame.
     pub sequence: u64,
-    /// When its first value was measured.
+    /// Time at which its first value was measured.
     pub measured_at: Timestamp,
     /// Its values.
     pub measurement: Measurement,
-    /// Frames and packets so far, for [`Health`]; zeros where they are not counted.
+    /// Counts of frames and packets, for [`Health`]; zeros if they are not counted.
     pub counts: Counts,
-    /// Frames per second, for [`Health`]; 0 where it is not measured.
+    /// Frames per second, for [`Health`]; 0 if not measured.
     pub rate_hz: f64,
 }
 
 impl FrameInput {
-    /// A frame of values alone, ohm, in the order of the protocol's channels.
+    /// A frame with values only, ohm, in the order of the protocol's channels.
     pub fn new(sequence: u64, measured_at: Timestamp, values_ohm: Vec<f64>) -> Self {
         let measurement = Measurement { values_ohm, ..Measurement::default() };
         FrameInput { sequence, measured_at, measurement, ..Self::default() }
@@ -34,8 +34,8 @@ impl FrameInput {
 pub struct Measurement {
     /// Voltage over current of each channel, ohm, in the order of the protocol.
     pub values_ohm: Vec<f64>,
-    /// Resistance of each drive's current loop without the reference resistor (skin, contacts, switches), ohm, in the order
-    /// of [`Protocol::drives`](crate::protocol::Protocol::drives). Empty where it is not measured: then no electrode is
+    /// Resistance of each drive's current loop without the reference resistor (skin, contacts, switches), ohm, in the
+    /// order of [`Protocol::drives`](crate::protocol::Protocol::drives). Empty if not measured: then no electrode is
     /// monitored.
     pub loops_ohm: Vec<f64>,
     /// Channels whose readings, or those of their currents, are out of the converter's range.
@@ -47,13 +47,13 @@ pub struct Measurement {
 pub struct PipelineFrame {
     /// The number of the frame.
     pub sequence: u64,
-    /// When its first value was measured.
+    /// Time at which its first value was measured.
     pub measured_at: Timestamp,
     /// Its values, ohm, in the order of the protocol.
     pub values_ohm: Vec<f64>,
     /// The image, a value for each pixel in the order of [`PixelSpace`](crate::image::PixelSpace); zeros during a tare.
     pub image: Vec<f32>,
-    /// Whether the values differ from the baseline by more than noise, or a contact lasts.
+    /// Whether the values differ from the baseline by more than noise, or a contact exists.
     pub touched: bool,
     /// The contacts, the oldest first.
     pub contacts: Vec<TrackedContact>,

@@ -1,4 +1,4 @@
-//! State of the skin and its instrument, and messages for people.
+//! State of the skin and its instrument, and messages for users.
 
 use crate::pipeline::frame::Counts;
 use crate::pipeline::timestamp::Timestamp;
@@ -13,10 +13,10 @@ pub struct Health {
     pub electrodes: Vec<ElectrodeHealth>,
     /// Root mean square of the noise of all channels in use, relative to the tare; `null` while it is unknown.
     pub noise: Option<f64>,
-    /// Root mean square of the differences of reciprocal channels, relative to their noise; `null` where no two channels are
-    /// reciprocal.
+    /// Root mean square of the differences of reciprocal channels, relative to their noise; `null` if no two channels
+    /// are reciprocal.
     pub reciprocity: Option<f64>,
-    /// Channels whose readings are out of the converter's range now.
+    /// Channels whose readings are now out of the converter's range.
     pub saturated_channels: usize,
     /// Channels that are masked.
     pub masked_channels: usize,
@@ -44,7 +44,7 @@ pub struct ElectrodeHealth {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum ElectrodeState {
-    /// In order.
+    /// Good.
     Sound,
     /// Noisier than at the tare; its channels are used.
     Doubtful,
@@ -54,16 +54,16 @@ pub enum ElectrodeState {
     Open,
 }
 
-/// A message for people.
+/// A message for users.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Notice {
-    /// How much it matters.
+    /// Severity.
     pub level: Severity,
-    /// What happened, and what to do.
+    /// The event, and the recommended action.
     pub text: String,
-    /// When it happened.
+    /// Time of the event.
     pub at: Timestamp,
 }
 

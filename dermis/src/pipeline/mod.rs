@@ -1,10 +1,10 @@
 //! From frames to contacts, frame by frame: baseline, drift, touch detection, electrode health, tracking.
 //!
-//! A [`Pipeline`] is a function of its frames and commands alone: it has no input or output of its own, no threads and no
-//! clock. The same frames and commands in the same order give the same contacts, to the last bit.
+//! The output of a [`Pipeline`] depends only on its frames and commands: it has no input or output of its own, no
+//! threads and no clock. The same frames and commands in the same order give the same contacts, to the last bit.
 //!
-//! A robot prepares a skin and a pipeline once, and gives each frame to it as it is measured. Here a simulated press takes the
-//! place of the instrument:
+//! A robot prepares a skin and a pipeline once, and passes each frame to it as it is measured. In this example a
+//! simulated press replaces the instrument:
 //!
 //! ```
 //! use dermis::method::{MethodSet, Methods};
@@ -97,7 +97,7 @@ pub struct Pipeline {
 }
 
 impl Pipeline {
-    /// A pipeline that begins with a tare.
+    /// A pipeline that starts with a tare.
     ///
     /// # Errors
     /// An unknown method, a setting out of its range.
@@ -151,7 +151,7 @@ impl Pipeline {
         self.methods.skin()
     }
 
-    /// The methods that it can change between.
+    /// The methods that can be selected.
     pub fn methods(&self) -> &Arc<MethodSet> {
         &self.methods
     }
@@ -161,7 +161,7 @@ impl Pipeline {
         &self.method
     }
 
-    /// Whether a tare is in progress: there are no contacts during it.
+    /// Whether a tare is in progress; there are no contacts during a tare.
     pub fn is_taring(&self) -> bool {
         matches!(self.state.phase, Phase::Taring { .. })
     }
@@ -171,7 +171,7 @@ impl Pipeline {
         std::mem::take(&mut self.notices)
     }
 
-    /// The channels that are masked now: those of bad electrodes.
+    /// The channels masked now: those of bad electrodes.
     pub fn masked_channels(&self) -> Vec<usize> {
         marked(&self.masked)
     }
@@ -181,7 +181,7 @@ impl Pipeline {
         self.state.method_masked != self.masked_channels()
     }
 
-    /// The job of [`Command::Rebuild`], to be run beside the pipeline; its result goes to
+    /// The job of [`Command::Rebuild`], to be run outside the pipeline; pass its result to
     /// [`install_method`](Self::install_method).
     pub fn rebuild_job(&self) -> RebuildJob {
         RebuildJob {
@@ -192,7 +192,8 @@ impl Pipeline {
         }
     }
 
-    /// Uses a method that was prepared again, unless method or masked channels have changed since; whether it is used.
+    /// Uses a method that was prepared again, unless the method or the masked channels have changed since; returns
+    /// whether it is used.
     pub fn install_method(&mut self, rebuilt: RebuiltMethod) -> bool {
         let is_wanted = rebuilt.masked == self.masked_channels() && rebuilt.method.name() == self.method.name();
         if is_wanted {
@@ -204,18 +205,19 @@ impl Pipeline {
         is_wanted
     }
 
-    /// A computation that will be needed half a second after it is offered here, to be run beside the pipeline; its result
-    /// goes to [`install_drift_fit`](Self::install_drift_fit). Without it in time the pipeline computes the same by itself.
+    /// A computation that will be needed half a second later, to be run outside the pipeline; pass its result to
+    /// [`install_drift_fit`](Self::install_drift_fit). If the result is not there in time, the pipeline computes it
+    /// itself.
     pub fn drift_fit_job(&mut self) -> Option<DriftFitJob> {
         self.fitter.job()
     }
 
-    /// Takes the result of a [`DriftFitJob`]. It saves time, and changes no contact.
+    /// Takes the result of a [`DriftFitJob`]. It saves time and does not change the contacts.
     pub fn install_drift_fit(&mut self, fit: DriftFit) {
         self.fitter.install(fit);
     }
 
-    /// Carries out a command.
+    /// Executes a command.
     ///
     /// # Errors
     /// An unknown method, a setting out of its range.

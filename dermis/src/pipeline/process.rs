@@ -1,4 +1,4 @@
-//! One frame through the pipeline.
+//! Processing of one frame in the pipeline.
 
 use crate::contact::Contact;
 use crate::detect::{Circumstances, Detector};
@@ -19,16 +19,16 @@ use crate::pipeline::{Pipeline, marked};
 use crate::track::Sighting;
 use std::sync::Arc;
 
-/// Largest signal of a sighting that cannot begin a contact.
+/// Maximum signal of a sighting that cannot start a contact.
 const NOT_TO_BEGIN: f64 = 0.99;
-/// A longer interval between frames is a gap, s: what happened in it is unknown.
+/// A longer interval between frames is a gap, s: nothing is known about it.
 const GAP_S: f64 = 2.0;
-/// Reciprocal channels that differ by more than so many times their noise do not belong to the design.
+/// Reciprocal channels that differ by more than this many times their noise do not match the design.
 const FOREIGN: f64 = 30.0;
-/// The health is computed every so many frames.
+/// The health is computed once in this many frames.
 const HEALTH_FRAMES: u64 = 12;
 
-/// When a frame was measured.
+/// The time of a frame.
 #[derive(Debug, Clone, Copy)]
 struct FrameTime {
     at: Timestamp,
@@ -131,7 +131,7 @@ impl Pipeline {
         self.notices.push(Notice { level, text, at });
     }
 
-    /// Reports what the tare found wrong.
+    /// Reports the problems found by the tare.
     fn warn_after_tare(&mut self, at: Timestamp) {
         let Phase::Reading(reading) = &self.state.phase else { return };
         let mut warnings: Vec<String> = (reading.electrodes.bad())
@@ -184,7 +184,7 @@ impl Pipeline {
         Ok((felt || !contacts.is_empty(), contacts))
     }
 
-    /// Masks the channels of bad electrodes, and no longer those of electrodes that are sound again.
+    /// Masks the channels of bad electrodes, and unmasks those of electrodes that are good again.
     fn apply_changes(&mut self, changes: &[Change], at: Timestamp) {
         if changes.is_empty() {
             return;
@@ -203,7 +203,7 @@ impl Pipeline {
         }
     }
 
-    /// Computes the health every few frames, and at once where there is a notice.
+    /// Computes the health every few frames, and immediately after a notice.
     fn update_health(&mut self, input: &FrameInput) {
         if self.state.frames % HEALTH_FRAMES != 1 && self.notices.is_empty() {
             return;
@@ -229,13 +229,13 @@ fn mask(difference: &mut [f64], masked: &[bool]) {
     difference.iter_mut().zip(masked).filter(|(_, masked)| **masked).for_each(|(value, _)| *value = 0.0);
 }
 
-/// The contacts of an image, each with its signal relative to the threshold at its position. Where the frame is not `felt` by
-/// the touch detector, a contact may go on but none begins.
+/// The contacts of an image, each with its signal relative to the threshold at its position. If the touch detector has
+/// not detected a touch in the frame (`felt`), a contact may continue but none can start.
 fn sightings(detector: &Detector, image: &Image, noise_factor: f64, settings: &Settings, felt: bool) -> Vec<Sighting> {
     let sighting = |(contact, under): (Contact, Circumstances)| {
         let needed = noise_factor * settings.threshold_at(contact.position_m);
         let signal = if needed > 0.0 { under.signal / needed } else { f64::INFINITY };
-        // An image without noise has no signal over it.
+        // In an image without noise the signal-to-noise ratio is not defined.
         let signal = if signal.is_nan() { settings.lowest_threshold() } else { signal };
         Sighting { contact, signal: if felt { signal } else { signal.min(NOT_TO_BEGIN) } }
     };

@@ -15,9 +15,9 @@ pub struct Settings {
     pub method: String,
     /// Detection threshold of a contact's signal, relative to the method's own.
     pub threshold: f64,
-    /// Zones: parts of the skin with a name and a threshold of their own.
+    /// Zones: parts of the skin with their own name and threshold.
     pub zones: Vec<Zone>,
-    /// Frames of a tare.
+    /// Number of frames of a tare.
     pub tare_frames: usize,
 }
 
@@ -27,12 +27,12 @@ impl Default for Settings {
     }
 }
 
-/// A part of the skin: all of it that lies in a ball.
+/// A part of the skin: the part inside a ball.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Zone {
-    /// Name, which contacts in the zone carry.
+    /// Name, reported with the contacts in the zone.
     pub name: String,
     /// Centre of the ball, m.
     pub centre_m: [f64; 3],
@@ -103,7 +103,7 @@ impl Zone {
     }
 }
 
-/// A command that a pipeline carries out between two frames.
+/// A command that a pipeline executes between two frames.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(tag = "do", rename_all = "snake_case", deny_unknown_fields)]

@@ -12,13 +12,13 @@ use crate::pipeline::touch_detector::TouchDetector;
 use crate::track::Tracker;
 use serde::{Deserialize, Serialize};
 
-/// The baseline follows the frames once nothing has touched for so long, s.
+/// The baseline follows the frames after this time without a touch, s.
 const QUIET_S: f64 = 0.5;
-/// A difference without a contact that lasts so long is a change of the skin, not a touch, s.
+/// A difference without a contact that lasts this long is a change of the skin, not a touch, s.
 const UNEXPLAINED_S: f64 = 5.0;
 
-/// The complete state of a pipeline, as recordings and restarts keep it.
-// The names in files are older than some of the names here.
+/// The complete state of a pipeline, for recordings and restarts.
+// The field names in files are older than some of the names here.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct State {
     /// The settings.
@@ -53,15 +53,15 @@ pub(super) struct Reading {
     pub touch_detector: TouchDetector,
     /// Differences of the tare's frames from their mean, ohm.
     pub untouched: Vec<Vec<f64>>,
-    /// Since when nothing touches, s.
+    /// Start of the time without a touch, s.
     pub quiet_since_s: Option<f64>,
-    /// Since when frames differ from the baseline without a contact, s.
+    /// Start of the time in which frames differ from the baseline without a contact, s.
     #[serde(rename = "puzzled_since_s")]
     pub unexplained_since_s: Option<f64>,
 }
 
 impl State {
-    /// Continues after a gap in the frames: with the same baseline, and without contacts.
+    /// Continues after a gap in the frames: with the same baseline and no contacts.
     pub(super) fn after_gap(&mut self, measurement: &Measurement) {
         self.tracker.clear();
         if let Phase::Reading(reading) = &mut self.phase {
@@ -100,8 +100,8 @@ impl Phase {
 }
 
 impl Reading {
-    /// Updates the baseline; whether nothing has touched for a while. `touched`: what the touch detector says; `masked`:
-    /// channels that are not used in this frame.
+    /// Updates the baseline; returns whether there has been no touch for a while. `touched`: the result of the touch
+    /// detector; `masked`: channels that are not used in this frame.
     pub fn update_baseline(
         &mut self,
         surface: &Surface,

@@ -2,7 +2,7 @@
 
 use crate::stats::upper_median;
 
-/// No channel is taken for less noisy than this part of the median channel.
+/// Minimum noise of a channel as a fraction of that of the median channel.
 const LEAST_NOISE: f64 = 0.5;
 
 /// Mean and variance of each value over several frames.
@@ -10,7 +10,7 @@ const LEAST_NOISE: f64 = 0.5;
 pub(super) struct Statistics {
     /// The means.
     pub mean: Vec<f64>,
-    /// The variances, without meaning for fewer than two frames.
+    /// The variances, not defined for fewer than two frames.
     pub variance: Vec<f64>,
 }
 
@@ -30,8 +30,8 @@ impl Statistics {
         Statistics { mean, variance }
     }
 
-    /// Standard deviations of the noise, none less than a part of their median: a channel whose value lies in the middle of a
-    /// step of the converter shows no noise until the noise is large.
+    /// Standard deviations of the noise, each at least a fraction of their median: a channel whose value is in the
+    /// middle of a step of the converter shows no noise until the noise is large.
     pub fn deviations(&self) -> Vec<f64> {
         let least = (LEAST_NOISE * LEAST_NOISE * upper_median(&self.variance).unwrap_or(0.0)).max(f64::MIN_POSITIVE);
         self.variance.iter().map(|variance| variance.max(least).sqrt()).collect()

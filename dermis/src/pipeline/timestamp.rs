@@ -3,9 +3,9 @@
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// A time in nanoseconds since 1970 (Unix time). In JSON it is that whole number.
+/// A time in nanoseconds since 1970 (Unix time). In JSON it is this integer.
 ///
-/// The pipeline reads no clock: its times are those of its frames.
+/// The pipeline reads no clock: it uses the times of its frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(transparent)]
@@ -20,7 +20,7 @@ impl Timestamp {
         self.unix_ns as f64 * 1e-9
     }
 
-    /// Seconds from `earlier` to this time; negative where `earlier` is later.
+    /// Seconds from `earlier` to this time; negative if `earlier` is later.
     pub fn seconds_since(self, earlier: Timestamp) -> f64 {
         (i128::from(self.unix_ns) - i128::from(earlier.unix_ns)) as f64 * 1e-9
     }

@@ -1,14 +1,15 @@
-//! Touch detection from the voltages alone, before any image.
+//! Touch detection from the voltages only, without an image.
 
 use crate::pipeline::statistics::{Statistics, difference};
 use serde::{Deserialize, Serialize};
 
 /// Detects touched frames by the size of their difference from the baseline.
 ///
-/// The statistic is the sum of squares of all differences in use, each over the deviation of its noise and bounded. For
-/// untouched frames it follows a scaled chi-squared distribution, as the noise of channels is not independent: its mean and
-/// variance are those of the tare's frames. A frame is touched if it exceeds the quantile that noise exceeds once in three
-/// million frames, seven hours at 120 frames per second (Wilson and Hilferty, 1931, DOI 10.1073/pnas.17.12.684).
+/// The statistic is the sum of squares of all differences in use, each divided by the standard deviation of its noise
+/// and limited. For untouched frames it has a scaled chi-squared distribution, as the noise of channels is not
+/// independent: its mean and variance are those of the tare's frames. A frame is touched if it exceeds the quantile
+/// that noise exceeds once in three million frames, seven hours at 120 frames per second (Wilson and Hilferty, 1931,
+/// DOI 10.1073/pnas.17.12.684).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct TouchDetector {
     mean: f64,
@@ -20,18 +21,18 @@ pub(super) struct TouchDetector {
 
 /// The quantile of the standard normal distribution: `Q(z) = 1 / 3e6`.
 const QUANTILE: f64 = 4.97;
-/// No channel counts for more deviations than this: a single bad reading, or a step of the converter where the noise is far
-/// less, is no touch. A touch changes many channels.
+/// Limit of a channel's difference in standard deviations: a single bad reading, or a step of the converter where the
+/// noise is far less, is not a touch. A touch changes many channels.
 const MOST: f64 = 5.0;
-/// A touch ends below this part of the threshold's distance from the mean.
+/// A touch ends below this fraction of the threshold's distance from the mean.
 const RELEASE: f64 = 0.6;
 
 impl TouchDetector {
-    /// From untouched frames, each half of them judged by the mean and the noise of the other half: a frame looks more like
-    /// noise that was measured with it than a new frame does.
+    /// From untouched frames; each half of them is compared with the mean and the noise of the other half, because
+    /// frames fit the statistics that they are part of better than new frames do.
     ///
     /// # Panics
-    /// With fewer than four frames.
+    /// If there are fewer than four frames.
     pub fn of(untouched: &[&[f64]], masked: &[bool]) -> Self {
         let half = |first: usize| untouched.iter().copied().skip(first).step_by(2);
         let statistics = |own: usize| {
@@ -46,13 +47,13 @@ impl TouchDetector {
     /// From the statistics of untouched frames.
     ///
     /// # Panics
-    /// With fewer than two of them.
+    /// If there are fewer than two frames.
     pub fn new(untouched: &[f64]) -> Self {
         assert!(untouched.len() > 1, "a variance needs two values");
         let count = untouched.len() as f64;
         let mean = untouched.iter().sum::<f64>() / count;
         let variance = untouched.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0);
-        // The variance of n frames is known to sqrt(2 / n): the true one may be that much larger.
+        // The variance of n frames has the relative standard error sqrt(2 / n): the true one may be that much larger.
         let variance = variance * (1.0 + 2.0 * (2.0 / count).sqrt());
         let freedom = (2.0 * mean * mean / variance.max(f64::MIN_POSITIVE)).max(1.0);
         let spread = (2.0 / (9.0 * freedom)).sqrt();
@@ -83,7 +84,7 @@ mod tests {
     #[test]
     fn noise_is_never_a_touch_in_50_000_frames_and_a_touch_is_detected_at_once() {
         let mut rng = sample_rng(7, 0);
-        // Half of the channels share their noise, as those of one current do.
+        // Half of the channels share their noise, like those of one current.
         let mut draw = |touch: f64| {
             let common = standard_normal(&mut rng);
             let values = (0..200).map(|at| {

@@ -11,7 +11,7 @@ impl Protocol {
     /// `channel,drive_source,drive_sink,measure_plus,measure_minus` and a row per value of a frame.
     ///
     /// # Errors
-    /// A file that cannot be read; whatever [`parse_csv`](Self::parse_csv) refuses.
+    /// A file that cannot be read; the errors of [`parse_csv`](Self::parse_csv).
     pub fn load(path: &Path, electrode_count: usize) -> Result<Self, ProtocolError> {
         let name = path.display().to_string();
         let unreadable = |error: std::io::Error| ProtocolError::Table {
@@ -23,11 +23,11 @@ impl Protocol {
         Self::parse_csv(&text, &name, electrode_count)
     }
 
-    /// A protocol from the text of a channel table; `path` names it in errors.
+    /// A protocol from the text of a channel table; errors contain `path`.
     ///
     /// # Errors
-    /// A wrong header, a row of another length, what is no number, channels out of order (each with its line); a
-    /// protocol that [`new`](Self::new) refuses.
+    /// A wrong header, a row of another length, a field that is not a number, channels out of order (each with its
+    /// line); a protocol that [`new`](Self::new) refuses.
     pub fn parse_csv(text: &str, path: &str, electrode_count: usize) -> Result<Self, ProtocolError> {
         let wrong =
             |line: usize, message: String| ProtocolError::Table { path: path.to_string(), line: line as u64, message };
@@ -68,7 +68,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_with_a_table_is_told_with_its_line() {
+    fn errors_of_a_table_contain_the_line() {
         let header = "channel,drive_source,drive_sink,measure_plus,measure_minus\n";
         let message = |rows: &str| Protocol::parse_csv(&format!("{header}{rows}"), "t.csv", 8).unwrap_err().to_string();
         assert!(message("0,0,1,2,3\n1,0,1,2\n").starts_with("t.csv, line 3: 4 values"));

@@ -1,4 +1,4 @@
-//! The regularization parameter alpha, and the rules that choose it without a label.
+//! The regularization parameter alpha, and the rules that choose it without labels.
 
 use crate::image::PixelSpace;
 use crate::reconstruct::channels::Channels;
@@ -12,21 +12,24 @@ use std::fmt;
 /// The regularization parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Alpha {
-    /// A number without a unit: the prior is scaled by `trace(J'J) / trace(R)`, J taken against relative changes.
+    /// A dimensionless number: the prior is scaled by `trace(J'J) / trace(R)`, with J the derivative with respect to
+    /// relative changes.
     Given(f64),
-    /// A number in units of the Jacobian against the conductance itself, the prior unscaled: EIDORS's hyperparameter.
+    /// A number in units of the Jacobian with respect to the conductance itself, with an unscaled prior: EIDORS's
+    /// hyperparameter.
     Absolute(f64),
-    /// So that the [noise figure](noise_figure::noise_figure) of a small target is this.
+    /// Chosen so that the [noise figure](noise_figure::noise_figure) of a small target has this value.
     NoiseFigure(f64),
-    /// The corner of the L-curve of the examples: where `log |y - J x|` over `log sqrt(x'Rx)` bends most (Hansen and O'Leary
-    /// 1993, DOI 10.1137/0914086).
+    /// The corner of the L-curve of the examples: the maximum curvature of `log |y - J x|` over `log sqrt(x'Rx)`
+    /// (Hansen and O'Leary 1993, DOI 10.1137/0914086).
     LCurve,
-    /// Where generalised cross-validation of the examples is least (Golub, Heath and Wahba 1979,
-    /// DOI 10.1080/00401706.1979.10489751).
+    /// The minimum of generalised cross-validation of the examples (Golub, Heath and Wahba 1979, DOI
+    /// 10.1080/00401706.1979.10489751).
     Gcv,
-    /// A rule that needs neither data nor a number: a noise figure of one half. On `cylinder30` it localises within 0.6 mm of
-    /// the best alpha from 30 to 60 dB, and on real pressed skins within half a millimetre (`docs/decisions/one-step-defaults.md`).
-    /// Where no alpha has that noise figure, as on skins of few electrodes, another one is taken: see [`AlphaRule`].
+    /// A rule that needs neither data nor a number: a noise figure of one half. On `cylinder30` its localisation error
+    /// is within 0.6 mm of that of the best alpha from 30 to 60 dB, and on real pressed skins within half a millimetre
+    /// (`docs/decisions/one-step-defaults.md`). If no alpha has that noise figure, as on skins with few electrodes,
+    /// another value is used: see [`AlphaRule`].
     #[default]
     Auto,
 }
@@ -36,9 +39,9 @@ pub enum Alpha {
 pub enum AlphaRule {
     /// The number was given.
     Given,
-    /// The noise figure of a small target is this.
+    /// Chosen for this noise figure of a small target.
     NoiseFigure(f64),
-    /// [`Alpha::Auto`] could not reach its noise figure, and took this one.
+    /// [`Alpha::Auto`] could not reach its noise figure, and used this one.
     AttainableNoiseFigure(f64),
     /// The corner of the L-curve of the examples.
     LCurve,
@@ -60,16 +63,16 @@ impl fmt::Display for AlphaRule {
     }
 }
 
-/// The noise figure that [`Alpha::Auto`] asks for.
+/// The target noise figure of [`Alpha::Auto`].
 pub(crate) const AUTO_NOISE_FIGURE: f64 = 0.5;
-/// Where that is out of reach, [`Alpha::Auto`] asks for this many times the least noise figure: the least itself is the limit
-/// of an infinite alpha. This is 3 dB above it.
+/// If it cannot be reached, [`Alpha::Auto`] uses this multiple of the smallest noise figure: the smallest value itself
+/// is the limit of an infinite alpha. This is 3 dB above it.
 const OVER_LEAST: f64 = std::f64::consts::SQRT_2;
-/// Range of `mu` over the largest eigenvalue of `J R^-1 J'` in which a rule looks: from where rounding drowns
-/// the small eigenvalues to where images are a thousandth of their size.
+/// Range of `mu` over the largest eigenvalue of `J R^-1 J'` in which a rule searches: from where rounding errors
+/// dominate the small eigenvalues to where images are a thousandth of their size.
 const RELATIVE_RANGE: [f64; 2] = [1e-12, 1e3];
 
-/// The alpha that the options ask for, for a problem whose prior is multiplied by `alpha^2 scale`, and the rule that chose it.
+/// The alpha of the options, for a problem whose prior is multiplied by `alpha^2 scale`, and the rule that chose it.
 pub(crate) fn choose(
     system: &System,
     scale: f64,
@@ -102,10 +105,10 @@ pub(crate) fn positive(what: &str, value: f64) -> Result<f64, ReconstructError> 
     }
 }
 
-/// The `mu` of a noise figure, or by the rule of [`Alpha::Auto`] where none is given, searched from `start` outwards.
+/// The `mu` of a noise figure, or by the rule of [`Alpha::Auto`] if none is given, searched from `start` outwards.
 ///
 /// # Errors
-/// A noise figure that no `mu` has, where it is given; a noise figure that cannot be computed.
+/// A given noise figure that no `mu` has; a noise figure that cannot be computed.
 pub(crate) fn mu_at_noise_figure(
     noise_figure: &impl Fn(f64) -> Result<f64, ReconstructError>,
     wanted: Option<f64>,
@@ -146,7 +149,8 @@ enum Search {
     },
 }
 
-/// The `mu` at which a noise figure is `wanted`, to 1e-6 of itself, searched from `start` outwards; it falls as `mu` rises.
+/// The `mu` at which a noise figure is `wanted`, to a relative accuracy of 1e-6, searched from `start` outwards; the
+/// noise figure decreases as `mu` increases.
 fn mu_where(
     noise_figure: &impl Fn(f64) -> Result<f64, ReconstructError>,
     wanted: f64,
@@ -173,7 +177,7 @@ fn mu_where(
     Ok(Search::OutOfReach { nearest: wanted * gap.exp(), mu: log_mu.exp() })
 }
 
-/// The root of a falling function between two points (Illinois form of the false position).
+/// The root of a decreasing function between two points (regula falsi, Illinois variant).
 fn root(
     function: &impl Fn(f64) -> Result<f64, ReconstructError>,
     mut ends: [f64; 2],
@@ -198,7 +202,7 @@ fn root(
 /// The noise figure of a system as a function of `mu`.
 struct NoiseFigure<'a> {
     system: &'a System,
-    /// The difference that the target makes, in the system's units.
+    /// The difference caused by the target, in the system's units.
     difference: Vec<f64>,
     areas: &'a [f64],
 }
@@ -224,10 +228,10 @@ impl<'a> NoiseFigure<'a> {
     }
 }
 
-/// The eigenvalues of `J R^-1 J'`, and how much of the examples falls on each.
+/// The eigenvalues of `J R^-1 J'`, and the power of the examples in each eigenvector.
 ///
-/// Images that the prior does not see (`N`) are fitted without a penalty, so both are taken in the complement of the range of
-/// `T = J N`.
+/// Images in the null space `N` of the prior are fitted without a penalty, so both are computed in the complement of
+/// the range of `T = J N`.
 pub(crate) struct Spectrum {
     eigenvalues: Vec<f64>,
     /// Square of the examples' component along each eigenvector, summed over the examples.
@@ -292,7 +296,7 @@ impl Spectrum {
         self.sum(|l, power| power * l / (l + mu).powi(2))
     }
 
-    /// `m |y - J x|^2 / trace(I - H)^2`, H being the map from the data to what the image explains of them.
+    /// `m |y - J x|^2 / trace(I - H)^2`, with H the map from the data to the part explained by the image.
     pub(crate) fn gcv(&self, mu: f64) -> f64 {
         let trace = self.sum(|l, _| mu / (l + mu)) - self.projected as f64;
         self.channel_count as f64 * self.misfit(mu) / (trace * trace)
@@ -305,7 +309,7 @@ impl Spectrum {
         let (misfit, roughness) = (self.misfit(mu), self.roughness(mu));
         let first = -2.0 * mu * self.sum(|l, power| power * l / (l + mu).powi(3));
         let second = first + 6.0 * mu * mu * self.sum(|l, power| power * l / (l + mu).powi(4));
-        // The misfit's derivative by mu is -mu times the roughness's.
+        // The derivative of the misfit with respect to mu is -mu times that of the roughness.
         let misfit_first = -mu * first;
         let misfit_second = -mu * (first + second);
         let halves = |value: f64, first: f64, second: f64| {
@@ -326,7 +330,7 @@ impl Spectrum {
         self.maximum(|mu| -self.gcv(mu), "generalised cross-validation of the examples has no minimum")
     }
 
-    /// The `mu` at which a function is largest: a grid in the logarithm, then golden sections.
+    /// The `mu` at the maximum of a function: a grid in the logarithm, then golden-section search.
     fn maximum(&self, function: impl Fn(f64) -> f64, failure: &str) -> Result<f64, ReconstructError> {
         const STEPS: usize = 340;
         let largest = self.eigenvalues.iter().fold(0.0, |a: f64, &b| a.max(b));
@@ -346,7 +350,7 @@ impl Spectrum {
     }
 }
 
-/// The maximum of a function with a single one between two points, by golden sections.
+/// The maximum of a unimodal function between two points, by golden-section search.
 fn golden(function: impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
     const SECTION: f64 = 0.618_033_988_749_894_8;
     while high - low > 1e-7 {

@@ -1,32 +1,32 @@
-//! Which channels of a frame count, and how much.
+//! Selection and weights of the channels of a frame.
 
 use crate::forward::Matrix;
 use crate::reconstruct::ReconstructError;
 use crate::reconstruct::linearised::Linearised;
 use faer::{Mat, MatRef};
 
-/// How the differences of the channels are weighed against each other.
+/// How the differences of the channels are weighted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Difference {
-    /// As they are, ohm: the noise is alike in every channel.
+    /// No scaling, ohm: the noise is equal in every channel.
     #[default]
     Plain,
-    /// Divided by the untouched values, and weighted by their squares: the noise is alike in every channel in ohm, and
-    /// only a prior made from the Jacobian feels the division. This is EIDORS's normalised difference.
+    /// Divided by the untouched values, and weighted by their squares: the noise in ohm is equal in every channel, and
+    /// the division affects only a prior made from the Jacobian. This is EIDORS's normalised difference.
     Normalised,
-    /// Divided by the untouched values, and none is trusted more than another: the noise of a channel is proportional
-    /// to its untouched value.
+    /// Divided by the untouched values, with equal weights: the noise of a channel is proportional to its untouched
+    /// value.
     NormalisedEven,
 }
 
-/// The channels in use and what their differences are multiplied by.
+/// The channels in use and their factors.
 #[derive(Debug, Clone)]
 pub(crate) struct Channels {
     /// Index of each channel in use.
     pub(crate) kept: Vec<usize>,
     /// Factor of each channel in use in the data term: the square root of its weight over its normalisation.
     pub(crate) scale: Vec<f64>,
-    /// Factor of each channel in use in the Jacobian from which the prior is made: its normalisation alone.
+    /// Factor of each channel in use in the Jacobian from which the prior is made: only its normalisation.
     pub(crate) prior_scale: Vec<f64>,
 }
 
@@ -66,12 +66,12 @@ impl Channels {
         Ok(Channels { scale: if even { inverses.clone() } else { ones }, prior_scale: inverses, kept })
     }
 
-    /// The values of a whole frame in the channels in use, each by its factor.
+    /// The values of a whole frame in the channels in use, each times its factor.
     pub(crate) fn gather(&self, frame: &[f64]) -> Vec<f64> {
         self.kept.iter().zip(&self.scale).map(|(&channel, scale)| scale * frame[channel]).collect()
     }
 
-    /// The Jacobian's rows of the channels in use, each by its factor.
+    /// The Jacobian's rows of the channels in use, each times its factor.
     pub(crate) fn jacobian(&self, model: &Linearised, scale: &[f64], absolute: bool) -> Mat<f64> {
         let mut jacobian = self.rows(&model.jacobian, scale);
         if absolute {
@@ -82,13 +82,13 @@ impl Channels {
         jacobian
     }
 
-    /// The rows of a matrix that belong to the channels in use, each by its factor.
+    /// The rows of a matrix for the channels in use, each times its factor.
     pub(crate) fn rows(&self, matrix: &Matrix, scale: &[f64]) -> Mat<f64> {
         let full = MatRef::from_row_major_slice(&matrix.values, matrix.rows, matrix.columns);
         Mat::from_fn(self.kept.len(), matrix.columns, |row, pixel| full[(self.kept[row], pixel)] * scale[row])
     }
 
-    /// The matrix for whole frames in ohm, giving relative changes that are positive where touched.
+    /// The matrix for whole frames in ohm; the results are relative changes, positive where touched.
     pub(crate) fn spread(&self, inverse: MatRef<'_, f64>, model: &Linearised, absolute: bool, sign: f64) -> Matrix {
         let (rows, columns) = (inverse.nrows(), model.channel_count());
         let mut values = vec![0.0; rows * columns];

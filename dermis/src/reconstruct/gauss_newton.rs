@@ -1,4 +1,4 @@
-//! Iterative Gauss-Newton: the nonlinear least-squares image, of a difference or of a frame by itself.
+//! Iterative Gauss-Newton: the nonlinear least-squares image of a difference or of a single frame.
 
 use crate::forward::{ForwardModel, Matrix};
 use crate::frame::Frame;
@@ -10,14 +10,14 @@ use crate::reconstruct::system::System;
 use crate::reconstruct::{OneStepOptions, Reconstruct, ReconstructError, alpha, check_lengths};
 use std::sync::Arc;
 
-/// How a Gauss-Newton iteration runs.
+/// Options of a Gauss-Newton iteration.
 #[derive(Debug, Clone)]
 pub struct GaussNewtonOptions {
     /// Prior, alpha, channels and sign, as for one step; alpha is chosen on the linear model.
     pub linear: OneStepOptions,
-    /// Steps at most.
+    /// Maximum number of steps.
     pub max_iterations: usize,
-    /// The iteration ends where a step lowers the objective by less than this part of it.
+    /// The iteration ends when a step lowers the objective by less than this fraction of it.
     pub tolerance: f64,
 }
 
@@ -29,15 +29,15 @@ impl Default for GaussNewtonOptions {
 
 /// Iterative Gauss-Newton.
 ///
-/// The unknowns `x` are the relative changes of the pixels' conductance from the rest. With `f` the forward model, `v` the
-/// voltages and `g` the weights of the channels it minimises
+/// The unknowns `x` are the relative changes of the pixels' conductance from the rest values. With `f` the forward
+/// model, `v` the voltages and `g` the weights of the channels it minimises
 ///
 /// ```text
 /// |g (f(x) - v)|^2 + alpha^2 c (x - x0)' R (x - x0),    x > -1
 /// ```
 ///
-/// where `x0` is zero for a difference (`v = f(0) + difference`) and the best even change for a frame by itself. Each step
-/// solves the linearised problem, keeps every conductance positive and is halved until the objective falls.
+/// where `x0` is zero for a difference (`v = f(0) + difference`) and the best uniform change for a single frame. Each
+/// step solves the linearised problem, keeps every conductance positive and is halved until the objective decreases.
 #[derive(Debug, Clone)]
 pub struct GaussNewton {
     forward: ForwardModel,
@@ -50,10 +50,10 @@ pub struct GaussNewton {
     options: GaussNewtonOptions,
 }
 
-/// What an iteration came to.
+/// The result of an iteration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solution {
-    /// Relative change of each pixel's conductance from the rest.
+    /// Relative change of each pixel's conductance from the rest value.
     pub change: Vec<f64>,
     /// Conductivity of each cell.
     pub conductivity: Vec<f64>,
@@ -105,15 +105,15 @@ impl GaussNewton {
         self.alpha
     }
 
-    /// The conductance that explains a frame by itself, without a baseline.
+    /// The conductance that explains a single frame, without a baseline.
     ///
     /// # Errors
-    /// A frame of the wrong length or with a value that is not finite, or of which no even skin has the signs.
+    /// A frame of the wrong length or with a value that is not finite, or whose signs do not match any uniform skin.
     pub fn absolute(&self, frame: &Frame) -> crate::Result<Solution> {
         check_lengths(frame, self.rest_frame.len(), &[], 0)?;
         let (rest, measured) = (self.channels.gather(&self.rest_frame), self.channels.gather(frame));
         let along = rest.iter().zip(&measured).map(|(f, v)| f * v).sum::<f64>();
-        // Voltages go with the inverse of an even conductance, but for the contacts.
+        // Voltages are inversely proportional to a uniform conductance, except for the contacts.
         let ratio = rest.iter().map(|f| f * f).sum::<f64>() / along;
         if !(ratio.is_finite() && ratio > 0.0) {
             let message = "the frame has the opposite sign of the model's: is a drive or a measure turned round?";
@@ -132,7 +132,7 @@ impl GaussNewton {
         self.minimise(&self.channels.gather(&target), 0.0)
     }
 
-    /// Steps from an even change until the objective falls no more.
+    /// Steps from a uniform change until the objective stops decreasing.
     fn minimise(&self, target: &[f64], origin: f64) -> crate::Result<Solution> {
         let mut point = self.point(vec![origin; self.pixels.len()], target, origin)?;
         let mut objectives = vec![point.objective];
@@ -149,11 +149,11 @@ impl GaussNewton {
         Ok(Solution { change: point.change, conductivity: point.conductivity, misfit, objectives })
     }
 
-    /// A Gauss-Newton step, halved until the objective falls; `None` where it does not.
+    /// A Gauss-Newton step, halved until the objective decreases; `None` if it does not.
     fn step(&self, point: &Point, target: &[f64], origin: f64) -> crate::Result<Option<Point>> {
-        /// A step leaves a pixel this part of its conductance at least.
+        /// Minimum fraction of a pixel's conductance after a step.
         const KEPT: f64 = 0.1;
-        /// Halvings before a step is given up; a millionth of a step is none.
+        /// Maximum number of halvings: a millionth of a step has no effect.
         const HALVINGS: usize = 20;
         let system = System::new(self.jacobian(point)?, self.penalty.clone())?;
         let shift: Vec<f64> = point.change.iter().map(|x| x - origin).collect();
@@ -174,7 +174,7 @@ impl GaussNewton {
         Ok(None)
     }
 
-    /// The objective for a frame by itself at some relative changes `x`, with `x0` zero.
+    /// The objective for a single frame at some relative changes `x`, with `x0` zero.
     ///
     /// # Errors
     /// Changes or a frame of the wrong length, a conductance that is not positive.
@@ -198,7 +198,7 @@ impl GaussNewton {
         Ok(Point { change, conductivity, residual, objective })
     }
 
-    /// The derivative of the weighted frame by the relative changes.
+    /// The derivative of the weighted frame with respect to the relative changes.
     fn jacobian(&self, point: &Point) -> crate::Result<faer::Mat<f64>> {
         let rest = self.forward.rest_conductivity();
         let mut weighted = PixelSpace::clone(&self.pixels);

@@ -1,5 +1,5 @@
-//! GREIT: the linear reconstruction that answers a set of small targets as it is told to (Adler et al. 2009,
-//! DOI 10.1088/0967-3334/30/6/S03).
+//! GREIT: the linear reconstruction fitted to the desired images of a set of small targets (Adler et al. 2009, DOI
+//! 10.1088/0967-3334/30/6/S03).
 
 use crate::design::TouchEffect;
 use crate::forward::{ForwardModel, Matrix};
@@ -14,22 +14,23 @@ use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 use std::sync::Arc;
 
-/// How GREIT is trained.
+/// Training options of GREIT.
 #[derive(Debug, Clone)]
 pub struct GreitOptions {
-    /// The noise figure for the training target that the electrodes see least; `None` takes the rule of
+    /// The noise figure for the training target with the smallest sensitivity; `None` uses the rule of
     /// [`Alpha::Auto`](crate::reconstruct::Alpha::Auto).
     pub noise_figure: Option<f64>,
     /// Radius of the training targets over that of a disk of the body's area.
     pub target_radius: f64,
-    /// Radius of the desired image of a target over the mean spacing of the electrodes (the root of the area that each
-    /// has). Its edge is soft, half of the radius wide.
+    /// Radius of the desired image of a target over the mean electrode spacing (the square root of the area per
+    /// electrode). Its edge is soft, half of the radius wide.
     pub desired_radius: f64,
-    /// No target is trained of whose desired image less than this part lies on the body: it would be drawn inwards.
+    /// Targets with less than this fraction of their desired image on the body are not used for training: their images
+    /// would be biased inwards.
     pub smallest_part: f64,
-    /// Channels that are left out.
+    /// Channels that are excluded.
     pub excluded: Vec<usize>,
-    /// Which way a touch turns the conductance: images are positive where touched.
+    /// The sign of the conductance change under touch: images are positive where touched.
     pub touch: TouchEffect,
 }
 
@@ -52,9 +53,9 @@ impl Default for GreitOptions {
 /// M = D Y' (Y Y' + mu I)^-1
 /// ```
 ///
-/// The columns of Y are the differences that small targets make, one at the centre of each pixel, those of D their desired
-/// images: a soft circle round the target with its strength; distances run along the surface, round the seam where the skin
-/// closes. Each target counts by the area of its pixel. `mu` is chosen by the noise figure.
+/// The columns of Y are the differences caused by small targets, one at the centre of each pixel, those of D their
+/// desired images: a soft circle around the target with its strength. Distances are along the surface, across the seam
+/// of a closed skin. Each target is weighted by the area of its pixel. `mu` is chosen by the noise figure.
 #[derive(Debug, Clone)]
 pub struct Greit {
     pixels: Arc<PixelSpace>,
@@ -66,7 +67,7 @@ impl Greit {
     /// GREIT for a skin.
     ///
     /// # Errors
-    /// Options out of their range, a forward problem that cannot be solved, targets smaller than the mesh can hold.
+    /// Options out of their range, a forward problem that cannot be solved, targets smaller than the mesh can resolve.
     pub fn new(forward: &ForwardModel, pixels: Arc<PixelSpace>, options: &GreitOptions) -> crate::Result<Self> {
         for (what, value) in [
             ("the target radius", options.target_radius),
@@ -99,9 +100,9 @@ impl Greit {
     }
 }
 
-/// The training targets: discs of relative contrast one, one round the centre of each pixel.
+/// The training targets: discs of relative contrast one, one around the centre of each pixel.
 struct Targets {
-    /// The part of each cell that lies in each target, cells x targets.
+    /// The fraction of each cell in each target, cells x targets.
     cells: Mat<f64>,
     /// Contrast times area of each, m2.
     strengths: Vec<f64>,
@@ -135,9 +136,9 @@ impl Targets {
     }
 }
 
-/// Points spread evenly over a cell: a lattice of barycentric coordinates.
+/// Points distributed uniformly over a cell: a lattice of barycentric coordinates.
 fn samples(mesh: &Mesh, cell: usize) -> Vec<Point3> {
-    /// Points along an edge, less one: 15 points in a triangle, 35 in a tetrahedron.
+    /// Points along an edge, minus one: 15 points in a triangle, 35 in a tetrahedron.
     const ORDER: usize = 4;
     let corners: Vec<Point3> = mesh.cells.corners(cell).iter().map(|&node| mesh.nodes[node]).collect();
     let mut points = Vec::new();
@@ -162,8 +163,8 @@ fn samples(mesh: &Mesh, cell: usize) -> Vec<Point3> {
     points.iter().map(point).collect()
 }
 
-/// Soft circles round the targets, pixels x targets, each with its target's strength, and the weight of each target: the
-/// area of its pixel, or nothing where too much of the circle lies beyond a rim.
+/// Soft circles around the targets, pixels x targets, each with its target's strength, and the weight of each target:
+/// the area of its pixel, or zero if too much of the circle is beyond a rim.
 fn desired_images(pixels: &PixelSpace, strengths: &[f64], radius_m: f64, smallest_part: f64) -> (Mat<f64>, Vec<f64>) {
     let softness_m = 0.5 * radius_m;
     let mut desired = Mat::from_fn(pixels.len(), pixels.len(), |pixel, target| {
@@ -182,14 +183,14 @@ fn desired_images(pixels: &PixelSpace, strengths: &[f64], radius_m: f64, smalles
     (desired, volumes.iter().zip(&pixels.areas).map(weight).collect())
 }
 
-/// The difference of the target that the electrodes see least for its strength.
+/// The difference of the target with the smallest sensitivity per strength.
 fn faintest(differences: &Mat<f64>, strengths: &[f64]) -> Vec<f64> {
     let visible = |target: usize| differences.col(target).norm_l2() / strengths[target];
     let least = (0..strengths.len()).min_by(|&a, &b| visible(a).total_cmp(&visible(b)));
     least.into_iter().flat_map(|target| differences.col(target).iter().copied()).collect()
 }
 
-/// The matrix that gives the desired images best, at a noise figure for a faint target.
+/// The matrix that fits the desired images best, at a noise figure for a weak target.
 fn train(
     differences: &Mat<f64>,
     desired: &Mat<f64>,
@@ -213,7 +214,7 @@ fn train(
     };
     let figure = |mu: f64| Ok(noise_figure::of_matrix(at(mu)?.as_ref(), areas, faint));
     let mean = (0..spread.nrows()).map(|channel| spread[(channel, channel)]).sum::<f64>() / spread.nrows() as f64;
-    // A noise of a tenth of the training signal's amplitude to start from.
+    // The initial noise is a tenth of the training signal's amplitude.
     let (mu, rule) = mu_at_noise_figure(&figure, wanted, 0.01 * mean)?;
     Ok((at(mu)?, rule))
 }
@@ -243,8 +244,8 @@ mod tests {
     use super::*;
     use crate::geom::Surface;
 
-    /// Turned by a column, the wanted image turns by a column, across the seam as elsewhere; targets near a rim count for
-    /// nothing, those near the seam like all others.
+    /// Rotation by one column rotates the desired image by one column, also across the seam; targets near a rim have
+    /// weight zero, those near the seam the same weight as all others.
     #[test]
     fn wanted_images_wrap_round_the_seam() {
         const ROWS: usize = 9;

@@ -1,15 +1,16 @@
-//! The forward model made linear about the untouched skin: what every linear method starts from.
+//! The forward model linearised about the untouched skin: the basis of every linear method.
 
 use crate::forward::{ForwardModel, Matrix};
 use crate::image::PixelSpace;
 use crate::reconstruct::ReconstructError;
 
-/// The forward model made linear about the untouched skin.
+/// The forward model linearised about the untouched skin.
 ///
 /// A relative change `x` of the pixels' conductance changes the frame by `jacobian x` (ohm).
 #[derive(Debug, Clone)]
 pub struct Linearised {
-    /// The derivative of the frame by the relative change of each pixel's conductance, channels x pixels, ohm.
+    /// The derivative of the frame with respect to the relative change of each pixel's conductance, channels x pixels,
+    /// ohm.
     pub jacobian: Matrix,
     /// The untouched frame, ohm.
     pub rest_frame: Vec<f64>,
@@ -18,17 +19,18 @@ pub struct Linearised {
 }
 
 impl Linearised {
-    /// The linear model about the rest conductivity of a forward model, seen in pixels.
+    /// The linear model about the rest conductivity of a forward model, in pixels.
     ///
     /// # Errors
-    /// A forward problem that cannot be solved, pixels that name cells beyond the mesh.
+    /// A forward problem that cannot be solved, pixels with cells that are not in the mesh.
     pub fn new(forward: &ForwardModel, pixels: &PixelSpace) -> crate::Result<Self> {
         let rest = forward.rest_conductivity();
         if let Some(cell) = pixels.overlaps.iter().flatten().map(|o| o.0).find(|&cell| cell >= rest.len()) {
             let message = format!("a pixel overlaps cell {cell}, but the mesh has {} cells", rest.len());
             return Err(ReconstructError::Parameter(message).into());
         }
-        // J times sigma cell by cell, before the cells are summed into pixels: a change relative to the cell's own rest.
+        // J times sigma for each cell, before the cells are summed into pixels: a change relative to the cell's own
+        // rest value.
         let mut relative = pixels.clone();
         for (cell, fraction) in relative.overlaps.iter_mut().flatten() {
             *fraction *= rest[*cell];
@@ -70,7 +72,7 @@ impl Linearised {
         self.jacobian.columns
     }
 
-    /// Checks that the lists fit each other and hold nothing but numbers.
+    /// Checks that the lists fit each other and all values are finite.
     pub(crate) fn validate(&self, pixels: &PixelSpace) -> Result<(), ReconstructError> {
         let Matrix { rows, columns, ref values } = self.jacobian;
         for (what, got, expected) in [

@@ -5,19 +5,20 @@ use crate::image::Image;
 
 /// Figures of merit of the image of a small target.
 ///
-/// They look at the quarter-amplitude set: the pixels whose value is at least a quarter of the largest. Adler et al. sum over
-/// equal pixels; here every pixel counts by its area.
+/// They use the quarter-amplitude set: the pixels whose value is at least a quarter of the maximum. Adler et al. sum
+/// over equal pixels; here every pixel is weighted by its area.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FiguresOfMerit {
-    /// The image's integral over the target's contrast times area: should be the same everywhere.
+    /// The image's integral over the target's contrast times area: should be constant over the skin.
     pub amplitude_response: f64,
     /// Distance along the surface from the target to the centre of gravity of the quarter-amplitude set, m.
     pub position_error_m: f64,
-    /// Square root of the part of the body that the quarter-amplitude set covers: should be small and the same everywhere.
+    /// Square root of the fraction of the body in the quarter-amplitude set: should be small and constant over the
+    /// skin.
     pub resolution: f64,
-    /// The part of the quarter-amplitude set outside the circle of equal area round its centre of gravity.
+    /// The fraction of the quarter-amplitude set outside the circle of equal area around its centre of gravity.
     pub shape_deformation: f64,
-    /// What is negative outside that circle over what is inside it.
+    /// The negative sum outside that circle over the sum inside it.
     pub ringing: f64,
 }
 
@@ -96,14 +97,15 @@ mod tests {
         assert!((merit.amplitude_response - 31.0 / 62.0).abs() < 1e-12);
         assert!((merit.position_error_m - 3.0).abs() < 1e-12);
         assert!((merit.resolution - (16.0_f64 / 400.0).sqrt()).abs() < 1e-12);
-        // The circle of 16 m2 has the radius 2.26 m: within it lie all but no corner pixel, at 2.12 m.
+        // The circle of 16 m2 has the radius 2.26 m: it contains all pixels except the corner pixels, which are at 2.12
+        // m.
         assert_eq!(merit.shape_deformation, 0.0);
         assert!((merit.ringing - 1.0 / 32.0).abs() < 1e-12);
     }
 
     #[test]
     fn a_long_shape_is_deformed() {
-        // 1 x 9 pixels: the circle has the radius 1.69 m and holds three of them.
+        // 1 x 9 pixels: the circle has the radius 1.69 m and contains three of them.
         let image = square(|x, y| if (5.0..14.0).contains(&x) && (7.0..8.0).contains(&y) { 1.0 } else { 0.0 });
         let merit = figures_of_merit(&image, [9.5, 7.5, 0.0], 9.0).unwrap();
         assert!((merit.shape_deformation - 6.0 / 9.0).abs() < 1e-12);

@@ -1,4 +1,4 @@
-//! From a frame's difference to an image.
+//! Reconstruction of images from frame differences.
 
 mod alpha;
 mod channels;
@@ -71,7 +71,8 @@ pub enum ReconstructError {
     Singular(String),
 }
 
-/// A way from the difference of a frame and its baseline to an image. Every method, linear or learned, is one.
+/// A reconstruction of an image from the difference of a frame and its baseline. Every method, linear or learned,
+/// implements it.
 pub trait Reconstruct: Send + Sync {
     /// Short name for tables: "one-step NOSER".
     fn name(&self) -> String;
@@ -79,8 +80,8 @@ pub trait Reconstruct: Send + Sync {
     /// The pixels of the images it makes.
     fn pixels(&self) -> &Arc<PixelSpace>;
 
-    /// The image of a difference (frame minus baseline, ohm), into `values`, one per pixel: relative change of
-    /// conductance, positive where touched. Allocates nothing on methods that precompute.
+    /// The image of a difference (frame minus baseline, ohm), written to `values`, one per pixel: relative change of
+    /// conductance, positive where touched. Methods with precomputed matrices allocate no memory.
     ///
     /// # Errors
     /// A difference or an output of the wrong length; an iteration that fails.
@@ -96,24 +97,24 @@ pub trait Reconstruct: Send + Sync {
         Ok(Image { space: Arc::clone(self.pixels()), values })
     }
 
-    /// The linear map from a difference to the image, pixels x channels, where the method is one; it tells how noise
-    /// in the frame spreads over the image.
+    /// The linear map from a difference to the image, pixels x channels, if the method is linear; it gives the
+    /// propagation of noise from the frame to the image.
     fn matrix(&self) -> Option<&crate::forward::Matrix> {
         None
     }
 
-    /// What the values of its images are.
+    /// The quantity of its image values.
     fn quantity(&self) -> Quantity {
         Quantity::Change
     }
 
-    /// How contacts are found in its images. The default is that of linear images, with their side lobes.
+    /// Detection options for its images. The default is that of linear images, with their side lobes.
     fn detection(&self) -> DetectOptions {
         DetectOptions::default()
     }
 }
 
-/// A pointer to a method is one.
+/// A pointer to a method is a method.
 impl<P: Deref<Target: Reconstruct> + Send + Sync> Reconstruct for P {
     fn name(&self) -> String {
         (**self).name()
@@ -140,21 +141,22 @@ impl<P: Deref<Target: Reconstruct> + Send + Sync> Reconstruct for P {
     }
 }
 
-/// What the values of an image are.
+/// The quantity of image values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Quantity {
     /// Relative change of conductance, positive where touched.
     Change,
-    /// The size of the touch whose middle lies there, as the method's training measured it: newtons of presses.
+    /// The size of the touch centred at the pixel, in the unit of the training: newtons for presses.
     Touch,
 }
 
-/// Fewest untouched frames from which the noise of images is measured: its standard deviation is then known to a quarter
-/// (1 / sqrt(2 n)).
+/// Minimum number of untouched frames for measuring the noise of images: the relative standard error of the standard
+/// deviation is then a quarter (1 / sqrt(2 n)).
 pub const FEWEST_UNTOUCHED_FRAMES: usize = 8;
 
-/// The noise of a method's images, from differences of untouched frames from their mean, ohm: by the method's matrix from the root
-/// mean square of each channel, or else from the images of those frames. `None` with fewer than [`FEWEST_UNTOUCHED_FRAMES`].
+/// The noise of a method's images, from differences of untouched frames and their mean, ohm: by the method's matrix
+/// from the root mean square of each channel, or else from the images of those frames. `None` with fewer than
+/// [`FEWEST_UNTOUCHED_FRAMES`].
 ///
 /// Every command and the live pipeline measure the noise by this rule.
 ///
@@ -173,10 +175,10 @@ pub fn image_noise(method: &dyn Reconstruct, untouched: &[Frame]) -> Result<Opti
     Ok(Some(ImageNoise::from_matrix(matrix, &(0..matrix.columns).map(sd).collect::<Vec<f64>>())))
 }
 
-/// Checks a difference and the image it is to become.
+/// Checks a difference and its image.
 ///
 /// # Errors
-/// Another length than the channels' or the pixels', a value that is not finite.
+/// A length that differs from the number of channels or pixels, a value that is not finite.
 pub fn check_lengths(
     difference: &[f64],
     channels: usize,
@@ -192,7 +194,7 @@ pub fn check_lengths(
     check_finite(difference)
 }
 
-/// Checks that a difference holds nothing but numbers.
+/// Checks that all values of a difference are finite.
 pub(crate) fn check_finite(difference: &[f64]) -> Result<(), ReconstructError> {
     match difference.iter().position(|value| !value.is_finite()) {
         Some(channel) => Err(ReconstructError::NotFinite { channel, value: difference[channel] }),

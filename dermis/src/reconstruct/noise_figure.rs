@@ -1,4 +1,4 @@
-//! The noise figure: how much worse the ratio of signal to noise is in the image than in the frame.
+//! The noise figure: the ratio of the signal-to-noise ratios of frame and image.
 
 use crate::forward::Matrix;
 use crate::image::PixelSpace;
@@ -13,11 +13,11 @@ use faer::MatRef;
 /// SNR_image = mean |A M y| / mean_k std(A M e_k)
 /// ```
 ///
-/// `y` is the difference that the target makes, `e_k` a unit of noise in channel `k` alone, `M` the matrix, `A` the areas of
-/// the pixels; means and standard deviations (with n - 1) run over the values of a frame or the pixels of an image.
+/// `y` is the difference caused by the target, `e_k` a unit of noise in channel `k` only, `M` the matrix, `A` the areas
+/// of the pixels; means and standard deviations (with n - 1) are over the values of a frame or the pixels of an image.
 ///
 /// # Panics
-/// Where the matrix, the areas and the difference do not fit each other.
+/// If the sizes of the matrix, the areas and the difference do not match.
 pub fn noise_figure(matrix: &Matrix, areas: &[f64], difference: &[f64]) -> f64 {
     let Matrix { rows, columns, ref values } = *matrix;
     assert_eq!((rows, columns), (areas.len(), difference.len()), "pixels and channels of the matrix");
@@ -39,14 +39,14 @@ pub(crate) fn of_matrix(matrix: MatRef<'_, f64>, areas: &[f64], difference: &[f6
         }
         image_noise += (((square_sum - sum * sum / pixels) / (pixels - 1.0)).max(0.0)).sqrt() / channels;
     }
-    // A unit vector of n values has the mean 1/n and the squares' sum 1: its standard deviation is sqrt(1/n).
+    // A unit vector of n values has the mean 1/n and the sum of squares 1: its standard deviation is sqrt(1/n).
     let frame_noise = (1.0 / channels).sqrt();
     let frame_signal = difference.iter().map(|value| value.abs()).sum::<f64>() / channels;
     let image_signal = image.iter().map(|value| value.abs()).sum::<f64>() / pixels;
     (frame_signal / frame_noise) / (image_signal / image_noise)
 }
 
-/// The default target: the pixel that the electrodes see least by its area, with its neighbours.
+/// The default target: the pixel with the smallest sensitivity per area, with its neighbours.
 pub(crate) fn least_seen(jacobian: MatRef<'_, f64>, pixels: &PixelSpace) -> Vec<usize> {
     let density = |pixel: usize| jacobian.col(pixel).norm_l2() / pixels.areas[pixel];
     let least = (0..pixels.len()).min_by(|&a, &b| density(a).total_cmp(&density(b)));

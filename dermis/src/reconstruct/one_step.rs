@@ -1,4 +1,4 @@
-//! The one-step linear reconstruction (the paper's Eqs. 8-10): one matrix, one product a frame.
+//! The one-step linear reconstruction (the paper's Eqs. 8-10): one matrix, one product per frame.
 
 use crate::design::TouchEffect;
 use crate::forward::{ForwardModel, Matrix};
@@ -12,23 +12,23 @@ use crate::reconstruct::system::System;
 use crate::reconstruct::{Reconstruct, ReconstructError, check_lengths};
 use std::sync::Arc;
 
-/// How a one-step reconstruction is made.
+/// Options of a one-step reconstruction.
 #[derive(Debug, Clone)]
 pub struct OneStepOptions {
-    /// What an image is expected to look like.
+    /// The prior of the image.
     pub prior: Prior,
     /// Regularization parameter.
     pub alpha: Alpha,
-    /// How the channels are weighed against each other.
+    /// How the channels are weighted.
     pub difference: Difference,
-    /// Channels that are left out, because they are known to be bad; their columns of the matrix are zero.
+    /// Channels that are excluded because they are known to be bad; their columns of the matrix are zero.
     pub excluded: Vec<usize>,
-    /// Which way a touch turns the conductance: images are positive where touched.
+    /// The sign of the conductance change under touch: images are positive where touched.
     pub touch: TouchEffect,
-    /// Pixels of the small target for which a noise figure is computed; none takes the pixel that the electrodes see
-    /// least, with its neighbours.
+    /// Pixels of the small target for which a noise figure is computed; by default the pixel with the smallest
+    /// sensitivity, with its neighbours.
     pub target: Vec<usize>,
-    /// Measured differences, for the rules that look at data ([`Alpha::LCurve`], [`Alpha::Gcv`]). No label is needed.
+    /// Measured differences, for the rules that use data ([`Alpha::LCurve`], [`Alpha::Gcv`]). No labels are needed.
     pub examples: Vec<Frame>,
 }
 
@@ -52,8 +52,9 @@ impl Default for OneStepOptions {
 /// x = (J'W J + alpha^2 c R)^-1 J'W d,    c = trace(J'W J) / trace(R)
 /// ```
 ///
-/// J is the derivative of the frame by the relative change of the pixels' conductance, d the difference and W the weight of
-/// the channels. With [`Alpha::Absolute`] c is one and J the derivative by the conductance itself.
+/// J is the derivative of the frame with respect to the relative change of the pixels' conductance, d the difference
+/// and W the weight of the channels. With [`Alpha::Absolute`] c is one and J the derivative with respect to the
+/// conductance itself.
 #[derive(Debug, Clone)]
 pub struct OneStep {
     pixels: Arc<PixelSpace>,
@@ -73,10 +74,10 @@ impl OneStep {
         Ok(Self::from_linearised(&Linearised::new(forward, &pixels)?, pixels, options)?)
     }
 
-    /// The reconstruction from a linear model that is at hand already.
+    /// The reconstruction from an existing linear model.
     ///
     /// # Errors
-    /// Options out of their range, lists that do not fit, a problem that has no unique solution.
+    /// Options out of their range, lists that do not match, a problem that has no unique solution.
     pub fn from_linearised(
         model: &Linearised,
         pixels: Arc<PixelSpace>,
@@ -102,7 +103,7 @@ impl OneStep {
         Ok(OneStep { pixels, prior: options.prior, matrix, alpha, rule, hyperparameter: alpha * scale.sqrt() })
     }
 
-    /// The alpha in use: as given, or as chosen. Without a unit, but for [`Alpha::Absolute`].
+    /// The alpha in use: as given, or as chosen. Dimensionless, except for [`Alpha::Absolute`].
     pub fn alpha(&self) -> f64 {
         self.alpha
     }
@@ -112,7 +113,7 @@ impl OneStep {
         self.rule
     }
 
-    /// What multiplies the square root of the prior: `alpha sqrt(c)`.
+    /// The factor of the square root of the prior: `alpha sqrt(c)`.
     pub fn hyperparameter(&self) -> f64 {
         self.hyperparameter
     }

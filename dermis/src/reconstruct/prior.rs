@@ -1,4 +1,4 @@
-//! What an image is expected to look like before it is measured: the matrix R of the penalty x'Rx.
+//! The prior of the image: the matrix R of the penalty x'Rx.
 
 use crate::design::{Body, SkinDesign};
 use crate::image::PixelSpace;
@@ -8,18 +8,18 @@ use faer::sparse::linalg::solvers::Llt;
 use faer::sparse::{SparseColMat, Triplet};
 use faer::{Mat, MatRef, Side};
 
-/// What an image is expected to look like before it is measured.
+/// The prior of the image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Prior {
     /// Every pixel is small: `R = I`.
     Tikhonov,
-    /// Every pixel is small by the measure of its own sensitivity: `R = diag(J'J)^exponent` (Cheney, Isaacson, Newell
-    /// et al. 1990, DOI 10.1002/ima.1850020203).
+    /// Every pixel is small relative to its sensitivity: `R = diag(J'J)^exponent` (Cheney, Isaacson, Newell et al.
+    /// 1990, DOI 10.1002/ima.1850020203).
     Noser {
-        /// 0 is Tikhonov's prior, 1 the original NOSER; 0.5 is usual.
+        /// 0 is the Tikhonov prior, 1 the original NOSER; 0.5 is usual.
         exponent: f64,
     },
-    /// Neighbours are alike (a spatial high-pass): `R = 2 x` the graph Laplacian of pixels that share an edge.
+    /// Neighbours are similar (a spatial high-pass): `R = 2 x` the graph Laplacian of pixels that share an edge.
     Laplace,
 }
 
@@ -30,10 +30,11 @@ impl Default for Prior {
     }
 }
 
-/// The prior for a skin where none is asked for.
+/// The default prior of a skin.
 ///
-/// Laplace on bodies from a mesh file, whose images have a value per cell: there NOSER is prone to false contacts at the
-/// electrodes. NOSER on all others. `cargo run --release -p dermis-sim --example choose_prior -- bodies` compares them.
+/// Laplace on bodies from a mesh file, whose images have a value per cell: on these NOSER often gives false contacts at
+/// the electrodes. NOSER on all others. `cargo run --release -p dermis-sim --example choose_prior -- bodies` compares
+/// them.
 ///
 /// ```
 /// use dermis::design::SkinDesign;
@@ -81,7 +82,7 @@ impl Prior {
 /// The matrix R of a penalty x'Rx.
 #[derive(Debug, Clone)]
 pub(crate) enum Penalty {
-    /// A diagonal. A pixel of weight zero is one that no channel sees.
+    /// A diagonal. A pixel of weight zero has no sensitivity in any channel.
     Diagonal(Vec<f64>),
     /// A graph's Laplacian.
     Graph(Graph),
@@ -108,7 +109,7 @@ impl Penalty {
         }
     }
 
-    /// `matrix + factor R`, in place; a pixel without any weight gets one on the diagonal, which keeps it at zero.
+    /// `matrix + factor R`, in place; a pixel without any weight gets a one on the diagonal, which keeps it at zero.
     pub(crate) fn add_to(&self, matrix: &mut Mat<f64>, factor: f64) {
         match self {
             Penalty::Diagonal(weights) => {
@@ -127,7 +128,7 @@ impl Penalty {
         }
     }
 
-    /// `R^-1 J'`, pixels x channels. For a graph R is made regular by holding one pixel of each component at zero (see
+    /// `R^-1 J'`, pixels x channels. For a graph, R is made regular by fixing one pixel of each component at zero (see
     /// [`Graph`]).
     pub(crate) fn solve(&self, jacobian: MatRef<'_, f64>) -> Result<Mat<f64>, ReconstructError> {
         match self {
@@ -138,7 +139,7 @@ impl Penalty {
         }
     }
 
-    /// For each pixel the component of the images that R does not see: `None` where R is regular.
+    /// For each pixel its component in the null space of R: `None` if R is regular.
     pub(crate) fn components(&self) -> Option<(&[usize], usize)> {
         match self {
             Penalty::Diagonal(_) => None,
@@ -149,9 +150,9 @@ impl Penalty {
 
 /// The graph of pixels that share an edge, with a weight for each edge.
 ///
-/// Its Laplacian, `x'Rx = sum over edges of weight (x_i - x_j)^2`, is singular: a constant on a connected component costs nothing. With the first pixel of each component
-/// held at zero the rest is positive definite; the constants are then fitted to the data (see
-/// [`super::system`]).
+/// Its Laplacian, `x'Rx = sum over edges of weight (x_i - x_j)^2`, is singular: a constant on a connected component has
+/// no penalty. With the first pixel of each component fixed at zero the rest is positive definite; the constants are
+/// then fitted to the data (see [`super::system`]).
 #[derive(Debug, Clone)]
 pub(crate) struct Graph {
     /// For each pixel its neighbours and the weight of the edge between them.
@@ -159,12 +160,12 @@ pub(crate) struct Graph {
     /// Component of each pixel.
     component: Vec<usize>,
     component_count: usize,
-    /// Position of each pixel among those not held; `None` for the held ones.
+    /// Position of each pixel among those not fixed; `None` for the fixed ones.
     free: Vec<Option<usize>>,
 }
 
 impl Graph {
-    /// The graph of the neighbours; `weight` tells the weight of the edge between two pixels and must be symmetric.
+    /// The graph of the neighbours; `weight` returns the weight of the edge between two pixels and must be symmetric.
     pub(crate) fn new(
         neighbours: &[Vec<usize>],
         weight: impl Fn(usize, usize) -> f64,
@@ -207,7 +208,7 @@ impl Graph {
         &self.edges
     }
 
-    /// Marks all that hangs together with a pixel as one component.
+    /// Marks all pixels connected with a pixel as one component.
     fn flood(&mut self, start: usize) {
         let mut waiting = vec![start];
         self.component[start] = self.component_count;
@@ -222,7 +223,7 @@ impl Graph {
         self.component_count += 1;
     }
 
-    /// The Laplacian without the rows and columns of the held pixels.
+    /// The Laplacian without the rows and columns of the fixed pixels.
     fn factor(&self, free_count: usize) -> Result<Llt<usize, f64>, ReconstructError> {
         let mut entries = Vec::new();
         for (pixel, edges) in self.edges.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! How strongly each place of a skin speaks in a frame.
+//! The sensitivity of a frame to each part of a skin.
 
 use crate::image::PixelSpace;
 use crate::reconstruct::Linearised;
@@ -11,10 +11,10 @@ impl Linearised {
     /// s_p = |J e_p| / A_p
     /// ```
     ///
-    /// Divided by the area it does not depend on how finely the skin is divided into pixels.
+    /// Because of the division by the area it does not depend on the size of the pixels.
     ///
     /// # Panics
-    /// Where `pixels` are not those of the model.
+    /// If `pixels` are not those of the model.
     pub fn sensitivity(&self, pixels: &PixelSpace) -> Vec<f64> {
         assert_eq!(pixels.len(), self.pixel_count(), "the pixels of the model");
         let mut squares = vec![0.0; pixels.len()];

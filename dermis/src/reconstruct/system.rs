@@ -1,12 +1,12 @@
-//! The regularised linear problem that a one-step image solves, in both of its forms.
+//! The regularised linear problem of a one-step image, in both of its forms.
 //!
 //! ```text
 //! x = argmin |y - J x|^2 + mu x'Rx = (J'J + mu R)^-1 J' y             parameter space, pixels x pixels   (1)
 //!                                  = R^-1 J' (J R^-1 J' + mu I)^-1 y  data space, channels x channels    (2)
 //! ```
 //!
-//! Where R does not see some images `N` (constants, for the Laplace prior), (2) is taken over the others, and what is left
-//! over, `N b`, is fitted without a penalty: with `T = J N`, `S = K + mu I` and `K = J R^-1 J'`,
+//! If R has a null space `N` (constants, for the Laplace prior), (2) is computed in its complement, and the null-space
+//! part `N b` is fitted without a penalty: with `T = J N`, `S = K + mu I` and `K = J R^-1 J'`,
 //!
 //! ```text
 //! b = (T' S^-1 T)^-1 T' S^-1 y,    x = R^-1 J' S^-1 (y - T b) + N b.                                     (3)
@@ -17,7 +17,7 @@ use crate::reconstruct::prior::Penalty;
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{ColRef, Mat, MatRef, Side};
 
-/// `min |y - J x|^2 + mu x'Rx` with everything prepared that does not depend on `mu`.
+/// `min |y - J x|^2 + mu x'Rx` with everything precomputed that does not depend on `mu`.
 #[derive(Debug, Clone)]
 pub(crate) struct System {
     jacobian: Mat<f64>,
@@ -33,7 +33,7 @@ enum Form {
     Data(DataForm),
 }
 
-/// What equation (3) needs.
+/// The additional matrices for equation (3).
 #[derive(Debug, Clone)]
 pub(crate) struct DataForm {
     /// `R^-1 J'`, pixels x channels.
@@ -42,7 +42,7 @@ pub(crate) struct DataForm {
     pub(crate) kernel: Mat<f64>,
     /// `T = J N`, channels x components.
     pub(crate) trend: Mat<f64>,
-    /// The component of each pixel, where R is singular.
+    /// The component of each pixel, if R is singular.
     component: Vec<usize>,
 }
 
@@ -72,7 +72,7 @@ impl System {
         self.jacobian.as_ref()
     }
 
-    /// `trace(J'J) / trace(R)`, which makes alpha free of units.
+    /// `trace(J'J) / trace(R)`, which makes alpha dimensionless.
     pub(crate) fn scale(&self) -> Result<f64, ReconstructError> {
         let scale = self.jacobian.squared_norm_l2() / self.penalty.trace();
         if scale.is_finite() && scale > 0.0 {
@@ -97,7 +97,7 @@ impl System {
         }
     }
 
-    /// The image of `y` alone, without the whole matrix.
+    /// The image of `y` only, without the whole matrix.
     pub(crate) fn solve(&self, data: &[f64], mu: f64) -> Result<Vec<f64>, ReconstructError> {
         let data = ColRef::from_slice(data).as_mat();
         let image = match &self.form {
@@ -179,7 +179,7 @@ impl DataForm {
         if self.trend.ncols() > 0 {
             let solved = factor.solve(&self.trend);
             let fit = cholesky(&(self.trend.transpose() * &solved), "T' S^-1 T", mu)?.solve(solved.transpose());
-            // N b and, through y - T b, what the penalised part gives up for it.
+            // N b and, through y - T b, its effect on the penalised part.
             let mut lift = -(&self.smoothed * &solved);
             for (pixel, &component) in self.component.iter().enumerate() {
                 lift[(pixel, component)] += 1.0;

@@ -8,7 +8,7 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
 
-/// Pixels in a row that hang together in pieces of the given lengths.
+/// Pixels in a row, connected in pieces of the given lengths.
 pub(crate) fn rows_of_pixels(pieces: &[usize]) -> PixelSpace {
     let count: usize = pieces.iter().sum();
     let mut neighbours = vec![Vec::new(); count];
@@ -32,7 +32,7 @@ pub(crate) fn rows_of_pixels(pieces: &[usize]) -> PixelSpace {
     }
 }
 
-/// A Jacobian that blurs: each channel sees a bump of pixels, with a bit of disorder from the seed.
+/// A smoothing Jacobian: each channel has a Gaussian sensitivity over pixels, with a small random part from the seed.
 pub(crate) fn blurring(channels: usize, pixels: usize, seed: u64) -> Linearised {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut values = Vec::new();

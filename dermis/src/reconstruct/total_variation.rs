@@ -1,4 +1,4 @@
-//! Total variation: images of even patches with sharp edges.
+//! Total variation: piecewise constant images with sharp edges.
 
 use crate::design::TouchEffect;
 use crate::geom::vector::distance;
@@ -10,18 +10,19 @@ use crate::reconstruct::system::System;
 use crate::reconstruct::{Reconstruct, ReconstructError, alpha, check_lengths};
 use std::sync::Arc;
 
-/// How a total-variation image is made.
+/// Options of a total-variation image.
 #[derive(Debug, Clone)]
 pub struct TotalVariationOptions {
-    /// The weight of the variation, as a part of the weight from which on no single pixel would rise out of an even image.
+    /// The weight of the variation, as a fraction of the weight above which no single pixel differs from a uniform
+    /// image.
     pub alpha: f64,
-    /// Channels that are left out.
+    /// Channels that are excluded.
     pub excluded: Vec<usize>,
-    /// Which way a touch turns the conductance: images are positive where touched.
+    /// The sign of the conductance change under touch: images are positive where touched.
     pub touch: TouchEffect,
-    /// Steps at most at each smoothing.
+    /// Maximum number of steps at each smoothing.
     pub max_iterations: usize,
-    /// A smoothing ends where a step lowers its objective by less than this part of it.
+    /// A smoothing ends when a step lowers its objective by less than this fraction of it.
     pub tolerance: f64,
 }
 
@@ -43,15 +44,16 @@ impl Default for TotalVariationOptions {
 /// x = argmin 1/2 |J x - d|^2 + lambda TV(x),    TV(x) = sum over edges w_ij |x_i - x_j|
 /// ```
 ///
-/// `w_ij` is the length of the edge between two pixels, taken as their mean area over the distance of their centres, which is
-/// exact on a grid. Lagged diffusivity (Vogel and Oman 1996, DOI 10.1137/0917016): `|t|` is smoothed to `sqrt(t^2 + b^2)`, of
-/// which each step minimises a quadratic upper bound; no step raises the objective, and `b` falls towards zero.
+/// `w_ij` is the length of the edge between two pixels, computed as their mean area over the distance of their centres,
+/// which is exact on a grid. Lagged diffusivity (Vogel and Oman 1996, DOI 10.1137/0917016): `|t|` is smoothed to
+/// `sqrt(t^2 + b^2)`, and each step minimises a quadratic upper bound of it; no step raises the objective, and `b`
+/// decreases towards zero.
 #[derive(Debug, Clone)]
 pub struct TotalVariation {
     pixels: Arc<PixelSpace>,
     channels: Channels,
     channel_count: usize,
-    /// The flat problem, to start from; its penalty is the graph with the weights `w`.
+    /// The smooth problem for the first image; its penalty is the graph with the weights `w`.
     system: System,
     edges: Vec<Vec<(usize, f64)>>,
     options: TotalVariationOptions,
@@ -61,7 +63,7 @@ impl TotalVariation {
     /// The reconstruction from a linear model.
     ///
     /// # Errors
-    /// Options out of their range, lists that do not fit, pixels that touch at a single point.
+    /// Options out of their range, lists that do not match, pixels that share only a single point.
     pub fn from_linearised(
         model: &Linearised,
         pixels: Arc<PixelSpace>,
@@ -93,10 +95,10 @@ impl TotalVariation {
         self.misfit_of(image, &self.channels.gather(difference))
     }
 
-    /// `lambda` for a difference: alpha times the weight from which on no single pixel would rise out of an even image.
+    /// `lambda` for a difference: alpha times the weight above which no single pixel differs from a uniform image.
     ///
     /// # Errors
-    /// A difference of the wrong length or with a value that is not finite; a Jacobian that sees no change.
+    /// A difference of the wrong length or with a value that is not finite; a Jacobian without sensitivity.
     pub fn weight(&self, difference: &[f64]) -> Result<f64, ReconstructError> {
         check_lengths(difference, self.channel_count, &[], 0)?;
         self.weight_of(&self.channels.gather(difference))
@@ -113,14 +115,14 @@ impl TotalVariation {
         Ok(self.options.alpha * steepest)
     }
 
-    /// The best even image: what an overwhelming weight leaves.
+    /// The best uniform image: the limit of an infinite weight.
     fn flat(&self, data: &[f64]) -> Result<Vec<f64>, ReconstructError> {
         self.system.solve(data, 1e6 * self.system.scale()?)
     }
 
     fn sum_over_edges(&self, image: &[f64], of_step: impl Fn(f64) -> f64) -> f64 {
         let lists = self.edges.iter().enumerate();
-        // Each edge stands in the lists of both its pixels.
+        // Each edge is in the lists of both its pixels.
         lists
             .flat_map(|(a, edges)| edges.iter().map(move |&(b, w)| (a, b, w)))
             .filter(|&(a, b, _)| a < b)
@@ -132,9 +134,9 @@ impl TotalVariation {
         data.iter().zip(explained.iter()).map(|(d, e)| (d - e).powi(2)).sum::<f64>().sqrt()
     }
 
-    /// Lagged diffusivity, the smoothing falling by a factor of ten from the largest step of a first image.
+    /// Lagged diffusivity; the smoothing decreases by factors of ten from the largest step of a first image.
     fn minimise(&self, data: &[f64]) -> Result<Vec<f64>, ReconstructError> {
-        /// Smoothings below a millionth of the image's steps change no digit that matters.
+        /// Smoothings below a millionth of the image's steps have no relevant effect.
         const SMOOTHINGS: i32 = 6;
         let weight = self.weight_of(data)?;
         let Penalty::Graph(mut graph) = self.system.penalty().clone() else { unreachable!("made from a graph") };
@@ -165,7 +167,7 @@ impl TotalVariation {
         Ok(image)
     }
 
-    /// The weight of each edge in the quadratic that touches the smoothed variation from above at an image.
+    /// The weight of each edge in the quadratic upper bound of the smoothed variation that touches it at an image.
     fn edge_weights<'a>(&'a self, image: &'a [f64], weight: f64, smoothing: f64) -> impl Fn(usize, usize) -> f64 + 'a {
         move |a, b| {
             let length = self.edges[a].iter().find(|edge| edge.0 == b).map_or(0.0, |edge| edge.1);

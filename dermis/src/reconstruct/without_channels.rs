@@ -1,4 +1,4 @@
-//! A method for a skin of which some channels are broken.
+//! A method for a skin with broken channels.
 
 use crate::detect::DetectOptions;
 use crate::forward::Matrix;
@@ -6,11 +6,11 @@ use crate::image::PixelSpace;
 use crate::reconstruct::{Linearised, OneStep, OneStepOptions, Prior, Quantity, Reconstruct, ReconstructError};
 use std::sync::Arc;
 
-/// A method for a skin of which some channels are broken, which cannot be made anew without them, as a network cannot.
+/// A method for a skin with broken channels that cannot be prepared again without them, such as a network.
 ///
-/// What the broken channels would say is told by the others: the one-step image of these, `x = B d`, changes the broken ones
-/// by `J x`, the most likely values under that image's prior. A linear method of the same prior gives the image
-/// that it would give if it were made anew.
+/// The values of the broken channels are predicted from the others: the one-step image of these, `x = B d`, changes the
+/// broken ones by `J x`, the most likely values under that image's prior. A linear method with the same prior gives the
+/// same image as if it were prepared again.
 #[derive(Debug, Clone)]
 pub struct WithoutChannels<M> {
     method: M,
@@ -21,19 +21,19 @@ pub struct WithoutChannels<M> {
 }
 
 impl<M: Reconstruct> WithoutChannels<M> {
-    /// The method without some channels of the skin whose linear model is given.
+    /// The method without some channels of the skin with the given linear model.
     ///
     /// # Errors
-    /// A channel that there is not, too few channels left, a method of another skin.
+    /// A channel that does not exist, too few channels left, a method of another skin.
     pub fn new(method: M, model: &Linearised, broken: Vec<usize>) -> Result<Self, ReconstructError> {
         let fill = fill(&method, model, &broken)?;
         let mut matrix = method.matrix().cloned();
         if let Some(matrix) = &mut matrix {
             let columns = matrix.columns;
             for row in matrix.values.chunks_exact_mut(columns) {
-                let told: Vec<f64> = broken.iter().map(|&channel| std::mem::take(&mut row[channel])).collect();
-                for (told, fill) in told.iter().zip(fill.values.chunks_exact(columns)) {
-                    row.iter_mut().zip(fill).for_each(|(value, fill)| *value += told * fill);
+                let weights: Vec<f64> = broken.iter().map(|&channel| std::mem::take(&mut row[channel])).collect();
+                for (weight, fill) in weights.iter().zip(fill.values.chunks_exact(columns)) {
+                    row.iter_mut().zip(fill).for_each(|(value, fill)| *value += weight * fill);
                 }
             }
         }
@@ -64,18 +64,18 @@ impl<M: Reconstruct> Reconstruct for WithoutChannels<M> {
         self.method.pixels()
     }
 
-    /// As the method does; a copy of the difference is made where channels are broken.
+    /// As the wrapped method; the difference is copied if there are broken channels.
     fn reconstruct_into(&self, difference: &[f64], values: &mut [f64]) -> Result<(), ReconstructError> {
-        // A difference of another length is the method's to refuse.
+        // The wrapped method refuses a difference of another length.
         if difference.len() != self.fill.columns {
             return self.method.reconstruct_into(difference, values);
         }
-        let mut heard = difference.to_vec();
-        self.broken.iter().for_each(|&channel| heard[channel] = 0.0);
-        let mut told = vec![0.0; self.broken.len()];
-        self.fill.product_into(&heard, &mut told);
-        self.broken.iter().zip(told).for_each(|(&channel, told)| heard[channel] = told);
-        self.method.reconstruct_into(&heard, values)
+        let mut completed = difference.to_vec();
+        self.broken.iter().for_each(|&channel| completed[channel] = 0.0);
+        let mut predicted = vec![0.0; self.broken.len()];
+        self.fill.product_into(&completed, &mut predicted);
+        self.broken.iter().zip(predicted).for_each(|(&channel, predicted)| completed[channel] = predicted);
+        self.method.reconstruct_into(&completed, values)
     }
 
     fn matrix(&self) -> Option<&Matrix> {
@@ -126,7 +126,7 @@ mod tests {
         let polarity_blind = WithoutChannels::new(&method, &model, BROKEN.to_vec()).unwrap();
         assert_eq!(image(&polarity_blind, 1e6), image(&polarity_blind, 0.0));
         assert_ne!(image(&method, 1.0), image(&method, 0.0));
-        // The matrix is that of what it does.
+        // The matrix must agree with the reconstruction.
         let matrix = polarity_blind.matrix().unwrap();
         let product: f64 = matrix.values[..870].iter().zip(difference(1e6)).map(|(a, b)| a * b).sum();
         assert!((product - image(&polarity_blind, 1e6)[0]).abs() < 1e-9 * product.abs());
@@ -137,12 +137,12 @@ mod tests {
     }
 
     #[test]
-    fn a_linear_method_of_the_same_prior_is_the_one_that_is_made_anew() {
+    fn a_linear_method_with_the_same_prior_equals_one_prepared_without_the_channels() {
         let (model, pixels) = skin();
         let laplace = OneStepOptions { prior: Prior::Laplace, ..OneStepOptions::default() };
         let without = OneStepOptions { excluded: BROKEN.to_vec(), ..laplace.clone() };
         let anew = OneStep::from_linearised(&model, Arc::clone(&pixels), &without).unwrap();
-        // Alpha counts relative to the Jacobian of the channels in use: so that the prior weighs the same in both.
+        // Alpha is relative to the Jacobian of the channels in use: the prior must have the same weight in both.
         let unit = |options: &OneStepOptions| {
             let options = OneStepOptions { alpha: Alpha::Given(1.0), ..options.clone() };
             OneStep::from_linearised(&model, Arc::clone(&pixels), &options).unwrap().hyperparameter()

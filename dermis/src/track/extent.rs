@@ -1,16 +1,16 @@
-//! Where a body ends.
+//! The extent of a body.
 
 use crate::geom::vector::{add, distance, scale, sub};
 use crate::geom::{Point3, Surface};
 use crate::image::PixelSpace;
 use serde::{Deserialize, Serialize};
 
-/// The part of a surface that a body has.
+/// The part of a surface that belongs to a body.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) enum Extent {
     /// All of it, between the rims of a cylinder.
     Whole { length_m: Option<f64> },
-    /// What lies within a reach of the middle of some pixel.
+    /// All points within a radius of the centre of some pixel.
     Pixels { centres_m: Vec<Point3>, reach_m: f64 },
 }
 
@@ -29,7 +29,7 @@ impl Extent {
         }
     }
 
-    /// The place on the body nearest to one that may have left it.
+    /// The point on the body nearest to one that may be outside.
     pub fn nearest(&self, place_m: Point3) -> Point3 {
         match self {
             Extent::Whole { length_m: None } => place_m,
@@ -38,7 +38,7 @@ impl Extent {
                 let away_m = |centre_m: &Point3| distance(*centre_m, place_m);
                 let nearest = centres_m.iter().min_by(|a, b| away_m(a).total_cmp(&away_m(b)));
                 let Some(&centre_m) = nearest else { return place_m };
-                // At a pixel's corner the body goes on, or ends within a part of a pixel.
+                // At a pixel's corner the body continues, or ends within a fraction of a pixel.
                 let over = distance(centre_m, place_m) / reach_m;
                 if over <= 1.0 { place_m } else { add(centre_m, scale(sub(place_m, centre_m), 1.0 / over)) }
             }

@@ -1,14 +1,14 @@
-//! Contacts followed from frame to frame, each by an id that lasts.
+//! Tracking of contacts from frame to frame with permanent ids.
 //!
-//! A track predicts where its contact moves (a Kalman filter of constant velocity); predictions and
-//! contacts are assigned at the smallest total distance. A contact counts once it has come
-//! [`TrackOptions::birth_frames`] times running above the threshold, and until it has been away for
-//! [`TrackOptions::absence_s`] below a lower one. Two contacts too near to be told apart become one in the image: then
-//! both tracks go on, each along its own line as far as their middle says, until they part again.
+//! A track predicts the motion of its contact (a Kalman filter of constant velocity); predictions and contacts are
+//! assigned at the smallest total distance. A contact is confirmed after it has exceeded the threshold in
+//! [`TrackOptions::birth_frames`] consecutive frames, and ends after it has been below a lower threshold for
+//! [`TrackOptions::absence_s`]. Two contacts too close to be resolved merge into one in the image: then both tracks
+//! continue, each along its own line as far as the observed centre is consistent with it, until they separate again.
 //!
-//! A contact that is not seen goes on along its way, but on the body, and no faster than brings it out of its
-//! [gate](TrackOptions::gate_m) while it is missed; its confidence falls in a straight line to zero at the time at which
-//! it is given up.
+//! A contact that is not seen is predicted further, but stays on the body, and moves slowly enough to stay within its
+//! [gate](TrackOptions::gate_m) while it is missed; its confidence decreases linearly to zero at the time at which the
+//! track ends.
 
 mod extent;
 mod motion;
@@ -26,26 +26,27 @@ use motion::{Motion, STEADY, SUDDEN};
 use serde::{Deserialize, Serialize};
 use together::Merged;
 
-/// Contacts that come nearer to each other faster than this will meet, m/s: more than a finger that stays seems to move.
+/// Contacts with a higher approach speed than this will merge, m/s: it exceeds the apparent speed of a stationary
+/// finger.
 const CLOSING_M_S: f64 = 0.03;
 
-/// How contacts are followed.
+/// Tracking options.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct TrackOptions {
-    /// Frames running in which a contact must come before it counts.
+    /// Number of consecutive frames in which a contact must be detected before it is confirmed.
     pub birth_frames: usize,
-    /// A contact that does not come for longer than this has ended, s.
+    /// A contact that is not detected for longer than this has ended, s.
     pub absence_s: f64,
-    /// Once it counts, a contact stays while its signal exceeds this part of what it needed to begin.
+    /// A confirmed contact continues while its signal exceeds this fraction of the threshold to begin.
     pub release_fraction: f64,
-    /// A contact farther than this from where a track is expected is not its own, m.
+    /// A contact farther than this from the predicted position of a track does not belong to it, m.
     pub gate_m: f64,
-    /// Contacts nearer than this may be seen as one, m: the separation that the method resolves.
+    /// Contacts closer than this may be merged in the image, m: the separation that the method resolves.
     pub merge_m: f64,
-    /// Two contacts that are seen as one for longer than this are one, s.
+    /// Two contacts that are merged for longer than this are one, s.
     pub merge_s: f64,
-    /// Between two contacts, nearer than [`merge_m`](Self::merge_m) to both, a third must come for so long before it
-    /// counts, s: where two touches are hardly told apart, images show spots between them.
+    /// Between two contacts, closer than [`merge_m`](Self::merge_m) to both, a third must be detected for this time
+    /// before it is confirmed, s: if two touches are barely resolved, images show spots between them.
     pub between_s: f64,
 }
 
@@ -55,7 +56,7 @@ impl Default for TrackOptions {
             birth_frames: 2,
             absence_s: 0.05,
             release_fraction: 0.7,
-            // At 120 frames a second a fast stroke of 1 m/s moves 8 mm; errors jump by a few when patches close.
+            // At 120 frames per second a fast stroke of 1 m/s moves 8 mm; errors change by a few mm when patches close.
             gate_m: 0.03,
             merge_m: 0.06,
             merge_s: 2.0,
@@ -64,14 +65,14 @@ impl Default for TrackOptions {
     }
 }
 
-/// No gate is narrower, m: a fast stroke of 1 m/s moves as far in a frame at 120 a second, whatever the skin.
+/// Minimum gate, m: the distance per frame of a fast stroke of 1 m/s at 120 frames per second, for any skin.
 const LEAST_GATE_M: f64 = 0.008;
 
 impl TrackOptions {
-    /// The options for a skin, told by its pixels and the number of its electrodes; for the paper's skin the default ones.
+    /// The options for a skin, from its pixels and its number of electrodes; for the paper's skin the default ones.
     ///
-    /// Errors of images and the separation that they resolve go with the distance between electrodes. Spread evenly over
-    /// the body's area `A` in a triangular grid, `n` electrodes are `sqrt(2 A / (sqrt(3) n))` apart: that, in whole
+    /// Image errors and the resolved separation are proportional to the electrode spacing. Distributed uniformly over
+    /// the body's area `A` in a triangular grid, `n` electrodes are `sqrt(2 A / (sqrt(3) n))` apart: this, in whole
     /// millimetres, is [`merge_m`](Self::merge_m), and half of it [`gate_m`](Self::gate_m).
     pub fn for_skin(pixels: &PixelSpace, electrode_count: usize) -> Self {
         let area_m2 = pixels.areas.iter().sum::<f64>();
@@ -81,29 +82,29 @@ impl TrackOptions {
     }
 }
 
-/// A contact found in a frame, and how far it stands out.
+/// A contact found in a frame, and its signal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sighting {
     /// The contact.
     pub contact: Contact,
-    /// Its signal over what a contact needs to begin; from [`TrackOptions::release_fraction`] on it may go on.
+    /// Its signal over the threshold to begin; above [`TrackOptions::release_fraction`] a contact may continue.
     pub signal: f64,
 }
 
-/// A contact that is followed.
+/// A tracked contact.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Tracked {
-    /// The contact with its lasting id: as last seen, moved to where it is expected while it is hidden.
+    /// The contact with its permanent id: as last seen, moved to its predicted position while it is hidden.
     pub contact: Contact,
-    /// How it moves, m/s.
+    /// Its velocity, m/s.
     pub velocity_m_s: Point3,
-    /// When it began, s on the clock of the frames.
+    /// Its start time, s on the clock of the frames.
     pub since_s: f64,
-    /// Whether the image shows it on its own; else it is behind another contact or missing for a moment.
+    /// Whether it is separate in the image; if not, it is merged with another contact or temporarily missing.
     pub seen: bool,
 }
 
-/// Follows contacts.
+/// Tracks contacts.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Tracker {
     options: TrackOptions,
@@ -117,23 +118,23 @@ pub struct Tracker {
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Track {
-    /// The id, once the contact counts.
+    /// The id, once the contact is confirmed.
     id: Option<u64>,
     contact: Contact,
-    /// How it moves now, by which it is found again.
+    /// Its current motion, used for assignment.
     motion: Motion,
-    /// How it has moved for a while, by which it goes on where it is seen as one with another: as two come near, their
-    /// places stray.
+    /// Its motion over a longer time, used while it is merged with another: as two contacts approach each other, their
+    /// position errors grow.
     course: Motion,
     since_s: f64,
     last_seen_s: f64,
     sightings: usize,
-    /// Where it began to be seen as one with another.
+    /// The start of the merge with another contact.
     merged: Option<Merged>,
 }
 
 impl Tracker {
-    /// A tracker of contacts on a surface, which is taken to have no edges but a cylinder's rims.
+    /// A tracker of contacts on a surface without edges except a cylinder's rims.
     pub fn new(surface: Surface, options: TrackOptions) -> Self {
         Self::within(surface, Extent::of_surface(surface), options)
     }
@@ -147,7 +148,7 @@ impl Tracker {
         Tracker { options, surface, extent, tracks: Vec::new(), next_id: 1, last_s: None, tracked: Vec::new() }
     }
 
-    /// Takes the contacts of the next frame in and gives those that count, the oldest first.
+    /// Processes the contacts of the next frame and returns the confirmed ones, the oldest first.
     pub fn update(&mut self, sightings: &[Sighting], time_s: f64) -> &[Tracked] {
         let step_s = self.last_s.map_or(0.0, |last_s| (time_s - last_s).max(0.0));
         self.last_s = Some(time_s);
@@ -163,7 +164,7 @@ impl Tracker {
         self.end(time_s);
         self.hold_unseen(time_s);
         self.begin(&sightings, &owner, time_s);
-        self.tell(time_s)
+        self.report(time_s)
     }
 
     /// Ends all contacts; ids are not used again.
@@ -171,11 +172,11 @@ impl Tracker {
         self.tracks.clear();
     }
 
-    /// Which track each sighting belongs to. Contacts that count come first: what may be nothing takes nothing from
-    /// them.
+    /// The track of each sighting. Confirmed contacts are assigned first, so that an unconfirmed one takes no sighting
+    /// from them.
     fn assign(&self, sightings: &[Sighting]) -> Vec<Option<usize>> {
         let gate_m = |track: &Track| {
-            // Where two that were seen as one part again is hardly known: on either side of what was seen.
+            // The positions of two contacts after a merge are uncertain: on either side of the merged sighting.
             if track.merged.is_some() { 2.0 * self.options.merge_m } else { self.options.gate_m }
         };
         let mut owner = vec![None; sightings.len()];
@@ -188,8 +189,8 @@ impl Tracker {
                     (self.tracks[tracks[track]].motion.position_m, sightings[free[sighting]].contact.position_m);
                 self.surface.distance_m(from_m, to_m)
             };
-            // Squares: of steps along one line the sum is the same whichever way round. Beyond the gate all cost alike:
-            // a far pair does not push a near one apart.
+            // Squared distances: for steps along one line the plain sum is the same for both assignments. Beyond the
+            // gate all costs are equal: a distant pair does not affect the assignment of a close one.
             let cost = |track: usize, sighting: usize| {
                 apart_m(track, sighting).min(2.0 * gate_m(&self.tracks[tracks[track]])).powi(2)
             };
@@ -202,10 +203,11 @@ impl Tracker {
         owner
     }
 
-    /// For each track that was not seen the sighting that may be it and its neighbour in one.
+    /// For each unseen track the sighting that may be itself and its neighbour merged.
     ///
-    /// A contact that hides another is stronger than it was alone, or has moved from where it is expected towards the
-    /// middle of both, or the two were closing in on each other; one whose neighbour was lifted is none of these.
+    /// A sighting of two merged contacts is stronger than the single contact was, or has moved from its predicted
+    /// position towards the centre of both, or the two were approaching each other; if the neighbour was lifted, none
+    /// of these is true.
     fn hidden(&self, sightings: &[Sighting], owner: &[Option<usize>], time_s: f64) -> Vec<Option<usize>> {
         let merges = |track: usize, sighting: usize| {
             let (own, seen) = (&self.tracks[track], &sightings[sighting].contact);
@@ -249,14 +251,14 @@ impl Tracker {
         }
     }
 
-    /// Keeps what is not seen on the body, and what is missed near where it was last seen.
+    /// Keeps unseen contacts on the body, and missed contacts near the position where they were last seen.
     fn hold_unseen(&mut self, time_s: f64) {
         let most_m_s = self.options.gate_m / self.options.absence_s;
         for track in &mut self.tracks {
             if track.last_seen_s < time_s {
                 let reach_m = most_m_s * (time_s - track.last_seen_s);
-                track.motion.keep_within(&self.surface, track.contact.position_m, reach_m);
-                track.motion.slow_to(most_m_s);
+                track.motion.clamp_to(&self.surface, track.contact.position_m, reach_m);
+                track.motion.limit_speed(most_m_s);
             }
             if track.last_seen_s < time_s || track.merged.is_some() {
                 track.motion.position_m = self.extent.nearest(track.motion.position_m);
@@ -264,7 +266,7 @@ impl Tracker {
         }
     }
 
-    /// What is left of the confidence of a contact that is not seen on its own: less and less, none when it is given up.
+    /// The remaining confidence of a contact that is not seen separately: it decreases to zero at the end of the track.
     fn left_of_confidence(&self, track: &Track, time_s: f64) -> f64 {
         let (unseen_s, most_s) = match &track.merged {
             Some(merged) => (time_s - merged.since_s, self.options.merge_s),
@@ -273,7 +275,7 @@ impl Tracker {
         if unseen_s > 0.0 { (1.0 - unseen_s / most_s).max(0.0) } else { 1.0 }
     }
 
-    /// Ends what has been away too long, and what never counted and did not come.
+    /// Ends tracks that have been absent too long, and unconfirmed tracks without a detection.
     fn end(&mut self, time_s: f64) {
         let options = self.options;
         self.tracks.retain(|track| match track.id {
@@ -305,7 +307,7 @@ impl Tracker {
         }
     }
 
-    /// Whether a track lies between contacts, in reach of more than one.
+    /// Whether a track is between contacts, within the merge distance of more than one.
     fn is_between(&self, new: usize) -> bool {
         let from_m = self.tracks[new].motion.position_m;
         let counts = self.tracks.iter().filter(|track| track.id.is_some());
@@ -313,7 +315,7 @@ impl Tracker {
         apart_m.filter(|&apart_m| apart_m <= self.options.merge_m).count() >= 2
     }
 
-    fn tell(&mut self, time_s: f64) -> &[Tracked] {
+    fn report(&mut self, time_s: f64) -> &[Tracked] {
         self.tracked.clear();
         for track in &self.tracks {
             let Some(id) = track.id else { continue };
@@ -323,7 +325,7 @@ impl Tracker {
                 contact.position_m = track.motion.position_m;
                 contact.confidence *= self.left_of_confidence(track, time_s);
                 contact.normal = self.surface.normal(contact.position_m).unwrap_or(contact.normal);
-                // It is somewhere between what was last seen of it and where it is expected.
+                // It is between its last seen and its predicted position.
                 contact.sd_m = contact.sd_m.hypot(distance(track.contact.position_m, contact.position_m));
             }
             let velocity_m_s = track.motion.velocity_m_s(&self.surface);
@@ -335,16 +337,16 @@ impl Tracker {
 }
 
 impl Track {
-    /// It is seen on its own.
+    /// Update of a track that is seen separately.
     fn see(&mut self, seen: &Sighting, surface: &Surface, time_s: f64) {
         if self.id.is_none() && seen.signal < 1.0 {
             return;
         }
         let seen_m = seen.contact.position_m;
         if self.merged.take().is_some() {
-            self.motion.jump(seen_m, SUDDEN);
+            self.motion.reset_position(seen_m, SUDDEN);
             self.course = self.motion.clone();
-            self.course.jump(seen_m, STEADY);
+            self.course.reset_position(seen_m, STEADY);
         } else {
             self.motion.correct(surface, seen_m, SUDDEN);
             self.course.correct(surface, seen_m, STEADY);

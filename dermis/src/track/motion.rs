@@ -1,44 +1,44 @@
-//! How one contact moves: a Kalman filter of constant velocity on the surface, of two time constants.
+//! Motion of one contact: a Kalman filter of constant velocity on the surface, with two time constants.
 
 use crate::geom::Surface;
 use crate::geom::vector::{Point3, add, dot, norm, scale, sub};
 use serde::{Deserialize, Serialize};
 
-/// What a motion is taken to be like.
+/// Parameters of a motion model.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Manner {
     /// Standard deviation of the acceleration along the surface, m/s2.
     acceleration_m_s2: f64,
-    /// Standard deviation of the place that is seen, m.
+    /// Standard deviation of the measured position, m.
     jitter_m: f64,
 }
 
-/// As a finger may move from one frame to the next: a stroke reaches 0.15 m/s in a tenth of a second, and errors change
-/// by a millimetre or two between neighbouring places, as patches close and open.
+/// Fast motion between frames: a stroke reaches 0.15 m/s in a tenth of a second, and errors change by a millimetre or
+/// two between neighbouring positions, as patches close and open.
 pub(super) const SUDDEN: Manner = Manner { acceleration_m_s2: 1.5, jitter_m: 0.0015 };
-/// As it moves on the whole, over `sqrt(jitter / acceleration)`, 0.14 s: touches within 50 mm of each other move each
-/// other's spot by up to 10 mm.
+/// Slow motion, over `sqrt(jitter / acceleration)`, 0.14 s: touches within 50 mm of each other shift each other's spot
+/// by up to 10 mm.
 pub(super) const STEADY: Manner = Manner { acceleration_m_s2: 0.5, jitter_m: 0.01 };
 
-/// Where a contact is and how fast it moves, with one variance for all axes.
+/// Position and velocity of a contact, with one variance for all axes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Motion {
-    /// Where it is, m.
+    /// Position, m.
     pub position_m: Point3,
-    /// In the chart of the surface (round and along; x and y), in space where it has none.
+    /// In the chart of the surface (around and along; x and y), or in space if it has none.
     velocity_m_s: [f64; 3],
-    /// Variance of the place, covariance, variance of the velocity.
+    /// Variance of the position, covariance, variance of the velocity.
     variance: [f64; 3],
 }
 
 impl Motion {
     pub fn at_rest(position_m: Point3, manner: Manner) -> Self {
-        // A finger that comes down may be moving at 0.3 m/s.
+        // A finger that touches down may move at 0.3 m/s.
         Motion { position_m, velocity_m_s: [0.0; 3], variance: [manner.jitter_m.powi(2), 0.0, 0.09] }
     }
 
     pub fn predict(&mut self, surface: &Surface, step_s: f64, manner: Manner) {
-        self.go_on(surface, step_s);
+        self.extrapolate(surface, step_s);
         let [place, both, speed] = self.variance;
         let force = (manner.acceleration_m_s2 * step_s).powi(2);
         self.variance = [
@@ -58,8 +58,8 @@ impl Motion {
         self.variance = [(1.0 - gain) * place, (1.0 - gain) * both, speed - speed_gain * both];
     }
 
-    /// Moves it as far as it goes in a while; the step.
-    pub fn go_on(&mut self, surface: &Surface, for_s: f64) -> Point3 {
+    /// Moves at constant velocity for a time; returns the step.
+    pub fn extrapolate(&mut self, surface: &Surface, for_s: f64) -> Point3 {
         let step_m = scale(self.velocity_m_s, for_s);
         self.shift(surface, step_m);
         step_m
@@ -70,8 +70,8 @@ impl Motion {
         self.position_m = moved(surface, self.position_m, step_m);
     }
 
-    /// Brings it no nearer to a place than needs be to be within a reach of it, m.
-    pub fn keep_within(&mut self, surface: &Surface, from_m: Point3, reach_m: f64) {
+    /// Moves it by the minimum distance that brings it within a radius of a point, m.
+    pub fn clamp_to(&mut self, surface: &Surface, from_m: Point3, reach_m: f64) {
         let off_m = step_between(surface, from_m, self.position_m);
         let far_m = norm(off_m);
         if far_m > reach_m {
@@ -79,21 +79,21 @@ impl Motion {
         }
     }
 
-    /// It moves no faster than this.
-    pub fn slow_to(&mut self, most_m_s: f64) {
+    /// Limits its speed.
+    pub fn limit_speed(&mut self, most_m_s: f64) {
         let speed_m_s = norm(self.velocity_m_s);
         if speed_m_s > most_m_s {
             self.velocity_m_s = scale(self.velocity_m_s, most_m_s / speed_m_s);
         }
     }
 
-    /// It is seen on its own again, with the velocity that it had.
-    pub fn jump(&mut self, seen_m: Point3, manner: Manner) {
+    /// Sets the position to that of a separate sighting after a merge, and keeps the velocity.
+    pub fn reset_position(&mut self, seen_m: Point3, manner: Manner) {
         self.position_m = seen_m;
         self.variance = [manner.jitter_m.powi(2), 0.0, self.variance[2].min(0.09)];
     }
 
-    /// How fast the distance to another one shrinks, m/s.
+    /// The approach speed to another contact, m/s.
     pub fn closing_m_s(&self, other: &Motion, surface: &Surface) -> f64 {
         let between_m = step_between(surface, self.position_m, other.position_m);
         let apart_m = norm(between_m).max(f64::MIN_POSITIVE);
@@ -109,7 +109,7 @@ impl Motion {
     }
 }
 
-/// The step from one place to another: along the surface where it has a chart, else through space.
+/// The step from one position to another: along the surface if it has a chart, else through space.
 pub(super) fn step_between(surface: &Surface, from: Point3, to: Point3) -> Point3 {
     match surface {
         Surface::Free => sub(to, from),

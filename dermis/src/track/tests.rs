@@ -69,7 +69,7 @@ fn a_slide_across_the_seam_is_one_contact_of_the_right_speed() {
     }
 }
 
-/// Two contacts cross; within 40 mm the image shows one at their middle, with the strength of both.
+/// Two contacts cross; within 40 mm the image shows one at their centre, with the strength of both.
 #[test]
 fn contacts_that_cross_keep_their_ids() {
     let mut tracker = tracker();
@@ -97,7 +97,7 @@ fn contacts_that_cross_keep_their_ids() {
 }
 
 #[test]
-fn a_contact_lifted_beside_another_ends_at_once() {
+fn a_contact_lifted_next_to_another_ends_immediately() {
     let mut tracker = tracker();
     for frame in 0..30 {
         tracker.update(&[at(0.10, 0.0, 1.0), at(0.15, 0.0, 1.0)], f64::from(frame) * FRAME_S);
@@ -110,8 +110,8 @@ fn a_contact_lifted_beside_another_ends_at_once() {
     assert!(sub(tracker.tracks[0].contact.position_m, SKIN.at(0.1, 0.0).unwrap()).iter().all(|d| d.abs() < 1e-9));
 }
 
-/// Two contacts whose places along the axis and round it are given, seen as one in their middle within 35 mm: whether
-/// each keeps the id that it has while they are apart.
+/// Two contacts with given positions along the axis and around it, seen as one in their centre within 35 mm: returns
+/// whether each keeps its id after they separate.
 fn keep_ids(
     seconds: f64,
     places: impl Fn(f64) -> [[f64; 2]; 2],
@@ -142,7 +142,7 @@ fn keep_ids(
     kept && tracker.next_id == 3
 }
 
-/// Where a finger is that has come so far on its way, at an angle to the axis.
+/// The position of a finger after a given distance along its path, at an angle to the axis.
 fn on_way(angle: f64, way_m: f64) -> [f64; 2] {
     [way_m * angle.cos(), way_m * angle.sin()]
 }
@@ -173,7 +173,7 @@ fn a_contact_slides_past_one_that_rests_or_overtakes_one_that_is_slower() {
     }
 }
 
-/// As two touches come near each other the weaker spot strays, by up to 12 mm here, before there is one.
+/// As two touches approach each other the position error of the weaker spot grows, here up to 12 mm, before they merge.
 #[test]
 fn a_place_that_strays_before_a_merge_exchanges_nothing() {
     for degrees in [60.0f64, 90.0, 120.0] {
@@ -196,14 +196,14 @@ fn a_spot_between_two_contacts_counts_only_once_it_lasts() {
     let mut tracker = tracker();
     for frame in 0..60 {
         let mut seen = vec![at(0.12, 0.0, 1.0), at(0.17, 0.0, 1.0)];
-        // First for a tenth of a second, later for good.
+        // First for a tenth of a second, later permanently.
         if (10..22).contains(&frame) || frame >= 30 {
             seen.push(at(0.145, 0.002, 1.0));
         }
         let count = tracker.update(&seen, f64::from(frame) * FRAME_S).len();
         assert_eq!(count, if frame == 0 { 0 } else { 2 + usize::from(frame >= 48) }, "frame {frame}");
     }
-    // Beside one contact alone it counts at once.
+    // Next to only one contact it is confirmed immediately.
     for frame in 60..64 {
         let seen = [at(0.12, 0.0, 1.0), at(0.17, 0.0, 1.0), at(0.145, 0.002, 1.0), at(0.22, 0.0, 1.0)];
         assert_eq!(tracker.update(&seen, f64::from(frame) * FRAME_S).len(), 3 + usize::from(frame > 60));
@@ -221,7 +221,7 @@ fn what_does_not_count_yet_takes_nothing_from_what_does() {
     assert_eq!((tracked.len(), tracked[0].contact.id, tracked[0].seen), (1, 1, true));
 }
 
-/// By the sum of distances one would stay and the other leap over it.
+/// With the sum of distances one would stay and the other would jump over it.
 #[test]
 fn contacts_that_jump_along_their_line_stay_in_order() {
     for turned in [false, true] {
@@ -240,7 +240,7 @@ fn contacts_that_jump_along_their_line_stay_in_order() {
 }
 
 #[test]
-fn contacts_that_stop_as_one_stay_where_they_would_not_be_told_apart() {
+fn merged_contacts_that_stop_stay_within_the_merge_distance() {
     let mut tracker = tracker();
     for frame in 0..180 {
         let time_s = f64::from(frame) * FRAME_S;
@@ -269,7 +269,7 @@ fn what_is_missed_stays_on_the_body_near_where_it_was_and_loses_confidence() {
         contact: Contact { sd_m: 0.001, confidence: 0.8, ..contact_at([x_m, 0.0, 0.0]) },
         signal: 2.0,
     };
-    // Two spots of noise make a contact that seems to fly outwards at 0.6 m/s or more.
+    // Two noise spots make a contact that seems to move outwards at 0.6 m/s or more.
     for (frame, x_m) in [0.024, 0.030, 0.036].into_iter().enumerate() {
         tracker.update(&[at(x_m)], frame as f64 * FRAME_S);
     }

@@ -1,9 +1,10 @@
-//! Contacts that are seen as one.
+//! Merged contacts.
 //!
-//! What is seen is their middle, and that tells more than it seems to: fingers keep to their line better than to their
-//! speed. Each goes on from where the merge began along the line that it had, and what the middle misses is put down to
-//! how far each has come on its own. Two that cross come out on the far sides, two that stop and go back come out where
-//! they came from. Two that meet head on leave their middle at rest either way: they are taken to go on.
+//! The sighting of merged contacts is near their centre. Fingers change their direction less than their speed. Each
+//! contact therefore continues from the start of the merge along its own line, and the deviation from the observed
+//! centre is assigned to the distances along these lines. Contacts that cross leave on the far sides; contacts that
+//! stop and return leave on their own sides. In a head-on merge the centre is at rest in both cases: then crossing is
+//! assumed.
 
 use super::motion::step_between;
 use super::{Sighting, Tracker};
@@ -11,13 +12,12 @@ use crate::geom::Point3;
 use crate::geom::vector::{add, cross, dot, norm, scale, sub};
 use serde::{Deserialize, Serialize};
 
-/// Standard deviation of what is seen of several contacts in one from their middle, m: the stronger ones weigh more.
+/// Standard deviation of the sighting of merged contacts from their centre, m: the stronger ones have a larger weight.
 const MIDDLE_M: f64 = 0.004;
-/// What is seen as one with another lies within this part of [`TrackOptions::merge_m`](super::TrackOptions::merge_m) of
-/// what is seen.
+/// A merged contact is within this fraction of [`TrackOptions::merge_m`](super::TrackOptions::merge_m) of the sighting.
 const SEEN_AS_ONE: f64 = 0.6;
 
-/// Where and when a contact began to be seen as one with another.
+/// Position and time of the start of a merge.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Merged {
     pub since_s: f64,
@@ -25,15 +25,15 @@ pub(super) struct Merged {
 }
 
 impl Tracker {
-    /// Moves tracks that are seen as one.
+    /// Moves merged tracks.
     ///
     /// With `x_i = from_i + t v_i + s_i` and `s_i` along `v_i` of standard deviation `|t v_i|`, the steps `s_i` are the
-    /// likeliest ones for a middle of the `x_i` seen with `MIDDLE_M`; what is left moves all alike. Several targets seen
-    /// in their middle: Chang and Bar-Shalom 1984, DOI 10.1109/TAC.1984.1103597; noise along the track: Kirubarajan,
-    /// Bar-Shalom, Pattipati and Kadar 2000, DOI 10.1109/7.826310.
+    /// most likely ones for a centre of the `x_i` measured with `MIDDLE_M`; the remaining deviation moves all contacts
+    /// equally. Several targets measured at their centre: Chang and Bar-Shalom 1984, DOI 10.1109/TAC.1984.1103597;
+    /// noise along the track: Kirubarajan, Bar-Shalom, Pattipati and Kadar 2000, DOI 10.1109/7.826310.
     pub(super) fn see_together(&mut self, members: &[usize], seen: &Sighting, time_s: f64) {
         let seen_m = seen.contact.position_m;
-        let ways_m: Vec<Point3> = members.iter().map(|&member| self.go_on(member, time_s)).collect();
+        let ways_m: Vec<Point3> = members.iter().map(|&member| self.predict(member, time_s)).collect();
         let share = 1.0 / members.len() as f64;
         let places = members.iter().map(|&member| (self.tracks[member].motion.position_m, share));
         let middle_m = self.surface.weighted_mean(seen_m, places);
@@ -54,8 +54,8 @@ impl Tracker {
         }
     }
 
-    /// Moves a track to where it would be had it gone on as before the merge; the way that it would have gone.
-    fn go_on(&mut self, member: usize, time_s: f64) -> Point3 {
+    /// Moves a track to its position extrapolated from before the merge; returns the distance from the start.
+    fn predict(&mut self, member: usize, time_s: f64) -> Point3 {
         let track = &mut self.tracks[member];
         track.last_seen_s = time_s;
         if track.merged.is_none() {
@@ -64,10 +64,10 @@ impl Tracker {
         let from_m = track.motion.position_m;
         let merged = track.merged.get_or_insert(Merged { since_s: time_s, from_m });
         track.motion.position_m = merged.from_m;
-        track.motion.go_on(&self.surface, time_s - merged.since_s)
+        track.motion.extrapolate(&self.surface, time_s - merged.since_s)
     }
 
-    /// Farther from what is seen than this it would be told apart.
+    /// Farther from the sighting than this it would be resolved.
     fn keep_near(&mut self, member: usize, seen_m: Point3) {
         let motion = &mut self.tracks[member].motion;
         let off_m = step_between(&self.surface, seen_m, motion.position_m);
@@ -78,7 +78,7 @@ impl Tracker {
     }
 }
 
-/// The solution of three equations by Cramer's rule; the rows are those of a positive definite matrix.
+/// Solves three equations by Cramer's rule; the rows are those of a positive definite matrix.
 fn solved([a, b, c]: [Point3; 3], right: Point3) -> Point3 {
     let [bc, ca, ab] = [cross(b, c), cross(c, a), cross(a, b)];
     scale(add(add(scale(bc, right[0]), scale(ca, right[1])), scale(ab, right[2])), 1.0 / dot(a, bc))

@@ -14,7 +14,7 @@ pub struct Reference {
     pub mesh: Mesh,
     pub contact_impedances: Vec<f64>,
     pub protocol: Protocol,
-    /// Current of a drive, A, negative where the reference drives the other way round.
+    /// Current of a drive, A, negative if the reference drives in the opposite direction.
     pub current_a: f64,
 }
 

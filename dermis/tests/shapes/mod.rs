@@ -4,8 +4,8 @@
 use dermis::mesh::{Cells, ElectrodePatch, Mesh};
 use std::f64::consts::TAU;
 
-/// A fan of rings round the origin: node 0 in the middle, then `sectors` nodes (one more where open) per radius.
-/// Returns the mesh without electrodes; triangles come ring by ring from the inside.
+/// A fan of rings around the origin: node 0 in the centre, then `sectors` nodes (one more if open) per radius. Returns
+/// the mesh without electrodes; triangles are ordered by rings from the inside.
 pub fn polar(radii: &[f64], sectors: usize, angle_rad: f64) -> Mesh {
     let closed = (angle_rad - TAU).abs() < 1e-12;
     let per_ring = if closed { sectors } else { sectors + 1 };

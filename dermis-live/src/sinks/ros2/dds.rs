@@ -2,7 +2,7 @@
 
 use crate::LiveError;
 use crate::clock;
-use crate::runtime::{Event, LiveFrame, LiveHandle, Taken};
+use crate::runtime::{Event, LiveFrame, LiveHandle, Popped};
 use crate::sinks::ros2::{
     self as ros, DiagnosticArray, Due, Image, MarkerArray, PointCloud2, Reference, Topic, WrenchStamped,
 };
@@ -15,34 +15,34 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use thiserror::Error;
 
-/// The highest domain whose ports lie below 65,536: RTPS 2.5, 9.6.2.3.
+/// The highest domain whose ports are below 65,536: RTPS 2.5, 9.6.2.3.
 const HIGHEST_DOMAIN: u16 = 232;
 
-/// Why nothing can be published.
+/// Errors of publishing.
 #[derive(Debug, Error)]
 pub enum PublishError {
-    /// A domain that there is not.
+    /// A domain that does not exist.
     #[error("ROS domain `{given}`: give a whole number from 0 to {HIGHEST_DOMAIN}, by option or as ROS_DOMAIN_ID")]
     Domain {
-        /// What was given.
+        /// The given domain.
         given: String,
     },
-    /// A namespace that ROS 2 does not have.
+    /// A namespace that is not valid in ROS 2.
     #[error(
         "ROS namespace `{given}`: {why}; write it like /left_arm: letters, digits and single underscores between slashes, no digit first"
     )]
     Namespace {
-        /// What was given.
+        /// The given namespace.
         given: String,
         /// What is wrong.
         why: String,
     },
-    /// The middleware cannot begin.
+    /// The middleware cannot start.
     #[error("ROS 2 (DDS, domain {domain}): {why}; is there a network interface, and are the domain's UDP ports free?")]
     Start {
         /// The domain.
         domain: u16,
-        /// What it said.
+        /// Its error.
         why: String,
     },
     /// The middleware has stopped working.
@@ -50,7 +50,7 @@ pub enum PublishError {
     Write {
         /// The topic.
         topic: String,
-        /// What it said.
+        /// Its error.
         why: String,
     },
 }
@@ -58,17 +58,17 @@ pub enum PublishError {
 /// Where to publish.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct PublisherOptions {
-    /// The domain; `None` for that of `ROS_DOMAIN_ID`, and 0 without it.
+    /// The domain; `None` for `ROS_DOMAIN_ID`, or 0 if that is not set.
     pub domain: Option<u16>,
     /// Namespace of node and topics, such as `/left_arm`; empty for none.
     pub namespace: String,
 }
 
 impl PublisherOptions {
-    /// The domain that is meant.
+    /// The selected domain.
     ///
     /// # Errors
-    /// No number up to 232.
+    /// A value that is not a number up to 232.
     pub fn domain(&self) -> Result<u16, PublishError> {
         let given = match self.domain {
             Some(domain) => domain.to_string(),
@@ -81,16 +81,16 @@ impl PublisherOptions {
     }
 }
 
-/// Whether ROS 2 is to stay on this machine, as the variable `ROS_LOCALHOST_ONLY` says: with 1 alone, as in ROS itself.
+/// Whether `ROS_LOCALHOST_ONLY` restricts ROS 2 to this machine: only the value 1 does, as in ROS itself.
 fn is_local_only(variable: Option<&str>) -> bool {
     variable == Some("1")
 }
 
 /// Publishes frames: a node `dermis` with a publisher for each topic.
 ///
-/// Frames, images, contacts and the wrench are sent as sensors' data are: best effort, the last five kept. Markers and
-/// diagnostics are sent reliably, as RViz and the diagnostic tools ask for. Nothing waits: a thread of the middleware
-/// sends, and what has no room is dropped and counted.
+/// Frames, images, contacts and the wrench use the QoS of sensor data: best effort, the last five kept. Markers and
+/// diagnostics are reliable, as RViz and the diagnostic tools require. Nothing blocks: a thread of the middleware
+/// sends, and messages without room are dropped and counted.
 pub struct Publisher {
     reference: Reference,
     due: Due,
@@ -101,7 +101,7 @@ pub struct Publisher {
     wrenches: Out<WrenchStamped>,
     markers: Out<MarkerArray>,
     diagnostics: Out<DiagnosticArray>,
-    // Publishers belong to it, and the node to the context: both live as long as this.
+    // The publishers belong to the node, and the node to the context: both must live as long as the publishers.
     _node: Node,
     _context: Context,
 }
@@ -110,7 +110,7 @@ impl Publisher {
     /// Joins the domain.
     ///
     /// # Errors
-    /// A domain or a namespace that there is not; a machine without network; ports that are taken.
+    /// An invalid domain or namespace; a machine without a network; ports that are in use.
     pub fn new(reference: Reference, options: &PublisherOptions) -> Result<Self, PublishError> {
         let domain = options.domain()?;
         let start = |why: String| PublishError::Start { domain, why };
@@ -144,7 +144,7 @@ impl Publisher {
     /// Publishes a frame.
     ///
     /// # Errors
-    /// A middleware that has stopped working; what merely finds no room is counted instead.
+    /// A middleware that has stopped working; dropped messages are counted instead.
     pub fn frame(&mut self, frame: &LiveFrame) -> Result<(), PublishError> {
         let reference = &self.reference;
         let mut sent = vec![
@@ -163,7 +163,7 @@ impl Publisher {
         Ok(())
     }
 
-    /// Messages that found no room, as a reliable peer was too slow.
+    /// Messages that were dropped because a reliable peer was too slow.
     pub fn dropped(&self) -> u64 {
         self.dropped
     }
@@ -188,7 +188,7 @@ impl<M: ros::Message + 'static> Out<M> {
         Ok(Out { name, publisher })
     }
 
-    /// Sends a message and tells whether there was room.
+    /// Sends a message; returns whether there was room for it.
     fn send(&self, message: M) -> Result<bool, PublishError> {
         match self.publisher.publish(message) {
             Ok(()) => Ok(true),
@@ -198,7 +198,7 @@ impl<M: ros::Message + 'static> Out<M> {
     }
 }
 
-/// Quality of service: that of sensors' data (REP 2003), or that of what must not get lost.
+/// Quality of service: sensor data (REP 2003), or reliable.
 fn quality(topic: Topic) -> QosProfile {
     let depth = |depth| QosProfile { history: History::KeepLast { depth }, ..QosProfile::publisher_default() };
     match topic {
@@ -228,7 +228,7 @@ pub fn publish(shared: &Arc<LiveHandle>, options: &PublisherOptions) -> Result<J
         let mut reported = 0;
         loop {
             match mailbox.take(std::time::Duration::from_secs(1)) {
-                Taken::Item(Event::Frame(frame)) => {
+                Popped::Item(Event::Frame(frame)) => {
                     shared.add_dropped(ROS2, publisher.dropped() - reported);
                     reported = publisher.dropped();
                     if let Err(error) = publisher.frame(&frame) {
@@ -238,8 +238,8 @@ pub fn publish(shared: &Arc<LiveHandle>, options: &PublisherOptions) -> Result<J
                         return;
                     }
                 }
-                Taken::Item(_) | Taken::TimedOut => {}
-                Taken::Closed => return,
+                Popped::Item(_) | Popped::TimedOut => {}
+                Popped::Closed => return,
             }
         }
     };

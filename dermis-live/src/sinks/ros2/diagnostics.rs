@@ -1,4 +1,4 @@
-//! How the skin and its instrument are, as ROS tools show it.
+//! The state of the skin and its instrument as ROS diagnostics.
 
 use crate::LiveFrame;
 use crate::sinks::ros2::{DiagnosticArray, DiagnosticStatus, KeyValue, Reference};
@@ -9,7 +9,7 @@ const OK: u8 = 0;
 const WARN: u8 = 1;
 const ERROR: u8 = 2;
 
-/// Two parts: the instrument with its rate, noise and losses, and the electrodes with the state of each.
+/// Two statuses: the instrument with its rate, noise and losses, and the electrodes with the state of each.
 pub fn diagnostics(reference: &Reference, live: &LiveFrame) -> DiagnosticArray {
     DiagnosticArray {
         header: reference.header(live.result.measured_at),

@@ -1,4 +1,4 @@
-//! Contacts drawn for RViz and its like.
+//! Contacts as markers for RViz.
 
 use crate::LiveFrame;
 use crate::sinks::ros2::{ColorRGBA, Marker, MarkerArray, Point, Pose, Reference, Vector3};
@@ -10,16 +10,17 @@ const TEXT: i32 = 9;
 const ADD: i32 = 0;
 const DELETE_ALL: i32 = 3;
 
-/// How long a marker stays when nothing more is heard: frames come far more often, and what went away is soon gone.
+/// Lifetime of a marker: much longer than a frame, and short enough that a lost contact disappears soon.
 const LIFETIME: Duration = Duration::from_millis(300);
-/// A firm press of a finger, some 5 N, is an arrow as long as a finger.
+/// Length of an arrow per newton: a firm press of about 5 N has an arrow as long as a finger.
 const ARROW_M_PER_N: f64 = 0.01;
 
-/// An arrow for each contact, pointing at it along its normal, and its id beside; where there is no contact, the order to
-/// take all away.
+/// An arrow for each contact, pointing at it along its normal, with its id as text; without contacts, a message that
+/// deletes all markers.
 ///
-/// An arrow is 10 mm a newton long; where the force is unknown the strongest contact's is a sixth of the skin, and the
-/// others' are in proportion to the root of their strength. All are between a fortieth and a third of the skin.
+/// An arrow is 10 mm long per newton. Where the force is unknown, the arrow of the strongest contact has one sixth of
+/// the length of the skin, and the others are scaled by the square root of their strength. All arrows are between 1/40
+/// and 1/3 of the skin.
 pub fn markers(reference: &Reference, live: &LiveFrame) -> MarkerArray {
     if live.result.contacts.is_empty() {
         let mut all = marker(reference, live, "contacts", 0, ARROW);
@@ -43,7 +44,7 @@ fn arrow(reference: &Reference, live: &LiveFrame, contact: &TrackedContact, leng
     let mut arrow = marker(reference, live, "contacts", contact.id as i32, ARROW);
     arrow.points = [above(contact, length_m), contact.position_m].map(|[x, y, z]| Point { x, y, z }).to_vec();
     arrow.scale = Vector3 { x: 0.15 * length_m, y: 0.3 * length_m, z: 0.35 * length_m };
-    // Vermilion of the palette of Okabe and Ito, 2008: told from the rest with any colour vision.
+    // Vermilion of Okabe and Ito, 2008: distinguishable with any kind of colour vision.
     arrow.color = ColorRGBA { r: 0.835, g: 0.369, b: 0.0, a: 1.0 };
     arrow
 }

@@ -1,4 +1,4 @@
-//! The standard messages, as ROS 2 has had them since Humble. Units are those of REP 103: m, N, N m, s, rad.
+//! The standard messages, as in ROS 2 since Humble. Units as in REP 103: m, N, N m, s, rad.
 
 use crate::sinks::ros2::Message;
 use dermis::pipeline::Timestamp;
@@ -19,25 +19,25 @@ macro_rules! messages {
 }
 
 messages! {
-    /// A moment since 1970.
+    /// A time since 1970.
     #[derive(Copy)]
     Time = "builtin_interfaces/msg/Time" {
         /// Whole seconds.
         sec: i32,
-        /// Nanoseconds on top of them.
+        /// Additional nanoseconds.
         nanosec: u32,
     }
-    /// A span of time.
+    /// A duration.
     #[derive(Copy)]
     Duration = "builtin_interfaces/msg/Duration" {
         /// Whole seconds.
         sec: i32,
-        /// Nanoseconds on top of them.
+        /// Additional nanoseconds.
         nanosec: u32,
     }
-    /// When and in which frame of reference.
+    /// Time and frame of reference.
     Header = "std_msgs/msg/Header" {
-        /// When it was measured.
+        /// Time of measurement.
         stamp: Time,
         /// Frame of reference.
         frame_id: String,
@@ -47,31 +47,31 @@ messages! {
         /// The text.
         data: String,
     }
-    /// A side of an array.
+    /// A dimension of an array.
     MultiArrayDimension = "std_msgs/msg/MultiArrayDimension" {
-        /// What it is.
+        /// Its meaning.
         label: String,
-        /// How many.
+        /// Its size.
         size: u32,
-        /// Values from here to the end of the innermost side.
+        /// Number of values from here to the end of the innermost dimension.
         stride: u32,
     }
-    /// The sides of an array.
+    /// The dimensions of an array.
     MultiArrayLayout = "std_msgs/msg/MultiArrayLayout" {
         /// Outermost first.
         dim: Vec<MultiArrayDimension>,
-        /// Values before the first.
+        /// Number of values before the first one.
         data_offset: u32,
     }
     /// An array of bytes.
     UInt8MultiArray = "std_msgs/msg/UInt8MultiArray" {
-        /// Its sides.
+        /// Its dimensions.
         layout: MultiArrayLayout,
         /// The bytes.
         #[serde(with = "serde_bytes")]
         data: Vec<u8>,
     }
-    /// A colour, each part from 0 to 1.
+    /// A colour; each component from 0 to 1.
     #[derive(Copy)]
     ColorRGBA = "std_msgs/msg/ColorRGBA" {
         /// Red.
@@ -83,65 +83,65 @@ messages! {
         /// Opacity.
         a: f32,
     }
-    /// A picture, row after row.
+    /// An image, row by row.
     Image = "sensor_msgs/msg/Image" {
-        /// When and where.
+        /// Time and frame of reference.
         header: Header,
         /// Rows.
         height: u32,
         /// Columns.
         width: u32,
-        /// What a pixel is, such as `32FC1`.
+        /// Encoding of a pixel, such as `32FC1`.
         encoding: String,
-        /// Whether numbers have their highest byte first.
+        /// Whether numbers are big-endian.
         is_bigendian: u8,
-        /// Bytes of a row.
+        /// Bytes per row.
         step: u32,
         /// The rows.
         #[serde(with = "serde_bytes")]
         data: Vec<u8>,
     }
-    /// A compressed picture; only markers' textures have it, and these are empty here.
+    /// A compressed image; only textures of markers use it, and these are empty here.
     CompressedImage = "sensor_msgs/msg/CompressedImage" {
-        /// When and where.
+        /// Time and frame of reference.
         header: Header,
-        /// How it is compressed.
+        /// The compression format.
         format: String,
         /// The file.
         #[serde(with = "serde_bytes")]
         data: Vec<u8>,
     }
-    /// A number of each point of a cloud.
+    /// A field of each point of a cloud.
     PointField = "sensor_msgs/msg/PointField" {
         /// Its name.
         name: String,
-        /// Bytes from the point's first.
+        /// Offset in bytes from the start of the point.
         offset: u32,
         /// 1 to 8: int8, uint8, int16, uint16, int32, uint32, float32, float64.
         datatype: u8,
-        /// How many.
+        /// Number of elements.
         count: u32,
     }
-    /// Points, and whatever numbers each has.
+    /// A point cloud, with any fields per point.
     PointCloud2 = "sensor_msgs/msg/PointCloud2" {
-        /// When and where.
+        /// Time and frame of reference.
         header: Header,
-        /// Rows: 1 where the points have no order.
+        /// Rows: 1 for unordered points.
         height: u32,
-        /// Points of a row.
+        /// Points per row.
         width: u32,
-        /// What a point is.
+        /// Fields of a point.
         fields: Vec<PointField>,
-        /// Whether numbers have their highest byte first.
+        /// Whether numbers are big-endian.
         is_bigendian: bool,
-        /// Bytes of a point.
+        /// Bytes per point.
         point_step: u32,
-        /// Bytes of a row.
+        /// Bytes per row.
         row_step: u32,
         /// The points.
         #[serde(with = "serde_bytes")]
         data: Vec<u8>,
-        /// Whether every point is known.
+        /// Whether all points are valid.
         is_dense: bool,
     }
     /// A point.
@@ -164,7 +164,7 @@ messages! {
         /// Along z.
         z: f64,
     }
-    /// A rotation; no rotation is `w` = 1.
+    /// A rotation; `w` = 1 is the identity.
     #[derive(Copy)]
     Quaternion = "geometry_msgs/msg/Quaternion" {
         /// First imaginary part.
@@ -176,12 +176,12 @@ messages! {
         /// Real part.
         w: f64,
     }
-    /// Where something is, and how it is turned.
+    /// A position and an orientation.
     #[derive(Copy)]
     Pose = "geometry_msgs/msg/Pose" {
-        /// Where.
+        /// Position.
         position: Point,
-        /// How it is turned.
+        /// Orientation.
         orientation: Quaternion,
     }
     /// A force and a torque.
@@ -192,11 +192,11 @@ messages! {
         /// N m.
         torque: Vector3,
     }
-    /// A force and a torque, when and where.
+    /// A force and a torque, with time and frame of reference.
     WrenchStamped = "geometry_msgs/msg/WrenchStamped" {
-        /// When and where.
+        /// Time and frame of reference.
         header: Header,
-        /// What acts.
+        /// The force and the torque.
         wrench: Wrench,
     }
     /// A point of a texture.
@@ -211,33 +211,34 @@ messages! {
     MeshFile = "visualization_msgs/msg/MeshFile" {
         /// Its name.
         filename: String,
-        /// What it holds.
+        /// Its contents.
         #[serde(with = "serde_bytes")]
         data: Vec<u8>,
     }
-    /// Something to draw.
+    /// An object to draw.
     Marker = "visualization_msgs/msg/Marker" {
-        /// When and where.
+        /// Time and frame of reference.
         header: Header,
-        /// With the id it says which marker this is.
+        /// Namespace; with the id, it identifies the marker.
         ns: String,
         /// Number within `ns`.
         id: i32,
         /// What to draw.
         r#type: i32,
-        /// 0 to draw it, 2 to take it away, 3 to take all away.
+        /// 0 to draw it, 2 to delete it, 3 to delete all.
         action: i32,
-        /// Where.
+        /// Position and orientation.
         pose: Pose,
-        /// How large, m; of an arrow between points the shaft's and the head's diameters and the head's length.
+        /// Size, m; for an arrow between points: the diameters of the shaft and of the head, and the length of the
+        /// head.
         scale: Vector3,
         /// Its colour.
         color: ColorRGBA,
-        /// How long it stays; 0 is for ever.
+        /// Lifetime; 0 is unlimited.
         lifetime: Duration,
         /// Whether it moves with its frame of reference.
         frame_locked: bool,
-        /// Points, of what has some.
+        /// Points, for the types that use them.
         points: Vec<Point>,
         /// A colour for each point.
         colors: Vec<ColorRGBA>,
@@ -247,7 +248,7 @@ messages! {
         texture: CompressedImage,
         /// Not used here.
         uv_coordinates: Vec<UVCoordinate>,
-        /// The text, of a text.
+        /// The text of a text marker.
         text: String,
         /// Not used here.
         mesh_resource: String,
@@ -256,42 +257,42 @@ messages! {
         /// Not used here.
         mesh_use_embedded_materials: bool,
     }
-    /// Things to draw.
+    /// Objects to draw.
     MarkerArray = "visualization_msgs/msg/MarkerArray" {
-        /// The things.
+        /// The objects.
         markers: Vec<Marker>,
     }
-    /// A value with its name.
+    /// A named value.
     KeyValue = "diagnostic_msgs/msg/KeyValue" {
         /// Its name.
         key: String,
         /// The value.
         value: String,
     }
-    /// How a part is.
+    /// The status of a component.
     DiagnosticStatus = "diagnostic_msgs/msg/DiagnosticStatus" {
-        /// 0 well, 1 a warning, 2 an error, 3 nothing heard of it.
+        /// 0 OK, 1 warning, 2 error, 3 stale.
         level: u8,
-        /// Which part.
+        /// Which component.
         name: String,
-        /// How it is.
+        /// A summary.
         message: String,
         /// Which device.
         hardware_id: String,
         /// Its values.
         values: Vec<KeyValue>,
     }
-    /// How the parts are.
+    /// The status of the components.
     DiagnosticArray = "diagnostic_msgs/msg/DiagnosticArray" {
-        /// When.
+        /// Time.
         header: Header,
-        /// The parts.
+        /// The components.
         status: Vec<DiagnosticStatus>,
     }
 }
 
 impl Pose {
-    /// A place, without rotation.
+    /// A position without rotation.
     pub fn at([x, y, z]: [f64; 3]) -> Self {
         Pose { position: Point { x, y, z }, orientation: Quaternion { w: 1.0, ..Quaternion::default() } }
     }
@@ -300,7 +301,7 @@ impl Pose {
 const NS_PER_S: u64 = 1_000_000_000;
 
 impl From<Timestamp> for Time {
-    /// Seconds beyond the year 2038 do not fit, and are cut to the last that does.
+    /// Seconds after the year 2038 do not fit and saturate.
     fn from(moment: Timestamp) -> Self {
         let sec = i32::try_from(moment.unix_ns / NS_PER_S).unwrap_or(i32::MAX);
         Time { sec, nanosec: (moment.unix_ns % NS_PER_S) as u32 }

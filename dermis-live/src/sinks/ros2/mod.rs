@@ -1,7 +1,7 @@
-//! What a frame is in ROS 2: the standard messages, their bytes, their definitions, and a message for each topic.
+//! Frames as ROS 2 messages: the standard messages, their encoding, their definitions, and one message per topic.
 //!
-//! No ROS installation is needed. The bytes are XCDR1, little-endian, behind the four bytes that say so: what DDS carries
-//! and what a recording holds.
+//! No ROS installation is needed. The encoding is XCDR1, little-endian, after a header of four bytes: the same on DDS
+//! and in recordings.
 
 #[cfg(feature = "ros2")]
 pub mod dds;
@@ -21,16 +21,16 @@ use byteorder::LittleEndian;
 use serde::{Serialize, de::DeserializeOwned};
 use thiserror::Error;
 
-/// Bytes that are no message of the type that was asked for.
+/// Bytes that are not a message of the requested type.
 #[derive(Debug, Error)]
 pub enum DecodeError {
-    /// The four bytes in front say something else than plain CDR, little-endian.
+    /// The four bytes of the header indicate an encoding other than plain CDR, little-endian.
     #[error("the message is not in plain little-endian CDR: it begins with {0:02x?} instead of [00, 01, 00, 00]")]
     Encapsulation(Vec<u8>),
     /// The rest is not such a message.
     #[error("the message is no {type_name}: {source}")]
     Body {
-        /// What it should be.
+        /// The requested type.
         type_name: &'static str,
         /// What is wrong.
         source: cdr_encoding::Error,
@@ -46,25 +46,25 @@ pub trait Message: Serialize + DeserializeOwned {
     const TYPE: &'static str;
 }
 
-/// The bytes of a message, written over what `out` holds.
+/// Encodes a message; replaces the contents of `out`.
 pub fn encode_into<M: Message>(message: &M, out: &mut Vec<u8>) {
     out.clear();
     out.extend_from_slice(&CDR_LE);
-    // A vector takes everything, and these messages hold nothing that CDR cannot say.
+    // A vector accepts all bytes, and CDR can represent these messages.
     cdr_encoding::to_writer::<M, LittleEndian, _>(&mut *out, message).expect("memory can be written");
 }
 
-/// The bytes of a message.
+/// Encodes a message.
 pub fn encode<M: Message>(message: &M) -> Vec<u8> {
     let mut out = Vec::new();
     encode_into(message, &mut out);
     out
 }
 
-/// The message that some bytes hold.
+/// Decodes a message.
 ///
 /// # Errors
-/// Another encoding, bytes that end too early, a text that is not UTF-8.
+/// Another encoding, truncated bytes, a text that is not UTF-8.
 pub fn decode<M: Message>(bytes: &[u8]) -> Result<M, DecodeError> {
     let body = bytes
         .strip_prefix(&CDR_LE)

@@ -1,8 +1,8 @@
-//! The messages' definitions, as ROS 2's tools and recordings want them.
+//! Definitions of the messages, for ROS 2 tools and for recordings.
 
 use std::fmt::Write;
 
-/// Every type that is used here and the fields that it has.
+/// All types used here, with their fields.
 const DEFINITIONS: [(&str, &str); 25] = [
     ("builtin_interfaces/Time", "int32 sec\nuint32 nanosec\n"),
     ("builtin_interfaces/Duration", "int32 sec\nuint32 nanosec\n"),
@@ -57,11 +57,11 @@ const DEFINITIONS: [(&str, &str); 25] = [
     ("diagnostic_msgs/DiagnosticArray", "std_msgs/Header header\ndiagnostic_msgs/DiagnosticStatus[] status\n"),
 ];
 
-/// The definition of a type such as `sensor_msgs/msg/Image` with those that it needs behind it, each under a line of 80
-/// equality signs and a line with its name: what the encoding `ros2msg` of a recording is.
+/// The definition of a type such as `sensor_msgs/msg/Image`, followed by the definitions that it needs, each after a
+/// line of 80 equality signs and a line with its name: the encoding `ros2msg` of a recording.
 ///
 /// # Panics
-/// Where the type is none of those here.
+/// If the type is not defined here.
 pub fn definition(type_name: &str) -> String {
     let wanted = type_name.replacen("/msg/", "/", 1);
     let mut needed = vec![wanted.clone()];
@@ -80,7 +80,7 @@ pub fn definition(type_name: &str) -> String {
     text
 }
 
-/// The name that DDS has for a type such as `sensor_msgs/msg/Image`: `sensor_msgs::msg::dds_::Image_`.
+/// The DDS name of a type such as `sensor_msgs/msg/Image`: `sensor_msgs::msg::dds_::Image_`.
 pub fn dds_type(type_name: &str) -> String {
     let (package, name) = type_name.split_once("/msg/").unwrap_or(("", type_name));
     format!("{package}::msg::dds_::{name}_")
@@ -91,7 +91,7 @@ fn fields(name: &str) -> &'static str {
     found.unwrap_or_else(|| panic!("the definition of `{name}` is not here")).1
 }
 
-/// The types that a definition names: those with a package.
+/// The types that a definition refers to: those with a package.
 fn parts(definition: &'static str) -> impl Iterator<Item = &'static str> {
     let types = definition.lines().filter_map(|line| line.split(' ').next());
     types.map(|name| name.trim_end_matches("[]")).filter(|name| name.contains('/'))

@@ -2,7 +2,8 @@ use super::*;
 use crate::synthetic;
 use dermis::pipeline::ElectrodeState;
 
-/// Bytes worked out by hand from the rules of CDR: numbers at multiples of their size, counted behind the first four bytes.
+/// Bytes computed by hand from the rules of CDR: numbers are aligned to multiples of their size, counted after the
+/// header of four bytes.
 #[test]
 fn the_bytes_of_a_header_are_those_of_cdr() {
     let header = Header { stamp: Time { sec: 1, nanosec: 2 }, frame_id: "skin".into() };
@@ -17,7 +18,7 @@ fn numbers_of_eight_bytes_are_aligned_behind_the_encapsulation() {
     let vector = Vector3 { x: 1.0, y: 2.0, z: 3.0 };
     let stamped = WrenchStamped { header, wrench: Wrench { force: vector, torque: vector } };
     let bytes = encode(&stamped);
-    // 8 of the stamp, 4 + 2 of the name, 2 of padding, six numbers.
+    // 8 bytes of the stamp, 4 + 2 of the name, 2 of padding, six numbers.
     assert_eq!(bytes.len(), 4 + 16 + 48);
     assert_eq!(bytes[20..28], 1.0_f64.to_le_bytes());
     assert_eq!(bytes[60..68], 3.0_f64.to_le_bytes());
@@ -45,7 +46,7 @@ fn every_message_comes_back() {
 }
 
 #[test]
-fn bytes_that_end_early_or_in_another_order_are_told() {
+fn truncated_or_reordered_bytes_are_reported() {
     let bytes = encode(&Text { data: "tare".into() });
     for length in 0..bytes.len() {
         assert!(decode::<Text>(&bytes[..length]).is_err(), "{length} bytes");
@@ -111,12 +112,12 @@ fn diagnostics_come_once_a_second_and_when_an_electrode_fails() {
     let (reference, mut live) = synthetic::pressed();
     let mut due = Due::default();
     let step = std::time::Duration::from_millis(10);
-    let mut told = 0;
+    let mut sent = 0;
     for _ in 0..250 {
-        told += usize::from(due.diagnostics(&live));
+        sent += usize::from(due.diagnostics(&live));
         live.result.measured_at = live.result.measured_at.after(step);
     }
-    assert_eq!(told, 3, "at 0, 1 and 2 s");
+    assert_eq!(sent, 3, "at 0, 1 and 2 s");
     Arc::make_mut(&mut live.result.health).electrodes[3].state = ElectrodeState::Loose;
     assert!(due.diagnostics(&live) && !due.diagnostics(&live));
     let status = &diagnostics(&reference, &live).status[1];

@@ -1,4 +1,4 @@
-//! What a frame says on each topic.
+//! The topics, and their messages for a frame.
 
 use crate::LiveFrame;
 use crate::sinks::ros2::{DiagnosticArray, MarkerArray, Text, UInt8MultiArray};
@@ -7,7 +7,7 @@ use dermis::image::PixelSpace;
 use dermis::pipeline::{Timestamp, TrackedContact};
 use std::sync::Arc;
 
-/// A topic, by its place in [`Topic::ALL`].
+/// A topic; its value is its index in [`Topic::ALL`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Topic {
     /// The values of a frame, ohm.
@@ -16,20 +16,20 @@ pub enum Topic {
     Image,
     /// The contacts.
     Contacts,
-    /// What acts on the skin as a whole.
+    /// The total force and torque on the skin.
     Wrench,
-    /// The contacts, drawn.
+    /// The contacts as markers.
     Markers,
-    /// How the skin and its instrument are.
+    /// The state of the skin and its instrument.
     Diagnostics,
-    /// The device's own message; in recordings only.
+    /// The message of the device; in recordings only.
     Wire,
     /// Commands, notices and hellos as JSON; in recordings only.
     Events,
 }
 
 impl Topic {
-    /// All of them.
+    /// All topics.
     pub const ALL: [Topic; 8] = [
         Topic::Frame,
         Topic::Image,
@@ -55,7 +55,7 @@ impl Topic {
         }
     }
 
-    /// Its name from the root; diagnostics are one topic for a whole robot, whatever the namespace (`""` or `/left_arm`).
+    /// Its absolute name; diagnostics are one topic for a whole robot, whatever the namespace (`""` or `/left_arm`).
     pub fn absolute(self, namespace: &str) -> String {
         let namespace = if self == Topic::Diagnostics { "" } else { namespace.trim_end_matches('/') };
         format!("{namespace}/{}", self.name())
@@ -75,7 +75,7 @@ impl Topic {
     }
 }
 
-/// The frame of reference that positions are told in, and the pixels on it.
+/// The frame of reference of the positions, and its pixels.
 #[derive(Debug, Clone)]
 pub struct Reference {
     /// Name of the frame of reference: that of the body in the design.
@@ -85,25 +85,25 @@ pub struct Reference {
 }
 
 impl Reference {
-    /// The header of what was measured at `moment`.
+    /// The header of a measurement at `moment`.
     pub fn header(&self, moment: Timestamp) -> Header {
         Header { stamp: Time::from(moment), frame_id: self.frame_id.clone() }
     }
 
-    /// Rows and columns of the picture; one row where the pixels have no grid.
+    /// Rows and columns of the image; one row if the pixels have no grid.
     pub fn picture(&self) -> [usize; 2] {
         self.space.grid.unwrap_or([1, self.space.len()])
     }
 }
 
-/// Which of the messages that not every frame needs are due.
+/// Decides which messages are due that are not sent with every frame.
 ///
-/// Diagnostics come about once a second, and when an electrode's state changes; markers while there are contacts, and once
-/// more to take them away.
+/// Diagnostics are sent about once per second, and when the state of an electrode changes; markers while there are
+/// contacts, and once more to delete them.
 #[derive(Debug, Clone, Default)]
 pub struct Due {
     told_at: Option<Timestamp>,
-    told: Vec<dermis::pipeline::ElectrodeState>,
+    diagnosed: Vec<dermis::pipeline::ElectrodeState>,
     drawn: Option<bool>,
 }
 
@@ -118,11 +118,11 @@ impl Due {
     pub fn diagnostics(&mut self, frame: &LiveFrame) -> bool {
         let states = || frame.result.health.electrodes.iter().map(|electrode| electrode.state);
         let long_ago = self.told_at.is_none_or(|at| !(0.0..1.0).contains(&frame.result.measured_at.seconds_since(at)));
-        let due = long_ago || !states().eq(self.told.iter().copied());
+        let due = long_ago || !states().eq(self.diagnosed.iter().copied());
         if due {
             self.told_at = Some(frame.result.measured_at);
-            self.told.clear();
-            self.told.extend(states());
+            self.diagnosed.clear();
+            self.diagnosed.extend(states());
         }
         due
     }
@@ -134,8 +134,8 @@ pub fn frame(reference: &Reference, live: &LiveFrame) -> Image {
     picture(reference.header(live.result.measured_at), [1, live.result.values_ohm.len()], values)
 }
 
-/// The image, `NaN` outside the body. Rows and columns are those of every picture here: row 0 at z = 0 of a cylinder, at
-/// the lowest y of a flat skin.
+/// The image, `NaN` outside the body. Rows and columns as in all images: row 0 at z = 0 of a cylinder, at the lowest y
+/// of a flat skin.
 pub fn image(reference: &Reference, live: &LiveFrame) -> Image {
     let [rows, columns] = reference.picture();
     let mut values = vec![f32::NAN; rows * columns];
@@ -163,8 +163,8 @@ fn picture(header: Header, [rows, columns]: [usize; 2], values: impl Iterator<It
     }
 }
 
-/// The fields of a contact in a point cloud, four bytes each, all but `id` float32: name in the message, column in tables as in
-/// [`Contact::COLUMNS`](dermis::contact::Contact::COLUMNS), and unit.
+/// The fields of a contact in a point cloud, four bytes each, all but `id` float32: name in the message, column in
+/// tables as in [`Contact::COLUMNS`](dermis::contact::Contact::COLUMNS), and unit.
 pub const CONTACT_FIELDS: [(&str, &str, &str); 17] = [
     ("x", "x_m", "m"),
     ("y", "y_m", "m"),
@@ -242,8 +242,9 @@ fn point(contact: &TrackedContact, now: Timestamp) -> [[u8; 4]; CONTACT_FIELDS.l
     ]
 }
 
-/// The force on the skin and its torque about the frame's origin: F = sum of -n f, M = sum of r x (-n f) over the contacts
-/// whose force f is known. All zero without a contact, all `NaN` where there are contacts and no force is known.
+/// The force on the skin and its torque about the frame's origin: F = sum of -n f, M = sum of r x (-n f) over the
+/// contacts whose force f is known. All zero without a contact, all `NaN` where there are contacts and no force is
+/// known.
 pub fn wrench(reference: &Reference, live: &LiveFrame) -> WrenchStamped {
     let known = live.result.contacts.iter().filter_map(|contact| Some((contact, contact.force_n?)));
     let unknown = !live.result.contacts.is_empty() && known.clone().next().is_none();

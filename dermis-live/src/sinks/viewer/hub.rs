@@ -1,10 +1,10 @@
-//! What pages are sent: made once for all of them, on a thread of its own.
+//! The data for pages: prepared once for all of them, on a separate thread.
 
 use crate::clock;
 use crate::runtime::Control;
 use crate::runtime::Event;
 use crate::runtime::LiveFrame;
-use crate::runtime::Taken;
+use crate::runtime::Popped;
 use crate::sinks::viewer::scene::{flat_m, scene};
 use bytes::Bytes;
 use dermis::method::Method;
@@ -18,10 +18,10 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 
-/// What there is to send now.
+/// The latest data for pages.
 #[derive(Debug)]
 pub struct Board {
-    /// The newest frame and its number among those that were sent.
+    /// The newest frame, and its number among the published ones.
     pub frame: watch::Sender<(u64, Bytes)>,
     /// The message `status`.
     pub status: watch::Sender<Arc<Value>>,
@@ -29,16 +29,16 @@ pub struct Board {
     pub scene: watch::Sender<Arc<String>>,
 }
 
-/// How often a status is made.
+/// Interval of the status.
 const STATUS: Duration = Duration::from_millis(250);
-/// Frames over which latencies are told.
+/// Frames over which latencies are measured.
 const LATENCIES: usize = 1000;
-/// Messages that pages are shown.
+/// Notices shown on pages.
 const MESSAGES: usize = 8;
-/// Frames that may wait to be drawn up; pages are shown the newest of them.
+/// Frames that can wait to be prepared; pages show the newest of them.
 const WAITING: usize = 64;
 
-/// Draws up what pages are sent.
+/// Prepares the data for pages.
 pub struct Hub {
     control: Arc<Control>,
     board: Arc<Board>,
@@ -74,7 +74,7 @@ struct Shown<'a> {
 }
 
 impl Board {
-    /// Nothing yet.
+    /// Without data yet.
     pub fn new() -> Self {
         Board {
             frame: watch::Sender::new((0, Bytes::new())),
@@ -101,21 +101,21 @@ impl Hub {
         hub
     }
 
-    /// Draws up until the live skin is stopped.
+    /// Runs until the live skin is stopped.
     pub fn run(mut self) {
         let shared = Arc::clone(self.control.shared());
         let mailbox = shared.subscribe_as("the page", WAITING);
         let mut status_at = Instant::now();
         loop {
             match mailbox.take(STATUS) {
-                Taken::Item(Event::Frame(frame)) => self.take(&frame),
-                Taken::Item(Event::Notice(notice)) => self.say(notice),
-                Taken::Item(Event::Lost(why)) => {
+                Popped::Item(Event::Frame(frame)) => self.take(&frame),
+                Popped::Item(Event::Notice(notice)) => self.say(notice),
+                Popped::Item(Event::Lost(why)) => {
                     self.say(Notice { level: Severity::Error, text: why, at: clock::now() });
                 }
-                Taken::Item(Event::Done(_) | Event::Connected(_)) => self.show_scene(),
-                Taken::Item(Event::State(_)) | Taken::TimedOut => {}
-                Taken::Closed => return,
+                Popped::Item(Event::Done(_) | Event::Connected(_)) => self.show_scene(),
+                Popped::Item(Event::State(_)) | Popped::TimedOut => {}
+                Popped::Closed => return,
             }
             if status_at.elapsed() >= STATUS {
                 status_at = Instant::now();
@@ -131,7 +131,7 @@ impl Hub {
         self.latencies_ms.push_back(1e3 * frame.output_at.seconds_since(frame.received_at) as f32);
         self.health = Arc::clone(&frame.result.health);
         self.number += 1;
-        // Without a page nothing is drawn up.
+        // Nothing is prepared without a page.
         if self.board.frame.receiver_count() > 0 {
             self.board.frame.send_replace((self.number, self.message(frame)));
         }
@@ -236,14 +236,14 @@ fn shown(contact: &TrackedContact, flat_m: Option<[f64; 2]>) -> Shown<'_> {
     }
 }
 
-/// What images lack where channels are left out.
+/// A note on images where channels are masked.
 fn method_note(masked_channels: usize, method: Option<&Method>) -> Option<String> {
     let channels = match masked_channels {
         0 => return None,
         1 => "1 channel".to_string(),
         count => format!("{count} channels"),
     };
-    // Any method but a one-step method has the values of masked channels predicted from the others.
+    // All methods but one-step methods predict the values of masked channels from the others.
     let is_predicted = !method?.is_one_step();
     Some(if is_predicted {
         format!("{channels} filled in from the others")

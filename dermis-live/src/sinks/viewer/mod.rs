@@ -1,6 +1,6 @@
-//! The viewer's server: the page and its WebSocket.
+//! The server of the viewer: the page and its WebSocket.
 //!
-//! The page is in the program; `viewer/README.md` tells what passes between the two.
+//! The page is part of the program; `viewer/README.md` describes the messages.
 
 mod hub;
 mod scene;
@@ -17,16 +17,17 @@ use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 
-/// Where the viewer is served, and to whom.
+/// Options of the viewer's server.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ServerOptions {
-    /// Host and port; port 0 is any free one.
+    /// Host and port; port 0 selects a free port.
     pub address: String,
-    /// What a page must know, at least eight characters; asked for everywhere but on the loopback, where it may be left out.
+    /// The access token of a page, at least eight characters; required everywhere but on the loopback interface, where
+    /// it is optional.
     pub token: Option<String>,
 }
 
-/// The viewer's server at work.
+/// The running server of the viewer.
 pub struct Server {
     address: SocketAddr,
     token: Option<String>,
@@ -34,7 +35,7 @@ pub struct Server {
     threads: Vec<JoinHandle<()>>,
 }
 
-/// What the handlers share.
+/// State shared by the handlers.
 struct ServerState {
     control: Arc<Control>,
     board: Arc<Board>,
@@ -47,17 +48,17 @@ impl std::fmt::Debug for Server {
     }
 }
 
-/// The page's files: path, type and bytes.
+/// Files of the page: path, type and bytes.
 const FILES: [(&str, &str, &[u8]); 3] = [
     ("/", "text/html; charset=utf-8", include_bytes!("../../../../viewer/dist/index.html")),
     ("/viewer.js", "text/javascript; charset=utf-8", include_bytes!("../../../../viewer/dist/viewer.js")),
     ("/viewer.css", "text/css; charset=utf-8", include_bytes!("../../../../viewer/dist/viewer.css")),
 ];
 
-/// Characters of the shortest token.
+/// Length of the shortest token, characters.
 const SHORTEST_TOKEN: usize = 8;
 
-/// What the page may load and talk to: its own server.
+/// The content security policy: only the page's own server.
 const POLICY: &str = "default-src 'self'; connect-src 'self' ws: wss:; style-src 'self' 'unsafe-inline'; \
                       img-src 'self' data: blob:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
 
@@ -65,7 +66,8 @@ impl Server {
     /// Serves the viewer of a live skin from now on.
     ///
     /// # Errors
-    /// An address that is in use, is not this machine's, or is open to others without a token; a token that is too short.
+    /// An address that is in use, is not of this machine, or is open to others without a token; a token that is too
+    /// short.
     pub fn start(control: Arc<Control>, options: &ServerOptions) -> Result<Self, LiveError> {
         let listener = listen(options)?;
         let failed = |error: std::io::Error| LiveError::Given(format!("cannot serve the viewer: {error}"));
@@ -80,7 +82,7 @@ impl Server {
             runtime.block_on(async move {
                 let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
                 let ended = async {
-                    // Who is dropped says stop as well.
+                    // A dropped sender stops the server too.
                     let _ = stopped.await;
                 };
                 tokio::select! {
@@ -97,12 +99,12 @@ impl Server {
         Ok(Server { address, token: options.token.clone(), stop: Some(stop), threads })
     }
 
-    /// Where it is.
+    /// The address of the server.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// What to open in a browser.
+    /// The URL to open in a browser.
     pub fn url(&self) -> String {
         match &self.token {
             Some(token) => format!("http://{}/?token={}", self.address, escaped(token)),
@@ -110,17 +112,17 @@ impl Server {
         }
     }
 
-    /// Ends it. The live skin must have been stopped.
+    /// Stops the server. The live skin must have been stopped before.
     pub fn stop(mut self) {
         drop(self.stop.take());
         for thread in self.threads.drain(..) {
-            // A thread that panicked has told so already.
+            // A thread that panicked has printed its message already.
             let _ = thread.join();
         }
     }
 }
 
-/// A text as a part of an address (RFC 3986, 2.1).
+/// Percent-encodes a text (RFC 3986, 2.1).
 fn escaped(text: &str) -> String {
     let escaped = |byte: u8| match byte {
         b'A'..=b'Z' | b'a'..=b'z' | b'0'..=b'9' | b'-' | b'.' | b'_' | b'~' => char::from(byte).to_string(),
@@ -129,7 +131,7 @@ fn escaped(text: &str) -> String {
     text.bytes().map(escaped).collect()
 }
 
-/// Opens the port.
+/// Opens the listening socket.
 fn listen(options: &ServerOptions) -> Result<TcpListener, LiveError> {
     let ServerOptions { address, token } = options;
     let addresses: Vec<SocketAddr> = match address.to_socket_addrs() {
@@ -173,20 +175,20 @@ fn file(kind: &'static str, bytes: &'static [u8]) -> Response {
         (header::CONTENT_TYPE, HeaderValue::from_static(kind)),
         (header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY)),
         (header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff")),
-        // The page is part of the program: another version of it must not come out of a browser's memory.
+        // The page is part of the program: browsers must not show a cached version of another program.
         (header::CACHE_CONTROL, HeaderValue::from_static("no-cache")),
     ];
     (headers, bytes).into_response()
 }
 
-/// Whether a page may talk: it knows the token, and it is this server's own.
+/// Whether a page may connect: it has the token, and it was served by this server.
 fn may_talk(shared: &ServerState, token: Option<&str>, origin: Option<&str>, host: Option<&str>) -> bool {
     let known = match (&shared.token, token) {
         (None, _) => true,
         (Some(token), Some(given)) => same(token.as_bytes(), given.as_bytes()),
         (Some(_), None) => false,
     };
-    // A browser says whose page it is; a program says nothing.
+    // A browser sends the origin of its page; other programs send none.
     let own = match (origin, host) {
         (None, _) => true,
         (Some(origin), Some(host)) => origin.split_once("://").is_some_and(|(_, origin)| origin == host),
@@ -195,8 +197,8 @@ fn may_talk(shared: &ServerState, token: Option<&str>, origin: Option<&str>, hos
     known && own && host_is_ours(shared, host)
 }
 
-/// Without a token the page must have been asked for by an address of this machine: a name that someone else has pointed at the
-/// loopback is not one.
+/// Without a token, the `Host` header must be `localhost` or a loopback address. A foreign name that resolves to the
+/// loopback interface is refused (DNS rebinding).
 fn host_is_ours(shared: &ServerState, host: Option<&str>) -> bool {
     if shared.token.is_some() {
         return true;
@@ -207,7 +209,7 @@ fn host_is_ours(shared: &ServerState, host: Option<&str>) -> bool {
     name == "localhost" || name.parse::<std::net::IpAddr>().is_ok_and(|address| address.is_loopback())
 }
 
-/// Whether two secrets are the same, in a time that does not tell where they differ.
+/// Compares two secrets in a time that does not depend on where they differ.
 fn same(a: &[u8], b: &[u8]) -> bool {
     a.len() == b.len() && a.iter().zip(b).fold(0, |differ, (a, b)| differ | (a ^ b)) == 0
 }

@@ -1,4 +1,4 @@
-//! The skin as the page draws it.
+//! The skin as drawn by the page.
 
 use dermis::design::{Body, ElectrodeShape, SkinDesign, TouchEffect};
 use dermis::geom::vector::{Point3, add, cross, normalize, scale, sub};
@@ -10,10 +10,10 @@ use dermis::skin::Skin;
 use serde_json::{Value, json};
 use std::collections::HashMap;
 
-/// Steps of the drawn cylinder for each pixel along and round it.
+/// Grid steps of the drawn cylinder per pixel, along and around it.
 const STEPS_PER_PIXEL: usize = 3;
 
-/// What pixels of a vertex count how much.
+/// Pixels and weights of a vertex.
 type Weights = ([usize; 4], [f64; 4]);
 
 /// A surface to draw, its vertices coloured by pixels.
@@ -68,7 +68,7 @@ pub fn scene(skin: &Skin, quantity: Quantity, methods: &[String], emulated: bool
     })
 }
 
-/// Where a point lies on the flat layout, m; `None` on a body without one.
+/// The position of a point on the flat layout, m; `None` on a body without one.
 pub fn flat_m(surface: &Surface, place: Point3) -> Option<[f64; 2]> {
     match *surface {
         Surface::Cylinder { radius_m, .. } => Some([radius_m * wrap_angle(place[1].atan2(place[0])), place[2]]),
@@ -92,7 +92,7 @@ fn unrolled(skin: &Skin) -> Value {
     json!({ "size_m": size_m, "wraps": wraps, "labels": labels, "electrodes_m": places })
 }
 
-/// Where an electrode is, and the outward normal there.
+/// The position of an electrode, and the outward normal there.
 fn electrode(skin: &Skin, index: usize) -> (Point3, Point3) {
     let centre = skin.design().electrodes[index].centre_m;
     let place = if centre.iter().all(|value| value.is_finite()) { centre } else { patch_centre(skin.mesh(), index) };
@@ -103,7 +103,7 @@ fn electrode(skin: &Skin, index: usize) -> (Point3, Point3) {
     (place, skin.pixels().surface.normal(place).or_else(nearest).unwrap_or([0.0, 0.0, 1.0]))
 }
 
-/// The middle of the nodes that an electrode covers, m.
+/// The mean of the nodes that an electrode covers, m.
 fn patch_centre(mesh: &Mesh, electrode: usize) -> Point3 {
     let nodes: Vec<usize> = match &mesh.electrodes[electrode] {
         ElectrodePatch::Cells(cells) => cells.iter().flat_map(|&cell| mesh.cells.corners(cell).to_vec()).collect(),
@@ -130,7 +130,7 @@ fn drawn(design: &SkinDesign, mesh: &Mesh, pixels: &PixelSpace) -> Drawn {
     }
 }
 
-/// A cylinder's wall on an even grid; the image between the centres of pixels is bilinear.
+/// The wall of a cylinder on a regular grid; the image between pixel centres is bilinear.
 fn cylinder(radius_m: f64, length_m: f64, [rows, columns]: [usize; 2], pixels: &PixelSpace) -> Drawn {
     let pixel_at: HashMap<usize, usize> =
         pixels.position_in_grid.iter().enumerate().map(|(pixel, &position)| (position, pixel)).collect();
@@ -164,7 +164,7 @@ fn cylinder(radius_m: f64, length_m: f64, [rows, columns]: [usize; 2], pixels: &
     drawn
 }
 
-/// Any body by its mesh; a vertex shows the four nearest pixels, the nearer the more.
+/// Any body by its mesh; a vertex shows the four nearest pixels, weighted by distance.
 fn any_body(mesh: &Mesh, pixels: &PixelSpace) -> Drawn {
     let triangles = outside(mesh);
     let mut index_of: HashMap<usize, usize> = HashMap::new();
@@ -181,7 +181,7 @@ fn any_body(mesh: &Mesh, pixels: &PixelSpace) -> Drawn {
     drawn.normals = vec![[0.0; 3]; drawn.vertices_m.len()];
     for triangle in &drawn.triangles {
         let [a, b, c] = triangle.map(|corner| drawn.vertices_m[corner]);
-        // Its length is twice the triangle's area: large triangles count for more.
+        // The length of the normal is twice the area of the triangle: large triangles have more weight.
         let normal = cross(sub(b, a), sub(c, a));
         triangle.iter().for_each(|&corner| drawn.normals[corner] = add(drawn.normals[corner], normal));
     }
@@ -206,7 +206,8 @@ fn nearest_pixels(vertex: Point3, pixels: &PixelSpace) -> Weights {
     (nearest.map(|(_, pixel)| pixel), shares.map(|share| share / sum))
 }
 
-/// The triangles of a surface, or the outside of a volume: faces that only one tetrahedron has, turned outwards.
+/// The triangles of a surface, or the boundary of a volume: faces that belong to one tetrahedron only, oriented
+/// outwards.
 fn outside(mesh: &Mesh) -> Vec<[usize; 3]> {
     let tetrahedra = match &mesh.cells {
         Cells::Triangles(triangles) => return triangles.clone(),
@@ -250,7 +251,7 @@ mod tests {
             let drawn = drawn(&design, &mesh, &pixels);
             for (vertex, (corners, shares)) in drawn.vertices_m.iter().zip(&drawn.weights) {
                 assert!((shares.iter().sum::<f64>() - 1.0).abs() < 1e-9);
-                // What is shown at a vertex is near it.
+                // The pixels of a vertex are near it.
                 let far = corners.iter().zip(shares).filter(|(_, share)| **share > 0.1);
                 for (&pixel, _) in far {
                     let away_m = pixels.surface.distance_m(*vertex, pixels.centres_m[pixel]);

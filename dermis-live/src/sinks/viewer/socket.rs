@@ -11,12 +11,12 @@ use serde_json::{Value, json};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// Bytes of the longest message that a page may send.
+/// Longest message of a page, bytes.
 const LONGEST: usize = 4096;
-/// A page that takes nothing for so long is gone.
+/// A page that reads nothing for this time is disconnected.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// What the address of the WebSocket says.
+/// Query parameters of the WebSocket URL.
 #[derive(Debug, Deserialize)]
 pub(super) struct Asked {
     token: Option<String>,
@@ -40,21 +40,21 @@ pub(super) async fn open(
 /// One page.
 struct Page {
     shared: Arc<ServerState>,
-    guest: Arc<Mutex<ClientSession>>,
+    session: Arc<Mutex<ClientSession>>,
     paused: bool,
-    /// The number of the last frame that it was sent, and frames that it was not sent as it read slowly.
+    /// The number of the last frame sent to it, and the frames that it missed because it read slowly.
     last: Option<u64>,
     skipped: u64,
 }
 
 impl Page {
     fn new(shared: Arc<ServerState>) -> Self {
-        let guest = Arc::new(Mutex::new(ClientSession::new(Arc::clone(&shared.control))));
-        Page { shared, guest, paused: false, last: None, skipped: 0 }
+        let session = Arc::new(Mutex::new(ClientSession::new(Arc::clone(&shared.control))));
+        Page { shared, session, paused: false, last: None, skipped: 0 }
     }
 
     async fn serve(mut self, mut socket: WebSocket) {
-        // The line is broken or closed: there is nobody to tell.
+        // The connection is broken or closed: nothing can be reported.
         let _ = self.talk(&mut socket).await;
     }
 
@@ -88,7 +88,7 @@ impl Page {
                 }
                 received = socket.recv() => match received {
                     Some(Ok(Message::Text(text))) => {
-                        if let Err(why) = self.obey(text.to_string()).await {
+                        if let Err(why) = self.execute(text.to_string()).await {
                             let refused = json!({ "type": "refused", "why": why }).to_string();
                             send(socket, Message::text(refused)).await?;
                         }
@@ -100,7 +100,7 @@ impl Page {
         }
     }
 
-    /// The status with what is this page's own.
+    /// The status with the data of this page.
     fn status(&self, status: &Value) -> Message {
         let mut status = status.clone();
         status["paused"] = self.paused.into();
@@ -108,18 +108,18 @@ impl Page {
         Message::text(status.to_string())
     }
 
-    /// Does what a message asks, on another thread: ending a recording takes until all of it is on the disk, and the other
-    /// pages are not to wait.
-    async fn obey(&mut self, text: String) -> Result<(), String> {
-        let guest = Arc::clone(&self.guest);
+    /// Carries out a request on another thread: ending a recording waits for the disk, and the other pages must not
+    /// wait.
+    async fn execute(&mut self, text: String) -> Result<(), String> {
+        let session = Arc::clone(&self.session);
         let ask = move || {
-            let mut guest = guest.lock().unwrap_or_else(PoisonError::into_inner);
-            (guest.ask(&text), guest.is_paused())
+            let mut session = session.lock().unwrap_or_else(PoisonError::into_inner);
+            (session.ask(&text), session.is_paused())
         };
         let asked = tokio::task::spawn_blocking(ask).await;
         let (done, paused) = asked.map_err(|error| format!("the server failed: {error}"))?;
         if paused != self.paused {
-            // What passed meanwhile was not wanted.
+            // Frames during the pause do not count as missed.
             (self.paused, self.last) = (paused, None);
         }
         done

@@ -6,22 +6,22 @@ use dermis::detect::REGION_95_SD;
 use dermis::geom::Surface;
 use serde::Serialize;
 
-/// The part of the truths that lie in the 95 % region of their contact's position, of all that were matched; `NaN` where
-/// none was.
+/// The fraction of the true positions within the 95 % region of their contact's position, of all matched ones; `NaN` if
+/// there are none.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Covered {
     /// Of single touches, both sets.
     pub single: f64,
-    /// Of two touches of which both were found, at all distances.
+    /// Of two touches that were both detected, at all distances.
     pub two: f64,
-    /// Of two touches that were taken for one: the nearer of them.
+    /// Of two touches that were detected as one: the nearer of them.
     pub two_as_one: f64,
-    /// Of four touches that were all found.
+    /// Of four touches that were all detected.
     pub four: f64,
 }
 
-/// The part of the truths in the 95 % region of their contact, over those frames in which as many touches as asked for were
-/// missed.
+/// The fraction of the true positions in the 95 % region of their contact, over those frames with the given number of
+/// missed touches.
 pub(super) fn covered<'a>(
     surface: &Surface,
     frames: impl Iterator<Item = (&'a Vec<Contact>, &'a Vec<Contact>)>,
@@ -55,7 +55,7 @@ mod tests {
             let frames: Vec<_> = (0..20_000).map(|_| frame(stated)).collect();
             covered(&Surface::Plane, frames.iter().map(|(contacts, touches)| (contacts, touches)), 0)
         };
-        // One standard error of the part is 0.0015; at half the deviation 1 - exp(-5.991 / 8) are covered.
+        // One standard error of the fraction is 0.0015; at half the deviation 1 - exp(-5.991 / 8) are covered.
         assert!((part(0.002) - 0.95).abs() < 0.006);
         assert!((part(0.001) - 0.527).abs() < 0.015);
         assert!(covered(&Surface::Plane, std::iter::empty(), 0).is_nan());

@@ -6,11 +6,11 @@ use dermis::design::Body;
 use dermis::geom::{Point3, Surface};
 use std::f64::consts::TAU;
 
-/// A rim is this wide, and a seam reaches this far to both sides, m.
+/// Width of a rim, and of a seam to both sides, m.
 const RIM_M: f64 = 0.02;
 const SEAM_M: f64 = 0.015;
 
-/// Whether a place lies within 20 mm of an end or 15 mm of the seam.
+/// Whether a position is within 20 mm of an end or 15 mm of the seam.
 pub(super) fn is_at_edge(body: &Body, place: Point3) -> bool {
     let surface = body.surface();
     let at_seam = match (surface, surface.theta_rad(place)) {
@@ -20,7 +20,7 @@ pub(super) fn is_at_edge(body: &Body, place: Point3) -> bool {
     at_seam || body.edge_distance_m(place).is_some_and(|distance_m| distance_m <= RIM_M)
 }
 
-/// Distances of contacts from their touches in frames with a touch at a place for which `counts` holds, m.
+/// Distances of contacts from their touches in frames with a touch at a position for which `counts` returns true, m.
 pub(super) fn distances_m<'a>(
     surface: &Surface,
     frames: impl Iterator<Item = (&'a Vec<Contact>, &'a Vec<Contact>)>,

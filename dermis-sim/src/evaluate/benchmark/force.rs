@@ -1,4 +1,4 @@
-//! How the height of an image's peak depends on the force.
+//! Dependence of an image's peak on the force.
 
 use crate::experiment::{PressSet, Recording, record};
 use crate::twin::{Press, Twin};
@@ -8,37 +8,37 @@ use dermis::stats::{mean_and_sd, quantile, ranks};
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// Forces pressed at each fixed place, N: the third of a doubling apart, as near as round numbers come.
+/// Forces at each fixed position, N: steps of a third of an octave, rounded.
 pub(super) const FORCES_N: [f64; 8] = [1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0];
 
-/// As many presses at each fixed place.
-pub const FORCES_A_PLACE: usize = FORCES_N.len();
+/// Number of presses at each fixed position.
+pub const FORCES_PER_POSITION: usize = FORCES_N.len();
 
-/// How peaks follow the force, and how the twin itself does.
+/// Dependence of the peaks on the force, and that of the twin itself.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ForceScore {
-    /// Standard deviation over mean of the twin's true strength per newton ([`Twin::strength_m2`]) in the grid's presses and
-    /// in those at random: no method that sees the strength of a touch can fall below it.
+    /// Standard deviation over mean of the twin's true strength per newton ([`Twin::strength_m2`]) for the grid's
+    /// presses and the random presses: a lower limit for any method that measures the strength of a touch.
     pub true_spread: [f64; 2],
-    /// At each fixed place the rank correlation (Spearman's) of the image's peak with the force.
+    /// At each fixed position the rank correlation (Spearman's) of the image's peak with the force.
     pub rank_correlations: Vec<f64>,
-    /// At each fixed place the ratio of the peaks at 4 N and at 1 N over the ratio of the twin's true strengths.
+    /// At each fixed position the ratio of the peaks at 4 N and at 1 N over the ratio of the twin's true strengths.
     pub peak_ratios: Vec<f64>,
 }
 
 impl ForceScore {
-    /// Median and least of the rank correlations.
+    /// Median and minimum of the rank correlations.
     pub fn rank_correlation(&self) -> [f64; 2] {
         median_and_least(&self.rank_correlations)
     }
 
-    /// Median and least of the ratios of peaks over the true ones.
+    /// Median and minimum of the ratios of peaks over the true ones.
     pub fn peak_ratio(&self) -> [f64; 2] {
         median_and_least(&self.peak_ratios)
     }
 }
 
-/// Presses each place with every force, from the twin's frame `first_index` on, and evaluates the peaks.
+/// Presses each position with every force, from the twin's frame `first_index` on, and evaluates the peaks.
 pub(super) fn at_fixed_places(
     twin: &Twin,
     method: &dyn Reconstruct,
@@ -50,7 +50,7 @@ pub(super) fn at_fixed_places(
     let peak =
         |frame: &Frame| Ok(method.reconstruct(&(frame - &baseline))?.peak().map_or(f64::NAN, |(_, value)| value));
     let peaks = frames.par_iter().map(peak).collect::<crate::Result<Vec<f64>>>()?;
-    let place = FORCES_A_PLACE;
+    let place = FORCES_PER_POSITION;
     let correlations = peaks.chunks_exact(place).map(|peaks| rank_correlation(&FORCES_N, peaks)).collect();
     let at = |force_n: f64| FORCES_N.iter().position(|&force| force == force_n).expect("one of the forces");
     let (one, four) = (at(1.0), at(4.0));
@@ -72,8 +72,8 @@ pub(super) fn true_spread(twin: &Twin, presses: &[Vec<Press>]) -> crate::Result<
     Ok(sd / mean)
 }
 
-/// Spearman's rank correlation of as many numbers; equal ones share the mean of their ranks. `NaN` where one side does not
-/// change or is not a number.
+/// Spearman's rank correlation of two lists of equal length; ties share the mean of their ranks. `NaN` if one list is
+/// constant or contains a value that is not a number.
 fn rank_correlation(a: &[f64], b: &[f64]) -> f64 {
     if a.iter().chain(b).any(|value| value.is_nan()) {
         return f64::NAN;
@@ -85,7 +85,7 @@ fn rank_correlation(a: &[f64], b: &[f64]) -> f64 {
     product / (sd_a * sd_b)
 }
 
-/// Median and least; `NaN` without a number. One that is none counts as the least.
+/// Median and minimum; `NaN` without a number. A value that is not a number counts as the minimum.
 fn median_and_least(values: &[f64]) -> [f64; 2] {
     let mut sorted: Vec<f64> =
         values.iter().map(|value| if value.is_nan() { f64::NEG_INFINITY } else { *value }).collect();
@@ -99,7 +99,7 @@ mod tests {
 
     #[test]
     fn ranks_correlate_as_spearman_defines() {
-        // Without ties 1 - 6 sum d^2 / (n (n^2 - 1)): d = 1, 1, 0, 0 makes 1 - 12 / 60.
+        // Without ties 1 - 6 sum d^2 / (n (n^2 - 1)): d = 1, 1, 0, 0 gives 1 - 12 / 60.
         assert!((rank_correlation(&[1.0, 2.0, 3.0, 4.0], &[20.0, 10.0, 30.0, 99.0]) - 0.8).abs() < 1e-12);
         assert!((rank_correlation(&FORCES_N, &FORCES_N.map(|force| force.powf(0.3))) - 1.0).abs() < 1e-12);
         assert!((rank_correlation(&[1.0, 2.0, 3.0], &[3.0, 2.0, 1.0]) + 1.0).abs() < 1e-12);

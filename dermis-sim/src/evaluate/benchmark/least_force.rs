@@ -10,14 +10,14 @@ use dermis::reconstruct::Reconstruct;
 use dermis::stats::{inverse_cdf_quantile, mean_and_sd};
 use rayon::prelude::*;
 
-/// One false contact an hour at 120 frames a second.
+/// One false contact per hour at 120 frames per second.
 pub const FALSE_CONTACTS_A_FRAME: f64 = 1.0 / (3600.0 * 120.0);
-/// The part of the untouched frames, those with the highest peaks, whose tail is continued.
+/// The fraction of the untouched frames with the highest peaks, whose tail is extrapolated.
 const TAIL: f64 = 0.01;
-/// A contact whose peak lies this many standard deviations above the threshold is found 90 % of the time (the 90 % quantile
-/// of a normal deviate).
+/// A contact whose peak is this many standard deviations above the threshold is detected 90 % of the time (the 90 %
+/// quantile of a normal deviate).
 const FOUND_SD: f64 = 1.281_551_565_544_6;
-/// Forces between which the smallest one is sought, N; halvings of their ratio.
+/// Range of the search for the smallest force, N; number of bisections of their ratio.
 const FORCES_N: [f64; 2] = [1e-3, 7.0];
 const HALVINGS: usize = 12;
 
@@ -29,15 +29,16 @@ pub(super) struct Finder<'a> {
 }
 
 impl Finder<'_> {
-    /// The threshold that an untouched frame exceeds once an hour, in standard deviations of the noise, and its standard
-    /// error.
+    /// The threshold that an untouched frame exceeds once per hour, in standard deviations of the noise, and its
+    /// standard error.
     pub fn threshold(&self, untouched: &[Frame]) -> crate::Result<(f64, f64)> {
         let detection = self.method.detection();
         let highest = |frame: &Frame| Ok(in_sd(&self.method.reconstruct(frame)?, self.noise, &detection, |_| true));
         Ok(threshold(&untouched.par_iter().map(highest).collect::<crate::Result<Vec<f64>>>()?))
     }
 
-    /// The smallest force found 90 % of the time at a threshold at each of some places, N; `NaN` where none is.
+    /// The smallest force detected 90 % of the time at a threshold at each of some positions, N; `NaN` if there is
+    /// none.
     pub fn least_forces(
         &self,
         twin: &Twin,
@@ -80,7 +81,7 @@ pub(super) fn untouched_differences(
     Ok(rest.iter().map(|frame| frame - &baseline).collect())
 }
 
-/// The smallest force for which something holds, by halving the ratio of two; `NaN` where it holds for none.
+/// The smallest force for which a condition holds, by bisection in the logarithm; `NaN` if it holds for no force.
 fn smallest(holds: impl Fn(f64) -> crate::Result<bool>) -> crate::Result<f64> {
     let [mut low, mut high] = FORCES_N;
     if !holds(high)? {
@@ -93,9 +94,9 @@ fn smallest(holds: impl Fn(f64) -> crate::Result<bool>) -> crate::Result<f64> {
     Ok(high)
 }
 
-/// The highest value of an image over its noise among some pixels that the detector's shares would let pass. Where the image
-/// is the square of what carries the noise (touches as spots in its root), the root over the root's noise: the signed square
-/// of a normal deviate of standard deviation s has `sqrt(3) s^2`.
+/// The highest ratio of an image to its noise among the pixels that the detector's fractions would accept. If the image
+/// is the square of the noisy quantity (touches as spots in its square root), the square root is divided by its noise:
+/// the signed square of a normal deviate of standard deviation s has `sqrt(3) s^2`.
 fn in_sd(image: &Image, noise: &ImageNoise, detection: &DetectOptions, counts: impl Fn(usize) -> bool) -> f64 {
     let highest = image.values.iter().copied().fold(0.0, f64::max);
     let least = detection.peak_fraction * highest;
@@ -107,8 +108,8 @@ fn in_sd(image: &Image, noise: &ImageNoise, detection: &DetectOptions, counts: i
     if detection.spot_width_m.is_some() { (3f64.sqrt() * most).sqrt() } else { most }
 }
 
-/// The peak that an untouched frame exceeds once an hour, and its standard error: beyond a high quantile the tail of a
-/// distribution like this falls exponentially (peaks over threshold: Pickands, 1975, DOI 10.1214/aos/1176343003, with
+/// The peak that an untouched frame exceeds once per hour, and its standard error: beyond a high quantile the tail of
+/// such a distribution decreases exponentially (peaks over threshold: Pickands, 1975, DOI 10.1214/aos/1176343003, with
 /// shape 0, the limit of normal maxima, from which it deviates upwards).
 fn threshold(peaks: &[f64]) -> (f64, f64) {
     let mut sorted = peaks.to_vec();
@@ -121,7 +122,8 @@ fn threshold(peaks: &[f64]) -> (f64, f64) {
     (begin + excess * further, excess * further / (count as f64).sqrt())
 }
 
-/// Median and 95th percentile of the smallest forces found at some places, N; a place where none is counts as infinite.
+/// Median and 95th percentile of the smallest forces detected at some positions, N; a position without one counts as
+/// infinite.
 pub(super) fn median_and_p95(forces_n: &[f64]) -> [f64; 2] {
     let mut forces: Vec<f64> =
         forces_n.iter().map(|force| if force.is_nan() { f64::INFINITY } else { *force }).collect();
@@ -136,8 +138,8 @@ mod tests {
 
     #[test]
     fn the_threshold_is_exceeded_once_an_hour() {
-        // Highest of 50 independent normal deviates: P(max > k) = 1 - Phi(k)^50 = 1 / 432,000 at k = 5.374
-        // (Phi(-5.374) = 3.85e-8 and 50 times that 1 / 519,000; at 5.34 it is 1 / 430,000).
+        // Maximum of 50 independent normal deviates: P(max > k) = 1 - Phi(k)^50 = 1 / 432,000 at k = 5.374 (Phi(-5.374)
+        // = 3.85e-8 and 50 times that 1 / 519,000; at 5.34 it is 1 / 430,000).
         let peak = |frame: u64| {
             let mut rng = sample_rng(3, frame);
             (0..50).map(|_| standard_normal(&mut rng)).fold(0.0, f64::max)

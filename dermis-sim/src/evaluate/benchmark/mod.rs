@@ -7,7 +7,7 @@ mod least_force;
 mod separation;
 
 pub use coverage::Covered;
-pub use force::{FORCES_A_PLACE, ForceScore};
+pub use force::{FORCES_PER_POSITION, ForceScore};
 pub use least_force::FALSE_CONTACTS_A_FRAME;
 
 use crate::evaluate::score::score_contacts;
@@ -30,7 +30,7 @@ use rand::RngExt;
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// The random stream of the electrodes that are dead, beside those of the twin.
+/// The random stream of the dead electrodes, separate from those of the twin.
 const DEAD_STREAM: u64 = (1 << 61) + 1;
 
 /// The extent of a benchmark.
@@ -38,13 +38,13 @@ const DEAD_STREAM: u64 = (1 << 61) + 1;
 pub struct BenchmarkOptions {
     /// The experiment.
     pub sizes: Sizes,
-    /// Untouched frames from whose peaks the threshold follows.
+    /// Number of untouched frames from whose peaks the threshold follows.
     pub untouched: usize,
-    /// The smallest force is sought at every so manyth pixel.
+    /// The smallest force is determined at every n-th pixel.
     pub force_step: usize,
-    /// Places that are pressed with one force after the other.
+    /// Number of positions that are pressed with each force in turn.
     pub places: usize,
-    /// Electrodes of each twin, drawn from its seed, that have come off.
+    /// Number of disconnected electrodes of each twin, drawn from its seed.
     pub dead_electrodes: usize,
 }
 
@@ -54,14 +54,14 @@ impl Default for BenchmarkOptions {
     }
 }
 
-/// How a method does on one twin.
+/// The results of a method on one twin.
 #[derive(Debug, Clone, Serialize)]
 pub struct BenchmarkResult {
     /// The twin's seed.
     pub seed: u64,
     /// Presses on the grid.
     pub grid: Score,
-    /// Presses at random places, the patches shifted.
+    /// Presses at random positions, with shifted patches.
     pub random: Score,
     /// Localisation in both sets together, m.
     pub single_m: Summary,
@@ -69,56 +69,56 @@ pub struct BenchmarkResult {
     pub rim_and_seam_m: Summary,
     /// Coverage of the stated standard deviations of positions.
     pub covered: Covered,
-    /// How peaks depend on forces.
+    /// Dependence of peaks on forces.
     pub force: ForceScore,
-    /// For each distance of two touches: the distance (m) and the part that was resolved.
+    /// For each distance of two touches: the distance (m) and the fraction that was resolved.
     pub two_resolved: Vec<(f64, f64)>,
     /// Four touches.
     pub four: FourScore,
-    /// Standard deviations of noise above which a peak is taken for a contact once an hour on the untouched skin.
+    /// Standard deviations of noise that a peak exceeds once per hour on the untouched skin.
     pub noise_factor: f64,
-    /// Its standard error, from continuing the tail.
+    /// Its standard error due to the extrapolation of the tail.
     pub noise_factor_error: f64,
-    /// Smallest force that is found 90 % of the time at that threshold, for each pixel at which it was sought, N; `NaN`
-    /// where no force up to the greatest sought is.
+    /// Smallest force that is detected 90 % of the time at that threshold, for each pixel of the search, N; `NaN` if no
+    /// force up to the maximum is.
     pub least_forces_n: Vec<f64>,
 }
 
-/// Four touches at once.
+/// Four simultaneous touches.
 #[derive(Debug, Clone, Serialize)]
 pub struct FourScore {
-    /// Frames.
+    /// Number of frames.
     pub frames: usize,
-    /// Part of the frames in which all four were found, each within 15 mm, and nothing else.
+    /// Fraction of the frames in which all four were detected, each within 15 mm, and no other contact.
     pub all_found: f64,
-    /// Distances of the touches that were found, m.
+    /// Distances of the detected touches from their contacts, m.
     pub localisation_m: Summary,
-    /// Touches that were missed, of four a frame.
+    /// Number of missed touches, of four per frame.
     pub misses: usize,
-    /// Contacts without a touch.
+    /// Number of contacts without a touch.
     pub false_positives: usize,
 }
 
-/// A method, the skin that it reconstructs, and the options of the twins: what all runs share.
+/// A method, the skin that it reconstructs, and the options of the twins, which are common to all runs.
 #[derive(Clone, Copy)]
 pub struct Benchmark<'a> {
-    /// The skin as designed, for which the method was made.
+    /// The skin as designed, for which the method was prepared.
     pub design: &'a SkinDesign,
-    /// Its mesh, to draw places from.
+    /// Its mesh, to draw positions from.
     pub mesh: &'a Mesh,
     /// The pixels of the images.
     pub pixels: &'a PixelSpace,
-    /// What twins are drawn from.
+    /// The options of the twins.
     pub options: &'a TwinOptions,
     /// The method.
     pub method: &'a dyn Reconstruct,
-    /// Its alpha, where it has one.
+    /// Its alpha, if it has one.
     pub alpha: Option<f64>,
 }
 
 impl Benchmark<'_> {
-    /// Draws a twin from a seed and scores the method on it. `on_step` is called with the number of frames done since the
-    /// last call, from several threads.
+    /// Draws a twin from a seed and scores the method on it. `on_step` is called with the number of frames done since
+    /// the last call, from several threads.
     ///
     /// # Errors
     /// A twin that cannot be drawn or pressed; a method that fails.
@@ -140,7 +140,7 @@ impl Benchmark<'_> {
         Benchmark { method: &working, ..*self }.scored(seed, options, &experiment, &recordings, on_step)
     }
 
-    /// What the method makes of an experiment that was recorded.
+    /// The results of the method for a recorded experiment.
     fn scored(
         &self,
         seed: u64,
@@ -203,7 +203,7 @@ impl Benchmark<'_> {
         })
     }
 
-    /// The twin's options with some electrodes dead, drawn from a seed.
+    /// The twin's options with some dead electrodes, drawn from a seed.
     fn with_dead_electrodes(&self, seed: u64, count: usize) -> crate::Result<TwinOptions> {
         let mut options = self.options.clone();
         let electrodes = self.design.electrodes.len();
@@ -230,14 +230,15 @@ impl Benchmark<'_> {
         Ok(Seen { images, contacts })
     }
 
-    /// The noise of the images: by the method's matrix from that of each channel, or from images of untouched frames.
+    /// The noise of the images: by the method's matrix from the noise of each channel, or from images of untouched
+    /// frames.
     fn noise(&self, untouched: &[Frame]) -> crate::Result<ImageNoise> {
         let few = &untouched[..untouched.len().min(1000)];
         Ok(image_noise(self.method, few)?.expect("there are untouched frames"))
     }
 }
 
-/// What a method made of a recording.
+/// The results of a method for a recording.
 struct Seen {
     images: Vec<Image>,
     contacts: Vec<Vec<Contact>>,
@@ -252,19 +253,20 @@ fn frames<'a>(
 }
 
 impl BenchmarkResult {
-    /// The smallest distance from which on at least 90 % of all pairs are resolved, at this distance and every greater one
-    /// that was tried, m; `NaN` without one.
+    /// The smallest distance such that at least 90 % of all pairs are resolved at this and every greater tested
+    /// distance, m; `NaN` if there is none.
     pub fn resolved_from_m(&self) -> f64 {
         separation::resolved_from_m(&self.two_resolved)
     }
 
-    /// The part of the pairs that was resolved at a distance (m) that was tried, `NaN` at any other.
+    /// The fraction of the pairs that was resolved at a tested distance (m), `NaN` at any other.
     pub fn resolved_at(&self, separation_m: f64) -> f64 {
         let tried = self.two_resolved.iter().find(|(tried_m, _)| (tried_m - separation_m).abs() < 1e-6);
         tried.map_or(f64::NAN, |(_, part)| *part)
     }
 
-    /// Median and 95th percentile over the places of the smallest force found, N; a place where none is counts as infinite.
+    /// Median and 95th percentile over the positions of the smallest detected force, N; a position without one counts
+    /// as infinite.
     pub fn least_force_n(&self) -> [f64; 2] {
         least_force::median_and_p95(&self.least_forces_n)
     }

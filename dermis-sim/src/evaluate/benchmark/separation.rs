@@ -1,4 +1,4 @@
-//! Two touches at once, by their distance; four far apart.
+//! Two simultaneous touches, by their distance; four far apart.
 
 use super::FourScore;
 use crate::evaluate::{match_contacts, resolves_two};
@@ -6,10 +6,10 @@ use dermis::contact::Contact;
 use dermis::geom::Surface;
 use dermis::stats::Summary;
 
-/// All four touches count as found where each contact lies this near to its touch, m.
+/// All four touches count as detected if each contact is within this distance of its touch, m.
 const NEAR_M: f64 = 0.015;
 
-/// For each distance of two touches the part that was resolved.
+/// For each distance of two touches the fraction that was resolved.
 pub(super) fn two_resolved(
     surface: &Surface,
     contacts: &[Vec<Contact>],
@@ -28,8 +28,8 @@ pub(super) fn two_resolved(
     steps.into_iter().map(|(separation_m, resolved, count)| (separation_m, resolved as f64 / count as f64)).collect()
 }
 
-/// The smallest distance from which on at least 90 % are resolved, at this distance and every greater one, m; `NaN` without
-/// one.
+/// The smallest distance such that at least 90 % are resolved at this and every greater distance, m; `NaN` if there is
+/// none.
 pub(super) fn resolved_from_m(two_resolved: &[(f64, f64)]) -> f64 {
     let good = two_resolved.iter().rev().take_while(|(_, part)| *part >= 0.9);
     good.last().map_or(f64::NAN, |(separation_m, _)| *separation_m)

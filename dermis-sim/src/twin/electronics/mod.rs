@@ -1,14 +1,15 @@
 //! The instrument: from the network between the electrodes to the readings of a frame.
 //!
-//! A constant voltage drives each pair of electrodes through a reference resistor and two multiplexers; two more join the
-//! amplifier's inputs to the electrodes. A frame is a list of slots: for each drive one that reads its current across the
-//! reference resistor, then one for each of its values. A reading is what the lines have settled to, plus
-//! mains hum, times the gain, plus white noise, rounded by the converter; a value is the reading over the current read,
+//! A constant voltage drives each pair of electrodes through a reference resistor and two multiplexers; two more
+//! connect the amplifier's inputs to the electrodes. A frame is a list of slots: for each drive one slot for its
+//! current across the reference resistor, then one for each of its values. A reading is the settled voltage of the
+//! lines, plus mains hum, times the gain, plus white noise, rounded by the converter; a value is the reading over the
+//! measured current,
 //!
 //! `v = reading / (reference reading / R_ref)`.
 //!
-//! Frame `i` is taken at `i / frame_rate`, and its noise depends on the seed and `i` alone. The multiplexers wait on a
-//! frame's first slot before it begins, so that no frame depends on another.
+//! Frame `i` starts at `i / frame_rate`, and its noise depends only on the seed and `i`. Before a frame starts the
+//! multiplexers are in the position of its first slot, so that no frame depends on another.
 
 mod options;
 mod report;
@@ -30,7 +31,8 @@ use rand::RngExt;
 use settling::{Joined, MINUS, PLUS, SOURCE, Slot, Source};
 use std::f64::consts::TAU;
 
-/// The random stream of the instrument's multiplexers and of the phase of the hum. Frames have the streams of their indices.
+/// The random stream of the instrument's multiplexers and of the phase of the hum. Frames have the streams of their
+/// indices.
 const BIRTH_STREAM: u64 = u64::MAX;
 
 /// One instrument: its multiplexers drawn, its noise calibrated on the untouched skin.
@@ -39,8 +41,8 @@ pub struct Electronics {
     options: ElectronicsOptions,
     protocol: Protocol,
     drives: Vec<Drive>,
-    /// On-resistances of the four multiplexers (source, plus, minus, ground), one per electrode; those of the two inputs
-    /// have one more, for the reference resistor. Ohm.
+    /// On-resistances of the four multiplexers (source, plus, minus, ground), one per electrode; those of the two
+    /// inputs have one more, for the reference resistor. Ohm.
     on_ohm: [Vec<f64>; 4],
     hum_phase_rad: f64,
     seed: u64,
@@ -54,25 +56,25 @@ struct Drive {
     pair: Pair,
     /// Its values, by their index in the frame.
     channels: Vec<usize>,
-    /// The current that its noise is stated at: that through the untouched skin, A.
+    /// The current for the definition of its noise: that through the untouched skin, A.
     calibration_a: f64,
 }
 
-/// Index of the ground's multiplexer; the others are in the order of the lines.
+/// Index of the ground multiplexer; the others are in the order of the lines.
 const GROUND: usize = 3;
 
 /// The readings of a frame at the amplifier's input, after conversion.
 #[derive(Debug, Clone)]
 pub struct Readings {
-    /// Of its values, in their order; V.
+    /// The readings of its values, in their order; V.
     pub values_v: Vec<f64>,
-    /// Of the reference resistor under each drive, in the order of [`Protocol::drives`]; V.
+    /// The readings of the reference resistor for each drive, in the order of [`Protocol::drives`]; V.
     pub references_v: Vec<f64>,
-    /// How many of them were out of the converter's range.
+    /// Number of readings that were out of the converter's range.
     pub saturated: usize,
 }
 
-/// How far a frame goes through the instrument; each stage includes those before.
+/// The stages of the instrument; each stage includes those before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Stage {
     Ideal,
@@ -84,11 +86,11 @@ enum Stage {
 }
 
 impl Electronics {
-    /// An instrument for a protocol. Its noise is stated in dB of the frame of `untouched`, the untouched skin without
-    /// faults.
+    /// An instrument for a protocol. Its noise is specified in dB of the frame of `untouched`, the untouched skin
+    /// without faults.
     ///
     /// # Errors
-    /// Options out of their ranges; a noise in dB where no value is free of driven electrodes.
+    /// Options out of their ranges; a noise in dB if every value has a driven electrode.
     pub fn new(
         options: &ElectronicsOptions,
         protocol: &Protocol,
@@ -127,17 +129,17 @@ impl Electronics {
         Ok(electronics)
     }
 
-    /// What the instrument is.
+    /// Its options.
     pub fn options(&self) -> &ElectronicsOptions {
         &self.options
     }
 
-    /// The white noise of its readings, in ohm at the current through the untouched skin; `None` without any.
+    /// The white noise of its readings, in ohm at the current through the untouched skin; `None` if there is none.
     pub fn noise(&self) -> Option<Noise> {
         self.noise
     }
 
-    /// When a frame begins, s.
+    /// Start time of a frame, s.
     pub fn time_s(&self, index: u64) -> f64 {
         index as f64 / self.options.frame_rate_hz
     }
@@ -152,8 +154,8 @@ impl Electronics {
         self.through(network, index, Stage::Quantisation)
     }
 
-    /// Volts from one count of the converter to the next, of readings that touch no driven electrode, of those that touch
-    /// one, and of the reference resistor's; `None` without a converter.
+    /// Converter step in volts, for readings without a driven electrode, for those with one, and for those of the
+    /// reference resistor; `None` without a converter.
     pub fn volts_per_count(&self) -> Option<[f64; 3]> {
         self.options.adc.map(|adc| [adc.gain, adc.gain_driven, adc.gain_reference].map(|gain| adc.step_v(gain)))
     }
@@ -177,8 +179,8 @@ impl Electronics {
         readings
     }
 
-    /// The readings over the currents read. A current of zero (a torn wire with a coarse converter) counts as half a step of the
-    /// converter, so that the values are large but finite.
+    /// The readings over the measured currents. A current of zero (a broken wire with a coarse converter) counts as
+    /// half a step of the converter, so that the values are large but finite.
     pub fn values(&self, readings: &Readings) -> Frame {
         let least_v = self.options.adc.map_or(f64::MIN_POSITIVE, |adc| 0.5 * adc.step_v(adc.gain_reference));
         let mut values = vec![0.0; self.protocol.channel_count()];
@@ -191,7 +193,7 @@ impl Electronics {
         Frame(values)
     }
 
-    /// The current of a drive once everything has settled, A.
+    /// The current of a drive in the settled state, A.
     fn current_a(&self, network: &ElectrodeNetwork, [source, sink]: Pair) -> f64 {
         let s = &network.transfer_impedance;
         let skin_ohm = (s.at(source, source) - s.at(source, sink)) - (s.at(sink, source) - s.at(sink, sink));
@@ -199,7 +201,7 @@ impl Electronics {
         self.options.source_v / (way_ohm + skin_ohm)
     }
 
-    /// The readings of lines that settle at once.
+    /// The readings of lines that settle immediately.
     fn settled(&self, network: &ElectrodeNetwork) -> Readings {
         let mut values_v = network.frame(&self.protocol).0;
         let mut references_v = Vec::with_capacity(self.drives.len());
@@ -234,7 +236,7 @@ impl Electronics {
         Readings { values_v, references_v, saturated: 0 }
     }
 
-    /// Where a slot joins the skin; without a measure pair the inputs are on the reference resistor.
+    /// The connection of a slot to the skin; without a measure pair the inputs are on the reference resistor.
     fn joined(&self, [source, sink]: Pair, measure: Option<Pair>) -> Joined {
         let reference = self.protocol.electrode_count();
         let input = measure.unwrap_or([reference; 2]);
@@ -246,8 +248,7 @@ impl Electronics {
         }
     }
 
-    /// Adds the hum that the skin picks up, at the time of each reading. The reference resistor, on the board, picks up
-    /// none.
+    /// Adds the mains hum in the skin at the time of each reading. The reference resistor, on the board, has no hum.
     fn add_hum(&self, hum: HumOptions, index: u64, readings: &mut Readings) {
         let mut slot = 0;
         for drive in &self.drives {

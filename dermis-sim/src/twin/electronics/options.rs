@@ -5,23 +5,23 @@ use dermis::protocol::Protocol;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// The instrument. Tables and keys that are left out have no error.
+/// The instrument. Missing tables and keys mean no error.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ElectronicsOptions {
     /// Voltage of the constant source, V.
     pub source_v: f64,
-    /// Resistor in series with the source, across which each drive's current is read, ohm.
+    /// Resistor in series with the source, across which each drive's current is measured, ohm.
     pub reference_ohm: f64,
     /// Resistance of a closed switch of the multiplexers, ohm.
     pub on_resistance_ohm: f64,
     /// Standard deviation of that resistance from switch to switch, ohm.
     pub on_resistance_spread_ohm: f64,
-    /// Capacitance of the source line and of each input of the amplifier, to ground, F. 0: they settle at once.
+    /// Capacitance of the source line and of each input of the amplifier, to ground, F. With 0 they settle immediately.
     pub line_capacitance_f: f64,
-    /// Readings a second, Hz: a slot lasts its inverse, and the reading is sampled at the slot's end.
+    /// Readings per second, Hz: a slot has the inverse as its duration, and the reading is sampled at the slot's end.
     pub slot_rate_hz: f64,
-    /// Frames a second, Hz.
+    /// Frames per second, Hz.
     pub frame_rate_hz: f64,
     /// Relative error of the amplifier's gain against that of the reference reading.
     pub gain_error: f64,
@@ -29,7 +29,7 @@ pub struct ElectronicsOptions {
     pub snr_db: Option<f64>,
     /// The converter.
     pub adc: Option<AdcOptions>,
-    /// Mains hum that the skin picks up.
+    /// Mains hum in the skin.
     pub hum: Option<HumOptions>,
 }
 
@@ -39,17 +39,17 @@ pub struct ElectronicsOptions {
 pub struct AdcOptions {
     /// Bits of a reading, its sign included.
     pub bits: u32,
-    /// The converter reads from minus this to plus this, V.
+    /// The input range is from minus this to plus this, V.
     pub range_v: f64,
-    /// Gain before the converter for readings that touch no driven electrode.
+    /// Gain before the converter for readings without a driven electrode.
     pub gain: f64,
-    /// Gain for readings that touch one.
+    /// Gain for readings with a driven electrode.
     pub gain_driven: f64,
     /// Gain for readings of the current.
     pub gain_reference: f64,
 }
 
-/// Mains hum that the skin picks up between any two electrodes.
+/// Mains hum in the skin between any two electrodes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HumOptions {
@@ -65,7 +65,7 @@ impl AdcOptions {
         self.range_v / gain / 2f64.powi(self.bits as i32 - 1)
     }
 
-    /// The voltage that a reading is taken for (codes from `-2^(bits - 1)` to `2^(bits - 1) - 1`), and whether it was out of range.
+    /// The voltage of a reading's code (from `-2^(bits - 1)` to `2^(bits - 1) - 1`), and whether it was out of range.
     pub(super) fn convert(&self, value_v: f64, gain: f64) -> (f64, bool) {
         let step_v = self.step_v(gain);
         let half = 2f64.powi(self.bits as i32 - 1);
@@ -76,7 +76,7 @@ impl AdcOptions {
 }
 
 impl ElectronicsOptions {
-    /// An instrument without any error: 1 V through 1 kohm, 120 frames a second.
+    /// An instrument without errors: 1 V through 1 kohm, 120 frames per second.
     pub fn ideal() -> Self {
         ElectronicsOptions {
             source_v: 1.0,
@@ -93,10 +93,10 @@ impl ElectronicsOptions {
         }
     }
 
-    /// Refuses what no instrument can be, and a frame that does not fit between two.
+    /// Refuses invalid options, and a frame that is longer than the frame interval.
     ///
     /// # Errors
-    /// The field at fault, its value and the fix.
+    /// The wrong field, its value and the fix.
     pub fn check(&self, protocol: &Protocol) -> Result<(), TwinError> {
         self.check_ranges()?;
         let slots = protocol.channel_count() + protocol.drives().0.len();

@@ -11,15 +11,15 @@ use std::ops::Range;
 pub struct ErrorPart {
     /// Root mean square, ohm.
     pub rms_ohm: f64,
-    /// That over the root mean square of the same values of the untouched skin.
+    /// Root mean square relative to that of the same values of the untouched skin.
     pub relative: f64,
 }
 
-/// The error of a frame's values, split by what adds it, in the order in which the signal passes; each part is what
-/// the values change by when it is switched on after those before it.
+/// The error of a frame's values, split by cause, in the order of the signal path; each part is the change of the
+/// values when it is switched on after those before it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ElectronicsReport {
-    /// Frames that the report is made of.
+    /// Number of frames of the report.
     pub frames: usize,
     /// Root mean square of the untouched values that share no electrode with their drive, ohm.
     pub signal_ohm: f64,
@@ -33,9 +33,9 @@ pub struct ElectronicsReport {
     pub noise: ErrorPart,
     /// Steps of the converter, and readings out of its range.
     pub quantisation: ErrorPart,
-    /// All of it.
+    /// Total.
     pub total: ErrorPart,
-    /// Readings out of the converter's range, of all frames together.
+    /// Number of readings out of the converter's range, of all frames together.
     pub saturated_readings: usize,
 }
 
@@ -43,7 +43,7 @@ impl Electronics {
     /// Splits the error of some frames of a skin.
     ///
     /// # Panics
-    /// Without a frame.
+    /// If there are no frames.
     pub fn report(&self, network: &ElectrodeNetwork, indices: Range<u64>) -> ElectronicsReport {
         assert!(!indices.is_empty(), "a report needs a frame");
         let stages = [Stage::Ideal, Stage::Settling, Stage::Hum, Stage::Gain, Stage::Noise, Stage::Quantisation];

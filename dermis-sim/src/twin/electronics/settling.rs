@@ -1,15 +1,15 @@
-//! How far the multiplexer's lines have settled when a reading is sampled.
+//! Settling of the multiplexers' lines until a reading is sampled.
 //!
-//! Four multiplexers join the source, the ground, and the two inputs of the amplifier to one electrode each, through
-//! their on-resistances. Source line and inputs have a capacitance `C`; the ground line is stiff. With the currents
-//! `i` from the three lines into the skin, their potentials are `V = M i`,
+//! Four multiplexers connect the source, the ground, and the two inputs of the amplifier to one electrode each, through
+//! their on-resistances. Source line and inputs have a capacitance `C`; the ground line has a fixed potential. With the
+//! currents `i` from the three lines into the skin, their potentials are `V = M i`,
 //!
 //! `M_jk = S_jk - S_jb - S_bk + S_bb + r_b + delta_jk r_k`,
 //!
 //! where `S` is the skin's transfer impedance, `b` the grounded electrode and `r` the on-resistances; the skin itself
 //! stores no charge. So `C dV/dt = -A V + (U / R) e`, `A = M^-1 + e e' / R`, with `U` and `R` the source's voltage and
-//! reference resistor and `e` the source line: three equations a slot, solved by the exponential of a 3 x 3 matrix. It is
-//! exact for this circuit; the capacitance of every single wire is lumped into the line that it is switched to.
+//! reference resistor and `e` the source line: three equations per slot, solved by the exponential of a 3 x 3 matrix.
+//! It is exact for this circuit; the capacitance of every single wire is lumped into the line to which it is connected.
 
 use crate::elementary::log2;
 use dermis::forward::ElectrodeNetwork;
@@ -21,10 +21,10 @@ pub(super) const SOURCE: usize = 0;
 pub(super) const PLUS: usize = 1;
 pub(super) const MINUS: usize = 2;
 
-/// An exponential that has decayed this far is zero in double precision beside its beginning.
+/// An exponential with this exponent is zero in double precision relative to its initial value.
 const DECAYED: f64 = 40.0;
 
-/// Least on-resistance, ohm: without any the voltage of a line on the grounded electrode has nothing to settle through.
+/// Minimum on-resistance, ohm: with zero, the settling time of a line on the grounded electrode is not defined.
 const LEAST_OHM: f64 = 1e-3;
 
 /// The circuit of one slot.
@@ -32,9 +32,9 @@ const LEAST_OHM: f64 = 1e-3;
 pub(super) struct Slot {
     /// `A`, S.
     conductance: Matrix3,
-    /// Where the lines end up, V.
+    /// The settled potentials of the lines, V.
     pub steady_v: [f64; 3],
-    /// No time constant of the slot is longer than the capacitance times this, ohm.
+    /// The longest time constant of the slot is at most the capacitance times this, ohm.
     slowest_ohm: f64,
 }
 
@@ -45,7 +45,7 @@ pub(super) struct Source {
     pub reference_ohm: f64,
 }
 
-/// Where a slot joins the skin: the electrodes, and the on-resistances on the way to them.
+/// The connection of a slot to the skin: the electrodes, and the on-resistances.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Joined {
     /// Electrode of the source line, of the plus and of the minus input.
@@ -66,7 +66,7 @@ impl Joined {
 }
 
 impl Slot {
-    /// A slot that reads the voltage between two electrodes.
+    /// A slot that measures the voltage between two electrodes.
     pub fn measuring(network: &ElectrodeNetwork, source: Source, joined: &Joined) -> Self {
         let m: Matrix3 = std::array::from_fn(|j| std::array::from_fn(|k| joined.impedance(network, j, k)));
         let current_a = source.voltage_v / (source.reference_ohm + m[SOURCE][SOURCE]);
@@ -79,7 +79,8 @@ impl Slot {
         }
     }
 
-    /// A slot that reads the current: plus is joined to the source, minus to the far end of the reference resistor.
+    /// A slot that measures the current: plus is connected to the source, minus to the far end of the reference
+    /// resistor.
     pub fn referring(network: &ElectrodeNetwork, source: Source, joined: &Joined) -> Self {
         let skin_ohm = joined.impedance(network, SOURCE, SOURCE);
         let current_a = source.voltage_v / (source.reference_ohm + skin_ohm);
@@ -96,7 +97,7 @@ impl Slot {
         }
     }
 
-    /// The lines' potentials at the end of a slot of `duration_s` that began with `lines_v`.
+    /// The lines' potentials at the end of a slot of `duration_s` that started with `lines_v`.
     pub fn settle(&self, lines_v: [f64; 3], capacitance_f: f64, duration_s: f64) -> [f64; 3] {
         let rate = duration_s / capacitance_f;
         if rate > DECAYED * self.slowest_ohm {
@@ -118,8 +119,8 @@ fn inverse(m: &Matrix3) -> Matrix3 {
     std::array::from_fn(|i| std::array::from_fn(|j| minor(j, i) / determinant))
 }
 
-/// The exponential of a matrix: Taylor's series of a part of it so small that thirteen terms are exact in double
-/// precision, squared again and again (Moler and Van Loan, 2003, DOI 10.1137/S00361445024180, method 3).
+/// The exponential of a matrix: scaling and squaring, with the Taylor series of a matrix scaled so that thirteen terms
+/// are exact in double precision (Moler and Van Loan, 2003, DOI 10.1137/S00361445024180, method 3).
 fn exponential(matrix: &Matrix3) -> Matrix3 {
     const TERMS: u32 = 13;
     let norm = matrix.iter().map(|row| row.iter().map(|value| value.abs()).sum::<f64>()).fold(0.0, f64::max);

@@ -1,4 +1,4 @@
-//! The instrument against the exact circuit, the definition of its noise and the law of each part.
+//! The instrument compared with the exact circuit, the definition of its noise and the law of each part.
 
 use super::settling::{MINUS, PLUS, SOURCE};
 use super::*;
@@ -59,8 +59,8 @@ fn an_instrument_without_errors_delivers_the_forward_models_frame() {
 }
 
 /// The circuit of the settling model again, node by node: the skin's admittance, a conductance for each closed switch,
-/// capacitances on the lines and, where `wire_f` says so, on every electrode; integrated by Runge and Kutta's
-/// fourth-order rule in steps far below its shortest time constant.
+/// capacitances on the lines and, if `wire_f` is not zero, on every electrode; integrated by the fourth-order
+/// Runge-Kutta method in steps far below its shortest time constant.
 struct Nodal<'a> {
     electronics: &'a Electronics,
     network: &'a ElectrodeNetwork,
@@ -263,9 +263,10 @@ fn fifty_decibels_are_measured_on_the_frames() {
     let sum: f64 = (0..frames).map(|i| undriven(&(&electronics.frame(&network, i) - &clean)).powi(2)).sum();
     let measured_db = 20.0 * (undriven(&clean) / (sum / frames as f64).sqrt()).log10();
     println!("noise of the untouched skin: {measured_db:.3} dB");
-    // A standard deviation over 162,000 readings is known to 0.18 %, 0.015 dB; the reference's share is below that.
+    // The relative standard error of a standard deviation over 162,000 readings is 0.18 %, 0.015 dB; the reference's
+    // contribution is below that.
     assert!((measured_db - 50.0).abs() < 0.06);
-    // Every drive's values are equally noisy, whatever its current.
+    // The values of every drive have the same noise, for any current.
     let sd = electronics.noise().unwrap().sd_ohm;
     for drive in &electronics.drives {
         let quiet = |channel: &&usize| !protocol().channels()[**channel].touches_driven();
@@ -311,7 +312,7 @@ fn a_report_splits_the_error_into_its_parts() {
         |power: fn(f64) -> f64| electronics.drives.iter().map(|drive| power(drive.calibration_a)).sum::<f64>() / 30.0;
     let per_a = of_drives(|a| a.powi(-2)).sqrt();
     assert!((report.hum.rms_ohm / (per_a * 1e-4 / 2f64.sqrt()) - 1.0).abs() < 0.05, "hum {:?}", report.hum);
-    // Rounding to steps of q leaves q / sqrt 12 (Bennett, 1948, DOI 10.1002/j.1538-7305.1948.tb01340.x).
+    // The quantisation error for steps of q is q / sqrt 12 (Bennett, 1948, DOI 10.1002/j.1538-7305.1948.tb01340.x).
     let step_v = 1.0 / 2.0 / 8192.0;
     assert!((report.quantisation.rms_ohm / (per_a * step_v / 12f64.sqrt()) - 1.0).abs() < 0.1);
     assert!(report.settling.relative < 1e-6, "the lines settle at 1 kohm per square");
@@ -327,7 +328,7 @@ fn readings_out_of_range_are_counted_and_held() {
     let adc = AdcOptions { bits: 12, range_v: 1.0, gain: 1.0, gain_driven: 1e3, gain_reference: 1.0 };
     let options = ElectronicsOptions { adc: Some(adc), ..ElectronicsOptions::ideal() };
     let electronics = instrument(&options, &network);
-    // The two values of each drive that touch a driven electrode.
+    // The two values of each drive with a driven electrode.
     assert_eq!(electronics.report(&network, 0..2).saturated_readings, 2 * 60);
     let frame = electronics.frame(&network, 0);
     assert!(frame.iter().all(|value| value.is_finite()));
@@ -339,7 +340,7 @@ fn hum_is_a_sine_of_the_mains_frequency_at_the_readings_time() {
     let hum = HumOptions { amplitude_v: 0.02, frequency_hz: 60.0 };
     let electronics = instrument(&ElectronicsOptions { hum: Some(hum), ..ElectronicsOptions::ideal() }, &network);
     let clean = network.frame(protocol());
-    // 60 Hz at 120 frames a second: every second frame is alike, the one between is upside down.
+    // 60 Hz at 120 frames per second: every second frame is equal, the one between has the opposite sign.
     let off = |index| &electronics.frame(&network, index) - &clean;
     let (first, second, third) = (off(0), off(1), off(2));
     for channel in 0..first.len() {
@@ -372,7 +373,7 @@ fn impossible_instruments_are_refused_by_field() {
     );
 }
 
-/// The shipped instruments on the skins that they are shipped with, ten of each.
+/// The shipped instruments on their skins, ten of each.
 #[test]
 fn the_shipped_instruments_stay_in_range() {
     for name in ["lab", "harsh"] {

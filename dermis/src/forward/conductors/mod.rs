@@ -1,102 +1,50 @@
-//! Floating conductors laid over the sheet: how their contacts change the network between the electrodes.
+//! Floating conductors on the sheet: the effect of their contacts on the network between the electrodes.
 //!
 //! A conductor at potential `v` takes the current density `g(x) (u - v)` out of the sheet, and its net current is zero.
-//! The potential under it is described by a few moments `m_k' u`, the coefficients of functions `phi_k(x)`: the mean
-//! over small sites, say, or over the whole conductor a polynomial's. With `C_kl = integral of g phi_k phi_l`, and `e_k`
-//! the moments of a potential of 1 V, the power into the conductor is `(M'u - v e)' C (M'u - v e)`. Let `C = R R'`, `K`
-//! be the system of the sheet and its electrodes, `K_ii` its interior part. With the electrodes at the potentials `U`,
-//! `y = R' (M'u - v e)` follows from
+//! The potential under it is described by a few moments `m_k' u`, the coefficients of functions `phi_k(x)`: for example
+//! the means over small sites, or polynomials over the whole conductor. With `C_kl = integral of g phi_k phi_l`, and
+//! `e_k` the moments of a potential of 1 V, the power into the conductor is `(M'u - v e)' C (M'u - v e)`. Let
+//! `C = R R'`, `K` be the system of the sheet and its electrodes, `K_ii` its interior part. With the electrodes at the
+//! potentials `U`, `y = R' (M'u - v e)` follows from
 //!
 //! `(1 + R' Gamma R) y + R' E v = R' B U`, `E' R y = 0`, `Gamma = M' K_ii^-1 M`, `B = M' u_0`,
 //!
-//! where `Gamma` holds Green's functions among the moments with all electrodes grounded and `u_0` the potentials per
-//! volt of each electrode without any contact. The admittance between the electrodes rises by
+//! where `Gamma` contains the Green's functions between the moments with all electrodes grounded and `u_0` the
+//! potentials per volt of each electrode without any contact. The admittance between the electrodes increases by
 //! `Q' (A^-1 - A^-1 P (P' A^-1 P)^-1 P' A^-1) Q` with `A = 1 + R' Gamma R`, `P = R' E`, `Q = R' B`: a low-rank update
-//! (Woodbury, 1950; Hager, 1989, DOI 10.1137/1031049) that costs what the touched conductors cost, however large the
-//! mesh.
+//! (Woodbury, 1950; Hager, 1989, DOI 10.1137/1031049) whose cost depends only on the touched conductors, not on the
+//! size of the mesh.
 
+mod moments;
 mod system;
+
+pub use moments::{PotentialMoment, PotentialMoments};
 
 use super::{ElectrodeNetwork, ForwardError, ForwardModel};
 use crate::linalg::{Matrix, NotPositiveDefinite, eliminate_in_place, invert_spd, subtract_gram};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
-use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 use system::System;
 
-/// What is left of a contact's matrix below this share of it is rounding.
+/// The remainder of a contact's matrix below this fraction of it is rounding error.
 const RANK_TOLERANCE: f64 = 1e-15;
-/// A contact whose matrix is this much below that at rest has lost more than rounding takes.
+/// A contact whose matrix is below that at rest by more than this fraction is an error: it exceeds rounding.
 const LOSS_TOLERANCE: f64 = 1e-9;
-
-/// One moment of the sheet's potential under a conductor.
-#[derive(Debug, Clone, PartialEq)]
-pub struct PotentialMoment {
-    /// The conductor.
-    pub conductor: usize,
-    /// Nodes with their weights: the moment is the weighted sum of their potentials.
-    pub nodes: Vec<(usize, f64)>,
-}
-
-impl PotentialMoment {
-    /// The moment of a potential of 1 V.
-    fn of_one(&self) -> f64 {
-        self.nodes.iter().map(|(_, weight)| weight).sum()
-    }
-}
-
-/// The moments of all conductors, those of one next to each other.
-#[derive(Debug, Clone, PartialEq)]
-pub struct PotentialMoments {
-    all: Vec<PotentialMoment>,
-    of_conductor: Vec<Range<usize>>,
-}
-
-impl PotentialMoments {
-    /// PotentialMoments in ascending order of their conductors.
-    ///
-    /// # Panics
-    /// Where they are in another order.
-    pub fn new(all: Vec<PotentialMoment>) -> Self {
-        assert!(all.is_sorted_by_key(|moment| moment.conductor), "moments in the order of their conductors");
-        let count = all.last().map_or(0, |moment| moment.conductor + 1);
-        let mut of_conductor = vec![0..0; count];
-        for (index, moment) in all.iter().enumerate() {
-            let range: &mut Range<usize> = &mut of_conductor[moment.conductor];
-            *range = if range.end == 0 { index..index + 1 } else { range.start..index + 1 };
-        }
-        PotentialMoments { all, of_conductor }
-    }
-
-    /// All moments.
-    pub fn all(&self) -> &[PotentialMoment] {
-        &self.all
-    }
-
-    /// The moments of one conductor; none where there is no such conductor.
-    pub fn of_conductor(&self, conductor: usize) -> &[PotentialMoment] {
-        &self.all[self.range(conductor)]
-    }
-
-    fn range(&self, conductor: usize) -> Range<usize> {
-        self.of_conductor.get(conductor).cloned().unwrap_or(0..0)
-    }
-}
 
 /// A conductor in contact with the sheet.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ConductorContact {
     /// The conductor.
     pub conductor: usize,
-    /// `C`: symmetric, positive semidefinite, of the order of the conductor's moments; S where moments are volts.
+    /// `C`: symmetric, positive semidefinite, of the order of the conductor's moments; S if the moments are in volts.
     pub conductance: Matrix,
 }
 
-/// One skin under floating conductors, ready for many contacts.
+/// A skin with floating conductors, prepared for many contacts.
 ///
-/// The Green's functions of a conductor are computed when it is first touched, and kept. Shared between threads by
-/// reference.
+/// The Green's functions of a conductor are computed when it is first touched, and stored. Can be shared between
+/// threads by reference.
 #[derive(Debug)]
 pub struct FloatingConductors {
     model: ForwardModel,
@@ -106,19 +54,20 @@ pub struct FloatingConductors {
     at_rest: BTreeMap<usize, Matrix>,
     /// `B`: moments x electrodes.
     potentials: Matrix,
-    /// Per conductor the Green's functions from its own moments to them and all after them, moments x own moments.
+    /// Per conductor the Green's functions between its own moments and its own and all later ones, moments x own
+    /// moments.
     columns: Vec<OnceLock<Matrix>>,
 }
 
 impl ForwardModel {
-    /// The network between the electrodes with conductors in contact, the direct way: one more unknown per touched
-    /// conductor, and a factorisation of its own. [`FloatingConductors::network`] gives the same at a fraction of the cost.
+    /// The network between the electrodes with conductors in contact, by the direct method: one more unknown per
+    /// touched conductor, and a new factorisation. [`FloatingConductors::network`] gives the same result much faster.
     ///
     /// # Errors
-    /// A conductivity or conductance that no matter has.
+    /// A conductivity or conductance that is not positive and finite.
     ///
     /// # Panics
-    /// Where a contact does not fit its conductor's moments.
+    /// If a contact does not fit its conductor's moments.
     pub fn network_with_conductors(
         &self,
         conductivity: &[f64],
@@ -135,9 +84,9 @@ struct Touch {
     conductor: usize,
     /// `R`: moments x rank.
     root: Matrix,
-    /// Where its part begins in the update.
+    /// Start of its part in the update.
     start: usize,
-    /// Whether its potential is unknown to the base system.
+    /// Whether the base system has no unknown for its potential.
     floating: bool,
 }
 
@@ -152,10 +101,10 @@ impl FloatingConductors {
     /// The skin of a model with some conductors in contact at rest.
     ///
     /// # Errors
-    /// A conductivity or a resting conductance that no matter has.
+    /// A conductivity or a resting conductance that is not positive and finite.
     ///
     /// # Panics
-    /// Where a contact does not fit its conductor's moments, or a moment names a node that does not exist.
+    /// If a contact does not fit its conductor's moments, or a moment contains a node that does not exist.
     pub fn new(
         model: &ForwardModel,
         conductivity: &[f64],
@@ -193,19 +142,19 @@ impl FloatingConductors {
     /// The network of the skin at rest.
     ///
     /// # Errors
-    /// A part of the skin that no electrode reaches.
+    /// A part of the skin without an electrode.
     pub fn resting_network(&self) -> Result<ElectrodeNetwork, ForwardError> {
         self.model.with_own_series(ElectrodeNetwork::new(self.base.factor.schur().clone())?)
     }
 
-    /// Computes the Green's functions of all conductors now, on all threads, and not when each is first touched.
+    /// Computes the Green's functions of all conductors now, on all threads, instead of when each is first touched.
     pub fn prepare(&self) {
         (0..self.columns.len()).into_par_iter().for_each(|conductor| {
             self.column(conductor);
         });
     }
 
-    /// What the Green's functions computed so far take, bytes; and what they will take once all are.
+    /// Memory of the Green's functions computed so far, and of all of them, bytes.
     pub fn table_bytes(&self) -> [usize; 2] {
         let count = self.moments.all.len();
         let whole = self.moments.of_conductor.iter().map(|own| (count - own.start) * own.len());
@@ -213,19 +162,19 @@ impl FloatingConductors {
         [now.sum::<usize>() * size_of::<f64>(), whole.sum::<usize>() * size_of::<f64>()]
     }
 
-    /// The network with some conductors in contact, by the table of Green's functions; the others are as at rest.
+    /// The network with some conductors in contact, by the table of Green's functions; the others are at rest.
     ///
     /// # Errors
     /// A contact below that at rest.
     ///
     /// # Panics
-    /// Where a contact does not fit its conductor's moments, or a conductor is named twice.
+    /// If a contact does not fit its conductor's moments, or a conductor occurs twice.
     pub fn network(&self, contacts: &[ConductorContact]) -> Result<ElectrodeNetwork, ForwardError> {
         self.network_by(contacts, Self::fill_from_table)
     }
 
-    /// [`network`](Self::network) without a table, by half a solve for the touched conductors: for a skin that is
-    /// touched a few times only.
+    /// [`network`](Self::network) without a table, by a forward substitution for the touched conductors: for a skin
+    /// that is touched only a few times.
     ///
     /// # Errors
     /// As [`network`](Self::network).
@@ -252,9 +201,9 @@ impl FloatingConductors {
         self.finish(&update, front, order)
     }
 
-    /// The moments `C (M'u - v e)` of the current into each touched conductor beyond that at rest, for electrodes at
-    /// the given potentials of the mesh's own network, V. Their product with the moments of 1 V, the second list, is
-    /// the conductor's net current.
+    /// The moments `C (M'u - v e)` of the current into each touched conductor, in addition to that at rest, for
+    /// electrodes at the given potentials of the mesh's own network, V. Their product with the moments of 1 V, the
+    /// second list, is the conductor's net current.
     ///
     /// # Errors
     /// As [`network`](Self::network).
@@ -294,7 +243,7 @@ impl FloatingConductors {
         Ok(update.touches.iter().map(of_touch).collect())
     }
 
-    /// What contacts add to those at rest.
+    /// The contacts minus those at rest.
     fn update(&self, contacts: &[ConductorContact]) -> Result<Update, ForwardError> {
         let mut sorted: Vec<&ConductorContact> = contacts.iter().collect();
         sorted.sort_by_key(|contact| contact.conductor);
@@ -339,11 +288,11 @@ impl FloatingConductors {
         }
     }
 
-    /// Eliminates contacts, then conductors, and adds what is left to the admittance.
+    /// Eliminates contacts, then conductors, and adds the remainder to the admittance.
     fn finish(&self, update: &Update, mut front: Vec<f64>, order: usize) -> Result<ElectrodeNetwork, ForwardError> {
         let (rank, conductors) = (update.rank, update.floating_count);
         eliminate_in_place(&mut front, order, rank).map_err(name_contact)?;
-        // What is left is `-[P Q]' A^-1 [P Q]`.
+        // The remainder is `-[P Q]' A^-1 [P Q]`.
         let rest = order - rank;
         let mut schur = vec![0.0; rest * rest];
         for column in 0..rest {
@@ -435,8 +384,8 @@ impl FloatingConductors {
     }
 }
 
-/// `R` with `R R' = C`, moments x rank, by Cholesky with the largest pivot first: it ends where nothing is left beside
-/// the whole contact, of which `C` may be a part.
+/// `R` with `R R' = C`, moments x rank, by Cholesky with the largest pivot first: it ends when the remainder is
+/// negligible relative to the whole contact, of which `C` may be a part.
 fn root(conductor: usize, conductance: &Matrix, whole: &Matrix) -> Result<Matrix, ForwardError> {
     let order = conductance.rows;
     let mut left = conductance.clone();
@@ -445,7 +394,7 @@ fn root(conductor: usize, conductance: &Matrix, whole: &Matrix) -> Result<Matrix
     while columns.len() < order {
         let pivot = (0..order).max_by(|&a, &b| left.at(a, a).total_cmp(&left.at(b, b))).expect("order is positive");
         let value = left.at(pivot, pivot);
-        // A not-a-number is the largest in the total order, and no comparison holds for it.
+        // NaN is the largest in the total order, and all comparisons with it are false.
         if !value.is_finite() || (0..order).any(|k| left.at(k, k) < -LOSS_TOLERANCE * largest) {
             return Err(ForwardError::ConductorContact { conductor, value: left.at(pivot, pivot) });
         }
@@ -453,7 +402,7 @@ fn root(conductor: usize, conductance: &Matrix, whole: &Matrix) -> Result<Matrix
             break;
         }
         let column: Vec<f64> = (0..order).map(|k| left.at(k, pivot) / value.sqrt()).collect();
-        // Contacts site by site are diagonal: most of a column is zero.
+        // Contacts described by sites are diagonal: most of a column is zero.
         let own: Vec<usize> = (0..order).filter(|&k| column[k] != 0.0).collect();
         for (i, j) in own.iter().flat_map(|&i| own.iter().map(move |&j| (i, j))) {
             *left.at_mut(i, j) -= column[i] * column[j];
@@ -467,7 +416,7 @@ fn root(conductor: usize, conductance: &Matrix, whole: &Matrix) -> Result<Matrix
     Ok(root)
 }
 
-/// `v` with `P' A^-1 P v = P' A^-1 Q U`: the potentials at which no conductor keeps a current.
+/// `v` with `P' A^-1 P v = P' A^-1 Q U`: the potentials at which the net current of every conductor is zero.
 fn conductor_potentials(inverse: &Matrix, joins: &[&[f64]], driving: &[f64]) -> Result<Vec<f64>, ForwardError> {
     let conductors = joins.first().map_or(0, |joined| joined.len());
     let (mut net, mut free) = (Matrix::zeros(conductors, conductors), vec![0.0; conductors]);

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 /// The system of a sheet with some conductors in contact, factored.
 #[derive(Debug)]
 pub(super) struct System {
-    /// `None` where it is the model's own.
+    /// `None` if it is the model's own system.
     extended: Option<Symbolic>,
     pub factor: Factor,
     /// The unknown of each node.
@@ -62,7 +62,7 @@ impl System {
         self.extended.as_ref().unwrap_or(model.symbolic())
     }
 
-    /// The unknowns of a moment of `u - v` with their weights; of `u` alone where the system has no `v`.
+    /// The unknowns of a moment of `u - v` with their weights; of `u` only if the system has no `v`.
     pub fn voltage(&self, moment: &PotentialMoment) -> impl Iterator<Item = (usize, f64)> {
         let nodes = moment.nodes.iter().map(|&(node, weight)| (self.unknown_of_node[node], weight));
         let own = self.unknown_of_conductor.get(&moment.conductor);
@@ -79,7 +79,7 @@ struct Extended {
 }
 
 impl Extended {
-    /// The sheet's own entries, with room for the conductors between its interior and the electrodes.
+    /// The sheet's own entries, with space for the conductors between its interior and the electrodes.
     fn new(model: &ForwardModel, assembly: &Assembly, values: &[f64], contacts: &[&ConductorContact]) -> Self {
         let interior = assembly.pattern.unknown_count - model.mesh().electrodes.len();
         let mut touched: Vec<usize> = contacts.iter().map(|contact| contact.conductor).collect();

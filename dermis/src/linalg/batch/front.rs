@@ -1,11 +1,11 @@
-//! The arithmetic of one front: eight matrices at once, sixteen sums in registers.
+//! The arithmetic of one front: eight matrices simultaneously, sixteen sums in registers.
 
 use super::Entries;
 use super::plan::{BatchPlan, Child, Front, RowAddress, TILE, update_column};
 use pulp::Simd;
 
-/// Eliminates all fronts; the Schur complement is left in the last one's update. Gives the smallest pivot of each
-/// matrix; after one that is not positive the rest of that lane means nothing.
+/// Eliminates all fronts; the Schur complement is the last front's update. Returns the smallest pivot of each matrix;
+/// if one is not positive, the other results of its lane are undefined.
 #[inline(always)]
 pub(super) fn eliminate_all<S: Simd>(
     simd: S,
@@ -86,7 +86,7 @@ fn add_to_update<S: Simd>(simd: S, child: &Child, rows: &[RowAddress], front: &F
     }
 }
 
-/// Two parts of one memory that do not overlap: one from `source` on, and `length` from `target` on.
+/// Two parts of one memory that do not overlap: one from `source` on, and `length` values from `target` on.
 #[inline(always)]
 fn source_and_target<T>(memory: &mut [T], source: usize, target: usize, length: usize) -> (&[T], &mut [T]) {
     if source < target {
@@ -98,7 +98,7 @@ fn source_and_target<T>(memory: &mut [T], source: usize, target: usize, length: 
     }
 }
 
-/// Factors a panel, four columns at a time: each takes in all columns before it at once.
+/// Factors a panel, four columns at a time: each group applies all columns before it in one pass.
 #[inline(always)]
 fn factor_panel<S: Simd>(simd: S, front: &Front, panel: &mut [S::f64s], least: &mut S::f64s) {
     let stride = TILE * front.width;
@@ -170,8 +170,8 @@ fn subtract_product<S: Simd, const COUNT: usize>(
     a: &[[S::f64s; TILE]],
     b: &[[S::f64s; TILE]],
 ) {
-    // Sixteen sums, four factors and one more want 21 registers; where vectors have fewer, half the columns at a time
-    // spill none. Single numbers are left to the compiler, which packs them in its own way.
+    // Sixteen sums, four factors and one more value need 21 registers; on machines with fewer vector registers, half
+    // the columns at a time avoid spills. Scalar code is vectorised by the compiler.
     let is_narrow = S::F64_LANES > 1 && S::REGISTER_COUNT < TILE * TILE + TILE + 1;
     match target.as_chunks_mut::<2>() {
         ([left, right], []) if is_narrow => {
@@ -217,7 +217,7 @@ fn subtract_products<S: Simd>(simd: S, front: &Front, panel: &[S::f64s], update:
     }
 }
 
-/// Writes what a tile holds of the lower triangle of an update.
+/// Writes the part of a tile in the lower triangle of an update.
 #[inline(always)]
 fn store<S: Simd>(tile: &[[S::f64s; TILE]; TILE], [row, column]: [usize; 2], rows: usize, update: &mut [S::f64s]) {
     let whole = row + TILE <= rows && row > column;

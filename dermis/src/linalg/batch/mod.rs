@@ -1,13 +1,13 @@
-//! Eight matrices of one pattern factored at once, one in each lane of a vector.
+//! Eight matrices of one pattern factored simultaneously, one in each SIMD lane.
 //!
-//! A number of the factorisation is a vector of eight numbers here, one per matrix: the arithmetic is that of
-//! [`Symbolic::factor`] without a gather, and a lane never looks at its neighbours. Only the Schur complement of the kept
-//! unknowns is wanted, so the factor itself is not stored: a front's columns live in a scratch panel, and its update is
-//! written where its parent will find it, at an address planned beforehand.
+//! Each number of the factorisation is a vector of eight numbers here, one per matrix. The arithmetic is that of
+//! [`Symbolic::factor`] without gathers, and lanes are independent. Only the Schur complement of the kept unknowns is
+//! needed, so the factor itself is not stored: a front's columns are in a scratch panel, and its update is written to
+//! the address where its parent reads it, which is planned beforehand.
 //!
-//! Panels and updates are stored in tiles of 4 x 4 numbers, so that the product of two rows of tiles runs through memory
-//! in order with 16 sums in registers. Matrices go through in as many passes as it takes the instruction set at hand: one
-//! with 512-bit vectors, two with 256, eight without.
+//! Panels and updates are stored in tiles of 4 x 4 numbers, so that the product of two rows of tiles reads memory in
+//! order with 16 sums in registers. The number of passes depends on the instruction set: one with 512-bit vectors, two
+//! with 256-bit vectors, eight without vectors.
 
 mod front;
 mod network;
@@ -19,10 +19,10 @@ use super::Symbolic;
 use super::simd_level::SimdLevel;
 use pulp::{Simd, WithSimd};
 
-/// Matrices factored at once.
+/// Number of matrices factored simultaneously.
 pub const LANES: usize = 8;
 
-/// The entries of the matrices, as the factorisation asks for them.
+/// The entries of the matrices, as requested by the factorisation.
 ///
 /// An implementation marks `entry` as `#[inline(always)]`: it is compiled once per instruction set.
 pub trait Entries: Sync {
@@ -31,7 +31,7 @@ pub trait Entries: Sync {
     fn entry<S: Simd>(&self, simd: S, position: usize, pass: usize) -> S::f64s;
 }
 
-/// Memory that factorisations by one plan share.
+/// Work memory shared by factorisations of one plan.
 #[derive(Debug, Clone)]
 pub struct BatchWorkspace {
     panel: AlignedVec,
@@ -48,7 +48,8 @@ pub struct BadLanes(
 );
 
 impl BatchPlan {
-    /// Memory for [`transfer_impedances`](Self::transfer_impedances), with the best instruction set of this machine.
+    /// Work memory for [`transfer_impedances`](Self::transfer_impedances), with the best instruction set of this
+    /// machine.
     pub fn workspace(&self) -> BatchWorkspace {
         self.workspace_at(SimdLevel::best())
     }
@@ -68,10 +69,11 @@ impl BatchPlan {
     /// The complements must have the constant as their null vector; as in [`crate::forward::ElectrodeNetwork`].
     ///
     /// # Errors
-    /// Which matrices are not positive definite on the eliminated unknowns, or whose kept ones do not hang together.
+    /// The matrices that are not positive definite on the eliminated unknowns, or whose kept unknowns are not
+    /// connected.
     ///
     /// # Panics
-    /// Where the memory is another plan's.
+    /// If the memory is of another plan.
     pub fn transfer_impedances(
         &self,
         entries: &impl Entries,
@@ -124,7 +126,7 @@ impl<E: Entries> WithSimd for Run<'_, E> {
     }
 }
 
-/// Numbers whose first lies at the start of a cache line: a 64-byte vector that straddles two is read at half the speed.
+/// Numbers aligned to a cache line: a 64-byte vector that crosses two lines is read at half the speed.
 #[derive(Debug)]
 pub struct AlignedVec {
     memory: Vec<f64>,
@@ -148,7 +150,7 @@ impl AlignedVec {
         &self.memory[self.start..self.start + self.len]
     }
 
-    /// The numbers, to change.
+    /// The numbers, mutable.
     #[inline(always)]
     pub fn values_mut(&mut self) -> &mut [f64] {
         &mut self.memory[self.start..self.start + self.len]
@@ -164,7 +166,7 @@ impl Clone for AlignedVec {
 }
 
 impl Symbolic {
-    /// The plan by which eight matrices of this pattern are factored at once.
+    /// The plan for factoring eight matrices of this pattern simultaneously.
     pub fn batch_plan(&self) -> BatchPlan {
         BatchPlan::new(self)
     }

@@ -1,4 +1,4 @@
-//! The pseudo-inverse of the kept unknowns' matrices, eight at once.
+//! The pseudo-inverse of the kept unknowns' matrices, eight simultaneously.
 
 use super::plan::update_column;
 use pulp::Simd;
@@ -6,8 +6,8 @@ use pulp::Simd;
 /// The pseudo-inverse of symmetric matrices of order `L` whose null vector is the constant: with `c = trace(Y) / L` and
 /// `P = 1 1' / L`, `(Y + c P)^-1 - P / c`. Gives the smallest pivots.
 ///
-/// `lower` holds their lower triangles column by column; the result fills the first `L x L` numbers of `memory`, row by
-/// row, the rest is scratch.
+/// `lower` contains their lower triangles column by column; the result is in the first `L x L` numbers of `memory`, row
+/// by row; the rest is scratch memory.
 #[inline(always)]
 pub(super) fn pseudo_inverse<S: Simd>(simd: S, lower: &[S::f64s], order: usize, memory: &mut [S::f64s]) -> S::f64s {
     let count = simd.splat_f64s(order as f64);
@@ -57,13 +57,13 @@ fn subtract_dot<S: Simd>(simd: S, start: S::f64s, a: &[S::f64s], b: &[S::f64s]) 
     a.iter().zip(b).fold(start, |sum, (&a, &b)| simd.negate_mul_add_e_f64s(a, b, sum))
 }
 
-/// The inverse from the factor: the factor's own inverse first, in its place, then its product with itself.
+/// The inverse from the factor: first the inverse of the factor in place, then the product with its transpose.
 #[inline(always)]
 fn invert<S: Simd>(simd: S, factor: &mut [S::f64s], order: usize, inverse: &mut [S::f64s]) {
     for row in 0..order {
         let (above, own) = factor.split_at_mut(row * order);
         let scale = own[row];
-        // Row of the factor's inverse: minus the row times the rows above, which are inverse already.
+        // Row of the factor's inverse: minus the row times the rows above, which are already inverted.
         for column in 0..row {
             let mut sum = simd.splat_f64s(0.0);
             for middle in column..row {

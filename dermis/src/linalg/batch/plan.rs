@@ -1,29 +1,29 @@
-//! Where every number of a batched factorisation lies, computed once for a pattern.
+//! The memory layout of a batched factorisation, computed once for a pattern.
 
 use crate::linalg::Symbolic;
 
 /// Rows and columns of a tile.
 pub(super) const TILE: usize = 4;
 
-/// Where the numbers of a batched factorisation lie, in vectors of [`LANES`](super::LANES) numbers.
+/// The memory layout of a batched factorisation, in vectors of [`LANES`](super::LANES) numbers.
 #[derive(Debug, Clone)]
 pub struct BatchPlan {
-    /// In the order of elimination; the last one eliminates nothing and gathers the kept unknowns.
+    /// In the order of elimination; the last one eliminates nothing and collects the kept unknowns.
     pub(super) fronts: Vec<Front>,
     pub(super) children: Vec<Child>,
     /// For each row of each child's update, its part of the addresses in the parent.
     pub(super) rows: Vec<RowAddress>,
-    /// Where each entry belongs, in a panel or (for the kept unknowns) in the last update.
+    /// The target of each entry, in a panel or (for the kept unknowns) in the last update.
     pub(super) entry_targets: Vec<u32>,
     entry_order: Vec<usize>,
     pub(super) kept_count: usize,
-    /// Where the last front's update starts, which becomes the Schur complement.
+    /// The start of the last front's update, which becomes the Schur complement.
     pub(super) schur: usize,
     pub(super) panel_size: usize,
     pub(super) update_size: usize,
 }
 
-/// A front: the columns it eliminates, and the update that is left for its parent.
+/// A front: the columns it eliminates, and the update for its parent.
 #[derive(Debug, Clone)]
 pub(super) struct Front {
     /// Columns eliminated.
@@ -34,7 +34,7 @@ pub(super) struct Front {
     pub entries: std::ops::Range<usize>,
     /// Its children, as a range of [`BatchPlan::children`].
     pub children: std::ops::Range<usize>,
-    /// Where its update starts.
+    /// Start of its update.
     pub update: usize,
 }
 
@@ -56,36 +56,36 @@ impl Front {
     }
 }
 
-/// A front as its parent sees it.
+/// A front as seen by its parent.
 #[derive(Debug, Clone)]
 pub(super) struct Child {
-    /// Where its update starts.
+    /// Start of its update.
     pub update: usize,
     /// Its update's rows, as a range of [`BatchPlan::rows`].
     pub rows: std::ops::Range<usize>,
-    /// How many of them, the first, are columns that the parent eliminates.
+    /// The number of its first rows that are columns eliminated by the parent.
     pub eliminated: usize,
 }
 
-/// A row of a child's update in its parent: the address of a number is the sum of its row's and its column's part.
+/// A row of a child's update in its parent: an address is the sum of a part for the row and a part for the column.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct RowAddress {
     /// As a row in the parent's panel.
     pub panel: u32,
-    /// As a row in the parent's update; unused where the parent eliminates it.
+    /// As a row in the parent's update; unused if the parent eliminates it.
     pub update: u32,
-    /// As a column in the parent's panel where the parent eliminates it, else in its update.
+    /// As a column in the parent's panel if the parent eliminates it, else in its update.
     pub column: u32,
 }
 
-/// The column's part of an address in an update of `rows` rows, a lower triangle column by column; a row's part is the
-/// row.
+/// The column's part of an address in an update of `rows` rows, a lower triangle column by column; the row's part is
+/// the row index.
 #[inline(always)]
 pub(super) fn update_column(column: usize, rows: usize) -> usize {
     (column * (2 * rows - column) - column) / 2
 }
 
-/// The row's part of an address in a panel of `width` columns; rows below the eliminated ones start a tile of their own.
+/// The row's part of an address in a panel of `width` columns; rows below the eliminated ones start a new tile.
 fn panel_row(row: usize, width: usize) -> usize {
     let (tile, within) = match row.checked_sub(width) {
         None => (row / TILE, row % TILE),
@@ -130,7 +130,7 @@ impl BatchPlan {
         plan
     }
 
-    /// The order in which the factorisation asks for entries, as indices in the pattern's list.
+    /// The order in which the factorisation requests entries, as indices in the pattern's list.
     pub fn entry_order(&self) -> &[usize] {
         &self.entry_order
     }
@@ -196,10 +196,10 @@ fn address(value: usize) -> u32 {
     u32::try_from(value).expect("a front of four thousand million numbers fits no memory")
 }
 
-/// First-fit allocation of the updates, whose lives are known beforehand.
+/// First-fit allocation of the updates; their lifetimes are known in advance.
 #[derive(Default)]
 struct Memory {
-    /// Free pieces (start, length), by start.
+    /// Free blocks (start, length), by start.
     free: Vec<(usize, usize)>,
     size: usize,
 }
@@ -215,7 +215,7 @@ impl Memory {
             }
             return start;
         }
-        // Nothing fits: the last piece grows if it reaches the end.
+        // No block is large enough: the last block grows if it ends at the end of the memory.
         let start = match self.free.last() {
             Some(&(start, free)) if start + free == self.size => {
                 self.free.pop();
@@ -260,7 +260,7 @@ mod tests {
         memory.give_back(a, 10);
         assert_eq!(memory.take(10), 0);
         memory.give_back(c, 5);
-        // 18..35 is one piece again and grows.
+        // 18..35 is one block again and grows.
         assert_eq!(memory.take(30), 18);
         assert_eq!(memory.size, 48);
         assert_eq!(memory.free, []);

@@ -1,4 +1,4 @@
-//! Meshes to files: VTU for ParaView, Gmsh .msh, STL.
+//! Export of meshes: VTU for ParaView, Gmsh .msh, STL.
 
 mod msh;
 mod stl;
@@ -9,16 +9,16 @@ use crate::mesh::{Cells, ElectrodePatch, Mesh, MeshError};
 use std::io::Write;
 use std::path::Path;
 
-/// Writes a mesh in the format that the file's name asks for.
+/// Writes a mesh in the format given by the file's extension.
 ///
-/// - `.vtu`: the cells, then the edges, faces and points of electrodes as cells of their own; cell data `electrode`
-///   (its number, -1 for none) and, where given, `conductivity` (0 on cells that only show an electrode);
+/// - `.vtu`: the cells, then the edges, faces and points of electrodes as separate cells; cell data `electrode` (its
+///   number, -1 for none) and, if given, `conductivity` (0 on cells that only show an electrode);
 /// - `.msh`: Gmsh 4.1, ASCII, with the physical groups `electrode_<n>` and the regions, so that
-///   [`load`](crate::mesh::import::load) gives the same mesh; the conductivity, where given, as `$ElementData`;
-/// - `.stl`: binary, the triangles alone; of a volume its outside. Electrodes and conductivity are lost, positions
-///   rounded to single precision.
+///   [`load`](crate::mesh::import::load) gives the same mesh; the conductivity, if given, as `$ElementData`;
+/// - `.stl`: binary, only the triangles; for a volume its outer surface. Electrodes and conductivity are lost,
+///   positions are rounded to single precision.
 ///
-/// Lengths are in metres. The file is written beside its place and renamed when it is whole.
+/// Lengths are in metres. A temporary file is written and renamed when it is complete.
 ///
 /// # Errors
 /// Another extension; a conductivity of the wrong length; a file that cannot be written.
@@ -34,7 +34,7 @@ pub fn save(mesh: &Mesh, path: &Path, conductivity: Option<&[f64]>) -> Result<()
     }
 }
 
-/// Values of a quantity for every cell of a mesh, under its name.
+/// Values of a quantity for every cell of a mesh, with its name.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CellField {
     /// Name of the data array.
@@ -43,7 +43,7 @@ pub struct CellField {
     pub values: Vec<f64>,
 }
 
-/// Writes values of the cells of a mesh as a `.vtu` file for ParaView: the mesh as [`save`] writes it, with a cell data array
+/// Writes values of the cells of a mesh as a `.vtu` file for ParaView: the mesh as in [`save`], with a cell data array
 /// for each field. Cells that only show an electrode, and values that are not finite, are written as 0.
 ///
 /// ```
@@ -110,13 +110,13 @@ fn write(path: &Path, fill: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) 
     })
 }
 
-/// A part of an electrode that is no cell of the mesh: an edge, a face or a node.
+/// A part of an electrode that is not a cell of the mesh: an edge, a face or a node.
 struct Part {
     electrode: usize,
     nodes: Vec<usize>,
 }
 
-/// The parts of electrodes that are no cells, in the order of the electrodes.
+/// The parts of electrodes that are not cells, in the order of the electrodes.
 fn electrode_parts(mesh: &Mesh) -> Vec<Part> {
     let mut parts = Vec::new();
     for (electrode, patch) in mesh.electrodes.iter().enumerate() {
@@ -152,7 +152,7 @@ fn outside(mesh: &Mesh) -> Vec<[usize; 3]> {
                 for face in [[b, d, c], [a, c, d], [a, d, b], [a, b, c]] {
                     let mut key = face;
                     key.sort_unstable();
-                    // abc is seen counter-clockwise from d: from inside.
+                    // From d (inside), abc is counter-clockwise.
                     faces.push((key, if face == [a, b, c] { [a, c, b] } else { face }));
                 }
             }

@@ -6,7 +6,7 @@ use crate::mesh::{Cells, ElectrodePatch, Mesh};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
-/// A set of physical groups, by tag; elements of one dimension that share it form an entity.
+/// A set of physical groups, by tag; elements of one dimension with the same set form an entity.
 type Groups = Vec<usize>;
 
 /// Elements, each with its tag and nodes, by dimension and groups.
@@ -18,7 +18,7 @@ pub(super) fn write(mesh: &Mesh, conductivity: Option<&[f64]>, out: &mut dyn Wri
         Cells::Tetrahedra(_) => 3,
     };
     let parts = electrode_parts(mesh);
-    // Elements by entity, each with its tag; cells come first, so that their tags are their numbers from 1.
+    // Elements by entity, each with its tag; cells are first, so that their tags are their numbers from 1.
     let mut entities = Entities::new();
     for (cell, groups) in groups_of_cells(mesh).into_iter().enumerate() {
         entities.entry((dimension, groups)).or_default().push((cell + 1, mesh.cells.corners(cell)));
@@ -52,7 +52,8 @@ pub(super) fn write(mesh: &Mesh, conductivity: Option<&[f64]>, out: &mut dyn Wri
     writeln!(out, "$EndElements")?;
     if let Some(values) = conductivity {
         writeln!(out, "$ElementData\n1\n\"conductivity\"\n1\n0.0\n3\n0\n1\n{element_count}")?;
-        // A value for every element in the order of the blocks, as meshio needs it; 0 where it only shows an electrode.
+        // A value for every element in the order of the blocks, as required by meshio; 0 for elements that only show an
+        // electrode.
         for (tag, _) in entities.values().flatten() {
             writeln!(out, "{tag} {:?}", values.get(tag - 1).copied().unwrap_or(0.0))?;
         }
@@ -61,7 +62,8 @@ pub(super) fn write(mesh: &Mesh, conductivity: Option<&[f64]>, out: &mut dyn Wri
     Ok(())
 }
 
-/// The tag of the group that holds the cells of no other: some programs (Gmsh when it saves, meshio) lose cells without.
+/// The tag of the group of all cells without another group: some programs (Gmsh when it saves, meshio) drop cells
+/// without a group.
 fn ungrouped_tag(mesh: &Mesh) -> usize {
     mesh.electrodes.len() + mesh.regions.len() + 1
 }
@@ -95,7 +97,7 @@ fn physical_names(mesh: &Mesh, dimension: usize, out: &mut dyn Write) -> io::Res
     writeln!(out, "$EndPhysicalNames")
 }
 
-/// The entities with their groups; Gmsh wants a box round each, and the mesh's serves for all.
+/// The entities with their groups; Gmsh requires a bounding box for each; that of the mesh is used for all.
 fn entity_table(entities: &Entities<'_>, mesh: &Mesh, out: &mut dyn Write) -> io::Result<()> {
     let bound = |pick: fn(f64, f64) -> f64, start: f64| {
         mesh.nodes.iter().fold([start; 3], |b, n| [pick(b[0], n[0]), pick(b[1], n[1]), pick(b[2], n[2])])

@@ -38,7 +38,7 @@ pub(super) fn write(mesh: &Mesh, fields: &[CellField], out: &mut dyn Write) -> i
     let of_cells = electrodes_of_cells(mesh).into_iter().map(|list| list.first().map_or(-1, |&e| e as i64));
     array(out, "Int32", "electrode", of_cells.chain(parts.iter().map(|part| part.electrode as i64)))?;
     for CellField { name, values } in fields {
-        // Not NaN, which VTK cannot read as text.
+        // VTK cannot read NaN as text.
         let finite = values.iter().map(|&value| if value.is_finite() { value } else { 0.0 });
         let values = finite.chain(parts.iter().map(|_| 0.0));
         array(out, "Float64", &escaped(name), values.map(|value| format!("{value:?}")))?;
@@ -51,7 +51,7 @@ fn escaped(name: &str) -> String {
     name.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-/// VTK's number for a vertex, line, triangle or tetrahedron.
+/// VTK's cell type of a vertex, line, triangle or tetrahedron.
 fn vtk_type(corners: &[usize], is_tetrahedron: bool) -> u8 {
     match corners.len() {
         _ if is_tetrahedron => 10,
@@ -65,7 +65,7 @@ fn words(corners: &[usize]) -> String {
     corners.iter().map(usize::to_string).collect::<Vec<_>>().join(" ")
 }
 
-/// A data array, one item a line.
+/// A data array, one item per line.
 fn array<T: Display>(out: &mut dyn Write, kind: &str, name: &str, items: impl Iterator<Item = T>) -> io::Result<()> {
     writeln!(out, "<DataArray type=\"{kind}\" Name=\"{name}\" format=\"ascii\">")?;
     for item in items {

@@ -1,11 +1,11 @@
-//! The unrolled body: the plane region in which a mesh is laid.
+//! The unrolled body: the plane region that is meshed.
 
 use crate::design::Body;
 use crate::geom::surface::wrap_angle;
 use crate::geom::vector::{Point2, Point3};
 use std::f64::consts::TAU;
 
-/// A body that can be unrolled: points are (round, z) on a cylinder, (x, y) elsewhere, in m.
+/// A body that can be unrolled: points are (around, z) on a cylinder, (x, y) elsewhere, in m.
 #[derive(Debug, Clone)]
 pub(super) struct Domain {
     shape: Shape,
@@ -22,10 +22,10 @@ enum Shape {
 #[derive(Debug, Clone)]
 pub(super) struct Edge {
     shape: Shape,
-    /// Height of a cylinder's rim.
+    /// z of a cylinder's rim.
     z: f64,
     pub length: f64,
-    /// Where the curve has corners.
+    /// Arc lengths of the corners of the curve.
     pub corners: Vec<f64>,
 }
 
@@ -41,7 +41,7 @@ impl Domain {
         Some(Domain { shape })
     }
 
-    /// The way round, where the region closes on itself along its first axis.
+    /// The circumference, if the region is periodic along its first axis.
     pub fn period(&self) -> Option<f64> {
         match self.shape {
             Shape::Cylinder { radius, .. } => Some(TAU * radius),
@@ -67,7 +67,7 @@ impl Domain {
         }
     }
 
-    /// A point of the body, unrolled.
+    /// Unrolls a point of the body.
     pub fn unroll(&self, point: Point3) -> Point2 {
         match self.shape {
             Shape::Cylinder { radius, .. } => [radius * wrap_angle(point[1].atan2(point[0])), point[2]],
@@ -75,7 +75,7 @@ impl Domain {
         }
     }
 
-    /// An unrolled point, on the body.
+    /// The point on the body of an unrolled point.
     pub fn roll(&self, point: Point2) -> Point3 {
         match self.shape {
             Shape::Cylinder { radius, .. } => {
@@ -86,7 +86,7 @@ impl Domain {
         }
     }
 
-    /// `point` brought into one turn.
+    /// `point` reduced to one period.
     pub fn wrap(&self, point: Point2) -> Point2 {
         match self.period() {
             Some(period) => {
@@ -97,7 +97,7 @@ impl Domain {
         }
     }
 
-    /// `to - from`, the short way round.
+    /// `to - from`, the shorter way around.
     pub fn offset(&self, from: Point2, to: Point2) -> Point2 {
         let mut round = to[0] - from[0];
         if let Some(period) = self.period() {
@@ -106,7 +106,7 @@ impl Domain {
         [round, to[1] - from[1]]
     }
 
-    /// The distance between two points, the short way round.
+    /// The distance between two points, the shorter way around.
     pub fn distance(&self, from: Point2, to: Point2) -> f64 {
         let [x, y] = self.offset(from, to);
         x.hypot(y)
@@ -148,8 +148,8 @@ impl Edge {
             }
             Shape::Rectangle { width, height } => match s {
                 s if s <= width => [s, 0.0],
-                // The far corner to the last bit: a hair above its side it would be joined to the side's far end by a
-                // triangle without area.
+                // The far corner exactly: with a rounding error above its side it would be joined to the side's far end
+                // by a triangle without area.
                 s if s == width + height => [width, height],
                 s if s <= width + height => [width, s - width],
                 s if s <= 2.0 * width + height => [2.0 * width + height - s, height],
@@ -187,7 +187,7 @@ mod tests {
 
     #[test]
     fn the_corners_of_a_rectangle_are_exact() {
-        // (w + h) - w is not h in floating point for a third of all sizes; for the first of these it is more.
+        // (w + h) - w differs from h in floating point for a third of all sizes; for the first of these it is larger.
         for [width_m, height_m] in [[0.1 * std::f64::consts::PI, 0.3], [0.7, 0.1], [0.3, 0.1], [0.1, 0.06]] {
             let domain = Domain::new(&Body::Rectangle { width_m, height_m }).unwrap();
             let edge = &domain.edges()[0];

@@ -1,4 +1,4 @@
-//! Points between the fixed ones, as dense as wanted, and their relaxation.
+//! Insertion of points between the fixed ones with the target density, and their relaxation.
 
 use super::domain::Domain;
 use super::sizing::Sizing;
@@ -9,22 +9,22 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::collections::{HashMap, HashSet};
 
-/// Points are placed no closer than this share of the edge length wanted: between the densest random placing without
-/// crowding (0.7) and a regular lattice (1).
+/// Minimum distance of points as a fraction of the target edge length: between the densest random packing (0.7) and a
+/// regular lattice (1).
 const CLOSEST: f64 = 0.76;
-/// And no closer to the body's edge than this share.
+/// Minimum distance from the body's edge as a fraction of the target edge length.
 const CLOSEST_TO_EDGE: f64 = 0.55;
-/// Rounds of relaxation; the smallest angle stops improving after about thirty.
+/// Relaxation iterations; the smallest angle stops improving after about thirty.
 const ROUNDS: usize = 30;
-/// Rounds in which edges longer than allowed are divided; after some of them nothing moves any more, for what moves can
-/// make another edge too long for ever. The second number is only there to end what should have ended.
+/// Iterations in which edges longer than allowed are divided; after the first number of them no point moves, because
+/// each move can make another edge too long without end. The second number is a limit for termination.
 const MOVING_ROUNDS: usize = 20;
 const LENGTH_ROUNDS: usize = 40;
-/// Edges beyond these multiples of the length wanted are divided or contracted, in the rounds before the last ten.
+/// Edges beyond these multiples of the target length are divided or contracted, in the iterations before the last ten.
 const TOO_LONG: f64 = 1.45;
 const TOO_SHORT: f64 = 0.62;
 
-/// Points by place, to find those near a point.
+/// A spatial index of points, to find those near a point.
 struct Cells {
     size: f64,
     columns: i64,
@@ -47,7 +47,7 @@ impl Cells {
         self.points.entry(self.key(point)).or_default().push(index);
     }
 
-    /// The points in the cell of a point and all round it; the last column may be wider than the others.
+    /// The points in the grid cell of a point and all cells around it; the last column may be wider than the others.
     fn near(&self, point: Point2) -> impl Iterator<Item = usize> + '_ {
         let (x, y) = self.key(point);
         let span = if self.wraps { 2 } else { 1 };
@@ -60,7 +60,7 @@ impl Cells {
     }
 }
 
-/// Adds points to the fixed ones: a regular lattice where the longest edges are wanted, random ones elsewhere.
+/// Adds points to the fixed ones: a regular lattice where the longest edges are allowed, random ones elsewhere.
 pub(super) fn fill(domain: &Domain, sizing: &Sizing, points: &mut Vec<Point2>) {
     let mut cells = Cells::new(domain, sizing.largest);
     for (index, &point) in points.iter().enumerate() {
@@ -85,7 +85,7 @@ pub(super) fn fill(domain: &Domain, sizing: &Sizing, points: &mut Vec<Point2>) {
     }
     let mut random = ChaCha8Rng::seed_from_u64(0);
     let mut seeds: Vec<usize> = (0..points.len()).collect();
-    // Points are offered in a ring round each accepted one (Bridson, 2007, DOI 10.1145/1278780.1278807).
+    // Candidate points are in a ring around each accepted one (Bridson, 2007, DOI 10.1145/1278780.1278807).
     while let Some(seed) = seeds.pop() {
         let centre = points[seed];
         for _ in 0..20 {
@@ -99,7 +99,7 @@ pub(super) fn fill(domain: &Domain, sizing: &Sizing, points: &mut Vec<Point2>) {
     }
 }
 
-/// Equilateral triangles that close round a cylinder.
+/// Equilateral triangles that are periodic around a cylinder.
 fn lattice(domain: &Domain, side: f64) -> Vec<Point2> {
     let (low, high) = domain.bounds();
     let columns = ((high[0] - low[0]) / side).round().max(1.0);
@@ -117,7 +117,7 @@ fn lattice(domain: &Domain, side: f64) -> Vec<Point2> {
     points
 }
 
-/// Moves the free points (from `fixed` on) to the middles of their triangles, divides edges that are too long and
+/// Moves the free points (from `fixed` on) to the centres of their triangles, divides edges that are too long and
 /// contracts those too short; returns the triangles.
 pub(super) fn relax(
     domain: &Domain,
@@ -146,7 +146,7 @@ pub(super) fn relax(
         if round >= MOVING_ROUNDS {
             continue;
         }
-        // Only what lies round the new points moves: elsewhere edges stay as short as they are.
+        // Only points near the new points move: elsewhere edges stay as short as they are.
         let movable = near(domain, points, first, 2.5 * longest);
         for _ in 0..2 {
             let triangles = triangulate(domain, points, constraints, reach)?;
@@ -156,7 +156,7 @@ pub(super) fn relax(
     triangulate(domain, points, constraints, reach)
 }
 
-/// Which points lie within `reach` of one of those from `first` on.
+/// The points within `reach` of one of those from `first` on.
 fn near(domain: &Domain, points: &[Point2], first: usize, reach: f64) -> Vec<bool> {
     let mut cells = Cells::new(domain, reach);
     (first..points.len()).for_each(|point| cells.insert(points[point], point));
@@ -164,7 +164,7 @@ fn near(domain: &Domain, points: &[Point2], first: usize, reach: f64) -> Vec<boo
     points.iter().map(|&point| within(point)).collect()
 }
 
-/// Adds the middles of the edges that are too long, longest first, no two of them near each other.
+/// Adds the midpoints of the edges that are too long, longest first, no two of them near each other.
 fn divide_longest(domain: &Domain, points: &mut Vec<Point2>, triangles: &[[usize; 3]], longest: f64) {
     let length = |&[a, b]: &[usize; 2]| domain.distance(points[a], points[b]);
     let mut long: Vec<[usize; 2]> = edges(triangles).into_iter().filter(|edge| length(edge) > longest).collect();
@@ -194,10 +194,10 @@ pub(super) fn edges(triangles: &[[usize; 3]]) -> Vec<[usize; 2]> {
     edges
 }
 
-/// One round of centroidal patch smoothing (Chen and Holst, 2011, DOI 10.1016/j.cma.2010.11.007): each free point goes
-/// to the mean of the centres of its triangles, weighted by area and density. The density `h^-2` keeps edges as long as
-/// wanted; the `h^-4` of theory, which even triangles would need, draws points out of the coarse parts on meshes graded
-/// this steeply (edges 19 % too short next to electrodes and 12 % too long elsewhere on `cylinder30`).
+/// One iteration of centroidal patch smoothing (Chen and Holst, 2011, DOI 10.1016/j.cma.2010.11.007): each free point
+/// moves to the mean of the centres of its triangles, weighted by area and density. The density `h^-2` keeps edges at
+/// the target length; the theoretical `h^-4`, for equilateral triangles, pulls points out of the coarse parts on meshes
+/// with this steep grading (edges 19 % too short next to electrodes and 12 % too long elsewhere on `cylinder30`).
 fn move_to_centres(
     domain: &Domain,
     sizing: &Sizing,

@@ -1,4 +1,4 @@
-//! The points that stay where they are: the body's edges and the electrodes' outlines.
+//! The fixed points: the body's edges and the electrodes' outlines.
 
 use super::domain::Domain;
 use super::outline::Outline;
@@ -6,15 +6,15 @@ use super::sizing::Sizing;
 use crate::geom::vector::Point2;
 use crate::mesh::MeshError;
 
-/// Two arc lengths closer than this share of the curve are one point.
+/// Two arc lengths closer than this fraction of the curve are one point.
 const SAME: f64 = 1e-9;
 
-/// A ring of points inside a disc's outline follows it at this share of the outline's edges: current enters a skin of
-/// sheet conductance `s` within `sqrt(s z)` of the rim of an electrode of contact impedance `z`, which is thinner than
-/// an edge; closer than this the triangles between would be too flat.
+/// A ring of points inside a disc's outline has this distance from it, as a fraction of the outline's edges: current
+/// enters a skin of sheet conductance `s` within `sqrt(s z)` of the rim of an electrode of contact impedance `z`, which
+/// is less than an edge; closer than this the triangles between would be too flat.
 const INNER_RING: f64 = 0.4;
 
-/// Fixed points, the edges between them that the mesh must have, and where the electrodes are.
+/// Fixed points, the edges between them that the mesh must contain, and the electrodes.
 #[derive(Debug, Default)]
 pub(super) struct Layout {
     pub points: Vec<Point2>,
@@ -22,10 +22,10 @@ pub(super) struct Layout {
     pub electrodes: Vec<Marking>,
 }
 
-/// How an electrode is found again in the finished mesh.
+/// How an electrode is identified in the finished mesh.
 #[derive(Debug, Clone)]
 pub(super) enum Marking {
-    /// The cells inside these edges, counter-clockwise round them.
+    /// The cells inside these edges, which are counter-clockwise around them.
     Inside(Vec<[usize; 2]>),
     /// These edges.
     Along(Vec<[usize; 2]>),
@@ -63,7 +63,7 @@ impl Layout {
         self.points.len() - 1
     }
 
-    /// Divides the body's edges, with points where outlines meet them.
+    /// Divides the body's edges, with points where outlines intersect them.
     fn lay_edges(&mut self, domain: &Domain, outlines: &[Outline], sizing: &Sizing) -> Vec<Curve> {
         let mut curves = Vec::new();
         for (index, edge) in domain.edges().into_iter().enumerate() {
@@ -176,7 +176,7 @@ struct Curve {
 }
 
 impl Curve {
-    /// The node at a point of the curve; `None` where the point is elsewhere.
+    /// The node at a point of the curve; `None` if the point is not on it.
     fn at(&self, domain: &Domain, point: Point2) -> Option<usize> {
         let k = self.index_at(self.edge.nearest(domain.wrap(point)).0);
         let place = domain.wrap(self.edge.point(self.lengths[k]));

@@ -1,7 +1,8 @@
-//! Meshes made from a design: cylinder, disk, rectangle.
+//! Mesh generation for a design: cylinder, disk, rectangle.
 //!
-//! The body is unrolled; its edges and the electrodes' outlines are divided into edges as long as the [sizing](sizing)
-//! wants; points are laid between them and relaxed on their Delaunay triangulation. All of it is deterministic.
+//! The body is unrolled. Its edges and the electrodes' outlines are divided into edges of the length given by the
+//! [sizing](sizing). Points are inserted between them and relaxed on their Delaunay triangulation. The result is
+//! deterministic.
 
 mod domain;
 mod fill;
@@ -19,14 +20,14 @@ use outline::Outline;
 use sizing::Sizing;
 use std::collections::HashMap;
 
-/// A skin with more nodes than this is a mistake in its options: no solver of this crate would finish on it.
+/// Maximum number of nodes: more are a mistake in the options, as no solver of this crate could handle them.
 const NODES_AT_MOST: f64 = 2e6;
 
 impl Mesh {
-    /// The mesh of a design: a cylinder, disk or rectangle as fine as it says, a mesh file's as it is.
+    /// The mesh of a design: a cylinder, disk or rectangle with the design's mesh sizes, or the mesh of its file.
     ///
     /// # Errors
-    /// Electrodes or options that no mesh can be made for; a file that holds no usable mesh.
+    /// Electrodes or options for which no mesh can be generated; a file without a usable mesh.
     pub fn generate(design: &SkinDesign) -> Result<Self, MeshError> {
         design.check().map_err(|error| MeshError::Generate(error.to_string()))?;
         match (&design.body, Domain::new(&design.body)) {
@@ -66,7 +67,7 @@ fn lay(domain: &Domain, design: &SkinDesign, options: &MeshOptions) -> Result<Me
     Ok(mesh)
 }
 
-/// A finished mesh must be whole: sound cells, and nodes - edges + cells as of a tube (0) or a disk (1).
+/// Checks a finished mesh: valid cells, and nodes - edges + cells as of a tube (0) or a disk (1).
 fn check_whole(domain: &Domain, mesh: &Mesh) -> Result<(), MeshError> {
     let crowded = |what: String| {
         MeshError::Generate(format!(

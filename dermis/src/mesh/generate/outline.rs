@@ -5,8 +5,8 @@ use crate::design::{Electrode, ElectrodeShape};
 use crate::geom::vector::Point2;
 use std::f64::consts::TAU;
 
-/// Directions in which a circle is searched for the body's edge. Crossings closer together than a hundredth of the
-/// circle are not told apart; the design's checks keep electrodes simpler than that.
+/// Number of directions in which a circle is searched for the body's edge. Intersections closer together than a
+/// hundredth of the circle are not separated; the design's checks exclude such electrodes.
 const DIRECTIONS: usize = 720;
 
 /// The outline of an electrode, before it is divided into edges.
@@ -14,7 +14,7 @@ const DIRECTIONS: usize = 720;
 pub(super) enum Outline {
     /// A circle, or the arcs of it inside the body, each from one angle to another, counter-clockwise.
     Disc { centre: Point2, radius: f64, arcs: Vec<[f64; 2]>, whole: bool, step: f64 },
-    /// A piece of a boundary curve, from one arc length to another.
+    /// A part of a boundary curve, from one arc length to another.
     Arc { edge: usize, from: f64, to: f64 },
     /// One point.
     Point { at: Point2 },
@@ -41,7 +41,7 @@ impl Outline {
     }
 }
 
-/// A disc as a polygon of its own area: with `n` sides of a step `d` the corners lie on `r sqrt(d / sin d)`.
+/// A disc as a polygon of the same area: with `n` sides of angle `d` the corners are at the radius `r sqrt(d / sin d)`.
 fn disc(domain: &Domain, centre: Point2, radius: f64, edge_length: f64) -> Outline {
     let nominal = arcs_inside(domain, centre, radius);
     let sides = |span: f64| ((span * radius / edge_length).round() as usize).max((span / (TAU / 8.0)).ceil() as usize);
@@ -76,7 +76,7 @@ fn arcs_inside(domain: &Domain, centre: Point2, radius: f64) -> Vec<[f64; 2]> {
     arcs
 }
 
-/// The angle between an outer and an inner one at which the depth vanishes.
+/// The angle between one outside and one inside at which the depth is zero.
 fn crossing(depth: &impl Fn(f64) -> f64, mut outer: f64, mut inner: f64) -> f64 {
     for _ in 0..60 {
         let middle = 0.5 * (outer + inner);

@@ -1,25 +1,25 @@
-//! How long edges should be, from place to place.
+//! Target edge lengths as a function of position.
 
 use super::domain::Domain;
 use super::outline::Outline;
 use crate::design::MeshOptions;
 use crate::geom::vector::Point2;
 
-/// Edges on average are this share of the longest allowed: a relaxed mesh has edges up to a fifth longer than its mean.
+/// Mean edge length as a fraction of the longest allowed: a relaxed mesh has edges up to a fifth longer than the mean.
 const MEAN_OF_LONGEST: f64 = 0.87;
 
-/// Squares of the grid by which electrodes near a point are found.
+/// Number of squares of the grid by which electrodes near a point are found.
 const SQUARES: f64 = 4096.0;
 
 /// `h(x) = min(h_max, h_electrode + growth * distance to the nearest electrode outline)`.
 ///
-/// Round an electrode of radius `a` the field falls off like `1 / r`, its second derivative like `1 / r^2`; the energy
-/// that linear elements miss is even over the mesh when `h` grows in proportion to `r`, hence the linear growth.
+/// Around an electrode of radius `a` the field decreases like `1 / r`, its second derivative like `1 / r^2`; the energy
+/// error of linear elements is uniform over the mesh if `h` is proportional to `r`, hence the linear growth.
 #[derive(Debug)]
 pub(super) struct Sizing {
     domain: Domain,
     features: Vec<Feature>,
-    /// The features that can matter, by square of a grid over the body.
+    /// The relevant features, by square of a grid over the body.
     nearby: Vec<Vec<usize>>,
     columns: usize,
     rows: usize,
@@ -30,7 +30,7 @@ pub(super) struct Sizing {
 
 #[derive(Debug, Clone, Copy)]
 enum Feature {
-    /// The outline of a disc and the length of its sides, which a small disc has shorter than asked for.
+    /// The outline of a disc and the length of its sides; for a small disc they are shorter than the target length.
     Circle {
         centre: Point2,
         radius: f64,
@@ -72,7 +72,8 @@ impl Sizing {
         sizing
     }
 
-    /// Lists for every square of a grid the features within reach of it: beyond, edges are as long as allowed anyway.
+    /// Lists for every square of a grid the features that can limit the edge length there; elsewhere edges have the
+    /// maximum length.
     fn sort_features(&mut self) {
         let (low, high) = self.domain.bounds();
         let size = [high[0] - low[0], high[1] - low[1]];
@@ -111,13 +112,13 @@ impl Sizing {
         index(1, self.rows) * self.columns + index(0, self.columns)
     }
 
-    /// The edge length wanted at a point.
+    /// The target edge length at a point.
     pub fn at(&self, point: Point2) -> f64 {
         let nearby = &self.nearby[self.square(self.domain.wrap(point))];
         nearby.iter().map(|&feature| self.allowed(feature, point)).fold(self.largest, f64::min)
     }
 
-    /// Divides `from..to` of a curve into parts as long as wanted, at least one; the inner division points.
+    /// Divides `from..to` of a curve into at least one part of the target length; returns the inner division points.
     pub fn divide(&self, from: f64, to: f64, point: impl Fn(f64) -> Point2) -> Vec<f64> {
         let samples = (8.0 * (to - from) / self.at_electrode.min(to - from)).ceil() as usize;
         let place = |k: usize| from + (to - from) * k as f64 / samples as f64;

@@ -1,15 +1,15 @@
-//! Delaunay triangulation of points in the unrolled body, closed round a cylinder.
+//! Delaunay triangulation of points in the unrolled body, periodic around a cylinder.
 
 use super::domain::Domain;
 use crate::geom::vector::Point2;
 use crate::mesh::MeshError;
 use spade::{ConstrainedDelaunayTriangulation, Point2 as SpadePoint, Triangulation};
 
-/// The constrained Delaunay triangles of some points; the constraints are edges of it.
+/// The constrained Delaunay triangles of some points; the constraints are edges of the triangulation.
 ///
-/// On a cylinder the points near the seam are repeated one turn away on both sides. The triangulation of a periodic set
-/// is periodic if the copies are exact and no four points lie on a circle; of a triangle's copies that one is kept whose
-/// first point is the original.
+/// On a cylinder the points near the seam are repeated one period away on both sides. The triangulation of a periodic
+/// set is periodic if the copies are exact and no four points are on a circle. Of a triangle's copies the one whose
+/// first point is the original is kept.
 pub(super) fn triangulate(
     domain: &Domain,
     points: &[Point2],
@@ -40,7 +40,7 @@ pub(super) fn triangulate(
     Ok(triangles)
 }
 
-/// A point as it is triangulated.
+/// A point in the triangulation.
 #[derive(Debug, Clone, Copy)]
 struct Placed {
     place: Point2,
@@ -48,14 +48,14 @@ struct Placed {
     turn: i8,
 }
 
-/// Parts of a turn in which copies are placed: whole numbers so small that adding a turn rounds nothing.
+/// Coordinate units per period: coordinates are integers small enough that adding a period is exact.
 const PARTS: f64 = (1u64 << 44) as f64;
 
-/// Points are moved by up to so many of these parts, 4e-12 of a turn, by a pattern of their index, so that the four
-/// points of no two triangles lie on a circle, where copies could be divided in different ways.
+/// Points are perturbed by up to this number of units, 4e-12 of a period, depending on their index, so that the four
+/// points of no two triangles are on a circle, where copies could be divided differently.
 const NUDGE: u64 = 64;
 
-/// Points, in parts of a turn, and constraints with their copies one turn away, within `reach` of the seam.
+/// Points, in these units, and constraints with their copies one period away, within `reach` of the seam.
 fn unrolled(
     domain: &Domain,
     points: &[Point2],
@@ -85,7 +85,7 @@ fn unrolled(
     (copies, edges)
 }
 
-/// A point in parts of a turn, moved off its place by its index; a point of the body's edge stays on it.
+/// A point in these units, perturbed depending on its index; a point of the body's edge stays on it.
 fn nudged(point: Point2, index: usize, period: f64, is_inside: bool) -> Point2 {
     // Knuth's multiplicative hash, its upper bits.
     let pattern = (index as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);

@@ -1,9 +1,9 @@
-//! A place in a file's bytes: lines, words and binary numbers, none of them trusted.
+//! A position in a file's bytes, with readers of lines, words and binary numbers that assume nothing about the content.
 
 use std::fmt;
 use std::str::FromStr;
 
-/// What is wrong with a file's content, and where.
+/// An error in a file's content, with its place.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Problem(pub String);
 
@@ -19,14 +19,14 @@ impl fmt::Display for Problem {
     }
 }
 
-/// The order of a binary number's bytes.
+/// The byte order of a binary number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum ByteOrder {
     Little,
     Big,
 }
 
-/// A reading position in a file's bytes. It never allocates by a count that the file only claims.
+/// A reading position in a file's bytes. It never allocates memory by a count that the file only states.
 #[derive(Debug, Clone)]
 pub(crate) struct Cursor<'a> {
     bytes: &'a [u8],
@@ -54,7 +54,7 @@ impl<'a> Cursor<'a> {
         self.at == self.bytes.len()
     }
 
-    /// What is left of the line, without its end; `None` at the end of the file.
+    /// The rest of the line, without its end; `None` at the end of the file.
     pub fn line(&mut self) -> Option<&'a [u8]> {
         if self.at == self.bytes.len() {
             return None;
@@ -123,13 +123,13 @@ impl<'a> Cursor<'a> {
 
     /// A problem at the line just read.
     pub fn problem(&self, message: impl fmt::Display) -> Problem {
-        // The end of a line that was read belongs to that line.
+        // The end of a line belongs to that line.
         let read = &self.bytes[..self.at.saturating_sub(1)];
         let line = 1 + read.iter().filter(|&&byte| byte == b'\n').count();
         Problem(format!("line {line}: {message}"))
     }
 
-    /// Moves behind the next occurrence of `mark`; false where there is none.
+    /// Moves behind the next occurrence of `mark`; false if there is none.
     pub fn skip_past(&mut self, mark: &[u8]) -> bool {
         let found = self.rest().windows(mark.len()).position(|window| window == mark);
         if let Some(offset) = found {
@@ -139,7 +139,7 @@ impl<'a> Cursor<'a> {
     }
 }
 
-/// A word of a file for a message: short, and printable whatever it is.
+/// A word of a file for a message: shortened, and printable in all cases.
 pub(crate) fn quote(word: &[u8]) -> String {
     let text: String = String::from_utf8_lossy(&word[..word.len().min(40)]).escape_debug().collect();
     format!("`{text}`")

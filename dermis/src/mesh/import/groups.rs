@@ -1,4 +1,4 @@
-//! From the elements and physical groups of a Gmsh file to a mesh with electrodes.
+//! Conversion of the elements and physical groups of a Gmsh file to a mesh with electrodes.
 
 use super::cursor::Problem;
 use super::msh::{Element, Gmsh, Kind};
@@ -11,9 +11,9 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 /// A physical group: dimension and tag.
 type Group = (usize, i64);
 
-/// The mesh that a Gmsh file describes. Tetrahedra make a volume, whose triangles are only faces of electrodes; without
-/// tetrahedra the triangles make a surface. Nodes and cells come in the order of their tags; nodes of no cell are
-/// dropped, and so are elements that stand in the file twice. With it, the number of cells whose corners were reordered.
+/// The mesh of a Gmsh file. Tetrahedra make a volume, whose triangles are only faces of electrodes; without tetrahedra
+/// the triangles make a surface. Nodes and cells are in the order of their tags; nodes of no cell and duplicate
+/// elements are dropped. Also returns the number of cells whose corners were reordered.
 pub(super) fn mesh(gmsh: &Gmsh, unit_m: f64) -> Result<(Mesh, usize), Problem> {
     let cell_kind = match gmsh.elements.iter().map(|element| element.kind).max() {
         Some(kind @ (Kind::Triangle | Kind::Tetrahedron)) => kind,
@@ -51,8 +51,8 @@ fn check_positions(mesh: &Mesh) -> Result<(), Problem> {
     }
 }
 
-/// Gives the cells the order of corners that [`Cells`] asks for, and returns how many had another. The order says nothing
-/// about the shape, and stock meshes mix it; cells that overlap are an error.
+/// Gives the cells the corner order of [`Cells`], and returns the number of cells that were changed. The order has no
+/// meaning for the shape, and example meshes mix it; cells that overlap are an error.
 fn order_corners(mesh: &mut Mesh, elements: &[&Element]) -> Result<usize, Problem> {
     match &mut mesh.cells {
         Cells::Tetrahedra(cells) => {
@@ -74,7 +74,7 @@ fn order_corners(mesh: &mut Mesh, elements: &[&Element]) -> Result<usize, Proble
     }
 }
 
-/// The different elements of a file, each kind in the order of their tags, and the groups that hold them.
+/// The distinct elements of a file, each kind in the order of their tags, and the groups that contain them.
 struct Elements<'a> {
     of_kind: [Vec<&'a Element>; 4],
     /// Indices into the elements of the group's dimension.
@@ -109,7 +109,7 @@ impl<'a> Elements<'a> {
     }
 }
 
-/// The index that each node of some cell gets, by its tag.
+/// The index of each node of some cell, by its tag.
 fn used_nodes(gmsh: &Gmsh, cells: &[&Element]) -> Result<BTreeMap<u64, usize>, Problem> {
     let mut index_of_node = BTreeMap::new();
     for cell in cells {
@@ -126,7 +126,7 @@ fn used_nodes(gmsh: &Gmsh, cells: &[&Element]) -> Result<BTreeMap<u64, usize>, P
     Ok(index_of_node)
 }
 
-/// The groups of cells that are no electrodes; those without a name are called by their tag.
+/// The groups of cells that are not electrodes; those without a name are called by their tag.
 fn regions(gmsh: &Gmsh, elements: &Elements<'_>, cell_kind: Kind) -> Vec<(String, Vec<usize>)> {
     let dimension = cell_kind.dimension();
     let named = gmsh.names.keys().copied();
@@ -146,10 +146,10 @@ fn regions(gmsh: &Gmsh, elements: &Elements<'_>, cell_kind: Kind) -> Vec<(String
     regions
 }
 
-/// How the names of electrodes' groups start.
+/// Prefix of the names of electrodes' groups.
 pub(crate) const ELECTRODE: &str = "electrode_";
 
-/// The group of cells without one, as written by [`save`](crate::mesh::export::save); reading makes no region of it.
+/// The group of cells without one, as written by [`save`](crate::mesh::export::save); it is not read as a region.
 pub(crate) const UNGROUPED: &str = "ungrouped";
 
 fn electrodes(
@@ -264,7 +264,7 @@ impl Sides {
         Sides(count_of)
     }
 
-    /// Whether an electrode can lie there: on any edge of a surface, but only on the outer faces of a volume.
+    /// Whether an electrode can be there: on any edge of a surface, but only on the outer faces of a volume.
     fn contains(&self, corners: &[usize]) -> bool {
         let mut side = corners.to_vec();
         side.sort_unstable();

@@ -1,4 +1,4 @@
-//! Meshes from files.
+//! Import of meshes.
 
 mod cursor;
 mod groups;
@@ -20,22 +20,22 @@ use std::path::Path;
 
 pub(crate) use groups::{ELECTRODE, UNGROUPED};
 
-/// Largest file that is read, bytes: some tens of millions of cells, far more than a forward model can use.
+/// Maximum file size, bytes: some tens of millions of cells, far more than a forward model can use.
 const LARGEST_FILE: u64 = 1 << 31;
 
 /// The mesh in a file; `unit_m` is the length of the file's unit, m.
 ///
-/// A Gmsh `.msh` file brings its physical groups: electrodes (`electrode_<n>`) and regions. An STL, OBJ or PLY file is a
-/// surface without electrodes; its doubled vertices are welded and its triangles turned outwards.
+/// A Gmsh `.msh` file contains physical groups: electrodes (`electrode_<n>`) and regions. An STL, OBJ or PLY file is a
+/// surface without electrodes; duplicate vertices are merged and triangles are oriented outwards.
 ///
 /// # Errors
-/// A file that cannot be read, is not of the format its name says, or describes no usable mesh.
+/// A file that cannot be read, is not of the format of its name, or contains no usable mesh.
 pub fn load(path: &Path, unit_m: f64) -> Result<Mesh, MeshError> {
     Ok(load_counting(path, unit_m)?.0)
 }
 
-/// How many cells of a Gmsh file have their nodes in another order than Dermis uses ([`load`] reorders them): tetrahedra of
-/// negative volume, triangles that face the other way. 0 for other formats, where the order is arbitrary.
+/// The number of cells of a Gmsh file with another node order than Dermis uses ([`load`] reorders them): tetrahedra of
+/// negative volume, triangles of opposite orientation. 0 for other formats, where the order is arbitrary.
 ///
 /// # Errors
 /// As [`load`].
@@ -53,11 +53,11 @@ fn load_counting(path: &Path, unit_m: f64) -> Result<(Mesh, usize), MeshError> {
 
 /// The mesh of a design whose body is a mesh file.
 ///
-/// A file with electrodes of its own (physical groups of a `.msh`) is taken as it is. On any other surface the electrodes
-/// of the design are placed, and the surface is remeshed to the design's sizes: see [`MeshOptions`].
+/// A file with its own electrodes (physical groups of a `.msh`) is used without changes. On any other surface the
+/// electrodes of the design are placed, and the surface is remeshed to the design's sizes: see [`MeshOptions`].
 ///
 /// # Errors
-/// As [`load`]; a body that is no file; another number of electrodes than the design's; an electrode that lies off the
+/// As [`load`]; a body that is not a file; another number of electrodes than the design's; an electrode that is off the
 /// surface; a mesh that [`validate`](Mesh::validate) refuses.
 ///
 /// [`MeshOptions`]: crate::design::MeshOptions
@@ -89,7 +89,7 @@ pub fn from_design(design: &SkinDesign) -> Result<Mesh, MeshError> {
     Ok(mesh)
 }
 
-/// The formats that meshes are read from.
+/// The mesh file formats that can be read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
     /// Gmsh, versions 2.2 and 4.1, ASCII and binary.
@@ -113,7 +113,7 @@ impl Format {
         }
     }
 
-    /// The mesh, and how many of its cells were reordered.
+    /// The mesh, and the number of reordered cells.
     fn parse(self, bytes: &[u8], unit_m: f64) -> Result<(Mesh, usize), Problem> {
         let soup = match self {
             Format::Msh => return groups::mesh(&msh::read(bytes)?, unit_m),
@@ -125,7 +125,7 @@ impl Format {
     }
 }
 
-/// The mesh in the bytes of a file. As [`load`], where the format is known and the file is at hand.
+/// The mesh in the bytes of a file. As [`load`], with a known format and the file in memory.
 ///
 /// # Errors
 /// As [`load`].
@@ -149,7 +149,7 @@ fn check_unit(unit_m: f64) -> Result<(), Problem> {
 fn contents(path: &Path) -> Result<Vec<u8>, MeshError> {
     let io = |source| MeshError::Io { path: path.to_path_buf(), source };
     let mut bytes = Vec::new();
-    // Reading one byte more than allowed tells a file of just that size from a larger or endless one.
+    // Reading one byte more than the limit distinguishes a file of exactly that size from a larger or endless one.
     File::open(path).map_err(io)?.take(LARGEST_FILE + 1).read_to_end(&mut bytes).map_err(io)?;
     if bytes.len() as u64 > LARGEST_FILE {
         let message = format!("the file is larger than {} GiB", LARGEST_FILE >> 30);

@@ -5,7 +5,7 @@ use super::cursor::{ByteOrder, Cursor, Problem, quote};
 use crate::geom::Point3;
 use std::collections::BTreeMap;
 
-/// The kinds of element that a skin's mesh is made of.
+/// The element types of a skin's mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Kind {
     Point,
@@ -42,14 +42,14 @@ impl Kind {
     }
 }
 
-/// One element as the file has it.
+/// One element of the file.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Element {
     pub tag: u64,
     pub kind: Kind,
     /// Tags of its nodes; those beyond its corners are 0.
     pub nodes: [u64; 4],
-    /// Which of [`Gmsh::group_sets`] it belongs to.
+    /// Its index in [`Gmsh::group_sets`].
     pub group_set: usize,
 }
 
@@ -67,7 +67,7 @@ pub(super) struct Gmsh {
     set_of: BTreeMap<(i64, i64), usize>,
 }
 
-/// How the file writes its numbers.
+/// The number format of the file.
 #[derive(Debug, Clone, Copy)]
 enum Coding {
     Text,
@@ -157,7 +157,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Gmsh, Problem> {
     Ok(gmsh)
 }
 
-/// The major version, 2 or 4; the reader takes the file's coding.
+/// The major version, 2 or 4; also detects the file's encoding.
 fn mesh_format(reader: &mut Reader<'_>) -> Result<u8, Problem> {
     let cursor = &mut reader.cursor;
     let version = match cursor.word() {
@@ -181,7 +181,7 @@ fn mesh_format(reader: &mut Reader<'_>) -> Result<u8, Problem> {
         let order = match cursor.take("the byte order")? {
             [1, 0, 0, 0] => ByteOrder::Little,
             [0, 0, 0, 1] => ByteOrder::Big,
-            _ => return Err(cursor.problem("the file calls itself binary, but its byte order cannot be told")),
+            _ => return Err(cursor.problem("the file calls itself binary, but its byte order is not stated")),
         };
         reader.coding = Coding::Binary(order);
     }
@@ -218,7 +218,7 @@ fn entities(reader: &mut Reader<'_>, gmsh: &mut Gmsh) -> Result<(), Problem> {
             }
             let mut groups = Vec::new();
             for _ in 0..reader.size("the number of physical groups")? {
-                // A minus only says that the entity is turned.
+                // A minus sign only means that the entity is reversed.
                 groups.push(reader.int("the tag of a physical group")?.abs());
             }
             if dimension > 0 {
@@ -273,7 +273,7 @@ fn elements_2(reader: &mut Reader<'_>, gmsh: &mut Gmsh) -> Result<(), Problem> {
     reader.cursor.line();
     let mut read = 0;
     while read < count {
-        // Binary files write a header for several elements of one type, text files one for each.
+        // Binary files have one header for several elements of one type, text files one for each.
         let (first_tag, number, block, tag_count);
         match reader.coding {
             Coding::Text => {

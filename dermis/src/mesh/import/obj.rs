@@ -1,9 +1,9 @@
-//! Wavefront OBJ files: vertices and faces; polygons become fans of triangles.
+//! Wavefront OBJ files: vertices and faces; polygons are split into fans of triangles.
 
 use super::cursor::{Cursor, Problem, quote};
 use super::soup::Soup;
 
-/// What an OBJ file may hold beside vertices and faces; it says nothing about the surface's shape.
+/// Other statements of an OBJ file; they do not affect the surface's shape.
 const IGNORED: [&[u8]; 13] =
     [b"vt", b"vn", b"vp", b"o", b"g", b"s", b"mg", b"usemtl", b"mtllib", b"usemap", b"maplib", b"l", b"p"];
 
@@ -37,19 +37,19 @@ pub(super) fn read(bytes: &[u8]) -> Result<Soup, Problem> {
     Ok(soup)
 }
 
-/// The problem of one line as one of the file.
+/// Converts an error of one line to an error of the file.
 fn in_line(cursor: &Cursor<'_>, problem: &Problem) -> Problem {
     cursor.problem(problem.0.strip_prefix("line 1: ").unwrap_or(&problem.0))
 }
 
-/// The vertex of `7`, `7/2`, `7/2/3` or, counted back from the last, `-1`.
+/// The vertex of `7`, `7/2`, `7/2/3` or, relative to the last, `-1`.
 fn corner(word: &[u8], known: usize) -> Result<usize, Problem> {
     let digits = word.split(|&byte| byte == b'/').next().unwrap_or_default();
     let number: Option<i64> = std::str::from_utf8(digits).ok().and_then(|text| text.parse().ok());
     let Some(number) = number else { return Err(Problem(format!("{} is not a vertex", quote(word)))) };
     let index = if number < 0 { number.saturating_add_unsigned(known as u64) } else { number - 1 };
     match usize::try_from(index) {
-        // A face may name vertices that come later; whether they do is checked at the end.
+        // A face may use vertices that are defined later; this is checked at the end.
         Ok(index) => Ok(index),
         Err(_) => Err(Problem(format!("{} is not a vertex: they are numbered from 1", quote(word)))),
     }

@@ -1,4 +1,4 @@
-//! Which way the triangles of a surface face.
+//! Orientation of the triangles of a surface.
 
 use super::cursor::Problem;
 use crate::geom::Point3;
@@ -8,9 +8,9 @@ use std::collections::HashMap;
 /// The triangles at each edge, the edge's lower node first.
 type OfEdge = HashMap<[usize; 2], Vec<usize>>;
 
-/// The connected parts of a surface: each triangle, and whether it must be turned so that all face the same way:
-/// outwards where the part is closed, towards +z where it lies in a plane of constant z, and else as most of its area
-/// does already.
+/// The connected parts of a surface: each triangle, and whether it must be reversed so that all have the same
+/// orientation: outwards if the part is closed, towards +z if it is in a plane of constant z, else the present
+/// orientation of most of its area.
 pub(super) fn parts(nodes: &[Point3], triangles: &[[usize; 3]]) -> Result<Vec<Vec<(usize, bool)>>, Problem> {
     let of_edge = triangles_of_edges(nodes, triangles)?;
     let mut turned: Vec<Option<bool>> = vec![None; triangles.len()];
@@ -58,7 +58,7 @@ fn triangles_of_edges(nodes: &[Point3], triangles: &[[usize; 3]]) -> Result<OfEd
     Ok(of_edge)
 }
 
-/// The triangles connected to `start`; `turned` tells of each whether it must be turned to agree with it.
+/// The triangles connected to `start`; `turned` is set for each that must be reversed to agree with it.
 fn flood(
     start: usize,
     triangles: &[[usize; 3]],
@@ -73,7 +73,7 @@ fn flood(
         next += 1;
         for edge in edges(triangles[triangle]) {
             for &other in of_edge[&key(edge)].iter().filter(|&&other| other != triangle) {
-                // Neighbours that agree run along their common edge in opposite directions.
+                // Neighbours with the same orientation traverse their common edge in opposite directions.
                 let same_way = edges(triangles[other]).contains(&edge);
                 let turn = (turned[triangle] == Some(true)) != same_way;
                 match turned[other] {
@@ -93,7 +93,7 @@ fn flood(
     Ok(part)
 }
 
-/// Whether a part whose triangles agree faces inwards, towards -z, or against most of its area.
+/// Whether a part with consistent triangles is oriented inwards, towards -z, or against most of its area.
 fn faces_wrong(
     part: &[(usize, bool)],
     triangles: &[[usize; 3]],

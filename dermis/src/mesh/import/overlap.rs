@@ -4,9 +4,9 @@ use crate::geom::Point3;
 use crate::geom::vector::tetrahedron_volume;
 use std::collections::BTreeMap;
 
-/// The first two tetrahedra that lie on the same side of the face between them; the order of their nodes does not matter.
+/// The first two tetrahedra on the same side of their common face; the order of their nodes does not matter.
 pub(super) fn overlapping(nodes: &[Point3], cells: &[[usize; 4]]) -> Option<[usize; 2]> {
-    // The first cell of each face, with its corner off the face.
+    // The first cell of each face, with its corner opposite to the face.
     let mut first: BTreeMap<[usize; 3], (usize, usize)> = BTreeMap::new();
     for (cell, corners) in cells.iter().enumerate() {
         for off in 0..4 {

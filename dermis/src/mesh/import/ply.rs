@@ -1,4 +1,4 @@
-//! PLY files, ASCII and binary; polygons become fans of triangles.
+//! PLY files, ASCII and binary; polygons are split into fans of triangles.
 
 use super::cursor::{ByteOrder, Cursor, Problem, quote};
 use super::soup::Soup;
@@ -44,7 +44,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Soup, Problem> {
     for element in &elements {
         let what = Columns::new(&cursor, element)?;
         if element.properties.is_empty() {
-            // Nothing is written of them, so that their number could be anything.
+            // They take no bytes in the file, so their stated number could be anything.
             continue;
         }
         for _ in 0..element.count {
@@ -71,7 +71,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Soup, Problem> {
     Ok(soup)
 }
 
-/// Which properties hold a vertex's position and a face's corners.
+/// The properties that contain a vertex's position and a face's corners.
 struct Columns {
     axes: [Option<usize>; 3],
     corners: Option<usize>,

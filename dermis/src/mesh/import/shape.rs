@@ -1,10 +1,11 @@
-//! Cells without extent.
+//! Degenerate cells.
 
 use crate::geom::Point3;
 use crate::geom::vector::{self, distance};
 use crate::mesh::{Cells, Mesh};
 
-/// A cell whose measure is this part of that of a cube of its longest edge has none: rounding alone makes as much.
+/// A cell whose measure is this fraction of that of a cube of its longest edge is degenerate: rounding errors are of
+/// this size.
 const FLAT: f64 = 1e-12;
 
 pub(super) fn is_flat(mesh: &Mesh, cell: usize) -> bool {

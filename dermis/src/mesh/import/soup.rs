@@ -1,4 +1,4 @@
-//! A surface from a file of triangles: doubled vertices welded, all triangles turned the same way.
+//! A surface from a file of triangles: duplicate vertices merged, all triangles with the same orientation.
 
 use super::cursor::Problem;
 use super::orient;
@@ -8,14 +8,14 @@ use crate::geom::vector::{self, distance};
 use crate::mesh::{Cells, Mesh};
 use std::collections::HashMap;
 
-/// Points and triangles as a file has them.
+/// Points and triangles as stored in a file.
 #[derive(Debug, Default, Clone)]
 pub(super) struct Soup {
     pub points: Vec<Point3>,
     pub triangles: Vec<[usize; 3]>,
 }
 
-/// Points nearer than this part of the body's extent are one: single precision keeps seven digits.
+/// Points closer than this fraction of the body's extent are one: single precision has seven digits.
 const WELD: f64 = 1e-6;
 
 impl Soup {
@@ -42,7 +42,7 @@ impl Soup {
                 "the triangle with the corners {corners:?} m has no area: repair the surface"
             )));
         }
-        // The order of the corners is often careless in such files, and says nothing about the shape.
+        // The order of the corners is often arbitrary in such files, and has no meaning for the shape.
         for (triangle, turn) in orient::parts(&self.points, &self.triangles)?.into_iter().flatten() {
             if turn {
                 self.triangles[triangle].swap(1, 2);
@@ -73,7 +73,7 @@ impl Soup {
         Ok(())
     }
 
-    /// Makes one of all points at one place, drops triangles that shrink to a line and unused points.
+    /// Merges all points at the same position, drops triangles that become degenerate and unused points.
     fn weld(&mut self) -> Result<(), Problem> {
         let bound = |pick: fn(f64, f64) -> f64, from: f64| {
             self.points.iter().fold([from; 3], |b, p| [pick(b[0], p[0]), pick(b[1], p[1]), pick(b[2], p[2])])
@@ -111,7 +111,7 @@ impl Soup {
         Ok(())
     }
 
-    /// Drops points of triangles that were dropped.
+    /// Drops points of dropped triangles.
     fn drop_unused(&mut self) {
         let mut index_of = vec![usize::MAX; self.points.len()];
         let mut kept = Vec::new();

@@ -10,7 +10,7 @@ const TRIANGLE: usize = 50;
 
 pub(super) fn read(bytes: &[u8]) -> Result<Soup, Problem> {
     let claimed = bytes.get(80..HEADER).map(|n| u32::from_le_bytes([n[0], n[1], n[2], n[3]]) as usize);
-    // Some binary files start with "solid" too: only their length tells.
+    // Some binary files also start with "solid": only their length identifies them.
     if let Some(count) = claimed.filter(|count| bytes.len() == HEADER + TRIANGLE * count) {
         return Ok(binary(bytes, count));
     }

@@ -3,7 +3,7 @@
 use crate::geom::Point3;
 use crate::geom::vector::{add, cross, distance, dot, norm, scale, sub};
 
-/// A line of edges that remeshing keeps.
+/// The kind of a line of edges that remeshing keeps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Curve {
     /// The surface's boundary or a sharp crease.
@@ -12,10 +12,10 @@ pub(crate) enum Curve {
     Outline(usize),
 }
 
-/// The corners of a triangle that is no more.
+/// The corners of a deleted triangle.
 const GONE: [usize; 3] = [usize::MAX; 3];
 
-/// A surface under change. Points and triangles keep their numbers until [`MeshEditor::compact`].
+/// A surface that is being changed. Points and triangles keep their numbers until [`MeshEditor::compact`].
 #[derive(Debug, Clone, Default)]
 pub(crate) struct MeshEditor {
     pub points: Vec<Point3>,
@@ -26,7 +26,7 @@ pub(crate) struct MeshEditor {
     around: Vec<Vec<usize>>,
     /// The curves through each point, with the point at the other end of the edge.
     curves: Vec<Vec<(usize, Curve)>>,
-    /// Points that never move or vanish.
+    /// Points that never move and are never deleted.
     pinned: Vec<bool>,
 }
 
@@ -54,7 +54,7 @@ impl MeshEditor {
         (0..self.triangles.len()).filter(|&triangle| self.is_alive(triangle))
     }
 
-    /// The triangles at a point; none for one that is no more.
+    /// The triangles at a point; none for a deleted one.
     pub fn around(&self, point: usize) -> &[usize] {
         &self.around[point]
     }
@@ -74,7 +74,8 @@ impl MeshEditor {
         for triangle in self.alive() {
             let [a, b, c] = self.triangles[triangle];
             for [from, to] in [[a, b], [b, c], [c, a]] {
-                // The other triangle at an inner edge runs along it the other way; a boundary edge has one only.
+                // The other triangle at an inner edge traverses it in the opposite direction; a boundary edge has only
+                // one triangle.
                 if from < to || self.at_edge(from, to).len() == 1 {
                     edges.push([from.min(to), from.max(to)]);
                 }
@@ -83,7 +84,7 @@ impl MeshEditor {
         edges
     }
 
-    /// The triangles at an edge; none where it is no more.
+    /// The triangles at an edge; none if it was deleted.
     pub fn at_edge(&self, a: usize, b: usize) -> Vec<usize> {
         self.around[a].iter().copied().filter(|&triangle| self.triangles[triangle].contains(&b)).collect()
     }
@@ -158,7 +159,7 @@ impl MeshEditor {
         }
     }
 
-    /// Cuts an edge in two at a new point there.
+    /// Splits an edge at a new point on it.
     pub fn split(&mut self, a: usize, b: usize, position: Point3) -> usize {
         let middle = self.add_point(position);
         for triangle in self.at_edge(a, b) {
@@ -178,7 +179,7 @@ impl MeshEditor {
         middle
     }
 
-    /// Puts a new point into a triangle.
+    /// Inserts a new point into a triangle.
     pub fn split_triangle(&mut self, triangle: usize, position: Point3) -> usize {
         let [a, b, c] = self.triangles[triangle];
         let covered_by = self.covered_by[triangle];
@@ -190,7 +191,7 @@ impl MeshEditor {
         middle
     }
 
-    /// Turns the edge between two triangles to their other corners, unless a curve or the surface's shape forbids it.
+    /// Flips the edge between two triangles to their other corners, unless a curve or the surface's shape prevents it.
     pub fn flip(&mut self, a: usize, b: usize) -> bool {
         let [first, second] = self.at_edge(a, b)[..] else { return false };
         if self.curve(a, b).is_some() || self.covered_by[first] != self.covered_by[second] {
@@ -200,7 +201,7 @@ impl MeshEditor {
         if c == d || !self.at_edge(c, d).is_empty() {
             return false;
         }
-        // `a` to `b` runs in one of the triangles, and the new ones keep its sense.
+        // One of the triangles contains the directed edge `a` to `b`, and the new ones keep its orientation.
         let (a, b) = if runs(self.triangles[first], a, b) { (a, b) } else { (b, a) };
         let new = [[a, d, c], [d, b, c]];
         let normal = add(self.area_vector(first), self.area_vector(second));
@@ -219,8 +220,8 @@ impl MeshEditor {
         self.triangles[triangle].into_iter().find(|&corner| corner != a && corner != b)
     }
 
-    /// Draws `gone` onto `kept`, unless that would change a curve, fold the surface or make an edge longer than
-    /// `longest` of its middle.
+    /// Collapses `gone` into `kept`, unless this would change a curve, fold the surface or make an edge longer than
+    /// `longest` at its midpoint.
     pub fn collapse(&mut self, gone: usize, kept: usize, longest: impl Fn(Point3) -> f64) -> bool {
         if self.pinned[gone] || !self.curves_allow(gone, kept) || !self.link_allows(gone, kept) {
             return false;
@@ -258,7 +259,7 @@ impl MeshEditor {
         true
     }
 
-    /// A point on a curve only moves along it, where the curve is nearly straight.
+    /// A point on a curve only moves along it, if the curve is nearly straight there.
     fn curves_allow(&self, gone: usize, kept: usize) -> bool {
         match self.curves[gone][..] {
             [] => true,
@@ -275,18 +276,19 @@ impl MeshEditor {
         }
     }
 
-    /// The surface stays one if the two points have just the neighbours in common that their triangles give them.
+    /// The surface stays a manifold if the only common neighbours of the two points are those in their common
+    /// triangles.
     fn link_allows(&self, gone: usize, kept: usize) -> bool {
         let shared = self.at_edge(gone, kept);
         let theirs = self.neighbours(kept);
         let common = self.neighbours(gone).into_iter().filter(|point| theirs.binary_search(point).is_ok()).count();
         let on_boundary = |point: usize| self.neighbours(point).iter().any(|&n| self.at_edge(point, n).len() == 1);
-        // An inner edge between two points of the boundary would pinch it.
+        // An inner edge between two points of the boundary: the collapse would pinch the surface.
         let pinches = shared.len() == 2 && on_boundary(gone) && on_boundary(kept);
         !shared.is_empty() && common == shared.len() && !pinches && self.around[gone].len() > shared.len()
     }
 
-    /// Moves a point, unless that folds the surface.
+    /// Moves a point, unless this folds the surface.
     pub fn shift(&mut self, point: usize, position: Point3) -> bool {
         let before = self.points[point];
         let old: Vec<Point3> = self.around[point].iter().map(|&triangle| self.area_vector(triangle)).collect();
@@ -299,7 +301,7 @@ impl MeshEditor {
         true
     }
 
-    /// The points and triangles that are left, renumbered in their order: positions, corners, and the electrode on each
+    /// The remaining points and triangles, renumbered in their order: positions, corners, and the electrode on each
     /// triangle.
     pub fn compact(&self) -> (Vec<Point3>, Vec<[usize; 3]>, Vec<Option<usize>>) {
         let mut number_of = vec![usize::MAX; self.points.len()];
@@ -316,20 +318,20 @@ impl MeshEditor {
     }
 }
 
-/// A curve that turns less than this (cosine of 30 degrees) at a point may lose the point.
+/// A point may be removed from a curve that turns by less than this angle there (cosine of 30 degrees).
 const STRAIGHT: f64 = 0.866;
-/// A triangle may turn by no more than this (cosine of 60 degrees) when a point moves: beyond, the surface folds.
+/// Maximum rotation of a triangle when a point moves (cosine of 60 degrees): beyond, the surface folds.
 const FOLD: f64 = 0.5;
-/// A collapse makes no angle smaller than this (10 degrees) where there was none.
+/// A collapse creates no angle smaller than this (10 degrees), unless there was one before.
 const LEAST_ANGLE: f64 = 0.1745;
 
 fn area_vector([a, b, c]: [Point3; 3]) -> Point3 {
     cross(sub(b, a), sub(c, a))
 }
 
-/// Whether two normals agree, neither being of length zero.
+/// Whether two normals agree and neither has zero length.
 fn faces_along(new: Point3, old: Point3) -> bool {
-    // A triangle without area may become anything.
+    // A triangle without area may get any orientation.
     let lengths = norm(new) * norm(old);
     norm(new) > 0.0 && dot(new, old) >= FOLD * lengths
 }

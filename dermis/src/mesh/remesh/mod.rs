@@ -1,6 +1,7 @@
-//! Isotropic remeshing of a surface to a wanted edge length (Botsch and Kobbelt, A remeshing approach to multiresolution
-//! modeling, 2004, DOI 10.1145/1057432.1057457, section 4): long edges are split, short ones collapsed, edges flipped
-//! until the mesh is Delaunay, points moved towards the middle of their neighbours and back onto the surface.
+//! Isotropic remeshing of a surface to a target edge length (Botsch and Kobbelt, A remeshing approach to
+//! multiresolution modeling, 2004, DOI 10.1145/1057432.1057457, section 4): long edges are split, short ones collapsed,
+//! edges flipped until the mesh is Delaunay, points moved towards the mean of their neighbours and projected back onto
+//! the surface.
 
 mod editor;
 
@@ -12,27 +13,27 @@ use crate::geom::vector::{add, cross, dot, norm, scale, sub};
 use crate::geom::{Point3, TriangleTree};
 use std::f64::consts::PI;
 
-/// What remeshing aims at.
+/// The target of remeshing.
 pub(crate) struct Target<'a> {
-    /// The surface that the points stay on.
+    /// The surface on which the points stay.
     pub surface: &'a TriangleTree,
-    /// The wanted edge length at a point, m.
+    /// The target edge length at a point, m.
     pub size: &'a dyn Fn(Point3) -> f64,
-    /// Brings a point near a curve onto it.
+    /// Projects a point near a curve onto it.
     pub onto_curve: &'a dyn Fn(Point3, Curve) -> Point3,
-    /// Most triangles that may come about.
+    /// Maximum number of triangles.
     pub most_triangles: usize,
 }
 
-/// An edge longer than this part of the wanted length is split, one shorter than [`SHORT`] collapsed: then neither
-/// undoes the other (Botsch and Kobbelt, section 4).
+/// An edge longer than this multiple of the target length is split, one shorter than [`SHORT`] collapsed: with these
+/// values neither reverses the other (Botsch and Kobbelt, section 4).
 const LONG: f64 = 4.0 / 3.0;
 const SHORT: f64 = 4.0 / 5.0;
 
-/// Triangles that meet at more than this angle (cosine of 40 degrees) make a crease, which remeshing keeps.
+/// Triangles with a larger angle between them (cosine of 40 degrees) form a crease, which remeshing keeps.
 const CREASE: f64 = 0.766;
 
-/// A crease that turns more than this (cosine of 40 degrees) at a point has a corner there.
+/// A crease that turns by more than this angle at a point (cosine of 40 degrees) has a corner there.
 const CORNER: f64 = 0.766;
 
 /// Marks the boundary and the sharp edges as curves, and pins their corners.
@@ -65,7 +66,7 @@ pub(crate) fn find_creases(editor: &mut MeshEditor) {
     }
 }
 
-/// Remeshes in some rounds; false where the mesh would have more triangles than allowed.
+/// Remeshes in some iterations; false if the mesh would have more triangles than allowed.
 pub(crate) fn remesh(editor: &mut MeshEditor, target: &Target<'_>, rounds: usize) -> bool {
     for _ in 0..rounds {
         if !split_long(editor, target) {
@@ -80,7 +81,7 @@ pub(crate) fn remesh(editor: &mut MeshEditor, target: &Target<'_>, rounds: usize
 }
 
 fn split_long(editor: &mut MeshEditor, target: &Target<'_>) -> bool {
-    // Each pass halves the longest edges; 60 halve the largest number a thousand times over.
+    // Each pass halves the longest edges; 60 are more than enough for any size.
     for _ in 0..60 {
         let mut changed = false;
         for [a, b] in editor.edges() {
@@ -117,9 +118,9 @@ fn collapse_short(editor: &mut MeshEditor, target: &Target<'_>) {
     }
 }
 
-/// Flips edges whose opposite angles exceed half a turn together.
+/// Flips edges whose opposite angles sum to more than half a turn.
 fn flip_to_delaunay(editor: &mut MeshEditor) {
-    // A plane needs few passes; on curved surfaces flips may go in circles, and some edges then stay as they are.
+    // A plane needs few passes; on curved surfaces flips may repeat in a cycle, and some edges then stay unchanged.
     for _ in 0..20 {
         let mut changed = false;
         for [a, b] in editor.edges() {
@@ -142,8 +143,8 @@ fn opposite_angles(editor: &MeshEditor, a: usize, b: usize) -> Option<f64> {
     Some(at(first)? + at(second)?)
 }
 
-/// Moves free points towards the middle of the triangles round them, along the surface, and points of outlines
-/// towards the middle of their neighbours on it.
+/// Moves free points towards the mean of the triangles around them, along the surface, and points of outlines towards
+/// the mean of their neighbours on the outline.
 fn relax(editor: &mut MeshEditor, target: &Target<'_>) {
     for point in 0..editor.points.len() {
         if editor.around(point).is_empty() || editor.is_pinned(point) {
@@ -167,16 +168,16 @@ fn relax(editor: &mut MeshEditor, target: &Target<'_>) {
     }
 }
 
-/// Whether a point lies on the line between two others, as far as a body's accuracy goes: sliding it there moves the
-/// line by less than a thousandth of its length.
+/// Whether a point is on the line between two others, within a body's accuracy: moving it there changes the line by
+/// less than a thousandth of its length.
 fn is_straight(editor: &MeshEditor, a: usize, point: usize, b: usize) -> bool {
     let [a, point, b] = [a, point, b].map(|point| editor.points[point]);
     let (u, v) = (sub(point, a), sub(b, point));
     norm(cross(u, v)) < 1e-3 * norm(u) * norm(v)
 }
 
-/// The middle of the triangles round a point, those that are large for their place weighing more, in the point's
-/// tangent plane.
+/// The weighted mean of the triangles around a point, with larger weights for triangles larger than the target size, in
+/// the point's tangent plane.
 fn relaxed(editor: &MeshEditor, target: &Target<'_>, point: usize) -> Point3 {
     let here = editor.points[point];
     let mut normal = [0.0; 3];

@@ -24,7 +24,7 @@ fn examples(model: &Linearised, noise: f64, count: usize) -> (Vec<Frame>, Vec<f6
     ((0..count).map(noisy).collect(), truth)
 }
 
-/// Everything the rules need, by brute force: `|y - J x|^2`, `x'Rx` and `trace(H)` through the finished matrix.
+/// The inputs of the rules, by brute force: `|y - J x|^2`, `x'Rx` and `trace(H)` through the complete matrix.
 fn by_matrix(model: &Linearised, prior: Prior, alpha: f64, examples: &[Frame]) -> [f64; 3] {
     let (_, pixels) = small(model.channel_count(), model.pixel_count());
     let one_step = OneStep::from_linearised(model, Arc::clone(&pixels), &options(prior, Alpha::Given(alpha))).unwrap();
@@ -52,7 +52,7 @@ fn chosen(model: &Linearised, prior: Prior, alpha: Alpha, examples: &[Frame]) ->
     OneStep::from_linearised(model, pixels, &options).unwrap().alpha()
 }
 
-/// Cross-validation picks the alpha that brute force over whole matrices picks.
+/// Cross-validation chooses the same alpha as brute force over whole matrices.
 #[test]
 fn cross_validation_agrees_with_brute_force() {
     for (channels, pixels) in [(25, 40), (40, 25)] {
@@ -72,7 +72,7 @@ fn cross_validation_agrees_with_brute_force() {
     }
 }
 
-/// The corner is where the curve through brute-force points bends most, by circles through three neighbours.
+/// The corner is at the maximum curvature of the curve through brute-force points, by circles through three neighbours.
 #[test]
 fn the_corner_agrees_with_brute_force() {
     let (model, _) = small(25, 40);
@@ -91,14 +91,14 @@ fn the_corner_agrees_with_brute_force() {
     }
 }
 
-/// Curvature of the circle through three points, positive where they turn left.
+/// Curvature of the circle through three points, positive for a left turn.
 fn circle(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
     let side = |p: [f64; 2], q: [f64; 2]| [q[0] - p[0], q[1] - p[1]];
     let (ab, bc, ac) = (side(a, b), side(b, c), side(a, c));
     2.0 * (ab[0] * bc[1] - ab[1] * bc[0]) / (ab[0].hypot(ab[1]) * bc[0].hypot(bc[1]) * ac[0].hypot(ac[1]))
 }
 
-/// With data from the model, cross-validation's image is nearly as good as that of the best alpha.
+/// With data from the model, the image of cross-validation is nearly as good as that of the best alpha.
 #[test]
 fn cross_validation_comes_near_the_best_image() {
     let (model, pixels) = small(60, 40);
@@ -116,7 +116,7 @@ fn cross_validation_comes_near_the_best_image() {
     assert!(ours < 1.3 * best);
 }
 
-/// The alpha found has the noise figure that was asked for, whatever that is.
+/// The alpha found has the requested noise figure.
 #[test]
 fn the_noise_figure_asked_for_is_met() {
     let (model, pixels) = small(25, 40);
@@ -154,7 +154,7 @@ fn rules_that_cannot_choose_say_so() {
     assert!(fails(beyond).to_string().contains("pixel 15"));
 }
 
-/// Disks of few electrodes have an automatic alpha, and the rule names the noise figure that it has.
+/// Disks with few electrodes have an automatic alpha, and the rule contains its noise figure.
 #[test]
 fn skins_of_few_electrodes_have_an_automatic_alpha() {
     for electrodes in [6, 8, 10] {

@@ -5,7 +5,7 @@ fn given(alpha: f64) -> OneStepOptions {
     OneStepOptions { alpha: Alpha::Given(alpha), ..OneStepOptions::default() }
 }
 
-/// A channel left out counts for nothing, and leaves the matrix of the others as if it had never been there.
+/// An excluded channel has no weight, and the matrix of the others is the same as if it did not exist.
 #[test]
 fn an_excluded_channel_is_as_if_it_were_not_there() {
     let (model, pixels) = small(12, 20);
@@ -31,7 +31,7 @@ fn an_excluded_channel_is_as_if_it_were_not_there() {
     }
 }
 
-/// Alpha has no unit: a sheet of ten times the resistance gives the same image of the same relative change.
+/// Alpha is dimensionless: a sheet of ten times the resistance gives the same image for the same relative change.
 #[test]
 fn alpha_does_not_depend_on_units() {
     let (model, pixels) = small(12, 20);
@@ -47,7 +47,7 @@ fn alpha_does_not_depend_on_units() {
     }
 }
 
-/// Images are positive where touched, whichever way a touch turns the conductance.
+/// Images are positive where touched, for both signs of the conductance change.
 #[test]
 fn a_touch_is_positive_either_way() {
     let (model, pixels) = small(12, 20);
@@ -62,7 +62,8 @@ fn a_touch_is_positive_either_way() {
     }
 }
 
-/// The weighted normalised difference changes the prior alone; the even one weighs channels by their untouched value.
+/// The weighted normalised difference changes only the prior; the unweighted one weights channels by their untouched
+/// value.
 #[test]
 fn normalised_differences_weigh_channels_as_documented() {
     let (model, pixels) = small(12, 20);

@@ -4,15 +4,15 @@ use crate::reconstruct::testing::{blurring, rows_of_pixels};
 
 /// Both forms solve the same equations of condition number up to 1e6.
 const FORMS: f64 = 1e-9;
-/// A gradient is a difference of terms larger than itself.
+/// A gradient is a difference of larger terms.
 const GRADIENT: f64 = 1e-7;
 
 fn relative(a: &Mat<f64>, b: &Mat<f64>) -> f64 {
     (a - b).norm_l2() / b.norm_l2()
 }
 
-/// Parameter space and data space give one matrix, whichever is the larger, for every prior; a Laplace prior of pixels in
-/// several pieces has several constants that it does not see.
+/// Parameter space and data space give the same matrix, for either size relation and for every prior; a Laplace prior
+/// of pixels in several pieces has several constants in its null space.
 #[test]
 fn both_forms_are_equal() {
     for (channels, pieces) in [(12, vec![30]), (30, vec![12]), (20, vec![9, 1, 15])] {
@@ -57,7 +57,7 @@ fn the_gradient_vanishes_at_the_image() {
     }
 }
 
-/// A pixel that no channel sees stays at zero in both forms.
+/// A pixel without sensitivity stays at zero in both forms.
 #[test]
 fn an_unseen_pixel_stays_at_zero() {
     let pixels = rows_of_pixels(&[8]);
@@ -71,7 +71,7 @@ fn an_unseen_pixel_stays_at_zero() {
     assert_eq!(data.row(3).norm_l2(), 0.0);
 }
 
-/// A Laplace prior cannot tell the height of a piece that no channel sees.
+/// With a Laplace prior, the level of a piece without sensitivity is not determined.
 #[test]
 fn an_unseen_piece_is_an_error_with_a_laplace_prior() {
     let pixels = rows_of_pixels(&[6, 2]);

@@ -2,7 +2,7 @@ use super::*;
 use crate::forward::Matrix;
 use crate::reconstruct::testing::{rows_of_pixels, small};
 
-/// Part of a plateau's shift that smoothing and the end of the iteration may cost.
+/// Relative tolerance of a plateau's shift for smoothing and the end of the iteration.
 const SHIFT: f64 = 0.01;
 
 /// With `J = I` and a step between two plateaus of `a` and `b` pixels, total variation of weight `l` moves the plateaus
@@ -31,7 +31,7 @@ fn a_step_shrinks_by_the_exact_amount() {
     }
 }
 
-/// No image nearby has a smaller objective: the problem is convex, so none has.
+/// No nearby image has a smaller objective: the problem is convex, so the minimum is global.
 #[test]
 fn no_image_nearby_is_better() {
     let (model, pixels) = small(15, 25);
