@@ -1,5 +1,7 @@
 //! Neural networks that reconstruct images of touch from the frames of a skin: architecture, training and inference.
 
+#![warn(unreachable_pub)]
+
 mod card;
 mod checkpoint;
 mod error;

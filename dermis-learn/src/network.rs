@@ -205,9 +205,9 @@ pub(crate) struct BatchNorm {
 
 impl BatchNorm {
     /// Added to the variance (Keras' default).
-    pub const EPSILON: f32 = 1e-3;
+    pub(crate) const EPSILON: f32 = 1e-3;
     /// Decay of the moving averages per batch (Keras' default).
-    pub const MOMENTUM: f32 = 0.99;
+    pub(crate) const MOMENTUM: f32 = 0.99;
 }
 
 /// Convolutions that refine an image.

@@ -1,10 +1,10 @@
 //! The shipped models: `paper` and `best` for the paper's skin, `shapes` for `skin16`.
 
 /// Their names, the preferred ones first.
-pub const NAMES: [&str; 3] = ["best", "paper", "shapes"];
+pub(crate) const NAMES: [&str; 3] = ["best", "paper", "shapes"];
 
 /// The card and the weights of a model by its name.
-pub fn files(name: &str) -> Option<(&'static [u8], &'static [u8])> {
+pub(crate) fn files(name: &str) -> Option<(&'static [u8], &'static [u8])> {
     match name {
         "paper" => Some((
             include_bytes!("../models/cylinder30/paper/card.json"),

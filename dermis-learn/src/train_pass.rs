@@ -282,7 +282,7 @@ pub(crate) struct Packed {
 }
 
 impl Packed {
-    pub fn new(refinement: &Refinement) -> Self {
+    pub(crate) fn new(refinement: &Refinement) -> Self {
         Packed {
             forward: refinement.convolutions.iter().map(|one| pack(&one.weight, one.channels)).collect(),
             backward: (refinement.convolutions.iter())
@@ -332,12 +332,12 @@ pub(crate) fn convolve(
 }
 
 impl Refinement {
-    pub fn channels_in(&self) -> usize {
+    pub(crate) fn channels_in(&self) -> usize {
         self.convolutions[0].channels[0]
     }
 
     /// Bordered images: the input of each convolution, then the last one's output.
-    pub fn pictures(&self) -> Vec<Vec<f32>> {
+    pub(crate) fn pictures(&self) -> Vec<Vec<f32>> {
         let first = std::iter::once(self.channels_in());
         let channels = first.chain(self.convolutions.iter().map(|one| one.channels[1]));
         channels.map(|channels| vec![0.0; self.shape.bordered(channels)]).collect()

@@ -1,5 +1,7 @@
 //! Input and output around [`dermis::pipeline`]: devices, recordings, ROS 2, JSON lines, the viewer.
 
+#![warn(unreachable_pub)]
+
 pub mod clock;
 pub mod device;
 pub mod emulator;
@@ -17,6 +19,7 @@ pub use runtime::{
 #[cfg(test)]
 extern crate self as dermis_live;
 /// Synthetic frames, shared with the tests of the crate.
+#[allow(unreachable_pub)]
 #[cfg(test)]
 #[path = "../tests/synthetic/mod.rs"]
 mod synthetic;

@@ -15,7 +15,7 @@ pub struct Camera {
 }
 
 /// Smallest cosine between view and normal at which a mark or a number on the skin is readable.
-pub const READABLE: f64 = 0.3;
+pub(crate) const READABLE: f64 = 0.3;
 /// Step of the azimuth when choosing views, degrees: a divisor of the angles between 2, 3 and 4 evenly spaced views.
 const STEP_DEGREES: usize = 10;
 /// Elevation of evenly spaced views, degrees: the upper rim of a cylinder shows that it is open.

@@ -4,21 +4,21 @@
 pub type Colour = [u8; 3];
 
 /// Black.
-pub const BLACK: Colour = [0, 0, 0];
+pub(crate) const BLACK: Colour = [0, 0, 0];
 /// White.
-pub const WHITE: Colour = [255, 255, 255];
+pub(crate) const WHITE: Colour = [255, 255, 255];
 /// Text and axes.
-pub const INK: Colour = [40, 44, 52];
+pub(crate) const INK: Colour = [40, 44, 52];
 /// Lines in the background of the data.
-pub const FAINT: Colour = [150, 156, 166];
+pub(crate) const FAINT: Colour = [150, 156, 166];
 /// Electrodes, as in the paper's Fig. 7.
-pub const ELECTRODE: Colour = [255, 213, 45];
+pub(crate) const ELECTRODE: Colour = [255, 213, 45];
 /// Estimates, as in the paper's Fig. 7.
-pub const ESTIMATE: Colour = [214, 40, 40];
+pub(crate) const ESTIMATE: Colour = [214, 40, 40];
 /// False positives.
-pub const FALSE_POSITIVE: Colour = [126, 47, 142];
+pub(crate) const FALSE_POSITIVE: Colour = [126, 47, 142];
 /// Bare skin.
-pub const SKIN: Colour = [206, 216, 228];
+pub(crate) const SKIN: Colour = [206, 216, 228];
 
 /// Viridis (van der Walt and Smith 2015, CC0), sampled at 17 uniform positions.
 const VIRIDIS: [Colour; 17] = [
@@ -111,7 +111,7 @@ impl Scale {
 }
 
 /// A mixture of two colours; `share` is the fraction of the second.
-pub fn mix(a: Colour, b: Colour, share: f64) -> Colour {
+pub(crate) fn mix(a: Colour, b: Colour, share: f64) -> Colour {
     let channel = |i: usize| (f64::from(a[i]) * (1.0 - share) + f64::from(b[i]) * share).round() as u8;
     [channel(0), channel(1), channel(2)]
 }

@@ -5,14 +5,14 @@ use crate::scene::{Key, Mark};
 use crate::svg::{Anchor, Picture, Place, Style, Text, text_width};
 
 /// Size of ordinary text, pixels.
-pub const TEXT_SIZE: f64 = 13.0;
+pub(crate) const TEXT_SIZE: f64 = 13.0;
 /// Size of titles, pixels.
-pub const TITLE_SIZE: f64 = 16.0;
+pub(crate) const TITLE_SIZE: f64 = 16.0;
 /// Width of a colour bar with its numbers and label, pixels.
-pub const KEY_WIDTH: f64 = 100.0;
+pub(crate) const KEY_WIDTH: f64 = 100.0;
 
 /// About `wanted` round numbers that cover a range.
-pub fn ticks(low: f64, high: f64, wanted: usize) -> Vec<f64> {
+pub(crate) fn ticks(low: f64, high: f64, wanted: usize) -> Vec<f64> {
     let rough = (high - low) / wanted.max(1) as f64;
     if !(rough > 0.0 && rough.is_finite()) {
         return Vec::new();
@@ -27,7 +27,7 @@ pub fn ticks(low: f64, high: f64, wanted: usize) -> Vec<f64> {
 }
 
 /// The numbers of an axis, all with the decimals that the finest needs.
-pub fn tick_labels(values: &[f64]) -> Vec<String> {
+pub(crate) fn tick_labels(values: &[f64]) -> Vec<String> {
     let step = values.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
     let decimals = if step.is_finite() { (-(step * 1.001).log10().floor()).max(0.0) as usize } else { 0 };
     let largest = values.iter().fold(0.0f64, |largest, value| largest.max(value.abs()));
@@ -43,7 +43,7 @@ pub fn tick_labels(values: &[f64]) -> Vec<String> {
 }
 
 /// Draws the title and its second line; returns their height.
-pub fn title(picture: &mut Picture, title: &str, subtitle: &str) -> f64 {
+pub(crate) fn title(picture: &mut Picture, title: &str, subtitle: &str) -> f64 {
     let mut y = 8.0;
     let width = picture.width;
     let fit = |text: &str, size: f64| size.min(size * (width - 24.0) / text_width(text, size).max(1.0));
@@ -62,13 +62,13 @@ pub fn title(picture: &mut Picture, title: &str, subtitle: &str) -> f64 {
 }
 
 /// Height of [`title`] before anything is drawn.
-pub fn title_height(title: &str, subtitle: &str) -> f64 {
+pub(crate) fn title_height(title: &str, subtitle: &str) -> f64 {
     let line = |text: &str, size: f64| if text.is_empty() { 0.0 } else { size + 6.0 };
     12.0 + line(title, TITLE_SIZE) + line(subtitle, TEXT_SIZE)
 }
 
 /// A colour bar with its numbers on the right, followed by its label.
-pub fn colour_bar(picture: &mut Picture, [x, y]: Place, height: f64, key: &Key) {
+pub(crate) fn colour_bar(picture: &mut Picture, [x, y]: Place, height: f64, key: &Key) {
     const STEPS: usize = 128;
     const WIDTH: f64 = 16.0;
     let (low, high) = (key.scale.low, key.scale.high);
@@ -114,12 +114,12 @@ fn legend_places(legend: &[(Mark, String)], width: f64) -> (f64, Vec<Place>) {
 }
 
 /// Height of [`legend`].
-pub fn legend_height(entries: &[(Mark, String)], width: f64) -> f64 {
+pub(crate) fn legend_height(entries: &[(Mark, String)], width: f64) -> f64 {
     legend_places(entries, width).0
 }
 
 /// The legend of the marks, in as many rows as needed.
-pub fn legend(picture: &mut Picture, [x, y]: Place, width: f64, entries: &[(Mark, String)]) {
+pub(crate) fn legend(picture: &mut Picture, [x, y]: Place, width: f64, entries: &[(Mark, String)]) {
     let (_, places) = legend_places(entries, width);
     for ((mark, text), [dx, dy]) in entries.iter().zip(places) {
         let centre = [x + dx + 9.0, y + dy + 10.0];
@@ -129,7 +129,7 @@ pub fn legend(picture: &mut Picture, [x, y]: Place, width: f64, entries: &[(Mark
 }
 
 /// Draws a mark.
-pub fn draw_mark(picture: &mut Picture, [x, y]: Place, radius: f64, mark: Mark) {
+pub(crate) fn draw_mark(picture: &mut Picture, [x, y]: Place, radius: f64, mark: Mark) {
     match mark {
         Mark::Disc(colour, false) => picture.circle([x, y], radius, Style::fill(colour)),
         Mark::Disc(colour, true) => picture.circle([x, y], radius, Style::fill(colour).outlined(INK, 1.0)),
@@ -150,7 +150,7 @@ pub fn draw_mark(picture: &mut Picture, [x, y]: Place, radius: f64, mark: Mark) 
 }
 
 /// An axis below or left of a plot: ticks with numbers, and a label with its unit.
-pub struct Axis<'a> {
+pub(crate) struct Axis<'a> {
     /// Limits of the axis; their common logarithms on a logarithmic axis.
     pub range: [f64; 2],
     /// Whether the axis is logarithmic.
@@ -200,7 +200,7 @@ fn tick_length(label: &str) -> f64 {
 }
 
 /// The axis below a plot whose lower left corner is given.
-pub fn axis_below(picture: &mut Picture, [x, y]: Place, width: f64, axis: &Axis<'_>) {
+pub(crate) fn axis_below(picture: &mut Picture, [x, y]: Place, width: f64, axis: &Axis<'_>) {
     for (part, label) in axis.ticks() {
         let at = x + width * part;
         picture.line(&[[at, y], [at, y + tick_length(&label)]], Style::line(INK, 1.0));
@@ -210,7 +210,7 @@ pub fn axis_below(picture: &mut Picture, [x, y]: Place, width: f64, axis: &Axis<
 }
 
 /// The axis left of a plot whose lower left corner is given.
-pub fn axis_left(picture: &mut Picture, [x, y]: Place, height: f64, axis: &Axis<'_>) {
+pub(crate) fn axis_left(picture: &mut Picture, [x, y]: Place, height: f64, axis: &Axis<'_>) {
     for (part, label) in axis.ticks() {
         let at = y - height * part;
         picture.line(&[[x - tick_length(&label), at], [x, at]], Style::line(INK, 1.0));
@@ -220,7 +220,7 @@ pub fn axis_left(picture: &mut Picture, [x, y]: Place, height: f64, axis: &Axis<
 }
 
 /// The frame of a plot.
-pub fn border(picture: &mut Picture, [x, y]: Place, width: f64, height: f64) {
+pub(crate) fn border(picture: &mut Picture, [x, y]: Place, width: f64, height: f64) {
     let corners = [[x, y], [x + width, y], [x + width, y + height], [x, y + height]];
     picture.polygon(&corners, Style::line(FAINT, 1.0));
 }

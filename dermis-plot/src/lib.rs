@@ -20,6 +20,8 @@
 //!
 //! PNG files need the feature `png`, which is on by default.
 
+#![warn(unreachable_pub)]
+
 mod camera;
 pub mod chart;
 mod colour;

@@ -9,12 +9,12 @@ use dermis::geom::vector::{add, centroid, dot, normalize, scale};
 use std::collections::HashMap;
 
 /// Largest extent of the body in a picture, pixels.
-pub const PLOT_SIZE: f64 = 540.0;
+pub(crate) const PLOT_SIZE: f64 = 540.0;
 /// Margin around the body, pixels.
-pub const MARGIN: f64 = 24.0;
+pub(crate) const MARGIN: f64 = 24.0;
 
 /// A projected tile.
-pub struct Seen {
+pub(crate) struct Seen {
     /// Its corners, pixels.
     pub places: Vec<Place>,
     /// Its shaded colour.
@@ -31,7 +31,7 @@ pub struct Seen {
 
 /// Shading of colours.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Light {
+pub(crate) enum Light {
     /// From the upper left: shows the shape.
     Shaded,
     /// Uniform: colours match the colour bar.
@@ -39,7 +39,7 @@ pub enum Light {
 }
 
 /// A parallel projection of a body.
-pub struct Projection {
+pub(crate) struct Projection {
     /// Right, up, and towards the viewer.
     pub axes: [Point3; 3],
     /// Pixels per m.
@@ -53,7 +53,7 @@ type Edge = ([Point3; 2], [usize; 2]);
 
 impl Projection {
     /// The projection in which the body fills the plot.
-    pub fn new(camera: &Camera, tiles: &[Tile]) -> Self {
+    pub(crate) fn new(camera: &Camera, tiles: &[Tile]) -> Self {
         let axes = camera.axes();
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for corner in tiles.iter().flat_map(|tile| &tile.corners) {
@@ -68,17 +68,17 @@ impl Projection {
     }
 
     /// Width of the picture, pixels.
-    pub fn width(&self) -> f64 {
+    pub(crate) fn width(&self) -> f64 {
         (self.high[0] - self.low[0]) * self.pixels_per_m + 2.0 * MARGIN
     }
 
     /// Height of the picture, pixels.
-    pub fn height(&self) -> f64 {
+    pub(crate) fn height(&self) -> f64 {
         (self.high[1] - self.low[1]) * self.pixels_per_m + 2.0 * MARGIN
     }
 
     /// The projection of a point.
-    pub fn place(&self, point: Point3) -> Place {
+    pub(crate) fn place(&self, point: Point3) -> Place {
         let right = dot(self.axes[0], point) - self.low[0];
         let up = self.high[1] - dot(self.axes[1], point);
         [MARGIN + right * self.pixels_per_m, MARGIN + up * self.pixels_per_m]
@@ -89,7 +89,7 @@ impl Projection {
     }
 
     /// The cosine of the angle between a unit normal and the direction to the viewer.
-    pub fn facing(&self, normal: Point3) -> f64 {
+    pub(crate) fn facing(&self, normal: Point3) -> f64 {
         dot(self.axes[2], normal)
     }
 
@@ -105,14 +105,14 @@ impl Projection {
     }
 
     /// The tiles from back to front.
-    pub fn see_all(&self, tiles: &[Tile], light: Light) -> Vec<Seen> {
+    pub(crate) fn see_all(&self, tiles: &[Tile], light: Light) -> Vec<Seen> {
         let mut seen: Vec<Seen> = tiles.iter().map(|tile| self.see(tile, light)).collect();
         seen.sort_by(|a, b| a.depth.total_cmp(&b.depth));
         seen
     }
 
     /// Projects a tile.
-    pub fn see(&self, tile: &Tile, light: Light) -> Seen {
+    pub(crate) fn see(&self, tile: &Tile, light: Light) -> Seen {
         let places: Vec<Place> = tile.corners.iter().map(|&corner| self.place(corner)).collect();
         let normal = tile.normal();
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
@@ -145,7 +145,7 @@ impl Projection {
     }
 
     /// Whether no part of the skin is between a point on it and the viewer.
-    pub fn unobstructed(&self, point: Point3, skin: &[Seen]) -> bool {
+    pub(crate) fn unobstructed(&self, point: Point3, skin: &[Seen]) -> bool {
         let place = self.place(point);
         // A point on a curved body is slightly off its flat tiles: tolerance of 0.5 % of the picture.
         let limit = self.depth(point) + 0.005 * PLOT_SIZE / self.pixels_per_m;
@@ -157,12 +157,12 @@ impl Projection {
     }
 
     /// The same for a point whose normal has at least a given cosine with the view.
-    pub fn visible(&self, point: Point3, normal: Point3, least_facing: f64, skin: &[Seen]) -> bool {
+    pub(crate) fn visible(&self, point: Point3, normal: Point3, least_facing: f64, skin: &[Seen]) -> bool {
         self.facing(normal) > least_facing && self.unobstructed(point, skin)
     }
 
     /// The outline of the body: edges of one tile only, and edges between a front-facing and a back-facing tile.
-    pub fn outline(&self, tiles: &[Tile], skin: &[Seen]) -> Vec<[Place; 2]> {
+    pub(crate) fn outline(&self, tiles: &[Tile], skin: &[Seen]) -> Vec<[Place; 2]> {
         // Corners that differ only by rounding are merged.
         let grain_m = 1e-4 * PLOT_SIZE / self.pixels_per_m;
         let key = |corner: Point3| corner.map(|length_m| (length_m / grain_m).round() as i64);

@@ -7,7 +7,7 @@ use dermis::geom::vector::{cross, normalize, sub};
 
 /// A flat polygon of the skin. Corners are counter-clockwise as seen from outside.
 #[derive(Debug, Clone)]
-pub struct Tile {
+pub(crate) struct Tile {
     /// Corners, m.
     pub corners: Vec<Point3>,
     /// Its colour.
@@ -18,14 +18,14 @@ pub struct Tile {
 
 impl Tile {
     /// The outward unit normal of the tile.
-    pub fn normal(&self) -> Point3 {
+    pub(crate) fn normal(&self) -> Point3 {
         normal_of(&self.corners)
     }
 }
 
 /// A straight line on the skin.
 #[derive(Debug, Clone)]
-pub struct Stroke {
+pub(crate) struct Stroke {
     /// Its ends, m.
     pub ends: [Point3; 2],
     /// Outward normal at its position.
@@ -38,7 +38,7 @@ pub struct Stroke {
 
 /// A round mark on the skin.
 #[derive(Debug, Clone)]
-pub struct Dot {
+pub(crate) struct Dot {
     /// Position, m.
     pub at: Point3,
     /// Outward normal at its position.
@@ -51,7 +51,7 @@ pub struct Dot {
 
 /// A shape of round mark, for dots and for the legend.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Mark {
+pub(crate) enum Mark {
     /// A disc with or without a dark rim.
     Disc(Colour, bool),
     /// A disc with a white rim that separates it from any background.
@@ -68,7 +68,7 @@ pub enum Mark {
 
 /// A short text on the skin.
 #[derive(Debug, Clone)]
-pub struct Label {
+pub(crate) struct Label {
     /// Position, m.
     pub at: Point3,
     /// Outward normal at its position.
@@ -85,7 +85,7 @@ pub struct Label {
 
 /// The position of a label relative to its object.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum LabelPosition {
+pub(crate) enum LabelPosition {
     /// Above it, with an offset.
     Above {
         /// Offset to the baseline, pixels.
@@ -141,19 +141,19 @@ impl Scene {
 }
 
 /// The unit normal of a flat polygon (from its first corners that span a plane).
-pub fn normal_of(corners: &[Point3]) -> Point3 {
+pub(crate) fn normal_of(corners: &[Point3]) -> Point3 {
     let spokes: Vec<Point3> = corners[1..].iter().map(|&corner| sub(corner, corners[0])).collect();
     let sum = spokes.windows(2).fold([0.0; 3], |sum, pair| dermis::geom::vector::add(sum, cross(pair[0], pair[1])));
     normalize(sum)
 }
 
 /// Size of the electrodes' numbers, pixels.
-pub const LABEL_SIZE: f64 = 10.0;
+pub(crate) const LABEL_SIZE: f64 = 10.0;
 
 impl Label {
     /// The centre of the baseline of the label in a plot of a given size, from its anchor in pixels and the pixels per
     /// m; the label is always completely inside the plot.
-    pub fn baseline(&self, [x, y]: [f64; 2], [width, height]: [f64; 2], pixels_per_m: f64) -> [f64; 2] {
+    pub(crate) fn baseline(&self, [x, y]: [f64; 2], [width, height]: [f64; 2], pixels_per_m: f64) -> [f64; 2] {
         let reach = self.reach_m * pixels_per_m;
         let half = text_width(&self.text, self.size) / 2.0;
         let centred = 0.36 * self.size;

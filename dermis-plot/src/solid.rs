@@ -18,13 +18,13 @@ const MARKED: f64 = 0.15;
 const CAPTION: f64 = 22.0;
 
 /// Style of a tile: with its outline, or with a line in its own colour that hides the gaps between neighbours.
-pub fn tile_style(fill: Colour, edge: Option<Colour>) -> Style {
+pub(crate) fn tile_style(fill: Colour, edge: Option<Colour>) -> Style {
     let (colour, width) = edge.map_or((fill, 1.0), |edge| (edge, 0.5));
     Style::fill(fill).outlined(colour, width)
 }
 
 /// The scene as seen by some cameras, side by side.
-pub fn draw(scene: &Scene, cameras: &[Camera]) -> Picture {
+pub(crate) fn draw(scene: &Scene, cameras: &[Camera]) -> Picture {
     let mut views: Vec<Projection> = cameras.iter().map(|camera| Projection::new(camera, &scene.tiles)).collect();
     // One scale for all views; the scale bar is next to the first.
     let pixels_per_m = views.iter().map(|view| view.pixels_per_m).fold(f64::INFINITY, f64::min);

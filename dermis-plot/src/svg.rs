@@ -10,7 +10,7 @@ use std::fmt::Write as _;
 use std::sync::{Arc, LazyLock};
 
 /// A position in a picture: pixels from the left and from the top.
-pub type Place = [f64; 2];
+pub(crate) type Place = [f64; 2];
 
 /// The font of all text. DejaVu Sans is wide, so that text also fits in the font that a browser substitutes.
 const FONT_FAMILY: &str = "'DejaVu Sans', Verdana, sans-serif";
@@ -30,7 +30,7 @@ static FONTS: LazyLock<Arc<usvg::fontdb::Database>> = LazyLock::new(|| {
 
 /// The style of a shape.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Style {
+pub(crate) struct Style {
     /// Colour inside.
     pub fill: Option<Colour>,
     /// Colour and width of the outline, pixels.
@@ -41,22 +41,22 @@ pub struct Style {
 
 impl Style {
     /// Filled, without an outline.
-    pub fn fill(colour: Colour) -> Self {
+    pub(crate) fn fill(colour: Colour) -> Self {
         Style { fill: Some(colour), ..Style::default() }
     }
 
     /// Outlined only.
-    pub fn line(colour: Colour, width: f64) -> Self {
+    pub(crate) fn line(colour: Colour, width: f64) -> Self {
         Style { stroke: Some((colour, width)), ..Style::default() }
     }
 
     /// With an outline.
-    pub fn outlined(self, colour: Colour, width: f64) -> Self {
+    pub(crate) fn outlined(self, colour: Colour, width: f64) -> Self {
         Style { stroke: Some((colour, width)), ..self }
     }
 
     /// With a dashed outline.
-    pub fn dashed(self, length: f64) -> Self {
+    pub(crate) fn dashed(self, length: f64) -> Self {
         Style { dash: Some(length), ..self }
     }
 
@@ -77,7 +77,7 @@ impl Style {
 
 /// Anchor of a text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Anchor {
+pub(crate) enum Anchor {
     /// Its left end.
     Start,
     /// Its middle.
@@ -88,7 +88,7 @@ pub enum Anchor {
 
 /// Style of a text.
 #[derive(Debug, Clone, Copy)]
-pub struct Text {
+pub(crate) struct Text {
     /// Font size, pixels.
     pub size: f64,
     /// Colour.
@@ -103,28 +103,28 @@ pub struct Text {
 
 impl Text {
     /// Dark text of a given size.
-    pub fn new(size: f64, anchor: Anchor) -> Self {
+    pub(crate) fn new(size: f64, anchor: Anchor) -> Self {
         Text { size, colour: INK, anchor, upwards: false, rim: false }
     }
 
     /// Rotated, to be read upwards.
-    pub fn upwards(self) -> Self {
+    pub(crate) fn upwards(self) -> Self {
         Text { upwards: true, ..self }
     }
 
     /// With a white outline.
-    pub fn rimmed(self) -> Self {
+    pub(crate) fn rimmed(self) -> Self {
         Text { rim: true, ..self }
     }
 
     /// In another colour.
-    pub fn coloured(self, colour: Colour) -> Self {
+    pub(crate) fn coloured(self, colour: Colour) -> Self {
         Text { colour, ..self }
     }
 }
 
 /// Approximate width of a text, pixels.
-pub fn text_width(text: &str, size: f64) -> f64 {
+pub(crate) fn text_width(text: &str, size: f64) -> f64 {
     text.chars().count() as f64 * MEAN_CHARACTER_WIDTH * size
 }
 

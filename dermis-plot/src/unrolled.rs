@@ -180,7 +180,7 @@ impl Plot {
 ///
 /// # Errors
 /// A body that is defined by its mesh only has no flat layout.
-pub fn draw(scene: &Scene, design: &SkinDesign) -> Result<Picture, PlotError> {
+pub(crate) fn draw(scene: &Scene, design: &SkinDesign) -> Result<Picture, PlotError> {
     let chart = Chart::of(&design.body).ok_or(PlotError::NoFlatLayout)?;
     let plot = Plot::new(chart);
     let above = if chart.around_m.is_some() { ABOVE } else { 6.0 };

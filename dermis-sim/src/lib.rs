@@ -3,6 +3,8 @@
 //!
 //! Sensing does not need this crate: it generates the frames for training, testing and comparing methods.
 
+#![warn(unreachable_pub)]
+
 // Layer 0
 pub mod elementary;
 // Layer 1

@@ -17,7 +17,7 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 
 /// A method with its name in tables and pictures.
-pub struct Named {
+pub(crate) struct Named {
     /// Its identifier, also used in file names: "noser".
     pub key: String,
     /// Its name in tables and pictures: "linear, NOSER".
@@ -32,14 +32,14 @@ pub struct Named {
 
 /// The linear methods of the paper, by their names in the registry and in tables: NOSER, and the Laplace prior, which
 /// is a spatial high-pass filter.
-pub const LINEAR: [(&str, &str); 2] = [("noser", "linear, NOSER"), ("laplace", "linear, Laplace")];
+pub(crate) const LINEAR: [(&str, &str); 2] = [("noser", "linear, NOSER"), ("laplace", "linear, Laplace")];
 
 impl Named {
     /// A linear method by its index in [`LINEAR`].
     ///
     /// # Errors
     /// A skin whose forward problem cannot be solved.
-    pub fn linear(which: usize, skin: &Skin, alpha: Alpha) -> Result<Self> {
+    pub(crate) fn linear(which: usize, skin: &Skin, alpha: Alpha) -> Result<Self> {
         let (key, name) = LINEAR[which];
         let method = Methods::linear().method(skin, key, &MethodOptions { alpha, ..MethodOptions::default() })?;
         let identity = format!("alpha {:?}", method.alpha());
@@ -47,7 +47,7 @@ impl Named {
     }
 
     /// A trained network.
-    pub fn network(model: Model) -> Self {
+    pub(crate) fn network(model: Model) -> Self {
         let card = model.card().clone();
         let name = match card.name.as_str() {
             "paper" => "paper's network".to_string(),
@@ -66,12 +66,12 @@ impl Named {
     }
 
     /// Its name with its alpha.
-    pub fn how(&self) -> String {
+    pub(crate) fn how(&self) -> String {
         self.method.alpha().map_or_else(|| self.name.clone(), |alpha| format!("{}, alpha {alpha:.3}", self.name))
     }
 
     /// The image of every frame of a recording.
-    pub fn images(&self, recording: &Recording, progress: &dyn Progress) -> Result<Vec<Image>> {
+    pub(crate) fn images(&self, recording: &Recording, progress: &dyn Progress) -> Result<Vec<Image>> {
         let task = progress.begin("reconstructing", recording.frames.len());
         let image = |frame: &Frame| {
             let image = self.method.reconstruct().reconstruct(&(frame - &recording.baseline));
@@ -86,7 +86,7 @@ impl Named {
 ///
 /// # Errors
 /// A skin whose forward problem cannot be solved; a shipped file that is damaged.
-pub fn shipped(skin: &Skin) -> Result<Vec<Named>> {
+pub(crate) fn shipped(skin: &Skin) -> Result<Vec<Named>> {
     let mut methods = vec![Named::linear(0, skin, Alpha::Auto)?];
     methods.extend(shipped_networks(skin)?);
     Ok(methods)
@@ -96,12 +96,12 @@ pub fn shipped(skin: &Skin) -> Result<Vec<Named>> {
 ///
 /// # Errors
 /// A shipped file that is damaged.
-pub fn shipped_networks(skin: &Skin) -> Result<Vec<Named>> {
+pub(crate) fn shipped_networks(skin: &Skin) -> Result<Vec<Named>> {
     Ok(Model::shipped(skin.forward(), skin.pixels())?.into_iter().rev().map(Named::network).collect())
 }
 
 /// The results of one method on some presses.
-pub struct Shown {
+pub(crate) struct Shown {
     /// The method's name in tables and pictures.
     pub name: String,
     /// The same with its alpha, if any.
@@ -118,7 +118,7 @@ pub struct Shown {
 
 impl Shown {
     /// Computes the images of a recording, detects the contacts and scores them.
-    pub fn of(
+    pub(crate) fn of(
         method: &Named,
         recording: &Recording,
         truth: &[Vec<Contact>],

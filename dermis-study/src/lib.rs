@@ -8,6 +8,8 @@
 //!
 //! Nothing here prints. Long computations report to a [`Progress`].
 
+#![warn(unreachable_pub)]
+
 mod comparison;
 pub mod demo;
 mod error;

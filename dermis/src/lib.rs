@@ -8,6 +8,8 @@
 //!
 //! Signs, orders, axes and units are those of `docs/conventions.md`: SI everywhere, indices from 0.
 
+#![warn(unreachable_pub)]
+
 // Layer 0
 pub mod geom;
 pub mod linalg;

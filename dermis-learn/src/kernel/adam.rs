@@ -4,7 +4,7 @@ use pulp::{Simd, WithSimd};
 
 /// Parameters of Adam.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct AdamOptions {
+pub(crate) struct AdamOptions {
     /// Decay of the mean gradient.
     pub beta1: f32,
     /// Decay of the mean square.
@@ -22,7 +22,7 @@ impl Default for AdamOptions {
 
 impl AdamOptions {
     /// The learning rate of step `step` (from 1), corrected for moving averages that start at zero.
-    pub fn corrected(&self, rate: f32, step: u64) -> f32 {
+    pub(crate) fn corrected(&self, rate: f32, step: u64) -> f32 {
         let (first, second) = (f64::from(self.beta1).powf(step as f64), f64::from(self.beta2).powf(step as f64));
         (f64::from(rate) * (1.0 - second).sqrt() / (1.0 - first)) as f32
     }
@@ -30,7 +30,7 @@ impl AdamOptions {
 
 /// One step of some values.
 #[derive(Debug)]
-pub struct AdamStep<'a> {
+pub(crate) struct AdamStep<'a> {
     /// Parameters of Adam.
     pub options: AdamOptions,
     /// The corrected learning rate.

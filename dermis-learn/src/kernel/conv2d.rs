@@ -7,14 +7,14 @@
 use pulp::{Simd, WithSimd};
 
 /// Taps of a convolution.
-pub const TAPS: usize = 9;
+pub(crate) const TAPS: usize = 9;
 
 /// Neighbouring pixels that are computed together, each with a vector of sums in a register.
 const TOGETHER: usize = 15;
 
 /// The shape of an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Shape {
+pub(crate) struct Shape {
     /// Rows.
     pub rows: usize,
     /// Columns.
@@ -25,7 +25,7 @@ pub struct Shape {
 
 impl Shape {
     /// Number of pixels without the border.
-    pub fn pixels(&self) -> usize {
+    pub(crate) fn pixels(&self) -> usize {
         self.rows * self.columns
     }
 
@@ -35,18 +35,18 @@ impl Shape {
     }
 
     /// Number of values of an image with its border.
-    pub fn bordered(&self, channels: usize) -> usize {
+    pub(crate) fn bordered(&self, channels: usize) -> usize {
         (self.rows + 2) * self.stride() * channels
     }
 
     /// The range of the pixels of a row in a bordered image.
-    pub fn row(&self, row: usize, channels: usize) -> std::ops::Range<usize> {
+    pub(crate) fn row(&self, row: usize, channels: usize) -> std::ops::Range<usize> {
         let start = ((row + 1) * self.stride() + 1) * channels;
         start..start + self.columns * channels
     }
 
     /// Copies an image without a border into one with a border.
-    pub fn put(&self, values: &[f32], channels: usize, picture: &mut [f32]) {
+    pub(crate) fn put(&self, values: &[f32], channels: usize, picture: &mut [f32]) {
         for (row, values) in values.chunks_exact(self.columns * channels).enumerate() {
             picture[self.row(row, channels)].copy_from_slice(values);
         }
@@ -54,14 +54,14 @@ impl Shape {
     }
 
     /// Copies an image with a border into one without.
-    pub fn take(&self, picture: &[f32], channels: usize, values: &mut [f32]) {
+    pub(crate) fn take(&self, picture: &[f32], channels: usize, values: &mut [f32]) {
         for (row, values) in values.chunks_exact_mut(self.columns * channels).enumerate() {
             values.copy_from_slice(&picture[self.row(row, channels)]);
         }
     }
 
     /// Fills the columns of the border; the rows above and below are never written and stay zero.
-    pub fn fill_border(&self, picture: &mut [f32], channels: usize) {
+    pub(crate) fn fill_border(&self, picture: &mut [f32], channels: usize) {
         if !self.is_ring {
             return;
         }
@@ -76,7 +76,7 @@ impl Shape {
 /// `output[pixel] = bias + sum over taps and channels of input[pixel + tap] weight[tap]`, for numbers of output
 /// channels that fill whole vectors (a multiple of 16).
 #[derive(Debug)]
-pub struct Wide<'a> {
+pub(crate) struct Wide<'a> {
     /// The shape of the images.
     pub shape: Shape,
     /// With border.
@@ -95,7 +95,7 @@ pub struct Wide<'a> {
 
 /// The function applied to a sum.
 #[derive(Debug, Clone, Copy)]
-pub enum Last<'a> {
+pub(crate) enum Last<'a> {
     /// None.
     Keep,
     /// A rectifier: negative sums become zero.
@@ -204,7 +204,7 @@ impl<S: Simd> Block<'_, S> {
 
 /// The same for few output channels, with a number of input channels that fills whole vectors.
 #[derive(Debug)]
-pub struct Narrow<'a> {
+pub(crate) struct Narrow<'a> {
     /// The shape of the images.
     pub shape: Shape,
     /// With border.
@@ -251,7 +251,7 @@ impl WithSimd for Narrow<'_> {
 /// Adds the gradient of the weights: `gradient[tap] += sum over pixels of input[pixel + tap] error[pixel]`, for numbers
 /// of error channels that fill whole vectors.
 #[derive(Debug)]
-pub struct WeightGradient<'a> {
+pub(crate) struct WeightGradient<'a> {
     /// The shape of the images.
     pub shape: Shape,
     /// With border.

@@ -13,21 +13,21 @@ fn threads() -> Par {
 }
 
 /// `out += left right`, with `left` rows x inner, `right` inner x columns.
-pub fn add_product(out: &mut [f32], left: &[f32], right: &[f32], [rows, inner, columns]: [usize; 3]) {
+pub(crate) fn add_product(out: &mut [f32], left: &[f32], right: &[f32], [rows, inner, columns]: [usize; 3]) {
     let left = MatRef::from_row_major_slice(left, rows, inner);
     let right = MatRef::from_row_major_slice(right, inner, columns);
     matmul(MatMut::from_row_major_slice_mut(out, rows, columns), Accum::Add, left, right, 1.0, threads());
 }
 
 /// `out = left^T right`, with `left` inner x rows, `right` inner x columns.
-pub fn product_of_transpose(out: &mut [f32], left: &[f32], right: &[f32], [rows, inner, columns]: [usize; 3]) {
+pub(crate) fn product_of_transpose(out: &mut [f32], left: &[f32], right: &[f32], [rows, inner, columns]: [usize; 3]) {
     let left = MatRef::from_row_major_slice(left, inner, rows).transpose();
     let right = MatRef::from_row_major_slice(right, inner, columns);
     matmul(MatMut::from_row_major_slice_mut(out, rows, columns), Accum::Replace, left, right, 1.0, threads());
 }
 
 /// `out = left right^T`, with `left` rows x inner, `right` columns x inner.
-pub fn product_with_transpose(out: &mut [f32], left: &[f32], right: &[f32], [rows, inner, columns]: [usize; 3]) {
+pub(crate) fn product_with_transpose(out: &mut [f32], left: &[f32], right: &[f32], [rows, inner, columns]: [usize; 3]) {
     let left = MatRef::from_row_major_slice(left, rows, inner);
     let right = MatRef::from_row_major_slice(right, columns, inner).transpose();
     matmul(MatMut::from_row_major_slice_mut(out, rows, columns), Accum::Replace, left, right, 1.0, threads());
@@ -37,7 +37,7 @@ pub fn product_with_transpose(out: &mut [f32], left: &[f32], right: &[f32], [row
 /// zero are not read: after a rectifier these are about half of them, and the speed of a single product is limited by
 /// memory.
 #[derive(Debug)]
-pub struct RowProduct<'a> {
+pub(crate) struct RowProduct<'a> {
     /// One value per row of the weight.
     pub input: &'a [f32],
     /// Row-major, inputs x outputs.

@@ -3,12 +3,12 @@
 //! Loops over vectors are `pulp::WithSimd` implementations, compiled for every instruction set and selected at run
 //! time.
 
-pub mod adam;
-pub mod conv2d;
-pub mod matrix;
-pub mod norm;
+pub(crate) mod adam;
+pub(crate) mod conv2d;
+pub(crate) mod matrix;
+pub(crate) mod norm;
 
 /// Runs an operation with the best instruction set of this machine.
-pub fn run<O: pulp::WithSimd>(operation: O) -> O::Output {
+pub(crate) fn run<O: pulp::WithSimd>(operation: O) -> O::Output {
     pulp::Arch::new().dispatch(operation)
 }

@@ -8,7 +8,7 @@ const COLUMNS: usize = 64;
 
 /// For each column of two row-major matrices of the same shape, the sums over the rows of the function `of` of a pair
 /// of values. Rows are added in their order, for any number of threads.
-pub fn column_sums(
+pub(crate) fn column_sums(
     a: &[f32],
     b: &[f32],
     columns: usize,
@@ -49,7 +49,7 @@ impl<F: Fn(usize, f32, f32) -> [f32; 2]> WithSimd for ColumnSums<'_, F> {
 }
 
 /// Changes each value of a matrix by a function of the value, its column and the corresponding value of another matrix.
-pub fn change_rows(
+pub(crate) fn change_rows(
     values: &mut [f32],
     other: &[f32],
     columns: usize,

@@ -35,13 +35,13 @@ impl Graph {
     ///
     /// # Panics
     /// If the shape does not match the number of values.
-    pub fn floats(&mut self, name: &str, shape: &[usize], values: &[f32]) -> String {
+    pub(super) fn floats(&mut self, name: &str, shape: &[usize], values: &[f32]) -> String {
         assert_eq!(shape.iter().product::<usize>(), values.len(), "the shape of {name}");
         self.constant(name, shape, FLOAT, &values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>())
     }
 
     /// Adds a constant list of integers and returns its name.
-    pub fn integers(&mut self, name: &str, values: &[i64]) -> String {
+    pub(super) fn integers(&mut self, name: &str, values: &[i64]) -> String {
         let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
         self.constant(name, &[values.len()], INT64, &bytes)
     }
@@ -54,7 +54,7 @@ impl Graph {
     }
 
     /// Adds an operation and returns its output's name.
-    pub fn operation(
+    pub(super) fn operation(
         &mut self,
         kind: &str,
         inputs: &[&str],
@@ -70,7 +70,7 @@ impl Graph {
     }
 
     /// The file: the graph from one input of `[frames, inputs]` to one output of `[frames, outputs]`.
-    pub fn into_file(self, name: &str, ends: [(&str, usize); 2], notes: &[(&str, String)]) -> Vec<u8> {
+    pub(super) fn into_file(self, name: &str, ends: [(&str, usize); 2], notes: &[(&str, String)]) -> Vec<u8> {
         let [(input, inputs), (output, outputs)] = ends;
         let graph = self.body.text(2, name).message(11, &value(input, inputs)).message(12, &value(output, outputs));
         let operators = Message::default().text(1, "").integer(2, OPERATOR_SET);

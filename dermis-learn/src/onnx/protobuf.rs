@@ -12,24 +12,24 @@ pub(super) struct Message(Vec<u8>);
 
 impl Message {
     /// Adds an integer; a negative one takes ten bytes, as its two's complement of 64 bits.
-    pub fn integer(mut self, field: u64, value: i64) -> Self {
+    pub(super) fn integer(mut self, field: u64, value: i64) -> Self {
         self.varint(field << 3 | VARINT);
         self.varint(value as u64);
         self
     }
 
     /// Adds a text.
-    pub fn text(self, field: u64, value: &str) -> Self {
+    pub(super) fn text(self, field: u64, value: &str) -> Self {
         self.bytes(field, value.as_bytes())
     }
 
     /// Adds a nested message.
-    pub fn message(self, field: u64, value: &Message) -> Self {
+    pub(super) fn message(self, field: u64, value: &Message) -> Self {
         self.bytes(field, &value.0)
     }
 
     /// Adds bytes.
-    pub fn bytes(mut self, field: u64, value: &[u8]) -> Self {
+    pub(super) fn bytes(mut self, field: u64, value: &[u8]) -> Self {
         self.varint(field << 3 | LENGTH_DELIMITED);
         self.varint(value.len() as u64);
         self.0.extend(value);
@@ -37,7 +37,7 @@ impl Message {
     }
 
     /// Its bytes.
-    pub fn into_bytes(self) -> Vec<u8> {
+    pub(super) fn into_bytes(self) -> Vec<u8> {
         self.0
     }
 

@@ -44,7 +44,7 @@ impl Handshake<'_> {
     /// # Errors
     /// A device that does not answer, uses another protocol or version, belongs to another skin, rejects the scan table
     /// or the rate, or sends wrong test readings.
-    pub fn run(mut self) -> Result<Connected, LiveError> {
+    pub(super) fn run(mut self) -> Result<Connected, LiveError> {
         let first = self.hello()?;
         let hello = self.checked(&first)?;
         let asked = self.options.rate_hz.map_or(hello.rate_millihertz, |rate_hz| (rate_hz * 1e3).round() as u32);

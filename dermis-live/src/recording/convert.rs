@@ -87,12 +87,12 @@ pub(super) struct Rows {
 }
 
 impl Rows {
-    pub fn open(path: &Path) -> Result<Self, RecordError> {
+    pub(super) fn open(path: &Path) -> Result<Self, RecordError> {
         Ok(Rows { messages: Messages::open(path)?, values: None, image: None, left_out: Vec::new() })
     }
 
     /// The next complete frame. Unreadable parts are skipped and reported.
-    pub fn next(&mut self) -> Result<Option<Row>, RecordError> {
+    pub(super) fn next(&mut self) -> Result<Option<Row>, RecordError> {
         while let Some(item) = self.messages.next_item(&mut Session::default())? {
             let taken = match item {
                 ReadItem::Message { topic: Some(topic), header, data } => self.take(topic, header, &data),

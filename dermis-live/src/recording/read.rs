@@ -126,17 +126,17 @@ pub(super) struct Messages {
 }
 
 impl Messages {
-    pub fn open(path: &Path) -> Result<Self, RecordError> {
+    pub(super) fn open(path: &Path) -> Result<Self, RecordError> {
         let (file, length) = open(path)?;
         Self::new(Box::new(file), length, path)
     }
 
-    pub fn new(input: Box<dyn Read + Send>, length: u64, path: &Path) -> Result<Self, RecordError> {
+    pub(super) fn new(input: Box<dyn Read + Send>, length: u64, path: &Path) -> Result<Self, RecordError> {
         Ok(Messages { path: path.to_path_buf(), walk: walk(input, length, path)?, topics: HashMap::new() })
     }
 
     /// The next message; other items before it are added to the session.
-    pub fn next_item(&mut self, session: &mut Session) -> Result<Option<ReadItem>, RecordError> {
+    pub(super) fn next_item(&mut self, session: &mut Session) -> Result<Option<ReadItem>, RecordError> {
         while let Some(item) = self.walk.next().map_err(|source| RecordError::io(&self.path, source))? {
             session.take(&item);
             match item {
@@ -155,7 +155,7 @@ impl Messages {
         Ok(None)
     }
 
-    pub fn damaged(&self, at: u64, why: String) -> RecordError {
+    pub(super) fn damaged(&self, at: u64, why: String) -> RecordError {
         RecordError::Damaged { path: self.path.clone(), at, why }
     }
 }

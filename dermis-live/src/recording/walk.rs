@@ -69,7 +69,7 @@ impl<R: Read> Walk<R> {
     ///
     /// # Errors
     /// What the file is instead of a recording; a system error.
-    pub fn new(input: R, length: u64) -> std::io::Result<Result<Self, String>> {
+    pub(super) fn new(input: R, length: u64) -> std::io::Result<Result<Self, String>> {
         let mut walk = Walk {
             input: BufReader::with_capacity(1 << 16, input),
             length,
@@ -90,12 +90,12 @@ impl<R: Read> Walk<R> {
     }
 
     /// Position of the record that contains the last item.
-    pub fn record_at(&self) -> u64 {
+    pub(super) fn record_at(&self) -> u64 {
         self.chunk_at
     }
 
     /// How the file ended, after the last item.
-    pub fn end(&self) -> Option<End> {
+    pub(super) fn end(&self) -> Option<End> {
         self.end
     }
 
@@ -103,7 +103,7 @@ impl<R: Read> Walk<R> {
     ///
     /// # Errors
     /// A system error.
-    pub fn next(&mut self) -> std::io::Result<Option<Item>> {
+    pub(super) fn next(&mut self) -> std::io::Result<Option<Item>> {
         while self.end.is_none() {
             if let Some(item) = self.next_in_chunk() {
                 return Ok(Some(item));

@@ -17,12 +17,12 @@ pub(super) struct DeviceThread {
 }
 
 impl DeviceThread {
-    pub fn new(shared: Arc<LiveHandle>, address: Address, options: DeviceOptions) -> Self {
+    pub(super) fn new(shared: Arc<LiveHandle>, address: Address, options: DeviceOptions) -> Self {
         DeviceThread { shared, address, options }
     }
 
     /// Reads until the skin is stopped.
-    pub fn run(self, device: Device) {
+    pub(super) fn run(self, device: Device) {
         let mut next = Some(device);
         while let Some(device) = next {
             self.shared.connected(device.facts().clone());

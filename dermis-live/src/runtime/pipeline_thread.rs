@@ -31,7 +31,7 @@ pub(super) struct PipelineThread {
 }
 
 impl PipelineThread {
-    pub fn new(shared: Arc<LiveHandle>, pipeline: Pipeline, rebuilds: bool) -> Self {
+    pub(super) fn new(shared: Arc<LiveHandle>, pipeline: Pipeline, rebuilds: bool) -> Self {
         PipelineThread {
             shared,
             pipeline,
@@ -45,7 +45,7 @@ impl PipelineThread {
     }
 
     /// Runs until no more frames come.
-    pub fn run(mut self) {
+    pub(super) fn run(mut self) {
         loop {
             self.run_commands();
             self.report_dropped();

@@ -110,7 +110,7 @@ impl Reader {
     ///
     /// # Errors
     /// A file that cannot be read, has another length, or has other metadata in its header.
-    pub fn open(path: &Path, shapes: &[(&str, Vec<usize>)], expected: &Label) -> Result<Self, DatasetError> {
+    pub(super) fn open(path: &Path, shapes: &[(&str, Vec<usize>)], expected: &Label) -> Result<Self, DatasetError> {
         let io = |source| DatasetError::Io { path: path.to_path_buf(), source };
         let wrong = |message: &str| DatasetError::File {
             path: path.to_path_buf(),
@@ -143,12 +143,12 @@ impl Reader {
     }
 
     /// Bytes before the values.
-    pub fn header_bytes(&self) -> u64 {
+    pub(super) fn header_bytes(&self) -> u64 {
         self.header_bytes
     }
 
     /// The next values, in the order of the tensors.
-    pub fn read(&mut self, values: &mut [f32]) -> std::io::Result<()> {
+    pub(super) fn read(&mut self, values: &mut [f32]) -> std::io::Result<()> {
         let mut bytes = vec![0; 4 * values.len().min(PIECE)];
         for piece in values.chunks_mut(PIECE) {
             let bytes = &mut bytes[..4 * piece.len()];
@@ -163,7 +163,7 @@ impl Reader {
     }
 
     /// The SHA-256 of the file after all values have been read; `None` if they do not have the checksum in the header.
-    pub fn sha256(self) -> Option<String> {
+    pub(super) fn sha256(self) -> Option<String> {
         (hex(self.digest.finalize()) == self.label.sha256).then(|| hex(self.whole.finalize()))
     }
 }

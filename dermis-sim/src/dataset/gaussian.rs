@@ -54,7 +54,7 @@ struct Moving {
 }
 
 impl GaussianMaker {
-    pub fn new(
+    pub(super) fn new(
         design: &SkinDesign,
         forward: &ForwardModel,
         pixels: &PixelSpace,
@@ -76,7 +76,7 @@ impl GaussianMaker {
         })
     }
 
-    pub fn worker(&self, forward: &ForwardModel, skins: Option<&SkinMaker>) -> GaussianWorker<'_> {
+    pub(super) fn worker(&self, forward: &ForwardModel, skins: Option<&SkinMaker>) -> GaussianWorker<'_> {
         let moving = skins.filter(|skins| !skins.movable_cells().is_empty()).map(|skins| {
             let mut is_movable = vec![false; forward.mesh().cell_count()];
             skins.movable_cells().iter().for_each(|&cell| is_movable[cell] = true);
@@ -95,7 +95,7 @@ impl GaussianMaker {
     }
 
     /// The untouched frame of the design, by the same solver as all others.
-    pub fn untouched(&self, forward: &ForwardModel) -> Result<Vec<f64>, ForwardError> {
+    pub(super) fn untouched(&self, forward: &ForwardModel) -> Result<Vec<f64>, ForwardError> {
         let mut worker = self.worker(forward, None);
         worker.rest_everywhere();
         worker.solver.solve_into(&worker.conductivity, &mut worker.frames)?;
@@ -103,7 +103,7 @@ impl GaussianMaker {
     }
 
     /// The touches of a sample.
-    pub fn draw(&self, index: u64, touches: &mut Vec<GaussianTouch>) {
+    pub(super) fn draw(&self, index: u64, touches: &mut Vec<GaussianTouch>) {
         let mut rng = sample_rng(self.seed, index);
         let count = rng.random_range(1..=self.options.most as u32);
         touches.clear();
@@ -117,7 +117,7 @@ impl GaussianMaker {
 
 impl GaussianWorker<'_> {
     /// The samples of the unit that starts at `first`, `count` of them, on a skin instance if skins differ.
-    pub fn make(
+    pub(super) fn make(
         &mut self,
         first: u64,
         count: usize,

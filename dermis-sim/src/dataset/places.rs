@@ -31,7 +31,7 @@ pub(super) enum Places {
 }
 
 impl Places {
-    pub fn new(body: &Body, mesh: &Mesh) -> Self {
+    pub(super) fn new(body: &Body, mesh: &Mesh) -> Self {
         match (*body).clone() {
             Body::Cylinder { length_m, diameter_m } => Places::Cylinder { radius_m: 0.5 * diameter_m, length_m },
             Body::Disk { diameter_m } => Places::Disk { radius_m: 0.5 * diameter_m },
@@ -52,7 +52,7 @@ impl Places {
     }
 
     /// A position, in the body's frame.
-    pub fn draw(&self, rng: &mut ChaCha8Rng) -> Point3 {
+    pub(super) fn draw(&self, rng: &mut ChaCha8Rng) -> Point3 {
         let (first, second): (f64, f64) = (rng.random(), rng.random());
         match self {
             &Places::Cylinder { radius_m, length_m } => {

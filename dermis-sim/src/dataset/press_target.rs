@@ -41,7 +41,7 @@ struct Pixel {
 }
 
 impl PressTarget {
-    pub fn new(
+    pub(super) fn new(
         design: &SkinDesign,
         mesh: &Mesh,
         space: &PixelSpace,
@@ -73,7 +73,7 @@ impl PressTarget {
     }
 
     /// The image of some presses together.
-    pub fn image_into(&self, presses: &[Press], image: &mut [f64]) -> Result<(), TwinError> {
+    pub(super) fn image_into(&self, presses: &[Press], image: &mut [f64]) -> Result<(), TwinError> {
         let footprints: Vec<(Point3, Footprint)> = (presses.iter())
             .map(|press| Ok((self.surface.place(press.centre_m), Footprint::new(press, &self.foam, &self.body)?)))
             .collect::<Result<_, TwinError>>()?;
@@ -99,7 +99,7 @@ impl PressTarget {
     }
 
     /// The strength of a single press: the integral of its image, m2. `image` is scratch memory.
-    pub fn strength_m2(&self, press: &Press, image: &mut [f64]) -> Result<f64, TwinError> {
+    pub(super) fn strength_m2(&self, press: &Press, image: &mut [f64]) -> Result<f64, TwinError> {
         self.image_into(std::slice::from_ref(press), image)?;
         Ok(image.iter().zip(&self.pixels).map(|(value, pixel)| value * pixel.area_m2).sum())
     }

@@ -47,7 +47,7 @@ pub(super) struct PressWorker<'a> {
 }
 
 impl PressMaker {
-    pub fn new(
+    pub(super) fn new(
         design: &SkinDesign,
         forward: &ForwardModel,
         pixels: &PixelSpace,
@@ -83,12 +83,12 @@ impl PressMaker {
         })
     }
 
-    pub fn worker(&self) -> PressWorker<'_> {
+    pub(super) fn worker(&self) -> PressWorker<'_> {
         PressWorker { maker: self, frame: vec![0.0; self.channel_count], image: vec![0.0; self.pixel_count] }
     }
 
     /// The untouched frame of the design with its patches.
-    pub fn untouched(&self, forward: &ForwardModel) -> crate::Result<Vec<f64>> {
+    pub(super) fn untouched(&self, forward: &ForwardModel) -> crate::Result<Vec<f64>> {
         let mut frame = vec![0.0; self.channel_count];
         match &self.skins {
             OnSkins::One(skin) => skin.network(&[])?.frame_into(forward.protocol(), &mut frame),
@@ -98,7 +98,7 @@ impl PressMaker {
     }
 
     /// The presses of a sample.
-    pub fn draw(&self, index: u64) -> Vec<Press> {
+    pub(super) fn draw(&self, index: u64) -> Vec<Press> {
         let mut rng = sample_rng(self.seed, index);
         let count = rng.random_range(1..=self.options.most as u32);
         let mut presses: Vec<Press> = Vec::with_capacity(count as usize);
@@ -149,7 +149,7 @@ const PATCH_STREAM: u64 = 1;
 
 impl PressWorker<'_> {
     /// The samples of the unit that starts at `first`, `count` of them, on a skin instance if skins differ.
-    pub fn make(
+    pub(super) fn make(
         &mut self,
         first: u64,
         count: usize,

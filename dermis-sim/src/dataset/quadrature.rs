@@ -15,7 +15,7 @@ pub(super) enum Rule {
 
 impl Rule {
     /// The subdivision level of a cell for a Gaussian of a given width.
-    pub fn level(self, longest_edge_m: f64, width_m: f64) -> usize {
+    pub(super) fn level(self, longest_edge_m: f64, width_m: f64) -> usize {
         let enough = match self {
             Rule::Triangle => TRIANGLE_EDGE_WIDTHS,
             Rule::Tetrahedron => TETRAHEDRON_EDGE_WIDTHS,
@@ -28,7 +28,7 @@ impl Rule {
     }
 
     /// The weights of the points of one part; those of a cell repeat for each of its parts, divided by their number.
-    pub fn weights(self) -> Vec<f64> {
+    pub(super) fn weights(self) -> Vec<f64> {
         let weights = |points: &[Weighted<1>]| points.iter().map(|point| point.1).collect();
         match self {
             Rule::Triangle => weights(&triangle_points(&[[0.0]; 3])),
@@ -37,7 +37,7 @@ impl Rule {
     }
 
     /// Number of parts of a cell at a level.
-    pub fn part_count(self, level: usize) -> usize {
+    pub(super) fn part_count(self, level: usize) -> usize {
         match self {
             Rule::Triangle => 4usize.pow(level as u32),
             Rule::Tetrahedron => 8usize.pow(level as u32),
@@ -48,7 +48,7 @@ impl Rule {
     ///
     /// # Panics
     /// If the number of corners of the cell differs from that of the rule.
-    pub fn points(self, corners: &[Point3], level: usize) -> Vec<Point3> {
+    pub(super) fn points(self, corners: &[Point3], level: usize) -> Vec<Point3> {
         match self {
             Rule::Triangle => points(corners, level, quarters, triangle_points),
             Rule::Tetrahedron => points(corners, level, eighths, tetrahedron_points),

@@ -53,7 +53,12 @@ pub(super) struct Skin {
 }
 
 impl SkinMaker {
-    pub fn new(design: &SkinDesign, forward: &ForwardModel, seed: u64, spread: &SkinSpread) -> crate::Result<Self> {
+    pub(super) fn new(
+        design: &SkinDesign,
+        forward: &ForwardModel,
+        seed: u64,
+        spread: &SkinSpread,
+    ) -> crate::Result<Self> {
         spread.coat.check()?;
         spread.electrodes.check()?;
         let mesh = forward.mesh();
@@ -84,12 +89,12 @@ impl SkinMaker {
     }
 
     /// Cells whose nodes move on some skins.
-    pub fn movable_cells(&self) -> &[usize] {
+    pub(super) fn movable_cells(&self) -> &[usize] {
         &self.movable
     }
 
     /// The skin of the samples from `16 index` on. It depends only on the seed and the index.
-    pub fn make(&self, index: u64) -> crate::Result<Skin> {
+    pub(super) fn make(&self, index: u64) -> crate::Result<Skin> {
         let seed: u64 = sample_rng(self.seed, SKIN_STREAMS + index).random();
         let drawn = self.spread.electrodes.draw(&self.design, seed)?;
         let (nodes, shifts_m) = self.moved(&drawn);
@@ -234,7 +239,7 @@ pub(super) struct SkinInstance {
 
 impl SkinInstance {
     /// The skin of a unit of samples.
-    pub fn new(maker: &SkinMaker, first_sample: u64) -> crate::Result<Self> {
+    pub(super) fn new(maker: &SkinMaker, first_sample: u64) -> crate::Result<Self> {
         let index = first_sample / UNIT as u64;
         let skin = maker.make(index)?;
         let mut instance = SkinInstance { index, rest: Vec::new(), solver: skin.forward.solver(), skin };
@@ -243,7 +248,7 @@ impl SkinInstance {
     }
 
     /// Replaces the skin by the next one, in the same memory.
-    pub fn change(&mut self, maker: &SkinMaker, first_sample: u64) -> crate::Result<()> {
+    pub(super) fn change(&mut self, maker: &SkinMaker, first_sample: u64) -> crate::Result<()> {
         let index = first_sample / UNIT as u64;
         if index != self.index || self.rest.is_empty() {
             self.skin = maker.make(index)?;

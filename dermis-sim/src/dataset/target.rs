@@ -29,7 +29,7 @@ pub(super) struct Rectangles {
 }
 
 impl Target {
-    pub fn new(design: &SkinDesign, mesh: &Mesh, space: &PixelSpace) -> Self {
+    pub(super) fn new(design: &SkinDesign, mesh: &Mesh, space: &PixelSpace) -> Self {
         let rectangles = |rows, columns, size_m, wraps| Rectangles { rows, columns, size_m, wraps };
         match (&design.image, &design.body) {
             (&ImageLayout::Grid { rows, columns }, &Body::Cylinder { length_m, diameter_m }) => {
@@ -43,7 +43,7 @@ impl Target {
     }
 
     /// The image of some touches; their relative change of conductance in each cell is also given.
-    pub fn image_into(&self, touches: &[GaussianTouch], change: impl Fn(usize) -> f64, image: &mut [f64]) {
+    pub(super) fn image_into(&self, touches: &[GaussianTouch], change: impl Fn(usize) -> f64, image: &mut [f64]) {
         match self {
             Target::Rectangles(grid) => {
                 image.fill(0.0);

@@ -31,7 +31,7 @@ pub(super) struct Cover {
 
 impl Cover {
     /// `C_kl = integral of g phi_k phi_l`, S, from the conductance per area at each point.
-    pub fn conductance(&self, mut conductance_s_per_m2: impl FnMut(usize, Point2) -> f64) -> Matrix {
+    pub(super) fn conductance(&self, mut conductance_s_per_m2: impl FnMut(usize, Point2) -> f64) -> Matrix {
         let order = self.values.columns;
         let mut sum = Matrix::zeros(order, order);
         for (index, &(point, area)) in self.points.iter().enumerate() {

@@ -174,7 +174,7 @@ pub(super) struct Drift {
 
 impl Drift {
     /// The drift of a skin with the given contact resistances, ohm.
-    pub fn draw(
+    pub(super) fn draw(
         options: Option<DriftOptions>,
         temperature: Option<TemperatureOptions>,
         contacts_ohm: &[f64],
@@ -188,7 +188,7 @@ impl Drift {
     }
 
     /// The network at a time.
-    pub fn at(&self, network: ElectrodeNetwork, time_s: f64) -> Result<ElectrodeNetwork, ForwardError> {
+    pub(super) fn at(&self, network: ElectrodeNetwork, time_s: f64) -> Result<ElectrodeNetwork, ForwardError> {
         if self.options.is_none() && self.temperature.is_none() {
             return Ok(network);
         }

@@ -135,7 +135,7 @@ impl Lines {
     }
 
     /// The lines that overlap an interval, each with its shift by whole periods, m.
-    pub fn lines_between(&self, low_m: f64, high_m: f64) -> impl Iterator<Item = (usize, f64)> + Clone + use<> {
+    pub(super) fn lines_between(&self, low_m: f64, high_m: f64) -> impl Iterator<Item = (usize, f64)> + Clone + use<> {
         let Lines { start_m, pitch_m, count, period_m } = *self;
         let line = |value: f64| ((value - start_m) / pitch_m).floor() as i64;
         let (mut first, mut last) = (line(low_m), line(high_m));
@@ -149,7 +149,7 @@ impl Lines {
     }
 
     /// The part of the fabric in a line, m.
-    pub fn fabric(&self, line: usize, gap_m: f64) -> [f64; 2] {
+    pub(super) fn fabric(&self, line: usize, gap_m: f64) -> [f64; 2] {
         let start = self.start_m + line as f64 * self.pitch_m;
         [start + 0.5 * gap_m, start + self.pitch_m - 0.5 * gap_m]
     }

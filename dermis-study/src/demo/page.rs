@@ -8,7 +8,7 @@ use crate::report::Report;
 use dermis_plot::Scale;
 
 /// The page of a demo.
-pub fn report(demo: &Demo) -> Result<Report> {
+pub(super) fn report(demo: &Demo) -> Result<Report> {
     let plots = Plots::new(demo.skin.design(), demo.skin.mesh());
     let lead = "The skin of the paper, pressed 900 times in simulation: from a design to contacts, and how far they \
         are from the truth.";

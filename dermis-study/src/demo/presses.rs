@@ -18,17 +18,17 @@ use std::time::Instant;
 
 /// Relative increase of conductance at the centre of a press. The paper does not state its value; a fabric with the
 /// resistance of the sheet doubles the conductance when it is pressed on it.
-pub const AMPLITUDE: f64 = 1.0;
+pub(super) const AMPLITUDE: f64 = 1.0;
 /// Standard deviation of a press along the surface: about a fingertip with a full width at half maximum of 20 mm.
-pub const WIDTH_M: f64 = 0.008;
+pub(super) const WIDTH_M: f64 = 0.008;
 /// Ratio of the mesh sizes of simulation and reconstruction. The simulation mesh is finer, so that the same model does
 /// not generate and reconstruct the frames (inverse crime).
 const FINER: f64 = 0.5;
 /// White noise of every reading, dB.
-pub const SNR_DB: f64 = 50.0;
+pub(super) const SNR_DB: f64 = 50.0;
 
 /// Limits of the comparison between the rows of the table.
-pub const CAVEAT: &str = "\
+pub(super) const CAVEAT: &str = "\
 The paper's network is ahead of the best network here because these frames are of the kind that it was trained on:\n\
 Gaussian touches of the same simulation. The best network is trained for touches on conductive patches, as on digital\n\
 twins and on a built skin (`dermis benchmark`, `dermis reproduce`).\n\
@@ -38,7 +38,7 @@ uniform sheet with white noise at 50 dB and presses of one size; they show that 
 works, not that this skin is better than that one.";
 
 /// The demo's experiment and its results.
-pub struct Demo {
+pub(super) struct Demo {
     /// The paper's skin.
     pub skin: Skin,
     /// Number of nodes of the simulation mesh.
@@ -61,7 +61,7 @@ pub struct Demo {
 
 impl Demo {
     /// Simulates one press on every pixel of the paper's skin, and a final frame with four touches.
-    pub fn run(seed: u64, progress: &dyn Progress) -> Result<Self> {
+    pub(super) fn run(seed: u64, progress: &dyn Progress) -> Result<Self> {
         let begun = Instant::now();
         let skin = Skin::load("cylinder30")?;
         let pixels = skin.pixels();
@@ -96,12 +96,12 @@ impl Demo {
     }
 
     /// The first method.
-    pub fn first(&self) -> &Shown {
+    pub(super) fn first(&self) -> &Shown {
         self.shown.first().expect("there is the linear method at least")
     }
 
     /// A summary of the experiment, in two lines.
-    pub fn heading(&self) -> String {
+    pub(super) fn heading(&self) -> String {
         let methods: Vec<&str> = self.shown.iter().map(|shown| shown.how.as_str()).collect();
         format!(
             "{} presses on {}, SIMULATED on {} nodes with noise at {} dB (seed {}), reconstructed on {} nodes\n\
@@ -118,7 +118,7 @@ impl Demo {
     }
 
     /// The results next to the paper's linear row.
-    pub fn table(&self) -> Table {
+    pub(super) fn table(&self) -> Table {
         let header =
             ["localisation error", "mean \u{b1} sd (mm)", "median", "95th pct", "misses", "false positives", "spread"];
         let mut table = Table::new(&header);

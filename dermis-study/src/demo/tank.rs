@@ -55,7 +55,7 @@ struct Found {
 }
 
 /// Localises the objects in every recording, prints their positions, and writes the page.
-pub fn run(output: &Path) -> Result<StudyOutput> {
+pub(super) fn run(output: &Path) -> Result<StudyOutput> {
     let skin = Skin::load("tank16")?;
     let design = skin.design();
     let method = Methods::linear().method(&skin, "noser", &MethodOptions::default())?;

@@ -19,7 +19,7 @@ const EXPLAINED_SEED: u64 = 3002;
 
 /// The figures of one method on one twin; `None` if a figure does not exist.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct TwinFigures {
+pub(super) struct TwinFigures {
     /// The twin's seed.
     pub seed: u64,
     /// Every figure of [`FIGURES`] by its key, SI units.
@@ -46,7 +46,7 @@ impl TwinFigures {
 
 /// The results of one method on all reported twins.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Benchmarked {
+pub(super) struct Benchmarked {
     /// The method's identifier.
     pub key: String,
     /// The method's name in tables and pictures.
@@ -61,7 +61,7 @@ pub struct Benchmarked {
 
 impl Benchmarked {
     /// Benchmarks a method on the reported twins, or reads saved results.
-    pub fn make(
+    pub(super) fn make(
         bench: &Bench<'_>,
         method: &Named,
         scale: Scale,
@@ -101,14 +101,14 @@ impl Benchmarked {
     }
 
     /// A figure by its key: its mean over the twins and the worst twin, SI units; `NaN` if a twin has none.
-    pub fn figure(&self, key: &str) -> [f64; 2] {
+    pub(super) fn figure(&self, key: &str) -> [f64; 2] {
         let figure = FIGURES.iter().find(|figure| figure.key == key).expect("a figure of the list");
         let values: Vec<f64> = self.twins.iter().map(|twin| twin.value(key)).collect();
         [mean(&values), figure.worst(&values)]
     }
 
     /// The mean over the twins of the fraction of resolved pairs, by their distance (m).
-    pub fn two_resolved(&self) -> Vec<[f64; 2]> {
+    pub(super) fn two_resolved(&self) -> Vec<[f64; 2]> {
         let Some(first) = self.twins.first() else { return Vec::new() };
         let at = |distance_m: f64| {
             let same = |step: &&(f64, f64)| (step.0 - distance_m).abs() < 1e-9;

@@ -35,7 +35,7 @@ struct ScoredPress {
 
 /// Results of one method on one structure.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Structure {
+pub(super) struct Structure {
     /// The design's identifier.
     pub design: String,
     /// The method's identifier.
@@ -82,7 +82,7 @@ pub struct Structure {
 
 /// Mean and standard deviation; zero without values.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct MeanSd {
+pub(super) struct MeanSd {
     /// Number of values.
     pub count: usize,
     /// Their mean.
@@ -93,7 +93,7 @@ pub struct MeanSd {
 
 impl MeanSd {
     /// Of some values.
-    pub fn of(values: impl IntoIterator<Item = f64>) -> Self {
+    pub(super) fn of(values: impl IntoIterator<Item = f64>) -> Self {
         let values: Vec<f64> = values.into_iter().filter(|value| value.is_finite()).collect();
         let count = values.len();
         if count == 0 {
@@ -104,18 +104,18 @@ impl MeanSd {
     }
 
     /// The mean of lengths as text, mm.
-    pub fn mean_mm(&self) -> String {
+    pub(super) fn mean_mm(&self) -> String {
         if self.count == 0 { "none".into() } else { format!("{:.1}", self.mean * 1e3) }
     }
 
     /// The same with the standard deviation.
-    pub fn mean_and_sd_mm(&self) -> String {
+    pub(super) fn mean_and_sd_mm(&self) -> String {
         if self.count == 0 { "none".into() } else { format!("{} \u{b1} {:.1}", self.mean_mm(), self.sd * 1e3) }
     }
 }
 
 /// Presses the twins of a design and evaluates all methods on the structure; saved results are reused.
-pub fn structures(
+pub(super) fn structures(
     control: &Control,
     cut_rad: f64,
     bench: &Bench<'_>,
@@ -129,7 +129,7 @@ pub fn structures(
 }
 
 /// The linear methods with the best alpha for a control, chosen on its own twins.
-pub fn linear(control: &Control, bench: &Bench<'_>, scale: Scale, work: &Work) -> Result<Vec<Named>> {
+pub(super) fn linear(control: &Control, bench: &Bench<'_>, scale: Scale, work: &Work) -> Result<Vec<Named>> {
     let name = format!("alpha-{}", control.key);
     let choice: Choice = work.kept(&name, &bench.skin.design().name, || Choice::make(bench, scale))?;
     choice.methods(bench)

@@ -6,7 +6,7 @@ use dermis::geom::{Point3, Surface};
 use std::f64::consts::TAU;
 
 /// A design that differs from the design under study in one aspect.
-pub struct Control {
+pub(super) struct Control {
     /// Its identifier.
     pub key: &'static str,
     /// Its name in tables and pictures.
@@ -16,7 +16,7 @@ pub struct Control {
 }
 
 /// The design under study and its controls, and the angle of the cut.
-pub struct Controls {
+pub(super) struct Controls {
     /// The designs; the first is the design under study.
     pub designs: Vec<Control>,
     /// Angle of the cut, rad; as far as possible from all electrodes.
@@ -36,7 +36,7 @@ pub struct Controls {
 ///
 /// `None` for a body that is not a cylinder, for electrodes that are not discs, and for electrodes without room for a
 /// cut.
-pub fn controls(design: &SkinDesign) -> Option<Controls> {
+pub(super) fn controls(design: &SkinDesign) -> Option<Controls> {
     let Body::Cylinder { length_m, diameter_m } = design.body else { return None };
     let radius_m = diameter_m / 2.0;
     let cut_rad = cut(design, radius_m)?;
@@ -128,7 +128,7 @@ fn from_cut_m(surface: &Surface, place: Point3, cut_rad: f64) -> Option<f64> {
 
 /// A position for the comparison of the controls: the arc from the cut and the height, m. On the opened skin these are
 /// x and y.
-pub fn place_m(surface: &Surface, place: Point3, cut_rad: f64) -> [f64; 2] {
+pub(super) fn place_m(surface: &Surface, place: Point3, cut_rad: f64) -> [f64; 2] {
     match from_cut_m(surface, place, cut_rad) {
         Some(arc_m) => [arc_m, place[2]],
         None => [place[0], place[1]],

@@ -23,7 +23,7 @@ const SAMPLE_SEED: u64 = 1;
 const SAMPLE_TOUCHES: usize = 3;
 
 /// The data of the pictures.
-pub struct Gallery {
+pub(super) struct Gallery {
     /// The first reported twin, pressed on the grid.
     pub pressed: Pressed,
     /// The results of each method.
@@ -37,7 +37,7 @@ pub struct Gallery {
 }
 
 /// A training sample.
-pub struct TrainingSample {
+pub(super) struct TrainingSample {
     /// The frame minus the untouched one, ohm.
     pub difference: Vec<f64>,
     /// The relative change of conductance.
@@ -48,7 +48,7 @@ pub struct TrainingSample {
 
 impl Gallery {
     /// Presses the first reported twin.
-    pub fn make(bench: &Bench<'_>, methods: &[Named], scale: Scale) -> Result<Self> {
+    pub(super) fn make(bench: &Bench<'_>, methods: &[Named], scale: Scale) -> Result<Self> {
         let mut presses = bench.presses(REPORTED_SEED).on_grid(scale.grid_step()).presses;
         let tip_radius_m = bench.twin.press.tip_radius_m;
         let press = |touch: &Contact| Press { centre_m: touch.position_m, force_n: touch.force_n, tip_radius_m };

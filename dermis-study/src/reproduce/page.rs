@@ -13,7 +13,7 @@ use dermis_plot::Picture;
 use dermis_plot::chart::Curves;
 
 /// The page.
-pub fn page(found: &Results<'_>, stages: &[Done]) -> Result<Report> {
+pub(super) fn page(found: &Results<'_>, stages: &[Done]) -> Result<Report> {
     let design = found.bench.skin.design();
     let plots = Plots::new(design, found.bench.skin.mesh());
     let lead = format!(

@@ -13,7 +13,7 @@ use crate::comparison::Named;
 use serde::Serialize;
 
 /// All results of a reproduction.
-pub struct Results<'a> {
+pub(super) struct Results<'a> {
     /// Its scale.
     pub scale: Scale,
     /// The skin and its twins.
@@ -31,7 +31,7 @@ pub struct Results<'a> {
 }
 
 /// The design under study and its controls.
-pub struct StructureStudy {
+pub(super) struct StructureStudy {
     /// The designs; the first is the design under study.
     pub designs: Vec<Control>,
     /// The angle of the cut, rad.
@@ -42,19 +42,19 @@ pub struct StructureStudy {
 
 impl StructureStudy {
     /// Results of a method on a design.
-    pub fn of(&self, design: &str, method: &str) -> Option<&Structure> {
+    pub(super) fn of(&self, design: &str, method: &str) -> Option<&Structure> {
         self.structures.iter().find(|structure| structure.design == design && structure.method == method)
     }
 }
 
 impl Results<'_> {
     /// The linear methods.
-    pub fn linear(&self) -> impl Iterator<Item = &Benchmarked> {
+    pub(super) fn linear(&self) -> impl Iterator<Item = &Benchmarked> {
         self.assessed.iter().filter(|assessed| assessed.alpha.is_some())
     }
 
     /// The reported twins as text: "2 twins, seeds 1001 to 1002".
-    pub fn twins(&self) -> String {
+    pub(super) fn twins(&self) -> String {
         match self.scale.twins() {
             1 => format!("1 twin, seed {REPORTED_SEED}"),
             count => format!("{count} twins, seeds {REPORTED_SEED} to {}", REPORTED_SEED + count - 1),
@@ -62,7 +62,7 @@ impl Results<'_> {
     }
 
     /// The numbers for report.json.
-    pub fn summary(&self, stages: &[Done]) -> Summary<'_> {
+    pub(super) fn summary(&self, stages: &[Done]) -> Summary<'_> {
         let size = self.scale.result();
         Summary {
             dermis: env!("CARGO_PKG_VERSION"),
@@ -90,7 +90,7 @@ impl Results<'_> {
 
 /// The contents of report.json.
 #[derive(Serialize)]
-pub struct Summary<'a> {
+pub(super) struct Summary<'a> {
     dermis: &'static str,
     simulated: bool,
     scale: Scale,

@@ -17,9 +17,9 @@ pub enum Scale {
 }
 
 /// First seed of the reported twins; no selection uses them.
-pub const REPORTED_SEED: u64 = 1001;
+pub(super) const REPORTED_SEED: u64 = 1001;
 /// First seed of the twins for selections.
-pub const CHOOSING_SEED: u64 = 2001;
+pub(super) const CHOOSING_SEED: u64 = 2001;
 
 impl Scale {
     /// Number of reported twins.

@@ -10,7 +10,7 @@ use serde::Serialize;
 
 /// A figure in the paper and in the reproduction.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Row {
+pub(super) struct Row {
     /// The quantity, with its unit.
     pub what: String,
     /// The section of the paper.
@@ -26,7 +26,7 @@ pub struct Row {
 const NONE: &str = "\u{2013}";
 
 /// A table of rows: the columns of the paper, those of the reproduction, and the differences.
-pub fn table(paper: &[&str], ours: &[&str], rows: &[Row]) -> Table {
+pub(super) fn table(paper: &[&str], ours: &[&str], rows: &[Row]) -> Table {
     let header: Vec<&str> = ["figure"].iter().chain(paper).chain(ours).chain(&["what differs"]).copied().collect();
     let mut table = Table::with_remarks(&header);
     for row in rows {
@@ -39,7 +39,7 @@ pub fn table(paper: &[&str], ours: &[&str], rows: &[Row]) -> Table {
 }
 
 /// Rows on the sensor, its instrument and its data.
-pub fn facts(results: &Results<'_>) -> Vec<Row> {
+pub(super) fn facts(results: &Results<'_>) -> Vec<Row> {
     let design = results.bench.skin.design();
     let row = |what: &str, paper_section, paper: &str, ours: String, differs: &str| Row {
         what: what.into(),
@@ -139,7 +139,7 @@ fn cell(assessed: &Benchmarked, key: &str, factor: f64, decimals: usize) -> Stri
 }
 
 /// Rows of results.
-pub fn results(results: &Results<'_>) -> Vec<Row> {
+pub(super) fn results(results: &Results<'_>) -> Vec<Row> {
     let ours = |of: &dyn Fn(&Benchmarked) -> String| results.assessed.iter().map(of).collect::<Vec<String>>();
     let row = |what: &str, paper_section, paper: [&str; 2], ours: Vec<String>, differs: &str| Row {
         what: what.into(),

@@ -38,7 +38,7 @@ const GAUSSIANS: [Data; 2] =
     [data!("training", 1_100_000 x "gaussian", seed 21), data!("test", 40_000 x "gaussian", seed 22)];
 
 /// The distribution of Gaussian touches for training the paper's network.
-pub fn gaussian_recipe(seed: u64, samples: u64) -> Result<Recipe> {
+pub(super) fn gaussian_recipe(seed: u64, samples: u64) -> Result<Recipe> {
     let text = GAUSSIANS[0].recipe_text;
     Ok(Recipe::parse(text, Path::new("gaussian.toml"), seed, samples)?)
 }
@@ -88,7 +88,7 @@ impl Step {
 }
 
 /// All steps to train both networks from scratch, with a folder for their output.
-pub fn steps(design: &str, twin: &str, work: &Path) -> Result<Vec<Step>> {
+pub(super) fn steps(design: &str, twin: &str, work: &Path) -> Result<Vec<Step>> {
     let mut all = Vec::new();
     for data in GAUSSIANS.iter().chain(&PRESSES) {
         all.extend(dataset(data, design, work)?);

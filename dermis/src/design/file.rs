@@ -11,7 +11,7 @@ use toml::Spanned;
 
 /// A value and its place in the file.
 #[derive(Debug, Clone)]
-pub struct At<T> {
+pub(super) struct At<T> {
     pub value: T,
     pub span: Range<usize>,
 }
@@ -44,7 +44,7 @@ impl<T: JsonSchema> JsonSchema for At<T> {
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
 #[cfg_attr(feature = "schema", schemars(title = "Dermis skin design"))]
-pub struct DesignFile {
+pub(super) struct DesignFile {
     /// Name for tables and plots; default: the file name.
     pub name: Option<String>,
     /// The body that the skin covers.
@@ -65,7 +65,7 @@ pub struct DesignFile {
 #[derive(Debug, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum BodyTable {
+pub(super) enum BodyTable {
     /// A cylinder's wall, its axis along z from 0 to the length.
     Cylinder {
         /// Length along z, m.
@@ -98,7 +98,7 @@ pub enum BodyTable {
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case")]
-pub enum TouchName {
+pub(super) enum TouchName {
     /// Pressing raises the conductance, as on the paper's skin.
     ConductanceRises,
     /// Pressing lowers the conductance, as on stretched membranes.
@@ -109,7 +109,7 @@ pub enum TouchName {
 #[derive(Debug, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
-pub struct SheetTable {
+pub(super) struct SheetTable {
     /// Sheet resistance of a surface, ohm per square.
     pub sheet_resistance_ohm: Option<At<f64>>,
     /// Conductivity of a volume (a mesh of tetrahedra), S/m; in place of the sheet resistance.
@@ -125,7 +125,7 @@ pub struct SheetTable {
 #[derive(Debug, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
-pub struct RegionTable {
+pub(super) struct RegionTable {
     /// Its name; without a box, the physical group of that name in the mesh file.
     pub name: String,
     /// Sheet resistance in the region, ohm per square.
@@ -142,7 +142,7 @@ pub struct RegionTable {
 #[derive(Debug, Clone, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(untagged, expecting = "expected a number, or a list with a number for each electrode")]
-pub enum OneOrEach {
+pub(super) enum OneOrEach {
     /// The same for every electrode.
     One(f64),
     /// One for each electrode, in the order of their numbers.
@@ -153,7 +153,7 @@ pub enum OneOrEach {
 #[derive(Debug, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
-pub struct ElectrodesTable {
+pub(super) struct ElectrodesTable {
     /// The shape of each electrode.
     pub shape: At<ShapeTable>,
     /// The positions of the electrodes.
@@ -189,7 +189,7 @@ pub enum ShapeTable {
 #[derive(Debug, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum LayoutTable {
+pub(super) enum LayoutTable {
     /// Rings around a cylinder. Electrode k of ring r has the number `per_ring * r + k`.
     Rings {
         /// Number of rings.
@@ -242,7 +242,7 @@ pub enum LayoutTable {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case")]
-pub enum Corner {
+pub(super) enum Corner {
     /// The origin.
     #[default]
     LowerLeft,
@@ -258,7 +258,7 @@ pub enum Corner {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case")]
-pub enum Direction {
+pub(super) enum Direction {
     /// From +x towards +y.
     #[default]
     CounterClockwise,
@@ -270,7 +270,7 @@ pub enum Direction {
 #[derive(Debug, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
-pub struct PositionTable {
+pub(super) struct PositionTable {
     /// Along x, m.
     pub x_m: Option<f64>,
     /// Along y, m.
@@ -287,7 +287,7 @@ pub struct PositionTable {
 #[derive(Debug, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
-pub struct ProtocolTable {
+pub(super) struct ProtocolTable {
     /// The drive and measure pattern.
     pub pattern: At<PatternTable>,
     /// The instrument reports amplitudes: the signs are lost and are restored from the model.
@@ -305,7 +305,7 @@ pub struct ProtocolTable {
 #[derive(Debug, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum PatternTable {
+pub(super) enum PatternTable {
     /// Drive d to d + 1, every adjacent measure except the drive pair itself: L (L - 1) values.
     Adjacent,
     /// Drive d to d + 1, every adjacent measure without a driven electrode: L (L - 3) values.
@@ -323,7 +323,7 @@ pub enum PatternTable {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case")]
-pub enum MeasuresStart {
+pub(super) enum MeasuresStart {
     /// At electrode 0.
     #[default]
     ElectrodeZero,
@@ -335,7 +335,7 @@ pub enum MeasuresStart {
 #[derive(Debug, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum ImageTable {
+pub(super) enum ImageTable {
     /// Rows along z and columns around theta on a cylinder; rows along y and columns along x on a flat skin.
     Grid {
         /// Pixels along z or y.
@@ -351,7 +351,7 @@ pub enum ImageTable {
 #[derive(Debug, Deserialize)]
 #[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(deny_unknown_fields)]
-pub struct MeshTable {
+pub(super) struct MeshTable {
     /// Longest edge allowed, m.
     pub max_edge_m: Option<At<f64>>,
     /// Length of the edges along an electrode's outline, m.

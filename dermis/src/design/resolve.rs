@@ -98,7 +98,12 @@ pub(super) struct Source<'a> {
 
 impl Source<'_> {
     /// An error at a place of the file.
-    pub fn fail(&self, span: Option<Range<usize>>, message: impl Into<String>, fix: Option<String>) -> DesignError {
+    pub(super) fn fail(
+        &self,
+        span: Option<Range<usize>>,
+        message: impl Into<String>,
+        fix: Option<String>,
+    ) -> DesignError {
         DesignError {
             message: message.into(),
             fix,

@@ -75,12 +75,12 @@ impl Pattern {
 }
 
 impl Assembly {
-    pub fn new(mesh: &Mesh, contact_impedances: &[f64]) -> Result<Self, ForwardError> {
+    pub(super) fn new(mesh: &Mesh, contact_impedances: &[f64]) -> Result<Self, ForwardError> {
         Ok(Self::of_pattern(Arc::new(Pattern::new(mesh)?), mesh, contact_impedances))
     }
 
     /// The entries of a mesh whose node positions and contacts may have changed since its pattern was computed.
-    pub fn of_pattern(pattern: Arc<Pattern>, mesh: &Mesh, contact_impedances: &[f64]) -> Self {
+    pub(super) fn of_pattern(pattern: Arc<Pattern>, mesh: &Mesh, contact_impedances: &[f64]) -> Self {
         let mut coefficients = vec![0.0; pattern.cells.len()];
         let (mut terms, mut last) = (pattern.term_of_stiffness.iter(), None);
         for_each_pair(mesh, |cell, [i, j]| {
@@ -101,14 +101,14 @@ impl Assembly {
     }
 
     /// An entry's constant part, and cells with their coefficients.
-    pub fn entry(&self, index: usize) -> (f64, impl Iterator<Item = (usize, f64)>) {
+    pub(super) fn entry(&self, index: usize) -> (f64, impl Iterator<Item = (usize, f64)>) {
         let terms = self.pattern.starts[index]..self.pattern.starts[index + 1];
         let cells = self.pattern.cells[terms.clone()].iter().copied();
         (self.fixed[index], cells.zip(self.coefficients[terms].iter().copied()))
     }
 
     /// The entries' values at a conductivity per cell.
-    pub fn values_into(&self, conductivity: &[f64], values: &mut [f64]) {
+    pub(super) fn values_into(&self, conductivity: &[f64], values: &mut [f64]) {
         for (index, value) in values.iter_mut().enumerate() {
             let (fixed, terms) = self.entry(index);
             *value = fixed + terms.map(|(cell, coefficient)| coefficient * conductivity[cell]).sum::<f64>();

@@ -91,7 +91,7 @@ fn subtract_four(panel: &[f64], height: usize, row: usize, target: &mut [f64]) {
 ///
 /// # Panics
 /// If `values` is not a square matrix of the order, or `width` exceeds it.
-pub fn eliminate_in_place(values: &mut [f64], order: usize, width: usize) -> Result<(), NotPositiveDefinite> {
+pub(crate) fn eliminate_in_place(values: &mut [f64], order: usize, width: usize) -> Result<(), NotPositiveDefinite> {
     assert_eq!(values.len(), order * order, "a square matrix");
     assert!(width <= order, "no more unknowns than there are");
     let outcome = pulp::Arch::new().dispatch(EliminateDense { values, order, width });
@@ -102,7 +102,7 @@ pub fn eliminate_in_place(values: &mut [f64], order: usize, width: usize) -> Res
 ///
 /// # Panics
 /// If `values` is not a square matrix of the order, or `rows` is not a whole number of rows.
-pub fn subtract_gram(values: &mut [f64], order: usize, rows: &[f64]) {
+pub(crate) fn subtract_gram(values: &mut [f64], order: usize, rows: &[f64]) {
     assert_eq!(values.len(), order * order, "a square matrix");
     assert!(rows.len().is_multiple_of(order.max(1)), "whole rows");
     pulp::Arch::new().dispatch(SubtractGram { values, order, rows });

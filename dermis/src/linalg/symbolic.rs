@@ -33,12 +33,12 @@ pub(super) struct Supernode {
 
 impl Supernode {
     /// Number of columns eliminated here.
-    pub fn width(&self) -> usize {
+    pub(super) fn width(&self) -> usize {
         self.columns.len()
     }
 
     /// Order of its front.
-    pub fn height(&self) -> usize {
+    pub(super) fn height(&self) -> usize {
         self.columns.len() + self.rows.len()
     }
 }

@@ -78,23 +78,23 @@ pub(super) struct TouchedFrame<'a> {
 
 impl Baseline {
     /// From the mean of untouched frames, ohm.
-    pub fn new(values_ohm: Vec<f64>) -> Self {
+    pub(super) fn new(values_ohm: Vec<f64>) -> Self {
         Baseline { values_ohm, hold: None }
     }
 
     /// Whether it has these numbers of channels and drift modes.
-    pub fn fits(&self, channel_count: usize, drift_count: usize) -> bool {
+    pub(super) fn fits(&self, channel_count: usize, drift_count: usize) -> bool {
         self.values_ohm.len() == channel_count
             && self.hold.as_ref().is_none_or(|hold| hold.fits(channel_count, drift_count))
     }
 
     /// The baseline, ohm.
-    pub fn values_ohm(&self) -> &[f64] {
+    pub(super) fn values_ohm(&self) -> &[f64] {
         &self.values_ohm
     }
 
     /// Follows an untouched frame.
-    pub fn follow(&mut self, frame_ohm: &[f64], step_s: f64) {
+    pub(super) fn follow(&mut self, frame_ohm: &[f64], step_s: f64) {
         self.hold = None;
         let share = -(-step_s / FOLLOW_S).exp_m1();
         for (value, now) in self.values_ohm.iter_mut().zip(frame_ohm) {
@@ -103,7 +103,7 @@ impl Baseline {
     }
 
     /// Follows the drift of a frame with contacts.
-    pub fn hold(
+    pub(super) fn hold(
         &mut self,
         surface: &Surface,
         fitter: &mut DriftFitter,

@@ -98,34 +98,34 @@ impl DriftFitJob {
 
 impl DriftFitter {
     /// For a skin.
-    pub fn new(skin: Skin) -> Result<Self, PipelineError> {
+    pub(super) fn new(skin: Skin) -> Result<Self, PipelineError> {
         let modes = Arc::new(drift_modes(&skin)?);
         Ok(DriftFitter { skin, modes, requested: None, installed: None })
     }
 
     /// The drift modes, modes x channels, ohm.
-    pub fn modes(&self) -> &Matrix {
+    pub(super) fn modes(&self) -> &Matrix {
         &self.modes
     }
 
     /// Announces that a fit will be needed.
-    pub fn request(&mut self, question: FitQuestion) {
+    pub(super) fn request(&mut self, question: FitQuestion) {
         self.requested = Some(question);
     }
 
     /// The announced fit, if it has not been taken yet.
-    pub fn job(&mut self) -> Option<DriftFitJob> {
+    pub(super) fn job(&mut self) -> Option<DriftFitJob> {
         let question = self.requested.take()?;
         Some(DriftFitJob { skin: self.skin.clone(), modes: Arc::clone(&self.modes), question })
     }
 
     /// Keeps a fit until it is needed.
-    pub fn install(&mut self, fit: DriftFit) {
+    pub(super) fn install(&mut self, fit: DriftFit) {
         self.installed = Some(fit);
     }
 
     /// The map from a frame's difference to the drift in it, channels x drift modes.
-    pub fn fit(&mut self, question: FitQuestion) -> Result<Matrix, PipelineError> {
+    pub(super) fn fit(&mut self, question: FitQuestion) -> Result<Matrix, PipelineError> {
         self.requested = None;
         match self.installed.take().filter(|installed| installed.question == question) {
             Some(installed) => Ok(installed.map),

@@ -59,7 +59,7 @@ pub(super) struct ElectrodeTopology {
 
 impl ElectrodeTopology {
     /// Of a skin.
-    pub fn of(skin: &Skin) -> Self {
+    pub(super) fn of(skin: &Skin) -> Self {
         let protocol = &skin.design().protocol;
         let (drives, _) = protocol.drives();
         let electrodes = 0..skin.design().electrodes.len();
@@ -81,17 +81,17 @@ impl ElectrodeTopology {
     }
 
     /// Channels of a frame.
-    pub fn channel_count(&self) -> usize {
+    pub(super) fn channel_count(&self) -> usize {
         self.channel_count
     }
 
     /// Drives of a frame.
-    pub fn drive_count(&self) -> usize {
+    pub(super) fn drive_count(&self) -> usize {
         self.drive_count
     }
 
     /// Whether a measurement has a value for each channel, and either one for each drive or none.
-    pub fn fits(&self, frame: &Measurement) -> bool {
+    pub(super) fn fits(&self, frame: &Measurement) -> bool {
         frame.values_ohm.len() == self.channel_count && self.fits_loops(&frame.loops_ohm)
     }
 
@@ -100,7 +100,7 @@ impl ElectrodeTopology {
     }
 
     /// The channels of some electrodes.
-    pub fn channels_of(&self, electrodes: impl Iterator<Item = usize>) -> Vec<bool> {
+    pub(super) fn channels_of(&self, electrodes: impl Iterator<Item = usize>) -> Vec<bool> {
         let mut marked = vec![false; self.channel_count];
         for electrode in electrodes {
             self.channels[electrode].iter().for_each(|&channel| marked[channel] = true);
@@ -186,7 +186,7 @@ impl ElectrodeMonitor {
     ///
     /// # Panics
     /// If there are fewer than two frames.
-    pub fn new(topology: &ElectrodeTopology, untouched: &[Measurement], values: &Statistics) -> Self {
+    pub(super) fn new(topology: &ElectrodeTopology, untouched: &[Measurement], values: &Statistics) -> Self {
         let loops = loop_statistics(topology, untouched);
         let usual_ohm = upper_median(&loops.mean).unwrap_or(f64::NAN);
         let electrode = |drives: &Vec<usize>| {
@@ -210,7 +210,7 @@ impl ElectrodeMonitor {
     }
 
     /// Sets the frame before the next one.
-    pub fn set_last(&mut self, frame: &Measurement) {
+    pub(super) fn set_last(&mut self, frame: &Measurement) {
         self.last_ohm.copy_from_slice(&frame.values_ohm);
     }
 
@@ -225,7 +225,7 @@ impl ElectrodeMonitor {
     }
 
     /// Whether it fits a skin.
-    pub fn fits(&self, topology: &ElectrodeTopology) -> bool {
+    pub(super) fn fits(&self, topology: &ElectrodeTopology) -> bool {
         let channels = [&self.tare_variance, &self.variance, &self.noise_ohm, &self.last_ohm];
         channels.iter().all(|values| values.len() == topology.channel_count)
             && topology.fits_loops(&self.loops_ohm)
@@ -234,12 +234,12 @@ impl ElectrodeMonitor {
     }
 
     /// Standard deviation of the noise of each channel at the tare, ohm.
-    pub fn noise_ohm(&self) -> &[f64] {
+    pub(super) fn noise_ohm(&self) -> &[f64] {
         &self.noise_ohm
     }
 
     /// Updates the state of each contact with a frame, and returns the changes.
-    pub fn update_contacts(
+    pub(super) fn update_contacts(
         &mut self,
         topology: &ElectrodeTopology,
         frame: &Measurement,
@@ -272,12 +272,12 @@ impl ElectrodeMonitor {
     }
 
     /// Electrodes that looked bad in the last frame, confirmed or not, by number.
-    pub fn suspect(&self) -> impl Iterator<Item = usize> {
+    pub(super) fn suspect(&self) -> impl Iterator<Item = usize> {
         self.numbers(|electrode| electrode.is_bad() || electrode.contradicting_frames > 0)
     }
 
     /// Electrodes whose channels are to be masked, by number.
-    pub fn bad(&self) -> impl Iterator<Item = usize> {
+    pub(super) fn bad(&self) -> impl Iterator<Item = usize> {
         self.numbers(Electrode::is_bad)
     }
 
@@ -286,7 +286,7 @@ impl ElectrodeMonitor {
     }
 
     /// Updates the noise with a frame. Changes under a touch are not noise.
-    pub fn update_noise(&mut self, topology: &ElectrodeTopology, frame: &Measurement, about: NoiseFrame<'_>) {
+    pub(super) fn update_noise(&mut self, topology: &ElectrodeTopology, frame: &Measurement, about: NoiseFrame<'_>) {
         let share = -(-about.step_s / NOISE_S).exp_m1();
         if about.untouched {
             for (channel, variance) in self.variance.iter_mut().enumerate() {
@@ -311,7 +311,7 @@ impl ElectrodeMonitor {
     }
 
     /// Noise of all channels in use, relative to the tare.
-    pub fn noise_ratio(&self, masked: &[bool]) -> f64 {
+    pub(super) fn noise_ratio(&self, masked: &[bool]) -> f64 {
         let used = |values: &[f64]| -> f64 {
             values.iter().zip(masked).filter(|(_, masked)| !**masked).map(|(value, _)| value).sum()
         };
@@ -319,12 +319,12 @@ impl ElectrodeMonitor {
     }
 
     /// Root mean square difference of reciprocal channels over its expectation from their noise; `None` without any.
-    pub fn reciprocity(&self, topology: &ElectrodeTopology) -> Option<f64> {
+    pub(super) fn reciprocity(&self, topology: &ElectrodeTopology) -> Option<f64> {
         (!topology.reciprocal.is_empty()).then(|| self.reciprocity.sqrt())
     }
 
     /// The health of every electrode.
-    pub fn health(&self, topology: &ElectrodeTopology) -> Vec<ElectrodeHealth> {
+    pub(super) fn health(&self, topology: &ElectrodeTopology) -> Vec<ElectrodeHealth> {
         let is_monitored = !self.loops_ohm.is_empty();
         let health = |(index, electrode): (usize, &Electrode)| {
             let channels = &topology.channels[index];

@@ -91,7 +91,7 @@ impl State {
 
 impl Phase {
     /// Differences of the tare's frames from their mean, ohm.
-    pub fn untouched(&self) -> &[Vec<f64>] {
+    pub(super) fn untouched(&self) -> &[Vec<f64>] {
         match self {
             Phase::Taring { .. } => &[],
             Phase::Reading(reading) => &reading.untouched,
@@ -102,7 +102,7 @@ impl Phase {
 impl Reading {
     /// Updates the baseline; returns whether there has been no touch for a while. `touched`: the result of the touch
     /// detector; `masked`: channels that are not used in this frame.
-    pub fn update_baseline(
+    pub(super) fn update_baseline(
         &mut self,
         surface: &Surface,
         fitter: &mut DriftFitter,

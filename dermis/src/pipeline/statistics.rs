@@ -16,7 +16,7 @@ pub(super) struct Statistics {
 
 impl Statistics {
     /// Of frames of one length.
-    pub fn of<'a>(frames: impl Iterator<Item = &'a [f64]> + Clone) -> Self {
+    pub(super) fn of<'a>(frames: impl Iterator<Item = &'a [f64]> + Clone) -> Self {
         let count = frames.clone().count() as f64;
         let length = frames.clone().next().map_or(0, <[f64]>::len);
         let (mut mean, mut variance) = (vec![0.0; length], vec![0.0; length]);
@@ -32,7 +32,7 @@ impl Statistics {
 
     /// Standard deviations of the noise, each at least a fraction of their median: a channel whose value is in the
     /// middle of a step of the converter shows no noise until the noise is large.
-    pub fn deviations(&self) -> Vec<f64> {
+    pub(super) fn deviations(&self) -> Vec<f64> {
         let least = (LEAST_NOISE * LEAST_NOISE * upper_median(&self.variance).unwrap_or(0.0)).max(f64::MIN_POSITIVE);
         self.variance.iter().map(|variance| variance.max(least).sqrt()).collect()
     }

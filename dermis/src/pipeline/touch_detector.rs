@@ -33,7 +33,7 @@ impl TouchDetector {
     ///
     /// # Panics
     /// If there are fewer than four frames.
-    pub fn of(untouched: &[&[f64]], masked: &[bool]) -> Self {
+    pub(super) fn of(untouched: &[&[f64]], masked: &[bool]) -> Self {
         let half = |first: usize| untouched.iter().copied().skip(first).step_by(2);
         let statistics = |own: usize| {
             let other = Statistics::of(half(1 - own));
@@ -48,7 +48,7 @@ impl TouchDetector {
     ///
     /// # Panics
     /// If there are fewer than two frames.
-    pub fn new(untouched: &[f64]) -> Self {
+    pub(super) fn new(untouched: &[f64]) -> Self {
         assert!(untouched.len() > 1, "a variance needs two values");
         let count = untouched.len() as f64;
         let mean = untouched.iter().sum::<f64>() / count;
@@ -62,7 +62,7 @@ impl TouchDetector {
     }
 
     /// Whether a frame with this statistic is touched.
-    pub fn update(&mut self, statistic: f64) -> bool {
+    pub(super) fn update(&mut self, statistic: f64) -> bool {
         let limit = if self.touched { self.mean + RELEASE * (self.threshold - self.mean) } else { self.threshold };
         self.touched = statistic > limit;
         self.touched

@@ -15,14 +15,14 @@ pub(super) enum Extent {
 }
 
 impl Extent {
-    pub fn of_surface(surface: Surface) -> Self {
+    pub(super) fn of_surface(surface: Surface) -> Self {
         match surface {
             Surface::Cylinder { length_m, .. } => Extent::Whole { length_m: Some(length_m) },
             Surface::Plane | Surface::Free => Extent::Whole { length_m: None },
         }
     }
 
-    pub fn of_pixels(pixels: &PixelSpace) -> Self {
+    pub(super) fn of_pixels(pixels: &PixelSpace) -> Self {
         match pixels.surface {
             Surface::Cylinder { .. } => Self::of_surface(pixels.surface),
             _ => Extent::Pixels { centres_m: pixels.centres_m.clone(), reach_m: pixels.half_pixel_m() },
@@ -30,7 +30,7 @@ impl Extent {
     }
 
     /// The point on the body nearest to one that may be outside.
-    pub fn nearest(&self, place_m: Point3) -> Point3 {
+    pub(super) fn nearest(&self, place_m: Point3) -> Point3 {
         match self {
             Extent::Whole { length_m: None } => place_m,
             Extent::Whole { length_m: Some(length_m) } => [place_m[0], place_m[1], place_m[2].clamp(0.0, *length_m)],

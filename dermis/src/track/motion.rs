@@ -32,12 +32,12 @@ pub(super) struct Motion {
 }
 
 impl Motion {
-    pub fn at_rest(position_m: Point3, manner: Manner) -> Self {
+    pub(super) fn at_rest(position_m: Point3, manner: Manner) -> Self {
         // A finger that touches down may move at 0.3 m/s.
         Motion { position_m, velocity_m_s: [0.0; 3], variance: [manner.jitter_m.powi(2), 0.0, 0.09] }
     }
 
-    pub fn predict(&mut self, surface: &Surface, step_s: f64, manner: Manner) {
+    pub(super) fn predict(&mut self, surface: &Surface, step_s: f64, manner: Manner) {
         self.extrapolate(surface, step_s);
         let [place, both, speed] = self.variance;
         let force = (manner.acceleration_m_s2 * step_s).powi(2);
@@ -48,7 +48,7 @@ impl Motion {
         ];
     }
 
-    pub fn correct(&mut self, surface: &Surface, seen_m: Point3, manner: Manner) {
+    pub(super) fn correct(&mut self, surface: &Surface, seen_m: Point3, manner: Manner) {
         let missed_m = step_between(surface, self.position_m, seen_m);
         let [place, both, speed] = self.variance;
         let total = place + manner.jitter_m.powi(2);
@@ -59,19 +59,19 @@ impl Motion {
     }
 
     /// Moves at constant velocity for a time; returns the step.
-    pub fn extrapolate(&mut self, surface: &Surface, for_s: f64) -> Point3 {
+    pub(super) fn extrapolate(&mut self, surface: &Surface, for_s: f64) -> Point3 {
         let step_m = scale(self.velocity_m_s, for_s);
         self.shift(surface, step_m);
         step_m
     }
 
     /// Moves it without a change of velocity.
-    pub fn shift(&mut self, surface: &Surface, step_m: Point3) {
+    pub(super) fn shift(&mut self, surface: &Surface, step_m: Point3) {
         self.position_m = moved(surface, self.position_m, step_m);
     }
 
     /// Moves it by the minimum distance that brings it within a radius of a point, m.
-    pub fn clamp_to(&mut self, surface: &Surface, from_m: Point3, reach_m: f64) {
+    pub(super) fn clamp_to(&mut self, surface: &Surface, from_m: Point3, reach_m: f64) {
         let off_m = step_between(surface, from_m, self.position_m);
         let far_m = norm(off_m);
         if far_m > reach_m {
@@ -80,7 +80,7 @@ impl Motion {
     }
 
     /// Limits its speed.
-    pub fn limit_speed(&mut self, most_m_s: f64) {
+    pub(super) fn limit_speed(&mut self, most_m_s: f64) {
         let speed_m_s = norm(self.velocity_m_s);
         if speed_m_s > most_m_s {
             self.velocity_m_s = scale(self.velocity_m_s, most_m_s / speed_m_s);
@@ -88,20 +88,20 @@ impl Motion {
     }
 
     /// Sets the position to that of a separate sighting after a merge, and keeps the velocity.
-    pub fn reset_position(&mut self, seen_m: Point3, manner: Manner) {
+    pub(super) fn reset_position(&mut self, seen_m: Point3, manner: Manner) {
         self.position_m = seen_m;
         self.variance = [manner.jitter_m.powi(2), 0.0, self.variance[2].min(0.09)];
     }
 
     /// The approach speed to another contact, m/s.
-    pub fn closing_m_s(&self, other: &Motion, surface: &Surface) -> f64 {
+    pub(super) fn closing_m_s(&self, other: &Motion, surface: &Surface) -> f64 {
         let between_m = step_between(surface, self.position_m, other.position_m);
         let apart_m = norm(between_m).max(f64::MIN_POSITIVE);
         dot(sub(self.velocity_m_s, other.velocity_m_s), between_m) / apart_m
     }
 
     /// Its velocity in space.
-    pub fn velocity_m_s(&self, surface: &Surface) -> Point3 {
+    pub(super) fn velocity_m_s(&self, surface: &Surface) -> Point3 {
         // A step of a microsecond stays on the tangent.
         const STEP_S: f64 = 1e-6;
         let next = moved(surface, self.position_m, scale(self.velocity_m_s, STEP_S));

@@ -20,7 +20,7 @@ use tokio::sync::watch;
 
 /// The latest data for pages.
 #[derive(Debug)]
-pub struct Board {
+pub(super) struct Board {
     /// The newest frame, and its number among the published ones.
     pub frame: watch::Sender<(u64, Bytes)>,
     /// The message `status`.
@@ -39,7 +39,7 @@ const MESSAGES: usize = 8;
 const WAITING: usize = 64;
 
 /// Prepares the data for pages.
-pub struct Hub {
+pub(super) struct Hub {
     control: Arc<Control>,
     board: Arc<Board>,
     number: u64,
@@ -75,7 +75,7 @@ struct Shown<'a> {
 
 impl Board {
     /// Without data yet.
-    pub fn new() -> Self {
+    pub(super) fn new() -> Self {
         Board {
             frame: watch::Sender::new((0, Bytes::new())),
             status: watch::Sender::new(Arc::new(Value::Null)),
@@ -86,7 +86,7 @@ impl Board {
 
 impl Hub {
     /// For the pages of a live skin.
-    pub fn new(control: Arc<Control>, board: Arc<Board>) -> Self {
+    pub(super) fn new(control: Arc<Control>, board: Arc<Board>) -> Self {
         let mut hub = Hub {
             control,
             board,
@@ -102,7 +102,7 @@ impl Hub {
     }
 
     /// Runs until the live skin is stopped.
-    pub fn run(mut self) {
+    pub(super) fn run(mut self) {
         let shared = Arc::clone(self.control.shared());
         let mailbox = shared.subscribe_as("the page", WAITING);
         let mut status_at = Instant::now();

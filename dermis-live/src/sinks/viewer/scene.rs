@@ -26,7 +26,7 @@ struct Drawn {
 }
 
 /// The message `scene`.
-pub fn scene(skin: &Skin, quantity: Quantity, methods: &[String], emulated: bool) -> Value {
+pub(super) fn scene(skin: &Skin, quantity: Quantity, methods: &[String], emulated: bool) -> Value {
     let (design, pixels) = (skin.design(), skin.pixels());
     let drawn = drawn(design, skin.mesh(), pixels);
     let flat = |list: &[Point3]| -> Vec<f32> { list.iter().flatten().map(|&value| value as f32).collect() };
@@ -69,7 +69,7 @@ pub fn scene(skin: &Skin, quantity: Quantity, methods: &[String], emulated: bool
 }
 
 /// The position of a point on the flat layout, m; `None` on a body without one.
-pub fn flat_m(surface: &Surface, place: Point3) -> Option<[f64; 2]> {
+pub(super) fn flat_m(surface: &Surface, place: Point3) -> Option<[f64; 2]> {
     match *surface {
         Surface::Cylinder { radius_m, .. } => Some([radius_m * wrap_angle(place[1].atan2(place[0])), place[2]]),
         Surface::Plane => Some([place[0], place[1]]),

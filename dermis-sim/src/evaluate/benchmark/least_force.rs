@@ -31,7 +31,7 @@ pub(super) struct Finder<'a> {
 impl Finder<'_> {
     /// The threshold that an untouched frame exceeds once per hour, in standard deviations of the noise, and its
     /// standard error.
-    pub fn threshold(&self, untouched: &[Frame]) -> crate::Result<(f64, f64)> {
+    pub(super) fn threshold(&self, untouched: &[Frame]) -> crate::Result<(f64, f64)> {
         let detection = self.method.detection();
         let highest = |frame: &Frame| Ok(in_sd(&self.method.reconstruct(frame)?, self.noise, &detection, |_| true));
         Ok(threshold(&untouched.par_iter().map(highest).collect::<crate::Result<Vec<f64>>>()?))
@@ -39,7 +39,7 @@ impl Finder<'_> {
 
     /// The smallest force detected 90 % of the time at a threshold at each of some positions, N; `NaN` if there is
     /// none.
-    pub fn least_forces(
+    pub(super) fn least_forces(
         &self,
         twin: &Twin,
         noise_factor: f64,

@@ -67,7 +67,7 @@ impl Joined {
 
 impl Slot {
     /// A slot that measures the voltage between two electrodes.
-    pub fn measuring(network: &ElectrodeNetwork, source: Source, joined: &Joined) -> Self {
+    pub(super) fn measuring(network: &ElectrodeNetwork, source: Source, joined: &Joined) -> Self {
         let m: Matrix3 = std::array::from_fn(|j| std::array::from_fn(|k| joined.impedance(network, j, k)));
         let current_a = source.voltage_v / (source.reference_ohm + m[SOURCE][SOURCE]);
         let mut conductance = inverse(&m);
@@ -81,7 +81,7 @@ impl Slot {
 
     /// A slot that measures the current: plus is connected to the source, minus to the far end of the reference
     /// resistor.
-    pub fn referring(network: &ElectrodeNetwork, source: Source, joined: &Joined) -> Self {
+    pub(super) fn referring(network: &ElectrodeNetwork, source: Source, joined: &Joined) -> Self {
         let skin_ohm = joined.impedance(network, SOURCE, SOURCE);
         let current_a = source.voltage_v / (source.reference_ohm + skin_ohm);
         let [_, plus_ohm, minus_ohm] = joined.on_ohm.map(|ohm| ohm.max(LEAST_OHM));
@@ -98,7 +98,7 @@ impl Slot {
     }
 
     /// The lines' potentials at the end of a slot of `duration_s` that started with `lines_v`.
-    pub fn settle(&self, lines_v: [f64; 3], capacitance_f: f64, duration_s: f64) -> [f64; 3] {
+    pub(super) fn settle(&self, lines_v: [f64; 3], capacitance_f: f64, duration_s: f64) -> [f64; 3] {
         let rate = duration_s / capacitance_f;
         if rate > DECAYED * self.slowest_ohm {
             return self.steady_v;

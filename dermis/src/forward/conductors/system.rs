@@ -20,7 +20,7 @@ pub(super) struct System {
 }
 
 impl System {
-    pub fn new(
+    pub(super) fn new(
         model: &ForwardModel,
         conductivity: &[f64],
         moments: &PotentialMoments,
@@ -58,12 +58,12 @@ impl System {
         })
     }
 
-    pub fn symbolic<'a>(&'a self, model: &'a ForwardModel) -> &'a Symbolic {
+    pub(super) fn symbolic<'a>(&'a self, model: &'a ForwardModel) -> &'a Symbolic {
         self.extended.as_ref().unwrap_or(model.symbolic())
     }
 
     /// The unknowns of a moment of `u - v` with their weights; of `u` only if the system has no `v`.
-    pub fn voltage(&self, moment: &PotentialMoment) -> impl Iterator<Item = (usize, f64)> {
+    pub(super) fn voltage(&self, moment: &PotentialMoment) -> impl Iterator<Item = (usize, f64)> {
         let nodes = moment.nodes.iter().map(|&(node, weight)| (self.unknown_of_node[node], weight));
         let own = self.unknown_of_conductor.get(&moment.conductor);
         nodes.chain(own.map(|&unknown| (unknown, -moment.of_one())))
@@ -122,7 +122,7 @@ impl Extended {
 
 impl System {
     /// The moments of some fields, moments x fields, from their values at the unknowns.
-    pub fn moments_of(&self, moments: &[PotentialMoment], fields: &Matrix) -> Matrix {
+    pub(super) fn moments_of(&self, moments: &[PotentialMoment], fields: &Matrix) -> Matrix {
         let mut out = Matrix::zeros(moments.len(), fields.columns);
         for (index, moment) in moments.iter().enumerate() {
             let target = out.row_mut(index);

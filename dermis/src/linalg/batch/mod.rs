@@ -128,7 +128,7 @@ impl<E: Entries> WithSimd for Run<'_, E> {
 
 /// Numbers aligned to a cache line: a 64-byte vector that crosses two lines is read at half the speed.
 #[derive(Debug)]
-pub struct AlignedVec {
+pub(crate) struct AlignedVec {
     memory: Vec<f64>,
     start: usize,
     len: usize,
@@ -138,7 +138,7 @@ const CACHE_LINE_BYTES: usize = 64;
 
 impl AlignedVec {
     /// Zeros.
-    pub fn new(len: usize) -> Self {
+    pub(crate) fn new(len: usize) -> Self {
         let memory = vec![0.0; len + CACHE_LINE_BYTES / size_of::<f64>()];
         let start = memory.as_ptr().align_offset(CACHE_LINE_BYTES).min(CACHE_LINE_BYTES / size_of::<f64>());
         AlignedVec { memory, start, len }
@@ -146,13 +146,13 @@ impl AlignedVec {
 
     /// The numbers.
     #[inline(always)]
-    pub fn values(&self) -> &[f64] {
+    pub(crate) fn values(&self) -> &[f64] {
         &self.memory[self.start..self.start + self.len]
     }
 
     /// The numbers, mutable.
     #[inline(always)]
-    pub fn values_mut(&mut self) -> &mut [f64] {
+    pub(crate) fn values_mut(&mut self) -> &mut [f64] {
         &mut self.memory[self.start..self.start + self.len]
     }
 }

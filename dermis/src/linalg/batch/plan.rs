@@ -41,17 +41,17 @@ pub(super) struct Front {
 impl Front {
     /// Rows of tiles in its panel.
     #[inline(always)]
-    pub fn panel_tiles(&self) -> usize {
+    pub(super) fn panel_tiles(&self) -> usize {
         self.width.div_ceil(TILE) + self.rows.div_ceil(TILE)
     }
 
     #[inline(always)]
-    pub fn panel_size(&self) -> usize {
+    pub(super) fn panel_size(&self) -> usize {
         self.panel_tiles() * TILE * self.width
     }
 
     #[inline(always)]
-    pub fn update_size(&self) -> usize {
+    pub(super) fn update_size(&self) -> usize {
         self.rows * (self.rows + 1) / 2
     }
 }

@@ -31,7 +31,7 @@ pub(super) struct Edge {
 
 impl Domain {
     /// The unrolled body; `None` for a mesh file.
-    pub fn new(body: &Body) -> Option<Self> {
+    pub(super) fn new(body: &Body) -> Option<Self> {
         let shape = match *body {
             Body::Cylinder { length_m, diameter_m } => Shape::Cylinder { radius: diameter_m / 2.0, length: length_m },
             Body::Disk { diameter_m } => Shape::Disk { radius: diameter_m / 2.0 },
@@ -42,7 +42,7 @@ impl Domain {
     }
 
     /// The circumference, if the region is periodic along its first axis.
-    pub fn period(&self) -> Option<f64> {
+    pub(super) fn period(&self) -> Option<f64> {
         match self.shape {
             Shape::Cylinder { radius, .. } => Some(TAU * radius),
             _ => None,
@@ -50,7 +50,7 @@ impl Domain {
     }
 
     /// The region's bounding box.
-    pub fn bounds(&self) -> (Point2, Point2) {
+    pub(super) fn bounds(&self) -> (Point2, Point2) {
         match self.shape {
             Shape::Cylinder { radius, length } => ([0.0, 0.0], [TAU * radius, length]),
             Shape::Disk { radius } => ([-radius; 2], [radius; 2]),
@@ -59,7 +59,7 @@ impl Domain {
     }
 
     /// The region's area.
-    pub fn area(&self) -> f64 {
+    pub(super) fn area(&self) -> f64 {
         match self.shape {
             Shape::Cylinder { radius, length } => TAU * radius * length,
             Shape::Disk { radius } => TAU * radius * radius / 2.0,
@@ -68,7 +68,7 @@ impl Domain {
     }
 
     /// Unrolls a point of the body.
-    pub fn unroll(&self, point: Point3) -> Point2 {
+    pub(super) fn unroll(&self, point: Point3) -> Point2 {
         match self.shape {
             Shape::Cylinder { radius, .. } => [radius * wrap_angle(point[1].atan2(point[0])), point[2]],
             _ => [point[0], point[1]],
@@ -76,7 +76,7 @@ impl Domain {
     }
 
     /// The point on the body of an unrolled point.
-    pub fn roll(&self, point: Point2) -> Point3 {
+    pub(super) fn roll(&self, point: Point2) -> Point3 {
         match self.shape {
             Shape::Cylinder { radius, .. } => {
                 let (sin, cos) = (point[0] / radius).sin_cos();
@@ -87,7 +87,7 @@ impl Domain {
     }
 
     /// `point` reduced to one period.
-    pub fn wrap(&self, point: Point2) -> Point2 {
+    pub(super) fn wrap(&self, point: Point2) -> Point2 {
         match self.period() {
             Some(period) => {
                 let round = point[0].rem_euclid(period);
@@ -98,7 +98,7 @@ impl Domain {
     }
 
     /// `to - from`, the shorter way around.
-    pub fn offset(&self, from: Point2, to: Point2) -> Point2 {
+    pub(super) fn offset(&self, from: Point2, to: Point2) -> Point2 {
         let mut round = to[0] - from[0];
         if let Some(period) = self.period() {
             round -= period * (round / period).round();
@@ -107,13 +107,13 @@ impl Domain {
     }
 
     /// The distance between two points, the shorter way around.
-    pub fn distance(&self, from: Point2, to: Point2) -> f64 {
+    pub(super) fn distance(&self, from: Point2, to: Point2) -> f64 {
         let [x, y] = self.offset(from, to);
         x.hypot(y)
     }
 
     /// The distance to the edge, negative outside.
-    pub fn depth(&self, point: Point2) -> f64 {
+    pub(super) fn depth(&self, point: Point2) -> f64 {
         match self.shape {
             Shape::Cylinder { length, .. } => point[1].min(length - point[1]),
             Shape::Disk { radius } => radius - point[0].hypot(point[1]),
@@ -122,7 +122,7 @@ impl Domain {
     }
 
     /// The closed curves that bound the region.
-    pub fn edges(&self) -> Vec<Edge> {
+    pub(super) fn edges(&self) -> Vec<Edge> {
         let edge = |z: f64, length: f64, corners: Vec<f64>| Edge { shape: self.shape, z, length, corners };
         match self.shape {
             Shape::Cylinder { radius, length } => {
@@ -138,7 +138,7 @@ impl Domain {
 
 impl Edge {
     /// The point at an arc length, which may exceed one turn.
-    pub fn point(&self, s: f64) -> Point2 {
+    pub(super) fn point(&self, s: f64) -> Point2 {
         let s = s.rem_euclid(self.length);
         match self.shape {
             Shape::Cylinder { .. } => [if s < self.length { s } else { 0.0 }, self.z],
@@ -159,7 +159,7 @@ impl Edge {
     }
 
     /// The arc length of the point nearest to `point`, and the distance to it.
-    pub fn nearest(&self, point: Point2) -> (f64, f64) {
+    pub(super) fn nearest(&self, point: Point2) -> (f64, f64) {
         match self.shape {
             Shape::Cylinder { .. } => (point[0].rem_euclid(self.length), (point[1] - self.z).abs()),
             Shape::Disk { radius } => {

@@ -34,7 +34,7 @@ pub(super) enum Marking {
 }
 
 impl Layout {
-    pub fn new(domain: &Domain, outlines: &[Outline], sizing: &Sizing) -> Result<Self, MeshError> {
+    pub(super) fn new(domain: &Domain, outlines: &[Outline], sizing: &Sizing) -> Result<Self, MeshError> {
         let mut layout = Layout::default();
         let curves = layout.lay_edges(domain, outlines, sizing);
         for (electrode, outline) in outlines.iter().enumerate() {

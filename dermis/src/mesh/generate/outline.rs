@@ -22,7 +22,7 @@ pub(super) enum Outline {
 
 impl Outline {
     /// The outline of an electrode, its edges about `edge_length` long.
-    pub fn new(domain: &Domain, electrode: &Electrode, edge_length: f64) -> Option<Self> {
+    pub(super) fn new(domain: &Domain, electrode: &Electrode, edge_length: f64) -> Option<Self> {
         let centre = domain.unroll(electrode.centre_m);
         match electrode.shape {
             ElectrodeShape::Disc { radius_m } => Some(disc(domain, centre, radius_m, edge_length)),

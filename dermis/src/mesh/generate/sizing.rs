@@ -42,7 +42,7 @@ enum Feature {
 }
 
 impl Sizing {
-    pub fn new(domain: &Domain, outlines: &[Outline], options: &MeshOptions) -> Self {
+    pub(super) fn new(domain: &Domain, outlines: &[Outline], options: &MeshOptions) -> Self {
         let mut features = Vec::new();
         let edges = domain.edges();
         for outline in outlines {
@@ -113,13 +113,13 @@ impl Sizing {
     }
 
     /// The target edge length at a point.
-    pub fn at(&self, point: Point2) -> f64 {
+    pub(super) fn at(&self, point: Point2) -> f64 {
         let nearby = &self.nearby[self.square(self.domain.wrap(point))];
         nearby.iter().map(|&feature| self.allowed(feature, point)).fold(self.largest, f64::min)
     }
 
     /// Divides `from..to` of a curve into at least one part of the target length; returns the inner division points.
-    pub fn divide(&self, from: f64, to: f64, point: impl Fn(f64) -> Point2) -> Vec<f64> {
+    pub(super) fn divide(&self, from: f64, to: f64, point: impl Fn(f64) -> Point2) -> Vec<f64> {
         let samples = (8.0 * (to - from) / self.at_electrode.min(to - from)).ceil() as usize;
         let place = |k: usize| from + (to - from) * k as f64 / samples as f64;
         let mut count = vec![0.0];

@@ -8,7 +8,7 @@ use std::str::FromStr;
 pub(crate) struct Problem(pub String);
 
 impl Problem {
-    pub fn new(message: impl Into<String>) -> Self {
+    pub(super) fn new(message: impl Into<String>) -> Self {
         Problem(message.into())
     }
 }
@@ -34,28 +34,28 @@ pub(crate) struct Cursor<'a> {
 }
 
 impl<'a> Cursor<'a> {
-    pub fn new(bytes: &'a [u8]) -> Self {
+    pub(super) fn new(bytes: &'a [u8]) -> Self {
         Cursor { bytes, at: 0 }
     }
 
-    pub fn rest(&self) -> &'a [u8] {
+    pub(super) fn rest(&self) -> &'a [u8] {
         &self.bytes[self.at..]
     }
 
-    pub fn skip_space(&mut self) {
+    pub(super) fn skip_space(&mut self) {
         while self.bytes.get(self.at).is_some_and(u8::is_ascii_whitespace) {
             self.at += 1;
         }
     }
 
     /// Whether only white space is left.
-    pub fn at_end(&mut self) -> bool {
+    pub(super) fn at_end(&mut self) -> bool {
         self.skip_space();
         self.at == self.bytes.len()
     }
 
     /// The rest of the line, without its end; `None` at the end of the file.
-    pub fn line(&mut self) -> Option<&'a [u8]> {
+    pub(super) fn line(&mut self) -> Option<&'a [u8]> {
         if self.at == self.bytes.len() {
             return None;
         }
@@ -66,7 +66,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// The next word between white space; empty at the end of the file.
-    pub fn word(&mut self) -> &'a [u8] {
+    pub(super) fn word(&mut self) -> &'a [u8] {
         self.skip_space();
         let rest = self.rest();
         let length = rest.iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len());
@@ -75,7 +75,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// The next word as a number.
-    pub fn parse<T: FromStr>(&mut self, what: &str) -> Result<T, Problem> {
+    pub(super) fn parse<T: FromStr>(&mut self, what: &str) -> Result<T, Problem> {
         let word = self.word();
         match std::str::from_utf8(word).ok().and_then(|text| text.parse().ok()) {
             Some(value) => Ok(value),
@@ -85,13 +85,13 @@ impl<'a> Cursor<'a> {
     }
 
     /// The next word as a finite number.
-    pub fn finite(&mut self, what: &str) -> Result<f64, Problem> {
+    pub(super) fn finite(&mut self, what: &str) -> Result<f64, Problem> {
         let value: f64 = self.parse(what)?;
         if value.is_finite() { Ok(value) } else { Err(self.problem(format!("{what} is {value}"))) }
     }
 
     /// The next bytes.
-    pub fn take<const N: usize>(&mut self, what: &str) -> Result<[u8; N], Problem> {
+    pub(super) fn take<const N: usize>(&mut self, what: &str) -> Result<[u8; N], Problem> {
         match self.rest().first_chunk::<N>() {
             Some(&bytes) => {
                 self.at += N;
@@ -101,28 +101,28 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    pub fn i32(&mut self, order: ByteOrder, what: &str) -> Result<i32, Problem> {
+    pub(super) fn i32(&mut self, order: ByteOrder, what: &str) -> Result<i32, Problem> {
         let bytes = self.take(what)?;
         Ok(if order == ByteOrder::Little { i32::from_le_bytes(bytes) } else { i32::from_be_bytes(bytes) })
     }
 
-    pub fn u64(&mut self, order: ByteOrder, what: &str) -> Result<u64, Problem> {
+    pub(super) fn u64(&mut self, order: ByteOrder, what: &str) -> Result<u64, Problem> {
         let bytes = self.take(what)?;
         Ok(if order == ByteOrder::Little { u64::from_le_bytes(bytes) } else { u64::from_be_bytes(bytes) })
     }
 
-    pub fn f64(&mut self, order: ByteOrder, what: &str) -> Result<f64, Problem> {
+    pub(super) fn f64(&mut self, order: ByteOrder, what: &str) -> Result<f64, Problem> {
         Ok(f64::from_bits(self.u64(order, what)?))
     }
 
     /// The next bytes as a finite number.
-    pub fn finite_f64(&mut self, order: ByteOrder, what: &str) -> Result<f64, Problem> {
+    pub(super) fn finite_f64(&mut self, order: ByteOrder, what: &str) -> Result<f64, Problem> {
         let value = self.f64(order, what)?;
         if value.is_finite() { Ok(value) } else { Err(Problem(format!("byte {}: {what} is {value}", self.at - 8))) }
     }
 
     /// A problem at the line just read.
-    pub fn problem(&self, message: impl fmt::Display) -> Problem {
+    pub(super) fn problem(&self, message: impl fmt::Display) -> Problem {
         // The end of a line belongs to that line.
         let read = &self.bytes[..self.at.saturating_sub(1)];
         let line = 1 + read.iter().filter(|&&byte| byte == b'\n').count();
@@ -130,7 +130,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// Moves behind the next occurrence of `mark`; false if there is none.
-    pub fn skip_past(&mut self, mark: &[u8]) -> bool {
+    pub(super) fn skip_past(&mut self, mark: &[u8]) -> bool {
         let found = self.rest().windows(mark.len()).position(|window| window == mark);
         if let Some(offset) = found {
             self.at += offset + mark.len();

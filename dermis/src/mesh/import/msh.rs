@@ -33,11 +33,11 @@ impl Kind {
         }
     }
 
-    pub fn dimension(self) -> usize {
+    pub(super) fn dimension(self) -> usize {
         self as usize
     }
 
-    pub fn corner_count(self) -> usize {
+    pub(super) fn corner_count(self) -> usize {
         self as usize + 1
     }
 }

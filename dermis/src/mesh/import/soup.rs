@@ -20,14 +20,14 @@ const WELD: f64 = 1e-6;
 
 impl Soup {
     /// Adds a polygon as a fan of triangles.
-    pub fn add_polygon(&mut self, corners: &[usize]) {
+    pub(super) fn add_polygon(&mut self, corners: &[usize]) {
         for pair in corners.windows(2).skip(1) {
             self.triangles.push([corners[0], pair[0], pair[1]]);
         }
     }
 
     /// The surface, without electrodes.
-    pub fn into_mesh(mut self, unit_m: f64) -> Result<Mesh, Problem> {
+    pub(super) fn into_mesh(mut self, unit_m: f64) -> Result<Mesh, Problem> {
         self.check()?;
         for point in &mut self.points {
             *point = vector::scale(*point, unit_m);

@@ -31,7 +31,7 @@ pub(crate) struct MeshEditor {
 }
 
 impl MeshEditor {
-    pub fn new(points: Vec<Point3>, triangles: Vec<[usize; 3]>) -> Self {
+    pub(crate) fn new(points: Vec<Point3>, triangles: Vec<[usize; 3]>) -> Self {
         let mut around = vec![Vec::new(); points.len()];
         for (index, triangle) in triangles.iter().enumerate() {
             triangle.iter().for_each(|&point| around[point].push(index));
@@ -46,30 +46,30 @@ impl MeshEditor {
         }
     }
 
-    pub fn is_alive(&self, triangle: usize) -> bool {
+    pub(crate) fn is_alive(&self, triangle: usize) -> bool {
         self.triangles[triangle] != GONE
     }
 
-    pub fn alive(&self) -> impl Iterator<Item = usize> + '_ {
+    pub(crate) fn alive(&self) -> impl Iterator<Item = usize> + '_ {
         (0..self.triangles.len()).filter(|&triangle| self.is_alive(triangle))
     }
 
     /// The triangles at a point; none for a deleted one.
-    pub fn around(&self, point: usize) -> &[usize] {
+    pub(crate) fn around(&self, point: usize) -> &[usize] {
         &self.around[point]
     }
 
-    pub fn corners(&self, triangle: usize) -> [Point3; 3] {
+    pub(crate) fn corners(&self, triangle: usize) -> [Point3; 3] {
         self.triangles[triangle].map(|point| self.points[point])
     }
 
     /// Twice the area, along the normal.
-    pub fn area_vector(&self, triangle: usize) -> Point3 {
+    pub(crate) fn area_vector(&self, triangle: usize) -> Point3 {
         area_vector(self.corners(triangle))
     }
 
     /// The edges, lower point first, in the order of the triangles.
-    pub fn edges(&self) -> Vec<[usize; 2]> {
+    pub(crate) fn edges(&self) -> Vec<[usize; 2]> {
         let mut edges = Vec::new();
         for triangle in self.alive() {
             let [a, b, c] = self.triangles[triangle];
@@ -85,20 +85,20 @@ impl MeshEditor {
     }
 
     /// The triangles at an edge; none if it was deleted.
-    pub fn at_edge(&self, a: usize, b: usize) -> Vec<usize> {
+    pub(crate) fn at_edge(&self, a: usize, b: usize) -> Vec<usize> {
         self.around[a].iter().copied().filter(|&triangle| self.triangles[triangle].contains(&b)).collect()
     }
 
-    pub fn length(&self, a: usize, b: usize) -> f64 {
+    pub(crate) fn length(&self, a: usize, b: usize) -> f64 {
         distance(self.points[a], self.points[b])
     }
 
-    pub fn middle(&self, a: usize, b: usize) -> Point3 {
+    pub(crate) fn middle(&self, a: usize, b: usize) -> Point3 {
         scale(add(self.points[a], self.points[b]), 0.5)
     }
 
     /// The points joined to a point by an edge, each once.
-    pub fn neighbours(&self, point: usize) -> Vec<usize> {
+    pub(crate) fn neighbours(&self, point: usize) -> Vec<usize> {
         let corners = self.around[point].iter().flat_map(|&triangle| self.triangles[triangle]);
         let mut neighbours: Vec<usize> = corners.filter(|&corner| corner != point).collect();
         neighbours.sort_unstable();
@@ -106,16 +106,16 @@ impl MeshEditor {
         neighbours
     }
 
-    pub fn curve(&self, a: usize, b: usize) -> Option<Curve> {
+    pub(crate) fn curve(&self, a: usize, b: usize) -> Option<Curve> {
         self.curves[a].iter().find(|(other, _)| *other == b).map(|(_, curve)| *curve)
     }
 
     /// The curves' edges at a point.
-    pub fn curves_at(&self, point: usize) -> &[(usize, Curve)] {
+    pub(crate) fn curves_at(&self, point: usize) -> &[(usize, Curve)] {
         &self.curves[point]
     }
 
-    pub fn set_curve(&mut self, a: usize, b: usize, curve: Curve) {
+    pub(crate) fn set_curve(&mut self, a: usize, b: usize, curve: Curve) {
         self.clear_curve(a, b);
         self.curves[a].push((b, curve));
         self.curves[b].push((a, curve));
@@ -126,16 +126,16 @@ impl MeshEditor {
         self.curves[b].retain(|(other, _)| *other != a);
     }
 
-    pub fn pin(&mut self, point: usize) {
+    pub(crate) fn pin(&mut self, point: usize) {
         self.pinned[point] = true;
     }
 
-    pub fn is_pinned(&self, point: usize) -> bool {
+    pub(crate) fn is_pinned(&self, point: usize) -> bool {
         self.pinned[point]
     }
 
     /// Whether a point may be moved over the surface: it is neither pinned nor on a curve.
-    pub fn is_free(&self, point: usize) -> bool {
+    pub(crate) fn is_free(&self, point: usize) -> bool {
         !self.pinned[point] && self.curves[point].is_empty()
     }
 
@@ -160,7 +160,7 @@ impl MeshEditor {
     }
 
     /// Splits an edge at a new point on it.
-    pub fn split(&mut self, a: usize, b: usize, position: Point3) -> usize {
+    pub(crate) fn split(&mut self, a: usize, b: usize, position: Point3) -> usize {
         let middle = self.add_point(position);
         for triangle in self.at_edge(a, b) {
             let corners = self.triangles[triangle];
@@ -180,7 +180,7 @@ impl MeshEditor {
     }
 
     /// Inserts a new point into a triangle.
-    pub fn split_triangle(&mut self, triangle: usize, position: Point3) -> usize {
+    pub(crate) fn split_triangle(&mut self, triangle: usize, position: Point3) -> usize {
         let [a, b, c] = self.triangles[triangle];
         let covered_by = self.covered_by[triangle];
         let middle = self.add_point(position);
@@ -192,7 +192,7 @@ impl MeshEditor {
     }
 
     /// Flips the edge between two triangles to their other corners, unless a curve or the surface's shape prevents it.
-    pub fn flip(&mut self, a: usize, b: usize) -> bool {
+    pub(crate) fn flip(&mut self, a: usize, b: usize) -> bool {
         let [first, second] = self.at_edge(a, b)[..] else { return false };
         if self.curve(a, b).is_some() || self.covered_by[first] != self.covered_by[second] {
             return false;
@@ -216,13 +216,13 @@ impl MeshEditor {
     }
 
     /// The corner of a triangle that is neither of two others.
-    pub fn opposite(&self, triangle: usize, a: usize, b: usize) -> Option<usize> {
+    pub(crate) fn opposite(&self, triangle: usize, a: usize, b: usize) -> Option<usize> {
         self.triangles[triangle].into_iter().find(|&corner| corner != a && corner != b)
     }
 
     /// Collapses `gone` into `kept`, unless this would change a curve, fold the surface or make an edge longer than
     /// `longest` at its midpoint.
-    pub fn collapse(&mut self, gone: usize, kept: usize, longest: impl Fn(Point3) -> f64) -> bool {
+    pub(crate) fn collapse(&mut self, gone: usize, kept: usize, longest: impl Fn(Point3) -> f64) -> bool {
         if self.pinned[gone] || !self.curves_allow(gone, kept) || !self.link_allows(gone, kept) {
             return false;
         }
@@ -289,7 +289,7 @@ impl MeshEditor {
     }
 
     /// Moves a point, unless this folds the surface.
-    pub fn shift(&mut self, point: usize, position: Point3) -> bool {
+    pub(crate) fn shift(&mut self, point: usize, position: Point3) -> bool {
         let before = self.points[point];
         let old: Vec<Point3> = self.around[point].iter().map(|&triangle| self.area_vector(triangle)).collect();
         self.points[point] = position;
@@ -303,7 +303,7 @@ impl MeshEditor {
 
     /// The remaining points and triangles, renumbered in their order: positions, corners, and the electrode on each
     /// triangle.
-    pub fn compact(&self) -> (Vec<Point3>, Vec<[usize; 3]>, Vec<Option<usize>>) {
+    pub(crate) fn compact(&self) -> (Vec<Point3>, Vec<[usize; 3]>, Vec<Option<usize>>) {
         let mut number_of = vec![usize::MAX; self.points.len()];
         let mut points = Vec::new();
         for (point, position) in self.points.iter().enumerate() {
