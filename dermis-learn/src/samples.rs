@@ -324,9 +324,7 @@ fn contact_patterns(forward: &ForwardModel, share: f32) -> Result<Vec<Vec<f32>>,
     let frame = |network: &dermis::forward::ElectrodeNetwork| {
         let mut frame = vec![0.0; forward.protocol().channel_count()];
         network.frame_into(forward.protocol(), &mut frame);
-        if forward.protocol().amplitude_only() {
-            frame.iter_mut().for_each(|value: &mut f64| *value = value.abs());
-        }
+        forward.protocol().drop_signs(&mut frame);
         frame
     };
     let rest = frame(&network);

@@ -190,6 +190,13 @@ impl Protocol {
         self.amplitude_only
     }
 
+    /// Removes the signs of the values of a frame where the instrument reports amplitudes alone.
+    pub fn drop_signs(&self, values: &mut [f64]) {
+        if self.amplitude_only {
+            values.iter_mut().for_each(|value| *value = value.abs());
+        }
+    }
+
     /// Number of electrodes of the skin.
     pub fn electrode_count(&self) -> usize {
         self.electrode_count

@@ -50,6 +50,7 @@ impl Arguments {
         let solve = |solver: &mut dermis::forward::Solver, map: &Vec<f64>| {
             let mut frame = Frame(vec![0.0; channels]);
             solver.solve_into(map, &mut frame)?;
+            skin.design().protocol.drop_signs(&mut frame);
             progress.step();
             Ok::<Frame, dermis::forward::ForwardError>(frame)
         };

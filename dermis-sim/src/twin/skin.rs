@@ -183,7 +183,9 @@ impl Twin {
     /// # Errors
     /// As [`network`](Self::network).
     pub fn clean(&self, presses: &[Press]) -> crate::Result<Frame> {
-        Ok(self.network_or_untouched(presses)?.frame(&self.design.protocol))
+        let mut frame = self.network_or_untouched(presses)?.frame(&self.design.protocol);
+        self.design.protocol.drop_signs(&mut frame);
+        Ok(frame)
     }
 
     /// Frame `index` as delivered by the instrument, at the time `index / frame_rate`, of presses that start on the
@@ -192,7 +194,9 @@ impl Twin {
     /// # Errors
     /// As [`network`](Self::network).
     pub fn frame(&self, presses: &[Press], index: u64) -> crate::Result<Frame> {
-        Ok(self.electronics.values(&self.readings(presses, index)?))
+        let mut frame = self.electronics.values(&self.readings(presses, index)?);
+        self.design.protocol.drop_signs(&mut frame);
+        Ok(frame)
     }
 
     /// [`readings_after`](Self::readings_after) of presses that start on the untouched skin.
