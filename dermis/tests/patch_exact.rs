@@ -93,7 +93,7 @@ fn exact(k: usize, conductance_s_per_m2: f64) -> f64 {
 }
 
 #[test]
-fn a_disc_patch_agrees_with_the_exact_potential_from_no_contact_to_a_perfect_one() {
+fn a_round_patch_meets_the_exact_potential_from_no_contact_to_a_perfect_one() {
     let levels = [1, 2, 4].map(disk);
     for (name, conductance) in [("weak", 1.0), ("half", 25.0), ("perfect", 1e9)] {
         for k in [1, 2] {
