@@ -46,7 +46,9 @@ fn a_recording_that_ends_slowly_holds_no_other_page_up() {
             Notice { level: Severity::Info, text: texts[index % texts.len()].clone(), at: dermis_live::clock::now() };
         live.shared().publish(&Event::Notice(notice));
     }
-    one.send(Message::text(r#"{"do":"record","on":false}"#)).unwrap();
+    // The first page has not read the notices, so that its commands wait: another one ends the recording.
+    let mut ending = open(server.address());
+    ending.send(Message::text(r#"{"do":"record","on":false}"#)).unwrap();
     let path = std::fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap().path();
     let begun = Instant::now();
     // A complete file ends with its magic bytes.
