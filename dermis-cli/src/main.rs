@@ -1,5 +1,6 @@
 //! The program `dermis`.
 
+mod calibrated;
 mod command;
 mod console;
 mod emulated;
@@ -7,6 +8,7 @@ mod failure;
 mod frames;
 mod latency;
 mod method;
+mod rows;
 mod skin;
 
 use clap::{CommandFactory, Parser};

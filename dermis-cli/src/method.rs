@@ -9,6 +9,7 @@ use dermis::frame::Frame;
 use dermis::method::{Method, MethodOptions, Methods, is_path};
 use dermis::reconstruct::{Alpha, Difference, Reconstruct};
 use dermis::skin::Skin;
+use dermis_calibrate::Calibration;
 use dermis_learn::Model;
 use dermis_sim::evaluate::{AlignMethod, AlignOptions, PressEstimates, Screen};
 use std::path::Path;
@@ -108,6 +109,11 @@ impl MethodArguments {
     /// The requested name; empty for the default.
     pub fn name(&self) -> &str {
         self.method.as_deref().unwrap_or_default()
+    }
+
+    /// The folder of a calibration, where the method is one.
+    pub fn calibration(&self) -> Option<&Path> {
+        Some(Path::new(self.name())).filter(|folder| is_path(self.name()) && Calibration::is_folder(folder))
     }
 
     /// Prepares the method for a skin. Rules that choose alpha from data use the differences.

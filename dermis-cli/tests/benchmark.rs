@@ -1,4 +1,4 @@
-//! `dermis benchmark` and `dermis calibrate`, as scripts use them.
+//! `dermis benchmark` and `dermis characterise`, as scripts use them.
 
 mod workplace;
 
@@ -53,7 +53,7 @@ fn contacts_are_measured_against_their_touches() {
     std::fs::write(&recipe, "[touch.gaussian]\nmost = 1\nwidth_m = [0.008, 0.012]\namplitude = [0.5, 2.0]\n").unwrap();
     let text = std::fs::read_to_string(&recipe).unwrap();
     std::fs::write(&recipe, format!("skins = \"even\"\n{text}")).unwrap();
-    let arguments = "calibrate disk.toml --recipe gaussian.toml --samples 640 --json -o contacts.csv";
+    let arguments = "characterise disk.toml --recipe gaussian.toml --samples 640 --json -o contacts.csv";
     let text = at.good(arguments);
     let told: serde_json::Value = serde_json::from_str(&text).unwrap();
     assert_eq!(told["touches"], 640);
@@ -66,9 +66,9 @@ fn contacts_are_measured_against_their_touches() {
     assert_eq!(at.good(arguments), text, "the same seed, the same figures");
 
     assert!(
-        at.refused("calibrate disk.toml --recipe gaussian.toml --samples 20").contains("too few for a calibration")
+        at.refused("characterise disk.toml --recipe gaussian.toml --samples 20").contains("too few for a calibration")
     );
-    assert!(at.refused("calibrate disk.toml --recipe nosuch.toml").contains("nosuch.toml"));
-    assert!(at.refused("calibrate disk.toml --samples 20 --peak-fraction 1.5").contains("--peak-fraction is 1.5"));
-    assert!(at.refused("calibrate disk.toml --keep").contains("--method"));
+    assert!(at.refused("characterise disk.toml --recipe nosuch.toml").contains("nosuch.toml"));
+    assert!(at.refused("characterise disk.toml --samples 20 --peak-fraction 1.5").contains("--peak-fraction is 1.5"));
+    assert!(at.refused("characterise disk.toml --keep").contains("--method"));
 }

@@ -4,10 +4,11 @@ use crate::model::Model;
 use crate::shipped;
 use dermis::method::{Method, MethodError, MethodOptions, MethodSource, Methods, is_path};
 use dermis::skin::Skin;
+use dermis_calibrate::Calibrations;
 use std::path::Path;
 use std::sync::Arc;
 
-/// The registry of all methods: the linear ones, the shipped networks, and networks in folders.
+/// The registry of all methods: the linear ones, the shipped networks, and networks and calibrations in folders.
 ///
 /// ```
 /// use dermis::method::MethodOptions;
@@ -21,7 +22,7 @@ use std::sync::Arc;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn methods() -> Methods {
-    Methods::linear().with(Networks)
+    Methods::linear().with(Networks).with(Calibrations)
 }
 
 /// The shipped networks, and networks in folders.

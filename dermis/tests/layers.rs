@@ -45,14 +45,24 @@ const EXEMPT: &[&str] = &["lib", "error"];
 const CRATES: &[(&str, &[&str])] = &[
     ("dermis", &[]),
     ("dermis-plot", &["dermis"]),
+    ("dermis-calibrate", &["dermis"]),
     ("dermis-sim", &["dermis"]),
-    ("dermis-learn", &["dermis", "dermis-sim"]),
+    ("dermis-learn", &["dermis", "dermis-calibrate", "dermis-sim"]),
     ("dermis-study", &["dermis", "dermis-learn", "dermis-plot", "dermis-sim"]),
     ("dermis-wire", &[]),
     ("dermis-live", &["dermis", "dermis-learn", "dermis-sim", "dermis-wire"]),
     (
         "dermis-cli",
-        &["dermis", "dermis-learn", "dermis-live", "dermis-plot", "dermis-sim", "dermis-study", "dermis-wire"],
+        &[
+            "dermis",
+            "dermis-calibrate",
+            "dermis-learn",
+            "dermis-live",
+            "dermis-plot",
+            "dermis-sim",
+            "dermis-study",
+            "dermis-wire",
+        ],
     ),
     ("dermis-bench", &["dermis", "dermis-learn", "dermis-sim"]),
 ];

@@ -1,19 +1,15 @@
-//! `dermis calibrate`: position errors and force per strength of a method, measured on simulated touches.
+//! `dermis calibrate`: a real skin calibrated with measured presses.
 
+use crate::calibrated::{Presses, late_channels};
 use crate::console::{Progress, print, print_json};
 use crate::failure::{Failure, Outcome};
-use crate::frames::Differences;
-use crate::method::MethodArguments;
+use crate::frames::FrameArguments;
+use crate::rows::Rows;
 use crate::skin;
 use clap::Args;
-use dermis::detect::{DetectOptions, Forces, Misplacement, PositionSpread, REGION_95_SD, blur_share};
-use dermis::frame::write_whole;
-use dermis::skin::Skin;
-use dermis_sim::dataset::{Generator, PatchTouches, Recipe, SkinSpread, Skins, Touch};
-use dermis_sim::evaluate::CalibrationRun;
+use dermis_calibrate::{Calibration, Quality};
 use dermis_study::report::Table;
 use serde_json::json;
-use std::io::Write;
 use std::path::PathBuf;
 
 /// The arguments of `dermis calibrate`.
@@ -22,151 +18,72 @@ pub struct Arguments {
     /// Design: the path of a file, or a shipped name.
     design: String,
     #[command(flatten)]
-    method: MethodArguments,
-    /// Recipe of the touches and skins (TOML); may be given more than once. Default: presses on patches, with a careful
-    /// workshop's tolerances.
+    frames: FrameArguments,
+    /// Measured presses, one per frame and in the order of recording: with a header as for `dermis evaluate`, or x,y,z (m) without a
+    /// header in the frame of the robot that pressed.
     #[arg(long, value_name = "FILE")]
-    recipe: Vec<PathBuf>,
-    /// Samples of each recipe.
-    #[arg(long, value_name = "N", default_value_t = 4000, value_parser = clap::value_parser!(u64).range(1..))]
-    samples: u64,
-    /// Seed of the samples; use one that the method was not trained with.
-    #[arg(long, value_name = "S", default_value_t = 3001)]
-    seed: u64,
-    /// Smallest peak of a contact as a share of the image's highest peak, instead of the method's own.
-    #[arg(long, value_name = "SHARE")]
-    peak_fraction: Option<f64>,
-    /// Save the calibration and the peak fraction to the card of the network in the folder of --method.
+    truth: PathBuf,
+    /// Rows of the presses to calibrate with, as in 0..500 (row 500 not included) [default: all].
+    #[arg(long, value_name = "ROWS")]
+    labels: Option<Rows>,
+    /// Use the frames after the last label, too, without their positions. Helps with fewer than 300 labels.
     #[arg(long)]
-    keep: bool,
-    /// Write the matched contacts with their errors (CSV).
-    #[arg(short, long, value_name = "FILE")]
-    output: Option<PathBuf>,
+    unlabelled: bool,
+    /// Folder to write: the method for --method.
+    #[arg(short, long, value_name = "FOLDER")]
+    output: PathBuf,
     /// Print JSON (SI units) instead of a table.
     #[arg(long)]
     json: bool,
 }
 
 impl Arguments {
-    /// Simulates touches, detects contacts and measures their errors.
+    /// Fits the calibration and writes it.
     pub fn run(self) -> Outcome {
-        if self.keep {
-            self.method.check_is_folder("--keep")?;
-        }
         let skin = skin::load(&self.design)?;
-        let method = self.method.prepare(&skin, &Differences::default())?;
-        let mut detection = method.reconstruct().detection();
-        if let Some(fraction) = self.peak_fraction {
-            if !(0.0..1.0).contains(&fraction) {
-                let message = format!("--peak-fraction is {fraction}: it must be at least 0 and below 1");
-                return Err(Failure::given(message, Some("0.35 keeps side lobes of linear images out")));
-            }
-            detection.peak_fraction = fraction;
-        }
-        let run = self.calibration_run(&skin, method.reconstruct().as_ref(), &detection)?;
-        let few = || {
-            let message = format!(
-                "only {} contacts were matched with a touch: too few for a calibration",
-                run.misplacements.len()
-            );
-            Failure::given(message, Some("ask for more --samples"))
-        };
-        let blur = blur_share(&run.misplacements).ok_or_else(few)?;
-        let before = covered(&run.misplacements, |contact| contact.stated_m);
-        detection.spread = Some(PositionSpread::fit(&run.misplacements).ok_or_else(few)?);
-        // A method that is calibrated on touches without a force keeps its force calibration.
-        let ratios = run.misplacements.iter().filter(|contact| !contact.is_shared);
-        detection.forces = Forces::fit(ratios.map(|contact| contact.newtons_per_strength)).or(detection.forces);
-        if let Some(path) = &self.output {
-            write_whole(path, |out| write(out, &run.misplacements))?;
-        }
-        if self.keep {
-            self.method.keep_detection(&skin, detection.clone())?;
-        }
+        let frames = self.frames.read(&skin.design().protocol)?.frames;
+        let presses = Presses::read(&self.truth, &skin, frames.len())?;
+        let labels = presses.labels(self.labels.as_ref())?;
+        let last = labels.last().map_or(0, |label| label.row);
+        let used = if self.unlabelled { &frames[..] } else { &frames[..=last] };
+        let progress = Progress::waiting("fitting the forward map");
+        let calibration = Calibration::fit(&skin, used, &labels, presses.frame())?;
+        calibration.save(&self.output, &skin.design().name)?;
+        drop(progress);
         if self.json {
             return print_json(&json!({
-                "method": method.description(),
-                "alpha": method.alpha(),
-                "touches": run.touches,
-                "found": run.misplacements.len(),
-                "false_positives": run.false_positives,
-                "unexplained": run.images.unexplained(),
-                "gain": run.images.gain(),
-                "target_variance": run.images.target_variance(),
-                "covered_before": before,
-                "blur_share": blur,
-                "detection": detection,
+                "skin": skin.design().name,
+                "quality": calibration.quality(),
+                "lags": calibration.lags(),
+                "pose": calibration.pose(),
             }));
         }
-        print(&format!("{}\n\n{}\n", method.description(), summary(&run, &detection, before, blur).to_text()))
-    }
-
-    fn calibration_run(
-        &self,
-        skin: &Skin,
-        method: &dyn dermis::reconstruct::Reconstruct,
-        detection: &DetectOptions,
-    ) -> Outcome<CalibrationRun> {
-        let recipes = self.recipes()?;
-        let progress = Progress::new("simulating touches", self.samples as usize * recipes.len());
-        let one = |recipe: &Recipe| {
-            let generator = Generator::new(skin.design(), skin.forward(), recipe)?;
-            Ok(CalibrationRun::of(method, detection, &generator, 0..self.samples, || progress.step())?)
-        };
-        recipes
-            .iter()
-            .map(one)
-            .try_fold(CalibrationRun::default(), |sum, run: Outcome<CalibrationRun>| Ok(sum.with(run?)))
-    }
-
-    fn recipes(&self) -> Outcome<Vec<Recipe>> {
-        if self.recipe.is_empty() {
-            let (touch, skins) = (Touch::Patch(PatchTouches::usual()), Skins::Random(SkinSpread::usual()));
-            return Ok(vec![Recipe { seed: self.seed, samples: self.samples, touch, skins }]);
-        }
-        let load = |path: &PathBuf| Ok(Recipe::load(path, self.seed, self.samples)?);
-        self.recipe.iter().map(load).collect()
+        print(&format!("{}\nwritten to {}\n", summary(&calibration).to_text(), self.output.display()))
     }
 }
 
-/// The share of true positions inside the 95 % regions of given standard deviations.
-fn covered(contacts: &[Misplacement], sd_m: impl Fn(&Misplacement) -> f64) -> f64 {
-    let inside = contacts.iter().filter(|contact| contact.error_m <= REGION_95_SD * sd_m(contact)).count();
-    inside as f64 / contacts.len() as f64
-}
-
-fn summary(run: &CalibrationRun, detection: &DetectOptions, before: f64, blur: f64) -> Table {
-    let found = run.misplacements.len();
-    let spread = detection.spread.as_ref().expect("it was measured");
-    let after = |counts: fn(&Misplacement) -> bool| {
-        let part: Vec<Misplacement> = run.misplacements.iter().copied().filter(counts).collect();
-        format!("{:.1} %", 100.0 * covered(&part, |contact| spread.sd_m(&contact.circumstances)))
-    };
+fn summary(calibration: &Calibration) -> Table {
+    let Quality { labels, unlabelled, mean_error_m, covered } = *calibration.quality();
     let mut table = Table::new(&["figure", "value"]);
     let mut row = |name: &str, value: String| table.row([name.to_string(), value]);
-    row("touches", run.touches.to_string());
-    row("detected", format!("{found}, and {} false positives", run.false_positives));
-    row("95 % region contains the truth, before calibration", format!("{:.1} %", 100.0 * before));
-    row("after calibration, one touch in the frame", after(|contact| contact.touches == 1));
-    row("after calibration, several touches, all detected", after(|contact| contact.touches > 1 && !contact.is_shared));
-    row("after calibration, several touches, some missed", after(|contact| contact.is_shared));
-    row("typical standard deviation", format!("{:.2} mm", 1e3 * spread.typical_m));
-    if let Some(Forces { newtons_per_strength, relative_sd }) = detection.forces {
-        row("force over strength", format!("{newtons_per_strength:.4e} N"));
-        row("standard deviation of a force", format!("{:.0} %", 100.0 * relative_sd));
+    row("labelled presses", labels.to_string());
+    row("unlabelled presses used", unlabelled.to_string());
+    row("mean error, cross-validated", format!("{:.2} mm", 1e3 * mean_error_m));
+    row("95 % regions that contain the true position, cross-validated", format!("{:.1} %", 100.0 * covered));
+    row("channels that are rows late", late_channels(calibration.lags()));
+    if let Some(pose) = calibration.pose() {
+        let [x, y, _] = pose.centre_m.map(|value| 1e3 * value);
+        let seen = if pose.mirrored { ", mirrored" } else { "" };
+        row(
+            "pose of the skin",
+            format!("x {x:.1} mm, y {y:.1} mm, {:.0} degrees{seen}", pose.rotation_rad.to_degrees()),
+        );
     }
-    row("systematic error over contact radius", format!("{blur:.3}"));
-    row("unexplained variance of the images", format!("{:.4}", run.images.unexplained()));
-    row("variance of the targets", format!("{:.3e}", run.images.target_variance()));
     table
 }
 
-fn write(out: &mut dyn Write, contacts: &[Misplacement]) -> std::io::Result<()> {
-    writeln!(out, "touches,is_shared,signal,noise_m,radius_m,next_m,stated_m,error_m,newtons_per_strength")?;
-    for Misplacement { circumstances: c, touches, is_shared, stated_m, error_m, newtons_per_strength } in contacts {
-        let next = if c.next_m.is_finite() { format!("{:?}", c.next_m) } else { String::new() };
-        write!(out, "{touches},{},{:?},{:?},{:?},", u8::from(*is_shared), c.signal, c.noise_m, c.radius_m)?;
-        writeln!(out, "{next},{stated_m:?},{error_m:?},{newtons_per_strength:?}")?;
+impl From<dermis_calibrate::CalibrateError> for Failure {
+    fn from(error: dermis_calibrate::CalibrateError) -> Self {
+        Failure::given(error, None)
     }
-    Ok(())
 }

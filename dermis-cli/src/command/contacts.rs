@@ -1,14 +1,15 @@
 //! `dermis contacts`: frames to contacts.
 
-use crate::console::print;
+use crate::console::{Progress, print};
 use crate::failure::{Failure, Outcome};
-use crate::frames::{FrameArguments, images};
+use crate::frames::FrameArguments;
 use crate::method::MethodArguments;
 use crate::skin;
 use clap::Args;
 use dermis::contact::Contact;
 use dermis::frame::write_whole;
 use dermis::geom::Surface;
+use rayon::prelude::*;
 use serde::Serialize;
 use std::io::Write;
 use std::path::PathBuf;
@@ -46,8 +47,14 @@ impl Arguments {
         let differences = self.frames.read(&skin.design().protocol)?;
         let method = self.method.prepare(&skin, &differences)?;
         let detector = method.detector(&differences.untouched)?;
-        let images = images(&method, &differences.frames)?;
-        let contacts: Vec<Vec<Contact>> = images.iter().map(|image| detector.detect(image)).collect();
+        let progress = Progress::new("reconstructing", differences.frames.len());
+        let contacts = differences.frames.par_iter().map(|difference| {
+            let contacts = method.contacts(difference, &detector);
+            progress.step();
+            contacts
+        });
+        let contacts = contacts.collect::<Result<Vec<Vec<Contact>>, _>>()?;
+        drop(progress);
         let surface = skin.design().body.surface();
         write_whole(&self.output, |out| write(out, &contacts, &surface))?;
         let count: usize = contacts.iter().map(Vec::len).sum();

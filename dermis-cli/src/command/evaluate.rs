@@ -1,9 +1,11 @@
 //! `dermis evaluate`: detected contacts against true touches.
 
+use crate::calibrated;
 use crate::console::{Progress, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
 use crate::frames::{FrameArguments, images};
 use crate::method::MethodArguments;
+use crate::rows::Rows;
 use crate::skin;
 use clap::Args;
 use dermis::contact::Contact;
@@ -41,6 +43,12 @@ pub struct Arguments {
     /// Draw the N presses at random, this many times, and report the median error.
     #[arg(long, value_name = "TIMES", requires = "align", value_parser = clap::value_parser!(u64).range(1..))]
     draws: Option<u64>,
+    /// Rows to score with a calibration, as in 2000..2500 (row 2500 not included) [default: all].
+    #[arg(long, value_name = "ROWS", conflicts_with = "align")]
+    rows: Option<Rows>,
+    /// Write each press with its estimate, error and standard deviation (CSV); of a calibration.
+    #[arg(short, long, value_name = "FILE", conflicts_with = "align")]
+    output: Option<PathBuf>,
     /// Print JSON (lengths in m) instead of a table (mm).
     #[arg(long)]
     json: bool,
@@ -51,6 +59,14 @@ impl Arguments {
     pub fn run(self) -> Outcome {
         let skin = skin::load(&self.design)?;
         let differences = self.frames.read(&skin.design().protocol)?;
+        if let Some(folder) = self.method.calibration() {
+            let (rows, report) = (self.rows.as_ref(), self.output.as_deref());
+            return calibrated::evaluate(&skin, folder, &differences.frames, &self.truth, rows, report, self.json);
+        }
+        if self.rows.is_some() || self.output.is_some() {
+            let fix = "give the folder of a calibration with --method";
+            return Err(Failure::given("--rows and --output need a calibration", Some(fix)));
+        }
         let truth = read_truth(&self.truth, &skin::place_limits(&skin), differences.frames.len())?;
         let truth = match (truth, self.align) {
             (Truth::OnSkin(truth), None) => {

@@ -2,6 +2,7 @@
 
 pub mod benchmark;
 mod calibrate;
+mod characterise;
 mod contacts;
 mod convert;
 mod demo;
@@ -45,8 +46,10 @@ pub enum Command {
     Evaluate(evaluate::Arguments),
     /// Benchmark a method on digital twins: localisation, two and four touches, smallest force.
     Benchmark(benchmark::Arguments),
-    /// Calibrate a method on simulated touches: standard deviation of positions, force per strength.
+    /// Calibrate a real skin with measured presses.
     Calibrate(calibrate::Arguments),
+    /// Measure a method on simulated touches: standard deviation of positions, force per strength.
+    Characterise(characterise::Arguments),
     /// Simulate the paper's indentation experiment on a digital twin and write its frames.
     Experiment(experiment::Arguments),
     /// Export a trained network to ONNX.
@@ -95,6 +98,7 @@ impl Command {
             Command::Evaluate(arguments) => arguments.run(),
             Command::Benchmark(arguments) => arguments.run(),
             Command::Calibrate(arguments) => arguments.run(),
+            Command::Characterise(arguments) => arguments.run(),
             Command::Experiment(arguments) => arguments.run(),
             Command::Export(arguments) => arguments.run(),
             Command::Demo(arguments) => arguments.run(),

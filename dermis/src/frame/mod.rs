@@ -74,6 +74,12 @@ impl DerefMut for Frame {
     }
 }
 
+impl AsRef<[f64]> for Frame {
+    fn as_ref(&self) -> &[f64] {
+        &self.0
+    }
+}
+
 impl Sub for &Frame {
     type Output = Frame;
     /// The difference of each value.

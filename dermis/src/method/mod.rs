@@ -19,6 +19,7 @@ mod set;
 pub use options::MethodOptions;
 pub use set::MethodSet;
 
+use crate::contact::Contact;
 use crate::detect::{Detector, ImageNoise};
 use crate::frame::Frame;
 use crate::image::Image;
@@ -190,6 +191,16 @@ impl Method {
             Some(noise) => detector.with_noise(noise),
             None => detector,
         })
+    }
+
+    /// The contacts of a difference (frame minus baseline, ohm): located by the method itself, or the peaks of its image
+    /// that the [detector](Self::detector) finds.
+    ///
+    /// # Errors
+    /// As [`image`](Self::image).
+    pub fn contacts(&self, difference: &Frame, detector: &Detector) -> Result<Vec<Contact>, ReconstructError> {
+        let image = self.image(difference)?;
+        Ok(self.reconstruct.contacts(difference).unwrap_or_else(|| detector.detect(&image)))
     }
 
     /// The method for a skin with some masked channels. A one-step method is prepared again without them; for any other

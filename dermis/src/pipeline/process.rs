@@ -167,7 +167,10 @@ impl Pipeline {
         let felt = reading.touch_detector.update(statistic(&difference, reading.electrodes.noise_ohm(), &suspect));
         self.method.reconstruct().reconstruct_into(&difference, &mut self.image.values)?;
         let settings = &self.state.settings;
-        let sightings = sightings(&self.detector, &self.image, self.noise_factor, settings, felt);
+        let sightings = match self.method.reconstruct().contacts(&difference) {
+            Some(contacts) => located(contacts, felt),
+            None => sightings(&self.detector, &self.image, self.noise_factor, settings, felt),
+        };
         let tracked = self.state.tracker.update(&sightings, time_s);
         let start = self.state.start.unwrap_or_default();
         let contacts: Vec<TrackedContact> = tracked
@@ -240,4 +243,10 @@ fn sightings(detector: &Detector, image: &Image, noise_factor: f64, settings: &S
         Sighting { contact, signal: if felt { signal } else { signal.min(NOT_TO_BEGIN) } }
     };
     detector.detect_under(image).into_iter().map(sighting).collect()
+}
+
+/// Contacts that the method located itself: it states no noise, so that the touch detector alone decides.
+fn located(contacts: Vec<Contact>, felt: bool) -> Vec<Sighting> {
+    let signal = if felt { f64::INFINITY } else { NOT_TO_BEGIN };
+    contacts.into_iter().map(|contact| Sighting { contact, signal }).collect()
 }

@@ -28,6 +28,7 @@ pub use prior::{Prior, default_prior};
 pub use total_variation::{TotalVariation, TotalVariationOptions};
 pub use without_channels::WithoutChannels;
 
+use crate::contact::Contact;
 use crate::detect::{DetectOptions, ImageNoise};
 use crate::frame::Frame;
 use crate::image::{Image, PixelSpace};
@@ -108,6 +109,11 @@ pub trait Reconstruct: Send + Sync {
         Quantity::Change
     }
 
+    /// The contacts of a difference, if the method locates them itself; `None` if they are the peaks of its image.
+    fn contacts(&self, _difference: &[f64]) -> Option<Vec<Contact>> {
+        None
+    }
+
     /// Detection options for its images. The default is that of linear images, with their side lobes.
     fn detection(&self) -> DetectOptions {
         DetectOptions::default()
@@ -134,6 +140,10 @@ impl<P: Deref<Target: Reconstruct> + Send + Sync> Reconstruct for P {
 
     fn quantity(&self) -> Quantity {
         (**self).quantity()
+    }
+
+    fn contacts(&self, difference: &[f64]) -> Option<Vec<Contact>> {
+        (**self).contacts(difference)
     }
 
     fn detection(&self) -> DetectOptions {

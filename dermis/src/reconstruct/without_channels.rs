@@ -1,5 +1,6 @@
 //! A method for a skin with broken channels.
 
+use crate::contact::Contact;
 use crate::detect::DetectOptions;
 use crate::forward::Matrix;
 use crate::image::PixelSpace;
@@ -55,6 +56,18 @@ fn fill(method: &dyn Reconstruct, model: &Linearised, broken: &[usize]) -> Resul
     Ok(fill)
 }
 
+impl<M> WithoutChannels<M> {
+    /// A difference with predicted values of the broken channels.
+    fn complete(&self, difference: &[f64]) -> Vec<f64> {
+        let mut completed = difference.to_vec();
+        self.broken.iter().for_each(|&channel| completed[channel] = 0.0);
+        let mut predicted = vec![0.0; self.broken.len()];
+        self.fill.product_into(&completed, &mut predicted);
+        self.broken.iter().zip(predicted).for_each(|(&channel, predicted)| completed[channel] = predicted);
+        completed
+    }
+}
+
 impl<M: Reconstruct> Reconstruct for WithoutChannels<M> {
     fn name(&self) -> String {
         self.method.name()
@@ -70,12 +83,11 @@ impl<M: Reconstruct> Reconstruct for WithoutChannels<M> {
         if difference.len() != self.fill.columns {
             return self.method.reconstruct_into(difference, values);
         }
-        let mut completed = difference.to_vec();
-        self.broken.iter().for_each(|&channel| completed[channel] = 0.0);
-        let mut predicted = vec![0.0; self.broken.len()];
-        self.fill.product_into(&completed, &mut predicted);
-        self.broken.iter().zip(predicted).for_each(|(&channel, predicted)| completed[channel] = predicted);
-        self.method.reconstruct_into(&completed, values)
+        self.method.reconstruct_into(&self.complete(difference), values)
+    }
+
+    fn contacts(&self, difference: &[f64]) -> Option<Vec<Contact>> {
+        self.method.contacts(&self.complete(difference))
     }
 
     fn matrix(&self) -> Option<&Matrix> {

@@ -1,0 +1,58 @@
+//! Errors of calibrations.
+
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// A calibration that cannot be made, stored or used.
+#[derive(Debug, Error)]
+pub enum CalibrateError {
+    /// Fewer labelled presses than a fit needs.
+    #[error("{given} labelled presses at {places} different positions: at least {needed} are needed")]
+    TooFewLabels {
+        /// Labelled presses.
+        given: usize,
+        /// Different positions among them.
+        places: usize,
+        /// Fewest that can be fitted.
+        needed: usize,
+    },
+    /// A label that does not fit the frames.
+    #[error("{0}")]
+    Label(String),
+    /// Frames of another number of channels than the calibration's.
+    #[error("the frames have {got} channels, but the calibration has {expected}: it was made with another protocol")]
+    Channels {
+        /// Channels of the frames.
+        got: usize,
+        /// Channels of the calibration.
+        expected: usize,
+    },
+    /// A skin or model that cannot be used.
+    #[error(transparent)]
+    Dermis(#[from] dermis::Error),
+    /// A body on which presses cannot be located.
+    #[error("{0}")]
+    Body(String),
+    /// A fit without a solution.
+    #[error("the forward map cannot be fitted: {0}")]
+    Fit(String),
+    /// A folder that cannot be read or written.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// The error of the system.
+        source: std::io::Error,
+    },
+    /// A table that cannot be read or written.
+    #[error(transparent)]
+    Table(dermis::frame::TableError),
+    /// A file of a calibration that is invalid.
+    #[error("{}: {message}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, and the fix.
+        message: String,
+    },
+}

@@ -1,0 +1,167 @@
+//! Calibrations on disk: a folder with `calibration.json` and arrays in NPY files.
+
+use crate::calibration::{Calibration, Quality};
+use crate::covariance::{Covariance, Extent, PressInput};
+use crate::error::CalibrateError;
+use crate::forward_map::ForwardMap;
+use crate::locate::Locator;
+use crate::pose::Pose;
+use crate::region::Region;
+use crate::sequence::Realignment;
+use crate::units::ChannelUnits;
+use dermis::frame::{TableError, read_array, write_array, write_whole};
+use faer::Mat;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// The file by which a folder is known to be a calibration.
+const CARD: &str = "calibration.json";
+/// The version of the format.
+const VERSION: u32 = 1;
+
+/// The contents of `calibration.json`.
+#[derive(Serialize, Deserialize)]
+struct Card {
+    version: u32,
+    /// Name of the design.
+    design: String,
+    pose: Option<Pose>,
+    units: ChannelUnits,
+    realignment: Realignment,
+    covariance: Covariance,
+    extent: Extent,
+    temperature: f64,
+    misfit_limit: f64,
+    quality: Quality,
+}
+
+/// Only the version, which is read first.
+#[derive(Deserialize)]
+struct Version {
+    version: u32,
+}
+
+impl Calibration {
+    /// Whether a folder contains a calibration.
+    pub fn is_folder(folder: &Path) -> bool {
+        folder.join(CARD).is_file()
+    }
+
+    /// Writes the calibration of a design to a folder, which is created.
+    ///
+    /// # Errors
+    /// A folder or file that cannot be written.
+    pub fn save(&self, folder: &Path, design: &str) -> Result<(), CalibrateError> {
+        std::fs::create_dir_all(folder).map_err(|source| CalibrateError::Io { path: folder.to_path_buf(), source })?;
+        let (map, region) = (self.locator.map(), self.locator.region());
+        let write = |name: &str, columns: usize, values: &[f64]| {
+            write_array(&folder.join(name), "array", &[values.len() / columns, columns], values)
+        };
+        let row_major = |matrix: &Mat<f64>| -> Vec<f64> {
+            (0..matrix.nrows()).flat_map(|i| (0..matrix.ncols()).map(move |j| (i, j))).map(|at| matrix[at]).collect()
+        };
+        write("weights.npy", map.channel_count(), &row_major(&map.weights))?;
+        write("whitening.npy", map.channel_count(), &row_major(self.locator.whitening()))?;
+        write("mean.npy", map.channel_count(), &map.mean)?;
+        let presses = map.inputs.iter().flat_map(|input| {
+            let ([x, y, z], [u, v, w]) = (input.position_m, input.previous_m);
+            [x, y, z, u, v, w, input.number]
+        });
+        write("presses.npy", 7, &presses.collect::<Vec<f64>>())?;
+        write("nodes.npy", 3, &region.nodes.concat())?;
+        let corners = region.triangles.iter().flatten().map(|&node| node as f64);
+        write("triangles.npy", 3, &corners.collect::<Vec<f64>>())?;
+        write("variances.npy", 1, self.locator.variances())?;
+        let card = Card {
+            version: VERSION,
+            design: design.into(),
+            pose: self.pose,
+            units: self.units.clone(),
+            realignment: self.realignment.clone(),
+            covariance: map.covariance,
+            extent: map.extent,
+            temperature: self.locator.temperature,
+            misfit_limit: self.misfit_limit,
+            quality: self.quality,
+        };
+        let text = serde_json::to_string_pretty(&card).expect("a card is JSON");
+        // The card is written last: a folder without it is no calibration.
+        Ok(write_whole(&folder.join(CARD), |out| out.write_all(text.as_bytes()))?)
+    }
+
+    /// Reads the calibration of a design from a folder.
+    ///
+    /// # Errors
+    /// Files that are missing, damaged or of another version; a calibration of another design.
+    pub fn load(folder: &Path, design: &str) -> Result<Self, CalibrateError> {
+        let path = folder.join(CARD);
+        let file = |message: String| CalibrateError::File { path: path.clone(), message };
+        let text =
+            std::fs::read_to_string(&path).map_err(|source| CalibrateError::Io { path: path.clone(), source })?;
+        let Version { version } = serde_json::from_str(&text).map_err(|error| file(error.to_string()))?;
+        if version != VERSION {
+            return Err(file(format!("its version is {version}, but this program reads {VERSION}: calibrate again")));
+        }
+        let card: Card = serde_json::from_str(&text).map_err(|error| file(error.to_string()))?;
+        if card.design != design {
+            return Err(file(format!("it was made for the design `{}`, not for `{design}`", card.design)));
+        }
+        let channels = card.units.channel_count();
+        let read = |name: &str, columns: usize| read_columns(&folder.join(name), columns);
+        let inputs: Vec<PressInput> = read("presses.npy", 7)?
+            .chunks_exact(7)
+            .map(|row| PressInput {
+                position_m: [row[0], row[1], row[2]],
+                previous_m: [row[3], row[4], row[5]],
+                number: row[6],
+            })
+            .collect();
+        let matrix = |values: &[f64]| Mat::from_fn(values.len() / channels, channels, |i, j| values[i * channels + j]);
+        let (weights, whitening) = (read("weights.npy", channels)?, read("whitening.npy", channels)?);
+        let nodes = read("nodes.npy", 3)?.chunks_exact(3).map(|row| [row[0], row[1], row[2]]).collect();
+        let triangles = read("triangles.npy", 3)?;
+        let triangles =
+            triangles.chunks_exact(3).map(|row| [row[0], row[1], row[2]].map(|node| node as usize)).collect();
+        let region = Region { nodes, triangles };
+        let (mean, variances) = (read("mean.npy", channels)?, read("variances.npy", 1)?);
+        let fits = weights.len() == inputs.len() * channels
+            && whitening.len() == channels * channels
+            && mean.len() == channels
+            && variances.len() == region.nodes.len()
+            && region.triangles.iter().flatten().all(|&node| node < region.nodes.len())
+            && card.realignment.lags().len() == channels;
+        if !fits {
+            return Err(file("its arrays do not belong together: calibrate again".into()));
+        }
+        let map =
+            ForwardMap { covariance: card.covariance, extent: card.extent, inputs, mean, weights: matrix(&weights) };
+        let locator = Locator::assemble(map, matrix(&whitening), region, variances, card.temperature);
+        Ok(Calibration {
+            units: card.units,
+            realignment: card.realignment,
+            locator,
+            misfit_limit: card.misfit_limit,
+            quality: card.quality,
+            pose: card.pose,
+        })
+    }
+}
+
+/// The values of an array with a number of columns, row-major.
+fn read_columns(path: &Path, columns: usize) -> Result<Vec<f64>, CalibrateError> {
+    let (shape, values) = read_array(path, "array")?;
+    let file = |message: String| CalibrateError::File { path: path.to_path_buf(), message };
+    if shape.len() != 2 || shape[1] != columns {
+        return Err(file(format!("its shape is {shape:?}, but it must have {columns} columns")));
+    }
+    if values.iter().any(|value| !value.is_finite()) {
+        return Err(file("it has values that are not finite".into()));
+    }
+    Ok(values)
+}
+
+impl From<TableError> for CalibrateError {
+    fn from(error: TableError) -> Self {
+        CalibrateError::Table(error)
+    }
+}

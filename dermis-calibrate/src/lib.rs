@@ -1,0 +1,32 @@
+//! Calibration of a real skin with measured presses.
+//!
+//! A few presses at known positions (labels) determine a forward map from positions to the values of all channels, a
+//! Gaussian process; a frame is then located by the likelihood of the map over the skin. The map includes what a press
+//! leaves behind for the next one (viscoelastic skins) and slow drift. No model of the skin is needed, and no network is
+//! trained: a fit takes seconds.
+
+#![warn(unreachable_pub)]
+
+mod calibration;
+mod covariance;
+mod error;
+mod folder;
+mod forward_map;
+mod lags;
+mod locate;
+mod method;
+mod minimize;
+mod pose;
+mod region;
+mod ridge;
+mod sequence;
+mod shrinkage;
+mod units;
+
+pub use calibration::{Calibration, FEWEST_LABELS, Label, LabelFrame, Quality};
+pub use error::CalibrateError;
+pub use locate::{Located, REGION_SHARE};
+pub use method::Calibrations;
+pub use pose::Pose;
+pub use region::Region;
+pub use units::ChannelUnits;

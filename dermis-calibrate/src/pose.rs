@@ -1,0 +1,225 @@
+//! Pose of a flat skin in the coordinate frame of a robot.
+
+use crate::calibration::Label;
+use dermis::geom::vector::sub;
+use dermis::geom::{Point2, Point3};
+use dermis::skin::Skin;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::f64::consts::TAU;
+
+/// Labels that are compared with the model, at most.
+const MOST_LABELS: usize = 300;
+/// Steps of the search: rotation, rad, and position, m; coarse and fine.
+const STEPS: [(f64, f64); 3] = [(TAU / 72.0, 0.004), (TAU / 360.0, 0.002), (TAU / 1440.0, 0.0005)];
+/// Range of the coarse search for the position, m.
+const RANGE_M: f64 = 0.012;
+
+/// A rigid transformation of a flat skin: `p = centre + R(rotation) M s`, where M mirrors y if the skin is seen mirrored.
+///
+/// ```
+/// use dermis_calibrate::Pose;
+///
+/// let pose = Pose { centre_m: [0.1, 0.2, 0.05], rotation_rad: 1.0, mirrored: true };
+/// let back = pose.to_skin(pose.to_robot([0.01, 0.02, 0.0]));
+/// assert!((back[0] - 0.01).abs() < 1e-12 && (back[1] - 0.02).abs() < 1e-12);
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Pose {
+    /// The skin's origin in the robot's frame, m.
+    pub centre_m: Point3,
+    /// Angle from the robot's x to the skin's x.
+    pub rotation_rad: f64,
+    /// Whether the skin's y is mirrored.
+    pub mirrored: bool,
+}
+
+impl Pose {
+    /// A position on the skin in the robot's frame.
+    pub fn to_robot(&self, position_m: Point3) -> Point3 {
+        let [x, y] = [position_m[0], if self.mirrored { -position_m[1] } else { position_m[1] }];
+        let (sin, cos) = self.rotation_rad.sin_cos();
+        [self.centre_m[0] + cos * x - sin * y, self.centre_m[1] + sin * x + cos * y, self.centre_m[2] + position_m[2]]
+    }
+
+    /// A position in the robot's frame on the skin.
+    pub fn to_skin(&self, position_m: Point3) -> Point3 {
+        let [x, y, z] = sub(position_m, self.centre_m);
+        let (sin, cos) = self.rotation_rad.sin_cos();
+        let [x, y] = [cos * x + sin * y, -sin * x + cos * y];
+        [x, if self.mirrored { -y } else { y }, z]
+    }
+
+    /// The pose in which the changes of the labelled frames correlate most with those that the model of the skin predicts for a
+    /// touch at the same position, with the correlation. `values` are the frames of the labels in units of the
+    /// channels, `origin_m` is a first estimate of the position of the centre of the skin.
+    ///
+    /// # Errors
+    /// A model that cannot be linearised.
+    pub(crate) fn estimate(
+        skin: &Skin,
+        values: &[&[f64]],
+        labels: &[Label],
+        origin_m: Point3,
+    ) -> dermis::Result<(Self, f64)> {
+        let chosen: Vec<usize> = {
+            let count = labels.len().min(MOST_LABELS);
+            (0..count).map(|k| k * labels.len() / count).collect()
+        };
+        let frames: Vec<Vec<f64>> = standardised(chosen.iter().map(|&index| values[index].to_vec()).collect());
+        let templates = templates(skin)?;
+        let correlations: Vec<Vec<f32>> = frames
+            .par_iter()
+            .map(|frame| templates.iter().map(|template| correlation(frame, template) as f32).collect())
+            .collect();
+        let positions: Vec<Point3> = chosen.iter().map(|&index| labels[index].position_m).collect();
+        let search = Search { grid: Grid::new(skin), positions, correlations, middle: middle(skin) };
+        Ok(search.run(origin_m))
+    }
+}
+
+/// The middle of the skin in its own frame.
+fn middle(skin: &Skin) -> Point2 {
+    let centres = &skin.pixels().centres_m;
+    let range = |axis: usize| {
+        let values = centres.iter().map(|centre| centre[axis]);
+        0.5 * (values.clone().fold(f64::INFINITY, f64::min) + values.fold(f64::NEG_INFINITY, f64::max))
+    };
+    [range(0), range(1)]
+}
+
+/// The predicted change of all channels by a touch at each pixel.
+fn templates(skin: &Skin) -> dermis::Result<Vec<Vec<f64>>> {
+    let jacobian = &skin.linearised()?.jacobian;
+    let sign = skin.design().sheet.touch.sign();
+    let column = |pixel: usize| (0..jacobian.rows).map(|channel| sign * jacobian.at(channel, pixel)).collect();
+    Ok(standardised((0..jacobian.columns).map(column).collect()))
+}
+
+/// Rows with each column at mean 0 and standard deviation 1.
+fn standardised(mut rows: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
+    for column in 0..rows[0].len() {
+        let values: Vec<f64> = rows.iter().map(|row| row[column]).collect();
+        let (mean, sd) = dermis::stats::mean_and_sd(&values);
+        rows.iter_mut().for_each(|row| row[column] = if sd > 0.0 { (row[column] - mean) / sd } else { 0.0 });
+    }
+    rows
+}
+
+fn correlation(a: &[f64], b: &[f64]) -> f64 {
+    let (mut product, mut squares) = (0.0, [0.0; 2]);
+    for (a, b) in a.iter().zip(b) {
+        product += a * b;
+        squares[0] += a * a;
+        squares[1] += b * b;
+    }
+    if squares[0] * squares[1] > 0.0 { product / (squares[0] * squares[1]).sqrt() } else { 0.0 }
+}
+
+/// The pixel at each position.
+struct Grid {
+    low_m: Point2,
+    edge_m: f64,
+    columns: usize,
+    pixel: Vec<Option<usize>>,
+}
+
+impl Grid {
+    /// A square grid over the pixels with the nearest pixel in each square.
+    fn new(skin: &Skin) -> Self {
+        const SIDE: usize = 64;
+        let centres = &skin.pixels().centres_m;
+        let bound = |axis: usize, start: f64, choose: fn(f64, f64) -> f64| {
+            centres.iter().map(|centre| centre[axis]).fold(start, choose)
+        };
+        let low_m = [0, 1].map(|axis| bound(axis, f64::INFINITY, f64::min));
+        let high_m = [0, 1].map(|axis| bound(axis, f64::NEG_INFINITY, f64::max));
+        let edge_m = (high_m[0] - low_m[0]).max(high_m[1] - low_m[1]) / (SIDE - 1) as f64;
+        let nearest = |square: usize| {
+            let at = [low_m[0] + (square % SIDE) as f64 * edge_m, low_m[1] + (square / SIDE) as f64 * edge_m];
+            let apart = |centre: &Point3| (centre[0] - at[0]).hypot(centre[1] - at[1]);
+            let (pixel, distance_m) =
+                centres.iter().map(apart).enumerate().min_by(|a, b| a.1.total_cmp(&b.1)).expect("a skin has pixels");
+            (distance_m < 3.0 * edge_m).then_some(pixel)
+        };
+        let pixel = (0..SIDE * SIDE).into_par_iter().map(nearest).collect();
+        Grid { low_m, edge_m, columns: SIDE, pixel }
+    }
+
+    fn at(&self, position_m: Point3) -> Option<usize> {
+        let index = |axis: usize| ((position_m[axis] - self.low_m[axis]) / self.edge_m).round();
+        let (column, row) = (index(0), index(1));
+        let inside = |value: f64| value >= 0.0 && value < self.columns as f64;
+        if inside(column) && inside(row) { self.pixel[row as usize * self.columns + column as usize] } else { None }
+    }
+}
+
+/// The search for the best pose.
+struct Search {
+    grid: Grid,
+    positions: Vec<Point3>,
+    /// Correlation of each label's frame with the template of each pixel.
+    correlations: Vec<Vec<f32>>,
+    /// The middle of the skin in its own frame.
+    middle: Point2,
+}
+
+impl Search {
+    fn run(&self, origin_m: Point3) -> (Pose, f64) {
+        let mut best: Option<(Pose, f64)> = None;
+        for (level, &(rotation_step, position_step_m)) in STEPS.iter().enumerate() {
+            let poses = match best {
+                None => {
+                    let rotations = (0..(TAU / rotation_step).round() as i32).map(|k| f64::from(k) * rotation_step);
+                    let both = rotations.flat_map(|rotation| [(rotation, false), (rotation, true)]);
+                    let steps = (RANGE_M / position_step_m) as i32;
+                    both.flat_map(|(rotation, mirrored)| {
+                        around([origin_m[0], origin_m[1]], steps, position_step_m)
+                            .map(move |middle| (middle, rotation, mirrored))
+                    })
+                    .collect::<Vec<_>>()
+                }
+                Some((pose, _)) => {
+                    let middle = pose.to_robot([self.middle[0], self.middle[1], 0.0]);
+                    let rotations = (-5..=5).map(move |k| pose.rotation_rad + f64::from(k) * rotation_step);
+                    rotations
+                        .flat_map(|rotation| {
+                            around([middle[0], middle[1]], if level == 1 { 2 } else { 4 }, position_step_m)
+                                .map(move |middle| (middle, rotation, pose.mirrored))
+                        })
+                        .collect()
+                }
+            };
+            best = poses
+                .into_par_iter()
+                .map(|(middle, rotation, mirrored)| {
+                    let pose = self.pose(middle, rotation, mirrored, origin_m[2]);
+                    (pose, self.score(&pose))
+                })
+                .max_by(|a, b| a.1.total_cmp(&b.1));
+        }
+        best.expect("there are poses")
+    }
+
+    /// The pose with the middle of the skin at a position.
+    fn pose(&self, middle_m: Point2, rotation_rad: f64, mirrored: bool, height_m: f64) -> Pose {
+        let turned = Pose { centre_m: [0.0; 3], rotation_rad, mirrored };
+        let [x, y, _] = turned.to_robot([self.middle[0], self.middle[1], 0.0]);
+        Pose { centre_m: [middle_m[0] - x, middle_m[1] - y, height_m], ..turned }
+    }
+
+    /// The mean correlation; 0 for labels that lie off the skin.
+    fn score(&self, pose: &Pose) -> f64 {
+        let one = |(position, correlations): (&Point3, &Vec<f32>)| {
+            self.grid.at(pose.to_skin(*position)).map_or(0.0, |pixel| f64::from(correlations[pixel]))
+        };
+        self.positions.iter().zip(&self.correlations).map(one).sum::<f64>() / self.positions.len() as f64
+    }
+}
+
+/// A square of points.
+fn around(middle_m: Point2, steps: i32, step_m: f64) -> impl Iterator<Item = Point2> {
+    (-steps..=steps).flat_map(move |i| {
+        (-steps..=steps).map(move |j| [middle_m[0] + f64::from(i) * step_m, middle_m[1] + f64::from(j) * step_m])
+    })
+}

@@ -1,0 +1,137 @@
+//! The region in which presses are located.
+
+use crate::calibration::Label;
+use crate::error::CalibrateError;
+use dermis::design::Body;
+use dermis::geom::Point3;
+use dermis::geom::vector::{cross, norm, sub};
+use dermis::mesh::Cells;
+use dermis::skin::Skin;
+use rayon::prelude::*;
+
+/// Edges of the triangles along the radius of a region around labels.
+const EDGES: f64 = 20.0;
+
+/// A triangulated surface: the positions that a press can have.
+///
+/// ```
+/// use dermis_calibrate::Region;
+///
+/// let region = Region::disk([0.0, 0.0, 0.0], 0.04, 0.004);
+/// let area_m2 = std::f64::consts::PI * 0.04 * 0.04;
+/// assert!((region.area_m2() / area_m2 - 1.0).abs() < 0.1);
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct Region {
+    pub(crate) nodes: Vec<Point3>,
+    pub(crate) triangles: Vec<[usize; 3]>,
+}
+
+impl Region {
+    /// A disk parallel to the plane of x and y: the triangles of a square grid whose centres lie in it. m.
+    pub fn disk(centre_m: Point3, radius_m: f64, edge_m: f64) -> Self {
+        let steps = (radius_m / edge_m).ceil() as i64;
+        let side = (2 * steps + 1) as usize;
+        let at = |k: usize| (k as i64 - steps) as f64 * edge_m;
+        let nodes: Vec<Point3> =
+            (0..side * side).map(|k| [centre_m[0] + at(k / side), centre_m[1] + at(k % side), centre_m[2]]).collect();
+        let mut triangles = Vec::new();
+        for (row, column) in (0..side - 1).flat_map(|row| (0..side - 1).map(move |column| (row, column))) {
+            let corner = row * side + column;
+            triangles.push([corner, corner + side, corner + 1]);
+            triangles.push([corner + side, corner + side + 1, corner + 1]);
+        }
+        let inside = |triangle: &[usize; 3]| {
+            let offset =
+                |axis: usize| triangle.iter().map(|&node| nodes[node][axis]).sum::<f64>() / 3.0 - centre_m[axis];
+            offset(0).hypot(offset(1)) <= radius_m
+        };
+        triangles.retain(inside);
+        Region { nodes, triangles }.without_unused_nodes()
+    }
+
+    /// The surface of a skin.
+    ///
+    /// # Errors
+    /// A skin of tetrahedra.
+    pub fn of_skin(skin: &Skin) -> Result<Self, CalibrateError> {
+        let mesh = skin.mesh();
+        let Cells::Triangles(triangles) = &mesh.cells else {
+            let message = "presses are located on surfaces, but this body is a volume of tetrahedra";
+            return Err(CalibrateError::Body(message.into()));
+        };
+        Ok(Region { nodes: mesh.nodes.clone(), triangles: triangles.clone() }.without_unused_nodes())
+    }
+
+    /// The part of the plane that a flat skin may cover in a robot's frame, in which its pose is not known: the disks of the
+    /// skin's size that contain all labels.
+    pub(crate) fn around_labels(skin: &Skin, labels: &[Label]) -> Result<Self, CalibrateError> {
+        let radius_m = match skin.design().body {
+            Body::Disk { diameter_m } => 0.5 * diameter_m,
+            Body::Rectangle { width_m, height_m } => 0.5 * width_m.hypot(height_m),
+            Body::Cylinder { .. } | Body::Mesh { .. } => {
+                let message = "labels in a robot's frame calibrate flat skins only: give them in the skin's own frame, \
+                               with a header";
+                return Err(CalibrateError::Body(message.into()));
+            }
+        };
+        let positions: Vec<Point3> = labels.iter().map(|label| label.position_m).collect();
+        let middle_m = middle_of(&positions);
+        let spread_m = positions.iter().map(|position| flat_distance(*position, middle_m)).fold(0.0, f64::max);
+        let radius_m = radius_m.max(spread_m);
+        let edge_m = radius_m / EDGES;
+        let candidates = Region::disk(middle_m, 0.6 * radius_m, 0.5 * edge_m).nodes;
+        let holds = |centre: &Point3| positions.iter().all(|position| flat_distance(*position, *centre) <= radius_m);
+        let centres: Vec<Point3> = candidates.into_iter().filter(holds).chain([middle_m]).collect();
+        let mut region = Region::disk(middle_m, 1.6 * radius_m, edge_m);
+        let nodes = std::mem::take(&mut region.nodes);
+        let covered: Vec<bool> = nodes
+            .par_iter()
+            .map(|node| centres.iter().any(|centre| flat_distance(*node, *centre) <= radius_m + 0.5 * edge_m))
+            .collect();
+        region.triangles.retain(|triangle| triangle.iter().all(|&node| covered[node]));
+        Ok(Region { nodes, ..region }.without_unused_nodes())
+    }
+
+    /// The middle of its bounding box, m.
+    pub(crate) fn middle_m(&self) -> Point3 {
+        middle_of(&self.nodes)
+    }
+
+    /// Its area, m2.
+    pub fn area_m2(&self) -> f64 {
+        self.triangles.iter().map(|triangle| self.triangle_area_m2(triangle)).sum()
+    }
+
+    pub(crate) fn triangle_area_m2(&self, triangle: &[usize; 3]) -> f64 {
+        let [a, b, c] = triangle.map(|node| self.nodes[node]);
+        0.5 * norm(cross(sub(b, a), sub(c, a)))
+    }
+
+    fn without_unused_nodes(self) -> Self {
+        let mut number = vec![usize::MAX; self.nodes.len()];
+        let mut nodes = Vec::new();
+        let mut keep = |node: usize| {
+            if number[node] == usize::MAX {
+                number[node] = nodes.len();
+                nodes.push(self.nodes[node]);
+            }
+            number[node]
+        };
+        let triangles = self.triangles.iter().map(|triangle| triangle.map(&mut keep)).collect();
+        Region { nodes, triangles }
+    }
+}
+
+/// The middle of the bounding box of some points.
+fn middle_of(points: &[Point3]) -> Point3 {
+    let bound = |axis: usize, start: f64, choose: fn(f64, f64) -> f64| {
+        points.iter().map(|point| point[axis]).fold(start, choose)
+    };
+    [0, 1, 2].map(|axis| 0.5 * (bound(axis, f64::INFINITY, f64::min) + bound(axis, f64::NEG_INFINITY, f64::max)))
+}
+
+/// The distance of two points in the plane of x and y.
+fn flat_distance(a: Point3, b: Point3) -> f64 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}

@@ -1,0 +1,81 @@
+//! Frames in the order of recording, with late channels moved to their rows.
+
+use crate::error::CalibrateError;
+use crate::ridge::Regression;
+use crate::units::ChannelUnits;
+use faer::Mat;
+use serde::{Deserialize, Serialize};
+
+/// Ridge of the regression that completes frames, as a part of the number of frames.
+const RIDGE: f64 = 0.05;
+
+/// Moves late channels to their rows. The rows at the ends lack some channels afterwards; their values are predicted from the
+/// other channels.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Realignment {
+    /// Rows by which each channel is late.
+    lags: Vec<i32>,
+    /// Weights of the channels in time in the value of each late channel, and its offset.
+    completion: Vec<(usize, Vec<f64>, f64)>,
+}
+
+impl Realignment {
+    /// Learns from the rows of a recording, in units of the channels, how to complete rows.
+    pub(crate) fn new(lags: Vec<i32>, values: &[Vec<f64>]) -> Result<Self, CalibrateError> {
+        let mut realignment = Realignment { lags, completion: Vec::new() };
+        let late: Vec<usize> = (0..realignment.lags.len()).filter(|&channel| realignment.lags[channel] != 0).collect();
+        if late.is_empty() {
+            return Ok(realignment);
+        }
+        let in_time = realignment.in_time();
+        let rows: Vec<Vec<f64>> = (0..values.len()).filter_map(|row| realignment.shifted(values, row)).collect();
+        let input = Mat::from_fn(rows.len(), in_time.len(), |i, j| rows[i][in_time[j]]);
+        let target = Mat::from_fn(rows.len(), late.len(), |i, j| rows[i][late[j]]);
+        let regression = Regression::fit(&input, &target, RIDGE)
+            .ok_or_else(|| CalibrateError::Fit("the channels in time predict no late channel".into()))?;
+        for (j, &channel) in late.iter().enumerate() {
+            let weights = regression.weights.col(j).iter().copied().collect();
+            realignment.completion.push((channel, weights, regression.offsets[j]));
+        }
+        Ok(realignment)
+    }
+
+    /// The rows by which each channel is late.
+    pub(crate) fn lags(&self) -> &[i32] {
+        &self.lags
+    }
+
+    fn in_time(&self) -> Vec<usize> {
+        (0..self.lags.len()).filter(|&channel| self.lags[channel] == 0).collect()
+    }
+
+    /// A row with its late channels; `None` where they are outside the recording.
+    fn shifted(&self, values: &[Vec<f64>], row: usize) -> Option<Vec<f64>> {
+        let value = |(channel, lag): (usize, &i32)| {
+            let at = usize::try_from(row as i64 + i64::from(*lag)).ok()?;
+            values.get(at).map(|other| other[channel])
+        };
+        self.lags.iter().enumerate().map(value).collect()
+    }
+
+    /// All rows, realigned and complete.
+    pub(crate) fn apply(&self, values: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let in_time = self.in_time();
+        let complete = |row: usize| {
+            self.shifted(values, row).unwrap_or_else(|| {
+                let mut values = values[row].clone();
+                for (channel, weights, offset) in &self.completion {
+                    let sum: f64 = weights.iter().zip(&in_time).map(|(weight, &other)| weight * values[other]).sum();
+                    values[*channel] = offset + sum;
+                }
+                values
+            })
+        };
+        (0..values.len()).map(complete).collect()
+    }
+}
+
+/// Frames in units of the channels.
+pub(crate) fn in_units(frames: &[impl AsRef<[f64]>], units: &ChannelUnits) -> Vec<Vec<f64>> {
+    frames.iter().map(|frame| units.apply(frame.as_ref())).collect()
+}

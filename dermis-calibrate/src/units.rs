@@ -1,0 +1,60 @@
+//! Robust units of the channels.
+
+use dermis::stats::upper_median;
+use serde::{Deserialize, Serialize};
+
+/// The standard deviation of a normal distribution over its median absolute deviation.
+const SD_PER_MAD: f64 = 1.4826;
+
+/// The scale of each channel: values become `asinh((value - median) / sd)`, with the robust standard deviation
+/// `1.4826 MAD`. Large values are compressed, so that no channel and no single press dominates.
+///
+/// ```
+/// use dermis_calibrate::ChannelUnits;
+///
+/// let frames = [vec![1.0, 10.0], vec![2.0, 10.0], vec![3.0, 10.0]];
+/// let units = ChannelUnits::of(&frames);
+/// // The second channel is constant: it carries nothing and becomes 0.
+/// assert_eq!(units.apply(&[2.0, 10.0]), [0.0, 0.0]);
+/// assert!(units.apply(&[3.0, 10.0])[0] > 0.0);
+/// ```
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ChannelUnits {
+    median: Vec<f64>,
+    sd: Vec<f64>,
+}
+
+impl ChannelUnits {
+    /// The units of the channels of some frames.
+    ///
+    /// # Panics
+    /// Without a frame, or with frames of different lengths.
+    pub fn of(frames: &[impl AsRef<[f64]>]) -> Self {
+        let channels = frames[0].as_ref().len();
+        let scale = |channel: usize| {
+            let mut values: Vec<f64> = frames.iter().map(|frame| frame.as_ref()[channel]).collect();
+            let middle = upper_median(&values).expect("at least one frame");
+            values.iter_mut().for_each(|value| *value = (*value - middle).abs());
+            (middle, SD_PER_MAD * upper_median(&values).expect("at least one frame"))
+        };
+        let (median, sd) = (0..channels).map(scale).unzip();
+        ChannelUnits { median, sd }
+    }
+
+    /// Number of channels.
+    pub fn channel_count(&self) -> usize {
+        self.median.len()
+    }
+
+    /// A frame in these units.
+    ///
+    /// # Panics
+    /// Where the frame has another number of channels.
+    pub fn apply(&self, frame: &[f64]) -> Vec<f64> {
+        assert_eq!(frame.len(), self.channel_count(), "a value for each channel");
+        let convert = |((value, median), sd): ((&f64, &f64), &f64)| {
+            if *sd > 0.0 { ((value - median) / sd).asinh() } else { 0.0 }
+        };
+        frame.iter().zip(&self.median).zip(&self.sd).map(convert).collect()
+    }
+}

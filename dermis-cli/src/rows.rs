@@ -1,0 +1,59 @@
+//! Rows of a table, as arguments name them.
+
+use std::str::FromStr;
+
+/// Rows by number, from 0: `0..500` (the end is not included), `7`, or several of these separated by commas.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Rows(Vec<usize>);
+
+/// A table of more rows is a mistake.
+const MOST_ROWS: usize = 10_000_000;
+
+impl FromStr for Rows {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let number = |text: &str| {
+            text.trim().parse::<usize>().map_err(|_| format!("`{}` is not the number of a row", text.trim()))
+        };
+        let mut rows = Vec::new();
+        for part in text.split(',') {
+            let (first, end) = match part.split_once("..") {
+                Some((first, end)) => (number(first)?, number(end)?),
+                None => (number(part)?, number(part)?.saturating_add(1)),
+            };
+            if end <= first || end - first > MOST_ROWS {
+                return Err(format!("`{part}` is not a range of rows: write 0..500 for the rows 0 to 499"));
+            }
+            rows.extend(first..end);
+        }
+        rows.sort_unstable();
+        rows.dedup();
+        Ok(Rows(rows))
+    }
+}
+
+impl Rows {
+    /// The rows, ascending, where there are `count`.
+    pub fn of(&self, count: usize) -> Result<&[usize], String> {
+        match self.0.last() {
+            Some(last) if *last >= count => Err(format!("row {last} does not exist: the rows are 0 to {}", count - 1)),
+            _ => Ok(&self.0),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_and_numbers_are_read() {
+        let rows: Rows = "3..6,1, 4..5".parse().unwrap();
+        assert_eq!(rows.of(6), Ok(&[1, 3, 4, 5][..]));
+        assert_eq!(rows.of(5).unwrap_err(), "row 5 does not exist: the rows are 0 to 4");
+        for wrong in ["", "5..5", "a..b", "1-3", "-1"] {
+            assert!(wrong.parse::<Rows>().is_err(), "{wrong}");
+        }
+    }
+}
