@@ -93,6 +93,9 @@ impl Calibration {
     pub fn fit(skin: &Skin, frames: &[Frame], labels: &[Label], frame: LabelFrame) -> Result<Self, CalibrateError> {
         let protocol = &skin.design().protocol;
         check(frames, protocol, labels)?;
+        if frame == LabelFrame::Skin {
+            check_positions(skin, labels)?;
+        }
         let region = &match frame {
             LabelFrame::Skin => Region::of_skin(skin)?,
             LabelFrame::Robot => Region::around_labels(skin, labels)?,
@@ -170,6 +173,11 @@ fn check(frames: &[Frame], protocol: &Protocol, labels: &[Label]) -> Result<(), 
     if let Some(frame) = frames.iter().find(|frame| frame.len() != expected) {
         return Err(CalibrateError::Channels { got: frame.len(), expected });
     }
+    let not_finite = |frame: &Frame| frame.iter().position(|value| !value.is_finite());
+    if let Some((row, channel)) = frames.iter().enumerate().find_map(|(row, frame)| Some((row, not_finite(frame)?))) {
+        let message = format!("frame {row}, channel {channel} is {}: it must be finite", frames[row][channel]);
+        return Err(CalibrateError::Label(message));
+    }
     if let Some(label) = labels.iter().find(|label| label.row >= frames.len()) {
         let message = format!("a label names frame {}, but there are {}", label.row, frames.len());
         return Err(CalibrateError::Label(message));
@@ -185,6 +193,15 @@ fn check(frames: &[Frame], protocol: &Protocol, labels: &[Label]) -> Result<(), 
         return Err(CalibrateError::TooFewLabels { given: labels.len(), places: places.len(), needed: FEWEST_LABELS });
     }
     Ok(())
+}
+
+/// Refuses labels off the skin.
+fn check_positions(skin: &Skin, labels: &[Label]) -> Result<(), CalibrateError> {
+    let limits = skin.mesh().place_limits(skin.design().body.surface());
+    labels.iter().try_for_each(|label| match limits.check(label.position_m) {
+        Ok(_) => Ok(()),
+        Err(message) => Err(CalibrateError::Label(format!("the label of frame {}: {message}", label.row))),
+    })
 }
 
 /// The state of a fit: what is known of the position of each frame.

@@ -60,9 +60,9 @@ impl Calibration {
         let row_major = |matrix: &Mat<f64>| -> Vec<f64> {
             (0..matrix.nrows()).flat_map(|i| (0..matrix.ncols()).map(move |j| (i, j))).map(|at| matrix[at]).collect()
         };
-        write("weights.npy", map.channel_count(), &row_major(&map.weights))?;
-        write("whitening.npy", map.channel_count(), &row_major(self.locator.whitening()))?;
-        write("mean.npy", map.channel_count(), &map.mean)?;
+        write("weights.npy", map.component_count(), &row_major(&map.weights))?;
+        write("whitening.npy", map.component_count(), &row_major(self.locator.whitening()))?;
+        write("mean.npy", 1, &map.mean)?;
         let presses = map.inputs.iter().flat_map(|input| {
             let ([x, y, z], [u, v, w]) = (input.position_m, input.previous_m);
             [x, y, z, u, v, w, input.number]
@@ -116,17 +116,19 @@ impl Calibration {
                 number: row[6],
             })
             .collect();
-        let matrix = |values: &[f64]| Mat::from_fn(values.len() / channels, channels, |i, j| values[i * channels + j]);
-        let (weights, whitening) = (read("weights.npy", channels)?, read("whitening.npy", channels)?);
+        let mean = read("mean.npy", 1)?;
+        let components = mean.len();
+        let matrix =
+            |values: &[f64]| Mat::from_fn(values.len() / components, components, |i, j| values[i * components + j]);
+        let (weights, whitening) = (read("weights.npy", components)?, read("whitening.npy", components)?);
         let nodes = read("nodes.npy", 3)?.chunks_exact(3).map(|row| [row[0], row[1], row[2]]).collect();
         let triangles = read("triangles.npy", 3)?;
         let triangles =
             triangles.chunks_exact(3).map(|row| [row[0], row[1], row[2]].map(|node| node as usize)).collect();
         let region = Region { nodes, triangles };
-        let (mean, variances) = (read("mean.npy", channels)?, read("variances.npy", 1)?);
-        let fits = weights.len() == inputs.len() * channels
-            && whitening.len() == channels * channels
-            && mean.len() == channels
+        let variances = read("variances.npy", 1)?;
+        let fits = weights.len() == inputs.len() * components
+            && whitening.len() == channels * components
             && variances.len() == region.nodes.len()
             && region.triangles.iter().flatten().all(|&node| node < region.nodes.len())
             && card.realignment.lags().len() == channels;

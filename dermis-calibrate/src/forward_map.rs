@@ -14,6 +14,9 @@ const MOST_FOR_HYPERPARAMETERS: usize = 250;
 /// Whitened components of the largest variance from which the hyperparameters are estimated. The components with the
 /// most signal determine the position; a fit to all channels would be dominated by noisy ones.
 const COMPONENTS: usize = 6;
+/// Whitened components of the largest variance that are kept: the others are noise. The cross-validated
+/// error changes by less than 3 % from 12 to 32.
+const KEPT: usize = 24;
 /// Standard deviation of the logarithm of a hyperparameter about its typical value.
 const PRIOR_SD: f64 = 2.0;
 /// Steps of the estimation of hyperparameters.
@@ -62,7 +65,7 @@ impl Samples {
 pub(crate) struct Hyperparameters {
     pub covariance: Covariance,
     pub extent: Extent,
-    /// Channels x channels; whitened values are `values * whitening`.
+    /// Channels x components; whitened values are `values * whitening`.
     pub whitening: Mat<f64>,
 }
 
@@ -84,7 +87,8 @@ impl Hyperparameters {
     pub(crate) fn with_covariance(samples: &Samples, covariance: Covariance) -> Result<Self, CalibrateError> {
         let extent = samples.extent();
         let whitening = whitening_of(samples, &covariance, &extent)?;
-        Ok(Hyperparameters { covariance, extent, whitening })
+        let components = leading_components(&(centred(&samples.values) * &whitening), KEPT)?;
+        Ok(Hyperparameters { covariance, extent, whitening: whitening * components })
     }
 }
 
@@ -121,8 +125,8 @@ impl ForwardMap {
         Ok((map, factor))
     }
 
-    /// Number of channels.
-    pub(crate) fn channel_count(&self) -> usize {
+    /// Number of whitened components.
+    pub(crate) fn component_count(&self) -> usize {
         self.mean.len()
     }
 
@@ -139,7 +143,7 @@ impl ForwardMap {
             (0..product.nrows()).flat_map(row).map(|at| product[at]).collect::<Vec<f64>>()
         };
         let mut base = kernel(&|position, input| self.covariance.of_position(position, input.position_m));
-        for row in base.chunks_exact_mut(self.channel_count()) {
+        for row in base.chunks_exact_mut(self.component_count()) {
             row.iter_mut().zip(&self.mean).for_each(|(value, mean)| *value += mean);
         }
         let shifts = self.shift_axes().into_iter().map(|axis| {
@@ -163,7 +167,7 @@ impl ForwardMap {
 
     /// The part of the response that does not depend on the position: the press before and drift, whitened.
     pub(crate) fn history(&self, press: &PressInput) -> Vec<f64> {
-        let mut sum = vec![0.0; self.channel_count()];
+        let mut sum = vec![0.0; self.component_count()];
         let factors: Vec<f64> = self.inputs.iter().map(|input| self.covariance.of_history(press, input)).collect();
         for (channel, value) in sum.iter_mut().enumerate() {
             *value = self.weights.col(channel).iter().zip(&factors).map(|(weight, factor)| weight * factor).sum();

@@ -14,8 +14,9 @@ const COMPONENTS: usize = 20;
 const RIDGE: f64 = 1e-3;
 /// Fewest rows from which lags are estimated.
 const FEWEST_ROWS: usize = 60;
-/// A channel is late if a lag predicts its values better by this part of their variance.
-const MARGIN: f64 = 0.05;
+/// A channel is late if the part of its variance that a lag leaves unexplained is smaller than that of lag 0 by this
+/// factor.
+const RATIO: f64 = 0.9;
 /// A channel of which no lag explains this part of the variance follows the others of its drive.
 const WEAK: f64 = 0.05;
 
@@ -47,26 +48,30 @@ pub(crate) fn channel_lags(values: &[Vec<f64>], protocol: &Protocol) -> Vec<i32>
         drives.entry([a.min(b), a.max(b)]).or_default().push(channel);
     }
     let covariance = covariance(values);
-    let found: Vec<(Vec<usize>, Vec<Evidence>)> = drives
-        .into_values()
+    // Late channels are no good predictors: the second pass leaves them out.
+    let first = lags_without(values, &covariance, &drives, &[]);
+    let late: Vec<usize> = (0..channels).filter(|&channel| first[channel] != 0).collect();
+    if late.is_empty() { first } else { lags_without(values, &covariance, &drives, &late) }
+}
+
+/// The lags of all channels, without the use of some as predictors.
+fn lags_without(
+    values: &[Vec<f64>],
+    covariance: &Mat<f64>,
+    drives: &BTreeMap<[usize; 2], Vec<usize>>,
+    late: &[usize],
+) -> Vec<i32> {
+    let found: Vec<(&Vec<usize>, Vec<Evidence>)> = drives
+        .values()
         .collect::<Vec<_>>()
         .into_par_iter()
         .map(|own| {
-            let components = components(values, &covariance, &own);
+            let components = components(values, covariance, &[own, late].concat());
             let evidence = own.iter().map(|&channel| evidence(values, &components, channel)).collect();
             (own, evidence)
         })
         .collect();
-    if std::env::var("DBG").is_ok() {
-        for (own, e) in &found {
-            if own[0] < 36 {
-                for (c, e) in own.iter().zip(e) {
-                    println!("{c} {e:?}");
-                }
-            }
-        }
-    }
-    let mut lags = vec![0; channels];
+    let mut lags = vec![0; values[0].len()];
     for (own, evidence) in found {
         for (channel, lag) in own.iter().zip(decide(&evidence)) {
             lags[*channel] = lag;
@@ -77,7 +82,7 @@ pub(crate) fn channel_lags(values: &[Vec<f64>], protocol: &Protocol) -> Vec<i32>
 
 /// The lags of the channels of one drive: weak channels follow the majority of the others.
 fn decide(evidence: &[Evidence]) -> Vec<i32> {
-    let own = |one: &Evidence| if one.best > one.at_zero + MARGIN { one.lag } else { 0 };
+    let own = |one: &Evidence| if 1.0 - one.best < RATIO * (1.0 - one.at_zero) { one.lag } else { 0 };
     let mut votes: BTreeMap<i32, usize> = BTreeMap::new();
     for one in evidence.iter().filter(|one| one.best > WEAK) {
         *votes.entry(own(one)).or_default() += 1;

@@ -118,6 +118,10 @@ impl Locator {
         self.posterior(values, previous_m, number).located(self.temperature)
     }
 
+    pub(crate) fn component_count(&self) -> usize {
+        self.map.component_count()
+    }
+
     /// The squared distance of two frames, whitened.
     pub(crate) fn whitened_square(&self, a: &[f64], b: &[f64]) -> f64 {
         let component = |column: usize| {
@@ -132,7 +136,7 @@ impl Locator {
         let previous_m = previous_m.unwrap_or(self.map.extent.centre_m);
         let press = PressInput { position_m: self.map.extent.centre_m, previous_m, number };
         let history = self.map.history(&press);
-        let channels = self.map.channel_count();
+        let channels = self.map.component_count();
         let target: Vec<f64> = (0..channels)
             .map(|j| self.whitening.col(j).iter().zip(values).map(|(w, v)| w * v).sum::<f64>() - history[j])
             .collect();

@@ -87,7 +87,8 @@ impl CalibratedMethod {
 
     /// Whether a frame is nearer to the untouched one than to any press.
     fn is_untouched(&self, values: &[f64], located: &Located) -> bool {
-        self.calibration.locator.whitened_square(values, &self.untouched) <= located.misfit * values.len() as f64
+        self.calibration.locator.whitened_square(values, &self.untouched)
+            <= located.misfit * self.calibration.locator.component_count() as f64
     }
 
     fn contact(&self, located: &Located) -> Contact {
