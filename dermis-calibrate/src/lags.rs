@@ -17,8 +17,9 @@ const FEWEST_ROWS: usize = 60;
 /// A channel is late if the part of its variance that a lag leaves unexplained is smaller than that of lag 0 by this
 /// factor.
 const RATIO: f64 = 0.9;
-/// A channel of which no lag explains this part of the variance follows the others of its drive.
-const WEAK: f64 = 0.05;
+/// A channel of which no lag explains more than this part of the variance, and this many standard deviations of what chance
+/// explains, `1 / sqrt(rows)`, follows the others of its drive.
+const WEAK: (f64, f64) = (0.05, 2.0);
 
 /// How well the other channels of each row predict one channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -73,24 +74,24 @@ fn lags_without(
         .collect();
     let mut lags = vec![0; values[0].len()];
     for (own, evidence) in found {
-        for (channel, lag) in own.iter().zip(decide(&evidence)) {
+        for (channel, lag) in own.iter().zip(decide(&evidence, WEAK.0 + WEAK.1 / (values.len() as f64).sqrt())) {
             lags[*channel] = lag;
         }
     }
     lags
 }
 
-/// The lags of the channels of one drive: weak channels follow the majority of the others.
-fn decide(evidence: &[Evidence]) -> Vec<i32> {
+/// The lags of the channels of one drive: those of which no lag explains the part `weak` follow the majority of the others.
+fn decide(evidence: &[Evidence], weak: f64) -> Vec<i32> {
     let own = |one: &Evidence| if 1.0 - one.best < RATIO * (1.0 - one.at_zero) { one.lag } else { 0 };
     let mut votes: BTreeMap<i32, usize> = BTreeMap::new();
-    for one in evidence.iter().filter(|one| one.best > WEAK) {
+    for one in evidence.iter().filter(|one| one.best > weak) {
         *votes.entry(own(one)).or_default() += 1;
     }
     let strong: usize = votes.values().sum();
     let majority = votes.into_iter().max_by_key(|(_, count)| *count).filter(|(_, count)| 2 * count > strong);
     let majority = majority.map_or(0, |(lag, _)| lag);
-    evidence.iter().map(|one| if one.best > WEAK { own(one) } else { majority }).collect()
+    evidence.iter().map(|one| if one.best > weak { own(one) } else { majority }).collect()
 }
 
 fn covariance(values: &[Vec<f64>]) -> Mat<f64> {

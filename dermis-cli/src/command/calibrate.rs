@@ -1,14 +1,20 @@
 //! `dermis calibrate`: a real skin calibrated with measured presses.
 
 use crate::calibrated::{Presses, late_channels};
-use crate::console::{Progress, print, print_json};
+use crate::console::{Progress, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
 use crate::frames::FrameArguments;
 use crate::rows::Rows;
 use crate::skin;
 use clap::Args;
-use dermis_calibrate::{Calibration, Quality};
+use dermis::frame::Frame;
+use dermis::geom::vector::distance;
+use dermis::method::MethodOptions;
+use dermis::skin::Skin;
+use dermis::stats::mean;
+use dermis_calibrate::{Calibration, Label, LabelFrame, Quality};
 use dermis_study::report::Table;
+use rayon::prelude::*;
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -50,6 +56,9 @@ impl Arguments {
         let calibration = Calibration::fit(&skin, used, &labels, presses.frame())?;
         calibration.save(&self.output, &skin.design().name)?;
         drop(progress);
+        if presses.frame() == LabelFrame::Skin {
+            warn_of_better_method(&skin, &frames, &labels, calibration.quality())?;
+        }
         if self.json {
             return print_json(&json!({
                 "skin": skin.design().name,
@@ -60,6 +69,27 @@ impl Arguments {
         }
         print(&format!("{}\nwritten to {}\n", summary(&calibration).to_text(), self.output.display()))
     }
+}
+
+/// Warns where the method that needs no calibration locates the labelled presses better.
+fn warn_of_better_method(skin: &Skin, frames: &[Frame], labels: &[Label], quality: &Quality) -> Outcome {
+    let method = dermis_learn::methods().method(skin, "", &MethodOptions::default())?;
+    let detector = method.detector(&[])?;
+    let error_m = |label: &Label| -> Outcome<Option<f64>> {
+        let contacts = method.contacts(&frames[label.row], &detector)?;
+        Ok(contacts.first().map(|contact| distance(contact.position_m, label.position_m)))
+    };
+    let errors_m: Vec<Option<f64>> = labels.par_iter().map(error_m).collect::<Outcome<_>>()?;
+    let found: Vec<f64> = errors_m.into_iter().flatten().collect();
+    let mean_m = mean(&found);
+    if found.len() == labels.len() && mean_m < quality.mean_error_m {
+        warn(&format!(
+            "{} locates the same presses within {:.2} mm without a calibration: use it, or calibrate with more presses",
+            method.label(),
+            1e3 * mean_m
+        ));
+    }
+    Ok(())
 }
 
 fn summary(calibration: &Calibration) -> Table {
