@@ -76,8 +76,6 @@ pub struct Quality {
     pub unlabelled: usize,
     /// Mean error of labels that the map had not seen, m.
     pub mean_error_m: f64,
-    /// Share of the 95 % regions that contain the true position.
-    pub covered: f64,
 }
 
 impl Calibration {
@@ -101,6 +99,10 @@ impl Calibration {
             LabelFrame::Robot => Region::around_labels(skin, labels)?,
         };
         let units = ChannelUnits::of(frames);
+        if units.varying_count() == 0 {
+            let message = "no channel changes between the frames: is there one press in each, and the right baseline?";
+            return Err(CalibrateError::Fit(message.into()));
+        }
         let recorded = in_units(frames, &units);
         let realignment = Realignment::new(channel_lags(&recorded, protocol), &recorded)?;
         let values = realignment.apply(&recorded);
@@ -125,6 +127,11 @@ impl Calibration {
     /// What cross-validation states.
     pub fn quality(&self) -> &Quality {
         &self.quality
+    }
+
+    /// A single frame in units of the channels, with late channels predicted from the others.
+    pub(crate) fn single(&self, difference: &[f64]) -> Vec<f64> {
+        self.realignment.apply(&[self.units.apply(difference)]).remove(0)
     }
 
     /// The number of the last press of the calibration: later frames are not extrapolated beyond it.
@@ -314,8 +321,11 @@ impl<'a> Fit<'a> {
         let posterior = |index: usize| {
             let fold = folds.iter().position(|fold| fold.contains(&index)).expect("the folds cover all labels");
             let row = self.labels[index].row;
-            let before = row.checked_sub(1).and_then(|before| self.positions[before]);
-            locators[fold].posterior(&self.values[row], before.map(|(position_m, _)| position_m), row as f64)
+            // As in use: the press before is only estimated.
+            let locator = &locators[fold];
+            let located = |before: usize| locator.locate(&self.values[before], None, before as f64);
+            let previous_m = row.checked_sub(1).map(|before| located(before).position_m);
+            locator.posterior(&self.values[row], previous_m, row as f64)
         };
         let posteriors: Vec<Posterior<'_>> = (0..self.labels.len()).into_par_iter().map(posterior).collect();
         let truth_m: Vec<Point3> = self.labels.iter().map(|label| label.position_m).collect();
@@ -326,13 +336,11 @@ impl<'a> Fit<'a> {
             .iter()
             .zip(&truth_m)
             .map(|(located, truth_m)| dermis::geom::vector::distance(located.position_m, *truth_m));
-        let covered = located.iter().zip(&truth_m).filter(|(located, truth_m)| located.region_contains(**truth_m));
         let count = self.labels.len() as f64;
         let quality = Quality {
             labels: self.labels.len(),
             unlabelled: self.used.len() - self.labels.len(),
             mean_error_m: errors.sum::<f64>() / count,
-            covered: covered.count() as f64 / count,
         };
         let mut misfits: Vec<f64> = located.iter().map(|located| located.misfit).collect();
         misfits.sort_by(f64::total_cmp);

@@ -42,7 +42,7 @@ impl Extent {
 
     /// A position relative to the centre, in units of the radius.
     pub(crate) fn relative(&self, position_m: Point3) -> Point3 {
-        sub(position_m, self.centre_m).map(|value| value / self.radius_m)
+        sub(position_m, self.centre_m).map(|value| value / self.radius_m.max(SMALLEST_RADIUS_M))
     }
 }
 
@@ -77,6 +77,8 @@ pub(crate) struct Covariance {
     pub shift_variance: f64,
 }
 
+/// Positions that differ by less are one position, m.
+const SMALLEST_RADIUS_M: f64 = 1e-6;
 /// Number of hyperparameters.
 pub(crate) const PARAMETERS: usize = 9;
 

@@ -7,7 +7,9 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum CalibrateError {
     /// Fewer labelled presses than a fit needs.
-    #[error("{given} labelled presses at {places} different positions: at least {needed} are needed")]
+    #[error(
+        "{given} labelled presses at {places} different positions: at least {needed} presses at 3 positions are needed"
+    )]
     TooFewLabels {
         /// Labelled presses.
         given: usize,

@@ -53,6 +53,13 @@ impl Calibration {
     /// A folder or file that cannot be written.
     pub fn save(&self, folder: &Path, design: &str) -> Result<(), CalibrateError> {
         std::fs::create_dir_all(folder).map_err(|source| CalibrateError::Io { path: folder.to_path_buf(), source })?;
+        // Over an older calibration: the folder is none until the card is written again.
+        match std::fs::remove_file(folder.join(CARD)) {
+            Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
+                return Err(CalibrateError::Io { path: folder.join(CARD), source });
+            }
+            _ => {}
+        }
         let (map, region) = (self.locator.map(), self.locator.region());
         let write = |name: &str, columns: usize, values: &[f64]| {
             write_array(&folder.join(name), "array", &[values.len() / columns, columns], values)
@@ -118,11 +125,17 @@ impl Calibration {
             .collect();
         let mean = read("mean.npy", 1)?;
         let components = mean.len();
+        if components == 0 {
+            return Err(file("mean.npy has no value: calibrate again".into()));
+        }
         let matrix =
             |values: &[f64]| Mat::from_fn(values.len() / components, components, |i, j| values[i * components + j]);
         let (weights, whitening) = (read("weights.npy", components)?, read("whitening.npy", components)?);
         let nodes = read("nodes.npy", 3)?.chunks_exact(3).map(|row| [row[0], row[1], row[2]]).collect();
         let triangles = read("triangles.npy", 3)?;
+        if triangles.is_empty() || triangles.iter().any(|node| *node < 0.0 || node.fract() != 0.0) {
+            return Err(file("triangles.npy holds no indices of nodes: calibrate again".into()));
+        }
         let triangles =
             triangles.chunks_exact(3).map(|row| [row[0], row[1], row[2]].map(|node| node as usize)).collect();
         let region = Region { nodes, triangles };
@@ -131,7 +144,10 @@ impl Calibration {
             && whitening.len() == channels * components
             && variances.len() == region.nodes.len()
             && region.triangles.iter().flatten().all(|&node| node < region.nodes.len())
-            && card.realignment.lags().len() == channels;
+            && variances.iter().all(|variance| *variance > 0.0)
+            && !inputs.is_empty()
+            && card.units.is_consistent()
+            && card.realignment.fits(channels);
         if !fits {
             return Err(file("its arrays do not belong together: calibrate again".into()));
         }

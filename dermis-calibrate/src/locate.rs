@@ -5,7 +5,7 @@ use crate::error::CalibrateError;
 use crate::forward_map::{ForwardMap, Hyperparameters, Samples};
 use crate::region::Region;
 use dermis::geom::Point3;
-use dermis::geom::vector::{add, distance, dot, scale, sub};
+use dermis::geom::vector::{add, cross, distance, dot, normalize, scale, sub};
 use faer::Mat;
 use rayon::prelude::*;
 
@@ -17,6 +17,8 @@ const DEGREES_OF_FREEDOM: f64 = 5.0;
 const DIVIDED_WITHIN: f64 = 14.0;
 /// Parts of each edge of a divided triangle.
 const PARTS: usize = 5;
+/// Standard deviation below which a posterior is not resolved, m.
+const SMALLEST_SD_M: f64 = 1e-5;
 /// Triangles that are divided, at most: a posterior that is wider needs no finer resolution.
 const MOST_DIVIDED: usize = 400;
 /// A contact counts as found if it lies within this distance, m: the gate of scores and confidences.
@@ -31,14 +33,41 @@ pub struct Located {
     pub covariance_m2: [[f64; 3]; 3],
     /// Probability of a position within 20 mm of the mean.
     pub confidence: f64,
-    /// Mean square of the whitened residuals at the best position: about 1 for a press like the labelled ones.
+    /// Outward or inward unit normal of the skin there.
+    pub normal: Point3,
+    /// Mean square of the whitened residuals in their standard deviations at the most likely position: about 1 for a press like
+    /// the labelled ones.
     pub misfit: f64,
+    /// Smallest squared whitened residual of all positions.
+    pub(crate) square: f64,
 }
 
 impl Located {
     /// Whether the region of 95 % of the posterior, an ellipse about the mean, contains a position.
     pub fn region_contains(&self, position_m: Point3) -> bool {
-        squared_distance(self, position_m) <= limit(REGION_SHARE)
+        self.squared_distance(position_m) <= limit(REGION_SHARE)
+    }
+
+    /// The squared distance of a position in units of the covariance, along the surface.
+    fn squared_distance(&self, position_m: Point3) -> f64 {
+        let error = sub(position_m, self.position_m);
+        let tangents = tangents(self.normal);
+        let covariance = |i: usize, j: usize| {
+            let times = |k: usize| dot(self.covariance_m2[k], tangents[j]);
+            (0..3).map(|k| tangents[i][k] * times(k)).sum::<f64>() + if i == j { SMALLEST_SD_M.powi(2) } else { 0.0 }
+        };
+        let [a, b, c] = [covariance(0, 0), covariance(0, 1), covariance(1, 1)];
+        let [x, y] = tangents.map(|tangent| dot(error, tangent));
+        (c * x * x - 2.0 * b * x * y + a * y * y) / (a * c - b * b)
+    }
+
+    /// The same with the mean moved along the normal onto the surface, and the probability of a position near it.
+    fn on_surface(self, candidates: &[Candidate]) -> Self {
+        let off_m = dot(sub(self.position_m, nearest(candidates, self.position_m).position_m), self.normal);
+        let position_m = sub(self.position_m, scale(self.normal, off_m));
+        let near = candidates.iter().zip(weights(candidates));
+        let near = near.filter(|(candidate, _)| distance(candidate.position_m, position_m) <= GATE_M);
+        Located { position_m, confidence: near.map(|(_, weight)| weight).sum(), ..self }
     }
 
     /// Standard deviation per axis of the surface, m.
@@ -67,6 +96,7 @@ pub(crate) struct Locator {
 
 /// A point of the posterior.
 struct Candidate {
+    triangle: usize,
     position_m: Point3,
     log_density: f64,
     area_m2: f64,
@@ -116,10 +146,6 @@ impl Locator {
     /// Locates the press of a frame, in units of the channels.
     pub(crate) fn locate(&self, values: &[f64], previous_m: Option<Point3>, number: f64) -> Located {
         self.posterior(values, previous_m, number).located(self.temperature)
-    }
-
-    pub(crate) fn component_count(&self) -> usize {
-        self.map.component_count()
     }
 
     /// The squared distance of two frames, whitened.
@@ -185,8 +211,17 @@ impl Posterior<'_> {
         let parts = if likely.len() <= MOST_DIVIDED { PARTS } else { 1 };
         let candidates: Vec<Candidate> =
             likely.iter().flat_map(|&number| self.divide(number, parts, temperature)).collect();
-        let misfit = self.squares.iter().copied().fold(f64::INFINITY, f64::min) / self.target.len() as f64;
-        moments(&candidates, misfit)
+        let node = (0..nodes.len()).max_by(|&a, &b| nodes[a].total_cmp(&nodes[b])).expect("a region has nodes");
+        let (position_m, covariance_m2, triangle) = moments(&candidates);
+        let located = Located {
+            position_m,
+            covariance_m2,
+            confidence: 0.0,
+            normal: self.locator.region.normal(triangle),
+            misfit: self.squares[node] / (self.locator.variances[node] * self.target.len() as f64),
+            square: self.squares.iter().copied().fold(f64::INFINITY, f64::min),
+        };
+        located.on_surface(&candidates)
     }
 
     /// The density at each node of the region, relative to the largest.
@@ -220,6 +255,7 @@ impl Posterior<'_> {
             let variance: f64 = (0..3).map(|i| weights[i] * locator.variances[triangle[i]]).sum();
             let corner = |i: usize| scale(locator.region.nodes[triangle[i]], weights[i]);
             Candidate {
+                triangle: number,
                 position_m: add(add(corner(0), corner(1)), corner(2)),
                 log_density: temperature * self.log_likelihood(square.max(0.0), variance),
                 area_m2,
@@ -252,21 +288,33 @@ fn centres_of_parts(parts: usize) -> impl Iterator<Item = [f64; 3]> {
     })
 }
 
-/// Mean and covariance of weighted points.
-fn moments(candidates: &[Candidate], misfit: f64) -> Located {
+/// The weights of candidates in the posterior; their sum is 1.
+fn weights(candidates: &[Candidate]) -> Vec<f64> {
     let best = candidates.iter().map(|candidate| candidate.log_density).fold(f64::NEG_INFINITY, f64::max);
-    let weights: Vec<f64> =
+    let mut weights: Vec<f64> =
         candidates.iter().map(|candidate| candidate.area_m2 * (candidate.log_density - best).exp()).collect();
     let total: f64 = weights.iter().sum();
+    weights.iter_mut().for_each(|weight| *weight /= total);
+    weights
+}
+
+/// Mean and covariance of the posterior, and the triangle nearest to the mean.
+fn moments(candidates: &[Candidate]) -> (Point3, [[f64; 3]; 3], usize) {
+    let weights = weights(candidates);
     let weighted = |value: &dyn Fn(&Candidate) -> f64| {
-        candidates.iter().zip(&weights).map(|(candidate, weight)| weight * value(candidate)).sum::<f64>() / total
+        candidates.iter().zip(&weights).map(|(candidate, weight)| weight * value(candidate)).sum::<f64>()
     };
-    let position_m = [0, 1, 2].map(|axis| weighted(&|candidate| candidate.position_m[axis]));
-    let off = |candidate: &Candidate| sub(candidate.position_m, position_m);
+    let mean_m = [0, 1, 2].map(|axis| weighted(&|candidate| candidate.position_m[axis]));
+    let off = |candidate: &Candidate| sub(candidate.position_m, mean_m);
     let covariance_m2 =
         [0, 1, 2].map(|i| [0, 1, 2].map(|j| weighted(&|candidate| off(candidate)[i] * off(candidate)[j])));
-    let confidence = weighted(&|candidate| f64::from(u8::from(distance(candidate.position_m, position_m) <= GATE_M)));
-    Located { position_m, covariance_m2, confidence, misfit }
+    (mean_m, covariance_m2, nearest(candidates, mean_m).triangle)
+}
+
+fn nearest(candidates: &[Candidate], position_m: Point3) -> &Candidate {
+    let apart = |candidate: &Candidate| distance(candidate.position_m, position_m);
+    let closer = |a: &&Candidate, b: &&Candidate| apart(a).total_cmp(&apart(b));
+    candidates.iter().min_by(closer).expect("at least one candidate")
 }
 
 /// The exponent of the likelihood with which 95 % of the regions contain the true position.
@@ -275,7 +323,7 @@ pub(crate) fn fit_temperature(posteriors: &[Posterior<'_>], truth_m: &[Point3]) 
     let covered = |temperature: f64| {
         let inside = posteriors.par_iter().zip(truth_m).filter(|(posterior, truth_m)| {
             let located = posterior.located(temperature);
-            squared_distance(&located, **truth_m) <= limit
+            located.squared_distance(**truth_m) <= limit
         });
         inside.count() as f64 / truth_m.len() as f64
     };
@@ -288,24 +336,16 @@ pub(crate) fn fit_temperature(posteriors: &[Posterior<'_>], truth_m: &[Point3]) 
     (0.5 * (low + high)).exp()
 }
 
+/// Two unit vectors along the surface.
+fn tangents(normal: Point3) -> [Point3; 2] {
+    let axis = if normal[2].abs() < 0.9 { [0.0, 0.0, 1.0] } else { [1.0, 0.0, 0.0] };
+    let first = normalize(cross(axis, normal));
+    [first, cross(normal, first)]
+}
+
 /// The squared distance in standard deviations within which two normal variables lie with a probability.
 fn limit(share: f64) -> f64 {
     -2.0 * (1.0 - share).ln()
-}
-
-/// The squared error in units of the stated covariance, within the surface: the smallest of the three directions is left
-/// out.
-fn squared_distance(located: &Located, truth_m: Point3) -> f64 {
-    let error = sub(truth_m, located.position_m);
-    let covariance = Mat::from_fn(3, 3, |i, j| located.covariance_m2[i][j]);
-    let Ok(eigen) = covariance.self_adjoint_eigen(faer::Side::Lower) else { return f64::INFINITY };
-    // Eigenvalues ascend: the first belongs to the normal.
-    (1..3)
-        .map(|k| {
-            let direction = [0, 1, 2].map(|i| eigen.U()[(i, k)]);
-            dot(error, direction).powi(2) / eigen.S()[k].max(1e-14)
-        })
-        .sum()
 }
 
 #[cfg(test)]

@@ -42,7 +42,7 @@ impl MethodSource for Calibrations {
         }
         options.check_not_linear(name)?;
         if !options.excluded.is_empty() {
-            let message = "uses all channels: leave out channels when it is made".into();
+            let message = "uses all channels: leave --leave-out out".into();
             return Err(MethodError::Option { method: name.into(), message });
         }
         let calibration = Calibration::load(Path::new(name), &skin.design().name)?;
@@ -81,14 +81,13 @@ impl CalibratedMethod {
             (0..nodes.len()).min_by(|a, b| apart(a).total_cmp(&apart(b))).expect("a region has nodes")
         };
         let nodes = pixels.centres_m.iter().map(nearest).collect();
-        let untouched = calibration.units.apply(&vec![0.0; calibration.channel_count()]);
+        let untouched = calibration.single(&vec![0.0; calibration.channel_count()]);
         CalibratedMethod { calibration, pixels, nodes, untouched }
     }
 
     /// Whether a frame is nearer to the untouched one than to any press.
     fn is_untouched(&self, values: &[f64], located: &Located) -> bool {
-        self.calibration.locator.whitened_square(values, &self.untouched)
-            <= located.misfit * self.calibration.locator.component_count() as f64
+        self.calibration.locator.whitened_square(values, &self.untouched) <= located.square
     }
 
     fn contact(&self, located: &Located) -> Contact {
@@ -119,7 +118,7 @@ impl Reconstruct for CalibratedMethod {
     /// The posterior density of the position relative to its largest value; zero where the frame is untouched.
     fn reconstruct_into(&self, difference: &[f64], values: &mut [f64]) -> Result<(), ReconstructError> {
         check_lengths(difference, self.calibration.channel_count(), values, self.pixels.len())?;
-        let frame = self.calibration.units.apply(difference);
+        let frame = self.calibration.single(difference);
         let posterior = self.calibration.locator.posterior(&frame, None, self.calibration.last_number());
         let temperature = self.calibration.locator.temperature;
         if self.is_untouched(&frame, &posterior.located(temperature)) {
@@ -132,7 +131,7 @@ impl Reconstruct for CalibratedMethod {
     }
 
     fn contacts(&self, difference: &[f64]) -> Option<Vec<Contact>> {
-        let frame = self.calibration.units.apply(difference);
+        let frame = self.calibration.single(difference);
         let located = self.calibration.locator.locate(&frame, None, self.calibration.last_number());
         Some(if self.is_untouched(&frame, &located) { Vec::new() } else { vec![self.contact(&located)] })
     }

@@ -10,10 +10,12 @@ use std::f64::consts::TAU;
 
 /// Labels that are compared with the model, at most.
 const MOST_LABELS: usize = 300;
-/// Steps of the search: rotation, rad, and position, m; coarse and fine.
-const STEPS: [(f64, f64); 3] = [(TAU / 72.0, 0.004), (TAU / 360.0, 0.002), (TAU / 1440.0, 0.0005)];
-/// Range of the coarse search for the position, m.
-const RANGE_M: f64 = 0.012;
+/// Steps of rotation of the search, from coarse to fine, rad.
+const STEPS: [f64; 3] = [TAU / 72.0, TAU / 360.0, TAU / 1440.0];
+/// Range of the coarse search for the position, in parts of the skin's half diagonal.
+const RANGE: f64 = 0.4;
+/// Steps of position of the coarse search on each side.
+const COARSE: i32 = 4;
 
 /// A rigid transformation of a flat skin: `p = centre + R(rotation) M s`, where M mirrors y if the skin is seen mirrored.
 ///
@@ -73,7 +75,9 @@ impl Pose {
             .map(|frame| templates.iter().map(|template| correlation(frame, template) as f32).collect())
             .collect();
         let positions: Vec<Point3> = chosen.iter().map(|&index| labels[index].position_m).collect();
-        let search = Search { grid: Grid::new(skin), positions, correlations, middle: middle(skin) };
+        let [x, y, _] = skin.pixels().box_m();
+        let half_diagonal_m = 0.5 * (x[1] - x[0]).hypot(y[1] - y[0]);
+        let search = Search { grid: Grid::new(skin), positions, correlations, middle: middle(skin), half_diagonal_m };
         Ok(search.run(origin_m))
     }
 }
@@ -162,19 +166,21 @@ struct Search {
     correlations: Vec<Vec<f32>>,
     /// The middle of the skin in its own frame.
     middle: Point2,
+    half_diagonal_m: f64,
 }
 
 impl Search {
     fn run(&self, origin_m: Point3) -> (Pose, f64) {
         let mut best: Option<(Pose, f64)> = None;
-        for (level, &(rotation_step, position_step_m)) in STEPS.iter().enumerate() {
+        for (level, &rotation_step) in STEPS.iter().enumerate() {
+            // Each level searches the steps of the one before at a third of their size.
+            let position_step_m = RANGE * self.half_diagonal_m / f64::from(COARSE) / 3.0_f64.powi(level as i32);
             let poses = match best {
                 None => {
                     let rotations = (0..(TAU / rotation_step).round() as i32).map(|k| f64::from(k) * rotation_step);
                     let both = rotations.flat_map(|rotation| [(rotation, false), (rotation, true)]);
-                    let steps = (RANGE_M / position_step_m) as i32;
                     both.flat_map(|(rotation, mirrored)| {
-                        around([origin_m[0], origin_m[1]], steps, position_step_m)
+                        around([origin_m[0], origin_m[1]], COARSE, position_step_m)
                             .map(move |middle| (middle, rotation, mirrored))
                     })
                     .collect::<Vec<_>>()
@@ -184,7 +190,7 @@ impl Search {
                     let rotations = (-5..=5).map(move |k| pose.rotation_rad + f64::from(k) * rotation_step);
                     rotations
                         .flat_map(|rotation| {
-                            around([middle[0], middle[1]], if level == 1 { 2 } else { 4 }, position_step_m)
+                            around([middle[0], middle[1]], 3, position_step_m)
                                 .map(move |middle| (middle, rotation, pose.mirrored))
                         })
                         .collect()

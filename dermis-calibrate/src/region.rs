@@ -4,7 +4,7 @@ use crate::calibration::Label;
 use crate::error::CalibrateError;
 use dermis::design::Body;
 use dermis::geom::Point3;
-use dermis::geom::vector::{cross, norm, sub};
+use dermis::geom::vector::{cross, norm, normalize, sub};
 use dermis::mesh::Cells;
 use dermis::skin::Skin;
 use rayon::prelude::*;
@@ -78,6 +78,20 @@ impl Region {
         let positions: Vec<Point3> = labels.iter().map(|label| label.position_m).collect();
         let middle_m = middle_of(&positions);
         let spread_m = positions.iter().map(|position| flat_distance(*position, middle_m)).fold(0.0, f64::max);
+        if spread_m > 1.5 * radius_m {
+            return Err(CalibrateError::Label(format!(
+                "the labels extend over {:.3} m, but the skin only over {:.3} m: positions are in metres",
+                2.0 * spread_m,
+                2.0 * radius_m
+            )));
+        }
+        let deepest_m = positions.iter().map(|position| (position[2] - middle_m[2]).abs()).fold(0.0, f64::max);
+        if deepest_m > 0.25 * radius_m {
+            return Err(CalibrateError::Label(format!(
+                "the labels differ by {:.3} m along z: the skin must be parallel to x and y of the robot's frame",
+                2.0 * deepest_m
+            )));
+        }
         let radius_m = radius_m.max(spread_m);
         let edge_m = radius_m / EDGES;
         let candidates = Region::disk(middle_m, 0.6 * radius_m, 0.5 * edge_m).nodes;
@@ -101,6 +115,12 @@ impl Region {
     /// Its area, m2.
     pub fn area_m2(&self) -> f64 {
         self.triangles.iter().map(|triangle| self.triangle_area_m2(triangle)).sum()
+    }
+
+    /// The unit normal of a triangle.
+    pub(crate) fn normal(&self, triangle: usize) -> Point3 {
+        let [a, b, c] = self.triangles[triangle].map(|node| self.nodes[node]);
+        normalize(cross(sub(b, a), sub(c, a)))
     }
 
     pub(crate) fn triangle_area_m2(&self, triangle: &[usize; 3]) -> f64 {

@@ -45,6 +45,13 @@ impl Realignment {
         &self.lags
     }
 
+    /// Whether it belongs to so many channels.
+    pub(crate) fn fits(&self, channels: usize) -> bool {
+        let in_time = self.in_time().len();
+        let fits = |(channel, weights, _): &(usize, Vec<f64>, f64)| *channel < channels && weights.len() == in_time;
+        self.lags.len() == channels && self.completion.len() == channels - in_time && self.completion.iter().all(fits)
+    }
+
     fn in_time(&self) -> Vec<usize> {
         (0..self.lags.len()).filter(|&channel| self.lags[channel] == 0).collect()
     }

@@ -46,6 +46,16 @@ impl ChannelUnits {
         self.median.len()
     }
 
+    /// Number of channels whose values differ between more than half of the frames; the others become 0.
+    pub(crate) fn varying_count(&self) -> usize {
+        self.sd.iter().filter(|sd| **sd > 0.0).count()
+    }
+
+    /// Whether every channel has both numbers.
+    pub(crate) fn is_consistent(&self) -> bool {
+        self.median.len() == self.sd.len() && self.sd.iter().chain(&self.median).all(|value| value.is_finite())
+    }
+
     /// A frame in these units.
     ///
     /// # Panics

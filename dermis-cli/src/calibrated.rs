@@ -15,8 +15,8 @@ use std::path::Path;
 
 /// Measured presses, one per frame.
 pub struct Presses {
-    /// The press of each frame; `None` for a frame without exactly one.
-    positions_m: Vec<Option<Point3>>,
+    /// The press of each frame, m.
+    positions_m: Vec<Point3>,
     frame: LabelFrame,
 }
 
@@ -24,15 +24,17 @@ impl Presses {
     /// Reads the presses of frames.
     pub fn read(path: &Path, skin: &Skin, frame_count: usize) -> Outcome<Self> {
         Ok(match read_truth(path, &place_limits(skin), frame_count)? {
-            Truth::Elsewhere(presses) => {
-                Presses { positions_m: presses.into_iter().map(Some).collect(), frame: LabelFrame::Robot }
-            }
+            Truth::Elsewhere(presses) => Presses { positions_m: presses, frame: LabelFrame::Robot },
             Truth::OnSkin(frames) => {
-                let one = |touches: Vec<dermis::contact::Contact>| match &touches[..] {
-                    [touch] => Some(touch.position_m),
-                    _ => None,
+                let one = |(frame, touches): (usize, Vec<dermis::contact::Contact>)| match &touches[..] {
+                    [touch] => Ok(touch.position_m),
+                    _ => {
+                        let message = format!("{}: frame {frame} has {} touches", path.display(), touches.len());
+                        Err(Failure::given(message, Some("give frames with one press each")))
+                    }
                 };
-                Presses { positions_m: frames.into_iter().map(one).collect(), frame: LabelFrame::Skin }
+                let positions_m = frames.into_iter().enumerate().map(one).collect::<Outcome<_>>()?;
+                Presses { positions_m, frame: LabelFrame::Skin }
             }
         })
     }

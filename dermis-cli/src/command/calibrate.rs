@@ -93,13 +93,12 @@ fn warn_of_better_method(skin: &Skin, frames: &[Frame], labels: &[Label], qualit
 }
 
 fn summary(calibration: &Calibration) -> Table {
-    let Quality { labels, unlabelled, mean_error_m, covered } = *calibration.quality();
+    let Quality { labels, unlabelled, mean_error_m } = *calibration.quality();
     let mut table = Table::new(&["figure", "value"]);
     let mut row = |name: &str, value: String| table.row([name.to_string(), value]);
     row("labelled presses", labels.to_string());
     row("unlabelled presses used", unlabelled.to_string());
     row("mean error, cross-validated", format!("{:.2} mm", 1e3 * mean_error_m));
-    row("95 % regions that contain the true position, cross-validated", format!("{:.1} %", 100.0 * covered));
     row("channels that are rows late", late_channels(calibration.lags()));
     if let Some(pose) = calibration.pose() {
         let [x, y, _] = pose.centre_m.map(|value| 1e3 * value);

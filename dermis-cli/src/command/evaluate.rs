@@ -60,6 +60,12 @@ impl Arguments {
         let skin = skin::load(&self.design)?;
         let differences = self.frames.read(&skin.design().protocol)?;
         if let Some(folder) = self.method.calibration() {
+            if self.align.is_some() {
+                let fix = Some("leave --align out");
+                return Err(Failure::given("the pose of a calibrated skin is known", fix));
+            }
+            // Refuses options that a calibration does not have.
+            self.method.prepare(&skin, &differences)?;
             let (rows, report) = (self.rows.as_ref(), self.output.as_deref());
             return calibrated::evaluate(&skin, folder, &differences.frames, &self.truth, rows, report, self.json);
         }

@@ -168,7 +168,7 @@ impl Pipeline {
         self.method.reconstruct().reconstruct_into(&difference, &mut self.image.values)?;
         let settings = &self.state.settings;
         let sightings = match self.method.reconstruct().contacts(&difference) {
-            Some(contacts) => located(contacts, felt),
+            Some(contacts) => sightings_of(contacts, felt),
             None => sightings(&self.detector, &self.image, self.noise_factor, settings, felt),
         };
         let tracked = self.state.tracker.update(&sightings, time_s);
@@ -245,8 +245,8 @@ fn sightings(detector: &Detector, image: &Image, noise_factor: f64, settings: &S
     detector.detect_under(image).into_iter().map(sighting).collect()
 }
 
-/// Contacts that the method located itself: it states no noise, so that the touch detector alone decides.
-fn located(contacts: Vec<Contact>, felt: bool) -> Vec<Sighting> {
+/// Contacts that the method located itself. It gives no noise level, so only the touch detector decides.
+fn sightings_of(contacts: Vec<Contact>, felt: bool) -> Vec<Sighting> {
     let signal = if felt { f64::INFINITY } else { NOT_TO_BEGIN };
     contacts.into_iter().map(|contact| Sighting { contact, signal }).collect()
 }
