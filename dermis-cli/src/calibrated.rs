@@ -56,7 +56,7 @@ impl Presses {
                 &all
             }
         };
-        Ok(rows.iter().filter_map(|&row| self.positions_m[row].map(|position_m| Label { row, position_m })).collect())
+        Ok(rows.iter().map(|&row| Label { row, position_m: self.positions_m[row] }).collect())
     }
 }
 
