@@ -17,8 +17,8 @@ use std::str::FromStr;
 
 /// The help of `--method`, the same for every command.
 pub const METHOD_HELP: &str = "Reconstruction method: noser, laplace, tikhonov, gauss-newton, tv or greit; a shipped network \
-    (best or paper for cylinder30, shapes for skin16); or the folder of a trained network, as in ./my-model [default: the best \
-    for the skin: a shipped network, or else a linear method]";
+    (best or paper for cylinder30, shapes for skin16); or the folder of a trained network or of a calibration, as in \
+    ./my-model [default: the best for the skin: a shipped network, or else a linear method]";
 
 /// The reconstruction method and its options.
 #[derive(Debug, Clone, Args)]
