@@ -47,10 +47,10 @@ fn images_and_localisation_are_drawn_from_frames() {
     std::fs::write(folder.path().join("t.csv"), "frame,x_m,y_m\n0,0.05,0.02\n").unwrap();
     let what = ["plot", "tank16", "--what", "localisation", "--truth", "t.csv"];
     ok(&dermis(folder.path(), &[&what[..], &from[..]].concat()));
-    assert!(std::fs::read_to_string(folder.path().join("p.svg")).unwrap().contains("true place"));
+    assert!(std::fs::read_to_string(folder.path().join("p.svg")).unwrap().contains("true position"));
     let what = ["plot", "tank16", "--what", "image", "--truth", "t.csv"];
     ok(&dermis(folder.path(), &[&what[..], &from[..]].concat()));
-    assert!(std::fs::read_to_string(folder.path().join("p.svg")).unwrap().contains("true place"));
+    assert!(std::fs::read_to_string(folder.path().join("p.svg")).unwrap().contains("true position"));
     let images = ["reconstruct", "tank16", "--frames", "d.csv", "--difference", "-o", "i.npy"];
     ok(&dermis(folder.path(), &images));
     ok(&dermis(folder.path(), &["plot", "tank16", "--what", "image", "--images", "i.npy", "-o", "q.svg"]));

@@ -74,7 +74,7 @@ impl<'a> Drawing<'a> {
 
     /// Adds marks of detected contacts to any scene; several contacts are numbered from 0 in order.
     pub fn add_contacts(&self, scene: &mut Scene, contacts: &[Contact]) {
-        add_marks(scene, contacts, 7.0, Mark::Cross(BLACK), "contact found");
+        add_marks(scene, contacts, 7.0, Mark::Cross(BLACK), "detected contact");
         if contacts.len() > 1 {
             let label = |(number, contact): (usize, &Contact)| Label {
                 at: contact.position_m,
@@ -90,7 +90,7 @@ impl<'a> Drawing<'a> {
 
     /// Adds marks of true touches to any scene.
     pub fn add_touches(&self, scene: &mut Scene, touches: &[Contact]) {
-        add_marks(scene, touches, 3.4, Mark::OutlinedDisc(BLACK), "true place");
+        add_marks(scene, touches, 3.4, Mark::OutlinedDisc(BLACK), "true position");
     }
 
     /// Adds named marks to any scene.
@@ -137,7 +137,7 @@ impl<'a> Drawing<'a> {
         let mark = Mark::Diamond(FALSE_POSITIVE);
         let dot = |found: &Contact| Dot { at: found.position_m, normal: found.normal, radius: radius + 2.5, mark };
         scene.dots.extend(false_positives.iter().map(dot));
-        scene.legend.push((Mark::Disc(BLACK, false), "true place".to_string()));
+        scene.legend.push((Mark::Disc(BLACK, false), "true position".to_string()));
         scene.legend.push((Mark::Ring(ESTIMATE), "estimate".to_string()));
         scene.legend.push((Mark::Line(mix(ESTIMATE, [255, 255, 255], 0.35)), "error".to_string()));
         if !false_positives.is_empty() {
@@ -255,11 +255,13 @@ impl<'a> Drawing<'a> {
                 scene.labels.extend(self.electrode_label(patch, number));
             }
         }
-        if let ElectrodeLook::Filled { .. } = look {
-            scene.legend.push((Mark::Disc(ELECTRODE, true), "electrode".to_string()));
-        } else {
-            scene.legend.push((Mark::Ring(INK), "electrode".to_string()));
-        }
+        let on_edges = self.mesh.electrodes.iter().all(|patch| matches!(patch, ElectrodePatch::Edges(_)));
+        let mark = match look {
+            ElectrodeLook::Filled { .. } => Mark::Disc(ELECTRODE, true),
+            ElectrodeLook::Outlined if on_edges => Mark::Line(INK),
+            ElectrodeLook::Outlined => Mark::Ring(INK),
+        };
+        scene.legend.push((mark, "electrode".to_string()));
     }
 
     fn add_electrode(&self, scene: &mut Scene, patch: &ElectrodePatch, look: ElectrodeLook) {

@@ -21,7 +21,7 @@ pub(crate) struct Plots<'a> {
 }
 
 /// Caption of all pictures of localisation.
-pub(crate) const LOCALISATION_CAPTION: &str = "Black dots are the true places, red circles the estimates, yellow the \
+pub(crate) const LOCALISATION_CAPTION: &str = "Black dots are the true positions, red circles the estimates, yellow the \
     electrodes. Left and right edge are the same line on the skin.";
 
 impl<'a> Plots<'a> {

@@ -25,14 +25,14 @@ pub struct Arguments {
     design: String,
     #[command(flatten)]
     frames: FrameArguments,
-    /// Measured presses, one per frame and in the order of recording: with a header as for `dermis evaluate`, or x,y,z (m) without a
-    /// header in the frame of the robot that pressed.
+    /// Measured presses, one per frame and in the order of recording: with a header (frame,x_m,y_m on a flat skin, frame,z_m,theta_rad on a
+    /// cylinder), or x,y,z (m) without a header in the frame of reference of the robot that pressed.
     #[arg(long, value_name = "FILE")]
     truth: PathBuf,
     /// Rows of the presses to calibrate with, as in 0..500 (row 500 not included) [default: all].
     #[arg(long, value_name = "ROWS")]
     labels: Option<Rows>,
-    /// Use the frames after the last label, too, without their positions. Helps with fewer than 300 labels.
+    /// Also use the frames after the last label, without their positions. Helps with fewer than 300 labels.
     #[arg(long)]
     unlabelled: bool,
     /// Folder to write: the method for --method.

@@ -136,7 +136,7 @@ impl Arguments {
             What::Localisation => {
                 let Seen { images, detector, how, .. } = self.images(design, mesh)?;
                 let Some(path) = &self.truth else {
-                    let message = "a picture of the localisation needs the true places";
+                    let message = "a picture of the localisation needs the true positions";
                     return Err(Failure::given(message, Some("name their file with --truth")));
                 };
                 let truth = read_touches(path, design, mesh, images.len())?;
@@ -193,7 +193,7 @@ fn read_touches(path: &Path, design: &SkinDesign, mesh: &Mesh, frame_count: usiz
     match read_truth(path, &mesh.place_limits(design.body.surface()), frame_count)? {
         Truth::OnSkin(touches) => Ok(touches),
         Truth::Elsewhere(_) => {
-            let message = format!("{} holds places in a coordinate frame of its own", path.display());
+            let message = format!("{} holds positions in a frame of reference of its own", path.display());
             Err(Failure::given(message, Some("align it first: see `dermis evaluate --align`")))
         }
     }

@@ -19,9 +19,9 @@ pub(super) fn report(demo: &Demo) -> Result<Report> {
     report.heading("Do it yourself");
     report.paragraph("The same from the command line, on a design of your own (see `dermis --help`):");
     report.code(
-        "dermis new cylinder -o my_skin.toml\ndermis mesh my_skin.toml -o my_skin.vtu\n\
-         dermis plot my_skin.toml --what sensitivity -o sensitivity.png\n\
-         dermis reconstruct my_skin.toml --frames frames.csv --baseline untouched.csv -o images.npy",
+        "dermis new cylinder -o my-skin.toml\ndermis mesh my-skin.toml -o my-skin.vtu\n\
+         dermis plot my-skin.toml --what sensitivity -o sensitivity.png\n\
+         dermis reconstruct my-skin.toml --frames frames.csv --baseline untouched.csv -o images.npy",
     );
     Ok(report)
 }
@@ -43,7 +43,7 @@ fn results(report: &mut Report, demo: &Demo, plots: &Plots<'_>) -> Result<()> {
     for shown in &demo.shown {
         let title = format!("Localisation error, simulated; {}", shown.name);
         let errors = plots.errors(&title, &demo.truth, shown);
-        pictures.push((errors, "How often a press was misplaced by how much.".into()));
+        pictures.push((errors, "Histogram of the localisation error.".into()));
         let caption = "As the paper's Fig. 8: the peak of the image of a press at each place, over its mean. A uniform skin would \
             show one colour.";
         let map = plots.sensitivity_map(&demo.truth, shown);
@@ -57,8 +57,8 @@ fn results(report: &mut Report, demo: &Demo, plots: &Plots<'_>) -> Result<()> {
 fn examples(report: &mut Report, demo: &Demo, plots: &Plots<'_>) -> Result<()> {
     report.heading("Images");
     report.paragraph(
-        "What one frame of 870 voltages shows: red where the sheet conducts better than untouched, blue where the \
-         image swings to the other side. A dot is the true place, a cross the contact found.",
+        "What one frame of 870 voltages shows: red where the sheet conducts better than untouched, blue where it \
+         conducts worse, which here is an artefact of the reconstruction. A dot is the true position, a cross the detected contact.",
     );
     let of = |shown: &Shown| format!("simulated, one frame; {}", shown.name);
     let mut pictures = Vec::new();
@@ -98,7 +98,7 @@ fn the_skin(report: &mut Report, demo: &Demo, plots: &Plots<'_>) -> Result<()> {
     report.heading("The skin and its model");
     report.paragraph(&format!(
         "A cylinder 300 mm long and 100 mm across with {} electrodes of 4 mm radius. A press raises the sheet's \
-         conductance by a Gaussian: {} times more in the middle, with a standard deviation of {} mm. The frames come \
+         conductance by a Gaussian: to {} times the untouched value at its centre, with a standard deviation of {} mm. The frames come \
          from a mesh of {} nodes, the images from one of {} nodes; a baseline is the mean of {} untouched frames, and \
          each press is one frame with its own noise.",
         demo.skin.design().electrodes.len(),
@@ -117,7 +117,7 @@ fn the_skin(report: &mut Report, demo: &Demo, plots: &Plots<'_>) -> Result<()> {
         ),
         (
             plots.flat(&plots.frame_sensitivity(space, &demo.sensitivity))?,
-            "How strongly a small touch at each place changes the frame.".into(),
+            "Change of the frame by a small touch at each position.".into(),
         ),
     ]);
     Ok(())

@@ -177,7 +177,7 @@ fn localisation(report: &mut Report, found: &Results<'_>, plots: &Plots<'_>) -> 
     for shown in &gallery.shown {
         let title = format!("Localisation error, {}", shown.name);
         let picture = plots.errors(&title, &gallery.pressed.truth, shown);
-        pictures.push((picture, "How often a press was misplaced by how much.".into()));
+        pictures.push((picture, "Histogram of the localisation error.".into()));
     }
     report.pictures(&pictures);
     Ok(())
@@ -208,7 +208,7 @@ fn several_touches(report: &mut Report, found: &Results<'_>, plots: &Plots<'_>) 
         report.heading("Four touches at once (Fig. 9)");
         report.paragraph(
             "One frame of the first twin, pressed with 2 N at four places that were fixed beforehand, one of them on the seam. A \
-             dot is a true place, a cross a contact found.",
+             dot is a true position, a cross a detected contact.",
         );
         let mut pictures = Vec::new();
         let mut last = None;
@@ -265,7 +265,7 @@ fn structure(report: &mut Report, found: &Results<'_>, study: &StructureStudy) -
     let mut methods: Vec<&str> = study.structures.iter().map(|one| one.method.as_str()).collect();
     methods.dedup();
     for method in found.methods.iter().filter(|method| methods.contains(&method.key.as_str())) {
-        report.paragraph(&format!("By {}:", method.name));
+        report.paragraph(&format!("Method: {}.", method.name));
         report.table(&structure_table(study, &method.key));
     }
     if let Some(method) = found.methods.first() {
@@ -340,8 +340,8 @@ fn how_it_was_made(report: &mut Report, found: &Results<'_>, stages: &[Done]) {
     report.heading("How this page was made");
     let alphas: Vec<String> = found.methods.iter().map(|method| method.how()).collect();
     report.paragraph(&format!(
-        "Methods: {}. The linear methods have their best alpha, the one that misplaces presses least on {} (seeds from {CHOOSING_SEED}), \
-         which are not among those reported; a miss or a false_positive counts as 20 mm. One detector serves all methods; what share of an image's peak it takes for a touch is a part of the method. Every press is one \
+        "Methods: {}. The linear methods have their best alpha, with the smallest mean error on {} (seeds from {CHOOSING_SEED}) \
+         that the report does not use; a miss or a false positive counts as 20 mm. One detector serves all methods; what share of an image's peak it takes for a touch is a part of the method. Every press is one \
          frame, the baseline the mean of {} frames before the first press.",
         alphas.join("; "),
         match found.scale.choosing_twins() {
