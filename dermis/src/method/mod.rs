@@ -35,7 +35,7 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum MethodError {
     /// No method of that name for the skin.
-    #[error("there is no method `{name}` for the skin `{skin}`: give one of {}, or the folder of a network, as in ./{name}", known.join(", "))]
+    #[error("there is no method `{name}` for the skin `{skin}`: give one of {}, or the folder of a network or a calibration, as in ./{name}", known.join(", "))]
     Unknown {
         /// The name.
         name: String,
