@@ -31,6 +31,8 @@ const USED_PART: f64 = 0.8;
 const CAUTION: f64 = 2.0;
 /// Smallest standard deviation of an unlabelled position, m.
 const LEAST_SD_M: f64 = 0.001;
+/// Part of the labels that follow an unlabelled frame, above which the positions of these frames are estimated.
+const SCATTERED_PART: f64 = 0.1;
 /// Parts of the labels for cross-validation.
 const FOLDS: usize = 5;
 /// A frame whose residual exceeds that of the labels by this factor is unlike any of them.
@@ -43,6 +45,8 @@ pub struct Label {
     pub row: usize,
     /// Its position, m.
     pub position_m: Point3,
+    /// Its force, N; `NaN` if it is not known.
+    pub force_n: f64,
 }
 
 /// The coordinate frame of labels.
@@ -175,7 +179,7 @@ impl Calibration {
 }
 
 /// Refuses labels from which no map can be fitted.
-fn check(frames: &[Frame], protocol: &Protocol, labels: &[Label]) -> Result<(), CalibrateError> {
+pub(crate) fn check(frames: &[Frame], protocol: &Protocol, labels: &[Label]) -> Result<(), CalibrateError> {
     let expected = protocol.channel_count();
     if let Some(frame) = frames.iter().find(|frame| frame.len() != expected) {
         return Err(CalibrateError::Channels { got: frame.len(), expected });
@@ -203,7 +207,7 @@ fn check(frames: &[Frame], protocol: &Protocol, labels: &[Label]) -> Result<(), 
 }
 
 /// Refuses labels off the skin.
-fn check_positions(skin: &Skin, labels: &[Label]) -> Result<(), CalibrateError> {
+pub(crate) fn check_positions(skin: &Skin, labels: &[Label]) -> Result<(), CalibrateError> {
     let limits = skin.mesh().place_limits(skin.design().body.surface());
     labels.iter().try_for_each(|label| match limits.check(label.position_m) {
         Ok(_) => Ok(()),
@@ -244,6 +248,12 @@ impl<'a> Fit<'a> {
                 fit.use_unlabelled(&Locator::new(&fit.samples(), &hyperparameters, region)?);
                 hyperparameters = estimate(&fit.samples())?;
             }
+            return Ok((fit, hyperparameters));
+        }
+        let before = fit.unlabelled_before_labels();
+        if before.len() as f64 > SCATTERED_PART * labels.len() as f64 {
+            fit.place(&before, &Locator::new(&fit.samples(), &hyperparameters, region)?);
+            hyperparameters = estimate(&fit.samples())?;
         }
         Ok((fit, hyperparameters))
     }
@@ -266,19 +276,31 @@ impl<'a> Fit<'a> {
         }
     }
 
-    /// Locates unlabelled frames next to the labels and uses those located best.
-    fn use_unlabelled(&mut self, locator: &Locator) {
-        let labelled: Vec<usize> = self.labels.iter().map(|label| label.row).collect();
-        let rows = self.unlabelled_rows(&labelled);
-        let mut found: Vec<(usize, f64)> = Vec::new();
-        for row in rows {
+    /// Estimates the positions of frames; returns the variance of each per axis.
+    fn place(&mut self, rows: &[usize], locator: &Locator) -> Vec<f64> {
+        let place = |&row: &usize| {
             let previous_m =
                 row.checked_sub(1).and_then(|before| self.positions[before]).map(|(position_m, _)| position_m);
             let located = locator.locate(&self.values[row], previous_m, row as f64);
             let variance = located.sd_m().powi(2) + LEAST_SD_M.powi(2);
             self.positions[row] = Some((located.position_m, CAUTION * variance));
-            found.push((row, variance));
-        }
+            variance
+        };
+        rows.iter().map(place).collect()
+    }
+
+    /// The unlabelled frames before labelled ones: their presses are in the memory of the skin.
+    fn unlabelled_before_labels(&self) -> Vec<usize> {
+        let before = self.labels.iter().filter_map(|label| label.row.checked_sub(1));
+        before.filter(|row| self.positions[*row].is_none() && self.held_out.binary_search(row).is_err()).collect()
+    }
+
+    /// Locates unlabelled frames next to the labels and uses those located best.
+    fn use_unlabelled(&mut self, locator: &Locator) {
+        let labelled: Vec<usize> = self.labels.iter().map(|label| label.row).collect();
+        let rows = self.unlabelled_rows(&labelled);
+        let variances = self.place(&rows, locator);
+        let mut found: Vec<(usize, f64)> = rows.into_iter().zip(variances).collect();
         found.sort_by(|a, b| a.1.total_cmp(&b.1));
         found.truncate((USED_PART * found.len() as f64) as usize);
         self.used = labelled.into_iter().chain(found.into_iter().map(|(row, _)| row)).collect();

@@ -170,7 +170,7 @@ impl Covariance {
 }
 
 /// The Matern 5/2 correlation at a distance in units of the length.
-fn matern(distance: f64) -> f64 {
+pub(crate) fn matern(distance: f64) -> f64 {
     let scaled = 5.0_f64.sqrt() * distance;
     (1.0 + scaled + scaled * scaled / 3.0) * (-scaled).exp()
 }

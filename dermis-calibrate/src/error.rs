@@ -18,6 +18,19 @@ pub enum CalibrateError {
         /// Fewest that can be fitted.
         needed: usize,
     },
+    /// A correction of a method that does not find the labelled presses.
+    #[error(
+        "{method} finds {found} of {labels} labelled presses within 20 mm: a correction needs {}",
+        crate::correction::FEWEST_FOUND
+    )]
+    TooFewFound {
+        /// The method.
+        method: String,
+        /// Presses that it finds.
+        found: usize,
+        /// Labelled presses.
+        labels: usize,
+    },
     /// A label that does not fit the frames.
     #[error("{0}")]
     Label(String),

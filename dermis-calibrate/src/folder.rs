@@ -1,6 +1,7 @@
-//! Calibrations on disk: a folder with `calibration.json` and arrays in NPY files.
+//! Calibrations on disk: a folder with `calibration.json` and arrays in NPY files, or with `correction.json`.
 
 use crate::calibration::{Calibration, Quality};
+use crate::correction::Correction;
 use crate::covariance::{Covariance, Extent, PressInput};
 use crate::error::CalibrateError;
 use crate::forward_map::ForwardMap;
@@ -11,11 +12,14 @@ use crate::sequence::Realignment;
 use crate::units::ChannelUnits;
 use dermis::frame::{TableError, read_array, write_array, write_whole};
 use faer::Mat;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// The file by which a folder is known to be a calibration.
 const CARD: &str = "calibration.json";
+/// The file by which a folder is known to be the correction of a method.
+const CORRECTION: &str = "correction.json";
 /// The version of the format.
 const VERSION: u32 = 1;
 
@@ -35,10 +39,83 @@ struct Card {
     quality: Quality,
 }
 
-/// Only the version, which is read first.
+/// What is read first.
 #[derive(Deserialize)]
-struct Version {
+struct Header {
     version: u32,
+    design: String,
+}
+
+/// The contents of `correction.json`.
+#[derive(Serialize, Deserialize)]
+struct CorrectionCard {
+    version: u32,
+    /// Name of the design.
+    design: String,
+    correction: Correction,
+}
+
+impl Correction {
+    /// Whether a folder contains the correction of a method.
+    pub fn is_folder(folder: &Path) -> bool {
+        folder.join(CORRECTION).is_file()
+    }
+
+    /// Writes the correction for a design to a folder, which is created.
+    ///
+    /// # Errors
+    /// A folder or file that cannot be written.
+    pub fn save(&self, folder: &Path, design: &str) -> Result<(), CalibrateError> {
+        begin(folder)?;
+        let card = CorrectionCard { version: VERSION, design: design.into(), correction: self.clone() };
+        let text = serde_json::to_string_pretty(&card).expect("a card is JSON");
+        Ok(write_whole(&folder.join(CORRECTION), |out| out.write_all(text.as_bytes()))?)
+    }
+
+    /// Reads the correction for a design from a folder.
+    ///
+    /// # Errors
+    /// A file that is missing, damaged or of another version; a correction of another design.
+    pub fn load(folder: &Path, design: &str) -> Result<Self, CalibrateError> {
+        let path = folder.join(CORRECTION);
+        let CorrectionCard { correction, .. } = read_card(&path, design)?;
+        if !correction.is_consistent() {
+            return Err(CalibrateError::File {
+                path,
+                message: "its values do not belong together: calibrate again".into(),
+            });
+        }
+        Ok(correction)
+    }
+}
+
+/// Creates a folder. One that held a calibration holds none until its card is written again.
+fn begin(folder: &Path) -> Result<(), CalibrateError> {
+    let io = |path: &Path, source| CalibrateError::Io { path: path.to_path_buf(), source };
+    std::fs::create_dir_all(folder).map_err(|source| io(folder, source))?;
+    for card in [CARD, CORRECTION].map(|name| folder.join(name)) {
+        match std::fs::remove_file(&card) {
+            Err(source) if source.kind() != std::io::ErrorKind::NotFound => return Err(io(&card, source)),
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// Reads the card of a design, of this version.
+fn read_card<T: DeserializeOwned>(path: &Path, design: &str) -> Result<T, CalibrateError> {
+    let file = |message: String| CalibrateError::File { path: path.to_path_buf(), message };
+    let text =
+        std::fs::read_to_string(path).map_err(|source| CalibrateError::Io { path: path.to_path_buf(), source })?;
+    let header: Header = serde_json::from_str(&text).map_err(|error| file(error.to_string()))?;
+    if header.version != VERSION {
+        let message = format!("its version is {}, but this program reads {VERSION}: calibrate again", header.version);
+        return Err(file(message));
+    }
+    if header.design != design {
+        return Err(file(format!("it was made for the design `{}`, not for `{design}`", header.design)));
+    }
+    serde_json::from_str(&text).map_err(|error| file(error.to_string()))
 }
 
 impl Calibration {
@@ -52,14 +129,7 @@ impl Calibration {
     /// # Errors
     /// A folder or file that cannot be written.
     pub fn save(&self, folder: &Path, design: &str) -> Result<(), CalibrateError> {
-        std::fs::create_dir_all(folder).map_err(|source| CalibrateError::Io { path: folder.to_path_buf(), source })?;
-        // Over an older calibration: the folder is none until the card is written again.
-        match std::fs::remove_file(folder.join(CARD)) {
-            Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
-                return Err(CalibrateError::Io { path: folder.join(CARD), source });
-            }
-            _ => {}
-        }
+        begin(folder)?;
         let (map, region) = (self.locator.map(), self.locator.region());
         let write = |name: &str, columns: usize, values: &[f64]| {
             write_array(&folder.join(name), "array", &[values.len() / columns, columns], values)
@@ -103,16 +173,7 @@ impl Calibration {
     pub fn load(folder: &Path, design: &str) -> Result<Self, CalibrateError> {
         let path = folder.join(CARD);
         let file = |message: String| CalibrateError::File { path: path.clone(), message };
-        let text =
-            std::fs::read_to_string(&path).map_err(|source| CalibrateError::Io { path: path.clone(), source })?;
-        let Version { version } = serde_json::from_str(&text).map_err(|error| file(error.to_string()))?;
-        if version != VERSION {
-            return Err(file(format!("its version is {version}, but this program reads {VERSION}: calibrate again")));
-        }
-        let card: Card = serde_json::from_str(&text).map_err(|error| file(error.to_string()))?;
-        if card.design != design {
-            return Err(file(format!("it was made for the design `{}`, not for `{design}`", card.design)));
-        }
+        let card: Card = read_card(&path, design)?;
         let channels = card.units.channel_count();
         let read = |name: &str, columns: usize| read_columns(&folder.join(name), columns);
         let inputs: Vec<PressInput> = read("presses.npy", 7)?

@@ -8,10 +8,12 @@
 #![warn(unreachable_pub)]
 
 mod calibration;
+mod correction;
 mod covariance;
 mod error;
 mod folder;
 mod forward_map;
+mod gaussian_process;
 mod lags;
 mod locate;
 mod method;
@@ -24,6 +26,7 @@ mod shrinkage;
 mod units;
 
 pub use calibration::{Calibration, FEWEST_LABELS, Label, LabelFrame, Quality};
+pub use correction::{Correction, CorrectionQuality, FEWEST_FOUND};
 pub use error::CalibrateError;
 pub use locate::{Located, REGION_SHARE};
 pub use method::Calibrations;

@@ -67,7 +67,7 @@ impl Located {
         let position_m = sub(self.position_m, scale(self.normal, off_m));
         let near = candidates.iter().zip(weights(candidates));
         let near = near.filter(|(candidate, _)| distance(candidate.position_m, position_m) <= GATE_M);
-        Located { position_m, confidence: near.map(|(_, weight)| weight).sum(), ..self }
+        Located { position_m, confidence: near.map(|(_, weight)| weight).sum::<f64>().min(1.0), ..self }
     }
 
     /// Standard deviation per axis of the surface, m.

@@ -1,19 +1,22 @@
 //! Calibrations as methods of the registry.
 
 use crate::calibration::Calibration;
+use crate::correction::Correction;
 use crate::error::CalibrateError;
 use crate::locate::Located;
 use dermis::contact::Contact;
+use dermis::detect::DetectOptions;
+use dermis::forward::Matrix;
 use dermis::geom::Point3;
 use dermis::geom::vector::distance;
 use dermis::image::PixelSpace;
-use dermis::method::{Method, MethodError, MethodOptions, MethodSource, is_path};
-use dermis::reconstruct::{Reconstruct, ReconstructError, check_lengths};
+use dermis::method::{Method, MethodError, MethodOptions, MethodSource, Methods, is_path};
+use dermis::reconstruct::{Quantity, Reconstruct, ReconstructError, check_lengths};
 use dermis::skin::Skin;
 use std::path::Path;
 use std::sync::Arc;
 
-/// The source of calibrations in folders.
+/// The source of calibrations in folders: forward maps, and corrections of other methods.
 ///
 /// ```
 /// use dermis::method::{MethodOptions, Methods};
@@ -21,25 +24,24 @@ use std::sync::Arc;
 /// use dermis_calibrate::Calibrations;
 ///
 /// let skin = Skin::load("skin16")?;
-/// let methods = Methods::linear().with(Calibrations);
+/// let methods = Methods::linear().with(Calibrations::of(Methods::linear()));
 /// // Any other name or folder is left to the other sources.
 /// assert!(methods.method(&skin, "./no-such-folder", &MethodOptions::default()).is_err());
 /// assert_eq!(methods.method(&skin, "noser", &MethodOptions::default())?.name(), "noser");
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-#[derive(Debug, Clone, Copy)]
-pub struct Calibrations;
+pub struct Calibrations {
+    /// The methods that may be corrected.
+    base: Methods,
+}
 
-impl MethodSource for Calibrations {
-    /// Calibrations have no names: they are in folders.
-    fn names(&self, _: &Skin) -> Result<Vec<String>, MethodError> {
-        Ok(Vec::new())
+impl Calibrations {
+    /// Calibrations, and corrections of some methods.
+    pub fn of(base: Methods) -> Self {
+        Calibrations { base }
     }
 
-    fn method(&self, skin: &Skin, name: &str, options: &MethodOptions) -> Result<Option<Method>, MethodError> {
-        if !is_path(name) || !Calibration::is_folder(Path::new(name)) {
-            return Ok(None);
-        }
+    fn forward_map(skin: &Skin, name: &str, options: &MethodOptions) -> Result<Method, MethodError> {
         options.check_not_linear(name)?;
         if !options.excluded.is_empty() {
             let message = "uses all channels: leave --leave-out out".into();
@@ -51,7 +53,75 @@ impl MethodSource for Calibrations {
             return Err(CalibrateError::Channels { got, expected }.into());
         }
         let method = CalibratedMethod::new(skin, calibration);
-        Ok(Some(Method::new(name, format!("calibration in {name}"), Arc::new(method))))
+        Ok(Method::new(name, format!("calibration in {name}"), Arc::new(method)))
+    }
+
+    fn correction(&self, skin: &Skin, name: &str, options: &MethodOptions) -> Result<Method, MethodError> {
+        let correction = Correction::load(Path::new(name), &skin.design().name)?;
+        let base = self.base.method(skin, correction.method(), options)?;
+        let label = format!("{} with the correction in {name}", base.label());
+        let method = CorrectedMethod { base: Arc::clone(base.reconstruct()), correction };
+        Ok(Method::new(name, label, Arc::new(method)))
+    }
+}
+
+impl MethodSource for Calibrations {
+    /// Calibrations have no names: they are in folders.
+    fn names(&self, _: &Skin) -> Result<Vec<String>, MethodError> {
+        Ok(Vec::new())
+    }
+
+    fn method(&self, skin: &Skin, name: &str, options: &MethodOptions) -> Result<Option<Method>, MethodError> {
+        if !is_path(name) {
+            return Ok(None);
+        }
+        if Calibration::is_folder(Path::new(name)) {
+            return Self::forward_map(skin, name, options).map(Some);
+        }
+        if Correction::is_folder(Path::new(name)) {
+            return self.correction(skin, name, options).map(Some);
+        }
+        Ok(None)
+    }
+}
+
+/// A method whose contacts are corrected.
+struct CorrectedMethod {
+    base: Arc<dyn Reconstruct>,
+    correction: Correction,
+}
+
+impl Reconstruct for CorrectedMethod {
+    fn name(&self) -> String {
+        format!("{}, corrected", self.base.name())
+    }
+
+    fn pixels(&self) -> &Arc<PixelSpace> {
+        self.base.pixels()
+    }
+
+    fn reconstruct_into(&self, difference: &[f64], values: &mut [f64]) -> Result<(), ReconstructError> {
+        self.base.reconstruct_into(difference, values)
+    }
+
+    fn matrix(&self) -> Option<&Matrix> {
+        self.base.matrix()
+    }
+
+    fn quantity(&self) -> Quantity {
+        self.base.quantity()
+    }
+
+    fn correct(&self, difference: &[f64], contacts: &mut [Contact]) {
+        self.correction.apply(&self.base.pixels().surface, difference, contacts);
+    }
+
+    fn detection(&self) -> DetectOptions {
+        let mut options = self.base.detection();
+        if let (Some(forces), Some(relative_sd)) = (&mut options.forces, self.correction.relative_force_sd()) {
+            forces.relative_sd = relative_sd;
+        }
+        options
     }
 }
 

@@ -38,7 +38,8 @@ fn presses(seed: u64, count: usize) -> (Vec<Frame>, Vec<Label>) {
         Frame((0..192).map(|channel| value(positions[row], channel) + before(channel) + noise(&mut rng)).collect())
     };
     let frames = (0..count).map(frame).collect();
-    let labels = positions.iter().enumerate().map(|(row, &position_m)| Label { row, position_m }).collect();
+    let labels =
+        positions.iter().enumerate().map(|(row, &position_m)| Label { row, position_m, force_n: f64::NAN }).collect();
     (frames, labels)
 }
 
@@ -58,7 +59,10 @@ fn positions_are_found_and_survive_the_folder() {
     assert!(moved < 1e-9, "{moved} m");
     // As a method: a contact for a press, none for an untouched frame.
     let name = format!("{}/", folder.path().display());
-    let method = Methods::linear().with(Calibrations).method(&skin, &name, &MethodOptions::default()).unwrap();
+    let method = Methods::linear()
+        .with(Calibrations::of(Methods::linear()))
+        .method(&skin, &name, &MethodOptions::default())
+        .unwrap();
     let detector = method.detector(&[]).unwrap();
     let contacts = method.contacts(&frames[120], &detector).unwrap();
     assert!(contacts.len() == 1 && distance(contacts[0].position_m, labels[120].position_m) < 0.005, "{contacts:?}");
@@ -97,11 +101,12 @@ fn labels_that_determine_nothing_are_refused() {
     let (skin, (frames, labels)) = (skin(), presses(4, PRESSES));
     let fit = |labels: &[Label]| Calibration::fit(&skin, &frames, labels, LabelFrame::Skin).unwrap_err();
     assert!(matches!(fit(&labels[..5]), CalibrateError::TooFewLabels { given: 5, .. }));
-    let one_place: Vec<Label> = (0..50).map(|row| Label { row, position_m: [0.01, 0.0, 0.0] }).collect();
+    let one_place: Vec<Label> =
+        (0..50).map(|row| Label { row, position_m: [0.01, 0.0, 0.0], force_n: f64::NAN }).collect();
     assert!(matches!(fit(&one_place), CalibrateError::TooFewLabels { places: 1, .. }));
-    let beyond = [&labels[..20], &[Label { row: 900, position_m: [0.0; 3] }]].concat();
+    let beyond = [&labels[..20], &[Label { row: 900, position_m: [0.0; 3], force_n: f64::NAN }]].concat();
     assert!(fit(&beyond).to_string().contains("frame 900"));
-    let far = [&labels[..20], &[Label { row: 30, position_m: [1.0, 0.0, 0.0] }]].concat();
+    let far = [&labels[..20], &[Label { row: 30, position_m: [1.0, 0.0, 0.0], force_n: f64::NAN }]].concat();
     assert!(fit(&far).to_string().contains("off the body"), "{}", fit(&far));
     let mut not_finite = frames.clone();
     not_finite[7].0[3] = f64::NAN;

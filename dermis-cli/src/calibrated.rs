@@ -17,6 +17,8 @@ use std::path::Path;
 pub struct Presses {
     /// The press of each frame, m.
     positions_m: Vec<Point3>,
+    /// The force of each press, N; `NaN` if it is not known.
+    forces_n: Vec<f64>,
     frame: LabelFrame,
 }
 
@@ -24,17 +26,21 @@ impl Presses {
     /// Reads the presses of frames.
     pub fn read(path: &Path, skin: &Skin, frame_count: usize) -> Outcome<Self> {
         Ok(match read_truth(path, &place_limits(skin), frame_count)? {
-            Truth::Elsewhere(presses) => Presses { positions_m: presses, frame: LabelFrame::Robot },
+            Truth::Elsewhere(positions_m) => {
+                let forces_n = vec![f64::NAN; positions_m.len()];
+                Presses { positions_m, forces_n, frame: LabelFrame::Robot }
+            }
             Truth::OnSkin(frames) => {
                 let one = |(frame, touches): (usize, Vec<dermis::contact::Contact>)| match &touches[..] {
-                    [touch] => Ok(touch.position_m),
+                    [touch] => Ok((touch.position_m, touch.force_n)),
                     _ => {
                         let message = format!("{}: frame {frame} has {} touches", path.display(), touches.len());
                         Err(Failure::given(message, Some("give frames with one press each")))
                     }
                 };
-                let positions_m = frames.into_iter().enumerate().map(one).collect::<Outcome<_>>()?;
-                Presses { positions_m, frame: LabelFrame::Skin }
+                let presses = frames.into_iter().enumerate().map(one).collect::<Outcome<Vec<(Point3, f64)>>>()?;
+                let (positions_m, forces_n) = presses.into_iter().unzip();
+                Presses { positions_m, forces_n, frame: LabelFrame::Skin }
             }
         })
     }
@@ -56,7 +62,8 @@ impl Presses {
                 &all
             }
         };
-        Ok(rows.iter().map(|&row| Label { row, position_m: self.positions_m[row] }).collect())
+        let label = |&row: &usize| Label { row, position_m: self.positions_m[row], force_n: self.forces_n[row] };
+        Ok(rows.iter().map(label).collect())
     }
 }
 
@@ -144,7 +151,7 @@ pub fn evaluate(
 fn write_report(path: &Path, labels: &[Label], located: &[Located], calibration: &Calibration) -> Outcome {
     Ok(write_whole(path, |out| {
         writeln!(out, "frame,true_x_m,true_y_m,true_z_m,x_m,y_m,z_m,error_m,sd_m,confidence,misfit,unlike")?;
-        for Label { row, position_m: [x, y, z] } in labels {
+        for Label { row, position_m: [x, y, z], .. } in labels {
             let found = &located[*row];
             let [u, v, w] = found.position_m;
             let error_m = distance(found.position_m, [*x, *y, *z]);

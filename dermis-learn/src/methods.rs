@@ -22,7 +22,8 @@ use std::sync::Arc;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn methods() -> Methods {
-    Methods::linear().with(Networks).with(Calibrations)
+    let uncalibrated = || Methods::linear().with(Networks);
+    uncalibrated().with(Calibrations::of(uncalibrated()))
 }
 
 /// The shipped networks, and networks in folders.

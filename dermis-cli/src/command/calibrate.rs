@@ -1,22 +1,19 @@
 //! `dermis calibrate`: a real skin calibrated with measured presses.
 
 use crate::calibrated::{Presses, late_channels};
-use crate::console::{Progress, print, print_json, warn};
+use crate::console::{Progress, print, print_json};
 use crate::failure::{Failure, Outcome};
 use crate::frames::FrameArguments;
 use crate::rows::Rows;
 use crate::skin;
 use clap::Args;
 use dermis::frame::Frame;
-use dermis::geom::vector::distance;
 use dermis::method::MethodOptions;
 use dermis::skin::Skin;
-use dermis::stats::mean;
-use dermis_calibrate::{Calibration, Label, LabelFrame, Quality};
+use dermis_calibrate::{Calibration, Correction, CorrectionQuality, Label, LabelFrame, Quality};
 use dermis_study::report::Table;
-use rayon::prelude::*;
 use serde_json::json;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The arguments of `dermis calibrate`.
 #[derive(Debug, Args)]
@@ -35,6 +32,11 @@ pub struct Arguments {
     /// Also use the frames after the last label, without their positions. Helps with fewer than 300 labels.
     #[arg(long)]
     unlabelled: bool,
+    /// What to calibrate: `forward-map` learns the skin from the presses alone; the name or folder of a method (best,
+    /// noser) corrects the positions and forces of that method. Corrections need positions on the skin [default: whichever
+    /// locates the labels better, of the forward map and the default method of the skin]
+    #[arg(long, value_name = "METHOD")]
+    method: Option<String>,
     /// Folder to write: the method for --method.
     #[arg(short, long, value_name = "FOLDER")]
     output: PathBuf,
@@ -52,47 +54,109 @@ impl Arguments {
         let labels = presses.labels(self.labels.as_ref())?;
         let last = labels.last().map_or(0, |label| label.row);
         let used = if self.unlabelled { &frames[..] } else { &frames[..=last] };
-        let progress = Progress::waiting("fitting the forward map");
-        let calibration = Calibration::fit(&skin, used, &labels, presses.frame())?;
-        calibration.save(&self.output, &skin.design().name)?;
-        drop(progress);
-        if presses.frame() == LabelFrame::Skin {
-            warn_of_better_method(&skin, &frames, &labels, calibration.quality())?;
-        }
+        let calibrated = self.fit(&skin, used, &labels, presses.frame())?;
+        calibrated.save(&self.output, &skin.design().name)?;
         if self.json {
-            return print_json(&json!({
-                "skin": skin.design().name,
-                "quality": calibration.quality(),
-                "lags": calibration.lags(),
-                "pose": calibration.pose(),
-            }));
+            return print_json(&calibrated.to_json(&skin.design().name));
         }
-        print(&format!("{}\nwritten to {}\n", summary(&calibration).to_text(), self.output.display()))
+        print(&format!("{}\nwritten to {}\n", calibrated.summary().to_text(), self.output.display()))
+    }
+
+    fn fit(&self, skin: &Skin, frames: &[Frame], labels: &[Label], frame: LabelFrame) -> Outcome<Calibrated> {
+        if let Some(name) = self.method.as_deref().filter(|name| *name != FORWARD_MAP) {
+            if frame == LabelFrame::Robot {
+                let message = format!("a correction of {name} needs labels on the skin, not in the frame of a robot");
+                return Err(Failure::given(message, Some("name the columns of --truth in its first row")));
+            }
+            return Ok(Calibrated::Correction(correct(skin, frames, labels, name)?));
+        }
+        let map = {
+            let _waiting = Progress::waiting("fitting the forward map");
+            Calibration::fit(skin, frames, labels, frame)?
+        };
+        if self.method.is_some() || frame == LabelFrame::Robot {
+            return Ok(Calibrated::ForwardMap(Box::new(map)));
+        }
+        Ok(match correct(skin, frames, labels, "") {
+            Ok(correction) if is_better(&correction, &map) => Calibrated::Correction(correction),
+            Ok(_) | Err(Failure::Given { .. }) => Calibrated::ForwardMap(Box::new(map)),
+            Err(failure) => return Err(failure),
+        })
     }
 }
 
-/// Warns where the method that needs no calibration locates the labelled presses better.
-fn warn_of_better_method(skin: &Skin, frames: &[Frame], labels: &[Label], quality: &Quality) -> Outcome {
-    let method = dermis_learn::methods().method(skin, "", &MethodOptions::default())?;
+/// The name of the forward map in `--method`.
+const FORWARD_MAP: &str = "forward-map";
+
+/// Corrects a method by the labels.
+fn correct(skin: &Skin, frames: &[Frame], labels: &[Label], name: &str) -> Outcome<Correction> {
+    let _waiting = Progress::waiting("correcting the default method");
+    let method = dermis_learn::methods().method(skin, name, &MethodOptions::default())?;
     let detector = method.detector(&[])?;
-    let error_m = |label: &Label| -> Outcome<Option<f64>> {
-        let contacts = method.contacts(&frames[label.row], &detector)?;
-        Ok(contacts.first().map(|contact| distance(contact.position_m, label.position_m)))
-    };
-    let errors_m: Vec<Option<f64>> = labels.par_iter().map(error_m).collect::<Outcome<_>>()?;
-    let found: Vec<f64> = errors_m.into_iter().flatten().collect();
-    let mean_m = mean(&found);
-    if found.len() == labels.len() && mean_m < quality.mean_error_m {
-        warn(&format!(
-            "{} locates the same presses within {:.2} mm without a calibration: use it, or calibrate with more presses",
-            method.label(),
-            1e3 * mean_m
-        ));
-    }
-    Ok(())
+    Ok(Correction::fit(skin.pixels(), &method, &detector, frames, labels)?)
 }
 
-fn summary(calibration: &Calibration) -> Table {
+/// Whether a correction finds all labels, and locates them better than the forward map.
+fn is_better(correction: &Correction, map: &Calibration) -> bool {
+    let CorrectionQuality { labels, found, mean_error_m, .. } = *correction.quality();
+    found == labels && mean_error_m < map.quality().mean_error_m
+}
+
+/// What the presses gave.
+enum Calibrated {
+    ForwardMap(Box<Calibration>),
+    Correction(Correction),
+}
+
+impl Calibrated {
+    fn save(&self, folder: &Path, design: &str) -> Outcome {
+        Ok(match self {
+            Calibrated::ForwardMap(map) => map.save(folder, design)?,
+            Calibrated::Correction(correction) => correction.save(folder, design)?,
+        })
+    }
+
+    fn to_json(&self, design: &str) -> serde_json::Value {
+        match self {
+            Calibrated::ForwardMap(map) => json!({
+                "skin": design,
+                "method": FORWARD_MAP,
+                "quality": map.quality(),
+                "lags": map.lags(),
+                "pose": map.pose(),
+            }),
+            Calibrated::Correction(correction) => json!({
+                "skin": design,
+                "method": correction.method(),
+                "quality": correction.quality(),
+            }),
+        }
+    }
+
+    fn summary(&self) -> Table {
+        match self {
+            Calibrated::ForwardMap(map) => map_summary(map),
+            Calibrated::Correction(correction) => correction_summary(correction),
+        }
+    }
+}
+
+fn correction_summary(correction: &Correction) -> Table {
+    let CorrectionQuality { labels, found, mean_error_before_m, mean_error_m, force_error, force_spread } =
+        *correction.quality();
+    let mut table = Table::new(&["figure", "value"]);
+    let mut row = |name: &str, value: String| table.row([name.to_string(), value]);
+    row("corrected method", correction.method().to_string());
+    row("labelled presses", format!("{labels}, of which it finds {found}"));
+    row("mean error before", format!("{:.2} mm", 1e3 * mean_error_before_m));
+    row("mean error, cross-validated", format!("{:.2} mm", 1e3 * mean_error_m));
+    if let (Some(error), Some(spread)) = (force_error, force_spread) {
+        row("error of the force", format!("{:.0} %, spread {spread:.2}", 1e2 * error));
+    }
+    table
+}
+
+fn map_summary(calibration: &Calibration) -> Table {
     let Quality { labels, unlabelled, mean_error_m } = *calibration.quality();
     let mut table = Table::new(&["figure", "value"]);
     let mut row = |name: &str, value: String| table.row([name.to_string(), value]);

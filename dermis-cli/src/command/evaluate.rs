@@ -13,7 +13,8 @@ use dermis::frame::{Frame, Truth, frames_after_last_touch, read_truth};
 use dermis::geom::Point3;
 use dermis::skin::Skin;
 use dermis::stats::Summary;
-use dermis_sim::evaluate::{Aligned, Alignment, Score, score};
+use dermis_sim::evaluate::{Aligned, Alignment, ForceErrors, Score, score_contacts};
+use rayon::prelude::*;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -43,7 +44,7 @@ pub struct Arguments {
     /// Draw the N presses at random, this many times, and report the median error.
     #[arg(long, value_name = "TIMES", requires = "align", value_parser = clap::value_parser!(u64).range(1..))]
     draws: Option<u64>,
-    /// Rows to score with a calibration, as in 2000..2500 (row 2500 not included) [default: all].
+    /// Rows to score, as in 2000..2500 (row 2500 not included) [default: all].
     #[arg(long, value_name = "ROWS", conflicts_with = "align")]
     rows: Option<Rows>,
     /// Write each press with its estimate, error and standard deviation (CSV); of a calibration.
@@ -69,9 +70,9 @@ impl Arguments {
             let (rows, report) = (self.rows.as_ref(), self.output.as_deref());
             return calibrated::evaluate(&skin, folder, &differences.frames, &self.truth, rows, report, self.json);
         }
-        if self.rows.is_some() || self.output.is_some() {
+        if self.output.is_some() {
             let fix = "give the folder of a calibration with --method";
-            return Err(Failure::given("--rows and --output need a calibration", Some(fix)));
+            return Err(Failure::given("--output needs the calibration of a skin", Some(fix)));
         }
         let truth = read_truth(&self.truth, &skin::place_limits(&skin), differences.frames.len())?;
         let truth = match (truth, self.align) {
@@ -96,13 +97,23 @@ impl Arguments {
         };
         let method = self.method.prepare(&skin, &differences)?;
         let detector = method.detector(&differences.untouched)?;
-        let images = images(&method, &differences.frames)?;
-        let score = score(&images, &truth, &detector, method.label(), method.alpha())?;
+        let (frames, truth) = self.chosen(differences.frames, truth)?;
+        let images = images(&method, &frames)?;
+        let contacts = frames.par_iter().map(|frame| method.contacts(frame, &detector));
+        let contacts = contacts.collect::<Result<Vec<Vec<Contact>>, _>>()?;
+        let score = score_contacts(&images, &contacts, &truth, method.label(), method.alpha())?;
         if self.json { print_json(&score) } else { print(&table(&skin.design().name, &score)) }
     }
 }
 
 impl Arguments {
+    /// The frames that are scored, and their touches.
+    fn chosen(&self, frames: Vec<Frame>, truth: Vec<Vec<Contact>>) -> Outcome<(Vec<Frame>, Vec<Vec<Contact>>)> {
+        let Some(rows) = &self.rows else { return Ok((frames, truth)) };
+        let rows = rows.of(frames.len()).map_err(|message| Failure::given(message, Some("choose other --rows")))?;
+        Ok(rows.iter().map(|&row| (frames[row].clone(), truth[row].clone())).unzip())
+    }
+
     /// Warns about frames after the last true touch. A frame without a touch is valid, but at the end it usually
     /// indicates a counting error.
     fn warn_of_frames_after(&self, truth: &[Vec<Contact>]) {
@@ -201,10 +212,13 @@ fn table(skin: &str, score: &Score) -> String {
     } else {
         "unknown without forces".to_string()
     };
+    let force = score.force.map_or(String::new(), |ForceErrors { error, spread }| {
+        format!("  force               {:.0} % mean error; estimate over truth spreads by {spread:.2}\n", 1e2 * error)
+    });
     let advice = score.advice().map(|advice| format!("  note                {advice}\n")).unwrap_or_default();
     format!(
         "{skin}: {}{alpha}\n  presses             {}, of which {} missed; {} false positives\n  localisation        {}\n  \
-         whole-image (Eq 11) {}\n  sensitivity spread  {spread}\n{advice}",
+         whole-image (Eq 11) {}\n  sensitivity spread  {spread}\n{force}{advice}",
         score.method,
         score.presses,
         score.misses,

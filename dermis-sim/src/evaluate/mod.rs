@@ -34,7 +34,7 @@ pub use calibration_run::{CalibrationRun, NOISE_DB};
 pub use explained::GainFit;
 pub use matching::{Match, match_contacts};
 pub use presses::{AlignMethod, AlignOptions, Aligned, PressEstimates, Screen};
-pub use score::{Score, resolves_two, score};
+pub use score::{ForceErrors, Score, resolves_two, score, score_contacts};
 pub use tank::{FoundObject, Material, TankObject, find_objects};
 
 use thiserror::Error;

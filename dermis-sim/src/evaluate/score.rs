@@ -6,7 +6,7 @@ use dermis::contact::Contact;
 use dermis::detect::{Detector, whole_image_centroid};
 use dermis::geom::Surface;
 use dermis::image::Image;
-use dermis::stats::{Summary, mean_and_sd};
+use dermis::stats::{Summary, mean, mean_and_sd};
 use serde::Serialize;
 
 /// Scores of a method in an experiment; serialised to the JSON output of `dermis evaluate --json`.
@@ -25,10 +25,29 @@ pub struct Score {
     /// Standard deviation over mean of the image's peak per newton (the paper's Eq. 12), over all frames with one touch
     /// of known force; `NaN` (in JSON `null`) if there are none.
     pub sensitivity_spread: f64,
+    /// Forces of the contacts against those of their touches; `None` (in JSON `null`) if either are not known.
+    pub force: Option<ForceErrors>,
     /// The method's name.
     pub method: String,
     /// Its alpha, if it has one.
     pub alpha: Option<f64>,
+}
+
+/// Scores of forces, over all pairs of a touch and its contact.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ForceErrors {
+    /// Mean of |estimate / truth - 1|.
+    pub error: f64,
+    /// Standard deviation over mean of estimate / truth.
+    pub spread: f64,
+}
+
+impl ForceErrors {
+    /// From the ratios of estimated and true forces; `None` without any.
+    fn of(ratios: &[f64]) -> Option<Self> {
+        let errors: Vec<f64> = ratios.iter().map(|ratio| (ratio - 1.0).abs()).collect();
+        (!ratios.is_empty()).then(|| ForceErrors { error: mean(&errors), spread: spread(ratios) })
+    }
 }
 
 impl Score {
@@ -59,7 +78,10 @@ pub fn score(
 }
 
 /// [`score`] of contacts that were already detected, a list for each image.
-pub(super) fn score_contacts(
+///
+/// # Errors
+/// As [`score`].
+pub fn score_contacts(
     images: &[Image],
     contacts: &[Vec<Contact>],
     truth: &[Vec<Contact>],
@@ -71,12 +93,15 @@ pub(super) fn score_contacts(
     }
     let (mut misses, mut false_positives) = (0, 0);
     let (mut distances, mut eq11, mut sensitivities) = (Vec::new(), Vec::new(), Vec::new());
+    let mut force_ratios = Vec::new();
     for ((image, contacts), touches) in images.iter().zip(contacts).zip(truth) {
         let surface = &image.space.surface;
         let found = match_contacts(touches, contacts, surface);
         misses += found.missed.len();
         false_positives += found.false_positives.len();
         distances.extend(found.pairs.iter().map(|pair| pair.2));
+        let ratios = found.pairs.iter().map(|&(touch, contact, _)| contacts[contact].force_n / touches[touch].force_n);
+        force_ratios.extend(ratios.filter(|ratio| ratio.is_finite()));
         if let [touch] = touches[..] {
             eq11.extend(whole_image_centroid(image).map(|centre| surface.distance_m(centre, touch.position_m)));
             let peak = image.peak().map_or(f64::NAN, |(_, value)| value);
@@ -90,6 +115,7 @@ pub(super) fn score_contacts(
         localisation_m: Summary::of(&distances),
         eq11_m: Summary::of(&eq11),
         sensitivity_spread: spread(&sensitivities),
+        force: ForceErrors::of(&force_ratios),
         method: method.to_string(),
         alpha,
     })

@@ -199,8 +199,12 @@ impl Method {
     /// # Errors
     /// As [`image`](Self::image).
     pub fn contacts(&self, difference: &Frame, detector: &Detector) -> Result<Vec<Contact>, ReconstructError> {
-        let image = self.image(difference)?;
-        Ok(self.reconstruct.contacts(difference).unwrap_or_else(|| detector.detect(&image)))
+        if let Some(contacts) = self.reconstruct.contacts(difference) {
+            return Ok(contacts);
+        }
+        let mut contacts = detector.detect(&self.image(difference)?);
+        self.reconstruct.correct(difference, &mut contacts);
+        Ok(contacts)
     }
 
     /// The method for a skin with some masked channels. A one-step method is prepared again without them; for any other

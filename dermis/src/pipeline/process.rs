@@ -1,9 +1,8 @@
 //! Processing of one frame in the pipeline.
 
 use crate::contact::Contact;
-use crate::detect::{Circumstances, Detector};
+use crate::detect::Circumstances;
 use crate::geom::Point3;
-use crate::image::Image;
 use crate::pipeline::baseline::{Baseline, TouchedFrame};
 use crate::pipeline::contact::TrackedContact;
 use crate::pipeline::electrodes::{Change, ElectrodeMonitor, NoiseFrame};
@@ -16,6 +15,7 @@ use crate::pipeline::statistics::{Statistics, difference};
 use crate::pipeline::timestamp::Timestamp;
 use crate::pipeline::touch_detector::{TouchDetector, statistic};
 use crate::pipeline::{Pipeline, marked};
+use crate::reconstruct::Reconstruct;
 use crate::track::Sighting;
 use std::sync::Arc;
 
@@ -169,7 +169,11 @@ impl Pipeline {
         let settings = &self.state.settings;
         let sightings = match self.method.reconstruct().contacts(&difference) {
             Some(contacts) => sightings_of(contacts, felt),
-            None => sightings(&self.detector, &self.image, self.noise_factor, settings, felt),
+            None => {
+                let mut found = self.detector.detect_under(&self.image);
+                correct(self.method.reconstruct(), &difference, &mut found);
+                sightings(found, self.noise_factor, settings, felt)
+            }
         };
         let tracked = self.state.tracker.update(&sightings, time_s);
         let start = self.state.start.unwrap_or_default();
@@ -232,9 +236,21 @@ fn mask(difference: &mut [f64], masked: &[bool]) {
     difference.iter_mut().zip(masked).filter(|(_, masked)| **masked).for_each(|(value, _)| *value = 0.0);
 }
 
-/// The contacts of an image, each with its signal relative to the threshold at its position. If the touch detector has
-/// not detected a touch in the frame (`felt`), a contact may continue but none can start.
-fn sightings(detector: &Detector, image: &Image, noise_factor: f64, settings: &Settings, felt: bool) -> Vec<Sighting> {
+/// Corrects detected contacts by the method.
+fn correct(method: &dyn Reconstruct, difference: &[f64], found: &mut [(Contact, Circumstances)]) {
+    let mut contacts: Vec<Contact> = found.iter().map(|(contact, _)| *contact).collect();
+    method.correct(difference, &mut contacts);
+    found.iter_mut().zip(contacts).for_each(|((contact, _), corrected)| *contact = corrected);
+}
+
+/// Detected contacts, each with its signal relative to the threshold at its position. If the touch detector has not
+/// detected a touch in the frame (`felt`), a contact may continue but none can start.
+fn sightings(
+    found: Vec<(Contact, Circumstances)>,
+    noise_factor: f64,
+    settings: &Settings,
+    felt: bool,
+) -> Vec<Sighting> {
     let sighting = |(contact, under): (Contact, Circumstances)| {
         let needed = noise_factor * settings.threshold_at(contact.position_m);
         let signal = if needed > 0.0 { under.signal / needed } else { f64::INFINITY };
@@ -242,7 +258,7 @@ fn sightings(detector: &Detector, image: &Image, noise_factor: f64, settings: &S
         let signal = if signal.is_nan() { settings.lowest_threshold() } else { signal };
         Sighting { contact, signal: if felt { signal } else { signal.min(NOT_TO_BEGIN) } }
     };
-    detector.detect_under(image).into_iter().map(sighting).collect()
+    found.into_iter().map(sighting).collect()
 }
 
 /// Contacts that the method located itself. It gives no noise level, so only the touch detector decides.

@@ -114,6 +114,10 @@ pub trait Reconstruct: Send + Sync {
         None
     }
 
+    /// Corrects the contacts that were detected in the image of a difference: a method that is calibrated on a real skin
+    /// changes positions, forces and deviations. The default leaves them as they are.
+    fn correct(&self, _difference: &[f64], _contacts: &mut [Contact]) {}
+
     /// Detection options for its images. The default is that of linear images, with their side lobes.
     fn detection(&self) -> DetectOptions {
         DetectOptions::default()
@@ -144,6 +148,10 @@ impl<P: Deref<Target: Reconstruct> + Send + Sync> Reconstruct for P {
 
     fn contacts(&self, difference: &[f64]) -> Option<Vec<Contact>> {
         (**self).contacts(difference)
+    }
+
+    fn correct(&self, difference: &[f64], contacts: &mut [Contact]) {
+        (**self).correct(difference, contacts);
     }
 
     fn detection(&self) -> DetectOptions {

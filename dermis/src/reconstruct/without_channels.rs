@@ -90,6 +90,10 @@ impl<M: Reconstruct> Reconstruct for WithoutChannels<M> {
         self.method.contacts(&self.complete(difference))
     }
 
+    fn correct(&self, difference: &[f64], contacts: &mut [Contact]) {
+        self.method.correct(&self.complete(difference), contacts);
+    }
+
     fn matrix(&self) -> Option<&Matrix> {
         self.matrix.as_ref()
     }

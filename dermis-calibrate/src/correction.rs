@@ -1,0 +1,274 @@
+//! Correction of the contacts of another method by measured presses.
+
+use crate::calibration::Label;
+use crate::error::CalibrateError;
+use crate::gaussian_process::{GaussianProcess, Input};
+use dermis::contact::Contact;
+use dermis::detect::Detector;
+use dermis::frame::Frame;
+use dermis::geom::Surface;
+use dermis::image::PixelSpace;
+use dermis::method::Method;
+use dermis::stats::{mean, quantile};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Fewest presses that the method must find.
+pub const FEWEST_FOUND: usize = 20;
+/// A contact further from the label is not that press, m.
+const GATE_M: f64 = 0.020;
+/// Typical length over which errors of a method vary, as a part of the size of the skin.
+const LENGTH_PART: f64 = 0.1;
+/// The squared distance in standard deviations within which two normal variables lie with 95 %.
+const SQUARE_95: f64 = 5.991_464_547;
+/// Part of normal values within one standard deviation.
+const WITHIN_ONE_SD: f64 = 0.682_689_492;
+
+/// What measured presses state of the contacts of another method (a network, or a linear one): a shift of the position that
+/// varies over the skin, the force as a function of the strength, the frame and the position, and the deviations of both.
+///
+/// Each is a Gaussian process over the estimated position. The method keeps what it does best: several contacts at once, and
+/// its rate.
+///
+/// ```
+/// use dermis::frame::Frame;
+/// use dermis::method::{MethodOptions, Methods};
+/// use dermis::skin::Skin;
+/// use dermis_calibrate::{CalibrateError, Correction};
+///
+/// let skin = Skin::load("skin16")?;
+/// let method = Methods::linear().method(&skin, "noser", &MethodOptions::default())?;
+/// let detector = method.detector(&[])?;
+/// let untouched = Frame::from(vec![0.0; skin.design().protocol.channel_count()]);
+/// // Without presses there is nothing to correct.
+/// let fit = Correction::fit(skin.pixels(), &method, &detector, &[untouched], &[]);
+/// assert!(matches!(fit, Err(CalibrateError::TooFewFound { found: 0, .. })));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Correction {
+    /// Name of the corrected method.
+    pub(crate) method: String,
+    /// Shift along the two directions of the [chart](Surface::chart), m.
+    shift_m: [GaussianProcess; 2],
+    /// Standard deviation of a position over the stated one.
+    sd_factor: f64,
+    force: Option<ForceCorrection>,
+    quality: CorrectionQuality,
+}
+
+/// Forces from contacts.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct ForceCorrection {
+    /// Logarithm of the force of the only contact of a frame.
+    single: GaussianProcess,
+    /// Logarithm of the force of one of several contacts: the size of the frame is not known for each.
+    several: GaussianProcess,
+    /// Relative standard deviation.
+    relative_sd: f64,
+}
+
+/// What leave-one-out cross-validation on the labels states of a correction.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct CorrectionQuality {
+    /// Labelled presses.
+    pub labels: usize,
+    /// Labels that the method found.
+    pub found: usize,
+    /// Mean error of the position without the correction, m.
+    pub mean_error_before_m: f64,
+    /// Mean error of labels that the correction had not seen, m.
+    pub mean_error_m: f64,
+    /// Mean relative error of the force, where forces are known.
+    pub force_error: Option<f64>,
+    /// Standard deviation of the logarithm of the estimated over the true force.
+    pub force_spread: Option<f64>,
+}
+
+/// A label and its contact.
+struct Found {
+    contact: Contact,
+    label: Label,
+    frame: usize,
+}
+
+impl Correction {
+    /// Fits the correction of a method to labelled frames (differences from the untouched skin). The labels are in the skin's own
+    /// coordinates; `detector` is that of the method.
+    ///
+    /// # Errors
+    /// Fewer than [`FEWEST_FOUND`] labels that the method finds; a method that fails on a frame.
+    pub fn fit(
+        pixels: &PixelSpace,
+        method: &Method,
+        detector: &Detector,
+        frames: &[Frame],
+        labels: &[Label],
+    ) -> Result<Self, CalibrateError> {
+        let surface = &pixels.surface;
+        let found = find(surface, method, detector, frames, labels)?;
+        if found.len() < FEWEST_FOUND {
+            let (found, labels) = (found.len(), labels.len());
+            return Err(CalibrateError::TooFewFound { method: method.name().into(), found, labels });
+        }
+        let length_m = LENGTH_PART * size_m(pixels);
+        let errors_m: Vec<[f64; 2]> =
+            found.iter().map(|one| surface.chart(one.contact.position_m, one.label.position_m)).collect();
+        let places: Vec<Input> =
+            found.iter().map(|one| Input { position_m: one.contact.position_m, features: Vec::new() }).collect();
+        let fit = |axis: usize| {
+            let values: Vec<f64> = errors_m.iter().map(|error| error[axis]).collect();
+            GaussianProcess::fit(&places, &values, length_m)
+        };
+        let ((u, left_u), (v, left_v)) = (fit(0)?, fit(1)?);
+        let left_m: Vec<f64> = left_u.iter().zip(&left_v).map(|(u, v)| u.hypot(*v)).collect();
+        let before_m: Vec<f64> = errors_m.iter().map(|[u, v]| u.hypot(*v)).collect();
+        let force = ForceCorrection::fit(&found, frames, length_m)?;
+        let quality = CorrectionQuality {
+            labels: labels.len(),
+            found: found.len(),
+            mean_error_before_m: mean(&before_m),
+            mean_error_m: mean(&left_m),
+            force_error: force.as_ref().map(|(_, left)| mean_of(left, |log| (log.exp() - 1.0).abs())),
+            force_spread: force.as_ref().map(|(_, left)| mean_of(left, |log| log * log).sqrt()),
+        };
+        Ok(Correction {
+            method: method.name().into(),
+            shift_m: [u, v],
+            sd_factor: sd_factor(&found, &left_m),
+            force: force.map(|(force, _)| force),
+            quality,
+        })
+    }
+
+    /// What cross-validation states.
+    pub fn quality(&self) -> &CorrectionQuality {
+        &self.quality
+    }
+
+    /// Name of the corrected method.
+    pub fn method(&self) -> &str {
+        &self.method
+    }
+
+    /// Relative standard deviation of the forces, where they are known.
+    pub(crate) fn relative_force_sd(&self) -> Option<f64> {
+        self.force.as_ref().map(|force| force.relative_sd)
+    }
+
+    /// Whether it was stored whole.
+    pub(crate) fn is_consistent(&self) -> bool {
+        let force = |force: &ForceCorrection| {
+            force.single.is_consistent(SINGLE_FEATURES) && force.several.is_consistent(SEVERAL_FEATURES)
+        };
+        self.shift_m.iter().all(|shift| shift.is_consistent(0))
+            && self.force.as_ref().is_none_or(force)
+            && self.sd_factor > 0.0
+    }
+
+    /// Corrects the contacts of a difference.
+    pub(crate) fn apply(&self, surface: &Surface, difference: &[f64], contacts: &mut [Contact]) {
+        let several = contacts.len() > 1;
+        for contact in contacts {
+            if let Some(force) = &self.force {
+                let log = match several {
+                    true => force.several.predict(&several_input(contact)),
+                    false => force.single.predict(&single_input(contact, difference)),
+                };
+                contact.force_n = log.exp();
+                contact.force_sd_n = force.relative_sd * contact.force_n;
+            }
+            let place = Input { position_m: contact.position_m, features: Vec::new() };
+            let shift_m = [0, 1].map(|axis| self.shift_m[axis].predict(&place));
+            contact.position_m = surface.walk(contact.position_m, shift_m);
+            contact.normal = surface.normal(contact.position_m).unwrap_or(contact.normal);
+            contact.sd_m *= self.sd_factor;
+        }
+    }
+}
+
+impl ForceCorrection {
+    /// The correction, and what the logarithm of each force leaves unexplained by leave-one-out; `None` without forces.
+    fn fit(found: &[Found], frames: &[Frame], length_m: f64) -> Result<Option<(Self, Vec<f64>)>, CalibrateError> {
+        let known: Vec<&Found> = found.iter().filter(|one| one.label.force_n > 0.0).collect();
+        if known.len() < FEWEST_FOUND {
+            return Ok(None);
+        }
+        let logs: Vec<f64> = known.iter().map(|one| one.label.force_n.ln()).collect();
+        let single: Vec<Input> = known.iter().map(|one| single_input(&one.contact, &frames[one.frame])).collect();
+        let several: Vec<Input> = known.iter().map(|one| several_input(&one.contact)).collect();
+        let (single, left) = GaussianProcess::fit(&single, &logs, length_m)?;
+        let (several, _) = GaussianProcess::fit(&several, &logs, length_m)?;
+        let off: Vec<f64> = sorted(left.iter().map(|log| (log.exp() - 1.0).abs()));
+        let relative_sd = quantile(&off, WITHIN_ONE_SD);
+        Ok(Some((ForceCorrection { single, several, relative_sd }, left)))
+    }
+}
+
+/// The labels that the method finds, each with the nearest contact.
+fn find(
+    surface: &Surface,
+    method: &Method,
+    detector: &Detector,
+    frames: &[Frame],
+    labels: &[Label],
+) -> Result<Vec<Found>, CalibrateError> {
+    let find = |label: &Label| {
+        let contacts = method.contacts(&frames[label.row], detector).map_err(dermis::Error::from)?;
+        let apart = |contact: &Contact| surface.distance_m(contact.position_m, label.position_m);
+        let nearest = contacts.into_iter().min_by(|a, b| apart(a).total_cmp(&apart(b)));
+        let near = nearest.filter(|contact| apart(contact) <= GATE_M && contact.strength > 0.0);
+        Ok(near.map(|contact| Found { contact, label: *label, frame: label.row }))
+    };
+    let found = labels.par_iter().map(find).collect::<Result<Vec<Option<Found>>, CalibrateError>>()?;
+    Ok(found.into_iter().flatten().collect())
+}
+
+/// Number of features of a force.
+const SINGLE_FEATURES: usize = 6;
+const SEVERAL_FEATURES: usize = 2;
+
+/// Strength of the contact, and norms of the frame: they weigh weak and strong channels differently, and patches that
+/// saturate change their ratio.
+fn single_input(contact: &Contact, difference: &[f64]) -> Input {
+    let positive = |value: f64| value.max(f64::MIN_POSITIVE).ln();
+    let sizes = || difference.iter().map(|value| value.abs());
+    let square = positive(sizes().map(|size| size * size).sum::<f64>().sqrt());
+    let strength = positive(contact.strength);
+    let features = vec![
+        strength,
+        strength * strength,
+        square,
+        square * square,
+        positive(sizes().sum()),
+        positive(sizes().fold(0.0, f64::max)),
+    ];
+    Input { position_m: contact.position_m, features }
+}
+
+fn several_input(contact: &Contact) -> Input {
+    let strength = contact.strength.max(f64::MIN_POSITIVE).ln();
+    Input { position_m: contact.position_m, features: vec![strength, strength * strength] }
+}
+
+/// The factor on the stated deviations with which 95 % of the regions contain the true position.
+fn sd_factor(found: &[Found], left_m: &[f64]) -> f64 {
+    let ratios = found.iter().zip(left_m).map(|(one, left_m)| (left_m / one.contact.sd_m).powi(2));
+    let ratios = sorted(ratios.filter(|ratio| ratio.is_finite()));
+    if ratios.is_empty() { 1.0 } else { (quantile(&ratios, 0.95) / SQUARE_95).sqrt().max(1e-3) }
+}
+
+/// The diagonal of the bounding box of the skin.
+fn size_m(pixels: &PixelSpace) -> f64 {
+    pixels.box_m().iter().map(|[low, high]| (high - low).powi(2)).sum::<f64>().sqrt()
+}
+
+fn mean_of(values: &[f64], of: impl Fn(f64) -> f64) -> f64 {
+    values.iter().map(|value| of(*value)).sum::<f64>() / values.len() as f64
+}
+
+fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    values
+}

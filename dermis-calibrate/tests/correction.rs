@@ -1,0 +1,97 @@
+//! Corrections of a method whose errors are known.
+
+use dermis::detect::Detector;
+use dermis::frame::Frame;
+use dermis::geom::vector::distance;
+use dermis::geom::Point3;
+use dermis::method::{Method, MethodOptions, Methods};
+use dermis::skin::Skin;
+use dermis_calibrate::{CalibrateError, Calibrations, Correction, Label};
+
+/// A touch of a size at each of some pixels, by the Jacobian.
+fn frames(skin: &Skin, touches: &[(usize, f64)]) -> Vec<Frame> {
+    let jacobian = &skin.linearised().unwrap().jacobian;
+    let frame = |&(pixel, size): &(usize, f64)| {
+        Frame::from((0..jacobian.rows).map(|channel| size * jacobian.at(channel, pixel)).collect::<Vec<f64>>())
+    };
+    touches.iter().map(frame).collect()
+}
+
+/// Touches of different sizes, well inside the skin.
+fn touches(skin: &Skin) -> Vec<(usize, f64)> {
+    let inside = |pixel: &usize| {
+        let [x, y, _] = skin.pixels().centres_m[*pixel];
+        x.hypot(y) < 0.025
+    };
+    let pixels: Vec<usize> = (0..skin.pixels().len()).filter(inside).collect();
+    (0..160).map(|k| (pixels[(37 * k) % pixels.len()], 0.3 + 0.1 * ((k * k) % 13) as f64)).collect()
+}
+
+/// The true position of a contact that the method reports at a place.
+fn shifted([x, y, z]: Point3) -> Point3 {
+    [x + 0.003 + 0.002 * (x / 0.02).sin(), y - 0.004 * (y / 0.03).cos(), z]
+}
+
+struct Case {
+    skin: Skin,
+    method: Method,
+    detector: Detector,
+    frames: Vec<Frame>,
+    labels: Vec<Label>,
+}
+
+/// A method that is off by a smooth function of the position, and whose strengths are a power of the force.
+fn case() -> Case {
+    let skin = Skin::load("tank16").unwrap();
+    let method = Methods::linear().method(&skin, "noser", &MethodOptions::default()).unwrap();
+    let detector = method.detector(&[]).unwrap();
+    let frames = frames(&skin, &touches(&skin));
+    let label = |(row, frame): (usize, &Frame)| {
+        let contacts = method.contacts(frame, &detector).unwrap();
+        let strongest = contacts.iter().max_by(|a, b| a.strength.total_cmp(&b.strength)).unwrap();
+        let force_n = (1e4 * strongest.strength).powf(0.7) * (1.0 + 10.0 * strongest.position_m[0]);
+        Label { row, position_m: shifted(strongest.position_m), force_n }
+    };
+    let labels = frames.iter().enumerate().map(label).collect();
+    Case { skin, method, detector, frames, labels }
+}
+
+fn fit(case: &Case, count: usize) -> Result<Correction, CalibrateError> {
+    Correction::fit(case.skin.pixels(), &case.method, &case.detector, &case.frames, &case.labels[..count])
+}
+
+#[test]
+fn a_correction_removes_smooth_errors_and_learns_forces() {
+    let case = case();
+    let correction = fit(&case, 100).unwrap();
+    let quality = *correction.quality();
+    assert_eq!((quality.labels, quality.found), (100, 100));
+    assert!(quality.mean_error_before_m > 3e-3, "{quality:?}");
+
+    let folder = std::env::temp_dir().join(format!("dermis-correction-{}", std::process::id()));
+    correction.save(&folder, "tank16").unwrap();
+    let methods = Methods::linear().with(Calibrations::of(Methods::linear()));
+    let name = format!("{}", folder.display());
+    let corrected = methods.method(&case.skin, &name, &MethodOptions::default()).unwrap();
+    assert!(Correction::load(&folder, "skin16").is_err(), "a correction for another design");
+    std::fs::remove_dir_all(&folder).unwrap();
+
+    let (mut off_m, mut force_errors) = (Vec::new(), Vec::new());
+    for (frame, label) in case.frames.iter().zip(&case.labels).skip(100) {
+        let contacts = corrected.contacts(frame, &case.detector).unwrap();
+        let strongest = contacts.iter().max_by(|a, b| a.strength.total_cmp(&b.strength)).unwrap();
+        off_m.push(distance(strongest.position_m, label.position_m));
+        force_errors.push((strongest.force_n / label.force_n - 1.0).abs());
+    }
+    let mean_m = dermis::stats::mean(&off_m);
+    assert!(mean_m < 0.2 * quality.mean_error_before_m, "{mean_m} m, {quality:?}");
+    assert!(mean_m < 3.0 * quality.mean_error_m && quality.mean_error_m < 3.0 * mean_m, "{mean_m} m, {quality:?}");
+    assert!(dermis::stats::mean(&force_errors) < 0.05, "{force_errors:?}");
+}
+
+#[test]
+fn a_correction_needs_presses_that_the_method_finds() {
+    let case = case();
+    let few = fit(&case, 10).unwrap_err();
+    assert!(matches!(few, CalibrateError::TooFewFound { found: 10, labels: 10, .. }), "{few}");
+}
