@@ -39,7 +39,7 @@ const WITHIN_ONE_SD: f64 = 0.682_689_492;
 /// let skin = Skin::load("skin16")?;
 /// let method = Methods::linear().method(&skin, "noser", &MethodOptions::default())?;
 /// let detector = method.detector(&[])?;
-/// let untouched = Frame::from(vec![0.0; skin.design().protocol.channel_count()]);
+/// let untouched = Frame(vec![0.0; skin.design().protocol.channel_count()]);
 /// // Without presses there is nothing to correct.
 /// let fit = Correction::fit(skin.pixels(), &method, &detector, &[untouched], &[]);
 /// assert!(matches!(fit, Err(CalibrateError::TooFewFound { found: 0, .. })));

@@ -2,8 +2,8 @@
 
 use dermis::detect::Detector;
 use dermis::frame::Frame;
-use dermis::geom::vector::distance;
 use dermis::geom::Point3;
+use dermis::geom::vector::distance;
 use dermis::method::{Method, MethodOptions, Methods};
 use dermis::skin::Skin;
 use dermis_calibrate::{CalibrateError, Calibrations, Correction, Label};
@@ -12,7 +12,7 @@ use dermis_calibrate::{CalibrateError, Calibrations, Correction, Label};
 fn frames(skin: &Skin, touches: &[(usize, f64)]) -> Vec<Frame> {
     let jacobian = &skin.linearised().unwrap().jacobian;
     let frame = |&(pixel, size): &(usize, f64)| {
-        Frame::from((0..jacobian.rows).map(|channel| size * jacobian.at(channel, pixel)).collect::<Vec<f64>>())
+        Frame((0..jacobian.rows).map(|channel| size * jacobian.at(channel, pixel)).collect())
     };
     touches.iter().map(frame).collect()
 }
@@ -68,13 +68,12 @@ fn a_correction_removes_smooth_errors_and_learns_forces() {
     assert_eq!((quality.labels, quality.found), (100, 100));
     assert!(quality.mean_error_before_m > 3e-3, "{quality:?}");
 
-    let folder = std::env::temp_dir().join(format!("dermis-correction-{}", std::process::id()));
-    correction.save(&folder, "tank16").unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    correction.save(folder.path(), "tank16").unwrap();
     let methods = Methods::linear().with(Calibrations::of(Methods::linear()));
-    let name = format!("{}", folder.display());
+    let name = format!("{}", folder.path().display());
     let corrected = methods.method(&case.skin, &name, &MethodOptions::default()).unwrap();
-    assert!(Correction::load(&folder, "skin16").is_err(), "a correction for another design");
-    std::fs::remove_dir_all(&folder).unwrap();
+    assert!(Correction::load(folder.path(), "skin16").is_err(), "a correction for another design");
 
     let (mut off_m, mut force_errors) = (Vec::new(), Vec::new());
     for (frame, label) in case.frames.iter().zip(&case.labels).skip(100) {
