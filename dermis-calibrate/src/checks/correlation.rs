@@ -1,6 +1,11 @@
 //! Correlations between the columns of a table.
 
+use dermis::frame::Frame;
+use dermis::stats::{mean_and_sd, upper_median};
 use faer::Mat;
+
+/// Smallest unit of a channel, in its standard deviations.
+const LEAST_UNIT: f64 = 0.1;
 
 /// The columns with mean 0 and mean square 1; constant ones become 0.
 pub(crate) fn standardised(values: &Mat<f64>) -> Mat<f64> {
@@ -14,6 +19,22 @@ pub(crate) fn standardised(values: &Mat<f64>) -> Mat<f64> {
         result.col_mut(j).iter_mut().for_each(|value| *value = (*value - mean) * factor);
     }
     result
+}
+
+/// Frames in robust units, as [`crate::ChannelUnits`], standardised; a channel whose median deviation is small against its standard
+/// deviation (most presses do not reach it) has a unit from that.
+pub(crate) fn robust(frames: &[Frame]) -> Mat<f64> {
+    let columns = frames.first().map_or(0, |frame| frame.len());
+    let mut values = Mat::from_fn(frames.len(), columns, |i, j| frames[i][j]);
+    for j in 0..columns {
+        let column: Vec<f64> = values.col(j).iter().copied().collect();
+        let middle = upper_median(&column).unwrap_or(0.0);
+        let apart: Vec<f64> = column.iter().map(|value| (value - middle).abs()).collect();
+        let unit = (1.4826 * upper_median(&apart).unwrap_or(0.0)).max(LEAST_UNIT * mean_and_sd(&column).1);
+        let convert = |value: f64| if unit > 0.0 { ((value - middle) / unit).asinh() } else { 0.0 };
+        values.col_mut(j).iter_mut().for_each(|value| *value = convert(*value));
+    }
+    standardised(&values)
 }
 
 /// The correlation of each two columns of a standardised table.
@@ -43,6 +64,11 @@ pub(crate) fn unit_rows(values: &Mat<f64>) -> Mat<f64> {
     let norm = |i: usize| values.row(i).iter().map(|value| value * value).sum::<f64>().sqrt();
     let norms: Vec<f64> = (0..values.nrows()).map(norm).collect();
     Mat::from_fn(values.nrows(), values.ncols(), |i, j| if norms[i] > 0.0 { values[(i, j)] / norms[i] } else { 0.0 })
+}
+
+/// A matrix as rows of numbers.
+pub(crate) fn to_rows(matrix: &Mat<f64>) -> Vec<Vec<f64>> {
+    (0..matrix.nrows()).map(|i| matrix.row(i).iter().copied().collect()).collect()
 }
 
 /// Rows of numbers as a matrix.

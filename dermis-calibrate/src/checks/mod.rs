@@ -37,7 +37,7 @@ use crate::error::CalibrateError;
 use crate::lags::{LAGS, LagEvidence, lag_evidence};
 use crate::sequence::{Realignment, in_units};
 use crate::units::ChannelUnits;
-use correlation::{correlations, standardised, to_matrix};
+use correlation::{correlations, robust, to_matrix, to_rows};
 use dermis::frame::{Frame, mean};
 use dermis::geom::Point3;
 use dermis::protocol::Protocol;
@@ -122,13 +122,16 @@ pub struct Figures {
 pub fn check_recording(skin: &Skin, recording: &Recording<'_>) -> Result<Checked, CalibrateError> {
     validate(recording, &skin.design().protocol)?;
     let mut check = Check::new(skin, recording)?;
-    check.untouched_signs();
-    let (order, own) = check.order();
+    let comparable = check.untouched_signs();
+    let designed = Order::of_design(&check.protocol);
+    // Late and dead channels would look exchanged: they are found first, in the order of the file.
+    let mut evidence = check.late(&check.differences.clone(), &designed);
+    let order = check.order(comparable);
     let mended = check.mended(&order);
-    check.figures.untouched_cosine = own.untouched;
-    check.figures.correlation_cosine = own.changes;
-    let evidence = check.late(&mended, &order);
-    check.aligned(&mended, &order, &evidence);
+    if !order.changes.is_empty() {
+        evidence = check.late(&mended, &order);
+    }
+    check.aligned(&mended, &order, &evidence, comparable);
     check.of_values();
     Ok(check.finish(&order))
 }
@@ -222,8 +225,8 @@ impl<'a> Check<'a> {
         })
     }
 
-    /// Signs that are lost as a whole; from then on amplitudes are compared.
-    fn untouched_signs(&mut self) {
+    /// Signs that are lost as a whole; from then on amplitudes are compared. Returns whether changes can be compared with the model.
+    fn untouched_signs(&mut self) -> bool {
         let found = match &self.untouched {
             Some(untouched) => signs::of_untouched(untouched, &self.model, &self.protocol),
             None => signs::of_differences(&self.columns, &self.model),
@@ -234,7 +237,9 @@ impl<'a> Check<'a> {
                 self.drop_signs();
             }
             self.findings.push(finding);
+            return !lost || self.untouched.is_some();
         }
+        true
     }
 
     fn drop_signs(&mut self) {
@@ -243,14 +248,15 @@ impl<'a> Check<'a> {
         self.figures.model_untouched = self.model.untouched.clone();
     }
 
-    /// The order of the channels that fits best, and the score of that of the design.
-    fn order(&mut self) -> (Order, Score) {
-        let measured = self.correlation_of_file();
-        let untouched = self.untouched.clone();
+    /// The order of the channels that fits best.
+    fn order(&mut self, comparable: bool) -> Order {
+        let measured = self.correlation_of_file().filter(|_| comparable);
+        let (untouched, dead) = (self.untouched.clone(), self.dead.clone());
         let search = |model: &ModelChannels, protocol: &Protocol| {
-            Matcher::new(protocol, model, untouched.as_deref(), measured.as_ref()).search()
+            Matcher::new(protocol, model, untouched.as_deref(), measured.as_ref(), &dead).search(model)
         };
         let (own, mut better) = search(&self.model, &self.protocol);
+        (self.figures.untouched_cosine, self.figures.correlation_cosine) = (own.untouched, own.changes);
         let mut found = Vec::new();
         if let Some(finding) = self.lost_in_changes(own, better.as_ref(), measured.as_ref()) {
             found.push(finding);
@@ -264,19 +270,19 @@ impl<'a> Check<'a> {
             found.push(describe::unlike(own));
         }
         let mut order = better.map_or_else(|| Order::of_design(&self.protocol), |better| better.order);
-        if let Some(finding) = self.all_turned(score, &order) {
+        if let Some(finding) = self.all_turned(score, &order).filter(|_| comparable) {
             order.signs.iter_mut().for_each(|sign| *sign = -*sign);
             found.push(finding);
         }
         self.findings.extend(found);
-        (order, own)
+        order
     }
 
     /// Correlations of the channels over the rows, in the order of the file; `None` for few rows.
     fn correlation_of_file(&self) -> Option<Mat<f64>> {
-        let units = ChannelUnits::of(&self.differences);
-        let enough = self.differences.len() >= FEWEST_ROWS && units.varying_count() > 2;
-        enough.then(|| correlations(&standardised(&to_matrix(&in_units(&self.differences, &units)))))
+        let enough = self.differences.len() >= FEWEST_ROWS;
+        let aligned = || realigned(&self.differences, &self.lags).unwrap_or_else(|_| self.differences.clone());
+        enough.then(|| correlations(&robust(&aligned())))
     }
 
     /// Signs that are lost, by the changes alone: amplitudes fit the model clearly better.
@@ -287,7 +293,7 @@ impl<'a> Check<'a> {
         let mut model = self.model.clone();
         model.drop_signs();
         let protocol = self.protocol.clone().with_amplitude_only(true);
-        let lost = Matcher::new(&protocol, &model, None, measured).score(&Order::of_design(&protocol));
+        let lost = Matcher::new(&protocol, &model, None, measured, &self.dead).score(&Order::of_design(&protocol));
         let known = better.map_or(own.changes, |better| better.score.changes);
         describe::lost(lost.changes, known)
     }
@@ -311,10 +317,9 @@ impl<'a> Check<'a> {
         self.differences.iter().map(|frame| Frame(order.apply(frame))).collect()
     }
 
-    /// Late channels.
+    /// Late channels, and channels that are noise.
     fn late(&mut self, mended: &[Frame], order: &Order) -> LagEvidence {
-        let units = ChannelUnits::of(mended);
-        let mut evidence = lag_evidence(&in_units(mended, &units), &self.protocol);
+        let mut evidence = lag_evidence(&to_rows(&robust(mended)), &self.protocol);
         let dead_in_design: Vec<usize> = (0..order.columns.len()).filter(|c| self.dead.contains(&order.columns[*c])).collect();
         dead_in_design.iter().for_each(|&channel| evidence.lags[channel] = 0);
         self.lags = vec![0; order.columns.len()];
@@ -324,21 +329,23 @@ impl<'a> Check<'a> {
         for (column, explained) in order.columns.iter().zip(&evidence.explained) {
             self.figures.lag_explained[*column] = explained.clone();
         }
+        let noise = describe::noise_only(&evidence, mended, &self.model);
+        self.dead = noise.into_iter().map(|channel| order.columns[channel]).chain(self.constant.clone()).collect();
+        self.dead.sort_unstable();
+        self.dead.dedup();
+        self.findings.retain(|finding| finding.kind != FindingKind::Late);
         let late: Vec<Finding> = LAGS.filter(|lag| *lag != 0).filter_map(|lag| describe::late(lag, &self.lags, &self.figures)).collect();
         self.findings.extend(late);
         evidence
     }
 
     /// Everything that needs the channels in their rows: noise, single signs, pairs, drift, memory, truth.
-    fn aligned(&mut self, mended: &[Frame], order: &Order, evidence: &LagEvidence) {
+    fn aligned(&mut self, mended: &[Frame], order: &Order, evidence: &LagEvidence, comparable: bool) {
         let aligned = realigned(mended, &evidence.lags).unwrap_or_else(|_| mended.to_vec());
-        let values = standardised(&to_matrix(&in_units(&aligned, &ChannelUnits::of(&aligned))));
+        let values = robust(&aligned);
         let correlation = correlations(&values);
         let column = |channels: Vec<usize>| channels.into_iter().map(|channel| order.columns[channel]).collect::<Vec<_>>();
-        self.dead.extend(column(describe::noise_only(evidence, &aligned, &self.model)));
-        self.dead.sort_unstable();
-        self.dead.dedup();
-        let turned = self.turned(&correlation, order);
+        let turned = if comparable { self.turned(&correlation, order) } else { Vec::new() };
         let late = self.lags.iter().enumerate().filter(|(_, lag)| **lag != 0).map(|(column, _)| column);
         self.left_out = self.dead.iter().copied().chain(column(turned)).chain(late).collect();
         self.pairs(&aligned, order);
@@ -415,8 +422,4 @@ impl<'a> Check<'a> {
         let columns = if order.changes.is_empty() { Vec::new() } else { order.columns.clone() };
         Checked { findings: self.findings, lags: self.lags, columns, figures: self.figures }
     }
-}
-
-fn to_rows(matrix: &Mat<f64>) -> Vec<Vec<f64>> {
-    (0..matrix.nrows()).map(|i| matrix.row(i).iter().copied().collect()).collect()
 }

@@ -7,6 +7,7 @@
 use crate::checks::correlation::cosine;
 use crate::checks::model::ModelChannels;
 use crate::checks::orders::{Change, Order};
+use crate::checks::signs::turned_correlations;
 use dermis::linalg::smallest_total;
 use dermis::protocol::Protocol;
 use dermis::stats::upper_median;
@@ -50,6 +51,8 @@ pub(crate) struct Matcher<'a> {
     untouched: Option<Vec<f64>>,
     pairs: Vec<(usize, usize, f64)>,
     measured: Option<&'a Mat<f64>>,
+    /// Columns of the file that are not compared.
+    dead: Vec<bool>,
 }
 
 /// An order that fits better than that of the design.
@@ -68,6 +71,7 @@ impl<'a> Matcher<'a> {
         model: &ModelChannels,
         untouched: Option<&[f64]>,
         measured: Option<&'a Mat<f64>>,
+        dead: &[usize],
     ) -> Self {
         let channels = model.channel_count();
         let count = channels * (channels - 1) / 2;
@@ -80,26 +84,30 @@ impl<'a> Matcher<'a> {
             untouched: untouched.map(compressed),
             pairs,
             measured,
+            dead: (0..channels).map(|column| dead.contains(&column)).collect(),
         }
     }
 
     /// The score of an order.
     pub(crate) fn score(&self, order: &Order) -> Score {
         let untouched = self.untouched.as_ref().map_or(0.0, |frame| {
-            let own = order.columns.iter().zip(&order.signs).map(|(&column, sign)| sign * frame[column]);
-            cosine(own, self.model_untouched.iter().copied())
+            let alive = || (0..frame.len()).filter(|&channel| !self.dead[order.columns[channel]]);
+            let own = alive().map(|channel| order.signs[channel] * frame[order.columns[channel]]);
+            cosine(own, alive().map(|channel| self.model_untouched[channel]))
         });
         let changes = self.measured.map_or(0.0, |measured| {
             let value = |&(a, b, _): &(usize, usize, f64)| {
                 order.signs[a] * order.signs[b] * measured[(order.columns[a], order.columns[b])]
             };
-            cosine(self.pairs.iter().map(value), self.pairs.iter().map(|pair| pair.2))
+            let alive = |&&(a, b, _): &&(usize, usize, f64)| !self.dead[order.columns[a]] && !self.dead[order.columns[b]];
+            let pairs = || self.pairs.iter().filter(alive);
+            cosine(pairs().map(value), pairs().map(|pair| pair.2))
         });
         Score { untouched, changes }
     }
 
     /// The order that fits best, where it fits clearly better than that of the design, and the score of that of the design.
-    pub(crate) fn search(&self) -> (Score, Option<BetterOrder>) {
+    pub(crate) fn search(&self, model: &ModelChannels) -> (Score, Option<BetterOrder>) {
         let orders = Order::all(self.protocol);
         let scores: Vec<Score> = orders.par_iter().map(|order| self.score(order)).collect();
         let best = scores.iter().map(|score| score.total()).fold(f64::NEG_INFINITY, f64::max);
@@ -109,12 +117,28 @@ impl<'a> Matcher<'a> {
         if !self.is_better(score, scores[0]) {
             (order, score) = (orders[0].clone(), scores[0]);
         }
+        // Drives whose sign is turned are no exchanged ones.
+        let known = self.with_turned_drives(&order, model).map_or(score, |turned| self.score(&turned));
+        let known = if known.total() > score.total() { known } else { score };
         let permuted = self.permuted(&order, score);
-        if let Some((other, found)) = permuted.filter(|(_, found)| self.is_better(*found, score)) {
+        if let Some((other, found)) = permuted.filter(|(_, found)| self.is_better(*found, known)) {
             (order, score) = (other, found);
         }
         let better = !order.changes.is_empty();
         (scores[0], better.then_some(BetterOrder { order, score }))
+    }
+
+    /// An order with the signs of those channels turned that the changes show to be turned.
+    fn with_turned_drives(&self, order: &Order, model: &ModelChannels) -> Option<Order> {
+        let measured = self.measured?;
+        let count = order.columns.len();
+        let ordered = Mat::from_fn(count, count, |a, b| {
+            order.signs[a] * order.signs[b] * measured[(order.columns[a], order.columns[b])]
+        });
+        let mut turned = order.clone();
+        let channels = turned_correlations(&ordered, model, self.protocol).channels;
+        channels.into_iter().for_each(|channel| turned.signs[channel] = -turned.signs[channel]);
+        Some(turned)
     }
 
     /// Whether a score is better than another by more than chance.

@@ -58,12 +58,11 @@ const LOST: &str = "record signed values, or set protocol.amplitude_only = true"
 pub(crate) fn of_differences(columns: &[Vec<f64>], model: &ModelChannels) -> Option<Finding> {
     let is_positive = |column: &Vec<f64>| column.iter().all(|value| *value >= 0.0);
     let positive = columns.iter().filter(|column| is_positive(column)).count() as f64 / columns.len().max(1) as f64;
-    // The part of the channels in which the model's touches lower the value.
-    let sum = |channel: usize| model.touches.col(channel).iter().sum::<f64>();
-    let lowered = (0..model.channel_count()).filter(|&channel| sum(channel) < 0.0).count() as f64;
-    let expected = lowered / model.channel_count() as f64;
+    // The part of the model's changes that lower a value.
+    let all: Vec<f64> = (0..model.channel_count()).flat_map(|channel| model.touches.col(channel).iter().copied()).collect();
+    let [expected, _] = parts(&all);
     let found = positive > 0.9 && columns.first().is_some_and(|column| column.len() > 1) && expected >= BOTH;
-    let evidence = "part of the channels without a negative difference; touches lower many of them in the model".to_string();
+    let evidence = "part of the channels without a negative difference; touches of the model lower many values".to_string();
     let fix = "give signed differences: frames minus the untouched frame, without absolute values";
     found.then(|| Finding::new(FindingKind::SignLost, positive, evidence, fix))
 }

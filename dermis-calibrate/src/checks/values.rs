@@ -14,8 +14,12 @@ const PILED_ROWS: usize = 5;
 const PILED_RATIO: usize = 2;
 /// The part of the range next to a limit.
 const BESIDE: f64 = 0.05;
-/// A value is an outlier if it is this many times farther from the median than 99 % of its channel's values.
+/// A channel with fewer different values is coarse, and its largest value no limit.
+const FEWEST_VALUES: usize = 20;
+/// A value is an outlier if it is this many times farther from the median than 99 % of its channel's values, ...
 const FAR_VALUE: f64 = 30.0;
+/// ... and at most this part of the frame's other values are farther than [`FAR_FRAME`]: a hard press shows in many channels.
+const FAR_OTHERS: f64 = 0.02;
 /// A frame is an outlier if a quarter of its channels are this many times farther from the median than 99 % of their values.
 const FAR_FRAME: f64 = 3.0;
 /// Part of the channels of an outlier frame.
@@ -70,6 +74,9 @@ fn piled_part(column: &[f64]) -> Option<f64> {
     let mut sorted = column.to_vec();
     sorted.sort_by(f64::total_cmp);
     let (low, high) = (*sorted.first()?, *sorted.last()?);
+    if 1 + sorted.windows(2).filter(|pair| pair[0] < pair[1]).count() < FEWEST_VALUES {
+        return None;
+    }
     let beside = BESIDE * (high - low);
     let at = |limit: f64| sorted.iter().filter(|value| **value == limit).count();
     let near = |limit: f64| sorted.iter().filter(|value| **value != limit && (**value - limit).abs() <= beside).count();
@@ -106,7 +113,11 @@ pub(crate) fn outliers(columns: &[Vec<f64>], dead: &[usize]) -> Vec<Finding> {
         used.iter().filter(|&&channel| distances[channel][row] > FAR_FRAME).count() as f64 / used.len().max(1) as f64
     };
     let frames: Vec<usize> = (0..rows).filter(|&row| far_part(row) > FAR_PART).collect();
-    let single = |row: &usize| used.iter().any(|&channel| distances[channel][*row] > FAR_VALUE);
+    let single = |row: &usize| {
+        let beyond = |limit: f64| used.iter().filter(|&&channel| distances[channel][*row] > limit).count();
+        let others = beyond(FAR_FRAME).saturating_sub(1);
+        beyond(FAR_VALUE) > 0 && others as f64 <= FAR_OTHERS * used.len() as f64
+    };
     let values: Vec<usize> = (0..rows).filter(|row| !frames.contains(row)).filter(single).collect();
     let channels = used.iter().copied().filter(|&c| values.iter().any(|&row| distances[c][row] > FAR_VALUE)).collect();
     let most = |rows: &[usize]| {
