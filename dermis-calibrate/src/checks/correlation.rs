@@ -21,9 +21,9 @@ pub(crate) fn standardised(values: &Mat<f64>) -> Mat<f64> {
     result
 }
 
-/// Frames in robust units, as [`crate::ChannelUnits`], standardised; a channel whose median deviation is small against its standard
+/// Frames in units of their channels, as [`crate::ChannelUnits`]; a channel whose median deviation is small against its standard
 /// deviation (most presses do not reach it) has a unit from that.
-pub(crate) fn robust(frames: &[Frame]) -> Mat<f64> {
+pub(crate) fn in_robust_units(frames: &[Frame]) -> Mat<f64> {
     let columns = frames.first().map_or(0, |frame| frame.len());
     let mut values = Mat::from_fn(frames.len(), columns, |i, j| frames[i][j]);
     for j in 0..columns {
@@ -34,7 +34,7 @@ pub(crate) fn robust(frames: &[Frame]) -> Mat<f64> {
         let convert = |value: f64| if unit > 0.0 { ((value - middle) / unit).asinh() } else { 0.0 };
         values.col_mut(j).iter_mut().for_each(|value| *value = convert(*value));
     }
-    standardised(&values)
+    values
 }
 
 /// The correlation of each two columns of a standardised table.

@@ -8,12 +8,12 @@ use crate::checks::orders::{Change, Order};
 use crate::lags::LagEvidence;
 use dermis::frame::Frame;
 use dermis::protocol::Protocol;
-use dermis::stats::{quantile, upper_median};
+use dermis::stats::{mean_and_sd, rms, upper_median};
 
 /// Below this cosine an untouched frame is unlike the model.
 pub(super) const UNLIKE: f64 = 0.5;
 /// A channel is noise if the others explain less than this part of its variance.
-pub(super) const NOISE: f64 = 0.01;
+pub(super) const NOISE: f64 = 0.05;
 /// Noise is looked for where the others explain at least this part of the median channel.
 const EXPLAINED: f64 = 0.2;
 /// A noisy channel is dead if its scale is less than this part of what the model says; weak channels may be noise on a sound skin.
@@ -30,7 +30,10 @@ pub(super) fn order(order: &Order, score: Score, own: Score, protocol: &Protocol
         false => (score.untouched.abs(), own.untouched.abs(), "untouched frame"),
         true => (score.changes, own.changes, "correlations between channels"),
     };
-    let evidence = format!("cosine of the {what} with the model in this order: {}; {instead:.3} in that of the design", changes.join(", "));
+    let evidence = format!(
+        "cosine of the {what} with the model in this order: {}; {instead:.3} in that of the design",
+        changes.join(", ")
+    );
     let moved = (0..order.columns.len()).filter(|&channel| order.columns[channel] != channel).collect();
     Finding::new(FindingKind::Order, value, evidence, fix(order, protocol)).at_channels(moved)
 }
@@ -46,7 +49,10 @@ fn words(change: Change, protocol: &Protocol) -> String {
         Change::MeasureMajor => "frames are ordered by measurement, then by drive".into(),
         Change::ElectrodesRotated(k) => format!("electrode 0 is the design's electrode {k}"),
         Change::ElectrodesMirrored(k) => {
-            format!("the electrodes are numbered the other way round, from the design's electrode {}", k % protocol.electrode_count())
+            format!(
+                "the electrodes are numbered the other way round, from the design's electrode {}",
+                k % protocol.electrode_count()
+            )
         }
         Change::DrivesPermuted => "drives are exchanged".into(),
     }
@@ -103,7 +109,8 @@ fn reversal(protocol: &Protocol) -> String {
 
 /// Signs lost, where amplitudes fit the changes better than signed values.
 pub(super) fn lost(amplitudes: f64, signed: f64) -> Option<Finding> {
-    let evidence = format!("cosine of the correlations between channels with those of amplitudes; {signed:.3} with signs");
+    let evidence =
+        format!("cosine of the correlations between channels with those of amplitudes; {signed:.3} with signs");
     let found = amplitudes > LOST_LEAST && amplitudes > LOST_RATIO * signed;
     let fix = "record signed values, or set protocol.amplitude_only = true";
     found.then(|| Finding::new(FindingKind::SignLost, amplitudes, evidence, fix))
@@ -127,14 +134,13 @@ pub(super) fn late(lag: i32, lags: &[i32], figures: &Figures) -> Option<Finding>
     }
     let at = |lag: i32| figures.lags.iter().position(|other| *other == lag).expect("a lag that was tried");
     let median = |lag: i32| {
-        let values: Vec<f64> = channels.iter().filter_map(|&channel| figures.lag_explained[channel].get(at(lag)).copied()).collect();
+        let values: Vec<f64> =
+            channels.iter().filter_map(|&channel| figures.lag_explained[channel].get(at(lag)).copied()).collect();
         upper_median(&values).unwrap_or(0.0)
     };
     let way = if lag > 0 { "late" } else { "early" };
-    let evidence = format!(
-        "part of the median channel that the others explain at this lag; {:.3} at the same row",
-        median(0)
-    );
+    let evidence =
+        format!("part of the median channel that the others explain at this lag; {:.3} at the same row", median(0));
     let fix = format!("{} {way}: mend them with --realign (dermis calibrate mends them itself)", rows(lag.abs()));
     Some(Finding::new(FindingKind::Late, median(lag), evidence, fix).at_channels(channels).with_lag(lag))
 }
@@ -146,21 +152,14 @@ fn rows(count: i32) -> String {
 /// Channels of the design that are noise: no other channel explains them at any lag, and their scale is far below what the model
 /// says of them.
 pub(super) fn noise_only(evidence: &LagEvidence, aligned: &[Frame], model: &ModelChannels) -> Vec<usize> {
-    let best: Vec<f64> = evidence.explained.iter().map(|each| each.iter().copied().fold(f64::NEG_INFINITY, f64::max)).collect();
+    let best: Vec<f64> =
+        evidence.explained.iter().map(|each| each.iter().copied().fold(f64::NEG_INFINITY, f64::max)).collect();
     if best.is_empty() || upper_median(&best).unwrap_or(0.0) < EXPLAINED {
         return Vec::new();
     }
-    let robust_sd = |channel: usize| {
-        let values: Vec<f64> = aligned.iter().map(|frame| frame[channel]).collect();
-        let middle = upper_median(&values).unwrap_or(0.0);
-        upper_median(&values.iter().map(|value| (value - middle).abs()).collect::<Vec<_>>()).unwrap_or(0.0)
-    };
-    let expected = |channel: usize| {
-        let mut sizes: Vec<f64> = model.touches.col(channel).iter().map(|value| value.abs()).collect();
-        sizes.sort_by(f64::total_cmp);
-        quantile(&sizes, 0.75)
-    };
-    let ratios: Vec<f64> = (0..best.len()).map(|channel| robust_sd(channel) / expected(channel).max(f64::MIN_POSITIVE)).collect();
+    let sd = |channel: usize| mean_and_sd(&aligned.iter().map(|frame| frame[channel]).collect::<Vec<_>>()).1;
+    let expected = |channel: usize| rms(model.touches.col(channel).iter().copied()).max(f64::MIN_POSITIVE);
+    let ratios: Vec<f64> = (0..best.len()).map(|channel| sd(channel) / expected(channel)).collect();
     let usual = upper_median(&ratios).unwrap_or(0.0);
     (0..best.len()).filter(|&channel| best[channel] < NOISE && ratios[channel] < QUIET * usual).collect()
 }

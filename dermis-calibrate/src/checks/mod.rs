@@ -37,7 +37,7 @@ use crate::error::CalibrateError;
 use crate::lags::{LAGS, LagEvidence, lag_evidence};
 use crate::sequence::{Realignment, in_units};
 use crate::units::ChannelUnits;
-use correlation::{correlations, robust, to_matrix, to_rows};
+use correlation::{correlations, in_robust_units, standardised, to_matrix, to_rows};
 use dermis::frame::{Frame, mean};
 use dermis::geom::Point3;
 use dermis::protocol::Protocol;
@@ -174,7 +174,8 @@ fn validate(recording: &Recording<'_>, protocol: &Protocol) -> Result<(), Calibr
             }
         }
     }
-    let (frames, positions) = (recording.frames.len(), recording.positions_m.map_or(recording.frames.len(), <[_]>::len));
+    let (frames, positions) =
+        (recording.frames.len(), recording.positions_m.map_or(recording.frames.len(), <[_]>::len));
     if positions != frames {
         let message = format!("{positions} positions for {frames} frames: one for each frame is needed");
         return Err(CalibrateError::Label(message));
@@ -282,11 +283,16 @@ impl<'a> Check<'a> {
     fn correlation_of_file(&self) -> Option<Mat<f64>> {
         let enough = self.differences.len() >= FEWEST_ROWS;
         let aligned = || realigned(&self.differences, &self.lags).unwrap_or_else(|_| self.differences.clone());
-        enough.then(|| correlations(&robust(&aligned())))
+        enough.then(|| correlations(&standardised(&in_robust_units(&aligned()))))
     }
 
     /// Signs that are lost, by the changes alone: amplitudes fit the model clearly better.
-    fn lost_in_changes(&self, own: Score, better: Option<&BetterOrder>, measured: Option<&Mat<f64>>) -> Option<Finding> {
+    fn lost_in_changes(
+        &self,
+        own: Score,
+        better: Option<&BetterOrder>,
+        measured: Option<&Mat<f64>>,
+    ) -> Option<Finding> {
         if self.protocol.amplitude_only() || self.untouched.is_some() {
             return None;
         }
@@ -319,8 +325,9 @@ impl<'a> Check<'a> {
 
     /// Late channels, and channels that are noise.
     fn late(&mut self, mended: &[Frame], order: &Order) -> LagEvidence {
-        let mut evidence = lag_evidence(&to_rows(&robust(mended)), &self.protocol);
-        let dead_in_design: Vec<usize> = (0..order.columns.len()).filter(|c| self.dead.contains(&order.columns[*c])).collect();
+        let mut evidence = lag_evidence(&to_rows(&in_robust_units(mended)), &self.protocol);
+        let dead_in_design: Vec<usize> =
+            (0..order.columns.len()).filter(|c| self.dead.contains(&order.columns[*c])).collect();
         dead_in_design.iter().for_each(|&channel| evidence.lags[channel] = 0);
         self.lags = vec![0; order.columns.len()];
         order.columns.iter().zip(&evidence.lags).for_each(|(&column, &lag)| self.lags[column] = lag);
@@ -334,7 +341,8 @@ impl<'a> Check<'a> {
         self.dead.sort_unstable();
         self.dead.dedup();
         self.findings.retain(|finding| finding.kind != FindingKind::Late);
-        let late: Vec<Finding> = LAGS.filter(|lag| *lag != 0).filter_map(|lag| describe::late(lag, &self.lags, &self.figures)).collect();
+        let late: Vec<Finding> =
+            LAGS.filter(|lag| *lag != 0).filter_map(|lag| describe::late(lag, &self.lags, &self.figures)).collect();
         self.findings.extend(late);
         evidence
     }
@@ -342,26 +350,34 @@ impl<'a> Check<'a> {
     /// Everything that needs the channels in their rows: noise, single signs, pairs, drift, memory, truth.
     fn aligned(&mut self, mended: &[Frame], order: &Order, evidence: &LagEvidence, comparable: bool) {
         let aligned = realigned(mended, &evidence.lags).unwrap_or_else(|_| mended.to_vec());
-        let values = robust(&aligned);
+        let values = standardised(&in_robust_units(&aligned));
         let correlation = correlations(&values);
-        let column = |channels: Vec<usize>| channels.into_iter().map(|channel| order.columns[channel]).collect::<Vec<_>>();
+        let column =
+            |channels: Vec<usize>| channels.into_iter().map(|channel| order.columns[channel]).collect::<Vec<_>>();
         let turned = if comparable { self.turned(&correlation, order) } else { Vec::new() };
         let late = self.lags.iter().enumerate().filter(|(_, lag)| **lag != 0).map(|(column, _)| column);
         self.left_out = self.dead.iter().copied().chain(column(turned)).chain(late).collect();
         self.pairs(&aligned, order);
-        let components = time::leading_components(&values, &correlation);
-        if let Some(course) = time::course(&values, &components) {
-            self.findings.extend(time::notes(&course));
-            self.figures.drift = dermis::stats::upper_median(&course.drift).unwrap_or(0.0);
-            (self.figures.memory, self.figures.trend) = (course.memory, course.trend);
-        }
-        if let Some(positions_m) = self.recording.positions_m {
-            self.figures.shift_explained = truth::explained(&components, positions_m);
-            self.figures.shifts = truth::SHIFTS.collect();
-            self.findings.extend(truth::shifted(&self.figures.shift_explained));
-        }
+        self.over_time(&values, &time::leading_components(&values, &correlation));
         self.figures.correlation = to_rows(&correlation);
         self.figures.model_correlation = to_rows(&self.model.correlation);
+    }
+
+    /// Drift, memory, and the truth against the frames.
+    fn over_time(&mut self, values: &Mat<f64>, components: &Mat<f64>) {
+        let mut by_truth = None;
+        if let Some(positions_m) = self.recording.positions_m {
+            self.figures.shift_explained = truth::explained(components, positions_m);
+            self.figures.shifts = truth::SHIFTS.collect();
+            self.findings.extend(truth::shifted(&self.figures.shift_explained));
+            by_truth = truth::memory(components, positions_m);
+        }
+        if let Some(course) = time::course(values, components) {
+            self.figures.drift = dermis::stats::upper_median(&course.drift).unwrap_or(0.0);
+            self.figures.memory = by_truth.unwrap_or(course.memory);
+            self.findings.extend(time::notes(self.figures.drift, self.figures.memory, by_truth.is_some()));
+            self.figures.trend = course.trend;
+        }
     }
 
     /// Channels of the design whose sign is turned, where not all are.
@@ -388,7 +404,8 @@ impl<'a> Check<'a> {
 
     /// Channels that disagree with those of the same quantity, or that record one sign.
     fn pairs(&mut self, aligned: &[Frame], order: &Order) {
-        let left_out: Vec<usize> = (0..order.columns.len()).filter(|c| self.left_out.contains(&order.columns[*c])).collect();
+        let left_out: Vec<usize> =
+            (0..order.columns.len()).filter(|c| self.left_out.contains(&order.columns[*c])).collect();
         let untouched = self.untouched.as_ref().map(|frame| order.apply(frame));
         let rows: Vec<Vec<f64>> = aligned.iter().map(|frame| frame.0.clone()).collect();
         let found = pairs::disagreeing(untouched.as_deref(), &to_matrix(&rows), &self.protocol, &left_out);

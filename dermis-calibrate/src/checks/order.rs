@@ -23,9 +23,9 @@ const MISS_RATIO: f64 = 0.5;
 /// ... and be better by at least this.
 const LEAST_GAIN: f64 = 0.05;
 /// By the changes alone, another order must be better by this factor ...
-const GAIN_RATIO: f64 = 1.18;
+const GAIN_RATIO: f64 = 1.12;
 /// ... and by this difference.
-const GAIN_CHANGES: f64 = 0.02;
+const GAIN_CHANGES: f64 = 0.015;
 /// Exchanged drives: smallest gain of one exchange, as a part of the score.
 const LEAST_EXCHANGE: f64 = 0.02;
 
@@ -99,7 +99,8 @@ impl<'a> Matcher<'a> {
             let value = |&(a, b, _): &(usize, usize, f64)| {
                 order.signs[a] * order.signs[b] * measured[(order.columns[a], order.columns[b])]
             };
-            let alive = |&&(a, b, _): &&(usize, usize, f64)| !self.dead[order.columns[a]] && !self.dead[order.columns[b]];
+            let alive =
+                |&&(a, b, _): &&(usize, usize, f64)| !self.dead[order.columns[a]] && !self.dead[order.columns[b]];
             let pairs = || self.pairs.iter().filter(alive);
             cosine(pairs().map(value), pairs().map(|pair| pair.2))
         });
@@ -117,12 +118,17 @@ impl<'a> Matcher<'a> {
         if !self.is_better(score, scores[0]) {
             (order, score) = (orders[0].clone(), scores[0]);
         }
-        // Drives whose sign is turned are no exchanged ones.
-        let known = self.with_turned_drives(&order, model).map_or(score, |turned| self.score(&turned));
-        let known = if known.total() > score.total() { known } else { score };
-        let permuted = self.permuted(&order, score);
-        if let Some((other, found)) = permuted.filter(|(_, found)| self.is_better(*found, known)) {
-            (order, score) = (other, found);
+        // Drives whose sign is turned are no exchanged ones; exchanges are looked for with and without turned signs.
+        let turned = self.with_turned_drives(&order, model);
+        let starts: Vec<Order> = std::iter::once(order.clone()).chain(turned).collect();
+        let known = starts.iter().map(|start| self.score(start)).max_by(|a, b| a.total().total_cmp(&b.total()));
+        let known = known.expect("at least one start");
+        let found = starts.iter().filter_map(|start| self.permuted(start, self.score(start)));
+        let found = found.max_by(|a, b| a.1.total().total_cmp(&b.1.total()));
+        if let Some((drives, score_found)) = found.filter(|(_, found)| self.is_better(*found, known)) {
+            let permuted = order.with_drives(self.protocol, &drives).expect("it was permuted before");
+            (order, score) = (permuted, score_found);
+            order.changes.push(Change::DrivesPermuted);
         }
         let better = !order.changes.is_empty();
         (scores[0], better.then_some(BetterOrder { order, score }))
@@ -153,15 +159,15 @@ impl<'a> Matcher<'a> {
     }
 
     /// The best order with permuted drives: by assignment for an untouched frame, then by exchanges of two drives.
-    fn permuted(&self, start: &Order, score: Score) -> Option<(Order, Score)> {
+    fn permuted(&self, start: &Order, score: Score) -> Option<(Vec<usize>, Score)> {
         let count = self.protocol.drives().0.len();
         let mut drives: Vec<usize> = (0..count).collect();
-        let (mut best, mut best_score) = (start.clone(), score);
+        let mut best_score = score;
         if let Some(assigned) = self.assigned(start) {
             let order = start.with_drives(self.protocol, &assigned)?;
             let found = self.score(&order);
             if found.total() > best_score.total() + LEAST_GAIN {
-                (drives, best, best_score) = (assigned, order, found);
+                (drives, best_score) = (assigned, found);
             }
         }
         for _ in 0..count {
@@ -170,18 +176,16 @@ impl<'a> Matcher<'a> {
                 let mut drives = drives.clone();
                 drives.swap(a, b);
                 let order = start.with_drives(self.protocol, &drives)?;
-                let score = self.score(&order);
-                Some((drives, order, score))
+                Some((drives, self.score(&order)))
             };
             let found = exchanges.par_iter().filter_map(exchanged);
-            let (next, order, found) = found.max_by(|a, b| a.2.total().total_cmp(&b.2.total()))?;
+            let (next, found) = found.max_by(|a, b| a.1.total().total_cmp(&b.1.total()))?;
             if found.total() < best_score.total() * (1.0 + LEAST_EXCHANGE) {
                 break;
             }
-            (drives, best, best_score) = (next, order, found);
+            (drives, best_score) = (next, found);
         }
-        best.changes.push(Change::DrivesPermuted);
-        (best.columns != start.columns).then_some((best, best_score))
+        (!drives.iter().copied().eq(0..count)).then_some((drives, best_score))
     }
 
     /// The assignment of the drives of a file to those of the design, by the untouched frame.

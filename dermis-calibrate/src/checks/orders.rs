@@ -59,7 +59,8 @@ impl Order {
         }
         let (mut columns, mut signs) = (Vec::with_capacity(file.len()), Vec::with_capacity(file.len()));
         for Channel { drive: [a, b], measure: [c, d] } in protocol.channels() {
-            let ways = [([*a, *b, *c, *d], 1.0), ([*a, *b, *d, *c], -1.0), ([*b, *a, *c, *d], -1.0), ([*b, *a, *d, *c], 1.0)];
+            let ways =
+                [([*a, *b, *c, *d], 1.0), ([*a, *b, *d, *c], -1.0), ([*b, *a, *c, *d], -1.0), ([*b, *a, *d, *c], 1.0)];
             let (column, sign) = ways.iter().find_map(|(key, sign)| Some((*column_of.get(key)?, *sign)))?;
             columns.push(column);
             signs.push(if protocol.amplitude_only() { 1.0 } else { sign });
@@ -137,7 +138,8 @@ fn measure_changes(protocol: &Protocol) -> Vec<(Vec<Change>, Vec<Vec<Channel>>)>
     let mut starts = vec![(Vec::new(), blocks.clone())];
     starts.extend((0..count).map(|k| (vec![Change::StartAtElectrode(k)], sorted_from(&blocks, count, |_| k))));
     starts.extend(
-        (0..count).map(|k| (vec![Change::StartAtDrive(k)], sorted_from(&blocks, count, |channel| channel.drive[0] + k))),
+        (0..count)
+            .map(|k| (vec![Change::StartAtDrive(k)], sorted_from(&blocks, count, |channel| channel.drive[0] + k))),
     );
     let descending = starts.iter().map(|(changes, blocks)| {
         let reversed = blocks.iter().map(|block| block.iter().rev().copied().collect()).collect();
@@ -185,7 +187,9 @@ fn combined(measures: &[(Vec<Change>, Vec<Vec<Channel>>)]) -> Vec<Listed> {
     let with_drives = |(changes, blocks): &(Vec<Change>, Vec<Vec<Channel>>)| {
         let all = drive_changes(blocks);
         let changes = changes.clone();
-        all.into_iter().map(move |(more, blocks)| ([&changes[..], &more[..]].concat(), blocks.concat())).collect::<Vec<_>>()
+        all.into_iter()
+            .map(move |(more, blocks)| ([&changes[..], &more[..]].concat(), blocks.concat()))
+            .collect::<Vec<_>>()
     };
     measures.iter().skip(1).flat_map(with_drives).collect()
 }

@@ -34,7 +34,8 @@ pub(crate) fn disagreeing(
     let paired = (0..twins.len()).filter(|&channel| usable(channel)).count();
     let part = against.len() as f64 / paired.max(1) as f64;
     let evidence = "part of the channels with a reciprocal or repeated one that disagree with it".to_string();
-    let fix = "one channel of each pair is wrong, or the skin changes within a frame; `evaluate` leaves such channels out";
+    let fix =
+        "one channel of each pair is wrong, or the skin changes within a frame; `evaluate` leaves such channels out";
     (!against.is_empty()).then(|| Finding::new(FindingKind::PairsDisagree, part, evidence, fix).at_channels(against))
 }
 
@@ -74,7 +75,8 @@ fn against_in_changes(differences: &Mat<f64>, twins: &[Vec<(usize, f64)>]) -> Ve
 pub(crate) fn one_sign(differences: &[Frame], protocol: &Protocol, untouched: &[f64]) -> Option<Finding> {
     let blind = Screening::of(differences, protocol).polarity_blind(protocol, &Frame(untouched.to_vec()));
     let part = blind.len() as f64 / protocol.channel_count() as f64;
-    let evidence = "part of the channels that change less than half as much as those with the drive reversed".to_string();
+    let evidence =
+        "part of the channels that change less than half as much as those with the drive reversed".to_string();
     let fix = "the instrument records voltages of one sign; `evaluate` leaves these channels out";
     (!blind.is_empty()).then(|| Finding::new(FindingKind::OneSign, part, evidence, fix).at_channels(blind))
 }

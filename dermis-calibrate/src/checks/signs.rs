@@ -47,8 +47,10 @@ pub(crate) fn of_untouched(untouched: &[f64], model: &ModelChannels, protocol: &
     }
     let [model_negative, model_positive] = parts(&model.untouched);
     let expected = model_negative.min(model_positive);
-    let any = if negative <= positive { untouched.iter().any(|v| *v < 0.0) } else { untouched.iter().any(|v| *v > 0.0) };
-    let evidence = "part of the untouched values to which the model gives the other sign; the recording has one sign".to_string();
+    let any =
+        if negative <= positive { untouched.iter().any(|v| *v < 0.0) } else { untouched.iter().any(|v| *v > 0.0) };
+    let evidence =
+        "part of the untouched values to which the model gives the other sign; the recording has one sign".to_string();
     (expected >= BOTH && !any).then(|| Finding::new(FindingKind::SignLost, expected, evidence, LOST))
 }
 
@@ -59,10 +61,12 @@ pub(crate) fn of_differences(columns: &[Vec<f64>], model: &ModelChannels) -> Opt
     let is_positive = |column: &Vec<f64>| column.iter().all(|value| *value >= 0.0);
     let positive = columns.iter().filter(|column| is_positive(column)).count() as f64 / columns.len().max(1) as f64;
     // The part of the model's changes that lower a value.
-    let all: Vec<f64> = (0..model.channel_count()).flat_map(|channel| model.touches.col(channel).iter().copied()).collect();
+    let all: Vec<f64> =
+        (0..model.channel_count()).flat_map(|channel| model.touches.col(channel).iter().copied()).collect();
     let [expected, _] = parts(&all);
     let found = positive > 0.9 && columns.first().is_some_and(|column| column.len() > 1) && expected >= BOTH;
-    let evidence = "part of the channels without a negative difference; touches of the model lower many values".to_string();
+    let evidence =
+        "part of the channels without a negative difference; touches of the model lower many values".to_string();
     let fix = "give signed differences: frames minus the untouched frame, without absolute values";
     found.then(|| Finding::new(FindingKind::SignLost, positive, evidence, fix))
 }
@@ -81,12 +85,12 @@ pub(crate) fn turned_untouched(untouched: &[f64], model: &ModelChannels, dead: &
 /// model describes the skin well enough. `correlation` is in the order of the design.
 pub(crate) fn turned_correlations(correlation: &Mat<f64>, model: &ModelChannels, protocol: &Protocol) -> Turned {
     let (drives, of_channel) = protocol.drives();
-    let groups = |drive: usize| (0..of_channel.len()).filter(|&channel| of_channel[channel] == drive).collect::<Vec<_>>();
+    let groups =
+        |drive: usize| (0..of_channel.len()).filter(|&channel| of_channel[channel] == drive).collect::<Vec<_>>();
     let drives: Vec<Vec<usize>> = (0..drives.len()).map(groups).collect();
     let mut signs = vec![1.0; of_channel.len()];
-    let by_drive = turn(&drives, &mut signs, correlation, model, &|score, median| {
-        score < TURNED.0 && score < TURNED.1 * median
-    });
+    let by_drive =
+        turn(&drives, &mut signs, correlation, model, &|score, median| score < TURNED.0 && score < TURNED.1 * median);
     let single: Vec<Vec<usize>> = (0..of_channel.len()).map(|channel| vec![channel]).collect();
     turn(&single, &mut signs, correlation, model, &|score, median| median > JUDGED && score < TURNED_CHANNEL * median);
     let channels = (0..signs.len()).filter(|&channel| signs[channel] < 0.0).collect();

@@ -2,7 +2,6 @@
 
 use crate::checks::finding::{Finding, FindingKind};
 use crate::ridge::Regression;
-use dermis::stats::upper_median;
 use faer::{Mat, Side};
 
 /// Blocks of rows whose means show drift.
@@ -57,7 +56,8 @@ fn between_blocks(values: &[f64]) -> f64 {
 fn trend(components: &Mat<f64>) -> Vec<[f64; 2]> {
     let rows = components.nrows();
     let column = |k: usize| components.col(k).iter().copied().collect::<Vec<f64>>();
-    let most = (0..components.ncols()).max_by(|&a, &b| between_blocks(&column(a)).total_cmp(&between_blocks(&column(b))));
+    let most =
+        (0..components.ncols()).max_by(|&a, &b| between_blocks(&column(a)).total_cmp(&between_blocks(&column(b))));
     let values = column(most.unwrap_or(0));
     let size = (rows / 50).max(1);
     let mean = |block: &[f64]| block.iter().sum::<f64>() / block.len() as f64;
@@ -104,19 +104,21 @@ pub(crate) fn leading_components(standardised: &Mat<f64>, correlation: &Mat<f64>
     standardised * vectors
 }
 
-/// The notes on drift and memory.
-pub(crate) fn notes(course: &Course) -> Vec<Finding> {
-    let drift = upper_median(&course.drift).unwrap_or(0.0);
+/// The notes on drift (of the median channel) and memory.
+pub(crate) fn notes(drift: f64, memory: f64, by_truth: bool) -> Vec<Finding> {
     let mut found = Vec::new();
     if drift > DRIFT {
         let evidence = "part of the variance of the median channel between tenths of the rows".to_string();
         let fix = "take an untouched frame more often; keep the order of the rows, so that a calibration can follow it";
         found.push(Finding::new(FindingKind::Drift, drift, evidence, fix));
     }
-    if course.memory > MEMORY {
-        let evidence = "part of the variance that the row before explains: memory, or presses next to each other".to_string();
+    if memory > MEMORY {
+        let evidence = match by_truth {
+            true => "part of the frames that the position of the press before explains",
+            false => "part of the frames that the row before explains: memory, or presses next to each other",
+        };
         let fix = "keep the order of the rows: a calibration takes the press before into account";
-        found.push(Finding::new(FindingKind::Memory, course.memory, evidence, fix));
+        found.push(Finding::new(FindingKind::Memory, memory, evidence.to_string(), fix));
     }
     found
 }

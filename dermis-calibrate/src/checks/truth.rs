@@ -31,6 +31,20 @@ pub(crate) fn explained(components: &Mat<f64>, positions_m: &[Point3]) -> Vec<f6
     SHIFTS.map(|shift| explained_by(components, &features, shift)).collect()
 }
 
+/// The part of the leading components that the position of the press before explains besides that of the press itself; `None` for few
+/// rows.
+pub(crate) fn memory(components: &Mat<f64>, positions_m: &[Point3]) -> Option<f64> {
+    if components.nrows() < FEWEST_ROWS || components.ncols() == 0 {
+        return None;
+    }
+    let own = features(positions_m);
+    let (rows, count) = (own.nrows() - 1, own.ncols());
+    let after = Mat::from_fn(rows, components.ncols(), |i, k| components[(i + 1, k)]);
+    let alone = Mat::from_fn(rows, count, |i, k| own[(i + 1, k)]);
+    let both = Mat::from_fn(rows, 2 * count, |i, k| if k < count { own[(i + 1, k)] } else { own[(i, k - count)] });
+    Some(explained_by(&after, &both, 0) - explained_by(&after, &alone, 0))
+}
+
 /// Positions that belong to other rows.
 pub(crate) fn shifted(explained: &[f64]) -> Option<Finding> {
     let zero = *explained.get((-SHIFTS.start()) as usize)?;
@@ -77,7 +91,8 @@ fn explained_by(components: &Mat<f64>, features: &Mat<f64>, shift: i32) -> f64 {
     for fold in 0..FOLDS {
         let is_test = |row: &usize| row * FOLDS / components.nrows() == fold;
         let (test, fit): (Vec<usize>, Vec<usize>) = all.iter().partition(|row| is_test(row));
-        let input = |rows: &[usize]| Mat::from_fn(rows.len(), features.ncols(), |i, k| features[(position(rows[i]), k)]);
+        let input =
+            |rows: &[usize]| Mat::from_fn(rows.len(), features.ncols(), |i, k| features[(position(rows[i]), k)]);
         let target = |rows: &[usize]| Mat::from_fn(rows.len(), components.ncols(), |i, k| components[(rows[i], k)]);
         let Some(regression) = Regression::fit(&input(&fit), &target(&fit), RIDGE) else { return 0.0 };
         let (predicted, target) = (input(&test) * &regression.weights, target(&test));

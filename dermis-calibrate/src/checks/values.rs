@@ -121,7 +121,10 @@ pub(crate) fn outliers(columns: &[Vec<f64>], dead: &[usize]) -> Vec<Finding> {
     let values: Vec<usize> = (0..rows).filter(|row| !frames.contains(row)).filter(single).collect();
     let channels = used.iter().copied().filter(|&c| values.iter().any(|&row| distances[c][row] > FAR_VALUE)).collect();
     let most = |rows: &[usize]| {
-        rows.iter().flat_map(|&row| used.iter().map(move |&c| (c, row))).map(|(c, row)| distances[c][row]).fold(0.0, f64::max)
+        rows.iter()
+            .flat_map(|&row| used.iter().map(move |&c| (c, row)))
+            .map(|(c, row)| distances[c][row])
+            .fold(0.0, f64::max)
     };
     let evidence = "largest distance from the median of a channel, over the distance of 99 % of its values".to_string();
     let mut found = Vec::new();
@@ -163,6 +166,9 @@ mod tests {
         columns.iter_mut().for_each(|column| column[90] += 30.0);
         let found = outliers(&columns, &dead);
         assert_eq!((found[0].kind, &found[0].rows[..]), (FindingKind::OutlierFrame, &[90][..]));
-        assert_eq!((found[1].kind, &found[1].rows[..], &found[1].channels[..]), (FindingKind::OutlierValue, &[17][..], &[6][..]));
+        assert_eq!(
+            (found[1].kind, &found[1].rows[..], &found[1].channels[..]),
+            (FindingKind::OutlierValue, &[17][..], &[6][..])
+        );
     }
 }

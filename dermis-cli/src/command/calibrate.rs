@@ -1,9 +1,10 @@
 //! `dermis calibrate`: a real skin calibrated with measured presses.
 
 use crate::calibrated::{Presses, late_channels};
+use crate::check_page::place;
 use crate::console::{Progress, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
-use crate::frames::FrameArguments;
+use crate::frames::{FrameArguments, Recorded};
 use crate::rows::Rows;
 use crate::skin;
 use clap::Args;
@@ -12,6 +13,7 @@ use dermis::geom::vector::distance;
 use dermis::method::MethodOptions;
 use dermis::skin::Skin;
 use dermis::stats::mean;
+use dermis_calibrate::checks::{FindingKind, Recording, check_recording};
 use dermis_calibrate::{Calibration, Label, LabelFrame, Quality};
 use dermis_study::report::Table;
 use rayon::prelude::*;
@@ -47,8 +49,10 @@ impl Arguments {
     /// Fits the calibration and writes it.
     pub fn run(self) -> Outcome {
         let skin = skin::load(&self.design)?;
-        let frames = self.frames.read(&skin.design().protocol)?.frames;
-        let presses = Presses::read(&self.truth, &skin, frames.len())?;
+        let recorded = self.frames.read_recorded(&skin.design().protocol)?;
+        let presses = Presses::read(&self.truth, &skin, recorded.frames.len())?;
+        warn_of_faults(&skin, &recorded, &presses)?;
+        let frames = recorded.into_differences().frames;
         let labels = presses.labels(self.labels.as_ref())?;
         let last = labels.last().map_or(0, |label| label.row);
         let used = if self.unlabelled { &frames[..] } else { &frames[..=last] };
@@ -69,6 +73,21 @@ impl Arguments {
         }
         print(&format!("{}\nwritten to {}\n", summary(&calibration).to_text(), self.output.display()))
     }
+}
+
+/// Warns of faults of the recording that the calibration does not mend itself.
+fn warn_of_faults(skin: &Skin, recorded: &Recorded, presses: &Presses) -> Outcome {
+    let Recorded { frames, untouched } = recorded;
+    let recording = Recording { frames, untouched, positions_m: Some(presses.positions_m()) };
+    let checked = {
+        let _waiting = Progress::waiting("checking the recording");
+        check_recording(skin, &recording)?
+    };
+    for fault in checked.faults().filter(|fault| fault.kind != FindingKind::Late) {
+        let place = place(fault);
+        warn(&format!("{} ({place}): {} = {:.3}; {}", fault.kind.name(), fault.evidence, fault.value, fault.fix));
+    }
+    Ok(())
 }
 
 /// Warns where the method that needs no calibration locates the labelled presses better.
