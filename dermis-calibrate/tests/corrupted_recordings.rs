@@ -3,16 +3,15 @@
 //! `cargo test --release -p dermis-calibrate --test corrupted_recordings -- --ignored --nocapture` prints the table of
 //! `docs/check-frames.md`. The corruptions follow from a seed; the method was developed on other seeds than those of the table.
 
+mod recordings;
+
 use dermis::frame::{Frame, read_frames};
-use dermis::geom::Point3;
 use dermis::skin::Skin;
-use dermis_calibrate::checks::{Checked, Finding, FindingKind, Recording, check_recording, realigned};
-use dermis_sim::noise::Noise;
-use dermis_sim::random::{log_uniform, sample_rng, uniform};
-use dermis_sim::touch::{GaussianTouch, touched_conductivity};
+use dermis_calibrate::checks::{Checked, FindingKind, realigned};
+use dermis_sim::random::{log_uniform, sample_rng};
 use rand::seq::SliceRandom;
 use rand::{Rng, RngExt};
-use rayon::prelude::*;
+use recordings::{DISK12, Sound, simulated};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -22,41 +21,6 @@ const SEED: u64 = 7000;
 /// Channels of the real recordings that are measured while the robot moves: partly late, partly noise. Findings on them alone do
 /// not count.
 const MOVING: usize = 36;
-
-/// A recording that is sound.
-#[derive(Clone)]
-struct Sound {
-    name: &'static str,
-    skin: Skin,
-    frames: Vec<Frame>,
-    /// Raw untouched frames; empty for a recording of differences.
-    untouched: Vec<Frame>,
-    /// Channels before this one are not judged.
-    first: usize,
-}
-
-impl Sound {
-    fn check(&self) -> Checked {
-        let recording = Recording { frames: &self.frames, untouched: &self.untouched, positions_m: None };
-        check_recording(&self.skin, &recording).unwrap()
-    }
-
-    fn channels(&self) -> usize {
-        self.frames[0].len()
-    }
-
-    /// The drives with judged channels, as ranges of channels.
-    fn drives(&self) -> Vec<Vec<usize>> {
-        let (drives, of_channel) = self.skin.design().protocol.drives();
-        let group =
-            |drive: usize| (self.first..self.channels()).filter(|&c| of_channel[c] == drive).collect::<Vec<_>>();
-        (0..drives.len()).map(group).filter(|group| !group.is_empty()).collect()
-    }
-
-    fn change(&mut self, change: impl Fn(usize, &mut Frame)) {
-        self.frames.iter_mut().chain(&mut self.untouched).enumerate().for_each(|(row, frame)| change(row, frame));
-    }
-}
 
 /// A real membrane, realigned; `None` where the recordings are not there.
 fn real(name: &'static str) -> Option<Sound> {
@@ -71,75 +35,6 @@ fn real(name: &'static str) -> Option<Sound> {
     let lags: Vec<i32> = (0..192).map(|channel| i32::from(channel < 24)).collect();
     let frames = realigned(&frames, &lags).unwrap();
     Some(Sound { name, skin, frames, untouched: Vec::new(), first: MOVING })
-}
-
-/// A disk with 12 electrodes; drives d to d + 4, so that the values have both signs.
-const DISK12: &str = r#"
-name = "disk12"
-[body.disk]
-diameter_m = 0.08
-[sheet]
-sheet_resistance_ohm = 1000.0
-touch = "conductance_rises"
-[electrodes]
-shape.arc.length_m = 0.006
-contact_impedance_ohm_m = 0.002
-layout.rim.count = 12
-[protocol]
-pattern.skip = 3
-[image.grid]
-rows = 24
-columns = 24
-[mesh]
-max_edge_m = 0.005
-electrode_edge_m = 0.0015
-"#;
-
-/// Single presses of random place, strength and size on a skin with a slightly uneven coat, with white noise, and 50 untouched
-/// frames.
-fn simulated(name: &'static str, skin: &Skin, seed: u64, presses: usize, snr_db: f64, difference: bool) -> Sound {
-    let (design, mesh, pixels) = (skin.design(), skin.mesh(), skin.pixels());
-    let surface = design.body.surface();
-    let rest = skin.forward().rest_conductivity();
-    let mut rng = sample_rng(seed, 0);
-    let area_m = pixels.areas.iter().sum::<f64>().sqrt();
-    let mut bump = || GaussianTouch {
-        centre_m: place(skin, &mut rng),
-        amplitude: uniform(&mut rng, [0.0, 0.3]),
-        width_m: 0.3 * area_m,
-    };
-    let bumps: Vec<GaussianTouch> = (0..3).map(|_| bump()).collect();
-    let coat = touched_conductivity(mesh, &surface, design.sheet.touch, rest, &bumps).unwrap();
-    let clean = Frame(skin.forward().solve(&coat).unwrap().0);
-    let noise = Noise::at_snr_db(snr_db, &clean, &design.protocol, 1000.0).unwrap();
-    let drive_of = design.protocol.drives().1;
-    let press = |row: usize| {
-        let mut rng = sample_rng(seed, 1 + row as u64);
-        let centre_m = place(skin, &mut rng);
-        let (amplitude, width_m) = (log_uniform(&mut rng, [0.2, 2.0]), area_m * uniform(&mut rng, [0.05, 0.1]));
-        let touch = GaussianTouch { centre_m, amplitude, width_m };
-        let touched = touched_conductivity(mesh, &surface, design.sheet.touch, &coat, &[touch]).unwrap();
-        noise.apply(&skin.forward().solve(&touched).unwrap(), &drive_of, &mut rng)
-    };
-    let mut frames: Vec<Frame> = (0..presses).into_par_iter().map(press).collect();
-    let mut rng = sample_rng(seed, 1_000_000);
-    let mut untouched: Vec<Frame> = (0..50).map(|_| noise.apply(&clean, &drive_of, &mut rng)).collect();
-    if difference {
-        let baseline = dermis::frame::mean(&untouched).unwrap();
-        frames = frames.iter().map(|frame| frame - &baseline).collect();
-        untouched = Vec::new();
-    }
-    Sound { name, skin: skin.clone(), frames, untouched, first: 0 }
-}
-
-/// The positions of the presses of [`simulated`].
-fn press_positions(sound: &Sound, seed: u64) -> Vec<Point3> {
-    (0..sound.frames.len()).map(|row| place(&sound.skin, &mut sample_rng(seed, 1 + row as u64))).collect()
-}
-
-/// A random place on a skin.
-fn place(skin: &Skin, rng: &mut impl Rng) -> Point3 {
-    skin.pixels().centres_m[uniform(rng, [0.0, skin.pixels().len() as f64]) as usize]
 }
 
 /// What a check should find.
@@ -342,136 +237,6 @@ fn bases(seed: u64) -> Vec<Sound> {
     bases.push(simulated("simulated, differences", &tank, seed + 1, 500, 65.0, true));
     bases.push(simulated("simulated, skip 3", &disk, seed + 2, 500, 65.0, false));
     bases
-}
-
-/// Presses on a disk with 12 electrodes.
-fn disk() -> Sound {
-    simulated("disk", &Skin::parse(DISK12, "disk12.toml").unwrap(), 41, 240, 65.0, false)
-}
-
-/// The only fault.
-fn only(sound: &Sound) -> Finding {
-    let checked = sound.check();
-    let faults: Vec<&Finding> = checked.faults().collect();
-    assert_eq!(faults.len(), 1, "{faults:?}");
-    faults[0].clone()
-}
-
-#[test]
-fn a_sound_recording_has_no_findings() {
-    let mut sound = disk();
-    assert_eq!(sound.check().findings, vec![]);
-    let baseline = dermis::frame::mean(&sound.untouched).unwrap();
-    sound.frames.iter_mut().for_each(|frame| *frame = &*frame - &baseline);
-    sound.untouched.clear();
-    assert_eq!(sound.check().findings, vec![]);
-    // Too few rows for statistics.
-    sound.frames.truncate(5);
-    assert_eq!(sound.check().findings, vec![]);
-}
-
-#[test]
-fn the_order_of_pyeit_is_named() {
-    let skin = Skin::load("tank16").unwrap();
-    let rest = Frame(skin.forward().solve(skin.forward().rest_conductivity()).unwrap().0);
-    // pyEIT measures V[m + 1] - V[m].
-    let reversed = vec![Frame(rest.iter().map(|value| -value).collect())];
-    let sound = Sound { name: "", skin: skin.clone(), frames: reversed.clone(), untouched: reversed, first: 0 };
-    let found = only(&sound);
-    assert!(found.kind == FindingKind::SignTurned && found.value < -0.999, "{found:?}");
-    assert_eq!(found.fix, "set protocol.measures_reversed = true");
-    // Its default order of the measurements starts at electrode 0; the design says that it starts at the drive.
-    let channels = skin.design().protocol.channels();
-    let mut order: Vec<usize> = (0..rest.len()).collect();
-    order.sort_by_key(|&channel| (channels[channel].drive[0], channels[channel].measure[0]));
-    let frames = vec![Frame(order.iter().map(|&channel| rest[channel]).collect())];
-    let found = only(&Sound { frames: frames.clone(), untouched: frames, ..sound });
-    assert_eq!((found.kind, &found.fix[..]), (FindingKind::Order, "set protocol.measures_start = \"electrode_zero\""));
-}
-
-#[test]
-fn measures_reversed_in_the_design_alone_is_named_without_a_baseline() {
-    let sound = disk();
-    let baseline = dermis::frame::mean(&sound.untouched).unwrap();
-    let text = DISK12.replace("pattern.skip = 3", "pattern.skip = 3\nmeasures_reversed = true");
-    let skin = Skin::parse(&text, "disk12.toml").unwrap();
-    let frames = sound.frames.iter().map(|frame| frame - &baseline).collect();
-    let found = only(&Sound { skin, frames, untouched: Vec::new(), ..sound });
-    assert_eq!(found.kind, FindingKind::SignTurned);
-    assert!(found.channels.is_empty() && found.fix.starts_with("set protocol.measures_reversed = false"), "{found:?}");
-}
-
-#[test]
-fn a_thousandth_is_named() {
-    let mut sound = disk();
-    sound.change(|_, frame| frame.0.iter_mut().for_each(|value| *value *= 1e-3));
-    let found = only(&sound);
-    assert!(found.kind == FindingKind::Magnitude && found.fix.contains("multiply the values by 1000"), "{found:?}");
-}
-
-#[test]
-fn late_dead_and_turned_channels_are_named() {
-    let mut sound = disk();
-    let original = sound.frames.clone();
-    for row in 2..original.len() {
-        (8..16).for_each(|channel| sound.frames[row][channel] = original[row - 2][channel]);
-    }
-    sound.change(|_, frame| {
-        frame[60] = 0.25;
-        (24..32).for_each(|channel| frame[channel] = -frame[channel]);
-    });
-    let checked = sound.check();
-    let found: Vec<(FindingKind, i32, Vec<usize>)> =
-        checked.faults().map(|fault| (fault.kind, fault.lag, fault.channels.clone())).collect();
-    let expected = [
-        (FindingKind::SignTurned, 0, (24..32).collect()),
-        (FindingKind::Late, 2, (8..16).collect()),
-        (FindingKind::Dead, 0, vec![60]),
-    ];
-    assert_eq!(found, expected);
-    let mended = realigned(&sound.frames, &checked.lags).unwrap();
-    assert_eq!(mended[100][15], original[100][15]);
-    assert_eq!(mended.len(), original.len());
-    let again = Sound { frames: mended, ..sound }.check();
-    assert!(again.faults().all(|fault| fault.kind != FindingKind::Late), "{:?}", again.findings);
-}
-
-#[test]
-fn limits_outliers_and_shifted_truth_are_named() {
-    let sound = disk();
-    let mut limited = sound.clone();
-    let mut sorted: Vec<f64> = sound.frames.iter().map(|frame| frame[7]).collect();
-    sorted.sort_by(f64::total_cmp);
-    limited.frames.iter_mut().for_each(|frame| frame[7] = frame[7].clamp(sorted[40], sorted[200]));
-    let found = only(&limited);
-    assert_eq!((found.kind, found.channels), (FindingKind::Saturated, vec![7]));
-    let mut spiked = sound.clone();
-    spiked.frames[33][9] = 1e6;
-    let found = only(&spiked);
-    assert_eq!((found.kind, found.channels, found.rows), (FindingKind::OutlierValue, vec![9], vec![33]));
-    // The truth of the press after each frame.
-    let mut positions_m = press_positions(&sound, 41);
-    positions_m.rotate_right(1);
-    let recording = Recording { frames: &sound.frames, untouched: &sound.untouched, positions_m: Some(&positions_m) };
-    let checked = check_recording(&sound.skin, &recording).unwrap();
-    let faults: Vec<&Finding> = checked.faults().collect();
-    assert_eq!((faults.len(), faults[0].kind, faults[0].lag), (1, FindingKind::TruthShifted, 1), "{faults:?}");
-}
-
-#[test]
-fn input_that_cannot_be_checked_is_refused() {
-    let sound = disk();
-    let check = |frames: &[Frame], untouched: &[Frame], positions_m: Option<&[[f64; 3]]>| {
-        check_recording(&sound.skin, &Recording { frames, untouched, positions_m }).unwrap_err().to_string()
-    };
-    assert!(check(&[], &[], None).contains("no frame"));
-    assert!(check(&[Frame(vec![0.0; 9])], &[], None).contains("9 channels"));
-    let mut frames = sound.frames.clone();
-    frames[3][5] = f64::NAN;
-    assert!(check(&frames, &[], None).contains("frame 3, channel 5"));
-    assert!(check(&sound.frames, &frames, None).contains("untouched frame 3"));
-    assert!(check(&sound.frames, &[], Some(&[[0.0; 3]; 7])).contains("7 positions for 240 frames"));
-    assert!(realigned(&sound.frames, &[0; 3]).is_err());
 }
 
 #[test]

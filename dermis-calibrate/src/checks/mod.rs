@@ -387,7 +387,7 @@ impl<'a> Check<'a> {
         let (mut channels, worst) = match untouched {
             Some(frame) => (signs::turned_untouched(&order.apply(frame), &self.model, &dead), -1.0),
             None if self.differences.len() >= FEWEST_ROWS => {
-                let turned = signs::turned_correlations(correlation, &self.model, &self.protocol);
+                let turned = signs::turned_correlations(correlation, &self.model, &self.protocol, &dead);
                 (turned.channels, turned.worst)
             }
             None => (Vec::new(), 0.0),

@@ -141,8 +141,9 @@ impl<'a> Matcher<'a> {
         let ordered = Mat::from_fn(count, count, |a, b| {
             order.signs[a] * order.signs[b] * measured[(order.columns[a], order.columns[b])]
         });
+        let dead: Vec<usize> = (0..count).filter(|&channel| self.dead[order.columns[channel]]).collect();
         let mut turned = order.clone();
-        let channels = turned_correlations(&ordered, model, self.protocol).channels;
+        let channels = turned_correlations(&ordered, model, self.protocol, &dead).channels;
         channels.into_iter().for_each(|channel| turned.signs[channel] = -turned.signs[channel]);
         Some(turned)
     }

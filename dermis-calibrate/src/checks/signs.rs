@@ -82,16 +82,23 @@ pub(crate) fn turned_untouched(untouched: &[f64], model: &ModelChannels, dead: &
 }
 
 /// Channels that go with the others with the opposite of the sign that the model says: whole drives, and single channels where the
-/// model describes the skin well enough. `correlation` is in the order of the design.
-pub(crate) fn turned_correlations(correlation: &Mat<f64>, model: &ModelChannels, protocol: &Protocol) -> Turned {
+/// model describes the skin well enough. All channels, dead ones too, are those of the design.
+pub(crate) fn turned_correlations(
+    correlation: &Mat<f64>,
+    model: &ModelChannels,
+    protocol: &Protocol,
+    dead: &[usize],
+) -> Turned {
     let (drives, of_channel) = protocol.drives();
-    let groups =
-        |drive: usize| (0..of_channel.len()).filter(|&channel| of_channel[channel] == drive).collect::<Vec<_>>();
-    let drives: Vec<Vec<usize>> = (0..drives.len()).map(groups).collect();
-    let mut signs = vec![1.0; of_channel.len()];
+    let is_alive = |channel: &usize| !dead.contains(channel);
+    let group = |drive: usize| (0..of_channel.len()).filter(|&c| of_channel[c] == drive).collect::<Vec<_>>();
+    // A drive whose channels are mostly dead is not judged.
+    let judged = (0..drives.len()).map(group).filter(|all| 2 * all.iter().filter(|c| is_alive(c)).count() >= all.len());
+    let drives: Vec<Vec<usize>> = judged.map(|all| all.into_iter().filter(is_alive).collect()).collect();
+    let mut signs: Vec<f64> = (0..of_channel.len()).map(|c| f64::from(u8::from(is_alive(&c)))).collect();
     let by_drive =
         turn(&drives, &mut signs, correlation, model, &|score, median| score < TURNED.0 && score < TURNED.1 * median);
-    let single: Vec<Vec<usize>> = (0..of_channel.len()).map(|channel| vec![channel]).collect();
+    let single: Vec<Vec<usize>> = (0..of_channel.len()).filter(is_alive).map(|channel| vec![channel]).collect();
     turn(&single, &mut signs, correlation, model, &|score, median| median > JUDGED && score < TURNED_CHANNEL * median);
     let channels = (0..signs.len()).filter(|&channel| signs[channel] < 0.0).collect();
     Turned { channels, worst: by_drive }
@@ -130,7 +137,9 @@ fn turn(
 
 /// The cosine between the correlations of a group with all other channels and those of the model.
 fn score(group: &[usize], signs: &[f64], correlation: &Mat<f64>, model: &ModelChannels) -> f64 {
-    let others: Vec<usize> = (0..signs.len()).filter(|channel| !group.contains(channel)).collect();
+    // Dead channels have the sign 0.
+    let others: Vec<usize> =
+        (0..signs.len()).filter(|channel| signs[*channel] != 0.0 && !group.contains(channel)).collect();
     let pairs = || group.iter().flat_map(|&a| others.iter().map(move |&b| (a, b)));
     let measured = pairs().map(|(a, b)| signs[a] * signs[b] * correlation[(a, b)]);
     cosine(measured, pairs().map(|(a, b)| model.correlation[(a, b)]))

@@ -109,33 +109,38 @@ pub(crate) fn outliers(columns: &[Vec<f64>], dead: &[usize]) -> Vec<Finding> {
     }
     let used: Vec<usize> = (0..columns.len()).filter(|channel| !dead.contains(channel)).collect();
     let distances = distances(columns);
-    let far_part = |row: usize| {
-        used.iter().filter(|&&channel| distances[channel][row] > FAR_FRAME).count() as f64 / used.len().max(1) as f64
-    };
-    let frames: Vec<usize> = (0..rows).filter(|&row| far_part(row) > FAR_PART).collect();
-    let single = |row: &usize| {
-        let beyond = |limit: f64| used.iter().filter(|&&channel| distances[channel][*row] > limit).count();
-        let others = beyond(FAR_FRAME).saturating_sub(1);
-        beyond(FAR_VALUE) > 0 && others as f64 <= FAR_OTHERS * used.len() as f64
-    };
-    let values: Vec<usize> = (0..rows).filter(|row| !frames.contains(row)).filter(single).collect();
-    let channels = used.iter().copied().filter(|&c| values.iter().any(|&row| distances[c][row] > FAR_VALUE)).collect();
+    let beyond =
+        |row: usize, limit: f64| used.iter().copied().filter(|&c| distances[c][row] > limit).collect::<Vec<_>>();
+    let (mut frames, mut values, mut channels) = (Vec::new(), Vec::new(), Vec::new());
+    for row in 0..rows {
+        let (far, farther) = (beyond(row, FAR_FRAME).len() as f64, beyond(row, FAR_VALUE));
+        if far > FAR_PART * used.len() as f64 {
+            frames.push(row);
+        } else if !farther.is_empty() && far - 1.0 <= FAR_OTHERS * used.len() as f64 {
+            values.push(row);
+            channels.extend(farther);
+        }
+    }
+    channels.sort_unstable();
+    channels.dedup();
     let most = |rows: &[usize]| {
-        rows.iter()
-            .flat_map(|&row| used.iter().map(move |&c| (c, row)))
-            .map(|(c, row)| distances[c][row])
-            .fold(0.0, f64::max)
+        let of_row = |&row: &usize| used.iter().map(|&channel| distances[channel][row]).fold(0.0, f64::max);
+        rows.iter().map(of_row).fold(0.0, f64::max)
     };
+    outlier_findings([most(&frames), most(&values)], frames, values, channels)
+}
+
+/// The findings of outlier frames and of rows with outlier values, with the largest distance of each.
+fn outlier_findings(most: [f64; 2], frames: Vec<usize>, values: Vec<usize>, channels: Vec<usize>) -> Vec<Finding> {
     let evidence = "largest distance from the median of a channel, over the distance of 99 % of its values".to_string();
     let mut found = Vec::new();
     if !frames.is_empty() {
         let fix = "remove these rows from the frames and from the truth";
-        let finding = Finding::new(FindingKind::OutlierFrame, most(&frames), evidence.clone(), fix);
-        found.push(finding.at_rows(frames));
+        found.push(Finding::new(FindingKind::OutlierFrame, most[0], evidence.clone(), fix).at_rows(frames));
     }
     if !values.is_empty() {
         let fix = "check the converter and the wiring of these channels; remove these rows before training";
-        let finding = Finding::new(FindingKind::OutlierValue, most(&values), evidence, fix);
+        let finding = Finding::new(FindingKind::OutlierValue, most[1], evidence, fix);
         found.push(finding.at_channels(channels).at_rows(values));
     }
     found
