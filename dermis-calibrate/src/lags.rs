@@ -32,16 +32,31 @@ struct Evidence {
     at_zero: f64,
 }
 
+/// How well the other channels predict each channel, by the lag, and the lags that follow.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct LagEvidence {
+    /// For each channel the part of its variance that each lag of [`LAGS`] explains.
+    pub explained: Vec<Vec<f64>>,
+    /// For each channel the number of rows by which it is late.
+    pub lags: Vec<i32>,
+}
+
+/// The lags that are looked for.
+pub(crate) const LAGS: std::ops::RangeInclusive<i32> = -MOST_LAG..=MOST_LAG;
+
 /// The number of rows by which each channel is late: its value for row `i` is found in row `i + lag`. All zero where there
-/// are too few rows.
-///
-/// Each channel is predicted from the leading components of the channels of all other drives, of rows shifted by -3 to 3,
+/// are too few rows. See [`lag_evidence`].
+pub(crate) fn channel_lags(values: &[Vec<f64>], protocol: &Protocol) -> Vec<i32> {
+    lag_evidence(values, protocol).lags
+}
+
+/// Predicts each channel from the leading components of the channels of all other drives, of rows shifted by -3 to 3,
 /// with a ridge regression on one half of the rows that is tested on the other (cross-validation). The presses must be
 /// in the order of recording. `values` are in units of the channels, rows x channels.
-pub(crate) fn channel_lags(values: &[Vec<f64>], protocol: &Protocol) -> Vec<i32> {
+pub(crate) fn lag_evidence(values: &[Vec<f64>], protocol: &Protocol) -> LagEvidence {
     let channels = protocol.channel_count();
     if values.len() < FEWEST_ROWS {
-        return vec![0; channels];
+        return LagEvidence { explained: Vec::new(), lags: vec![0; channels] };
     }
     let mut drives: BTreeMap<[usize; 2], Vec<usize>> = BTreeMap::new();
     for (channel, pair) in protocol.channels().iter().enumerate() {
@@ -51,34 +66,52 @@ pub(crate) fn channel_lags(values: &[Vec<f64>], protocol: &Protocol) -> Vec<i32>
     let covariance = covariance(values);
     // Late channels are no good predictors: the second pass leaves them out.
     let first = lags_without(values, &covariance, &drives, &[]);
-    let late: Vec<usize> = (0..channels).filter(|&channel| first[channel] != 0).collect();
+    let late: Vec<usize> = (0..channels).filter(|&channel| first.lags[channel] != 0).collect();
     if late.is_empty() { first } else { lags_without(values, &covariance, &drives, &late) }
 }
 
-/// The lags of all channels, without the use of some as predictors.
+/// The evidence for all channels, without the use of some as predictors.
 fn lags_without(
     values: &[Vec<f64>],
     covariance: &Mat<f64>,
     drives: &BTreeMap<[usize; 2], Vec<usize>>,
     late: &[usize],
-) -> Vec<i32> {
-    let found: Vec<(&Vec<usize>, Vec<Evidence>)> = drives
+) -> LagEvidence {
+    let found: Vec<(&Vec<usize>, Vec<Vec<f64>>)> = drives
         .values()
         .collect::<Vec<_>>()
         .into_par_iter()
         .map(|own| {
             let components = components(values, covariance, &[own, late].concat());
-            let evidence = own.iter().map(|&channel| evidence(values, &components, channel)).collect();
-            (own, evidence)
+            let by_lag: Vec<Vec<f64>> = LAGS.map(|lag| explained(values, &components, own, lag)).collect();
+            (own, (0..own.len()).map(|k| by_lag.iter().map(|explained| explained[k]).collect()).collect())
         })
         .collect();
-    let mut lags = vec![0; values[0].len()];
-    for (own, evidence) in found {
-        for (channel, lag) in own.iter().zip(decide(&evidence, WEAK.0 + WEAK.1 / (values.len() as f64).sqrt())) {
-            lags[*channel] = lag;
+    let channels = values[0].len();
+    let mut evidence = LagEvidence { explained: vec![Vec::new(); channels], lags: vec![0; channels] };
+    for (own, explained) in found {
+        let each: Vec<Evidence> = explained.iter().map(|explained| Evidence::of(explained)).collect();
+        let lags = decide(&each, WEAK.0 + WEAK.1 / (values.len() as f64).sqrt());
+        for ((&channel, explained), lag) in own.iter().zip(explained).zip(lags) {
+            evidence.explained[channel] = explained;
+            evidence.lags[channel] = lag;
         }
     }
-    lags
+    evidence
+}
+
+impl Evidence {
+    /// The best of the lags, by what each explains.
+    fn of(explained: &[f64]) -> Self {
+        let at_zero = explained[MOST_LAG as usize];
+        let mut evidence = Evidence { lag: 0, best: at_zero, at_zero };
+        for (lag, &value) in LAGS.zip(explained) {
+            if value > evidence.best {
+                evidence = Evidence { lag, best: value, at_zero };
+            }
+        }
+        evidence
+    }
 }
 
 /// The lags of the channels of one drive: those of which no lag explains the part `weak` follow the majority of the others.
@@ -112,40 +145,27 @@ fn components(values: &[Vec<f64>], covariance: &Mat<f64>, without: &[usize]) -> 
     own * Mat::from_fn(count, leading, |i, j| eigen.U()[(i, count - 1 - j)])
 }
 
-fn evidence(values: &[Vec<f64>], components: &Mat<f64>, channel: usize) -> Evidence {
-    let explained = |lag: i32| explained(values, components, channel, lag);
-    let at_zero = explained(0);
-    let mut evidence = Evidence { lag: 0, best: at_zero, at_zero };
-    for lag in (-MOST_LAG..=MOST_LAG).filter(|lag| *lag != 0) {
-        let value = explained(lag);
-        if value > evidence.best {
-            evidence = Evidence { lag, best: value, at_zero };
-        }
-    }
-    evidence
-}
-
-/// The part of the variance of a channel that the components of the row `lag` rows before it explain.
-fn explained(values: &[Vec<f64>], components: &Mat<f64>, channel: usize, lag: i32) -> f64 {
+/// The part of the variance of each of some channels that the components of the row `lag` rows before it explain.
+fn explained(values: &[Vec<f64>], components: &Mat<f64>, channels: &[usize], lag: i32) -> Vec<f64> {
     let rows = values.len() as i32;
-    let first = lag.max(0);
-    let last = rows + lag.min(0);
-    let own: Vec<f64> = (first..last).map(|row| values[row as usize][channel]).collect();
-    let source = |row: usize| (first - lag) as usize + row;
-    let half = own.len() / 2;
-    let (mut residual, mut total) = (0.0, 0.0);
-    for (fit, test) in [(0..half, half..own.len()), (half..own.len(), 0..half)] {
-        let mean = fit.clone().map(|row| own[row]).sum::<f64>() / fit.len() as f64;
+    let (first, last) = (lag.max(0) as usize, (rows + lag.min(0)) as usize);
+    let source = |row: usize| (row as i32 - lag) as usize;
+    let middle = (first + last) / 2;
+    let mut sums = vec![[0.0; 2]; channels.len()];
+    for (fit, test) in [(first..middle, middle..last), (middle..last, first..middle)] {
         let input = Mat::from_fn(fit.len(), components.ncols(), |i, k| components[(source(fit.start + i), k)]);
-        let target = Mat::from_fn(fit.len(), 1, |i, _| own[fit.start + i]);
-        let Some(regression) = Regression::fit(&input, &target, RIDGE) else { return 0.0 };
-        let weights = regression.weights.col(0);
-        for row in test {
-            let product = |k: usize| weights[k] * components[(source(row), k)];
-            let predicted = regression.offsets[0] + (0..components.ncols()).map(product).sum::<f64>();
-            residual += (own[row] - predicted).powi(2);
-            total += (own[row] - mean).powi(2);
+        let target = Mat::from_fn(fit.len(), channels.len(), |i, j| values[fit.start + i][channels[j]]);
+        let Some(regression) = Regression::fit(&input, &target, RIDGE) else { return vec![0.0; channels.len()] };
+        let tested = Mat::from_fn(test.len(), components.ncols(), |i, k| components[(source(test.start + i), k)]);
+        let predicted = tested * &regression.weights;
+        for (j, [residual, total]) in sums.iter_mut().enumerate() {
+            let mean = target.col(j).iter().sum::<f64>() / fit.len() as f64;
+            for (i, row) in test.clone().enumerate() {
+                let value = values[row][channels[j]];
+                *residual += (value - regression.offsets[j] - predicted[(i, j)]).powi(2);
+                *total += (value - mean).powi(2);
+            }
         }
     }
-    if total > 0.0 { 1.0 - residual / total } else { 0.0 }
+    sums.into_iter().map(|[residual, total]| if total > 0.0 { 1.0 - residual / total } else { 0.0 }).collect()
 }

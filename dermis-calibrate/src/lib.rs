@@ -8,6 +8,7 @@
 #![warn(unreachable_pub)]
 
 mod calibration;
+pub mod checks;
 mod correction;
 mod covariance;
 mod error;

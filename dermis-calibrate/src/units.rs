@@ -56,6 +56,11 @@ impl ChannelUnits {
         self.median.len() == self.sd.len() && self.sd.iter().chain(&self.median).all(|value| value.is_finite())
     }
 
+    /// The value of a channel from its value in these units.
+    pub(crate) fn invert(&self, channel: usize, value: f64) -> f64 {
+        self.median[channel] + self.sd[channel] * value.sinh()
+    }
+
     /// A frame in these units.
     ///
     /// # Panics

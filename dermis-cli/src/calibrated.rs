@@ -45,6 +45,11 @@ impl Presses {
         })
     }
 
+    /// The position of the press of each frame, m.
+    pub fn positions_m(&self) -> &[Point3] {
+        &self.positions_m
+    }
+
     /// Their coordinate frame.
     pub fn frame(&self) -> LabelFrame {
         self.frame

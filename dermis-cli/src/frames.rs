@@ -34,16 +34,41 @@ pub struct Differences {
     pub untouched: Vec<Frame>,
 }
 
+/// Frames as they are in their files.
+#[derive(Debug)]
+pub struct Recorded {
+    /// The frames, ohm; differences from the untouched skin where there are no untouched frames.
+    pub frames: Vec<Frame>,
+    /// The untouched frames, ohm.
+    pub untouched: Vec<Frame>,
+}
+
 impl FrameArguments {
     /// Reads the frames and subtracts the baseline.
     pub fn read(&self, protocol: &Protocol) -> Outcome<Differences> {
+        Ok(self.read_recorded(protocol)?.into_differences())
+    }
+
+    /// Reads the frames.
+    pub fn read_recorded(&self, protocol: &Protocol) -> Outcome<Recorded> {
         let frames = read_frames(&self.frames, protocol)?;
-        let Some(path) = &self.baseline else { return Ok(Differences { frames, untouched: Vec::new() }) };
+        let Some(path) = &self.baseline else { return Ok(Recorded { frames, untouched: Vec::new() }) };
         let untouched = read_frames(path, protocol)?;
-        let rest =
-            mean(&untouched).ok_or_else(|| Failure::given(format!("{} holds no frame", path.display()), None))?;
+        if untouched.is_empty() {
+            return Err(Failure::given(format!("{} holds no frame", path.display()), None));
+        }
+        Ok(Recorded { frames, untouched })
+    }
+}
+
+impl Recorded {
+    /// The frames minus the mean of the untouched ones.
+    pub fn into_differences(self) -> Differences {
+        let Some(rest) = mean(&self.untouched) else {
+            return Differences { frames: self.frames, untouched: Vec::new() };
+        };
         let minus_rest = |frames: &[Frame]| frames.iter().map(|frame| frame - &rest).collect();
-        Ok(Differences { frames: minus_rest(&frames), untouched: minus_rest(&untouched) })
+        Differences { frames: minus_rest(&self.frames), untouched: minus_rest(&self.untouched) }
     }
 }
 

@@ -1,4 +1,4 @@
-//! Charts: histograms and curves.
+//! Charts: histograms, curves and heat maps.
 //!
 //! ```
 //! use dermis_plot::chart::Curves;
@@ -16,9 +16,9 @@
 //! assert!(chart.draw().to_svg().contains(">0.001</text>"));
 //! ```
 
-use crate::colour::{Colour, FAINT, INK};
+use crate::colour::{Colour, FAINT, INK, Scale};
 use crate::frame::{self, Axis};
-use crate::scene::Mark;
+use crate::scene::{Key, Mark};
 use crate::svg::{Anchor, Picture, Place, Style, Text, text_width};
 
 const WIDTH: f64 = 470.0;
@@ -163,6 +163,75 @@ impl Curves<'_> {
             &Axis { range: upward, logarithmic: self.logarithmic, label: self.left, wanted: 5 },
         );
         frame::legend(&mut picture, [LEFT, top + HEIGHT + BELOW - 6.0], WIDTH, &legend);
+        picture
+    }
+}
+
+/// A table of numbers as colours: rows from the top, columns from the left. Numbers that are not finite are grey.
+///
+/// ```
+/// use dermis_plot::Scale;
+/// use dermis_plot::chart::HeatMap;
+///
+/// let rows = [vec![0.0, 1.0], vec![-1.0, 0.5]];
+/// let scale = Scale::diverging([1.0]);
+/// let map = HeatMap { title: "", subtitle: "", below: "channel", left: "lag", first: [0.0, -1.0], rows: &rows, scale, label: "" };
+/// assert!(map.draw().to_svg().contains(">channel</text>"));
+/// ```
+pub struct HeatMap<'a> {
+    /// The title.
+    pub title: &'a str,
+    /// A second, smaller line.
+    pub subtitle: &'a str,
+    /// Label of the horizontal axis, with its unit.
+    pub below: &'a str,
+    /// Label of the vertical axis, with its unit.
+    pub left: &'a str,
+    /// The numbers of the first column and of the first row; the others follow by one.
+    pub first: [f64; 2],
+    /// The rows, all of one length.
+    pub rows: &'a [Vec<f64>],
+    /// The colours.
+    pub scale: Scale,
+    /// What the colours are, with the unit.
+    pub label: &'a str,
+}
+
+impl HeatMap<'_> {
+    /// The picture; of more than 128 rows or columns, evenly spaced ones are drawn.
+    pub fn draw(&self) -> Picture {
+        const MOST: usize = 128;
+        let (rows, columns) = (self.rows.len(), self.rows.first().map_or(0, Vec::len));
+        let head = frame::title_height(self.title, self.subtitle);
+        let height = if rows * 2 > columns { 0.8 * WIDTH } else { HEIGHT };
+        let mut picture = Picture::new(LEFT + WIDTH + 24.0 + frame::KEY_WIDTH, head + height + BELOW);
+        frame::title(&mut picture, self.title, self.subtitle);
+        let drawn = [rows.min(MOST), columns.min(MOST)];
+        let step = [height / drawn[0].max(1) as f64, WIDTH / drawn[1].max(1) as f64];
+        for i in 0..drawn[0] {
+            for j in 0..drawn[1] {
+                let value = self.rows[i * rows / drawn[0]][j * columns / drawn[1]];
+                let (x, y) = (LEFT + j as f64 * step[1], head + i as f64 * step[0]);
+                // A little overlap hides the gaps between the cells.
+                let (right, below) = ((x + step[1] + 0.4).min(LEFT + WIDTH), (y + step[0] + 0.4).min(head + height));
+                picture
+                    .polygon(&[[x, y], [right, y], [right, below], [x, below]], Style::fill(self.scale.colour(value)));
+            }
+        }
+        frame::border(&mut picture, [LEFT, head], WIDTH, height);
+        let across = [self.first[0] - 0.5, self.first[0] + columns as f64 - 0.5];
+        let below = Axis { range: across, logarithmic: false, label: self.below, wanted: 8 };
+        frame::axis_below(&mut picture, [LEFT, head + height], WIDTH, &below);
+        // Rows count downwards.
+        let down = Axis {
+            range: [self.first[1] + rows as f64 - 0.5, self.first[1] - 0.5],
+            logarithmic: false,
+            label: self.left,
+            wanted: 8,
+        };
+        frame::axis_left(&mut picture, [LEFT, head + height], height, &down);
+        let key = Key { scale: self.scale, label: self.label.into() };
+        frame::colour_bar(&mut picture, [LEFT + WIDTH + 18.0, head], height, &key);
         picture
     }
 }

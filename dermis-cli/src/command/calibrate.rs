@@ -1,15 +1,17 @@
 //! `dermis calibrate`: a real skin calibrated with measured presses.
 
 use crate::calibrated::{Presses, late_channels};
-use crate::console::{Progress, print, print_json};
+use crate::check_page::place;
+use crate::console::{Progress, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
-use crate::frames::FrameArguments;
+use crate::frames::{FrameArguments, Recorded};
 use crate::rows::Rows;
 use crate::skin;
 use clap::Args;
 use dermis::frame::Frame;
 use dermis::method::MethodOptions;
 use dermis::skin::Skin;
+use dermis_calibrate::checks::{FindingKind, Recording, check_recording};
 use dermis_calibrate::{Calibration, Correction, CorrectionQuality, Label, LabelFrame, Quality};
 use dermis_study::report::Table;
 use serde_json::json;
@@ -49,8 +51,10 @@ impl Arguments {
     /// Fits the calibration and writes it.
     pub fn run(self) -> Outcome {
         let skin = skin::load(&self.design)?;
-        let frames = self.frames.read(&skin.design().protocol)?.frames;
-        let presses = Presses::read(&self.truth, &skin, frames.len())?;
+        let recorded = self.frames.read_recorded(&skin.design().protocol)?;
+        let presses = Presses::read(&self.truth, &skin, recorded.frames.len())?;
+        warn_of_faults(&skin, &recorded, &presses)?;
+        let frames = recorded.into_differences().frames;
         let labels = presses.labels(self.labels.as_ref())?;
         let last = labels.last().map_or(0, |label| label.row);
         let used = if self.unlabelled { &frames[..] } else { &frames[..=last] };
@@ -83,6 +87,21 @@ impl Arguments {
             Err(failure) => return Err(failure),
         })
     }
+}
+
+/// Warns of faults of the recording that the calibration does not mend itself.
+fn warn_of_faults(skin: &Skin, recorded: &Recorded, presses: &Presses) -> Outcome {
+    let Recorded { frames, untouched } = recorded;
+    let recording = Recording { frames, untouched, positions_m: Some(presses.positions_m()) };
+    let checked = {
+        let _waiting = Progress::waiting("checking the recording");
+        check_recording(skin, &recording)?
+    };
+    for fault in checked.faults().filter(|fault| fault.kind != FindingKind::Late) {
+        let place = place(fault);
+        warn(&format!("{} ({place}): {} = {:.3}; {}", fault.kind.name(), fault.evidence, fault.value, fault.fix));
+    }
+    Ok(())
 }
 
 /// The name of the forward map in `--method`.

@@ -3,6 +3,7 @@
 pub mod benchmark;
 mod calibrate;
 mod characterise;
+mod check_frames;
 mod contacts;
 mod convert;
 mod demo;
@@ -48,6 +49,8 @@ pub enum Command {
     Benchmark(benchmark::Arguments),
     /// Calibrate a real skin with measured presses.
     Calibrate(calibrate::Arguments),
+    /// Check a recording: late, dead or saturated channels, their order, signs, units, drift; writes a page.
+    CheckFrames(check_frames::Arguments),
     /// Measure a method on simulated touches: standard deviation of positions, force per strength.
     Characterise(characterise::Arguments),
     /// Simulate the paper's indentation experiment on a digital twin and write its frames.
@@ -98,6 +101,7 @@ impl Command {
             Command::Evaluate(arguments) => arguments.run(),
             Command::Benchmark(arguments) => arguments.run(),
             Command::Calibrate(arguments) => arguments.run(),
+            Command::CheckFrames(arguments) => arguments.run(),
             Command::Characterise(arguments) => arguments.run(),
             Command::Experiment(arguments) => arguments.run(),
             Command::Export(arguments) => arguments.run(),

@@ -1,0 +1,138 @@
+//! Checks of recordings with one fault each, and of sound ones.
+
+mod recordings;
+
+use dermis::frame::Frame;
+use dermis::skin::Skin;
+use dermis_calibrate::checks::{Finding, FindingKind, Recording, check_recording, realigned};
+use recordings::{DISK12, Sound, press_positions, simulated};
+
+/// Presses on a disk with 12 electrodes.
+fn disk() -> Sound {
+    simulated("disk", &Skin::parse(DISK12, "disk12.toml").unwrap(), 41, 240, 65.0, false)
+}
+
+/// The only fault.
+fn only(sound: &Sound) -> Finding {
+    let checked = sound.check();
+    let faults: Vec<&Finding> = checked.faults().collect();
+    assert_eq!(faults.len(), 1, "{faults:?}");
+    faults[0].clone()
+}
+
+#[test]
+fn a_sound_recording_has_no_findings() {
+    let mut sound = disk();
+    assert_eq!(sound.check().findings, vec![]);
+    let baseline = dermis::frame::mean(&sound.untouched).unwrap();
+    sound.frames.iter_mut().for_each(|frame| *frame = &*frame - &baseline);
+    sound.untouched.clear();
+    assert_eq!(sound.check().findings, vec![]);
+    // Too few rows for statistics.
+    sound.frames.truncate(5);
+    assert_eq!(sound.check().findings, vec![]);
+}
+
+#[test]
+fn the_order_of_pyeit_is_named() {
+    let skin = Skin::load("tank16").unwrap();
+    let rest = Frame(skin.forward().solve(skin.forward().rest_conductivity()).unwrap().0);
+    // pyEIT measures V[m + 1] - V[m].
+    let reversed = vec![Frame(rest.iter().map(|value| -value).collect())];
+    let sound = Sound { name: "", skin: skin.clone(), frames: reversed.clone(), untouched: reversed, first: 0 };
+    let found = only(&sound);
+    assert!(found.kind == FindingKind::SignTurned && found.value < -0.999, "{found:?}");
+    assert_eq!(found.fix, "set protocol.measures_reversed = true");
+    // Its default order of the measurements starts at electrode 0; the design says that it starts at the drive.
+    let channels = skin.design().protocol.channels();
+    let mut order: Vec<usize> = (0..rest.len()).collect();
+    order.sort_by_key(|&channel| (channels[channel].drive[0], channels[channel].measure[0]));
+    let frames = vec![Frame(order.iter().map(|&channel| rest[channel]).collect())];
+    let found = only(&Sound { frames: frames.clone(), untouched: frames, ..sound });
+    assert_eq!((found.kind, &found.fix[..]), (FindingKind::Order, "set protocol.measures_start = \"electrode_zero\""));
+}
+
+#[test]
+fn measures_reversed_in_the_design_alone_is_named_without_a_baseline() {
+    let sound = disk();
+    let baseline = dermis::frame::mean(&sound.untouched).unwrap();
+    let text = DISK12.replace("pattern.skip = 3", "pattern.skip = 3\nmeasures_reversed = true");
+    let skin = Skin::parse(&text, "disk12.toml").unwrap();
+    let frames = sound.frames.iter().map(|frame| frame - &baseline).collect();
+    let found = only(&Sound { skin, frames, untouched: Vec::new(), ..sound });
+    assert_eq!(found.kind, FindingKind::SignTurned);
+    assert!(found.channels.is_empty() && found.fix.starts_with("set protocol.measures_reversed = false"), "{found:?}");
+}
+
+#[test]
+fn a_thousandth_is_named() {
+    let mut sound = disk();
+    sound.change(|_, frame| frame.0.iter_mut().for_each(|value| *value *= 1e-3));
+    let found = only(&sound);
+    assert!(found.kind == FindingKind::Magnitude && found.fix.contains("multiply the values by 1000"), "{found:?}");
+}
+
+#[test]
+fn late_dead_and_turned_channels_are_named() {
+    let mut sound = disk();
+    let original = sound.frames.clone();
+    for row in 2..original.len() {
+        (8..16).for_each(|channel| sound.frames[row][channel] = original[row - 2][channel]);
+    }
+    sound.change(|_, frame| {
+        frame[60] = 0.25;
+        (24..32).for_each(|channel| frame[channel] = -frame[channel]);
+    });
+    let checked = sound.check();
+    let found: Vec<(FindingKind, i32, Vec<usize>)> =
+        checked.faults().map(|fault| (fault.kind, fault.lag, fault.channels.clone())).collect();
+    let expected = [
+        (FindingKind::SignTurned, 0, (24..32).collect()),
+        (FindingKind::Late, 2, (8..16).collect()),
+        (FindingKind::Dead, 0, vec![60]),
+    ];
+    assert_eq!(found, expected);
+    let mended = realigned(&sound.frames, &checked.lags).unwrap();
+    assert_eq!(mended[100][15], original[100][15]);
+    assert_eq!(mended.len(), original.len());
+    let again = Sound { frames: mended, ..sound }.check();
+    assert!(again.faults().all(|fault| fault.kind != FindingKind::Late), "{:?}", again.findings);
+}
+
+#[test]
+fn limits_outliers_and_shifted_truth_are_named() {
+    let sound = disk();
+    let mut limited = sound.clone();
+    let mut sorted: Vec<f64> = sound.frames.iter().map(|frame| frame[7]).collect();
+    sorted.sort_by(f64::total_cmp);
+    limited.frames.iter_mut().for_each(|frame| frame[7] = frame[7].clamp(sorted[40], sorted[200]));
+    let found = only(&limited);
+    assert_eq!((found.kind, found.channels), (FindingKind::Saturated, vec![7]));
+    let mut spiked = sound.clone();
+    spiked.frames[33][9] = 1e6;
+    let found = only(&spiked);
+    assert_eq!((found.kind, found.channels, found.rows), (FindingKind::OutlierValue, vec![9], vec![33]));
+    // The truth of the press after each frame.
+    let mut positions_m = press_positions(&sound, 41);
+    positions_m.rotate_right(1);
+    let recording = Recording { frames: &sound.frames, untouched: &sound.untouched, positions_m: Some(&positions_m) };
+    let checked = check_recording(&sound.skin, &recording).unwrap();
+    let faults: Vec<&Finding> = checked.faults().collect();
+    assert_eq!((faults.len(), faults[0].kind, faults[0].lag), (1, FindingKind::TruthShifted, 1), "{faults:?}");
+}
+
+#[test]
+fn input_that_cannot_be_checked_is_refused() {
+    let sound = disk();
+    let check = |frames: &[Frame], untouched: &[Frame], positions_m: Option<&[[f64; 3]]>| {
+        check_recording(&sound.skin, &Recording { frames, untouched, positions_m }).unwrap_err().to_string()
+    };
+    assert!(check(&[], &[], None).contains("no frame"));
+    assert!(check(&[Frame(vec![0.0; 9])], &[], None).contains("9 channels"));
+    let mut frames = sound.frames.clone();
+    frames[3][5] = f64::NAN;
+    assert!(check(&frames, &[], None).contains("frame 3, channel 5"));
+    assert!(check(&sound.frames, &frames, None).contains("untouched frame 3"));
+    assert!(check(&sound.frames, &[], Some(&[[0.0; 3]; 7])).contains("7 positions for 240 frames"));
+    assert!(realigned(&sound.frames, &[0; 3]).is_err());
+}

@@ -1,0 +1,200 @@
+//! The findings of a checked recording as a table and as a page with pictures.
+
+use dermis::skin::Skin;
+use dermis_calibrate::checks::{Checked, Figures, Finding, Severity};
+use dermis_plot::chart::{Curves, HeatMap};
+use dermis_plot::{Picture, Scale};
+use dermis_study::report::{Report, Table};
+
+/// The channels and rows of a finding, in words.
+pub fn place(finding: &Finding) -> String {
+    let channels = numbers("channel", &finding.channels);
+    let rows = numbers("row", &finding.rows);
+    match (channels, rows) {
+        (None, None) => "all channels".into(),
+        (Some(one), None) | (None, Some(one)) => one,
+        (Some(channels), Some(rows)) => format!("{channels}; {rows}"),
+    }
+}
+
+/// Numbers as ranges, at most eight of them; `None` without a number.
+fn numbers(what: &str, numbers: &[usize]) -> Option<String> {
+    const MOST: usize = 8;
+    let mut ranges: Vec<[usize; 2]> = Vec::new();
+    for &number in numbers {
+        match ranges.last_mut() {
+            Some([_, last]) if *last + 1 == number => *last = number,
+            _ => ranges.push([number, number]),
+        }
+    }
+    let text = |&[first, last]: &[usize; 2]| if first == last { first.to_string() } else { format!("{first}-{last}") };
+    let mut parts: Vec<String> = ranges.iter().take(MOST).map(text).collect();
+    if ranges.len() > MOST {
+        parts.push(format!("... ({} in all)", numbers.len()));
+    }
+    let plural = if numbers.len() == 1 { "" } else { "s" };
+    (!numbers.is_empty()).then(|| format!("{what}{plural} {}", parts.join(", ")))
+}
+
+/// A row for each finding.
+pub fn findings_table(checked: &Checked) -> Table {
+    let mut table = Table::with_remarks(&["finding", "severity", "lag", "value", "evidence and fix"]);
+    for finding in &checked.findings {
+        let severity = if finding.severity == Severity::Fault { "fault" } else { "note" };
+        let lag = if finding.lag == 0 { String::new() } else { finding.lag.to_string() };
+        table.push(vec![
+            format!("{}, {}", finding.kind.name(), place(finding)),
+            severity.into(),
+            lag,
+            format!("{:.3}", finding.value),
+            format!("{}. Fix: {}", finding.evidence, finding.fix),
+        ]);
+    }
+    table
+}
+
+/// The page of a checked recording.
+pub fn page(skin: &Skin, frames: usize, checked: &Checked) -> Report {
+    let lead = format!(
+        "{frames} frames of {} channels, compared with each other and with the model of the skin.",
+        checked.lags.len()
+    );
+    let mut report = Report::new(&format!("Check of a recording of {}", skin.design().name), &lead);
+    report.heading("Findings");
+    match checked.findings.is_empty() {
+        true => report.paragraph("No findings."),
+        false => report.table(&findings_table(checked)),
+    }
+    let figures = &checked.figures;
+    let pictures: Vec<(Picture, String)> =
+        [untouched(figures), lags(figures), shifts(figures), trend(figures)].into_iter().flatten().collect();
+    if !pictures.is_empty() {
+        report.heading("Figures");
+        report.pictures(&pictures);
+    }
+    let correlations = correlations(figures);
+    if !correlations.is_empty() {
+        report.heading("Correlation of the channels");
+        report.paragraph(&format!(
+            "Cosine between the two maps, in the order of the design: {:.3}. On a membrane whose coat is far from even it is \
+             low; a wrong order lowers it further.",
+            figures.correlation_cosine
+        ));
+        report.pictures(&correlations);
+    }
+    report
+}
+
+fn untouched(figures: &Figures) -> Option<(Picture, String)> {
+    if figures.untouched.is_empty() {
+        return None;
+    }
+    let curve =
+        |values: &[f64]| values.iter().enumerate().map(|(channel, value)| [channel as f64, *value]).collect::<Vec<_>>();
+    let chart = Curves {
+        title: "Untouched frame",
+        subtitle: &format!("cosine with the model {:.4}, values compressed by asinh", figures.untouched_cosine),
+        below: "channel",
+        left: "value (ohm)",
+        logarithmic: false,
+        shown: vec![0.0],
+        curves: vec![("measured".into(), curve(&figures.untouched)), ("model".into(), curve(&figures.model_untouched))],
+    };
+    Some((chart.draw(), "The mean untouched frame and that of the model.".into()))
+}
+
+fn lags(figures: &Figures) -> Option<(Picture, String)> {
+    let first = figures.lag_explained.first().filter(|explained| !explained.is_empty())?;
+    let row = |lag: usize| figures.lag_explained.iter().map(|explained| explained[lag].max(0.0)).collect::<Vec<f64>>();
+    let rows: Vec<Vec<f64>> = (0..first.len()).map(row).collect();
+    let map = HeatMap {
+        title: "How well the other channels predict a channel",
+        subtitle: "",
+        below: "channel",
+        left: "lag (rows)",
+        first: [0.0, f64::from(*figures.lags.first()?)],
+        rows: &rows,
+        scale: Scale::sequential([0.0, 1.0]),
+        label: "explained part of the variance",
+    };
+    let caption =
+        "A channel in time is bright at lag 0; one that is a row late at lag 1. A dead channel is dark at all lags.";
+    Some((map.draw(), caption.into()))
+}
+
+fn shifts(figures: &Figures) -> Option<(Picture, String)> {
+    if figures.shift_explained.is_empty() {
+        return None;
+    }
+    let points = figures.shifts.iter().zip(&figures.shift_explained).map(|(shift, part)| [f64::from(*shift), *part]);
+    let chart = Curves {
+        title: "Positions against frames",
+        subtitle: "",
+        below: "shift of the truth (rows)",
+        left: "explained part of the frames",
+        logarithmic: false,
+        shown: vec![0.0],
+        curves: vec![("explained".into(), points.collect())],
+    };
+    Some((chart.draw(), "The largest value belongs at shift 0.".into()))
+}
+
+fn trend(figures: &Figures) -> Option<(Picture, String)> {
+    if figures.trend.is_empty() {
+        return None;
+    }
+    let chart = Curves {
+        title: "Drift",
+        subtitle: "",
+        below: "row",
+        left: "mean (standard deviations)",
+        logarithmic: false,
+        shown: vec![-0.5, 0.5],
+        curves: vec![("trend".into(), figures.trend.clone())],
+    };
+    let caption = format!(
+        "The component of the frames that drifts most, averaged over fiftieths of the rows. Of the median channel, {:.1} % of the \
+         variance is drift.",
+        100.0 * figures.drift.max(0.0)
+    );
+    Some((chart.draw(), caption))
+}
+
+fn correlations(figures: &Figures) -> Vec<(Picture, String)> {
+    let map = |title: &str, rows: &[Vec<f64>]| {
+        let map = HeatMap {
+            title,
+            subtitle: "",
+            below: "channel of the design",
+            left: "channel of the design",
+            first: [0.0; 2],
+            rows,
+            scale: Scale::diverging([1.0]),
+            label: "correlation",
+        };
+        map.draw()
+    };
+    if figures.correlation.len() < 2
+        || figures.correlation.iter().flatten().all(|value| *value == 0.0 || value.is_nan())
+    {
+        return Vec::new();
+    }
+    vec![
+        (map("Measured", &figures.correlation), "Over the rows, with late channels moved to their rows.".into()),
+        (map("Model", &figures.model_correlation), "Over simulated single touches.".into()),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_written_as_ranges() {
+        assert_eq!(numbers("channel", &[0, 1, 2, 7]), Some("channels 0-2, 7".into()));
+        assert_eq!(numbers("row", &[4]), Some("row 4".into()));
+        assert_eq!(numbers("row", &[]), None);
+        let odd: Vec<usize> = (0..40).filter(|number| number % 2 == 1).collect();
+        assert!(numbers("row", &odd).unwrap().ends_with("15, ... (20 in all)"));
+    }
+}

@@ -1,0 +1,124 @@
+//! `dermis check-frames`: what is wrong with a recording.
+
+use crate::calibrated::Presses;
+use crate::check_page::{findings_table, page, place};
+use crate::console::{Progress, print, print_json};
+use crate::failure::{Failure, Outcome};
+use crate::frames::{FrameArguments, Recorded};
+use crate::skin;
+use clap::Args;
+use dermis::frame::{write_frames, write_whole};
+use dermis::skin::Skin;
+use dermis_calibrate::checks::{Checked, Recording, check_recording, realigned};
+use serde_json::json;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+/// The arguments of `dermis check-frames`.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Design: the path of a file, or a shipped name.
+    design: String,
+    #[command(flatten)]
+    frames: FrameArguments,
+    /// Measured presses, one per frame, as for `dermis calibrate`: checks whether they are shifted against the frames.
+    #[arg(long, value_name = "FILE")]
+    truth: Option<PathBuf>,
+    /// Page to write: findings and pictures (.html).
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// File to write: the frames with late channels moved to their rows (CSV, NPY or NPZ). Nothing else is changed.
+    #[arg(long, value_name = "FILE")]
+    realign: Option<PathBuf>,
+    /// Print JSON instead of a table.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Arguments {
+    /// Checks the frames and prints the findings.
+    pub fn run(self) -> Outcome {
+        if let Some(path) = &self.output {
+            check_ending(path)?;
+        }
+        let skin = skin::load(&self.design)?;
+        let Recorded { frames, untouched } = self.frames.read_recorded(&skin.design().protocol)?;
+        let presses = self.truth.as_ref().map(|path| Presses::read(path, &skin, frames.len())).transpose()?;
+        let positions_m = presses.as_ref().map(Presses::positions_m);
+        let checked = {
+            let _waiting = Progress::waiting("checking the frames");
+            check_recording(&skin, &Recording { frames: &frames, untouched: &untouched, positions_m })?
+        };
+        if let Some(path) = &self.realign {
+            write_frames(path, &realigned(&frames, &checked.lags)?)?;
+        }
+        if let Some(path) = &self.output {
+            let html = page(&skin, frames.len(), &checked).to_html();
+            write_whole(path, |out| out.write_all(html.as_bytes()))?;
+        }
+        if self.json {
+            self.print_json(&skin, frames.len(), &checked)
+        } else {
+            print(&self.text(&skin, frames.len(), &checked))
+        }
+    }
+
+    fn print_json(&self, skin: &Skin, frames: usize, checked: &Checked) -> Outcome {
+        print_json(&json!({
+            "skin": skin.design().name,
+            "frames": frames,
+            "channels": skin.design().protocol.channel_count(),
+            "findings": checked.findings,
+            "lags": checked.lags,
+            "columns": checked.columns,
+            "untouched_cosine": checked.figures.untouched_cosine,
+            "correlation_cosine": checked.figures.correlation_cosine,
+            "drift": checked.figures.drift,
+            "memory": checked.figures.memory,
+        }))
+    }
+
+    fn text(&self, skin: &Skin, frames: usize, checked: &Checked) -> String {
+        let mut text = format!("{}: {frames} frames, ", skin.design().name);
+        let faults = checked.faults().count();
+        let notes = checked.findings.len() - faults;
+        match (faults, notes) {
+            (0, 0) => text += "no findings\n",
+            _ => {
+                _ = writeln!(
+                    text,
+                    "{}, {}\n\n{}",
+                    many(faults, "fault"),
+                    many(notes, "note"),
+                    findings_table(checked).to_text()
+                )
+            }
+        }
+        for finding in &checked.findings {
+            let _ = writeln!(
+                text,
+                "\n{}, {}\n  evidence: {}\n  fix: {}",
+                finding.kind.name(),
+                place(finding),
+                finding.evidence,
+                finding.fix
+            );
+        }
+        for path in [&self.realign, &self.output].into_iter().flatten() {
+            let _ = writeln!(text, "written to {}", path.display());
+        }
+        text
+    }
+}
+
+fn many(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
+}
+
+fn check_ending(path: &Path) -> Outcome {
+    if path.extension().is_some_and(|extension| extension == "html") {
+        return Ok(());
+    }
+    let message = format!("{}: the page is written as .html", path.display());
+    Err(Failure::given(message, Some("choose this ending")))
+}
