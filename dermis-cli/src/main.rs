@@ -6,10 +6,12 @@ mod console;
 mod emulated;
 mod failure;
 mod frames;
+mod guided;
 mod latency;
 mod method;
 mod rows;
 mod skin;
+mod source;
 
 use clap::{CommandFactory, Parser};
 use std::process::ExitCode;

@@ -4,6 +4,7 @@ use crate::calibrated::{Presses, late_channels};
 use crate::console::{Progress, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
 use crate::frames::FrameArguments;
+use crate::guided::GuidedArguments;
 use crate::rows::Rows;
 use crate::skin;
 use clap::Args;
@@ -23,12 +24,19 @@ use std::path::PathBuf;
 pub struct Arguments {
     /// Design: the path of a file, or a shipped name.
     design: String,
-    #[command(flatten)]
-    frames: FrameArguments,
+    /// Frames, one press in each row (CSV, NPY or NPZ; ohm).
+    #[arg(long, value_name = "FILE", required_unless_present = "live")]
+    frames: Option<PathBuf>,
+    /// Untouched frames, one per row; their mean is the baseline.
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["difference", "live"], conflicts_with = "difference")]
+    baseline: Option<PathBuf>,
+    /// The frames are differences from the untouched skin.
+    #[arg(long)]
+    difference: bool,
     /// Measured presses, one per frame and in the order of recording: with a header as for `dermis evaluate`, or x,y,z (m) without a
     /// header in the frame of the robot that pressed.
-    #[arg(long, value_name = "FILE")]
-    truth: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "live")]
+    truth: Option<PathBuf>,
     /// Rows of the presses to calibrate with, as in 0..500 (row 500 not included) [default: all].
     #[arg(long, value_name = "ROWS")]
     labels: Option<Rows>,
@@ -41,14 +49,21 @@ pub struct Arguments {
     /// Print JSON (SI units) instead of a table.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    guided: GuidedArguments,
 }
 
 impl Arguments {
     /// Fits the calibration and writes it.
     pub fn run(self) -> Outcome {
+        let (Some(frames), Some(truth)) = (&self.frames, &self.truth) else {
+            return self.guided.run(&self.design, &self.output, self.difference, self.json);
+        };
         let skin = skin::load(&self.design)?;
-        let frames = self.frames.read(&skin.design().protocol)?.frames;
-        let presses = Presses::read(&self.truth, &skin, frames.len())?;
+        let (frames, baseline) = (frames.clone(), self.baseline.clone());
+        let frames = FrameArguments { frames, baseline, difference: self.difference };
+        let frames = frames.read(&skin.design().protocol)?.frames;
+        let presses = Presses::read(truth, &skin, frames.len())?;
         let labels = presses.labels(self.labels.as_ref())?;
         let last = labels.last().map_or(0, |label| label.row);
         let used = if self.unlabelled { &frames[..] } else { &frames[..=last] };

@@ -1,5 +1,6 @@
 //! The handle of a skin being read: subscriptions, commands and facts.
 
+use crate::LiveError;
 use crate::clock;
 use crate::device::{DeviceFacts, IncomingFrame};
 use crate::runtime::{Event, Mailbox, Popped, lock};
@@ -31,6 +32,7 @@ pub struct LiveHandle {
     state: Mutex<State>,
     facts: Mutex<Option<Arc<DeviceFacts>>>,
     method: Mutex<String>,
+    failure: Mutex<Option<LiveError>>,
     state_requested: AtomicBool,
     playing: AtomicBool,
     stopped: AtomicBool,
@@ -64,6 +66,7 @@ impl LiveHandle {
             state: Mutex::new(pipeline.state().clone()),
             facts: Mutex::default(),
             method: Mutex::new(pipeline.method().name().into()),
+            failure: Mutex::default(),
             state_requested: AtomicBool::new(false),
             playing: AtomicBool::new(false),
             stopped: AtomicBool::new(false),
@@ -75,9 +78,11 @@ impl LiveHandle {
         self.work.put(item);
     }
 
-    /// Whether one more item could drop an older one.
-    pub(crate) fn is_full(&self) -> bool {
-        self.work.len() + 1 >= MOST_WAITING
+    /// Waits for room in the queue, so that one more item drops no older one.
+    pub(crate) fn await_room(&self) {
+        while self.work.len() + 1 >= MOST_WAITING && !self.is_stopped() {
+            std::thread::sleep(Duration::from_micros(100));
+        }
     }
 
     /// Announces a device.
@@ -198,6 +203,15 @@ impl LiveHandle {
 
     pub(super) fn notice(&self, level: Severity, text: String) {
         self.publish(&Event::Notice(Notice { level, text, at: clock::now() }));
+    }
+
+    /// Ends the input early.
+    pub(super) fn fail(&self, error: LiveError) {
+        *lock(&self.failure) = Some(error);
+    }
+
+    pub(super) fn take_failure(&self) -> Option<LiveError> {
+        lock(&self.failure).take()
     }
 
     pub(super) fn stop(&self) {
