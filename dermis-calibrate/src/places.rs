@@ -107,7 +107,8 @@ mod tests {
             assert!(least_m > 0.6 * spacing_m, "{name}: {least_m} of {spacing_m} m apart");
             assert!(places.reach_m < 1.2 * spacing_m, "{name}: {} of {spacing_m} m", places.reach_m);
             let edge = edge_nodes(skin.mesh());
-            let nearest = |place: &Point3| edge.iter().map(|node| distance(*node, *place)).fold(f64::INFINITY, f64::min);
+            let nearest =
+                |place: &Point3| edge.iter().map(|node| distance(*node, *place)).fold(f64::INFINITY, f64::min);
             assert!(places.positions_m.iter().all(|place| nearest(place) > 0.25 * spacing_m), "{name}");
         }
     }

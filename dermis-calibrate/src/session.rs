@@ -94,8 +94,7 @@ impl Session {
         let limits = skin.mesh().place_limits(skin.design().body.surface());
         let state = vec![PlaceState::Open; places.positions_m.len()];
         let (skin, folder) = (skin.clone(), folder.to_path_buf());
-        let mut session =
-            Session { skin, limits, folder, places, state, frames: Vec::new(), presses_m: Vec::new() };
+        let mut session = Session { skin, limits, folder, places, state, frames: Vec::new(), presses_m: Vec::new() };
         if session.folder.join(FRAMES).exists() && session.folder.join(PRESSES).exists() {
             session.frames = read_frames(&session.folder.join(FRAMES), &session.skin.design().protocol)?;
             session.presses_m = session.read_presses()?;

@@ -168,6 +168,7 @@ impl Guided {
         let end = Arc::clone(&ended);
         on_interrupt(move || end.store(true, Ordering::Relaxed))?;
         let mailbox = live.shared().subscribe(WAITING);
+        live.begin_playback();
         self.line.print("leave the skin untouched: the baseline is measured");
         while !ended.load(Ordering::Relaxed) && self.session.place().is_some() {
             match mailbox.take(Duration::from_millis(100)) {
@@ -205,7 +206,8 @@ impl Guided {
         self.step = GuideStep::Press;
         if let Some(place) = self.session.place() {
             let (number, planned) = (self.session.taken() + 1, self.session.taken() + self.session.left());
-            self.line.print(&format!("{number} of {planned}: press with about 2 N at {}", place_text(&self.surface, place)));
+            self.line
+                .print(&format!("{number} of {planned}: press with about 2 N at {}", place_text(&self.surface, place)));
         }
     }
 
@@ -293,7 +295,10 @@ impl Guided {
             Ok(Ok(quality)) => {
                 self.errors.push((presses, quality.mean_error_m));
                 self.quality = Some((revision, quality));
-                self.line.print(&format!("calibrated with {presses} presses: mean error {:.2} mm", 1e3 * quality.mean_error_m));
+                self.line.print(&format!(
+                    "calibrated with {presses} presses: mean error {:.2} mm",
+                    1e3 * quality.mean_error_m
+                ));
             }
             Ok(Err(error)) => {
                 self.note = error.to_string();
@@ -344,7 +349,11 @@ impl Guided {
     fn progress(&self) -> String {
         let error = self.errors.last().map(|(_, error_m)| format!(", mean error {:.2} mm", 1e3 * error_m));
         let (taken, planned) = (self.session.taken(), self.session.taken() + self.session.left());
-        format!("{taken} of {planned} presses, {:.0} % of the skin covered{}", 1e2 * self.coverage, error.unwrap_or_default())
+        format!(
+            "{taken} of {planned} presses, {:.0} % of the skin covered{}",
+            1e2 * self.coverage,
+            error.unwrap_or_default()
+        )
     }
 
     /// Prints the result.
@@ -375,7 +384,9 @@ impl Guided {
 fn place_text(surface: &Surface, place: Point3) -> String {
     let [x, y, z] = place.map(|value| 1e3 * value);
     match (surface, surface.theta_rad(place)) {
-        (Surface::Cylinder { .. }, Some(theta_rad)) => format!("z {z:.1} mm, theta {:.0} degrees", theta_rad.to_degrees()),
+        (Surface::Cylinder { .. }, Some(theta_rad)) => {
+            format!("z {z:.1} mm, theta {:.0} degrees", theta_rad.to_degrees())
+        }
         (Surface::Plane, _) => format!("x {x:.1} mm, y {y:.1} mm"),
         _ => format!("x {x:.1} mm, y {y:.1} mm, z {z:.1} mm"),
     }

@@ -207,7 +207,8 @@ impl PressCollector {
         let noise = before.variance + after.variance;
         let limit = STEADY * STEADY * square(&after.values, baseline) + NOISE * noise;
         let is_steady = changed <= limit;
-        is_steady.then(|| Frame(after.values.iter().zip(baseline).map(|(value, untouched)| value - untouched).collect()))
+        is_steady
+            .then(|| Frame(after.values.iter().zip(baseline).map(|(value, untouched)| value - untouched).collect()))
     }
 }
 
@@ -243,9 +244,8 @@ mod tests {
         let mut rng = sample_rng(3, 0);
         for (number, level) in levels.enumerate() {
             let at = Timestamp::default().after(Duration::from_secs_f64(number as f64 / rate_hz));
-            let values_ohm = (0..20).map(|channel| {
-                5.0 + level * f64::from(channel) + noise * standard_normal(&mut rng)
-            });
+            let values_ohm =
+                (0..20).map(|channel| 5.0 + level * f64::from(channel) + noise * standard_normal(&mut rng));
             let frame = PipelineFrame {
                 sequence: number as u64,
                 measured_at: at,

@@ -2,15 +2,17 @@
 // says so. DERMIS names the program.
 //
 //   node test/session.mjs                       10 presses; ends with 0 if all holds
-//   node test/session.mjs --study [DESIGN]...   50 presses on the twin `lab`; the calibration is scored on other presses beside
-//                                               calibrations with 50 simulated presses at random places
+//   node test/session.mjs --study [DESIGN]...   50 presses on the twin `lab` with "about 2 N": 1.5 to 2.5 N; the calibration is
+//                                               scored on other presses, beside calibrations with 50 simulated presses at
+//                                               random places; all presses have such forces
 
 import assert from "node:assert/strict";
 import { execFileSync, spawn } from "node:child_process";
 import { once } from "node:events";
-import { mkdtempSync, readFileSync, rmSync } from "node:fs";
+import { mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import path from "node:path";
+import { fileURLToPath } from "node:url";
 
 import { openBrowser, openPage } from "./browser.mjs";
 
@@ -18,6 +20,11 @@ const dermis = path.resolve(process.env.DERMIS ?? "../target/release/dermis");
 const folder = mkdtempSync(path.join(tmpdir(), "dermis-session-"));
 const run = (...args) => execFileSync(dermis, args, { cwd: folder, encoding: "utf8" });
 const seed = 71;
+const LEAST_N = 1.5;
+const MOST_N = 2.5;
+const TWIN = "about-2-newtons.toml";
+const lab = readFileSync(path.join(path.dirname(fileURLToPath(import.meta.url)), "../../data/twins/lab.toml"), "utf8");
+writeFileSync(path.join(folder, TWIN), lab.replace(/least_force_n = \S+/, `least_force_n = ${LEAST_N}`).replace(/greatest_force_n = \S+/, `greatest_force_n = ${MOST_N}`));
 
 async function until(what, seconds, holds) {
   const begun = performance.now();
@@ -31,7 +38,7 @@ async function until(what, seconds, holds) {
 
 /** Runs a session in a browser; `each(page, presses)` is called before each press. The answer is what the program prints. */
 async function session(browser, design, presses, output, each = async () => {}) {
-  const args = ["calibrate", design, "--live", "--presses", `${presses}`, "-o", output, "--seed", `${seed}`, "--serve", "127.0.0.1:0", "--json"];
+  const args = ["calibrate", design, "--live", "--presses", `${presses}`, "-o", output, "--twin", TWIN, "--seed", `${seed}`, "--serve", "127.0.0.1:0", "--json"];
   const live = spawn(dermis, args, { cwd: folder, stdio: ["pipe", "pipe", "pipe"] });
   let [told, printed] = ["", ""];
   live.stderr.on("data", (text) => (told += text));
@@ -108,9 +115,16 @@ async function short(browser) {
 /** Fifty presses, scored on random presses of the same twin that no calibration has seen. */
 async function study(browser, design) {
   const begun = performance.now();
-  const { quality, coverage } = await session(browser, design, 50, design);
+  let number = 0;
+  // A low-discrepancy sequence (multiples of the golden ratio), so that every run is the same.
+  const press = (page) => {
+    number += 1;
+    const force = LEAST_N + (MOST_N - LEAST_N) * ((number * 0.618034) % 1);
+    return page.$eval("#force", (slider, value) => ((slider.value = value), slider.dispatchEvent(new Event("input"))) && undefined, `${force}`);
+  };
+  const { quality, coverage } = await session(browser, design, 50, design, press);
   const seconds = (performance.now() - begun) / 1000;
-  run("experiment", design, "--twin", "lab", "--seed", `${seed}`, "-o", `${design}-exp`);
+  run("experiment", design, "--twin", TWIN, "--seed", `${seed}`, "-o", `${design}-exp`);
   const recorded = [design, "--frames", `${design}-exp/random/frames.npy`, "--baseline", `${design}-exp/random/baseline.npy`, "--truth", `${design}-exp/random/truth.csv`];
   const score = (method) => 1000 * JSON.parse(run("evaluate", ...recorded, "--method", method, "--rows", "400..900", "--json")).localisation_m.mean;
   const own = score(`./${design}`);

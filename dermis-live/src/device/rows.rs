@@ -158,7 +158,8 @@ impl RowReader {
             }
         }
         if self.stream.newest.is_none() {
-            let message = format!("it ended after {} lines without a row that fits the design", self.lines.line_count());
+            let message =
+                format!("it ended after {} lines without a row that fits the design", self.lines.line_count());
             return LiveError::Refused { address, message };
         }
         LiveError::Ended { address }

@@ -24,6 +24,9 @@ impl DeviceThread {
 
     /// Reads until the skin is stopped or the input has ended.
     pub(super) fn run(self, connection: Connection) {
+        if self.address.is_patient() {
+            self.shared.await_playback();
+        }
         let mut next = Some(connection);
         while let Some(connection) = next {
             self.shared.connected(connection.facts().clone());

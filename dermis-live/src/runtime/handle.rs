@@ -36,6 +36,8 @@ pub struct LiveHandle {
     state_requested: AtomicBool,
     playing: AtomicBool,
     stopped: AtomicBool,
+    /// No more events will come.
+    ended: AtomicBool,
 }
 
 /// A receiver of events.
@@ -70,6 +72,7 @@ impl LiveHandle {
             state_requested: AtomicBool::new(false),
             playing: AtomicBool::new(false),
             stopped: AtomicBool::new(false),
+            ended: AtomicBool::new(false),
         })
     }
 
@@ -120,7 +123,11 @@ impl LiveHandle {
         if self.start.elapsed() < EARLY {
             lock(&self.early_notices).iter().for_each(|notice| mailbox.put(Event::Notice(notice.clone())));
         }
-        lock(&self.subscribers).push(Subscriber { sink, mailbox: Arc::clone(&mailbox) });
+        let mut subscribers = lock(&self.subscribers);
+        if self.ended.load(Ordering::Relaxed) {
+            mailbox.close();
+        }
+        subscribers.push(Subscriber { sink, mailbox: Arc::clone(&mailbox) });
         mailbox
     }
 
@@ -222,8 +229,11 @@ impl LiveHandle {
         self.playing.store(true, Ordering::Relaxed);
     }
 
-    pub(super) fn is_playing(&self) -> bool {
-        self.playing.load(Ordering::Relaxed)
+    /// Waits until the input may begin.
+    pub(super) fn await_playback(&self) {
+        while !self.playing.load(Ordering::Relaxed) && !self.is_stopped() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
     }
 
     /// No more items will be queued.
@@ -236,7 +246,9 @@ impl LiveHandle {
     }
 
     pub(super) fn close_mailboxes(&self) {
-        lock(&self.subscribers).iter().for_each(|subscriber| subscriber.mailbox.close());
+        let subscribers = lock(&self.subscribers);
+        self.ended.store(true, Ordering::Relaxed);
+        subscribers.iter().for_each(|subscriber| subscriber.mailbox.close());
     }
 
     pub(super) fn take_command(&self) -> Option<Command> {

@@ -88,7 +88,8 @@ impl std::fmt::Debug for Live {
 }
 
 impl Live {
-    /// Connects to the device and begins to read it.
+    /// Connects to the device and begins to read it; standard input is read from [`begin_playback`](Self::begin_playback)
+    /// on. At the end of the input all mailboxes are closed.
     ///
     /// # Errors
     /// A device that cannot be reached or is refused; settings out of their ranges.
@@ -114,9 +115,7 @@ impl Live {
         shared.connected(player.facts().clone());
         let handle = Arc::clone(&shared);
         let play = move || {
-            while !handle.is_playing() && !handle.is_stopped() {
-                std::thread::sleep(Duration::from_millis(1));
-            }
+            handle.await_playback();
             player.play(&handle);
             handle.close_work();
         };
@@ -134,7 +133,8 @@ impl Live {
         Live { shared, threads }
     }
 
-    /// Begins to play the recording. Subscribers from before this call receive its first frame.
+    /// Begins to play the recording, or to read standard input. Subscribers from before this call receive its first
+    /// frame. A device is read from the start.
     pub fn begin_playback(&self) {
         self.shared.begin_playback();
     }

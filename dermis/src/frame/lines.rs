@@ -77,13 +77,7 @@ const ROW_NUMBERS: [&str; 6] = ["", "frame", "index", "number", "row", "sequence
 impl FrameLines {
     /// For frames of a protocol with some channels.
     pub fn new(channel_count: usize) -> Self {
-        FrameLines {
-            channel_count,
-            line: 0,
-            header: Vec::new(),
-            first_column: FirstColumn::Unknown,
-            any_frame: false,
-        }
+        FrameLines { channel_count, line: 0, header: Vec::new(), first_column: FirstColumn::Unknown, any_frame: false }
     }
 
     /// Reads the next line: none, one or two frames or errors, as the second row of values may explain the first.
@@ -194,7 +188,8 @@ impl FrameLines {
         }
         let is_other_unit = ["_ms", "_us", "_ns", "_min", "_h"].iter().any(|unit| name.ends_with(unit));
         if is_other_unit && (name.starts_with('t') || name.starts_with("measured")) {
-            let message = format!("the times of the column `{name}` are not in seconds: send seconds, or leave them out");
+            let message =
+                format!("the times of the column `{name}` are not in seconds: send seconds, or leave them out");
             return Err(self.error(Some(1), message));
         }
         Ok(ROW_NUMBERS.contains(&name.as_str()).then_some(FirstColumn::RowNumber))
@@ -214,7 +209,9 @@ impl FrameLines {
                 first.len(),
                 self.channel_count
             );
-            return [line, self.line].map(|line| Err(LineError { line, column: None, message: message.clone() })).into();
+            return [line, self.line]
+                .map(|line| Err(LineError { line, column: None, message: message.clone() }))
+                .into();
         };
         vec![Ok(self.frame(line, first)), Ok(self.frame(self.line, second))]
     }

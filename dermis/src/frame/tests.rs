@@ -2,8 +2,8 @@
 
 use crate::contact::Contact;
 use crate::frame::{
-    Frame, Truth, frames_after_last_touch, read_conductivities, read_frames, read_places, read_table, read_truth, write_array,
-    write_frames, write_whole,
+    Frame, Truth, frames_after_last_touch, read_conductivities, read_frames, read_places, read_table, read_truth,
+    write_array, write_frames, write_whole,
 };
 use crate::geom::vector::distance;
 use crate::geom::{PlaceLimits, Surface};

@@ -188,7 +188,9 @@ fn on_skin(
     let mut touches = vec![Vec::new(); frame_count];
     for (values, &row) in table.rows.iter().zip(&table.file_rows) {
         let cell = |column: Option<usize>, message| TableError::Cell { path: path.to_path_buf(), row, column, message };
-        let frame = columns.frame(values, frame_count).map_err(|message| cell(columns.frame.map(|column| column + 1), message))?;
+        let frame = columns
+            .frame(values, frame_count)
+            .map_err(|message| cell(columns.frame.map(|column| column + 1), message))?;
         let touch = columns.touch(values, limits).map_err(|message| cell(None, message))?;
         let frame_touches: &mut Vec<Contact> = &mut touches[frame];
         let id = frame_touches.len() as u64;
