@@ -226,10 +226,15 @@ impl Session {
         Ok(())
     }
 
+    /// The differences of the presses so far, ohm, and their labels.
+    pub fn presses(&self) -> (&[Frame], Vec<Label>) {
+        let label = |(row, &position_m): (usize, &Point3)| Label { row, position_m };
+        (&self.frames, self.presses_m.iter().enumerate().map(label).collect())
+    }
+
     /// The calibration of the presses so far; `None` below [`FEWEST_LABELS`].
     pub fn fit(&self) -> Option<SessionFit> {
-        let label = |(row, &position_m): (usize, &Point3)| Label { row, position_m };
-        let labels: Vec<Label> = self.presses_m.iter().enumerate().map(label).collect();
+        let (_, labels) = self.presses();
         (labels.len() >= FEWEST_LABELS).then(|| SessionFit {
             skin: self.skin.clone(),
             folder: self.folder.clone(),

@@ -1,5 +1,6 @@
 //! A guided calibration session: where to press next, the presses taken, and the calibration as it gets better.
 
+use crate::command::calibrate::warn_of_better_method;
 use crate::console::{Progress, StatusLine, notice_line, on_interrupt, print, print_json};
 use crate::failure::{Failure, Outcome};
 use crate::skin;
@@ -39,10 +40,10 @@ pub struct GuidedArguments {
     #[arg(long, conflicts_with_all = ["frames", "baseline", "truth", "labels", "unlabelled"])]
     pub live: bool,
     /// Number of presses, evenly spread over the skin [default: 50]
-    #[arg(long, value_name = "N", requires = "live", conflicts_with = "places")]
+    #[arg(long, value_name = "N", conflicts_with = "places")]
     presses: Option<usize>,
     /// Places to press instead, in their order: rows as of --truth on the skin.
-    #[arg(long, value_name = "FILE", requires = "live")]
+    #[arg(long, value_name = "FILE")]
     places: Option<PathBuf>,
     #[command(flatten)]
     source: SourceArguments,
@@ -51,6 +52,15 @@ pub struct GuidedArguments {
 }
 
 impl GuidedArguments {
+    /// Refuses options of a session where there is none.
+    pub fn check_unused(&self) -> Outcome {
+        if self.presses.is_some() || self.places.is_some() {
+            let fix = Some("give --live, or leave them out");
+            return Err(Failure::given("--presses and --places belong to a guided session", fix));
+        }
+        Ok(())
+    }
+
     /// Runs the session until all places are pressed or it is stopped.
     pub fn run(&self, design: &str, folder: &Path, difference: bool, json: bool) -> Outcome {
         if self.source.recording().is_some() {
@@ -359,6 +369,10 @@ impl Guided {
     /// Prints the result.
     fn show(&self, folder: &Path, as_json: bool) -> Outcome {
         let quality = self.quality.filter(|(revision, _)| *revision == self.revision).map(|(_, quality)| quality);
+        if let Some(quality) = &quality {
+            let (frames, labels) = self.session.presses();
+            warn_of_better_method(self.session.skin(), frames, &labels, quality)?;
+        }
         if as_json {
             return print_json(&json!({
                 "skin": self.session.skin().design().name,

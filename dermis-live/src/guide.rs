@@ -114,6 +114,8 @@ const FEWEST_FRAMES: usize = 3;
 const STEADY: f64 = 0.05;
 /// Variance of the change of the mean, as a multiple of that of its noise, that still counts as noise.
 const NOISE: f64 = 2.0;
+/// A press that is not felt for this time has ended, s: as it begins, it may not be felt in every frame.
+const FLICKER_S: f64 = 0.15;
 /// The skin has been left for this time before the next press begins, s.
 const APART_S: f64 = 0.3;
 
@@ -144,7 +146,8 @@ pub struct PressCollector {
 enum Phase {
     #[default]
     Untouched,
-    Pressed,
+    /// The press was last felt then.
+    Pressed(Timestamp),
     /// The press is taken or was too short; the skin was last touched then.
     Taken(Timestamp),
 }
@@ -167,15 +170,16 @@ impl PressCollector {
         match (self.phase, frame.touched) {
             (Phase::Untouched, false) => None,
             (Phase::Untouched, true) => {
-                self.phase = Phase::Pressed;
+                self.phase = Phase::Pressed(at);
                 (self.baseline_ohm, self.frames) = (None, vec![(at, frame.values_ohm.clone())]);
                 Some(PressEvent::Began)
             }
-            (Phase::Pressed, false) => {
-                self.restart(at);
-                Some(PressEvent::TooShort)
-            }
-            (Phase::Pressed, true) => {
+            (Phase::Pressed(last), false) => (at.seconds_since(last) >= FLICKER_S).then(|| {
+                self.restart(last);
+                PressEvent::TooShort
+            }),
+            (Phase::Pressed(_), true) => {
+                self.phase = Phase::Pressed(at);
                 self.frames.push((at, frame.values_ohm.clone()));
                 let difference = self.steady(at)?;
                 self.restart(at);
@@ -293,6 +297,10 @@ mod tests {
         let found = events(120.0, 1.0, press(120.0, 0.03, 3.0).map(|level| 0.02 * level));
         assert!(matches!(found[1], (_, PressEvent::Steady(_))), "{found:?}");
         let found = events(120.0, 0.05, press(120.0, 0.03, 0.4));
+        let flickering =
+            (0..).zip(press(120.0, 0.03, 2.0)).map(|(number, level)| if number == 122 { 0.0 } else { level });
+        let held = events(120.0, 0.05, flickering);
+        assert!(matches!(held[..], [(_, PressEvent::Began), (_, PressEvent::Steady(_)), (_, PressEvent::Left)]));
         assert!(matches!(found[..], [(_, PressEvent::Began), (_, PressEvent::TooShort), (_, PressEvent::Left)]));
     }
 }

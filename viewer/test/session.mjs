@@ -4,12 +4,13 @@
 //   node test/session.mjs                       10 presses; ends with 0 if all holds
 //   node test/session.mjs --study [DESIGN]...   50 presses on the twin `lab` with "about 2 N": 1.5 to 2.5 N; the calibration is
 //                                               scored on other presses, beside calibrations with 50 simulated presses at
-//                                               random places; all presses have such forces
+//                                               random places; all presses have such forces. FOLDER keeps the files, and
+//                                               simulated presses that it has are used
 
 import assert from "node:assert/strict";
 import { execFileSync, spawn } from "node:child_process";
 import { once } from "node:events";
-import { mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { existsSync, mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import path from "node:path";
 import { fileURLToPath } from "node:url";
@@ -17,14 +18,24 @@ import { fileURLToPath } from "node:url";
 import { openBrowser, openPage } from "./browser.mjs";
 
 const dermis = path.resolve(process.env.DERMIS ?? "../target/release/dermis");
-const folder = mkdtempSync(path.join(tmpdir(), "dermis-session-"));
+const kept = process.env.FOLDER;
+if (kept) mkdirSync(kept, { recursive: true });
+const folder = kept ? path.resolve(kept) : mkdtempSync(path.join(tmpdir(), "dermis-session-"));
 const run = (...args) => execFileSync(dermis, args, { cwd: folder, encoding: "utf8" });
 const seed = 71;
 const LEAST_N = 1.5;
 const MOST_N = 2.5;
-const TWIN = "about-2-newtons.toml";
 const lab = readFileSync(path.join(path.dirname(fileURLToPath(import.meta.url)), "../../data/twins/lab.toml"), "utf8");
-writeFileSync(path.join(folder, TWIN), lab.replace(/least_force_n = \S+/, `least_force_n = ${LEAST_N}`).replace(/greatest_force_n = \S+/, `greatest_force_n = ${MOST_N}`));
+/** The touch of an emulated membrane, which patches cannot model: `TwinOptions::made_of`. */
+const MEMBRANE = "[touch.gaussian]\namplitude_per_n = 0.1\nwidth_m = 0.008\n\n[press]";
+
+/** Writes the twin `lab` with the forces of a person; returns its file. */
+function twin(design) {
+  const forces = lab.replace(/least_force_n = \S+/, `least_force_n = ${LEAST_N}`).replace(/greatest_force_n = \S+/, `greatest_force_n = ${MOST_N}`);
+  const touch = design === "cylinder30" ? forces : forces.replace(/\[touch\.patches\][^]*\[press\]/, MEMBRANE);
+  writeFileSync(path.join(folder, `${design}.twin.toml`), touch);
+  return `${design}.twin.toml`;
+}
 
 async function until(what, seconds, holds) {
   const begun = performance.now();
@@ -38,7 +49,7 @@ async function until(what, seconds, holds) {
 
 /** Runs a session in a browser; `each(page, presses)` is called before each press. The answer is what the program prints. */
 async function session(browser, design, presses, output, each = async () => {}) {
-  const args = ["calibrate", design, "--live", "--presses", `${presses}`, "-o", output, "--twin", TWIN, "--seed", `${seed}`, "--serve", "127.0.0.1:0", "--json"];
+  const args = ["calibrate", design, "--live", "--presses", `${presses}`, "-o", output, "--twin", twin(design), "--seed", `${seed}`, "--serve", "127.0.0.1:0", "--json"];
   const live = spawn(dermis, args, { cwd: folder, stdio: ["pipe", "pipe", "pipe"] });
   let [told, printed] = ["", ""];
   live.stderr.on("data", (text) => (told += text));
@@ -122,9 +133,10 @@ async function study(browser, design) {
     const force = LEAST_N + (MOST_N - LEAST_N) * ((number * 0.618034) % 1);
     return page.$eval("#force", (slider, value) => ((slider.value = value), slider.dispatchEvent(new Event("input"))) && undefined, `${force}`);
   };
+  rmSync(path.join(folder, design), { recursive: true, force: true });
   const { quality, coverage } = await session(browser, design, 50, design, press);
   const seconds = (performance.now() - begun) / 1000;
-  run("experiment", design, "--twin", TWIN, "--seed", `${seed}`, "-o", `${design}-exp`);
+  if (!existsSync(path.join(folder, `${design}-exp`))) run("experiment", design, "--twin", twin(design), "--seed", `${seed}`, "-o", `${design}-exp`);
   const recorded = [design, "--frames", `${design}-exp/random/frames.npy`, "--baseline", `${design}-exp/random/baseline.npy`, "--truth", `${design}-exp/random/truth.csv`];
   const score = (method) => 1000 * JSON.parse(run("evaluate", ...recorded, "--method", method, "--rows", "400..900", "--json")).localisation_m.mean;
   const own = score(`./${design}`);
@@ -146,5 +158,5 @@ try {
   else await short(browser);
 } finally {
   await browser.close();
-  rmSync(folder, { recursive: true });
+  if (!kept) rmSync(folder, { recursive: true });
 }

@@ -59,6 +59,7 @@ impl Arguments {
         let (Some(frames), Some(truth)) = (&self.frames, &self.truth) else {
             return self.guided.run(&self.design, &self.output, self.difference, self.json);
         };
+        self.guided.check_unused()?;
         let skin = skin::load(&self.design)?;
         let (frames, baseline) = (frames.clone(), self.baseline.clone());
         let frames = FrameArguments { frames, baseline, difference: self.difference };
@@ -87,7 +88,7 @@ impl Arguments {
 }
 
 /// Warns where the method that needs no calibration locates the labelled presses better.
-fn warn_of_better_method(skin: &Skin, frames: &[Frame], labels: &[Label], quality: &Quality) -> Outcome {
+pub fn warn_of_better_method(skin: &Skin, frames: &[Frame], labels: &[Label], quality: &Quality) -> Outcome {
     let method = dermis_learn::methods().method(skin, "", &MethodOptions::default())?;
     let detector = method.detector(&[])?;
     let error_m = |label: &Label| -> Outcome<Option<f64>> {
