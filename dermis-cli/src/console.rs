@@ -1,8 +1,9 @@
 //! Output of commands: results, progress bars, status lines.
 
 use crate::failure::{Failure, Outcome};
+use dermis::pipeline::Severity;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use std::io::Write;
+use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -123,6 +124,18 @@ pub fn on_interrupt(mut then: impl FnMut() + Send + 'static) -> Outcome {
         then();
     };
     ctrlc::set_handler(handler).map_err(|error| Failure::Ours(format!("no handler of interrupts: {error}")))
+}
+
+/// A message as a line, coloured on a terminal.
+pub fn notice_line(level: Severity, text: &str) -> String {
+    let colour = std::io::stderr().is_terminal();
+    match (level, colour) {
+        (Severity::Info, _) => text.into(),
+        (Severity::Warning, true) => format!("\u{1b}[33mwarning\u{1b}[0m: {text}"),
+        (Severity::Error, true) => format!("\u{1b}[31merror\u{1b}[0m: {text}"),
+        (Severity::Warning, false) => format!("warning: {text}"),
+        (Severity::Error, false) => format!("error: {text}"),
+    }
 }
 
 /// A status line on the terminal that is redrawn; nothing where standard error is not a terminal.

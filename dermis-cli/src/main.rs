@@ -6,11 +6,14 @@ mod command;
 mod console;
 mod emulated;
 mod failure;
+mod fitted;
 mod frames;
+mod guided;
 mod latency;
 mod method;
 mod rows;
 mod skin;
+mod source;
 
 use clap::{CommandFactory, Parser};
 use std::process::ExitCode;

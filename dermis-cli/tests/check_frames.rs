@@ -42,7 +42,11 @@ fn a_sound_recording_has_no_findings_and_a_page() {
     let text = at.good(&format!("check-frames {INPUT} --truth touches.csv -o page.html"));
     assert!(text.starts_with("disk: 90 frames, no findings\n"), "{text}");
     let page = std::fs::read_to_string(at.path("page.html")).unwrap();
-    assert!(page.contains("No findings.") && page.matches("<svg").count() >= 5, "{} pictures", page.matches("<svg").count());
+    assert!(
+        page.contains("No findings.") && page.matches("<svg").count() >= 5,
+        "{} pictures",
+        page.matches("<svg").count()
+    );
     assert!(!page.contains("src=") && !page.contains("href="), "the page needs nothing from elsewhere");
     let json = at.json(&format!("check-frames {INPUT} --json"));
     assert_eq!((json["frames"].as_u64(), json["channels"].as_u64()), (Some(90), Some(40)));

@@ -45,6 +45,12 @@ pub enum LiveError {
         /// Why.
         message: String,
     },
+    /// An input that has come to its end.
+    #[error("the input {address} has ended")]
+    Ended {
+        /// Its address.
+        address: String,
+    },
     /// A recording that cannot be read or written.
     #[error(transparent)]
     Record(#[from] crate::recording::RecordError),

@@ -6,6 +6,7 @@ pub mod clock;
 pub mod device;
 pub mod emulator;
 mod error;
+pub mod guide;
 pub mod recording;
 pub mod runtime;
 pub mod sinks;

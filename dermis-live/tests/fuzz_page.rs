@@ -15,7 +15,7 @@ use std::time::Duration;
 const RUNS: usize = 100_000;
 
 /// Every request, with extreme values.
-const SEEDS: [&str; 12] = [
+const SEEDS: [&str; 13] = [
     r#"{"do":"tare"}"#,
     r#"{"do":"threshold","value":1.5}"#,
     r#"{"do":"threshold","value":-1e308}"#,
@@ -27,6 +27,7 @@ const SEEDS: [&str; 12] = [
     r#"{"do":"press","finger":0,"position_m":[0.01,0.02,0.0],"force_n":2.0}"#,
     r#"{"do":"press","finger":4294967295,"position_m":[1e9,-0.0,0.3],"force_n":1e-9}"#,
     r#"{"do":"release","finger":0}"#,
+    r#"{"do":"guide","action":"redo"}"#,
     r#"{"do":"zones","zones":[{"name":"\u0000","centre_m":[0,0,0],"radius_m":1,"threshold":2}]}"#,
 ];
 

@@ -10,6 +10,7 @@ import { Controls } from "./controls";
 import { decode } from "./decode";
 import { ElectrodeGrid } from "./electrodes";
 import { onSkin, onUnrolled } from "./input";
+import { GuidePanel } from "./guide";
 import { Header } from "./header";
 import { Banner, Notes } from "./messages";
 import { expose } from "./inspection";
@@ -36,6 +37,7 @@ class Viewer {
   readonly unrolled = new UnrolledView(part<HTMLCanvasElement>("unrolled"));
   private readonly header = new Header();
   private readonly controls = new Controls((command) => this.connection.send(command));
+  private readonly guide = new GuidePanel((command) => this.connection.send(command));
   private readonly presser = new Presser((command) => this.connection.send(command), () => this.controls.forceN);
   private readonly grid = new ElectrodeGrid((electrode) => this.point(electrode));
   private readonly list = new ContactList();
@@ -79,9 +81,11 @@ class Viewer {
   }
 
   disconnected(waitMs: number): void {
-    this.banner.waiting(waitMs);
+    if (this.guide.ended) this.banner.ended();
+    else this.banner.waiting(waitMs);
     document.body.classList.add("stale");
     this.controls.enable(false);
+    this.guide.enable(false);
     this.slots.clear();
     this.header.setTouched(null);
     this.setLink();
@@ -96,6 +100,7 @@ class Viewer {
     this.unrolled.setScene(scene);
     this.header.setScene(scene);
     this.controls.setScene(scene);
+    this.guide.setScene(scene);
     this.grid.setCount(scene.electrodes.length);
     this.scale.setLook(this.theme, scene.quantity);
     this.scale.setTop(this.range.top);
@@ -111,6 +116,7 @@ class Viewer {
     this.status = status;
     this.header.setStatus(status);
     this.controls.setStatus(status);
+    this.setGuide(status);
     this.grid.update(status.electrodes);
     this.skin?.setHealth(status.electrodes);
     this.unrolled.setHealth(status.electrodes);
@@ -122,6 +128,14 @@ class Viewer {
     const now = performance.now();
     if (!status.paused) this.charts.addStatus(status, this.drawnRate(now), now / 1000);
     this.redraw = true;
+  }
+
+  private setGuide({ guide }: StatusMessage): void {
+    const resized = document.body.classList.contains("guided") !== Boolean(guide);
+    this.guide.setStatus(guide ?? null);
+    this.skin?.setGuide(guide?.position_m ?? null);
+    this.unrolled.setGuide(guide?.position_m ?? null);
+    if (resized) this.resize();
   }
 
   refused({ why }: { why: string }): void {

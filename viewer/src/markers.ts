@@ -181,6 +181,40 @@ export class ContactMarks {
   }
 }
 
+/** Where to press in a guided session: a target, ring and dot. */
+export class GuideMark {
+  readonly group = new Group();
+  private readonly ink = new MeshBasicMaterial();
+  private readonly halo = new MeshBasicMaterial();
+
+  constructor(size: number) {
+    const add = (shape: BufferGeometry, material: MeshBasicMaterial, lift: number): void => {
+      const mesh = new Mesh(shape, material);
+      mesh.position.z = lift / size;
+      mesh.renderOrder = 3;
+      this.group.add(mesh);
+    };
+    add(new RingGeometry(0.64, 1.1, 48), this.halo, 0.0016);
+    add(new CircleGeometry(0.36, 32), this.halo, 0.0016);
+    add(new RingGeometry(0.74, 1, 48), this.ink, 0.0022);
+    add(new CircleGeometry(0.26, 32), this.ink, 0.0022);
+    this.group.scale.setScalar(size);
+    this.group.visible = false;
+  }
+
+  setTheme(theme: Theme): void {
+    this.ink.color.set(INK[theme].accent);
+    this.halo.color.set(INK[theme].halo);
+  }
+
+  update(place: { position: Vec3; normal: Vec3 } | null): void {
+    this.group.visible = place !== null;
+    if (!place) return;
+    this.group.position.set(...place.position);
+    this.group.quaternion.copy(facing(place.normal));
+  }
+}
+
 /** Where the pointer presses: a cross; a contact is a ring. */
 export class PressMarks {
   readonly group = new Group();

@@ -74,6 +74,13 @@ export class Banner {
     this.put("device", false);
   }
 
+  /** The server has stopped, as a guided session ends with it. */
+  ended(): void {
+    this.stop();
+    say(this.text, "The calibration is written. This page can be closed.");
+    this.put("ended", false);
+  }
+
   paused(): void {
     this.stop();
     say(this.text, "Paused: the last frame is shown. Press Resume to continue.");

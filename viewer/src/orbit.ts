@@ -4,6 +4,10 @@ import { type PerspectiveCamera, Vector3 } from "three";
 
 const STEEPEST = (89 * Math.PI) / 180;
 const TURN_PER_PIXEL = 0.008;
+/** Cosine of the angle between the line of sight and the normal of a side that is seen well. */
+const SEEN_WELL = 0.5;
+/** A side may lean by this angle. */
+const LEANING = Math.PI / 4;
 const NEAREST = 0.45;
 const FARTHEST = 3;
 
@@ -32,6 +36,19 @@ export class Orbit {
 
   reset(): void {
     Object.assign(this, this.home, { zoom: 1 });
+    this.place();
+  }
+
+  /** Rotates the body so that a side with an outward normal is seen; a side that is seen well stays. */
+  face([x, y, z]: readonly [number, number, number]): void {
+    const { azimuth, elevation } = this;
+    const level = Math.cos(elevation);
+    const seen = level * (Math.cos(azimuth) * x + Math.sin(azimuth) * y) + Math.sin(elevation) * z;
+    if (seen > SEEN_WELL) return;
+    const across = Math.hypot(x, y);
+    if (across > 0.1) this.azimuth = Math.atan2(y, x);
+    const upright = Math.atan2(z, across);
+    if (Math.abs(upright - elevation) > LEANING) this.elevation = upright - Math.sign(upright - elevation) * LEANING;
     this.place();
   }
 

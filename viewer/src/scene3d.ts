@@ -19,7 +19,7 @@ import {
 import { colourTable, contactColour, SLOT_COUNT, type Theme } from "./colours";
 import { contactLabel, electrodeText } from "./format";
 import { type Label, Labels } from "./labels";
-import { ContactMarks, contactRadius, ElectrodeMarks, PressMarks } from "./markers";
+import { ContactMarks, contactRadius, ElectrodeMarks, GuideMark, PressMarks } from "./markers";
 import { Orbit } from "./orbit";
 import { skinMaterial, tableTexture } from "./shading";
 import type { Contact, ElectrodeHealth, SceneMessage, Vec2, Vec3 } from "./types";
@@ -39,6 +39,7 @@ interface Body {
   electrodes: ElectrodeMarks;
   contacts: ContactMarks;
   presses: PressMarks;
+  guide: GuideMark;
   scene: SceneMessage;
 }
 
@@ -57,6 +58,8 @@ export class SkinView {
   private contacts: readonly Contact[] = [];
   private slots: readonly number[] = [];
   private tips: Vector3[] = [];
+  /** The place to press, as text. */
+  private guided = "";
   private size: Vec2 = [1, 1];
   private step = 0;
   private paceMs = 0;
@@ -88,8 +91,9 @@ export class SkinView {
     const electrodes = new ElectrodeMarks(scene.electrodes);
     const contacts = new ContactMarks(bodySize);
     const presses = new PressMarks(bodySize * 0.014);
-    this.body = { mesh, values, electrodes, contacts, presses, scene };
-    this.world.add(mesh, electrodes.group, contacts.group, presses.group);
+    const guide = new GuideMark(bodySize * 0.03);
+    this.body = { mesh, values, electrodes, contacts, presses, guide, scene };
+    this.world.add(mesh, electrodes.group, contacts.group, guide.group, presses.group);
     if (box) this.orbit.frame(box.min, box.max, ...firstLook(scene));
     this.setTheme(this.theme);
     this.setContacts([], []);
@@ -106,7 +110,7 @@ export class SkinView {
     set(uniforms, "edge", theme === "light" ? -0.42 : 0.5);
     const inside = new Color().set(theme === "light" ? "#aab3bf" : "#1b2027");
     set(uniforms, "inside", inside.convertLinearToSRGB());
-    for (const part of [body.electrodes, body.contacts, body.presses]) part.setTheme(theme);
+    for (const part of [body.electrodes, body.contacts, body.presses, body.guide]) part.setTheme(theme);
     this.setContacts(this.contacts, this.slots);
   }
 
@@ -131,6 +135,15 @@ export class SkinView {
 
   setPresses(places: readonly Vec3[]): void {
     this.body?.presses.update(places.map((position) => ({ position, normal: this.normalNear(position) })));
+  }
+
+  /** Marks the place to press; a new one is rotated into view. */
+  setGuide(position: Vec3 | null): void {
+    if (!this.body) return;
+    const normal = position ? this.normalNear(position) : null;
+    this.body.guide.update(position && normal ? { position, normal } : null);
+    if (normal && `${position}` !== this.guided) this.orbit.face(normal);
+    this.guided = position ? `${position}` : "";
   }
 
   resize(width: number, height: number): void {

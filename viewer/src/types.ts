@@ -85,6 +85,22 @@ export interface Note {
   at_s: number;
 }
 
+export type GuideStep = "wait" | "press" | "hold" | "lift" | "fit" | "finished";
+
+/** A guided calibration session. */
+export interface GuideStatus {
+  step: GuideStep;
+  position_m: Vec3 | null;
+  taken: number;
+  planned: number;
+  coverage: number;
+  reach_m: number;
+  /** Number of presses and mean error of each calibration. */
+  errors: [number, number][];
+  fitting: boolean;
+  note: string;
+}
+
 export interface StatusMessage {
   type: "status";
   connected: boolean;
@@ -93,6 +109,7 @@ export interface StatusMessage {
   method_note: string | null;
   paused: boolean;
   recording: Recording | null;
+  guide?: GuideStatus | null;
   threshold: number;
   rate_hz: number | null;
   latency_ms: { median: number | null; p99: number | null } | null;
@@ -138,4 +155,5 @@ export type Command =
   | { do: "record"; on: boolean }
   | { do: "pause"; on: boolean }
   | { do: "press"; finger: number; position_m: Vec3; force_n: number }
-  | { do: "release"; finger: number };
+  | { do: "release"; finger: number }
+  | { do: "guide"; action: "skip" | "redo" | "finish" };

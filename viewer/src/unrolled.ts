@@ -37,6 +37,7 @@ export class UnrolledView {
   private contacts: readonly Contact[] = [];
   private slots: readonly number[] = [];
   private presses: readonly Vec3[] = [];
+  private guide: Vec3 | null = null;
   private health: ElectrodeHealth[] = [];
   private size: Vec2 = [1, 1];
   private ratio = 1;
@@ -103,6 +104,11 @@ export class UnrolledView {
     this.presses = places;
   }
 
+  /** Marks the place to press in a guided session. */
+  setGuide(position: Vec3 | null): void {
+    this.guide = position;
+  }
+
   resize(width: number, height: number): void {
     this.size = [width, height];
     this.ratio = Math.min(window.devicePixelRatio || 1, 2);
@@ -127,6 +133,7 @@ export class UnrolledView {
     pen.drawImage(this.ground, 0, 0);
     pen.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
     this.drawContacts(body);
+    this.drawGuide(body);
     this.drawPresses(body);
     this.drawHover(body);
   }
@@ -310,6 +317,24 @@ export class UnrolledView {
         words(pen, label, at, below ? cy + radius + 17 : cy - radius - 6, ink.text, ink.halo, 13);
       }
     });
+  }
+
+  private drawGuide(body: Body): void {
+    const { pen } = this;
+    const place = this.guide && body.flat.fromSpace(this.guide);
+    if (!place) return;
+    const [cx, cy] = this.onCanvas(body, place);
+    for (const [colour, wide, dot] of [[INK[this.theme].halo, 6, 5], [INK[this.theme].accent, 3, 3.5]] as const) {
+      pen.beginPath();
+      pen.arc(cx, cy, 11, 0, 2 * Math.PI);
+      pen.strokeStyle = colour;
+      pen.lineWidth = wide;
+      pen.stroke();
+      pen.beginPath();
+      pen.arc(cx, cy, dot, 0, 2 * Math.PI);
+      pen.fillStyle = colour;
+      pen.fill();
+    }
   }
 
   private drawPresses(body: Body): void {

@@ -119,6 +119,33 @@ withPage("a contact has a label and keeps its colour while others come and go", 
   assert.equal(inks.size, 1, `colours ${[...inks]}`);
 });
 
+const guide = { step: "press", position_m: onCylinder(5.5, 0.1), taken: 11, planned: 50, coverage: 0.41, reach_m: 0.02, errors: [[8, 0.0081], [12, 0.0042]], fitting: false, note: "" };
+withPage("a guided session shows the place, the figures and its buttons", { server: { guide } }, async (page, server) => {
+  await until("the instruction", async () => (await page.textContent("#guide-step")) === "Press here with about 2 N");
+  assert.equal(await page.textContent("#guide-place"), "Place 12 of 50: z 100 mm, theta 315°");
+  const figures = await page.$$eval("#guide dd", (found) => found.map((figure) => figure.textContent));
+  assert.deepEqual(figures, ["11 / 50", "41 %", "4.20 mm"]);
+  // The place is marked in both views; it was on the far side of the body.
+  await wait(300);
+  const isAccent = ([r, , b]) => b > r + 60;
+  for (const place of [project, projectFlat]) assert.ok(isAccent(await colourAt(page, await place(page, guide.position_m))), `no mark: ${await colourAt(page, await place(page, guide.position_m))}`);
+  const hit = await page.evaluate((pixel) => window.dermis.unproject(pixel), await project(page, guide.position_m));
+  assert.ok(hit && apart(hit, guide.position_m) < 0.002, "the place can be pressed there");
+  for (const action of ["skip", "redo", "finish"]) {
+    await page.click(`#guide-${action}`);
+    await until(action, () => server.commands.some((command) => command.do === "guide" && command.action === action));
+  }
+  Object.assign(guide, { step: "finished", position_m: null, taken: 50, coverage: 1 });
+  await until("the end", async () => (await page.textContent("#guide-step")) === "The session has ended");
+  assert.ok(await page.isDisabled("#guide-skip"));
+  await server.close();
+  await until("the banner", async () => /can be closed/.test(await page.textContent("#banner-text")));
+});
+
+withPage("without a guided session there is none on the page", {}, async (page) => {
+  assert.equal(await page.isVisible("#guide"), false);
+});
+
 for (const [view, place] of [["skin", project], ["unrolled picture", projectFlat]])
   withPage(`a press with the mouse on the ${view} gives a contact there`, {}, async (page, server) => {
     for (const [theta, z] of [[2.4, 0.17], [1.9, 0.1], [2.9, 0.24]]) {

@@ -19,6 +19,17 @@ const several = (t) => [
   ...(t % 6 > 3 ? [{ theta: 0.1, z: 0.12, force: 1.1 }] : []),
 ];
 const phone = { viewport: { width: 360, height: 740 }, deviceScaleFactor: 2, isMobile: true, hasTouch: true };
+const session = {
+  step: "press",
+  position_m: [0.0477 * Math.cos(5.5), 0.0477 * Math.sin(5.5), 0.21],
+  taken: 31,
+  planned: 50,
+  coverage: 0.74,
+  reach_m: 0.018,
+  errors: [[8, 0.019], [12, 0.0131], [16, 0.0094], [20, 0.0087], [24, 0.0066], [28, 0.0062]],
+  fitting: false,
+  note: "",
+};
 const square = squareScene();
 const bump = (touches, sequence) =>
   Float32Array.from(square.middles, ([x, y]) => 2 * Math.exp(-((x - 0.03) ** 2 + (y - 0.05) ** 2) / 0.0008) + 0.03 * Math.sin(x * 1e5 + sequence));
@@ -56,6 +67,10 @@ const pictures = {
     },
   },
   square: { server: { touches: () => [{ theta: 0.5, z: 0, force: 2 }], scene: square.scene, frame: bump, electrodes: square.scene.electrodes.map(() => ({ state: "sound", contact_ohm: 100, noise: 1 })) }, wait: 2000 },
+  guide: { server: { guide: session }, page: { viewport: { width: 1280, height: 800 } }, wait: 2000 },
+  "guide-dark": { server: { guide: session }, page: { colorScheme: "dark" }, wait: 2000 },
+  "guide-tablet": { server: { guide: { ...session, step: "lift", position_m: null } }, page: { viewport: { width: 900, height: 1100 } }, wait: 2000 },
+  "guide-phone": { server: { guide: session }, page: { ...phone, viewport: { width: 390, height: 844 } }, wait: 2000 },
   paused: { server: { touches: several }, wait: 2500, after: async (page) => (await page.click("#pause"), page.waitForTimeout(500)) },
   disconnected: { server: { touches: several }, wait: 4000, after: async (page, server) => (await server.close(), page.waitForTimeout(2600)) },
 };

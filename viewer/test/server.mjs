@@ -19,7 +19,7 @@ const UNREAD_BYTES = 100_000;
 
 /**
  * Options: `port`; `rate` frames a second; `touches(timeS)` what moves by itself; `scene` and `frame(sequence, touches)`
- * for another body; `electrodes` their health. The answer holds `commands` and `addresses`
+ * for another body; `electrodes` their health; `guide` the state of a guided session, which may be changed. The answer holds `commands` and `addresses`
  * (all received), `tell(message)`, `mute()` (the line stays open, nothing is said) and `close()`.
  */
 export async function startServer(options = {}) {
@@ -60,6 +60,7 @@ export async function startServer(options = {}) {
     method: state.method,
     method_note: null,
     paused: state.paused,
+    guide: options.guide ?? null,
     recording: state.recording && { path: "touch.mcap", frames: sequence, bytes: 7000 * sequence, problem: null },
     threshold: state.threshold,
     rate_hz: rate + 0.4 * Math.sin(sequence),
@@ -78,6 +79,7 @@ export async function startServer(options = {}) {
       setTimeout(() => fingers.set(command.finger, felt), DELAY_MS);
     } else if (command.do === "release") setTimeout(() => fingers.delete(command.finger), DELAY_MS);
     else if (command.do === "threshold") state.threshold = command.value;
+    else if (command.do === "guide" && options.guide) return;
     else if (command.do === "pause") state.paused = command.on;
     else if (command.do === "record") state.recording = command.on ? {} : null;
     else if (command.do === "tare") messages.push({ level: "info", text: "tared over 100 frames", at_s: Date.now() / 1000 });

@@ -1,24 +1,21 @@
 //! `dermis live`: processing of a live skin.
 
-use crate::console::on_interrupt;
-use crate::emulated::EmulatorArguments;
+use crate::console::{notice_line, on_interrupt};
 use crate::failure::{Failure, Outcome};
 use crate::latency::Latencies;
 use crate::method::METHOD_HELP;
+use crate::source::{PageArguments, SourceArguments};
 use clap::Args;
-use dermis::design::SkinDesign;
 use dermis::frame::write_whole;
 use dermis::method::MethodSet;
 use dermis::pipeline::{Command, Settings, Severity, State, Zone};
 use dermis::skin::Skin;
 use dermis_live::device::{Address, DeviceOptions};
-use dermis_live::emulator::{Emulator, Port};
+use dermis_live::emulator::Emulator;
 use dermis_live::recording::Player;
 use dermis_live::sinks::jsonl;
-use dermis_live::sinks::viewer::{Server, ServerOptions};
-use dermis_live::{Control, Event, Live, LiveOptions, Popped, RecordingOptions};
-use std::io::IsTerminal;
-use std::net::TcpListener;
+use dermis_live::sinks::viewer::Server;
+use dermis_live::{Control, Event, Live, LiveError, LiveOptions, Popped};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -30,12 +27,11 @@ use std::time::{Duration, Instant};
 pub struct Arguments {
     /// Design: the path of a file, or a shipped name.
     design: String,
-    /// Source of frames: `emulate` (a simulated device inside this program), tcp:HOST:PORT, serial:PATH[@BAUD], or
-    /// replay:FILE (a recording, at its own rate or --speed times as fast).
-    #[arg(long, value_name = "SOURCE", default_value = "emulate")]
-    source: String,
     #[command(flatten)]
-    emulator: EmulatorArguments,
+    source: SourceArguments,
+    /// Rows of values (csv:...) are differences from the untouched skin.
+    #[arg(long)]
+    difference: bool,
     #[arg(long, value_name = "NAME|FOLDER", help = METHOD_HELP)]
     method: Option<String>,
     /// Detection threshold, as a multiple of the method's own [default: 1]
@@ -45,9 +41,6 @@ pub struct Arguments {
     /// given more than once.
     #[arg(long, value_name = "ZONE")]
     zone: Vec<String>,
-    /// Frame rate [default: the device's own]
-    #[arg(long, value_name = "HZ")]
-    rate: Option<f64>,
     /// Record to a new file (MCAP).
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
@@ -62,12 +55,8 @@ pub struct Arguments {
     /// connects.
     #[arg(long, value_name = "WHERE")]
     jsonl: Option<String>,
-    /// Address of the viewer, or `off`. Any address beyond this machine needs --token.
-    #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:8420")]
-    serve: String,
-    /// Access token of the viewer, at least eight characters.
-    #[arg(long, value_name = "SECRET")]
-    token: Option<String>,
+    #[command(flatten)]
+    page: PageArguments,
     /// State file: the baseline and settings are restored from it, if it exists, instead of a tare, and saved to it.
     #[arg(long, value_name = "FILE")]
     state: Option<PathBuf>,
@@ -93,23 +82,19 @@ impl Arguments {
             let _waiting = crate::console::Progress::waiting("preparing");
             Arc::new(MethodSet::new(&dermis_learn::methods(), Skin::load(&self.design)?, self.method.as_deref())?)
         };
-        let (live, emulator) = match self.source.strip_prefix("replay:") {
-            Some(recording) => (self.play(&methods, Path::new(recording))?, None),
+        let (live, emulator) = match self.source.recording() {
+            Some(recording) => (self.play(&methods, recording)?, None),
             None => {
-                let (address, emulator) = self.address(methods.skin().design())?;
+                let (address, emulator) = self.source.address(methods.skin().design())?;
                 (Live::start(Arc::clone(&methods), self.options(address)?)?, emulator)
             }
         };
-        let tapes = RecordingOptions {
-            folder: PathBuf::from("."),
-            twin_toml: emulator.as_ref().map(|_| self.emulator.twin_text()).transpose()?,
-        };
-        let source = if emulator.is_some() { self.emulator.summary() } else { self.source.clone() };
-        let control = Arc::new(Control::new(Arc::clone(live.shared()), emulator.clone(), source, tapes));
+        let control = Arc::new(self.source.control(&live, emulator.clone())?);
         let sinks = self.open(&control)?;
         let counted = self.watch(&live)?;
-        self.close(live, emulator, &control, sinks)?;
-        counted.show(self.latency.as_deref(), self.json)
+        let failure = self.close(live, emulator, &control, sinks)?;
+        counted.show(self.latency.as_deref(), self.json)?;
+        failure.map_or(Ok(()), |failure| Err(failure.into()))
     }
 
     /// Refuses output files in missing folders before anything starts.
@@ -126,12 +111,12 @@ impl Arguments {
 
     /// Plays a recording. Options given here override the recorded settings.
     fn play(&self, methods: &Arc<MethodSet>, recording: &Path) -> Outcome<Live> {
-        if self.state.is_some() || self.rate.is_some() {
+        if self.state.is_some() || self.source.rate.is_some() {
             let fix = "leave --state and --rate out: a recording has its own";
             return Err(Failure::given("a recording takes no --state and no --rate", Some(fix)));
         }
         let zones = self.zones()?;
-        let player = Player::open(recording, methods, self.emulator.speed())?;
+        let player = Player::open(recording, methods, self.source.emulator.speed())?;
         let recorded_with = player.state().settings.method.clone();
         let live = Live::play(Arc::clone(methods), player)?;
         let mut commands = Vec::new();
@@ -154,7 +139,7 @@ impl Arguments {
         let method = self.method.clone().unwrap_or_default();
         let threshold = self.threshold.unwrap_or(1.0);
         let settings = Settings { method, threshold, zones, ..Settings::default() };
-        let device = DeviceOptions { rate_hz: self.rate };
+        let device = DeviceOptions { rate_hz: self.source.rate, difference: self.difference };
         Ok(LiveOptions { address, device, settings, state: self.kept_state()? })
     }
 
@@ -168,24 +153,6 @@ impl Arguments {
         Ok(Some(serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?))
     }
 
-    /// The address of the device; starts an emulated one.
-    fn address(&self, design: &SkinDesign) -> Outcome<(Address, Option<Arc<Emulator>>)> {
-        if self.source != "emulate" {
-            return Ok((Address::parse(&self.source)?, None));
-        }
-        let emulator = self.emulator.emulator(design)?;
-        let failed = |error: std::io::Error| Failure::given(format!("no port for the emulated device: {error}"), None);
-        let listener = TcpListener::bind("127.0.0.1:0").map_err(failed)?;
-        let address = Address::Tcp(listener.local_addr().map_err(failed)?.to_string());
-        let serving = Arc::clone(&emulator);
-        std::thread::spawn(move || {
-            if let Err(error) = serving.serve(Port::Tcp(listener)) {
-                eprintln!("the emulated device has failed: {error}");
-            }
-        });
-        Ok((address, Some(emulator)))
-    }
-
     /// Starts the outputs.
     fn open(&self, control: &Arc<Control>) -> Outcome<Sinks> {
         let shared = control.shared();
@@ -193,12 +160,7 @@ impl Arguments {
         if self.ros2 {
             sinks.threads.push(publish(control, &self.namespace)?);
         }
-        if self.serve != "off" {
-            let options = ServerOptions { address: self.serve.clone(), token: self.token.clone() };
-            let server = Server::start(Arc::clone(control), &options)?;
-            eprintln!("the viewer is at {}", server.url());
-            sinks.server = Some(server);
-        }
+        sinks.server = self.page.serve(control)?;
         if let Some(path) = &self.record {
             control.record(path)?;
         }
@@ -238,8 +200,8 @@ impl Arguments {
         while !ended.load(Ordering::Relaxed) {
             match mailbox.take(Duration::from_millis(100)) {
                 Popped::Item(Event::Frame(frame)) => latencies.take(&frame),
-                Popped::Item(Event::Notice(notice)) => line.print(&summary(notice.level, &notice.text)),
-                Popped::Item(Event::Lost(why)) => line.print(&summary(Severity::Error, &why)),
+                Popped::Item(Event::Notice(notice)) => line.print(&notice_line(notice.level, &notice.text)),
+                Popped::Item(Event::Lost(why)) => line.print(&notice_line(Severity::Error, &why)),
                 Popped::Item(_) | Popped::TimedOut => {}
                 Popped::Closed => break,
             }
@@ -255,8 +217,15 @@ impl Arguments {
         Ok(latencies)
     }
 
-    /// Stops everything in order, so that no recorded frame is lost.
-    fn close(&self, live: Live, emulator: Option<Arc<Emulator>>, control: &Control, sinks: Sinks) -> Outcome {
+    /// Stops everything in order, so that no recorded frame is lost. Returns why the input ended early, if it did.
+    fn close(
+        &self,
+        live: Live,
+        emulator: Option<Arc<Emulator>>,
+        control: &Control,
+        sinks: Sinks,
+    ) -> Outcome<Option<LiveError>> {
+        let failure = live.take_failure();
         let taped = control.end_recording();
         let state = live.stop();
         if let Some(emulator) = emulator {
@@ -271,12 +240,12 @@ impl Arguments {
             write_whole(path, |out| out.write_all(text.as_bytes()))?;
         }
         sinks.lines.into_iter().for_each(|lines| wait_a_moment(&lines));
-        let Some((path, ended)) = taped else { return Ok(()) };
+        let Some((path, ended)) = taped else { return Ok(failure) };
         if let Some(problem) = ended.problem {
             return Err(Failure::given(format!("the recording ended early: {problem}"), None));
         }
         eprintln!("{}: {} frames, {:.1} s", path.display(), ended.written.frames, ended.written.seconds);
-        Ok(())
+        Ok(failure)
     }
 }
 
@@ -307,17 +276,6 @@ fn publish(control: &Control, namespace: &str) -> Outcome<JoinHandle<()>> {
 fn publish(_: &Control, _: &str) -> Outcome<JoinHandle<()>> {
     let fix = "install it with ROS 2: cargo install --locked --path dermis-cli --features ros2";
     Err(Failure::given("--ros2: this program was built without ROS 2", Some(fix)))
-}
-
-fn summary(level: Severity, text: &str) -> String {
-    let colour = std::io::stderr().is_terminal();
-    match (level, colour) {
-        (Severity::Info, _) => text.into(),
-        (Severity::Warning, true) => format!("\u{1b}[33mwarning\u{1b}[0m: {text}"),
-        (Severity::Error, true) => format!("\u{1b}[31merror\u{1b}[0m: {text}"),
-        (Severity::Warning, false) => format!("warning: {text}"),
-        (Severity::Error, false) => format!("error: {text}"),
-    }
 }
 
 /// A zone from `NAME=X,Y,Z,RADIUS,TIMES`.

@@ -1,7 +1,7 @@
 //! The commands: one module each, with its arguments.
 
 pub mod benchmark;
-mod calibrate;
+pub mod calibrate;
 mod characterise;
 mod check_frames;
 mod contacts;

@@ -267,7 +267,7 @@ fn no_hello(bytes: usize, address: &Address) -> String {
             "{bytes} bytes came and no hello among them: is {baud} bits a second the speed of its line (write serial:PATH@BAUD), \
              is this its port?"
         ),
-        (bytes, Address::Tcp(_)) => {
+        (bytes, _) => {
             format!("{bytes} bytes came and no hello among them: something else speaks there; is the port right?")
         }
     }

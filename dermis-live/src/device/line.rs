@@ -4,6 +4,7 @@ use crate::LiveError;
 use serial2::IntoSettings;
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::time::Duration;
 
 /// Address of a device.
@@ -18,13 +19,17 @@ pub enum Address {
         /// Its baud rate, bits per second.
         baud: u32,
     },
+    /// Standard input.
+    Stdin,
+    /// Rows of values as text, from another address.
+    Csv(Box<Address>),
 }
 
 /// The default baud rate; USB devices ignore it.
 const USUAL_BAUD: u32 = 4_000_000;
 
 impl Address {
-    /// Parses `tcp:HOST:PORT`, `serial:PATH` or `serial:PATH@BAUD`.
+    /// Parses `tcp:HOST:PORT`, `serial:PATH` or `serial:PATH@BAUD`, each also after `csv:`, and `csv:-`.
     ///
     /// # Errors
     /// Any other text.
@@ -47,8 +52,20 @@ impl Address {
                 };
                 Ok(Address::Serial { port: port.into(), baud })
             }
-            _ => Err(LiveError::Given(format!("`{text}` is no device: write tcp:HOST:PORT or serial:PATH[@BAUD]"))),
+            Some(("csv", "-")) => Ok(Address::Csv(Box::new(Address::Stdin))),
+            Some(("csv", rest)) if !rest.starts_with("csv:") => Ok(Address::Csv(Box::new(Address::parse(rest)?))),
+            _ => Err(LiveError::Given(format!(
+                "`{text}` is no device: write tcp:HOST:PORT or serial:PATH[@BAUD]; for rows of values csv:- (standard input), \
+                 csv:tcp:HOST:PORT or csv:serial:PATH[@BAUD]"
+            ))),
         }
+    }
+}
+
+impl Address {
+    /// Whether what is sent waits until it is read: standard input may be a file.
+    pub(crate) fn is_patient(&self) -> bool {
+        matches!(self, Address::Csv(from) if **from == Address::Stdin)
     }
 }
 
@@ -57,6 +74,8 @@ impl std::fmt::Display for Address {
         match self {
             Address::Tcp(address) => write!(formatter, "tcp:{address}"),
             Address::Serial { port, baud } => write!(formatter, "serial:{port}@{baud}"),
+            Address::Stdin => write!(formatter, "-"),
+            Address::Csv(from) => write!(formatter, "csv:{from}"),
         }
     }
 }
@@ -91,6 +110,8 @@ pub fn open(address: &Address) -> Result<Box<dyn Line>, LiveError> {
     match address {
         Address::Tcp(host) => Ok(Box::new(open_tcp(host).map_err(unreachable)?)),
         Address::Serial { port, baud } => Ok(Box::new(open_serial(port, *baud).map_err(unreachable)?)),
+        Address::Stdin => Ok(Box::new(Stdin::open().map_err(unreachable)?)),
+        Address::Csv(from) => open(from),
     }
 }
 
@@ -200,6 +221,54 @@ impl Line for serial2::SerialPort {
     }
 }
 
+/// Pieces of standard input that wait to be read.
+const PIECES: usize = 4;
+
+/// Standard input, read by a thread, as it has no timeout.
+struct Stdin {
+    pieces: Receiver<Vec<u8>>,
+    /// The rest of the last piece.
+    rest: Vec<u8>,
+}
+
+impl Stdin {
+    fn open() -> Result<Self, String> {
+        let (sender, pieces) = sync_channel(PIECES);
+        let read = move || {
+            let mut buffer = vec![0; 1 << 14];
+            let mut input = std::io::stdin().lock();
+            // An error ends the input, as its end does.
+            while let Ok(count @ 1..) = input.read(&mut buffer) {
+                if sender.send(buffer[..count].to_vec()).is_err() {
+                    return;
+                }
+            }
+        };
+        let thread = std::thread::Builder::new().name("dermis-stdin".into()).spawn(read);
+        thread.map(|_| Stdin { pieces, rest: Vec::new() }).map_err(|error| error.to_string())
+    }
+}
+
+impl Line for Stdin {
+    fn receive(&mut self, buffer: &mut [u8]) -> std::io::Result<Option<usize>> {
+        if self.rest.is_empty() {
+            self.rest = match self.pieces.recv_timeout(PATIENCE) {
+                Ok(piece) => piece,
+                Err(RecvTimeoutError::Timeout) => return Ok(None),
+                Err(RecvTimeoutError::Disconnected) => return Err(ErrorKind::UnexpectedEof.into()),
+            };
+        }
+        let count = self.rest.len().min(buffer.len());
+        buffer[..count].copy_from_slice(&self.rest[..count]);
+        self.rest.drain(..count);
+        Ok(Some(count))
+    }
+
+    fn send(&mut self, _: &[u8]) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -210,7 +279,11 @@ mod tests {
         let serial = Address::parse("serial:/dev/ttyACM0@115200").unwrap();
         assert_eq!(serial, Address::Serial { port: "/dev/ttyACM0".into(), baud: 115_200 });
         assert_eq!(serial.to_string(), "serial:/dev/ttyACM0@115200");
-        for wrong in ["", "tcp:", "tcp:host", "serial:", "serial:/dev/x@fast", "udp:host:1"] {
+        let rows = Address::parse("csv:serial:/dev/ttyACM0@115200").unwrap();
+        assert_eq!(rows, Address::Csv(Box::new(serial)));
+        assert_eq!(rows.to_string(), "csv:serial:/dev/ttyACM0@115200");
+        assert_eq!(Address::parse("csv:-").unwrap().to_string(), "csv:-");
+        for wrong in ["", "tcp:", "tcp:host", "serial:", "serial:/dev/x@fast", "udp:host:1", "csv:", "csv:csv:-", "-"] {
             assert!(Address::parse(wrong).is_err(), "{wrong}");
         }
     }

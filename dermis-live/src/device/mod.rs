@@ -12,16 +12,20 @@ mod clock;
 mod handshake;
 mod line;
 mod meter;
+mod rows;
 mod scan;
 
 pub use clock::DeviceClock;
 pub use line::{Address, Line, PATIENCE, open};
 pub use meter::Meter;
+pub(crate) use rows::RowMessage;
 pub use scan::{Role, ScanTable, TooLarge};
 
 use crate::LiveError;
 use crate::device::handshake::{Handshake, send};
-use dermis::pipeline::{Counts, FrameInput, Notice, Severity, Timestamp};
+use crate::device::rows::RowReader;
+
+use dermis::pipeline::{Counts, FrameInput, Measurement, Notice, Severity, Timestamp};
 use dermis::skin::Skin;
 use dermis_wire::{Arrival, Arrivals, Decoder, Frame, FrameFlags, Hello, Received, Status, ToDevice, ToHost};
 use std::sync::Arc;
@@ -30,8 +34,10 @@ use std::time::{Duration, Instant};
 /// Options for reading a device.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct DeviceOptions {
-    /// Frame rate; `None` for the device's own.
+    /// Frame rate; `None` for the device's own. Of rows of values, the rate of those without times.
     pub rate_hz: Option<f64>,
+    /// Rows of values are differences from the untouched skin.
+    pub difference: bool,
 }
 
 /// The facts of a device.
@@ -197,18 +203,25 @@ impl Stream {
             self.damaged += 1;
             return None;
         }
-        let Arrival::New { skipped } = self.arrivals.take(frame.sequence) else { return None };
-        let newest = self.newest.map_or(u64::from(frame.sequence), |newest| newest + 1 + u64::from(skipped));
-        self.newest = Some(newest);
+        let measurement = meter.measure(frame.readings);
+        let newest = self.arrived(frame.sequence)?;
         let measured_at = self.clock.moment(frame.time_us, received_at);
-        let input = FrameInput {
-            sequence: newest,
-            measured_at,
-            measurement: meter.measure(frame.readings),
-            counts: self.counts(),
-            rate_hz: self.rate.take(measured_at),
-        };
+        let input = self.input(newest, measured_at, measurement);
         Some(IncomingFrame { input, received_at, message: message.to_vec() })
+    }
+
+    /// The number, without wrap-around, of a frame that arrives; `None` if it is not new.
+    fn arrived(&mut self, sequence: u32) -> Option<u64> {
+        let Arrival::New { skipped } = self.arrivals.take(sequence) else { return None };
+        let newest = self.newest.map_or(u64::from(sequence), |newest| newest + 1 + u64::from(skipped));
+        self.newest = Some(newest);
+        Some(newest)
+    }
+
+    /// The input of a frame that has arrived.
+    fn input(&mut self, sequence: u64, measured_at: Timestamp, measurement: Measurement) -> FrameInput {
+        let rate_hz = self.rate.take(measured_at);
+        FrameInput { sequence, measured_at, measurement, counts: self.counts(), rate_hz }
     }
 }
 
@@ -221,6 +234,56 @@ pub enum DeviceEvent {
     Status(Status),
     /// A notice for the user.
     Notice(Notice),
+}
+
+/// A connection to a device or to an instrument that sends rows of values.
+pub(crate) enum Connection {
+    /// A device with the wire protocol.
+    Device(Box<Device>),
+    /// Rows of values.
+    Rows(Box<RowReader>),
+}
+
+impl Connection {
+    /// Opens a connection; `stream` continues the stream of an earlier one.
+    pub(crate) fn open(
+        address: &Address,
+        skin: &Skin,
+        options: DeviceOptions,
+        stream: Option<Stream>,
+    ) -> Result<Self, LiveError> {
+        let Address::Csv(from) = address else {
+            return Ok(Connection::Device(Box::new(Device::connect(address, skin, options, stream)?)));
+        };
+        let stream = stream.map_or_else(|| Stream::new(skin), |stream| Ok(stream.reconnected()))?;
+        Ok(Connection::Rows(Box::new(RowReader::connect(address, from, skin, options, stream)?)))
+    }
+
+    pub(crate) fn facts(&self) -> &DeviceFacts {
+        match self {
+            Connection::Device(device) => device.facts(),
+            Connection::Rows(rows) => rows.facts(),
+        }
+    }
+
+    pub(crate) fn listen(&mut self, publish: impl FnMut(DeviceEvent)) -> Result<(), LiveError> {
+        match self {
+            Connection::Device(device) => device.listen(publish),
+            Connection::Rows(rows) => rows.listen(publish),
+        }
+    }
+
+    /// Ends the connection; the state of its stream, for the next one.
+    pub(crate) fn close(self) -> Stream {
+        match self {
+            Connection::Device(mut device) => {
+                // A device that is gone needs no stop.
+                let _ = device.send(&ToDevice::Stop);
+                device.into_stream()
+            }
+            Connection::Rows(rows) => rows.into_stream(),
+        }
+    }
 }
 
 impl Device {

@@ -4,7 +4,7 @@
 
 use crate::LiveError;
 use crate::clock;
-use crate::device::{DeviceFacts, IncomingFrame, Stream};
+use crate::device::{DeviceFacts, IncomingFrame, RowMessage, Stream};
 use crate::recording::{Event, RecordError, Recorded, Recording, Session};
 use crate::runtime::LiveFrame;
 use crate::runtime::{Event as LiveEvent, LiveHandle, WorkItem, process};
@@ -52,6 +52,9 @@ impl RecordingReader {
     }
 
     fn greet(&mut self, hello: Vec<u8>) -> Result<DeviceFacts, LiveError> {
+        if hello == RowMessage::HELLO {
+            return Ok(RowMessage::facts(None));
+        }
         match ToHost::parse(&hello) {
             Ok(ToHost::Hello(_)) => Ok(self.stream.connect(hello, None)),
             Ok(_) => Err(unreadable(&self.path, "a hello", "it is another message")),
@@ -93,6 +96,9 @@ impl RecordingReader {
     }
 
     fn frame(&mut self, measured_at: Timestamp, message: &[u8]) -> Result<Option<IncomingFrame>, LiveError> {
+        if let Some(row) = RowMessage::parse(message) {
+            return Ok(self.stream.row(row, measured_at, measured_at));
+        }
         let Ok(ToHost::Frame(frame)) = ToHost::parse(message) else {
             return Err(unreadable(&self.path, "a frame", "its message is none"));
         };
@@ -295,13 +301,14 @@ impl Player {
 fn feed(item: RecordedItem, pace: &mut Pace, shared: &LiveHandle) {
     match item {
         RecordedItem::Command(command) => {
-            await_room(shared);
+            shared.await_room();
             shared.queue(WorkItem::Command(command));
         }
         RecordedItem::Found(facts) => shared.connected(facts),
         RecordedItem::Frame(mut incoming) => {
             pace.wait(incoming.input.measured_at, shared);
-            await_room(shared);
+            // Unlike a device, a file can wait: no frame is dropped.
+            shared.await_room();
             incoming.received_at = clock::now();
             shared.queue(WorkItem::Frame(incoming));
         }
@@ -326,12 +333,5 @@ impl Pace {
             }
             std::thread::sleep(left.min(LONGEST_SLEEP));
         }
-    }
-}
-
-/// Waits for room in the queue. Unlike a device, a file can wait: no frame is dropped.
-fn await_room(shared: &LiveHandle) {
-    while shared.is_full() && !shared.is_stopped() {
-        std::thread::sleep(Duration::from_micros(100));
     }
 }

@@ -3,6 +3,7 @@
 use crate::LiveError;
 use crate::clock;
 use crate::emulator::Emulator;
+use crate::guide::{Guide, GuideAction};
 use crate::recording::{RecordingSink, RecordingStatus};
 use crate::runtime::LiveHandle;
 use dermis::geom::{Point3, Surface};
@@ -55,12 +56,18 @@ pub enum Request {
         /// Number of the finger.
         finger: u32,
     },
+    /// Skip or repeat a press of a guided session, or end the session.
+    Guide {
+        /// What to do.
+        action: GuideAction,
+    },
 }
 
 /// A skin being read with its emulator and its recording: receives the requests of pages and programs.
 pub struct Control {
     shared: Arc<LiveHandle>,
     emulator: Option<Arc<Emulator>>,
+    guide: Option<Arc<Guide>>,
     source: String,
     recording_options: RecordingOptions,
     recording: Mutex<Option<RecordingSink>>,
@@ -91,11 +98,23 @@ impl Control {
         Control {
             shared,
             emulator,
+            guide: None,
             source,
             recording_options,
             recording: Mutex::new(None),
             next_finger: AtomicU32::new(0),
         }
+    }
+
+    /// The same for a guided session.
+    #[must_use]
+    pub fn with_guide(self, guide: Arc<Guide>) -> Self {
+        Control { guide: Some(guide), ..self }
+    }
+
+    /// The guided session, if there is one.
+    pub fn guide(&self) -> Option<&Arc<Guide>> {
+        self.guide.as_ref()
     }
 
     /// The handle of the skin.
@@ -178,6 +197,10 @@ impl Control {
             }
             Request::Record { on: false } => drop(self.end_recording()),
             Request::Pause { .. } => {}
+            Request::Guide { action } => match &self.guide {
+                Some(guide) => guide.request(*action),
+                None => return Err(LiveError::Given("this is no guided session".into())),
+            },
         }
         Ok(())
     }

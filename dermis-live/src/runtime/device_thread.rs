@@ -1,6 +1,7 @@
 //! The thread that reads the device.
 
-use crate::device::{Address, Device, DeviceEvent, DeviceOptions, Stream};
+use crate::LiveError;
+use crate::device::{Address, Connection, DeviceEvent, DeviceOptions, Stream};
 use crate::runtime::{Event, LiveHandle, WorkItem};
 use dermis::pipeline::Severity;
 use std::sync::Arc;
@@ -21,43 +22,62 @@ impl DeviceThread {
         DeviceThread { shared, address, options }
     }
 
-    /// Reads until the skin is stopped.
-    pub(super) fn run(self, device: Device) {
-        let mut next = Some(device);
-        while let Some(device) = next {
-            self.shared.connected(device.facts().clone());
-            let stream = self.listen(device);
+    /// Reads until the skin is stopped or the input has ended.
+    pub(super) fn run(self, connection: Connection) {
+        if self.address.is_patient() {
+            self.shared.await_playback();
+        }
+        let mut next = Some(connection);
+        while let Some(connection) = next {
+            self.shared.connected(connection.facts().clone());
+            let stream = self.listen(connection);
             self.shared.disconnected();
-            next = self.reconnect(stream);
+            next = stream.and_then(|stream| self.reconnect(stream));
         }
         self.shared.close_work();
     }
 
-    /// Reads until the device is lost or the skin is stopped.
-    fn listen(&self, mut device: Device) -> Stream {
+    /// Reads until the device is lost (returns its stream), the input has ended or the skin is stopped.
+    fn listen(&self, mut connection: Connection) -> Option<Stream> {
+        let waits = self.address.is_patient();
         while !self.shared.is_stopped() {
-            let result = device.listen(|event| match event {
-                DeviceEvent::Frame(incoming) => self.shared.queue(WorkItem::Frame(incoming)),
+            let result = connection.listen(|event| match event {
+                DeviceEvent::Frame(incoming) => {
+                    if waits {
+                        self.shared.await_room();
+                    }
+                    self.shared.queue(WorkItem::Frame(incoming));
+                }
                 DeviceEvent::Notice(notice) => self.shared.publish(&Event::Notice(notice)),
                 DeviceEvent::Status(_) => {}
             });
-            if let Err(error) = result {
-                self.shared.publish(&Event::Lost(error.to_string()));
-                return device.into_stream();
+            match result {
+                Ok(()) => {}
+                Err(error @ LiveError::Ended { .. }) => {
+                    self.shared.notice(Severity::Info, error.to_string());
+                    return None;
+                }
+                Err(error @ LiveError::Refused { .. }) => {
+                    self.shared.fail(error);
+                    return None;
+                }
+                Err(error) => {
+                    self.shared.publish(&Event::Lost(error.to_string()));
+                    return Some(connection.close());
+                }
             }
         }
-        // A device that is gone needs no stop.
-        let _ = device.send(&dermis_wire::ToDevice::Stop);
-        device.into_stream()
+        connection.close();
+        None
     }
 
-    fn reconnect(&self, stream: Stream) -> Option<Device> {
+    fn reconnect(&self, stream: Stream) -> Option<Connection> {
         let mut reported = String::new();
         while !self.shared.is_stopped() {
-            match Device::connect(&self.address, self.shared.skin(), self.options, Some(stream.clone())) {
-                Ok(device) => {
+            match Connection::open(&self.address, self.shared.skin(), self.options, Some(stream.clone())) {
+                Ok(connection) => {
                     self.shared.notice(Severity::Info, "the device is connected again".into());
-                    return Some(device);
+                    return Some(connection);
                 }
                 Err(error) => {
                     let why = error.to_string();

@@ -1,5 +1,6 @@
 //! The handle of a skin being read: subscriptions, commands and facts.
 
+use crate::LiveError;
 use crate::clock;
 use crate::device::{DeviceFacts, IncomingFrame};
 use crate::runtime::{Event, Mailbox, Popped, lock};
@@ -31,9 +32,12 @@ pub struct LiveHandle {
     state: Mutex<State>,
     facts: Mutex<Option<Arc<DeviceFacts>>>,
     method: Mutex<String>,
+    failure: Mutex<Option<LiveError>>,
     state_requested: AtomicBool,
     playing: AtomicBool,
     stopped: AtomicBool,
+    /// No more events will come.
+    ended: AtomicBool,
 }
 
 /// A receiver of events.
@@ -64,9 +68,11 @@ impl LiveHandle {
             state: Mutex::new(pipeline.state().clone()),
             facts: Mutex::default(),
             method: Mutex::new(pipeline.method().name().into()),
+            failure: Mutex::default(),
             state_requested: AtomicBool::new(false),
             playing: AtomicBool::new(false),
             stopped: AtomicBool::new(false),
+            ended: AtomicBool::new(false),
         })
     }
 
@@ -75,9 +81,11 @@ impl LiveHandle {
         self.work.put(item);
     }
 
-    /// Whether one more item could drop an older one.
-    pub(crate) fn is_full(&self) -> bool {
-        self.work.len() + 1 >= MOST_WAITING
+    /// Waits for room in the queue, so that one more item drops no older one.
+    pub(crate) fn await_room(&self) {
+        while self.work.len() + 1 >= MOST_WAITING && !self.is_stopped() {
+            std::thread::sleep(Duration::from_micros(100));
+        }
     }
 
     /// Announces a device.
@@ -115,7 +123,11 @@ impl LiveHandle {
         if self.start.elapsed() < EARLY {
             lock(&self.early_notices).iter().for_each(|notice| mailbox.put(Event::Notice(notice.clone())));
         }
-        lock(&self.subscribers).push(Subscriber { sink, mailbox: Arc::clone(&mailbox) });
+        let mut subscribers = lock(&self.subscribers);
+        if self.ended.load(Ordering::Relaxed) {
+            mailbox.close();
+        }
+        subscribers.push(Subscriber { sink, mailbox: Arc::clone(&mailbox) });
         mailbox
     }
 
@@ -200,6 +212,15 @@ impl LiveHandle {
         self.publish(&Event::Notice(Notice { level, text, at: clock::now() }));
     }
 
+    /// Ends the input early.
+    pub(super) fn fail(&self, error: LiveError) {
+        *lock(&self.failure) = Some(error);
+    }
+
+    pub(super) fn take_failure(&self) -> Option<LiveError> {
+        lock(&self.failure).take()
+    }
+
     pub(super) fn stop(&self) {
         self.stopped.store(true, Ordering::Relaxed);
     }
@@ -208,8 +229,11 @@ impl LiveHandle {
         self.playing.store(true, Ordering::Relaxed);
     }
 
-    pub(super) fn is_playing(&self) -> bool {
-        self.playing.load(Ordering::Relaxed)
+    /// Waits until the input may begin.
+    pub(super) fn await_playback(&self) {
+        while !self.playing.load(Ordering::Relaxed) && !self.is_stopped() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
     }
 
     /// No more items will be queued.
@@ -222,7 +246,9 @@ impl LiveHandle {
     }
 
     pub(super) fn close_mailboxes(&self) {
-        lock(&self.subscribers).iter().for_each(|subscriber| subscriber.mailbox.close());
+        let subscribers = lock(&self.subscribers);
+        self.ended.store(true, Ordering::Relaxed);
+        subscribers.iter().for_each(|subscriber| subscriber.mailbox.close());
     }
 
     pub(super) fn take_command(&self) -> Option<Command> {

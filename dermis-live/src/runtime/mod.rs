@@ -35,7 +35,7 @@ pub(crate) use handle::WorkItem;
 pub(crate) use pipeline_thread::process;
 
 use crate::LiveError;
-use crate::device::{Address, Device, DeviceFacts, DeviceOptions};
+use crate::device::{Address, Connection, DeviceFacts, DeviceOptions};
 use crate::recording::Player;
 use crate::runtime::device_thread::DeviceThread;
 use crate::runtime::pipeline_thread::PipelineThread;
@@ -88,7 +88,8 @@ impl std::fmt::Debug for Live {
 }
 
 impl Live {
-    /// Connects to the device and begins to read it.
+    /// Connects to the device and begins to read it; standard input is read from [`begin_playback`](Self::begin_playback)
+    /// on. At the end of the input all mailboxes are closed.
     ///
     /// # Errors
     /// A device that cannot be reached or is refused; settings out of their ranges.
@@ -97,10 +98,10 @@ impl Live {
             Some(state) => Pipeline::resume(Arc::clone(&methods), state)?,
             None => Pipeline::new(Arc::clone(&methods), options.settings.clone())?,
         };
-        let device = Device::connect(&options.address, methods.skin(), options.device, None)?;
+        let connection = Connection::open(&options.address, methods.skin(), options.device, None)?;
         let shared = LiveHandle::new(&pipeline);
         let thread = DeviceThread::new(Arc::clone(&shared), options.address, options.device);
-        Ok(Self::with_threads(shared, pipeline, true, move || thread.run(device)))
+        Ok(Self::with_threads(shared, pipeline, true, move || thread.run(connection)))
     }
 
     /// Prepares to play a recording instead of a device; [`begin_playback`](Self::begin_playback) begins. At its end
@@ -114,9 +115,7 @@ impl Live {
         shared.connected(player.facts().clone());
         let handle = Arc::clone(&shared);
         let play = move || {
-            while !handle.is_playing() && !handle.is_stopped() {
-                std::thread::sleep(Duration::from_millis(1));
-            }
+            handle.await_playback();
             player.play(&handle);
             handle.close_work();
         };
@@ -134,7 +133,8 @@ impl Live {
         Live { shared, threads }
     }
 
-    /// Begins to play the recording. Subscribers from before this call receive its first frame.
+    /// Begins to play the recording, or to read standard input. Subscribers from before this call receive its first
+    /// frame. A device is read from the start.
     pub fn begin_playback(&self) {
         self.shared.begin_playback();
     }
@@ -142,6 +142,11 @@ impl Live {
     /// The handle to subscribe with and to send commands with.
     pub fn shared(&self) -> &Arc<LiveHandle> {
         &self.shared
+    }
+
+    /// Why the input ended early, if it did.
+    pub fn take_failure(&self) -> Option<LiveError> {
+        self.shared.take_failure()
     }
 
     /// Stops reading and returns the state of the pipeline. Mailboxes are closed once they have every event.

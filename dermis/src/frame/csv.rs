@@ -26,7 +26,6 @@ pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>) -> Result<
     let mut rows = Vec::new();
     for (index, line) in text.lines().enumerate() {
         if index == 0 && is_header(line, separator, columns) {
-            let name = |field: &str| field.trim().trim_matches('"').to_string();
             header = Some(line.split(separator).map(name).collect());
             continue;
         }
@@ -36,17 +35,28 @@ pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>) -> Result<
 }
 
 /// Whether the first line of a file names or numbers the columns; see [`parse`].
-fn is_header(line: &str, separator: char, columns: Option<usize>) -> bool {
-    if line.split(separator).any(holds_several_numbers) {
+pub(super) fn is_header(line: &str, separator: char, columns: Option<usize>) -> bool {
+    let fields = split(line, separator);
+    if fields.iter().any(|field| holds_several_numbers(field)) {
         return false;
     }
-    let fields: Vec<Option<f64>> = line.split(separator).map(|field| number(field, separator)).collect();
+    let fields: Vec<Option<f64>> = fields.into_iter().map(|field| number(field, separator)).collect();
     match fields.as_slice() {
         [None, rest @ ..] => {
             rest.iter().all(Option::is_none) || counts(rest.iter().map(|field| field.unwrap_or(f64::NAN)))
         }
         all => columns == Some(all.len()) && counts(all.iter().map(|field| field.unwrap_or(f64::NAN))),
     }
+}
+
+/// The fields of a line; with a space as separator, they are separated by any white space.
+pub(super) fn split(line: &str, separator: char) -> Vec<&str> {
+    if separator == ' ' { line.split_whitespace().collect() } else { line.split(separator).collect() }
+}
+
+/// The name in a field of a header.
+pub(super) fn name(field: &str) -> String {
+    field.trim().trim_matches('"').to_string()
 }
 
 /// Whether values count up from 0 or from 1; false for a single value.
@@ -61,21 +71,27 @@ pub(super) fn counts(values: impl ExactSizeIterator<Item = f64>) -> bool {
 }
 
 fn row(line: &str, row: usize, separator: char, path: &Path) -> Result<Vec<f64>, TableError> {
-    let cell =
-        |column: Option<usize>, message: String| TableError::Cell { path: path.to_path_buf(), row, column, message };
+    numbers(line, separator).map_err(|(column, message)| {
+        let path = path.to_path_buf();
+        TableError::Cell { path, row, column, message }
+    })
+}
+
+/// The numbers of a line, or what is wrong with it: the 1-based column, if a single value is, and a message.
+pub(super) fn numbers(line: &str, separator: char) -> Result<Vec<f64>, (Option<usize>, String)> {
     if line.trim().is_empty() {
-        return Err(cell(None, "an empty line between rows".into()));
+        return Err((None, "an empty line between rows".into()));
     }
     let value = |(index, field): (usize, &str)| {
         number(field, separator).ok_or_else(|| match field.trim() {
-            "" => cell(Some(index + 1), "no value".to_string()),
+            "" => (Some(index + 1), "no value".to_string()),
             text if holds_several_numbers(text) => {
-                cell(None, "the values are separated by spaces or tabs; separate them by commas".to_string())
+                (None, "the values are separated by spaces or tabs; separate them by commas".to_string())
             }
-            text => cell(Some(index + 1), format!("`{}` is not a number", shortened(text))),
+            text => (Some(index + 1), format!("`{}` is not a number", shortened(text))),
         })
     };
-    line.split(separator).enumerate().map(value).collect()
+    split(line, separator).into_iter().enumerate().map(value).collect()
 }
 
 /// Whether a field is a row of numbers with spaces or tabs between them.

@@ -2,6 +2,7 @@
 
 mod broken;
 mod csv;
+mod lines;
 mod npy;
 #[cfg_attr(not(feature = "npz"), path = "no_npz.rs")]
 mod npz;
@@ -11,11 +12,12 @@ mod table;
 mod truth;
 
 pub use broken::broken_channels;
+pub use lines::{FrameLine, FrameLines, LineError};
 pub use npy::npy_header;
 pub use output::write_whole;
 pub use reciprocity::{Screening, twins};
 pub use table::{Table, read_array, read_conductivities, read_frames, read_table, write_array, write_frames};
-pub use truth::{Truth, frames_after_last_touch, read_truth, write_truth};
+pub use truth::{Truth, frames_after_last_touch, read_places, read_truth, write_truth};
 
 use std::ops::{Deref, DerefMut, Sub};
 use std::path::PathBuf;

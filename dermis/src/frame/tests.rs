@@ -2,8 +2,8 @@
 
 use crate::contact::Contact;
 use crate::frame::{
-    Frame, Truth, frames_after_last_touch, read_conductivities, read_frames, read_table, read_truth, write_array,
-    write_frames, write_whole,
+    Frame, Truth, frames_after_last_touch, read_conductivities, read_frames, read_places, read_table, read_truth,
+    write_array, write_frames, write_whole,
 };
 use crate::geom::vector::distance;
 use crate::geom::{PlaceLimits, Surface};
@@ -259,6 +259,20 @@ fn places_off_the_body_are_named_with_their_row_and_unit() {
     let wall = PlaceLimits::of_box(cylinder, [[-0.05, -0.05, 0.0], [0.05, 0.05, 0.3]], 0.01);
     let message = error("frame,z_m,theta_rad\n0,0.1,-120\n", &wall);
     assert!(message.starts_with(", row 2: theta_rad is -120, more than one turn"), "{message}");
+}
+
+#[test]
+fn places_are_read_with_or_without_frames() {
+    let read = |text: &str, surface: Surface| {
+        let (_folder, path) = file("p.csv", text);
+        read_places(&path, &limits(surface)).map_err(|error| error.to_string())
+    };
+    let cylinder = Surface::Cylinder { radius_m: 0.05, length_m: 0.3 };
+    assert_eq!(read("z_m,theta_rad\n0.1,0\n", cylinder).unwrap(), [[0.05, 0.0, 0.1]]);
+    let places = read("frame,x_m,y_m,force_n\n4,1,2,3\n9,4,5,6\n", Surface::Plane);
+    assert_eq!(places.unwrap(), [[1.0, 2.0, 0.0], [4.0, 5.0, 0.0]]);
+    assert!(read("1,2\n3,4\n", Surface::Plane).unwrap_err().ends_with("begin with a line `x_m,y_m`, lengths in m"));
+    assert!(read("x_m\n3\n", Surface::Plane).unwrap_err().contains("no column `y_m`"));
 }
 
 #[test]

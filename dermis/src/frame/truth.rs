@@ -42,6 +42,32 @@ pub fn read_truth(path: &Path, limits: &PlaceLimits, frame_count: usize) -> Resu
     }
 }
 
+/// Reads places on the skin, one per row, from a file with the columns of [`read_truth`]; `frame` and `force_n` are not
+/// used and may be missing.
+///
+/// # Errors
+/// As [`read_truth`]; a file without a header.
+pub fn read_places(path: &Path, limits: &PlaceLimits) -> Result<Vec<Point3>, TableError> {
+    let table = read_table(path, "places")?;
+    let Some(header) = &table.header else {
+        let columns = place_columns(&limits.surface).join(",");
+        let message = format!("it has no header: begin with a line `{columns}`, lengths in m");
+        return Err(TableError::File { path: path.to_path_buf(), message });
+    };
+    let columns = Columns::find(path, &table, header, &limits.surface, false)?;
+    let place = |(row, &file_row): (&Vec<f64>, &usize)| {
+        let path = path.to_path_buf();
+        let touch = columns.touch(row, limits);
+        touch.map(|touch| touch.position_m).map_err(|message| TableError::Cell {
+            path,
+            row: file_row,
+            column: None,
+            message,
+        })
+    };
+    table.rows.iter().zip(&table.file_rows).map(place).collect()
+}
+
 /// Writes the touches of each frame in the format of [`read_truth`]; known forces as `force_n`.
 ///
 /// # Errors
@@ -89,13 +115,20 @@ pub fn frames_after_last_touch(truth: &[Vec<Contact>]) -> std::ops::Range<usize>
 
 /// The indices of the columns of a ground truth.
 struct Columns {
-    frame: usize,
+    /// Missing in a file of places.
+    frame: Option<usize>,
     place: Vec<usize>,
     force: Option<usize>,
 }
 
 impl Columns {
-    fn find(path: &Path, table: &Table, header: &[String], surface: &Surface) -> Result<Self, TableError> {
+    fn find(
+        path: &Path,
+        table: &Table,
+        header: &[String],
+        surface: &Surface,
+        needs_frame: bool,
+    ) -> Result<Self, TableError> {
         let place = place_columns(surface);
         let known = |name: &str| name == "frame" || name == "force_n" || place.contains(&name);
         let wrong_header = |message: String| {
@@ -108,7 +141,7 @@ impl Columns {
         let column = |name: &str| header.iter().position(|column| column == name);
         let needed = |name: &str| column(name).ok_or_else(|| wrong_header(format!("no column `{name}`")));
         let columns = Columns {
-            frame: needed("frame")?,
+            frame: if needs_frame { Some(needed("frame")?) } else { column("frame") },
             place: place.iter().map(|name| needed(name)).collect::<Result<Vec<_>, _>>()?,
             force: column("force_n"),
         };
@@ -120,7 +153,7 @@ impl Columns {
 
     /// The frame of a row.
     fn frame(&self, row: &[f64], frame_count: usize) -> Result<usize, String> {
-        let frame = row[self.frame];
+        let frame = self.frame.map_or(f64::NAN, |column| row[column]);
         if frame.fract() == 0.0 && frame >= 0.0 && frame < frame_count as f64 {
             return Ok(frame as usize);
         }
@@ -151,11 +184,13 @@ fn on_skin(
     limits: &PlaceLimits,
     frame_count: usize,
 ) -> Result<Truth, TableError> {
-    let columns = Columns::find(path, table, header, &limits.surface)?;
+    let columns = Columns::find(path, table, header, &limits.surface, true)?;
     let mut touches = vec![Vec::new(); frame_count];
     for (values, &row) in table.rows.iter().zip(&table.file_rows) {
         let cell = |column: Option<usize>, message| TableError::Cell { path: path.to_path_buf(), row, column, message };
-        let frame = columns.frame(values, frame_count).map_err(|message| cell(Some(columns.frame + 1), message))?;
+        let frame = columns
+            .frame(values, frame_count)
+            .map_err(|message| cell(columns.frame.map(|column| column + 1), message))?;
         let touch = columns.touch(values, limits).map_err(|message| cell(None, message))?;
         let frame_touches: &mut Vec<Contact> = &mut touches[frame];
         let id = frame_touches.len() as u64;

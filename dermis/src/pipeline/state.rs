@@ -61,6 +61,14 @@ pub(super) struct Reading {
 }
 
 impl State {
+    /// The values of the untouched skin now, ohm; `None` during a tare.
+    pub fn baseline_ohm(&self) -> Option<&[f64]> {
+        match &self.phase {
+            Phase::Taring { .. } => None,
+            Phase::Reading(reading) => Some(reading.baseline.values_ohm()),
+        }
+    }
+
     /// Continues after a gap in the frames: with the same baseline and no contacts.
     pub(super) fn after_gap(&mut self, measurement: &Measurement) {
         self.tracker.clear();

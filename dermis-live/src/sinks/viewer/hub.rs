@@ -200,6 +200,7 @@ impl Hub {
             "method_note": method_note(*masked_channels, shared.methods().method(&method).ok()),
             "paused": false,
             "recording": self.control.recording(),
+            "guide": self.control.guide().map(|guide| guide.status()),
             "threshold": state.threshold,
             "rate_hz": if connected { *rate_hz } else { 0.0 },
             "latency_ms": latency(&self.latencies_ms),

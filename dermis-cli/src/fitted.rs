@@ -1,0 +1,149 @@
+//! The calibration that presses give: a forward map, or the correction of a method.
+
+use crate::calibrated::late_channels;
+use crate::console::Progress;
+use crate::failure::{Failure, Outcome};
+use dermis::frame::Frame;
+use dermis::method::MethodOptions;
+use dermis::skin::Skin;
+use dermis_calibrate::{CalibrateError, Calibration, Correction, CorrectionQuality, Label, LabelFrame, Quality};
+use dermis_study::report::Table;
+use serde_json::json;
+use std::path::Path;
+
+/// The name of the forward map in `--method`.
+pub const FORWARD_MAP: &str = "forward-map";
+
+/// What presses gave.
+pub enum Fitted {
+    /// A forward map.
+    ForwardMap(Box<Calibration>),
+    /// The correction of a method.
+    Correction(Correction),
+}
+
+/// Fits the forward map, or the correction of a method by its name; without a choice, whichever locates the labels better,
+/// of the forward map and the correction of the skin's default method.
+pub fn fit(
+    skin: &Skin,
+    frames: &[Frame],
+    labels: &[Label],
+    frame: LabelFrame,
+    method: Option<&str>,
+) -> Outcome<Fitted> {
+    if let Some(name) = method.filter(|name| *name != FORWARD_MAP) {
+        if frame == LabelFrame::Robot {
+            let message = format!("a correction of {name} needs labels on the skin, not in the frame of a robot");
+            return Err(Failure::given(message, Some("name the columns of --truth in its first row")));
+        }
+        return Ok(Fitted::Correction(correct(skin, frames, labels, name)??));
+    }
+    let map = {
+        let _waiting = Progress::waiting("fitting the forward map");
+        Calibration::fit(skin, frames, labels, frame)?
+    };
+    let better = match (method, frame) {
+        (None, LabelFrame::Skin) => better_correction(skin, frames, labels, map.quality())?,
+        _ => None,
+    };
+    Ok(better.map_or_else(|| Fitted::ForwardMap(Box::new(map)), Fitted::Correction))
+}
+
+/// The correction of the skin's default method, where it finds all labels and locates them better than a forward map.
+pub fn better_correction(
+    skin: &Skin,
+    frames: &[Frame],
+    labels: &[Label],
+    map: &Quality,
+) -> Outcome<Option<Correction>> {
+    let correction = match correct(skin, frames, labels, "")? {
+        Err(CalibrateError::TooFewFound { .. }) => return Ok(None),
+        fitted => fitted?,
+    };
+    let CorrectionQuality { labels, found, mean_error_m, .. } = *correction.quality();
+    Ok(Some(correction).filter(|_| found == labels && mean_error_m < map.mean_error_m))
+}
+
+/// Corrects a method by the labels.
+fn correct(skin: &Skin, frames: &[Frame], labels: &[Label], name: &str) -> Outcome<Result<Correction, CalibrateError>> {
+    let _waiting = Progress::waiting("fitting the correction of a method");
+    let method = dermis_learn::methods().method(skin, name, &MethodOptions::default())?;
+    let detector = method.detector(&[])?;
+    Ok(Correction::fit(skin.pixels(), &method, &detector, frames, labels))
+}
+
+impl Fitted {
+    /// Writes it to a folder.
+    pub fn save(&self, folder: &Path, design: &str) -> Outcome {
+        Ok(match self {
+            Fitted::ForwardMap(map) => map.save(folder, design)?,
+            Fitted::Correction(correction) => correction.save(folder, design)?,
+        })
+    }
+
+    /// Its figures as JSON, SI units.
+    pub fn to_json(&self, design: &str) -> serde_json::Value {
+        match self {
+            Fitted::ForwardMap(map) => json!({
+                "skin": design,
+                "method": FORWARD_MAP,
+                "quality": map.quality(),
+                "lags": map.lags(),
+                "pose": map.pose(),
+            }),
+            Fitted::Correction(correction) => json!({
+                "skin": design,
+                "method": correction.method(),
+                "quality": correction.quality(),
+            }),
+        }
+    }
+
+    /// Its figures as a table.
+    pub fn summary(&self) -> Table {
+        match self {
+            Fitted::ForwardMap(map) => map_summary(map),
+            Fitted::Correction(correction) => correction_summary(correction),
+        }
+    }
+}
+
+fn correction_summary(correction: &Correction) -> Table {
+    let CorrectionQuality { labels, found, mean_error_before_m, mean_error_m, force_error, force_spread } =
+        *correction.quality();
+    let mut table = Table::new(&["figure", "value"]);
+    let mut row = |name: &str, value: String| table.row([name.to_string(), value]);
+    row("corrected method", correction.method().to_string());
+    row("labelled presses", format!("{labels}, of which it finds {found}"));
+    row("mean error before", format!("{:.2} mm", 1e3 * mean_error_before_m));
+    row("mean error, cross-validated", format!("{:.2} mm", 1e3 * mean_error_m));
+    if let (Some(error), Some(spread)) = (force_error, force_spread) {
+        row("error of the force", format!("{:.0} %, spread {spread:.2}", 1e2 * error));
+    }
+    table
+}
+
+fn map_summary(calibration: &Calibration) -> Table {
+    let Quality { labels, unlabelled, mean_error_m } = *calibration.quality();
+    let mut table = Table::new(&["figure", "value"]);
+    let mut row = |name: &str, value: String| table.row([name.to_string(), value]);
+    row("labelled presses", labels.to_string());
+    row("unlabelled presses used", unlabelled.to_string());
+    row("mean error, cross-validated", format!("{:.2} mm", 1e3 * mean_error_m));
+    row("channels that are rows late", late_channels(calibration.lags()));
+    if let Some(pose) = calibration.pose() {
+        let [x, y, _] = pose.centre_m.map(|value| 1e3 * value);
+        let seen = if pose.mirrored { ", mirrored" } else { "" };
+        row(
+            "pose of the skin",
+            format!("x {x:.1} mm, y {y:.1} mm, {:.0} degrees{seen}", pose.rotation_rad.to_degrees()),
+        );
+    }
+    table
+}
+
+impl From<CalibrateError> for Failure {
+    fn from(error: CalibrateError) -> Self {
+        Failure::given(error, None)
+    }
+}

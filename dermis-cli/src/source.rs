@@ -1,0 +1,98 @@
+//! The source of live frames, and the page that shows them.
+
+use crate::emulated::EmulatorArguments;
+use crate::failure::{Failure, Outcome};
+use clap::Args;
+use dermis::design::SkinDesign;
+use dermis_live::device::Address;
+use dermis_live::emulator::{Emulator, Port};
+use dermis_live::sinks::viewer::{Server, ServerOptions};
+use dermis_live::{Control, Live, RecordingOptions};
+use std::net::TcpListener;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Where live frames come from.
+#[derive(Debug, Args)]
+pub struct SourceArguments {
+    /// Source of frames: `emulate` (a simulated device inside this program), tcp:HOST:PORT, serial:PATH[@BAUD],
+    /// replay:FILE (a recording, at its own rate or --speed times as fast); or rows of values of an existing instrument,
+    /// a frame (ohm) in each line: csv:- (standard input), csv:tcp:HOST:PORT, csv:serial:PATH[@BAUD].
+    #[arg(long, value_name = "SOURCE", default_value = "emulate")]
+    source: String,
+    /// Frame rate [default: the device's own; rows of values without times: when they come]
+    #[arg(long, value_name = "HZ")]
+    pub rate: Option<f64>,
+    #[command(flatten)]
+    pub emulator: EmulatorArguments,
+}
+
+impl SourceArguments {
+    /// The recording to replay, if that is the source.
+    pub fn recording(&self) -> Option<&Path> {
+        self.source.strip_prefix("replay:").map(Path::new)
+    }
+
+    /// Whether the rows of standard input are the source.
+    pub fn is_stdin(&self) -> bool {
+        self.source == "csv:-"
+    }
+
+    /// The address of the device; starts an emulated one.
+    pub fn address(&self, design: &SkinDesign) -> Outcome<(Address, Option<Arc<Emulator>>)> {
+        // A device with the wire protocol checks the rate itself.
+        let is_rows = self.source.starts_with("csv:");
+        if let Some(rate) = self.rate.filter(|rate| is_rows && !(rate.is_finite() && *rate > 0.0)) {
+            let fix = Some("give a positive number of frames a second");
+            return Err(Failure::given(format!("--rate {rate} is not possible"), fix));
+        }
+        if self.source != "emulate" {
+            return Ok((Address::parse(&self.source)?, None));
+        }
+        let emulator = self.emulator.emulator(design)?;
+        let failed = |error: std::io::Error| Failure::given(format!("no port for the emulated device: {error}"), None);
+        let listener = TcpListener::bind("127.0.0.1:0").map_err(failed)?;
+        let address = Address::Tcp(listener.local_addr().map_err(failed)?.to_string());
+        let serving = Arc::clone(&emulator);
+        std::thread::spawn(move || {
+            if let Err(error) = serving.serve(Port::Tcp(listener)) {
+                eprintln!("the emulated device has failed: {error}");
+            }
+        });
+        Ok((address, Some(emulator)))
+    }
+
+    /// The controls of a live skin with this source.
+    pub fn control(&self, live: &Live, emulator: Option<Arc<Emulator>>) -> Outcome<Control> {
+        let recordings = RecordingOptions {
+            folder: PathBuf::from("."),
+            twin_toml: emulator.as_ref().map(|_| self.emulator.twin_text()).transpose()?,
+        };
+        let source = if emulator.is_some() { self.emulator.summary() } else { self.source.clone() };
+        Ok(Control::new(Arc::clone(live.shared()), emulator, source, recordings))
+    }
+}
+
+/// The page of a live skin.
+#[derive(Debug, Args)]
+pub struct PageArguments {
+    /// Address of the viewer, or `off`. Any address beyond this machine needs --token.
+    #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:8420")]
+    serve: String,
+    /// Access token of the viewer, at least eight characters.
+    #[arg(long, value_name = "SECRET")]
+    token: Option<String>,
+}
+
+impl PageArguments {
+    /// Serves the page and prints its address.
+    pub fn serve(&self, control: &Arc<Control>) -> Outcome<Option<Server>> {
+        if self.serve == "off" {
+            return Ok(None);
+        }
+        let options = ServerOptions { address: self.serve.clone(), token: self.token.clone() };
+        let server = Server::start(Arc::clone(control), &options)?;
+        eprintln!("the viewer is at {}", server.url());
+        Ok(Some(server))
+    }
+}

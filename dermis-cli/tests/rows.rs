@@ -1,0 +1,173 @@
+//! `dermis live --source csv:...`: frames of an instrument that sends rows of values.
+
+mod workplace;
+
+use dermis::frame::Frame;
+use dermis::method::MethodSet;
+use dermis::pipeline::{FrameInput, Pipeline, Settings, Timestamp};
+use dermis::skin::Skin;
+use dermis_sim::noise::Noise;
+use dermis_sim::random::sample_rng;
+use dermis_sim::touch::{GaussianTouch, touched_conductivity};
+use serde_json::Value;
+use std::io::Write;
+use std::net::TcpListener;
+use std::process::{Output, Stdio};
+use std::time::Duration;
+use workplace::Workplace;
+
+const TARE: u64 = 100;
+const RATE_HZ: f64 = 120.0;
+
+/// Frames of the skin `disk.toml`: pressed from 110 to 169 of 200.
+fn frames(skin: &Skin) -> Vec<Frame> {
+    let (design, rest) = (skin.design(), skin.forward().rest_conductivity());
+    let touch = GaussianTouch { centre_m: [0.02, 0.01, 0.0], amplitude: 0.5, width_m: 0.01 };
+    let touched =
+        touched_conductivity(skin.mesh(), &design.body.surface(), design.sheet.touch, rest, &[touch]).unwrap();
+    let solved = [skin.forward().solve(rest).unwrap(), skin.forward().solve(&touched).unwrap()];
+    let noise = Noise::at_snr_db(60.0, &solved[0], &design.protocol, f64::INFINITY).unwrap();
+    let (_, drive_of) = design.protocol.drives();
+    let is_pressed = |number: u64| (110..170).contains(&number);
+    let frame = |number| noise.apply(&solved[usize::from(is_pressed(number))], &drive_of, &mut sample_rng(5, number));
+    (0..200).map(frame).collect()
+}
+
+fn row(frame: &Frame) -> String {
+    frame.iter().map(|value| format!("{value:?}")).collect::<Vec<_>>().join(",")
+}
+
+/// Runs `dermis live disk.toml` with lines on standard input, slowly enough that no line of JSON is dropped.
+fn piped(at: &Workplace, arguments: &str, lines: &[String]) -> Output {
+    let mut command = at.command(&format!("live disk.toml --serve off --source csv:- {arguments}"));
+    let mut child = command.stdin(Stdio::piped()).spawn().unwrap();
+    let mut input = child.stdin.take().unwrap();
+    for line in lines {
+        // The program may have refused the first lines.
+        let _ = writeln!(input, "{line}");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    drop(input);
+    child.wait_with_output().unwrap()
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+#[test]
+fn rows_of_a_pipe_give_the_contacts_of_the_same_frames() {
+    let at = Workplace::new();
+    let skin = Skin::load(at.path("disk.toml").to_str().unwrap()).unwrap();
+    let frames = frames(&skin);
+    let time_s = |number: usize| 3.0 + number as f64 / RATE_HZ;
+    let rows = frames.iter().enumerate().map(|(number, frame)| format!("{:?},{}", time_s(number), row(frame)));
+    let lines: Vec<String> = ["# an instrument".into(), "time,a,b".into()].into_iter().chain(rows).collect();
+    let output = piped(&at, "--jsonl - --record rows.mcap", &lines);
+    assert!(output.status.success(), "{}", said(&output));
+    assert!(said(&output).contains("csv:- has ended"), "{}", said(&output));
+    let text = String::from_utf8(output.stdout).unwrap();
+    let live: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(live.len(), frames.len());
+
+    let methods = MethodSet::new(&dermis_learn::methods(), skin.clone(), None).unwrap();
+    let mut pipeline = Pipeline::new(methods.into(), Settings::default()).unwrap();
+    let start = Timestamp { unix_ns: live[0]["measured_at"].as_u64().unwrap() };
+    let mut touched = 0;
+    for (number, (frame, line)) in frames.iter().zip(&live).enumerate() {
+        let measured_at = start.after(Duration::from_secs_f64(time_s(number) - time_s(0)));
+        assert_eq!(line["measured_at"], measured_at.unix_ns);
+        let result = pipeline.process(FrameInput::new(number as u64, measured_at, frame.0.clone())).unwrap();
+        assert_eq!(line["contacts"], serde_json::to_value(&result.contacts).unwrap(), "frame {number}");
+        touched += result.contacts.len();
+    }
+    assert!((58..70).contains(&touched), "{touched} contacts");
+
+    // A recording of rows is replayed.
+    let replayed = at.good("replay rows.mcap --contacts");
+    let contacts: Vec<Value> = replayed.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert!(contacts.iter().eq(live.iter().map(|line| &line["contacts"])), "the contacts of the replay");
+
+    // The command for files finds them at the same place.
+    at.write("frames.csv", frames.iter().map(|frame| row(frame) + "\n").collect::<String>());
+    at.write("untouched.csv", frames[..TARE as usize].iter().map(|frame| row(frame) + "\n").collect::<String>());
+    at.good("contacts disk.toml --frames frames.csv --baseline untouched.csv -o contacts.jsonl");
+    let text = std::fs::read_to_string(at.path("contacts.jsonl")).unwrap();
+    for (line, by_file) in live.iter().zip(text.lines()).skip(120).take(40) {
+        let by_file: Value = serde_json::from_str(by_file).unwrap();
+        let place = |contact: &Value| [0, 1].map(|axis| contact["position_m"][axis].as_f64().unwrap());
+        let ([x, y], [u, v]) = (place(&line["contacts"][0]), place(&by_file["contacts"][0]));
+        assert!((x - u).hypot(y - v) < 0.001, "{x}, {y} and {u}, {v}");
+    }
+}
+
+#[test]
+fn wrong_rows_are_lost_and_named() {
+    let at = Workplace::new();
+    let skin = Skin::load(at.path("disk.toml").to_str().unwrap()).unwrap();
+    let mut lines: Vec<String> = frames(&skin).iter().take(60).map(row).collect();
+    lines[10] = "1,2,3".into();
+    lines[20] = lines[20].replacen(',', ",oops,", 1).rsplit_once(',').unwrap().0.to_string();
+    lines[30] = lines[30].rsplit_once(',').unwrap().0.to_string() + ",NaN";
+    let output = piped(&at, "--json --rate 120", &lines);
+    assert!(output.status.success(), "{}", said(&output));
+    let said = said(&output);
+    for words in [
+        "a row of csv:- is lost: line 11: too few values: 3, but frames have 40",
+        "line 21, column 2: `oops` is not a number",
+        "line 31, column 40: the value is NaN",
+    ] {
+        assert!(said.contains(words), "no `{words}` in: {said}");
+    }
+    let counts: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&counts["frames"], &counts["lost"]), (&57.into(), &3.into()));
+}
+
+#[test]
+fn rows_that_never_fit_are_refused() {
+    let at = Workplace::new();
+    let refused = |lines: &[&str], words: &[&str]| {
+        let lines: Vec<String> = lines.iter().map(|line| (*line).to_string()).collect();
+        let output = piped(&at, "", &lines);
+        assert_eq!(output.status.code(), Some(2), "{}", said(&output));
+        let said = said(&output).split_whitespace().filter(|word| *word != "│").collect::<Vec<_>>().join(" ");
+        for word in words {
+            assert!(said.contains(word), "no `{word}` in: {said}");
+        }
+    };
+    refused(&["1,2,3"; 12], &["csv:-", "none of its first 10 rows", "too few values: 3, but frames have 40"]);
+    refused(&["a,b"], &["ended after 1 lines without a row"]);
+    let refused = |arguments: &str, words: &[&str]| {
+        let said = at.refused(&format!("live disk.toml --serve off {arguments}"));
+        words.iter().for_each(|word| assert!(said.contains(word), "no `{word}` in: {said}"));
+    };
+    refused("--source csv:tcp:127.0.0.1:1", &["tcp:127.0.0.1:1", "nobody listens there"]);
+    refused("--source csv:file.csv", &["`file.csv` is no device", "csv:-"]);
+    refused("--source csv:- --rate 0", &["--rate 0", "positive"]);
+}
+
+#[test]
+fn a_connection_that_is_lost_is_opened_again() {
+    let at = Workplace::new();
+    let skin = Skin::load(at.path("disk.toml").to_str().unwrap()).unwrap();
+    let rows: Vec<String> = frames(&skin).iter().take(60).map(row).collect();
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    let serve = move || {
+        for stream in listener.incoming().take(2) {
+            let mut stream = stream.unwrap();
+            for row in &rows {
+                writeln!(stream, "{row}").unwrap();
+                std::thread::sleep(Duration::from_millis(4));
+            }
+        }
+    };
+    let server = std::thread::spawn(serve);
+    let output = at.run(&format!("live disk.toml --serve off --source csv:tcp:{address} --for 4 --json"));
+    server.join().unwrap();
+    assert!(output.status.success(), "{}", said(&output));
+    assert!(said(&output).contains("was lost") && said(&output).contains("connected again"), "{}", said(&output));
+    let counts: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&counts["frames"], &counts["lost"]), (&120.into(), &0.into()));
+    assert_eq!(counts["reconnected"], 1);
+}
