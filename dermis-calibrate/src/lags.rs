@@ -21,6 +21,10 @@ const RATIO: f64 = 0.9;
 /// explains, `1 / sqrt(rows)`, follows the others of its drive.
 const WEAK: (f64, f64) = (0.05, 2.0);
 
+/// A channel that has a lag of its own, with fewer than two others of its drive, must be explained by this part at that lag, which
+/// leaves unexplained at most this part of what lag 0 leaves: presses next to each other look alike, too.
+const ALONE: (f64, f64) = (0.3, 0.75);
+
 /// How well the other channels of each row predict one channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Evidence {
@@ -101,6 +105,11 @@ fn lags_without(
 }
 
 impl Evidence {
+    /// The best lag, if it leaves at most a part `ratio` of the variance unexplained that lag 0 leaves; else 0.
+    fn own_lag(&self, ratio: f64) -> i32 {
+        if 1.0 - self.best < ratio * (1.0 - self.at_zero.max(0.0)) { self.lag } else { 0 }
+    }
+
     /// The best of the lags, by what each explains.
     fn of(explained: &[f64]) -> Self {
         let at_zero = explained[MOST_LAG as usize];
@@ -116,15 +125,22 @@ impl Evidence {
 
 /// The lags of the channels of one drive: those of which no lag explains the part `weak` follow the majority of the others.
 fn decide(evidence: &[Evidence], weak: f64) -> Vec<i32> {
-    let own = |one: &Evidence| if 1.0 - one.best < RATIO * (1.0 - one.at_zero) { one.lag } else { 0 };
+    let is_strong = |one: &Evidence| one.best > weak;
+    let own: Vec<i32> = evidence.iter().map(|one| if is_strong(one) { one.own_lag(RATIO) } else { 0 }).collect();
+    let others = |lag: i32| own.iter().filter(|other| **other == lag).count() - 1;
+    let agreed = |(one, &lag): (&Evidence, &i32)| {
+        let alone = lag != 0 && others(lag) < 2;
+        if alone && (one.best < ALONE.0 || one.own_lag(ALONE.1) != lag) { 0 } else { lag }
+    };
+    let own: Vec<i32> = evidence.iter().zip(&own).map(agreed).collect();
     let mut votes: BTreeMap<i32, usize> = BTreeMap::new();
-    for one in evidence.iter().filter(|one| one.best > weak) {
-        *votes.entry(own(one)).or_default() += 1;
+    for (_, &lag) in evidence.iter().zip(&own).filter(|(one, _)| is_strong(one)) {
+        *votes.entry(lag).or_default() += 1;
     }
     let strong: usize = votes.values().sum();
     let majority = votes.into_iter().max_by_key(|(_, count)| *count).filter(|(_, count)| 2 * count > strong);
     let majority = majority.map_or(0, |(lag, _)| lag);
-    evidence.iter().map(|one| if one.best > weak { own(one) } else { majority }).collect()
+    evidence.iter().zip(own).map(|(one, own)| if is_strong(one) { own } else { majority }).collect()
 }
 
 fn covariance(values: &[Vec<f64>]) -> Mat<f64> {

@@ -385,7 +385,7 @@ impl<'a> Check<'a> {
         let dead: Vec<usize> = (0..order.columns.len()).filter(|c| self.dead.contains(&order.columns[*c])).collect();
         let untouched = self.untouched.as_ref().filter(|_| !self.protocol.amplitude_only());
         let (mut channels, worst) = match untouched {
-            Some(frame) => (signs::turned_untouched(&order.apply(frame), &self.model, &dead), -1.0),
+            Some(frame) => (signs::turned_untouched(&order.apply(frame), &self.model, &self.protocol, &dead), -1.0),
             None if self.differences.len() >= FEWEST_ROWS => {
                 let turned = signs::turned_correlations(correlation, &self.model, &self.protocol, &dead);
                 (turned.channels, turned.worst)

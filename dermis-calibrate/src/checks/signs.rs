@@ -71,14 +71,33 @@ pub(crate) fn of_differences(columns: &[Vec<f64>], model: &ModelChannels) -> Opt
     found.then(|| Finding::new(FindingKind::SignLost, positive, evidence, fix))
 }
 
-/// Channels of an untouched frame whose sign is not that of the model.
-pub(crate) fn turned_untouched(untouched: &[f64], model: &ModelChannels, dead: &[usize]) -> Vec<usize> {
+/// Channels of an untouched frame whose sign is not that of the model: drives and measure pairs most of whose values have the other
+/// sign, and single channels with a large value.
+pub(crate) fn turned_untouched(
+    untouched: &[f64],
+    model: &ModelChannels,
+    protocol: &Protocol,
+    dead: &[usize],
+) -> Vec<usize> {
     let (measured, expected) = (compressed_row(untouched), compressed_row(&model.untouched));
-    let opposite = |channel: &usize| {
-        let (a, b) = (measured[*channel], expected[*channel]);
-        a * b < 0.0 && a.abs() > SIGNIFICANT && b.abs() > SIGNIFICANT
-    };
-    (0..untouched.len()).filter(opposite).filter(|channel| !dead.contains(channel)).collect()
+    let alive: Vec<usize> = (0..untouched.len()).filter(|channel| !dead.contains(channel)).collect();
+    let sized = |channel: usize, least: f64| measured[channel].abs() > least && expected[channel].abs() > least;
+    let opposite = |channel: usize| measured[channel] * expected[channel] < 0.0;
+    let mut turned: Vec<usize> =
+        alive.iter().copied().filter(|&channel| opposite(channel) && sized(channel, 1.0)).collect();
+    for (_, of_channel) in [protocol.drives(), protocol.measures()] {
+        for group in 0..=of_channel.iter().copied().max().unwrap_or(0) {
+            let all: Vec<usize> = alive.iter().copied().filter(|&channel| of_channel[channel] == group).collect();
+            let judged: Vec<usize> = all.iter().copied().filter(|&channel| sized(channel, SIGNIFICANT)).collect();
+            let against = judged.iter().filter(|&&channel| opposite(channel)).count();
+            if judged.len() > 2 && 4 * against >= 3 * judged.len() {
+                turned.extend(all);
+            }
+        }
+    }
+    turned.sort_unstable();
+    turned.dedup();
+    turned
 }
 
 /// Channels that go with the others with the opposite of the sign that the model says: whole drives, and single channels where the

@@ -50,7 +50,11 @@ impl PipelineThread {
             self.run_commands();
             self.report_dropped();
             match self.shared.take_work(POLL) {
-                Popped::Item(WorkItem::Frame(incoming)) => self.process(*incoming),
+                Popped::Item(WorkItem::Frame(incoming)) => {
+                    // What was requested while the thread waited comes before this frame.
+                    self.run_commands();
+                    self.process(*incoming);
+                }
                 Popped::Item(WorkItem::Command(command)) => self.carry_out(command),
                 Popped::TimedOut => {}
                 Popped::Closed => break,
