@@ -2,7 +2,7 @@
 
 use crate::console::{Progress, StatusLine, notice_line, on_interrupt, print, print_json};
 use crate::failure::{Failure, Outcome};
-use crate::fitted::{Fitted, better_correction};
+use crate::fitted::{FORWARD_MAP, Fitted, better_correction};
 use crate::skin;
 use crate::source::{PageArguments, SourceArguments};
 use clap::Args;
@@ -11,7 +11,7 @@ use dermis::geom::{Point3, Surface};
 use dermis::method::MethodSet;
 use dermis::pipeline::{Settings, Severity, Timestamp};
 use dermis::skin::Skin;
-use dermis_calibrate::{CalibrateError, FEWEST_LABELS, Places, Quality, Session};
+use dermis_calibrate::{CalibrateError, Correction, FEWEST_LABELS, Places, Quality, Session};
 use dermis_live::device::DeviceOptions;
 use dermis_live::guide::{Guide, GuideAction, GuideStep, PressCollector, PressEvent};
 use dermis_live::{Event, Live, LiveOptions, Popped};
@@ -366,33 +366,35 @@ impl Guided {
         )
     }
 
+    /// Replaces the forward map in the folder by the correction of the skin's default method, where that is better.
+    fn save_better_correction(&self, folder: &Path, map: Option<&Quality>) -> Outcome<Option<Correction>> {
+        let Some(map) = map else { return Ok(None) };
+        let (frames, labels) = self.session.presses();
+        let correction = better_correction(self.session.skin(), frames, &labels, map)?;
+        if let Some(correction) = &correction {
+            correction.save(folder, &self.session.skin().design().name)?;
+        }
+        Ok(correction)
+    }
+
     /// Prints the result.
     fn show(&self, folder: &Path, as_json: bool) -> Outcome {
         let quality = self.quality.filter(|(revision, _)| *revision == self.revision).map(|(_, quality)| quality);
-        let correction = match &quality {
-            Some(quality) => {
-                let (frames, labels) = self.session.presses();
-                better_correction(self.session.skin(), frames, &labels, quality)?
-            }
-            None => None,
-        };
-        if let Some(correction) = correction {
-            let correction = Fitted::Correction(correction);
-            let design = &self.session.skin().design().name;
-            correction.save(folder, design)?;
-            return match as_json {
-                true => print_json(&correction.to_json(design)),
-                false => print(&format!("{}\nwritten to {}\n", correction.summary().to_text(), folder.display())),
-            };
-        }
+        let correction = self.save_better_correction(folder, quality.as_ref())?;
         if as_json {
+            let method = correction.as_ref().map_or(FORWARD_MAP, Correction::method);
+            let quality = correction.as_ref().map_or_else(|| json!(quality), |correction| json!(correction.quality()));
             return print_json(&json!({
                 "skin": self.session.skin().design().name,
                 "presses": self.session.taken(),
                 "left": self.session.left(),
                 "coverage": self.coverage,
+                "method": method,
                 "quality": quality,
             }));
+        }
+        if let Some(correction) = correction {
+            print(&format!("{}\n", Fitted::Correction(correction).summary().to_text()))?;
         }
         let path = folder.display();
         match quality {
