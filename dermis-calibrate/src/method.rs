@@ -200,6 +200,10 @@ impl Reconstruct for CalibratedMethod {
         Ok(())
     }
 
+    fn quantity(&self) -> Quantity {
+        Quantity::Density
+    }
+
     fn contacts(&self, difference: &[f64]) -> Option<Vec<Contact>> {
         let frame = self.calibration.single(difference);
         let located = self.calibration.locator.locate(&frame, None, self.calibration.last_number());

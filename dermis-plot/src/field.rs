@@ -16,6 +16,7 @@ impl Drawing<'_> {
     pub fn image(&self, image: &Image, quantity: Quantity) -> Scene {
         let label = match (quantity, self.design.sheet.touch) {
             (Quantity::Touch, _) => "size of touches (in the unit of the training)",
+            (Quantity::Density, _) => "density of the position, relative to its largest value",
             (Quantity::Change, TouchEffect::ConductanceRises) => "relative rise of conductance",
             (Quantity::Change, TouchEffect::ConductanceFalls) => "relative fall of conductance",
         };

@@ -124,23 +124,22 @@ impl Arguments {
                 drawing.sensitivity(skin.pixels(), &skin.linearised()?.sensitivity(skin.pixels()))
             }
             What::Image => {
-                let Seen { images, quantity, detector, how } = self.images(design, mesh)?;
+                let Seen { images, quantity, contacts, how } = self.images(design, mesh)?;
                 let image = images.get(self.frame).ok_or_else(|| self.no_such_frame(images.len()))?;
                 let mut scene = drawing.image(image, quantity);
-                drawing.add_contacts(&mut scene, &detector.detect(image));
+                drawing.add_contacts(&mut scene, &contacts[self.frame]);
                 if let Some(path) = &self.truth {
                     drawing.add_touches(&mut scene, &read_touches(path, design, mesh, images.len())?[self.frame]);
                 }
                 scene.titled(format!("{}: image of frame {}", design.name, self.frame), how)
             }
             What::Localisation => {
-                let Seen { images, detector, how, .. } = self.images(design, mesh)?;
+                let Seen { images, contacts, how, .. } = self.images(design, mesh)?;
                 let Some(path) = &self.truth else {
                     let message = "a picture of the localisation needs the true positions";
                     return Err(Failure::given(message, Some("name their file with --truth")));
                 };
                 let truth = read_touches(path, design, mesh, images.len())?;
-                let contacts: Vec<Vec<Contact>> = images.iter().map(|image| detector.detect(image)).collect();
                 localisation_scene(&drawing, design, &truth, &contacts).titled("", how)
             }
         })
@@ -156,7 +155,8 @@ impl Arguments {
         if let Some(path) = &self.images {
             let how = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
             let images = read_images(path, design, mesh)?;
-            return Ok(Seen { images, quantity: Quantity::Change, detector: Detector::default(), how });
+            let contacts = images.iter().map(|image| Detector::default().detect(image)).collect();
+            return Ok(Seen { images, quantity: Quantity::Change, contacts, how });
         }
         let Some(frames) = &self.frames else {
             let fix = "name images with --images, or frames with --frames and --baseline";
@@ -173,7 +173,9 @@ impl Arguments {
         let method = self.method.prepare(&skin, &differences)?;
         let how = method.description();
         let (images, detector) = (images(&method, &differences.frames)?, method.detector(&differences.untouched)?);
-        Ok(Seen { images, quantity: method.reconstruct().quantity(), detector, how })
+        let contacts = differences.frames.iter().map(|frame| method.contacts(frame, &detector));
+        let contacts = contacts.collect::<Result<_, _>>()?;
+        Ok(Seen { images, quantity: method.reconstruct().quantity(), contacts, how })
     }
 }
 
@@ -182,8 +184,8 @@ struct Seen {
     images: Vec<Image>,
     /// Quantity of the values.
     quantity: Quantity,
-    /// A detector calibrated to their noise.
-    detector: Detector,
+    /// The contacts of each image.
+    contacts: Vec<Vec<Contact>>,
     /// Description of the method.
     how: String,
 }

@@ -166,6 +166,8 @@ pub enum Quantity {
     Change,
     /// The size of the touch centred at the pixel, in the unit of the training: newtons for presses.
     Touch,
+    /// The posterior density of the position of a touch, relative to its largest value.
+    Density,
 }
 
 /// Minimum number of untouched frames for measuring the noise of images: the relative standard error of the standard

@@ -63,7 +63,7 @@ pub(super) fn scene(skin: &Skin, quantity: Quantity, methods: &[String], emulate
         "emulated": emulated,
         "quantity": match quantity {
             Quantity::Touch => "touch",
-            Quantity::Change => "change",
+            Quantity::Change | Quantity::Density => "change",
         },
     })
 }
