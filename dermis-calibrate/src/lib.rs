@@ -26,6 +26,7 @@ mod ridge;
 mod sequence;
 mod session;
 mod shrinkage;
+mod suggest;
 mod units;
 
 pub use calibration::{Calibration, FEWEST_LABELS, Label, LabelFrame, Quality};
@@ -37,4 +38,5 @@ pub use places::Places;
 pub use pose::Pose;
 pub use region::Region;
 pub use session::{Session, SessionFit};
+pub use suggest::{LearningPoint, expected_error_m, learning_curve};
 pub use units::ChannelUnits;

@@ -5,7 +5,9 @@ use dermis::geom::Point3;
 use dermis::geom::vector::distance;
 use dermis::method::{MethodOptions, Methods};
 use dermis::skin::Skin;
-use dermis_calibrate::{CalibrateError, Calibration, Calibrations, Label, LabelFrame};
+use dermis_calibrate::{
+    CalibrateError, Calibration, Calibrations, Label, LabelFrame, expected_error_m, learning_curve,
+};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -136,4 +138,30 @@ fn folders_of_others_are_refused() {
     std::fs::write(&card, text).unwrap();
     std::fs::remove_file(folder.path().join("weights.npy")).unwrap();
     assert!(error("skin16").contains("weights.npy"), "{}", error("skin16"));
+}
+
+#[test]
+fn the_next_presses_are_where_there_were_none() {
+    let (skin, (frames, labels)) = (skin(), presses(5, PRESSES));
+    // Labels on the left half alone.
+    let left: Vec<Label> = labels.iter().filter(|label| label.position_m[0] < 0.0).copied().take(50).collect();
+    let calibration = Calibration::fit(&skin, &frames, &left, LabelFrame::Skin).unwrap();
+    let next = calibration.suggest(&skin, 8).unwrap();
+    assert_eq!(next.len(), 8);
+    assert!(next[..4].iter().all(|position| position[0] > 0.0), "{next:?}");
+    let apart = |a: usize, b: usize| distance(next[a], next[b]);
+    let nearest =
+        (0..8).flat_map(|a| (0..a).map(move |b| (a, b))).map(|(a, b)| apart(a, b)).fold(f64::INFINITY, f64::min);
+    assert!(nearest > 0.005, "{nearest} m");
+}
+
+#[test]
+fn the_error_falls_with_the_number_of_labels() {
+    let (skin, (frames, labels)) = (skin(), presses(7, PRESSES));
+    let calibration = Calibration::fit(&skin, &frames, &labels[..120], LabelFrame::Skin).unwrap();
+    let curve = learning_curve(&skin, &frames[..120], &labels[..120], LabelFrame::Skin, &calibration).unwrap();
+    let counts: Vec<usize> = curve.iter().map(|point| point.labels).collect();
+    assert_eq!(counts, [30, 60, 120]);
+    assert!(curve[0].mean_error_m > curve[2].mean_error_m, "{curve:?}");
+    assert!(expected_error_m(&curve).unwrap() < curve[2].mean_error_m);
 }

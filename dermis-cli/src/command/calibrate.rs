@@ -3,15 +3,20 @@
 use crate::calibrated::Presses;
 use crate::check_page::place;
 use crate::console::{Progress, print, print_json, warn};
-use crate::failure::Outcome;
-use crate::fitted;
+use crate::failure::{Failure, Outcome};
+use crate::fitted::{self, Fitted};
 use crate::frames::{FrameArguments, Recorded};
 use crate::guided::GuidedArguments;
 use crate::rows::Rows;
 use crate::skin;
 use clap::Args;
+use dermis::frame::Frame;
+use dermis::geom::Point3;
 use dermis::skin::Skin;
 use dermis_calibrate::checks::{FindingKind, Recording, check_recording};
+use dermis_calibrate::{Calibration, Label, LabelFrame, LearningPoint, expected_error_m, learning_curve};
+use dermis_study::report::Table;
+use serde::Serialize;
 use std::path::PathBuf;
 
 /// The arguments of `dermis calibrate`.
@@ -43,6 +48,9 @@ pub struct Arguments {
     /// locates the labels better, of the forward map and the default method of the skin]
     #[arg(long, value_name = "METHOD")]
     method: Option<String>,
+    /// Name the N positions whose presses would help a forward map most, and print its error against the number of labels.
+    #[arg(long, value_name = "N", conflicts_with = "live", value_parser = clap::value_parser!(u64).range(1..=1000))]
+    suggest: Option<u64>,
     /// Folder to write: the method for --method.
     #[arg(short, long, value_name = "FOLDER")]
     output: PathBuf,
@@ -72,10 +80,67 @@ impl Arguments {
         let used = if self.unlabelled { &frames[..] } else { &frames[..=last] };
         let fitted = fitted::fit(&skin, used, &labels, presses.frame(), self.method.as_deref())?;
         fitted.save(&self.output, &skin.design().name)?;
+        let outlook = match (self.suggest, &fitted) {
+            (Some(count), Fitted::ForwardMap(map)) => {
+                Some(Outlook::of(&skin, used, &labels, presses.frame(), map, count as usize)?)
+            }
+            (Some(_), Fitted::Correction(_)) => {
+                let fix = "give --method forward-map, or leave --suggest out";
+                return Err(Failure::given(
+                    "--suggest is for forward maps, but a correction is better here",
+                    Some(fix),
+                ));
+            }
+            (None, _) => None,
+        };
         if self.json {
-            return print_json(&fitted.to_json(&skin.design().name));
+            let mut json = fitted.to_json(&skin.design().name);
+            json["outlook"] = serde_json::json!(outlook);
+            return print_json(&json);
         }
-        print(&format!("{}\nwritten to {}\n", fitted.summary().to_text(), self.output.display()))
+        let outlook = outlook.map_or(String::new(), |outlook| outlook.to_text());
+        print(&format!("{}\n{outlook}written to {}\n", fitted.summary().to_text(), self.output.display()))
+    }
+}
+
+/// What more presses would give.
+#[derive(Debug, Serialize)]
+struct Outlook {
+    learning_curve: Vec<LearningPoint>,
+    /// Expected error with twice as many labels, m.
+    expected_error_m: Option<f64>,
+    /// Where to press next, in the coordinates of the labels, m.
+    suggested_m: Vec<Point3>,
+}
+
+impl Outlook {
+    fn of(
+        skin: &Skin,
+        frames: &[Frame],
+        labels: &[Label],
+        frame: LabelFrame,
+        map: &Calibration,
+        count: usize,
+    ) -> Outcome<Self> {
+        let _waiting = Progress::waiting("fitting parts of the labels");
+        let learning_curve = learning_curve(skin, frames, labels, frame, map)?;
+        let expected_error_m = expected_error_m(&learning_curve);
+        Ok(Outlook { learning_curve, expected_error_m, suggested_m: map.suggest(skin, count)? })
+    }
+
+    fn to_text(&self) -> String {
+        let mut curve = Table::new(&["labels", "mean error, mm"]);
+        for LearningPoint { labels, mean_error_m } in &self.learning_curve {
+            curve.row([labels.to_string(), format!("{:.2}", 1e3 * mean_error_m)]);
+        }
+        if let (Some(error_m), Some(last)) = (self.expected_error_m, self.learning_curve.last()) {
+            curve.row([format!("{} (expected)", 2 * last.labels), format!("{:.2}", 1e3 * error_m)]);
+        }
+        let mut places = Table::new(&["press next: x, mm", "y, mm", "z, mm"]);
+        for position_m in &self.suggested_m {
+            places.row(position_m.map(|value| format!("{:.1}", 1e3 * value)));
+        }
+        format!("{}\n{}\n", curve.to_text(), places.to_text())
     }
 }
 
