@@ -12,6 +12,8 @@ pub(crate) const MOST_LAG: i32 = 3;
 const COMPONENTS: usize = 20;
 /// Ridge of the regressions.
 const RIDGE: f64 = 1e-3;
+/// Blocks of rows of the cross-validation.
+const BLOCKS: usize = 10;
 /// Fewest rows from which lags are estimated.
 const FEWEST_ROWS: usize = 60;
 /// A channel is late if the part of its variance that a lag leaves unexplained is smaller than that of lag 0 by this
@@ -55,7 +57,7 @@ pub(crate) fn channel_lags(values: &[Vec<f64>], protocol: &Protocol) -> Vec<i32>
 }
 
 /// Predicts each channel from the leading components of the channels of all other drives, of rows shifted by -3 to 3,
-/// with a ridge regression on one half of the rows that is tested on the other (cross-validation). The presses must be
+/// with a ridge regression on every other tenth of the rows that is tested on the others (cross-validation). The presses must be
 /// in the order of recording. `values` are in units of the channels, rows x channels.
 pub(crate) fn lag_evidence(values: &[Vec<f64>], protocol: &Protocol) -> LagEvidence {
     let channels = protocol.channel_count();
@@ -138,7 +140,8 @@ fn decide(evidence: &[Evidence], weak: f64) -> Vec<i32> {
         *votes.entry(lag).or_default() += 1;
     }
     let strong: usize = votes.values().sum();
-    let majority = votes.into_iter().max_by_key(|(_, count)| *count).filter(|(_, count)| 2 * count > strong);
+    let majority =
+        votes.into_iter().max_by_key(|(_, count)| *count).filter(|(_, count)| 2 * count > strong && *count > 2);
     let majority = majority.map_or(0, |(lag, _)| lag);
     evidence.iter().zip(own).map(|(one, own)| if is_strong(one) { own } else { majority }).collect()
 }
@@ -161,25 +164,26 @@ fn components(values: &[Vec<f64>], covariance: &Mat<f64>, without: &[usize]) -> 
     own * Mat::from_fn(count, leading, |i, j| eigen.U()[(i, count - 1 - j)])
 }
 
-/// The part of the variance of each of some channels that the components of the row `lag` rows before it explain.
+/// The part of the variance of each of some channels that the components of the row `lag` rows before it explain. Alternating
+/// [`BLOCKS`] of the rows are fitted and tested: both halves of a raster of presses are all over the skin.
 fn explained(values: &[Vec<f64>], components: &Mat<f64>, channels: &[usize], lag: i32) -> Vec<f64> {
     let rows = values.len() as i32;
     let (first, last) = (lag.max(0) as usize, (rows + lag.min(0)) as usize);
+    let (even, odd): (Vec<usize>, Vec<usize>) =
+        (first..last).partition(|row| ((row - first) * BLOCKS / (last - first)).is_multiple_of(2));
     let source = |row: usize| (row as i32 - lag) as usize;
-    let middle = (first + last) / 2;
+    let input = |rows: &[usize]| Mat::from_fn(rows.len(), components.ncols(), |i, k| components[(source(rows[i]), k)]);
+    let target = |rows: &[usize]| Mat::from_fn(rows.len(), channels.len(), |i, j| values[rows[i]][channels[j]]);
     let mut sums = vec![[0.0; 2]; channels.len()];
-    for (fit, test) in [(first..middle, middle..last), (middle..last, first..middle)] {
-        let input = Mat::from_fn(fit.len(), components.ncols(), |i, k| components[(source(fit.start + i), k)]);
-        let target = Mat::from_fn(fit.len(), channels.len(), |i, j| values[fit.start + i][channels[j]]);
-        let Some(regression) = Regression::fit(&input, &target, RIDGE) else { return vec![0.0; channels.len()] };
-        let tested = Mat::from_fn(test.len(), components.ncols(), |i, k| components[(source(test.start + i), k)]);
-        let predicted = tested * &regression.weights;
+    for (fit, test) in [(&even, &odd), (&odd, &even)] {
+        let (fitted, tested) = (target(fit), target(test));
+        let Some(regression) = Regression::fit(&input(fit), &fitted, RIDGE) else { return vec![0.0; channels.len()] };
+        let predicted = input(test) * &regression.weights;
         for (j, [residual, total]) in sums.iter_mut().enumerate() {
-            let mean = target.col(j).iter().sum::<f64>() / fit.len() as f64;
-            for (i, row) in test.clone().enumerate() {
-                let value = values[row][channels[j]];
-                *residual += (value - regression.offsets[j] - predicted[(i, j)]).powi(2);
-                *total += (value - mean).powi(2);
+            let mean = fitted.col(j).iter().sum::<f64>() / fit.len() as f64;
+            for i in 0..test.len() {
+                *residual += (tested[(i, j)] - regression.offsets[j] - predicted[(i, j)]).powi(2);
+                *total += (tested[(i, j)] - mean).powi(2);
             }
         }
     }
