@@ -21,7 +21,7 @@ const dermis = path.resolve(process.env.DERMIS ?? "../target/release/dermis");
 const kept = process.env.FOLDER;
 if (kept) mkdirSync(kept, { recursive: true });
 const folder = kept ? path.resolve(kept) : mkdtempSync(path.join(tmpdir(), "dermis-session-"));
-const run = (...args) => execFileSync(dermis, args, { cwd: folder, encoding: "utf8" });
+const run = (...args) => execFileSync(dermis, args, { cwd: folder, encoding: "utf8", stdio: ["ignore", "pipe", "pipe"] });
 const seed = 71;
 const LEAST_N = 1.5;
 const MOST_N = 2.5;
