@@ -21,6 +21,8 @@ const GATE_M: f64 = 0.020;
 const LENGTH_PART: f64 = 0.1;
 /// The squared distance in standard deviations within which two normal variables lie with 95 %.
 const SQUARE_95: f64 = 5.991_464_547;
+/// Forces are not extrapolated by more than this factor beyond those of the labels.
+const BEYOND_LABELS: f64 = 1.5;
 /// Part of normal values within one standard deviation.
 const WITHIN_ONE_SD: f64 = 0.682_689_492;
 
@@ -49,8 +51,8 @@ const WITHIN_ONE_SD: f64 = 0.682_689_492;
 pub struct Correction {
     /// Name of the corrected method.
     pub(crate) method: String,
-    /// Shift along the two directions of the [chart](Surface::chart), m.
-    shift_m: [GaussianProcess; 2],
+    /// Shift along the two directions of the [chart](Surface::chart), m; `None` where no shift lowers the cross-validated error.
+    shift_m: Option<[GaussianProcess; 2]>,
     /// Standard deviation of a position over the stated one.
     sd_factor: f64,
     force: Option<ForceCorrection>,
@@ -66,6 +68,8 @@ struct ForceCorrection {
     several: GaussianProcess,
     /// Relative standard deviation.
     relative_sd: f64,
+    /// Range of the logarithm: that of the labels, and a factor of [`BEYOND_LABELS`] on each side.
+    range: [f64; 2],
 }
 
 /// What leave-one-out cross-validation on the labels states of a correction.
@@ -121,8 +125,10 @@ impl Correction {
             GaussianProcess::fit(&places, &values, length_m)
         };
         let ((u, left_u), (v, left_v)) = (fit(0)?, fit(1)?);
-        let left_m: Vec<f64> = left_u.iter().zip(&left_v).map(|(u, v)| u.hypot(*v)).collect();
+        let shifted_m: Vec<f64> = left_u.iter().zip(&left_v).map(|(u, v)| u.hypot(*v)).collect();
         let before_m: Vec<f64> = errors_m.iter().map(|[u, v]| u.hypot(*v)).collect();
+        let helps = mean(&shifted_m) < mean(&before_m);
+        let left_m = if helps { shifted_m } else { before_m.clone() };
         let force = ForceCorrection::fit(&found, frames, length_m)?;
         let quality = CorrectionQuality {
             labels: labels.len(),
@@ -134,7 +140,7 @@ impl Correction {
         };
         Ok(Correction {
             method: method.name().into(),
-            shift_m: [u, v],
+            shift_m: helps.then_some([u, v]),
             sd_factor: sd_factor(&found, &left_m),
             force: force.map(|(force, _)| force),
             quality,
@@ -161,7 +167,7 @@ impl Correction {
         let force = |force: &ForceCorrection| {
             force.single.is_consistent(SINGLE_FEATURES) && force.several.is_consistent(SEVERAL_FEATURES)
         };
-        self.shift_m.iter().all(|shift| shift.is_consistent(0))
+        self.shift_m.iter().flatten().all(|shift| shift.is_consistent(0))
             && self.force.as_ref().is_none_or(force)
             && self.sd_factor > 0.0
     }
@@ -175,13 +181,14 @@ impl Correction {
                     true => force.several.predict(&several_input(contact)),
                     false => force.single.predict(&single_input(contact, difference)),
                 };
-                contact.force_n = log.exp();
+                contact.force_n = log.clamp(force.range[0], force.range[1]).exp();
                 contact.force_sd_n = force.relative_sd * contact.force_n;
             }
-            let place = Input { position_m: contact.position_m, features: Vec::new() };
-            let shift_m = [0, 1].map(|axis| self.shift_m[axis].predict(&place));
-            contact.position_m = surface.walk(contact.position_m, shift_m);
-            contact.normal = surface.normal(contact.position_m).unwrap_or(contact.normal);
+            if let Some(shift_m) = &self.shift_m {
+                let place = Input { position_m: contact.position_m, features: Vec::new() };
+                contact.position_m = surface.walk(contact.position_m, [0, 1].map(|axis| shift_m[axis].predict(&place)));
+                contact.normal = surface.normal(contact.position_m).unwrap_or(contact.normal);
+            }
             contact.sd_m *= self.sd_factor;
         }
     }
@@ -199,9 +206,13 @@ impl ForceCorrection {
         let several: Vec<Input> = known.iter().map(|one| several_input(&one.contact)).collect();
         let (single, left) = GaussianProcess::fit(&single, &logs, length_m)?;
         let (several, _) = GaussianProcess::fit(&several, &logs, length_m)?;
+        let range = {
+            let logs = sorted(logs.iter().copied());
+            [logs[0] - BEYOND_LABELS.ln(), logs[logs.len() - 1] + BEYOND_LABELS.ln()]
+        };
         let off: Vec<f64> = sorted(left.iter().map(|log| (log.exp() - 1.0).abs()));
         let relative_sd = quantile(&off, WITHIN_ONE_SD);
-        Ok(Some((ForceCorrection { single, several, relative_sd }, left)))
+        Ok(Some((ForceCorrection { single, several, relative_sd, range }, left)))
     }
 }
 
