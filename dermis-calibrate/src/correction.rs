@@ -165,7 +165,9 @@ impl Correction {
     /// Whether it was stored whole.
     pub(crate) fn is_consistent(&self) -> bool {
         let force = |force: &ForceCorrection| {
-            force.single.is_consistent(SINGLE_FEATURES) && force.several.is_consistent(SEVERAL_FEATURES)
+            force.single.is_consistent(SINGLE_FEATURES)
+                && force.several.is_consistent(SEVERAL_FEATURES)
+                && force.range[0] <= force.range[1]
         };
         self.shift_m.iter().flatten().all(|shift| shift.is_consistent(0))
             && self.force.as_ref().is_none_or(force)

@@ -19,7 +19,7 @@ pub enum Fitted {
     /// A forward map.
     ForwardMap(Box<Calibration>),
     /// The correction of a method.
-    Correction(Correction),
+    Correction(Box<Correction>),
 }
 
 /// Fits the forward map, or the correction of a method by its name; without a choice, whichever locates the labels better,
@@ -36,7 +36,7 @@ pub fn fit(
             let message = format!("a correction of {name} needs labels on the skin, not in the frame of a robot");
             return Err(Failure::given(message, Some("name the columns of --truth in its first row")));
         }
-        return Ok(Fitted::Correction(correct(skin, frames, labels, name)??));
+        return Ok(Fitted::Correction(Box::new(correct(skin, frames, labels, name)??)));
     }
     let map = {
         let _waiting = Progress::waiting("fitting the forward map");
@@ -46,7 +46,10 @@ pub fn fit(
         (None, LabelFrame::Skin) => better_correction(skin, frames, labels, map.quality())?,
         _ => None,
     };
-    Ok(better.map_or_else(|| Fitted::ForwardMap(Box::new(map)), Fitted::Correction))
+    Ok(match better {
+        Some(correction) => Fitted::Correction(Box::new(correction)),
+        None => Fitted::ForwardMap(Box::new(map)),
+    })
 }
 
 /// The correction of the skin's default method, where it finds all labels and locates them better than a forward map.
@@ -75,10 +78,11 @@ fn correct(skin: &Skin, frames: &[Frame], labels: &[Label], name: &str) -> Outco
 impl Fitted {
     /// Writes it to a folder.
     pub fn save(&self, folder: &Path, design: &str) -> Outcome {
-        Ok(match self {
+        match self {
             Fitted::ForwardMap(map) => map.save(folder, design)?,
             Fitted::Correction(correction) => correction.save(folder, design)?,
-        })
+        }
+        Ok(())
     }
 
     /// Its figures as JSON, SI units.
