@@ -3,7 +3,7 @@
 use crate::console::Progress;
 use crate::failure::{Failure, Outcome};
 use clap::Args;
-use dermis::frame::{Frame, mean, read_frames};
+use dermis::frame::{Frame, mean, read_frames_without};
 use dermis::image::Image;
 use dermis::method::Method;
 use dermis::protocol::Protocol;
@@ -35,11 +35,11 @@ pub struct Differences {
 }
 
 impl FrameArguments {
-    /// Reads the frames and subtracts the baseline.
-    pub fn read(&self, protocol: &Protocol) -> Outcome<Differences> {
-        let frames = read_frames(&self.frames, protocol)?;
+    /// Reads the frames and subtracts the baseline. Channels that are left out need no values and are 0.
+    pub fn read(&self, protocol: &Protocol, left_out: &[usize]) -> Outcome<Differences> {
+        let frames = read_frames_without(&self.frames, protocol, left_out)?;
         let Some(path) = &self.baseline else { return Ok(Differences { frames, untouched: Vec::new() }) };
-        let untouched = read_frames(path, protocol)?;
+        let untouched = read_frames_without(path, protocol, left_out)?;
         let rest =
             mean(&untouched).ok_or_else(|| Failure::given(format!("{} holds no frame", path.display()), None))?;
         let minus_rest = |frames: &[Frame]| frames.iter().map(|frame| frame - &rest).collect();

@@ -1,6 +1,7 @@
 //! The program `dermis`.
 
 mod calibrated;
+mod channels;
 mod command;
 mod console;
 mod emulated;

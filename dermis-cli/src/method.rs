@@ -1,5 +1,6 @@
 //! The reconstruction method of a command.
 
+use crate::channels::{Channels, LEAVE_OUT_HELP};
 use crate::console::Progress;
 use crate::failure::{Failure, Outcome};
 use crate::frames::Differences;
@@ -39,33 +40,8 @@ pub struct MethodArguments {
     /// Scaling and weighting of the channels of a linear method.
     #[arg(long, value_enum, default_value_t = Weighting::Plain)]
     weighting: Weighting,
-    /// Channels to leave out: numbers and ranges, as in 0-23,40.
-    #[arg(long, value_name = "CHANNELS", default_value = "", hide_default_value = true)]
+    #[arg(long, value_name = "CHANNELS|FILE", default_value = "", hide_default_value = true, help = LEAVE_OUT_HELP)]
     leave_out: Channels,
-}
-
-/// Channels by number, as in `0-23,40`.
-#[derive(Debug, Clone, Default)]
-struct Channels(Vec<usize>);
-
-impl FromStr for Channels {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let number =
-            |text: &str| text.trim().parse::<usize>().map_err(|_| format!("`{text}` is not the number of a channel"));
-        let mut channels = Vec::new();
-        for part in text.split(',').filter(|part| !part.trim().is_empty()) {
-            let (first, last) = part.split_once('-').unwrap_or((part, part));
-            let (first, last) = (number(first)?, number(last)?);
-            // A protocol with the maximum number of electrodes has about one million channels.
-            if last < first || last - first > 2_000_000 {
-                return Err(format!("`{part}` is not a range of channels"));
-            }
-            channels.extend(first..=last);
-        }
-        Ok(Channels(channels))
-    }
 }
 
 /// Scaling and weighting of the channels.
@@ -111,6 +87,11 @@ impl MethodArguments {
         self.method.as_deref().unwrap_or_default()
     }
 
+    /// The channels that are left out.
+    pub fn left_out(&self) -> &[usize] {
+        self.leave_out.numbers()
+    }
+
     /// The folder of a calibration, where the method is one.
     pub fn calibration(&self) -> Option<&Path> {
         Some(Path::new(self.name())).filter(|folder| is_path(self.name()) && Calibration::is_folder(folder))
@@ -133,7 +114,7 @@ impl MethodArguments {
                 Weighting::Normalised => Difference::Normalised,
                 Weighting::NormalisedEqual => Difference::NormalisedEven,
             },
-            excluded: self.leave_out.0.clone(),
+            excluded: self.left_out().to_vec(),
             examples: if looks_at_data { differences.frames.clone() } else { Vec::new() },
         })
     }
@@ -158,7 +139,7 @@ impl MethodArguments {
     /// Position estimates of presses whose true positions are known in another coordinate frame: by several linear
     /// methods to select from, or by the requested network.
     pub fn press_estimates(&self, skin: &Skin, differences: &[Frame]) -> Outcome<PressEstimates> {
-        let left_out = self.options(&Differences::default())?.excluded;
+        let left_out = self.left_out().to_vec();
         let options = AlignOptions { left_out, ..AlignOptions::new(skin.design().sheet.touch) };
         if self.name().is_empty() {
             return Ok(PressEstimates::new(skin.forward(), skin.pixels(), differences, &options)?);

@@ -44,7 +44,7 @@ impl Arguments {
     pub fn run(self) -> Outcome {
         let write = self.format()?;
         let skin = skin::load(&self.design)?;
-        let differences = self.frames.read(&skin.design().protocol)?;
+        let differences = self.frames.read(&skin.design().protocol, self.method.left_out())?;
         let method = self.method.prepare(&skin, &differences)?;
         let detector = method.detector(&differences.untouched)?;
         let progress = Progress::new("reconstructing", differences.frames.len());

@@ -58,7 +58,7 @@ impl Arguments {
     /// Reconstructs images, detects contacts and scores them.
     pub fn run(self) -> Outcome {
         let skin = skin::load(&self.design)?;
-        let differences = self.frames.read(&skin.design().protocol)?;
+        let differences = self.frames.read(&skin.design().protocol, self.method.left_out())?;
         if let Some(folder) = self.method.calibration() {
             if self.align.is_some() {
                 let fix = Some("leave --align out");

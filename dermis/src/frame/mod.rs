@@ -14,7 +14,9 @@ pub use broken::broken_channels;
 pub use npy::npy_header;
 pub use output::write_whole;
 pub use reciprocity::{Screening, twins};
-pub use table::{Table, read_array, read_conductivities, read_frames, read_table, write_array, write_frames};
+pub use table::{
+    Table, read_array, read_conductivities, read_frames, read_frames_without, read_table, write_array, write_frames,
+};
 pub use truth::{Truth, frames_after_last_touch, read_truth, write_truth};
 
 use std::ops::{Deref, DerefMut, Sub};
