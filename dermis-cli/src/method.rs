@@ -44,6 +44,35 @@ pub struct MethodArguments {
     leave_out: Channels,
 }
 
+/// Which contacts are detected.
+#[derive(Debug, Clone, Args)]
+pub struct DetectArguments {
+    /// Detect contacts that raise and contacts that lower the conductance, such as metal and plastic in a tank; each
+    /// contact says which it does. Linear methods only.
+    #[arg(long)]
+    both_signs: bool,
+}
+
+impl DetectArguments {
+    /// The detector for a method's images, with the noise measured in untouched frames.
+    pub fn detector(&self, skin: &Skin, method: &Method, untouched: &[Frame]) -> Outcome<Detector> {
+        let detector = method.detector(untouched)?;
+        if !self.both_signs {
+            return Ok(detector);
+        }
+        if !Methods::LINEAR.contains(&method.name()) {
+            let message = format!("{} finds touches alone, not contacts of both signs", method.label());
+            return Err(Failure::given(message, Some("give a linear method, as in --method noser")));
+        }
+        Ok(detector.with_both_signs(skin.design().sheet.touch.change()))
+    }
+
+    /// Whether each contact says how it changes the conductance.
+    pub fn both_signs(&self) -> bool {
+        self.both_signs
+    }
+}
+
 /// Scaling and weighting of the channels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Weighting {

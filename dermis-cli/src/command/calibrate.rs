@@ -47,7 +47,7 @@ impl Arguments {
     /// Fits the calibration and writes it.
     pub fn run(self) -> Outcome {
         let skin = skin::load(&self.design)?;
-        let frames = self.frames.read(&skin.design().protocol, &[])?.frames;
+        let frames = self.frames.read(&skin, &[])?.frames;
         let presses = Presses::read(&self.truth, &skin, frames.len())?;
         let labels = presses.labels(self.labels.as_ref())?;
         let last = labels.last().map_or(0, |label| label.row);

@@ -10,6 +10,7 @@ mod emulate;
 mod evaluate;
 mod experiment;
 mod export;
+mod fit;
 mod forward;
 mod jacobian;
 mod live;
@@ -48,6 +49,8 @@ pub enum Command {
     Benchmark(benchmark::Arguments),
     /// Calibrate a real skin with measured presses.
     Calibrate(calibrate::Arguments),
+    /// Fit sheet resistance and contact impedances to frames of the untouched skin.
+    Fit(fit::Arguments),
     /// Measure a method on simulated touches: standard deviation of positions, force per strength.
     Characterise(characterise::Arguments),
     /// Simulate the paper's indentation experiment on a digital twin and write its frames.
@@ -98,6 +101,7 @@ impl Command {
             Command::Evaluate(arguments) => arguments.run(),
             Command::Benchmark(arguments) => arguments.run(),
             Command::Calibrate(arguments) => arguments.run(),
+            Command::Fit(arguments) => arguments.run(),
             Command::Characterise(arguments) => arguments.run(),
             Command::Experiment(arguments) => arguments.run(),
             Command::Export(arguments) => arguments.run(),
