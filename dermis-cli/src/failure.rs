@@ -173,6 +173,7 @@ macro_rules! from_modules {
 }
 from_modules!(
     dermis::Error:
+        dermis::fit::FitError,
         dermis::frame::TableError,
         dermis::mesh::MeshError,
         dermis::forward::ForwardError,

@@ -3,12 +3,17 @@
 use crate::console::Progress;
 use crate::failure::{Failure, Outcome};
 use clap::Args;
-use dermis::frame::{Frame, mean, read_frames};
+use dermis::fit::model_differences;
+use dermis::frame::{Frame, mean, read_frames_without};
 use dermis::image::Image;
 use dermis::method::Method;
 use dermis::protocol::Protocol;
+use dermis::skin::Skin;
 use rayon::prelude::*;
 use std::path::PathBuf;
+
+/// The value of `--baseline` for the model's own untouched frame; a file of that name is `./model`.
+const MODEL: &str = "model";
 
 /// Where frames come from.
 #[derive(Debug, Args)]
@@ -17,8 +22,8 @@ pub struct FrameArguments {
     #[arg(long, value_name = "FILE")]
     pub frames: PathBuf,
     /// Untouched frames, one per row; their mean is the baseline. From 8 of them on, the noise is measured from their
-    /// scatter.
-    #[arg(long, value_name = "FILE", required_unless_present = "difference", conflicts_with = "difference")]
+    /// scatter. `model` is the untouched frame of the design, scaled to the frames: see `dermis fit`.
+    #[arg(long, value_name = "FILE|model", required_unless_present = "difference", conflicts_with = "difference")]
     pub baseline: Option<PathBuf>,
     /// The frames are differences from the untouched skin.
     #[arg(long)]
@@ -44,16 +49,23 @@ pub struct Recorded {
 }
 
 impl FrameArguments {
-    /// Reads the frames and subtracts the baseline.
-    pub fn read(&self, protocol: &Protocol) -> Outcome<Differences> {
-        Ok(self.read_recorded(protocol)?.into_differences())
+    /// Reads the frames and subtracts the baseline. Channels that are left out need no values and are 0.
+    pub fn read(&self, skin: &Skin, left_out: &[usize]) -> Outcome<Differences> {
+        let protocol = &skin.design().protocol;
+        if self.baseline.as_deref().is_some_and(|path| path.as_os_str() == MODEL) {
+            let frames = read_frames_without(&self.frames, protocol, left_out)?;
+            let model = skin.forward().solve(skin.forward().rest_conductivity())?;
+            let frames = model_differences(protocol, &model, &frames, left_out)?.frames;
+            return Ok(Differences { frames, untouched: Vec::new() });
+        }
+        Ok(self.read_recorded(protocol, left_out)?.into_differences())
     }
 
-    /// Reads the frames.
-    pub fn read_recorded(&self, protocol: &Protocol) -> Outcome<Recorded> {
-        let frames = read_frames(&self.frames, protocol)?;
+    /// Reads the frames. Channels that are left out need no values and are 0.
+    pub fn read_recorded(&self, protocol: &Protocol, left_out: &[usize]) -> Outcome<Recorded> {
+        let frames = read_frames_without(&self.frames, protocol, left_out)?;
         let Some(path) = &self.baseline else { return Ok(Recorded { frames, untouched: Vec::new() }) };
-        let untouched = read_frames(path, protocol)?;
+        let untouched = read_frames_without(path, protocol, left_out)?;
         if untouched.is_empty() {
             return Err(Failure::given(format!("{} holds no frame", path.display()), None));
         }

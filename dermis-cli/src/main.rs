@@ -1,6 +1,7 @@
 //! The program `dermis`.
 
 mod calibrated;
+mod channels;
 mod check_page;
 mod command;
 mod console;

@@ -1,5 +1,6 @@
 //! The reconstruction method of a command.
 
+use crate::channels::{Channels, LEAVE_OUT_HELP};
 use crate::console::Progress;
 use crate::failure::{Failure, Outcome};
 use crate::frames::Differences;
@@ -39,32 +40,36 @@ pub struct MethodArguments {
     /// Scaling and weighting of the channels of a linear method.
     #[arg(long, value_enum, default_value_t = Weighting::Plain)]
     weighting: Weighting,
-    /// Channels to leave out: numbers and ranges, as in 0-23,40.
-    #[arg(long, value_name = "CHANNELS", default_value = "", hide_default_value = true)]
+    #[arg(long, value_name = "CHANNELS|FILE", default_value = "", hide_default_value = true, help = LEAVE_OUT_HELP)]
     leave_out: Channels,
 }
 
-/// Channels by number, as in `0-23,40`.
-#[derive(Debug, Clone, Default)]
-struct Channels(Vec<usize>);
+/// Which contacts are detected.
+#[derive(Debug, Clone, Args)]
+pub struct DetectArguments {
+    /// Detect contacts that raise and contacts that lower the conductance, such as metal and plastic in a tank; each
+    /// contact says which it does. Linear methods only.
+    #[arg(long)]
+    both_signs: bool,
+}
 
-impl FromStr for Channels {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let number =
-            |text: &str| text.trim().parse::<usize>().map_err(|_| format!("`{text}` is not the number of a channel"));
-        let mut channels = Vec::new();
-        for part in text.split(',').filter(|part| !part.trim().is_empty()) {
-            let (first, last) = part.split_once('-').unwrap_or((part, part));
-            let (first, last) = (number(first)?, number(last)?);
-            // A protocol with the maximum number of electrodes has about one million channels.
-            if last < first || last - first > 2_000_000 {
-                return Err(format!("`{part}` is not a range of channels"));
-            }
-            channels.extend(first..=last);
+impl DetectArguments {
+    /// The detector for a method's images, with the noise measured in untouched frames.
+    pub fn detector(&self, skin: &Skin, method: &Method, untouched: &[Frame]) -> Outcome<Detector> {
+        let detector = method.detector(untouched)?;
+        if !self.both_signs {
+            return Ok(detector);
         }
-        Ok(Channels(channels))
+        if !Methods::LINEAR.contains(&method.name()) {
+            let message = format!("{} finds touches alone, not contacts of both signs", method.label());
+            return Err(Failure::given(message, Some("give a linear method, as in --method noser")));
+        }
+        Ok(detector.with_both_signs(skin.design().sheet.touch.change()))
+    }
+
+    /// Whether each contact says how it changes the conductance.
+    pub fn both_signs(&self) -> bool {
+        self.both_signs
     }
 }
 
@@ -111,6 +116,11 @@ impl MethodArguments {
         self.method.as_deref().unwrap_or_default()
     }
 
+    /// The channels that are left out.
+    pub fn left_out(&self) -> &[usize] {
+        self.leave_out.numbers()
+    }
+
     /// The folder of a calibration, where the method is one.
     pub fn calibration(&self) -> Option<&Path> {
         Some(Path::new(self.name())).filter(|folder| is_path(self.name()) && Calibration::is_folder(folder))
@@ -133,7 +143,7 @@ impl MethodArguments {
                 Weighting::Normalised => Difference::Normalised,
                 Weighting::NormalisedEqual => Difference::NormalisedEven,
             },
-            excluded: self.leave_out.0.clone(),
+            excluded: self.left_out().to_vec(),
             examples: if looks_at_data { differences.frames.clone() } else { Vec::new() },
         })
     }
@@ -158,7 +168,7 @@ impl MethodArguments {
     /// Position estimates of presses whose true positions are known in another coordinate frame: by several linear
     /// methods to select from, or by the requested network.
     pub fn press_estimates(&self, skin: &Skin, differences: &[Frame]) -> Outcome<PressEstimates> {
-        let left_out = self.options(&Differences::default())?.excluded;
+        let left_out = self.left_out().to_vec();
         let options = AlignOptions { left_out, ..AlignOptions::new(skin.design().sheet.touch) };
         if self.name().is_empty() {
             return Ok(PressEstimates::new(skin.forward(), skin.pixels(), differences, &options)?);

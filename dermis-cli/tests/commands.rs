@@ -346,11 +346,10 @@ fn bad_frames_are_named_by_row_and_column() {
     assert!(refused(format!("{good}\n{good},1\n")).contains("bad.csv, row 2: too many values: 41"));
     assert!(refused("1,2\n".into()).contains("bad.csv, row 1: too few values: 2"));
     assert!(
-        refused(format!("{good}\n{}\n", good.replacen('1', "nan", 1))).contains("row 2, column 1: the value is NaN")
+        refused(format!("{good}\n{}\n", good.replacen('1', "nan", 1)))
+            .contains("row 2: channel 0 is NaN: mend the frame, or leave")
     );
-    assert!(
-        refused(format!("{good}\n{}\n", good.replacen('1', "inf", 1))).contains("row 2, column 1: the value is inf")
-    );
+    assert!(refused(format!("{good}\n{}\n", good.replacen('1', "inf", 1))).contains("row 2: channel 0 is inf"));
     assert!(
         refused(format!("{good}\n{}\n", good.replacen('1', "open", 1)))
             .contains("row 2, column 1: `open` is not a number")

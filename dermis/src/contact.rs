@@ -38,6 +38,38 @@ pub struct Contact {
     pub sd_m: f64,
     /// Probability that a true contact is within 20 mm.
     pub confidence: f64,
+    /// The sign of the conductance change, where contacts of both signs were looked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub conductance: Option<ConductanceChange>,
+}
+
+/// The sign of a conductance change.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ConductanceChange {
+    /// The contact conducts better than the untouched skin: a conductor in a tank.
+    Rises,
+    /// It conducts worse: an insulator.
+    Falls,
+}
+
+impl ConductanceChange {
+    /// Its name in tables and JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            ConductanceChange::Rises => "rises",
+            ConductanceChange::Falls => "falls",
+        }
+    }
+
+    /// The other sign.
+    #[must_use]
+    pub fn reversed(self) -> Self {
+        match self {
+            ConductanceChange::Rises => ConductanceChange::Falls,
+            ConductanceChange::Falls => ConductanceChange::Rises,
+        }
+    }
 }
 
 impl Contact {
@@ -77,6 +109,7 @@ impl Contact {
             force_sd_n: f64::NAN,
             sd_m: f64::NAN,
             confidence: 1.0,
+            conductance: None,
         }
     }
 }
@@ -100,5 +133,15 @@ mod tests {
         let back: Contact = serde_json::from_str(&serde_json::to_string(&contact).unwrap()).unwrap();
         assert!(back.force_n.is_nan() && back.area_m2.is_nan());
         assert_eq!((back.strength, back.position_m), (0.1, [1.0, 2.0, 3.0]));
+    }
+
+    #[test]
+    fn the_sign_of_a_change_is_written_only_where_it_is_known() {
+        let contact = Contact::truth([1.0, 2.0, 3.0], [0.0, 0.0, 1.0], f64::NAN);
+        assert!(!serde_json::to_string(&contact).unwrap().contains("conductance"));
+        let contact = Contact { conductance: Some(ConductanceChange::Falls), ..contact };
+        let text = serde_json::to_string(&contact).unwrap();
+        assert!(text.ends_with(",\"conductance\":\"falls\"}"), "{text}");
+        assert_eq!(serde_json::from_str::<Contact>(&text).unwrap().conductance, contact.conductance);
     }
 }

@@ -23,6 +23,9 @@ pub enum Error {
     /// A forward problem without a solution.
     #[error(transparent)]
     Forward(#[from] crate::forward::ForwardError),
+    /// Frames to which a design cannot be fitted.
+    #[error(transparent)]
+    Fit(#[from] crate::fit::FitError),
     /// A reconstruction that cannot be set up or carried out.
     #[error(transparent)]
     Reconstruct(#[from] crate::reconstruct::ReconstructError),

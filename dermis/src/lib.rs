@@ -29,6 +29,7 @@ pub mod image;
 pub mod forward;
 // Layer 6
 pub mod detect;
+pub mod fit;
 pub mod track;
 // Layer 7
 pub mod reconstruct;

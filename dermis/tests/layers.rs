@@ -17,7 +17,7 @@ const LAYERED: &[(&str, &[&[&str]])] = &[
             &["mesh"],
             &["fem", "image"],
             &["forward"],
-            &["detect", "track"],
+            &["detect", "fit", "track"],
             &["reconstruct"],
             &["skin"],
             &["method"],

@@ -71,7 +71,7 @@ impl Arguments {
         let skin = skin::load(&self.design)?;
         let (frames, baseline) = (frames.clone(), self.baseline.clone());
         let frames = FrameArguments { frames, baseline, difference: self.difference };
-        let recorded = frames.read_recorded(&skin.design().protocol)?;
+        let recorded = frames.read_recorded(&skin.design().protocol, &[])?;
         let presses = Presses::read(truth, &skin, recorded.frames.len())?;
         warn_of_faults(&skin, &recorded, &presses)?;
         let frames = recorded.into_differences().frames;

@@ -42,7 +42,7 @@ impl Arguments {
             check_ending(path)?;
         }
         let skin = skin::load(&self.design)?;
-        let Recorded { frames, untouched } = self.frames.read_recorded(&skin.design().protocol)?;
+        let Recorded { frames, untouched } = self.frames.read_recorded(&skin.design().protocol, &[])?;
         let presses = self.truth.as_ref().map(|path| Presses::read(path, &skin, frames.len())).transpose()?;
         let positions_m = presses.as_ref().map(Presses::positions_m);
         let checked = {

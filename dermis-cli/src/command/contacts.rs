@@ -3,10 +3,10 @@
 use crate::console::{Progress, print};
 use crate::failure::{Failure, Outcome};
 use crate::frames::FrameArguments;
-use crate::method::MethodArguments;
+use crate::method::{DetectArguments, MethodArguments};
 use crate::skin;
 use clap::Args;
-use dermis::contact::Contact;
+use dermis::contact::{ConductanceChange, Contact};
 use dermis::frame::write_whole;
 use dermis::geom::Surface;
 use rayon::prelude::*;
@@ -23,7 +23,9 @@ pub struct Arguments {
     frames: FrameArguments,
     #[command(flatten)]
     method: MethodArguments,
-    /// File to write: a table with a row per contact (.csv; theta_rad on cylinders alone), or a line of JSON per frame
+    #[command(flatten)]
+    detect: DetectArguments,
+    /// File to write: a table with a row per contact (.csv; theta_rad on cylinders alone, conductance with --both-signs), or a line of JSON per frame
     /// (.jsonl).
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
@@ -44,9 +46,9 @@ impl Arguments {
     pub fn run(self) -> Outcome {
         let write = self.format()?;
         let skin = skin::load(&self.design)?;
-        let differences = self.frames.read(&skin.design().protocol)?;
+        let differences = self.frames.read(&skin, self.method.left_out())?;
         let method = self.method.prepare(&skin, &differences)?;
-        let detector = method.detector(&differences.untouched)?;
+        let detector = self.detect.detector(&skin, &method, &differences.untouched)?;
         let progress = Progress::new("reconstructing", differences.frames.len());
         let contacts = differences.frames.par_iter().map(|difference| {
             let contacts = method.contacts(difference, &detector);
@@ -64,6 +66,7 @@ impl Arguments {
 
     fn format(&self) -> Outcome<Format> {
         match self.output.extension().and_then(|extension| extension.to_str()) {
+            Some("csv") if self.detect.both_signs() => Ok(write_csv_of_both_signs),
             Some("csv") => Ok(write_csv),
             Some("jsonl") => Ok(write_jsonl),
             _ => {
@@ -76,13 +79,29 @@ impl Arguments {
 
 /// A row for each contact.
 fn write_csv(out: &mut dyn Write, frames: &[Vec<Contact>], surface: &Surface) -> std::io::Result<()> {
-    writeln!(out, "frame,{},theta_rad", Contact::COLUMNS.join(","))?;
+    write_rows(out, frames, surface, "", |_| String::new())
+}
+
+/// A row for each contact, with the sign of its change of conductance.
+fn write_csv_of_both_signs(out: &mut dyn Write, frames: &[Vec<Contact>], surface: &Surface) -> std::io::Result<()> {
+    let sign = |contact: &Contact| format!(",{}", contact.conductance.map_or("", ConductanceChange::name));
+    write_rows(out, frames, surface, ",conductance", sign)
+}
+
+fn write_rows(
+    out: &mut dyn Write,
+    frames: &[Vec<Contact>],
+    surface: &Surface,
+    last_column: &str,
+    last: impl Fn(&Contact) -> String,
+) -> std::io::Result<()> {
+    writeln!(out, "frame,{},theta_rad{last_column}", Contact::COLUMNS.join(","))?;
     for (frame, contacts) in frames.iter().enumerate() {
         for contact in contacts {
             let known = |value: f64| if value.is_finite() { format!("{value:?}") } else { String::new() };
             let theta_rad = surface.theta_rad(contact.position_m).map_or_else(String::new, known);
             let values: Vec<String> = contact.values().into_iter().map(known).collect();
-            writeln!(out, "{frame},{},{},{theta_rad}", contact.id, values.join(","))?;
+            writeln!(out, "{frame},{},{},{theta_rad}{}", contact.id, values.join(","), last(contact))?;
         }
     }
     Ok(())

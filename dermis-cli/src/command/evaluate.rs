@@ -4,7 +4,7 @@ use crate::calibrated;
 use crate::console::{Progress, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
 use crate::frames::{FrameArguments, images};
-use crate::method::MethodArguments;
+use crate::method::{DetectArguments, MethodArguments};
 use crate::rows::Rows;
 use crate::skin;
 use clap::Args;
@@ -27,6 +27,8 @@ pub struct Arguments {
     frames: FrameArguments,
     #[command(flatten)]
     method: MethodArguments,
+    #[command(flatten)]
+    detect: DetectArguments,
     /// True touches, one per row: frame,z_m,theta_rad on a cylinder, frame,x_m,y_m on a flat skin, frame,x_m,y_m,z_m on
     /// a mesh; optionally force_n.
     #[arg(long, value_name = "FILE")]
@@ -38,7 +40,7 @@ pub struct Arguments {
     #[arg(
         long,
         value_name = "N",
-        conflicts_with_all = ["alpha", "alpha_absolute", "noser_exponent", "weighting"]
+        conflicts_with_all = ["alpha", "alpha_absolute", "noser_exponent", "weighting", "both_signs"]
     )]
     align: Option<usize>,
     /// Draw the N presses at random, this many times, and report the median error.
@@ -59,14 +61,15 @@ impl Arguments {
     /// Reconstructs images, detects contacts and scores them.
     pub fn run(self) -> Outcome {
         let skin = skin::load(&self.design)?;
-        let differences = self.frames.read(&skin.design().protocol)?;
+        let differences = self.frames.read(&skin, self.method.left_out())?;
         if let Some(folder) = self.method.calibration() {
             if self.align.is_some() {
                 let fix = Some("leave --align out");
                 return Err(Failure::given("the pose of a calibrated skin is known", fix));
             }
             // Refuses options that a calibration does not have.
-            self.method.prepare(&skin, &differences)?;
+            let method = self.method.prepare(&skin, &differences)?;
+            self.detect.detector(&skin, &method, &[])?;
             let (rows, report) = (self.rows.as_ref(), self.output.as_deref());
             return calibrated::evaluate(&skin, folder, &differences.frames, &self.truth, rows, report, self.json);
         }
@@ -96,7 +99,7 @@ impl Arguments {
             }
         };
         let method = self.method.prepare(&skin, &differences)?;
-        let detector = method.detector(&differences.untouched)?;
+        let detector = self.detect.detector(&skin, &method, &differences.untouched)?;
         let (frames, truth) = self.chosen(differences.frames, truth)?;
         let images = images(&method, &frames)?;
         let contacts = frames.par_iter().map(|frame| method.contacts(frame, &detector));

@@ -11,6 +11,7 @@ mod emulate;
 mod evaluate;
 mod experiment;
 mod export;
+mod fit;
 mod forward;
 mod jacobian;
 mod live;
@@ -51,6 +52,8 @@ pub enum Command {
     Calibrate(calibrate::Arguments),
     /// Check a recording: late, dead or saturated channels, their order, signs, units, drift; writes a page.
     CheckFrames(check_frames::Arguments),
+    /// Fit sheet resistance and contact impedances to frames of the untouched skin.
+    Fit(fit::Arguments),
     /// Measure a method on simulated touches: standard deviation of positions, force per strength.
     Characterise(characterise::Arguments),
     /// Simulate the paper's indentation experiment on a digital twin and write its frames.
@@ -102,6 +105,7 @@ impl Command {
             Command::Benchmark(arguments) => arguments.run(),
             Command::Calibrate(arguments) => arguments.run(),
             Command::CheckFrames(arguments) => arguments.run(),
+            Command::Fit(arguments) => arguments.run(),
             Command::Characterise(arguments) => arguments.run(),
             Command::Experiment(arguments) => arguments.run(),
             Command::Export(arguments) => arguments.run(),

@@ -169,7 +169,7 @@ impl Arguments {
         let (frames, baseline) = (frames.clone(), self.baseline.clone());
         let frames = FrameArguments { frames, baseline, difference: self.difference };
         let skin = Skin::with_mesh(design.clone(), mesh)?;
-        let differences = frames.read(&design.protocol)?;
+        let differences = frames.read(&skin, self.method.left_out())?;
         let method = self.method.prepare(&skin, &differences)?;
         let how = method.description();
         let (images, detector) = (images(&method, &differences.frames)?, method.detector(&differences.untouched)?);

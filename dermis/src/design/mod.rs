@@ -5,12 +5,14 @@ mod error;
 mod file;
 mod layout;
 mod resolve;
+mod rewrite;
 mod rim;
 mod shipped;
 
 pub use error::DesignError;
 pub use error::{closest_name, explain_toml_error};
 
+use crate::contact::ConductanceChange;
 use crate::geom::{Point3, Surface};
 use crate::protocol::Protocol;
 use std::path::PathBuf;
@@ -72,6 +74,15 @@ impl SkinDesign {
     /// the body or overlap; a protocol that does not fit the electrodes. The error contains the line.
     pub fn parse(text: &str, name: &str) -> Result<Self, DesignError> {
         resolve::parse(text, name)
+    }
+
+    /// The text of a design file with the conductances of the sheet and its regions and the contact impedances of this
+    /// design, to seven digits; all else, comments included, stays as it is.
+    ///
+    /// # Errors
+    /// As [`parse`](Self::parse); a text with another number of electrodes or regions.
+    pub fn rewrite(&self, text: &str, name: &str) -> Result<String, DesignError> {
+        rewrite::rewrite(self, text, name)
     }
 
     /// Checks a design that was built or changed by a program, as [`parse`](Self::parse) checks a file.
@@ -180,6 +191,14 @@ impl TouchEffect {
         match self {
             TouchEffect::ConductanceRises => 1.0,
             TouchEffect::ConductanceFalls => -1.0,
+        }
+    }
+
+    /// The change under touch.
+    pub fn change(self) -> ConductanceChange {
+        match self {
+            TouchEffect::ConductanceRises => ConductanceChange::Rises,
+            TouchEffect::ConductanceFalls => ConductanceChange::Falls,
         }
     }
 }

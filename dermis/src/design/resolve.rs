@@ -52,7 +52,11 @@ pub(super) fn text_of(name_or_path: &str) -> Result<String, DesignError> {
 
 /// A design from the text of a TOML file.
 pub(super) fn parse(text: &str, name: &str) -> Result<SkinDesign, DesignError> {
-    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    Ok(read(text.strip_prefix('\u{feff}').unwrap_or(text), name)?.1)
+}
+
+/// The tables of a TOML file without a byte-order mark, and the design.
+pub(super) fn read(text: &str, name: &str) -> Result<(DesignFile, SkinDesign), DesignError> {
     let source = Source { name, text };
     let file: DesignFile = toml::from_str(text).map_err(|error| {
         let (message, fix) = explain_toml_error(error.message());
@@ -61,7 +65,7 @@ pub(super) fn parse(text: &str, name: &str) -> Result<SkinDesign, DesignError> {
     let design = source.resolve(&file)?;
     check::check(&design)
         .map_err(|problem| source.fail(Some(locate(&file, problem.place)), problem.message, problem.fix))?;
-    Ok(design)
+    Ok((file, design))
 }
 
 /// The byte range of a place in the file.

@@ -17,13 +17,14 @@ pub use forces::Forces;
 pub use noise::ImageNoise;
 pub use spread::{Circumstances, Factor, Misplacement, PositionSpread, blur_share};
 
-use crate::contact::Contact;
+use crate::contact::{ConductanceChange, Contact};
 use crate::geom::Surface;
 use crate::geom::vector::{Point3, dot, normalize, scale, sub};
 use crate::image::Image;
 use peaks::Basin;
 use serde::{Deserialize, Serialize};
 use spots::Spot;
+use std::sync::Arc;
 
 /// Detection options. The defaults are those of linear images.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -106,18 +107,27 @@ const BLUR_ERROR: f64 = 0.1;
 pub struct Detector {
     options: DetectOptions,
     noise: Option<ImageNoise>,
+    /// The change of conductance where the image is positive, if contacts of both signs are looked for.
+    positive: Option<ConductanceChange>,
 }
 
 impl Detector {
     /// A detector that estimates the noise from each image, by the difference of pixels from the mean of their
     /// neighbours. This is the standard deviation of white noise; it is zero for a smooth image.
     pub fn new(options: DetectOptions) -> Self {
-        Detector { options, noise: None }
+        Detector { options, noise: None, positive: None }
     }
 
     /// The same detector for images of known noise.
     pub fn with_noise(self, noise: ImageNoise) -> Self {
         Detector { noise: Some(noise), ..self }
+    }
+
+    /// The same detector for contacts of both signs, each with its [sign](Contact::conductance). `positive` is the change
+    /// of conductance where the image is positive, that of a touch. Thresholds relative to the image's peak apply to the
+    /// highest peak of both signs, since side lobes of the one are peaks of the other.
+    pub fn with_both_signs(self, positive: ConductanceChange) -> Self {
+        Detector { positive: Some(positive), ..self }
     }
 
     /// The contacts in an image, the strongest peak first.
@@ -139,14 +149,34 @@ impl Detector {
         if let Some(noise) = &self.noise {
             assert_eq!(noise.pixel_count(), image.space.len(), "the noise of these pixels");
         }
-        let highest = image.values.iter().copied().filter(|value| value.is_finite()).fold(0.0, f64::max);
+        let size = |value: f64| if self.positive.is_some() { value.abs() } else { value };
+        let finite = image.values.iter().copied().filter(|value| value.is_finite());
+        let highest = finite.map(size).fold(0.0, f64::max);
         let even_sd = if self.noise.is_none() { noise::roughness(image) } else { 0.0 };
         let sd = |pixel: usize| self.noise.as_ref().map_or(even_sd, |noise| noise.sd()[pixel]);
-        let found = match self.options.spot_width_m {
-            Some(width_m) => self.spots(image, width_m, &sd),
-            None => self.basins(image, highest, &sd),
-        };
+        let mut found = self.found(image, highest, self.positive, &sd);
+        if let Some(positive) = self.positive {
+            let values = image.values.iter().map(|value| -value).collect();
+            let negative = Image { space: Arc::clone(&image.space), values };
+            found.extend(self.found(&negative, highest, Some(positive.reversed()), &sd));
+            found.sort_by(|a, b| b.height.total_cmp(&a.height));
+        }
         (0..found.len()).map(|index| self.rated(image, &found, index, highest)).collect()
+    }
+
+    /// The peaks of an image, which are contacts of the given sign.
+    fn found(
+        &self,
+        image: &Image,
+        highest: f64,
+        conductance: Option<ConductanceChange>,
+        sd: &dyn Fn(usize) -> f64,
+    ) -> Vec<Found> {
+        let found = match self.options.spot_width_m {
+            Some(width_m) => self.spots(image, width_m, sd),
+            None => self.basins(image, highest, sd),
+        };
+        found.into_iter().map(|found| Found { conductance, ..found }).collect()
     }
 
     fn spots(&self, image: &Image, width_m: f64, sd: &dyn Fn(usize) -> f64) -> Vec<Found> {
@@ -186,6 +216,7 @@ impl Detector {
             height: basin.height,
             peak_sd,
             noise_variance_m2,
+            conductance: None,
         }
     }
 
@@ -217,6 +248,7 @@ impl Detector {
             force_sd_n: self.options.forces.map_or(f64::NAN, |forces| forces.relative_sd * force_n),
             sd_m,
             confidence: confidence(own.height, own.peak_sd, highest, sd_m, image.space.len()),
+            conductance: own.conductance,
         };
         (contact, circumstances)
     }
@@ -233,6 +265,7 @@ struct Found {
     peak_sd: f64,
     /// Variance of its position per axis due to noise.
     noise_variance_m2: f64,
+    conductance: Option<ConductanceChange>,
 }
 
 /// A contact from a fitted spot.
@@ -246,6 +279,7 @@ fn found_spot(image: &Image, spot: &Spot, width_m: f64, peak_sd: f64) -> Found {
         height,
         peak_sd,
         noise_variance_m2: spots::centre_variance_m2(&image.space, spot, peak_sd),
+        conductance: None,
     }
 }
 

@@ -1,3 +1,4 @@
+use crate::contact::ConductanceChange;
 use crate::detect::{DetectOptions, Detector, GATE_M, ImageNoise, detect, normal_tail, whole_image_centroid};
 use crate::forward::Matrix;
 use crate::geom::Surface;
@@ -47,6 +48,23 @@ fn a_peak_is_found_at_its_centre_also_across_the_seam() {
         assert!(crate::geom::vector::dot(contacts[0].normal, outwards) > 0.999);
         assert!(space.surface.distance_m(whole_image_centroid(&image).unwrap(), centre) < 0.5e-3);
     }
+}
+
+/// Contacts of both signs, the highest first; thresholds are those of the highest of either sign.
+#[test]
+fn contacts_of_both_signs_say_which_they_have() {
+    let space = cylinder_space();
+    let place = |theta| space.surface.at(0.15, theta).unwrap();
+    let image = bumps(&space, &[(place(0.5), 1.0, 0.012), (place(2.5), -2.0, 0.012), (place(4.5), 0.5, 0.012)]);
+    assert_eq!(detect(&image, &DetectOptions::default()).len(), 2);
+    let detector = Detector::new(DetectOptions::default()).with_both_signs(ConductanceChange::Falls);
+    let contacts = detector.detect(&image);
+    let found: Vec<_> = contacts.iter().map(|contact| (contact.id, contact.conductance)).collect();
+    assert_eq!(found, [(0, Some(ConductanceChange::Rises)), (1, Some(ConductanceChange::Falls))]);
+    assert!(space.surface.distance_m(contacts[0].position_m, place(2.5)) < 1e-3);
+    assert!(space.surface.distance_m(contacts[1].position_m, place(0.5)) < 1e-3);
+    assert!(contacts.iter().all(|contact| contact.strength > 0.0));
+    assert!(detect(&image, &DetectOptions::default()).iter().all(|contact| contact.conductance.is_none()));
 }
 
 #[test]

@@ -10,6 +10,7 @@
 mod assembly;
 mod batch;
 mod conductors;
+mod contact_jacobian;
 mod jacobian;
 mod model;
 mod near_field;

@@ -299,6 +299,12 @@ impl Solver {
     /// # Errors
     /// As [`solve_into`](Self::solve_into).
     pub fn potentials(&mut self, conductivity: &[f64]) -> Result<Matrix, ForwardError> {
+        Ok(self.fields(conductivity)?.0)
+    }
+
+    /// The potentials of all nodes and of all electrodes, without the series resistances; columns as in
+    /// [`potentials`](Self::potentials).
+    pub(super) fn fields(&mut self, conductivity: &[f64]) -> Result<(Matrix, Matrix), ForwardError> {
         let network = self.bare_network(conductivity)?;
         let shared = &self.model.shared;
         let electrode_count = shared.mesh.electrodes.len();
@@ -310,7 +316,7 @@ impl Solver {
         for (node, &unknown) in self.model.unknown_of_node().iter().enumerate() {
             potentials.row_mut(node).copy_from_slice(unknowns.row(unknown));
         }
-        Ok(potentials)
+        Ok((potentials, network.transfer_impedance))
     }
 
     fn name_singular(&self, error: NotPositiveDefinite) -> ForwardError {

@@ -14,7 +14,8 @@ pub(super) struct Rows {
 ///
 /// The first row is a header if none of its fields is a number, if its first field is not a number and the others
 /// number the columns (0, 1, 2, ... or 1, 2, 3, ...), or if it numbers exactly `columns` columns, as pandas writes
-/// them. A byte-order mark, carriage returns and empty lines at the end are ignored.
+/// them. A byte-order mark, carriage returns and empty lines at the end are ignored. An empty field is `NaN` where
+/// `columns` are known, else an error.
 pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>) -> Result<Rows, TableError> {
     let text = std::str::from_utf8(text).map_err(|error| TableError::File {
         path: path.to_path_buf(),
@@ -29,7 +30,7 @@ pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>) -> Result<
             header = Some(line.split(separator).map(name).collect());
             continue;
         }
-        rows.push((index + 1, row(line, index + 1, separator, path)?));
+        rows.push((index + 1, row(line, index + 1, separator, columns.is_some(), path)?));
     }
     Ok(Rows { header, rows })
 }
@@ -70,20 +71,22 @@ pub(super) fn counts(values: impl ExactSizeIterator<Item = f64>) -> bool {
         })
 }
 
-fn row(line: &str, row: usize, separator: char, path: &Path) -> Result<Vec<f64>, TableError> {
-    numbers(line, separator).map_err(|(column, message)| {
+fn row(line: &str, row: usize, separator: char, gaps: bool, path: &Path) -> Result<Vec<f64>, TableError> {
+    numbers(line, separator, gaps).map_err(|(column, message)| {
         let path = path.to_path_buf();
         TableError::Cell { path, row, column, message }
     })
 }
 
-/// The numbers of a line, or what is wrong with it: the 1-based column, if a single value is, and a message.
-pub(super) fn numbers(line: &str, separator: char) -> Result<Vec<f64>, (Option<usize>, String)> {
+/// The numbers of a line, or what is wrong with it: the 1-based column, if a single value is, and a message. With `gaps`,
+/// a field without a value is `NaN`.
+pub(super) fn numbers(line: &str, separator: char, gaps: bool) -> Result<Vec<f64>, (Option<usize>, String)> {
     if line.trim().is_empty() {
         return Err((None, "an empty line between rows".into()));
     }
     let value = |(index, field): (usize, &str)| {
-        number(field, separator).ok_or_else(|| match field.trim() {
+        let known = number(field, separator).or_else(|| (gaps && field.trim().is_empty()).then_some(f64::NAN));
+        known.ok_or_else(|| match field.trim() {
             "" => (Some(index + 1), "no value".to_string()),
             text if holds_several_numbers(text) => {
                 (None, "the values are separated by spaces or tabs; separate them by commas".to_string())

@@ -91,7 +91,7 @@ impl FrameLines {
         if self.skips_header(text, separator) {
             return Vec::new();
         }
-        let row = csv::numbers(text, separator).map_err(|(column, message)| self.error(column, message));
+        let row = csv::numbers(text, separator, false).map_err(|(column, message)| self.error(column, message));
         let taken = match row.and_then(|row| self.checked(row)) {
             Ok(row) => self.frames(row),
             Err(error) => vec![Err(error)],

@@ -16,7 +16,9 @@ pub use lines::{FrameLine, FrameLines, LineError};
 pub use npy::npy_header;
 pub use output::write_whole;
 pub use reciprocity::{Screening, twins};
-pub use table::{Table, read_array, read_conductivities, read_frames, read_table, write_array, write_frames};
+pub use table::{
+    Table, read_array, read_conductivities, read_frames, read_frames_without, read_table, write_array, write_frames,
+};
 pub use truth::{Truth, frames_after_last_touch, read_places, read_truth, write_truth};
 
 use std::ops::{Deref, DerefMut, Sub};

@@ -138,18 +138,28 @@ fn count_error(path: &Path, row: usize, got: usize, expected: usize, what: &str)
 /// A header of channel numbers and a first column of frame numbers, as written by pandas, are dropped.
 ///
 /// # Errors
-/// As [`read_table`]; rows that do not have a value for every channel; a value that is `NaN` or infinite; a column of
-/// times.
+/// As [`read_table`]; rows that do not have a value for every channel; a value that is missing, `NaN` or infinite; a
+/// column of times.
 pub fn read_frames(path: &Path, protocol: &Protocol) -> Result<Vec<Frame>, TableError> {
+    read_frames_without(path, protocol, &[])
+}
+
+/// [`read_frames`] without some channels: their values may be missing, `NaN` or infinite, and are 0 in the frames.
+///
+/// # Errors
+/// As [`read_frames`] for the other channels.
+pub fn read_frames_without(path: &Path, protocol: &Protocol, left_out: &[usize]) -> Result<Vec<Frame>, TableError> {
     let table = read_values(path, "frames", protocol.channel_count(), "frames of this protocol")?;
     let mut frames = Vec::with_capacity(table.rows.len());
-    for (row, file_row) in table.rows.into_iter().zip(table.file_rows) {
-        if let Some(column) = row.iter().position(|value| !value.is_finite()) {
-            let message = format!("the value is {}: it must be finite", row[column]);
-            let column = Some(column + 1);
-            return Err(TableError::Cell { path: path.to_path_buf(), row: file_row, column, message });
+    for (mut values, row) in table.rows.into_iter().zip(table.file_rows) {
+        for &channel in left_out {
+            values.get_mut(channel).into_iter().for_each(|value| *value = 0.0);
         }
-        frames.push(Frame(row));
+        if let Some(channel) = values.iter().position(|value| !value.is_finite()) {
+            let message = format!("channel {channel} is {}: mend the frame, or leave the channel out", values[channel]);
+            return Err(TableError::Cell { path: path.to_path_buf(), row, column: None, message });
+        }
+        frames.push(Frame(values));
     }
     Ok(frames)
 }

@@ -2,8 +2,8 @@
 
 use crate::contact::Contact;
 use crate::frame::{
-    Frame, Truth, frames_after_last_touch, read_conductivities, read_frames, read_places, read_table, read_truth,
-    write_array, write_frames, write_whole,
+    Frame, Truth, frames_after_last_touch, read_conductivities, read_frames, read_frames_without, read_places,
+    read_table, read_truth, write_array, write_frames, write_whole,
 };
 use crate::geom::vector::distance;
 use crate::geom::{PlaceLimits, Surface};
@@ -103,14 +103,30 @@ fn columns_that_are_no_channels_are_refused_with_the_fix() {
 #[test]
 fn a_bad_value_is_named_by_row_and_column() {
     let two = |last: &str| format!("{}\n{}\n", row("12"), row(last));
-    assert_eq!(frame_error(two("NaN")), ", row 2, column 12: the value is NaN: it must be finite");
-    assert_eq!(frame_error(two("-inf")), ", row 2, column 12: the value is -inf: it must be finite");
-    assert_eq!(frame_error(two("1e999")), ", row 2, column 12: the value is inf: it must be finite");
+    let channel = |value: &str| format!(", row 2: channel 11 is {value}: mend the frame, or leave the channel out");
+    assert_eq!(frame_error(two("NaN")), channel("NaN"));
+    assert_eq!(frame_error(two("-inf")), channel("-inf"));
+    assert_eq!(frame_error(two("1e999")), channel("inf"));
+    assert_eq!(frame_error(two("")), channel("NaN"));
     assert_eq!(frame_error(two("open")), ", row 2, column 12: `open` is not a number");
-    assert_eq!(frame_error(two("")), ", row 2, column 12: no value");
     assert_eq!(frame_error(two("1,13")), ", row 2: too many values: 13, but the rows before have 12");
     assert_eq!(frame_error("1,2,3\n"), ", row 1: too few values: 3, but frames of this protocol have 12");
     assert_eq!(frame_error(format!("{}\n\n{}\n", row("1"), row("1"))), ", row 2: an empty line between rows");
+}
+
+#[test]
+fn channels_that_are_left_out_may_have_no_value() {
+    let row = "2,NaN,3,4,5,6,7,8,9,10,inf,";
+    // Row numbers before the channels do not shift them.
+    for text in [format!("{row}\n{row}\n"), format!("0,{row}\n1,{row}\n")] {
+        let (_folder, path) = file("f.csv", text);
+        let frames = read_frames_without(&path, &protocol(), &[1, 10, 11, 99]).unwrap();
+        assert_eq!(frames, vec![Frame(vec![2.0, 0.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 0.0, 0.0]); 2]);
+        let message = read_frames_without(&path, &protocol(), &[1, 11]).unwrap_err().to_string();
+        assert!(message.ends_with("row 1: channel 10 is inf: mend the frame, or leave the channel out"), "{message}");
+    }
+    let (_folder, path) = file("c.csv", "0.5,,2\n");
+    assert!(read_conductivities(&path, 3).unwrap_err().to_string().contains("the conductivity of cell 1 is NaN"));
 }
 
 #[test]
