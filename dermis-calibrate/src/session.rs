@@ -268,7 +268,8 @@ mod tests {
         session.skip();
         assert_eq!(session.place(), Some(places.positions_m[5]));
         session.take(frame(&skin, 5)).unwrap();
-        assert!(session.coverage() > 0.3 && session.coverage() < 0.7);
+        let covered = session.coverage();
+        assert!(covered > 0.3 && covered < 0.7, "{covered}");
         assert!(session.fit().is_none());
 
         // A plan of more places has the same ones first.
