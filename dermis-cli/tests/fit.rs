@@ -32,7 +32,7 @@ fn with_value(at: &Workplace, from: &str, to: &str, channel: usize, value: &str)
 fn a_fitted_design_is_the_given_file_with_other_values() {
     let at = skin();
     let shown = at.good("fit skin.toml --frames rest.csv --offsets offsets.csv -o fitted.toml");
-    for part in ["skin: 1 untouched frames, 56 channels", "sheet resistance, ohm", "1250", "at driven electrodes"] {
+    for part in ["skin, untouched frames: 1, channels: 56", "sheet resistance, ohm", "1250", "at driven electrodes"] {
         assert!(shown.contains(part), "{part} in\n{shown}");
     }
     let text = std::fs::read_to_string(at.path("fitted.toml")).unwrap();
@@ -48,11 +48,14 @@ fn a_fitted_design_is_the_given_file_with_other_values() {
     for (a, b) in numbers("again.csv").iter().zip(numbers("rest.csv")) {
         assert!((a - b).abs() < 1e-5 * b.abs().max(1.0), "{a} for {b}");
     }
-    let json = at.json("fit skin.toml --frames rest.csv --contacts each -o each.toml --json");
+    let each = expected.replace("_ohm_m = 0.03", "_ohm_m = [0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08]");
+    at.write("uneven.toml", &each);
+    at.good("forward uneven.toml -o uneven.csv");
+    let json = at.json("fit skin.toml --frames uneven.csv --contacts each -o each.toml --json");
     assert_eq!(json["quantities"].as_array().unwrap().len(), 9);
     assert_eq!(json["quantities"][8]["quantity"]["contact"], 7);
-    assert!((json["quantities"][8]["value"].as_f64().unwrap() / 0.03 - 1.0).abs() < 1e-5, "{json}");
-    assert!(std::fs::read_to_string(at.path("each.toml")).unwrap().contains("contact_impedance_ohm_m = [0.03, 0.03,"));
+    assert!((json["quantities"][8]["value"].as_f64().unwrap() / 0.08 - 1.0).abs() < 1e-5, "{json}");
+    assert_eq!(std::fs::read_to_string(at.path("each.toml")).unwrap(), each.replace("= 1250 ", "= 1250.0 "));
 }
 
 #[test]
@@ -75,7 +78,13 @@ fn frames_that_no_design_fits_are_refused() {
     assert!(wrong.contains("correlate at -1.00") && wrong.contains("measures_reversed"), "{wrong}");
     assert!(!at.path("wrong.toml").exists());
     // A channel table is found beside the design alone.
-    at.good("scan-table skin.toml -o channels.csv");
+    let pairs =
+        (0..8).flat_map(|drive| (0..8).filter(move |&measure| measure != drive).map(move |measure| (drive, measure)));
+    let rows = pairs.enumerate().map(|(channel, (drive, measure))| {
+        format!("{channel},{drive},{},{measure},{}\n", (drive + 1) % 8, (measure + 1) % 8)
+    });
+    let header = "channel,drive_source,drive_sink,measure_plus,measure_minus\n".to_string();
+    at.write("channels.csv", header + &rows.collect::<String>());
     let table = DISK.replace("pattern = \"adjacent_undriven\"", "pattern.table = \"channels.csv\"");
     at.write("table.toml", table);
     std::fs::create_dir(at.path("elsewhere")).unwrap();

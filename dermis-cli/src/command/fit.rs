@@ -96,7 +96,7 @@ impl Arguments {
         }
         let (frames, channels) = (fit.frames, fit.offsets.len());
         print(&format!(
-            "{}: {frames} untouched frames, {channels} channels\n\n{}\n{}\nwritten to {}\n",
+            "{}, untouched frames: {frames}, channels: {channels}\n\n{}\n{}\nwritten to {}\n",
             design.name,
             values(&fit, design).to_text(),
             misfits(&fit).to_text(),
@@ -142,7 +142,7 @@ fn warn_of_unit(fit: &Fit) {
 
 /// The fitted values.
 fn values(fit: &Fit, design: &SkinDesign) -> Table {
-    let mut table = Table::new(&["quantity", "design", "fitted", "deviation", ""]);
+    let mut table = Table::new(&["quantity", "design", "fitted", "deviation", "remark"]);
     for found in &fit.quantities {
         let FittedQuantity { initial, value, relative_sd, .. } = *found;
         let (name, initial, value) = match (found.quantity, design.sheet.kind) {

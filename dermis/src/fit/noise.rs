@@ -3,7 +3,7 @@
 use crate::frame::Frame;
 
 /// The scatter of all channels of a group counts as this many frames of a channel's own.
-const POOLED_FRAMES: f64 = 8.0;
+const POOLED_FRAMES: f64 = 32.0;
 
 /// Least standard deviation, relative to the values of the group: the rounding of the forward model.
 const ROUNDING: f64 = 1e-10;
@@ -67,8 +67,8 @@ mod tests {
     fn the_scatter_of_few_frames_is_pooled() {
         let frames = [Frame(vec![1.0, 5.0]), Frame(vec![3.0, 5.0])];
         let variances = variances_of_mean(&frames, &[2.0, 5.0], &[vec![0, 1]]);
-        // Variances 2 and 0, pooled 1; the mean of two frames has half of it.
-        assert_eq!(variances, [(8.0 + 2.0) / 9.0 / 2.0, 8.0 / 9.0 / 2.0]);
+        // Squares 2 and 0, pooled 1; the mean of two frames has half of the variance.
+        assert_eq!(variances, [(32.0 + 2.0) / 33.0 / 2.0, 32.0 / 33.0 / 2.0]);
         assert_eq!(variances_of_mean(&frames[..1], &[1.0, 5.0], &[vec![0, 1]]), [0.0; 2]);
     }
 }

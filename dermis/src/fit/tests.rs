@@ -99,14 +99,14 @@ fn values_of_discs_come_back_too() {
 /// channels share on this mesh, which no scatter shows.
 #[test]
 fn stated_deviations_hold() {
-    const DRAWS: u64 = 40;
+    const DRAWS: u64 = 60;
     for (contacts, spread, sd_ohm) in [(Contacts::Common, 0.0, 150.0), (Contacts::Each, 0.3, 150.0)] {
         let design = design("pattern = \"adjacent\"");
         let truth = real(&design, spread);
         let frame = untouched(&truth, 0.6);
         let mut errors = Vec::new();
         for seed in 0..DRAWS {
-            let fit = fitted(&design, &noisy(&frame, 10, sd_ohm, seed), contacts);
+            let fit = fitted(&design, &noisy(&frame, 40, sd_ohm, seed), contacts);
             errors.extend(errors_in_sd(&fit, &truth));
         }
         let within = |sd: f64| errors.iter().filter(|error| error.abs() < sd).count() as f64 / errors.len() as f64;
