@@ -269,7 +269,8 @@ mod tests {
         assert_eq!(session.place(), Some(places.positions_m[5]));
         session.take(frame(&skin, 5)).unwrap();
         let covered = session.coverage();
-        assert!(covered > 0.3 && covered < 0.7, "{covered}");
+        // Five of twelve places, each of which covers more than a twelfth.
+        assert!(covered > 5.0 / 12.0 && covered < 0.95, "{covered}");
         assert!(session.fit().is_none());
 
         // A plan of more places has the same ones first.

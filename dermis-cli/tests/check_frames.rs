@@ -106,7 +106,7 @@ fn input_that_cannot_be_checked_is_refused() {
     let mut frames = rows(&at, "frames.csv");
     frames[4][2] = f64::NAN;
     write_rows(&at, "bad.csv", &frames);
-    assert!(check("--frames bad.csv --difference").contains("bad.csv, row 5, column 3: the value is NaN"));
+    assert!(check("--frames bad.csv --difference").contains("bad.csv, row 5: channel 2 is NaN"));
     at.write("short.csv", "1,2,3\n");
     assert!(check("--frames short.csv --difference").contains("too few values: 3"));
     at.write("robot.csv", "0.1,0.2,0.3\n0.1,0.2,0.4\n");

@@ -55,9 +55,9 @@ fn a_session_takes_every_press_and_goes_on_later() {
     // The stored presses give the same calibration, and it locates them.
     let again =
         at.run("calibrate disk.toml --frames own/frames.csv --difference --truth own/presses.csv -o again --json");
-    // So few presses: both say that NOSER is better.
-    assert!(again.status.success() && String::from_utf8_lossy(&again.stderr).contains("without a calibration"));
-    assert!(said.contains("without a calibration"), "{said}");
+    assert!(again.status.success(), "{}", String::from_utf8_lossy(&again.stderr));
+    // Too few presses for the correction of a method.
+    assert_eq!(result["method"], "forward-map");
     for name in ["calibration.json", "weights.npy", "whitening.npy"] {
         let read = |folder: &str| std::fs::read(at.path(&format!("{folder}/{name}"))).unwrap();
         assert!(read("own") == read("again"), "{name}");
