@@ -279,7 +279,7 @@ mod tests {
 
     #[test]
     fn a_press_is_taken_when_it_is_steady_and_once() {
-        for (rate_hz, rise_s, taken_s) in [(120.0, 0.03, 0.61..0.8), (120.0, 0.4, 1.2..2.2), (4.0, 0.03, 1.5..2.1)] {
+        for (rate_hz, rise_s, taken_s) in [(120.0, 0.03, 0.6..0.8), (120.0, 0.4, 1.2..2.2), (4.0, 0.03, 1.5..2.1)] {
             let found = events(rate_hz, 0.05, press(rate_hz, rise_s, 4.0));
             let [(_, PressEvent::Began), (at, PressEvent::Steady(difference)), (left, PressEvent::Left)] = &found[..]
             else {

@@ -66,7 +66,17 @@ fn the_score_of_a_small_experiment_is_known() {
     keys.sort_unstable();
     assert_eq!(
         keys,
-        ["alpha", "eq11_m", "false_positives", "localisation_m", "method", "misses", "presses", "sensitivity_spread"]
+        [
+            "alpha",
+            "eq11_m",
+            "false_positives",
+            "force",
+            "localisation_m",
+            "method",
+            "misses",
+            "presses",
+            "sensitivity_spread"
+        ]
     );
     for key in ["localisation_m", "eq11_m"] {
         let mut keys: Vec<&str> = json[key].as_object().unwrap().keys().map(String::as_str).collect();
