@@ -18,7 +18,7 @@ use std::collections::HashMap;
 /// // A session that is cut short has pressed the whole skin, too.
 /// assert_eq!(places.positions_m[..20], Places::spread(&skin, 20).positions_m);
 /// assert_eq!(places.coverage(&skin, &places.positions_m), 1.0);
-/// assert!(places.coverage(&skin, &places.positions_m[..20]) < 0.9);
+/// assert!(places.coverage(&skin, &places.positions_m[..20]) < 1.0);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, PartialEq)]
