@@ -122,12 +122,8 @@ fn the_error_by_the_number_of_labelled_presses() {
         let last = [20, 50, 100, 200, 500, 2000].map(|labels| ("last", Split::before(2000 - labels..2000)));
         let first = [100, 500].map(|labels| ("first", Split::before(0..labels)));
         let random = [20, 100, 200, 500].map(|labels| ("random", Split::random(labels, count)));
-        let only = std::env::var("ONLY").unwrap_or_default();
         for (which, split) in last.into_iter().chain(first).chain(random) {
             let labels = split.labels.len();
-            if !only.is_empty() && !only.split(',').any(|o| o == format!("{which}{labels}")) {
-                continue;
-            }
             let Scored { mean_m, covered, fit_s, frame_ms, calibration } = calibrate(&recording, &split);
             println!(
                 "| `{name}` | {which} {labels} | {:.2} | {:.1} % | {:.2} | {fit_s:.1} | {frame_ms:.2} |",
