@@ -13,12 +13,11 @@ pub struct ModelDifferences {
     pub scale: f64,
 }
 
-/// The differences of frames from the untouched frame of a model, ohm, after division by one scale for all of them. The
-/// scale minimises the sum of the absolute differences of their mean from the model, so that a touch, which changes a few
-/// channels, hardly changes it.
+/// The differences of frames from the untouched frame of a model, ohm, after division by one scale for all of them.
 ///
-/// Whatever else the real skin and the model differ in remains in the differences, and shows in the images as if it were
-/// touched: [fit](crate::fit::fit) the design first.
+/// The scale minimises the sum of the absolute differences of their mean from the model, so that a touch, which changes
+/// a few channels, hardly changes it. Whatever else the real skin and the model differ in remains in the differences,
+/// and shows in the images as if it were touched: [fit](crate::fit::fit) the design first.
 ///
 /// # Errors
 /// No frame; frames that are unlike the model.
