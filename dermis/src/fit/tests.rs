@@ -91,7 +91,8 @@ fn values_of_discs_come_back_too() {
 }
 
 /// Frames of a finer mesh with noise: the errors are those of the stated deviations. The noise exceeds the error that
-/// all channels share on this mesh, which no scatter shows.
+/// all channels share on this mesh, which no scatter shows. In a
+/// draw, the errors of the contacts share that of the sheet, so the shares vary more than those of independent errors.
 #[test]
 fn stated_deviations_hold() {
     const DRAWS: u64 = 60;
@@ -112,7 +113,7 @@ fn stated_deviations_hold() {
             100.0 * two,
             errors.len()
         );
-        assert!((0.90..=0.99).contains(&two), "{contacts:?}: {two} within 2 sd");
+        assert!((0.88..=0.99).contains(&two), "{contacts:?}: {two} within 2 sd");
         assert!((0.55..=0.80).contains(&one), "{contacts:?}: {one} within 1 sd");
     }
 }

@@ -62,6 +62,7 @@ mod tests {
     use crate::design::SkinDesign;
     use crate::forward::ForwardModel;
     use crate::mesh::Mesh;
+    use crate::protocol::Protocol;
 
     /// Arcs, and discs with their series resistances held constant.
     #[test]
@@ -69,6 +70,8 @@ mod tests {
         for (name, series) in [("tank16", false), ("cylinder30", true)] {
             let mut design = SkinDesign::shipped(name).unwrap();
             design.mesh = design.mesh.scaled(3.0);
+            // With voltages at driven electrodes, beside which rounding is small.
+            design.protocol = Protocol::adjacent(design.electrodes.len()).unwrap();
             let mesh = Mesh::generate(&design).unwrap();
             let model = ForwardModel::new(&design, &mesh).unwrap();
             assert_eq!(model.series_resistances().iter().any(|&ohm| ohm != 0.0), series, "{name}");
@@ -80,14 +83,14 @@ mod tests {
                     let other = model.remade(&mesh.nodes, &impedances, model.rest_conductivity()).unwrap();
                     other.solve(model.rest_conductivity()).unwrap()
                 };
-                let (step, impedance) = (1e-4, model.contact_impedances()[electrode]);
+                let (step, impedance) = (1e-3, model.contact_impedances()[electrode]);
                 let (below, above) = (frame(1.0 - step), frame(1.0 + step));
                 let largest = (0..above.len()).map(|c| (above[c] - below[c]).abs()).fold(0.0, f64::max);
                 for channel in 0..above.len() {
                     let expected = (above[channel] - below[channel]) / (2.0 * step * impedance);
                     let off = (jacobian.at(channel, electrode) - expected).abs() * 2.0 * step * impedance;
                     assert!(
-                        off < 1e-6 * largest,
+                        off < 1e-5 * largest,
                         "{name}, electrode {electrode}, channel {channel}: {off} of {largest}"
                     );
                 }
