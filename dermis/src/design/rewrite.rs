@@ -128,7 +128,7 @@ pattern = "adjacent"
     fn only_the_values_change() {
         let mut design = SkinDesign::parse(TEXT, "skin.toml").unwrap();
         assert_eq!(design.rewrite(TEXT, "skin.toml").unwrap(), TEXT);
-        design.sheet.conductance = 1.0 / 1234.567_89;
+        design.sheet.conductance = 1.0 / 1_234.567_89;
         design.electrodes.iter_mut().for_each(|electrode| electrode.contact_impedance = 2.5e-5);
         let text = design.rewrite(TEXT, "skin.toml").unwrap();
         let expected = TEXT.replace("= 1e3", "= 1234.568").replace("= 0.01 #", "= 2.5e-5 #");

@@ -75,7 +75,7 @@ mod tests {
         let mut frame = Frame(model.iter().map(|value| 1.7 * value).collect());
         frame[4] += 0.34;
         frame[9] = f64::NAN;
-        let found = model_differences(&protocol, &model, &[frame.clone()], &[9]);
+        let found = model_differences(&protocol, &model, std::slice::from_ref(&frame), &[9]);
         // A channel that is left out has no value where its frames were read.
         assert!(found.is_ok());
         let ModelDifferences { frames, scale } = found.unwrap();
@@ -85,7 +85,7 @@ mod tests {
             assert!((value - expected).abs() < 1e-12, "{channel}: {value}");
         }
         let amplitudes = protocol.clone().with_amplitude_only(true);
-        let without_sign = model_differences(&amplitudes, &model, &[frame.clone()], &[9]).unwrap();
+        let without_sign = model_differences(&amplitudes, &model, std::slice::from_ref(&frame), &[9]).unwrap();
         assert!((without_sign.frames[0][4] + 0.2).abs() < 1e-12, "{:?}", without_sign.frames[0]);
         let turned = Frame(frame.iter().map(|value| -value).collect());
         let error = model_differences(&protocol, &model, &[turned], &[9]).unwrap_err();

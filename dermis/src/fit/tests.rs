@@ -184,14 +184,17 @@ fn frames_that_do_not_fit_are_refused() {
     };
     assert_eq!(refused(&[], &[]), FitError::NoFrame);
     assert_eq!(refused(&[Frame(vec![1.0])], &[]), FitError::FrameLength { frame: 0, got: 1, expected: 132 });
-    assert_eq!(refused(&[frame.clone()], &[132]), FitError::NoSuchChannel { channel: 132, last: 131 });
+    assert_eq!(refused(std::slice::from_ref(&frame), &[132]), FitError::NoSuchChannel { channel: 132, last: 131 });
     let mut gap = frame.clone();
     gap[7] = f64::NAN;
-    assert!(matches!(refused(&[gap.clone()], &[]), FitError::NotFinite { frame: 0, channel: 7, .. }));
+    assert!(matches!(refused(std::slice::from_ref(&gap), &[]), FitError::NotFinite { frame: 0, channel: 7, .. }));
     gap[7] = 0.0;
     assert!(fit(&design, &mesh, &[gap], &FitOptions { left_out: vec![7], ..FitOptions::default() }).is_ok());
     let all_but_one: Vec<usize> = (1..132).collect();
-    assert_eq!(refused(&[frame.clone()], &all_but_one), FitError::TooFewChannels { channels: 1, unknowns: 2 });
+    assert_eq!(
+        refused(std::slice::from_ref(&frame), &all_but_one),
+        FitError::TooFewChannels { channels: 1, unknowns: 2 }
+    );
     // Another sign, another order, nothing.
     for wrong in [
         frame.iter().map(|value| -value).collect(),
