@@ -13,12 +13,11 @@ pub struct ModelDifferences {
     pub scale: f64,
 }
 
-/// The differences of frames from the untouched frame of a model, ohm, after division by one scale for all of them. The
-/// scale minimises the sum of the absolute differences of their mean from the model, so that a touch, which changes a few
-/// channels, hardly changes it.
+/// The differences of frames from the untouched frame of a model, ohm, after division by one scale for all of them.
 ///
-/// Whatever else the real skin and the model differ in remains in the differences, and shows in the images as if it were
-/// touched: [fit](crate::fit::fit) the design first.
+/// The scale minimises the sum of the absolute differences of their mean from the model, so that a touch, which changes
+/// a few channels, hardly changes it. Whatever else the real skin and the model differ in remains in the differences,
+/// and shows in the images as if it were touched: [fit](crate::fit::fit) the design first.
 ///
 /// # Errors
 /// No frame; frames that are unlike the model.
@@ -76,7 +75,7 @@ mod tests {
         let mut frame = Frame(model.iter().map(|value| 1.7 * value).collect());
         frame[4] += 0.34;
         frame[9] = f64::NAN;
-        let found = model_differences(&protocol, &model, &[frame.clone()], &[9]);
+        let found = model_differences(&protocol, &model, std::slice::from_ref(&frame), &[9]);
         // A channel that is left out has no value where its frames were read.
         assert!(found.is_ok());
         let ModelDifferences { frames, scale } = found.unwrap();
@@ -86,7 +85,7 @@ mod tests {
             assert!((value - expected).abs() < 1e-12, "{channel}: {value}");
         }
         let amplitudes = protocol.clone().with_amplitude_only(true);
-        let without_sign = model_differences(&amplitudes, &model, &[frame.clone()], &[9]).unwrap();
+        let without_sign = model_differences(&amplitudes, &model, std::slice::from_ref(&frame), &[9]).unwrap();
         assert!((without_sign.frames[0][4] + 0.2).abs() < 1e-12, "{:?}", without_sign.frames[0]);
         let turned = Frame(frame.iter().map(|value| -value).collect());
         let error = model_differences(&protocol, &model, &[turned], &[9]).unwrap_err();

@@ -2,13 +2,13 @@
 //! model.
 //!
 //! The unknowns are logarithms of factors: one on the resistances of the sheet and its regions, one on all contact
-//! impedances or one on each. They minimise the weighted squares of the difference between the mean of the frames and the
-//! model's untouched frame, by Gauss-Newton steps with the derivatives of the forward model, plus a wide prior on the
-//! contact impedances (a factor of [ten](PRIOR_SD)), without which values that the frames do not determine would run
-//! away. A gain common to all channels is the same as a factor on all of these, so it cannot be told from them.
+//! impedances or one on each. They minimise the weighted squares of the difference between the mean of the frames and
+//! the model's untouched frame, by Gauss-Newton steps with the derivatives of the forward model, plus a wide prior on
+//! the contact impedances (a factor of [ten](PRIOR_SD)), without which values that the frames do not determine would
+//! run away. A gain common to all channels is the same as a factor on all of these, so it cannot be told from them.
 //!
-//! The variance of a channel is that of its mean over the frames plus that of the model, which is equal in all channels
-//! of a group: those that read a voltage at a driven electrode, where an error of the contact dominates, and the others.
+//! The variance of a channel is that of its mean over the frames plus that of the model, equal in all channels of a
+//! group: those that read a voltage at a driven electrode, where an error of the contact dominates, and the others.
 //! The variance of the model is the one at which the squares in a group have their expectation (Paule and Mandel, 1982,
 //! DOI 10.6028/jres.087.022). So the stated standard deviations contain what the model does not explain.
 //!
@@ -127,8 +127,8 @@ pub enum FitError {
     },
     /// Frames that are unlike the model.
     #[error(
-        "the frames correlate at {correlation:.2} with the untouched frame of the design: check the order of the channels, \
-         their signs (`measures_reversed`) and that the skin is untouched"
+        "the frames correlate at {correlation:.2} with the untouched frame of the design: check the order of the \
+         channels, their signs (`measures_reversed`) and that the skin is untouched"
     )]
     Unlike {
         /// Correlation with the untouched frame of the model, about zero.

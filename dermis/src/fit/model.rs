@@ -8,8 +8,8 @@ use crate::mesh::Mesh;
 /// Step of the logarithm in the difference quotient of the series resistances.
 const STEP: f64 = 1e-4;
 
-/// A design whose resistances are multiplied by `exp` of the unknowns: the first belongs to the sheet, the others to the
-/// contact impedances.
+/// A design whose resistances are multiplied by `exp` of the unknowns: the first belongs to the sheet, the others to
+/// the contact impedances.
 pub(super) struct Model<'a> {
     design: &'a SkinDesign,
     mesh: &'a Mesh,
@@ -111,8 +111,8 @@ impl<'a> Model<'a> {
 
     /// The untouched frame at some unknowns, with its derivative.
     ///
-    /// A frame is homogeneous of degree one in the resistances of the sheet and the contacts together, so by Euler's theorem
-    /// its derivative by the logarithm of the former is the frame less its derivatives by those of the latter.
+    /// A frame is homogeneous of degree one in the resistances of the sheet and the contacts together, so by Euler's
+    /// theorem its derivative by the logarithm of the former is the frame less its derivatives by those of the latter.
     pub(super) fn linear(&self, unknowns: &[f64]) -> crate::Result<Linear> {
         let design = self.design_at(unknowns);
         let model = ForwardModel::new(&design, self.mesh)?;
