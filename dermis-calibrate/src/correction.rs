@@ -3,6 +3,7 @@
 use crate::calibration::Label;
 use crate::error::CalibrateError;
 use crate::gaussian_process::{GaussianProcess, Input};
+use crate::strength::{force_range, relative_deviation, relative_error, spread};
 use dermis::contact::Contact;
 use dermis::detect::Detector;
 use dermis::frame::Frame;
@@ -21,10 +22,6 @@ const GATE_M: f64 = 0.020;
 const LENGTH_PART: f64 = 0.1;
 /// The squared distance in standard deviations within which two normal variables lie with 95 %.
 const SQUARE_95: f64 = 5.991_464_547;
-/// Forces are not extrapolated by more than this factor beyond those of the labels.
-const BEYOND_LABELS: f64 = 1.5;
-/// Part of normal values within one standard deviation.
-const WITHIN_ONE_SD: f64 = 0.682_689_492;
 
 /// What measured presses state of the contacts of another method (a network, or a linear one): a shift of the position that
 /// varies over the skin, the force as a function of the strength, the frame and the position, and the deviations of both.
@@ -135,8 +132,8 @@ impl Correction {
             found: found.len(),
             mean_error_before_m: mean(&before_m),
             mean_error_m: mean(&left_m),
-            force_error: force.as_ref().map(|(_, left)| mean_of(left, |log| (log.exp() - 1.0).abs())),
-            force_spread: force.as_ref().map(|(_, left)| mean_of(left, |log| log * log).sqrt()),
+            force_error: force.as_ref().map(|(_, left)| relative_error(left)),
+            force_spread: force.as_ref().map(|(_, left)| spread(left)),
         };
         Ok(Correction {
             method: method.name().into(),
@@ -208,12 +205,8 @@ impl ForceCorrection {
         let several: Vec<Input> = known.iter().map(|one| several_input(&one.contact)).collect();
         let (single, left) = GaussianProcess::fit(&single, &logs, length_m)?;
         let (several, _) = GaussianProcess::fit(&several, &logs, length_m)?;
-        let range = {
-            let logs = sorted(logs.iter().copied());
-            [logs[0] - BEYOND_LABELS.ln(), logs[logs.len() - 1] + BEYOND_LABELS.ln()]
-        };
-        let off: Vec<f64> = sorted(left.iter().map(|log| (log.exp() - 1.0).abs()));
-        let relative_sd = quantile(&off, WITHIN_ONE_SD);
+        let range = force_range(&logs);
+        let relative_sd = relative_deviation(&left);
         Ok(Some((ForceCorrection { single, several, relative_sd, range }, left)))
     }
 }
@@ -274,10 +267,6 @@ fn sd_factor(found: &[Found], left_m: &[f64]) -> f64 {
 /// The diagonal of the bounding box of the skin.
 fn size_m(pixels: &PixelSpace) -> f64 {
     pixels.box_m().iter().map(|[low, high]| (high - low).powi(2)).sum::<f64>().sqrt()
-}
-
-fn mean_of(values: &[f64], of: impl Fn(f64) -> f64) -> f64 {
-    values.iter().map(|value| of(*value)).sum::<f64>() / values.len() as f64
 }
 
 fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {

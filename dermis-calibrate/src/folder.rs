@@ -5,11 +5,13 @@ use crate::correction::Correction;
 use crate::covariance::{Covariance, Extent, PressInput};
 use crate::error::CalibrateError;
 use crate::forward_map::ForwardMap;
-use crate::locate::Locator;
+use crate::locate::{Locator, Setup};
 use crate::pose::Pose;
 use crate::region::Region;
 use crate::sequence::Realignment;
+use crate::strength::Strength;
 use crate::units::ChannelUnits;
+use dermis::design::SkinDesign;
 use dermis::frame::{TableError, read_array, write_array, write_whole};
 use faer::Mat;
 use serde::de::DeserializeOwned;
@@ -21,14 +23,13 @@ const CARD: &str = "calibration.json";
 /// The file by which a folder is known to be the correction of a method.
 const CORRECTION: &str = "correction.json";
 /// The version of the format.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// The contents of `calibration.json`.
 #[derive(Serialize, Deserialize)]
 struct Card {
     version: u32,
-    /// Name of the design.
-    design: String,
+    design: DesignId,
     pose: Option<Pose>,
     units: ChannelUnits,
     realignment: Realignment,
@@ -36,22 +37,57 @@ struct Card {
     extent: Extent,
     temperature: f64,
     misfit_limit: f64,
+    strength: Option<Strength>,
     quality: Quality,
+}
+
+/// Which skin a folder belongs to.
+#[derive(Debug, Serialize, Deserialize)]
+struct DesignId {
+    name: String,
+    /// [Checksum](SkinDesign::sha256) of its body, electrodes and channels.
+    sha256: String,
+}
+
+impl DesignId {
+    fn of(design: &SkinDesign) -> Self {
+        let sha256 = design.sha256().iter().map(|byte| format!("{byte:02x}")).collect();
+        DesignId { name: design.name.clone(), sha256 }
+    }
+
+    /// Refuses another skin; says in what it differs.
+    fn check(&self, design: &SkinDesign) -> Result<(), String> {
+        let DesignId { name, sha256 } = DesignId::of(design);
+        if self.sha256 == sha256 {
+            return Ok(());
+        }
+        Err(if self.name == name {
+            format!(
+                "the body, the electrodes or the channels of the design `{name}` have changed since: calibrate again"
+            )
+        } else {
+            format!("it was made for the design `{}`, not for `{name}`", self.name)
+        })
+    }
 }
 
 /// What is read first.
 #[derive(Deserialize)]
 struct Header {
     version: u32,
-    design: String,
+}
+
+/// Read next.
+#[derive(Deserialize)]
+struct Owner {
+    design: DesignId,
 }
 
 /// The contents of `correction.json`.
 #[derive(Serialize, Deserialize)]
 struct CorrectionCard {
     version: u32,
-    /// Name of the design.
-    design: String,
+    design: DesignId,
     correction: Correction,
 }
 
@@ -65,9 +101,9 @@ impl Correction {
     ///
     /// # Errors
     /// A folder or file that cannot be written.
-    pub fn save(&self, folder: &Path, design: &str) -> Result<(), CalibrateError> {
+    pub fn save(&self, folder: &Path, design: &SkinDesign) -> Result<(), CalibrateError> {
         begin(folder)?;
-        let card = CorrectionCard { version: VERSION, design: design.into(), correction: self.clone() };
+        let card = CorrectionCard { version: VERSION, design: DesignId::of(design), correction: self.clone() };
         let text = serde_json::to_string_pretty(&card).expect("a card is JSON");
         Ok(write_whole(&folder.join(CORRECTION), |out| out.write_all(text.as_bytes()))?)
     }
@@ -76,7 +112,7 @@ impl Correction {
     ///
     /// # Errors
     /// A file that is missing, damaged or of another version; a correction of another design.
-    pub fn load(folder: &Path, design: &str) -> Result<Self, CalibrateError> {
+    pub fn load(folder: &Path, design: &SkinDesign) -> Result<Self, CalibrateError> {
         let path = folder.join(CORRECTION);
         let CorrectionCard { correction, .. } = read_card(&path, design)?;
         if !correction.is_consistent() {
@@ -103,7 +139,7 @@ fn begin(folder: &Path) -> Result<(), CalibrateError> {
 }
 
 /// Reads the card of a design, of this version.
-fn read_card<T: DeserializeOwned>(path: &Path, design: &str) -> Result<T, CalibrateError> {
+fn read_card<T: DeserializeOwned>(path: &Path, design: &SkinDesign) -> Result<T, CalibrateError> {
     let file = |message: String| CalibrateError::File { path: path.to_path_buf(), message };
     let text =
         std::fs::read_to_string(path).map_err(|source| CalibrateError::Io { path: path.to_path_buf(), source })?;
@@ -112,9 +148,8 @@ fn read_card<T: DeserializeOwned>(path: &Path, design: &str) -> Result<T, Calibr
         let message = format!("its version is {}, but this program reads {VERSION}: calibrate again", header.version);
         return Err(file(message));
     }
-    if header.design != design {
-        return Err(file(format!("it was made for the design `{}`, not for `{design}`", header.design)));
-    }
+    let owner: Owner = serde_json::from_str(&text).map_err(|error| file(error.to_string()))?;
+    owner.design.check(design).map_err(file)?;
     serde_json::from_str(&text).map_err(|error| file(error.to_string()))
 }
 
@@ -128,7 +163,7 @@ impl Calibration {
     ///
     /// # Errors
     /// A folder or file that cannot be written.
-    pub fn save(&self, folder: &Path, design: &str) -> Result<(), CalibrateError> {
+    pub fn save(&self, folder: &Path, design: &SkinDesign) -> Result<(), CalibrateError> {
         begin(folder)?;
         let (map, region) = (self.locator.map(), self.locator.region());
         let write = |name: &str, columns: usize, values: &[f64]| {
@@ -137,8 +172,8 @@ impl Calibration {
         let row_major = |matrix: &Mat<f64>| -> Vec<f64> {
             (0..matrix.nrows()).flat_map(|i| (0..matrix.ncols()).map(move |j| (i, j))).map(|at| matrix[at]).collect()
         };
-        write("weights.npy", map.component_count(), &row_major(&map.weights))?;
-        write("whitening.npy", map.component_count(), &row_major(self.locator.whitening()))?;
+        write("weights.npy", map.value_count(), &row_major(&map.weights))?;
+        write("whitening.npy", self.locator.component_count(), &row_major(self.locator.whitening()))?;
         write("mean.npy", 1, &map.mean)?;
         let presses = map.inputs.iter().flat_map(|input| {
             let ([x, y, z], [u, v, w]) = (input.position_m, input.previous_m);
@@ -151,7 +186,7 @@ impl Calibration {
         write("variances.npy", 1, self.locator.variances())?;
         let card = Card {
             version: VERSION,
-            design: design.into(),
+            design: DesignId::of(design),
             pose: self.pose,
             units: self.units.clone(),
             realignment: self.realignment.clone(),
@@ -159,6 +194,7 @@ impl Calibration {
             extent: map.extent,
             temperature: self.locator.temperature,
             misfit_limit: self.misfit_limit,
+            strength: self.locator.strength().copied(),
             quality: self.quality,
         };
         let text = serde_json::to_string_pretty(&card).expect("a card is JSON");
@@ -170,7 +206,7 @@ impl Calibration {
     ///
     /// # Errors
     /// Files that are missing, damaged or of another version; a calibration of another design.
-    pub fn load(folder: &Path, design: &str) -> Result<Self, CalibrateError> {
+    pub fn load(folder: &Path, design: &SkinDesign) -> Result<Self, CalibrateError> {
         let path = folder.join(CARD);
         let file = |message: String| CalibrateError::File { path: path.clone(), message };
         let card: Card = read_card(&path, design)?;
@@ -185,13 +221,8 @@ impl Calibration {
             })
             .collect();
         let mean = read("mean.npy", 1)?;
-        let components = mean.len();
-        if components == 0 {
-            return Err(file("mean.npy has no value: calibrate again".into()));
-        }
-        let matrix =
-            |values: &[f64]| Mat::from_fn(values.len() / components, components, |i, j| values[i * components + j]);
-        let (weights, whitening) = (read("weights.npy", components)?, read("whitening.npy", components)?);
+        let weights = read("weights.npy", channels)?;
+        let (whitening, components) = read_matrix(&folder.join("whitening.npy"))?;
         let nodes = read("nodes.npy", 3)?.chunks_exact(3).map(|row| [row[0], row[1], row[2]]).collect();
         let triangles = read("triangles.npy", 3)?;
         if triangles.is_empty() || triangles.iter().any(|node| *node < 0.0 || node.fract() != 0.0) {
@@ -201,8 +232,11 @@ impl Calibration {
             triangles.chunks_exact(3).map(|row| [row[0], row[1], row[2]].map(|node| node as usize)).collect();
         let region = Region { nodes, triangles };
         let variances = read("variances.npy", 1)?;
-        let fits = weights.len() == inputs.len() * components
+        let fits = weights.len() == inputs.len() * channels
+            && mean.len() == channels
+            && components > 0
             && whitening.len() == channels * components
+            && card.strength.is_none_or(|strength| strength.is_consistent())
             && variances.len() == region.nodes.len()
             && region.triangles.iter().flatten().all(|&node| node < region.nodes.len())
             && variances.iter().all(|variance| *variance > 0.0)
@@ -212,9 +246,14 @@ impl Calibration {
         if !fits {
             return Err(file("its arrays do not belong together: calibrate again".into()));
         }
-        let map =
-            ForwardMap { covariance: card.covariance, extent: card.extent, inputs, mean, weights: matrix(&weights) };
-        let locator = Locator::assemble(map, matrix(&whitening), region, variances, card.temperature);
+        let matrix = |values: &[f64], columns: usize| {
+            Mat::from_fn(values.len() / columns, columns, |i, j| values[i * columns + j])
+        };
+        let weights = matrix(&weights, channels);
+        let map = ForwardMap { covariance: card.covariance, extent: card.extent, inputs, mean, weights };
+        let setup =
+            Setup { region, untouched: card.realignment.complete(card.units.untouched()), strength: card.strength };
+        let locator = Locator::assemble(setup, map, matrix(&whitening, components), variances, card.temperature);
         Ok(Calibration {
             units: card.units,
             realignment: card.realignment,
@@ -228,15 +267,25 @@ impl Calibration {
 
 /// The values of an array with a number of columns, row-major.
 fn read_columns(path: &Path, columns: usize) -> Result<Vec<f64>, CalibrateError> {
+    let (values, got) = read_matrix(path)?;
+    if got != columns {
+        let message = format!("it has {got} columns, but it must have {columns}");
+        return Err(CalibrateError::File { path: path.to_path_buf(), message });
+    }
+    Ok(values)
+}
+
+/// The values of a matrix, row-major, and its number of columns.
+fn read_matrix(path: &Path) -> Result<(Vec<f64>, usize), CalibrateError> {
     let (shape, values) = read_array(path, "array")?;
     let file = |message: String| CalibrateError::File { path: path.to_path_buf(), message };
-    if shape.len() != 2 || shape[1] != columns {
-        return Err(file(format!("its shape is {shape:?}, but it must have {columns} columns")));
+    if shape.len() != 2 {
+        return Err(file(format!("its shape is {shape:?}, but it must have rows and columns")));
     }
     if values.iter().any(|value| !value.is_finite()) {
         return Err(file("it has values that are not finite".into()));
     }
-    Ok(values)
+    Ok((values, shape[1]))
 }
 
 impl From<TableError> for CalibrateError {

@@ -92,41 +92,54 @@ impl Hyperparameters {
     }
 }
 
-/// The forward map given samples: the mean response at any press, whitened.
+/// The forward map given samples: the mean response at any press, of all channels or of whitened components.
 #[derive(Debug, Clone)]
 pub(crate) struct ForwardMap {
     pub covariance: Covariance,
     pub extent: Extent,
     pub inputs: Vec<PressInput>,
-    /// Mean of the samples, whitened.
+    /// Mean of the samples.
     pub mean: Vec<f64>,
-    /// `K^-1 (values - mean)`, whitened; presses x channels.
+    /// `K^-1 (values - mean)`; presses x channels or components.
     pub weights: Mat<f64>,
 }
 
 impl ForwardMap {
-    /// Conditions the process on samples; also returns the factor of their covariance matrix.
+    /// Conditions the process on samples, for all channels; also returns the factor of their covariance matrix.
     pub(crate) fn condition(
         samples: &Samples,
         hyperparameters: &Hyperparameters,
     ) -> Result<(Self, Llt<f64>), CalibrateError> {
-        let Hyperparameters { covariance, extent, whitening } = hyperparameters;
+        let Hyperparameters { covariance, extent, .. } = hyperparameters;
         let factor = factor(samples, covariance, extent)?;
-        let weights = factor.solve(centred(&samples.values) * whitening);
-        let means = column_means(&samples.values);
-        let mean = (0..whitening.ncols()).map(|j| (0..means.len()).map(|i| means[i] * whitening[(i, j)]).sum());
         let map = ForwardMap {
             covariance: *covariance,
             extent: *extent,
             inputs: samples.inputs.clone(),
-            mean: mean.collect(),
-            weights,
+            mean: column_means(&samples.values),
+            weights: factor.solve(centred(&samples.values)),
         };
         Ok((map, factor))
     }
 
-    /// Number of whitened components.
-    pub(crate) fn component_count(&self) -> usize {
+    /// The map to whitened components (channels x components).
+    pub(crate) fn whitened(&self, whitening: &Mat<f64>) -> Self {
+        let component = |j: usize| whitening.col(j).iter().zip(&self.mean).map(|(weight, mean)| weight * mean).sum();
+        ForwardMap {
+            mean: (0..whitening.ncols()).map(component).collect(),
+            weights: &self.weights * whitening,
+            inputs: self.inputs.clone(),
+            ..*self
+        }
+    }
+
+    /// A press at the centre of the labels, after one there.
+    pub(crate) fn at_centre(&self, number: f64) -> PressInput {
+        PressInput { position_m: self.extent.centre_m, previous_m: self.extent.centre_m, number }
+    }
+
+    /// Number of channels or components.
+    pub(crate) fn value_count(&self) -> usize {
         self.mean.len()
     }
 
@@ -143,7 +156,7 @@ impl ForwardMap {
             (0..product.nrows()).flat_map(row).map(|at| product[at]).collect::<Vec<f64>>()
         };
         let mut base = kernel(&|position, input| self.covariance.of_position(position, input.position_m));
-        for row in base.chunks_exact_mut(self.component_count()) {
+        for row in base.chunks_exact_mut(self.value_count()) {
             row.iter_mut().zip(&self.mean).for_each(|(value, mean)| *value += mean);
         }
         let shifts = self.shift_axes().into_iter().map(|axis| {
@@ -165,9 +178,9 @@ impl ForwardMap {
         (0..3).filter(|&axis| largest(axis) > 0.01).collect()
     }
 
-    /// The part of the response that does not depend on the position: the press before and drift, whitened.
+    /// The part of the response that does not depend on the position: the press before and drift.
     pub(crate) fn history(&self, press: &PressInput) -> Vec<f64> {
-        let mut sum = vec![0.0; self.component_count()];
+        let mut sum = vec![0.0; self.value_count()];
         let factors: Vec<f64> = self.inputs.iter().map(|input| self.covariance.of_history(press, input)).collect();
         for (channel, value) in sum.iter_mut().enumerate() {
             *value = self.weights.col(channel).iter().zip(&factors).map(|(weight, factor)| weight * factor).sum();
@@ -218,6 +231,18 @@ fn leave_one_out(factor: &Llt<f64>, values: &Mat<f64>) -> Mat<f64> {
     let weights = factor.solve(values);
     let inverse = factor.inverse();
     Mat::from_fn(values.nrows(), values.ncols(), |i, j| weights[(i, j)] / inverse[(i, i)].sqrt())
+}
+
+/// What the process predicts of each sample from all others, of all channels.
+pub(crate) fn predict_left_out(
+    samples: &Samples,
+    hyperparameters: &Hyperparameters,
+) -> Result<Mat<f64>, CalibrateError> {
+    let factor = factor(samples, &hyperparameters.covariance, &hyperparameters.extent)?;
+    let weights = factor.solve(centred(&samples.values));
+    let inverse = factor.inverse();
+    let value = |i: usize, j: usize| samples.values[(i, j)] - weights[(i, j)] / inverse[(i, i)];
+    Ok(Mat::from_fn(samples.values.nrows(), samples.values.ncols(), value))
 }
 
 /// The hyperparameters of the largest posterior density, from values of some components.

@@ -3,7 +3,9 @@
 use crate::calibration::Calibration;
 use crate::correction::Correction;
 use crate::error::CalibrateError;
-use crate::locate::Located;
+use crate::located::Located;
+use crate::posterior::Posterior;
+use crate::touches::Superposition;
 use dermis::contact::Contact;
 use dermis::detect::DetectOptions;
 use dermis::forward::Matrix;
@@ -14,7 +16,7 @@ use dermis::method::{Method, MethodError, MethodOptions, MethodSource, Methods, 
 use dermis::reconstruct::{Quantity, Reconstruct, ReconstructError, check_lengths};
 use dermis::skin::Skin;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// The source of calibrations in folders: forward maps, and corrections of other methods.
 ///
@@ -47,17 +49,13 @@ impl Calibrations {
             let message = "uses all channels: leave --leave-out out".into();
             return Err(MethodError::Option { method: name.into(), message });
         }
-        let calibration = Calibration::load(Path::new(name), &skin.design().name)?;
-        if calibration.channel_count() != skin.design().protocol.channel_count() {
-            let (got, expected) = (skin.design().protocol.channel_count(), calibration.channel_count());
-            return Err(CalibrateError::Channels { got, expected }.into());
-        }
+        let calibration = Calibration::load(Path::new(name), skin.design())?;
         let method = CalibratedMethod::new(skin, calibration);
         Ok(Method::new(name, format!("calibration in {name}"), Arc::new(method)))
     }
 
     fn correction(&self, skin: &Skin, name: &str, options: &MethodOptions) -> Result<Method, MethodError> {
-        let correction = Correction::load(Path::new(name), &skin.design().name)?;
+        let correction = Correction::load(Path::new(name), skin.design())?;
         let base = self.base.method(skin, correction.method(), options)?;
         let label = format!("{} with the correction in {name}", base.label());
         let method = CorrectedMethod { base: Arc::clone(base.reconstruct()), correction };
@@ -131,14 +129,24 @@ impl From<CalibrateError> for MethodError {
     }
 }
 
-/// A calibration as a method: single frames to the position of one press, without the memory of the press before.
+/// A calibration as a method: single frames to positions, without the memory of the press before.
 struct CalibratedMethod {
     calibration: Calibration,
+    /// For frames that no single press explains.
+    superposition: Superposition,
     pixels: Arc<PixelSpace>,
     /// The node of the region nearest to each pixel.
     nodes: Vec<usize>,
-    /// The change of an untouched frame, in units of the channels.
-    untouched: Vec<f64>,
+    last: Mutex<Option<Arc<Estimate>>>,
+}
+
+/// What a calibration states of a frame.
+struct Estimate {
+    difference: Vec<f64>,
+    /// Value of each pixel.
+    image: Vec<f64>,
+    contacts: Vec<Contact>,
+    novelty: Option<f64>,
 }
 
 impl CalibratedMethod {
@@ -151,13 +159,52 @@ impl CalibratedMethod {
             (0..nodes.len()).min_by(|a, b| apart(a).total_cmp(&apart(b))).expect("a region has nodes")
         };
         let nodes = pixels.centres_m.iter().map(nearest).collect();
-        let untouched = calibration.single(&vec![0.0; calibration.channel_count()]);
-        CalibratedMethod { calibration, pixels, nodes, untouched }
+        let superposition = Superposition::new(&calibration);
+        CalibratedMethod { calibration, superposition, pixels, nodes, last: Mutex::new(None) }
     }
 
-    /// Whether a frame is nearer to the untouched one than to any press.
-    fn is_untouched(&self, values: &[f64], located: &Located) -> bool {
-        self.calibration.locator.whitened_square(values, &self.untouched) <= located.square
+    /// The posteriors of the touches of a frame: none where it is nearer to the untouched frame than to any press, several
+    /// where no single press explains it.
+    fn posteriors(&self, difference: &[f64]) -> Vec<Posterior<'_>> {
+        let Calibration { locator, .. } = &self.calibration;
+        let values = self.calibration.single(difference);
+        let posterior = locator.posterior(&values, None, self.calibration.last_number());
+        let posteriors = if self.calibration.is_unlike(&posterior.located(locator.temperature)) {
+            self.superposition.posteriors(&self.calibration, &values)
+        } else {
+            vec![posterior]
+        };
+        if posteriors.iter().any(Posterior::is_untouched) { Vec::new() } else { posteriors }
+    }
+
+    /// What the last frame states; a pipeline asks for its image, its contacts and its novelty one after the other.
+    fn estimate(&self, difference: &[f64]) -> Arc<Estimate> {
+        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(estimate) = last.as_ref().filter(|estimate| estimate.difference == difference) {
+            return Arc::clone(estimate);
+        }
+        drop(last);
+        let estimate = Arc::new(self.compute(difference));
+        last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        *last = Some(Arc::clone(&estimate));
+        estimate
+    }
+
+    fn compute(&self, difference: &[f64]) -> Estimate {
+        let temperature = self.calibration.locator.temperature;
+        let posteriors = self.posteriors(difference);
+        let mut image = vec![0.0_f64; self.pixels.len()];
+        for posterior in &posteriors {
+            let density = posterior.relative_density(temperature);
+            image.iter_mut().zip(&self.nodes).for_each(|(value, &node)| *value = value.max(density[node]));
+        }
+        let located: Vec<Located> = posteriors.iter().map(|posterior| posterior.located(temperature)).collect();
+        Estimate {
+            difference: difference.to_vec(),
+            image,
+            contacts: located.iter().map(|located| self.contact(located)).collect(),
+            novelty: located.iter().map(|located| self.calibration.novelty(located)).reduce(f64::min),
+        }
     }
 
     fn contact(&self, located: &Located) -> Contact {
@@ -172,7 +219,8 @@ impl CalibratedMethod {
         };
         let normal = self.pixels.surface.normal(position_m).unwrap_or_else(nearest);
         let confidence = if self.calibration.is_unlike(located) { 0.0 } else { located.confidence };
-        Contact { sd_m: located.sd_m(), confidence, ..Contact::truth(position_m, normal, f64::NAN) }
+        let [force_n, force_sd_n] = self.calibration.force_n(located);
+        Contact { sd_m: located.sd_m(), confidence, force_sd_n, ..Contact::truth(position_m, normal, force_n) }
     }
 }
 
@@ -188,15 +236,7 @@ impl Reconstruct for CalibratedMethod {
     /// The posterior density of the position relative to its largest value; zero where the frame is untouched.
     fn reconstruct_into(&self, difference: &[f64], values: &mut [f64]) -> Result<(), ReconstructError> {
         check_lengths(difference, self.calibration.channel_count(), values, self.pixels.len())?;
-        let frame = self.calibration.single(difference);
-        let posterior = self.calibration.locator.posterior(&frame, None, self.calibration.last_number());
-        let temperature = self.calibration.locator.temperature;
-        if self.is_untouched(&frame, &posterior.located(temperature)) {
-            values.fill(0.0);
-            return Ok(());
-        }
-        let density = posterior.relative_density(temperature);
-        values.iter_mut().zip(&self.nodes).for_each(|(value, &node)| *value = density[node]);
+        values.copy_from_slice(&self.estimate(difference).image);
         Ok(())
     }
 
@@ -205,8 +245,10 @@ impl Reconstruct for CalibratedMethod {
     }
 
     fn contacts(&self, difference: &[f64]) -> Option<Vec<Contact>> {
-        let frame = self.calibration.single(difference);
-        let located = self.calibration.locator.locate(&frame, None, self.calibration.last_number());
-        Some(if self.is_untouched(&frame, &located) { Vec::new() } else { vec![self.contact(&located)] })
+        Some(self.estimate(difference).contacts.clone())
+    }
+
+    fn novelty(&self, difference: &[f64]) -> Option<f64> {
+        self.estimate(difference).novelty
     }
 }

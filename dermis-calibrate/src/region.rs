@@ -5,7 +5,7 @@ use crate::error::CalibrateError;
 use dermis::design::Body;
 use dermis::geom::Point3;
 use dermis::geom::vector::{cross, norm, normalize, sub};
-use dermis::mesh::Cells;
+use dermis::mesh::{Cells, Mesh};
 use dermis::skin::Skin;
 use rayon::prelude::*;
 
@@ -50,12 +50,33 @@ impl Region {
         Region { nodes, triangles }.without_unused_nodes()
     }
 
-    /// The surface of a skin.
+    /// The surface of a skin: a regular grid on flat bodies, the triangles of the mesh on others.
     ///
     /// # Errors
     /// A skin of tetrahedra.
     pub fn of_skin(skin: &Skin) -> Result<Self, CalibrateError> {
-        let mesh = skin.mesh();
+        match skin.design().body {
+            Body::Disk { diameter_m } => Ok(Region::disk([0.0; 3], 0.5 * diameter_m, 0.5 * diameter_m / EDGES)),
+            Body::Rectangle { width_m, height_m } => Ok(Region::rectangle(width_m, height_m)),
+            Body::Cylinder { .. } | Body::Mesh { .. } => Self::of_mesh(skin.mesh()),
+        }
+    }
+
+    /// A rectangle from the origin: a grid of equal triangles. m.
+    fn rectangle(width_m: f64, height_m: f64) -> Self {
+        let edge_m = 0.5 * width_m.max(height_m) / EDGES;
+        let [columns, rows] = [width_m, height_m].map(|side_m| (side_m / edge_m).ceil() as usize);
+        let at = |k: usize, count: usize, side_m: f64| side_m * k as f64 / count as f64;
+        let node = |k: usize| [at(k % (columns + 1), columns, width_m), at(k / (columns + 1), rows, height_m), 0.0];
+        let corners = (0..rows).flat_map(|row| (0..columns).map(move |column| row * (columns + 1) + column));
+        let triangles = corners.flat_map(|corner| {
+            let above = corner + columns + 1;
+            [[corner, corner + 1, above], [corner + 1, above + 1, above]]
+        });
+        Region { nodes: (0..(rows + 1) * (columns + 1)).map(node).collect(), triangles: triangles.collect() }
+    }
+
+    fn of_mesh(mesh: &Mesh) -> Result<Self, CalibrateError> {
         let Cells::Triangles(triangles) = &mesh.cells else {
             let message = "presses are located on surfaces, but this body is a volume of tetrahedra";
             return Err(CalibrateError::Body(message.into()));
@@ -123,6 +144,15 @@ impl Region {
         normalize(cross(sub(b, a), sub(c, a)))
     }
 
+    /// A unit normal at each node: that of one of its triangles.
+    pub(crate) fn node_normals(&self) -> Vec<Point3> {
+        let mut normals = vec![[0.0, 0.0, 1.0]; self.nodes.len()];
+        for (number, triangle) in self.triangles.iter().enumerate() {
+            triangle.iter().for_each(|&node| normals[node] = self.normal(number));
+        }
+        normals
+    }
+
     pub(crate) fn triangle_area_m2(&self, triangle: &[usize; 3]) -> f64 {
         let [a, b, c] = triangle.map(|node| self.nodes[node]);
         0.5 * norm(cross(sub(b, a), sub(c, a)))
@@ -154,4 +184,18 @@ fn middle_of(points: &[Point3]) -> Point3 {
 /// The distance of two points in the plane of x and y.
 fn flat_distance(a: Point3, b: Point3) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rectangle_is_covered_once() {
+        let body = Body::Rectangle { width_m: 0.12, height_m: 0.05 };
+        let region = Region::rectangle(0.12, 0.05);
+        assert!((region.area_m2() - 0.12 * 0.05).abs() < 1e-12, "{}", region.area_m2());
+        assert!(region.nodes.iter().all(|&position| body.holds(position) && position[2] == 0.0));
+        assert!((0..region.triangles.len()).all(|triangle| region.normal(triangle)[2] > 0.0));
+    }
 }

@@ -15,8 +15,15 @@ const RIDGE: f64 = 0.05;
 pub(crate) struct Realignment {
     /// Rows by which each channel is late.
     lags: Vec<i32>,
-    /// Weights of the channels in time in the value of each late channel, and its offset.
-    completion: Vec<(usize, Vec<f64>, f64)>,
+    completion: Vec<Completion>,
+}
+
+/// The prediction of a late channel from the channels in time.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Completion {
+    channel: usize,
+    weights: Vec<f64>,
+    offset: f64,
 }
 
 impl Realignment {
@@ -35,7 +42,7 @@ impl Realignment {
             .ok_or_else(|| CalibrateError::Fit("the channels in time predict no late channel".into()))?;
         for (j, &channel) in late.iter().enumerate() {
             let weights = regression.weights.col(j).iter().copied().collect();
-            realignment.completion.push((channel, weights, regression.offsets[j]));
+            realignment.completion.push(Completion { channel, weights, offset: regression.offsets[j] });
         }
         Ok(realignment)
     }
@@ -48,7 +55,7 @@ impl Realignment {
     /// Whether it belongs to so many channels.
     pub(crate) fn fits(&self, channels: usize) -> bool {
         let in_time = self.in_time().len();
-        let fits = |(channel, weights, _): &(usize, Vec<f64>, f64)| *channel < channels && weights.len() == in_time;
+        let fits = |late: &Completion| late.channel < channels && late.weights.len() == in_time;
         self.lags.len() == channels && self.completion.len() == channels - in_time && self.completion.iter().all(fits)
     }
 
@@ -67,18 +74,18 @@ impl Realignment {
 
     /// All rows, realigned and complete.
     pub(crate) fn apply(&self, values: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let row = |row: usize| self.shifted(values, row).unwrap_or_else(|| self.complete(values[row].clone()));
+        (0..values.len()).map(row).collect()
+    }
+
+    /// A single row, with its late channels predicted from the others.
+    pub(crate) fn complete(&self, mut values: Vec<f64>) -> Vec<f64> {
         let in_time = self.in_time();
-        let complete = |row: usize| {
-            self.shifted(values, row).unwrap_or_else(|| {
-                let mut values = values[row].clone();
-                for (channel, weights, offset) in &self.completion {
-                    let sum: f64 = weights.iter().zip(&in_time).map(|(weight, &other)| weight * values[other]).sum();
-                    values[*channel] = offset + sum;
-                }
-                values
-            })
-        };
-        (0..values.len()).map(complete).collect()
+        for Completion { channel, weights, offset } in &self.completion {
+            let sum: f64 = weights.iter().zip(&in_time).map(|(weight, &other)| weight * values[other]).sum();
+            values[*channel] = offset + sum;
+        }
+        values
     }
 }
 

@@ -79,7 +79,7 @@ impl SessionFit {
     /// As [`Calibration::fit`] and [`Calibration::save`].
     pub fn run(&self) -> Result<Quality, CalibrateError> {
         let calibration = Calibration::fit(&self.skin, &self.frames, &self.labels, LabelFrame::Skin)?;
-        calibration.save(&self.folder, &self.skin.design().name)?;
+        calibration.save(&self.folder, self.skin.design())?;
         Ok(*calibration.quality())
     }
 }

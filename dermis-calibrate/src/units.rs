@@ -61,6 +61,11 @@ impl ChannelUnits {
         self.median[channel] + self.sd[channel] * value.sinh()
     }
 
+    /// The untouched frame: differences of zero.
+    pub(crate) fn untouched(&self) -> Vec<f64> {
+        self.apply(&vec![0.0; self.channel_count()])
+    }
+
     /// A frame in these units.
     ///
     /// # Panics
@@ -71,5 +76,28 @@ impl ChannelUnits {
             if *sd > 0.0 { ((value - median) / sd).asinh() } else { 0.0 }
         };
         frame.iter().zip(&self.median).zip(&self.sd).map(convert).collect()
+    }
+}
+
+/// A value whose difference from the untouched one is multiplied by a factor; both in [`ChannelUnits`].
+pub(crate) fn amplified(value: f64, untouched: f64, factor: f64) -> f64 {
+    let untouched = untouched.sinh();
+    (untouched + factor * (value.sinh() - untouched)).asinh()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_amplified_frame_is_that_of_the_amplified_difference() {
+        let frames = [vec![1.0, -3.0], vec![2.0, 4.0], vec![5.0, 1.0], vec![9.0, 0.5]];
+        let units = ChannelUnits::of(&frames);
+        let (values, untouched) = (units.apply(&frames[1]), units.untouched());
+        let tripled = units.apply(&[6.0, 12.0]);
+        for channel in 0..2 {
+            let value = amplified(values[channel], untouched[channel], 3.0);
+            assert!((value - tripled[channel]).abs() < 1e-12, "{value}");
+        }
     }
 }

@@ -1,5 +1,6 @@
 //! Corrections of a method whose errors are known.
 
+use dermis::design::SkinDesign;
 use dermis::detect::Detector;
 use dermis::frame::Frame;
 use dermis::geom::Point3;
@@ -73,11 +74,12 @@ fn a_correction_removes_smooth_errors_and_learns_forces() {
     assert!(quality.mean_error_before_m > 3e-3, "{quality:?}");
 
     let folder = tempfile::tempdir().unwrap();
-    correction.save(folder.path(), "tank16").unwrap();
+    correction.save(folder.path(), case.skin.design()).unwrap();
     let methods = Methods::linear().with(Calibrations::of(Methods::linear()));
     let name = format!("{}", folder.path().display());
     let corrected = methods.method(&case.skin, &name, &MethodOptions::default()).unwrap();
-    assert!(Correction::load(folder.path(), "skin16").is_err(), "a correction for another design");
+    let other = SkinDesign::shipped("skin16").unwrap();
+    assert!(Correction::load(folder.path(), &other).is_err(), "a correction for another design");
 
     let (mut off_m, mut force_errors) = (Vec::new(), Vec::new());
     for (frame, label) in case.frames.iter().zip(&case.labels).skip(100) {

@@ -1,5 +1,6 @@
 //! Calibration of an invented skin whose responses are known functions, and input that is refused.
 
+use dermis::design::SkinDesign;
 use dermis::frame::Frame;
 use dermis::geom::Point3;
 use dermis::geom::vector::distance;
@@ -55,8 +56,8 @@ fn positions_are_found_and_survive_the_folder() {
     let mean_m = errors.sum::<f64>() / (PRESSES - 100) as f64;
     assert!(mean_m < 1e-3, "{mean_m} m");
     let folder = tempfile::tempdir().unwrap();
-    calibration.save(folder.path(), "skin16").unwrap();
-    let again = Calibration::load(folder.path(), "skin16").unwrap().locate(&frames, 0).unwrap();
+    calibration.save(folder.path(), skin.design()).unwrap();
+    let again = Calibration::load(folder.path(), skin.design()).unwrap().locate(&frames, 0).unwrap();
     let moved = located.iter().zip(&again).map(|(a, b)| distance(a.position_m, b.position_m)).fold(0.0, f64::max);
     assert!(moved < 1e-9, "{moved} m");
     // As a method: a contact for a press, none for an untouched frame.
@@ -128,16 +129,21 @@ fn folders_of_others_are_refused() {
     let (skin, (frames, labels)) = (skin(), presses(5, PRESSES));
     let calibration = Calibration::fit(&skin, &frames, &labels, LabelFrame::Skin).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    calibration.save(folder.path(), "skin16").unwrap();
-    let error = |design: &str| Calibration::load(folder.path(), design).unwrap_err().to_string();
-    assert!(error("cylinder30").contains("made for the design `skin16`"), "{}", error("cylinder30"));
+    calibration.save(folder.path(), skin.design()).unwrap();
+    let error = |design: &SkinDesign| Calibration::load(folder.path(), design).unwrap_err().to_string();
+    let cylinder = error(&SkinDesign::shipped("cylinder30").unwrap());
+    assert!(cylinder.contains("made for the design `skin16`"), "{cylinder}");
+    let mut moved = skin.design().clone();
+    moved.electrodes[3].centre_m[0] += 0.002;
+    assert!(error(&moved).contains("the electrodes or the channels"), "{}", error(&moved));
+    let own = skin.design();
     let card = folder.path().join("calibration.json");
     let text = std::fs::read_to_string(&card).unwrap();
-    std::fs::write(&card, text.replace("\"version\": 1", "\"version\": 7")).unwrap();
-    assert!(error("skin16").contains("version is 7"), "{}", error("skin16"));
+    std::fs::write(&card, text.replace("\"version\": 2", "\"version\": 7")).unwrap();
+    assert!(error(own).contains("version is 7"), "{}", error(own));
     std::fs::write(&card, text).unwrap();
     std::fs::remove_file(folder.path().join("weights.npy")).unwrap();
-    assert!(error("skin16").contains("weights.npy"), "{}", error("skin16"));
+    assert!(error(own).contains("weights.npy"), "{}", error(own));
 }
 
 #[test]

@@ -113,7 +113,7 @@ pub fn evaluate(
     report: Option<&Path>,
     json: bool,
 ) -> Outcome {
-    let calibration = Calibration::load(folder, &skin.design().name)?;
+    let calibration = Calibration::load(folder, skin.design())?;
     let presses = Presses::read(truth, skin, frames.len())?;
     let is_robot = calibration.pose().is_some();
     if is_robot != (presses.frame() == LabelFrame::Robot) {

@@ -3,6 +3,7 @@
 use crate::calibrated::late_channels;
 use crate::console::Progress;
 use crate::failure::{Failure, Outcome};
+use dermis::design::SkinDesign;
 use dermis::frame::Frame;
 use dermis::method::MethodOptions;
 use dermis::skin::Skin;
@@ -77,7 +78,7 @@ fn correct(skin: &Skin, frames: &[Frame], labels: &[Label], name: &str) -> Outco
 
 impl Fitted {
     /// Writes it to a folder.
-    pub fn save(&self, folder: &Path, design: &str) -> Outcome {
+    pub fn save(&self, folder: &Path, design: &SkinDesign) -> Outcome {
         match self {
             Fitted::ForwardMap(map) => map.save(folder, design)?,
             Fitted::Correction(correction) => correction.save(folder, design)?,
@@ -121,19 +122,25 @@ fn correction_summary(correction: &Correction) -> Table {
     row("labelled presses", format!("{labels}, of which it finds {found}"));
     row("mean error before", format!("{:.2} mm", 1e3 * mean_error_before_m));
     row("mean error, cross-validated", format!("{:.2} mm", 1e3 * mean_error_m));
-    if let (Some(error), Some(spread)) = (force_error, force_spread) {
-        row("error of the force", format!("{:.0} %, spread {spread:.2}", 1e2 * error));
-    }
+    force_row(&mut row, force_error, force_spread);
     table
 }
 
+/// The error of forces, where they are known.
+fn force_row(row: &mut impl FnMut(&str, String), error: Option<f64>, spread: Option<f64>) {
+    if let (Some(error), Some(spread)) = (error, spread) {
+        row("error of the force, cross-validated", format!("{:.0} %, spread {spread:.2}", 1e2 * error));
+    }
+}
+
 fn map_summary(calibration: &Calibration) -> Table {
-    let Quality { labels, unlabelled, mean_error_m } = *calibration.quality();
+    let Quality { labels, unlabelled, mean_error_m, force_error, force_spread } = *calibration.quality();
     let mut table = Table::new(&["figure", "value"]);
     let mut row = |name: &str, value: String| table.row([name.to_string(), value]);
     row("labelled presses", labels.to_string());
     row("unlabelled presses used", unlabelled.to_string());
     row("mean error, cross-validated", format!("{:.2} mm", 1e3 * mean_error_m));
+    force_row(&mut row, force_error, force_spread);
     row("channels that are rows late", late_channels(calibration.lags()));
     if let Some(pose) = calibration.pose() {
         let [x, y, _] = pose.centre_m.map(|value| 1e3 * value);

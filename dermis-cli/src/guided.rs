@@ -372,7 +372,7 @@ impl Guided {
         let (frames, labels) = self.session.presses();
         let correction = better_correction(self.session.skin(), frames, &labels, map)?;
         if let Some(correction) = &correction {
-            correction.save(folder, &self.session.skin().design().name)?;
+            correction.save(folder, self.session.skin().design())?;
         }
         Ok(correction)
     }

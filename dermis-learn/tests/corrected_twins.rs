@@ -66,7 +66,7 @@ fn method(skin: &Skin, detector: &Detector, presses: &Frames, labels: usize) -> 
     let labels: Vec<Label> = (0..labels).map(label).collect();
     let correction = Correction::fit(skin.pixels(), &best, detector, &presses.differences, &labels).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    correction.save(folder.path(), &skin.design().name).unwrap();
+    correction.save(folder.path(), skin.design()).unwrap();
     methods.method(skin, folder.path().to_str().unwrap(), &MethodOptions::default()).unwrap()
 }
 

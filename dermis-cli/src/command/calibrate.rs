@@ -79,7 +79,7 @@ impl Arguments {
         let last = labels.last().map_or(0, |label| label.row);
         let used = if self.unlabelled { &frames[..] } else { &frames[..=last] };
         let fitted = fitted::fit(&skin, used, &labels, presses.frame(), self.method.as_deref())?;
-        fitted.save(&self.output, &skin.design().name)?;
+        fitted.save(&self.output, skin.design())?;
         let outlook = match (self.suggest, &fitted) {
             (Some(count), Fitted::ForwardMap(map)) => {
                 Some(Outlook::of(&skin, used, &labels, presses.frame(), map, count as usize)?)

@@ -46,6 +46,7 @@ mod electrodes;
 mod error;
 mod frame;
 mod health;
+mod novelty;
 mod process;
 mod rebuild;
 mod settings;

@@ -9,6 +9,7 @@ use crate::pipeline::electrodes::{Change, ElectrodeMonitor, NoiseFrame};
 use crate::pipeline::error::PipelineError;
 use crate::pipeline::frame::{FrameInput, Measurement, PipelineFrame};
 use crate::pipeline::health::{ElectrodeState, Health, Notice, Severity};
+use crate::pipeline::novelty::NoveltyMonitor;
 use crate::pipeline::settings::Settings;
 use crate::pipeline::state::{Phase, Reading};
 use crate::pipeline::statistics::{Statistics, difference};
@@ -119,6 +120,7 @@ impl Pipeline {
             touch_detector: TouchDetector::of(&values, &self.masked),
             baseline: Baseline::new(statistics.mean),
             electrodes,
+            novelty: NoveltyMonitor::default(),
             quiet_since_s: None,
             unexplained_since_s: None,
         }));
@@ -187,8 +189,22 @@ impl Pipeline {
         let untouched = reading.update_baseline(surface, &mut self.fitter, felt, &suspect, frame)?;
         let about = NoiseFrame { untouched, masked: &suspect, step_s };
         reading.electrodes.update_noise(&self.topology, measurement, about);
+        let touched = felt || !contacts.is_empty();
+        let aged = reading.novelty.update(touched, || self.method.reconstruct().novelty(&difference));
         self.apply_changes(&changes, at);
-        Ok((felt || !contacts.is_empty(), contacts))
+        self.warn_of_ageing(aged, at);
+        Ok((touched, contacts))
+    }
+
+    /// Reports that presses have become unlike those of the calibration, with their median novelty.
+    fn warn_of_ageing(&mut self, novelty: Option<f64>, at: Timestamp) {
+        if let Some(novelty) = novelty {
+            let text = format!(
+                "the last presses are unlike those of the calibration: their residuals are {novelty:.1} times those of its \
+                 most unusual presses. Press at some known places; if the contacts are wrong, calibrate again"
+            );
+            self.notice(Severity::Warning, text, at);
+        }
     }
 
     /// Masks the channels of bad electrodes, and unmasks those of electrodes that are good again.

@@ -6,6 +6,7 @@ use crate::pipeline::drift::DriftFitter;
 use crate::pipeline::electrodes::{ElectrodeMonitor, ElectrodeTopology};
 use crate::pipeline::error::PipelineError;
 use crate::pipeline::frame::Measurement;
+use crate::pipeline::novelty::NoveltyMonitor;
 use crate::pipeline::settings::Settings;
 use crate::pipeline::timestamp::Timestamp;
 use crate::pipeline::touch_detector::TouchDetector;
@@ -51,6 +52,9 @@ pub(super) struct Reading {
     pub electrodes: ElectrodeMonitor,
     #[serde(rename = "alarm")]
     pub touch_detector: TouchDetector,
+    /// Whether presses look like those of the calibration.
+    #[serde(default)]
+    pub novelty: NoveltyMonitor,
     /// Differences of the tare's frames from their mean, ohm.
     pub untouched: Vec<Vec<f64>>,
     /// Start of the time without a touch, s.

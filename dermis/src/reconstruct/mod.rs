@@ -118,6 +118,13 @@ pub trait Reconstruct: Send + Sync {
     /// changes positions, forces and deviations. The default leaves them as they are.
     fn correct(&self, _difference: &[f64], _contacts: &mut [Contact]) {}
 
+    /// How unlike the presses of its calibration the difference of a touched frame is: the mean square of its residual over the
+    /// one that 99 % of the calibration's presses do not exceed. `None` for methods without a calibration, and where the frame
+    /// is untouched.
+    fn novelty(&self, _difference: &[f64]) -> Option<f64> {
+        None
+    }
+
     /// Detection options for its images. The default is that of linear images, with their side lobes.
     fn detection(&self) -> DetectOptions {
         DetectOptions::default()
@@ -152,6 +159,10 @@ impl<P: Deref<Target: Reconstruct> + Send + Sync> Reconstruct for P {
 
     fn correct(&self, difference: &[f64], contacts: &mut [Contact]) {
         (**self).correct(difference, contacts);
+    }
+
+    fn novelty(&self, difference: &[f64]) -> Option<f64> {
+        (**self).novelty(difference)
     }
 
     fn detection(&self) -> DetectOptions {

@@ -1,0 +1,232 @@
+//! Amplitudes of presses: how much stronger the change of a frame is than that of a typical labelled press, and the
+//! force that it states.
+
+use crate::calibration::Label;
+use crate::units::amplified;
+use dermis::stats::{mean, quantile};
+use serde::{Deserialize, Serialize};
+
+/// Fewest labels with a force.
+const FEWEST_FORCES: usize = 20;
+/// Smallest standard deviation of the logarithm of the forces: below it they are equal.
+const LEAST_LOG_SD: f64 = 0.05;
+/// Smallest exponent that is used, and smallest in its standard errors.
+const LEAST_EXPONENT: f64 = 0.05;
+const LEAST_SIGNIFICANCE: f64 = 4.0;
+/// Fewest labels whose amplitudes are compared without forces, and the smallest standard deviation of their logarithms above which
+/// presses count as unequal. Presses of equal depth on two real membranes have 0.03 to 0.13, from 50 labels on.
+const FEWEST_AMPLITUDES: usize = 50;
+const LEAST_AMPLITUDE_LOG_SD: f64 = 0.25;
+/// The standard deviation of a normal distribution over the distance of its quartiles.
+const SD_PER_QUARTILES: f64 = 0.741_3;
+/// Amplitudes that are tried, in standard deviations from the mean: this far on both sides, in these steps.
+const WIDTH: f64 = 3.0;
+const STEPS: i32 = 5;
+/// Forces are not extrapolated by more than this factor beyond those of the labels.
+const BEYOND_LABELS: f64 = 1.5;
+/// Part of normal values within one standard deviation.
+const WITHIN_ONE_SD: f64 = 0.682_689_492;
+
+/// The amplitudes of presses that are not equally strong.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Strength {
+    /// Standard deviation of the logarithm of the labels' amplitudes.
+    pub log_sd: f64,
+    /// Their relation to forces, where these are known.
+    pub law: Option<ForceLaw>,
+}
+
+/// A power law from the force of a press to the amplitude of its change: `amplitude = (force / typical)^exponent`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(crate) struct ForceLaw {
+    /// Mean of the logarithms of the labels' forces.
+    mean_log_force: f64,
+    exponent: f64,
+    /// Range of the logarithm of the forces: that of the labels, and a factor of [`BEYOND_LABELS`] on each side.
+    range: [f64; 2],
+    /// Relative standard deviation of a force: 0 as long as it is not known.
+    pub relative_sd: f64,
+}
+
+impl Strength {
+    /// The strengths of labelled presses from their forces, or without forces from their amplitudes alone; `None` where all
+    /// count as equally strong.
+    pub(crate) fn fit(labels: &[Label], amplitudes: &[f64]) -> Option<Self> {
+        if let Some(law) = ForceLaw::fit(labels, amplitudes) {
+            let logs: Vec<f64> = labels.iter().map(|label| law.amplitude(label.force_n).ln()).collect();
+            return Some(Strength { log_sd: spread(&logs), law: Some(law) });
+        }
+        let mut logs: Vec<f64> = amplitudes.iter().map(|amplitude| amplitude.ln()).collect();
+        logs.sort_by(f64::total_cmp);
+        // Robust: the amplitude of a press that the map does not know yet is far off.
+        let log_sd = SD_PER_QUARTILES * (quantile(&logs, 0.75) - quantile(&logs, 0.25));
+        let varies = labels.len() >= FEWEST_AMPLITUDES && log_sd > LEAST_AMPLITUDE_LOG_SD;
+        varies.then_some(Strength { log_sd, law: None })
+    }
+
+    /// Whether it was stored whole.
+    pub(crate) fn is_consistent(&self) -> bool {
+        self.log_sd > 0.0 && self.log_sd.is_finite() && self.law.is_none_or(|law| law.is_consistent())
+    }
+
+    /// The amplitude of the largest posterior density, with a log-normal prior of the labels' spread.
+    pub(crate) fn most_likely_amplitude(&self, log_evidence: impl Fn(f64) -> f64) -> f64 {
+        let log_density =
+            |deviations: f64| log_evidence((self.log_sd * deviations).exp()) - 0.5 * deviations * deviations;
+        let step = WIDTH / f64::from(STEPS);
+        let tried: Vec<(f64, f64)> =
+            (-STEPS..=STEPS).map(|k| f64::from(k) * step).map(|at| (at, log_density(at))).collect();
+        let best = (0..tried.len()).max_by(|&a, &b| tried[a].1.total_cmp(&tried[b].1)).expect("some are tried");
+        let at = match (best.checked_sub(1).map(|before| tried[before].1), tried.get(best + 1).map(|after| after.1)) {
+            (Some(before), Some(after)) => tried[best].0 + step * vertex(before, tried[best].1, after),
+            _ => tried[best].0,
+        };
+        (self.log_sd * at).exp()
+    }
+}
+
+impl ForceLaw {
+    /// The law that relates the amplitudes of labelled presses to their forces, by linear regression of the logarithms. `None` where not all
+    /// labels have forces, where these are equal, or where the amplitude does not grow with them.
+    fn fit(labels: &[Label], amplitudes: &[f64]) -> Option<Self> {
+        if labels.len() < FEWEST_FORCES || !labels.iter().all(|label| label.force_n > 0.0) {
+            return None;
+        }
+        let forces: Vec<f64> = labels.iter().map(|label| label.force_n.ln()).collect();
+        let amplitudes: Vec<f64> = amplitudes.iter().map(|amplitude| amplitude.ln()).collect();
+        let (mean_log_force, mean_amplitude) = (mean(&forces), mean(&amplitudes));
+        let product =
+            |a: &[f64], b: &[f64], of: [f64; 2]| a.iter().zip(b).map(|(a, b)| (a - of[0]) * (b - of[1])).sum::<f64>();
+        let spread = product(&forces, &forces, [mean_log_force; 2]);
+        let sd = (spread / labels.len() as f64).sqrt();
+        let exponent = product(&forces, &amplitudes, [mean_log_force, mean_amplitude]) / spread;
+        let explained = exponent * exponent * spread;
+        let left = (product(&amplitudes, &amplitudes, [mean_amplitude; 2]) - explained).max(0.0);
+        let standard_error = (left / labels.len() as f64 / spread).sqrt();
+        let law = ForceLaw { mean_log_force, exponent, range: force_range(&forces), relative_sd: 0.0 };
+        let determined = sd > LEAST_LOG_SD && exponent > (LEAST_SIGNIFICANCE * standard_error).max(LEAST_EXPONENT);
+        determined.then_some(law)
+    }
+
+    fn is_consistent(&self) -> bool {
+        let ForceLaw { mean_log_force, exponent, range, relative_sd } = *self;
+        mean_log_force.is_finite() && exponent > 0.0 && range[0] <= range[1] && relative_sd >= 0.0
+    }
+
+    /// The amplitude of a press of a force, N.
+    pub(crate) fn amplitude(&self, force_n: f64) -> f64 {
+        (self.exponent * (force_n.ln() - self.mean_log_force)).exp()
+    }
+
+    /// The force of a press, N.
+    pub(crate) fn force_n(&self, amplitude: f64) -> f64 {
+        (self.mean_log_force + amplitude.ln() / self.exponent).clamp(self.range[0], self.range[1]).exp()
+    }
+
+    /// Sets the relative deviation from labels that the map had not seen.
+    pub(crate) fn set_deviation(&mut self, log_ratios: &[f64]) {
+        self.relative_sd = relative_deviation(log_ratios);
+    }
+}
+
+/// The range of the logarithms of forces: that of some, and a factor of [`BEYOND_LABELS`] on each side.
+pub(crate) fn force_range(log_forces: &[f64]) -> [f64; 2] {
+    let lowest = log_forces.iter().copied().fold(f64::INFINITY, f64::min);
+    let highest = log_forces.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    [lowest - BEYOND_LABELS.ln(), highest + BEYOND_LABELS.ln()]
+}
+
+/// The mean relative error of forces, from the logarithms of the estimated over the true ones.
+pub(crate) fn relative_error(log_ratios: &[f64]) -> f64 {
+    mean(&log_ratios.iter().map(|log| (log.exp() - 1.0).abs()).collect::<Vec<f64>>())
+}
+
+/// The spread of such logarithms about zero.
+pub(crate) fn spread(log_ratios: &[f64]) -> f64 {
+    mean(&log_ratios.iter().map(|log| log * log).collect::<Vec<f64>>()).sqrt()
+}
+
+/// The relative error that 68 % of the forces do not exceed: the standard deviation of normal ones.
+pub(crate) fn relative_deviation(log_ratios: &[f64]) -> f64 {
+    let mut errors: Vec<f64> = log_ratios.iter().map(|log| (log.exp() - 1.0).abs()).collect();
+    errors.sort_by(f64::total_cmp);
+    quantile(&errors, WITHIN_ONE_SD)
+}
+
+/// Where a parabola through values at -1, 0 and 1 has its vertex, if that of 0 is the largest.
+pub(crate) fn vertex(before: f64, here: f64, after: f64) -> f64 {
+    let curvature = before - 2.0 * here + after;
+    if curvature < 0.0 { (0.5 * (before - after) / curvature).clamp(-0.5, 0.5) } else { 0.0 }
+}
+
+/// The factor on the change of one frame from the untouched one with which it is nearest to another, all in units of the channels:
+/// between 1/8 and 8.
+pub(crate) fn amplitude_between(frame: &[f64], other: &[f64], untouched: &[f64]) -> f64 {
+    const STEP: f64 = 0.05;
+    const MOST: i32 = 41;
+    let square = |k: i32| -> f64 {
+        let factor = (f64::from(k) * STEP).exp();
+        let off = |((&value, &other), &rest): ((&f64, &f64), &f64)| (amplified(value, rest, factor) - other).powi(2);
+        frame.iter().zip(other).zip(untouched).map(off).sum()
+    };
+    let squares: Vec<f64> = (-MOST..=MOST).map(|k| -square(k)).collect();
+    let best = (1..squares.len() - 1).max_by(|&a, &b| squares[a].total_cmp(&squares[b])).expect("some are tried");
+    let at = best as f64 - f64::from(MOST) + vertex(squares[best - 1], squares[best], squares[best + 1]);
+    (at * STEP).exp()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn labels(forces: &[f64]) -> Vec<Label> {
+        let label = |(row, &force_n): (usize, &f64)| Label { row, position_m: [0.0; 3], force_n };
+        forces.iter().enumerate().map(label).collect()
+    }
+
+    #[test]
+    fn a_power_law_is_found_and_inverted() {
+        let forces: Vec<f64> = (0..40).map(|k| 1.0 + 0.1 * f64::from(k)).collect();
+        let amplitudes: Vec<f64> = forces.iter().map(|force| 0.3 * force.powf(0.7)).collect();
+        let law = ForceLaw::fit(&labels(&forces), &amplitudes).unwrap();
+        assert!((law.exponent - 0.7).abs() < 1e-9);
+        assert!((law.force_n(law.amplitude(2.5)) - 2.5).abs() < 1e-9);
+        assert!((law.amplitude(4.0) / law.amplitude(2.0) - 2.0_f64.powf(0.7)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn equal_forces_and_amplitudes_without_relation_give_no_law() {
+        assert_eq!(ForceLaw::fit(&labels(&[2.0; 40]), &[1.0; 40]), None);
+        let forces: Vec<f64> = (0..40).map(|k| 1.0 + 0.1 * f64::from(k)).collect();
+        let amplitudes: Vec<f64> = (0..40).map(|k| if k % 2 == 0 { 1.0 } else { 1.2 }).collect();
+        assert_eq!(ForceLaw::fit(&labels(&forces), &amplitudes), None);
+        assert_eq!(ForceLaw::fit(&labels(&forces[..10]), &amplitudes[..10]), None, "too few");
+    }
+
+    #[test]
+    fn without_forces_amplitudes_that_vary_are_unequal() {
+        let unknown = labels(&[f64::NAN; 60]);
+        let amplitudes = |width: f64| -> Vec<f64> { (0..60).map(|k| (width * f64::from(k)).exp()).collect() };
+        assert_eq!(Strength::fit(&unknown, &amplitudes(0.001)), None);
+        let strength = Strength::fit(&unknown, &amplitudes(0.05)).unwrap();
+        assert!(strength.law.is_none() && strength.log_sd > 0.5, "{strength:?}");
+        assert_eq!(Strength::fit(&unknown[..30], &amplitudes(0.05)[..30]), None, "too few");
+    }
+
+    #[test]
+    fn the_most_likely_amplitude_is_the_largest_of_a_density() {
+        let strength = Strength { log_sd: 0.4, law: None };
+        // A narrow density at 1.3, beside a wide prior.
+        let found = strength.most_likely_amplitude(|amplitude| -0.5 * ((amplitude.ln() - 1.3_f64.ln()) / 0.01).powi(2));
+        assert!((found - 1.3).abs() < 0.005, "{found}");
+    }
+
+    #[test]
+    fn the_amplitude_between_two_frames_is_their_factor() {
+        let untouched = [0.1, -0.4, 0.0];
+        let frame = [2.0, 0.3, -1.0];
+        let other: Vec<f64> =
+            frame.iter().zip(&untouched).map(|(&value, &rest)| amplified(value, rest, 1.37)).collect();
+        assert!((amplitude_between(&frame, &other, &untouched) - 1.37).abs() < 0.002);
+    }
+}

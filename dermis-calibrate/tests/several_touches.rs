@@ -1,0 +1,158 @@
+//! Several touches and forces from a calibration with single presses, on digital twins of a membrane.
+//!
+//! `cargo test --release -p dermis-calibrate --test several_touches -- --ignored --nocapture` prints the table of
+//! `docs/calibration.md`. The touches that are scored are never labels.
+
+use dermis::contact::Contact;
+use dermis::detect::Detector;
+use dermis::frame::Frame;
+use dermis::method::{Method, MethodOptions, Methods};
+use dermis::skin::Skin;
+use dermis_calibrate::{Calibration, Calibrations, Label, LabelFrame};
+use dermis_sim::evaluate::{Score, resolves_two, score_contacts};
+use dermis_sim::experiment::{PressSet, Presses, record, truth};
+use dermis_sim::twin::{Twin, TwinOptions};
+use rayon::prelude::*;
+
+/// Single presses that are scored.
+const SCORED: usize = 300;
+/// Frames of several touches.
+const SEVERAL: usize = 200;
+/// Distance of two touches, and least distance of four, m.
+const PAIR_M: f64 = 0.035;
+const FOUR_APART_M: f64 = 0.028;
+
+/// Frames and the true touches of each.
+struct Frames {
+    differences: Vec<Frame>,
+    truth: Vec<Vec<Contact>>,
+}
+
+impl Frames {
+    fn record(skin: &Skin, twin: &Twin, set: &PressSet, first: u64) -> (Self, u64) {
+        let recording = record(twin, &set.presses, first, || ()).unwrap();
+        let surface = skin.design().body.surface();
+        let differences = recording.frames.iter().map(|frame| frame - &recording.baseline).collect();
+        let truth = set.presses.iter().map(|presses| truth(&surface, presses)).collect();
+        (Frames { differences, truth }, recording.next_index)
+    }
+}
+
+/// Single presses, pairs and fours on one twin.
+struct Experiment {
+    single: Frames,
+    two: Frames,
+    four: Frames,
+}
+
+fn experiment(skin: &Skin, twin: &str, seed: u64, singles: usize) -> Experiment {
+    let options = TwinOptions::shipped(twin).unwrap().made_of(skin.design());
+    let presses = Presses::new(skin.design(), skin.mesh(), skin.pixels(), options.press, seed);
+    let twin = Twin::new(skin.design(), &options, seed).unwrap();
+    let (single, next) = Frames::record(skin, &twin, &presses.at_random(singles), 0);
+    let (two, next) = Frames::record(skin, &twin, &presses.in_pairs(&[PAIR_M], SEVERAL), next);
+    let (four, _) = Frames::record(skin, &twin, &presses.apart(4, FOUR_APART_M, SEVERAL), next);
+    Experiment { single, two, four }
+}
+
+/// A calibration with some presses, with their forces or without.
+fn calibrated(skin: &Skin, presses: &Frames, labels: usize, forces: bool) -> Method {
+    let label = |row: usize| {
+        let Contact { position_m, force_n, .. } = presses.truth[row][0];
+        Label { row, position_m, force_n: if forces { force_n } else { f64::NAN } }
+    };
+    let labels: Vec<Label> = (0..labels).map(label).collect();
+    let calibration = Calibration::fit(skin, &presses.differences[..labels.len()], &labels, LabelFrame::Skin).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    calibration.save(folder.path(), skin.design()).unwrap();
+    let methods = Methods::linear().with(Calibrations::of(Methods::linear()));
+    methods.method(skin, folder.path().to_str().unwrap(), &MethodOptions::default()).unwrap()
+}
+
+struct Scored {
+    score: Score,
+    found: Vec<Vec<Contact>>,
+    frame_ms: f64,
+}
+
+fn scored(method: &Method, detector: &Detector, frames: &Frames, from: usize) -> Scored {
+    let (differences, truth) = (&frames.differences[from..], &frames.truth[from..]);
+    let started = std::time::Instant::now();
+    let found: Vec<Vec<Contact>> = differences.iter().map(|frame| method.contacts(frame, detector).unwrap()).collect();
+    let frame_ms = 1e3 * started.elapsed().as_secs_f64() / differences.len() as f64;
+    let images: Vec<_> = differences.par_iter().map(|frame| method.image(frame).unwrap()).collect();
+    let score = score_contacts(&images, &found, truth, method.label(), None).unwrap();
+    Scored { score, found, frame_ms }
+}
+
+fn resolved(skin: &Skin, found: &[Vec<Contact>], truth: &[Vec<Contact>]) -> f64 {
+    let surface = &skin.pixels().surface;
+    let pairs = found.iter().zip(truth);
+    let resolved = pairs.filter(|(found, truth)| resolves_two(&[truth[0], truth[1]], found, surface)).count();
+    resolved as f64 / truth.len() as f64
+}
+
+fn row(skin: &Skin, experiment: &Experiment, method: &Method, detector: &Detector, first: usize) -> String {
+    let Experiment { single, two, four } = experiment;
+    let [one, pairs, fours] =
+        [(single, first), (two, 0), (four, 0)].map(|(frames, from)| scored(method, detector, frames, from));
+    let force = one.score.force.map_or("-".into(), |force| format!("{:.0} %, {:.2}", 1e2 * force.error, force.spread));
+    let several = |scored: &Scored| {
+        let Score { localisation_m, misses, false_positives, .. } = &scored.score;
+        format!("{:.2}, {misses} missed, {false_positives} false", 1e3 * localisation_m.mean)
+    };
+    format!(
+        "{} | {force} | {:.0} % | {} | {} | {:.1}, {:.1}, {:.1}",
+        several(&one),
+        1e2 * resolved(skin, &pairs.found, &two.truth),
+        several(&pairs),
+        several(&fours),
+        one.frame_ms,
+        pairs.frame_ms,
+        fours.frame_ms
+    )
+}
+
+#[test]
+fn pairs_are_told_from_single_presses() {
+    let skin = Skin::load("skin16").unwrap();
+    let experiment = experiment(&skin, "lab", 4101, 350);
+    let method = calibrated(&skin, &experiment.single, 250, true);
+    let detector = method.detector(&[]).unwrap();
+    let single = scored(&method, &detector, &experiment.single, 250);
+    let two = scored(&method, &detector, &experiment.two, 0);
+    println!("{:?} {}\n{:?} {}", single.score, single.frame_ms, two.score, two.frame_ms);
+    let share = resolved(&skin, &two.found, &experiment.two.truth);
+    assert!(share > 0.8, "{share} of the pairs resolved");
+    assert!(single.score.false_positives <= 2, "{:?}", single.score);
+    assert!(single.score.force.unwrap().error < 0.25, "{:?}", single.score);
+}
+
+#[test]
+#[ignore = "slow: three minutes; prints a table"]
+fn several_touches_by_the_number_of_presses() {
+    let skin = Skin::load("skin16").unwrap();
+    println!(
+        "| twin, seed | method | single: error, mm | force error, spread | pairs resolved | two: error, mm | four: error, mm | \
+         frame of one, two, four, ms |"
+    );
+    println!("|---|---|---|---|---|---|---|---|");
+    for (twin, seed) in [("lab", 4001), ("lab", 4002), ("harsh", 4001), ("harsh", 4002)] {
+        let experiment = experiment(&skin, twin, seed, 500 + SCORED);
+        let methods = Methods::linear();
+        for name in ["noser", "laplace"] {
+            let method = methods.method(&skin, name, &MethodOptions::default()).unwrap();
+            let detector = method.detector(&[]).unwrap();
+            println!("| `{twin}`, {seed} | {name} | {} |", row(&skin, &experiment, &method, &detector, 500));
+        }
+        for (labels, forces) in [(100, false), (100, true), (500, false), (500, true)] {
+            let method = calibrated(&skin, &experiment.single, labels, forces);
+            let detector = method.detector(&[]).unwrap();
+            let with = if forces { "with forces" } else { "without forces" };
+            println!(
+                "| `{twin}`, {seed} | {labels} presses, {with} | {} |",
+                row(&skin, &experiment, &method, &detector, 500)
+            );
+        }
+    }
+}
