@@ -96,7 +96,7 @@ impl Arguments {
         Ok(Summary {
             dermis: env!("CARGO_PKG_VERSION"),
             design: design.name.clone(),
-            twin: options.clone(),
+            twin: twin.options().clone(),
             seed: self.seed,
             mesh_hash: twin.mesh().hash(),
             mesh_nodes: twin.mesh().node_count(),
