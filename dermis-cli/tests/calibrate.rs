@@ -76,6 +76,28 @@ fn every_method_is_evaluated_press_by_press() {
     assert!(rows.iter().filter_map(|row| row[11]).count() > 30);
 }
 
+/// The network of the paper's skin, corrected with presses on its model.
+#[test]
+fn the_best_network_is_corrected() {
+    let at = Workplace::empty();
+    let mut touches = String::from("frame,z_m,theta_rad,force_n\n");
+    for press in 0..24 {
+        let (z_m, theta_rad) = (0.01 + 0.28 * f64::from(press * 7 % 24) / 23.0, 0.2 + 2.4 * f64::from(press) % 6.0);
+        let _ = writeln!(touches, "{press},{z_m:.5},{theta_rad:.5},{}", 1 + press % 3);
+    }
+    at.write("touches.csv", touches);
+    at.good("forward cylinder30 -o rest.npy");
+    at.good("forward cylinder30 --touches touches.csv -o frames.npy");
+    let input = "cylinder30 --frames frames.npy --baseline rest.npy --truth touches.csv";
+    let json = at.json(&format!("calibrate {input} --labels 0..16 --method best -o corrected --json"));
+    assert_eq!((&json["method"], json["quality"]["labels"].as_u64()), (&"best".into(), Some(16)), "{json}");
+    let score = at.json(&format!("evaluate {input} --method ./corrected --rows 16..24 -o report.csv --json"));
+    assert!(score["localisation_m"]["mean"].as_f64().unwrap() < 0.004, "{score}");
+    let (_, rows) = table(&at, "report.csv");
+    let off = |row: &Vec<Option<f64>>| (row[15].unwrap() - row[16].unwrap()).abs();
+    assert!(rows.len() == 8 && rows.iter().all(|row| off(row) < 0.2 && row[11].is_some()), "{rows:?}");
+}
+
 #[test]
 fn a_missed_press_has_no_estimate() {
     let at = recorded();
@@ -114,10 +136,11 @@ fn wrong_options_of_a_calibration_are_named() {
     assert!(refused("--suggest few").contains("--suggest"));
     assert!(refused("--labels 0..90").contains("--labels"));
     assert!(refused("--labels 5..5").contains("--labels"));
-    assert!(refused("--labels 0..5").contains("5 labels"));
-    let unknown = refused("--method best");
-    assert!(unknown.contains("`best`") && unknown.contains("noser"), "{unknown}");
-    assert!(refused("--method ./no-such-folder").contains("no-such-folder"));
+    assert!(refused("--labels 0..5").contains("5 labelled presses"));
+    for method in ["best", "forwardmap", "./no-such-folder"] {
+        let refused = refused(&format!("--method {method}"));
+        assert!(refused.contains(&format!("--method {method}: ")) && refused.contains("forward-map"), "{refused}");
+    }
     let suggest = refused("--method noser --suggest 3");
     assert!(suggest.contains("--suggest") && suggest.contains("--method forward-map"), "{suggest}");
     assert!(!at.path("map").exists(), "nothing is written");

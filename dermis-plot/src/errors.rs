@@ -1,6 +1,6 @@
 //! Errors of localisation on the skin, as colours.
 
-use crate::colour::{BLACK, INK, Scale};
+use crate::colour::{BLACK, Scale};
 use crate::drawing::{CROWDED, Drawing, ElectrodeLook};
 use crate::scene::{Dot, Key, Mark, Scene, Stroke};
 use dermis::contact::Contact;
@@ -36,18 +36,20 @@ impl Drawing<'_> {
     /// ```
     pub fn errors(&self, presses: &[PressError]) -> Scene {
         let mut scene = Scene { tiles: self.body_tiles(), ..Scene::default() };
-        let crowded = presses.len() > CROWDED;
-        self.add_electrodes(&mut scene, ElectrodeLook::Outlined { numbered: !crowded });
+        // Numbers would cover presses.
+        self.add_electrodes(&mut scene, ElectrodeLook::Outlined { numbered: false });
         let errors_mm = || presses.iter().filter_map(|press| press.estimate).map(|(_, error_m)| 1e3 * error_m);
         let scale = Scale::sequential([0.0, Summary::of(&errors_mm().collect::<Vec<_>>()).p95]);
-        let radius = if crowded { 2.2 } else { 3.6 };
+        let radius = if presses.len() > CROWDED { 2.2 } else { 3.6 };
         scene.strokes.extend(presses.iter().filter_map(|press| line(press, &scale)));
         // Large errors are drawn last, on top of the others.
         let mut order: Vec<&PressError> = presses.iter().collect();
         order.sort_by(|a, b| error_m(a).total_cmp(&error_m(b)));
         scene.dots.extend(order.into_iter().map(|press| dot(press, &scale, radius)));
-        scene.legend.push((Mark::Disc(scale.colour(scale.low), true), "true position, coloured by the error".into()));
-        scene.legend.push((Mark::Line(INK), "line to the estimate".into()));
+        scene
+            .legend
+            .push((Mark::Disc(scale.colour(0.6 * scale.high), true), "true position, coloured by the error".into()));
+        scene.legend.push((Mark::Line(scale.colour(0.6 * scale.high)), "line to the estimate".into()));
         if presses.iter().any(|press| press.estimate.is_none()) {
             scene.legend.push((MISSED, "missed".into()));
         }

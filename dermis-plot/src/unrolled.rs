@@ -148,7 +148,11 @@ impl Plot {
     fn tiles(&self, picture: &mut Picture, tiles: &[Tile]) {
         for tile in tiles {
             for copy in self.chart.together(&tile.corners) {
-                let places: Vec<Place> = copy.into_iter().map(|at| self.place(at)).collect();
+                let mut places: Vec<Place> = copy.into_iter().map(|at| self.place(at)).collect();
+                // Of a projected body, the back has the other orientation: together they would be a hole.
+                if doubled_area(&places) < 0.0 {
+                    places.reverse();
+                }
                 picture.polygon(&places, solid::tile_style(tile.fill, tile.edge));
             }
         }
@@ -197,6 +201,12 @@ impl Plot {
         }
         picture
     }
+}
+
+/// Twice the area of a polygon, with the sign of its orientation.
+fn doubled_area(places: &[Place]) -> f64 {
+    let next = places.iter().cycle().skip(1);
+    places.iter().zip(next).map(|(a, b)| a[0] * b[1] - a[1] * b[0]).sum()
 }
 
 /// The scene as an unrolled picture.

@@ -69,7 +69,7 @@ fn numbers(line: usize, fields: &[&str]) -> Result<Vec<usize>, Wrong> {
 }
 
 /// The fields of a row of some columns.
-fn fields<'a, const COLUMNS: usize>(line: usize, row: &'a str) -> Result<[&'a str; COLUMNS], Wrong> {
+fn fields<const COLUMNS: usize>(line: usize, row: &str) -> Result<[&str; COLUMNS], Wrong> {
     let fields: Vec<&str> = row.split(',').map(str::trim).collect();
     let count = fields.len();
     fields.try_into().map_err(|_| (line, format!("{count} values, but there are {COLUMNS} columns")))
