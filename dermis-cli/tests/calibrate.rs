@@ -81,17 +81,17 @@ fn every_method_is_evaluated_press_by_press() {
 fn the_best_network_is_corrected() {
     let at = Workplace::empty();
     let mut touches = String::from("frame,z_m,theta_rad,force_n\n");
-    for press in 0..24 {
-        let (z_m, theta_rad) = (0.01 + 0.28 * f64::from(press * 7 % 24) / 23.0, 0.2 + 2.4 * f64::from(press) % 6.0);
+    for press in 0..32 {
+        let (z_m, theta_rad) = (0.01 + 0.28 * f64::from(press * 7 % 32) / 31.0, 0.2 + 2.4 * f64::from(press) % 6.0);
         let _ = writeln!(touches, "{press},{z_m:.5},{theta_rad:.5},{}", 1 + press % 3);
     }
     at.write("touches.csv", touches);
     at.good("forward cylinder30 -o rest.npy");
     at.good("forward cylinder30 --touches touches.csv -o frames.npy");
     let input = "cylinder30 --frames frames.npy --baseline rest.npy --truth touches.csv";
-    let json = at.json(&format!("calibrate {input} --labels 0..16 --method best -o corrected --json"));
-    assert_eq!((&json["method"], json["quality"]["labels"].as_u64()), (&"best".into(), Some(16)), "{json}");
-    let score = at.json(&format!("evaluate {input} --method ./corrected --rows 16..24 -o report.csv --json"));
+    let json = at.json(&format!("calibrate {input} --labels 0..24 --method best -o corrected --json"));
+    assert_eq!((&json["method"], json["quality"]["labels"].as_u64()), (&"best".into(), Some(24)), "{json}");
+    let score = at.json(&format!("evaluate {input} --method ./corrected --rows 24..32 -o report.csv --json"));
     assert!(score["localisation_m"]["mean"].as_f64().unwrap() < 0.004, "{score}");
     let (_, rows) = table(&at, "report.csv");
     let off = |row: &Vec<Option<f64>>| (row[15].unwrap() - row[16].unwrap()).abs();
