@@ -166,12 +166,13 @@ fn write_row(out: &mut dyn Write, press: &EvaluatedPress, surface: &Surface) -> 
     );
     let Estimate { contact, error_m, misfit, unlike } = estimate.as_ref().unwrap_or(&none);
     let theta_rad = |position_m: Point3| surface.theta_rad(position_m).unwrap_or(f64::NAN);
-    let unlike = unlike.map_or(f64::NAN, |unlike| f64::from(u8::from(unlike)));
     let ([x, y, z], [u, v, w]) = (truth.position_m, contact.position_m);
     let forces_n = [truth.force_n, contact.force_n, contact.force_sd_n];
     let found = [u, v, w, *error_m, contact.sd_m, contact.confidence];
-    let rest = [*misfit, unlike, theta_rad(truth.position_m), theta_rad(contact.position_m)];
-    let values = [x, y, z].into_iter().chain(found).chain(forces_n).chain(rest);
     let known = |value: f64| if value.is_finite() { format!("{value:?}") } else { String::new() };
-    writeln!(out, "{row},{}", values.map(known).collect::<Vec<_>>().join(","))
+    let list = |values: &[f64]| values.iter().map(|value| known(*value)).collect::<Vec<_>>().join(",");
+    let unlike = unlike.map_or(String::new(), |unlike| u8::from(unlike).to_string());
+    let angles = list(&[theta_rad(truth.position_m), theta_rad(contact.position_m)]);
+    let values = [list(&[x, y, z]), list(&found), list(&forces_n), known(*misfit), unlike, angles];
+    writeln!(out, "{row},{}", values.join(","))
 }

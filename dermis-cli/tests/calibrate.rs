@@ -70,6 +70,8 @@ fn every_method_is_evaluated_press_by_press() {
         let texts = ["disk: errors of 20 presses", "error (mm)", "fraction of presses", "95th percentile", "electrode"];
         texts.iter().for_each(|text| assert!(picture.contains(text), "{method}: {text}"));
     }
+    let report = std::fs::read_to_string(at.path("report.csv")).unwrap();
+    assert!(report.lines().skip(1).all(|row| ["0", "1"].contains(&row.split(',').nth(14).unwrap())), "{report}");
     // Forces are those of the correction, which has labels with forces.
     at.good(&format!("evaluate {INPUT} --truth touches.csv --method ./noser -o report.csv"));
     let (_, rows) = table(&at, "report.csv");
