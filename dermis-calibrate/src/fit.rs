@@ -30,6 +30,8 @@ const CAUTION: f64 = 2.0;
 const LEAST_SD_M: f64 = 0.001;
 /// Part of the labels that follow an unlabelled frame, above which the positions of these frames are estimated.
 const SCATTERED_PART: f64 = 0.1;
+/// Rounds in which the amplitudes of labels are estimated, each with the map of the changes scaled by those before.
+const AMPLITUDE_ROUNDS: usize = 3;
 /// Parts of the labels for cross-validation.
 const FOLDS: usize = 5;
 
@@ -40,12 +42,19 @@ pub(crate) fn fit_locator(
     labels: &[Label],
     mut setup: Setup,
 ) -> Result<(Locator, Validation), CalibrateError> {
-    let (amplitudes, first) = amplitudes_of(measured, labels, &setup)?;
-    setup.strength = Strength::fit(labels, &amplitudes);
-    let values = equalised(measured, labels, &amplitudes, &setup);
-    let recording = Rows { measured, values: &values };
+    let mut values = measured.to_vec();
     // The map of equally strong presses is the first step of its own fit.
-    let first = setup.strength.is_none().then_some(first);
+    let mut first = None;
+    for round in 0..AMPLITUDE_ROUNDS {
+        let (amplitudes, hyperparameters) = amplitudes_of(Rows { measured, values: &values }, labels, &setup)?;
+        setup.strength = Strength::fit(labels, &amplitudes);
+        values = equalised(measured, labels, &amplitudes, &setup);
+        if setup.strength.is_none() {
+            first = (round == 0).then_some(hyperparameters);
+            break;
+        }
+    }
+    let recording = Rows { measured, values: &values };
     let fit = Fit::new(recording, labels, &setup, &[]);
     let (fit, hyperparameters) = fit.train(first, Hyperparameters::estimate)?;
     let mut locator = Locator::new(&fit.samples(), &hyperparameters, &setup)?;
@@ -53,19 +62,19 @@ pub(crate) fn fit_locator(
     Ok((locator, validation))
 }
 
-/// The amplitude of each labelled press beside what a map of the others expects, which takes them as equally strong.
+/// The amplitude of each labelled press beside what a map of the others expects.
 /// Also returns the hyperparameters of this map.
 fn amplitudes_of(
-    values: &[Vec<f64>],
+    recording: Rows<'_>,
     labels: &[Label],
     setup: &Setup,
 ) -> Result<(Vec<f64>, Hyperparameters), CalibrateError> {
-    let samples = Fit::new(Rows { measured: values, values }, labels, setup, &[]).samples();
+    let samples = Fit::new(recording, labels, setup, &[]).samples();
     let hyperparameters = Hyperparameters::estimate(&samples)?;
     let predicted = predict_left_out(&samples, &hyperparameters)?;
     let amplitude = |(index, label): (usize, &Label)| {
         let expected: Vec<f64> = predicted.row(index).iter().copied().collect();
-        amplitude_between(&expected, &values[label.row], &setup.untouched)
+        amplitude_between(&expected, &recording.measured[label.row], &setup.untouched)
     };
     Ok((labels.par_iter().enumerate().map(amplitude).collect(), hyperparameters))
 }

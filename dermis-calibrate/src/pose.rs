@@ -25,6 +25,7 @@ const COARSE: i32 = 4;
 /// let pose = Pose { centre_m: [0.1, 0.2, 0.05], rotation_rad: 1.0, mirrored: true };
 /// let back = pose.to_skin(pose.to_robot([0.01, 0.02, 0.0]));
 /// assert!((back[0] - 0.01).abs() < 1e-12 && (back[1] - 0.02).abs() < 1e-12);
+/// assert_eq!(pose.direction_to_robot([0.0, 0.0, 1.0]), [0.0, 0.0, 1.0]);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Pose {
@@ -42,6 +43,12 @@ impl Pose {
         let [x, y] = [position_m[0], if self.mirrored { -position_m[1] } else { position_m[1] }];
         let (sin, cos) = self.rotation_rad.sin_cos();
         [self.centre_m[0] + cos * x - sin * y, self.centre_m[1] + sin * x + cos * y, self.centre_m[2] + position_m[2]]
+    }
+
+    /// A direction on the skin, such as a normal, in the robot's frame. On a mirrored skin only y is reversed: the normal of a flat
+    /// skin points to the robot's +z, from where it is pressed.
+    pub fn direction_to_robot(&self, direction: Point3) -> Point3 {
+        sub(self.to_robot(direction), self.centre_m)
     }
 
     /// A position in the robot's frame on the skin.

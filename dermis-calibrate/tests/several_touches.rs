@@ -46,7 +46,7 @@ struct Experiment {
 }
 
 fn experiment(skin: &Skin, twin: &str, seed: u64, singles: usize) -> Experiment {
-    let options = TwinOptions::shipped(twin).unwrap().made_of(skin.design());
+    let options = TwinOptions::shipped(twin).unwrap();
     let presses = Presses::new(skin.design(), skin.mesh(), skin.pixels(), options.press, seed);
     let twin = Twin::new(skin.design(), &options, seed).unwrap();
     let (single, next) = Frames::record(skin, &twin, &presses.at_random(singles), 0);

@@ -5,7 +5,7 @@ use crate::console::Progress;
 use crate::failure::{Failure, Outcome};
 use dermis::design::SkinDesign;
 use dermis::frame::Frame;
-use dermis::method::MethodOptions;
+use dermis::method::{MethodError, MethodOptions};
 use dermis::skin::Skin;
 use dermis_calibrate::{CalibrateError, Calibration, Correction, CorrectionQuality, Label, LabelFrame, Quality};
 use dermis_study::report::Table;
@@ -71,7 +71,11 @@ pub fn better_correction(
 /// Corrects a method by the labels.
 fn correct(skin: &Skin, frames: &[Frame], labels: &[Label], name: &str) -> Outcome<Result<Correction, CalibrateError>> {
     let _waiting = Progress::waiting("fitting the correction of a method");
-    let method = dermis_learn::methods().method(skin, name, &MethodOptions::default())?;
+    let refused = |error: MethodError| match error {
+        MethodError::Dermis(error) => error.into(),
+        error => Failure::given(format!("--method {name}: {error}"), Some("or give --method forward-map")),
+    };
+    let method = dermis_learn::methods().method(skin, name, &MethodOptions::default()).map_err(refused)?;
     let detector = method.detector(&[])?;
     Ok(Correction::fit(skin.pixels(), &method, &detector, frames, labels))
 }

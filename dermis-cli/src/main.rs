@@ -12,6 +12,8 @@ mod frames;
 mod guided;
 mod latency;
 mod method;
+mod picture;
+mod press_report;
 mod rows;
 mod skin;
 mod source;

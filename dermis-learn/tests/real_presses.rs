@@ -50,7 +50,7 @@ fn the_even_skin_is_localised_by_a_network_that_saw_simulations_alone() {
     let frames = read_frames(&folder.join("inp_noPattern.csv"), &skin.design().protocol).unwrap();
     let limits = skin.mesh().place_limits(skin.pixels().surface);
     let truth = read_truth(&folder.join("out_noPattern.csv"), &limits, frames.len()).unwrap();
-    let Truth::Elsewhere(truth) = truth else { panic!("the presses have no header") };
+    let Truth::Elsewhere { positions_m: truth, .. } = truth else { panic!("the presses have no header") };
     let options = AlignOptions {
         detector: Detector::new(model.detection()),
         left_out: (0..24).collect(),

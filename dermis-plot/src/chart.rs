@@ -1,4 +1,4 @@
-//! Charts: histograms, curves and heat maps.
+//! Charts: histograms, cumulative distributions, curves and heat maps.
 //!
 //! ```
 //! use dermis_plot::chart::Curves;
@@ -66,14 +66,7 @@ impl Histogram<'_> {
             let bar = [[from, y(0.0)], [to, y(0.0)], [to, y(count as f64)], [from, y(count as f64)]];
             picture.polygon(&bar, Style::fill(BARS));
         }
-        for (index, (value, name)) in self.marks.iter().enumerate() {
-            let at = x(*value);
-            let row = head + MARK_ROW * index as f64;
-            picture.line(&[[at, row], [at, y(0.0)]], Style::line(INK, 1.2).dashed(4.0));
-            let fits = at + 10.0 + text_width(name, 12.0) < LEFT + WIDTH;
-            let (x, anchor) = if fits { (at + 5.0, Anchor::Start) } else { (at - 5.0, Anchor::End) };
-            picture.text([x, row + 12.0], name, Text::new(12.0, anchor).rimmed());
-        }
+        draw_marks(&mut picture, &self.marks, x, [head, y(0.0)]);
         frame::border(&mut picture, [LEFT, top], WIDTH, HEIGHT);
         let below = Axis { range: [0.0, steps as f64 * self.step], logarithmic: false, label: self.label, wanted: 8 };
         frame::axis_below(&mut picture, [LEFT, top + HEIGHT], WIDTH, &below);
@@ -83,11 +76,95 @@ impl Histogram<'_> {
     }
 
     fn step_count(&self) -> usize {
-        let mut sorted: Vec<f64> = self.values.iter().copied().filter(|value| value.is_finite()).collect();
-        sorted.sort_by(f64::total_cmp);
-        let nearly_all = sorted.get((sorted.len() as f64 * 0.995) as usize).or(sorted.last()).copied().unwrap_or(0.0);
-        let marked = self.marks.iter().map(|(value, _)| *value).fold(0.0, f64::max);
-        (nearly_all.max(1.3 * marked) / self.step) as usize + 1
+        (largest_shown(&sorted(self.values), &self.marks) / self.step) as usize + 1
+    }
+}
+
+/// The finite values in ascending order.
+fn sorted(values: &[f64]) -> Vec<f64> {
+    let mut sorted: Vec<f64> = values.iter().copied().filter(|value| value.is_finite()).collect();
+    sorted.sort_by(f64::total_cmp);
+    sorted
+}
+
+/// The larger of the 99.5th percentile of ascending values and a number somewhat beyond the last mark.
+fn largest_shown(sorted: &[f64], marks: &[(f64, String)]) -> f64 {
+    let nearly_all = sorted.get((sorted.len() as f64 * 0.995) as usize).or(sorted.last()).copied().unwrap_or(0.0);
+    let marked = marks.iter().map(|(value, _)| *value).fold(0.0, f64::max);
+    nearly_all.max(1.3 * marked)
+}
+
+/// Vertical lines at some numbers, from the top to the bottom, with their labels one below the other.
+fn draw_marks(picture: &mut Picture, marks: &[(f64, String)], x: impl Fn(f64) -> f64, [head, bottom]: [f64; 2]) {
+    for (index, (value, name)) in marks.iter().enumerate() {
+        let at = x(*value);
+        let row = head + MARK_ROW * index as f64;
+        picture.line(&[[at, row], [at, bottom]], Style::line(INK, 1.2).dashed(4.0));
+        let fits = at + 10.0 + text_width(name, 12.0) < LEFT + WIDTH;
+        let (x, anchor) = if fits { (at + 5.0, Anchor::Start) } else { (at - 5.0, Anchor::End) };
+        picture.text([x, row + 12.0], name, Text::new(12.0, anchor).rimmed());
+    }
+}
+
+/// The cumulative distribution of some values: the fraction of them that is at most as large.
+///
+/// ```
+/// use dermis_plot::chart::Cumulative;
+///
+/// let marks = vec![(2.0, "median 2 mm".to_string())];
+/// let chart = Cumulative { title: "", subtitle: "", below: "error (mm)", left: "fraction", values: &[1.0, 2.0, 4.0], total: 4, marks };
+/// assert!(chart.draw().to_svg().contains(">median 2 mm</text>"));
+/// ```
+pub struct Cumulative<'a> {
+    /// The title.
+    pub title: &'a str,
+    /// A second, smaller line.
+    pub subtitle: &'a str,
+    /// Label of the horizontal axis, with its unit.
+    pub below: &'a str,
+    /// Label of the vertical axis.
+    pub left: &'a str,
+    /// The values.
+    pub values: &'a [f64],
+    /// What 1 is on the vertical axis: the number of values, or more where some are missing.
+    pub total: usize,
+    /// Marked numbers and their labels.
+    pub marks: Vec<(f64, String)>,
+}
+
+impl Cumulative<'_> {
+    /// The picture, from 0 to the larger of the 99.5th percentile and the last mark.
+    pub fn draw(&self) -> Picture {
+        const TALL: f64 = 0.8 * WIDTH;
+        const HIGHEST: f64 = 1.04;
+        let values = sorted(self.values);
+        let largest = largest_shown(&values, &self.marks);
+        let across = [0.0, if largest > 0.0 { largest } else { 1.0 }];
+        let head = frame::title_height(self.title, self.subtitle);
+        let top = head + MARK_ROW * self.marks.len() as f64;
+        let mut picture = Picture::new(LEFT + WIDTH + 24.0, top + TALL + BELOW);
+        frame::title(&mut picture, self.title, self.subtitle);
+        let x = |value: f64| LEFT + WIDTH * value / across[1];
+        let y = |fraction: f64| top + TALL * (1.0 - fraction / HIGHEST);
+        picture.line(&[[LEFT, y(1.0)], [LEFT + WIDTH, y(1.0)]], Style::line(FAINT, 1.0));
+        draw_marks(&mut picture, &self.marks, x, [head, y(0.0)]);
+        let line: Vec<Place> = self.steps(&values, across[1]).iter().map(|&[a, b]| [x(a), y(b)]).collect();
+        picture.line(&line, Style::line(BARS, 2.0));
+        frame::border(&mut picture, [LEFT, top], WIDTH, TALL);
+        let below = Axis { range: across, logarithmic: false, label: self.below, wanted: 8 };
+        frame::axis_below(&mut picture, [LEFT, top + TALL], WIDTH, &below);
+        let left = Axis { range: [0.0, HIGHEST], logarithmic: false, label: self.left, wanted: 6 };
+        frame::axis_left(&mut picture, [LEFT, top + TALL], TALL, &left);
+        picture
+    }
+
+    /// The corners of the steps up to the end of the axis.
+    fn steps(&self, sorted: &[f64], end: f64) -> Vec<[f64; 2]> {
+        let fraction = |count: usize| count as f64 / self.total.max(1) as f64;
+        let shown = sorted.partition_point(|value| *value <= end);
+        let step = |index: usize| [[sorted[index], fraction(index)], [sorted[index], fraction(index + 1)]];
+        let first = std::iter::once([0.0, 0.0]);
+        first.chain((0..shown).flat_map(step)).chain(std::iter::once([end, fraction(shown)])).collect()
     }
 }
 

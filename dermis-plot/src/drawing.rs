@@ -15,6 +15,9 @@ use std::f64::consts::TAU;
 /// Largest angle of a flat tile on a round body; its centre is then 0.1 % of the radius below the surface.
 const TILE_ANGLE_RAD: f64 = TAU / 72.0;
 
+/// With more presses, marks are small and electrodes have no numbers.
+pub(crate) const CROWDED: usize = 200;
+
 /// Text size of the names of marks, pixels.
 const NAME_SIZE: f64 = 13.0;
 
@@ -68,7 +71,7 @@ impl<'a> Drawing<'a> {
     pub fn field(&self, space: &PixelSpace, values: &[f64], key: Key) -> Scene {
         let mut scene =
             Scene { tiles: self.pixel_tiles(space, values, &key.scale), key: Some(key), ..Scene::default() };
-        self.add_electrodes(&mut scene, ElectrodeLook::Outlined);
+        self.add_electrodes(&mut scene, ElectrodeLook::Outlined { numbered: true });
         scene
     }
 
@@ -115,8 +118,7 @@ impl<'a> Drawing<'a> {
     /// circles, errors lines, electrodes yellow. `false_positives` are estimates without a touch.
     pub fn localisation(&self, touches: &[(Contact, Option<Contact>)], false_positives: &[Contact]) -> Scene {
         let mut scene = Scene { tiles: self.body_tiles(), ..Scene::default() };
-        // With many presses, marks are small and have no numbers.
-        let crowded = touches.len() > 200;
+        let crowded = touches.len() > CROWDED;
         self.add_electrodes(&mut scene, ElectrodeLook::Filled { numbered: !crowded });
         let radius = if crowded { 1.7 } else { 3.0 };
         for (truth, estimate) in touches {
@@ -152,7 +154,7 @@ impl<'a> Drawing<'a> {
     }
 
     /// The bare body as a few tiles.
-    fn body_tiles(&self) -> Vec<Tile> {
+    pub(crate) fn body_tiles(&self) -> Vec<Tile> {
         let tile = |corners: Vec<Point3>| Tile { corners, fill: mix(SKIN, [255, 255, 255], 0.45), edge: None };
         match self.design.body {
             Body::Cylinder { length_m, .. } => {
@@ -248,18 +250,19 @@ impl<'a> Drawing<'a> {
         sums.into_iter().zip(shares).map(|(sum, share)| if share > 0.0 { sum / share } else { f64::NAN }).collect()
     }
 
-    fn add_electrodes(&self, scene: &mut Scene, look: ElectrodeLook) {
+    pub(crate) fn add_electrodes(&self, scene: &mut Scene, look: ElectrodeLook) {
         for (number, patch) in self.mesh.electrodes.iter().enumerate() {
             self.add_electrode(scene, patch, look);
-            if look != (ElectrodeLook::Filled { numbered: false }) {
+            let (ElectrodeLook::Filled { numbered } | ElectrodeLook::Outlined { numbered }) = look;
+            if numbered {
                 scene.labels.extend(self.electrode_label(patch, number));
             }
         }
         let on_edges = self.mesh.electrodes.iter().all(|patch| matches!(patch, ElectrodePatch::Edges(_)));
         let mark = match look {
             ElectrodeLook::Filled { .. } => Mark::Disc(ELECTRODE, true),
-            ElectrodeLook::Outlined if on_edges => Mark::Line(INK),
-            ElectrodeLook::Outlined => Mark::Ring(INK),
+            ElectrodeLook::Outlined { .. } if on_edges => Mark::Line(INK),
+            ElectrodeLook::Outlined { .. } => Mark::Ring(INK),
         };
         scene.legend.push((mark, "electrode".to_string()));
     }
@@ -337,12 +340,13 @@ impl<'a> Drawing<'a> {
     }
 }
 
+/// How electrodes are drawn, with or without their numbers.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum ElectrodeLook {
+pub(crate) enum ElectrodeLook {
     /// Filled in yellow.
     Filled { numbered: bool },
-    /// An outline and the number, so that the data below remain visible.
-    Outlined,
+    /// An outline, so that the data below remain visible.
+    Outlined { numbered: bool },
 }
 
 fn add_marks(scene: &mut Scene, places: &[Contact], radius: f64, mark: Mark, name: &str) {

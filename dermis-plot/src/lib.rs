@@ -27,6 +27,7 @@ pub mod chart;
 mod colour;
 mod drawing;
 mod error;
+mod errors;
 mod field;
 mod frame;
 mod projection;
@@ -39,6 +40,7 @@ pub use camera::Camera;
 pub use colour::{Colour, Scale};
 pub use drawing::Drawing;
 pub use error::PlotError;
+pub use errors::PressError;
 pub use scene::{Key, Scene};
 pub use svg::{Picture, escape};
 
@@ -49,6 +51,8 @@ use dermis::design::SkinDesign;
 pub enum View {
     /// Unrolled.
     Unrolled,
+    /// Unrolled; a body without a flat layout projected on the plane of its two longest axes.
+    Flat,
     /// In 3D, with enough views to show all marks: [`Camera::for_scene`].
     Solid,
     /// In 3D with given cameras, side by side.
@@ -63,6 +67,7 @@ impl View {
     pub fn draw(&self, scene: &Scene, design: &SkinDesign) -> Result<Picture, PlotError> {
         match self {
             View::Unrolled => unrolled::draw(scene, design),
+            View::Flat => Ok(unrolled::draw_flat(scene, design)),
             View::Solid => Ok(solid::draw(scene, &Camera::for_scene(scene))),
             View::From(cameras) => Ok(solid::draw(scene, cameras)),
         }

@@ -146,6 +146,15 @@ impl Picture {
         Picture { width, height, body: String::new(), polygon_tail: String::new() }
     }
 
+    /// This picture with another one at its right.
+    #[must_use]
+    pub fn beside(&self, other: &Picture) -> Picture {
+        let mut both = Picture::new(self.width + other.width, self.height.max(other.height));
+        both.place([0.0, 0.0], self);
+        both.place([self.width, 0.0], other);
+        both
+    }
+
     /// Adds a closed polygon. Consecutive polygons of the same style are merged into one element: the file of a mesh
     /// would be three times as large otherwise. Overlapping polygons must have the same orientation.
     pub(crate) fn polygon(&mut self, corners: &[Place], style: Style) {

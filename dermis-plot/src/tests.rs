@@ -135,6 +135,72 @@ fn a_volume_shows_its_outside_and_cannot_be_unrolled() {
     assert_eq!(View::Unrolled.draw(&scene, &design).unwrap_err(), PlotError::NoFlatLayout);
     let picture = View::Solid.draw(&scene, &design).unwrap();
     assert!(picture.width > 300.0 && picture.height > 200.0);
+    // The block measures 40 x 20 x 10: it is seen along z, its larger side across.
+    let flat = View::Flat.draw(&scene, &design).unwrap().to_svg();
+    assert!(flat.contains(">x (mm)</text>") && flat.contains(">y (mm)</text>") && !flat.contains(">z (mm)</text>"));
+}
+
+#[test]
+fn a_projected_body_has_no_holes() {
+    // A box of two faces, above and below: seen along z both cover the same square.
+    let corners = [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]];
+    let face = |z: f64, up: bool| {
+        let mut corners: Vec<_> = corners.iter().map(|[x, y]| [*x, *y, z]).collect();
+        if !up {
+            corners.reverse();
+        }
+        Tile { corners, fill: [1, 2, 3], edge: None }
+    };
+    let scene = Scene { tiles: vec![face(0.01, true), face(0.0, false)], ..Scene::default() };
+    let mut design = SkinDesign::shipped("tank16").unwrap();
+    design.body = Body::Mesh { path: "box.stl".into(), unit_m: 1.0 };
+    let svg = View::Flat.draw(&scene, &design).unwrap().to_svg();
+    let path = svg.lines().find(|line| line.contains("#010203")).expect("the faces");
+    let [one, other] = path.split("Z").take(2).map(area_of).collect::<Vec<_>>()[..] else { panic!("{path}") };
+    assert!(one > 1e4 && other > 1e4, "{one} and {other}: opposite orientations leave a hole");
+}
+
+/// The area of a polygon of a path, with the sign of its orientation.
+fn area_of(path: &str) -> f64 {
+    let numbers = path.split(|c: char| !(c.is_ascii_digit() || c == '.')).filter_map(|text| text.parse::<f64>().ok());
+    let numbers: Vec<f64> = numbers.collect();
+    let places: Vec<[f64; 2]> = numbers.chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect();
+    (0..places.len())
+        .map(|k| (places[k], places[(k + 1) % places.len()]))
+        .map(|(a, b)| a[0] * b[1] - a[1] * b[0])
+        .sum::<f64>()
+        / 2.0
+}
+
+#[test]
+fn a_cumulative_curve_ends_at_the_fraction_that_was_found() {
+    let chart = |values: &[f64], total: usize| {
+        let marks = vec![(2.0, "median".to_string())];
+        let chart = chart::Cumulative { title: "", subtitle: "", below: "error (mm)", left: "", values, total, marks };
+        let svg = chart.draw().to_svg();
+        let line = svg.lines().rfind(|line| line.contains("stroke-width=\"2\"")).expect("the curve").to_string();
+        let path = line.split('"').nth(1).unwrap().to_string();
+        path.rsplit(' ').next().unwrap().parse::<f64>().unwrap()
+    };
+    let (all, half) = (chart(&[1.0, 2.0, 3.0, 4.0], 4), chart(&[1.0, 2.0, 3.0, 4.0], 8));
+    let none = chart(&[], 4);
+    // 0 is below 1, and the half is in the middle.
+    assert!(all < half && (half - 0.5 * (all + none)).abs() < 0.11, "{all}, {half}, {none}");
+}
+
+#[test]
+fn missed_presses_are_crosses_and_found_ones_have_lines() {
+    let (design, mesh) = skin("skin16");
+    let at = |x: f64| Contact::truth([x, 0.0, 0.0], [0.0, 0.0, 1.0], 1.0);
+    let found = PressError { truth: at(0.01), estimate: Some(([0.013, 0.0, 0.0], 0.003)) };
+    let missed = PressError { truth: at(-0.02), estimate: None };
+    let drawing = Drawing::new(&design, &mesh);
+    let scene = drawing.errors(&[found, missed]);
+    let bare = drawing.electrodes();
+    assert_eq!(scene.strokes.len(), bare.strokes.iter().filter(|stroke| stroke.width < 7.0).count() + 1);
+    assert!(scene.legend.iter().any(|(_, name)| name == "missed"));
+    assert!(drawing.errors(&[found]).legend.iter().all(|(_, name)| name != "missed"));
+    assert!(View::Flat.draw(&scene, &design).unwrap().to_svg().contains(">error (mm)</text>"));
 }
 
 #[test]

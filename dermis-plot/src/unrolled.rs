@@ -1,4 +1,4 @@
-//! The skin unrolled: a cylinder cut open at theta = 0, a flat skin unchanged.
+//! The skin unrolled: a cylinder cut open at theta = 0, a flat skin unchanged. A body of another shape is projected.
 
 use crate::colour::{FAINT, INK};
 use crate::frame::{self, Axis};
@@ -26,8 +26,13 @@ struct Chart {
     high_m: [f64; 2],
     /// Circumference of a cylinder; positions wrap around at the seam.
     around_m: Option<f64>,
+    /// Axes of a flat layout, to the right and upwards.
+    axes: [usize; 2],
     labels: [&'static str; 2],
 }
+
+/// Labels of the axes in space.
+const LABELS: [&str; 3] = ["x (mm)", "y (mm)", "z (mm)"];
 
 impl Chart {
     fn of(body: &Body) -> Option<Self> {
@@ -36,7 +41,8 @@ impl Chart {
             low_m,
             high_m,
             around_m: None,
-            labels: ["x (mm)", "y (mm)"],
+            axes: [0, 1],
+            labels: [LABELS[0], LABELS[1]],
         };
         match *body {
             Body::Cylinder { length_m, diameter_m } => Some(Chart {
@@ -44,6 +50,7 @@ impl Chart {
                 low_m: [0.0, 0.0],
                 high_m: [diameter_m / 2.0 * TAU, length_m],
                 around_m: Some(diameter_m / 2.0 * TAU),
+                axes: [0, 1],
                 labels: ["arc length s = r \u{3b8} (mm)", "z (mm)"],
             }),
             Body::Disk { diameter_m } => Some(flat([-diameter_m / 2.0; 2], [diameter_m / 2.0; 2])),
@@ -52,18 +59,35 @@ impl Chart {
         }
     }
 
+    /// The projection on the two axes along which some tiles extend most.
+    fn projected(tiles: &[Tile]) -> Self {
+        let corners = || tiles.iter().flat_map(|tile| &tile.corners);
+        let bound = |axis: usize, start: f64, choose: fn(f64, f64) -> f64| {
+            corners().map(|corner| corner[axis]).fold(start, choose)
+        };
+        let low_m = [0, 1, 2].map(|axis| bound(axis, f64::INFINITY, f64::min));
+        let high_m = [0, 1, 2].map(|axis| bound(axis, f64::NEG_INFINITY, f64::max));
+        let mut axes = [0, 1, 2];
+        axes.sort_by(|&a, &b| (high_m[b] - low_m[b]).total_cmp(&(high_m[a] - low_m[a])));
+        let axes = [axes[0].min(axes[1]), axes[0].max(axes[1])];
+        let on = |values: [f64; 3]| axes.map(|axis| values[axis]);
+        let labels = axes.map(|axis| LABELS[axis]);
+        Chart { surface: Surface::Free, low_m: on(low_m), high_m: on(high_m), around_m: None, axes, labels }
+    }
+
     /// A point of the skin, m.
     fn point(&self, at: Point3) -> [f64; 2] {
         match self.surface {
             Surface::Cylinder { radius_m, .. } => {
                 [radius_m * self.surface.theta_rad(at).expect("a cylinder has angles"), at[2]]
             }
-            _ => [at[0], at[1]],
+            _ => self.axes.map(|axis| at[axis]),
         }
     }
 
     /// The points of one element (a tile, a line), repeated where it crosses the seam.
     fn together(&self, points: &[Point3]) -> Vec<Vec<[f64; 2]>> {
+        let Some(around) = self.around_m else { return vec![points.iter().map(|&point| self.point(point)).collect()] };
         let anchor = self.point(points[0]);
         let placed: Vec<[f64; 2]> = points
             .iter()
@@ -73,16 +97,14 @@ impl Chart {
             })
             .collect();
         let mut copies = vec![placed.clone()];
-        if let Some(around) = self.around_m {
-            // A small tolerance, so that an element that only touches the seam is not drawn twice.
-            let tolerance = 1e-9 * around;
-            let moved = |by: f64| placed.iter().map(|[x, y]| [x + by, *y]).collect();
-            if placed.iter().any(|[x, _]| *x < -tolerance) {
-                copies.push(moved(around));
-            }
-            if placed.iter().any(|[x, _]| *x > around + tolerance) {
-                copies.push(moved(-around));
-            }
+        // A small tolerance, so that an element that only touches the seam is not drawn twice.
+        let tolerance = 1e-9 * around;
+        let moved = |by: f64| placed.iter().map(|[x, y]| [x + by, *y]).collect();
+        if placed.iter().any(|[x, _]| *x < -tolerance) {
+            copies.push(moved(around));
+        }
+        if placed.iter().any(|[x, _]| *x > around + tolerance) {
+            copies.push(moved(-around));
         }
         copies
     }
@@ -126,7 +148,11 @@ impl Plot {
     fn tiles(&self, picture: &mut Picture, tiles: &[Tile]) {
         for tile in tiles {
             for copy in self.chart.together(&tile.corners) {
-                let places: Vec<Place> = copy.into_iter().map(|at| self.place(at)).collect();
+                let mut places: Vec<Place> = copy.into_iter().map(|at| self.place(at)).collect();
+                // Of a projected body, the back has the other orientation: together they would be a hole.
+                if doubled_area(&places) < 0.0 {
+                    places.reverse();
+                }
                 picture.polygon(&places, solid::tile_style(tile.fill, tile.edge));
             }
         }
@@ -141,6 +167,7 @@ impl Plot {
                 let centre = self.place([0.0, 0.0]);
                 picture.circle(centre, diameter_m / 2.0 * self.pixels_per_m, style);
             }
+            Body::Mesh { .. } => {}
             _ => picture.polygon(&[[x0, y0], [x1, y0], [x1, y1], [x0, y1]].map(|at| self.place(at)), style),
         }
     }
@@ -176,12 +203,28 @@ impl Plot {
     }
 }
 
+/// Twice the area of a polygon, with the sign of its orientation.
+fn doubled_area(places: &[Place]) -> f64 {
+    let next = places.iter().cycle().skip(1);
+    places.iter().zip(next).map(|(a, b)| a[0] * b[1] - a[1] * b[0]).sum()
+}
+
 /// The scene as an unrolled picture.
 ///
 /// # Errors
 /// A body that is defined by its mesh only has no flat layout.
 pub(crate) fn draw(scene: &Scene, design: &SkinDesign) -> Result<Picture, PlotError> {
     let chart = Chart::of(&design.body).ok_or(PlotError::NoFlatLayout)?;
+    Ok(draw_chart(scene, design, chart))
+}
+
+/// The same; a body without a flat layout is projected on its two longest axes.
+pub(crate) fn draw_flat(scene: &Scene, design: &SkinDesign) -> Picture {
+    let chart = Chart::of(&design.body).unwrap_or_else(|| Chart::projected(&scene.tiles));
+    draw_chart(scene, design, chart)
+}
+
+fn draw_chart(scene: &Scene, design: &SkinDesign, chart: Chart) -> Picture {
     let plot = Plot::new(chart);
     let above = if chart.around_m.is_some() { ABOVE } else { 6.0 };
     let right = if scene.key.is_some() { frame::KEY_WIDTH + 24.0 } else { 24.0 };
@@ -206,7 +249,7 @@ pub(crate) fn draw(scene: &Scene, design: &SkinDesign) -> Result<Picture, PlotEr
         frame::colour_bar(&mut picture, [LEFT + plot.width + 20.0, top], plot.height, key);
     }
     frame::legend(&mut picture, [LEFT, corner[1] + BELOW], plot.width, &scene.legend);
-    Ok(picture)
+    picture
 }
 
 /// The angles of a cylinder, above the plot.

@@ -31,7 +31,7 @@ fn presses(name: &str) -> Option<(PressEstimates, Vec<Point3>)> {
     let frames: Vec<Frame> = read_frames(&folder.join(format!("inp_{name}.csv")), &design.protocol).expect("frames");
     let truth = read_truth(&folder.join(format!("out_{name}.csv")), &mesh.place_limits(pixels.surface), frames.len())
         .expect("a truth");
-    let Truth::Elsewhere(truth) = truth else { panic!("the presses have no header") };
+    let Truth::Elsewhere { positions_m: truth, .. } = truth else { panic!("the presses have no header") };
     let options = AlignOptions::new(design.sheet.touch);
     Some((PressEstimates::new(&forward, &pixels, &frames, &options).expect("estimates"), truth))
 }

@@ -2,6 +2,8 @@
 
 mod table;
 
+pub use table::{CHANNEL_COLUMNS, SCAN_COLUMNS};
+
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use thiserror::Error;
@@ -236,7 +238,7 @@ impl Protocol {
 
     /// The channel table as CSV: `channel,drive_source,drive_sink,measure_plus,measure_minus`.
     pub fn to_csv(&self) -> String {
-        let mut text = String::from("channel,drive_source,drive_sink,measure_plus,measure_minus\n");
+        let mut text = CHANNEL_COLUMNS.join(",") + "\n";
         for (index, Channel { drive, measure }) in self.channels.iter().enumerate() {
             text += &format!("{index},{},{},{},{}\n", drive[0], drive[1], measure[0], measure[1]);
         }

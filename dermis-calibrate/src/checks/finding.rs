@@ -34,6 +34,8 @@ pub enum FindingKind {
     OutlierValue,
     /// The positions of the presses belong to other rows than the frames.
     TruthShifted,
+    /// The axes of the positions of the presses are reversed or exchanged.
+    TruthAxes,
     /// The values change slowly over the recording.
     Drift,
     /// Part of a frame is what the press before left.
@@ -58,6 +60,7 @@ impl FindingKind {
             FindingKind::OutlierFrame => "outlier_frame",
             FindingKind::OutlierValue => "outlier_value",
             FindingKind::TruthShifted => "truth_shifted",
+            FindingKind::TruthAxes => "truth_axes",
             FindingKind::Drift => "drift",
             FindingKind::Memory => "memory",
         }

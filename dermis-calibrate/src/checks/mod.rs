@@ -5,19 +5,21 @@
 //! ```
 //! use dermis::frame::Frame;
 //! use dermis::skin::Skin;
+//! use dermis_calibrate::LabelFrame;
 //! use dermis_calibrate::checks::{FindingKind, Recording, check_recording};
 //!
 //! let skin = Skin::load("tank16")?;
 //! // An instrument that reads V[m + 1] - V[m], as pyEIT does, where the design says V[m] - V[m + 1].
 //! let model = skin.forward().solve(skin.forward().rest_conductivity())?;
 //! let untouched = vec![Frame(model.iter().map(|value| -value).collect())];
-//! let recording = Recording { frames: &untouched, untouched: &untouched, positions_m: None };
+//! let recording = Recording { frames: &untouched, untouched: &untouched, positions_m: None, label_frame: LabelFrame::Skin };
 //! let checked = check_recording(&skin, &recording).unwrap();
 //! assert_eq!(checked.findings[0].kind, FindingKind::SignTurned);
 //! assert!(checked.findings[0].fix.contains("measures_reversed"));
 //! # Ok::<(), dermis::Error>(())
 //! ```
 
+mod axes;
 mod correlation;
 mod describe;
 mod finding;
@@ -33,11 +35,14 @@ mod values;
 
 pub use finding::{Finding, FindingKind, Severity};
 
+use crate::calibration::LabelFrame;
 use crate::error::CalibrateError;
 use crate::lags::{LAGS, LagEvidence, lag_evidence};
 use crate::sequence::{Realignment, in_units};
 use crate::units::ChannelUnits;
+use axes::Labelled;
 use correlation::{correlations, in_robust_units, standardised, to_matrix, to_rows};
+use dermis::design::Body;
 use dermis::frame::{Frame, mean};
 use dermis::geom::Point3;
 use dermis::protocol::Protocol;
@@ -59,8 +64,10 @@ pub struct Recording<'a> {
     pub frames: &'a [Frame],
     /// Untouched frames, ohm.
     pub untouched: &'a [Frame],
-    /// The position of the press of each frame, m, in any coordinate frame.
+    /// The position of the press of each frame, m.
     pub positions_m: Option<&'a [Point3]>,
+    /// Their coordinate frame; the axes are checked of positions on the skin.
+    pub label_frame: LabelFrame,
 }
 
 /// What the checks of a recording found.
@@ -186,6 +193,7 @@ fn validate(recording: &Recording<'_>, protocol: &Protocol) -> Result<(), Calibr
 /// A check in progress. Channels are columns of the file unless a comment says otherwise.
 struct Check<'a> {
     recording: &'a Recording<'a>,
+    body: Body,
     /// The protocol by which signs are judged: of amplitudes where signs are lost.
     protocol: Protocol,
     model: ModelChannels,
@@ -212,6 +220,7 @@ impl<'a> Check<'a> {
         let constant = values::constant_channels(&columns);
         Ok(Check {
             recording,
+            body: skin.design().body.clone(),
             protocol: skin.design().protocol.clone(),
             figures: Figures { model_untouched: model.untouched.clone(), ..Figures::default() },
             model,
@@ -359,6 +368,7 @@ impl<'a> Check<'a> {
         self.left_out = self.dead.iter().copied().chain(column(turned)).chain(late).collect();
         self.pairs(&aligned, order);
         self.over_time(&values, &time::leading_components(&values, &correlation));
+        self.axes(&values, order);
         self.figures.correlation = to_rows(&correlation);
         self.figures.model_correlation = to_rows(&self.model.correlation);
     }
@@ -378,6 +388,19 @@ impl<'a> Check<'a> {
             self.findings.extend(time::notes(self.figures.drift, self.figures.memory, by_truth.is_some()));
             self.figures.trend = course.trend;
         }
+    }
+
+    /// Positions with other axes than those of the skin. Positions of other rows are not judged.
+    fn axes(&mut self, values: &Mat<f64>, order: &Order) {
+        let shifted = self.findings.iter().any(|finding| finding.kind == FindingKind::TruthShifted);
+        let Some(positions_m) = self.recording.positions_m else { return };
+        if shifted || self.recording.label_frame != LabelFrame::Skin {
+            return;
+        }
+        let is_sound = |channel: &usize| !self.left_out.contains(&order.columns[*channel]);
+        let channels: Vec<usize> = (0..order.columns.len()).filter(is_sound).collect();
+        let labelled = Labelled { values, positions_m, channels: &channels };
+        self.findings.extend(axes::other_axes(&labelled, &self.model, &self.body));
     }
 
     /// Channels of the design whose sign is turned, where not all are.

@@ -1,6 +1,7 @@
 //! What the model of the skin says of the channels: values of the untouched skin, and changes under single touches.
 
 use crate::checks::correlation::{correlations, standardised};
+use dermis::geom::Point3;
 use dermis::geom::vector::distance;
 use dermis::skin::Skin;
 use dermis::stats::upper_median;
@@ -18,6 +19,8 @@ pub(crate) struct ModelChannels {
     pub untouched: Vec<f64>,
     /// Changes of the channels by a touch at each of many places, touches x channels, ohm per relative change of the conductance.
     pub touches: Mat<f64>,
+    /// Where they are, m.
+    pub places_m: Vec<Point3>,
     /// Signs that [`untouched`](Self::untouched) has lost: 1 or -1.
     signs: Vec<f64>,
     /// Correlation of the channels over the touches.
@@ -46,7 +49,13 @@ impl ModelChannels {
         // The linear model of an instrument of amplitudes has no signs; the forward model has.
         let signed = skin.forward().solve(skin.forward().rest_conductivity())?;
         let signs = signed.iter().zip(&linearised.rest_frame).map(|(a, b)| if a * b < 0.0 { -1.0 } else { 1.0 });
-        Ok(ModelChannels { untouched: linearised.rest_frame.clone(), signs: signs.collect(), touches, correlation })
+        Ok(ModelChannels {
+            untouched: linearised.rest_frame.clone(),
+            signs: signs.collect(),
+            touches,
+            places_m: places.iter().map(|&pixel| centres[pixel]).collect(),
+            correlation,
+        })
     }
 
     /// The untouched frame with its signs, where the protocol has amplitudes.

@@ -6,6 +6,7 @@
 use dermis::frame::Frame;
 use dermis::geom::Point3;
 use dermis::skin::Skin;
+use dermis_calibrate::LabelFrame;
 use dermis_calibrate::checks::{Checked, Recording, check_recording};
 use dermis_sim::noise::Noise;
 use dermis_sim::random::{log_uniform, sample_rng, uniform};
@@ -27,7 +28,12 @@ pub struct Sound {
 
 impl Sound {
     pub fn check(&self) -> Checked {
-        let recording = Recording { frames: &self.frames, untouched: &self.untouched, positions_m: None };
+        let recording = Recording {
+            frames: &self.frames,
+            untouched: &self.untouched,
+            positions_m: None,
+            label_frame: LabelFrame::Skin,
+        };
         check_recording(&self.skin, &recording).unwrap()
     }
 
@@ -65,6 +71,59 @@ pattern.skip = 3
 [image.grid]
 rows = 24
 columns = 24
+[mesh]
+max_edge_m = 0.005
+electrode_edge_m = 0.0015
+"#;
+
+/// A cylinder with 12 electrodes in three rings.
+pub const CYLINDER: &str = r#"
+name = "cylinder12"
+[body.cylinder]
+length_m = 0.12
+diameter_m = 0.06
+[sheet]
+sheet_resistance_ohm = 1000.0
+touch = "conductance_rises"
+[electrodes]
+shape.disc.radius_m = 0.004
+contact_impedance_ohm_m2 = 2e-5
+[electrodes.layout.rings]
+rings = 3
+per_ring = 4
+spacing_m = 0.05
+first_z_m = 0.01
+[protocol]
+pattern = "adjacent"
+[image.grid]
+rows = 16
+columns = 16
+[mesh]
+max_edge_m = 0.006
+electrode_edge_m = 0.002
+"#;
+
+/// A rectangle with its electrodes on one line, in its middle.
+pub const STRIP: &str = r#"
+name = "strip"
+[body.rectangle]
+width_m = 0.10
+height_m = 0.06
+[sheet]
+sheet_resistance_ohm = 1000.0
+touch = "conductance_rises"
+[electrodes]
+shape.disc.radius_m = 0.003
+contact_impedance_ohm_m2 = 2e-5
+layout.positions = [
+    { x_m = 0.01, y_m = 0.03 }, { x_m = 0.026, y_m = 0.03 }, { x_m = 0.042, y_m = 0.03 },
+    { x_m = 0.058, y_m = 0.03 }, { x_m = 0.074, y_m = 0.03 }, { x_m = 0.09, y_m = 0.03 },
+]
+[protocol]
+pattern = "adjacent_undriven"
+[image.grid]
+rows = 20
+columns = 20
 [mesh]
 max_edge_m = 0.005
 electrode_edge_m = 0.0015

@@ -34,7 +34,7 @@ pub struct Arguments {
     #[arg(long)]
     difference: bool,
     /// Measured presses, one per frame and in the order of recording: with a header (frame,x_m,y_m on a flat skin, frame,z_m,theta_rad on a
-    /// cylinder; optionally force_n), or x,y,z (m) without a header in the frame of reference of the robot that pressed.
+    /// cylinder; optionally force_n), or x,y,z (m; optionally the force, N) without a header in the frame of reference of the robot that pressed.
     #[arg(long, value_name = "FILE", required_unless_present = "live")]
     truth: Option<PathBuf>,
     /// Rows of the presses to calibrate with, as in 0..500 (row 500 not included) [default: all].
@@ -75,24 +75,12 @@ impl Arguments {
         let presses = Presses::read(truth, &skin, recorded.frames.len())?;
         warn_of_faults(&skin, &recorded, &presses)?;
         let frames = recorded.into_differences().frames;
-        let labels = presses.labels(self.labels.as_ref())?;
+        let labels = presses.labels(self.labels.as_ref(), "--labels")?;
         let last = labels.last().map_or(0, |label| label.row);
         let used = if self.unlabelled { &frames[..] } else { &frames[..=last] };
         let fitted = fitted::fit(&skin, used, &labels, presses.frame(), self.method.as_deref())?;
+        let outlook = self.outlook(&skin, used, &labels, presses.frame(), &fitted)?;
         fitted.save(&self.output, skin.design())?;
-        let outlook = match (self.suggest, &fitted) {
-            (Some(count), Fitted::ForwardMap(map)) => {
-                Some(Outlook::of(&skin, used, &labels, presses.frame(), map, count as usize)?)
-            }
-            (Some(_), Fitted::Correction(_)) => {
-                let fix = "give --method forward-map, or leave --suggest out";
-                return Err(Failure::given(
-                    "--suggest is for forward maps, but a correction is better here",
-                    Some(fix),
-                ));
-            }
-            (None, _) => None,
-        };
         if self.json {
             let mut json = fitted.to_json(&skin.design().name);
             json["outlook"] = serde_json::json!(outlook);
@@ -100,6 +88,25 @@ impl Arguments {
         }
         let outlook = outlook.map_or(String::new(), |outlook| outlook.to_text());
         print(&format!("{}\n{outlook}written to {}\n", fitted.summary().to_text(), self.output.display()))
+    }
+
+    /// What more presses would give, where that is asked for.
+    fn outlook(
+        &self,
+        skin: &Skin,
+        frames: &[Frame],
+        labels: &[Label],
+        frame: LabelFrame,
+        fitted: &Fitted,
+    ) -> Outcome<Option<Outlook>> {
+        let Some(count) = self.suggest else { return Ok(None) };
+        match fitted {
+            Fitted::ForwardMap(map) => Outlook::of(skin, frames, labels, frame, map, count as usize).map(Some),
+            Fitted::Correction(correction) => {
+                let message = format!("--suggest is for forward maps, not for a correction of {}", correction.method());
+                Err(Failure::given(message, Some("give --method forward-map, or leave --suggest out")))
+            }
+        }
     }
 }
 
@@ -147,7 +154,8 @@ impl Outlook {
 /// Warns of faults of the recording that the calibration does not mend itself.
 fn warn_of_faults(skin: &Skin, recorded: &Recorded, presses: &Presses) -> Outcome {
     let Recorded { frames, untouched } = recorded;
-    let recording = Recording { frames, untouched, positions_m: Some(presses.positions_m()) };
+    let (positions_m, label_frame) = (Some(presses.positions_m()), presses.frame());
+    let recording = Recording { frames, untouched, positions_m, label_frame };
     let checked = {
         let _waiting = Progress::waiting("checking the recording");
         check_recording(skin, &recording)?

@@ -9,6 +9,7 @@ use crate::skin;
 use clap::Args;
 use dermis::frame::{write_frames, write_whole};
 use dermis::skin::Skin;
+use dermis_calibrate::LabelFrame;
 use dermis_calibrate::checks::{Checked, Recording, check_recording, realigned};
 use serde_json::json;
 use std::fmt::Write;
@@ -21,7 +22,8 @@ pub struct Arguments {
     design: String,
     #[command(flatten)]
     frames: FrameArguments,
-    /// Measured presses, one per frame, as for `dermis calibrate`: checks whether they are shifted against the frames.
+    /// Measured presses, one per frame, as for `dermis calibrate`: checks whether they are shifted against the frames,
+    /// and, on the skin, whether their axes are reversed or exchanged.
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
     /// Page to write: findings and pictures (.html).
@@ -47,7 +49,8 @@ impl Arguments {
         let positions_m = presses.as_ref().map(Presses::positions_m);
         let checked = {
             let _waiting = Progress::waiting("checking the frames");
-            check_recording(&skin, &Recording { frames: &frames, untouched: &untouched, positions_m })?
+            let label_frame = presses.as_ref().map_or(LabelFrame::Skin, Presses::frame);
+            check_recording(&skin, &Recording { frames: &frames, untouched: &untouched, positions_m, label_frame })?
         };
         if let Some(path) = &self.realign {
             write_frames(path, &realigned(&frames, &checked.lags)?)?;

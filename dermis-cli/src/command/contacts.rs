@@ -5,10 +5,13 @@ use crate::failure::{Failure, Outcome};
 use crate::frames::FrameArguments;
 use crate::method::{DetectArguments, MethodArguments};
 use crate::skin;
-use clap::Args;
+use clap::{Args, ValueEnum};
 use dermis::contact::{ConductanceChange, Contact};
 use dermis::frame::write_whole;
 use dermis::geom::Surface;
+use dermis::method::Method;
+use dermis::skin::Skin;
+use dermis_calibrate::{Calibration, Pose};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::io::Write;
@@ -25,10 +28,23 @@ pub struct Arguments {
     method: MethodArguments,
     #[command(flatten)]
     detect: DetectArguments,
+    /// Frame of reference of positions and normals: the skin's own, or that of the robot that pressed the labels of a
+    /// calibration.
+    #[arg(long, value_enum, default_value_t = Coordinates::Skin)]
+    coordinates: Coordinates,
     /// File to write: a table with a row per contact (.csv; theta_rad on cylinders alone, conductance with --both-signs), or a line of JSON per frame
     /// (.jsonl).
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+}
+
+/// A frame of reference.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Coordinates {
+    /// The skin's own.
+    Skin,
+    /// The robot's.
+    Robot,
 }
 
 /// Writes the contacts of frames on a surface.
@@ -48,6 +64,7 @@ impl Arguments {
         let skin = skin::load(&self.design)?;
         let differences = self.frames.read(&skin, self.method.left_out())?;
         let method = self.method.prepare(&skin, &differences)?;
+        let pose = self.pose(&skin, &method)?;
         let detector = self.detect.detector(&skin, &method, &differences.untouched)?;
         let progress = Progress::new("reconstructing", differences.frames.len());
         let contacts = differences.frames.par_iter().map(|difference| {
@@ -55,13 +72,33 @@ impl Arguments {
             progress.step();
             contacts
         });
-        let contacts = contacts.collect::<Result<Vec<Vec<Contact>>, _>>()?;
+        let mut contacts = contacts.collect::<Result<Vec<Vec<Contact>>, _>>()?;
         drop(progress);
+        if let Some(pose) = pose {
+            contacts.iter_mut().flatten().for_each(|contact| to_robot(contact, &pose));
+        }
         let surface = skin.design().body.surface();
         write_whole(&self.output, |out| write(out, &contacts, &surface))?;
         let count: usize = contacts.iter().map(Vec::len).sum();
         let (path, frames) = (self.output.display(), contacts.len());
         print(&format!("{path}: {count} contacts in {frames} frames ({})\n", method.description()))
+    }
+
+    /// The pose of the skin where contacts are wanted in the robot's frame; `None` for the skin's own.
+    fn pose(&self, skin: &Skin, method: &Method) -> Outcome<Option<Pose>> {
+        if self.coordinates == Coordinates::Skin {
+            return Ok(None);
+        }
+        let pose = match self.method.calibration() {
+            Some(folder) => Calibration::load(folder, skin.design())?.pose().copied(),
+            None => None,
+        };
+        let unknown = || {
+            let message = format!("--coordinates robot: {} does not know the pose of the skin", method.label());
+            let fix = "calibrate with labels in the robot's frame (x,y,z without a header), or leave --coordinates out";
+            Failure::given(message, Some(fix))
+        };
+        pose.map(Some).ok_or_else(unknown)
     }
 
     fn format(&self) -> Outcome<Format> {
@@ -75,6 +112,12 @@ impl Arguments {
             }
         }
     }
+}
+
+/// Moves a contact from the skin's frame to the robot's.
+fn to_robot(contact: &mut Contact, pose: &Pose) {
+    contact.position_m = pose.to_robot(contact.position_m);
+    contact.normal = pose.direction_to_robot(contact.normal);
 }
 
 /// A row for each contact.

@@ -1,22 +1,24 @@
 //! `dermis evaluate`: detected contacts against true touches.
 
-use crate::calibrated;
+use crate::calibrated::{CalibratedEvaluation, force_line};
 use crate::console::{Progress, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
-use crate::frames::{FrameArguments, images};
+use crate::frames::{Differences, FrameArguments, images};
 use crate::method::{DetectArguments, MethodArguments};
+use crate::press_report::{Estimate, EvaluatedPress, PressReport, ReportArguments, matched};
 use crate::rows::Rows;
 use crate::skin;
 use clap::Args;
 use dermis::contact::Contact;
 use dermis::frame::{Frame, Truth, frames_after_last_touch, read_truth};
-use dermis::geom::Point3;
+use dermis::geom::{Point2, Point3};
 use dermis::skin::Skin;
 use dermis::stats::Summary;
-use dermis_sim::evaluate::{Aligned, Alignment, ForceErrors, Score, score_contacts};
+use dermis_calibrate::Pose;
+use dermis_sim::evaluate::{Aligned, Alignment, Score, score_contacts};
 use rayon::prelude::*;
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The arguments of `dermis evaluate`.
 #[derive(Debug, Args)]
@@ -49,9 +51,8 @@ pub struct Arguments {
     /// Rows to score, as in 2000..2500 (row 2500 not included) [default: all].
     #[arg(long, value_name = "ROWS", conflicts_with = "align")]
     rows: Option<Rows>,
-    /// Write each press with its estimate, error and standard deviation (CSV); of a calibration.
-    #[arg(short, long, value_name = "FILE", conflicts_with = "align")]
-    output: Option<PathBuf>,
+    #[command(flatten)]
+    report: ReportArguments,
     /// Print JSON (lengths in m) instead of a table (mm).
     #[arg(long)]
     json: bool,
@@ -60,61 +61,72 @@ pub struct Arguments {
 impl Arguments {
     /// Reconstructs images, detects contacts and scores them.
     pub fn run(self) -> Outcome {
+        self.report.check()?;
         let skin = skin::load(&self.design)?;
         let differences = self.frames.read(&skin, self.method.left_out())?;
         if let Some(folder) = self.method.calibration() {
-            if self.align.is_some() {
-                let fix = Some("leave --align out");
-                return Err(Failure::given("the pose of a calibrated skin is known", fix));
-            }
-            // Refuses options that a calibration does not have.
-            let method = self.method.prepare(&skin, &differences)?;
-            self.detect.detector(&skin, &method, &[])?;
-            let (rows, report) = (self.rows.as_ref(), self.output.as_deref());
-            return calibrated::evaluate(&skin, folder, &differences.frames, &self.truth, rows, report, self.json);
-        }
-        if self.output.is_some() {
-            let fix = "give the folder of a calibration with --method";
-            return Err(Failure::given("--output needs the calibration of a skin", Some(fix)));
+            return self.calibrated(&skin, folder, &differences);
         }
         let truth = read_truth(&self.truth, &skin::place_limits(&skin), differences.frames.len())?;
-        let truth = match (truth, self.align) {
-            (Truth::OnSkin(truth), None) => {
-                self.warn_of_frames_after(&truth);
-                truth
+        let path = self.truth.display();
+        match (truth, self.align) {
+            (Truth::OnSkin(truth), None) => self.on_skin(&skin, differences, truth),
+            (Truth::Elsewhere { positions_m, .. }, Some(count)) => {
+                self.align(&skin, &differences.frames, &positions_m, count)
             }
-            (Truth::Elsewhere(presses), Some(count)) => return self.align(&skin, &differences.frames, &presses, count),
-            (Truth::Elsewhere(_), None) => {
-                let message =
-                    format!("{} has no header: the coordinate frame of its positions is unknown", self.truth.display());
+            (Truth::Elsewhere { .. }, None) => {
+                let message = format!("{path} has no header: the coordinate frame of its positions is unknown");
                 let fix = "name the columns in the first row, or align with --align N";
-                return Err(Failure::given(message, Some(fix)));
+                Err(Failure::given(message, Some(fix)))
             }
             (Truth::OnSkin(_), Some(_)) => {
-                let message = format!(
-                    "{} is in the skin's own coordinate frame: there is nothing to align",
-                    self.truth.display()
-                );
-                return Err(Failure::given(message, Some("leave --align out")));
+                let message = format!("{path} is in the skin's own coordinate frame: there is nothing to align");
+                Err(Failure::given(message, Some("leave --align out")))
             }
-        };
-        let method = self.method.prepare(&skin, &differences)?;
-        let detector = self.detect.detector(&skin, &method, &differences.untouched)?;
-        let (frames, truth) = self.chosen(differences.frames, truth)?;
+        }
+    }
+
+    /// Scores a forward map.
+    fn calibrated(&self, skin: &Skin, folder: &Path, differences: &Differences) -> Outcome {
+        if self.align.is_some() {
+            let fix = Some("leave --align out");
+            return Err(Failure::given("the pose of a calibrated skin is known", fix));
+        }
+        // Refuses options that a calibration does not have.
+        let method = self.method.prepare(skin, differences)?;
+        self.detect.detector(skin, &method, &[])?;
+        let evaluation = CalibratedEvaluation::new(skin, folder, &differences.frames, &self.truth, self.rows.as_ref())?;
+        let (presses, pose) = (&evaluation.presses[..], evaluation.pose);
+        self.report.write(&PressReport { skin, method: method.label(), presses, pose })?;
+        evaluation.print(skin, folder, self.json)
+    }
+
+    /// Scores any other method against touches on the skin.
+    fn on_skin(&self, skin: &Skin, differences: Differences, truth: Vec<Vec<Contact>>) -> Outcome {
+        self.warn_of_frames_after(&truth);
+        let method = self.method.prepare(skin, &differences)?;
+        let detector = self.detect.detector(skin, &method, &differences.untouched)?;
+        let (rows, frames, truth) = self.chosen(differences.frames, truth)?;
         let images = images(&method, &frames)?;
         let contacts = frames.par_iter().map(|frame| method.contacts(frame, &detector));
         let contacts = contacts.collect::<Result<Vec<Vec<Contact>>, _>>()?;
         let score = score_contacts(&images, &contacts, &truth, method.label(), method.alpha())?;
+        let surface = skin.design().body.surface();
+        let of_frame =
+            |((row, touches), found): ((&usize, &Vec<Contact>), &Vec<Contact>)| matched(*row, touches, found, &surface);
+        let presses: Vec<EvaluatedPress> = rows.iter().zip(&truth).zip(&contacts).flat_map(of_frame).collect();
+        self.report.write(&PressReport { skin, method: method.label(), presses: &presses, pose: None })?;
         if self.json { print_json(&score) } else { print(&table(&skin.design().name, &score)) }
     }
 }
 
 impl Arguments {
-    /// The frames that are scored, and their touches.
-    fn chosen(&self, frames: Vec<Frame>, truth: Vec<Vec<Contact>>) -> Outcome<(Vec<Frame>, Vec<Vec<Contact>>)> {
-        let Some(rows) = &self.rows else { return Ok((frames, truth)) };
+    /// The rows that are scored, their frames and their touches.
+    fn chosen(&self, frames: Vec<Frame>, truth: Vec<Vec<Contact>>) -> Outcome<Chosen> {
+        let Some(rows) = &self.rows else { return Ok(((0..frames.len()).collect(), frames, truth)) };
         let rows = rows.of(frames.len()).map_err(|message| Failure::given(message, Some("choose other --rows")))?;
-        Ok(rows.iter().map(|&row| (frames[row].clone(), truth[row].clone())).unzip())
+        let (frames, truth) = rows.iter().map(|&row| (frames[row].clone(), truth[row].clone())).unzip();
+        Ok((rows.to_vec(), frames, truth))
     }
 
     /// Warns about frames after the last true touch. A frame without a touch is valid, but at the end it usually
@@ -144,6 +156,9 @@ impl Arguments {
         let align_by: Vec<usize> = (0..count).collect();
         let aligned = estimates.align(presses, &align_by).map_err(dermis_sim::Error::from)?;
         drop(progress);
+        let evaluated = aligned_presses(&aligned, presses);
+        let (method, pose) = (&aligned.score.method[..], Some(aligned_pose(&aligned.alignment)));
+        self.report.write(&PressReport { skin, method, presses: &evaluated, pose })?;
         if self.json {
             return print_json(&AlignedJson {
                 score: &aligned.score,
@@ -172,6 +187,27 @@ impl Arguments {
             1e3 * p90_m
         ))
     }
+}
+
+/// Numbers of rows, their frames and their touches.
+type Chosen = (Vec<usize>, Vec<Frame>, Vec<Vec<Contact>>);
+
+/// The presses that were scored after alignment, in the frame of the robot.
+fn aligned_presses(aligned: &Aligned, presses: &[Point3]) -> Vec<EvaluatedPress> {
+    let one = |&(row, truth_m, [x, y]): &(usize, Point2, Point2)| {
+        let at = |position_m: Point3| Contact::truth(position_m, [0.0, 0.0, 1.0], f64::NAN);
+        // The estimate is in the plane: the height is that of the press.
+        let contact = Contact { confidence: f64::NAN, ..at([x, y, presses[row][2]]) };
+        let error_m = (x - truth_m[0]).hypot(y - truth_m[1]);
+        EvaluatedPress { row, truth: at(presses[row]), estimate: Some(Estimate::new(contact, error_m)) }
+    };
+    aligned.places.iter().map(one).collect()
+}
+
+/// The pose of an alignment, without its scale.
+fn aligned_pose(alignment: &Alignment) -> Pose {
+    let Alignment { centre_m: [x, y], rotation_rad, mirrored, .. } = *alignment;
+    Pose { centre_m: [x, y, 0.0], rotation_rad, mirrored }
 }
 
 /// The score of aligned presses as JSON.
@@ -215,9 +251,7 @@ fn table(skin: &str, score: &Score) -> String {
     } else {
         "unknown without forces".to_string()
     };
-    let force = score.force.map_or(String::new(), |ForceErrors { error, spread }| {
-        format!("  force               {:.0} % mean error; estimate over truth spreads by {spread:.2}\n", 1e2 * error)
-    });
+    let force = score.force.map_or(String::new(), force_line);
     let advice = score.advice().map(|advice| format!("  note                {advice}\n")).unwrap_or_default();
     format!(
         "{skin}: {}{alpha}\n  presses             {}, of which {} missed; {} false positives\n  localisation        {}\n  \

@@ -96,7 +96,7 @@ impl Arguments {
         Ok(Summary {
             dermis: env!("CARGO_PKG_VERSION"),
             design: design.name.clone(),
-            twin: options.clone(),
+            twin: twin.options().clone(),
             seed: self.seed,
             mesh_hash: twin.mesh().hash(),
             mesh_nodes: twin.mesh().node_count(),
@@ -109,6 +109,10 @@ impl Arguments {
     fn summary(&self, summary: &Summary) -> String {
         let mut table = Table::new(&["set", "frames", "touches", "forces, N", "median change"]);
         for set in &summary.sets {
+            if set.frames == 0 {
+                table.row([set.name, "0", "0", "", ""].map(String::from));
+                continue;
+            }
             table.row([
                 set.name.to_string(),
                 set.frames.to_string(),

@@ -82,8 +82,10 @@ fn table(name: &str, mesh: &Mesh, report: &MeshReport) -> String {
                 continue;
             }
         };
+        // Rounded, so that no negative zero is printed.
+        let percent = |ratio: f64| (1e4 * (ratio - 1.0)).round() / 1e2 + 0.0;
         let designed = match (electrode.designed_size, electrode.ratio()) {
-            (Some(size), Some(ratio)) => format!("{:.3} {unit} ({:+.2} %)", size * per_si, (ratio - 1.0) * 100.0),
+            (Some(size), Some(ratio)) => format!("{:.3} {unit} ({:+.2} %)", size * per_si, percent(ratio)),
             _ => "as the mesh".into(),
         };
         let size = format!("{:.3} {unit}", electrode.size * per_si);

@@ -3,16 +3,17 @@
 use crate::failure::{Failure, Outcome};
 use crate::frames::{FrameArguments, images};
 use crate::method::MethodArguments;
+use crate::picture::PictureFormat;
 use clap::ValueEnum;
 use dermis::contact::Contact;
 use dermis::design::{Body, SkinDesign};
 use dermis::detect::Detector;
-use dermis::frame::{Truth, read_array, read_truth, write_whole};
+use dermis::frame::{Truth, read_array, read_truth};
 use dermis::image::{Image, PixelSpace};
 use dermis::mesh::Mesh;
 use dermis::reconstruct::Quantity;
 use dermis::skin::Skin;
-use dermis_plot::{Drawing, Picture, PlotError, Scene, View};
+use dermis_plot::{Drawing, PlotError, Scene, View};
 use dermis_study::localisation_scene;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -80,7 +81,7 @@ enum ViewName {
 impl Arguments {
     /// Draws the picture and writes it.
     pub fn run(self) -> Outcome {
-        let format = Format::of(&self.output)?;
+        let format = PictureFormat::of(&self.output)?;
         let design = SkinDesign::load(&self.design)?;
         let mesh = Mesh::generate(&design)?;
         let mut scene = self.scene(&design, &mesh)?;
@@ -89,7 +90,7 @@ impl Arguments {
         }
         let view = self.view(&design);
         let picture = view.draw(&scene, &design).map_err(not_drawn)?;
-        save(&picture, &self.output, format)?;
+        format.save(&picture, &self.output)?;
         crate::console::print(&format!("wrote {}\n", self.output.display()))
     }
 
@@ -194,7 +195,7 @@ struct Seen {
 fn read_touches(path: &Path, design: &SkinDesign, mesh: &Mesh, frame_count: usize) -> Outcome<Vec<Vec<Contact>>> {
     match read_truth(path, &mesh.place_limits(design.body.surface()), frame_count)? {
         Truth::OnSkin(touches) => Ok(touches),
-        Truth::Elsewhere(_) => {
+        Truth::Elsewhere { .. } => {
             let message = format!("{} holds positions in a frame of reference of its own", path.display());
             Err(Failure::given(message, Some("align it first: see `dermis evaluate --align`")))
         }
@@ -224,39 +225,8 @@ fn read_images(path: &Path, design: &SkinDesign, mesh: &Mesh) -> Outcome<Vec<Ima
     Ok(values.chunks_exact(size.max(1)).map(image).collect())
 }
 
-/// Format of a picture file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Format {
-    Svg,
-    Png,
-}
-
-impl Format {
-    fn of(path: &Path) -> Outcome<Self> {
-        match path.extension().and_then(|extension| extension.to_str()).map(str::to_ascii_lowercase).as_deref() {
-            Some("svg") => Ok(Format::Svg),
-            Some("png") => Ok(Format::Png),
-            _ => {
-                let message = format!("{}: no kind of picture known", path.display());
-                Err(Failure::given(message, Some("name the picture .svg or .png")))
-            }
-        }
-    }
-}
-
-/// Dots per pixel of a PNG, for high-resolution screens and print.
-const PNG_SCALE: f64 = 2.0;
-
 /// The error of a picture that cannot be drawn.
 fn not_drawn(error: PlotError) -> Failure {
     let fix = matches!(error, PlotError::NoFlatLayout).then_some("ask for the view in space: --view 3d");
     Failure::given(error, fix)
-}
-
-fn save(picture: &Picture, path: &Path, format: Format) -> Outcome {
-    let bytes = match format {
-        Format::Svg => picture.to_svg().into_bytes(),
-        Format::Png => picture.to_png(PNG_SCALE).map_err(|error| Failure::Ours(error.to_string()))?,
-    };
-    Ok(write_whole(path, |writer| writer.write_all(&bytes))?)
 }

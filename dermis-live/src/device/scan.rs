@@ -1,6 +1,6 @@
 //! The scan table of a protocol: the channel of each reading of a frame.
 
-use dermis::protocol::Protocol;
+use dermis::protocol::{Protocol, SCAN_COLUMNS};
 use dermis_wire::{ScanPart, Slot, Slots};
 
 /// The meaning of the readings of a frame, slot by slot: for each drive, in order of first use, one reading of the
@@ -69,10 +69,10 @@ impl ScanTable {
         })
     }
 
-    /// The table as CSV: `slot,drive_source,drive_sink,measure_plus,measure_minus,channel`; readings of the reference
-    /// resistor have no measure pair and no channel.
+    /// The table as CSV with the columns [`SCAN_COLUMNS`]; readings of the reference resistor have no measure pair and no
+    /// channel. A design reads it as its protocol (`pattern.table`).
     pub fn to_csv(&self) -> String {
-        let mut text = String::from("slot,drive_source,drive_sink,measure_plus,measure_minus,channel\n");
+        let mut text = SCAN_COLUMNS.join(",") + "\n";
         for (index, (slot, role)) in self.slots.iter().zip(&self.roles).enumerate() {
             let Slot { source, sink, measure } = slot;
             text += &match (measure, role) {
@@ -145,6 +145,7 @@ mod tests {
         assert_eq!(whole, table.slots());
         assert_eq!(table.to_csv().lines().count(), 901);
         assert_eq!(table.to_csv().lines().nth(2), Some("1,0,1,1,2,0"));
+        assert_eq!(Protocol::parse_csv(&table.to_csv(), "scan.csv", 30).unwrap(), design.protocol);
         assert!(table.to_c_header("x", [7; 32]).contains("#define DERMIS_SLOT_COUNT 900\n"));
     }
 }

@@ -72,13 +72,13 @@ const IDEAL_BITS: u32 = 32;
 const IDEAL_RANGE_V: f64 = 10.0;
 
 impl Emulator {
-    /// Powers up a device. Its twin is [derived](TwinOptions::made_of) from the design.
+    /// Powers up a device.
     ///
     /// # Errors
     /// A twin that does not fit the design; a fault of an unknown electrode.
     pub fn new(design: &SkinDesign, options: EmulatorOptions) -> Result<Arc<Self>, LiveError> {
-        let options = EmulatorOptions { twin: options.twin.made_of(design), ..options };
         let twin = Twin::new(design, &options.twin, options.seed)?;
+        let options = EmulatorOptions { twin: twin.options().clone(), ..options };
         if !(options.speed > 0.0 && options.speed.is_finite()) {
             return Err(LiveError::Given(format!("the speed is {}: it must be positive", options.speed)));
         }

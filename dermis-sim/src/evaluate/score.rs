@@ -44,7 +44,7 @@ pub struct ForceErrors {
 
 impl ForceErrors {
     /// From the ratios of estimated and true forces; `None` without any.
-    fn of(ratios: &[f64]) -> Option<Self> {
+    pub fn of(ratios: &[f64]) -> Option<Self> {
         let errors: Vec<f64> = ratios.iter().map(|ratio| (ratio - 1.0).abs()).collect();
         (!ratios.is_empty()).then(|| ForceErrors { error: mean(&errors), spread: spread(ratios) })
     }

@@ -104,13 +104,14 @@ impl PaperExperiment {
             two: presses.in_pairs(&sizes.separations_m, sizes.pairs),
             four: presses.apart(4, FOUR_APART_M, sizes.fours),
         };
-        let mut shifted = options.clone();
+        let twin = Twin::new(design, options, seed)?;
+        let mut shifted = twin.options().clone();
         if let TouchOptions::Patches(patches) = &mut shifted.touch {
             let pitch_m = patches.on_body(&design.body)?.pitch_m();
             let mut rng = sample_rng(seed, PHASE_STREAM);
             patches.offset_m = pitch_m.map(|pitch| pitch * rng.random::<f64>());
         }
-        let (twin, shifted) = (Twin::new(design, options, seed)?, Twin::new(design, &shifted, seed)?);
+        let shifted = Twin::new(design, &shifted, seed)?;
         Ok(PaperExperiment { twin, shifted, sets })
     }
 

@@ -108,3 +108,21 @@ fn the_baseline_is_ten_times_quieter_than_a_frame_and_a_press_is_seen() {
     // The errors of gain and settling are equal in both; the noise decreases with the square root of a hundred.
     assert!(baseline < 0.6 * untouched && touched > 2.0 * untouched);
 }
+
+#[test]
+fn presses_on_a_membrane_lower_its_conductance() {
+    let bench = Bench::new("skin16");
+    let mut options = TwinOptions::shipped("lab").expect("a shipped twin");
+    options.electronics = TwinOptions::shipped("ideal").expect("a shipped twin").electronics;
+    (options.drift, options.temperature) = (None, None);
+    let sizes = Sizes { grid_step: 120, random: 4, separations_m: vec![0.02], pairs: 2, fours: 0 };
+    let experiment =
+        PaperExperiment::draw(&bench.design, &bench.mesh, &bench.pixels, &options, 3, &sizes).expect("an experiment");
+    assert_eq!(experiment.twin.options().name, "lab without patches");
+    let total = |frame: &Frame| frame.iter().map(|value| value.abs()).sum::<f64>();
+    for recording in experiment.record(|| ()).expect("recordings").iter() {
+        let rest = total(&recording.baseline);
+        // The voltages between neighbours grow where less of the coat conducts.
+        assert!(recording.frames.iter().all(|frame| total(frame) > rest));
+    }
+}

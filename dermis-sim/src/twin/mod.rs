@@ -9,7 +9,7 @@
 //! use dermis_sim::twin::{Press, Twin, TwinOptions};
 //!
 //! let design = SkinDesign::load("skin16")?;
-//! let mut options = TwinOptions::load("ideal")?.made_of(&design);
+//! let mut options = TwinOptions::load("ideal")?;
 //! options.mesh_scale = 2.0;
 //! let twin = Twin::new(&design, &options, 1)?;
 //! let press = Press { centre_m: [0.01, 0.0, 0.0], force_n: 1.0, tip_radius_m: 0.005 };

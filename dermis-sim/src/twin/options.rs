@@ -156,12 +156,8 @@ impl TwinOptions {
         self.electronics.check_ranges()
     }
 
-    /// This twin adapted to a design: fabric patches need a body with rows and columns and raise the coating's
-    /// conductance. On any other body, and on a skin whose conductance decreases when touched (a stretched membrane), a
-    /// press is a Gaussian change of 8 mm instead: a rise of 0.5 per newton as in `ideal`, or a decrease of 0.1 per
-    /// newton, so that half of the conductance remains at 5 N. The name of the twin then ends in `without patches`.
-    #[must_use]
-    pub fn made_of(mut self, design: &SkinDesign) -> Self {
+    /// This twin adapted to a design, as [`Twin::new`](super::Twin::new) describes: it alone decides of what a twin is made.
+    pub(super) fn made_of(mut self, design: &SkinDesign) -> Self {
         let charted = !matches!(design.body, Body::Mesh { .. });
         let rises = design.sheet.touch == TouchEffect::ConductanceRises;
         if matches!(self.touch, TouchOptions::Patches(_)) && !(charted && rises) {

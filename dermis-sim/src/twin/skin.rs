@@ -61,6 +61,11 @@ enum Touch {
 impl Twin {
     /// Draws a twin of a design: its electrode positions, its mesh, its coating, its contacts and its instrument.
     ///
+    /// Fabric patches need a body with rows and columns, and they raise the conductance of the coating. On any other body, and on a
+    /// skin whose conductance falls when touched (a stretched membrane), a press is a Gaussian change of 8 mm instead: a rise of
+    /// 0.5 per newton as in `ideal`, or a fall of 0.1 per newton, so that half of the conductance remains at 5 N. The name of the
+    /// twin in its [options](Self::options) then ends in `without patches`.
+    ///
     /// # Errors
     /// Invalid options, or options that do not fit the design: missing electrodes, patches larger than its body. If the
     /// options were read from a file, the error contains the line. A design without a solution.
@@ -73,6 +78,7 @@ impl Twin {
 
     fn draw(design: &SkinDesign, options: &TwinOptions, seed: u64) -> crate::Result<Self> {
         options.check()?;
+        let options = &options.clone().made_of(design);
         options.electronics.check(&design.protocol)?;
         options.faults.check(design)?;
         let mut drawn = options.electrodes.draw(design, seed)?;
@@ -121,7 +127,7 @@ impl Twin {
         Ok(())
     }
 
-    /// Its options.
+    /// Its options, as they hold for its design.
     pub fn options(&self) -> &TwinOptions {
         &self.options
     }

@@ -270,8 +270,9 @@ fn a_twin_without_patches_where_they_cannot_be_or_would_turn_a_touch_round() {
         assert_eq!(lab.clone().made_of(&SkinDesign::shipped(name).unwrap()), lab);
     }
     let design = SkinDesign::shipped("skin16").unwrap();
-    let options = lab.made_of(&design);
-    let twin = Twin::new(&design, &options, 1).unwrap();
+    let twin = Twin::new(&design, &lab, 1).unwrap();
+    assert_eq!(*twin.options(), lab.made_of(&design));
+    assert_eq!(twin.options().name, "lab without patches");
     let press = |x_m: f64, force_n: f64| Press { centre_m: [x_m, 0.0, 0.0], force_n, tip_radius_m: 0.005 };
     // A membrane has a lower conductance where it is pressed: equal or higher voltage between all neighbours of a
     // drive's electrodes.
@@ -285,7 +286,7 @@ fn a_twin_without_patches_where_they_cannot_be_or_would_turn_a_touch_round() {
 #[test]
 fn a_touch_that_is_held_is_what_a_fresh_twin_says_of_it() {
     let design = SkinDesign::shipped("skin16").unwrap();
-    let options = TwinOptions::shipped("lab").unwrap().made_of(&design);
+    let options = TwinOptions::shipped("lab").unwrap();
     let twin = || Twin::new(&design, &options, 3).unwrap();
     let press = |x_m: f64| Press { centre_m: [x_m, 0.01, 0.0], force_n: 2.0, tip_radius_m: 0.005 };
     let held = twin();

@@ -244,7 +244,11 @@ fn truths_are_read_for_each_kind_of_body() {
     let free = read("frame,x_m,y_m,z_m\n0,1,2,3\n", Surface::Free).unwrap();
     assert!(matches!(free, Truth::OnSkin(touches) if touches[0][0].position_m == [1.0, 2.0, 3.0]));
     let robot = read("1,2,3\n4,5,6\n7,8,9\n", Surface::Plane).unwrap();
-    assert_eq!(robot, Truth::Elsewhere(vec![[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]]));
+    let Truth::Elsewhere { positions_m, forces_n } = robot else { panic!("a truth without a header is elsewhere") };
+    assert_eq!(positions_m, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]]);
+    assert!(forces_n.iter().all(|force| force.is_nan()));
+    let forced = read("1,2,3,0.5\n4,5,6,1\n7,8,9,2\n", Surface::Plane).unwrap();
+    assert!(matches!(forced, Truth::Elsewhere { forces_n, .. } if forces_n == [0.5, 1.0, 2.0]));
     let beyond = read("frame,x_m,y_m\n0,0,0\n3,0,0\n", Surface::Plane).unwrap_err();
     assert!(beyond.ends_with("row 3, column 1: frame 3, but there are 3 frames: 0 to 2"), "{beyond}");
     assert!(read("frame,x_m,y_m\n0.5,0,0\n", Surface::Plane).unwrap_err().contains("frame 0.5"));

@@ -12,8 +12,13 @@ use std::path::Path;
 pub enum Truth {
     /// The touches of each frame, in the body's frame.
     OnSkin(Vec<Vec<Contact>>),
-    /// One press per frame in another coordinate frame, m (of a robot), to be aligned.
-    Elsewhere(Vec<Point3>),
+    /// One press per frame in another coordinate frame (of a robot), to be aligned.
+    Elsewhere {
+        /// Positions, m.
+        positions_m: Vec<Point3>,
+        /// Force of each press, N; `NaN` if it is not known.
+        forces_n: Vec<f64>,
+    },
 }
 
 /// Reads a ground truth, one row per touch: `frame,z_m,theta_rad[,force_n]` on a cylinder, `frame,x_m,y_m[,force_n]` on
@@ -201,8 +206,11 @@ fn on_skin(
 
 fn elsewhere(path: &Path, table: &Table, frame_count: usize) -> Result<Truth, TableError> {
     let wrong = |message: String| TableError::File { path: path.to_path_buf(), message };
-    if table.rows[0].len() != 3 {
-        let message = format!("a truth without a header has x, y, z in each row, not {} values", table.rows[0].len());
+    if !(3..=4).contains(&table.rows[0].len()) {
+        let message = format!(
+            "a truth without a header has x, y, z and optionally a force in each row, not {} values",
+            table.rows[0].len()
+        );
         return Err(wrong(message));
     }
     if table.rows.len() != frame_count {
@@ -212,5 +220,7 @@ fn elsewhere(path: &Path, table: &Table, frame_count: usize) -> Result<Truth, Ta
         );
         return Err(wrong(message));
     }
-    Ok(Truth::Elsewhere(table.rows.iter().map(|row| [row[0], row[1], row[2]]).collect()))
+    let press = |row: &Vec<f64>| ([row[0], row[1], row[2]], row.get(3).copied().unwrap_or(f64::NAN));
+    let (positions_m, forces_n) = table.rows.iter().map(press).unzip();
+    Ok(Truth::Elsewhere { positions_m, forces_n })
 }

@@ -1,0 +1,172 @@
+//! Positions of presses on the skin whose axes are reversed or exchanged.
+
+use crate::checks::correlation::{cosine, standardised};
+use crate::checks::finding::{Finding, FindingKind};
+use crate::checks::model::{ModelChannels, compressed};
+use dermis::design::Body;
+use dermis::geom::vector::distance;
+use dermis::geom::{Point2, Point3};
+use dermis::stats::mean;
+use faer::Mat;
+use rayon::prelude::*;
+
+/// Fewest presses that are judged.
+const FEWEST: usize = 20;
+/// Presses that are compared with the model, at most.
+const MOST: usize = 300;
+/// Other axes are stated if the frames correlate with the model by at least this much, ...
+const LEAST: f64 = 0.25;
+/// ... by this much more than with the axes as given, ...
+const MORE: f64 = 0.15;
+/// ... and more in this part of the frames.
+const PART: f64 = 0.75;
+
+/// A change of the axes of positions.
+struct Axes {
+    /// Whether the two coordinates are exchanged before they are reversed.
+    exchanged: bool,
+    /// The coordinates that are reversed.
+    reversed: [bool; 2],
+}
+
+/// The coordinates of the positions on a body, with their range; reversed ones are mirrored in the middle of it.
+struct Coordinates {
+    names: [&'static str; 2],
+    /// How the reversed coordinates are written.
+    reversed: [&'static str; 2],
+    low: Point2,
+    high: Point2,
+    /// Radius of a cylinder, m.
+    radius_m: Option<f64>,
+}
+
+impl Coordinates {
+    /// The coordinates of a body; `None` for a mesh, whose symmetries are not known.
+    fn of(body: &Body) -> Option<Self> {
+        let flat = |reversed, low, high| Coordinates { names: ["x_m", "y_m"], reversed, low, high, radius_m: None };
+        match *body {
+            Body::Disk { diameter_m } => Some(flat(["-x_m", "-y_m"], [-0.5 * diameter_m; 2], [0.5 * diameter_m; 2])),
+            Body::Rectangle { width_m, height_m } => {
+                Some(flat(["width_m - x_m", "height_m - y_m"], [0.0; 2], [width_m, height_m]))
+            }
+            Body::Cylinder { length_m, diameter_m } => Some(Coordinates {
+                names: ["z_m", "theta_rad"],
+                reversed: ["length_m - z_m", "-theta_rad"],
+                low: [0.0, -std::f64::consts::PI],
+                high: [length_m, std::f64::consts::PI],
+                radius_m: Some(0.5 * diameter_m),
+            }),
+            Body::Mesh { .. } => None,
+        }
+    }
+
+    /// All changes of the axes but none.
+    fn changes(&self) -> impl Iterator<Item = Axes> {
+        let exchanged = if self.radius_m.is_some() { &[false][..] } else { &[false, true] };
+        let all = exchanged.iter().flat_map(|&exchanged| {
+            [[false, false], [true, false], [false, true], [true, true]].map(|reversed| Axes { exchanged, reversed })
+        });
+        all.filter(|axes| axes.exchanged || axes.reversed != [false; 2])
+    }
+
+    fn get(&self, position_m: Point3) -> Point2 {
+        match self.radius_m {
+            Some(_) => [position_m[2], position_m[1].atan2(position_m[0])],
+            None => [position_m[0], position_m[1]],
+        }
+    }
+
+    fn position_m(&self, [a, b]: Point2) -> Point3 {
+        match self.radius_m {
+            Some(radius_m) => [radius_m * b.cos(), radius_m * b.sin(), a],
+            None => [a, b, 0.0],
+        }
+    }
+
+    /// Positions with other axes; `None` where one of them is off the body.
+    fn changed(&self, axes: &Axes, positions_m: &[Point3]) -> Option<Vec<Point3>> {
+        let change = |position_m: &Point3| {
+            let [a, b] = self.get(*position_m);
+            let given = if axes.exchanged { [b, a] } else { [a, b] };
+            let mirror = |k: usize| if axes.reversed[k] { self.low[k] + self.high[k] - given[k] } else { given[k] };
+            let changed = [mirror(0), mirror(1)];
+            let slack = |k: usize| 1e-6 * (self.high[k] - self.low[k]);
+            let inside = (0..2).all(|k| changed[k] >= self.low[k] - slack(k) && changed[k] <= self.high[k] + slack(k));
+            inside.then(|| self.position_m(changed))
+        };
+        positions_m.iter().map(change).collect()
+    }
+
+    /// What to do, where the positions fit with other axes.
+    fn fix(&self, axes: &Axes) -> String {
+        let [first, second] = self.names;
+        let mut steps = Vec::new();
+        if axes.exchanged {
+            steps.push(format!("exchange the columns {first} and {second} of the truth"));
+        }
+        for k in 0..2 {
+            if axes.reversed[k] {
+                let then = if axes.exchanged { "then write" } else { "write" };
+                steps.push(format!("{then} {} in place of {} in the truth", self.reversed[k], self.names[k]));
+            }
+        }
+        let turns = usize::from(axes.exchanged) + axes.reversed.iter().filter(|reversed| **reversed).count();
+        let electrodes = match turns % 2 {
+            1 => "if the positions are right, the electrodes are numbered the other way round",
+            _ => "if the positions are right, the first electrode is elsewhere",
+        };
+        format!("{}; {electrodes}", steps.join(", "))
+    }
+}
+
+/// Frames with the positions of their presses.
+pub(crate) struct Labelled<'a> {
+    /// The frames in standardised units, rows x channels of the design.
+    pub values: &'a Mat<f64>,
+    /// The position of the press of each frame on the skin, m.
+    pub positions_m: &'a [Point3],
+    /// Channels of the design that are compared.
+    pub channels: &'a [usize],
+}
+
+/// Other axes of the positions, with which the frames fit the model clearly better.
+pub(crate) fn other_axes(labelled: &Labelled<'_>, model: &ModelChannels, body: &Body) -> Option<Finding> {
+    let coordinates = Coordinates::of(body)?;
+    let count = labelled.positions_m.len();
+    if count < FEWEST || labelled.channels.is_empty() {
+        return None;
+    }
+    let rows: Vec<usize> = (0..count.min(MOST)).map(|k| k * count / count.min(MOST)).collect();
+    let frames =
+        Mat::from_fn(rows.len(), labelled.channels.len(), |i, j| labelled.values[(rows[i], labelled.channels[j])]);
+    let frames = standardised(&frames);
+    let touches = compressed(&model.touches);
+    let positions_m: Vec<Point3> = rows.iter().map(|&row| labelled.positions_m[row]).collect();
+    let fit = |positions_m: &[Point3]| fit(&frames, &touches, model, labelled.channels, positions_m);
+    let given = fit(&positions_m);
+    let others = coordinates.changes().filter_map(|axes| Some((fit(&coordinates.changed(&axes, &positions_m)?), axes)));
+    let (best, axes) = others.max_by(|a, b| mean(&a.0).total_cmp(&mean(&b.0)))?;
+    let better = best.iter().zip(&given).filter(|(best, given)| best > given).count() as f64;
+    let (value, as_given) = (mean(&best), mean(&given));
+    let clear = value >= LEAST && value - as_given >= MORE && better >= PART * rows.len() as f64;
+    let evidence =
+        format!("mean correlation of a frame with the model at the changed positions; {as_given:.3} as given");
+    clear.then(|| Finding::new(FindingKind::TruthAxes, value, evidence, coordinates.fix(&axes)))
+}
+
+/// The correlation of each frame with a simulated touch at its position, both relative to the mean over the positions.
+fn fit(
+    frames: &Mat<f64>,
+    touches: &Mat<f64>,
+    model: &ModelChannels,
+    channels: &[usize],
+    positions_m: &[Point3],
+) -> Vec<f64> {
+    let nearest = |position_m: &Point3| {
+        let apart = |touch: &usize| distance(model.places_m[*touch], *position_m);
+        (0..model.places_m.len()).min_by(|a, b| apart(a).total_cmp(&apart(b))).expect("a model has touches")
+    };
+    let at: Vec<usize> = positions_m.par_iter().map(nearest).collect();
+    let expected = standardised(&Mat::from_fn(at.len(), channels.len(), |i, j| touches[(at[i], channels[j])]));
+    (0..at.len()).map(|i| cosine(frames.row(i).iter().copied(), expected.row(i).iter().copied())).collect()
+}
