@@ -26,7 +26,7 @@ impl NoveltyMonitor {
     /// Takes a frame. Returns the median novelty of the last presses when it has risen above that of nearly all labels.
     pub(super) fn update(&mut self, touched: bool, novelty: impl FnOnce() -> Option<f64>) -> Option<f64> {
         if touched {
-            if self.frames % EVERY == 0 {
+            if self.frames.is_multiple_of(EVERY) {
                 let lowest = self.lowest.unwrap_or(f64::INFINITY);
                 self.lowest = novelty().map(|novelty| novelty.min(lowest)).or(self.lowest);
             }
