@@ -4,13 +4,13 @@ use crate::console::Progress;
 use crate::failure::{Failure, Outcome};
 use clap::Args;
 use dermis::fit::model_differences;
-use dermis::frame::{Frame, mean, read_frames_without};
+use dermis::frame::{DriveCurrents, Frame, mean, read_frames_without};
 use dermis::image::Image;
 use dermis::method::Method;
 use dermis::protocol::Protocol;
 use dermis::skin::Skin;
 use rayon::prelude::*;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The value of `--baseline` for the model's own untouched frame; a file of that name is `./model`.
 const MODEL: &str = "model";
@@ -28,6 +28,38 @@ pub struct FrameArguments {
     /// The frames are differences from the untouched skin.
     #[arg(long)]
     pub difference: bool,
+    #[command(flatten)]
+    pub currents: CurrentArguments,
+}
+
+/// Measured drive currents, of instruments that record voltages.
+#[derive(Debug, Clone, Default, Args)]
+pub struct CurrentArguments {
+    /// Measured currents of the drives (A; CSV, NPY or NPZ), a column per drive in the order of the protocol: one row for all
+    /// frames, or one per frame. The frames are then voltages (V).
+    #[arg(long, value_name = "FILE")]
+    currents: Option<PathBuf>,
+    /// Currents of the untouched frames, if there is one row per frame [default: those of --currents].
+    #[arg(long, value_name = "FILE", requires = "currents")]
+    baseline_currents: Option<PathBuf>,
+}
+
+impl CurrentArguments {
+    /// Frames in ohm.
+    fn convert(&self, protocol: &Protocol, frames: Vec<Frame>) -> Outcome<Vec<Frame>> {
+        divided(self.currents.as_deref(), protocol, frames)
+    }
+
+    /// Untouched frames in ohm.
+    fn convert_untouched(&self, protocol: &Protocol, frames: Vec<Frame>) -> Outcome<Vec<Frame>> {
+        divided(self.baseline_currents.as_deref().or(self.currents.as_deref()), protocol, frames)
+    }
+}
+
+/// Frames divided by the currents of a file, if there is one.
+fn divided(currents: Option<&Path>, protocol: &Protocol, frames: Vec<Frame>) -> Outcome<Vec<Frame>> {
+    let Some(path) = currents else { return Ok(frames) };
+    Ok(DriveCurrents::read(path, protocol, frames.len())?.frames_per_ampere(protocol, frames))
 }
 
 /// Differences from the untouched skin.
@@ -53,7 +85,7 @@ impl FrameArguments {
     pub fn read(&self, skin: &Skin, left_out: &[usize]) -> Outcome<Differences> {
         let protocol = &skin.design().protocol;
         if self.baseline.as_deref().is_some_and(|path| path.as_os_str() == MODEL) {
-            let frames = read_frames_without(&self.frames, protocol, left_out)?;
+            let frames = self.currents.convert(protocol, read_frames_without(&self.frames, protocol, left_out)?)?;
             let model = skin.forward().solve(skin.forward().rest_conductivity())?;
             let frames = model_differences(protocol, &model, &frames, left_out)?.frames;
             return Ok(Differences { frames, untouched: Vec::new() });
@@ -63,13 +95,13 @@ impl FrameArguments {
 
     /// Reads the frames. Channels that are left out need no values and are 0.
     pub fn read_recorded(&self, protocol: &Protocol, left_out: &[usize]) -> Outcome<Recorded> {
-        let frames = read_frames_without(&self.frames, protocol, left_out)?;
+        let frames = self.currents.convert(protocol, read_frames_without(&self.frames, protocol, left_out)?)?;
         let Some(path) = &self.baseline else { return Ok(Recorded { frames, untouched: Vec::new() }) };
         let untouched = read_frames_without(path, protocol, left_out)?;
         if untouched.is_empty() {
             return Err(Failure::given(format!("{} holds no frame", path.display()), None));
         }
-        Ok(Recorded { frames, untouched })
+        Ok(Recorded { frames, untouched: self.currents.convert_untouched(protocol, untouched)? })
     }
 }
 

@@ -6,14 +6,15 @@ use crate::failure::{Failure, Outcome};
 use crate::frames::Differences;
 use clap::{Args, ValueEnum};
 use dermis::detect::{DetectOptions, Detector};
-use dermis::frame::Frame;
+use dermis::frame::{Frame, read_frames_without};
 use dermis::method::{Method, MethodOptions, Methods, is_path};
-use dermis::reconstruct::{Alpha, Difference, Reconstruct};
+use dermis::reconstruct::{Alpha, Difference, FEWEST_UNTOUCHED_FRAMES, Reconstruct};
 use dermis::skin::Skin;
+use dermis::stats::upper_median;
 use dermis_calibrate::Calibration;
 use dermis_learn::Model;
 use dermis_sim::evaluate::{AlignMethod, AlignOptions, PressEstimates, Screen};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 /// The help of `--method`, the same for every command.
@@ -40,6 +41,10 @@ pub struct MethodArguments {
     /// Scaling and weighting of the channels of a linear method.
     #[arg(long, value_enum, default_value_t = Weighting::Plain)]
     weighting: Weighting,
+    /// Weight the channels of noser, laplace, tikhonov or gauss-newton by the inverse of their noise variance: a file of
+    /// standard deviations, a column per channel (CSV, NPY or NPZ; any unit), or `measured` for those of the untouched frames.
+    #[arg(long, value_name = "FILE|measured")]
+    channel_noise: Option<PathBuf>,
     #[arg(long, value_name = "CHANNELS|FILE", default_value = "", hide_default_value = true, help = LEAVE_OUT_HELP)]
     leave_out: Channels,
 }
@@ -71,6 +76,20 @@ impl DetectArguments {
     pub fn both_signs(&self) -> bool {
         self.both_signs
     }
+}
+
+/// The value of `--channel-noise` for the noise of the untouched frames; a file of that name is `./measured`.
+const MEASURED: &str = "measured";
+
+/// The standard deviation of each channel over differences from their mean; at least a tenth of the median, as few frames may
+/// have nearly equal values.
+fn channel_sd(untouched: &[Frame]) -> Vec<f64> {
+    let variance = |channel: usize| {
+        untouched.iter().map(|frame| frame[channel] * frame[channel]).sum::<f64>() / (untouched.len() - 1) as f64
+    };
+    let sd: Vec<f64> = (0..untouched[0].len()).map(|channel| variance(channel).sqrt()).collect();
+    let least = 0.1 * upper_median(&sd).expect("a frame has channels");
+    sd.into_iter().map(|sd| sd.max(least)).collect()
 }
 
 /// Scaling and weighting of the channels.
@@ -129,10 +148,10 @@ impl MethodArguments {
     /// Prepares the method for a skin. Rules that choose alpha from data use the differences.
     pub fn prepare(&self, skin: &Skin, differences: &Differences) -> Outcome<Method> {
         let _waiting = Progress::waiting("preparing the method");
-        Ok(dermis_learn::methods().method(skin, self.name(), &self.options(differences)?)?)
+        Ok(dermis_learn::methods().method(skin, self.name(), &self.options(skin, differences)?)?)
     }
 
-    fn options(&self, differences: &Differences) -> Outcome<MethodOptions> {
+    fn options(&self, skin: &Skin, differences: &Differences) -> Outcome<MethodOptions> {
         let alpha = self.alpha()?;
         let looks_at_data = matches!(alpha, Alpha::LCurve | Alpha::Gcv);
         Ok(MethodOptions {
@@ -144,8 +163,35 @@ impl MethodArguments {
                 Weighting::NormalisedEqual => Difference::NormalisedEven,
             },
             excluded: self.left_out().to_vec(),
+            channel_sd: self.channel_sd(skin, differences)?,
             examples: if looks_at_data { differences.frames.clone() } else { Vec::new() },
         })
+    }
+
+    /// The standard deviation of the noise of each channel; empty where none is asked for.
+    fn channel_sd(&self, skin: &Skin, differences: &Differences) -> Outcome<Vec<f64>> {
+        match &self.channel_noise {
+            None => Ok(Vec::new()),
+            Some(path) if path.as_os_str() == MEASURED => {
+                let untouched = &differences.untouched;
+                if untouched.len() < FEWEST_UNTOUCHED_FRAMES {
+                    let message =
+                        format!("--channel-noise measured needs at least {FEWEST_UNTOUCHED_FRAMES} untouched frames");
+                    return Err(Failure::given(message, Some("give them with --baseline")));
+                }
+                Ok(channel_sd(untouched))
+            }
+            Some(path) => {
+                let rows = read_frames_without(path, &skin.design().protocol, self.left_out())?;
+                match &rows[..] {
+                    [Frame(values)] => Ok(values.clone()),
+                    _ => Err(Failure::given(
+                        format!("{}: {} rows of standard deviations", path.display(), rows.len()),
+                        Some("give one row, with a value for each channel"),
+                    )),
+                }
+            }
+        }
     }
 
     /// The requested alpha.

@@ -5,7 +5,7 @@ use crate::check_page::place;
 use crate::console::{Progress, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
 use crate::fitted::{self, Fitted};
-use crate::frames::{FrameArguments, Recorded};
+use crate::frames::{CurrentArguments, FrameArguments, Recorded};
 use crate::guided::GuidedArguments;
 use crate::rows::Rows;
 use crate::skin;
@@ -33,6 +33,8 @@ pub struct Arguments {
     /// The frames are differences from the untouched skin.
     #[arg(long)]
     difference: bool,
+    #[command(flatten)]
+    currents: CurrentArguments,
     /// Measured presses, one per frame and in the order of recording: with a header (frame,x_m,y_m on a flat skin, frame,z_m,theta_rad on a
     /// cylinder; optionally force_n), or x,y,z (m; optionally the force, N) without a header in the frame of reference of the robot that pressed.
     #[arg(long, value_name = "FILE", required_unless_present = "live")]
@@ -69,8 +71,12 @@ impl Arguments {
         };
         self.guided.check_unused()?;
         let skin = skin::load(&self.design)?;
-        let (frames, baseline) = (frames.clone(), self.baseline.clone());
-        let frames = FrameArguments { frames, baseline, difference: self.difference };
+        let frames = FrameArguments {
+            frames: frames.clone(),
+            baseline: self.baseline.clone(),
+            difference: self.difference,
+            currents: self.currents.clone(),
+        };
         let recorded = frames.read_recorded(&skin.design().protocol, &[])?;
         let presses = Presses::read(truth, &skin, recorded.frames.len())?;
         warn_of_faults(&skin, &recorded, &presses)?;

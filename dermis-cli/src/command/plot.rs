@@ -1,7 +1,7 @@
 //! `dermis plot`: pictures of a skin.
 
 use crate::failure::{Failure, Outcome};
-use crate::frames::{FrameArguments, images};
+use crate::frames::{CurrentArguments, FrameArguments, images};
 use crate::method::MethodArguments;
 use crate::picture::PictureFormat;
 use clap::ValueEnum;
@@ -168,7 +168,8 @@ impl Arguments {
             return Err(Failure::given("frames need a baseline", Some(fix)));
         }
         let (frames, baseline) = (frames.clone(), self.baseline.clone());
-        let frames = FrameArguments { frames, baseline, difference: self.difference };
+        let frames =
+            FrameArguments { frames, baseline, difference: self.difference, currents: CurrentArguments::default() };
         let skin = Skin::with_mesh(design.clone(), mesh)?;
         let differences = frames.read(&skin, self.method.left_out())?;
         let method = self.method.prepare(&skin, &differences)?;

@@ -2,6 +2,7 @@
 
 mod broken;
 mod csv;
+mod currents;
 mod lines;
 mod npy;
 #[cfg_attr(not(feature = "npz"), path = "no_npz.rs")]
@@ -12,6 +13,7 @@ mod table;
 mod truth;
 
 pub use broken::broken_channels;
+pub use currents::DriveCurrents;
 pub use lines::{FrameLine, FrameLines, LineError};
 pub use npy::npy_header;
 pub use output::write_whole;

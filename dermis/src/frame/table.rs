@@ -46,7 +46,7 @@ fn read_rows(path: &Path, array: &str, columns: Option<usize>) -> Result<Table, 
 ///
 /// # Errors
 /// As [`read_table`]; rows of another length, a column named as times.
-fn read_values(path: &Path, array: &str, columns: usize, what: &str) -> Result<Table, TableError> {
+pub(super) fn read_values(path: &Path, array: &str, columns: usize, what: &str) -> Result<Table, TableError> {
     let mut table = read_rows(path, array, Some(columns))?;
     if table.rows[0].len() == 1 && table.rows.len() == columns && columns > 1 {
         return Err(file_error(path, format!("one value in each of {columns} rows: write them in one row")));

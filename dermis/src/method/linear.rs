@@ -43,6 +43,7 @@ fn one_step_options(prior: Prior, skin: &Skin, options: &MethodOptions) -> OneSt
         alpha: options.alpha,
         difference: options.difference,
         excluded: options.excluded.clone(),
+        channel_sd: options.channel_sd.clone(),
         touch: skin.design().sheet.touch,
         examples: options.examples.clone(),
         ..OneStepOptions::default()
@@ -57,7 +58,7 @@ fn gauss_newton(name: &str, skin: &Skin, linear: OneStepOptions) -> Result<Metho
 }
 
 fn total_variation(name: &str, skin: &Skin, options: &MethodOptions) -> Result<Method, MethodError> {
-    options.check_plain_difference(name)?;
+    options.check_equal_weights(name)?;
     let defaults = TotalVariationOptions::default();
     let alpha = match options.alpha {
         Alpha::Auto => defaults.alpha,
@@ -72,7 +73,7 @@ fn total_variation(name: &str, skin: &Skin, options: &MethodOptions) -> Result<M
 }
 
 fn greit(name: &str, skin: &Skin, options: &MethodOptions) -> Result<Method, MethodError> {
-    options.check_plain_difference(name)?;
+    options.check_equal_weights(name)?;
     let defaults = GreitOptions::default();
     let noise_figure = match options.alpha {
         Alpha::Auto => defaults.noise_figure,

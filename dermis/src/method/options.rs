@@ -17,6 +17,9 @@ pub struct MethodOptions {
     pub difference: Difference,
     /// Channels that are excluded.
     pub excluded: Vec<usize>,
+    /// Standard deviation of the noise of each channel, in any common unit, for one-step methods and `gauss-newton`; empty
+    /// where all are equal.
+    pub channel_sd: Vec<f64>,
     /// Measured differences, ohm, for the rules of alpha that use data ([`Alpha::LCurve`], [`Alpha::Gcv`]).
     pub examples: Vec<Frame>,
 }
@@ -28,6 +31,7 @@ impl Default for MethodOptions {
             noser_exponent: 0.5,
             difference: Difference::Plain,
             excluded: Vec::new(),
+            channel_sd: Vec::new(),
             examples: Vec::new(),
         }
     }
@@ -57,14 +61,20 @@ impl MethodOptions {
         if self.alpha != Alpha::Auto {
             return Err(MethodError::option(method, "has no regularization parameter: leave alpha out"));
         }
-        self.check_plain_difference(method)
+        self.check_equal_weights(method)
     }
 
-    /// Refuses a scaling of channels.
-    pub(super) fn check_plain_difference(&self, method: &str) -> Result<(), MethodError> {
-        if self.difference == Difference::Plain {
-            return Ok(());
+    /// Refuses a scaling or weighting of channels.
+    pub(super) fn check_equal_weights(&self, method: &str) -> Result<(), MethodError> {
+        if self.difference != Difference::Plain {
+            return Err(MethodError::option(
+                method,
+                "takes plain differences only: leave the weighting of channels out",
+            ));
         }
-        Err(MethodError::option(method, "takes plain differences only: leave the weighting of channels out"))
+        if !self.channel_sd.is_empty() {
+            return Err(MethodError::option(method, "does not weight channels by their noise: leave it out"));
+        }
+        Ok(())
     }
 }

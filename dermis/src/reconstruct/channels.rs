@@ -35,7 +35,15 @@ impl Channels {
         model: &Linearised,
         difference: Difference,
         excluded: &[usize],
+        channel_sd: &[f64],
     ) -> Result<Self, ReconstructError> {
+        let Channels { kept, scale, prior_scale } = Self::equally_noisy(model, difference, excluded)?;
+        let weights = noise_weights(&kept, channel_sd, model.channel_count())?;
+        let scale = scale.iter().zip(weights).map(|(scale, weight)| scale * weight).collect();
+        Ok(Channels { kept, scale, prior_scale })
+    }
+
+    fn equally_noisy(model: &Linearised, difference: Difference, excluded: &[usize]) -> Result<Self, ReconstructError> {
         let count = model.channel_count();
         if let Some(&channel) = excluded.iter().find(|&&channel| channel >= count) {
             let message = format!("channel {channel} is to be left out, but the frame has {count} values");
@@ -99,5 +107,50 @@ impl Channels {
             }
         }
         Matrix { rows, columns, values }
+    }
+}
+
+/// Factors of channels in use that make their noise equal: the inverse of each standard deviation, relative to the geometric
+/// mean, so that alpha keeps its meaning. All 1 where none are given.
+fn noise_weights(kept: &[usize], channel_sd: &[f64], count: usize) -> Result<Vec<f64>, ReconstructError> {
+    if channel_sd.is_empty() {
+        return Ok(vec![1.0; kept.len()]);
+    }
+    if channel_sd.len() != count {
+        let message = format!("{} standard deviations for {count} channels: give one for each", channel_sd.len());
+        return Err(ReconstructError::Parameter(message));
+    }
+    if let Some(&channel) =
+        kept.iter().find(|&&channel| !(channel_sd[channel] > 0.0 && channel_sd[channel].is_finite()))
+    {
+        let message = format!(
+            "the standard deviation of channel {channel} is {}: it must be positive, or the channel left out",
+            channel_sd[channel]
+        );
+        return Err(ReconstructError::Parameter(message));
+    }
+    let mean_log = kept.iter().map(|&channel| channel_sd[channel].ln()).sum::<f64>() / kept.len() as f64;
+    Ok(kept.iter().map(|&channel| mean_log.exp() / channel_sd[channel]).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_make_the_noise_of_the_channels_in_use_equal() {
+        assert_eq!(noise_weights(&[0, 2], &[], 4).unwrap(), [1.0, 1.0]);
+        let sd = [1.0, 0.0, 4.0, 2.0];
+        let weights = noise_weights(&[0, 2, 3], &sd, 4).unwrap();
+        let noise: Vec<f64> = weights.iter().zip([0, 2, 3]).map(|(weight, channel)| weight * sd[channel]).collect();
+        assert!(noise.iter().all(|noise| (noise - 2.0).abs() < 1e-12), "the geometric mean: {noise:?}");
+    }
+
+    #[test]
+    fn deviations_that_are_no_noise_are_refused() {
+        let message = |sd: &[f64]| noise_weights(&[0, 1], sd, 2).unwrap_err().to_string();
+        assert!(message(&[1.0, 0.0]).contains("channel 1 is 0"), "{}", message(&[1.0, 0.0]));
+        assert!(message(&[f64::NAN, 1.0]).contains("channel 0 is NaN"));
+        assert!(message(&[1.0]).contains("1 standard deviations for 2 channels"));
     }
 }

@@ -82,7 +82,7 @@ impl GaussNewton {
         model.validate(&pixels)?;
         let linear = &options.linear;
         alpha::positive("the tolerance", options.tolerance)?;
-        let channels = Channels::new(&model, linear.difference, &linear.excluded)?;
+        let channels = Channels::new(&model, linear.difference, &linear.excluded, &linear.channel_sd)?;
         let for_prior = channels.jacobian(&model, &channels.prior_scale, false);
         let penalty = linear.prior.matrix(for_prior.as_ref(), &pixels)?;
         let system = System::new(channels.jacobian(&model, &channels.scale, false), penalty.clone())?;

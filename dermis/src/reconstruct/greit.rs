@@ -78,7 +78,7 @@ impl Greit {
         }
         let mesh = forward.mesh();
         let model = Linearised::new(forward, &PixelSpace::cells(mesh, pixels.surface))?;
-        let channels = Channels::new(&model, Difference::Plain, &options.excluded)?;
+        let channels = Channels::new(&model, Difference::Plain, &options.excluded, &[])?;
         let body_area: f64 = pixels.areas.iter().sum();
         let target_radius_m = options.target_radius * (body_area / std::f64::consts::PI).sqrt();
         let targets = Targets::new(mesh, &pixels, target_radius_m)?;

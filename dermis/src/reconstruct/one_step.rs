@@ -23,6 +23,9 @@ pub struct OneStepOptions {
     pub difference: Difference,
     /// Channels that are excluded because they are known to be bad; their columns of the matrix are zero.
     pub excluded: Vec<usize>,
+    /// Standard deviation of the noise of each channel, in any common unit; empty where all are equal. A channel is weighted by
+    /// the inverse of its variance.
+    pub channel_sd: Vec<f64>,
     /// The sign of the conductance change under touch: images are positive where touched.
     pub touch: TouchEffect,
     /// Pixels of the small target for which a noise figure is computed; by default the pixel with the smallest
@@ -39,6 +42,7 @@ impl Default for OneStepOptions {
             alpha: Alpha::Auto,
             difference: Difference::Plain,
             excluded: Vec::new(),
+            channel_sd: Vec::new(),
             touch: TouchEffect::ConductanceRises,
             target: Vec::new(),
             examples: Vec::new(),
@@ -84,7 +88,7 @@ impl OneStep {
         options: &OneStepOptions,
     ) -> Result<Self, ReconstructError> {
         model.validate(&pixels)?;
-        let channels = Channels::new(model, options.difference, &options.excluded)?;
+        let channels = Channels::new(model, options.difference, &options.excluded, &options.channel_sd)?;
         let absolute = matches!(options.alpha, Alpha::Absolute(_));
         let penalty = {
             let for_prior = channels.jacobian(model, &channels.prior_scale, absolute);

@@ -72,7 +72,7 @@ impl TotalVariation {
         model.validate(&pixels)?;
         alpha::positive("alpha", options.alpha)?;
         alpha::positive("the tolerance", options.tolerance)?;
-        let channels = Channels::new(model, Difference::Plain, &options.excluded)?;
+        let channels = Channels::new(model, Difference::Plain, &options.excluded, &[])?;
         let graph = Graph::new(&pixels.neighbours, |a, b| {
             0.5 * (pixels.areas[a] + pixels.areas[b]) / distance(pixels.centres_m[a], pixels.centres_m[b])
         })?;

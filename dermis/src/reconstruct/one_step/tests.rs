@@ -31,6 +31,36 @@ fn an_excluded_channel_is_as_if_it_were_not_there() {
     }
 }
 
+/// A channel with half of the others' noise counts as much as four equal channels: their mean has half of the noise.
+#[test]
+fn a_channel_with_half_the_noise_is_worth_four() {
+    const CHANNEL: usize = 3;
+    let (model, pixels) = small(12, 20);
+    let mut channel_sd = vec![7.0; 12];
+    channel_sd[CHANNEL] = 3.5;
+    let options = OneStepOptions { channel_sd, prior: Prior::Laplace, ..given(0.1) };
+    let weighted = OneStep::from_linearised(&model, Arc::clone(&pixels), &options).unwrap();
+    let channels: Vec<usize> = (0..12).chain([CHANNEL; 3]).collect();
+    let repeated = Linearised {
+        jacobian: Matrix {
+            rows: channels.len(),
+            columns: 20,
+            values: channels.iter().flat_map(|&channel| model.jacobian.row(channel)).copied().collect(),
+        },
+        rest_frame: channels.iter().map(|&channel| model.rest_frame[channel]).collect(),
+        ..model.clone()
+    };
+    let equal = OneStepOptions { prior: Prior::Laplace, ..given(0.1) };
+    let repeated = OneStep::from_linearised(&repeated, pixels, &equal).unwrap();
+    for pixel in 0..20 {
+        let (weighted, repeated) = (weighted.matrix.row(pixel), repeated.matrix.row(pixel));
+        for channel in 0..12 {
+            let sum: f64 = channels.iter().zip(repeated).filter(|(c, _)| **c == channel).map(|(_, value)| value).sum();
+            assert!((weighted[channel] - sum).abs() <= 1e-10 * sum.abs().max(1e-3), "{} {sum}", weighted[channel]);
+        }
+    }
+}
+
 /// Alpha is dimensionless: a sheet of ten times the resistance gives the same image for the same relative change.
 #[test]
 fn alpha_does_not_depend_on_units() {
