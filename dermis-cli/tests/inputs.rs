@@ -1,0 +1,60 @@
+//! Measured currents and noise of the channels, as instruments give them.
+
+mod workplace;
+
+use workplace::Workplace;
+
+/// A folder with `disk.toml`, `rest.csv`, and `ohm.csv` with two touched frames.
+fn recorded() -> Workplace {
+    let at = Workplace::new();
+    at.write("touches.csv", "frame,x_m,y_m,force_n\n0,0.02,0.01,2\n1,-0.01,0.02,3\n");
+    at.good("forward disk.toml -o rest.csv");
+    at.good("forward disk.toml --touches touches.csv -o ohm.csv");
+    at
+}
+
+fn numbers(at: &Workplace, name: &str) -> Vec<Vec<f64>> {
+    let text = std::fs::read_to_string(at.path(name)).unwrap();
+    let row = |line: &str| line.split(',').map(|value| value.parse().unwrap_or(f64::NAN)).collect();
+    text.lines().map(row).collect()
+}
+
+/// An instrument that records volts, and the amperes of each drive, gives the contacts of one that records ohms.
+#[test]
+fn voltages_are_divided_by_the_measured_currents() {
+    let at = recorded();
+    let amperes: Vec<f64> = (1..=8).map(|drive| 1e-3 * f64::from(drive)).collect();
+    for (ohm, volt) in [("ohm.csv", "volt.csv"), ("rest.csv", "rest_volt.csv")] {
+        let volts = |(channel, ohm): (usize, &f64)| (ohm * amperes[channel / 5]).to_string();
+        let rows = numbers(&at, ohm);
+        let rows = rows.iter().map(|row| row.iter().enumerate().map(volts).collect::<Vec<_>>().join(","));
+        at.write(volt, rows.collect::<Vec<_>>().join("\n"));
+    }
+    at.write("currents.csv", amperes.iter().map(f64::to_string).collect::<Vec<_>>().join(","));
+    at.good("contacts disk.toml --method noser --frames ohm.csv --baseline rest.csv -o a.csv");
+    let run = "contacts disk.toml --method noser --frames volt.csv --baseline rest_volt.csv -o b.csv --currents";
+    at.good(&format!("{run} currents.csv"));
+    let (ohm, volt) = (numbers(&at, "a.csv").concat(), numbers(&at, "b.csv").concat());
+    assert!(ohm.len() > 20 && ohm.len() == volt.len());
+    let off = ohm.iter().zip(&volt).filter(|(a, b)| (*a - *b).abs() > 1e-6 * a.abs().max(1.0)).count();
+    assert_eq!(off, 0, "{ohm:?} {volt:?}");
+    at.write("seven.csv", "1,1,1,1,1,1,1");
+    assert!(at.refused(&format!("{run} seven.csv")).contains("seven.csv"));
+}
+
+#[test]
+fn channels_are_weighted_by_their_noise() {
+    let at = recorded();
+    let sd = |first: &str| [first].into_iter().chain(std::iter::repeat_n("0.1", 39)).collect::<Vec<_>>().join(",");
+    at.write("sd.csv", sd("0.3"));
+    at.write("zero.csv", sd("0"));
+    let run = "reconstruct disk.toml --method laplace --frames ohm.csv --baseline rest.csv";
+    at.good(&format!("{run} --channel-noise sd.csv -o weighted.csv"));
+    at.good(&format!("{run} -o equal.csv"));
+    assert_ne!(std::fs::read(at.path("weighted.csv")).unwrap(), std::fs::read(at.path("equal.csv")).unwrap());
+    assert!(at.refused(&format!("{run} --channel-noise zero.csv -o x.csv")).contains("channel 0 is 0"));
+    let measured = at.refused(&format!("{run} --channel-noise measured -o x.csv"));
+    assert!(measured.contains("at least 8 untouched frames"), "{measured}");
+    let greit = at.refused(&format!("{} --channel-noise sd.csv -o x.csv", run.replace("laplace", "greit")));
+    assert!(greit.contains("greit") && greit.contains("noise"), "{greit}");
+}
