@@ -2,8 +2,8 @@
 
 import type { Quantity } from "./types";
 
-/** Nothing smaller is worth full colour: half a newton, 0.1 % of the conductance. */
-const SMALLEST: Record<Quantity, number> = { touch: 0.5, change: 0.001 };
+/** Nothing smaller is worth full colour: half a newton, 0.1 % of the conductance, the largest density. */
+const SMALLEST: Record<Quantity, number> = { touch: 0.5, change: 0.001, density: 1 };
 /** The strongest pixel of an untouched skin gets at most this share of the range; */
 const QUIET_SHARE = 0.1;
 /** or, where touches hardly rise above it, this. */

@@ -5,6 +5,12 @@ import { significant } from "./format";
 import { part, say } from "./dom";
 import type { Quantity } from "./types";
 
+const UNITS: Record<Quantity, string> = {
+  change: "change of conductance, %",
+  touch: "touch, N",
+  density: "relative density of the position",
+};
+
 export class Scale {
   private readonly bar = part<HTMLCanvasElement>("scale-bar");
   private readonly ticks = [...document.querySelectorAll<HTMLElement>("#scale-ticks span")];
@@ -21,7 +27,7 @@ export class Scale {
     this.bar.height = 1;
     const bytes = new Uint8ClampedArray(table.subarray(4 * first));
     this.bar.getContext("2d")?.putImageData(new ImageData(bytes, TABLE_SIZE - first, 1), 0, 0);
-    say(this.unit, signed ? "change of conductance, %" : "touch, N");
+    say(this.unit, UNITS[quantity]);
   }
 
   setTop(top: number): void {

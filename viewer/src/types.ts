@@ -34,7 +34,7 @@ export interface Unrolled {
   electrodes_m: Vec2[];
 }
 
-export type Quantity = "touch" | "change";
+export type Quantity = "change" | "touch" | "density";
 
 export interface SceneMessage {
   type: "scene";

@@ -72,7 +72,7 @@ export class UnrolledView {
 
   setTheme(theme: Theme): void {
     this.theme = theme;
-    const signed = this.body?.scene.quantity !== "touch";
+    const signed = (this.body?.scene.quantity ?? "change") === "change";
     this.table = new Uint32Array(colourTable(theme, signed).buffer);
     this.groundIsOld = true;
   }

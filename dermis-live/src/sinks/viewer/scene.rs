@@ -63,7 +63,8 @@ pub(super) fn scene(skin: &Skin, quantity: Quantity, methods: &[String], emulate
         "emulated": emulated,
         "quantity": match quantity {
             Quantity::Touch => "touch",
-            Quantity::Change | Quantity::Density => "change",
+            Quantity::Change => "change",
+            Quantity::Density => "density",
         },
     })
 }
