@@ -40,6 +40,7 @@ impl Frames {
 
 /// Single presses, pairs and fours on one twin.
 struct Experiment {
+    untouched: Vec<Frame>,
     single: Frames,
     two: Frames,
     four: Frames,
@@ -49,10 +50,12 @@ fn experiment(skin: &Skin, twin: &str, seed: u64, singles: usize) -> Experiment 
     let options = TwinOptions::shipped(twin).unwrap();
     let presses = Presses::new(skin.design(), skin.mesh(), skin.pixels(), options.press, seed);
     let twin = Twin::new(skin.design(), &options, seed).unwrap();
-    let (single, next) = Frames::record(skin, &twin, &presses.at_random(singles), 0);
+    let before = record(&twin, &[], 0, || ()).unwrap();
+    let untouched = before.untouched.iter().map(|frame| frame - &before.baseline).collect();
+    let (single, next) = Frames::record(skin, &twin, &presses.at_random(singles), before.next_index);
     let (two, next) = Frames::record(skin, &twin, &presses.in_pairs(&[PAIR_M], SEVERAL), next);
     let (four, _) = Frames::record(skin, &twin, &presses.apart(4, FOUR_APART_M, SEVERAL), next);
-    Experiment { single, two, four }
+    Experiment { untouched, single, two, four }
 }
 
 /// A calibration with some presses, with their forces or without.
@@ -93,7 +96,7 @@ fn resolved(skin: &Skin, found: &[Vec<Contact>], truth: &[Vec<Contact>]) -> f64 
 }
 
 fn row(skin: &Skin, experiment: &Experiment, method: &Method, detector: &Detector, first: usize) -> String {
-    let Experiment { single, two, four } = experiment;
+    let Experiment { single, two, four, .. } = experiment;
     let [one, pairs, fours] =
         [(single, first), (two, 0), (four, 0)].map(|(frames, from)| scored(method, detector, frames, from));
     let force = one.score.force.map_or("-".into(), |force| format!("{:.0} %, {:.2}", 1e2 * force.error, force.spread));
@@ -118,7 +121,7 @@ fn pairs_are_told_from_single_presses() {
     let skin = Skin::load("skin16").unwrap();
     let experiment = experiment(&skin, "lab", 4101, 350);
     let method = calibrated(&skin, &experiment.single, 250, true);
-    let detector = method.detector(&[]).unwrap();
+    let detector = method.detector(&experiment.untouched).unwrap();
     let single = scored(&method, &detector, &experiment.single, 250);
     let two = scored(&method, &detector, &experiment.two, 0);
     let share = resolved(&skin, &two.found, &experiment.two.truth);
@@ -142,12 +145,12 @@ fn several_touches_by_the_number_of_presses() {
         let methods = Methods::linear();
         for name in ["noser", "laplace"] {
             let method = methods.method(&skin, name, &MethodOptions::default()).unwrap();
-            let detector = method.detector(&[]).unwrap();
+            let detector = method.detector(&experiment.untouched).unwrap();
             println!("| `{twin}`, {seed} | {name} | {} |", row(&skin, &experiment, &method, &detector, 500));
         }
         for (labels, forces) in [(100, false), (100, true), (500, false), (500, true)] {
             let method = calibrated(&skin, &experiment.single, labels, forces);
-            let detector = method.detector(&[]).unwrap();
+            let detector = method.detector(&experiment.untouched).unwrap();
             let with = if forces { "with forces" } else { "without forces" };
             println!(
                 "| `{twin}`, {seed} | {labels} presses, {with} | {} |",
