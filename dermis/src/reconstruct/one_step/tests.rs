@@ -54,9 +54,9 @@ fn a_channel_with_half_the_noise_is_worth_four() {
     let repeated = OneStep::from_linearised(&repeated, pixels, &equal).unwrap();
     for pixel in 0..20 {
         let (weighted, repeated) = (weighted.matrix.row(pixel), repeated.matrix.row(pixel));
-        for channel in 0..12 {
+        for (channel, weighted) in weighted.iter().enumerate() {
             let sum: f64 = channels.iter().zip(repeated).filter(|(c, _)| **c == channel).map(|(_, value)| value).sum();
-            assert!((weighted[channel] - sum).abs() <= 1e-10 * sum.abs().max(1e-3), "{} {sum}", weighted[channel]);
+            assert!((weighted - sum).abs() <= 1e-10 * sum.abs().max(1e-3), "channel {channel}: {weighted}, {sum}");
         }
     }
 }
