@@ -241,6 +241,10 @@ impl Calibration {
             && region.triangles.iter().flatten().all(|&node| node < region.nodes.len())
             && variances.iter().all(|variance| *variance > 0.0)
             && !inputs.is_empty()
+            && card.temperature > 0.0
+            && card.misfit_limit > 0.0
+            && card.extent.radius_m > 0.0
+            && channels == design.protocol.channel_count()
             && card.units.is_consistent()
             && card.realignment.fits(channels);
         if !fits {

@@ -163,18 +163,20 @@ impl CalibratedMethod {
         CalibratedMethod { calibration, superposition, pixels, nodes, last: Mutex::new(None) }
     }
 
-    /// The posteriors of the touches of a frame: none where it is nearer to the untouched frame than to any press, several
-    /// where no single press explains it.
-    fn posteriors(&self, difference: &[f64]) -> Vec<Posterior<'_>> {
+    /// The frame's single press, and the posteriors of its touches: none where one of them is no better than the untouched frame,
+    /// several where no single press explains the frame.
+    fn posteriors(&self, difference: &[f64]) -> (Located, Vec<Posterior<'_>>) {
         let Calibration { locator, .. } = &self.calibration;
         let values = self.calibration.single(difference);
         let posterior = locator.posterior(&values, None, self.calibration.last_number());
-        let posteriors = if self.calibration.is_unlike(&posterior.located(locator.temperature)) {
+        let single = posterior.located(locator.temperature);
+        let posteriors = if self.calibration.is_unlike(&single) {
             self.superposition.posteriors(&self.calibration, &values)
         } else {
             vec![posterior]
         };
-        if posteriors.iter().any(Posterior::is_untouched) { Vec::new() } else { posteriors }
+        let is_untouched = posteriors.iter().any(Posterior::is_untouched);
+        (single, if is_untouched { Vec::new() } else { posteriors })
     }
 
     /// What the last frame states; a pipeline asks for its image, its contacts and its novelty one after the other.
@@ -192,7 +194,7 @@ impl CalibratedMethod {
 
     fn compute(&self, difference: &[f64]) -> Estimate {
         let temperature = self.calibration.locator.temperature;
-        let posteriors = self.posteriors(difference);
+        let (single, posteriors) = self.posteriors(difference);
         let mut image = vec![0.0_f64; self.pixels.len()];
         for posterior in &posteriors {
             let density = posterior.relative_density(temperature);
@@ -203,7 +205,8 @@ impl CalibratedMethod {
             difference: difference.to_vec(),
             image,
             contacts: located.iter().map(|located| self.contact(located)).collect(),
-            novelty: located.iter().map(|located| self.calibration.novelty(located)).reduce(f64::min),
+            // Several touches would explain what is the ageing of the skin.
+            novelty: (located.len() == 1).then(|| self.calibration.novelty(&single)),
         }
     }
 

@@ -19,9 +19,11 @@ const FEWEST_AMPLITUDES: usize = 50;
 const LEAST_AMPLITUDE_LOG_SD: f64 = 0.25;
 /// The standard deviation of a normal distribution over the distance of its quartiles.
 const SD_PER_QUARTILES: f64 = 0.741_3;
-/// Amplitudes that are tried, in standard deviations from the mean: this far on both sides, in these steps.
+/// Amplitudes that are tried, in standard deviations from the mean: this far on both sides, in these steps; then about the
+/// best in steps that are smaller by a factor.
 const WIDTH: f64 = 3.0;
 const STEPS: i32 = 5;
+const FINER: i32 = 4;
 /// Forces are not extrapolated by more than this factor beyond those of the labels.
 const BEYOND_LABELS: f64 = 1.5;
 /// Part of normal values within one standard deviation.
@@ -74,9 +76,16 @@ impl Strength {
         let log_density =
             |deviations: f64| log_evidence((self.log_sd * deviations).exp()) - 0.5 * deviations * deviations;
         let step = WIDTH / f64::from(STEPS);
-        let tried: Vec<(f64, f64)> =
-            (-STEPS..=STEPS).map(|k| f64::from(k) * step).map(|at| (at, log_density(at))).collect();
-        let best = (0..tried.len()).max_by(|&a, &b| tried[a].1.total_cmp(&tried[b].1)).expect("some are tried");
+        let best_of = |tried: &[(f64, f64)]| {
+            (0..tried.len()).max_by(|&a, &b| tried[a].1.total_cmp(&tried[b].1)).expect("some are tried")
+        };
+        let about = |centre: f64, step: f64, steps: i32| -> Vec<(f64, f64)> {
+            (-steps..=steps).map(|k| centre + f64::from(k) * step).map(|at| (at, log_density(at))).collect()
+        };
+        let coarse = about(0.0, step, STEPS);
+        let step = step / f64::from(FINER);
+        let tried = about(coarse[best_of(&coarse)].0, step, FINER - 1);
+        let best = best_of(&tried);
         let at = match (best.checked_sub(1).map(|before| tried[before].1), tried.get(best + 1).map(|after| after.1)) {
             (Some(before), Some(after)) => tried[best].0 + step * vertex(before, tried[best].1, after),
             _ => tried[best].0,
@@ -102,7 +111,7 @@ impl ForceLaw {
         let exponent = product(&forces, &amplitudes, [mean_log_force, mean_amplitude]) / spread;
         let explained = exponent * exponent * spread;
         let left = (product(&amplitudes, &amplitudes, [mean_amplitude; 2]) - explained).max(0.0);
-        let standard_error = (left / labels.len() as f64 / spread).sqrt();
+        let standard_error = (left / (labels.len() - 2) as f64 / spread).sqrt();
         let law = ForceLaw { mean_log_force, exponent, range: force_range(&forces), relative_sd: 0.0 };
         let determined = sd > LEAST_LOG_SD && exponent > (LEAST_SIGNIFICANCE * standard_error).max(LEAST_EXPONENT);
         determined.then_some(law)
@@ -216,9 +225,12 @@ mod tests {
     #[test]
     fn the_most_likely_amplitude_is_the_largest_of_a_density() {
         let strength = Strength { log_sd: 0.4, law: None };
-        // A narrow density at 1.3, beside a wide prior.
-        let found = strength.most_likely_amplitude(|amplitude| -0.5 * ((amplitude.ln() - 1.3_f64.ln()) / 0.01).powi(2));
-        assert!((found - 1.3).abs() < 0.005, "{found}");
+        for amplitude in [0.6, 0.83, 1.0, 1.3, 1.71] {
+            // The density of 24 residuals about an amplitude, beside a wide prior.
+            let square = |tried: f64| 24.0 + (20.0 * (tried / amplitude).ln()).powi(2);
+            let found = strength.most_likely_amplitude(|tried| crate::posterior::log_student(square(tried), 1.0, 24));
+            assert!((found / amplitude - 1.0).abs() < 0.02, "{found} for {amplitude}");
+        }
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! Several touches at once, by superposition of the calibrated responses of single ones.
 //!
-//! The changes of a frame by touches add up, each multiplied by its amplitude; where channels saturate for one touch, the
-//! responses already contain it. Touches are added one by one, each where it explains the frame best, as long as the likelihood
-//! gains enough (orthogonal matching pursuit, Pati et al. 1993, DOI 10.1109/ACSSC.1993.342465), and refined in turn.
+//! The changes of a frame by touches add up, each multiplied by its amplitude. Touches are added one by one, each where it
+//! explains the frame best, as long as the posterior density gains enough, and refined in turn: a greedy search, as matching
+//! pursuit (Mallat and Zhang 1993, DOI 10.1109/78.258082).
 
 use crate::calibration::Calibration;
 use crate::located::tangents;
@@ -14,9 +14,9 @@ use std::f64::consts::TAU;
 
 /// Touches that are looked for, at most.
 const MOST_TOUCHES: usize = 4;
-/// Logarithm of the likelihood that each further touch must gain.
+/// Logarithm of the posterior density that each further touch must gain.
 const LEAST_GAIN: f64 = 10.0;
-/// Standard deviation of the logarithm of an amplitude where forces are not known.
+/// Smallest standard deviation of the logarithm of an amplitude.
 const LOG_AMPLITUDE_SD: f64 = 0.5;
 /// Largest amplitude, and inverse of the smallest.
 const LARGEST_AMPLITUDE: f64 = 4.0;
@@ -44,7 +44,7 @@ pub(crate) struct Superposition {
     /// Change by a labelled press at each node, in robust standard deviations; nodes x channels.
     changes: Vec<f64>,
     /// Nodes at which a further touch is tried.
-    tried: Vec<usize>,
+    start_nodes: Vec<usize>,
     /// Unit normals of the nodes.
     normals: Vec<Point3>,
     /// The nodes within [`NEAR_PART`] of each node.
@@ -74,14 +74,14 @@ impl Superposition {
             let add = |((value, history), rest): ((&mut f64, &f64), &f64)| *value = (*value + history).sinh() - rest;
             row.iter_mut().zip(&history).zip(&untouched).for_each(add);
         }
-        let tried = spread(&locator.region().nodes, TRIED_NODES);
+        let start_nodes = farthest_points(&locator.region().nodes, TRIED_NODES);
         let nodes = &locator.region().nodes;
         let near_m = NEAR_PART * locator.map().extent.radius_m;
         let near = |here_m: &Point3| {
             (0..nodes.len()).filter(|&node| distance(nodes[node], *here_m) <= near_m).collect::<Vec<usize>>()
         };
         let near = nodes.par_iter().map(near).collect();
-        Superposition { untouched, changes, tried, normals: locator.region().node_normals(), near }
+        Superposition { untouched, changes, start_nodes, normals: locator.region().node_normals(), near }
     }
 
     /// The posterior of each touch of a frame, in units of the channels: one, unless further ones explain it much better.
@@ -119,8 +119,8 @@ struct Search<'s, 'a> {
 impl<'a> Search<'_, 'a> {
     /// The explanation with one more touch.
     fn extend(&self, touches: &[Touch]) -> Explanation {
-        let rest = self.sum(touches, None);
-        let tried = self.superposition.tried.iter().map(|&node| Touch { node, log_amplitude: 0.0 });
+        let rest = self.total_change(touches, None);
+        let tried = self.superposition.start_nodes.iter().map(|&node| Touch { node, log_amplitude: 0.0 });
         let free = tried.filter(|touch| self.is_apart(*touch, touches, None));
         let mut added: Vec<(Touch, f64)> =
             free.map(|touch| (touch, self.log_density(&rest, touch, touches, None))).collect();
@@ -150,7 +150,7 @@ impl<'a> Search<'_, 'a> {
 
     /// One of several touches, better placed and scaled by steps of a part of the first ones, and the density with it.
     fn improve(&self, touches: &[Touch], index: usize, part: f64) -> (Touch, f64) {
-        let rest = self.sum(touches, Some(index));
+        let rest = self.total_change(touches, Some(index));
         let density = |touch: Touch| (touch, self.log_density(&rest, touch, touches, Some(index)));
         let better = |best: (Touch, f64), other: (Touch, f64)| if other.1 > best.1 { other } else { best };
         let here = touches[index];
@@ -187,23 +187,30 @@ impl<'a> Search<'_, 'a> {
     /// The posterior of the position of one of several touches, given the others and its amplitude.
     fn posterior(&self, touches: &[Touch], index: usize) -> Posterior<'a> {
         let locator = &self.calibration.locator;
-        let rest = self.sum(touches, Some(index));
+        let rest = self.total_change(touches, Some(index));
         let amplitude = touches[index].log_amplitude.exp();
-        let mut residuals: Vec<Option<Vec<f64>>> = vec![None; self.nodes().len()];
+        let mut squares = vec![f64::INFINITY; self.nodes().len()];
+        let mut residuals: Vec<Vec<f64>> = vec![Vec::new(); self.nodes().len()];
         for touch in self.neighbours(touches, index) {
-            residuals[touch.node] = Some(self.residual(&rest, touch));
+            residuals[touch.node] = self.residual(&rest, touch);
+            squares[touch.node] = residuals[touch.node].iter().map(|value| value * value).sum();
         }
-        let square = |residual: &Option<Vec<f64>>| {
-            residual.as_ref().map_or(f64::INFINITY, |residual| residual.iter().map(|value| value * value).sum())
-        };
-        let squares = residuals.iter().map(square).collect();
-        let far = vec![f64::INFINITY; self.target.len()];
-        let residual = move |node: usize| residuals[node].clone().unwrap_or_else(|| far.clone());
+        // A triangle at the border needs the residuals of all its corners.
+        for triangle in &locator.region().triangles {
+            if triangle.iter().any(|&node| squares[node].is_finite()) {
+                for &node in triangle {
+                    if residuals[node].is_empty() {
+                        residuals[node] = self.residual(&rest, Touch { node, ..touches[index] });
+                    }
+                }
+            }
+        }
+        let residual = move |node: usize| residuals[node].clone();
         Posterior::new(locator, amplitude, residual, squares, self.untouched_square)
     }
 
     /// The change by touches but one.
-    fn sum(&self, touches: &[Touch], but: Option<usize>) -> Vec<f64> {
+    fn total_change(&self, touches: &[Touch], but: Option<usize>) -> Vec<f64> {
         let mut sum = vec![0.0; self.superposition.untouched.len()];
         for (_, touch) in touches.iter().enumerate().filter(|(index, _)| Some(*index) != but) {
             let amplitude = touch.log_amplitude.exp();
@@ -268,7 +275,7 @@ fn squared(vector: Point3) -> f64 {
 
 /// At most so many nodes, each the farthest from those before it (farthest-point sampling, Gonzalez 1985, DOI
 /// 10.1016/0304-3975(85)90224-5).
-fn spread(nodes: &[Point3], most: usize) -> Vec<usize> {
+fn farthest_points(nodes: &[Point3], most: usize) -> Vec<usize> {
     let mut apart_m = vec![f64::INFINITY; nodes.len()];
     let mut chosen = Vec::new();
     while chosen.len() < most.min(nodes.len()) {

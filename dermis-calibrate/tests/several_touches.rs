@@ -4,12 +4,12 @@
 //! `docs/calibration.md`. The touches that are scored are never labels.
 
 use dermis::contact::Contact;
-use dermis::detect::Detector;
+use dermis::detect::{Detector, REGION_95_SD};
 use dermis::frame::Frame;
 use dermis::method::{Method, MethodOptions, Methods};
 use dermis::skin::Skin;
 use dermis_calibrate::{Calibration, Calibrations, Label, LabelFrame};
-use dermis_sim::evaluate::{Score, resolves_two, score_contacts};
+use dermis_sim::evaluate::{Score, match_contacts, resolves_two, score_contacts};
 use dermis_sim::experiment::{PressSet, Presses, record, truth};
 use dermis_sim::twin::{Twin, TwinOptions};
 use rayon::prelude::*;
@@ -95,6 +95,18 @@ fn resolved(skin: &Skin, found: &[Vec<Contact>], truth: &[Vec<Contact>]) -> f64 
     resolved as f64 / truth.len() as f64
 }
 
+/// The share of the regions of 95 % that contain the true position, of the contacts that were found.
+fn covered(skin: &Skin, found: &[Vec<Contact>], truth: &[Vec<Contact>]) -> f64 {
+    let surface = &skin.pixels().surface;
+    let regions = found.iter().zip(truth).flat_map(|(found, truth)| {
+        let pairs = match_contacts(truth, found, surface).pairs;
+        let inside = |(_, contact, off_m): (usize, usize, f64)| off_m / found[contact].sd_m <= REGION_95_SD;
+        pairs.into_iter().map(inside).collect::<Vec<bool>>()
+    });
+    let regions: Vec<f64> = regions.map(|inside| f64::from(u8::from(inside))).collect();
+    dermis::stats::mean(&regions)
+}
+
 fn row(skin: &Skin, experiment: &Experiment, method: &Method, detector: &Detector, first: usize) -> String {
     let Experiment { single, two, four, .. } = experiment;
     let [one, pairs, fours] =
@@ -105,10 +117,11 @@ fn row(skin: &Skin, experiment: &Experiment, method: &Method, detector: &Detecto
         format!("{:.2}, {misses} missed, {false_positives} false", 1e3 * localisation_m.mean)
     };
     format!(
-        "{} | {force} | {:.0} % | {} | {} | {:.1}, {:.1}, {:.1}",
+        "{} | {force} | {:.0} % | {} | {:.0} % | {} | {:.1}, {:.1}, {:.1}",
         several(&one),
         1e2 * resolved(skin, &pairs.found, &two.truth),
         several(&pairs),
+        1e2 * covered(skin, &pairs.found, &two.truth),
         several(&fours),
         one.frame_ms,
         pairs.frame_ms,
@@ -136,10 +149,10 @@ fn pairs_are_told_from_single_presses() {
 fn several_touches_by_the_number_of_presses() {
     let skin = Skin::load("skin16").unwrap();
     println!(
-        "| twin, seed | method | single: error, mm | force error, spread | pairs resolved | two: error, mm | four: error, mm | \
+        "| twin, seed | method | single: error, mm | force error, spread | pairs resolved | two: error, mm | 95 % regions of two hold | four: error, mm | \
          frame of one, two, four, ms |"
     );
-    println!("|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|");
     for (twin, seed) in [("lab", 4001), ("lab", 4002), ("harsh", 4001), ("harsh", 4002)] {
         let experiment = experiment(&skin, twin, seed, 500 + SCORED);
         let methods = Methods::linear();

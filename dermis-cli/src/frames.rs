@@ -39,8 +39,8 @@ pub struct CurrentArguments {
     /// frames, or one per frame. The frames are then voltages (V).
     #[arg(long, value_name = "FILE")]
     currents: Option<PathBuf>,
-    /// Currents of the untouched frames, if there is one row per frame [default: those of --currents].
-    #[arg(long, value_name = "FILE", requires = "currents")]
+    /// Currents of the untouched frames [default: the row of --currents, if it has one for all frames].
+    #[arg(long, value_name = "FILE", requires = "currents", conflicts_with = "difference")]
     baseline_currents: Option<PathBuf>,
 }
 
@@ -52,7 +52,15 @@ impl CurrentArguments {
 
     /// Untouched frames in ohm.
     fn convert_untouched(&self, protocol: &Protocol, frames: Vec<Frame>) -> Outcome<Vec<Frame>> {
-        divided(self.baseline_currents.as_deref().or(self.currents.as_deref()), protocol, frames)
+        let Some(path) = &self.currents else { return Ok(frames) };
+        if let Some(path) = &self.baseline_currents {
+            return divided(Some(path), protocol, frames);
+        }
+        // Rows of the pressed frames do not belong to the untouched ones.
+        let currents = DriveCurrents::read(path, protocol, 1).map_err(|error| {
+            Failure::given(error, Some("give the currents of the untouched frames with --baseline-currents"))
+        })?;
+        Ok(currents.frames_per_ampere(protocol, frames))
     }
 }
 

@@ -37,7 +37,7 @@ const SHOWN: Duration = Duration::from_secs(1);
 pub struct GuidedArguments {
     /// Calibrate a live skin in a guided session: the page and the terminal show where to press. Keys, each followed by
     /// Enter: s skips the place, r repeats the last press, q ends the session. The same command continues it.
-    #[arg(long, conflicts_with_all = ["frames", "baseline", "truth", "labels", "unlabelled"])]
+    #[arg(long, conflicts_with_all = ["frames", "baseline", "currents", "baseline_currents", "truth", "labels", "unlabelled", "method"])]
     pub live: bool,
     /// Number of presses, evenly spread over the skin [default: 50]
     #[arg(long, value_name = "N", conflicts_with = "places")]

@@ -88,7 +88,9 @@ fn channel_sd(untouched: &[Frame]) -> Vec<f64> {
         untouched.iter().map(|frame| frame[channel] * frame[channel]).sum::<f64>() / (untouched.len() - 1) as f64
     };
     let sd: Vec<f64> = (0..untouched[0].len()).map(|channel| variance(channel).sqrt()).collect();
-    let least = 0.1 * upper_median(&sd).expect("a frame has channels");
+    // Channels that are left out are 0.
+    let varying: Vec<f64> = sd.iter().copied().filter(|sd| *sd > 0.0).collect();
+    let least = 0.1 * upper_median(&varying).unwrap_or(0.0);
     sd.into_iter().map(|sd| sd.max(least)).collect()
 }
 

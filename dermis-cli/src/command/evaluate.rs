@@ -42,7 +42,7 @@ pub struct Arguments {
     #[arg(
         long,
         value_name = "N",
-        conflicts_with_all = ["alpha", "alpha_absolute", "noser_exponent", "weighting", "both_signs"]
+        conflicts_with_all = ["alpha", "alpha_absolute", "noser_exponent", "weighting", "channel_noise", "both_signs"]
     )]
     align: Option<usize>,
     /// Draw the N presses at random, this many times, and report the median error.

@@ -44,8 +44,9 @@ impl DriveCurrents {
         }
         for (values, &row) in table.rows.iter().zip(&table.file_rows) {
             if let Some(drive) = values.iter().position(|current| !(current.is_finite() && *current != 0.0)) {
-                let message = format!("the current of drive {drive} is {}: it must be finite, in A", values[drive]);
-                return Err(TableError::Cell { path: path.to_path_buf(), row, column: None, message });
+                let message =
+                    format!("the current of drive {drive} is {}: it must be finite and not zero, in A", values[drive]);
+                return Err(TableError::Cell { path: path.to_path_buf(), row, column: Some(drive + 1), message });
             }
         }
         Ok(DriveCurrents { rows: table.rows })

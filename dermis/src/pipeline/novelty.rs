@@ -6,8 +6,6 @@ use std::collections::VecDeque;
 
 /// Presses that are compared.
 const PRESSES: usize = 20;
-/// The novelty is computed in one of so many frames of a press.
-const EVERY: u64 = 4;
 /// Below this median the skin is again as calibrated.
 const AS_CALIBRATED: f64 = 0.7;
 
@@ -15,7 +13,6 @@ const AS_CALIBRATED: f64 = 0.7;
 /// begin and its end are weaker than a calibrated press.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub(super) struct NoveltyMonitor {
-    frames: u64,
     /// Of the present press.
     lowest: Option<f64>,
     recent: VecDeque<f64>,
@@ -26,14 +23,10 @@ impl NoveltyMonitor {
     /// Takes a frame. Returns the median novelty of the last presses when it has risen above that of nearly all labels.
     pub(super) fn update(&mut self, touched: bool, novelty: impl FnOnce() -> Option<f64>) -> Option<f64> {
         if touched {
-            if self.frames.is_multiple_of(EVERY) {
-                let lowest = self.lowest.unwrap_or(f64::INFINITY);
-                self.lowest = novelty().map(|novelty| novelty.min(lowest)).or(self.lowest);
-            }
-            self.frames += 1;
+            let lowest = self.lowest.unwrap_or(f64::INFINITY);
+            self.lowest = novelty().map(|novelty| novelty.min(lowest)).or(self.lowest);
             return None;
         }
-        self.frames = 0;
         self.recent.push_back(self.lowest.take()?);
         if self.recent.len() > PRESSES {
             self.recent.pop_front();
@@ -49,10 +42,10 @@ impl NoveltyMonitor {
 mod tests {
     use super::*;
 
-    /// Presses of ten frames, the first of them weak and thus novel, with a pause after each.
+    /// Presses of three frames, the first of them weak and thus novel, with a pause after each.
     fn press(monitor: &mut NoveltyMonitor, novelty: f64) -> Option<f64> {
         let of_frame = |frame: usize| if frame == 0 { 9.0 } else { novelty };
-        let during = (0..10).filter_map(|frame| monitor.update(true, || Some(of_frame(frame)))).last();
+        let during = (0..3).filter_map(|frame| monitor.update(true, || Some(of_frame(frame)))).last();
         assert_eq!(during, None, "a press is judged when it has ended");
         (0..5).filter_map(|_| monitor.update(false, || panic!("an untouched frame has no novelty"))).last()
     }

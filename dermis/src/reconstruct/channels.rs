@@ -37,6 +37,11 @@ impl Channels {
         excluded: &[usize],
         channel_sd: &[f64],
     ) -> Result<Self, ReconstructError> {
+        if difference == Difference::NormalisedEven && !channel_sd.is_empty() {
+            let message =
+                "equal weights of normalised differences and the noise of the channels are two weightings: give one";
+            return Err(ReconstructError::Parameter(message.into()));
+        }
         let Channels { kept, scale, prior_scale } = Self::equally_noisy(model, difference, excluded)?;
         let weights = noise_weights(&kept, channel_sd, model.channel_count())?;
         let scale = scale.iter().zip(weights).map(|(scale, weight)| scale * weight).collect();

@@ -94,6 +94,10 @@ impl<M: Reconstruct> Reconstruct for WithoutChannels<M> {
         self.method.correct(&self.complete(difference), contacts);
     }
 
+    fn novelty(&self, difference: &[f64]) -> Option<f64> {
+        self.method.novelty(&self.complete(difference))
+    }
+
     fn matrix(&self) -> Option<&Matrix> {
         self.matrix.as_ref()
     }
