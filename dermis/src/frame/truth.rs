@@ -23,7 +23,7 @@ pub enum Truth {
 
 /// Reads a ground truth, one row per touch: `frame,z_m,theta_rad[,force_n]` on a cylinder, `frame,x_m,y_m[,force_n]` on
 /// a flat skin, `frame,x_m,y_m,z_m[,force_n]` on any other body; `frame` counts from 0. A file without a header
-/// contains x, y, z of one press for each frame in turn, in its own coordinate frame.
+/// contains x, y, z (m) and optionally the force (N) of one press for each frame in turn, in its own coordinate frame.
 ///
 /// # Errors
 /// As [`read_table`]; columns that are missing or unknown; a frame that does not exist; values that are not finite; a
