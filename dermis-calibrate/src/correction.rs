@@ -3,25 +3,24 @@
 use crate::calibration::Label;
 use crate::error::CalibrateError;
 use crate::gaussian_process::{GaussianProcess, Input};
-use crate::strength::{force_range, relative_deviation, relative_error, spread};
+use crate::located::{REGION_SHARE, limit};
+use crate::strength::{force_range, relative_deviation, relative_error};
 use dermis::contact::Contact;
 use dermis::detect::Detector;
 use dermis::frame::Frame;
 use dermis::geom::Surface;
 use dermis::image::PixelSpace;
 use dermis::method::Method;
-use dermis::stats::{mean, quantile};
+use dermis::stats::{mean, quantile, rms};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Fewest presses that the method must find.
 pub const FEWEST_FOUND: usize = 20;
 /// A contact further from the label is not that press, m.
-const GATE_M: f64 = 0.020;
+const GATE_M: f64 = dermis::detect::GATE_M;
 /// Typical length over which errors of a method vary, as a part of the size of the skin.
 const LENGTH_PART: f64 = 0.1;
-/// The squared distance in standard deviations within which two normal variables lie with 95 %.
-const SQUARE_95: f64 = 5.991_464_547;
 
 /// What measured presses state of the contacts of another method (a network, or a linear one): a shift of the position that
 /// varies over the skin, the force as a function of the strength, the frame and the position, and the deviations of both.
@@ -65,7 +64,7 @@ struct ForceCorrection {
     several: GaussianProcess,
     /// Relative standard deviation.
     relative_sd: f64,
-    /// Range of the logarithm: that of the labels, and a factor of [`BEYOND_LABELS`] on each side.
+    /// Range of the logarithm: that of the labels, and a [factor](force_range) on each side.
     range: [f64; 2],
 }
 
@@ -133,7 +132,7 @@ impl Correction {
             mean_error_before_m: mean(&before_m),
             mean_error_m: mean(&left_m),
             force_error: force.as_ref().map(|(_, left)| relative_error(left)),
-            force_spread: force.as_ref().map(|(_, left)| spread(left)),
+            force_spread: force.as_ref().map(|(_, left)| rms(left.iter().copied())),
         };
         Ok(Correction {
             method: method.name().into(),
@@ -261,7 +260,7 @@ fn several_input(contact: &Contact) -> Input {
 fn sd_factor(found: &[Found], left_m: &[f64]) -> f64 {
     let ratios = found.iter().zip(left_m).map(|(one, left_m)| (left_m / one.contact.sd_m).powi(2));
     let ratios = sorted(ratios.filter(|ratio| ratio.is_finite()));
-    if ratios.is_empty() { 1.0 } else { (quantile(&ratios, 0.95) / SQUARE_95).sqrt().max(1e-3) }
+    if ratios.is_empty() { 1.0 } else { (quantile(&ratios, 0.95) / limit(REGION_SHARE)).sqrt().max(1e-3) }
 }
 
 /// The diagonal of the bounding box of the skin.

@@ -7,11 +7,11 @@ use crate::forward_map::{Hyperparameters, Samples, predict_left_out};
 use crate::locate::{Locator, Setup};
 use crate::located::Located;
 use crate::posterior::{Posterior, fit_temperature};
-use crate::strength::{ForceLaw, Strength, amplitude_between, relative_error, spread};
-use crate::units::amplified;
+use crate::strength::{ForceLaw, Strength, amplitude_between, relative_error};
+use crate::units::Change;
 use dermis::geom::Point3;
 use dermis::geom::vector::distance;
-use dermis::stats::{mean, quantile};
+use dermis::stats::{mean, quantile, rms};
 use faer::Mat;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -85,8 +85,8 @@ fn equalised(measured: &[Vec<f64>], labels: &[Label], amplitudes: &[f64], setup:
     let Some(Strength { law, .. }) = setup.strength else { return values };
     for (label, amplitude) in labels.iter().zip(amplitudes) {
         let amplitude = law.map_or(*amplitude, |law| law.amplitude(label.force_n));
-        let row = values[label.row].iter_mut().zip(&setup.untouched);
-        row.for_each(|(value, &untouched)| *value = amplified(*value, untouched, 1.0 / amplitude));
+        let row = &mut values[label.row];
+        *row = Change::of(row, &setup.untouched).amplified(1.0 / amplitude).collect();
     }
     values
 }
@@ -280,7 +280,7 @@ impl Validation {
             unlabelled: self.unlabelled,
             mean_error_m: mean(&errors_m),
             force_error: ratios.as_deref().map(relative_error),
-            force_spread: ratios.as_deref().map(spread),
+            force_spread: ratios.map(rms),
         }
     }
 

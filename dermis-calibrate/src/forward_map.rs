@@ -290,7 +290,7 @@ fn centred(values: &Mat<f64>) -> Mat<f64> {
 }
 
 /// At most `most` of `count` indices, evenly spread.
-fn spread_over(count: usize, most: usize) -> Vec<usize> {
+pub(crate) fn spread_over(count: usize, most: usize) -> Vec<usize> {
     let chosen = count.min(most);
     (0..chosen).map(|k| k * count / chosen).collect()
 }

@@ -7,7 +7,7 @@ use crate::located::Located;
 use crate::posterior::Posterior;
 use crate::region::Region;
 use crate::strength::{ForceLaw, Strength};
-use crate::units::amplified;
+use crate::units::Change;
 use dermis::geom::Point3;
 use faer::Mat;
 
@@ -151,25 +151,17 @@ impl Locator {
     pub(crate) fn posterior(&self, values: &[f64], previous_m: Option<Point3>, number: f64) -> Posterior<'_> {
         let history = self.history(previous_m, number);
         let relative = self.map.extent.relative(previous_m.unwrap_or(self.map.extent.centre_m));
-        let at = |amplitude: f64| {
-            let scaled: Vec<f64> = if amplitude == 1.0 {
-                values.to_vec()
-            } else {
-                let untouched = self.setup.untouched.iter();
-                values.iter().zip(untouched).map(|(&value, &rest)| amplified(value, rest, 1.0 / amplitude)).collect()
-            };
-            let target = self.whiten(&scaled).iter().zip(&history).map(|(value, history)| value - history).collect();
-            self.posterior_of(target, relative, amplitude, self.untouched_square(&scaled))
+        let of = |values: &[f64], amplitude: f64| {
+            let target = self.whiten(values).iter().zip(&history).map(|(value, history)| value - history).collect();
+            self.posterior_of(target, relative, amplitude, self.untouched_square(values))
         };
-        match &self.setup.strength {
-            None => at(1.0),
-            Some(strength) => {
-                let components = self.component_count() as f64;
-                // The noise is that of the scaled frame: the density of the measured one is divided by the factor of each component.
-                let log_evidence = |amplitude: f64| at(amplitude).log_evidence() - components * amplitude.ln();
-                at(strength.most_likely_amplitude(log_evidence))
-            }
-        }
+        let Some(strength) = &self.setup.strength else { return of(values, 1.0) };
+        let change = Change::of(values, &self.setup.untouched);
+        let at = |amplitude: f64| of(&change.amplified(1.0 / amplitude).collect::<Vec<f64>>(), amplitude);
+        let components = self.component_count() as f64;
+        // The noise is that of the scaled frame: the density of the measured one is divided by the factor of each component.
+        let log_evidence = |amplitude: f64| at(amplitude).log_evidence() - components * amplitude.ln();
+        at(strength.most_likely_amplitude(log_evidence))
     }
 
     /// The posterior of a whitened frame without its history, scaled to the labelled presses' amplitude.

@@ -163,20 +163,21 @@ impl CalibratedMethod {
         CalibratedMethod { calibration, superposition, pixels, nodes, last: Mutex::new(None) }
     }
 
-    /// The frame's single press, and the posteriors of its touches: none where one of them is no better than the untouched frame,
-    /// several where no single press explains the frame.
-    fn posteriors(&self, difference: &[f64]) -> (Located, Vec<Posterior<'_>>) {
+    /// The frame's single press, and its touches: none where one of them is no better than the untouched frame, several where
+    /// no single press explains the frame.
+    fn touches(&self, difference: &[f64]) -> (Located, Vec<(Located, Posterior<'_>)>) {
         let Calibration { locator, .. } = &self.calibration;
         let values = self.calibration.single(difference);
         let posterior = locator.posterior(&values, None, self.calibration.last_number());
         let single = posterior.located(locator.temperature);
-        let posteriors = if self.calibration.is_unlike(&single) {
-            self.superposition.posteriors(&self.calibration, &values)
+        let touches = if self.calibration.is_unlike(&single) {
+            let posteriors = self.superposition.posteriors(&self.calibration, &values).into_iter();
+            posteriors.map(|posterior| (posterior.located(locator.temperature), posterior)).collect()
         } else {
-            vec![posterior]
+            vec![(single, posterior)]
         };
-        let is_untouched = posteriors.iter().any(Posterior::is_untouched);
-        (single, if is_untouched { Vec::new() } else { posteriors })
+        let is_untouched = touches.iter().any(|(_, posterior)| posterior.is_untouched());
+        (single, if is_untouched { Vec::new() } else { touches })
     }
 
     /// What the last frame states; a pipeline asks for its image, its contacts and its novelty one after the other.
@@ -194,19 +195,18 @@ impl CalibratedMethod {
 
     fn compute(&self, difference: &[f64]) -> Estimate {
         let temperature = self.calibration.locator.temperature;
-        let (single, posteriors) = self.posteriors(difference);
+        let (single, touches) = self.touches(difference);
         let mut image = vec![0.0_f64; self.pixels.len()];
-        for posterior in &posteriors {
+        for (_, posterior) in &touches {
             let density = posterior.relative_density(temperature);
             image.iter_mut().zip(&self.nodes).for_each(|(value, &node)| *value = value.max(density[node]));
         }
-        let located: Vec<Located> = posteriors.iter().map(|posterior| posterior.located(temperature)).collect();
         Estimate {
             difference: difference.to_vec(),
             image,
-            contacts: located.iter().map(|located| self.contact(located)).collect(),
+            contacts: touches.iter().map(|(located, _)| self.contact(located)).collect(),
             // Several touches would explain what is the ageing of the skin.
-            novelty: (located.len() == 1).then(|| self.calibration.novelty(&single)),
+            novelty: (touches.len() == 1).then(|| self.calibration.novelty(&single)),
         }
     }
 

@@ -2,8 +2,8 @@
 //! force that it states.
 
 use crate::calibration::Label;
-use crate::units::amplified;
-use dermis::stats::{mean, quantile};
+use crate::units::Change;
+use dermis::stats::{mean, quantile, rms};
 use serde::{Deserialize, Serialize};
 
 /// Fewest labels with a force.
@@ -56,7 +56,7 @@ impl Strength {
     pub(crate) fn fit(labels: &[Label], amplitudes: &[f64]) -> Option<Self> {
         if let Some(law) = ForceLaw::fit(labels, amplitudes) {
             let logs: Vec<f64> = labels.iter().map(|label| law.amplitude(label.force_n).ln()).collect();
-            return Some(Strength { log_sd: spread(&logs), law: Some(law) });
+            return Some(Strength { log_sd: rms(logs), law: Some(law) });
         }
         let mut logs: Vec<f64> = amplitudes.iter().map(|amplitude| amplitude.ln()).collect();
         logs.sort_by(f64::total_cmp);
@@ -150,11 +150,6 @@ pub(crate) fn relative_error(log_ratios: &[f64]) -> f64 {
     mean(&log_ratios.iter().map(|log| (log.exp() - 1.0).abs()).collect::<Vec<f64>>())
 }
 
-/// The spread of such logarithms about zero.
-pub(crate) fn spread(log_ratios: &[f64]) -> f64 {
-    mean(&log_ratios.iter().map(|log| log * log).collect::<Vec<f64>>()).sqrt()
-}
-
 /// The relative error that 68 % of the forces do not exceed: the standard deviation of normal ones.
 pub(crate) fn relative_deviation(log_ratios: &[f64]) -> f64 {
     let mut errors: Vec<f64> = log_ratios.iter().map(|log| (log.exp() - 1.0).abs()).collect();
@@ -173,10 +168,10 @@ pub(crate) fn vertex(before: f64, here: f64, after: f64) -> f64 {
 pub(crate) fn amplitude_between(frame: &[f64], other: &[f64], untouched: &[f64]) -> f64 {
     const STEP: f64 = 0.05;
     const MOST: i32 = 41;
+    let change = Change::of(frame, untouched);
     let square = |k: i32| -> f64 {
         let factor = (f64::from(k) * STEP).exp();
-        let off = |((&value, &other), &rest): ((&f64, &f64), &f64)| (amplified(value, rest, factor) - other).powi(2);
-        frame.iter().zip(other).zip(untouched).map(off).sum()
+        change.amplified(factor).zip(other).map(|(value, other)| (value - other).powi(2)).sum()
     };
     let squares: Vec<f64> = (-MOST..=MOST).map(|k| -square(k)).collect();
     let best = (1..squares.len() - 1).max_by(|&a, &b| squares[a].total_cmp(&squares[b])).expect("some are tried");
@@ -237,8 +232,7 @@ mod tests {
     fn the_amplitude_between_two_frames_is_their_factor() {
         let untouched = [0.1, -0.4, 0.0];
         let frame = [2.0, 0.3, -1.0];
-        let other: Vec<f64> =
-            frame.iter().zip(&untouched).map(|(&value, &rest)| amplified(value, rest, 1.37)).collect();
+        let other: Vec<f64> = Change::of(&frame, &untouched).amplified(1.37).collect();
         assert!((amplitude_between(&frame, &other, &untouched) - 1.37).abs() < 0.002);
     }
 }

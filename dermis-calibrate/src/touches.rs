@@ -212,7 +212,7 @@ impl<'a> Search<'_, 'a> {
     /// The change by touches but one.
     fn total_change(&self, touches: &[Touch], but: Option<usize>) -> Vec<f64> {
         let mut sum = vec![0.0; self.superposition.untouched.len()];
-        for (_, touch) in touches.iter().enumerate().filter(|(index, _)| Some(*index) != but) {
+        for touch in all_but(touches, but) {
             let amplitude = touch.log_amplitude.exp();
             let change = self.superposition.change(touch.node);
             sum.iter_mut().zip(change).for_each(|(sum, change)| *sum += amplitude * change);
@@ -233,8 +233,7 @@ impl<'a> Search<'_, 'a> {
     fn log_density(&self, rest: &[f64], touch: Touch, touches: &[Touch], replaced: Option<usize>) -> f64 {
         let locator = &self.calibration.locator;
         let square = self.residual(rest, touch).iter().map(|value| value * value).sum();
-        let others = touches.iter().enumerate().filter(|(index, _)| Some(*index) != replaced).map(|(_, other)| *other);
-        let all: Vec<Touch> = others.chain([touch]).collect();
+        let all: Vec<Touch> = all_but(touches, replaced).chain([touch]).collect();
         let variance = all.iter().map(|touch| locator.variances()[touch.node]).fold(0.0, f64::max);
         let sd = locator.strength().map_or(LOG_AMPLITUDE_SD, |strength| strength.log_sd.max(LOG_AMPLITUDE_SD));
         let prior: f64 = all.iter().map(|touch| (touch.log_amplitude / sd).powi(2)).sum();
@@ -243,10 +242,8 @@ impl<'a> Search<'_, 'a> {
 
     fn is_apart(&self, touch: Touch, touches: &[Touch], but: Option<usize>) -> bool {
         let apart_m = APART_PART * self.size_m();
-        let others = touches.iter().enumerate().filter(|(index, _)| Some(*index) != but);
-        others
-            .map(|(_, other)| other)
-            .all(|other| distance(self.position_m(touch.node), self.position_m(other.node)) >= apart_m)
+        let apart = |other: Touch| distance(self.position_m(touch.node), self.position_m(other.node)) >= apart_m;
+        all_but(touches, but).all(apart)
     }
 
     fn nodes(&self) -> &[Point3] {
@@ -261,6 +258,11 @@ impl<'a> Search<'_, 'a> {
     fn size_m(&self) -> f64 {
         self.calibration.locator.map().extent.radius_m
     }
+}
+
+/// Touches without one of them.
+fn all_but(touches: &[Touch], but: Option<usize>) -> impl Iterator<Item = Touch> {
+    touches.iter().enumerate().filter(move |(index, _)| Some(*index) != but).map(|(_, touch)| *touch)
 }
 
 /// The inverse hyperbolic sine, with an absolute error of rounding: faster than that of the standard library.

@@ -79,10 +79,27 @@ impl ChannelUnits {
     }
 }
 
-/// A value whose difference from the untouched one is multiplied by a factor; both in [`ChannelUnits`].
-pub(crate) fn amplified(value: f64, untouched: f64, factor: f64) -> f64 {
-    let untouched = untouched.sinh();
-    (untouched + factor * (value.sinh() - untouched)).asinh()
+/// The change of a frame from the untouched one, both in [`ChannelUnits`], to be scaled.
+pub(crate) struct Change {
+    /// The untouched frame, in robust standard deviations from the median.
+    untouched: Vec<f64>,
+    /// The difference from it.
+    difference: Vec<f64>,
+}
+
+impl Change {
+    /// The change of a frame.
+    pub(crate) fn of(values: &[f64], untouched: &[f64]) -> Self {
+        let untouched: Vec<f64> = untouched.iter().map(|value| value.sinh()).collect();
+        let difference = values.iter().zip(&untouched).map(|(value, untouched)| value.sinh() - untouched).collect();
+        Change { untouched, difference }
+    }
+
+    /// The frame whose change is this one multiplied by a factor.
+    pub(crate) fn amplified(&self, factor: f64) -> impl Iterator<Item = f64> {
+        let changes = self.untouched.iter().zip(&self.difference);
+        changes.map(move |(untouched, difference)| (untouched + factor * difference).asinh())
+    }
 }
 
 #[cfg(test)]
@@ -95,9 +112,8 @@ mod tests {
         let units = ChannelUnits::of(&frames);
         let (values, untouched) = (units.apply(&frames[1]), units.untouched());
         let tripled = units.apply(&[6.0, 12.0]);
-        for channel in 0..2 {
-            let value = amplified(values[channel], untouched[channel], 3.0);
-            assert!((value - tripled[channel]).abs() < 1e-12, "{value}");
+        for (value, tripled) in Change::of(&values, &untouched).amplified(3.0).zip(tripled) {
+            assert!((value - tripled).abs() < 1e-12, "{value}");
         }
     }
 }

@@ -3,6 +3,7 @@
 use crate::checks::correlation::{cosine, standardised};
 use crate::checks::finding::{Finding, FindingKind};
 use crate::checks::model::{ModelChannels, compressed};
+use crate::forward_map::spread_over;
 use dermis::design::Body;
 use dermis::geom::vector::distance;
 use dermis::geom::{Point2, Point3};
@@ -136,7 +137,7 @@ pub(crate) fn other_axes(labelled: &Labelled<'_>, model: &ModelChannels, body: &
     if count < FEWEST || labelled.channels.is_empty() {
         return None;
     }
-    let rows: Vec<usize> = (0..count.min(MOST)).map(|k| k * count / count.min(MOST)).collect();
+    let rows = spread_over(count, MOST);
     let frames =
         Mat::from_fn(rows.len(), labelled.channels.len(), |i, j| labelled.values[(rows[i], labelled.channels[j])]);
     let frames = standardised(&frames);
