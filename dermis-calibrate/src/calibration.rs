@@ -8,6 +8,7 @@ use crate::located::Located;
 use crate::pose::Pose;
 use crate::region::Region;
 use crate::sequence::{Realignment, in_units};
+use crate::strength::{ForceLaw, UnusedForces};
 use crate::units::ChannelUnits;
 use dermis::frame::Frame;
 use dermis::geom::Point3;
@@ -63,7 +64,7 @@ pub struct Quality {
     pub mean_error_m: f64,
     /// Mean relative error of the force of such labels, where it is located from the frame.
     pub force_error: Option<f64>,
-    /// Standard deviation of the logarithm of the estimated over the true force.
+    /// Standard deviation over mean of the estimated over the true force.
     pub force_spread: Option<f64>,
 }
 
@@ -137,6 +138,15 @@ impl Calibration {
         })
     }
 
+    /// Why the forces of its labels are not used; `None` where they are, or where no label has one.
+    pub fn unused_forces(&self, labels: &[Label]) -> Option<UnusedForces> {
+        let given = labels.iter().any(|label| !label.force_n.is_nan());
+        if !given || self.locator.force_law().is_some() {
+            return None;
+        }
+        Some(ForceLaw::log_forces(labels).err().unwrap_or(UnusedForces::Unrelated))
+    }
+
     /// The number of the last press of the calibration: later frames are not extrapolated beyond it.
     pub(crate) fn last_number(&self) -> f64 {
         self.locator.map().inputs.last().map_or(0.0, |input| input.number)
@@ -157,9 +167,9 @@ impl Calibration {
         located.misfit > self.misfit_limit
     }
 
-    /// The misfit of a located press over that which 99 % of the labels do not exceed.
-    pub(crate) fn novelty(&self, located: &Located) -> f64 {
-        UNLIKE * located.misfit / self.misfit_limit
+    /// A misfit over that which 99 % of the labels do not exceed.
+    pub(crate) fn novelty(&self, misfit: f64) -> f64 {
+        UNLIKE * misfit / self.misfit_limit
     }
 
     /// Locates the presses of frames in the order of recording, one press per frame. Each estimate enters the memory of the

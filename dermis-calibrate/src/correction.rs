@@ -4,14 +4,14 @@ use crate::calibration::Label;
 use crate::error::CalibrateError;
 use crate::gaussian_process::{GaussianProcess, Input};
 use crate::located::{REGION_SHARE, limit};
-use crate::strength::{force_range, relative_deviation, relative_error};
+use crate::strength::{force_range, ratio_spread, relative_deviation, relative_error};
 use dermis::contact::Contact;
 use dermis::detect::Detector;
 use dermis::frame::Frame;
 use dermis::geom::Surface;
 use dermis::image::PixelSpace;
 use dermis::method::Method;
-use dermis::stats::{mean, quantile, rms};
+use dermis::stats::{mean, quantile};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -81,7 +81,7 @@ pub struct CorrectionQuality {
     pub mean_error_m: f64,
     /// Mean relative error of the force, where forces are known.
     pub force_error: Option<f64>,
-    /// Standard deviation of the logarithm of the estimated over the true force.
+    /// Standard deviation over mean of the estimated over the true force.
     pub force_spread: Option<f64>,
 }
 
@@ -132,7 +132,7 @@ impl Correction {
             mean_error_before_m: mean(&before_m),
             mean_error_m: mean(&left_m),
             force_error: force.as_ref().map(|(_, left)| relative_error(left)),
-            force_spread: force.as_ref().map(|(_, left)| rms(left.iter().copied())),
+            force_spread: force.as_ref().map(|(_, left)| ratio_spread(left)),
         };
         Ok(Correction {
             method: method.name().into(),

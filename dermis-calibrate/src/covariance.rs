@@ -115,6 +115,11 @@ impl Covariance {
         .map(f64::ln)
     }
 
+    /// Whether it was stored whole.
+    pub(crate) fn is_consistent(&self) -> bool {
+        self.to_log().iter().all(|log| log.is_finite())
+    }
+
     pub(crate) fn from_log(log: &[f64]) -> Self {
         let value = |index: usize| log[index].exp();
         Covariance {

@@ -7,11 +7,11 @@ use crate::forward_map::{Hyperparameters, Samples, predict_left_out};
 use crate::locate::{Locator, Setup};
 use crate::located::Located;
 use crate::posterior::{Posterior, fit_temperature};
-use crate::strength::{ForceLaw, Strength, amplitude_between, relative_error};
+use crate::strength::{ForceLaw, Strength, amplitude_between, ratio_spread, relative_error};
 use crate::units::Change;
 use dermis::geom::Point3;
 use dermis::geom::vector::distance;
-use dermis::stats::{mean, quantile, rms};
+use dermis::stats::{mean, quantile};
 use faer::Mat;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -280,7 +280,7 @@ impl Validation {
             unlabelled: self.unlabelled,
             mean_error_m: mean(&errors_m),
             force_error: ratios.as_deref().map(relative_error),
-            force_spread: ratios.map(rms),
+            force_spread: ratios.as_deref().map(ratio_spread),
         }
     }
 

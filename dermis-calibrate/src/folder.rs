@@ -225,7 +225,7 @@ impl Calibration {
         let (whitening, components) = read_matrix(&folder.join("whitening.npy"))?;
         let nodes = read("nodes.npy", 3)?.chunks_exact(3).map(|row| [row[0], row[1], row[2]]).collect();
         let triangles = read("triangles.npy", 3)?;
-        if triangles.is_empty() || triangles.iter().any(|node| *node < 0.0 || node.fract() != 0.0) {
+        if triangles.iter().any(|node| *node < 0.0 || node.fract() != 0.0) {
             return Err(file("triangles.npy holds no indices of nodes: calibrate again".into()));
         }
         let triangles =
@@ -237,8 +237,9 @@ impl Calibration {
             && components > 0
             && whitening.len() == channels * components
             && card.strength.is_none_or(|strength| strength.is_consistent())
+            && card.covariance.is_consistent()
+            && region.is_consistent()
             && variances.len() == region.nodes.len()
-            && region.triangles.iter().flatten().all(|&node| node < region.nodes.len())
             && variances.iter().all(|variance| *variance > 0.0)
             && !inputs.is_empty()
             && card.temperature > 0.0

@@ -43,5 +43,6 @@ pub use places::Places;
 pub use pose::Pose;
 pub use region::Region;
 pub use session::{Session, SessionFit};
+pub use strength::UnusedForces;
 pub use suggest::{LearningPoint, expected_error_m, learning_curve};
 pub use units::ChannelUnits;

@@ -13,7 +13,7 @@ use dermis::geom::Point3;
 use dermis::geom::vector::distance;
 use dermis::image::PixelSpace;
 use dermis::method::{Method, MethodError, MethodOptions, MethodSource, Methods, is_path};
-use dermis::reconstruct::{Quantity, Reconstruct, ReconstructError, check_lengths};
+use dermis::reconstruct::{Quantity, Reconstruct, ReconstructError, check_difference, check_lengths};
 use dermis::skin::Skin;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -206,7 +206,7 @@ impl CalibratedMethod {
             image,
             contacts: touches.iter().map(|(located, _)| self.contact(located)).collect(),
             // Several touches would explain what is the ageing of the skin.
-            novelty: (touches.len() == 1).then(|| self.calibration.novelty(&single)),
+            novelty: (touches.len() == 1).then(|| self.calibration.novelty(single.misfit)),
         }
     }
 
@@ -247,11 +247,13 @@ impl Reconstruct for CalibratedMethod {
         Quantity::Density
     }
 
-    fn contacts(&self, difference: &[f64]) -> Option<Vec<Contact>> {
-        Some(self.estimate(difference).contacts.clone())
+    fn contacts(&self, difference: &[f64]) -> Result<Option<Vec<Contact>>, ReconstructError> {
+        check_difference(difference, self.calibration.channel_count())?;
+        Ok(Some(self.estimate(difference).contacts.clone()))
     }
 
     fn novelty(&self, difference: &[f64]) -> Option<f64> {
+        check_difference(difference, self.calibration.channel_count()).ok()?;
         self.estimate(difference).novelty
     }
 }

@@ -158,6 +158,13 @@ impl Region {
         0.5 * norm(cross(sub(b, a), sub(c, a)))
     }
 
+    /// Whether it was stored whole: triangles of nodes that exist, each node in one of them.
+    pub(crate) fn is_consistent(&self) -> bool {
+        let mut used = vec![false; self.nodes.len()];
+        let mut mark = |node: &usize| used.get_mut(*node).map(|used| *used = true).is_some();
+        !self.triangles.is_empty() && self.triangles.iter().flatten().all(&mut mark) && used.iter().all(|used| *used)
+    }
+
     fn without_unused_nodes(self) -> Self {
         let mut number = vec![usize::MAX; self.nodes.len()];
         let mut nodes = Vec::new();

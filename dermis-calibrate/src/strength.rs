@@ -3,8 +3,9 @@
 
 use crate::calibration::Label;
 use crate::units::Change;
-use dermis::stats::{mean, quantile, rms};
+use dermis::stats::{mean, mean_and_sd, quantile, rms};
 use serde::{Deserialize, Serialize};
+use thiserror::Error;
 
 /// Fewest labels with a force.
 const FEWEST_FORCES: usize = 20;
@@ -28,6 +29,23 @@ const FINER: i32 = 4;
 const BEYOND_LABELS: f64 = 1.5;
 /// Part of normal values within one standard deviation.
 const WITHIN_ONE_SD: f64 = 0.682_689_492;
+
+/// Why the forces of labels are not used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+pub enum UnusedForces {
+    /// Fewer labels than a relation needs.
+    #[error("at least {FEWEST_FORCES} labels are needed, and there are {0}")]
+    TooFew(usize),
+    /// The label of this frame has no force above zero.
+    #[error("the label of frame {0} has no force above zero")]
+    NotPositive(usize),
+    /// The forces do not differ.
+    #[error("they differ by less than {} %", 1e2 * LEAST_LOG_SD)]
+    Equal,
+    /// The change of a frame does not grow with the force.
+    #[error("the change of the frame does not grow with the force")]
+    Unrelated,
+}
 
 /// The amplitudes of presses that are not equally strong.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -54,7 +72,7 @@ impl Strength {
     /// The strengths of labelled presses from their forces, or without forces from their amplitudes alone; `None` where all
     /// count as equally strong.
     pub(crate) fn fit(labels: &[Label], amplitudes: &[f64]) -> Option<Self> {
-        if let Some(law) = ForceLaw::fit(labels, amplitudes) {
+        if let Ok(law) = ForceLaw::fit(labels, amplitudes) {
             let logs: Vec<f64> = labels.iter().map(|label| law.amplitude(label.force_n).ln()).collect();
             return Some(Strength { log_sd: rms(logs), law: Some(law) });
         }
@@ -95,31 +113,42 @@ impl Strength {
 }
 
 impl ForceLaw {
-    /// The law that relates the amplitudes of labelled presses to their forces, by linear regression of the logarithms. `None` where not all
-    /// labels have forces, where these are equal, or where the amplitude does not grow with them.
-    fn fit(labels: &[Label], amplitudes: &[f64]) -> Option<Self> {
-        if labels.len() < FEWEST_FORCES || !labels.iter().all(|label| label.force_n > 0.0) {
-            return None;
+    /// The logarithms of the forces of labels, if a relation can be fitted to them.
+    pub(crate) fn log_forces(labels: &[Label]) -> Result<Vec<f64>, UnusedForces> {
+        if labels.len() < FEWEST_FORCES {
+            return Err(UnusedForces::TooFew(labels.len()));
+        }
+        if let Some(label) = labels.iter().find(|label| label.force_n.is_nan() || label.force_n <= 0.0) {
+            return Err(UnusedForces::NotPositive(label.row));
         }
         let forces: Vec<f64> = labels.iter().map(|label| label.force_n.ln()).collect();
+        if mean_and_sd(&forces).1 <= LEAST_LOG_SD { Err(UnusedForces::Equal) } else { Ok(forces) }
+    }
+
+    /// The law that relates the amplitudes of labelled presses to their forces, by linear regression of the logarithms.
+    fn fit(labels: &[Label], amplitudes: &[f64]) -> Result<Self, UnusedForces> {
+        let forces = Self::log_forces(labels)?;
         let amplitudes: Vec<f64> = amplitudes.iter().map(|amplitude| amplitude.ln()).collect();
         let (mean_log_force, mean_amplitude) = (mean(&forces), mean(&amplitudes));
         let product =
             |a: &[f64], b: &[f64], of: [f64; 2]| a.iter().zip(b).map(|(a, b)| (a - of[0]) * (b - of[1])).sum::<f64>();
         let spread = product(&forces, &forces, [mean_log_force; 2]);
-        let sd = (spread / labels.len() as f64).sqrt();
         let exponent = product(&forces, &amplitudes, [mean_log_force, mean_amplitude]) / spread;
         let explained = exponent * exponent * spread;
         let left = (product(&amplitudes, &amplitudes, [mean_amplitude; 2]) - explained).max(0.0);
         let standard_error = (left / (labels.len() - 2) as f64 / spread).sqrt();
         let law = ForceLaw { mean_log_force, exponent, range: force_range(&forces), relative_sd: 0.0 };
-        let determined = sd > LEAST_LOG_SD && exponent > (LEAST_SIGNIFICANCE * standard_error).max(LEAST_EXPONENT);
-        determined.then_some(law)
+        let determined = exponent > (LEAST_SIGNIFICANCE * standard_error).max(LEAST_EXPONENT);
+        if determined { Ok(law) } else { Err(UnusedForces::Unrelated) }
     }
 
     fn is_consistent(&self) -> bool {
         let ForceLaw { mean_log_force, exponent, range, relative_sd } = *self;
-        mean_log_force.is_finite() && exponent > 0.0 && range[0] <= range[1] && relative_sd >= 0.0
+        mean_log_force.is_finite()
+            && exponent > 0.0
+            && exponent.is_finite()
+            && range[0] <= range[1]
+            && relative_sd >= 0.0
     }
 
     /// The amplitude of a press of a force, N.
@@ -148,6 +177,12 @@ pub(crate) fn force_range(log_forces: &[f64]) -> [f64; 2] {
 /// The mean relative error of forces, from the logarithms of the estimated over the true ones.
 pub(crate) fn relative_error(log_ratios: &[f64]) -> f64 {
     mean(&log_ratios.iter().map(|log| (log.exp() - 1.0).abs()).collect::<Vec<f64>>())
+}
+
+/// The standard deviation over the mean of the ratios of estimated and true forces, from their logarithms.
+pub(crate) fn ratio_spread(log_ratios: &[f64]) -> f64 {
+    let (mean, sd) = mean_and_sd(&log_ratios.iter().map(|log| log.exp()).collect::<Vec<f64>>());
+    sd / mean
 }
 
 /// The relative error that 68 % of the forces do not exceed: the standard deviation of normal ones.
@@ -200,11 +235,13 @@ mod tests {
 
     #[test]
     fn equal_forces_and_amplitudes_without_relation_give_no_law() {
-        assert_eq!(ForceLaw::fit(&labels(&[2.0; 40]), &[1.0; 40]), None);
+        assert_eq!(ForceLaw::fit(&labels(&[2.0; 40]), &[1.0; 40]), Err(UnusedForces::Equal));
         let forces: Vec<f64> = (0..40).map(|k| 1.0 + 0.1 * f64::from(k)).collect();
         let amplitudes: Vec<f64> = (0..40).map(|k| if k % 2 == 0 { 1.0 } else { 1.2 }).collect();
-        assert_eq!(ForceLaw::fit(&labels(&forces), &amplitudes), None);
-        assert_eq!(ForceLaw::fit(&labels(&forces[..10]), &amplitudes[..10]), None, "too few");
+        assert_eq!(ForceLaw::fit(&labels(&forces), &amplitudes), Err(UnusedForces::Unrelated));
+        assert_eq!(ForceLaw::fit(&labels(&forces[..10]), &amplitudes[..10]), Err(UnusedForces::TooFew(10)));
+        let without = [&forces[..39], &[0.0]].concat();
+        assert_eq!(ForceLaw::fit(&labels(&without), &amplitudes), Err(UnusedForces::NotPositive(39)));
     }
 
     #[test]

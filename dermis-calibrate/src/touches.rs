@@ -1,8 +1,9 @@
 //! Several touches at once, by superposition of the calibrated responses of single ones.
 //!
 //! The changes of a frame by touches add up, each multiplied by its amplitude. Touches are added one by one, each where it
-//! explains the frame best, as long as the posterior density gains enough, and refined in turn: a greedy search, as matching
-//! pursuit (Mallat and Zhang 1993, DOI 10.1109/78.258082).
+//! explains the frame best, as long as they explain it worse than single presses explain those of the labels and the posterior
+//! density gains enough, and refined in turn: a greedy search, as matching pursuit (Mallat and Zhang 1993, DOI
+//! 10.1109/78.258082).
 
 use crate::calibration::Calibration;
 use crate::located::tangents;
@@ -90,7 +91,7 @@ impl Superposition {
             (calibration.locator.whiten(values), calibration.locator.untouched_square(values));
         let search = Search { superposition: self, calibration, target, untouched_square };
         let mut found = search.extend(&[]);
-        while found.touches.len() < MOST_TOUCHES {
+        while found.touches.len() < MOST_TOUCHES && calibration.novelty(search.misfit(&found.touches)) > 1.0 {
             let next = search.extend(&found.touches);
             if next.log_density < found.log_density + LEAST_GAIN {
                 break;
@@ -131,9 +132,10 @@ impl<'a> Search<'_, 'a> {
                 starts.push(touch);
             }
         }
-        let refined = starts.into_iter().map(|touch| self.refine([touches, &[touch]].concat()));
+        let refined: Vec<Explanation> =
+            starts.into_par_iter().map(|touch| self.refine([touches, &[touch]].concat())).collect();
         let none = Explanation { touches: touches.to_vec(), log_density: f64::NEG_INFINITY };
-        refined.fold(none, |best, other| if other.log_density > best.log_density { other } else { best })
+        refined.into_iter().fold(none, |best, other| if other.log_density > best.log_density { other } else { best })
     }
 
     /// Moves and scales each touch in turn, in steps that become smaller.
@@ -229,12 +231,25 @@ impl<'a> Search<'_, 'a> {
         self.target.iter().zip(whitened).map(|(value, predicted)| value - predicted).collect()
     }
 
+    /// The mean square of the residual of touches, in units of its variance.
+    fn misfit(&self, touches: &[Touch]) -> f64 {
+        let Some(index) = touches.len().checked_sub(1) else { return f64::INFINITY };
+        let residual = self.residual(&self.total_change(touches, Some(index)), touches[index]);
+        let variance = self.variance(touches.iter());
+        residual.iter().map(|value| value * value).sum::<f64>() / (variance * residual.len() as f64)
+    }
+
+    /// The variance of the residual of touches, in units of that of the noise.
+    fn variance<'t>(&self, touches: impl Iterator<Item = &'t Touch>) -> f64 {
+        touches.map(|touch| self.calibration.locator.variances()[touch.node]).fold(0.0, f64::max)
+    }
+
     /// The logarithm of the posterior density of touches, without a constant.
     fn log_density(&self, rest: &[f64], touch: Touch, touches: &[Touch], replaced: Option<usize>) -> f64 {
         let locator = &self.calibration.locator;
         let square = self.residual(rest, touch).iter().map(|value| value * value).sum();
         let all: Vec<Touch> = all_but(touches, replaced).chain([touch]).collect();
-        let variance = all.iter().map(|touch| locator.variances()[touch.node]).fold(0.0, f64::max);
+        let variance = self.variance(all.iter());
         let sd = locator.strength().map_or(LOG_AMPLITUDE_SD, |strength| strength.log_sd.max(LOG_AMPLITUDE_SD));
         let prior: f64 = all.iter().map(|touch| (touch.log_amplitude / sd).powi(2)).sum();
         log_student(square, variance, self.target.len()) - 0.5 * prior

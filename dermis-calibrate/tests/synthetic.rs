@@ -1,7 +1,7 @@
 //! Calibration of an invented skin whose responses are known functions, and input that is refused.
 
 use dermis::design::SkinDesign;
-use dermis::frame::Frame;
+use dermis::frame::{Frame, read_array, write_array};
 use dermis::geom::Point3;
 use dermis::geom::vector::distance;
 use dermis::method::{MethodOptions, Methods};
@@ -70,6 +70,12 @@ fn positions_are_found_and_survive_the_folder() {
     let contacts = method.contacts(&frames[120], &detector).unwrap();
     assert!(contacts.len() == 1 && distance(contacts[0].position_m, labels[120].position_m) < 0.005, "{contacts:?}");
     assert_eq!(located[120].covariance_m2[2][2], 0.0, "positions lie on the skin");
+    let mut not_finite = frames[120].clone();
+    not_finite.0[3] = f64::NAN;
+    let error = method.contacts(&not_finite, &detector).unwrap_err().to_string();
+    assert!(error.contains("channel 3"), "{error}");
+    let error = method.contacts(&Frame(vec![0.0; 191]), &detector).unwrap_err().to_string();
+    assert!(error.contains("191 values") && error.contains("192"), "{error}");
 }
 
 #[test]
@@ -141,7 +147,25 @@ fn folders_of_others_are_refused() {
     let text = std::fs::read_to_string(&card).unwrap();
     std::fs::write(&card, text.replace("\"version\": 2", "\"version\": 7")).unwrap();
     assert!(error(own).contains("version is 7"), "{}", error(own));
+    let damages = [
+        ("\"position_variance\": ", "\"position_variance\": -"),
+        ("\"temperature\": ", "\"temperature\": -"),
+        ("\"radius_m\": ", "\"radius_m\": -"),
+    ];
+    for (from, to) in damages {
+        std::fs::write(&card, text.replacen(from, to, 1)).unwrap();
+        assert!(error(own).contains("do not belong together"), "{to}: {}", error(own));
+    }
     std::fs::write(&card, text).unwrap();
+    for name in ["weights", "whitening", "mean", "presses", "nodes", "variances"] {
+        let path = folder.path().join(format!("{name}.npy"));
+        let (shape, values) = read_array(&path, "array").unwrap();
+        // Without its last row: a node, a press, a channel or a component that others need.
+        let rows = shape[0] - 1;
+        write_array(&path, "array", &[rows, shape[1]], &values[..rows * shape[1]]).unwrap();
+        assert!(error(own).contains("do not belong together"), "{name}: {}", error(own));
+        write_array(&path, "array", &shape, &values).unwrap();
+    }
     std::fs::remove_file(folder.path().join("weights.npy")).unwrap();
     assert!(error(own).contains("weights.npy"), "{}", error(own));
 }

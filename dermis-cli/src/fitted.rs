@@ -7,7 +7,9 @@ use dermis::design::SkinDesign;
 use dermis::frame::Frame;
 use dermis::method::{MethodError, MethodOptions};
 use dermis::skin::Skin;
-use dermis_calibrate::{CalibrateError, Calibration, Correction, CorrectionQuality, Label, LabelFrame, Quality};
+use dermis_calibrate::{
+    CalibrateError, Calibration, Correction, CorrectionQuality, FEWEST_FOUND, Label, LabelFrame, Quality,
+};
 use dermis_study::report::Table;
 use serde_json::json;
 use std::path::Path;
@@ -90,9 +92,22 @@ impl Fitted {
         Ok(())
     }
 
-    /// Its figures as JSON, SI units.
-    pub fn to_json(&self, design: &str) -> serde_json::Value {
+    /// Why the forces of its labels are not used; `None` where they are, or where none is known.
+    fn unused_forces(&self, labels: &[Label]) -> Option<String> {
         match self {
+            Fitted::ForwardMap(map) => map.unused_forces(labels).map(|reason| reason.to_string()),
+            Fitted::Correction(correction) => {
+                let given = labels.iter().any(|label| !label.force_n.is_nan());
+                (given && correction.quality().force_error.is_none()).then(|| {
+                    format!("fewer than {FEWEST_FOUND} of the labels that the method finds have a force above zero")
+                })
+            }
+        }
+    }
+
+    /// Its figures as JSON, SI units.
+    pub fn to_json(&self, design: &str, labels: &[Label]) -> serde_json::Value {
+        let mut json = match self {
             Fitted::ForwardMap(map) => json!({
                 "skin": design,
                 "method": FORWARD_MAP,
@@ -105,15 +120,21 @@ impl Fitted {
                 "method": correction.method(),
                 "quality": correction.quality(),
             }),
-        }
+        };
+        json["unused_forces"] = json!(self.unused_forces(labels));
+        json
     }
 
     /// Its figures as a table.
-    pub fn summary(&self) -> Table {
-        match self {
+    pub fn summary(&self, labels: &[Label]) -> Table {
+        let mut table = match self {
             Fitted::ForwardMap(map) => map_summary(map),
             Fitted::Correction(correction) => correction_summary(correction),
+        };
+        if let Some(reason) = self.unused_forces(labels) {
+            table.row(["forces".to_string(), format!("not used: {reason}")]);
         }
+        table
     }
 }
 

@@ -394,7 +394,7 @@ impl Guided {
             }));
         }
         if let Some(correction) = correction {
-            print(&format!("{}\n", Fitted::Correction(Box::new(correction)).summary().to_text()))?;
+            print(&format!("{}\n", Fitted::Correction(Box::new(correction)).summary(&[]).to_text()))?;
         }
         let path = folder.display();
         match quality {

@@ -176,7 +176,7 @@ impl TrainingPreset {
             target: Target::Touches { width_m: TOUCH_WIDTH_M },
             noise: Noise { misfit: Some(DomainRandomization::usual()), ..none },
             symmetries: None,
-            detection: DetectOptions::default(),
+            detection: DetectOptions { strength_fraction: 0.0, ..DetectOptions::default() },
             options: TrainOptions { epochs: 8, schedule: Schedule::Cosine, ..TrainOptions::default() },
         }
     }
@@ -184,7 +184,12 @@ impl TrainingPreset {
 
 /// Detection options for images of the change of conductance.
 fn conductance_detection() -> DetectOptions {
-    DetectOptions { noise_factor: PAPER_NOISE_FACTOR, peak_fraction: PAPER_PEAK_FRACTION, ..DetectOptions::default() }
+    DetectOptions {
+        noise_factor: PAPER_NOISE_FACTOR,
+        peak_fraction: PAPER_PEAK_FRACTION,
+        strength_fraction: 0.0,
+        ..DetectOptions::default()
+    }
 }
 
 /// Detection options for images of touches.
@@ -192,6 +197,7 @@ fn touch_detection() -> DetectOptions {
     DetectOptions {
         noise_factor: TOUCH_NOISE_FACTOR,
         peak_fraction: SPOT_PEAK_FRACTION,
+        strength_fraction: 0.0,
         spot_width_m: Some(TOUCH_WIDTH_M),
         ..DetectOptions::default()
     }

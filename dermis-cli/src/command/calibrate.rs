@@ -4,7 +4,7 @@ use crate::calibrated::Presses;
 use crate::check_page::place;
 use crate::console::{Progress, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
-use crate::fitted::{self, Fitted};
+use crate::fitted::{self, FORWARD_MAP, Fitted};
 use crate::frames::{CurrentArguments, FrameArguments, Recorded};
 use crate::guided::GuidedArguments;
 use crate::rows::Rows;
@@ -47,7 +47,7 @@ pub struct Arguments {
     unlabelled: bool,
     /// What to calibrate: forward-map learns the skin from the presses alone; the name or folder of a method (best,
     /// noser) corrects the positions and forces of that method. Corrections need positions on the skin [default: whichever
-    /// locates the labels better, of the forward map and the default method of the skin]
+    /// locates the labels better, of the forward map and the default method of the skin; with --suggest: forward-map]
     #[arg(long, value_name = "METHOD")]
     method: Option<String>,
     /// Name the N positions whose presses would help a forward map most, and print its error against the number of labels.
@@ -70,6 +70,7 @@ impl Arguments {
             return self.guided.run(&self.design, &self.output, self.difference, self.json);
         };
         self.guided.check_unused()?;
+        let method = self.method()?;
         let skin = skin::load(&self.design)?;
         let frames = FrameArguments {
             frames: frames.clone(),
@@ -84,16 +85,28 @@ impl Arguments {
         let labels = presses.labels(self.labels.as_ref(), "--labels")?;
         let last = labels.last().map_or(0, |label| label.row);
         let used = if self.unlabelled { &frames[..] } else { &frames[..=last] };
-        let fitted = fitted::fit(&skin, used, &labels, presses.frame(), self.method.as_deref())?;
+        let fitted = fitted::fit(&skin, used, &labels, presses.frame(), method)?;
         let outlook = self.outlook(&skin, used, &labels, presses.frame(), &fitted)?;
         fitted.save(&self.output, skin.design())?;
         if self.json {
-            let mut json = fitted.to_json(&skin.design().name);
+            let mut json = fitted.to_json(&skin.design().name, &labels);
             json["outlook"] = serde_json::json!(outlook);
             return print_json(&json);
         }
         let outlook = outlook.map_or(String::new(), |outlook| outlook.to_text());
-        print(&format!("{}\n{outlook}written to {}\n", fitted.summary().to_text(), self.output.display()))
+        print(&format!("{}\n{outlook}written to {}\n", fitted.summary(&labels).to_text(), self.output.display()))
+    }
+
+    /// What is calibrated: with `--suggest` a forward map.
+    fn method(&self) -> Outcome<Option<&str>> {
+        match (self.suggest, self.method.as_deref()) {
+            (None, method) => Ok(method),
+            (Some(_), None | Some(FORWARD_MAP)) => Ok(Some(FORWARD_MAP)),
+            (Some(_), Some(method)) => {
+                let message = format!("--suggest is for forward maps, not for a correction of {method}");
+                Err(Failure::given(message, Some("give --method forward-map, or leave --suggest out")))
+            }
+        }
     }
 
     /// What more presses would give, where that is asked for.
@@ -105,13 +118,11 @@ impl Arguments {
         frame: LabelFrame,
         fitted: &Fitted,
     ) -> Outcome<Option<Outlook>> {
-        let Some(count) = self.suggest else { return Ok(None) };
-        match fitted {
-            Fitted::ForwardMap(map) => Outlook::of(skin, frames, labels, frame, map, count as usize).map(Some),
-            Fitted::Correction(correction) => {
-                let message = format!("--suggest is for forward maps, not for a correction of {}", correction.method());
-                Err(Failure::given(message, Some("give --method forward-map, or leave --suggest out")))
+        match (self.suggest, fitted) {
+            (Some(count), Fitted::ForwardMap(map)) => {
+                Outlook::of(skin, frames, labels, frame, map, count as usize).map(Some)
             }
+            _ => Ok(None),
         }
     }
 }

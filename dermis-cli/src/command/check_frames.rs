@@ -29,7 +29,8 @@ pub struct Arguments {
     /// Page to write: findings and pictures (.html).
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// File to write: the frames with late channels moved to their rows (CSV, NPY or NPZ). Nothing else is changed.
+    /// File to write: the frames with late channels moved to their rows (CSV, NPY or NPZ). Nothing else is changed; with
+    /// --currents the values are in ohm.
     #[arg(long, value_name = "FILE")]
     realign: Option<PathBuf>,
     /// Print JSON instead of a table.

@@ -2,7 +2,7 @@
 //!
 //! A pixel is used if it exceeds [`DetectOptions::noise_factor`] standard deviations of its noise and
 //! [`DetectOptions::peak_fraction`] of the image's peak. Peaks are separated by the saddle between them and located by
-//! their centroid. Each contact has a standard deviation of its position and the probability that it is real. Each
+//! their centroid. Contacts below [`DetectOptions::strength_fraction`] of the strongest are artefacts. Each contact has a standard deviation of its position and the probability that it is real. Each
 //! method defines the options for its images.
 
 mod forces;
@@ -35,6 +35,11 @@ pub struct DetectOptions {
     pub noise_factor: f64,
     /// A contact's peak exceeds this fraction of the image's maximum: above the side lobes of linear images.
     pub peak_fraction: f64,
+    /// A contact's strength (the integral of its image) exceeds this fraction of the strongest contact's: above the
+    /// artefacts of linear images, which are high but narrow where the model of a real skin is wrong, at its electrodes
+    /// and edges. Cards of networks without this key have none.
+    #[serde(default)]
+    pub strength_fraction: f64,
     /// Two peaks are two contacts if the image between them falls below this fraction of the lower one.
     pub saddle_fraction: f64,
     /// The weight of a pixel in the centroid and the strength is its value above this fraction of its contact's peak.
@@ -53,6 +58,7 @@ impl Default for DetectOptions {
         DetectOptions {
             noise_factor: 5.0,
             peak_fraction: 0.35,
+            strength_fraction: 0.2,
             saddle_fraction: 0.7,
             weight_fraction: 0.15,
             spot_width_m: None,
@@ -68,9 +74,11 @@ impl DetectOptions {
     /// # Errors
     /// The field and its value.
     pub fn check(&self) -> Result<(), String> {
-        let DetectOptions { noise_factor, peak_fraction, saddle_fraction, weight_fraction, .. } = self;
+        let DetectOptions { noise_factor, peak_fraction, strength_fraction, saddle_fraction, weight_fraction, .. } =
+            self;
         let shares = [
             ("peak_fraction", peak_fraction),
+            ("strength_fraction", strength_fraction),
             ("saddle_fraction", saddle_fraction),
             ("weight_fraction", weight_fraction),
         ];
@@ -161,6 +169,8 @@ impl Detector {
             found.extend(self.found(&negative, highest, Some(positive.reversed()), &sd));
             found.sort_by(|a, b| b.height.total_cmp(&a.height));
         }
+        let strongest = found.iter().map(|contact| contact.strength).fold(0.0, f64::max);
+        found.retain(|contact| contact.strength >= self.options.strength_fraction * strongest);
         (0..found.len()).map(|index| self.rated(image, &found, index, highest)).collect()
     }
 

@@ -79,6 +79,10 @@ fn two_bumps_are_two_contacts_the_higher_first_and_a_ripple_is_none() {
     // Closer than a width they are one contact.
     let near = space.surface.at(0.111, 0.02).unwrap();
     assert_eq!(detect(&bumps(&space, &[(a, 1.0, 0.012), (near, 1.0, 0.012)]), &DetectOptions::default()).len(), 1);
+    // An artefact as high as the contact, but narrow: below the accepted fraction of its strength.
+    assert_eq!(detect(&bumps(&space, &[(a, 2.0, 0.006), (b, 2.0, 0.02)]), &DetectOptions::default()).len(), 1);
+    let all = DetectOptions { strength_fraction: 0.0, ..DetectOptions::default() };
+    assert_eq!(detect(&bumps(&space, &[(a, 2.0, 0.006), (b, 2.0, 0.02)]), &all).len(), 2);
     // A side lobe below the accepted fraction of the peak.
     assert_eq!(detect(&bumps(&space, &[(a, 0.2, 0.012), (b, 2.0, 0.012)]), &DetectOptions::default()).len(), 1);
 }

@@ -199,7 +199,7 @@ impl Method {
     /// # Errors
     /// As [`image`](Self::image).
     pub fn contacts(&self, difference: &Frame, detector: &Detector) -> Result<Vec<Contact>, ReconstructError> {
-        if let Some(contacts) = self.reconstruct.contacts(difference) {
+        if let Some(contacts) = self.reconstruct.contacts(difference)? {
             return Ok(contacts);
         }
         let mut contacts = detector.detect(&self.image(difference)?);

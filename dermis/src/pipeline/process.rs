@@ -169,7 +169,7 @@ impl Pipeline {
         let felt = reading.touch_detector.update(statistic(&difference, reading.electrodes.noise_ohm(), &suspect));
         self.method.reconstruct().reconstruct_into(&difference, &mut self.image.values)?;
         let settings = &self.state.settings;
-        let sightings = match self.method.reconstruct().contacts(&difference) {
+        let sightings = match self.method.reconstruct().contacts(&difference)? {
             Some(contacts) => sightings_of(contacts, felt),
             None => {
                 let mut found = self.detector.detect_under(&self.image);

@@ -110,8 +110,11 @@ pub trait Reconstruct: Send + Sync {
     }
 
     /// The contacts of a difference, if the method locates them itself; `None` if they are the peaks of its image.
-    fn contacts(&self, _difference: &[f64]) -> Option<Vec<Contact>> {
-        None
+    ///
+    /// # Errors
+    /// A difference of the wrong length, or with values that are not finite.
+    fn contacts(&self, _difference: &[f64]) -> Result<Option<Vec<Contact>>, ReconstructError> {
+        Ok(None)
     }
 
     /// Corrects the contacts that were detected in the image of a difference: a method that is calibrated on a real skin
@@ -153,7 +156,7 @@ impl<P: Deref<Target: Reconstruct> + Send + Sync> Reconstruct for P {
         (**self).quantity()
     }
 
-    fn contacts(&self, difference: &[f64]) -> Option<Vec<Contact>> {
+    fn contacts(&self, difference: &[f64]) -> Result<Option<Vec<Contact>>, ReconstructError> {
         (**self).contacts(difference)
     }
 
@@ -216,11 +219,19 @@ pub fn check_lengths(
     values: &[f64],
     pixels: usize,
 ) -> Result<(), ReconstructError> {
-    if difference.len() != channels {
-        return Err(ReconstructError::FrameLength { got: difference.len(), expected: channels });
-    }
     if values.len() != pixels {
         return Err(ReconstructError::ImageLength { got: values.len(), expected: pixels });
+    }
+    check_difference(difference, channels)
+}
+
+/// Checks a difference.
+///
+/// # Errors
+/// A length that differs from the number of channels, a value that is not finite.
+pub fn check_difference(difference: &[f64], channels: usize) -> Result<(), ReconstructError> {
+    if difference.len() != channels {
+        return Err(ReconstructError::FrameLength { got: difference.len(), expected: channels });
     }
     check_finite(difference)
 }

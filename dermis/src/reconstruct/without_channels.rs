@@ -86,7 +86,10 @@ impl<M: Reconstruct> Reconstruct for WithoutChannels<M> {
         self.method.reconstruct_into(&self.complete(difference), values)
     }
 
-    fn contacts(&self, difference: &[f64]) -> Option<Vec<Contact>> {
+    fn contacts(&self, difference: &[f64]) -> Result<Option<Vec<Contact>>, ReconstructError> {
+        if difference.len() != self.fill.columns {
+            return self.method.contacts(difference);
+        }
         self.method.contacts(&self.complete(difference))
     }
 
