@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Fewest presses that the method must find.
-pub const FEWEST_FOUND: usize = 20;
+pub(crate) const FEWEST_FOUND: usize = 20;
 /// A contact further from the label is not that press, m.
 const GATE_M: f64 = dermis::detect::GATE_M;
 /// Typical length over which errors of a method vary, as a part of the size of the skin.
@@ -97,7 +97,7 @@ impl Correction {
     /// coordinates; `detector` is that of the method.
     ///
     /// # Errors
-    /// Fewer than [`FEWEST_FOUND`] labels that the method finds; a method that fails on a frame.
+    /// Fewer than 20 labels that the method finds; a method that fails on a frame.
     pub fn fit(
         pixels: &PixelSpace,
         method: &Method,

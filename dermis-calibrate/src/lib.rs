@@ -35,13 +35,12 @@ mod touches;
 mod units;
 
 pub use calibration::{Calibration, FEWEST_LABELS, Label, LabelFrame, Quality};
-pub use correction::{Correction, CorrectionQuality, FEWEST_FOUND};
+pub use correction::{Correction, CorrectionQuality};
 pub use error::CalibrateError;
-pub use located::{Located, REGION_SHARE};
+pub use located::Located;
 pub use method::Calibrations;
 pub use places::Places;
 pub use pose::Pose;
 pub use region::Region;
 pub use session::{Session, SessionFit};
 pub use suggest::{LearningPoint, expected_error_m, learning_curve};
-pub use units::ChannelUnits;

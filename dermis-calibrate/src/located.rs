@@ -4,7 +4,7 @@ use dermis::geom::Point3;
 use dermis::geom::vector::{cross, dot, normalize, sub};
 
 /// Share of the regions that contain the true position.
-pub const REGION_SHARE: f64 = 0.95;
+pub(crate) const REGION_SHARE: f64 = 0.95;
 /// Standard deviation below which a posterior is not resolved, m.
 const SMALLEST_SD_M: f64 = 1e-5;
 

@@ -46,4 +46,4 @@ pub use error::{Error, Result};
 /// The README's code compiles and runs.
 #[cfg(doctest)]
 #[doc = include_str!("../../README.md")]
-pub struct Readme;
+struct Readme;

@@ -83,7 +83,7 @@ impl ModelChannels {
 }
 
 /// Values in units of the median absolute value of their column, with large ones compressed by asinh, as
-/// [`crate::ChannelUnits`] does; not centred.
+/// `ChannelUnits` does; not centred.
 pub(crate) fn compressed(values: &Mat<f64>) -> Mat<f64> {
     let scale = |column: usize| {
         let sizes: Vec<f64> = values.col(column).iter().map(|value| value.abs()).collect();

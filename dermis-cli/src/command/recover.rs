@@ -3,7 +3,7 @@
 use crate::console::{Progress, print, print_json};
 use crate::failure::Outcome;
 use clap::Args;
-use dermis_live::recording::{Recovered, recover};
+use dermis_live::recording::{RecoveryReport, recover};
 use std::path::PathBuf;
 
 /// The arguments of `dermis recover`.
@@ -32,8 +32,8 @@ impl Arguments {
         }
     }
 
-    fn summary(&self, recovered: &Recovered) -> String {
-        let Recovered { messages, frames, seconds, was_whole, cut_bytes, ref damaged, without_topic } = *recovered;
+    fn summary(&self, recovered: &RecoveryReport) -> String {
+        let RecoveryReport { messages, frames, seconds, was_whole, cut_bytes, ref damaged, without_topic } = *recovered;
         let mut text = format!("{}: {frames} frames, {messages} messages, {seconds:.1} s\n", self.output.display());
         if was_whole {
             text += "the recording was whole: nothing was left out\n";

@@ -14,7 +14,7 @@ pub struct ScanTable {
 
 /// Meaning of a slot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Role {
+pub(crate) enum Role {
     /// The current of a drive, by its number.
     Current(usize),
     /// A channel, by its number.
@@ -55,7 +55,7 @@ impl ScanTable {
     }
 
     /// The meaning of each slot.
-    pub fn roles(&self) -> &[Role] {
+    pub(crate) fn roles(&self) -> &[Role] {
         &self.roles
     }
 

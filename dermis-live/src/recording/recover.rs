@@ -14,7 +14,7 @@ use std::path::Path;
 
 /// Summary of a repair.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
-pub struct Recovered {
+pub struct RecoveryReport {
     /// Messages on all topics.
     pub messages: u64,
     /// Frames: the device's own messages.
@@ -37,7 +37,7 @@ pub struct Recovered {
 ///
 /// # Errors
 /// A file that is not a recording; an output that exists; a system error.
-pub fn recover(from: &Path, to: &Path) -> Result<Recovered, RecordError> {
+pub fn recover(from: &Path, to: &Path) -> Result<RecoveryReport, RecordError> {
     let (file, length) = read::open(from)?;
     // Check the input before anything is written.
     let walk = read::walk(file, length, from)?;
@@ -68,7 +68,7 @@ pub fn recover_into(
     length: u64,
     path: &Path,
     output: &mut dyn Write,
-) -> Result<Recovered, RecordError> {
+) -> Result<RecoveryReport, RecordError> {
     copy(read::walk(input, length, path)?, output).map_err(|failed| failed.into_error(path, path))
 }
 
@@ -86,8 +86,8 @@ impl Failed {
     }
 }
 
-fn copy(mut walk: Walk<impl Read>, file: &mut dyn Write) -> Result<Recovered, Failed> {
-    let mut recovered = Recovered::default();
+fn copy(mut walk: Walk<impl Read>, file: &mut dyn Write) -> Result<RecoveryReport, Failed> {
+    let mut recovered = RecoveryReport::default();
     // Nothing can be written before the header.
     let mut header = Header { profile: "ros2".into(), library: String::new() };
     let mut pending = None;
@@ -132,7 +132,7 @@ impl<'a> Copy<'a> {
         Ok(Copy { writer, channels: HashSet::new(), wire: HashSet::new(), chunk_from: None, times: None })
     }
 
-    fn item(&mut self, item: Item, recovered: &mut Recovered) -> McapResult<()> {
+    fn item(&mut self, item: Item, recovered: &mut RecoveryReport) -> McapResult<()> {
         let copied = match item {
             // Only the first header counts.
             Item::Header(_) => Ok(()),
@@ -173,7 +173,7 @@ impl<'a> Copy<'a> {
         Ok(())
     }
 
-    fn message(&mut self, header: &MessageHeader, data: &[u8], recovered: &mut Recovered) -> McapResult<()> {
+    fn message(&mut self, header: &MessageHeader, data: &[u8], recovered: &mut RecoveryReport) -> McapResult<()> {
         if !self.channels.contains(&header.channel_id) {
             recovered.without_topic += 1;
             return Ok(());

@@ -26,7 +26,7 @@ mod handle;
 mod mailbox;
 mod pipeline_thread;
 
-pub use control::{ClientSession, Control, RecordingOptions, Request};
+pub use control::{ClientSession, Control, RecordingOptions};
 pub use frame::LiveFrame;
 pub use handle::LiveHandle;
 pub use mailbox::{Mailbox, Popped};

@@ -4,7 +4,8 @@ use crate::protocol::{Channel, Protocol, ProtocolError};
 use std::path::Path;
 
 /// The columns of a channel table.
-pub const CHANNEL_COLUMNS: [&str; 5] = ["channel", "drive_source", "drive_sink", "measure_plus", "measure_minus"];
+pub(crate) const CHANNEL_COLUMNS: [&str; 5] =
+    ["channel", "drive_source", "drive_sink", "measure_plus", "measure_minus"];
 
 /// The columns of a scan table, in which readings have slots and may be no channel: `dermis scan-table` writes it for firmware.
 pub const SCAN_COLUMNS: [&str; 6] =
