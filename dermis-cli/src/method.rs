@@ -11,6 +11,7 @@ use dermis::method::{Method, MethodOptions, Methods, is_path};
 use dermis::reconstruct::{Alpha, Difference, FEWEST_UNTOUCHED_FRAMES, Reconstruct};
 use dermis::skin::Skin;
 use dermis::stats::upper_median;
+use dermis::text::counted;
 use dermis_calibrate::Calibration;
 use dermis_learn::Model;
 use dermis_sim::evaluate::{AlignMethod, AlignOptions, PressEstimates, Screen};
@@ -188,7 +189,7 @@ impl MethodArguments {
                 match &rows[..] {
                     [Frame(values)] => Ok(values.clone()),
                     _ => Err(Failure::given(
-                        format!("{}: {} rows of standard deviations", path.display(), rows.len()),
+                        format!("{}: {} of standard deviations", path.display(), counted(rows.len(), "row")),
                         Some("give one row, with a value for each channel"),
                     )),
                 }

@@ -218,7 +218,7 @@ fn an_evaluation_is_a_table_or_json() {
     at.write("truth.csv", "frame,x_m,y_m\n0,0.01,0.02\n");
     let output = at.run(input);
     let said = String::from_utf8_lossy(&output.stderr);
-    let named = "truth.csv has its last touch in frame 0, but there are 2 frames: the last 1 count as untouched";
+    let named = "truth.csv has its last touch in frame 0, but there are 2 frames: those after it count as untouched";
     assert!(output.status.success() && said.contains(named), "{said}");
 }
 

@@ -14,6 +14,7 @@
 pub mod geom;
 pub mod linalg;
 pub mod stats;
+pub mod text;
 // Layer 1
 pub mod contact;
 pub mod protocol;

@@ -9,6 +9,7 @@ use crate::lags::LagEvidence;
 use dermis::frame::Frame;
 use dermis::protocol::Protocol;
 use dermis::stats::{mean_and_sd, rms, upper_median};
+use dermis::text::counted;
 
 /// Below this cosine an untouched frame is unlike the model.
 pub(super) const UNLIKE: f64 = 0.5;
@@ -41,7 +42,9 @@ pub(super) fn order(order: &Order, score: Score, own: Score, protocol: &Protocol
 fn words(change: Change, protocol: &Protocol) -> String {
     match change {
         Change::StartAtDrive(0) => "the measurements of each drive start at its source".into(),
-        Change::StartAtDrive(k) => format!("the measurements of each drive start {k} electrodes after its source"),
+        Change::StartAtDrive(k) => {
+            format!("the measurements of each drive start {} after its source", counted(k, "electrode"))
+        }
         Change::StartAtElectrode(k) => format!("the measurements of each drive start at electrode {k}"),
         Change::MeasuresDescending => "they come in descending order".into(),
         Change::DrivesRotated(k) => format!("the first drive is that of number {k}"),
@@ -141,12 +144,9 @@ pub(super) fn late(lag: i32, lags: &[i32], figures: &Figures) -> Option<Finding>
     let way = if lag > 0 { "late" } else { "early" };
     let evidence =
         format!("part of the median channel that the others explain at this lag; {:.3} at the same row", median(0));
-    let fix = format!("{} {way}: mend them with --realign (dermis calibrate mends them itself)", rows(lag.abs()));
+    let fix =
+        format!("{} {way}: mend them with --realign (dermis calibrate mends them itself)", counted(lag.abs(), "row"));
     Some(Finding::new(FindingKind::Late, median(lag), evidence, fix).at_channels(channels).with_lag(lag))
-}
-
-fn rows(count: i32) -> String {
-    if count == 1 { "1 row".into() } else { format!("{count} rows") }
 }
 
 /// Channels of the design that are noise: no other channel explains them at any lag, and their scale is far below what the model

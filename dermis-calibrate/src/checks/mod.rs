@@ -47,6 +47,7 @@ use dermis::frame::{Frame, mean};
 use dermis::geom::Point3;
 use dermis::protocol::Protocol;
 use dermis::skin::Skin;
+use dermis::text::counted;
 use faer::Mat;
 use model::ModelChannels;
 use order::{BetterOrder, Matcher, Score};
@@ -184,7 +185,11 @@ fn validate(recording: &Recording<'_>, protocol: &Protocol) -> Result<(), Calibr
     let (frames, positions) =
         (recording.frames.len(), recording.positions_m.map_or(recording.frames.len(), <[_]>::len));
     if positions != frames {
-        let message = format!("{positions} positions for {frames} frames: one for each frame is needed");
+        let message = format!(
+            "{} for {}: one for each frame is needed",
+            counted(positions, "position"),
+            counted(frames, "frame")
+        );
         return Err(CalibrateError::Label(message));
     }
     Ok(())

@@ -3,6 +3,7 @@
 use crate::checks::finding::{Finding, FindingKind};
 use crate::ridge::Regression;
 use dermis::geom::Point3;
+use dermis::text::counted;
 use faer::Mat;
 use std::ops::RangeInclusive;
 
@@ -50,8 +51,8 @@ pub(crate) fn shifted(explained: &[f64]) -> Option<Finding> {
     let zero = *explained.get((-SHIFTS.start()) as usize)?;
     let (shift, best) = SHIFTS.zip(explained.iter().copied()).max_by(|a, b| a.1.total_cmp(&b.1))?;
     let evidence = format!("part of the frames that the shifted positions explain; {zero:.3} without a shift");
-    let (rows, from) = (shift.abs(), if shift > 0 { "after" } else { "before" });
-    let fix = format!("the press of each frame is {rows} rows {from} it in the truth: move the rows of the truth");
+    let (rows, from) = (counted(shift.abs(), "row"), if shift > 0 { "after" } else { "before" });
+    let fix = format!("the press of each frame is {rows} {from} it in the truth: move the rows of the truth");
     let finding = Finding::new(FindingKind::TruthShifted, best, evidence, fix).with_lag(shift);
     (shift != 0 && best > LEAST && best - zero > MORE).then_some(finding)
 }

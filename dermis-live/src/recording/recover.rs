@@ -5,6 +5,7 @@ use crate::recording::write::{CHUNK_TIME, Output, options, output};
 use crate::recording::{RecordError, read};
 use crate::sinks::ros2::Topic;
 use dermis::pipeline::Timestamp;
+use dermis::text::counted;
 use mcap::records::{AttachmentHeader, Channel, Header, MessageHeader, SchemaHeader};
 use mcap::{Attachment, McapError, McapResult, Writer};
 use serde::Serialize;
@@ -142,7 +143,7 @@ impl<'a> Copy<'a> {
             Item::Attachment { header, data } => self.attachment(header, data),
             Item::Metadata(metadata) => self.writer.write_metadata(&metadata),
             Item::Damaged { at, bytes, why } => {
-                recovered.damaged.push(format!("byte {at}: {why} ({bytes} bytes)"));
+                recovered.damaged.push(format!("byte {at}: {why} ({})", counted(bytes, "byte")));
                 Ok(())
             }
         };

@@ -258,7 +258,7 @@ fn truths_are_read_for_each_kind_of_body() {
             .contains("unknown column `x_m`; the columns are frame,z_m")
     );
     assert!(read("frame,x_m\n0,0\n", Surface::Plane).unwrap_err().contains("no column `y_m`"));
-    assert!(read("1,2,3\n", Surface::Plane).unwrap_err().contains("1 presses, but there are 3 frames"));
+    assert!(read("1,2,3\n", Surface::Plane).unwrap_err().contains("1 press, but there are 3 frames"));
     assert!(
         read("1,2\n1,2\n1,2\n", Surface::Plane)
             .unwrap_err()

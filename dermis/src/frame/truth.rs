@@ -5,6 +5,7 @@ use crate::frame::TableError;
 use crate::frame::output::write_whole;
 use crate::frame::table::{Table, read_table};
 use crate::geom::{PlaceLimits, Point3, Surface};
+use crate::text::counted;
 use std::path::Path;
 
 /// Ground truth of touches.
@@ -215,8 +216,8 @@ fn elsewhere(path: &Path, table: &Table, frame_count: usize) -> Result<Truth, Ta
     }
     if table.rows.len() != frame_count {
         let message = format!(
-            "{} presses, but there are {frame_count} frames: there must be one press in each",
-            table.rows.len()
+            "{}, but there are {frame_count} frames: there must be one press in each",
+            counted(table.rows.len(), "press")
         );
         return Err(wrong(message));
     }
