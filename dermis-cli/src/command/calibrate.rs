@@ -9,7 +9,7 @@ use crate::frames::{CurrentArguments, FrameArguments, Recorded};
 use crate::guided::GuidedArguments;
 use crate::rows::Rows;
 use crate::skin;
-use clap::Args;
+use clap::{ArgGroup, Args};
 use dermis::frame::Frame;
 use dermis::geom::Point3;
 use dermis::skin::Skin;
@@ -21,6 +21,7 @@ use std::path::PathBuf;
 
 /// The arguments of `dermis calibrate`.
 #[derive(Debug, Args)]
+#[command(group = ArgGroup::new("rest").args(["baseline", "difference", "live"]).required(true).multiple(true))]
 pub struct Arguments {
     /// Design: the path of a file, or a shipped name.
     design: String,
@@ -28,7 +29,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", required_unless_present = "live")]
     frames: Option<PathBuf>,
     /// Untouched frames, one per row; their mean is the baseline.
-    #[arg(long, value_name = "FILE", required_unless_present_any = ["difference", "live"], conflicts_with = "difference")]
+    #[arg(long, value_name = "FILE", conflicts_with = "difference")]
     baseline: Option<PathBuf>,
     /// The frames are differences from the untouched skin.
     #[arg(long)]

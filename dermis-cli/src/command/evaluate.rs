@@ -136,7 +136,7 @@ impl Arguments {
         let rest = frames_after_last_touch(truth);
         if !rest.is_empty() {
             warn(&format!(
-                "{} has its last touch in frame {}, but there are {}: those after it count as untouched",
+                "{} has its last touch in frame {}, of {}: those after it count as untouched",
                 self.truth.display(),
                 rest.start as i64 - 1,
                 counted(truth.len(), "frame")

@@ -165,7 +165,7 @@ impl Columns {
         }
         Err(match frame_count {
             0 => format!("frame {frame}, but there are no frames"),
-            _ => format!("frame {frame}, but there are {frame_count} frames: 0 to {}", frame_count - 1),
+            _ => format!("frame {frame} does not exist: the frames are 0 to {}", frame_count - 1),
         })
     }
 
@@ -216,8 +216,9 @@ fn elsewhere(path: &Path, table: &Table, frame_count: usize) -> Result<Truth, Ta
     }
     if table.rows.len() != frame_count {
         let message = format!(
-            "{}, but there are {frame_count} frames: there must be one press in each",
-            counted(table.rows.len(), "press")
+            "{} for {}: there must be one press in each frame",
+            counted(table.rows.len(), "press"),
+            counted(frame_count, "frame")
         );
         return Err(wrong(message));
     }
