@@ -2,8 +2,8 @@
 //!
 //! A few presses at known positions (labels) determine a forward map from positions to the values of all channels, a
 //! Gaussian process; a frame is then located by the likelihood of the map over the skin. The map includes what a press
-//! leaves behind for the next one (viscoelastic skins) and slow drift. No model of the skin is needed, and no network is
-//! trained: a fit takes seconds.
+//! leaves behind for the next one (viscoelastic skins) and slow drift. No model of the skin is needed, and no network
+//! is trained: a fit takes seconds.
 
 #![warn(unreachable_pub)]
 

@@ -115,8 +115,8 @@ pub struct CalibratedEvaluation {
 }
 
 impl CalibratedEvaluation {
-    /// Locates the presses of a recording and compares some of them with the truth. The recording is the one of the labels, or
-    /// begins as it does: rows have the same numbers.
+    /// Locates the presses of a recording and compares some of them with the truth. The recording is the one of the
+    /// labels, or begins as it does: rows have the same numbers.
     pub fn new(skin: &Skin, folder: &Path, frames: &[Frame], truth: &Path, rows: Option<&Rows>) -> Outcome<Self> {
         let calibration = Calibration::load(folder, skin.design())?;
         let presses = Presses::read(truth, skin, frames.len())?;

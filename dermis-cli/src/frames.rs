@@ -36,8 +36,8 @@ pub struct FrameArguments {
 /// Measured drive currents, of instruments that record voltages.
 #[derive(Debug, Clone, Default, Args)]
 pub struct CurrentArguments {
-    /// Measured currents of the drives (A; CSV, NPY or NPZ), a column per drive in the order of the protocol: one row for all
-    /// frames, or one per frame. The frames are then voltages (V).
+    /// Measured currents of the drives (A; CSV, NPY or NPZ), a column per drive in the order of the protocol: one row
+    /// for all frames, or one per frame. The frames are then voltages (V).
     #[arg(long, value_name = "FILE")]
     currents: Option<PathBuf>,
     /// Currents of the untouched frames [default: the row of --currents, if it has one for all frames].

@@ -23,8 +23,8 @@ pub struct ReportArguments {
     /// confidence, the forces where they are known.
     #[arg(short, long, value_name = "FILE", conflicts_with = "draws")]
     output: Option<PathBuf>,
-    /// Draw the errors (.svg or .png): the presses on the skin, coloured by the error, with a line to each estimate, and the
-    /// cumulative distribution of the error.
+    /// Draw the errors (.svg or .png): the presses on the skin, coloured by the error, with a line to each estimate,
+    /// and the cumulative distribution of the error.
     #[arg(long, value_name = "FILE", conflicts_with = "draws")]
     picture: Option<PathBuf>,
 }

@@ -1,4 +1,5 @@
-//! `dermis calibrate` and what its folder gives: evaluations press by press, their pictures, contacts in a robot's frame.
+//! `dermis calibrate` and what its folder gives: evaluations press by press, their pictures, contacts in a robot's
+//! frame.
 
 mod workplace;
 

@@ -17,7 +17,8 @@ pub(super) const UNLIKE: f64 = 0.5;
 pub(super) const NOISE: f64 = 0.05;
 /// Noise is looked for where the others explain at least this part of the median channel.
 const EXPLAINED: f64 = 0.2;
-/// A noisy channel is dead if its scale is less than this part of what the model says; weak channels may be noise on a sound skin.
+/// A noisy channel is dead if its scale is less than this part of what the model says; weak channels may be noise on a
+/// sound skin.
 const QUIET: f64 = 0.3;
 /// Signs are lost if amplitudes fit the changes better by this factor.
 const LOST_RATIO: f64 = 1.3;
@@ -149,8 +150,8 @@ pub(super) fn late(lag: i32, lags: &[i32], figures: &Figures) -> Option<Finding>
     Some(Finding::new(FindingKind::Late, median(lag), evidence, fix).at_channels(channels).with_lag(lag))
 }
 
-/// Channels of the design that are noise: no other channel explains them at any lag, and their scale is far below what the model
-/// says of them.
+/// Channels of the design that are noise: no other channel explains them at any lag, and their scale is far below what
+/// the model says of them.
 pub(super) fn noise_only(evidence: &LagEvidence, aligned: &[Frame], model: &ModelChannels) -> Vec<usize> {
     let best: Vec<f64> =
         evidence.explained.iter().map(|each| each.iter().copied().fold(f64::NEG_INFINITY, f64::max)).collect();

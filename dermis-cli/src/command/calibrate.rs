@@ -36,8 +36,9 @@ pub struct Arguments {
     difference: bool,
     #[command(flatten)]
     currents: CurrentArguments,
-    /// Measured presses, one per frame and in the order of recording: with a header (frame,x_m,y_m on a flat skin, frame,z_m,theta_rad on a
-    /// cylinder; optionally force_n), or x,y,z (m; optionally the force, N) without a header in the frame of reference of the robot that pressed.
+    /// Measured presses, one per frame and in the order of recording: with a header (frame,x_m,y_m on a flat skin,
+    /// frame,z_m,theta_rad on a cylinder; optionally force_n), or x,y,z (m; optionally the force, N) without a header
+    /// in the frame of reference of the robot that pressed.
     #[arg(long, value_name = "FILE", required_unless_present = "live")]
     truth: Option<PathBuf>,
     /// Rows of the presses to calibrate with, as in 0..500 (row 500 not included) [default: all].
@@ -47,11 +48,12 @@ pub struct Arguments {
     #[arg(long)]
     unlabelled: bool,
     /// What to calibrate: forward-map learns the skin from the presses alone; the name or folder of a method (best,
-    /// noser) corrects the positions and forces of that method. Corrections need positions on the skin [default: whichever
-    /// locates the labels better, of the forward map and the default method of the skin]
+    /// noser) corrects the positions and forces of that method. Corrections need positions on the skin [default:
+    /// whichever locates the labels better, of the forward map and the default method of the skin]
     #[arg(long, value_name = "METHOD")]
     method: Option<String>,
-    /// Name the N positions whose presses would help a forward map most, and print its error against the number of labels.
+    /// Name the N positions whose presses would help a forward map most, and print its error against the number of
+    /// labels.
     #[arg(long, value_name = "N", conflicts_with = "live", value_parser = clap::value_parser!(u64).range(1..=1000))]
     suggest: Option<u64>,
     /// Folder to write: the method for --method.

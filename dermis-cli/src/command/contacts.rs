@@ -33,8 +33,8 @@ pub struct Arguments {
     /// calibration.
     #[arg(long, value_enum, default_value_t = Coordinates::Skin)]
     coordinates: Coordinates,
-    /// File to write: a table with a row per contact (.csv; theta_rad on cylinders alone, conductance with --both-signs), or a line of JSON per frame
-    /// (.jsonl).
+    /// File to write: a table with a row per contact (.csv; theta_rad on cylinders alone, conductance with
+    /// --both-signs), or a line of JSON per frame (.jsonl).
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 }

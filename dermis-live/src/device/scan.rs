@@ -69,8 +69,8 @@ impl ScanTable {
         })
     }
 
-    /// The table as CSV with the columns [`SCAN_COLUMNS`]; readings of the reference resistor have no measure pair and no
-    /// channel. A design reads it as its protocol (`pattern.table`).
+    /// The table as CSV with the columns [`SCAN_COLUMNS`]; readings of the reference resistor have no measure pair and
+    /// no channel. A design reads it as its protocol (`pattern.table`).
     pub fn to_csv(&self) -> String {
         let mut text = SCAN_COLUMNS.join(",") + "\n";
         for (index, (slot, role)) in self.slots.iter().zip(&self.roles).enumerate() {

@@ -88,8 +88,8 @@ impl std::fmt::Debug for Live {
 }
 
 impl Live {
-    /// Connects to the device and begins to read it; standard input is read from [`begin_playback`](Self::begin_playback)
-    /// on. At the end of the input all mailboxes are closed.
+    /// Connects to the device and begins to read it; standard input is read from
+    /// [`begin_playback`](Self::begin_playback) on. At the end of the input all mailboxes are closed.
     ///
     /// # Errors
     /// A device that cannot be reached or is refused; settings out of their ranges.
