@@ -102,7 +102,7 @@ pub fn training(data: &Path, few: &Path, folder: &Path) -> Result<(), Box<dyn Er
             // The first step is not timed.
             let epoch_samples = Some((count + 1) * method.options.batch);
             let options = TrainOptions { epoch_samples, ..method.options.clone() };
-            let mut trainer = Trainer::new(&method.plan, method.input.clone(), &options, &training, &test)?;
+            let mut trainer = Trainer::new(&method.architecture, method.input.clone(), &options, &training, &test)?;
             let mut ends = Vec::new();
             trainer.epoch(|_| ends.push(Instant::now()))?;
             Ok(ends.windows(2).map(|pair| (pair[1] - pair[0]).as_secs_f64()).collect())
@@ -118,11 +118,11 @@ fn write_start(skin: &Skin, few: &Path, folder: &Path) -> Result<(), Box<dyn Err
     let datasets = [Dataset::open(few)?];
     let (training, test) =
         (skin.samples(&method, &datasets, Part::Training)?, skin.samples(&method, &datasets, Part::Test)?);
-    let (batch, inputs, outputs) = (method.options.batch, method.plan.inputs(), method.plan.outputs());
+    let (batch, inputs, outputs) = (method.options.batch, method.architecture.inputs(), method.architecture.outputs());
     if training.source().len() != batch {
         return Err(format!("{} samples to train on, but one batch is {batch}", training.source().len()).into());
     }
-    let mut trainer = Trainer::new(&method.plan, method.input.clone(), &method.options, &training, &test)?;
+    let mut trainer = Trainer::new(&method.architecture, method.input.clone(), &method.options, &training, &test)?;
     // Targets are learned in units of their standard deviation; the other program gets the same values.
     let scale = trainer.target_scale();
     let (mut given, mut wanted) = (vec![0.0; batch * inputs], vec![0.0; batch * outputs]);
@@ -190,7 +190,7 @@ pub fn inference(data: &Path, folder: &Path) -> Result<(), Box<dyn Error>> {
 fn trained(skin: &Skin, method: &TrainingPreset, datasets: &[Dataset]) -> Result<Model, Box<dyn Error>> {
     let (training, test) =
         (skin.samples(method, datasets, Part::Training)?, skin.samples(method, datasets, Part::Test)?);
-    let mut trainer = Trainer::new(&method.plan, method.input.clone(), &method.options, &training, &test)?;
+    let mut trainer = Trainer::new(&method.architecture, method.input.clone(), &method.options, &training, &test)?;
     for _ in 0..EPOCHS {
         trainer.epoch(|_| ())?;
     }

@@ -69,15 +69,15 @@ pub struct Quality {
 }
 
 impl Calibration {
-    /// Calibrates a skin with frames (differences from the untouched skin) in the order of recording and the labels of some of
-    /// them.
+    /// Calibrates a skin with frames (differences from the untouched skin) in the order of recording and the labels of
+    /// some of them.
     ///
-    /// Frames without a label help to find late channels and, with fewer than 300 labels, to fit the map. The labels are in
-    /// the order of their rows.
+    /// Frames without a label help to find late channels and, with fewer than 300 labels, to fit the map. The labels
+    /// are in the order of their rows.
     ///
     /// # Errors
-    /// Fewer than [`FEWEST_LABELS`] labels or three different positions; labels of frames that do not exist; labels in a
-    /// robot's frame on a skin that is not flat; a fit without a solution.
+    /// Fewer than [`FEWEST_LABELS`] labels or three different positions; labels of frames that do not exist; labels in
+    /// a robot's frame on a skin that is not flat; a fit without a solution.
     pub fn fit(skin: &Skin, frames: &[Frame], labels: &[Label], frame: LabelFrame) -> Result<Self, CalibrateError> {
         let protocol = &skin.design().protocol;
         check(frames, protocol, labels)?;
@@ -172,8 +172,8 @@ impl Calibration {
         UNLIKE * misfit / self.misfit_limit
     }
 
-    /// Locates the presses of frames in the order of recording, one press per frame. Each estimate enters the memory of the
-    /// skin in the next frame. `first_number` is the number of the first press in the recording of the labels.
+    /// Locates the presses of frames in the order of recording, one press per frame. Each estimate enters the memory of
+    /// the skin in the next frame. `first_number` is the number of the first press in the recording of the labels.
     ///
     /// # Errors
     /// Frames of another number of channels.

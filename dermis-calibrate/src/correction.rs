@@ -16,17 +16,18 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Fewest presses that the method must find.
-pub const FEWEST_FOUND: usize = 20;
+pub(crate) const FEWEST_FOUND: usize = 20;
 /// A contact further from the label is not that press, m.
 const GATE_M: f64 = dermis::detect::GATE_M;
 /// Typical length over which errors of a method vary, as a part of the size of the skin.
 const LENGTH_PART: f64 = 0.1;
 
-/// What measured presses state of the contacts of another method (a network, or a linear one): a shift of the position that
-/// varies over the skin, the force as a function of the strength, the frame and the position, and the deviations of both.
+/// What measured presses state of the contacts of another method (a network, or a linear one): a shift of the position
+/// that varies over the skin, the force as a function of the strength, the frame and the position, and the deviations
+/// of both.
 ///
-/// Each is a Gaussian process over the estimated position. The method keeps what it does best: several contacts at once, and
-/// its rate.
+/// Each is a Gaussian process over the estimated position. The method keeps what it does best: several contacts at
+/// once, and its rate.
 ///
 /// ```
 /// use dermis::frame::Frame;
@@ -47,7 +48,8 @@ const LENGTH_PART: f64 = 0.1;
 pub struct Correction {
     /// Name of the corrected method.
     pub(crate) method: String,
-    /// Shift along the two directions of the [chart](Surface::chart), m; `None` where no shift lowers the cross-validated error.
+    /// Shift along the two directions of the [chart](Surface::chart), m; `None` where no shift lowers the
+    /// cross-validated error.
     shift_m: Option<[GaussianProcess; 2]>,
     /// Standard deviation of a position over the stated one.
     sd_factor: f64,
@@ -93,11 +95,11 @@ struct Found {
 }
 
 impl Correction {
-    /// Fits the correction of a method to labelled frames (differences from the untouched skin). The labels are in the skin's own
-    /// coordinates; `detector` is that of the method.
+    /// Fits the correction of a method to labelled frames (differences from the untouched skin). The labels are in the
+    /// skin's own coordinates; `detector` is that of the method.
     ///
     /// # Errors
-    /// Fewer than [`FEWEST_FOUND`] labels that the method finds; a method that fails on a frame.
+    /// Fewer than 20 labels that the method finds; a method that fails on a frame.
     pub fn fit(
         pixels: &PixelSpace,
         method: &Method,

@@ -1,5 +1,6 @@
 //! Errors of calibrations.
 
+use dermis::text::counted;
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -8,7 +9,9 @@ use thiserror::Error;
 pub enum CalibrateError {
     /// Fewer labelled presses than a fit needs.
     #[error(
-        "{given} labelled presses at {places} different positions: at least {needed} presses at 3 positions are needed"
+        "{} at {}: at least {needed} presses at 3 positions are needed",
+        counted(*given, "labelled press"),
+        counted(*places, "different position")
     )]
     TooFewLabels {
         /// Labelled presses.
@@ -20,7 +23,8 @@ pub enum CalibrateError {
     },
     /// A correction of a method that does not find the labelled presses.
     #[error(
-        "{method} finds {found} of {labels} labelled presses within 20 mm: a correction needs {}",
+        "{method} finds {found} of {} within 20 mm: a correction needs {}",
+        counted(*labels, "labelled press"),
         crate::correction::FEWEST_FOUND
     )]
     TooFewFound {
@@ -35,7 +39,10 @@ pub enum CalibrateError {
     #[error("{0}")]
     Label(String),
     /// Frames of another number of channels than the calibration's.
-    #[error("the frames have {got} channels, but the calibration has {expected}: it was made with another protocol")]
+    #[error(
+        "the frames have {}, but the calibration has {expected}: it was made with another protocol",
+        counted(*got, "channel")
+    )]
     Channels {
         /// Channels of the frames.
         got: usize,

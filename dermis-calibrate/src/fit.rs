@@ -35,8 +35,8 @@ const AMPLITUDE_ROUNDS: usize = 3;
 /// Parts of the labels for cross-validation.
 const FOLDS: usize = 5;
 
-/// Fits a locator to labelled rows, in units of the channels, and validates it. Where the labels have forces, the law of the
-/// amplitudes is fitted first, and the map to changes of one amplitude.
+/// Fits a locator to labelled rows, in units of the channels, and validates it. Where the labels have forces, the law
+/// of the amplitudes is fitted first, and the map to changes of one amplitude.
 pub(crate) fn fit_locator(
     measured: &[Vec<f64>],
     labels: &[Label],
@@ -113,8 +113,8 @@ struct Fit<'a> {
 }
 
 impl<'a> Fit<'a> {
-    /// Trains on labels, and on unlabelled frames where there are few labels. The frames in `held_out`, ascending, are not
-    /// used.
+    /// Trains on labels, and on unlabelled frames where there are few labels. The frames in `held_out`, ascending, are
+    /// not used.
     fn train(
         mut self,
         first: Option<Hyperparameters>,
@@ -210,8 +210,8 @@ impl<'a> Fit<'a> {
         rows
     }
 
-    /// Locates each label by a map that has not seen it, sets the temperature of the locator so that regions hold, and the
-    /// deviation of its forces.
+    /// Locates each label by a map that has not seen it, sets the temperature of the locator so that regions hold, and
+    /// the deviation of its forces.
     fn cross_validate(
         &self,
         hyperparameters: &Hyperparameters,

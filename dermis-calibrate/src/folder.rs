@@ -13,6 +13,7 @@ use crate::strength::Strength;
 use crate::units::ChannelUnits;
 use dermis::design::SkinDesign;
 use dermis::frame::{TableError, read_array, write_array, write_whole};
+use dermis::text::counted;
 use faer::Mat;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -274,7 +275,7 @@ impl Calibration {
 fn read_columns(path: &Path, columns: usize) -> Result<Vec<f64>, CalibrateError> {
     let (values, got) = read_matrix(path)?;
     if got != columns {
-        let message = format!("it has {got} columns, but it must have {columns}");
+        let message = format!("it has {}, but it must have {columns}", counted(got, "column"));
         return Err(CalibrateError::File { path: path.to_path_buf(), message });
     }
     Ok(values)

@@ -51,8 +51,8 @@ impl Samples {
         Extent::of(&self.inputs.iter().map(|input| input.position_m).collect::<Vec<_>>())
     }
 
-    /// The variance of the noise of each press: 1, and what the uncertainty of its position adds. The slope of a Matern 5/2
-    /// process has the variance `5/3 variance / length^2` per axis.
+    /// The variance of the noise of each press: 1, and what the uncertainty of its position adds. The slope of a Matern
+    /// 5/2 process has the variance `5/3 variance / length^2` per axis.
     fn noise(&self, covariance: &Covariance) -> Vec<f64> {
         let slope = 5.0 / 3.0 * covariance.position_variance / covariance.position_length_m.powi(2);
         self.position_variance_m2.iter().map(|variance| 1.0 + 2.0 * slope * variance).collect()
@@ -70,8 +70,8 @@ pub(crate) struct Hyperparameters {
 }
 
 impl Hyperparameters {
-    /// Estimates them by maximum marginal likelihood (Rasmussen and Williams 2006, Eq. 5.8; the scale of each channel is
-    /// profiled): first from all channels, then from the whitened components with the most signal.
+    /// Estimates them by maximum marginal likelihood (Rasmussen and Williams 2006, Eq. 5.8; the scale of each channel
+    /// is profiled): first from all channels, then from the whitened components with the most signal.
     pub(crate) fn estimate(samples: &Samples) -> Result<Self, CalibrateError> {
         let extent = samples.extent();
         let part = samples.select(&spread_over(samples.len(), MOST_FOR_HYPERPARAMETERS));
@@ -143,8 +143,8 @@ impl ForwardMap {
         self.mean.len()
     }
 
-    /// The part of the response that depends on the position, at some positions (positions x channels), and its factors of
-    /// the position before, one table for each axis along which presses vary.
+    /// The part of the response that depends on the position, at some positions (positions x channels), and its factors
+    /// of the position before, one table for each axis along which presses vary.
     pub(crate) fn responses(&self, positions_m: &[Point3]) -> (Vec<f64>, Vec<(usize, Vec<f64>)>) {
         let kernel = |of: &(dyn Fn(Point3, &PressInput) -> f64 + Sync)| {
             let rows: Vec<Vec<f64>> = positions_m
@@ -188,8 +188,8 @@ impl ForwardMap {
         sum
     }
 
-    /// The variance of the response at some positions beside that of the noise, which is 1: that of the part of the position
-    /// alone.
+    /// The variance of the response at some positions beside that of the noise, which is 1: that of the part of the
+    /// position alone.
     pub(crate) fn variances(&self, positions_m: &[Point3], factor: &Llt<f64>) -> Vec<f64> {
         const BLOCK: usize = 512;
         let block = |positions_m: &[Point3]| {

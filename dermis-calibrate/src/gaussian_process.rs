@@ -25,8 +25,8 @@ pub(crate) struct Input {
     pub features: Vec<f64>,
 }
 
-/// A Gaussian process (Rasmussen and Williams 2006, Eq. 2.23 and 2.39): a constant, a linear function of the standardised
-/// features, a smooth function of the position (Matern 5/2), and noise.
+/// A Gaussian process (Rasmussen and Williams 2006, Eq. 2.23 and 2.39): a constant, a linear function of the
+/// standardised features, a smooth function of the position (Matern 5/2), and noise.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct GaussianProcess {
     inputs: Vec<Input>,
@@ -71,8 +71,8 @@ impl Hyperparameters {
 
 impl GaussianProcess {
     /// Fits the values at some inputs; hyperparameters maximise the marginal likelihood, with log-normal priors about
-    /// `length_m` and variances like that of the noise. Returns the process and the leave-one-out residual of each sample
-    /// (Rasmussen and Williams 2006, Eq. 5.12).
+    /// `length_m` and variances like that of the noise. Returns the process and the leave-one-out residual of each
+    /// sample (Rasmussen and Williams 2006, Eq. 5.12).
     ///
     /// # Errors
     /// Samples with a singular covariance.

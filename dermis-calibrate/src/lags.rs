@@ -19,12 +19,12 @@ const FEWEST_ROWS: usize = 60;
 /// A channel is late if the part of its variance that a lag leaves unexplained is smaller than that of lag 0 by this
 /// factor.
 const RATIO: f64 = 0.9;
-/// A channel of which no lag explains more than this part of the variance, and this many standard deviations of what chance
-/// explains, `1 / sqrt(rows)`, follows the others of its drive.
+/// A channel of which no lag explains more than this part of the variance, and this many standard deviations of what
+/// chance explains, `1 / sqrt(rows)`, follows the others of its drive.
 const WEAK: (f64, f64) = (0.05, 2.0);
 
-/// A channel that has a lag of its own, with fewer than two others of its drive, must be explained by this part at that lag, which
-/// leaves unexplained at most this part of what lag 0 leaves: presses next to each other look alike, too.
+/// A channel that has a lag of its own, with fewer than two others of its drive, must be explained by this part at that
+/// lag, which leaves unexplained at most this part of what lag 0 leaves: presses next to each other look alike, too.
 const ALONE: (f64, f64) = (0.3, 0.75);
 
 /// How well the other channels of each row predict one channel.
@@ -50,15 +50,15 @@ pub(crate) struct LagEvidence {
 /// The lags that are looked for.
 pub(crate) const LAGS: std::ops::RangeInclusive<i32> = -MOST_LAG..=MOST_LAG;
 
-/// The number of rows by which each channel is late: its value for row `i` is found in row `i + lag`. All zero where there
-/// are too few rows. See [`lag_evidence`].
+/// The number of rows by which each channel is late: its value for row `i` is found in row `i + lag`. All zero where
+/// there are too few rows. See [`lag_evidence`].
 pub(crate) fn channel_lags(values: &[Vec<f64>], protocol: &Protocol) -> Vec<i32> {
     lag_evidence(values, protocol).lags
 }
 
 /// Predicts each channel from the leading components of the channels of all other drives, of rows shifted by -3 to 3,
-/// with a ridge regression on every other tenth of the rows that is tested on the others (cross-validation). The presses must be
-/// in the order of recording. `values` are in units of the channels, rows x channels.
+/// with a ridge regression on every other tenth of the rows that is tested on the others (cross-validation). The
+/// presses must be in the order of recording. `values` are in units of the channels, rows x channels.
 pub(crate) fn lag_evidence(values: &[Vec<f64>], protocol: &Protocol) -> LagEvidence {
     let channels = protocol.channel_count();
     if values.len() < FEWEST_ROWS {
@@ -125,7 +125,8 @@ impl Evidence {
     }
 }
 
-/// The lags of the channels of one drive: those of which no lag explains the part `weak` follow the majority of the others.
+/// The lags of the channels of one drive: those of which no lag explains the part `weak` follow the majority of the
+/// others.
 fn decide(evidence: &[Evidence], weak: f64) -> Vec<i32> {
     let is_strong = |one: &Evidence| one.best > weak;
     let own: Vec<i32> = evidence.iter().map(|one| if is_strong(one) { one.own_lag(RATIO) } else { 0 }).collect();
@@ -164,7 +165,8 @@ fn components(values: &[Vec<f64>], covariance: &Mat<f64>, without: &[usize]) -> 
     own * Mat::from_fn(count, leading, |i, j| eigen.U()[(i, count - 1 - j)])
 }
 
-/// The part of the variance of each of some channels that the components of the row `lag` rows before it explain. Alternating
+/// The part of the variance of each of some channels that the components of the row `lag` rows before it explain.
+/// Alternating
 /// [`BLOCKS`] of the rows are fitted and tested: both halves of a raster of presses are all over the skin.
 fn explained(values: &[Vec<f64>], components: &Mat<f64>, channels: &[usize], lag: i32) -> Vec<f64> {
     let rows = values.len() as i32;

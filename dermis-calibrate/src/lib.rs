@@ -2,8 +2,8 @@
 //!
 //! A few presses at known positions (labels) determine a forward map from positions to the values of all channels, a
 //! Gaussian process; a frame is then located by the likelihood of the map over the skin. The map includes what a press
-//! leaves behind for the next one (viscoelastic skins) and slow drift. No model of the skin is needed, and no network is
-//! trained: a fit takes seconds.
+//! leaves behind for the next one (viscoelastic skins) and slow drift. No model of the skin is needed, and no network
+//! is trained: a fit takes seconds.
 
 #![warn(unreachable_pub)]
 
@@ -35,9 +35,9 @@ mod touches;
 mod units;
 
 pub use calibration::{Calibration, FEWEST_LABELS, Label, LabelFrame, Quality};
-pub use correction::{Correction, CorrectionQuality, FEWEST_FOUND};
+pub use correction::{Correction, CorrectionQuality};
 pub use error::CalibrateError;
-pub use located::{Located, REGION_SHARE};
+pub use located::Located;
 pub use method::Calibrations;
 pub use places::Places;
 pub use pose::Pose;
@@ -45,4 +45,3 @@ pub use region::Region;
 pub use session::{Session, SessionFit};
 pub use strength::UnusedForces;
 pub use suggest::{LearningPoint, expected_error_m, learning_curve};
-pub use units::ChannelUnits;

@@ -11,7 +11,8 @@ use crate::units::Change;
 use dermis::geom::Point3;
 use faer::Mat;
 
-/// What a locator knows before any label: where presses can be, the frame without one, and how responses grow with the force.
+/// What a locator knows before any label: where presses can be, the frame without one, and how responses grow with the
+/// force.
 #[derive(Debug, Clone)]
 pub(crate) struct Setup {
     pub region: Region,
@@ -146,8 +147,8 @@ impl Locator {
         self.white.history(&PressInput { previous_m: previous_m.unwrap_or(at_centre.previous_m), ..at_centre })
     }
 
-    /// The posterior of the position of a press. Where responses depend on the force, that of the amplitude which is most
-    /// likely.
+    /// The posterior of the position of a press. Where responses depend on the force, that of the amplitude which is
+    /// most likely.
     pub(crate) fn posterior(&self, values: &[f64], previous_m: Option<Point3>, number: f64) -> Posterior<'_> {
         let history = self.history(previous_m, number);
         let relative = self.map.extent.relative(previous_m.unwrap_or(self.map.extent.centre_m));
@@ -159,7 +160,8 @@ impl Locator {
         let change = Change::of(values, &self.setup.untouched);
         let at = |amplitude: f64| of(&change.amplified(1.0 / amplitude).collect::<Vec<f64>>(), amplitude);
         let components = self.component_count() as f64;
-        // The noise is that of the scaled frame: the density of the measured one is divided by the factor of each component.
+        // The noise is that of the scaled frame: the density of the measured one is divided by the factor of each
+        // component.
         let log_evidence = |amplitude: f64| at(amplitude).log_evidence() - components * amplitude.ln();
         at(strength.most_likely_amplitude(log_evidence))
     }

@@ -4,7 +4,7 @@ use dermis::geom::Point3;
 use dermis::geom::vector::{cross, dot, normalize, sub};
 
 /// Share of the regions that contain the true position.
-pub const REGION_SHARE: f64 = 0.95;
+pub(crate) const REGION_SHARE: f64 = 0.95;
 /// Standard deviation below which a posterior is not resolved, m.
 const SMALLEST_SD_M: f64 = 1e-5;
 
@@ -19,8 +19,8 @@ pub struct Located {
     pub confidence: f64,
     /// Outward or inward unit normal of the skin there.
     pub normal: Point3,
-    /// Mean square of the whitened residuals in their standard deviations at the most likely position: about 1 for a press like
-    /// the labelled ones.
+    /// Mean square of the whitened residuals in their standard deviations at the most likely position: about 1 for a
+    /// press like the labelled ones.
     pub misfit: f64,
     /// The factor of its change of the frame over that of a labelled press.
     pub(crate) amplitude: f64,

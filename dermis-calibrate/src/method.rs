@@ -163,8 +163,8 @@ impl CalibratedMethod {
         CalibratedMethod { calibration, superposition, pixels, nodes, last: Mutex::new(None) }
     }
 
-    /// The frame's single press, and its touches: none where one of them is no better than the untouched frame, several where
-    /// no single press explains the frame.
+    /// The frame's single press, and its touches: none where one of them is no better than the untouched frame, several
+    /// where no single press explains the frame.
     fn touches(&self, difference: &[f64]) -> (Located, Vec<(Located, Posterior<'_>)>) {
         let Calibration { locator, .. } = &self.calibration;
         let values = self.calibration.single(difference);

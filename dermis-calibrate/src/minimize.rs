@@ -11,8 +11,8 @@ const HALVINGS: usize = 12;
 /// Longest step, in the variables.
 const LONGEST: f64 = 2.0;
 
-/// Minimises a function by the method of Broyden, Fletcher, Goldfarb and Shanno with difference quotients (Nocedal and Wright
-/// 2006, Alg. 6.1) from `start`, in at most `iterations` steps. Returns the best point.
+/// Minimises a function by the method of Broyden, Fletcher, Goldfarb and Shanno with difference quotients (Nocedal and
+/// Wright 2006, Alg. 6.1) from `start`, in at most `iterations` steps. Returns the best point.
 ///
 /// The value may be infinite where the function is not defined. The quotients are evaluated in parallel.
 pub(crate) fn minimize(start: &[f64], iterations: usize, function: impl Fn(&[f64]) -> f64 + Sync) -> Vec<f64> {

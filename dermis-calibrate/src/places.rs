@@ -31,8 +31,8 @@ pub struct Places {
 }
 
 impl Places {
-    /// Evenly spread places: each is the centre of the pixel farthest from those before it and from the edge of the skin,
-    /// whose distance counts twice (Gonzalez 1985, DOI 10.1016/0304-3975(85)90224-5). At most one for each pixel.
+    /// Evenly spread places: each is the centre of the pixel farthest from those before it and from the edge of the
+    /// skin, whose distance counts twice (Gonzalez 1985, DOI 10.1016/0304-3975(85)90224-5). At most one for each pixel.
     pub fn spread(skin: &Skin, count: usize) -> Self {
         let pixels = skin.pixels();
         let edge = edge_nodes(skin.mesh());

@@ -17,7 +17,8 @@ const RANGE: f64 = 0.4;
 /// Steps of position of the coarse search on each side.
 const COARSE: i32 = 4;
 
-/// A rigid transformation of a flat skin: `p = centre + R(rotation) M s`, where M mirrors y if the skin is seen mirrored.
+/// A rigid transformation of a flat skin: `p = centre + R(rotation) M s`, where M mirrors y if the skin is seen
+/// mirrored.
 ///
 /// ```
 /// use dermis_calibrate::Pose;
@@ -45,8 +46,8 @@ impl Pose {
         [self.centre_m[0] + cos * x - sin * y, self.centre_m[1] + sin * x + cos * y, self.centre_m[2] + position_m[2]]
     }
 
-    /// A direction on the skin, such as a normal, in the robot's frame. On a mirrored skin only y is reversed: the normal of a flat
-    /// skin points to the robot's +z, from where it is pressed.
+    /// A direction on the skin, such as a normal, in the robot's frame. On a mirrored skin only y is reversed: the
+    /// normal of a flat skin points to the robot's +z, from where it is pressed.
     pub fn direction_to_robot(&self, direction: Point3) -> Point3 {
         sub(self.to_robot(direction), self.centre_m)
     }
@@ -59,9 +60,9 @@ impl Pose {
         [x, if self.mirrored { -y } else { y }, z]
     }
 
-    /// The pose in which the changes of the labelled frames correlate most with those that the model of the skin predicts for a
-    /// touch at the same position, with the correlation. `values` are the frames of the labels in units of the
-    /// channels, `origin_m` is a first estimate of the position of the centre of the skin.
+    /// The pose in which the changes of the labelled frames correlate most with those that the model of the skin
+    /// predicts for a touch at the same position, with the correlation. `values` are the frames of the labels in units
+    /// of the channels, `origin_m` is a first estimate of the position of the centre of the skin.
     ///
     /// # Errors
     /// A model that cannot be linearised.

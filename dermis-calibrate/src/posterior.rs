@@ -39,8 +39,8 @@ struct Candidate {
 }
 
 impl<'a> Posterior<'a> {
-    /// The posterior of a touch of an amplitude, from its whitened residuals at the nodes of the locator's region, their
-    /// squares, and that of the difference from the untouched frame.
+    /// The posterior of a touch of an amplitude, from its whitened residuals at the nodes of the locator's region,
+    /// their squares, and that of the difference from the untouched frame.
     pub(crate) fn new(
         locator: &'a Locator,
         amplitude: f64,

@@ -84,8 +84,8 @@ impl Region {
         Ok(Region { nodes: mesh.nodes.clone(), triangles: triangles.clone() }.without_unused_nodes())
     }
 
-    /// The part of the plane that a flat skin may cover in a robot's frame, in which its pose is not known: the disks of the
-    /// skin's size that contain all labels.
+    /// The part of the plane that a flat skin may cover in a robot's frame, in which its pose is not known: the disks
+    /// of the skin's size that contain all labels.
     pub(crate) fn around_labels(skin: &Skin, labels: &[Label]) -> Result<Self, CalibrateError> {
         let radius_m = match skin.design().body {
             Body::Disk { diameter_m } => 0.5 * diameter_m,

@@ -13,8 +13,9 @@ pub(crate) struct Regression {
 }
 
 impl Regression {
-    /// The least squares fit of targets (rows x targets) by inputs (rows x inputs) with a ridge of `ridge` times the number
-    /// of rows (Hoerl and Kennard 1970, DOI 10.1080/00401706.1970.10488634). `None` where the equations are singular.
+    /// The least squares fit of targets (rows x targets) by inputs (rows x inputs) with a ridge of `ridge` times the
+    /// number of rows (Hoerl and Kennard 1970, DOI 10.1080/00401706.1970.10488634). `None` where the equations are
+    /// singular.
     pub(crate) fn fit(input: &Mat<f64>, target: &Mat<f64>, ridge: f64) -> Option<Self> {
         let rows = input.nrows() as f64;
         let means = |matrix: &Mat<f64>| -> Vec<f64> {

@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 /// Ridge of the regression that completes frames, as a part of the number of frames.
 const RIDGE: f64 = 0.05;
 
-/// Moves late channels to their rows. The rows at the ends lack some channels afterwards; their values are predicted from the
-/// other channels.
+/// Moves late channels to their rows. The rows at the ends lack some channels afterwards; their values are predicted
+/// from the other channels.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Realignment {
     /// Rows by which each channel is late.

@@ -294,7 +294,7 @@ mod tests {
         let frames = std::fs::read_to_string(folder.path().join(FRAMES)).unwrap();
         std::fs::write(folder.path().join(FRAMES), frames.lines().next().unwrap()).unwrap();
         let error = Session::open(&skin, folder.path(), Places::spread(&skin, 3)).unwrap_err().to_string();
-        assert!(error.contains("frame 1, but there are 1 frames"), "{error}");
+        assert!(error.contains("frame 1 does not exist: the frames are 0 to 0"), "{error}");
         let other = Skin::load("cylinder30").unwrap();
         let error = Session::open(&other, folder.path(), Places::spread(&other, 3)).unwrap_err().to_string();
         assert!(error.contains("frames.csv") && error.contains("values"), "{error}");

@@ -2,9 +2,9 @@
 
 use faer::Mat;
 
-/// The covariance of residuals (samples x channels, mean zero) with its correlations shrunk towards zero by the factor of
-/// least expected error (Ledoit and Wolf 2004, DOI 10.1016/S0047-259X(03)00096-4; for correlations Schaefer and Strimmer
-/// 2005, DOI 10.2202/1544-6115.1175).
+/// The covariance of residuals (samples x channels, mean zero) with its correlations shrunk towards zero by the factor
+/// of least expected error (Ledoit and Wolf 2004, DOI 10.1016/S0047-259X(03)00096-4; for correlations Schaefer and
+/// Strimmer 2005, DOI 10.2202/1544-6115.1175).
 pub(crate) fn shrunk_covariance(residuals: &Mat<f64>) -> Mat<f64> {
     let (samples, channels) = (residuals.nrows(), residuals.ncols());
     let count = samples as f64;

@@ -14,14 +14,15 @@ const LEAST_LOG_SD: f64 = 0.05;
 /// Smallest exponent that is used, and smallest in its standard errors.
 const LEAST_EXPONENT: f64 = 0.05;
 const LEAST_SIGNIFICANCE: f64 = 4.0;
-/// Fewest labels whose amplitudes are compared without forces, and the smallest standard deviation of their logarithms above which
-/// presses count as unequal. Presses of equal depth on two real membranes have 0.03 to 0.13, from 50 labels on.
+/// Fewest labels whose amplitudes are compared without forces, and the smallest standard deviation of their logarithms
+/// above which presses count as unequal. Presses of equal depth on two real membranes have 0.03 to 0.13, from 50 labels
+/// on.
 const FEWEST_AMPLITUDES: usize = 50;
 const LEAST_AMPLITUDE_LOG_SD: f64 = 0.25;
 /// The standard deviation of a normal distribution over the distance of its quartiles.
 const SD_PER_QUARTILES: f64 = 0.741_3;
-/// Amplitudes that are tried, in standard deviations from the mean: this far on both sides, in these steps; then about the
-/// best in steps that are smaller by a factor.
+/// Amplitudes that are tried, in standard deviations from the mean: this far on both sides, in these steps; then about
+/// the best in steps that are smaller by a factor.
 const WIDTH: f64 = 3.0;
 const STEPS: i32 = 5;
 const FINER: i32 = 4;
@@ -69,8 +70,8 @@ pub(crate) struct ForceLaw {
 }
 
 impl Strength {
-    /// The strengths of labelled presses from their forces, or without forces from their amplitudes alone; `None` where all
-    /// count as equally strong.
+    /// The strengths of labelled presses from their forces, or without forces from their amplitudes alone; `None` where
+    /// all count as equally strong.
     pub(crate) fn fit(labels: &[Label], amplitudes: &[f64]) -> Option<Self> {
         if let Ok(law) = ForceLaw::fit(labels, amplitudes) {
             let logs: Vec<f64> = labels.iter().map(|label| law.amplitude(label.force_n).ln()).collect();
@@ -198,8 +199,8 @@ pub(crate) fn vertex(before: f64, here: f64, after: f64) -> f64 {
     if curvature < 0.0 { (0.5 * (before - after) / curvature).clamp(-0.5, 0.5) } else { 0.0 }
 }
 
-/// The factor on the change of one frame from the untouched one with which it is nearest to another, all in units of the channels:
-/// between 1/8 and 8.
+/// The factor on the change of one frame from the untouched one with which it is nearest to another, all in units of
+/// the channels: between 1/8 and 8.
 pub(crate) fn amplitude_between(frame: &[f64], other: &[f64], untouched: &[f64]) -> f64 {
     const STEP: f64 = 0.05;
     const MOST: i32 = 41;

@@ -15,8 +15,9 @@ use serde::{Deserialize, Serialize};
 const PARTS: [usize; 2] = [4, 2];
 
 impl Calibration {
-    /// Positions whose presses would reduce the variance of the map most, summed over the pixels of the skin: each is chosen
-    /// given those before it (active learning, Cohn 1996, DOI 10.1016/0893-6080(95)00137-9). In the coordinates of the labels, m.
+    /// Positions whose presses would reduce the variance of the map most, summed over the pixels of the skin: each is
+    /// chosen given those before it (active learning, Cohn 1996, DOI 10.1016/0893-6080(95)00137-9). In the coordinates
+    /// of the labels, m.
     ///
     /// # Errors
     /// Labels with a singular covariance.
@@ -69,8 +70,8 @@ pub struct LearningPoint {
     pub mean_error_m: f64,
 }
 
-/// The error against the number of labels, of a forward map. An entry each for a quarter and a half of the labels (evenly spread;
-/// the others are scored), and one for all of them (cross-validated, as `calibration` states it).
+/// The error against the number of labels, of a forward map. An entry each for a quarter and a half of the labels
+/// (evenly spread; the others are scored), and one for all of them (cross-validated, as `calibration` states it).
 ///
 /// # Errors
 /// As [`Calibration::fit`].
@@ -94,8 +95,8 @@ pub fn learning_curve(
     Ok(curve)
 }
 
-/// The error that twice as many labels would give, m: a power law through the points of a learning curve (least squares of the
-/// logarithms), from the last one on. `None` with fewer than two points.
+/// The error that twice as many labels would give, m: a power law through the points of a learning curve (least squares
+/// of the logarithms), from the last one on. `None` with fewer than two points.
 pub fn expected_error_m(curve: &[LearningPoint]) -> Option<f64> {
     let last = curve.last().filter(|_| curve.len() > 1)?;
     let logs: Vec<(f64, f64)> =

@@ -1,9 +1,9 @@
 //! Several touches at once, by superposition of the calibrated responses of single ones.
 //!
-//! The changes of a frame by touches add up, each multiplied by its amplitude. Touches are added one by one, each where it
-//! explains the frame best, as long as they explain it worse than single presses explain those of the labels and the posterior
-//! density gains enough, and refined in turn: a greedy search, as matching pursuit (Mallat and Zhang 1993, DOI
-//! 10.1109/78.258082).
+//! The changes of a frame by touches add up, each multiplied by its amplitude. Touches are added one by one, each where
+//! it explains the frame best, and refined in turn: a greedy search, as matching pursuit (Mallat and Zhang 1993, DOI
+//! 10.1109/78.258082). It ends when the residual is no larger than those of the labels, or the posterior density gains
+//! too little.
 
 use crate::calibration::Calibration;
 use crate::located::tangents;
@@ -85,7 +85,8 @@ impl Superposition {
         Superposition { untouched, changes, start_nodes, normals: locator.region().node_normals(), near }
     }
 
-    /// The posterior of each touch of a frame, in units of the channels: one, unless further ones explain it much better.
+    /// The posterior of each touch of a frame, in units of the channels: one, unless further ones explain it much
+    /// better.
     pub(crate) fn posteriors<'a>(&self, calibration: &'a Calibration, values: &[f64]) -> Vec<Posterior<'a>> {
         let (target, untouched_square) =
             (calibration.locator.whiten(values), calibration.locator.untouched_square(values));

@@ -8,18 +8,8 @@ const SD_PER_MAD: f64 = 1.4826;
 
 /// The scale of each channel: values become `asinh((value - median) / sd)`, with the robust standard deviation
 /// `1.4826 MAD`. Large values are compressed, so that no channel and no single press dominates.
-///
-/// ```
-/// use dermis_calibrate::ChannelUnits;
-///
-/// let frames = [vec![1.0, 10.0], vec![2.0, 10.0], vec![3.0, 10.0]];
-/// let units = ChannelUnits::of(&frames);
-/// // The second channel is constant: it carries nothing and becomes 0.
-/// assert_eq!(units.apply(&[2.0, 10.0]), [0.0, 0.0]);
-/// assert!(units.apply(&[3.0, 10.0])[0] > 0.0);
-/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct ChannelUnits {
+pub(crate) struct ChannelUnits {
     median: Vec<f64>,
     sd: Vec<f64>,
 }
@@ -29,7 +19,7 @@ impl ChannelUnits {
     ///
     /// # Panics
     /// Without a frame, or with frames of different lengths.
-    pub fn of(frames: &[impl AsRef<[f64]>]) -> Self {
+    pub(crate) fn of(frames: &[impl AsRef<[f64]>]) -> Self {
         let channels = frames[0].as_ref().len();
         let scale = |channel: usize| {
             let mut values: Vec<f64> = frames.iter().map(|frame| frame.as_ref()[channel]).collect();
@@ -42,7 +32,7 @@ impl ChannelUnits {
     }
 
     /// Number of channels.
-    pub fn channel_count(&self) -> usize {
+    pub(crate) fn channel_count(&self) -> usize {
         self.median.len()
     }
 
@@ -70,7 +60,7 @@ impl ChannelUnits {
     ///
     /// # Panics
     /// Where the frame has another number of channels.
-    pub fn apply(&self, frame: &[f64]) -> Vec<f64> {
+    pub(crate) fn apply(&self, frame: &[f64]) -> Vec<f64> {
         assert_eq!(frame.len(), self.channel_count(), "a value for each channel");
         let convert = |((value, median), sd): ((&f64, &f64), &f64)| {
             if *sd > 0.0 { ((value - median) / sd).asinh() } else { 0.0 }
@@ -105,6 +95,14 @@ impl Change {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_constant_channel_becomes_zero() {
+        let frames = [vec![1.0, 10.0], vec![2.0, 10.0], vec![3.0, 10.0]];
+        let units = ChannelUnits::of(&frames);
+        assert_eq!(units.apply(&[2.0, 10.0]), [0.0, 0.0]);
+        assert!(units.apply(&[3.0, 10.0])[0] > 0.0);
+    }
 
     #[test]
     fn an_amplified_frame_is_that_of_the_amplified_difference() {

@@ -1,7 +1,8 @@
 //! Checks of recordings that were corrupted on purpose: late channels, another order, signs, dead channels.
 //!
 //! `cargo test --release -p dermis-calibrate --test corrupted_recordings -- --ignored --nocapture` prints the table of
-//! `docs/check-frames.md`. The corruptions follow from a seed; the method was developed on other seeds than those of the table.
+//! `docs/check-frames.md`. The corruptions follow from a seed; the method was developed on other seeds than those of
+//! the table.
 
 mod recordings;
 
@@ -18,8 +19,8 @@ use std::path::PathBuf;
 /// Recordings for the table, and the first of their seeds.
 const RECORDINGS: u64 = 50;
 const SEED: u64 = 7000;
-/// Channels of the real recordings that are measured while the robot moves: partly late, partly noise. Findings on them alone do
-/// not count.
+/// Channels of the real recordings that are measured while the robot moves: partly late, partly noise. Findings on them
+/// alone do not count.
 const MOVING: usize = 36;
 
 /// A real membrane, realigned; `None` where the recordings are not there.
@@ -200,7 +201,8 @@ fn same_order(checked: &Checked, originals: &[usize]) -> bool {
     apart < 0.02 * size
 }
 
-/// Whether the faults are those of the corruption: the same kind, nothing else, and nine tenths of the channels with their lag.
+/// Whether the faults are those of the corruption: the same kind, nothing else, and nine tenths of the channels with
+/// their lag.
 fn is_right(sound: &Sound, checked: &Checked, expected: &Expected) -> bool {
     let found = judged(checked, sound.first);
     if expected.kind == FindingKind::Order {

@@ -18,8 +18,8 @@ fn skin() -> Skin {
     Skin::load("skin16").unwrap()
 }
 
-/// Presses at random positions of a disk of 70 mm, and the change of each channel: a smooth function of the position that no
-/// model of a skin contains, a part of the press before, and noise.
+/// Presses at random positions of a disk of 70 mm, and the change of each channel: a smooth function of the position
+/// that no model of a skin contains, a part of the press before, and noise.
 fn presses(seed: u64, count: usize) -> (Vec<Frame>, Vec<Label>) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut at = || loop {

@@ -11,6 +11,7 @@ use dermis::geom::Point3;
 use dermis::geom::vector::distance;
 use dermis::skin::Skin;
 use dermis::stats::Summary;
+use dermis::text::counted;
 use dermis_calibrate::{Calibration, Label, LabelFrame, Located, Pose};
 use dermis_sim::evaluate::ForceErrors;
 use serde::Serialize;
@@ -114,8 +115,8 @@ pub struct CalibratedEvaluation {
 }
 
 impl CalibratedEvaluation {
-    /// Locates the presses of a recording and compares some of them with the truth. The recording is the one of the labels, or
-    /// begins as it does: rows have the same numbers.
+    /// Locates the presses of a recording and compares some of them with the truth. The recording is the one of the
+    /// labels, or begins as it does: rows have the same numbers.
     pub fn new(skin: &Skin, folder: &Path, frames: &[Frame], truth: &Path, rows: Option<&Rows>) -> Outcome<Self> {
         let calibration = Calibration::load(folder, skin.design())?;
         let presses = Presses::read(truth, skin, frames.len())?;
@@ -146,12 +147,12 @@ impl CalibratedEvaluation {
         let [mean, sd, median, p95] = [mean, sd, median, p95].map(|value_m| 1e3 * value_m);
         print(&format!(
             "{}: calibration in {}\n  presses             {}\n  localisation        {mean:.2} +- {sd:.2} mm, median {median:.2} mm, 95 % within \
-             {p95:.2} mm\n  95 % regions        {:.1} % contain the true position\n  unlike the labels   {} frames\n{}",
+             {p95:.2} mm\n  95 % regions        {:.1} % contain the true position\n  unlike the labels   {}\n{}",
             skin.design().name,
             folder.display(),
             self.score.presses,
             100.0 * self.score.covered,
-            self.score.unlike,
+            counted(self.score.unlike, "frame"),
             self.score.force.map_or(String::new(), force_line),
         ))
     }

@@ -20,8 +20,8 @@ impl Channels {
         &self.0
     }
 
-    /// Channels from the text of a file: numbers and ranges, separated by commas, semicolons, spaces or lines. A name of
-    /// the column above them and comments after `#` are ignored.
+    /// Channels from the text of a file: numbers and ranges, separated by commas, semicolons, spaces or lines. A name
+    /// of the column above them and comments after `#` are ignored.
     fn of_file(text: &str, path: &Path) -> Result<Self, String> {
         let mut channels = Vec::new();
         for (index, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {

@@ -1,6 +1,7 @@
 //! The findings of a checked recording as a table and as a page with pictures.
 
 use dermis::skin::Skin;
+use dermis::text::{counted, number_of};
 use dermis_calibrate::checks::{Checked, Figures, Finding, Severity};
 use dermis_plot::chart::{Curves, HeatMap};
 use dermis_plot::{Picture, Scale};
@@ -32,8 +33,7 @@ fn numbers(what: &str, numbers: &[usize]) -> Option<String> {
     if ranges.len() > MOST {
         parts.push(format!("... ({} in all)", numbers.len()));
     }
-    let plural = if numbers.len() == 1 { "" } else { "s" };
-    (!numbers.is_empty()).then(|| format!("{what}{plural} {}", parts.join(", ")))
+    (!numbers.is_empty()).then(|| format!("{} {}", number_of(numbers.len(), what), parts.join(", ")))
 }
 
 /// A row for each finding.
@@ -56,7 +56,8 @@ pub fn findings_table(checked: &Checked) -> Table {
 /// The page of a checked recording.
 pub fn page(skin: &Skin, frames: usize, checked: &Checked) -> Report {
     let lead = format!(
-        "{frames} frames of {} channels, compared with each other and with the model of the skin.",
+        "{} of {} channels, compared with each other and with the model of the skin.",
+        counted(frames, "frame"),
         checked.lags.len()
     );
     let mut report = Report::new(&format!("Check of a recording of {}", skin.design().name), &lead);

@@ -25,8 +25,8 @@ pub enum Fitted {
     Correction(Box<Correction>),
 }
 
-/// Fits the forward map, or the correction of a method by its name; without a choice, whichever locates the labels better,
-/// of the forward map and the correction of the skin's default method.
+/// Fits the forward map, or the correction of a method by its name; without a choice, whichever locates the labels
+/// better, of the forward map and the correction of the skin's default method.
 pub fn fit(
     skin: &Skin,
     frames: &[Frame],

@@ -2,7 +2,7 @@
 
 use crate::console::Progress;
 use crate::failure::{Failure, Outcome};
-use clap::Args;
+use clap::{ArgGroup, Args};
 use dermis::fit::model_differences;
 use dermis::frame::{DriveCurrents, Frame, mean, read_frames_without};
 use dermis::image::Image;
@@ -17,13 +17,14 @@ const MODEL: &str = "model";
 
 /// Where frames come from.
 #[derive(Debug, Args)]
+#[command(group = ArgGroup::new("rest").args(["baseline", "difference"]).required(true))]
 pub struct FrameArguments {
     /// Frames, one per row (CSV, NPY or NPZ; ohm).
     #[arg(long, value_name = "FILE")]
     pub frames: PathBuf,
     /// Untouched frames, one per row; their mean is the baseline. From 8 of them on, the noise is measured from their
     /// scatter. `model` is the untouched frame of the design, scaled to the frames: see `dermis fit`.
-    #[arg(long, value_name = "FILE|model", required_unless_present = "difference", conflicts_with = "difference")]
+    #[arg(long, value_name = "FILE|model")]
     pub baseline: Option<PathBuf>,
     /// The frames are differences from the untouched skin.
     #[arg(long)]
@@ -35,8 +36,8 @@ pub struct FrameArguments {
 /// Measured drive currents, of instruments that record voltages.
 #[derive(Debug, Clone, Default, Args)]
 pub struct CurrentArguments {
-    /// Measured currents of the drives (A; CSV, NPY or NPZ), a column per drive in the order of the protocol: one row for all
-    /// frames, or one per frame. The frames are then voltages (V).
+    /// Measured currents of the drives (A; CSV, NPY or NPZ), a column per drive in the order of the protocol: one row
+    /// for all frames, or one per frame. The frames are then voltages (V).
     #[arg(long, value_name = "FILE")]
     currents: Option<PathBuf>,
     /// Currents of the untouched frames [default: the row of --currents, if it has one for all frames].

@@ -11,6 +11,7 @@ use dermis::geom::{Point3, Surface};
 use dermis::method::MethodSet;
 use dermis::pipeline::{Settings, Severity, Timestamp};
 use dermis::skin::Skin;
+use dermis::text::counted;
 use dermis_calibrate::{CalibrateError, Correction, FEWEST_LABELS, Places, Quality, Session};
 use dermis_live::device::DeviceOptions;
 use dermis_live::guide::{Guide, GuideAction, GuideStep, PressCollector, PressEvent};
@@ -360,7 +361,8 @@ impl Guided {
         let error = self.errors.last().map(|(_, error_m)| format!(", mean error {:.2} mm", 1e3 * error_m));
         let (taken, planned) = (self.session.taken(), self.session.taken() + self.session.left());
         format!(
-            "{taken} of {planned} presses, {:.0} % of the skin covered{}",
+            "{taken} of {}, {:.0} % of the skin covered{}",
+            counted(planned, "press"),
             1e2 * self.coverage,
             error.unwrap_or_default()
         )

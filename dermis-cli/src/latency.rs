@@ -5,6 +5,7 @@ use crate::failure::Outcome;
 use dermis::frame::write_whole;
 use dermis::pipeline::Counts;
 use dermis::stats::nearest_quantiles;
+use dermis::text::counted;
 use dermis_live::{LiveFrame, LiveHandle};
 use dermis_plot::chart::Histogram;
 use dermis_study::report::Table;
@@ -63,12 +64,9 @@ impl Latencies {
     pub fn line(&self) -> String {
         let recent = &self.all_ms[self.all_ms.len().saturating_sub(1000)..];
         let [median, p99] = nearest_quantiles(recent, [0.5, 0.99]);
-        let contacts = match self.contacts {
-            1 => "1 contact".to_string(),
-            count => format!("{count} contacts"),
-        };
-        let lost = self.counts.lost + self.shared.skipped();
-        format!("{:.0} frames/s, {contacts}, {median:.2} ms (99 %: {p99:.2} ms), {lost} frames lost", self.rate_hz)
+        let contacts = counted(self.contacts, "contact");
+        let lost = counted(self.counts.lost + self.shared.skipped(), "frame");
+        format!("{:.0} frames/s, {contacts}, {median:.2} ms (99 %: {p99:.2} ms), {lost} lost", self.rate_hz)
     }
 
     /// Prints the final statistics.
@@ -122,7 +120,7 @@ impl Latencies {
         let shown: Vec<f64> = self.all_ms.iter().map(|&ms| f64::from(ms)).filter(|&ms| ms <= 3.0 * p99).collect();
         let marks = vec![(median, format!("median {median:.2} ms")), (p99, format!("99 % within {p99:.2} ms"))];
         let histogram = Histogram {
-            title: &format!("{} frames", self.all_ms.len()),
+            title: &counted(self.all_ms.len(), "frame"),
             label: "from the last byte of a frame to its contacts (ms)",
             values: &shown,
             counted: "frames",

@@ -11,6 +11,7 @@ use dermis::method::{Method, MethodOptions, Methods, is_path};
 use dermis::reconstruct::{Alpha, Difference, FEWEST_UNTOUCHED_FRAMES, Reconstruct};
 use dermis::skin::Skin;
 use dermis::stats::upper_median;
+use dermis::text::counted;
 use dermis_calibrate::Calibration;
 use dermis_learn::Model;
 use dermis_sim::evaluate::{AlignMethod, AlignOptions, PressEstimates, Screen};
@@ -41,8 +42,9 @@ pub struct MethodArguments {
     /// Scaling and weighting of the channels of a linear method.
     #[arg(long, value_enum, default_value_t = Weighting::Plain)]
     weighting: Weighting,
-    /// Weight the channels of noser, laplace, tikhonov or gauss-newton by the inverse of their noise variance: a file of
-    /// standard deviations, a column per channel (CSV, NPY or NPZ; any unit), or `measured` for those of the untouched frames.
+    /// Weight the channels of noser, laplace, tikhonov or gauss-newton by the inverse of their noise variance: a file
+    /// of standard deviations, a column per channel (CSV, NPY or NPZ; any unit), or `measured` for those of the
+    /// untouched frames.
     #[arg(long, value_name = "FILE|measured")]
     channel_noise: Option<PathBuf>,
     #[arg(long, value_name = "CHANNELS|FILE", default_value = "", hide_default_value = true, help = LEAVE_OUT_HELP)]
@@ -81,8 +83,8 @@ impl DetectArguments {
 /// The value of `--channel-noise` for the noise of the untouched frames; a file of that name is `./measured`.
 const MEASURED: &str = "measured";
 
-/// The standard deviation of each channel over differences from their mean; at least a tenth of the median, as few frames may
-/// have nearly equal values.
+/// The standard deviation of each channel over differences from their mean; at least a tenth of the median, as few
+/// frames may have nearly equal values.
 fn channel_sd(untouched: &[Frame]) -> Vec<f64> {
     let variance = |channel: usize| {
         untouched.iter().map(|frame| frame[channel] * frame[channel]).sum::<f64>() / (untouched.len() - 1) as f64
@@ -188,7 +190,7 @@ impl MethodArguments {
                 match &rows[..] {
                     [Frame(values)] => Ok(values.clone()),
                     _ => Err(Failure::given(
-                        format!("{}: {} rows of standard deviations", path.display(), rows.len()),
+                        format!("{}: {} of standard deviations", path.display(), counted(rows.len(), "row")),
                         Some("give one row, with a value for each channel"),
                     )),
                 }

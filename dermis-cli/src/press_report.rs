@@ -8,6 +8,7 @@ use dermis::frame::write_whole;
 use dermis::geom::{Point3, Surface};
 use dermis::skin::Skin;
 use dermis::stats::Summary;
+use dermis::text::counted;
 use dermis_calibrate::Pose;
 use dermis_plot::chart::Cumulative;
 use dermis_plot::{Drawing, Picture, PressError, View};
@@ -22,8 +23,8 @@ pub struct ReportArguments {
     /// confidence, the forces where they are known.
     #[arg(short, long, value_name = "FILE", conflicts_with = "draws")]
     output: Option<PathBuf>,
-    /// Draw the errors (.svg or .png): the presses on the skin, coloured by the error, with a line to each estimate, and the
-    /// cumulative distribution of the error.
+    /// Draw the errors (.svg or .png): the presses on the skin, coloured by the error, with a line to each estimate,
+    /// and the cumulative distribution of the error.
     #[arg(long, value_name = "FILE", conflicts_with = "draws")]
     picture: Option<PathBuf>,
 }
@@ -127,7 +128,7 @@ impl PressReport<'_> {
         let presses: Vec<PressError> = self.presses.iter().map(|press| self.on_skin(press)).collect();
         let scene = Drawing::new(design, self.skin.mesh())
             .errors(&presses)
-            .titled(format!("{}: errors of {total} presses", design.name), self.method);
+            .titled(format!("{}: errors of {}", design.name, counted(total, "press")), self.method);
         let skin = View::Flat.draw(&scene, design).map_err(|error| Failure::Ours(error.to_string()))?;
         let missed = if missed > 0 { format!(", {missed} missed") } else { String::new() };
         let marks = [("median", median), ("95th percentile", p95)].into_iter().filter(|mark| mark.1.is_finite());

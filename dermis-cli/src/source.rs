@@ -16,8 +16,8 @@ use std::sync::Arc;
 #[derive(Debug, Args)]
 pub struct SourceArguments {
     /// Source of frames: `emulate` (a simulated device inside this program), tcp:HOST:PORT, serial:PATH[@BAUD],
-    /// replay:FILE (a recording, at its own rate or --speed times as fast); or rows of values of an existing instrument,
-    /// a frame (ohm) in each line: csv:- (standard input), csv:tcp:HOST:PORT, csv:serial:PATH[@BAUD].
+    /// replay:FILE (a recording, at its own rate or --speed times as fast); or rows of values of an existing
+    /// instrument, a frame (ohm) in each line: csv:- (standard input), csv:tcp:HOST:PORT, csv:serial:PATH[@BAUD].
     #[arg(long, value_name = "SOURCE", default_value = "emulate")]
     source: String,
     /// Frame rate [default: the device's own; rows of values without times: when they come]

@@ -1,4 +1,5 @@
-//! `dermis calibrate` and what its folder gives: evaluations press by press, their pictures, contacts in a robot's frame.
+//! `dermis calibrate` and what its folder gives: evaluations press by press, their pictures, contacts in a robot's
+//! frame.
 
 mod workplace;
 
@@ -134,6 +135,8 @@ fn labels_that_help_are_suggested() {
 fn wrong_options_of_a_calibration_are_named() {
     let at = recorded();
     let calibrate = format!("calibrate {INPUT} --truth touches.csv -o map");
+    let neither = at.refused("calibrate disk.toml --frames frames.csv --truth touches.csv -o map");
+    assert!(neither.contains("--baseline") && neither.contains("--difference"), "{neither}");
     let refused = |arguments: &str| at.refused(&format!("{calibrate} {arguments}"));
     assert!(refused("--suggest 0").contains("--suggest"));
     assert!(refused("--suggest few").contains("--suggest"));

@@ -99,7 +99,8 @@ fn an_order_and_a_unit_are_named_and_calibrate_warns() {
 fn input_that_cannot_be_checked_is_refused() {
     let at = recorded();
     let check = |arguments: &str| at.refused(&format!("check-frames disk.toml {arguments}"));
-    assert!(check("--frames frames.csv").contains("--baseline"));
+    let neither = check("--frames frames.csv");
+    assert!(neither.contains("--baseline") && neither.contains("--difference"), "{neither}");
     at.write("empty.csv", "");
     assert!(check("--frames empty.csv --difference").contains("the file is empty"));
     assert!(check("--frames frames.csv --baseline empty.csv").contains("empty.csv"));

@@ -7,7 +7,8 @@ use workplace::{DISK, Workplace};
 /// Number of channels of the small skin with all pairs but the driven one.
 const VALUES: usize = 8 * 7;
 
-/// A skin whose channels read voltages at driven electrodes too, and untouched frames of the same skin with other values.
+/// A skin whose channels read voltages at driven electrodes too, and untouched frames of the same skin with other
+/// values.
 fn skin() -> Workplace {
     let at = Workplace::empty();
     let design = DISK.replace("adjacent_undriven", "adjacent").replace("ohm = 1000", "ohm = 1000   # guessed");

@@ -76,7 +76,7 @@ fn samples_may_be_streamed_and_ingredients_left_out() {
         at.good(&format!("{train_cylinder} {more} -o {folder}"));
         assert_eq!(card(&folder)["symmetries"], symmetries);
     }
-    at.good(&format!("{train} paper-otherwise -o otherwise"));
+    at.good(&format!("{train} paper-norm-first -o otherwise"));
     assert_eq!(card("otherwise")["plan"]["trunk"].as_array().unwrap().len(), 9);
     assert!(at.refused(&format!("{train} paper --without touches -o no")).contains("--network best"));
 }

@@ -20,8 +20,9 @@ pub struct Card {
     pub name: String,
     /// The skin it was trained for.
     pub skin: SkinRecord,
-    /// The shape of the network.
-    pub plan: Architecture,
+    /// The architecture of the network.
+    #[serde(rename = "plan")]
+    pub architecture: Architecture,
     /// The conversion of a difference to its inputs.
     pub input: Input,
     /// The quantity of its output.

@@ -16,7 +16,8 @@ const KEY: &str = "dermis";
 struct Label {
     format: String,
     options: TrainOptions,
-    plan: crate::network::Architecture,
+    #[serde(rename = "plan")]
+    architecture: crate::network::Architecture,
     input: crate::input::Input,
     steps: u64,
     epochs: Vec<Epoch>,
@@ -38,7 +39,7 @@ pub(crate) fn write(path: &Path, options: &TrainOptions, state: &State) -> Resul
     let label = Label {
         format: FORMAT.into(),
         options: options.clone(),
-        plan: state.network.plan().clone(),
+        architecture: state.network.architecture().clone(),
         input: state.input.clone(),
         steps: state.steps,
         epochs: state.epochs.clone(),
@@ -63,7 +64,9 @@ pub(crate) fn read(path: &Path, options: &TrainOptions, state: &mut State) -> Re
         return Err(LearnError::model(path, format!("no checkpoint of this version; {fix}")));
     };
     // The number of epochs may be increased later.
-    if (TrainOptions { epochs: options.epochs, ..label.options } != *options) || label.plan != *state.network.plan() {
+    if (TrainOptions { epochs: options.epochs, ..label.options } != *options)
+        || label.architecture != *state.network.architecture()
+    {
         return Err(LearnError::model(path, format!("it is of another network or of other options; {fix}")));
     }
     if label.input != state.input {

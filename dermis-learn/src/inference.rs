@@ -44,7 +44,7 @@ impl Inference {
             let packed = refinement.convolutions.iter().map(|one| pack(&one.weight, one.channels)).collect();
             (refinement, packed)
         });
-        let pixels = network.plan().outputs();
+        let pixels = network.architecture().outputs();
         Inference { input: input.clone(), layers, refinement, target, pixels, idle: Mutex::new(Vec::new()) }
     }
 
@@ -67,7 +67,7 @@ impl Inference {
     }
 
     /// The images of many differences, row by row.
-    pub fn images_into(&self, differences: &[f64], images: &mut [f64]) {
+    pub(crate) fn images_into(&self, differences: &[f64], images: &mut [f64]) {
         let count = images.len() / self.pixels;
         let mut values = vec![0.0; count * self.input.len()];
         let rows =
@@ -210,13 +210,13 @@ mod tests {
 
     #[test]
     fn images_are_the_training_network_s_outputs_one_by_one_and_together() {
-        let plans = [
+        let architectures = [
             Architecture::paper(24, 30),
-            Architecture::paper_otherwise(24, 30),
+            Architecture::paper_norm_first(24, 30),
             Architecture::refined(24, [5, 6], true, &[4, 16, 16, 1]),
         ];
-        for plan in plans {
-            let mut network = Network::new(&plan, 5);
+        for architecture in architectures {
+            let mut network = Network::new(&architecture, 5);
             for (at, values) in network.values_mut().into_iter().enumerate() {
                 let more = filled(values.len(), 0.37 + at as f32);
                 values.iter_mut().zip(more).for_each(|(value, more)| *value += 0.1 * more);

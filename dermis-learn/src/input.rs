@@ -138,7 +138,7 @@ impl Input {
 
     /// Normalises by the mean and the standard deviation of some differences. An input that is constant is divided by
     /// the smallest deviation of the others.
-    pub fn normalise(&mut self, differences: &[Vec<f32>]) {
+    pub(crate) fn normalise(&mut self, differences: &[Vec<f32>]) {
         self.mean_ohm.fill(0.0);
         self.sd_ohm.fill(1.0);
         if self.scale_free {

@@ -55,7 +55,10 @@ impl Model {
     /// # Panics
     /// If the card describes another network.
     pub fn new(card: Card, network: Network, pixels: Arc<PixelSpace>) -> Self {
-        assert!(card.plan == *network.plan() && card.skin.pixels == pixels.len(), "the card of this network");
+        assert!(
+            card.architecture == *network.architecture() && card.skin.pixels == pixels.len(),
+            "the card of this network"
+        );
         let inference = Inference::new(&network, &card.input, card.target);
         Model { card, network, inference, pixels }
     }
@@ -115,7 +118,7 @@ impl Model {
         card.skin.check(folder, &SkinRecord::new(&card.skin.design, forward, &pixels))?;
         let path = folder.join(WEIGHTS);
         let file = tensors::parse(&path, weights)?;
-        let mut network = Network::new(&card.plan, 0);
+        let mut network = Network::new(&card.architecture, 0);
         let shapes: Vec<(String, Vec<usize>)> =
             network.tensors().into_iter().map(|tensor| (tensor.name, tensor.shape)).collect();
         for ((name, shape), values) in shapes.iter().zip(network.values_mut()) {
@@ -249,13 +252,15 @@ fn parse_card(path: &Path, bytes: &[u8]) -> Result<Card, LearnError> {
         return Err(wrong(format!("its format is {}, this program reads \"{}\"", value["format"], Card::FORMAT)));
     }
     let card: Card = serde_json::from_value(value).map_err(|error| wrong(format!("no model's card: {error}")))?;
-    card.plan.check().map_err(|message| wrong(format!("no network has its plan: {message}")))?;
+    card.architecture.check().map_err(|message| wrong(format!("no network has its architecture: {message}")))?;
     card.detection.check().map_err(|message| wrong(format!("its detection: {message}")))?;
-    let Card { input, plan, skin, .. } = &card;
-    let fits = input.len() == plan.inputs() && input.mean_ohm.len() == input.len() && input.sd_ohm.len() == input.len();
+    let Card { input, architecture, skin, .. } = &card;
+    let fits = input.len() == architecture.inputs()
+        && input.mean_ohm.len() == input.len()
+        && input.sd_ohm.len() == input.len();
     let are_there = input.channels.iter().all(|list| !list.is_empty() && list.iter().all(|&c| c < skin.channels));
-    if !fits || !are_there || plan.outputs() != skin.pixels {
-        return Err(wrong("its plan, its inputs and its skin do not fit together".into()));
+    if !fits || !are_there || architecture.outputs() != skin.pixels {
+        return Err(wrong("its architecture, its inputs and its skin do not fit together".into()));
     }
     Ok(card)
 }

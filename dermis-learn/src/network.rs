@@ -7,7 +7,7 @@ use rand_chacha::rand_core::SeedableRng;
 use serde::{Deserialize, Serialize};
 
 /// The number of output channels of a convolution, except the last one, is a multiple of this, to fill whole vectors.
-pub const CHANNELS_TOGETHER: usize = 16;
+pub(crate) const CHANNELS_TOGETHER: usize = 16;
 
 /// The architecture of a network, as stored in a model's card: a sequence of layers on vectors (the trunk), optionally
 /// followed by convolutions that refine the resulting image.
@@ -75,7 +75,7 @@ impl Architecture {
 
     /// The other interpretation of the paper: batch normalisation of the input of each of four hidden layers, and a
     /// fifth layer that makes the image.
-    pub fn paper_otherwise(channels: usize, pixels: usize) -> Self {
+    pub fn paper_norm_first(channels: usize, pixels: usize) -> Self {
         let size = |step: usize| (channels * (3 - step) + pixels * step + 1) / 3;
         let sizes = [channels, size(0), size(1), size(2), pixels];
         let mut trunk = Vec::new();
@@ -165,7 +165,7 @@ impl LayerSpec {
 /// A network: an architecture and its weights.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Network {
-    plan: Architecture,
+    architecture: Architecture,
     pub(crate) trunk: Vec<Layer>,
     pub(crate) refinement: Option<Refinement>,
 }
@@ -245,8 +245,8 @@ impl Network {
     ///
     /// # Panics
     /// If the architecture's layers do not fit together.
-    pub fn new(plan: &Architecture, seed: u64) -> Self {
-        if let Err(message) = plan.check() {
+    pub fn new(architecture: &Architecture, seed: u64) -> Self {
+        if let Err(message) = architecture.check() {
             panic!("{message}");
         }
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -254,7 +254,7 @@ impl Network {
             let bound = (6.0 / sum as f32).sqrt();
             (0..count).map(|_| bound * (2.0 * rng.random::<f32>() - 1.0)).collect::<Vec<f32>>()
         };
-        let trunk = (plan.trunk.iter())
+        let trunk = (architecture.trunk.iter())
             .map(|layer| match *layer {
                 LayerSpec::Dense { inputs, outputs, relu } => {
                     let weight = even(inputs * outputs, inputs + outputs);
@@ -271,7 +271,7 @@ impl Network {
                 }
             })
             .collect();
-        let refinement = plan.refinement.as_ref().map(|refinement| {
+        let refinement = architecture.refinement.as_ref().map(|refinement| {
             let shape = Shape { rows: refinement.rows, columns: refinement.columns, is_ring: refinement.is_ring };
             let convolution = |pair: &[usize]| {
                 let (from, to) = (pair[0], pair[1]);
@@ -284,12 +284,12 @@ impl Network {
             }
             Refinement { shape, convolutions }
         });
-        Network { plan: plan.clone(), trunk, refinement }
+        Network { architecture: architecture.clone(), trunk, refinement }
     }
 
     /// Its architecture.
-    pub fn plan(&self) -> &Architecture {
-        &self.plan
+    pub fn architecture(&self) -> &Architecture {
+        &self.architecture
     }
 
     /// Number of trained values.

@@ -56,7 +56,7 @@ pub struct TrainingPreset {
     /// Name for tables and cards.
     pub name: &'static str,
     /// The architecture.
-    pub plan: Architecture,
+    pub architecture: Architecture,
     /// The inputs.
     pub input: Input,
     /// The target.
@@ -83,7 +83,7 @@ impl TrainingPreset {
             version: env!("CARGO_PKG_VERSION").into(),
             name: self.name.into(),
             skin,
-            plan: self.plan.clone(),
+            architecture: self.architecture.clone(),
             input: input.clone(),
             target: self.target,
             noise: self.noise.clone(),
@@ -99,7 +99,7 @@ impl TrainingPreset {
     pub fn paper(protocol: &Protocol, pixels: &PixelSpace, noise_ohm: Vec<f32>) -> Self {
         TrainingPreset {
             name: "paper",
-            plan: Architecture::paper(protocol.channel_count(), pixels.len()),
+            architecture: Architecture::paper(protocol.channel_count(), pixels.len()),
             input: Input::each(protocol),
             target: Target::Conductance,
             noise: Noise::white(noise_ohm),
@@ -109,10 +109,10 @@ impl TrainingPreset {
         }
     }
 
-    /// The paper's network in the other interpretation: [`Architecture::paper_otherwise`].
-    pub fn paper_otherwise(protocol: &Protocol, pixels: &PixelSpace, noise_ohm: Vec<f32>) -> Self {
-        let plan = Architecture::paper_otherwise(protocol.channel_count(), pixels.len());
-        TrainingPreset { name: "paper-otherwise", plan, ..Self::paper(protocol, pixels, noise_ohm) }
+    /// The paper's network in the other interpretation: [`Architecture::paper_norm_first`].
+    pub fn paper_norm_first(protocol: &Protocol, pixels: &PixelSpace, noise_ohm: Vec<f32>) -> Self {
+        let architecture = Architecture::paper_norm_first(protocol.channel_count(), pixels.len());
+        TrainingPreset { name: "paper-norm-first", architecture, ..Self::paper(protocol, pixels, noise_ohm) }
     }
 
     /// Our network: reciprocal readings averaged, a linear layer to four images, convolutions with periodic columns;
@@ -134,7 +134,7 @@ impl TrainingPreset {
         let input = if with(Ablation::Reciprocity) { Input::reciprocal(protocol) } else { Input::each(protocol) };
         let is_ring = matches!(pixels.surface, Surface::Cylinder { .. });
         let picture = pixels.grid.filter(|[rows, columns]| rows * columns == pixels.len());
-        let plan = match picture.filter(|_| with(Ablation::Refinement)) {
+        let architecture = match picture.filter(|_| with(Ablation::Refinement)) {
             Some(grid) => Architecture::refined(input.len(), grid, is_ring, &CHANNELS),
             None => Architecture::paper(input.len(), pixels.len()),
         };
@@ -143,12 +143,18 @@ impl TrainingPreset {
             false => (Target::Conductance, conductance_detection()),
         };
         let noise = match with(Ablation::Disturbance) {
-            true => Noise { sd_ohm: noise_ohm, factor: [0.5, 4.0], coat_drift: 0.01, contact_drift: 0.1, misfit: None },
+            true => Noise {
+                sd_ohm: noise_ohm,
+                factor: [0.5, 4.0],
+                coat_drift: 0.01,
+                contact_drift: 0.1,
+                domain_randomization: None,
+            },
             false => Noise::white(noise_ohm),
         };
         TrainingPreset {
             name: "best",
-            plan,
+            architecture,
             input,
             target,
             noise,
@@ -171,10 +177,10 @@ impl TrainingPreset {
         let none = Noise::white(vec![0.0; protocol.channel_count()]);
         TrainingPreset {
             name: "shapes",
-            plan: Architecture { trunk, refinement: None },
+            architecture: Architecture { trunk, refinement: None },
             input,
             target: Target::Touches { width_m: TOUCH_WIDTH_M },
-            noise: Noise { misfit: Some(DomainRandomization::usual()), ..none },
+            noise: Noise { domain_randomization: Some(DomainRandomization::usual()), ..none },
             symmetries: None,
             detection: DetectOptions { strength_fraction: 0.0, ..DetectOptions::default() },
             options: TrainOptions { epochs: 8, schedule: Schedule::Cosine, ..TrainOptions::default() },

@@ -58,8 +58,8 @@ pub struct Noise {
     /// Drift of each contact's resistance: standard deviation relative to the design's.
     pub contact_drift: f32,
     /// Domain randomization; none by default.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub misfit: Option<DomainRandomization>,
+    #[serde(default, rename = "misfit", skip_serializing_if = "Option::is_none")]
+    pub domain_randomization: Option<DomainRandomization>,
 }
 
 /// Differences between simulation and real skins, relative to the change by a touch (domain randomization: Tobin et
@@ -88,7 +88,7 @@ impl DomainRandomization {
 impl Noise {
     /// Only white noise, with given standard deviations.
     pub fn white(sd_ohm: Vec<f32>) -> Self {
-        Noise { sd_ohm, factor: [1.0, 1.0], coat_drift: 0.0, contact_drift: 0.0, misfit: None }
+        Noise { sd_ohm, factor: [1.0, 1.0], coat_drift: 0.0, contact_drift: 0.0, domain_randomization: None }
     }
 }
 
@@ -160,10 +160,14 @@ impl<'a> Samples<'a> {
     ///
     /// # Errors
     /// As [`difference`](Self::difference).
-    pub fn typical_difference(&self, number: usize, seed: u64) -> Result<Vec<f32>, LearnError> {
+    pub(crate) fn typical_difference(&self, number: usize, seed: u64) -> Result<Vec<f32>, LearnError> {
         let (sample, mut difference) = self.read(number, false)?;
-        if let Some(misfit) = &self.noise.misfit {
-            misfit.stretch(&mut sample_rng(seed, TYPICAL_STREAMS + number as u64), &sample.rest, &mut difference);
+        if let Some(randomization) = &self.noise.domain_randomization {
+            randomization.stretch(
+                &mut sample_rng(seed, TYPICAL_STREAMS + number as u64),
+                &sample.rest,
+                &mut difference,
+            );
         }
         Ok(difference)
     }
@@ -221,15 +225,15 @@ impl<'a> Samples<'a> {
                 symmetries.frame(element, &difference, &mut moved);
                 difference = moved;
             }
-            if let Some(misfit) = &self.noise.misfit {
-                misfit.stretch(&mut rng, &sample.rest, &mut difference);
+            if let Some(randomization) = &self.noise.domain_randomization {
+                randomization.stretch(&mut rng, &sample.rest, &mut difference);
             }
             self.disturb(&mut rng, element, &sample.rest, &mut difference);
             drawn = Some(rng);
         }
         input.normalised(|channel| difference[channel], inputs);
-        if let (Some(misfit), Some(rng)) = (&self.noise.misfit, &mut drawn) {
-            misfit.blur(rng, inputs);
+        if let (Some(randomization), Some(rng)) = (&self.noise.domain_randomization, &mut drawn) {
+            randomization.blur(rng, inputs);
         }
         let size = input.take_size(inputs);
         self.target(&sample, element, input.scale_free.then_some(size), target);

@@ -112,7 +112,7 @@ impl<'a> Trainer<'a> {
     /// # Errors
     /// Fewer samples than the batch size; options out of range; samples that cannot be read.
     pub fn new(
-        plan: &Architecture,
+        architecture: &Architecture,
         mut input: Input,
         options: &TrainOptions,
         training: &'a Samples<'a>,
@@ -142,7 +142,7 @@ impl<'a> Trainer<'a> {
         input.normalise(&differences);
         let scale = training.target_variance(few)?.sqrt().recip() as f32;
         let scale = if scale.is_finite() { scale } else { 1.0 };
-        let network = Network::new(plan, options.seed);
+        let network = Network::new(architecture, options.seed);
         let learned = network.tensors().into_iter().filter(|tensor| tensor.is_learned);
         let moments = learned.map(|tensor| [vec![0.0; tensor.values.len()], vec![0.0; tensor.values.len()]]).collect();
         let pass = Pass::new(&network, options.batch);
@@ -150,8 +150,8 @@ impl<'a> Trainer<'a> {
             options: options.clone(),
             training,
             test,
-            inputs: vec![0.0; options.batch * plan.inputs()],
-            targets: vec![0.0; options.batch * plan.outputs()],
+            inputs: vec![0.0; options.batch * architecture.inputs()],
+            targets: vec![0.0; options.batch * architecture.outputs()],
             state: State { network, input, moments, steps: 0, epochs: Vec::new() },
             pass,
             scale,
@@ -248,7 +248,7 @@ impl<'a> Trainer<'a> {
             padded.resize(batch, chunk[0]);
             self.fill(self.test, &padded, TEST_STREAMS + (number * batch) as u64)?;
             let outputs = self.pass.outputs(&mut self.state.network, &self.inputs);
-            let count = chunk.len() * self.state.network.plan().outputs();
+            let count = chunk.len() * self.state.network.architecture().outputs();
             let square = |(output, target): (&f32, &f32)| f64::from(output - target).powi(2);
             sum += outputs[..count].iter().zip(&self.targets).map(square).sum::<f64>();
             values += count;
@@ -258,8 +258,8 @@ impl<'a> Trainer<'a> {
 
     fn fill(&mut self, samples: &Samples<'_>, indices: &[usize], first: u64) -> Result<(), LearnError> {
         samples.source().prepare(indices)?;
-        let plan = self.state.network.plan();
-        let (inputs, targets) = (plan.inputs(), plan.outputs());
+        let architecture = self.state.network.architecture();
+        let (inputs, targets) = (architecture.inputs(), architecture.outputs());
         let rows = self.inputs.par_chunks_mut(inputs).zip(self.targets.par_chunks_mut(targets));
         rows.zip(indices).enumerate().try_for_each(|(row, ((inputs, target), &index))| {
             let disturb = Augmentation::Step(self.options.seed, first + row as u64);

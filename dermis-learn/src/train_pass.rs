@@ -12,7 +12,7 @@ const PARTS: usize = 12;
 
 /// Work memory for the passes of a network over batches of one size.
 #[derive(Debug)]
-pub struct Pass {
+pub(crate) struct Pass {
     rows: usize,
     /// The output of each layer of the trunk, rows x outputs.
     outputs: Vec<Vec<f32>>,
@@ -28,7 +28,7 @@ pub struct Pass {
 
 /// Inputs and targets of a batch.
 #[derive(Debug, Clone, Copy)]
-pub struct Batch<'a> {
+pub(crate) struct Batch<'a> {
     /// Inputs, rows x inputs.
     pub inputs: &'a [f32],
     /// Targets, rows x outputs.
@@ -48,7 +48,7 @@ struct Part {
 
 impl Pass {
     /// Work memory for batches of `rows` samples.
-    pub fn new(network: &Network, rows: usize) -> Self {
+    pub(crate) fn new(network: &Network, rows: usize) -> Self {
         let outputs = |layer: &crate::network::Layer| match &layer.kind {
             Kind::Dense(dense) => dense.outputs,
             Kind::BatchNorm(norm) => norm.scale.len(),
@@ -72,7 +72,7 @@ impl Pass {
 
     /// The loss of a batch and its gradient with respect to every trained tensor: the mean square over all values of
     /// the difference of output and target. Moving averages over batches are updated.
-    pub fn descend(&mut self, network: &mut Network, batch: Batch<'_>) -> f64 {
+    pub(crate) fn descend(&mut self, network: &mut Network, batch: Batch<'_>) -> f64 {
         self.forward(network, batch.inputs, true);
         let loss = self.loss_and_error(network, batch);
         self.backward(network, batch.inputs);
@@ -80,7 +80,7 @@ impl Pass {
     }
 
     /// The outputs for a batch in inference mode, in which layers normalise by their moving averages.
-    pub fn outputs(&mut self, network: &mut Network, inputs: &[f32]) -> Vec<f32> {
+    pub(crate) fn outputs(&mut self, network: &mut Network, inputs: &[f32]) -> Vec<f32> {
         self.forward(network, inputs, false);
         let trunk = self.outputs.last().expect("a network has layers");
         let Some(refinement) = &network.refinement else { return trunk.clone() };
@@ -442,13 +442,13 @@ mod tests {
     }
 
     /// The gradient of a network compared with differences of its loss.
-    fn gradient_is_right(plan: &Architecture, rows: usize) {
-        let mut network = Network::new(plan, 3);
+    fn gradient_is_right(architecture: &Architecture, rows: usize) {
+        let mut network = Network::new(architecture, 3);
         // Not at the initial weights, where the last convolution is zero.
         for (at, values) in network.values_mut().into_iter().enumerate() {
             values.iter_mut().zip(filled(100_000, 0.37 + at as f32)).for_each(|(value, more)| *value += 0.1 * more);
         }
-        let (inputs, targets) = (filled(rows * plan.inputs(), 0.7), filled(rows * plan.outputs(), 1.3));
+        let (inputs, targets) = (filled(rows * architecture.inputs(), 0.7), filled(rows * architecture.outputs(), 1.3));
         let batch = Batch { inputs: &inputs, targets: &targets };
         let mut pass = Pass::new(&network, rows);
         pass.descend(&mut network, batch);
@@ -474,19 +474,19 @@ mod tests {
     #[test]
     fn the_gradient_is_the_slope_of_the_loss() {
         gradient_is_right(&Architecture::paper(24, 30), 17);
-        gradient_is_right(&Architecture::paper_otherwise(24, 30), 17);
+        gradient_is_right(&Architecture::paper_norm_first(24, 30), 17);
         gradient_is_right(&Architecture::refined(11, [4, 5], true, &[4, 16, 16, 1]), 5);
         gradient_is_right(&Architecture::refined(11, [3, 7], false, &[1, 32, 1]), 14);
     }
 
     #[test]
     fn threads_change_no_bit() {
-        let plan = Architecture::refined(40, [6, 7], true, &[4, 16, 1]);
+        let architecture = Architecture::refined(40, [6, 7], true, &[4, 16, 1]);
         let (inputs, targets) = (filled(30 * 40, 0.7), filled(30 * 42, 1.3));
         let with = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
-                let mut network = Network::new(&plan, 3);
+                let mut network = Network::new(&architecture, 3);
                 let mut pass = Pass::new(&network, 30);
                 let loss = pass.descend(&mut network, Batch { inputs: &inputs, targets: &targets });
                 (loss, pass.gradient)

@@ -72,7 +72,8 @@ fn a_killed_training_goes_on_with_the_same_losses_and_the_model_is_what_was_trai
     let bench = bench(&folder.path().join("data"));
     for method in bench.methods() {
         let (training, test) = (bench.samples(&method, Part::Training), bench.samples(&method, Part::Test));
-        let new = || Trainer::new(&method.plan, method.input.clone(), &method.options, &training, &test).unwrap();
+        let new =
+            || Trainer::new(&method.architecture, method.input.clone(), &method.options, &training, &test).unwrap();
         let mut whole = new();
         while !whole.is_done() {
             whole.epoch(|_| ()).unwrap();
@@ -120,7 +121,8 @@ fn inputs_that_do_not_fit_are_refused() {
     let bench = bench(&folder.path().join("data"));
     let [method, _] = bench.methods();
     let (training, test) = (bench.samples(&method, Part::Training), bench.samples(&method, Part::Test));
-    let new = |options: &TrainOptions| Trainer::new(&method.plan, method.input.clone(), options, &training, &test);
+    let new =
+        |options: &TrainOptions| Trainer::new(&method.architecture, method.input.clone(), options, &training, &test);
     for (options, expected) in [
         (TrainOptions { rate: f32::NAN, ..method.options.clone() }, "the rate"),
         (TrainOptions { batch: 100_000, ..method.options.clone() }, "the samples of a step"),
@@ -167,7 +169,8 @@ fn a_stream_gives_the_samples_that_files_hold_and_new_ones_in_every_epoch() {
         assert_eq!(training.difference(number).unwrap(), files.difference(number).unwrap());
     }
     assert!(training.source().order(1, 1).iter().all(|number| (300..600).contains(number)));
-    let mut trainer = Trainer::new(&method.plan, method.input.clone(), &method.options, &training, &test).unwrap();
+    let mut trainer =
+        Trainer::new(&method.architecture, method.input.clone(), &method.options, &training, &test).unwrap();
     let [first, last] = [0, 1].map(|_| trainer.epoch(|_| ()).unwrap());
     assert!(last.training_loss < first.training_loss);
 }

@@ -126,8 +126,8 @@ pub enum PressEvent {
     Began,
     /// The press was released before it was steady.
     TooShort,
-    /// The press is steady: the difference of one frame from the untouched skin, ohm. It is not averaged: the calibration
-    /// must contain the noise of the single frames that it will locate.
+    /// The press is steady: the difference of one frame from the untouched skin, ohm. It is not averaged: the
+    /// calibration must contain the noise of the single frames that it will locate.
     Steady(Frame),
     /// The skin was left, and may be pressed again.
     Left,

@@ -105,7 +105,7 @@ fn no_recording_makes_the_reader_panic() {
     for seed in &seeds {
         let good = Recording::from_reader(Box::new(Cursor::new(seed.clone())), seed.len() as u64, Path::new("seed"));
         assert!(good.unwrap().filter(Result::is_ok).count() >= 2, "a seed that cannot be read finds nothing");
-        target::mend(seed);
+        target::repair(seed);
     }
     for run in 0..runs {
         let mut random = ChaCha8Rng::seed_from_u64(run as u64);
@@ -114,7 +114,7 @@ fn no_recording_makes_the_reader_panic() {
             target::read(&bytes);
             // Repairing takes ten times as long.
             if run % 10 == 0 {
-                target::mend(&bytes);
+                target::repair(&bytes);
             }
         };
         if std::panic::catch_unwind(all).is_err() {

@@ -112,7 +112,8 @@ fn draw_marks(picture: &mut Picture, marks: &[(f64, String)], x: impl Fn(f64) ->
 /// use dermis_plot::chart::Cumulative;
 ///
 /// let marks = vec![(2.0, "median 2 mm".to_string())];
-/// let chart = Cumulative { title: "", subtitle: "", below: "error (mm)", left: "fraction", values: &[1.0, 2.0, 4.0], total: 4, marks };
+/// let values = &[1.0, 2.0, 4.0];
+/// let chart = Cumulative { title: "", subtitle: "", below: "error (mm)", left: "fraction", values, total: 4, marks };
 /// assert!(chart.draw().to_svg().contains(">median 2 mm</text>"));
 /// ```
 pub struct Cumulative<'a> {
@@ -252,7 +253,8 @@ impl Curves<'_> {
 ///
 /// let rows = [vec![0.0, 1.0], vec![-1.0, 0.5]];
 /// let scale = Scale::diverging([1.0]);
-/// let map = HeatMap { title: "", subtitle: "", below: "channel", left: "lag", first: [0.0, -1.0], rows: &rows, scale, label: "" };
+/// let (rows, first) = (&rows[..], [0.0, -1.0]);
+/// let map = HeatMap { title: "", subtitle: "", below: "channel", left: "lag", first, rows, scale, label: "" };
 /// assert!(map.draw().to_svg().contains(">channel</text>"));
 /// ```
 pub struct HeatMap<'a> {

@@ -17,8 +17,8 @@ pub struct PressError {
 }
 
 impl Drawing<'_> {
-    /// True positions, coloured by the error of their estimates, with a line to each estimate. Colours end at the 95th percentile of the
-    /// errors.
+    /// True positions, coloured by the error of their estimates, with a line to each estimate. Colours end at the 95th
+    /// percentile of the errors.
     ///
     /// ```
     /// use dermis::contact::Contact;

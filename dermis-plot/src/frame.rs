@@ -151,8 +151,8 @@ pub(crate) fn draw_mark(picture: &mut Picture, [x, y]: Place, radius: f64, mark:
 
 /// An axis below or left of a plot: ticks with numbers, and a label with its unit.
 pub(crate) struct Axis<'a> {
-    /// Limits of the axis, the larger one first on a linear axis that counts backwards; their common logarithms on a logarithmic
-    /// axis.
+    /// Limits of the axis, the larger one first on a linear axis that counts backwards; their common logarithms on a
+    /// logarithmic axis.
     pub range: [f64; 2],
     /// Whether the axis is logarithmic.
     pub logarithmic: bool,

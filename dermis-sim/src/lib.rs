@@ -8,7 +8,7 @@
 // Layer 0
 pub mod elementary;
 // Layer 1
-pub mod quadrature;
+mod quadrature;
 pub mod random;
 pub mod unrolled;
 // Layer 2
@@ -29,4 +29,4 @@ pub use error::{Error, Result};
 /// The code examples of the book compile.
 #[cfg(doctest)]
 #[doc = include_str!("../../docs/datasets.md")]
-pub struct Datasets;
+struct Datasets;

@@ -1,12 +1,4 @@
 //! Quadrature: points and weights whose weighted sum is a mean.
-//!
-//! ```
-//! use dermis_sim::quadrature::triangle_points;
-//!
-//! let corners = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
-//! let mean: f64 = triangle_points(&corners).iter().map(|([x, y], weight)| weight * x * y).sum();
-//! assert!((mean - 1.0 / 12.0).abs() < 1e-15);
-//! ```
 
 use crate::elementary::cos;
 use dermis::geom::Point3;
@@ -14,11 +6,11 @@ use dermis::geom::vector::{add, scale};
 use std::f64::consts::PI;
 
 /// A point in `D` coordinates and its weight.
-pub type Weighted<const D: usize> = ([f64; D], f64);
+pub(crate) type Weighted<const D: usize> = ([f64; D], f64);
 
 /// Seven points of a triangle whose weighted sum is the mean of a polynomial of degree 5 or less (Radon, 1948; Stroud,
 /// Approximate Calculation of Multiple Integrals, 1971, T2: 5-1). The first is the centre.
-pub fn triangle_points<const D: usize>(corners: &[[f64; D]; 3]) -> [Weighted<D>; 7] {
+pub(crate) fn triangle_points<const D: usize>(corners: &[[f64; D]; 3]) -> [Weighted<D>; 7] {
     let root = 15f64.sqrt();
     let near = [(6.0 - root) / 21.0, (6.0 + root) / 21.0];
     let weights = [(155.0 - root) / 1200.0, (155.0 + root) / 1200.0];
@@ -33,7 +25,7 @@ pub fn triangle_points<const D: usize>(corners: &[[f64; D]; 3]) -> [Weighted<D>;
 
 /// Four points of a tetrahedron whose weighted sum is the mean of a polynomial of degree 2 or less (Stroud, 1971, T3:
 /// 2-1).
-pub fn tetrahedron_points<const D: usize>(corners: &[[f64; D]; 4]) -> [Weighted<D>; 4] {
+pub(crate) fn tetrahedron_points<const D: usize>(corners: &[[f64; D]; 4]) -> [Weighted<D>; 4] {
     let near = (5.0 - 5f64.sqrt()) / 20.0;
     std::array::from_fn(|far| (combination(corners, one_far(near, far)), 0.25))
 }
@@ -50,13 +42,13 @@ fn combination<const D: usize, const N: usize>(corners: &[[f64; D]; N], weights:
 }
 
 /// The four triangles of equal area between the corners and the midpoints of the edges.
-pub fn quarters([a, b, c]: [Point3; 3]) -> [[Point3; 3]; 4] {
+pub(crate) fn quarters([a, b, c]: [Point3; 3]) -> [[Point3; 3]; 4] {
     let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
     [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
 }
 
 /// The eight tetrahedra of equal volume between the corners and the midpoints of the edges.
-pub fn eighths([a, b, c, d]: [Point3; 4]) -> [[Point3; 4]; 8] {
+pub(crate) fn eighths([a, b, c, d]: [Point3; 4]) -> [[Point3; 4]; 8] {
     let (ab, ac, ad) = (middle(a, b), middle(a, c), middle(a, d));
     let (bc, bd, cd) = (middle(b, c), middle(b, d), middle(c, d));
     [
@@ -78,7 +70,7 @@ fn middle(a: Point3, b: Point3) -> Point3 {
 
 /// The Gauss-Legendre rule on -1 to 1: points and weights (which sum to 2), exact for polynomials of degree
 /// `2 count - 1`. Roots of the Legendre polynomial by Newton's method (Abramowitz and Stegun, 1964, 25.4.29).
-pub fn gauss_legendre(count: usize) -> Vec<(f64, f64)> {
+pub(crate) fn gauss_legendre(count: usize) -> Vec<(f64, f64)> {
     let root = |k: usize| {
         let mut t = cos(PI * (k as f64 + 0.75) / (count as f64 + 0.5));
         let mut slope = 1.0;

@@ -38,7 +38,7 @@ pub fn standard_normal(rng: &mut impl Rng) -> f64 {
 }
 
 /// Two independent standard normal deviates at the cost of one.
-pub fn standard_normal_pair(rng: &mut impl Rng) -> [f64; 2] {
+pub(crate) fn standard_normal_pair(rng: &mut impl Rng) -> [f64; 2] {
     let (radius, angle_rad) = polar(rng);
     let (sine, cosine) = sin_cos(angle_rad);
     [radius * cosine, radius * sine]
@@ -71,7 +71,7 @@ fn polar(rng: &mut impl Rng) -> (f64, f64) {
 }
 
 /// The log-normal factor of mean 1 and a given standard deviation, for a standard normal deviate.
-pub fn log_normal(sd: f64, deviate: f64) -> f64 {
+pub(crate) fn log_normal(sd: f64, deviate: f64) -> f64 {
     let variance = ln_1p(sd * sd);
     exp(variance.sqrt() * deviate - 0.5 * variance)
 }

@@ -81,7 +81,7 @@ impl GaussianTouch {
     ///
     /// # Panics
     /// If the length of `sums` differs from the number of cells.
-    pub fn add_cell_means(&self, surface: &Surface, mesh: &Mesh, sums: &mut [f64]) {
+    pub(crate) fn add_cell_means(&self, surface: &Surface, mesh: &Mesh, sums: &mut [f64]) {
         assert_eq!(sums.len(), mesh.cell_count(), "one sum per cell");
         let reach_m = REACH_WIDTHS * self.width_m;
         match &mesh.cells {

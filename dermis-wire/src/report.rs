@@ -260,7 +260,7 @@ impl Eq for Readings<'_> {}
 
 impl<'a> Frame<'a> {
     /// Bytes before the readings.
-    pub const HEADER_BYTES: usize = 16;
+    pub(crate) const HEADER_BYTES: usize = 16;
 
     /// Maximum length of its packet, bytes.
     pub const fn packet_bytes(slot_count: usize, reading_bytes: usize) -> usize {

@@ -14,6 +14,7 @@
 pub mod geom;
 pub mod linalg;
 pub mod stats;
+pub mod text;
 // Layer 1
 pub mod contact;
 pub mod protocol;
@@ -46,4 +47,4 @@ pub use error::{Error, Result};
 /// The README's code compiles and runs.
 #[cfg(doctest)]
 #[doc = include_str!("../../README.md")]
-pub struct Readme;
+struct Readme;

@@ -2,7 +2,8 @@
 
 mod table;
 
-pub use table::{CHANNEL_COLUMNS, SCAN_COLUMNS};
+pub(crate) use table::CHANNEL_COLUMNS;
+pub use table::SCAN_COLUMNS;
 
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
@@ -226,7 +227,7 @@ impl Protocol {
 
     /// The change of each channel's value per ohm of increase of an electrode's contact resistance: 1 or -1 if the
     /// channel drives and measures at the electrode, else 0.
-    pub fn contact_gains(&self, electrode: usize) -> impl Iterator<Item = f64> {
+    pub(crate) fn contact_gains(&self, electrode: usize) -> impl Iterator<Item = f64> {
         let sign = move |pair: Pair| f64::from(pair[0] == electrode) - f64::from(pair[1] == electrode);
         self.channels.iter().map(move |channel| sign(channel.drive) * sign(channel.measure))
     }

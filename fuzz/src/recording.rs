@@ -11,7 +11,7 @@ const NAME: &str = "fuzz.mcap";
 #[allow(dead_code, reason = "the ordinary tests call the parts")]
 pub fn fuzz_mcap(data: &[u8]) {
     read(data);
-    mend(data);
+    repair(data);
 }
 
 /// Any content of a recording gives a frame, an event or an error.
@@ -27,13 +27,13 @@ pub fn read(data: &[u8]) {
 }
 
 /// A repaired recording is complete, and a second repair changes nothing.
-pub fn mend(data: &[u8]) {
+pub fn repair(data: &[u8]) {
     let name = Path::new(NAME);
     let mut whole = Vec::new();
     let Ok(first) = record::recover_into(data, data.len() as u64, name, &mut whole) else { return };
     let mut again = Vec::new();
     let length = whole.len() as u64;
-    let second = record::recover_into(&whole[..], length, name, &mut again).expect("what was mended is whole");
+    let second = record::recover_into(&whole[..], length, name, &mut again).expect("a repaired recording is whole");
     assert!(second.was_whole && second.messages == first.messages, "{first:?} {second:?}");
-    assert!(whole == again, "mending twice changes something");
+    assert!(whole == again, "a second repair changes something");
 }

@@ -4,6 +4,7 @@ import uPlot from "uplot";
 
 import { contactColour, INK, SLOT_COUNT, type Theme } from "./colours";
 import { fixed, significant, strengthMm2 } from "./format";
+import { type Box, freeBox } from "./labels";
 import type { Contact, StatusMessage } from "./types";
 
 const SPAN_S = 30;
@@ -93,13 +94,18 @@ class Strip {
   }
 }
 
-/** Draws the name of each line over its newest point. */
+/** Draws the name of each line over its newest point, or near it where names would overlap. */
 function nameLines(plot: uPlot, looks: Look[], names: string[], ground: string): void {
   const { ctx: pen, data } = plot;
   const scale = devicePixelRatio || 1;
   pen.save();
   pen.font = `600 ${11 * scale}px system-ui, sans-serif`;
   pen.textAlign = "right";
+  pen.lineJoin = "round";
+  pen.lineWidth = 4 * scale;
+  pen.strokeStyle = ground;
+  const { top, height } = plot.bbox;
+  const placed: Box[] = [];
   looks.forEach((look, k) => {
     const line = data[k + 1];
     const name = names[k];
@@ -109,14 +115,14 @@ function nameLines(plot: uPlot, looks: Look[], names: string[], ground: string):
     const value = line[last];
     const time = data[0][last];
     if (value === null || value === undefined || time === undefined) return;
-    const x = Math.max(plot.valToPos(time, "x", true) - 2 * scale, 90 * scale);
-    const y = Math.max(plot.valToPos(value, "y", true) - 5 * scale, 12 * scale);
-    pen.lineJoin = "round";
-    pen.lineWidth = 4 * scale;
-    pen.strokeStyle = ground;
-    pen.strokeText(name, x, y);
+    const right = Math.max(plot.valToPos(time, "x", true) - 2 * scale, 90 * scale);
+    const bottom = Math.max(plot.valToPos(value, "y", true) - 3 * scale, 14 * scale);
+    const wanted = { right, bottom, width: pen.measureText(name).width + 4 * scale, height: 13 * scale };
+    const box = freeBox(wanted, placed, top + height);
+    placed.push(box);
+    pen.strokeText(name, box.right, box.bottom - 2 * scale);
     pen.fillStyle = look.colour;
-    pen.fillText(name, x, y);
+    pen.fillText(name, box.right, box.bottom - 2 * scale);
   });
   pen.restore();
 }

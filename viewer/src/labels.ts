@@ -33,3 +33,35 @@ export class Labels {
     });
   }
 }
+
+/** A box on a picture, in pixels: `right` and `bottom` are the coordinates of its edges. */
+export interface Box {
+  right: number;
+  bottom: number;
+  width: number;
+  height: number;
+}
+
+/**
+ * The box moved to the nearest place that overlaps no other box: up or down between 0 and `lowest`, else to the left. Where
+ * there is none, the box itself.
+ */
+export function freeBox(box: Box, others: readonly Box[], lowest: number): Box {
+  const isFree = (one: Box): boolean =>
+    one.bottom - one.height >= 0 &&
+    one.bottom <= lowest &&
+    others.every(
+      (other) =>
+        one.right <= other.right - other.width ||
+        other.right <= one.right - one.width ||
+        one.bottom <= other.bottom - other.height ||
+        other.bottom <= one.bottom - one.height,
+    );
+  for (let right = box.right; right > box.width; right -= box.width)
+    for (let step = 0; step <= lowest; step += 1)
+      for (const bottom of [box.bottom - step, box.bottom + step]) {
+        const moved = { ...box, right, bottom };
+        if (isFree(moved)) return moved;
+      }
+  return box;
+}

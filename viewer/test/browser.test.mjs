@@ -1,45 +1,12 @@
 // The page in a real browser against the simulated server.
 
 import assert from "node:assert/strict";
-import { after, before, test } from "node:test";
+import { test } from "node:test";
 
-import { openBrowser, openPage } from "./browser.mjs";
+import { openPage } from "./browser.mjs";
+import { browser, PHONE, until, wait, withPage } from "./pages.mjs";
 import { startServer } from "./server.mjs";
 import { LENGTH_M, onCylinder, RADIUS_M, scene, squareScene } from "./skin.mjs";
-
-const PHONE = { viewport: { width: 360, height: 740 }, deviceScaleFactor: 2, isMobile: true, hasTouch: true };
-
-let browser;
-before(async () => (browser = await openBrowser()));
-after(() => browser?.close());
-
-/** Runs a test against a server and a page of its own; in the end the page has complained of nothing. */
-function withPage(name, { server: options, page: settings, query = "", prepare } = {}, body) {
-  test(name, { timeout: 90_000 }, async () => {
-    const server = await startServer(options);
-    let page;
-    try {
-      page = await openPage(browser, server.address + query, { ...settings, prepare });
-      await body(page, server);
-      assert.deepEqual(page.complaints, []);
-      for (const address of page.asked) assert.ok(address.startsWith(server.address) || address.startsWith("data:"), `the page asked ${address}`);
-    } finally {
-      await page?.context().close();
-      await server.close();
-    }
-  });
-}
-
-const wait = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
-
-async function until(what, check, limitMs = 8000) {
-  const end = performance.now() + limitMs;
-  while (performance.now() < end) {
-    if (await check()) return;
-    await wait(20);
-  }
-  assert.fail(`${what} did not come within ${limitMs / 1000} s`);
-}
 
 const project = (page, position) => page.evaluate((p) => window.dermis.project(p), position);
 const projectFlat = (page, position) => page.evaluate((p) => window.dermis.projectFlat(p), position);
@@ -387,29 +354,6 @@ withPage("at least 20 drawings a second at 120 frames a second, drawn by softwar
   console.log(`drawn a second: ${rates.map((rate) => rate.toFixed(1)).join(", ")} (picture in space: ${pixels} pixels)`);
   assert.ok(Math.max(...rates) >= 20);
 });
-
-withPage("a phone shows one column, nothing wider than the screen, large buttons", { page: PHONE, server: { touches: () => [steady] } }, async (page) => {
-  assert.ok((await page.evaluate(() => document.scrollingElement.scrollWidth)) <= 360);
-  const wide = await page.$$eval("body *", (all) => all.filter((one) => !one.closest(".labels") && one.getBoundingClientRect().right > 360.5).map((one) => one.id || one.className));
-  assert.deepEqual(wide, []);
-  for (const id of ["tare", "pause", "record"]) assert.ok((await page.locator(`#${id}`).boundingBox()).height >= 44);
-});
-
-const extremes = [0.0039, 100, 5432, 81234, 1.23e6, 310.5];
-const faults = scene().electrodes.map((_, k) => ({ state: { 6: "open", 8: "loose", 17: "doubtful" }[k] ?? "sound", contact_ohm: extremes[k % extremes.length], noise: 1 }));
-for (const [width, height] of [[320, 640], [360, 740], [390, 844], [1280, 800]])
-  withPage(`the text fits its box on a screen ${width} pixels wide`, { page: { viewport: { width, height } }, server: { electrodes: faults } }, async (page) => {
-    await until("the state", async () => (await page.textContent("#touched")) === "untouched");
-    const overflow = await page.$$eval("#touched, #electrode-grid .electrode *", (boxes) =>
-      boxes.filter((box) => box.textContent !== "").flatMap((box) => {
-        const text = document.createRange();
-        text.selectNodeContents(box);
-        const [inner, outer] = [text.getBoundingClientRect(), box.closest("#touched, .electrode").getBoundingClientRect()];
-        return inner.left < outer.left + 2 || inner.right > outer.right - 2 ? [box.textContent] : [];
-      }));
-    assert.deepEqual(overflow, []);
-    assert.ok((await page.evaluate(() => document.scrollingElement.scrollWidth)) <= width);
-  });
 
 withPage("one finger presses, two rotate and zoom", { page: PHONE }, async (page, server) => {
   const touch = await page.context().newCDPSession(page);

@@ -21,7 +21,7 @@ pub(crate) fn standardised(values: &Mat<f64>) -> Mat<f64> {
     result
 }
 
-/// Frames in units of their channels, as [`crate::ChannelUnits`]; a channel whose median deviation is small against its standard
+/// Frames in units of their channels, as `ChannelUnits`; a channel whose median deviation is small against its standard
 /// deviation (most presses do not reach it) has a unit from that.
 pub(crate) fn in_robust_units(frames: &[Frame]) -> Mat<f64> {
     let columns = frames.first().map_or(0, |frame| frame.len());

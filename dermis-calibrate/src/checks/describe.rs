@@ -9,6 +9,7 @@ use crate::lags::LagEvidence;
 use dermis::frame::Frame;
 use dermis::protocol::Protocol;
 use dermis::stats::{mean_and_sd, rms, upper_median};
+use dermis::text::counted;
 
 /// Below this cosine an untouched frame is unlike the model.
 pub(super) const UNLIKE: f64 = 0.5;
@@ -16,7 +17,8 @@ pub(super) const UNLIKE: f64 = 0.5;
 pub(super) const NOISE: f64 = 0.05;
 /// Noise is looked for where the others explain at least this part of the median channel.
 const EXPLAINED: f64 = 0.2;
-/// A noisy channel is dead if its scale is less than this part of what the model says; weak channels may be noise on a sound skin.
+/// A noisy channel is dead if its scale is less than this part of what the model says; weak channels may be noise on a
+/// sound skin.
 const QUIET: f64 = 0.3;
 /// Signs are lost if amplitudes fit the changes better by this factor.
 const LOST_RATIO: f64 = 1.3;
@@ -41,7 +43,9 @@ pub(super) fn order(order: &Order, score: Score, own: Score, protocol: &Protocol
 fn words(change: Change, protocol: &Protocol) -> String {
     match change {
         Change::StartAtDrive(0) => "the measurements of each drive start at its source".into(),
-        Change::StartAtDrive(k) => format!("the measurements of each drive start {k} electrodes after its source"),
+        Change::StartAtDrive(k) => {
+            format!("the measurements of each drive start {} after its source", counted(k, "electrode"))
+        }
         Change::StartAtElectrode(k) => format!("the measurements of each drive start at electrode {k}"),
         Change::MeasuresDescending => "they come in descending order".into(),
         Change::DrivesRotated(k) => format!("the first drive is that of number {k}"),
@@ -141,16 +145,13 @@ pub(super) fn late(lag: i32, lags: &[i32], figures: &Figures) -> Option<Finding>
     let way = if lag > 0 { "late" } else { "early" };
     let evidence =
         format!("part of the median channel that the others explain at this lag; {:.3} at the same row", median(0));
-    let fix = format!("{} {way}: mend them with --realign (dermis calibrate mends them itself)", rows(lag.abs()));
+    let fix =
+        format!("{} {way}: mend them with --realign (dermis calibrate mends them itself)", counted(lag.abs(), "row"));
     Some(Finding::new(FindingKind::Late, median(lag), evidence, fix).at_channels(channels).with_lag(lag))
 }
 
-fn rows(count: i32) -> String {
-    if count == 1 { "1 row".into() } else { format!("{count} rows") }
-}
-
-/// Channels of the design that are noise: no other channel explains them at any lag, and their scale is far below what the model
-/// says of them.
+/// Channels of the design that are noise: no other channel explains them at any lag, and their scale is far below what
+/// the model says of them.
 pub(super) fn noise_only(evidence: &LagEvidence, aligned: &[Frame], model: &ModelChannels) -> Vec<usize> {
     let best: Vec<f64> =
         evidence.explained.iter().map(|each| each.iter().copied().fold(f64::NEG_INFINITY, f64::max)).collect();

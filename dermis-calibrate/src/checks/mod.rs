@@ -12,7 +12,8 @@
 //! // An instrument that reads V[m + 1] - V[m], as pyEIT does, where the design says V[m] - V[m + 1].
 //! let model = skin.forward().solve(skin.forward().rest_conductivity())?;
 //! let untouched = vec![Frame(model.iter().map(|value| -value).collect())];
-//! let recording = Recording { frames: &untouched, untouched: &untouched, positions_m: None, label_frame: LabelFrame::Skin };
+//! let label_frame = LabelFrame::Skin;
+//! let recording = Recording { frames: &untouched, untouched: &untouched, positions_m: None, label_frame };
 //! let checked = check_recording(&skin, &recording).unwrap();
 //! assert_eq!(checked.findings[0].kind, FindingKind::SignTurned);
 //! assert!(checked.findings[0].fix.contains("measures_reversed"));
@@ -47,6 +48,7 @@ use dermis::frame::{Frame, mean};
 use dermis::geom::Point3;
 use dermis::protocol::Protocol;
 use dermis::skin::Skin;
+use dermis::text::counted;
 use faer::Mat;
 use model::ModelChannels;
 use order::{BetterOrder, Matcher, Score};
@@ -124,8 +126,8 @@ pub struct Figures {
 /// Checks a recording.
 ///
 /// # Errors
-/// No frame; frames of another number of channels; values that are not finite; positions of another number than the frames; a model
-/// that cannot be solved.
+/// No frame; frames of another number of channels; values that are not finite; positions of another number than the
+/// frames; a model that cannot be solved.
 pub fn check_recording(skin: &Skin, recording: &Recording<'_>) -> Result<Checked, CalibrateError> {
     validate(recording, &skin.design().protocol)?;
     let mut check = Check::new(skin, recording)?;
@@ -143,8 +145,8 @@ pub fn check_recording(skin: &Skin, recording: &Recording<'_>) -> Result<Checked
     Ok(check.finish(&order))
 }
 
-/// Recording with the late channels moved to their rows: the value of a channel for row `i` is that of row `i + lag`. The rows at
-/// the ends lack some channels; their values are predicted from the other channels.
+/// Recording with the late channels moved to their rows: the value of a channel for row `i` is that of row `i + lag`.
+/// The rows at the ends lack some channels; their values are predicted from the other channels.
 ///
 /// # Errors
 /// Lags of another number than the channels; late channels that the others do not predict.
@@ -184,7 +186,11 @@ fn validate(recording: &Recording<'_>, protocol: &Protocol) -> Result<(), Calibr
     let (frames, positions) =
         (recording.frames.len(), recording.positions_m.map_or(recording.frames.len(), <[_]>::len));
     if positions != frames {
-        let message = format!("{positions} positions for {frames} frames: one for each frame is needed");
+        let message = format!(
+            "{} for {}: one for each frame is needed",
+            counted(positions, "position"),
+            counted(frames, "frame")
+        );
         return Err(CalibrateError::Label(message));
     }
     Ok(())
@@ -235,7 +241,8 @@ impl<'a> Check<'a> {
         })
     }
 
-    /// Signs that are lost as a whole; from then on amplitudes are compared. Returns whether changes can be compared with the model.
+    /// Signs that are lost as a whole; from then on amplitudes are compared. Returns whether changes can be compared
+    /// with the model.
     fn untouched_signs(&mut self) -> bool {
         let found = match &self.untouched {
             Some(untouched) => signs::of_untouched(untouched, &self.model, &self.protocol),

@@ -7,7 +7,8 @@ use dermis::skin::Skin;
 use dermis::stats::upper_median;
 use faer::Mat;
 
-/// Standard deviation of the simulated touches, as a part of the square root of the skin's area: 4 mm on a disk of 80 mm.
+/// Standard deviation of the simulated touches, as a part of the square root of the skin's area: 4 mm on a disk of 80
+/// mm.
 const WIDTH: f64 = 0.056;
 /// Touches that are simulated, at most.
 const MOST_TOUCHES: usize = 1200;
@@ -17,7 +18,8 @@ const MOST_TOUCHES: usize = 1200;
 pub(crate) struct ModelChannels {
     /// Values of the untouched skin, ohm; amplitudes where the protocol says so.
     pub untouched: Vec<f64>,
-    /// Changes of the channels by a touch at each of many places, touches x channels, ohm per relative change of the conductance.
+    /// Changes of the channels by a touch at each of many places, touches x channels, ohm per relative change of the
+    /// conductance.
     pub touches: Mat<f64>,
     /// Where they are, m.
     pub places_m: Vec<Point3>,
@@ -83,7 +85,7 @@ impl ModelChannels {
 }
 
 /// Values in units of the median absolute value of their column, with large ones compressed by asinh, as
-/// [`crate::ChannelUnits`] does; not centred.
+/// `ChannelUnits` does; not centred.
 pub(crate) fn compressed(values: &Mat<f64>) -> Mat<f64> {
     let scale = |column: usize| {
         let sizes: Vec<f64> = values.col(column).iter().map(|value| value.abs()).collect();

@@ -1,8 +1,8 @@
 //! The order of the channels, scored against the model.
 //!
-//! An order is scored by the untouched frame, as the cosine with that of the model, and by the changes, as the cosine of the
-//! correlations between channels over the rows with those over simulated touches. Rows and touches need not be at the same
-//! places for that. A symmetric skin has several orders with the same score; the simplest of them is taken.
+//! An order is scored by the untouched frame, as the cosine with that of the model, and by the changes, as the cosine
+//! of the correlations between channels over the rows with those over simulated touches. Rows and touches need not be
+//! at the same places for that. A symmetric skin has several orders with the same score; the simplest of them is taken.
 
 use crate::checks::correlation::cosine;
 use crate::checks::model::ModelChannels;
@@ -64,8 +64,8 @@ pub(crate) struct BetterOrder {
 }
 
 impl<'a> Matcher<'a> {
-    /// Compares an untouched frame and the correlations of the channels, in the order of the file, with the model. Both may
-    /// be absent.
+    /// Compares an untouched frame and the correlations of the channels, in the order of the file, with the model. Both
+    /// may be absent.
     pub(crate) fn new(
         protocol: &'a Protocol,
         model: &ModelChannels,
@@ -107,7 +107,8 @@ impl<'a> Matcher<'a> {
         Score { untouched, changes }
     }
 
-    /// The order that fits best, where it fits clearly better than that of the design, and the score of that of the design.
+    /// The order that fits best, where it fits clearly better than that of the design, and the score of that of the
+    /// design.
     pub(crate) fn search(&self, model: &ModelChannels) -> (Score, Option<BetterOrder>) {
         let orders = Order::all(self.protocol);
         let scores: Vec<Score> = orders.par_iter().map(|order| self.score(order)).collect();

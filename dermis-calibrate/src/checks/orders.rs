@@ -85,7 +85,8 @@ impl Order {
         std::iter::once(Order::of_design(protocol)).chain(others).collect()
     }
 
-    /// The same with the drives of the design taken from those of other drives: drive `d` is where drive `drives[d]` was.
+    /// The same with the drives of the design taken from those of other drives: drive `d` is where drive `drives[d]`
+    /// was.
     pub(crate) fn with_drives(&self, protocol: &Protocol, drives: &[usize]) -> Option<Order> {
         let (_, of_channel) = protocol.drives();
         let mut blocks = vec![Vec::new(); drives.len()];

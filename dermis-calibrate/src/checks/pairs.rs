@@ -15,7 +15,8 @@ const AGAINST_SD: f64 = 5.0;
 /// Fewest rows for a rank correlation.
 const FEWEST_ROWS: usize = 30;
 
-/// Channels that disagree with most of their twins in the untouched frame or in the changes, and the part of the twins' pairs.
+/// Channels that disagree with most of their twins in the untouched frame or in the changes, and the part of the twins'
+/// pairs.
 pub(crate) fn disagreeing(
     untouched: Option<&[f64]>,
     differences: &Mat<f64>,

@@ -14,8 +14,8 @@ const SIGNIFICANT: f64 = 0.2;
 const BOTH: f64 = 0.1;
 /// Signs are there if at least this part of the values has the other one.
 const OTHER: f64 = 0.02;
-/// A drive is turned if its channels go with those of the other drives as the model says, but with the opposite sign: a cosine
-/// below this, and below this part of that of the median drive.
+/// A drive is turned if its channels go with those of the other drives as the model says, but with the opposite sign: a
+/// cosine below this, and below this part of that of the median drive.
 const TURNED: (f64, f64) = (-0.06, -0.3);
 /// Single channels are judged where the median channel goes with the others as the model says by at least this cosine.
 const JUDGED: f64 = 0.5;
@@ -71,8 +71,8 @@ pub(crate) fn of_differences(columns: &[Vec<f64>], model: &ModelChannels) -> Opt
     found.then(|| Finding::new(FindingKind::SignLost, positive, evidence, fix))
 }
 
-/// Channels of an untouched frame whose sign is not that of the model: drives and measure pairs most of whose values have the other
-/// sign, and single channels with a large value.
+/// Channels of an untouched frame whose sign is not that of the model: drives and measure pairs most of whose values
+/// have the other sign, and single channels with a large value.
 pub(crate) fn turned_untouched(
     untouched: &[f64],
     model: &ModelChannels,
@@ -100,8 +100,8 @@ pub(crate) fn turned_untouched(
     turned
 }
 
-/// Channels that go with the others with the opposite of the sign that the model says: whole drives, and single channels where the
-/// model describes the skin well enough. All channels, dead ones too, are those of the design.
+/// Channels that go with the others with the opposite of the sign that the model says: whole drives, and single
+/// channels where the model describes the skin well enough. All channels, dead ones too, are those of the design.
 pub(crate) fn turned_correlations(
     correlation: &Mat<f64>,
     model: &ModelChannels,

@@ -3,6 +3,7 @@
 use crate::checks::finding::{Finding, FindingKind};
 use crate::ridge::Regression;
 use dermis::geom::Point3;
+use dermis::text::counted;
 use faer::Mat;
 use std::ops::RangeInclusive;
 
@@ -21,8 +22,8 @@ const LEAST: f64 = 0.1;
 /// ... and this much more than no shift.
 const MORE: f64 = 0.05;
 
-/// The part of the leading components of the frames that smooth functions of the position explain, for each of [`SHIFTS`], by
-/// cross-validation: position `i + shift` for frame `i`. Empty for few rows.
+/// The part of the leading components of the frames that smooth functions of the position explain, for each of
+/// [`SHIFTS`], by cross-validation: position `i + shift` for frame `i`. Empty for few rows.
 pub(crate) fn explained(components: &Mat<f64>, positions_m: &[Point3]) -> Vec<f64> {
     if components.nrows() < FEWEST_ROWS || components.ncols() == 0 {
         return Vec::new();
@@ -31,8 +32,8 @@ pub(crate) fn explained(components: &Mat<f64>, positions_m: &[Point3]) -> Vec<f6
     SHIFTS.map(|shift| explained_by(components, &features, shift)).collect()
 }
 
-/// The part of the leading components that the position of the press before explains besides that of the press itself; `None` for few
-/// rows.
+/// The part of the leading components that the position of the press before explains besides that of the press itself;
+/// `None` for few rows.
 pub(crate) fn memory(components: &Mat<f64>, positions_m: &[Point3]) -> Option<f64> {
     if components.nrows() < FEWEST_ROWS || components.ncols() == 0 {
         return None;
@@ -50,13 +51,14 @@ pub(crate) fn shifted(explained: &[f64]) -> Option<Finding> {
     let zero = *explained.get((-SHIFTS.start()) as usize)?;
     let (shift, best) = SHIFTS.zip(explained.iter().copied()).max_by(|a, b| a.1.total_cmp(&b.1))?;
     let evidence = format!("part of the frames that the shifted positions explain; {zero:.3} without a shift");
-    let (rows, from) = (shift.abs(), if shift > 0 { "after" } else { "before" });
-    let fix = format!("the press of each frame is {rows} rows {from} it in the truth: move the rows of the truth");
+    let (rows, from) = (counted(shift.abs(), "row"), if shift > 0 { "after" } else { "before" });
+    let fix = format!("the press of each frame is {rows} {from} it in the truth: move the rows of the truth");
     let finding = Finding::new(FindingKind::TruthShifted, best, evidence, fix).with_lag(shift);
     (shift != 0 && best > LEAST && best - zero > MORE).then_some(finding)
 }
 
-/// The monomials of the position up to a degree, in standardised coordinates; coordinates that hardly vary are left out.
+/// The monomials of the position up to a degree, in standardised coordinates; coordinates that hardly vary are left
+/// out.
 fn features(positions_m: &[Point3]) -> Mat<f64> {
     let count = positions_m.len() as f64;
     let axis = |axis: usize| {

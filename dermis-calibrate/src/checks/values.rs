@@ -1,4 +1,5 @@
-//! Channels and rows whose values alone show that something is wrong: constant, piled up at a limit, far outside the range.
+//! Channels and rows whose values alone show that something is wrong: constant, piled up at a limit, far outside the
+//! range.
 
 use crate::checks::finding::{Finding, FindingKind};
 use dermis::frame::Frame;
@@ -18,9 +19,11 @@ const BESIDE: f64 = 0.05;
 const FEWEST_VALUES: usize = 20;
 /// A value is an outlier if it is this many times farther from the median than 99 % of its channel's values, ...
 const FAR_VALUE: f64 = 30.0;
-/// ... and at most this part of the frame's other values are farther than [`FAR_FRAME`]: a hard press shows in many channels.
+/// ... and at most this part of the frame's other values are farther than [`FAR_FRAME`]: a hard press shows in many
+/// channels.
 const FAR_OTHERS: f64 = 0.02;
-/// A frame is an outlier if a quarter of its channels are this many times farther from the median than 99 % of their values.
+/// A frame is an outlier if a quarter of its channels are this many times farther from the median than 99 % of their
+/// values.
 const FAR_FRAME: f64 = 3.0;
 /// Part of the channels of an outlier frame.
 const FAR_PART: f64 = 0.25;

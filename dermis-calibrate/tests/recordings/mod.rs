@@ -129,8 +129,8 @@ max_edge_m = 0.005
 electrode_edge_m = 0.0015
 "#;
 
-/// Single presses of random place, strength and size on a skin with a slightly uneven coat, with white noise, and 50 untouched
-/// frames.
+/// Single presses of random place, strength and size on a skin with a slightly uneven coat, with white noise, and 50
+/// untouched frames.
 pub fn simulated(name: &'static str, skin: &Skin, seed: u64, presses: usize, snr_db: f64, difference: bool) -> Sound {
     let (design, mesh, pixels) = (skin.design(), skin.mesh(), skin.pixels());
     let surface = design.body.surface();

@@ -8,6 +8,7 @@ use crate::skin;
 use clap::Args;
 use dermis::frame::write_whole;
 use dermis::skin::Skin;
+use dermis::text::counted;
 use dermis_plot::chart::Curves;
 use dermis_plot::{Drawing, Key, Picture, Scale, View};
 use dermis_sim::evaluate::{Benchmark, BenchmarkOptions, BenchmarkResult};
@@ -102,7 +103,7 @@ impl Arguments {
         let advice = twins.iter().find_map(|twin| twin.grid.advice());
         print(&format!(
             "{} `{}` of {} (seeds {} to {}), {}\n\n{}\n{}",
-            counted(twins.len()),
+            counted(twins.len(), "twin"),
             options.name,
             skin.design().name,
             self.seed,
@@ -133,7 +134,7 @@ impl Arguments {
         let curve = places.iter().map(|[distance_m, part]| [1e3 * distance_m, 100.0 * part]).collect();
         Curves {
             title: "Two-point resolution",
-            subtitle: &format!("{} `{}`", counted(twins.len()), self.twin),
+            subtitle: &format!("{} `{}`", counted(twins.len(), "twin"), self.twin),
             below: "distance (mm)",
             left: "resolved pairs (%)",
             logarithmic: false,
@@ -164,8 +165,11 @@ impl Arguments {
             Key { scale, label: "smallest force detected with probability 0.9 (N)".into() },
         );
         scene.title = "Smallest detectable force".into();
-        scene.subtitle =
-            format!("{} `{}`, one false contact an hour at 120 frames a second", counted(twins.len()), self.twin);
+        scene.subtitle = format!(
+            "{} `{}`, one false contact an hour at 120 frames a second",
+            counted(twins.len(), "twin"),
+            self.twin
+        );
         View::Unrolled.draw(&scene, skin.design()).map_err(|error| crate::failure::Failure::Ours(error.to_string()))
     }
 }
@@ -175,8 +179,4 @@ fn resolved(twins: &[BenchmarkResult]) -> Vec<[f64; 2]> {
     let steps = twins.first().map_or(&[][..], |twin| &twin.two_resolved);
     let part = |step: usize| twins.iter().map(|twin| twin.two_resolved[step].1).sum::<f64>() / twins.len() as f64;
     steps.iter().enumerate().map(|(step, (separation_m, _))| [*separation_m, part(step)]).collect()
-}
-
-fn counted(twins: usize) -> String {
-    if twins == 1 { "1 twin".into() } else { format!("{twins} twins") }
 }

@@ -9,7 +9,7 @@ use crate::frames::{CurrentArguments, FrameArguments, Recorded};
 use crate::guided::GuidedArguments;
 use crate::rows::Rows;
 use crate::skin;
-use clap::Args;
+use clap::{ArgGroup, Args};
 use dermis::frame::Frame;
 use dermis::geom::Point3;
 use dermis::skin::Skin;
@@ -21,6 +21,7 @@ use std::path::PathBuf;
 
 /// The arguments of `dermis calibrate`.
 #[derive(Debug, Args)]
+#[command(group = ArgGroup::new("rest").args(["baseline", "difference", "live"]).required(true).multiple(true))]
 pub struct Arguments {
     /// Design: the path of a file, or a shipped name.
     design: String,
@@ -28,15 +29,16 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", required_unless_present = "live")]
     frames: Option<PathBuf>,
     /// Untouched frames, one per row; their mean is the baseline.
-    #[arg(long, value_name = "FILE", required_unless_present_any = ["difference", "live"], conflicts_with = "difference")]
+    #[arg(long, value_name = "FILE", conflicts_with = "difference")]
     baseline: Option<PathBuf>,
     /// The frames are differences from the untouched skin.
     #[arg(long)]
     difference: bool,
     #[command(flatten)]
     currents: CurrentArguments,
-    /// Measured presses, one per frame and in the order of recording: with a header (frame,x_m,y_m on a flat skin, frame,z_m,theta_rad on a
-    /// cylinder; optionally force_n), or x,y,z (m; optionally the force, N) without a header in the frame of reference of the robot that pressed.
+    /// Measured presses, one per frame and in the order of recording: with a header (frame,x_m,y_m on a flat skin,
+    /// frame,z_m,theta_rad on a cylinder; optionally force_n), or x,y,z (m; optionally the force, N) without a header
+    /// in the frame of reference of the robot that pressed.
     #[arg(long, value_name = "FILE", required_unless_present = "live")]
     truth: Option<PathBuf>,
     /// Rows of the presses to calibrate with, as in 0..500 (row 500 not included) [default: all].
@@ -50,7 +52,8 @@ pub struct Arguments {
     /// locates the labels better, of the forward map and the default method of the skin; with --suggest: forward-map]
     #[arg(long, value_name = "METHOD")]
     method: Option<String>,
-    /// Name the N positions whose presses would help a forward map most, and print its error against the number of labels.
+    /// Name the N positions whose presses would help a forward map most, and print its error against the number of
+    /// labels.
     #[arg(long, value_name = "N", conflicts_with = "live", value_parser = clap::value_parser!(u64).range(1..=1000))]
     suggest: Option<u64>,
     /// Folder to write: the method for --method.

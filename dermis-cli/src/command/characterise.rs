@@ -9,6 +9,7 @@ use clap::Args;
 use dermis::detect::{DetectOptions, Forces, Misplacement, PositionSpread, REGION_95_SD, blur_share};
 use dermis::frame::write_whole;
 use dermis::skin::Skin;
+use dermis::text::counted;
 use dermis_sim::dataset::{Generator, PatchTouches, Recipe, SkinSpread, Skins, Touch};
 use dermis_sim::evaluate::CalibrationRun;
 use dermis_study::report::Table;
@@ -66,8 +67,8 @@ impl Arguments {
         let run = self.calibration_run(&skin, method.reconstruct().as_ref(), &detection)?;
         let few = || {
             let message = format!(
-                "only {} contacts were matched with a touch: too few for a calibration",
-                run.misplacements.len()
+                "only {} matched with a touch: too few for a calibration",
+                counted(run.misplacements.len(), "contact")
             );
             Failure::given(message, Some("ask for more --samples"))
         };
@@ -145,7 +146,7 @@ fn summary(run: &CalibrationRun, detection: &DetectOptions, before: f64, blur: f
     let mut table = Table::new(&["figure", "value"]);
     let mut row = |name: &str, value: String| table.row([name.to_string(), value]);
     row("touches", run.touches.to_string());
-    row("detected", format!("{found}, and {} false positives", run.false_positives));
+    row("detected", format!("{found}, and {}", counted(run.false_positives, "false positive")));
     row("95 % region contains the truth, before calibration", format!("{:.1} %", 100.0 * before));
     row("after calibration, one touch in the frame", after(|contact| contact.touches == 1));
     row("after calibration, several touches, all detected", after(|contact| contact.touches > 1 && !contact.is_shared));

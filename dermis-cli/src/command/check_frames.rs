@@ -9,6 +9,7 @@ use crate::skin;
 use clap::Args;
 use dermis::frame::{write_frames, write_whole};
 use dermis::skin::Skin;
+use dermis::text::counted;
 use dermis_calibrate::LabelFrame;
 use dermis_calibrate::checks::{Checked, Recording, check_recording, realigned};
 use serde_json::json;
@@ -83,7 +84,7 @@ impl Arguments {
     }
 
     fn text(&self, skin: &Skin, frames: usize, checked: &Checked) -> String {
-        let mut text = format!("{}: {frames} frames, ", skin.design().name);
+        let mut text = format!("{}: {}, ", skin.design().name, counted(frames, "frame"));
         let faults = checked.faults().count();
         let notes = checked.findings.len() - faults;
         match (faults, notes) {
@@ -92,8 +93,8 @@ impl Arguments {
                 _ = writeln!(
                     text,
                     "{}, {}\n\n{}",
-                    many(faults, "fault"),
-                    many(notes, "note"),
+                    counted(faults, "fault"),
+                    counted(notes, "note"),
                     findings_table(checked).to_text()
                 )
             }
@@ -113,10 +114,6 @@ impl Arguments {
         }
         text
     }
-}
-
-fn many(count: usize, what: &str) -> String {
-    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
 fn check_ending(path: &Path) -> Outcome {

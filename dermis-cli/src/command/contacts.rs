@@ -11,6 +11,7 @@ use dermis::frame::write_whole;
 use dermis::geom::Surface;
 use dermis::method::Method;
 use dermis::skin::Skin;
+use dermis::text::counted;
 use dermis_calibrate::{Calibration, Pose};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -32,8 +33,8 @@ pub struct Arguments {
     /// calibration.
     #[arg(long, value_enum, default_value_t = Coordinates::Skin)]
     coordinates: Coordinates,
-    /// File to write: a table with a row per contact (.csv; theta_rad on cylinders alone, conductance with --both-signs), or a line of JSON per frame
-    /// (.jsonl).
+    /// File to write: a table with a row per contact (.csv; theta_rad on cylinders alone, conductance with
+    /// --both-signs), or a line of JSON per frame (.jsonl).
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 }
@@ -80,8 +81,8 @@ impl Arguments {
         let surface = skin.design().body.surface();
         write_whole(&self.output, |out| write(out, &contacts, &surface))?;
         let count: usize = contacts.iter().map(Vec::len).sum();
-        let (path, frames) = (self.output.display(), contacts.len());
-        print(&format!("{path}: {count} contacts in {frames} frames ({})\n", method.description()))
+        let (contacts, frames) = (counted(count, "contact"), counted(contacts.len(), "frame"));
+        print(&format!("{}: {contacts} in {frames} ({})\n", self.output.display(), method.description()))
     }
 
     /// The pose of the skin where contacts are wanted in the robot's frame; `None` for the skin's own.

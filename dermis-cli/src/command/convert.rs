@@ -3,6 +3,7 @@
 use crate::console::{Progress, print, print_json};
 use crate::failure::Outcome;
 use clap::Args;
+use dermis::text::counted;
 use dermis_live::recording::{Converted, convert};
 use std::path::PathBuf;
 
@@ -36,7 +37,9 @@ impl Arguments {
         let Converted { frames, channels, picture: [rows, columns], contacts, ref left_out } = *converted;
         let folder = self.output.display();
         let mut text = format!(
-            "{folder}: {frames} frames of {channels} values and {rows} x {columns} pixels, {contacts} contacts\n"
+            "{folder}: {} of {channels} values and {rows} x {columns} pixels, {}\n",
+            counted(frames, "frame"),
+            counted(contacts, "contact")
         );
         for place in left_out {
             text += &format!("left out: {place}\n");

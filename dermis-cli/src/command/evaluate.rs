@@ -14,6 +14,7 @@ use dermis::frame::{Frame, Truth, frames_after_last_touch, read_truth};
 use dermis::geom::{Point2, Point3};
 use dermis::skin::Skin;
 use dermis::stats::Summary;
+use dermis::text::counted;
 use dermis_calibrate::Pose;
 use dermis_sim::evaluate::{Aligned, Alignment, Score, score_contacts};
 use rayon::prelude::*;
@@ -135,11 +136,10 @@ impl Arguments {
         let rest = frames_after_last_touch(truth);
         if !rest.is_empty() {
             warn(&format!(
-                "{} has its last touch in frame {}, but there are {} frames: the last {} count as untouched",
+                "{} has its last touch in frame {}, of {}: those after it count as untouched",
                 self.truth.display(),
                 rest.start as i64 - 1,
-                truth.len(),
-                rest.len()
+                counted(truth.len(), "frame")
             ));
         }
     }
@@ -254,12 +254,12 @@ fn table(skin: &str, score: &Score) -> String {
     let force = score.force.map_or(String::new(), force_line);
     let advice = score.advice().map(|advice| format!("  note                {advice}\n")).unwrap_or_default();
     format!(
-        "{skin}: {}{alpha}\n  presses             {}, of which {} missed; {} false positives\n  localisation        {}\n  \
+        "{skin}: {}{alpha}\n  presses             {}, of which {} missed; {}\n  localisation        {}\n  \
          whole-image (Eq 11) {}\n  sensitivity spread  {spread}\n{force}{advice}",
         score.method,
         score.presses,
         score.misses,
-        score.false_positives,
+        counted(score.false_positives, "false positive"),
         millimetres(&score.localisation_m),
         millimetres(&score.eq11_m),
     )

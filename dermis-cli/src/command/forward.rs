@@ -6,6 +6,7 @@ use crate::skin;
 use clap::Args;
 use dermis::frame::{Frame, Truth, read_table, read_truth, write_frames};
 use dermis::skin::Skin;
+use dermis::text::counted;
 use dermis_sim::touch::{GaussianTouch, touched_conductivity};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -57,7 +58,7 @@ impl Arguments {
         let frames = maps.par_iter().map_init(|| skin.forward().solver(), solve).collect::<Result<Vec<_>, _>>()?;
         drop(progress);
         write_frames(&self.output, &frames)?;
-        print(&format!("{}: {} frames of {channels} values\n", self.output.display(), frames.len()))
+        print(&format!("{}: {} of {channels} values\n", self.output.display(), counted(frames.len(), "frame")))
     }
     /// The conductivity of each frame in a file of touches; frames without a touch are untouched.
     fn touched(&self, skin: &Skin, path: &Path) -> Outcome<Vec<Vec<f64>>> {

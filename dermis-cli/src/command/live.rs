@@ -10,6 +10,7 @@ use dermis::frame::write_whole;
 use dermis::method::MethodSet;
 use dermis::pipeline::{Command, Settings, Severity, State, Zone};
 use dermis::skin::Skin;
+use dermis::text::counted;
 use dermis_live::device::{Address, DeviceOptions};
 use dermis_live::emulator::Emulator;
 use dermis_live::recording::Player;
@@ -244,7 +245,7 @@ impl Arguments {
         if let Some(problem) = ended.problem {
             return Err(Failure::given(format!("the recording ended early: {problem}"), None));
         }
-        eprintln!("{}: {} frames, {:.1} s", path.display(), ended.written.frames, ended.written.seconds);
+        eprintln!("{}: {}, {:.1} s", path.display(), counted(ended.written.frames, "frame"), ended.written.seconds);
         Ok(failure)
     }
 }

@@ -6,6 +6,7 @@ use clap::Args;
 use dermis::design::{Body, SkinDesign};
 use dermis::mesh::quality::MeshReport;
 use dermis::mesh::{ElectrodePatch, Mesh, export, import};
+use dermis::text::counted;
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -36,7 +37,7 @@ impl Arguments {
         if let Body::Mesh { path, unit_m } = &design.body {
             match import::reordered_cells(path, *unit_m)? {
                 0 => {}
-                count => warn(&format!("{}: the nodes of {count} cells were reordered", path.display())),
+                count => warn(&format!("{}: the nodes of {} were reordered", path.display(), counted(count, "cell"))),
             }
         }
         let report = MeshReport::new(&design, &mesh);

@@ -3,7 +3,8 @@
 use crate::console::{Progress, print, print_json};
 use crate::failure::Outcome;
 use clap::Args;
-use dermis_live::recording::{Recovered, recover};
+use dermis::text::counted;
+use dermis_live::recording::{RecoveryReport, recover};
 use std::path::PathBuf;
 
 /// The arguments of `dermis recover`.
@@ -32,22 +33,27 @@ impl Arguments {
         }
     }
 
-    fn summary(&self, recovered: &Recovered) -> String {
-        let Recovered { messages, frames, seconds, was_whole, cut_bytes, ref damaged, without_topic } = *recovered;
-        let mut text = format!("{}: {frames} frames, {messages} messages, {seconds:.1} s\n", self.output.display());
+    fn summary(&self, recovered: &RecoveryReport) -> String {
+        let RecoveryReport { messages, frames, seconds, was_whole, cut_bytes, ref damaged, without_topic } = *recovered;
+        let mut text = format!(
+            "{}: {}, {}, {seconds:.1} s\n",
+            self.output.display(),
+            counted(frames, "frame"),
+            counted(messages, "message")
+        );
         if was_whole {
             text += "the recording was whole: nothing was left out\n";
         } else if cut_bytes == 0 {
             text += "the recording was not finished: what came in its last moments was not written\n";
         }
         if cut_bytes > 0 {
-            text += &format!("left out: the last {cut_bytes} bytes, which are no whole record\n");
+            text += &format!("left out at the end: {}, no whole record\n", counted(cut_bytes, "byte"));
         }
         for place in damaged {
             text += &format!("left out: {place}\n");
         }
         if without_topic > 0 {
-            text += &format!("left out: {without_topic} messages on topics whose names are lost\n");
+            text += &format!("left out: {} on topics whose names are lost\n", counted(without_topic, "message"));
         }
         text
     }

@@ -3,6 +3,7 @@
 use crate::console::{Progress, print};
 use crate::failure::{Failure, Outcome};
 use clap::Args;
+use dermis::text::counted;
 use dermis_live::LiveError;
 use dermis_live::recording::RecordError;
 use dermis_live::recording::{Replay, Replayed};
@@ -66,10 +67,10 @@ impl Arguments {
             _ => Err(Failure::given(format!("cannot write: {error}"), None)),
         })?;
         if damaged > 0 {
-            eprintln!("{damaged} damaged parts of {} were left out", self.recording.display());
+            eprintln!("{}: {} left out", self.recording.display(), counted(damaged, "damaged part"));
         }
         if self.summary {
-            print(&format!("{frames} frames, {touched} of them with contacts\n"))?;
+            print(&format!("{}, {touched} of them with contacts\n", counted(frames, "frame")))?;
         }
         Ok(())
     }

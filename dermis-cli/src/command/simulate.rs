@@ -6,6 +6,7 @@ use clap::{Args, ValueEnum};
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
 use dermis::mesh::Mesh;
+use dermis::text::counted;
 use dermis_sim::dataset::{
     self, GaussianTouches, Generator, Manifest, PatchTouches, Recipe, Record, Run, Shard, SkinSpread, Skins, Touch,
 };
@@ -209,11 +210,11 @@ impl Arguments {
             }));
         }
         print(&format!(
-            "{}: {} samples in {} files, {rate:.0} samples/s; {} files existed already\n",
+            "{}: {} samples in {}, {rate:.0} samples/s; {} existed already\n",
             folder.display(),
             report.made_samples,
-            report.made_files,
-            report.found_files,
+            counted(report.made_files, "file"),
+            counted(report.found_files, "file"),
         ))
     }
 
@@ -294,10 +295,10 @@ impl Arguments {
         }
         let state = if checked.finished { "finished" } else { "without a manifest yet" };
         print(&format!(
-            "{}: {} of {} files, all intact; {state}\n",
+            "{}: {} of {}, all intact; {state}\n",
             folder.display(),
             checked.good_files,
-            checked.file_count
+            counted(checked.file_count, "file")
         ))
     }
 
@@ -323,10 +324,10 @@ fn finished(folder: &Path, manifest: &Manifest) -> serde_json::Value {
 
 fn summary(folder: &Path, manifest: &Manifest) -> String {
     format!(
-        "{}: {} samples in {} files, all intact; images {:.4} +- {:.4}; wrote manifest.json\n",
+        "{}: {} samples in {}, all intact; images {:.4} +- {:.4}; wrote manifest.json\n",
         folder.display(),
         manifest.statistics.samples,
-        manifest.files.len(),
+        counted(manifest.files.len(), "file"),
         manifest.statistics.image_mean,
         manifest.statistics.image_sd,
     )

@@ -85,7 +85,7 @@ enum NetworkName {
     /// The paper's four dense layers.
     Paper,
     /// Alternative reading of the paper: batch normalisation before each of five dense layers.
-    PaperOtherwise,
+    PaperNormFirst,
     /// A linear layer refined by convolutions, trained with domain randomization.
     Best,
     /// For uncalibrated instruments: input normalised by the size of the frame, strong domain randomization instead of
@@ -159,7 +159,7 @@ impl Arguments {
             Samples::new(source, &forward, &pixels, method.target, noise, symmetries)
         };
         let (training, test) = (samples(training)?, samples(test)?);
-        let mut trainer = Trainer::new(&method.plan, method.input.clone(), &method.options, &training, &test)?;
+        let mut trainer = Trainer::new(&method.architecture, method.input.clone(), &method.options, &training, &test)?;
         drop(waiting);
         self.train(&mut trainer, method.options.batch)?;
         let epochs = trainer.epochs().to_vec();
@@ -178,7 +178,7 @@ impl Arguments {
         let noise_ohm = || noise_ohm(design, &TwinOptions::load(&self.noise)?);
         let mut method = match self.network {
             NetworkName::Paper => TrainingPreset::paper(forward.protocol(), pixels, noise_ohm()?),
-            NetworkName::PaperOtherwise => TrainingPreset::paper_otherwise(forward.protocol(), pixels, noise_ohm()?),
+            NetworkName::PaperNormFirst => TrainingPreset::paper_norm_first(forward.protocol(), pixels, noise_ohm()?),
             NetworkName::Best => {
                 let without: Vec<Ablation> = self.without.iter().map(|name| name.ablation()).collect();
                 TrainingPreset::best_without(&without, design, forward.protocol(), pixels, noise_ohm()?)

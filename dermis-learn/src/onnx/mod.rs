@@ -48,7 +48,7 @@ fn file(input: &Input, network: &Network, target: Target, channels: usize, notes
     if input.scale_free {
         graph.operation("Mul", &["shape", &size], "image", &[]);
     }
-    graph.into_file("dermis", [("difference_ohm", channels), ("image", network.plan().outputs())], notes)
+    graph.into_file("dermis", [("difference_ohm", channels), ("image", network.architecture().outputs())], notes)
 }
 
 /// Adds the conversion of the channels before the network: means, normalisation.

@@ -34,19 +34,19 @@ fn onnx_runtime_gives_our_images() {
     // More convolutions than columns: the periodic image is repeated more than once.
     let narrow = Architecture::refined(20, [4, 3], true, &[2, 16, 16, 16, 16, 1]);
     let flat = Architecture::refined(20, [5, 6], false, &[3, 16, 1]);
-    let plans = [Architecture::paper(CHANNELS, 30), Architecture::paper_otherwise(20, 30), ring, narrow, flat];
-    for (index, plan) in plans.iter().enumerate() {
+    let architectures = [Architecture::paper(CHANNELS, 30), Architecture::paper_norm_first(20, 30), ring, narrow, flat];
+    for (index, architecture) in architectures.iter().enumerate() {
         for target in [Target::Conductance, Target::Touches { width_m: 0.01 }] {
             for scale_free in [false, true] {
-                check(&python, folder.path(), plan, index as u64, target, scale_free);
+                check(&python, folder.path(), architecture, index as u64, target, scale_free);
             }
         }
     }
 }
 
 /// A network with random values everywhere, as different from the initial zeros and ones as after training.
-fn drawn(plan: &Architecture, seed: u64) -> Network {
-    let mut network = Network::new(plan, seed);
+fn drawn(architecture: &Architecture, seed: u64) -> Network {
+    let mut network = Network::new(architecture, seed);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let names: Vec<String> = network.tensors().into_iter().map(|tensor| tensor.name).collect();
     for (values, name) in network.values_mut().into_iter().zip(names) {
@@ -77,9 +77,9 @@ fn drawn_input(inputs: usize) -> Input {
     }
 }
 
-fn check(python: &str, folder: &Path, plan: &Architecture, seed: u64, target: Target, scale_free: bool) {
-    let network = drawn(plan, seed);
-    let mut input = drawn_input(plan.inputs());
+fn check(python: &str, folder: &Path, architecture: &Architecture, seed: u64, target: Target, scale_free: bool) {
+    let network = drawn(architecture, seed);
+    let mut input = drawn_input(architecture.inputs());
     if scale_free {
         input.scale_free = true;
         input.channels[1].clear();
@@ -87,18 +87,18 @@ fn check(python: &str, folder: &Path, plan: &Architecture, seed: u64, target: Ta
     let differences: Vec<f32> = (0..FRAMES * CHANNELS).map(|at| 0.03 * (0.7 * at as f32).sin()).collect();
     let wide = |values: &[f32]| values.iter().map(|&value| f64::from(value)).collect::<Vec<f64>>();
     let differences = wide(&differences);
-    let mut images = vec![0.0; FRAMES * plan.outputs()];
+    let mut images = vec![0.0; FRAMES * architecture.outputs()];
     let inference = Inference::new(&network, &input, target);
-    for (difference, image) in differences.chunks_exact(CHANNELS).zip(images.chunks_exact_mut(plan.outputs())) {
+    for (difference, image) in differences.chunks_exact(CHANNELS).zip(images.chunks_exact_mut(architecture.outputs())) {
         inference.image_into(difference, image);
     }
     let paths = ["model.onnx", "differences.npy", "images.npy"].map(|name| folder.join(name));
     std::fs::write(&paths[0], file(&input, &network, target, CHANNELS, &[("seed", seed.to_string())])).unwrap();
     write_array(&paths[1], "differences", &[FRAMES, CHANNELS], &differences).unwrap();
-    write_array(&paths[2], "images", &[FRAMES, plan.outputs()], &images).unwrap();
+    write_array(&paths[2], "images", &[FRAMES, architecture.outputs()], &images).unwrap();
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/check_onnx.py");
     let output = Command::new(python).arg(script).args(&paths).output().unwrap();
     let said = String::from_utf8_lossy(&output.stdout);
-    assert!(output.status.success(), "{plan:?}\n{said}\n{}", String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success(), "{architecture:?}\n{said}\n{}", String::from_utf8_lossy(&output.stderr));
     assert!(said.contains("one by one: 4 images"), "{said}");
 }

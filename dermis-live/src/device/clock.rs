@@ -10,7 +10,7 @@ use std::time::Duration;
 /// by more than one second for longer than one second, one of the clocks was set. (A connection that merely stalled
 /// delivers its delayed messages together.)
 #[derive(Debug, Clone, Default)]
-pub struct DeviceClock {
+pub(crate) struct DeviceClock {
     /// Host time minus device time at the smallest delay, ns, and the device time of that message, us.
     least: Option<(i128, u64)>,
     /// Time since which messages are late by more than one second.
@@ -29,7 +29,7 @@ const SET_S: f64 = 1.0;
 impl DeviceClock {
     /// The host time of an event that the device reports at `time_us` and that was received at `received_at`; never
     /// earlier than the last returned time.
-    pub fn moment(&mut self, time_us: u64, received_at: Timestamp) -> Timestamp {
+    pub(super) fn moment(&mut self, time_us: u64, received_at: Timestamp) -> Timestamp {
         let device_ns = i128::from(time_us) * 1000;
         let offset_ns = i128::from(received_at.unix_ns) - device_ns;
         let allowed_ns = self.least.map(|(least_ns, at_us)| {
@@ -64,7 +64,7 @@ impl DeviceClock {
     }
 
     /// Resets the relation between the clocks, after the device was restarted or disconnected.
-    pub fn restart(&mut self) {
+    pub(super) fn restart(&mut self) {
         *self = DeviceClock { last: self.last, ..Self::default() };
     }
 }

@@ -6,6 +6,7 @@ use crate::device::{DeviceOptions, READ_BYTES, SILENCE};
 use crate::device::{Role, ScanTable};
 use dermis::pipeline::{Notice, Severity};
 use dermis::skin::Skin;
+use dermis::text::counted;
 use dermis_wire::{
     Decoder, Fault, FaultCode, Frame, FrameFlags, Hello, Received, ScanPart, Slot, ToDevice, ToHost, VERSION,
     test_reading,
@@ -233,7 +234,11 @@ fn untested() -> Notice {
 fn wrong_reading(frame: &Frame<'_>, scan: &ScanTable) -> Option<String> {
     let roles = scan.roles();
     if frame.readings.len() != roles.len() {
-        return Some(format!("its self-test has {} readings, the scan table {}", frame.readings.len(), roles.len()));
+        return Some(format!(
+            "its self-test has {}, the scan table {}",
+            counted(frame.readings.len(), "reading"),
+            roles.len()
+        ));
     }
     let expected = |slot: usize| i32::from(test_reading(slot as u16));
     let is_wrong = |&(slot, reading): &(usize, i32)| reading != expected(slot);
@@ -264,11 +269,13 @@ fn no_hello(bytes: usize, address: &Address) -> String {
     match (bytes, address) {
         (0, _) => "nothing came in 2 s: is it on, is this its port, does no other program read it?".into(),
         (bytes, Address::Serial { baud, .. }) => format!(
-            "{bytes} bytes came and no hello among them: is {baud} bits a second the speed of its line (write serial:PATH@BAUD), \
-             is this its port?"
+            "{} came and no hello among them: is {baud} bits a second the speed of its line (write serial:PATH@BAUD), \
+             is this its port?",
+            counted(bytes, "byte")
         ),
         (bytes, _) => {
-            format!("{bytes} bytes came and no hello among them: something else speaks there; is the port right?")
+            let bytes = counted(bytes, "byte");
+            format!("{bytes} came and no hello among them: something else speaks there; is the port right?")
         }
     }
 }

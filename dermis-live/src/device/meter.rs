@@ -10,7 +10,7 @@ use dermis_wire::{Hello, Readings};
 /// The current of each drive is measured across the reference resistor, `I = V_ref / R_ref`; a value is the measured
 /// voltage divided by this current.
 #[derive(Debug, Clone)]
-pub struct Meter {
+pub(crate) struct Meter {
     roles: Vec<Role>,
     /// For each channel, its drive and the volts per count.
     channels: Vec<(usize, f64)>,
@@ -26,7 +26,7 @@ pub struct Meter {
 
 impl Meter {
     /// For the readings of a device.
-    pub fn new(hello: &Hello<'_>, scan: &ScanTable, protocol: &Protocol) -> Self {
+    pub(super) fn new(hello: &Hello<'_>, scan: &ScanTable, protocol: &Protocol) -> Self {
         let (drives, drive_of) = protocol.drives();
         let [free, driven, reference] = hello.volts_per_count.map(f64::from);
         let volts = |channel: &dermis::protocol::Channel| if channel.touches_driven() { driven } else { free };
@@ -44,7 +44,7 @@ impl Meter {
     }
 
     /// Whether readings have the number and the width that the hello of the device states.
-    pub fn takes(&self, readings: &Readings<'_>) -> bool {
+    pub(crate) fn takes(&self, readings: &Readings<'_>) -> bool {
         readings.len() == self.roles.len() && readings.reading_bytes() == self.reading_bytes
     }
 
@@ -54,7 +54,7 @@ impl Meter {
     ///
     /// # Panics
     /// If the number of readings differs from the number of slots.
-    pub fn measure(&self, readings: Readings<'_>) -> Measurement {
+    pub(super) fn measure(&self, readings: Readings<'_>) -> Measurement {
         assert_eq!(readings.len(), self.roles.len(), "a reading for each slot");
         let mut currents_a = vec![0.0; self.drive_count];
         let mut saturated = vec![false; self.drive_count];

@@ -15,11 +15,12 @@ mod meter;
 mod rows;
 mod scan;
 
-pub use clock::DeviceClock;
+use clock::DeviceClock;
 pub use line::{Address, Line, PATIENCE, open};
-pub use meter::Meter;
+use meter::Meter;
 pub(crate) use rows::RowMessage;
-pub use scan::{Role, ScanTable, TooLarge};
+pub(crate) use scan::Role;
+pub use scan::{ScanTable, TooLarge};
 
 use crate::LiveError;
 use crate::device::handshake::{Handshake, send};
@@ -329,7 +330,7 @@ impl Device {
     }
 
     /// The state of its stream, for the next connection.
-    pub fn into_stream(self) -> Stream {
+    pub(crate) fn into_stream(self) -> Stream {
         self.stream
     }
 

@@ -6,6 +6,7 @@ use crate::device::{DeviceEvent, DeviceFacts, DeviceOptions, IncomingFrame, READ
 use dermis::frame::{FrameLine, FrameLines, LineError};
 use dermis::pipeline::{Measurement, Notice, Severity, Timestamp};
 use dermis::skin::Skin;
+use dermis::text::counted;
 use std::time::{Duration, Instant};
 
 /// If so many first rows are wrong, all are.
@@ -135,7 +136,7 @@ impl RowReader {
         }
         let others = match std::mem::take(&mut self.unreported) {
             0 => String::new(),
-            count => format!(" (and {count} rows before it)"),
+            count => format!(" (and {} before it)", counted(count, "row")),
         };
         self.reported_at = Some(Instant::now());
         let text = format!("a row of {} is lost: {error}{others}", self.address);
@@ -158,8 +159,10 @@ impl RowReader {
             }
         }
         if self.stream.newest.is_none() {
-            let message =
-                format!("it ended after {} lines without a row that fits the design", self.lines.line_count());
+            let message = format!(
+                "it ended after {} without a row that fits the design",
+                counted(self.lines.line_count(), "line")
+            );
             return LiveError::Refused { address, message };
         }
         LiveError::Ended { address }

@@ -14,7 +14,7 @@ pub struct ScanTable {
 
 /// Meaning of a slot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Role {
+pub(crate) enum Role {
     /// The current of a drive, by its number.
     Current(usize),
     /// A channel, by its number.
@@ -55,7 +55,7 @@ impl ScanTable {
     }
 
     /// The meaning of each slot.
-    pub fn roles(&self) -> &[Role] {
+    pub(crate) fn roles(&self) -> &[Role] {
         &self.roles
     }
 
@@ -69,8 +69,8 @@ impl ScanTable {
         })
     }
 
-    /// The table as CSV with the columns [`SCAN_COLUMNS`]; readings of the reference resistor have no measure pair and no
-    /// channel. A design reads it as its protocol (`pattern.table`).
+    /// The table as CSV with the columns [`SCAN_COLUMNS`]; readings of the reference resistor have no measure pair and
+    /// no channel. A design reads it as its protocol (`pattern.table`).
     pub fn to_csv(&self) -> String {
         let mut text = SCAN_COLUMNS.join(",") + "\n";
         for (index, (slot, role)) in self.slots.iter().zip(&self.roles).enumerate() {

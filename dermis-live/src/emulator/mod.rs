@@ -14,4 +14,4 @@ pub use fault::{Fault, TimedFault};
 pub use port::Port;
 #[cfg(unix)]
 pub use pty::pseudo_terminal;
-pub use script::{NAMED, Place, Script, Stroke};
+pub use script::{Place, Script, Stroke};

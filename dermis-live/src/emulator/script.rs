@@ -63,7 +63,7 @@ pub enum Place {
 }
 
 /// Built-in scripts.
-pub const NAMED: [&str; 7] = ["none", "random", "press", "slide", "cross", "four", "grid"];
+pub(crate) const NAMED: [&str; 7] = ["none", "random", "press", "slide", "cross", "four", "grid"];
 
 impl Script {
     /// Loads a built-in script by its name, or a file. Random touches and the forces of `grid` depend on the seed;

@@ -4,6 +4,7 @@ use crate::recording::read::{Messages, ReadItem};
 use crate::recording::walk::End;
 use crate::recording::{RecordError, Session, npz};
 use crate::sinks::ros2::{self as ros, CONTACT_FIELDS, Image, PointCloud2, Topic};
+use dermis::text::counted;
 use serde::Serialize;
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -108,7 +109,7 @@ impl Rows {
         if let Some(End::Cut { at, bytes }) = self.messages.walk.end() {
             self.left_out.push(match bytes {
                 0 => format!("byte {at}: the recording was not finished; what came then is missing"),
-                _ => format!("byte {at}: the recording was cut; the last {bytes} bytes are no whole record"),
+                _ => format!("byte {at}: the recording was cut; {} at its end are left out", counted(bytes, "byte")),
             });
         }
         Ok(None)

@@ -17,7 +17,7 @@ mod write;
 pub use convert::{Converted, convert};
 pub use event::Event;
 pub use read::{Recorded, Recording};
-pub use recover::{Recovered, recover, recover_into};
+pub use recover::{RecoveryReport, recover, recover_into};
 pub use replay::{Player, Replay, Replayed};
 pub use session::Session;
 pub use sink::{RecordingSink, RecordingStatus};

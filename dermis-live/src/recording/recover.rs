@@ -5,6 +5,7 @@ use crate::recording::write::{CHUNK_TIME, Output, options, output};
 use crate::recording::{RecordError, read};
 use crate::sinks::ros2::Topic;
 use dermis::pipeline::Timestamp;
+use dermis::text::counted;
 use mcap::records::{AttachmentHeader, Channel, Header, MessageHeader, SchemaHeader};
 use mcap::{Attachment, McapError, McapResult, Writer};
 use serde::Serialize;
@@ -14,7 +15,7 @@ use std::path::Path;
 
 /// Summary of a repair.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
-pub struct Recovered {
+pub struct RecoveryReport {
     /// Messages on all topics.
     pub messages: u64,
     /// Frames: the device's own messages.
@@ -37,7 +38,7 @@ pub struct Recovered {
 ///
 /// # Errors
 /// A file that is not a recording; an output that exists; a system error.
-pub fn recover(from: &Path, to: &Path) -> Result<Recovered, RecordError> {
+pub fn recover(from: &Path, to: &Path) -> Result<RecoveryReport, RecordError> {
     let (file, length) = read::open(from)?;
     // Check the input before anything is written.
     let walk = read::walk(file, length, from)?;
@@ -68,7 +69,7 @@ pub fn recover_into(
     length: u64,
     path: &Path,
     output: &mut dyn Write,
-) -> Result<Recovered, RecordError> {
+) -> Result<RecoveryReport, RecordError> {
     copy(read::walk(input, length, path)?, output).map_err(|failed| failed.into_error(path, path))
 }
 
@@ -86,8 +87,8 @@ impl Failed {
     }
 }
 
-fn copy(mut walk: Walk<impl Read>, file: &mut dyn Write) -> Result<Recovered, Failed> {
-    let mut recovered = Recovered::default();
+fn copy(mut walk: Walk<impl Read>, file: &mut dyn Write) -> Result<RecoveryReport, Failed> {
+    let mut recovered = RecoveryReport::default();
     // Nothing can be written before the header.
     let mut header = Header { profile: "ros2".into(), library: String::new() };
     let mut pending = None;
@@ -132,7 +133,7 @@ impl<'a> Copy<'a> {
         Ok(Copy { writer, channels: HashSet::new(), wire: HashSet::new(), chunk_from: None, times: None })
     }
 
-    fn item(&mut self, item: Item, recovered: &mut Recovered) -> McapResult<()> {
+    fn item(&mut self, item: Item, recovered: &mut RecoveryReport) -> McapResult<()> {
         let copied = match item {
             // Only the first header counts.
             Item::Header(_) => Ok(()),
@@ -142,7 +143,7 @@ impl<'a> Copy<'a> {
             Item::Attachment { header, data } => self.attachment(header, data),
             Item::Metadata(metadata) => self.writer.write_metadata(&metadata),
             Item::Damaged { at, bytes, why } => {
-                recovered.damaged.push(format!("byte {at}: {why} ({bytes} bytes)"));
+                recovered.damaged.push(format!("byte {at}: {why} ({})", counted(bytes, "byte")));
                 Ok(())
             }
         };
@@ -173,7 +174,7 @@ impl<'a> Copy<'a> {
         Ok(())
     }
 
-    fn message(&mut self, header: &MessageHeader, data: &[u8], recovered: &mut Recovered) -> McapResult<()> {
+    fn message(&mut self, header: &MessageHeader, data: &[u8], recovered: &mut RecoveryReport) -> McapResult<()> {
         if !self.channels.contains(&header.channel_id) {
             recovered.without_topic += 1;
             return Ok(());

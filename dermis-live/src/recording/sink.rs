@@ -132,7 +132,7 @@ impl RecorderThread {
             // Reports dropped events at this place of the recording, because a replay differs from here on.
             let dropped = self.mailbox.dropped();
             if dropped > reported {
-                let text = format!("{} frames or events are missing here: the disk is too slow", dropped - reported);
+                let text = format!("the disk is too slow: frames or events missing here: {}", dropped - reported);
                 let notice = Notice { level: Severity::Warning, text, at: clock::now() };
                 recorder.event(notice.at, &record::Event::Notice(notice.clone()))?;
                 reported = dropped;

@@ -3,6 +3,7 @@
 //! Every record begins with its length. A damaged record is reported and skipped; a record that extends past the end of
 //! the file marks the truncation. No stated length causes an allocation larger than the file.
 
+use dermis::text::counted;
 use mcap::MAGIC;
 use mcap::records::{AttachmentHeader, Channel, Header, MessageHeader, Metadata, SchemaHeader, op};
 use std::collections::BTreeMap;
@@ -84,7 +85,7 @@ impl<R: Read> Walk<R> {
         Ok(match start {
             start if start == MAGIC => Ok(walk),
             start if start.is_empty() => Err("the file is empty".into()),
-            start if MAGIC.starts_with(&start) => Err(format!("it ends after {} bytes", start.len())),
+            start if MAGIC.starts_with(&start) => Err(format!("it ends after {}", counted(start.len(), "byte"))),
             start => Err(format!("it begins with {start:02x?}")),
         })
     }

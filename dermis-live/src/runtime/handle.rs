@@ -140,7 +140,7 @@ impl LiveHandle {
     }
 
     /// Counts events that a sink dropped by itself.
-    pub fn add_dropped(&self, sink: &'static str, count: u64) {
+    pub(crate) fn add_dropped(&self, sink: &'static str, count: u64) {
         *lock(&self.dropped).entry(sink).or_default() += count;
     }
 
@@ -196,7 +196,7 @@ impl LiveHandle {
     }
 
     /// Whether it is being stopped.
-    pub fn is_stopped(&self) -> bool {
+    pub(crate) fn is_stopped(&self) -> bool {
         self.stopped.load(Ordering::Relaxed)
     }
 

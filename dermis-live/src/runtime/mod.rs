@@ -26,7 +26,7 @@ mod handle;
 mod mailbox;
 mod pipeline_thread;
 
-pub use control::{ClientSession, Control, RecordingOptions, Request};
+pub use control::{ClientSession, Control, RecordingOptions};
 pub use frame::LiveFrame;
 pub use handle::LiveHandle;
 pub use mailbox::{Mailbox, Popped};
@@ -88,8 +88,8 @@ impl std::fmt::Debug for Live {
 }
 
 impl Live {
-    /// Connects to the device and begins to read it; standard input is read from [`begin_playback`](Self::begin_playback)
-    /// on. At the end of the input all mailboxes are closed.
+    /// Connects to the device and begins to read it; standard input is read from
+    /// [`begin_playback`](Self::begin_playback) on. At the end of the input all mailboxes are closed.
     ///
     /// # Errors
     /// A device that cannot be reached or is refused; settings out of their ranges.

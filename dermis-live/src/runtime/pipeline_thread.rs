@@ -90,7 +90,7 @@ impl PipelineThread {
         for (sink, count) in self.shared.dropped() {
             let more = count.saturating_sub(reported.get(sink).copied().unwrap_or(0));
             if more > 0 {
-                let text = format!("{sink}: too slow, {more} frames or messages were dropped");
+                let text = format!("{sink}: too slow; frames or messages dropped: {more}");
                 self.shared.notice(Severity::Warning, text);
             }
         }

@@ -5,6 +5,7 @@ use crate::dataset::file::Reader;
 use crate::dataset::record::{FRAMES, IMAGES, REST, Record, file_name};
 use crate::dataset::run::{remove_leftovers, write_durable};
 use dermis::stats::sd_of_sums;
+use dermis::text::counted;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -182,7 +183,7 @@ pub fn verify(folder: &Path, on_file: impl Fn() + Sync) -> Result<Checked, Datas
         }
     }
     if checked.finished && (numbers.len() as u64) < checked.file_count {
-        checked.problems.push(format!("{} files are missing", checked.file_count - numbers.len() as u64));
+        checked.problems.push(format!("{} missing", counted(checked.file_count - numbers.len() as u64, "file")));
     }
     Ok(checked)
 }

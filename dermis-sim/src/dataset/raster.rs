@@ -25,7 +25,7 @@ const NO_CELL: u32 = u32::MAX;
 
 /// The cells of a mesh, prepared for Gaussian touches.
 #[derive(Debug, Clone)]
-pub struct CellRaster {
+pub(crate) struct CellRaster {
     surface: Unrolled,
     /// Coordinates of a point: two on a surface that can be unrolled, three in space.
     dimensions: usize,
@@ -55,20 +55,16 @@ struct Item {
 }
 
 impl CellRaster {
-    /// The raster of a mesh for touches with a width of at least `least_width_m`, with the best instruction set of this
-    /// machine.
+    /// The raster of a mesh for touches with a width of at least `least_width_m`, with a chosen instruction set.
     ///
     /// # Errors
     /// A width far below the cells of the mesh.
-    pub fn new(surface: Surface, mesh: &Mesh, least_width_m: f64) -> Result<Self, DatasetError> {
-        Self::at_level(surface, mesh, least_width_m, SimdLevel::best())
-    }
-
-    /// The same with a chosen instruction set.
-    ///
-    /// # Errors
-    /// As [`new`](Self::new).
-    pub fn at_level(surface: Surface, mesh: &Mesh, least_width_m: f64, level: SimdLevel) -> Result<Self, DatasetError> {
+    pub(super) fn at_level(
+        surface: Surface,
+        mesh: &Mesh,
+        least_width_m: f64,
+        level: SimdLevel,
+    ) -> Result<Self, DatasetError> {
         let rule = match mesh.cells {
             Cells::Triangles(_) => Rule::Triangle,
             Cells::Tetrahedra(_) => Rule::Tetrahedron,
@@ -178,7 +174,7 @@ impl CellRaster {
     /// Calls `add(cell, mean)` with the mean of a touch's change over every cell within its range, once per cell.
     ///
     /// Equal to [`GaussianTouch::add_cell_means`] within 5e-6 of the amplitude.
-    pub fn for_each_mean(&self, touch: &GaussianTouch, mut add: impl FnMut(usize, f64)) {
+    pub(crate) fn for_each_mean(&self, touch: &GaussianTouch, mut add: impl FnMut(usize, f64)) {
         let centre = self.surface.place(touch.centre_m);
         let reach_m = REACH_WIDTHS * touch.width_m;
         let run = Means { raster: self, centre, reach_m, touch, add: &mut add };
@@ -373,7 +369,7 @@ mod tests {
         let design = SkinDesign::shipped("cylinder30").unwrap();
         let mesh = Mesh::generate(&design).unwrap();
         let (surface, places) = (design.body.surface(), Places::new(&design.body, &mesh));
-        let raster = CellRaster::new(surface, &mesh, 0.004).unwrap();
+        let raster = CellRaster::at_level(surface, &mesh, 0.004, SimdLevel::best()).unwrap();
         let mut worst = 0.0f64;
         for index in 0..4 {
             let centre_m = places.draw(&mut sample_rng(12, index));
@@ -433,7 +429,7 @@ mod tests {
         let design = SkinDesign::shipped("cylinder30").unwrap();
         let mesh = Mesh::generate(&design).unwrap();
         let surface = design.body.surface();
-        let original = CellRaster::new(surface, &mesh, 0.005).unwrap();
+        let original = CellRaster::at_level(surface, &mesh, 0.005, SimdLevel::best()).unwrap();
         // A smooth field of shifts of up to 1.4 mm that is zero at the rims; only nodes with z above 60 mm move.
         let shift = |node: &Point3| match node[2] > 0.06 {
             true => [1e-3 * (20.0 * node[0]).sin(), 1e-3 * (10.5 * (node[2] - 0.06)).sin()],
@@ -473,7 +469,7 @@ mod tests {
     fn touches_that_the_mesh_cannot_carry_are_refused() {
         let design = SkinDesign::shipped("cylinder30").unwrap();
         let mesh = Mesh::generate(&design).unwrap();
-        let error = CellRaster::new(design.body.surface(), &mesh, 5e-4).unwrap_err();
+        let error = CellRaster::at_level(design.body.surface(), &mesh, 5e-4, SimdLevel::best()).unwrap_err();
         assert!(error.to_string().contains("0.0005: it must be no narrower"), "{error}");
     }
 }

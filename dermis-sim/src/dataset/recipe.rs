@@ -255,7 +255,7 @@ impl Recipe {
     }
 
     /// Whether touches are presses, which have a force.
-    pub fn has_presses(&self) -> bool {
+    pub(crate) fn has_presses(&self) -> bool {
         matches!(self.touch, Touch::Patch(_))
     }
 

@@ -12,7 +12,7 @@ use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 
 /// Number of samples per file, for any total number: the last file may contain fewer.
-pub const SAMPLES_PER_FILE: u64 = 8192;
+pub(crate) const SAMPLES_PER_FILE: u64 = 8192;
 
 /// The version of the format of a dataset's files; other versions are not read.
 const FORMAT: &str = "dermis dataset 2";

@@ -107,7 +107,7 @@ impl SkinMaker {
                 *value *= log_normal(self.spread.coat.rms, unit);
             }
         }
-        Ok(Skin { forward: self.base.remade(&nodes, &impedances, &rest)?, shifts_m, seed })
+        Ok(Skin { forward: self.base.with_parameters(&nodes, &impedances, &rest)?, shifts_m, seed })
     }
 
     /// The node positions of a skin.

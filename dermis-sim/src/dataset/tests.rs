@@ -235,7 +235,7 @@ fn damaged_foreign_and_missing_files_are_named_and_nothing_is_overwritten() {
     // After the manifest, a file that is valid in itself but differs from the original.
     finish(folder.path(), || ()).unwrap();
     std::fs::remove_file(&path).unwrap();
-    assert_eq!(verify(folder.path(), || ()).unwrap().problems, ["1 files are missing"]);
+    assert_eq!(verify(folder.path(), || ()).unwrap().problems, ["1 file missing"]);
 }
 
 #[test]

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// Noise levels for simulated touches, in turn, dB: from a bench to a moving body.
-pub const NOISE_DB: [f64; 4] = [54.0, 50.0, 46.0, 42.0];
+pub(crate) const NOISE_DB: [f64; 4] = [54.0, 50.0, 46.0, 42.0];
 /// Number of noise frames from which the noise of a method's images is estimated if the method has no matrix; the
 /// relative standard error is 1 / sqrt(2 * 400), 4 %.
 const NOISE_FRAMES: u64 = 400;
@@ -33,8 +33,8 @@ pub struct CalibrationRun {
 }
 
 impl CalibrationRun {
-    /// Adds noise to the samples of a generator, [`NOISE_DB`] in turn, and detects their contacts by a method.
-    /// `on_sample` is called after every sample, from several threads.
+    /// Adds noise to the samples of a generator, 54, 50, 46 and 42 dB in turn, and detects their contacts by a
+    /// method. `on_sample` is called after every sample, from several threads.
     ///
     /// # Errors
     /// Samples that cannot be generated; a method that fails.

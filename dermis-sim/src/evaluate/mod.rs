@@ -27,10 +27,9 @@ mod tests;
 
 pub use align::Alignment;
 pub use benchmark::{
-    Benchmark, BenchmarkOptions, BenchmarkResult, Covered, FALSE_CONTACTS_A_FRAME, FORCES_PER_POSITION, ForceScore,
-    FourScore,
+    Benchmark, BenchmarkOptions, BenchmarkResult, Covered, FORCES_PER_POSITION, ForceScore, FourScore,
 };
-pub use calibration_run::{CalibrationRun, NOISE_DB};
+pub use calibration_run::CalibrationRun;
 pub use explained::GainFit;
 pub use matching::{Match, match_contacts};
 pub use presses::{AlignMethod, AlignOptions, Aligned, PressEstimates, Screen};

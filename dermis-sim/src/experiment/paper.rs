@@ -78,7 +78,7 @@ impl<T> Sets<T> {
     ///
     /// # Errors
     /// The errors of the function.
-    pub fn try_map<'a, U, E>(&'a self, mut function: impl FnMut(&'a T) -> Result<U, E>) -> Result<Sets<U>, E> {
+    pub(crate) fn try_map<'a, U, E>(&'a self, mut function: impl FnMut(&'a T) -> Result<U, E>) -> Result<Sets<U>, E> {
         let Sets { grid, random, two, four } = self;
         Ok(Sets { grid: function(grid)?, random: function(random)?, two: function(two)?, four: function(four)? })
     }

@@ -108,7 +108,7 @@ impl<'a> Presses<'a> {
     }
 
     /// Presses at some random positions on the skin, each with every force (N), one after the other.
-    pub fn at_fixed_places(&self, places: usize, forces_n: &[f64]) -> PressSet {
+    pub(crate) fn at_fixed_places(&self, places: usize, forces_n: &[f64]) -> PressSet {
         let at_place = |number| {
             let centre_m = self.place(&mut self.rng(4, number));
             let press =

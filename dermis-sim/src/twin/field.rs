@@ -22,7 +22,7 @@ const MOST_POINTS: f64 = 2e7;
 
 /// A Gaussian field of mean 0 and variance 1.
 #[derive(Debug, Clone)]
-pub struct CorrelatedField {
+pub(crate) struct CorrelatedField {
     surface: Unrolled,
     axes: Vec<Axis>,
     length_m: f64,
@@ -40,14 +40,14 @@ struct Axis {
 
 impl CorrelatedField {
     /// A field over the nodes of a mesh; `None` if the correlation length is too short for it.
-    pub fn new(surface: Surface, mesh: &Mesh, length_m: f64, rng: &mut ChaCha8Rng) -> Option<Self> {
+    pub(super) fn new(surface: Surface, mesh: &Mesh, length_m: f64, rng: &mut ChaCha8Rng) -> Option<Self> {
         let (axes, count) = axes_over(surface, mesh, length_m)?;
         let noise = (0..count).map(|_| standard_normal(rng)).collect();
         Some(CorrelatedField { surface: Unrolled::of(&surface), axes, length_m, noise })
     }
 
     /// The field at a point.
-    pub fn at(&self, point_m: Point3) -> f64 {
+    pub(super) fn at(&self, point_m: Point3) -> f64 {
         let place = self.surface.place(point_m);
         let weights: Vec<Vec<(usize, f64)>> =
             self.axes.iter().zip(place).map(|(axis, place)| axis.weights(place, self.length_m)).collect();
@@ -85,7 +85,7 @@ fn axes_over(surface: Surface, mesh: &Mesh, length_m: f64) -> Option<(Vec<Axis>,
 ///
 /// [`draw`](Self::draw) gives the values of [`CorrelatedField::at`] for the same random numbers, up to rounding.
 #[derive(Debug, Clone)]
-pub struct FieldPlaces {
+pub(crate) struct FieldPlaces {
     noise_count: usize,
     /// For each point its runs of weights.
     runs_of_point: Vec<std::ops::Range<usize>>,
@@ -96,7 +96,7 @@ pub struct FieldPlaces {
 
 impl FieldPlaces {
     /// The weights of some points, for fields over the nodes of a mesh; `None` if the correlation length is too short.
-    pub fn new(surface: Surface, mesh: &Mesh, length_m: f64, points: &[Point3]) -> Option<Self> {
+    pub(crate) fn new(surface: Surface, mesh: &Mesh, length_m: f64, points: &[Point3]) -> Option<Self> {
         let (axes, noise_count) = axes_over(surface, mesh, length_m)?;
         let (last, before) = axes.split_last()?;
         let mut places =
@@ -124,7 +124,7 @@ impl FieldPlaces {
     }
 
     /// A new field at all of the points.
-    pub fn draw(&self, rng: &mut ChaCha8Rng) -> Vec<f64> {
+    pub(crate) fn draw(&self, rng: &mut ChaCha8Rng) -> Vec<f64> {
         let noise: Vec<f64> = (0..self.noise_count).map(|_| standard_normal(rng)).collect();
         let value = |runs: &std::ops::Range<usize>| {
             let runs = &self.runs[runs.clone()];

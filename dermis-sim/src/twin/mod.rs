@@ -35,12 +35,13 @@ mod strength;
 pub use contact_law::ContactLaw;
 pub use error::TwinError;
 pub use faults::{CutOptions, FaultOptions};
-pub use field::{CorrelatedField, FieldPlaces};
+pub(crate) use field::FieldPlaces;
 pub use imperfections::{CoatOptions, DriftOptions, ElectrodeOptions, TemperatureOptions};
 pub use options::{GaussianOptions, PressOptions, TouchOptions, TwinOptions};
 pub use patched::{ContactHistory, MOMENT_DEGREE, PatchedSkin};
-pub use patches::{PatchGrid, PatchOptions};
-pub use press::{Foam, Footprint, Press};
+pub use patches::PatchOptions;
+pub(crate) use press::Footprint;
+pub use press::{Foam, Press};
 pub use skin::Twin;
 
 #[cfg(test)]

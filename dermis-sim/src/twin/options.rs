@@ -156,7 +156,8 @@ impl TwinOptions {
         self.electronics.check_ranges()
     }
 
-    /// This twin adapted to a design, as [`Twin::new`](super::Twin::new) describes: it alone decides of what a twin is made.
+    /// This twin adapted to a design, as [`Twin::new`](super::Twin::new) describes: it alone decides of what a twin is
+    /// made.
     pub(super) fn made_of(mut self, design: &SkinDesign) -> Self {
         let charted = !matches!(design.body, Body::Mesh { .. });
         let rises = design.sheet.touch == TouchEffect::ConductanceRises;

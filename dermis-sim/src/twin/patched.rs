@@ -24,8 +24,8 @@ const LEAST_SHARE: f64 = 1e-12;
 /// A skin under a grid of patches and a layer of foam.
 ///
 /// Each patch is a floating equipotential; a press connects it to the coating with a conductance per area that follows
-/// from the pressure ([`ContactLaw`], [`Footprint`]), integrated over the patch with the moments of the potential below
-/// it. Everything that does not depend on the presses is computed once.
+/// from the pressure ([`ContactLaw`]), integrated over the patch with the moments of the potential below it. Everything
+/// that does not depend on the presses is computed once.
 #[derive(Debug)]
 pub struct PatchedSkin {
     grid: PatchGrid,
@@ -132,11 +132,6 @@ impl PatchedSkin {
         })
     }
 
-    /// The patches.
-    pub fn grid(&self) -> &PatchGrid {
-        &self.grid
-    }
-
     /// The sheet under them.
     pub fn conductors(&self) -> &FloatingConductors {
         &self.conductors
@@ -153,7 +148,8 @@ impl PatchedSkin {
     /// computes all of them.
     ///
     /// # Errors
-    /// An invalid press: see [`Footprint::new`].
+    /// A force or radius that is not positive, a centre off the skin, a tip whose indentation exceeds the foam
+    /// thickness.
     pub fn network(&self, presses: &[Press]) -> crate::Result<ElectrodeNetwork> {
         Ok(self.conductors.network(&self.contacts(presses)?)?)
     }

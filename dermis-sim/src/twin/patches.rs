@@ -4,7 +4,6 @@ use super::TwinError;
 use super::contact_law::ContactLaw;
 use super::error::{check_between, check_positive};
 use super::press::Foam;
-use crate::elementary::sin_cos;
 use crate::unrolled::Unrolled;
 use dermis::design::Body;
 use dermis::geom::{Point2, Point3};
@@ -68,7 +67,7 @@ impl PatchOptions {
     /// # Errors
     /// As [`check`](Self::check); patches that are larger than the body, a gap that leaves nothing of them, columns
     /// that do not close around a cylinder, a body known only by its mesh.
-    pub fn on_body(&self, body: &Body) -> Result<PatchGrid, TwinError> {
+    pub(crate) fn on_body(&self, body: &Body) -> Result<PatchGrid, TwinError> {
         self.check()?;
         let (low, size, wraps) = match *body {
             Body::Cylinder { length_m, diameter_m } => ([0.0; 2], [length_m, PI * diameter_m], true),
@@ -159,7 +158,7 @@ impl Lines {
 ///
 /// Positions are given in the chart `[around, along]`: (radius * theta, z) on a cylinder, (x, y) on a flat skin.
 #[derive(Debug, Clone, PartialEq)]
-pub struct PatchGrid {
+pub(crate) struct PatchGrid {
     pub(super) along: Lines,
     pub(super) round: Lines,
     gap_m: f64,
@@ -168,55 +167,26 @@ pub struct PatchGrid {
 
 impl PatchGrid {
     /// Pitch of the patches [along, around], m.
-    pub fn pitch_m(&self) -> [f64; 2] {
+    pub(crate) fn pitch_m(&self) -> [f64; 2] {
         [self.along.pitch_m, self.round.pitch_m]
     }
 
     /// Number of patches, including those that are completely clipped by the body's edge.
-    pub fn patch_count(&self) -> usize {
+    pub(crate) fn patch_count(&self) -> usize {
         self.along.count * self.round.count
     }
 
     /// The patch of a row and column.
-    pub fn patch(&self, row: usize, column: usize) -> usize {
+    pub(crate) fn patch(&self, row: usize, column: usize) -> usize {
         row * self.round.count + column
     }
 
     /// Lower and upper corner of a patch in the chart `[around, along]`, m. On a cylinder the upper one may be beyond
     /// the seam.
-    pub fn corners_m(&self, patch: usize) -> [Point2; 2] {
+    pub(crate) fn corners_m(&self, patch: usize) -> [Point2; 2] {
         let along = self.along.fabric(patch / self.round.count, self.gap_m);
         let round = self.round.fabric(patch % self.round.count, self.gap_m);
         [[round[0], along[0]], [round[1], along[1]]]
-    }
-
-    /// The patch at a point of the skin; `None` in a gap, and off the grid.
-    pub fn patch_at(&self, point_m: Point3) -> Option<usize> {
-        let [round, along] = self.chart(point_m);
-        let line = |lines: &Lines, value: f64| {
-            let from_start = match lines.period_m {
-                Some(period) => (value - lines.start_m).rem_euclid(period),
-                None => value - lines.start_m,
-            };
-            let line = (from_start / lines.pitch_m).floor();
-            let within = from_start - line * lines.pitch_m;
-            let on_fabric = (0.5 * self.gap_m..=lines.pitch_m - 0.5 * self.gap_m).contains(&within);
-            (on_fabric && line >= 0.0 && line < lines.count as f64).then_some(line as usize)
-        };
-        Some(self.patch(line(&self.along, along)?, line(&self.round, round)?))
-    }
-
-    /// The centre of a patch on the skin, without clipping.
-    pub fn centre_m(&self, patch: usize) -> Point3 {
-        let [low, high] = self.corners_m(patch);
-        let [round, along] = [0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])];
-        match self.body {
-            Body::Cylinder { diameter_m, .. } => {
-                let (sine, cosine) = sin_cos(2.0 * round / diameter_m);
-                [0.5 * diameter_m * cosine, 0.5 * diameter_m * sine, along]
-            }
-            _ => [round, along, 0.0],
-        }
     }
 
     /// A point of the skin in the chart, m.
@@ -267,20 +237,24 @@ pub(super) mod tests {
 
     const CYLINDER: Body = Body::Cylinder { length_m: 0.3, diameter_m: 0.1 };
 
+    fn middle([low, high]: [Point2; 2]) -> Point2 {
+        [0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])]
+    }
+
     #[test]
-    fn a_point_knows_its_patch_across_seam_and_shift() {
+    fn patches_of_one_size_cover_a_cylinder_across_seam_and_shift() {
         for offset_m in [[0.0; 2], [0.0037, -0.0021], [-0.25, 1.3]] {
             let grid = PatchOptions { offset_m, ..options() }.on_body(&CYLINDER).unwrap();
             for patch in 0..grid.patch_count() {
-                assert_eq!(grid.patch_at(grid.centre_m(patch)), Some(patch));
                 let [low, high] = grid.corners_m(patch);
+                assert_eq!(grid.patches_near(middle(grid.corners_m(patch)), 1e-6), [patch]);
                 assert!((high[0] - low[0] - (PI * 0.1 / 31.0 - 0.001)).abs() < 1e-12);
                 assert!((high[1] - low[1] - 0.009).abs() < 1e-12);
             }
         }
         let grid = options().on_body(&CYLINDER).unwrap();
         assert_eq!(grid.patch_count(), 930);
-        assert_eq!(grid.patch_at([0.05, 0.0, 0.005]), None, "a gap lies at theta = 0");
+        assert!((grid.corners_m(0)[0][0] - 0.0005).abs() < 1e-12, "a gap lies at theta = 0");
         assert_eq!(PatchOptions { offset_m: [0.004, 0.0], ..options() }.on_body(&CYLINDER).unwrap().patch_count(), 961);
     }
 
@@ -288,14 +262,15 @@ pub(super) mod tests {
     fn flat_skins_are_covered_too() {
         let disk = Body::Disk { diameter_m: 0.08 };
         let grid = PatchOptions { rows: 8, columns: 8, ..options() }.on_body(&disk).unwrap();
-        assert_eq!(grid.patch_at([-0.035, -0.035, 0.0]), Some(0));
-        assert_eq!(grid.patch_at([0.035, -0.035, 0.0]), Some(7));
+        let is_at = |grid: &PatchGrid, patch: usize, place: Point2| {
+            let centre = middle(grid.corners_m(patch));
+            crate::elementary::hypot(centre[0] - place[0], centre[1] - place[1]) < 1e-12
+        };
+        assert!(is_at(&grid, 0, [-0.035, -0.035]) && is_at(&grid, 7, [0.035, -0.035]));
         let sheet = Body::Rectangle { width_m: 0.2, height_m: 0.1 };
         let some = PatchOptions { rows: 4, columns: 5, pitch_m: Some([0.01, 0.01]), ..options() };
         let grid = PatchOptions { offset_m: [0.02, 0.03], ..some }.on_body(&sheet).unwrap();
-        assert_eq!(grid.patch_at([0.035, 0.025, 0.0]), Some(0));
-        assert_eq!(grid.patch_at([0.075, 0.055, 0.0]), Some(19));
-        assert_eq!(grid.patch_at([0.015, 0.025, 0.0]), None);
+        assert!(is_at(&grid, 0, [0.035, 0.025]) && is_at(&grid, 19, [0.075, 0.055]));
     }
 
     #[test]

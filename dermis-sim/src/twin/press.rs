@@ -83,7 +83,7 @@ impl Foam {
     }
 
     /// Radius of the contact between tip and foam: `a = sqrt(2 R delta)`, m.
-    pub fn contact_radius_m(&self, press: &Press) -> f64 {
+    pub(crate) fn contact_radius_m(&self, press: &Press) -> f64 {
         (2.0 * press.tip_radius_m * self.depth_m(press)).sqrt()
     }
 }
@@ -104,7 +104,7 @@ impl Foam {
 /// there, and the part off the body, are distributed proportionally over the rest, so that the integral over the skin
 /// equals the force.
 #[derive(Debug, Clone)]
-pub struct Footprint {
+pub(crate) struct Footprint {
     reach_m: f64,
     /// Pressures at equal steps from the centre to the outer radius, where it is zero, Pa.
     profile_pa: Vec<f64>,
@@ -116,7 +116,7 @@ impl Footprint {
     /// # Errors
     /// A force or radius that is not positive, a centre off the skin, a tip whose indentation exceeds the foam
     /// thickness.
-    pub fn new(press: &Press, foam: &Foam, body: &Body) -> Result<Self, TwinError> {
+    pub(crate) fn new(press: &Press, foam: &Foam, body: &Body) -> Result<Self, TwinError> {
         press.check_on(body)?;
         let depth_m = foam.depth_m(press);
         if depth_m >= foam.thickness_m {
@@ -136,12 +136,12 @@ impl Footprint {
     }
 
     /// Beyond this distance from the centre the pressure is zero, m.
-    pub fn reach_m(&self) -> f64 {
+    pub(crate) fn reach_m(&self) -> f64 {
         self.reach_m
     }
 
     /// The pressure at a distance from the centre along the surface, Pa.
-    pub fn pressure_pa(&self, distance_m: f64) -> f64 {
+    pub(crate) fn pressure_pa(&self, distance_m: f64) -> f64 {
         let place = distance_m / self.reach_m * PROFILE_STEPS as f64;
         if place >= PROFILE_STEPS as f64 {
             return 0.0;

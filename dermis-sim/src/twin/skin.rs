@@ -61,10 +61,10 @@ enum Touch {
 impl Twin {
     /// Draws a twin of a design: its electrode positions, its mesh, its coating, its contacts and its instrument.
     ///
-    /// Fabric patches need a body with rows and columns, and they raise the conductance of the coating. On any other body, and on a
-    /// skin whose conductance falls when touched (a stretched membrane), a press is a Gaussian change of 8 mm instead: a rise of
-    /// 0.5 per newton as in `ideal`, or a fall of 0.1 per newton, so that half of the conductance remains at 5 N. The name of the
-    /// twin in its [options](Self::options) then ends in `without patches`.
+    /// Fabric patches need a body with rows and columns, and they raise the conductance of the coating. On any other
+    /// body, and on a skin whose conductance falls when touched (a stretched membrane), a press is a Gaussian change of
+    /// 8 mm instead: a rise of 0.5 per newton as in `ideal`, or a fall of 0.1 per newton, so that half of the
+    /// conductance remains at 5 N. The name of the twin in its [options](Self::options) then ends in `without patches`.
     ///
     /// # Errors
     /// Invalid options, or options that do not fit the design: missing electrodes, patches larger than its body. If the

@@ -5,6 +5,7 @@ use crate::Result;
 use crate::comparison::Shown;
 use crate::plots::{LOCALISATION_CAPTION, Plots};
 use crate::report::Report;
+use dermis::text::counted;
 use dermis_plot::Scale;
 
 /// The page of a demo.
@@ -33,7 +34,7 @@ fn results(report: &mut Report, demo: &Demo, plots: &Plots<'_>) -> Result<()> {
     report.paragraph(CAVEAT);
     let mut pictures = Vec::new();
     for shown in &demo.shown {
-        let title = format!("Localisation of {} presses", demo.truth.len());
+        let title = format!("Localisation of {}", counted(demo.truth.len(), "press"));
         let scene = plots.localisation(&title, &format!("simulated; {}", shown.name), &demo.truth, shown);
         pictures.push((plots.flat(&scene)?, format!("As the paper's Fig. 7. {LOCALISATION_CAPTION}")));
         pictures.push((plots.solid(&scene)?, "The same in space.".into()));
@@ -75,8 +76,8 @@ fn examples(report: &mut Report, demo: &Demo, plots: &Plots<'_>) -> Result<()> {
     let mut last = None;
     for shown in &demo.four {
         let scene = plots.example("Four touches at once", &of(shown), &demo.four_truth, shown, 0);
-        let found = shown.contacts[0].len();
-        let caption = format!("Four touches in one frame, as in the paper's Fig. 9: {found} contacts found.");
+        let found = counted(shown.contacts[0].len(), "contact");
+        let caption = format!("Four touches in one frame, as in the paper's Fig. 9: {found} found.");
         pictures.push((plots.flat(&scene)?, caption));
         last = Some(scene);
     }

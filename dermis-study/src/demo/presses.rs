@@ -12,6 +12,7 @@ use dermis::frame::Frame;
 use dermis::geom::Point3;
 use dermis::skin::Skin;
 use dermis::stats::Summary;
+use dermis::text::counted;
 use dermis_sim::experiment::{Recording, record};
 use dermis_sim::twin::{GaussianOptions, Press, TouchOptions, Twin, TwinOptions};
 use std::time::Instant;
@@ -104,9 +105,9 @@ impl Demo {
     pub(super) fn heading(&self) -> String {
         let methods: Vec<&str> = self.shown.iter().map(|shown| shown.how.as_str()).collect();
         format!(
-            "{} presses on {}, SIMULATED on {} nodes with noise at {} dB (seed {}), reconstructed on {} nodes\n\
+            "{} on {}, SIMULATED on {} nodes with noise at {} dB (seed {}), reconstructed on {} nodes\n\
              ({}), in {:.0} s.\n",
-            self.truth.len(),
+            counted(self.truth.len(), "press"),
             self.skin.design().name,
             self.simulation_nodes,
             SNR_DB,

@@ -10,6 +10,7 @@ use dermis::mesh::Mesh;
 use dermis::method::{Method, MethodOptions, Methods};
 use dermis::reconstruct::Quantity;
 use dermis::skin::Skin;
+use dermis::text::counted;
 use dermis_plot::{Drawing, Picture, View};
 use dermis_sim::evaluate::{FoundObject, Material, TankObject, find_objects};
 use std::path::Path;
@@ -151,9 +152,9 @@ fn page(design: &SkinDesign, mesh: &Mesh, found: &[Found], how: &str) -> Result<
 fn caption(recording: &Found) -> String {
     let worst = recording.objects.iter().map(|object| object.off_spacings.abs()).fold(0.0, f64::max);
     format!(
-        "{}: {} objects, at most {worst:.2} of an electrode's spacing off.",
+        "{}: {}, at most {worst:.2} of an electrode's spacing off.",
         recording.name,
-        recording.objects.len()
+        counted(recording.objects.len(), "object")
     )
 }
 

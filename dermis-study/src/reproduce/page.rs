@@ -8,6 +8,7 @@ use super::stated::{facts, results, table};
 use crate::Result;
 use crate::plots::{LOCALISATION_CAPTION, Plots};
 use crate::report::{Report, Table};
+use dermis::text::counted;
 use dermis_learn::{Card, Epoch};
 use dermis_plot::Picture;
 use dermis_plot::chart::Curves;
@@ -215,7 +216,7 @@ fn several_touches(report: &mut Report, found: &Results<'_>, plots: &Plots<'_>) 
         for shown in all {
             let scene = plots.example(
                 &format!("Four touches, {}", shown.name),
-                &format!("{} contacts found", shown.contacts[0].len()),
+                &(counted(shown.contacts[0].len(), "contact") + " found"),
                 truth,
                 shown,
                 0,
@@ -344,10 +345,7 @@ fn how_it_was_made(report: &mut Report, found: &Results<'_>, stages: &[Done]) {
          that the report does not use; a miss or a false positive counts as 20 mm. One detector serves all methods; what share of an image's peak it takes for a touch is a part of the method. Every press is one \
          frame, the baseline the mean of {} frames before the first press.",
         alphas.join("; "),
-        match found.scale.choosing_twins() {
-            1 => "a twin".to_string(),
-            count => format!("{count} twins"),
-        },
+        counted(found.scale.choosing_twins(), "twin"),
         dermis_sim::experiment::UNTOUCHED_FRAMES
     ));
     let scale = match found.scale {

@@ -32,7 +32,7 @@ impl Scale {
     }
 
     /// Number of twins for selections.
-    pub fn choosing_twins(self) -> u64 {
+    pub(crate) fn choosing_twins(self) -> u64 {
         match self {
             Scale::Glance | Scale::Quick => 1,
             Scale::Paper => 3,
@@ -40,7 +40,7 @@ impl Scale {
     }
 
     /// Number of presses on each of them.
-    pub fn choosing_presses(self) -> usize {
+    pub(crate) fn choosing_presses(self) -> usize {
         match self {
             Scale::Glance => 20,
             Scale::Quick => 300,
@@ -58,7 +58,7 @@ impl Scale {
     }
 
     /// Number of presses on each twin of a design and its controls.
-    pub fn structure_presses(self) -> usize {
+    pub(crate) fn structure_presses(self) -> usize {
         match self {
             Scale::Glance => 25,
             Scale::Quick | Scale::Paper => 900,

@@ -314,8 +314,8 @@ pub(super) enum PatternTable {
     Opposite,
     /// Drive d to d + 1 + the number of electrodes skipped, every adjacent measure without a driven electrode.
     Skip(usize),
-    /// A channel table (CSV: channel,drive_source,drive_sink,measure_plus,measure_minus) or the scan table of another design,
-    /// relative to the folder of the design.
+    /// A channel table (CSV: channel,drive_source,drive_sink,measure_plus,measure_minus) or the scan table of another
+    /// design, relative to the folder of the design.
     Table(PathBuf),
 }
 

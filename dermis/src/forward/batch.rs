@@ -46,7 +46,7 @@ impl BatchSolver {
         &self.model
     }
 
-    /// Continues with another instance of the same skin, from [`ForwardModel::remade`].
+    /// Continues with another instance of the same skin, from [`ForwardModel::with_parameters`].
     ///
     /// # Panics
     /// If the model is of another mesh.

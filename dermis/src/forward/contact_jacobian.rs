@@ -77,7 +77,7 @@ mod tests {
                 let frame = |factor: f64| {
                     let mut impedances = model.contact_impedances().to_vec();
                     impedances[electrode] *= factor;
-                    let other = model.remade(&mesh.nodes, &impedances, model.rest_conductivity()).unwrap();
+                    let other = model.with_parameters(&mesh.nodes, &impedances, model.rest_conductivity()).unwrap();
                     other.solve(model.rest_conductivity()).unwrap()
                 };
                 let (step, impedance) = (1e-4, model.contact_impedances()[electrode]);

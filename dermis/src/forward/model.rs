@@ -120,7 +120,7 @@ impl ForwardModel {
     ///
     /// # Errors
     /// Lists of the wrong length, values that are not positive.
-    pub fn remade(
+    pub fn with_parameters(
         &self,
         nodes_m: &[Point3],
         contact_impedances: &[f64],
@@ -250,7 +250,7 @@ impl Solver {
         &self.model
     }
 
-    /// Continues with another instance of the same skin, from [`ForwardModel::remade`].
+    /// Continues with another instance of the same skin, from [`ForwardModel::with_parameters`].
     ///
     /// # Panics
     /// If the model is of another mesh.

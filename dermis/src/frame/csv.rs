@@ -78,8 +78,8 @@ fn row(line: &str, row: usize, separator: char, gaps: bool, path: &Path) -> Resu
     })
 }
 
-/// The numbers of a line, or what is wrong with it: the 1-based column, if a single value is, and a message. With `gaps`,
-/// a field without a value is `NaN`.
+/// The numbers of a line, or what is wrong with it: the 1-based column, if a single value is, and a message. With
+/// `gaps`, a field without a value is `NaN`.
 pub(super) fn numbers(line: &str, separator: char, gaps: bool) -> Result<Vec<f64>, (Option<usize>, String)> {
     if line.trim().is_empty() {
         return Err((None, "an empty line between rows".into()));

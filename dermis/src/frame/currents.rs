@@ -27,11 +27,12 @@ pub struct DriveCurrents {
 }
 
 impl DriveCurrents {
-    /// Reads a table (CSV, NPY or NPZ) with a column per drive: one row for all frames, or one per frame. A header and row
-    /// numbers are dropped as in [`read_frames`](crate::frame::read_frames).
+    /// Reads a table (CSV, NPY or NPZ) with a column per drive: one row for all frames, or one per frame. A header and
+    /// row numbers are dropped as in [`read_frames`](crate::frame::read_frames).
     ///
     /// # Errors
-    /// As [`read_table`](crate::frame::read_table); another number of rows or columns; a current that is zero or not finite.
+    /// As [`read_table`](crate::frame::read_table); another number of rows or columns; a current that is zero or not
+    /// finite.
     pub fn read(path: &Path, protocol: &Protocol, frame_count: usize) -> Result<Self, TableError> {
         let drives = protocol.drives().0.len();
         let table = read_values(path, "currents", drives, "drives of this protocol")?;

@@ -6,10 +6,10 @@ use thiserror::Error;
 /// Reads frames from lines of text: a row of values in each, in the order of the protocol's channels.
 ///
 /// The rules are those of [`read_frames`](crate::frame::read_frames), with these differences. A line is separated by
-/// semicolons if it has one, else by commas if it has one, else by white space. Empty lines, comments (`#`, `%` or `//`)
-/// and headers are skipped. A first column more than the protocol has channels contains row numbers or times: by its
-/// name in the header, else by its first two values (row numbers count up from 0 or 1, times increase). A wrong line is
-/// an error of this line only.
+/// semicolons if it has one, else by commas if it has one, else by white space. Empty lines, comments (`#`, `%` or
+/// `//`) and headers are skipped. A first column more than the protocol has channels contains row numbers or times: by
+/// its name in the header, else by its first two values (row numbers count up from 0 or 1, times increase). A wrong
+/// line is an error of this line only.
 ///
 /// ```
 /// use dermis::frame::FrameLines;
@@ -19,7 +19,8 @@ use thiserror::Error;
 /// for line in ["# bridge 3", "time_s,left,right", "0.00,1.5,2.5", "0.01,1.5,x", "0.02,1.6,2.4"] {
 ///     frames.extend(lines.take(line));
 /// }
-/// assert_eq!(frames[0].as_ref().map(|frame| (frame.time_s, frame.values.as_slice())), Ok((Some(0.0), &[1.5, 2.5][..])));
+/// let frame = frames[0].as_ref().map(|frame| (frame.time_s, frame.values.as_slice()));
+/// assert_eq!(frame, Ok((Some(0.0), &[1.5, 2.5][..])));
 /// assert_eq!(frames[1].as_ref().unwrap_err().to_string(), "line 4, column 3: `x` is not a number");
 /// assert_eq!(frames[2].as_ref().unwrap().line, 5);
 /// ```

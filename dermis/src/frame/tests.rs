@@ -250,7 +250,7 @@ fn truths_are_read_for_each_kind_of_body() {
     let forced = read("1,2,3,0.5\n4,5,6,1\n7,8,9,2\n", Surface::Plane).unwrap();
     assert!(matches!(forced, Truth::Elsewhere { forces_n, .. } if forces_n == [0.5, 1.0, 2.0]));
     let beyond = read("frame,x_m,y_m\n0,0,0\n3,0,0\n", Surface::Plane).unwrap_err();
-    assert!(beyond.ends_with("row 3, column 1: frame 3, but there are 3 frames: 0 to 2"), "{beyond}");
+    assert!(beyond.ends_with("row 3, column 1: frame 3 does not exist: the frames are 0 to 2"), "{beyond}");
     assert!(read("frame,x_m,y_m\n0.5,0,0\n", Surface::Plane).unwrap_err().contains("frame 0.5"));
     assert!(
         read("frame,x_m,y_m\n0,0,0\n", cylinder)
@@ -258,7 +258,7 @@ fn truths_are_read_for_each_kind_of_body() {
             .contains("unknown column `x_m`; the columns are frame,z_m")
     );
     assert!(read("frame,x_m\n0,0\n", Surface::Plane).unwrap_err().contains("no column `y_m`"));
-    assert!(read("1,2,3\n", Surface::Plane).unwrap_err().contains("1 presses, but there are 3 frames"));
+    assert!(read("1,2,3\n", Surface::Plane).unwrap_err().contains("1 press for 3 frames"));
     assert!(
         read("1,2\n1,2\n1,2\n", Surface::Plane)
             .unwrap_err()

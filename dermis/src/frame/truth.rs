@@ -5,6 +5,7 @@ use crate::frame::TableError;
 use crate::frame::output::write_whole;
 use crate::frame::table::{Table, read_table};
 use crate::geom::{PlaceLimits, Point3, Surface};
+use crate::text::counted;
 use std::path::Path;
 
 /// Ground truth of touches.
@@ -164,7 +165,7 @@ impl Columns {
         }
         Err(match frame_count {
             0 => format!("frame {frame}, but there are no frames"),
-            _ => format!("frame {frame}, but there are {frame_count} frames: 0 to {}", frame_count - 1),
+            _ => format!("frame {frame} does not exist: the frames are 0 to {}", frame_count - 1),
         })
     }
 
@@ -215,8 +216,9 @@ fn elsewhere(path: &Path, table: &Table, frame_count: usize) -> Result<Truth, Ta
     }
     if table.rows.len() != frame_count {
         let message = format!(
-            "{} presses, but there are {frame_count} frames: there must be one press in each",
-            table.rows.len()
+            "{} for {}: there must be one press in each frame",
+            counted(table.rows.len(), "press"),
+            counted(frame_count, "frame")
         );
         return Err(wrong(message));
     }

@@ -76,7 +76,7 @@ impl PlaceLimits {
     ///
     /// # Errors
     /// As [`check`](Self::check); an angle of more than one turn, which is probably in degrees.
-    pub fn check_on_cylinder(&self, z_m: f64, theta_rad: f64) -> Option<Result<Point3, String>> {
+    pub(crate) fn check_on_cylinder(&self, z_m: f64, theta_rad: f64) -> Option<Result<Point3, String>> {
         let place = self.surface.at(z_m, theta_rad)?;
         // Rounding may raise a full turn above its exact value.
         if theta_rad.abs() > TAU * (1.0 + 1e-6) {

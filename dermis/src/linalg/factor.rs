@@ -20,7 +20,7 @@ pub struct NotPositiveDefinite {
 
 /// Work memory shared by factorisations of one pattern.
 #[derive(Debug, Clone)]
-pub struct Workspace {
+pub(crate) struct Workspace {
     front: Vec<f64>,
     stack: Vec<f64>,
 }
@@ -35,12 +35,12 @@ pub struct Factor {
 
 impl Symbolic {
     /// Work memory for [`factor_into`](Self::factor_into).
-    pub fn workspace(&self) -> Workspace {
+    pub(crate) fn workspace(&self) -> Workspace {
         Workspace { front: vec![0.0; self.front_max * self.front_max], stack: vec![0.0; self.stack_max] }
     }
 
     /// A factor to be filled by [`factor_into`](Self::factor_into).
-    pub fn empty_factor(&self) -> Factor {
+    pub(crate) fn empty_factor(&self) -> Factor {
         Factor { values: vec![0.0; self.value_count], schur: Matrix::zeros(self.kept_count, self.kept_count) }
     }
 
@@ -64,7 +64,7 @@ impl Symbolic {
     ///
     /// # Panics
     /// If the number of values differs from the pattern's, or the memory is of another pattern.
-    pub fn factor_into(
+    pub(crate) fn factor_into(
         &self,
         values: &[f64],
         factor: &mut Factor,
@@ -182,7 +182,7 @@ impl Factor {
     ///
     /// # Panics
     /// If `x` has the wrong number of rows.
-    pub fn solve_grounded(&self, symbolic: &Symbolic, x: &mut Matrix) {
+    pub(crate) fn solve_grounded(&self, symbolic: &Symbolic, x: &mut Matrix) {
         assert_eq!(x.rows, symbolic.unknown_count, "a row per unknown");
         self.forward_substitute(symbolic, x);
         let interior = symbolic.unknown_count - symbolic.kept_count;
@@ -195,7 +195,7 @@ impl Factor {
     ///
     /// # Panics
     /// If `x` has the wrong number of rows.
-    pub fn half_solve(&self, symbolic: &Symbolic, x: &mut Matrix) {
+    pub(crate) fn half_solve(&self, symbolic: &Symbolic, x: &mut Matrix) {
         assert_eq!(x.rows, symbolic.unknown_count, "a row per unknown");
         self.forward_substitute(symbolic, x);
     }

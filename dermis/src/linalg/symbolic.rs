@@ -86,17 +86,17 @@ impl Symbolic {
     }
 
     /// Number of unknowns.
-    pub fn unknown_count(&self) -> usize {
+    pub(crate) fn unknown_count(&self) -> usize {
         self.unknown_count
     }
 
     /// Number of kept unknowns, for which the Schur complement is computed.
-    pub fn kept_count(&self) -> usize {
+    pub(crate) fn kept_count(&self) -> usize {
         self.kept_count
     }
 
     /// Number of entries of the caller's pattern.
-    pub fn entry_count(&self) -> usize {
+    pub(crate) fn entry_count(&self) -> usize {
         self.entry_count
     }
 

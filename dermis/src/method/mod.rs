@@ -193,8 +193,8 @@ impl Method {
         })
     }
 
-    /// The contacts of a difference (frame minus baseline, ohm): located by the method itself, or the peaks of its image
-    /// that the [detector](Self::detector) finds.
+    /// The contacts of a difference (frame minus baseline, ohm): located by the method itself, or the peaks of its
+    /// image that the [detector](Self::detector) finds.
     ///
     /// # Errors
     /// As [`image`](Self::image).

@@ -17,8 +17,8 @@ pub struct MethodOptions {
     pub difference: Difference,
     /// Channels that are excluded.
     pub excluded: Vec<usize>,
-    /// Standard deviation of the noise of each channel, in any common unit, for one-step methods and `gauss-newton`; empty
-    /// where all are equal.
+    /// Standard deviation of the noise of each channel, in any common unit, for one-step methods and `gauss-newton`;
+    /// empty where all are equal.
     pub channel_sd: Vec<f64>,
     /// Measured differences, ohm, for the rules of alpha that use data ([`Alpha::LCurve`], [`Alpha::Gcv`]).
     pub examples: Vec<Frame>,

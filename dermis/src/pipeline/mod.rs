@@ -162,11 +162,6 @@ impl Pipeline {
         &self.method
     }
 
-    /// Whether a tare is in progress; there are no contacts during a tare.
-    pub fn is_taring(&self) -> bool {
-        matches!(self.state.phase, Phase::Taring { .. })
-    }
-
     /// Removes and returns the notices since the last call.
     pub fn take_notices(&mut self) -> Vec<Notice> {
         std::mem::take(&mut self.notices)

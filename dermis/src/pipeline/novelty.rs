@@ -9,8 +9,8 @@ const PRESSES: usize = 20;
 /// Below this median the skin is again as calibrated.
 const AS_CALIBRATED: f64 = 0.7;
 
-/// The [novelty](crate::reconstruct::Reconstruct::novelty) of the last presses. Each counts with its least novel frame, as its
-/// begin and its end are weaker than a calibrated press.
+/// The [novelty](crate::reconstruct::Reconstruct::novelty) of the last presses. Each counts with its least novel frame,
+/// as its begin and its end are weaker than a calibrated press.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub(super) struct NoveltyMonitor {
     /// Of the present press.

@@ -65,17 +65,17 @@ impl Settings {
     }
 
     /// The zone of a position: the first one that contains it.
-    pub fn zone_at(&self, position_m: Point3) -> Option<&Zone> {
+    pub(crate) fn zone_at(&self, position_m: Point3) -> Option<&Zone> {
         self.zones.iter().find(|zone| zone.contains(position_m))
     }
 
     /// The detection threshold at a position, relative to the method's own.
-    pub fn threshold_at(&self, position_m: Point3) -> f64 {
+    pub(crate) fn threshold_at(&self, position_m: Point3) -> f64 {
         self.threshold * self.zone_at(position_m).map_or(1.0, |zone| zone.threshold)
     }
 
     /// The lowest detection threshold on the skin.
-    pub fn lowest_threshold(&self) -> f64 {
+    pub(crate) fn lowest_threshold(&self) -> f64 {
         self.threshold * self.zones.iter().map(|zone| zone.threshold).fold(1.0, f64::min)
     }
 }

@@ -4,16 +4,18 @@ use crate::protocol::{Channel, Protocol, ProtocolError};
 use std::path::Path;
 
 /// The columns of a channel table.
-pub const CHANNEL_COLUMNS: [&str; 5] = ["channel", "drive_source", "drive_sink", "measure_plus", "measure_minus"];
+pub(crate) const CHANNEL_COLUMNS: [&str; 5] =
+    ["channel", "drive_source", "drive_sink", "measure_plus", "measure_minus"];
 
-/// The columns of a scan table, in which readings have slots and may be no channel: `dermis scan-table` writes it for firmware.
+/// The columns of a scan table, in which readings have slots and may be no channel: `dermis scan-table` writes it for
+/// firmware.
 pub const SCAN_COLUMNS: [&str; 6] =
     ["slot", CHANNEL_COLUMNS[1], CHANNEL_COLUMNS[2], CHANNEL_COLUMNS[3], CHANNEL_COLUMNS[4], CHANNEL_COLUMNS[0]];
 
 impl Protocol {
     /// A protocol from a channel table, a CSV file with the columns
-    /// `channel,drive_source,drive_sink,measure_plus,measure_minus` and a row per value of a frame, or from a scan table, whose
-    /// columns are `slot,drive_source,drive_sink,measure_plus,measure_minus,channel`.
+    /// `channel,drive_source,drive_sink,measure_plus,measure_minus` and a row per value of a frame, or from a scan
+    /// table, whose columns are `slot,drive_source,drive_sink,measure_plus,measure_minus,channel`.
     ///
     /// # Errors
     /// A file that cannot be read; the errors of [`parse_csv`](Self::parse_csv).
@@ -28,12 +30,12 @@ impl Protocol {
         Self::parse_csv(&text, &name, electrode_count)
     }
 
-    /// A protocol from the text of a channel table or a scan table; errors contain `path`. Of a scan table, readings without a
-    /// measurement (of the drive's current) are left out, and the channels may be in any order.
+    /// A protocol from the text of a channel table or a scan table; errors contain `path`. Of a scan table, readings
+    /// without a measurement (of the drive's current) are left out, and the channels may be in any order.
     ///
     /// # Errors
-    /// A wrong header, a row of another length, a field that is not a number, channels or slots out of order, a channel that is
-    /// missing or there twice (each with its line); a protocol that [`new`](Self::new) refuses.
+    /// A wrong header, a row of another length, a field that is not a number, channels or slots out of order, a channel
+    /// that is missing or there twice (each with its line); a protocol that [`new`](Self::new) refuses.
     pub fn parse_csv(text: &str, path: &str, electrode_count: usize) -> Result<Self, ProtocolError> {
         let wrong = |(line, message): (usize, String)| ProtocolError::Table {
             path: path.to_string(),

@@ -115,8 +115,8 @@ impl Channels {
     }
 }
 
-/// Factors of channels in use that make their noise equal: the inverse of each standard deviation, relative to the geometric
-/// mean, so that alpha keeps its meaning. All 1 where none are given.
+/// Factors of channels in use that make their noise equal: the inverse of each standard deviation, relative to the
+/// geometric mean, so that alpha keeps its meaning. All 1 where none are given.
 fn noise_weights(kept: &[usize], channel_sd: &[f64], count: usize) -> Result<Vec<f64>, ReconstructError> {
     if channel_sd.is_empty() {
         return Ok(vec![1.0; kept.len()]);

@@ -117,13 +117,13 @@ pub trait Reconstruct: Send + Sync {
         Ok(None)
     }
 
-    /// Corrects the contacts that were detected in the image of a difference: a method that is calibrated on a real skin
-    /// changes positions, forces and deviations. The default leaves them as they are.
+    /// Corrects the contacts that were detected in the image of a difference: a method that is calibrated on a real
+    /// skin changes positions, forces and deviations. The default leaves them as they are.
     fn correct(&self, _difference: &[f64], _contacts: &mut [Contact]) {}
 
-    /// How unlike the presses of its calibration the difference of a touched frame is: the mean square of its residual over the
-    /// one that 99 % of the calibration's presses do not exceed. `None` for methods without a calibration, and where the frame
-    /// is untouched.
+    /// How unlike the presses of its calibration the difference of a touched frame is: the mean square of its residual
+    /// over the one that 99 % of the calibration's presses do not exceed. `None` for methods without a calibration, and
+    /// where the frame is untouched.
     fn novelty(&self, _difference: &[f64]) -> Option<f64> {
         None
     }

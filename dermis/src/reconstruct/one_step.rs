@@ -23,8 +23,8 @@ pub struct OneStepOptions {
     pub difference: Difference,
     /// Channels that are excluded because they are known to be bad; their columns of the matrix are zero.
     pub excluded: Vec<usize>,
-    /// Standard deviation of the noise of each channel, in any common unit; empty where all are equal. A channel is weighted by
-    /// the inverse of its variance.
+    /// Standard deviation of the noise of each channel, in any common unit; empty where all are equal. A channel is
+    /// weighted by the inverse of its variance.
     pub channel_sd: Vec<f64>,
     /// The sign of the conductance change under touch: images are positive where touched.
     pub touch: TouchEffect,

@@ -22,7 +22,7 @@ fn instrument(reference: &Reference, health: &Health) -> DiagnosticStatus {
     let saturated = health.saturated_channels;
     let (level, message) = match saturated {
         0 => (OK, format!("{:.1} frames a second", health.rate_hz)),
-        _ => (WARN, format!("{saturated} readings are out of the converter's range")),
+        _ => (WARN, format!("readings out of the converter's range: {saturated}")),
     };
     let values = vec![
         value("rate (Hz)", health.rate_hz),

@@ -47,7 +47,7 @@ pub trait Message: Serialize + DeserializeOwned {
 }
 
 /// Encodes a message; replaces the contents of `out`.
-pub fn encode_into<M: Message>(message: &M, out: &mut Vec<u8>) {
+pub(crate) fn encode_into<M: Message>(message: &M, out: &mut Vec<u8>) {
     out.clear();
     out.extend_from_slice(&CDR_LE);
     // A vector accepts all bytes, and CDR can represent these messages.

@@ -11,6 +11,7 @@ use dermis::method::Method;
 use dermis::pipeline::{Health, Notice, Severity, TrackedContact};
 use dermis::reconstruct::Quantity;
 use dermis::stats::nearest_quantiles;
+use dermis::text::counted;
 use serde::Serialize;
 use serde_json::{Value, json};
 use std::collections::VecDeque;
@@ -239,11 +240,10 @@ fn shown(contact: &TrackedContact, flat_m: Option<[f64; 2]>) -> Shown<'_> {
 
 /// A note on images where channels are masked.
 fn method_note(masked_channels: usize, method: Option<&Method>) -> Option<String> {
-    let channels = match masked_channels {
-        0 => return None,
-        1 => "1 channel".to_string(),
-        count => format!("{count} channels"),
-    };
+    if masked_channels == 0 {
+        return None;
+    }
+    let channels = counted(masked_channels, "channel");
     // All methods but one-step methods predict the values of masked channels from the others.
     let is_predicted = !method?.is_one_step();
     Some(if is_predicted {

@@ -11,7 +11,7 @@ use dermis::stats::{inverse_cdf_quantile, mean_and_sd};
 use rayon::prelude::*;
 
 /// One false contact per hour at 120 frames per second.
-pub const FALSE_CONTACTS_A_FRAME: f64 = 1.0 / (3600.0 * 120.0);
+pub(crate) const FALSE_CONTACTS_A_FRAME: f64 = 1.0 / (3600.0 * 120.0);
 /// The fraction of the untouched frames with the highest peaks, whose tail is extrapolated.
 const TAIL: f64 = 0.01;
 /// A contact whose peak is this many standard deviations above the threshold is detected 90 % of the time (the 90 %

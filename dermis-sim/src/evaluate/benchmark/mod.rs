@@ -8,7 +8,6 @@ mod separation;
 
 pub use coverage::Covered;
 pub use force::{FORCES_PER_POSITION, ForceScore};
-pub use least_force::FALSE_CONTACTS_A_FRAME;
 
 use crate::evaluate::score::score_contacts;
 use crate::evaluate::{EvaluateError, Score};

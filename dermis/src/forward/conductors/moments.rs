@@ -47,7 +47,7 @@ impl PotentialMoments {
     }
 
     /// The moments of one conductor; none if the conductor does not exist.
-    pub fn of_conductor(&self, conductor: usize) -> &[PotentialMoment] {
+    pub(crate) fn of_conductor(&self, conductor: usize) -> &[PotentialMoment] {
         &self.all[self.range(conductor)]
     }
 

@@ -136,7 +136,7 @@ impl BatchPlan {
     }
 
     /// Number of kept unknowns.
-    pub fn kept_count(&self) -> usize {
+    pub(crate) fn kept_count(&self) -> usize {
         self.kept_count
     }
 

@@ -1,4 +1,4 @@
-//! A skin instance from `remade` equals the same skin built from the start.
+//! A forward model with other parameters equals the same skin built from the start.
 
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
@@ -7,7 +7,7 @@ use dermis::mesh::Mesh;
 use dermis_sim::random::{sample_rng, standard_normal};
 
 #[test]
-fn a_remade_skin_equals_one_built_from_nothing() {
+fn a_model_with_other_parameters_equals_one_built_anew() {
     let design = SkinDesign::shipped("cylinder30").expect("a shipped design");
     let mesh = Mesh::generate(&design).expect("a mesh");
     let model = ForwardModel::new(&design, &mesh).expect("a model");
@@ -18,13 +18,13 @@ fn a_remade_skin_equals_one_built_from_nothing() {
     let coat: Vec<f64> = model.rest_conductivity().iter().map(|s| s * (0.2 * normal()).exp()).collect();
     let nodes = mesh.displaced(&design, &displacements);
 
-    let remade = model.remade(&nodes, &impedances, &coat).expect("a sound skin");
+    let changed = model.with_parameters(&nodes, &impedances, &coat).expect("a sound skin");
     let moved = Mesh { nodes, ..mesh };
     let built = ForwardModel::from_parts(&moved, &impedances, &design.protocol, &coat)
         .expect("a sound skin")
-        .with_series_resistances(remade.series_resistances())
+        .with_series_resistances(changed.series_resistances())
         .expect("finite resistances");
-    let (ours, expected) = (remade.solve(&coat).expect("a frame"), built.solve(&coat).expect("a frame"));
+    let (ours, expected) = (changed.solve(&coat).expect("a frame"), built.solve(&coat).expect("a frame"));
     assert_eq!(ours.0, expected.0, "the same arithmetic, bit for bit");
     let before = model.solve(model.rest_conductivity()).expect("a frame");
     let change = |frame: &[f64]| frame.iter().zip(&before.0).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
@@ -32,12 +32,12 @@ fn a_remade_skin_equals_one_built_from_nothing() {
 
     // Both solvers continue with the new skin.
     let mut plain = model.solver();
-    plain.set_model(&remade);
+    plain.set_model(&changed);
     let mut values = vec![0.0; before.len()];
     plain.solve_into(&coat, &mut values).expect("a frame");
     assert_eq!(values, expected.0);
     let mut batch = model.batch_solver();
-    batch.set_model(&remade);
+    batch.set_model(&changed);
     let lanes: Vec<[f64; LANES]> = coat.iter().map(|&s| [s; LANES]).collect();
     let mut frames = vec![[0.0; LANES]; before.len()];
     batch.solve_into(&lanes, &mut frames).expect("a frame");
@@ -46,15 +46,15 @@ fn a_remade_skin_equals_one_built_from_nothing() {
 }
 
 #[test]
-fn the_near_field_of_a_remade_skin_goes_with_its_coat() {
+fn the_near_field_scales_with_the_resistance_of_the_coating() {
     let design = SkinDesign::shipped("cylinder30").expect("a shipped design");
     let mesh = Mesh::generate(&design).expect("a mesh");
     let model = ForwardModel::new(&design, &mesh).expect("a model");
     let twice: Vec<f64> = model.rest_conductivity().iter().map(|s| 2.0 * s).collect();
     let halved: Vec<f64> = model.contact_impedances().iter().map(|z| 0.5 * z).collect();
     // All resistances of the skin are halved, so every value must be halved too.
-    let remade = model.remade(&mesh.nodes, &halved, &twice).expect("a sound skin");
-    let (half, whole) = (remade.solve(&twice).expect("a frame"), model.solve(model.rest_conductivity()).expect("one"));
+    let changed = model.with_parameters(&mesh.nodes, &halved, &twice).expect("a sound skin");
+    let (half, whole) = (changed.solve(&twice).expect("a frame"), model.solve(model.rest_conductivity()).expect("one"));
     for (half, whole) in half.iter().zip(whole.iter()) {
         assert!((2.0 * half - whole).abs() <= 1e-9 * whole.abs().max(1.0), "{half} against {whole}");
     }
