@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Fewest presses that the method must find.
-pub(crate) const FEWEST_FOUND: usize = 20;
+pub const FEWEST_FOUND: usize = 20;
 /// A contact further from the label is not that press, m.
 const GATE_M: f64 = dermis::detect::GATE_M;
 /// Typical length over which errors of a method vary, as a part of the size of the skin.
