@@ -136,7 +136,7 @@ fn rows_that_never_fit_are_refused() {
         }
     };
     refused(&["1,2,3"; 12], &["csv:-", "none of its first 10 rows", "too few values: 3, but frames have 40"]);
-    refused(&["a,b"], &["ended after 1 lines without a row"]);
+    refused(&["a,b"], &["ended after 1 line without a row"]);
     let refused = |arguments: &str, words: &[&str]| {
         let said = at.refused(&format!("live disk.toml --serve off {arguments}"));
         words.iter().for_each(|word| assert!(said.contains(word), "no `{word}` in: {said}"));
