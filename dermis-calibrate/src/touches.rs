@@ -2,8 +2,8 @@
 //!
 //! The changes of a frame by touches add up, each multiplied by its amplitude. Touches are added one by one, each where
 //! it explains the frame best, and refined in turn: a greedy search, as matching pursuit (Mallat and Zhang 1993, DOI
-//! 10.1109/78.258082). It ends when the residual is no larger than those of the labels, or the posterior density gains
-//! too little.
+//! 10.1109/78.258082). It ends when the posterior density gains too little, and from two touches on when the residual is
+//! no larger than those of the labels.
 
 use crate::calibration::Calibration;
 use crate::located::tangents;
@@ -92,7 +92,11 @@ impl Superposition {
             (calibration.locator.whiten(values), calibration.locator.untouched_square(values));
         let search = Search { superposition: self, calibration, target, untouched_square };
         let mut found = search.extend(&[]);
-        while found.touches.len() < MOST_TOUCHES && calibration.novelty(search.misfit(&found.touches)) > 1.0 {
+        while found.touches.len() < MOST_TOUCHES {
+            // Two touches with a residual as small as those of the labels are two, whatever a third would gain.
+            if found.touches.len() >= 2 && calibration.novelty(search.misfit(&found.touches)) <= 1.0 {
+                break;
+            }
             let next = search.extend(&found.touches);
             if next.log_density < found.log_density + LEAST_GAIN {
                 break;
@@ -234,7 +238,7 @@ impl<'a> Search<'_, 'a> {
 
     /// The mean square of the residual of touches, in units of its variance.
     fn misfit(&self, touches: &[Touch]) -> f64 {
-        let Some(index) = touches.len().checked_sub(1) else { return f64::INFINITY };
+        let index = touches.len() - 1;
         let residual = self.residual(&self.total_change(touches, Some(index)), touches[index]);
         let variance = self.variance(touches.iter());
         residual.iter().map(|value| value * value).sum::<f64>() / (variance * residual.len() as f64)
