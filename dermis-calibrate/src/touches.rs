@@ -2,8 +2,8 @@
 //!
 //! The changes of a frame by touches add up, each multiplied by its amplitude. Touches are added one by one, each where
 //! it explains the frame best, and refined in turn: a greedy search, as matching pursuit (Mallat and Zhang 1993, DOI
-//! 10.1109/78.258082). It ends when the posterior density gains too little, and from two touches on when the residual is
-//! no larger than those of the labels.
+//! 10.1109/78.258082). It ends when the posterior density gains too little, and from two touches on when the residual
+//! is no larger than those of the labels.
 
 use crate::calibration::Calibration;
 use crate::located::tangents;

@@ -15,8 +15,10 @@ const PILED_ROWS: usize = 5;
 const PILED_RATIO: usize = 2;
 /// The part of the range next to a limit.
 const BESIDE: f64 = 0.05;
-/// A channel with fewer different values is coarse, and its largest value no limit.
-const FEWEST_VALUES: usize = 20;
+/// A channel whose values lie in fewer of this many equal parts of its range is coarsely quantized, and its largest value
+/// no limit. (Quantized readings over a measured current are many different numbers close to few levels.)
+const RANGE_PARTS: f64 = 100.0;
+const FEWEST_PARTS: usize = 20;
 /// A value is an outlier if it is this many times farther from the median than 99 % of its channel's values, ...
 const FAR_VALUE: f64 = 30.0;
 /// ... and at most this part of the frame's other values are farther than [`FAR_FRAME`]: a hard press shows in many
@@ -77,7 +79,7 @@ fn piled_part(column: &[f64]) -> Option<f64> {
     let mut sorted = column.to_vec();
     sorted.sort_by(f64::total_cmp);
     let (low, high) = (*sorted.first()?, *sorted.last()?);
-    if 1 + sorted.windows(2).filter(|pair| pair[0] < pair[1]).count() < FEWEST_VALUES {
+    if parts_of_range(&sorted) < FEWEST_PARTS {
         return None;
     }
     let beside = BESIDE * (high - low);
@@ -89,6 +91,14 @@ fn piled_part(column: &[f64]) -> Option<f64> {
         (enough && at >= PILED_RATIO * near && high > low).then_some(at as f64 / sorted.len() as f64)
     };
     [low, high].into_iter().filter_map(piled).reduce(f64::max)
+}
+
+/// The number of equal parts of the range of ascending values that contain one of them.
+fn parts_of_range(sorted: &[f64]) -> usize {
+    let (low, high) = (sorted[0], sorted[sorted.len() - 1]);
+    let mut parts: Vec<i64> = sorted.iter().map(|value| ((value - low) / (high - low) * RANGE_PARTS) as i64).collect();
+    parts.dedup();
+    parts.len()
 }
 
 /// The distance of each value from the median of its channel, in units of that below which 99 % of them lie.
@@ -155,6 +165,15 @@ mod tests {
 
     fn wave(rows: usize, phase: f64) -> Vec<f64> {
         (0..rows).map(|row| (row as f64 * 0.7 + phase).sin() * (1.0 + (row as f64 * 0.13).cos())).collect()
+    }
+
+    #[test]
+    fn quantized_readings_over_a_measured_current_are_not_saturated() {
+        // Five levels of the converter, most frequent at the lowest, over a current that varies by 1 %.
+        let level = |row: usize| [0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 3.0, 4.0][row % 8];
+        let column: Vec<f64> = (0..400).map(|row| (1.0 + level(row)) / (100.0 + (row % 11) as f64 / 10.0)).collect();
+        let first: Vec<f64> = column.iter().map(|value| value.max(column[0] * 0.9985)).collect();
+        assert!(saturated(&[column, first], &[]).is_none());
     }
 
     #[test]
