@@ -166,8 +166,7 @@ fn components(values: &[Vec<f64>], covariance: &Mat<f64>, without: &[usize]) -> 
 }
 
 /// The part of the variance of each of some channels that the components of the row `lag` rows before it explain.
-/// Alternating
-/// [`BLOCKS`] of the rows are fitted and tested: both halves of a raster of presses are all over the skin.
+/// Alternating [`BLOCKS`] of the rows are fitted and tested: both halves of a raster of presses are all over the skin.
 fn explained(values: &[Vec<f64>], components: &Mat<f64>, channels: &[usize], lag: i32) -> Vec<f64> {
     let rows = values.len() as i32;
     let (first, last) = (lag.max(0) as usize, (rows + lag.min(0)) as usize);

@@ -41,7 +41,7 @@ pub enum UnusedForces {
     #[error("the label of frame {0} has no force above zero")]
     NotPositive(usize),
     /// The forces do not differ.
-    #[error("they differ by less than {} %", 1e2 * LEAST_LOG_SD)]
+    #[error("their standard deviation is below {} %", 1e2 * LEAST_LOG_SD)]
     Equal,
     /// The change of a frame does not grow with the force.
     #[error("the change of the frame does not grow with the force")]

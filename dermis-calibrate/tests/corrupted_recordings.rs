@@ -9,7 +9,9 @@ mod recordings;
 use dermis::frame::{Frame, read_frames};
 use dermis::skin::Skin;
 use dermis_calibrate::checks::{Checked, FindingKind, realigned};
+use dermis_sim::experiment::{PaperExperiment, Recording, Sizes};
 use dermis_sim::random::{log_uniform, sample_rng};
+use dermis_sim::twin::TwinOptions;
 use rand::seq::SliceRandom;
 use rand::{Rng, RngExt};
 use recordings::{DISK12, Sound, simulated};
@@ -283,4 +285,27 @@ fn fifty_corrupted_recordings() {
     }
     println!("{right} of {RECORDINGS} corrupted recordings right");
     assert!(100 * right >= 95 * RECORDINGS as usize, "{right} of {RECORDINGS}");
+}
+
+/// Presses on the twins of the paper's skin: in the order of a grid (neighbours follow each other) and at random.
+#[test]
+#[ignore = "slow: two minutes; prints a table"]
+fn twins_of_the_papers_skin_have_no_fault() {
+    let skin = Skin::load("cylinder30").unwrap();
+    let sizes = Sizes { random: 300, pairs: 0, fours: 0, ..Sizes::default() };
+    println!("| twin, seed | faults in a grid of 900 presses | in 300 at random |\n|---|---|---|");
+    let mut all = Vec::new();
+    for (twin, seed) in [("lab", SEED), ("lab", SEED + 1), ("harsh", SEED), ("harsh", SEED + 1)] {
+        let options = TwinOptions::load(twin).unwrap();
+        let (design, mesh, pixels) = (skin.design(), skin.mesh(), skin.pixels());
+        let experiment = PaperExperiment::draw(design, mesh, pixels, &options, seed, &sizes).unwrap();
+        let recorded = experiment.record(|| ()).unwrap();
+        let faults = [recorded.grid, recorded.random].map(|Recording { frames, untouched, .. }| {
+            let sound = Sound { name: "cylinder30", skin: skin.clone(), frames, untouched, first: 0 };
+            judged(&sound.check(), 0)
+        });
+        println!("| `{twin}`, {seed} | {} | {} |", faults[0].len(), faults[1].len());
+        all.extend(faults.concat());
+    }
+    assert!(all.is_empty(), "{all:?}");
 }

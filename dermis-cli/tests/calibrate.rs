@@ -45,7 +45,7 @@ const HEADER: &str = "frame,true_x_m,true_y_m,true_z_m,x_m,y_m,z_m,error_m,sd_m,
 fn every_method_is_evaluated_press_by_press() {
     let at = recorded();
     let text = at.good(&format!("calibrate {INPUT} --truth touches.csv --labels 0..40 --method forward-map -o map"));
-    assert!(text.contains("not used: they differ by less than 5 %"), "{text}");
+    assert!(text.contains("not used: their standard deviation is below 5 %"), "{text}");
     let corrected =
         at.json(&format!("calibrate {INPUT} --truth touches.csv --labels 0..40 --method noser -o noser --json"));
     assert_eq!((&corrected["method"], &corrected["unused_forces"]), (&"noser".into(), &serde_json::Value::Null));

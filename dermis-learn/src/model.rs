@@ -252,7 +252,7 @@ fn parse_card(path: &Path, bytes: &[u8]) -> Result<Card, LearnError> {
         return Err(wrong(format!("its format is {}, this program reads \"{}\"", value["format"], Card::FORMAT)));
     }
     let card: Card = serde_json::from_value(value).map_err(|error| wrong(format!("no model's card: {error}")))?;
-    card.architecture.check().map_err(|message| wrong(format!("no network has its architecture: {message}")))?;
+    card.architecture.check().map_err(|message| wrong(format!("no network has its `plan`: {message}")))?;
     card.detection.check().map_err(|message| wrong(format!("its detection: {message}")))?;
     let Card { input, architecture, skin, .. } = &card;
     let fits = input.len() == architecture.inputs()
@@ -260,7 +260,7 @@ fn parse_card(path: &Path, bytes: &[u8]) -> Result<Card, LearnError> {
         && input.sd_ohm.len() == input.len();
     let are_there = input.channels.iter().all(|list| !list.is_empty() && list.iter().all(|&c| c < skin.channels));
     if !fits || !are_there || architecture.outputs() != skin.pixels {
-        return Err(wrong("its architecture, its inputs and its skin do not fit together".into()));
+        return Err(wrong("its `plan`, its `input` and its `skin` do not fit together".into()));
     }
     Ok(card)
 }

@@ -76,8 +76,10 @@ fn the_contacts_of_the_tank_are_its_objects() {
         let rms_mm = 1e3 * rms(errors.iter().map(|(error_m, _)| *error_m));
         let held = errors.iter().filter(|(error_m, sd_m)| *error_m < 2.0 * sd_m).count();
         println!("| {name} | {found} of 18 | {false_positives} | {with_narrow} | {rms_mm:.1} | {held} of {found} |");
-        // Measured: none, with Tikhonov one, which spreads over the whole tank.
-        assert!(found == 18 && false_positives <= 1, "{name}: {found} found, {false_positives} false positives");
+        // Tikhonov's spreads over the whole tank.
+        let expected = usize::from(name == "tikhonov");
+        assert_eq!((found, false_positives), (18, expected), "{name}: objects found, false positives");
+        assert!(name == "greit" || with_narrow > false_positives, "{name}: no artefact to remove");
         assert!(held as f64 >= 0.8 * found as f64, "{name}: {errors:?}");
     }
 }
@@ -93,9 +95,13 @@ fn contacts_of_the_tank(skin: &Skin, method: &Method, options: DetectOptions) ->
             read_frames(&path, &skin.design().protocol).expect("frames").remove(0)
         };
         let contacts = method.contacts(&(&read("objects") - &read("empty")), &detector).expect("contacts");
-        let before = errors.len();
-        errors.extend(contacts.iter().filter_map(|contact| objects.iter().find_map(|o| along_the_rim(contact, o))));
-        others += contacts.len() - (errors.len() - before);
+        let nearest = |object: &TankObject| {
+            let own = contacts.iter().filter_map(|contact| along_the_rim(contact, object));
+            own.min_by(|a, b| a.0.total_cmp(&b.0))
+        };
+        let found: Vec<_> = objects.iter().filter_map(nearest).collect();
+        others += contacts.len() - found.len();
+        errors.extend(found);
     }
     (errors, others)
 }

@@ -15,10 +15,8 @@ const PILED_ROWS: usize = 5;
 const PILED_RATIO: usize = 2;
 /// The part of the range next to a limit.
 const BESIDE: f64 = 0.05;
-/// A channel whose values lie in fewer of this many equal parts of its range is coarsely quantized, and its largest value
-/// no limit. (Quantized readings over a measured current are many different numbers close to few levels.)
-const RANGE_PARTS: f64 = 100.0;
-const FEWEST_PARTS: usize = 20;
+/// ... and this many times the most frequent of its other values: those of a coarsely quantized channel all come often.
+const PILED_OVER: usize = 3;
 /// A value is an outlier if it is this many times farther from the median than 99 % of its channel's values, ...
 const FAR_VALUE: f64 = 30.0;
 /// ... and at most this part of the frame's other values are farther than [`FAR_FRAME`]: a hard press shows in many
@@ -79,26 +77,21 @@ fn piled_part(column: &[f64]) -> Option<f64> {
     let mut sorted = column.to_vec();
     sorted.sort_by(f64::total_cmp);
     let (low, high) = (*sorted.first()?, *sorted.last()?);
-    if parts_of_range(&sorted) < FEWEST_PARTS {
-        return None;
-    }
     let beside = BESIDE * (high - low);
     let at = |limit: f64| sorted.iter().filter(|value| **value == limit).count();
     let near = |limit: f64| sorted.iter().filter(|value| **value != limit && (**value - limit).abs() <= beside).count();
     let piled = |limit: f64| {
         let (at, near) = (at(limit), near(limit));
         let enough = at >= PILED_ROWS && at as f64 >= PILED * sorted.len() as f64;
-        (enough && at >= PILED_RATIO * near && high > low).then_some(at as f64 / sorted.len() as f64)
+        let alone = at >= PILED_RATIO * near && at >= PILED_OVER * most_frequent(&sorted, limit);
+        (enough && alone && high > low).then_some(at as f64 / sorted.len() as f64)
     };
     [low, high].into_iter().filter_map(piled).reduce(f64::max)
 }
 
-/// The number of equal parts of the range of ascending values that contain one of them.
-fn parts_of_range(sorted: &[f64]) -> usize {
-    let (low, high) = (sorted[0], sorted[sorted.len() - 1]);
-    let mut parts: Vec<i64> = sorted.iter().map(|value| ((value - low) / (high - low) * RANGE_PARTS) as i64).collect();
-    parts.dedup();
-    parts.len()
+/// How often the most frequent of ascending values but one occurs.
+fn most_frequent(sorted: &[f64], but: f64) -> usize {
+    sorted.chunk_by(|a, b| a == b).filter(|same| same[0] != but).map(<[f64]>::len).max().unwrap_or(0)
 }
 
 /// The distance of each value from the median of its channel, in units of that below which 99 % of them lie.
@@ -169,11 +162,10 @@ mod tests {
 
     #[test]
     fn quantized_readings_over_a_measured_current_are_not_saturated() {
-        // Five levels of the converter, most frequent at the lowest, over a current that varies by 1 %.
-        let level = |row: usize| [0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 3.0, 4.0][row % 8];
-        let column: Vec<f64> = (0..400).map(|row| (1.0 + level(row)) / (100.0 + (row % 11) as f64 / 10.0)).collect();
-        let first: Vec<f64> = column.iter().map(|value| value.max(column[0] * 0.9985)).collect();
-        assert!(saturated(&[column, first], &[]).is_none());
+        // Levels of the converter over a current that varies by 1 %; the lowest is as frequent as the others.
+        let column: Vec<f64> =
+            (0..420_i32).map(|row| f64::from(1 + row % 12) / (100.0 + f64::from(row % 7 / 6))).collect();
+        assert!(saturated(&[column], &[]).is_none());
     }
 
     #[test]

@@ -7,7 +7,7 @@ use crate::picture::PictureFormat;
 use clap::ValueEnum;
 use dermis::contact::Contact;
 use dermis::design::{Body, SkinDesign};
-use dermis::detect::Detector;
+use dermis::detect::{DetectOptions, Detector};
 use dermis::frame::{Truth, read_array, read_truth};
 use dermis::image::{Image, PixelSpace};
 use dermis::mesh::Mesh;
@@ -156,7 +156,9 @@ impl Arguments {
         if let Some(path) = &self.images {
             let how = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
             let images = read_images(path, design, mesh)?;
-            let contacts = images.iter().map(|image| Detector::default().detect(image)).collect();
+            // They may be those of a network, which have no artefacts.
+            let detector = Detector::new(DetectOptions { strength_fraction: 0.0, ..DetectOptions::default() });
+            let contacts = images.iter().map(|image| detector.detect(image)).collect();
             return Ok(Seen { images, quantity: Quantity::Change, contacts, how });
         }
         let Some(frames) = &self.frames else {

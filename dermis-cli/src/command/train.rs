@@ -84,7 +84,7 @@ pub struct Arguments {
 enum NetworkName {
     /// The paper's four dense layers.
     Paper,
-    /// Alternative reading of the paper: batch normalisation before each of five dense layers.
+    /// Alternative reading of the paper: batch normalisation before four of the five dense layers.
     PaperNormFirst,
     /// A linear layer refined by convolutions, trained with domain randomization.
     Best,

@@ -2,8 +2,9 @@
 //!
 //! A pixel is used if it exceeds [`DetectOptions::noise_factor`] standard deviations of its noise and
 //! [`DetectOptions::peak_fraction`] of the image's peak. Peaks are separated by the saddle between them and located by
-//! their centroid. Contacts below [`DetectOptions::strength_fraction`] of the strongest are artefacts. Each contact has a standard deviation of its position and the probability that it is real. Each
-//! method defines the options for its images.
+//! their centroid. Low peaks below [`DetectOptions::strength_fraction`] of the strongest contact are artefacts. Each
+//! contact has a standard deviation of its position and the probability that it is real. Each method defines the options
+//! for its images.
 
 mod forces;
 mod noise;
@@ -35,10 +36,10 @@ pub struct DetectOptions {
     pub noise_factor: f64,
     /// A contact's peak exceeds this fraction of the image's maximum: above the side lobes of linear images.
     pub peak_fraction: f64,
-    /// A contact's strength (the integral of its image) exceeds this fraction of the strongest contact's: above the
-    /// artefacts of linear images, which are high but narrow where the model of a real skin is wrong, at its electrodes
-    /// and edges. Cards of networks without this key have none.
-    #[serde(default)]
+    /// A contact whose peak is lower than that of the strongest contact has a strength (the integral of its image) above
+    /// this fraction of the strongest one's. Below it are artefacts of linear images: narrow peaks at electrodes and edges
+    /// where the model of a real skin is wrong. Cards of networks without this key have none.
+    #[serde(default = "no_least_strength")]
     pub strength_fraction: f64,
     /// Two peaks are two contacts if the image between them falls below this fraction of the lower one.
     pub saddle_fraction: f64,
@@ -51,6 +52,11 @@ pub struct DetectOptions {
     pub spread: Option<PositionSpread>,
     /// Measured conversion of strengths to forces for the method and its skin; `None` leaves forces unknown.
     pub forces: Option<Forces>,
+}
+
+/// The fraction in cards that do not state one, where the [default](DetectOptions::default) does not apply.
+fn no_least_strength() -> f64 {
+    0.0
 }
 
 impl Default for DetectOptions {
@@ -169,9 +175,16 @@ impl Detector {
             found.extend(self.found(&negative, highest, Some(positive.reversed()), &sd));
             found.sort_by(|a, b| b.height.total_cmp(&a.height));
         }
-        let strongest = found.iter().map(|contact| contact.strength).fold(0.0, f64::max);
-        found.retain(|contact| contact.strength >= self.options.strength_fraction * strongest);
+        self.remove_artefacts(&mut found);
         (0..found.len()).map(|index| self.rated(image, &found, index, highest)).collect()
+    }
+
+    /// Removes the contacts that are lower and far weaker than the strongest one.
+    fn remove_artefacts(&self, found: &mut Vec<Found>) {
+        let strongest = found.iter().max_by(|a, b| a.strength.total_cmp(&b.strength));
+        let Some((height, strength)) = strongest.map(|contact| (contact.height, contact.strength)) else { return };
+        let least = self.options.strength_fraction * strength;
+        found.retain(|contact| contact.height >= height || contact.strength >= least);
     }
 
     /// The peaks of an image, which are contacts of the given sign.

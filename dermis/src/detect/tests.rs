@@ -79,12 +79,24 @@ fn two_bumps_are_two_contacts_the_higher_first_and_a_ripple_is_none() {
     // Closer than a width they are one contact.
     let near = space.surface.at(0.111, 0.02).unwrap();
     assert_eq!(detect(&bumps(&space, &[(a, 1.0, 0.012), (near, 1.0, 0.012)]), &DetectOptions::default()).len(), 1);
-    // An artefact as high as the contact, but narrow: below the accepted fraction of its strength.
-    assert_eq!(detect(&bumps(&space, &[(a, 2.0, 0.006), (b, 2.0, 0.02)]), &DetectOptions::default()).len(), 1);
+    // A narrow artefact: below the accepted fraction of the contact's strength.
+    let narrow = |height: f64| bumps(&space, &[(a, height, 0.006), (b, 2.0, 0.02)]);
+    assert_eq!(detect(&narrow(2.0), &DetectOptions::default()).len(), 1);
     let all = DetectOptions { strength_fraction: 0.0, ..DetectOptions::default() };
-    assert_eq!(detect(&bumps(&space, &[(a, 2.0, 0.006), (b, 2.0, 0.02)]), &all).len(), 2);
+    assert_eq!(detect(&narrow(2.0), &all).len(), 2);
+    // A touch that is higher than a wide change, such as that of a drifting sheet, is none.
+    let contacts = detect(&narrow(8.0), &DetectOptions::default());
+    assert_eq!(contacts.len(), 2);
+    assert!(space.surface.distance_m(contacts[0].position_m, a) < 5e-3);
     // A side lobe below the accepted fraction of the peak.
     assert_eq!(detect(&bumps(&space, &[(a, 0.2, 0.012), (b, 2.0, 0.012)]), &DetectOptions::default()).len(), 1);
+}
+
+#[test]
+fn cards_without_a_least_strength_have_none() {
+    let card: DetectOptions = serde_json::from_str("{\"peak_fraction\": 0.15}").unwrap();
+    assert_eq!((card.peak_fraction, card.strength_fraction), (0.15, 0.0));
+    assert_eq!(card.noise_factor, DetectOptions::default().noise_factor);
 }
 
 #[test]

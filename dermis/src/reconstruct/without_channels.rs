@@ -4,7 +4,9 @@ use crate::contact::Contact;
 use crate::detect::DetectOptions;
 use crate::forward::Matrix;
 use crate::image::PixelSpace;
-use crate::reconstruct::{Linearised, OneStep, OneStepOptions, Prior, Quantity, Reconstruct, ReconstructError};
+use crate::reconstruct::{
+    Linearised, OneStep, OneStepOptions, Prior, Quantity, Reconstruct, ReconstructError, check_difference,
+};
 use std::sync::Arc;
 
 /// A method for a skin with broken channels that cannot be prepared again without them, such as a network.
@@ -98,6 +100,7 @@ impl<M: Reconstruct> Reconstruct for WithoutChannels<M> {
     }
 
     fn novelty(&self, difference: &[f64]) -> Option<f64> {
+        check_difference(difference, self.fill.columns).ok()?;
         self.method.novelty(&self.complete(difference))
     }
 

@@ -94,7 +94,8 @@ fn smallest(holds: impl Fn(f64) -> crate::Result<bool>) -> crate::Result<f64> {
     Ok(high)
 }
 
-/// The highest ratio of an image to its noise among the pixels that the detector's fractions would accept. If the image
+/// The highest ratio of an image to its noise among the pixels that are high enough for the detector; peaks of noise are
+/// about equally strong, so its least strength is left out. If the image
 /// is the square of the noisy quantity (touches as spots in its square root), the square root is divided by its noise:
 /// the signed square of a normal deviate of standard deviation s has `sqrt(3) s^2`.
 fn in_sd(image: &Image, noise: &ImageNoise, detection: &DetectOptions, counts: impl Fn(usize) -> bool) -> f64 {
