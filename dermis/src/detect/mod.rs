@@ -139,7 +139,7 @@ impl Detector {
 
     /// The same detector for contacts of both signs, each with its [sign](Contact::conductance). `positive` is the
     /// change of conductance where the image is positive, that of a touch. Thresholds relative to the image's peak
-    /// apply to the highest peak of both signs, since side lobes of the one are peaks of the other.
+    /// and to the strongest contact apply to both signs together, since side lobes of the one are peaks of the other.
     pub fn with_both_signs(self, positive: ConductanceChange) -> Self {
         Detector { positive: Some(positive), ..self }
     }
