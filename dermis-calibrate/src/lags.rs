@@ -25,7 +25,7 @@ const WEAK: (f64, f64) = (0.05, 2.0);
 
 /// A channel that has a lag of its own, with fewer than two others of its drive, must be explained by this part at that
 /// lag, which leaves unexplained at most this part of what lag 0 leaves: presses next to each other look alike, too.
-const ALONE: (f64, f64) = (0.3, 0.75);
+const ALONE: (f64, f64) = (0.3, 0.6);
 
 /// How well the other channels of each row predict one channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
