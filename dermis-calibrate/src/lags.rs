@@ -23,8 +23,10 @@ const RATIO: f64 = 0.9;
 /// chance explains, `1 / sqrt(rows)`, follows the others of its drive.
 const WEAK: (f64, f64) = (0.05, 2.0);
 
-/// A channel that has a lag of its own, with fewer than two others of its drive, must be explained by this part at that
-/// lag, which leaves unexplained at most this part of what lag 0 leaves: presses next to each other look alike, too.
+/// A channel that shares its lag with less than this part of the channels of its drive, or with fewer than two others ...
+const FEW: f64 = 0.25;
+/// ... must be explained by this part at that lag, which leaves unexplained at most this part of what lag 0 leaves:
+/// presses next to each other look alike, too.
 const ALONE: (f64, f64) = (0.3, 0.6);
 
 /// How well the other channels of each row predict one channel.
@@ -132,7 +134,8 @@ fn decide(evidence: &[Evidence], weak: f64) -> Vec<i32> {
     let own: Vec<i32> = evidence.iter().map(|one| if is_strong(one) { one.own_lag(RATIO) } else { 0 }).collect();
     let others = |lag: i32| own.iter().filter(|other| **other == lag).count() - 1;
     let agreed = |(one, &lag): (&Evidence, &i32)| {
-        let alone = lag != 0 && others(lag) < 2;
+        let few = others(lag) < 2 || ((others(lag) + 1) as f64) < FEW * own.len() as f64;
+        let alone = lag != 0 && few;
         if alone && (one.best < ALONE.0 || one.own_lag(ALONE.1) != lag) { 0 } else { lag }
     };
     let own: Vec<i32> = evidence.iter().zip(&own).map(agreed).collect();

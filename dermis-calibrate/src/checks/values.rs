@@ -15,7 +15,7 @@ const PILED_ROWS: usize = 5;
 const PILED_RATIO: usize = 2;
 /// The part of the range next to a limit.
 const BESIDE: f64 = 0.05;
-/// ... and this many times the most frequent of its other values: those of a coarsely quantized channel all come often.
+/// ... and this many times the most frequent of the values between its limits: those of a coarsely quantized channel all come often.
 const PILED_OVER: usize = 3;
 /// A value is an outlier if it is this many times farther from the median than 99 % of its channel's values, ...
 const FAR_VALUE: f64 = 30.0;
@@ -83,15 +83,16 @@ fn piled_part(column: &[f64]) -> Option<f64> {
     let piled = |limit: f64| {
         let (at, near) = (at(limit), near(limit));
         let enough = at >= PILED_ROWS && at as f64 >= PILED * sorted.len() as f64;
-        let alone = at >= PILED_RATIO * near && at >= PILED_OVER * most_frequent(&sorted, limit);
+        let alone = at >= PILED_RATIO * near && at >= PILED_OVER * most_frequent_between(&sorted, [low, high]);
         (enough && alone && high > low).then_some(at as f64 / sorted.len() as f64)
     };
     [low, high].into_iter().filter_map(piled).reduce(f64::max)
 }
 
-/// How often the most frequent of ascending values but one occurs.
-fn most_frequent(sorted: &[f64], but: f64) -> usize {
-    sorted.chunk_by(|a, b| a == b).filter(|same| same[0] != but).map(<[f64]>::len).max().unwrap_or(0)
+/// How often the most frequent of ascending values between two limits occurs.
+fn most_frequent_between(sorted: &[f64], [low, high]: [f64; 2]) -> usize {
+    let equal = sorted.chunk_by(|a, b| a == b);
+    equal.filter(|equal| low < equal[0] && equal[0] < high).map(<[f64]>::len).max().unwrap_or(0)
 }
 
 /// The distance of each value from the median of its channel, in units of that below which 99 % of them lie.
