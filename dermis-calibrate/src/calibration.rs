@@ -8,7 +8,7 @@ use crate::located::Located;
 use crate::pose::Pose;
 use crate::region::Region;
 use crate::sequence::{Realignment, in_units};
-use crate::strength::{ForceLaw, UnusedForces};
+use crate::strength::{ForceLaw, UnusedForces, has_force};
 use crate::units::ChannelUnits;
 use dermis::frame::Frame;
 use dermis::geom::Point3;
@@ -140,8 +140,7 @@ impl Calibration {
 
     /// Why the forces of its labels are not used; `None` where they are, or where no label has one.
     pub fn unused_forces(&self, labels: &[Label]) -> Option<UnusedForces> {
-        let given = labels.iter().any(|label| !label.force_n.is_nan());
-        if !given || self.locator.force_law().is_some() {
+        if !has_force(labels) || self.locator.force_law().is_some() {
             return None;
         }
         Some(ForceLaw::log_forces(labels).err().unwrap_or(UnusedForces::Unrelated))

@@ -4,7 +4,7 @@ use crate::calibration::Label;
 use crate::error::CalibrateError;
 use crate::gaussian_process::{GaussianProcess, Input};
 use crate::located::{REGION_SHARE, limit};
-use crate::strength::{force_range, ratio_spread, relative_deviation, relative_error};
+use crate::strength::{UnusedForces, force_range, has_force, ratio_spread, relative_deviation, relative_error};
 use dermis::contact::Contact;
 use dermis::detect::Detector;
 use dermis::frame::Frame;
@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Fewest presses that the method must find.
-pub const FEWEST_FOUND: usize = 20;
+pub(crate) const FEWEST_FOUND: usize = 20;
 /// A contact further from the label is not that press, m.
 const GATE_M: f64 = dermis::detect::GATE_M;
 /// Typical length over which errors of a method vary, as a part of the size of the skin.
@@ -143,6 +143,11 @@ impl Correction {
             force: force.map(|(force, _)| force),
             quality,
         })
+    }
+
+    /// Why the forces of its labels are not used; `None` where they are, or where no label has one.
+    pub fn unused_forces(&self, labels: &[Label]) -> Option<UnusedForces> {
+        (has_force(labels) && self.quality.force_error.is_none()).then_some(UnusedForces::TooFewFound)
     }
 
     /// What cross-validation states.

@@ -35,7 +35,7 @@ mod touches;
 mod units;
 
 pub use calibration::{Calibration, FEWEST_LABELS, Label, LabelFrame, Quality};
-pub use correction::{Correction, CorrectionQuality, FEWEST_FOUND};
+pub use correction::{Correction, CorrectionQuality};
 pub use error::CalibrateError;
 pub use located::Located;
 pub use method::Calibrations;

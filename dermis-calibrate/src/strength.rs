@@ -2,8 +2,9 @@
 //! force that it states.
 
 use crate::calibration::Label;
+use crate::correction::FEWEST_FOUND;
 use crate::units::Change;
-use dermis::stats::{mean, mean_and_sd, quantile, rms};
+use dermis::stats::{coefficient_of_variation, mean, mean_and_sd, quantile, rms};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -37,6 +38,9 @@ pub enum UnusedForces {
     /// Fewer labels than a relation needs.
     #[error("at least {FEWEST_FORCES} labels are needed, and there are {0}")]
     TooFew(usize),
+    /// Fewer labels that the corrected method finds and that have a force.
+    #[error("fewer than {FEWEST_FOUND} of the labels that the method finds have a force above zero")]
+    TooFewFound,
     /// The label of this frame has no force above zero.
     #[error("the label of frame {0} has no force above zero")]
     NotPositive(usize),
@@ -46,6 +50,11 @@ pub enum UnusedForces {
     /// The change of a frame does not grow with the force.
     #[error("the change of the frame does not grow with the force")]
     Unrelated,
+}
+
+/// Whether any label has a force.
+pub(crate) fn has_force(labels: &[Label]) -> bool {
+    labels.iter().any(|label| !label.force_n.is_nan())
 }
 
 /// The amplitudes of presses that are not equally strong.
@@ -182,8 +191,7 @@ pub(crate) fn relative_error(log_ratios: &[f64]) -> f64 {
 
 /// The standard deviation over the mean of the ratios of estimated and true forces, from their logarithms.
 pub(crate) fn ratio_spread(log_ratios: &[f64]) -> f64 {
-    let (mean, sd) = mean_and_sd(&log_ratios.iter().map(|log| log.exp()).collect::<Vec<f64>>());
-    sd / mean
+    coefficient_of_variation(&log_ratios.iter().map(|log| log.exp()).collect::<Vec<f64>>())
 }
 
 /// The relative error that 68 % of the forces do not exceed: the standard deviation of normal ones.

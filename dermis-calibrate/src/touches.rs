@@ -236,12 +236,16 @@ impl<'a> Search<'_, 'a> {
         self.target.iter().zip(whitened).map(|(value, predicted)| value - predicted).collect()
     }
 
+    /// The squared whitened residual with a touch beside the change by others.
+    fn square(&self, rest: &[f64], touch: Touch) -> f64 {
+        self.residual(rest, touch).iter().map(|value| value * value).sum()
+    }
+
     /// The mean square of the residual of touches, in units of its variance.
     fn misfit(&self, touches: &[Touch]) -> f64 {
         let index = touches.len() - 1;
-        let residual = self.residual(&self.total_change(touches, Some(index)), touches[index]);
-        let variance = self.variance(touches.iter());
-        residual.iter().map(|value| value * value).sum::<f64>() / (variance * residual.len() as f64)
+        let square = self.square(&self.total_change(touches, Some(index)), touches[index]);
+        square / (self.variance(touches.iter()) * self.target.len() as f64)
     }
 
     /// The variance of the residual of touches, in units of that of the noise.
@@ -252,7 +256,7 @@ impl<'a> Search<'_, 'a> {
     /// The logarithm of the posterior density of touches, without a constant.
     fn log_density(&self, rest: &[f64], touch: Touch, touches: &[Touch], replaced: Option<usize>) -> f64 {
         let locator = &self.calibration.locator;
-        let square = self.residual(rest, touch).iter().map(|value| value * value).sum();
+        let square = self.square(rest, touch);
         let all: Vec<Touch> = all_but(touches, replaced).chain([touch]).collect();
         let variance = self.variance(all.iter());
         let sd = locator.strength().map_or(LOG_AMPLITUDE_SD, |strength| strength.log_sd.max(LOG_AMPLITUDE_SD));

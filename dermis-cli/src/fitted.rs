@@ -7,9 +7,7 @@ use dermis::design::SkinDesign;
 use dermis::frame::Frame;
 use dermis::method::{MethodError, MethodOptions};
 use dermis::skin::Skin;
-use dermis_calibrate::{
-    CalibrateError, Calibration, Correction, CorrectionQuality, FEWEST_FOUND, Label, LabelFrame, Quality,
-};
+use dermis_calibrate::{CalibrateError, Calibration, Correction, CorrectionQuality, Label, LabelFrame, Quality};
 use dermis_study::report::Table;
 use serde_json::json;
 use std::path::Path;
@@ -94,15 +92,11 @@ impl Fitted {
 
     /// Why the forces of its labels are not used; `None` where they are, or where none is known.
     fn unused_forces(&self, labels: &[Label]) -> Option<String> {
-        match self {
-            Fitted::ForwardMap(map) => map.unused_forces(labels).map(|reason| reason.to_string()),
-            Fitted::Correction(correction) => {
-                let given = labels.iter().any(|label| !label.force_n.is_nan());
-                (given && correction.quality().force_error.is_none()).then(|| {
-                    format!("fewer than {FEWEST_FOUND} of the labels that the method finds have a force above zero")
-                })
-            }
-        }
+        let reason = match self {
+            Fitted::ForwardMap(map) => map.unused_forces(labels),
+            Fitted::Correction(correction) => correction.unused_forces(labels),
+        };
+        reason.map(|reason| reason.to_string())
     }
 
     /// Its figures as JSON, SI units.

@@ -182,20 +182,20 @@ impl TrainingPreset {
             target: Target::Touches { width_m: TOUCH_WIDTH_M },
             noise: Noise { domain_randomization: Some(DomainRandomization::usual()), ..none },
             symmetries: None,
-            detection: DetectOptions { strength_fraction: 0.0, ..DetectOptions::default() },
+            detection: network_detection(),
             options: TrainOptions { epochs: 8, schedule: Schedule::Cosine, ..TrainOptions::default() },
         }
     }
 }
 
+/// Detection options for images of networks, which have no artefacts at electrodes.
+fn network_detection() -> DetectOptions {
+    DetectOptions { strength_fraction: 0.0, ..DetectOptions::default() }
+}
+
 /// Detection options for images of the change of conductance.
 fn conductance_detection() -> DetectOptions {
-    DetectOptions {
-        noise_factor: PAPER_NOISE_FACTOR,
-        peak_fraction: PAPER_PEAK_FRACTION,
-        strength_fraction: 0.0,
-        ..DetectOptions::default()
-    }
+    DetectOptions { noise_factor: PAPER_NOISE_FACTOR, peak_fraction: PAPER_PEAK_FRACTION, ..network_detection() }
 }
 
 /// Detection options for images of touches.
@@ -203,8 +203,7 @@ fn touch_detection() -> DetectOptions {
     DetectOptions {
         noise_factor: TOUCH_NOISE_FACTOR,
         peak_fraction: SPOT_PEAK_FRACTION,
-        strength_fraction: 0.0,
         spot_width_m: Some(TOUCH_WIDTH_M),
-        ..DetectOptions::default()
+        ..network_detection()
     }
 }

@@ -75,6 +75,12 @@ pub fn mean_and_sd(values: &[f64]) -> (f64, f64) {
     (mean, variance.sqrt())
 }
 
+/// The standard deviation over the mean; `NaN` if there are no values.
+pub fn coefficient_of_variation(values: &[f64]) -> f64 {
+    let (mean, sd) = mean_and_sd(values);
+    sd / mean
+}
+
 /// The standard deviation of `count` values, from their sum and the sum of their squares. Inaccurate if the mean is far
 /// larger than the deviation.
 pub fn sd_of_sums(sum: f64, squares: f64, count: f64) -> f64 {

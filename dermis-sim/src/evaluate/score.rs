@@ -6,7 +6,7 @@ use dermis::contact::Contact;
 use dermis::detect::{Detector, whole_image_centroid};
 use dermis::geom::Surface;
 use dermis::image::Image;
-use dermis::stats::{Summary, mean, mean_and_sd};
+use dermis::stats::{Summary, coefficient_of_variation, mean};
 use serde::Serialize;
 
 /// Scores of a method in an experiment; serialised to the JSON output of `dermis evaluate --json`.
@@ -46,7 +46,7 @@ impl ForceErrors {
     /// From the ratios of estimated and true forces; `None` without any.
     pub fn of(ratios: &[f64]) -> Option<Self> {
         let errors: Vec<f64> = ratios.iter().map(|ratio| (ratio - 1.0).abs()).collect();
-        (!ratios.is_empty()).then(|| ForceErrors { error: mean(&errors), spread: spread(ratios) })
+        (!ratios.is_empty()).then(|| ForceErrors { error: mean(&errors), spread: coefficient_of_variation(ratios) })
     }
 }
 
@@ -114,16 +114,11 @@ pub fn score_contacts(
         false_positives,
         localisation_m: Summary::of(&distances),
         eq11_m: Summary::of(&eq11),
-        sensitivity_spread: spread(&sensitivities),
+        sensitivity_spread: coefficient_of_variation(&sensitivities),
         force: ForceErrors::of(&force_ratios),
         method: method.to_string(),
         alpha,
     })
-}
-
-fn spread(values: &[f64]) -> f64 {
-    let (mean, sd) = mean_and_sd(values);
-    sd / mean
 }
 
 /// Whether two touches were resolved: exactly two contacts, each within 10 mm of its touch and within a third of the

@@ -4,9 +4,7 @@ use crate::contact::Contact;
 use crate::detect::DetectOptions;
 use crate::forward::Matrix;
 use crate::image::PixelSpace;
-use crate::reconstruct::{
-    Linearised, OneStep, OneStepOptions, Prior, Quantity, Reconstruct, ReconstructError, check_difference,
-};
+use crate::reconstruct::{Linearised, OneStep, OneStepOptions, Prior, Quantity, Reconstruct, ReconstructError};
 use std::sync::Arc;
 
 /// A method for a skin with broken channels that cannot be prepared again without them, such as a network.
@@ -59,14 +57,18 @@ fn fill(method: &dyn Reconstruct, model: &Linearised, broken: &[usize]) -> Resul
 }
 
 impl<M> WithoutChannels<M> {
-    /// A difference with predicted values of the broken channels.
-    fn complete(&self, difference: &[f64]) -> Vec<f64> {
+    /// A difference with predicted values of the broken channels, whatever theirs are.
+    fn complete(&self, difference: &[f64]) -> Result<Vec<f64>, ReconstructError> {
+        let (got, expected) = (difference.len(), self.fill.columns);
+        if got != expected {
+            return Err(ReconstructError::FrameLength { got, expected });
+        }
         let mut completed = difference.to_vec();
         self.broken.iter().for_each(|&channel| completed[channel] = 0.0);
         let mut predicted = vec![0.0; self.broken.len()];
         self.fill.product_into(&completed, &mut predicted);
         self.broken.iter().zip(predicted).for_each(|(&channel, predicted)| completed[channel] = predicted);
-        completed
+        Ok(completed)
     }
 }
 
@@ -81,27 +83,21 @@ impl<M: Reconstruct> Reconstruct for WithoutChannels<M> {
 
     /// As the wrapped method; the difference is copied if there are broken channels.
     fn reconstruct_into(&self, difference: &[f64], values: &mut [f64]) -> Result<(), ReconstructError> {
-        // The wrapped method refuses a difference of another length.
-        if difference.len() != self.fill.columns {
-            return self.method.reconstruct_into(difference, values);
-        }
-        self.method.reconstruct_into(&self.complete(difference), values)
+        self.method.reconstruct_into(&self.complete(difference)?, values)
     }
 
     fn contacts(&self, difference: &[f64]) -> Result<Option<Vec<Contact>>, ReconstructError> {
-        if difference.len() != self.fill.columns {
-            return self.method.contacts(difference);
-        }
-        self.method.contacts(&self.complete(difference))
+        self.method.contacts(&self.complete(difference)?)
     }
 
     fn correct(&self, difference: &[f64], contacts: &mut [Contact]) {
-        self.method.correct(&self.complete(difference), contacts);
+        if let Ok(completed) = self.complete(difference) {
+            self.method.correct(&completed, contacts);
+        }
     }
 
     fn novelty(&self, difference: &[f64]) -> Option<f64> {
-        check_difference(difference, self.fill.columns).ok()?;
-        self.method.novelty(&self.complete(difference))
+        self.method.novelty(&self.complete(difference).ok()?)
     }
 
     fn matrix(&self) -> Option<&Matrix> {
@@ -156,7 +152,10 @@ mod tests {
         let matrix = polarity_blind.matrix().unwrap();
         let product: f64 = matrix.values[..870].iter().zip(difference(1e6)).map(|(a, b)| a * b).sum();
         assert!((product - image(&polarity_blind, 1e6)[0]).abs() < 1e-9 * product.abs());
+        assert_eq!(image(&polarity_blind, f64::NAN), image(&polarity_blind, 0.0));
         assert!(polarity_blind.reconstruct_into(&[0.0], &mut [0.0]).is_err());
+        assert!(polarity_blind.contacts(&[0.0]).is_err());
+        assert_eq!(polarity_blind.novelty(&[0.0]), None);
         assert!(WithoutChannels::new(&method, &model, vec![870]).is_err());
         let whole = WithoutChannels::new(&method, &model, Vec::new()).unwrap();
         assert_eq!(image(&whole, 1.0), image(&method, 1.0));
