@@ -6,8 +6,10 @@
 use dermis::frame::{Frame, Truth, read_frames, read_truth};
 use dermis::geom::vector::distance;
 use dermis::geom::{PlaceLimits, Point3, Surface};
+use dermis::method::{Method, MethodOptions, Methods};
 use dermis::skin::Skin;
-use dermis_calibrate::{Calibration, Label, LabelFrame};
+use dermis_calibrate::checks::realigned;
+use dermis_calibrate::{Calibration, Calibrations, Correction, Label, LabelFrame, Pose};
 use std::ops::Range;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -90,6 +92,72 @@ fn calibrate(recording: &Recording, split: &Split) -> Scored {
     let mean_m = scored().map(|&row| distance(located[row].position_m, presses[row])).sum::<f64>() / count;
     let covered = scored().filter(|&&row| located[row].region_contains(presses[row])).count() as f64 / count;
     Scored { mean_m, covered, fit_s, frame_ms, calibration }
+}
+
+/// A method that uses the model of the skin, with the pose and the late channels known from 2,000 presses.
+struct Modelled {
+    skin: Skin,
+    method: Method,
+    frames: Vec<Frame>,
+    positions_m: Vec<Point3>,
+}
+
+impl Modelled {
+    fn new(recording: &Recording, name: &str) -> Self {
+        let known = calibrate(recording, &Split::before(0..2000)).calibration;
+        let pose: &Pose = known.pose().unwrap();
+        let skin = recording.skin.clone();
+        let method = Methods::linear().method(&skin, name, &MethodOptions::default()).unwrap();
+        let positions_m = recording.presses.iter().map(|&press| pose.to_skin(press)).collect();
+        Modelled { skin, method, frames: realigned(&recording.frames, known.lags()).unwrap(), positions_m }
+    }
+
+    /// Mean error of the strongest contacts of the scored presses that have one, and the number of those without.
+    fn score(&self, method: &Method) -> String {
+        let detector = method.detector(&[]).unwrap();
+        let off_m: Vec<f64> = SCORED
+            .filter_map(|row| {
+                let contacts = method.contacts(&self.frames[row], &detector).unwrap();
+                let strongest = contacts.iter().max_by(|a, b| a.strength.total_cmp(&b.strength))?;
+                Some(distance(strongest.position_m, self.positions_m[row]))
+            })
+            .collect();
+        format!("{:.2}, {} missed", 1e3 * dermis::stats::mean(&off_m), SCORED.len() - off_m.len())
+    }
+
+    /// The method corrected by the last presses before the scored ones.
+    fn corrected(&self, labels: usize) -> Result<Method, String> {
+        let label = |row: usize| Label { row, position_m: self.positions_m[row], force_n: f64::NAN };
+        let labels: Vec<Label> = (SCORED.start - labels..SCORED.start).map(label).collect();
+        let detector = self.method.detector(&[]).unwrap();
+        let fitted = Correction::fit(self.skin.pixels(), &self.method, &detector, &self.frames, &labels);
+        let folder = tempfile::tempdir().unwrap();
+        fitted.map_err(|error| error.to_string())?.save(folder.path(), self.skin.design()).unwrap();
+        let methods = Methods::linear().with(Calibrations::of(Methods::linear()));
+        let name = folder.path().display().to_string();
+        Ok(methods.method(&self.skin, &name, &MethodOptions::default()).unwrap())
+    }
+}
+
+#[test]
+#[ignore = "slow: a minute; prints a table"]
+fn the_error_with_the_model_of_the_skin_and_without() {
+    println!("| skin | labels | forward map, mm | `laplace`, mm | `laplace` corrected, mm | `noser` corrected, mm |");
+    println!("|---|---|---|---|---|---|");
+    for name in ["noPattern", "parallel"] {
+        let Some(recording) = recording(name) else { return };
+        let [laplace, noser] = ["laplace", "noser"].map(|method| Modelled::new(&recording, method));
+        let alone = laplace.score(&laplace.method);
+        for labels in [10, 20, 50, 100, 200] {
+            let map = 1e3 * calibrate(&recording, &Split::before(SCORED.start - labels..SCORED.start)).mean_m;
+            let corrected = |modelled: &Modelled| match modelled.corrected(labels) {
+                Ok(method) => modelled.score(&method),
+                Err(_) => "too few labels".into(),
+            };
+            let [by_laplace, by_noser] = [corrected(&laplace), corrected(&noser)];
+            println!("| `{name}` | {labels} | {map:.2} | {alone} | {by_laplace} | {by_noser} |");
+        }
+    }
 }
 
 #[test]

@@ -179,7 +179,7 @@ impl Guided {
         let end = Arc::clone(&ended);
         on_interrupt(move || end.store(true, Ordering::Relaxed))?;
         let mailbox = live.shared().subscribe(WAITING);
-        live.begin_playback();
+        live.begin();
         self.line.print("leave the skin untouched: the baseline is measured");
         while !ended.load(Ordering::Relaxed) && self.session.place().is_some() {
             match mailbox.take(Duration::from_millis(100)) {

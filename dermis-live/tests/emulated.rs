@@ -46,7 +46,28 @@ fn emulate(script: &str, faults: &[&str]) -> Running {
 
 fn read(running: &Running, settings: Settings) -> Live {
     let options = LiveOptions { address: running.address.clone(), device: Default::default(), settings, state: None };
-    Live::start(methods(), options).unwrap()
+    let live = Live::start(methods(), options).unwrap();
+    live.begin();
+    live
+}
+
+#[test]
+fn a_subscriber_from_before_the_beginning_receives_the_first_frame() {
+    let running = emulate("none", &[]);
+    let device = Default::default();
+    let options = LiveOptions { address: running.address.clone(), device, settings: Settings::default(), state: None };
+    let live = Live::start(methods(), options).unwrap();
+    std::thread::sleep(Duration::from_millis(300));
+    let mailbox = live.shared().subscribe(64);
+    live.begin();
+    let first = loop {
+        if let Popped::Item(Event::Frame(frame)) = mailbox.take(Duration::from_secs(5)) {
+            break frame;
+        }
+    };
+    assert_eq!(first.result.health.counts.frames, 1);
+    live.stop();
+    running.emulator.stop();
 }
 
 /// Reads frames until `done` returns true; fails after a minute.

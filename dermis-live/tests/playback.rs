@@ -40,6 +40,7 @@ fn record(methods: &Arc<MethodSet>, path: &Path) {
     let options = LiveOptions { address, device: Default::default(), settings: Settings::default(), state: None };
     let live = Live::start(Arc::clone(methods), options).unwrap();
     let mailbox = live.shared().subscribe(WAITING);
+    live.begin();
     await_frame(&mailbox, 200);
     let taping = RecordingSink::start(live.shared(), path, None).unwrap();
     await_frame(&mailbox, 700);
@@ -71,7 +72,7 @@ fn await_frame(mailbox: &Mailbox<Event>, sequence: u64) {
 fn played(methods: &Arc<MethodSet>, path: &Path, speed: f64) -> (Vec<(u64, Vec<TrackedContact>)>, Vec<Command>) {
     let live = Live::play(Arc::clone(methods), Player::open(path, methods, speed).unwrap()).unwrap();
     let mailbox = live.shared().subscribe(WAITING);
-    live.begin_playback();
+    live.begin();
     let (mut frames, mut commands, mut connected, mut ended) = (Vec::new(), Vec::new(), 0, false);
     loop {
         match mailbox.take(Duration::from_secs(30)) {

@@ -194,7 +194,7 @@ impl Arguments {
         let end = Arc::clone(&ended);
         on_interrupt(move || end.store(true, Ordering::Relaxed))?;
         let mailbox = live.shared().subscribe(WAITING);
-        live.begin_playback();
+        live.begin();
         let mut latencies = Latencies::new(Arc::clone(live.shared()));
         let (begun, mut shown) = (Instant::now(), Instant::now());
         let line = crate::console::StatusLine::new();

@@ -64,8 +64,8 @@ pub struct Device {
     stream: Stream,
     notice: Option<Notice>,
     heard_at: Instant,
-    /// When the last frame was received, or frames were last requested.
-    asked_at: Instant,
+    /// When the last frame was received, or frames were last requested; `None` before the first request.
+    asked_at: Option<Instant>,
 }
 
 /// A frame as it was received.
@@ -288,8 +288,8 @@ impl Connection {
 }
 
 impl Device {
-    /// Connects to a device, checks that it matches the skin, configures and starts it. `stream` continues the stream
-    /// of an earlier connection.
+    /// Connects to a device, checks that it matches the skin and configures it. `stream` continues the stream of an
+    /// earlier connection. The device sends frames from the first call of [`listen`](Self::listen) on.
     ///
     /// # Errors
     /// A device that cannot be reached, does not answer, uses another protocol or version, or belongs to another skin;
@@ -309,7 +309,7 @@ impl Device {
         let scan = &stream.scan;
         let connected = Handshake { address, line: line.as_mut(), decoder: &mut decoder, skin, scan, options }.run()?;
         let facts = stream.connect(connected.hello, connected.tested);
-        let mut device = Device {
+        Ok(Device {
             address: address.to_string(),
             line,
             decoder,
@@ -318,10 +318,8 @@ impl Device {
             stream,
             notice: connected.notice,
             heard_at: Instant::now(),
-            asked_at: Instant::now(),
-        };
-        device.send(&ToDevice::Start)?;
-        Ok(device)
+            asked_at: None,
+        })
     }
 
     /// The facts of the device.
@@ -349,8 +347,11 @@ impl Device {
     /// A device that was lost or stopped answering.
     pub fn listen(&mut self, mut publish: impl FnMut(DeviceEvent)) -> Result<(), LiveError> {
         self.notice.take().into_iter().for_each(|notice| publish(DeviceEvent::Notice(notice)));
-        if self.asked_at.elapsed() > START_AGAIN {
-            self.asked_at = Instant::now();
+        if self.asked_at.is_none_or(|at| at.elapsed() > START_AGAIN) {
+            let now = Instant::now();
+            if self.asked_at.replace(now).is_none() {
+                self.heard_at = now;
+            }
             self.send(&ToDevice::Start)?;
         }
         let lost = |message: String| LiveError::Lost { address: self.address.clone(), message };
@@ -370,7 +371,7 @@ impl Device {
             };
             match ToHost::parse(message) {
                 Ok(ToHost::Frame(frame)) => {
-                    *asked_at = Instant::now();
+                    *asked_at = Some(Instant::now());
                     let incoming = stream.frame(&frame, message, received_at);
                     incoming.into_iter().for_each(|incoming| publish(DeviceEvent::Frame(Box::new(incoming))));
                 }

@@ -24,12 +24,10 @@ impl DeviceThread {
 
     /// Reads until the skin is stopped or the input has ended.
     pub(super) fn run(self, connection: Connection) {
+        self.shared.await_begin();
         let mut next = Some(connection);
         while let Some(connection) = next {
             self.shared.connected(connection.facts().clone());
-            if self.address.is_patient() {
-                self.shared.await_playback();
-            }
             let stream = self.listen(connection);
             self.shared.disconnected();
             next = stream.and_then(|stream| self.reconnect(stream));

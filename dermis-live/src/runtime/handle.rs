@@ -34,7 +34,7 @@ pub struct LiveHandle {
     method: Mutex<String>,
     failure: Mutex<Option<LiveError>>,
     state_requested: AtomicBool,
-    playing: AtomicBool,
+    begun: AtomicBool,
     stopped: AtomicBool,
     /// No more events will come.
     ended: AtomicBool,
@@ -70,7 +70,7 @@ impl LiveHandle {
             method: Mutex::new(pipeline.method().name().into()),
             failure: Mutex::default(),
             state_requested: AtomicBool::new(false),
-            playing: AtomicBool::new(false),
+            begun: AtomicBool::new(false),
             stopped: AtomicBool::new(false),
             ended: AtomicBool::new(false),
         })
@@ -225,13 +225,13 @@ impl LiveHandle {
         self.stopped.store(true, Ordering::Relaxed);
     }
 
-    pub(super) fn begin_playback(&self) {
-        self.playing.store(true, Ordering::Relaxed);
+    pub(super) fn begin(&self) {
+        self.begun.store(true, Ordering::Relaxed);
     }
 
     /// Waits until the input may begin.
-    pub(super) fn await_playback(&self) {
-        while !self.playing.load(Ordering::Relaxed) && !self.is_stopped() {
+    pub(super) fn await_begin(&self) {
+        while !self.begun.load(Ordering::Relaxed) && !self.is_stopped() {
             std::thread::sleep(Duration::from_millis(1));
         }
     }

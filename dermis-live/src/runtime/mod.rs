@@ -88,8 +88,8 @@ impl std::fmt::Debug for Live {
 }
 
 impl Live {
-    /// Connects to the device and begins to read it; standard input is read from
-    /// [`begin_playback`](Self::begin_playback) on. At the end of the input all mailboxes are closed.
+    /// Connects to the device; [`begin`](Self::begin) begins to read it. At the end of the input all mailboxes are
+    /// closed.
     ///
     /// # Errors
     /// A device that cannot be reached or is refused; settings out of their ranges.
@@ -104,8 +104,8 @@ impl Live {
         Ok(Self::with_threads(shared, pipeline, true, move || thread.run(connection)))
     }
 
-    /// Prepares to play a recording instead of a device; [`begin_playback`](Self::begin_playback) begins. At its end
-    /// all mailboxes are closed.
+    /// Prepares to play a recording instead of a device; [`begin`](Self::begin) begins. At its end all mailboxes are
+    /// closed.
     ///
     /// # Errors
     /// An unknown method, a state of another skin.
@@ -115,7 +115,7 @@ impl Live {
         shared.connected(player.facts().clone());
         let handle = Arc::clone(&shared);
         let play = move || {
-            handle.await_playback();
+            handle.await_begin();
             player.play(&handle);
             handle.close_work();
         };
@@ -133,10 +133,9 @@ impl Live {
         Live { shared, threads }
     }
 
-    /// Begins to play the recording, or to read standard input. Subscribers from before this call receive its first
-    /// frame. A device is read from the start.
-    pub fn begin_playback(&self) {
-        self.shared.begin_playback();
+    /// Begins to read the device or to play the recording. Subscribers from before this call receive the first frame.
+    pub fn begin(&self) {
+        self.shared.begin();
     }
 
     /// The handle to subscribe with and to send commands with.

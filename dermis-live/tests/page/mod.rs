@@ -30,6 +30,7 @@ pub fn live(folder: &Path) -> (Live, Arc<Control>) {
     std::thread::spawn(move || served.serve(Port::Tcp(listener)).unwrap());
     let options = LiveOptions { address, device: Default::default(), settings: Settings::default(), state: None };
     let live = Live::start(Arc::new(methods), options).unwrap();
+    live.begin();
     let tapes = RecordingOptions { folder: folder.into(), twin_toml: None };
     let control = Arc::new(Control::new(Arc::clone(live.shared()), Some(emulator), "emulator".into(), tapes));
     (live, control)
