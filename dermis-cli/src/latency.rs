@@ -3,7 +3,7 @@
 use crate::console::print_json;
 use crate::failure::Outcome;
 use dermis::frame::write_whole;
-use dermis::pipeline::Counts;
+use dermis::pipeline::{Counts, Validity};
 use dermis::stats::nearest_quantiles;
 use dermis::text::counted;
 use dermis_live::{LiveFrame, LiveHandle};
@@ -22,6 +22,7 @@ pub struct Latencies {
     all_ms: Vec<f32>,
     frames: u64,
     contacts: usize,
+    validity: Validity,
     touched_frames: u64,
     counts: Counts,
     rate_hz: f64,
@@ -41,6 +42,7 @@ impl Latencies {
             all_ms: Vec::new(),
             frames: 0,
             contacts: 0,
+            validity: Validity::Ok,
             touched_frames: 0,
             counts: Counts::default(),
             rate_hz: 0.0,
@@ -54,17 +56,26 @@ impl Latencies {
             self.all_ms.push(1e3 * frame.output_at.seconds_since(frame.received_at) as f32);
         }
         self.frames += 1;
-        self.contacts = frame.result.contacts.len();
+        self.show_state(frame);
         self.touched_frames += u64::from(!frame.result.contacts.is_empty());
         self.counts = frame.result.health.counts;
         self.rate_hz = frame.result.health.rate_hz;
+    }
+
+    /// Takes the contacts and the validity of a frame, or of a stale one, which is not counted.
+    pub fn show_state(&mut self, frame: &LiveFrame) {
+        self.contacts = frame.result.contacts.len();
+        self.validity = frame.result.validity.clone();
     }
 
     /// A status line.
     pub fn line(&self) -> String {
         let recent = &self.all_ms[self.all_ms.len().saturating_sub(1000)..];
         let [median, p99] = nearest_quantiles(recent, [0.5, 0.99]);
-        let contacts = counted(self.contacts, "contact");
+        let contacts = match self.validity.is_usable() {
+            true => counted(self.contacts, "contact"),
+            false => self.validity.to_string(),
+        };
         let lost = counted(self.counts.lost + self.shared.skipped(), "frame");
         format!("{:.0} frames/s, {contacts}, {median:.2} ms (99 %: {p99:.2} ms), {lost} lost", self.rate_hz)
     }

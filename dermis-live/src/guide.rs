@@ -167,7 +167,7 @@ impl PressCollector {
     /// Processes the next frame.
     pub fn take(&mut self, frame: &PipelineFrame) -> Option<PressEvent> {
         let at = frame.measured_at;
-        match (self.phase, frame.touched) {
+        match (self.phase, frame.touched?) {
             (Phase::Untouched, false) => None,
             (Phase::Untouched, true) => {
                 self.phase = Phase::Pressed(at);
@@ -255,7 +255,8 @@ mod tests {
                 measured_at: at,
                 values_ohm: values_ohm.collect(),
                 image: Vec::new(),
-                touched: level != 0.0,
+                validity: Default::default(),
+                touched: Some(level != 0.0),
                 contacts: Vec::new(),
                 health: Default::default(),
             };

@@ -2,6 +2,7 @@
 
 #![warn(unreachable_pub)]
 
+pub mod campaign;
 pub mod clock;
 pub mod device;
 pub mod emulator;

@@ -98,12 +98,12 @@ fn a_press_by_hand_is_found_where_it_is_and_ends() {
         let Some(contact) = frame.result.contacts.first() else { return false };
         let off_m = surface.distance_m(contact.position_m, place);
         assert!(off_m < 0.006, "{off_m} m off");
-        assert!(frame.result.touched);
+        assert_eq!(frame.result.touched, Some(true));
         id = Some(contact.id);
         true
     });
     running.emulator.release(0);
-    frames_until(&live, |frame| frame.result.contacts.is_empty() && !frame.result.touched);
+    frames_until(&live, |frame| frame.result.contacts.is_empty() && frame.result.touched == Some(false));
     assert_eq!(id, Some(1));
     live.stop();
     running.emulator.stop();

@@ -201,6 +201,7 @@ impl Arguments {
         while !ended.load(Ordering::Relaxed) {
             match mailbox.take(Duration::from_millis(100)) {
                 Popped::Item(Event::Frame(frame)) => latencies.take(&frame),
+                Popped::Item(Event::Stale(frame)) => latencies.show_state(&frame),
                 Popped::Item(Event::Notice(notice)) => line.print(&notice_line(notice.level, &notice.text)),
                 Popped::Item(Event::Lost(why)) => line.print(&notice_line(Severity::Error, &why)),
                 Popped::Item(_) | Popped::TimedOut => {}

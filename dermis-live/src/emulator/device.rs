@@ -2,7 +2,7 @@
 
 use crate::LiveError;
 use crate::device::{Role, ScanTable};
-use crate::emulator::fault::{Fault, TimedFault};
+use crate::emulator::fault::{Fault, FaultyReadings, ReadingFault, TimedFault};
 use crate::emulator::script::Script;
 use crate::emulator::timing::Timing;
 use dermis::design::SkinDesign;
@@ -82,16 +82,7 @@ impl Emulator {
         if !(options.speed > 0.0 && options.speed.is_finite()) {
             return Err(LiveError::Given(format!("the speed is {}: it must be positive", options.speed)));
         }
-        for TimedFault { fault, .. } in &options.faults {
-            if let Fault::Loose { electrode, .. } = fault {
-                let count = design.electrodes.len();
-                if *electrode >= count {
-                    let message =
-                        format!("electrode {electrode} cannot come loose: the skin has electrodes 0 to {}", count - 1);
-                    return Err(LiveError::Given(message));
-                }
-            }
-        }
+        options.faults.iter().try_for_each(|timed| check_fault(design, timed))?;
         let bits = options.twin.electronics.adc.map_or(IDEAL_BITS, |adc| adc.bits);
         let ideal = [IDEAL_RANGE_V / 2f64.powi(IDEAL_BITS as i32 - 1); 3];
         let mut emulator = Emulator {
@@ -188,11 +179,6 @@ impl Emulator {
         lock(&self.timing)
     }
 
-    /// The highest count.
-    pub(super) fn full_scale(&self) -> i32 {
-        self.full_scale
-    }
-
     /// Highest frame rate, thousandths of a hertz.
     pub(super) fn highest_rate_millihertz(&self) -> u32 {
         let slots = self.scan.slots().len() as f64;
@@ -204,8 +190,29 @@ impl Emulator {
         (most_hz * 1e3 * (1.0 + 1e-9)) as u32
     }
 
-    /// The counts of frame `index`, computed now or in advance.
+    /// The counts of frame `index`, with the faults of its readings.
     pub(super) fn counts(&self, index: u64) -> Result<Vec<i32>, LiveError> {
+        let rate_hz = self.options.twin.electronics.frame_rate_hz;
+        let time_s = index as f64 / rate_hz;
+        let mut counts = self.sound_counts(index)?;
+        for timed in &self.options.faults {
+            let Fault::Readings { fault, for_s } = timed.fault else { continue };
+            if !timed.lasts(for_s, time_s) {
+                continue;
+            }
+            let first = match fault.needs_first() {
+                true => self.sound_counts((timed.at_s * rate_hz).ceil() as u64)?,
+                false => Vec::new(),
+            };
+            let (counts, roles) = (&mut counts, self.scan.roles());
+            let (full_scale, seed) = (self.full_scale, self.options.seed);
+            fault.apply(&mut FaultyReadings { counts, roles, full_scale, seed, index }, &first);
+        }
+        Ok(counts)
+    }
+
+    /// The counts of frame `index`, computed now or in advance.
+    fn sound_counts(&self, index: u64) -> Result<Vec<i32>, LiveError> {
         match self.frames.len() as u64 {
             0 => self.take(index),
             count => Ok(self.frames[(index % count) as usize].clone()),
@@ -266,10 +273,10 @@ impl Emulator {
     pub fn frame_packet(&self, index: u64) -> Result<Vec<u8>, LiveError> {
         let rate_hz = self.options.twin.electronics.frame_rate_hz;
         self.fail(index as f64 / rate_hz)?;
-        let counts = self.take(index)?;
+        let counts = self.counts(index)?;
         let mut packet = vec![0; Frame::packet_bytes(counts.len(), 4)];
         let length = self.write_frame(
-            (index as u32, (index as f64 / rate_hz * 1e6) as u64),
+            (index as u32, self.clock_us(index as f64 / rate_hz, index as f64 / rate_hz * 1e6)),
             &counts,
             FrameFlags::default(),
             &mut packet,
@@ -330,10 +337,53 @@ impl Emulator {
     }
 
     pub(super) fn is_unplugged(&self, time_s: f64) -> bool {
-        self.felt(time_s, |fault| match fault {
-            Fault::Unplug { for_s } => Some((1.0, *for_s)),
+        self.lasts(time_s, |fault| match fault {
+            Fault::Unplug { for_s } => Some(*for_s),
             _ => None,
-        }) > 0.0
+        })
+    }
+
+    /// Whether no frames are sent now.
+    pub(super) fn is_silent(&self, time_s: f64) -> bool {
+        self.lasts(time_s, |fault| match fault {
+            Fault::Silent { for_s } => Some(*for_s),
+            _ => None,
+        })
+    }
+
+    fn lasts(&self, time_s: f64, of: impl Fn(&Fault) -> Option<f64>) -> bool {
+        self.felt(time_s, |fault| of(fault).map(|for_s| (1.0, for_s))) > 0.0
+    }
+
+    /// The time on the device's clock, us, with the faults of the clock.
+    pub(super) fn clock_us(&self, time_s: f64, time_us: f64) -> u64 {
+        let mut clock_us = time_us;
+        for timed in self.options.faults.iter().filter(|timed| timed.at_s <= time_s) {
+            match timed.fault {
+                Fault::ClockSet { by_s } => clock_us += 1e6 * by_s,
+                Fault::ClockStop { for_s } => clock_us -= 1e6 * (time_s - timed.at_s).min(for_s),
+                _ => {}
+            }
+        }
+        clock_us.max(0.0) as u64
+    }
+}
+
+/// Refuses a fault of an electrode, drive or channel that the design does not have.
+fn check_fault(design: &SkinDesign, timed: &TimedFault) -> Result<(), LiveError> {
+    let (what, number, count) = match timed.fault {
+        Fault::Loose { electrode, .. } => ("electrode", electrode, design.electrodes.len()),
+        Fault::Readings { fault: ReadingFault::Reference(drive, _), .. } => {
+            ("drive", drive, design.protocol.drives().0.len())
+        }
+        Fault::Readings { fault: ReadingFault::Stuck(channel) | ReadingFault::Saturated(channel), .. } => {
+            ("channel", channel, design.protocol.channel_count())
+        }
+        _ => return Ok(()),
+    };
+    match number < count {
+        true => Ok(()),
+        false => Err(LiveError::Given(format!("{what} {number} of a fault: the skin has {what}s 0 to {}", count - 1))),
     }
 }
 

@@ -4,7 +4,7 @@ use crate::LiveError;
 use crate::emulator::Emulator;
 use crate::emulator::fault::Fault;
 use crate::emulator::port::Wire;
-use dermis_sim::random::{sample_rng, standard_normal};
+use dermis_sim::random::sample_rng;
 use dermis_wire::{
     Decoder, Fault as WireFault, FaultCode, Frame, FrameFlags, Hello, Received, ScanPart, Slot, Status, ToDevice,
     ToHost, test_reading,
@@ -190,7 +190,9 @@ impl<'a> HostSession<'a> {
     }
 
     fn stamp(&self, index: u64) -> (u32, u64) {
-        (index as u32, self.emulator.timing().time_us(index) as u64)
+        let time_s = index as f64 / self.emulator.options().twin.electronics.frame_rate_hz;
+        let time_us = self.emulator.timing().time_us(index) as f64;
+        (index as u32, self.emulator.clock_us(time_s, time_us))
     }
 
     /// Waits until the next frame is due and sends it.
@@ -220,8 +222,10 @@ impl<'a> HostSession<'a> {
         if emulator.is_unplugged(time_s) {
             return Err(SessionEnd::Gone);
         }
-        let counts = emulator.counts(index)?;
-        self.send_frame(index, time_s, counts, flags)?;
+        if !emulator.is_silent(time_s) {
+            let counts = emulator.counts(index)?;
+            self.send_frame(index, time_s, counts, flags)?;
+        }
         emulator.set_next_index(index + 1);
         if self.status_at.elapsed().as_secs_f64() > STATUS_S {
             self.status_at = Instant::now();
@@ -230,27 +234,8 @@ impl<'a> HostSession<'a> {
         Ok(())
     }
 
-    fn send_frame(
-        &mut self,
-        index: u64,
-        time_s: f64,
-        mut counts: Vec<i32>,
-        flags: FrameFlags,
-    ) -> Result<(), SessionEnd> {
+    fn send_frame(&mut self, index: u64, time_s: f64, counts: Vec<i32>, flags: FrameFlags) -> Result<(), SessionEnd> {
         let emulator = self.emulator;
-        let noise = emulator.felt(time_s, |fault| match fault {
-            Fault::Noise { counts, for_s } => Some((*counts, *for_s)),
-            _ => None,
-        });
-        if noise > 0.0 {
-            let full = f64::from(emulator.full_scale());
-            // About one count is the noise of a typical converter.
-            let rng = &mut self.rng;
-            counts.iter_mut().for_each(|count| {
-                let noisy = f64::from(*count) + noise * standard_normal(rng);
-                *count = noisy.round().clamp(-full - 1.0, full) as i32;
-            });
-        }
         let stamp = self.stamp(index);
         let written = emulator.write_frame(stamp, &counts, flags, &mut self.packet);
         let length = written.map_err(no_room)?;

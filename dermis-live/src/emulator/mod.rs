@@ -10,7 +10,7 @@ mod script;
 mod timing;
 
 pub use device::{Emulator, EmulatorOptions};
-pub use fault::{Fault, TimedFault};
+pub use fault::{Fault, ReadingFault, TimedFault};
 pub use port::Port;
 #[cfg(unix)]
 pub use pty::pseudo_terminal;

@@ -125,7 +125,7 @@ impl RecorderThread {
                     recorder.event(clock::now(), &record::Event::Hello(facts.hello.clone()))?;
                 }
                 Popped::Item(Event::Lost(_) | Event::State(_)) => {}
-                Popped::TimedOut => recorder.flush()?,
+                Popped::Item(Event::Stale(_)) | Popped::TimedOut => recorder.flush()?,
                 Popped::Closed => break,
             }
             self.status.lock().unwrap_or_else(PoisonError::into_inner).written = recorder.written();

@@ -40,6 +40,8 @@ pub struct Recorder {
     channels: [u16; Topic::ALL.len()],
     reference: Reference,
     due: Due,
+    /// The validity of the last frame.
+    validity: Option<&'static str>,
     chunk: ChunkClock,
     buffer: Vec<u8>,
     written: Written,
@@ -87,6 +89,7 @@ impl Recorder {
             channels,
             reference,
             due: Due::default(),
+            validity: None,
             chunk: ChunkClock::default(),
             buffer: Vec::new(),
             written: Written::default(),
@@ -123,6 +126,9 @@ impl Recorder {
         self.message(Topic::Wrench, frame, &ros::wrench(&self.reference, frame))?;
         if self.due.markers(frame) {
             self.message(Topic::Markers, frame, &ros::markers(&self.reference, frame))?;
+        }
+        if self.validity.replace(frame.result.validity.name()) != Some(frame.result.validity.name()) {
+            self.message(Topic::Validity, frame, &ros::validity(frame))?;
         }
         if self.due.diagnostics(frame) {
             self.message(Topic::Diagnostics, frame, &ros::diagnostics(&self.reference, frame))?;

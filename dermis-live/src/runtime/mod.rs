@@ -67,6 +67,8 @@ pub enum Event {
     Lost(String),
     /// A frame.
     Frame(Arc<LiveFrame>),
+    /// No frame has arrived for too long: the last one, stale. Repeated several times a second.
+    Stale(Arc<LiveFrame>),
     /// A message for people.
     Notice(Notice),
     /// A command was carried out, before the frames that follow.

@@ -2,6 +2,7 @@
 
 use crate::clock;
 use crate::device::IncomingFrame;
+use crate::runtime::frame::StaleWatch;
 use crate::runtime::{Event, LiveFrame, LiveHandle, POLL, Popped, WorkItem};
 use dermis::pipeline::{Command, DriftFit, Pipeline, PipelineError, RebuiltMethod, Severity};
 use std::collections::BTreeMap;
@@ -26,6 +27,7 @@ pub(super) struct PipelineThread {
     /// The masked channels of the last attempt to prepare the method again: it is not repeated.
     tried_without: Option<Vec<usize>>,
     saved_at: Instant,
+    stale: StaleWatch,
     /// The dropped events that were reported, and when.
     reported_dropped: (BTreeMap<&'static str, u64>, Instant),
 }
@@ -40,6 +42,7 @@ impl PipelineThread {
             fitting: None,
             tried_without: None,
             saved_at: Instant::now(),
+            stale: StaleWatch::new(),
             reported_dropped: (BTreeMap::new(), Instant::now()),
         }
     }
@@ -49,6 +52,7 @@ impl PipelineThread {
         loop {
             self.run_commands();
             self.report_dropped();
+            self.report_stale();
             match self.shared.take_work(POLL) {
                 Popped::Item(WorkItem::Frame(incoming)) => {
                     // What was requested while the thread waited comes before this frame.
@@ -67,7 +71,12 @@ impl PipelineThread {
     fn process(&mut self, incoming: IncomingFrame) {
         self.install_drift_fit();
         match process(&mut self.pipeline, incoming) {
-            Ok(frame) => self.shared.publish(&Event::Frame(Arc::new(frame))),
+            Ok(frame) => {
+                if self.stale.take(&frame) {
+                    self.shared.notice(Severity::Info, "frames arrive again".into());
+                }
+                self.shared.publish(&Event::Frame(Arc::new(frame)));
+            }
             Err(error) => self.shared.notice(Severity::Error, error.to_string()),
         }
         for notice in self.pipeline.take_notices() {
@@ -78,6 +87,17 @@ impl PipelineThread {
         if self.saved_at.elapsed() > SAVE {
             self.saved_at = Instant::now();
             self.shared.set_state(&self.pipeline);
+        }
+    }
+
+    /// Reports that frames have stopped.
+    fn report_stale(&mut self) {
+        if let Some((frame, is_first)) = self.stale.check() {
+            if is_first {
+                let text = "no frames arrive: contacts and touch are unknown until they do";
+                self.shared.notice(Severity::Error, text.into());
+            }
+            self.shared.publish(&Event::Stale(Arc::new(frame)));
         }
     }
 

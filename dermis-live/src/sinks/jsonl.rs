@@ -4,7 +4,7 @@ use crate::LiveError;
 use crate::runtime::LiveFrame;
 use crate::runtime::{Event, LiveHandle};
 use crate::runtime::{Mailbox, Popped};
-use dermis::pipeline::{ElectrodeState, Timestamp, TrackedContact};
+use dermis::pipeline::{Timestamp, TrackedContact, Validity};
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::io::{BufWriter, Write};
@@ -27,8 +27,10 @@ pub struct FrameLine<'a> {
     pub output_at: Timestamp,
     /// The coordinate frame of the positions.
     pub frame_id: &'a str,
-    /// Whether there is a contact.
-    pub touched: bool,
+    /// Whether the contacts can be relied on.
+    pub validity: &'a Validity,
+    /// Whether there is a contact; `null` if that is unknown, as the frame is invalid or stale.
+    pub touched: Option<bool>,
     /// The contacts, the oldest first.
     pub contacts: &'a [TrackedContact],
     /// Electrodes that are loose or open, by index.
@@ -44,7 +46,6 @@ pub struct FrameLine<'a> {
 impl<'a> FrameLine<'a> {
     /// The line of a frame.
     pub fn new(frame: &'a LiveFrame, frame_id: &'a str) -> Self {
-        let is_bad = |state| matches!(state, ElectrodeState::Loose | ElectrodeState::Open);
         let result = &frame.result;
         let electrodes = &result.health.electrodes;
         FrameLine {
@@ -53,9 +54,10 @@ impl<'a> FrameLine<'a> {
             received_at: frame.received_at,
             output_at: frame.output_at,
             frame_id,
+            validity: &result.validity,
             touched: result.touched,
             contacts: &result.contacts,
-            bad_electrodes: (0..electrodes.len()).filter(|&index| is_bad(electrodes[index].state)).collect(),
+            bad_electrodes: (0..electrodes.len()).filter(|&index| electrodes[index].state.is_bad()).collect(),
             rate_hz: result.health.rate_hz,
             lost: result.health.counts.lost,
             skipped: 0,
@@ -95,7 +97,7 @@ fn write_until_closed(shared: &LiveHandle, mailbox: &Mailbox<Event>, out: &mut d
     let frame_id = &shared.skin().design().name;
     loop {
         match mailbox.take(Duration::from_secs(1)) {
-            Popped::Item(Event::Frame(frame)) => {
+            Popped::Item(Event::Frame(frame) | Event::Stale(frame)) => {
                 let line = FrameLine { skipped: shared.skipped(), ..FrameLine::new(&frame, frame_id) };
                 let mut line = serde_json::to_vec(&line)?;
                 line.push(b'\n');

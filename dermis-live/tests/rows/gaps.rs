@@ -23,7 +23,7 @@ fn a_device_that_was_away_goes_on_with_the_old_baseline() {
     let mut bench = Bench::new(lab(), 61, vec![press(26.0)], Settings::default());
     until(&mut bench, 3.0);
     bench.next += 20 * 120;
-    assert!(until(&mut bench, 26.0).iter().all(|frame| !frame.touched && frame.contacts.is_empty()));
+    assert!(until(&mut bench, 26.0).iter().all(|frame| frame.touched == Some(false) && frame.contacts.is_empty()));
     let pressed = until(&mut bench, 26.8);
     assert_eq!(pressed.last().unwrap().contacts.len(), 1);
 }
@@ -45,7 +45,7 @@ fn a_program_that_was_away_goes_on_with_the_old_baseline() {
     }
     bench.pipeline = Pipeline::resume(methods(), state).unwrap();
     bench.next += 10 * 120;
-    assert!(until(&mut bench, 16.0).iter().all(|frame| !frame.touched && frame.contacts.is_empty()));
+    assert!(until(&mut bench, 16.0).iter().all(|frame| frame.touched == Some(false) && frame.contacts.is_empty()));
     assert_eq!(until(&mut bench, 16.8).last().unwrap().contacts.len(), 1);
 }
 
@@ -92,7 +92,7 @@ fn an_electrode_that_is_gone_at_the_tare_is_named_and_the_rest_feels() {
     assert!(bench.pipeline.wants_rebuild());
     bench.pipeline.command(&Command::Rebuild).unwrap();
     let before = until(&mut bench, 1.5);
-    assert!(before.iter().all(|frame| !frame.touched));
+    assert!(before.iter().all(|frame| frame.touched == Some(false)));
     let states: Vec<ElectrodeState> = before.last().unwrap().health.electrodes.iter().map(|e| e.state).collect();
     let bad: Vec<usize> = (0..states.len()).filter(|&electrode| states[electrode] != ElectrodeState::Sound).collect();
     assert_eq!(bad, [7]);

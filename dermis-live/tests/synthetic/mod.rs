@@ -4,7 +4,7 @@
 use dermis::design::SkinDesign;
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
-use dermis::pipeline::{ElectrodeHealth, ElectrodeState, Health, PipelineFrame, Timestamp, TrackedContact};
+use dermis::pipeline::{ElectrodeHealth, ElectrodeState, Health, PipelineFrame, Timestamp, TrackedContact, Validity};
 use dermis_live::LiveFrame;
 use dermis_live::sinks::ros2::Reference;
 use std::sync::Arc;
@@ -60,7 +60,8 @@ impl SyntheticSkin {
             measured_at,
             values_ohm: (0..channels).map(|channel| 10.0 + noise(index, channel as u64)).collect(),
             image: (0..self.reference.space.len()).map(|pixel| noise(index, 1_000_000 + pixel as u64) as f32).collect(),
-            touched: pressing,
+            validity: Validity::Ok,
+            touched: Some(pressing),
             contacts,
             health: Arc::clone(&self.health),
         };

@@ -93,11 +93,16 @@ impl Baseline {
         &self.values_ohm
     }
 
-    /// Follows an untouched frame.
-    pub(super) fn follow(&mut self, frame_ohm: &[f64], step_s: f64) {
+    /// The baseline, to be set for channels that come back.
+    pub(super) fn values_ohm_mut(&mut self) -> &mut [f64] {
+        &mut self.values_ohm
+    }
+
+    /// Follows an untouched frame, except in masked channels.
+    pub(super) fn follow(&mut self, frame_ohm: &[f64], masked: &[bool], step_s: f64) {
         self.hold = None;
         let share = -(-step_s / FOLLOW_S).exp_m1();
-        for (value, now) in self.values_ohm.iter_mut().zip(frame_ohm) {
+        for ((value, now), _) in self.values_ohm.iter_mut().zip(frame_ohm).zip(masked).filter(|(_, masked)| !**masked) {
             *value += share * (now - *value);
         }
     }
@@ -111,7 +116,8 @@ impl Baseline {
         frame: TouchedFrame<'_>,
     ) -> Result<(), PipelineError> {
         let drift_count = fitter.modes().rows;
-        let Some(hold) = self.hold.as_mut().filter(|hold| hold.stays(surface, frame.positions_m)) else {
+        let stays = |hold: &&mut Hold| hold.stays(surface, frame.positions_m) && hold.uses(noise.masked);
+        let Some(hold) = self.hold.as_mut().filter(stays) else {
             self.hold = Some(Hold::new(&self.values_ohm, frame, drift_count));
             return Ok(());
         };
@@ -164,6 +170,11 @@ impl Hold {
     fn stays(&self, surface: &Surface, positions_m: &[Point3]) -> bool {
         let near = |(a, b): (&Point3, &Point3)| surface.distance_m(*a, *b) <= MOVED_M;
         self.positions_m.len() == positions_m.len() && self.positions_m.iter().zip(positions_m).all(near)
+    }
+
+    /// Whether the fit, where there is one, is for these masked channels.
+    fn uses(&self, masked: &[bool]) -> bool {
+        self.masked.as_ref().is_none_or(|own| own == masked)
     }
 
     /// The input of the fit at the time of the request.

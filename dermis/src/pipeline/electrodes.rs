@@ -6,6 +6,7 @@
 //! that raises the conductance lowers all of them; one that lowers it raises them by far less than a third.
 
 use crate::design::TouchEffect;
+use crate::pipeline::condition::{Condition, PartMonitor};
 use crate::pipeline::frame::Measurement;
 use crate::pipeline::health::{ElectrodeHealth, ElectrodeState};
 use crate::pipeline::statistics::Statistics;
@@ -14,18 +15,13 @@ use crate::skin::Skin;
 use crate::stats::upper_median;
 use serde::{Deserialize, Serialize};
 
-/// Number of consecutive frames in which a contact must look loose, so that a single bad reading marks no electrode: 42
-/// ms at 120 frames per second.
-const FRAMES_TO_NAME: u32 = 5;
-/// Number of consecutive frames in which it must look good again.
-const FRAMES_TO_CLEAR: u32 = 120;
 /// Limit of a contact's rise, in standard deviations of a reading's noise.
 const NOISES: f64 = 6.0;
 /// The same as a fraction of the smallest loop: for touches that lower loops, and for touches that raise them.
 const PART_RISES: f64 = 0.01;
 const PART_FALLS: f64 = 0.3;
 /// A loop of more than this many times its resistance at the tare is open.
-const OPEN: f64 = 20.0;
+pub(super) const OPEN: f64 = 20.0;
 /// Weight of each frame in the smoothed rise.
 const SMOOTH: f64 = 0.02;
 /// Time constant of the noise, s.
@@ -42,8 +38,11 @@ const FOLLOWED: f64 = 2.0;
 /// The electrodes, drives and channels of a skin, and their relations.
 #[derive(Debug, Clone)]
 pub(super) struct ElectrodeTopology {
-    /// The drives of each electrode.
+    /// The drives of each electrode, and the electrodes of each drive.
     drives: Vec<Vec<usize>>,
+    drive_ends: Vec<[usize; 2]>,
+    /// The drive of each channel.
+    drive_of: Vec<usize>,
     /// For each electrode the channels that change with its contact resistance, with the sign of the change.
     contact_channels: Vec<Vec<(usize, f64)>>,
     /// The channels of each electrode.
@@ -61,7 +60,7 @@ impl ElectrodeTopology {
     /// Of a skin.
     pub(super) fn of(skin: &Skin) -> Self {
         let protocol = &skin.design().protocol;
-        let (drives, _) = protocol.drives();
+        let (drives, drive_of) = protocol.drives();
         let electrodes = 0..skin.design().electrodes.len();
         let drives_of =
             |electrode: usize| (0..drives.len()).filter(|&drive| drives[drive].contains(&electrode)).collect();
@@ -77,6 +76,8 @@ impl ElectrodeTopology {
             },
             channel_count: protocol.channel_count(),
             drive_count: drives.len(),
+            drive_ends: drives,
+            drive_of,
         }
     }
 
@@ -90,6 +91,26 @@ impl ElectrodeTopology {
         self.drive_count
     }
 
+    /// The drive of a channel.
+    pub(super) fn drive_of(&self, channel: usize) -> usize {
+        self.drive_of[channel]
+    }
+
+    /// The drive of each channel.
+    pub(super) fn drives_of_channels(&self) -> &[usize] {
+        &self.drive_of
+    }
+
+    /// The drives of an electrode.
+    pub(super) fn drives_of(&self, electrode: usize) -> &[usize] {
+        &self.drives[electrode]
+    }
+
+    /// The two electrodes of a drive.
+    pub(super) fn ends_of(&self, drive: usize) -> &[usize; 2] {
+        &self.drive_ends[drive]
+    }
+
     /// Whether a measurement has a value for each channel, and either one for each drive or none.
     pub(super) fn fits(&self, frame: &Measurement) -> bool {
         frame.values_ohm.len() == self.channel_count && self.fits_loops(&frame.loops_ohm)
@@ -99,13 +120,11 @@ impl ElectrodeTopology {
         loops_ohm.is_empty() || loops_ohm.len() == self.drive_count
     }
 
-    /// The channels of some electrodes.
-    pub(super) fn channels_of(&self, electrodes: impl Iterator<Item = usize>) -> Vec<bool> {
-        let mut marked = vec![false; self.channel_count];
+    /// Marks the channels of some electrodes.
+    pub(super) fn mark_channels_of(&self, electrodes: impl Iterator<Item = usize>, marked: &mut [bool]) {
         for electrode in electrodes {
             self.channels[electrode].iter().for_each(|&channel| marked[channel] = true);
         }
-        marked
     }
 }
 
@@ -147,15 +166,15 @@ pub(super) struct ElectrodeMonitor {
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Electrode {
+    /// Sound, or the confirmed fault.
     state: ElectrodeState,
+    #[serde(default)]
+    part: PartMonitor,
     /// Rise of its contact resistance, ohm: in this frame, and smoothed.
     #[serde(rename = "gain_ohm")]
     rise_ohm: f64,
     #[serde(rename = "smooth_ohm")]
     smooth_rise_ohm: f64,
-    /// Consecutive frames that contradict its state.
-    #[serde(rename = "against")]
-    contradicting_frames: u32,
     /// Whether it was bad at the tare: then its values with a good contact are unknown.
     #[serde(rename = "since_tare")]
     bad_at_tare: bool,
@@ -177,8 +196,23 @@ pub(super) struct NoiseFrame<'a> {
     pub untouched: bool,
     /// Channels that are masked.
     pub masked: &'a [bool],
+    /// Drives whose current is wrong.
+    pub sick_drives: &'a [bool],
     /// Time since the last frame, s.
     pub step_s: f64,
+}
+
+/// The context for the contact resistances of a frame.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ContactFrame<'a> {
+    /// The difference from the baseline, ohm.
+    pub difference: &'a [f64],
+    /// Drives whose current is wrong.
+    pub sick_drives: &'a [bool],
+    /// Whether electrodes may end their trial.
+    pub may_return: bool,
+    /// Time of the frame, s.
+    pub time_s: f64,
 }
 
 impl ElectrodeMonitor {
@@ -204,7 +238,8 @@ impl ElectrodeMonitor {
             reciprocity: 1.0,
             electrodes,
         };
-        let masked = topology.channels_of(monitor.bad());
+        let mut masked = vec![false; topology.channel_count];
+        topology.mark_channels_of(monitor.confirmed(), &mut masked);
         monitor.reciprocity = monitor.mismatch(topology, &values.mean, &masked).unwrap_or(1.0);
         monitor
     }
@@ -233,9 +268,23 @@ impl ElectrodeMonitor {
             && self.electrodes.len() == topology.drives.len()
     }
 
+    /// Completes a state that was written before electrodes had trials.
+    pub(super) fn restore(&mut self) {
+        for electrode in self.electrodes.iter_mut().filter(|electrode| electrode.state != ElectrodeState::Sound) {
+            if !electrode.part.is_masked() {
+                electrode.part = PartMonitor::out();
+            }
+        }
+    }
+
     /// Standard deviation of the noise of each channel at the tare, ohm.
     pub(super) fn noise_ohm(&self) -> &[f64] {
         &self.noise_ohm
+    }
+
+    /// The loops with good contacts, ohm; empty if loops are not measured.
+    pub(super) fn loops_ohm(&self) -> &[f64] {
+        &self.loops_ohm
     }
 
     /// Updates the state of each contact with a frame, and returns the changes.
@@ -243,7 +292,7 @@ impl ElectrodeMonitor {
         &mut self,
         topology: &ElectrodeTopology,
         frame: &Measurement,
-        difference: &[f64],
+        about: ContactFrame<'_>,
     ) -> Vec<Change> {
         if self.loops_ohm.is_empty() || frame.loops_ohm.len() != self.loops_ohm.len() {
             return Vec::new();
@@ -252,13 +301,16 @@ impl ElectrodeMonitor {
         let common = upper_median(&rises).unwrap_or(0.0);
         let mut changes = Vec::new();
         for (index, electrode) in self.electrodes.iter_mut().enumerate() {
-            let drives = &topology.drives[index];
+            let used = topology.drives[index].iter().copied().filter(|&drive| !about.sick_drives[drive]);
+            let drives: Vec<usize> = used.collect();
             if drives.is_empty() {
                 continue;
             }
             let by_loops = drives.iter().map(|&drive| rises[drive] - common).fold(f64::INFINITY, f64::min);
-            let by_channels =
-                topology.contact_channels[index].iter().map(|&(channel, sign)| sign * difference[channel]);
+            let channels = topology.contact_channels[index].iter();
+            let by_channels = channels
+                .filter(|(channel, _)| !about.sick_drives[topology.drive_of[*channel]])
+                .map(|&(channel, sign)| sign * about.difference[channel]);
             electrode.rise_ohm = by_channels.fold(by_loops, f64::min);
             electrode.smooth_rise_ohm += SMOOTH * (electrode.rise_ohm - electrode.smooth_rise_ohm);
             let least = drives.iter().map(|&drive| self.loops_ohm[drive]).fold(f64::INFINITY, f64::min);
@@ -266,19 +318,19 @@ impl ElectrodeMonitor {
             let limit = (NOISES * noise).max(topology.part * least).max(5.0 * topology.contacts_ohm[index]);
             let open = drives.iter().all(|&drive| frame.loops_ohm[drive] > OPEN * self.loops_ohm[drive]);
             let apparent = electrode.apparent_state(open, limit);
-            changes.extend(electrode.update(apparent).map(|state| Change { electrode: index, state }));
+            changes.extend(electrode.update(apparent, &about).map(|state| Change { electrode: index, state }));
         }
         changes
     }
 
-    /// Electrodes that looked bad in the last frame, confirmed or not, by number.
-    pub(super) fn suspect(&self) -> impl Iterator<Item = usize> {
-        self.numbers(|electrode| electrode.is_bad() || electrode.contradicting_frames > 0)
+    /// Electrodes that are confirmed as bad, by number.
+    pub(super) fn confirmed(&self) -> impl Iterator<Item = usize> {
+        self.numbers(|electrode| electrode.part.is_confirmed())
     }
 
-    /// Electrodes whose channels are to be masked, by number.
-    pub(super) fn bad(&self) -> impl Iterator<Item = usize> {
-        self.numbers(Electrode::is_bad)
+    /// Electrodes whose state is this, by number.
+    pub(super) fn in_condition(&self, holds: fn(&PartMonitor) -> bool) -> impl Iterator<Item = usize> {
+        self.numbers(move |electrode| holds(&electrode.part))
     }
 
     fn numbers(&self, holds: impl Fn(&Electrode) -> bool) -> impl Iterator<Item = usize> {
@@ -298,8 +350,8 @@ impl ElectrodeMonitor {
                 *variance += share * (square - *variance);
             }
             let follow = -(-about.step_s / FOLLOW_S).exp_m1();
-            for (value, now) in self.loops_ohm.iter_mut().zip(&frame.loops_ohm) {
-                if *now < FOLLOWED * *value {
+            for (drive, (value, now)) in self.loops_ohm.iter_mut().zip(&frame.loops_ohm).enumerate() {
+                if *now < FOLLOWED * *value && !about.sick_drives[drive] {
                     *value += follow * (now - *value);
                 }
             }
@@ -330,9 +382,8 @@ impl ElectrodeMonitor {
             let channels = &topology.channels[index];
             let sum = |values: &[f64]| channels.iter().map(|&channel| values[channel]).sum::<f64>();
             let noise = (sum(&self.variance) / sum(&self.tare_variance)).sqrt();
-            let doubtful = electrode.state == ElectrodeState::Sound && noise > DOUBTFUL;
             ElectrodeHealth {
-                state: if doubtful { ElectrodeState::Doubtful } else { electrode.state },
+                state: electrode.reported_state(noise),
                 contact_ohm: is_monitored.then(|| (topology.contacts_ohm[index] + electrode.smooth_rise_ohm).max(0.0)),
                 noise: Some(noise).filter(|noise| noise.is_finite()),
             }
@@ -357,11 +408,19 @@ impl Electrode {
             _ => ElectrodeState::Sound,
         };
         let bad_at_tare = state != ElectrodeState::Sound;
-        Electrode { state, rise_ohm: 0.0, smooth_rise_ohm: 0.0, contradicting_frames: 0, bad_at_tare }
+        let part = if bad_at_tare { PartMonitor::out() } else { PartMonitor::default() };
+        Electrode { state, part, rise_ohm: 0.0, smooth_rise_ohm: 0.0, bad_at_tare }
     }
 
-    fn is_bad(&self) -> bool {
-        matches!(self.state, ElectrodeState::Loose | ElectrodeState::Open)
+    /// The state with the trial after it, and with the noise of its channels relative to the tare.
+    fn reported_state(&self, noise: f64) -> ElectrodeState {
+        match self.part.condition() {
+            Condition::Out => self.state,
+            Condition::OnTrial => ElectrodeState::OnTrial,
+            Condition::Suspect => ElectrodeState::Suspect,
+            Condition::Sound if noise > DOUBTFUL => ElectrodeState::Doubtful,
+            Condition::Sound => ElectrodeState::Sound,
+        }
     }
 
     /// The state that a frame shows, with hysteresis.
@@ -369,24 +428,24 @@ impl Electrode {
         match () {
             () if open => ElectrodeState::Open,
             () if self.rise_ohm > limit_ohm => ElectrodeState::Loose,
-            () if self.is_bad() && self.rise_ohm > 0.5 * limit_ohm => self.state,
+            () if self.part.is_confirmed() && self.rise_ohm > 0.5 * limit_ohm => self.state,
             () => ElectrodeState::Sound,
         }
     }
 
-    /// Updates the state with that of a frame; returns the new state if it changes.
-    fn update(&mut self, apparent: ElectrodeState) -> Option<ElectrodeState> {
-        if apparent == self.state || self.bad_at_tare {
-            self.contradicting_frames = 0;
+    /// Updates the state with that of a frame; returns the new state if it changes. A loose electrode can become open,
+    /// an open one not loose.
+    fn update(&mut self, apparent: ElectrodeState, about: &ContactFrame<'_>) -> Option<ElectrodeState> {
+        if self.bad_at_tare {
             return None;
         }
-        self.contradicting_frames += 1;
-        let needed = if apparent == ElectrodeState::Sound { FRAMES_TO_CLEAR } else { FRAMES_TO_NAME };
-        if self.contradicting_frames < needed {
-            return None;
+        let before = self.state;
+        self.part.update(apparent != ElectrodeState::Sound, about.may_return, about.time_s);
+        if !self.part.is_confirmed() {
+            self.state = ElectrodeState::Sound;
+        } else if before != ElectrodeState::Open && apparent != ElectrodeState::Sound {
+            self.state = apparent;
         }
-        self.contradicting_frames = 0;
-        self.state = apparent;
-        Some(apparent)
+        (self.state != before).then_some(self.state)
     }
 }

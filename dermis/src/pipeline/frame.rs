@@ -3,6 +3,7 @@
 use crate::pipeline::contact::TrackedContact;
 use crate::pipeline::health::Health;
 use crate::pipeline::timestamp::Timestamp;
+use crate::pipeline::validity::Validity;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -53,8 +54,11 @@ pub struct PipelineFrame {
     pub values_ohm: Vec<f64>,
     /// The image, a value for each pixel in the order of [`PixelSpace`](crate::image::PixelSpace); zeros during a tare.
     pub image: Vec<f32>,
-    /// Whether the values differ from the baseline by more than noise, or a contact exists.
-    pub touched: bool,
+    /// Whether the contacts can be relied on.
+    pub validity: Validity,
+    /// Whether the values differ from the baseline by more than noise, or a contact exists; `None` if the frame is
+    /// invalid.
+    pub touched: Option<bool>,
     /// The contacts, the oldest first.
     pub contacts: Vec<TrackedContact>,
     /// State of the skin and its instrument.

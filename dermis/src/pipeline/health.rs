@@ -20,6 +20,9 @@ pub struct Health {
     pub saturated_channels: usize,
     /// Channels that are masked.
     pub masked_channels: usize,
+    /// Drives whose current is wrong, by their index in the protocol; their channels are masked.
+    #[serde(default)]
+    pub bad_drives: Vec<usize>,
     /// Frames per second.
     pub rate_hz: f64,
     /// Counts since the start.
@@ -48,10 +51,21 @@ pub enum ElectrodeState {
     Sound,
     /// Noisier than at the tare; its channels are used.
     Doubtful,
+    /// Bad in the last frames, not yet confirmed; its channels are masked.
+    Suspect,
     /// Its contact resistance has risen; its channels are masked.
     Loose,
     /// It carries no current; its channels are masked.
     Open,
+    /// Good again after it was loose or open, but not yet for long enough; its channels are masked.
+    OnTrial,
+}
+
+impl ElectrodeState {
+    /// Whether its channels are masked because of a confirmed fault.
+    pub fn is_bad(self) -> bool {
+        matches!(self, ElectrodeState::Loose | ElectrodeState::Open | ElectrodeState::OnTrial)
+    }
 }
 
 /// A message for users.

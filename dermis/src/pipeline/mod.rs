@@ -40,22 +40,30 @@
 //! ```
 
 mod baseline;
+mod condition;
 mod contact;
+mod degradation;
 mod drift;
 mod electrodes;
 mod error;
 mod frame;
 mod health;
+mod instrument;
 mod novelty;
 mod process;
+mod read;
 mod rebuild;
 mod settings;
+mod signal_space;
 mod state;
 mod statistics;
 mod timestamp;
 mod touch_detector;
+mod trial;
+mod validity;
 
 pub use contact::TrackedContact;
+pub use degradation::{Cost, Degradation, Loss};
 pub use drift::{DriftFit, DriftFitJob};
 pub use error::PipelineError;
 pub use frame::{Counts, FrameInput, Measurement, PipelineFrame};
@@ -64,12 +72,15 @@ pub use rebuild::{RebuildJob, RebuiltMethod};
 pub use settings::{Command, Settings, Zone};
 pub use state::State;
 pub use timestamp::Timestamp;
+pub use validity::{InvalidReason, Validity};
 
 use crate::detect::{Detector, Forces, ImageNoise};
 use crate::image::Image;
 use crate::method::{Method, MethodSet};
+use crate::pipeline::condition::PartMonitor;
 use crate::pipeline::drift::DriftFitter;
 use crate::pipeline::electrodes::ElectrodeTopology;
+use crate::pipeline::signal_space::SignalSpace;
 use crate::pipeline::state::Phase;
 use crate::skin::Skin;
 use crate::track::{TrackOptions, Tracker};
@@ -84,8 +95,16 @@ pub struct Pipeline {
     state: State,
     /// The method in use, without the state's masked channels.
     method: Method,
-    /// Channels of bad electrodes.
+    /// Channels of parts that are confirmed as bad.
     masked: Vec<bool>,
+    /// What the channels cost that the method was prepared without.
+    cost: Option<Cost>,
+    /// Why frames are invalid, as last reported.
+    announced: Option<InvalidReason>,
+    /// Bad drives, and the number of bad channels, as last reported.
+    announced_drives: Vec<usize>,
+    announced_channels: usize,
+    space: SignalSpace,
     detector: Detector,
     /// The noise of untouched images.
     noise: Option<ImageNoise>,
@@ -114,14 +133,26 @@ impl Pipeline {
     ///
     /// # Errors
     /// An unknown method, a setting out of its range, a state of another skin.
-    pub fn resume(methods: Arc<MethodSet>, state: State) -> Result<Self, PipelineError> {
+    pub fn resume(methods: Arc<MethodSet>, mut state: State) -> Result<Self, PipelineError> {
         let skin = methods.skin();
         state.settings.check(skin.pixels())?;
         let (fitter, topology) = (DriftFitter::new(skin.clone())?, ElectrodeTopology::of(skin));
+        state.restore(&topology);
         state.check(&topology, fitter.modes().rows)?;
         let method = methods.method(&state.settings.method)?.without_channels(skin, &state.method_masked)?;
+        let (masked, noise_ohm) = match &state.phase {
+            Phase::Reading(reading) => {
+                (reading.mark(&topology, PartMonitor::is_confirmed), reading.electrodes.noise_ohm().to_vec())
+            }
+            Phase::Taring { .. } => (vec![false; topology.channel_count()], vec![1.0; topology.channel_count()]),
+        };
         let mut pipeline = Pipeline {
-            masked: vec![false; topology.channel_count()],
+            masked,
+            cost: None,
+            announced: None,
+            announced_drives: Vec::new(),
+            announced_channels: 0,
+            space: SignalSpace::new(skin, &noise_ohm)?,
             image: Image { space: Arc::clone(skin.pixels()), values: vec![0.0; skin.pixels().len()] },
             detector: Detector::default(),
             noise: None,
@@ -135,9 +166,6 @@ impl Pipeline {
             state,
             methods,
         };
-        if let Phase::Reading(reading) = &pipeline.state.phase {
-            pipeline.masked = pipeline.topology.channels_of(reading.electrodes.bad());
-        }
         pipeline.measure_noise()?;
         Ok(pipeline)
     }
@@ -167,7 +195,7 @@ impl Pipeline {
         std::mem::take(&mut self.notices)
     }
 
-    /// The channels masked now: those of bad electrodes.
+    /// The channels masked now: those of electrodes, drives and channels that are confirmed as bad.
     pub fn masked_channels(&self) -> Vec<usize> {
         marked(&self.masked)
     }
@@ -185,6 +213,7 @@ impl Pipeline {
             name: self.method.name().into(),
             masked: self.masked_channels(),
             untouched: self.state.phase.untouched().to_vec(),
+            noise_ohm: self.state.phase.noise_ohm().to_vec(),
         }
     }
 
@@ -196,6 +225,7 @@ impl Pipeline {
             self.method = rebuilt.method;
             self.state.method_masked = rebuilt.masked;
             self.noise = rebuilt.noise;
+            self.cost = rebuilt.cost;
             self.prepare_detector();
         }
         is_wanted

@@ -3,6 +3,7 @@
 use crate::detect::ImageNoise;
 use crate::frame::Frame;
 use crate::method::{Method, MethodSet};
+use crate::pipeline::degradation::Cost;
 use crate::pipeline::error::PipelineError;
 use std::sync::Arc;
 
@@ -13,6 +14,7 @@ pub struct RebuildJob {
     pub(super) name: String,
     pub(super) masked: Vec<usize>,
     pub(super) untouched: Vec<Vec<f64>>,
+    pub(super) noise_ohm: Vec<f64>,
 }
 
 /// The result of a [`RebuildJob`].
@@ -21,6 +23,7 @@ pub struct RebuiltMethod {
     pub(super) method: Method,
     pub(super) masked: Vec<usize>,
     pub(super) noise: Option<ImageNoise>,
+    pub(super) cost: Option<Cost>,
 }
 
 impl RebuildJob {
@@ -29,10 +32,12 @@ impl RebuildJob {
     /// # Errors
     /// Too few channels left.
     pub fn run(self) -> Result<RebuiltMethod, PipelineError> {
-        let RebuildJob { methods, name, masked, untouched } = self;
+        let RebuildJob { methods, name, masked, untouched, noise_ohm } = self;
         let method = methods.method(&name)?.without_channels(methods.skin(), &masked)?;
         let noise = noise_without(&method, &untouched, &masked)?;
-        Ok(RebuiltMethod { method, masked, noise })
+        let is_known = !masked.is_empty() && !noise_ohm.is_empty();
+        let cost = is_known.then(|| Cost::of(methods.skin(), &noise_ohm, &masked)).transpose()?;
+        Ok(RebuiltMethod { method, masked, noise, cost })
     }
 }
 

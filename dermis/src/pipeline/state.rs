@@ -2,14 +2,17 @@
 
 use crate::geom::Surface;
 use crate::pipeline::baseline::{Baseline, ChannelNoise, TouchedFrame};
+use crate::pipeline::condition::PartMonitor;
 use crate::pipeline::drift::DriftFitter;
 use crate::pipeline::electrodes::{ElectrodeMonitor, ElectrodeTopology};
 use crate::pipeline::error::PipelineError;
 use crate::pipeline::frame::Measurement;
+use crate::pipeline::instrument::InstrumentMonitor;
 use crate::pipeline::novelty::NoveltyMonitor;
 use crate::pipeline::settings::Settings;
 use crate::pipeline::timestamp::Timestamp;
 use crate::pipeline::touch_detector::TouchDetector;
+use crate::pipeline::trial::TrialMeans;
 use crate::track::Tracker;
 use serde::{Deserialize, Serialize};
 
@@ -55,6 +58,10 @@ pub(super) struct Reading {
     /// Whether presses look like those of the calibration.
     #[serde(default)]
     pub novelty: NoveltyMonitor,
+    #[serde(default)]
+    pub instrument: InstrumentMonitor,
+    #[serde(default)]
+    pub trials: TrialMeans,
     /// Differences of the tare's frames from their mean, ohm.
     pub untouched: Vec<Vec<f64>>,
     /// Start of the time without a touch, s.
@@ -91,6 +98,8 @@ impl State {
             Phase::Reading(reading) => {
                 reading.baseline.fits(channel_count, drift_count)
                     && reading.electrodes.fits(topology)
+                    && reading.instrument.fits(topology)
+                    && reading.trials.fits(channel_count)
                     && reading.untouched.iter().all(|frame| frame.len() == channel_count)
             }
         };
@@ -101,7 +110,27 @@ impl State {
     }
 }
 
+impl State {
+    /// Completes a state that was written before the instrument was monitored.
+    pub(super) fn restore(&mut self, topology: &ElectrodeTopology) {
+        let Phase::Reading(reading) = &mut self.phase else { return };
+        if reading.instrument == InstrumentMonitor::default() {
+            reading.instrument = InstrumentMonitor::unmonitored(topology);
+            reading.trials = TrialMeans::new(topology.channel_count());
+            reading.electrodes.restore();
+        }
+    }
+}
+
 impl Phase {
+    /// Standard deviation of the noise of each channel, ohm; empty during a tare.
+    pub(super) fn noise_ohm(&self) -> &[f64] {
+        match self {
+            Phase::Taring { .. } => &[],
+            Phase::Reading(reading) => reading.electrodes.noise_ohm(),
+        }
+    }
+
     /// Differences of the tare's frames from their mean, ohm.
     pub(super) fn untouched(&self) -> &[Vec<f64>] {
         match self {
@@ -112,6 +141,14 @@ impl Phase {
 }
 
 impl Reading {
+    /// Marks the channels of electrodes, drives and channels for which `holds`.
+    pub(super) fn mark(&self, topology: &ElectrodeTopology, holds: fn(&PartMonitor) -> bool) -> Vec<bool> {
+        let mut marked = vec![false; topology.channel_count()];
+        topology.mark_channels_of(self.electrodes.in_condition(holds), &mut marked);
+        self.instrument.mark(topology, holds, &mut marked);
+        marked
+    }
+
     /// Updates the baseline; returns whether there has been no touch for a while. `touched`: the result of the touch
     /// detector; `masked`: channels that are not used in this frame.
     pub(super) fn update_baseline(
@@ -129,7 +166,7 @@ impl Reading {
         self.unexplained_since_s = since(touched && !has_contacts, self.unexplained_since_s);
         let is_quiet = lasts_s(self.quiet_since_s) >= QUIET_S;
         if is_quiet || lasts_s(self.unexplained_since_s) >= UNEXPLAINED_S {
-            self.baseline.follow(frame.values_ohm, frame.step_s);
+            self.baseline.follow(frame.values_ohm, masked, frame.step_s);
         } else if has_contacts {
             let noise = ChannelNoise { sd_ohm: self.electrodes.noise_ohm(), masked };
             self.baseline.hold(surface, fitter, noise, frame)?;

@@ -61,10 +61,15 @@ impl TouchDetector {
         TouchDetector { mean, threshold, touched: false }
     }
 
-    /// Whether a frame with this statistic is touched.
-    pub(super) fn update(&mut self, statistic: f64) -> bool {
+    /// Whether a frame with this statistic would be touched.
+    pub(super) fn exceeds(&self, statistic: f64) -> bool {
         let limit = if self.touched { self.mean + RELEASE * (self.threshold - self.mean) } else { self.threshold };
-        self.touched = statistic > limit;
+        statistic > limit
+    }
+
+    /// Whether the next frame, with this statistic, is touched.
+    pub(super) fn update(&mut self, statistic: f64) -> bool {
+        self.touched = self.exceeds(statistic);
         self.touched
     }
 }

@@ -4,7 +4,7 @@ use crate::LiveError;
 use crate::clock;
 use crate::runtime::{Event, LiveFrame, LiveHandle, Popped};
 use crate::sinks::ros2::{
-    self as ros, DiagnosticArray, Due, Image, MarkerArray, PointCloud2, Reference, Topic, WrenchStamped,
+    self as ros, DiagnosticArray, Due, Image, MarkerArray, PointCloud2, Reference, Text, Topic, WrenchStamped,
 };
 use dermis::pipeline::{Notice, Severity};
 use ros2_client::dds::rustdds::DomainParticipantBuilder;
@@ -101,6 +101,7 @@ pub struct Publisher {
     wrenches: Out<WrenchStamped>,
     markers: Out<MarkerArray>,
     diagnostics: Out<DiagnosticArray>,
+    validity: Out<Text>,
     // The publishers belong to the node, and the node to the context: both must live as long as the publishers.
     _node: Node,
     _context: Context,
@@ -135,10 +136,34 @@ impl Publisher {
             wrenches: Out::new(&mut node, Topic::Wrench, namespace, domain)?,
             markers: Out::new(&mut node, Topic::Markers, namespace, domain)?,
             diagnostics: Out::new(&mut node, Topic::Diagnostics, namespace, domain)?,
+            validity: Out::new(&mut node, Topic::Validity, namespace, domain)?,
             reference,
             _node: node,
             _context: context,
         })
+    }
+
+    /// Publishes that frames have stopped: validity, diagnostics, an unknown wrench and no contacts.
+    ///
+    /// # Errors
+    /// A middleware that has stopped working; dropped messages are counted instead.
+    pub fn stale(&mut self, frame: &LiveFrame) -> Result<(), PublishError> {
+        let reference = &self.reference;
+        let mut sent = vec![
+            self.validity.send(ros::validity(frame))?,
+            self.contacts.send(ros::contacts(reference, frame))?,
+            self.wrenches.send(ros::wrench(reference, frame))?,
+            self.diagnostics.send(ros::diagnostics(reference, frame))?,
+        ];
+        if self.due.markers(frame) {
+            sent.push(self.markers.send(ros::markers(reference, frame))?);
+        }
+        self.count_dropped(&sent);
+        Ok(())
+    }
+
+    fn count_dropped(&mut self, sent: &[bool]) {
+        self.dropped += sent.iter().filter(|&&sent| !sent).count() as u64;
     }
 
     /// Publishes a frame.
@@ -148,6 +173,7 @@ impl Publisher {
     pub fn frame(&mut self, frame: &LiveFrame) -> Result<(), PublishError> {
         let reference = &self.reference;
         let mut sent = vec![
+            self.validity.send(ros::validity(frame))?,
             self.contacts.send(ros::contacts(reference, frame))?,
             self.wrenches.send(ros::wrench(reference, frame))?,
             self.images.send(ros::image(reference, frame))?,
@@ -159,7 +185,7 @@ impl Publisher {
         if self.due.diagnostics(frame) {
             sent.push(self.diagnostics.send(ros::diagnostics(reference, frame))?);
         }
-        self.dropped += sent.into_iter().filter(|&sent| !sent).count() as u64;
+        self.count_dropped(&sent);
         Ok(())
     }
 
@@ -228,10 +254,15 @@ pub fn publish(shared: &Arc<LiveHandle>, options: &PublisherOptions) -> Result<J
         let mut reported = 0;
         loop {
             match mailbox.take(std::time::Duration::from_secs(1)) {
-                Popped::Item(Event::Frame(frame)) => {
+                Popped::Item(event @ (Event::Frame(_) | Event::Stale(_))) => {
                     shared.add_dropped(ROS2, publisher.dropped() - reported);
                     reported = publisher.dropped();
-                    if let Err(error) = publisher.frame(&frame) {
+                    let published = match &event {
+                        Event::Stale(frame) => publisher.stale(frame),
+                        Event::Frame(frame) => publisher.frame(frame),
+                        _ => Ok(()),
+                    };
+                    if let Err(error) = published {
                         let text = format!("publishing has ended: {error}; contacts go on");
                         shared.publish(&Event::Notice(Notice { level: Severity::Error, text, at: clock::now() }));
                         shared.unsubscribe(&mailbox);

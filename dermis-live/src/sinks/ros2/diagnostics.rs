@@ -2,29 +2,35 @@
 
 use crate::LiveFrame;
 use crate::sinks::ros2::{DiagnosticArray, DiagnosticStatus, KeyValue, Reference};
-use dermis::pipeline::{ElectrodeHealth, ElectrodeState, Health};
+use dermis::pipeline::{ElectrodeHealth, ElectrodeState, Health, PipelineFrame, Validity};
 use std::fmt::Display;
 
 const OK: u8 = 0;
 const WARN: u8 = 1;
 const ERROR: u8 = 2;
+const STALE: u8 = 3;
 
 /// Two statuses: the instrument with its rate, noise and losses, and the electrodes with the state of each.
 pub fn diagnostics(reference: &Reference, live: &LiveFrame) -> DiagnosticArray {
     DiagnosticArray {
         header: reference.header(live.result.measured_at),
-        status: vec![instrument(reference, &live.result.health), electrodes(reference, &live.result.health)],
+        status: vec![instrument(reference, &live.result), electrodes(reference, &live.result.health)],
     }
 }
 
-fn instrument(reference: &Reference, health: &Health) -> DiagnosticStatus {
+fn instrument(reference: &Reference, result: &PipelineFrame) -> DiagnosticStatus {
+    let PipelineFrame { health, validity, .. } = result;
     let counts = &health.counts;
     let saturated = health.saturated_channels;
-    let (level, message) = match saturated {
-        0 => (OK, format!("{:.1} frames a second", health.rate_hz)),
-        _ => (WARN, format!("readings out of the converter's range: {saturated}")),
+    let (level, message) = match validity {
+        Validity::Stale { .. } => (STALE, validity.to_string()),
+        Validity::Invalid { .. } => (ERROR, validity.to_string()),
+        Validity::Degraded(_) => (WARN, validity.to_string()),
+        Validity::Ok if saturated > 0 => (WARN, format!("readings out of the converter's range: {saturated}")),
+        Validity::Ok => (OK, format!("{:.1} frames a second", health.rate_hz)),
     };
     let values = vec![
+        value("validity", validity.name()),
         value("rate (Hz)", health.rate_hz),
         value("noise (times that at the tare)", known(health.noise)),
         value("reciprocity (times what noise explains)", known(health.reciprocity)),
@@ -59,7 +65,7 @@ fn named((index, electrode): (usize, &ElectrodeHealth)) -> Option<String> {
 fn level(state: ElectrodeState) -> u8 {
     match state {
         ElectrodeState::Sound => OK,
-        ElectrodeState::Doubtful => WARN,
+        ElectrodeState::Doubtful | ElectrodeState::Suspect | ElectrodeState::OnTrial => WARN,
         ElectrodeState::Loose | ElectrodeState::Open => ERROR,
     }
 }
@@ -70,6 +76,8 @@ fn word(state: ElectrodeState) -> &'static str {
         ElectrodeState::Doubtful => "doubtful",
         ElectrodeState::Loose => "loose",
         ElectrodeState::Open => "open",
+        ElectrodeState::Suspect => "suspect",
+        ElectrodeState::OnTrial => "on trial",
     }
 }
 

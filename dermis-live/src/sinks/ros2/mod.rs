@@ -15,7 +15,7 @@ pub use diagnostics::diagnostics;
 pub use markers::markers;
 pub use message::*;
 pub use schema::{dds_type, definition};
-pub use topic::{CONTACT_FIELDS, Due, Reference, Topic, contacts, frame, image, wrench};
+pub use topic::{CONTACT_FIELDS, Due, Reference, Topic, contacts, frame, image, validity, wrench};
 
 use byteorder::LittleEndian;
 use serde::{Serialize, de::DeserializeOwned};

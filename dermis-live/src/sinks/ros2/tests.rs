@@ -1,6 +1,6 @@
 use super::*;
 use crate::synthetic;
-use dermis::pipeline::ElectrodeState;
+use dermis::pipeline::{ElectrodeState, InvalidReason, Validity};
 
 /// Bytes computed by hand from the rules of CDR: numbers are aligned to multiples of their size, counted after the
 /// header of four bytes.
@@ -43,6 +43,7 @@ fn every_message_comes_back() {
     back(&wrench(&reference, &live));
     back(&markers(&reference, &live));
     back(&diagnostics(&reference, &live));
+    back(&validity(&live));
 }
 
 #[test]
@@ -122,6 +123,21 @@ fn diagnostics_come_once_a_second_and_when_an_electrode_fails() {
     assert!(due.diagnostics(&live) && !due.diagnostics(&live));
     let status = &diagnostics(&reference, &live).status[1];
     assert_eq!((status.level, status.message.as_str()), (2, "electrode 3 is loose"));
+}
+
+#[test]
+fn an_invalid_frame_is_told_at_once_and_has_no_wrench() {
+    let (reference, mut live) = synthetic::pressed();
+    let mut due = Due::default();
+    assert!(due.diagnostics(&live) && !due.diagnostics(&live));
+    live.result.contacts.clear();
+    live.result.validity = Validity::Invalid { reason: InvalidReason::Frozen };
+    assert!(due.diagnostics(&live) && !due.diagnostics(&live));
+    assert!(wrench(&reference, &live).wrench.force.z.is_nan());
+    assert_eq!(validity(&live).data, r#"{"state":"invalid","reason":"frozen"}"#);
+    assert_eq!(diagnostics(&reference, &live).status[0].level, 2);
+    live.result.validity = Validity::Stale { age_s: 0.2 };
+    assert_eq!(diagnostics(&reference, &live).status[0].level, 3);
 }
 
 #[test]

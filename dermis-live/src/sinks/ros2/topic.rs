@@ -22,6 +22,8 @@ pub enum Topic {
     Markers,
     /// The state of the skin and its instrument.
     Diagnostics,
+    /// Whether contacts can be relied on, as JSON; in recordings when it changes.
+    Validity,
     /// The message of the device; in recordings only.
     Wire,
     /// Commands, notices and hellos as JSON; in recordings only.
@@ -30,13 +32,14 @@ pub enum Topic {
 
 impl Topic {
     /// All topics.
-    pub const ALL: [Topic; 8] = [
+    pub const ALL: [Topic; 9] = [
         Topic::Frame,
         Topic::Image,
         Topic::Contacts,
         Topic::Wrench,
         Topic::Markers,
         Topic::Diagnostics,
+        Topic::Validity,
         Topic::Wire,
         Topic::Events,
     ];
@@ -50,6 +53,7 @@ impl Topic {
             Topic::Wrench => "dermis/wrench",
             Topic::Markers => "dermis/markers",
             Topic::Diagnostics => "diagnostics",
+            Topic::Validity => "dermis/validity",
             Topic::Wire => "dermis/wire",
             Topic::Events => "dermis/events",
         }
@@ -70,7 +74,7 @@ impl Topic {
             Topic::Markers => MarkerArray::TYPE,
             Topic::Diagnostics => DiagnosticArray::TYPE,
             Topic::Wire => UInt8MultiArray::TYPE,
-            Topic::Events => Text::TYPE,
+            Topic::Validity | Topic::Events => Text::TYPE,
         }
     }
 }
@@ -98,13 +102,14 @@ impl Reference {
 
 /// Decides which messages are due that are not sent with every frame.
 ///
-/// Diagnostics are sent about once per second, and when the state of an electrode changes; markers while there are
+/// Diagnostics are sent about once per second, and when the state of an electrode or the validity changes; markers while there are
 /// contacts, and once more to delete them.
 #[derive(Debug, Clone, Default)]
 pub struct Due {
     told_at: Option<Timestamp>,
     diagnosed: Vec<dermis::pipeline::ElectrodeState>,
     drawn: Option<bool>,
+    validity: Option<&'static str>,
 }
 
 impl Due {
@@ -118,7 +123,8 @@ impl Due {
     pub fn diagnostics(&mut self, frame: &LiveFrame) -> bool {
         let states = || frame.result.health.electrodes.iter().map(|electrode| electrode.state);
         let long_ago = self.told_at.is_none_or(|at| !(0.0..1.0).contains(&frame.result.measured_at.seconds_since(at)));
-        let due = long_ago || !states().eq(self.diagnosed.iter().copied());
+        let has_changed = self.validity.replace(frame.result.validity.name()) != Some(frame.result.validity.name());
+        let due = long_ago || has_changed || !states().eq(self.diagnosed.iter().copied());
         if due {
             self.told_at = Some(frame.result.measured_at);
             self.diagnosed.clear();
@@ -185,6 +191,11 @@ pub const CONTACT_FIELDS: [(&str, &str, &str); 17] = [
     ("age", "age_s", "s"),
 ];
 
+/// The validity of a frame as JSON, as in lines of JSON: `{"state": "ok"}`.
+pub fn validity(live: &LiveFrame) -> Text {
+    Text { data: serde_json::to_string(&live.result.validity).expect("a validity is JSON") }
+}
+
 /// The contacts as points, the oldest first.
 pub fn contacts(reference: &Reference, live: &LiveFrame) -> PointCloud2 {
     const FIELD_BYTES: usize = 4;
@@ -243,11 +254,12 @@ fn point(contact: &TrackedContact, now: Timestamp) -> [[u8; 4]; CONTACT_FIELDS.l
 }
 
 /// The force on the skin and its torque about the frame's origin: F = sum of -n f, M = sum of r x (-n f) over the
-/// contacts whose force f is known. All zero without a contact, all `NaN` where there are contacts and no force is
-/// known.
+/// contacts whose force f is known. All zero without a contact; all `NaN` where there are contacts and no force is
+/// known, and where the frame is invalid or stale.
 pub fn wrench(reference: &Reference, live: &LiveFrame) -> WrenchStamped {
     let known = live.result.contacts.iter().filter_map(|contact| Some((contact, contact.force_n?)));
-    let unknown = !live.result.contacts.is_empty() && known.clone().next().is_none();
+    let without_forces = !live.result.contacts.is_empty() && known.clone().next().is_none();
+    let unknown = without_forces || !live.result.validity.is_usable();
     let (mut force_n, mut torque_nm) =
         ([if unknown { f64::NAN } else { 0.0 }; 3], [if unknown { f64::NAN } else { 0.0 }; 3]);
     for (contact, pressing_n) in known {

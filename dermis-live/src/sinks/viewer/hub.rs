@@ -8,7 +8,7 @@ use crate::runtime::Popped;
 use crate::sinks::viewer::scene::{flat_m, scene};
 use bytes::Bytes;
 use dermis::method::Method;
-use dermis::pipeline::{Health, Notice, Severity, TrackedContact};
+use dermis::pipeline::{Health, Notice, Severity, TrackedContact, Validity};
 use dermis::reconstruct::Quantity;
 use dermis::stats::nearest_quantiles;
 use dermis::text::counted;
@@ -55,8 +55,22 @@ struct Header<'a> {
     sequence: u64,
     measured_at_s: f64,
     output_at_s: f64,
-    touched: bool,
+    validity: ShownValidity,
+    touched: Option<bool>,
     contacts: Vec<Shown<'a>>,
+}
+
+/// The validity of a frame, in words.
+#[derive(Serialize)]
+struct ShownValidity {
+    state: &'static str,
+    text: String,
+}
+
+impl ShownValidity {
+    fn of(validity: &Validity) -> Self {
+        ShownValidity { state: validity.name(), text: validity.to_string() }
+    }
 }
 
 #[derive(Serialize)]
@@ -110,6 +124,7 @@ impl Hub {
         loop {
             match mailbox.take(STATUS) {
                 Popped::Item(Event::Frame(frame)) => self.take(&frame),
+                Popped::Item(Event::Stale(frame)) => self.show(&frame),
                 Popped::Item(Event::Notice(notice)) => self.say(notice),
                 Popped::Item(Event::Lost(why)) => {
                     self.say(Notice { level: Severity::Error, text: why, at: clock::now() });
@@ -131,6 +146,10 @@ impl Hub {
         }
         self.latencies_ms.push_back(1e3 * frame.output_at.seconds_since(frame.received_at) as f32);
         self.health = Arc::clone(&frame.result.health);
+        self.show(frame);
+    }
+
+    fn show(&mut self, frame: &LiveFrame) {
         self.number += 1;
         // Nothing is prepared without a page.
         if self.board.frame.receiver_count() > 0 {
@@ -145,6 +164,7 @@ impl Hub {
             sequence: frame.result.sequence,
             measured_at_s: frame.result.measured_at.seconds(),
             output_at_s: frame.output_at.seconds(),
+            validity: ShownValidity::of(&frame.result.validity),
             touched: frame.result.touched,
             contacts: frame
                 .result

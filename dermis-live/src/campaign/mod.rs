@@ -1,0 +1,81 @@
+//! A fault campaign: random faults of an emulated device, and how the pipeline copes with them.
+//!
+//! Random presses, one at a time, and random faults, one every six seconds, are simulated without a connection and as
+//! fast as the machine allows. Each frame is compared with the true presses.
+//!
+//! ```no_run
+//! use dermis::method::{MethodSet, Methods};
+//! use dermis::skin::Skin;
+//! use dermis_live::campaign::{CampaignOptions, run};
+//! use dermis_sim::twin::TwinOptions;
+//! use std::sync::Arc;
+//!
+//! let methods = Arc::new(MethodSet::new(&Methods::linear(), Skin::load("skin16")?, None)?);
+//! let twin = TwinOptions::shipped("lab")?;
+//! let options = CampaignOptions { twin, method: "noser".into(), faults: 100, seed: 1 };
+//! let scores = run(&methods, &options, |_| {})?;
+//! let false_frames: u64 = scores.iter().map(|score| score.during.false_contacts).sum();
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod draw;
+mod score;
+mod session;
+
+pub use draw::FaultKind;
+pub use score::{FrameCounts, Score};
+
+use crate::LiveError;
+use crate::campaign::draw::faults;
+use crate::campaign::session::Session;
+use dermis::method::MethodSet;
+use dermis_sim::twin::TwinOptions;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Options of a campaign.
+#[derive(Debug, Clone)]
+pub struct CampaignOptions {
+    /// The digital twin.
+    pub twin: TwinOptions,
+    /// Name of the method; empty for the default method of the skin.
+    pub method: String,
+    /// Number of faults.
+    pub faults: usize,
+    /// Seed of the faults, of the presses and of the twins.
+    pub seed: u64,
+}
+
+/// Faults of one device, after each other.
+const FAULTS_PER_DEVICE: usize = 20;
+
+/// Runs a campaign; returns the scores by kind of fault. `progress` receives the number of finished faults.
+///
+/// # Errors
+/// An unknown method; a twin that does not fit the design or cannot be solved.
+pub fn run(
+    methods: &Arc<MethodSet>,
+    options: &CampaignOptions,
+    progress: impl Fn(usize) + Sync,
+) -> Result<Vec<Score>, LiveError> {
+    let done = AtomicUsize::new(0);
+    let devices = options.faults.div_ceil(FAULTS_PER_DEVICE);
+    let scored: Vec<Vec<Score>> = (0..devices)
+        .into_par_iter()
+        .map(|device| {
+            let first = device * FAULTS_PER_DEVICE;
+            let count = FAULTS_PER_DEVICE.min(options.faults - first);
+            let faults = faults(methods.skin().design(), options.seed, device as u64, count);
+            let scores = Session::new(methods, options, &faults, device as u64)?.run(&faults)?;
+            progress(done.fetch_add(count, Ordering::Relaxed) + count);
+            Ok(scores)
+        })
+        .collect::<Result<_, LiveError>>()?;
+    let mut by_kind: BTreeMap<FaultKind, Score> = BTreeMap::new();
+    for score in scored.into_iter().flatten() {
+        by_kind.entry(score.kind).and_modify(|total| total.add(&score)).or_insert(score);
+    }
+    Ok(by_kind.into_values().collect())
+}

@@ -1,0 +1,230 @@
+//! How frames compare with the true presses.
+
+use crate::campaign::draw::{Drawn, FaultKind};
+use crate::emulator::{Fault, ReadingFault};
+use dermis::geom::Surface;
+use dermis::pipeline::{PipelineFrame, Validity};
+use dermis_sim::twin::Press;
+use serde::Serialize;
+
+/// A contact farther than this from every press is false, m.
+const FALSE_M: f64 = 0.03;
+/// After a press has ended, its contact may last for so long, s.
+const ENDING_S: f64 = 0.12;
+/// A press that lasts for so long within the time of a row must be found, s.
+const FINDABLE_S: f64 = 0.3;
+/// Presses must be found from this time after the end of a fault on, s.
+const RECOVERED_S: f64 = 1.0;
+/// A fault must be noticed within this time, s.
+const NOTICED_S: f64 = 0.1;
+
+/// Counts of frames.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+pub struct FrameCounts {
+    /// Frames.
+    pub frames: u64,
+    /// Frames with a contact where nothing is pressed.
+    pub false_contacts: u64,
+    /// Frames that are said to be touched or not, wrongly.
+    pub wrong_touch: u64,
+    /// Invalid frames.
+    pub invalid: u64,
+}
+
+/// The score of the faults of one kind.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Score {
+    /// The kind.
+    pub kind: FaultKind,
+    /// Number of faults.
+    pub faults: u64,
+    /// During the faults.
+    pub during: FrameCounts,
+    /// Afterwards, until the next fault.
+    pub after: FrameCounts,
+    /// Faults that must be noticed, and those that were, within 0.1 s.
+    pub to_notice: u64,
+    /// Noticed within 0.1 s.
+    pub noticed: u64,
+    /// Faults for which what was noticed was named rightly.
+    pub named: u64,
+    /// Presses from one second after the fault on, and those that were found.
+    pub presses: u64,
+    /// Found presses.
+    pub found: u64,
+    /// Longest time after a fault until a frame was ok, s.
+    pub slowest_s: f64,
+}
+
+impl Score {
+    /// Adds the score of other faults of the kind.
+    pub fn add(&mut self, other: &Score) {
+        self.faults += other.faults;
+        for (counts, others) in [(&mut self.during, other.during), (&mut self.after, other.after)] {
+            counts.frames += others.frames;
+            counts.false_contacts += others.false_contacts;
+            counts.wrong_touch += others.wrong_touch;
+            counts.invalid += others.invalid;
+        }
+        self.to_notice += other.to_notice;
+        self.noticed += other.noticed;
+        self.named += other.named;
+        self.presses += other.presses;
+        self.found += other.found;
+        self.slowest_s = self.slowest_s.max(other.slowest_s);
+    }
+}
+
+/// A press that must be found.
+struct Expected {
+    press: Press,
+    since_s: f64,
+    until_s: f64,
+    is_found: bool,
+}
+
+/// Scores the frames of one fault.
+pub(super) struct Scorer<'a> {
+    fault: &'a Drawn,
+    surface: Surface,
+    score: Score,
+    noticed_s: Option<f64>,
+    is_named: bool,
+    recovered_s: Option<f64>,
+    expected: Vec<Expected>,
+    /// Presses of the last frames, with their last times.
+    recent: Vec<(f64, Press)>,
+}
+
+impl<'a> Scorer<'a> {
+    pub(super) fn new(fault: &'a Drawn, surface: Surface) -> Self {
+        let score = Score {
+            kind: fault.kind,
+            faults: 1,
+            during: FrameCounts::default(),
+            after: FrameCounts::default(),
+            to_notice: 0,
+            noticed: 0,
+            named: 0,
+            presses: 0,
+            found: 0,
+            slowest_s: 0.0,
+        };
+        Scorer {
+            fault,
+            surface,
+            score,
+            noticed_s: None,
+            is_named: false,
+            recovered_s: None,
+            expected: Vec::new(),
+            recent: Vec::new(),
+        }
+    }
+
+    /// Takes a frame and the true presses.
+    pub(super) fn take(&mut self, time_s: f64, frame: &PipelineFrame, presses: &[Press]) {
+        self.recent.retain(|(last_s, press)| time_s - last_s < ENDING_S && !presses.contains(press));
+        self.recent.extend(presses.iter().map(|press| (time_s, *press)));
+        let is_during = (self.fault.begin_s..self.fault.end_s).contains(&time_s);
+        if time_s < self.fault.begin_s {
+            return;
+        }
+        let counted = self.counted(frame);
+        let counts = if is_during { &mut self.score.during } else { &mut self.score.after };
+        counts.frames += 1;
+        counts.false_contacts += u64::from(counted[0]);
+        counts.wrong_touch += u64::from(counted[1]);
+        counts.invalid += u64::from(!frame.validity.is_usable());
+        if is_during {
+            self.notice(time_s, frame);
+        } else {
+            self.recover(time_s, frame, presses);
+        }
+    }
+
+    /// Whether a frame has a false contact, and whether it is wrong about being touched.
+    fn counted(&self, frame: &PipelineFrame) -> [bool; 2] {
+        let is_false = |position_m| {
+            self.recent.iter().all(|(_, press)| self.surface.distance_m(position_m, press.centre_m) > FALSE_M)
+        };
+        let is_pressed = !self.recent.is_empty();
+        [frame.contacts.iter().any(|contact| is_false(contact.position_m)), frame.touched == Some(true) && !is_pressed]
+    }
+
+    fn notice(&mut self, time_s: f64, frame: &PipelineFrame) {
+        if frame.validity == Validity::Ok {
+            return;
+        }
+        self.noticed_s.get_or_insert(time_s - self.fault.begin_s);
+        self.is_named |= self.fault.faults.iter().any(|timed| is_named(&timed.fault, frame));
+    }
+
+    fn recover(&mut self, time_s: f64, frame: &PipelineFrame, presses: &[Press]) {
+        let since_s = time_s - self.fault.end_s;
+        if frame.validity == Validity::Ok {
+            self.recovered_s.get_or_insert(since_s);
+        }
+        if since_s < RECOVERED_S {
+            return;
+        }
+        for press in presses {
+            let near = frame
+                .contacts
+                .iter()
+                .any(|contact| self.surface.distance_m(contact.position_m, press.centre_m) <= FALSE_M);
+            match self.expected.iter_mut().find(|known| known.press.centre_m == press.centre_m) {
+                Some(known) => {
+                    known.until_s = time_s;
+                    known.is_found |= near;
+                }
+                None => {
+                    self.expected.push(Expected { press: *press, since_s: time_s, until_s: time_s, is_found: near })
+                }
+            }
+        }
+    }
+
+    pub(super) fn finish(mut self) -> Score {
+        let findable = |expected: &&Expected| expected.until_s - expected.since_s >= FINDABLE_S;
+        self.score.presses = self.expected.iter().filter(findable).count() as u64;
+        self.score.found = self.expected.iter().filter(findable).filter(|expected| expected.is_found).count() as u64;
+        self.score.slowest_s = self.recovered_s.unwrap_or(f64::INFINITY);
+        let is_short = self.fault.end_s - self.fault.begin_s < NOTICED_S;
+        if self.fault.faults.iter().any(|timed| must_be_noticed(&timed.fault)) && !is_short {
+            self.score.to_notice = 1;
+            self.score.noticed = u64::from(self.noticed_s.is_some_and(|since_s| since_s <= NOTICED_S));
+            self.score.named = u64::from(self.is_named);
+        }
+        self.score
+    }
+}
+
+/// Whether a fault shows in the frames: a reading that does not change shows in no untouched frame, and a clock is
+/// replaced by that of the host.
+fn must_be_noticed(fault: &Fault) -> bool {
+    !matches!(
+        fault,
+        Fault::ClockStop { .. } | Fault::ClockSet { .. } | Fault::Readings { fault: ReadingFault::Stuck(_), .. }
+    )
+}
+
+/// Whether a frame names the fault: the electrode, the drive or the channel, or that the whole frame is invalid.
+fn is_named(fault: &Fault, frame: &PipelineFrame) -> bool {
+    let masked = |channel: &usize| match &frame.validity {
+        Validity::Degraded(degradation) => degradation.channels.contains(channel),
+        _ => false,
+    };
+    match fault {
+        Fault::Loose { electrode, .. } => {
+            let bad = (0..frame.health.electrodes.len()).filter(|&index| frame.health.electrodes[index].state.is_bad());
+            bad.eq([*electrode])
+        }
+        Fault::Readings { fault, .. } => match fault {
+            ReadingFault::Reference(drive, _) => frame.health.bad_drives == [*drive],
+            ReadingFault::Stuck(channel) | ReadingFault::Saturated(channel) => masked(channel),
+            _ => !frame.validity.is_usable(),
+        },
+        _ => false,
+    }
+}

@@ -1,0 +1,236 @@
+//! Checks of a frame before it is used: what an instrument that works cannot send.
+
+use crate::pipeline::condition::PartMonitor;
+use crate::pipeline::electrodes::{ElectrodeMonitor, ElectrodeTopology, OPEN};
+use crate::pipeline::frame::Measurement;
+use crate::pipeline::signal_space::Residual;
+use crate::pipeline::validity::InvalidReason;
+use crate::stats::upper_median;
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+
+/// A loop below this part of its reference: the current is measured wrongly.
+const SHORT: f64 = 0.2;
+/// A loop that differs from its reference by more than this part, beyond what its electrodes explain, is measured
+/// wrongly.
+const SICK_LOOP: f64 = 0.3;
+/// No voltage exceeds that of its drive; the margin covers errors of the instrument's gain.
+const ABOVE_DRIVE: f64 = 1.2;
+/// The median ratio of values and baseline is in this range; a touch changes the values of part of the channels.
+const SCALE: [f64; 2] = [0.6, 1.5];
+/// Values of this many times their noise are compared with the baseline, if there are so many.
+const SCALED_NOISES: f64 = 10.0;
+const FEWEST_SCALED: usize = 8;
+/// A frame that repeats one of so many before it is no new measurement.
+const REMEMBERED: usize = 16;
+/// Frames with the time of the frame before after which the clock is faulty. (Rows of a file may share a time.)
+const SAME_TIME: u32 = 100;
+
+/// The state of the instrument, of its drives and of its channels.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub(super) struct InstrumentMonitor {
+    whole: PartMonitor,
+    drives: Vec<PartMonitor>,
+    channels: Vec<PartMonitor>,
+    /// Channels whose values at the tare are below the voltage of their drive.
+    bounded: Vec<bool>,
+    /// Checksums of the last frames; `None` if frames repeat at the tare, as those of a simulation without noise.
+    last_frames: Option<VecDeque<u64>>,
+    same_time_frames: u32,
+}
+
+/// The findings in a frame.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Findings {
+    /// Why the frame cannot be used at all.
+    pub reason: Option<InvalidReason>,
+    /// Drives whose current is wrong.
+    pub drives: Vec<bool>,
+    /// Channels whose reading is wrong.
+    pub channels: Vec<bool>,
+}
+
+impl InstrumentMonitor {
+    /// From untouched frames.
+    pub(super) fn new(topology: &ElectrodeTopology, untouched: &[Measurement]) -> Self {
+        let is_bounded = |channel: usize| {
+            !untouched.is_empty()
+                && untouched.iter().all(|frame| {
+                    let drive_ohm = frame.loops_ohm.get(topology.drive_of(channel));
+                    drive_ohm.is_some_and(|drive_ohm| frame.values_ohm[channel].abs() <= *drive_ohm)
+                })
+        };
+        let mut last_frames = VecDeque::new();
+        let repeats = untouched.iter().any(|frame| remembers(&mut last_frames, checksum(frame)));
+        InstrumentMonitor {
+            whole: PartMonitor::default(),
+            drives: vec![PartMonitor::default(); topology.drive_count()],
+            channels: vec![PartMonitor::default(); topology.channel_count()],
+            bounded: (0..topology.channel_count()).map(is_bounded).collect(),
+            last_frames: Some(last_frames).filter(|_| !repeats),
+            same_time_frames: 0,
+        }
+    }
+
+    /// Of a state without a tare of its own: repeated frames are accepted.
+    pub(super) fn unmonitored(topology: &ElectrodeTopology) -> Self {
+        InstrumentMonitor { last_frames: None, ..Self::new(topology, &[]) }
+    }
+
+    /// Whether it fits a skin.
+    pub(super) fn fits(&self, topology: &ElectrodeTopology) -> bool {
+        self.drives.len() == topology.drive_count()
+            && [self.channels.len(), self.bounded.len()] == [topology.channel_count(); 2]
+    }
+
+    /// Checks a frame. `step_s`: time since the last frame.
+    pub(super) fn check(
+        &mut self,
+        topology: &ElectrodeTopology,
+        electrodes: &ElectrodeMonitor,
+        baseline_ohm: &[f64],
+        frame: &Measurement,
+        step_s: f64,
+    ) -> Findings {
+        let (drives, is_off) = self.check_drives(topology, electrodes, frame);
+        let channels = self.check_channels(topology, frame, &drives);
+        let reason = match () {
+            () if self.clock_stands(step_s) => Some(InvalidReason::Clock),
+            () if self.is_repeated(frame) => Some(InvalidReason::Frozen),
+            () if is_most(&is_off) => Some(InvalidReason::NoCurrent),
+            () if is_most(&channels) => Some(InvalidReason::OutOfRange),
+            () if is_scaled(electrodes.noise_ohm(), baseline_ohm, frame, &channels) => Some(InvalidReason::Scale),
+            () => None,
+        };
+        Findings { reason, drives, channels }
+    }
+
+    /// Drives with a wrong current, and those without current.
+    fn check_drives(
+        &self,
+        topology: &ElectrodeTopology,
+        electrodes: &ElectrodeMonitor,
+        frame: &Measurement,
+    ) -> (Vec<bool>, Vec<bool>) {
+        let reference = electrodes.loops_ohm();
+        if reference.is_empty() || frame.loops_ohm.len() != reference.len() {
+            return (vec![false; topology.drive_count()], vec![false; topology.drive_count()]);
+        }
+        let ratio: Vec<f64> = frame.loops_ohm.iter().zip(reference).map(|(now, then)| now / then).collect();
+        let rise_ohm = |drive: usize| frame.loops_ohm[drive] - reference[drive];
+        // The rise that all drives of an electrode share is that of its contact.
+        let of_electrode = |&electrode: &usize, drive: usize| {
+            let others = topology.drives_of(electrode).iter().filter(|&&other| other != drive);
+            others.map(|&other| rise_ohm(other)).reduce(f64::min).unwrap_or(rise_ohm(drive)).max(0.0)
+        };
+        let is_sick = |drive: usize| {
+            let explained: f64 = topology.ends_of(drive).iter().map(|electrode| of_electrode(electrode, drive)).sum();
+            let unexplained = rise_ohm(drive) - explained.min(rise_ohm(drive).max(0.0));
+            !(SHORT..=OPEN).contains(&ratio[drive]) && explained < 0.5 * rise_ohm(drive)
+                || unexplained.abs() > SICK_LOOP * reference[drive]
+        };
+        let is_off = ratio.iter().map(|ratio| !(SHORT..=OPEN).contains(ratio)).collect();
+        ((0..ratio.len()).map(is_sick).collect(), is_off)
+    }
+
+    /// Channels whose reading is saturated or exceeds the voltage of its drive.
+    fn check_channels(&self, topology: &ElectrodeTopology, frame: &Measurement, sick_drives: &[bool]) -> Vec<bool> {
+        let mut bad = vec![false; topology.channel_count()];
+        frame.saturated.iter().for_each(|&channel| bad[channel] = true);
+        for (channel, bad) in bad.iter_mut().enumerate() {
+            let drive = topology.drive_of(channel);
+            let is_checked = self.bounded[channel] && !sick_drives[drive];
+            let limit_ohm = frame.loops_ohm.get(drive).map_or(f64::INFINITY, |ohm| ABOVE_DRIVE * ohm);
+            *bad |= is_checked && frame.values_ohm[channel].abs() > limit_ohm;
+        }
+        bad
+    }
+
+    /// Whether a frame repeats one of the last ones.
+    fn is_repeated(&mut self, frame: &Measurement) -> bool {
+        self.last_frames.as_mut().is_some_and(|last| remembers(last, checksum(frame)))
+    }
+
+    fn clock_stands(&mut self, step_s: f64) -> bool {
+        self.same_time_frames = if step_s > 0.0 { 0 } else { self.same_time_frames.saturating_add(1) };
+        self.same_time_frames > SAME_TIME
+    }
+
+    /// Takes the findings of a frame in which drives and channels can be judged. Parts return only while `may_return`.
+    pub(super) fn update_parts(&mut self, findings: &Findings, may_return: bool, time_s: f64) {
+        let parts = self.drives.iter_mut().chain(&mut self.channels);
+        for (part, is_bad) in parts.zip(findings.drives.iter().chain(&findings.channels)) {
+            part.update(*is_bad, may_return, time_s);
+        }
+    }
+
+    /// Masks the drive, or the single channel, with most of a residual. Returns whether there is one.
+    pub(super) fn blame(&mut self, topology: &ElectrodeTopology, residual: &Residual, time_s: f64) -> bool {
+        let part = match residual.cause(topology.drives_of_channels(), topology.drive_count()) {
+            None => return false,
+            Some(drive) => {
+                let own: Vec<usize> = (0..topology.channel_count()).collect();
+                match residual.cause(&own, own.len()) {
+                    Some(channel) => &mut self.channels[channel],
+                    None => &mut self.drives[drive],
+                }
+            }
+        };
+        let was_masked = part.is_masked();
+        part.update(true, false, time_s);
+        !was_masked
+    }
+
+    /// Takes a frame that is invalid or not; returns the reason for which it is not used.
+    pub(super) fn update_whole(&mut self, reason: Option<InvalidReason>, time_s: f64) -> Option<InvalidReason> {
+        self.whole.update(reason.is_some(), true, time_s);
+        reason.or(self.whole.is_confirmed().then_some(InvalidReason::OnTrial))
+    }
+
+    /// Drives that are confirmed as bad.
+    pub(super) fn bad_drives(&self) -> Vec<usize> {
+        (0..self.drives.len()).filter(|&drive| self.drives[drive].is_confirmed()).collect()
+    }
+
+    /// Number of channels that are confirmed as bad, without those of bad drives.
+    pub(super) fn bad_channel_count(&self) -> usize {
+        self.channels.iter().filter(|channel| channel.is_confirmed()).count()
+    }
+
+    /// Marks the channels of parts for which `holds`.
+    pub(super) fn mark(&self, topology: &ElectrodeTopology, holds: fn(&PartMonitor) -> bool, marked: &mut [bool]) {
+        for (channel, marked) in marked.iter_mut().enumerate() {
+            *marked |= holds(&self.channels[channel]) || holds(&self.drives[topology.drive_of(channel)]);
+        }
+    }
+}
+
+/// Whether most are marked.
+pub(super) fn is_most(marked: &[bool]) -> bool {
+    2 * marked.iter().filter(|marked| **marked).count() > marked.len()
+}
+
+/// Whether all values are larger or smaller than the baseline by one factor.
+fn is_scaled(noise_ohm: &[f64], baseline_ohm: &[f64], frame: &Measurement, wrong: &[bool]) -> bool {
+    let ratios: Vec<f64> = (0..wrong.len())
+        .filter(|&channel| !wrong[channel] && baseline_ohm[channel].abs() > SCALED_NOISES * noise_ohm[channel])
+        .map(|channel| frame.values_ohm[channel] / baseline_ohm[channel])
+        .collect();
+    ratios.len() >= FEWEST_SCALED && upper_median(&ratios).is_some_and(|ratio| !(SCALE[0]..=SCALE[1]).contains(&ratio))
+}
+
+/// Whether a checksum is among the last ones; keeps it.
+fn remembers(last: &mut VecDeque<u64>, checksum: u64) -> bool {
+    let known = last.contains(&checksum);
+    last.push_back(checksum);
+    if last.len() > REMEMBERED {
+        last.pop_front();
+    }
+    known
+}
+
+/// The FNV-1a hash of the values (Fowler, Noll and Vo; RFC 9923), word by word.
+fn checksum(frame: &Measurement) -> u64 {
+    let words = frame.values_ohm.iter().chain(&frame.loops_ohm).map(|value| value.to_bits());
+    words.fold(0xcbf2_9ce4_8422_2325, |hash, word| (hash ^ word).wrapping_mul(0x0100_0000_01b3))
+}

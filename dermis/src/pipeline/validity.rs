@@ -1,0 +1,109 @@
+//! Whether the contacts of a frame can be relied on.
+
+use crate::pipeline::degradation::Degradation;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// Whether the contacts of a frame can be relied on. In JSON: `{"state": "ok"}`, `{"state": "invalid", "reason": ...}`.
+///
+/// ```
+/// use dermis::pipeline::{InvalidReason, Validity};
+///
+/// let validity = Validity::Invalid { reason: InvalidReason::Frozen };
+/// assert!(!validity.is_usable());
+/// assert_eq!(validity.to_string(), "invalid: the same values again and again");
+/// assert_eq!(serde_json::to_string(&validity)?, r#"{"state":"invalid","reason":"frozen"}"#);
+/// # Ok::<(), serde_json::Error>(())
+/// ```
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(tag = "state", rename_all = "snake_case")]
+pub enum Validity {
+    /// All channels are in use.
+    #[default]
+    Ok,
+    /// Some channels are masked; the contacts come from the others.
+    Degraded(Box<Degradation>),
+    /// The frame says nothing about the skin: no contacts, and whether it is touched is unknown.
+    Invalid {
+        /// Why.
+        reason: InvalidReason,
+    },
+    /// No frame has arrived for too long: no contacts, and whether the skin is touched is unknown.
+    Stale {
+        /// Time since the last frame arrived, s.
+        age_s: f64,
+    },
+}
+
+/// Why a frame is invalid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum InvalidReason {
+    /// The baseline is being measured.
+    Tare,
+    /// Most drives carry no current.
+    NoCurrent,
+    /// Most readings are out of the converter's range, or above the voltage of their drive.
+    OutOfRange,
+    /// The same values again and again.
+    Frozen,
+    /// All values are larger or smaller than the baseline by one factor.
+    Scale,
+    /// The differences from the baseline are those of no touch.
+    Unexplained,
+    /// The times of the frames do not increase.
+    Clock,
+    /// Most channels are masked.
+    TooFewChannels,
+    /// The instrument was faulty until a moment ago.
+    OnTrial,
+}
+
+impl InvalidReason {
+    /// The reason in words.
+    pub fn text(self) -> &'static str {
+        match self {
+            InvalidReason::Tare => "the baseline is being measured",
+            InvalidReason::NoCurrent => "most drives carry no current: check the source and the reference resistor",
+            InvalidReason::OutOfRange => "most readings are out of range: check the gain and the converter",
+            InvalidReason::Frozen => "the same values again and again",
+            InvalidReason::Scale => "all values are larger or smaller by one factor: check the gain and the reference",
+            InvalidReason::Unexplained => {
+                "the values are those of no touch: check the wires and the instrument, or tare"
+            }
+            InvalidReason::Clock => "the times of the frames do not increase",
+            InvalidReason::TooFewChannels => "most channels are masked: check the wires",
+            InvalidReason::OnTrial => "the instrument was faulty until a moment ago",
+        }
+    }
+}
+
+impl Validity {
+    /// Whether the frame has contacts that can be relied on: it is ok or degraded.
+    pub fn is_usable(&self) -> bool {
+        matches!(self, Validity::Ok | Validity::Degraded(_))
+    }
+
+    /// Its name, as in JSON.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Validity::Ok => "ok",
+            Validity::Degraded(_) => "degraded",
+            Validity::Invalid { .. } => "invalid",
+            Validity::Stale { .. } => "stale",
+        }
+    }
+}
+
+impl fmt::Display for Validity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Validity::Ok => f.write_str("ok"),
+            Validity::Degraded(degradation) => write!(f, "degraded: {degradation}"),
+            Validity::Invalid { reason } => write!(f, "invalid: {}", reason.text()),
+            Validity::Stale { age_s } => write!(f, "stale: no frame for {age_s:.2} s"),
+        }
+    }
+}
