@@ -40,5 +40,5 @@ fn print(scores: &[Score]) {
 #[ignore = "slow"]
 fn a_campaign() {
     let method = std::env::var("METHOD").unwrap_or("noser".into());
-    print(&scores("cylinder30", &method, "lab", 200));
+    print(&scores("cylinder30", &method, "lab", std::env::var("N").map_or(200, |n| n.parse().unwrap())));
 }

@@ -8,7 +8,8 @@ use std::time::Duration;
 /// A message arrives with a delay after the event that it reports. The smallest delay is taken as zero (Cristian 1989,
 /// DOI 10.1007/BF01784024, in one direction). The two clocks may drift apart by 1e-4. When all messages have been late
 /// by more than one second for longer than one second, one of the clocks was set. (A connection that merely stalled
-/// delivers its delayed messages together.)
+/// delivers its delayed messages together.) Device time that does not increase from message to message, or that runs far
+/// ahead of the host's, is that of a faulty clock: the time of arrival replaces it.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct DeviceClock {
     /// Host time minus device time at the smallest delay, ns, and the device time of that message, us.
@@ -17,8 +18,14 @@ pub(crate) struct DeviceClock {
     late_since: Option<Timestamp>,
     /// The last returned time; later times are never earlier.
     last: Timestamp,
+    /// Device time, us, and time of arrival of the last message.
+    before: Option<(u64, Timestamp)>,
+    /// Messages with a faulty time.
+    faults: u64,
 }
 
+/// Device time that runs ahead of the host's by more than this between two messages jumps, s.
+const AHEAD_S: f64 = 1.0;
 /// Rate at which the smallest delay expires: 100 ppm, the difference between cheap oscillators.
 const DRIFT: f64 = 1e-4;
 /// A message later than this is late, ns.
@@ -30,6 +37,12 @@ impl DeviceClock {
     /// The host time of an event that the device reports at `time_us` and that was received at `received_at`; never
     /// earlier than the last returned time.
     pub(super) fn moment(&mut self, time_us: u64, received_at: Timestamp) -> Timestamp {
+        if self.jumps(time_us, received_at) {
+            self.faults += 1;
+            self.least = None;
+            self.late_since = None;
+        }
+        self.before = Some((time_us, received_at));
         let device_ns = i128::from(time_us) * 1000;
         let offset_ns = i128::from(received_at.unix_ns) - device_ns;
         let allowed_ns = self.least.map(|(least_ns, at_us)| {
@@ -49,6 +62,19 @@ impl DeviceClock {
         self.last
     }
 
+    /// Whether the device time of a message cannot follow that of the message before.
+    fn jumps(&self, time_us: u64, received_at: Timestamp) -> bool {
+        self.before.is_some_and(|(before_us, before_at)| {
+            let step_s = (i128::from(time_us) - i128::from(before_us)) as f64 * 1e-6;
+            step_s <= 0.0 || step_s > received_at.seconds_since(before_at).max(0.0) + AHEAD_S
+        })
+    }
+
+    /// Messages with a faulty time.
+    pub(super) fn faults(&self) -> u64 {
+        self.faults
+    }
+
     /// Whether messages have been late for so long, this one by `late_ns`, that a clock must have been set.
     fn was_set(&mut self, late_ns: i128, received_at: Timestamp) -> bool {
         if late_ns < LATE_NS {
@@ -65,7 +91,7 @@ impl DeviceClock {
 
     /// Resets the relation between the clocks, after the device was restarted or disconnected.
     pub(super) fn restart(&mut self) {
-        *self = DeviceClock { last: self.last, ..Self::default() };
+        *self = DeviceClock { last: self.last, faults: self.faults, ..Self::default() };
     }
 }
 
@@ -113,6 +139,23 @@ mod tests {
             late_s(|device_s| if (4.0..7.0).contains(&device_s) { 7.0 + 1e-4 * device_s } else { device_s });
         assert!((stood_still[400] - 3.0).abs() < 0.01 && (stood_still[600] - 1.0).abs() < 0.01);
         assert!(stood_still[701].abs() < 1e-3);
+    }
+
+    #[test]
+    fn a_clock_that_stands_still_or_is_set_is_replaced_by_the_time_of_arrival() {
+        let at = |frame: u64| Timestamp { unix_ns: 1_800_000_000_000_000_000 + frame * 8_333_333 };
+        let device_us = |frame: u64| match frame {
+            0..200 => 1_000_000 + frame * 8333,
+            200..400 => 2_000_000,
+            400..600 => 90_000_000 + frame * 8333,
+            _ => frame * 8333,
+        };
+        let mut clock = DeviceClock::default();
+        for frame in 0..800 {
+            let late_s = at(frame).seconds_since(clock.moment(device_us(frame), at(frame)));
+            assert!(late_s.abs() < 1e-3, "frame {frame}: {late_s} s");
+        }
+        assert_eq!(clock.faults(), 201);
     }
 
     #[test]

@@ -63,6 +63,8 @@ pub struct Device {
     facts: DeviceFacts,
     stream: Stream,
     notice: Option<Notice>,
+    /// Faults of the clock that were reported, and when.
+    reported_clock: (u64, Option<Instant>),
     heard_at: Instant,
     /// When the last frame was received, or frames were last requested; `None` before the first request.
     asked_at: Option<Instant>,
@@ -108,6 +110,9 @@ const SILENCE: Duration = Duration::from_secs(2);
 
 /// A device that has sent no frame for this time is started again.
 const START_AGAIN: Duration = Duration::from_secs(1);
+
+/// Interval between two reports of a faulty clock.
+const CLOCK_REPORT: Duration = Duration::from_secs(10);
 
 /// Size of the read buffer.
 const READ_BYTES: usize = 1 << 16;
@@ -156,6 +161,7 @@ impl Stream {
             reordered: self.arrivals.reordered,
             damaged: self.damaged,
             reconnected: self.reconnected,
+            clock_faults: self.clock.faults(),
         }
     }
 
@@ -317,6 +323,7 @@ impl Device {
             facts,
             stream,
             notice: connected.notice,
+            reported_clock: (0, None),
             heard_at: Instant::now(),
             asked_at: None,
         })
@@ -341,6 +348,17 @@ impl Device {
         sent.map_err(|error| LiveError::Lost { address: self.address.clone(), message: error.to_string() })
     }
 
+    /// The report of new faults of the device's clock, at most every ten seconds.
+    fn clock_report(&mut self) -> Option<String> {
+        let (reported, at) = &mut self.reported_clock;
+        let faults = self.stream.clock.faults();
+        let is_due = faults > *reported && at.is_none_or(|at| at.elapsed() > CLOCK_REPORT);
+        is_due.then(|| {
+            (*reported, *at) = (faults, Some(Instant::now()));
+            "the clock of the device stands still or was set: frames have the time of their arrival".into()
+        })
+    }
+
     /// Reads for a short time and passes the received messages on.
     ///
     /// # Errors
@@ -363,6 +381,9 @@ impl Device {
         };
         self.heard_at = Instant::now();
         let received_at = crate::clock::now();
+        if let Some(text) = self.clock_report() {
+            publish(DeviceEvent::Notice(Notice { level: Severity::Warning, text, at: received_at }));
+        }
         let Device { decoder, buffer, stream, asked_at, .. } = self;
         decoder.feed(&buffer[..count], |received| {
             let Received::Message(message) = received else {

@@ -11,7 +11,7 @@ const TRIAL_S: f64 = 0.25;
 /// Longest trial, s.
 const LONGEST_TRIAL_S: f64 = 32.0;
 /// Faults before a part was sound for this time do not count, s.
-const FORGOTTEN_S: f64 = 60.0;
+const FORGOTTEN_S: f64 = 3.0;
 
 /// The state of a part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]

@@ -82,4 +82,8 @@ pub struct Counts {
     pub damaged: u64,
     /// Reconnections of the device.
     pub reconnected: u64,
+    /// Frames whose time on the device's clock did not follow that of the frame before; their times are those of
+    /// arrival.
+    #[serde(default)]
+    pub clock_faults: u64,
 }

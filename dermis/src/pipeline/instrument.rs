@@ -23,6 +23,13 @@ const SCALED_NOISES: f64 = 10.0;
 const FEWEST_SCALED: usize = 8;
 /// A frame that repeats one of so many before it is no new measurement.
 const REMEMBERED: usize = 16;
+/// Frames whose values jump by this many times the noise, at the median channel, are noisy: a touch changes the values of
+/// most channels in one or two frames at most.
+const JUMPS: f64 = 4.0;
+/// Noisy frames in a row after which the frames are invalid.
+const NOISY_FRAMES: u32 = 3;
+/// Median of the absolute value of a standard normal deviate.
+const NORMAL_MEDIAN: f64 = 0.674_489_75;
 /// Frames with the time of the frame before after which the clock is faulty. (Rows of a file may share a time.)
 const SAME_TIME: u32 = 100;
 
@@ -37,6 +44,9 @@ pub(super) struct InstrumentMonitor {
     /// Checksums of the last frames; `None` if frames repeat at the tare, as those of a simulation without noise.
     last_frames: Option<VecDeque<u64>>,
     same_time_frames: u32,
+    /// The values of the last two frames, ohm, the newest first.
+    before_ohm: [Vec<f64>; 2],
+    noisy_frames: u32,
 }
 
 /// The findings in a frame.
@@ -48,6 +58,8 @@ pub(super) struct Findings {
     pub drives: Vec<bool>,
     /// Channels whose reading is wrong.
     pub channels: Vec<bool>,
+    /// The frame is too noisy to judge drives, channels and electrodes.
+    pub is_noisy: bool,
 }
 
 impl InstrumentMonitor {
@@ -69,6 +81,8 @@ impl InstrumentMonitor {
             bounded: (0..topology.channel_count()).map(is_bounded).collect(),
             last_frames: Some(last_frames).filter(|_| !repeats),
             same_time_frames: 0,
+            before_ohm: Default::default(),
+            noisy_frames: 0,
         }
     }
 
@@ -94,15 +108,17 @@ impl InstrumentMonitor {
     ) -> Findings {
         let (drives, is_off) = self.check_drives(topology, electrodes, frame);
         let channels = self.check_channels(topology, frame, &drives);
+        let is_noisy = self.is_noisy(electrodes.noise_ohm(), frame);
         let reason = match () {
             () if self.clock_stands(step_s) => Some(InvalidReason::Clock),
             () if self.is_repeated(frame) => Some(InvalidReason::Frozen),
             () if is_most(&is_off) => Some(InvalidReason::NoCurrent),
             () if is_most(&channels) => Some(InvalidReason::OutOfRange),
             () if is_scaled(electrodes.noise_ohm(), baseline_ohm, frame, &channels) => Some(InvalidReason::Scale),
+            () if self.noisy_frames >= NOISY_FRAMES => Some(InvalidReason::Noise),
             () => None,
         };
-        Findings { reason, drives, channels }
+        Findings { reason, drives, channels, is_noisy }
     }
 
     /// Drives with a wrong current, and those without current.
@@ -151,6 +167,22 @@ impl InstrumentMonitor {
         self.last_frames.as_mut().is_some_and(|last| remembers(last, checksum(frame)))
     }
 
+    /// Whether the values of most channels jump. The jump is the second difference of three frames, which is small for
+    /// steady changes.
+    fn is_noisy(&mut self, noise_ohm: &[f64], frame: &Measurement) -> bool {
+        let [last, second] = &mut self.before_ohm;
+        let jump = |(channel, value): (usize, &f64)| {
+            Some((value - 2.0 * last.get(channel)? + second.get(channel)?).abs() / noise_ohm[channel])
+        };
+        let jumps: Vec<f64> = frame.values_ohm.iter().enumerate().filter_map(jump).collect();
+        let usual = NORMAL_MEDIAN * 6f64.sqrt();
+        let is_noisy = upper_median(&jumps).is_some_and(|jump| jump > JUMPS * usual);
+        std::mem::swap(last, second);
+        last.clone_from(&frame.values_ohm);
+        self.noisy_frames = if is_noisy { self.noisy_frames + 1 } else { 0 };
+        is_noisy
+    }
+
     fn clock_stands(&mut self, step_s: f64) -> bool {
         self.same_time_frames = if step_s > 0.0 { 0 } else { self.same_time_frames.saturating_add(1) };
         self.same_time_frames > SAME_TIME
@@ -158,6 +190,9 @@ impl InstrumentMonitor {
 
     /// Takes the findings of a frame in which drives and channels can be judged. Parts return only while `may_return`.
     pub(super) fn update_parts(&mut self, findings: &Findings, may_return: bool, time_s: f64) {
+        if findings.is_noisy {
+            return;
+        }
         let parts = self.drives.iter_mut().chain(&mut self.channels);
         for (part, is_bad) in parts.zip(findings.drives.iter().chain(&findings.channels)) {
             part.update(*is_bad, may_return, time_s);

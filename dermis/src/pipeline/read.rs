@@ -49,8 +49,9 @@ struct Signal {
     /// The difference, zero in masked channels, ohm.
     difference: Vec<f64>,
     masked: Vec<bool>,
-    /// The statistic of the touch detector.
+    /// The statistic of the touch detector, and whether it exceeds the threshold.
     statistic: f64,
+    is_touched: bool,
     /// The frame is invalid: it is touched, but not as a touch does.
     is_unexplained: bool,
 }
@@ -80,8 +81,9 @@ impl Pipeline {
         let reason = reading.instrument.update_whole(signal.reason(), time.time_s);
         self.apply_changes(&changes, time.at);
         if let Some(reason) = reason {
-            if reason == InvalidReason::Unexplained {
-                self.update_baseline(measurement, &signal, &findings, &[], true, time)?;
+            if matches!(reason, InvalidReason::Unexplained | InvalidReason::TooFewChannels) {
+                let felt = signal.is_touched;
+                self.update_baseline(measurement, &signal, &findings, &[], felt, time)?;
             }
             return Ok(Outcome::invalid(reason));
         }
@@ -225,7 +227,10 @@ impl Reading {
         let may_return = self.quiet_since_s.is_some();
         let difference = &difference(&measurement.values_ohm, self.baseline.values_ohm());
         let about = ContactFrame { difference, sick_drives: &findings.drives, may_return, time_s };
-        let changes = self.electrodes.update_contacts(topology, measurement, about);
+        let changes = match findings.is_noisy {
+            true => Vec::new(),
+            false => self.electrodes.update_contacts(topology, measurement, about),
+        };
         self.instrument.update_parts(findings, may_return, time_s);
         let [masked, blocked] =
             [PartMonitor::is_masked, PartMonitor::is_blocked].map(|holds| self.mark(topology, holds));
@@ -245,25 +250,22 @@ impl Reading {
     ) -> Signal {
         let mut masked = self.mark(topology, PartMonitor::is_masked);
         let mut difference = difference(&measurement.values_ohm, self.baseline.values_ohm());
-        for _ in 0..MOST_CAUSES {
+        let mut causes = 0;
+        loop {
             mask(&mut difference, &masked);
             let statistic = statistic(&difference, self.electrodes.noise_ohm(), &masked);
-            if !self.touch_detector.exceeds(statistic) {
-                return Signal { difference, masked, statistic, is_unexplained: false };
-            }
-            let residual = space.residual(&difference, &masked);
-            if residual.is_explained {
-                return Signal { difference, masked, statistic, is_unexplained: false };
-            }
-            if !self.instrument.blame(topology, &residual, time_s) {
-                return Signal { difference, masked, statistic, is_unexplained: true };
+            let is_touched = self.touch_detector.exceeds(statistic);
+            let residual = is_touched.then(|| space.residual(&difference, &masked));
+            let unexplained = residual.filter(|residual| !residual.is_explained);
+            let Some(residual) = unexplained else {
+                return Signal { difference, masked, statistic, is_touched, is_unexplained: false };
+            };
+            causes += 1;
+            if causes > MOST_CAUSES || !self.instrument.blame(topology, &residual, time_s) {
+                return Signal { difference, masked, statistic, is_touched, is_unexplained: true };
             }
             masked = self.mark(topology, PartMonitor::is_masked);
         }
-        mask(&mut difference, &masked);
-        let statistic = statistic(&difference, self.electrodes.noise_ohm(), &masked);
-        let is_unexplained = self.touch_detector.exceeds(statistic);
-        Signal { difference, masked, statistic, is_unexplained }
     }
 }
 

@@ -51,6 +51,8 @@ pub enum InvalidReason {
     Frozen,
     /// All values are larger or smaller than the baseline by one factor.
     Scale,
+    /// The values are far noisier than at the tare.
+    Noise,
     /// The differences from the baseline are those of no touch.
     Unexplained,
     /// The times of the frames do not increase.
@@ -70,6 +72,7 @@ impl InvalidReason {
             InvalidReason::OutOfRange => "most readings are out of range: check the gain and the converter",
             InvalidReason::Frozen => "the same values again and again",
             InvalidReason::Scale => "all values are larger or smaller by one factor: check the gain and the reference",
+            InvalidReason::Noise => "far noisier than at the tare: check for interference and the shield",
             InvalidReason::Unexplained => {
                 "the values are those of no touch: check the wires and the instrument, or tare"
             }
