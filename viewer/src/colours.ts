@@ -121,6 +121,8 @@ export interface Ink {
   accent: string;
   sound: string;
   doubtful: string;
+  suspect: string;
+  on_trial: string;
   loose: string;
   open: string;
 }
@@ -129,11 +131,11 @@ export interface Ink {
 export const INK: Record<Theme, Ink> = {
   light: {
     text: "#18202b", muted: "#5a6575", line: "#d9dee6", panel: "#ffffff", halo: "#ffffff", accent: "#1d5fc4",
-    sound: "#3a4656", doubtful: "#8a6200", loose: "#b42318", open: "#7a1fa2",
+    sound: "#3a4656", doubtful: "#8a6200", suspect: "#8a6200", on_trial: "#8a6200", loose: "#b42318", open: "#7a1fa2",
   },
   dark: {
     text: "#e8ebf0", muted: "#98a3b3", line: "#2c343f", panel: "#161a20", halo: "#0c0e11", accent: "#7fb2ff",
-    sound: "#c3ccd8", doubtful: "#f5c451", loose: "#ff8a75", open: "#d9a3ff",
+    sound: "#c3ccd8", doubtful: "#f5c451", suspect: "#f5c451", on_trial: "#f5c451", loose: "#ff8a75", open: "#d9a3ff",
   },
 };
 

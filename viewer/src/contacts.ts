@@ -11,8 +11,10 @@ export class ContactList {
   private readonly count = part("contact-count");
   private rows: { row: HTMLElement; name: HTMLElement; size: HTMLElement; details: HTMLElement }[] = [];
 
-  update(contacts: readonly Contact[], slots: readonly number[], theme: Theme): void {
+  /** `known`: whether the frame says anything about contacts. */
+  update(contacts: readonly Contact[], slots: readonly number[], theme: Theme, known: boolean): void {
     while (this.rows.length < contacts.length) this.rows.push(this.addRow());
+    say(this.none, known ? "No contacts." : "Unknown.");
     show(this.none, contacts.length === 0);
     say(this.count, contacts.length === 0 ? "" : `${contacts.length}`);
     this.rows.forEach(({ row, name, size, details }, k) => {

@@ -1,6 +1,6 @@
 // Electrode health: a tile per electrode with its number, a symbol and a word for its state, and its contact resistance.
 
-import { electrodeText, ohms, STATE_SYMBOL } from "./format";
+import { electrodeText, ohms, STATE_SYMBOL, stateName } from "./format";
 import { STATES } from "./markers";
 import { make, part, say } from "./dom";
 import type { ElectrodeHealth } from "./types";
@@ -40,13 +40,13 @@ export class ElectrodeGrid {
       held.card.className = `electrode ${state.state}`;
       held.card.title = text;
       say(held.symbol, STATE_SYMBOL[state.state]);
-      say(held.word, state.state === "sound" ? "" : state.state);
+      say(held.word, state.state === "sound" ? "" : stateName(state.state));
       say(held.value, ohms(state.contact_ohm));
       held.card.setAttribute("aria-label", text);
     });
     const counted = STATES.map((state) => [state, health.filter((electrode) => electrode.state === state).length] as const);
     // Faults first: the end may be truncated.
     const listed = counted.filter(([state, count]) => count > 0 || state === "sound").reverse();
-    say(this.summary, listed.map(([state, count]) => `${count} ${state}`).join(" · "));
+    say(this.summary, listed.map(([state, count]) => `${count} ${stateName(state)}`).join(" · "));
   }
 }

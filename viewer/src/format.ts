@@ -36,12 +36,19 @@ export function ohms(value: number | null | undefined): string {
   return size < 0.00005 ? "0 Ω" : `${(value * scale).toFixed(size * scale < 9.95 ? 1 : 0)} ${unit}`;
 }
 
-export const STATE_SYMBOL: Record<ElectrodeState, string> = { sound: "●", doubtful: "◆", loose: "▲", open: "✖" };
+export const STATE_SYMBOL: Record<ElectrodeState, string> = {
+  sound: "●", doubtful: "◆", suspect: "◆", on_trial: "◆", loose: "▲", open: "✖",
+};
+
+/** The name of a state. */
+export function stateName(state: ElectrodeState): string {
+  return state.replace("_", " ");
+}
 
 export function electrodeText(electrode: number, health: ElectrodeHealth | undefined): string {
   if (!health) return `electrode ${electrode}`;
   const noise = health.noise === null ? "" : `, noise ${fixed(health.noise, 1)} ×`;
-  return `electrode ${electrode}: ${health.state}, ${ohms(health.contact_ohm)}${noise}`;
+  return `electrode ${electrode}: ${stateName(health.state)}, ${ohms(health.contact_ohm)}${noise}`;
 }
 
 export function bytes(count: number): string {

@@ -21,7 +21,7 @@ import { Scale } from "./scale";
 import { SkinView } from "./scene3d";
 import { largest, VertexValues } from "./skin";
 import { Slots } from "./colour_slots";
-import type { Contact, FrameHeader, SceneMessage, StatusMessage } from "./types";
+import type { Contact, FrameHeader, SceneMessage, StatusMessage, Validity } from "./types";
 import { UnrolledView } from "./unrolled";
 
 const CHARTS_EVERY_MS = 100;
@@ -48,6 +48,7 @@ class Viewer {
   private readonly slots = new Slots();
   private vertices: VertexValues | null = null;
   private image: Float32Array | null = null;
+  private validity: Validity = { state: "ok", text: "ok" };
   private range = new AutoRange("change");
   private theme = currentTheme();
   private contactSlots: number[] = [];
@@ -122,12 +123,20 @@ class Viewer {
     this.unrolled.setHealth(status.electrodes);
     this.notes.setMessages(status.messages);
     this.setLink();
-    if (!status.connected) this.banner.deviceGone();
-    else if (status.paused) this.banner.paused();
-    else this.banner.hide();
+    this.showBanner();
     const now = performance.now();
     if (!status.paused) this.charts.addStatus(status, this.drawnRate(now), now / 1000);
     this.redraw = true;
+  }
+
+  /** What the contacts are worth: a banner, and a grey image while they are unknown. */
+  private showBanner(): void {
+    const validity = this.validity;
+    document.body.dataset["validity"] = validity.state;
+    if (this.status?.connected === false) this.banner.deviceGone();
+    else if (this.status?.paused) this.banner.paused();
+    else if (validity.state !== "ok") this.banner.validity(validity);
+    else this.banner.hide();
   }
 
   private setGuide({ guide }: StatusMessage): void {
@@ -170,13 +179,24 @@ class Viewer {
     this.frame = header;
     this.image = values;
     this.vertices?.update(values);
-    this.range.update(largest(values), header.touched, elapsedS);
+    this.range.update(largest(values), header.touched === true, elapsedS);
     this.scale.setTop(this.range.top);
     this.showImage();
     this.setContacts(header.contacts);
     this.header.setTouched(header.touched);
+    this.showValidity(header.validity);
     this.charts.addContacts(header.contacts, this.contactSlots, now / 1000);
     this.redraw = true;
+  }
+
+  private showValidity({ state, text }: Validity): void {
+    if (state === this.validity.state && text === this.validity.text) return;
+    this.validity = { state, text };
+    this.showBanner();
+  }
+
+  private isKnown(): boolean {
+    return this.validity.state === "ok" || this.validity.state === "degraded";
   }
 
   private showImage(): void {
@@ -200,7 +220,7 @@ class Viewer {
     }
     if (now - this.listAt >= LIST_EVERY_MS) {
       this.listAt = now;
-      this.list.update(this.frame?.contacts ?? [], this.contactSlots, this.theme);
+      this.list.update(this.frame?.contacts ?? [], this.contactSlots, this.theme, this.isKnown());
     }
   }
 

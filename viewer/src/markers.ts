@@ -21,7 +21,7 @@ import {
 import { contactColour, INK, SLOT_COUNT, type Theme } from "./colours";
 import type { Contact, ElectrodePlace, ElectrodeState, Vec3 } from "./types";
 
-export const STATES: readonly ElectrodeState[] = ["sound", "doubtful", "loose", "open"];
+export const STATES: readonly ElectrodeState[] = ["sound", "doubtful", "suspect", "on_trial", "loose", "open"];
 /** Faults are drawn larger than the electrode, by this factor. */
 const FAULT_SIZE = 1.7;
 const OUT = new Vector3(0, 0, 1);
@@ -49,9 +49,12 @@ function outlines(): Record<ElectrodeState, BufferGeometry> {
     points.forEach(([x, y], k) => (k === 0 ? made.moveTo(x, y) : made.lineTo(x, y)));
     return made;
   };
+  const diamond = (): BufferGeometry => new ShapeGeometry(shape([[0, -1.1], [1.1, 0], [0, 1.1], [-1.1, 0]]));
   return {
     sound: new CircleGeometry(1, 20),
-    doubtful: new ShapeGeometry(shape([[0, -1.1], [1.1, 0], [0, 1.1], [-1.1, 0]])),
+    doubtful: diamond(),
+    suspect: diamond(),
+    on_trial: diamond(),
     loose: new ShapeGeometry(shape([[-1.05, -0.65], [1.05, -0.65], [0, 1.2]])),
     open: new ShapeGeometry([shape(bar(Math.PI / 4)), shape(bar(-Math.PI / 4))]),
   };

@@ -1,7 +1,7 @@
 // Messages of the server, refused commands, and the banner.
 
 import { make, part, say, show } from "./dom";
-import type { Level, Note } from "./types";
+import type { Level, Note, Validity } from "./types";
 
 const REFUSAL_SHOWN_MS = 8000;
 const SYMBOL: Record<Level, string> = { info: "ℹ", warning: "▲", error: "✖" };
@@ -85,6 +85,13 @@ export class Banner {
     this.stop();
     say(this.text, "Paused: the last frame is shown. Press Resume to continue.");
     this.put("paused", false);
+  }
+
+  /** The contacts are unknown, or worse than usual. */
+  validity({ state, text }: Validity): void {
+    this.stop();
+    say(this.text, state === "degraded" ? text : `Contacts unknown. ${text}`);
+    this.put(state, false);
   }
 
   hide(): void {

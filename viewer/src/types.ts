@@ -52,7 +52,7 @@ export interface SceneMessage {
   quantity: Quantity;
 }
 
-export type ElectrodeState = "sound" | "doubtful" | "loose" | "open";
+export type ElectrodeState = "sound" | "doubtful" | "suspect" | "on_trial" | "loose" | "open";
 
 export interface ElectrodeHealth {
   state: ElectrodeState;
@@ -140,11 +140,19 @@ export interface Contact {
   since_s: number | null;
 }
 
+export interface Validity {
+  state: "ok" | "degraded" | "invalid" | "stale";
+  text: string;
+}
+
 export interface FrameHeader {
   sequence: number;
   measured_at_s: number;
   output_at_s: number;
-  touched: boolean;
+  /** Whether the contacts can be relied on, in words too. */
+  validity: Validity;
+  /** Null if it is unknown: the frame is invalid or stale. */
+  touched: boolean | null;
   contacts: Contact[];
 }
 

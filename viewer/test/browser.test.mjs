@@ -284,6 +284,22 @@ withPage("an electrode's state is shown by a symbol and a word, its number on ho
   assert.match(await page.textContent("#skin-labels .hovered"), /^electrode 16: sound, 110 Ω/);
 });
 
+withPage("the page says that contacts are unknown, and shows none", { server: { touches: () => [steady] } }, async (page, server) => {
+  await until("a contact", async () => (await page.textContent("#touched")) === "touched");
+  for (const state of ["invalid", "stale"]) {
+    server.state.validity = { state, text: `${state}: a reason` };
+    await until("the banner", async () => (await page.textContent("#banner-text")) === `Contacts unknown. ${state}: a reason`);
+    assert.equal(await page.textContent("#touched"), "unknown");
+    assert.equal(await page.$eval("canvas", (canvas) => getComputedStyle(canvas).filter), "grayscale(1) opacity(0.35)");
+    await until("no contacts", async () => (await page.textContent("#no-contacts")) === "Unknown." && (await page.isHidden("#contact-list li")));
+    server.state.validity = { state: "ok", text: "ok" };
+    await until("no banner", () => page.isHidden("#banner"));
+  }
+  server.state.validity = { state: "degraded", text: "degraded: 58 channels masked" };
+  await until("the banner", async () => (await page.textContent("#banner-text")) === "degraded: 58 channels masked");
+  await until("touched", async () => (await page.textContent("#touched")) === "touched");
+});
+
 test("the page reconnects after the server is killed, with growing waits", { timeout: 90_000 }, async () => {
   let server = await startServer();
   const { port } = server;

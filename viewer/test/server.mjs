@@ -24,7 +24,7 @@ const UNREAD_BYTES = 100_000;
  */
 export async function startServer(options = {}) {
   const { rate = 120, touches: moving = () => [], scene = cylinder(), frame = image, connected = true } = options;
-  const state = { method: scene.methods[0], threshold: 1, paused: false, recording: null };
+  const state = { method: scene.methods[0], threshold: 1, paused: false, recording: null, validity: { state: "ok", text: "ok" } };
   const commands = [];
   const addresses = [];
   let muted = false;
@@ -105,7 +105,8 @@ export async function startServer(options = {}) {
       return contact(id, touch, since);
     });
     const now = Date.now() / 1000;
-    const header = { sequence, measured_at_s: now, output_at_s: now, touched: touches.length > 0, contacts };
+    const isUsable = ["ok", "degraded"].includes(state.validity.state);
+    const header = { sequence, measured_at_s: now, output_at_s: now, validity: state.validity, touched: isUsable ? touches.length > 0 : null, contacts: isUsable ? contacts : [] };
     const values = frame(touches.map(([, touch]) => touch), sequence);
     const message = pack(header, values);
     sockets.clients.forEach((client) => {
@@ -132,6 +133,7 @@ export async function startServer(options = {}) {
     port,
     address: `http://127.0.0.1:${port}/`,
     commands,
+    state,
     addresses,
     tell,
     mute: () => (muted = true),
