@@ -4,6 +4,7 @@
 use crate::calibration::Label;
 use crate::correction::FEWEST_FOUND;
 use crate::units::Change;
+use dermis::detect::Forces;
 use dermis::stats::{coefficient_of_variation, mean, mean_and_sd, quantile, rms};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -27,8 +28,6 @@ const SD_PER_QUARTILES: f64 = 0.741_3;
 const WIDTH: f64 = 3.0;
 const STEPS: i32 = 5;
 const FINER: i32 = 4;
-/// Forces are not extrapolated by more than this factor beyond those of the labels.
-const BEYOND_LABELS: f64 = 1.5;
 /// Part of normal values within one standard deviation.
 const WITHIN_ONE_SD: f64 = 0.682_689_492;
 
@@ -72,7 +71,7 @@ pub(crate) struct ForceLaw {
     /// Mean of the logarithms of the labels' forces.
     mean_log_force: f64,
     exponent: f64,
-    /// Range of the logarithm of the forces: that of the labels, and a factor of [`BEYOND_LABELS`] on each side.
+    /// Range of the logarithm of the forces: that of the labels, and a factor of [`Forces::EXTRAPOLATION`] on each side.
     range: [f64; 2],
     /// Relative standard deviation of a force: 0 as long as it is not known.
     pub relative_sd: f64,
@@ -177,11 +176,11 @@ impl ForceLaw {
     }
 }
 
-/// The range of the logarithms of forces: that of some, and a factor of [`BEYOND_LABELS`] on each side.
+/// The range of the logarithms of forces: that of some, and a factor of [`Forces::EXTRAPOLATION`] on each side.
 pub(crate) fn force_range(log_forces: &[f64]) -> [f64; 2] {
     let lowest = log_forces.iter().copied().fold(f64::INFINITY, f64::min);
     let highest = log_forces.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    [lowest - BEYOND_LABELS.ln(), highest + BEYOND_LABELS.ln()]
+    [lowest - Forces::EXTRAPOLATION.ln(), highest + Forces::EXTRAPOLATION.ln()]
 }
 
 /// The mean relative error of forces, from the logarithms of the estimated over the true ones.

@@ -20,8 +20,10 @@ pub struct EmulatorArguments {
     /// experiment`).
     #[arg(long, value_name = "SCRIPT", default_value = "none")]
     touch: String,
-    /// Fault and its time (s): loose:ELECTRODE[:OHM]@10, mend:ELECTRODE@20, noise:COUNTS@10+5, bytes:SHARE@0+60,
-    /// unplug@10+3. May be given more than once.
+    /// Fault and its time (s): loose:ELECTRODE[:OHM]@10, mend:ELECTRODE@20, clock-set:BY@10, or with a duration, as in
+    /// zeros@10+5: noise:COUNTS, bytes:SHARE, unplug, silent, clock-stop, source-off, zeros, full-scale, freeze,
+    /// references:FACTOR, reference:DRIVE:FACTOR, gain:FACTOR, offset:COUNTS, stuck:CHANNEL, saturated:CHANNEL. May be
+    /// given more than once.
     #[arg(long, value_name = "FAULT")]
     fault: Vec<String>,
     /// Speed of the simulated device or of a recording, as a multiple of real time.

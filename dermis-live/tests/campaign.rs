@@ -1,44 +1,25 @@
-//! The fault campaign on the paper's skin.
+//! A short fault campaign on the paper's skin. `dermis fault-campaign` runs long ones.
 
 use dermis::method::MethodSet;
 use dermis::skin::Skin;
-use dermis_live::campaign::{CampaignOptions, Score, run};
+use dermis_live::campaign::{CampaignOptions, FaultKind, Score, run};
 use dermis_sim::twin::TwinOptions;
 use std::sync::Arc;
 
-fn scores(skin: &str, method: &str, twin: &str, faults: usize) -> Vec<Score> {
-    let methods = Arc::new(MethodSet::new(&dermis_learn::methods(), Skin::load(skin).unwrap(), None).unwrap());
-    let twin = TwinOptions::shipped(twin).unwrap();
-    run(&methods, &CampaignOptions { twin, method: method.into(), faults, seed: 1 }, |_| {}).unwrap()
-}
-
-fn print(scores: &[Score]) {
-    for score in scores {
-        println!(
-            "{:24} {:3} during {:6} frames {:4} false {:4} touch {:6} invalid | after {:6} {:4} {:4} {:4} | noticed {}/{} named {} found {}/{} slowest {:.2}",
-            score.kind.name(),
-            score.faults,
-            score.during.frames,
-            score.during.false_contacts,
-            score.during.wrong_touch,
-            score.during.invalid,
-            score.after.frames,
-            score.after.false_contacts,
-            score.after.wrong_touch,
-            score.after.invalid,
-            score.noticed,
-            score.to_notice,
-            score.named,
-            score.found,
-            score.presses,
-            score.slowest_s,
-        );
-    }
-}
-
 #[test]
-#[ignore = "slow"]
-fn a_campaign() {
-    let method = std::env::var("METHOD").unwrap_or("noser".into());
-    print(&scores("cylinder30", &method, "lab", std::env::var("N").map_or(200, |n| n.parse().unwrap())));
+fn faults_cause_no_contacts_and_end() {
+    let methods = MethodSet::new(&dermis_learn::methods(), Skin::load("cylinder30").unwrap(), None).unwrap();
+    let twin = TwinOptions::shipped("lab").unwrap();
+    let options = CampaignOptions { twin, method: "noser".into(), faults: 60, seed: 11 };
+    let scores = run(&Arc::new(methods), &options, |_| {}).unwrap();
+    assert_eq!(scores.iter().map(|score| score.faults).sum::<u64>(), 60);
+    let sum = |of: fn(&Score) -> u64| scores.iter().map(of).sum::<u64>();
+    let during = sum(|score| score.during.frames);
+    assert!(during > 3000 && scores.iter().any(|score| score.kind == FaultKind::Loose));
+    assert!(1000 * sum(|score| score.during.false_contacts) <= during, "{scores:?}");
+    // A false contact of the method itself is no effect of a fault.
+    assert!(1000 * sum(|score| score.after.false_contacts) <= sum(|score| score.after.frames), "{scores:?}");
+    assert_eq!(sum(|score| score.noticed), sum(|score| score.to_notice), "{scores:?}");
+    assert!(20 * sum(|score| score.named) >= 19 * sum(|score| score.to_notice), "{scores:?}");
+    assert_eq!(sum(|score| score.found), sum(|score| score.presses), "{scores:?}");
 }

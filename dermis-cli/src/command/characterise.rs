@@ -76,8 +76,9 @@ impl Arguments {
         let before = covered(&run.misplacements, |contact| contact.stated_m);
         detection.spread = Some(PositionSpread::fit(&run.misplacements).ok_or_else(few)?);
         // A method that is calibrated on touches without a force keeps its force calibration.
-        let ratios = run.misplacements.iter().filter(|contact| !contact.is_shared);
-        detection.forces = Forces::fit(ratios.map(|contact| contact.newtons_per_strength)).or(detection.forces);
+        let single = run.misplacements.iter().filter(|contact| !contact.is_shared);
+        let presses = single.map(|contact| (contact.force_n, contact.newtons_per_strength));
+        detection.forces = Forces::fit(presses).or(detection.forces);
         if let Some(path) = &self.output {
             write_whole(path, |out| write(out, &run.misplacements))?;
         }
@@ -152,7 +153,7 @@ fn summary(run: &CalibrationRun, detection: &DetectOptions, before: f64, blur: f
     row("after calibration, several touches, all detected", after(|contact| contact.touches > 1 && !contact.is_shared));
     row("after calibration, several touches, some missed", after(|contact| contact.is_shared));
     row("typical standard deviation", format!("{:.2} mm", 1e3 * spread.typical_m));
-    if let Some(Forces { newtons_per_strength, relative_sd }) = detection.forces {
+    if let Some(Forces { newtons_per_strength, relative_sd, .. }) = detection.forces {
         row("force over strength", format!("{newtons_per_strength:.4e} N"));
         row("standard deviation of a force", format!("{:.0} %", 100.0 * relative_sd));
     }
@@ -164,7 +165,7 @@ fn summary(run: &CalibrationRun, detection: &DetectOptions, before: f64, blur: f
 
 fn write(out: &mut dyn Write, contacts: &[Misplacement]) -> std::io::Result<()> {
     writeln!(out, "touches,is_shared,signal,noise_m,radius_m,next_m,stated_m,error_m,newtons_per_strength")?;
-    for Misplacement { circumstances: c, touches, is_shared, stated_m, error_m, newtons_per_strength } in contacts {
+    for Misplacement { circumstances: c, touches, is_shared, stated_m, error_m, newtons_per_strength, .. } in contacts {
         let next = if c.next_m.is_finite() { format!("{:?}", c.next_m) } else { String::new() };
         write!(out, "{touches},{},{:?},{:?},{:?},", u8::from(*is_shared), c.signal, c.noise_m, c.radius_m)?;
         writeln!(out, "{next},{stated_m:?},{error_m:?},{newtons_per_strength:?}")?;

@@ -11,6 +11,7 @@ mod emulate;
 mod evaluate;
 mod experiment;
 mod export;
+mod fault_campaign;
 mod fit;
 mod forward;
 mod jacobian;
@@ -72,6 +73,8 @@ pub enum Command {
     Live(live::Arguments),
     /// Run a simulated device with the wire protocol.
     Emulate(emulate::Arguments),
+    /// Test a method with random faults of a simulated device: false contacts, faults noticed, presses found again.
+    FaultCampaign(fault_campaign::Arguments),
     /// Recompute the contacts of a recording.
     Replay(replay::Arguments),
     /// Repair a truncated recording.
@@ -115,6 +118,7 @@ impl Command {
             Command::Train(arguments) => arguments.run(),
             Command::Live(arguments) => arguments.run(),
             Command::Emulate(arguments) => arguments.run(),
+            Command::FaultCampaign(arguments) => arguments.run(),
             Command::Replay(arguments) => arguments.run(),
             Command::Recover(arguments) => arguments.run(),
             Command::Convert(arguments) => arguments.run(),

@@ -77,9 +77,17 @@ impl CalibrationRun {
             let (count, is_shared) = (touches.len(), !matched.missed.is_empty());
             let misplacement = |&(touch, index, error_m): &(usize, usize, f64)| {
                 let (contact, circumstances) = found[index];
-                let newtons_per_strength = touches[touch].force_n / contact.strength;
-                let stated_m = contact.sd_m;
-                Misplacement { circumstances, touches: count, is_shared, stated_m, error_m, newtons_per_strength }
+                let (force_n, stated_m) = (touches[touch].force_n, contact.sd_m);
+                let newtons_per_strength = force_n / contact.strength;
+                Misplacement {
+                    circumstances,
+                    touches: count,
+                    is_shared,
+                    stated_m,
+                    error_m,
+                    force_n,
+                    newtons_per_strength,
+                }
             };
             run.misplacements = matched.pairs.iter().map(misplacement).collect();
             on_sample();

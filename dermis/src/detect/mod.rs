@@ -260,7 +260,7 @@ impl Detector {
             Some(spread) => spread.sd_m(&circumstances),
             None => circumstances.noise_m.hypot(BLUR_ERROR * circumstances.radius_m),
         };
-        let force_n = self.options.forces.map_or(f64::NAN, |forces| forces.newtons_per_strength * own.strength);
+        let [force_n, force_sd_n] = self.options.forces.map_or([f64::NAN; 2], |forces| forces.of(own.strength));
         let contact = Contact {
             id: index as u64,
             position_m: own.place.0,
@@ -268,7 +268,7 @@ impl Detector {
             strength: own.strength,
             area_m2: own.area_m2,
             force_n,
-            force_sd_n: self.options.forces.map_or(f64::NAN, |forces| forces.relative_sd * force_n),
+            force_sd_n,
             sd_m,
             confidence: confidence(own.height, own.peak_sd, highest, sd_m, image.space.len()),
             conductance: own.conductance,

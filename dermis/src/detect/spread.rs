@@ -30,6 +30,8 @@ pub struct Misplacement {
     pub stated_m: f64,
     /// Its distance from the touch along the surface, m.
     pub error_m: f64,
+    /// The touch's force, N; `NaN` if it is unknown.
+    pub force_n: f64,
     /// The touch's force over the contact's strength; `NaN` if the force is unknown.
     pub newtons_per_strength: f64,
 }
@@ -225,6 +227,7 @@ mod tests {
                 is_shared: false,
                 stated_m,
                 error_m: stated_m * error,
+                force_n: f64::NAN,
                 newtons_per_strength: f64::NAN,
             }
         };

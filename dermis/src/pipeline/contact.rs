@@ -1,6 +1,6 @@
 //! The contact as reported: the schema of contacts in JSON.
 
-use crate::detect::{Forces, centres};
+use crate::detect::centres;
 use crate::image::Image;
 use crate::pipeline::settings::Settings;
 use crate::pipeline::timestamp::Timestamp;
@@ -32,7 +32,8 @@ pub struct TrackedContact {
     pub area_m2: f64,
     /// Normal force on the skin, positive when pressing, N; only if the skin or the method is calibrated.
     pub force_n: Option<f64>,
-    /// Standard deviation of the force, N.
+    /// Standard deviation of the force, N; `null` with a force that is a lower bound, because it is larger than the
+    /// calibration can tell.
     pub force_sd_n: Option<f64>,
     /// Standard deviation of the position along the surface, per axis, m.
     pub sd_m: f64,
@@ -49,13 +50,7 @@ pub struct TrackedContact {
 
 impl TrackedContact {
     /// From the tracker's contact and the image of the frame. `start` is the zero of the tracker's clock.
-    pub(super) fn new(
-        tracked: &Tracked,
-        image: &Image,
-        settings: &Settings,
-        forces: Option<Forces>,
-        start: Timestamp,
-    ) -> Self {
+    pub(super) fn new(tracked: &Tracked, image: &Image, settings: &Settings, start: Timestamp) -> Self {
         let contact = &tracked.contact;
         let [centroid_m, centre_of_pressure_m] =
             if tracked.seen { centres(image, contact) } else { [contact.position_m; 2] };
@@ -70,7 +65,7 @@ impl TrackedContact {
             strength: contact.strength,
             area_m2: contact.area_m2,
             force_n: known(contact.force_n),
-            force_sd_n: forces.map(|forces| forces.relative_sd * contact.force_n),
+            force_sd_n: known(contact.force_sd_n),
             sd_m: contact.sd_m,
             confidence: contact.confidence,
             seen: tracked.seen,

@@ -74,7 +74,7 @@ pub use state::State;
 pub use timestamp::Timestamp;
 pub use validity::{InvalidReason, Validity};
 
-use crate::detect::{Detector, Forces, ImageNoise};
+use crate::detect::{Detector, ImageNoise};
 use crate::image::Image;
 use crate::method::{Method, MethodSet};
 use crate::pipeline::condition::PartMonitor;
@@ -108,9 +108,8 @@ pub struct Pipeline {
     detector: Detector,
     /// The noise of untouched images.
     noise: Option<ImageNoise>,
-    /// The method's own threshold, and its calibration of forces.
+    /// The method's own threshold.
     noise_factor: f64,
-    forces: Option<Forces>,
     image: Image,
     health: Arc<Health>,
     notices: Vec<Notice>,
@@ -157,7 +156,6 @@ impl Pipeline {
             detector: Detector::default(),
             noise: None,
             noise_factor: 0.0,
-            forces: None,
             health: Arc::default(),
             notices: Vec::new(),
             fitter,
@@ -276,7 +274,7 @@ impl Pipeline {
     /// Prepares the detector for the method, the thresholds and the noise.
     fn prepare_detector(&mut self) {
         let mut options = self.method.reconstruct().detection();
-        (self.noise_factor, self.forces) = (options.noise_factor, options.forces);
+        self.noise_factor = options.noise_factor;
         options.noise_factor *= self.state.settings.lowest_threshold() * TrackOptions::default().release_fraction;
         let detector = Detector::new(options);
         self.detector = match &self.noise {

@@ -113,10 +113,8 @@ impl Pipeline {
         };
         let tracked = self.state.tracker.update(&sightings, time.time_s);
         let start = self.state.start.unwrap_or_default();
-        let contacts: Vec<TrackedContact> = tracked
-            .iter()
-            .map(|tracked| TrackedContact::new(tracked, &self.image, settings, self.forces, start))
-            .collect();
+        let contacts: Vec<TrackedContact> =
+            tracked.iter().map(|tracked| TrackedContact::new(tracked, &self.image, settings, start)).collect();
         let positions_m: Vec<Point3> = tracked.iter().map(|tracked| tracked.contact.position_m).collect();
         self.update_baseline(measurement, signal, findings, &positions_m, felt, time)?;
         let touched = felt || !contacts.is_empty();

@@ -1,0 +1,99 @@
+//! `dermis fault-campaign`: random faults of an emulated device.
+
+use crate::console::{Progress, print, print_json};
+use crate::failure::Outcome;
+use crate::method::METHOD_HELP;
+use clap::Args;
+use dermis::method::MethodSet;
+use dermis::skin::Skin;
+use dermis_live::campaign::{CampaignOptions, Score, run};
+use dermis_sim::twin::TwinOptions;
+use dermis_study::report::Table;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// The arguments of `dermis fault-campaign`.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Design: the path of a file, or a shipped name.
+    design: String,
+    #[arg(long, value_name = "NAME|FOLDER", help = METHOD_HELP)]
+    method: Option<String>,
+    /// Digital twin: the path of a file, or a shipped name (ideal, lab, harsh).
+    #[arg(long, value_name = "TWIN", default_value = "lab")]
+    twin: String,
+    /// Number of faults.
+    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    faults: u64,
+    /// Seed of the faults, presses and twins.
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    seed: u64,
+    /// Print JSON instead of a table.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Arguments {
+    /// Runs the campaign.
+    pub fn run(self) -> Outcome {
+        let skin = Skin::load(&self.design)?;
+        let methods = Arc::new(MethodSet::new(&dermis_learn::methods(), skin, self.method.as_deref())?);
+        let options = CampaignOptions {
+            twin: TwinOptions::load(&self.twin)?,
+            method: self.method.clone().unwrap_or_default(),
+            faults: self.faults as usize,
+            seed: self.seed,
+        };
+        let scores = {
+            let (bar, shown) = (Progress::new("faults", options.faults), AtomicUsize::new(0));
+            run(&methods, &options, |done| {
+                bar.steps(done.saturating_sub(shown.fetch_max(done, Ordering::Relaxed)) as u64);
+            })?
+        };
+        if self.json {
+            return print_json(&serde_json::json!(scores));
+        }
+        print(&table(&scores).to_text())
+    }
+}
+
+/// A row for each kind of fault, and one for all.
+fn table(scores: &[Score]) -> Table {
+    let mut table = Table::new(&[
+        "fault",
+        "count",
+        "frames during",
+        "with false contacts",
+        "touch wrong",
+        "frames after",
+        "with false contacts",
+        "touch wrong",
+        "noticed in 0.1 s",
+        "named",
+        "presses found later",
+        "longest until ok, s",
+    ]);
+    let total = scores.iter().cloned().reduce(|mut total, score| {
+        total.add(&score);
+        total
+    });
+    let rows = scores.iter().map(|score| (score.kind.name(), score)).chain(total.iter().map(|score| ("all", score)));
+    for (name, score) in rows {
+        let Score { during, after, .. } = score;
+        table.row([
+            name.to_string(),
+            score.faults.to_string(),
+            during.frames.to_string(),
+            during.false_contacts.to_string(),
+            during.wrong_touch.to_string(),
+            after.frames.to_string(),
+            after.false_contacts.to_string(),
+            after.wrong_touch.to_string(),
+            format!("{} of {}", score.noticed, score.to_notice),
+            format!("{} of {}", score.named, score.to_notice),
+            format!("{} of {}", score.found, score.presses),
+            format!("{:.2}", score.slowest_s),
+        ]);
+    }
+    table
+}
