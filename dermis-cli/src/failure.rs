@@ -4,6 +4,7 @@ use dermis::design::DesignError;
 use miette::{Diagnostic, NamedSource, SourceSpan};
 use std::fmt;
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// The result of a command.
 pub type Outcome<T = ()> = Result<T, Failure>;
@@ -39,6 +40,23 @@ impl Failure {
             }
         }
     }
+}
+
+/// Whether any thread has panicked.
+static PANICKED: AtomicBool = AtomicBool::new(false);
+
+/// Notes panics of every thread from now on.
+pub fn watch_panics() {
+    let report = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        PANICKED.store(true, Ordering::Relaxed);
+        report(panic);
+    }));
+}
+
+/// Whether any thread has panicked.
+pub fn has_panicked() -> bool {
+    PANICKED.load(Ordering::Relaxed)
 }
 
 /// Reports a panic, after its own message.
@@ -183,3 +201,14 @@ from_modules!(
         dermis_sim::dataset::DatasetError,
         dermis_sim::evaluate::EvaluateError;
 );
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn a_panic_of_any_thread_is_noted() {
+        super::watch_panics();
+        assert!(!super::has_panicked());
+        assert!(std::thread::spawn(|| panic!("a test of panics")).join().is_err());
+        assert!(super::has_panicked());
+    }
+}

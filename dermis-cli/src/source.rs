@@ -2,6 +2,7 @@
 
 use crate::emulated::EmulatorArguments;
 use crate::failure::{Failure, Outcome};
+use crate::range::number;
 use clap::Args;
 use dermis::design::SkinDesign;
 use dermis_live::device::Address;
@@ -21,7 +22,7 @@ pub struct SourceArguments {
     #[arg(long, value_name = "SOURCE", default_value = "emulate")]
     source: String,
     /// Frame rate [default: the device's own; rows of values without times: when they come]
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", value_parser = number(0.001..=1e6))]
     pub rate: Option<f64>,
     #[command(flatten)]
     pub emulator: EmulatorArguments,
@@ -40,12 +41,6 @@ impl SourceArguments {
 
     /// The address of the device; starts an emulated one.
     pub fn address(&self, design: &SkinDesign) -> Outcome<(Address, Option<Arc<Emulator>>)> {
-        // A device with the wire protocol checks the rate itself.
-        let is_rows = self.source.starts_with("csv:");
-        if let Some(rate) = self.rate.filter(|rate| is_rows && !(rate.is_finite() && *rate > 0.0)) {
-            let fix = Some("give a positive number of frames a second");
-            return Err(Failure::given(format!("--rate {rate} is not possible"), fix));
-        }
         if self.source != "emulate" {
             return Ok((Address::parse(&self.source)?, None));
         }
@@ -54,11 +49,12 @@ impl SourceArguments {
         let listener = TcpListener::bind("127.0.0.1:0").map_err(failed)?;
         let address = Address::Tcp(listener.local_addr().map_err(failed)?.to_string());
         let serving = Arc::clone(&emulator);
-        std::thread::spawn(move || {
+        let serve = move || {
             if let Err(error) = serving.serve(Port::Tcp(listener)) {
                 eprintln!("the emulated device has failed: {error}");
             }
-        });
+        };
+        std::thread::Builder::new().name("dermis-device".into()).spawn(serve).map_err(failed)?;
         Ok((address, Some(emulator)))
     }
 

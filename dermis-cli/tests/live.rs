@@ -142,12 +142,12 @@ fn arguments_that_cannot_be_name_themselves_and_the_fix() {
     let wrong = |arguments: &str, words: &[&str]| refused(&at, &format!("{DISK} {arguments}"), words);
     wrong("--zone palm=1,2", &["`palm=1,2`", "NAME=X,Y,Z,RADIUS,TIMES"]);
     wrong("--zone palm=0,0,0,-1,2", &["zone `palm`", "a positive radius"]);
-    wrong("--threshold 0", &["threshold is 0", "above 0"]);
-    wrong("--threshold NaN", &["threshold is NaN"]);
+    wrong("--threshold 0", &["--threshold", "0.000001 to 1000000"]);
+    wrong("--threshold NaN", &["--threshold", "NaN"]);
     wrong("--fault fire@1", &["`fire@1`", "loose:7@10"]);
     wrong("--fault loose:8@1", &["electrode 8", "0 to 7"]);
-    wrong("--speed 0", &["speed is 0", "positive"]);
-    wrong("--rate 1e9", &["frames a second are asked for", "at most"]);
+    wrong("--speed 0", &["--speed", "0.001 to 1000"]);
+    wrong("--rate 1e6", &["frames a second are asked for", "at most"]);
     wrong("--touch nothing.toml", &["nothing.toml", "random, press"]);
     at.write("script.toml", "repeat_s = 4\n[[touch]]\nat_s = 1\nfor_s = \"long\"\n");
     wrong("--touch script.toml", &["script.toml", "line 4", "for_s"]);

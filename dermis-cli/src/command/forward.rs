@@ -2,6 +2,7 @@
 
 use crate::console::{Progress, print};
 use crate::failure::{Failure, Outcome};
+use crate::range::number;
 use crate::skin;
 use clap::Args;
 use dermis::frame::{Frame, Truth, read_table, read_truth, write_frames};
@@ -28,10 +29,10 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", conflicts_with = "conductivity")]
     touches: Option<PathBuf>,
     /// Relative change of conductance at the centre of a simulated touch: 1 doubles it.
-    #[arg(long, value_name = "NUMBER", default_value_t = 0.5, requires = "touches")]
+    #[arg(long, value_name = "NUMBER", default_value_t = 0.5, requires = "touches", value_parser = number(1e-9..=1e6))]
     touch_amplitude: f64,
     /// Standard deviation of a simulated touch along the surface, m.
-    #[arg(long, value_name = "M", default_value_t = 0.008, requires = "touches")]
+    #[arg(long, value_name = "M", default_value_t = 0.008, requires = "touches", value_parser = number(1e-5..=100.0))]
     touch_width_m: f64,
     /// Frames to write, one per row: CSV, NPY or NPZ; ohm.
     #[arg(short, long, value_name = "FILE")]

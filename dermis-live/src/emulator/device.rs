@@ -56,6 +56,8 @@ pub struct Emulator {
     /// Number of faults of the skin that have been applied.
     happened: Mutex<usize>,
     stopped: AtomicBool,
+    /// Whether it has ended by an error or a panic.
+    failed: AtomicBool,
     /// Whether the warning about a slow twin was printed.
     said_slow: AtomicBool,
 }
@@ -65,6 +67,10 @@ impl std::fmt::Debug for Emulator {
         formatter.debug_struct("Emulator").field("design", &self.design.name).finish_non_exhaustive()
     }
 }
+
+/// Most frames that are computed in advance, and most bytes of them.
+pub const MOST_PRERENDERED: usize = 1_000_000;
+const MOST_PRERENDERED_BYTES: usize = 1 << 29;
 
 /// Resolution of an ideal converter, bits.
 const IDEAL_BITS: u32 = 32;
@@ -82,6 +88,15 @@ impl Emulator {
         if !(options.speed > 0.0 && options.speed.is_finite()) {
             return Err(LiveError::Given(format!("the speed is {}: it must be positive", options.speed)));
         }
+        let scan = ScanTable::new(&design.protocol)?;
+        let most = MOST_PRERENDERED.min(MOST_PRERENDERED_BYTES / (size_of::<i32>() * scan.slots().len().max(1)));
+        if options.prerendered > most {
+            return Err(LiveError::Given(format!(
+                "{} frames in advance: at most {most} of this skin fit into {} MiB",
+                options.prerendered,
+                MOST_PRERENDERED_BYTES >> 20
+            )));
+        }
         for TimedFault { fault, .. } in &options.faults {
             if let Fault::Loose { electrode, .. } = fault {
                 let count = design.electrodes.len();
@@ -95,7 +110,7 @@ impl Emulator {
         let bits = options.twin.electronics.adc.map_or(IDEAL_BITS, |adc| adc.bits);
         let ideal = [IDEAL_RANGE_V / 2f64.powi(IDEAL_BITS as i32 - 1); 3];
         let mut emulator = Emulator {
-            scan: ScanTable::new(&design.protocol)?,
+            scan,
             surface: design.body.surface(),
             tip_radius_m: options.twin.press.tip_radius_m,
             volts_per_count: twin.electronics().volts_per_count().unwrap_or(ideal),
@@ -110,6 +125,7 @@ impl Emulator {
             timing: Mutex::new(Timing::new((options.twin.electronics.frame_rate_hz * 1e3).round() as u32)),
             happened: Mutex::new(0),
             stopped: AtomicBool::new(false),
+            failed: AtomicBool::new(false),
             said_slow: AtomicBool::new(false),
             design: design.clone(),
             options,
@@ -151,6 +167,15 @@ impl Emulator {
     /// Ends [`serve`](Self::serve).
     pub fn stop(&self) {
         self.stopped.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether [`serve`](Self::serve) has ended by an error or a panic.
+    pub fn has_failed(&self) -> bool {
+        self.failed.load(Ordering::Relaxed)
+    }
+
+    pub(super) fn fail_for_good(&self) {
+        self.failed.store(true, Ordering::Relaxed);
     }
 
     pub(super) fn is_stopped(&self) -> bool {

@@ -49,6 +49,9 @@ pub enum Fault {
 /// Default resistance of a loose contact, ohm.
 const LOOSE_OHM: f64 = 1000.0;
 
+/// The largest number of a fault, in its unit.
+const MOST: f64 = 1e9;
+
 impl FromStr for TimedFault {
     type Err = LiveError;
 
@@ -58,14 +61,14 @@ impl FromStr for TimedFault {
         parse(text).ok_or_else(|| {
             LiveError::Given(format!(
                 "`{text}` is no fault: write noise:COUNTS@SECONDS+FOR, bytes:SHARE@SECONDS+FOR, loose:ELECTRODE[:OHM]@SECONDS, \
-                 mend:ELECTRODE@SECONDS or unplug@SECONDS+FOR, as in loose:7@10"
+                 mend:ELECTRODE@SECONDS or unplug@SECONDS+FOR, as in loose:7@10, with numbers from 0 to 1e9"
             ))
         })
     }
 }
 
 fn parse(text: &str) -> Option<TimedFault> {
-    let number = |text: &str| text.parse::<f64>().ok().filter(|value| *value >= 0.0 && value.is_finite());
+    let number = |text: &str| text.parse::<f64>().ok().filter(|value| (0.0..=MOST).contains(value));
     let (what, when) = text.split_once('@')?;
     let (at_s, for_s) = match when.split_once('+') {
         Some((at_s, for_s)) => (number(at_s)?, Some(number(for_s)?)),
@@ -99,7 +102,18 @@ mod tests {
         assert_eq!(read("mend:7@1.5").fault, Fault::Loose { electrode: 7, ohm: 0.0 });
         assert_eq!(read("bytes:0.01@0+60").fault, Fault::Bytes { share: 0.01, for_s: 60.0 });
         assert_eq!(read("unplug@20+3").fault, Fault::Unplug { for_s: 3.0 });
-        for wrong in ["", "loose@1", "bytes:2@0+1", "noise:5@1", "unplug@1", "loose:x@1", "loose:1:2:3@1", "fire@1"] {
+        for wrong in [
+            "",
+            "loose@1",
+            "bytes:2@0+1",
+            "noise:1e300@0+1",
+            "unplug@nan+1",
+            "noise:5@1",
+            "unplug@1",
+            "loose:x@1",
+            "loose:1:2:3@1",
+            "fire@1",
+        ] {
             assert!(wrong.parse::<TimedFault>().is_err(), "{wrong}");
         }
     }

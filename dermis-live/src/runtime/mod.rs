@@ -129,7 +129,10 @@ impl Live {
         source: impl FnOnce() + Send + 'static,
     ) -> Self {
         let worker = PipelineThread::new(Arc::clone(&shared), pipeline, rebuilds);
-        let threads = vec![spawn("dermis-listen", source), spawn("dermis-contacts", move || worker.run())];
+        let [of_source, of_worker] = [(); 2].map(|()| EndsOnPanic(Arc::clone(&shared)));
+        let source = move || of_source.run(source);
+        let threads =
+            vec![spawn("dermis-listen", source), spawn("dermis-contacts", move || of_worker.run(|| worker.run()))];
         Live { shared, threads }
     }
 
@@ -160,6 +163,25 @@ impl Live {
     }
 }
 
+/// Ends the skin when its thread panics: subscribers do not wait for frames that never come.
+struct EndsOnPanic(Arc<LiveHandle>);
+
+impl EndsOnPanic {
+    fn run(self, run: impl FnOnce()) {
+        run();
+    }
+}
+
+impl Drop for EndsOnPanic {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.0.stop();
+            self.0.close_work();
+            self.0.close_mailboxes();
+        }
+    }
+}
+
 fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> JoinHandle<()> {
     std::thread::Builder::new().name(name.into()).spawn(run).expect("a thread can be started")
 }
@@ -171,3 +193,27 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 /// Longest interval at which threads check whether they must stop.
 const POLL: Duration = Duration::from_millis(50);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dermis::method::Methods;
+    use dermis::skin::Skin;
+
+    #[test]
+    fn a_thread_that_panics_ends_the_skin() {
+        let methods = MethodSet::new(&Methods::linear(), Skin::load("skin16").unwrap(), None).unwrap();
+        let pipeline = Pipeline::new(Arc::new(methods), Settings::default()).unwrap();
+        let shared = LiveHandle::new(&pipeline);
+        let handle = Arc::clone(&shared);
+        let source = move || {
+            handle.await_begin();
+            panic!("a test of panics");
+        };
+        let live = Live::with_threads(shared, pipeline, true, source);
+        let mailbox = live.shared().subscribe(8);
+        live.begin();
+        assert!(matches!(mailbox.take(Duration::from_secs(20)), Popped::Closed));
+        live.stop();
+    }
+}

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// Maximum number of touches of a sample: more than the ten fingers of two hands are a typing error.
-const MOST_TOUCHES: usize = 16;
+pub const MOST_TOUCHES: usize = 16;
 
 /// All parameters of the samples, besides the design and its mesh.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

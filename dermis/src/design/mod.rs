@@ -11,6 +11,7 @@ mod shipped;
 
 pub use error::DesignError;
 pub use error::{closest_name, explain_toml_error};
+pub use layout::MOST_ELECTRODES;
 
 use crate::contact::ConductanceChange;
 use crate::geom::{Point3, Surface};
