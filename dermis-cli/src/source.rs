@@ -5,6 +5,7 @@ use crate::failure::{Failure, Outcome};
 use crate::range::number;
 use clap::Args;
 use dermis::design::SkinDesign;
+use dermis::text::printable_lines;
 use dermis_live::device::Address;
 use dermis_live::emulator::{Emulator, Port};
 use dermis_live::sinks::viewer::{Server, ServerOptions};
@@ -51,7 +52,7 @@ impl SourceArguments {
         let serving = Arc::clone(&emulator);
         let serve = move || {
             if let Err(error) = serving.serve(Port::Tcp(listener)) {
-                eprintln!("the emulated device has failed: {error}");
+                eprintln!("the emulated device has failed: {}", printable_lines(&error.to_string()));
             }
         };
         std::thread::Builder::new().name("dermis-device".into()).spawn(serve).map_err(failed)?;

@@ -11,7 +11,7 @@ use dermis::frame::write_whole;
 use dermis::method::MethodSet;
 use dermis::pipeline::{Command, Settings, Severity, State, Zone};
 use dermis::skin::Skin;
-use dermis::text::counted;
+use dermis::text::{counted, printable};
 use dermis_live::device::{Address, DeviceOptions};
 use dermis_live::emulator::Emulator;
 use dermis_live::recording::Player;
@@ -246,7 +246,8 @@ impl Arguments {
         if let Some(problem) = ended.problem {
             return Err(Failure::given(format!("the recording ended early: {problem}"), None));
         }
-        eprintln!("{}: {}, {:.1} s", path.display(), counted(ended.written.frames, "frame"), ended.written.seconds);
+        let file = path.display().to_string();
+        eprintln!("{}: {}, {:.1} s", printable(&file), counted(ended.written.frames, "frame"), ended.written.seconds);
         Ok(failure)
     }
 }
@@ -288,5 +289,7 @@ fn parse_zone(text: &str) -> Result<Zone, String> {
         let [x, y, z, radius_m, threshold] = numbers[..] else { return None };
         Some(Zone { name: name.into(), centre_m: [x, y, z], radius_m, threshold })
     };
-    parse().ok_or_else(|| "write NAME=X,Y,Z,RADIUS,TIMES in metres, as in palm=0,0.05,0.1,0.04,2".into())
+    parse().ok_or_else(|| {
+        format!("`{text}` is no zone: write NAME=X,Y,Z,RADIUS,TIMES in metres, as in palm=0,0.05,0.1,0.04,2")
+    })
 }

@@ -7,6 +7,7 @@ use crate::emulator::script::Script;
 use crate::emulator::timing::Timing;
 use dermis::design::SkinDesign;
 use dermis::geom::{Point3, Surface};
+use dermis::text::printable;
 use dermis_sim::twin::{ContactHistory, Press, Twin, TwinOptions};
 use dermis_wire::{Frame, FrameFlags, Hello, NoRoom, Readings, Slot, ToHost, VERSION};
 use std::collections::BTreeMap;
@@ -72,6 +73,9 @@ impl std::fmt::Debug for Emulator {
 pub const MOST_PRERENDERED: usize = 1_000_000;
 const MOST_PRERENDERED_BYTES: usize = 1 << 29;
 
+/// Most bytes of Green's functions that the twin keeps: those of some hundred places.
+const TABLE_BYTES: usize = 64 << 20;
+
 /// Resolution of an ideal converter, bits.
 const IDEAL_BITS: u32 = 32;
 /// Range of an ideal converter, V.
@@ -83,7 +87,8 @@ impl Emulator {
     /// # Errors
     /// A twin that does not fit the design; a fault of an unknown electrode.
     pub fn new(design: &SkinDesign, options: EmulatorOptions) -> Result<Arc<Self>, LiveError> {
-        let twin = Twin::new(design, &options.twin, options.seed)?;
+        let mut twin = Twin::new(design, &options.twin, options.seed)?;
+        twin.limit_table(TABLE_BYTES);
         let options = EmulatorOptions { twin: twin.options().clone(), ..options };
         if !(options.speed > 0.0 && options.speed.is_finite()) {
             return Err(LiveError::Given(format!("the speed is {}: it must be positive", options.speed)));
@@ -202,7 +207,7 @@ impl Emulator {
             eprintln!(
                 "the emulated device leaves frames out: its twin `{}` takes longer than the {:.1} ms that a frame has here; \
                  --speed 0.25 slows the device down, --prerender 480 makes the first 480 frames beforehand",
-                self.options.twin.name,
+                printable(&self.options.twin.name),
                 1e3 / rate_hz / self.options.speed,
             );
         }

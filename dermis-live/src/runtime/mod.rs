@@ -24,6 +24,7 @@ mod device_thread;
 mod frame;
 mod handle;
 mod mailbox;
+mod notice_limit;
 mod pipeline_thread;
 
 pub use control::{ClientSession, Control, RecordingOptions};
@@ -198,12 +199,45 @@ const POLL: Duration = Duration::from_millis(50);
 mod tests {
     use super::*;
     use dermis::method::Methods;
+    use dermis::pipeline::Severity;
     use dermis::skin::Skin;
+
+    fn pipeline() -> Pipeline {
+        let methods = MethodSet::new(&Methods::linear(), Skin::load("skin16").unwrap(), None).unwrap();
+        Pipeline::new(Arc::new(methods), Settings::default()).unwrap()
+    }
+
+    /// A device that repeats itself thousands of times a second fills neither terminals nor queues.
+    #[test]
+    fn repeated_messages_of_a_device_are_counted_not_shown() {
+        const SENT: u64 = 30_000;
+        let shared = LiveHandle::new(&pipeline());
+        let mailbox = shared.subscribe(1 << 16);
+        let begun = std::time::Instant::now();
+        for number in 0..SENT {
+            let text = format!("the device says: {number}");
+            shared.device_notice(Notice { level: Severity::Error, text, at: crate::clock::now() });
+        }
+        shared.report_omitted(true);
+        let seconds = 1 + begun.elapsed().as_secs();
+        let late = shared.subscribe(1 << 16);
+        for mailbox in [mailbox, late] {
+            let (mut shown, mut omitted) = (0, 0);
+            while let Popped::Item(Event::Notice(notice)) = mailbox.take(Duration::ZERO) {
+                let counted = notice.text.strip_prefix("and ").and_then(|text| text.split_once(" more messages"));
+                match counted {
+                    Some((count, _)) => omitted += count.parse::<u64>().unwrap(),
+                    None => shown += 1,
+                }
+            }
+            assert!((1..=5 * seconds).contains(&shown), "{shown}");
+            assert_eq!(shown + omitted, SENT);
+        }
+    }
 
     #[test]
     fn a_thread_that_panics_ends_the_skin() {
-        let methods = MethodSet::new(&Methods::linear(), Skin::load("skin16").unwrap(), None).unwrap();
-        let pipeline = Pipeline::new(Arc::new(methods), Settings::default()).unwrap();
+        let pipeline = pipeline();
         let shared = LiveHandle::new(&pipeline);
         let handle = Arc::clone(&shared);
         let source = move || {

@@ -12,6 +12,7 @@ use crate::design::{
     TouchEffect, shipped,
 };
 use crate::protocol::{Channel, Protocol};
+use crate::text::printable;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -94,6 +95,9 @@ fn locate(file: &DesignFile, place: Place) -> Range<usize> {
     }
 }
 
+/// Longest name of a design, bytes.
+const LONGEST_NAME: usize = 200;
+
 /// The file's name and text, for its errors.
 pub(super) struct Source<'a> {
     name: &'a str,
@@ -132,7 +136,7 @@ impl Source<'_> {
             None => ImageLayout::Grid { rows: 30, columns: 30 },
         };
         Ok(SkinDesign {
-            name: file.name.clone().unwrap_or_else(|| self.stem()),
+            name: self.design_name(file.name.as_ref())?,
             sheet: self.sheet(&file.sheet)?,
             protocol: self.protocol(&file.protocol.value, electrodes.len())?,
             mesh: mesh_options(&body, &electrodes, file.mesh.as_ref().map(|mesh| &mesh.value)),
@@ -140,6 +144,16 @@ impl Source<'_> {
             electrodes,
             image,
         })
+    }
+
+    /// The name of the design: its own, which every table and terminal shows, or that of the file.
+    fn design_name(&self, given: Option<&At<String>>) -> Result<String, DesignError> {
+        let Some(At { value, span }) = given else { return Ok(printable(&self.stem()).into_owned()) };
+        if value.trim().is_empty() || value.len() > LONGEST_NAME || printable(value) != *value {
+            let message = format!("`name` must have 1 to {LONGEST_NAME} bytes, without control characters");
+            return Err(self.fail(Some(span.clone()), message, None));
+        }
+        Ok(value.clone())
     }
 
     fn stem(&self) -> String {
