@@ -136,6 +136,28 @@ fn addresses_that_are_taken_or_open_to_all_are_refused() {
     refused(&at, &format!("emulate disk.toml --tcp {taken}"), &["cannot listen", "port 0"]);
 }
 
+/// A token from a file or the environment is not printed.
+#[test]
+fn a_token_of_a_file_or_the_environment_stays_hidden() {
+    const TOKEN: &str = "0123456789abcdef";
+    let at = Workplace::new();
+    let run = "live disk.toml --serve 127.0.0.1:0 --for 0.1";
+    at.write("token", format!("{TOKEN}\n"));
+    let of_file = at.run(&format!("{run} --token-file token"));
+    let of_environment = at.command(run).env("DERMIS_TOKEN", TOKEN).output().unwrap();
+    for output in [of_file, of_environment] {
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success() && said.contains("?token= and the token"), "{said}");
+        assert!(!said.contains(TOKEN), "{said}");
+    }
+    at.write("short", "1234567\n");
+    refused(&at, &format!("{run} --token-file short"), &["token of 7 characters"]);
+    at.write("spaced", "1234 5678 9\n");
+    refused(&at, &format!("{run} --token-file spaced"), &["no spaces"]);
+    refused(&at, &format!("{run} --token-file none"), &["token in none", "openssl rand"]);
+    refused(&at, &format!("{run} --token-file token --token {TOKEN}"), &["cannot be used with"]);
+}
+
 #[test]
 fn arguments_that_cannot_be_name_themselves_and_the_fix() {
     let at = Workplace::new();

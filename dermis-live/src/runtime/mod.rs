@@ -23,6 +23,7 @@ mod control;
 mod device_thread;
 mod frame;
 mod handle;
+mod limit;
 mod mailbox;
 mod notice_limit;
 mod pipeline_thread;
@@ -33,6 +34,7 @@ pub use handle::LiveHandle;
 pub use mailbox::{Mailbox, Popped};
 
 pub(crate) use handle::WorkItem;
+pub(crate) use limit::RateLimit;
 pub(crate) use pipeline_thread::process;
 
 use crate::LiveError;
