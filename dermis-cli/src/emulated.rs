@@ -4,6 +4,7 @@ use crate::failure::{Failure, Outcome};
 use crate::range::{count, number, parsed, seed};
 use clap::Args;
 use dermis::design::SkinDesign;
+use dermis::files::{MOST_SETTINGS_BYTES, read_text_at_most};
 use dermis_live::emulator::{Emulator, EmulatorOptions, MOST_PRERENDERED, Script, TimedFault};
 use dermis_sim::twin::TwinOptions;
 use std::sync::Arc;
@@ -74,7 +75,7 @@ impl EmulatorArguments {
         {
             return Ok(text.into());
         }
-        std::fs::read_to_string(&self.twin)
+        read_text_at_most(std::path::Path::new(&self.twin), MOST_SETTINGS_BYTES)
             .map_err(|error| Failure::given(format!("cannot read the twin {}: {error}", self.twin), None))
     }
 }

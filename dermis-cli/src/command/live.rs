@@ -7,6 +7,7 @@ use crate::method::METHOD_HELP;
 use crate::range::number;
 use crate::source::{PageArguments, SourceArguments};
 use clap::Args;
+use dermis::files::read_text_at_most;
 use dermis::frame::write_whole;
 use dermis::method::MethodSet;
 use dermis::pipeline::{Command, Settings, Severity, State, Zone};
@@ -72,6 +73,9 @@ pub struct Arguments {
     #[arg(long, conflicts_with = "jsonl")]
     json: bool,
 }
+
+/// Largest file of a state, bytes: the baselines of a million channels.
+const LARGEST_STATE: u64 = 128 << 20;
 
 /// Capacity of the queue of events.
 const WAITING: usize = 1 << 16;
@@ -147,7 +151,7 @@ impl Arguments {
             let message = format!("the kept state {} cannot be read: {why}", path.display());
             Failure::given(message, Some("delete it and tare anew"))
         };
-        let text = std::fs::read_to_string(path).map_err(|error| wrong(error.to_string()))?;
+        let text = read_text_at_most(path, LARGEST_STATE).map_err(|error| wrong(error.to_string()))?;
         Ok(Some(serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?))
     }
 

@@ -65,13 +65,13 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value_t = SkinsName::Uniform)]
     skins: SkinsName,
     /// Relative standard deviation of the coat's conductance, for random skins.
-    #[arg(long, value_name = "SHARE", value_parser = number(0.0..=10.0))]
+    #[arg(long, value_name = "SHARE", value_parser = number(0.0..=1.0))]
     coat_rms: Option<f64>,
     /// RMS displacement of the electrodes, for random skins, m.
-    #[arg(long, value_name = "M", value_parser = number(0.0..=1.0))]
+    #[arg(long, value_name = "M", value_parser = number(0.0..=0.1))]
     electrode_displacement_m: Option<f64>,
     /// Relative standard deviation of the contact impedance, for random skins.
-    #[arg(long, value_name = "SHARE", value_parser = number(0.0..=10.0))]
+    #[arg(long, value_name = "SHARE", value_parser = number(0.0..=1.0))]
     contact_impedance_rms: Option<f64>,
     /// Generate only the files k with k mod N = I.
     #[arg(long, value_name = "I/N")]

@@ -11,6 +11,7 @@ use crate::design::{
     Body, Electrode, ElectrodeShape, ImageLayout, MeshOptions, Region, RegionPlace, Sheet, SheetKind, SkinDesign,
     TouchEffect, shipped,
 };
+use crate::files::read_text_at_most;
 use crate::protocol::{Channel, Protocol};
 use crate::text::printable;
 use std::ops::Range;
@@ -41,7 +42,7 @@ pub(super) fn text_of(name_or_path: &str) -> Result<String, DesignError> {
     if let (false, Some(text)) = (path.is_file(), shipped::text(name_or_path)) {
         return Ok(text.to_string());
     }
-    std::fs::read_to_string(path).map_err(|error| {
+    read_text_at_most(path, LARGEST_DESIGN).map_err(|error| {
         let meant = closest_name(name_or_path, shipped::NAMES.into_iter());
         let fix = match meant {
             Some(name) => format!("did you mean `{name}`?"),
@@ -58,6 +59,10 @@ pub(super) fn parse(text: &str, name: &str) -> Result<SkinDesign, DesignError> {
 
 /// The tables of a TOML file without a byte-order mark, and the design.
 pub(super) fn read(text: &str, name: &str) -> Result<(DesignFile, SkinDesign), DesignError> {
+    if text.len() as u64 > LARGEST_DESIGN {
+        let message = format!("the design {name} is larger than {} MiB, the most that is read", LARGEST_DESIGN >> 20);
+        return Err(DesignError::new(message, None));
+    }
     let source = Source { name, text };
     let file: DesignFile = toml::from_str(text).map_err(|error| {
         let (message, fix) = explain_toml_error(error.message());
@@ -94,6 +99,10 @@ fn locate(file: &DesignFile, place: Place) -> Range<usize> {
         Place::Mesh => file.mesh.as_ref().map_or(file.body.span.clone(), |mesh| mesh.span.clone()),
     }
 }
+
+/// Largest text of a design, bytes: a list of the most electrodes has a tenth of a MiB, and each byte of a list takes up to
+/// a hundred bytes of memory.
+const LARGEST_DESIGN: u64 = 4 << 20;
 
 /// Longest name of a design, bytes.
 const LONGEST_NAME: usize = 200;
