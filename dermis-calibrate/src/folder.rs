@@ -12,12 +12,16 @@ use crate::sequence::Realignment;
 use crate::strength::Strength;
 use crate::units::ChannelUnits;
 use dermis::design::SkinDesign;
+use dermis::files::read_text_at_most;
 use dermis::frame::{TableError, read_array, write_array, write_whole};
 use dermis::text::counted;
 use faer::Mat;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+
+/// Largest card of a calibration, bytes: labels of hundreds of thousands of presses.
+const LARGEST_CARD: u64 = 128 << 20;
 
 /// The file by which a folder is known to be a calibration.
 const CARD: &str = "calibration.json";
@@ -142,8 +146,8 @@ fn begin(folder: &Path) -> Result<(), CalibrateError> {
 /// Reads the card of a design, of this version.
 fn read_card<T: DeserializeOwned>(path: &Path, design: &SkinDesign) -> Result<T, CalibrateError> {
     let file = |message: String| CalibrateError::File { path: path.to_path_buf(), message };
-    let text =
-        std::fs::read_to_string(path).map_err(|source| CalibrateError::Io { path: path.to_path_buf(), source })?;
+    let text = read_text_at_most(path, LARGEST_CARD)
+        .map_err(|source| CalibrateError::Io { path: path.to_path_buf(), source })?;
     let header: Header = serde_json::from_str(&text).map_err(|error| file(error.to_string()))?;
     if header.version != VERSION {
         let message = format!("its version is {}, but this program reads {VERSION}: calibrate again", header.version);

@@ -1,5 +1,6 @@
 //! Channels of a protocol, as arguments name them.
 
+use dermis::files::{MOST_SETTINGS_BYTES, read_text_at_most};
 use std::path::Path;
 use std::str::FromStr;
 
@@ -32,6 +33,9 @@ impl Channels {
             for part in line.split([',', ';', ' ', '\t']).filter(|part| !part.is_empty()) {
                 let range = range(part).map_err(|why| format!("{}, line {}: {why}", path.display(), index + 1))?;
                 channels.extend(range);
+                if channels.len() > MOST_CHANNELS {
+                    return Err(format!("{}: more than {MOST_CHANNELS} channels", path.display()));
+                }
             }
         }
         Ok(Channels(channels))
@@ -48,7 +52,7 @@ impl FromStr for Channels {
             return Ok(Channels(parts.map(range).collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect()));
         }
         let path = Path::new(text);
-        let read = std::fs::read_to_string(path)
+        let read = read_text_at_most(path, MOST_SETTINGS_BYTES)
             .map_err(|error| format!("neither a list of channels, as in 0-23,40, nor a file: {error}"))?;
         Self::of_file(&read, path)
     }

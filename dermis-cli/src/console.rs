@@ -2,6 +2,7 @@
 
 use crate::failure::{Failure, Outcome};
 use dermis::pipeline::Severity;
+use dermis::text::{printable, printable_lines};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,7 +11,7 @@ use std::time::{Duration, Instant};
 /// Prints a result. A closed pipe (`dermis ... | head`) is not an error.
 pub fn print(text: &str) -> Outcome {
     let mut out = std::io::stdout().lock();
-    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+    match out.write_all(printable_lines(text).as_bytes()).and_then(|()| out.flush()) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(Failure::given(format!("cannot write to standard output: {error}"), None))
         }
@@ -20,7 +21,7 @@ pub fn print(text: &str) -> Outcome {
 
 /// Prints a warning to standard error.
 pub fn warn(text: &str) {
-    eprintln!("warning: {text}");
+    eprintln!("warning: {}", printable_lines(text));
 }
 
 /// Prints a value as JSON.
@@ -103,7 +104,7 @@ impl dermis_study::Progress for StudyProgress {
     }
 
     fn note(&self, line: &str) {
-        eprintln!("{line}");
+        eprintln!("{}", printable_lines(line));
     }
 }
 
@@ -128,9 +129,10 @@ pub fn on_interrupt(mut then: impl FnMut() + Send + 'static) -> Outcome {
 
 /// A message as a line, coloured on a terminal.
 pub fn notice_line(level: Severity, text: &str) -> String {
+    let text = printable(text);
     let colour = std::io::stderr().is_terminal();
     match (level, colour) {
-        (Severity::Info, _) => text.into(),
+        (Severity::Info, _) => text.into_owned(),
         (Severity::Warning, true) => format!("\u{1b}[33mwarning\u{1b}[0m: {text}"),
         (Severity::Error, true) => format!("\u{1b}[31merror\u{1b}[0m: {text}"),
         (Severity::Warning, false) => format!("warning: {text}"),

@@ -1,9 +1,11 @@
 //! The emulated device, from command-line options.
 
 use crate::failure::{Failure, Outcome};
+use crate::range::{count, number, parsed, seed};
 use clap::Args;
 use dermis::design::SkinDesign;
-use dermis_live::emulator::{Emulator, EmulatorOptions, Script, TimedFault};
+use dermis::files::{MOST_SETTINGS_BYTES, read_text_at_most};
+use dermis_live::emulator::{Emulator, EmulatorOptions, MOST_PRERENDERED, Script, TimedFault};
 use dermis_sim::twin::TwinOptions;
 use std::sync::Arc;
 
@@ -14,7 +16,7 @@ pub struct EmulatorArguments {
     #[arg(long, value_name = "TWIN", default_value = "lab")]
     twin: String,
     /// Seed of the twin, and serial number of the device.
-    #[arg(long, value_name = "S", default_value_t = 1)]
+    #[arg(long, value_name = "S", default_value_t = 1, value_parser = seed)]
     seed: u64,
     /// Touch script: the path of a file, or none, random, press, slide, cross, four, grid (the presses of `dermis
     /// experiment`).
@@ -24,13 +26,19 @@ pub struct EmulatorArguments {
     /// zeros@10+5: noise:COUNTS, bytes:SHARE, unplug, silent, clock-stop, source-off, zeros, full-scale, freeze,
     /// references:FACTOR, reference:DRIVE:FACTOR, gain:FACTOR, offset:COUNTS, stuck:CHANNEL, saturated:CHANNEL. May be
     /// given more than once.
-    #[arg(long, value_name = "FAULT")]
-    fault: Vec<String>,
+    #[arg(long, value_name = "FAULT", value_parser = parsed::<TimedFault>)]
+    fault: Vec<TimedFault>,
     /// Speed of the simulated device or of a recording, as a multiple of real time.
-    #[arg(long, value_name = "TIMES", default_value_t = 1.0)]
+    #[arg(long, value_name = "TIMES", default_value_t = 1.0, value_parser = number(0.001..=1000.0))]
     speed: f64,
     /// Compute this many frames in advance and send them repeatedly, for high rates.
-    #[arg(long, value_name = "FRAMES", default_value_t = 0, hide_default_value = true)]
+    #[arg(
+        long,
+        value_name = "FRAMES",
+        default_value_t = 0,
+        hide_default_value = true,
+        value_parser = count(0..=MOST_PRERENDERED)
+    )]
     prerender: usize,
     /// Send frames at the full rate of the connection.
     #[arg(long)]
@@ -40,13 +48,12 @@ pub struct EmulatorArguments {
 impl EmulatorArguments {
     /// Starts the device.
     pub fn emulator(&self, design: &SkinDesign) -> Outcome<Arc<Emulator>> {
-        let faults = self.fault.iter().map(|fault| fault.parse()).collect::<Result<Vec<TimedFault>, _>>();
         let twin = TwinOptions::load(&self.twin)?;
         let options = EmulatorOptions {
             script: Script::load(&self.touch, design, &twin, self.seed)?,
             twin,
             seed: self.seed,
-            faults: faults?,
+            faults: self.fault.clone(),
             speed: self.speed,
             prerendered: self.prerender,
             unpaced: self.unpaced,
@@ -70,7 +77,7 @@ impl EmulatorArguments {
         {
             return Ok(text.into());
         }
-        std::fs::read_to_string(&self.twin)
+        read_text_at_most(std::path::Path::new(&self.twin), MOST_SETTINGS_BYTES)
             .map_err(|error| Failure::given(format!("cannot read the twin {}: {error}", self.twin), None))
     }
 }

@@ -1,9 +1,12 @@
 //! Errors of commands and their exit codes.
 
 use dermis::design::DesignError;
+use dermis::text::{printable, printable_lines, shortened};
 use miette::{Diagnostic, NamedSource, SourceSpan};
 use std::fmt;
+use std::ops::Range;
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// The result of a command.
 pub type Outcome<T = ()> = Result<T, Failure>;
@@ -21,7 +24,7 @@ impl Failure {
     /// An error of the user's input, and the fix.
     pub fn given(message: impl fmt::Display, fix: Option<&str>) -> Self {
         let fix = fix.map(str::to_string);
-        Failure::Given(Excerpt { message: message.to_string(), fix, source: None, span: None }.into())
+        Failure::Given(Excerpt::new(&message.to_string(), fix).into())
     }
 
     /// Prints the error and returns the exit code.
@@ -32,6 +35,7 @@ impl Failure {
                 ExitCode::from(2)
             }
             Failure::Ours(message) => {
+                let message = printable_lines(&message);
                 eprintln!(
                     "Error: {message}\nThis is an internal error of dermis: please report it with the command and its files."
                 );
@@ -39,6 +43,23 @@ impl Failure {
             }
         }
     }
+}
+
+/// Whether any thread has panicked.
+static PANICKED: AtomicBool = AtomicBool::new(false);
+
+/// Notes panics of every thread from now on.
+pub fn watch_panics() {
+    let report = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        PANICKED.store(true, Ordering::Relaxed);
+        report(panic);
+    }));
+}
+
+/// Whether any thread has panicked.
+pub fn has_panicked() -> bool {
+    PANICKED.load(Ordering::Relaxed)
 }
 
 /// Reports a panic, after its own message.
@@ -54,6 +75,36 @@ struct Excerpt {
     source: Option<NamedSource<String>>,
     span: Option<SourceSpan>,
 }
+
+/// Longest message, and longest line of an excerpt, bytes: a file may be one line of many megabytes.
+const LONGEST_MESSAGE: usize = 4000;
+const LONGEST_LINE: usize = 400;
+
+impl Excerpt {
+    /// A message without an excerpt. Texts of files cannot control the terminal.
+    fn new(message: &str, fix: Option<String>) -> Self {
+        let clean = |text: &str| printable_lines(&shortened(text, LONGEST_MESSAGE)).into_owned();
+        Excerpt { message: clean(message), fix: fix.map(|fix| clean(&fix)), source: None, span: None }
+    }
+
+    /// Adds the place in a file; without its text where the lines around it are too long to be shown.
+    fn at(mut self, (name, text): (String, String), span: Option<Range<usize>>) -> Self {
+        let name = printable(&name).into_owned();
+        let before = &text.as_bytes()[..span.as_ref().map_or(0, |span| span.start.min(text.len()))];
+        let line = before.iter().filter(|&&byte| byte == b'\n').count();
+        let mut around = text.lines().skip(line.saturating_sub(EXCERPT_LINES)).take(2 * EXCERPT_LINES + 1);
+        if around.any(|line| line.len() > LONGEST_LINE) {
+            self.message = format!("{name}, line {}: {}", line + 1, self.message);
+            return self;
+        }
+        self.source = Some(NamedSource::new(name, printable_lines(&text).into_owned()).with_language("TOML"));
+        self.span = span.map(first_line_of);
+        self
+    }
+}
+
+/// Lines before and after the wrong one that an excerpt shows, at most.
+const EXCERPT_LINES: usize = 2;
 
 impl fmt::Display for Excerpt {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -81,8 +132,11 @@ impl Diagnostic for Excerpt {
 impl From<DesignError> for Failure {
     fn from(error: DesignError) -> Self {
         let DesignError { message, fix, source_text, span } = error;
-        let source = source_text.map(|(name, text)| NamedSource::new(name, text).with_language("TOML"));
-        Failure::Given(Excerpt { message, fix, source, span: span.map(first_line_of) }.into())
+        let excerpt = Excerpt::new(&message, fix);
+        Failure::Given(match source_text {
+            Some(source) => excerpt.at(source, span).into(),
+            None => excerpt.into(),
+        })
     }
 }
 
@@ -183,3 +237,39 @@ from_modules!(
         dermis_sim::dataset::DatasetError,
         dermis_sim::evaluate::EvaluateError;
 );
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dermis::design::SkinDesign;
+
+    #[test]
+    fn texts_of_files_do_not_control_the_terminal_and_have_a_limit() {
+        miette::set_hook(Box::new(|_| {
+            let theme = miette::GraphicalTheme::unicode_nocolor();
+            Box::new(miette::GraphicalReportHandler::new_themed(theme))
+        }))
+        .unwrap();
+        let shown = |text: &str| {
+            let Err(error) = SkinDesign::parse(text, "my\u{1b}[2J.toml") else { panic!("it is no design") };
+            let Failure::Given(report) = error.into() else { panic!("it is a mistake of the file") };
+            format!("{report:?}")
+        };
+        let raw = shown("name = \"a\"\n\u{1b}]0;title\u{7}\n");
+        assert!(raw.contains("title") && !raw.contains(['\u{1b}', '\u{7}']), "{raw}");
+        let named = shown(&SkinDesign::shipped_text("skin16").unwrap().replacen("skin16\"", "a\\u001b[2Jb\"", 1));
+        assert!(named.contains("`name`") && !named.contains('\u{1b}'), "{named}");
+        for long in [format!("{} = 1\n", "x".repeat(1_000_000)), format!("name = [\"{}\"]\n", "y".repeat(1_000_000))] {
+            let told = shown(&long);
+            assert!(told.len() < 10_000 && told.contains("line 1"), "{} bytes", told.len());
+        }
+    }
+
+    #[test]
+    fn a_panic_of_any_thread_is_noted() {
+        super::watch_panics();
+        assert!(!super::has_panicked());
+        assert!(std::thread::spawn(|| panic!("a test of panics")).join().is_err());
+        assert!(super::has_panicked());
+    }
+}

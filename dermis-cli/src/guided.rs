@@ -3,6 +3,7 @@
 use crate::console::{Progress, StatusLine, notice_line, on_interrupt, print, print_json};
 use crate::failure::{Failure, Outcome};
 use crate::fitted::{FORWARD_MAP, Fitted, better_correction};
+use crate::range::count;
 use crate::skin;
 use crate::source::{PageArguments, SourceArguments};
 use clap::Args;
@@ -14,6 +15,7 @@ use dermis::skin::Skin;
 use dermis::text::counted;
 use dermis_calibrate::{CalibrateError, Correction, FEWEST_LABELS, Places, Quality, Session};
 use dermis_live::device::DeviceOptions;
+use dermis_live::emulator::Emulator;
 use dermis_live::guide::{Guide, GuideAction, GuideStep, PressCollector, PressEvent};
 use dermis_live::{Event, Live, LiveOptions, Popped};
 use serde_json::json;
@@ -41,7 +43,7 @@ pub struct GuidedArguments {
     #[arg(long, conflicts_with_all = ["frames", "baseline", "currents", "baseline_currents", "truth", "labels", "unlabelled", "method"])]
     pub live: bool,
     /// Number of presses, evenly spread over the skin [default: 50]
-    #[arg(long, value_name = "N", conflicts_with = "places")]
+    #[arg(long, value_name = "N", conflicts_with = "places", value_parser = count(1..=1_000_000usize))]
     presses: Option<usize>,
     /// Places to press instead, in their order: rows as of --truth on the skin.
     #[arg(long, value_name = "FILE")]
@@ -80,7 +82,7 @@ impl GuidedArguments {
             read_keys(&guide);
         }
         let mut guided = Guided::new(session, guide);
-        let ended = guided.watch(&live).and_then(|()| guided.finish());
+        let ended = guided.watch(&live, emulator.as_deref()).and_then(|()| guided.finish());
         if server.is_some() {
             std::thread::sleep(SHOWN);
         }
@@ -174,7 +176,7 @@ impl Guided {
     }
 
     /// Takes presses until all places are pressed, the input ends or a person ends the session.
-    fn watch(&mut self, live: &Live) -> Outcome {
+    fn watch(&mut self, live: &Live, emulator: Option<&Emulator>) -> Outcome {
         let ended = Arc::new(AtomicBool::new(false));
         let end = Arc::clone(&ended);
         on_interrupt(move || end.store(true, Ordering::Relaxed))?;
@@ -202,6 +204,9 @@ impl Guided {
                 Popped::Item(Event::Lost(why)) => self.line.print(&notice_line(Severity::Error, &why)),
                 Popped::Item(_) | Popped::TimedOut => {}
                 Popped::Closed => break,
+            }
+            if emulator.is_some_and(Emulator::has_failed) {
+                return Err(Failure::Ours("the emulated device has failed (see above)".into()));
             }
             if self.obey()? {
                 break;

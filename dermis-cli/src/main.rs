@@ -14,6 +14,7 @@ mod latency;
 mod method;
 mod picture;
 mod press_report;
+mod range;
 mod rows;
 mod skin;
 mod source;
@@ -41,11 +42,12 @@ fn program() -> clap::Command {
 }
 
 fn main() -> ExitCode {
+    failure::watch_panics();
     let arguments = Arguments::parse();
-    // A panic is a bug: exit code 1, as for every internal error.
+    // A panic is a bug: exit code 1, as for every internal error, in whichever thread it was.
     match std::panic::catch_unwind(|| arguments.command.run()) {
-        Ok(Ok(())) => ExitCode::SUCCESS,
+        Ok(Ok(())) if !failure::has_panicked() => ExitCode::SUCCESS,
         Ok(Err(failure)) => failure.report(),
-        Err(_) => failure::report_panic(),
+        Ok(Ok(())) | Err(_) => failure::report_panic(),
     }
 }

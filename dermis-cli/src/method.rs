@@ -4,6 +4,7 @@ use crate::channels::{Channels, LEAVE_OUT_HELP};
 use crate::console::Progress;
 use crate::failure::{Failure, Outcome};
 use crate::frames::Differences;
+use crate::range::number;
 use clap::{Args, ValueEnum};
 use dermis::detect::{DetectOptions, Detector};
 use dermis::frame::{Frame, read_frames_without};
@@ -34,10 +35,10 @@ pub struct MethodArguments {
     alpha: Option<AlphaChoice>,
     /// Absolute regularization parameter, as EIDORS's hyperparameter: Jacobian of the conductivity itself, prior not
     /// scaled. Takes its own number or that of --alpha.
-    #[arg(long, value_name = "NUMBER", num_args = 0..=1)]
+    #[arg(long, value_name = "NUMBER", num_args = 0..=1, value_parser = number(LEAST_ALPHA..=MOST_ALPHA))]
     alpha_absolute: Option<Option<f64>>,
     /// Exponent of the NOSER prior: 0 is Tikhonov's, 1 the original NOSER.
-    #[arg(long, value_name = "NUMBER", default_value_t = 0.5)]
+    #[arg(long, value_name = "NUMBER", default_value_t = 0.5, value_parser = number(0.0..=2.0))]
     noser_exponent: f64,
     /// Scaling and weighting of the channels of a linear method.
     #[arg(long, value_enum, default_value_t = Weighting::Plain)]
@@ -50,6 +51,10 @@ pub struct MethodArguments {
     #[arg(long, value_name = "CHANNELS|FILE", default_value = "", hide_default_value = true, help = LEAVE_OUT_HELP)]
     leave_out: Channels,
 }
+
+/// Range of regularization parameters; those of real skins, scaled or absolute, are within 1e-15 and 1e15.
+const LEAST_ALPHA: f64 = 1e-60;
+const MOST_ALPHA: f64 = 1e60;
 
 /// Which contacts are detected.
 #[derive(Debug, Clone, Args)]
@@ -115,9 +120,9 @@ impl FromStr for AlphaChoice {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let positive = |text: &str| match text.parse::<f64>() {
-            Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
-            _ => Err(format!("`{text}` is not a positive number; give one, or auto, noise-figure:0.5, l-curve, gcv")),
+        let positive = |text: &str| {
+            let value = number(LEAST_ALPHA..=MOST_ALPHA)(text);
+            value.map_err(|why| format!("`{text}`: {why}, or auto, noise-figure:0.5, l-curve, gcv"))
         };
         Ok(AlphaChoice(match text.split_once(':') {
             Some(("noise-figure", value)) => Alpha::NoiseFigure(positive(value)?),

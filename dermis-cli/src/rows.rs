@@ -26,6 +26,9 @@ impl FromStr for Rows {
                 return Err(format!("`{part}` is not a range of rows: write 0..500 for the rows 0 to 499"));
             }
             rows.extend(first..end);
+            if rows.len() > MOST_ROWS {
+                return Err(format!("the ranges name more than {MOST_ROWS} rows"));
+            }
         }
         rows.sort_unstable();
         rows.dedup();

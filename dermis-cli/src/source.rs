@@ -2,15 +2,25 @@
 
 use crate::emulated::EmulatorArguments;
 use crate::failure::{Failure, Outcome};
+use crate::range::number;
 use clap::Args;
 use dermis::design::SkinDesign;
+use dermis::text::printable_lines;
 use dermis_live::device::Address;
 use dermis_live::emulator::{Emulator, Port};
 use dermis_live::sinks::viewer::{Server, ServerOptions};
 use dermis_live::{Control, Live, RecordingOptions};
+use std::fs::File;
+use std::io::Read;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+
+/// Longest file of a token, bytes.
+const LONGEST_TOKEN: u64 = 4096;
+
+/// Folder of the recordings that a page begins.
+const RECORDINGS: &str = "recordings";
 
 /// Where live frames come from.
 #[derive(Debug, Args)]
@@ -21,7 +31,7 @@ pub struct SourceArguments {
     #[arg(long, value_name = "SOURCE", default_value = "emulate")]
     source: String,
     /// Frame rate [default: the device's own; rows of values without times: when they come]
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", value_parser = number(0.001..=1e6))]
     pub rate: Option<f64>,
     #[command(flatten)]
     pub emulator: EmulatorArguments,
@@ -40,12 +50,6 @@ impl SourceArguments {
 
     /// The address of the device; starts an emulated one.
     pub fn address(&self, design: &SkinDesign) -> Outcome<(Address, Option<Arc<Emulator>>)> {
-        // A device with the wire protocol checks the rate itself.
-        let is_rows = self.source.starts_with("csv:");
-        if let Some(rate) = self.rate.filter(|rate| is_rows && !(rate.is_finite() && *rate > 0.0)) {
-            let fix = Some("give a positive number of frames a second");
-            return Err(Failure::given(format!("--rate {rate} is not possible"), fix));
-        }
         if self.source != "emulate" {
             return Ok((Address::parse(&self.source)?, None));
         }
@@ -54,18 +58,19 @@ impl SourceArguments {
         let listener = TcpListener::bind("127.0.0.1:0").map_err(failed)?;
         let address = Address::Tcp(listener.local_addr().map_err(failed)?.to_string());
         let serving = Arc::clone(&emulator);
-        std::thread::spawn(move || {
+        let serve = move || {
             if let Err(error) = serving.serve(Port::Tcp(listener)) {
-                eprintln!("the emulated device has failed: {error}");
+                eprintln!("the emulated device has failed: {}", printable_lines(&error.to_string()));
             }
-        });
+        };
+        std::thread::Builder::new().name("dermis-device".into()).spawn(serve).map_err(failed)?;
         Ok((address, Some(emulator)))
     }
 
     /// The controls of a live skin with this source.
     pub fn control(&self, live: &Live, emulator: Option<Arc<Emulator>>) -> Outcome<Control> {
         let recordings = RecordingOptions {
-            folder: PathBuf::from("."),
+            folder: PathBuf::from(RECORDINGS),
             twin_toml: emulator.as_ref().map(|_| self.emulator.twin_text()).transpose()?,
         };
         let source = if emulator.is_some() { self.emulator.summary() } else { self.source.clone() };
@@ -79,9 +84,13 @@ pub struct PageArguments {
     /// Address of the viewer, or `off`. Any address beyond this machine needs --token.
     #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:8420")]
     serve: String,
-    /// Access token of the viewer, at least eight characters.
-    #[arg(long, value_name = "SECRET")]
+    /// Access token of the viewer, at least eight characters. Other users of this machine can see it in the list of
+    /// processes: --token-file and the variable DERMIS_TOKEN do not show it.
+    #[arg(long, value_name = "SECRET", conflicts_with = "token_file")]
     token: Option<String>,
+    /// File with the access token on its only line.
+    #[arg(long, value_name = "FILE")]
+    token_file: Option<PathBuf>,
 }
 
 impl PageArguments {
@@ -90,9 +99,28 @@ impl PageArguments {
         if self.serve == "off" {
             return Ok(None);
         }
-        let options = ServerOptions { address: self.serve.clone(), token: self.token.clone() };
-        let server = Server::start(Arc::clone(control), &options)?;
-        eprintln!("the viewer is at {}", server.url());
+        let token = self.secret()?;
+        let is_hidden = token.is_some() && self.token.is_none();
+        let server = Server::start(Arc::clone(control), &ServerOptions { address: self.serve.clone(), token })?;
+        match is_hidden {
+            true => eprintln!("the viewer is at {}?token= and the token", server.url_without_token()),
+            false => eprintln!("the viewer is at {}", server.url()),
+        }
         Ok(Some(server))
+    }
+
+    /// The access token: as an argument, in a file or in the environment.
+    fn secret(&self) -> Outcome<Option<String>> {
+        let Some(path) = &self.token_file else {
+            let of_environment = || std::env::var("DERMIS_TOKEN").ok().filter(|token| !token.is_empty());
+            return Ok(self.token.clone().or_else(of_environment));
+        };
+        let mut text = String::new();
+        let read = File::open(path).and_then(|file| file.take(LONGEST_TOKEN).read_to_string(&mut text));
+        read.map_err(|error| {
+            let message = format!("cannot read the token in {}: {error}", path.display());
+            Failure::given(message, Some("write one there: openssl rand -hex 16 > FILE; chmod 600 FILE"))
+        })?;
+        Ok(Some(text.trim_end_matches(['\r', '\n']).to_string()))
     }
 }

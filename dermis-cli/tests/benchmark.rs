@@ -69,6 +69,6 @@ fn contacts_are_measured_against_their_touches() {
         at.refused("characterise disk.toml --recipe gaussian.toml --samples 20").contains("too few for a calibration")
     );
     assert!(at.refused("characterise disk.toml --recipe nosuch.toml").contains("nosuch.toml"));
-    assert!(at.refused("characterise disk.toml --samples 20 --peak-fraction 1.5").contains("--peak-fraction is 1.5"));
+    assert!(at.refused("characterise disk.toml --samples 20 --peak-fraction 1.5").contains("--peak-fraction"));
     assert!(at.refused("characterise disk.toml --keep").contains("--method"));
 }

@@ -75,7 +75,7 @@ fn sessions_that_cannot_be_say_why() {
         words.iter().for_each(|word| assert!(said.contains(word), "no `{word}` in: {said}"));
     };
     refused("", &["--frames", "--truth"]);
-    refused("--live --presses 0", &["0 presses", "pixels"]);
+    refused("--live --presses 0", &["--presses", "1 to 1000000"]);
     refused("--live --presses 3 --places x.csv", &["--places"]);
     refused("--live --frames x.csv", &["--frames", "--live"]);
     refused("--presses 3 --frames x.csv --difference --truth y.csv", &["--live"]);

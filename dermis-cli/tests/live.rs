@@ -136,18 +136,40 @@ fn addresses_that_are_taken_or_open_to_all_are_refused() {
     refused(&at, &format!("emulate disk.toml --tcp {taken}"), &["cannot listen", "port 0"]);
 }
 
+/// A token from a file or the environment is not printed.
+#[test]
+fn a_token_of_a_file_or_the_environment_stays_hidden() {
+    const TOKEN: &str = "0123456789abcdef";
+    let at = Workplace::new();
+    let run = "live disk.toml --serve 127.0.0.1:0 --for 0.1";
+    at.write("token", format!("{TOKEN}\n"));
+    let of_file = at.run(&format!("{run} --token-file token"));
+    let of_environment = at.command(run).env("DERMIS_TOKEN", TOKEN).output().unwrap();
+    for output in [of_file, of_environment] {
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success() && said.contains("?token= and the token"), "{said}");
+        assert!(!said.contains(TOKEN), "{said}");
+    }
+    at.write("short", "1234567\n");
+    refused(&at, &format!("{run} --token-file short"), &["token of 7 characters"]);
+    at.write("spaced", "1234 5678 9\n");
+    refused(&at, &format!("{run} --token-file spaced"), &["no spaces"]);
+    refused(&at, &format!("{run} --token-file none"), &["token in none", "openssl rand"]);
+    refused(&at, &format!("{run} --token-file token --token {TOKEN}"), &["cannot be used with"]);
+}
+
 #[test]
 fn arguments_that_cannot_be_name_themselves_and_the_fix() {
     let at = Workplace::new();
     let wrong = |arguments: &str, words: &[&str]| refused(&at, &format!("{DISK} {arguments}"), words);
     wrong("--zone palm=1,2", &["`palm=1,2`", "NAME=X,Y,Z,RADIUS,TIMES"]);
     wrong("--zone palm=0,0,0,-1,2", &["zone `palm`", "a positive radius"]);
-    wrong("--threshold 0", &["threshold is 0", "above 0"]);
-    wrong("--threshold NaN", &["threshold is NaN"]);
+    wrong("--threshold 0", &["--threshold", "0.000001 to 1000000"]);
+    wrong("--threshold NaN", &["--threshold", "NaN"]);
     wrong("--fault fire@1", &["`fire@1`", "loose:7@10"]);
     wrong("--fault loose:8@1", &["electrode 8", "0 to 7"]);
-    wrong("--speed 0", &["speed is 0", "positive"]);
-    wrong("--rate 1e9", &["frames a second are asked for", "at most"]);
+    wrong("--speed 0", &["--speed", "0.001 to 1000"]);
+    wrong("--rate 1e6", &["frames a second are asked for", "at most"]);
     wrong("--touch nothing.toml", &["nothing.toml", "random, press"]);
     at.write("script.toml", "repeat_s = 4\n[[touch]]\nat_s = 1\nfor_s = \"long\"\n");
     wrong("--touch script.toml", &["script.toml", "line 4", "for_s"]);

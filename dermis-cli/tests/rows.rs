@@ -143,7 +143,7 @@ fn rows_that_never_fit_are_refused() {
     };
     refused("--source csv:tcp:127.0.0.1:1", &["tcp:127.0.0.1:1", "nobody listens there"]);
     refused("--source csv:file.csv", &["`file.csv` is no device", "csv:-"]);
-    refused("--source csv:- --rate 0", &["--rate 0", "positive"]);
+    refused("--source csv:- --rate 0", &["--rate", "0.001 to 1000000"]);
 }
 
 #[test]

@@ -9,6 +9,7 @@ use crate::samples::Target;
 use crate::shipped;
 use crate::tensors::{self, Named, Precision};
 use dermis::detect::DetectOptions;
+use dermis::files::read_at_most;
 use dermis::forward::ForwardModel;
 use dermis::frame::{Frame, write_whole};
 use dermis::image::{Image, PixelSpace};
@@ -17,6 +18,9 @@ use dermis::skin::Skin;
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
+
+/// Largest file of a network, bytes.
+const LARGEST_FILE: u64 = 512 << 20;
 
 /// The files of a model's folder.
 const CARD: &str = "card.json";
@@ -98,7 +102,7 @@ impl Model {
     pub fn load(folder: &Path, forward: &ForwardModel, pixels: Arc<PixelSpace>) -> Result<Self, LearnError> {
         let read = |name: &str| {
             let path = folder.join(name);
-            std::fs::read(&path).map_err(|source| LearnError::Io { path, source })
+            read_at_most(&path, LARGEST_FILE).map_err(|source| LearnError::Io { path, source })
         };
         Self::parse(folder, &read(CARD)?, &read(WEIGHTS)?, forward, pixels)
     }

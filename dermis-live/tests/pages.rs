@@ -107,6 +107,33 @@ fn rubbish_is_refused_in_words_and_disturbs_nobody() {
     server.stop();
 }
 
+/// Thousands of commands a second: most are refused, and no frame is lost for them.
+#[test]
+fn commands_that_come_too_fast_are_refused() {
+    let _alone = alone();
+    let folder = tempfile::tempdir().unwrap();
+    let (live, control) = page::live(folder.path());
+    let mut session = ClientSession::new(Arc::clone(&control));
+    let (begun, mut done) = (Instant::now(), 0);
+    for index in 0..10_000 {
+        let name = ["noser", "laplace"][index % 2];
+        match session.ask(&format!(r#"{{"do":"method","name":"{name}"}}"#)) {
+            Ok(()) => done += 1,
+            Err(why) => assert!(why.contains("too many commands"), "{why}"),
+        }
+    }
+    assert!((1..=6 + 2 * begun.elapsed().as_secs()).contains(&done), "{done}");
+    let reader = live.shared().subscribe(4096);
+    std::thread::sleep(Duration::from_secs(1));
+    let mut frames = 0;
+    while let Popped::Item(event) = reader.take(Duration::ZERO) {
+        frames += usize::from(matches!(event, Event::Frame(_)));
+    }
+    assert!(frames > 60, "{frames} frames in a second");
+    assert_eq!(live.shared().skipped(), 0);
+    live.stop();
+}
+
 #[test]
 fn events_dropped_by_a_sink_are_reported_and_counted() {
     let _alone = alone();

@@ -83,12 +83,11 @@ impl GaussianTouch {
     /// If the length of `sums` differs from the number of cells.
     pub(crate) fn add_cell_means(&self, surface: &Surface, mesh: &Mesh, sums: &mut [f64]) {
         assert_eq!(sums.len(), mesh.cell_count(), "one sum per cell");
-        let reach_m = REACH_WIDTHS * self.width_m;
         match &mesh.cells {
             Cells::Triangles(cells) => {
                 for (sum, cell) in sums.iter_mut().zip(cells) {
                     let corners = cell.map(|node| mesh.nodes[node]);
-                    if distance(corners[0], self.centre_m) <= reach_m + longest_edge(&corners) {
+                    if self.reaches(&corners) {
                         *sum += self.triangle_mean(surface, corners);
                     }
                 }
@@ -96,7 +95,7 @@ impl GaussianTouch {
             Cells::Tetrahedra(cells) => {
                 for (sum, cell) in sums.iter_mut().zip(cells) {
                     let corners = cell.map(|node| mesh.nodes[node]);
-                    if distance(corners[0], self.centre_m) <= reach_m + longest_edge(&corners) {
+                    if self.reaches(&corners) {
                         *sum += self.tetrahedron_mean(surface, corners);
                     }
                 }
@@ -104,10 +103,18 @@ impl GaussianTouch {
         }
     }
 
-    /// The mean over one triangle; a triangle that is large compared with the touch is split into quarters.
+    /// Whether the touch changes a cell: elsewhere it is 0 within the resolution of a double. A distance in space is at
+    /// most the distance along the surface.
+    fn reaches(&self, corners: &[Point3]) -> bool {
+        distance(corners[0], self.centre_m) <= REACH_WIDTHS * self.width_m + longest_edge(corners)
+    }
+
+    /// The mean over one triangle; a triangle that is large compared with the touch is split into quarters. Quarters out
+    /// of its reach are not split further: their number would grow with the square of the size.
     fn triangle_mean(&self, surface: &Surface, corners: [Point3; 3]) -> f64 {
         if longest_edge(&corners) > TRIANGLE_EDGE_WIDTHS * self.width_m {
-            return 0.25 * quarters(corners).map(|quarter| self.triangle_mean(surface, quarter)).iter().sum::<f64>();
+            let reached = quarters(corners).into_iter().filter(|quarter| self.reaches(quarter));
+            return 0.25 * reached.map(|quarter| self.triangle_mean(surface, quarter)).sum::<f64>();
         }
         triangle_points(&corners).iter().map(|&(point, weight)| weight * self.value(surface, point)).sum()
     }
@@ -115,7 +122,8 @@ impl GaussianTouch {
     /// The mean over one tetrahedron; a tetrahedron that is large compared with the touch is split into eighths.
     fn tetrahedron_mean(&self, surface: &Surface, corners: [Point3; 4]) -> f64 {
         if longest_edge(&corners) > TETRAHEDRON_EDGE_WIDTHS * self.width_m {
-            return 0.125 * eighths(corners).map(|eighth| self.tetrahedron_mean(surface, eighth)).iter().sum::<f64>();
+            let reached = eighths(corners).into_iter().filter(|eighth| self.reaches(eighth));
+            return 0.125 * reached.map(|eighth| self.tetrahedron_mean(surface, eighth)).sum::<f64>();
         }
         tetrahedron_points(&corners).iter().map(|&(point, weight)| weight * self.value(surface, point)).sum()
     }

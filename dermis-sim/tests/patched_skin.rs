@@ -167,6 +167,23 @@ fn a_frame_costs_little() {
     assert_eq!(now, whole);
 }
 
+/// Presses all over the skin: the memory stays below the limit, and the frames are those of the whole table.
+#[test]
+fn the_memory_of_many_presses_has_a_limit() {
+    const MOST_BYTES: usize = 8 << 20;
+    let (whole, mut limited) = (patched(&lab(), MOMENT_DEGREE), patched(&lab(), MOMENT_DEGREE));
+    limited.limit_table(MOST_BYTES);
+    let protocol = whole.conductors().model().protocol();
+    // Twice round the skin, so that places whose Green's functions were dropped are pressed again.
+    for index in 0..80 {
+        let presses = [press(0.01 + 0.007 * f64::from(index % 40), 2.4 * f64::from(index % 40), 2.0)];
+        let frame = |skin: &PatchedSkin| skin.network(&presses).unwrap().frame(protocol);
+        assert_eq!(frame(&limited), frame(&whole), "press {index}");
+        assert!(limited.conductors().table_bytes()[0] <= MOST_BYTES, "press {index}");
+    }
+    assert!(whole.conductors().table_bytes()[0] > 2 * MOST_BYTES, "the test needs more places");
+}
+
 #[test]
 fn the_polynomials_under_a_patch_are_fine_enough() {
     let fine = patched(&lab(), 6);

@@ -11,6 +11,7 @@
 #![warn(unreachable_pub)]
 
 // Layer 0
+pub mod files;
 pub mod geom;
 pub mod linalg;
 pub mod stats;

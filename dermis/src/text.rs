@@ -1,5 +1,6 @@
-//! Counts in messages.
+//! Texts for people: counts in messages, texts of others on a terminal.
 
+use std::borrow::Cow;
 use std::fmt::Display;
 
 /// A count and what is counted, in the singular or plural.
@@ -22,5 +23,77 @@ pub fn number_of<N: PartialEq + From<u8>>(count: N, noun: &str) -> String {
         format!("{noun}es")
     } else {
         format!("{noun}s")
+    }
+}
+
+/// A text of a device or a file on one line of a terminal. Characters that control a terminal, end a line or change the
+/// direction of writing become `?`, one for each of their bytes, so that places in the text stay.
+///
+/// ```
+/// use dermis::text::printable;
+///
+/// assert_eq!(printable("arm 3, 20 \u{b0}C"), "arm 3, 20 \u{b0}C");
+/// assert_eq!(printable("\u{1b}[2Jarm\n"), "?[2Jarm?");
+/// ```
+pub fn printable(text: &str) -> Cow<'_, str> {
+    replaced(text, is_unprintable)
+}
+
+/// The same for a text of several lines: line feeds and tabs stay.
+pub fn printable_lines(text: &str) -> Cow<'_, str> {
+    replaced(text, |character| is_unprintable(character) && !matches!(character, '\n' | '\t'))
+}
+
+/// The beginning of a text that is longer than a number of bytes, with the number of those left out.
+pub fn shortened(text: &str, most_bytes: usize) -> Cow<'_, str> {
+    if text.len() <= most_bytes {
+        return text.into();
+    }
+    let shown = &text[..text.floor_char_boundary(most_bytes)];
+    format!("{shown}... and {}", counted(text.len() - shown.len(), "more byte")).into()
+}
+
+/// Control characters, and the marks that end lines or reverse the direction of a text (Unicode 16, 23.2).
+fn is_unprintable(character: char) -> bool {
+    let is_mark =
+        matches!(character, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    character.is_control() || is_mark
+}
+
+fn replaced(text: &str, is_replaced: impl Fn(char) -> bool) -> Cow<'_, str> {
+    if !text.contains(&is_replaced) {
+        return text.into();
+    }
+    let mut clean = String::with_capacity(text.len());
+    for character in text.chars() {
+        match is_replaced(character) {
+            true => clean.extend(std::iter::repeat_n('?', character.len_utf8())),
+            false => clean.push(character),
+        }
+    }
+    clean.into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_that_controls_a_terminal_is_left() {
+        let all: String = (0..=0x2fff).filter_map(char::from_u32).collect();
+        let clean = printable(&all);
+        assert_eq!(clean.len(), all.len());
+        assert!(!clean.contains(char::is_control));
+        assert!(!clean.contains(['\u{202e}', '\u{2028}', '\u{2066}', '\u{9b}', '\u{7f}']));
+        assert!(clean.contains(['\u{e9}', '\u{4e}', '\u{3a9}']));
+        let lines = printable_lines("a\tb\nc\r\u{9b}d");
+        assert_eq!(lines, "a\tb\nc???d");
+    }
+
+    #[test]
+    fn long_texts_say_how_much_is_left_out() {
+        assert_eq!(shortened("abc", 3), "abc");
+        assert_eq!(shortened("abcd", 3), "abc... and 1 more byte");
+        assert_eq!(shortened("a\u{e9}\u{e9}", 2), "a... and 4 more bytes");
     }
 }

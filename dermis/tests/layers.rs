@@ -11,7 +11,7 @@ const LAYERED: &[(&str, &[&[&str]])] = &[
     (
         "dermis",
         &[
-            &["geom", "linalg", "stats", "text"],
+            &["files", "geom", "linalg", "stats", "text"],
             &["contact", "protocol"],
             &["design", "frame"],
             &["mesh"],

@@ -4,8 +4,10 @@ use crate::console::{Progress, print, print_json};
 use crate::failure::Outcome;
 use crate::frames::Differences;
 use crate::method::MethodArguments;
+use crate::range::{count, seed};
 use crate::skin;
 use clap::Args;
+use dermis::design::MOST_ELECTRODES;
 use dermis::frame::write_whole;
 use dermis::skin::Skin;
 use dermis::text::counted;
@@ -27,10 +29,10 @@ pub struct Arguments {
     #[arg(long, value_name = "TWIN", default_value = "lab")]
     twin: String,
     /// Number of twins.
-    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = count(1..=100_000u64))]
     twins: u64,
     /// Seed of the first twin; the following twins use the following seeds.
-    #[arg(long, value_name = "S", default_value_t = 1001)]
+    #[arg(long, value_name = "S", default_value_t = 1001, value_parser = seed)]
     seed: u64,
     #[command(flatten)]
     method: MethodArguments,
@@ -44,7 +46,13 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     curve: Option<PathBuf>,
     /// Number of disconnected electrodes of each twin, drawn from its seed.
-    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 0,
+        hide_default_value = true,
+        value_parser = count(0..=MOST_ELECTRODES)
+    )]
     dead: usize,
     /// Print JSON (SI units) instead of a table.
     #[arg(long)]

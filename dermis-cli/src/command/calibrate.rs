@@ -7,6 +7,7 @@ use crate::failure::{Failure, Outcome};
 use crate::fitted::{self, FORWARD_MAP, Fitted};
 use crate::frames::{CurrentArguments, FrameArguments, Recorded};
 use crate::guided::GuidedArguments;
+use crate::range::count;
 use crate::rows::Rows;
 use crate::skin;
 use clap::{ArgGroup, Args};
@@ -54,7 +55,7 @@ pub struct Arguments {
     method: Option<String>,
     /// Name the N positions whose presses would help a forward map most, and print its error against the number of
     /// labels.
-    #[arg(long, value_name = "N", conflicts_with = "live", value_parser = clap::value_parser!(u64).range(1..=1000))]
+    #[arg(long, value_name = "N", conflicts_with = "live", value_parser = count(1..=1000u64))]
     suggest: Option<u64>,
     /// Folder to write: the method for --method.
     #[arg(short, long, value_name = "FOLDER")]

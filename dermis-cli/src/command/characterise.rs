@@ -4,6 +4,7 @@ use crate::console::{Progress, print, print_json};
 use crate::failure::{Failure, Outcome};
 use crate::frames::Differences;
 use crate::method::MethodArguments;
+use crate::range::{count, number, seed};
 use crate::skin;
 use clap::Args;
 use dermis::detect::{DetectOptions, Forces, Misplacement, PositionSpread, REGION_95_SD, blur_share};
@@ -29,13 +30,13 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     recipe: Vec<PathBuf>,
     /// Samples of each recipe.
-    #[arg(long, value_name = "N", default_value_t = 4000, value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "N", default_value_t = 4000, value_parser = count(1..=1_000_000_000u64))]
     samples: u64,
     /// Seed of the samples; use one that the method was not trained with.
-    #[arg(long, value_name = "S", default_value_t = 3001)]
+    #[arg(long, value_name = "S", default_value_t = 3001, value_parser = seed)]
     seed: u64,
     /// Smallest peak of a contact as a share of the image's highest peak, instead of the method's own.
-    #[arg(long, value_name = "SHARE")]
+    #[arg(long, value_name = "SHARE", value_parser = number(0.0..=0.999))]
     peak_fraction: Option<f64>,
     /// Save the calibration and the peak fraction to the card of the network in the folder of --method.
     #[arg(long)]
@@ -58,10 +59,6 @@ impl Arguments {
         let method = self.method.prepare(&skin, &Differences::default())?;
         let mut detection = method.reconstruct().detection();
         if let Some(fraction) = self.peak_fraction {
-            if !(0.0..1.0).contains(&fraction) {
-                let message = format!("--peak-fraction is {fraction}: it must be at least 0 and below 1");
-                return Err(Failure::given(message, Some("0.35 keeps side lobes of linear images out")));
-            }
             detection.peak_fraction = fraction;
         }
         let run = self.calibration_run(&skin, method.reconstruct().as_ref(), &detection)?;

@@ -2,6 +2,7 @@
 
 use crate::console::{StudyProgress, print};
 use crate::failure::Outcome;
+use crate::range::seed;
 use clap::{Args, ValueEnum};
 use dermis_study::demo;
 use std::path::{Path, PathBuf};
@@ -16,7 +17,7 @@ pub struct Arguments {
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Seed of the simulated noise.
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = seed)]
     seed: u64,
     /// Print the results as JSON.
     #[arg(long)]

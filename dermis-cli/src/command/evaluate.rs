@@ -6,6 +6,7 @@ use crate::failure::{Failure, Outcome};
 use crate::frames::{Differences, FrameArguments, images};
 use crate::method::{DetectArguments, MethodArguments};
 use crate::press_report::{Estimate, EvaluatedPress, PressReport, ReportArguments, matched};
+use crate::range::count;
 use crate::rows::Rows;
 use crate::skin;
 use clap::Args;
@@ -43,11 +44,12 @@ pub struct Arguments {
     #[arg(
         long,
         value_name = "N",
+        value_parser = count(1..=10_000_000usize),
         conflicts_with_all = ["alpha", "alpha_absolute", "noser_exponent", "weighting", "channel_noise", "both_signs"]
     )]
     align: Option<usize>,
     /// Draw the N presses at random, this many times, and report the median error.
-    #[arg(long, value_name = "TIMES", requires = "align", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "TIMES", requires = "align", value_parser = count(1..=100_000u64))]
     draws: Option<u64>,
     /// Rows to score, as in 2000..2500 (row 2500 not included) [default: all].
     #[arg(long, value_name = "ROWS", conflicts_with = "align")]

@@ -2,6 +2,7 @@
 
 use crate::console::{Progress, print, print_json};
 use crate::failure::{Failure, Outcome};
+use crate::range::seed;
 use clap::Args;
 use dermis::design::SkinDesign;
 use dermis::frame::{write_frames, write_truth, write_whole};
@@ -24,7 +25,7 @@ pub struct Arguments {
     #[arg(long, value_name = "TWIN", default_value = "lab")]
     twin: String,
     /// Seed of the twin, the presses and the noise.
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = seed)]
     seed: u64,
     /// Folder to write; it must not exist, or be empty.
     #[arg(short, long, value_name = "DIR")]

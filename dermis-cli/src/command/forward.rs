@@ -2,17 +2,21 @@
 
 use crate::console::{Progress, print};
 use crate::failure::{Failure, Outcome};
+use crate::range::number;
 use crate::skin;
 use clap::Args;
+use dermis::contact::Contact;
+use dermis::forward::Solver;
 use dermis::frame::{Frame, Truth, read_table, read_truth, write_frames};
 use dermis::skin::Skin;
 use dermis::text::counted;
 use dermis_sim::touch::{GaussianTouch, touched_conductivity};
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
-/// Maximum number of frames from a file of touches.
-const MOST_FRAMES: f64 = 1e6;
+/// Maximum number of values of the frames from a file of touches.
+const MOST_VALUES: f64 = 32e6;
 
 /// The arguments of `dermis forward`.
 #[derive(Debug, Args)]
@@ -28,10 +32,10 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", conflicts_with = "conductivity")]
     touches: Option<PathBuf>,
     /// Relative change of conductance at the centre of a simulated touch: 1 doubles it.
-    #[arg(long, value_name = "NUMBER", default_value_t = 0.5, requires = "touches")]
+    #[arg(long, value_name = "NUMBER", default_value_t = 0.5, requires = "touches", value_parser = number(1e-9..=1e6))]
     touch_amplitude: f64,
     /// Standard deviation of a simulated touch along the surface, m.
-    #[arg(long, value_name = "M", default_value_t = 0.008, requires = "touches")]
+    #[arg(long, value_name = "M", default_value_t = 0.008, requires = "touches", value_parser = number(1e-5..=100.0))]
     touch_width_m: f64,
     /// Frames to write, one per row: CSV, NPY or NPZ; ohm.
     #[arg(short, long, value_name = "FILE")]
@@ -42,26 +46,24 @@ impl Arguments {
     /// Solves the forward problem for every map.
     pub fn run(self) -> Outcome {
         let skin = skin::load(&self.design)?;
-        let maps = match &self.touches {
-            Some(touches) => self.touched(&skin, touches)?,
-            None => skin::conductivities(&skin, self.conductivity.as_deref())?,
+        let frames = match &self.touches {
+            Some(path) => {
+                let touches = self.read_touches(&skin, path)?;
+                // A map is made when its frame is solved: all of them would fill the memory.
+                solved(&skin, &touches, |touches| Ok(Cow::Owned(self.touched(&skin, touches)?)))?
+            }
+            None => {
+                let maps = skin::conductivities(&skin, self.conductivity.as_deref())?;
+                solved(&skin, &maps, |map| Ok(Cow::Borrowed(map)))?
+            }
         };
-        let progress = Progress::new("solving", maps.len());
         let channels = skin.design().protocol.channel_count();
-        let solve = |solver: &mut dermis::forward::Solver, map: &Vec<f64>| {
-            let mut frame = Frame(vec![0.0; channels]);
-            solver.solve_into(map, &mut frame)?;
-            skin.design().protocol.drop_signs(&mut frame);
-            progress.step();
-            Ok::<Frame, dermis::forward::ForwardError>(frame)
-        };
-        let frames = maps.par_iter().map_init(|| skin.forward().solver(), solve).collect::<Result<Vec<_>, _>>()?;
-        drop(progress);
         write_frames(&self.output, &frames)?;
         print(&format!("{}: {} of {channels} values\n", self.output.display(), counted(frames.len(), "frame")))
     }
-    /// The conductivity of each frame in a file of touches; frames without a touch are untouched.
-    fn touched(&self, skin: &Skin, path: &Path) -> Outcome<Vec<Vec<f64>>> {
+
+    /// The touches of each frame in a file; frames without a touch are untouched.
+    fn read_touches(&self, skin: &Skin, path: &Path) -> Outcome<Vec<Vec<Contact>>> {
         let table = read_table(path, "truth")?;
         let frame_column = table.header.iter().flatten().position(|name| name == "frame");
         let column = frame_column.ok_or_else(|| {
@@ -71,21 +73,41 @@ impl Arguments {
             )
         })?;
         let last = table.rows.iter().filter_map(|row| row.get(column)).fold(0.0, |last: f64, &frame| last.max(frame));
-        if last >= MOST_FRAMES {
-            let message = format!("{} names frame {last}: at most {MOST_FRAMES} are simulated", path.display());
-            return Err(Failure::given(message, None));
+        let most = (MOST_VALUES / skin.design().protocol.channel_count() as f64).floor();
+        if last >= most {
+            let message = format!("{} names frame {last}: at most {most} of this skin are simulated", path.display());
+            return Err(Failure::given(message, Some("number the frames from 0")));
         }
-        let (mesh, surface) = (skin.mesh(), skin.design().body.surface());
         let Truth::OnSkin(frames) = read_truth(path, &skin::place_limits(skin), last as usize + 1)? else {
             return Err(Failure::given(format!("{} has no header", path.display()), Some("name the columns")));
         };
-        let gaussian =
-            |centre_m| GaussianTouch { centre_m, amplitude: self.touch_amplitude, width_m: self.touch_width_m };
-        let map = |touches: &Vec<dermis::contact::Contact>| {
-            let touches: Vec<_> = touches.iter().map(|touch| gaussian(touch.position_m)).collect();
-            let rest = skin.forward().rest_conductivity();
-            Ok(touched_conductivity(mesh, &surface, skin.design().sheet.touch, rest, &touches)?)
-        };
-        frames.iter().map(map).collect()
+        Ok(frames)
     }
+
+    /// The conductivity during some touches.
+    fn touched(&self, skin: &Skin, touches: &[Contact]) -> Outcome<Vec<f64>> {
+        let (amplitude, width_m) = (self.touch_amplitude, self.touch_width_m);
+        let gaussian = |touch: &Contact| GaussianTouch { centre_m: touch.position_m, amplitude, width_m };
+        let touches: Vec<GaussianTouch> = touches.iter().map(gaussian).collect();
+        let (surface, rest) = (skin.design().body.surface(), skin.forward().rest_conductivity());
+        Ok(touched_conductivity(skin.mesh(), &surface, skin.design().sheet.touch, rest, &touches)?)
+    }
+}
+
+/// The frame of each item, of which `map` gives the conductivity.
+fn solved<'a, T: Sync>(
+    skin: &Skin,
+    items: &'a [T],
+    map: impl Fn(&'a T) -> Outcome<Cow<'a, [f64]>> + Sync,
+) -> Outcome<Vec<Frame>> {
+    let progress = Progress::new("solving", items.len());
+    let protocol = &skin.design().protocol;
+    let solve = |solver: &mut Solver, item: &'a T| {
+        let mut frame = Frame(vec![0.0; protocol.channel_count()]);
+        solver.solve_into(&map(item)?, &mut frame)?;
+        protocol.drop_signs(&mut frame);
+        progress.step();
+        Ok(frame)
+    };
+    items.par_iter().map_init(|| skin.forward().solver(), solve).collect()
 }

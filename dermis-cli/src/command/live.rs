@@ -4,19 +4,21 @@ use crate::console::{notice_line, on_interrupt};
 use crate::failure::{Failure, Outcome};
 use crate::latency::Latencies;
 use crate::method::METHOD_HELP;
+use crate::range::number;
 use crate::source::{PageArguments, SourceArguments};
 use clap::Args;
+use dermis::files::read_text_at_most;
 use dermis::frame::write_whole;
 use dermis::method::MethodSet;
 use dermis::pipeline::{Command, Settings, Severity, State, Zone};
 use dermis::skin::Skin;
-use dermis::text::counted;
+use dermis::text::{counted, printable};
 use dermis_live::device::{Address, DeviceOptions};
 use dermis_live::emulator::Emulator;
 use dermis_live::recording::Player;
 use dermis_live::sinks::jsonl;
 use dermis_live::sinks::viewer::Server;
-use dermis_live::{Control, Event, Live, LiveError, LiveOptions, Popped};
+use dermis_live::{Control, Event, Live, LiveOptions, Popped};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -36,12 +38,12 @@ pub struct Arguments {
     #[arg(long, value_name = "NAME|FOLDER", help = METHOD_HELP)]
     method: Option<String>,
     /// Detection threshold, as a multiple of the method's own [default: 1]
-    #[arg(long, value_name = "TIMES")]
+    #[arg(long, value_name = "TIMES", value_parser = number(1e-6..=1e6))]
     threshold: Option<f64>,
     /// Named zone with its own threshold, NAME=X,Y,Z,RADIUS,TIMES: a ball (m) and a multiple of --threshold. May be
     /// given more than once.
-    #[arg(long, value_name = "ZONE")]
-    zone: Vec<String>,
+    #[arg(long, value_name = "ZONE", value_parser = parse_zone)]
+    zone: Vec<Zone>,
     /// Record to a new file (MCAP).
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
@@ -62,7 +64,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     state: Option<PathBuf>,
     /// Run for this many seconds.
-    #[arg(long = "for", value_name = "SECONDS")]
+    #[arg(long = "for", value_name = "SECONDS", value_parser = number(0.0..=1e9))]
     for_s: Option<f64>,
     /// Draw a histogram of the latency from the last byte of a frame to its contacts (SVG).
     #[arg(long, value_name = "FILE")]
@@ -71,6 +73,9 @@ pub struct Arguments {
     #[arg(long, conflicts_with = "jsonl")]
     json: bool,
 }
+
+/// Largest file of a state, bytes: the baselines of a million channels.
+const LARGEST_STATE: u64 = 128 << 20;
 
 /// Capacity of the queue of events.
 const WAITING: usize = 1 << 16;
@@ -92,10 +97,10 @@ impl Arguments {
         };
         let control = Arc::new(self.source.control(&live, emulator.clone())?);
         let sinks = self.open(&control)?;
-        let counted = self.watch(&live)?;
+        let counted = self.watch(&live, emulator.as_deref())?;
         let failure = self.close(live, emulator, &control, sinks)?;
         counted.show(self.latency.as_deref(), self.json)?;
-        failure.map_or(Ok(()), |failure| Err(failure.into()))
+        failure.map_or(Ok(()), Err)
     }
 
     /// Refuses output files in missing folders before anything starts.
@@ -116,7 +121,7 @@ impl Arguments {
             let fix = "leave --state and --rate out: a recording has its own";
             return Err(Failure::given("a recording takes no --state and no --rate", Some(fix)));
         }
-        let zones = self.zones()?;
+        let zones = self.zone.clone();
         let player = Player::open(recording, methods, self.source.emulator.speed())?;
         let recorded_with = player.state().settings.method.clone();
         let live = Live::play(Arc::clone(methods), player)?;
@@ -131,12 +136,8 @@ impl Arguments {
         Ok(live)
     }
 
-    fn zones(&self) -> Outcome<Vec<Zone>> {
-        self.zone.iter().map(|zone| parse_zone(zone)).collect()
-    }
-
     fn options(&self, address: Address) -> Outcome<LiveOptions> {
-        let zones = self.zones()?;
+        let zones = self.zone.clone();
         let method = self.method.clone().unwrap_or_default();
         let threshold = self.threshold.unwrap_or(1.0);
         let settings = Settings { method, threshold, zones, ..Settings::default() };
@@ -150,7 +151,7 @@ impl Arguments {
             let message = format!("the kept state {} cannot be read: {why}", path.display());
             Failure::given(message, Some("delete it and tare anew"))
         };
-        let text = std::fs::read_to_string(path).map_err(|error| wrong(error.to_string()))?;
+        let text = read_text_at_most(path, LARGEST_STATE).map_err(|error| wrong(error.to_string()))?;
         Ok(Some(serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?))
     }
 
@@ -189,7 +190,7 @@ impl Arguments {
     }
 
     /// Shows notices and statistics until the end.
-    fn watch(&self, live: &Live) -> Outcome<Latencies> {
+    fn watch(&self, live: &Live, emulator: Option<&Emulator>) -> Outcome<Latencies> {
         let ended = Arc::new(AtomicBool::new(false));
         let end = Arc::clone(&ended);
         on_interrupt(move || end.store(true, Ordering::Relaxed))?;
@@ -211,7 +212,8 @@ impl Arguments {
                 shown = Instant::now();
                 line.show(&latencies.line());
             }
-            if self.for_s.is_some_and(|for_s| begun.elapsed().as_secs_f64() >= for_s) {
+            let is_over = self.for_s.is_some_and(|for_s| begun.elapsed().as_secs_f64() >= for_s);
+            if is_over || emulator.is_some_and(Emulator::has_failed) {
                 break;
             }
         }
@@ -226,8 +228,11 @@ impl Arguments {
         emulator: Option<Arc<Emulator>>,
         control: &Control,
         sinks: Sinks,
-    ) -> Outcome<Option<LiveError>> {
-        let failure = live.take_failure();
+    ) -> Outcome<Option<Failure>> {
+        let failure = match emulator.as_deref().is_some_and(Emulator::has_failed) {
+            true => Some(Failure::Ours("the emulated device has failed (see above)".into())),
+            false => live.take_failure().map(Failure::from),
+        };
         let taped = control.end_recording();
         let state = live.stop();
         if let Some(emulator) = emulator {
@@ -246,7 +251,8 @@ impl Arguments {
         if let Some(problem) = ended.problem {
             return Err(Failure::given(format!("the recording ended early: {problem}"), None));
         }
-        eprintln!("{}: {}, {:.1} s", path.display(), counted(ended.written.frames, "frame"), ended.written.seconds);
+        let file = path.display().to_string();
+        eprintln!("{}: {}, {:.1} s", printable(&file), counted(ended.written.frames, "frame"), ended.written.seconds);
         Ok(failure)
     }
 }
@@ -281,7 +287,7 @@ fn publish(_: &Control, _: &str) -> Outcome<JoinHandle<()>> {
 }
 
 /// A zone from `NAME=X,Y,Z,RADIUS,TIMES`.
-fn parse_zone(text: &str) -> Outcome<Zone> {
+fn parse_zone(text: &str) -> Result<Zone, String> {
     let parse = || {
         let (name, numbers) = text.split_once('=')?;
         let numbers = numbers.split(',').map(|number| number.trim().parse().ok()).collect::<Option<Vec<f64>>>()?;
@@ -289,7 +295,6 @@ fn parse_zone(text: &str) -> Outcome<Zone> {
         Some(Zone { name: name.into(), centre_m: [x, y, z], radius_m, threshold })
     };
     parse().ok_or_else(|| {
-        let fix = "write NAME=X,Y,Z,RADIUS,TIMES in metres, as in palm=0,0.05,0.1,0.04,2";
-        Failure::given(format!("`{text}` is no zone"), Some(fix))
+        format!("`{text}` is no zone: write NAME=X,Y,Z,RADIUS,TIMES in metres, as in palm=0,0.05,0.1,0.04,2")
     })
 }

@@ -4,6 +4,7 @@ use crate::failure::{Failure, Outcome};
 use crate::frames::{CurrentArguments, FrameArguments, images};
 use crate::method::MethodArguments;
 use crate::picture::PictureFormat;
+use crate::range::count;
 use clap::ValueEnum;
 use dermis::contact::Contact;
 use dermis::design::{Body, SkinDesign};
@@ -44,7 +45,7 @@ pub struct Arguments {
     #[command(flatten)]
     method: MethodArguments,
     /// Number of the image or frame, from 0 (for `--what image`).
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, value_parser = count(0..=10_000_000usize))]
     frame: usize,
     /// True positions of the touches (for `--what image` and `--what localisation`), as for `dermis evaluate`.
     #[arg(long, value_name = "FILE")]

@@ -2,18 +2,23 @@
 
 use crate::console::{Progress, print, print_json};
 use crate::failure::{Failure, Outcome};
+use crate::range::{count, number, seed};
 use clap::{Args, ValueEnum};
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
 use dermis::mesh::Mesh;
 use dermis::text::counted;
 use dermis_sim::dataset::{
-    self, GaussianTouches, Generator, Manifest, PatchTouches, Recipe, Record, Run, Shard, SkinSpread, Skins, Touch,
+    self, GaussianTouches, Generator, MOST_TOUCHES, Manifest, PatchTouches, Recipe, Record, Run, Shard, SkinSpread,
+    Skins, Touch,
 };
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::Instant;
+
+/// More samples would not fit on any disk.
+const MOST_SAMPLES: u64 = 1_000_000_000_000_000;
 
 /// The arguments of `dermis simulate`.
 #[derive(Debug, Args)]
@@ -27,10 +32,10 @@ pub struct Arguments {
     #[arg(required_unless_present_any = ["finish", "verify"])]
     design: Option<String>,
     /// Number of samples.
-    #[arg(long, value_name = "N", required_unless_present_any = ["finish", "verify"])]
+    #[arg(long, value_name = "N", required_unless_present_any = ["finish", "verify"], value_parser = count(1..=MOST_SAMPLES))]
     samples: Option<u64>,
     /// Seed; sample i depends on the seed and on i alone.
-    #[arg(long, value_name = "S", required_unless_present_any = ["finish", "verify"])]
+    #[arg(long, value_name = "S", required_unless_present_any = ["finish", "verify"], value_parser = seed)]
     seed: Option<u64>,
     /// Folder for the files.
     #[arg(short, long, value_name = "DIR", required_unless_present_any = ["finish", "verify"])]
@@ -42,37 +47,37 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value_t = TouchName::Gaussian)]
     touch: TouchName,
     /// Largest number of touches of a sample.
-    #[arg(long, value_name = "K")]
+    #[arg(long, value_name = "K", value_parser = count(1..=MOST_TOUCHES))]
     most_touches: Option<usize>,
     /// Smallest and largest width of a touch (standard deviation), m.
-    #[arg(long, value_names = ["FROM", "TO"], num_args = 2)]
+    #[arg(long, value_names = ["FROM", "TO"], num_args = 2, value_parser = number(1e-4..=100.0))]
     width_m: Option<Vec<f64>>,
     /// Smallest and largest amplitude of a touch: relative change of conductance at its centre.
-    #[arg(long, value_names = ["FROM", "TO"], num_args = 2)]
+    #[arg(long, value_names = ["FROM", "TO"], num_args = 2, value_parser = number(1e-9..=1e6))]
     amplitude: Option<Vec<f64>>,
     /// Smallest and largest force of a press on patches, N.
-    #[arg(long, value_names = ["FROM", "TO"], num_args = 2)]
+    #[arg(long, value_names = ["FROM", "TO"], num_args = 2, value_parser = number(1e-6..=1e4))]
     force_n: Option<Vec<f64>>,
     /// Smallest and largest radius of the pressing tip, m.
-    #[arg(long, value_names = ["FROM", "TO"], num_args = 2)]
+    #[arg(long, value_names = ["FROM", "TO"], num_args = 2, value_parser = number(1e-5..=1.0))]
     tip_radius_m: Option<Vec<f64>>,
     /// Skins of the samples.
     #[arg(long, value_enum, default_value_t = SkinsName::Uniform)]
     skins: SkinsName,
     /// Relative standard deviation of the coat's conductance, for random skins.
-    #[arg(long, value_name = "SHARE")]
+    #[arg(long, value_name = "SHARE", value_parser = number(0.0..=1.0))]
     coat_rms: Option<f64>,
     /// RMS displacement of the electrodes, for random skins, m.
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "M", value_parser = number(0.0..=0.1))]
     electrode_displacement_m: Option<f64>,
     /// Relative standard deviation of the contact impedance, for random skins.
-    #[arg(long, value_name = "SHARE")]
+    #[arg(long, value_name = "SHARE", value_parser = number(0.0..=1.0))]
     contact_impedance_rms: Option<f64>,
     /// Generate only the files k with k mod N = I.
     #[arg(long, value_name = "I/N")]
     shard: Option<ShardChoice>,
     /// Number of threads [default: all of the machine]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = count(1..=1024usize))]
     threads: Option<usize>,
     /// Check that all files of a folder are complete and write its manifest.
     #[arg(long, value_name = "DIR", conflicts_with_all = MAKING)]
@@ -153,15 +158,8 @@ impl Arguments {
     /// Generates samples, or finishes or verifies a dataset.
     pub fn run(self) -> Outcome {
         let mut builder = rayon::ThreadPoolBuilder::new();
-        match self.threads {
-            Some(0) => {
-                return Err(Failure::given(
-                    "--threads is 0: it must be at least 1",
-                    Some("leave --threads out to use all"),
-                ));
-            }
-            Some(threads) => builder = builder.num_threads(threads),
-            None => {}
+        if let Some(threads) = self.threads {
+            builder = builder.num_threads(threads);
         }
         let pool = builder.build().map_err(|error| Failure::given(format!("cannot start threads: {error}"), None))?;
         match (&self.finish, &self.verify) {

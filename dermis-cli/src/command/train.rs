@@ -2,6 +2,7 @@
 
 use crate::console::{Progress, print, print_json};
 use crate::failure::{Failure, Outcome};
+use crate::range::{count, number, seed};
 use clap::{Args, ValueEnum};
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
@@ -60,16 +61,16 @@ pub struct Arguments {
     #[arg(long, value_name = "TWIN", default_value = "lab")]
     noise: String,
     /// Number of epochs.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = count(1..=1_000_000usize))]
     epochs: Option<usize>,
     /// Samples of an epoch, drawn at random for each epoch.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = count(1..=1_000_000_000usize))]
     epoch_samples: Option<usize>,
     /// Learning rate of Adam.
-    #[arg(long, value_name = "NUMBER")]
+    #[arg(long, value_name = "NUMBER", value_parser = number(1e-9..=1.0f32))]
     rate: Option<f32>,
     /// Seed of the initial weights, the order of samples and the noise.
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = seed)]
     seed: Option<u64>,
     /// Store the weights in half precision.
     #[arg(long)]

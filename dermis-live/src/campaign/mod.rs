@@ -11,7 +11,7 @@
 //! use std::sync::Arc;
 //!
 //! let methods = Arc::new(MethodSet::new(&Methods::linear(), Skin::load("skin16")?, None)?);
-//! let twin = TwinOptions::shipped("lab")?;
+//! let twin = TwinOptions::load("lab")?;
 //! let options = CampaignOptions { twin, method: "noser".into(), faults: 100, seed: 1 };
 //! let scores = run(&methods, &options, |_| {})?;
 //! let false_frames: u64 = scores.iter().map(|score| score.during.false_contacts).sum();

@@ -6,7 +6,7 @@ use crate::device::{DeviceOptions, READ_BYTES, SILENCE};
 use crate::device::{Role, ScanTable};
 use dermis::pipeline::{Notice, Severity};
 use dermis::skin::Skin;
-use dermis::text::counted;
+use dermis::text::{counted, printable};
 use dermis_wire::{
     Decoder, Fault, FaultCode, Frame, FrameFlags, Hello, Received, ScanPart, Slot, ToDevice, ToHost, VERSION,
     test_reading,
@@ -197,8 +197,10 @@ struct Answers {
 impl Answers {
     fn take(&mut self, message: &[u8], scan: &ScanTable) {
         match ToHost::parse(message) {
-            Ok(ToHost::Fault(Fault { code: FaultCode::UnknownMessage, text })) => self.unknown.push(text.into()),
-            Ok(ToHost::Fault(fault)) => self.fault = Some(fault.text.into()),
+            Ok(ToHost::Fault(Fault { code: FaultCode::UnknownMessage, text })) => {
+                self.unknown.push(printable(text).into_owned())
+            }
+            Ok(ToHost::Fault(fault)) => self.fault = Some(printable(fault.text).into_owned()),
             Ok(ToHost::Frame(frame)) if frame.flags.has(FrameFlags::TEST) => {
                 self.tested = Some(frame.sequence);
                 self.wrong = wrong_reading(&frame, scan);

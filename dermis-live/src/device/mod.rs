@@ -28,6 +28,7 @@ use crate::device::rows::RowReader;
 
 use dermis::pipeline::{Counts, FrameInput, Measurement, Notice, Severity, Timestamp};
 use dermis::skin::Skin;
+use dermis::text::printable;
 use dermis_wire::{Arrival, Arrivals, Decoder, Frame, FrameFlags, Hello, Received, Status, ToDevice, ToHost};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -185,7 +186,8 @@ impl Stream {
         let (mut name, mut serial, mut rate_hz) = (String::new(), 0, 0.0);
         if let Ok(ToHost::Hello(hello)) = ToHost::parse(&message) {
             self.hello(&hello);
-            (name, serial, rate_hz) = (hello.name.into(), hello.serial, f64::from(hello.rate_millihertz) * 1e-3);
+            (name, serial, rate_hz) =
+                (printable(hello.name).into_owned(), hello.serial, f64::from(hello.rate_millihertz) * 1e-3);
         }
         tested.into_iter().for_each(|sequence| self.test(sequence));
         DeviceFacts { name, serial, rate_hz, hello: message }
@@ -398,7 +400,7 @@ impl Device {
                 }
                 Ok(ToHost::Status(status)) => publish(DeviceEvent::Status(status)),
                 Ok(ToHost::Fault(fault)) => {
-                    let text = format!("the device says: {}", fault.text);
+                    let text = format!("the device says: {}", printable(fault.text));
                     publish(DeviceEvent::Notice(Notice { level: Severity::Error, text, at: received_at }));
                 }
                 Ok(ToHost::Hello(_)) => {}

@@ -7,6 +7,7 @@ use crate::emulator::script::Script;
 use crate::emulator::timing::Timing;
 use dermis::design::SkinDesign;
 use dermis::geom::{Point3, Surface};
+use dermis::text::printable;
 use dermis_sim::twin::{ContactHistory, Press, Twin, TwinOptions};
 use dermis_wire::{Frame, FrameFlags, Hello, NoRoom, Readings, Slot, ToHost, VERSION};
 use std::collections::BTreeMap;
@@ -56,6 +57,8 @@ pub struct Emulator {
     /// Number of faults of the skin that have been applied.
     happened: Mutex<usize>,
     stopped: AtomicBool,
+    /// Whether it has ended by an error or a panic.
+    failed: AtomicBool,
     /// Whether the warning about a slow twin was printed.
     said_slow: AtomicBool,
 }
@@ -65,6 +68,13 @@ impl std::fmt::Debug for Emulator {
         formatter.debug_struct("Emulator").field("design", &self.design.name).finish_non_exhaustive()
     }
 }
+
+/// Most frames that are computed in advance, and most bytes of them.
+pub const MOST_PRERENDERED: usize = 1_000_000;
+const MOST_PRERENDERED_BYTES: usize = 1 << 29;
+
+/// Most bytes of Green's functions that the twin keeps: those of some hundred places.
+const TABLE_BYTES: usize = 64 << 20;
 
 /// Resolution of an ideal converter, bits.
 const IDEAL_BITS: u32 = 32;
@@ -77,16 +87,26 @@ impl Emulator {
     /// # Errors
     /// A twin that does not fit the design; a fault of an unknown electrode.
     pub fn new(design: &SkinDesign, options: EmulatorOptions) -> Result<Arc<Self>, LiveError> {
-        let twin = Twin::new(design, &options.twin, options.seed)?;
+        let mut twin = Twin::new(design, &options.twin, options.seed)?;
+        twin.limit_table(TABLE_BYTES);
         let options = EmulatorOptions { twin: twin.options().clone(), ..options };
         if !(options.speed > 0.0 && options.speed.is_finite()) {
             return Err(LiveError::Given(format!("the speed is {}: it must be positive", options.speed)));
         }
         options.faults.iter().try_for_each(|timed| check_fault(design, timed))?;
+        let scan = ScanTable::new(&design.protocol)?;
+        let most = MOST_PRERENDERED.min(MOST_PRERENDERED_BYTES / (size_of::<i32>() * scan.slots().len().max(1)));
+        if options.prerendered > most {
+            return Err(LiveError::Given(format!(
+                "{} frames in advance: at most {most} of this skin fit into {} MiB",
+                options.prerendered,
+                MOST_PRERENDERED_BYTES >> 20
+            )));
+        }
         let bits = options.twin.electronics.adc.map_or(IDEAL_BITS, |adc| adc.bits);
         let ideal = [IDEAL_RANGE_V / 2f64.powi(IDEAL_BITS as i32 - 1); 3];
         let mut emulator = Emulator {
-            scan: ScanTable::new(&design.protocol)?,
+            scan,
             surface: design.body.surface(),
             tip_radius_m: options.twin.press.tip_radius_m,
             volts_per_count: twin.electronics().volts_per_count().unwrap_or(ideal),
@@ -101,6 +121,7 @@ impl Emulator {
             timing: Mutex::new(Timing::new((options.twin.electronics.frame_rate_hz * 1e3).round() as u32)),
             happened: Mutex::new(0),
             stopped: AtomicBool::new(false),
+            failed: AtomicBool::new(false),
             said_slow: AtomicBool::new(false),
             design: design.clone(),
             options,
@@ -144,6 +165,15 @@ impl Emulator {
         self.stopped.store(true, Ordering::Relaxed);
     }
 
+    /// Whether [`serve`](Self::serve) has ended by an error or a panic.
+    pub fn has_failed(&self) -> bool {
+        self.failed.load(Ordering::Relaxed)
+    }
+
+    pub(super) fn fail_for_good(&self) {
+        self.failed.store(true, Ordering::Relaxed);
+    }
+
     pub(super) fn is_stopped(&self) -> bool {
         self.stopped.load(Ordering::Relaxed)
     }
@@ -168,7 +198,7 @@ impl Emulator {
             eprintln!(
                 "the emulated device leaves frames out: its twin `{}` takes longer than the {:.1} ms that a frame has here; \
                  --speed 0.25 slows the device down, --prerender 480 makes the first 480 frames beforehand",
-                self.options.twin.name,
+                printable(&self.options.twin.name),
                 1e3 / rate_hz / self.options.speed,
             );
         }

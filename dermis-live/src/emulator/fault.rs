@@ -99,19 +99,24 @@ const FORMS: &str = "loose:ELECTRODE[:OHM]@SECONDS, mend:ELECTRODE@SECONDS, cloc
                      freeze, references:FACTOR, reference:DRIVE:FACTOR, gain:FACTOR, offset:COUNTS, stuck:CHANNEL, \
                      saturated:CHANNEL";
 
+/// The largest number of a fault, in its unit.
+const MOST: f64 = 1e9;
+
 impl FromStr for TimedFault {
     type Err = LiveError;
 
     /// Parses `KIND[:VALUE...]@SECONDS[+FOR]`.
     fn from_str(text: &str) -> Result<Self, LiveError> {
         parse(text).ok_or_else(|| {
-            LiveError::Given(format!("`{text}` is no fault: write {FORMS}, as in loose:7@10 or zeros@10+2"))
+            LiveError::Given(format!(
+                "`{text}` is no fault: write {FORMS}, as in loose:7@10 or zeros@10+2, with numbers up to 1e9"
+            ))
         })
     }
 }
 
 fn parse(text: &str) -> Option<TimedFault> {
-    let number = |text: &str| text.parse::<f64>().ok().filter(|value| value.is_finite());
+    let number = |text: &str| text.parse::<f64>().ok().filter(|value| value.abs() <= MOST);
     let positive = |text: &str| number(text).filter(|value| *value >= 0.0);
     let (what, when) = text.split_once('@')?;
     let (at_s, for_s) = match when.split_once('+') {
@@ -231,6 +236,8 @@ mod tests {
             "bytes:2@0+1",
             "noise:5@1",
             "noise:-5@1+1",
+            "noise:1e300@0+1",
+            "unplug@nan+1",
             "unplug@1",
             "loose:x@1",
             "loose:1:2:3@1",

@@ -29,6 +29,15 @@ impl Emulator {
     /// # Errors
     /// A port failure; an internal failure of the twin.
     pub fn serve(&self, port: Port) -> Result<(), LiveError> {
+        let failing = FailsUnlessDone(self);
+        let served = self.serve_port(port);
+        if served.is_ok() {
+            std::mem::forget(failing);
+        }
+        served
+    }
+
+    fn serve_port(&self, port: Port) -> Result<(), LiveError> {
         let broken = |error: std::io::Error| LiveError::Given(format!("the emulated device's port: {error}"));
         match port {
             Port::Serial(mut serial) => {
@@ -88,6 +97,15 @@ impl Emulator {
             Ok(()) | Err(SessionEnd::Gone) => Ok(()),
             Err(SessionEnd::Failed(error)) => Err(*error),
         }
+    }
+}
+
+/// Marks the emulator as failed when it is dropped, by an error or a panic.
+struct FailsUnlessDone<'a>(&'a Emulator);
+
+impl Drop for FailsUnlessDone<'_> {
+    fn drop(&mut self) {
+        self.0.fail_for_good();
     }
 }
 

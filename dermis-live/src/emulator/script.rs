@@ -2,6 +2,7 @@
 
 use crate::LiveError;
 use dermis::design::SkinDesign;
+use dermis::files::{MOST_SETTINGS_BYTES, read_text_at_most};
 use dermis::geom::{Point3, Surface};
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
@@ -80,7 +81,7 @@ impl Script {
                 return Ok(script);
             }
         }
-        let text = std::fs::read_to_string(name_or_path).map_err(|error| {
+        let text = read_text_at_most(Path::new(name_or_path), MOST_SETTINGS_BYTES).map_err(|error| {
             LiveError::Given(format!(
                 "cannot read the script {name_or_path}: {error}; give a file or one of {}",
                 NAMED.join(", ")

@@ -5,7 +5,7 @@ use crate::clock;
 use crate::emulator::Emulator;
 use crate::guide::{Guide, GuideAction};
 use crate::recording::{RecordingSink, RecordingStatus};
-use crate::runtime::LiveHandle;
+use crate::runtime::{LiveHandle, RateLimit};
 use dermis::geom::{Point3, Surface};
 use dermis::pipeline::Command;
 use serde::Deserialize;
@@ -14,6 +14,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 /// A request, as pages send it.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -71,6 +72,8 @@ pub struct Control {
     source: String,
     recording_options: RecordingOptions,
     recording: Mutex<Option<RecordingSink>>,
+    /// Limits of all pages together on changes of the method, and on the other commands to the pipeline.
+    limits: Mutex<[RateLimit; 2]>,
     /// The number of the next client's finger on the emulated skin.
     next_finger: AtomicU32,
 }
@@ -78,7 +81,7 @@ pub struct Control {
 /// Options of recordings.
 #[derive(Debug, Clone, Default)]
 pub struct RecordingOptions {
-    /// Folder of the recordings that pages request; they are named by the time.
+    /// Folder of the recordings that pages request, made when it is needed; they are named by the skin and the time.
     pub folder: PathBuf,
     /// The digital twin of the emulator (TOML).
     pub twin_toml: Option<String>,
@@ -102,6 +105,7 @@ impl Control {
             source,
             recording_options,
             recording: Mutex::new(None),
+            limits: Mutex::new([RateLimit::new(5, 2.0), RateLimit::new(60, 60.0)]),
             next_finger: AtomicU32::new(0),
         }
     }
@@ -172,8 +176,31 @@ impl Control {
         }
     }
 
+    /// Refuses commands that come faster than people give them: each takes time that frames need.
+    fn check_rate(&self, request: &Request) -> Result<(), LiveError> {
+        let limit = match request {
+            Request::Method { .. } | Request::Record { .. } => 0,
+            Request::Tare {} | Request::Threshold { .. } | Request::Guide { .. } => 1,
+            Request::Pause { .. } | Request::Press { .. } | Request::Release { .. } => return Ok(()),
+        };
+        let mut limits = self.limits.lock().unwrap_or_else(PoisonError::into_inner);
+        limits[limit]
+            .passes(Instant::now())
+            .map_err(|wait_s| LiveError::Given(format!("too many commands: the next one may come in {wait_s:.1} s")))
+    }
+
+    /// A new file in the folder of recordings. The name of the skin chooses no other folder.
+    fn new_recording(&self) -> Result<PathBuf, LiveError> {
+        let folder = &self.recording_options.folder;
+        std::fs::create_dir_all(folder)
+            .map_err(|source| LiveError::Given(format!("cannot make the folder {}: {source}", folder.display())))?;
+        let seconds = clock::now().unix_ns / 1_000_000_000;
+        Ok(folder.join(format!("{}-{seconds}.mcap", file_name(&self.shared.skin().design().name))))
+    }
+
     /// Carries out a request; fingers have their numbers on the emulated skin.
     fn carry_out(&self, request: &Request) -> Result<(), LiveError> {
+        self.check_rate(request)?;
         match request {
             Request::Tare {} => self.shared.command(Command::Tare),
             Request::Threshold { value } => {
@@ -190,11 +217,7 @@ impl Control {
             }
             Request::Press { finger, position_m, force_n } => self.press(*finger, *position_m, *force_n)?,
             Request::Release { finger } => self.release(*finger),
-            Request::Record { on: true } => {
-                let seconds = clock::now().unix_ns / 1_000_000_000;
-                let name = format!("{}-{seconds}.mcap", self.shared.skin().design().name);
-                self.record(&self.recording_options.folder.join(name))?;
-            }
+            Request::Record { on: true } => self.record(&self.new_recording()?)?,
             Request::Record { on: false } => drop(self.end_recording()),
             Request::Pause { .. } => {}
             Request::Guide { action } => match &self.guide {
@@ -274,6 +297,20 @@ impl Drop for ClientSession {
     }
 }
 
+/// Longest part of a file's name that comes from the name of a skin, characters.
+const LONGEST_FILE_NAME: usize = 60;
+
+/// A text as a part of a file's name: letters, digits, `-`, `_` and inner dots; everything else becomes `_`.
+fn file_name(text: &str) -> String {
+    let clean = |character: char| match character {
+        '-' | '_' | '.' => character,
+        _ if character.is_alphanumeric() => character,
+        _ => '_',
+    };
+    let name: String = text.trim_start_matches('.').chars().take(LONGEST_FILE_NAME).map(clean).collect();
+    if name.is_empty() { "skin".into() } else { name }
+}
+
 /// The surface point nearest to one that was picked on the drawn triangles.
 fn onto(surface: &Surface, point: Point3) -> Point3 {
     match *surface {
@@ -283,5 +320,29 @@ fn onto(surface: &Surface, point: Point3) -> Point3 {
         }
         Surface::Plane => [point[0], point[1], 0.0],
         Surface::Free => point,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_name_of_a_skin_chooses_no_folder() {
+        for (name, expected) in [
+            ("skin16", "skin16"),
+            ("left arm.v2", "left_arm.v2"),
+            ("/tmp/x", "_tmp_x"),
+            ("../../x", "_.._x"),
+            ("..", "skin"),
+            (".hidden", "hidden"),
+            ("C:\\x\u{1b}\n", "C__x__"),
+            ("", "skin"),
+        ] {
+            assert_eq!(file_name(name), expected);
+            let path = Path::new("folder").join(format!("{}-1.mcap", file_name(name)));
+            assert_eq!(path.parent(), Some(Path::new("folder")), "{name}");
+        }
+        assert_eq!(file_name(&"x".repeat(1000)).len(), LONGEST_FILE_NAME);
     }
 }

@@ -46,7 +46,7 @@ impl DeviceThread {
                     }
                     self.shared.queue(WorkItem::Frame(incoming));
                 }
-                DeviceEvent::Notice(notice) => self.shared.publish(&Event::Notice(notice)),
+                DeviceEvent::Notice(notice) => self.shared.device_notice(notice),
                 DeviceEvent::Status(_) => {}
             });
             match result {

@@ -3,10 +3,12 @@
 use crate::LiveError;
 use crate::clock;
 use crate::device::{DeviceFacts, IncomingFrame};
+use crate::runtime::notice_limit::NoticeLimit;
 use crate::runtime::{Event, Mailbox, Popped, lock};
 use dermis::method::MethodSet;
 use dermis::pipeline::{Command, Notice, Pipeline, Settings, Severity, State};
 use dermis::skin::Skin;
+use dermis::text::counted;
 use std::collections::{BTreeMap, VecDeque};
 use std::mem::discriminant;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,6 +20,10 @@ const EARLY: Duration = Duration::from_secs(5);
 /// Frames that can wait for the pipeline: half a second at 120 frames per second.
 const MOST_WAITING: usize = 64;
 
+/// Notices of the device, and notices altogether, that subscribers receive in a second.
+const DEVICE_NOTICES: u32 = 5;
+const NOTICES: u32 = 100;
+
 /// The handle of a skin being read, shared between threads.
 pub struct LiveHandle {
     methods: Arc<MethodSet>,
@@ -27,6 +33,8 @@ pub struct LiveHandle {
     start: Instant,
     /// Notices of the first seconds, for later subscribers.
     early_notices: Mutex<Vec<Notice>>,
+    device_notices: Mutex<NoticeLimit>,
+    notices: Mutex<NoticeLimit>,
     /// Events dropped by sinks whose subscription has ended, and those that sinks report themselves.
     dropped: Mutex<BTreeMap<&'static str, u64>>,
     state: Mutex<State>,
@@ -64,6 +72,8 @@ impl LiveHandle {
             subscribers: Mutex::default(),
             start: Instant::now(),
             early_notices: Mutex::default(),
+            device_notices: Mutex::new(NoticeLimit::new(DEVICE_NOTICES)),
+            notices: Mutex::new(NoticeLimit::new(NOTICES)),
             dropped: Mutex::default(),
             state: Mutex::new(pipeline.state().clone()),
             facts: Mutex::default(),
@@ -200,8 +210,32 @@ impl LiveHandle {
         self.stopped.load(Ordering::Relaxed)
     }
 
-    /// Sends an event to every subscriber.
+    /// Sends an event to every subscriber; of too many notices in a second only their number.
     pub fn publish(&self, event: &Event) {
+        if !matches!(event, Event::Notice(_)) || lock(&self.notices).passes(Instant::now()) {
+            self.deliver(event);
+        }
+    }
+
+    /// Publishes a notice of the device; a device can repeat itself thousands of times a second.
+    pub(super) fn device_notice(&self, notice: Notice) {
+        if lock(&self.device_notices).passes(Instant::now()) {
+            self.publish(&Event::Notice(notice));
+        }
+    }
+
+    /// Reports the number of notices that were left out since the last report, once a second or at the end.
+    pub(super) fn report_omitted(&self, is_end: bool) {
+        for (limit, whose) in [(&self.device_notices, " of the device"), (&self.notices, "")] {
+            let omitted = lock(limit).take_omitted(Instant::now(), is_end);
+            if let Some(count) = omitted {
+                let text = format!("and {}{whose}", counted(count, "more message"));
+                self.deliver(&Event::Notice(Notice { level: Severity::Warning, text, at: clock::now() }));
+            }
+        }
+    }
+
+    fn deliver(&self, event: &Event) {
         if let (Event::Notice(notice), true) = (event, self.start.elapsed() < EARLY) {
             lock(&self.early_notices).push(notice.clone());
         }

@@ -23,7 +23,9 @@ mod control;
 mod device_thread;
 mod frame;
 mod handle;
+mod limit;
 mod mailbox;
+mod notice_limit;
 mod pipeline_thread;
 
 pub use control::{ClientSession, Control, RecordingOptions};
@@ -32,6 +34,7 @@ pub use handle::LiveHandle;
 pub use mailbox::{Mailbox, Popped};
 
 pub(crate) use handle::WorkItem;
+pub(crate) use limit::RateLimit;
 pub(crate) use pipeline_thread::process;
 
 use crate::LiveError;
@@ -131,7 +134,10 @@ impl Live {
         source: impl FnOnce() + Send + 'static,
     ) -> Self {
         let worker = PipelineThread::new(Arc::clone(&shared), pipeline, rebuilds);
-        let threads = vec![spawn("dermis-listen", source), spawn("dermis-contacts", move || worker.run())];
+        let [of_source, of_worker] = [(); 2].map(|()| EndsOnPanic(Arc::clone(&shared)));
+        let source = move || of_source.run(source);
+        let threads =
+            vec![spawn("dermis-listen", source), spawn("dermis-contacts", move || of_worker.run(|| worker.run()))];
         Live { shared, threads }
     }
 
@@ -162,6 +168,25 @@ impl Live {
     }
 }
 
+/// Ends the skin when its thread panics: subscribers do not wait for frames that never come.
+struct EndsOnPanic(Arc<LiveHandle>);
+
+impl EndsOnPanic {
+    fn run(self, run: impl FnOnce()) {
+        run();
+    }
+}
+
+impl Drop for EndsOnPanic {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.0.stop();
+            self.0.close_work();
+            self.0.close_mailboxes();
+        }
+    }
+}
+
 fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> JoinHandle<()> {
     std::thread::Builder::new().name(name.into()).spawn(run).expect("a thread can be started")
 }
@@ -173,3 +198,60 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 /// Longest interval at which threads check whether they must stop.
 const POLL: Duration = Duration::from_millis(50);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dermis::method::Methods;
+    use dermis::pipeline::Severity;
+    use dermis::skin::Skin;
+
+    fn pipeline() -> Pipeline {
+        let methods = MethodSet::new(&Methods::linear(), Skin::load("skin16").unwrap(), None).unwrap();
+        Pipeline::new(Arc::new(methods), Settings::default()).unwrap()
+    }
+
+    /// A device that repeats itself thousands of times a second fills neither terminals nor queues.
+    #[test]
+    fn repeated_messages_of_a_device_are_counted_not_shown() {
+        const SENT: u64 = 30_000;
+        let shared = LiveHandle::new(&pipeline());
+        let mailbox = shared.subscribe(1 << 16);
+        let begun = std::time::Instant::now();
+        for number in 0..SENT {
+            let text = format!("the device says: {number}");
+            shared.device_notice(Notice { level: Severity::Error, text, at: crate::clock::now() });
+        }
+        shared.report_omitted(true);
+        let seconds = 1 + begun.elapsed().as_secs();
+        let late = shared.subscribe(1 << 16);
+        for mailbox in [mailbox, late] {
+            let (mut shown, mut omitted) = (0, 0);
+            while let Popped::Item(Event::Notice(notice)) = mailbox.take(Duration::ZERO) {
+                let counted = notice.text.strip_prefix("and ").and_then(|text| text.split_once(" more messages"));
+                match counted {
+                    Some((count, _)) => omitted += count.parse::<u64>().unwrap(),
+                    None => shown += 1,
+                }
+            }
+            assert!((1..=5 * seconds).contains(&shown), "{shown}");
+            assert_eq!(shown + omitted, SENT);
+        }
+    }
+
+    #[test]
+    fn a_thread_that_panics_ends_the_skin() {
+        let pipeline = pipeline();
+        let shared = LiveHandle::new(&pipeline);
+        let handle = Arc::clone(&shared);
+        let source = move || {
+            handle.await_begin();
+            panic!("a test of panics");
+        };
+        let live = Live::with_threads(shared, pipeline, true, source);
+        let mailbox = live.shared().subscribe(8);
+        live.begin();
+        assert!(matches!(mailbox.take(Duration::from_secs(20)), Popped::Closed));
+        live.stop();
+    }
+}

@@ -53,6 +53,7 @@ impl PipelineThread {
             self.run_commands();
             self.report_dropped();
             self.report_stale();
+            self.shared.report_omitted(false);
             match self.shared.take_work(POLL) {
                 Popped::Item(WorkItem::Frame(incoming)) => {
                     // What was requested while the thread waited comes before this frame.
@@ -64,6 +65,7 @@ impl PipelineThread {
                 Popped::Closed => break,
             }
         }
+        self.shared.report_omitted(true);
         self.shared.set_state(&self.pipeline);
         self.shared.close_mailboxes();
     }

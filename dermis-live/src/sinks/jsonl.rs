@@ -72,6 +72,8 @@ impl<'a> FrameLine<'a> {
 
 /// Lines that can wait for a reader.
 const WAITING: usize = 256;
+/// Programs that read lines at once, each on a thread; more connections are closed.
+const MOST_READERS: usize = 64;
 
 /// Subscribes to the frames from now on, for [`write_lines`]; if they are not read fast enough, the oldest are dropped.
 pub fn lines(shared: &LiveHandle) -> Arc<Mailbox<Event>> {
@@ -134,6 +136,7 @@ pub fn serve_lines(shared: &Arc<LiveHandle>, address: &str) -> Result<(SocketAdd
     let bound = listener.local_addr().map_err(failed)?;
     listener.set_nonblocking(true).map_err(failed)?;
     let shared = Arc::clone(shared);
+    let readers = Arc::new(());
     let accept = move || {
         while !shared.is_stopped() {
             let Ok((stream, _)) = listener.accept() else {
@@ -145,11 +148,17 @@ pub fn serve_lines(shared: &Arc<LiveHandle>, address: &str) -> Result<(SocketAdd
                 .set_nonblocking(false)
                 .and_then(|()| stream.set_nodelay(true))
                 .and_then(|()| stream.set_write_timeout(Some(Duration::from_secs(10))));
-            if ready.is_ok() {
+            // One count is of this thread.
+            if ready.is_ok() && Arc::strong_count(&readers) <= MOST_READERS {
+                let reader = Arc::clone(&readers);
                 let shared = Arc::clone(&shared);
                 // A reader that disconnects or is too slow is not an error.
                 let mailbox = lines(&shared);
-                std::thread::spawn(move || write_lines(&shared, &mailbox, &mut BufWriter::new(stream)));
+                std::thread::spawn(move || {
+                    // A reader that has gone, or does not read, ends the thread; nobody waits for the reason.
+                    let _ = write_lines(&shared, &mailbox, &mut BufWriter::new(stream));
+                    drop(reader);
+                });
             }
         }
     };

@@ -1,13 +1,14 @@
 //! The distributions from which the samples of a dataset are drawn.
 
 use crate::dataset::DatasetError;
-use crate::twin::{CoatOptions, ElectrodeOptions, PatchOptions, TouchOptions, TwinOptions};
+use crate::twin::{CoatOptions, ElectrodeOptions, FORCES_N, PatchOptions, TIP_RADII_M, TouchOptions, TwinOptions};
 use dermis::design::TouchEffect;
+use dermis::files::{MOST_SETTINGS_BYTES, read_text_at_most};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// Maximum number of touches of a sample: more than the ten fingers of two hands are a typing error.
-const MOST_TOUCHES: usize = 16;
+pub const MOST_TOUCHES: usize = 16;
 
 /// All parameters of the samples, besides the design and its mesh.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -64,7 +65,7 @@ impl SkinSpread {
         for (what, [fewest, most]) in
             [("the rows of patches", self.patch_rows), ("the columns of patches", self.patch_columns)]
         {
-            check_range(what, [fewest as f64, most as f64])?;
+            check_range(what, [fewest as f64, most as f64], [1.0, 1000.0])?;
         }
         Ok(())
     }
@@ -79,6 +80,11 @@ pub enum Touch {
     /// Presses on fabric patches under foam: [`PatchedSkin`](crate::twin::PatchedSkin).
     Patch(PatchTouches),
 }
+
+/// Ranges of the numbers of touches: outside, a number is in another unit, or a sample takes minutes.
+const DISTANCES_M: [f64; 2] = [1e-6, 100.0];
+const WIDTHS_M: [f64; 2] = [1e-4, 100.0];
+const AMPLITUDES: [f64; 2] = [1e-9, 1e6];
 
 /// Presses next to the one before.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -118,10 +124,10 @@ impl PatchTouches {
 
     fn check(&self, effect: TouchEffect) -> Result<(), DatasetError> {
         check_count(self.most)?;
-        check_range("the force of presses in N", self.force_n)?;
-        check_range("the radius of the tip in m", self.tip_radius_m)?;
+        check_range("the force of presses in N", self.force_n, FORCES_N)?;
+        check_range("the radius of the tip in m", self.tip_radius_m, TIP_RADII_M)?;
         if let Some(together) = &self.together {
-            check_range("the distance of presses side by side in m", together.distance_m)?;
+            check_range("the distance of presses side by side in m", together.distance_m, DISTANCES_M)?;
             if !(0.0..=1.0).contains(&together.share) {
                 let what = "the share of presses side by side";
                 return Err(DatasetError::OutOfRange { what, value: together.share, must: "0 to 1".into() });
@@ -169,8 +175,8 @@ impl GaussianTouches {
     /// A number that is invalid for a touch; amplitudes that could leave no conductance.
     pub fn check(&self, effect: TouchEffect) -> Result<(), DatasetError> {
         check_count(self.most)?;
-        check_range("the width of touches in m", self.width_m)?;
-        check_range("the amplitude of touches", self.amplitude)?;
+        check_range("the width of touches in m", self.width_m, WIDTHS_M)?;
+        check_range("the amplitude of touches", self.amplitude, AMPLITUDES)?;
         let strongest = self.most as f64 * self.amplitude[1];
         if effect == TouchEffect::ConductanceFalls && strongest >= 1.0 {
             return Err(DatasetError::OutOfRange {
@@ -191,10 +197,13 @@ fn check_count(most: usize) -> Result<(), DatasetError> {
     Err(DatasetError::OutOfRange { what: "the most touches of a sample", value: most as f64, must })
 }
 
-fn check_range(what: &'static str, [low, high]: [f64; 2]) -> Result<(), DatasetError> {
+fn check_range(what: &'static str, [low, high]: [f64; 2], [least, most]: [f64; 2]) -> Result<(), DatasetError> {
     for value in [low, high] {
         if !(value > 0.0 && value.is_finite()) {
             return Err(DatasetError::OutOfRange { what, value, must: "positive and finite".into() });
+        }
+        if !(least..=most).contains(&value) {
+            return Err(DatasetError::OutOfRange { what, value, must: format!("from {least} to {most}") });
         }
     }
     if high < low {
@@ -219,7 +228,7 @@ impl Recipe {
     /// A file that cannot be read or is not a recipe, with the line.
     pub fn load(path: &Path, seed: u64, samples: u64) -> Result<Self, DatasetError> {
         let io = |source| DatasetError::Io { path: path.to_path_buf(), source };
-        Self::parse(&std::fs::read_to_string(path).map_err(io)?, path, seed, samples)
+        Self::parse(&read_text_at_most(path, MOST_SETTINGS_BYTES).map_err(io)?, path, seed, samples)
     }
 
     /// The same from the text of such a file; its path is for messages.

@@ -67,7 +67,12 @@ pub struct TemperatureOptions {
 impl CoatOptions {
     pub(crate) fn check(&self) -> Result<(), TwinError> {
         share("coat.rms", self.rms)?;
-        positive("coat.correlation_m", self.correlation_m)
+        positive("coat.correlation_m", self.correlation_m)?;
+        if self.correlation_m > 1000.0 {
+            let (must, fix) = ("at most 1000".to_string(), "in metres: 40 mm are 0.040");
+            return Err(out_of_range("coat.correlation_m", self.correlation_m, must, fix));
+        }
+        Ok(())
     }
 
     /// The factor of the coating's conductance in each cell: `exp(q g - q^2 / 2)` of a unit field `g`, with

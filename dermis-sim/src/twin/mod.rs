@@ -41,6 +41,7 @@ pub use options::{GaussianOptions, PressOptions, TouchOptions, TwinOptions};
 pub use patched::{ContactHistory, MOMENT_DEGREE, PatchedSkin};
 pub use patches::PatchOptions;
 pub(crate) use press::Footprint;
+pub(crate) use press::{FORCES_N, TIP_RADII_M};
 pub use press::{Foam, Press};
 pub use skin::Twin;
 

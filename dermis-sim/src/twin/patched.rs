@@ -137,6 +137,11 @@ impl PatchedSkin {
         &self.conductors
     }
 
+    /// Limits the memory of its Green's functions: [`FloatingConductors::limit_table`].
+    pub fn limit_table(&mut self, most_bytes: usize) {
+        self.conductors.limit_table(most_bytes);
+    }
+
     /// The contacts due to the preload; none if patches are loose.
     pub fn contacts_at_rest(&self) -> &[ConductorContact] {
         &self.at_rest

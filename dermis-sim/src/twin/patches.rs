@@ -56,9 +56,13 @@ impl PatchOptions {
         }
         for pitch in self.pitch_m.into_iter().flatten() {
             check_positive("pitch_m", pitch, "leave it out to cover the body")?;
+            check_between("pitch_m", pitch, [1e-5, 10.0], "leave it out to cover the body")?;
         }
         check_positive("thickness_m", self.foam.thickness_m, "0.003 is a thin neoprene foam")?;
         check_positive("modulus_pa", self.foam.modulus_pa, "200000 is a soft neoprene foam")?;
+        // Thicker foam spreads each press over the whole skin.
+        check_between("thickness_m", self.foam.thickness_m, [1e-5, 0.1], "0.003 is a thin neoprene foam")?;
+        check_between("modulus_pa", self.foam.modulus_pa, [1.0, 1e12], "200000 is a soft neoprene foam")?;
         self.contact.check()
     }
 

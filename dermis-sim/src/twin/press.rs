@@ -1,7 +1,7 @@
 //! A press and its footprint: the pressure on the sheet below the foam.
 
 use super::TwinError;
-use super::error::check_positive;
+use super::error::{check_between, check_positive};
 use crate::elementary::{acos, atan2, cos, hypot};
 use crate::quadrature::gauss_legendre;
 use dermis::design::Body;
@@ -22,6 +22,10 @@ const REACH_THICKNESSES: f64 = 3.0;
 const RIM_STEPS: usize = 600;
 /// A press within this distance of the surface counts as on it, m: positions in files are rounded.
 const OFF_SURFACE_M: f64 = 1e-3;
+
+/// Ranges of forces and tips.
+pub(crate) const FORCES_N: [f64; 2] = [1e-6, 1e4];
+pub(crate) const TIP_RADII_M: [f64; 2] = [1e-5, 1.0];
 
 /// A spherical tip pressed on the skin with a force.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -62,7 +66,9 @@ impl Press {
 
     fn check_size(&self) -> Result<(), TwinError> {
         check_positive("force_n", self.force_n, "newtons, as the skin feels it")?;
-        check_positive("tip_radius_m", self.tip_radius_m, "a 10 mm ball is 0.005")
+        check_positive("tip_radius_m", self.tip_radius_m, "a 10 mm ball is 0.005")?;
+        check_between("force_n", self.force_n, FORCES_N, "newtons, as the skin feels it")?;
+        check_between("tip_radius_m", self.tip_radius_m, TIP_RADII_M, "a 10 mm ball is 0.005")
     }
 }
 

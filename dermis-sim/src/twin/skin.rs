@@ -251,6 +251,22 @@ impl Twin {
         Ok(())
     }
 
+    /// Limits the memory of the Green's functions of its patches, which otherwise grows with every place that is pressed
+    /// for the first time. The frames are the same.
+    pub fn limit_table(&mut self, most_bytes: usize) {
+        if let Touch::Patches(patched) = &mut self.skin.touch {
+            patched.limit_table(most_bytes);
+        }
+    }
+
+    /// Memory of these Green's functions, bytes.
+    pub fn table_bytes(&self) -> usize {
+        match &self.skin.touch {
+            Touch::Patches(patched) => patched.conductors().table_bytes()[0],
+            Touch::Gaussian { .. } => 0,
+        }
+    }
+
     /// The true strength of some presses together: the relative change of conductance integrated over the surface, m2.
     /// For patches see [`PatchedSkin::strength_m2`].
     ///

@@ -26,7 +26,11 @@ impl Problem {
 
 /// Sizes outside these limits are in another unit than metres: no skin is 0.1 mm or 20 m across.
 const SMALLEST_BODY_M: f64 = 1e-4;
-const LARGEST_BODY_M: f64 = 20.0;
+pub(crate) const LARGEST_BODY_M: f64 = 20.0;
+
+/// Smallest electrode, and shortest edges of a mesh, m: a mesh grows without limit towards smaller ones.
+const SMALLEST_ELECTRODE_M: f64 = 1e-5;
+const SHORTEST_EDGE_M: f64 = 1e-6;
 
 /// Maximum number of pixels of an image: a thousand times that of the paper.
 const MOST_PIXELS: usize = 1_000_000;
@@ -134,6 +138,10 @@ fn electrode(body: &Body, index: usize, electrode: &Electrode) -> Result<(), Pro
     };
     if !(size_m > 0.0 && size_m.is_finite()) {
         return Err(wrong(format!("has {size_key} = {size_m}: it must be positive and finite")));
+    }
+    if size_m < SMALLEST_ELECTRODE_M {
+        let message = format!("has {size_key} = {size_m} m: it must be at least {SMALLEST_ELECTRODE_M} m");
+        return Err(wrong(message).fix("lengths are in metres"));
     }
     if let Some((where_it_is, limits)) = off_body(body, centre_m) {
         return Err(wrong(format!("leaves the body: its centre is at {where_it_is}, but the body {limits}"))
@@ -310,6 +318,12 @@ fn mesh(design: &SkinDesign) -> Result<(), Problem> {
             options.electrode_edge_m, options.max_edge_m
         );
         return Err(problem(Place::Mesh, message));
+    }
+    for (key, edge_m) in [("max_edge_m", options.max_edge_m), ("electrode_edge_m", options.electrode_edge_m)] {
+        if edge_m < SHORTEST_EDGE_M {
+            let message = format!("{key} is {edge_m} m: it must be at least {SHORTEST_EDGE_M} m");
+            return Err(problem(Place::Mesh, message).fix("lengths are in metres"));
+        }
     }
     let cells = cell_estimate(design);
     if cells > MOST_CELLS {

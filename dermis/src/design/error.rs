@@ -75,6 +75,11 @@ fn stem(name: &str) -> &str {
 
 /// The known name most similar to the given one, if any is similar.
 pub fn closest_name<'a>(written: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    // The time grows with the product of the lengths, and a text this long is no name.
+    const LONGEST: usize = 100;
+    if written.len() > LONGEST {
+        return None;
+    }
     let (distance, name) = known.map(|name| (edit_distance(written, name), name)).min()?;
     (distance <= 1 + written.len() / 4).then_some(name)
 }

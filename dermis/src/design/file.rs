@@ -46,7 +46,7 @@ impl<T: JsonSchema> JsonSchema for At<T> {
 #[cfg_attr(feature = "schema", schemars(title = "Dermis skin design"))]
 pub(super) struct DesignFile {
     /// Name for tables and plots; default: the file name.
-    pub name: Option<String>,
+    pub name: Option<At<String>>,
     /// The body that the skin covers.
     pub body: At<BodyTable>,
     /// The conductive coating.

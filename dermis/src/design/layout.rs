@@ -9,7 +9,7 @@ use std::f64::consts::TAU;
 use std::ops::Range;
 
 /// Maximum number of electrodes of a skin: the adjacent protocol then has a million values.
-pub(super) const MOST_ELECTRODES: usize = 1024;
+pub const MOST_ELECTRODES: usize = 1024;
 
 type Places = Vec<(Point3, ElectrodeShape)>;
 

@@ -9,8 +9,10 @@ mod rewrite;
 mod rim;
 mod shipped;
 
+pub(crate) use check::LARGEST_BODY_M;
 pub use error::DesignError;
 pub use error::{closest_name, explain_toml_error};
+pub use layout::MOST_ELECTRODES;
 
 use crate::contact::ConductanceChange;
 use crate::geom::{Point3, Surface};

@@ -11,7 +11,9 @@ use crate::design::{
     Body, Electrode, ElectrodeShape, ImageLayout, MeshOptions, Region, RegionPlace, Sheet, SheetKind, SkinDesign,
     TouchEffect, shipped,
 };
+use crate::files::read_text_at_most;
 use crate::protocol::{Channel, Protocol};
+use crate::text::printable;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -40,7 +42,7 @@ pub(super) fn text_of(name_or_path: &str) -> Result<String, DesignError> {
     if let (false, Some(text)) = (path.is_file(), shipped::text(name_or_path)) {
         return Ok(text.to_string());
     }
-    std::fs::read_to_string(path).map_err(|error| {
+    read_text_at_most(path, LARGEST_DESIGN).map_err(|error| {
         let meant = closest_name(name_or_path, shipped::NAMES.into_iter());
         let fix = match meant {
             Some(name) => format!("did you mean `{name}`?"),
@@ -57,6 +59,10 @@ pub(super) fn parse(text: &str, name: &str) -> Result<SkinDesign, DesignError> {
 
 /// The tables of a TOML file without a byte-order mark, and the design.
 pub(super) fn read(text: &str, name: &str) -> Result<(DesignFile, SkinDesign), DesignError> {
+    if text.len() as u64 > LARGEST_DESIGN {
+        let message = format!("the design {name} is larger than {} MiB, the most that is read", LARGEST_DESIGN >> 20);
+        return Err(DesignError::new(message, None));
+    }
     let source = Source { name, text };
     let file: DesignFile = toml::from_str(text).map_err(|error| {
         let (message, fix) = explain_toml_error(error.message());
@@ -93,6 +99,13 @@ fn locate(file: &DesignFile, place: Place) -> Range<usize> {
         Place::Mesh => file.mesh.as_ref().map_or(file.body.span.clone(), |mesh| mesh.span.clone()),
     }
 }
+
+/// Largest text of a design, bytes: a list of the most electrodes has a tenth of a MiB, and each byte of a list takes up to
+/// a hundred bytes of memory.
+const LARGEST_DESIGN: u64 = 4 << 20;
+
+/// Longest name of a design, bytes.
+const LONGEST_NAME: usize = 200;
 
 /// The file's name and text, for its errors.
 pub(super) struct Source<'a> {
@@ -132,7 +145,7 @@ impl Source<'_> {
             None => ImageLayout::Grid { rows: 30, columns: 30 },
         };
         Ok(SkinDesign {
-            name: file.name.clone().unwrap_or_else(|| self.stem()),
+            name: self.design_name(file.name.as_ref())?,
             sheet: self.sheet(&file.sheet)?,
             protocol: self.protocol(&file.protocol.value, electrodes.len())?,
             mesh: mesh_options(&body, &electrodes, file.mesh.as_ref().map(|mesh| &mesh.value)),
@@ -140,6 +153,16 @@ impl Source<'_> {
             electrodes,
             image,
         })
+    }
+
+    /// The name of the design: its own, which every table and terminal shows, or that of the file.
+    fn design_name(&self, given: Option<&At<String>>) -> Result<String, DesignError> {
+        let Some(At { value, span }) = given else { return Ok(printable(&self.stem()).into_owned()) };
+        if value.trim().is_empty() || value.len() > LONGEST_NAME || printable(value) != *value {
+            let message = format!("`name` must have 1 to {LONGEST_NAME} bytes, without control characters");
+            return Err(self.fail(Some(span.clone()), message, None));
+        }
+        Ok(value.clone())
     }
 
     fn stem(&self) -> String {

@@ -1,6 +1,7 @@
 //! Numbers as comma-separated text.
 
 use crate::frame::TableError;
+use crate::frame::table::MOST_VALUES;
 use std::io::Write;
 use std::path::Path;
 
@@ -23,6 +24,7 @@ pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>) -> Result<
     })?;
     let text = text.strip_prefix('\u{feff}').unwrap_or(text).trim_end();
     let separator = if text.lines().next().is_some_and(|line| line.contains(';')) { ';' } else { ',' };
+    check_size(text, separator).map_err(|message| TableError::File { path: path.to_path_buf(), message })?;
     let mut header = None;
     let mut rows = Vec::new();
     for (index, line) in text.lines().enumerate() {
@@ -33,6 +35,29 @@ pub(super) fn parse(text: &[u8], path: &Path, columns: Option<usize>) -> Result<
         rows.push((index + 1, row(line, index + 1, separator, columns.is_some(), path)?));
     }
     Ok(Rows { header, rows })
+}
+
+/// Memory of a row besides its values, in values.
+const ROW_VALUES: usize = 8;
+/// Most columns of a table: a value for each cell of the largest mesh.
+const MOST_COLUMNS: usize = 10_000_000;
+
+/// Refuses a text whose numbers would take too much memory, before any is read.
+fn check_size(text: &str, separator: char) -> Result<(), String> {
+    let mut values = 0;
+    for line in text.lines() {
+        let columns = 1 + line.bytes().filter(|&byte| byte == separator as u8).count();
+        if columns > MOST_COLUMNS {
+            return Err(format!("a line has {columns} values: at most {MOST_COLUMNS} are read"));
+        }
+        values += columns + ROW_VALUES;
+    }
+    if values > MOST_VALUES {
+        return Err(format!(
+            "the table has too many values: at most {MOST_VALUES} are read, and a row counts as {ROW_VALUES}"
+        ));
+    }
+    Ok(())
 }
 
 /// Whether the first line of a file names or numbers the columns; see [`parse`].
@@ -94,7 +119,10 @@ pub(super) fn numbers(line: &str, separator: char, gaps: bool) -> Result<Vec<f64
             text => (Some(index + 1), format!("`{}` is not a number", shortened(text))),
         })
     };
-    split(line, separator).into_iter().enumerate().map(value).collect()
+    match separator {
+        ' ' => line.split_whitespace().enumerate().map(value).collect(),
+        _ => line.split(separator).enumerate().map(value).collect(),
+    }
 }
 
 /// Whether a field is a row of numbers with spaces or tabs between them.

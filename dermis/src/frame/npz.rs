@@ -1,6 +1,7 @@
 //! NPZ files: ZIP archives of NPY files.
 
 use crate::frame::npy::{Array, read_npy, write_npy};
+use crate::frame::table::LARGEST_FILE;
 use std::io::{Cursor, Read, Write};
 use zip::write::SimpleFileOptions;
 use zip::{ZipArchive, ZipWriter};
@@ -18,9 +19,12 @@ pub(super) fn read_npz(bytes: &[u8], name: &str) -> Result<Array, String> {
             return Err(format!("no array `{name}` among {}: {}", names.len(), listed.join(", ")));
         }
     };
-    let mut file = archive.by_name(&chosen).map_err(|error| format!("{chosen}: {error}"))?;
+    let file = archive.by_name(&chosen).map_err(|error| format!("{chosen}: {error}"))?;
     let mut array = Vec::new();
-    file.read_to_end(&mut array).map_err(|error| format!("{chosen}: {error}"))?;
+    file.take(LARGEST_FILE + 1).read_to_end(&mut array).map_err(|error| format!("{chosen}: {error}"))?;
+    if array.len() as u64 > LARGEST_FILE {
+        return Err(format!("{chosen} is larger than {} MiB, the most that is read", LARGEST_FILE >> 20));
+    }
     read_npy(&array)
 }
 
@@ -34,4 +38,21 @@ pub(super) fn write_npz(writer: &mut dyn Write, name: &str, shape: &[usize], val
     write_npy(&mut archive, shape, values)?;
     archive.finish().map_err(std::io::Error::other)?;
     writer.write_all(buffer.get_ref())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 300 MB of zeros in an archive of less than one.
+    #[test]
+    fn a_small_archive_with_a_large_array_is_refused() {
+        let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
+        archive.start_file("frames.npy", SimpleFileOptions::default()).unwrap();
+        (0..300).for_each(|_| archive.write_all(&vec![0; 1 << 20]).unwrap());
+        let bytes = archive.finish().unwrap().into_inner();
+        assert!(bytes.len() < 1 << 20);
+        let error = read_npz(&bytes, "frames").unwrap_err();
+        assert!(error.contains("larger than 256 MiB"), "{error}");
+    }
 }

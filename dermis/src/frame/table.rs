@@ -1,5 +1,6 @@
 //! Tables of numbers in CSV, NPY and NPZ files.
 
+use crate::files::read_at_most;
 use crate::frame::output::write_whole;
 use crate::frame::{Frame, TableError, csv, npy, npz};
 use crate::protocol::Protocol;
@@ -28,7 +29,7 @@ pub fn read_table(path: &Path, array: &str) -> Result<Table, TableError> {
 
 /// [`read_table`] with a known number of columns: a first row of a CSV file that numbers them is a header.
 fn read_rows(path: &Path, array: &str, columns: Option<usize>) -> Result<Table, TableError> {
-    let bytes = std::fs::read(path).map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
+    let bytes = contents(path)?;
     let table = parse_table(&bytes, path, array, columns)?;
     if table.rows.is_empty() {
         return Err(file_error(path, "the file is empty: it holds no row of numbers"));
@@ -110,7 +111,7 @@ fn parse_table(bytes: &[u8], path: &Path, array: &str, columns: Option<usize>) -
 /// # Errors
 /// As [`read_table`].
 pub fn read_array(path: &Path, array: &str) -> Result<(Vec<usize>, Vec<f64>), TableError> {
-    let bytes = std::fs::read(path).map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
+    let bytes = contents(path)?;
     let read = if npy::is_npz(&bytes) {
         npz::read_npz(&bytes, array)
     } else if npy::is_npy(&bytes) {
@@ -121,6 +122,15 @@ pub fn read_array(path: &Path, array: &str) -> Result<(Vec<usize>, Vec<f64>), Ta
     };
     let npy::Array { shape, values } = read.map_err(|message| file_error(path, message))?;
     Ok((shape, values))
+}
+
+/// Largest file of a table, also where it is compressed, bytes.
+pub(super) const LARGEST_FILE: u64 = 256 << 20;
+/// Most values of a table: as numbers they have as many bytes as the largest file.
+pub(super) const MOST_VALUES: usize = LARGEST_FILE as usize / size_of::<f64>();
+
+fn contents(path: &Path) -> Result<Vec<u8>, TableError> {
+    read_at_most(path, LARGEST_FILE).map_err(|source| TableError::Io { path: path.to_path_buf(), source })
 }
 
 fn file_error(path: &Path, message: impl Into<String>) -> TableError {

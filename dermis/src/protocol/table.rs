@@ -1,7 +1,11 @@
 //! Channel tables: a protocol as a CSV file.
 
+use crate::files::read_text_at_most;
 use crate::protocol::{Channel, Protocol, ProtocolError};
 use std::path::Path;
+
+/// Largest file of a channel table, bytes: a million channels of the most electrodes take a quarter of it.
+const LARGEST_TABLE: u64 = 128 << 20;
 
 /// The columns of a channel table.
 pub(crate) const CHANNEL_COLUMNS: [&str; 5] =
@@ -26,7 +30,7 @@ impl Protocol {
             line: 1,
             message: format!("cannot read the channel table: {error}"),
         };
-        let text = std::fs::read_to_string(path).map_err(unreadable)?;
+        let text = read_text_at_most(path, LARGEST_TABLE).map_err(unreadable)?;
         Self::parse_csv(&text, &name, electrode_count)
     }
 

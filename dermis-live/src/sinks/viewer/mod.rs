@@ -2,6 +2,7 @@
 //!
 //! The page is part of the program; `viewer/README.md` describes the messages.
 
+mod connections;
 mod hub;
 mod scene;
 mod socket;
@@ -9,9 +10,12 @@ mod socket;
 use crate::LiveError;
 use crate::runtime::Control;
 use axum::Router;
-use axum::http::{HeaderName, HeaderValue, StatusCode, header};
+use axum::extract::{ConnectInfo, Request};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
+use axum::middleware::{Next, from_fn};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
+use connections::{Connections, Peer};
 use hub::{Board, Hub};
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
 use std::sync::Arc;
@@ -58,8 +62,9 @@ const FILES: [(&str, &str, &[u8]); 3] = [
 /// Length of the shortest token, characters.
 const SHORTEST_TOKEN: usize = 8;
 
-/// The content security policy: only the page's own server.
-const POLICY: &str = "default-src 'self'; connect-src 'self' ws: wss:; style-src 'self' 'unsafe-inline'; \
+/// The content security policy: only the page's own server. Not every browser takes the WebSocket of the same host as
+/// `'self'`, so `CONNECT` is replaced by its addresses.
+const POLICY: &str = "default-src 'self'; connect-src 'self'CONNECT; style-src 'self' 'unsafe-inline'; \
                       img-src 'self' data: blob:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
 
 impl Server {
@@ -81,12 +86,14 @@ impl Server {
         let serve = move || {
             runtime.block_on(async move {
                 let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
+                let connections = Connections::new(listener, Arc::clone(shared.control.shared()));
+                let service = router(shared).into_make_service_with_connect_info::<Peer>();
                 let ended = async {
                     // A dropped sender stops the server too.
                     let _ = stopped.await;
                 };
                 tokio::select! {
-                    _ = axum::serve(listener, router(shared)) => {}
+                    _ = axum::serve(connections, service) => {}
                     () = ended => {}
                 }
             });
@@ -104,11 +111,16 @@ impl Server {
         self.address
     }
 
+    /// The URL to open in a browser, without the token.
+    pub fn url_without_token(&self) -> String {
+        format!("http://{}/", self.address)
+    }
+
     /// The URL to open in a browser.
     pub fn url(&self) -> String {
         match &self.token {
             Some(token) => format!("http://{}/?token={}", self.address, escaped(token)),
-            None => format!("http://{}/", self.address),
+            None => self.url_without_token(),
         }
     }
 
@@ -147,8 +159,13 @@ fn listen(options: &ServerOptions) -> Result<TcpListener, LiveError> {
         );
         return Err(LiveError::Given(message));
     }
+    if token.as_ref().is_some_and(|token| token.contains(|c: char| c.is_whitespace() || c.is_control())) {
+        return Err(LiveError::Given("a token has no spaces and no control characters".into()));
+    }
     if token.is_none() && addresses.iter().any(|address| !address.ip().is_loopback()) {
-        let message = format!("{address} can be reached from other machines: give a --token that pages must know");
+        let message = format!(
+            "{address} can be reached from other machines: give a token that pages must know (--token, --token-file or DERMIS_TOKEN)"
+        );
         return Err(LiveError::Given(message));
     }
     TcpListener::bind(addresses.as_slice()).map_err(|error| {
@@ -165,15 +182,35 @@ fn listen(options: &ServerOptions) -> Result<TcpListener, LiveError> {
 fn router(shared: Arc<ServerState>) -> Router {
     let mut router = Router::new().route("/live", get(socket::open));
     for (path, kind, bytes) in FILES {
-        router = router.route(path, get(move || async move { file(kind, bytes) }));
+        router = router.route(path, get(move |headers: HeaderMap| async move { file(kind, bytes, &headers) }));
     }
-    router.fallback(|| async { (StatusCode::NOT_FOUND, "nothing is here; the viewer is at /\n") }).with_state(shared)
+    router
+        .fallback(|| async { (StatusCode::NOT_FOUND, "nothing is here; the viewer is at /\n") })
+        .layer(from_fn(count_request))
+        .with_state(shared)
 }
 
-fn file(kind: &'static str, bytes: &'static [u8]) -> Response {
-    let headers: [(HeaderName, HeaderValue); 4] = [
+/// Notes that a connection has sent a request.
+async fn count_request(ConnectInfo(peer): ConnectInfo<Peer>, request: Request, next: Next) -> Response {
+    peer.has_asked();
+    next.run(request).await
+}
+
+/// The policy for a page of a host.
+fn policy(headers: &HeaderMap) -> HeaderValue {
+    let host = headers.get(header::HOST).and_then(|host| host.to_str().ok());
+    let is_host = |host: &&str| host.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-._:[]".contains(&byte));
+    let sockets = host.filter(is_host).map_or(String::new(), |host| format!(" ws://{host} wss://{host}"));
+    HeaderValue::from_str(&POLICY.replace("CONNECT", &sockets))
+        .unwrap_or(HeaderValue::from_static("default-src 'self'"))
+}
+
+fn file(kind: &'static str, bytes: &'static [u8], request: &HeaderMap) -> Response {
+    let headers: [(HeaderName, HeaderValue); 5] = [
         (header::CONTENT_TYPE, HeaderValue::from_static(kind)),
-        (header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY)),
+        (header::CONTENT_SECURITY_POLICY, policy(request)),
+        // The address of the page contains the token.
+        (header::REFERRER_POLICY, HeaderValue::from_static("no-referrer")),
         (header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff")),
         // The page is part of the program: browsers must not show a cached version of another program.
         (header::CACHE_CONTROL, HeaderValue::from_static("no-cache")),
@@ -222,5 +259,32 @@ mod tests {
     fn tokens_come_whole_through_an_address() {
         assert_eq!(escaped("Az09-._~"), "Az09-._~");
         assert_eq!(escaped("a b&c=ö#+%"), "a%20b%26c%3D%C3%B6%23%2B%25");
+    }
+
+    #[test]
+    fn tokens_are_long_and_without_spaces() {
+        let refusal = |token: &str| {
+            let options = ServerOptions { address: "127.0.0.1:0".into(), token: Some(token.into()) };
+            listen(&options).err().map(|error| error.to_string())
+        };
+        assert_eq!(refusal("0123456789abcdef"), None);
+        assert!(refusal("1234567").unwrap().contains("at least 8"));
+        for wrong in ["        ", "12345678 ", "1234\t5678", "12345678\n", "1234\u{1b}5678"] {
+            assert!(refusal(wrong).unwrap().contains("no spaces"), "{wrong:?}");
+        }
+    }
+
+    #[test]
+    fn a_page_connects_to_its_own_host_alone() {
+        let policy_of = |host: Option<&str>| {
+            let mut headers = HeaderMap::new();
+            host.map(|host| headers.insert(header::HOST, HeaderValue::from_str(host).unwrap()));
+            policy(&headers).to_str().unwrap().to_string()
+        };
+        let own = policy_of(Some("skin.example:8420"));
+        assert!(own.contains("connect-src 'self' ws://skin.example:8420 wss://skin.example:8420;"), "{own}");
+        for other in [policy_of(None), policy_of(Some("a; connect-src *"))] {
+            assert!(other.contains("connect-src 'self';") && !other.contains('*'), "{other}");
+        }
     }
 }

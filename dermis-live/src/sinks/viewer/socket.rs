@@ -1,20 +1,26 @@
 //! The WebSocket of one page.
 
+use super::connections::{PageSlot, Peer};
 use super::{ServerState, may_talk};
-use crate::runtime::ClientSession;
+use crate::runtime::{ClientSession, RateLimit};
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
-use axum::extract::{Query, State};
+use axum::extract::{ConnectInfo, Query, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Longest message of a page, bytes.
 const LONGEST: usize = 4096;
 /// A page that reads nothing for this time is disconnected.
 const PATIENCE: Duration = Duration::from_secs(10);
+
+/// Messages of a page that are read at once, and in a second: a finger that moves sends one per drawn frame. Others wait
+/// in the connection.
+const MESSAGES_AT_ONCE: u32 = 400;
+const MESSAGES_A_SECOND: f64 = 400.0;
 
 /// Query parameters of the WebSocket URL.
 #[derive(Debug, Deserialize)]
@@ -25,6 +31,7 @@ pub(super) struct Asked {
 /// A page opens its WebSocket.
 pub(super) async fn open(
     State(shared): State<Arc<ServerState>>,
+    ConnectInfo(peer): ConnectInfo<Peer>,
     Query(asked): Query<Asked>,
     headers: HeaderMap,
     upgrade: WebSocketUpgrade,
@@ -34,7 +41,11 @@ pub(super) async fn open(
         return (StatusCode::FORBIDDEN, "this page may not talk to the skin: open the address that dermis printed\n")
             .into_response();
     }
-    upgrade.max_message_size(LONGEST).max_frame_size(LONGEST).on_upgrade(move |socket| Page::new(shared).serve(socket))
+    let Some(slot) = peer.become_page() else {
+        return (StatusCode::SERVICE_UNAVAILABLE, "too many pages are open: close some\n").into_response();
+    };
+    let upgrade = upgrade.max_message_size(LONGEST).max_frame_size(LONGEST);
+    upgrade.on_upgrade(move |socket| Page::new(shared, slot).serve(socket))
 }
 
 /// One page.
@@ -45,12 +56,16 @@ struct Page {
     /// The number of the last frame sent to it, and the frames that it missed because it read slowly.
     last: Option<u64>,
     skipped: u64,
+    limit: RateLimit,
+    /// Counts the page while it is open.
+    _slot: PageSlot,
 }
 
 impl Page {
-    fn new(shared: Arc<ServerState>) -> Self {
+    fn new(shared: Arc<ServerState>, slot: PageSlot) -> Self {
         let session = Arc::new(Mutex::new(ClientSession::new(Arc::clone(&shared.control))));
-        Page { shared, session, paused: false, last: None, skipped: 0 }
+        let limit = RateLimit::new(MESSAGES_AT_ONCE, MESSAGES_A_SECOND);
+        Page { shared, session, paused: false, last: None, skipped: 0, limit, _slot: slot }
     }
 
     async fn serve(mut self, mut socket: WebSocket) {
@@ -88,6 +103,11 @@ impl Page {
                 }
                 received = socket.recv() => match received {
                     Some(Ok(Message::Text(text))) => {
+                        if let Err(wait_s) = self.limit.passes(Instant::now()) {
+                            tokio::time::sleep(Duration::from_secs_f64(wait_s)).await;
+                            // It passes now; this takes it off the limit.
+                            let _ = self.limit.passes(Instant::now());
+                        }
                         if let Err(why) = self.execute(text.to_string()).await {
                             let refused = json!({ "type": "refused", "why": why }).to_string();
                             send(socket, Message::text(refused)).await?;

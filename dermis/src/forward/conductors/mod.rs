@@ -17,6 +17,7 @@
 
 mod moments;
 mod system;
+mod table;
 
 pub use moments::{PotentialMoment, PotentialMoments};
 
@@ -24,8 +25,9 @@ use super::{ElectrodeNetwork, ForwardError, ForwardModel};
 use crate::linalg::{Matrix, NotPositiveDefinite, eliminate_in_place, invert_spd, subtract_gram};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 use system::System;
+use table::Table;
 
 /// The remainder of a contact's matrix below this fraction of it is rounding error.
 const RANK_TOLERANCE: f64 = 1e-15;
@@ -43,8 +45,8 @@ pub struct ConductorContact {
 
 /// A skin with floating conductors, prepared for many contacts.
 ///
-/// The Green's functions of a conductor are computed when it is first touched, and stored. Can be shared between
-/// threads by reference.
+/// The Green's functions of a conductor are computed when it is first touched, and stored, up to a
+/// [limit](Self::limit_table). Can be shared between threads by reference.
 #[derive(Debug)]
 pub struct FloatingConductors {
     model: ForwardModel,
@@ -56,7 +58,7 @@ pub struct FloatingConductors {
     potentials: Matrix,
     /// Per conductor the Green's functions between its own moments and its own and all later ones, moments x own
     /// moments.
-    columns: Vec<OnceLock<Matrix>>,
+    columns: Table,
 }
 
 impl ForwardModel {
@@ -122,7 +124,7 @@ impl FloatingConductors {
         Ok(FloatingConductors {
             model: model.clone(),
             at_rest: at_rest.iter().map(|contact| (contact.conductor, contact.conductance.clone())).collect(),
-            columns: (0..moments.of_conductor.len()).map(|_| OnceLock::new()).collect(),
+            columns: Table::new(moments.of_conductor.len()),
             moments,
             base,
             potentials,
@@ -154,12 +156,17 @@ impl FloatingConductors {
         });
     }
 
-    /// Memory of the Green's functions computed so far, and of all of them, bytes.
+    /// Keeps at most this many bytes of Green's functions from now on: beyond, those computed first are dropped and
+    /// computed again when they are needed. The results are the same.
+    pub fn limit_table(&mut self, most_bytes: usize) {
+        self.columns.limit(most_bytes);
+    }
+
+    /// Memory of the stored Green's functions, and of all of them, bytes.
     pub fn table_bytes(&self) -> [usize; 2] {
         let count = self.moments.all.len();
         let whole = self.moments.of_conductor.iter().map(|own| (count - own.start) * own.len());
-        let now = self.columns.iter().filter_map(|column| column.get()).map(|column| column.values.len());
-        [now.sum::<usize>() * size_of::<f64>(), whole.sum::<usize>() * size_of::<f64>()]
+        [self.columns.bytes(), whole.sum::<usize>() * size_of::<f64>()]
     }
 
     /// The network with some conductors in contact, by the table of Green's functions; the others are at rest.
@@ -368,8 +375,8 @@ impl FloatingConductors {
     }
 
     /// The Green's functions of a conductor.
-    fn column(&self, conductor: usize) -> &Matrix {
-        self.columns[conductor].get_or_init(|| {
+    fn column(&self, conductor: usize) -> Arc<Matrix> {
+        self.columns.column(conductor, || {
             let own = self.moments.range(conductor);
             let symbolic = self.base.symbolic(&self.model);
             let mut fields = Matrix::zeros(symbolic.unknown_count(), own.len());

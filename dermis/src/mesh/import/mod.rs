@@ -11,17 +11,16 @@ mod shape;
 mod soup;
 mod stl;
 
-use crate::design::{Body, ElectrodeShape, SkinDesign};
+use crate::design::{Body, ElectrodeShape, LARGEST_BODY_M, SkinDesign};
+use crate::files::read_at_most;
 use crate::mesh::{Mesh, MeshError, place};
 use cursor::Problem;
-use std::fs::File;
-use std::io::Read;
 use std::path::Path;
 
 pub(crate) use groups::{ELECTRODE, UNGROUPED};
 
 /// Maximum file size, bytes: some tens of millions of cells, far more than a forward model can use.
-const LARGEST_FILE: u64 = 1 << 31;
+const LARGEST_FILE: u64 = 256 << 20;
 
 /// The mesh in a file; `unit_m` is the length of the file's unit, m.
 ///
@@ -67,6 +66,7 @@ pub fn from_design(design: &SkinDesign) -> Result<Mesh, MeshError> {
     };
     let mesh = load(path, *unit_m)?;
     let wrong = |message| MeshError::File { path: path.clone(), message };
+    check_size(&mesh).map_err(wrong)?;
     let in_file = |error| match error {
         MeshError::Invalid(message) | MeshError::Generate(message) => wrong(message),
         other => other,
@@ -87,6 +87,23 @@ pub fn from_design(design: &SkinDesign) -> Result<Mesh, MeshError> {
     let mesh = place::electrodes(&mesh, &design.electrodes, design.mesh).map_err(in_file)?;
     mesh.validate().map_err(in_file)?;
     Ok(mesh)
+}
+
+/// Refuses a body that is larger than any skin: nodes far away would be meshed for minutes.
+fn check_size(mesh: &Mesh) -> Result<(), String> {
+    for axis in 0..3 {
+        let used = (0..mesh.cell_count()).flat_map(|cell| mesh.cells.corners(cell)).map(|&node| mesh.nodes[node][axis]);
+        let (least, most) =
+            used.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)));
+        if most - least > LARGEST_BODY_M {
+            return Err(format!(
+                "the body is {:.3} m long in {}, and a skin has at most {LARGEST_BODY_M} m: check `unit_m` and the nodes",
+                most - least,
+                ["x", "y", "z"][axis]
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// The mesh file formats that can be read.
@@ -148,12 +165,5 @@ fn check_unit(unit_m: f64) -> Result<(), Problem> {
 
 fn contents(path: &Path) -> Result<Vec<u8>, MeshError> {
     let io = |source| MeshError::Io { path: path.to_path_buf(), source };
-    let mut bytes = Vec::new();
-    // Reading one byte more than the limit distinguishes a file of exactly that size from a larger or endless one.
-    File::open(path).map_err(io)?.take(LARGEST_FILE + 1).read_to_end(&mut bytes).map_err(io)?;
-    if bytes.len() as u64 > LARGEST_FILE {
-        let message = format!("the file is larger than {} GiB", LARGEST_FILE >> 30);
-        return Err(MeshError::File { path: path.to_path_buf(), message });
-    }
-    Ok(bytes)
+    read_at_most(path, LARGEST_FILE).map_err(io)
 }
