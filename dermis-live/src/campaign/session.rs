@@ -103,8 +103,8 @@ impl Session {
         let Some(incoming) = incoming else { return Ok(None) };
         let frame = self.pipeline.process(incoming.input)?;
         if self.pipeline.wants_rebuild() {
-            let rebuilt = self.pipeline.rebuild_job().run();
-            for rebuilt in rebuilt {
+            // Without enough channels the frames are invalid anyway.
+            if let Ok(rebuilt) = self.pipeline.rebuild_job().run() {
                 self.pipeline.install_method(rebuilt);
             }
         }
