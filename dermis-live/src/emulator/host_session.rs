@@ -191,7 +191,7 @@ impl<'a> HostSession<'a> {
 
     fn stamp(&self, index: u64) -> (u32, u64) {
         let time_s = index as f64 / self.emulator.options().twin.electronics.frame_rate_hz;
-        let time_us = self.emulator.timing().time_us(index) as f64;
+        let time_us = self.emulator.timing().time_us(index);
         (index as u32, self.emulator.clock_us(time_s, time_us))
     }
 
