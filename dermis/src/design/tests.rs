@@ -146,7 +146,7 @@ fn counts_are_limited_on_both_sides() {
     assert!(broken("rows = 30", "rows = 0").contains("0 x 30 pixels"));
     assert!(broken("rows = 30", "rows = 900000000").contains("pixels"));
     assert!(broken("max_edge_m = 0.006", "max_edge_m = 6e-7").contains("longer than max_edge_m"));
-    assert!(broken("electrode_edge_m = 0.0016", "electrode_edge_m = 8e-8").contains("cells"));
+    assert!(broken("electrode_edge_m = 0.0016", "electrode_edge_m = 2e-6").contains("cells"));
 }
 
 #[test]

@@ -96,11 +96,6 @@ impl ElectrodeTopology {
         self.drive_of[channel]
     }
 
-    /// The drive of each channel.
-    pub(super) fn drives_of_channels(&self) -> &[usize] {
-        &self.drive_of
-    }
-
     /// The drives of an electrode.
     pub(super) fn drives_of(&self, electrode: usize) -> &[usize] {
         &self.drives[electrode]

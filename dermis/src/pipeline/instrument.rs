@@ -3,7 +3,7 @@
 use crate::pipeline::condition::PartMonitor;
 use crate::pipeline::electrodes::{ElectrodeMonitor, ElectrodeTopology, OPEN};
 use crate::pipeline::frame::Measurement;
-use crate::pipeline::signal_space::Residual;
+use crate::pipeline::statistics::Statistics;
 use crate::pipeline::validity::InvalidReason;
 use crate::stats::upper_median;
 use serde::{Deserialize, Serialize};
@@ -41,6 +41,8 @@ pub(super) struct InstrumentMonitor {
     channels: Vec<PartMonitor>,
     /// Channels whose values at the tare are below the voltage of their drive.
     bounded: Vec<bool>,
+    /// Channels whose values at the tare are far above their noise.
+    scaled: Vec<bool>,
     /// Checksums of the last frames; `None` if frames repeat at the tare, as those of a simulation without noise.
     last_frames: Option<VecDeque<u64>>,
     same_time_frames: u32,
@@ -64,7 +66,7 @@ pub(super) struct Findings {
 
 impl InstrumentMonitor {
     /// From untouched frames.
-    pub(super) fn new(topology: &ElectrodeTopology, untouched: &[Measurement]) -> Self {
+    pub(super) fn new(topology: &ElectrodeTopology, untouched: &[Measurement], statistics: &Statistics) -> Self {
         let is_bounded = |channel: usize| {
             !untouched.is_empty()
                 && untouched.iter().all(|frame| {
@@ -79,6 +81,9 @@ impl InstrumentMonitor {
             drives: vec![PartMonitor::default(); topology.drive_count()],
             channels: vec![PartMonitor::default(); topology.channel_count()],
             bounded: (0..topology.channel_count()).map(is_bounded).collect(),
+            scaled: (statistics.mean.iter().zip(statistics.deviations()))
+                .map(|(mean, sd)| mean.abs() > SCALED_NOISES * sd)
+                .collect(),
             last_frames: Some(last_frames).filter(|_| !repeats),
             same_time_frames: 0,
             before_ohm: Default::default(),
@@ -88,13 +93,20 @@ impl InstrumentMonitor {
 
     /// Of a state without a tare of its own: repeated frames are accepted.
     pub(super) fn unmonitored(topology: &ElectrodeTopology) -> Self {
-        InstrumentMonitor { last_frames: None, ..Self::new(topology, &[]) }
+        let channel_count = topology.channel_count();
+        InstrumentMonitor {
+            drives: vec![PartMonitor::default(); topology.drive_count()],
+            channels: vec![PartMonitor::default(); channel_count],
+            bounded: vec![false; channel_count],
+            scaled: vec![false; channel_count],
+            ..Self::default()
+        }
     }
 
     /// Whether it fits a skin.
     pub(super) fn fits(&self, topology: &ElectrodeTopology) -> bool {
         self.drives.len() == topology.drive_count()
-            && [self.channels.len(), self.bounded.len()] == [topology.channel_count(); 2]
+            && [self.channels.len(), self.bounded.len(), self.scaled.len()] == [topology.channel_count(); 3]
     }
 
     /// Checks a frame. `step_s`: time since the last frame.
@@ -114,7 +126,7 @@ impl InstrumentMonitor {
             () if self.is_repeated(frame) => Some(InvalidReason::Frozen),
             () if is_most(&is_off) => Some(InvalidReason::NoCurrent),
             () if is_most(&channels) => Some(InvalidReason::OutOfRange),
-            () if is_scaled(electrodes.noise_ohm(), baseline_ohm, frame, &channels) => Some(InvalidReason::Scale),
+            () if self.is_scaled(baseline_ohm, frame, &channels) => Some(InvalidReason::Scale),
             () if self.noisy_frames >= NOISY_FRAMES => Some(InvalidReason::Noise),
             () => None,
         };
@@ -162,6 +174,16 @@ impl InstrumentMonitor {
         bad
     }
 
+    /// Whether all values are larger or smaller than the baseline by one factor.
+    fn is_scaled(&self, baseline_ohm: &[f64], frame: &Measurement, wrong: &[bool]) -> bool {
+        let ratios: Vec<f64> = (0..wrong.len())
+            .filter(|&channel| self.scaled[channel] && !wrong[channel])
+            .map(|channel| frame.values_ohm[channel] / baseline_ohm[channel])
+            .collect();
+        ratios.len() >= FEWEST_SCALED
+            && upper_median(&ratios).is_some_and(|ratio| !(SCALE[0]..=SCALE[1]).contains(&ratio))
+    }
+
     /// Whether a frame repeats one of the last ones.
     fn is_repeated(&mut self, frame: &Measurement) -> bool {
         self.last_frames.as_mut().is_some_and(|last| remembers(last, checksum(frame)))
@@ -199,23 +221,6 @@ impl InstrumentMonitor {
         }
     }
 
-    /// Masks the drive, or the single channel, with most of a residual. Returns whether there is one.
-    pub(super) fn blame(&mut self, topology: &ElectrodeTopology, residual: &Residual, time_s: f64) -> bool {
-        let part = match residual.cause(topology.drives_of_channels(), topology.drive_count()) {
-            None => return false,
-            Some(drive) => {
-                let own: Vec<usize> = (0..topology.channel_count()).collect();
-                match residual.cause(&own, own.len()) {
-                    Some(channel) => &mut self.channels[channel],
-                    None => &mut self.drives[drive],
-                }
-            }
-        };
-        let was_masked = part.is_masked();
-        part.update(true, false, time_s);
-        !was_masked
-    }
-
     /// Takes a frame that is invalid or not; returns the reason for which it is not used.
     pub(super) fn update_whole(&mut self, reason: Option<InvalidReason>, time_s: f64) -> Option<InvalidReason> {
         self.whole.update(reason.is_some(), true, time_s);
@@ -243,15 +248,6 @@ impl InstrumentMonitor {
 /// Whether most are marked.
 pub(super) fn is_most(marked: &[bool]) -> bool {
     2 * marked.iter().filter(|marked| **marked).count() > marked.len()
-}
-
-/// Whether all values are larger or smaller than the baseline by one factor.
-fn is_scaled(noise_ohm: &[f64], baseline_ohm: &[f64], frame: &Measurement, wrong: &[bool]) -> bool {
-    let ratios: Vec<f64> = (0..wrong.len())
-        .filter(|&channel| !wrong[channel] && baseline_ohm[channel].abs() > SCALED_NOISES * noise_ohm[channel])
-        .map(|channel| frame.values_ohm[channel] / baseline_ohm[channel])
-        .collect();
-    ratios.len() >= FEWEST_SCALED && upper_median(&ratios).is_some_and(|ratio| !(SCALE[0]..=SCALE[1]).contains(&ratio))
 }
 
 /// Whether a checksum is among the last ones; keeps it.

@@ -54,7 +54,6 @@ mod process;
 mod read;
 mod rebuild;
 mod settings;
-mod signal_space;
 mod state;
 mod statistics;
 mod timestamp;
@@ -80,7 +79,6 @@ use crate::method::{Method, MethodSet};
 use crate::pipeline::condition::PartMonitor;
 use crate::pipeline::drift::DriftFitter;
 use crate::pipeline::electrodes::ElectrodeTopology;
-use crate::pipeline::signal_space::SignalSpace;
 use crate::pipeline::state::Phase;
 use crate::skin::Skin;
 use crate::track::{TrackOptions, Tracker};
@@ -104,7 +102,6 @@ pub struct Pipeline {
     /// Bad drives, and the number of bad channels, as last reported.
     announced_drives: Vec<usize>,
     announced_channels: usize,
-    space: SignalSpace,
     detector: Detector,
     /// The noise of untouched images.
     noise: Option<ImageNoise>,
@@ -139,11 +136,9 @@ impl Pipeline {
         state.restore(&topology);
         state.check(&topology, fitter.modes().rows)?;
         let method = methods.method(&state.settings.method)?.without_channels(skin, &state.method_masked)?;
-        let (masked, noise_ohm) = match &state.phase {
-            Phase::Reading(reading) => {
-                (reading.mark(&topology, PartMonitor::is_confirmed), reading.electrodes.noise_ohm().to_vec())
-            }
-            Phase::Taring { .. } => (vec![false; topology.channel_count()], vec![1.0; topology.channel_count()]),
+        let masked = match &state.phase {
+            Phase::Reading(reading) => reading.mark(&topology, PartMonitor::is_confirmed),
+            Phase::Taring { .. } => vec![false; topology.channel_count()],
         };
         let mut pipeline = Pipeline {
             masked,
@@ -151,7 +146,6 @@ impl Pipeline {
             announced: None,
             announced_drives: Vec::new(),
             announced_channels: 0,
-            space: SignalSpace::new(skin, &noise_ohm)?,
             image: Image { space: Arc::clone(skin.pixels()), values: vec![0.0; skin.pixels().len()] },
             detector: Detector::default(),
             noise: None,

@@ -8,7 +8,6 @@ use crate::pipeline::health::{Health, Notice, Severity};
 use crate::pipeline::instrument::InstrumentMonitor;
 use crate::pipeline::novelty::NoveltyMonitor;
 use crate::pipeline::read::Outcome;
-use crate::pipeline::signal_space::SignalSpace;
 use crate::pipeline::state::{Phase, Reading};
 use crate::pipeline::statistics::{Statistics, difference};
 use crate::pipeline::timestamp::Timestamp;
@@ -114,10 +113,9 @@ impl Pipeline {
         let values: Vec<&[f64]> = frames.iter().map(|frame| frame.values_ohm.as_slice()).collect();
         let statistics = Statistics::of(values.iter().copied());
         let electrodes = ElectrodeMonitor::new(&self.topology, &frames, &statistics);
-        let instrument = InstrumentMonitor::new(&self.topology, &frames);
+        let instrument = InstrumentMonitor::new(&self.topology, &frames, &statistics);
         self.masked = vec![false; self.topology.channel_count()];
         self.topology.mark_channels_of(electrodes.confirmed(), &mut self.masked);
-        self.space = SignalSpace::new(self.methods.skin(), electrodes.noise_ohm())?;
         self.state.phase = Phase::Reading(Box::new(Reading {
             untouched: values.iter().map(|values| difference(values, &statistics.mean)).collect(),
             touch_detector: TouchDetector::of(&values, &self.masked),

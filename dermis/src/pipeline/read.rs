@@ -14,7 +14,6 @@ use crate::pipeline::health::{ElectrodeState, Severity};
 use crate::pipeline::instrument::{Findings, is_most};
 use crate::pipeline::process::FrameTime;
 use crate::pipeline::settings::Settings;
-use crate::pipeline::signal_space::SignalSpace;
 use crate::pipeline::state::{Phase, Reading};
 use crate::pipeline::statistics::difference;
 use crate::pipeline::timestamp::Timestamp;
@@ -27,8 +26,6 @@ use crate::track::Sighting;
 
 /// Maximum signal of a sighting that cannot start a contact.
 const NOT_TO_BEGIN: f64 = 0.99;
-/// Causes of one unexplained frame that are masked, at most.
-const MOST_CAUSES: usize = 3;
 
 /// The contacts of a frame.
 pub(super) struct Outcome {
@@ -52,18 +49,12 @@ struct Signal {
     /// The statistic of the touch detector, and whether it exceeds the threshold.
     statistic: f64,
     is_touched: bool,
-    /// The frame is invalid: it is touched, but not as a touch does.
-    is_unexplained: bool,
 }
 
 impl Signal {
     /// Why it cannot be used, if so.
     fn reason(&self) -> Option<InvalidReason> {
-        match () {
-            () if is_most(&self.masked) => Some(InvalidReason::TooFewChannels),
-            () if self.is_unexplained => Some(InvalidReason::Unexplained),
-            () => None,
-        }
+        is_most(&self.masked).then_some(InvalidReason::TooFewChannels)
     }
 }
 
@@ -77,14 +68,12 @@ impl Pipeline {
             return Ok(Outcome::invalid(reason.unwrap_or(InvalidReason::OnTrial)));
         }
         let changes = reading.update_parts(&self.topology, measurement, &findings, time);
-        let signal = reading.signal(&self.topology, &self.space, measurement, time);
+        let signal = reading.signal(&self.topology, measurement);
         let reason = reading.instrument.update_whole(signal.reason(), time.time_s);
         self.apply_changes(&changes, time.at);
         if let Some(reason) = reason {
-            if matches!(reason, InvalidReason::Unexplained | InvalidReason::TooFewChannels) {
-                let felt = signal.is_touched;
-                self.update_baseline(measurement, &signal, &findings, &[], felt, time)?;
-            }
+            // Parts come back only after untouched frames.
+            self.update_baseline(measurement, &signal, &findings, &[], signal.is_touched, time)?;
             return Ok(Outcome::invalid(reason));
         }
         self.locate(measurement, &signal, &findings, time)
@@ -237,33 +226,13 @@ impl Reading {
         changes
     }
 
-    /// The difference of a frame from the baseline, without the channels that cannot be used. Where a single drive or
-    /// channel is why no touch explains the frame, it is masked.
-    fn signal(
-        &mut self,
-        topology: &ElectrodeTopology,
-        space: &SignalSpace,
-        measurement: &Measurement,
-        FrameTime { time_s, .. }: FrameTime,
-    ) -> Signal {
-        let mut masked = self.mark(topology, PartMonitor::is_masked);
+    /// The difference of a frame from the baseline, without the channels that cannot be used.
+    fn signal(&self, topology: &ElectrodeTopology, measurement: &Measurement) -> Signal {
+        let masked = self.mark(topology, PartMonitor::is_masked);
         let mut difference = difference(&measurement.values_ohm, self.baseline.values_ohm());
-        let mut causes = 0;
-        loop {
-            mask(&mut difference, &masked);
-            let statistic = statistic(&difference, self.electrodes.noise_ohm(), &masked);
-            let is_touched = self.touch_detector.exceeds(statistic);
-            let residual = is_touched.then(|| space.residual(&difference, &masked));
-            let unexplained = residual.filter(|residual| !residual.is_explained);
-            let Some(residual) = unexplained else {
-                return Signal { difference, masked, statistic, is_touched, is_unexplained: false };
-            };
-            causes += 1;
-            if causes > MOST_CAUSES || !self.instrument.blame(topology, &residual, time_s) {
-                return Signal { difference, masked, statistic, is_touched, is_unexplained: true };
-            }
-            masked = self.mark(topology, PartMonitor::is_masked);
-        }
+        mask(&mut difference, &masked);
+        let statistic = statistic(&difference, self.electrodes.noise_ohm(), &masked);
+        Signal { difference, masked, statistic, is_touched: self.touch_detector.exceeds(statistic) }
     }
 }
 

@@ -53,8 +53,6 @@ pub enum InvalidReason {
     Scale,
     /// The values are far noisier than at the tare.
     Noise,
-    /// The differences from the baseline are those of no touch.
-    Unexplained,
     /// The times of the frames do not increase.
     Clock,
     /// Most channels are masked.
@@ -73,9 +71,6 @@ impl InvalidReason {
             InvalidReason::Frozen => "the same values again and again",
             InvalidReason::Scale => "all values are larger or smaller by one factor: check the gain and the reference",
             InvalidReason::Noise => "far noisier than at the tare: check for interference and the shield",
-            InvalidReason::Unexplained => {
-                "the values are those of no touch: check the wires and the instrument, or tare"
-            }
             InvalidReason::Clock => "the times of the frames do not increase",
             InvalidReason::TooFewChannels => "most channels are masked: check the wires",
             InvalidReason::OnTrial => "the instrument was faulty until a moment ago",
