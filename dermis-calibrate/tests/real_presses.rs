@@ -6,13 +6,15 @@
 use dermis::frame::{Frame, Truth, read_frames, read_truth};
 use dermis::geom::vector::distance;
 use dermis::geom::{PlaceLimits, Point3, Surface};
-use dermis::method::{Method, MethodOptions, Methods};
+use dermis::method::{Method, MethodOptions, MethodSet, Methods};
+use dermis::pipeline::{FrameInput, Pipeline, PipelineFrame, Settings, Timestamp, Validity};
 use dermis::skin::Skin;
 use dermis_calibrate::checks::realigned;
 use dermis_calibrate::{Calibration, Calibrations, Correction, Label, LabelFrame, Pose};
+use dermis_sim::random::{sample_rng, standard_normal};
 use std::ops::Range;
 use std::path::PathBuf;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// The presses that are scored; never labels.
 const SCORED: Range<usize> = 2000..2500;
@@ -157,6 +159,37 @@ fn the_error_with_the_model_of_the_skin_and_without() {
             let [by_laplace, by_noser] = [corrected(&laplace), corrected(&noser)];
             println!("| `{name}` | {labels} | {map:.2} | {alone} | {by_laplace} | {by_noser} |");
         }
+    }
+}
+
+#[test]
+fn presses_of_a_real_skin_are_no_faults_of_the_instrument() {
+    // Real presses differ from those of the model; the frames between them are noise of 2 % of their size.
+    for name in ["noPattern", "parallel"] {
+        let Some(recording) = recording(name) else { return };
+        let methods = MethodSet::new(&Methods::linear(), recording.skin.clone(), Some("laplace")).unwrap();
+        let settings = Settings { method: "laplace".into(), ..Settings::default() };
+        let mut pipeline = Pipeline::new(methods.into(), settings).unwrap();
+        let presses = &recording.frames[1000..1060];
+        let sd = 0.02 * dermis::stats::rms(presses.iter().flat_map(|frame| frame.iter().copied()));
+        let mut rng = sample_rng(3, 0);
+        let (mut number, mut found) = (0, 0);
+        let mut process = |press: Option<&Frame>| {
+            let noise = (0..presses[0].len()).map(|_| sd * standard_normal(&mut rng));
+            let values_ohm =
+                noise.enumerate().map(|(channel, noise)| noise + press.map_or(0.0, |press| press[channel]));
+            let measured_at = Timestamp::default().after(Duration::from_millis(10 * number));
+            number += 1;
+            pipeline.process(FrameInput::new(number, measured_at, values_ohm.collect())).unwrap()
+        };
+        (0..100).for_each(|_| drop(process(None)));
+        for press in presses {
+            let frames: Vec<PipelineFrame> = (0..6).map(|_| process(Some(press))).collect();
+            found += usize::from(!frames[5].contacts.is_empty());
+            let after = (0..30).map(|_| process(None));
+            assert!(frames.into_iter().chain(after).all(|frame| frame.validity == Validity::Ok), "{name}");
+        }
+        assert_eq!(found, presses.len(), "{name}");
     }
 }
 

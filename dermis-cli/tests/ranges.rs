@@ -27,6 +27,8 @@ const WRONG: &[(&str, &str, &[&str])] = &[
     ("benchmark disk.toml", "--alpha", &["0", "nan", "1e300", "1e-300"]),
     ("benchmark disk.toml", "--alpha-absolute", &["0", "nan", "-1"]),
     ("benchmark disk.toml", "--noser-exponent", &["nan", "-1", "1e300"]),
+    ("fault-campaign disk.toml", "--faults", &["0", "1000001"]),
+    ("fault-campaign disk.toml", "--seed", &["-1", "18446744073709551615"]),
     ("characterise disk.toml", "--samples", &["0", "18446744073709551615"]),
     ("characterise disk.toml", "--peak-fraction", &["1", "-0.1", "nan"]),
     ("demo", "--seed", &["-1"]),

@@ -16,7 +16,8 @@ fn faults_cause_no_contacts_and_end() {
     let sum = |of: fn(&Score) -> u64| scores.iter().map(of).sum::<u64>();
     let during = sum(|score| score.during.frames);
     assert!(during > 3000 && scores.iter().any(|score| score.kind == FaultKind::Loose));
-    assert!(1000 * sum(|score| score.during.false_contacts) <= during, "{scores:?}");
+    // So few faults have 4,000 frames: a contact that lasts after a press has five.
+    assert!(500 * sum(|score| score.during.false_contacts) <= during, "{scores:?}");
     // A false contact of the method itself is no effect of a fault.
     assert!(1000 * sum(|score| score.after.false_contacts) <= sum(|score| score.after.frames), "{scores:?}");
     assert_eq!(sum(|score| score.noticed), sum(|score| score.to_notice), "{scores:?}");

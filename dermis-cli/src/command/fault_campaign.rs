@@ -3,6 +3,7 @@
 use crate::console::{Progress, print, print_json};
 use crate::failure::Outcome;
 use crate::method::METHOD_HELP;
+use crate::range::{count, seed};
 use clap::Args;
 use dermis::method::MethodSet;
 use dermis::skin::Skin;
@@ -23,10 +24,10 @@ pub struct Arguments {
     #[arg(long, value_name = "TWIN", default_value = "lab")]
     twin: String,
     /// Number of faults.
-    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = count(1..=1_000_000u64))]
     faults: u64,
     /// Seed of the faults, presses and twins.
-    #[arg(long, value_name = "S", default_value_t = 1)]
+    #[arg(long, value_name = "S", default_value_t = 1, value_parser = seed)]
     seed: u64,
     /// Print JSON instead of a table.
     #[arg(long)]

@@ -109,7 +109,7 @@ impl FromStr for TimedFault {
     fn from_str(text: &str) -> Result<Self, LiveError> {
         parse(text).ok_or_else(|| {
             LiveError::Given(format!(
-                "`{text}` is no fault: write {FORMS}, as in loose:7@10 or zeros@10+2, with numbers up to 1e9"
+                "`{text}` is no fault: write {FORMS}, as in loose:7@10 or zeros@10+2, with numbers from -1e9 to 1e9"
             ))
         })
     }
