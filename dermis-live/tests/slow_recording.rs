@@ -3,7 +3,7 @@
 
 mod page;
 
-use dermis::pipeline::{Notice, Severity};
+use dermis::pipeline::Command;
 use dermis_live::Event;
 use dermis_live::sinks::viewer::{Server, ServerOptions};
 use std::io::{Read, Seek, SeekFrom};
@@ -42,11 +42,10 @@ fn a_recording_that_ends_slowly_holds_no_other_page_up() {
     // More data than the recorder can write in one second.
     let texts: Vec<String> = (0..40).map(text).collect();
     for index in 0..3900 {
-        let notice =
-            Notice { level: Severity::Info, text: texts[index % texts.len()].clone(), at: dermis_live::clock::now() };
-        live.shared().publish(&Event::Notice(notice));
+        let command = Command::Method { name: texts[index % texts.len()].clone() };
+        live.shared().publish(&Event::Done(command));
     }
-    // The first page has not read the notices, so that its commands wait: another one ends the recording.
+    // Another page ends the recording: commands of the first one wait while it does not read.
     let mut ending = open(server.address());
     ending.send(Message::text(r#"{"do":"record","on":false}"#)).unwrap();
     let path = std::fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap().path();
