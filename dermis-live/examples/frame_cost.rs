@@ -30,7 +30,7 @@ fn main() {
             for (index, packet) in (first..).zip(&packets) {
                 std::thread::sleep(pause);
                 let begun = Instant::now();
-                let incoming = bench.hear(packet, index).pop().expect("a whole frame");
+                let incoming = bench.receive(packet, index).pop().expect("a whole frame");
                 contacts = bench.pipeline.process(incoming.input).expect("contacts").contacts.len();
                 times_us.push(begun.elapsed().as_secs_f64() * 1e6);
             }

@@ -8,6 +8,7 @@ pub mod device;
 pub mod emulator;
 mod error;
 pub mod guide;
+pub mod offline;
 pub mod recording;
 pub mod runtime;
 pub mod sinks;

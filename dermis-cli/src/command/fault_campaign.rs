@@ -75,7 +75,7 @@ fn table(scores: &[Score]) -> Table {
         "longest until ok, s",
     ]);
     let total = scores.iter().cloned().reduce(|mut total, score| {
-        total.add(&score);
+        total += &score;
         total
     });
     let rows = scores.iter().map(|score| (score.kind.name(), score)).chain(total.iter().map(|score| ("all", score)));

@@ -2,7 +2,7 @@
 
 use crate::emulator::{Fault, ReadingFault, TimedFault};
 use dermis::design::SkinDesign;
-use dermis_sim::random::sample_rng;
+use dermis_sim::random::{log_uniform, sample_rng, uniform};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
@@ -110,16 +110,8 @@ pub(super) fn end_s(index: usize) -> f64 {
     FIRST_S + INTERVAL_S * (index as f64 + 1.0)
 }
 
-fn uniform([low, high]: [f64; 2], rng: &mut ChaCha8Rng) -> f64 {
-    low + (high - low) * rng.random::<f64>()
-}
-
-fn log_uniform(range: [f64; 2], rng: &mut ChaCha8Rng) -> f64 {
-    uniform(range.map(f64::ln), rng).exp()
-}
-
 fn draw(design: &SkinDesign, begin_s: f64, rng: &mut ChaCha8Rng) -> Drawn {
-    let length_s = log_uniform(LENGTHS_S, rng);
+    let length_s = log_uniform(rng, LENGTHS_S);
     let mut single = || {
         let kind = FaultKind::SINGLE[rng.random_range(0..FaultKind::SINGLE.len())];
         (kind, of_kind(design, kind, begin_s, length_s, rng))
@@ -142,7 +134,7 @@ fn of_kind(design: &SkinDesign, kind: FaultKind, at_s: f64, for_s: f64, rng: &mu
     match kind {
         FaultKind::Loose => {
             let electrode = rng.random_range(0..design.electrodes.len());
-            let ohm = log_uniform([100.0, 1e9], rng);
+            let ohm = log_uniform(rng, [100.0, 1e9]);
             let mended = Fault::Loose { electrode, ohm: 0.0 };
             vec![
                 TimedFault { at_s, fault: Fault::Loose { electrode, ohm } },
@@ -156,12 +148,12 @@ fn of_kind(design: &SkinDesign, kind: FaultKind, at_s: f64, for_s: f64, rng: &mu
         FaultKind::FullScale => readings(ReadingFault::FullScale),
         FaultKind::Freeze => readings(ReadingFault::Freeze),
         FaultKind::Gain => readings(ReadingFault::Gain(if factor == 0.1 { 4.0 } else { factor })),
-        FaultKind::Noise => readings(ReadingFault::Noise(log_uniform([20.0, 2000.0], rng))),
+        FaultKind::Noise => readings(ReadingFault::Noise(log_uniform(rng, [20.0, 2000.0]))),
         FaultKind::Saturated => readings(ReadingFault::Saturated(channel)),
         FaultKind::Stuck => readings(ReadingFault::Stuck(channel)),
         FaultKind::ClockStop => vec![TimedFault { at_s, fault: Fault::ClockStop { for_s } }],
         FaultKind::ClockSet | FaultKind::Two => {
-            vec![TimedFault { at_s, fault: Fault::ClockSet { by_s: uniform([-20.0, 20.0], rng) } }]
+            vec![TimedFault { at_s, fault: Fault::ClockSet { by_s: uniform(rng, [-20.0, 20.0]) } }]
         }
     }
 }

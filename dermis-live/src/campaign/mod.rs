@@ -27,7 +27,6 @@ pub use score::{FrameCounts, Score};
 
 use crate::LiveError;
 use crate::campaign::draw::faults;
-use crate::campaign::session::Session;
 use dermis::method::MethodSet;
 use dermis_sim::twin::TwinOptions;
 use rayon::prelude::*;
@@ -68,14 +67,14 @@ pub fn run(
             let first = device * FAULTS_PER_DEVICE;
             let count = FAULTS_PER_DEVICE.min(options.faults - first);
             let faults = faults(methods.skin().design(), options.seed, device as u64, count);
-            let scores = Session::new(methods, options, &faults, device as u64)?.run(&faults)?;
+            let scores = session::run(methods, options, &faults, device as u64)?;
             progress(done.fetch_add(count, Ordering::Relaxed) + count);
             Ok(scores)
         })
         .collect::<Result<_, LiveError>>()?;
     let mut by_kind: BTreeMap<FaultKind, Score> = BTreeMap::new();
     for score in scored.into_iter().flatten() {
-        by_kind.entry(score.kind).and_modify(|total| total.add(&score)).or_insert(score);
+        by_kind.entry(score.kind).and_modify(|total| *total += &score).or_insert(score);
     }
     Ok(by_kind.into_values().collect())
 }

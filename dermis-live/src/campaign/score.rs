@@ -6,6 +6,7 @@ use dermis::geom::Surface;
 use dermis::pipeline::{PipelineFrame, Validity};
 use dermis_sim::twin::Press;
 use serde::Serialize;
+use std::ops::AddAssign;
 
 /// A contact farther than this from every press is false, m.
 const FALSE_M: f64 = 0.03;
@@ -25,7 +26,7 @@ pub struct FrameCounts {
     pub frames: u64,
     /// Frames with a contact where nothing is pressed.
     pub false_contacts: u64,
-    /// Frames that are said to be touched or not, wrongly.
+    /// Frames that are said to be touched while nothing is pressed.
     pub wrong_touch: u64,
     /// Invalid frames.
     pub invalid: u64,
@@ -56,16 +57,20 @@ pub struct Score {
     pub slowest_s: f64,
 }
 
-impl Score {
-    /// Adds the score of other faults of the kind.
-    pub fn add(&mut self, other: &Score) {
+impl AddAssign for FrameCounts {
+    fn add_assign(&mut self, other: Self) {
+        self.frames += other.frames;
+        self.false_contacts += other.false_contacts;
+        self.wrong_touch += other.wrong_touch;
+        self.invalid += other.invalid;
+    }
+}
+
+impl AddAssign<&Score> for Score {
+    fn add_assign(&mut self, other: &Score) {
         self.faults += other.faults;
-        for (counts, others) in [(&mut self.during, other.during), (&mut self.after, other.after)] {
-            counts.frames += others.frames;
-            counts.false_contacts += others.false_contacts;
-            counts.wrong_touch += others.wrong_touch;
-            counts.invalid += others.invalid;
-        }
+        self.during += other.during;
+        self.after += other.after;
         self.to_notice += other.to_notice;
         self.noticed += other.noticed;
         self.named += other.named;
@@ -131,11 +136,7 @@ impl<'a> Scorer<'a> {
             return;
         }
         let counted = self.counted(frame);
-        let counts = if is_during { &mut self.score.during } else { &mut self.score.after };
-        counts.frames += 1;
-        counts.false_contacts += u64::from(counted[0]);
-        counts.wrong_touch += u64::from(counted[1]);
-        counts.invalid += u64::from(!frame.validity.is_usable());
+        *(if is_during { &mut self.score.during } else { &mut self.score.after }) += counted;
         if is_during {
             self.notice(time_s, frame);
         } else {
@@ -143,13 +144,18 @@ impl<'a> Scorer<'a> {
         }
     }
 
-    /// Whether a frame has a false contact, and whether it is wrong about being touched.
-    fn counted(&self, frame: &PipelineFrame) -> [bool; 2] {
+    /// The counts of one frame.
+    fn counted(&self, frame: &PipelineFrame) -> FrameCounts {
         let is_false = |position_m| {
             self.recent.iter().all(|(_, press)| self.surface.distance_m(position_m, press.centre_m) > FALSE_M)
         };
         let is_pressed = !self.recent.is_empty();
-        [frame.contacts.iter().any(|contact| is_false(contact.position_m)), frame.touched == Some(true) && !is_pressed]
+        FrameCounts {
+            frames: 1,
+            false_contacts: u64::from(frame.contacts.iter().any(|contact| is_false(contact.position_m))),
+            wrong_touch: u64::from(frame.touched == Some(true) && !is_pressed),
+            invalid: u64::from(!frame.validity.is_usable()),
+        }
     }
 
     fn notice(&mut self, time_s: f64, frame: &PipelineFrame) {

@@ -51,6 +51,8 @@ pub struct Emulator {
     history: Mutex<ContactHistory>,
     fingers: Mutex<BTreeMap<u32, Press>>,
     frames: Vec<Vec<i32>>,
+    /// Counts of the first frames of faults that repeat them, by number.
+    first: Mutex<BTreeMap<u64, Vec<i32>>>,
     /// The number of the next frame since power-up; a new connection continues the numbers.
     next: Mutex<u64>,
     timing: Mutex<Timing>,
@@ -117,6 +119,7 @@ impl Emulator {
             history: Mutex::default(),
             fingers: Mutex::default(),
             frames: Vec::new(),
+            first: Mutex::default(),
             next: Mutex::new(0),
             timing: Mutex::new(Timing::new((options.twin.electronics.frame_rate_hz * 1e3).round() as u32)),
             happened: Mutex::new(0),
@@ -231,13 +234,23 @@ impl Emulator {
                 continue;
             }
             let first = match fault.needs_first() {
-                true => self.sound_counts((timed.at_s * rate_hz).ceil() as u64)?,
+                true => self.first_counts((timed.at_s * rate_hz).ceil() as u64)?,
                 false => Vec::new(),
             };
             let (counts, roles) = (&mut counts, self.scan.roles());
             let (full_scale, seed) = (self.full_scale, self.options.seed);
             fault.apply(&mut FaultyReadings { counts, roles, full_scale, seed, index }, &first);
         }
+        Ok(counts)
+    }
+
+    /// The counts of the first frame of a fault, computed once.
+    fn first_counts(&self, index: u64) -> Result<Vec<i32>, LiveError> {
+        if let Some(counts) = lock(&self.first).get(&index) {
+            return Ok(counts.clone());
+        }
+        let counts = self.sound_counts(index)?;
+        lock(&self.first).insert(index, counts.clone());
         Ok(counts)
     }
 

@@ -2,6 +2,7 @@
 
 use crate::clock;
 use dermis::pipeline::{PipelineFrame, Timestamp, Validity};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// A processed frame, with its message and the times on its way.
@@ -41,7 +42,7 @@ const SMOOTH: f64 = 0.1;
 /// Notices that frames stop.
 #[derive(Debug)]
 pub(super) struct StaleWatch {
-    last: Option<LiveFrame>,
+    last: Option<Arc<LiveFrame>>,
     arrived: Instant,
     /// Mean interval between frames, s.
     interval_s: f64,
@@ -54,14 +55,14 @@ impl StaleWatch {
     }
 
     /// Takes a frame; returns whether the one before was stale.
-    pub(super) fn take(&mut self, frame: &LiveFrame) -> bool {
+    pub(super) fn take(&mut self, frame: &Arc<LiveFrame>) -> bool {
         let now = Instant::now();
         let interval_s = now.duration_since(self.arrived).as_secs_f64();
         let was_stale = self.reported.take().is_some();
         if self.last.is_some() && !was_stale {
             self.interval_s += SMOOTH * (interval_s - self.interval_s);
         }
-        self.last = Some(frame.clone());
+        self.last = Some(Arc::clone(frame));
         self.arrived = now;
         was_stale
     }

@@ -74,10 +74,11 @@ impl PipelineThread {
         self.install_drift_fit();
         match process(&mut self.pipeline, incoming) {
             Ok(frame) => {
+                let frame = Arc::new(frame);
                 if self.stale.take(&frame) {
                     self.shared.notice(Severity::Info, "frames arrive again".into());
                 }
-                self.shared.publish(&Event::Frame(Arc::new(frame)));
+                self.shared.publish(&Event::Frame(frame));
             }
             Err(error) => self.shared.notice(Severity::Error, error.to_string()),
         }

@@ -1,14 +1,13 @@
 //! A device and a pipeline without a connection between them, frame by frame, at full speed.
 
-use dermis::design::SkinDesign;
 use dermis::geom::{Point3, Surface};
 use dermis::method::MethodSet;
-use dermis::pipeline::{Pipeline, PipelineFrame, Settings, Timestamp};
+use dermis::pipeline::{Pipeline, PipelineFrame, Settings};
 use dermis::skin::Skin;
-use dermis_live::device::{IncomingFrame, Stream};
-use dermis_live::emulator::{Emulator, EmulatorOptions, Place, Script, Stroke};
+use dermis_live::emulator::{EmulatorOptions, Place, Script, Stroke};
+use dermis_live::offline::OfflineSession;
 use dermis_sim::twin::TwinOptions;
-use dermis_wire::{Decoder, Received, ToHost};
+use std::ops::{Deref, DerefMut};
 use std::sync::{Arc, OnceLock};
 
 /// The paper's skin and its methods, prepared once.
@@ -23,18 +22,8 @@ fn surface() -> Surface {
     methods().skin().pixels().surface
 }
 
-/// A device and a pipeline, frame by frame.
-pub struct Bench {
-    pub emulator: Arc<Emulator>,
-    pub stream: Stream,
-    pub pipeline: Pipeline,
-    decoder: Decoder<Vec<u8>>,
-    /// Number of the next frame.
-    pub next: u64,
-    rate_hz: f64,
-    /// Packets that the decoder reported as damaged.
-    pub damaged: u64,
-}
+/// A session that receives every frame.
+pub struct Bench(OfflineSession);
 
 /// Frames of the tare.
 pub const TARE: u64 = 100;
@@ -47,51 +36,31 @@ impl Bench {
 
     /// The same with faults of the device.
     pub fn faulty(twin: TwinOptions, seed: u64, touches: Vec<Stroke>, settings: Settings, faults: &[&str]) -> Self {
-        let design = SkinDesign::shipped("cylinder30").unwrap();
-        let rate_hz = twin.electronics.frame_rate_hz;
         let script = Script { repeat_s: None, touches };
         let faults = faults.iter().map(|fault| fault.parse().unwrap()).collect();
         let options = EmulatorOptions { twin, seed, script, faults, speed: 1.0, prerendered: 0, unpaced: true };
-        let emulator = Emulator::new(&design, options).unwrap();
-        let pipeline = Pipeline::new(methods(), settings).unwrap();
-        let mut decoder = Decoder::new(vec![0; 1 << 16]);
-        let mut stream = Stream::new(methods().skin()).unwrap();
-        decoder.feed(&emulator.hello_packet((1e3 * rate_hz) as u32), |received| {
-            let Received::Message(message) = received else { panic!("a damaged hello") };
-            let Ok(ToHost::Hello(hello)) = ToHost::parse(message) else { panic!("no hello") };
-            stream.hello(&hello);
-        });
-        let mut bench = Bench { emulator, stream, pipeline, decoder, next: 0, rate_hz, damaged: 0 };
+        let mut bench = Bench(OfflineSession::new(options, Pipeline::new(methods(), settings).unwrap()).unwrap());
         (0..TARE).for_each(|_| drop(bench.frame()));
         bench
     }
 
-    /// Processes bytes that arrive when frame `index` is due.
-    pub fn hear(&mut self, bytes: &[u8], index: u64) -> Vec<IncomingFrame> {
-        let at = Timestamp { unix_ns: 1_800_000_000_000_000_000 + (index as f64 / self.rate_hz * 1e9) as u64 };
-        let Bench { stream, decoder, damaged, .. } = self;
-        let mut heard = Vec::new();
-        decoder.feed(bytes, |received| match received {
-            Received::Message(message) => {
-                let Ok(ToHost::Frame(frame)) = ToHost::parse(message) else { panic!("no frame") };
-                heard.extend(stream.frame(&frame, message, at));
-            }
-            Received::Damaged => *damaged += 1,
-        });
-        heard
-    }
-
     /// The next frame.
     pub fn frame(&mut self) -> PipelineFrame {
-        let packet = self.emulator.frame_packet(self.next).unwrap();
-        let incoming = self.hear(&packet, self.next).pop().expect("every frame is new and whole");
-        self.next += 1;
-        self.pipeline.process(incoming.input).unwrap()
+        self.0.frame().unwrap().expect("every frame is new and whole")
     }
+}
 
-    /// The device time of the next frame, s.
-    pub fn time_s(&self) -> f64 {
-        self.next as f64 / self.rate_hz
+impl Deref for Bench {
+    type Target = OfflineSession;
+
+    fn deref(&self) -> &OfflineSession {
+        &self.0
+    }
+}
+
+impl DerefMut for Bench {
+    fn deref_mut(&mut self) -> &mut OfflineSession {
+        &mut self.0
     }
 }
 

@@ -107,7 +107,7 @@ fn packet(readings: &[i16], index: u64) -> Vec<u8> {
 }
 
 fn frames(bench: &mut Bench, bytes: &[u8], index: u64) -> Vec<PipelineFrame> {
-    let heard = bench.hear(bytes, index);
+    let heard = bench.receive(bytes, index);
     heard.into_iter().map(|incoming| bench.pipeline.process(incoming.input).unwrap()).collect()
 }
 

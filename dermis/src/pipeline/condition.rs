@@ -73,10 +73,8 @@ impl PartMonitor {
         matches!(self.condition, Condition::Out | Condition::OnTrial)
     }
 
-    /// Takes a frame in which the part is bad or not. It returns from a trial only while `may_return`. Returns whether
-    /// the state has changed.
-    pub(super) fn update(&mut self, is_bad: bool, may_return: bool, time_s: f64) -> bool {
-        let before = self.condition;
+    /// Takes a frame in which the part is bad or not. It returns from a trial only while `may_return`.
+    pub(super) fn update(&mut self, is_bad: bool, may_return: bool, time_s: f64) {
         match (self.condition, is_bad) {
             (Condition::Sound, false) => self.forget(time_s),
             (Condition::Sound | Condition::Suspect, true) => self.suspect(self.bad_frames + 1.0, time_s),
@@ -89,7 +87,6 @@ impl PartMonitor {
             }
             (Condition::OnTrial, false) => {}
         }
-        self.condition != before
     }
 
     fn suspect(&mut self, bad_frames: f64, time_s: f64) {

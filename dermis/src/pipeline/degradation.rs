@@ -1,6 +1,7 @@
 //! What masked channels cost.
 
 use crate::forward::Matrix;
+use crate::image::PixelSpace;
 use crate::skin::Skin;
 use crate::stats::upper_median;
 use crate::text::counted;
@@ -54,19 +55,27 @@ impl Cost {
         let mut is_masked = vec![false; jacobian.rows];
         masked.iter().for_each(|&channel| is_masked[channel] = true);
         let [mut force, mut position] = [(); 2].map(|()| Information::new(pixels.len()));
+        let neighbours = neighbours(pixels);
         for channel in 0..jacobian.rows {
             let row = whitened(jacobian, channel, noise_ohm[channel]);
-            for (pixel, value) in row.iter().enumerate() {
-                force.add(pixel, value * value, is_masked[channel]);
-                for &other in pixels.neighbours[pixel].iter().filter(|&&other| other < pixel) {
-                    let apart_m = pixels.surface.distance_m(pixels.centres_m[pixel], pixels.centres_m[other]);
-                    let square = ((value - row[other]) / apart_m).powi(2);
-                    [pixel, other].into_iter().for_each(|end| position.add(end, square, is_masked[channel]));
-                }
+            row.iter().enumerate().for_each(|(pixel, value)| force.add(pixel, value * value, is_masked[channel]));
+            for &(ends, apart_m) in &neighbours {
+                let square = ((row[ends[0]] - row[ends[1]]) / apart_m).powi(2);
+                ends.into_iter().for_each(|end| position.add(end, square, is_masked[channel]));
             }
         }
         Ok(Cost { position_sd: position.loss(), smallest_force: force.loss() })
     }
+}
+
+/// The pairs of neighbouring pixels, and their distances, m.
+fn neighbours(pixels: &PixelSpace) -> Vec<([usize; 2], f64)> {
+    let distance_m = |[a, b]: [usize; 2]| pixels.surface.distance_m(pixels.centres_m[a], pixels.centres_m[b]);
+    let pairs_of = |pixel: usize| {
+        let others = pixels.neighbours[pixel].iter().filter(move |&&other| other < pixel);
+        others.map(move |&other| [pixel, other])
+    };
+    (0..pixels.len()).flat_map(pairs_of).map(|pair| (pair, distance_m(pair))).collect()
 }
 
 /// The row of a channel in units of its noise.
@@ -93,7 +102,9 @@ impl Information {
     }
 
     fn loss(&self) -> Loss {
-        let factors: Vec<f64> = self.all.iter().zip(&self.used).map(|(all, used)| (all / used).sqrt()).collect();
+        // Where no channel is sensitive, nothing is lost.
+        let factor = |(all, used): (&f64, &f64)| if *all > 0.0 { (all / used).sqrt() } else { 1.0 };
+        let factors: Vec<f64> = self.all.iter().zip(&self.used).map(factor).collect();
         let worst = factors.iter().copied().fold(1.0, f64::max);
         Loss { median: upper_median(&factors).unwrap_or(1.0), worst: Some(worst).filter(|worst| worst.is_finite()) }
     }

@@ -212,9 +212,6 @@ impl InstrumentMonitor {
 
     /// Takes the findings of a frame in which drives and channels can be judged. Parts return only while `may_return`.
     pub(super) fn update_parts(&mut self, findings: &Findings, may_return: bool, time_s: f64) {
-        if findings.is_noisy {
-            return;
-        }
         let parts = self.drives.iter_mut().chain(&mut self.channels);
         for (part, is_bad) in parts.zip(findings.drives.iter().chain(&findings.channels)) {
             part.update(*is_bad, may_return, time_s);

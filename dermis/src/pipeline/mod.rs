@@ -53,6 +53,7 @@ mod novelty;
 mod process;
 mod read;
 mod rebuild;
+mod reports;
 mod settings;
 mod state;
 mod statistics;
@@ -76,9 +77,9 @@ pub use validity::{InvalidReason, Validity};
 use crate::detect::{Detector, ImageNoise};
 use crate::image::Image;
 use crate::method::{Method, MethodSet};
-use crate::pipeline::condition::PartMonitor;
 use crate::pipeline::drift::DriftFitter;
 use crate::pipeline::electrodes::ElectrodeTopology;
+use crate::pipeline::reports::Reports;
 use crate::pipeline::state::Phase;
 use crate::skin::Skin;
 use crate::track::{TrackOptions, Tracker};
@@ -97,11 +98,7 @@ pub struct Pipeline {
     masked: Vec<bool>,
     /// What the channels cost that the method was prepared without.
     cost: Option<Cost>,
-    /// Why frames are invalid, as last reported.
-    announced: Option<InvalidReason>,
-    /// Bad drives, and the number of bad channels, as last reported.
-    announced_drives: Vec<usize>,
-    announced_channels: usize,
+    reports: Reports,
     detector: Detector,
     /// The noise of untouched images.
     noise: Option<ImageNoise>,
@@ -137,15 +134,13 @@ impl Pipeline {
         state.check(&topology, fitter.modes().rows)?;
         let method = methods.method(&state.settings.method)?.without_channels(skin, &state.method_masked)?;
         let masked = match &state.phase {
-            Phase::Reading(reading) => reading.mark(&topology, PartMonitor::is_confirmed),
+            Phase::Reading(reading) => reading.marks(&topology).confirmed,
             Phase::Taring { .. } => vec![false; topology.channel_count()],
         };
         let mut pipeline = Pipeline {
             masked,
             cost: None,
-            announced: None,
-            announced_drives: Vec::new(),
-            announced_channels: 0,
+            reports: Reports::default(),
             image: Image { space: Arc::clone(skin.pixels()), values: vec![0.0; skin.pixels().len()] },
             detector: Detector::default(),
             noise: None,

@@ -13,7 +13,7 @@ use crate::pipeline::statistics::{Statistics, difference};
 use crate::pipeline::timestamp::Timestamp;
 use crate::pipeline::touch_detector::TouchDetector;
 use crate::pipeline::trial::TrialMeans;
-use crate::pipeline::validity::{InvalidReason, Validity};
+use crate::pipeline::validity::InvalidReason;
 use crate::pipeline::{Pipeline, marked};
 use std::sync::Arc;
 
@@ -42,20 +42,20 @@ impl Pipeline {
     pub fn process(&mut self, input: FrameInput) -> Result<PipelineFrame, PipelineError> {
         self.check(&input)?;
         let time = self.advance(&input);
-        let Outcome { validity, touched, contacts } = match &mut self.state.phase {
-            Phase::Taring { frames } => {
-                frames.push(input.measurement.clone());
-                if frames.len() >= self.state.settings.tare_frames {
-                    self.finish_tare(time.at)?;
-                }
-                Outcome::invalid(InvalidReason::Tare)
+        let Outcome { validity, touched, contacts } = match self.state.phase.take() {
+            Phase::Taring { frames } => self.tare(frames, &input.measurement, time.at)?,
+            Phase::Reading(mut reading) => {
+                let outcome = self.read(&mut reading, &input.measurement, time);
+                self.state.phase = Phase::Reading(reading);
+                outcome?
             }
-            Phase::Reading(_) => self.read(&input.measurement, time)?,
         };
         if !validity.is_usable() {
             self.image.values.fill(0.0);
         }
-        self.announce(&validity, time.at);
+        if let Some((level, text)) = self.reports.validity(&validity) {
+            self.notice(level, text, time.at);
+        }
         self.update_health(&input);
         Ok(PipelineFrame {
             sequence: input.sequence,
@@ -106,14 +106,28 @@ impl Pipeline {
         FrameTime { at, time_s, step_s }
     }
 
-    /// Ends the tare with the frames that it has.
-    fn finish_tare(&mut self, at: Timestamp) -> Result<(), PipelineError> {
-        let Phase::Taring { frames } = &mut self.state.phase else { return Ok(()) };
-        let frames = std::mem::take(frames);
+    /// Adds a frame to those of the tare, and ends the tare with the last one.
+    fn tare(
+        &mut self,
+        mut frames: Vec<Measurement>,
+        measurement: &Measurement,
+        at: Timestamp,
+    ) -> Result<Outcome, PipelineError> {
+        frames.push(measurement.clone());
+        if frames.len() < self.state.settings.tare_frames {
+            self.state.phase = Phase::Taring { frames };
+        } else {
+            self.finish_tare(&frames, at)?;
+        }
+        Ok(Outcome::invalid(InvalidReason::Tare))
+    }
+
+    /// Starts to detect contacts, with the frames of the tare.
+    fn finish_tare(&mut self, frames: &[Measurement], at: Timestamp) -> Result<(), PipelineError> {
         let values: Vec<&[f64]> = frames.iter().map(|frame| frame.values_ohm.as_slice()).collect();
         let statistics = Statistics::of(values.iter().copied());
-        let electrodes = ElectrodeMonitor::new(&self.topology, &frames, &statistics);
-        let instrument = InstrumentMonitor::new(&self.topology, &frames, &statistics);
+        let electrodes = ElectrodeMonitor::new(&self.topology, frames, &statistics);
+        let instrument = InstrumentMonitor::new(&self.topology, frames, &statistics);
         self.masked = vec![false; self.topology.channel_count()];
         self.topology.mark_channels_of(electrodes.confirmed(), &mut self.masked);
         self.state.phase = Phase::Reading(Box::new(Reading {
@@ -154,23 +168,6 @@ impl Pipeline {
             ));
         }
         warnings.into_iter().for_each(|text| self.notice(Severity::Warning, text, at));
-    }
-
-    /// Reports that frames become invalid, and that they are valid again.
-    fn announce(&mut self, validity: &Validity, at: Timestamp) {
-        let reason = match validity {
-            Validity::Invalid { reason: InvalidReason::OnTrial | InvalidReason::Tare } => return,
-            Validity::Invalid { reason } => Some(*reason),
-            _ => None,
-        };
-        let before = std::mem::replace(&mut self.announced, reason);
-        if before == reason {
-            return;
-        }
-        match reason {
-            Some(reason) => self.notice(Severity::Error, format!("frames are invalid: {}", reason.text()), at),
-            None => self.notice(Severity::Info, "frames are valid again".into(), at),
-        }
     }
 
     /// Computes the health every few frames, and immediately after a notice.

@@ -4,24 +4,22 @@ use crate::contact::Contact;
 use crate::detect::Circumstances;
 use crate::geom::Point3;
 use crate::pipeline::baseline::TouchedFrame;
-use crate::pipeline::condition::PartMonitor;
 use crate::pipeline::contact::TrackedContact;
 use crate::pipeline::degradation::Degradation;
 use crate::pipeline::electrodes::{Change, ContactFrame, ElectrodeTopology, NoiseFrame};
 use crate::pipeline::error::PipelineError;
 use crate::pipeline::frame::Measurement;
-use crate::pipeline::health::{ElectrodeState, Severity};
-use crate::pipeline::instrument::{Findings, is_most};
+use crate::pipeline::health::Severity;
+use crate::pipeline::instrument::{Findings, InstrumentMonitor, is_most};
 use crate::pipeline::process::FrameTime;
 use crate::pipeline::settings::Settings;
-use crate::pipeline::state::{Phase, Reading};
+use crate::pipeline::state::{Marks, Reading};
 use crate::pipeline::statistics::difference;
 use crate::pipeline::timestamp::Timestamp;
 use crate::pipeline::touch_detector::statistic;
 use crate::pipeline::validity::{InvalidReason, Validity};
-use crate::pipeline::{Pipeline, marked};
+use crate::pipeline::{Pipeline, marked, reports};
 use crate::reconstruct::Reconstruct;
-use crate::text::counted;
 use crate::track::Sighting;
 
 /// Maximum signal of a sighting that cannot start a contact.
@@ -41,9 +39,11 @@ impl Outcome {
     }
 }
 
-/// A frame as far as it can be used: its difference from the baseline.
-struct Signal {
-    /// The difference, zero in masked channels, ohm.
+/// A frame as far as it can be used.
+struct Signal<'a> {
+    measurement: &'a Measurement,
+    findings: Findings,
+    /// The difference from the baseline, zero in masked channels, ohm.
     difference: Vec<f64>,
     masked: Vec<bool>,
     /// The statistic of the touch detector, and whether it exceeds the threshold.
@@ -51,7 +51,7 @@ struct Signal {
     is_touched: bool,
 }
 
-impl Signal {
+impl Signal<'_> {
     /// Why it cannot be used, if so.
     fn reason(&self) -> Option<InvalidReason> {
         is_most(&self.masked).then_some(InvalidReason::TooFewChannels)
@@ -60,74 +60,82 @@ impl Signal {
 
 impl Pipeline {
     /// The contacts of a frame.
-    pub(super) fn read(&mut self, measurement: &Measurement, time: FrameTime) -> Result<Outcome, PipelineError> {
-        let Phase::Reading(reading) = &mut self.state.phase else { return Ok(Outcome::invalid(InvalidReason::Tare)) };
+    pub(super) fn read(
+        &mut self,
+        reading: &mut Reading,
+        measurement: &Measurement,
+        time: FrameTime,
+    ) -> Result<Outcome, PipelineError> {
         let findings = reading.check(&self.topology, measurement, time);
         if findings.reason.is_some() {
             let reason = reading.instrument.update_whole(findings.reason, time.time_s);
             return Ok(Outcome::invalid(reason.unwrap_or(InvalidReason::OnTrial)));
         }
         let changes = reading.update_parts(&self.topology, measurement, &findings, time);
-        let signal = reading.signal(&self.topology, measurement);
+        let marks = reading.marks(&self.topology);
+        reading.update_trials(measurement, &marks);
+        let signal = reading.signal(measurement, findings, marks.masked);
         let reason = reading.instrument.update_whole(signal.reason(), time.time_s);
-        self.apply_changes(&changes, time.at);
+        self.masked = marks.confirmed;
+        self.report_parts(&reading.instrument, &changes, time.at);
         if let Some(reason) = reason {
             // Parts come back only after untouched frames.
-            self.update_baseline(measurement, &signal, &findings, &[], signal.is_touched, time)?;
+            self.update_baseline(reading, &signal, &[], signal.is_touched, time)?;
             return Ok(Outcome::invalid(reason));
         }
-        self.locate(measurement, &signal, &findings, time)
+        self.locate(reading, &signal, time)
     }
 
     /// The contacts of a frame that can be used.
     fn locate(
         &mut self,
-        measurement: &Measurement,
-        signal: &Signal,
-        findings: &Findings,
+        reading: &mut Reading,
+        signal: &Signal<'_>,
         time: FrameTime,
     ) -> Result<Outcome, PipelineError> {
-        let Phase::Reading(reading) = &mut self.state.phase else { return Ok(Outcome::invalid(InvalidReason::Tare)) };
         let felt = reading.touch_detector.update(signal.statistic);
-        let difference = &signal.difference;
-        self.method.reconstruct().reconstruct_into(difference, &mut self.image.values)?;
-        let settings = &self.state.settings;
-        let sightings = match self.method.reconstruct().contacts(difference)? {
-            Some(contacts) => sightings_of(contacts, felt),
-            None => {
-                let mut found = self.detector.detect_under(&self.image);
-                correct(self.method.reconstruct(), difference, &mut found);
-                sightings(found, self.noise_factor, settings, felt)
-            }
-        };
+        let sightings = self.sightings(&signal.difference, felt)?;
         let tracked = self.state.tracker.update(&sightings, time.time_s);
-        let start = self.state.start.unwrap_or_default();
+        let (settings, start) = (&self.state.settings, self.state.start.unwrap_or_default());
         let contacts: Vec<TrackedContact> =
             tracked.iter().map(|tracked| TrackedContact::new(tracked, &self.image, settings, start)).collect();
         let positions_m: Vec<Point3> = tracked.iter().map(|tracked| tracked.contact.position_m).collect();
-        self.update_baseline(measurement, signal, findings, &positions_m, felt, time)?;
+        self.update_baseline(reading, signal, &positions_m, felt, time)?;
         let touched = felt || !contacts.is_empty();
-        let Phase::Reading(reading) = &mut self.state.phase else { return Ok(Outcome::invalid(InvalidReason::Tare)) };
-        let aged = reading.novelty.update(touched, || self.method.reconstruct().novelty(difference));
+        let aged = reading.novelty.update(touched, || self.method.reconstruct().novelty(&signal.difference));
         self.warn_of_ageing(aged, time.at);
         Ok(Outcome { validity: self.validity(&signal.masked), touched: Some(touched), contacts })
+    }
+
+    /// What the method finds in a difference from the baseline; updates the image. `felt`: the result of the touch
+    /// detector.
+    fn sightings(&mut self, difference: &[f64], felt: bool) -> Result<Vec<Sighting>, PipelineError> {
+        let method = self.method.reconstruct();
+        method.reconstruct_into(difference, &mut self.image.values)?;
+        Ok(match method.contacts(difference)? {
+            Some(contacts) => sightings_of(contacts, felt),
+            None => {
+                let mut found = self.detector.detect_under(&self.image);
+                correct(method, difference, &mut found);
+                sightings(found, self.noise_factor, &self.state.settings, felt)
+            }
+        })
     }
 
     /// Updates the baseline and the noise with a frame.
     fn update_baseline(
         &mut self,
-        measurement: &Measurement,
-        signal: &Signal,
-        findings: &Findings,
+        reading: &mut Reading,
+        signal: &Signal<'_>,
         positions_m: &[Point3],
         felt: bool,
         FrameTime { time_s, step_s, .. }: FrameTime,
     ) -> Result<(), PipelineError> {
-        let Phase::Reading(reading) = &mut self.state.phase else { return Ok(()) };
+        let Signal { measurement, findings, masked, .. } = signal;
         let frame = TouchedFrame { values_ohm: &measurement.values_ohm, positions_m, time_s, step_s };
         let surface = &self.methods.skin().pixels().surface;
-        let untouched = reading.update_baseline(surface, &mut self.fitter, felt, &signal.masked, frame)?;
-        let about = NoiseFrame { untouched, masked: &signal.masked, sick_drives: &findings.drives, step_s };
+        let untouched = reading.update_baseline(surface, &mut self.fitter, felt, masked, frame)?;
+        let about = NoiseFrame { untouched, masked, sick_drives: &findings.drives, step_s };
         reading.electrodes.update_noise(&self.topology, measurement, about);
         Ok(())
     }
@@ -153,46 +161,12 @@ impl Pipeline {
         }
     }
 
-    /// Masks the channels of parts that are confirmed as bad, and unmasks those of parts that are sound again.
-    fn apply_changes(&mut self, changes: &[Change], at: Timestamp) {
-        let Phase::Reading(reading) = &self.state.phase else { return };
-        self.masked = reading.mark(&self.topology, PartMonitor::is_confirmed);
-        let drives = reading.instrument.bad_drives();
-        let channels = reading.instrument.bad_channel_count();
-        self.announce_parts(drives, channels, at);
-        for Change { electrode, state } in changes {
-            let (level, what) = match state {
-                ElectrodeState::Loose => (Severity::Warning, "is loose and its channels are masked: fix its contact"),
-                ElectrodeState::Open => {
-                    (Severity::Warning, "carries no current and its channels are masked: check its wire")
-                }
-                _ => (Severity::Info, "is sound again"),
-            };
-            self.notice(level, format!("electrode {electrode} {what}"), at);
-        }
-    }
-
-    /// Reports drives and channels that become bad or sound again.
-    fn announce_parts(&mut self, drives: Vec<usize>, channels: usize, at: Timestamp) {
-        let before = std::mem::replace(&mut self.announced_drives, drives.clone());
-        for &drive in drives.iter().filter(|drive| !before.contains(drive)) {
-            let [source, sink] = self.topology.ends_of(drive);
-            let text = format!(
-                "the current of drive {drive} (electrodes {source} and {sink}) is wrong and its channels are masked: check \
-                 the source and the reference resistor"
-            );
-            self.notice(Severity::Warning, text, at);
-        }
-        for drive in before.iter().filter(|drive| !drives.contains(drive)) {
-            self.notice(Severity::Info, format!("the current of drive {drive} is sound again"), at);
-        }
-        let before = std::mem::replace(&mut self.announced_channels, channels);
-        if before == 0 && channels > 0 {
-            let text = format!("{} out of range or unlike the others: masked", counted(channels, "channel"));
-            self.notice(Severity::Warning, text, at);
-        } else if before > 0 && channels == 0 {
-            self.notice(Severity::Info, "all channels are in range again".into(), at);
-        }
+    /// Reports electrodes, drives and channels that become bad or sound again.
+    fn report_parts(&mut self, instrument: &InstrumentMonitor, changes: &[Change], at: Timestamp) {
+        let mut texts = self.reports.drives(&self.topology, instrument.bad_drives());
+        texts.extend(self.reports.channels(instrument.bad_channel_count()));
+        texts.extend(changes.iter().map(reports::electrode));
+        texts.into_iter().for_each(|(level, text)| self.notice(level, text, at));
     }
 }
 
@@ -202,7 +176,12 @@ impl Reading {
         self.instrument.check(topology, &self.electrodes, baseline_ohm, measurement, time.step_s)
     }
 
-    /// Updates the states of electrodes, drives and channels, and the baseline of those that come back.
+    /// Whether parts on trial may come back: the frame before was untouched.
+    fn may_return(&self) -> bool {
+        self.quiet_since_s.is_some()
+    }
+
+    /// Updates the states of electrodes, drives and channels.
     fn update_parts(
         &mut self,
         topology: &ElectrodeTopology,
@@ -210,29 +189,30 @@ impl Reading {
         findings: &Findings,
         FrameTime { time_s, .. }: FrameTime,
     ) -> Vec<Change> {
-        // The frame before was untouched.
-        let may_return = self.quiet_since_s.is_some();
+        if findings.is_noisy {
+            return Vec::new();
+        }
+        let may_return = self.may_return();
         let difference = &difference(&measurement.values_ohm, self.baseline.values_ohm());
         let about = ContactFrame { difference, sick_drives: &findings.drives, may_return, time_s };
-        let changes = match findings.is_noisy {
-            true => Vec::new(),
-            false => self.electrodes.update_contacts(topology, measurement, about),
-        };
         self.instrument.update_parts(findings, may_return, time_s);
-        let [masked, blocked] =
-            [PartMonitor::is_masked, PartMonitor::is_blocked].map(|holds| self.mark(topology, holds));
-        let baseline_ohm = self.baseline.values_ohm_mut();
-        self.trials.update(&measurement.values_ohm, [&masked, &blocked], may_return, baseline_ohm);
-        changes
+        self.electrodes.update_contacts(topology, measurement, about)
     }
 
-    /// The difference of a frame from the baseline, without the channels that cannot be used.
-    fn signal(&self, topology: &ElectrodeTopology, measurement: &Measurement) -> Signal {
-        let masked = self.mark(topology, PartMonitor::is_masked);
+    /// Updates the baseline of channels that come back.
+    fn update_trials(&mut self, measurement: &Measurement, marks: &Marks) {
+        let may_return = self.may_return();
+        let baseline_ohm = self.baseline.values_ohm_mut();
+        self.trials.update(&measurement.values_ohm, [&marks.masked, &marks.blocked], may_return, baseline_ohm);
+    }
+
+    /// The difference of a frame from the baseline, without masked channels.
+    fn signal<'a>(&self, measurement: &'a Measurement, findings: Findings, masked: Vec<bool>) -> Signal<'a> {
         let mut difference = difference(&measurement.values_ohm, self.baseline.values_ohm());
         mask(&mut difference, &masked);
         let statistic = statistic(&difference, self.electrodes.noise_ohm(), &masked);
-        Signal { difference, masked, statistic, is_touched: self.touch_detector.exceeds(statistic) }
+        let is_touched = self.touch_detector.exceeds(statistic);
+        Signal { measurement, findings, difference, masked, statistic, is_touched }
     }
 }
 

@@ -71,6 +71,17 @@ pub(super) struct Reading {
     pub unexplained_since_s: Option<f64>,
 }
 
+/// Channels that are not used, with a flag for each channel.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Marks {
+    /// All of them.
+    pub masked: Vec<bool>,
+    /// Those that are not on trial.
+    pub blocked: Vec<bool>,
+    /// Those of parts that are confirmed as bad.
+    pub confirmed: Vec<bool>,
+}
+
 impl State {
     /// The values of the untouched skin now, ohm; `None` during a tare.
     pub fn baseline_ohm(&self) -> Option<&[f64]> {
@@ -123,6 +134,11 @@ impl State {
 }
 
 impl Phase {
+    /// Moves the phase out; a tare without frames takes its place.
+    pub(super) fn take(&mut self) -> Self {
+        std::mem::replace(self, Phase::Taring { frames: Vec::new() })
+    }
+
     /// Standard deviation of the noise of each channel, ohm; empty during a tare.
     pub(super) fn noise_ohm(&self) -> &[f64] {
         match self {
@@ -141,12 +157,19 @@ impl Phase {
 }
 
 impl Reading {
-    /// Marks the channels of electrodes, drives and channels for which `holds`.
-    pub(super) fn mark(&self, topology: &ElectrodeTopology, holds: fn(&PartMonitor) -> bool) -> Vec<bool> {
-        let mut marked = vec![false; topology.channel_count()];
-        topology.mark_channels_of(self.electrodes.in_condition(holds), &mut marked);
-        self.instrument.mark(topology, holds, &mut marked);
-        marked
+    /// The channels that are not used, of electrodes, drives and single channels.
+    pub(super) fn marks(&self, topology: &ElectrodeTopology) -> Marks {
+        let mark = |holds: fn(&PartMonitor) -> bool| {
+            let mut marked = vec![false; topology.channel_count()];
+            topology.mark_channels_of(self.electrodes.in_condition(holds), &mut marked);
+            self.instrument.mark(topology, holds, &mut marked);
+            marked
+        };
+        Marks {
+            masked: mark(PartMonitor::is_masked),
+            blocked: mark(PartMonitor::is_blocked),
+            confirmed: mark(PartMonitor::is_confirmed),
+        }
     }
 
     /// Updates the baseline; returns whether there has been no touch for a while. `touched`: the result of the touch

@@ -6,7 +6,7 @@ use crate::runtime::{Event, LiveFrame, LiveHandle, Popped};
 use crate::sinks::ros2::{
     self as ros, DiagnosticArray, Due, Image, MarkerArray, PointCloud2, Reference, Text, Topic, WrenchStamped,
 };
-use dermis::pipeline::{Notice, Severity};
+use dermis::pipeline::{Notice, Severity, Validity};
 use ros2_client::dds::rustdds::DomainParticipantBuilder;
 use ros2_client::qos::{Durability, History, WhenFull};
 use ros2_client::{Context, MessageTypeName, Name, Node, NodeName, NodeOptions, QosProfile, WriteError};
@@ -143,49 +143,30 @@ impl Publisher {
         })
     }
 
-    /// Publishes that frames have stopped: validity, diagnostics, an unknown wrench and no contacts.
-    ///
-    /// # Errors
-    /// A middleware that has stopped working; dropped messages are counted instead.
-    pub fn stale(&mut self, frame: &LiveFrame) -> Result<(), PublishError> {
-        let reference = &self.reference;
-        let mut sent = vec![
-            self.validity.send(ros::validity(frame))?,
-            self.contacts.send(ros::contacts(reference, frame))?,
-            self.wrenches.send(ros::wrench(reference, frame))?,
-            self.diagnostics.send(ros::diagnostics(reference, frame))?,
-        ];
-        if self.due.markers(frame) {
-            sent.push(self.markers.send(ros::markers(reference, frame))?);
-        }
-        self.count_dropped(&sent);
-        Ok(())
-    }
-
-    fn count_dropped(&mut self, sent: &[bool]) {
-        self.dropped += sent.iter().filter(|&&sent| !sent).count() as u64;
-    }
-
-    /// Publishes a frame.
+    /// Publishes a frame; of a stale one neither image nor values.
     ///
     /// # Errors
     /// A middleware that has stopped working; dropped messages are counted instead.
     pub fn frame(&mut self, frame: &LiveFrame) -> Result<(), PublishError> {
         let reference = &self.reference;
+        let is_stale = matches!(frame.result.validity, Validity::Stale { .. });
         let mut sent = vec![
             self.validity.send(ros::validity(frame))?,
             self.contacts.send(ros::contacts(reference, frame))?,
             self.wrenches.send(ros::wrench(reference, frame))?,
-            self.images.send(ros::image(reference, frame))?,
-            self.frames.send(ros::frame(reference, frame))?,
         ];
+        if !is_stale {
+            sent.push(self.images.send(ros::image(reference, frame))?);
+            sent.push(self.frames.send(ros::frame(reference, frame))?);
+        }
         if self.due.markers(frame) {
             sent.push(self.markers.send(ros::markers(reference, frame))?);
         }
-        if self.due.diagnostics(frame) {
+        // A stale frame keeps its time: its diagnostics are always due.
+        if self.due.diagnostics(frame) || is_stale {
             sent.push(self.diagnostics.send(ros::diagnostics(reference, frame))?);
         }
-        self.count_dropped(&sent);
+        self.dropped += sent.iter().filter(|&&sent| !sent).count() as u64;
         Ok(())
     }
 
@@ -254,15 +235,10 @@ pub fn publish(shared: &Arc<LiveHandle>, options: &PublisherOptions) -> Result<J
         let mut reported = 0;
         loop {
             match mailbox.take(std::time::Duration::from_secs(1)) {
-                Popped::Item(event @ (Event::Frame(_) | Event::Stale(_))) => {
+                Popped::Item(Event::Frame(frame) | Event::Stale(frame)) => {
                     shared.add_dropped(ROS2, publisher.dropped() - reported);
                     reported = publisher.dropped();
-                    let published = match &event {
-                        Event::Stale(frame) => publisher.stale(frame),
-                        Event::Frame(frame) => publisher.frame(frame),
-                        _ => Ok(()),
-                    };
-                    if let Err(error) = published {
+                    if let Err(error) = publisher.frame(&frame) {
                         let text = format!("publishing has ended: {error}; contacts go on");
                         shared.publish(&Event::Notice(Notice { level: Severity::Error, text, at: clock::now() }));
                         shared.unsubscribe(&mailbox);

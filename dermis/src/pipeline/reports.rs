@@ -1,0 +1,74 @@
+//! Notices of changes of state: of the validity of frames, of electrodes, drives and channels.
+
+use crate::pipeline::electrodes::{Change, ElectrodeTopology};
+use crate::pipeline::health::{ElectrodeState, Severity};
+use crate::pipeline::validity::{InvalidReason, Validity};
+use crate::text::counted;
+
+/// A notice without its time.
+pub(super) type Text = (Severity, String);
+
+/// What was last reported; only changes are reported.
+#[derive(Debug, Default)]
+pub(super) struct Reports {
+    /// Why frames are invalid.
+    reason: Option<InvalidReason>,
+    bad_drives: Vec<usize>,
+    bad_channels: usize,
+}
+
+impl Reports {
+    /// Reports that frames become invalid, and that they are valid again.
+    pub(super) fn validity(&mut self, validity: &Validity) -> Option<Text> {
+        let reason = match validity {
+            Validity::Invalid { reason: InvalidReason::OnTrial | InvalidReason::Tare } => return None,
+            Validity::Invalid { reason } => Some(*reason),
+            _ => None,
+        };
+        let before = std::mem::replace(&mut self.reason, reason);
+        (before != reason).then(|| match reason {
+            Some(reason) => (Severity::Error, format!("frames are invalid: {}", reason.text())),
+            None => (Severity::Info, "frames are valid again".into()),
+        })
+    }
+
+    /// Reports drives that become bad or sound again.
+    pub(super) fn drives(&mut self, topology: &ElectrodeTopology, bad: Vec<usize>) -> Vec<Text> {
+        let bad_now = |&drive: &usize| {
+            let [source, sink] = topology.ends_of(drive);
+            let text = format!(
+                "the current of drive {drive} (electrodes {source} and {sink}) is wrong and its channels are masked: check \
+                 the source and the reference resistor"
+            );
+            (Severity::Warning, text)
+        };
+        let sound_now = |drive: &usize| (Severity::Info, format!("the current of drive {drive} is sound again"));
+        let before = std::mem::replace(&mut self.bad_drives, bad);
+        let mut texts: Vec<Text> =
+            self.bad_drives.iter().filter(|drive| !before.contains(drive)).map(bad_now).collect();
+        texts.extend(before.iter().filter(|drive| !self.bad_drives.contains(drive)).map(sound_now));
+        texts
+    }
+
+    /// Reports that some channels are bad, and that none is any more.
+    pub(super) fn channels(&mut self, bad: usize) -> Option<Text> {
+        match (std::mem::replace(&mut self.bad_channels, bad), bad) {
+            (0, 1..) => {
+                let text = format!("{} out of range or unlike the others: masked", counted(bad, "channel"));
+                Some((Severity::Warning, text))
+            }
+            (1.., 0) => Some((Severity::Info, "all channels are in range again".into())),
+            _ => None,
+        }
+    }
+}
+
+/// The notice of an electrode that has changed.
+pub(super) fn electrode(change: &Change) -> Text {
+    let (level, what) = match change.state {
+        ElectrodeState::Loose => (Severity::Warning, "is loose and its channels are masked: fix its contact"),
+        ElectrodeState::Open => (Severity::Warning, "carries no current and its channels are masked: check its wire"),
+        _ => (Severity::Info, "is sound again"),
+    };
+    (level, format!("electrode {} {what}", change.electrode))
+}
