@@ -22,7 +22,7 @@ pub struct FrameArguments {
     /// Frames, one per row (CSV, NPY or NPZ; ohm).
     #[arg(long, value_name = "FILE")]
     pub frames: PathBuf,
-    /// Untouched frames, one per row; their mean is the baseline. From 8 of them on, the noise is measured from their
+    /// Untouched frames, one per row; their mean is the baseline. With 8 or more, the noise is measured from their
     /// scatter. `model` is the untouched frame of the design, scaled to the frames: see `dermis fit`.
     #[arg(long, value_name = "FILE|model")]
     pub baseline: Option<PathBuf>,

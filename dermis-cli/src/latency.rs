@@ -106,11 +106,11 @@ impl Latencies {
                 "latency_ms": { "median": median, "p99": p99, "worst": worst },
             }));
         }
-        let mut table = Table::new(&["figure", "value"]);
+        let mut table = Table::new(&["quantity", "value"]);
         let mut row = |name: &str, value: String| table.row([name.to_string(), value]);
         row("frames", format!("{} in {seconds:.1} s", self.frames));
         row("of them with contacts", self.touched_frames.to_string());
-        row("lost on the way", lost.to_string());
+        row("lost in transfer", lost.to_string());
         row("dropped before the pipeline", skipped.to_string());
         for (sink, count) in dropped {
             row(&format!("dropped by {sink}"), count.to_string());

@@ -30,7 +30,7 @@ pub struct SourceArguments {
     /// instrument, a frame (ohm) in each line: csv:- (standard input), csv:tcp:HOST:PORT, csv:serial:PATH[@BAUD].
     #[arg(long, value_name = "SOURCE", default_value = "emulate")]
     source: String,
-    /// Frame rate [default: the device's own; rows of values without times: when they come]
+    /// Frame rate [default: the device's own; rows of values without times: measured from their arrival]
     #[arg(long, value_name = "HZ", value_parser = number(0.001..=1e6))]
     pub rate: Option<f64>,
     #[command(flatten)]
@@ -103,7 +103,7 @@ impl PageArguments {
         let is_hidden = token.is_some() && self.token.is_none();
         let server = Server::start(Arc::clone(control), &ServerOptions { address: self.serve.clone(), token })?;
         match is_hidden {
-            true => eprintln!("the viewer is at {}?token= and the token", server.url_without_token()),
+            true => eprintln!("the viewer is at {}?token=TOKEN", server.url_without_token()),
             false => eprintln!("the viewer is at {}", server.url()),
         }
         Ok(Some(server))

@@ -6,9 +6,11 @@ use dermis::pipeline::{ElectrodeState, Settings};
 use dermis::skin::Skin;
 use dermis_live::device::Address;
 use dermis_live::emulator::{Emulator, EmulatorOptions, Port, Script, TimedFault};
-use dermis_live::{Event, Live, LiveFrame, LiveOptions, Popped};
+use dermis_live::{Event, Live, LiveFrame, LiveOptions, Popped, sinks};
 use dermis_sim::twin::TwinOptions;
-use std::net::TcpListener;
+use serde_json::Value;
+use std::io::{BufRead, BufReader};
+use std::net::{TcpListener, TcpStream};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
@@ -66,6 +68,54 @@ fn a_subscriber_from_before_the_beginning_receives_the_first_frame() {
         }
     };
     assert_eq!(first.result.health.counts.frames, 1);
+    live.stop();
+    running.emulator.stop();
+}
+
+#[test]
+fn frames_that_stop_are_stale_in_every_output_within_a_quarter_of_a_second() {
+    let running = emulate("none", &["silent@3+2"]);
+    let device = Default::default();
+    let options = LiveOptions { address: running.address.clone(), device, settings: Settings::default(), state: None };
+    let live = Live::start(methods(), options).unwrap();
+    let watchdog = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+    watchdog.set_read_timeout(Some(Duration::from_millis(10))).unwrap();
+    sinks::watchdog::send(live.shared(), &watchdog.local_addr().unwrap().to_string()).unwrap();
+    let (address, _) = sinks::jsonl::serve_lines(live.shared(), "127.0.0.1:0").unwrap();
+    let lines = BufReader::new(TcpStream::connect(address).unwrap()).lines();
+    let states = std::thread::spawn(move || {
+        let state = |line: String| serde_json::from_str::<Value>(&line).unwrap()["validity"]["state"].clone();
+        let states = lines.map(|line| (Instant::now(), state(line.unwrap())));
+        states.take_while(|(_, state)| state != "stale").collect::<Vec<_>>()
+    });
+    let mailbox = live.shared().subscribe(4096);
+    live.begin();
+    let (mut last_frame, mut last_heartbeat, mut heartbeats) = (Instant::now(), Instant::now(), 0);
+    let stale_after = loop {
+        match mailbox.take(Duration::from_millis(5)) {
+            Popped::Item(Event::Frame(_)) => last_frame = Instant::now(),
+            Popped::Item(Event::Stale(frame)) if frame.result.health.counts.frames > 200 => {
+                break last_frame.elapsed();
+            }
+            _ => {}
+        }
+        let mut datagram = [0; 200];
+        while let Ok(length) = watchdog.recv(&mut datagram) {
+            let heartbeat: Value = serde_json::from_slice(&datagram[..length]).unwrap();
+            assert_eq!((&heartbeat["validity"], &heartbeat["touched"]), (&"ok".into(), &false.into()));
+            (last_heartbeat, heartbeats) = (Instant::now(), heartbeats + 1);
+        }
+    };
+    let heartbeat_age = last_heartbeat.elapsed();
+    let states = states.join().unwrap();
+    let in_lines = states.last().unwrap().0;
+    println!(
+        "stale after {stale_after:?}; last line that is not stale {:?} before, last of {heartbeats} heartbeats {heartbeat_age:?} before",
+        in_lines.elapsed()
+    );
+    assert!(stale_after < Duration::from_millis(250), "{stale_after:?}");
+    assert!(states.len() > 200 && in_lines.elapsed() < Duration::from_secs(1));
+    assert!(heartbeats > 150 && heartbeat_age >= Duration::from_millis(100), "{heartbeats}, {heartbeat_age:?}");
     live.stop();
     running.emulator.stop();
 }

@@ -15,7 +15,7 @@ impl Drawing<'_> {
     /// An image as colours: white where there is no change.
     pub fn image(&self, image: &Image, quantity: Quantity) -> Scene {
         let label = match (quantity, self.design.sheet.touch) {
-            (Quantity::Touch, _) => "size of touches (in the unit of the training)",
+            (Quantity::Touch, _) => "touch strength (units of the training)",
             (Quantity::Density, _) => "density of the position, relative to its largest value",
             (Quantity::Change, TouchEffect::ConductanceRises) => "relative rise of conductance",
             (Quantity::Change, TouchEffect::ConductanceFalls) => "relative fall of conductance",

@@ -16,8 +16,8 @@ use dermis::text::{counted, printable};
 use dermis_live::device::{Address, DeviceOptions};
 use dermis_live::emulator::Emulator;
 use dermis_live::recording::Player;
-use dermis_live::sinks::jsonl;
 use dermis_live::sinks::viewer::Server;
+use dermis_live::sinks::{jsonl, watchdog};
 use dermis_live::{Control, Event, Live, LiveOptions, Popped};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -58,6 +58,10 @@ pub struct Arguments {
     /// connects.
     #[arg(long, value_name = "WHERE")]
     jsonl: Option<String>,
+    /// Send a UDP datagram to HOST:PORT for each frame that is ok or degraded, for a watchdog that stops a robot when
+    /// none arrives.
+    #[arg(long, value_name = "HOST:PORT")]
+    watchdog: Option<String>,
     #[command(flatten)]
     page: PageArguments,
     /// State file: the baseline and settings are restored from it, if it exists, instead of a tare, and saved to it.
@@ -69,7 +73,7 @@ pub struct Arguments {
     /// Draw a histogram of the latency from the last byte of a frame to its contacts (SVG).
     #[arg(long, value_name = "FILE")]
     latency: Option<PathBuf>,
-    /// Print the statistics of the run as JSON.
+    /// Print the statistics of the run as JSON (not with --jsonl).
     #[arg(long, conflicts_with = "jsonl")]
     json: bool,
 }
@@ -165,6 +169,9 @@ impl Arguments {
         sinks.server = self.page.serve(control)?;
         if let Some(path) = &self.record {
             control.record(path)?;
+        }
+        if let Some(address) = &self.watchdog {
+            sinks.threads.push(watchdog::send(shared, address)?);
         }
         match self.jsonl.as_deref().map(|at| (at, at.split_once(':'))) {
             None => {}

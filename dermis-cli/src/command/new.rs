@@ -22,8 +22,11 @@ pub struct Arguments {
 /// The body of a new design.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum BodyKind {
+    /// A cylinder.
     Cylinder,
+    /// A flat disk.
     Disk,
+    /// A flat rectangle.
     Rectangle,
     /// A body from a mesh file: a forearm; its file is written next to the design.
     Mesh,

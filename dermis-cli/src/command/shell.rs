@@ -29,7 +29,7 @@ impl CompletionArguments {
 pub struct ManArguments {
     /// Folder for the pages of the program and of every command; without it the program's page is printed.
     #[arg(short, long, value_name = "FOLDER")]
-    out: Option<PathBuf>,
+    output: Option<PathBuf>,
 }
 
 impl ManArguments {
@@ -37,7 +37,7 @@ impl ManArguments {
     pub fn run(self) -> Outcome {
         let mut program = crate::program().disable_help_subcommand(true);
         program.build();
-        let Some(folder) = self.out else {
+        let Some(folder) = self.output else {
             return print(&String::from_utf8_lossy(&page(program)?));
         };
         let cannot = |error| Failure::given(format!("{}: {error}", folder.display()), None);

@@ -184,9 +184,9 @@ fn ports() -> String {
     match serial2::SerialPort::available_ports() {
         Ok(ports) if !ports.is_empty() => {
             let names: Vec<String> = ports.iter().map(|port| port.display().to_string()).collect();
-            format!("there are {}", names.join(", "))
+            format!("available: {}", names.join(", "))
         }
-        _ => "no serial port is plugged in".into(),
+        _ => "no serial port is available".into(),
     }
 }
 

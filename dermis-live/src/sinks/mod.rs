@@ -3,3 +3,4 @@
 pub mod jsonl;
 pub mod ros2;
 pub mod viewer;
+pub mod watchdog;

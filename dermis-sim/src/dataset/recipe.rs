@@ -50,7 +50,7 @@ pub struct SkinSpread {
 }
 
 impl SkinSpread {
-    /// The values of a careful workshop (the twin `lab`): coating 10 % rms at 40 mm, electrodes 0.5 mm rms, contact
+    /// The values of the twin `lab`: coating 10 % rms at 40 mm, electrodes 0.5 mm rms, contact
     /// impedance 30 %; patches in 28 to 32 rows and 29 to 33 columns.
     pub fn usual() -> Self {
         SkinSpread {

@@ -58,8 +58,8 @@ fn results(report: &mut Report, demo: &Demo, plots: &Plots<'_>) -> Result<()> {
 fn examples(report: &mut Report, demo: &Demo, plots: &Plots<'_>) -> Result<()> {
     report.heading("Images");
     report.paragraph(
-        "What one frame of 870 voltages shows: red where the sheet conducts better than untouched, blue where it \
-         conducts worse, which here is an artefact of the reconstruction. A dot is the true position, a cross the detected contact.",
+        "The image of one frame of 870 voltages: red where the image is positive, as at a touch; blue where it is \
+         negative, an artefact of the reconstruction. A dot is the true position, a cross the detected contact.",
     );
     let of = |shown: &Shown| format!("simulated, one frame; {}", shown.name);
     let mut pictures = Vec::new();
@@ -113,7 +113,7 @@ fn the_skin(report: &mut Report, demo: &Demo, plots: &Plots<'_>) -> Result<()> {
     report.pictures(&[
         (plots.solid(&plots.electrodes())?, "The electrodes and their numbers.".into()),
         (
-            plots.flat(&plots.mesh_scene("The mesh that reconstructs"))?,
+            plots.flat(&plots.mesh_scene("Reconstruction mesh"))?,
             "Fine at the electrodes' edges, coarser between.".into(),
         ),
         (

@@ -68,7 +68,7 @@ fn the_sensor(report: &mut Report, found: &Results<'_>, plots: &Plots<'_>) -> Re
             "The electrodes and their numbers; those on the rims are half discs.".into(),
         ),
         (
-            plots.flat(&plots.mesh_scene("The mesh that makes images"))?,
+            plots.flat(&plots.mesh_scene("Reconstruction mesh"))?,
             "Fine at the electrodes' edges, where the current is singular, coarser between.".into(),
         ),
         (plots.flat(&sensitivity)?, "How strongly a small touch at each place changes the frame.".into()),
@@ -258,8 +258,8 @@ fn structure(report: &mut Report, found: &Results<'_>, study: &StructureStudy) -
          middle because the domain is closed (IV.B). The controls differ from the skin in one thing each. Rims only: the same {} \
          electrodes, half of them on each rim, once numbered so that pairs drive along a rim and once so that they drive from rim to \
          rim. Cut open: the coat parted from rim to rim at {:.0} degrees, where no electrode is; \
-         since a sheet is described by lengths along itself alone, that is a flat rectangle of the same size, and the cut is a wall for the \
-         current. Every control has meshes, twins and methods of its own, with the best alpha chosen anew.",
+         since a sheet is described by lengths along itself alone, that is a flat rectangle of the same size, and the cut is an insulating \
+         edge. Every control has meshes, twins and methods of its own, with the best alpha chosen anew.",
         found.bench.skin.design().electrodes.len(),
         study.cut_rad.to_degrees()
     ));

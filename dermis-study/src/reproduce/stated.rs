@@ -71,7 +71,7 @@ pub(super) fn facts(results: &Results<'_>) -> Vec<Row> {
             "V",
             "30 cm x 31.4 cm = 942 cm\u{b2}",
             format!("{area_cm2:.0} cm\u{b2}"),
-            "nothing; the 90 cm\u{b2} of the paper's abstract is a slip",
+            "nothing; the 90 cm\u{b2} of the paper's abstract is an error",
         ),
         row(
             "electrodes",
@@ -108,7 +108,7 @@ pub(super) fn facts(results: &Results<'_>) -> Vec<Row> {
             "III.C",
             "120",
             format!("{:.0}", electronics.frame_rate_hz),
-            "ours is the instrument's own model: switches that settle, 12-bit steps and noise among it",
+            "ours is the instrument's own model: it includes the settling of switches, 12-bit quantization and noise",
         ),
         row(
             "readings a second",

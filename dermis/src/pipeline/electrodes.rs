@@ -106,6 +106,11 @@ impl ElectrodeTopology {
         &self.drive_ends[drive]
     }
 
+    /// Pairs of reciprocal channels, the lower number first.
+    pub(super) fn reciprocal_pairs(&self) -> &[[usize; 2]] {
+        &self.reciprocal
+    }
+
     /// Whether a measurement has a value for each channel, and either one for each drive or none.
     pub(super) fn fits(&self, frame: &Measurement) -> bool {
         frame.values_ohm.len() == self.channel_count && self.fits_loops(&frame.loops_ohm)

@@ -26,8 +26,11 @@ const REMEMBERED: usize = 16;
 /// Frames whose values jump by this many times the noise, at the median channel, are noisy: a touch changes the values of
 /// most channels in one or two frames at most.
 const JUMPS: f64 = 4.0;
-/// Noisy frames in a row after which the frames are invalid.
+/// Noisy frames in a row after which the frames are invalid, if reciprocal channels do not tell at once.
 const NOISY_FRAMES: u32 = 3;
+/// Reciprocal channels jump alike, by the reciprocity theorem; noise makes them jump differently. Fewest pairs that can
+/// tell.
+const FEWEST_PAIRS: usize = 8;
 /// Median of the absolute value of a standard normal deviate.
 const NORMAL_MEDIAN: f64 = 0.674_489_75;
 /// Frames with the time of the frame before after which the clock is faulty. (Rows of a file may share a time.)
@@ -62,6 +65,14 @@ pub(super) struct Findings {
     pub channels: Vec<bool>,
     /// The frame is too noisy to judge drives, channels and electrodes.
     pub is_noisy: bool,
+}
+
+/// How the values of a frame have jumped.
+struct Jumps {
+    /// Those of most channels have.
+    are_large: bool,
+    /// Those of most pairs of reciprocal channels have jumped differently.
+    is_noise: bool,
 }
 
 impl InstrumentMonitor {
@@ -120,17 +131,17 @@ impl InstrumentMonitor {
     ) -> Findings {
         let (drives, is_off) = self.check_drives(topology, electrodes, frame);
         let channels = self.check_channels(topology, frame, &drives);
-        let is_noisy = self.is_noisy(electrodes.noise_ohm(), frame);
+        let jumps = self.jumps(topology, electrodes.noise_ohm(), frame);
         let reason = match () {
             () if self.clock_stands(step_s) => Some(InvalidReason::Clock),
             () if self.is_repeated(frame) => Some(InvalidReason::Frozen),
             () if is_most(&is_off) => Some(InvalidReason::NoCurrent),
             () if is_most(&channels) => Some(InvalidReason::OutOfRange),
             () if self.is_scaled(baseline_ohm, frame, &channels) => Some(InvalidReason::Scale),
-            () if self.noisy_frames >= NOISY_FRAMES => Some(InvalidReason::Noise),
+            () if jumps.is_noise || self.noisy_frames >= NOISY_FRAMES => Some(InvalidReason::Noise),
             () => None,
         };
-        Findings { reason, drives, channels, is_noisy }
+        Findings { reason, drives, channels, is_noisy: jumps.are_large }
     }
 
     /// Drives with a wrong current, and those without current.
@@ -189,20 +200,22 @@ impl InstrumentMonitor {
         self.last_frames.as_mut().is_some_and(|last| remembers(last, checksum(frame)))
     }
 
-    /// Whether the values of most channels jump. The jump is the second difference of three frames, which is small for
-    /// steady changes.
-    fn is_noisy(&mut self, noise_ohm: &[f64], frame: &Measurement) -> bool {
+    /// How the values have jumped. The jump is the second difference of three frames, which is small for steady changes.
+    fn jumps(&mut self, topology: &ElectrodeTopology, noise_ohm: &[f64], frame: &Measurement) -> Jumps {
         let [last, second] = &mut self.before_ohm;
-        let jump = |(channel, value): (usize, &f64)| {
-            Some((value - 2.0 * last.get(channel)? + second.get(channel)?).abs() / noise_ohm[channel])
-        };
-        let jumps: Vec<f64> = frame.values_ohm.iter().enumerate().filter_map(jump).collect();
-        let usual = NORMAL_MEDIAN * 6f64.sqrt();
-        let is_noisy = upper_median(&jumps).is_some_and(|jump| jump > JUMPS * usual);
+        let jump_ohm: Vec<f64> = (frame.values_ohm.iter().zip(&*last).zip(&*second))
+            .map(|((value, last), second)| value - 2.0 * last + second)
+            .collect();
         std::mem::swap(last, second);
         last.clone_from(&frame.values_ohm);
-        self.noisy_frames = if is_noisy { self.noisy_frames + 1 } else { 0 };
-        is_noisy
+        let single = jump_ohm.iter().zip(noise_ohm).map(|(jump, noise)| jump / noise);
+        let are_large = exceeds_noise(single);
+        let pairs = topology.reciprocal_pairs().iter().filter(|_| are_large && !jump_ohm.is_empty());
+        let unlike = pairs.map(|&[a, b]| (jump_ohm[a] - jump_ohm[b]) / noise_ohm[a].hypot(noise_ohm[b]));
+        let unlike: Vec<f64> = unlike.collect();
+        let is_noise = unlike.len() >= FEWEST_PAIRS && exceeds_noise(unlike.into_iter());
+        self.noisy_frames = if are_large { self.noisy_frames + 1 } else { 0 };
+        Jumps { are_large, is_noise }
     }
 
     fn clock_stands(&mut self, step_s: f64) -> bool {
@@ -229,9 +242,9 @@ impl InstrumentMonitor {
         (0..self.drives.len()).filter(|&drive| self.drives[drive].is_confirmed()).collect()
     }
 
-    /// Number of channels that are confirmed as bad, without those of bad drives.
-    pub(super) fn bad_channel_count(&self) -> usize {
-        self.channels.iter().filter(|channel| channel.is_confirmed()).count()
+    /// Channels that are confirmed as bad, without those of bad drives.
+    pub(super) fn bad_channels(&self) -> Vec<usize> {
+        (0..self.channels.len()).filter(|&channel| self.channels[channel].is_confirmed()).collect()
     }
 
     /// Marks the channels of parts for which `holds`.
@@ -245,6 +258,12 @@ impl InstrumentMonitor {
 /// Whether most are marked.
 pub(super) fn is_most(marked: &[bool]) -> bool {
     2 * marked.iter().filter(|marked| **marked).count() > marked.len()
+}
+
+/// Whether second differences, in units of the noise of a value, are at the median far above noise.
+fn exceeds_noise(jumps: impl Iterator<Item = f64>) -> bool {
+    let sizes: Vec<f64> = jumps.map(f64::abs).collect();
+    upper_median(&sizes).is_some_and(|median| median > JUMPS * NORMAL_MEDIAN * 6f64.sqrt())
 }
 
 /// Whether a checksum is among the last ones; keeps it.

@@ -132,7 +132,7 @@ impl Pipeline {
         let (fitter, topology) = (DriftFitter::new(skin.clone())?, ElectrodeTopology::of(skin));
         state.restore(&topology);
         state.check(&topology, fitter.modes().rows)?;
-        let method = methods.method(&state.settings.method)?.without_channels(skin, &state.method_masked)?;
+        let method = methods.method(&state.settings.method)?.clone();
         let masked = match &state.phase {
             Phase::Reading(reading) => reading.marks(&topology).confirmed,
             Phase::Taring { .. } => vec![false; topology.channel_count()],
@@ -153,7 +153,13 @@ impl Pipeline {
             state,
             methods,
         };
-        pipeline.measure_noise()?;
+        match pipeline.state.method_masked.clone() {
+            masked if masked.is_empty() => pipeline.measure_noise()?,
+            masked => {
+                let rebuilt = RebuildJob { masked, ..pipeline.rebuild_job() }.run()?;
+                pipeline.use_method(rebuilt);
+            }
+        }
         Ok(pipeline)
     }
 
@@ -209,13 +215,17 @@ impl Pipeline {
     pub fn install_method(&mut self, rebuilt: RebuiltMethod) -> bool {
         let is_wanted = rebuilt.masked == self.masked_channels() && rebuilt.method.name() == self.method.name();
         if is_wanted {
-            self.method = rebuilt.method;
-            self.state.method_masked = rebuilt.masked;
-            self.noise = rebuilt.noise;
-            self.cost = rebuilt.cost;
-            self.prepare_detector();
+            self.use_method(rebuilt);
         }
         is_wanted
+    }
+
+    fn use_method(&mut self, rebuilt: RebuiltMethod) {
+        self.method = rebuilt.method;
+        self.state.method_masked = rebuilt.masked;
+        self.noise = rebuilt.noise;
+        self.cost = rebuilt.cost;
+        self.prepare_detector();
     }
 
     /// A computation that will be needed half a second later, to be run outside the pipeline; pass its result to
@@ -245,6 +255,7 @@ impl Pipeline {
             Command::Method { name } => {
                 self.method = self.methods.method(name)?.clone();
                 self.state.method_masked.clear();
+                self.cost = None;
                 self.state.settings.method.clone_from(name);
                 self.measure_noise()?;
             }

@@ -164,7 +164,7 @@ impl Pipeline {
     /// Reports electrodes, drives and channels that become bad or sound again.
     fn report_parts(&mut self, instrument: &InstrumentMonitor, changes: &[Change], at: Timestamp) {
         let mut texts = self.reports.drives(&self.topology, instrument.bad_drives());
-        texts.extend(self.reports.channels(instrument.bad_channel_count()));
+        texts.extend(self.reports.channels(&instrument.bad_channels()));
         texts.extend(changes.iter().map(reports::electrode));
         texts.into_iter().for_each(|(level, text)| self.notice(level, text, at));
     }

@@ -5,6 +5,9 @@ use crate::pipeline::health::{ElectrodeState, Severity};
 use crate::pipeline::validity::{InvalidReason, Validity};
 use crate::text::counted;
 
+/// Channels that a notice names.
+const MOST_NAMED: usize = 8;
+
 /// A notice without its time.
 pub(super) type Text = (Severity, String);
 
@@ -14,7 +17,7 @@ pub(super) struct Reports {
     /// Why frames are invalid.
     reason: Option<InvalidReason>,
     bad_drives: Vec<usize>,
-    bad_channels: usize,
+    are_channels_bad: bool,
 }
 
 impl Reports {
@@ -51,13 +54,20 @@ impl Reports {
     }
 
     /// Reports that some channels are bad, and that none is any more.
-    pub(super) fn channels(&mut self, bad: usize) -> Option<Text> {
-        match (std::mem::replace(&mut self.bad_channels, bad), bad) {
-            (0, 1..) => {
-                let text = format!("{} out of range or unlike the others: masked", counted(bad, "channel"));
+    pub(super) fn channels(&mut self, bad: &[usize]) -> Option<Text> {
+        let were_bad = std::mem::replace(&mut self.are_channels_bad, !bad.is_empty());
+        match (were_bad, bad.is_empty()) {
+            (false, false) => {
+                let named: Vec<String> = bad.iter().take(MOST_NAMED).map(usize::to_string).collect();
+                let others = if bad.len() > MOST_NAMED { ", ..." } else { "" };
+                let text = format!(
+                    "{} out of range or above the voltage of the drive, and masked: {}{others}",
+                    counted(bad.len(), "channel"),
+                    named.join(", ")
+                );
                 Some((Severity::Warning, text))
             }
-            (1.., 0) => Some((Severity::Info, "all channels are in range again".into())),
+            (true, true) => Some((Severity::Info, "all channels are in range again".into())),
             _ => None,
         }
     }

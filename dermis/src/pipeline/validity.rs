@@ -11,7 +11,7 @@ use std::fmt;
 ///
 /// let validity = Validity::Invalid { reason: InvalidReason::Frozen };
 /// assert!(!validity.is_usable());
-/// assert_eq!(validity.to_string(), "invalid: the same values again and again");
+/// assert_eq!(validity.to_string(), "invalid: the same values repeatedly");
 /// assert_eq!(serde_json::to_string(&validity)?, r#"{"state":"invalid","reason":"frozen"}"#);
 /// # Ok::<(), serde_json::Error>(())
 /// ```
@@ -47,7 +47,7 @@ pub enum InvalidReason {
     NoCurrent,
     /// Most readings are out of the converter's range, or above the voltage of their drive.
     OutOfRange,
-    /// The same values again and again.
+    /// The same values repeatedly.
     Frozen,
     /// All values are larger or smaller than the baseline by one factor.
     Scale,
@@ -68,7 +68,7 @@ impl InvalidReason {
             InvalidReason::Tare => "the baseline is being measured",
             InvalidReason::NoCurrent => "most drives carry no current: check the source and the reference resistor",
             InvalidReason::OutOfRange => "most readings are out of range: check the gain and the converter",
-            InvalidReason::Frozen => "the same values again and again",
+            InvalidReason::Frozen => "the same values repeatedly",
             InvalidReason::Scale => "all values are larger or smaller by one factor: check the gain and the reference",
             InvalidReason::Noise => "far noisier than at the tare: check for interference and the shield",
             InvalidReason::Clock => "the times of the frames do not increase",
