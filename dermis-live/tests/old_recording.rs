@@ -1,7 +1,9 @@
 //! A recording of an earlier version of the program replays to the contacts that this version had found.
 
+mod synthetic;
+
 use dermis::linalg::SimdLevel;
-use dermis_live::recording::{Replay, Replayed};
+use dermis_live::recording::{Recorder, Replay, Replayed, Session};
 use serde_json::Value;
 use std::path::Path;
 
@@ -46,4 +48,39 @@ fn a_recording_of_an_earlier_version_replays_to_its_contacts() {
     }
     assert_eq!(lines.next(), None, "frames are missing");
     assert!(contacts > 100, "{contacts} contacts");
+}
+
+/// Two recordings joined to one file: the second one begins with its own state.
+#[test]
+fn joined_recordings_replay_as_they_do_alone() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/recordings");
+    let bytes = std::fs::read(folder.join("disk12.mcap")).unwrap();
+    let out = tempfile::tempdir().unwrap();
+    let joined = out.path().join("joined.mcap");
+    std::fs::write(&joined, bytes.repeat(2)).unwrap();
+    let (alone, both) = (contacts(&folder.join("disk12.mcap")), contacts(&joined));
+    assert!(alone.iter().any(|contacts| contacts.len() > 4));
+    assert!(both == [alone.as_slice(), &alone].concat());
+
+    // A recording of another skin is an error, after the frames of the first one.
+    let other = out.path().join("other.mcap");
+    let skin = synthetic::SyntheticSkin::shipped("skin16");
+    let design_toml = dermis::design::SkinDesign::shipped_text("skin16").unwrap().into();
+    let recorder = Recorder::create(&other, skin.reference, &Session { design_toml, ..Session::default() }).unwrap();
+    recorder.finish().unwrap();
+    std::fs::write(&joined, [bytes, std::fs::read(&other).unwrap()].concat()).unwrap();
+    let mut replay = Replay::open(&joined).unwrap();
+    let error = std::iter::from_fn(|| Some(replay.step())).find_map(Result::err).unwrap().to_string();
+    assert!(error.contains("joined.mcap") && error.contains("another skin (`skin16`)"), "{error}");
+}
+
+/// The contacts of each frame, as JSON.
+fn contacts(path: &Path) -> Vec<String> {
+    let mut replay = Replay::open(path).unwrap();
+    let steps = std::iter::from_fn(|| replay.step().unwrap());
+    let frames = steps.filter_map(|replayed| match replayed {
+        Replayed::Frame(frame) => Some(serde_json::to_string(&frame.result.contacts).unwrap()),
+        Replayed::Command(_) => None,
+    });
+    frames.collect()
 }

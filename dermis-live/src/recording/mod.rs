@@ -11,6 +11,7 @@ mod recover;
 mod replay;
 mod session;
 mod sink;
+mod source;
 mod walk;
 mod write;
 
