@@ -1,4 +1,5 @@
 mod joined;
+mod parts;
 
 use super::*;
 use crate::synthetic::{self, SyntheticSkin};
