@@ -3,7 +3,7 @@
 mod synthetic;
 
 use dermis::linalg::SimdLevel;
-use dermis_live::recording::{Recorder, Replay, Replayed, Session};
+use dermis_live::recording::{Recorder, Replay, Replayed, Session, recover};
 use serde_json::Value;
 use std::path::Path;
 
@@ -48,6 +48,33 @@ fn a_recording_of_an_earlier_version_replays_to_its_contacts() {
     }
     assert_eq!(lines.next(), None, "frames are missing");
     assert!(contacts > 100, "{contacts} contacts");
+}
+
+/// The same recording, written by another program with chunks that are compressed with LZ4.
+#[test]
+fn a_recording_with_lz4_replays_to_its_contacts() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/recordings");
+    let path = folder.join("disk12-lz4.mcap");
+    let bytes = std::fs::read(&path).unwrap();
+    assert!(bytes.windows(7).any(|bytes| bytes == b"\x03\0\0\0lz4"));
+    let expected = contacts(&folder.join("disk12.mcap"));
+    assert!(contacts(&path) == expected);
+    // Repaired, it is a recording with Zstandard; truncated, it has the messages of its first chunks.
+    let out = tempfile::tempdir().unwrap();
+    let [cut, repaired] = ["cut.mcap", "repaired.mcap"].map(|name| out.path().join(name));
+    let report = recover(&path, &repaired).unwrap();
+    assert!(report.was_whole && report.frames as usize == expected.len(), "{report:?}");
+    assert!(contacts(&repaired) == expected);
+    std::fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
+    let some = contacts(&cut);
+    assert!(some.len() > expected.len() / 4 && expected.starts_with(&some), "{} frames", some.len());
+    // A damaged chunk is left out.
+    let mut damaged = bytes.clone();
+    let middle = damaged.len() / 2;
+    damaged[middle] ^= 4;
+    std::fs::write(&cut, damaged).unwrap();
+    let report = recover(&cut, &out.path().join("rest.mcap")).unwrap();
+    assert!(report.damaged.len() == 1 && report.frames > 0 && report.frames < expected.len() as u64, "{report:?}");
 }
 
 /// Two recordings joined to one file: the second one begins with its own state.

@@ -293,6 +293,11 @@ fn unpacked(header: &ChunkHeader, records: &[u8]) -> (Vec<u8>, Result<(), String
             })
             .map(drop)
             .map_err(|error| format!("a chunk cannot be unpacked ({error})")),
+        "lz4" => lz4_flex::frame::FrameDecoder::new(records)
+            .take(header.unpacked_bytes.min(LONGEST_RECORD))
+            .read_to_end(&mut all)
+            .map(drop)
+            .map_err(|error| format!("a chunk cannot be unpacked ({error})")),
         other => Err(format!(
             "a chunk is compressed with {other}: have another tool write it with zstd or without compression"
         )),
