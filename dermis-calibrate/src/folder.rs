@@ -245,9 +245,9 @@ impl Calibration {
             && card.covariance.is_consistent()
             && region.is_consistent()
             && variances.len() == region.nodes.len()
-            && variances.iter().all(|variance| *variance > 0.0)
+            && variances.iter().all(|variance| *variance > 1e-30)
             && !inputs.is_empty()
-            && card.temperature > 0.0
+            && (1e-6..=1e6).contains(&card.temperature)
             && card.misfit_limit > 0.0
             && card.extent.radius_m > 0.0
             && channels == design.protocol.channel_count()
@@ -292,8 +292,10 @@ fn read_matrix(path: &Path) -> Result<(Vec<f64>, usize), CalibrateError> {
     if shape.len() != 2 {
         return Err(file(format!("its shape is {shape:?}, but it must have rows and columns")));
     }
-    if values.iter().any(|value| !value.is_finite()) {
-        return Err(file("it has values that are not finite".into()));
+    // Squares of sums of products of such values are finite.
+    const LARGEST: f64 = 1e30;
+    if let Some(value) = values.iter().find(|value| value.is_nan() || value.abs() > LARGEST) {
+        return Err(file(format!("it has the value {value:e}, which is not of a calibration: calibrate again")));
     }
     Ok((values, shape[1]))
 }

@@ -17,6 +17,7 @@ use dermis_calibrate::{CalibrateError, Correction, FEWEST_LABELS, Places, Qualit
 use dermis_live::device::DeviceOptions;
 use dermis_live::emulator::Emulator;
 use dermis_live::guide::{Guide, GuideAction, GuideStep, PressCollector, PressEvent};
+use dermis_live::recording::RecordingLimits;
 use dermis_live::{Event, Live, LiveOptions, Popped};
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -76,7 +77,8 @@ impl GuidedArguments {
         let device = DeviceOptions { rate_hz: self.source.rate, difference };
         let live = Live::start(methods, LiveOptions { address, device, settings: Settings::default(), state: None })?;
         let guide = Arc::new(Guide::default());
-        let control = self.source.control(&live, emulator.clone())?.with_guide(Arc::clone(&guide));
+        let control =
+            self.source.control(&live, emulator.clone(), RecordingLimits::default())?.with_guide(Arc::clone(&guide));
         let server = self.page.serve(&Arc::new(control))?;
         if !self.source.is_stdin() {
             read_keys(&guide);

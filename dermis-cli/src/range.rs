@@ -37,6 +37,50 @@ pub fn parsed<T: FromStr<Err: Display>>(text: &str) -> Result<T, String> {
     text.parse().map_err(|error: T::Err| error.to_string())
 }
 
+/// Units of sizes, bytes.
+const SIZES: [(&str, f64); 7] = [
+    ("MB", 1e6),
+    ("GB", 1e9),
+    ("TB", 1e12),
+    ("KiB", 1024.0),
+    ("MiB", 1_048_576.0),
+    ("GiB", 1_073_741_824.0),
+    ("TiB", 1_099_511_627_776.0),
+];
+/// Units of times, s.
+const TIMES: [(&str, f64); 3] = [("s", 1.0), ("min", 60.0), ("h", 3600.0)];
+const SMALLEST_BYTES: f64 = 1_048_576.0;
+const LARGEST_BYTES: f64 = 1024.0 * 1_099_511_627_776.0;
+const LONGEST_S: f64 = 1000.0 * 3600.0;
+
+/// A size of a file, bytes, with its unit.
+pub fn size(text: &str) -> Result<u64, String> {
+    let bytes = with_unit(text, &SIZES).filter(|bytes| (SMALLEST_BYTES..=LARGEST_BYTES).contains(bytes));
+    bytes.map(|bytes| bytes as u64).ok_or_else(|| format!("it must be {SIZE}"))
+}
+
+const SIZE: &str = "a size from 1MiB to 1024TiB, as in 500MB or 1GiB";
+
+/// The size or the time of a part of a recording.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Part {
+    Bytes(u64),
+    Seconds(f64),
+}
+
+/// A size or a time with its unit.
+pub fn part(text: &str) -> Result<Part, String> {
+    let time = with_unit(text, &TIMES).filter(|seconds| (1.0..=LONGEST_S).contains(seconds));
+    let part = size(text).map(Part::Bytes).ok().or(time.map(Part::Seconds));
+    part.ok_or_else(|| format!("it must be {SIZE}, or a time from 1s to 1000h, as in 10min"))
+}
+
+fn with_unit(text: &str, units: &[(&str, f64)]) -> Option<f64> {
+    let (number, unit) = text.trim().split_at(text.trim().find(|character: char| character.is_ascii_alphabetic())?);
+    let (_, factor) = units.iter().find(|(name, _)| *name == unit)?;
+    Some(number.trim().parse::<f64>().ok()? * factor)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -55,5 +99,21 @@ mod tests {
         }
         assert_eq!(seed("9007199254740992"), Ok(LARGEST_SEED));
         assert!(seed("9007199254740993").is_err());
+    }
+
+    #[test]
+    fn sizes_and_times_have_units() {
+        assert_eq!(size("1GiB"), Ok(1 << 30));
+        assert_eq!(size(" 1.5 MB"), Ok(1_500_000));
+        for (text, seconds) in [("10min", 600.0), ("1s", 1.0), ("0.5h", 1800.0)] {
+            assert_eq!(part(text), Ok(Part::Seconds(seconds)));
+        }
+        assert_eq!(part("2048KiB"), Ok(Part::Bytes(1 << 21)));
+        for wrong in
+            ["", "5", "GiB", "0GiB", "-1GiB", "nanMB", "infMB", "1e9TiB", "1gib", "0.5s", "1e9h", "1MiB1", "1m"]
+        {
+            assert!(part(wrong).unwrap_err().contains("a time from 1s to 1000h"), "{wrong}");
+            assert!(size(wrong).unwrap_err().contains("from 1MiB to 1024TiB"), "{wrong}");
+        }
     }
 }

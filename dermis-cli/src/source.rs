@@ -8,6 +8,7 @@ use dermis::design::SkinDesign;
 use dermis::text::printable_lines;
 use dermis_live::device::Address;
 use dermis_live::emulator::{Emulator, Port};
+use dermis_live::recording::RecordingLimits;
 use dermis_live::sinks::viewer::{Server, ServerOptions};
 use dermis_live::{Control, Live, RecordingOptions};
 use std::fs::File;
@@ -68,10 +69,11 @@ impl SourceArguments {
     }
 
     /// The controls of a live skin with this source.
-    pub fn control(&self, live: &Live, emulator: Option<Arc<Emulator>>) -> Outcome<Control> {
+    pub fn control(&self, live: &Live, emulator: Option<Arc<Emulator>>, limits: RecordingLimits) -> Outcome<Control> {
         let recordings = RecordingOptions {
             folder: PathBuf::from(RECORDINGS),
             twin_toml: emulator.as_ref().map(|_| self.emulator.twin_text()).transpose()?,
+            limits,
         };
         let source = if emulator.is_some() { self.emulator.summary() } else { self.source.clone() };
         Ok(Control::new(Arc::clone(live.shared()), emulator, source, recordings))

@@ -241,6 +241,50 @@ fn recordings_are_replayed_recovered_and_made_tables() {
     refused(&at, "convert cut.mcap -o tables", &["tables", "exists already"]);
 }
 
+/// The number and the contacts of each frame in lines of JSON.
+fn contacts(lines: &str) -> Vec<(u64, serde_json::Value)> {
+    let lines = lines.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
+    lines.map(|line| (line["sequence"].as_u64().unwrap(), line["contacts"].clone())).collect()
+}
+
+/// Each part replays alone, to the contacts that the skin had then; no frame is missing between parts.
+#[test]
+fn parts_of_a_recording_replay_to_the_contacts_of_the_skin() {
+    let at = Workplace::new();
+    let output = at.run(&format!(
+        "{DISK} --touch press --for 4.5 --record run.mcap --record-split 1s --record-split 1GiB --jsonl -"
+    ));
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && said.contains(" in ") && said.contains(" files"), "{said}");
+    let live = contacts(&String::from_utf8(output.stdout).unwrap());
+    let mut names = vec!["run.mcap".to_string()];
+    names.extend((1..9).map(|number| format!("run_{number}.mcap")).take_while(|name| at.path(name).exists()));
+    assert!((3..=5).contains(&names.len()), "{names:?}");
+    let parts: Vec<_> = names.iter().map(|name| contacts(&at.good(&format!("replay {name}")))).collect();
+    let replayed = parts.concat();
+    let touched = |frames: &[(u64, serde_json::Value)]| frames.iter().any(|(_, contacts)| contacts[0].is_object());
+    assert!(parts.iter().filter(|part| touched(part)).count() >= 2, "some parts begin during a press");
+    let from = live.iter().position(|(number, _)| *number == replayed[0].0).unwrap();
+    assert!(replayed.len() > 350, "{} frames", replayed.len());
+    assert_eq!(replayed, live[from..from + replayed.len()]);
+
+    // Joined, they are one recording again.
+    let joined: Vec<u8> = names.iter().flat_map(|name| std::fs::read(at.path(name)).unwrap()).collect();
+    at.write("joined.mcap", joined);
+    let said = at.good("recover joined.mcap -o whole.mcap");
+    assert!(
+        said.contains(&format!("{} recordings were joined", names.len())) && said.contains("nothing was left out"),
+        "{said}"
+    );
+    for name in ["joined.mcap", "whole.mcap"] {
+        assert!(contacts(&at.good(&format!("replay {name}"))) == replayed, "{name}");
+    }
+    let command = format!("{DISK} --for 1 --record run_3.mcap --record-split 1s");
+    at.write("run_3_7.mcap", "");
+    std::fs::remove_file(at.path("run_3.mcap")).unwrap_or_default();
+    refused(&at, &command, &["run_3_7.mcap", "give another name"]);
+}
+
 /// Limits the size of a file, as on a full disk.
 #[cfg(unix)]
 #[test]

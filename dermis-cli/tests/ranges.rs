@@ -15,6 +15,12 @@ const WRONG: &[(&str, &str, &[&str])] = &[
     ("live disk.toml --serve off", "--prerender", &["100000000000", "1e11", "-1"]),
     ("live disk.toml --serve off", "--rate", &["0", "nan", "1e-9", "1e300"]),
     ("live disk.toml --serve off", "--threshold", &["0", "-1", "nan", "1e300"]),
+    (
+        "live disk.toml --serve off",
+        "--record-split",
+        &["0", "5", "1KiB", "0.1s", "-1GiB", "nanMB", "1e300h", "1e300GiB"],
+    ),
+    ("live disk.toml --serve off", "--record-keep", &["0", "10min", "1KiB", "-1GiB", "infMB", "1e300GiB"]),
     ("live disk.toml --serve off", "--seed", &["-1", "18446744073709551615"]),
     ("live disk.toml --serve off", "--fault", &["noise:1e300@0+1", "unplug@1e300+1", "bytes:0.1@nan+1"]),
     ("emulate disk.toml", "--speed", &["1e-300", "nan"]),
@@ -85,10 +91,25 @@ fn no_option_with_a_number_is_forgotten() {
         let help = at.good(&format!("{name} -h"));
         for line in help.lines().map(str::trim_start).filter(|line| line.starts_with('-')) {
             let takes = |unit: &str| line.contains(&format!("<{unit}>")) || line.contains(&format!("<{unit}> <TO>"));
-            let is_number =
-                ["N", "S", "K", "M", "NUMBER", "TIMES", "SECONDS", "HZ", "FRAMES", "SHARE", "ALPHA", "SEED", "FRAME"]
-                    .into_iter()
-                    .any(takes);
+            let is_number = [
+                "SIZE",
+                "SIZE|TIME",
+                "N",
+                "S",
+                "K",
+                "M",
+                "NUMBER",
+                "TIMES",
+                "SECONDS",
+                "HZ",
+                "FRAMES",
+                "SHARE",
+                "ALPHA",
+                "SEED",
+                "FRAME",
+            ]
+            .into_iter()
+            .any(takes);
             let Some(option) = line.split([' ', ',']).find(|word| word.starts_with("--")).filter(|_| is_number) else {
                 continue;
             };

@@ -53,7 +53,7 @@ fn lost_s(seed: u64, folder: &Path) -> f64 {
     assert!(!recovered.was_whole && recovered.damaged.is_empty(), "{recovered:?}");
     let last = Recording::open(&whole).unwrap().filter_map(|item| match item.unwrap() {
         Recorded::Frame { measured_at, .. } => Some(measured_at),
-        Recorded::Event { .. } => None,
+        Recorded::Event { .. } | Recorded::Session(_) => None,
     });
     killed.seconds_since(last.last().unwrap_or(begun))
 }

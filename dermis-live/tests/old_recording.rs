@@ -1,7 +1,9 @@
 //! A recording of an earlier version of the program replays to the contacts that this version had found.
 
+mod synthetic;
+
 use dermis::linalg::SimdLevel;
-use dermis_live::recording::{Replay, Replayed};
+use dermis_live::recording::{Recorder, Replay, Replayed, Session, recover};
 use serde_json::Value;
 use std::path::Path;
 
@@ -46,4 +48,66 @@ fn a_recording_of_an_earlier_version_replays_to_its_contacts() {
     }
     assert_eq!(lines.next(), None, "frames are missing");
     assert!(contacts > 100, "{contacts} contacts");
+}
+
+/// The same recording, written by another program with chunks that are compressed with LZ4.
+#[test]
+fn a_recording_with_lz4_replays_to_its_contacts() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/recordings");
+    let path = folder.join("disk12-lz4.mcap");
+    let bytes = std::fs::read(&path).unwrap();
+    assert!(bytes.windows(7).any(|bytes| bytes == b"\x03\0\0\0lz4"));
+    let expected = contacts(&folder.join("disk12.mcap"));
+    assert!(contacts(&path) == expected);
+    // Repaired, it is a recording with Zstandard; truncated, it has the messages of its first chunks.
+    let out = tempfile::tempdir().unwrap();
+    let [cut, repaired] = ["cut.mcap", "repaired.mcap"].map(|name| out.path().join(name));
+    let report = recover(&path, &repaired).unwrap();
+    assert!(report.was_whole && report.frames as usize == expected.len(), "{report:?}");
+    assert!(contacts(&repaired) == expected);
+    std::fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
+    let some = contacts(&cut);
+    assert!(some.len() > expected.len() / 4 && expected.starts_with(&some), "{} frames", some.len());
+    // A damaged chunk is left out.
+    let mut damaged = bytes.clone();
+    let middle = damaged.len() / 2;
+    damaged[middle] ^= 4;
+    std::fs::write(&cut, damaged).unwrap();
+    let report = recover(&cut, &out.path().join("rest.mcap")).unwrap();
+    assert!(report.damaged.len() == 1 && report.frames > 0 && report.frames < expected.len() as u64, "{report:?}");
+}
+
+/// Two recordings joined to one file: the second one begins with its own state.
+#[test]
+fn joined_recordings_replay_as_they_do_alone() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data/recordings");
+    let bytes = std::fs::read(folder.join("disk12.mcap")).unwrap();
+    let out = tempfile::tempdir().unwrap();
+    let joined = out.path().join("joined.mcap");
+    std::fs::write(&joined, bytes.repeat(2)).unwrap();
+    let (alone, both) = (contacts(&folder.join("disk12.mcap")), contacts(&joined));
+    assert!(alone.iter().any(|contacts| contacts.len() > 4));
+    assert!(both == [alone.as_slice(), &alone].concat());
+
+    // A recording of another skin is an error, after the frames of the first one.
+    let other = out.path().join("other.mcap");
+    let skin = synthetic::SyntheticSkin::shipped("skin16");
+    let design_toml = dermis::design::SkinDesign::shipped_text("skin16").unwrap().into();
+    let recorder = Recorder::create(&other, skin.reference, &Session { design_toml, ..Session::default() }).unwrap();
+    recorder.finish().unwrap();
+    std::fs::write(&joined, [bytes, std::fs::read(&other).unwrap()].concat()).unwrap();
+    let mut replay = Replay::open(&joined).unwrap();
+    let error = std::iter::from_fn(|| Some(replay.step())).find_map(Result::err).unwrap().to_string();
+    assert!(error.contains("joined.mcap") && error.contains("another skin (`skin16`)"), "{error}");
+}
+
+/// The contacts of each frame, as JSON.
+fn contacts(path: &Path) -> Vec<String> {
+    let mut replay = Replay::open(path).unwrap();
+    let steps = std::iter::from_fn(|| replay.step().unwrap());
+    let frames = steps.filter_map(|replayed| match replayed {
+        Replayed::Frame(frame) => Some(serde_json::to_string(&frame.result.contacts).unwrap()),
+        Replayed::Command(_) => None,
+    });
+    frames.collect()
 }

@@ -5,8 +5,8 @@ use dermis::pipeline::{Command, Settings, TrackedContact};
 use dermis::skin::Skin;
 use dermis_live::device::Address;
 use dermis_live::emulator::{Emulator, EmulatorOptions, Port, Script};
-use dermis_live::recording::RecordingSink;
 use dermis_live::recording::{Player, Replay, Replayed};
+use dermis_live::recording::{RecordingLimits, RecordingSink};
 use dermis_live::{Event, Live, LiveOptions, Mailbox, Popped};
 use dermis_sim::twin::TwinOptions;
 use std::net::TcpListener;
@@ -42,7 +42,7 @@ fn record(methods: &Arc<MethodSet>, path: &Path) {
     let mailbox = live.shared().subscribe(WAITING);
     live.begin();
     await_frame(&mailbox, 200);
-    let taping = RecordingSink::start(live.shared(), path, None).unwrap();
+    let taping = RecordingSink::start(live.shared(), path, None, RecordingLimits::default()).unwrap();
     await_frame(&mailbox, 700);
     live.shared().command(Command::Threshold { value: 0.9 });
     await_frame(&mailbox, 800);

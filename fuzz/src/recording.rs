@@ -20,7 +20,7 @@ pub fn read(data: &[u8]) {
     let Ok(recording) = Recording::from_reader(input, data.len() as u64, Path::new(NAME)) else { return };
     for item in recording {
         match item {
-            Ok(Recorded::Frame { .. } | Recorded::Event { .. }) => {}
+            Ok(Recorded::Frame { .. } | Recorded::Event { .. } | Recorded::Session(_)) => {}
             Err(error) => assert!(!error.to_string().is_empty()),
         }
     }

@@ -4,7 +4,7 @@ use crate::console::{notice_line, on_interrupt};
 use crate::failure::{Failure, Outcome};
 use crate::latency::Latencies;
 use crate::method::METHOD_HELP;
-use crate::range::number;
+use crate::range::{Part, number, part, size};
 use crate::source::{PageArguments, SourceArguments};
 use clap::Args;
 use dermis::files::read_text_at_most;
@@ -15,7 +15,7 @@ use dermis::skin::Skin;
 use dermis::text::{counted, printable};
 use dermis_live::device::{Address, DeviceOptions};
 use dermis_live::emulator::Emulator;
-use dermis_live::recording::Player;
+use dermis_live::recording::{Player, RecordingLimits, RecordingStatus};
 use dermis_live::sinks::viewer::Server;
 use dermis_live::sinks::{jsonl, watchdog};
 use dermis_live::{Control, Event, Live, LiveOptions, Popped};
@@ -47,6 +47,13 @@ pub struct Arguments {
     /// Record to a new file (MCAP).
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
+    /// Begin another file of a recording after this size or time, as in 1GiB or 10min: FILE_1, FILE_2, ... Each is a
+    /// complete recording. May be given twice, for a size and a time.
+    #[arg(long, value_name = "SIZE|TIME", value_parser = part)]
+    record_split: Vec<Part>,
+    /// Delete the oldest files of a recording before all of them together exceed this size, as in 20GiB.
+    #[arg(long, value_name = "SIZE", value_parser = size)]
+    record_keep: Option<u64>,
     /// Publish over DDS as a ROS 2 node, in the domain ROS_DOMAIN_ID. Needs a program built with `--features
     /// ros2`.
     #[arg(long)]
@@ -99,7 +106,7 @@ impl Arguments {
                 (Live::start(Arc::clone(&methods), self.options(address)?)?, emulator)
             }
         };
-        let control = Arc::new(self.source.control(&live, emulator.clone())?);
+        let control = Arc::new(self.source.control(&live, emulator.clone(), self.limits())?);
         let sinks = self.open(&control)?;
         let counted = self.watch(&live, emulator.as_deref())?;
         let failure = self.close(live, emulator, &control, sinks)?;
@@ -147,6 +154,17 @@ impl Arguments {
         let settings = Settings { method, threshold, zones, ..Settings::default() };
         let device = DeviceOptions { rate_hz: self.source.rate, difference: self.difference };
         Ok(LiveOptions { address, device, settings, state: self.kept_state()? })
+    }
+
+    /// The limits of recordings, of those that the page begins too.
+    fn limits(&self) -> RecordingLimits {
+        let bytes = |part: &Part| if let Part::Bytes(bytes) = part { Some(*bytes) } else { None };
+        let seconds = |part: &Part| if let Part::Seconds(seconds) = part { Some(*seconds) } else { None };
+        RecordingLimits {
+            part_bytes: self.record_split.iter().filter_map(bytes).min(),
+            part_s: self.record_split.iter().filter_map(seconds).min_by(f64::total_cmp),
+            total_bytes: self.record_keep,
+        }
     }
 
     fn kept_state(&self) -> Outcome<Option<State>> {
@@ -258,10 +276,22 @@ impl Arguments {
         if let Some(problem) = ended.problem {
             return Err(Failure::given(format!("the recording ended early: {problem}"), None));
         }
-        let file = path.display().to_string();
-        eprintln!("{}: {}, {:.1} s", printable(&file), counted(ended.written.frames, "frame"), ended.written.seconds);
+        eprintln!("{}", summary(&path, &ended));
         Ok(failure)
     }
+}
+
+/// What was recorded.
+fn summary(path: &Path, RecordingStatus { written, parts, deleted, .. }: &RecordingStatus) -> String {
+    let file = path.display().to_string();
+    let mut text = format!("{}: {}, {:.1} s", printable(&file), counted(written.frames, "frame"), written.seconds);
+    if *parts > 1 {
+        text += &format!(", in {parts} files");
+    }
+    if *deleted > 0 {
+        text += &format!(", of which the oldest {deleted} were deleted");
+    }
+    text
 }
 
 /// The outputs of frames.

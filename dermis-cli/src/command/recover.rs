@@ -34,16 +34,21 @@ impl Arguments {
     }
 
     fn summary(&self, recovered: &RecoveryReport) -> String {
-        let RecoveryReport { messages, frames, seconds, was_whole, cut_bytes, ref damaged, without_topic } = *recovered;
+        let RecoveryReport { messages, frames, seconds, recordings, was_whole, was_finished, cut_bytes, .. } =
+            *recovered;
+        let RecoveryReport { ref damaged, without_topic, .. } = *recovered;
         let mut text = format!(
             "{}: {}, {}, {seconds:.1} s\n",
             self.output.display(),
             counted(frames, "frame"),
             counted(messages, "message")
         );
+        if recordings > 1 {
+            text += &format!("{recordings} recordings were joined; they follow each other in the output\n");
+        }
         if was_whole {
             text += "the recording was whole: nothing was left out\n";
-        } else if cut_bytes == 0 {
+        } else if !was_finished && cut_bytes == 0 {
             text += "the recording was not finished: what came in its last moments was not written\n";
         }
         if cut_bytes > 0 {

@@ -97,7 +97,7 @@ impl Rows {
         while let Some(item) = self.messages.next_item(&mut Session::default())? {
             let taken = match item {
                 ReadItem::Message { topic: Some(topic), header, data } => self.take(topic, header, &data),
-                ReadItem::Message { .. } => Ok(None),
+                ReadItem::Message { .. } | ReadItem::Session => Ok(None),
                 ReadItem::Damaged { at, why } => Err(format!("byte {at}: {why}")),
             };
             match taken {

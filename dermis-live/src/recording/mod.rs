@@ -6,16 +6,19 @@
 mod convert;
 mod event;
 mod npz;
+mod parts;
 mod read;
 mod recover;
 mod replay;
 mod session;
 mod sink;
+mod source;
 mod walk;
 mod write;
 
 pub use convert::{Converted, convert};
 pub use event::Event;
+pub use parts::RecordingLimits;
 pub use read::{Recorded, Recording};
 pub use recover::{RecoveryReport, recover, recover_into};
 pub use replay::{Player, Replay, Replayed};
@@ -43,6 +46,17 @@ pub enum RecordError {
     DiskFull {
         /// The file.
         path: PathBuf,
+    },
+    /// The disk is almost full.
+    #[error(
+        "{}: the disk has only {left_mib} MiB left. The recording is complete up to here; make room, then record into another file",
+        path.display()
+    )]
+    AlmostFull {
+        /// The file.
+        path: PathBuf,
+        /// Free space, MiB.
+        left_mib: u64,
     },
     /// A file that cannot be created, read or written.
     #[error("{}: {source}", path.display())]

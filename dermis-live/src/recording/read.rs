@@ -29,6 +29,8 @@ pub enum Recorded {
         /// The event.
         event: Event,
     },
+    /// Another recording that was joined to this one begins here, with its own session.
+    Session(Box<Session>),
 }
 
 /// A recording, complete or truncated. An iterator over its frames and events; a damaged part is returned as an error,
@@ -39,6 +41,8 @@ pub struct Recording {
     messages: Messages,
     /// The first message, which was read after the session.
     first: Option<ReadItem>,
+    /// The session of the last recording in the file.
+    joined: Session,
 }
 
 impl Recording {
@@ -58,14 +62,19 @@ impl Recording {
     pub fn from_reader(input: Box<dyn Read + Send>, length: u64, path: &Path) -> Result<Self, RecordError> {
         let mut messages = Messages::new(input, length, path)?;
         let mut session = Session::default();
-        let first = messages.next_item(&mut session)?;
+        let first = loop {
+            match messages.next_item(&mut session)? {
+                Some(ReadItem::Session) => {}
+                other => break other,
+            }
+        };
         if session.version.is_empty() {
             return Err(RecordError::lacks(
                 path,
                 "an MCAP file, but no recording of `dermis live`: it has no metadata record `dermis`",
             ));
         }
-        Ok(Recording { session, messages, first })
+        Ok(Recording { joined: session.clone(), session, messages, first })
     }
 
     /// Whether the file is complete; known after all of it was read.
@@ -81,7 +90,7 @@ impl Iterator for Recording {
         loop {
             let item = match self.first.take() {
                 Some(first) => first,
-                None => match self.messages.next_item(&mut Session::default()) {
+                None => match self.messages.next_item(&mut self.joined) {
                     Ok(item) => item?,
                     Err(error) => return Some(Err(error)),
                 },
@@ -90,6 +99,7 @@ impl Iterator for Recording {
                 ReadItem::Message { topic: Some(Topic::Wire), header, data } => frame(&header, &data),
                 ReadItem::Message { topic: Some(Topic::Events), header, data } => event(&header, &data),
                 ReadItem::Message { .. } => continue,
+                ReadItem::Session => Ok(Recorded::Session(Box::new(self.joined.clone()))),
                 ReadItem::Damaged { at, why } => return Some(Err(self.messages.damaged(at, why))),
             };
             return Some(result.map_err(|why| self.messages.damaged(self.messages.walk.record_at(), why)));
@@ -112,9 +122,10 @@ fn event(header: &MessageHeader, data: &[u8]) -> Result<Recorded, String> {
     Ok(Recorded::Event { at: Timestamp { unix_ns: header.log_time }, event })
 }
 
-/// A message, or a damaged part.
+/// A message, a damaged part, or a session that is complete.
 pub(super) enum ReadItem {
     Message { topic: Option<Topic>, header: MessageHeader, data: Vec<u8> },
+    Session,
     Damaged { at: u64, why: String },
 }
 
@@ -138,8 +149,13 @@ impl Messages {
     /// The next message; other items before it are added to the session.
     pub(super) fn next_item(&mut self, session: &mut Session) -> Result<Option<ReadItem>, RecordError> {
         while let Some(item) = self.walk.next().map_err(|source| RecordError::io(&self.path, source))? {
-            session.take(&item);
             match item {
+                // Its channels and attachments are its own.
+                Item::Another => {
+                    self.topics.clear();
+                    *session = Session::default();
+                }
+                _ if session.take(&item) => return Ok(Some(ReadItem::Session)),
                 Item::Channel(channel) => {
                     let found = Topic::ALL.into_iter().find(|topic| topic.absolute("") == channel.topic);
                     self.topics.insert(channel.id, found);

@@ -32,6 +32,8 @@ enum RecordedItem {
     Command(Command),
     /// The device was reconnected.
     Found(DeviceFacts),
+    /// Another recording of the skin, which was joined to this one, begins: its device and its initial state.
+    Another(DeviceFacts, Box<State>),
 }
 
 impl RecordingReader {
@@ -41,14 +43,35 @@ impl RecordingReader {
         recording: Recording,
         methods: Arc<MethodSet>,
     ) -> Result<(Self, DeviceFacts, State), LiveError> {
-        let mut state: State = serde_json::from_value(recording.session.state.clone())
-            .map_err(|error| unreadable(path, "its state", error))?;
-        state.settings.method = network(path, &recording.session, &methods, &state.settings.method)?;
-        let hello = recording.session.hello.clone();
+        let session = recording.session.clone();
         let mut reader =
             RecordingReader { path: path.into(), recording, stream: Stream::new(methods.skin())?, methods };
-        let facts = reader.greet(hello)?;
+        let (facts, state) = reader.begin(&session)?;
         Ok((reader, facts, state))
+    }
+
+    /// The facts of the device and the state at the start of a session.
+    fn begin(&mut self, session: &Session) -> Result<(DeviceFacts, State), LiveError> {
+        let mut state: State = serde_json::from_value(session.state.clone())
+            .map_err(|error| unreadable(&self.path, "its state", error))?;
+        state.settings.method = network(&self.path, session, &self.methods, &state.settings.method)?;
+        Ok((self.greet(session.hello.clone())?, state))
+    }
+
+    /// The same for a recording that was joined to the first.
+    fn begin_another(&mut self, session: &Session) -> Result<RecordedItem, LiveError> {
+        let design = SkinDesign::parse(&session.design_toml, "design.toml").map_err(dermis::Error::from)?;
+        if design.sha256() != self.methods.skin().design().sha256() {
+            return Err(LiveError::Given(format!(
+                "{}: a recording of another skin (`{}`) was joined to it, which cannot be replayed with it; the frames \
+                 before are complete",
+                self.path.display(),
+                design.name
+            )));
+        }
+        self.stream = Stream::new(self.methods.skin())?;
+        let (facts, state) = self.begin(session)?;
+        Ok(RecordedItem::Another(facts, Box::new(state)))
     }
 
     fn greet(&mut self, hello: Vec<u8>) -> Result<DeviceFacts, LiveError> {
@@ -81,6 +104,7 @@ impl RecordingReader {
                     return Ok(Some(RecordedItem::Found(self.greet(hello)?)));
                 }
                 Recorded::Event { .. } => {}
+                Recorded::Session(session) => return self.begin_another(&session).map(Some),
             }
         }
     }
@@ -201,6 +225,9 @@ impl Replay {
             match self.reader.next()? {
                 None => return Ok(None),
                 Some(RecordedItem::Found(_)) => {}
+                Some(RecordedItem::Another(_, state)) => {
+                    self.pipeline = Pipeline::resume(Arc::clone(&self.reader.methods), *state)?;
+                }
                 Some(RecordedItem::Command(command)) => {
                     self.pipeline.command(&command)?;
                     return Ok(Some(Replayed::Command(command)));
@@ -305,6 +332,15 @@ fn feed(item: RecordedItem, pace: &mut Pace, shared: &LiveHandle) {
             shared.queue(WorkItem::Command(command));
         }
         RecordedItem::Found(facts) => shared.connected(facts),
+        RecordedItem::Another(facts, _) => {
+            let text = "another recording begins, which was joined to the first: its own baseline is not used";
+            shared.publish(&LiveEvent::Notice(Notice {
+                level: Severity::Warning,
+                text: text.into(),
+                at: clock::now(),
+            }));
+            shared.connected(facts);
+        }
         RecordedItem::Frame(mut incoming) => {
             pace.wait(incoming.input.measured_at, shared);
             // Unlike a device, a file can wait: no frame is dropped.

@@ -51,8 +51,8 @@ impl Session {
         all.into_iter().filter_map(|(name, kind, text)| Some((name, kind, text?)))
     }
 
-    /// Adds an item of a recording.
-    pub(super) fn take(&mut self, item: &Item) {
+    /// Adds an item of a recording. Returns whether it was the last one of a session.
+    pub(super) fn take(&mut self, item: &Item) -> bool {
         match item {
             Item::Metadata(Metadata { name, metadata }) if name == NAME => {
                 let text = |key: &str| metadata.get(key).map_or("", String::as_str);
@@ -60,6 +60,7 @@ impl Session {
                 self.options = serde_json::from_str(text("options")).unwrap_or_default();
                 self.state = serde_json::from_str(text("state")).unwrap_or_default();
                 self.hello = crate::recording::event::from_hex(text("hello")).unwrap_or_default();
+                return true;
             }
             Item::Attachment { header, data } => {
                 let text = || String::from_utf8_lossy(data).into_owned();
@@ -72,5 +73,6 @@ impl Session {
             }
             _ => {}
         }
+        false
     }
 }

@@ -2,11 +2,12 @@
 
 use crate::LiveError;
 use crate::clock;
-use crate::recording::{self as record, RecordError, Recorder, Session, Written};
+use crate::recording::parts::{Parts, free_space};
+use crate::recording::{self as record, RecordError, RecordingLimits, Session, Written};
 use crate::runtime::{Event, LiveHandle};
 use crate::runtime::{Mailbox, Popped};
 use crate::sinks::ros2::Reference;
-use dermis::pipeline::{Command, Notice, Severity};
+use dermis::pipeline::{Command, Notice, Severity, State};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -30,8 +31,14 @@ pub struct RecordingSink {
 /// Status of a recording.
 #[derive(Debug, Clone, Default)]
 pub struct RecordingStatus {
-    /// What was written so far.
+    /// What was written so far, into parts that were deleted too.
     pub written: Written,
+    /// Parts so far.
+    pub parts: u64,
+    /// Parts that were deleted.
+    pub deleted: u64,
+    /// Size of the other parts, bytes.
+    pub bytes: u64,
     /// Why it ended early.
     pub problem: Option<String>,
 }
@@ -47,8 +54,13 @@ impl RecordingSink {
     ///
     /// # Errors
     /// A file that exists already or cannot be written.
-    pub fn start(shared: &Arc<LiveHandle>, path: &Path, twin_toml: Option<&str>) -> Result<Self, LiveError> {
-        if path.exists() {
+    pub fn start(
+        shared: &Arc<LiveHandle>,
+        path: &Path,
+        twin_toml: Option<&str>,
+        limits: RecordingLimits,
+    ) -> Result<Self, LiveError> {
+        if let Err(RecordError::Exists { path }) = limits.check_new(path) {
             let message =
                 format!("{} is there already: give another name, recordings are not overwritten", path.display());
             return Err(LiveError::Given(message));
@@ -62,6 +74,7 @@ impl RecordingSink {
             status: Arc::clone(&status),
             path: path.into(),
             twin_toml: twin_toml.map(str::to_string),
+            limits,
         };
         let thread = std::thread::Builder::new().name("dermis-record".into()).spawn(move || recorder.run());
         let thread = thread.map_err(|source| LiveError::Io { path: path.into(), source })?;
@@ -94,6 +107,7 @@ struct RecorderThread {
     status: Arc<Mutex<RecordingStatus>>,
     path: PathBuf,
     twin_toml: Option<String>,
+    limits: RecordingLimits,
 }
 
 impl RecorderThread {
@@ -110,37 +124,60 @@ impl RecorderThread {
         let Some(session) = self.await_session() else { return Ok(()) };
         let skin = self.shared.skin();
         let reference = Reference { frame_id: skin.design().name.clone(), space: Arc::clone(skin.pixels()) };
-        let mut recorder = Recorder::create(&self.path, reference, &session)?;
+        let mut parts = Parts::create(&self.path, self.limits, reference, &session, free_space)?;
+        let recorded = self.record_into(&mut parts, session);
+        self.report(&parts);
+        // What was recorded before an error is completed, if that is possible.
+        let finished = parts.finish();
+        recorded.and(finished)
+    }
+
+    /// Records until the end of the events.
+    fn record_into(&self, parts: &mut Parts, mut session: Session) -> Result<(), RecordError> {
         let mut reported = self.mailbox.dropped();
+        let mut is_due = false;
         loop {
             match self.mailbox.take(PAUSE) {
-                Popped::Item(Event::Frame(frame)) => recorder.frame(&frame)?,
+                Popped::Item(Event::Frame(frame)) => parts.frame(&frame)?,
                 Popped::Item(Event::Done(command)) => {
-                    recorder.event(clock::now(), &record::Event::Command(command_value(&command)))?;
+                    parts.event(clock::now(), &record::Event::Command(command_value(&command)))?;
                 }
                 Popped::Item(Event::Notice(notice)) => {
-                    recorder.event(notice.at, &record::Event::Notice(notice.clone()))?;
+                    parts.event(notice.at, &record::Event::Notice(notice.clone()))?;
                 }
                 Popped::Item(Event::Connected(facts)) => {
-                    recorder.event(clock::now(), &record::Event::Hello(facts.hello.clone()))?;
+                    session.hello = facts.hello.clone();
+                    parts.event(clock::now(), &record::Event::Hello(facts.hello.clone()))?;
+                }
+                // The next part begins with the state between two frames.
+                Popped::Item(Event::State(state)) if std::mem::take(&mut is_due) => {
+                    session = self.session(&state, session.hello);
+                    parts.split(&session)?;
                 }
                 Popped::Item(Event::Lost(_) | Event::State(_)) => {}
-                Popped::Item(Event::Stale(_)) | Popped::TimedOut => recorder.flush()?,
-                Popped::Closed => break,
+                Popped::Item(Event::Stale(_)) | Popped::TimedOut => parts.flush()?,
+                Popped::Closed => return Ok(()),
             }
-            self.status.lock().unwrap_or_else(PoisonError::into_inner).written = recorder.written();
+            if parts.check()? && !is_due {
+                is_due = true;
+                self.shared.request_state();
+            }
+            self.report(parts);
             // Reports dropped events at this place of the recording, because a replay differs from here on.
             let dropped = self.mailbox.dropped();
             if dropped > reported {
                 let text = format!("the disk is too slow: frames or events missing here: {}", dropped - reported);
                 let notice = Notice { level: Severity::Warning, text, at: clock::now() };
-                recorder.event(notice.at, &record::Event::Notice(notice.clone()))?;
+                parts.event(notice.at, &record::Event::Notice(notice.clone()))?;
                 reported = dropped;
             }
         }
-        let written = recorder.finish()?;
-        self.status.lock().unwrap_or_else(PoisonError::into_inner).written = written;
-        Ok(())
+    }
+
+    fn report(&self, parts: &Parts) {
+        let [count, deleted, bytes] = parts.sizes();
+        let mut status = self.status.lock().unwrap_or_else(PoisonError::into_inner);
+        *status = RecordingStatus { written: parts.written(), parts: count, deleted, bytes, problem: None };
     }
 
     /// The session of the recording; `None` if the recording ends before one starts.
@@ -150,21 +187,26 @@ impl RecorderThread {
                 Popped::Item(Event::State(state)) => {
                     // Messages of a device cannot be read without its hello: wait until a device is connected.
                     let Some(facts) = self.shared.facts() else { continue };
-                    let method = self.shared.methods().method(&state.settings.method);
-                    return Some(Session {
-                        version: String::new(),
-                        design_toml: self.shared.skin().design_text().unwrap_or_default().into(),
-                        twin_toml: self.twin_toml.clone(),
-                        model_card_json: method.ok().and_then(|method| method.card()).map(str::to_string),
-                        hello: facts.hello.clone(),
-                        options: serde_json::to_value(&state.settings).unwrap_or(Value::Null),
-                        state: serde_json::to_value(&*state).unwrap_or(Value::Null),
-                    });
+                    return Some(self.session(&state, facts.hello.clone()));
                 }
                 Popped::Item(Event::Connected(_)) => self.shared.request_state(),
                 Popped::Item(_) | Popped::TimedOut => {}
                 Popped::Closed => return None,
             }
+        }
+    }
+
+    /// The session that begins with a state.
+    fn session(&self, state: &State, hello: Vec<u8>) -> Session {
+        let method = self.shared.methods().method(&state.settings.method);
+        Session {
+            version: String::new(),
+            design_toml: self.shared.skin().design_text().unwrap_or_default().into(),
+            twin_toml: self.twin_toml.clone(),
+            model_card_json: method.ok().and_then(|method| method.card()).map(str::to_string),
+            hello,
+            options: serde_json::to_value(&state.settings).unwrap_or(Value::Null),
+            state: serde_json::to_value(state).unwrap_or(Value::Null),
         }
     }
 }

@@ -1,3 +1,6 @@
+mod joined;
+mod parts;
+
 use super::*;
 use crate::synthetic::{self, SyntheticSkin};
 use dermis::pipeline::{Notice, Severity, Timestamp};
@@ -73,6 +76,7 @@ fn frames_in(path: &Path) -> u64 {
                 next += 1;
             }
             Recorded::Event { at: moment, event } => assert_eq!((moment, event), (at(100), tare())),
+            Recorded::Session(_) => panic!("no other recording was joined"),
         }
     }
     next

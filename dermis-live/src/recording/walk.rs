@@ -1,17 +1,21 @@
 //! Reads the records of an MCAP file, complete, truncated or damaged: <https://mcap.dev/spec>.
 //!
 //! Every record begins with its length. A damaged record is reported and skipped; a record that extends past the end of
-//! the file marks the truncation. No stated length causes an allocation larger than the file.
+//! the file marks the truncation. Files that were joined are read one after the other, truncated ones too. No stated
+//! length causes an allocation larger than the file.
 
+use crate::recording::source::{PREFIX_BYTES, Source};
 use dermis::text::counted;
 use mcap::MAGIC;
 use mcap::records::{AttachmentHeader, Channel, Header, MessageHeader, Metadata, SchemaHeader, op};
 use std::collections::BTreeMap;
-use std::io::{BufReader, Read};
+use std::io::Read;
 
 /// An item of the file.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Item {
+    /// Another recording was joined to the last one, and begins here.
+    Another,
     Header(Header),
     Schema {
         header: SchemaHeader,
@@ -44,24 +48,22 @@ pub(super) enum End {
     Cut { at: u64, bytes: u64 },
 }
 
-/// Length of the prefix of a record: its opcode and its length.
-const PREFIX_BYTES: usize = 9;
 /// Longest accepted record; a chunk of a recording has about one megabyte.
 const LONGEST_RECORD: u64 = 256 << 20;
+/// Why the end of a recording was skipped that another one was joined to.
+const UNFINISHED: &str = "a recording ends here unfinished, and another one begins";
 
 /// A reader of the records of a file.
 pub(super) struct Walk<R> {
-    input: BufReader<R>,
-    /// Length of the file, bytes.
-    length: u64,
-    /// Number of bytes read.
-    at: u64,
+    source: Source<R>,
     /// Records of the current chunk, what is left of them, and their position.
     chunk: Vec<u8>,
     in_chunk: usize,
     chunk_at: u64,
     /// Whether the data section has ended and only the summary is left.
     summary: bool,
+    /// Whether another recording begins at this position.
+    begins: bool,
     end: Option<End>,
 }
 
@@ -72,16 +74,15 @@ impl<R: Read> Walk<R> {
     /// What the file is instead of a recording; a system error.
     pub(super) fn new(input: R, length: u64) -> std::io::Result<Result<Self, String>> {
         let mut walk = Walk {
-            input: BufReader::with_capacity(1 << 16, input),
-            length,
-            at: 0,
+            source: Source::new(input, length),
             chunk: Vec::new(),
             in_chunk: 0,
             chunk_at: 0,
             summary: false,
+            begins: false,
             end: None,
         };
-        let start = walk.take(MAGIC.len() as u64)?;
+        let start = walk.source.take(MAGIC.len() as u64)?;
         Ok(match start {
             start if start == MAGIC => Ok(walk),
             start if start.is_empty() => Err("the file is empty".into()),
@@ -135,71 +136,104 @@ impl<R: Read> Walk<R> {
 
     /// The next record of the file itself; `None` for a chunk, an index, or the end.
     fn next_record(&mut self) -> std::io::Result<Option<Item>> {
-        let start = self.at;
+        if std::mem::take(&mut self.begins) {
+            return Ok(Some(Item::Another));
+        }
+        let start = self.source.at();
         self.chunk_at = start;
-        let prefix = self.take(PREFIX_BYTES as u64)?;
-        let Ok(&[kind, ref length @ ..]) = <&[u8; PREFIX_BYTES]>::try_from(prefix.as_slice()) else {
-            self.finish(start, false);
-            return Ok(None);
+        let prefix = self.source.take(PREFIX_BYTES as u64)?;
+        let length = match <&[u8; PREFIX_BYTES]>::try_from(prefix.as_slice()) {
+            Ok(&[_, ref length @ ..]) => u64::from_le_bytes(*length),
+            Err(_) => u64::MAX,
         };
-        let length = u64::from_le_bytes(*length);
-        if length > self.length - self.at || length > LONGEST_RECORD {
-            if kind == op::CHUNK {
-                let rest = self.take(LONGEST_RECORD)?;
-                self.take_what_is_left_of_chunk(&rest);
-            }
-            self.finish(start, false);
-            return Ok(None);
+        if length > self.source.left() || length > LONGEST_RECORD {
+            self.source.put_back(prefix);
+            return self.rest_of_recording();
         }
-        let body = self.take(length)?;
+        let (kind, body) = (prefix[0], self.source.take(length)?);
         if body.len() as u64 != length {
-            self.finish(start, false);
+            self.end = Some(End::Cut { at: start, bytes: self.source.at() - start });
             return Ok(None);
         }
-        Ok(self.record(kind, &body, start))
-    }
-
-    fn record(&mut self, kind: u8, body: &[u8], start: u64) -> Option<Item> {
-        let damaged = |why: String| Some(Item::Damaged { at: start, bytes: (PREFIX_BYTES + body.len()) as u64, why });
-        match kind {
-            op::DATA_END => self.summary = true,
-            op::FOOTER => {
-                let magic = self.take(MAGIC.len() as u64).unwrap_or_default();
-                self.finish(start, self.summary && magic == MAGIC);
-            }
-            _ if self.summary => {}
-            op::CHUNK => match chunk(body) {
-                Ok(records) => self.chunk = records,
-                Err(why) => return damaged(why),
-            },
-            _ => match parse(kind, body) {
-                Ok(item) => return item,
-                Err(why) => return damaged(why.into()),
-            },
+        let chunk = (kind == op::CHUNK).then(|| chunk(&body));
+        // A checksum proves that a chunk is complete; any other record may be the last one of a truncated recording.
+        if !matches!(chunk, Some(Ok((_, IsChecked(true))))) && self.source.contains_start(&body)? {
+            self.source.put_back(body);
+            self.source.put_back(prefix);
+            return self.rest_of_recording();
         }
-        None
+        self.record(kind, &body, chunk, start)
     }
 
-    /// Reads the records of a truncated chunk. Its checksum cannot be verified; the records that a killed program had
-    /// written are valid.
-    fn take_what_is_left_of_chunk(&mut self, body: &[u8]) {
-        if let Some((header, records)) = chunk_header(body) {
+    fn record(
+        &mut self,
+        kind: u8,
+        body: &[u8],
+        chunk: Option<Result<(Vec<u8>, IsChecked), String>>,
+        start: u64,
+    ) -> std::io::Result<Option<Item>> {
+        let damaged = |why: String| Some(Item::Damaged { at: start, bytes: (PREFIX_BYTES + body.len()) as u64, why });
+        Ok(match (kind, chunk) {
+            (op::DATA_END, _) => {
+                self.summary = true;
+                None
+            }
+            (op::FOOTER, _) => return self.footer(start),
+            _ if self.summary => None,
+            (_, Some(Ok((records, _)))) => {
+                self.chunk = records;
+                None
+            }
+            (_, Some(Err(why))) => damaged(why),
+            _ => parse(kind, body).unwrap_or_else(|why| damaged(why.into())),
+        })
+    }
+
+    /// The end of a recording: of the file, if no other was joined to it.
+    fn footer(&mut self, start: u64) -> std::io::Result<Option<Item>> {
+        let begins = self.source.begins()?;
+        let magic = self.source.take(MAGIC.len() as u64)?;
+        let is_whole = self.summary && magic == MAGIC && !begins;
+        if !is_whole {
+            self.source.put_back(magic);
+        } else if self.source.left() == 0 {
+            self.end = Some(End::Whole);
+            return Ok(None);
+        }
+        let at = if is_whole { self.source.at() } else { start };
+        let skipped = self.source.skip_to_start(0)?;
+        let bytes = skipped.bytes + if is_whole { 0 } else { self.source.at() - skipped.bytes - start };
+        if !skipped.found {
+            self.end = Some(End::Cut { at, bytes });
+            return Ok(None);
+        }
+        self.begin_another()?;
+        let why = if is_whole { "no record, between two recordings" } else { UNFINISHED };
+        Ok((bytes > 0 || !is_whole).then(|| Item::Damaged { at, bytes, why: why.into() }))
+    }
+
+    /// Skips the truncated end of a recording, up to the start of another one or to the end of the file. The records in
+    /// the chunk where it was truncated are read. Their checksum cannot be verified; the records that a killed program
+    /// had written are valid.
+    fn rest_of_recording(&mut self) -> std::io::Result<Option<Item>> {
+        let at = self.source.at();
+        let is_chunk = self.source.next_byte()? == Some(op::CHUNK) && !self.summary;
+        let skipped = self.source.skip_to_start(if is_chunk { LONGEST_RECORD } else { 0 })?;
+        if is_chunk && let Some((header, records)) = skipped.first.get(PREFIX_BYTES..).and_then(chunk_header) {
             self.chunk = unpacked(&header, records).0;
         }
+        if !skipped.found {
+            self.end = Some(End::Cut { at, bytes: skipped.bytes });
+            return Ok(None);
+        }
+        self.begin_another()?;
+        Ok(Some(Item::Damaged { at, bytes: skipped.bytes, why: UNFINISHED.into() }))
     }
 
-    fn finish(&mut self, start: u64, whole: bool) {
-        self.end =
-            Some(if whole { End::Whole } else { End::Cut { at: start, bytes: self.length.saturating_sub(start) } });
-    }
-
-    /// The next bytes; fewer at the end of the file.
-    fn take(&mut self, count: u64) -> std::io::Result<Vec<u8>> {
-        let count = count.min(self.length.saturating_sub(self.at));
-        let mut bytes = Vec::with_capacity(count as usize);
-        (&mut self.input).take(count).read_to_end(&mut bytes)?;
-        self.at += bytes.len() as u64;
-        Ok(bytes)
+    /// Begins to read a recording that was joined to the last one.
+    fn begin_another(&mut self) -> std::io::Result<()> {
+        (self.summary, self.begins) = (false, true);
+        self.source.take(MAGIC.len() as u64).map(drop)
     }
 }
 
@@ -227,15 +261,19 @@ fn chunk_header(body: &[u8]) -> Option<(ChunkHeader, &[u8])> {
     Some((header, records))
 }
 
+/// Whether a checksum was verified.
+struct IsChecked(bool);
+
 /// The records of a chunk.
-fn chunk(body: &[u8]) -> Result<Vec<u8>, String> {
+fn chunk(body: &[u8]) -> Result<(Vec<u8>, IsChecked), String> {
     let (header, records) = chunk_header(body).ok_or("a chunk is too short")?;
     let (records, outcome) = unpacked(&header, records);
     outcome?;
-    if header.crc != 0 && crc32fast::hash(&records) != header.crc {
+    let is_checked = header.crc != 0;
+    if is_checked && crc32fast::hash(&records) != header.crc {
         return Err("the checksum of a chunk is wrong".into());
     }
-    Ok(records)
+    Ok((records, IsChecked(is_checked)))
 }
 
 /// The records of a chunk that can be decompressed, and whether these are all.
@@ -253,6 +291,11 @@ fn unpacked(header: &ChunkHeader, records: &[u8]) -> (Vec<u8>, Result<(), String
                 decoder.window_log_max(WINDOW_BITS)?;
                 decoder.take(header.unpacked_bytes.min(LONGEST_RECORD)).read_to_end(&mut all)
             })
+            .map(drop)
+            .map_err(|error| format!("a chunk cannot be unpacked ({error})")),
+        "lz4" => lz4_flex::frame::FrameDecoder::new(records)
+            .take(header.unpacked_bytes.min(LONGEST_RECORD))
+            .read_to_end(&mut all)
             .map(drop)
             .map_err(|error| format!("a chunk cannot be unpacked ({error})")),
         other => Err(format!(

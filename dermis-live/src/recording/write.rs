@@ -40,8 +40,6 @@ pub struct Recorder {
     channels: [u16; Topic::ALL.len()],
     reference: Reference,
     due: Due,
-    /// The validity of the last frame.
-    validity: Option<&'static str>,
     chunk: ChunkClock,
     buffer: Vec<u8>,
     written: Written,
@@ -89,7 +87,6 @@ impl Recorder {
             channels,
             reference,
             due: Due::default(),
-            validity: None,
             chunk: ChunkClock::default(),
             buffer: Vec::new(),
             written: Written::default(),
@@ -127,7 +124,7 @@ impl Recorder {
         if self.due.markers(frame) {
             self.message(Topic::Markers, frame, &ros::markers(&self.reference, frame))?;
         }
-        if self.validity.replace(frame.result.validity.name()) != Some(frame.result.validity.name()) {
+        if self.due.validity(frame) {
             self.message(Topic::Validity, frame, &ros::validity(frame))?;
         }
         if self.due.diagnostics(frame) {
@@ -189,12 +186,27 @@ impl Recorder {
     ///
     /// # Errors
     /// The same as [`frame`](Self::frame).
-    pub fn finish(mut self) -> Result<Written, RecordError> {
+    pub fn finish(self) -> Result<Written, RecordError> {
+        let path = self.path.clone();
+        let written = self.close()?;
+        Self::sync(&path)?;
+        Ok(written)
+    }
+
+    /// Completes the file.
+    pub(super) fn close(mut self) -> Result<Written, RecordError> {
         let finished = self.writer.finish().and_then(|_| Ok(self.writer.into_inner().into_inner().flush()?));
         finished.map_err(|error| RecordError::mcap(&self.path, error))?;
-        let synced = File::options().write(true).open(&self.path).and_then(|file| file.sync_all());
-        synced.map_err(|source| RecordError::io(&self.path, source))?;
         Ok(self.written)
+    }
+
+    /// Waits until the system has written a file to the disk.
+    pub(super) fn sync(path: &Path) -> Result<(), RecordError> {
+        match File::options().write(true).open(path).and_then(|file| file.sync_all()) {
+            // It was moved away.
+            Err(source) if source.kind() == std::io::ErrorKind::NotFound => Ok(()),
+            synced => synced.map_err(|source| RecordError::io(path, source)),
+        }
     }
 }
 

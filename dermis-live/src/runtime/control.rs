@@ -4,7 +4,7 @@ use crate::LiveError;
 use crate::clock;
 use crate::emulator::Emulator;
 use crate::guide::{Guide, GuideAction};
-use crate::recording::{RecordingSink, RecordingStatus};
+use crate::recording::{RecordingLimits, RecordingSink, RecordingStatus};
 use crate::runtime::{LiveHandle, RateLimit};
 use dermis::geom::{Point3, Surface};
 use dermis::pipeline::Command;
@@ -85,6 +85,8 @@ pub struct RecordingOptions {
     pub folder: PathBuf,
     /// The digital twin of the emulator (TOML).
     pub twin_toml: Option<String>,
+    /// Limits of each recording.
+    pub limits: RecordingLimits,
 }
 
 /// The hardest press on an emulated skin, N.
@@ -141,9 +143,8 @@ impl Control {
         let recording = self.lock();
         let Some(recording) = &*recording else { return Value::Null };
         let status = recording.status();
-        let bytes = std::fs::metadata(recording.path()).map_or(0, |file| file.len());
         let path = recording.path().display().to_string();
-        json!({ "path": path, "frames": status.written.frames, "bytes": bytes, "problem": status.problem })
+        json!({ "path": path, "frames": status.written.frames, "bytes": status.bytes, "problem": status.problem })
     }
 
     /// Begins a recording.
@@ -155,7 +156,8 @@ impl Control {
         if let Some(recording) = &*recording {
             return Err(LiveError::Given(format!("{} is being recorded already", recording.path().display())));
         }
-        *recording = Some(RecordingSink::start(&self.shared, path, self.recording_options.twin_toml.as_deref())?);
+        let RecordingOptions { twin_toml, limits, .. } = &self.recording_options;
+        *recording = Some(RecordingSink::start(&self.shared, path, twin_toml.as_deref(), *limits)?);
         Ok(())
     }
 

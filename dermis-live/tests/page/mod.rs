@@ -31,7 +31,7 @@ pub fn live(folder: &Path) -> (Live, Arc<Control>) {
     let options = LiveOptions { address, device: Default::default(), settings: Settings::default(), state: None };
     let live = Live::start(Arc::new(methods), options).unwrap();
     live.begin();
-    let tapes = RecordingOptions { folder: folder.into(), twin_toml: None };
+    let tapes = RecordingOptions { folder: folder.into(), ..Default::default() };
     let control = Arc::new(Control::new(Arc::clone(live.shared()), Some(emulator), "emulator".into(), tapes));
     (live, control)
 }

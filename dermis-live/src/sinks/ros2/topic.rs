@@ -110,6 +110,7 @@ pub struct Due {
     diagnosed: Vec<dermis::pipeline::ElectrodeState>,
     drawn: Option<bool>,
     validity: Option<&'static str>,
+    diagnosed_validity: Option<&'static str>,
 }
 
 impl Due {
@@ -119,11 +120,18 @@ impl Due {
         !frame.result.contacts.is_empty() || drawn != Some(false)
     }
 
+    /// Whether the validity is due with this frame, where it is sent on changes only.
+    pub fn validity(&mut self, frame: &LiveFrame) -> bool {
+        let name = frame.result.validity.name();
+        self.validity.replace(name) != Some(name)
+    }
+
     /// Whether diagnostics are due with this frame.
     pub fn diagnostics(&mut self, frame: &LiveFrame) -> bool {
         let states = || frame.result.health.electrodes.iter().map(|electrode| electrode.state);
         let long_ago = self.told_at.is_none_or(|at| !(0.0..1.0).contains(&frame.result.measured_at.seconds_since(at)));
-        let has_changed = self.validity.replace(frame.result.validity.name()) != Some(frame.result.validity.name());
+        let name = frame.result.validity.name();
+        let has_changed = self.diagnosed_validity.replace(name) != Some(name);
         let due = long_ago || has_changed || !states().eq(self.diagnosed.iter().copied());
         if due {
             self.told_at = Some(frame.result.measured_at);

@@ -76,7 +76,7 @@ impl MeshEditor {
             for [from, to] in [[a, b], [b, c], [c, a]] {
                 // The other triangle at an inner edge traverses it in the opposite direction; a boundary edge has only
                 // one triangle.
-                if from < to || self.at_edge(from, to).len() == 1 {
+                if from < to || self.at_edge_unordered(from, to).len() == 1 {
                     edges.push([from.min(to), from.max(to)]);
                 }
             }
@@ -84,9 +84,14 @@ impl MeshEditor {
         edges
     }
 
-    /// The triangles at an edge; none if it was deleted.
+    /// The triangles at an edge, in their order at `a`; none if it was deleted.
     pub(crate) fn at_edge(&self, a: usize, b: usize) -> Vec<usize> {
         self.around[a].iter().copied().filter(|&triangle| self.triangles[triangle].contains(&b)).collect()
+    }
+
+    /// The same in any order. The tip of a long spike has thousands of triangles: those at the other end are searched.
+    pub(crate) fn at_edge_unordered(&self, a: usize, b: usize) -> Vec<usize> {
+        if self.around[b].len() < self.around[a].len() { self.at_edge(b, a) } else { self.at_edge(a, b) }
     }
 
     pub(crate) fn length(&self, a: usize, b: usize) -> f64 {
@@ -198,7 +203,7 @@ impl MeshEditor {
             return false;
         }
         let (Some(c), Some(d)) = (self.opposite(first, a, b), self.opposite(second, a, b)) else { return false };
-        if c == d || !self.at_edge(c, d).is_empty() {
+        if c == d || !self.at_edge_unordered(c, d).is_empty() {
             return false;
         }
         // One of the triangles contains the directed edge `a` to `b`, and the new ones keep its orientation.
@@ -282,7 +287,8 @@ impl MeshEditor {
         let shared = self.at_edge(gone, kept);
         let theirs = self.neighbours(kept);
         let common = self.neighbours(gone).into_iter().filter(|point| theirs.binary_search(point).is_ok()).count();
-        let on_boundary = |point: usize| self.neighbours(point).iter().any(|&n| self.at_edge(point, n).len() == 1);
+        let on_boundary =
+            |point: usize| self.neighbours(point).iter().any(|&n| self.at_edge_unordered(point, n).len() == 1);
         // An inner edge between two points of the boundary: the collapse would pinch the surface.
         let pinches = shared.len() == 2 && on_boundary(gone) && on_boundary(kept);
         !shared.is_empty() && common == shared.len() && !pinches && self.around[gone].len() > shared.len()

@@ -86,7 +86,7 @@ fn split_long(editor: &mut MeshEditor, target: &Target<'_>) -> bool {
         let mut changed = false;
         for [a, b] in editor.edges() {
             let middle = editor.middle(a, b);
-            let is_there = !editor.at_edge(a, b).is_empty();
+            let is_there = !editor.at_edge_unordered(a, b).is_empty();
             if !is_there || editor.length(a, b) <= LONG * (target.size)(middle) {
                 continue;
             }
@@ -111,7 +111,7 @@ fn split_long(editor: &mut MeshEditor, target: &Target<'_>) -> bool {
 fn collapse_short(editor: &mut MeshEditor, target: &Target<'_>) {
     let longest = |middle: Point3| LONG * (target.size)(middle);
     for [a, b] in editor.edges() {
-        let is_there = !editor.at_edge(a, b).is_empty();
+        let is_there = !editor.at_edge_unordered(a, b).is_empty();
         if is_there && editor.length(a, b) < SHORT * (target.size)(editor.middle(a, b)) {
             let _ = editor.collapse(b, a, longest) || editor.collapse(a, b, longest);
         }
@@ -135,7 +135,7 @@ fn flip_to_delaunay(editor: &mut MeshEditor) {
 }
 
 fn opposite_angles(editor: &MeshEditor, a: usize, b: usize) -> Option<f64> {
-    let [first, second] = editor.at_edge(a, b)[..] else { return None };
+    let [first, second] = editor.at_edge_unordered(a, b)[..] else { return None };
     let at = |triangle: usize| {
         let corner = editor.opposite(triangle, a, b)?;
         Some(angle([corner, a, b].map(|point| editor.points[point])))
