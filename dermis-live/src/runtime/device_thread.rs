@@ -72,6 +72,8 @@ impl DeviceThread {
     fn reconnect(&self, stream: Stream) -> Option<Connection> {
         let mut reported = String::new();
         while !self.shared.is_stopped() {
+            // Before the first attempt, too: a device may accept connections and end them at once.
+            std::thread::sleep(RETRY);
             match Connection::open(&self.address, self.shared.skin(), self.options, Some(stream.clone())) {
                 Ok(connection) => {
                     self.shared.notice(Severity::Info, "the device is connected again".into());
@@ -83,7 +85,6 @@ impl DeviceThread {
                         self.shared.notice(Severity::Error, why.clone());
                         reported = why;
                     }
-                    std::thread::sleep(RETRY);
                 }
             }
         }
