@@ -79,7 +79,7 @@ fn frames_that_stop_are_stale_in_every_output_within_a_quarter_of_a_second() {
     let options = LiveOptions { address: running.address.clone(), device, settings: Settings::default(), state: None };
     let live = Live::start(methods(), options).unwrap();
     let watchdog = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
-    watchdog.set_read_timeout(Some(Duration::from_millis(10))).unwrap();
+    watchdog.set_nonblocking(true).unwrap();
     sinks::watchdog::send(live.shared(), &watchdog.local_addr().unwrap().to_string()).unwrap();
     let (address, _) = sinks::jsonl::serve_lines(live.shared(), "127.0.0.1:0").unwrap();
     let lines = BufReader::new(TcpStream::connect(address).unwrap()).lines();
