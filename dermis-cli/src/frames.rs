@@ -33,12 +33,14 @@ pub struct FrameArguments {
     pub currents: CurrentArguments,
 }
 
+/// Help of `--currents`.
+pub const CURRENTS_HELP: &str = "Measured currents of the drives (A; CSV, NPY or NPZ), a column per drive in the order \
+    of the protocol: one row for all frames, or one per frame. The frames are then voltages (V)";
+
 /// Measured drive currents, of instruments that record voltages.
-#[derive(Debug, Clone, Default, Args)]
+#[derive(Debug, Clone, Args)]
 pub struct CurrentArguments {
-    /// Measured currents of the drives (A; CSV, NPY or NPZ), a column per drive in the order of the protocol: one row
-    /// for all frames, or one per frame. The frames are then voltages (V).
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help = CURRENTS_HELP)]
     currents: Option<PathBuf>,
     /// Currents of the untouched frames [default: the row of --currents, if it has one for all frames].
     #[arg(long, value_name = "FILE", requires = "currents", conflicts_with = "difference")]
@@ -46,6 +48,11 @@ pub struct CurrentArguments {
 }
 
 impl CurrentArguments {
+    /// Whether there are any.
+    pub fn are_given(&self) -> bool {
+        self.currents.is_some()
+    }
+
     /// Frames in ohm.
     fn convert(&self, protocol: &Protocol, frames: Vec<Frame>) -> Outcome<Vec<Frame>> {
         divided(self.currents.as_deref(), protocol, frames)
@@ -66,7 +73,7 @@ impl CurrentArguments {
 }
 
 /// Frames divided by the currents of a file, if there is one.
-fn divided(currents: Option<&Path>, protocol: &Protocol, frames: Vec<Frame>) -> Outcome<Vec<Frame>> {
+pub fn divided(currents: Option<&Path>, protocol: &Protocol, frames: Vec<Frame>) -> Outcome<Vec<Frame>> {
     let Some(path) = currents else { return Ok(frames) };
     Ok(DriveCurrents::read(path, protocol, frames.len())?.frames_per_ampere(protocol, frames))
 }

@@ -72,7 +72,7 @@ impl DetectArguments {
         if !self.both_signs {
             return Ok(detector);
         }
-        if !Methods::LINEAR.contains(&method.name()) {
+        if !method.is_linear() {
             let message = format!("{} finds touches alone, not contacts of both signs", method.label());
             return Err(Failure::given(message, Some("give a linear method, as in --method noser")));
         }

@@ -38,6 +38,19 @@ fn voltages_are_divided_by_the_measured_currents() {
     assert!(ohm.len() > 20 && ohm.len() == volt.len());
     let off = ohm.iter().zip(&volt).filter(|(a, b)| (*a - *b).abs() > 1e-6 * a.abs().max(1.0)).count();
     assert_eq!(off, 0, "{ohm:?} {volt:?}");
+    let plot = "plot disk.toml --what image --method noser";
+    at.good(&format!("{plot} --frames ohm.csv --baseline rest.csv -o ohm.svg"));
+    at.good(&format!("{plot} --frames volt.csv --baseline rest_volt.csv --currents currents.csv -o volt.svg"));
+    assert_eq!(std::fs::read(at.path("ohm.svg")).unwrap(), std::fs::read(at.path("volt.svg")).unwrap());
+    at.write("images.csv", "1,2");
+    assert!(at.refused("plot disk.toml --images images.csv --currents currents.csv -o x.svg").contains("--currents"));
+    let resistance = |arguments: &str| -> f64 {
+        let fitted = at.good(&format!("fit disk.toml --json -o fitted.toml {arguments}"));
+        let fitted: serde_json::Value = serde_json::from_str(&fitted).unwrap();
+        fitted["quantities"][0]["value"].as_f64().unwrap()
+    };
+    let of_volts = resistance("--frames rest_volt.csv --currents currents.csv");
+    assert!((of_volts / resistance("--frames rest.csv") - 1.0).abs() < 1e-6, "{of_volts}");
     at.write("seven.csv", "1,1,1,1,1,1,1");
     assert!(at.refused(&format!("{run} seven.csv")).contains("seven.csv"));
 }

@@ -7,7 +7,7 @@ use dermis::method::MethodSet;
 use dermis::pipeline::{FrameInput, Pipeline, Settings, Timestamp};
 use dermis::skin::Skin;
 use dermis_sim::noise::Noise;
-use dermis_sim::random::sample_rng;
+use dermis_sim::random::{sample_rng, standard_normal};
 use dermis_sim::touch::{GaussianTouch, touched_conductivity};
 use serde_json::Value;
 use std::io::Write;
@@ -39,7 +39,12 @@ fn row(frame: &Frame) -> String {
 
 /// Runs `dermis live disk.toml` with lines on standard input, slowly enough that no line of JSON is dropped.
 fn piped(at: &Workplace, arguments: &str, lines: &[String]) -> Output {
-    let mut command = at.command(&format!("live disk.toml --serve off --source csv:- {arguments}"));
+    piped_to(at, "disk.toml", arguments, lines)
+}
+
+/// The same with a design.
+fn piped_to(at: &Workplace, design: &str, arguments: &str, lines: &[String]) -> Output {
+    let mut command = at.command(&format!("live {design} --serve off --source csv:- {arguments}"));
     let mut child = command.stdin(Stdio::piped()).spawn().unwrap();
     let mut input = child.stdin.take().unwrap();
     for line in lines {
@@ -170,4 +175,41 @@ fn a_connection_that_is_lost_is_opened_again() {
     let counts: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!((&counts["frames"], &counts["lost"]), (&120.into(), &0.into()));
     assert_eq!(counts["reconnected"], 1);
+}
+
+#[test]
+fn contacts_in_a_tank_say_whether_they_conduct() {
+    let at = Workplace::empty();
+    let recorded = |what: &str| -> Vec<f64> {
+        let tank = "/../data/tank/metal1_plastic5_plastic9_metal13_55uA_";
+        let text = std::fs::read_to_string(format!("{}{tank}{what}.csv", env!("CARGO_MANIFEST_DIR"))).unwrap();
+        text.trim().split(',').map(|value| value.parse().unwrap()).collect()
+    };
+    let [empty, objects] = ["empty", "objects"].map(recorded);
+    // The files have one frame each.
+    let largest = empty.iter().copied().map(f64::abs).fold(0.0, f64::max);
+    let line = |number: u64| {
+        let mut rng = sample_rng(3, number);
+        let frame = if number < 110 { &empty } else { &objects };
+        row(&Frame(frame.iter().map(|value| value + 1e-4 * largest * standard_normal(&mut rng)).collect()))
+    };
+    let lines: Vec<String> = (0..150).map(line).collect();
+    let output = piped_to(&at, "tank16", "--method noser --both-signs --jsonl -", &lines);
+    assert!(output.status.success(), "{}", said(&output));
+    let text = String::from_utf8(output.stdout).unwrap();
+    let last: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+    let found: Vec<(f64, &str)> = (last["contacts"].as_array().unwrap().iter())
+        .map(|contact| {
+            let [x, y] = [0, 1].map(|axis| contact["position_m"][axis].as_f64().unwrap());
+            (y.atan2(x).to_degrees().rem_euclid(360.0), contact["conductance"].as_str().unwrap())
+        })
+        .collect();
+    // Metal at the electrodes 0 and 12, plastic at 4 and 8.
+    for (angle, sign) in [(0.0_f64, "rises"), (90.0, "falls"), (180.0, "falls"), (270.0, "rises")] {
+        let near =
+            |(at, of): &(f64, &str)| ((at - angle + 180.0).rem_euclid(360.0) - 180.0).abs() < 15.0 && *of == sign;
+        assert!(found.iter().any(near), "{sign} at {angle} degrees in {found:?}");
+    }
+    let network = at.refused("live skin16 --method shapes --both-signs --serve off --for 1");
+    assert!(network.contains("contacts of both signs") && network.contains("--method noser"), "{network}");
 }

@@ -2,7 +2,7 @@
 
 use dermis::method::MethodSet;
 use dermis::skin::Skin;
-use dermis_live::campaign::{CampaignOptions, FaultKind, Score, run};
+use dermis_live::campaign::{CampaignOptions, FaultKind, Score, run, scores};
 use dermis_sim::twin::TwinOptions;
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ fn faults_cause_no_contacts_and_end() {
     let methods = MethodSet::new(&dermis_learn::methods(), Skin::load("cylinder30").unwrap(), None).unwrap();
     let twin = TwinOptions::shipped("lab").unwrap();
     let options = CampaignOptions { twin, method: "noser".into(), faults: 60, seed: 11 };
-    let scores = run(&Arc::new(methods), &options, |_| {}).unwrap();
+    let scores = scores(&run(&Arc::new(methods), &options, |_| {}).unwrap());
     assert_eq!(scores.iter().map(|score| score.faults).sum::<u64>(), 60);
     let sum = |of: fn(&Score) -> u64| scores.iter().map(of).sum::<u64>();
     let during = sum(|score| score.during.frames);

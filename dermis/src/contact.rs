@@ -45,6 +45,7 @@ pub struct Contact {
 
 /// The sign of a conductance change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum ConductanceChange {
     /// The contact conducts better than the untouched skin: a conductor in a tank.

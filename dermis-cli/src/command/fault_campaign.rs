@@ -5,11 +5,13 @@ use crate::failure::Outcome;
 use crate::method::METHOD_HELP;
 use crate::range::{count, seed};
 use clap::Args;
+use dermis::frame::write_whole;
 use dermis::method::MethodSet;
 use dermis::skin::Skin;
-use dermis_live::campaign::{CampaignOptions, Score, run};
+use dermis_live::campaign::{CampaignOptions, Score, run, scores};
 use dermis_sim::twin::TwinOptions;
 use dermis_study::report::Table;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -29,6 +31,9 @@ pub struct Arguments {
     /// Seed of the faults, presses and twins.
     #[arg(long, value_name = "S", default_value_t = 1, value_parser = seed)]
     seed: u64,
+    /// Write every fault, with the times of its false contacts, as a JSON line to this file.
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
     /// Print JSON instead of a table.
     #[arg(long)]
     json: bool,
@@ -45,12 +50,16 @@ impl Arguments {
             faults: self.faults as usize,
             seed: self.seed,
         };
-        let scores = {
+        let runs = {
             let (bar, shown) = (Progress::new("faults", options.faults), AtomicUsize::new(0));
             run(&methods, &options, |done| {
                 bar.steps(done.saturating_sub(shown.fetch_max(done, Ordering::Relaxed)) as u64);
             })?
         };
+        if let Some(output) = &self.output {
+            write_whole(output, |file| runs.iter().try_for_each(|run| writeln!(file, "{}", serde_json::json!(run))))?;
+        }
+        let scores = scores(&runs);
         if self.json {
             return print_json(&serde_json::json!(scores));
         }

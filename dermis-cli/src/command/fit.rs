@@ -3,6 +3,7 @@
 use crate::channels::{Channels, LEAVE_OUT_HELP};
 use crate::console::{Progress, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
+use crate::frames::{CURRENTS_HELP, divided};
 use crate::skin;
 use clap::{Args, ValueEnum};
 use dermis::design::{Body, SheetKind, SkinDesign};
@@ -24,6 +25,8 @@ pub struct Arguments {
     /// their scatter.
     #[arg(long, value_name = "FILE")]
     frames: PathBuf,
+    #[arg(long, value_name = "FILE", help = CURRENTS_HELP)]
+    currents: Option<PathBuf>,
     #[arg(long, value_name = "CHANNELS|FILE", default_value = "", hide_default_value = true, help = LEAVE_OUT_HELP)]
     leave_out: Channels,
     /// Contact impedances to fit.
@@ -80,6 +83,7 @@ impl Arguments {
         let design = skin.design();
         let left_out = self.leave_out.numbers();
         let frames = read_frames_without(&self.frames, &design.protocol, left_out)?;
+        let frames = divided(self.currents.as_deref(), &design.protocol, frames)?;
         let options = FitOptions { contacts: self.contacts.into(), left_out: left_out.to_vec() };
         let progress = Progress::waiting("fitting the design");
         let fit = fit(design, skin.mesh(), &frames, &options)?;

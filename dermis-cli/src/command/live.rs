@@ -44,6 +44,10 @@ pub struct Arguments {
     /// given more than once.
     #[arg(long, value_name = "ZONE", value_parser = parse_zone)]
     zone: Vec<Zone>,
+    /// Detect contacts that raise and contacts that lower the conductance; each contact says which it does. Linear
+    /// methods only.
+    #[arg(long)]
+    both_signs: bool,
     /// Record to a new file (MCAP).
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
@@ -128,9 +132,9 @@ impl Arguments {
 
     /// Plays a recording. Options given here override the recorded settings.
     fn play(&self, methods: &Arc<MethodSet>, recording: &Path) -> Outcome<Live> {
-        if self.state.is_some() || self.source.rate.is_some() {
-            let fix = "leave --state and --rate out: a recording has its own";
-            return Err(Failure::given("a recording takes no --state and no --rate", Some(fix)));
+        if self.state.is_some() || self.source.rate.is_some() || self.both_signs {
+            let fix = "leave them out: a recording has its own";
+            return Err(Failure::given("a recording takes no --state, no --rate and no --both-signs", Some(fix)));
         }
         let zones = self.zone.clone();
         let player = Player::open(recording, methods, self.source.emulator.speed())?;
@@ -151,7 +155,7 @@ impl Arguments {
         let zones = self.zone.clone();
         let method = self.method.clone().unwrap_or_default();
         let threshold = self.threshold.unwrap_or(1.0);
-        let settings = Settings { method, threshold, zones, ..Settings::default() };
+        let settings = Settings { method, threshold, zones, both_signs: self.both_signs, ..Settings::default() };
         let device = DeviceOptions { rate_hz: self.source.rate, difference: self.difference };
         Ok(LiveOptions { address, device, settings, state: self.kept_state()? })
     }

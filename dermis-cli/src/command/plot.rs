@@ -43,6 +43,8 @@ pub struct Arguments {
     #[arg(long, requires = "frames")]
     difference: bool,
     #[command(flatten)]
+    currents: CurrentArguments,
+    #[command(flatten)]
     method: MethodArguments,
     /// Number of the image or frame, from 0 (for `--what image`).
     #[arg(long, default_value_t = 0, value_parser = count(0..=10_000_000usize))]
@@ -155,6 +157,9 @@ impl Arguments {
     /// The images to draw.
     fn images(&self, design: &SkinDesign, mesh: &Mesh) -> Outcome<Seen> {
         if let Some(path) = &self.images {
+            if self.currents.are_given() {
+                return Err(Failure::given("--currents belong to frames", Some("leave them out: images have none")));
+            }
             let how = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
             let images = read_images(path, design, mesh)?;
             // They may be those of a network, which have no artefacts.
@@ -170,9 +175,8 @@ impl Arguments {
             let fix = "name the untouched frames with --baseline, or say --difference";
             return Err(Failure::given("frames need a baseline", Some(fix)));
         }
-        let (frames, baseline) = (frames.clone(), self.baseline.clone());
-        let frames =
-            FrameArguments { frames, baseline, difference: self.difference, currents: CurrentArguments::default() };
+        let (frames, baseline, currents) = (frames.clone(), self.baseline.clone(), self.currents.clone());
+        let frames = FrameArguments { frames, baseline, difference: self.difference, currents };
         let skin = Skin::with_mesh(design.clone(), mesh)?;
         let differences = frames.read(&skin, self.method.left_out())?;
         let method = self.method.prepare(&skin, &differences)?;

@@ -16,6 +16,9 @@ const LENGTHS_S: [f64; 2] = [0.05, 2.5];
 /// Part of the faults that two kinds share at once.
 const TWO_AT_ONCE: f64 = 0.1;
 
+/// Resistance that is left in series with an electrode after its repair, ohm.
+const REPAIRED_OHM: [f64; 2] = [0.01, 2.0];
+
 /// Kinds of faults.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -48,6 +51,8 @@ pub enum FaultKind {
     ClockSet,
     /// Two of these at once.
     Two,
+    /// No fault: the same presses on a device without faults.
+    Control,
 }
 
 impl FaultKind {
@@ -84,6 +89,7 @@ impl FaultKind {
             FaultKind::ClockStop => "clock stopped",
             FaultKind::ClockSet => "clock set",
             FaultKind::Two => "two at once",
+            FaultKind::Control => "no fault",
         }
     }
 }
@@ -96,6 +102,13 @@ pub(super) struct Drawn {
     pub end_s: f64,
     /// The faults of the device, two for a loose electrode: it is mended.
     pub faults: Vec<TimedFault>,
+}
+
+impl Drawn {
+    /// The time without a fault.
+    pub(super) fn control() -> Self {
+        Drawn { kind: FaultKind::Control, begin_s: FIRST_S, end_s: FIRST_S, faults: Vec::new() }
+    }
 }
 
 /// Draws the faults of one device, after each other.
@@ -112,17 +125,21 @@ pub(super) fn end_s(index: usize) -> f64 {
 
 fn draw(design: &SkinDesign, begin_s: f64, rng: &mut ChaCha8Rng) -> Drawn {
     let length_s = log_uniform(rng, LENGTHS_S);
-    let mut single = || {
-        let kind = FaultKind::SINGLE[rng.random_range(0..FaultKind::SINGLE.len())];
-        (kind, of_kind(design, kind, begin_s, length_s, rng))
-    };
-    let (kind, mut faults) = single();
-    let (_, others) = single();
+    let [first, second] = two_kinds(rng);
+    let [mut faults, others] = [first, second].map(|kind| of_kind(design, kind, begin_s, length_s, rng));
     let is_double = rng.random_bool(TWO_AT_ONCE);
     if is_double {
         faults.extend(others);
     }
-    Drawn { kind: if is_double { FaultKind::Two } else { kind }, begin_s, end_s: begin_s + length_s, faults }
+    Drawn { kind: if is_double { FaultKind::Two } else { first }, begin_s, end_s: begin_s + length_s, faults }
+}
+
+/// Two kinds that differ: two faults of one kind can cancel.
+fn two_kinds(rng: &mut ChaCha8Rng) -> [FaultKind; 2] {
+    let count = FaultKind::SINGLE.len();
+    let first = rng.random_range(0..count);
+    let second = (first + rng.random_range(1..count)) % count;
+    [FaultKind::SINGLE[first], FaultKind::SINGLE[second]]
 }
 
 /// The faults of the device for a kind.
@@ -135,7 +152,7 @@ fn of_kind(design: &SkinDesign, kind: FaultKind, at_s: f64, for_s: f64, rng: &mu
         FaultKind::Loose => {
             let electrode = rng.random_range(0..design.electrodes.len());
             let ohm = log_uniform(rng, [100.0, 1e9]);
-            let mended = Fault::Loose { electrode, ohm: 0.0 };
+            let mended = Fault::Loose { electrode, ohm: log_uniform(rng, REPAIRED_OHM) };
             vec![
                 TimedFault { at_s, fault: Fault::Loose { electrode, ohm } },
                 TimedFault { at_s: at_s + for_s, fault: mended },
@@ -152,7 +169,7 @@ fn of_kind(design: &SkinDesign, kind: FaultKind, at_s: f64, for_s: f64, rng: &mu
         FaultKind::Saturated => readings(ReadingFault::Saturated(channel)),
         FaultKind::Stuck => readings(ReadingFault::Stuck(channel)),
         FaultKind::ClockStop => vec![TimedFault { at_s, fault: Fault::ClockStop { for_s } }],
-        FaultKind::ClockSet | FaultKind::Two => {
+        FaultKind::ClockSet | FaultKind::Two | FaultKind::Control => {
             vec![TimedFault { at_s, fault: Fault::ClockSet { by_s: uniform(rng, [-20.0, 20.0]) } }]
         }
     }

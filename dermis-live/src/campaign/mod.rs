@@ -6,15 +6,15 @@
 //! ```no_run
 //! use dermis::method::{MethodSet, Methods};
 //! use dermis::skin::Skin;
-//! use dermis_live::campaign::{CampaignOptions, run};
+//! use dermis_live::campaign::{CampaignOptions, run, scores};
 //! use dermis_sim::twin::TwinOptions;
 //! use std::sync::Arc;
 //!
 //! let methods = Arc::new(MethodSet::new(&Methods::linear(), Skin::load("skin16")?, None)?);
 //! let twin = TwinOptions::load("lab")?;
 //! let options = CampaignOptions { twin, method: "noser".into(), faults: 100, seed: 1 };
-//! let scores = run(&methods, &options, |_| {})?;
-//! let false_frames: u64 = scores.iter().map(|score| score.during.false_contacts).sum();
+//! let runs = run(&methods, &options, |_| {})?;
+//! let false_frames: u64 = scores(&runs).iter().map(|score| score.during.false_contacts).sum();
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
@@ -23,7 +23,7 @@ mod score;
 mod session;
 
 pub use draw::FaultKind;
-pub use score::{FrameCounts, Score};
+pub use score::{FaultRun, FrameCounts, Score};
 
 use crate::LiveError;
 use crate::campaign::draw::faults;
@@ -50,7 +50,7 @@ pub struct CampaignOptions {
 /// Faults of one device, after each other.
 const FAULTS_PER_DEVICE: usize = 20;
 
-/// Runs a campaign; returns the scores by kind of fault. `progress` receives the number of finished faults.
+/// Runs a campaign; returns the faults by device and time. `progress` receives the number of finished faults.
 ///
 /// # Errors
 /// An unknown method; a twin that does not fit the design or cannot be solved.
@@ -58,23 +58,28 @@ pub fn run(
     methods: &Arc<MethodSet>,
     options: &CampaignOptions,
     progress: impl Fn(usize) + Sync,
-) -> Result<Vec<Score>, LiveError> {
+) -> Result<Vec<FaultRun>, LiveError> {
     let done = AtomicUsize::new(0);
     let devices = options.faults.div_ceil(FAULTS_PER_DEVICE);
-    let scored: Vec<Vec<Score>> = (0..devices)
+    let runs: Vec<Vec<FaultRun>> = (0..devices)
         .into_par_iter()
         .map(|device| {
             let first = device * FAULTS_PER_DEVICE;
             let count = FAULTS_PER_DEVICE.min(options.faults - first);
             let faults = faults(methods.skin().design(), options.seed, device as u64, count);
-            let scores = session::run(methods, options, &faults, device as u64)?;
+            let runs = session::run(methods, options, &faults, device as u64)?;
             progress(done.fetch_add(count, Ordering::Relaxed) + count);
-            Ok(scores)
+            Ok(runs)
         })
         .collect::<Result<_, LiveError>>()?;
+    Ok(runs.into_iter().flatten().collect())
+}
+
+/// The scores of faults, by kind.
+pub fn scores(runs: &[FaultRun]) -> Vec<Score> {
     let mut by_kind: BTreeMap<FaultKind, Score> = BTreeMap::new();
-    for score in scored.into_iter().flatten() {
-        by_kind.entry(score.kind).and_modify(|total| *total += &score).or_insert(score);
+    for FaultRun { score, .. } in runs {
+        by_kind.entry(score.kind).and_modify(|total| *total += score).or_insert_with(|| score.clone());
     }
-    Ok(by_kind.into_values().collect())
+    by_kind.into_values().collect()
 }

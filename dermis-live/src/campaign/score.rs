@@ -1,11 +1,12 @@
 //! How frames compare with the true presses.
 
 use crate::campaign::draw::{Drawn, FaultKind};
-use crate::emulator::{Fault, ReadingFault};
+use crate::emulator::{Fault, ReadingFault, TimedFault};
 use dermis::geom::Surface;
 use dermis::pipeline::{PipelineFrame, Validity};
 use dermis_sim::twin::Press;
 use serde::Serialize;
+use std::collections::BTreeSet;
 use std::ops::AddAssign;
 
 /// A contact farther than this from every press is false, m.
@@ -24,9 +25,9 @@ const NOTICED_S: f64 = 0.1;
 pub struct FrameCounts {
     /// Frames.
     pub frames: u64,
-    /// Frames with a contact where nothing is pressed.
+    /// Frames with a contact where nothing is pressed. Frames that have one without the fault, too, do not count.
     pub false_contacts: u64,
-    /// Frames that are said to be touched while nothing is pressed.
+    /// Frames that are said to be touched while nothing is pressed. Frames that are without the fault, too, do not count.
     pub wrong_touch: u64,
     /// Invalid frames.
     pub invalid: u64,
@@ -57,12 +58,42 @@ pub struct Score {
     pub slowest_s: f64,
 }
 
+/// A fault of a campaign and what came of it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FaultRun {
+    /// Number of the device.
+    pub device: u64,
+    /// Begin of the fault, s of device time.
+    pub begin_s: f64,
+    /// End of the fault, s of device time.
+    pub end_s: f64,
+    /// The faults of the emulated device; two for a loose electrode, which is repaired.
+    pub faults: Vec<TimedFault>,
+    /// Time from the begin until a frame was not ok, s.
+    pub noticed_s: Option<f64>,
+    /// Times of the frames with false contacts, s of device time.
+    pub false_contacts_s: Vec<f64>,
+    /// The score.
+    pub score: Score,
+}
+
 impl AddAssign for FrameCounts {
     fn add_assign(&mut self, other: Self) {
         self.frames += other.frames;
         self.false_contacts += other.false_contacts;
         self.wrong_touch += other.wrong_touch;
         self.invalid += other.invalid;
+    }
+}
+
+impl FrameCounts {
+    /// What the same frames without faults do not have.
+    fn beyond(self, control: FrameCounts) -> Self {
+        FrameCounts {
+            false_contacts: self.false_contacts.saturating_sub(control.false_contacts),
+            wrong_touch: self.wrong_touch.saturating_sub(control.wrong_touch),
+            ..self
+        }
     }
 }
 
@@ -96,6 +127,7 @@ pub(super) struct Scorer<'a> {
     noticed_s: Option<f64>,
     is_named: bool,
     recovered_s: Option<f64>,
+    false_contacts_s: Vec<f64>,
     expected: Vec<Expected>,
     /// Presses of the last frames, with their last times.
     recent: Vec<(f64, Press)>,
@@ -105,7 +137,7 @@ impl<'a> Scorer<'a> {
     pub(super) fn new(fault: &'a Drawn, surface: Surface) -> Self {
         let score = Score {
             kind: fault.kind,
-            faults: 1,
+            faults: u64::from(!fault.faults.is_empty()),
             during: FrameCounts::default(),
             after: FrameCounts::default(),
             to_notice: 0,
@@ -122,26 +154,38 @@ impl<'a> Scorer<'a> {
             noticed_s: None,
             is_named: false,
             recovered_s: None,
+            false_contacts_s: Vec::new(),
             expected: Vec::new(),
             recent: Vec::new(),
         }
     }
 
-    /// Takes a frame and the true presses.
-    pub(super) fn take(&mut self, time_s: f64, frame: &PipelineFrame, presses: &[Press]) {
+    /// Takes a frame and the true presses; returns its counts. `control`: the counts of the same frame of a device
+    /// without faults, which are subtracted.
+    pub(super) fn take(
+        &mut self,
+        time_s: f64,
+        frame: &PipelineFrame,
+        presses: &[Press],
+        control: FrameCounts,
+    ) -> FrameCounts {
         self.recent.retain(|(last_s, press)| time_s - last_s < ENDING_S && !presses.contains(press));
         self.recent.extend(presses.iter().map(|press| (time_s, *press)));
         let is_during = (self.fault.begin_s..self.fault.end_s).contains(&time_s);
+        let counted = self.counted(frame).beyond(control);
         if time_s < self.fault.begin_s {
-            return;
+            return counted;
         }
-        let counted = self.counted(frame);
+        if counted.false_contacts > 0 {
+            self.false_contacts_s.push(time_s);
+        }
         *(if is_during { &mut self.score.during } else { &mut self.score.after }) += counted;
         if is_during {
             self.notice(time_s, frame);
         } else {
             self.recover(time_s, frame, presses);
         }
+        counted
     }
 
     /// The counts of one frame.
@@ -163,7 +207,7 @@ impl<'a> Scorer<'a> {
             return;
         }
         self.noticed_s.get_or_insert(time_s - self.fault.begin_s);
-        self.is_named |= self.fault.faults.iter().any(|timed| is_named(&timed.fault, frame));
+        self.is_named |= are_named(&self.fault.faults, frame);
     }
 
     fn recover(&mut self, time_s: f64, frame: &PipelineFrame, presses: &[Press]) {
@@ -191,7 +235,7 @@ impl<'a> Scorer<'a> {
         }
     }
 
-    pub(super) fn finish(mut self) -> Score {
+    pub(super) fn finish(mut self, device: u64) -> FaultRun {
         let findable = |expected: &&Expected| expected.until_s - expected.since_s >= FINDABLE_S;
         self.score.presses = self.expected.iter().filter(findable).count() as u64;
         self.score.found = self.expected.iter().filter(findable).filter(|expected| expected.is_found).count() as u64;
@@ -202,7 +246,15 @@ impl<'a> Scorer<'a> {
             self.score.noticed = u64::from(self.noticed_s.is_some_and(|since_s| since_s <= NOTICED_S));
             self.score.named = u64::from(self.is_named);
         }
-        self.score
+        FaultRun {
+            device,
+            begin_s: self.fault.begin_s,
+            end_s: self.fault.end_s,
+            faults: self.fault.faults.clone(),
+            noticed_s: self.noticed_s,
+            false_contacts_s: self.false_contacts_s,
+            score: self.score,
+        }
     }
 }
 
@@ -215,22 +267,24 @@ fn must_be_noticed(fault: &Fault) -> bool {
     )
 }
 
-/// Whether a frame names the fault: the electrode, the drive or the channel, or that the whole frame is invalid.
-fn is_named(fault: &Fault, frame: &PipelineFrame) -> bool {
-    let masked = |channel: &usize| match &frame.validity {
-        Validity::Degraded(degradation) => degradation.channels.contains(channel),
-        _ => false,
-    };
-    match fault {
-        Fault::Loose { electrode, .. } => {
-            let bad = (0..frame.health.electrodes.len()).filter(|&index| frame.health.electrodes[index].state.is_bad());
-            bad.eq([*electrode])
+/// Whether a frame names exactly these faults: the electrode, the drive or the channel, or that the whole frame is
+/// invalid. A fault that does not show in the frames need not be named.
+fn are_named(faults: &[TimedFault], frame: &PipelineFrame) -> bool {
+    let (mut electrodes, mut drives) = (BTreeSet::new(), BTreeSet::new());
+    for timed in faults.iter().filter(|timed| must_be_noticed(&timed.fault)) {
+        match timed.fault {
+            Fault::Loose { electrode, .. } => drop(electrodes.insert(electrode)),
+            Fault::Readings { fault: ReadingFault::Reference(drive, _), .. } => drop(drives.insert(drive)),
+            Fault::Readings { fault: ReadingFault::Saturated(channel), .. } if is_masked(channel, frame) => {}
+            _ if !frame.validity.is_usable() => return true,
+            _ => return false,
         }
-        Fault::Readings { fault, .. } => match fault {
-            ReadingFault::Reference(drive, _) => frame.health.bad_drives == [*drive],
-            ReadingFault::Stuck(channel) | ReadingFault::Saturated(channel) => masked(channel),
-            _ => !frame.validity.is_usable(),
-        },
-        _ => false,
     }
+    let states = frame.health.electrodes.iter().enumerate();
+    let bad: BTreeSet<usize> = states.filter(|(_, health)| health.state.is_bad()).map(|(index, _)| index).collect();
+    bad == electrodes && frame.health.bad_drives.iter().copied().eq(drives)
+}
+
+fn is_masked(channel: usize, frame: &PipelineFrame) -> bool {
+    matches!(&frame.validity, Validity::Degraded(degradation) if degradation.channels.contains(&channel))
 }

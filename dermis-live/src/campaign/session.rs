@@ -3,35 +3,44 @@
 use crate::LiveError;
 use crate::campaign::CampaignOptions;
 use crate::campaign::draw::{Drawn, end_s};
-use crate::campaign::score::{Score, Scorer};
+use crate::campaign::score::{FaultRun, FrameCounts, Scorer};
 use crate::emulator::{EmulatorOptions, Script};
 use crate::offline::OfflineSession;
 use dermis::method::MethodSet;
 use dermis::pipeline::{Pipeline, Settings};
 use std::sync::Arc;
 
-/// Runs all faults of a device; returns a score for each.
+/// Runs all faults of a device, and the same presses without faults.
 pub(super) fn run(
     methods: &Arc<MethodSet>,
     options: &CampaignOptions,
     faults: &[Drawn],
     device: u64,
-) -> Result<Vec<Score>, LiveError> {
-    let mut session = session(methods, options, faults, device)?;
+) -> Result<Vec<FaultRun>, LiveError> {
+    let (mut session, mut control) =
+        (session(methods, options, faults, device)?, session(methods, options, &[], device)?);
     let surface = methods.skin().pixels().surface;
-    let mut scores = Vec::new();
+    let no_fault = Drawn::control();
+    let mut control_scorer = Scorer::new(&no_fault, surface);
+    let mut runs = Vec::new();
     for (index, fault) in faults.iter().enumerate() {
         let mut scorer = Scorer::new(fault, surface);
         while session.time_s() < end_s(index) {
             let (time_s, presses) = (session.time_s(), session.presses());
+            let mut without = FrameCounts::default();
+            if let Some(frame) = control.frame()? {
+                without = control_scorer.take(time_s, &frame, &presses, without);
+            }
+            control.rebuild();
             if let Some(frame) = session.frame()? {
-                scorer.take(time_s, &frame, &presses);
+                scorer.take(time_s, &frame, &presses, without);
             }
             session.rebuild();
         }
-        scores.push(scorer.finish());
+        runs.push(scorer.finish(device));
     }
-    Ok(scores)
+    runs.push(control_scorer.finish(device));
+    Ok(runs)
 }
 
 /// A device with some faults.

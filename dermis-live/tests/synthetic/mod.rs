@@ -90,6 +90,7 @@ impl SyntheticSkin {
             force_sd_n: (id == 7).then_some(0.25),
             sd_m: 0.002,
             confidence: 0.95,
+            conductance: None,
             seen: true,
             since: BEGINNING,
             zone: None,

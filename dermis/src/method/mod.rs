@@ -130,6 +130,12 @@ impl Method {
         &self.name
     }
 
+    /// Whether it is one of the linear methods, whose images are positive or negative by the sign of the change of
+    /// conductance.
+    pub fn is_linear(&self) -> bool {
+        Methods::LINEAR.contains(&self.name())
+    }
+
     /// Its display name: "one-step NOSER", "shipped network `best`".
     pub fn label(&self) -> &str {
         &self.label

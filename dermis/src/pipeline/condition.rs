@@ -10,6 +10,9 @@ const GOOD_PER_BAD: f64 = 4.0;
 const TRIAL_S: f64 = 0.25;
 /// Longest trial, s.
 const LONGEST_TRIAL_S: f64 = 32.0;
+/// A part that was bad for longer comes back only while the skin is untouched, s: the baseline follows the drift of
+/// sound parts with this time constant.
+const SHORT_S: f64 = 10.0;
 /// Faults before a part was sound for this time do not count, s.
 const FORGOTTEN_S: f64 = 3.0;
 
@@ -45,6 +48,9 @@ pub(super) struct PartMonitor {
     since_s: f64,
     /// How often it was out.
     times_out: i32,
+    /// Time of the first confirmation of the last fault, s.
+    #[serde(default)]
+    bad_since_s: f64,
 }
 
 impl PartMonitor {
@@ -73,8 +79,9 @@ impl PartMonitor {
         matches!(self.condition, Condition::Out | Condition::OnTrial)
     }
 
-    /// Takes a frame in which the part is bad or not. It returns from a trial only while `may_return`.
-    pub(super) fn update(&mut self, is_bad: bool, may_return: bool, time_s: f64) {
+    /// Takes a frame in which the part is bad or not. During a touch it returns from a trial only after a short fault:
+    /// with its old baseline.
+    pub(super) fn update(&mut self, is_bad: bool, is_untouched: bool, time_s: f64) {
         match (self.condition, is_bad) {
             (Condition::Sound, false) => self.forget(time_s),
             (Condition::Sound | Condition::Suspect, true) => self.suspect(self.bad_frames + 1.0, time_s),
@@ -82,11 +89,15 @@ impl PartMonitor {
             (Condition::Out, true) => {}
             (Condition::Out, false) => self.enter(Condition::OnTrial, time_s),
             (Condition::OnTrial, true) => self.enter(Condition::Out, time_s),
-            (Condition::OnTrial, false) if may_return && time_s - self.since_s >= self.trial_s() => {
-                self.enter(Condition::Sound, time_s);
+            (Condition::OnTrial, false) if self.may_return(is_untouched, time_s) => {
+                self.enter(Condition::Sound, time_s)
             }
             (Condition::OnTrial, false) => {}
         }
+    }
+
+    fn may_return(&self, is_untouched: bool, time_s: f64) -> bool {
+        time_s - self.since_s >= self.trial_s() && (is_untouched || time_s - self.bad_since_s <= SHORT_S)
     }
 
     fn suspect(&mut self, bad_frames: f64, time_s: f64) {
@@ -99,6 +110,9 @@ impl PartMonitor {
     }
 
     fn enter(&mut self, condition: Condition, time_s: f64) {
+        if self.condition == Condition::Suspect {
+            self.bad_since_s = time_s;
+        }
         (self.condition, self.since_s, self.bad_frames) = (condition, time_s, 0.0);
         self.times_out += i32::from(condition == Condition::Out);
     }
@@ -153,6 +167,19 @@ mod tests {
         let first = |state: Condition| states.iter().position(|other| *other == state).unwrap();
         assert_eq!((first(Condition::Suspect), first(Condition::Out), first(Condition::OnTrial)), (10, 14, 40));
         assert_eq!(states[40..].iter().position(|state| *state == Condition::Sound), Some(30));
+    }
+
+    #[test]
+    fn a_short_fault_ends_under_a_touch_and_a_long_one_afterwards() {
+        let returns = |bad_frames: usize| {
+            let mut part = PartMonitor::default();
+            let is_sound = |frame: usize| {
+                part.update(frame < bad_frames, frame > 3000, frame as f64 * STEP_S);
+                part.condition() == Condition::Sound
+            };
+            (0..4000).position(is_sound).unwrap()
+        };
+        assert_eq!((returns(120), returns(1800)), (150, 3001));
     }
 
     #[test]

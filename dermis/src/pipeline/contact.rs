@@ -1,5 +1,6 @@
 //! The contact as reported: the schema of contacts in JSON.
 
+use crate::contact::ConductanceChange;
 use crate::detect::centres;
 use crate::image::Image;
 use crate::pipeline::settings::Settings;
@@ -39,6 +40,9 @@ pub struct TrackedContact {
     pub sd_m: f64,
     /// Probability that a true contact is within 20 mm.
     pub confidence: f64,
+    /// The sign of the conductance change, if contacts of both signs are looked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub conductance: Option<ConductanceChange>,
     /// Whether it is separate in the image of this frame. If not (merged with another contact, or missing for a few
     /// frames), the position is the predicted one, and strength and force are the last measured.
     pub seen: bool,
@@ -68,6 +72,7 @@ impl TrackedContact {
             force_sd_n: known(contact.force_sd_n),
             sd_m: contact.sd_m,
             confidence: contact.confidence,
+            conductance: contact.conductance,
             seen: tracked.seen,
             since: start.after(Duration::from_secs_f64(tracked.since_s.max(0.0))),
             zone: settings.zone_at(contact.position_m).map(|zone| zone.name.clone()),

@@ -120,6 +120,13 @@ impl ElectrodeTopology {
         loops_ohm.is_empty() || loops_ohm.len() == self.drive_count
     }
 
+    /// Marks the drives of some electrodes.
+    pub(super) fn mark_drives_of(&self, electrodes: impl Iterator<Item = usize>, marked: &mut [bool]) {
+        for electrode in electrodes {
+            self.drives[electrode].iter().for_each(|&drive| marked[drive] = true);
+        }
+    }
+
     /// Marks the channels of some electrodes.
     pub(super) fn mark_channels_of(&self, electrodes: impl Iterator<Item = usize>, marked: &mut [bool]) {
         for electrode in electrodes {
@@ -209,8 +216,8 @@ pub(super) struct ContactFrame<'a> {
     pub difference: &'a [f64],
     /// Drives whose current is wrong.
     pub sick_drives: &'a [bool],
-    /// Whether electrodes may end their trial.
-    pub may_return: bool,
+    /// Whether the frame before was untouched.
+    pub is_untouched: bool,
     /// Time of the frame, s.
     pub time_s: f64,
 }
@@ -318,6 +325,13 @@ impl ElectrodeMonitor {
             let limit = (NOISES * noise).max(topology.part * least).max(5.0 * topology.contacts_ohm[index]);
             let open = drives.iter().all(|&drive| frame.loops_ohm[drive] > OPEN * self.loops_ohm[drive]);
             let apparent = electrode.apparent_state(open, limit);
+            // A touch that lowers the loops hides what is left of a rise.
+            if electrode.part.condition() == Condition::OnTrial
+                && !about.is_untouched
+                && electrode.rise_ohm < -0.5 * limit
+            {
+                continue;
+            }
             changes.extend(electrode.update(apparent, &about).map(|state| Change { electrode: index, state }));
         }
         changes
@@ -440,7 +454,7 @@ impl Electrode {
             return None;
         }
         let before = self.state;
-        self.part.update(apparent != ElectrodeState::Sound, about.may_return, about.time_s);
+        self.part.update(apparent != ElectrodeState::Sound, about.is_untouched, about.time_s);
         if !self.part.is_confirmed() {
             self.state = ElectrodeState::Sound;
         } else if before != ElectrodeState::Open && apparent != ElectrodeState::Sound {

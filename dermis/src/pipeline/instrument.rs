@@ -223,11 +223,13 @@ impl InstrumentMonitor {
         self.same_time_frames > SAME_TIME
     }
 
-    /// Takes the findings of a frame in which drives and channels can be judged. Parts return only while `may_return`.
-    pub(super) fn update_parts(&mut self, findings: &Findings, may_return: bool, time_s: f64) {
+    /// Takes the findings of a frame in which drives and channels can be judged. `explained`: drives of electrodes that
+    /// are out, whose loops measure the contact. `is_untouched`: of the frame before.
+    pub(super) fn update_parts(&mut self, findings: &Findings, explained: &[bool], is_untouched: bool, time_s: f64) {
+        let are_bad = findings.drives.iter().zip(explained).map(|(is_bad, explained)| *is_bad && !explained);
         let parts = self.drives.iter_mut().chain(&mut self.channels);
-        for (part, is_bad) in parts.zip(findings.drives.iter().chain(&findings.channels)) {
-            part.update(*is_bad, may_return, time_s);
+        for (part, is_bad) in parts.zip(are_bad.chain(findings.channels.iter().copied())) {
+            part.update(is_bad, is_untouched, time_s);
         }
     }
 

@@ -132,7 +132,7 @@ impl Pipeline {
         let (fitter, topology) = (DriftFitter::new(skin.clone())?, ElectrodeTopology::of(skin));
         state.restore(&topology);
         state.check(&topology, fitter.modes().rows)?;
-        let method = methods.method(&state.settings.method)?.clone();
+        let method = state.settings.method_of(&methods, &state.settings.method)?.clone();
         let masked = match &state.phase {
             Phase::Reading(reading) => reading.marks(&topology).confirmed,
             Phase::Taring { .. } => vec![false; topology.channel_count()],
@@ -253,7 +253,7 @@ impl Pipeline {
             Command::Threshold { value } => self.set(Settings { threshold: *value, ..self.state.settings.clone() })?,
             Command::Zones { zones } => self.set(Settings { zones: zones.clone(), ..self.state.settings.clone() })?,
             Command::Method { name } => {
-                self.method = self.methods.method(name)?.clone();
+                self.method = self.state.settings.method_of(&self.methods, name)?.clone();
                 self.state.method_masked.clear();
                 self.cost = None;
                 self.state.settings.method.clone_from(name);
@@ -276,7 +276,10 @@ impl Pipeline {
         let mut options = self.method.reconstruct().detection();
         self.noise_factor = options.noise_factor;
         options.noise_factor *= self.state.settings.lowest_threshold() * TrackOptions::default().release_fraction;
-        let detector = Detector::new(options);
+        let mut detector = Detector::new(options);
+        if self.state.settings.both_signs {
+            detector = detector.with_both_signs(self.skin().design().sheet.touch.change());
+        }
         self.detector = match &self.noise {
             Some(noise) => detector.with_noise(noise.clone()),
             None => detector,

@@ -176,8 +176,8 @@ impl Reading {
         self.instrument.check(topology, &self.electrodes, baseline_ohm, measurement, time.step_s)
     }
 
-    /// Whether parts on trial may come back: the frame before was untouched.
-    fn may_return(&self) -> bool {
+    /// Whether the frame before was untouched.
+    fn was_untouched(&self) -> bool {
         self.quiet_since_s.is_some()
     }
 
@@ -192,18 +192,20 @@ impl Reading {
         if findings.is_noisy {
             return Vec::new();
         }
-        let may_return = self.may_return();
+        let is_untouched = self.was_untouched();
+        let mut explained = vec![false; topology.drive_count()];
+        topology.mark_drives_of(self.electrodes.confirmed(), &mut explained);
         let difference = &difference(&measurement.values_ohm, self.baseline.values_ohm());
-        let about = ContactFrame { difference, sick_drives: &findings.drives, may_return, time_s };
-        self.instrument.update_parts(findings, may_return, time_s);
+        let about = ContactFrame { difference, sick_drives: &findings.drives, is_untouched, time_s };
+        self.instrument.update_parts(findings, &explained, is_untouched, time_s);
         self.electrodes.update_contacts(topology, measurement, about)
     }
 
     /// Updates the baseline of channels that come back.
     fn update_trials(&mut self, measurement: &Measurement, marks: &Marks) {
-        let may_return = self.may_return();
+        let is_untouched = self.was_untouched();
         let baseline_ohm = self.baseline.values_ohm_mut();
-        self.trials.update(&measurement.values_ohm, [&marks.masked, &marks.blocked], may_return, baseline_ohm);
+        self.trials.update(&measurement.values_ohm, [&marks.masked, &marks.blocked], is_untouched, baseline_ohm);
     }
 
     /// The difference of a frame from the baseline, without masked channels.

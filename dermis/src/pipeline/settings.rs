@@ -3,6 +3,7 @@
 use crate::geom::Point3;
 use crate::geom::vector::distance;
 use crate::image::PixelSpace;
+use crate::method::{Method, MethodSet};
 use crate::pipeline::error::PipelineError;
 use serde::{Deserialize, Serialize};
 
@@ -19,11 +20,15 @@ pub struct Settings {
     pub zones: Vec<Zone>,
     /// Number of frames of a tare.
     pub tare_frames: usize,
+    /// Whether contacts that raise and contacts that lower the conductance are looked for, each with its
+    /// [sign](crate::contact::Contact::conductance). Linear methods only.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub both_signs: bool,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { method: String::new(), threshold: 1.0, zones: Vec::new(), tare_frames: 100 }
+        Settings { method: String::new(), threshold: 1.0, zones: Vec::new(), tare_frames: 100, both_signs: false }
     }
 }
 
@@ -62,6 +67,19 @@ impl Settings {
             return Err(PipelineError::Setting(message));
         }
         self.zones.iter().try_for_each(|zone| zone.check(pixels))
+    }
+
+    /// The method of this name, if it can find what the settings ask for.
+    pub(crate) fn method_of<'a>(&self, methods: &'a MethodSet, name: &str) -> Result<&'a Method, PipelineError> {
+        let method = methods.method(name)?;
+        if self.both_signs && !method.is_linear() {
+            let message = format!(
+                "{} finds touches alone, not contacts of both signs: select a linear method, as in --method noser",
+                method.label()
+            );
+            return Err(PipelineError::Setting(message));
+        }
+        Ok(method)
     }
 
     /// The zone of a position: the first one that contains it.
