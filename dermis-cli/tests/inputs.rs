@@ -43,7 +43,10 @@ fn voltages_are_divided_by_the_measured_currents() {
     at.good(&format!("{plot} --frames volt.csv --baseline rest_volt.csv --currents currents.csv -o volt.svg"));
     assert_eq!(std::fs::read(at.path("ohm.svg")).unwrap(), std::fs::read(at.path("volt.svg")).unwrap());
     at.write("images.csv", "1,2");
-    assert!(at.refused("plot disk.toml --images images.csv --currents currents.csv -o x.svg").contains("--currents"));
+    assert!(
+        at.refused("plot disk.toml --what image --images images.csv --currents currents.csv -o x.svg")
+            .contains("--currents")
+    );
     let resistance = |arguments: &str| -> f64 {
         let fitted = at.good(&format!("fit disk.toml --json -o fitted.toml {arguments}"));
         let fitted: serde_json::Value = serde_json::from_str(&fitted).unwrap();

@@ -168,11 +168,11 @@ fn cyclone_receives_what_is_published() {
     let domain = 100 + (std::process::id() % 100) as u16;
     let options = PublisherOptions { domain: Some(domain), namespace: "/left_arm".into() };
     let mut publisher = Publisher::new(skin().reference.clone(), &options).unwrap();
-    let over = AtomicBool::new(false);
+    let (over, stop) = (AtomicBool::new(false), folder.path().join("stop"));
     let said = std::thread::scope(|scope| {
         scope.spawn(|| {
             let mut index = 0;
-            while !over.load(Ordering::Relaxed) {
+            while !over.load(Ordering::Relaxed) && !stop.exists() {
                 publisher.frame(&skin().frame(index % FRAMES)).unwrap();
                 index += 1;
                 std::thread::sleep(Duration::from_secs(1) / synthetic::RATE as u32);
@@ -180,7 +180,7 @@ fn cyclone_receives_what_is_published() {
         });
         let mut peer = Command::new(python);
         peer.arg(scripts().join("check_published.py")).args([&domain.to_string(), "/left_arm"]);
-        let said = run(peer.arg(expected).arg(PATIENCE_S.to_string()));
+        let said = run(peer.arg(expected).arg(PATIENCE_S.to_string()).arg(&stop));
         over.store(true, Ordering::Relaxed);
         said
     });

@@ -91,6 +91,8 @@ pub struct Stream {
     arrivals: Arrivals,
     clock: DeviceClock,
     rate: Rate,
+    /// Frames per second that the device states.
+    nominal_rate_hz: Option<f64>,
     boot: Option<u32>,
     /// Number of the newest frame, without wrap-around.
     newest: Option<u64>,
@@ -145,6 +147,7 @@ impl Stream {
             arrivals: Arrivals::default(),
             clock: DeviceClock::default(),
             rate: Rate::default(),
+            nominal_rate_hz: None,
             boot: None,
             newest: None,
             tests: 0,
@@ -172,6 +175,7 @@ impl Stream {
             self.arrivals.restart();
             self.clock.restart();
         }
+        self.nominal_rate_hz = Some(f64::from(hello.rate_millihertz) * 1e-3);
         self.meter = Some(Meter::new(hello, &self.scan, &self.skin.design().protocol));
     }
 
@@ -229,8 +233,8 @@ impl Stream {
 
     /// The input of a frame that has arrived.
     fn input(&mut self, sequence: u64, measured_at: Timestamp, measurement: Measurement) -> FrameInput {
-        let rate_hz = self.rate.take(measured_at);
-        FrameInput { sequence, measured_at, measurement, counts: self.counts(), rate_hz }
+        let (counts, nominal_rate_hz) = (self.counts(), self.nominal_rate_hz);
+        FrameInput { sequence, measured_at, measurement, counts, rate_hz: self.rate.take(measured_at), nominal_rate_hz }
     }
 }
 

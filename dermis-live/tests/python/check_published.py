@@ -1,10 +1,14 @@
-"""Receives what is published with Cyclone DDS: check_published.py DOMAIN NAMESPACE EXPECTED SECONDS"""
+"""Receives what is published with Cyclone DDS: check_published.py DOMAIN NAMESPACE EXPECTED SECONDS STOP
 
+Makes the file STOP when it has received enough: then the publisher must stop, and the middleware must tell so.
+"""
+
+import pathlib
 import sys
 import time
 from dataclasses import dataclass
 
-from cyclonedds.core import Policy, Qos
+from cyclonedds.core import Listener, Policy, Qos
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import IdlStruct
 from cyclonedds.idl.types import float64, int32, sequence, uint8, uint32
@@ -101,24 +105,49 @@ class DiagnosticArray(IdlStruct, typename="diagnostic_msgs::msg::dds_::Diagnosti
 
 # What rclcpp::SensorDataQoS asks for, and what the diagnostic tools ask for.
 SENSOR = Qos(Policy.Reliability.BestEffort, Policy.Durability.Volatile, Policy.History.KeepLast(5))
+INTERVAL = duration(milliseconds=250)
+WATCHED = Qos(
+    *SENSOR, Policy.Deadline(INTERVAL), Policy.Liveliness.ManualByTopic(lease_duration=INTERVAL)
+)
 RELIABLE = Qos(Policy.Reliability.Reliable(duration(seconds=1)), Policy.Durability.Volatile, Policy.History.KeepLast(10))
 
 
-def main(domain, namespace, expected, seconds):
+class Watch(Listener):
+    """Counts the publishers that are alive, and the deadlines that were missed."""
+
+    def __init__(self):
+        super().__init__()
+        self.alive = 0
+        self.missed = 0
+
+    def on_liveliness_changed(self, reader, status):
+        self.alive = status.alive_count
+
+    def on_requested_deadline_missed(self, reader, status):
+        self.missed = status.total_count
+
+
+def main(domain, namespace, expected, seconds, stop):
     expected = Expected(expected)
     participant = DomainParticipant(int(domain))
 
-    def reader(name, kind, qos=SENSOR):
-        return DataReader(participant, Topic(participant, f"rt{name}", kind), qos=qos)
+    def reader(name, kind, qos=SENSOR, listener=None):
+        return DataReader(participant, Topic(participant, f"rt{name}", kind), qos=qos, listener=listener)
 
     def check_diagnostics(message):
-        assert [status.name for status in message.status] == ["dermis: instrument", "dermis: electrodes"]
+        assert [status.name for status in message.status] == [
+            "dermis: instrument",
+            "dermis: electrodes",
+            "dermis: frequency",
+        ]
+
+    watch = Watch()
 
     readers = {
         "frame": (reader(f"{namespace}/dermis/frame", Image), expected.check_values),
         "image": (reader(f"{namespace}/dermis/image", Image), expected.check_image),
         "contacts": (reader(f"{namespace}/dermis/contacts", PointCloud2), expected.check_contacts),
-        "wrench": (reader(f"{namespace}/dermis/wrench", WrenchStamped), expected.check_wrench),
+        "wrench": (reader(f"{namespace}/dermis/wrench", WrenchStamped, WATCHED, watch), expected.check_wrench),
         "diagnostics": (reader("/diagnostics", DiagnosticArray, RELIABLE), check_diagnostics),
     }
     counts = dict.fromkeys(readers, 0)
@@ -132,6 +161,13 @@ def main(domain, namespace, expected, seconds):
         time.sleep(0.005)
     print(f"Cyclone DDS received {counts}")
     assert all(counts[name] >= wanted.get(name, 100) for name in readers), f"too few within {seconds} s: {counts}"
+    assert watch.alive == 1, "the publisher is alive"
+    pathlib.Path(stop).touch()
+    begin = time.monotonic()
+    while time.monotonic() < end and (watch.alive > 0 or watch.missed == 0):
+        time.sleep(0.005)
+    print(f"told {time.monotonic() - begin:.2f} s later that the publisher has stopped")
+    assert watch.alive == 0 and watch.missed > 0, f"alive {watch.alive}, missed deadlines {watch.missed}"
 
 
 main(*sys.argv[1:])

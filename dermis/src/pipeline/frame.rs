@@ -20,6 +20,8 @@ pub struct FrameInput {
     pub counts: Counts,
     /// Frames per second, for [`Health`]; 0 if not measured.
     pub rate_hz: f64,
+    /// Frames per second that the instrument should send, for [`Health`]; `None` if it does not state a rate.
+    pub nominal_rate_hz: Option<f64>,
 }
 
 impl FrameInput {

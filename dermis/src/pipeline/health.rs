@@ -25,6 +25,9 @@ pub struct Health {
     pub bad_drives: Vec<usize>,
     /// Frames per second.
     pub rate_hz: f64,
+    /// Frames per second that the instrument should send.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub nominal_rate_hz: Option<f64>,
     /// Counts since the start.
     pub counts: Counts,
 }

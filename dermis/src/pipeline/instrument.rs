@@ -3,9 +3,9 @@
 use crate::pipeline::condition::PartMonitor;
 use crate::pipeline::electrodes::{ElectrodeMonitor, ElectrodeTopology, OPEN};
 use crate::pipeline::frame::Measurement;
-use crate::pipeline::statistics::Statistics;
+use crate::pipeline::statistics::{Statistics, difference};
 use crate::pipeline::validity::InvalidReason;
-use crate::stats::upper_median;
+use crate::stats::{rms, upper_median};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
@@ -31,6 +31,17 @@ const NOISY_FRAMES: u32 = 3;
 /// Reciprocal channels jump alike, by the reciprocity theorem; noise makes them jump differently. Fewest pairs that can
 /// tell.
 const FEWEST_PAIRS: usize = 8;
+/// Reciprocal channels change alike, by the reciprocity theorem. A difference of their changes is a fault of one of them
+/// if it exceeds this many times the noise and a thousandth of their values, and this part of the larger of the two and of
+/// the root mean square change of all channels. (A touch that moves between the two measurements, and the errors of a
+/// real tank, are smaller.)
+const UNLIKE_NOISES: f64 = 8.0;
+const UNLIKE_VALUE: f64 = 1e-3;
+const UNLIKE_CHANGE: f64 = 0.5;
+/// It has to last for so many frames: a touch can begin between the two measurements.
+const UNLIKE_FRAMES: u32 = 6;
+/// A larger part of the pairs at once is no fault of single channels.
+const MOST_UNLIKE: f64 = 0.1;
 /// Median of the absolute value of a standard normal deviate.
 const NORMAL_MEDIAN: f64 = 0.674_489_75;
 /// Frames with the time of the frame before after which the clock is faulty. (Rows of a file may share a time.)
@@ -46,6 +57,12 @@ pub(super) struct InstrumentMonitor {
     bounded: Vec<bool>,
     /// Channels whose values at the tare are far above their noise.
     scaled: Vec<bool>,
+    /// For each pair of reciprocal channels the limit of the difference between their changes, ohm, and the number of
+    /// frames in a row that exceed it; empty if they are not checked.
+    #[serde(default)]
+    unlike_ohm: Vec<f64>,
+    #[serde(default)]
+    unlike_frames: Vec<u32>,
     /// Checksums of the last frames; `None` if frames repeat at the tare, as those of a simulation without noise.
     last_frames: Option<VecDeque<u64>>,
     same_time_frames: u32,
@@ -95,6 +112,8 @@ impl InstrumentMonitor {
             scaled: (statistics.mean.iter().zip(statistics.deviations()))
                 .map(|(mean, sd)| mean.abs() > SCALED_NOISES * sd)
                 .collect(),
+            unlike_ohm: unlike_limits_ohm(topology, statistics),
+            unlike_frames: vec![0; topology.reciprocal_pairs().len()],
             last_frames: Some(last_frames).filter(|_| !repeats),
             same_time_frames: 0,
             before_ohm: Default::default(),
@@ -118,6 +137,8 @@ impl InstrumentMonitor {
     pub(super) fn fits(&self, topology: &ElectrodeTopology) -> bool {
         self.drives.len() == topology.drive_count()
             && [self.channels.len(), self.bounded.len(), self.scaled.len()] == [topology.channel_count(); 3]
+            && self.unlike_ohm.len() == self.unlike_frames.len()
+            && [0, topology.reciprocal_pairs().len()].contains(&self.unlike_ohm.len())
     }
 
     /// Checks a frame. `step_s`: time since the last frame.
@@ -130,7 +151,8 @@ impl InstrumentMonitor {
         step_s: f64,
     ) -> Findings {
         let (drives, is_off) = self.check_drives(topology, electrodes, frame);
-        let channels = self.check_channels(topology, frame, &drives);
+        let mut channels = self.check_channels(topology, frame, &drives);
+        self.check_pairs(topology, electrodes, &difference(&frame.values_ohm, baseline_ohm), &drives, &mut channels);
         let jumps = self.jumps(topology, electrodes.noise_ohm(), frame);
         let reason = match () {
             () if self.clock_stands(step_s) => Some(InvalidReason::Clock),
@@ -183,6 +205,38 @@ impl InstrumentMonitor {
             *bad |= is_checked && frame.values_ohm[channel].abs() > limit_ohm;
         }
         bad
+    }
+
+    /// Marks reciprocal channels that do not change alike. Pairs with a channel that is marked already, of a bad drive or
+    /// of a bad electrode are not judged.
+    fn check_pairs(
+        &mut self,
+        topology: &ElectrodeTopology,
+        electrodes: &ElectrodeMonitor,
+        change_ohm: &[f64],
+        sick_drives: &[bool],
+        bad: &mut [bool],
+    ) {
+        let mut unjudged = bad.to_vec();
+        topology.mark_channels_of(electrodes.in_condition(PartMonitor::is_masked), &mut unjudged);
+        let is_judged = |channel: usize| !unjudged[channel] && !sick_drives[topology.drive_of(channel)];
+        let judged = change_ohm.iter().enumerate().filter(|(channel, _)| is_judged(*channel));
+        let usual_ohm = rms(judged.map(|(_, change)| *change));
+        let is_unlike = |([a, b], limit_ohm): (&[usize; 2], &f64)| {
+            let largest_ohm = change_ohm[*a].abs().max(change_ohm[*b].abs()).max(usual_ohm);
+            let apart_ohm = (change_ohm[*a] - change_ohm[*b]).abs();
+            is_judged(*a) && is_judged(*b) && apart_ohm > limit_ohm.max(UNLIKE_CHANGE * largest_ohm)
+        };
+        let pairs = topology.reciprocal_pairs();
+        let unlike: Vec<bool> = pairs.iter().zip(&self.unlike_ohm).map(is_unlike).collect();
+        let count = unlike.iter().filter(|unlike| **unlike).count();
+        let are_single = count as f64 <= (MOST_UNLIKE * unlike.len() as f64).max(1.0);
+        for ((frames, is_unlike), pair) in self.unlike_frames.iter_mut().zip(unlike).zip(pairs) {
+            *frames = if is_unlike && are_single { frames.saturating_add(1) } else { 0 };
+            if *frames >= UNLIKE_FRAMES {
+                pair.iter().for_each(|&channel| bad[channel] = true);
+            }
+        }
     }
 
     /// Whether all values are larger or smaller than the baseline by one factor.
@@ -255,6 +309,19 @@ impl InstrumentMonitor {
             *marked |= holds(&self.channels[channel]) || holds(&self.drives[topology.drive_of(channel)]);
         }
     }
+}
+
+/// For each pair of reciprocal channels the limit of the difference between their changes, ohm. A channel can be
+/// constant at the tare, with a coarse converter: the median noise of all channels is the least.
+fn unlike_limits_ohm(topology: &ElectrodeTopology, statistics: &Statistics) -> Vec<f64> {
+    let noise_ohm = statistics.deviations();
+    let least_ohm = upper_median(&noise_ohm).unwrap_or(0.0);
+    let noise = |channel: usize| noise_ohm[channel].max(least_ohm);
+    let limit = |&[a, b]: &[usize; 2]| {
+        let value_ohm = statistics.mean[a].abs().max(statistics.mean[b].abs());
+        (UNLIKE_NOISES * noise(a).hypot(noise(b))).max(UNLIKE_VALUE * value_ohm)
+    };
+    topology.reciprocal_pairs().iter().map(limit).collect()
 }
 
 /// Whether most are marked.

@@ -179,6 +179,7 @@ impl Pipeline {
             saturated_channels: input.measurement.saturated.len(),
             masked_channels: marked(&self.masked).len(),
             rate_hz: input.rate_hz,
+            nominal_rate_hz: input.nominal_rate_hz,
             counts: input.counts,
             ..Health::default()
         };

@@ -61,13 +61,13 @@ impl Reports {
                 let named: Vec<String> = bad.iter().take(MOST_NAMED).map(usize::to_string).collect();
                 let others = if bad.len() > MOST_NAMED { ", ..." } else { "" };
                 let text = format!(
-                    "{} out of range or above the voltage of the drive, and masked: {}{others}",
+                    "{} out of range, above the voltage of the drive or unlike the reciprocal one, and masked: {}{others}",
                     counted(bad.len(), "channel"),
                     named.join(", ")
                 );
                 Some((Severity::Warning, text))
             }
-            (true, true) => Some((Severity::Info, "all channels are in range again".into())),
+            (true, true) => Some((Severity::Info, "all channels are sound again".into())),
             _ => None,
         }
     }

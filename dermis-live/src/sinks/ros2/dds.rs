@@ -8,11 +8,12 @@ use crate::sinks::ros2::{
 };
 use dermis::pipeline::{Notice, Severity, Validity};
 use ros2_client::dds::rustdds::DomainParticipantBuilder;
-use ros2_client::qos::{Durability, History, WhenFull};
+use ros2_client::qos::{Durability, History, Liveliness, WhenFull};
 use ros2_client::{Context, MessageTypeName, Name, Node, NodeName, NodeOptions, QosProfile, WriteError};
 use std::net::Ipv4Addr;
 use std::sync::Arc;
 use std::thread::JoinHandle;
+use std::time::Duration;
 use thiserror::Error;
 
 /// The highest domain whose ports are below 65,536: RTPS 2.5, 9.6.2.3.
@@ -205,11 +206,22 @@ impl<M: ros::Message + 'static> Out<M> {
     }
 }
 
-/// Quality of service: sensor data (REP 2003), or reliable.
+/// Longest interval between two messages of the topics that are sent with every frame and, five times a second, while
+/// frames are stale.
+const DEADLINE: Duration = Duration::from_millis(250);
+
+/// Quality of service: sensor data (REP 2003), or reliable. Subscribers of contacts, wrench and validity can request a
+/// deadline and a lease of liveliness, and learn from the middleware that this program, its machine or the network has
+/// failed.
 fn quality(topic: Topic) -> QosProfile {
     let depth = |depth| QosProfile { history: History::KeepLast { depth }, ..QosProfile::publisher_default() };
     match topic {
         Topic::Markers | Topic::Diagnostics => depth(10).reliability_reliable(WhenFull::Fail),
+        Topic::Contacts | Topic::Wrench | Topic::Validity => depth(5)
+            .reliability_best_effort()
+            .deadline(Some(DEADLINE))
+            .liveliness(Liveliness::ManualByTopic)
+            .liveliness_lease(Some(DEADLINE)),
         _ => depth(5).reliability_best_effort(),
     }
     .durability(Durability::Volatile)
@@ -234,7 +246,7 @@ pub fn publish(shared: &Arc<LiveHandle>, options: &PublisherOptions) -> Result<J
     let run = move || {
         let mut reported = 0;
         loop {
-            match mailbox.take(std::time::Duration::from_secs(1)) {
+            match mailbox.take(Duration::from_secs(1)) {
                 Popped::Item(Event::Frame(frame) | Event::Stale(frame)) => {
                     shared.add_dropped(ROS2, publisher.dropped() - reported);
                     reported = publisher.dropped();

@@ -10,11 +10,18 @@ const WARN: u8 = 1;
 const ERROR: u8 = 2;
 const STALE: u8 = 3;
 
-/// Two statuses: the instrument with its rate, noise and losses, and the electrodes with the state of each.
+/// The rate may differ from the nominal one by this part, the default of `diagnostic_updater`.
+const RATE_TOLERANCE: f64 = 0.1;
+
+/// Three statuses: the instrument with its noise and losses, its rate, and the electrodes with the state of each.
 pub fn diagnostics(reference: &Reference, live: &LiveFrame) -> DiagnosticArray {
     DiagnosticArray {
         header: reference.header(live.result.measured_at),
-        status: vec![instrument(reference, &live.result), electrodes(reference, &live.result.health)],
+        status: vec![
+            instrument(reference, &live.result),
+            electrodes(reference, &live.result.health),
+            frequency(reference, &live.result),
+        ],
     }
 }
 
@@ -44,6 +51,26 @@ fn instrument(reference: &Reference, result: &PipelineFrame) -> DiagnosticStatus
         value("reconnected", counts.reconnected),
     ];
     status(reference, "instrument", level, message, values)
+}
+
+/// The rate of frames, with the keys of the `FrequencyStatus` of `diagnostic_updater`.
+fn frequency(reference: &Reference, result: &PipelineFrame) -> DiagnosticStatus {
+    let Health { rate_hz, nominal_rate_hz, counts, .. } = &*result.health;
+    let limits = nominal_rate_hz.map(|rate_hz| [1.0 - RATE_TOLERANCE, 1.0 + RATE_TOLERANCE].map(|part| part * rate_hz));
+    let (level, message) = match (&result.validity, limits) {
+        (Validity::Stale { .. }, _) => (ERROR, "no frames"),
+        (_, Some([lowest, _])) if *rate_hz < lowest => (WARN, "below the nominal rate"),
+        (_, Some([_, highest])) if *rate_hz > highest => (WARN, "above the nominal rate"),
+        (_, Some(_)) => (OK, "at the nominal rate"),
+        (_, None) => (OK, "the instrument states no rate"),
+    };
+    let mut values = vec![value("Events since startup", counts.frames), value("Actual frequency (Hz)", rate_hz)];
+    if let (Some(nominal_hz), Some([lowest, highest])) = (nominal_rate_hz, limits) {
+        values.push(value("Target frequency (Hz)", nominal_hz));
+        values.push(value("Minimum acceptable frequency (Hz)", lowest));
+        values.push(value("Maximum acceptable frequency (Hz)", highest));
+    }
+    status(reference, "frequency", level, message.into(), values)
 }
 
 fn electrodes(reference: &Reference, health: &Health) -> DiagnosticStatus {

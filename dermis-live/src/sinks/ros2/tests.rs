@@ -126,6 +126,25 @@ fn diagnostics_come_once_a_second_and_when_an_electrode_fails() {
 }
 
 #[test]
+fn diagnostics_compare_the_rate_with_the_nominal_one() {
+    use std::sync::Arc;
+    let (reference, mut live) = synthetic::pressed();
+    let mut at = |rate_hz: f64, nominal_rate_hz| {
+        let health = Arc::make_mut(&mut live.result.health);
+        (health.rate_hz, health.nominal_rate_hz) = (rate_hz, nominal_rate_hz);
+        let status = diagnostics(&reference, &live).status.remove(2);
+        let target = status.values.iter().find(|pair| pair.key == "Target frequency (Hz)");
+        (status.level, target.map(|pair| pair.value.clone()))
+    };
+    assert_eq!(at(119.0, Some(120.0)), (0, Some("120".into())));
+    assert_eq!(at(100.0, Some(120.0)).0, 1);
+    assert_eq!(at(140.0, Some(120.0)).0, 1);
+    assert_eq!(at(140.0, None), (0, None));
+    live.result.validity = Validity::Stale { age_s: 0.2 };
+    assert_eq!(diagnostics(&reference, &live).status[2].level, 2);
+}
+
+#[test]
 fn an_invalid_frame_is_told_at_once_and_has_no_wrench() {
     let (reference, mut live) = synthetic::pressed();
     let mut due = Due::default();
