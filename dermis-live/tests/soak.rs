@@ -49,7 +49,7 @@ struct Run {
     said_touched: u64,
     presses: usize,
     found: usize,
-    /// Resident memory after a tenth of the run and at its end, MB.
+    /// Resident memory after half of the run and at its end, MB.
     memory_mb: [f64; 2],
 }
 
@@ -64,7 +64,7 @@ fn run(session: &mut OfflineSession, until_s: f64, ending_s: f64) -> Run {
         let (time_s, presses) = (session.time_s(), session.presses());
         let frame = session.frame().unwrap().expect("every frame is whole");
         session.rebuild();
-        if run.memory_mb[0] == 0.0 && time_s > 0.1 * until_s {
+        if run.memory_mb[0] == 0.0 && time_s > 0.5 * until_s {
             run.memory_mb[0] = resident_mb();
         }
         if frame.sequence < 100 {

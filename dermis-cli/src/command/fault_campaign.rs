@@ -8,7 +8,7 @@ use clap::Args;
 use dermis::frame::write_whole;
 use dermis::method::MethodSet;
 use dermis::skin::Skin;
-use dermis_live::campaign::{CampaignOptions, Score, run, scores};
+use dermis_live::campaign::{CampaignOptions, FaultKind, Score, run, scores};
 use dermis_sim::twin::TwinOptions;
 use dermis_study::report::Table;
 use std::path::PathBuf;
@@ -67,7 +67,7 @@ impl Arguments {
     }
 }
 
-/// A row for each kind of fault, and one for all.
+/// A row for each kind of fault, one for all faults, and one for the presses without faults.
 fn table(scores: &[Score]) -> Table {
     let mut table = Table::new(&[
         "fault",
@@ -83,27 +83,32 @@ fn table(scores: &[Score]) -> Table {
         "presses found later",
         "longest until ok, s",
     ]);
-    let total = scores.iter().cloned().reduce(|mut total, score| {
+    let (faults, control): (Vec<&Score>, Vec<&Score>) =
+        scores.iter().partition(|score| score.kind != FaultKind::Control);
+    let total = faults.iter().copied().cloned().reduce(|mut total, score| {
         total += &score;
         total
     });
-    let rows = scores.iter().map(|score| (score.kind.name(), score)).chain(total.iter().map(|score| ("all", score)));
-    for (name, score) in rows {
-        let Score { during, after, .. } = score;
-        table.row([
-            name.to_string(),
-            score.faults.to_string(),
-            during.frames.to_string(),
-            during.false_contacts.to_string(),
-            during.wrong_touch.to_string(),
-            after.frames.to_string(),
-            after.false_contacts.to_string(),
-            after.wrong_touch.to_string(),
-            format!("{} of {}", score.noticed, score.to_notice),
-            format!("{} of {}", score.named, score.to_notice),
-            format!("{} of {}", score.found, score.presses),
-            format!("{:.2}", score.slowest_s),
-        ]);
-    }
+    faults.iter().for_each(|score| table.row(row(score.kind.name(), score)));
+    total.iter().for_each(|total| table.row(row("all", total)));
+    control.iter().for_each(|score| table.row(row(score.kind.name(), score)));
     table
+}
+
+fn row(name: &str, score: &Score) -> [String; 12] {
+    let Score { during, after, .. } = score;
+    [
+        name.to_string(),
+        score.faults.to_string(),
+        during.frames.to_string(),
+        during.false_contacts.to_string(),
+        during.wrong_touch.to_string(),
+        after.frames.to_string(),
+        after.false_contacts.to_string(),
+        after.wrong_touch.to_string(),
+        format!("{} of {}", score.noticed, score.to_notice),
+        format!("{} of {}", score.named, score.to_notice),
+        format!("{} of {}", score.found, score.presses),
+        format!("{:.2}", score.slowest_s),
+    ]
 }
