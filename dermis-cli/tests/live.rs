@@ -185,7 +185,8 @@ fn arguments_that_cannot_be_name_themselves_and_the_fix() {
     wrong("--source replay:none.mcap", &["none.mcap"]);
     wrong("--record nowhere/a.mcap", &["nowhere/a.mcap", "there is no folder nowhere"]);
     wrong("--source replay:there.mcap", &["there.mcap", "no MCAP recording", "empty"]);
-    wrong("--source replay:there.mcap --state x.json", &["leave --state and --rate out"]);
+    wrong("--source replay:there.mcap --state x.json", &["leave --state, --rate and --both-signs out"]);
+    wrong("--source replay:there.mcap --both-signs", &["no --both-signs"]);
 }
 
 /// A recording of some presses.

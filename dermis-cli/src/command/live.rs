@@ -133,7 +133,7 @@ impl Arguments {
     /// Plays a recording. Options given here override the recorded settings.
     fn play(&self, methods: &Arc<MethodSet>, recording: &Path) -> Outcome<Live> {
         if self.state.is_some() || self.source.rate.is_some() || self.both_signs {
-            let fix = "leave them out: a recording has its own";
+            let fix = "leave --state, --rate and --both-signs out: a recording has its own";
             return Err(Failure::given("a recording takes no --state, no --rate and no --both-signs", Some(fix)));
         }
         let zones = self.zone.clone();

@@ -50,7 +50,8 @@ def main(path, expected):
                     assert [marker.action for marker in message.markers] == ([0] * (2 * len(contacts)) or [3])
                     assert contacts == [] or message.markers[0].points[1].x == expected.of(message.markers[0].header)["at_m"][0]
                 case "/diagnostics":
-                    assert [status.name for status in message.status] == ["dermis: instrument", "dermis: electrodes"]
+                    names = [status.name for status in message.status]
+                    assert names == ["dermis: instrument", "dermis: electrodes", "dermis: frequency"]
                     assert message.status[1].message == "all sound"
                 case "/dermis/events":
                     assert json.loads(message.data) == {"kind": "command", "value": {"tare": None}}
