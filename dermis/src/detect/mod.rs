@@ -260,7 +260,9 @@ impl Detector {
             Some(spread) => spread.sd_m(&circumstances),
             None => circumstances.noise_m.hypot(BLUR_ERROR * circumstances.radius_m),
         };
-        let [force_n, force_sd_n] = self.options.forces.map_or([f64::NAN; 2], |forces| forces.of(own.strength));
+        // The table of forces is that of touches.
+        let forces = self.options.forces.filter(|_| own.conductance == self.positive);
+        let [force_n, force_sd_n] = forces.map_or([f64::NAN; 2], |forces| forces.of(own.strength));
         let contact = Contact {
             id: index as u64,
             position_m: own.place.0,
@@ -396,14 +398,17 @@ fn normal_tail(z: f64) -> f64 {
 /// Two centres of a contact in its image: of the area where the image exceeds half of the contact's peak, and of the
 /// image itself near the contact (its centre of pressure); m. Both are its position if it has no pixels.
 ///
-/// The pixels within three radii of a disk of its area are used.
-pub fn centres(image: &Image, contact: &Contact) -> [Point3; 2] {
+/// The pixels within three radii of a disk of its area are used: those below zero for a contact whose change of
+/// conductance is not `positive`, that of a positive image.
+pub fn centres(image: &Image, contact: &Contact, positive: ConductanceChange) -> [Point3; 2] {
     let space = &image.space;
+    let sign = if contact.conductance.is_some_and(|change| change != positive) { -1.0 } else { 1.0 };
+    let height = |pixel: usize| sign * image.values[pixel];
     let reach_m = 3.0 * (contact.area_m2 / std::f64::consts::PI).sqrt() + 2.0 * space.half_pixel_m();
     let near = |pixel: &usize| space.surface.distance_m(space.centres_m[*pixel], contact.position_m) <= reach_m;
     let around = space.near(contact.position_m, reach_m);
-    let pixels: Vec<usize> = around.filter(|&pixel| image.values[pixel] > 0.0).filter(near).collect();
-    let peak = pixels.iter().map(|&pixel| image.values[pixel]).fold(0.0, f64::max);
+    let pixels: Vec<usize> = around.filter(|&pixel| height(pixel) > 0.0).filter(near).collect();
+    let peak = pixels.iter().map(|&pixel| height(pixel)).fold(0.0, f64::max);
     if peak <= 0.0 {
         return [contact.position_m; 2];
     }
@@ -412,6 +417,6 @@ pub fn centres(image: &Image, contact: &Contact) -> [Point3; 2] {
         let mean = space.surface.weighted_mean(contact.position_m, weights);
         place_on_surface(image, &pixels, mean).0
     };
-    let upper = |pixel: usize| f64::from(image.values[pixel] > 0.5 * peak);
-    [middle(&upper), middle(&|pixel| image.values[pixel])]
+    let upper = |pixel: usize| f64::from(height(pixel) > 0.5 * peak);
+    [middle(&upper), middle(&height)]
 }

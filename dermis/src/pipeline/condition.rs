@@ -79,8 +79,8 @@ impl PartMonitor {
         matches!(self.condition, Condition::Out | Condition::OnTrial)
     }
 
-    /// Takes a frame in which the part is bad or not. During a touch it returns from a trial only after a short fault:
-    /// with its old baseline.
+    /// Takes a frame in which the part is bad or not. After a short fault it can return during a touch, with its old
+    /// baseline; after a long one its trial is in untouched frames, whose mean is its new baseline.
     pub(super) fn update(&mut self, is_bad: bool, is_untouched: bool, time_s: f64) {
         match (self.condition, is_bad) {
             (Condition::Sound, false) => self.forget(time_s),
@@ -89,15 +89,15 @@ impl PartMonitor {
             (Condition::Out, true) => {}
             (Condition::Out, false) => self.enter(Condition::OnTrial, time_s),
             (Condition::OnTrial, true) => self.enter(Condition::Out, time_s),
-            (Condition::OnTrial, false) if self.may_return(is_untouched, time_s) => {
-                self.enter(Condition::Sound, time_s)
+            (Condition::OnTrial, false) if !is_untouched && time_s - self.bad_since_s > SHORT_S => {
+                self.since_s = time_s
             }
+            (Condition::OnTrial, false) if time_s - self.since_s >= self.trial_s() => {
+                self.enter(Condition::Sound, time_s);
+            }
+
             (Condition::OnTrial, false) => {}
         }
-    }
-
-    fn may_return(&self, is_untouched: bool, time_s: f64) -> bool {
-        time_s - self.since_s >= self.trial_s() && (is_untouched || time_s - self.bad_since_s <= SHORT_S)
     }
 
     fn suspect(&mut self, bad_frames: f64, time_s: f64) {
@@ -179,7 +179,7 @@ mod tests {
             };
             (0..4000).position(is_sound).unwrap()
         };
-        assert_eq!((returns(120), returns(1800)), (150, 3001));
+        assert_eq!((returns(120), returns(1800)), (150, 3030));
     }
 
     #[test]

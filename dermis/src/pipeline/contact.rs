@@ -53,11 +53,18 @@ pub struct TrackedContact {
 }
 
 impl TrackedContact {
-    /// From the tracker's contact and the image of the frame. `start` is the zero of the tracker's clock.
-    pub(super) fn new(tracked: &Tracked, image: &Image, settings: &Settings, start: Timestamp) -> Self {
+    /// From the tracker's contact and the image of the frame. `positive`: the change of conductance of a positive image;
+    /// `start`: the zero of the tracker's clock.
+    pub(super) fn new(
+        tracked: &Tracked,
+        image: &Image,
+        positive: ConductanceChange,
+        settings: &Settings,
+        start: Timestamp,
+    ) -> Self {
         let contact = &tracked.contact;
         let [centroid_m, centre_of_pressure_m] =
-            if tracked.seen { centres(image, contact) } else { [contact.position_m; 2] };
+            if tracked.seen { centres(image, contact, positive) } else { [contact.position_m; 2] };
         let known = |value: f64| Some(value).filter(|value| value.is_finite());
         TrackedContact {
             id: contact.id,

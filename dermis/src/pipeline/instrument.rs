@@ -40,7 +40,7 @@ const UNLIKE_VALUE: f64 = 1e-3;
 const UNLIKE_CHANGE: f64 = 0.5;
 /// It has to last for so many frames: a touch can begin between the two measurements.
 const UNLIKE_FRAMES: u32 = 6;
-/// A larger part of the pairs at once is no fault of single channels.
+/// More pairs at once are no fault of single channels: a drive of the paper's skin is in 7 % of them.
 const MOST_UNLIKE: f64 = 0.1;
 /// Median of the absolute value of a standard normal deviate.
 const NORMAL_MEDIAN: f64 = 0.674_489_75;
@@ -207,8 +207,8 @@ impl InstrumentMonitor {
         bad
     }
 
-    /// Marks reciprocal channels that do not change alike. Pairs with a channel that is marked already, of a bad drive or
-    /// of a bad electrode are not judged.
+    /// Marks reciprocal channels that do not change alike. A pair is judged if its electrodes, drives and readings are
+    /// sound and if both channels or none are masked: the baseline of a channel that was masked alone is older.
     fn check_pairs(
         &mut self,
         topology: &ElectrodeTopology,
@@ -219,20 +219,27 @@ impl InstrumentMonitor {
     ) {
         let mut unjudged = bad.to_vec();
         topology.mark_channels_of(electrodes.in_condition(PartMonitor::is_masked), &mut unjudged);
-        let is_judged = |channel: usize| !unjudged[channel] && !sick_drives[topology.drive_of(channel)];
-        let judged = change_ohm.iter().enumerate().filter(|(channel, _)| is_judged(*channel));
-        let usual_ohm = rms(judged.map(|(_, change)| *change));
-        let is_unlike = |([a, b], limit_ohm): (&[usize; 2], &f64)| {
-            let largest_ohm = change_ohm[*a].abs().max(change_ohm[*b].abs()).max(usual_ohm);
-            let apart_ohm = (change_ohm[*a] - change_ohm[*b]).abs();
-            is_judged(*a) && is_judged(*b) && apart_ohm > limit_ohm.max(UNLIKE_CHANGE * largest_ohm)
+        for (channel, unjudged) in unjudged.iter_mut().enumerate() {
+            let drive = topology.drive_of(channel);
+            *unjudged |= sick_drives[drive] || self.drives[drive].is_masked();
+        }
+        let judged = change_ohm.iter().zip(&unjudged).filter(|(_, unjudged)| !**unjudged);
+        let usual_ohm = rms(judged.map(|(change, _)| *change));
+        let is_unlike = |(&[a, b], limit_ohm): (&[usize; 2], &f64)| {
+            let is_judged = [a, b].iter().all(|&channel| !unjudged[channel])
+                && self.channels[a].is_masked() == self.channels[b].is_masked();
+            let largest_ohm = change_ohm[a].abs().max(change_ohm[b].abs()).max(usual_ohm);
+            let apart_ohm = (change_ohm[a] - change_ohm[b]).abs();
+            is_judged && apart_ohm > limit_ohm.max(UNLIKE_CHANGE * largest_ohm)
         };
         let pairs = topology.reciprocal_pairs();
         let unlike: Vec<bool> = pairs.iter().zip(&self.unlike_ohm).map(is_unlike).collect();
         let count = unlike.iter().filter(|unlike| **unlike).count();
         let are_single = count as f64 <= (MOST_UNLIKE * unlike.len() as f64).max(1.0);
         for ((frames, is_unlike), pair) in self.unlike_frames.iter_mut().zip(unlike).zip(pairs) {
-            *frames = if is_unlike && are_single { frames.saturating_add(1) } else { 0 };
+            if are_single {
+                *frames = if is_unlike { frames.saturating_add(1) } else { 0 };
+            }
             if *frames >= UNLIKE_FRAMES {
                 pair.iter().for_each(|&channel| bad[channel] = true);
             }
@@ -277,13 +284,13 @@ impl InstrumentMonitor {
         self.same_time_frames > SAME_TIME
     }
 
-    /// Takes the findings of a frame in which drives and channels can be judged. `explained`: drives of electrodes that
+    /// Takes the findings of a frame in which drives and channels can be judged. `unjudged`: drives of electrodes that
     /// are out, whose loops measure the contact. `is_untouched`: of the frame before.
-    pub(super) fn update_parts(&mut self, findings: &Findings, explained: &[bool], is_untouched: bool, time_s: f64) {
-        let are_bad = findings.drives.iter().zip(explained).map(|(is_bad, explained)| *is_bad && !explained);
-        let parts = self.drives.iter_mut().chain(&mut self.channels);
-        for (part, is_bad) in parts.zip(are_bad.chain(findings.channels.iter().copied())) {
-            part.update(is_bad, is_untouched, time_s);
+    pub(super) fn update_parts(&mut self, findings: &Findings, unjudged: &[bool], is_untouched: bool, time_s: f64) {
+        let drives = self.drives.iter_mut().zip(&findings.drives).zip(unjudged);
+        let judged = drives.filter(|(_, unjudged)| !**unjudged).map(|(drive, _)| drive);
+        for (part, is_bad) in judged.chain(self.channels.iter_mut().zip(&findings.channels)) {
+            part.update(*is_bad, is_untouched, time_s);
         }
     }
 

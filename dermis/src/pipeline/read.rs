@@ -97,8 +97,10 @@ impl Pipeline {
         let sightings = self.sightings(&signal.difference, felt)?;
         let tracked = self.state.tracker.update(&sightings, time.time_s);
         let (settings, start) = (&self.state.settings, self.state.start.unwrap_or_default());
-        let contacts: Vec<TrackedContact> =
-            tracked.iter().map(|tracked| TrackedContact::new(tracked, &self.image, settings, start)).collect();
+        let positive = self.methods.skin().design().sheet.touch.change();
+        let contacts: Vec<TrackedContact> = (tracked.iter())
+            .map(|tracked| TrackedContact::new(tracked, &self.image, positive, settings, start))
+            .collect();
         let positions_m: Vec<Point3> = tracked.iter().map(|tracked| tracked.contact.position_m).collect();
         self.update_baseline(reading, signal, &positions_m, felt, time)?;
         let touched = felt || !contacts.is_empty();
@@ -193,11 +195,11 @@ impl Reading {
             return Vec::new();
         }
         let is_untouched = self.was_untouched();
-        let mut explained = vec![false; topology.drive_count()];
-        topology.mark_drives_of(self.electrodes.confirmed(), &mut explained);
+        let mut unjudged = vec![false; topology.drive_count()];
+        topology.mark_drives_of(self.electrodes.confirmed(), &mut unjudged);
         let difference = &difference(&measurement.values_ohm, self.baseline.values_ohm());
         let about = ContactFrame { difference, sick_drives: &findings.drives, is_untouched, time_s };
-        self.instrument.update_parts(findings, &explained, is_untouched, time_s);
+        self.instrument.update_parts(findings, &unjudged, is_untouched, time_s);
         self.electrodes.update_contacts(topology, measurement, about)
     }
 

@@ -74,7 +74,7 @@ impl Settings {
         let method = methods.method(name)?;
         if self.both_signs && !method.is_linear() {
             let message = format!(
-                "{} finds touches alone, not contacts of both signs: select a linear method, as in --method noser",
+                "{} finds only touches, not contacts of both signs: select a linear method, as in --method noser",
                 method.label()
             );
             return Err(PipelineError::Setting(message));

@@ -185,9 +185,11 @@ impl Tracker {
                 (0..self.tracks.len()).filter(|&track| self.tracks[track].id.is_some() == counts).collect();
             let free: Vec<usize> = (0..sightings.len()).filter(|&sighting| owner[sighting].is_none()).collect();
             let apart_m = |track: usize, sighting: usize| {
-                let (from_m, to_m) =
-                    (self.tracks[tracks[track]].motion.position_m, sightings[free[sighting]].contact.position_m);
-                self.surface.distance_m(from_m, to_m)
+                let (track, seen) = (&self.tracks[tracks[track]], &sightings[free[sighting]].contact);
+                match track.contact.conductance == seen.conductance {
+                    true => self.surface.distance_m(track.motion.position_m, seen.position_m),
+                    false => f64::INFINITY,
+                }
             };
             // Squared distances: for steps along one line the plain sum is the same for both assignments. Beyond the
             // gate all costs are equal: a distant pair does not affect the assignment of a close one.
@@ -212,7 +214,7 @@ impl Tracker {
         let merges = |track: usize, sighting: usize| {
             let (own, seen) = (&self.tracks[track], &sightings[sighting].contact);
             let Some(other) = owner[sighting].map(|other| &self.tracks[other]) else { return false };
-            if own.id.is_none() || other.id.is_none() {
+            if own.id.is_none() || other.id.is_none() || own.contact.conductance != seen.conductance {
                 return false;
             }
             if let Some(merged) = &own.merged {

@@ -90,7 +90,8 @@ fn is_local_only(variable: Option<&str>) -> bool {
 /// Publishes frames: a node `dermis` with a publisher for each topic.
 ///
 /// Frames, images, contacts and the wrench use the QoS of sensor data: best effort, the last five kept. Markers and
-/// diagnostics are reliable, as RViz and the diagnostic tools require. Nothing blocks: a thread of the middleware
+/// diagnostics are reliable, as RViz and the diagnostic tools require. Contacts, wrench and validity have a deadline and a
+/// lease of liveliness. Nothing blocks: a thread of the middleware
 /// sends, and messages without room are dropped and counted.
 pub struct Publisher {
     reference: Reference,
@@ -207,7 +208,7 @@ impl<M: ros::Message + 'static> Out<M> {
 }
 
 /// Longest interval between two messages of the topics that are sent with every frame and, five times a second, while
-/// frames are stale.
+/// frames are stale. At less than 20 frames per second the time until a frame is stale exceeds it.
 const DEADLINE: Duration = Duration::from_millis(250);
 
 /// Quality of service: sensor data (REP 2003), or reliable. Subscribers of contacts, wrench and validity can request a

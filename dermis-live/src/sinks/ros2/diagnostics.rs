@@ -13,7 +13,7 @@ const STALE: u8 = 3;
 /// The rate may differ from the nominal one by this part, the default of `diagnostic_updater`.
 const RATE_TOLERANCE: f64 = 0.1;
 
-/// Three statuses: the instrument with its noise and losses, its rate, and the electrodes with the state of each.
+/// Three statuses: the instrument with its noise and losses, the electrodes with the state of each, and the rate.
 pub fn diagnostics(reference: &Reference, live: &LiveFrame) -> DiagnosticArray {
     DiagnosticArray {
         header: reference.header(live.result.measured_at),
@@ -38,7 +38,6 @@ fn instrument(reference: &Reference, result: &PipelineFrame) -> DiagnosticStatus
     };
     let values = vec![
         value("validity", validity.name()),
-        value("rate (Hz)", health.rate_hz),
         value("noise (times that at the tare)", known(health.noise)),
         value("reciprocity (times what noise explains)", known(health.reciprocity)),
         value("saturated channels", saturated),
@@ -58,7 +57,7 @@ fn frequency(reference: &Reference, result: &PipelineFrame) -> DiagnosticStatus 
     let Health { rate_hz, nominal_rate_hz, counts, .. } = &*result.health;
     let limits = nominal_rate_hz.map(|rate_hz| [1.0 - RATE_TOLERANCE, 1.0 + RATE_TOLERANCE].map(|part| part * rate_hz));
     let (level, message) = match (&result.validity, limits) {
-        (Validity::Stale { .. }, _) => (ERROR, "no frames"),
+        (Validity::Stale { .. }, _) => (STALE, "no frames"),
         (_, Some([lowest, _])) if *rate_hz < lowest => (WARN, "below the nominal rate"),
         (_, Some([_, highest])) if *rate_hz > highest => (WARN, "above the nominal rate"),
         (_, Some(_)) => (OK, "at the nominal rate"),

@@ -141,7 +141,7 @@ fn diagnostics_compare_the_rate_with_the_nominal_one() {
     assert_eq!(at(140.0, Some(120.0)).0, 1);
     assert_eq!(at(140.0, None), (0, None));
     live.result.validity = Validity::Stale { age_s: 0.2 };
-    assert_eq!(diagnostics(&reference, &live).status[2].level, 2);
+    assert_eq!(diagnostics(&reference, &live).status[2].level, 3);
 }
 
 #[test]
