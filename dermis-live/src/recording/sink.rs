@@ -182,14 +182,20 @@ impl RecorderThread {
 
     /// The session of the recording; `None` if the recording ends before one starts.
     fn await_session(&self) -> Option<Session> {
+        // The state, if neither a frame nor a command came after it.
+        let mut before = None;
         loop {
             match self.mailbox.take(PAUSE) {
-                Popped::Item(Event::State(state)) => {
-                    // Messages of a device cannot be read without its hello: wait until a device is connected.
-                    let Some(facts) = self.shared.facts() else { continue };
-                    return Some(self.session(&state, facts.hello.clone()));
-                }
-                Popped::Item(Event::Connected(_)) => self.shared.request_state(),
+                // Messages of a device cannot be read without its hello: wait until a device is connected.
+                Popped::Item(Event::State(state)) => match self.shared.facts() {
+                    Some(facts) => return Some(self.session(&state, facts.hello.clone())),
+                    None => before = Some(state),
+                },
+                Popped::Item(Event::Connected(facts)) => match before {
+                    Some(state) => return Some(self.session(&state, facts.hello.clone())),
+                    None => self.shared.request_state(),
+                },
+                Popped::Item(Event::Frame(_) | Event::Done(_)) => before = None,
                 Popped::Item(_) | Popped::TimedOut => {}
                 Popped::Closed => return None,
             }
