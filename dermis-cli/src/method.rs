@@ -72,10 +72,7 @@ impl DetectArguments {
         if !self.both_signs {
             return Ok(detector);
         }
-        if !method.is_linear() {
-            let message = format!("{} finds only touches, not contacts of both signs", method.label());
-            return Err(Failure::given(message, Some("give a linear method, as in --method noser")));
-        }
+        method.check_both_signs()?;
         Ok(detector.with_both_signs(skin.design().sheet.touch.change()))
     }
 

@@ -2,6 +2,7 @@
 
 mod page;
 
+use dermis_live::emulator::{Fault, TimedFault};
 use dermis_live::sinks::jsonl::serve_lines;
 use dermis_live::sinks::viewer::{Server, ServerOptions};
 use dermis_live::{Event, Popped};
@@ -96,4 +97,34 @@ fn idle_and_slow_sockets_are_closed_and_disturb_nobody() {
     live.stop();
     server.stop();
     assert_eq!(handle.skipped(), 0);
+}
+
+#[test]
+fn a_device_is_found_again_among_idle_sockets() {
+    let folder = tempfile::tempdir().unwrap();
+    let unplugged = TimedFault { at_s: 2.0, fault: Fault::Unplug { for_s: 1.0 } };
+    let (live, control) = page::live_with(folder.path(), vec![unplugged]);
+    let options = ServerOptions { address: "127.0.0.1:0".into(), token: Some(TOKEN.into()) };
+    let server = Server::start(control, &options).unwrap();
+    let events = live.shared().subscribe(1 << 14);
+    let (mut sockets, mut lost, mut found, mut frames_after) = (Vec::new(), 0, 0, 0);
+    let begun = Instant::now();
+    while frames_after < 50 && begun.elapsed() < Duration::from_secs(20) {
+        // So many that both ends of all of them exceed the descriptors of this process.
+        if sockets.len() < SOCKETS {
+            sockets.extend((0..SOCKETS / 20).map(|_| connect(server.address())));
+        }
+        while let Popped::Item(event) = events.take(Duration::from_millis(50)) {
+            match event {
+                Event::Lost(_) => lost += 1,
+                Event::Connected(_) => found += usize::from(lost > 0),
+                Event::Frame(_) if found > 0 => frames_after += 1,
+                _ => {}
+            }
+        }
+    }
+    assert_eq!([lost, found], [1, 1]);
+    assert!(frames_after >= 50, "{frames_after} frames after the device came back");
+    live.stop();
+    server.stop();
 }

@@ -50,7 +50,7 @@ struct Run {
     /// Presses in each half of the run, and those of them that were found.
     presses: [usize; 2],
     found: [usize; 2],
-    /// Resident memory after half of the run and at its end, MB.
+    /// Resident memory after a tenth of the run and at its end, MB.
     memory_mb: [f64; 2],
 }
 
@@ -66,7 +66,7 @@ fn run(session: &mut OfflineSession, until_s: f64, ending_s: f64) -> Run {
         let half = usize::from(time_s > 0.5 * until_s);
         let frame = session.frame().unwrap().expect("every frame is whole");
         session.rebuild();
-        if run.memory_mb[0] == 0.0 && half == 1 {
+        if run.memory_mb[0] == 0.0 && time_s > 0.1 * until_s {
             run.memory_mb[0] = resident_mb();
         }
         if frame.sequence < 100 {

@@ -63,6 +63,14 @@ impl ConductanceChange {
         }
     }
 
+    /// 1 if it rises, -1 if it falls.
+    pub fn sign(self) -> f64 {
+        match self {
+            ConductanceChange::Rises => 1.0,
+            ConductanceChange::Falls => -1.0,
+        }
+    }
+
     /// The other sign.
     #[must_use]
     pub fn reversed(self) -> Self {

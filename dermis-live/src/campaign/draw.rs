@@ -39,6 +39,8 @@ pub enum FaultKind {
     Freeze,
     /// A factor on all voltages.
     Gain,
+    /// 20 to 2,000 counts added to all voltages.
+    Offset,
     /// Noise of 20 to 2,000 times one count.
     Noise,
     /// A voltage at full scale.
@@ -56,7 +58,7 @@ pub enum FaultKind {
 }
 
 impl FaultKind {
-    const SINGLE: [FaultKind; 13] = [
+    const SINGLE: [FaultKind; 14] = [
         FaultKind::Loose,
         FaultKind::Reference,
         FaultKind::References,
@@ -65,6 +67,7 @@ impl FaultKind {
         FaultKind::FullScale,
         FaultKind::Freeze,
         FaultKind::Gain,
+        FaultKind::Offset,
         FaultKind::Noise,
         FaultKind::Saturated,
         FaultKind::Stuck,
@@ -83,6 +86,7 @@ impl FaultKind {
             FaultKind::FullScale => "all at full scale",
             FaultKind::Freeze => "frozen",
             FaultKind::Gain => "gain",
+            FaultKind::Offset => "offset",
             FaultKind::Noise => "noise",
             FaultKind::Saturated => "saturated channel",
             FaultKind::Stuck => "stuck channel",
@@ -134,11 +138,12 @@ fn draw(design: &SkinDesign, begin_s: f64, rng: &mut ChaCha8Rng) -> Drawn {
     Drawn { kind: if is_double { FaultKind::Two } else { first }, begin_s, end_s: begin_s + length_s, faults }
 }
 
-/// Two kinds that differ: two faults of one kind can cancel.
+/// Two kinds. They differ, because two faults of one kind can cancel, or are two loose electrodes.
 fn two_kinds(rng: &mut ChaCha8Rng) -> [FaultKind; 2] {
     let count = FaultKind::SINGLE.len();
     let first = rng.random_range(0..count);
-    let second = (first + rng.random_range(1..count)) % count;
+    let least = usize::from(FaultKind::SINGLE[first] != FaultKind::Loose);
+    let second = (first + rng.random_range(least..count)) % count;
     [FaultKind::SINGLE[first], FaultKind::SINGLE[second]]
 }
 
@@ -152,10 +157,10 @@ fn of_kind(design: &SkinDesign, kind: FaultKind, at_s: f64, for_s: f64, rng: &mu
         FaultKind::Loose => {
             let electrode = rng.random_range(0..design.electrodes.len());
             let ohm = log_uniform(rng, [100.0, 1e9]);
-            let mended = Fault::Loose { electrode, ohm: log_uniform(rng, REPAIRED_OHM) };
+            let repaired = Fault::Loose { electrode, ohm: log_uniform(rng, REPAIRED_OHM) };
             vec![
                 TimedFault { at_s, fault: Fault::Loose { electrode, ohm } },
-                TimedFault { at_s: at_s + for_s, fault: mended },
+                TimedFault { at_s: at_s + for_s, fault: repaired },
             ]
         }
         FaultKind::Reference => readings(ReadingFault::Reference(drive, factor)),
@@ -165,12 +170,13 @@ fn of_kind(design: &SkinDesign, kind: FaultKind, at_s: f64, for_s: f64, rng: &mu
         FaultKind::FullScale => readings(ReadingFault::FullScale),
         FaultKind::Freeze => readings(ReadingFault::Freeze),
         FaultKind::Gain => readings(ReadingFault::Gain(if factor == 0.1 { 4.0 } else { factor })),
+        FaultKind::Offset => readings(ReadingFault::Offset(log_uniform(rng, [20.0, 2000.0]))),
         FaultKind::Noise => readings(ReadingFault::Noise(log_uniform(rng, [20.0, 2000.0]))),
         FaultKind::Saturated => readings(ReadingFault::Saturated(channel)),
         FaultKind::Stuck => readings(ReadingFault::Stuck(channel)),
         FaultKind::ClockStop => vec![TimedFault { at_s, fault: Fault::ClockStop { for_s } }],
-        FaultKind::ClockSet | FaultKind::Two | FaultKind::Control => {
-            vec![TimedFault { at_s, fault: Fault::ClockSet { by_s: uniform(rng, [-20.0, 20.0]) } }]
-        }
+        FaultKind::ClockSet => vec![TimedFault { at_s, fault: Fault::ClockSet { by_s: uniform(rng, [-20.0, 20.0]) } }],
+        // They have no fault of their own.
+        FaultKind::Two | FaultKind::Control => Vec::new(),
     }
 }

@@ -4,7 +4,7 @@ use dermis::method::MethodSet;
 use dermis::pipeline::Settings;
 use dermis::skin::Skin;
 use dermis_live::device::Address;
-use dermis_live::emulator::{Emulator, EmulatorOptions, Port, Script};
+use dermis_live::emulator::{Emulator, EmulatorOptions, Port, Script, TimedFault};
 use dermis_live::{Control, Live, LiveOptions, RecordingOptions};
 use dermis_sim::twin::TwinOptions;
 use std::net::TcpListener;
@@ -13,12 +13,17 @@ use std::sync::Arc;
 
 /// A skin being read; recordings are written to a folder.
 pub fn live(folder: &Path) -> (Live, Arc<Control>) {
+    live_with(folder, Vec::new())
+}
+
+/// The same with a device that has faults.
+pub fn live_with(folder: &Path, faults: Vec<TimedFault>) -> (Live, Arc<Control>) {
     let methods = MethodSet::new(&dermis_learn::methods(), Skin::load("skin16").unwrap(), None).unwrap();
     let options = EmulatorOptions {
         twin: TwinOptions::shipped("lab").unwrap(),
         seed: 1,
         script: Script::default(),
-        faults: Vec::new(),
+        faults,
         speed: 1.0,
         prerendered: 0,
         unpaced: false,

@@ -130,10 +130,15 @@ impl Method {
         &self.name
     }
 
-    /// Whether it is one of the linear methods, whose images are positive or negative by the sign of the change of
-    /// conductance.
-    pub fn is_linear(&self) -> bool {
-        Methods::LINEAR.contains(&self.name())
+    /// Checks that it can find contacts of both signs: images of linear methods are positive or negative by the sign of
+    /// the change of conductance.
+    ///
+    /// # Errors
+    /// A method that is not linear.
+    pub fn check_both_signs(&self) -> Result<(), MethodError> {
+        let message = "finds only touches, not contacts of both signs: give a linear method, as in --method noser";
+        let is_linear = Methods::LINEAR.contains(&self.name());
+        if is_linear { Ok(()) } else { Err(MethodError::option(self.label(), message)) }
     }
 
     /// Its display name: "one-step NOSER", "shipped network `best`".

@@ -80,6 +80,8 @@ pub(super) struct Findings {
     pub drives: Vec<bool>,
     /// Channels whose reading is wrong.
     pub channels: Vec<bool>,
+    /// The difference of the frame from the baseline, ohm.
+    pub change_ohm: Vec<f64>,
     /// The frame is too noisy to judge drives, channels and electrodes.
     pub is_noisy: bool,
 }
@@ -152,7 +154,8 @@ impl InstrumentMonitor {
     ) -> Findings {
         let (drives, is_off) = self.check_drives(topology, electrodes, frame);
         let mut channels = self.check_channels(topology, frame, &drives);
-        self.check_pairs(topology, electrodes, &difference(&frame.values_ohm, baseline_ohm), &drives, &mut channels);
+        let change_ohm = difference(&frame.values_ohm, baseline_ohm);
+        self.check_pairs(topology, electrodes, &change_ohm, &drives, &mut channels);
         let jumps = self.jumps(topology, electrodes.noise_ohm(), frame);
         let reason = match () {
             () if self.clock_stands(step_s) => Some(InvalidReason::Clock),
@@ -163,7 +166,7 @@ impl InstrumentMonitor {
             () if jumps.is_noise || self.noisy_frames >= NOISY_FRAMES => Some(InvalidReason::Noise),
             () => None,
         };
-        Findings { reason, drives, channels, is_noisy: jumps.are_large }
+        Findings { reason, drives, channels, change_ohm, is_noisy: jumps.are_large }
     }
 
     /// Drives with a wrong current, and those without current.
@@ -217,6 +220,9 @@ impl InstrumentMonitor {
         sick_drives: &[bool],
         bad: &mut [bool],
     ) {
+        if self.unlike_ohm.is_empty() {
+            return;
+        }
         let mut unjudged = bad.to_vec();
         topology.mark_channels_of(electrodes.in_condition(PartMonitor::is_masked), &mut unjudged);
         for (channel, unjudged) in unjudged.iter_mut().enumerate() {

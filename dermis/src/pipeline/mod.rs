@@ -40,6 +40,7 @@
 //! ```
 
 mod baseline;
+mod common_mode;
 mod condition;
 mod contact;
 mod degradation;
@@ -77,6 +78,7 @@ pub use validity::{InvalidReason, Validity};
 use crate::detect::{Detector, ImageNoise};
 use crate::image::Image;
 use crate::method::{Method, MethodSet};
+use crate::pipeline::common_mode::CommonMode;
 use crate::pipeline::drift::DriftFitter;
 use crate::pipeline::electrodes::ElectrodeTopology;
 use crate::pipeline::reports::Reports;
@@ -90,6 +92,7 @@ use std::sync::Arc;
 pub struct Pipeline {
     methods: Arc<MethodSet>,
     fitter: DriftFitter,
+    common_mode: CommonMode,
     topology: ElectrodeTopology,
     state: State,
     /// The method in use, without the state's masked channels.
@@ -138,6 +141,7 @@ impl Pipeline {
             Phase::Taring { .. } => vec![false; topology.channel_count()],
         };
         let mut pipeline = Pipeline {
+            common_mode: CommonMode::of(skin)?,
             masked,
             cost: None,
             reports: Reports::default(),

@@ -8,7 +8,7 @@ use crate::pipeline::health::{Health, Notice, Severity};
 use crate::pipeline::instrument::InstrumentMonitor;
 use crate::pipeline::novelty::NoveltyMonitor;
 use crate::pipeline::read::Outcome;
-use crate::pipeline::state::{Phase, Reading};
+use crate::pipeline::state::{MaskedTime, Phase, Reading};
 use crate::pipeline::statistics::{Statistics, difference};
 use crate::pipeline::timestamp::Timestamp;
 use crate::pipeline::touch_detector::TouchDetector;
@@ -137,6 +137,7 @@ impl Pipeline {
             electrodes,
             instrument,
             trials: TrialMeans::new(self.topology.channel_count()),
+            masked_time: MaskedTime::default(),
             novelty: NoveltyMonitor::default(),
             quiet_since_s: None,
             unexplained_since_s: None,

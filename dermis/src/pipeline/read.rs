@@ -4,6 +4,7 @@ use crate::contact::Contact;
 use crate::detect::Circumstances;
 use crate::geom::Point3;
 use crate::pipeline::baseline::TouchedFrame;
+use crate::pipeline::common_mode::CommonMode;
 use crate::pipeline::contact::TrackedContact;
 use crate::pipeline::degradation::Degradation;
 use crate::pipeline::electrodes::{Change, ContactFrame, ElectrodeTopology, NoiseFrame};
@@ -53,8 +54,14 @@ struct Signal<'a> {
 
 impl Signal<'_> {
     /// Why it cannot be used, if so.
-    fn reason(&self) -> Option<InvalidReason> {
-        is_most(&self.masked).then_some(InvalidReason::TooFewChannels)
+    fn reason(&self, common_mode: &CommonMode) -> Option<InvalidReason> {
+        match () {
+            () if is_most(&self.masked) => Some(InvalidReason::TooFewChannels),
+            () if self.is_touched && common_mode.is_offset(&self.difference, &self.masked) => {
+                Some(InvalidReason::Offset)
+            }
+            () => None,
+        }
     }
 }
 
@@ -75,7 +82,7 @@ impl Pipeline {
         let marks = reading.marks(&self.topology);
         reading.update_trials(measurement, &marks);
         let signal = reading.signal(measurement, findings, marks.masked);
-        let reason = reading.instrument.update_whole(signal.reason(), time.time_s);
+        let reason = reading.instrument.update_whole(signal.reason(&self.common_mode), time.time_s);
         self.masked = marks.confirmed;
         self.report_parts(&reading.instrument, &changes, time.at);
         if let Some(reason) = reason {
@@ -93,6 +100,9 @@ impl Pipeline {
         signal: &Signal<'_>,
         time: FrameTime,
     ) -> Result<Outcome, PipelineError> {
+        if let Some(since_s) = reading.masked_time.update(&signal.masked, time.time_s) {
+            self.judge_again(reading, since_s);
+        }
         let felt = reading.touch_detector.update(signal.statistic);
         let sightings = self.sightings(&signal.difference, felt)?;
         let tracked = self.state.tracker.update(&sightings, time.time_s);
@@ -107,6 +117,15 @@ impl Pipeline {
         let aged = reading.novelty.update(touched, || self.method.reconstruct().novelty(&signal.difference));
         self.warn_of_ageing(aged, time.at);
         Ok(Outcome { validity: self.validity(&signal.masked), touched: Some(touched), contacts })
+    }
+
+    /// Requires that contacts exceed the threshold to begin again that have begun since `since_s`, while channels were
+    /// masked which are back: fewer channels resolve less.
+    fn judge_again(&mut self, reading: &mut Reading, since_s: f64) {
+        self.state.tracker.begin_again(since_s);
+        if !self.state.tracker.has_older(since_s) {
+            reading.touch_detector.end_touch();
+        }
     }
 
     /// What the method finds in a difference from the baseline; updates the image. `felt`: the result of the touch
@@ -197,8 +216,8 @@ impl Reading {
         let is_untouched = self.was_untouched();
         let mut unjudged = vec![false; topology.drive_count()];
         topology.mark_drives_of(self.electrodes.confirmed(), &mut unjudged);
-        let difference = &difference(&measurement.values_ohm, self.baseline.values_ohm());
-        let about = ContactFrame { difference, sick_drives: &findings.drives, is_untouched, time_s };
+        let about =
+            ContactFrame { difference: &findings.change_ohm, sick_drives: &findings.drives, is_untouched, time_s };
         self.instrument.update_parts(findings, &unjudged, is_untouched, time_s);
         self.electrodes.update_contacts(topology, measurement, about)
     }

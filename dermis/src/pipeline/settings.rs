@@ -72,12 +72,8 @@ impl Settings {
     /// The method of this name, if it can find what the settings ask for.
     pub(crate) fn method_of<'a>(&self, methods: &'a MethodSet, name: &str) -> Result<&'a Method, PipelineError> {
         let method = methods.method(name)?;
-        if self.both_signs && !method.is_linear() {
-            let message = format!(
-                "{} finds only touches, not contacts of both signs: select a linear method, as in --method noser",
-                method.label()
-            );
-            return Err(PipelineError::Setting(message));
+        if self.both_signs {
+            method.check_both_signs()?;
         }
         Ok(method)
     }

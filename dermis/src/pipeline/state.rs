@@ -62,6 +62,8 @@ pub(super) struct Reading {
     pub instrument: InstrumentMonitor,
     #[serde(default)]
     pub trials: TrialMeans,
+    #[serde(default)]
+    pub masked_time: MaskedTime,
     /// Differences of the tare's frames from their mean, ohm.
     pub untouched: Vec<Vec<f64>>,
     /// Start of the time without a touch, s.
@@ -69,6 +71,26 @@ pub(super) struct Reading {
     /// Start of the time in which frames differ from the baseline without a contact, s.
     #[serde(rename = "puzzled_since_s")]
     pub unexplained_since_s: Option<f64>,
+}
+
+/// The time in which channels are masked.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub(super) struct MaskedTime {
+    /// Its start, s, while there are masked channels.
+    since_s: Option<f64>,
+    /// Masked channels of the last frame.
+    channels: usize,
+}
+
+impl MaskedTime {
+    /// Takes the masked channels of a frame. If some have come back, returns the start of the time.
+    pub(super) fn update(&mut self, masked: &[bool], time_s: f64) -> Option<f64> {
+        let channels = masked.iter().filter(|masked| **masked).count();
+        let since_s = self.since_s.filter(|_| channels < self.channels);
+        self.since_s = (channels > 0).then(|| self.since_s.unwrap_or(time_s));
+        self.channels = channels;
+        since_s
+    }
 }
 
 /// Channels that are not used, with a flag for each channel.

@@ -67,6 +67,11 @@ impl TouchDetector {
         statistic > limit
     }
 
+    /// Ends the touch: the next frame is touched if it exceeds the threshold of the first one.
+    pub(super) fn end_touch(&mut self) {
+        self.touched = false;
+    }
+
     /// Whether the next frame, with this statistic, is touched.
     pub(super) fn update(&mut self, statistic: f64) -> bool {
         self.touched = self.exceeds(statistic);

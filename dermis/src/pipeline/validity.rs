@@ -51,6 +51,8 @@ pub enum InvalidReason {
     Frozen,
     /// All values are larger or smaller than the baseline by one factor.
     Scale,
+    /// All values are shifted from the baseline by one voltage.
+    Offset,
     /// The values are far noisier than at the tare.
     Noise,
     /// The times of the frames do not increase.
@@ -70,6 +72,9 @@ impl InvalidReason {
             InvalidReason::OutOfRange => "most readings are out of range: check the gain and the converter",
             InvalidReason::Frozen => "the same values repeatedly",
             InvalidReason::Scale => "all values are larger or smaller by one factor: check the gain and the reference",
+            InvalidReason::Offset => {
+                "all values are shifted alike: check the ground and the amplifier, then tare again"
+            }
             InvalidReason::Noise => "far noisier than at the tare: check for interference and the shield",
             InvalidReason::Clock => "the times of the frames do not increase",
             InvalidReason::TooFewChannels => "most channels are masked: check the wires",

@@ -129,6 +129,9 @@ struct Track {
     since_s: f64,
     last_seen_s: f64,
     sightings: usize,
+    /// It ends unless it exceeds the threshold to begin again.
+    #[serde(default)]
+    must_exceed: bool,
     /// The start of the merge with another contact.
     merged: Option<Merged>,
 }
@@ -165,6 +168,18 @@ impl Tracker {
         self.hold_unseen(time_s);
         self.begin(&sightings, &owner, time_s);
         self.report(time_s)
+    }
+
+    /// Ends contacts that have begun since `since_s`, unless they exceed the threshold to begin again within
+    /// [`TrackOptions::absence_s`].
+    pub fn begin_again(&mut self, since_s: f64) {
+        let begun = self.tracks.iter_mut().filter(|track| track.since_s >= since_s);
+        begun.for_each(|track| track.must_exceed = true);
+    }
+
+    /// Whether it has contacts that had begun before `time_s`.
+    pub fn has_older(&self, time_s: f64) -> bool {
+        self.tracks.iter().any(|track| track.id.is_some() && track.since_s < time_s)
     }
 
     /// Ends all contacts; ids are not used again.
@@ -296,6 +311,7 @@ impl Tracker {
                 since_s: time_s,
                 last_seen_s: time_s,
                 sightings: 1,
+                must_exceed: false,
                 merged: None,
             });
         }
@@ -341,9 +357,10 @@ impl Tracker {
 impl Track {
     /// Update of a track that is seen separately.
     fn see(&mut self, seen: &Sighting, surface: &Surface, time_s: f64) {
-        if self.id.is_none() && seen.signal < 1.0 {
+        if (self.id.is_none() || self.must_exceed) && seen.signal < 1.0 {
             return;
         }
+        self.must_exceed = false;
         let seen_m = seen.contact.position_m;
         if self.merged.take().is_some() {
             self.motion.reset_position(seen_m, SUDDEN);

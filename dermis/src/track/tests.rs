@@ -54,6 +54,27 @@ fn a_weak_signal_ends_nothing_and_begins_nothing_and_a_weaker_one_is_none() {
 }
 
 #[test]
+fn contacts_since_a_time_have_to_exceed_the_threshold_again() {
+    let weak = |z_m| Sighting { signal: 0.8, ..at(z_m, 0.0, 1.0) };
+    let mut tracker = tracker();
+    let strong = [at(0.1, 0.0, 1.0), at(0.2, 0.0, 1.0), at(0.28, 0.0, 1.0)];
+    (0..5).for_each(|frame| drop(tracker.update(&strong[..1], f64::from(frame) * FRAME_S).to_vec()));
+    (5..10).for_each(|frame| drop(tracker.update(&strong, f64::from(frame) * FRAME_S).to_vec()));
+    tracker.begin_again(5.0 * FRAME_S);
+    assert!(tracker.has_older(5.0 * FRAME_S) && !tracker.has_older(0.0));
+    let mut left = Vec::new();
+    for frame in 10..30 {
+        let third = if frame < 12 { strong[2] } else { weak(0.28) };
+        let tracked = tracker.update(&[weak(0.1), weak(0.2), third], f64::from(frame) * FRAME_S);
+        left = tracked.iter().map(|tracked| tracked.contact.id).collect();
+    }
+    let names: Vec<f64> = tracker.tracks.iter().map(|track| track.contact.position_m[2]).collect();
+    assert_eq!(left.len(), 2, "{names:?}");
+    assert_eq!(left[0], 1, "the older one continues, and the one that exceeded the threshold");
+    assert!(names.iter().all(|z_m| (z_m - 0.2).abs() > 0.01), "{names:?}");
+}
+
+#[test]
 fn a_slide_across_the_seam_is_one_contact_of_the_right_speed() {
     let mut tracker = tracker();
     for frame in 0..240 {

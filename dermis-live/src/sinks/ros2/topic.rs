@@ -3,6 +3,7 @@
 use crate::LiveFrame;
 use crate::sinks::ros2::{DiagnosticArray, MarkerArray, Text, UInt8MultiArray};
 use crate::sinks::ros2::{Header, Image, Message, PointCloud2, PointField, Time, Vector3, Wrench, WrenchStamped};
+use dermis::contact::ConductanceChange;
 use dermis::image::PixelSpace;
 use dermis::pipeline::{Timestamp, TrackedContact};
 use std::sync::Arc;
@@ -179,7 +180,7 @@ fn picture(header: Header, [rows, columns]: [usize; 2], values: impl Iterator<It
 
 /// The fields of a contact in a point cloud, four bytes each, all but `id` float32: name in the message, column in
 /// tables as in [`Contact::COLUMNS`](dermis::contact::Contact::COLUMNS), and unit.
-pub const CONTACT_FIELDS: [(&str, &str, &str); 17] = [
+pub const CONTACT_FIELDS: [(&str, &str, &str); 18] = [
     ("x", "x_m", "m"),
     ("y", "y_m", "m"),
     ("z", "z_m", "m"),
@@ -197,6 +198,7 @@ pub const CONTACT_FIELDS: [(&str, &str, &str); 17] = [
     ("vy", "velocity_y_m_s", "m/s"),
     ("vz", "velocity_z_m_s", "m/s"),
     ("age", "age_s", "s"),
+    ("sign", "sign", "1 if the conductance rises, -1 if it falls, NaN if one sign is looked for"),
 ];
 
 /// The validity of a frame as JSON, as in lines of JSON: `{"state": "ok"}`.
@@ -258,6 +260,7 @@ fn point(contact: &TrackedContact, now: Timestamp) -> [[u8; 4]; CONTACT_FIELDS.l
         vy,
         vz,
         float(now.seconds_since(contact.since)),
+        known(contact.conductance.map(ConductanceChange::sign)),
     ]
 }
 
