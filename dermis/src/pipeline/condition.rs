@@ -79,6 +79,11 @@ impl PartMonitor {
         matches!(self.condition, Condition::Out | Condition::OnTrial)
     }
 
+    /// Whether the last fault was short: the old baseline still holds.
+    pub(super) fn was_short(&self, time_s: f64) -> bool {
+        time_s - self.bad_since_s <= SHORT_S
+    }
+
     /// Takes a frame in which the part is bad or not. After a short fault it can return during a touch, with its old
     /// baseline; after a long one its trial is in untouched frames, whose mean is its new baseline.
     pub(super) fn update(&mut self, is_bad: bool, is_untouched: bool, time_s: f64) {
@@ -89,13 +94,10 @@ impl PartMonitor {
             (Condition::Out, true) => {}
             (Condition::Out, false) => self.enter(Condition::OnTrial, time_s),
             (Condition::OnTrial, true) => self.enter(Condition::Out, time_s),
-            (Condition::OnTrial, false) if !is_untouched && time_s - self.bad_since_s > SHORT_S => {
-                self.since_s = time_s
-            }
+            (Condition::OnTrial, false) if !is_untouched && !self.was_short(time_s) => self.since_s = time_s,
             (Condition::OnTrial, false) if time_s - self.since_s >= self.trial_s() => {
                 self.enter(Condition::Sound, time_s);
             }
-
             (Condition::OnTrial, false) => {}
         }
     }

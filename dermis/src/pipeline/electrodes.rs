@@ -12,7 +12,7 @@ use crate::pipeline::health::{ElectrodeHealth, ElectrodeState};
 use crate::pipeline::statistics::Statistics;
 use crate::protocol::Protocol;
 use crate::skin::Skin;
-use crate::stats::upper_median;
+use crate::stats::{rms, upper_median};
 use serde::{Deserialize, Serialize};
 
 /// Limit of a contact's rise, in standard deviations of a reading's noise.
@@ -32,6 +32,9 @@ const FOLLOW_S: f64 = 60.0;
 const LOOSE_AT_TARE: f64 = 3.0;
 /// An untouched electrode this many times noisier than at the tare is doubtful.
 const DOUBTFUL: f64 = 4.0;
+/// A touch next to an electrode on trial changes the channels that do not measure its contact, root mean square, by more
+/// than this many times their noise.
+const HIDDEN_NOISES: f64 = 3.0;
 /// A loop that grows to more than this many times its reference is not followed.
 const FOLLOWED: f64 = 2.0;
 
@@ -111,6 +114,12 @@ impl ElectrodeTopology {
         &self.reciprocal
     }
 
+    /// The channels of an electrode that do not change with its contact resistance.
+    fn field_channels(&self, electrode: usize) -> impl Iterator<Item = usize> {
+        let contact = &self.contact_channels[electrode];
+        self.channels[electrode].iter().copied().filter(|channel| contact.iter().all(|(other, _)| other != channel))
+    }
+
     /// Whether a measurement has a value for each channel, and either one for each drive or none.
     pub(super) fn fits(&self, frame: &Measurement) -> bool {
         frame.values_ohm.len() == self.channel_count && self.fits_loops(&frame.loops_ohm)
@@ -182,6 +191,9 @@ struct Electrode {
     rise_ohm: f64,
     #[serde(rename = "smooth_ohm")]
     smooth_rise_ohm: f64,
+    /// Whether a touch next to it is only seen by its own channels, which are not in use.
+    #[serde(skip)]
+    hides_touch: bool,
     /// Whether it was bad at the tare: then its values with a good contact are unknown.
     #[serde(rename = "since_tare")]
     bad_at_tare: bool,
@@ -325,16 +337,26 @@ impl ElectrodeMonitor {
             let limit = (NOISES * noise).max(topology.part * least).max(5.0 * topology.contacts_ohm[index]);
             let open = drives.iter().all(|&drive| frame.loops_ohm[drive] > OPEN * self.loops_ohm[drive]);
             let apparent = electrode.apparent_state(open, limit);
+            let is_on_trial = electrode.part.condition() == Condition::OnTrial;
+            electrode.hides_touch = is_on_trial
+                && electrode.part.was_short(about.time_s)
+                && rms(topology
+                    .field_channels(index)
+                    .map(|channel| about.difference[channel] / self.noise_ohm[channel]))
+                    > HIDDEN_NOISES;
             // A touch that lowers the loops hides what is left of a rise.
-            if electrode.part.condition() == Condition::OnTrial
-                && !about.is_untouched
-                && electrode.rise_ohm < -0.5 * limit
-            {
+            let is_touched = !about.is_untouched || electrode.hides_touch;
+            if is_on_trial && is_touched && electrode.rise_ohm < -0.5 * limit {
                 continue;
             }
             changes.extend(electrode.update(apparent, &about).map(|state| Change { electrode: index, state }));
         }
         changes
+    }
+
+    /// Electrodes on trial with a touch next to them that no other channels see, by number.
+    pub(super) fn hiding_touch(&self) -> impl Iterator<Item = usize> {
+        self.numbers(|electrode| electrode.hides_touch)
     }
 
     /// Electrodes that are confirmed as bad, by number.
@@ -423,7 +445,7 @@ impl Electrode {
         };
         let bad_at_tare = state != ElectrodeState::Sound;
         let part = if bad_at_tare { PartMonitor::out() } else { PartMonitor::default() };
-        Electrode { state, part, rise_ohm: 0.0, smooth_rise_ohm: 0.0, bad_at_tare }
+        Electrode { state, part, rise_ohm: 0.0, smooth_rise_ohm: 0.0, hides_touch: false, bad_at_tare }
     }
 
     /// The state with the trial after it, and with the noise of its channels relative to the tare.

@@ -86,6 +86,15 @@ pub(super) struct Findings {
     pub is_noisy: bool,
 }
 
+/// Drives and channels that cannot be judged because of their electrodes.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Unjudged {
+    /// Drives of electrodes that are out: their loops measure the contact.
+    pub drives: Vec<bool>,
+    /// Channels of electrodes that are not in use: they can saturate.
+    pub channels: Vec<bool>,
+}
+
 /// How the values of a frame have jumped.
 struct Jumps {
     /// Those of most channels have.
@@ -290,12 +299,11 @@ impl InstrumentMonitor {
         self.same_time_frames > SAME_TIME
     }
 
-    /// Takes the findings of a frame in which drives and channels can be judged. `unjudged`: drives of electrodes that
-    /// are out, whose loops measure the contact. `is_untouched`: of the frame before.
-    pub(super) fn update_parts(&mut self, findings: &Findings, unjudged: &[bool], is_untouched: bool, time_s: f64) {
-        let drives = self.drives.iter_mut().zip(&findings.drives).zip(unjudged);
-        let judged = drives.filter(|(_, unjudged)| !**unjudged).map(|(drive, _)| drive);
-        for (part, is_bad) in judged.chain(self.channels.iter_mut().zip(&findings.channels)) {
+    /// Takes the findings of a frame in which drives and channels can be judged. `is_untouched`: of the frame before.
+    pub(super) fn update_parts(&mut self, findings: &Findings, unjudged: &Unjudged, is_untouched: bool, time_s: f64) {
+        let drives = self.drives.iter_mut().zip(&findings.drives).zip(&unjudged.drives);
+        let channels = self.channels.iter_mut().zip(&findings.channels).zip(&unjudged.channels);
+        for ((part, is_bad), _) in drives.chain(channels).filter(|(_, unjudged)| !**unjudged) {
             part.update(*is_bad, is_untouched, time_s);
         }
     }
@@ -314,6 +322,13 @@ impl InstrumentMonitor {
     /// Channels that are confirmed as bad, without those of bad drives.
     pub(super) fn bad_channels(&self) -> Vec<usize> {
         (0..self.channels.len()).filter(|&channel| self.channels[channel].is_confirmed()).collect()
+    }
+
+    /// Marks what the findings of a frame concern.
+    pub(super) fn mark_findings(topology: &ElectrodeTopology, findings: &Findings, marked: &mut [bool]) {
+        for (channel, marked) in marked.iter_mut().enumerate() {
+            *marked |= findings.channels[channel] || findings.drives[topology.drive_of(channel)];
+        }
     }
 
     /// Marks the channels of parts for which `holds`.

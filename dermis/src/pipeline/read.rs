@@ -5,13 +5,14 @@ use crate::detect::Circumstances;
 use crate::geom::Point3;
 use crate::pipeline::baseline::TouchedFrame;
 use crate::pipeline::common_mode::CommonMode;
+use crate::pipeline::condition::PartMonitor;
 use crate::pipeline::contact::TrackedContact;
 use crate::pipeline::degradation::Degradation;
 use crate::pipeline::electrodes::{Change, ContactFrame, ElectrodeTopology, NoiseFrame};
 use crate::pipeline::error::PipelineError;
 use crate::pipeline::frame::Measurement;
 use crate::pipeline::health::Severity;
-use crate::pipeline::instrument::{Findings, InstrumentMonitor, is_most};
+use crate::pipeline::instrument::{Findings, InstrumentMonitor, Unjudged, is_most};
 use crate::pipeline::process::FrameTime;
 use crate::pipeline::settings::Settings;
 use crate::pipeline::state::{Marks, Reading};
@@ -54,14 +55,8 @@ struct Signal<'a> {
 
 impl Signal<'_> {
     /// Why it cannot be used, if so.
-    fn reason(&self, common_mode: &CommonMode) -> Option<InvalidReason> {
-        match () {
-            () if is_most(&self.masked) => Some(InvalidReason::TooFewChannels),
-            () if self.is_touched && common_mode.is_offset(&self.difference, &self.masked) => {
-                Some(InvalidReason::Offset)
-            }
-            () => None,
-        }
+    fn reason(&self) -> Option<InvalidReason> {
+        is_most(&self.masked).then_some(InvalidReason::TooFewChannels)
     }
 }
 
@@ -73,16 +68,16 @@ impl Pipeline {
         measurement: &Measurement,
         time: FrameTime,
     ) -> Result<Outcome, PipelineError> {
-        let findings = reading.check(&self.topology, measurement, time);
+        let findings = reading.check(&self.topology, &self.common_mode, measurement, time);
         if findings.reason.is_some() {
             let reason = reading.instrument.update_whole(findings.reason, time.time_s);
             return Ok(Outcome::invalid(reason.unwrap_or(InvalidReason::OnTrial)));
         }
         let changes = reading.update_parts(&self.topology, measurement, &findings, time);
         let marks = reading.marks(&self.topology);
-        reading.update_trials(measurement, &marks);
+        reading.update_trials(&self.topology, measurement, &marks);
         let signal = reading.signal(measurement, findings, marks.masked);
-        let reason = reading.instrument.update_whole(signal.reason(&self.common_mode), time.time_s);
+        let reason = reading.instrument.update_whole(signal.reason(), time.time_s);
         self.masked = marks.confirmed;
         self.report_parts(&reading.instrument, &changes, time.at);
         if let Some(reason) = reason {
@@ -192,9 +187,27 @@ impl Pipeline {
 }
 
 impl Reading {
-    fn check(&mut self, topology: &ElectrodeTopology, measurement: &Measurement, time: FrameTime) -> Findings {
+    fn check(
+        &mut self,
+        topology: &ElectrodeTopology,
+        common_mode: &CommonMode,
+        measurement: &Measurement,
+        time: FrameTime,
+    ) -> Findings {
         let baseline_ohm = self.baseline.values_ohm();
-        self.instrument.check(topology, &self.electrodes, baseline_ohm, measurement, time.step_s)
+        let mut findings = self.instrument.check(topology, &self.electrodes, baseline_ohm, measurement, time.step_s);
+        if findings.reason.is_none() && self.is_offset(topology, common_mode, &findings) {
+            findings.reason = Some(InvalidReason::Offset);
+        }
+        findings
+    }
+
+    /// Whether a frame is touched, but by an offset of all values.
+    fn is_offset(&self, topology: &ElectrodeTopology, common_mode: &CommonMode, findings: &Findings) -> bool {
+        let mut masked = self.marks(topology).masked;
+        InstrumentMonitor::mark_findings(topology, findings, &mut masked);
+        let statistic = statistic(&findings.change_ohm, self.electrodes.noise_ohm(), &masked);
+        self.touch_detector.exceeds(statistic) && common_mode.is_offset(&findings.change_ohm, &masked)
     }
 
     /// Whether the frame before was untouched.
@@ -214,19 +227,24 @@ impl Reading {
             return Vec::new();
         }
         let is_untouched = self.was_untouched();
-        let mut unjudged = vec![false; topology.drive_count()];
-        topology.mark_drives_of(self.electrodes.confirmed(), &mut unjudged);
         let about =
             ContactFrame { difference: &findings.change_ohm, sick_drives: &findings.drives, is_untouched, time_s };
-        self.instrument.update_parts(findings, &unjudged, is_untouched, time_s);
-        self.electrodes.update_contacts(topology, measurement, about)
+        let changes = self.electrodes.update_contacts(topology, measurement, about);
+        let mut drives = vec![false; topology.drive_count()];
+        topology.mark_drives_of(self.electrodes.confirmed(), &mut drives);
+        let mut channels = vec![false; topology.channel_count()];
+        topology.mark_channels_of(self.electrodes.in_condition(PartMonitor::is_masked), &mut channels);
+        self.instrument.update_parts(findings, &Unjudged { drives, channels }, is_untouched, time_s);
+        changes
     }
 
     /// Updates the baseline of channels that come back.
-    fn update_trials(&mut self, measurement: &Measurement, marks: &Marks) {
+    fn update_trials(&mut self, topology: &ElectrodeTopology, measurement: &Measurement, marks: &Marks) {
         let is_untouched = self.was_untouched();
+        let mut blocked = marks.blocked.clone();
+        topology.mark_channels_of(self.electrodes.hiding_touch(), &mut blocked);
         let baseline_ohm = self.baseline.values_ohm_mut();
-        self.trials.update(&measurement.values_ohm, [&marks.masked, &marks.blocked], is_untouched, baseline_ohm);
+        self.trials.update(&measurement.values_ohm, [&marks.masked, &blocked], is_untouched, baseline_ohm);
     }
 
     /// The difference of a frame from the baseline, without masked channels.

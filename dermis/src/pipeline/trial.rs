@@ -25,7 +25,8 @@ impl TrialMeans {
     }
 
     /// Takes a frame in which some channels are on trial, and writes the mean of those that have come back to the
-    /// baseline. `masked`: channels that are not in use; `blocked`: those of them that are not on trial.
+    /// baseline. `masked`: channels that are not in use; `blocked`: those of them that are not on
+    /// trial, or whose trial a touch disturbs.
     pub(super) fn update(
         &mut self,
         values_ohm: &[f64],
