@@ -114,13 +114,11 @@ fn a_device_is_found_again_among_idle_sockets() {
         if sockets.len() < SOCKETS {
             sockets.extend((0..SOCKETS / 20).map(|_| connect(server.address())));
         }
-        while let Popped::Item(event) = events.take(Duration::from_millis(50)) {
-            match event {
-                Event::Lost(_) => lost += 1,
-                Event::Connected(_) => found += usize::from(lost > 0),
-                Event::Frame(_) if found > 0 => frames_after += 1,
-                _ => {}
-            }
+        match events.take(Duration::from_millis(50)) {
+            Popped::Item(Event::Lost(_)) => lost += 1,
+            Popped::Item(Event::Connected(_)) => found += usize::from(lost > 0),
+            Popped::Item(Event::Frame(_)) if found > 0 => frames_after += 1,
+            _ => {}
         }
     }
     assert_eq!([lost, found], [1, 1]);

@@ -10,7 +10,7 @@ fn press(at_s: f64) -> Stroke {
 }
 
 /// Reads frames until a device time.
-fn until(bench: &mut Bench, time_s: f64) -> Vec<PipelineFrame> {
+pub fn until(bench: &mut Bench, time_s: f64) -> Vec<PipelineFrame> {
     let mut frames = Vec::new();
     while bench.time_s() < time_s {
         frames.push(bench.frame());

@@ -2,6 +2,7 @@
 //! tests with `cargo test --release -p dermis-live --test rows -- --ignored --nocapture`.
 
 mod bench;
+mod faults;
 mod gaps;
 mod harmed;
 mod meetings;

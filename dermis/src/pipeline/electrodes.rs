@@ -34,7 +34,7 @@ const LOOSE_AT_TARE: f64 = 3.0;
 const DOUBTFUL: f64 = 4.0;
 /// A touch next to an electrode on trial changes the channels that do not measure its contact, root mean square, by more
 /// than this many times their noise.
-const HIDDEN_NOISES: f64 = 3.0;
+const HIDDEN_NOISES: f64 = 1.5;
 /// A loop that grows to more than this many times its reference is not followed.
 const FOLLOWED: f64 = 2.0;
 
@@ -192,7 +192,7 @@ struct Electrode {
     #[serde(rename = "smooth_ohm")]
     smooth_rise_ohm: f64,
     /// Whether a touch next to it is only seen by its own channels, which are not in use.
-    #[serde(skip)]
+    #[serde(default)]
     hides_touch: bool,
     /// Whether it was bad at the tare: then its values with a good contact are unknown.
     #[serde(rename = "since_tare")]
