@@ -64,6 +64,10 @@ const CRATES: &[(&str, &[&str])] = &[
             "dermis-wire",
         ],
     ),
+    (
+        "dermis-python",
+        &["dermis", "dermis-calibrate", "dermis-cli", "dermis-learn", "dermis-live", "dermis-plot", "dermis-sim"],
+    ),
     ("dermis-bench", &["dermis", "dermis-learn", "dermis-sim"]),
 ];
 

@@ -48,7 +48,7 @@ impl Pattern {
             End::Electrode(electrode) => unknown_count - mesh.electrodes.len() + electrode,
         };
         let ones = vec![1.0; mesh.electrodes.len()];
-        for_each_contact(mesh, &ones, |[a, b], _| contacts.push(ordered(unknown(a), unknown(b))));
+        for_each_contact(mesh, &ones, |_, _, [a, b], _| contacts.push(ordered(unknown(a), unknown(b))));
 
         let diagonal = (0..unknown_count).map(|unknown| [unknown, unknown]);
         let pairs = stiffness.iter().map(|(pair, _)| *pair).chain(contacts.iter().copied()).chain(diagonal);
@@ -94,7 +94,7 @@ impl Assembly {
         });
         let mut fixed = vec![0.0; pattern.entries.len()];
         let mut entries = pattern.entry_of_contact.iter();
-        for_each_contact(mesh, contact_impedances, |_, value| {
+        for_each_contact(mesh, contact_impedances, |_, _, _, value| {
             fixed[*entries.next().expect("an entry for each part of a contact")] += value;
         });
         Assembly { pattern, fixed, coefficients }
@@ -105,6 +105,30 @@ impl Assembly {
         let terms = self.pattern.starts[index]..self.pattern.starts[index + 1];
         let cells = self.pattern.cells[terms.clone()].iter().copied();
         (self.fixed[index], cells.zip(self.coefficients[terms].iter().copied()))
+    }
+
+    /// Calls the closure for every pair of corners of every cell, with the index of their entry.
+    pub(super) fn for_each_stiffness(&self, mesh: &Mesh, mut callback: impl FnMut(usize, [usize; 2], usize)) {
+        let starts = &self.pattern.starts;
+        let mut terms = self.pattern.term_of_stiffness.iter();
+        for_each_pair(mesh, |cell, pair| {
+            let term = terms.next().expect("a term for each pair of corners");
+            callback(cell, pair, starts.partition_point(|start| start <= term) - 1);
+        });
+    }
+
+    /// Calls the closure for every part of every electrode's contact: the electrode, the simplex of its patch, and the
+    /// index of the entry with the value of the part.
+    pub(super) fn for_each_contact_part(
+        &self,
+        mesh: &Mesh,
+        contact_impedances: &[f64],
+        mut callback: impl FnMut(usize, &[usize], usize, f64),
+    ) {
+        let mut entries = self.pattern.entry_of_contact.iter();
+        for_each_contact(mesh, contact_impedances, |electrode, corners, _, value| {
+            callback(electrode, corners, *entries.next().expect("an entry for each part of a contact"), value);
+        });
     }
 
     /// The entries' values at a conductivity per cell.
@@ -179,8 +203,9 @@ enum End {
     Electrode(usize),
 }
 
-/// Calls the closure for every part of `integral of (u - U)^2 / z` over every electrode's patch.
-fn for_each_contact(mesh: &Mesh, contact_impedances: &[f64], mut callback: impl FnMut([End; 2], f64)) {
+/// Calls the closure for every part of `integral of (u - U)^2 / z` over every electrode's patch: the electrode, the
+/// corners of the simplex, the unknowns, and the value.
+fn for_each_contact(mesh: &Mesh, contact_impedances: &[f64], mut callback: impl FnMut(usize, &[usize], [End; 2], f64)) {
     for (electrode, patch) in mesh.electrodes.iter().enumerate() {
         let (own, admittance) = (End::Electrode(electrode), 1.0 / contact_impedances[electrode]);
         for (corners, measure) in patch_parts(mesh, patch) {
@@ -188,11 +213,11 @@ fn for_each_contact(mesh: &Mesh, contact_impedances: &[f64], mut callback: impl 
             for i in 0..count {
                 for j in 0..=i {
                     let value = admittance * mass(count, measure, i, j);
-                    callback([End::Node(corners[i]), End::Node(corners[j])], value);
+                    callback(electrode, &corners, [End::Node(corners[i]), End::Node(corners[j])], value);
                 }
-                callback([own, End::Node(corners[i])], -admittance * measure / count as f64);
+                callback(electrode, &corners, [own, End::Node(corners[i])], -admittance * measure / count as f64);
             }
-            callback([own, own], admittance * measure);
+            callback(electrode, &corners, [own, own], admittance * measure);
         }
     }
 }

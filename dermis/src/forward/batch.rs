@@ -2,9 +2,13 @@
 
 use super::assembly::Assembly;
 use super::{ForwardError, ForwardModel};
-use crate::linalg::{AlignedVec, BatchPlan, BatchWorkspace, Entries, LANES, SimdLevel};
+use crate::linalg::{AlignedVec, BatchFactor, BatchPlan, BatchWorkspace, Entries, LANES, SimdLevel};
 use pulp::Simd;
+use std::borrow::Cow;
 use std::sync::Arc;
+
+/// Cells that are transposed at once: their lanes stay in the cache.
+const BLOCK: usize = 64;
 
 /// Work memory for repeated solves of eight conductivities simultaneously, one in each SIMD lane.
 ///
@@ -12,12 +16,12 @@ use std::sync::Arc;
 /// not depend on the other lanes.
 #[derive(Debug, Clone)]
 pub struct BatchSolver {
-    model: ForwardModel,
-    plan: Arc<BatchPlan>,
-    terms: Terms,
+    pub(super) model: ForwardModel,
+    pub(super) plan: Arc<BatchPlan>,
+    pub(super) terms: Terms,
     conductivity: AlignedVec,
-    workspace: BatchWorkspace,
-    impedances: Vec<[f64; LANES]>,
+    pub(super) workspace: BatchWorkspace,
+    pub(super) impedances: Vec<[f64; LANES]>,
 }
 
 impl ForwardModel {
@@ -68,19 +72,65 @@ impl BatchSolver {
         conductivity: &[[f64; LANES]],
         frames: &mut [[f64; LANES]],
     ) -> Result<(), ForwardError> {
-        let protocol = self.model.protocol();
-        assert_eq!(frames.len(), protocol.channel_count(), "a value per channel");
+        self.load(conductivity)?;
+        self.factor(None)?;
+        self.read_frames(frames);
+        Ok(())
+    }
+
+    /// Takes the conductivities of all lanes.
+    pub(super) fn load(&mut self, conductivity: &[[f64; LANES]]) -> Result<(), ForwardError> {
         super::model::check_count("conductivities", conductivity.len(), self.model.mesh().cell_count())?;
-        let flat = conductivity.as_flattened();
-        if let Some(index) = flat.iter().position(|value| !(*value > 0.0 && *value < f64::INFINITY)) {
-            return Err(ForwardError::Conductivity { cell: index / LANES, value: flat[index] });
+        self.conductivity.values_mut().copy_from_slice(conductivity.as_flattened());
+        self.check_conductivity()
+    }
+
+    /// The same from a list for each lane; lanes without one repeat the last.
+    pub(super) fn load_maps(&mut self, maps: &[Cow<'_, [f64]>]) -> Result<(), ForwardError> {
+        let cell_count = self.model.mesh().cell_count();
+        for map in maps {
+            super::model::check_count("conductivities", map.len(), cell_count)?;
         }
-        self.conductivity.values_mut().copy_from_slice(flat);
+        for (block, target) in self.conductivity.values_mut().as_chunks_mut::<LANES>().0.chunks_mut(BLOCK).enumerate() {
+            let cells = block * BLOCK..block * BLOCK + target.len();
+            for lane in 0..LANES {
+                let values = &maps[lane.min(maps.len() - 1)][cells.clone()];
+                target.iter_mut().zip(values).for_each(|(lanes, value)| lanes[lane] = *value);
+            }
+        }
+        self.check_conductivity()
+    }
+
+    fn check_conductivity(&self) -> Result<(), ForwardError> {
+        let values = self.conductivity.values();
+        let is_good = |value: &f64| (*value > 0.0) & (*value < f64::INFINITY);
+        // Without an early exit, so that the loop is vectorised.
+        if values.iter().fold(true, |good, value| good & is_good(value)) {
+            return Ok(());
+        }
+        let index = values.iter().position(|value| !is_good(value)).unwrap_or(0);
+        Err(ForwardError::Conductivity { cell: index / LANES, value: values[index] })
+    }
+
+    /// The conductivities of all lanes.
+    pub(super) fn conductivity(&self) -> &[[f64; LANES]] {
+        self.conductivity.values().as_chunks::<LANES>().0
+    }
+
+    /// Computes the transfer impedances; with a factor also what derivatives need.
+    pub(super) fn factor(&mut self, factor: Option<&mut BatchFactor>) -> Result<(), ForwardError> {
         let entries = Assembled { terms: &self.terms, conductivity: self.conductivity.values() };
-        let solved = self.plan.transfer_impedances(&entries, &mut self.workspace, &mut self.impedances);
-        if let Err(bad) = solved {
-            return Err(self.name_singular(conductivity, bad.0));
-        }
+        let (plan, workspace, impedances) = (&self.plan, &mut self.workspace, &mut self.impedances);
+        let solved = match factor {
+            None => plan.transfer_impedances(&entries, workspace, impedances),
+            Some(factor) => plan.transfer_impedances_kept(&entries, workspace, factor, impedances),
+        };
+        solved.map_err(|bad| self.name_singular(bad.0))
+    }
+
+    /// The frames of the transfer impedances, to which the series resistances are added.
+    pub(super) fn read_frames(&mut self, frames: &mut [[f64; LANES]]) {
+        assert_eq!(frames.len(), self.model.protocol().channel_count(), "a value per channel");
         self.add_series();
         let count = self.plan.kept_count();
         for (value, channel) in frames.iter_mut().zip(self.model.protocol().channels()) {
@@ -91,7 +141,6 @@ impl BatchSolver {
                 value[lane] = (a[lane] - b[lane]) - (c[lane] - d[lane]);
             }
         }
-        Ok(())
     }
 
     /// As [`ElectrodeNetwork::with_series`](super::ElectrodeNetwork) does it.
@@ -112,9 +161,9 @@ impl BatchSolver {
     }
 
     /// The error of the plain solver for the first lane that failed.
-    fn name_singular(&self, conductivity: &[[f64; LANES]], bad: [bool; LANES]) -> ForwardError {
+    fn name_singular(&self, bad: [bool; LANES]) -> ForwardError {
         let lane = bad.iter().position(|&bad| bad).unwrap_or(0);
-        let one: Vec<f64> = conductivity.iter().map(|lanes| lanes[lane]).collect();
+        let one: Vec<f64> = self.conductivity().iter().map(|lanes| lanes[lane]).collect();
         match self.model.solve(&one) {
             Err(error) => error,
             Ok(_) => ForwardError::Singular { place: "the electrodes".into() },
@@ -124,13 +173,18 @@ impl BatchSolver {
 
 /// The entries of the system in the order of the factorisation: each `fixed + sum of coefficient * conductivity[cell]`.
 #[derive(Debug, Clone)]
-struct Terms {
+pub(super) struct Terms {
     fixed: Vec<f64>,
     starts: Vec<u32>,
     terms: Vec<(u32, f64)>,
 }
 
 impl Terms {
+    /// The cells of an entry with their coefficients.
+    pub(super) fn of_entry(&self, position: usize) -> &[(u32, f64)] {
+        &self.terms[self.starts[position] as usize..self.starts[position + 1] as usize]
+    }
+
     fn new(assembly: &Assembly, plan: &BatchPlan) -> Self {
         let mut sorted = Terms { fixed: Vec::new(), starts: vec![0], terms: Vec::new() };
         let index = |value: usize| u32::try_from(value).expect("more terms than memory holds");

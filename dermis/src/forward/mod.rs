@@ -11,7 +11,9 @@ mod assembly;
 mod batch;
 mod conductors;
 mod contact_jacobian;
+mod gradient;
 mod jacobian;
+mod many;
 mod model;
 mod near_field;
 mod network;
@@ -19,6 +21,8 @@ mod network;
 pub use crate::linalg::Matrix;
 pub use batch::BatchSolver;
 pub use conductors::{ConductorContact, FloatingConductors, PotentialMoment, PotentialMoments};
+pub use gradient::{Gradient, KeptSolution};
+pub use many::{SolutionGradient, Solutions};
 pub use model::{ForwardModel, Solver, rest_conductivity};
 pub use network::ElectrodeNetwork;
 

@@ -3,6 +3,7 @@
 mod broken;
 mod csv;
 mod currents;
+mod differences;
 mod lines;
 mod npy;
 #[cfg_attr(not(feature = "npz"), path = "no_npz.rs")]
@@ -14,6 +15,7 @@ mod truth;
 
 pub use broken::broken_channels;
 pub use currents::DriveCurrents;
+pub use differences::Differences;
 pub use lines::{FrameLine, FrameLines, LineError};
 pub use npy::npy_header;
 pub use output::write_whole;

@@ -14,7 +14,7 @@ mod symbolic;
 
 pub use assignment::smallest_total;
 pub(crate) use batch::AlignedVec;
-pub use batch::{BadLanes, BatchPlan, BatchWorkspace, Entries, LANES};
+pub use batch::{BadLanes, BatchFactor, BatchPlan, BatchWorkspace, Entries, LANES};
 pub use dense::{cholesky_in_place, invert_spd};
 pub(crate) use dense::{eliminate_in_place, subtract_gram};
 pub(crate) use factor::Workspace;

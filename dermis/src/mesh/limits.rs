@@ -2,22 +2,15 @@
 
 use crate::geom::vector::{Point3, centroid, distance};
 use crate::geom::{PlaceLimits, Surface};
-use crate::mesh::{Cells, ElectrodePatch, Mesh};
+use crate::mesh::{Cells, Mesh};
 
 impl Mesh {
     /// The centre of an electrode: the mean of its nodes, m.
     ///
     /// # Panics
     /// If the electrode does not exist.
-    pub(crate) fn electrode_centre(&self, electrode: usize) -> Point3 {
-        let mut nodes: Vec<usize> = match &self.electrodes[electrode] {
-            ElectrodePatch::Cells(cells) => cells.iter().flat_map(|&cell| self.cells.corners(cell)).copied().collect(),
-            ElectrodePatch::Edges(edges) => edges.iter().flatten().copied().collect(),
-            ElectrodePatch::Faces(faces) => faces.iter().flatten().copied().collect(),
-            ElectrodePatch::Node(node) => vec![*node],
-        };
-        nodes.sort_unstable();
-        nodes.dedup();
+    pub fn electrode_centre(&self, electrode: usize) -> Point3 {
+        let nodes = self.electrode_nodes(electrode);
         centroid(&nodes.iter().map(|&node| self.nodes[node]).collect::<Vec<_>>())
     }
 

@@ -112,6 +112,22 @@ impl Mesh {
         self.cells.len()
     }
 
+    /// The nodes of an electrode, in order.
+    ///
+    /// # Panics
+    /// If the electrode does not exist.
+    pub fn electrode_nodes(&self, electrode: usize) -> Vec<usize> {
+        let mut nodes: Vec<usize> = match &self.electrodes[electrode] {
+            ElectrodePatch::Cells(cells) => cells.iter().flat_map(|&cell| self.cells.corners(cell)).copied().collect(),
+            ElectrodePatch::Edges(edges) => edges.as_flattened().to_vec(),
+            ElectrodePatch::Faces(faces) => faces.as_flattened().to_vec(),
+            ElectrodePatch::Node(node) => vec![*node],
+        };
+        nodes.sort_unstable();
+        nodes.dedup();
+        nodes
+    }
+
     /// Area (m2) of a triangle or volume (m3) of a tetrahedron.
     pub fn cell_measure(&self, cell: usize) -> f64 {
         match &self.cells {

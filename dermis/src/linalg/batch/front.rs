@@ -6,19 +6,21 @@ use pulp::Simd;
 
 /// Eliminates all fronts; the Schur complement is the last front's update. Returns the smallest pivot of each matrix;
 /// if one is not positive, the other results of its lane are undefined.
+///
+/// The panels share the memory of the largest one, unless they are kept: `KEEP`.
 #[inline(always)]
-pub(super) fn eliminate_all<S: Simd>(
+pub(super) fn eliminate_all<S: Simd, const KEEP: bool>(
     simd: S,
     plan: &BatchPlan,
     entries: &impl Entries,
     pass: usize,
-    panel: &mut [S::f64s],
+    panels: &mut [S::f64s],
     updates: &mut [S::f64s],
 ) -> S::f64s {
     let zero = simd.splat_f64s(0.0);
     let mut least = simd.splat_f64s(f64::MAX);
     for front in &plan.fronts {
-        let panel = &mut panel[..front.panel_size()];
+        let panel = &mut panels[if KEEP { front.panel } else { 0 }..][..front.panel_size()];
         let children = &plan.children[front.children.clone()];
         if front.width > 0 {
             panel.fill(zero);
@@ -88,7 +90,7 @@ fn add_to_update<S: Simd>(simd: S, child: &Child, rows: &[RowAddress], front: &F
 
 /// Two parts of one memory that do not overlap: one from `source` on, and `length` values from `target` on.
 #[inline(always)]
-fn source_and_target<T>(memory: &mut [T], source: usize, target: usize, length: usize) -> (&[T], &mut [T]) {
+pub(super) fn source_and_target<T>(memory: &mut [T], source: usize, target: usize, length: usize) -> (&[T], &mut [T]) {
     if source < target {
         let (low, high) = memory.split_at_mut(target);
         (&low[source..], &mut high[..length])
@@ -164,7 +166,7 @@ fn factor_columns<S: Simd, const COUNT: usize>(
 
 /// `target[c][r] -= sum over k of a[k][r] b[k][c]`
 #[inline(always)]
-fn subtract_product<S: Simd, const COUNT: usize>(
+pub(super) fn subtract_product<S: Simd, const COUNT: usize>(
     simd: S,
     target: &mut [[S::f64s; TILE]; COUNT],
     a: &[[S::f64s; TILE]],

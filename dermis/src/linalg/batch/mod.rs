@@ -2,13 +2,14 @@
 //!
 //! Each number of the factorisation is a vector of eight numbers here, one per matrix. The arithmetic is that of
 //! [`Symbolic::factor`] without gathers, and lanes are independent. Only the Schur complement of the kept unknowns is
-//! needed, so the factor itself is not stored: a front's columns are in a scratch panel, and its update is written to
-//! the address where its parent reads it, which is planned beforehand.
+//! needed, so the factor itself is not stored, unless derivatives are wanted ([`BatchFactor`]): a front's columns are in
+//! a scratch panel, and its update is written to the address where its parent reads it, which is planned beforehand.
 //!
 //! Panels and updates are stored in tiles of 4 x 4 numbers, so that the product of two rows of tiles reads memory in
 //! order with 16 sums in registers. The number of passes depends on the instruction set: one with 512-bit vectors, two
 //! with 256-bit vectors, eight without vectors.
 
+mod adjoint;
 mod front;
 mod network;
 mod plan;
@@ -37,6 +38,16 @@ pub struct BatchWorkspace {
     panel: AlignedVec,
     updates: AlignedVec,
     network: AlignedVec,
+    /// Of derivatives; empty until they are asked for.
+    scratch: AlignedVec,
+    level: SimdLevel,
+}
+
+/// The factors of eight matrices, for derivatives.
+#[derive(Debug, Clone)]
+pub struct BatchFactor {
+    /// The panels of all fronts, pass after pass.
+    panels: AlignedVec,
     level: SimdLevel,
 }
 
@@ -60,6 +71,7 @@ impl BatchPlan {
             panel: AlignedVec::new(self.panel_size * LANES),
             updates: AlignedVec::new(self.update_size * LANES),
             network: AlignedVec::new(2 * self.kept_count * self.kept_count * LANES),
+            scratch: AlignedVec::new(0),
             level,
         }
     }
@@ -80,11 +92,72 @@ impl BatchPlan {
         workspace: &mut BatchWorkspace,
         impedances: &mut [[f64; LANES]],
     ) -> Result<(), BadLanes> {
+        self.run(entries, workspace, None, impedances)
+    }
+
+    /// Memory for the factors of [`transfer_impedances_kept`](Self::transfer_impedances_kept) with this workspace.
+    pub fn factor(&self, workspace: &BatchWorkspace) -> BatchFactor {
+        BatchFactor { panels: AlignedVec::new(self.panels_size * LANES), level: workspace.level }
+    }
+
+    /// As [`transfer_impedances`](Self::transfer_impedances), with the same bits, and keeps the factors.
+    ///
+    /// # Errors
+    /// The same.
+    ///
+    /// # Panics
+    /// If the memory is of another plan.
+    pub fn transfer_impedances_kept(
+        &self,
+        entries: &impl Entries,
+        workspace: &mut BatchWorkspace,
+        factor: &mut BatchFactor,
+        impedances: &mut [[f64; LANES]],
+    ) -> Result<(), BadLanes> {
+        assert_eq!(factor.panels.len, self.panels_size * LANES, "a factor of another plan");
+        factor.level = workspace.level;
+        self.run(entries, workspace, Some(factor), impedances)
+    }
+
+    fn run(
+        &self,
+        entries: &impl Entries,
+        workspace: &mut BatchWorkspace,
+        factor: Option<&mut BatchFactor>,
+        impedances: &mut [[f64; LANES]],
+    ) -> Result<(), BadLanes> {
         assert_eq!(impedances.len(), self.kept_count * self.kept_count, "a value per pair of kept unknowns");
         assert_eq!(workspace.updates.len, self.update_size * LANES, "workspace of another plan");
         let arch = workspace.level.arch();
-        let good = arch.dispatch(Run { plan: self, entries, workspace, impedances });
+        let good = arch.dispatch(Run { plan: self, entries, workspace, factor, impedances });
         if good.iter().all(|&good| good) { Ok(()) } else { Err(BadLanes(good.map(|good| !good))) }
+    }
+
+    /// The derivatives of a function of the Schur complements with respect to the entries, in the order of
+    /// [`entry_order`](Self::entry_order), a lane per matrix.
+    ///
+    /// `schur` contains the function's derivative with respect to the complement `Y` as a symmetric matrix `G`, so that
+    /// it changes by `trace(G dY)`; `kept x kept`. The derivative of an off-diagonal entry is half of that of the value
+    /// that the entry stands for, which is in the matrix twice.
+    ///
+    /// # Panics
+    /// If the memory is of another plan.
+    pub fn entry_derivatives(
+        &self,
+        factor: &BatchFactor,
+        schur: &[[f64; LANES]],
+        workspace: &mut BatchWorkspace,
+        derivatives: &mut [[f64; LANES]],
+    ) {
+        assert_eq!(factor.panels.len, self.panels_size * LANES, "a factor of another plan");
+        assert_eq!(schur.len(), self.kept_count * self.kept_count, "a value per pair of kept unknowns");
+        assert_eq!(derivatives.len(), self.entry_order().len(), "a value per entry");
+        let size = adjoint::Scratch::of(self).size() * LANES;
+        if workspace.scratch.len < size {
+            workspace.scratch = AlignedVec::new(size);
+        }
+        let arch = factor.level.arch();
+        arch.dispatch(Differentiate { plan: self, factor, schur, workspace, derivatives });
     }
 }
 
@@ -92,6 +165,7 @@ struct Run<'a, E> {
     plan: &'a BatchPlan,
     entries: &'a E,
     workspace: &'a mut BatchWorkspace,
+    factor: Option<&'a mut BatchFactor>,
     impedances: &'a mut [[f64; LANES]],
 }
 
@@ -99,14 +173,23 @@ impl<E: Entries> WithSimd for Run<'_, E> {
     type Output = [bool; LANES];
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+    fn with_simd<S: Simd>(mut self, simd: S) -> Self::Output {
         let width = S::F64_LANES;
         let mut good = [true; LANES];
         for pass in 0..LANES / width {
-            let panel = S::as_mut_simd_f64s(self.workspace.panel.values_mut()).0;
             let updates = S::as_mut_simd_f64s(self.workspace.updates.values_mut()).0;
             let network = S::as_mut_simd_f64s(self.workspace.network.values_mut()).0;
-            let least = front::eliminate_all(simd, self.plan, self.entries, pass, panel, updates);
+            let least = match &mut self.factor {
+                None => {
+                    let panel = S::as_mut_simd_f64s(self.workspace.panel.values_mut()).0;
+                    front::eliminate_all::<S, false>(simd, self.plan, self.entries, pass, panel, updates)
+                }
+                Some(factor) => {
+                    let panels = S::as_mut_simd_f64s(factor.panels.values_mut()).0;
+                    let panels = &mut panels[pass * self.plan.panels_size..][..self.plan.panels_size];
+                    front::eliminate_all::<S, true>(simd, self.plan, self.entries, pass, panels, updates)
+                }
+            };
             let schur = &updates[self.plan.schur..];
             let least_kept = network::pseudo_inverse(simd, schur, self.plan.kept_count, network);
             let lanes = pass * width..(pass + 1) * width;
@@ -123,6 +206,43 @@ impl<E: Entries> WithSimd for Run<'_, E> {
             }
         }
         good
+    }
+}
+
+struct Differentiate<'a> {
+    plan: &'a BatchPlan,
+    factor: &'a BatchFactor,
+    schur: &'a [[f64; LANES]],
+    workspace: &'a mut BatchWorkspace,
+    derivatives: &'a mut [[f64; LANES]],
+}
+
+impl WithSimd for Differentiate<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Differentiate { plan, factor, schur, workspace, derivatives } = self;
+        let (width, kept) = (S::F64_LANES, plan.kept_count);
+        let panels = S::as_simd_f64s(factor.panels.values()).0;
+        for pass in 0..LANES / width {
+            let lanes = pass * width..(pass + 1) * width;
+            let updates = S::as_mut_simd_f64s(workspace.updates.values_mut()).0;
+            let mut place = plan.schur;
+            for column in 0..kept {
+                for row in column..kept {
+                    let values: &mut [f64] = pulp::bytemuck::cast_slice_mut(std::slice::from_mut(&mut updates[place]));
+                    values.copy_from_slice(&schur[row * kept + column][lanes.clone()]);
+                    place += 1;
+                }
+            }
+            let panels = &panels[pass * plan.panels_size..][..plan.panels_size];
+            let scratch = S::as_mut_simd_f64s(workspace.scratch.values_mut()).0;
+            adjoint::differentiate_all(simd, plan, panels, updates, scratch, |position, value| {
+                let value: &[f64] = pulp::bytemuck::cast_slice(std::slice::from_ref(&value));
+                derivatives[position][lanes.clone()].copy_from_slice(value);
+            });
+        }
     }
 }
 

@@ -19,7 +19,10 @@ pub struct BatchPlan {
     pub(super) kept_count: usize,
     /// The start of the last front's update, which becomes the Schur complement.
     pub(super) schur: usize,
+    /// Of the largest panel.
     pub(super) panel_size: usize,
+    /// Of all panels together.
+    pub(super) panels_size: usize,
     pub(super) update_size: usize,
 }
 
@@ -36,6 +39,8 @@ pub(super) struct Front {
     pub children: std::ops::Range<usize>,
     /// Start of its update.
     pub update: usize,
+    /// Start of its panel where all panels are kept.
+    pub panel: usize,
 }
 
 impl Front {
@@ -110,6 +115,7 @@ impl BatchPlan {
             kept_count: symbolic.kept_count,
             schur: 0,
             panel_size: 0,
+            panels_size: 0,
             update_size: 0,
         };
         let mut memory = Memory::default();
@@ -169,6 +175,7 @@ impl BatchPlan {
             entries: first_entry..self.entry_targets.len(),
             children: first_child..self.children.len(),
             update: 0,
+            panel: self.panels_size,
         };
         // The parent's update is written while its children's are still read.
         front.update = memory.take(front.update_size());
@@ -176,6 +183,7 @@ impl BatchPlan {
             memory.give_back(self.fronts[child].update, self.fronts[child].update_size());
         }
         self.panel_size = self.panel_size.max(front.panel_size());
+        self.panels_size += front.panel_size();
         self.fronts.push(front);
     }
 }
