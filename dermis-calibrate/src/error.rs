@@ -35,6 +35,15 @@ pub enum CalibrateError {
         /// Labelled presses.
         labels: usize,
     },
+    /// A correction with labels in a robot's frame.
+    #[error("a correction of {method} needs labels on the skin, not in the frame of a robot")]
+    CorrectionFrame {
+        /// The method.
+        method: String,
+    },
+    /// A method that cannot be prepared.
+    #[error(transparent)]
+    Method(Box<dermis::method::MethodError>),
     /// A label that does not fit the frames.
     #[error("{0}")]
     Label(String),
@@ -77,4 +86,11 @@ pub enum CalibrateError {
         /// What is wrong, and the fix.
         message: String,
     },
+}
+
+/// Boxed: its size would enlarge every result of this crate.
+impl From<dermis::method::MethodError> for CalibrateError {
+    fn from(error: dermis::method::MethodError) -> Self {
+        CalibrateError::Method(Box::new(error))
+    }
 }

@@ -3,6 +3,7 @@
 use crate::calibration::Calibration;
 use crate::correction::Correction;
 use crate::error::CalibrateError;
+use crate::fitted::Fitted;
 use crate::located::Located;
 use crate::posterior::Posterior;
 use crate::touches::Superposition;
@@ -42,24 +43,51 @@ impl Calibrations {
     pub fn of(base: Methods) -> Self {
         Calibrations { base }
     }
+}
 
-    fn forward_map(skin: &Skin, name: &str, options: &MethodOptions) -> Result<Method, MethodError> {
-        options.check_not_linear(name)?;
-        if !options.excluded.is_empty() {
-            let message = "uses all channels: leave --leave-out out".into();
-            return Err(MethodError::Option { method: name.into(), message });
+impl Fitted {
+    /// Reads the calibration in a folder; `None` for any other folder.
+    ///
+    /// # Errors
+    /// A file that is missing, damaged or of another version; a calibration of another design.
+    pub fn load(folder: &Path, skin: &Skin) -> Result<Option<Self>, CalibrateError> {
+        if Calibration::is_folder(folder) {
+            return Ok(Some(Fitted::ForwardMap(Box::new(Calibration::load(folder, skin.design())?))));
         }
-        let calibration = Calibration::load(Path::new(name), skin.design())?;
-        let method = CalibratedMethod::new(skin, calibration);
-        Ok(Method::new(name, format!("calibration in {name}"), Arc::new(method)))
+        if Correction::is_folder(folder) {
+            return Ok(Some(Fitted::Correction(Box::new(Correction::load(folder, skin.design())?))));
+        }
+        Ok(None)
     }
 
-    fn correction(&self, skin: &Skin, name: &str, options: &MethodOptions) -> Result<Method, MethodError> {
-        let correction = Correction::load(Path::new(name), skin.design())?;
-        let base = self.base.method(skin, correction.method(), options)?;
-        let label = format!("{} with the correction in {name}", base.label());
-        let method = CorrectedMethod { base: Arc::clone(base.reconstruct()), correction };
-        Ok(Method::new(name, label, Arc::new(method)))
+    /// The method with this name: of a correction, `methods` has the method that it corrects.
+    ///
+    /// # Errors
+    /// Options that it does not have; a corrected method that cannot be prepared.
+    pub fn into_method(
+        self,
+        methods: &Methods,
+        skin: &Skin,
+        name: &str,
+        options: &MethodOptions,
+    ) -> Result<Method, MethodError> {
+        match self {
+            Fitted::ForwardMap(calibration) => {
+                options.check_not_linear(name)?;
+                if !options.excluded.is_empty() {
+                    let message = "uses all channels: leave --leave-out out".into();
+                    return Err(MethodError::Option { method: name.into(), message });
+                }
+                let method = CalibratedMethod::new(skin, *calibration);
+                Ok(Method::new(name, format!("calibration in {name}"), Arc::new(method)))
+            }
+            Fitted::Correction(correction) => {
+                let base = methods.method(skin, correction.method(), options)?;
+                let label = format!("{} with the correction in {name}", base.label());
+                let method = CorrectedMethod { base: Arc::clone(base.reconstruct()), correction: *correction };
+                Ok(Method::new(name, label, Arc::new(method)))
+            }
+        }
     }
 }
 
@@ -73,13 +101,8 @@ impl MethodSource for Calibrations {
         if !is_path(name) {
             return Ok(None);
         }
-        if Calibration::is_folder(Path::new(name)) {
-            return Self::forward_map(skin, name, options).map(Some);
-        }
-        if Correction::is_folder(Path::new(name)) {
-            return self.correction(skin, name, options).map(Some);
-        }
-        Ok(None)
+        let Some(fitted) = Fitted::load(Path::new(name), skin)? else { return Ok(None) };
+        fitted.into_method(&self.base, skin, name, options).map(Some)
     }
 }
 

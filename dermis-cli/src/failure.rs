@@ -6,7 +6,6 @@ use miette::{Diagnostic, NamedSource, SourceSpan};
 use std::fmt;
 use std::ops::Range;
 use std::path::Path;
-use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// The result of a command.
@@ -29,18 +28,18 @@ impl Failure {
     }
 
     /// Prints the error and returns the exit code.
-    pub fn report(self) -> ExitCode {
+    pub fn report(self) -> u8 {
         match self {
             Failure::Given(report) => {
                 eprintln!("{report:?}");
-                ExitCode::from(2)
+                2
             }
             Failure::Ours(message) => {
                 let message = printable_lines(&message);
                 eprintln!(
                     "Error: {message}\nThis is an internal error of dermis: please report it with the command and its files."
                 );
-                ExitCode::from(1)
+                1
             }
         }
     }
@@ -73,9 +72,47 @@ pub fn has_panicked() -> bool {
     PANICKED.load(Ordering::Relaxed)
 }
 
-/// Reports a panic, after its own message.
-pub fn report_panic() -> ExitCode {
-    Failure::Ours("unexpected state (see above)".into()).report()
+/// The error of a panic, which has printed its own message.
+pub fn panicked() -> Failure {
+    Failure::Ours("unexpected state (see above)".into())
+}
+
+/// The error of a command, for programs that run it.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{message}")]
+pub struct CommandError {
+    /// What is wrong.
+    pub message: String,
+    /// The fix, if known.
+    pub hint: Option<String>,
+    /// The line in a file.
+    pub line: Option<usize>,
+    /// The exit code: 2 for invalid input, 1 for an internal error.
+    pub code: u8,
+}
+
+impl CommandError {
+    /// From arguments that are not understood.
+    pub(crate) fn of_arguments(error: &clap::Error) -> Self {
+        let text = error.to_string();
+        let message = text.trim().trim_start_matches("error: ").to_string();
+        CommandError { message, hint: None, line: None, code: 2 }
+    }
+
+    pub(crate) fn of_failure(failure: Failure) -> Self {
+        match failure {
+            Failure::Ours(message) => CommandError { message, hint: None, line: None, code: 1 },
+            Failure::Given(report) => {
+                let excerpt = report.downcast_ref::<Excerpt>();
+                CommandError {
+                    message: report.to_string(),
+                    hint: report.help().map(|help| help.to_string()),
+                    line: excerpt.and_then(|excerpt| excerpt.line),
+                    code: 2,
+                }
+            }
+        }
+    }
 }
 
 /// A message with the excerpt of the file where the error is.
@@ -85,6 +122,8 @@ struct Excerpt {
     fix: Option<String>,
     source: Option<NamedSource<String>>,
     span: Option<SourceSpan>,
+    /// The line of the span, from 1.
+    line: Option<usize>,
 }
 
 /// Longest message, and longest line of an excerpt, bytes: a file may be one line of many megabytes.
@@ -95,7 +134,7 @@ impl Excerpt {
     /// A message without an excerpt. Texts of files cannot control the terminal.
     fn new(message: &str, fix: Option<String>) -> Self {
         let clean = |text: &str| printable_lines(&shortened(text, LONGEST_MESSAGE)).into_owned();
-        Excerpt { message: clean(message), fix: fix.map(|fix| clean(&fix)), source: None, span: None }
+        Excerpt { message: clean(message), fix: fix.map(|fix| clean(&fix)), source: None, span: None, line: None }
     }
 
     /// Adds the place in a file; without its text where the lines around it are too long to be shown.
@@ -103,6 +142,7 @@ impl Excerpt {
         let name = printable(&name).into_owned();
         let before = &text.as_bytes()[..span.as_ref().map_or(0, |span| span.start.min(text.len()))];
         let line = before.iter().filter(|&&byte| byte == b'\n').count();
+        self.line = span.is_some().then_some(line + 1);
         let mut around = text.lines().skip(line.saturating_sub(EXCERPT_LINES)).take(2 * EXCERPT_LINES + 1);
         if around.any(|line| line.len() > LONGEST_LINE) {
             self.message = format!("{name}, line {}: {}", line + 1, self.message);

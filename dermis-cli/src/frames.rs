@@ -4,7 +4,7 @@ use crate::console::Progress;
 use crate::failure::{Failure, Outcome};
 use clap::{ArgGroup, Args};
 use dermis::fit::model_differences;
-use dermis::frame::{DriveCurrents, Frame, mean, read_frames_without};
+use dermis::frame::{Differences, DriveCurrents, Frame, read_frames_without};
 use dermis::image::Image;
 use dermis::method::Method;
 use dermis::protocol::Protocol;
@@ -78,15 +78,6 @@ pub fn divided(currents: Option<&Path>, protocol: &Protocol, frames: Vec<Frame>)
     Ok(DriveCurrents::read(path, protocol, frames.len())?.frames_per_ampere(protocol, frames))
 }
 
-/// Differences from the untouched skin.
-#[derive(Debug, Default)]
-pub struct Differences {
-    /// The difference of each frame, ohm.
-    pub frames: Vec<Frame>,
-    /// The untouched frames minus their mean, ohm; empty where differences were given.
-    pub untouched: Vec<Frame>,
-}
-
 /// Frames as they are in their files.
 #[derive(Debug)]
 pub struct Recorded {
@@ -124,11 +115,7 @@ impl FrameArguments {
 impl Recorded {
     /// The frames minus the mean of the untouched ones.
     pub fn into_differences(self) -> Differences {
-        let Some(rest) = mean(&self.untouched) else {
-            return Differences { frames: self.frames, untouched: Vec::new() };
-        };
-        let minus_rest = |frames: &[Frame]| frames.iter().map(|frame| frame - &rest).collect();
-        Differences { frames: minus_rest(&self.frames), untouched: minus_rest(&self.untouched) }
+        Differences::new(self.frames, self.untouched)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::console::{Progress, StatusLine, notice_line, on_interrupt, print, print_json};
 use crate::failure::{Failure, Outcome};
-use crate::fitted::{FORWARD_MAP, Fitted, better_correction};
+use crate::fitted;
 use crate::range::count;
 use crate::skin;
 use crate::source::{PageArguments, SourceArguments};
@@ -13,7 +13,7 @@ use dermis::method::MethodSet;
 use dermis::pipeline::{Settings, Severity, Timestamp};
 use dermis::skin::Skin;
 use dermis::text::counted;
-use dermis_calibrate::{CalibrateError, Correction, FEWEST_LABELS, Places, Quality, Session};
+use dermis_calibrate::{CalibrateError, Correction, FEWEST_LABELS, Fitted, Places, Quality, Session};
 use dermis_live::device::DeviceOptions;
 use dermis_live::emulator::Emulator;
 use dermis_live::guide::{Guide, GuideAction, GuideStep, PressCollector, PressEvent};
@@ -379,7 +379,8 @@ impl Guided {
     fn save_better_correction(&self, folder: &Path, map: Option<&Quality>) -> Outcome<Option<Correction>> {
         let Some(map) = map else { return Ok(None) };
         let (frames, labels) = self.session.presses();
-        let correction = better_correction(self.session.skin(), frames, &labels, map)?;
+        let correction =
+            Fitted::better_correction(&dermis_learn::methods(), self.session.skin(), frames, &labels, map)?;
         if let Some(correction) = &correction {
             correction.save(folder, self.session.skin().design())?;
         }
@@ -391,7 +392,7 @@ impl Guided {
         let quality = self.quality.filter(|(revision, _)| *revision == self.revision).map(|(_, quality)| quality);
         let correction = self.save_better_correction(folder, quality.as_ref())?;
         if as_json {
-            let method = correction.as_ref().map_or(FORWARD_MAP, Correction::method);
+            let method = correction.as_ref().map_or(Fitted::FORWARD_MAP, Correction::method);
             let quality = correction.as_ref().map_or_else(|| json!(quality), |correction| json!(correction.quality()));
             return print_json(&json!({
                 "skin": self.session.skin().design().name,
@@ -403,7 +404,7 @@ impl Guided {
             }));
         }
         if let Some(correction) = correction {
-            print(&format!("{}\n", Fitted::Correction(Box::new(correction)).summary(&[]).to_text()))?;
+            print(&format!("{}\n", fitted::summary(&Fitted::Correction(Box::new(correction)), &[]).to_text()))?;
         }
         let path = folder.display();
         match quality {

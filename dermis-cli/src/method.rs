@@ -3,11 +3,10 @@
 use crate::channels::{Channels, LEAVE_OUT_HELP};
 use crate::console::Progress;
 use crate::failure::{Failure, Outcome};
-use crate::frames::Differences;
 use crate::range::number;
 use clap::{Args, ValueEnum};
 use dermis::detect::{DetectOptions, Detector};
-use dermis::frame::{Frame, read_frames_without};
+use dermis::frame::{Differences, Frame, read_frames_without};
 use dermis::method::{Method, MethodOptions, Methods, is_path};
 use dermis::reconstruct::{Alpha, Difference, FEWEST_UNTOUCHED_FRAMES, Reconstruct};
 use dermis::skin::Skin;

@@ -5,15 +5,13 @@ use crate::failure::{Failure, Outcome};
 use crate::range::number;
 use clap::Args;
 use dermis::design::SkinDesign;
-use dermis::text::printable_lines;
 use dermis_live::device::Address;
-use dermis_live::emulator::{Emulator, Port};
+use dermis_live::emulator::Emulator;
 use dermis_live::recording::RecordingLimits;
 use dermis_live::sinks::viewer::{Server, ServerOptions};
 use dermis_live::{Control, Live, RecordingOptions};
 use std::fs::File;
 use std::io::Read;
-use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -55,16 +53,7 @@ impl SourceArguments {
             return Ok((Address::parse(&self.source)?, None));
         }
         let emulator = self.emulator.emulator(design)?;
-        let failed = |error: std::io::Error| Failure::given(format!("no port for the emulated device: {error}"), None);
-        let listener = TcpListener::bind("127.0.0.1:0").map_err(failed)?;
-        let address = Address::Tcp(listener.local_addr().map_err(failed)?.to_string());
-        let serving = Arc::clone(&emulator);
-        let serve = move || {
-            if let Err(error) = serving.serve(Port::Tcp(listener)) {
-                eprintln!("the emulated device has failed: {}", printable_lines(&error.to_string()));
-            }
-        };
-        std::thread::Builder::new().name("dermis-device".into()).spawn(serve).map_err(failed)?;
+        let address = emulator.serve_locally()?;
         Ok((address, Some(emulator)))
     }
 

@@ -1,29 +1,23 @@
 //! Files that would take more than 1 GiB of memory or 20 s are errors that name the limit.
 #![cfg(target_os = "linux")]
 
+mod bounded;
 mod workplace;
 
 use std::fmt::Write;
 use std::io::Write as _;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use workplace::{DISK, Workplace};
 
 const MOST_TIME: Duration = Duration::from_secs(20);
-/// Of address space; the program itself reserves some for its threads.
-const MOST_KIB: u64 = 1 << 20;
 
 /// Runs a command that must refuse a file within the limits; its message.
 fn refused(at: &Workplace, arguments: &str, words: &[&str]) {
-    let begun = Instant::now();
-    let run = format!("ulimit -d {MOST_KIB}; exec {} {arguments}", env!("CARGO_BIN_EXE_dermis"));
-    let mut command = std::process::Command::new("sh");
-    command.args(["-c", &run]).current_dir(at.folder()).env("NO_COLOR", "1").env("RAYON_NUM_THREADS", "2");
-    let output = command.output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(said.len() < 10_000, "{} bytes are said about {arguments}", said.len());
-    let said = said.split_whitespace().filter(|word| *word != "│").collect::<Vec<_>>().join(" ");
-    assert_eq!(output.status.code(), Some(2), "dermis {arguments}: {said}");
-    assert!(begun.elapsed() < MOST_TIME, "dermis {arguments}: {:?}", begun.elapsed());
+    let bounded::Ended { status, stderr } =
+        bounded::run(at.folder(), arguments, MOST_TIME).unwrap_or_else(|why| panic!("dermis {arguments}: {why}"));
+    assert!(stderr.len() < 10_000, "{} bytes are said about {arguments}", stderr.len());
+    let said = stderr.split_whitespace().filter(|word| *word != "│").collect::<Vec<_>>().join(" ");
+    assert_eq!(status.code(), Some(2), "dermis {arguments}: {said}");
     words.iter().for_each(|word| assert!(said.contains(word), "dermis {arguments}: no `{word}` in: {said}"));
 }
 

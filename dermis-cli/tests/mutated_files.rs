@@ -2,6 +2,7 @@
 //! succeeds, or refuses the file with exit code 2.
 #![cfg(target_os = "linux")]
 
+mod bounded;
 #[path = "../../fuzz/src/mutation.rs"]
 mod mutation;
 mod workplace;
@@ -9,9 +10,9 @@ mod workplace;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use workplace::Workplace;
 
 /// Files in the ordinary tests, and with `--ignored`. `DERMIS_MUTATED_FILES` sets another number for both.
@@ -20,8 +21,6 @@ const MANY: usize = 10_000;
 const SEED: u64 = 1;
 
 const MOST_TIME: Duration = Duration::from_secs(20);
-/// Of data, as the program reserves address space for its threads.
-const MOST_KIB: u64 = 1 << 20;
 
 /// A kind of file.
 struct Kind {
@@ -219,27 +218,10 @@ fn opened(bytes: &[u8]) -> Vec<u8> {
 
 /// Runs a command on files in a folder of its own; what is wrong with how it ended.
 fn run(folder: &Path, command: &str) -> Result<i32, String> {
-    let file = |name: &str| std::fs::File::create(folder.join(name)).unwrap();
-    let run = format!("ulimit -c 0; ulimit -d {MOST_KIB}; exec {} {command}", env!("CARGO_BIN_EXE_dermis"));
-    let mut shell = Command::new("sh");
-    shell.args(["-c", &run]).current_dir(folder).env("NO_COLOR", "1").env("RAYON_NUM_THREADS", "2");
-    let mut child = shell.stdin(Stdio::null()).stdout(file("stdout")).stderr(file("stderr")).spawn().unwrap();
-    let begun = Instant::now();
-    let status = loop {
-        match child.try_wait().unwrap() {
-            Some(status) => break status,
-            None if begun.elapsed() > MOST_TIME => {
-                child.kill().unwrap();
-                child.wait().unwrap();
-                return Err(format!("it takes more than {MOST_TIME:?}"));
-            }
-            None => std::thread::sleep(Duration::from_millis(2)),
-        }
-    };
-    let said = String::from_utf8_lossy(&std::fs::read(folder.join("stderr")).unwrap()).into_owned();
+    let bounded::Ended { status, stderr } = bounded::run(folder, command, MOST_TIME)?;
     match status.code() {
-        Some(code @ (0 | 2)) if !said.contains("panicked") => Ok(code),
-        _ => Err(format!("{status}: {}", said.chars().take(2000).collect::<String>())),
+        Some(code @ (0 | 2)) if !stderr.contains("panicked") => Ok(code),
+        _ => Err(format!("{status}: {}", stderr.chars().take(2000).collect::<String>())),
     }
 }
 

@@ -30,6 +30,7 @@ pub use model::Model;
 pub use network::{Architecture, LayerSpec, Network, RefinementSpec, Tensor};
 pub use preset::{Ablation, TrainingPreset};
 pub use samples::{Augmentation, DomainRandomization, Noise, Samples, Target};
+pub use shipped::files as shipped_files;
 pub use source::{Files, Part, Source, Streamed};
 pub use symmetry::Symmetries;
 pub use tensors::Precision;

@@ -4,7 +4,7 @@
 pub(crate) const NAMES: [&str; 3] = ["best", "paper", "shapes"];
 
 /// The card and the weights of a model by its name.
-pub(crate) fn files(name: &str) -> Option<(&'static [u8], &'static [u8])> {
+pub fn files(name: &str) -> Option<(&'static [u8], &'static [u8])> {
     match name {
         "paper" => Some((
             include_bytes!("../models/cylinder30/paper/card.json"),

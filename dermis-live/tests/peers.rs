@@ -5,6 +5,7 @@
 
 mod synthetic;
 
+use dermis::contact::ConductanceChange;
 use dermis_live::LiveFrame;
 use dermis_live::recording::{Event, Recorder, Session};
 use dermis_live::sinks::ros2::{self as ros, CONTACT_FIELDS, Reference};
@@ -105,7 +106,8 @@ fn expected_of(reference: &Reference, frame: &LiveFrame) -> Value {
                 vx,
                 vy,
                 vz,
-                age_s
+                age_s,
+                contact.conductance.map(ConductanceChange::sign)
             ])
         })
         .collect();

@@ -5,7 +5,7 @@
 //! [`Picture`].
 //!
 //! ```
-//! use dermis::design::SkinDesign;
+//! use dermis::design::{Body, SkinDesign};
 //! use dermis::mesh::Mesh;
 //! use dermis_plot::{Drawing, View};
 //!
@@ -44,7 +44,7 @@ pub use errors::PressError;
 pub use scene::{Key, Scene};
 pub use svg::{Picture, escape};
 
-use dermis::design::SkinDesign;
+use dermis::design::{Body, SkinDesign};
 
 /// View of a scene.
 #[derive(Debug, Clone, PartialEq)]
@@ -60,6 +60,11 @@ pub enum View {
 }
 
 impl View {
+    /// The usual view of a design: unrolled, where its body has a flat layout.
+    pub fn of(design: &SkinDesign) -> Self {
+        if matches!(design.body, Body::Mesh { .. }) { View::Solid } else { View::Unrolled }
+    }
+
     /// Draws the scene.
     ///
     /// # Errors

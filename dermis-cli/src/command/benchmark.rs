@@ -2,13 +2,12 @@
 
 use crate::console::{Progress, print, print_json};
 use crate::failure::Outcome;
-use crate::frames::Differences;
 use crate::method::MethodArguments;
 use crate::range::{count, seed};
 use crate::skin;
 use clap::Args;
 use dermis::design::MOST_ELECTRODES;
-use dermis::frame::write_whole;
+use dermis::frame::{Differences, write_whole};
 use dermis::skin::Skin;
 use dermis::text::counted;
 use dermis_plot::chart::Curves;

@@ -4,7 +4,7 @@ use crate::calibrated::Presses;
 use crate::check_page::place;
 use crate::console::{Progress, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
-use crate::fitted::{self, FORWARD_MAP, Fitted};
+use crate::fitted;
 use crate::frames::{CurrentArguments, FrameArguments, Recorded};
 use crate::guided::GuidedArguments;
 use crate::range::count;
@@ -15,7 +15,7 @@ use dermis::frame::Frame;
 use dermis::geom::Point3;
 use dermis::skin::Skin;
 use dermis_calibrate::checks::{FindingKind, Recording, check_recording};
-use dermis_calibrate::{Calibration, Label, LabelFrame, LearningPoint, expected_error_m, learning_curve};
+use dermis_calibrate::{Calibration, Fitted, Label, LabelFrame, LearningPoint, expected_error_m, learning_curve};
 use dermis_study::report::Table;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -93,19 +93,23 @@ impl Arguments {
         let outlook = self.outlook(&skin, used, &labels, presses.frame(), &fitted)?;
         fitted.save(&self.output, skin.design())?;
         if self.json {
-            let mut json = fitted.to_json(&skin.design().name, &labels);
+            let mut json = fitted::to_json(&fitted, &skin.design().name, &labels);
             json["outlook"] = serde_json::json!(outlook);
             return print_json(&json);
         }
         let outlook = outlook.map_or(String::new(), |outlook| outlook.to_text());
-        print(&format!("{}\n{outlook}written to {}\n", fitted.summary(&labels).to_text(), self.output.display()))
+        print(&format!(
+            "{}\n{outlook}written to {}\n",
+            fitted::summary(&fitted, &labels).to_text(),
+            self.output.display()
+        ))
     }
 
     /// What is calibrated: with `--suggest` a forward map.
     fn method(&self) -> Outcome<Option<&str>> {
         match (self.suggest, self.method.as_deref()) {
             (None, method) => Ok(method),
-            (Some(_), None | Some(FORWARD_MAP)) => Ok(Some(FORWARD_MAP)),
+            (Some(_), None | Some(Fitted::FORWARD_MAP)) => Ok(Some(Fitted::FORWARD_MAP)),
             (Some(_), Some(method)) => {
                 let message = format!("--suggest is for forward maps, not for a correction of {method}");
                 Err(Failure::given(message, Some("give --method forward-map, or leave --suggest out")))

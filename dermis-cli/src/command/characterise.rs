@@ -2,13 +2,12 @@
 
 use crate::console::{Progress, print, print_json};
 use crate::failure::{Failure, Outcome};
-use crate::frames::Differences;
 use crate::method::MethodArguments;
 use crate::range::{count, number, seed};
 use crate::skin;
 use clap::Args;
 use dermis::detect::{DetectOptions, Forces, Misplacement, PositionSpread, REGION_95_SD, blur_share};
-use dermis::frame::write_whole;
+use dermis::frame::{Differences, write_whole};
 use dermis::skin::Skin;
 use dermis::text::counted;
 use dermis_sim::dataset::{Generator, PatchTouches, Recipe, SkinSpread, Skins, Touch};

@@ -3,7 +3,7 @@
 use crate::calibrated::{CalibratedEvaluation, force_line};
 use crate::console::{Progress, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
-use crate::frames::{Differences, FrameArguments, images};
+use crate::frames::{FrameArguments, images};
 use crate::method::{DetectArguments, MethodArguments};
 use crate::press_report::{Estimate, EvaluatedPress, PressReport, ReportArguments, matched};
 use crate::range::count;
@@ -11,7 +11,7 @@ use crate::rows::Rows;
 use crate::skin;
 use clap::Args;
 use dermis::contact::Contact;
-use dermis::frame::{Frame, Truth, frames_after_last_touch, read_truth};
+use dermis::frame::{Differences, Frame, Truth, frames_after_last_touch, read_truth};
 use dermis::geom::{Point2, Point3};
 use dermis::skin::Skin;
 use dermis::stats::Summary;

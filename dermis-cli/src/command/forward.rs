@@ -6,12 +6,10 @@ use crate::range::number;
 use crate::skin;
 use clap::Args;
 use dermis::contact::Contact;
-use dermis::forward::Solver;
 use dermis::frame::{Frame, Truth, read_table, read_truth, write_frames};
 use dermis::skin::Skin;
 use dermis::text::counted;
 use dermis_sim::touch::{GaussianTouch, touched_conductivity};
-use rayon::prelude::*;
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
@@ -101,13 +99,5 @@ fn solved<'a, T: Sync>(
     map: impl Fn(&'a T) -> Outcome<Cow<'a, [f64]>> + Sync,
 ) -> Outcome<Vec<Frame>> {
     let progress = Progress::new("solving", items.len());
-    let protocol = &skin.design().protocol;
-    let solve = |solver: &mut Solver, item: &'a T| {
-        let mut frame = Frame(vec![0.0; protocol.channel_count()]);
-        solver.solve_into(&map(item)?, &mut frame)?;
-        protocol.drop_signs(&mut frame);
-        progress.step();
-        Ok(frame)
-    };
-    items.par_iter().map_init(|| skin.forward().solver(), solve).collect()
+    skin.forward().solve_many(items.len(), |item| map(&items[item]), |done| progress.steps(done as u64))
 }

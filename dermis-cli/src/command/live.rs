@@ -99,6 +99,7 @@ impl Arguments {
     /// Reads the skin until interrupted.
     pub fn run(self) -> Outcome {
         self.check_folders()?;
+        let state = self.kept_state()?;
         let methods = {
             let _waiting = crate::console::Progress::waiting("preparing");
             Arc::new(MethodSet::new(&dermis_learn::methods(), Skin::load(&self.design)?, self.method.as_deref())?)
@@ -107,7 +108,7 @@ impl Arguments {
             Some(recording) => (self.play(&methods, recording)?, None),
             None => {
                 let (address, emulator) = self.source.address(methods.skin().design())?;
-                (Live::start(Arc::clone(&methods), self.options(address)?)?, emulator)
+                (Live::start(Arc::clone(&methods), self.options(address, state))?, emulator)
             }
         };
         let control = Arc::new(self.source.control(&live, emulator.clone(), self.limits())?);
@@ -144,13 +145,13 @@ impl Arguments {
         Ok(live)
     }
 
-    fn options(&self, address: Address) -> Outcome<LiveOptions> {
+    fn options(&self, address: Address, state: Option<State>) -> LiveOptions {
         let zones = self.zone.clone();
         let method = self.method.clone().unwrap_or_default();
         let threshold = self.threshold.unwrap_or(1.0);
         let settings = Settings { method, threshold, zones, both_signs: self.both_signs, ..Settings::default() };
         let device = DeviceOptions { rate_hz: self.source.rate, difference: self.difference };
-        Ok(LiveOptions { address, device, settings, state: self.kept_state()? })
+        LiveOptions { address, device, settings, state }
     }
 
     /// The limits of recordings, of those that the page begins too.

@@ -7,7 +7,7 @@ use crate::picture::PictureFormat;
 use crate::range::count;
 use clap::ValueEnum;
 use dermis::contact::Contact;
-use dermis::design::{Body, SkinDesign};
+use dermis::design::SkinDesign;
 use dermis::detect::{DetectOptions, Detector};
 use dermis::frame::{Truth, read_array, read_truth};
 use dermis::image::{Image, PixelSpace};
@@ -114,8 +114,8 @@ impl Arguments {
     fn view(&self, design: &SkinDesign) -> View {
         match self.view {
             Some(ViewName::Unrolled) => View::Unrolled,
-            None if !matches!(design.body, Body::Mesh { .. }) => View::Unrolled,
-            _ => View::Solid,
+            Some(ViewName::Solid) => View::Solid,
+            None => View::of(design),
         }
     }
 

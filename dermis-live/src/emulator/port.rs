@@ -1,10 +1,13 @@
 //! The ports of an emulated device, and its connections.
 
 use crate::LiveError;
+use crate::device::Address;
 use crate::emulator::Emulator;
 use crate::emulator::host_session::{HostSession, SessionEnd};
+use dermis::text::printable_lines;
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
+use std::sync::Arc;
 use std::time::Duration;
 
 /// A port of the emulated device.
@@ -35,6 +38,24 @@ impl Emulator {
             std::mem::forget(failing);
         }
         served
+    }
+
+    /// Serves on a free TCP port of this machine, on a thread of its own. Returns the address for hosts.
+    ///
+    /// # Errors
+    /// No port or thread can be had.
+    pub fn serve_locally(self: &Arc<Self>) -> Result<Address, LiveError> {
+        let broken = |error: std::io::Error| LiveError::Given(format!("no port for the emulated device: {error}"));
+        let listener = TcpListener::bind("127.0.0.1:0").map_err(broken)?;
+        let address = Address::Tcp(listener.local_addr().map_err(broken)?.to_string());
+        let serving = Arc::clone(self);
+        let serve = move || {
+            if let Err(error) = serving.serve(Port::Tcp(listener)) {
+                eprintln!("the emulated device has failed: {}", printable_lines(&error.to_string()));
+            }
+        };
+        std::thread::Builder::new().name("dermis-device".into()).spawn(serve).map_err(broken)?;
+        Ok(address)
     }
 
     fn serve_port(&self, port: Port) -> Result<(), LiveError> {

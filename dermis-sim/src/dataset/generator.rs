@@ -12,6 +12,8 @@ use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
 use dermis::image::PixelSpace;
 use dermis::linalg::{LANES, SimdLevel};
+use rayon::prelude::*;
+use std::ops::Range;
 
 /// Number of samples generated together: two batches of the solver, and the samples of one skin if skins differ. The
 /// samples of a unit depend only on their indices.
@@ -150,6 +152,18 @@ impl Generator {
     /// the same as in the files.
     pub fn stream(&self, first: u64) -> Stream<'_> {
         Stream { worker: self.worker(), next: first, ready: Vec::new().into_iter() }
+    }
+
+    /// The samples with these indices, computed in parallel. The recipe's number of samples is not a limit here.
+    ///
+    /// # Errors
+    /// A forward problem without a solution.
+    pub fn samples(&self, indices: Range<u64>) -> crate::Result<Vec<Sample>> {
+        let unit = UNIT as u64;
+        let units = (indices.start / unit..indices.end.div_ceil(unit)).into_par_iter();
+        let made = units.map_init(|| self.worker(), |worker, number| worker.unit(number * unit));
+        let samples = made.collect::<crate::Result<Vec<Vec<Sample>>>>()?.into_iter().flatten();
+        Ok(samples.filter(|sample| indices.contains(&sample.index)).collect())
     }
 
     /// The Gaussian touches of a sample; none if touches are presses.

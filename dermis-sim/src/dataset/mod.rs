@@ -47,4 +47,4 @@ pub use reader::Dataset;
 pub use recipe::{GaussianTouches, MOST_TOUCHES, PatchTouches, Recipe, SkinSpread, Skins, Together, Touch};
 pub use record::{DesignRecord, MeshRecord, PixelRecord, Record, TensorRecord};
 pub use run::{Run, RunReport, Shard};
-pub use sample::{Sample, SampleTouch, TouchKind};
+pub use sample::{Sample, SampleTouch, TOUCH_COLUMNS, TouchKind, TouchRow};

@@ -80,6 +80,11 @@ impl Dataset {
         &self.folder
     }
 
+    /// Values of a frame.
+    pub fn channel_count(&self) -> usize {
+        self.tensors.first().map_or(0, |tensors| tensors[Values::Frames as usize].width)
+    }
+
     /// Values of an image.
     pub fn pixel_count(&self) -> usize {
         self.tensors.first().map_or(0, |tensors| tensors[Values::Images as usize].width)

@@ -46,11 +46,11 @@ pub enum TouchKind {
 }
 
 /// Number of values of a touch in a file.
-pub(super) const TOUCH_COLUMNS: usize = 6;
+pub const TOUCH_COLUMNS: usize = 6;
 
 /// A touch as a row of a file: x, y, z (m), then width (m) and amplitude of a Gaussian, or radius of the tip (m) and
 /// force (N) of a press, and the strength (m2). A row of `NaN` means no touch.
-pub(super) type TouchRow = [f32; TOUCH_COLUMNS];
+pub type TouchRow = [f32; TOUCH_COLUMNS];
 
 impl SampleTouch {
     /// The force of a press, N; `None` for a Gaussian touch.
@@ -61,7 +61,8 @@ impl SampleTouch {
         }
     }
 
-    pub(super) fn row(&self) -> TouchRow {
+    /// The touch as a row of a file.
+    pub fn row(&self) -> TouchRow {
         let [x, y, z] = self.centre_m;
         let [size, height] = match self.kind {
             TouchKind::Gaussian { width_m, amplitude } => [width_m, amplitude],

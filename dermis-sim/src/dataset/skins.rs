@@ -11,7 +11,7 @@ use dermis::design::{Body, ElectrodeShape, SkinDesign};
 use dermis::forward::{ForwardModel, Solver};
 use dermis::geom::Point3;
 use dermis::geom::vector::{cross, dot, sub};
-use dermis::mesh::{Cells, ElectrodePatch, Mesh};
+use dermis::mesh::{Cells, Mesh};
 use rand::RngExt;
 use std::f64::consts::PI;
 
@@ -198,7 +198,7 @@ fn followers(design: &SkinDesign, mesh: &Mesh, rms_m: f64) -> Result<Vec<Vec<(us
     let places: Vec<Point3> = mesh.nodes.iter().map(|&node| surface.place(node)).collect();
     let mut all = Vec::with_capacity(centres.len());
     for (index, &centre) in centres.iter().enumerate() {
-        let radius_m = (patch_nodes(mesh, &mesh.electrodes[index]).into_iter())
+        let radius_m = (mesh.electrode_nodes(index).into_iter())
             .map(|node| surface.distance_m(centre, places[node]))
             .fold(0.0, f64::max);
         let others = centres.iter().enumerate().filter(|(other, _)| *other != index);
@@ -217,15 +217,6 @@ fn followers(design: &SkinDesign, mesh: &Mesh, rms_m: f64) -> Result<Vec<Vec<(us
         all.push(near.filter(|&(_, away_m)| away_m < reach_m).map(|(node, away_m)| (node, share(away_m))).collect());
     }
     Ok(all)
-}
-
-fn patch_nodes(mesh: &Mesh, patch: &ElectrodePatch) -> Vec<usize> {
-    match patch {
-        ElectrodePatch::Cells(cells) => cells.iter().flat_map(|&cell| mesh.cells.corners(cell).to_vec()).collect(),
-        ElectrodePatch::Edges(edges) => edges.iter().flatten().copied().collect(),
-        ElectrodePatch::Faces(faces) => faces.iter().flatten().copied().collect(),
-        ElectrodePatch::Node(node) => vec![*node],
-    }
 }
 
 /// The current skin of a thread, and its untouched frame.

@@ -4,7 +4,7 @@ use dermis::design::{Body, ElectrodeShape, SkinDesign, TouchEffect};
 use dermis::geom::vector::{Point3, add, cross, normalize, scale, sub};
 use dermis::geom::{Surface, surface::wrap_angle};
 use dermis::image::PixelSpace;
-use dermis::mesh::{Cells, ElectrodePatch, Mesh};
+use dermis::mesh::{Cells, Mesh};
 use dermis::reconstruct::Quantity;
 use dermis::skin::Skin;
 use serde_json::{Value, json};
@@ -96,23 +96,12 @@ fn unrolled(skin: &Skin) -> Value {
 /// The position of an electrode, and the outward normal there.
 fn electrode(skin: &Skin, index: usize) -> (Point3, Point3) {
     let centre = skin.design().electrodes[index].centre_m;
-    let place = if centre.iter().all(|value| value.is_finite()) { centre } else { patch_centre(skin.mesh(), index) };
+    let place = if centre.iter().all(|value| value.is_finite()) { centre } else { skin.mesh().electrode_centre(index) };
     let nearest = || {
         let away = |pixel: &usize| dermis::geom::vector::distance(skin.pixels().centres_m[*pixel], place);
         (0..skin.pixels().len()).min_by(|a, b| away(a).total_cmp(&away(b))).map(|pixel| skin.pixels().normals[pixel])
     };
     (place, skin.pixels().surface.normal(place).or_else(nearest).unwrap_or([0.0, 0.0, 1.0]))
-}
-
-/// The mean of the nodes that an electrode covers, m.
-fn patch_centre(mesh: &Mesh, electrode: usize) -> Point3 {
-    let nodes: Vec<usize> = match &mesh.electrodes[electrode] {
-        ElectrodePatch::Cells(cells) => cells.iter().flat_map(|&cell| mesh.cells.corners(cell).to_vec()).collect(),
-        ElectrodePatch::Edges(edges) => edges.as_flattened().to_vec(),
-        ElectrodePatch::Faces(faces) => faces.as_flattened().to_vec(),
-        ElectrodePatch::Node(node) => vec![*node],
-    };
-    dermis::geom::vector::centroid(&nodes.into_iter().map(|node| mesh.nodes[node]).collect::<Vec<_>>())
 }
 
 fn radius_m(skin: &Skin, index: usize) -> f64 {

@@ -1,0 +1,107 @@
+//! The calibration that presses give: a forward map, or the correction of a method.
+
+use crate::calibration::{Calibration, Label, LabelFrame, Quality};
+use crate::correction::{Correction, CorrectionQuality};
+use crate::error::CalibrateError;
+use crate::strength::UnusedForces;
+use dermis::design::SkinDesign;
+use dermis::frame::Frame;
+use dermis::method::{MethodOptions, Methods};
+use dermis::skin::Skin;
+use std::path::Path;
+
+/// A calibration of either kind.
+#[derive(Debug, Clone)]
+pub enum Fitted {
+    /// A forward map.
+    ForwardMap(Box<Calibration>),
+    /// The correction of a method.
+    Correction(Box<Correction>),
+}
+
+impl Fitted {
+    /// The name of the forward map where methods are selected by name.
+    pub const FORWARD_MAP: &str = "forward-map";
+
+    /// Fits the forward map, or the correction of a method by its name; without a choice, whichever locates the labels
+    /// better, of the forward map and the correction of the skin's default method.
+    ///
+    /// # Errors
+    /// As [`Calibration::fit`] and [`Correction::fit`]; a correction of labels in a robot's frame; an unknown method.
+    pub fn fit(
+        methods: &Methods,
+        skin: &Skin,
+        frames: &[Frame],
+        labels: &[Label],
+        frame: LabelFrame,
+        method: Option<&str>,
+    ) -> Result<Self, CalibrateError> {
+        if let Some(name) = method.filter(|name| *name != Self::FORWARD_MAP) {
+            if frame == LabelFrame::Robot {
+                return Err(CalibrateError::CorrectionFrame { method: name.into() });
+            }
+            return Ok(Fitted::Correction(Box::new(correct(methods, skin, frames, labels, name)?)));
+        }
+        let map = Calibration::fit(skin, frames, labels, frame)?;
+        let better = match (method, frame) {
+            (None, LabelFrame::Skin) => Self::better_correction(methods, skin, frames, labels, map.quality())?,
+            _ => None,
+        };
+        Ok(match better {
+            Some(correction) => Fitted::Correction(Box::new(correction)),
+            None => Fitted::ForwardMap(Box::new(map)),
+        })
+    }
+
+    /// The correction of the skin's default method, where it finds all labels and locates them better than a forward
+    /// map of this quality.
+    ///
+    /// # Errors
+    /// As [`Correction::fit`].
+    pub fn better_correction(
+        methods: &Methods,
+        skin: &Skin,
+        frames: &[Frame],
+        labels: &[Label],
+        map: &Quality,
+    ) -> Result<Option<Correction>, CalibrateError> {
+        let correction = match correct(methods, skin, frames, labels, "") {
+            Err(CalibrateError::TooFewFound { .. }) => return Ok(None),
+            fitted => fitted?,
+        };
+        let CorrectionQuality { labels, found, mean_error_m, .. } = *correction.quality();
+        Ok(Some(correction).filter(|_| found == labels && mean_error_m < map.mean_error_m))
+    }
+
+    /// Writes it to a folder, which is created.
+    ///
+    /// # Errors
+    /// A folder or file that cannot be written.
+    pub fn save(&self, folder: &Path, design: &SkinDesign) -> Result<(), CalibrateError> {
+        match self {
+            Fitted::ForwardMap(map) => map.save(folder, design),
+            Fitted::Correction(correction) => correction.save(folder, design),
+        }
+    }
+
+    /// Why the forces of its labels are not used; `None` where they are, or where none is known.
+    pub fn unused_forces(&self, labels: &[Label]) -> Option<UnusedForces> {
+        match self {
+            Fitted::ForwardMap(map) => map.unused_forces(labels),
+            Fitted::Correction(correction) => correction.unused_forces(labels),
+        }
+    }
+}
+
+/// Corrects a method by the labels.
+fn correct(
+    methods: &Methods,
+    skin: &Skin,
+    frames: &[Frame],
+    labels: &[Label],
+    name: &str,
+) -> Result<Correction, CalibrateError> {
+    let method = methods.method(skin, name, &MethodOptions::default())?;
+    let detector = method.detector(&[]).map_err(dermis::Error::from)?;
+    Correction::fit(skin.pixels(), &method, &detector, frames, labels)
+}

@@ -1,0 +1,94 @@
+//! The program `dermis` as a library, for the Python package, which has the same commands.
+//!
+//! ```no_run
+//! let code = dermis_cli::run(std::env::args_os());
+//! # let _ = code;
+//! ```
+
+mod calibrated;
+mod channels;
+mod check_page;
+mod command;
+mod console;
+mod emulated;
+mod failure;
+mod fitted;
+mod frames;
+mod guided;
+mod latency;
+mod method;
+mod picture;
+mod press_report;
+mod range;
+mod rows;
+mod skin;
+mod source;
+
+pub use failure::CommandError;
+
+use clap::{CommandFactory, Parser};
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+
+/// Electrical resistance tomography (ERT) skins for robots: design, simulation, reconstruction, live contacts.
+#[derive(Debug, Parser)]
+#[command(
+    name = "dermis",
+    version,
+    about = "Electrical resistance tomography (ERT) skins for robots: design, simulation, reconstruction, live contacts",
+    after_help = "DESIGN is the path of a design file or a shipped name: \
+    cylinder30, skin16, tank16. Exit codes: 0 success, 2 invalid input, 1 internal error."
+)]
+struct Arguments {
+    #[command(subcommand)]
+    command: command::Command,
+}
+
+/// The program as declared, for completions and manual pages.
+fn program() -> clap::Command {
+    Arguments::command()
+}
+
+/// The options of each command by name, and the values that they take: `none`, `one`, `several`, or `repeated` (one each
+/// time that the option is given).
+pub fn options() -> BTreeMap<String, BTreeMap<String, &'static str>> {
+    let takes = |option: &clap::Arg| match (option.get_action(), option.get_num_args()) {
+        (action, _) if !action.takes_values() => "none",
+        (_, Some(values)) if values.max_values() > 1 => "several",
+        (clap::ArgAction::Append, _) => "repeated",
+        _ => "one",
+    };
+    let mut program = program();
+    program.build();
+    let of_command = |command: &clap::Command| {
+        let named = command.get_arguments().filter_map(|option| Some((option.get_long()?.to_string(), takes(option))));
+        named.collect()
+    };
+    program.get_subcommands().map(|command| (command.get_name().to_string(), of_command(command))).collect()
+}
+
+/// Runs the program with its arguments, the first of which is its name; returns the exit code. Help and wrong arguments
+/// end the process.
+pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+    failure::watch_panics();
+    finish(Arguments::parse_from(arguments)).map_or_else(failure::Failure::report, |()| 0)
+}
+
+/// Runs a command as [`run`] does, for programs that call it: an error is returned, not printed.
+///
+/// # Errors
+/// Wrong arguments, and those of the command.
+pub fn try_run(arguments: impl IntoIterator<Item = OsString>) -> Result<(), CommandError> {
+    failure::watch_panics();
+    let arguments = Arguments::try_parse_from(arguments).map_err(|error| CommandError::of_arguments(&error))?;
+    finish(arguments).map_err(CommandError::of_failure)
+}
+
+/// Runs the command. A panic is a bug: an internal error, in whichever thread it was.
+fn finish(arguments: Arguments) -> failure::Outcome {
+    match std::panic::catch_unwind(|| arguments.command.run()) {
+        Ok(Ok(())) if !failure::has_panicked() => Ok(()),
+        Ok(Err(failure)) => Err(failure),
+        Ok(Ok(())) | Err(_) => Err(failure::panicked()),
+    }
+}
