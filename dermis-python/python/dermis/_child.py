@@ -1,0 +1,24 @@
+"""The process of `dermis.command`: runs a command, and writes its error as JSON to a file."""
+
+import json
+import signal
+import sys
+from pathlib import Path
+
+from dermis._dermis import run_command
+from dermis._errors import DermisError
+
+
+def main(error, *line):
+    """Runs a command; writes its error to the file `error`."""
+    # As for any program: Ctrl-C ends it.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        run_command(["dermis", *line])
+    except DermisError as raised:
+        fields = {"message": raised.message, "hint": raised.hint, "line": raised.line, "field": raised.field}
+        Path(error).write_text(json.dumps(fields))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

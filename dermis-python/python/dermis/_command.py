@@ -1,0 +1,83 @@
+"""The commands of the program `dermis`, from Python."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from dermis._dermis import command_options
+from dermis._errors import DermisError
+
+
+def command(name, *arguments, **options):
+    """Runs a command of the program `dermis` in a process of its own.
+
+    The command is the same as on the command line: `dermis.command("benchmark", "cylinder30", method="noser", twins=2)`
+    is `dermis benchmark cylinder30 --method noser --twins 2 --json`. Progress is shown where standard error is a terminal;
+    an interrupt ends the process.
+
+    Args:
+        name: Name of the command, as in `dermis --help`.
+        *arguments: Positional arguments: names, paths.
+        **options: Options by name, with underscores for hyphens. True gives an option without a value, None and False
+            leave it out, a list gives several values. Arrays are written to temporary NPY files.
+
+    Returns:
+        The JSON that the command prints, as dicts and lists; text for commands without `--json`.
+
+    Raises:
+        DermisError: What the command refuses, with `hint` and `line`.
+    """
+    known = command_options()
+    if name not in known:
+        raise DermisError(f"there is no command {name!r}", hint=f"one of {', '.join(sorted(known))}")
+    takes = known[name]
+    with tempfile.TemporaryDirectory(prefix="dermis-") as folder:
+        folder = Path(folder)
+        line = [name]
+        if takes.get("json") == "none" and "json" not in options:
+            options["json"] = True
+        for key, value in options.items():
+            option = key.replace("_", "-")
+            if option not in takes:
+                raise DermisError(f"{name} has no option {key!r}", hint=f"one of {', '.join(sorted(takes))}")
+            line += _words(option, value, takes[option], folder)
+        line += ["--", *(_word(argument, f"argument-{index}", folder) for index, argument in enumerate(arguments))]
+        error = folder / "error.json"
+        child = [sys.executable, "-m", "dermis._child", str(error), *line]
+        ended = subprocess.run(child, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, check=False)
+        if error.exists():
+            raise DermisError(**json.loads(error.read_text()))
+        if ended.returncode:
+            raise DermisError(f"dermis {name} ended with the code {ended.returncode}")
+    text = ended.stdout.decode()
+    return json.loads(text) if options.get("json") else text
+
+
+def _words(option, value, takes, folder):
+    """The words of an option on the command line."""
+    if value is None or value is False:
+        return []
+    if takes == "none":
+        return [f"--{option}"]
+    if isinstance(value, (list, tuple)) and takes in ("several", "repeated"):
+        values = [_word(item, f"{option}-{index}", folder) for index, item in enumerate(value)]
+        if takes == "several":
+            return [f"--{option}", *values]
+        return [f"--{option}={item}" for item in values]
+    return [f"--{option}={_word(value, option, folder)}"]
+
+
+def _word(value, name, folder):
+    """A value on the command line; arrays are written to files."""
+    if isinstance(value, (np.ndarray, list, tuple)):
+        path = folder / f"{name}.npy"
+        np.save(path, np.asarray(value, dtype=float))
+        return str(path)
+    if isinstance(value, np.generic):
+        value = value.item()
+    return os.fspath(value) if isinstance(value, (str, os.PathLike)) else repr(value)

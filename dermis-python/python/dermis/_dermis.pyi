@@ -1,0 +1,634 @@
+"""The native part of `dermis`."""
+
+from collections.abc import Sequence
+from os import PathLike
+from types import TracebackType
+from typing import Any, Final, Literal, Self, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dermis._contacts import Contacts
+
+__all__ = [
+    "Calibration",
+    "Dataset",
+    "Frame",
+    "Live",
+    "Mesh",
+    "Method",
+    "Pipeline",
+    "Replay",
+    "Samples",
+    "Skin",
+    "Solution",
+    "Twin",
+    "__version__",
+    "command_options",
+    "run_command",
+    "run_program",
+    "shipped_model",
+]
+__version__: Final[str]
+
+def run_program(arguments: Sequence[str]) -> int:
+    """Runs the program `dermis` with its arguments, the first of which is its name; returns the exit code."""
+
+def run_command(arguments: Sequence[str]) -> None:
+    """Runs the program `dermis` with its arguments; an error is raised, not printed."""
+
+def shipped_model(name: str) -> tuple[bytes, bytes]:
+    """The card (JSON) and the weights (safetensors) of a shipped network."""
+
+def command_options() -> dict[str, dict[str, str]]:
+    """The options of each command by name, and the values that they take: none, one, several, or repeated."""
+
+@final
+class Calibration:
+    """A calibration of a real skin with measured presses. `Skin.calibrate` makes one.
+
+    Gaussian processes: a forward map from positions to frames, or a correction of another method's contacts.
+    """
+
+    @property
+    def name(self) -> str:
+        """The calibrated method: `forward-map`, or the name of the method whose contacts are corrected."""
+
+    @property
+    def quality(self) -> dict[str, Any]:
+        """What cross-validation on the labels states: errors in m, relative errors of forces."""
+
+    def locate(
+        self, frames: ArrayLike, baseline: ArrayLike | None = None, *, first: int = 0
+    ) -> dict[str, NDArray[Any]]:
+        """Locates the press of each frame, in the order of recording. For forward maps.
+
+        Args:
+            frames: (n, channels), ohm.
+            baseline: Untouched frames, (channels,) or (m, channels), ohm; without it, `frames` are differences.
+            first: Number of the first frame in the recording of the labels.
+
+        Returns:
+            Arrays by name: `position_m` (n, 3), `covariance_m2` (n, 3, 3), `sd_m`, `confidence`, `force_n`, `force_sd_n`,
+            `misfit`, `unlike` (n,): whether a press is unlike every labelled one.
+
+        Raises:
+            DermisError: A wrong shape, a correction of a method.
+        """
+
+    def suggest(self, count: int = 10) -> NDArray[np.float64]:
+        """The positions whose presses would help a forward map most, (count, 3), m."""
+
+    def method(self) -> Method:
+        """The calibration as a reconstruction method."""
+
+    def save(self, folder: str | PathLike[str]) -> None:
+        """Writes the calibration to a folder, which `Skin.method` and `dermis live --method` read."""
+
+@final
+class Dataset:
+    """A dataset in a folder, as `dermis simulate` writes it. Fields of samples: see `batch`."""
+
+    def __new__(cls, folder: str | PathLike[str]) -> Self: ...
+    @property
+    def folder(self) -> Any:
+        """The folder (a path)."""
+
+    @property
+    def manifest(self) -> dict[str, Any]:
+        """Recipe, design, pixels, statistics, and the checksum of every file."""
+
+    def __len__(self) -> int: ...
+    def batch(self, indices: ArrayLike) -> dict[str, NDArray[Any]]:
+        """The samples with some indices.
+
+        Returns:
+            Arrays by name: `index` (n,); `frame` and `rest` (n, channels), ohm: the frame during the touches, and the
+            untouched frame of the same skin; `image` (n, pixels): relative change of conductance; `touches` (n, most, 6),
+            NaN where there is none: x, y, z (m), then width (m) and amplitude of a Gaussian touch or tip radius (m) and
+            force (N) of a press, and the strength (m2).
+
+        Raises:
+            DermisError: An index that does not exist, a file that has changed.
+        """
+
+@final
+class Frame:
+    """A frame of a pipeline, with its contacts."""
+
+    @property
+    def sequence(self) -> int:
+        """Its number."""
+
+    @property
+    def time_s(self) -> float:
+        """Time of measurement, s since 1970."""
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """The values, (channels,), ohm."""
+
+    @property
+    def image(self) -> NDArray[np.float64]:
+        """The image, (rows, columns) with NaN outside the body, or (cells,)."""
+
+    @property
+    def validity(self) -> str:
+        """`ok`, `degraded`, `invalid` or `stale`."""
+
+    @property
+    def reason(self) -> str:
+        """The validity in words."""
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether the contacts can be relied on: the frame is ok or degraded."""
+
+    @property
+    def touched(self) -> bool | None:
+        """Whether the skin is touched; None if the frame is invalid or stale."""
+
+    @property
+    def contacts(self) -> Contacts:
+        """The tracked contacts, the oldest first."""
+
+@final
+class Live:
+    """A skin that is being read: an iterator over frames. As a context manager it stops at the end of the block.
+
+    Args:
+        skin: The skin.
+        source: `emulate` (a simulated device), tcp:HOST:PORT, serial:PATH[@BAUD], replay:FILE, or csv:..., as
+            `dermis live --source`.
+        method: Name or folder of the method; the best one of the skin without it.
+        threshold: Detection threshold relative to the method's own.
+        both_signs: Detect contacts that raise and contacts that lower the conductance. Linear methods only.
+        twin: Twin of the simulated device: `ideal`, `lab`, `harsh`, or the path of a file.
+        seed: Seed of the twin.
+        touch: Touch script of the simulated device: none, random, press, slide, cross, four, grid, or a file.
+        speed: Speed of the simulated device or of a recording, as a multiple of real time.
+
+    Raises:
+        DermisError: A device that cannot be reached or is refused.
+    """
+
+    def __new__(
+        cls,
+        skin: Skin,
+        source: str = "emulate",
+        method: str | None = None,
+        *,
+        threshold: float = 1.0,
+        both_signs: bool = False,
+        twin: str = "lab",
+        seed: int = 1,
+        touch: str = "none",
+        speed: float = 1.0,
+    ) -> Self: ...
+    def __iter__(self) -> Self: ...
+    def __next__(self) -> Frame: ...
+    def __enter__(self) -> Self: ...
+    def __exit__(self, *_exception: type[BaseException] | BaseException | TracebackType | None) -> None: ...
+    def tare(self) -> None:
+        """Measures the baseline again."""
+
+    def notices(self) -> list[str]:
+        """The messages since the last call: faults, parts that came back, a lost device."""
+
+    def stop(self) -> None:
+        """Stops reading."""
+
+@final
+class Mesh:
+    """The mesh of a skin: triangles of a surface, or tetrahedra of a volume."""
+
+    @property
+    def nodes(self) -> NDArray[np.float64]:
+        """Positions of the nodes, (nodes, 3), m."""
+
+    @property
+    def cells(self) -> NDArray[np.int64]:
+        """The nodes of each cell: (cells, 3) for triangles, (cells, 4) for tetrahedra."""
+
+    @property
+    def measures(self) -> NDArray[np.float64]:
+        """Areas of triangles, m2, or volumes of tetrahedra, m3: (cells,)."""
+
+    @property
+    def electrode_nodes(self) -> list[NDArray[np.int64]]:
+        """The nodes of each electrode."""
+
+@final
+class Method:
+    """A reconstruction method prepared for a skin. `Skin.method` makes one."""
+
+    @property
+    def name(self) -> str:
+        """The name by which it is selected: `noser`, `best`, `./my-model`."""
+
+    @property
+    def label(self) -> str:
+        """Its name in words."""
+
+    @property
+    def alpha(self) -> float | None:
+        """The regularization parameter of a linear method, else None."""
+
+    def images(self, frames: ArrayLike, baseline: ArrayLike | None = None) -> NDArray[np.float64]:
+        """Images of frames: relative changes of conductance, positive for touches.
+
+        Args:
+            frames: (channels,) or (n, channels), ohm.
+            baseline: Untouched frames, (channels,) or (m, channels), ohm: their mean is subtracted. Without it,
+                `frames` are differences from the untouched skin.
+
+        Returns:
+            (n, rows, columns), NaN outside the body, or (n, cells) for designs without a grid; without the first
+            dimension for one frame of shape (channels,).
+
+        Raises:
+            DermisError: A wrong shape, a value that is not finite.
+        """
+
+    def contacts(
+        self, frames: ArrayLike, baseline: ArrayLike | None = None, *, both_signs: bool = False
+    ) -> Contacts:
+        """The contacts in frames.
+
+        Args:
+            frames: (channels,) or (n, channels), ohm.
+            baseline: Untouched frames, (channels,) or (m, channels), ohm: their mean is subtracted. With 8 or more,
+                the noise is measured from their scatter. Without it, `frames` are differences.
+            both_signs: Detect contacts that raise and contacts that lower the conductance. Linear methods only.
+
+        Raises:
+            DermisError: A wrong shape, a value that is not finite.
+        """
+
+    def score(
+        self, frames: ArrayLike, truth: Contacts | ArrayLike, baseline: ArrayLike | None = None
+    ) -> dict[str, Any]:
+        """The score of the contacts in frames against true touches, as `dermis evaluate --json` prints it.
+
+        Args:
+            frames: (n, channels), ohm.
+            truth: Contacts with `frame` and `position_m` (and `force_n`), or the positions of one touch in each frame,
+                (n, 3), m.
+            baseline: Untouched frames; without it, `frames` are differences.
+
+        Raises:
+            DermisError: A wrong shape, a touch in a frame that does not exist.
+        """
+
+    def svg(self, frame: ArrayLike, baseline: ArrayLike | None = None) -> str:
+        """The image of a frame with its contacts, as the text of an SVG."""
+
+    @property
+    def skin(self) -> Skin:
+        """The skin."""
+
+@final
+class Pipeline:
+    """The pipeline of a live skin, for frames of one's own: baseline, drift, faults, tracked contacts.
+
+    The first `tare_frames` frames are untouched ones: their mean is the baseline.
+
+    Args:
+        skin: The skin.
+        method: Name or folder of the method; the best one of the skin without it.
+        threshold: Detection threshold relative to the method's own.
+        tare_frames: Number of frames of a tare.
+        both_signs: Detect contacts that raise and contacts that lower the conductance. Linear methods only.
+
+    Raises:
+        DermisError: An unknown method, a setting out of its range.
+    """
+
+    def __new__(
+        cls,
+        skin: Skin,
+        method: str | None = None,
+        *,
+        threshold: float = 1.0,
+        tare_frames: int = 100,
+        both_signs: bool = False,
+    ) -> Self: ...
+    def process(self, frame: ArrayLike, time_s: float | None = None) -> Frame:
+        """Processes the next frame.
+
+        Args:
+            frame: (channels,), ohm.
+            time_s: Time of measurement, s since 1970; now without it. Times increase.
+        """
+
+    def tare(self) -> None:
+        """Measures the baseline again, from the next frames."""
+
+    def notices(self) -> list[str]:
+        """The messages since the last call: what was masked, what came back."""
+
+@final
+class Replay:
+    """A recording whose contacts are computed again: an iterator over frames.
+
+    Args:
+        path: A recording (MCAP) of `dermis live --record`.
+        method: Folder of the network of the recording, unless it is a shipped one.
+
+    Raises:
+        DermisError: A file that is not a recording; while iterating, a damaged part, after which it goes on.
+    """
+
+    def __new__(cls, path: str | PathLike[str], *, method: str | None = None) -> Self: ...
+    @property
+    def skin(self) -> Skin:
+        """The skin of the recording."""
+
+    def __iter__(self) -> Self: ...
+    def __next__(self) -> Frame: ...
+
+@final
+class Samples:
+    """Training samples of a recipe, computed when they are asked for. `Skin.samples` makes one.
+
+    Sample i depends on the seed and on i alone: it is the same as in the files of `dermis simulate`.
+    """
+
+    @property
+    def seed(self) -> int:
+        """The seed."""
+
+    def batch(self, first: int, count: int) -> dict[str, NDArray[Any]]:
+        """The samples `first` to `first + count`: arrays as of `Dataset.batch`."""
+
+@final
+class Skin:
+    """A skin prepared for computing: design, mesh, forward model. It can be pickled."""
+
+    @staticmethod
+    def load(design: str | PathLike[str] | dict[str, Any]) -> Skin:
+        """Prepares the skin of a design.
+
+        Args:
+            design: A shipped name (`Skin.shipped()`), the path of a design file, or a dict with the keys of one.
+
+        Raises:
+            DermisError: A design that cannot be read, meshed or solved; `line`, `field` and `hint` say where.
+        """
+
+    @staticmethod
+    def parse(text: str, path: str = "design") -> Skin:
+        """Prepares the skin of the text of a design file; relative paths in it start from the folder of `path`."""
+
+    @staticmethod
+    def shipped() -> list[str]:
+        """The names of the shipped designs."""
+
+    @property
+    def name(self) -> str:
+        """Name of the design."""
+
+    @property
+    def design(self) -> str | None:
+        """The text of the design file."""
+
+    @property
+    def electrodes(self) -> NDArray[np.float64]:
+        """Centres of the electrodes, (electrodes, 3), m."""
+
+    @property
+    def channels(self) -> NDArray[np.int64]:
+        """The electrodes of each channel, (channels, 4): source, sink, plus, minus."""
+
+    @property
+    def mesh(self) -> Mesh:
+        """The mesh of the forward model."""
+
+    @property
+    def rest_conductivity(self) -> NDArray[np.float64]:
+        """Conductivity of each cell of the untouched skin, (cells,): S on surfaces, S/m in volumes."""
+
+    @property
+    def pixels(self) -> NDArray[np.float64]:
+        """Centres of the pixels of images, (pixels, 3), m."""
+
+    @property
+    def methods(self) -> list[str]:
+        """Names of the reconstruction methods, the best first."""
+
+    def forward(self, conductivity: ArrayLike | None = None) -> NDArray[np.float64]:
+        """Frames of conductivities.
+
+        Args:
+            conductivity: (cells,) or (n, cells): S on surfaces, S/m in volumes. The untouched skin without it.
+
+        Returns:
+            (channels,) or (n, channels), ohm: amplitudes if the instrument of the design loses the signs.
+
+        Raises:
+            DermisError: A wrong shape, a value that is not positive and finite.
+        """
+
+    def solve(
+        self,
+        conductivity: ArrayLike,
+        *,
+        contact_impedance: ArrayLike | None = None,
+        nodes: ArrayLike | None = None,
+    ) -> Solution:
+        """Frames of conductivities that can be differentiated.
+
+        Args:
+            conductivity: (cells,) or (n, cells): S on surfaces, S/m in volumes.
+            contact_impedance: (electrodes,): ohm m2 on areas, ohm m on edges; that of the design without it.
+            nodes: Positions of the nodes, (nodes, 3), m; those of `mesh` without it.
+
+        Raises:
+            DermisError: A wrong shape, a value that is not positive and finite.
+        """
+
+    @property
+    def contact_impedance(self) -> NDArray[np.float64]:
+        """Contact impedance of each electrode, (electrodes,): ohm m2 on areas, ohm m on edges."""
+
+    def jacobian(
+        self, conductivity: ArrayLike | None = None, *, per: Literal["pixel", "cell"] = "pixel"
+    ) -> NDArray[np.float64]:
+        """The Jacobian of a frame with respect to conductivity; of voltages with their signs for every instrument.
+
+        Args:
+            conductivity: (cells,). The untouched skin without it: computed once, then the same read-only array.
+            per: Meaning of the columns.
+
+        Returns:
+            (channels, pixels) or (channels, cells), ohm per S.
+
+        Raises:
+            DermisError: A wrong shape, a value that is not positive and finite.
+        """
+
+    def touched_conductivity(
+        self, positions: ArrayLike, *, amplitude: float = 0.5, width_m: float = 0.008
+    ) -> NDArray[np.float64]:
+        """The conductivity of each cell with Gaussian touches.
+
+        Args:
+            positions: Centres of the touches, (3,) or (touches, 3), m.
+            amplitude: Relative change of conductance at the centres: 1 doubles it.
+            width_m: Standard deviation along the surface, m.
+
+        Returns:
+            (cells,)
+
+        Raises:
+            DermisError: An amplitude or width that is not positive.
+        """
+
+    def method(self, name: str | PathLike[str] | None = None, *, alpha: float | None = None) -> Method:
+        """Prepares a reconstruction method.
+
+        Args:
+            name: One of `methods`, or the folder of a trained network or a calibration; the best one without it.
+            alpha: Regularization parameter of a linear method.
+
+        Raises:
+            DermisError: An unknown name, a method that does not fit the skin.
+        """
+
+    def twin(self, name: str | PathLike[str] | None = None, *, seed: int) -> Twin:
+        """A digital twin of the skin.
+
+        Args:
+            name: `ideal`, `lab` or `harsh`, or the path of a twin file; `lab` without it.
+            seed: Seed of the twin's errors and noise.
+
+        Raises:
+            DermisError: A twin that does not fit the skin.
+        """
+
+    def experiment(
+        self, name: str | PathLike[str] | None = None, *, seed: int
+    ) -> dict[str, dict[str, Any]]:
+        """The paper's indentation experiment on a twin, as `dermis experiment` writes it.
+
+        Args:
+            name: `ideal`, `lab` or `harsh`, or the path of a twin file; `lab` without it.
+            seed: Seed of the twin, the presses and the noise.
+
+        Returns:
+            Sets of presses by name, each with `frames` (n, channels), `baseline` (untouched frames) and `truth` (Contacts).
+        """
+
+    def calibrate(
+        self,
+        frames: ArrayLike,
+        positions: ArrayLike,
+        baseline: ArrayLike | None = None,
+        *,
+        force_n: ArrayLike | None = None,
+        rows: ArrayLike | None = None,
+        method: str | None = None,
+        robot_frame: bool = False,
+    ) -> Calibration:
+        """Calibrates the skin with measured presses, as `dermis calibrate`.
+
+        Args:
+            frames: One press in each row, (n, channels), ohm, in the order of recording.
+            positions: Positions of the presses, (labels, 3), m.
+            baseline: Untouched frames; without it, `frames` are differences.
+            force_n: Forces, (labels,), N.
+            rows: The row of `frames` of each press, (labels,); 0, 1, 2, ... without it. Frames without a press are used
+                without their positions.
+            method: `forward-map`, or the name of a method whose contacts are corrected; the better one without it.
+            robot_frame: The positions are in a robot's frame, in which the pose of the skin is estimated. Flat skins only.
+
+        Raises:
+            DermisError: Too few presses, positions off the skin.
+        """
+
+    def calibration(self, folder: str | PathLike[str]) -> Calibration:
+        """Reads a calibration of this skin from its folder."""
+
+    def samples(self, recipe: str | PathLike[str] | dict[str, Any], seed: int) -> Samples:
+        """Training samples of a recipe.
+
+        Args:
+            recipe: The path of a recipe file (docs/datasets.md), or a dict with its keys.
+            seed: The seed.
+
+        Raises:
+            DermisError: A recipe from which no sample can be drawn.
+        """
+
+    def svg(self, what: Literal["electrodes", "mesh", "sensitivity"] = "electrodes") -> str:
+        """A picture of the skin, as the text of an SVG."""
+
+@final
+class Solution:
+    """Frames of conductivities, with what their gradients need. `Skin.solve` makes one."""
+
+    @property
+    def frames(self) -> NDArray[np.float64]:
+        """The frames, (n, channels) or (channels,), ohm; read-only."""
+
+    def gradient(self, by_frame: ArrayLike, *, parameters: bool = False) -> dict[str, NDArray[np.float64]]:
+        """The gradients of functions of the frames, in reverse mode: the transposed Jacobian times `by_frame`.
+
+        Args:
+            by_frame: Derivative of a function with respect to each value of its frame, of the shape of `frames`.
+            parameters: Also differentiate with respect to contact impedances and nodes.
+
+        Returns:
+            Arrays by name: `conductivity`, of the shape of the conductivities; with `parameters` also
+            `contact_impedance` (electrodes,) and `nodes` (nodes, 3), summed over the frames.
+
+        Raises:
+            DermisError: A wrong shape.
+        """
+
+@final
+class Twin:
+    """A digital twin: one skin with manufacturing errors, foam, electronics and noise, all drawn from a seed.
+
+    `Skin.twin` makes one. Frames are numbered in the time of the twin: drift and noise depend on the number.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name of the options."""
+
+    @property
+    def seed(self) -> int:
+        """The seed."""
+
+    @property
+    def frame_rate_hz(self) -> float:
+        """Frames per second."""
+
+    def untouched(self, count: int = 100, *, first: int = 0) -> NDArray[np.float64]:
+        """Untouched frames, (count, channels), ohm, from frame `first` on."""
+
+    def press(
+        self,
+        positions: ArrayLike,
+        *,
+        force_n: ArrayLike | None = None,
+        tip_radius_m: ArrayLike | None = None,
+        frame: ArrayLike | None = None,
+        first: int = 100,
+    ) -> NDArray[np.float64]:
+        """Frames of presses.
+
+        Args:
+            positions: Where the axes of the tips meet the skin, (presses, 3), m.
+            force_n: Forces, a number or (presses,), N; 2 without it.
+            tip_radius_m: Radii of the spherical tips, a number or (presses,), m; 0.005 without it.
+            frame: The frame of each press, (presses,): presses of one frame act together. Each in its own without it.
+            first: Number of the first frame.
+
+        Returns:
+            (frames, channels), ohm.
+
+        Raises:
+            DermisError: A press off the skin, a force that is not positive.
+        """

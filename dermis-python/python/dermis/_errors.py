@@ -1,0 +1,19 @@
+"""The error of the package."""
+
+
+class DermisError(ValueError):
+    """Input that cannot be used, or a problem without a solution.
+
+    Attributes:
+        message: What is wrong.
+        hint: The fix, or None.
+        line: The line in the design file, or None.
+        field: The key in the design file, or None.
+    """
+
+    def __init__(self, message, *, hint=None, line=None, field=None):
+        super().__init__(message if hint is None else f"{message} ({hint})")
+        self.message = message
+        self.hint = hint
+        self.line = line
+        self.field = field

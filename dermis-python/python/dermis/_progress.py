@@ -1,0 +1,13 @@
+"""Progress of long work, on terminals and in notebooks."""
+
+import sys
+
+
+def show(what, done, steps, seconds):
+    """Shows how many of the steps are done, and the time left."""
+    if not sys.stderr.isatty() and "ipykernel" not in sys.modules:
+        return
+    left = f"{seconds / done * (steps - done):.0f} s left" if done else ""
+    end = "\n" if done == steps else ""
+    sys.stderr.write(f"\r{what} {done}/{steps} {left}   {end}")
+    sys.stderr.flush()

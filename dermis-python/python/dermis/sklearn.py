@@ -1,0 +1,64 @@
+"""Calibration of a real skin as a scikit-learn estimator.
+
+>>> import dermis, numpy
+>>> from dermis.sklearn import CalibrationRegressor
+>>> skin = dermis.Skin.load("skin16")
+>>> positions = skin.pixels[::40]
+>>> twin = skin.twin("lab", seed=1)
+>>> differences = twin.press(positions) - twin.untouched(100).mean(axis=0)
+>>> calibration = CalibrationRegressor("skin16").fit(differences, positions)
+>>> mean, sd = calibration.predict(differences, return_std=True)
+>>> mean.shape, sd.shape
+((22, 3), (22,))
+"""
+
+import numpy as np
+from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from dermis._dermis import Skin
+
+
+class CalibrationRegressor(RegressorMixin, BaseEstimator):
+    """Positions of presses from differences of frames, by Gaussian-process regression on measured presses.
+
+    The rows are presses in the order of recording: a viscoelastic skin remembers the press before.
+
+    Args:
+        design: A shipped name, the path of a design file, or a dict with its keys.
+
+    Attributes:
+        calibration_: The fitted `dermis.Calibration`.
+    """
+
+    def __init__(self, design="cylinder30"):
+        self.design = design
+
+    def fit(self, X, y):
+        """Fits the calibration.
+
+        Args:
+            X: Frames minus the untouched frame, (presses, channels), ohm.
+            y: Positions of the presses, (presses, 3), m.
+        """
+        X, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
+        self.calibration_ = Skin.load(self.design).calibrate(X, y, method="forward-map")
+        return self
+
+    def predict(self, X, return_std=False):
+        """Positions of presses.
+
+        Args:
+            X: Frames minus the untouched frame, (n, channels), ohm.
+            return_std: Also return the standard deviation of each position per axis, (n,), m.
+
+        Returns:
+            (n, 3), m; with `return_std` also (n,), m.
+        """
+        check_is_fitted(self)
+        X = validate_data(self, X, reset=False, dtype=np.float64)
+        located = self.calibration_.locate(X)
+        return (located["position_m"], located["sd_m"]) if return_std else located["position_m"]
+
+
+__all__ = ["CalibrationRegressor"]

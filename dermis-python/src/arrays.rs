@@ -1,0 +1,146 @@
+//! Arrays in and out.
+
+use crate::failure::{Failure, Outcome};
+use dermis::frame::{Differences, Frame};
+use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+/// Rows of numbers that a caller has given: an array of one or two dimensions, or anything that becomes one.
+pub struct Rows<'py> {
+    array: PyReadonlyArray2<'py, f64>,
+    /// One row was given, without the dimension of rows.
+    pub is_single: bool,
+}
+
+impl<'py> Rows<'py> {
+    /// From an argument that must have this many columns.
+    pub fn of(value: &Bound<'py, PyAny>, argument: &str, columns: usize) -> Outcome<Self> {
+        let array = contiguous(value, argument)?;
+        let shape = array.shape().to_vec();
+        let is_single = shape.len() == 1;
+        if shape.last() != Some(&columns) || shape.len() > 2 {
+            let message = format!("`{argument}` has the shape {}", shown(&shape));
+            return Err(Failure::with_hint(message, &format!("give ({columns},) or (n, {columns})")));
+        }
+        let rows = shape.iter().product::<usize>() / columns.max(1);
+        let array = array.reshape([rows, columns])?;
+        Ok(Rows { array: array.readonly(), is_single })
+    }
+
+    /// The values, row after row.
+    pub fn values(&self) -> Outcome<&[f64]> {
+        self.array.as_slice().map_err(Failure::given)
+    }
+
+    /// The rows as frames.
+    pub fn frames(&self) -> Outcome<Vec<Frame>> {
+        let columns = self.array.shape()[1].max(1);
+        Ok(self.values()?.chunks_exact(columns).map(|row| Frame(row.to_vec())).collect())
+    }
+}
+
+/// The differences of frames from the mean of untouched ones, or frames that are differences; and whether one frame was
+/// given.
+pub fn differences(
+    frames: &Bound<'_, PyAny>,
+    baseline: Option<&Bound<'_, PyAny>>,
+    channels: usize,
+) -> Outcome<(Differences, bool)> {
+    let rows = Rows::of(frames, "frames", channels)?;
+    let untouched = match baseline {
+        None => Vec::new(),
+        Some(baseline) => Rows::of(baseline, "baseline", channels)?.frames()?,
+    };
+    if baseline.is_some() && untouched.is_empty() {
+        return Err(Failure::given("`baseline` has no frame"));
+    }
+    Ok((Differences::new(rows.frames()?, untouched), rows.is_single))
+}
+
+/// An argument as a contiguous array of float64; shared where it is one already.
+fn contiguous<'py>(value: &Bound<'py, PyAny>, argument: &str) -> Outcome<Bound<'py, PyArrayDyn<f64>>> {
+    let py = value.py();
+    let numpy = py.import("numpy")?;
+    let refused = |why: &dyn std::fmt::Display| {
+        Failure::with_hint(format!("`{argument}` is no array of real numbers: {why}"), "give numbers")
+    };
+    let plain = numpy.call_method1("asarray", (value,)).map_err(|error| refused(&error.value(py)))?;
+    let dtype = plain.getattr("dtype")?;
+    let kind: char = dtype.getattr("kind")?.extract()?;
+    if value.is_none() || !"biufO".contains(kind) {
+        return Err(refused(&dtype));
+    }
+    let options = PyDict::new(py);
+    options.set_item("dtype", "float64")?;
+    options.set_item("order", "C")?;
+    match numpy.call_method("asarray", (plain,), Some(&options)) {
+        Ok(array) => Ok(array.cast_into::<PyArrayDyn<f64>>().map_err(|error| refused(&error))?),
+        Err(error) => Err(refused(&error.value(py))),
+    }
+}
+
+/// A shape as Python writes it.
+fn shown(shape: &[usize]) -> String {
+    match shape {
+        [one] => format!("({one},)"),
+        _ => format!("({})", shape.iter().map(usize::to_string).collect::<Vec<_>>().join(", ")),
+    }
+}
+
+/// Values of rows as an array, without a copy.
+pub fn matrix(py: Python<'_>, values: Vec<f64>, columns: usize) -> Outcome<Bound<'_, PyArray2<f64>>> {
+    let rows = values.len() / columns.max(1);
+    Ok(PyArray1::from_vec(py, values).reshape([rows, columns])?)
+}
+
+/// Rows of values, or one row if one was asked for.
+pub fn rows<'py>(py: Python<'py>, values: Vec<f64>, shape: &[usize], is_single: bool) -> Outcome<Bound<'py, PyAny>> {
+    let count = values.len() / shape.iter().product::<usize>().max(1);
+    let whole: Vec<usize> = if is_single { shape.to_vec() } else { [&[count], shape].concat() };
+    Ok(PyArray1::from_vec(py, values).reshape(whole)?.into_any())
+}
+
+/// Makes an array read-only, for values that are shared.
+pub fn read_only<'py>(array: Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+    let keywords = PyDict::new(array.py());
+    keywords.set_item("write", false)?;
+    array.call_method("setflags", (), Some(&keywords))?;
+    Ok(array)
+}
+
+/// A number for each row: one for all, or an array.
+pub struct Column(Vec<f64>);
+
+impl Column {
+    /// From an argument with a number for each of `count` rows, one number, or nothing.
+    pub fn of(value: Option<&Bound<'_, PyAny>>, argument: &str, count: usize, default: f64) -> Outcome<Self> {
+        let Some(value) = value else { return Ok(Column(vec![default])) };
+        let array = contiguous(value, argument)?;
+        let shape = array.shape().to_vec();
+        if !(shape.is_empty() || shape == [count]) {
+            let message = format!("`{argument}` has the shape {}", shown(&shape));
+            return Err(Failure::with_hint(message, &format!("give one number, or ({count},)")));
+        }
+        Ok(Column(array.readonly().as_slice().map_err(Failure::given)?.to_vec()))
+    }
+
+    /// The number of a row.
+    pub fn at(&self, row: usize) -> f64 {
+        self.0[if self.0.len() == 1 { 0 } else { row }]
+    }
+}
+
+/// Indices from an argument with `count` whole numbers from 0 on.
+pub fn indices(value: &Bound<'_, PyAny>, argument: &str, count: usize) -> Outcome<Vec<usize>> {
+    let column = Column::of(Some(value), argument, count, 0.0)?;
+    let index = |row: usize| {
+        let number = column.at(row);
+        // Beyond this number of frames no memory suffices.
+        match number >= 0.0 && number.fract() == 0.0 && number < 1e7 {
+            true => Ok(number as usize),
+            false => Err(Failure::given(format!("`{argument}` has {number}: indices are whole numbers from 0 to 1e7"))),
+        }
+    };
+    (0..count).map(index).collect()
+}

@@ -1,0 +1,24 @@
+//! The program `dermis` and its commands.
+
+use crate::failure::Outcome;
+use pyo3::prelude::*;
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+
+/// Runs the program `dermis` with its arguments; returns the exit code.
+#[pyfunction]
+pub fn run_program(py: Python<'_>, arguments: Vec<OsString>) -> u8 {
+    py.detach(|| dermis_cli::run(arguments))
+}
+
+/// Runs the program `dermis` with its arguments; an error is raised, not printed.
+#[pyfunction]
+pub fn run_command(py: Python<'_>, arguments: Vec<OsString>) -> Outcome<()> {
+    Ok(py.detach(|| dermis_cli::try_run(arguments))?)
+}
+
+/// The options of each command by name, and the values that they take: `none`, `one`, `several`, or `repeated`.
+#[pyfunction]
+pub fn command_options() -> BTreeMap<String, BTreeMap<String, &'static str>> {
+    dermis_cli::options()
+}

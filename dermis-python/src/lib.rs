@@ -1,0 +1,51 @@
+//! Python bindings: the native module `dermis._dermis`.
+//!
+//! The Python package `dermis` (folder `python/`) names what users see; its stub file documents shapes and units.
+
+mod arrays;
+mod calibration;
+mod command;
+mod contacts;
+mod failure;
+mod mesh;
+mod method;
+mod model;
+mod picture;
+mod pipeline;
+mod samples;
+mod skin;
+mod solution;
+mod twin;
+mod worker;
+
+use pyo3::prelude::*;
+
+/// The native part of `dermis`.
+#[pymodule]
+mod _dermis {
+    #[pymodule_export]
+    use super::calibration::Calibration;
+    #[pymodule_export]
+    use super::command::{command_options, run_command, run_program};
+    #[pymodule_export]
+    use super::mesh::Mesh;
+    #[pymodule_export]
+    use super::method::Method;
+    #[pymodule_export]
+    use super::model::shipped_model;
+    #[pymodule_export]
+    use super::pipeline::{Frame, Live, Pipeline, Replay};
+    #[pymodule_export]
+    use super::samples::{Dataset, Samples};
+    #[pymodule_export]
+    use super::skin::Skin;
+    #[pymodule_export]
+    use super::solution::Solution;
+    #[pymodule_export]
+    use super::twin::Twin;
+
+    /// The version of the package.
+    #[pymodule_export]
+    #[expect(non_upper_case_globals)]
+    const __version__: &str = env!("CARGO_PKG_VERSION");
+}

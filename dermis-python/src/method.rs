@@ -1,0 +1,171 @@
+//! `dermis.Method`.
+
+use crate::arrays;
+use crate::contacts;
+use crate::failure::{Failure, Outcome};
+use crate::picture;
+use crate::skin::Skin;
+use crate::worker::{self, Watch};
+use dermis::frame::{Differences, Frame};
+use dermis::method;
+use dermis_sim::evaluate::score_contacts;
+use pyo3::prelude::*;
+use rayon::prelude::*;
+
+/// What pickle calls to make a method again, and with what.
+type Reduced<'py> = (Bound<'py, PyAny>, (Skin, String, Option<f64>));
+
+/// The name of methods that no other process can prepare.
+pub const IN_MEMORY: &str = "memory";
+
+/// A reconstruction method prepared for a skin.
+#[pyclass(frozen, module = "dermis")]
+pub struct Method {
+    skin: Skin,
+    method: method::Method,
+    /// The regularization parameter that was asked for.
+    alpha: Option<f64>,
+}
+
+impl Method {
+    pub fn prepared(skin: Skin, method: method::Method, alpha: Option<f64>) -> Self {
+        Method { skin, method, alpha }
+    }
+
+    /// The differences of frames from a baseline, and whether one frame was given.
+    fn differences(
+        &self,
+        frames: &Bound<'_, PyAny>,
+        baseline: Option<&Bound<'_, PyAny>>,
+    ) -> Outcome<(Differences, bool)> {
+        arrays::differences(frames, baseline, self.skin.skin().design().protocol.channel_count())
+    }
+}
+
+/// The results for all frames, in parallel.
+fn for_each<T: Send>(frames: &[Frame], watch: &Watch, of: impl Fn(&Frame) -> Outcome<T> + Sync) -> Outcome<Vec<T>> {
+    let one = |frame: &Frame| {
+        watch.check()?;
+        let result = of(frame);
+        watch.steps(1);
+        result
+    };
+    frames.par_iter().map(one).collect()
+}
+
+#[pymethods]
+impl Method {
+    /// The name by which it is selected.
+    #[getter]
+    fn name(&self) -> &str {
+        self.method.name()
+    }
+
+    /// Its name in words.
+    #[getter]
+    fn label(&self) -> &str {
+        self.method.label()
+    }
+
+    /// The regularization parameter of a linear method, else `None`.
+    #[getter]
+    fn alpha(&self) -> Option<f64> {
+        self.method.alpha()
+    }
+
+    /// Images of frames: (n, rows, columns) with NaN outside the body, or (n, cells).
+    #[pyo3(signature = (frames, baseline=None))]
+    fn images<'py>(
+        &self,
+        py: Python<'py>,
+        frames: &Bound<'py, PyAny>,
+        baseline: Option<&Bound<'py, PyAny>>,
+    ) -> Outcome<Bound<'py, PyAny>> {
+        let (differences, is_single) = self.differences(frames, baseline)?;
+        let frames = &differences.frames;
+        let images = worker::run(py, "reconstructing", frames.len(), |watch| {
+            let images = for_each(frames, watch, |frame| Ok(self.method.image(frame)?.to_grid()))?;
+            Ok(images.concat())
+        })?;
+        let space = self.skin.skin().pixels();
+        let shape = space.grid.map_or_else(|| vec![space.len()], Vec::from);
+        arrays::rows(py, images, &shape, is_single)
+    }
+
+    /// The contacts in frames.
+    #[pyo3(signature = (frames, baseline=None, *, both_signs=false))]
+    fn contacts<'py>(
+        &self,
+        py: Python<'py>,
+        frames: &Bound<'py, PyAny>,
+        baseline: Option<&Bound<'py, PyAny>>,
+        both_signs: bool,
+    ) -> Outcome<Bound<'py, PyAny>> {
+        let (differences, _) = self.differences(frames, baseline)?;
+        let found = worker::run(py, "reconstructing", differences.frames.len(), |watch| {
+            let mut detector = self.method.detector(&differences.untouched)?;
+            if both_signs {
+                self.method.check_both_signs()?;
+                detector = detector.with_both_signs(self.skin.skin().design().sheet.touch.change());
+            }
+            for_each(&differences.frames, watch, |frame| Ok(self.method.contacts(frame, &detector)?))
+        })?;
+        contacts::table(py, &found)
+    }
+
+    /// The score of the contacts in frames against true touches.
+    #[pyo3(signature = (frames, truth, baseline=None))]
+    fn score<'py>(
+        &self,
+        py: Python<'py>,
+        frames: &Bound<'py, PyAny>,
+        truth: &Bound<'py, PyAny>,
+        baseline: Option<&Bound<'py, PyAny>>,
+    ) -> Outcome<Bound<'py, PyAny>> {
+        let (differences, _) = self.differences(frames, baseline)?;
+        let frames = &differences.frames;
+        let truth = contacts::truth(truth, self.skin.skin(), frames.len())?;
+        let score = worker::run(py, "reconstructing", frames.len(), |watch| {
+            let detector = self.method.detector(&differences.untouched)?;
+            let found = for_each(frames, watch, |frame| {
+                Ok((self.method.image(frame)?, self.method.contacts(frame, &detector)?))
+            })?;
+            let (images, found): (Vec<_>, Vec<_>) = found.into_iter().unzip();
+            Ok(score_contacts(&images, &found, &truth, self.method.label(), self.method.alpha())?)
+        })?;
+        let text = serde_json::to_string(&score).map_err(Failure::given)?;
+        Ok(py.import("json")?.call_method1("loads", (text,))?)
+    }
+
+    /// The image of a frame with its contacts, as the text of an SVG.
+    #[pyo3(signature = (frame, baseline=None))]
+    fn svg(&self, frame: &Bound<'_, PyAny>, baseline: Option<&Bound<'_, PyAny>>) -> Outcome<String> {
+        let (differences, _) = self.differences(frame, baseline)?;
+        let [frame] = &differences.frames[..] else {
+            return Err(Failure::with_hint("`frame` has rows", "give one frame, (channels,)"));
+        };
+        let image = self.method.image(frame)?;
+        let contacts = self.method.contacts(frame, &self.method.detector(&differences.untouched)?)?;
+        picture::of_image(self.skin.skin(), &image, self.method.reconstruct().quantity(), &contacts)
+    }
+
+    /// The skin.
+    #[getter]
+    fn skin(&self) -> Skin {
+        self.skin.clone()
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> Outcome<Reduced<'py>> {
+        let Method { skin, method, alpha } = slf.get();
+        if method.name() == IN_MEMORY {
+            let hint = "save it to a folder and prepare it by the folder: Skin.method(folder)";
+            return Err(Failure::with_hint("a method of a calibration in memory cannot be pickled", hint));
+        }
+        let prepare = slf.py().import("dermis._pickle")?.getattr("method")?;
+        Ok((prepare, (skin.clone(), method.name().to_string(), *alpha)))
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<dermis.Method {:?}: {}>", self.name(), self.method.description())
+    }
+}

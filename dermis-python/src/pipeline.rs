@@ -1,0 +1,399 @@
+//! `dermis.Pipeline`, `dermis.Live` and `dermis.Replay`: streams of frames with tracked contacts.
+
+use crate::arrays::{self, Rows};
+use crate::contacts;
+use crate::failure::{Failure, Outcome};
+use crate::skin::Skin;
+use crate::worker;
+use dermis::method::MethodSet;
+use dermis::pipeline::{
+    self, Command, FrameInput, Notice, PipelineError, PipelineFrame, Settings, Timestamp, Validity,
+};
+use dermis::skin;
+use dermis_live::device::{Address, DeviceOptions};
+use dermis_live::emulator::{Emulator, EmulatorOptions, Script};
+use dermis_live::recording::{self, Player, Replayed};
+use dermis_live::runtime::{Event, LiveOptions, Mailbox, Popped};
+use dermis_live::{LiveError, LiveFrame};
+use dermis_sim::twin::TwinOptions;
+use numpy::PyArray1;
+use pyo3::prelude::*;
+use std::collections::VecDeque;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+/// Interval between two looks at signals while no frame arrives.
+const LOOK: Duration = Duration::from_millis(50);
+/// Capacity of the queue of a live skin: the oldest frames are dropped.
+const QUEUE: usize = 4096;
+
+/// A frame with its contacts.
+#[pyclass(frozen, module = "dermis")]
+pub struct Frame {
+    skin: skin::Skin,
+    frame: PipelineFrame,
+}
+
+#[pymethods]
+impl Frame {
+    /// Its number.
+    #[getter]
+    fn sequence(&self) -> u64 {
+        self.frame.sequence
+    }
+
+    /// Time of measurement, s since 1970.
+    #[getter]
+    fn time_s(&self) -> f64 {
+        self.frame.measured_at.seconds()
+    }
+
+    /// The values, (channels,), ohm.
+    #[getter]
+    fn values<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
+        PyArray1::from_slice(py, &self.frame.values_ohm).into_any()
+    }
+
+    /// The image, (rows, columns) with NaN outside the body, or (cells,).
+    #[getter]
+    fn image<'py>(&self, py: Python<'py>) -> Outcome<Bound<'py, PyAny>> {
+        let values = self.frame.image.iter().map(|&value| f64::from(value)).collect();
+        let space = Arc::clone(self.skin.pixels());
+        let shape = space.grid.map_or_else(|| vec![space.len()], Vec::from);
+        arrays::rows(py, dermis::image::Image { space, values }.to_grid(), &shape, true)
+    }
+
+    /// `ok`, `degraded`, `invalid` or `stale`.
+    #[getter]
+    fn validity(&self) -> &'static str {
+        self.frame.validity.name()
+    }
+
+    /// The validity in words.
+    #[getter]
+    fn reason(&self) -> String {
+        self.frame.validity.to_string()
+    }
+
+    /// Whether the contacts can be relied on.
+    #[getter]
+    fn is_usable(&self) -> bool {
+        self.frame.validity.is_usable()
+    }
+
+    /// Whether the skin is touched; None if the frame is invalid.
+    #[getter]
+    fn touched(&self) -> Option<bool> {
+        self.frame.touched
+    }
+
+    /// The contacts, the oldest first.
+    #[getter]
+    fn contacts<'py>(&self, py: Python<'py>) -> Outcome<Bound<'py, PyAny>> {
+        contacts::tracked(py, &self.frame)
+    }
+
+    fn __repr__(&self) -> String {
+        let PipelineFrame { sequence, contacts, validity, .. } = &self.frame;
+        let validity = if *validity == Validity::Ok { "ok".into() } else { validity.to_string() };
+        format!("<dermis.Frame {sequence}: {validity}, {} contacts>", contacts.len())
+    }
+}
+
+/// The pipeline of a live skin, for frames of one's own: baseline, drift, faults, tracked contacts.
+#[pyclass(frozen, module = "dermis")]
+pub struct Pipeline {
+    feed: Mutex<Feed>,
+    skin: skin::Skin,
+}
+
+/// A pipeline and the number of its next frame.
+struct Feed {
+    pipeline: pipeline::Pipeline,
+    next: u64,
+}
+
+impl Pipeline {
+    fn feed(&self) -> MutexGuard<'_, Feed> {
+        self.feed.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The methods of a skin, with the one of this name or folder.
+fn methods(py: Python<'_>, skin: &Skin, method: Option<&str>) -> Outcome<Arc<MethodSet>> {
+    let skin = skin.skin().clone();
+    worker::run(py, "preparing the methods", 1, |_| {
+        Ok(Arc::new(MethodSet::new(&dermis_learn::methods(), skin, method)?))
+    })
+}
+
+#[pymethods]
+impl Pipeline {
+    #[new]
+    #[pyo3(signature = (skin, method=None, *, threshold=1.0, tare_frames=100, both_signs=false))]
+    fn new(
+        skin: &Bound<'_, Skin>,
+        method: Option<String>,
+        threshold: f64,
+        tare_frames: usize,
+        both_signs: bool,
+    ) -> Outcome<Self> {
+        let methods = methods(skin.py(), skin.get(), method.as_deref())?;
+        let method = method.unwrap_or_default();
+        let settings = Settings { method, threshold, tare_frames, both_signs, ..Settings::default() };
+        let feed = Mutex::new(Feed { pipeline: pipeline::Pipeline::new(methods, settings)?, next: 0 });
+        Ok(Pipeline { feed, skin: skin.get().skin().clone() })
+    }
+
+    /// Processes the next frame, (channels,), ohm.
+    #[pyo3(signature = (frame, time_s=None))]
+    fn process(&self, py: Python<'_>, frame: &Bound<'_, PyAny>, time_s: Option<f64>) -> Outcome<Frame> {
+        let rows = Rows::of(frame, "frame", self.skin.design().protocol.channel_count())?;
+        if !rows.is_single {
+            return Err(Failure::with_hint("`frame` has rows", "give one frame, (channels,)"));
+        }
+        let values = rows.values()?.to_vec();
+        let measured_at = match time_s {
+            None => SystemTime::now().duration_since(UNIX_EPOCH).map_err(Failure::given)?,
+            Some(time_s) => Duration::try_from_secs_f64(time_s)
+                .map_err(|_| Failure::given(format!("`time_s` is {time_s}: it must be a time since 1970, s")))?,
+        };
+        let measured_at = Timestamp::default().after(measured_at);
+        let frame = py.detach(|| {
+            let Feed { pipeline, next } = &mut *self.feed();
+            let frame = pipeline.process(FrameInput::new(*next, measured_at, values))?;
+            *next += 1;
+            if pipeline.wants_rebuild()
+                && let Ok(rebuilt) = pipeline.rebuild_job().run()
+            {
+                pipeline.install_method(rebuilt);
+            }
+            Ok::<_, Failure>(frame)
+        })?;
+        Ok(Frame { skin: self.skin.clone(), frame })
+    }
+
+    /// Measures the baseline again, from the next frames.
+    fn tare(&self) -> Outcome<()> {
+        Ok(self.feed().pipeline.command(&Command::Tare)?)
+    }
+
+    /// The messages since the last call: what was masked, what came back.
+    fn notices(&self) -> Vec<String> {
+        self.feed().pipeline.take_notices().into_iter().map(|notice| notice.text).collect()
+    }
+}
+
+/// A skin that is being read: an iterator over frames. As a context manager it stops at the end of the block.
+#[pyclass(frozen, module = "dermis")]
+pub struct Live {
+    skin: skin::Skin,
+    source: String,
+    live: Mutex<Option<dermis_live::Live>>,
+    mailbox: Arc<Mailbox<Event>>,
+    notices: Mutex<VecDeque<String>>,
+    emulator: Option<Arc<Emulator>>,
+}
+
+/// Notices that wait for `Live.notices`.
+const MOST_NOTICES: usize = 1000;
+
+#[pymethods]
+impl Live {
+    #[new]
+    #[pyo3(signature = (skin, source="emulate", method=None, *, threshold=1.0, both_signs=false, twin="lab", seed=1,
+        touch="none", speed=1.0))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python")]
+    fn new(
+        py: Python<'_>,
+        skin: &Bound<'_, Skin>,
+        source: &str,
+        method: Option<String>,
+        threshold: f64,
+        both_signs: bool,
+        twin: &str,
+        seed: u64,
+        touch: &str,
+        speed: f64,
+    ) -> Outcome<Self> {
+        let methods = methods(py, skin.get(), method.as_deref())?;
+        let skin = skin.get().skin().clone();
+        let (live, emulator) = worker::run(py, "connecting", 1, |_| {
+            if let Some(path) = source.strip_prefix("replay:") {
+                let player = Player::open(path.as_ref(), &methods, speed)?;
+                return Ok((dermis_live::Live::play(methods, player)?, None));
+            }
+            let (address, emulator) = match source {
+                "emulate" => {
+                    let emulator = emulator(&skin, twin, seed, touch, speed)?;
+                    (emulator.serve_locally()?, Some(emulator))
+                }
+                source => (Address::parse(source)?, None),
+            };
+            let method = method.unwrap_or_default();
+            let settings = Settings { method, threshold, both_signs, ..Settings::default() };
+            let options = LiveOptions { address, device: DeviceOptions::default(), settings, state: None };
+            Ok((dermis_live::Live::start(methods, options)?, emulator))
+        })?;
+        let mailbox = live.shared().subscribe_as("python", QUEUE);
+        live.begin();
+        let (live, notices) = (Mutex::new(Some(live)), Mutex::default());
+        Ok(Live { skin, source: source.into(), live, mailbox, notices, emulator })
+    }
+
+    fn __iter__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        slf
+    }
+
+    fn __next__(&self, py: Python<'_>) -> Outcome<Option<Frame>> {
+        loop {
+            py.check_signals()?;
+            match py.detach(|| self.mailbox.take(LOOK)) {
+                Popped::Item(Event::Frame(frame) | Event::Stale(frame)) => {
+                    let LiveFrame { result, .. } = &*frame;
+                    return Ok(Some(Frame { skin: self.skin.clone(), frame: result.clone() }));
+                }
+                Popped::Item(Event::Notice(Notice { text, .. })) => self.note(text),
+                Popped::Item(Event::Lost(why)) => self.note(why),
+                Popped::Item(_) | Popped::TimedOut => {}
+                Popped::Closed => {
+                    let live = self.live.lock().unwrap_or_else(PoisonError::into_inner);
+                    let failure = live.as_ref().and_then(dermis_live::Live::take_failure);
+                    return failure.map_or(Ok(None), |failure| Err(failure.into()));
+                }
+            }
+        }
+    }
+
+    /// Measures the baseline again.
+    fn tare(&self) {
+        let live = self.live.lock().unwrap_or_else(PoisonError::into_inner);
+        live.iter().for_each(|live| live.shared().command(Command::Tare));
+    }
+
+    /// The messages since the last call: faults, parts that came back, a lost device.
+    fn notices(&self) -> Vec<String> {
+        self.notices.lock().unwrap_or_else(PoisonError::into_inner).drain(..).collect()
+    }
+
+    /// Stops reading.
+    fn stop(&self, py: Python<'_>) {
+        py.detach(|| self.end());
+    }
+
+    fn __enter__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        slf
+    }
+
+    #[pyo3(signature = (*_exception))]
+    fn __exit__(&self, py: Python<'_>, _exception: &Bound<'_, pyo3::types::PyTuple>) {
+        self.stop(py);
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<dermis.Live {:?} from {:?}>", self.skin.design().name, self.source)
+    }
+}
+
+impl Drop for Live {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+impl Live {
+    /// Ends the threads.
+    fn end(&self) {
+        let live = self.live.lock().unwrap_or_else(PoisonError::into_inner).take();
+        live.map(dermis_live::Live::stop);
+        self.emulator.iter().for_each(|emulator| emulator.stop());
+    }
+
+    fn note(&self, text: String) {
+        let mut notices = self.notices.lock().unwrap_or_else(PoisonError::into_inner);
+        notices.push_back(text);
+        let excess = notices.len().saturating_sub(MOST_NOTICES);
+        notices.drain(..excess);
+    }
+}
+
+/// A simulated device.
+fn emulator(skin: &skin::Skin, twin: &str, seed: u64, touch: &str, speed: f64) -> Outcome<Arc<Emulator>> {
+    let twin = TwinOptions::load(twin)?;
+    let script = Script::load(touch, skin.design(), &twin, seed)?;
+    let options = EmulatorOptions { script, twin, seed, faults: Vec::new(), speed, prerendered: 0, unpaced: false };
+    Ok(Emulator::new(skin.design(), options)?)
+}
+
+/// A recording whose contacts are computed again: an iterator over frames.
+#[pyclass(frozen, module = "dermis")]
+pub struct Replay {
+    replay: Mutex<recording::Replay>,
+    skin: skin::Skin,
+    path: PathBuf,
+}
+
+#[pymethods]
+impl Replay {
+    #[new]
+    #[pyo3(signature = (path, *, method=None))]
+    fn new(py: Python<'_>, path: PathBuf, method: Option<String>) -> Outcome<Self> {
+        let replay = worker::run(py, "opening the recording", 1, |_| {
+            Ok(recording::Replay::with_model(&path, method.as_deref())?)
+        })?;
+        let skin = replay.skin().clone();
+        Ok(Replay { replay: Mutex::new(replay), skin, path })
+    }
+
+    /// The skin of the recording.
+    #[getter]
+    fn skin(&self) -> Skin {
+        Skin::prepared(self.skin.clone(), "design.toml")
+    }
+
+    fn __iter__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        slf
+    }
+
+    fn __next__(&self, py: Python<'_>) -> Outcome<Option<Frame>> {
+        py.check_signals()?;
+        let frame = py.detach(|| {
+            let mut replay = self.replay.lock().unwrap_or_else(PoisonError::into_inner);
+            loop {
+                match replay.step()? {
+                    None => return Ok::<_, Failure>(None),
+                    Some(Replayed::Frame(frame)) => return Ok(Some(frame.result)),
+                    Some(Replayed::Command(_)) => {}
+                }
+            }
+        })?;
+        Ok(frame.map(|frame| Frame { skin: self.skin.clone(), frame }))
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<dermis.Replay {} of {:?}>", self.path.display(), self.skin.design().name)
+    }
+}
+
+impl From<PipelineError> for Failure {
+    fn from(error: PipelineError) -> Self {
+        match error {
+            PipelineError::Method(error) => (*error).into(),
+            PipelineError::Dermis(error) => (*error).into(),
+            error => Failure::given(error),
+        }
+    }
+}
+
+impl From<LiveError> for Failure {
+    fn from(error: LiveError) -> Self {
+        match error {
+            LiveError::Dermis(error) => error.into(),
+            LiveError::Sim(error) => (*error).into(),
+            LiveError::Method(error) => (*error).into(),
+            LiveError::Pipeline(error) => (*error).into(),
+            error => Failure::given(error),
+        }
+    }
+}

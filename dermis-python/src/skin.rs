@@ -1,0 +1,363 @@
+//! `dermis.Skin`.
+
+use crate::arrays::{self, Rows};
+use crate::calibration::{Calibration, Presses};
+use crate::failure::{Failure, Outcome};
+use crate::mesh::Mesh;
+use crate::method::Method;
+use crate::picture;
+use crate::samples::Samples;
+use crate::solution::{Parameters, Solution};
+use crate::twin::{self, Twin};
+use crate::worker;
+use dermis::design::SkinDesign;
+use dermis::files::{MOST_SETTINGS_BYTES, read_text_at_most};
+use dermis::forward::Matrix;
+use dermis::method::MethodOptions;
+use dermis::reconstruct::Alpha;
+use dermis::skin;
+use dermis_sim::touch::{GaussianTouch, touched_conductivity};
+use numpy::PyArray1;
+use numpy::prelude::*;
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::{PyDict, PyString};
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// A skin prepared for computing. A clone shares all data with the original.
+#[pyclass(frozen, module = "dermis")]
+#[derive(Clone)]
+pub struct Skin {
+    skin: skin::Skin,
+    /// The path of the design: relative paths in it start from its folder.
+    path: Arc<str>,
+    /// The Jacobian of the untouched skin per pixel, and per cell.
+    jacobians: Arc<[PyOnceLock<Py<PyAny>>; 2]>,
+}
+
+/// Columns of a Jacobian.
+#[derive(Debug, Clone, Copy)]
+enum Per {
+    Pixel = 0,
+    Cell = 1,
+}
+
+impl Per {
+    fn of(name: &str) -> Outcome<Self> {
+        match name {
+            "pixel" => Ok(Per::Pixel),
+            "cell" => Ok(Per::Cell),
+            _ => Err(Failure::with_hint(format!("`per` is {name:?}"), "give \"pixel\" or \"cell\"")),
+        }
+    }
+
+    fn jacobian(self, skin: &skin::Skin, conductivity: &[f64]) -> Outcome<Matrix> {
+        Ok(match self {
+            Per::Pixel => skin.forward().pixel_jacobian(conductivity, skin.pixels())?,
+            Per::Cell => skin.forward().jacobian(conductivity)?,
+        })
+    }
+}
+
+impl Skin {
+    /// A prepared skin; `path` is that of its design.
+    pub fn prepared(skin: skin::Skin, path: &str) -> Self {
+        Skin { skin, path: path.into(), jacobians: Arc::new([PyOnceLock::new(), PyOnceLock::new()]) }
+    }
+
+    /// The prepared skin.
+    pub fn skin(&self) -> &skin::Skin {
+        &self.skin
+    }
+
+    fn cell_count(&self) -> usize {
+        self.skin.mesh().cell_count()
+    }
+
+    fn channel_count(&self) -> usize {
+        self.skin.design().protocol.channel_count()
+    }
+}
+
+/// The name of a twin; that of the usual one if it is not given.
+fn twin_name<'py>(py: Python<'py>, name: Option<&Bound<'py, PyAny>>) -> Bound<'py, PyAny> {
+    name.cloned().unwrap_or_else(|| PyString::new(py, "lab").into_any())
+}
+
+/// The text of a TOML file that was given as a dict, through JSON.
+fn toml_text(keys: &Bound<'_, PyDict>) -> Outcome<String> {
+    let json: String = keys.py().import("json")?.call_method1("dumps", (keys,))?.extract()?;
+    let value: toml::Value = serde_json::from_str(&json).map_err(Failure::given)?;
+    toml::to_string(&value).map_err(Failure::given)
+}
+
+#[pymethods]
+impl Skin {
+    /// Prepares the skin of a design: a shipped name, the path of a design file, or a dict with its keys.
+    #[staticmethod]
+    fn load(py: Python<'_>, design: &Bound<'_, PyAny>) -> Outcome<Self> {
+        if let Ok(design) = design.cast::<PyDict>() {
+            return Skin::parse(py, &toml_text(design)?, "design");
+        }
+        let path = py.import("os")?.call_method1("fspath", (design,))?;
+        let name: String = path.cast::<PyString>().map_err(Failure::given)?.extract()?;
+        let text = SkinDesign::text_of(&name)?;
+        Skin::parse(py, &text, &name)
+    }
+
+    /// Prepares the skin of the text of a design file; relative paths in it start from the folder of `path`.
+    #[staticmethod]
+    #[pyo3(signature = (text, path="design"))]
+    fn parse(py: Python<'_>, text: &str, path: &str) -> Outcome<Self> {
+        let skin = worker::run(py, "preparing the skin", 1, |_| Ok(skin::Skin::parse(text, path)?))?;
+        Ok(Skin::prepared(skin, path))
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> Outcome<(Bound<'py, PyAny>, (String, String))> {
+        let Skin { skin, path, .. } = slf.get();
+        let text = skin.design_text().ok_or_else(|| Failure::given("a skin without a design file"))?;
+        let path = std::path::absolute(&**path).map_or_else(|_| path.to_string(), |path| path.display().to_string());
+        Ok((slf.get_type().getattr("parse")?, (text.to_string(), path)))
+    }
+
+    /// The names of the shipped designs.
+    #[staticmethod]
+    fn shipped() -> Vec<&'static str> {
+        SkinDesign::SHIPPED.to_vec()
+    }
+
+    /// Name of the design.
+    #[getter]
+    fn name(&self) -> &str {
+        &self.skin.design().name
+    }
+
+    /// The text of the design file.
+    #[getter]
+    fn design(&self) -> Option<&str> {
+        self.skin.design_text()
+    }
+
+    /// Positions of the electrodes' centres, (electrodes, 3), m.
+    #[getter]
+    fn electrodes<'py>(&self, py: Python<'py>) -> Outcome<Bound<'py, PyAny>> {
+        let values = self.skin.design().electrodes.iter().flat_map(|electrode| electrode.centre_m).collect();
+        arrays::rows(py, values, &[3], false)
+    }
+
+    /// The electrodes of each channel, (channels, 4): source, sink, plus, minus.
+    #[getter]
+    fn channels<'py>(&self, py: Python<'py>) -> Outcome<Bound<'py, PyAny>> {
+        let channels = self.skin.design().protocol.channels().iter();
+        let electrodes = channels.flat_map(|channel| [channel.drive, channel.measure].concat());
+        let electrodes: Vec<i64> = electrodes.map(|electrode| electrode as i64).collect();
+        Ok(PyArray1::from_vec(py, electrodes).reshape([self.channel_count(), 4])?.into_any())
+    }
+
+    /// The mesh of the forward model.
+    #[getter]
+    fn mesh(&self) -> Mesh {
+        Mesh::of(self.skin.clone())
+    }
+
+    /// Conductivity of each cell of the untouched skin, (cells,): S on surfaces, S/m in volumes.
+    #[getter]
+    fn rest_conductivity<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
+        PyArray1::from_slice(py, self.skin.forward().rest_conductivity()).into_any()
+    }
+
+    /// Centres of the pixels of images, (pixels, 3), m.
+    #[getter]
+    fn pixels<'py>(&self, py: Python<'py>) -> Outcome<Bound<'py, PyAny>> {
+        let values = self.skin.pixels().centres_m.iter().flatten().copied().collect();
+        arrays::rows(py, values, &[3], false)
+    }
+
+    /// Names of the reconstruction methods, the best first.
+    #[getter]
+    fn methods(&self) -> Outcome<Vec<String>> {
+        Ok(dermis_learn::methods().names(&self.skin)?)
+    }
+
+    /// Frames of conductivities, ohm: (cells,) to (channels,), or (n, cells) to (n, channels).
+    #[pyo3(signature = (conductivity=None))]
+    fn forward<'py>(&self, py: Python<'py>, conductivity: Option<&Bound<'py, PyAny>>) -> Outcome<Bound<'py, PyAny>> {
+        let (cells, channels, forward) = (self.cell_count(), self.channel_count(), self.skin.forward());
+        let given = conductivity.map(|given| Rows::of(given, "conductivity", cells)).transpose()?;
+        let values = given.as_ref().map_or(Ok(forward.rest_conductivity()), Rows::values)?;
+        let is_single = given.as_ref().is_none_or(|rows| rows.is_single);
+        let count = values.len() / cells;
+        let frames = worker::run(py, "solving", count, |watch| {
+            let map = |map: usize| {
+                watch.check()?;
+                Ok::<_, Failure>(Cow::Borrowed(&values[map * cells..(map + 1) * cells]))
+            };
+            let frames = forward.solve_many(count, map, |done| watch.steps(done))?;
+            let mut flat = Vec::with_capacity(count * channels);
+            frames.iter().for_each(|frame| flat.extend_from_slice(frame));
+            Ok(flat)
+        })?;
+        arrays::rows(py, frames, &[channels], is_single)
+    }
+
+    /// Frames of conductivities that can be differentiated.
+    #[pyo3(signature = (conductivity, *, contact_impedance=None, nodes=None))]
+    fn solve(
+        &self,
+        py: Python<'_>,
+        conductivity: &Bound<'_, PyAny>,
+        contact_impedance: Option<&Bound<'_, PyAny>>,
+        nodes: Option<&Bound<'_, PyAny>>,
+    ) -> Outcome<Solution> {
+        Solution::of(py, &self.skin, &Parameters { conductivity, contact_impedance, nodes })
+    }
+
+    /// Contact impedance of each electrode, (electrodes,): ohm m2 on areas, ohm m on edges.
+    #[getter]
+    fn contact_impedance<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
+        PyArray1::from_slice(py, self.skin.forward().contact_impedances()).into_any()
+    }
+
+    /// The Jacobian of a frame with respect to conductivity, (channels, pixels) or (channels, cells).
+    #[pyo3(signature = (conductivity=None, *, per="pixel"))]
+    fn jacobian<'py>(
+        &self,
+        py: Python<'py>,
+        conductivity: Option<&Bound<'py, PyAny>>,
+        per: &str,
+    ) -> Outcome<Bound<'py, PyAny>> {
+        let per = Per::of(per)?;
+        let compute = |conductivity: &[f64]| {
+            let matrix = worker::run(py, "computing the Jacobian", 1, |_| per.jacobian(&self.skin, conductivity))?;
+            Ok::<_, Failure>(arrays::matrix(py, matrix.values, matrix.columns)?.into_any())
+        };
+        if let Some(given) = conductivity {
+            let rows = Rows::of(given, "conductivity", self.cell_count())?;
+            let values = rows.values()?;
+            if values.len() != self.cell_count() {
+                return Err(Failure::with_hint("`conductivity` has more than one row", "a Jacobian belongs to one"));
+            }
+            return compute(values);
+        }
+        let shared = self.jacobians[per as usize].get_or_try_init(py, || {
+            let rest = self.skin.forward().rest_conductivity();
+            Ok::<_, Failure>(arrays::read_only(compute(rest)?)?.unbind())
+        })?;
+        Ok(shared.bind(py).clone())
+    }
+
+    /// The conductivity of each cell with Gaussian touches at `positions` (touches, 3), m.
+    #[pyo3(signature = (positions, *, amplitude=0.5, width_m=0.008))]
+    fn touched_conductivity<'py>(
+        &self,
+        py: Python<'py>,
+        positions: &Bound<'py, PyAny>,
+        amplitude: f64,
+        width_m: f64,
+    ) -> Outcome<Bound<'py, PyAny>> {
+        let rows = Rows::of(positions, "positions", 3)?;
+        let (positions, _) = rows.values()?.as_chunks::<3>();
+        let touch = |&centre_m: &[f64; 3]| GaussianTouch { centre_m, amplitude, width_m };
+        let touches: Vec<GaussianTouch> = positions.iter().map(touch).collect();
+        if let Some(bad) = touches.iter().find(|touch| touch.centre_m.iter().any(|value| !value.is_finite())) {
+            return Err(Failure::given(format!("`positions` has {:?}: positions are finite", bad.centre_m)));
+        }
+        let (design, rest) = (self.skin.design(), self.skin.forward().rest_conductivity());
+        let surface = design.body.surface();
+        let map = worker::run(py, "touching", 1, |_| {
+            Ok(touched_conductivity(self.skin.mesh(), &surface, design.sheet.touch, rest, &touches)?)
+        })?;
+        Ok(PyArray1::from_vec(py, map).into_any())
+    }
+
+    /// Prepares a reconstruction method by its name, or by the path of a folder; the best one for an empty name.
+    #[pyo3(signature = (name=None, *, alpha=None))]
+    fn method(&self, py: Python<'_>, name: Option<&Bound<'_, PyAny>>, alpha: Option<f64>) -> Outcome<Method> {
+        let name: String = match name {
+            Some(name) => py.import("os")?.call_method1("fspath", (name,))?.extract()?,
+            None => String::new(),
+        };
+        if let Some(alpha) = alpha.filter(|alpha| !(*alpha > 0.0 && alpha.is_finite())) {
+            return Err(Failure::with_hint(format!("`alpha` is {alpha}"), "give a positive number"));
+        }
+        let options = MethodOptions { alpha: alpha.map_or(Alpha::Auto, Alpha::Given), ..MethodOptions::default() };
+        let skin = &self.skin;
+        let method =
+            worker::run(py, "preparing the method", 1, |_| Ok(dermis_learn::methods().method(skin, &name, &options)?))?;
+        Ok(Method::prepared(self.clone(), method, alpha))
+    }
+
+    /// A digital twin: a shipped name (`ideal`, `lab`, `harsh`) or the path of a file.
+    #[pyo3(signature = (name=None, *, seed))]
+    fn twin(&self, py: Python<'_>, name: Option<&Bound<'_, PyAny>>, seed: u64) -> Outcome<Twin> {
+        Twin::of(py, self, &twin_name(py, name), seed)
+    }
+
+    /// The paper's indentation experiment on a twin: sets of presses by name.
+    #[pyo3(signature = (name=None, *, seed))]
+    fn experiment<'py>(
+        &self,
+        py: Python<'py>,
+        name: Option<&Bound<'py, PyAny>>,
+        seed: u64,
+    ) -> Outcome<Bound<'py, PyDict>> {
+        twin::experiment(py, self, &twin_name(py, name), seed)
+    }
+
+    /// Calibrates the skin with measured presses.
+    #[pyo3(signature = (frames, positions, baseline=None, *, force_n=None, rows=None, method=None, robot_frame=false))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python")]
+    fn calibrate(
+        &self,
+        py: Python<'_>,
+        frames: &Bound<'_, PyAny>,
+        positions: &Bound<'_, PyAny>,
+        baseline: Option<&Bound<'_, PyAny>>,
+        force_n: Option<&Bound<'_, PyAny>>,
+        rows: Option<&Bound<'_, PyAny>>,
+        method: Option<&str>,
+        robot_frame: bool,
+    ) -> Outcome<Calibration> {
+        let (differences, _) = arrays::differences(frames, baseline, self.channel_count())?;
+        let presses = Presses { positions, force_n, rows, in_robot_frame: robot_frame };
+        Calibration::fit(py, self, &differences, &presses, method)
+    }
+
+    /// Reads a calibration of this skin from its folder.
+    fn calibration(&self, py: Python<'_>, folder: PathBuf) -> Outcome<Calibration> {
+        Calibration::load(py, self, folder)
+    }
+
+    /// Training samples of a recipe: the path of a file, or a dict with its keys.
+    fn samples(&self, py: Python<'_>, recipe: &Bound<'_, PyAny>, seed: u64) -> Outcome<Samples> {
+        match recipe.cast::<PyDict>() {
+            Ok(recipe) => Samples::of(py, self, &toml_text(recipe)?, Path::new("recipe"), seed),
+            Err(_) => {
+                let path: PathBuf = recipe.extract().map_err(|_| {
+                    Failure::with_hint("`recipe` is no path", "give the path of a recipe file, or a dict with its keys")
+                })?;
+                let text = read_text_at_most(&path, MOST_SETTINGS_BYTES)
+                    .map_err(|error| Failure::given(format!("{}: {error}", path.display())))?;
+                Samples::of(py, self, &text, &path, seed)
+            }
+        }
+    }
+
+    /// A picture of the skin: `electrodes`, `mesh` or `sensitivity`, as the text of an SVG.
+    #[pyo3(signature = (what="electrodes"))]
+    fn svg(&self, py: Python<'_>, what: &str) -> Outcome<String> {
+        picture::of_skin(py, &self.skin, what)
+    }
+
+    fn _repr_html_(&self, py: Python<'_>) -> Outcome<String> {
+        self.svg(py, "electrodes")
+    }
+
+    fn __repr__(&self) -> String {
+        let (electrodes, channels) = (self.skin.design().electrodes.len(), self.channel_count());
+        let cells = self.cell_count();
+        format!("<dermis.Skin {:?}: {electrodes} electrodes, {channels} channels, {cells} cells>", self.name())
+    }
+}

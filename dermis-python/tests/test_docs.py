@@ -1,0 +1,32 @@
+"""The Python examples of the documentation run, page by page."""
+
+import importlib.util
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = ["README.md", "docs/python.md", "docs/from-pyeit-and-eidors.md", "dermis-python/README.md"]
+BLOCK = re.compile(r"(?:<!-- needs: (?P<needs>\w+) -->\n)?```python\n(?P<code>.*?)```", re.DOTALL)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_examples_run(page, tmp_path, monkeypatch):
+    text = (ROOT / page).read_text()
+    blocks = list(BLOCK.finditer(text))
+    assert blocks, f"{page} has no example"
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    for block in blocks:
+        needs = block["needs"]
+        if needs and importlib.util.find_spec(needs) is None:
+            continue
+        line = text[: block.start("code")].count("\n")
+        exec(compile("\n" * line + block["code"], page, "exec"), names)
+
+
+def test_the_readme_s_script_is_short():
+    block = BLOCK.search((ROOT / "README.md").read_text())
+    lines = [line for line in block["code"].splitlines() if line.strip()]
+    assert len(lines) <= 10

@@ -1,0 +1,74 @@
+"""Streams of frames: pipelines, live skins, recordings."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import dermis
+
+
+@pytest.fixture(scope="module")
+def skin():
+    return dermis.Skin.load("skin16")
+
+
+def test_a_pipeline_finds_a_press_in_frames_of_ones_own(skin):
+    twin = skin.twin("lab", seed=2)
+    pipeline = dermis.Pipeline(skin, "noser", tare_frames=50)
+    position = skin.pixels[np.linalg.norm(skin.pixels - skin.pixels.mean(axis=0), axis=1).argmin()]
+    untouched = twin.untouched(150)
+    pressed = twin.press(np.tile(position, (30, 1)), force_n=3, first=150)
+    frames = [
+        pipeline.process(values, 1.0e9 + index / twin.frame_rate_hz)
+        for index, values in enumerate(np.concatenate([untouched, pressed]))
+    ]
+    assert [frame.validity for frame in frames[:50]] == ["invalid"] * 50
+    assert all(frame.is_usable and frame.touched is False for frame in frames[60:150])
+    last = frames[-1]
+    assert last.touched and len(last.contacts) == 1
+    assert np.linalg.norm(last.contacts.position_m[0] - position) < 0.01
+    assert last.contacts.seen[0] and last.contacts.velocity_m_s.shape == (1, 3)
+    assert last.sequence == 179 and last.time_s == pytest.approx(1.0e9 + 179 / twin.frame_rate_hz)
+    assert last.contacts.to_dataframe()["velocity_m_s_x"].notna().all()
+    pipeline.tare()
+    assert pipeline.process(untouched[0], 2.0e9).validity == "invalid"
+
+
+def test_a_live_skin_is_read_and_its_recording_replayed(skin, tmp_path):
+    with dermis.Live(skin, method="noser", touch="press", seed=4, speed=4) as live:
+        for frame in live:
+            if len(frame.contacts):
+                break
+    assert frame.is_usable and frame.touched
+    # After the end there is nothing more.
+    list(live)
+
+    recording = tmp_path / "touch.mcap"
+    command = [sys.executable, "-m", "dermis", "live", "skin16", "--serve", "off", "--method", "noser", "--touch", "press"]
+    subprocess.run([*command, "--for", "4", "--record", str(recording)], check=True, capture_output=True)
+    replay = dermis.Replay(recording)
+    frames = list(replay)
+    assert len(frames) > 100
+    assert replay.skin.name == "skin16"
+    assert any(len(frame.contacts) for frame in frames)
+    # Numbers increase, and so do times.
+    assert (np.diff([frame.sequence for frame in frames]) > 0).all()
+
+
+def test_devices_and_recordings_that_cannot_be_are_refused(skin, tmp_path):
+    with pytest.raises(dermis.DermisError, match="cannot reach the device"):
+        dermis.Live(skin, "tcp:127.0.0.1:1", method="noser")
+    with pytest.raises(dermis.DermisError, match="no-such-file"):
+        dermis.Replay(tmp_path / "no-such-file.mcap")
+    (tmp_path / "text.mcap").write_text("this is text")
+    with pytest.raises(dermis.DermisError):
+        dermis.Replay(tmp_path / "text.mcap")
+    pipeline = dermis.Pipeline(skin, "noser")
+    with pytest.raises(dermis.DermisError, match="`frame` has the shape"):
+        pipeline.process([1.0])
+    with pytest.raises(dermis.DermisError, match="`time_s` is -1"):
+        pipeline.process(skin.forward(), -1)
+    with pytest.raises(dermis.DermisError, match="no-such-method"):
+        dermis.Pipeline(skin, "no-such-method")
