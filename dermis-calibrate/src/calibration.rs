@@ -175,11 +175,9 @@ impl Calibration {
     /// the skin in the next frame. `first_number` is the number of the first press in the recording of the labels.
     ///
     /// # Errors
-    /// Frames of another number of channels.
+    /// Frames of another number of channels, values that are not finite.
     pub fn locate(&self, frames: &[Frame], first_number: usize) -> Result<Vec<Located>, CalibrateError> {
-        if let Some(frame) = frames.iter().find(|frame| frame.len() != self.channel_count()) {
-            return Err(CalibrateError::Channels { got: frame.len(), expected: self.channel_count() });
-        }
+        check_frames(frames, self.channel_count())?;
         let values = self.realignment.apply(&in_units(frames, &self.units));
         let mut previous_m = None;
         let locate = |(index, values): (usize, &Vec<f64>)| {
@@ -193,14 +191,10 @@ impl Calibration {
 
 /// Refuses labels from which no map can be fitted.
 pub(crate) fn check(frames: &[Frame], protocol: &Protocol, labels: &[Label]) -> Result<(), CalibrateError> {
-    let expected = protocol.channel_count();
-    if let Some(frame) = frames.iter().find(|frame| frame.len() != expected) {
-        return Err(CalibrateError::Channels { got: frame.len(), expected });
-    }
-    let not_finite = |frame: &Frame| frame.iter().position(|value| !value.is_finite());
-    if let Some((row, channel)) = frames.iter().enumerate().find_map(|(row, frame)| Some((row, not_finite(frame)?))) {
-        let message = format!("frame {row}, channel {channel} is {}: it must be finite", frames[row][channel]);
-        return Err(CalibrateError::Label(message));
+    check_frames(frames, protocol.channel_count())?;
+    if let Some(label) = labels.iter().find(|label| label.position_m.iter().any(|value| !value.is_finite())) {
+        let message = format!("the position of the label of frame {} is {:?}", label.row, label.position_m);
+        return Err(CalibrateError::Label(format!("{message}: it must be finite")));
     }
     if let Some(label) = labels.iter().find(|label| label.row >= frames.len()) {
         let message = format!("a label names frame {}, but there are {}", label.row, frames.len());
@@ -217,6 +211,21 @@ pub(crate) fn check(frames: &[Frame], protocol: &Protocol, labels: &[Label]) -> 
         return Err(CalibrateError::TooFewLabels { given: labels.len(), places: places.len(), needed: FEWEST_LABELS });
     }
     Ok(())
+}
+
+/// Refuses frames of another number of channels, and values that are not finite.
+fn check_frames(frames: &[Frame], expected: usize) -> Result<(), CalibrateError> {
+    if let Some(frame) = frames.iter().find(|frame| frame.len() != expected) {
+        return Err(CalibrateError::Channels { got: frame.len(), expected });
+    }
+    let not_finite = |frame: &Frame| frame.iter().position(|value| !value.is_finite());
+    match frames.iter().enumerate().find_map(|(row, frame)| Some((row, not_finite(frame)?))) {
+        None => Ok(()),
+        Some((row, channel)) => {
+            let message = format!("frame {row}, channel {channel} is {}: it must be finite", frames[row][channel]);
+            Err(CalibrateError::Label(message))
+        }
+    }
 }
 
 /// Refuses labels off the skin.

@@ -1,6 +1,6 @@
 //! The calibration that presses give: a forward map, or the correction of a method.
 
-use crate::calibration::{Calibration, Label, LabelFrame, Quality};
+use crate::calibration::{Calibration, Label, LabelFrame, Quality, check, check_positions};
 use crate::correction::{Correction, CorrectionQuality};
 use crate::error::CalibrateError;
 use crate::strength::UnusedForces;
@@ -36,6 +36,10 @@ impl Fitted {
         frame: LabelFrame,
         method: Option<&str>,
     ) -> Result<Self, CalibrateError> {
+        check(frames, &skin.design().protocol, labels)?;
+        if frame == LabelFrame::Skin {
+            check_positions(skin, labels)?;
+        }
         if let Some(name) = method.filter(|name| *name != Self::FORWARD_MAP) {
             if frame == LabelFrame::Robot {
                 return Err(CalibrateError::CorrectionFrame { method: name.into() });

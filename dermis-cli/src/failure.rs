@@ -6,7 +6,8 @@ use miette::{Diagnostic, NamedSource, SourceSpan};
 use std::fmt;
 use std::ops::Range;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::Once;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// The result of a command.
 pub type Outcome<T = ()> = Result<T, Failure>;
@@ -55,21 +56,25 @@ pub fn check_folder(path: &Path) -> Outcome {
     Err(Failure::given(message, Some("make it first, or name another")))
 }
 
-/// Whether any thread has panicked.
-static PANICKED: AtomicBool = AtomicBool::new(false);
+/// Panics of all threads since they are counted.
+static PANICS: AtomicUsize = AtomicUsize::new(0);
 
-/// Notes panics of every thread from now on.
-pub fn watch_panics() {
-    let report = std::panic::take_hook();
-    std::panic::set_hook(Box::new(move |panic| {
-        PANICKED.store(true, Ordering::Relaxed);
-        report(panic);
-    }));
+/// Counts panics of every thread from now on; returns their number so far.
+pub fn watch_panics() -> usize {
+    static WATCHED: Once = Once::new();
+    WATCHED.call_once(|| {
+        let report = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |panic| {
+            PANICS.fetch_add(1, Ordering::Relaxed);
+            report(panic);
+        }));
+    });
+    panics()
 }
 
-/// Whether any thread has panicked.
-pub fn has_panicked() -> bool {
-    PANICKED.load(Ordering::Relaxed)
+/// The number of panics of all threads.
+pub fn panics() -> usize {
+    PANICS.load(Ordering::Relaxed)
 }
 
 /// The error of a panic, which has printed its own message.
@@ -318,9 +323,8 @@ mod tests {
 
     #[test]
     fn a_panic_of_any_thread_is_noted() {
-        super::watch_panics();
-        assert!(!super::has_panicked());
+        let before = super::watch_panics();
         assert!(std::thread::spawn(|| panic!("a test of panics")).join().is_err());
-        assert!(super::has_panicked());
+        assert_eq!(super::watch_panics(), before + 1);
     }
 }

@@ -49,12 +49,13 @@ fn program() -> clap::Command {
     Arguments::command()
 }
 
-/// The options of each command by name, and the values that they take: `none`, `one`, `several`, or `repeated` (one each
-/// time that the option is given).
+/// The options of each command by name, and the values that they take: `none`, `one`, `optional` (none or one),
+/// `several`, or `repeated` (one each time that the option is given).
 pub fn options() -> BTreeMap<String, BTreeMap<String, &'static str>> {
     let takes = |option: &clap::Arg| match (option.get_action(), option.get_num_args()) {
         (action, _) if !action.takes_values() => "none",
         (_, Some(values)) if values.max_values() > 1 => "several",
+        (_, Some(values)) if values.min_values() == 0 => "optional",
         (clap::ArgAction::Append, _) => "repeated",
         _ => "one",
     };
@@ -70,7 +71,6 @@ pub fn options() -> BTreeMap<String, BTreeMap<String, &'static str>> {
 /// Runs the program with its arguments, the first of which is its name; returns the exit code. Help and wrong arguments
 /// end the process.
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
-    failure::watch_panics();
     finish(Arguments::parse_from(arguments)).map_or_else(failure::Failure::report, |()| 0)
 }
 
@@ -79,15 +79,19 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
 /// # Errors
 /// Wrong arguments, and those of the command.
 pub fn try_run(arguments: impl IntoIterator<Item = OsString>) -> Result<(), CommandError> {
-    failure::watch_panics();
-    let arguments = Arguments::try_parse_from(arguments).map_err(|error| CommandError::of_arguments(&error))?;
-    finish(arguments).map_err(CommandError::of_failure)
+    match Arguments::try_parse_from(arguments) {
+        Ok(arguments) => finish(arguments).map_err(CommandError::of_failure),
+        // Help and version are no errors.
+        Err(text) if !text.use_stderr() => console::print(&text.to_string()).map_err(CommandError::of_failure),
+        Err(error) => Err(CommandError::of_arguments(&error)),
+    }
 }
 
 /// Runs the command. A panic is a bug: an internal error, in whichever thread it was.
 fn finish(arguments: Arguments) -> failure::Outcome {
+    let before = failure::watch_panics();
     match std::panic::catch_unwind(|| arguments.command.run()) {
-        Ok(Ok(())) if !failure::has_panicked() => Ok(()),
+        Ok(Ok(())) if failure::panics() == before => Ok(()),
         Ok(Err(failure)) => Err(failure),
         Ok(Ok(())) | Err(_) => Err(failure::panicked()),
     }

@@ -73,8 +73,9 @@ fn contiguous<'py>(value: &Bound<'py, PyAny>, argument: &str) -> Outcome<Bound<'
     }
     let options = PyDict::new(py);
     options.set_item("dtype", "float64")?;
-    options.set_item("order", "C")?;
-    match numpy.call_method("asarray", (plain,), Some(&options)) {
+    // Contiguous and aligned.
+    options.set_item("requirements", ["C", "A"])?;
+    match numpy.call_method("require", (plain,), Some(&options)) {
         Ok(array) => Ok(array.cast_into::<PyArrayDyn<f64>>().map_err(|error| refused(&error))?),
         Err(error) => Err(refused(&error.value(py))),
     }
@@ -107,6 +108,21 @@ pub fn read_only<'py>(array: Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
     keywords.set_item("write", false)?;
     array.call_method("setflags", (), Some(&keywords))?;
     Ok(array)
+}
+
+/// Most values of a result: 8 GiB.
+const MOST_VALUES: usize = 1 << 30;
+
+/// Refuses a result of some rows that no memory holds, before any of it is computed; `argument` is what asks for them.
+pub fn check_size(argument: &str, rows: u64, columns: usize) -> Outcome<()> {
+    let most = MOST_VALUES / columns.max(1);
+    if rows <= most as u64 {
+        return Ok(());
+    }
+    Err(Failure::with_hint(
+        format!("`{argument}` asks for {rows} rows of {columns} values"),
+        &format!("ask for at most {most}"),
+    ))
 }
 
 /// A number for each row: one for all, or an array.

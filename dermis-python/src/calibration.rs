@@ -106,6 +106,9 @@ impl Calibration {
             let message = format!("a correction of {} does not locate a press in every frame", self.name());
             return Err(Failure::with_hint(message, "use method().contacts, or calibrate with method=\"forward-map\""));
         };
+        if first > 1 << 53 {
+            return Err(Failure::with_hint(format!("`first` is {first}"), "give the number of a press"));
+        }
         let channels = self.skin.skin().design().protocol.channel_count();
         let (differences, _) = arrays::differences(frames, baseline, channels)?;
         let located = worker::run(py, "locating", 1, |_| Ok(map.locate(&differences.frames, first)?))?;

@@ -17,7 +17,8 @@ pub fn run_command(py: Python<'_>, arguments: Vec<OsString>) -> Outcome<()> {
     Ok(py.detach(|| dermis_cli::try_run(arguments))?)
 }
 
-/// The options of each command by name, and the values that they take: `none`, `one`, `several`, or `repeated`.
+/// The options of each command by name, and the values that they take: `none`, `one`, `optional`, `several`,
+/// or `repeated`.
 #[pyfunction]
 pub fn command_options() -> BTreeMap<String, BTreeMap<String, &'static str>> {
     dermis_cli::options()

@@ -58,8 +58,15 @@ pub fn truth(given: &Bound<'_, PyAny>, skin: &Skin, frame_count: usize) -> Outco
     let (positions, _) = rows.values()?.as_chunks::<3>();
     let frames = match named("frame")? {
         Some(frames) => arrays::indices(&frames, "truth.frame", positions.len())?,
-        None => (0..positions.len()).collect(),
+        None if positions.len() == frame_count => (0..frame_count).collect(),
+        None => {
+            let message = format!("`truth` has {} positions for {frame_count} frames", positions.len());
+            return Err(Failure::with_hint(message, "give one for each frame, or Contacts with `frame`"));
+        }
     };
+    if let Some(bad) = positions.iter().find(|position| position.iter().any(|value| !value.is_finite())) {
+        return Err(Failure::given(format!("`truth` has {bad:?}: positions are finite")));
+    }
     let force_n = Column::of(named("force_n")?.as_ref(), "truth.force_n", positions.len(), f64::NAN)?;
     let surface = skin.design().body.surface();
     let mut touches = vec![Vec::new(); frame_count];

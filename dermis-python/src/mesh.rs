@@ -57,6 +57,12 @@ impl Mesh {
         (0..mesh.electrodes.len()).map(|electrode| PyArray1::from_iter(py, nodes(electrode))).collect()
     }
 
+    /// The mesh as a `meshio.Mesh`, with values per cell by name.
+    #[pyo3(signature = (cell_data=None))]
+    fn to_meshio<'py>(slf: &Bound<'py, Self>, cell_data: Option<&Bound<'py, PyAny>>) -> PyResult<Bound<'py, PyAny>> {
+        slf.py().import("dermis._exchange")?.call_method1("to_meshio", (slf, cell_data))
+    }
+
     fn __repr__(&self) -> String {
         let mesh = self.skin.mesh();
         let cells = match mesh.cells {

@@ -15,6 +15,17 @@ use rayon::prelude::*;
 /// What pickle calls to make a method again, and with what.
 type Reduced<'py> = (Bound<'py, PyAny>, (Skin, String, Option<f64>));
 
+/// The name of a method that a caller has given: a text, or the path of a folder.
+pub fn method_name(py: Python<'_>, given: Option<&Bound<'_, PyAny>>) -> Outcome<Option<String>> {
+    let Some(given) = given else { return Ok(None) };
+    if let Ok(name) = given.extract::<String>() {
+        return Ok(Some(name));
+    }
+    // A path without a separator is a folder all the same.
+    let path = py.import("os")?.call_method1("fspath", (given,))?;
+    Ok(Some(py.import("os.path")?.call_method1("abspath", (path,))?.extract()?))
+}
+
 /// The name of methods that no other process can prepare.
 pub const IN_MEMORY: &str = "memory";
 
@@ -92,6 +103,16 @@ impl Method {
         arrays::rows(py, images, &shape, is_single)
     }
 
+    /// Images as an `xarray.DataArray` with the positions of the pixels.
+    #[pyo3(signature = (frames, baseline=None))]
+    fn to_xarray<'py>(
+        slf: &Bound<'py, Self>,
+        frames: &Bound<'py, PyAny>,
+        baseline: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        slf.py().import("dermis._exchange")?.call_method1("to_xarray", (slf, frames, baseline))
+    }
+
     /// The contacts in frames.
     #[pyo3(signature = (frames, baseline=None, *, both_signs=false))]
     fn contacts<'py>(
@@ -139,14 +160,16 @@ impl Method {
 
     /// The image of a frame with its contacts, as the text of an SVG.
     #[pyo3(signature = (frame, baseline=None))]
-    fn svg(&self, frame: &Bound<'_, PyAny>, baseline: Option<&Bound<'_, PyAny>>) -> Outcome<String> {
+    fn svg(&self, py: Python<'_>, frame: &Bound<'_, PyAny>, baseline: Option<&Bound<'_, PyAny>>) -> Outcome<String> {
         let (differences, _) = self.differences(frame, baseline)?;
         let [frame] = &differences.frames[..] else {
             return Err(Failure::with_hint("`frame` has rows", "give one frame, (channels,)"));
         };
-        let image = self.method.image(frame)?;
-        let contacts = self.method.contacts(frame, &self.method.detector(&differences.untouched)?)?;
-        picture::of_image(self.skin.skin(), &image, self.method.reconstruct().quantity(), &contacts)
+        worker::run_short(py, || {
+            let image = self.method.image(frame)?;
+            let contacts = self.method.contacts(frame, &self.method.detector(&differences.untouched)?)?;
+            picture::of_image(self.skin.skin(), &image, self.method.reconstruct().quantity(), &contacts)
+        })
     }
 
     /// The skin.
@@ -162,7 +185,13 @@ impl Method {
             return Err(Failure::with_hint("a method of a calibration in memory cannot be pickled", hint));
         }
         let prepare = slf.py().import("dermis._pickle")?.getattr("method")?;
-        Ok((prepare, (skin.clone(), method.name().to_string(), *alpha)))
+        // Another process may run in another folder.
+        let name = match method::is_path(method.name()) {
+            true => std::path::absolute(method.name())
+                .map_or_else(|_| method.name().into(), |path| path.display().to_string()),
+            false => method.name().to_string(),
+        };
+        Ok((prepare, (skin.clone(), name, *alpha)))
     }
 
     fn __repr__(&self) -> String {

@@ -3,6 +3,7 @@
 use crate::arrays::{self, Rows};
 use crate::contacts;
 use crate::failure::{Failure, Outcome};
+use crate::method::method_name;
 use crate::skin::Skin;
 use crate::worker;
 use dermis::method::MethodSet;
@@ -134,11 +135,12 @@ impl Pipeline {
     #[pyo3(signature = (skin, method=None, *, threshold=1.0, tare_frames=100, both_signs=false))]
     fn new(
         skin: &Bound<'_, Skin>,
-        method: Option<String>,
+        method: Option<&Bound<'_, PyAny>>,
         threshold: f64,
         tare_frames: usize,
         both_signs: bool,
     ) -> Outcome<Self> {
+        let method = method_name(skin.py(), method)?;
         let methods = methods(skin.py(), skin.get(), method.as_deref())?;
         let method = method.unwrap_or_default();
         let settings = Settings { method, threshold, tare_frames, both_signs, ..Settings::default() };
@@ -160,7 +162,7 @@ impl Pipeline {
                 .map_err(|_| Failure::given(format!("`time_s` is {time_s}: it must be a time since 1970, s")))?,
         };
         let measured_at = Timestamp::default().after(measured_at);
-        let frame = py.detach(|| {
+        let frame = worker::run_short(py, || {
             let Feed { pipeline, next } = &mut *self.feed();
             let frame = pipeline.process(FrameInput::new(*next, measured_at, values))?;
             *next += 1;
@@ -190,10 +192,45 @@ impl Pipeline {
 pub struct Live {
     skin: skin::Skin,
     source: String,
-    live: Mutex<Option<dermis_live::Live>>,
+    threads: Threads,
     mailbox: Arc<Mailbox<Event>>,
     notices: Mutex<VecDeque<String>>,
+}
+
+/// The threads of a live skin and of its simulated device, which end with it.
+struct Threads {
+    live: Mutex<Option<dermis_live::Live>>,
     emulator: Option<Arc<Emulator>>,
+    /// The process that has them: a forked child has none.
+    process: u32,
+}
+
+impl Threads {
+    fn live(&self) -> MutexGuard<'_, Option<dermis_live::Live>> {
+        self.live.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn are_here(&self) -> bool {
+        self.process == std::process::id()
+    }
+
+    fn end(&self) {
+        if self.are_here() {
+            let live = self.live().take();
+            live.map(dermis_live::Live::stop);
+            self.emulator.iter().for_each(|emulator| emulator.stop());
+        }
+    }
+}
+
+impl Drop for Threads {
+    fn drop(&mut self) {
+        self.end();
+        if !self.are_here() {
+            // Threads that do not exist here cannot be joined.
+            std::mem::forget(self.live.get_mut().unwrap_or_else(PoisonError::into_inner).take());
+        }
+    }
 }
 
 /// Notices that wait for `Live.notices`.
@@ -209,7 +246,7 @@ impl Live {
         py: Python<'_>,
         skin: &Bound<'_, Skin>,
         source: &str,
-        method: Option<String>,
+        method: Option<&Bound<'_, PyAny>>,
         threshold: f64,
         both_signs: bool,
         twin: &str,
@@ -217,29 +254,34 @@ impl Live {
         touch: &str,
         speed: f64,
     ) -> Outcome<Self> {
+        let method = method_name(py, method)?;
         let methods = methods(py, skin.get(), method.as_deref())?;
         let skin = skin.get().skin().clone();
-        let (live, emulator) = worker::run(py, "connecting", 1, |_| {
+        let threads = worker::run(py, "connecting", 1, |_| {
+            let mut threads = Threads { live: Mutex::default(), emulator: None, process: std::process::id() };
             if let Some(path) = source.strip_prefix("replay:") {
                 let player = Player::open(path.as_ref(), &methods, speed)?;
-                return Ok((dermis_live::Live::play(methods, player)?, None));
+                *threads.live() = Some(dermis_live::Live::play(methods, player)?);
+                return Ok(threads);
             }
-            let (address, emulator) = match source {
-                "emulate" => {
-                    let emulator = emulator(&skin, twin, seed, touch, speed)?;
-                    (emulator.serve_locally()?, Some(emulator))
-                }
-                source => (Address::parse(source)?, None),
+            let address = match source {
+                "emulate" => threads.emulator.insert(emulator(&skin, twin, seed, touch, speed)?).serve_locally()?,
+                source => Address::parse(source)?,
             };
             let method = method.unwrap_or_default();
             let settings = Settings { method, threshold, both_signs, ..Settings::default() };
             let options = LiveOptions { address, device: DeviceOptions::default(), settings, state: None };
-            Ok((dermis_live::Live::start(methods, options)?, emulator))
+            *threads.live() = Some(dermis_live::Live::start(methods, options)?);
+            Ok(threads)
         })?;
-        let mailbox = live.shared().subscribe_as("python", QUEUE);
-        live.begin();
-        let (live, notices) = (Mutex::new(Some(live)), Mutex::default());
-        Ok(Live { skin, source: source.into(), live, mailbox, notices, emulator })
+        let mailbox = {
+            let live = threads.live();
+            let live = live.as_ref().ok_or_else(|| Failure::given("the skin is not read"))?;
+            let mailbox = live.shared().subscribe_as("python", QUEUE);
+            live.begin();
+            mailbox
+        };
+        Ok(Live { skin, source: source.into(), threads, mailbox, notices: Mutex::default() })
     }
 
     fn __iter__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
@@ -247,6 +289,9 @@ impl Live {
     }
 
     fn __next__(&self, py: Python<'_>) -> Outcome<Option<Frame>> {
+        if !self.threads.are_here() {
+            return Err(Failure::with_hint("this live skin is read by another process", "open one in this process"));
+        }
         loop {
             py.check_signals()?;
             match py.detach(|| self.mailbox.take(LOOK)) {
@@ -258,7 +303,7 @@ impl Live {
                 Popped::Item(Event::Lost(why)) => self.note(why),
                 Popped::Item(_) | Popped::TimedOut => {}
                 Popped::Closed => {
-                    let live = self.live.lock().unwrap_or_else(PoisonError::into_inner);
+                    let live = self.threads.live();
                     let failure = live.as_ref().and_then(dermis_live::Live::take_failure);
                     return failure.map_or(Ok(None), |failure| Err(failure.into()));
                 }
@@ -268,7 +313,7 @@ impl Live {
 
     /// Measures the baseline again.
     fn tare(&self) {
-        let live = self.live.lock().unwrap_or_else(PoisonError::into_inner);
+        let live = self.threads.live();
         live.iter().for_each(|live| live.shared().command(Command::Tare));
     }
 
@@ -279,7 +324,7 @@ impl Live {
 
     /// Stops reading.
     fn stop(&self, py: Python<'_>) {
-        py.detach(|| self.end());
+        py.detach(|| self.threads.end());
     }
 
     fn __enter__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
@@ -298,18 +343,12 @@ impl Live {
 
 impl Drop for Live {
     fn drop(&mut self) {
-        self.end();
+        // Other threads of the interpreter go on while those of the skin end.
+        Python::attach(|py| py.detach(|| self.threads.end()));
     }
 }
 
 impl Live {
-    /// Ends the threads.
-    fn end(&self) {
-        let live = self.live.lock().unwrap_or_else(PoisonError::into_inner).take();
-        live.map(dermis_live::Live::stop);
-        self.emulator.iter().for_each(|emulator| emulator.stop());
-    }
-
     fn note(&self, text: String) {
         let mut notices = self.notices.lock().unwrap_or_else(PoisonError::into_inner);
         notices.push_back(text);
@@ -338,7 +377,8 @@ pub struct Replay {
 impl Replay {
     #[new]
     #[pyo3(signature = (path, *, method=None))]
-    fn new(py: Python<'_>, path: PathBuf, method: Option<String>) -> Outcome<Self> {
+    fn new(py: Python<'_>, path: PathBuf, method: Option<&Bound<'_, PyAny>>) -> Outcome<Self> {
+        let method = method_name(py, method)?;
         let replay = worker::run(py, "opening the recording", 1, |_| {
             Ok(recording::Replay::with_model(&path, method.as_deref())?)
         })?;
@@ -358,7 +398,7 @@ impl Replay {
 
     fn __next__(&self, py: Python<'_>) -> Outcome<Option<Frame>> {
         py.check_signals()?;
-        let frame = py.detach(|| {
+        let frame = worker::run_short(py, || {
             let mut replay = self.replay.lock().unwrap_or_else(PoisonError::into_inner);
             loop {
                 match replay.step()? {

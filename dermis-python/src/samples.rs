@@ -101,10 +101,11 @@ impl Samples {
 
     /// The samples `first` to `first + count`.
     fn batch<'py>(&self, py: Python<'py>, first: u64, count: u64) -> Outcome<Bound<'py, PyDict>> {
-        let end = first.checked_add(count).filter(|end| *end < 1 << 60 && count < 1 << 32);
-        let end = end.ok_or_else(|| Failure::given(format!("`count` is {count} after `first` {first}: too many")))?;
+        arrays::check_size("count", count, 2 * self.generator.channel_count() + self.generator.pixel_count())?;
+        let end = first.checked_add(count).filter(|end| *end < 1 << 60);
+        let end = end.ok_or_else(|| Failure::given(format!("`first` is {first}: samples are numbered below 2**60")))?;
         let samples = worker::run(py, "computing samples", count as usize, |watch| {
-            let mut samples = Vec::with_capacity(count as usize);
+            let mut samples = Vec::new();
             for from in (first..end).step_by(BLOCK as usize) {
                 watch.check()?;
                 let block = self.generator.samples(from..end.min(from + BLOCK))?;

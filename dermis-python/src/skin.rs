@@ -4,13 +4,13 @@ use crate::arrays::{self, Rows};
 use crate::calibration::{Calibration, Presses};
 use crate::failure::{Failure, Outcome};
 use crate::mesh::Mesh;
-use crate::method::Method;
+use crate::method::{Method, method_name};
 use crate::picture;
 use crate::samples::Samples;
 use crate::solution::{Parameters, Solution};
 use crate::twin::{self, Twin};
 use crate::worker;
-use dermis::design::SkinDesign;
+use dermis::design::{Electrode, SkinDesign};
 use dermis::files::{MOST_SETTINGS_BYTES, read_text_at_most};
 use dermis::forward::Matrix;
 use dermis::method::MethodOptions;
@@ -143,7 +143,12 @@ impl Skin {
     /// Positions of the electrodes' centres, (electrodes, 3), m.
     #[getter]
     fn electrodes<'py>(&self, py: Python<'py>) -> Outcome<Bound<'py, PyAny>> {
-        let values = self.skin.design().electrodes.iter().flat_map(|electrode| electrode.centre_m).collect();
+        // Groups of a mesh file have no stated centre.
+        let centre = |(index, electrode): (usize, &Electrode)| match electrode.centre_m.iter().all(|x| x.is_finite()) {
+            true => electrode.centre_m,
+            false => self.skin.mesh().electrode_centre(index),
+        };
+        let values = self.skin.design().electrodes.iter().enumerate().flat_map(centre).collect();
         arrays::rows(py, values, &[3], false)
     }
 
@@ -275,10 +280,7 @@ impl Skin {
     /// Prepares a reconstruction method by its name, or by the path of a folder; the best one for an empty name.
     #[pyo3(signature = (name=None, *, alpha=None))]
     fn method(&self, py: Python<'_>, name: Option<&Bound<'_, PyAny>>, alpha: Option<f64>) -> Outcome<Method> {
-        let name: String = match name {
-            Some(name) => py.import("os")?.call_method1("fspath", (name,))?.extract()?,
-            None => String::new(),
-        };
+        let name = method_name(py, name)?.unwrap_or_default();
         if let Some(alpha) = alpha.filter(|alpha| !(*alpha > 0.0 && alpha.is_finite())) {
             return Err(Failure::with_hint(format!("`alpha` is {alpha}"), "give a positive number"));
         }

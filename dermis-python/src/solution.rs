@@ -42,7 +42,9 @@ impl Solution {
             }
         };
         let model = match is_changed {
-            true => forward.with_parameters(&nodes, &contacts, forward.rest_conductivity())?,
+            true => worker::run_short(py, || {
+                Ok(forward.with_parameters(&nodes, &contacts, forward.rest_conductivity())?)
+            })?,
             false => forward.clone(),
         };
         let rows = Rows::of(conductivity, "conductivity", cells)?;

@@ -35,6 +35,10 @@ impl Twin {
     /// The frames of presses, from frame `first` on.
     fn record<'py>(&self, py: Python<'py>, presses: &[Vec<Press>], first: u64) -> Outcome<Bound<'py, PyAny>> {
         let channels = self.twin.design().protocol.channel_count();
+        // The time of a frame is computed in double precision.
+        if first > 1 << 53 {
+            return Err(Failure::with_hint(format!("`first` is {first}"), "give at most 2**53"));
+        }
         let values = worker::run(py, "pressing", presses.len(), |watch| {
             let frame = |(number, presses): (usize, &Vec<Press>)| {
                 watch.check()?;
@@ -71,6 +75,7 @@ impl Twin {
     /// Untouched frames, (count, channels), ohm.
     #[pyo3(signature = (count=100, *, first=0))]
     fn untouched<'py>(&self, py: Python<'py>, count: usize, first: u64) -> Outcome<Bound<'py, PyAny>> {
+        arrays::check_size("count", count as u64, self.twin.design().protocol.channel_count())?;
         self.record(py, &vec![Vec::new(); count], first)
     }
 
@@ -93,6 +98,8 @@ impl Twin {
             None => (0..centres.len()).collect(),
             Some(frame) => arrays::indices(frame, "frame", centres.len())?,
         };
+        let last = frames.iter().max().map_or(0, |last| *last as u64 + 1);
+        arrays::check_size("frame", last, self.twin.design().protocol.channel_count())?;
         let mut presses = vec![Vec::new(); frames.iter().max().map_or(0, |last| last + 1)];
         for (index, (&centre_m, frame)) in centres.iter().zip(frames).enumerate() {
             presses[frame].push(Press { centre_m, force_n: force_n.at(index), tip_radius_m: tip_radius_m.at(index) });

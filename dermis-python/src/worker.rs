@@ -89,6 +89,15 @@ pub fn run<T: Send>(
     result.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
+/// Runs short work on this process's threads, without the interpreter's lock.
+///
+/// # Errors
+/// The work's.
+pub fn run_short<T: Send>(py: Python<'_>, work: impl FnOnce() -> Outcome<T> + Send) -> Outcome<T> {
+    let pool = pool()?;
+    py.detach(|| pool.install(work))
+}
+
 /// Shows progress and runs the handlers of signals.
 fn look(py: Python<'_>, what: &str, begun: Instant, done: usize, steps: usize) -> PyResult<()> {
     if begun.elapsed() > QUIET && steps > 1 {

@@ -81,6 +81,28 @@ def test_a_forked_child_computes(skin):
         child.join()
 
 
+def tared_in_child(queue, skin, untouched):
+    pipeline = dermis.Pipeline(skin, "best", tare_frames=10)
+    queue.put([pipeline.process(values, 1e9 + number).validity for number, values in enumerate(untouched)])
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_pipeline_of_a_forked_child_measures_its_noise(skin):
+    untouched = skin.twin("lab", seed=1).untouched(12)
+    # The parent has done the same, with threads that the child does not have.
+    parent = dermis.Pipeline(skin, "best", tare_frames=10)
+    expected = [parent.process(values, 1e9 + number).validity for number, values in enumerate(untouched)]
+    context = multiprocessing.get_context("fork")
+    queue = context.Queue()
+    child = context.Process(target=tared_in_child, args=(queue, skin, untouched))
+    child.start()
+    try:
+        assert queue.get(timeout=60) == expected
+    finally:
+        child.kill()
+        child.join()
+
+
 def dermis_program(*arguments, cwd):
     return subprocess.run([sys.executable, "-m", "dermis", *arguments], cwd=cwd, capture_output=True, text=True)
 
@@ -126,5 +148,5 @@ def test_the_program_says_what_is_wrong(tmp_path):
 
 
 def test_importing_is_light():
-    code = "import sys, dermis; print([name for name in ('torch', 'ray', 'mujoco', 'pandas', 'scipy') if name in sys.modules])"
+    code = "import sys, dermis; print([name for name in ('torch', 'ray', 'mujoco', 'pandas', 'scipy', 'sklearn') if name in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "[]"

@@ -23,7 +23,7 @@ def command(name, *arguments, **options):
     Args:
         name: Name of the command, as in `dermis --help`.
         *arguments: Positional arguments: names, paths.
-        **options: Options by name, with underscores for hyphens. True gives an option without a value, None and False
+        **options: Options by name, with underscores for hyphens; `for_` for `--for`. True gives an option without a value, None and False
             leave it out, a list gives several values. Arrays are written to temporary NPY files.
 
     Returns:
@@ -39,10 +39,10 @@ def command(name, *arguments, **options):
     with tempfile.TemporaryDirectory(prefix="dermis-") as folder:
         folder = Path(folder)
         line = [name]
-        if takes.get("json") == "none" and "json" not in options:
+        if takes.get("json") == "none" and not {"json", "jsonl"} & set(options):
             options["json"] = True
         for key, value in options.items():
-            option = key.replace("_", "-")
+            option = key.removesuffix("_").replace("_", "-")
             if option not in takes:
                 raise DermisError(f"{name} has no option {key!r}", hint=f"one of {', '.join(sorted(takes))}")
             line += _words(option, value, takes[option], folder)
@@ -62,7 +62,7 @@ def _words(option, value, takes, folder):
     """The words of an option on the command line."""
     if value is None or value is False:
         return []
-    if takes == "none":
+    if takes == "none" or (takes == "optional" and value is True):
         return [f"--{option}"]
     if isinstance(value, (list, tuple)) and takes in ("several", "repeated"):
         values = [_word(item, f"{option}-{index}", folder) for index, item in enumerate(value)]

@@ -3,31 +3,28 @@
 import numpy as np
 
 _VECTORS = {"position_m": ["x_m", "y_m", "z_m"], "normal": ["normal_x", "normal_y", "normal_z"]}
-_DTYPE = np.dtype(
-    [
-        ("frame", "i8"),
-        ("id", "u8"),
-        ("position_m", "f8", 3),
-        ("normal", "f8", 3),
-        ("force_n", "f8"),
-        ("force_sd_n", "f8"),
-        ("strength", "f8"),
-        ("area_m2", "f8"),
-        ("sd_m", "f8"),
-        ("confidence", "f8"),
-        ("sign", "f8"),
-    ]
-)
-_TRACKED = np.dtype(
-    _DTYPE.descr
-    + [
-        ("centroid_m", "f8", 3),
-        ("centre_of_pressure_m", "f8", 3),
-        ("velocity_m_s", "f8", 3),
-        ("seen", "?"),
-        ("since_s", "f8"),
-    ]
-)
+_FIELDS = [
+    ("frame", "i8"),
+    ("id", "u8"),
+    ("position_m", "f8", 3),
+    ("normal", "f8", 3),
+    ("force_n", "f8"),
+    ("force_sd_n", "f8"),
+    ("strength", "f8"),
+    ("area_m2", "f8"),
+    ("sd_m", "f8"),
+    ("confidence", "f8"),
+    ("sign", "f8"),
+]
+_TRACKED_FIELDS = [
+    ("centroid_m", "f8", 3),
+    ("centre_of_pressure_m", "f8", 3),
+    ("velocity_m_s", "f8", 3),
+    ("seen", "?"),
+    ("since_s", "f8"),
+]
+_DTYPE = np.dtype(_FIELDS, align=True)
+_TRACKED = np.dtype(_FIELDS + _TRACKED_FIELDS, align=True)
 
 
 class Contacts(np.recarray):

@@ -176,7 +176,7 @@ class Live:
         cls,
         skin: Skin,
         source: str = "emulate",
-        method: str | None = None,
+        method: str | PathLike[str] | None = None,
         *,
         threshold: float = 1.0,
         both_signs: bool = False,
@@ -218,6 +218,9 @@ class Mesh:
     def electrode_nodes(self) -> list[NDArray[np.int64]]:
         """The nodes of each electrode."""
 
+    def to_meshio(self, cell_data: dict[str, ArrayLike] | None = None) -> Any:
+        """The mesh as a `meshio.Mesh`, with values per cell by name. Needs meshio."""
+
 @final
 class Method:
     """A reconstruction method prepared for a skin. `Skin.method` makes one."""
@@ -248,6 +251,18 @@ class Method:
 
         Raises:
             DermisError: A wrong shape, a value that is not finite.
+        """
+
+    def to_xarray(self, frames: ArrayLike, baseline: ArrayLike | None = None) -> Any:
+        """Images as an `xarray.DataArray` with the positions of the pixels as coordinates. Needs xarray.
+
+        Args:
+            frames: (channels,) or (n, channels), ohm.
+            baseline: Untouched frames; without it, `frames` are differences.
+
+        Returns:
+            Dimensions `frame`, `row`, `column` (or `frame`, `pixel` for designs without a grid) with the coordinates
+            `x_m`, `y_m`, `z_m`, NaN outside the body.
         """
 
     def contacts(
@@ -307,7 +322,7 @@ class Pipeline:
     def __new__(
         cls,
         skin: Skin,
-        method: str | None = None,
+        method: str | PathLike[str] | None = None,
         *,
         threshold: float = 1.0,
         tare_frames: int = 100,
@@ -339,7 +354,7 @@ class Replay:
         DermisError: A file that is not a recording; while iterating, a damaged part, after which it goes on.
     """
 
-    def __new__(cls, path: str | PathLike[str], *, method: str | None = None) -> Self: ...
+    def __new__(cls, path: str | PathLike[str], *, method: str | PathLike[str] | None = None) -> Self: ...
     @property
     def skin(self) -> Skin:
         """The skin of the recording."""

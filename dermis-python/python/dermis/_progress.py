@@ -8,6 +8,7 @@ def show(what, done, steps, seconds):
     if not sys.stderr.isatty() and "ipykernel" not in sys.modules:
         return
     left = f"{seconds / done * (steps - done):.0f} s left" if done else ""
-    end = "\n" if done == steps else ""
-    sys.stderr.write(f"\r{what} {done}/{steps} {left}   {end}")
+    # What is complete is cleared.
+    text = f"{what} {done}/{steps} {left}" if done < steps else ""
+    sys.stderr.write(f"\r{text:<70}\r{text}")
     sys.stderr.flush()

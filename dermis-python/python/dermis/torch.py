@@ -84,7 +84,8 @@ class ElectrodeMotion(nn.Module):
     """Nodes of a mesh whose electrodes are displaced along the surface.
 
     The nodes of an electrode move with it. The displacement of the others falls linearly to zero at five radii of the
-    electrode, or halfway to the next electrode. On a cylinder nodes stay at their radius; on a plane, in it.
+    electrode, or halfway to the next electrode. On a cylinder nodes stay at their radius; on a plane, in it; on other
+    bodies displacements along the surface must be given.
 
     Args:
         skin: A `dermis.Skin` of triangles.
@@ -96,18 +97,22 @@ class ElectrodeMotion(nn.Module):
         super().__init__()
         mesh, centres = skin.mesh, skin.electrodes
         nodes = mesh.nodes
+        if mesh.cells.shape[1] != 3:
+            raise DermisError("electrodes are moved on surfaces", hint="give a design whose mesh is of triangles")
         distance = np.linalg.norm(nodes[:, None] - centres, axis=2)
         between = np.linalg.norm(centres[:, None] - centres, axis=2)
         np.fill_diagonal(between, np.inf)
         weights = np.zeros(distance.shape)
         for electrode, own in enumerate(mesh.electrode_nodes):
             radius = max(distance[own, electrode].max(), 1e-4)
-            end = min(max(self._RADII * radius, 3 * radius), between[electrode].min() / 2)
+            end = min(self._RADII * radius, between[electrode].min() / 2)
             fall = (end - distance[:, electrode]) / max(end - radius, 1e-9)
             weights[:, electrode] = np.clip(fall, 0.0, 1.0)
             weights[own, electrode] = 1.0
         radii = np.hypot(nodes[:, 0], nodes[:, 1])
         self.is_cylinder = bool(np.ptp(radii) < 1e-9 * radii.max() and np.ptp(nodes[:, 2]) > 0)
+        # On a plane nodes stay in it.
+        self.register_buffer("_along", torch.tensor([1.0, 1.0, 0.0 if np.ptp(nodes[:, 2]) == 0 else 1.0]).double())
         self.register_buffer("nodes", torch.tensor(nodes))
         self.register_buffer("weights", torch.tensor(weights))
 
@@ -115,9 +120,9 @@ class ElectrodeMotion(nn.Module):
         """Positions of the nodes, (nodes, 3), m.
 
         Args:
-            displacement: Of each electrode, (electrodes, 3), m; components off the surface change nothing on a cylinder.
+            displacement: Of each electrode, (electrodes, 3), m.
         """
-        moved = self.nodes + self.weights @ displacement
+        moved = self.nodes + self.weights @ (displacement * self._along)
         if not self.is_cylinder:
             return moved
         radius = torch.linalg.vector_norm(self.nodes[:, :2], dim=1, keepdim=True)
@@ -192,7 +197,10 @@ class Network(nn.Module):
                 raise DermisError(f"{name} is no model: {error}") from error
         else:
             card, weights = shipped_model(name)
-        network = cls(json.loads(card))
+        try:
+            network = cls(json.loads(card))
+        except (ValueError, KeyError, TypeError, IndexError) as error:
+            raise DermisError(f"{name}: card.json is damaged or of another version: {error!r}") from error
         network._set_tensors(name, _read_tensors(weights))
         return network.eval()
 

@@ -155,6 +155,11 @@ def test_networks_that_cannot_be_are_refused(tmp_path):
         Network.load("nothing")
     with pytest.raises(dermis.DermisError, match="is no model"):
         Network.load(tmp_path)
+    Network.load("paper").save(tmp_path / "empty")
+    for text in ("{}", "{", '{"input": 3}'):
+        (tmp_path / "empty" / "card.json").write_text(text)
+        with pytest.raises(dermis.DermisError, match="card.json is damaged"):
+            Network.load(tmp_path / "empty")
     Network.load("paper").save(tmp_path / "cut")
     weights = tmp_path / "cut" / "weights.safetensors"
     weights.write_bytes(weights.read_bytes()[:1000])

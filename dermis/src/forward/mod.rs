@@ -39,6 +39,18 @@ pub enum ForwardError {
         /// Its value.
         value: f64,
     },
+    /// A node whose position is not finite.
+    #[error("the position of node {node} is not finite")]
+    Node {
+        /// Index of the node.
+        node: usize,
+    },
+    /// A cell without an extent.
+    #[error("cell {cell} has no extent: two of its nodes coincide, or it is folded")]
+    Cell {
+        /// Index of the cell.
+        cell: usize,
+    },
     /// A contact impedance that is not positive and finite.
     #[error("the contact impedance of electrode {electrode} is {value}: it must be positive and finite")]
     ContactImpedance {

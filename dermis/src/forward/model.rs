@@ -119,7 +119,7 @@ impl ForwardModel {
     /// field.
     ///
     /// # Errors
-    /// Lists of the wrong length, values that are not positive.
+    /// Lists of the wrong length, values that are not positive; nodes that are not finite, cells without an extent.
     pub fn with_parameters(
         &self,
         nodes_m: &[Point3],
@@ -129,6 +129,7 @@ impl ForwardModel {
         check_count("nodes", nodes_m.len(), self.mesh().node_count())?;
         check_count("contact impedances", contact_impedances.len(), self.mesh().electrodes.len())?;
         let mesh = Mesh { nodes: nodes_m.to_vec(), ..self.mesh().clone() };
+        check_nodes(&mesh)?;
         check_contact_impedances(&mesh, contact_impedances)?;
         check_conductivity(&mesh, rest_conductivity)?;
         let assembly = Assembly::of_pattern(self.assembly().pattern.clone(), &mesh, contact_impedances);
@@ -361,6 +362,17 @@ fn region_coordinates(surface: Surface, mesh: &Mesh, cell: usize) -> [f64; 2] {
 
 pub(super) fn check_count(what: &'static str, got: usize, expected: usize) -> Result<(), ForwardError> {
     if got == expected { Ok(()) } else { Err(ForwardError::Count { what, got, expected }) }
+}
+
+/// Refuses nodes that are not finite, and cells without an extent.
+fn check_nodes(mesh: &Mesh) -> Result<(), ForwardError> {
+    if let Some(node) = mesh.nodes.iter().position(|node| node.iter().any(|value| !value.is_finite())) {
+        return Err(ForwardError::Node { node });
+    }
+    match (0..mesh.cell_count()).find(|&cell| mesh.cell_measure(cell) <= 0.0) {
+        Some(cell) => Err(ForwardError::Cell { cell }),
+        None => Ok(()),
+    }
 }
 
 pub(super) fn check_conductivity(mesh: &Mesh, conductivity: &[f64]) -> Result<(), ForwardError> {

@@ -133,7 +133,8 @@ fn factor_columns<S: Simd, const COUNT: usize>(
     let mut inverses = [simd.splat_f64s(0.0); COUNT];
     for column in 0..COUNT {
         let pivot = own[column][column];
-        *least = simd.min_f64s(pivot, *least);
+        // A pivot that is no number stays: of two numbers the second is taken if one is none.
+        *least = simd.min_f64s(*least, pivot);
         let root = simd.sqrt_f64s(pivot);
         inverses[column] = simd.div_f64s(simd.splat_f64s(1.0), root);
         own[column][column] = root;

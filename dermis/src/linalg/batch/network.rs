@@ -45,7 +45,7 @@ fn cholesky<S: Simd>(simd: S, factor: &mut [S::f64s], order: usize) -> S::f64s {
             own[column] = simd.mul_f64s(sum, other[column]);
         }
         let pivot = subtract_dot(simd, own[row], &own[..row], &own[..row]);
-        least = simd.min_f64s(pivot, least);
+        least = simd.min_f64s(least, pivot);
         own[row] = simd.div_f64s(simd.splat_f64s(1.0), simd.sqrt_f64s(pivot));
     }
     least

@@ -1,0 +1,135 @@
+"""Matplotlib pictures, unrolled, with the colours of the program's pictures.
+
+>>> import dermis, matplotlib
+>>> matplotlib.use("Agg")
+>>> from dermis import plot
+>>> skin = dermis.Skin.load("cylinder30")
+>>> touched = skin.touched_conductivity([0.0, 0.05, 0.15])
+>>> axes = plot.cells(skin, touched / skin.rest_conductivity - 1, label="relative change of conductance")
+>>> contacts = skin.method("noser").contacts(skin.forward(touched), skin.forward())
+>>> plot.positions(skin, contacts.position_m, axes)
+"""
+
+import numpy as np
+
+__all__ = ["cells", "flat", "image", "positions"]
+
+
+def flat(skin, points):
+    """Coordinates of points in pictures, (n, 2), mm: arc length and z on a cylinder, else x and y.
+
+    Args:
+        skin: A `dermis.Skin`.
+        points: (n, 3), m.
+    """
+    points = np.asarray(points, dtype=float).reshape(-1, 3)
+    radius = _radius(skin)
+    if radius is None:
+        return 1e3 * points[:, :2]
+    return 1e3 * np.stack([radius * np.arctan2(points[:, 1], points[:, 0]), points[:, 2]], axis=1)
+
+
+def cells(skin, values, axes=None, *, label="", diverging=False):
+    """A value per cell of the mesh. Cells across the cut of a cylinder are left out.
+
+    Args:
+        skin: A `dermis.Skin` of triangles.
+        values: (cells,).
+        axes: The matplotlib axes; new ones without it.
+        label: Name of the values, with the unit.
+        diverging: Colours on both sides of zero.
+
+    Returns:
+        The axes.
+    """
+    axes = _axes(axes)
+    corners = flat(skin, skin.mesh.nodes)[skin.mesh.cells]
+    values = np.asarray(values, dtype=float)
+    radius = _radius(skin)
+    shown = np.ones(len(corners), dtype=bool)
+    if radius is not None:
+        shown = np.ptp(corners[..., 0], axis=1) < 1e3 * np.pi * radius
+    points = corners[shown].reshape(-1, 2)
+    triangles = np.arange(len(points)).reshape(-1, 3)
+    drawn = axes.tripcolor(*points.T, triangles, facecolors=values[shown], **_colours(values[shown], diverging))
+    return _finished(skin, axes, drawn, label)
+
+
+def image(skin, values, axes=None, *, label="image", diverging=False):
+    """An image of `Method.images`, pixel by pixel.
+
+    Args:
+        skin: A `dermis.Skin`.
+        values: (rows, columns) with NaN outside the body, or (pixels,).
+        axes: The matplotlib axes; new ones without it.
+        label: Name of the values, with the unit.
+        diverging: Colours on both sides of zero.
+
+    Returns:
+        The axes.
+    """
+    axes = _axes(axes)
+    values = np.asarray(values, dtype=float)
+    places, inside = flat(skin, skin.pixels), values[np.isfinite(values)]
+    if values.ndim == 1:
+        drawn = axes.tripcolor(*places.T, inside, **_colours(inside, diverging))
+        return _finished(skin, axes, drawn, label)
+    # The grid is regular in the plane of the picture; pixels that the rim cuts have their centres off it.
+    grid, index = values, np.argwhere(np.isfinite(values))
+    if _step(index[:, 0], places[:, 0])[1] ** 2 > _step(index[:, 1], places[:, 0])[1] ** 2:
+        grid, index = grid.T, index[:, ::-1]
+    up, across = (np.polyval(_step(index[:, axis], places[:, 1 - axis])[::-1], range(grid.shape[axis])) for axis in (0, 1))
+    drawn = axes.pcolormesh(across, up, grid, shading="nearest", **_colours(inside, diverging))
+    return _finished(skin, axes, drawn, label)
+
+
+def positions(skin, points, axes, *, marker="x", color="black", label=None):
+    """Marks positions, for example contacts.
+
+    Args:
+        skin: A `dermis.Skin`.
+        points: (n, 3), m.
+        axes: The matplotlib axes.
+        marker: The marker.
+        color: Its colour.
+        label: Its name in a legend.
+    """
+    axes.scatter(*flat(skin, points).T, marker=marker, c=color, label=label, zorder=3)
+
+
+def _step(numbers, coordinates):
+    """The coordinate at number 0 of a grid, and the step."""
+    return np.polyfit(numbers, coordinates, 1)[::-1]
+
+
+def _radius(skin):
+    """The radius of a cylinder about the z axis, m; None for other bodies."""
+    nodes = skin.mesh.nodes
+    radii = np.hypot(nodes[:, 0], nodes[:, 1])
+    is_cylinder = np.ptp(radii) < 1e-6 * radii.max() and np.ptp(nodes[:, 2]) > 0
+    return radii.mean() if is_cylinder else None
+
+
+def _axes(axes):
+    if axes is not None:
+        return axes
+    from matplotlib import pyplot
+
+    return pyplot.subplots(layout="constrained")[1]
+
+
+def _colours(values, diverging):
+    """The colour map of the program's pictures, with its limits."""
+    if not diverging:
+        return {"cmap": "viridis"}
+    extent = np.abs(values).max() or 1.0
+    return {"cmap": "RdBu_r", "vmin": -extent, "vmax": extent}
+
+
+def _finished(skin, axes, drawn, label):
+    axes.figure.colorbar(drawn, ax=axes, label=label)
+    axes.set_aspect("equal")
+    names = ("x (mm)", "y (mm)") if _radius(skin) is None else ("arc length (mm)", "z (mm)")
+    axes.set_xlabel(names[0])
+    axes.set_ylabel(names[1])
+    return axes
