@@ -9,8 +9,7 @@ use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
 use dermis::reconstruct::Reconstruct;
 use dermis_learn::{
-    Augmentation, Files, Model, Noise, Part, Precision, Samples, SkinRecord, TrainOptions, Trainer, TrainingPreset,
-    TrainingRecord,
+    Augmentation, Model, Noise, Precision, TrainOptions, Trainer, Training, TrainingData, TrainingPreset,
 };
 use dermis_sim::dataset::Dataset;
 use std::error::Error;
@@ -55,35 +54,10 @@ impl Skin {
         TrainingPreset::best(&self.design, self.forward.protocol(), &self.pixels, self.noise())
     }
 
-    fn samples<'a>(
-        &self,
-        method: &TrainingPreset,
-        datasets: &'a [Dataset],
-        part: Part,
-    ) -> Result<Samples<'a>, Box<dyn Error>> {
-        let (noise, symmetries) = (method.noise.clone(), method.symmetries.clone());
-        Ok(Samples::new(
-            Files::new(datasets, part, &self.forward)?,
-            &self.forward,
-            &self.pixels,
-            method.target,
-            noise,
-            symmetries,
-        )?)
-    }
-
-    /// The current network, its outputs times a factor.
-    fn model(&self, trainer: &Trainer<'_>, method: &TrainingPreset, factor: f32) -> Model {
-        let training = TrainingRecord {
-            options: method.options.clone(),
-            samples: 0,
-            test_samples: 0,
-            target_variance: 0.0,
-            epochs: trainer.epochs().to_vec(),
-        };
-        let skin = SkinRecord::new(&self.design.name, &self.forward, &self.pixels);
-        let card = method.card(skin, trainer.input(), &[], training);
-        Model::new(card, trainer.network().scaled(factor), Arc::clone(&self.pixels))
+    /// The training of a preset on the dataset of a folder.
+    fn training(&self, preset: TrainingPreset, folder: &Path) -> Result<Training, Box<dyn Error>> {
+        let data = TrainingData::Files { training: vec![Dataset::open(folder)?], test: vec![] };
+        Ok(Training::new(&self.design, &self.forward, Arc::clone(&self.pixels), preset, data)?)
     }
 }
 
@@ -91,18 +65,17 @@ impl Skin {
 /// folder: the first batch and our losses on it. Then answers `train N` with the times of N steps.
 pub fn training(data: &Path, few: &Path, folder: &Path) -> Result<(), Box<dyn Error>> {
     let skin = Skin::new()?;
-    let method = skin.paper();
     write_start(&skin, few, folder)?;
-    let datasets = [Dataset::open(data)?];
-    let (training, test) =
-        (skin.samples(&method, &datasets, Part::Training)?, skin.samples(&method, &datasets, Part::Test)?);
+    let training = skin.training(skin.paper(), data)?;
+    let TrainingPreset { architecture, input, options, .. } = training.preset();
     answer(|words| match *words {
         ["train", count] => {
             let count: usize = count.parse()?;
             // The first step is not timed.
-            let epoch_samples = Some((count + 1) * method.options.batch);
-            let options = TrainOptions { epoch_samples, ..method.options.clone() };
-            let mut trainer = Trainer::new(&method.architecture, method.input.clone(), &options, &training, &test)?;
+            let epoch_samples = Some((count + 1) * options.batch);
+            let options = TrainOptions { epoch_samples, ..options.clone() };
+            let mut trainer =
+                Trainer::new(architecture, input.clone(), &options, training.training(), training.test())?;
             let mut ends = Vec::new();
             trainer.epoch(|_| ends.push(Instant::now()))?;
             Ok(ends.windows(2).map(|pair| (pair[1] - pair[0]).as_secs_f64()).collect())
@@ -115,25 +88,26 @@ pub fn training(data: &Path, few: &Path, folder: &Path) -> Result<(), Box<dyn Er
 fn write_start(skin: &Skin, few: &Path, folder: &Path) -> Result<(), Box<dyn Error>> {
     let mut method = skin.paper();
     method.noise = Noise::white(vec![0.0; skin.forward.protocol().channel_count()]);
-    let datasets = [Dataset::open(few)?];
-    let (training, test) =
-        (skin.samples(&method, &datasets, Part::Training)?, skin.samples(&method, &datasets, Part::Test)?);
+    let training = skin.training(method.clone(), few)?;
     let (batch, inputs, outputs) = (method.options.batch, method.architecture.inputs(), method.architecture.outputs());
-    if training.source().len() != batch {
-        return Err(format!("{} samples to train on, but one batch is {batch}", training.source().len()).into());
+    let count = training.training().source().len();
+    if count != batch {
+        return Err(format!("{count} samples to train on, but one batch is {batch}").into());
     }
-    let mut trainer = Trainer::new(&method.architecture, method.input.clone(), &method.options, &training, &test)?;
+    let mut trainer = training.trainer()?;
     // Targets are learned in units of their standard deviation; the other program gets the same values.
     let scale = trainer.target_scale();
     let (mut given, mut wanted) = (vec![0.0; batch * inputs], vec![0.0; batch * outputs]);
     for (index, (given, wanted)) in given.chunks_exact_mut(inputs).zip(wanted.chunks_exact_mut(outputs)).enumerate() {
-        training.fill(index, Augmentation::Nothing, trainer.input(), given, wanted)?;
+        training.training().fill(index, Augmentation::Nothing, trainer.input(), given, wanted)?;
         wanted.iter_mut().for_each(|value| *value *= scale);
     }
     save(folder, "batch_inputs", &[batch, inputs], &given)?;
     save(folder, "batch_targets", &[batch, outputs], &wanted)?;
     save(folder, "noise_ohm", &[skin.forward.protocol().channel_count()], &skin.noise())?;
-    skin.model(&trainer, &method, scale).save(&folder.join("start"), Precision::Single)?;
+    // The network of the first step, whose outputs are the scaled targets.
+    let start = trainer.network().scaled(scale);
+    training.model(trainer.input(), start, &[])?.save(&folder.join("start"), Precision::Single)?;
     let losses = (0..COMPARED_STEPS).map(|_| Ok(trainer.epoch(|_| ())?.training_loss * f64::from(scale * scale)));
     let losses = losses.collect::<Result<Vec<f64>, Box<dyn Error>>>()?;
     write_array(&folder.join("losses.npy"), "losses", &[losses.len()], &losses)?;
@@ -149,16 +123,13 @@ fn save(folder: &Path, name: &str, shape: &[usize], values: &[f32]) -> Result<()
 /// images of them. Then answers `infer NAME N` with the times of N frames, one by one.
 pub fn inference(data: &Path, folder: &Path) -> Result<(), Box<dyn Error>> {
     let skin = Skin::new()?;
-    let datasets = [Dataset::open(data)?];
-    let method = skin.paper();
-    let test = skin.samples(&method, &datasets, Part::Test)?;
-    let differences = (0..COMPARED_FRAMES).map(|index| test.difference(index));
+    let trainings = [skin.training(skin.paper(), data)?, skin.training(skin.best(), data)?];
+    let differences = (0..COMPARED_FRAMES).map(|index| trainings[0].test().difference(index));
     let differences = differences.collect::<Result<Vec<Vec<f32>>, _>>()?;
     save(folder, "differences", &[COMPARED_FRAMES, differences[0].len()], &differences.concat())?;
     let differences: Vec<Vec<f64>> =
         differences.into_iter().map(|frame| frame.into_iter().map(f64::from).collect()).collect();
-    let models = [skin.paper(), skin.best()].map(|method| trained(&skin, &method, &datasets));
-    let models = models.into_iter().collect::<Result<Vec<Model>, Box<dyn Error>>>()?;
+    let models = trainings.iter().map(trained).collect::<Result<Vec<Model>, Box<dyn Error>>>()?;
     let mut image = vec![0.0; skin.pixels.len()];
     for model in &models {
         let name = &model.card().name;
@@ -187,12 +158,10 @@ pub fn inference(data: &Path, folder: &Path) -> Result<(), Box<dyn Error>> {
     })
 }
 
-fn trained(skin: &Skin, method: &TrainingPreset, datasets: &[Dataset]) -> Result<Model, Box<dyn Error>> {
-    let (training, test) =
-        (skin.samples(method, datasets, Part::Training)?, skin.samples(method, datasets, Part::Test)?);
-    let mut trainer = Trainer::new(&method.architecture, method.input.clone(), &method.options, &training, &test)?;
+fn trained(training: &Training) -> Result<Model, Box<dyn Error>> {
+    let mut trainer = training.trainer()?;
     for _ in 0..EPOCHS {
         trainer.epoch(|_| ())?;
     }
-    Ok(skin.model(&trainer, method, 1.0))
+    Ok(training.model(trainer.input(), trainer.network(), trainer.epochs())?)
 }

@@ -23,8 +23,10 @@ mod range;
 mod rows;
 mod skin;
 mod source;
+mod training;
 
 pub use failure::CommandError;
+pub use training::TrainingRun;
 
 use clap::{CommandFactory, Parser};
 use std::collections::BTreeMap;

@@ -20,6 +20,7 @@ mod symmetry;
 mod tensors;
 mod train;
 mod train_pass;
+mod training;
 
 pub use card::{Card, DataRecord, SkinRecord, TrainingRecord};
 pub use error::LearnError;
@@ -35,3 +36,4 @@ pub use source::{Files, Part, Source, Streamed};
 pub use symmetry::Symmetries;
 pub use tensors::Precision;
 pub use train::{Epoch, Schedule, TrainOptions, Trainer};
+pub use training::{Training, TrainingData};

@@ -7,7 +7,7 @@ use crate::input::Input;
 use crate::network::Network;
 use crate::samples::Target;
 use crate::shipped;
-use crate::tensors::{self, Named, Precision};
+use crate::tensors::Precision;
 use dermis::detect::DetectOptions;
 use dermis::files::read_at_most;
 use dermis::forward::ForwardModel;
@@ -15,7 +15,6 @@ use dermis::frame::{Frame, write_whole};
 use dermis::image::{Image, PixelSpace};
 use dermis::reconstruct::{Quantity, Reconstruct, ReconstructError, check_lengths};
 use dermis::skin::Skin;
-use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -120,14 +119,7 @@ impl Model {
     ) -> Result<Self, LearnError> {
         let card = parse_card(&folder.join(CARD), card)?;
         card.skin.check(folder, &SkinRecord::new(&card.skin.design, forward, &pixels))?;
-        let path = folder.join(WEIGHTS);
-        let file = tensors::parse(&path, weights)?;
-        let mut network = Network::new(&card.architecture, 0);
-        let shapes: Vec<(String, Vec<usize>)> =
-            network.tensors().into_iter().map(|tensor| (tensor.name, tensor.shape)).collect();
-        for ((name, shape), values) in shapes.iter().zip(network.values_mut()) {
-            *values = tensors::values(&path, &file, name, shape)?;
-        }
+        let network = Network::parse(&card.architecture, &folder.join(WEIGHTS), weights)?;
         Ok(Model::new(card, network, pixels))
     }
 
@@ -138,11 +130,8 @@ impl Model {
     /// A folder or file that cannot be written.
     pub fn save(&self, folder: &Path, precision: Precision) -> Result<(), LearnError> {
         std::fs::create_dir_all(folder).map_err(|source| LearnError::io(folder, source))?;
-        let tensors = self.network.tensors().into_iter().map(|tensor| {
-            let precision = if tensor.shape.len() > 1 { precision } else { Precision::Single };
-            Named { name: tensor.name, shape: tensor.shape, values: tensor.values, precision }
-        });
-        tensors::write(&folder.join(WEIGHTS), &tensors.collect::<Vec<_>>(), HashMap::new())?;
+        let weights = self.network.to_safetensors(precision);
+        write_whole(&folder.join(WEIGHTS), |out| out.write_all(&weights)).map_err(dermis::Error::from)?;
         self.save_card(folder)
     }
 

@@ -1,10 +1,14 @@
 //! The structure and the weights of a network.
 
+use crate::LearnError;
 use crate::kernel::conv2d::{Shape, TAPS};
+use crate::tensors::{self, Named, Precision};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
+use std::path::Path;
 
 /// The number of output channels of a convolution, except the last one, is a multiple of this, to fill whole vectors.
 pub(crate) const CHANNELS_TOGETHER: usize = 16;
@@ -312,6 +316,31 @@ impl Network {
         let convolutions = self.refinement.iter_mut().flat_map(|refinement| &mut refinement.convolutions);
         convolutions.for_each(|one| scale(&mut one.bias));
         self
+    }
+
+    /// The network with the weights of a safetensors file; the path is for messages.
+    ///
+    /// # Errors
+    /// A damaged file; tensors that are missing or of another shape; values that are not finite.
+    pub fn parse(architecture: &Architecture, path: &Path, weights: &[u8]) -> Result<Self, LearnError> {
+        let file = tensors::parse(path, weights)?;
+        let mut network = Network::new(architecture, 0);
+        let shapes: Vec<(String, Vec<usize>)> =
+            network.tensors().into_iter().map(|tensor| (tensor.name, tensor.shape)).collect();
+        for ((name, shape), values) in shapes.iter().zip(network.values_mut()) {
+            *values = tensors::values(path, &file, name, shape)?;
+        }
+        Ok(network)
+    }
+
+    /// The weights as a safetensors file: matrices and convolutions in the given precision, all other values in single
+    /// precision.
+    pub fn to_safetensors(&self, precision: Precision) -> Vec<u8> {
+        let named = |tensor: Tensor<_>| {
+            let precision = if tensor.shape.len() > 1 { precision } else { Precision::Single };
+            Named { name: tensor.name, shape: tensor.shape, values: tensor.values, precision }
+        };
+        tensors::to_bytes(&self.tensors().into_iter().map(named).collect::<Vec<_>>(), HashMap::new())
     }
 
     /// All tensors, in a fixed order.

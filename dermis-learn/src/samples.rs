@@ -2,6 +2,7 @@
 
 use crate::LearnError;
 use crate::input::Input;
+use crate::preset::TrainingPreset;
 use crate::source::Source;
 use crate::symmetry::Symmetries;
 use dermis::forward::ForwardModel;
@@ -36,6 +37,11 @@ pub enum Target {
 }
 
 impl Target {
+    /// The size of a touch: the force of a press (N), the strength of a Gaussian touch (cm2).
+    pub fn size(touch: &SampleTouch) -> f32 {
+        touch.force_n().unwrap_or(touch.strength_m2 * 1e4)
+    }
+
     /// A pixel of the image from the network's output.
     pub fn image(&self, output: f32) -> f32 {
         match self {
@@ -94,8 +100,8 @@ impl Noise {
 
 /// Training samples, and their conversion to inputs and targets.
 #[derive(Debug)]
-pub struct Samples<'a> {
-    source: Box<dyn Source + 'a>,
+pub struct Samples {
+    source: Box<dyn Source>,
     symmetries: Option<Symmetries>,
     noise: Noise,
     /// The change of a difference by each contact's drift, for one standard deviation.
@@ -116,27 +122,25 @@ pub enum Augmentation {
     Step(u64, u64),
 }
 
-impl<'a> Samples<'a> {
-    /// Samples of a source on the skin of a forward model. Symmetries move touches: if the target is an image of
-    /// conductance, samples are not moved.
+impl Samples {
+    /// Samples of a source on the skin of a forward model, with a preset's target, noise and symmetries. Symmetries
+    /// move touches: if the target is an image of conductance, samples are not moved.
     ///
     /// # Errors
     /// A contact whose drift cannot be computed.
     pub fn new(
-        source: impl Source + 'a,
+        source: impl Source + 'static,
         forward: &ForwardModel,
         pixels: &PixelSpace,
-        target: Target,
-        noise: Noise,
-        symmetries: Option<Symmetries>,
+        preset: &TrainingPreset,
     ) -> Result<Self, LearnError> {
         let surface = Unrolled::of(&pixels.surface);
         Ok(Samples {
             source: Box::new(source),
-            symmetries: symmetries.filter(|_| target != Target::Conductance),
-            contacts: contact_patterns(forward, noise.contact_drift)?,
-            noise,
-            target,
+            symmetries: preset.symmetries.clone().filter(|_| preset.target != Target::Conductance),
+            contacts: contact_patterns(forward, preset.noise.contact_drift)?,
+            noise: preset.noise.clone(),
+            target: preset.target,
             surface,
             amplitude_only: forward.protocol().amplitude_only(),
             pixels: pixels.centres_m.iter().map(|&centre| surface.place(centre)).collect(),
@@ -146,6 +150,21 @@ impl<'a> Samples<'a> {
     /// The source of the samples.
     pub fn source(&self) -> &dyn Source {
         &*self.source
+    }
+
+    /// The symmetries that samples are moved by.
+    pub fn symmetries(&self) -> Option<&Symmetries> {
+        self.symmetries.as_ref()
+    }
+
+    /// For each contact the change of a frame by one standard deviation of its drift, ohm; none without drift.
+    pub fn contact_drifts(&self) -> &[Vec<f32>] {
+        &self.contacts
+    }
+
+    /// The unrolled surface, and the centres of the pixels in its coordinates, m.
+    pub fn pixels(&self) -> (&Unrolled, &[Point3]) {
+        (&self.surface, &self.pixels)
     }
 
     /// The undisturbed difference of a prepared sample, ohm.
@@ -172,9 +191,12 @@ impl<'a> Samples<'a> {
         Ok(difference)
     }
 
-    /// A sample, and the change by its touches as reported by the instrument. If amplitudes are reported, the untouched
-    /// frame is converted to amplitudes too.
-    fn read(&self, number: usize, with_image: bool) -> Result<(Sample, Vec<f32>), LearnError> {
+    /// A prepared sample, and the change by its touches as reported by the instrument, ohm. If amplitudes are reported,
+    /// the untouched frame is converted to amplitudes too.
+    ///
+    /// # Errors
+    /// A file that cannot be read; a value that is not finite.
+    pub fn read(&self, number: usize, with_image: bool) -> Result<(Sample, Vec<f32>), LearnError> {
         let mut sample = self.source.read(number, with_image)?;
         if self.amplitude_only {
             sample.rest.iter_mut().chain(&mut sample.frame).for_each(|value| *value = value.abs());
@@ -270,15 +292,14 @@ impl<'a> Samples<'a> {
             return target.iter_mut().zip(&sample.image).for_each(|(target, image)| *target = factor * image);
         };
         target.fill(0.0);
-        let weight = |touch: &SampleTouch| touch.force_n().unwrap_or(touch.strength_m2 * 1e4);
-        let whole = if size.is_some() { sample.touches.iter().map(weight).sum() } else { 1.0 };
+        let whole = if size.is_some() { sample.touches.iter().map(Target::size).sum() } else { 1.0 };
         for touch in &sample.touches {
             let mut place = touch.centre_m.map(f64::from);
             if let Some(symmetries) = &self.symmetries {
                 place = symmetries.point(element, place);
             }
             let place = self.surface.place(place);
-            let height = (weight(touch) / whole).sqrt();
+            let height = (Target::size(touch) / whole).sqrt();
             let per = -0.5 / (width_m * width_m);
             for (value, &pixel) in target.iter_mut().zip(&self.pixels) {
                 let exponent = per * self.surface.squared_distance_m2(place, pixel);
@@ -346,7 +367,6 @@ fn contact_patterns(forward: &ForwardModel, share: f32) -> Result<Vec<Vec<f32>>,
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::preset::TrainingPreset;
     use crate::source::Streamed;
     use dermis::design::SkinDesign;
     use dermis::mesh::Mesh;
@@ -369,7 +389,7 @@ mod tests {
         let noise_ohm = vec![1e-3; forward.protocol().channel_count()];
         let preset = TrainingPreset::best(&design, forward.protocol(), &pixels, noise_ohm);
         assert!(preset.noise.contact_drift > 0.0);
-        let samples = Samples::new(source, &forward, &pixels, preset.target, preset.noise, preset.symmetries).unwrap();
+        let samples = Samples::new(source, &forward, &pixels, &preset).unwrap();
         samples.source().prepare(&[3]).unwrap();
         let (mut inputs, mut target) = (vec![0.0; preset.input.len()], vec![0.0; pixels.len()]);
         samples.fill(3, Augmentation::Step(1, 0), &preset.input, &mut inputs, &mut target).unwrap();

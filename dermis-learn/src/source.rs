@@ -7,7 +7,7 @@ use dermis_sim::random::sample_rng;
 use rand::seq::SliceRandom;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
-use std::sync::RwLock;
+use std::sync::{Arc, RwLock};
 
 /// The random stream for the order of samples of the first epoch; the other epochs use the following ones.
 const ORDER_STREAM: u64 = 1 << 63;
@@ -15,7 +15,7 @@ const ORDER_STREAM: u64 = 1 << 63;
 const TOGETHER: usize = 4096;
 
 /// Samples by number. An epoch is an order of numbers; samples are prepared together before they are read.
-pub trait Source: Sync + std::fmt::Debug {
+pub trait Source: Send + Sync + std::fmt::Debug {
     /// Number of samples of an epoch.
     fn len(&self) -> usize;
 
@@ -79,20 +79,20 @@ pub enum Part {
 
 /// The samples of some datasets.
 #[derive(Debug)]
-pub struct Files<'a> {
-    datasets: &'a [Dataset],
+pub struct Files {
+    datasets: Arc<[Dataset]>,
     /// Dataset and sample of each number.
     places: Vec<(usize, u64)>,
     channels: usize,
     pixels: usize,
 }
 
-impl<'a> Files<'a> {
+impl Files {
     /// The samples of some datasets of the design with this forward model.
     ///
     /// # Errors
     /// A dataset of another design or mesh, or with too few samples to hold any out.
-    pub fn new(datasets: &'a [Dataset], part: Part, forward: &ForwardModel) -> Result<Self, LearnError> {
+    pub fn new(datasets: Arc<[Dataset]>, part: Part, forward: &ForwardModel) -> Result<Self, LearnError> {
         let mut places = Vec::new();
         let mut pixels = 0;
         for (index, dataset) in datasets.iter().enumerate() {
@@ -119,7 +119,7 @@ impl<'a> Files<'a> {
     }
 }
 
-impl Source for Files<'_> {
+impl Source for Files {
     fn len(&self) -> usize {
         self.places.len()
     }
@@ -134,7 +134,10 @@ impl Source for Files<'_> {
     }
 
     fn read(&self, number: usize, with_image: bool) -> Result<Sample, LearnError> {
-        let (dataset, index) = self.places[number];
+        let Some(&(dataset, index)) = self.places.get(number) else {
+            let must = "below the number of samples";
+            return Err(LearnError::OutOfRange { what: "the index of a sample", value: number as f64, must });
+        };
         let dataset = &self.datasets[dataset];
         let (mut rest, mut frame) = (vec![0.0; self.channels], vec![0.0; self.channels]);
         dataset.rest_into(index, &mut rest)?;
@@ -227,8 +230,8 @@ mod tests {
         let record = Record::new(&generator, &design.name, &text);
         Run::new(&generator, &record, folder.path(), Shard::WHOLE).unwrap().make(|_| ()).unwrap();
         finish(folder.path(), || ()).unwrap();
-        let data = [Dataset::open(folder.path()).unwrap()];
-        let files = Files::new(&data, Part::All, &forward).unwrap();
+        let data = Arc::new([Dataset::open(folder.path()).unwrap()]);
+        let files = Files::new(data, Part::All, &forward).unwrap();
         let [first, second] = [1, 2].map(|epoch| files.order(9, epoch));
         assert_ne!(first, second);
         assert_eq!(first, files.order(9, 1));

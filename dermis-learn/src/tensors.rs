@@ -27,6 +27,12 @@ pub(crate) struct Named<'a> {
 
 /// Writes tensors and a text under each key of the metadata, completely or not at all.
 pub(crate) fn write(path: &Path, tensors: &[Named<'_>], metadata: HashMap<String, String>) -> Result<(), LearnError> {
+    let bytes = to_bytes(tensors, metadata);
+    write_whole(path, |out| out.write_all(&bytes)).map_err(|error| LearnError::Dermis(error.into()))
+}
+
+/// A file of tensors.
+pub(crate) fn to_bytes(tensors: &[Named<'_>], metadata: HashMap<String, String>) -> Vec<u8> {
     let bytes: Vec<Vec<u8>> = (tensors.iter())
         .map(|tensor| match tensor.precision {
             Precision::Single => tensor.values.iter().flat_map(|value| value.to_le_bytes()).collect(),
@@ -42,8 +48,7 @@ pub(crate) fn write(path: &Path, tensors: &[Named<'_>], metadata: HashMap<String
         (tensor.name.clone(), view)
     });
     let metadata = Some(metadata).filter(|metadata| !metadata.is_empty());
-    let bytes = safetensors::serialize(views, metadata).map_err(|error| LearnError::model(path, error.to_string()))?;
-    write_whole(path, |out| out.write_all(&bytes)).map_err(|error| LearnError::Dermis(error.into()))
+    safetensors::serialize(views, metadata).expect("views of whole tensors")
 }
 
 /// The values of a required tensor of a given shape.

@@ -69,6 +69,33 @@ impl Default for TrainOptions {
     }
 }
 
+impl TrainOptions {
+    /// Whether all epochs are finished, or the test loss has stopped decreasing.
+    pub fn is_done(&self, epochs: &[Epoch]) -> bool {
+        let least = |epochs: &[Epoch]| epochs.iter().map(|epoch| epoch.test_loss).fold(f64::INFINITY, f64::min);
+        let before = epochs.len().saturating_sub(self.patience);
+        let stands = before > 0 && least(&epochs[before..]) > (1.0 - self.least_gain) * least(&epochs[..before]);
+        // With a decreasing learning rate the best loss is reached at the end.
+        epochs.len() >= self.epochs || stands && self.schedule == Schedule::Constant
+    }
+
+    /// Steps per epoch, for a number of training samples.
+    pub fn steps_per_epoch(&self, samples: usize) -> usize {
+        (self.epoch_samples.unwrap_or(usize::MAX).min(samples) / self.batch).max(1)
+    }
+
+    /// The learning rate of a step, numbered from 1.
+    pub fn rate_at(&self, step: u64, steps_per_epoch: usize) -> f32 {
+        match self.schedule {
+            Schedule::Constant => self.rate,
+            Schedule::Cosine => {
+                let part = (step as f64 / (steps_per_epoch * self.epochs) as f64).min(1.0);
+                (f64::from(self.rate) * 0.5 * (1.0 + (std::f64::consts::PI * part).cos())) as f32
+            }
+        }
+    }
+}
+
 /// A finished epoch.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Epoch {
@@ -84,8 +111,8 @@ pub struct Epoch {
 #[derive(Debug)]
 pub struct Trainer<'a> {
     options: TrainOptions,
-    training: &'a Samples<'a>,
-    test: &'a Samples<'a>,
+    training: &'a Samples,
+    test: &'a Samples,
     pub(crate) state: State,
     pass: Pass,
     inputs: Vec<f32>,
@@ -115,8 +142,8 @@ impl<'a> Trainer<'a> {
         architecture: &Architecture,
         mut input: Input,
         options: &TrainOptions,
-        training: &'a Samples<'a>,
-        test: &'a Samples<'a>,
+        training: &'a Samples,
+        test: &'a Samples,
     ) -> Result<Self, LearnError> {
         let out_of_range = |what, value, must| Err(LearnError::OutOfRange { what, value, must });
         if !(options.rate > 0.0 && options.rate.is_finite()) {
@@ -196,19 +223,12 @@ impl<'a> Trainer<'a> {
 
     /// Steps per epoch.
     pub fn steps_per_epoch(&self) -> usize {
-        let samples = self.options.epoch_samples.unwrap_or(usize::MAX).min(self.training.source().len());
-        (samples / self.options.batch).max(1)
+        self.options.steps_per_epoch(self.training.source().len())
     }
 
     /// Whether all epochs are finished, or the test loss has stopped decreasing.
     pub fn is_done(&self) -> bool {
-        let epochs = &self.state.epochs;
-        let least = |epochs: &[Epoch]| epochs.iter().map(|epoch| epoch.test_loss).fold(f64::INFINITY, f64::min);
-        let before = epochs.len().saturating_sub(self.options.patience);
-        let stands =
-            before > 0 && least(&epochs[before..]) > (1.0 - self.options.least_gain) * least(&epochs[..before]);
-        // With a decreasing learning rate the best loss is reached at the end.
-        epochs.len() >= self.options.epochs || stands && self.options.schedule == Schedule::Constant
+        self.options.is_done(&self.state.epochs)
     }
 
     /// One epoch, then the test. `on_step` is called with the mean loss so far after every step.
@@ -256,7 +276,7 @@ impl<'a> Trainer<'a> {
         Ok(sum / values as f64 / f64::from(self.scale * self.scale))
     }
 
-    fn fill(&mut self, samples: &Samples<'_>, indices: &[usize], first: u64) -> Result<(), LearnError> {
+    fn fill(&mut self, samples: &Samples, indices: &[usize], first: u64) -> Result<(), LearnError> {
         samples.source().prepare(indices)?;
         let architecture = self.state.network.architecture();
         let (inputs, targets) = (architecture.inputs(), architecture.outputs());
@@ -275,7 +295,8 @@ impl<'a> Trainer<'a> {
         let loss = self.pass.descend(&mut self.state.network, batch);
         self.state.steps += 1;
         let options = AdamOptions::default();
-        let rate = options.corrected(self.rate(), self.state.steps);
+        let rate = self.options.rate_at(self.state.steps, self.steps_per_epoch());
+        let rate = options.corrected(rate, self.state.steps);
         let learned: Vec<bool> = self.state.network.tensors().iter().map(|tensor| tensor.is_learned).collect();
         let values = self.state.network.values_mut().into_iter().zip(learned).filter(|(_, learned)| *learned);
         for (((values, _), gradient), [mean, square]) in values.zip(&self.pass.gradient).zip(&mut self.state.moments) {
@@ -286,16 +307,5 @@ impl<'a> Trainer<'a> {
             });
         }
         loss
-    }
-
-    fn rate(&self) -> f32 {
-        match self.options.schedule {
-            Schedule::Constant => self.options.rate,
-            Schedule::Cosine => {
-                let all = (self.steps_per_epoch() * self.options.epochs) as f64;
-                let part = (self.state.steps as f64 / all).min(1.0);
-                (f64::from(self.options.rate) * 0.5 * (1.0 + (std::f64::consts::PI * part).cos())) as f32
-            }
-        }
     }
 }

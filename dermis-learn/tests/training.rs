@@ -17,7 +17,7 @@ struct Bench {
     design: SkinDesign,
     forward: ForwardModel,
     pixels: Arc<PixelSpace>,
-    data: Vec<Dataset>,
+    data: Arc<[Dataset]>,
 }
 
 /// 512 samples of a coarse skin of 8 electrodes.
@@ -39,7 +39,7 @@ fn bench(folder: &Path) -> Bench {
     Run::new(&generator, &record, folder, Shard::WHOLE).unwrap().make(|_| ()).unwrap();
     finish(folder, || ()).unwrap();
     let pixels = Arc::new(PixelSpace::for_design(&design, forward.mesh()).unwrap());
-    Bench { design, forward, pixels, data: vec![Dataset::open(folder).unwrap()] }
+    Bench { design, forward, pixels, data: Arc::new([Dataset::open(folder).unwrap()]) }
 }
 
 impl Bench {
@@ -55,10 +55,9 @@ impl Bench {
         methods
     }
 
-    fn samples(&self, method: &TrainingPreset, part: Part) -> Samples<'_> {
-        let (noise, symmetries) = (method.noise.clone(), method.symmetries.clone());
-        let files = Files::new(&self.data, part, &self.forward).unwrap();
-        Samples::new(files, &self.forward, &self.pixels, method.target, noise, symmetries).unwrap()
+    fn samples(&self, method: &TrainingPreset, part: Part) -> Samples {
+        let files = Files::new(Arc::clone(&self.data), part, &self.forward).unwrap();
+        Samples::new(files, &self.forward, &self.pixels, method).unwrap()
     }
 }
 
@@ -148,7 +147,7 @@ fn inputs_that_do_not_fit_are_refused() {
 
     let other = SkinDesign::shipped("cylinder30").unwrap();
     let forward = ForwardModel::new(&other, &Mesh::generate(&other).unwrap()).unwrap();
-    let refused = Files::new(&bench.data, Part::All, &forward);
+    let refused = Files::new(Arc::clone(&bench.data), Part::All, &forward);
     assert!(refused.unwrap_err().to_string().contains("simulate it anew"));
 }
 
@@ -160,9 +159,7 @@ fn a_stream_gives_the_samples_that_files_hold_and_new_ones_in_every_epoch() {
     let files = bench.samples(&method, Part::All);
     let recipe = bench.data[0].manifest().record.recipe.clone();
     let streamed = || Streamed::new(Generator::new(&bench.design, &bench.forward, &recipe).unwrap(), 300);
-    let samples = |source: Streamed| {
-        Samples::new(source, &bench.forward, &bench.pixels, method.target, method.noise.clone(), None).unwrap()
-    };
+    let samples = |source: Streamed| Samples::new(source, &bench.forward, &bench.pixels, &method).unwrap();
     let (training, test) = (samples(streamed()), samples(streamed()));
     training.source().prepare(&[0, 17, 299]).unwrap();
     for number in [0, 17, 299] {

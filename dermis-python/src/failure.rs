@@ -123,6 +123,7 @@ from_message!(
     dermis::frame::TableError,
     dermis::mesh::MeshError,
     dermis::reconstruct::ReconstructError,
+    dermis_learn::LearnError,
     dermis_sim::evaluate::EvaluateError,
     dermis_sim::touch::TouchError
 );

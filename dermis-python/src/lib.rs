@@ -15,6 +15,7 @@ mod pipeline;
 mod samples;
 mod skin;
 mod solution;
+mod training;
 mod twin;
 mod worker;
 
@@ -41,6 +42,8 @@ mod _dermis {
     use super::skin::Skin;
     #[pymodule_export]
     use super::solution::Solution;
+    #[pymodule_export]
+    use super::training::Training;
     #[pymodule_export]
     use super::twin::Twin;
 

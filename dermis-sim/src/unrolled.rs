@@ -36,7 +36,7 @@ impl Unrolled {
     }
 
     /// The period of the first coordinate, m.
-    pub(crate) fn period_m(&self) -> Option<f64> {
+    pub fn period_m(&self) -> Option<f64> {
         self.radius_m.map(|radius_m| TAU * radius_m)
     }
 

@@ -27,7 +27,7 @@ mod scan_table;
 mod schema;
 mod shell;
 mod simulate;
-mod train;
+pub mod train;
 
 use crate::failure::Outcome;
 use clap::Subcommand;

@@ -9,13 +9,10 @@ use dermis::forward::ForwardModel;
 use dermis::frame::write_whole;
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
-use dermis_learn::{
-    Ablation, Epoch, Files, LearnError, Model, Part, Precision, Samples, SkinRecord, Source, Streamed, Trainer,
-    TrainingPreset, TrainingRecord,
-};
+use dermis_learn::{Ablation, Epoch, LearnError, Model, Precision, Trainer, Training, TrainingData, TrainingPreset};
 use dermis_plot::Picture;
 use dermis_plot::chart::Curves;
-use dermis_sim::dataset::{Dataset, GaussianTouches, Generator, Recipe, SkinSpread, Skins, Touch};
+use dermis_sim::dataset::{Dataset, GaussianTouches, Recipe, SkinSpread, Skins, Touch};
 use dermis_sim::twin::{Twin, TwinOptions};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -136,48 +133,45 @@ struct Summary<'a> {
 impl Arguments {
     /// Trains or resumes training, and writes the model.
     pub fn run(self) -> Outcome {
+        let training = self.training()?;
+        let waiting = Progress::waiting("preparing");
+        let mut trainer = training.trainer()?;
+        drop(waiting);
+        self.train(&mut trainer, training.preset().options.batch)?;
+        let model = training.model(trainer.input(), trainer.network(), trainer.epochs())?;
+        self.save(&model)?;
+        self.print_summary(&model)
+    }
+
+    /// The training that the arguments describe.
+    pub fn training(&self) -> Outcome<Training> {
         if !self.without.is_empty() && self.network != NetworkName::Best {
             let message = "--without removes components of the best network, which other networks do not have";
             return Err(Failure::given(message, Some("add `--network best`")));
         }
         let design = SkinDesign::load(&self.design)?;
-        let open =
-            |folders: &[PathBuf]| folders.iter().map(|folder| Dataset::open(folder)).collect::<Result<Vec<_>, _>>();
-        let (data, test) = (open(&self.data)?, open(&self.test)?);
-        let waiting = Progress::waiting("preparing");
+        let data = self.data(&design)?;
+        let _waiting = Progress::waiting("preparing");
         let forward = ForwardModel::new(&design, &Mesh::generate(&design)?)?;
         let pixels = Arc::new(PixelSpace::for_design(&design, forward.mesh())?);
-        let method = self.method(&design, &forward, &pixels)?;
-        let files =
-            |datasets, part| -> Outcome<Box<dyn Source>> { Ok(Box::new(Files::new(datasets, part, &forward)?)) };
-        let (training, test) = match &self.stream {
-            Some(recipe) => self.streams(recipe, &design, &forward)?,
-            None if test.is_empty() => (files(&data, Part::Training)?, files(&data, Part::Test)?),
-            None => (files(&data, Part::All)?, files(&test, Part::All)?),
-        };
-        let samples = |source| {
-            let (noise, symmetries) = (method.noise.clone(), method.symmetries.clone());
-            Samples::new(source, &forward, &pixels, method.target, noise, symmetries)
-        };
-        let (training, test) = (samples(training)?, samples(test)?);
-        let mut trainer = Trainer::new(&method.architecture, method.input.clone(), &method.options, &training, &test)?;
-        drop(waiting);
-        self.train(&mut trainer, method.options.batch)?;
-        let epochs = trainer.epochs().to_vec();
-        let options = method.options.clone();
-        let target_variance = test.target_variance(&test.source().order(0, 0))?;
-        let (samples, test_samples) = (training.source().len(), test.source().len());
-        let record = TrainingRecord { options, samples, test_samples, target_variance, epochs };
-        let card = method.card(SkinRecord::new(&design.name, &forward, &pixels), trainer.input(), &data, record);
-        let model = Model::new(card, trainer.network(), pixels);
-        model.save(&self.output, if self.half { Precision::Half } else { Precision::Single })?;
-        self.print_summary(&model)
+        let preset = self.preset(&design, &forward, &pixels)?;
+        Ok(Training::new(&design, &forward, pixels, preset, data)?)
     }
 
-    /// The training preset with the options that were given.
-    fn method(&self, design: &SkinDesign, forward: &ForwardModel, pixels: &PixelSpace) -> Outcome<TrainingPreset> {
+    /// The folder for the model.
+    pub fn output(&self) -> &Path {
+        &self.output
+    }
+
+    /// Writes the model of a trained network into the folder.
+    pub fn save(&self, model: &Model) -> Outcome {
+        Ok(model.save(&self.output, if self.half { Precision::Half } else { Precision::Single })?)
+    }
+
+    /// The preset with the options that were given.
+    fn preset(&self, design: &SkinDesign, forward: &ForwardModel, pixels: &PixelSpace) -> Outcome<TrainingPreset> {
         let noise_ohm = || noise_ohm(design, &TwinOptions::load(&self.noise)?);
-        let mut method = match self.network {
+        let mut preset = match self.network {
             NetworkName::Paper => TrainingPreset::paper(forward.protocol(), pixels, noise_ohm()?),
             NetworkName::PaperNormFirst => TrainingPreset::paper_norm_first(forward.protocol(), pixels, noise_ohm()?),
             NetworkName::Best => {
@@ -186,35 +180,34 @@ impl Arguments {
             }
             NetworkName::Shapes => TrainingPreset::shapes(forward.protocol(), pixels),
         };
-        let options = &mut method.options;
+        let options = &mut preset.options;
         options.epochs = self.epochs.unwrap_or(options.epochs);
         options.epoch_samples = self.epoch_samples.or(options.epoch_samples);
         options.rate = self.rate.unwrap_or(options.rate);
         options.seed = self.seed.unwrap_or(options.seed);
-        Ok(method)
+        Ok(preset)
     }
 
-    /// Streamed training and test samples.
-    fn streams<'a>(
-        &self,
-        recipe: &Path,
-        design: &SkinDesign,
-        forward: &ForwardModel,
-    ) -> Outcome<(Box<dyn Source + 'a>, Box<dyn Source + 'a>)> {
-        let source = |seed: u64, count: usize| -> Outcome<Box<dyn Source + 'a>> {
-            let recipe = match recipe.to_str() {
-                Some("gaussian") => Recipe {
-                    seed,
-                    samples: count as u64,
-                    touch: Touch::Gaussian(GaussianTouches::for_effect(design.sheet.touch)),
-                    skins: Skins::Random(SkinSpread::usual()),
-                },
-                _ => Recipe::load(recipe, seed, count as u64)?,
-            };
-            Ok(Box::new(Streamed::new(Generator::new(design, forward, &recipe)?, count)))
+    /// The datasets, or the recipes of streamed samples.
+    fn data(&self, design: &SkinDesign) -> Outcome<TrainingData> {
+        let Some(recipe) = &self.stream else {
+            let open =
+                |folders: &[PathBuf]| folders.iter().map(|folder| Dataset::open(folder)).collect::<Result<Vec<_>, _>>();
+            return Ok(TrainingData::Files { training: open(&self.data)?, test: open(&self.test)? });
+        };
+        let recipe = |seed: u64, samples: usize| -> Outcome<Recipe> {
+            let samples = samples as u64;
+            match recipe.to_str() {
+                Some("gaussian") => {
+                    let touch = Touch::Gaussian(GaussianTouches::for_effect(design.sheet.touch));
+                    Ok(Recipe { seed, samples, touch, skins: Skins::Random(SkinSpread::usual()) })
+                }
+                _ => Ok(Recipe::load(recipe, seed, samples)?),
+            }
         };
         let seed = 2 * self.seed.unwrap_or_default();
-        Ok((source(seed, self.epoch_samples.unwrap_or(STREAMED))?, source(seed + 1, STREAMED_TEST)?))
+        let training = recipe(seed, self.epoch_samples.unwrap_or(STREAMED))?;
+        Ok(TrainingData::Stream { recipes: Box::new([training, recipe(seed + 1, STREAMED_TEST)?]) })
     }
 
     /// Trains epoch by epoch, with a checkpoint and a plot of the losses after each.
@@ -233,8 +226,7 @@ impl Arguments {
             })?;
             drop(progress);
             trainer.save(&checkpoint)?;
-            let picture = losses(trainer.epochs());
-            write_whole(&self.output.join("losses.svg"), |out| out.write_all(picture.to_svg().as_bytes()))?;
+            write_losses(&self.output, trainer.epochs())?;
             if !self.json {
                 let Epoch { training_loss, test_loss, seconds } = epoch;
                 let rate = (trainer.steps_per_epoch() * batch) as f64 / seconds;
@@ -268,6 +260,12 @@ impl Arguments {
             100.0 * least / record.target_variance
         ))
     }
+}
+
+/// Writes the plot of the losses into a folder.
+pub fn write_losses(folder: &Path, epochs: &[Epoch]) -> Outcome {
+    let picture = losses(epochs);
+    Ok(write_whole(&folder.join("losses.svg"), |out| out.write_all(picture.to_svg().as_bytes()))?)
 }
 
 /// The losses against the epoch.

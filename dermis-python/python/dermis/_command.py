@@ -32,21 +32,11 @@ def command(name, *arguments, **options):
     Raises:
         DermisError: What the command refuses, with `hint` and `line`.
     """
-    known = command_options()
-    if name not in known:
-        raise DermisError(f"there is no command {name!r}", hint=f"one of {', '.join(sorted(known))}")
-    takes = known[name]
     with tempfile.TemporaryDirectory(prefix="dermis-") as folder:
         folder = Path(folder)
-        line = [name]
-        if takes.get("json") == "none" and not {"json", "jsonl"} & set(options):
+        if _options_of(name).get("json") == "none" and not {"json", "jsonl"} & set(options):
             options["json"] = True
-        for key, value in options.items():
-            option = key.removesuffix("_").replace("_", "-")
-            if option not in takes:
-                raise DermisError(f"{name} has no option {key!r}", hint=f"one of {', '.join(sorted(takes))}")
-            line += _words(option, value, takes[option], folder)
-        line += ["--", *(_word(argument, f"argument-{index}", folder) for index, argument in enumerate(arguments))]
+        line = words(name, arguments, options, folder)
         error = folder / "error.json"
         child = [sys.executable, "-m", "dermis._child", str(error), *line]
         ended = subprocess.run(child, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, check=False)
@@ -56,6 +46,25 @@ def command(name, *arguments, **options):
             raise DermisError(f"dermis {name} ended with the code {ended.returncode}")
     text = ended.stdout.decode()
     return json.loads(text) if options.get("json") else text
+
+
+def _options_of(name):
+    """What each option of a command takes, by name."""
+    known = command_options()
+    if name not in known:
+        raise DermisError(f"there is no command {name!r}", hint=f"one of {', '.join(sorted(known))}")
+    return known[name]
+
+
+def words(name, arguments, options, folder):
+    """The command line of a command; arrays are written to files in the folder."""
+    takes, line = _options_of(name), [name]
+    for key, value in options.items():
+        option = key.removesuffix("_").replace("_", "-")
+        if option not in takes:
+            raise DermisError(f"{name} has no option {key!r}", hint=f"one of {', '.join(sorted(takes))}")
+        line += _words(option, value, takes[option], folder)
+    return [*line, "--", *(_word(argument, f"argument-{index}", folder) for index, argument in enumerate(arguments))]
 
 
 def _words(option, value, takes, folder):

@@ -1,14 +1,4 @@
-"""PyTorch: networks as modules, training samples as datasets, the forward model as a differentiable function.
-
->>> import dermis, torch
->>> from dermis.torch import forward
->>> skin = dermis.Skin.load("skin16")
->>> conductivity = torch.tensor(skin.rest_conductivity, requires_grad=True)
->>> frame = forward(skin, conductivity)          # (channels,), ohm
->>> frame.square().sum().backward()
->>> conductivity.grad.shape == conductivity.shape
-True
-"""
+"""Networks as modules."""
 
 import json
 import os
@@ -18,117 +8,12 @@ import numpy as np
 import torch
 from torch import nn
 
-from dermis._dermis import Dataset as _Dataset
 from dermis._dermis import shipped_model
 from dermis._errors import DermisError
-
-__all__ = ["ElectrodeMotion", "Network", "SampleDataset", "SampleStream", "forward"]
 
 # Added to the variance by batch normalization, and the share of running means that is kept (Keras' defaults).
 _EPSILON, _MOMENTUM = 1e-3, 0.99
 _KINDS = {"F32": "<f4", "F16": "<f2"}
-
-
-class _Forward(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx, skin, conductivity, contact_impedance, nodes):
-        array = lambda tensor: None if tensor is None else tensor.detach().double().cpu().numpy()
-        contacts, moved = array(contact_impedance), array(nodes)
-        if not any(ctx.needs_input_grad):
-            if contacts is None and moved is None:
-                frames = skin.forward(array(conductivity))
-            else:
-                frames = skin.solve(array(conductivity), contact_impedance=contacts, nodes=moved).frames
-        else:
-            ctx.solution = skin.solve(array(conductivity), contact_impedance=contacts, nodes=moved)
-            frames = ctx.solution.frames
-        ctx.like = [conductivity, contact_impedance, nodes]
-        return torch.tensor(frames, dtype=conductivity.dtype, device=conductivity.device)
-
-    @staticmethod
-    @torch.autograd.function.once_differentiable
-    def backward(ctx, by_frame):
-        parameters = any(ctx.needs_input_grad[2:])
-        gradient = ctx.solution.gradient(by_frame.double().cpu().numpy(), parameters=parameters)
-        results = [None]
-        for name, needed, like in zip(
-            ("conductivity", "contact_impedance", "nodes"), ctx.needs_input_grad[1:], ctx.like
-        ):
-            values = torch.from_numpy(gradient[name]).to(like) if needed else None
-            results.append(values)
-        return tuple(results)
-
-
-def forward(skin, conductivity, contact_impedance=None, nodes=None):
-    """Frames of conductivities, differentiable in reverse mode by an exact adjoint: no Jacobian is computed.
-
-    The gradient is that of the frames as the instrument reports them (amplitudes if it loses the signs). It can be
-    differentiated once. The computation is in double precision on the CPU.
-
-    Args:
-        skin: A `dermis.Skin`.
-        conductivity: (cells,) or (n, cells): S on surfaces, S/m in volumes.
-        contact_impedance: (electrodes,): ohm m2 on areas, ohm m on edges; that of the design without it.
-        nodes: Positions of the nodes, (nodes, 3), m; those of the mesh without it. `ElectrodeMotion` moves electrodes.
-
-    Returns:
-        (channels,) or (n, channels), ohm, of the type and on the device of `conductivity`.
-
-    Raises:
-        DermisError: A wrong shape, a value that is not positive and finite.
-    """
-    return _Forward.apply(skin, conductivity, contact_impedance, nodes)
-
-
-class ElectrodeMotion(nn.Module):
-    """Nodes of a mesh whose electrodes are displaced along the surface.
-
-    The nodes of an electrode move with it. The displacement of the others falls linearly to zero at five radii of the
-    electrode, or halfway to the next electrode. On a cylinder nodes stay at their radius; on a plane, in it; on other
-    bodies displacements along the surface must be given.
-
-    Args:
-        skin: A `dermis.Skin` of triangles.
-    """
-
-    _RADII = 5.0
-
-    def __init__(self, skin):
-        super().__init__()
-        mesh, centres = skin.mesh, skin.electrodes
-        nodes = mesh.nodes
-        if mesh.cells.shape[1] != 3:
-            raise DermisError("electrodes are moved on surfaces", hint="give a design whose mesh is of triangles")
-        distance = np.linalg.norm(nodes[:, None] - centres, axis=2)
-        between = np.linalg.norm(centres[:, None] - centres, axis=2)
-        np.fill_diagonal(between, np.inf)
-        weights = np.zeros(distance.shape)
-        for electrode, own in enumerate(mesh.electrode_nodes):
-            radius = max(distance[own, electrode].max(), 1e-4)
-            end = min(self._RADII * radius, between[electrode].min() / 2)
-            fall = (end - distance[:, electrode]) / max(end - radius, 1e-9)
-            weights[:, electrode] = np.clip(fall, 0.0, 1.0)
-            weights[own, electrode] = 1.0
-        radii = np.hypot(nodes[:, 0], nodes[:, 1])
-        self.is_cylinder = bool(np.ptp(radii) < 1e-9 * radii.max() and np.ptp(nodes[:, 2]) > 0)
-        # On a plane nodes stay in it.
-        self.register_buffer("_along", torch.tensor([1.0, 1.0, 0.0 if np.ptp(nodes[:, 2]) == 0 else 1.0]).double())
-        self.register_buffer("nodes", torch.tensor(nodes))
-        self.register_buffer("weights", torch.tensor(weights))
-
-    def forward(self, displacement):
-        """Positions of the nodes, (nodes, 3), m.
-
-        Args:
-            displacement: Of each electrode, (electrodes, 3), m.
-        """
-        moved = self.nodes + self.weights @ (displacement * self._along)
-        if not self.is_cylinder:
-            return moved
-        radius = torch.linalg.vector_norm(self.nodes[:, :2], dim=1, keepdim=True)
-        return torch.cat(
-            [moved[:, :2] * radius / torch.linalg.vector_norm(moved[:, :2], dim=1, keepdim=True), moved[:, 2:]], dim=1
-        )
 
 
 class _Refinement(nn.Module):
@@ -201,15 +86,27 @@ class Network(nn.Module):
             network = cls(json.loads(card))
         except (ValueError, KeyError, TypeError, IndexError) as error:
             raise DermisError(f"{name}: card.json is damaged or of another version: {error!r}") from error
-        network._set_tensors(name, _read_tensors(weights))
+        network.load_weights(weights, name)
         return network.eval()
 
     def save(self, folder):
         """Writes the network to a folder, which is created: `card.json` and `weights.safetensors`."""
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        _write_whole(folder / "weights.safetensors", _tensors_as_bytes(self._tensors()))
+        _write_whole(folder / "weights.safetensors", self.weights())
         _write_whole(folder / "card.json", json.dumps(self.card, indent=2).encode())
+
+    def weights(self):
+        """The weights as the bytes of a safetensors file."""
+        return _tensors_as_bytes(self._tensors())
+
+    def load_weights(self, weights, name="weights"):
+        """Takes the weights of the bytes of a safetensors file.
+
+        Raises:
+            DermisError: A damaged file, tensors that are missing or of another shape.
+        """
+        self._set_tensors(name, _read_tensors(weights))
 
     def inputs(self, differences):
         """What enters the first layer, and the size of each frame.
@@ -217,7 +114,14 @@ class Network(nn.Module):
         Args:
             differences: Frames minus the untouched frame, (n, channels), ohm.
         """
-        x = (differences @ self._average - self._mean) / self._sd
+        return self.take_size(self.normalized(differences))
+
+    def normalized(self, differences):
+        """Means of channels, normalized, (n, inputs)."""
+        return (differences @ self._average - self._mean) / self._sd
+
+    def take_size(self, x):
+        """Normalized inputs divided by the size of each frame if the network is scale-free, and the sizes, (n, 1)."""
         if not self.card["input"].get("scale_free"):
             return x, torch.ones(len(x), 1, dtype=x.dtype, device=x.device)
         count = sum(bool(channels) for channels in self.card["input"]["channels"])
@@ -313,70 +217,3 @@ def _write_whole(path, data):
     partial = path.with_name(f"{path.name}.part-{os.getpid()}")
     partial.write_bytes(data)
     partial.replace(path)
-
-
-class SampleDataset(torch.utils.data.Dataset):
-    """The samples of a folder of `dermis simulate`, map-style.
-
-    A sample is a dict of tensors: `frame` and `rest` (channels,), `image` (pixels,), `touches` (most, 6), `index`; see
-    `dermis.Dataset.batch`. `__getitems__` reads a whole batch at once.
-
-    Args:
-        folder: The folder of the dataset.
-    """
-
-    def __init__(self, folder):
-        self.folder = os.fspath(folder)
-        self._dataset = _Dataset(self.folder)
-
-    def __len__(self):
-        return len(self._dataset)
-
-    def __getitem__(self, index):
-        return self.__getitems__([index])[0]
-
-    def __getitems__(self, indices):
-        length = len(self)
-        return _samples(self._dataset.batch([index + length if index < 0 else index for index in indices]))
-
-    def __getstate__(self):
-        return self.folder
-
-    def __setstate__(self, folder):
-        self.__init__(folder)
-
-
-class SampleStream(torch.utils.data.IterableDataset):
-    """The endless stream of samples of a recipe; each worker of a DataLoader computes its own part.
-
-    Args:
-        skin: A `dermis.Skin`.
-        recipe: The path of a recipe file, or a dict with its keys.
-        seed: The seed.
-        first: Index of the first sample.
-        block: Number of samples that are computed at once.
-    """
-
-    def __init__(self, skin, recipe, seed, *, first=0, block=512):
-        self.skin, self.recipe, self.seed, self.first, self.block = skin, recipe, seed, first, block
-        self._samples = None
-
-    def __iter__(self):
-        if self._samples is None:
-            self._samples = self.skin.samples(self.recipe, self.seed)
-        worker = torch.utils.data.get_worker_info()
-        number, count = (0, 1) if worker is None else (worker.id, worker.num_workers)
-        at = self.first + number * self.block
-        while True:
-            yield from _samples(self._samples.batch(at, self.block))
-            at += count * self.block
-
-    def __getstate__(self):
-        return {**self.__dict__, "_samples": None}
-
-
-def _samples(arrays):
-    """The samples of a batch, one dict each."""
-    tensors = {name: torch.from_numpy(values.astype(np.int64) if name == "index" else values) for name, values in arrays.items()}
-    count = len(arrays["index"])
-    return [{name: values[row] for name, values in tensors.items()} for row in range(count)]
