@@ -71,8 +71,7 @@ export SLURM_CONF=$here/slurm.conf
 slurmctld -D -i >"$here/slurmctld.out" 2>&1 &
 controller=$!
 for node in n1 n2 n3; do
-  # A session of its own: killed with all its processes, as a machine that loses its power.
-  setsid slurmd -D -N "$node" >"$here/$node.out" 2>&1 &
+  slurmd -D -N "$node" >"$here/$node.out" 2>&1 &
   node_pid[$node]=$!
 done
 for _ in $(seq 60); do
@@ -95,12 +94,11 @@ until [ "$(find "$here/data" -name 'samples-*' 2>/dev/null | wc -l)" -ge 1 ]; do
 victim=$(squeue -h -j "$job" -t running -o %N | head -n 1)
 echo "killed: $victim with task $(squeue -h -j "$job" -t running -w "$victim" -o %K), after $(find "$here/data" -name 'samples-*' | wc -l) files"
 
-# The daemon, its steps and the processes of their jobs.
-family() { for child in $(pgrep -P "$1"); do family "$child"; done; echo "$1"; }
-step=$(pgrep -x slurmstepd | while read -r pid; do tr '\0' ' ' <"/proc/$pid/environ" | grep -q "SLURMD_NODENAME=$victim" && echo "$pid" || true; done)
-dead=$(for pid in ${node_pid[$victim]} $step; do family "$pid"; done)
-jobs_of_node=$(pgrep -x dermis | while read -r pid; do tr '\0' '\n' <"/proc/$pid/environ" | grep -qx "SLURMD_NODENAME=$victim" && echo "$pid" || true; done)
-kill -9 $dead $jobs_of_node 2>/dev/null || true
+# As a machine that loses its power: slurmstepd first, so that nobody reports the end of the task.
+on_victim() { tr '\0' '\n' <"/proc/$1/environ" 2>/dev/null | grep -qx "SLURMD_NODENAME=$victim"; }
+program=$(for pid in $(pgrep -x dermis); do ! on_victim "$pid" || echo "$pid"; done)
+[ -n "$program" ] || { echo "the task of $victim has ended already" >&2; exit 1; }
+kill -9 "$(ps -o ppid= -p "$program" | tr -d ' ')" "${node_pid[$victim]}" "$program"
 unset "node_pid[$victim]"
 
 for _ in $(seq 600); do

@@ -165,10 +165,12 @@ def test_a_full_folder_is_the_engine_s_error(this_machine, tmp_path):
         dermis.ray.simulate(tomllib.loads(DISK), tmp_path / "set", recipe=RECIPE, seed=1, samples=10**14)
 
 
-def test_a_benchmark_equals_that_of_one_process(this_machine):
-    results = dermis.ray.benchmark("skin16", ["noser", "tikhonov"], twins=2, quick=True)
+def test_a_benchmark_equals_that_of_one_process(this_machine, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "disk.toml").write_text(DISK)
+    results = dermis.ray.benchmark("disk.toml", ["noser", "tikhonov"], twins=2, quick=True)
     assert list(results) == ["noser", "tikhonov"]
-    assert results["noser"] == dermis.command("benchmark", "skin16", method="noser", twins=2, quick=True)
+    assert results["noser"] == dermis.command("benchmark", "disk.toml", method="noser", twins=2, quick=True)
     rows = dermis.ray.table(results)
     assert [(row["method"], row["seed"]) for row in rows] == [
         (method, seed) for method in results for seed in (1001, 1002)
