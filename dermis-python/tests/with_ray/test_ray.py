@@ -160,6 +160,13 @@ def test_bad_input_is_refused_before_tasks_run(this_machine, tmp_path):
         dermis.ray.benchmark("skin16", "nothing", twins=1)
 
 
+def test_a_node_that_does_not_see_the_folder_is_an_error(tmp_path):
+    with pytest.raises(dermis.DermisError, match="is not there or empty") as error:
+        dermis.ray._simulate_file(b"", "", 1, 100, str(tmp_path / "elsewhere"), 0, 1)
+    assert error.value.hint == "give a folder that all nodes share"
+    assert not (tmp_path / "elsewhere").exists()
+
+
 def test_a_full_folder_is_the_engine_s_error(this_machine, tmp_path):
     with pytest.raises(dermis.DermisError, match="has room for"):
         dermis.ray.simulate(tomllib.loads(DISK), tmp_path / "set", recipe=RECIPE, seed=1, samples=10**14)
@@ -210,14 +217,17 @@ def test_a_sweep_exports_the_best_model_and_continues(this_machine, tmp_path, mo
 @pytest.mark.skipif("DERMIS_SLOW" not in os.environ, reason="slow: set DERMIS_SLOW=1")
 def test_killed_nodes_and_drivers_leave_the_files_of_one_process(tmp_path, monkeypatch):
     samples, seeds = 65_536, int(os.environ.get("DERMIS_SEEDS", "5"))
+    begun = time.monotonic()
     expected = of_one_process("skin16", tmp_path / "one", samples)
+    horizon_s = time.monotonic() - begun
     for seed in range(seeds):
-        print(f"seed {seed}: {survive(seed, tmp_path / str(seed), samples, monkeypatch)}", flush=True)
+        killed = survive(seed, tmp_path / str(seed), samples, horizon_s, monkeypatch)
+        print(f"seed {seed}: {killed}", flush=True)
         assert sums(tmp_path / str(seed)) == expected, f"seed {seed}"
 
 
-def survive(seed, folder, samples, monkeypatch):
-    """Kills two nodes of four and the driver at random times; what was killed when."""
+def survive(seed, folder, samples, horizon_s, monkeypatch):
+    """Kills two nodes of four and the driver at random times until the horizon; what was killed when."""
     rng = random.Random(seed)
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 0, "include_dashboard": False})
     monkeypatch.setenv("RAY_ADDRESS", cluster.address)
@@ -231,9 +241,9 @@ def survive(seed, folder, samples, monkeypatch):
         begun = time.monotonic()
         victims = ["node", "node", "driver"]
         rng.shuffle(victims)
-        for when, victim in zip(sorted(rng.uniform(0, 20) for _ in victims), victims):
+        for when, victim in zip(sorted(rng.uniform(0, horizon_s) for _ in victims), victims):
             time.sleep(max(0.0, begun + when - time.monotonic()))
-            log.append(f"{victim} at {when:.1f} s ({files_of(folder)} files)")
+            log.append(f"{victim} at {when:.0f} s ({files_of(folder)} of 8 files)")
             if victim == "node":
                 cluster.remove_node(nodes.pop(rng.randrange(len(nodes))), allow_graceful=False)
             else:
