@@ -7,7 +7,7 @@ use crate::worker;
 use dermis_sim::dataset::{self, DatasetError, Generator, Recipe, Record, Run, Shard};
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
@@ -34,7 +34,7 @@ impl Simulation {
         Ok(Simulation { record: Record::new(&generator, &design.name, text), generator })
     }
 
-    fn prepare(&self, py: Python<'_>, folder: &PathBuf, shard: Shard) -> Outcome<Run<'_>> {
+    fn prepare(&self, py: Python<'_>, folder: &Path, shard: Shard) -> Outcome<Run<'_>> {
         worker::run(py, "checking the folder", 1, |_| Ok(Run::new(&self.generator, &self.record, folder, shard)?))
     }
 }
