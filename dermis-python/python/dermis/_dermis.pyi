@@ -410,7 +410,7 @@ class Simulation:
     def run(
         self,
         folder: str | PathLike[str],
-        shard: tuple[int, int] = (0, 1),
+        shard: tuple[int, int] = ...,
         *,
         threads: int | None = None,
         wait: bool = False,
@@ -419,7 +419,7 @@ class Simulation:
 
         Args:
             folder: The folder.
-            shard: (i, n): the files k with k mod n = i.
+            shard: (i, n): the files k with k mod n = i; all files, (0, 1), without it.
             threads: Number of threads; those of the machine without it.
             wait: Wait for files that other processes are generating, and generate those that they leave.
 

@@ -58,8 +58,8 @@ dermis.ray.simulate(design, output, recipe=recipe, seed=1, samples=samples)
 
 
 def sums(folder):
-    """The SHA-256 of every file."""
-    files = [path for path in folder.iterdir() if path.suffix in (".json", ".safetensors")]
+    """The SHA-256 of every file but locks."""
+    files = [path for path in folder.iterdir() if not path.name.startswith(".")]
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
@@ -221,7 +221,8 @@ def test_killed_nodes_and_drivers_leave_the_files_of_one_process(tmp_path, monke
     monkeypatch.setenv("RAY_worker_niceness", "0")
     begun = time.monotonic()
     expected = of_one_process("skin16", tmp_path / "one", samples)
-    horizon_s = time.monotonic() - begun
+    # Most kills meet tasks at work.
+    horizon_s = 0.7 * (time.monotonic() - begun)
     for seed in range(seeds):
         killed = survive(seed, tmp_path / str(seed), samples, horizon_s, monkeypatch)
         print(f"seed {seed}: {killed}", flush=True)
