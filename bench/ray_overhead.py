@@ -2,7 +2,8 @@
 
     python bench/ray_overhead.py [DESIGN] [--samples N] [--rounds N]
 
-The rounds alternate between the two, on the same threads and with the same files; both include meshing and finishing.
+The rounds alternate between the two, on the same threads and with the same files; both include meshing and finishing. CPU time is
+that of all processes, Ray's own included: it depends less on other programs of the machine. Linux only.
 """
 
 import argparse
@@ -28,9 +29,26 @@ amplitude = [0.1, 2.0]
 
 
 def seconds(work):
-    begun = time.perf_counter()
+    """Elapsed time, and CPU time of this process and its descendants."""
+    begun, used = time.perf_counter(), cpu_seconds()
     work()
-    return time.perf_counter() - begun
+    return time.perf_counter() - begun, cpu_seconds() - used
+
+
+def cpu_seconds():
+    parents, ticks = {}, {}
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = path.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        # Times of a process, and of its children that have ended.
+        pid = int(path.parent.name)
+        parents[pid], ticks[pid] = int(fields[1]), sum(map(int, fields[11:15]))
+    family = {os.getpid()}
+    while found := {pid for pid, parent in parents.items() if parent in family} - family:
+        family |= found
+    return sum(ticks.get(pid, 0) for pid in family) / os.sysconf("SC_CLK_TCK")
 
 
 def main():
@@ -55,18 +73,18 @@ def main():
         dermis.ray.simulate(given.design, folder / "ray", **numbers)
 
     try:
-        start = seconds(lambda: ray.init(address="local", include_dashboard=False, logging_level="warning"))
+        start, _ = seconds(lambda: ray.init(address="local", include_dashboard=False, logging_level="warning"))
         times = {program: [], cluster: []}
         for number in range(given.rounds):
             # The order alternates: other load on the machine meets both.
             for work in (program, cluster) if number % 2 else (cluster, program):
                 times[work].append(seconds(work))
                 shutil.rmtree(folder / ("ray" if work is cluster else "program"))
-        one, many = (statistics.median(times[work]) for work in (program, cluster))
-        print(f"{given.design}, {given.samples} samples, {os.cpu_count()} CPUs, medians of {given.rounds}")
-        print(f"dermis simulate: {one:.1f} s ({', '.join(f'{value:.1f}' for value in times[program])})")
-        print(f"dermis.ray.simulate: {many:.1f} s ({', '.join(f'{value:.1f}' for value in times[cluster])})")
-        print(f"overhead {100 * (many / one - 1):.1f} %; start of Ray {start:.1f} s")
+        print(f"{given.design}, {given.samples} samples, {os.cpu_count()} CPUs, {given.rounds} rounds; start of Ray {start:.1f} s")
+        for kind, name in enumerate(["elapsed", "CPU time"]):
+            one, many = ([round(time[kind], 1) for time in times[work]] for work in (program, cluster))
+            overhead = 100 * (statistics.median(many) / statistics.median(one) - 1)
+            print(f"{name}: dermis simulate {one} s, dermis.ray.simulate {many} s; overhead of the medians {overhead:.1f} %")
     finally:
         shutil.rmtree(folder)
 
