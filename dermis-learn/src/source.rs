@@ -228,7 +228,10 @@ mod tests {
         let generator = Generator::new(&design, &forward, &recipe).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let record = Record::new(&generator, &design.name, &text);
-        Run::new(&generator, &record, folder.path(), Shard::WHOLE).unwrap().make(|_| ()).unwrap();
+        Run::new(&generator, &record, folder.path(), Shard::WHOLE)
+            .unwrap()
+            .make(|_| Ok::<_, dermis_sim::Error>(()))
+            .unwrap();
         finish(folder.path(), || ()).unwrap();
         let data = Arc::new([Dataset::open(folder.path()).unwrap()]);
         let files = Files::new(data, Part::All, &forward).unwrap();

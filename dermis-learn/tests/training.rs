@@ -36,7 +36,7 @@ fn bench(folder: &Path) -> Bench {
     let recipe = Recipe { seed: 5, samples: 512, touch: Touch::Gaussian(touches), skins: Skins::Even };
     let generator = Generator::new(&design, &forward, &recipe).unwrap();
     let record = Record::new(&generator, &design.name, &text);
-    Run::new(&generator, &record, folder, Shard::WHOLE).unwrap().make(|_| ()).unwrap();
+    Run::new(&generator, &record, folder, Shard::WHOLE).unwrap().make(|_| Ok::<_, dermis_sim::Error>(())).unwrap();
     finish(folder, || ()).unwrap();
     let pixels = Arc::new(PixelSpace::for_design(&design, forward.mesh()).unwrap());
     Bench { design, forward, pixels, data: Arc::new([Dataset::open(folder).unwrap()]) }

@@ -13,6 +13,7 @@ mod model;
 mod picture;
 mod pipeline;
 mod samples;
+mod simulation;
 mod skin;
 mod solution;
 mod training;
@@ -38,6 +39,8 @@ mod _dermis {
     use super::pipeline::{Frame, Live, Pipeline, Replay};
     #[pymodule_export]
     use super::samples::{Dataset, Samples};
+    #[pymodule_export]
+    use super::simulation::{Simulation, finish_dataset};
     #[pymodule_export]
     use super::skin::Skin;
     #[pymodule_export]

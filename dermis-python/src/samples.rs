@@ -21,11 +21,18 @@ pub struct Dataset {
     dataset: dataset::Dataset,
 }
 
+impl Dataset {
+    /// The finished dataset in a folder.
+    pub fn open(py: Python<'_>, folder: PathBuf) -> Outcome<Self> {
+        Ok(Dataset { dataset: worker::run(py, "opening the dataset", 1, |_| Ok(dataset::Dataset::open(&folder)?))? })
+    }
+}
+
 #[pymethods]
 impl Dataset {
     #[new]
     fn new(py: Python<'_>, folder: PathBuf) -> Outcome<Self> {
-        Ok(Dataset { dataset: worker::run(py, "opening the dataset", 1, |_| Ok(dataset::Dataset::open(&folder)?))? })
+        Dataset::open(py, folder)
     }
 
     /// The folder.

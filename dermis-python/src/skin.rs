@@ -7,6 +7,7 @@ use crate::mesh::Mesh;
 use crate::method::{Method, method_name};
 use crate::picture;
 use crate::samples::Samples;
+use crate::simulation::Simulation;
 use crate::solution::{Parameters, Solution};
 use crate::twin::{self, Twin};
 use crate::worker;
@@ -16,6 +17,7 @@ use dermis::forward::Matrix;
 use dermis::method::MethodOptions;
 use dermis::reconstruct::Alpha;
 use dermis::skin;
+use dermis_sim::dataset::Recipe;
 use dermis_sim::touch::{GaussianTouch, touched_conductivity};
 use numpy::PyArray1;
 use numpy::prelude::*;
@@ -23,7 +25,7 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyDict, PyString};
 use std::borrow::Cow;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// A skin prepared for computing. A clone shares all data with the original.
@@ -91,6 +93,19 @@ fn toml_text(keys: &Bound<'_, PyDict>) -> Outcome<String> {
     let json: String = keys.py().import("json")?.call_method1("dumps", (keys,))?.extract()?;
     let value: toml::Value = serde_json::from_str(&json).map_err(Failure::given)?;
     toml::to_string(&value).map_err(Failure::given)
+}
+
+/// The text of a recipe, the path of a file or a dict with its keys, and its path for messages.
+fn recipe_text(recipe: &Bound<'_, PyAny>) -> Outcome<(String, PathBuf)> {
+    if let Ok(recipe) = recipe.cast::<PyDict>() {
+        return Ok((toml_text(recipe)?, PathBuf::from("recipe")));
+    }
+    let path: PathBuf = recipe.extract().map_err(|_| {
+        Failure::with_hint("`recipe` is no path", "give the path of a recipe file, or a dict with its keys")
+    })?;
+    let text = read_text_at_most(&path, MOST_SETTINGS_BYTES)
+        .map_err(|error| Failure::given(format!("{}: {error}", path.display())))?;
+    Ok((text, path))
 }
 
 #[pymethods]
@@ -334,17 +349,14 @@ impl Skin {
 
     /// Training samples of a recipe: the path of a file, or a dict with its keys.
     fn samples(&self, py: Python<'_>, recipe: &Bound<'_, PyAny>, seed: u64) -> Outcome<Samples> {
-        match recipe.cast::<PyDict>() {
-            Ok(recipe) => Samples::of(py, self, &toml_text(recipe)?, Path::new("recipe"), seed),
-            Err(_) => {
-                let path: PathBuf = recipe.extract().map_err(|_| {
-                    Failure::with_hint("`recipe` is no path", "give the path of a recipe file, or a dict with its keys")
-                })?;
-                let text = read_text_at_most(&path, MOST_SETTINGS_BYTES)
-                    .map_err(|error| Failure::given(format!("{}: {error}", path.display())))?;
-                Samples::of(py, self, &text, &path, seed)
-            }
-        }
+        let (text, path) = recipe_text(recipe)?;
+        Samples::of(py, self, &text, &path, seed)
+    }
+
+    /// The generation of a dataset of a recipe's samples.
+    fn simulation(&self, py: Python<'_>, recipe: &Bound<'_, PyAny>, seed: u64, samples: u64) -> Outcome<Simulation> {
+        let (text, path) = recipe_text(recipe)?;
+        Simulation::of(py, self, &Recipe::parse(&text, &path, seed, samples)?)
     }
 
     /// A picture of the skin: `electrodes`, `mesh` or `sensitivity`, as the text of an SVG.

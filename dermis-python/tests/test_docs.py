@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PAGES = ["README.md", "docs/python.md", "docs/from-pyeit-and-eidors.md", "dermis-python/README.md"]
+PAGES = ["README.md", "docs/python.md", "docs/scale-out.md", "docs/from-pyeit-and-eidors.md", "dermis-python/README.md"]
 BLOCK = re.compile(r"(?:<!-- needs: (?P<needs>\w+) -->\n)?```python\n(?P<code>.*?)```", re.DOTALL)
 
 

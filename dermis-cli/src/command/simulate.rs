@@ -192,7 +192,10 @@ impl Arguments {
         let run = Run::new(&generator, &record, folder, shard)?;
         let progress = Progress::with_rate("samples", run.missing_samples());
         let begun = Instant::now();
-        let report = run.make(|count| progress.steps(count))?;
+        let report = run.make(|count| {
+            progress.steps(count);
+            Ok::<_, Failure>(())
+        })?;
         drop(progress);
         let seconds = begun.elapsed().as_secs_f64();
         let rate = if report.made_samples > 0 { report.made_samples as f64 / seconds } else { 0.0 };

@@ -21,10 +21,12 @@ from dermis._dermis import (
     Pipeline,
     Replay,
     Samples,
+    Simulation,
     Skin,
     Solution,
     Twin,
     __version__,
+    finish_dataset,
 )
 from dermis._errors import DermisError
 
@@ -40,9 +42,11 @@ __all__ = [
     "Pipeline",
     "Replay",
     "Samples",
+    "Simulation",
     "Skin",
     "Solution",
     "Twin",
     "__version__",
     "command",
+    "finish_dataset",
 ]

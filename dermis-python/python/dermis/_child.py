@@ -1,5 +1,6 @@
 """The process of `dermis.command`: runs a command, and writes its error as JSON to a file."""
 
+import ctypes
 import json
 import signal
 import sys
@@ -9,10 +10,17 @@ from dermis._dermis import run_command
 from dermis._errors import DermisError
 
 
+# Of <linux/prctl.h>.
+_PR_SET_PDEATHSIG = 1
+
+
 def main(error, *line):
     """Runs a command; writes its error to the file `error`."""
     # As for any program: Ctrl-C ends it.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    # A command does not go on when its caller is killed.
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     try:
         run_command(["dermis", *line])
     except DermisError as raised:

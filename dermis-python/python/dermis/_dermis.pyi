@@ -20,12 +20,14 @@ __all__ = [
     "Pipeline",
     "Replay",
     "Samples",
+    "Simulation",
     "Skin",
     "Solution",
     "Training",
     "Twin",
     "__version__",
     "command_options",
+    "finish_dataset",
     "run_command",
     "run_program",
     "shipped_model",
@@ -43,6 +45,13 @@ def shipped_model(name: str) -> tuple[bytes, bytes]:
 
 def command_options() -> dict[str, dict[str, str]]:
     """The options of each command by name, and the values that they take: none, one, several, or repeated."""
+
+def finish_dataset(folder: str | PathLike[str]) -> Dataset:
+    """Checks every bit of the files of a folder and writes its manifest, as `dermis simulate --finish`.
+
+    Raises:
+        DermisError: Files that are missing or damaged.
+    """
 
 @final
 class Calibration:
@@ -378,6 +387,51 @@ class Samples:
         """The samples `first` to `first + count`: arrays as of `Dataset.batch`."""
 
 @final
+class Simulation:
+    """A dataset that is generated into a folder; its files are those of `dermis simulate`. `Skin.simulation` makes one."""
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+
+    @property
+    def files(self) -> int:
+        """Number of files: 8,192 samples each, fewer in the last."""
+
+    def begin(self, folder: str | PathLike[str]) -> list[int]:
+        """Starts the dataset in a folder, which is created, or checks the dataset that is there.
+
+        Returns:
+            The numbers of the missing files.
+
+        Raises:
+            DermisError: A folder that cannot be written, or with another dataset; a disk that is too small.
+        """
+
+    def run(
+        self,
+        folder: str | PathLike[str],
+        shard: tuple[int, int] = ...,
+        *,
+        threads: int | None = None,
+        wait: bool = False,
+    ) -> int:
+        """Generates the missing files of a shard. Any number of processes may share the folder. `finish_dataset` follows.
+
+        Args:
+            folder: The folder.
+            shard: (i, n): the files k with k mod n = i; all files, (0, 1), without it.
+            threads: Number of threads; those of the machine without it.
+            wait: Wait for files that other processes are generating, and generate those that they leave.
+
+        Returns:
+            The number of generated samples.
+
+        Raises:
+            DermisError: As `begin`; without `wait`, files that other processes are generating, after the others are written.
+        """
+
+@final
 class Skin:
     """A skin prepared for computing: design, mesh, forward model. It can be pickled."""
 
@@ -571,6 +625,18 @@ class Skin:
         Args:
             recipe: The path of a recipe file (docs/datasets.md), or a dict with its keys.
             seed: The seed.
+
+        Raises:
+            DermisError: A recipe from which no sample can be drawn.
+        """
+
+    def simulation(self, recipe: str | PathLike[str] | dict[str, Any], seed: int, samples: int) -> Simulation:
+        """The generation of a dataset of a recipe's samples, as `dermis simulate`.
+
+        Args:
+            recipe: The path of a recipe file (docs/datasets.md), or a dict with its keys.
+            seed: The seed.
+            samples: Number of samples.
 
         Raises:
             DermisError: A recipe from which no sample can be drawn.

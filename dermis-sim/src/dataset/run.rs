@@ -121,14 +121,22 @@ impl<'a> Run<'a> {
         self.missing_samples
     }
 
+    /// The numbers of the files missing from its shard.
+    pub fn missing_files(&self) -> impl Iterator<Item = u64> + '_ {
+        self.shard.files(self.record.file_count()).filter(|&file| !self.path(file).exists())
+    }
+
     /// Generates what is missing, in the current thread pool. `on_samples` is called from several threads with the
-    /// number of samples generated since the last call.
+    /// number of samples generated since the last call; its error ends the run, without the file in progress.
     ///
     /// A file that another process is generating is skipped, and reported as an error after the others are finished.
     ///
     /// # Errors
-    /// A full disk, files that another process is generating, a forward problem without a solution.
-    pub fn make(&self, on_samples: impl Fn(u64) + Sync) -> crate::Result<RunReport> {
+    /// A full disk, files that another process is generating, a forward problem without a solution; that of `on_samples`.
+    pub fn make<E: From<crate::Error> + Send>(
+        &self,
+        on_samples: impl Fn(u64) -> Result<(), E> + Sync,
+    ) -> Result<RunReport, E> {
         let mut report = RunReport { found_files: self.found_files, ..RunReport::default() };
         let mut busy: Option<(u64, u64)> = None;
         let workers = Mutex::new(Vec::new());
@@ -139,28 +147,30 @@ impl<'a> Run<'a> {
             let made = self.make_all(&sender, &workers, &on_samples, &mut report, &mut busy);
             drop(sender);
             let written = writer.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-            written?;
+            written.map_err(crate::Error::from)?;
             made
         })?;
         match busy {
-            Some((first, count)) => Err(DatasetError::Busy { path: self.path(first), count }.into()),
+            Some((first, count)) => {
+                Err(crate::Error::from(DatasetError::Busy { path: self.path(first), count }).into())
+            }
             None => Ok(report),
         }
     }
 
-    fn make_all<'g>(
+    fn make_all<'g, E: From<crate::Error> + Send>(
         &'g self,
         sender: &SyncSender<(Claim, Vec<Tensor>)>,
         workers: &Mutex<Vec<Worker<'g>>>,
-        on_samples: &(impl Fn(u64) + Sync),
+        on_samples: &(impl Fn(u64) -> Result<(), E> + Sync),
         report: &mut RunReport,
         busy: &mut Option<(u64, u64)>,
-    ) -> crate::Result<()> {
+    ) -> Result<(), E> {
         for file in self.shard.files(self.record.file_count()) {
             if self.path(file).exists() {
                 continue;
             }
-            let Some(claim) = self.claim(file)? else {
+            let Some(claim) = self.claim(file).map_err(crate::Error::from)? else {
                 *busy = Some(busy.map_or((file, 1), |(first, count)| (first, count + 1)));
                 continue;
             };
@@ -181,12 +191,12 @@ impl<'a> Run<'a> {
     }
 
     /// The values of a file.
-    fn fill<'g>(
+    fn fill<'g, E: From<crate::Error> + Send>(
         &'g self,
         file: u64,
         workers: &Mutex<Vec<Worker<'g>>>,
-        on_samples: &(impl Fn(u64) + Sync),
-    ) -> crate::Result<Vec<Tensor>> {
+        on_samples: &(impl Fn(u64) -> Result<(), E> + Sync),
+    ) -> Result<Vec<Tensor>, E> {
         let mut tensors = self.record.tensors(file);
         let [rest, frames, images, touches] = tensors.as_mut_slice() else { panic!("four tensors") };
         debug_assert_eq!([&rest.name, &frames.name, &images.name, &touches.name], [REST, FRAMES, IMAGES, TOUCHES]);
@@ -211,8 +221,7 @@ impl<'a> Run<'a> {
             let mut worker = idle.unwrap_or_else(|| generator.worker());
             worker.make(first + (unit * UNIT) as u64, count, &mut rows)?;
             workers.lock().expect("no thread panics while it holds the lock").push(worker);
-            on_samples(count as u64);
-            Ok::<(), crate::Error>(())
+            on_samples(count as u64)
         })?;
         if !generator.has_own_rest() {
             rest.values.copy_from_slice(generator.rest());

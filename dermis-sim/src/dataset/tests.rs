@@ -53,7 +53,7 @@ fn generator(samples: u64) -> Generator {
 /// Generates a dataset, or the missing part of it.
 fn make(generator: &Generator, folder: &Path, shard: Shard) -> crate::Result<super::RunReport> {
     let record = Record::new(generator, "disk", DISK);
-    Run::new(generator, &record, folder, shard)?.make(|_| ())
+    Run::new(generator, &record, folder, shard)?.make(|_| Ok::<_, crate::Error>(()))
 }
 
 fn bytes(folder: &Path, file: u64) -> Vec<u8> {
@@ -301,7 +301,7 @@ fn a_file_in_another_process_hands_is_left_to_it() {
     let run = Run::new(&generator, &record, folder.path(), Shard::WHOLE).unwrap();
     let lock = std::fs::File::create(folder.path().join(".lock-00000")).unwrap();
     lock.lock().unwrap();
-    let error = run.make(|_| ()).unwrap_err();
+    let error = run.make(|_| Ok::<_, crate::Error>(())).unwrap_err();
     let crate::Error::Dataset(error) = error else { panic!("{error}") };
     assert!(matches!(*error, DatasetError::Busy { count: 1, .. }), "{error}");
     assert!(error.to_string().contains("samples-00000"), "{error}");
@@ -318,7 +318,7 @@ fn a_disk_that_fills_up_leaves_no_file_and_says_so() {
     let record = Record::new(&generator, "disk", DISK);
     let run = Run::new(&generator, &record, folder.path(), Shard::WHOLE).unwrap();
     std::os::unix::fs::symlink("/dev/full", folder.path().join(".part-00000")).unwrap();
-    let error = run.make(|_| ()).unwrap_err().to_string();
+    let error = run.make(|_| Ok::<_, crate::Error>(())).unwrap_err().to_string();
     assert!(error.contains("samples-00000.safetensors: No space left"), "{error}");
     assert!(!folder.path().join(file_name(0)).exists());
     assert_eq!(make(&generator, folder.path(), Shard::WHOLE).unwrap().made_files, 1);
