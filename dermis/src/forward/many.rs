@@ -35,7 +35,7 @@ impl ForwardModel {
         done: impl Fn(usize) + Sync,
     ) -> Result<Vec<Frame>, E> {
         let solve = |work: &mut Work, maps: &[Cow<'_, [f64]>]| work.solve(maps);
-        Ok(self.for_each_group(count, conductivity, done, solve)?.concat())
+        Ok(self.for_each_group(count, conductivity, done, solve)?.into_iter().flatten().collect())
     }
 
     /// As [`solve_many`](Self::solve_many), with the same bits, and keeps the conductivities for gradients.
@@ -50,9 +50,10 @@ impl ForwardModel {
     ) -> Result<(Vec<Frame>, Solutions), E> {
         let solve =
             |work: &mut Work, maps: &[Cow<'_, [f64]>]| Ok((work.solve(maps)?, work.solver.conductivity().to_vec()));
-        let (frames, groups): (Vec<_>, Vec<_>) =
+        let (frames, groups): (Vec<Vec<Frame>>, Vec<_>) =
             self.for_each_group(count, conductivity, done, solve)?.into_iter().unzip();
-        Ok((frames.concat(), Solutions { model: self.clone(), groups, count }))
+        let frames = frames.into_iter().flatten().collect();
+        Ok((frames, Solutions { model: self.clone(), groups, count }))
     }
 
     /// The results for every eight conductivities, in parallel.
