@@ -9,7 +9,7 @@ from dermis._dermis import run_command
 from dermis._errors import DermisError
 
 
-def main(error, *line):
+def main(error: str, *line: str) -> None:
     """Runs a command; writes its error to the file `error`."""
     # As for any program: Ctrl-C ends it.
     signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from dermis._dermis import command_options
 from dermis._errors import DermisError
 
 
-def command(name, *arguments, **options):
+def command(name: str, *arguments: Any, **options: Any) -> Any:
     """Runs a command of the program `dermis` in a process of its own.
 
     The command is the same as on the command line: `dermis.command("benchmark", "cylinder30", method="noser", twins=2)`
@@ -58,7 +59,7 @@ def command(name, *arguments, **options):
     return json.loads(text) if options.get("json") else text
 
 
-def _words(option, value, takes, folder):
+def _words(option: str, value: Any, takes: str, folder: Path) -> list[str]:
     """The words of an option on the command line."""
     if value is None or value is False:
         return []
@@ -72,7 +73,7 @@ def _words(option, value, takes, folder):
     return [f"--{option}={_word(value, option, folder)}"]
 
 
-def _word(value, name, folder):
+def _word(value: Any, name: str, folder: Path) -> str:
     """A value on the command line; arrays are written to files."""
     if isinstance(value, (np.ndarray, list, tuple)):
         path = folder / f"{name}.npy"

@@ -12,14 +12,17 @@ True
 
 import json
 import os
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 import torch
-from torch import nn
+from numpy.typing import NDArray
+from torch import Tensor, nn
 
 from dermis._dermis import Dataset as _Dataset
-from dermis._dermis import shipped_model
+from dermis._dermis import Samples, Skin, shipped_model
 from dermis._errors import DermisError
 
 __all__ = ["ElectrodeMotion", "Network", "SampleDataset", "SampleStream", "forward"]
@@ -59,7 +62,9 @@ class _Forward(torch.autograd.Function):
         return tuple(results)
 
 
-def forward(skin, conductivity, contact_impedance=None, nodes=None):
+def forward(
+    skin: Skin, conductivity: Tensor, contact_impedance: Tensor | None = None, nodes: Tensor | None = None
+) -> Tensor:
     """Frames of conductivities, differentiable in reverse mode by an exact adjoint: no Jacobian is computed.
 
     The gradient is that of the frames as the instrument reports them (amplitudes if it loses the signs). It can be
@@ -92,8 +97,12 @@ class ElectrodeMotion(nn.Module):
     """
 
     _RADII = 5.0
+    nodes: Tensor
+    weights: Tensor
+    _along: Tensor
+    is_cylinder: bool
 
-    def __init__(self, skin):
+    def __init__(self, skin: Skin) -> None:
         super().__init__()
         mesh, centres = skin.mesh, skin.electrodes
         nodes = mesh.nodes
@@ -116,7 +125,7 @@ class ElectrodeMotion(nn.Module):
         self.register_buffer("nodes", torch.tensor(nodes))
         self.register_buffer("weights", torch.tensor(weights))
 
-    def forward(self, displacement):
+    def forward(self, displacement: Tensor) -> Tensor:
         """Positions of the nodes, (nodes, 3), m.
 
         Args:
@@ -161,7 +170,14 @@ class Network(nn.Module):
         card: The card of the network (`card.json`, docs/models.md).
     """
 
-    def __init__(self, card):
+    card: dict[str, Any]
+    trunk: nn.ModuleList
+    refinement: nn.Module | None
+    _mean: Tensor
+    _sd: Tensor
+    _average: Tensor
+
+    def __init__(self, card: dict[str, Any]) -> None:
         super().__init__()
         self.card = card
         given = card["input"]
@@ -183,7 +199,7 @@ class Network(nn.Module):
         self.refinement = _Refinement(plan) if plan else None
 
     @classmethod
-    def load(cls, name_or_folder):
+    def load(cls, name_or_folder: str | os.PathLike[str]) -> Self:
         """A shipped network (`best`, `paper`, `shapes`), or the one in a folder.
 
         Raises:
@@ -204,14 +220,14 @@ class Network(nn.Module):
         network._set_tensors(name, _read_tensors(weights))
         return network.eval()
 
-    def save(self, folder):
+    def save(self, folder: str | os.PathLike[str]) -> None:
         """Writes the network to a folder, which is created: `card.json` and `weights.safetensors`."""
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         _write_whole(folder / "weights.safetensors", _tensors_as_bytes(self._tensors()))
         _write_whole(folder / "card.json", json.dumps(self.card, indent=2).encode())
 
-    def inputs(self, differences):
+    def inputs(self, differences: Tensor) -> tuple[Tensor, Tensor]:
         """What enters the first layer, and the size of each frame.
 
         Args:
@@ -224,7 +240,7 @@ class Network(nn.Module):
         size = (x.square().sum(dim=1, keepdim=True) / max(count, 1)).sqrt()
         return torch.where(size > 0, x / size.clamp_min(1e-30), x), size
 
-    def outputs(self, inputs):
+    def outputs(self, inputs: Tensor) -> Tensor:
         """What the last layer gives, (n, pixels): the target of training."""
         x = inputs
         for layer, plan in zip(self.trunk, self.card["plan"]["trunk"]):
@@ -233,7 +249,7 @@ class Network(nn.Module):
             x = torch.relu(x) if sizes["relu"] else x
         return x if self.refinement is None else self.refinement(x)
 
-    def forward(self, differences):
+    def forward(self, differences: Tensor) -> Tensor:
         """Images of differences, (n, channels), ohm, to (n, pixels)."""
         x, size = self.inputs(differences)
         y = self.outputs(x)
@@ -315,7 +331,7 @@ def _write_whole(path, data):
     partial.replace(path)
 
 
-class SampleDataset(torch.utils.data.Dataset):
+class SampleDataset(torch.utils.data.Dataset[dict[str, Tensor]]):
     """The samples of a folder of `dermis simulate`, map-style.
 
     A sample is a dict of tensors: `frame` and `rest` (channels,), `image` (pixels,), `touches` (most, 6), `index`; see
@@ -325,28 +341,30 @@ class SampleDataset(torch.utils.data.Dataset):
         folder: The folder of the dataset.
     """
 
-    def __init__(self, folder):
+    folder: str
+
+    def __init__(self, folder: str | os.PathLike[str]) -> None:
         self.folder = os.fspath(folder)
         self._dataset = _Dataset(self.folder)
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self._dataset)
 
-    def __getitem__(self, index):
+    def __getitem__(self, index: int) -> dict[str, Tensor]:
         return self.__getitems__([index])[0]
 
-    def __getitems__(self, indices):
+    def __getitems__(self, indices: Sequence[int]) -> list[dict[str, Tensor]]:
         length = len(self)
         return _samples(self._dataset.batch([index + length if index < 0 else index for index in indices]))
 
-    def __getstate__(self):
+    def __getstate__(self) -> str:
         return self.folder
 
-    def __setstate__(self, folder):
+    def __setstate__(self, folder: str) -> None:
         self.__init__(folder)
 
 
-class SampleStream(torch.utils.data.IterableDataset):
+class SampleStream(torch.utils.data.IterableDataset[dict[str, Tensor]]):
     """The endless stream of samples of a recipe; each worker of a DataLoader computes its own part.
 
     Args:
@@ -357,11 +375,26 @@ class SampleStream(torch.utils.data.IterableDataset):
         block: Number of samples that are computed at once.
     """
 
-    def __init__(self, skin, recipe, seed, *, first=0, block=512):
+    skin: Skin
+    recipe: str | os.PathLike[str] | dict[str, Any]
+    seed: int
+    first: int
+    block: int
+    _samples: Samples | None
+
+    def __init__(
+        self,
+        skin: Skin,
+        recipe: str | os.PathLike[str] | dict[str, Any],
+        seed: int,
+        *,
+        first: int = 0,
+        block: int = 512,
+    ) -> None:
         self.skin, self.recipe, self.seed, self.first, self.block = skin, recipe, seed, first, block
         self._samples = None
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[dict[str, Tensor]]:
         if self._samples is None:
             self._samples = self.skin.samples(self.recipe, self.seed)
         worker = torch.utils.data.get_worker_info()
@@ -371,11 +404,11 @@ class SampleStream(torch.utils.data.IterableDataset):
             yield from _samples(self._samples.batch(at, self.block))
             at += count * self.block
 
-    def __getstate__(self):
+    def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_samples": None}
 
 
-def _samples(arrays):
+def _samples(arrays: dict[str, NDArray[Any]]) -> list[dict[str, Tensor]]:
     """The samples of a batch, one dict each."""
     tensors = {name: torch.from_numpy(values.astype(np.int64) if name == "index" else values) for name, values in arrays.items()}
     count = len(arrays["index"])
