@@ -37,8 +37,8 @@ def command(name: str, *arguments: Any, **options: Any) -> Any:
     if name not in known:
         raise DermisError(f"there is no command {name!r}", hint=f"one of {', '.join(sorted(known))}")
     takes = known[name]
-    with tempfile.TemporaryDirectory(prefix="dermis-") as folder:
-        folder = Path(folder)
+    with tempfile.TemporaryDirectory(prefix="dermis-") as path:
+        folder = Path(path)
         line = [name]
         if takes.get("json") == "none" and not {"json", "jsonl"} & set(options):
             options["json"] = True

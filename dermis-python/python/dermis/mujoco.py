@@ -135,7 +135,7 @@ class WornSkin:
         in_geom = self.rotation @ np.asarray(point) + self.position
         return data.geom_xpos[self.geom] + data.geom_xmat[self.geom].reshape(3, 3) @ in_geom
 
-    def nearest(self, point: ArrayLike) -> NDArray[np.float64]:
+    def nearest(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """The nearest point of the skin, m."""
         distances = np.linalg.norm(self._nodes - point, axis=1)
         cells = {cell for node in np.argsort(distances)[:4] for cell in self._cells_of_node[node]}
