@@ -14,9 +14,10 @@ class System:
         size = len(nodes) + (0 if points else electrodes)
         self.unknown = parts[np.argsort(parts[:, 0]), 1] if points else len(nodes) + np.arange(electrodes)
         stiffness = unit_stiffness(nodes, cells)
-        i = np.repeat(cells, 3, axis=1).ravel()
-        j = np.tile(cells, (1, 3)).ravel()
-        cell = np.repeat(np.arange(len(cells)), 9)
+        corners = cells.shape[1]
+        i = np.repeat(cells, corners, axis=1).ravel()
+        j = np.tile(cells, (1, corners)).ravel()
+        cell = np.repeat(np.arange(len(cells)), corners * corners)
         fixed_i, fixed_j, fixed_v = contact_terms(problem, len(nodes)) if not points else (np.zeros(0, int),) * 2 + (np.zeros(0),)
         # The last electrode is grounded: its row and column are left out.
         ground = self.unknown[-1]
@@ -64,7 +65,17 @@ class System:
 
 
 def unit_stiffness(nodes, cells):
-    """Per triangle the 3 x 3 stiffness matrix at unit conductivity, from its edges: K_ij = e_i . e_j / (4 area)."""
+    """Per cell the stiffness matrix at unit conductivity: (cells, 3, 3) of triangles, (cells, 4, 4) of tetrahedra.
+
+    Triangles from their edges: K_ij = e_i . e_j / (4 area). Tetrahedra from the gradients of their shape functions, the
+    inverse of the edges from the first corner: K_ij = volume grad_i . grad_j.
+    """
+    if cells.shape[1] == 4:
+        edges = nodes[cells[:, 1:]] - nodes[cells[:, :1]]
+        gradients = np.linalg.inv(edges).transpose(0, 2, 1)
+        gradients = np.concatenate([-gradients.sum(axis=1, keepdims=True), gradients], axis=1)
+        volume = np.abs(np.linalg.det(edges)) / 6.0
+        return np.einsum("nik,njk->nij", gradients, gradients) * volume[:, None, None]
     a, b, c = (nodes[cells[:, k]] for k in range(3))
     edges = np.stack([c - b, a - c, b - a], axis=1)
     area = 0.5 * np.linalg.norm(np.cross(edges[:, 2], -edges[:, 1]), axis=1)

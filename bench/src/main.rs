@@ -3,9 +3,9 @@
 //! - `dermis-bench serve CASE FOLDER` writes a problem (mesh, electrodes, channels, conductivities) and our voltages
 //!   into the folder as NPY files. Then it reads commands from the standard input, so that it and the other programs
 //!   run in turns; it ends at the end of input. The answer to each command is one line of times in seconds: `forward N`
-//!   and `jacobian N` with N of them; `batched N` with the time per sample of N batches of eight; `forward-on T N` and
-//!   `batched-on T N` with the time per sample of T threads, each with its own solver, that solve N samples or batches
-//!   in parallel.
+//!   and `jacobian N` with N of them; `batched N` with the time per sample of N batches of eight; `many M N` with the
+//!   times of N calls that solve M conductivities each; `forward-on T N` and `batched-on T N` with the time per sample
+//!   of T threads, each with its own solver, that solve N samples or batches in parallel.
 //! - `dermis-bench training DATA FEW FOLDER` and `dermis-bench inference DATA FOLDER` do the same for networks (started
 //!   by `bench/peers/learn.sh`), on datasets of `dermis simulate`: `train N` with the times of N steps of the paper's
 //!   network, `infer paper N` and `infer best N` with those of N frames. FEW contains a single batch to train on.

@@ -2,6 +2,7 @@
 
 use crate::export::write_problem;
 use crate::problem::Problem;
+use dermis::forward::ForwardError;
 use dermis::linalg::LANES;
 use std::error::Error;
 use std::io::{BufRead, Write};
@@ -16,6 +17,7 @@ pub fn serve(case: &str, folder: &Path) -> Result<(), Box<dyn Error>> {
     answer(|words| match *words {
         ["forward", count] => time_forward(&problem, count.parse()?),
         ["batched", count] => time_batched(&problem, count.parse()?),
+        ["many", maps, count] => time_many(&problem, maps.parse()?, count.parse()?),
         ["jacobian", count] => time_jacobian(&problem, count.parse()?),
         ["forward-on", threads, count] => Ok(vec![on_threads(threads.parse()?, count.parse()?, || {
             let mut solver = problem.model.solver();
@@ -81,6 +83,21 @@ fn time_batched(problem: &Problem, count: usize) -> Result<Vec<f64>, Box<dyn Err
         times.push(start.elapsed().as_secs_f64() / LANES as f64);
         assert_finite(frames.as_flattened());
         batch.iter_mut().for_each(|lanes| lanes.rotate_left(1));
+    }
+    Ok(times)
+}
+
+/// Seconds from many conductivities in memory to all their frames.
+fn time_many(problem: &Problem, maps: usize, count: usize) -> Result<Vec<f64>, Box<dyn Error>> {
+    let all: Vec<Vec<f64>> = problem.conductivities.iter().cycle().take(maps).cloned().collect();
+    let mut times = Vec::with_capacity(count);
+    for _ in 0..count {
+        let start = Instant::now();
+        let map = |map: usize| Ok::<_, ForwardError>(all[map].as_slice().into());
+        let mut frames = vec![0.0; maps * problem.model.protocol().channel_count()];
+        problem.model.solve_many_into(map, |_| {}, &mut frames)?;
+        times.push(start.elapsed().as_secs_f64());
+        assert_finite(&frames);
     }
     Ok(times)
 }

@@ -214,10 +214,9 @@ impl Skin {
                 watch.check()?;
                 Ok::<_, Failure>(Cow::Borrowed(&values[map * cells..(map + 1) * cells]))
             };
-            let frames = forward.solve_many(count, map, |done| watch.steps(done))?;
-            let mut flat = Vec::with_capacity(count * channels);
-            frames.iter().for_each(|frame| flat.extend_from_slice(frame));
-            Ok(flat)
+            let mut frames = vec![0.0; count * channels];
+            forward.solve_many_into(map, |done| watch.steps(done), &mut frames)?;
+            Ok(frames)
         })?;
         arrays::rows(py, frames, &[channels], is_single)
     }

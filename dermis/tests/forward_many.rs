@@ -33,6 +33,10 @@ fn frames_of_many_are_those_of_the_plain_solver_and_do_not_depend_on_each_other(
             assert_eq!(solve(&maps[one..=one])[0], frames[one], "map {one} alone");
         }
         assert!(solve(&[]).is_empty());
+        let mut flat = vec![0.0; maps.len() * model.protocol().channel_count()];
+        let map = |map: usize| Ok::<_, ForwardError>(Cow::Borrowed(maps[map].as_slice()));
+        model.solve_many_into(map, |_| {}, &mut flat).unwrap();
+        assert_eq!(flat, frames.iter().flat_map(|frame| frame.iter().copied()).collect::<Vec<f64>>());
     }
 }
 

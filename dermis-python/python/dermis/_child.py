@@ -9,12 +9,11 @@ from pathlib import Path
 from dermis._dermis import run_command
 from dermis._errors import DermisError
 
-
 # Of <linux/prctl.h>.
 _PR_SET_PDEATHSIG = 1
 
 
-def main(error, *line):
+def main(error: str, *line: str) -> None:
     """Runs a command; writes its error to the file `error`."""
     # As for any program: Ctrl-C ends it.
     signal.signal(signal.SIGINT, signal.SIG_DFL)

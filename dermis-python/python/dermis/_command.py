@@ -5,7 +5,9 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +15,7 @@ from dermis._dermis import command_options
 from dermis._errors import DermisError
 
 
-def command(name, *arguments, **options):
+def command(name: str, *arguments: Any, **options: Any) -> Any:
     """Runs a command of the program `dermis` in a process of its own.
 
     The command is the same as on the command line: `dermis.command("benchmark", "cylinder30", method="noser", twins=2)`
@@ -32,8 +34,8 @@ def command(name, *arguments, **options):
     Raises:
         DermisError: What the command refuses, with `hint` and `line`.
     """
-    with tempfile.TemporaryDirectory(prefix="dermis-") as folder:
-        folder = Path(folder)
+    with tempfile.TemporaryDirectory(prefix="dermis-") as path:
+        folder = Path(path)
         if _options_of(name).get("json") == "none" and not {"json", "jsonl"} & set(options):
             options["json"] = True
         line = words(name, arguments, options, folder)
@@ -48,7 +50,7 @@ def command(name, *arguments, **options):
     return json.loads(text) if options.get("json") else text
 
 
-def _options_of(name):
+def _options_of(name: str) -> dict[str, str]:
     """What each option of a command takes, by name."""
     known = command_options()
     if name not in known:
@@ -56,7 +58,7 @@ def _options_of(name):
     return known[name]
 
 
-def words(name, arguments, options, folder):
+def words(name: str, arguments: Sequence[Any], options: dict[str, Any], folder: Path) -> list[str]:
     """The command line of a command; arrays are written to files in the folder."""
     takes, line = _options_of(name), [name]
     for key, value in options.items():
@@ -67,7 +69,7 @@ def words(name, arguments, options, folder):
     return [*line, "--", *(_word(argument, f"argument-{index}", folder) for index, argument in enumerate(arguments))]
 
 
-def _words(option, value, takes, folder):
+def _words(option: str, value: Any, takes: str, folder: Path) -> list[str]:
     """The words of an option on the command line."""
     if value is None or value is False:
         return []
@@ -81,7 +83,7 @@ def _words(option, value, takes, folder):
     return [f"--{option}={_word(value, option, folder)}"]
 
 
-def _word(value, name, folder):
+def _word(value: Any, name: str, folder: Path) -> str:
     """A value on the command line; arrays are written to files."""
     if isinstance(value, (np.ndarray, list, tuple)):
         path = folder / f"{name}.npy"

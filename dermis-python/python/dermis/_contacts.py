@@ -1,6 +1,10 @@
 """Contacts as an array."""
 
+from collections.abc import Mapping
+from typing import Any, Self
+
 import numpy as np
+from numpy.typing import NDArray
 
 _VECTORS = {"position_m": ["x_m", "y_m", "z_m"], "normal": ["normal_x", "normal_y", "normal_z"]}
 _FIELDS = [
@@ -27,7 +31,7 @@ _DTYPE = np.dtype(_FIELDS, align=True)
 _TRACKED = np.dtype(_FIELDS + _TRACKED_FIELDS, align=True)
 
 
-class Contacts(np.recarray):
+class Contacts(np.recarray[Any, Any]):
     """The contacts of frames: a structured array with a row per contact.
 
     Fields: `frame` (index), `id`, `position_m` (3,), `normal` (3,) outward, `force_n` and `force_sd_n` (N, NaN where
@@ -39,11 +43,11 @@ class Contacts(np.recarray):
     `since_s` (start, s since 1970).
     """
 
-    def of_frame(self, frame):
+    def of_frame(self, frame: int) -> Self:
         """The contacts of one frame."""
         return self[self["frame"] == frame]
 
-    def to_dataframe(self):
+    def to_dataframe(self) -> Any:
         """A pandas.DataFrame with the columns of `dermis contacts -o contacts.csv`; vectors by component."""
         import pandas
 
@@ -56,7 +60,7 @@ class Contacts(np.recarray):
                 columns[name] = np.asarray(self[name])
         return pandas.DataFrame(columns)
 
-    def _repr_html_(self):
+    def _repr_html_(self) -> str:
         names = ["frame", "x_m", "y_m", "z_m", "force_n", "sd_m", "confidence"]
         rows = []
         for contact in self[:50]:
@@ -70,17 +74,17 @@ class Contacts(np.recarray):
         return f"<table>{more}<tr>{head}</tr>{body}</table>"
 
 
-def table(columns):
+def table(columns: Mapping[str, NDArray[Any]]) -> Contacts:
     """Contacts from the columns of the engine, vectors by component."""
     return _filled(_DTYPE, columns)
 
 
-def tracked(columns):
+def tracked(columns: Mapping[str, NDArray[Any]]) -> Contacts:
     """Tracked contacts from the columns of the engine."""
     return _filled(_TRACKED, columns)
 
 
-def _filled(dtype, columns):
+def _filled(dtype: np.dtype[Any], columns: Mapping[str, NDArray[Any]]) -> Contacts:
     contacts = np.empty(len(columns["frame"]), dtype).view(Contacts)
     for name in dtype.names:
         if name in columns:

@@ -11,7 +11,14 @@ class DermisError(ValueError):
         field: The key in the design file, or None.
     """
 
-    def __init__(self, message, *, hint=None, line=None, field=None):
+    message: str
+    hint: str | None
+    line: int | None
+    field: str | None
+
+    def __init__(
+        self, message: str, *, hint: str | None = None, line: int | None = None, field: str | None = None
+    ) -> None:
         super().__init__(message if hint is None else f"{message} ({hint})")
         self.message = message
         self.hint = hint

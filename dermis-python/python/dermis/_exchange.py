@@ -1,9 +1,14 @@
 """Meshes and images for other libraries; each is imported when it is used."""
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import ArrayLike
+
+from dermis._dermis import Mesh, Method
 
 
-def to_meshio(mesh, cell_data=None):
+def to_meshio(mesh: Mesh, cell_data: dict[str, ArrayLike] | None = None) -> Any:
     """The mesh as a `meshio.Mesh`.
 
     Args:
@@ -17,7 +22,7 @@ def to_meshio(mesh, cell_data=None):
     return meshio.Mesh(mesh.nodes, [(kind, mesh.cells)], cell_data=data)
 
 
-def to_xarray(method, frames, baseline=None):
+def to_xarray(method: Method, frames: ArrayLike, baseline: ArrayLike | None = None) -> Any:
     """Images of frames as an `xarray.DataArray` with the positions of the pixels as coordinates.
 
     Args:

@@ -6,7 +6,7 @@ import sys
 from dermis._dermis import run_program
 
 
-def main():
+def main() -> None:
     """Runs `dermis` with the arguments of this process."""
     # As for any program: Ctrl-C and a closed pipe end it.
     for name in ("SIGINT", "SIGPIPE"):

@@ -3,7 +3,7 @@
 import sys
 
 
-def show(what, done, steps, seconds):
+def show(what: str, done: int, steps: int, seconds: float) -> None:
     """Shows how many of the steps are done, and the time left."""
     if not sys.stderr.isatty() and "ipykernel" not in sys.modules:
         return

@@ -20,12 +20,15 @@
 (True, 1)
 """
 
-from typing import NamedTuple
+from collections.abc import Iterator
+from os import PathLike
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from dermis._dermis import Pipeline
+from dermis._dermis import Frame, Pipeline, Skin, Twin
 from dermis._errors import DermisError
 
 __all__ = ["SimulatedSkin", "Touches", "WornSkin"]
@@ -40,9 +43,9 @@ class Touches(NamedTuple):
         forces_n: Normal forces, (n,), N.
     """
 
-    positions_m: np.ndarray
-    normals: np.ndarray
-    forces_n: np.ndarray
+    positions_m: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    forces_n: NDArray[np.float64]
 
 
 class WornSkin:
@@ -64,7 +67,23 @@ class WornSkin:
         DermisError: A geom that does not exist, a rotation that is none.
     """
 
-    def __init__(self, skin, model, geom, *, position=None, rotation=None, merge_m=0.02):
+    skin: Skin
+    model: mujoco.MjModel
+    merge_m: float
+    geom: int
+    position: NDArray[np.float64]
+    rotation: NDArray[np.float64]
+
+    def __init__(
+        self,
+        skin: Skin,
+        model: mujoco.MjModel,
+        geom: str | int,
+        *,
+        position: ArrayLike | None = None,
+        rotation: ArrayLike | None = None,
+        merge_m: float = 0.02,
+    ) -> None:
         self.skin, self.model, self.merge_m = skin, model, merge_m
         self.geom = _geom(model, geom)
         mesh = skin.mesh
@@ -81,7 +100,7 @@ class WornSkin:
             for node in corners:
                 self._cells_of_node[node].append(cell)
 
-    def touches(self, data):
+    def touches(self, data: mujoco.MjData) -> Touches:
         """The presses on the skin at the state of a `mujoco.MjData`."""
         points, others = [], []
         for index in range(data.ncon):
@@ -102,28 +121,28 @@ class WornSkin:
         normals = np.array([normal for _, normal, _ in presses]).reshape(-1, 3)
         return Touches(positions, normals, np.array([force for _, _, force in presses]))
 
-    def to_skin(self, data, point):
+    def to_skin(self, data: mujoco.MjData, point: ArrayLike) -> NDArray[np.float64]:
         """A point of the world in the skin's frame, m."""
         in_geom = data.geom_xmat[self.geom].reshape(3, 3).T @ (np.asarray(point) - data.geom_xpos[self.geom])
         return self.rotation.T @ (in_geom - self.position)
 
-    def direction_to_skin(self, data, direction):
+    def direction_to_skin(self, data: mujoco.MjData, direction: ArrayLike) -> NDArray[np.float64]:
         """A direction of the world in the skin's frame."""
         return self.rotation.T @ (data.geom_xmat[self.geom].reshape(3, 3).T @ np.asarray(direction))
 
-    def to_world(self, data, point):
+    def to_world(self, data: mujoco.MjData, point: ArrayLike) -> NDArray[np.float64]:
         """A point of the skin's frame in the world, m."""
         in_geom = self.rotation @ np.asarray(point) + self.position
         return data.geom_xpos[self.geom] + data.geom_xmat[self.geom].reshape(3, 3) @ in_geom
 
-    def nearest(self, point):
+    def nearest(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """The nearest point of the skin, m."""
         distances = np.linalg.norm(self._nodes - point, axis=1)
         cells = {cell for node in np.argsort(distances)[:4] for cell in self._cells_of_node[node]}
         candidates = [_nearest_on_triangle(point, self._nodes[self._cells[cell]]) for cell in cells]
         return min(candidates, key=lambda candidate: np.linalg.norm(candidate - point))
 
-    def _merged(self, points, others, other):
+    def _merged(self, points: list[Any], others: list[int], other: int) -> Iterator[tuple[Any, Any, Any]]:
         """The presses of one geom: force-weighted means of points that are close together."""
         left = [point for point, owner in zip(points, others) if owner == other]
         while left:
@@ -155,7 +174,24 @@ class SimulatedSkin:
         **pose: `position`, `rotation` and `merge_m` of `WornSkin`.
     """
 
-    def __init__(self, skin, model, geom, *, method=None, twin="lab", seed=1, tip_radius_m=0.005, tare_frames=100, **pose):
+    worn: WornSkin
+    twin: Twin
+    pipeline: Pipeline
+    tip_radius_m: float
+
+    def __init__(
+        self,
+        skin: Skin,
+        model: mujoco.MjModel,
+        geom: str | int,
+        *,
+        method: str | PathLike[str] | None = None,
+        twin: str | PathLike[str] = "lab",
+        seed: int = 1,
+        tip_radius_m: float = 0.005,
+        tare_frames: int = 100,
+        **pose: Any,
+    ) -> None:
         self.worn = WornSkin(skin, model, geom, **pose)
         self.twin = skin.twin(twin, seed=seed)
         self.pipeline = Pipeline(skin, method, tare_frames=tare_frames)
@@ -166,11 +202,11 @@ class SimulatedSkin:
             self._process(values)
 
     @property
-    def frame_rate_hz(self):
+    def frame_rate_hz(self) -> float:
         """Frames per second of the instrument: `sense` once in this interval."""
         return self.twin.frame_rate_hz
 
-    def sense(self, data):
+    def sense(self, data: mujoco.MjData) -> Frame:
         """The next frame: the presses of a `mujoco.MjData`, measured by the twin, and the contacts found."""
         touches = self.worn.touches(data)
         if not len(touches.forces_n):
@@ -184,13 +220,13 @@ class SimulatedSkin:
         )
         return self._process(frames[0])
 
-    def _process(self, values):
+    def _process(self, values: NDArray[np.float64]) -> Frame:
         frame = self.pipeline.process(values, self._start_s + self._next / self.frame_rate_hz)
         self._next += 1
         return frame
 
 
-def _geom(model, geom):
+def _geom(model: mujoco.MjModel, geom: str | int) -> int:
     """The index of a geom."""
     if isinstance(geom, str):
         index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, geom)
@@ -203,7 +239,7 @@ def _geom(model, geom):
     return int(geom)
 
 
-def _nearest_on_triangle(point, corners):
+def _nearest_on_triangle(point: Any, corners: Any) -> NDArray[np.float64]:
     """The nearest point of a triangle."""
     a, b, c = corners
     ab, ac, ap = b - a, c - a, point - a
@@ -215,6 +251,6 @@ def _nearest_on_triangle(point, corners):
     return min(edges, key=lambda candidate: np.linalg.norm(candidate - point))
 
 
-def _nearest_on_segment(point, a, b):
+def _nearest_on_segment(point: Any, a: Any, b: Any) -> NDArray[np.float64]:
     share = np.clip((point - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
     return a + share * (b - a)

@@ -10,12 +10,20 @@
 >>> plot.positions(skin, contacts.position_m, axes)
 """
 
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dermis._dermis import Skin
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["cells", "flat", "image", "positions"]
 
 
-def flat(skin, points):
+def flat(skin: Skin, points: ArrayLike) -> NDArray[np.float64]:
     """Coordinates of points in pictures, (n, 2), mm: arc length and z on a cylinder, else x and y.
 
     Args:
@@ -29,7 +37,9 @@ def flat(skin, points):
     return 1e3 * np.stack([radius * np.arctan2(points[:, 1], points[:, 0]), points[:, 2]], axis=1)
 
 
-def cells(skin, values, axes=None, *, label="", diverging=False):
+def cells(
+    skin: Skin, values: ArrayLike, axes: "Axes | None" = None, *, label: str = "", diverging: bool = False
+) -> "Axes":
     """A value per cell of the mesh. Cells across the cut of a cylinder are left out.
 
     Args:
@@ -55,7 +65,9 @@ def cells(skin, values, axes=None, *, label="", diverging=False):
     return _finished(skin, axes, drawn, label)
 
 
-def image(skin, values, axes=None, *, label="image", diverging=False):
+def image(
+    skin: Skin, values: ArrayLike, axes: "Axes | None" = None, *, label: str = "image", diverging: bool = False
+) -> "Axes":
     """An image of `Method.images`, pixel by pixel.
 
     Args:
@@ -83,7 +95,9 @@ def image(skin, values, axes=None, *, label="image", diverging=False):
     return _finished(skin, axes, drawn, label)
 
 
-def positions(skin, points, axes, *, marker="x", color="black", label=None):
+def positions(
+    skin: Skin, points: ArrayLike, axes: "Axes", *, marker: str = "x", color: Any = "black", label: str | None = None
+) -> None:
     """Marks positions, for example contacts.
 
     Args:

@@ -12,11 +12,15 @@
 ((22, 3), (22,))
 """
 
+from os import PathLike
+from typing import Any, Self
+
 import numpy as np
+from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from dermis._dermis import Skin
+from dermis._dermis import Calibration, Skin
 
 
 class CalibrationRegressor(RegressorMixin, BaseEstimator):
@@ -31,10 +35,12 @@ class CalibrationRegressor(RegressorMixin, BaseEstimator):
         calibration_: The fitted `dermis.Calibration`.
     """
 
-    def __init__(self, design="cylinder30"):
+    calibration_: Calibration
+
+    def __init__(self, design: str | PathLike[str] | dict[str, Any] = "cylinder30") -> None:
         self.design = design
 
-    def fit(self, X, y):
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Fits the calibration.
 
         Args:
@@ -45,7 +51,7 @@ class CalibrationRegressor(RegressorMixin, BaseEstimator):
         self.calibration_ = Skin.load(self.design).calibrate(X, y, method="forward-map")
         return self
 
-    def predict(self, X, return_std=False):
+    def predict(self, X: ArrayLike, return_std: bool = False) -> Any:
         """Positions of presses.
 
         Args:

@@ -35,7 +35,35 @@ impl ForwardModel {
         done: impl Fn(usize) + Sync,
     ) -> Result<Vec<Frame>, E> {
         let solve = |work: &mut Work, maps: &[Cow<'_, [f64]>]| work.solve(maps);
-        Ok(self.for_each_group(count, conductivity, done, solve)?.concat())
+        Ok(self.for_each_group(count, conductivity, done, solve)?.into_iter().flatten().collect())
+    }
+
+    /// As [`solve_many`](Self::solve_many), with the same bits, frame after frame into one slice. Its memory is not
+    /// touched before: what was allocated with zeros is cleared by the threads that write it.
+    ///
+    /// # Errors
+    /// The same.
+    ///
+    /// # Panics
+    /// If the length of `frames` is no multiple of the number of channels.
+    pub fn solve_many_into<'a, E: From<ForwardError> + Send>(
+        &self,
+        conductivity: impl Fn(usize) -> Result<Cow<'a, [f64]>, E> + Sync,
+        done: impl Fn(usize) + Sync,
+        frames: &mut [f64],
+    ) -> Result<(), E> {
+        let channels = self.protocol().channel_count();
+        assert!(frames.len().is_multiple_of(channels), "a value per channel");
+        let of_group = |work: &mut Work, (group, rows): (usize, &mut [f64])| {
+            let count = rows.len() / channels;
+            let maps = (group * LANES..group * LANES + count).map(&conductivity).collect::<Result<Vec<_>, E>>()?;
+            work.factor(&maps)?;
+            rows.chunks_exact_mut(channels).enumerate().for_each(|(lane, row)| work.read_into(lane, row));
+            done(count);
+            Ok(())
+        };
+        let solver = self.batch_solver();
+        frames.par_chunks_mut(LANES * channels).enumerate().try_for_each_init(|| Work::new(&solver), of_group)
     }
 
     /// As [`solve_many`](Self::solve_many), with the same bits, and keeps the conductivities for gradients.
@@ -50,9 +78,10 @@ impl ForwardModel {
     ) -> Result<(Vec<Frame>, Solutions), E> {
         let solve =
             |work: &mut Work, maps: &[Cow<'_, [f64]>]| Ok((work.solve(maps)?, work.solver.conductivity().to_vec()));
-        let (frames, groups): (Vec<_>, Vec<_>) =
+        let (frames, groups): (Vec<Vec<Frame>>, Vec<_>) =
             self.for_each_group(count, conductivity, done, solve)?.into_iter().unzip();
-        Ok((frames.concat(), Solutions { model: self.clone(), groups, count }))
+        let frames = frames.into_iter().flatten().collect();
+        Ok((frames, Solutions { model: self.clone(), groups, count }))
     }
 
     /// The results for every eight conductivities, in parallel.
@@ -187,15 +216,26 @@ impl Work {
 
     /// The frames of at most as many conductivities as there are lanes, as the instrument reports them.
     fn solve(&mut self, maps: &[Cow<'_, [f64]>]) -> Result<Vec<Frame>, ForwardError> {
-        self.solver.load_maps(maps)?;
-        self.solver.factor(None)?;
-        self.solver.read_frames(&mut self.values);
-        let protocol = self.solver.model().protocol();
+        self.factor(maps)?;
         let frame = |lane: usize| {
-            let mut frame = Frame(self.values.iter().map(|lanes| lanes[lane]).collect());
-            protocol.drop_signs(&mut frame);
+            let mut frame = Frame(vec![0.0; self.values.len()]);
+            self.read_into(lane, &mut frame);
             frame
         };
         Ok((0..maps.len()).map(frame).collect())
+    }
+
+    /// Solves at most as many conductivities as there are lanes.
+    fn factor(&mut self, maps: &[Cow<'_, [f64]>]) -> Result<(), ForwardError> {
+        self.solver.load_maps(maps)?;
+        self.solver.factor(None)?;
+        self.solver.read_frames(&mut self.values);
+        Ok(())
+    }
+
+    /// The frame of a lane, as the instrument reports it.
+    fn read_into(&self, lane: usize, frame: &mut [f64]) {
+        frame.iter_mut().zip(&self.values).for_each(|(value, lanes)| *value = lanes[lane]);
+        self.solver.model().protocol().drop_signs(frame);
     }
 }

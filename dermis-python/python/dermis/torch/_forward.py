@@ -2,8 +2,9 @@
 
 import numpy as np
 import torch
-from torch import nn
+from torch import Tensor, nn
 
+from dermis._dermis import Skin
 from dermis._errors import DermisError
 
 
@@ -37,7 +38,9 @@ class _Forward(torch.autograd.Function):
         return tuple(results)
 
 
-def forward(skin, conductivity, contact_impedance=None, nodes=None):
+def forward(
+    skin: Skin, conductivity: Tensor, contact_impedance: Tensor | None = None, nodes: Tensor | None = None
+) -> Tensor:
     """Frames of conductivities, differentiable in reverse mode by an exact adjoint: no Jacobian is computed.
 
     The gradient is that of the frames as the instrument reports them (amplitudes if it loses the signs). It can be
@@ -70,8 +73,12 @@ class ElectrodeMotion(nn.Module):
     """
 
     _RADII = 5.0
+    nodes: Tensor
+    weights: Tensor
+    _along: Tensor
+    is_cylinder: bool
 
-    def __init__(self, skin):
+    def __init__(self, skin: Skin) -> None:
         super().__init__()
         mesh, centres = skin.mesh, skin.electrodes
         nodes = mesh.nodes
@@ -94,7 +101,7 @@ class ElectrodeMotion(nn.Module):
         self.register_buffer("nodes", torch.tensor(nodes))
         self.register_buffer("weights", torch.tensor(weights))
 
-    def forward(self, displacement):
+    def forward(self, displacement: Tensor) -> Tensor:
         """Positions of the nodes, (nodes, 3), m.
 
         Args:

@@ -3,10 +3,12 @@
 import json
 import os
 from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 import torch
-from torch import nn
+from numpy.typing import NDArray
+from torch import Tensor, nn
 
 from dermis._dermis import shipped_model
 from dermis._errors import DermisError
@@ -46,7 +48,14 @@ class Network(nn.Module):
         card: The card of the network (`card.json`, docs/models.md).
     """
 
-    def __init__(self, card):
+    card: dict[str, Any]
+    trunk: nn.ModuleList
+    refinement: nn.Module | None
+    _mean: Tensor
+    _sd: Tensor
+    _average: Tensor
+
+    def __init__(self, card: dict[str, Any]) -> None:
         super().__init__()
         self.card = card
         given = card["input"]
@@ -68,7 +77,7 @@ class Network(nn.Module):
         self.refinement = _Refinement(plan) if plan else None
 
     @classmethod
-    def load(cls, name_or_folder):
+    def load(cls, name_or_folder: str | os.PathLike[str]) -> Self:
         """A shipped network (`best`, `paper`, `shapes`), or the one in a folder.
 
         Raises:
@@ -89,18 +98,18 @@ class Network(nn.Module):
         network.load_weights(weights, name)
         return network.eval()
 
-    def save(self, folder):
+    def save(self, folder: str | os.PathLike[str]) -> None:
         """Writes the network to a folder, which is created: `card.json` and `weights.safetensors`."""
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         _write_whole(folder / "weights.safetensors", self.weights())
         _write_whole(folder / "card.json", json.dumps(self.card, indent=2).encode())
 
-    def weights(self):
+    def weights(self) -> bytes:
         """The weights as the bytes of a safetensors file."""
         return _tensors_as_bytes(self._tensors())
 
-    def load_weights(self, weights, name="weights"):
+    def load_weights(self, weights: bytes, name: str = "weights") -> None:
         """Takes the weights of the bytes of a safetensors file.
 
         Raises:
@@ -108,7 +117,7 @@ class Network(nn.Module):
         """
         self._set_tensors(name, _read_tensors(weights))
 
-    def inputs(self, differences):
+    def inputs(self, differences: Tensor) -> tuple[Tensor, Tensor]:
         """What enters the first layer, and the size of each frame.
 
         Args:
@@ -116,11 +125,11 @@ class Network(nn.Module):
         """
         return self.take_size(self.normalized(differences))
 
-    def normalized(self, differences):
+    def normalized(self, differences: Tensor) -> Tensor:
         """Means of channels, normalized, (n, inputs)."""
         return (differences @ self._average - self._mean) / self._sd
 
-    def take_size(self, x):
+    def take_size(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Normalized inputs divided by the size of each frame if the network is scale-free, and the sizes, (n, 1)."""
         if not self.card["input"].get("scale_free"):
             return x, torch.ones(len(x), 1, dtype=x.dtype, device=x.device)
@@ -128,7 +137,7 @@ class Network(nn.Module):
         size = (x.square().sum(dim=1, keepdim=True) / max(count, 1)).sqrt()
         return torch.where(size > 0, x / size.clamp_min(1e-30), x), size
 
-    def outputs(self, inputs):
+    def outputs(self, inputs: Tensor) -> Tensor:
         """What the last layer gives, (n, pixels): the target of training."""
         x = inputs
         for layer, plan in zip(self.trunk, self.card["plan"]["trunk"]):
@@ -137,7 +146,7 @@ class Network(nn.Module):
             x = torch.relu(x) if sizes["relu"] else x
         return x if self.refinement is None else self.refinement(x)
 
-    def forward(self, differences):
+    def forward(self, differences: Tensor) -> Tensor:
         """Images of differences, (n, channels), ohm, to (n, pixels)."""
         x, size = self.inputs(differences)
         y = self.outputs(x)

@@ -2,10 +2,13 @@
 
 import json
 import math
+import os
 import tempfile
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -28,7 +31,14 @@ _SEEDS = 1 << 32
 _TINY = torch.finfo(torch.float32).tiny
 
 
-def train(design, output, *, device=None, on_epoch=None, **options):
+def train(
+    design: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    *,
+    device: str | torch.device | None = None,
+    on_epoch: Callable[[dict[str, float]], object] | None = None,
+    **options: Any,
+) -> Network:
     """Trains a network as `dermis train` does, with the steps on a device of PyTorch.
 
     Samples, options, initial weights, learning rates and files are those of `dermis train`. Noise, drift and symmetries
