@@ -20,6 +20,8 @@ import socket
 import sys
 import time
 import tomllib
+from collections.abc import Sequence
+from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -46,7 +48,15 @@ _DEATHS = (LocalRayletDiedError, NodeDiedError, OutOfMemoryError, RaySystemError
 _PATHS = ("data", "noise", "stream", "test")
 
 
-def simulate(design, output, *, recipe, seed, samples, threads=1):
+def simulate(
+    design: Skin | str | PathLike[str] | dict[str, Any],
+    output: str | PathLike[str],
+    *,
+    recipe: str | PathLike[str] | dict[str, Any],
+    seed: int,
+    samples: int,
+    threads: int = 1,
+) -> Dataset:
     """Generates a dataset by one task per file of 8,192 samples; the files are those of `dermis simulate`, bit for bit.
 
     The folder is the state: files that exist are kept. A task whose node dies runs again on another one. After the end of this
@@ -84,7 +94,17 @@ def simulate(design, output, *, recipe, seed, samples, threads=1):
     return finish_dataset(folder)
 
 
-def benchmark(design, methods, *, twin="lab", twins=10, seed=1001, quick=False, dead=0, threads=1):
+def benchmark(
+    design: str | PathLike[str],
+    methods: str | PathLike[str] | Sequence[str | PathLike[str]],
+    *,
+    twin: str = "lab",
+    twins: int = 10,
+    seed: int = 1001,
+    quick: bool = False,
+    dead: int = 0,
+    threads: int = 1,
+) -> dict[str, Any]:
     """Runs `dermis benchmark` on many twins, by one task per method and twin.
 
     Args:
@@ -126,7 +146,7 @@ def benchmark(design, methods, *, twin="lab", twins=10, seed=1001, quick=False, 
     return merged
 
 
-def table(results):
+def table(results: dict[str, Any]) -> list[dict[str, Any]]:
     """The numbers of `benchmark` as rows, one per method and twin, for `pandas.DataFrame`.
 
     Args:
@@ -151,7 +171,16 @@ class Sweep(NamedTuple):
     trials: list[dict[str, Any]]
 
 
-def sweep(design, output, space, *, trials=1, seed=1, benchmark=None, threads=1):
+def sweep(
+    design: str | PathLike[str],
+    output: str | PathLike[str],
+    space: dict[str, Any],
+    *,
+    trials: int = 1,
+    seed: int = 1,
+    benchmark: dict[str, Any] | None = None,
+    threads: int = 1,
+) -> Sweep:
     """Trains networks with many settings by Ray Tune, and exports the best one.
 
     Each trial is `dermis train` with a folder of its own in `output`, in which it continues after its last epoch when its

@@ -14,7 +14,9 @@ import json
 import os
 import re
 import uuid
+from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import fsspec
 from fsspec.implementations.local import LocalFileSystem
@@ -32,7 +34,7 @@ _WITHOUT_FOLDERS = {"s3", "s3a", "gs", "gcs", "abfs", "abfss", "adl", "az", "oci
 _PLAIN = re.compile(r"samples-\d+\.safetensors|[0-9a-f]{64}")
 
 
-def open_dataset(url, *, cache=None, **options):
+def open_dataset(url: str | PathLike[str], *, cache: str | PathLike[str] | None = None, **options: Any) -> Dataset:
     """Opens a finished dataset by its URL.
 
     The engine maps files into memory, so the dataset is copied into a folder of the cache first, where the next call finds it. A
@@ -56,7 +58,13 @@ def open_dataset(url, *, cache=None, **options):
     return Dataset(folder)
 
 
-def copy_dataset(source, target, *, source_options=None, target_options=None):
+def copy_dataset(
+    source: str | PathLike[str],
+    target: str | PathLike[str],
+    *,
+    source_options: dict[str, Any] | None = None,
+    target_options: dict[str, Any] | None = None,
+) -> None:
     """Copies a finished dataset between folders and URLs. The manifest is written last: without it no reader opens the copy.
 
     A copy that was interrupted continues. Checksums are those of the manifest.
@@ -71,8 +79,8 @@ def copy_dataset(source, target, *, source_options=None, target_options=None):
         DermisError: A source without a finished dataset, or with a file that does not have its checksum; a target with another
             dataset; a file system that refuses.
     """
-    source = _Folder(source, source_options or {})
-    _copy(source, source.manifest(), _Folder(target, target_options or {}))
+    origin = _Folder(source, source_options or {})
+    _copy(origin, origin.manifest(), _Folder(target, target_options or {}))
 
 
 def _copy(source, manifest, target):
