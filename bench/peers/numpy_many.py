@@ -40,9 +40,10 @@ def main():
             ours.append(time.perf_counter() - start)
         program.close()
     row = lambda name, times: f"| {name} | {1e3 * np.median(times):.0f} | {1e3 * min(times):.0f} |"
-    ratio = np.median(np.divide(ours, theirs))
+    # Other work on the machine delays single turns.
+    ratio = min(ours) / min(theirs)
     lines = [MARK, f"| {MAPS:,} conductivities of `cylinder30` | median, ms | fastest, ms |", "|---|---|---|"]
-    lines += [row("Rust", theirs), row("Python, NumPy", ours), f"| ratio, median of turns | {ratio:.3f} | |"]
+    lines += [row("Rust", theirs), row("Python, NumPy", ours), f"| ratio | | {ratio:.3f} |"]
     text = "\n".join([f"{machine(['numpy'])} Load average before the run {load:.1f}.", "", *lines])
     print(text)
     if arguments.write:

@@ -1,6 +1,11 @@
 """A user's script passes strict type checking."""
 
+import os
+from pathlib import Path
+
 import pytest
+
+import dermis
 
 api = pytest.importorskip("mypy.api")
 
@@ -30,7 +35,11 @@ with dermis.Live(skin, source="emulate", touch="press") as live:
 """
 
 
-def test_a_script_is_typed(tmp_path):
+def test_a_script_is_typed(tmp_path, monkeypatch):
+    # Installed packages are found; others are named.
+    folder = Path(dermis.__file__).parents[1]
+    if "site-packages" not in folder.parts:
+        monkeypatch.setitem(os.environ, "MYPYPATH", str(folder))
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
     printed, errors, code = api.run(["--strict", "--cache-dir", str(tmp_path / "cache"), str(script)])
