@@ -5,6 +5,7 @@ use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::Thread;
 use std::time::{Duration, Instant};
 
 /// Interval between two looks at signals.
@@ -63,16 +64,16 @@ pub fn run<T: Send>(
     steps: usize,
     work: impl FnOnce(&Watch) -> Outcome<T> + Send,
 ) -> Outcome<T> {
-    let (watch, pool, caller) = (Watch::default(), pool()?, std::thread::current());
+    let (watch, pool) = (Watch::default(), pool()?);
+    let end = End { is_reached: AtomicBool::new(false), caller: std::thread::current() };
     let begun = Instant::now();
     let mut raised = None;
     let result = std::thread::scope(|scope| {
         let worker = scope.spawn(|| {
-            let result = pool.install(|| work(&watch));
-            caller.unpark();
-            result
+            let _end = OnDrop(&end);
+            pool.install(|| work(&watch))
         });
-        while !worker.is_finished() {
+        while !end.is_reached.load(Ordering::Acquire) {
             py.detach(|| std::thread::park_timeout(LOOK));
             if raised.is_none()
                 && let Err(exception) = look(py, what, begun, watch.done.load(Ordering::Relaxed), steps)
@@ -87,6 +88,22 @@ pub fn run<T: Send>(
         return Err(exception.into());
     }
     result.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+}
+
+/// The end of work, for which its caller waits.
+struct End {
+    is_reached: AtomicBool,
+    caller: Thread,
+}
+
+/// Reaches the end when it is dropped, after a panic too.
+struct OnDrop<'a>(&'a End);
+
+impl Drop for OnDrop<'_> {
+    fn drop(&mut self) {
+        self.0.is_reached.store(true, Ordering::Release);
+        self.0.caller.unpark();
+    }
 }
 
 /// Runs short work on this process's threads, without the interpreter's lock.

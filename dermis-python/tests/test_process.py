@@ -150,3 +150,21 @@ def test_the_program_says_what_is_wrong(tmp_path):
 def test_importing_is_light():
     code = "import sys, dermis; print([name for name in ('torch', 'ray', 'mujoco', 'pandas', 'scipy', 'sklearn') if name in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "[]"
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="no affinity here")
+def test_a_call_ends_when_its_work_does_on_one_core():
+    """The caller looks at signals every 50 ms, but does not wait for the next look."""
+    code = """
+import os, statistics, time
+os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+import dermis
+skin, times = dermis.Skin.load("skin16"), []
+for _ in range(41):
+    begun = time.perf_counter()
+    skin.solve(skin.rest_conductivity)
+    times.append(time.perf_counter() - begun)
+print(statistics.median(times))
+"""
+    ended = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert float(ended.stdout) < 0.025
