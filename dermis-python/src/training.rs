@@ -18,6 +18,9 @@ use std::path::{Path, PathBuf};
 /// Values of a touch in a batch: its centre (m) and its size.
 const TOUCH: usize = 4;
 
+/// Memory of the symmetries as matrices: those of 30 electrodes take 60 MB.
+const MOST_SYMMETRY_BYTES: usize = 1 << 30;
+
 /// A sample and its difference, ohm.
 type Read = (Sample, Vec<f32>);
 
@@ -50,7 +53,7 @@ impl Training {
 
     /// Preset and training options as JSON, and what the network is made of.
     #[getter]
-    fn plan(&self) -> String {
+    fn settings(&self) -> String {
         let (preset, training) = (self.run.training().preset(), self.run.training());
         let noise = &preset.noise;
         serde_json::json!({
@@ -81,6 +84,11 @@ impl Training {
         let result = PyDict::new(py);
         let symmetries = samples.symmetries().filter(|symmetries| symmetries.len() > 1);
         let elements = 0..symmetries.map_or(0, |symmetries| symmetries.len());
+        let bytes = elements.len() * channels * channels * size_of::<f32>();
+        if bytes > MOST_SYMMETRY_BYTES {
+            let message = format!("the symmetries of this skin take {} MB as matrices", bytes >> 20);
+            return Err(Failure::with_hint(message, "add without=[\"symmetries\"], or use `dermis train`"));
+        }
         let matrices: Vec<f32> = worker::run_short(py, || {
             let matrices = elements.clone().into_par_iter();
             Ok(matrices.flat_map_iter(|element| symmetries.map(|s| s.matrix(element)).into_iter().flatten()).collect())

@@ -1,6 +1,9 @@
 """Datasets by URL: local folders, memory, and S3 of a local server. Skipped without fsspec; S3 without s3fs and moto."""
 
+import functools
+import http.server
 import shutil
+import threading
 
 import pytest
 
@@ -150,3 +153,17 @@ def test_a_manifest_with_foreign_names_is_refused(data, tmp_path):
         path.write_text((data / "manifest.json").read_text().replace(old, new))
         with pytest.raises(dermis.DermisError, match="is no manifest"):
             open_dataset(folder, cache=tmp_path / "cache")
+
+
+def test_a_dataset_is_copied_from_a_web_server(data, tmp_path):
+    """Its listings have no lengths."""
+    pytest.importorskip("aiohttp")
+    handler = functools.partial(http.server.SimpleHTTPRequestHandler, directory=data.parent)
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        url = f"http://127.0.0.1:{server.server_port}"
+        copy_dataset(f"{url}/{data.name}", tmp_path / "copy")
+        with pytest.raises(dermis.DermisError):
+            copy_dataset(data, f"{url}/other")
+        server.shutdown()
+    assert bytes_of(tmp_path / "copy") == bytes_of(data)

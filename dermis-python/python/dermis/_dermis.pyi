@@ -685,7 +685,7 @@ class Training:
         """The folder for the model (a path)."""
 
     @property
-    def plan(self) -> str:
+    def settings(self) -> str:
         """Architecture, input, target, noise, options and numbers of samples as JSON, with the keys of `card.json`."""
 
     @property

@@ -32,6 +32,7 @@ from dermis import _progress
 from dermis._command import command
 from dermis._dermis import Dataset, Skin, __version__, command_options, finish_dataset
 from dermis._errors import DermisError
+from dermis._files import write_whole
 
 __all__ = ["Sweep", "benchmark", "simulate", "sweep", "table"]
 
@@ -42,10 +43,10 @@ _TRIAL_RETRIES = 3
 # Tasks that are handed to Ray at once: more would only wait there.
 _AT_ONCE = 1000
 # Time for a cluster to answer.
-_KNOCK_S = 10.0
-_DEATHS = (LocalRayletDiedError, NodeDiedError, OutOfMemoryError, RaySystemError, WorkerCrashedError)
-# Options of `dermis train` that name files or folders.
-_PATHS = ("data", "noise", "stream", "test")
+_CONNECT_TIMEOUT_S = 10.0
+_SYSTEM_FAILURES = (LocalRayletDiedError, NodeDiedError, OutOfMemoryError, RaySystemError, WorkerCrashedError)
+# Options of `dermis train` that name files, and those that name folders.
+_FILES, _FOLDERS = ("noise", "stream"), ("data", "test")
 
 
 def simulate(
@@ -213,7 +214,7 @@ def sweep(
     output = Path(os.path.abspath(output))
     record = {"design": os.fspath(design), "space": {name: _text(space[name]) for name in sorted(space)}}
     record.update(trials=trials, seed=seed, benchmark=benchmark, version=__version__)
-    _claim(output, record)
+    _check_record(output, json.loads(json.dumps(record, default=os.fspath)))
     _connect(threads)
     job = (os.getcwd(), os.fspath(design), str(output / "models"), benchmark, threads)
     trainable = tune.with_resources(_trial(__version__, job), {"cpu": threads})
@@ -242,6 +243,7 @@ def _export(output, results):
     if trials[0]["error"] is not None:
         raise DermisError(f"none of {len(trials)} trainings has succeeded: {trials[0]['error']}")
     best, part = output / "best", output / f".part-best-{os.getpid()}"
+    shutil.rmtree(part, ignore_errors=True)
     shutil.copytree(trials[0]["model"], part, ignore=shutil.ignore_patterns("checkpoint.safetensors"))
     if best.exists():
         shutil.rmtree(best)
@@ -258,7 +260,7 @@ def _outcome(result):
     return {"options": result.config, "error": error, **{key: metrics.get(key) for key in ("score", "test_loss", "model")}}
 
 
-def _claim(output, record):
+def _check_record(output, record):
     """Writes the record of a sweep into its folder, or checks the one that is there."""
     path = output / "sweep.json"
     if path.exists():
@@ -272,9 +274,7 @@ def _claim(output, record):
             )
         return
     output.mkdir(parents=True, exist_ok=True)
-    part = output / f".part-sweep-{os.getpid()}"
-    part.write_text(json.dumps(record, indent=2))
-    part.rename(path)
+    write_whole(path, json.dumps(record, indent=2).encode())
 
 
 # Connection, tasks.
@@ -285,7 +285,7 @@ def _connect(threads):
     address = os.environ.get("RAY_ADDRESS")
     if address and not ray.is_initialized():
         try:
-            _knock(address)
+            _check_answers(address)
             ray.init(address=address, logging_level="warning")
         except (OSError, RuntimeError, ValueError) as error:
             hint = "start it with `ray start --head`, or unset RAY_ADDRESS to use this machine"
@@ -298,11 +298,11 @@ def _connect(threads):
             raise DermisError(f"`threads` is {threads}, but Ray has nodes with {most} CPUs at most", hint=f"give 1 to {most}")
 
 
-def _knock(address):
+def _check_answers(address):
     """Tries to reach an address: Ray itself would try for minutes."""
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if host:
-        socket.create_connection((host.strip("[]"), int(port)), timeout=_KNOCK_S).close()
+        socket.create_connection((host.strip("[]"), int(port)), timeout=_CONNECT_TIMEOUT_S).close()
 
 
 def _results(name, calls, threads):
@@ -328,8 +328,8 @@ def _answer(reference):
     """The result of a task; its error, if it has one."""
     try:
         result, error = ray.get(reference)
-    except _DEATHS as death:
-        raise DermisError(f"a task has died {_RETRIES + 1} times: {death}", hint="see the logs of Ray") from death
+    except _SYSTEM_FAILURES as failure:
+        raise DermisError(f"a task has died {_RETRIES + 1} times: {failure}", hint="see the logs of Ray") from failure
     if error:
         raise DermisError(**error)
     return result
@@ -395,15 +395,17 @@ def _simulate_file(skin, recipe, seed, samples, folder, number, threads):
 
 def _benchmark_twin(base, design, options, threads):
     os.environ["RAYON_NUM_THREADS"] = str(threads)
-    options = {name: _path(base, value) if name in ("method", "twin") else value for name, value in options.items()}
-    return command("benchmark", _path(base, design), twins=1, **options)
+    design = _path(base, design)
+    given = {"twin": _path(base, options["twin"]), "method": _method(base, design, options["method"])}
+    return command("benchmark", design, twins=1, **{**options, **given})
 
 
 def _train(base, design, models, benchmark, threads, trial, options):
     """Trains a network, or continues; its score and folder."""
     os.environ["RAYON_NUM_THREADS"] = str(threads)
     model = Path(models) / trial
-    given = {name: _paths(base, value) if name in _PATHS else value for name, value in options.items()}
+    given = {name: _path(base, value) if name in _FILES else value for name, value in options.items()}
+    given.update({name: _folders(base, options[name]) for name in _FOLDERS if options.get(name)})
     design = _path(base, design)
     epochs = command("train", design, output=model, **given)["epochs"]
     result = {"model": str(model), "test_loss": min(epoch["test_loss"] for epoch in epochs)}
@@ -420,13 +422,20 @@ def _train(base, design, models, benchmark, threads, trial, options):
 
 
 def _path(base, value):
-    """A path from the folder of the caller; names as they are."""
+    """The path of a file from the folder of the caller; names as they are."""
     path = Path(base) / value
-    return str(path) if path.exists() else os.fspath(value)
+    return str(path) if path.is_file() else os.fspath(value)
 
 
-def _paths(base, value):
-    return [_path(base, item) for item in value] if isinstance(value, (list, tuple)) else _path(base, value)
+def _method(base, design, value):
+    """The folder of a network from the folder of the caller; names of methods as they are, before folders of that name."""
+    path, name = Path(base) / value, os.fspath(value)
+    return str(path) if path.is_dir() and name not in Skin.load(design).methods else name
+
+
+def _folders(base, value):
+    """The paths of one or several folders from the folder of the caller."""
+    return [str(Path(base) / item) for item in (value if isinstance(value, (list, tuple)) else [value])]
 
 
 def _keys(recipe):
@@ -436,9 +445,12 @@ def _keys(recipe):
 
 def _text(value):
     """A value or a distribution of Tune in words."""
-    if hasattr(value, "domain_str"):
-        return f"{type(value).__name__} {value.domain_str} {value.get_sampler()}"
-    return value if isinstance(value, (str, int, float, list, dict, type(None))) else repr(value)
+    if not hasattr(value, "domain_str"):
+        return value
+    if " at 0x" in value.domain_str:
+        raise DermisError("a function of Tune has no name by which a sweep is continued", hint="use tune.choice or another draw")
+    # A rounded distribution gives its step alone with its sampler.
+    return f"{type(value).__name__} {value.domain_str} {value.get_sampler()} {getattr(value.sampler, 'q', '')}"
 
 
 def _flat(value, name=""):

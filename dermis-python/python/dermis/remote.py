@@ -30,6 +30,8 @@ _MANIFEST, _RECORD = "manifest.json", "run.json"
 _BLOCK = 8 << 20
 # Stores of objects have no folders: to make one there would make a bucket.
 _WITHOUT_FOLDERS = {"s3", "s3a", "gs", "gcs", "abfs", "abfss", "adl", "az", "oci", "oss"}
+# Stores have errors of their own: of credentials, of operations that they do not have.
+_ERRORS = Exception
 # Names of files, and identities.
 _PLAIN = re.compile(r"samples-\d+\.safetensors|[0-9a-f]{64}")
 
@@ -37,8 +39,8 @@ _PLAIN = re.compile(r"samples-\d+\.safetensors|[0-9a-f]{64}")
 def open_dataset(url: str | PathLike[str], *, cache: str | PathLike[str] | None = None, **options: Any) -> Dataset:
     """Opens a finished dataset by its URL.
 
-    The engine maps files into memory, so the dataset is copied into a folder of the cache first, where the next call finds it. A
-    copy is complete or continued by the next call; every file has the checksum of the manifest.
+    Dermis maps files into memory, so the dataset is copied into a folder of the cache first, where the next call finds it. A
+    copy is complete or continued by the next call; every file that is copied must have the checksum of the manifest.
 
     Args:
         url: A URL or the path of a folder.
@@ -67,7 +69,8 @@ def copy_dataset(
 ) -> None:
     """Copies a finished dataset between folders and URLs. The manifest is written last: without it no reader opens the copy.
 
-    A copy that was interrupted continues. Checksums are those of the manifest.
+    A copy that was interrupted continues: a file of the right length is taken as complete. Every file that is copied must have
+    the checksum of the manifest.
 
     Args:
         source: A URL or the path of a folder.
@@ -98,7 +101,8 @@ def _copy(source, manifest, target):
     text = source.read(_MANIFEST)
     # Files are written whole, and their length follows from the record: one of this length is complete.
     expected = source.sizes()
-    missing = [file for file in manifest["files"] if sizes.get(file["name"]) != expected.get(file["name"], -1)]
+    is_there = lambda name: sizes.get(name) is not None and sizes[name] == expected.get(name)
+    missing = [file for file in manifest["files"] if not is_there(file["name"])]
     if there == text and not missing:
         return
     if there is not None:
@@ -170,7 +174,9 @@ class _Folder:
             return self.system.cat_file(self._path(name))
         except FileNotFoundError:
             return None
-        except OSError as error:
+        except DermisError:
+            raise
+        except _ERRORS as error:
             raise self._refused(name, error) from error
 
     def sizes(self):
@@ -181,9 +187,21 @@ class _Folder:
             entries = self.system.ls(self.path, detail=True)
         except FileNotFoundError:
             return {}
-        except OSError as error:
+        except DermisError:
+            raise
+        except _ERRORS as error:
             raise self._refused("", error) from error
-        return {entry["name"].rstrip("/").rpartition("/")[2]: entry["size"] for entry in entries if entry["type"] == "file"}
+        files = {entry["name"].rstrip("/").rpartition("/")[2]: entry for entry in entries if entry["type"] == "file"}
+        return {name: self._size(name, entry) for name, entry in files.items()}
+
+    def _size(self, name, entry):
+        """The length of a file; listings of web servers do not have it."""
+        if entry["size"] is not None:
+            return entry["size"]
+        try:
+            return self.system.size(self._path(name))
+        except _ERRORS as error:
+            raise self._refused(name, error) from error
 
     def blocks(self, name):
         """The bytes of a file, in blocks."""
@@ -191,37 +209,53 @@ class _Folder:
             with self.system.open(self._path(name), "rb") as file:
                 while block := file.read(_BLOCK):
                     yield block
-        except OSError as error:
+        except DermisError:
+            raise
+        except _ERRORS as error:
             raise self._refused(name, error) from error
 
     def write(self, name, blocks):
         """Writes a file; what is not complete is removed."""
-        # Only local files appear before they are complete.
+        # Local files appear before they are complete; an upload appears when it is closed.
         part = self._path(f".part-{uuid.uuid4().hex}" if self.is_local else name)
         try:
             if _WITHOUT_FOLDERS.isdisjoint(_words(self.system.protocol)):
                 self.system.makedirs(self.path, exist_ok=True)
+            file = self.system.open(part, "wb")
             try:
-                with self.system.open(part, "wb") as file:
-                    for block in blocks:
-                        file.write(block)
-                    if self.is_local:
-                        file.flush()
-                        os.fsync(file.fileno())
+                for block in blocks:
+                    file.write(block)
+                if self.is_local:
+                    file.flush()
+                    os.fsync(file.fileno())
+                file.close()
                 if self.is_local:
                     os.replace(part, self._path(name))
             except BaseException:
-                if self.system.exists(part):
-                    self.system.rm_file(part)
+                self._discard(file, part)
                 raise
-        except OSError as error:
+        except DermisError:
+            raise
+        except _ERRORS as error:
             raise self._refused(name, error) from error
+
+    def _discard(self, file, path):
+        """Ends an incomplete file without a trace."""
+        if self.is_local or not hasattr(file, "discard"):
+            file.close()
+        else:
+            file.discard()
+            file.closed = True
+        if self.system.exists(path):
+            self.system.rm_file(path)
 
     def remove(self, name):
         """Removes a file."""
         try:
             self.system.rm_file(self._path(name))
-        except OSError as error:
+        except DermisError:
+            raise
+        except _ERRORS as error:
             raise self._refused(name, error) from error
 
     def _path(self, name):

@@ -143,3 +143,19 @@ def test_trainings_that_cannot_be_are_refused(small, tmp_path):
         train(design, tmp_path, data=tmp_path / "nothing")
     with refused("simulate it anew"):
         train("cylinder30", tmp_path, data=data)
+
+
+def test_seeds_and_epochs_have_random_numbers_of_their_own():
+    from dermis.torch._training import _RandomNumbers
+
+    drawn = [_RandomNumbers(seed, torch.device("cpu")) for seed in ([1, 0], [2, 0], [1, 1], [1 + (1 << 40), 0])]
+    assert len({float(numbers.normal(1)) for numbers in drawn}) == len(drawn)
+    assert float(_RandomNumbers([1, 0], torch.device("cpu")).normal(1)) == float(
+        _RandomNumbers([1, 0], torch.device("cpu")).normal(1)
+    )
+
+
+def test_devices_that_cannot_be_are_refused_before_any_work(tmp_path):
+    for device in ("gpu", "meta", "mps"):
+        with pytest.raises(dermis.DermisError, match="`device` is"):
+            train("cylinder30", tmp_path, data=tmp_path, device=device)

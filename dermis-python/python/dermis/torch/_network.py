@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from dermis._dermis import shipped_model
 from dermis._errors import DermisError
+from dermis._files import write_whole
 
 # Added to the variance by batch normalization, and the share of running means that is kept (Keras' defaults).
 _EPSILON, _MOMENTUM = 1e-3, 0.99
@@ -59,8 +60,8 @@ class Network(nn.Module):
         super().__init__()
         self.card = card
         given = card["input"]
-        self.register_buffer("_mean", torch.tensor(given["mean_ohm"]))
-        self.register_buffer("_sd", torch.tensor(given["sd_ohm"]))
+        self.register_buffer("_mean", torch.tensor(given["mean_ohm"], dtype=torch.float32))
+        self.register_buffer("_sd", torch.tensor(given["sd_ohm"], dtype=torch.float32))
         average = torch.zeros(card["skin"]["channels"], len(given["channels"]))
         for index, channels in enumerate(given["channels"]):
             average[channels, index] = 1 / max(len(channels), 1)
@@ -102,8 +103,8 @@ class Network(nn.Module):
         """Writes the network to a folder, which is created: `card.json` and `weights.safetensors`."""
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        _write_whole(folder / "weights.safetensors", self.weights())
-        _write_whole(folder / "card.json", json.dumps(self.card, indent=2).encode())
+        write_whole(folder / "weights.safetensors", self.weights())
+        write_whole(folder / "card.json", json.dumps(self.card, indent=2).encode())
 
     def weights(self) -> bytes:
         """The weights as the bytes of a safetensors file."""
@@ -219,10 +220,3 @@ def _tensors_as_bytes(tensors):
     text = json.dumps(header).encode()
     text += b" " * (-len(text) % 8)
     return len(text).to_bytes(8, "little") + text + b"".join(parts)
-
-
-def _write_whole(path, data):
-    """Writes a file completely or not at all."""
-    partial = path.with_name(f"{path.name}.part-{os.getpid()}")
-    partial.write_bytes(data)
-    partial.replace(path)

@@ -1,5 +1,6 @@
 """Training of networks: the recipe of `dermis train`, the steps on a device of PyTorch."""
 
+import io
 import json
 import math
 import os
@@ -18,16 +19,15 @@ from dermis import _progress
 from dermis._command import words
 from dermis._dermis import Training
 from dermis._errors import DermisError
+from dermis._files import write_whole
 from dermis.torch._network import Network
 
-# Keras' default, as in `dermis train`.
-_ADAM_EPSILON = 1e-7
-# Samples that are read at once when all of them are moved to the device.
-_BLOCK = 8192
-# Share of the free memory of the device that samples may take.
-_KEPT = 0.6
-# Distance of the seeds of noise of two trainings; epoch n of a training has the n-th after its own, the test its own.
-_SEEDS = 1 << 32
+# Parameters of Adam, as in `dermis train` (Keras' defaults).
+_ADAM_BETAS, _ADAM_EPSILON = (0.9, 0.999), 1e-7
+# Samples that are read at once when all of them are moved to a GPU.
+_READ_BATCH = 8192
+# Share of the free memory of a GPU that samples may take.
+_MEMORY_FRACTION = 0.6
 _TINY = torch.finfo(torch.float32).tiny
 
 
@@ -42,31 +42,33 @@ def train(
     """Trains a network as `dermis train` does, with the steps on a device of PyTorch.
 
     Samples, options, initial weights, learning rates and files are those of `dermis train`. Noise, drift and symmetries
-    are drawn on the device, from other random numbers: losses agree within the spread of seeds. The samples stay in the
-    memory of a GPU if they fit. The folder is a model like any other: `dermis live --method ./folder`. An interrupted
-    training continues after its last epoch when it is called again with the same arguments.
+    are drawn on the device, from other random numbers: losses agree within the spread of seeds. Samples stay in the memory
+    of a GPU if they fit. The folder is a model like any other: `dermis live --method ./folder`. An interrupted training
+    continues after its last epoch when it is called again with the same arguments.
+
+    Matrix products and convolutions have the precision that PyTorch is set to (TF32 on some GPUs). Batch normalization
+    keeps the unbiased variance, `dermis train` the biased one: 0.3 % more for 360 samples a step.
 
     Args:
         design: The path of a design file, or a shipped name.
         output: Folder for the model: `card.json`, `weights.safetensors`, `losses.svg`, `checkpoint.pt`.
-        device: A device of PyTorch; the GPU if there is one, without it.
+        device: `cpu`, `cuda` or `cuda:N`; a GPU if there is one, without it.
         on_epoch: Function that is called after each epoch with its losses: a dict with `training_loss`, `test_loss`
             and `seconds`.
-        **options: The options of `dermis train`: `data` (a folder or several) or `stream`, `test`, `network`,
-            `without`, `noise`, `epochs`, `epoch_samples`, `rate`, `seed`, `half`.
+        **options: The options of `dermis train`: `data` (a folder or several) or `stream` (the path of a recipe, or
+            `gaussian`), `test`, `network`, `without`, `noise`, `epochs`, `epoch_samples`, `rate`, `seed`, `half`.
 
     Returns:
         The trained `Network`; `card["training"]["epochs"]` has the losses.
 
     Raises:
-        DermisError: What `dermis train` refuses; a checkpoint of another training; a loss that is not finite.
+        DermisError: What `dermis train` refuses; another device; a checkpoint of another training; a loss that is not
+            finite.
     """
-    if isinstance(options.get("data"), (str, Path)):
-        options["data"] = [options["data"]]
+    device = _device(device)
     with tempfile.TemporaryDirectory(prefix="dermis-") as folder:
         line = words("train", [design], {**options, "output": output}, Path(folder))
         training = Training(line[1:])
-    device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
     run = _Run(training, device)
     run.resume()
     while not training.is_done(json.dumps(run.epochs)):
@@ -74,9 +76,24 @@ def train(
         run.save_checkpoint()
         training.write_losses(json.dumps(run.epochs))
         if on_epoch is not None:
-            on_epoch(epoch)
+            on_epoch(dict(epoch))
     training.save(run.network.weights(), json.dumps(run.epochs))
     return Network.load(training.output)
+
+
+def _device(given):
+    """The device of a training."""
+    try:
+        device = torch.device(given or ("cuda" if torch.cuda.is_available() else "cpu"))
+    except (RuntimeError, TypeError) as error:
+        raise DermisError(f"`device` is {given!r}: {error}", hint="give cpu, cuda or cuda:N") from error
+    if device.type not in ("cpu", "cuda"):
+        raise DermisError(f"`device` is {given}", hint="give cpu, cuda or cuda:N")
+    if device.type == "cuda" and device.index is None:
+        if not torch.cuda.is_available():
+            raise DermisError("`device` is cuda, but PyTorch finds no GPU", hint="leave it out to train on the CPU")
+        device = torch.device("cuda", torch.cuda.current_device())
+    return device
 
 
 class _Run:
@@ -84,15 +101,16 @@ class _Run:
 
     def __init__(self, training, device):
         self.training, self.device = training, device
-        self.plan = json.loads(training.plan)
-        self.batch_size = self.plan["options"]["batch"]
-        self.network = Network(self.plan)
+        self.settings = json.loads(training.settings)
+        self.batch_size = self.settings["options"]["batch"]
+        self.network = Network(self.settings)
         self.network.load_weights(training.initial_weights())
         self.network.to(device)
-        self.batches = _Batches(self.plan, training.augmentation()).to(device)
-        self.optimizer = torch.optim.Adam(self.network.parameters(), eps=_ADAM_EPSILON)
-        self.samples = _Samples(training, device, self.plan["samples"], test=False)
-        self.test_samples = _Samples(training, device, self.plan["test_samples"], test=True)
+        self.augmentation = _Augmentation(self.settings, training.augmentation()).to(device)
+        self.optimizer = torch.optim.Adam(self.network.parameters(), betas=_ADAM_BETAS)
+        names = self.augmentation.names
+        self.samples = _Samples(training, device, names, self.settings["samples"], test=False)
+        self.test_samples = _Samples(training, device, names, self.settings["test_samples"], test=True)
         self.steps, self.epochs = 0, []
         self.checkpoint = Path(training.output) / "checkpoint.pt"
 
@@ -100,14 +118,13 @@ class _Run:
         """One epoch of steps, then the test; returns its losses."""
         begun, number, steps = time.monotonic(), len(self.epochs) + 1, self.training.steps_per_epoch
         order = self.training.order(number)[: steps * self.batch_size].reshape(steps, self.batch_size)
-        draw = self._draw(number)
+        random = self._random_numbers(number)
         total = torch.zeros((), dtype=torch.float64, device=self.device)
         self.network.train()
         for done, samples in enumerate(self.samples.batches(order)):
-            inputs, targets = self.batches(self.network, samples, draw)
+            inputs, targets = self.augmentation(self.network, samples, random)
             self.steps += 1
-            for group in self.optimizer.param_groups:
-                group["lr"] = self.training.rate(self.steps)
+            self._set_rate()
             loss = nn.functional.mse_loss(self.network.outputs(inputs), targets)
             self.optimizer.zero_grad(set_to_none=True)
             loss.backward()
@@ -115,10 +132,10 @@ class _Run:
             total += loss.detach()
             counts = ((done + 1) * self.batch_size, steps * self.batch_size)
             _progress.show(f"epoch {number}: samples", *counts, time.monotonic() - begun)
-        loss = self._unscaled(total) / steps
-        if not math.isfinite(loss):
-            raise DermisError(f"the loss of epoch {number} is not finite", hint="give a smaller rate")
-        epoch = {"training_loss": loss, "test_loss": self.test_loss(), "seconds": time.monotonic() - begun}
+        losses = {"training_loss": self._unscaled(total) / steps, "test_loss": self.test_loss()}
+        if not all(math.isfinite(loss) for loss in losses.values()):
+            raise DermisError(f"a loss of epoch {number} is not finite", hint="give a smaller rate")
+        epoch = {**losses, "seconds": time.monotonic() - begun}
         self.epochs.append(epoch)
         return epoch
 
@@ -126,81 +143,97 @@ class _Run:
     def test_loss(self):
         """The mean square error on the test samples, whose noise is always the same."""
         self.network.eval()
-        draw = self._draw(0)
-        count = self.plan["test_samples"]
+        random = self._random_numbers(0)
+        count = self.settings["test_samples"]
         numbers = np.arange(count, dtype=np.uint64)
         total = torch.zeros((), dtype=torch.float64, device=self.device)
         for samples in self.test_samples.batches(np.array_split(numbers, -(-count // self.batch_size))):
-            inputs, targets = self.batches(self.network, samples, draw)
+            inputs, targets = self.augmentation(self.network, samples, random)
             errors = (self.network.outputs(inputs) - targets).double()
             total += errors.square().mean(dim=1).sum()
         return self._unscaled(total) / count
 
-    def _draw(self, number):
+    def _random_numbers(self, number):
         """The random numbers of an epoch; the number 0 is the test."""
-        return _Draw((self.plan["options"]["seed"] * _SEEDS + number) % (1 << 63), self.device)
+        return _RandomNumbers([self.settings["options"]["seed"], number], self.device)
+
+    def _set_rate(self):
+        """The learning rate of the step, and Adam's epsilon."""
+        for group in self.optimizer.param_groups:
+            group["lr"] = self.training.rate(self.steps)
+            # PyTorch adds it to the corrected deviation, Keras and `dermis train` to the uncorrected one.
+            group["eps"] = _ADAM_EPSILON / math.sqrt(1 - _ADAM_BETAS[1] ** self.steps)
 
     def _unscaled(self, loss):
         """A loss in units of the target."""
-        return float(loss) / self.plan["target_scale"] ** 2
+        return float(loss) / self.settings["target_scale"] ** 2
 
     def save_checkpoint(self):
         """Writes what is needed to continue, completely or not at all."""
-        partial = self.checkpoint.with_suffix(".part")
-        self.checkpoint.parent.mkdir(parents=True, exist_ok=True)
         state = {
-            "plan": self._fixed(),
+            "settings": self._fixed(),
             "network": self.network.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "steps": self.steps,
             "epochs": self.epochs,
         }
-        torch.save(state, partial)
-        partial.replace(self.checkpoint)
+        data = io.BytesIO()
+        torch.save(state, data)
+        self.checkpoint.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(self.checkpoint, data.getvalue())
 
     def resume(self):
         """Continues from the checkpoint, if there is one."""
         if not self.checkpoint.exists():
             return
+        hint = "delete it or move it away to start again"
         try:
-            state = torch.load(self.checkpoint, map_location=self.device, weights_only=True)
-            fixed = state["plan"]
+            state = torch.load(self.checkpoint, map_location="cpu", weights_only=True)
+            if state["settings"] == self._fixed():
+                self.network.load_state_dict(state["network"])
+                self.optimizer.load_state_dict(state["optimizer"])
+                self.steps, self.epochs = state["steps"], state["epochs"]
+                return
         except Exception as error:  # pickle raises errors of many types
-            raise DermisError(f"{self.checkpoint} is damaged: {error}", hint="move it away to begin anew") from error
-        if fixed != self._fixed():
-            raise DermisError(f"{self.checkpoint} is of another training", hint="move it away to begin anew")
-        self.network.load_state_dict(state["network"])
-        self.optimizer.load_state_dict(state["optimizer"])
-        self.steps, self.epochs = state["steps"], state["epochs"]
+            raise DermisError(f"{self.checkpoint} is damaged: {error}", hint=hint) from error
+        raise DermisError(f"{self.checkpoint} is of another training", hint=hint)
 
     def _fixed(self):
         """What a continued training must have in common with its checkpoint: all but the number of epochs."""
-        options = {key: value for key, value in self.plan["options"].items() if key != "epochs"}
-        return json.dumps({**self.plan, "options": options}, sort_keys=True)
+        options = {key: value for key, value in self.settings["options"].items() if key != "epochs"}
+        return json.dumps({**self.settings, "options": options}, sort_keys=True)
 
 
 class _Samples:
-    """Training or test samples, kept in the memory of the device if it is a GPU and they fit."""
+    """Training or test samples, kept in the memory of a GPU if they fit."""
 
-    def __init__(self, training, device, count, *, test):
-        self.training, self.device, self.test = training, device, test
+    def __init__(self, training, device, names, count, *, test):
+        self.training, self.device, self.names, self.test = training, device, names, test
         self.kept = self._all(count) if device.type == "cuda" and self._fits(count) else None
 
     def _fits(self, count):
         """Whether all samples fit; a stream has no end."""
         if self.training.is_stream:
             return False
-        bytes_of_one = sum(values.nbytes for values in self.training.batch([0], test=self.test).values())
+        few = np.arange(min(count, 64), dtype=np.uint64)
+        bytes_of_few = sum(values.nbytes for values in next(self._read([few])).values())
         free, _ = torch.cuda.mem_get_info(self.device)
-        return count * bytes_of_one < _KEPT * free
+        return count / len(few) * bytes_of_few < _MEMORY_FRACTION * free
 
     def _all(self, count):
-        parts = list(self._read(np.split(np.arange(count, dtype=np.uint64), range(_BLOCK, count, _BLOCK))))
-        most = max((part["touches"].shape[1] for part in parts if "touches" in part), default=0)
-        for part in parts:
-            if "touches" in part:
-                part["touches"] = nn.functional.pad(part["touches"], (0, 0, 0, most - part["touches"].shape[1]))
-        return {name: torch.cat([part[name] for part in parts]) for name in parts[0]}
+        kept, first = {}, 0
+        for part in self._read(np.split(np.arange(count, dtype=np.uint64), range(_READ_BATCH, count, _READ_BATCH))):
+            if "touches" in part and kept:
+                most = max(values["touches"].shape[1] for values in (kept, part))
+                for values in (kept, part):
+                    values["touches"] = nn.functional.pad(values["touches"], (0, 0, 0, most - values["touches"].shape[1]))
+            last = first + len(part["difference"])
+            for name, values in part.items():
+                if name not in kept:
+                    kept[name] = torch.zeros((count, *values.shape[1:]), dtype=values.dtype, device=self.device)
+                kept[name][first:last] = values
+            first = last
+        return kept
 
     def batches(self, numbers):
         """The samples of each row of numbers, on the device."""
@@ -215,54 +248,67 @@ class _Samples:
         """Reads the next batch while the device works on the last one."""
         read = lambda row: self.training.batch(row, test=self.test)
         with ThreadPoolExecutor(1) as thread:
-            coming = None
+            pending = None
             for row in [*numbers, None]:
-                ready, coming = coming, None if row is None else thread.submit(read, row)
-                if ready is not None:
-                    arrays = ready.result()
-                    yield {name: torch.from_numpy(values).to(self.device) for name, values in arrays.items()}
+                current, pending = pending, None if row is None else thread.submit(read, row)
+                if current is not None:
+                    arrays = current.result()
+                    yield {name: torch.from_numpy(arrays[name]).to(self.device) for name in self.names & arrays.keys()}
 
 
-class _Draw:
+class _RandomNumbers:
     """Random numbers of a seed on a device."""
 
     def __init__(self, seed, device):
+        # PyTorch's generator of the CPU uses 32 bits of a seed.
+        (state,) = np.random.SeedSequence(seed).generate_state(1)
         self.device = device
-        self.generator = torch.Generator(device).manual_seed(seed)
+        self.generator = torch.Generator(device).manual_seed(int(state))
         # Numbers that decide about shapes are drawn where the shapes are needed.
-        self.on_host = torch.Generator().manual_seed(seed)
+        self.on_host = torch.Generator("cpu").manual_seed(int(state))
 
     def normal(self, *shape):
-        return torch.randn(shape, generator=self.generator, device=self.device)
+        return torch.randn(shape, generator=self.generator, device=self.device, dtype=torch.float32)
 
     def uniform(self, low, high, *shape):
-        return low + (high - low) * torch.rand(shape, generator=self.generator, device=self.device)
+        unit = torch.rand(shape, generator=self.generator, device=self.device, dtype=torch.float32)
+        return low + (high - low) * unit
+
+    def integers(self, below, count):
+        return torch.randint(below, (count,), generator=self.on_host, device="cpu")
 
 
-class _Batches(nn.Module):
+class _Augmentation(nn.Module):
     """Inputs and targets of samples: moved by symmetries, with noise and drift, as the preset of the training says."""
 
-    def __init__(self, plan, augmentation):
+    def __init__(self, settings, augmentation):
         super().__init__()
-        self.noise, self.target, self.scale = plan["noise"], plan["target"], plan["target_scale"]
-        self.is_scale_free = bool(plan["input"].get("scale_free"))
+        self.noise, self.target, self.scale = settings["noise"], settings["target"], settings["target_scale"]
+        self.randomization = self.noise.get("misfit")
+        self.is_scale_free = bool(settings["input"].get("scale_free"))
         self.period = augmentation["period"]
-        self.register_buffer("sd", torch.tensor(self.noise["sd_ohm"]))
+        # What it needs of samples.
+        self.names = {"difference", "image", "touches"}
+        if self.noise["coat_drift"] > 0 or self.randomization:
+            self.names.add("rest")
+        self.register_buffer("sd", torch.tensor(self.noise["sd_ohm"], dtype=torch.float32))
         for name in ("frames", "motions", "contacts", "pixels"):
             self.register_buffer(name, torch.from_numpy(augmentation[name]).float())
 
-    def forward(self, network, samples, draw):
+    def forward(self, network, samples, random):
         """Inputs (n, inputs) and scaled targets (n, pixels) of samples."""
-        difference, rest = samples["difference"], samples["rest"]
+        difference, rest = samples["difference"], samples.get("rest")
         motions = None
         if len(self.frames):
-            difference, rest, motions = self._move(difference, rest, draw)
-        misfit = self.noise.get("misfit")
-        if misfit:
-            difference = self._stretch(misfit, difference, samples["rest"], draw)
-        inputs = network.normalized(self._disturb(difference, rest, draw))
-        if misfit:
-            inputs = self._blur(misfit, inputs, draw)
+            elements = random.integers(len(self.frames), len(difference))
+            motions = self.motions[elements.to(self.motions.device)]
+            difference = self._moved(difference, elements)
+            rest = rest if rest is None else self._moved(rest, elements)
+        if self.randomization:
+            difference = self._randomize_gains(difference, samples["rest"], random)
+        inputs = network.normalized(self._disturb(difference, rest, random))
+        if self.randomization:
+            inputs = self._randomize_inputs(inputs, random)
         inputs, sizes = network.take_size(inputs)
         if "image" in samples:
             target = samples["image"] / sizes
@@ -270,44 +316,44 @@ class _Batches(nn.Module):
             target = self._spots(samples["touches"], motions)
         return inputs, self.scale * target
 
-    def _move(self, difference, rest, draw):
-        """Frames moved by a symmetry each, and the symmetries' motions (n, 3, 4).
+    def _moved(self, frames, elements):
+        """Frames moved by a symmetry each: those with the same symmetry by one product of matrices."""
+        order = elements.argsort()
+        counts = torch.bincount(elements, minlength=len(self.frames)).tolist()
+        order = order.to(frames.device)
+        parts = [part @ symmetry.T for part, symmetry in zip(frames[order].split(counts), self.frames)]
+        moved = torch.empty_like(frames)
+        moved[order] = torch.cat(parts)
+        return moved
 
-        The order of the samples is random, so that samples with the same symmetry can be neighbours.
-        """
-        count = torch.bincount(
-            torch.randint(len(self.frames), (len(difference),), generator=draw.on_host), minlength=len(self.frames)
-        )
-        move = lambda values: torch.cat([part @ map.T for part, map in zip(values.split(count.tolist()), self.frames)])
-        motions = self.motions.repeat_interleave(count.to(self.motions.device), dim=0)
-        has_drift = self.noise["coat_drift"] > 0
-        return move(difference), move(rest) if has_drift else rest, motions
-
-    def _disturb(self, difference, rest, draw):
+    def _disturb(self, difference, rest, random):
         """Drift of coat and contacts since the untouched frame, and white noise."""
         count, noise = len(difference), self.noise
         if noise["coat_drift"] > 0 or len(self.contacts):
-            age = draw.normal(count, 1).abs().clamp(max=1)
-            difference = difference + age * noise["coat_drift"] * draw.normal(count, 1) * rest
-            difference = difference + (age * draw.normal(count, len(self.contacts))) @ self.contacts
+            age = random.normal(count, 1).abs().clamp(max=1)
+            if noise["coat_drift"] > 0:
+                difference = difference + age * noise["coat_drift"] * random.normal(count, 1) * rest
+            difference = difference + (age * random.normal(count, len(self.contacts))) @ self.contacts
         low, high = noise["factor"]
-        factor = low * (high / low) ** draw.uniform(0, 1, count, 1)
-        return difference + factor * self.sd * draw.normal(*difference.shape)
+        factor = low * (high / low) ** random.uniform(0, 1, count, 1)
+        return difference + factor * self.sd * random.normal(*difference.shape)
 
-    def _stretch(self, misfit, difference, rest, draw):
+    def _randomize_gains(self, difference, rest, random):
         """A uniform change of the whole coat, in proportion to the untouched frame, and gain errors of the channels."""
         size = lambda values: values.square().sum(dim=1, keepdim=True).sqrt()
-        share = draw.uniform(*misfit["whole"], len(difference), 1) * size(difference) / size(rest).clamp_min(_TINY)
+        share = random.uniform(*self.randomization["whole"], len(difference), 1)
+        share = share * size(difference) / size(rest).clamp_min(_TINY)
         share = torch.copysign(share, (rest * difference).sum(dim=1, keepdim=True))
-        return (difference + share * rest) * (misfit["loudness_sd"] * draw.normal(*difference.shape)).exp()
+        gains = (self.randomization["loudness_sd"] * random.normal(*difference.shape)).exp()
+        return (difference + share * rest) * gains
 
-    def _blur(self, misfit, inputs, draw):
+    def _randomize_inputs(self, inputs, random):
         """Noise of the inputs, and missing inputs."""
         count = len(inputs)
-        sd = draw.uniform(*misfit["relative"], count, 1) * inputs.square().mean(dim=1, keepdim=True).sqrt()
-        missing = misfit["missing"] * draw.uniform(0, 1, count, 1)
-        noisy = inputs + sd * draw.normal(*inputs.shape)
-        return torch.where(draw.uniform(0, 1, *inputs.shape) < missing, 0.0, noisy)
+        sd = random.uniform(*self.randomization["relative"], count, 1) * inputs.square().mean(dim=1, keepdim=True).sqrt()
+        missing = self.randomization["missing"] * random.uniform(0, 1, count, 1)
+        noisy = inputs + sd * random.normal(*inputs.shape)
+        return torch.where(random.uniform(0, 1, *inputs.shape) < missing, 0.0, noisy)
 
     def _spots(self, touches, motions):
         """Each touch as a Gaussian, its height the square root of its size, (n, pixels)."""
@@ -322,7 +368,7 @@ class _Batches(nn.Module):
             centres = torch.stack([angle * (self.period / math.tau), centres[..., 2], zero], dim=-1)
         step = (centres[:, :, None] - self.pixels).abs()
         if self.period is not None:
-            round = torch.minimum(step[..., 0], self.period - step[..., 0])
-            step = torch.cat([round[..., None], step[..., 1:]], dim=-1)
+            around = torch.minimum(step[..., 0], self.period - step[..., 0])
+            step = torch.cat([around[..., None], step[..., 1:]], dim=-1)
         spots = torch.exp(step.square().sum(dim=-1) * (-0.5 / self.target["touches"]["width_m"] ** 2))
         return (sizes.sqrt()[..., None] * spots).sum(dim=1)
