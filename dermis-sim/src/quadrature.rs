@@ -2,7 +2,8 @@
 
 use crate::elementary::cos;
 use dermis::geom::Point3;
-use dermis::geom::vector::{add, scale};
+use dermis::geom::vector::{add, longest_edge, scale};
+use dermis::mesh::{Cells, Mesh};
 use std::f64::consts::PI;
 
 /// A point in `D` coordinates and its weight.
@@ -66,6 +67,64 @@ pub(crate) fn eighths([a, b, c, d]: [Point3; 4]) -> [[Point3; 4]; 8] {
 
 fn middle(a: Point3, b: Point3) -> Point3 {
     scale(add(a, b), 0.5)
+}
+
+/// A function that is zero beyond some distance of a few places, to be averaged over cells.
+pub(crate) struct LocalFunction<R, V> {
+    /// Whether it is not zero somewhere in a cell with these corners.
+    pub(crate) reaches: R,
+    /// Its value at a point.
+    pub(crate) value: V,
+    /// Longest edge of a triangle and of a tetrahedron for which the rules are accurate enough, m; larger cells are
+    /// split.
+    pub(crate) longest_edge_m: [f64; 2],
+}
+
+impl<R: Fn(&[Point3]) -> bool, V: Fn(Point3) -> f64> LocalFunction<R, V> {
+    /// The mean over each cell of a mesh, added to `sums` (one value per cell).
+    ///
+    /// # Panics
+    /// If the length of `sums` differs from the number of cells.
+    pub(crate) fn add_cell_means(&self, mesh: &Mesh, sums: &mut [f64]) {
+        assert_eq!(sums.len(), mesh.cell_count(), "one sum per cell");
+        match &mesh.cells {
+            Cells::Triangles(cells) => {
+                for (sum, cell) in sums.iter_mut().zip(cells) {
+                    let corners = cell.map(|node| mesh.nodes[node]);
+                    if (self.reaches)(&corners) {
+                        *sum += self.triangle_mean(corners);
+                    }
+                }
+            }
+            Cells::Tetrahedra(cells) => {
+                for (sum, cell) in sums.iter_mut().zip(cells) {
+                    let corners = cell.map(|node| mesh.nodes[node]);
+                    if (self.reaches)(&corners) {
+                        *sum += self.tetrahedron_mean(corners);
+                    }
+                }
+            }
+        }
+    }
+
+    /// The mean over one triangle; a triangle that is too large is split into quarters. Quarters out of reach are not
+    /// split further: their number would grow with the square of the size.
+    pub(crate) fn triangle_mean(&self, corners: [Point3; 3]) -> f64 {
+        if longest_edge(&corners) > self.longest_edge_m[0] {
+            let reached = quarters(corners).into_iter().filter(|quarter| (self.reaches)(quarter));
+            return 0.25 * reached.map(|quarter| self.triangle_mean(quarter)).sum::<f64>();
+        }
+        triangle_points(&corners).iter().map(|&(point, weight)| weight * (self.value)(point)).sum()
+    }
+
+    /// The mean over one tetrahedron; a tetrahedron that is too large is split into eighths.
+    pub(crate) fn tetrahedron_mean(&self, corners: [Point3; 4]) -> f64 {
+        if longest_edge(&corners) > self.longest_edge_m[1] {
+            let reached = eighths(corners).into_iter().filter(|eighth| (self.reaches)(eighth));
+            return 0.125 * reached.map(|eighth| self.tetrahedron_mean(eighth)).sum::<f64>();
+        }
+        tetrahedron_points(&corners).iter().map(|&(point, weight)| weight * (self.value)(point)).sum()
+    }
 }
 
 /// The Gauss-Legendre rule on -1 to 1: points and weights (which sum to 2), exact for polynomials of degree

@@ -14,12 +14,12 @@
 //! ```
 
 use crate::elementary::exp;
-use crate::quadrature::{eighths, quarters, tetrahedron_points, triangle_points};
+use crate::quadrature::LocalFunction;
 use crate::unrolled::Unrolled;
 use dermis::design::TouchEffect;
 use dermis::geom::vector::{distance, longest_edge};
 use dermis::geom::{Point3, Surface};
-use dermis::mesh::{Cells, Mesh};
+use dermis::mesh::Mesh;
 use thiserror::Error;
 
 /// A touch or a noise that cannot be simulated.
@@ -82,24 +82,14 @@ impl GaussianTouch {
     /// # Panics
     /// If the length of `sums` differs from the number of cells.
     pub(crate) fn add_cell_means(&self, surface: &Surface, mesh: &Mesh, sums: &mut [f64]) {
-        assert_eq!(sums.len(), mesh.cell_count(), "one sum per cell");
-        match &mesh.cells {
-            Cells::Triangles(cells) => {
-                for (sum, cell) in sums.iter_mut().zip(cells) {
-                    let corners = cell.map(|node| mesh.nodes[node]);
-                    if self.reaches(&corners) {
-                        *sum += self.triangle_mean(surface, corners);
-                    }
-                }
-            }
-            Cells::Tetrahedra(cells) => {
-                for (sum, cell) in sums.iter_mut().zip(cells) {
-                    let corners = cell.map(|node| mesh.nodes[node]);
-                    if self.reaches(&corners) {
-                        *sum += self.tetrahedron_mean(surface, corners);
-                    }
-                }
-            }
+        self.over_cells(surface).add_cell_means(mesh, sums);
+    }
+
+    fn over_cells(&self, surface: &Surface) -> LocalFunction<impl Fn(&[Point3]) -> bool, impl Fn(Point3) -> f64> {
+        LocalFunction {
+            reaches: |corners: &[Point3]| self.reaches(corners),
+            value: |point| self.value(surface, point),
+            longest_edge_m: [TRIANGLE_EDGE_WIDTHS, TETRAHEDRON_EDGE_WIDTHS].map(|widths| widths * self.width_m),
         }
     }
 
@@ -107,25 +97,6 @@ impl GaussianTouch {
     /// most the distance along the surface.
     fn reaches(&self, corners: &[Point3]) -> bool {
         distance(corners[0], self.centre_m) <= REACH_WIDTHS * self.width_m + longest_edge(corners)
-    }
-
-    /// The mean over one triangle; a triangle that is large compared with the touch is split into quarters. Quarters out
-    /// of its reach are not split further: their number would grow with the square of the size.
-    fn triangle_mean(&self, surface: &Surface, corners: [Point3; 3]) -> f64 {
-        if longest_edge(&corners) > TRIANGLE_EDGE_WIDTHS * self.width_m {
-            let reached = quarters(corners).into_iter().filter(|quarter| self.reaches(quarter));
-            return 0.25 * reached.map(|quarter| self.triangle_mean(surface, quarter)).sum::<f64>();
-        }
-        triangle_points(&corners).iter().map(|&(point, weight)| weight * self.value(surface, point)).sum()
-    }
-
-    /// The mean over one tetrahedron; a tetrahedron that is large compared with the touch is split into eighths.
-    fn tetrahedron_mean(&self, surface: &Surface, corners: [Point3; 4]) -> f64 {
-        if longest_edge(&corners) > TETRAHEDRON_EDGE_WIDTHS * self.width_m {
-            let reached = eighths(corners).into_iter().filter(|eighth| self.reaches(eighth));
-            return 0.125 * reached.map(|eighth| self.tetrahedron_mean(surface, eighth)).sum::<f64>();
-        }
-        tetrahedron_points(&corners).iter().map(|&(point, weight)| weight * self.value(surface, point)).sum()
     }
 }
 
@@ -169,6 +140,7 @@ pub fn touched_conductivity(
 mod tests {
     use super::*;
     use dermis::geom::vector::{add, scale};
+    use dermis::mesh::Cells;
     use std::f64::consts::TAU;
 
     const WIDTH_M: f64 = 0.008;
@@ -209,7 +181,7 @@ mod tests {
             for centre in [[0.0, 0.0], [0.004, 0.003], [-0.011, 0.02]] {
                 let touch = touch(centre[0], centre[1]);
                 let exact = fine_mean(&touch, corners, 2000);
-                worst = worst.max((touch.triangle_mean(&Surface::Plane, corners) - exact).abs());
+                worst = worst.max((touch.over_cells(&Surface::Plane).triangle_mean(corners) - exact).abs());
             }
         }
         println!("largest error of a triangle's mean: {worst:.1e}");
@@ -220,7 +192,7 @@ mod tests {
     fn the_value_at_the_centre_is_not_the_mean() {
         let corners = [[0.0; 3], [0.016, 0.0, 0.0], [0.0, 0.016, 0.0]];
         let touch = touch(0.016 / 3.0, 0.016 / 3.0);
-        assert!(touch.amplitude - touch.triangle_mean(&Surface::Plane, corners) > 0.1);
+        assert!(touch.amplitude - touch.over_cells(&Surface::Plane).triangle_mean(corners) > 0.1);
     }
 
     #[test]
@@ -265,7 +237,7 @@ mod tests {
             }
         }
         let fine = sum / count as f64;
-        let mean = touch.tetrahedron_mean(&Surface::Free, corners);
+        let mean = touch.over_cells(&Surface::Free).tetrahedron_mean(corners);
         println!("mean over a tetrahedron {mean:.5}, by counting {fine:.5}");
         assert!((mean / fine - 1.0).abs() < 0.01);
     }

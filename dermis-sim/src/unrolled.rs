@@ -16,7 +16,7 @@
 
 use crate::elementary::{atan2, sin_cos};
 use dermis::geom::vector::sub;
-use dermis::geom::{Point3, Surface};
+use dermis::geom::{Point2, Point3, Surface};
 use std::f64::consts::TAU;
 
 /// A surface, unrolled.
@@ -52,6 +52,18 @@ impl Unrolled {
             step[0] -= period_m * (step[0] / period_m).round();
         }
         step
+    }
+
+    /// The first two unrolled coordinates of a point, (around, along) on a cylinder, m.
+    pub fn chart(&self, point_m: Point3) -> Point2 {
+        let [round, along, _] = self.place(point_m);
+        [round, along]
+    }
+
+    /// The step between two positions given by these, the shorter way around, m.
+    pub fn chart_step(&self, from: Point2, to: Point2) -> Point2 {
+        let [round, along, _] = self.step([from[0], from[1], 0.0], [to[0], to[1], 0.0]);
+        [round, along]
     }
 
     /// The square of the distance of two positions, m2.

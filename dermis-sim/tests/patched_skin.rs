@@ -7,7 +7,10 @@ use dermis::frame::Frame;
 use dermis::mesh::Mesh;
 use dermis::protocol::Protocol;
 use dermis::stats::upper_median;
-use dermis_sim::twin::{ContactHistory, ContactLaw, Foam, MOMENT_DEGREE, PatchOptions, PatchedSkin, Press};
+use dermis_sim::twin::{
+    ContactHistory, ContactLaw, Foam, Indentation, MOMENT_DEGREE, PatchLattice, PatchOptions, PatchShape, PatchedSkin,
+    Press,
+};
 use std::sync::OnceLock;
 use std::time::Instant;
 
@@ -30,9 +33,11 @@ fn lab() -> PatchOptions {
         rows: 30,
         columns: 31,
         gap_m: 0.001,
+        shape: PatchShape::Square,
+        lattice: PatchLattice::Rectangular,
         offset_m: [0.0; 2],
         pitch_m: None,
-        foam: Foam { thickness_m: 0.002, modulus_pa: 2.5e5 },
+        foam: Foam { thickness_m: 0.002, modulus_pa: 2.5e5, indentation: Indentation::Foundation },
         contact: ContactLaw {
             conductance_s_per_m2: 1500.0,
             reference_pressure_pa: 1e4,
@@ -270,7 +275,7 @@ fn a_press_of_two_newtons_changes_the_frame_by_about_one_per_cent() {
 #[test]
 fn the_frame_moves_in_steps_of_a_patch() {
     let mut hard = lab();
-    hard.foam = Foam { thickness_m: 0.001, modulus_pa: 4e5 };
+    hard.foam = Foam { thickness_m: 0.001, modulus_pa: 4e5, ..hard.foam };
     hard.contact = ContactLaw { conductance_s_per_m2: 1e5, saturation_s_per_m2: 1e6, ..hard.contact };
     for (name, options, least_ratio) in [("lab", lab(), 1.5), ("hard contact, thin foam", hard, 5.0)] {
         let skin = patched(&options, MOMENT_DEGREE);
@@ -405,7 +410,7 @@ fn the_true_strength_is_what_the_frame_feels() {
         let mean = values.iter().sum::<f64>() / values.len() as f64;
         (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt() / mean
     };
-    let thin = PatchOptions { foam: Foam { thickness_m: 0.001, modulus_pa: 6e5 }, ..lab() };
+    let thin = PatchOptions { foam: Foam { thickness_m: 0.001, modulus_pa: 6e5, ..lab().foam }, ..lab() };
     for (name, options) in [("lab", lab()), ("thin foam", thin)] {
         for place in [press(0.155, 1.1, 1.0), press(0.23, 3.4, 1.0), press(0.07, 5.2, 1.0)] {
             let one = |k: usize| {

@@ -16,6 +16,15 @@ pub enum DatasetError {
         /// The allowed values.
         must: String,
     },
+    /// A physics that no training may use.
+    #[error(
+        "`touch.patch.patches.{field}` is for digital twins alone: networks are measured on its physics because no \
+         training has seen it (leave it out)"
+    )]
+    KeptForEvaluation {
+        /// The field of the patches.
+        field: &'static str,
+    },
     /// A shard whose index is not below the number of shards.
     #[error("shard {index} of {count}: with {count} shards their numbers are 0 to {}", count.saturating_sub(1))]
     Shard {

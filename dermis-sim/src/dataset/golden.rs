@@ -1,11 +1,15 @@
-//! Checksums of small datasets: samples have the same bits on every system, for the same mesh.
+//! Checksums of small datasets and of presses on the shipped twins: they have the same bits on every system, for the same
+//! mesh.
 //!
 //! The mesh, the electrode positions and the instruction set are fixed here, so that the result depends only on the
-//! functions under test. A checksum changes with the recipe of samples; then the version of the format changes too.
+//! functions under test. A checksum of a dataset changes with the recipe of samples; then the version of the format changes
+//! too.
 
 use super::record::sha256;
 use super::{GaussianTouches, Generator, Recipe, SkinSpread, Skins, Touch};
 use crate::elementary::sin_cos;
+use crate::touch::{GaussianTouch, touched_conductivity};
+use crate::twin::{PatchedSkin, Press, TouchOptions, TwinOptions};
 use crate::unrolled::Unrolled;
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
@@ -99,6 +103,57 @@ fn a_dataset_of_random_skins_has_its_checksum() {
         checksum(Skins::Random(SkinSpread::usual())),
         "fcd265469d68194e7fd9d73958ded053a116cdc859b5d9107e1017d71c26b004"
     );
+}
+
+/// SHA-256 of the effect of some presses on a shipped twin, before anything is solved: the contacts of patches and their
+/// true strength, or the touched conductance of the coating.
+fn checksum_of_presses(twin: &str) -> String {
+    let (design, forward) = skin();
+    let (mesh, rest) = (forward.mesh(), forward.rest_conductivity());
+    let surface = Unrolled::of(&design.body.surface());
+    let presses: Vec<Press> = [([0.01, 0.003], 2.0), ([-0.155, 0.2985], 1.0), ([0.06, 0.14], 5.0), ([0.07, 0.15], 0.3)]
+        .map(|(step_m, force_n)| Press {
+            centre_m: surface.walk([0.05, 0.0, 0.0], step_m),
+            force_n,
+            tip_radius_m: 0.005,
+        })
+        .to_vec();
+    let values: Vec<f64> = match TwinOptions::shipped(twin).unwrap().touch {
+        TouchOptions::Patches(options) => {
+            let skin = PatchedSkin::new(&options, &design.body, &forward, rest).unwrap();
+            let contacts = skin.contacts(&presses).unwrap().into_iter();
+            let strength_m2 = skin.strength_m2(&presses).unwrap();
+            contacts.flat_map(|contact| contact.conductance.values).chain([strength_m2]).collect()
+        }
+        TouchOptions::Gaussian(options) => {
+            let touch = |press: &Press| GaussianTouch {
+                centre_m: press.centre_m,
+                amplitude: options.amplitude_per_n * press.force_n,
+                width_m: options.width_m,
+            };
+            let touches: Vec<GaussianTouch> = presses.iter().map(touch).collect();
+            touched_conductivity(mesh, &design.body.surface(), design.sheet.touch, rest, &touches).unwrap()
+        }
+        other => panic!("no checksum for {other:?}"),
+    };
+    sha256(&values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>())
+}
+
+#[test]
+fn presses_on_the_shipped_twins_have_their_checksums() {
+    let patches = "122568a1ec4ff5634afd934b7751161ea3ae5afc2576605b8f1c5408b094c594";
+    for (twin, of_text, of_presses) in [
+        (
+            "ideal",
+            "51cdaa2b70ec8e3805d45a3c05261f5c79c6d9801cc257533f10d66547c23708",
+            "4584fc9e01388e695c884a1d2c5acea0dca9a37d85ef7873900e0e1d47601870",
+        ),
+        ("lab", "bd4fc8901969d62887727447cbbff1ec492c9248d9584acba0cdb89c18f5ecec", patches),
+        ("harsh", "e8c8850e7d7e31a34fe29d47f93dc9365348f4b9fe58f9c9cca8c6e95ad62f9c", patches),
+    ] {
+        assert_eq!(sha256(TwinOptions::shipped_text(twin).unwrap().as_bytes()), of_text, "the file of `{twin}`");
+        assert_eq!(checksum_of_presses(twin), of_presses, "presses on `{twin}`");
+    }
 }
 
 #[test]

@@ -133,6 +133,9 @@ impl PatchTouches {
                 return Err(DatasetError::OutOfRange { what, value: together.share, must: "0 to 1".into() });
             }
         }
+        if let Some(field) = self.patches.kept_for_evaluation() {
+            return Err(DatasetError::KeptForEvaluation { field });
+        }
         match effect {
             TouchEffect::ConductanceRises => Ok(()),
             TouchEffect::ConductanceFalls => Err(DatasetError::OutOfRange {

@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 
 /// A patch with less than this fraction of its area on the body has no contact.
 const SMALLEST_SHARE: f64 = 1e-4;
-/// A patch that fills its bounding box within this tolerance is a rectangle.
+/// A patch that fills its bounding box within this tolerance is a rectangle; one that fills its shape is whole.
 const WHOLE: f64 = 1e-9;
 /// A function whose norm squared, after projection onto the complement of the others, is below this fraction is
 /// linearly dependent: rounding leaves 1e-16, and above this limit a second pass corrects the errors of the first.
@@ -82,14 +82,14 @@ pub(super) fn cover(
     }
     let (mut moments, mut covers) = (Vec::new(), Vec::new());
     for (patch, pieces) in pieces.iter().enumerate() {
-        let [low, high] = grid.corners_m(patch);
-        let whole = (high[0] - low[0]) * (high[1] - low[1]);
+        let whole = grid.area_m2(patch);
         let area: f64 = pieces.iter().map(|piece| polygon::signed_area(&piece.part).abs()).sum();
         if area < SMALLEST_SHARE * whole {
             covers.push(None);
             continue;
         }
-        let basis = Basis::new(pieces, area, degree);
+        let points = ((area / whole - 1.0).abs() < WHOLE).then(|| grid.points(patch)).flatten();
+        let basis = Basis::new(pieces, area, degree, points);
         moments.extend(basis.moments(pieces).into_iter().map(|nodes| PotentialMoment { conductor: patch, nodes }));
         covers.push(Some(basis.cover()));
     }
@@ -98,27 +98,24 @@ pub(super) fn cover(
 
 /// Adds the parts of one triangle to the patches above it.
 fn cut(grid: &PatchGrid, mesh: &Mesh, nodes: &[usize; 3], wanted: Option<&[bool]>, pieces: &mut [Vec<Piece>]) {
-    let first = grid.chart(mesh.nodes[nodes[0]]);
+    let chart = |node: usize| grid.surface.chart(mesh.nodes[node]);
+    let first = chart(nodes[0]);
     let corners = nodes.map(|node| {
-        let step = grid.step(first, grid.chart(mesh.nodes[node]));
+        let step = grid.surface.chart_step(first, chart(node));
         [first[0] + step[0], first[1] + step[1]]
     });
     let ([left, bottom], [right, top]) = bounds(corners.iter());
-    for (row, _) in grid.along.lines_between(bottom, top) {
-        for (column, shift) in grid.round.lines_between(left, right) {
-            let patch = grid.patch(row, column);
-            if wanted.is_some_and(|wanted| !wanted[patch]) {
-                continue;
-            }
-            let [low, high] = grid.corners_m(patch);
-            let triangle = corners.map(|corner| [corner[0] - shift, corner[1]]);
-            let part = polygon::clip_box(&triangle, low, high);
-            let Some(&origin) = part.first() else { continue };
-            for pair in part.windows(2).skip(1) {
-                let part = [origin, pair[0], pair[1]];
-                if polygon::signed_area(&part) != 0.0 {
-                    pieces[patch].push(Piece { nodes: *nodes, triangle, part });
-                }
+    for (patch, shift) in grid.patches_between([left, bottom], [right, top]) {
+        if wanted.is_some_and(|wanted| !wanted[patch]) {
+            continue;
+        }
+        let triangle = corners.map(|corner| [corner[0] - shift, corner[1]]);
+        let part = grid.clip(patch, &triangle);
+        let Some(&origin) = part.first() else { continue };
+        for pair in part.windows(2).skip(1) {
+            let part = [origin, pair[0], pair[1]];
+            if polygon::signed_area(&part) != 0.0 {
+                pieces[patch].push(Piece { nodes: *nodes, triangle, part });
             }
         }
     }
@@ -142,7 +139,8 @@ struct Basis {
 }
 
 impl Basis {
-    fn new(pieces: &[Piece], area: f64, degree: usize) -> Self {
+    /// The functions of the patch that consists of some parts, with the points of its shape if it is whole.
+    fn new(pieces: &[Piece], area: f64, degree: usize, whole: Option<Vec<(Point2, f64)>>) -> Self {
         let (low, high) = bounds(pieces.iter().flat_map(|piece| &piece.part));
         let half = [0.5 * (high[0] - low[0]), 0.5 * (high[1] - low[1])];
         let middle = [low[0] + half[0], low[1] + half[1]];
@@ -156,7 +154,7 @@ impl Basis {
             let products = rule.iter().flat_map(|&(s, v)| rule.iter().map(move |&(t, w)| (s, t, v * w)));
             basis.points = products.map(|(s, t, weight)| (at(s, t), 0.25 * weight * area)).collect();
         } else {
-            basis.points = pieces.iter().flat_map(Piece::points).collect();
+            basis.points = whole.unwrap_or_else(|| pieces.iter().flat_map(Piece::points).collect());
             basis.orthonormalise();
         }
         basis
@@ -247,7 +245,7 @@ mod tests {
             let part = [[0.0, 0.0], [1e-2, 1e-2], [1e-2, 1e-2 + thickness_m]];
             let piece = Piece { nodes: [0, 1, 2], triangle: part, part };
             let area = polygon::signed_area(&part).abs();
-            let cover = Basis::new(&[piece], area, 2).cover();
+            let cover = Basis::new(&[piece], area, 2, None).cover();
             let count = cover.values.columns;
             let gram = |i: usize, j: usize| {
                 let terms = cover.points.iter().enumerate();

@@ -3,7 +3,8 @@
 //! The paper's skin is a conductive coating under a grid of highly conductive fabric patches and a layer of foam. A
 //! press spreads through the foam and brings some patches into contact with the coating; current then flows through the
 //! patch, which is one equipotential with zero net current. This gives effects that the Gaussian touches of
-//! [`touch`](crate::touch) do not have: steps of a patch's size, saturation, and touches that do not add up.
+//! [`touch`](crate::touch) do not have: steps of a patch's size, saturation, and touches that do not add up. Other
+//! skins are patches of another shape in another lattice, and a continuous layer whose own conductance rises.
 //! ```
 //! use dermis::design::SkinDesign;
 //! use dermis_sim::twin::{Press, Twin, TwinOptions};
@@ -24,10 +25,14 @@ mod error;
 mod faults;
 mod field;
 mod imperfections;
+mod layer;
+mod load;
 mod options;
+mod patch_shape;
 mod patched;
 mod patches;
 mod press;
+mod sheet;
 mod shipped;
 mod skin;
 mod strength;
@@ -37,12 +42,14 @@ pub use error::TwinError;
 pub use faults::{CutOptions, FaultOptions};
 pub(crate) use field::FieldPlaces;
 pub use imperfections::{CoatOptions, DriftOptions, ElectrodeOptions, TemperatureOptions};
+pub use layer::LayerOptions;
 pub use options::{GaussianOptions, PressOptions, TouchOptions, TwinOptions};
+pub use patch_shape::{PatchLattice, PatchShape};
 pub use patched::{ContactHistory, MOMENT_DEGREE, PatchedSkin};
 pub use patches::PatchOptions;
 pub(crate) use press::Footprint;
 pub(crate) use press::{FORCES_N, TIP_RADII_M};
-pub use press::{Foam, Press};
+pub use press::{Foam, Indentation, Press};
 pub use skin::Twin;
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use super::electronics::{ElectronicsOptions, out_of_range, positive};
 use super::faults::FaultOptions;
 use super::imperfections::{CoatOptions, DriftOptions, ElectrodeOptions, TemperatureOptions};
-use super::{PatchOptions, TwinError, shipped};
+use super::{LayerOptions, PatchOptions, TwinError, shipped};
 use crate::elementary::powf;
 use dermis::design::{Body, DesignError, SkinDesign, TouchEffect};
 use dermis::files::{MOST_SETTINGS_BYTES, read_text_at_most};
@@ -59,6 +59,8 @@ pub enum TouchOptions {
     Gaussian(GaussianOptions),
     /// The paper's skin: fabric patches that foam presses onto the coating.
     Patches(PatchOptions),
+    /// A continuous piezoresistive layer: the coating conducts better where foam presses on it.
+    Layer(LayerOptions),
 }
 
 /// The paper's training touch.
@@ -87,7 +89,7 @@ pub struct PressOptions {
 
 impl TwinOptions {
     /// Names of the shipped twins.
-    pub const SHIPPED: [&str; 3] = shipped::NAMES;
+    pub const SHIPPED: [&str; 5] = shipped::NAMES;
 
     /// A twin by name (see [`SHIPPED`](Self::SHIPPED)) or by the path of its TOML file. A file of that name has
     /// priority.
@@ -147,6 +149,7 @@ impl TwinOptions {
         match &self.touch {
             TouchOptions::Gaussian(gaussian) => gaussian.check()?,
             TouchOptions::Patches(patches) => patches.check()?,
+            TouchOptions::Layer(layer) => layer.check()?,
         }
         self.press.check()?;
         self.coat.check()?;
@@ -162,10 +165,15 @@ impl TwinOptions {
     pub(super) fn made_of(mut self, design: &SkinDesign) -> Self {
         let charted = !matches!(design.body, Body::Mesh { .. });
         let rises = design.sheet.touch == TouchEffect::ConductanceRises;
-        if matches!(self.touch, TouchOptions::Patches(_)) && !(charted && rises) {
+        let needs_both = match self.touch {
+            TouchOptions::Gaussian(_) => None,
+            TouchOptions::Patches(_) => Some(" without patches"),
+            TouchOptions::Layer(_) => Some(" without a layer"),
+        };
+        if let (Some(without), false) = (needs_both, charted && rises) {
             let amplitude_per_n = if rises { 0.5 } else { 0.1 };
             self.touch = TouchOptions::Gaussian(GaussianOptions { amplitude_per_n, width_m: 0.008 });
-            self.name += " without patches";
+            self.name += without;
         }
         self
     }
@@ -228,7 +236,8 @@ impl Source {
 }
 
 /// The possible parent tables of fields that are named without their tables.
-const TABLES: [&str; 4] = ["", "touch.patches.", "touch.patches.foam.", "touch.patches.contact."];
+const TABLES: [&str; 6] =
+    ["", "touch.patches.", "touch.patches.foam.", "touch.patches.contact.", "touch.layer.", "touch.layer.foam."];
 
 impl Source {
     /// The byte range of a field's value, or of the innermost existing table on the way to it.

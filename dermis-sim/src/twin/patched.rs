@@ -2,11 +2,11 @@
 
 use super::contact_law::ContactLaw;
 use super::coverage::{Cover, cover};
+use super::load::Load;
 use super::patches::{PatchGrid, PatchOptions};
-use super::press::{Footprint, Press};
+use super::press::Press;
 use super::strength;
 use super::{Foam, TwinError};
-use crate::elementary::hypot;
 use dermis::design::Body;
 use dermis::forward::{ConductorContact, ElectrodeNetwork, FloatingConductors, ForwardModel};
 use dermis::geom::Point2;
@@ -45,12 +45,6 @@ pub struct PatchedSkin {
 pub struct ContactHistory {
     /// By patch and point of the patch, Pa.
     highest_pa: HashMap<(usize, usize), f64>,
-}
-
-/// The pressure of all presses together.
-struct Load {
-    footprints: Vec<(Point2, Footprint)>,
-    preload_pa: f64,
 }
 
 impl PatchedSkin {
@@ -94,7 +88,7 @@ impl PatchedSkin {
         let wanted = match options.contact.preload_pa > 0.0 {
             true => None,
             false => {
-                let reached = Load::new(presses, &options.foam, &grid, 0.0)?.patches(&grid);
+                let reached = patches_under(&Load::new(presses, &options.foam, body, 0.0)?, &grid);
                 let mut wanted = vec![false; grid.patch_count()];
                 reached.into_iter().for_each(|patch| wanted[patch] = true);
                 Some(wanted)
@@ -190,10 +184,10 @@ impl PatchedSkin {
         history: &mut ContactHistory,
     ) -> Result<Vec<ConductorContact>, TwinError> {
         if self.contact.hysteresis == 0.0 {
-            return self.patches_under(presses, |_, pressure| self.contact.conductance_s_per_m2(pressure));
+            return self.contacts_under(presses, |_, pressure| self.contact.conductance_s_per_m2(pressure));
         }
         let mut highest_pa = HashMap::new();
-        let contacts = self.patches_under(presses, |point, pressure| {
+        let contacts = self.contacts_under(presses, |point, pressure| {
             let before = history.highest_pa.get(&point).copied().unwrap_or(0.0);
             let highest = self.contact.highest_pa(pressure, before);
             if pressure > self.contact.preload_pa {
@@ -214,7 +208,7 @@ impl PatchedSkin {
     /// As [`network`](Self::network).
     pub fn strength_m2(&self, presses: &[Press]) -> Result<f64, TwinError> {
         let preload_pa = self.contact.preload_pa;
-        let load = Load::new(presses, &self.foam, &self.grid, preload_pa)?;
+        let load = Load::new(presses, &self.foam, &self.grid.body, preload_pa)?;
         let of_patch = |cover: &Cover, pressure_pa: &dyn Fn(Point2) -> f64| {
             let conductance_s = |&(point, area_m2): &(Point2, f64)| {
                 (point, area_m2 * self.contact.conductance_s_per_m2(pressure_pa(point)))
@@ -222,25 +216,22 @@ impl PatchedSkin {
             let (whole_s, moment_s_m2) = moments(cover.points.iter().map(conductance_s));
             strength::of_contact(whole_s, moment_s_m2, self.coat_s)
         };
-        let covers = load.patches(&self.grid).into_iter().filter_map(|patch| self.covers[patch].as_ref());
-        let rise = |cover: &Cover| {
-            of_patch(cover, &|point| load.pressure_pa(&self.grid, point)) - of_patch(cover, &|_| preload_pa)
-        };
+        let covers = patches_under(&load, &self.grid).into_iter().filter_map(|patch| self.covers[patch].as_ref());
+        let rise = |cover: &Cover| of_patch(cover, &|point| load.pressure_pa(point)) - of_patch(cover, &|_| preload_pa);
         Ok(covers.map(rise).sum())
     }
 
-    fn patches_under(
+    fn contacts_under(
         &self,
         presses: &[Press],
         mut conductance_s_per_m2: impl FnMut((usize, usize), f64) -> f64,
     ) -> Result<Vec<ConductorContact>, TwinError> {
-        let load = Load::new(presses, &self.foam, &self.grid, self.contact.preload_pa)?;
+        let load = Load::new(presses, &self.foam, &self.grid.body, self.contact.preload_pa)?;
         let mut contacts = Vec::new();
-        for conductor in load.patches(&self.grid) {
+        for conductor in patches_under(&load, &self.grid) {
             let Some(cover) = &self.covers[conductor] else { continue };
-            let conductance = cover.conductance(|index, point| {
-                conductance_s_per_m2((conductor, index), load.pressure_pa(&self.grid, point))
-            });
+            let conductance =
+                cover.conductance(|index, point| conductance_s_per_m2((conductor, index), load.pressure_pa(point)));
             // The first moment is the mean, so that the first value is the total conductance.
             let resting = self.at_rest.binary_search_by_key(&conductor, |contact| contact.conductor);
             let resting_s = resting.map_or(0.0, |index| self.at_rest[index].conductance.at(0, 0));
@@ -263,26 +254,11 @@ fn moments(points: impl Iterator<Item = (Point2, f64)> + Clone) -> (f64, f64) {
     (whole, if whole > 0.0 { moment } else { 0.0 })
 }
 
-impl Load {
-    fn new(presses: &[Press], foam: &Foam, grid: &PatchGrid, preload_pa: f64) -> Result<Self, TwinError> {
-        let footprint = |press: &Press| Ok((grid.chart(press.centre_m), Footprint::new(press, foam, &grid.body)?));
-        Ok(Load { footprints: presses.iter().map(footprint).collect::<Result<_, _>>()?, preload_pa })
-    }
-
-    /// The patches that some press may reach, in order.
-    fn patches(&self, grid: &PatchGrid) -> Vec<usize> {
-        let near = |(centre, footprint): &(Point2, Footprint)| grid.patches_near(*centre, footprint.reach_m());
-        let mut patches: Vec<usize> = self.footprints.iter().flat_map(near).collect();
-        patches.sort_unstable();
-        patches.dedup();
-        patches
-    }
-
-    fn pressure_pa(&self, grid: &PatchGrid, point: Point2) -> f64 {
-        let of_press = |(centre, footprint): &(Point2, Footprint)| {
-            let [round, along] = grid.step(*centre, point);
-            footprint.pressure_pa(hypot(round, along))
-        };
-        self.preload_pa + self.footprints.iter().map(of_press).sum::<f64>()
-    }
+/// The patches that some press may reach, in order.
+fn patches_under(load: &Load, grid: &PatchGrid) -> Vec<usize> {
+    let mut patches: Vec<usize> =
+        load.reaches_m().flat_map(|(centre, reach_m)| grid.patches_near(centre, reach_m)).collect();
+    patches.sort_unstable();
+    patches.dedup();
+    patches
 }

@@ -3,10 +3,11 @@
 use super::TwinError;
 use super::contact_law::ContactLaw;
 use super::error::{check_between, check_positive};
+use super::patch_shape::{self, PatchLattice, PatchShape, is_default};
 use super::press::Foam;
 use crate::unrolled::Unrolled;
 use dermis::design::Body;
-use dermis::geom::{Point2, Point3};
+use dermis::geom::{Point2, polygon};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
@@ -29,6 +30,12 @@ pub struct PatchOptions {
     pub columns: usize,
     /// Width of the gaps between patches, m.
     pub gap_m: f64,
+    /// Shape of the patches.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub shape: PatchShape,
+    /// Arrangement of the patches.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub lattice: PatchLattice,
     /// Shift of the grid [along, around], m. If the grid covers the body, parts shifted out at one end enter at the
     /// other.
     #[serde(default)]
@@ -58,12 +65,19 @@ impl PatchOptions {
             check_positive("pitch_m", pitch, "leave it out to cover the body")?;
             check_between("pitch_m", pitch, [1e-5, 10.0], "leave it out to cover the body")?;
         }
-        check_positive("thickness_m", self.foam.thickness_m, "0.003 is a thin neoprene foam")?;
-        check_positive("modulus_pa", self.foam.modulus_pa, "200000 is a soft neoprene foam")?;
-        // Thicker foam spreads each press over the whole skin.
-        check_between("thickness_m", self.foam.thickness_m, [1e-5, 0.1], "0.003 is a thin neoprene foam")?;
-        check_between("modulus_pa", self.foam.modulus_pa, [1.0, 1e12], "200000 is a soft neoprene foam")?;
+        self.foam.check()?;
         self.contact.check()
+    }
+
+    /// The first field with a physics that is kept for the measurement of networks, so that no training may use it:
+    /// another shape, lattice or indentation than those of the twin `lab`.
+    pub(crate) fn kept_for_evaluation(&self) -> Option<&'static str> {
+        let fields = [
+            ("shape", is_default(&self.shape)),
+            ("lattice", is_default(&self.lattice)),
+            ("foam.indentation", is_default(&self.foam.indentation)),
+        ];
+        fields.into_iter().find(|(_, usual)| !usual).map(|(field, _)| field)
     }
 
     /// The grid on a body.
@@ -87,8 +101,30 @@ impl PatchOptions {
             let closed = wraps && axis == 1;
             lines.push(Lines::new(low[axis], size[axis], counts[axis], pitch_m, self.offset_m[axis], closed));
         }
-        let [along, round] = [lines[0], lines[1]];
-        Ok(PatchGrid { along, round, gap_m: self.gap_m, body: body.clone() })
+        self.grid([lines[0], lines[1]], body)
+    }
+
+    fn grid(&self, [along, mut round]: [Lines; 2], body: &Body) -> Result<PatchGrid, TwinError> {
+        let pitch_m = [along.pitch_m, round.pitch_m];
+        let widest_m = self.shape.widest_m(self.lattice, pitch_m);
+        if self.shape != PatchShape::Square && self.gap_m >= widest_m {
+            let must = format!("smaller than {widest_m:.5} m, at which neighbours without a gap touch");
+            let fix = "take fewer rows or columns".into();
+            return Err(TwinError::OutOfRange { field: "gap_m", value: self.gap_m, must, fix });
+        }
+        if self.lattice == PatchLattice::Staggered && round.covers && round.period_m.is_none() {
+            // The shifted rows begin half a pitch before the others.
+            round.count += 1;
+        }
+        let corners_m = self.shape.corners_m(self.lattice, pitch_m, self.gap_m);
+        let beyond = |axis: usize, pitch_m: f64| {
+            let most = corners_m.iter().flatten().map(|corner| corner[axis]).fold(0.0, f64::max);
+            (most - 0.5 * pitch_m).max(0.0)
+        };
+        let overhang_m = [beyond(0, round.pitch_m), beyond(1, along.pitch_m)];
+        let (gap_m, lattice) = (self.gap_m, self.lattice);
+        let surface = Unrolled::of(&body.surface());
+        Ok(PatchGrid { along, round, lattice, gap_m, corners_m, overhang_m, body: body.clone(), surface })
     }
 
     fn check_fits(&self, axis: usize, pitch_m: f64, size_m: f64, closed: bool) -> Result<(), TwinError> {
@@ -120,26 +156,31 @@ pub(super) struct Lines {
     pub count: usize,
     /// The period of a closed axis.
     pub period_m: Option<f64>,
+    /// Whether the lines cover the body.
+    covers: bool,
+    /// Number of the first line in an endless lattice that moves with the offset: even lines stay even.
+    first: i64,
 }
 
 impl Lines {
     fn new(low_m: f64, size_m: f64, count: usize, pitch_m: f64, offset_m: f64, closed: bool) -> Self {
         let covers = (pitch_m * count as f64 - size_m).abs() <= RELATIVE_ROUNDING * size_m;
+        let fixed = Lines { start_m: low_m + offset_m, pitch_m, count, period_m: None, covers, first: 0 };
         if closed {
-            return Lines { start_m: low_m + offset_m, pitch_m, count, period_m: Some(size_m) };
+            return Lines { period_m: Some(size_m), ..fixed };
         }
-        let shift = offset_m.rem_euclid(pitch_m);
+        let (shift, first) = (offset_m.rem_euclid(pitch_m), -((offset_m / pitch_m).floor() as i64));
         match covers && shift > RELATIVE_ROUNDING * pitch_m {
             // One more line, clipped at both ends.
-            true => Lines { start_m: low_m + shift - pitch_m, pitch_m, count: count + 1, period_m: None },
-            false if covers => Lines { start_m: low_m, pitch_m, count, period_m: None },
-            false => Lines { start_m: low_m + offset_m, pitch_m, count, period_m: None },
+            true => Lines { start_m: low_m + shift - pitch_m, count: count + 1, first: first - 1, ..fixed },
+            false if covers => Lines { start_m: low_m, first, ..fixed },
+            false => fixed,
         }
     }
 
     /// The lines that overlap an interval, each with its shift by whole periods, m.
-    pub(super) fn lines_between(&self, low_m: f64, high_m: f64) -> impl Iterator<Item = (usize, f64)> + Clone + use<> {
-        let Lines { start_m, pitch_m, count, period_m } = *self;
+    fn lines_between(&self, low_m: f64, high_m: f64) -> impl Iterator<Item = (usize, f64)> + use<> {
+        let Lines { start_m, pitch_m, count, period_m, .. } = *self;
         let line = |value: f64| ((value - start_m) / pitch_m).floor() as i64;
         let (mut first, mut last) = (line(low_m), line(high_m));
         if period_m.is_none() {
@@ -152,7 +193,7 @@ impl Lines {
     }
 
     /// The part of the fabric in a line, m.
-    pub(super) fn fabric(&self, line: usize, gap_m: f64) -> [f64; 2] {
+    fn fabric(&self, line: usize, gap_m: f64) -> [f64; 2] {
         let start = self.start_m + line as f64 * self.pitch_m;
         [start + 0.5 * gap_m, start + self.pitch_m - 0.5 * gap_m]
     }
@@ -163,10 +204,16 @@ impl Lines {
 /// Positions are given in the chart `[around, along]`: (radius * theta, z) on a cylinder, (x, y) on a flat skin.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct PatchGrid {
-    pub(super) along: Lines,
-    pub(super) round: Lines,
+    along: Lines,
+    round: Lines,
+    lattice: PatchLattice,
     gap_m: f64,
+    /// The corners of a patch relative to the middle of its cell of the lattice, m; `None` for a rectangle in the cell.
+    corners_m: Option<Vec<Point2>>,
+    /// How far a patch extends beyond its cell [around, along], m.
+    overhang_m: Point2,
     pub(super) body: Body,
+    pub(super) surface: Unrolled,
 }
 
 impl PatchGrid {
@@ -185,39 +232,68 @@ impl PatchGrid {
         row * self.round.count + column
     }
 
-    /// Lower and upper corner of a patch in the chart `[around, along]`, m. On a cylinder the upper one may be beyond
-    /// the seam.
+    /// The columns of a row: in a staggered lattice those of every other row are shifted by half a pitch.
+    fn columns(&self, row: usize) -> Lines {
+        let is_shifted = self.lattice == PatchLattice::Staggered && (self.along.first + row as i64).rem_euclid(2) == 1;
+        let shift_m = if is_shifted { 0.5 * self.round.pitch_m } else { 0.0 };
+        Lines { start_m: self.round.start_m - shift_m, ..self.round }
+    }
+
+    /// Lower and upper corner of a patch's cell of the lattice, less the gap, in the chart `[around, along]`, m. On a
+    /// cylinder the upper one may be beyond the seam.
     pub(crate) fn corners_m(&self, patch: usize) -> [Point2; 2] {
-        let along = self.along.fabric(patch / self.round.count, self.gap_m);
-        let round = self.round.fabric(patch % self.round.count, self.gap_m);
+        let (row, column) = (patch / self.round.count, patch % self.round.count);
+        let along = self.along.fabric(row, self.gap_m);
+        let round = self.columns(row).fabric(column, self.gap_m);
         [[round[0], along[0]], [round[1], along[1]]]
     }
 
-    /// A point of the skin in the chart, m.
-    pub(super) fn chart(&self, point_m: Point3) -> Point2 {
-        let [round, along, _] = Unrolled::of(&self.body.surface()).place(point_m);
-        [round, along]
+    fn middle_m(&self, patch: usize) -> Point2 {
+        let [low, high] = self.corners_m(patch);
+        [0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])]
+    }
+
+    /// Area of a patch that is not clipped, m2.
+    pub(super) fn area_m2(&self, patch: usize) -> f64 {
+        let [low, high] = self.corners_m(patch);
+        self.corners_m.as_ref().map_or((high[0] - low[0]) * (high[1] - low[1]), |corners| polygon::signed_area(corners))
+    }
+
+    /// Points of a patch that is not clipped with their areas, m2; `None` for a rectangle.
+    pub(super) fn points(&self, patch: usize) -> Option<Vec<(Point2, f64)>> {
+        let middle = self.middle_m(patch);
+        let moved = |(point, area): (Point2, f64)| ([middle[0] + point[0], middle[1] + point[1]], area);
+        Some(patch_shape::points(self.corners_m.as_ref()?).into_iter().map(moved).collect())
+    }
+
+    /// The part of a triangle of the chart below a patch.
+    pub(super) fn clip(&self, patch: usize, triangle: &[Point2; 3]) -> Vec<Point2> {
+        let [low, high] = self.corners_m(patch);
+        match &self.corners_m {
+            None => polygon::clip_box(triangle, low, high),
+            Some(corners) => patch_shape::clip(triangle, self.middle_m(patch), corners),
+        }
+    }
+
+    /// The patches that may overlap a box of the chart, each with its shift by whole periods, m.
+    pub(super) fn patches_between(&self, low: Point2, high: Point2) -> impl Iterator<Item = (usize, f64)> {
+        let [round_m, along_m] = self.overhang_m;
+        self.along.lines_between(low[1] - along_m, high[1] + along_m).flat_map(move |(row, _)| {
+            let columns = self.columns(row).lines_between(low[0] - round_m, high[0] + round_m);
+            columns.map(move |(column, shift)| (self.patch(row, column), shift))
+        })
     }
 
     /// The patches that may be within a distance of a position in the chart.
-    pub(super) fn patches_near(&self, place: Point2, reach_m: f64) -> Vec<usize> {
-        let columns = self.round.lines_between(place[0] - reach_m, place[0] + reach_m);
-        let rows = self.along.lines_between(place[1] - reach_m, place[1] + reach_m);
-        rows.flat_map(|(row, _)| columns.clone().map(move |(column, _)| (row, column)))
-            .map(|(row, column)| self.patch(row, column))
-            .collect()
-    }
-
-    /// The shorter way from one position of the chart to another.
-    pub(super) fn step(&self, from: Point2, to: Point2) -> Point2 {
-        let place = |[round, along]: Point2| [round, along, 0.0];
-        let [round, along, _] = Unrolled::of(&self.body.surface()).step(place(from), place(to));
-        [round, along]
+    pub(super) fn patches_near(&self, [round, along]: Point2, reach_m: f64) -> Vec<usize> {
+        let (low, high) = ([round - reach_m, along - reach_m], [round + reach_m, along + reach_m]);
+        self.patches_between(low, high).map(|(patch, _)| patch).collect()
     }
 }
 
 #[cfg(test)]
 pub(super) mod tests {
+    use super::super::Indentation;
     use super::*;
 
     pub(in crate::twin) fn options() -> PatchOptions {
@@ -225,9 +301,11 @@ pub(super) mod tests {
             rows: 30,
             columns: 31,
             gap_m: 0.001,
+            shape: PatchShape::Square,
+            lattice: PatchLattice::Rectangular,
             offset_m: [0.0; 2],
             pitch_m: None,
-            foam: Foam { thickness_m: 0.003, modulus_pa: 2e5 },
+            foam: Foam { thickness_m: 0.003, modulus_pa: 2e5, indentation: Indentation::Foundation },
             contact: ContactLaw {
                 conductance_s_per_m2: 20.0,
                 reference_pressure_pa: 1e4,

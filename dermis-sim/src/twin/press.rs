@@ -2,7 +2,8 @@
 
 use super::TwinError;
 use super::error::{check_between, check_positive};
-use crate::elementary::{acos, atan2, cos, hypot};
+use super::patch_shape::is_default;
+use crate::elementary::{acos, atan2, cos, hypot, powf};
 use crate::quadrature::gauss_legendre;
 use dermis::design::Body;
 use dermis::geom::Point3;
@@ -78,19 +79,69 @@ impl Press {
 pub struct Foam {
     /// Its thickness, m.
     pub thickness_m: f64,
-    /// Its modulus of compression, Pa: pressure over strain.
+    /// Its modulus, Pa: pressure over strain of a foundation, Young's modulus over `1 - nu^2` of a half space.
     pub modulus_pa: f64,
+    /// How a tip sinks into it.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub indentation: Indentation,
+}
+
+/// How a spherical tip sinks into a layer.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Indentation {
+    /// As into springs side by side, a foam whose pores collapse: an elastic foundation.
+    #[default]
+    Foundation,
+    /// As into a half space of rubber: Hertz's contact.
+    HalfSpace,
 }
 
 impl Foam {
-    /// The indentation depth of a tip: `delta = sqrt(F h / (pi R E))`, m.
-    pub fn depth_m(&self, press: &Press) -> f64 {
-        (press.force_n * self.thickness_m / (PI * press.tip_radius_m * self.modulus_pa)).sqrt()
+    /// # Errors
+    /// Invalid values.
+    pub(super) fn check(&self) -> Result<(), TwinError> {
+        check_positive("thickness_m", self.thickness_m, "0.003 is a thin neoprene foam")?;
+        check_positive("modulus_pa", self.modulus_pa, "200000 is a soft neoprene foam")?;
+        // Thicker foam spreads each press over the whole skin.
+        check_between("thickness_m", self.thickness_m, [1e-5, 0.1], "0.003 is a thin neoprene foam")?;
+        check_between("modulus_pa", self.modulus_pa, [1.0, 1e12], "200000 is a soft neoprene foam")
     }
 
-    /// Radius of the contact between tip and foam: `a = sqrt(2 R delta)`, m.
+    /// The indentation depth of a tip, m: `delta = sqrt(F h / (pi R E))` of a foundation, `delta = a^2 / R` of a half
+    /// space.
+    pub fn depth_m(&self, press: &Press) -> f64 {
+        match self.indentation {
+            Indentation::Foundation => {
+                (press.force_n * self.thickness_m / (PI * press.tip_radius_m * self.modulus_pa)).sqrt()
+            }
+            Indentation::HalfSpace => self.contact_radius_m(press).powi(2) / press.tip_radius_m,
+        }
+    }
+
+    /// Radius of the contact between tip and foam, m: `a = sqrt(2 R delta)` of a foundation, `a^3 = 3 F R / (4 E)` of a
+    /// half space.
     pub(crate) fn contact_radius_m(&self, press: &Press) -> f64 {
-        (2.0 * press.tip_radius_m * self.depth_m(press)).sqrt()
+        match self.indentation {
+            Indentation::Foundation => (2.0 * press.tip_radius_m * self.depth_m(press)).sqrt(),
+            Indentation::HalfSpace => powf(0.75 * press.force_n * press.tip_radius_m / self.modulus_pa, 1.0 / 3.0),
+        }
+    }
+}
+
+impl Indentation {
+    /// A ring of the tip's pressure from a point of a rule over 0 to the contact radius: its radius and its force, N.
+    fn ring(self, force_n: f64, radius_m: f64, s: f64, weight: f64) -> (f64, f64) {
+        match self {
+            Indentation::Foundation => {
+                (s, weight * 4.0 * force_n * s / (radius_m * radius_m) * (1.0 - (s / radius_m) * (s / radius_m)))
+            }
+            // With t = sqrt(1 - r^2 / a^2) the force outside the radius r is F t^3, so that dF = 3 F t^2 dt.
+            Indentation::HalfSpace => {
+                let t = s / radius_m;
+                (radius_m * (1.0 - t * t).sqrt(), weight / radius_m * 3.0 * force_n * t * t)
+            }
+        }
     }
 }
 
@@ -99,7 +150,12 @@ impl Foam {
 /// The tip presses on the foam as on an elastic foundation (Johnson, Contact Mechanics, 1985, section 4.3, DOI
 /// 10.1017/CBO9781139171731): with modulus `E` and thickness `h`,
 ///
-/// `p(r) = (E/h) (delta - r^2 / (2R)) = 2F / (pi a^2) (1 - r^2 / a^2)`, `a^2 = 2 R delta`, `F = pi R E delta^2 / h`.
+/// `p(r) = (E/h) (delta - r^2 / (2R)) = 2F / (pi a^2) (1 - r^2 / a^2)`, `a^2 = 2 R delta`, `F = pi R E delta^2 / h`,
+///
+/// or on rubber as on an elastic half space (Hertz; Johnson, equations 4.22 to 4.24), `E` being Young's modulus over
+/// `1 - nu^2`:
+///
+/// `p(r) = 3F / (2 pi a^2) sqrt(1 - r^2 / a^2)`, `a^2 = R delta`, `a^3 = 3 F R / (4 E)`.
 ///
 /// Through the foam each point load spreads as in an elastic half space (Boussinesq; Johnson, equation 3.19; used for
 /// tactile sensors by Fearing and Hollerbach, 1985, DOI 10.1177/027836498500400303),
@@ -188,9 +244,7 @@ fn spread(force_n: f64, radius_m: f64, reach_m: f64, foam: &Foam) -> Vec<f64> {
         .flat_map(|panel| {
             gauss.iter().map(move |(t, weight)| ((panel as f64 + 0.5 * (1.0 + t)) * width, 0.5 * weight * width))
         })
-        .map(|(s, weight)| {
-            (s, weight * 4.0 * force_n * s / (radius_m * radius_m) * (1.0 - (s / radius_m) * (s / radius_m)))
-        })
+        .map(|(s, weight)| foam.indentation.ring(force_n, radius_m, s, weight))
         .collect();
     let pressure = |r: f64| {
         let of_ring = |&(s, force): &(f64, f64)| {
@@ -296,7 +350,8 @@ fn check_on_body(centre_m: Point3, body: &Body) -> Result<(), TwinError> {
 mod tests {
     use super::*;
 
-    const FOAM: Foam = Foam { thickness_m: 0.003, modulus_pa: 2e5 };
+    const FOAM: Foam = Foam { thickness_m: 0.003, modulus_pa: 2e5, indentation: Indentation::Foundation };
+    const RUBBER: Foam = Foam { thickness_m: 0.002, modulus_pa: 1e6, indentation: Indentation::HalfSpace };
     const SHEET: Body = Body::Rectangle { width_m: 0.2, height_m: 0.1 };
 
     fn press(x: f64, y: f64) -> Press {

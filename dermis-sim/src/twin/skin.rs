@@ -2,11 +2,11 @@
 
 use super::electronics::{Electronics, ElectronicsReport, Readings, not_negative};
 use super::imperfections::Drift;
-use super::{ContactHistory, GaussianOptions, PatchedSkin, Press, TouchOptions, TwinError, TwinOptions};
+use super::sheet::TouchedSheet;
+use super::{ContactHistory, PatchedSkin, Press, TouchOptions, TwinError, TwinOptions};
 use crate::noise::Noise;
-use crate::touch::{GaussianTouch, touched_conductivity};
-use dermis::design::{Body, SkinDesign, TouchEffect};
-use dermis::forward::{ElectrodeNetwork, ForwardModel, Solver, rest_conductivity};
+use dermis::design::SkinDesign;
+use dermis::forward::{ElectrodeNetwork, ForwardModel, rest_conductivity};
 use dermis::frame::Frame;
 use dermis::mesh::Mesh;
 use std::ops::Range;
@@ -48,23 +48,18 @@ struct Solution {
 
 #[derive(Debug)]
 enum Touch {
-    Gaussian {
-        options: GaussianOptions,
-        body: Body,
-        effect: TouchEffect,
-        /// Memory of finished frames, to be reused.
-        solvers: Mutex<Vec<Solver>>,
-    },
+    Sheet(TouchedSheet),
     Patches(Box<PatchedSkin>),
 }
 
 impl Twin {
     /// Draws a twin of a design: its electrode positions, its mesh, its coating, its contacts and its instrument.
     ///
-    /// Fabric patches need a body with rows and columns, and they raise the conductance of the coating. On any other
-    /// body, and on a skin whose conductance falls when touched (a stretched membrane), a press is a Gaussian change of
-    /// 8 mm instead: a rise of 0.5 per newton as in `ideal`, or a fall of 0.1 per newton, so that half of the
-    /// conductance remains at 5 N. The name of the twin in its [options](Self::options) then ends in `without patches`.
+    /// Fabric patches and a piezoresistive layer need a body with a chart, and they raise the conductance of the
+    /// coating. On any other body, and on a skin whose conductance falls when touched (a stretched membrane), a press is
+    /// a Gaussian change of 8 mm instead: a rise of 0.5 per newton as in `ideal`, or a fall of 0.1 per newton, so that
+    /// half of the conductance remains at 5 N. The name of the twin in its [options](Self::options) then ends in
+    /// `without patches` or `without a layer`.
     ///
     /// # Errors
     /// Invalid options, or options that do not fit the design: missing electrodes, patches larger than its body. If the
@@ -263,7 +258,7 @@ impl Twin {
     pub fn table_bytes(&self) -> usize {
         match &self.skin.touch {
             Touch::Patches(patched) => patched.conductors().table_bytes()[0],
-            Touch::Gaussian { .. } => 0,
+            Touch::Sheet(_) => 0,
         }
     }
 
@@ -275,15 +270,7 @@ impl Twin {
     pub fn strength_m2(&self, presses: &[Press]) -> crate::Result<f64> {
         match &self.skin.touch {
             Touch::Patches(patched) => Ok(patched.strength_m2(presses)?),
-            Touch::Gaussian { options, body, effect, .. } => {
-                let (mesh, rest) = (self.mesh(), self.coat());
-                let touches = options.touches(presses, body, mesh)?;
-                let touched = touched_conductivity(mesh, &body.surface(), *effect, rest, &touches)?;
-                let change = |(cell, (touched, rest)): (usize, (&f64, &f64))| {
-                    mesh.cell_measure(cell) * (touched / rest - 1.0).abs()
-                };
-                Ok(touched.iter().zip(rest).enumerate().map(change).sum())
-            }
+            Touch::Sheet(sheet) => sheet.strength_m2(&self.skin.forward, presses),
         }
     }
 
@@ -308,12 +295,10 @@ impl Skin {
     fn new(design: &SkinDesign, mesh: &Mesh, coat: &[f64], options: &TwinOptions) -> crate::Result<Self> {
         let forward = ForwardModel::with_coat(design, mesh, coat)?;
         let touch = match &options.touch {
-            TouchOptions::Gaussian(gaussian) => Touch::Gaussian {
-                options: *gaussian,
-                body: design.body.clone(),
-                effect: design.sheet.touch,
-                solvers: Mutex::new(Vec::new()),
-            },
+            TouchOptions::Gaussian(gaussian) => {
+                Touch::Sheet(TouchedSheet::gaussian(*gaussian, &design.body, design.sheet.touch))
+            }
+            TouchOptions::Layer(layer) => Touch::Sheet(TouchedSheet::layer(*layer, &design.body)),
             TouchOptions::Patches(patches) => {
                 Touch::Patches(Box::new(PatchedSkin::new(patches, &design.body, &forward, coat)?))
             }
@@ -338,29 +323,7 @@ impl Skin {
     fn solve(&self, presses: &[Press], history: &mut ContactHistory) -> crate::Result<ElectrodeNetwork> {
         match &self.touch {
             Touch::Patches(patched) => patched.network_after(presses, history),
-            Touch::Gaussian { options, body, effect, solvers } => {
-                let touches = options.touches(presses, body, self.forward.mesh())?;
-                let rest = self.forward.rest_conductivity();
-                let conductivity = touched_conductivity(self.forward.mesh(), &body.surface(), *effect, rest, &touches)?;
-                // A solver contains only work memory: its content from another thread has no effect.
-                let pool = || solvers.lock().unwrap_or_else(PoisonError::into_inner);
-                let free = pool().pop();
-                let mut solver = free.unwrap_or_else(|| self.forward.solver());
-                let network = solver.network(&conductivity)?;
-                pool().push(solver);
-                Ok(network)
-            }
+            Touch::Sheet(sheet) => sheet.network(&self.forward, presses),
         }
-    }
-}
-
-impl GaussianOptions {
-    fn touches(&self, presses: &[Press], body: &Body, mesh: &Mesh) -> Result<Vec<GaussianTouch>, TwinError> {
-        let touch = |press: &Press| {
-            press.check(body, mesh, self.width_m)?;
-            let amplitude = self.amplitude_per_n * press.force_n;
-            Ok(GaussianTouch { centre_m: press.centre_m, amplitude, width_m: self.width_m })
-        };
-        presses.iter().map(touch).collect()
     }
 }
