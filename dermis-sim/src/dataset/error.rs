@@ -19,7 +19,7 @@ pub enum DatasetError {
     /// A physics that no training may use.
     #[error(
         "`touch.patch.patches.{field}` is for digital twins alone: networks are measured on its physics because no \
-         training has seen it (leave it out)"
+         training has seen it (leave the field out)"
     )]
     KeptForEvaluation {
         /// The field of the patches.

@@ -420,3 +420,27 @@ fn presses_and_skins_that_cannot_be_are_refused() {
     let spread = SkinSpread { patch_rows: [5, 4], ..SkinSpread::usual() };
     assert!(refused(usual, Skins::Random(spread)).contains("the rows of patches is 4"));
 }
+
+/// Networks are measured on the twins `lab-b` and `lab-c` because no training has seen their physics.
+#[test]
+fn no_recipe_has_the_physics_that_is_kept_for_evaluation() {
+    use crate::twin::{Indentation, PatchLattice, PatchShape, TouchOptions, TwinOptions};
+
+    let usual = PatchTouches::usual();
+    let refusal = |change: &dyn Fn(&mut PatchTouches)| {
+        let mut touches = usual.clone();
+        change(&mut touches);
+        let recipe = Recipe { seed: 1, samples: 16, touch: Touch::Patch(touches), skins: Skins::Even };
+        recipe.check(TouchEffect::ConductanceRises).unwrap_err().to_string()
+    };
+    assert!(refusal(&|touches| touches.patches.shape = PatchShape::Hexagonal).contains("`touch.patch.patches.shape`"));
+    assert!(refusal(&|touches| touches.patches.lattice = PatchLattice::Staggered).contains("patches.lattice`"));
+    let rubber = Indentation::HalfSpace;
+    assert!(refusal(&|touches| touches.patches.foam.indentation = rubber).contains("patches.foam.indentation`"));
+    let lab_b = TwinOptions::shipped("lab-b").unwrap().touch;
+    let TouchOptions::Patches(lab_b) = lab_b else { panic!("patches") };
+    assert!(refusal(&|touches| touches.patches = lab_b.clone()).contains("no training has seen it"));
+    let layer = "skins = \"even\"\n[touch.layer]\ngreatest_rise = 3.0\n";
+    let error = Recipe::parse(layer, Path::new("mine.toml"), 1, 16).unwrap_err().to_string();
+    assert!(error.contains("unknown variant `layer`"), "{error}");
+}

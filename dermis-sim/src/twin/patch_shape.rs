@@ -169,7 +169,7 @@ mod tests {
     /// (of `x^2` and `x^4`), are approached with the fourth order.
     #[test]
     fn a_round_patch_has_the_area_of_its_disk_and_approaches_its_moments() {
-        let radius = 0.0043;
+        let radius: f64 = 0.0043;
         let exact = [PI * radius.powi(4) / 4.0, PI * radius.powi(6) / 8.0];
         let errors = [12, 24, 48].map(|sides| {
             let points = rule(&round_corners_m(radius, sides), 5, 4 * sides);
@@ -182,6 +182,24 @@ mod tests {
             assert!(rates.iter().all(|rate| (rate - 4.0).abs() < 0.1), "{rates:?}");
         }
         assert!(errors[1][0] < 4e-5);
+    }
+
+    /// The integral of a bell-shaped contact of the width of a press through rubber, anywhere on a patch of `lab-b`.
+    #[test]
+    fn the_points_of_a_patch_are_fine_enough_for_a_press() {
+        let radius: f64 = 0.0048;
+        let corners_m = round_corners_m(radius, ROUND_SIDES);
+        let (points, fine) = (points(&corners_m), rule(&corners_m, 40, 960));
+        let bell = |points: &[(Point2, f64)], x: f64| {
+            let value = |&([px, py], area): &(Point2, f64)| {
+                area * (-0.5 * ((px - x).powi(2) + py * py) / 0.002f64.powi(2)).exp()
+            };
+            points.iter().map(value).sum::<f64>()
+        };
+        let errors = (0..=10).map(|k| 0.1 * k as f64 * radius).map(|x| bell(&points, x) / bell(&fine, x) - 1.0);
+        let worst = errors.map(f64::abs).fold(0.0, f64::max);
+        println!("{} points: error of the contact at most {worst:.1e}", points.len());
+        assert!(worst < 1e-3, "{worst}");
     }
 
     /// Neighbours in every direction are at least a gap apart, and the nearest exactly.

@@ -169,7 +169,8 @@ impl Lines {
         if closed {
             return Lines { period_m: Some(size_m), ..fixed };
         }
-        let (shift, first) = (offset_m.rem_euclid(pitch_m), -((offset_m / pitch_m).floor() as i64));
+        let shift = offset_m.rem_euclid(pitch_m);
+        let first = -((offset_m - shift) / pitch_m).round() as i64;
         match covers && shift > RELATIVE_ROUNDING * pitch_m {
             // One more line, clipped at both ends.
             true => Lines { start_m: low_m + shift - pitch_m, count: count + 1, first: first - 1, ..fixed },
@@ -355,6 +356,48 @@ pub(super) mod tests {
         assert!(is_at(&grid, 0, [0.035, 0.025]) && is_at(&grid, 19, [0.075, 0.055]));
     }
 
+    /// Every point of every body lies in exactly one cell of a lattice that covers the body, wherever it is shifted.
+    #[test]
+    fn staggered_rows_cover_a_body_once() {
+        let bodies = [CYLINDER, Body::Rectangle { width_m: 0.2, height_m: 0.1 }, Body::Disk { diameter_m: 0.15 }];
+        for (body, (low, size)) in bodies.iter().zip([
+            ([-0.05 * PI, 0.0], [0.1 * PI, 0.3]),
+            ([0.0, 0.0], [0.2, 0.1]),
+            ([-0.075, -0.075], [0.15, 0.15]),
+        ]) {
+            for offset_m in [[0.0; 2], [0.0037, -0.0021], [-0.25, 1.3], [0.0999, 0.0051]] {
+                let lattice = PatchLattice::Staggered;
+                let options = PatchOptions { offset_m, lattice, gap_m: 0.0, rows: 10, columns: 11, ..options() };
+                let grid = options.on_body(body).unwrap();
+                for k in 0..500 {
+                    let share = [(k as f64 * 0.754_877_67).fract(), (k as f64 * 0.569_840_29).fract()];
+                    let point = [low[0] + share[0] * size[0], low[1] + share[1] * size[1]];
+                    let holds = |(patch, shift): &(usize, f64)| {
+                        let [low, high] = grid.corners_m(*patch);
+                        (low[0]..high[0]).contains(&(point[0] - shift)) && (low[1]..high[1]).contains(&point[1])
+                    };
+                    assert_eq!(grid.patches_between(point, point).filter(holds).count(), 1, "{body:?} {point:?}");
+                }
+            }
+        }
+    }
+
+    /// An offset moves all patches of a staggered lattice by as much, also beyond a pitch.
+    #[test]
+    fn a_staggered_lattice_moves_with_its_offset() {
+        let sheet = Body::Rectangle { width_m: 0.2, height_m: 0.1 };
+        let staggered = PatchOptions { lattice: PatchLattice::Staggered, rows: 10, columns: 20, ..options() };
+        let at = |along_m: f64| PatchOptions { offset_m: [along_m, 0.0], ..staggered.clone() }.on_body(&sheet).unwrap();
+        for along_m in [0.004, 0.013, -0.008, 0.01, 0.02] {
+            let (fixed, moved) = (at(0.0), at(along_m));
+            let patch = fixed.patches_near([0.1, 0.052], 0.0)[0];
+            let [round, along] = fixed.middle_m(patch);
+            let found = moved.patches_near([round, along + along_m], 0.0)[0];
+            let middle = moved.middle_m(found);
+            assert!((middle[0] - round).abs() < 1e-12 && (middle[1] - along - along_m).abs() < 1e-12, "{along_m}");
+        }
+    }
+
     #[test]
     fn impossible_patches_are_refused_with_field_value_and_fix() {
         let good = options();
@@ -366,6 +409,10 @@ pub(super) mod tests {
             (PatchOptions { gap_m: 0.0102, ..good.clone() }, "`gap_m` is 0.0102: it must be smaller than the pitch"),
             (PatchOptions { gap_m: -0.001, ..good.clone() }, "`gap_m` is -0.001"),
             (PatchOptions { gap_m: f64::NAN, ..good.clone() }, "`gap_m` is NaN"),
+            (
+                PatchOptions { gap_m: 0.009, shape: PatchShape::Hexagonal, ..good.clone() },
+                "`gap_m` is 0.009: it must be smaller than 0.00866",
+            ),
             (PatchOptions { offset_m: [f64::INFINITY, 0.0], ..good.clone() }, "`offset_m` is inf"),
             (PatchOptions { pitch_m: Some([0.02, 0.01]), ..good.clone() }, "larger than the body"),
             (PatchOptions { pitch_m: Some([0.01, 0.01]), ..good.clone() }, "a whole number of columns must go round"),
@@ -392,6 +439,13 @@ pub(super) mod tests {
     fn options_are_read_from_toml_and_unknown_fields_are_refused() {
         let text = toml::to_string(&options()).unwrap();
         assert_eq!(toml::from_str::<PatchOptions>(&text).unwrap(), options());
+        assert!(!text.contains("shape") && !text.contains("lattice") && !text.contains("indentation"), "{text}");
+        let round = format!("shape = \"round\"\nlattice = \"staggered\"\n{text}");
+        let round = round.replace("[foam]", "[foam]\nindentation = \"half_space\"");
+        let round: PatchOptions = toml::from_str(&round).unwrap();
+        let other = (round.shape, round.lattice, round.foam.indentation);
+        assert_eq!(other, (PatchShape::Round, PatchLattice::Staggered, Indentation::HalfSpace));
+        assert_eq!(toml::from_str::<PatchOptions>(&toml::to_string(&round).unwrap()).unwrap(), round);
         let error = toml::from_str::<PatchOptions>(&format!("gap_mm = 1.0\n{text}")).unwrap_err();
         assert!(error.to_string().contains("gap_mm"), "{error}");
     }

@@ -359,8 +359,8 @@ mod tests {
     }
 
     /// The integral of the footprint over the part of a body by the midpoint rule on a grid of 0.1 mm, N.
-    fn force_on(body: &Body, press: &Press) -> f64 {
-        let footprint = Footprint::new(press, &FOAM, body).unwrap();
+    fn force_on(body: &Body, press: &Press, foam: &Foam) -> f64 {
+        let footprint = Footprint::new(press, foam, body).unwrap();
         let step = 1e-4;
         let steps = (footprint.reach_m() / step).ceil() as i64;
         let inside = |x: f64, y: f64| match *body {
@@ -400,9 +400,11 @@ mod tests {
             ("a cylinder's wall", cylinder, on_wall(0.15), 1e-4),
         ];
         for (place, body, press, tolerance) in cases {
-            let error = force_on(&body, &press) / press.force_n - 1.0;
-            println!("force on the sheet at {place}: relative error {error:.1e}");
-            assert!(error.abs() < tolerance, "{place}: {error}");
+            for foam in [FOAM, RUBBER] {
+                let error = force_on(&body, &press, &foam) / press.force_n - 1.0;
+                println!("force on the sheet at {place}: relative error {error:.1e}");
+                assert!(error.abs() < tolerance, "{place}: {error}");
+            }
         }
     }
 
@@ -439,6 +441,39 @@ mod tests {
             let error = (footprint.pressure_pa(r) - scale * (exact(r) - end)) / footprint.pressure_pa(0.0);
             assert!(error.abs() < 1e-5, "at {r} m: {error}");
         }
+    }
+
+    /// On the axis of Hertz's contact the half space has the pressure `3F / (2 pi a^2) / (1 + h^2 / a^2)` at the depth `h`
+    /// (Johnson, equation 3.45); far away it is that of a point load.
+    #[test]
+    fn the_pressure_in_a_half_space_is_exact_on_the_axis() {
+        for force_n in [0.01, 2.0, 5.0] {
+            let press = Press { force_n, ..press(0.1, 0.05) };
+            let (a, h) = (RUBBER.contact_radius_m(&press), RUBBER.thickness_m);
+            // So far that the pressure there, which is subtracted, is zero.
+            let reach_m = 48.0;
+            let profile = spread(force_n, a, reach_m, &RUBBER);
+            let exact = 3.0 * force_n / (TAU * a * a) / (1.0 + h * h / (a * a));
+            let error = profile[0] / exact - 1.0;
+            println!("{force_n} N: {exact:.4e} Pa below the tip, relative error {error:.1e}");
+            // Gauss's rule with three points on each of some panels.
+            assert!(error.abs() < 1e-4);
+            let at_1_m = kernel(1.0, h) - kernel(reach_m * reach_m, h);
+            assert!((profile[1] / (force_n * at_1_m) - 1.0).abs() < 1e-4);
+        }
+    }
+
+    /// Hertz: `F = 4/3 E sqrt(R) delta^(3/2)`.
+    #[test]
+    fn depth_and_contact_follow_the_half_space() {
+        let press = press(0.1, 0.05);
+        let depth = RUBBER.depth_m(&press);
+        let force = 4.0 / 3.0 * RUBBER.modulus_pa * press.tip_radius_m.sqrt() * depth.powf(1.5);
+        assert!((force / press.force_n - 1.0).abs() < 1e-12);
+        let eight_times = Press { force_n: 16.0, ..press };
+        assert!((RUBBER.depth_m(&eight_times) / depth - 4.0).abs() < 1e-12);
+        let crushed = Footprint::new(&eight_times, &RUBBER, &SHEET).unwrap_err();
+        assert!(matches!(crushed, TwinError::FoamCrushed { .. }), "{crushed}");
     }
 
     /// The laws of the foundation: `F = pi R E delta^2 / h`, so the depth is proportional to the square root of the

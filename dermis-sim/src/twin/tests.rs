@@ -78,6 +78,19 @@ fn mistakes_in_a_twins_file_are_named_with_their_line() {
 }
 
 #[test]
+fn mistakes_in_a_layer_are_named_with_their_line() {
+    let text = TwinOptions::shipped_text("lab-c").unwrap();
+    for (key, value) in [("greatest_rise", "-3.0"), ("thickness_m", "0.0")] {
+        let line = 1 + text.lines().position(|line| line.starts_with(key)).unwrap();
+        let wrong =
+            text.lines().map(|line| if line.starts_with(key) { format!("{key} = {value}") } else { line.into() });
+        let error = TwinOptions::parse(&wrong.collect::<Vec<String>>().join("\n"), "my.toml").unwrap_err();
+        assert_eq!(error.line(), Some(line), "{error}");
+        assert!(error.to_string().contains(&format!("`{key}` is")), "{error}");
+    }
+}
+
+#[test]
 fn what_does_not_fit_the_skin_is_named_with_its_line() {
     let text = LAB.replacen("dead_electrodes = []", "dead_electrodes = [3, 30]", 1);
     let options = TwinOptions::parse(&text, "my.toml").unwrap();
@@ -272,6 +285,8 @@ fn a_twin_without_patches_where_they_cannot_be_or_would_turn_a_touch_round() {
     let design = SkinDesign::shipped("skin16").unwrap();
     let twin = Twin::new(&design, &lab, 1).unwrap();
     assert_eq!(*twin.options(), lab.made_of(&design));
+    let layer = TwinOptions::shipped("lab-c").unwrap().made_of(&design);
+    assert_eq!((layer.name.as_str(), &layer.touch), ("lab-c without a layer", &twin.options().touch));
     assert_eq!(twin.options().name, "lab without patches");
     let press = |x_m: f64, force_n: f64| Press { centre_m: [x_m, 0.0, 0.0], force_n, tip_radius_m: 0.005 };
     // A membrane has a lower conductance where it is pressed: equal or higher voltage between all neighbours of a
