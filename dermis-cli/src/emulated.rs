@@ -12,7 +12,7 @@ use std::sync::Arc;
 /// The emulated device.
 #[derive(Debug, Clone, Args)]
 pub struct EmulatorArguments {
-    /// Digital twin: the path of a file, or a shipped name (ideal, lab, harsh).
+    /// Digital twin: the path of a file, or a shipped name (ideal, lab, lab-b, lab-c, harsh).
     #[arg(long, value_name = "TWIN", default_value = "lab")]
     twin: String,
     /// Seed of the twin, and serial number of the device.

@@ -305,7 +305,7 @@ impl Skin {
         Ok(Method::prepared(self.clone(), method, alpha))
     }
 
-    /// A digital twin: a shipped name (`ideal`, `lab`, `harsh`) or the path of a file.
+    /// A digital twin: a shipped name (`ideal`, `lab`, `lab-b`, `lab-c`, `harsh`) or the path of a file.
     #[pyo3(signature = (name=None, *, seed))]
     fn twin(&self, py: Python<'_>, name: Option<&Bound<'_, PyAny>>, seed: u64) -> Outcome<Twin> {
         Twin::of(py, self, &twin_name(py, name), seed)

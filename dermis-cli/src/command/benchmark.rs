@@ -24,7 +24,7 @@ use std::path::PathBuf;
 pub struct Arguments {
     /// Design: the path of a file, or a shipped name.
     design: String,
-    /// Digital twin: the path of a file, or a shipped name (ideal, lab, harsh).
+    /// Digital twin: the path of a file, or a shipped name (ideal, lab, lab-b, lab-c, harsh).
     #[arg(long, value_name = "TWIN", default_value = "lab")]
     twin: String,
     /// Number of twins.

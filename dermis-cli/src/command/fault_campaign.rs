@@ -22,7 +22,7 @@ pub struct Arguments {
     design: String,
     #[arg(long, value_name = "NAME|FOLDER", help = METHOD_HELP)]
     method: Option<String>,
-    /// Digital twin: the path of a file, or a shipped name (ideal, lab, harsh).
+    /// Digital twin: the path of a file, or a shipped name (ideal, lab, lab-b, lab-c, harsh).
     #[arg(long, value_name = "TWIN", default_value = "lab")]
     twin: String,
     /// Number of faults.

@@ -14,7 +14,7 @@ pub struct Arguments {
     /// Design: the path of a file, or a shipped name.
     #[arg(default_value = "cylinder30")]
     design: String,
-    /// Digital twin: the path of a file, or a shipped name (ideal, lab, harsh).
+    /// Digital twin: the path of a file, or a shipped name (ideal, lab, lab-b, lab-c, harsh).
     #[arg(long, value_name = "TWIN", default_value = "lab")]
     twin: String,
     /// Folder of a network of `dermis train` to compare with the linear methods; may be given more than once. Without

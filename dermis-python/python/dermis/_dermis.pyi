@@ -173,7 +173,7 @@ class Live:
         method: Name or folder of the method; the best one of the skin without it.
         threshold: Detection threshold relative to the method's own.
         both_signs: Detect contacts that raise and contacts that lower the conductance. Linear methods only.
-        twin: Twin of the simulated device: `ideal`, `lab`, `harsh`, or the path of a file.
+        twin: Twin of the simulated device: `ideal`, `lab`, `lab-b`, `lab-c`, `harsh`, or the path of a file.
         seed: Seed of the twin.
         touch: Touch script of the simulated device: none, random, press, slide, cross, four, grid, or a file.
         speed: Speed of the simulated device or of a recording, as a multiple of real time.
@@ -569,7 +569,7 @@ class Skin:
         """A digital twin of the skin.
 
         Args:
-            name: `ideal`, `lab` or `harsh`, or the path of a twin file; `lab` without it.
+            name: `ideal`, `lab`, `lab-b`, `lab-c` or `harsh`, or the path of a twin file; `lab` without it.
             seed: Seed of the twin's errors and noise.
 
         Raises:
@@ -582,7 +582,7 @@ class Skin:
         """The paper's indentation experiment on a twin, as `dermis experiment` writes it.
 
         Args:
-            name: `ideal`, `lab` or `harsh`, or the path of a twin file; `lab` without it.
+            name: `ideal`, `lab`, `lab-b`, `lab-c` or `harsh`, or the path of a twin file; `lab` without it.
             seed: Seed of the twin, the presses and the noise.
 
         Returns:

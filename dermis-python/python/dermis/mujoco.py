@@ -167,7 +167,7 @@ class SimulatedSkin:
         model: The `mujoco.MjModel`.
         geom: Name or index of the geom that wears the skin.
         method: Name or folder of the method; the best one of the skin without it.
-        twin: `ideal`, `lab` or `harsh`, or the path of a twin file.
+        twin: `ideal`, `lab`, `lab-b`, `lab-c` or `harsh`, or the path of a twin file.
         seed: Seed of the twin.
         tip_radius_m: Radius of the spherical tips that stand for what touches, m.
         tare_frames: Number of untouched frames for the baseline.

@@ -111,7 +111,7 @@ def benchmark(
     Args:
         design: A shipped name, or the path of a design file that all nodes see.
         methods: Names of methods or folders of networks that all nodes see; one or several.
-        twin: `ideal`, `lab` or `harsh`, or the path of a twin file.
+        twin: `ideal`, `lab`, `lab-b`, `lab-c` or `harsh`, or the path of a twin file.
         twins: Number of twins.
         seed: Seed of the first twin; the following twins have the following seeds.
         quick: Use a tenth of the frames.
