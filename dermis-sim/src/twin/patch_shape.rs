@@ -9,8 +9,8 @@ use std::f64::consts::{PI, TAU};
 
 /// Sides of the polygon that stands for a round patch. It has the disk's area; its second moment is 3e-5 too large.
 const ROUND_SIDES: usize = 24;
-/// Points in each direction from the middle of a patch at which the pressure is evaluated, and the number of directions.
-/// With the patches of `lab-b` on `cylinder30` they differ from 8 and 96 by 0.1 % of a press's change of the frame.
+/// Points in each direction from the middle of a patch at which the pressure is evaluated, and the number of directions:
+/// the conductance of a bell-shaped contact of 2 mm anywhere on a disk of 9.6 mm is correct to 2e-5.
 const POINTS_OUTWARDS: usize = 5;
 const DIRECTIONS: usize = 48;
 
@@ -176,9 +176,10 @@ mod tests {
             assert!((integral(&points, 0, 0) / (PI * radius * radius) - 1.0).abs() < 1e-13);
             [2, 4].map(|power| integral(&points, power, 0) / exact[power as usize / 2 - 1] - 1.0)
         });
-        for moment in 0..2 {
-            let rates = [0, 1].map(|k| (errors[k][moment] / errors[k + 1][moment]).log2());
-            println!("moment {}: error {:.1e} with 24 sides, rates {rates:.2?}", 2 * moment + 2, errors[1][moment]);
+        for (moment, name) in ["second", "fourth"].into_iter().enumerate() {
+            let errors = errors.map(|errors| errors[moment]);
+            let rates = [0, 1].map(|k| (errors[k] / errors[k + 1]).log2());
+            println!("{name} moment: error {:.1e} with 24 sides, rates {rates:.2?}", errors[1]);
             assert!(rates.iter().all(|rate| (rate - 4.0).abs() < 0.1), "{rates:?}");
         }
         assert!(errors[1][0] < 4e-5);
@@ -199,7 +200,7 @@ mod tests {
         let errors = (0..=10).map(|k| 0.1 * k as f64 * radius).map(|x| bell(&points, x) / bell(&fine, x) - 1.0);
         let worst = errors.map(f64::abs).fold(0.0, f64::max);
         println!("{} points: error of the contact at most {worst:.1e}", points.len());
-        assert!(worst < 1e-3, "{worst}");
+        assert!(worst < 1e-4, "{worst}");
     }
 
     /// Neighbours in every direction are at least a gap apart, and the nearest exactly.
