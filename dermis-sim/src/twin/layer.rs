@@ -1,9 +1,8 @@
 //! A continuous piezoresistive layer: a coating that conducts better where it is pressed.
 
-use super::TwinError;
 use super::error::{check_between, check_positive};
 use super::load::Load;
-use super::press::{Foam, Press};
+use super::{Foam, Press, TwinError};
 use crate::quadrature::LocalFunction;
 use crate::unrolled::Unrolled;
 use dermis::design::Body;

@@ -24,6 +24,7 @@ pub mod electronics;
 mod error;
 mod faults;
 mod field;
+mod foam;
 mod imperfections;
 mod layer;
 mod load;
@@ -41,6 +42,7 @@ pub use contact_law::ContactLaw;
 pub use error::TwinError;
 pub use faults::{CutOptions, FaultOptions};
 pub(crate) use field::FieldPlaces;
+pub use foam::{Foam, Indentation};
 pub use imperfections::{CoatOptions, DriftOptions, ElectrodeOptions, TemperatureOptions};
 pub use layer::LayerOptions;
 pub use options::{GaussianOptions, PressOptions, TouchOptions, TwinOptions};
@@ -48,8 +50,8 @@ pub use patch_shape::{PatchLattice, PatchShape};
 pub use patched::{ContactHistory, MOMENT_DEGREE, PatchedSkin};
 pub use patches::PatchOptions;
 pub(crate) use press::Footprint;
+pub use press::Press;
 pub(crate) use press::{FORCES_N, TIP_RADII_M};
-pub use press::{Foam, Indentation, Press};
 pub use skin::Twin;
 
 #[cfg(test)]

@@ -1,10 +1,9 @@
 //! The grid of fabric patches on a body.
 
-use super::TwinError;
 use super::contact_law::ContactLaw;
 use super::error::{check_between, check_positive};
 use super::patch_shape::{self, PatchLattice, PatchShape, is_default};
-use super::press::Foam;
+use super::{Foam, TwinError};
 use crate::unrolled::Unrolled;
 use dermis::design::Body;
 use dermis::geom::{Point2, polygon};
