@@ -6,7 +6,6 @@ use super::patches::{PatchGrid, PatchOptions};
 use super::press::{Footprint, Press};
 use super::strength;
 use super::{Foam, TwinError};
-use crate::elementary::hypot;
 use dermis::design::Body;
 use dermis::forward::{ConductorContact, ElectrodeNetwork, FloatingConductors, ForwardModel};
 use dermis::geom::Point2;
@@ -48,8 +47,9 @@ pub struct ContactHistory {
 }
 
 /// The pressure of all presses together.
-struct Load {
-    footprints: Vec<(Point2, Footprint)>,
+struct Load<'a> {
+    /// With their centres in the chart.
+    footprints: Vec<(Point2, &'a Footprint)>,
     preload_pa: f64,
 }
 
@@ -94,9 +94,12 @@ impl PatchedSkin {
         let wanted = match options.contact.preload_pa > 0.0 {
             true => None,
             false => {
-                let reached = Load::new(presses, &options.foam, &grid, 0.0)?.patches(&grid);
+                let reach = |press: &Press| {
+                    Ok((grid.chart(press.centre_m), Footprint::reach_of(press, &options.foam, &grid.body)?))
+                };
+                let reaches = presses.iter().map(reach).collect::<Result<Vec<(Point2, f64)>, TwinError>>()?;
                 let mut wanted = vec![false; grid.patch_count()];
-                reached.into_iter().for_each(|patch| wanted[patch] = true);
+                patches_near(&grid, reaches.into_iter()).into_iter().for_each(|patch| wanted[patch] = true);
                 Some(wanted)
             }
         };
@@ -164,7 +167,17 @@ impl PatchedSkin {
     /// # Errors
     /// As [`network`](Self::network).
     pub fn network_once(&self, presses: &[Press]) -> crate::Result<ElectrodeNetwork> {
-        Ok(self.conductors.network_once(&self.contacts(presses)?)?)
+        self.network_under(&self.footprints(presses)?)
+    }
+
+    /// [`network_once`](Self::network_once) from the footprints of the presses.
+    pub(crate) fn network_under(&self, footprints: &[Footprint]) -> crate::Result<ElectrodeNetwork> {
+        let contacts = self.patches_under(footprints, |_, pressure| self.contact.conductance_s_per_m2(pressure));
+        Ok(self.conductors.network_once(&contacts)?)
+    }
+
+    fn footprints(&self, presses: &[Press]) -> Result<Vec<Footprint>, TwinError> {
+        Footprint::of_all(presses, &self.foam, &self.grid.body)
     }
 
     /// The network between the electrodes during some presses that follow others, for contacts with hysteresis, which
@@ -189,18 +202,19 @@ impl PatchedSkin {
         presses: &[Press],
         history: &mut ContactHistory,
     ) -> Result<Vec<ConductorContact>, TwinError> {
+        let footprints = self.footprints(presses)?;
         if self.contact.hysteresis == 0.0 {
-            return self.patches_under(presses, |_, pressure| self.contact.conductance_s_per_m2(pressure));
+            return Ok(self.patches_under(&footprints, |_, pressure| self.contact.conductance_s_per_m2(pressure)));
         }
         let mut highest_pa = HashMap::new();
-        let contacts = self.patches_under(presses, |point, pressure| {
+        let contacts = self.patches_under(&footprints, |point, pressure| {
             let before = history.highest_pa.get(&point).copied().unwrap_or(0.0);
             let highest = self.contact.highest_pa(pressure, before);
             if pressure > self.contact.preload_pa {
                 highest_pa.insert(point, highest);
             }
             self.contact.conductance_after_s_per_m2(pressure, highest)
-        })?;
+        });
         history.highest_pa = highest_pa;
         Ok(contacts)
     }
@@ -214,7 +228,8 @@ impl PatchedSkin {
     /// As [`network`](Self::network).
     pub fn strength_m2(&self, presses: &[Press]) -> Result<f64, TwinError> {
         let preload_pa = self.contact.preload_pa;
-        let load = Load::new(presses, &self.foam, &self.grid, preload_pa)?;
+        let footprints = self.footprints(presses)?;
+        let load = Load::new(&footprints, &self.grid, preload_pa);
         let of_patch = |cover: &Cover, pressure_pa: &dyn Fn(Point2) -> f64| {
             let conductance_s = |&(point, area_m2): &(Point2, f64)| {
                 (point, area_m2 * self.contact.conductance_s_per_m2(pressure_pa(point)))
@@ -231,10 +246,10 @@ impl PatchedSkin {
 
     fn patches_under(
         &self,
-        presses: &[Press],
+        footprints: &[Footprint],
         mut conductance_s_per_m2: impl FnMut((usize, usize), f64) -> f64,
-    ) -> Result<Vec<ConductorContact>, TwinError> {
-        let load = Load::new(presses, &self.foam, &self.grid, self.contact.preload_pa)?;
+    ) -> Vec<ConductorContact> {
+        let load = Load::new(footprints, &self.grid, self.contact.preload_pa);
         let mut contacts = Vec::new();
         for conductor in load.patches(&self.grid) {
             let Some(cover) = &self.covers[conductor] else { continue };
@@ -248,7 +263,7 @@ impl PatchedSkin {
                 contacts.push(ConductorContact { conductor, conductance });
             }
         }
-        Ok(contacts)
+        contacts
     }
 }
 
@@ -263,25 +278,29 @@ fn moments(points: impl Iterator<Item = (Point2, f64)> + Clone) -> (f64, f64) {
     (whole, if whole > 0.0 { moment } else { 0.0 })
 }
 
-impl Load {
-    fn new(presses: &[Press], foam: &Foam, grid: &PatchGrid, preload_pa: f64) -> Result<Self, TwinError> {
-        let footprint = |press: &Press| Ok((grid.chart(press.centre_m), Footprint::new(press, foam, &grid.body)?));
-        Ok(Load { footprints: presses.iter().map(footprint).collect::<Result<_, _>>()?, preload_pa })
+/// The patches that some presses may reach, in order, from their centres in the chart and reaches, m.
+fn patches_near(grid: &PatchGrid, reaches: impl Iterator<Item = (Point2, f64)>) -> Vec<usize> {
+    let mut patches: Vec<usize> = reaches.flat_map(|(centre, reach_m)| grid.patches_near(centre, reach_m)).collect();
+    patches.sort_unstable();
+    patches.dedup();
+    patches
+}
+
+impl<'a> Load<'a> {
+    fn new(footprints: &'a [Footprint], grid: &PatchGrid, preload_pa: f64) -> Self {
+        let footprints = footprints.iter().map(|footprint| (grid.chart(footprint.centre_m()), footprint)).collect();
+        Load { footprints, preload_pa }
     }
 
     /// The patches that some press may reach, in order.
     fn patches(&self, grid: &PatchGrid) -> Vec<usize> {
-        let near = |(centre, footprint): &(Point2, Footprint)| grid.patches_near(*centre, footprint.reach_m());
-        let mut patches: Vec<usize> = self.footprints.iter().flat_map(near).collect();
-        patches.sort_unstable();
-        patches.dedup();
-        patches
+        patches_near(grid, self.footprints.iter().map(|(centre, footprint)| (*centre, footprint.reach_m())))
     }
 
     fn pressure_pa(&self, grid: &PatchGrid, point: Point2) -> f64 {
-        let of_press = |(centre, footprint): &(Point2, Footprint)| {
+        let of_press = |(centre, footprint): &(Point2, &Footprint)| {
             let [round, along] = grid.step(*centre, point);
-            footprint.pressure_pa(hypot(round, along))
+            footprint.pressure_pa((round * round + along * along).sqrt())
         };
         self.preload_pa + self.footprints.iter().map(of_press).sum::<f64>()
     }

@@ -1,0 +1,157 @@
+//! Contacts of a skin that is touched only a few times, without a table of Green's functions.
+//!
+//! With its conductor's potential eliminated a contact adds the quadratic form `u' M D M' u` to the system, `D = C - C e
+//! e' C / (e' C e)`. Contacts that have nodes in common are one addition `U U'`, `U` from its Cholesky factorisation with
+//! pivots: its rank is at most the number of the touched nodes, which is less than that of the moments where conductors
+//! are smaller than some cells.
+
+use super::{ConductorContact, FloatingConductors, check_fits, difference, dot, name_contact, root};
+use crate::forward::{ElectrodeNetwork, ForwardError};
+use crate::linalg::{Matrix, SparseColumns, semidefinite_root};
+
+impl FloatingConductors {
+    /// [`network`](Self::network) without a table, by a forward substitution for the touched conductors: for a skin
+    /// that is touched only a few times.
+    ///
+    /// # Errors
+    /// As [`network`](Self::network).
+    ///
+    /// # Panics
+    /// As [`network`](Self::network).
+    pub fn network_once(&self, contacts: &[ConductorContact]) -> Result<ElectrodeNetwork, ForwardError> {
+        let mut forms: Vec<Form> = Vec::new();
+        for contact in contacts {
+            self.form(contact)?.add_to(&mut forms);
+        }
+        let additions = forms
+            .into_iter()
+            .map(|form| match semidefinite_root(&form.values, form.scale) {
+                Some(root) => Ok(SparseColumns { unknowns: form.unknowns, values: root }),
+                None => Err(self.refusal(contacts)),
+            })
+            .filter(|addition| !matches!(addition, Ok(addition) if addition.values.columns == 0))
+            .collect::<Result<Vec<SparseColumns>, ForwardError>>()?;
+        let admittance = self.base.factor.schur_with(self.base.symbolic(&self.model), &additions);
+        self.model.with_own_series(ElectrodeNetwork::new(admittance.map_err(name_contact)?)?)
+    }
+
+    /// The quadratic form that a contact adds to that at rest.
+    fn form(&self, contact: &ConductorContact) -> Result<Form, ForwardError> {
+        check_fits(&self.moments, contact);
+        let moments = self.moments.of_conductor(contact.conductor);
+        let mut added = match self.at_rest.get(&contact.conductor) {
+            Some(resting) => difference(&contact.conductance, resting),
+            None => contact.conductance.clone(),
+        };
+        if !self.base.unknown_of_conductor.contains_key(&contact.conductor) {
+            let ones: Vec<f64> = moments.iter().map(|moment| moment.of_one()).collect();
+            let currents: Vec<f64> = (0..added.rows).map(|k| dot(added.row(k), &ones)).collect();
+            let whole = dot(&currents, &ones);
+            for (k, current) in currents.iter().enumerate().filter(|_| whole != 0.0) {
+                let factor = current / whole;
+                added.row_mut(k).iter_mut().zip(&currents).for_each(|(value, other)| *value -= factor * other);
+            }
+        }
+        let mut unknowns: Vec<usize> = Vec::new();
+        let mut weights: Vec<Vec<f64>> = Vec::new();
+        for (k, moment) in moments.iter().enumerate() {
+            for (index, (unknown, weight)) in self.base.voltage(moment).enumerate() {
+                // The moments of one conductor have mostly the same nodes in the same order.
+                let place = match unknowns.get(index) {
+                    Some(&same) if same == unknown => Some(index),
+                    _ => unknowns.iter().position(|&other| other == unknown),
+                };
+                let place = place.unwrap_or_else(|| {
+                    unknowns.push(unknown);
+                    weights.push(vec![0.0; moments.len()]);
+                    unknowns.len() - 1
+                });
+                weights[place][k] += weight;
+            }
+        }
+        // The contact is rounded, of which the form may be a small part.
+        let [whole, part] = [largest(&contact.conductance), largest(&added)];
+        let mut values = Matrix::zeros(unknowns.len(), unknowns.len());
+        let mut product = vec![0.0; moments.len()];
+        for (row, weights_of_row) in weights.iter().enumerate() {
+            product.fill(0.0);
+            for (weight, row) in weights_of_row.iter().zip(added.values.chunks_exact(moments.len())) {
+                product.iter_mut().zip(row).for_each(|(sum, value)| *sum += weight * value);
+            }
+            for (column, other) in weights[..=row].iter().enumerate() {
+                let value = dot(&product, other);
+                *values.at_mut(row, column) = value;
+                *values.at_mut(column, row) = value;
+            }
+        }
+        let scale = if part > 0.0 { largest(&values) * (whole / part) } else { 0.0 };
+        Ok(Form { unknowns, values, scale })
+    }
+
+    /// The error of the first contact that is below that at rest or not finite.
+    fn refusal(&self, contacts: &[ConductorContact]) -> ForwardError {
+        let wrong = |contact: &ConductorContact| {
+            let added = match self.at_rest.get(&contact.conductor) {
+                Some(resting) => difference(&contact.conductance, resting),
+                None => contact.conductance.clone(),
+            };
+            root(contact.conductor, &added, &contact.conductance).err()
+        };
+        contacts.iter().find_map(wrong).unwrap_or_else(|| ForwardError::Singular {
+            place: "the touched conductors, whose contacts are of too different magnitude".into(),
+        })
+    }
+}
+
+/// A quadratic form on some unknowns.
+struct Form {
+    unknowns: Vec<usize>,
+    values: Matrix,
+    /// The size of the numbers that it is a difference of.
+    scale: f64,
+}
+
+/// The largest value of a diagonal.
+fn largest(matrix: &Matrix) -> f64 {
+    (0..matrix.rows).map(|k| matrix.at(k, k).abs()).fold(0.0, f64::max)
+}
+
+impl Form {
+    /// Adds it to the forms with which it has unknowns in common.
+    fn add_to(self, forms: &mut Vec<Form>) {
+        let shares = |form: &mut Form| form.unknowns.iter().any(|unknown| self.unknowns.contains(unknown));
+        let joined: Vec<Form> = forms.extract_if(.., shares).collect();
+        let mut all = joined.into_iter().chain([self]);
+        let Some(mut sum) = all.next() else { return };
+        for form in all {
+            sum.add(&form);
+        }
+        forms.push(sum);
+    }
+
+    fn add(&mut self, other: &Form) {
+        let before = self.unknowns.len();
+        let mut places = Vec::with_capacity(other.unknowns.len());
+        for &unknown in &other.unknowns {
+            places.push(self.unknowns.iter().position(|&own| own == unknown).unwrap_or_else(|| {
+                self.unknowns.push(unknown);
+                self.unknowns.len() - 1
+            }));
+        }
+        let count = self.unknowns.len();
+        if count > before {
+            let mut wider = Matrix::zeros(count, count);
+            for row in 0..before {
+                wider.row_mut(row)[..before].copy_from_slice(self.values.row(row));
+            }
+            self.values = wider;
+        }
+        self.scale = self.scale.max(other.scale);
+        for (row, &place) in places.iter().enumerate() {
+            let target = self.values.row_mut(place);
+            for (&column, value) in places.iter().zip(other.values.row(row)) {
+                target[column] += value;
+            }
+        }
+    }
+}
