@@ -86,7 +86,7 @@ mod tests {
 
     /// `sum of v_k v_k'` of some vectors.
     fn gram(order: usize, count: usize) -> Matrix {
-        let value = |row: usize, k: usize| ((row * 5 + k * 11) as f64).sin() * 10f64.powi(-(k as i32));
+        let value = |row: usize, k: usize| ((row * row + row * k * k * 3) as f64).sin() * 10f64.powi(-(k as i32));
         let mut matrix = Matrix::zeros(order, order);
         for (row, column) in (0..order).flat_map(|row| (0..order).map(move |column| (row, column))) {
             *matrix.at_mut(row, column) = (0..count).map(|k| value(row, k) * value(column, k)).sum();

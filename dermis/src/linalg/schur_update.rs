@@ -23,6 +23,9 @@ impl Factor {
         additions: &[SparseColumns],
     ) -> Result<Matrix, NotPositiveDefinite> {
         let mut schur = self.schur().clone();
+        if additions.is_empty() {
+            return Ok(schur);
+        }
         pulp::Arch::new().dispatch(Update { symbolic, factor: self, additions, schur: &mut schur })?;
         Ok(schur)
     }
