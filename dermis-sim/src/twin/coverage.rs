@@ -7,6 +7,8 @@ use dermis::forward::{PotentialMoment, PotentialMoments};
 use dermis::geom::{Point2, polygon};
 use dermis::linalg::Matrix;
 use dermis::mesh::{Cells, Mesh};
+use pulp::{Arch, Simd, WithSimd};
+use std::array::from_fn;
 use std::sync::Arc;
 
 /// A patch with less than this fraction of its area on the body has no contact.
@@ -99,8 +101,9 @@ pub(super) fn cover(
     let Cells::Triangles(triangles) = &mesh.cells else { return Err(TwinError::NoChart) };
     let mut pieces: Vec<Vec<Piece>> = (0..grid.patch_count()).map(|_| Vec::new()).collect();
     let places: Vec<Point2> = mesh.nodes.iter().map(|&node| grid.chart(node)).collect();
+    let mut memory = [Vec::new(), Vec::new()];
     for triangle in triangles {
-        cut(grid, &places, triangle, wanted, &mut pieces);
+        cut(grid, &places, triangle, wanted, &mut memory, &mut pieces);
     }
     let mut polynomials = Polynomials::new(degree);
     let rectangle = Rectangle::new(&mut polynomials);
@@ -122,7 +125,14 @@ pub(super) fn cover(
 }
 
 /// Adds the parts of one triangle to the patches above it.
-fn cut(grid: &PatchGrid, places: &[Point2], nodes: &[usize; 3], wanted: Option<&[bool]>, pieces: &mut [Vec<Piece>]) {
+fn cut(
+    grid: &PatchGrid,
+    places: &[Point2],
+    nodes: &[usize; 3],
+    wanted: Option<&[bool]>,
+    memory: &mut [Vec<Point2>; 2],
+    pieces: &mut [Vec<Piece>],
+) {
     let first = places[nodes[0]];
     let corners = nodes.map(|node| {
         let step = grid.step(first, places[node]);
@@ -137,7 +147,8 @@ fn cut(grid: &PatchGrid, places: &[Point2], nodes: &[usize; 3], wanted: Option<&
             }
             let [low, high] = grid.corners_m(patch);
             let triangle = corners.map(|corner| [corner[0] - shift, corner[1]]);
-            let part = polygon::clip_box(&triangle, low, high);
+            polygon::clip_box_in(&triangle, low, high, memory);
+            let part = &memory[0];
             let Some(&origin) = part.first() else { continue };
             for pair in part.windows(2).skip(1) {
                 let part = [origin, pair[0], pair[1]];
@@ -155,29 +166,81 @@ fn bounds<'a>(points: impl Iterator<Item = &'a Point2>) -> (Point2, Point2) {
     })
 }
 
+/// Eight points at once: the seven of a triangle.
+type Lanes = [f64; 8];
+
 /// Products of Legendre polynomials up to a degree, orthonormal in the mean over a square, evaluated in the same memory.
 struct Polynomials {
     degree: usize,
-    along: [Vec<f64>; 2],
+    along: [Vec<Lanes>; 2],
     /// `P_i(x) P_j(y)`, by `i + j`, then by `j`.
+    lanes: Vec<Lanes>,
+    /// At one point; and sums.
     products: Vec<f64>,
+    sums: Vec<f64>,
 }
 
 impl Polynomials {
     fn new(degree: usize) -> Self {
         let count = (degree + 1) * (degree + 2) / 2;
-        Polynomials { degree, along: [vec![0.0; degree + 1], vec![0.0; degree + 1]], products: vec![0.0; count] }
+        Polynomials {
+            degree,
+            along: [0, 1].map(|_| vec![[0.0; 8]; degree + 1]),
+            lanes: vec![[0.0; 8]; count],
+            products: vec![0.0; count],
+            sums: vec![0.0; 3 * count],
+        }
     }
 
     /// The products at a point of the square from -1 to 1.
     fn at(&mut self, point: Point2) -> &[f64] {
-        for (values, t) in self.along.iter_mut().zip(point) {
+        self.at_lanes(point.map(|t| [t; 8]));
+        self.products.iter_mut().zip(&self.lanes).for_each(|(product, lanes)| *product = lanes[0]);
+        &self.products
+    }
+
+    #[inline(always)]
+    fn at_lanes(&mut self, point: [Lanes; 2]) {
+        for (values, t) in self.along.iter_mut().zip(&point) {
             legendre(t, values);
         }
         let [x, y] = &self.along;
-        let pairs = (0..=self.degree).flat_map(|total| (0..=total).map(move |j| x[total - j] * y[j]));
-        self.products.iter_mut().zip(pairs).for_each(|(product, value)| *product = value);
-        &self.products
+        let mut lanes = self.lanes.iter_mut();
+        for total in 0..=self.degree {
+            for (product, j) in lanes.by_ref().take(total + 1).zip(0..) {
+                let (x, y) = (&x[total - j], &y[j]);
+                (0..8).for_each(|lane| product[lane] = x[lane] * y[lane]);
+            }
+        }
+    }
+}
+
+/// The sums over some points of the products times each of three factors.
+struct PieceSums<'a> {
+    polynomials: &'a mut Polynomials,
+    point: [Lanes; 2],
+    shapes: [Lanes; 3],
+}
+
+impl<'a> WithSimd for PieceSums<'a> {
+    type Output = &'a [f64];
+
+    /// Compiled once per instruction set, with the same bits: no operation is fused.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        let PieceSums { polynomials, point, shapes } = self;
+        polynomials.at_lanes(point);
+        let Polynomials { lanes, sums, .. } = polynomials;
+        let count = lanes.len();
+        for (shape, sums) in shapes.iter().zip(sums.chunks_exact_mut(count)) {
+            for (sum, values) in sums.iter_mut().zip(&*lanes) {
+                let mut terms = [0.0; 8];
+                (0..8).for_each(|lane| terms[lane] = shape[lane] * values[lane]);
+                let halves: [f64; 4] = from_fn(|lane| terms[lane] + terms[lane + 4]);
+                *sum = (halves[0] + halves[2]) + (halves[1] + halves[3]);
+            }
+        }
+        sums
     }
 }
 
@@ -287,15 +350,20 @@ impl Basis {
                     nodes.len() - 1
                 })
             });
-            for (point, area) in piece.points() {
-                let products = polynomials.at(self.inside(point));
-                for (corner, place) in places.into_iter().enumerate() {
+            let points = piece.points();
+            let lanes = |axis: usize| -> Lanes { from_fn(|lane| self.inside(points[lane.min(6)].0)[axis]) };
+            let shape = |corner: usize| -> Lanes {
+                from_fn(|lane| {
+                    let Some(&(point, area)) = points.get(lane) else { return 0.0 };
                     let mut opposite = piece.triangle;
                     opposite[corner] = point;
-                    let factor = polygon::signed_area(&opposite) / whole * (area / self.area);
-                    let target = &mut integrals[place * count..][..count];
-                    target.iter_mut().zip(products).for_each(|(sum, value)| *sum += value * factor);
-                }
+                    polygon::signed_area(&opposite) / whole * (area / self.area)
+                })
+            };
+            let sums = PieceSums { polynomials, point: [lanes(0), lanes(1)], shapes: from_fn(shape) };
+            let sums = Arch::new().dispatch(sums);
+            for (place, sums) in places.into_iter().zip(sums.chunks_exact(count)) {
+                integrals[place * count..][..count].iter_mut().zip(sums).for_each(|(sum, value)| *sum += value);
             }
         }
         let mut weights: Vec<(usize, Vec<f64>)> =
@@ -318,12 +386,17 @@ impl Basis {
 }
 
 /// Legendre polynomials, orthonormal in the mean over -1 to 1, one for each place of the list.
-fn legendre(t: f64, values: &mut [f64]) {
-    let (mut before, mut now) = (0.0, 1.0);
+#[inline(always)]
+fn legendre(t: &Lanes, values: &mut [Lanes]) {
+    let (mut before, mut now) = ([0.0; 8], [1.0; 8]);
     for (n, value) in values.iter_mut().enumerate() {
         let n = n as f64;
-        *value = now * (2.0 * n + 1.0).sqrt();
-        (before, now) = (now, ((2.0 * n + 1.0) * t * now - n * before) / (n + 1.0));
+        let (norm, inverse) = ((2.0 * n + 1.0).sqrt(), 1.0 / (n + 1.0));
+        for lane in 0..8 {
+            value[lane] = now[lane] * norm;
+            let next = ((2.0 * n + 1.0) * t[lane] * now[lane] - n * before[lane]) * inverse;
+            (before[lane], now[lane]) = (now[lane], next);
+        }
     }
 }
 

@@ -253,8 +253,9 @@ impl PatchedSkin {
         let mut contacts = Vec::new();
         for conductor in load.patches(&self.grid) {
             let Some(cover) = &self.covers[conductor] else { continue };
+            let near = load.near(&self.grid, conductor);
             let conductance = cover.conductance(|index, point| {
-                conductance_s_per_m2((conductor, index), load.pressure_pa(&self.grid, point))
+                conductance_s_per_m2((conductor, index), near.pressure_pa(&self.grid, point))
             });
             // The first moment is the mean, so that the first value is the total conductance.
             let resting = self.at_rest.binary_search_by_key(&conductor, |contact| contact.conductor);
@@ -295,6 +296,18 @@ impl<'a> Load<'a> {
     /// The patches that some press may reach, in order.
     fn patches(&self, grid: &PatchGrid) -> Vec<usize> {
         patches_near(grid, self.footprints.iter().map(|(centre, footprint)| (*centre, footprint.reach_m())))
+    }
+
+    /// The presses that may reach a patch.
+    fn near(&self, grid: &PatchGrid, patch: usize) -> Load<'a> {
+        let [low, high] = grid.corners_m(patch);
+        let half = [0.5 * (high[0] - low[0]), 0.5 * (high[1] - low[1])];
+        let middle = [low[0] + half[0], low[1] + half[1]];
+        let reaches = |(centre, footprint): &&(Point2, &Footprint)| {
+            let step = grid.step(*centre, middle);
+            (0..2).all(|axis| step[axis].abs() < half[axis] + footprint.reach_m())
+        };
+        Load { footprints: self.footprints.iter().filter(reaches).copied().collect(), preload_pa: self.preload_pa }
     }
 
     fn pressure_pa(&self, grid: &PatchGrid, point: Point2) -> f64 {

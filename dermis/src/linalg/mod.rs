@@ -25,6 +25,7 @@ pub(crate) use factor::Workspace;
 pub use factor::{Factor, NotPositiveDefinite};
 pub use matrix::Matrix;
 pub(crate) use pivoted::semidefinite_root;
+pub(crate) use schur_update::UpdateMemory;
 pub use simd_level::SimdLevel;
 pub(crate) use substitution::SparseColumns;
 pub use symbolic::Symbolic;

@@ -21,20 +21,31 @@ impl Factor {
         &self,
         symbolic: &Symbolic,
         additions: &[SparseColumns],
+        memory: &mut UpdateMemory,
     ) -> Result<Matrix, NotPositiveDefinite> {
         let mut schur = self.schur().clone();
         if additions.is_empty() {
             return Ok(schur);
         }
-        pulp::Arch::new().dispatch(Update { symbolic, factor: self, additions, schur: &mut schur })?;
+        pulp::Arch::new().dispatch(Update { symbolic, factor: self, additions, memory, schur: &mut schur })?;
         Ok(schur)
     }
+}
+
+/// Work memory of [`Factor::schur_with`].
+#[derive(Debug, Default)]
+pub(crate) struct UpdateMemory {
+    front_and_stack: [Rows; 2],
+    parts: Vec<Substituted>,
+    system: Rows,
+    rise: Rows,
 }
 
 struct Update<'a> {
     symbolic: &'a Symbolic,
     factor: &'a Factor,
     additions: &'a [SparseColumns],
+    memory: &'a mut UpdateMemory,
     schur: &'a mut Matrix,
 }
 
@@ -43,31 +54,35 @@ impl WithSimd for Update<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
-        let Update { symbolic, factor, additions, schur } = self;
-        // Not in a closure, which would be compiled without the instruction set.
-        let mut parts = Vec::with_capacity(additions.len());
-        for right in additions {
-            parts.push(Substituted::new(simd, symbolic, factor, right));
+        let Update { symbolic, factor, additions, memory, schur } = self;
+        let UpdateMemory { front_and_stack, parts, system, rise } = memory;
+        if parts.len() < additions.len() {
+            parts.resize_with(additions.len(), Substituted::default);
         }
-        let mut system = System::new(simd, &parts, symbolic.kept_count());
+        // Not in a closure, which would be compiled without the instruction set.
+        for (part, right) in parts.iter_mut().zip(additions) {
+            part.compute(simd, symbolic, factor, right, front_and_stack);
+        }
+        let mut system = System::new(simd, &parts[..additions.len()], symbolic.kept_count(), system);
         system.factor(simd)?;
-        system.add_rise(simd, schur);
+        system.add_rise(simd, rise, schur);
         Ok(())
     }
 }
 
 /// `[1 + X' X, Q']`, later `R` with `R' R = 1 + X' X` and `R^-T Q'`; the upper triangle.
-struct System {
+struct System<'a> {
     /// Columns of all additions, each filled up to its stride.
     order: usize,
-    rows: Rows,
+    rows: &'a mut Rows,
 }
 
-impl System {
+impl<'a> System<'a> {
     #[inline(always)]
-    fn new<S: Simd>(simd: S, parts: &[Substituted], kept_count: usize) -> Self {
+    fn new<S: Simd>(simd: S, parts: &[Substituted], kept_count: usize, rows: &'a mut Rows) -> Self {
         let order = parts.iter().map(|part| part.eliminated.stride).sum();
-        let mut system = System { order, rows: Rows::zeros(order, order + kept_count) };
+        rows.resize(order, order + kept_count);
+        let mut system = System { order, rows };
         let mut column = 0;
         for (index, part) in parts.iter().enumerate() {
             let mut row = 0;
@@ -103,7 +118,7 @@ impl System {
                 let mut sums = [[simd.splat_f64s(0.0); N]; ROWS];
                 for &[a_row, b_row, count] in &runs {
                     let a = (&a[a_row * a_stride + offset..], a_stride);
-                    subtract_product(simd, &mut sums, a, (&b[b_row * b_stride + at..], b_stride), count);
+                    sums = subtract_product(simd, sums, a, (&b[b_row * b_stride + at..], b_stride), count);
                 }
                 let sums = sums.map(|sums| sums.map(|sum| simd.neg_f64s(sum)));
                 store(&sums, &mut target[(row + offset) * stride + column / S::F64_LANES + at..], stride);
@@ -123,8 +138,8 @@ impl System {
             if row > 0 {
                 let (b, target) = (S::as_simd_f64s(done).0, S::as_mut_simd_f64s(own).0);
                 column_tiles!(first, vectors, |at, N| {
-                    let mut sums = load::<S, ROWS, N>(simd, &target[at..], vectors);
-                    subtract_product(simd, &mut sums, (&done[row..], stride), (&b[at..], vectors), row);
+                    let sums = load::<S, ROWS, N>(simd, &target[at..], vectors);
+                    let sums = subtract_product(simd, sums, (&done[row..], stride), (&b[at..], vectors), row);
                     store(&sums, &mut target[at..], vectors);
                 });
             }
@@ -135,19 +150,19 @@ impl System {
 
     /// Adds `Q (1 + X' X)^-1 Q'`.
     #[inline(always)]
-    fn add_rise<S: Simd>(&self, simd: S, schur: &mut Matrix) {
+    fn add_rise<S: Simd>(&self, simd: S, rise: &mut Rows, schur: &mut Matrix) {
         let (values, stride) = (self.rows.values.values(), self.rows.stride);
         let b = S::as_simd_f64s(values).0;
         let (first, vectors) = (self.order / S::F64_LANES, stride / S::F64_LANES);
         let count = schur.rows;
-        let mut rise = Rows::zeros(count.next_multiple_of(ROWS), stride - self.order);
+        rise.resize(count.next_multiple_of(ROWS), stride - self.order);
         let (rise_stride, width) = (rise.stride, rise.stride / S::F64_LANES);
         for row in (0..count).step_by(ROWS) {
             let target = S::as_mut_simd_f64s(rise.values.values_mut()).0;
             column_tiles!(first, vectors, |at, N| {
-                let mut sums = [[simd.splat_f64s(0.0); N]; ROWS];
+                let sums = [[simd.splat_f64s(0.0); N]; ROWS];
                 let a = (&values[self.order + row..], stride);
-                subtract_product(simd, &mut sums, a, (&b[at..], vectors), self.order);
+                let sums = subtract_product(simd, sums, a, (&b[at..], vectors), self.order);
                 store(&sums, &mut target[row * width + at - first..], width);
             });
         }
@@ -262,17 +277,20 @@ mod tests {
                 }
             }
         }
-        let got = factor.schur_with(&symbolic, &additions).unwrap();
+        // Memory that was used for something else.
+        let mut memory = UpdateMemory::default();
+        factor.schur_with(&symbolic, &additions[1..], &mut memory).unwrap();
+        let got = factor.schur_with(&symbolic, &additions, &mut memory).unwrap();
         let expected = dense_schur(&matrix, kept);
         let largest = expected.values.iter().fold(0.0f64, |largest, value| largest.max(value.abs()));
         let off = got.values.iter().zip(&expected.values).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         let without = got.values.iter().zip(&factor.schur().values).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         println!("off by {:.1e} of {largest}; the additions change it by {without}", off / largest);
         assert!(off < 1e-12 * largest && without > 1e-3 * largest);
-        let none = factor.schur_with(&symbolic, &[]).unwrap();
+        let none = factor.schur_with(&symbolic, &[], &mut memory).unwrap();
         assert_eq!(none, *factor.schur());
         let bad = addition(vec![3], 1);
         let bad = SparseColumns { values: Matrix { values: vec![f64::NAN], ..bad.values }, ..bad };
-        assert!(factor.schur_with(&symbolic, &[bad]).is_err());
+        assert!(factor.schur_with(&symbolic, &[bad], &mut memory).is_err());
     }
 }

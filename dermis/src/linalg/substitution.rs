@@ -20,13 +20,15 @@ pub(crate) struct SparseColumns {
 }
 
 /// The supernodes that right-hand sides reach, in the order of elimination.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Path {
     /// Rows of the right-hand sides in the order of elimination.
     order: Vec<usize>,
     pub steps: Vec<Step>,
     /// Columns eliminated by all steps together.
     height: usize,
+    /// The largest number of rows below that wait for their parents.
+    waiting_max: usize,
 }
 
 /// One supernode of a path.
@@ -56,8 +58,8 @@ impl Path {
             }
         }
         supernodes.sort_unstable();
-        let mut path = Path { order, steps: Vec::with_capacity(supernodes.len()), height: 0 };
-        let mut next = 0;
+        let mut path = Path { order, steps: Vec::with_capacity(supernodes.len()), height: 0, waiting_max: 0 };
+        let (mut next, mut waiting) = (0, 0);
         for &supernode in &supernodes {
             let columns = symbolic.supernodes[supernode].columns.clone();
             let end = next + path.order[next..].iter().take_while(|&&row| position(row) < columns.end).count();
@@ -65,13 +67,19 @@ impl Path {
             let height = path.height + columns.len();
             path.steps.push(Step { supernode, parent, columns: path.height..height, own: next..end });
             (path.height, next) = (height, end);
+            let below = |child: &usize| symbolic.supernodes[*child].rows.len();
+            let reached = |child: &&usize| supernodes.binary_search(child).is_ok();
+            let children = &symbolic.children[symbolic.supernodes[supernode].children.clone()];
+            waiting += below(&supernode);
+            path.waiting_max = path.waiting_max.max(waiting);
+            waiting -= children.iter().filter(reached).map(below).sum::<usize>();
         }
         path
     }
 }
 
 /// `X = L^-1 b` on the eliminated unknowns, and the contribution to the kept ones.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Substituted {
     pub path: Path,
     /// `X`, the columns of the path x right-hand sides.
@@ -82,15 +90,23 @@ pub(super) struct Substituted {
 
 impl Substituted {
     #[inline(always)]
-    pub(super) fn new<S: Simd>(simd: S, symbolic: &Symbolic, factor: &Factor, right: &SparseColumns) -> Self {
-        let path = Path::new(symbolic, &right.unknowns);
+    pub(super) fn compute<S: Simd>(
+        &mut self,
+        simd: S,
+        symbolic: &Symbolic,
+        factor: &Factor,
+        right: &SparseColumns,
+        [front, stack]: &mut [Rows; 2],
+    ) {
+        self.path = Path::new(symbolic, &right.unknowns);
+        let Substituted { path, eliminated, kept } = self;
         let columns = right.values.columns;
-        let mut eliminated = Rows::zeros(path.height, columns);
-        let mut kept = Rows::zeros(symbolic.kept_count(), columns);
+        eliminated.resize(path.height, columns);
+        kept.resize(symbolic.kept_count(), columns);
+        kept.values.values_mut().fill(0.0);
+        front.resize(symbolic.front_max, columns);
+        stack.resize(path.waiting_max, columns);
         let stride = kept.stride;
-        let below = |step: &Step| symbolic.supernodes[step.supernode].rows.len();
-        let mut front = Rows::zeros(symbolic.front_max, columns);
-        let mut stack = Rows::zeros(path.steps.iter().map(below).sum(), columns);
         let (mut top, mut waiting) = (0, Vec::new());
         for (index, step) in path.steps.iter().enumerate() {
             let supernode = &symbolic.supernodes[step.supernode];
@@ -119,7 +135,6 @@ impl Substituted {
             let Some(local) = symbolic.position[right.unknowns[row]].checked_sub(interior) else { break };
             add(kept.row_mut(local), right.values.row(row));
         }
-        Substituted { path, eliminated, kept }
     }
 }
 
@@ -168,18 +183,22 @@ fn solve_rows<S: Simd, const R: usize, const N: usize>(
 ) {
     let (above, own) = front.split_at_mut(row * stride);
     let own = &mut own[at..];
-    let mut sums = load::<S, R, N>(simd, own, stride);
+    let sums = load::<S, R, N>(simd, own, stride);
     let before = if row > 0 { &above[at..] } else { &[] };
-    subtract_product(simd, &mut sums, (&block[row..], height), (before, stride), row.min(count));
-    for pivot in 0..R.min(count.saturating_sub(row)) {
+    let mut sums = subtract_product(simd, sums, (&block[row..], height), (before, stride), row.min(count));
+    for pivot in 0..R {
+        if row + pivot >= count {
+            break;
+        }
         let column = &block[(row + pivot) * height + row..][..R];
         let inverse = simd.splat_f64s(1.0 / column[pivot]);
-        let solved = sums[pivot].map(|value| simd.mul_f64s(value, inverse));
-        sums[pivot] = solved;
-        for (later, &factor) in sums.iter_mut().zip(column).skip(pivot + 1) {
-            let factor = simd.splat_f64s(factor);
-            for (target, &value) in later.iter_mut().zip(&solved) {
-                *target = simd.negate_mul_add_e_f64s(factor, value, *target);
+        for n in 0..N {
+            sums[pivot][n] = simd.mul_f64s(sums[pivot][n], inverse);
+        }
+        for later in pivot + 1..R {
+            let factor = simd.splat_f64s(column[later]);
+            for n in 0..N {
+                sums[later][n] = simd.negate_mul_add_e_f64s(factor, sums[pivot][n], sums[later][n]);
             }
         }
     }

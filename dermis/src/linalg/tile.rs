@@ -14,19 +14,28 @@ pub(super) const ROWS: usize = 4;
 #[derive(Debug, Clone)]
 pub(super) struct Rows {
     pub values: AlignedVec,
-    /// Numbers per row: an odd multiple of a cache line, so that the rows of a column are in different sets of a cache.
+    /// Numbers per row: whole cache lines, but not a multiple of eight of them, so that a column's rows are in many sets
+    /// of a cache.
     pub stride: usize,
+}
+
+impl Default for Rows {
+    fn default() -> Self {
+        Rows { values: AlignedVec::new(0), stride: 0 }
+    }
 }
 
 impl Rows {
     /// The stride for a number of columns.
     pub(super) fn stride(columns: usize) -> usize {
-        (columns.div_ceil(LANES) | 1) * LANES
+        let lines = columns.div_ceil(LANES);
+        (lines + usize::from(lines.is_multiple_of(8))) * LANES
     }
 
-    pub(super) fn zeros(rows: usize, columns: usize) -> Self {
-        let stride = Self::stride(columns);
-        Rows { values: AlignedVec::new(rows * stride), stride }
+    /// Another size in the same memory, whose values are any.
+    pub(super) fn resize(&mut self, rows: usize, columns: usize) {
+        self.stride = Self::stride(columns);
+        self.values.resize(rows * self.stride);
     }
 
     #[inline(always)]
@@ -56,26 +65,26 @@ macro_rules! column_tiles {
 }
 pub(super) use column_tiles;
 
-/// `sums[r][n] -= sum over k < count of a[k * a_stride + r] * b[k * b_stride + n]`: strides in numbers for `a`, in vectors
-/// for `b`.
+/// `sums[r][n] - sum over k < count of a[k * a_stride + r] * b[k * b_stride + n]`: strides in numbers for `a`, in vectors
+/// for `b`. By value, so that the sums stay in registers.
 #[inline(always)]
 pub(super) fn subtract_product<S: Simd, const R: usize, const N: usize>(
     simd: S,
-    sums: &mut [[S::f64s; N]; R],
+    mut sums: [[S::f64s; N]; R],
     (a, a_stride): (&[f64], usize),
     (b, b_stride): (&[S::f64s], usize),
     count: usize,
-) {
-    for k in 0..count {
-        let Some(factors) = a[k * a_stride..].first_chunk::<R>() else { return };
-        let Some(values) = b[k * b_stride..].first_chunk::<N>() else { return };
-        for (sums, &factor) in sums.iter_mut().zip(factors) {
-            let factor = simd.splat_f64s(factor);
-            for (sum, &value) in sums.iter_mut().zip(values) {
-                *sum = simd.negate_mul_add_e_f64s(factor, value, *sum);
+) -> [[S::f64s; N]; R] {
+    for (a, b) in a.chunks(a_stride).zip(b.chunks(b_stride)).take(count) {
+        let (Some(factors), Some(values)) = (a.first_chunk::<R>(), b.first_chunk::<N>()) else { return sums };
+        for r in 0..R {
+            let factor = simd.splat_f64s(factors[r]);
+            for n in 0..N {
+                sums[r][n] = simd.negate_mul_add_e_f64s(factor, values[n], sums[r][n]);
             }
         }
     }
+    sums
 }
 
 /// A tile of consecutive rows.

@@ -23,10 +23,10 @@ mod table;
 pub use moments::{PotentialMoment, PotentialMoments};
 
 use super::{ElectrodeNetwork, ForwardError, ForwardModel};
-use crate::linalg::{Matrix, NotPositiveDefinite, eliminate_in_place, invert_spd};
+use crate::linalg::{Matrix, NotPositiveDefinite, UpdateMemory, eliminate_in_place, invert_spd};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock};
 use system::System;
 use table::Table;
 
@@ -57,6 +57,8 @@ pub struct FloatingConductors {
     at_rest: BTreeMap<usize, Matrix>,
     /// `B`: moments x electrodes; computed when a table is first used.
     potentials: OnceLock<Matrix>,
+    /// Work memory of updates without a table, one for each thread that is in one.
+    memories: Mutex<Vec<UpdateMemory>>,
     /// Per conductor the Green's functions between its own moments and its own and all later ones, moments x own
     /// moments.
     columns: Table,
@@ -122,6 +124,7 @@ impl FloatingConductors {
             moments,
             base,
             potentials: OnceLock::new(),
+            memories: Mutex::default(),
         })
     }
 

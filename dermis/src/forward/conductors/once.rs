@@ -8,6 +8,7 @@
 use super::{ConductorContact, FloatingConductors, check_fits, difference, dot, name_contact, root};
 use crate::forward::{ElectrodeNetwork, ForwardError};
 use crate::linalg::{Matrix, SparseColumns, semidefinite_root};
+use std::sync::PoisonError;
 
 impl FloatingConductors {
     /// [`network`](Self::network) without a table, by a forward substitution for the touched conductors: for a skin
@@ -31,7 +32,10 @@ impl FloatingConductors {
             })
             .filter(|addition| !matches!(addition, Ok(addition) if addition.values.columns == 0))
             .collect::<Result<Vec<SparseColumns>, ForwardError>>()?;
-        let admittance = self.base.factor.schur_with(self.base.symbolic(&self.model), &additions);
+        let idle = self.memories.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        let mut memory = idle.unwrap_or_default();
+        let admittance = self.base.factor.schur_with(self.base.symbolic(&self.model), &additions, &mut memory);
+        self.memories.lock().unwrap_or_else(PoisonError::into_inner).push(memory);
         self.model.with_own_series(ElectrodeNetwork::new(admittance.map_err(name_contact)?)?)
     }
 
@@ -52,8 +56,10 @@ impl FloatingConductors {
                 added.row_mut(k).iter_mut().zip(&currents).for_each(|(value, other)| *value -= factor * other);
             }
         }
-        let mut unknowns: Vec<usize> = Vec::new();
-        let mut weights: Vec<Vec<f64>> = Vec::new();
+        let order = moments.len();
+        let mut unknowns: Vec<usize> = Vec::with_capacity(moments[0].nodes.len() + 1);
+        // Unknowns x moments.
+        let mut weights: Vec<f64> = Vec::with_capacity(unknowns.capacity() * order);
         for (k, moment) in moments.iter().enumerate() {
             for (index, (unknown, weight)) in self.base.voltage(moment).enumerate() {
                 // The moments of one conductor have mostly the same nodes in the same order.
@@ -63,22 +69,22 @@ impl FloatingConductors {
                 };
                 let place = place.unwrap_or_else(|| {
                     unknowns.push(unknown);
-                    weights.push(vec![0.0; moments.len()]);
+                    weights.resize(unknowns.len() * order, 0.0);
                     unknowns.len() - 1
                 });
-                weights[place][k] += weight;
+                weights[place * order + k] += weight;
             }
         }
         // The contact is rounded, of which the form may be a small part.
         let [whole, part] = [largest(&contact.conductance), largest(&added)];
         let mut values = Matrix::zeros(unknowns.len(), unknowns.len());
-        let mut product = vec![0.0; moments.len()];
-        for (row, weights_of_row) in weights.iter().enumerate() {
+        let mut product = vec![0.0; order];
+        for (row, weights_of_row) in weights.chunks_exact(order).enumerate() {
             product.fill(0.0);
-            for (weight, row) in weights_of_row.iter().zip(added.values.chunks_exact(moments.len())) {
+            for (weight, row) in weights_of_row.iter().zip(added.values.chunks_exact(order)) {
                 product.iter_mut().zip(row).for_each(|(sum, value)| *sum += weight * value);
             }
-            for (column, other) in weights[..=row].iter().enumerate() {
+            for (column, other) in weights.chunks_exact(order).take(row + 1).enumerate() {
                 let value = dot(&product, other);
                 *values.at_mut(row, column) = value;
                 *values.at_mut(column, row) = value;
