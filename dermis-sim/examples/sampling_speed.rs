@@ -1,10 +1,11 @@
-//! Training samples per second of each recipe in `data/recipes`, or of those named as arguments, on all threads of
-//! `RAYON_NUM_THREADS`: `cargo run --release -p dermis-sim --example sampling_speed [RECIPE.toml ...]`.
+//! Training samples per second on `RAYON_NUM_THREADS` threads: of random skins with fabric patches as `dermis simulate
+//! --touch patch --skins random` has them, and of each recipe in `data/recipes`; or of the recipes named as arguments.
+//! `cargo run --release -p dermis-sim --example sampling_speed [RECIPE.toml ...]`.
 
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
 use dermis::mesh::Mesh;
-use dermis_sim::dataset::{Generator, Recipe};
+use dermis_sim::dataset::{Generator, PatchTouches, Recipe, SkinSpread, Skins, Touch};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -13,14 +14,21 @@ use std::time::Instant;
 const SAMPLES: u64 = 1024;
 /// The best of several measurements: other programs may run too.
 const RUNS: u64 = 3;
+const SEED: u64 = 1;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let named: Vec<PathBuf> = std::env::args_os().skip(1).map(PathBuf::from).collect();
-    let recipes = if named.is_empty() { shipped()? } else { named };
     println!("| recipe | samples per second |\n|---|---|");
-    for path in recipes {
+    if named.is_empty() {
+        let (touch, skins) = (Touch::Patch(PatchTouches::usual()), Skins::Random(SkinSpread::usual()));
+        let usual = Recipe { seed: SEED, samples: SAMPLES, touch, skins };
+        println!("| `--touch patch --skins random` | {:.0} |", rate(&usual, "cylinder30")?);
+    }
+    for path in if named.is_empty() { shipped()? } else { named } {
         let name = path.file_stem().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-        println!("| {name} | {:.0} |", rate(&path, &name)?);
+        // The recipe of membranes is for skins on which a touch lowers the conductance.
+        let design = if name == "membrane" { "skin16" } else { "cylinder30" };
+        println!("| {name} | {:.0} |", rate(&Recipe::load(&path, SEED, SAMPLES)?, design)?);
     }
     Ok(())
 }
@@ -33,11 +41,10 @@ fn shipped() -> std::io::Result<Vec<PathBuf>> {
     Ok(paths)
 }
 
-fn rate(path: &Path, name: &str) -> Result<f64, Box<dyn Error>> {
-    // The recipe of membranes is for the skins on which a touch lowers the conductance.
-    let design = SkinDesign::load(if name == "membrane" { "skin16" } else { "cylinder30" })?;
+fn rate(recipe: &Recipe, design: &str) -> Result<f64, Box<dyn Error>> {
+    let design = SkinDesign::load(design)?;
     let forward = ForwardModel::new(&design, &Mesh::generate(&design)?)?;
-    let generator = Generator::new(&design, &forward, &Recipe::load(path, 1, SAMPLES)?)?;
+    let generator = Generator::new(&design, &forward, recipe)?;
     let mut best = 0.0f64;
     for run in 0..RUNS {
         let start = Instant::now();
