@@ -82,8 +82,7 @@ impl PressTarget {
             let reaches = |&(_, (centre, footprint)): &(usize, (Point3, &Footprint))| {
                 let bound_m = pixel.radius_m + footprint.reach_m();
                 // A coordinate first, which is less work.
-                (pixel.centre[1] - centre[1]).abs() < bound_m
-                    && self.surface.distance_m(pixel.centre, centre) < bound_m
+                (pixel.centre[1] - centre[1]).abs() < bound_m && self.surface.distance_m(pixel.centre, centre) < bound_m
             };
             near.clear();
             near.extend(presses.iter().copied().enumerate().filter(reaches));

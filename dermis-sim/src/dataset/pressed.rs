@@ -208,3 +208,48 @@ impl PressWorker<'_> {
         write_touches(rows.touches, row, self.maker.options.most, touches);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::Touch;
+    use crate::dataset::skins::SkinMaker;
+    use dermis::mesh::Mesh;
+    use std::path::Path;
+
+    /// Patches smaller than the cells of the mesh, and larger: the samples are those of a new factorisation for each,
+    /// with an unknown more per touched patch.
+    #[test]
+    fn frames_are_those_of_a_new_factorisation_for_each_sample() {
+        let design = SkinDesign::shipped("cylinder30").unwrap();
+        let forward = ForwardModel::new(&design, &Mesh::generate(&design).unwrap()).unwrap();
+        let pixels = PixelSpace::for_design(&design, forward.mesh()).unwrap();
+        for name in ["fine-soft", "coarse-firm-together"] {
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../data/recipes/{name}.toml"));
+            let recipe = Recipe::load(&path, 5, 64).unwrap();
+            let (Touch::Patch(touches), Skins::Random(spread)) = (&recipe.touch, &recipe.skins) else {
+                panic!("{name} has presses on random skins")
+            };
+            let places = Places::new(&design.body, forward.mesh());
+            let maker = PressMaker::new(&design, &forward, &pixels, places, &recipe, touches).unwrap();
+            let skins = SkinMaker::new(&design, &forward, recipe.seed, spread).unwrap();
+            let mut worst = 0.0f64;
+            for index in [0, 7, 40] {
+                let made = skins.make(index / UNIT as u64).unwrap();
+                let (model, presses) = (&made.forward, maker.draw(index));
+                let coat = model.rest_conductivity();
+                let options = maker.patches(spread, made.seed);
+                let skin = PatchedSkin::for_presses(&options, &maker.body, model, coat, &presses).unwrap();
+                let contacts = skin.contacts(&presses).unwrap();
+                let moments = skin.conductors().moments();
+                let direct = model.network_with_conductors(coat, moments, &contacts).unwrap().frame(model.protocol());
+                let frame = skin.network_once(&presses).unwrap().frame(model.protocol());
+                let largest = direct.iter().fold(0.0f64, |largest, value| largest.max(value.abs()));
+                let off = frame.iter().zip(direct.iter()).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                worst = worst.max(off / largest);
+            }
+            println!("{name}: frames off by {worst:.1e} of their largest value");
+            assert!(worst < 1e-10, "{name}: {worst}");
+        }
+    }
+}

@@ -215,11 +215,29 @@ impl Polynomials {
     }
 }
 
-/// The sums over some points of the products times each of three factors.
+/// The rule of [`triangle_points`] in lanes; the last lane has no weight.
+struct TriangleRule {
+    /// Barycentric coordinates of the points.
+    corners: [Lanes; 3],
+    weights: Lanes,
+}
+
+impl TriangleRule {
+    fn new() -> Self {
+        let points = triangle_points(&[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+        TriangleRule {
+            corners: from_fn(|corner| from_fn(|lane| points[lane.min(points.len() - 1)].0[corner])),
+            weights: from_fn(|lane| points.get(lane).map_or(0.0, |point| point.1)),
+        }
+    }
+}
+
+/// The integrals over a piece of the products times each of the shape functions of its triangle, over the patch's area.
 struct PieceSums<'a> {
     polynomials: &'a mut Polynomials,
-    point: [Lanes; 2],
-    shapes: [Lanes; 3],
+    rule: &'a TriangleRule,
+    basis: &'a Basis,
+    piece: &'a Piece,
 }
 
 impl<'a> WithSimd for PieceSums<'a> {
@@ -228,14 +246,32 @@ impl<'a> WithSimd for PieceSums<'a> {
     /// Compiled once per instruction set, with the same bits: no operation is fused.
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Self::Output {
-        let PieceSums { polynomials, point, shapes } = self;
-        polynomials.at_lanes(point);
+        let PieceSums { polynomials, rule: TriangleRule { corners, weights }, basis, piece } = self;
+        let Piece { part, triangle, .. } = piece;
+        let (mut points, mut inside) = ([[0.0; 8]; 2], [[0.0; 8]; 2]);
+        for axis in 0..2 {
+            let inverse = 1.0 / basis.half[axis];
+            for lane in 0..8 {
+                points[axis][lane] = part[0][axis] * corners[0][lane]
+                    + part[1][axis] * corners[1][lane]
+                    + part[2][axis] * corners[2][lane];
+                inside[axis][lane] = (points[axis][lane] - basis.middle[axis]) * inverse;
+            }
+        }
+        polynomials.at_lanes(inside);
         let Polynomials { lanes, sums, .. } = polynomials;
-        let count = lanes.len();
-        for (shape, sums) in shapes.iter().zip(sums.chunks_exact_mut(count)) {
+        let scale = polygon::signed_area(part).abs() / basis.area / (2.0 * polygon::signed_area(triangle));
+        for (corner, sums) in sums.chunks_exact_mut(lanes.len()).enumerate() {
+            // Twice the area of the triangle of the point and the other two corners, over that of the whole.
+            let ([ax, ay], [bx, by]) = (triangle[(corner + 1) % 3], triangle[(corner + 2) % 3]);
+            let mut factors = [0.0; 8];
+            for lane in 0..8 {
+                let (x, y) = (points[0][lane], points[1][lane]);
+                factors[lane] = ((ax - x) * (by - y) - (bx - x) * (ay - y)) * (scale * weights[lane]);
+            }
             for (sum, values) in sums.iter_mut().zip(&*lanes) {
                 let mut terms = [0.0; 8];
-                (0..8).for_each(|lane| terms[lane] = shape[lane] * values[lane]);
+                (0..8).for_each(|lane| terms[lane] = factors[lane] * values[lane]);
                 let halves: [f64; 4] = from_fn(|lane| terms[lane] + terms[lane + 4]);
                 *sum = (halves[0] + halves[2]) + (halves[1] + halves[3]);
             }
@@ -297,7 +333,8 @@ impl Basis {
         for _ in 0..2 {
             for k in 0..count {
                 self.combinations = Some(combinations);
-                let values: Vec<Vec<f64>> = self.points.iter().map(|(point, _)| self.values(*point, polynomials)).collect();
+                let values: Vec<Vec<f64>> =
+                    self.points.iter().map(|(point, _)| self.values(*point, polynomials)).collect();
                 let mean = |i: usize, j: usize| {
                     let terms = values.iter().zip(&self.points).map(|(values, (_, area))| values[i] * values[j] * area);
                     terms.sum::<f64>() / self.area
@@ -341,8 +378,8 @@ impl Basis {
         let count = polynomials.products.len();
         // The integrals of the products times each node's shape function, node by node.
         let (mut nodes, mut integrals): (Vec<usize>, Vec<f64>) = (Vec::new(), Vec::new());
+        let rule = TriangleRule::new();
         for piece in pieces {
-            let whole = polygon::signed_area(&piece.triangle);
             let places = piece.nodes.map(|node| {
                 nodes.iter().position(|&known| known == node).unwrap_or_else(|| {
                     nodes.push(node);
@@ -350,18 +387,7 @@ impl Basis {
                     nodes.len() - 1
                 })
             });
-            let points = piece.points();
-            let lanes = |axis: usize| -> Lanes { from_fn(|lane| self.inside(points[lane.min(6)].0)[axis]) };
-            let shape = |corner: usize| -> Lanes {
-                from_fn(|lane| {
-                    let Some(&(point, area)) = points.get(lane) else { return 0.0 };
-                    let mut opposite = piece.triangle;
-                    opposite[corner] = point;
-                    polygon::signed_area(&opposite) / whole * (area / self.area)
-                })
-            };
-            let sums = PieceSums { polynomials, point: [lanes(0), lanes(1)], shapes: from_fn(shape) };
-            let sums = Arch::new().dispatch(sums);
+            let sums = Arch::new().dispatch(PieceSums { polynomials, rule: &rule, basis: self, piece });
             for (place, sums) in places.into_iter().zip(sums.chunks_exact(count)) {
                 integrals[place * count..][..count].iter_mut().zip(sums).for_each(|(sum, value)| *sum += value);
             }

@@ -8,8 +8,8 @@ use dermis::design::Body;
 use dermis::geom::Point3;
 use dermis::geom::vector::distance;
 use dermis::mesh::Mesh;
-use schemars::JsonSchema;
 use pulp::{Simd, WithSimd};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 
@@ -362,6 +362,12 @@ fn check_on_body(centre_m: Point3, body: &Body) -> Result<(), TwinError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Boussinesq's pressure of a unit load at depth `h`, as a function of the squared distance.
+    fn kernel(distance_squared: f64, h: f64) -> f64 {
+        let q = distance_squared + h * h;
+        3.0 * h * h * h / (TAU * q * q * q.sqrt())
+    }
 
     const FOAM: Foam = Foam { thickness_m: 0.003, modulus_pa: 2e5 };
     const SHEET: Body = Body::Rectangle { width_m: 0.2, height_m: 0.1 };

@@ -128,7 +128,8 @@ impl Substituted {
             waiting.push(index);
         }
         while let Some(root) = waiting.pop() {
-            top -= add_below(symbolic, &path.steps[root], &stack.values.values()[..top], kept.values.values_mut(), stride);
+            top -=
+                add_below(symbolic, &path.steps[root], &stack.values.values()[..top], kept.values.values_mut(), stride);
         }
         let interior = symbolic.unknown_count() - symbolic.kept_count();
         for &row in path.order.iter().rev() {

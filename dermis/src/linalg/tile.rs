@@ -89,7 +89,11 @@ pub(super) fn subtract_product<S: Simd, const R: usize, const N: usize>(
 
 /// A tile of consecutive rows.
 #[inline(always)]
-pub(super) fn load<S: Simd, const R: usize, const N: usize>(simd: S, rows: &[S::f64s], stride: usize) -> [[S::f64s; N]; R] {
+pub(super) fn load<S: Simd, const R: usize, const N: usize>(
+    simd: S,
+    rows: &[S::f64s],
+    stride: usize,
+) -> [[S::f64s; N]; R] {
     let mut sums = [[simd.splat_f64s(0.0); N]; R];
     for (r, sums) in sums.iter_mut().enumerate() {
         sums.copy_from_slice(&rows[r * stride..][..N]);

@@ -20,11 +20,9 @@ impl FloatingConductors {
     /// # Panics
     /// As [`network`](Self::network).
     pub fn network_once(&self, contacts: &[ConductorContact]) -> Result<ElectrodeNetwork, ForwardError> {
-        let mut forms: Vec<Form> = Vec::new();
-        for contact in contacts {
-            self.form(contact)?.add_to(&mut forms);
-        }
-        let additions = forms
+        let symbolic = self.base.symbolic(&self.model);
+        let forms = contacts.iter().map(|contact| self.form(contact)).collect::<Vec<Form>>();
+        let additions = joined(&forms, symbolic.unknown_count())
             .into_iter()
             .map(|form| match semidefinite_root(&form.values, form.scale) {
                 Some(root) => Ok(SparseColumns { unknowns: form.unknowns, values: root }),
@@ -34,13 +32,13 @@ impl FloatingConductors {
             .collect::<Result<Vec<SparseColumns>, ForwardError>>()?;
         let idle = self.memories.lock().unwrap_or_else(PoisonError::into_inner).pop();
         let mut memory = idle.unwrap_or_default();
-        let admittance = self.base.factor.schur_with(self.base.symbolic(&self.model), &additions, &mut memory);
+        let admittance = self.base.factor.schur_with(symbolic, &additions, &mut memory);
         self.memories.lock().unwrap_or_else(PoisonError::into_inner).push(memory);
         self.model.with_own_series(ElectrodeNetwork::new(admittance.map_err(name_contact)?)?)
     }
 
     /// The quadratic form that a contact adds to that at rest.
-    fn form(&self, contact: &ConductorContact) -> Result<Form, ForwardError> {
+    fn form(&self, contact: &ConductorContact) -> Form {
         check_fits(&self.moments, contact);
         let moments = self.moments.of_conductor(contact.conductor);
         let mut added = match self.at_rest.get(&contact.conductor) {
@@ -91,7 +89,7 @@ impl FloatingConductors {
             }
         }
         let scale = if part > 0.0 { largest(&values) * (whole / part) } else { 0.0 };
-        Ok(Form { unknowns, values, scale })
+        Form { unknowns, values, scale }
     }
 
     /// The error of the first contact that is below that at rest or not finite.
@@ -123,41 +121,51 @@ fn largest(matrix: &Matrix) -> f64 {
 }
 
 impl Form {
-    /// Adds it to the forms with which it has unknowns in common.
-    fn add_to(self, forms: &mut Vec<Form>) {
-        let shares = |form: &mut Form| form.unknowns.iter().any(|unknown| self.unknowns.contains(unknown));
-        let joined: Vec<Form> = forms.extract_if(.., shares).collect();
-        let mut all = joined.into_iter().chain([self]);
-        let Some(mut sum) = all.next() else { return };
-        for form in all {
-            sum.add(&form);
+    /// The sum of some forms.
+    fn sum(forms: &[&Form], place: &mut [usize]) -> Form {
+        let mut unknowns: Vec<usize> = Vec::new();
+        for &unknown in forms.iter().flat_map(|form| &form.unknowns) {
+            // The places of other sums are not in this list, or hold another unknown.
+            if unknowns.get(place[unknown]) != Some(&unknown) {
+                place[unknown] = unknowns.len();
+                unknowns.push(unknown);
+            }
         }
-        forms.push(sum);
+        let mut values = Matrix::zeros(unknowns.len(), unknowns.len());
+        for form in forms {
+            for (row, unknown) in form.unknowns.iter().enumerate() {
+                let target = values.row_mut(place[*unknown]);
+                for (column, value) in form.unknowns.iter().zip(form.values.row(row)) {
+                    target[place[*column]] += value;
+                }
+            }
+        }
+        Form { unknowns, values, scale: forms.iter().map(|form| form.scale).fold(0.0, f64::max) }
     }
+}
 
-    fn add(&mut self, other: &Form) {
-        let before = self.unknowns.len();
-        let mut places = Vec::with_capacity(other.unknowns.len());
-        for &unknown in &other.unknowns {
-            places.push(self.unknowns.iter().position(|&own| own == unknown).unwrap_or_else(|| {
-                self.unknowns.push(unknown);
-                self.unknowns.len() - 1
-            }));
-        }
-        let count = self.unknowns.len();
-        if count > before {
-            let mut wider = Matrix::zeros(count, count);
-            for row in 0..before {
-                wider.row_mut(row)[..before].copy_from_slice(self.values.row(row));
+/// The sums of those forms that have unknowns in common, directly or by others between them.
+fn joined(forms: &[Form], unknown_count: usize) -> Vec<Form> {
+    // The group of each form, and the last form of each unknown.
+    let mut groups: Vec<usize> = (0..forms.len()).collect();
+    let mut form_of = vec![usize::MAX; unknown_count];
+    for (index, form) in forms.iter().enumerate() {
+        for &unknown in &form.unknowns {
+            if let Some(&other) = groups.get(form_of[unknown])
+                && other != groups[index]
+            {
+                let own = groups[index];
+                groups.iter_mut().filter(|group| **group == own).for_each(|group| *group = other);
             }
-            self.values = wider;
-        }
-        self.scale = self.scale.max(other.scale);
-        for (row, &place) in places.iter().enumerate() {
-            let target = self.values.row_mut(place);
-            for (&column, value) in places.iter().zip(other.values.row(row)) {
-                target[column] += value;
-            }
+            form_of[unknown] = index;
         }
     }
+    let mut place = form_of;
+    let of_group =
+        |group: usize| forms.iter().zip(&groups).filter(move |(_, own)| **own == group).map(|(form, _)| form);
+    (0..forms.len())
+        .map(|group| of_group(group).collect::<Vec<&Form>>())
+        .filter(|members| !members.is_empty())
+        .map(|members| Form::sum(&members, &mut place))
+        .collect()
 }
