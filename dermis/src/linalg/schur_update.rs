@@ -1,8 +1,8 @@
 //! The Schur complement of a factored matrix after additions of low rank.
 //!
-//! Let `A_ii = L L'` be the eliminated part of the matrix and `U U'` the addition. With `X = L^-1 U_i` and `Q = U_k - A_ki
-//! A_ii^-1 U_i` the Schur complement of the kept unknowns increases by `Q (1 + X' X)^-1 Q'` (Woodbury, 1950; Hager, 1989,
-//! DOI 10.1137/1031049).
+//! Let `A_ii = L L'` be the eliminated part of the matrix and `U U'` the addition. With `X = L^-1 U_i` and
+//! `Q = U_k - A_ki A_ii^-1 U_i` the Schur complement of the kept unknowns increases by `Q (1 + X' X)^-1 Q'` (Woodbury,
+//! 1950; Hager, 1989, DOI 10.1137/1031049).
 
 use super::factor::{Factor, NotPositiveDefinite};
 use super::matrix::Matrix;

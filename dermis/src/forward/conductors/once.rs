@@ -1,9 +1,9 @@
 //! Contacts of a skin that is touched only a few times, without a table of Green's functions.
 //!
-//! With its conductor's potential eliminated a contact adds the quadratic form `u' M D M' u` to the system, `D = C - C e
-//! e' C / (e' C e)`. Contacts that have nodes in common are one addition `U U'`, `U` from its Cholesky factorisation with
-//! pivots: its rank is at most the number of the touched nodes, which is less than that of the moments where conductors
-//! are smaller than some cells.
+//! With the potential of its conductor eliminated, a contact adds `u' M D M' u` to the power,
+//! `D = C - C e e' C / (e' C e)`. Contacts that have nodes in common are one addition `U U'`, `U` from a Cholesky
+//! factorisation with pivots. Its rank is at most the number of the touched nodes, which is less than that of the moments
+//! where conductors are not much larger than cells.
 
 use super::{ConductorContact, FloatingConductors, check_fits, difference, dot, name_contact, root};
 use crate::forward::{ElectrodeNetwork, ForwardError};
