@@ -193,13 +193,14 @@ fn solve_rows<S: Simd, const R: usize, const N: usize>(
         }
         let column = &block[(row + pivot) * height + row..][..R];
         let inverse = simd.splat_f64s(1.0 / column[pivot]);
-        for n in 0..N {
-            sums[pivot][n] = simd.mul_f64s(sums[pivot][n], inverse);
+        for value in &mut sums[pivot] {
+            *value = simd.mul_f64s(*value, inverse);
         }
+        let solved = sums[pivot];
         for later in pivot + 1..R {
             let factor = simd.splat_f64s(column[later]);
-            for n in 0..N {
-                sums[later][n] = simd.negate_mul_add_e_f64s(factor, sums[pivot][n], sums[later][n]);
+            for (target, &value) in sums[later].iter_mut().zip(&solved) {
+                *target = simd.negate_mul_add_e_f64s(factor, value, *target);
             }
         }
     }
