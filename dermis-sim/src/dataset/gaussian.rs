@@ -121,14 +121,13 @@ impl GaussianWorker<'_> {
         &mut self,
         first: u64,
         count: usize,
-        instance: Option<&SkinInstance>,
+        instance: Option<&mut SkinInstance>,
         rows: &mut Rows<'_>,
     ) -> Result<(), ForwardError> {
         if let Some(instance) = instance {
             self.use_instance(instance);
-            for row in 0..count {
-                rows.rest[row * instance.rest.len()..][..instance.rest.len()].copy_from_slice(&instance.rest);
-            }
+            let rest = instance.untouched()?;
+            (0..count).for_each(|row| write_row(rows.rest, row, rest.iter().copied()));
         }
         for from in (0..count).step_by(LANES) {
             self.batch(first + from as u64, (count - from).min(LANES), from, rows)?;

@@ -203,7 +203,7 @@ impl Worker<'_> {
             }
         }
         match &mut self.maker {
-            SampleMaker::Gaussian(worker) => worker.make(first, count, self.instance.as_ref(), rows)?,
+            SampleMaker::Gaussian(worker) => worker.make(first, count, self.instance.as_mut(), rows)?,
             SampleMaker::Pressed(worker) => worker.make(first, count, self.instance.as_ref(), rows)?,
         }
         Ok(())

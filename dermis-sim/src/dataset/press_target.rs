@@ -9,7 +9,7 @@
 
 use crate::dataset::quadrature::Rule;
 use crate::elementary::tanh;
-use crate::twin::{ContactLaw, Foam, Footprint, PatchOptions, Press, TwinError};
+use crate::twin::{ContactLaw, Footprint, PatchOptions, TwinError};
 use crate::unrolled::Unrolled;
 use dermis::design::{Body, ImageLayout, SkinDesign};
 use dermis::geom::{Point3, Surface};
@@ -23,11 +23,11 @@ const POINTS_PER_SIDE: usize = 6;
 #[derive(Debug, Clone)]
 pub(super) struct PressTarget {
     surface: Unrolled,
-    body: Body,
-    foam: Foam,
     contact: ContactLaw,
     /// Half of a patch's side over the square root of the coating's conductance: `k / sqrt(c)`.
     half_side: f64,
+    /// The change without a press.
+    at_rest: f64,
     pixels: Vec<Pixel>,
 }
 
@@ -57,12 +57,12 @@ impl PressTarget {
         };
         let mut target = PressTarget {
             surface: Unrolled::of(&surface),
-            body: design.body.clone(),
-            foam: patches.foam,
             contact: patches.contact,
             half_side: 0.5 * (mean_side_m(patches, &design.body)?.powi(2) / design.sheet.conductance).sqrt(),
+            at_rest: 0.0,
             pixels: Vec::new(),
         };
+        target.at_rest = target.change(0.0);
         let pixel = |(points, &area_m2): (Vec<Point3>, &f64)| {
             let centre = points[points.len() / 2];
             let radius_m = points.iter().map(|&point| target.surface.distance_m(centre, point)).fold(0.0, f64::max);
@@ -72,36 +72,40 @@ impl PressTarget {
         Ok(target)
     }
 
-    /// The image of some presses together.
-    pub(super) fn image_into(&self, presses: &[Press], image: &mut [f64]) -> Result<(), TwinError> {
-        let footprints: Vec<(Point3, Footprint)> = (presses.iter())
-            .map(|press| Ok((self.surface.place(press.centre_m), Footprint::new(press, &self.foam, &self.body)?)))
-            .collect::<Result<_, TwinError>>()?;
-        let at_rest = self.change(0.0);
+    /// The image of some presses together, and the strength of each alone: the integral of its own image, m2.
+    pub(super) fn image_into(&self, footprints: &[Footprint], image: &mut [f64], strengths_m2: &mut [f64]) {
+        let presses: Vec<(Point3, &Footprint)> =
+            footprints.iter().map(|footprint| (self.surface.place(footprint.centre_m()), footprint)).collect();
+        strengths_m2.fill(0.0);
+        let mut near = Vec::with_capacity(presses.len());
         for (value, pixel) in image.iter_mut().zip(&self.pixels) {
-            let reaches = |(centre, footprint): &&(Point3, Footprint)| {
-                self.surface.distance_m(pixel.centre, *centre) < pixel.radius_m + footprint.reach_m()
+            let reaches = |&(_, (centre, footprint)): &(usize, (Point3, &Footprint))| {
+                let bound_m = pixel.radius_m + footprint.reach_m();
+                // A coordinate first, which is less work.
+                (pixel.centre[1] - centre[1]).abs() < bound_m && self.surface.distance_m(pixel.centre, centre) < bound_m
             };
-            let near: Vec<&(Point3, Footprint)> = footprints.iter().filter(reaches).collect();
-            *value = 0.0;
-            if near.is_empty() {
-                continue;
+            near.clear();
+            near.extend(presses.iter().copied().enumerate().filter(reaches));
+            *value = self.mean_change(pixel, &near);
+            for only in &near {
+                let own = if near.len() == 1 { *value } else { self.mean_change(pixel, std::slice::from_ref(only)) };
+                strengths_m2[only.0] += own * pixel.area_m2;
             }
-            for &point in &pixel.points {
-                let pressure: f64 = (near.iter())
-                    .map(|(centre, footprint)| footprint.pressure_pa(self.surface.distance_m(point, *centre)))
-                    .sum();
-                *value += self.change(pressure) - at_rest;
-            }
-            *value /= pixel.points.len() as f64;
         }
-        Ok(())
     }
 
-    /// The strength of a single press: the integral of its image, m2. `image` is scratch memory.
-    pub(super) fn strength_m2(&self, press: &Press, image: &mut [f64]) -> Result<f64, TwinError> {
-        self.image_into(std::slice::from_ref(press), image)?;
-        Ok(image.iter().zip(&self.pixels).map(|(value, pixel)| value * pixel.area_m2).sum())
+    /// The mean over a pixel of the change by some presses.
+    fn mean_change(&self, pixel: &Pixel, presses: &[(usize, (Point3, &Footprint))]) -> f64 {
+        if presses.is_empty() {
+            return 0.0;
+        }
+        let change = |&point: &Point3| {
+            let pressure = |(_, (centre, footprint)): &(usize, (Point3, &Footprint))| {
+                footprint.pressure_pa(self.surface.distance_m(point, *centre))
+            };
+            self.change(presses.iter().map(pressure).sum()) - self.at_rest
+        };
+        pixel.points.iter().map(change).sum::<f64>() / pixel.points.len() as f64
     }
 
     /// The relative change of conductance under a pressure.
@@ -167,6 +171,7 @@ fn cell_pixels(surface: Unrolled, mesh: &Mesh) -> Vec<Vec<Point3>> {
 mod tests {
     use super::*;
     use crate::dataset::PatchTouches;
+    use crate::twin::Press;
 
     fn target() -> PressTarget {
         let design = SkinDesign::shipped("cylinder30").unwrap();
@@ -202,19 +207,25 @@ mod tests {
     fn an_image_peaks_under_its_press_and_wraps_at_the_seam() {
         let target = target();
         let surface = Surface::Cylinder { radius_m: 0.05, length_m: 0.3 };
-        let mut image = vec![0.0; 900];
+        let (body, foam) = (SkinDesign::shipped("cylinder30").unwrap().body, PatchTouches::usual().patches.foam);
+        let (mut image, mut strengths) = (vec![0.0; 900], [0.0; 2]);
         let press = |theta_rad: f64| Press {
             centre_m: surface.at(0.145, theta_rad).unwrap(),
             force_n: 2.0,
             tip_radius_m: 0.005,
         };
-        target.image_into(&[press(0.0)], &mut image).unwrap();
+        let one = Footprint::new(&press(0.0), &foam, &body).unwrap();
+        target.image_into(std::slice::from_ref(&one), &mut image, &mut strengths[..1]);
         let row = &image[14 * 30..15 * 30];
         assert!(row[0] > 0.1 && (row[0] / row[29] - 1.0).abs() < 1e-9, "{row:?}");
         assert!(image.iter().filter(|value| **value > 0.0).count() < 20);
-        // Two presses at one position have the effect of the sum of their pressures.
+        let integral: f64 = image.iter().zip(&target.pixels).map(|(value, pixel)| value * pixel.area_m2).sum();
+        assert!((strengths[0] / integral - 1.0).abs() < 1e-12);
+        // Two presses at one position have the effect of the sum of their pressures, and each its own strength.
         let mut both = vec![0.0; 900];
-        target.image_into(&[press(0.0), press(0.0)], &mut both).unwrap();
+        target.image_into(&[one.clone(), one], &mut both, &mut strengths);
         assert!(both[420] > image[420] && both[420] < 2.0 * image[420]);
+        assert_eq!(strengths[0], strengths[1]);
+        assert!((strengths[0] / integral - 1.0).abs() < 1e-12);
     }
 }

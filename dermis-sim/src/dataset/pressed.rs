@@ -1,9 +1,9 @@
 //! Samples of presses on fabric patches: drawn, solved by a low-rank update.
 
-use crate::dataset::generator::{Rows, write_row, write_touches};
+use crate::dataset::generator::{Rows, UNIT, write_row, write_touches};
 use crate::dataset::places::Places;
 use crate::dataset::press_target::PressTarget;
-use crate::dataset::recipe::{PatchTouches, Recipe, SkinSpread, Skins};
+use crate::dataset::recipe::{MOST_TOUCHES, PatchTouches, Recipe, SkinSpread, Skins};
 use crate::dataset::sample::{SampleTouch, TouchKind, single};
 use crate::dataset::skins::SkinInstance;
 use crate::elementary::sin_cos;
@@ -112,6 +112,10 @@ impl PressMaker {
         presses
     }
 
+    fn footprints(&self, presses: &[Press]) -> Result<Vec<Footprint>, TwinError> {
+        Footprint::of_all(presses, &self.options.patches.foam, &self.body)
+    }
+
     /// The position of a press next to another.
     fn place(&self, before: Option<&Press>, rng: &mut ChaCha8Rng) -> Point3 {
         if let (Some(together), Some(before)) = (&self.options.together, before)
@@ -157,14 +161,12 @@ impl PressWorker<'_> {
         rows: &mut Rows<'_>,
     ) -> crate::Result<()> {
         let maker = self.maker;
-        let presses: Vec<Vec<Press>> = (0..count).map(|row| maker.draw(first + row as u64)).collect();
         match (&maker.skins, instance) {
             (OnSkins::Many(spread), Some(instance)) => {
                 let model = &instance.skin.forward;
-                // All sixteen samples of the skin, even if fewer were requested: a sample's bits must not depend on
-                // their number.
-                let all: Vec<Press> =
-                    (0..super::generator::UNIT as u64).flat_map(|row| maker.draw(first + row)).collect();
+                // All samples of the skin, even if fewer were requested: a sample's bits must not depend on their
+                // number.
+                let all: Vec<Press> = (0..UNIT as u64).flat_map(|row| maker.draw(first + row)).collect();
                 let options = maker.patches(spread, instance.skin.seed);
                 let coat = model.rest_conductivity();
                 let skin = PatchedSkin::for_presses(&options, &maker.body, model, coat, &all)?;
@@ -172,16 +174,19 @@ impl PressWorker<'_> {
                 for row in 0..count {
                     write_row(rows.rest, row, self.frame.iter().copied());
                 }
-                for (row, presses) in presses.iter().enumerate() {
-                    skin.network_once(presses)?.frame_into(model.protocol(), &mut self.frame);
-                    self.write(row, presses, rows)?;
+                for row in 0..count {
+                    let presses = maker.draw(first + row as u64);
+                    let footprints = maker.footprints(&presses)?;
+                    skin.network_under(&footprints)?.frame_into(model.protocol(), &mut self.frame);
+                    self.write(row, &presses, &footprints, rows);
                 }
             }
             (OnSkins::One(skin), _) => {
                 let protocol = skin.conductors().model().protocol();
-                for (row, presses) in presses.iter().enumerate() {
-                    skin.network(presses)?.frame_into(protocol, &mut self.frame);
-                    self.write(row, presses, rows)?;
+                for row in 0..count {
+                    let presses = maker.draw(first + row as u64);
+                    skin.network(&presses)?.frame_into(protocol, &mut self.frame);
+                    self.write(row, &presses, &maker.footprints(&presses)?, rows);
                 }
             }
             (OnSkins::Many(_), None) => unreachable!("random skins come with an instance"),
@@ -189,19 +194,62 @@ impl PressWorker<'_> {
         Ok(())
     }
 
-    fn write(&mut self, row: usize, presses: &[Press], rows: &mut Rows<'_>) -> crate::Result<()> {
+    fn write(&mut self, row: usize, presses: &[Press], footprints: &[Footprint], rows: &mut Rows<'_>) {
         write_row(rows.frames, row, self.frame.iter().copied());
-        self.maker.target.image_into(presses, &mut self.image)?;
+        let mut strengths = [0.0; MOST_TOUCHES];
+        let strengths = &mut strengths[..presses.len()];
+        self.maker.target.image_into(footprints, &mut self.image, strengths);
         write_row(rows.images, row, self.image.iter().copied());
-        let strengths = (presses.iter())
-            .map(|press| self.maker.target.strength_m2(press, &mut self.image))
-            .collect::<Result<Vec<f64>, TwinError>>()?;
         let touches = presses.iter().zip(strengths).map(|(press, strength)| SampleTouch {
             centre_m: single(press.centre_m),
             kind: TouchKind::Press { tip_radius_m: press.tip_radius_m as f32, force_n: press.force_n as f32 },
-            strength_m2: strength as f32,
+            strength_m2: *strength as f32,
         });
         write_touches(rows.touches, row, self.maker.options.most, touches);
-        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::Touch;
+    use crate::dataset::skins::SkinMaker;
+    use dermis::mesh::Mesh;
+    use std::path::Path;
+
+    /// Patches smaller than the cells of the mesh, and larger: the samples are those of a new factorisation for each,
+    /// with an unknown more per touched patch.
+    #[test]
+    fn frames_are_those_of_a_new_factorisation_for_each_sample() {
+        let design = SkinDesign::shipped("cylinder30").unwrap();
+        let forward = ForwardModel::new(&design, &Mesh::generate(&design).unwrap()).unwrap();
+        let pixels = PixelSpace::for_design(&design, forward.mesh()).unwrap();
+        for name in ["fine-soft", "coarse-firm-together"] {
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../data/recipes/{name}.toml"));
+            let recipe = Recipe::load(&path, 5, 64).unwrap();
+            let (Touch::Patch(touches), Skins::Random(spread)) = (&recipe.touch, &recipe.skins) else {
+                panic!("{name} has presses on random skins")
+            };
+            let places = Places::new(&design.body, forward.mesh());
+            let maker = PressMaker::new(&design, &forward, &pixels, places, &recipe, touches).unwrap();
+            let skins = SkinMaker::new(&design, &forward, recipe.seed, spread).unwrap();
+            let mut worst = 0.0f64;
+            for index in [0, 7, 40] {
+                let made = skins.make(index / UNIT as u64).unwrap();
+                let (model, presses) = (&made.forward, maker.draw(index));
+                let coat = model.rest_conductivity();
+                let options = maker.patches(spread, made.seed);
+                let skin = PatchedSkin::for_presses(&options, &maker.body, model, coat, &presses).unwrap();
+                let contacts = skin.contacts(&presses).unwrap();
+                let moments = skin.conductors().moments();
+                let direct = model.network_with_conductors(coat, moments, &contacts).unwrap().frame(model.protocol());
+                let frame = skin.network_once(&presses).unwrap().frame(model.protocol());
+                let largest = direct.iter().fold(0.0f64, |largest, value| largest.max(value.abs()));
+                let off = frame.iter().zip(direct.iter()).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                worst = worst.max(off / largest);
+            }
+            println!("{name}: frames off by {worst:.1e} of their largest value");
+            assert!(worst < 1e-10, "{name}: {worst}");
+        }
     }
 }

@@ -8,7 +8,7 @@ use crate::random::{log_normal, sample_rng};
 use crate::twin::FieldPlaces;
 use crate::unrolled::Unrolled;
 use dermis::design::{Body, ElectrodeShape, SkinDesign};
-use dermis::forward::{ForwardModel, Solver};
+use dermis::forward::{ForwardError, ForwardModel, Solver};
 use dermis::geom::Point3;
 use dermis::geom::vector::{cross, dot, sub};
 use dermis::mesh::{Cells, Mesh};
@@ -219,12 +219,11 @@ fn followers(design: &SkinDesign, mesh: &Mesh, rms_m: f64) -> Result<Vec<Vec<(us
     Ok(all)
 }
 
-/// The current skin of a thread, and its untouched frame.
+/// The current skin of a thread.
 #[derive(Debug)]
 pub(super) struct SkinInstance {
     pub index: u64,
     pub skin: Skin,
-    pub rest: Vec<f32>,
     solver: Solver,
 }
 
@@ -233,29 +232,25 @@ impl SkinInstance {
     pub(super) fn new(maker: &SkinMaker, first_sample: u64) -> crate::Result<Self> {
         let index = first_sample / UNIT as u64;
         let skin = maker.make(index)?;
-        let mut instance = SkinInstance { index, rest: Vec::new(), solver: skin.forward.solver(), skin };
-        instance.measure()?;
-        Ok(instance)
+        Ok(SkinInstance { index, solver: skin.forward.solver(), skin })
     }
 
     /// Replaces the skin by the next one, in the same memory.
     pub(super) fn change(&mut self, maker: &SkinMaker, first_sample: u64) -> crate::Result<()> {
         let index = first_sample / UNIT as u64;
-        if index != self.index || self.rest.is_empty() {
+        if index != self.index {
             self.skin = maker.make(index)?;
             self.index = index;
             self.solver.set_model(&self.skin.forward);
-            self.measure()?;
         }
         Ok(())
     }
 
-    fn measure(&mut self) -> crate::Result<()> {
+    /// Its untouched frame without patches, ohm.
+    pub(super) fn untouched(&mut self) -> Result<Vec<f64>, ForwardError> {
         let mut rest = vec![0.0; self.skin.forward.protocol().channel_count()];
-        self.rest.clear();
         self.solver.solve_into(self.skin.forward.rest_conductivity(), &mut rest)?;
-        self.rest.extend(rest.into_iter().map(|value| value as f32));
-        Ok(())
+        Ok(rest)
     }
 }
 

@@ -7,7 +7,9 @@ use dermis::forward::{PotentialMoment, PotentialMoments};
 use dermis::geom::{Point2, polygon};
 use dermis::linalg::Matrix;
 use dermis::mesh::{Cells, Mesh};
-use std::collections::BTreeMap;
+use pulp::{Arch, Simd, WithSimd};
+use std::array::from_fn;
+use std::sync::Arc;
 
 /// A patch with less than this fraction of its area on the body has no contact.
 const SMALLEST_SHARE: f64 = 1e-4;
@@ -25,27 +27,48 @@ const POINTS_PER_SIDE: usize = 8;
 pub(super) struct Cover {
     /// Points in the chart with their areas, m2.
     pub points: Vec<(Point2, f64)>,
-    /// The functions' values, points x functions.
-    pub values: Matrix,
+    /// Shared by all rectangles.
+    functions: Arc<Functions>,
+}
+
+/// The values of a patch's functions at its points.
+#[derive(Debug)]
+struct Functions {
+    count: usize,
+    /// The products of two functions, points x pairs: a lower triangle row by row.
+    products: Matrix,
+}
+
+impl Functions {
+    /// From a list of values for each point.
+    fn new(count: usize, values: &[Vec<f64>]) -> Arc<Self> {
+        let mut products = Matrix::zeros(values.len(), count * (count + 1) / 2);
+        for (index, values) in values.iter().enumerate() {
+            let pairs = values.iter().enumerate().flat_map(|(k, value)| values[..=k].iter().map(move |l| value * l));
+            products.row_mut(index).iter_mut().zip(pairs).for_each(|(product, value)| *product = value);
+        }
+        Arc::new(Functions { count, products })
+    }
 }
 
 impl Cover {
     /// `C_kl = integral of g phi_k phi_l`, S, from the conductance per area at each point.
     pub(super) fn conductance(&self, mut conductance_s_per_m2: impl FnMut(usize, Point2) -> f64) -> Matrix {
-        let order = self.values.columns;
-        let mut sum = Matrix::zeros(order, order);
+        let Functions { count, products } = &*self.functions;
+        let mut sums = vec![0.0; products.columns];
         for (index, &(point, area)) in self.points.iter().enumerate() {
             let conductance_s = area * conductance_s_per_m2(index, point);
-            if conductance_s == 0.0 {
-                continue;
-            }
-            let row = self.values.row(index);
-            for (k, value) in row.iter().enumerate() {
-                let factor = conductance_s * value;
-                sum.row_mut(k).iter_mut().zip(row).for_each(|(sum, other)| *sum += factor * other);
+            if conductance_s != 0.0 {
+                sums.iter_mut().zip(products.row(index)).for_each(|(sum, product)| *sum += conductance_s * product);
             }
         }
-        sum
+        let mut matrix = Matrix::zeros(*count, *count);
+        let pairs = (0..*count).flat_map(|k| (0..=k).map(move |l| (k, l)));
+        for ((k, l), sum) in pairs.zip(sums) {
+            *matrix.at_mut(k, l) = sum;
+            *matrix.at_mut(l, k) = sum;
+        }
+        matrix
     }
 }
 
@@ -77,9 +100,13 @@ pub(super) fn cover(
 ) -> Result<(PotentialMoments, Vec<Option<Cover>>), TwinError> {
     let Cells::Triangles(triangles) = &mesh.cells else { return Err(TwinError::NoChart) };
     let mut pieces: Vec<Vec<Piece>> = (0..grid.patch_count()).map(|_| Vec::new()).collect();
+    let places: Vec<Point2> = mesh.nodes.iter().map(|&node| grid.surface.chart(node)).collect();
+    let mut memory = [Vec::new(), Vec::new()];
     for triangle in triangles {
-        cut(grid, mesh, triangle, wanted, &mut pieces);
+        cut(grid, &places, triangle, wanted, &mut memory, &mut pieces);
     }
+    let mut polynomials = Polynomials::new(degree);
+    let rectangle = Rectangle::new(&mut polynomials);
     let (mut moments, mut covers) = (Vec::new(), Vec::new());
     for (patch, pieces) in pieces.iter().enumerate() {
         let whole = grid.area_m2(patch);
@@ -89,19 +116,26 @@ pub(super) fn cover(
             continue;
         }
         let points = ((area / whole - 1.0).abs() < WHOLE).then(|| grid.points(patch)).flatten();
-        let basis = Basis::new(pieces, area, degree, points);
-        moments.extend(basis.moments(pieces).into_iter().map(|nodes| PotentialMoment { conductor: patch, nodes }));
-        covers.push(Some(basis.cover()));
+        let basis = Basis::new(pieces, area, points, &rectangle, &mut polynomials);
+        let nodes = basis.moments(pieces, &mut polynomials);
+        moments.extend(nodes.into_iter().map(|nodes| PotentialMoment { conductor: patch, nodes }));
+        covers.push(Some(basis.cover(&rectangle, &mut polynomials)));
     }
     Ok((PotentialMoments::new(moments), covers))
 }
 
 /// Adds the parts of one triangle to the patches above it.
-fn cut(grid: &PatchGrid, mesh: &Mesh, nodes: &[usize; 3], wanted: Option<&[bool]>, pieces: &mut [Vec<Piece>]) {
-    let chart = |node: usize| grid.surface.chart(mesh.nodes[node]);
-    let first = chart(nodes[0]);
+fn cut(
+    grid: &PatchGrid,
+    places: &[Point2],
+    nodes: &[usize; 3],
+    wanted: Option<&[bool]>,
+    memory: &mut [Vec<Point2>; 2],
+    pieces: &mut [Vec<Piece>],
+) {
+    let first = places[nodes[0]];
     let corners = nodes.map(|node| {
-        let step = grid.surface.chart_step(first, chart(node));
+        let step = grid.surface.chart_step(first, places[node]);
         [first[0] + step[0], first[1] + step[1]]
     });
     let ([left, bottom], [right, top]) = bounds(corners.iter());
@@ -110,7 +144,8 @@ fn cut(grid: &PatchGrid, mesh: &Mesh, nodes: &[usize; 3], wanted: Option<&[bool]
             continue;
         }
         let triangle = corners.map(|corner| [corner[0] - shift, corner[1]]);
-        let part = grid.clip(patch, &triangle);
+        grid.clip_in(patch, &triangle, memory);
+        let part = &memory[0];
         let Some(&origin) = part.first() else { continue };
         for pair in part.windows(2).skip(1) {
             let part = [origin, pair[0], pair[1]];
@@ -127,46 +162,182 @@ fn bounds<'a>(points: impl Iterator<Item = &'a Point2>) -> (Point2, Point2) {
     })
 }
 
+/// Eight points at once: the seven of a triangle.
+type Lanes = [f64; 8];
+
+/// Products of Legendre polynomials up to a degree, orthonormal in the mean over a square, evaluated in the same memory.
+struct Polynomials {
+    degree: usize,
+    along: [Vec<Lanes>; 2],
+    /// `P_i(x) P_j(y)`, by `i + j`, then by `j`.
+    lanes: Vec<Lanes>,
+    /// At one point; and sums.
+    products: Vec<f64>,
+    sums: Vec<f64>,
+}
+
+impl Polynomials {
+    fn new(degree: usize) -> Self {
+        let count = (degree + 1) * (degree + 2) / 2;
+        Polynomials {
+            degree,
+            along: [0, 1].map(|_| vec![[0.0; 8]; degree + 1]),
+            lanes: vec![[0.0; 8]; count],
+            products: vec![0.0; count],
+            sums: vec![0.0; 3 * count],
+        }
+    }
+
+    /// The products at a point of the square from -1 to 1.
+    fn at(&mut self, point: Point2) -> &[f64] {
+        self.at_lanes(point.map(|t| [t; 8]));
+        self.products.iter_mut().zip(&self.lanes).for_each(|(product, lanes)| *product = lanes[0]);
+        &self.products
+    }
+
+    #[inline(always)]
+    fn at_lanes(&mut self, point: [Lanes; 2]) {
+        for (values, t) in self.along.iter_mut().zip(&point) {
+            legendre(t, values);
+        }
+        let [x, y] = &self.along;
+        let mut lanes = self.lanes.iter_mut();
+        for total in 0..=self.degree {
+            for (product, j) in lanes.by_ref().take(total + 1).zip(0..) {
+                let (x, y) = (&x[total - j], &y[j]);
+                (0..8).for_each(|lane| product[lane] = x[lane] * y[lane]);
+            }
+        }
+    }
+}
+
+/// The rule of [`triangle_points`] in lanes; the last lane has no weight.
+struct TriangleRule {
+    /// Barycentric coordinates of the points.
+    corners: [Lanes; 3],
+    weights: Lanes,
+}
+
+impl TriangleRule {
+    fn new() -> Self {
+        let points = triangle_points(&[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+        TriangleRule {
+            corners: from_fn(|corner| from_fn(|lane| points[lane.min(points.len() - 1)].0[corner])),
+            weights: from_fn(|lane| points.get(lane).map_or(0.0, |point| point.1)),
+        }
+    }
+}
+
+/// The integrals over a piece of the products times each of the shape functions of its triangle, over the patch's area.
+struct PieceSums<'a> {
+    polynomials: &'a mut Polynomials,
+    rule: &'a TriangleRule,
+    basis: &'a Basis,
+    piece: &'a Piece,
+}
+
+impl<'a> WithSimd for PieceSums<'a> {
+    type Output = &'a [f64];
+
+    /// Compiled once per instruction set, with the same bits: no operation is fused.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        let PieceSums { polynomials, rule: TriangleRule { corners, weights }, basis, piece } = self;
+        let Piece { part, triangle, .. } = piece;
+        let (mut points, mut inside) = ([[0.0; 8]; 2], [[0.0; 8]; 2]);
+        for axis in 0..2 {
+            let inverse = 1.0 / basis.half[axis];
+            for lane in 0..8 {
+                points[axis][lane] = part[0][axis] * corners[0][lane]
+                    + part[1][axis] * corners[1][lane]
+                    + part[2][axis] * corners[2][lane];
+                inside[axis][lane] = (points[axis][lane] - basis.middle[axis]) * inverse;
+            }
+        }
+        polynomials.at_lanes(inside);
+        let Polynomials { lanes, sums, .. } = polynomials;
+        let scale = polygon::signed_area(part).abs() / basis.area / (2.0 * polygon::signed_area(triangle));
+        for (corner, sums) in sums.chunks_exact_mut(lanes.len()).enumerate() {
+            // Twice the area of the triangle of the point and the other two corners, over that of the whole.
+            let ([ax, ay], [bx, by]) = (triangle[(corner + 1) % 3], triangle[(corner + 2) % 3]);
+            let mut factors = [0.0; 8];
+            for lane in 0..8 {
+                let (x, y) = (points[0][lane], points[1][lane]);
+                factors[lane] = ((ax - x) * (by - y) - (bx - x) * (ay - y)) * (scale * weights[lane]);
+            }
+            for (sum, values) in sums.iter_mut().zip(&*lanes) {
+                let mut terms = [0.0; 8];
+                (0..8).for_each(|lane| terms[lane] = factors[lane] * values[lane]);
+                let halves: [f64; 4] = from_fn(|lane| terms[lane] + terms[lane + 4]);
+                *sum = (halves[0] + halves[2]) + (halves[1] + halves[3]);
+            }
+        }
+        sums
+    }
+}
+
+/// The points of all rectangles, and the functions there.
+struct Rectangle {
+    /// In the square from -1 to 1, with weights whose sum is 1.
+    points: Vec<(Point2, f64)>,
+    functions: Arc<Functions>,
+}
+
+impl Rectangle {
+    fn new(polynomials: &mut Polynomials) -> Self {
+        let rule = gauss_legendre(POINTS_PER_SIDE);
+        let pairs = rule.iter().flat_map(|&(s, v)| rule.iter().map(move |&(t, w)| ([s, t], 0.25 * v * w)));
+        let points: Vec<(Point2, f64)> = pairs.collect();
+        let values: Vec<Vec<f64>> = points.iter().map(|(point, _)| polynomials.at(*point).to_vec()).collect();
+        Rectangle { functions: Functions::new(polynomials.products.len(), &values), points }
+    }
+}
+
 /// The functions of one patch.
 struct Basis {
-    degree: usize,
     area: f64,
     middle: Point2,
     half: Point2,
     points: Vec<(Point2, f64)>,
-    /// The functions as combinations of the products of Legendre polynomials, functions x products.
-    combinations: Matrix,
+    /// The functions as combinations of the products of Legendre polynomials, functions x products; `None` on a
+    /// rectangle, whose functions are the products.
+    combinations: Option<Matrix>,
 }
 
 impl Basis {
     /// The functions of the patch that consists of some parts, with the points of its shape if it is whole.
-    fn new(pieces: &[Piece], area: f64, degree: usize, whole: Option<Vec<(Point2, f64)>>) -> Self {
+    fn new(
+        pieces: &[Piece],
+        area: f64,
+        whole: Option<Vec<(Point2, f64)>>,
+        rectangle: &Rectangle,
+        polynomials: &mut Polynomials,
+    ) -> Self {
         let (low, high) = bounds(pieces.iter().flat_map(|piece| &piece.part));
         let half = [0.5 * (high[0] - low[0]), 0.5 * (high[1] - low[1])];
         let middle = [low[0] + half[0], low[1] + half[1]];
-        let count = (degree + 1) * (degree + 2) / 2;
-        let mut combinations = Matrix::zeros(count, count);
-        (0..count).for_each(|k| *combinations.at_mut(k, k) = 1.0);
-        let mut basis = Basis { degree, area, middle, half, points: Vec::new(), combinations };
+        let mut basis = Basis { area, middle, half, points: Vec::new(), combinations: None };
         if (4.0 * half[0] * half[1] / area - 1.0).abs() < WHOLE {
-            let rule = gauss_legendre(POINTS_PER_SIDE);
-            let at = |s: f64, t: f64| [middle[0] + half[0] * s, middle[1] + half[1] * t];
-            let products = rule.iter().flat_map(|&(s, v)| rule.iter().map(move |&(t, w)| (s, t, v * w)));
-            basis.points = products.map(|(s, t, weight)| (at(s, t), 0.25 * weight * area)).collect();
+            let at = |[s, t]: Point2| [middle[0] + half[0] * s, middle[1] + half[1] * t];
+            basis.points = rectangle.points.iter().map(|&(point, weight)| (at(point), weight * area)).collect();
         } else {
             basis.points = whole.unwrap_or_else(|| pieces.iter().flat_map(Piece::points).collect());
-            basis.orthonormalise();
+            basis.orthonormalise(polynomials);
         }
         basis
     }
 
     /// Gram-Schmidt in the mean over the points, twice: after one pass the rounding error is of the order of the
     /// condition number.
-    fn orthonormalise(&mut self) {
-        let count = self.combinations.rows;
+    fn orthonormalise(&mut self, polynomials: &mut Polynomials) {
+        let count = polynomials.products.len();
+        let mut combinations = Matrix::zeros(count, count);
+        (0..count).for_each(|k| *combinations.at_mut(k, k) = 1.0);
         for _ in 0..2 {
             for k in 0..count {
-                let values: Vec<Vec<f64>> = self.points.iter().map(|(point, _)| self.values(*point)).collect();
+                self.combinations = Some(combinations);
+                let values: Vec<Vec<f64>> =
+                    self.points.iter().map(|(point, _)| self.values(*point, polynomials)).collect();
                 let mean = |i: usize, j: usize| {
                     let terms = values.iter().zip(&self.points).map(|(values, (_, area))| values[i] * values[j] * area);
                     terms.sum::<f64>() / self.area
@@ -176,63 +347,86 @@ impl Basis {
                 let rest = own - overlaps.iter().map(|o| o * o).sum::<f64>();
                 // On a sliver the functions are linearly dependent up to rounding: dependent ones are set to zero.
                 let factor = if rest > LEAST_OWN * own { 1.0 / rest.sqrt() } else { 0.0 };
+                combinations = self.combinations.take().unwrap_or_else(|| Matrix::zeros(count, count));
                 for column in 0..count {
-                    let taken: f64 =
-                        overlaps.iter().enumerate().map(|(i, o)| o * self.combinations.at(i, column)).sum();
-                    let value = (self.combinations.at(k, column) - taken) * factor;
-                    *self.combinations.at_mut(k, column) = value;
+                    let taken: f64 = overlaps.iter().enumerate().map(|(i, o)| o * combinations.at(i, column)).sum();
+                    let value = (combinations.at(k, column) - taken) * factor;
+                    *combinations.at_mut(k, column) = value;
                 }
             }
         }
+        self.combinations = Some(combinations);
+    }
+
+    /// A point in the coordinates of the polynomials.
+    fn inside(&self, point: Point2) -> Point2 {
+        [0, 1].map(|axis| (point[axis] - self.middle[axis]) / self.half[axis])
     }
 
     /// The functions at a point.
-    fn values(&self, point: Point2) -> Vec<f64> {
-        let along = |axis: usize| legendre(self.degree, (point[axis] - self.middle[axis]) / self.half[axis]);
-        let (x, y) = (along(0), along(1));
-        let degrees = (0..=self.degree).flat_map(|total| (0..=total).map(move |j| (total - j, j)));
-        let products: Vec<f64> = degrees.map(|(i, j)| x[i] * y[j]).collect();
-        let combine = |k: usize| self.combinations.row(k).iter().zip(&products).map(|(c, p)| c * p).sum();
-        (0..self.combinations.rows).map(combine).collect()
+    fn values(&self, point: Point2, polynomials: &mut Polynomials) -> Vec<f64> {
+        let products = polynomials.at(self.inside(point));
+        self.combine(products)
+    }
+
+    /// The functions from the products.
+    fn combine(&self, products: &[f64]) -> Vec<f64> {
+        let Some(combinations) = &self.combinations else { return products.to_vec() };
+        let combine = |k: usize| combinations.row(k).iter().zip(products).map(|(c, p)| c * p).sum();
+        (0..combinations.rows).map(combine).collect()
     }
 
     /// The mean of each function times the potential, as weights of the nodes.
-    fn moments(&self, pieces: &[Piece]) -> Vec<Vec<(usize, f64)>> {
-        let count = self.combinations.rows;
-        let mut weights: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
+    fn moments(&self, pieces: &[Piece], polynomials: &mut Polynomials) -> Vec<Vec<(usize, f64)>> {
+        let count = polynomials.products.len();
+        // The integrals of the products times each node's shape function, node by node.
+        let (mut nodes, mut integrals): (Vec<usize>, Vec<f64>) = (Vec::new(), Vec::new());
+        let rule = TriangleRule::new();
         for piece in pieces {
-            let whole = polygon::signed_area(&piece.triangle);
-            for (point, area) in piece.points() {
-                let values = self.values(point);
-                for (corner, &node) in piece.nodes.iter().enumerate() {
-                    let mut opposite = piece.triangle;
-                    opposite[corner] = point;
-                    let shape = polygon::signed_area(&opposite) / whole;
-                    let target = weights.entry(node).or_insert_with(|| vec![0.0; count]);
-                    target.iter_mut().zip(&values).for_each(|(sum, value)| *sum += value * shape * area / self.area);
-                }
+            let places = piece.nodes.map(|node| {
+                nodes.iter().position(|&known| known == node).unwrap_or_else(|| {
+                    nodes.push(node);
+                    integrals.resize(nodes.len() * count, 0.0);
+                    nodes.len() - 1
+                })
+            });
+            let sums = Arch::new().dispatch(PieceSums { polynomials, rule: &rule, basis: self, piece });
+            for (place, sums) in places.into_iter().zip(sums.chunks_exact(count)) {
+                integrals[place * count..][..count].iter_mut().zip(sums).for_each(|(sum, value)| *sum += value);
             }
         }
-        (0..count).map(|k| weights.iter().map(|(&node, weights)| (node, weights[k])).collect()).collect()
+        let mut weights: Vec<(usize, Vec<f64>)> =
+            nodes.into_iter().zip(integrals.chunks_exact(count).map(|products| self.combine(products))).collect();
+        weights.sort_unstable_by_key(|(node, _)| *node);
+        (0..count).map(|k| weights.iter().map(|(node, weights)| (*node, weights[k])).collect()).collect()
     }
 
-    fn cover(&self) -> Cover {
-        let mut values = Matrix::zeros(self.points.len(), self.combinations.rows);
-        for (index, (point, _)) in self.points.iter().enumerate() {
-            values.row_mut(index).copy_from_slice(&self.values(*point));
-        }
-        Cover { points: self.points.clone(), values }
+    fn cover(self, rectangle: &Rectangle, polynomials: &mut Polynomials) -> Cover {
+        let functions = match &self.combinations {
+            None => rectangle.functions.clone(),
+            Some(combinations) => {
+                let values: Vec<Vec<f64>> =
+                    self.points.iter().map(|(point, _)| self.values(*point, polynomials)).collect();
+                Functions::new(combinations.rows, &values)
+            }
+        };
+        Cover { points: self.points, functions }
     }
 }
 
-/// Legendre polynomials up to a degree, orthonormal in the mean over -1 to 1.
-fn legendre(degree: usize, t: f64) -> Vec<f64> {
-    let mut values = vec![1.0, t];
-    for n in 1..degree {
-        let next = ((2 * n + 1) as f64 * t * values[n] - n as f64 * values[n - 1]) / (n + 1) as f64;
-        values.push(next);
+/// Legendre polynomials, orthonormal in the mean over -1 to 1, one for each place of the list.
+#[inline(always)]
+fn legendre(t: &Lanes, values: &mut [Lanes]) {
+    let (mut before, mut now) = ([0.0; 8], [1.0; 8]);
+    for (n, value) in values.iter_mut().enumerate() {
+        let n = n as f64;
+        let (norm, inverse) = ((2.0 * n + 1.0).sqrt(), 1.0 / (n + 1.0));
+        for lane in 0..8 {
+            value[lane] = now[lane] * norm;
+            let next = ((2.0 * n + 1.0) * t[lane] * now[lane] - n * before[lane]) * inverse;
+            (before[lane], now[lane]) = (now[lane], next);
+        }
     }
-    values.iter().take(degree + 1).enumerate().map(|(n, value)| value * ((2 * n + 1) as f64).sqrt()).collect()
 }
 
 #[cfg(test)]
@@ -245,14 +439,12 @@ mod tests {
             let part = [[0.0, 0.0], [1e-2, 1e-2], [1e-2, 1e-2 + thickness_m]];
             let piece = Piece { nodes: [0, 1, 2], triangle: part, part };
             let area = polygon::signed_area(&part).abs();
-            let cover = Basis::new(&[piece], area, 2, None).cover();
-            let count = cover.values.columns;
-            let gram = |i: usize, j: usize| {
-                let terms = cover.points.iter().enumerate();
-                let term =
-                    |(p, (_, share)): (usize, &(Point2, f64))| cover.values.at(p, i) * cover.values.at(p, j) * share;
-                terms.map(term).sum::<f64>() / area
-            };
+            let mut polynomials = Polynomials::new(2);
+            let rectangle = Rectangle::new(&mut polynomials);
+            let basis = Basis::new(&[piece], area, None, &rectangle, &mut polynomials);
+            let cover = basis.cover(&rectangle, &mut polynomials);
+            let count = polynomials.products.len();
+            let gram = |i: usize, j: usize| cover.conductance(|_, _| 1.0).at(i, j) / area;
             let kept = (0..count).filter(|&k| gram(k, k) > 0.5).count();
             println!("{thickness_m} m: {kept} of {count} functions are left");
             assert!(kept >= 3, "those along the sliver are never lost");

@@ -2,7 +2,8 @@
 
 use super::error::{check_between, check_positive};
 use super::load::Load;
-use super::{Foam, Press, TwinError};
+use super::press::{Footprint, Press};
+use super::{Foam, TwinError};
 use crate::quadrature::LocalFunction;
 use crate::unrolled::Unrolled;
 use dermis::design::Body;
@@ -60,14 +61,14 @@ impl LayerOptions {
         rest: &[f64],
     ) -> Result<Vec<f64>, TwinError> {
         let mut rises = vec![0.0; rest.len()];
-        let (load, surface) = (Load::new(presses, &self.foam, body, 0.0)?, Unrolled::of(&body.surface()));
-        let reaches: Vec<(Point3, f64)> =
-            presses.iter().zip(load.reaches_m()).map(|(press, (_, reach_m))| (press.centre_m, reach_m)).collect();
+        let footprints = Footprint::of_all(presses, &self.foam, body)?;
+        let surface = Unrolled::of(&body.surface());
+        let load = Load::new(&footprints, surface, 0.0);
         let rise = LocalFunction {
             // A distance in space is at most the distance along the surface.
             reaches: |corners: &[Point3]| {
                 let size_m = longest_edge(corners);
-                reaches.iter().any(|&(centre_m, reach_m)| distance(corners[0], centre_m) <= reach_m + size_m)
+                footprints.iter().any(|press| distance(corners[0], press.centre_m()) <= press.reach_m() + size_m)
             },
             value: |point_m| self.rise(load.pressure_pa(surface.chart(point_m))),
             longest_edge_m: LONGEST_EDGE_THICKNESSES.map(|thicknesses| thicknesses * self.foam.thickness_m),
@@ -134,7 +135,8 @@ mod tests {
         let skin = skin();
         for (z_m, theta_rad, force_n) in [(0.15, 0.0, 2.0), (0.1437, 2.0, 0.2), (0.081, 4.4, 5.0)] {
             let press = press(z_m, theta_rad, force_n);
-            let load = Load::new(&[press], &LAYER.foam, &skin.0.body, 0.0).unwrap();
+            let footprints = [Footprint::new(&press, &LAYER.foam, &skin.0.body).unwrap()];
+            let load = Load::new(&footprints, Unrolled::of(&skin.0.body.surface()), 0.0);
             let (centre, reach_m) = load.reaches_m().next().unwrap();
             let panels = 200;
             let width = reach_m / f64::from(panels);
@@ -154,7 +156,8 @@ mod tests {
     fn cells_are_fine_enough_for_the_foam() {
         let press = press(0.15, 0.0, 2.0);
         let body = SkinDesign::shipped("cylinder30").unwrap().body;
-        let load = Load::new(&[press], &LAYER.foam, &body, 0.0).unwrap();
+        let footprints = [Footprint::new(&press, &LAYER.foam, &body).unwrap()];
+        let load = Load::new(&footprints, Unrolled::of(&body.surface()), 0.0);
         let value = |point: Point3| LAYER.rise(load.pressure_pa([point[0], point[1] + 0.15]));
         let of_edge =
             |longest_m: f64| LocalFunction { reaches: |_: &[Point3]| true, value, longest_edge_m: [longest_m; 2] };
@@ -281,7 +284,7 @@ mod tests {
             assert!(message.contains(expected), "{message}");
         }
         let crushed =
-            Load::new(&[press(0.1, 0.0, 20.0)], &LAYER.foam, &SkinDesign::shipped("cylinder30").unwrap().body, 0.0);
+            Footprint::new(&press(0.1, 0.0, 20.0), &LAYER.foam, &SkinDesign::shipped("cylinder30").unwrap().body);
         assert!(crushed.unwrap_err().to_string().contains("4.37 mm"));
     }
 

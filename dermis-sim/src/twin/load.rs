@@ -1,30 +1,23 @@
 //! The pressure of several presses together.
 
-use super::press::{Footprint, Press};
-use super::{Foam, TwinError};
-use crate::elementary::hypot;
+use super::press::Footprint;
 use crate::unrolled::Unrolled;
-use dermis::design::Body;
 use dermis::geom::Point2;
 
 /// The pressure of all presses together below the foam.
 #[derive(Debug)]
-pub(super) struct Load {
+pub(super) struct Load<'a> {
     surface: Unrolled,
-    footprints: Vec<(Point2, Footprint)>,
+    /// With their centres in the chart.
+    footprints: Vec<(Point2, &'a Footprint)>,
     preload_pa: f64,
 }
 
-impl Load {
+impl<'a> Load<'a> {
     /// Presses on a body, added to a pressure everywhere.
-    ///
-    /// # Errors
-    /// As [`Footprint::new`].
-    pub(super) fn new(presses: &[Press], foam: &Foam, body: &Body, preload_pa: f64) -> Result<Self, TwinError> {
-        let surface = Unrolled::of(&body.surface());
-        let footprint = |press: &Press| Ok((surface.chart(press.centre_m), Footprint::new(press, foam, body)?));
-        let footprints = presses.iter().map(footprint).collect::<Result<_, TwinError>>()?;
-        Ok(Load { surface, footprints, preload_pa })
+    pub(super) fn new(footprints: &'a [Footprint], surface: Unrolled, preload_pa: f64) -> Self {
+        let footprints = footprints.iter().map(|footprint| (surface.chart(footprint.centre_m()), footprint)).collect();
+        Load { surface, footprints, preload_pa }
     }
 
     /// The centre of each press in the chart [around, along], and the distance beyond which its pressure is zero, m.
@@ -32,11 +25,22 @@ impl Load {
         self.footprints.iter().map(|(centre, footprint)| (*centre, footprint.reach_m()))
     }
 
+    /// The presses that may reach a box of the chart.
+    pub(super) fn near(&self, [low, high]: [Point2; 2]) -> Load<'a> {
+        let half = [0.5 * (high[0] - low[0]), 0.5 * (high[1] - low[1])];
+        let middle = [low[0] + half[0], low[1] + half[1]];
+        let reaches = |(centre, footprint): &&(Point2, &Footprint)| {
+            let step = self.surface.chart_step(*centre, middle);
+            (0..2).all(|axis| step[axis].abs() < half[axis] + footprint.reach_m())
+        };
+        Load { footprints: self.footprints.iter().filter(reaches).copied().collect(), ..*self }
+    }
+
     /// The pressure at a point of the chart, Pa.
     pub(super) fn pressure_pa(&self, point: Point2) -> f64 {
-        let of_press = |(centre, footprint): &(Point2, Footprint)| {
+        let of_press = |(centre, footprint): &(Point2, &Footprint)| {
             let [round, along] = self.surface.chart_step(*centre, point);
-            footprint.pressure_pa(hypot(round, along))
+            footprint.pressure_pa((round * round + along * along).sqrt())
         };
         self.preload_pa + self.footprints.iter().map(of_press).sum::<f64>()
     }

@@ -4,7 +4,7 @@ use super::contact_law::ContactLaw;
 use super::coverage::{Cover, cover};
 use super::load::Load;
 use super::patches::{PatchGrid, PatchOptions};
-use super::press::Press;
+use super::press::{Footprint, Press};
 use super::strength;
 use super::{Foam, TwinError};
 use dermis::design::Body;
@@ -88,9 +88,12 @@ impl PatchedSkin {
         let wanted = match options.contact.preload_pa > 0.0 {
             true => None,
             false => {
-                let reached = patches_under(&Load::new(presses, &options.foam, body, 0.0)?, &grid);
+                let reach = |press: &Press| {
+                    Ok((grid.surface.chart(press.centre_m), Footprint::reach_of(press, &options.foam, &grid.body)?))
+                };
+                let reaches = presses.iter().map(reach).collect::<Result<Vec<(Point2, f64)>, TwinError>>()?;
                 let mut wanted = vec![false; grid.patch_count()];
-                reached.into_iter().for_each(|patch| wanted[patch] = true);
+                patches_near(&grid, reaches.into_iter()).into_iter().for_each(|patch| wanted[patch] = true);
                 Some(wanted)
             }
         };
@@ -158,7 +161,17 @@ impl PatchedSkin {
     /// # Errors
     /// As [`network`](Self::network).
     pub fn network_once(&self, presses: &[Press]) -> crate::Result<ElectrodeNetwork> {
-        Ok(self.conductors.network_once(&self.contacts(presses)?)?)
+        self.network_under(&self.footprints(presses)?)
+    }
+
+    /// [`network_once`](Self::network_once) from the footprints of the presses.
+    pub(crate) fn network_under(&self, footprints: &[Footprint]) -> crate::Result<ElectrodeNetwork> {
+        let contacts = self.contacts_under(footprints, |_, pressure| self.contact.conductance_s_per_m2(pressure));
+        Ok(self.conductors.network_once(&contacts)?)
+    }
+
+    fn footprints(&self, presses: &[Press]) -> Result<Vec<Footprint>, TwinError> {
+        Footprint::of_all(presses, &self.foam, &self.grid.body)
     }
 
     /// The network between the electrodes during some presses that follow others, for contacts with hysteresis, which
@@ -183,18 +196,19 @@ impl PatchedSkin {
         presses: &[Press],
         history: &mut ContactHistory,
     ) -> Result<Vec<ConductorContact>, TwinError> {
+        let footprints = self.footprints(presses)?;
         if self.contact.hysteresis == 0.0 {
-            return self.contacts_under(presses, |_, pressure| self.contact.conductance_s_per_m2(pressure));
+            return Ok(self.contacts_under(&footprints, |_, pressure| self.contact.conductance_s_per_m2(pressure)));
         }
         let mut highest_pa = HashMap::new();
-        let contacts = self.contacts_under(presses, |point, pressure| {
+        let contacts = self.contacts_under(&footprints, |point, pressure| {
             let before = history.highest_pa.get(&point).copied().unwrap_or(0.0);
             let highest = self.contact.highest_pa(pressure, before);
             if pressure > self.contact.preload_pa {
                 highest_pa.insert(point, highest);
             }
             self.contact.conductance_after_s_per_m2(pressure, highest)
-        })?;
+        });
         history.highest_pa = highest_pa;
         Ok(contacts)
     }
@@ -208,7 +222,8 @@ impl PatchedSkin {
     /// As [`network`](Self::network).
     pub fn strength_m2(&self, presses: &[Press]) -> Result<f64, TwinError> {
         let preload_pa = self.contact.preload_pa;
-        let load = Load::new(presses, &self.foam, &self.grid.body, preload_pa)?;
+        let footprints = self.footprints(presses)?;
+        let load = Load::new(&footprints, self.grid.surface, preload_pa);
         let of_patch = |cover: &Cover, pressure_pa: &dyn Fn(Point2) -> f64| {
             let conductance_s = |&(point, area_m2): &(Point2, f64)| {
                 (point, area_m2 * self.contact.conductance_s_per_m2(pressure_pa(point)))
@@ -216,22 +231,23 @@ impl PatchedSkin {
             let (whole_s, moment_s_m2) = moments(cover.points.iter().map(conductance_s));
             strength::of_contact(whole_s, moment_s_m2, self.coat_s)
         };
-        let covers = patches_under(&load, &self.grid).into_iter().filter_map(|patch| self.covers[patch].as_ref());
+        let covers = patches_near(&self.grid, load.reaches_m()).into_iter().filter_map(|patch| self.covers[patch].as_ref());
         let rise = |cover: &Cover| of_patch(cover, &|point| load.pressure_pa(point)) - of_patch(cover, &|_| preload_pa);
         Ok(covers.map(rise).sum())
     }
 
     fn contacts_under(
         &self,
-        presses: &[Press],
+        footprints: &[Footprint],
         mut conductance_s_per_m2: impl FnMut((usize, usize), f64) -> f64,
-    ) -> Result<Vec<ConductorContact>, TwinError> {
-        let load = Load::new(presses, &self.foam, &self.grid.body, self.contact.preload_pa)?;
+    ) -> Vec<ConductorContact> {
+        let load = Load::new(footprints, self.grid.surface, self.contact.preload_pa);
         let mut contacts = Vec::new();
-        for conductor in patches_under(&load, &self.grid) {
+        for conductor in patches_near(&self.grid, load.reaches_m()) {
             let Some(cover) = &self.covers[conductor] else { continue };
+            let near = load.near(self.grid.bounds_m(conductor));
             let conductance =
-                cover.conductance(|index, point| conductance_s_per_m2((conductor, index), load.pressure_pa(point)));
+                cover.conductance(|index, point| conductance_s_per_m2((conductor, index), near.pressure_pa(point)));
             // The first moment is the mean, so that the first value is the total conductance.
             let resting = self.at_rest.binary_search_by_key(&conductor, |contact| contact.conductor);
             let resting_s = resting.map_or(0.0, |index| self.at_rest[index].conductance.at(0, 0));
@@ -239,7 +255,7 @@ impl PatchedSkin {
                 contacts.push(ConductorContact { conductor, conductance });
             }
         }
-        Ok(contacts)
+        contacts
     }
 }
 
@@ -254,10 +270,9 @@ fn moments(points: impl Iterator<Item = (Point2, f64)> + Clone) -> (f64, f64) {
     (whole, if whole > 0.0 { moment } else { 0.0 })
 }
 
-/// The patches that some press may reach, in order.
-fn patches_under(load: &Load, grid: &PatchGrid) -> Vec<usize> {
-    let mut patches: Vec<usize> =
-        load.reaches_m().flat_map(|(centre, reach_m)| grid.patches_near(centre, reach_m)).collect();
+/// The patches that some presses may reach, in order, from their centres in the chart and reaches, m.
+fn patches_near(grid: &PatchGrid, reaches: impl Iterator<Item = (Point2, f64)>) -> Vec<usize> {
+    let mut patches: Vec<usize> = reaches.flat_map(|(centre, reach_m)| grid.patches_near(centre, reach_m)).collect();
     patches.sort_unstable();
     patches.dedup();
     patches

@@ -266,12 +266,19 @@ impl PatchGrid {
         Some(patch_shape::points(self.corners_m.as_ref()?).into_iter().map(moved).collect())
     }
 
-    /// The part of a triangle of the chart below a patch.
-    pub(super) fn clip(&self, patch: usize, triangle: &[Point2; 3]) -> Vec<Point2> {
+    /// Lower and upper corner of the box around a patch that is not clipped, in the chart, m.
+    pub(super) fn bounds_m(&self, patch: usize) -> [Point2; 2] {
+        let [low, high] = self.corners_m(patch);
+        let [round_m, along_m] = self.overhang_m;
+        [[low[0] - round_m, low[1] - along_m], [high[0] + round_m, high[1] + along_m]]
+    }
+
+    /// The part of a triangle of the chart below a patch, in the first list of the caller's memory.
+    pub(super) fn clip_in(&self, patch: usize, triangle: &[Point2; 3], memory: &mut [Vec<Point2>; 2]) {
         let [low, high] = self.corners_m(patch);
         match &self.corners_m {
-            None => polygon::clip_box(triangle, low, high),
-            Some(corners) => patch_shape::clip(triangle, self.middle_m(patch), corners),
+            None => polygon::clip_box_in(triangle, low, high, memory),
+            Some(corners) => memory[0] = patch_shape::clip(triangle, self.middle_m(patch), corners),
         }
     }
 

@@ -8,6 +8,7 @@ use dermis::design::Body;
 use dermis::geom::Point3;
 use dermis::geom::vector::distance;
 use dermis::mesh::Mesh;
+use pulp::{Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 
@@ -93,6 +94,7 @@ impl Press {
 /// equals the force.
 #[derive(Debug, Clone)]
 pub(crate) struct Footprint {
+    centre_m: Point3,
     reach_m: f64,
     /// Pressures at equal steps from the centre to the outer radius, where it is zero, Pa.
     profile_pa: Vec<f64>,
@@ -105,22 +107,34 @@ impl Footprint {
     /// A force or radius that is not positive, a centre off the skin, a tip whose indentation exceeds the foam
     /// thickness.
     pub(crate) fn new(press: &Press, foam: &Foam, body: &Body) -> Result<Self, TwinError> {
-        press.check_on(body)?;
-        let depth_m = foam.depth_m(press);
-        if depth_m >= foam.thickness_m {
-            return Err(TwinError::FoamCrushed {
-                force_n: press.force_n,
-                tip_radius_m: press.tip_radius_m,
-                depth_mm: depth_m * 1e3,
-                thickness_mm: foam.thickness_m * 1e3,
-            });
-        }
-        let radius_m = foam.contact_radius_m(press);
+        let radius_m = contact_radius_m(press, foam, body)?;
         let reach_m = radius_m + REACH_THICKNESSES * foam.thickness_m;
-        let mut footprint = Footprint { reach_m, profile_pa: spread(press.force_n, radius_m, reach_m, foam) };
-        let scale = press.force_n / footprint.integral(press.centre_m, body);
+        let profile_pa = spread(press.force_n, radius_m, reach_m, foam);
+        let mut footprint = Footprint { centre_m: press.centre_m, reach_m, profile_pa };
+        let scale = press.force_n / footprint.integral(body);
         footprint.profile_pa.iter_mut().for_each(|pressure| *pressure *= scale);
         Ok(footprint)
+    }
+
+    /// The footprints of some presses.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub(crate) fn of_all(presses: &[Press], foam: &Foam, body: &Body) -> Result<Vec<Self>, TwinError> {
+        presses.iter().map(|press| Footprint::new(press, foam, body)).collect()
+    }
+
+    /// The [reach](Self::reach_m) of a press, without its footprint.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub(crate) fn reach_of(press: &Press, foam: &Foam, body: &Body) -> Result<f64, TwinError> {
+        Ok(contact_radius_m(press, foam, body)? + REACH_THICKNESSES * foam.thickness_m)
+    }
+
+    /// The centre of the press.
+    pub(crate) fn centre_m(&self) -> Point3 {
+        self.centre_m
     }
 
     /// Beyond this distance from the centre the pressure is zero, m.
@@ -146,15 +160,32 @@ impl Footprint {
     }
 
     /// The integral over the part of the surface on the body, N.
-    fn integral(&self, centre_m: Point3, body: &Body) -> f64 {
-        let edges = Edge::of(body, centre_m);
+    fn integral(&self, body: &Body) -> f64 {
+        let edges = Edge::of(body, self.centre_m);
+        let nearest_m = edges.iter().map(Edge::distance_m).fold(f64::INFINITY, f64::min);
         let step = self.reach_m / RIM_STEPS as f64;
         let ring = |k: usize| {
             let radius = (k as f64 + 0.5) * step;
-            self.pressure_pa(radius) * TAU * radius * share_inside(&edges, radius) * step
+            let share = if radius <= nearest_m { 1.0 } else { share_inside(&edges, radius) };
+            self.pressure_pa(radius) * TAU * radius * share * step
         };
         (0..RIM_STEPS).map(ring).sum()
     }
+}
+
+/// The radius of the contact between tip and foam of a press that is possible, m.
+fn contact_radius_m(press: &Press, foam: &Foam, body: &Body) -> Result<f64, TwinError> {
+    press.check_on(body)?;
+    let depth_m = foam.depth_m(press);
+    if depth_m >= foam.thickness_m {
+        return Err(TwinError::FoamCrushed {
+            force_n: press.force_n,
+            tip_radius_m: press.tip_radius_m,
+            depth_mm: depth_m * 1e3,
+            thickness_mm: foam.thickness_m * 1e3,
+        });
+    }
+    Ok(foam.contact_radius_m(press))
 }
 
 /// The pressure below the foam at equal steps, minus its value at the outer radius, so that it ends without a jump.
@@ -172,21 +203,49 @@ fn spread(force_n: f64, radius_m: f64, reach_m: f64, foam: &Foam) -> Vec<f64> {
         })
         .map(|(s, weight)| foam.indentation.ring(force_n, radius_m, s, weight))
         .collect();
-    let pressure = |r: f64| {
-        let of_ring = |&(s, force): &(f64, f64)| {
-            let mean = cosines.iter().map(|cosine| kernel(r * r + s * s - 2.0 * r * s * cosine, h)).sum::<f64>();
-            force * mean / angles as f64
-        };
-        rings.iter().map(of_ring).sum::<f64>()
-    };
-    let end = pressure(reach_m);
-    (0..=PROFILE_STEPS).map(|k| (pressure(reach_m * k as f64 / PROFILE_STEPS as f64) - end).max(0.0)).collect()
+    let radii: Vec<f64> = (0..=PROFILE_STEPS).map(|k| reach_m * k as f64 / PROFILE_STEPS as f64).collect();
+    let mut profile = vec![0.0; radii.len()];
+    let kernel = Spread { cosines: &cosines, rings: &rings, radii: &radii, h, profile: &mut profile };
+    pulp::Arch::new().dispatch(kernel);
+    let end = profile[PROFILE_STEPS];
+    profile.into_iter().map(|pressure| (pressure - end).max(0.0)).collect()
 }
 
-/// Boussinesq's pressure of a unit load at depth `h`, as a function of the squared distance.
-fn kernel(distance_squared: f64, h: f64) -> f64 {
-    let q = distance_squared + h * h;
-    3.0 * h * h * h / (TAU * q * q * q.sqrt())
+/// The pressure of rings of force at depth `h`, at some radii: the mean over the angles of Boussinesq's pressure of a unit
+/// load, `3 h^3 / (2 pi (d^2 + h^2)^(5/2))`.
+struct Spread<'a> {
+    /// Of the angles, in a multiple of eight.
+    cosines: &'a [f64],
+    /// Radius and force.
+    rings: &'a [(f64, f64)],
+    radii: &'a [f64],
+    h: f64,
+    profile: &'a mut [f64],
+}
+
+impl WithSimd for Spread<'_> {
+    type Output = ();
+
+    /// Compiled once per instruction set, with the same bits: no operation is fused, and the sums have eight parts
+    /// everywhere.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Spread { cosines, rings, radii, h, profile } = self;
+        let scale = 3.0 * h * h * h / TAU;
+        for (pressure, &r) in profile.iter_mut().zip(radii) {
+            for &(s, force) in rings {
+                let (near, twice) = (r * r + s * s + h * h, 2.0 * r * s);
+                let mut sums = [0.0; 8];
+                for cosines in cosines.as_chunks::<8>().0 {
+                    for (sum, cosine) in sums.iter_mut().zip(cosines) {
+                        let q = near - twice * cosine;
+                        *sum += 1.0 / (q * q * q.sqrt());
+                    }
+                }
+                *pressure += force * scale * sums.iter().sum::<f64>() / cosines.len() as f64;
+            }
+        }
+    }
 }
 
 /// One edge of a body relative to a point inside.
@@ -212,6 +271,14 @@ impl Edge {
                 vec![Edge::Round { radius_m: diameter_m / 2.0, off_centre_m: hypot(x, y), angle_rad: atan2(y, x) }]
             }
             Body::Mesh { .. } => Vec::new(),
+        }
+    }
+
+    /// Its distance from the point, m.
+    fn distance_m(&self) -> f64 {
+        match *self {
+            Edge::Straight { distance_m, .. } => distance_m,
+            Edge::Round { radius_m, off_centre_m, .. } => radius_m - off_centre_m,
         }
     }
 
@@ -276,6 +343,12 @@ fn check_on_body(centre_m: Point3, body: &Body) -> Result<(), TwinError> {
 mod tests {
     use super::super::Indentation;
     use super::*;
+
+    /// Boussinesq's pressure of a unit load at depth `h`, as a function of the squared distance.
+    fn kernel(distance_squared: f64, h: f64) -> f64 {
+        let q = distance_squared + h * h;
+        3.0 * h * h * h / (TAU * q * q * q.sqrt())
+    }
 
     const FOAM: Foam = Foam { thickness_m: 0.003, modulus_pa: 2e5, indentation: Indentation::Foundation };
     const RUBBER: Foam = Foam { thickness_m: 0.002, modulus_pa: 1e6, indentation: Indentation::HalfSpace };

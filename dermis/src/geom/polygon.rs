@@ -17,9 +17,15 @@ pub fn signed_area(corners: &[Point2]) -> f64 {
 /// The part of a polygon on the side `normal . x <= offset` of a line (Sutherland and Hodgman, 1974,
 /// DOI 10.1145/360767.360802). Exact for convex polygons.
 pub fn clip_half_plane(corners: &[Point2], normal: Point2, offset: f64) -> Vec<Point2> {
-    let side = |p: Point2| normal[0] * p[0] + normal[1] * p[1] - offset;
     let mut kept = Vec::with_capacity(corners.len() + 1);
-    let Some(&last) = corners.last() else { return kept };
+    clip_half_plane_into(corners, normal, offset, &mut kept);
+    kept
+}
+
+fn clip_half_plane_into(corners: &[Point2], normal: Point2, offset: f64, kept: &mut Vec<Point2>) {
+    let side = |p: Point2| normal[0] * p[0] + normal[1] * p[1] - offset;
+    kept.clear();
+    let Some(&last) = corners.last() else { return };
     let mut previous = last;
     for &corner in corners {
         let (from, to) = (side(previous), side(corner));
@@ -32,15 +38,21 @@ pub fn clip_half_plane(corners: &[Point2], normal: Point2, offset: f64) -> Vec<P
         }
         previous = corner;
     }
-    kept
 }
 
 /// The part of a convex polygon inside an axis-aligned box.
 pub fn clip_box(corners: &[Point2], low: Point2, high: Point2) -> Vec<Point2> {
-    let mut kept = clip_half_plane(corners, [1.0, 0.0], high[0]);
-    kept = clip_half_plane(&kept, [-1.0, 0.0], -low[0]);
-    kept = clip_half_plane(&kept, [0.0, 1.0], high[1]);
-    clip_half_plane(&kept, [0.0, -1.0], -low[1])
+    let mut memory = [Vec::new(), Vec::new()];
+    clip_box_in(corners, low, high, &mut memory);
+    std::mem::take(&mut memory[0])
+}
+
+/// [`clip_box`] in the caller's memory: the result is in the first list.
+pub fn clip_box_in(corners: &[Point2], low: Point2, high: Point2, [kept, other]: &mut [Vec<Point2>; 2]) {
+    clip_half_plane_into(corners, [1.0, 0.0], high[0], other);
+    clip_half_plane_into(other, [-1.0, 0.0], -low[0], kept);
+    clip_half_plane_into(kept, [0.0, 1.0], high[1], other);
+    clip_half_plane_into(other, [0.0, -1.0], -low[1], kept);
 }
 
 #[cfg(test)]

@@ -98,42 +98,6 @@ pub(crate) fn eliminate_in_place(values: &mut [f64], order: usize, width: usize)
     outcome.map_err(|unknown| NotPositiveDefinite { unknown })
 }
 
-/// Subtracts `R' R` from the lower triangle of a column-major square matrix, `R` row-major with as many columns.
-///
-/// # Panics
-/// If `values` is not a square matrix of the order, or `rows` is not a whole number of rows.
-pub(crate) fn subtract_gram(values: &mut [f64], order: usize, rows: &[f64]) {
-    assert_eq!(values.len(), order * order, "a square matrix");
-    assert!(rows.len().is_multiple_of(order.max(1)), "whole rows");
-    pulp::Arch::new().dispatch(SubtractGram { values, order, rows });
-}
-
-struct SubtractGram<'a> {
-    values: &'a mut [f64],
-    order: usize,
-    rows: &'a [f64],
-}
-
-impl WithSimd for SubtractGram<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let panels = self.rows.chunks_exact(PANEL * self.order);
-        let rest = panels.remainder();
-        for panel in panels {
-            for (column, target) in self.values.chunks_exact_mut(self.order).enumerate() {
-                subtract_four(panel, self.order, column, target);
-            }
-        }
-        for row in rest.chunks_exact(self.order) {
-            for (column, target) in self.values.chunks_exact_mut(self.order).enumerate() {
-                subtract_one(row, column, target);
-            }
-        }
-    }
-}
-
 /// The Cholesky factor of a symmetric positive definite matrix, in its lower triangle; the upper one is not changed.
 ///
 /// # Errors

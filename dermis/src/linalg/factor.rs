@@ -190,16 +190,6 @@ impl Factor {
         self.back_substitute(symbolic, x);
     }
 
-    /// Forward substitution: with `A_ii = L L'`, the eliminated unknowns become `L^-1 b_i` and the kept ones
-    /// `b_k - A_ki A_ii^-1 b_i`; a row per unknown, a column per problem.
-    ///
-    /// # Panics
-    /// If `x` has the wrong number of rows.
-    pub(crate) fn half_solve(&self, symbolic: &Symbolic, x: &mut Matrix) {
-        assert_eq!(x.rows, symbolic.unknown_count, "a row per unknown");
-        self.forward_substitute(symbolic, x);
-    }
-
     /// `x <- L^-1 x` on the eliminated unknowns; their contribution is subtracted from the kept ones.
     fn forward_substitute(&self, symbolic: &Symbolic, x: &mut Matrix) {
         let stride = x.columns.next_multiple_of(LANES);
@@ -216,7 +206,7 @@ impl Factor {
 
     /// The column-major block of a supernode.
     #[inline(always)]
-    fn block(&self, supernode: &Supernode) -> &[f64] {
+    pub(super) fn block(&self, supernode: &Supernode) -> &[f64] {
         &self.values[supernode.start..supernode.start + supernode.width() * supernode.height()]
     }
 }

@@ -5,7 +5,7 @@ use faer::sparse::SymbolicSparseColMat;
 use faer::sparse::linalg::amd;
 
 /// No supernode.
-const NONE: usize = usize::MAX;
+pub(super) const NONE: usize = usize::MAX;
 
 /// Supernodes are merged into their parents as long as the fraction of stored zeros stays below a limit that decreases
 /// with the width: `(columns up to, fraction)`. Narrow fronts have more overhead per column, so they may store more
@@ -54,6 +54,12 @@ pub struct Symbolic {
     pub(super) kept_count: usize,
     /// `order[k]` is the unknown eliminated k-th; the kept ones stay last and in order.
     pub(super) order: Vec<usize>,
+    /// The place of each unknown in `order`.
+    pub(super) position: Vec<usize>,
+    /// The supernode that eliminates each place of `order`; `NONE` for the kept ones.
+    pub(super) supernode_of: Vec<usize>,
+    /// The parent of each supernode; `NONE` for a root.
+    pub(super) parent_of: Vec<usize>,
     pub(super) supernodes: Vec<Supernode>,
     pub(super) rows: Vec<usize>,
     pub(super) children: Vec<usize>,
@@ -131,7 +137,10 @@ impl Symbolic {
         let mut symbolic = Symbolic {
             unknown_count,
             kept_count,
+            position: inverse(&order),
             order,
+            supernode_of: Vec::new(),
+            parent_of: groups.iter().map(parent_of).collect(),
             supernodes: Vec::with_capacity(groups.len()),
             rows: Vec::new(),
             children: Vec::new(),
@@ -154,6 +163,7 @@ impl Symbolic {
         }
         symbolic.place_rows_in_parents(&groups, parent_of);
         symbolic.plan_entries(&group_of, entries);
+        symbolic.supernode_of = group_of;
         symbolic.measure_stack();
         symbolic
     }
@@ -211,7 +221,7 @@ impl Symbolic {
 
     fn plan_entries(&mut self, group_of: &[usize], entries: &[[usize; 2]]) {
         let interior = self.unknown_count - self.kept_count;
-        let position = inverse(&self.order);
+        let position = &self.position;
         let mut entries_of = vec![Vec::new(); self.supernodes.len()];
         for (index, &[i, j]) in entries.iter().enumerate() {
             let (i, j) = (position[i], position[j]);

@@ -16,16 +16,17 @@
 //! size of the mesh.
 
 mod moments;
+mod once;
 mod system;
 mod table;
 
 pub use moments::{PotentialMoment, PotentialMoments};
 
 use super::{ElectrodeNetwork, ForwardError, ForwardModel};
-use crate::linalg::{Matrix, NotPositiveDefinite, eliminate_in_place, invert_spd, subtract_gram};
+use crate::linalg::{Matrix, NotPositiveDefinite, UpdateMemory, eliminate_in_place, invert_spd};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, OnceLock};
 use system::System;
 use table::Table;
 
@@ -54,8 +55,10 @@ pub struct FloatingConductors {
     base: System,
     /// The contacts at rest, by conductor.
     at_rest: BTreeMap<usize, Matrix>,
-    /// `B`: moments x electrodes.
-    potentials: Matrix,
+    /// `B`: moments x electrodes; computed when a table is first used.
+    potentials: OnceLock<Matrix>,
+    /// Work memory of updates without a table, one for each thread that is in one.
+    memories: Mutex<Vec<UpdateMemory>>,
     /// Per conductor the Green's functions between its own moments and its own and all later ones, moments x own
     /// moments.
     columns: Table,
@@ -114,21 +117,31 @@ impl FloatingConductors {
         at_rest: &[ConductorContact],
     ) -> Result<Self, ForwardError> {
         let base = System::new(model, conductivity, &moments, at_rest)?;
-        let electrode_count = model.mesh().electrodes.len();
-        let symbolic = base.symbolic(model);
-        let interior = symbolic.unknown_count() - electrode_count;
-        let mut unknowns = Matrix::zeros(symbolic.unknown_count(), electrode_count);
-        (0..electrode_count).for_each(|electrode| *unknowns.at_mut(interior + electrode, electrode) = 1.0);
-        base.factor.extend_homogeneous(symbolic, &mut unknowns);
-        let potentials = base.moments_of(&moments.all, &unknowns);
         Ok(FloatingConductors {
             model: model.clone(),
             at_rest: at_rest.iter().map(|contact| (contact.conductor, contact.conductance.clone())).collect(),
             columns: Table::new(moments.of_conductor.len()),
             moments,
             base,
-            potentials,
+            potentials: OnceLock::new(),
+            memories: Mutex::default(),
         })
+    }
+
+    /// `B`: moments x electrodes.
+    fn potentials(&self) -> &Matrix {
+        self.potentials.get_or_init(|| {
+            let (symbolic, count) = (self.base.symbolic(&self.model), self.electrode_count());
+            let interior = symbolic.unknown_count() - count;
+            let mut unknowns = Matrix::zeros(symbolic.unknown_count(), count);
+            (0..count).for_each(|electrode| *unknowns.at_mut(interior + electrode, electrode) = 1.0);
+            self.base.factor.extend_homogeneous(symbolic, &mut unknowns);
+            self.base.moments_of(&self.moments.all, &unknowns)
+        })
+    }
+
+    fn electrode_count(&self) -> usize {
+        self.model.mesh().electrodes.len()
     }
 
     /// The model of the skin.
@@ -177,33 +190,13 @@ impl FloatingConductors {
     /// # Panics
     /// If a contact does not fit its conductor's moments, or a conductor occurs twice.
     pub fn network(&self, contacts: &[ConductorContact]) -> Result<ElectrodeNetwork, ForwardError> {
-        self.network_by(contacts, Self::fill_from_table)
-    }
-
-    /// [`network`](Self::network) without a table, by a forward substitution for the touched conductors: for a skin
-    /// that is touched only a few times.
-    ///
-    /// # Errors
-    /// As [`network`](Self::network).
-    ///
-    /// # Panics
-    /// As [`network`](Self::network).
-    pub fn network_once(&self, contacts: &[ConductorContact]) -> Result<ElectrodeNetwork, ForwardError> {
-        self.network_by(contacts, Self::fill_by_half_solve)
-    }
-
-    fn network_by(
-        &self,
-        contacts: &[ConductorContact],
-        fill: impl FnOnce(&Self, &Update, &mut [f64], usize),
-    ) -> Result<ElectrodeNetwork, ForwardError> {
         let update = self.update(contacts)?;
         if update.rank == 0 {
             return self.resting_network();
         }
-        let order = update.rank + update.floating_count + self.potentials.columns;
+        let order = update.rank + update.floating_count + self.electrode_count();
         let mut front = vec![0.0; order * order];
-        fill(self, &update, &mut front, order);
+        self.fill_from_table(&update, &mut front, order);
         self.complete(&update, &mut front, order);
         self.finish(&update, front, order)
     }
@@ -223,7 +216,7 @@ impl FloatingConductors {
         potentials_v: &[f64],
     ) -> Result<Vec<[Vec<f64>; 2]>, ForwardError> {
         let update = self.update(contacts)?;
-        let order = update.rank + update.floating_count + self.potentials.columns;
+        let order = update.rank + update.floating_count + self.electrode_count();
         let mut front = vec![0.0; order * order];
         self.fill_from_table(&update, &mut front, order);
         self.complete(&update, &mut front, order);
@@ -276,7 +269,7 @@ impl FloatingConductors {
 
     /// Completes `[A; P' 0; Q' 0 0]`, column-major, its lower triangle, from `R' Gamma R`.
     fn complete(&self, update: &Update, front: &mut [f64], order: usize) {
-        let mut conductor = update.rank;
+        let (potentials, mut conductor) = (self.potentials(), update.rank);
         for touch in &update.touches {
             let range = self.moments.range(touch.conductor);
             for k in 0..touch.root.columns {
@@ -287,8 +280,8 @@ impl FloatingConductors {
                     if touch.floating {
                         column[conductor] += factor * self.moments.all[index].of_one();
                     }
-                    let target = &mut column[order - self.potentials.columns..];
-                    target.iter_mut().zip(self.potentials.row(index)).for_each(|(sum, value)| *sum += factor * value);
+                    let target = &mut column[order - self.electrode_count()..];
+                    target.iter_mut().zip(potentials.row(index)).for_each(|(sum, value)| *sum += factor * value);
                 }
             }
             conductor += usize::from(touch.floating);
@@ -308,8 +301,8 @@ impl FloatingConductors {
         }
         eliminate_in_place(&mut schur, rest, conductors).map_err(name_contact)?;
         let mut admittance = self.base.factor.schur().clone();
-        for column in 0..self.potentials.columns {
-            for row in column..self.potentials.columns {
+        for column in 0..self.electrode_count() {
+            for row in column..self.electrode_count() {
                 let rise = schur[(conductors + column) * rest + conductors + row];
                 *admittance.at_mut(row, column) += rise;
                 if row != column {
@@ -344,33 +337,6 @@ impl FloatingConductors {
                     }
                 }
             }
-        }
-    }
-
-    /// `R' Gamma R = X' X` with `X = L^-1 M R`.
-    fn fill_by_half_solve(&self, update: &Update, front: &mut [f64], order: usize) {
-        let symbolic = self.base.symbolic(&self.model);
-        let mut right = Matrix::zeros(symbolic.unknown_count(), update.rank);
-        for touch in &update.touches {
-            for (moment, factors) in self.moments.of_conductor(touch.conductor).iter().zip(0..) {
-                for (unknown, weight) in self.base.voltage(moment) {
-                    let target = &mut right.row_mut(unknown)[touch.start..touch.start + touch.root.columns];
-                    let factors = touch.root.row(factors);
-                    target.iter_mut().zip(factors).for_each(|(sum, factor)| *sum += weight * factor);
-                }
-            }
-        }
-        self.base.factor.half_solve(symbolic, &mut right);
-        let interior = symbolic.unknown_count() - symbolic.kept_count();
-        let mut reached = Vec::new();
-        for row in (0..interior).map(|row| right.row(row)).filter(|row| row.iter().any(|value| *value != 0.0)) {
-            reached.extend_from_slice(row);
-        }
-        let mut minus_gram = vec![0.0; update.rank * update.rank];
-        subtract_gram(&mut minus_gram, update.rank, &reached);
-        for (column, source) in minus_gram.chunks_exact(update.rank).enumerate() {
-            let target = &mut front[column * order + column..column * order + update.rank];
-            target.iter_mut().zip(&source[column..]).for_each(|(target, value)| *target = -value);
         }
     }
 

@@ -264,6 +264,14 @@ impl AlignedVec {
         AlignedVec { memory, start, len }
     }
 
+    /// Another number of numbers, of any value, in the same memory if it is large enough.
+    pub(crate) fn resize(&mut self, len: usize) {
+        match self.start + len <= self.memory.len() {
+            true => self.len = len,
+            false => *self = Self::new(len),
+        }
+    }
+
     /// The numbers.
     #[inline(always)]
     pub(crate) fn values(&self) -> &[f64] {
