@@ -63,7 +63,7 @@ fn total_variation(name: &str, skin: &Skin, options: &MethodOptions) -> Result<M
     let alpha = match options.alpha {
         Alpha::Auto => defaults.alpha,
         Alpha::Given(value) => value,
-        _ => return Err(MethodError::option(name, "has no rule for alpha: give a number, such as 0.03")),
+        _ => return Err(MethodError::option(name, "has no rule for alpha: give a number, such as 0.002")),
     };
     let (excluded, touch) = (options.excluded.clone(), skin.design().sheet.touch);
     let options = TotalVariationOptions { alpha, excluded, touch, ..defaults };
