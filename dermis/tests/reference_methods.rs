@@ -8,7 +8,7 @@ use dermis::geom::Surface;
 use dermis::image::{Image, PixelSpace};
 use dermis::reconstruct::{
     Alpha, GaussNewton, GaussNewtonOptions, Greit, GreitOptions, Linearised, OneStepOptions, Prior, Reconstruct,
-    TotalVariation, TotalVariationOptions, figures_of_merit,
+    TotalVariation, TotalVariationOptions, Unknowns, figures_of_merit,
 };
 use reference::Reference;
 use std::sync::Arc;
@@ -40,7 +40,13 @@ fn absolute_gauss_newton_fits_no_worse_than_the_reference() {
     let solve = |hyperparameter: f64| {
         let linear =
             OneStepOptions { prior: Prior::Laplace, alpha: Alpha::Absolute(hyperparameter), ..Default::default() };
-        let options = GaussNewtonOptions { linear, ..Default::default() };
+        let options = GaussNewtonOptions {
+            linear,
+            unknowns: Unknowns::Conductance,
+            max_iterations: 30,
+            tolerance: 1e-6,
+            ..Default::default()
+        };
         let method = GaussNewton::new(&disk.model(), Arc::clone(&pixels), &options).unwrap();
         let solution = method.absolute(&measured).unwrap();
         let misfit = solution.misfit / norm(&measured);
