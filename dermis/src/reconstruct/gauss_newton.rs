@@ -89,6 +89,8 @@ impl Default for GaussNewtonOptions {
 /// linearised problem, changes every conductance by a factor of at most ten downwards (with logarithms also upwards) and
 /// is halved until the objective decreases. With an instrument that reports amplitudes, channels have the signs of the
 /// untouched model.
+///
+/// The values of its images are the unknowns: with logarithms `ln(1 + x)`, which equals `x` for small changes.
 #[derive(Debug, Clone)]
 pub struct GaussNewton {
     forward: ForwardModel,
@@ -304,7 +306,8 @@ impl Reconstruct for GaussNewton {
         check_lengths(difference, self.rest_frame.len(), values, self.pixels.len())?;
         let solution = self.difference(difference).map_err(|error| ReconstructError::Singular(error.to_string()))?;
         let sign = self.options.linear.touch.sign();
-        values.iter_mut().zip(&solution.change).for_each(|(value, x)| *value = sign * x);
+        let unknown = |&x: &f64| self.options.unknowns.of_change(x);
+        values.iter_mut().zip(&solution.change).for_each(|(value, x)| *value = sign * unknown(x));
         Ok(())
     }
 }
