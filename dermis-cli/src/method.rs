@@ -170,6 +170,7 @@ impl MethodArguments {
             excluded: self.left_out().to_vec(),
             channel_sd: self.channel_sd(skin, differences)?,
             examples: if looks_at_data { differences.frames.clone() } else { Vec::new() },
+            baseline: differences.baseline.clone(),
         })
     }
 

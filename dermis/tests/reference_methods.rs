@@ -8,7 +8,7 @@ use dermis::geom::Surface;
 use dermis::image::{Image, PixelSpace};
 use dermis::reconstruct::{
     Alpha, GaussNewton, GaussNewtonOptions, Greit, GreitOptions, Linearised, OneStepOptions, Prior, Reconstruct,
-    TotalVariation, TotalVariationOptions, figures_of_merit,
+    TotalVariation, TotalVariationOptions, Unknowns, figures_of_merit,
 };
 use reference::Reference;
 use std::sync::Arc;
@@ -40,7 +40,13 @@ fn absolute_gauss_newton_fits_no_worse_than_the_reference() {
     let solve = |hyperparameter: f64| {
         let linear =
             OneStepOptions { prior: Prior::Laplace, alpha: Alpha::Absolute(hyperparameter), ..Default::default() };
-        let options = GaussNewtonOptions { linear, ..Default::default() };
+        let options = GaussNewtonOptions {
+            linear,
+            unknowns: Unknowns::Conductance,
+            max_iterations: 30,
+            tolerance: 1e-6,
+            ..Default::default()
+        };
         let method = GaussNewton::new(&disk.model(), Arc::clone(&pixels), &options).unwrap();
         let solution = method.absolute(&measured).unwrap();
         let misfit = solution.misfit / norm(&measured);
@@ -80,7 +86,19 @@ fn gauss_newton_explains_a_difference() {
     println!("disk16 Gauss-Newton of a difference: {left:.2e} of it left unexplained, {:?}", solution.objectives);
     assert!(left < 0.1);
     assert!(solution.objectives.windows(2).all(|pair| pair[1] < pair[0]));
-    assert_eq!(method.reconstruct(&difference).unwrap().values, solution.change);
+    let logarithms: Vec<f64> = solution.change.iter().map(|change| change.ln_1p()).collect();
+    assert_eq!(method.reconstruct(&difference).unwrap().values, logarithms);
+    // A skin of twice the resistance, whose untouched frame is given, has the same image.
+    let baseline = Some(Frame(rest.iter().map(|value| 2.0 * value).collect()));
+    let linear = OneStepOptions { alpha: Alpha::Absolute(0.01), ..Default::default() };
+    let scaled = GaussNewton::new(
+        &model,
+        Arc::clone(method.pixels()),
+        &GaussNewtonOptions { linear, baseline, ..Default::default() },
+    );
+    let doubled: Vec<f64> = difference.iter().map(|value| 2.0 * value).collect();
+    let doubled = scaled.unwrap().difference(&doubled).unwrap();
+    assert!(norm(&minus(&doubled.change, &solution.change)) < 1e-9 * norm(&solution.change));
 }
 
 /// Our objective, `1/2 |J x - d|^2 + lambda TV(x)`, is at most as large for our image as for the reference's, for any

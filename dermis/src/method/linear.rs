@@ -29,7 +29,7 @@ pub(super) fn method(skin: &Skin, name: &str, options: &MethodOptions) -> Result
         "noser" => one_step(noser),
         "laplace" => one_step(Prior::Laplace),
         "tikhonov" => one_step(Prior::Tikhonov),
-        "gauss-newton" => gauss_newton(name, skin, one_step_options(noser, skin, options)),
+        "gauss-newton" => gauss_newton(name, skin, options),
         "tv" => total_variation(name, skin, options),
         "greit" => greit(name, skin, options),
         _ => return Ok(None),
@@ -50,8 +50,10 @@ fn one_step_options(prior: Prior, skin: &Skin, options: &MethodOptions) -> OneSt
     }
 }
 
-fn gauss_newton(name: &str, skin: &Skin, linear: OneStepOptions) -> Result<Method, MethodError> {
-    let options = GaussNewtonOptions { linear, ..GaussNewtonOptions::default() };
+fn gauss_newton(name: &str, skin: &Skin, options: &MethodOptions) -> Result<Method, MethodError> {
+    let defaults = GaussNewtonOptions::default();
+    let linear = one_step_options(defaults.linear.prior, skin, options);
+    let options = GaussNewtonOptions { linear, baseline: options.baseline.clone(), ..defaults };
     let method = GaussNewton::new(skin.forward(), Arc::clone(skin.pixels()), &options)?;
     let (label, alpha) = (method.name(), method.alpha());
     Ok(Method::new(name, label, Arc::new(method)).with_alpha(alpha))
@@ -63,7 +65,7 @@ fn total_variation(name: &str, skin: &Skin, options: &MethodOptions) -> Result<M
     let alpha = match options.alpha {
         Alpha::Auto => defaults.alpha,
         Alpha::Given(value) => value,
-        _ => return Err(MethodError::option(name, "has no rule for alpha: give a number, such as 0.03")),
+        _ => return Err(MethodError::option(name, "has no rule for alpha: give a number, such as 0.002")),
     };
     let (excluded, touch) = (options.excluded.clone(), skin.design().sheet.touch);
     let options = TotalVariationOptions { alpha, excluded, touch, ..defaults };

@@ -146,11 +146,14 @@ impl Method {
         &self.label
     }
 
-    /// Its label and its regularization parameter, with the rule that chose it if the default rule has no solution.
+    /// Its label and its regularization parameter, with the rule that chose it if the default rule has no solution, or if
+    /// the rule often fails on real frames.
     pub fn description(&self) -> String {
         let alpha = self.alpha.map(|alpha| format!(", alpha {alpha:.4}")).unwrap_or_default();
         let rule = match self.alpha_rule {
-            Some(rule @ AlphaRule::AttainableNoiseFigure(_)) => format!(" ({rule})"),
+            Some(rule @ (AlphaRule::AttainableNoiseFigure(_) | AlphaRule::LCurve | AlphaRule::Gcv)) => {
+                format!(" ({rule})")
+            }
             _ => String::new(),
         };
         format!("{}{alpha}{rule}", self.label)

@@ -22,6 +22,9 @@ pub struct MethodOptions {
     pub channel_sd: Vec<f64>,
     /// Measured differences, ohm, for the rules of alpha that use data ([`Alpha::LCurve`], [`Alpha::Gcv`]).
     pub examples: Vec<Frame>,
+    /// The measured frame of the untouched skin, ohm, to which `gauss-newton` scales its model; other methods do not
+    /// depend on it.
+    pub baseline: Option<Frame>,
 }
 
 impl Default for MethodOptions {
@@ -33,6 +36,7 @@ impl Default for MethodOptions {
             excluded: Vec::new(),
             channel_sd: Vec::new(),
             examples: Vec::new(),
+            baseline: None,
         }
     }
 }

@@ -7,14 +7,56 @@ use crate::reconstruct::channels::Channels;
 use crate::reconstruct::linearised::Linearised;
 use crate::reconstruct::prior::Penalty;
 use crate::reconstruct::system::System;
-use crate::reconstruct::{OneStepOptions, Reconstruct, ReconstructError, alpha, check_lengths};
+use crate::reconstruct::{OneStepOptions, Prior, Reconstruct, ReconstructError, alpha, check_lengths};
 use std::sync::Arc;
+
+/// The unknowns of a Gauss-Newton iteration, one per pixel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Unknowns {
+    /// The relative change of conductance, `x`.
+    Conductance,
+    /// Its logarithm, `ln(1 + x)`: every value is a positive conductance, and an insulator and a conductor are equally
+    /// far from the untouched skin.
+    #[default]
+    LogConductance,
+}
+
+impl Unknowns {
+    /// The unknown of a relative change.
+    fn of_change(self, change: f64) -> f64 {
+        match self {
+            Unknowns::Conductance => change,
+            Unknowns::LogConductance => change.ln_1p(),
+        }
+    }
+
+    /// The relative change of an unknown.
+    fn change(self, unknown: f64) -> f64 {
+        match self {
+            Unknowns::Conductance => unknown,
+            Unknowns::LogConductance => unknown.exp_m1(),
+        }
+    }
+
+    /// The derivative of the relative change by the unknown, at a relative change.
+    fn derivative(self, change: f64) -> f64 {
+        match self {
+            Unknowns::Conductance => 1.0,
+            Unknowns::LogConductance => 1.0 + change,
+        }
+    }
+}
 
 /// Options of a Gauss-Newton iteration.
 #[derive(Debug, Clone)]
 pub struct GaussNewtonOptions {
     /// Prior, alpha, channels and sign, as for one step; alpha is chosen on the linear model.
     pub linear: OneStepOptions,
+    /// The unknowns, to which the prior applies.
+    pub unknowns: Unknowns,
+    /// The measured frame of the untouched skin, ohm. The model is scaled to it, so that the sheet resistance of the
+    /// design does not matter. Without it differences are compared with the model as it is.
+    pub baseline: Option<Frame>,
     /// Maximum number of steps.
     pub max_iterations: usize,
     /// The iteration ends when a step lowers the objective by less than this fraction of it.
@@ -23,30 +65,45 @@ pub struct GaussNewtonOptions {
 
 impl Default for GaussNewtonOptions {
     fn default() -> Self {
-        GaussNewtonOptions { linear: OneStepOptions::default(), max_iterations: 30, tolerance: 1e-6 }
+        GaussNewtonOptions {
+            linear: OneStepOptions { prior: Prior::Laplace, ..OneStepOptions::default() },
+            unknowns: Unknowns::default(),
+            baseline: None,
+            max_iterations: 15,
+            tolerance: 1e-3,
+        }
     }
 }
 
 /// Iterative Gauss-Newton.
 ///
-/// The unknowns `x` are the relative changes of the pixels' conductance from the rest values. With `f` the forward
-/// model, `v` the voltages and `g` the weights of the channels it minimises
+/// The unknowns `u` of the pixels ([`Unknowns`]) have the relative changes `x(u)` of the conductance from the rest
+/// values. With `f` the forward model, `v` the voltages and `g` the weights of the channels it minimises
 ///
 /// ```text
-/// |g (f(x) - v)|^2 + alpha^2 c (x - x0)' R (x - x0),    x > -1
+/// |g (f(x(u)) - v)|^2 + alpha^2 c (u - u0)' R (u - u0)
 /// ```
 ///
-/// where `x0` is zero for a difference (`v = f(0) + difference`) and the best uniform change for a single frame. Each
-/// step solves the linearised problem, keeps every conductance positive and is halved until the objective decreases.
+/// where `u0` is zero for a difference (`v = f(0) + difference / s`) and the best uniform change for a single frame. `s`
+/// is the factor from the model's untouched frame to the measured one, 1 if that is not given. Each step solves the
+/// linearised problem, changes every conductance by a factor of at most ten downwards (with logarithms also upwards) and
+/// is halved until the objective decreases. With an instrument that reports amplitudes, channels have the signs of the
+/// untouched model.
+///
+/// The values of its images are the unknowns: with logarithms `ln(1 + x)`, which equals `x` for small changes.
 #[derive(Debug, Clone)]
 pub struct GaussNewton {
     forward: ForwardModel,
     pixels: Arc<PixelSpace>,
     channels: Channels,
+    /// Factors of the model's channels in use: those of the data, with the sign that the instrument drops.
+    model_scale: Vec<f64>,
     penalty: Penalty,
     alpha: f64,
     mu: f64,
     rest_frame: Vec<f64>,
+    /// `s`.
+    frame_scale: f64,
     options: GaussNewtonOptions,
 }
 
@@ -65,6 +122,7 @@ pub struct Solution {
 
 /// A point of the iteration.
 struct Point {
+    unknowns: Vec<f64>,
     change: Vec<f64>,
     conductivity: Vec<f64>,
     /// `g (v - f)`.
@@ -88,14 +146,23 @@ impl GaussNewton {
         let system = System::new(channels.jacobian(&model, &channels.scale, false), penalty.clone())?;
         let scale = if matches!(linear.alpha, alpha::Alpha::Absolute(_)) { 1.0 } else { system.scale()? };
         let (alpha, _) = alpha::choose(&system, scale, &channels, &pixels, linear)?;
+        let signed = forward.solve(forward.rest_conductivity())?;
+        let sign = |&channel: &usize| if signed[channel] * model.rest_frame[channel] < 0.0 { -1.0 } else { 1.0 };
+        let model_scale = channels.kept.iter().zip(&channels.scale).map(|(channel, scale)| sign(channel) * scale);
+        let frame_scale = match &options.baseline {
+            Some(baseline) => frame_scale(&channels, &model.rest_frame, baseline)?,
+            None => 1.0,
+        };
         Ok(GaussNewton {
             forward: forward.clone(),
             pixels,
+            model_scale: model_scale.collect(),
             channels,
             penalty,
             alpha,
             mu: alpha * alpha * scale,
             rest_frame: model.rest_frame,
+            frame_scale,
             options: options.clone(),
         })
     }
@@ -110,16 +177,9 @@ impl GaussNewton {
     /// # Errors
     /// A frame of the wrong length or with a value that is not finite, or whose signs do not match any uniform skin.
     pub fn absolute(&self, frame: &Frame) -> crate::Result<Solution> {
-        check_lengths(frame, self.rest_frame.len(), &[], 0)?;
-        let (rest, measured) = (self.channels.gather(&self.rest_frame), self.channels.gather(frame));
-        let along = rest.iter().zip(&measured).map(|(f, v)| f * v).sum::<f64>();
         // Voltages are inversely proportional to a uniform conductance, except for the contacts.
-        let ratio = rest.iter().map(|f| f * f).sum::<f64>() / along;
-        if !(ratio.is_finite() && ratio > 0.0) {
-            let message = "the frame has the opposite sign of the model's: is a drive or a measure turned round?";
-            return Err(ReconstructError::Parameter(message.into()).into());
-        }
-        self.minimise(&measured, ratio - 1.0)
+        let ratio = 1.0 / frame_scale(&self.channels, &self.rest_frame, frame)?;
+        self.minimise(&self.channels.gather(frame), ratio - 1.0)
     }
 
     /// The conductance that explains a difference from the untouched skin.
@@ -128,12 +188,14 @@ impl GaussNewton {
     /// A difference of the wrong length or with a value that is not finite.
     pub fn difference(&self, difference: &[f64]) -> crate::Result<Solution> {
         check_lengths(difference, self.rest_frame.len(), &[], 0)?;
-        let target: Vec<f64> = self.rest_frame.iter().zip(difference).map(|(rest, change)| rest + change).collect();
+        let target = self.rest_frame.iter().zip(difference).map(|(rest, change)| rest + change / self.frame_scale);
+        let target: Vec<f64> = target.collect();
         self.minimise(&self.channels.gather(&target), 0.0)
     }
 
     /// Steps from a uniform change until the objective stops decreasing.
-    fn minimise(&self, target: &[f64], origin: f64) -> crate::Result<Solution> {
+    fn minimise(&self, target: &[f64], change: f64) -> crate::Result<Solution> {
+        let origin = self.options.unknowns.of_change(change);
         let mut point = self.point(vec![origin; self.pixels.len()], target, origin)?;
         let mut objectives = vec![point.objective];
         for _ in 0..self.options.max_iterations {
@@ -151,20 +213,23 @@ impl GaussNewton {
 
     /// A Gauss-Newton step, halved until the objective decreases; `None` if it does not.
     fn step(&self, point: &Point, target: &[f64], origin: f64) -> crate::Result<Option<Point>> {
-        /// Minimum fraction of a pixel's conductance after a step.
+        /// Minimum fraction of a pixel's conductance after a step; of logarithms also the inverse of the maximum.
         const KEPT: f64 = 0.1;
         /// Maximum number of halvings: a millionth of a step has no effect.
         const HALVINGS: usize = 20;
         let system = System::new(self.jacobian(point)?, self.penalty.clone())?;
-        let shift: Vec<f64> = point.change.iter().map(|x| x - origin).collect();
+        let shift: Vec<f64> = point.unknowns.iter().map(|u| u - origin).collect();
         let explained = system.jacobian() * faer::ColRef::from_slice(&shift);
         let data: Vec<f64> = point.residual.iter().zip(explained.iter()).map(|(r, e)| r + e).collect();
         let goal = system.solve(&data, self.mu)?;
         let step: Vec<f64> = goal.iter().zip(&shift).map(|(goal, from)| goal - from).collect();
         let mut factor = 1.0;
         for _ in 0..HALVINGS {
-            let moved = |(x, step): (&f64, &f64)| (x + factor * step).max(KEPT * (1.0 + x) - 1.0);
-            let moved = point.change.iter().zip(&step).map(moved).collect();
+            let moved = |(u, step): (&f64, &f64)| match self.options.unknowns {
+                Unknowns::Conductance => (u + factor * step).max(KEPT * (1.0 + u) - 1.0),
+                Unknowns::LogConductance => u + (factor * step).clamp(KEPT.ln(), -KEPT.ln()),
+            };
+            let moved = point.unknowns.iter().zip(&step).map(moved).collect();
             let next = self.point(moved, target, origin)?;
             if next.objective < point.objective {
                 return Ok(Some(next));
@@ -174,39 +239,57 @@ impl GaussNewton {
         Ok(None)
     }
 
-    /// The objective for a single frame at some relative changes `x`, with `x0` zero.
+    /// The objective for a single frame at some relative changes `x`, with `u0` zero.
     ///
     /// # Errors
     /// Changes or a frame of the wrong length, a conductance that is not positive.
     pub fn objective(&self, change: &[f64], frame: &Frame) -> crate::Result<f64> {
         check_lengths(frame, self.rest_frame.len(), change, self.pixels.len())?;
-        Ok(self.point(change.to_vec(), &self.channels.gather(frame), 0.0)?.objective)
+        let unknowns = change.iter().map(|&x| self.options.unknowns.of_change(x)).collect();
+        Ok(self.point(unknowns, &self.channels.gather(frame), 0.0)?.objective)
     }
 
-    fn point(&self, change: Vec<f64>, target: &[f64], origin: f64) -> crate::Result<Point> {
+    fn point(&self, unknowns: Vec<f64>, target: &[f64], origin: f64) -> crate::Result<Point> {
+        let change: Vec<f64> = unknowns.iter().map(|&u| self.options.unknowns.change(u)).collect();
         let mut factors = vec![1.0; self.forward.rest_conductivity().len()];
         for (overlaps, x) in self.pixels.overlaps.iter().zip(&change) {
             overlaps.iter().for_each(|&(cell, fraction)| factors[cell] += fraction * x);
         }
         let conductivity: Vec<f64> =
             self.forward.rest_conductivity().iter().zip(&factors).map(|(rest, factor)| rest * factor).collect();
-        let frame = self.channels.gather(&self.forward.solve(&conductivity)?);
-        let residual: Vec<f64> = target.iter().zip(&frame).map(|(v, f)| v - f).collect();
-        let shift: Vec<f64> = change.iter().map(|x| x - origin).collect();
+        let frame = self.forward.solve(&conductivity)?;
+        let frame = self.channels.kept.iter().zip(&self.model_scale).map(|(&channel, scale)| scale * frame[channel]);
+        let residual: Vec<f64> = target.iter().zip(frame).map(|(v, f)| v - f).collect();
+        let shift: Vec<f64> = unknowns.iter().map(|u| u - origin).collect();
         let roughness: f64 = self.penalty.apply(&shift).iter().zip(&shift).map(|(r, x)| r * x).sum();
         let objective = residual.iter().map(|r| r * r).sum::<f64>() + self.mu * roughness;
-        Ok(Point { change, conductivity, residual, objective })
+        Ok(Point { unknowns, change, conductivity, residual, objective })
     }
 
-    /// The derivative of the weighted frame with respect to the relative changes.
+    /// The derivative of the weighted frame with respect to the unknowns.
     fn jacobian(&self, point: &Point) -> crate::Result<faer::Mat<f64>> {
         let rest = self.forward.rest_conductivity();
         let mut weighted = PixelSpace::clone(&self.pixels);
-        for (cell, fraction) in weighted.overlaps.iter_mut().flatten() {
-            *fraction *= rest[*cell];
+        for (overlaps, &change) in weighted.overlaps.iter_mut().zip(&point.change) {
+            let derivative = self.options.unknowns.derivative(change);
+            overlaps.iter_mut().for_each(|(cell, fraction)| *fraction *= derivative * rest[*cell]);
         }
         let jacobian: Matrix = self.forward.pixel_jacobian(&point.conductivity, &weighted)?;
-        Ok(self.channels.rows(&jacobian, &self.channels.scale))
+        Ok(self.channels.rows(&jacobian, &self.model_scale))
+    }
+}
+
+/// The factor from the model's untouched frame to a measured one, by least squares.
+fn frame_scale(channels: &Channels, rest: &[f64], measured: &[f64]) -> Result<f64, ReconstructError> {
+    check_lengths(measured, rest.len(), &[], 0)?;
+    let (rest, measured) = (channels.gather(rest), channels.gather(measured));
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let scale = dot(&rest, &measured) / dot(&rest, &rest);
+    if scale.is_finite() && scale > 0.0 {
+        Ok(scale)
+    } else {
+        let message = "the frame has the opposite sign of the model's: is a drive or a measure turned round?";
+        Err(ReconstructError::Parameter(message.into()))
     }
 }
 
@@ -223,7 +306,8 @@ impl Reconstruct for GaussNewton {
         check_lengths(difference, self.rest_frame.len(), values, self.pixels.len())?;
         let solution = self.difference(difference).map_err(|error| ReconstructError::Singular(error.to_string()))?;
         let sign = self.options.linear.touch.sign();
-        values.iter_mut().zip(&solution.change).for_each(|(value, x)| *value = sign * x);
+        let unknown = |&x: &f64| self.options.unknowns.of_change(x);
+        values.iter_mut().zip(&solution.change).for_each(|(value, x)| *value = sign * unknown(x));
         Ok(())
     }
 }

@@ -18,7 +18,7 @@ mod without_channels;
 
 pub use alpha::{Alpha, AlphaRule};
 pub use channels::Difference;
-pub use gauss_newton::{GaussNewton, GaussNewtonOptions, Solution};
+pub use gauss_newton::{GaussNewton, GaussNewtonOptions, Solution, Unknowns};
 pub use greit::{Greit, GreitOptions};
 pub use linearised::Linearised;
 pub use merit::{FiguresOfMerit, figures_of_merit};

@@ -196,16 +196,11 @@ impl Graph {
         Ok(graph)
     }
 
-    /// The same graph with other weights.
-    pub(crate) fn reweigh(&mut self, weight: impl Fn(usize, usize) -> f64) {
+    /// Gives every edge its weight.
+    fn reweigh(&mut self, weight: impl Fn(usize, usize) -> f64) {
         for (pixel, edges) in self.edges.iter_mut().enumerate() {
             edges.iter_mut().for_each(|(other, value)| *value = weight(pixel, *other));
         }
-    }
-
-    /// For each pixel its neighbours and the weight of the edge between them.
-    pub(crate) fn edges(&self) -> &[Vec<(usize, f64)>] {
-        &self.edges
     }
 
     /// Marks all pixels connected with a pixel as one component.
@@ -221,6 +216,13 @@ impl Graph {
             }
         }
         self.component_count += 1;
+    }
+
+    /// The factor of the Laplacian.
+    pub(crate) fn factored(&self) -> Result<FactoredGraph, ReconstructError> {
+        let free: Vec<usize> = (0..self.free.len()).filter(|&pixel| self.free[pixel].is_some()).collect();
+        let factor = if free.is_empty() { None } else { Some(self.factor(free.len())?) };
+        Ok(FactoredGraph { free, factor })
     }
 
     /// The Laplacian without the rows and columns of the fixed pixels.
@@ -239,18 +241,41 @@ impl Graph {
     }
 
     fn solve(&self, jacobian: MatRef<'_, f64>) -> Result<Mat<f64>, ReconstructError> {
-        let free: Vec<usize> = (0..self.free.len()).filter(|&pixel| self.free[pixel].is_some()).collect();
-        let mut full = Mat::zeros(jacobian.ncols(), jacobian.nrows());
-        if free.is_empty() {
-            return Ok(full);
+        let mut full = jacobian.transpose().to_owned();
+        self.factored()?.solve_matrix_in_place(&mut full);
+        Ok(full)
+    }
+}
+
+/// The factor of a graph's Laplacian with the first pixel of each component fixed at zero.
+#[derive(Debug, Clone)]
+pub(crate) struct FactoredGraph {
+    /// The pixels that are not fixed.
+    free: Vec<usize>,
+    /// `None` if all are.
+    factor: Option<Llt<usize, f64>>,
+}
+
+impl FactoredGraph {
+    /// `R^-1 x` for each column of a matrix.
+    fn solve_matrix_in_place(&self, values: &mut Mat<f64>) {
+        let columns = values.ncols();
+        let mut reduced = Mat::from_fn(self.free.len(), columns, |row, column| values[(self.free[row], column)]);
+        if let Some(factor) = &self.factor {
+            factor.solve_in_place(reduced.as_mut());
         }
-        let mut reduced = Mat::from_fn(free.len(), jacobian.nrows(), |row, channel| jacobian[(channel, free[row])]);
-        self.factor(free.len())?.solve_in_place(reduced.as_mut());
-        for channel in 0..jacobian.nrows() {
-            for (row, &pixel) in free.iter().enumerate() {
-                full[(pixel, channel)] = reduced[(row, channel)];
+        values.fill(0.0);
+        for column in 0..columns {
+            for (row, &pixel) in self.free.iter().enumerate() {
+                values[(pixel, column)] = reduced[(row, column)];
             }
         }
-        Ok(full)
+    }
+
+    /// `R^-1 x` for an image that sums to zero over each component.
+    pub(crate) fn solve_in_place(&self, image: &mut [f64]) {
+        let mut column = Mat::from_fn(image.len(), 1, |pixel, _| image[pixel]);
+        self.solve_matrix_in_place(&mut column);
+        image.iter_mut().zip(column.col(0).iter()).for_each(|(value, solved)| *value = *solved);
     }
 }

@@ -12,6 +12,10 @@
 //! b = (T' S^-1 T)^-1 T' S^-1 y,    x = R^-1 J' S^-1 (y - T b) + N b.                                     (3)
 //! ```
 
+mod modes;
+
+pub(crate) use modes::Modes;
+
 use crate::reconstruct::ReconstructError;
 use crate::reconstruct::prior::Penalty;
 use faer::linalg::solvers::{Llt, Solve};
@@ -111,19 +115,6 @@ impl System {
         Ok(image.col(0).iter().copied().collect())
     }
 
-    /// The same data with another penalty.
-    pub(crate) fn set_penalty(&mut self, penalty: Penalty) -> Result<(), ReconstructError> {
-        if let Form::Data(form) = &mut self.form {
-            *form = DataForm::new(self.jacobian.as_ref(), &penalty)?;
-        }
-        self.penalty = penalty;
-        Ok(())
-    }
-
-    pub(crate) fn penalty(&self) -> &Penalty {
-        &self.penalty
-    }
-
     /// The data-space matrices, prepared if the problem is in the other form.
     pub(crate) fn data_form(&self) -> Result<std::borrow::Cow<'_, DataForm>, ReconstructError> {
         use std::borrow::Cow;
@@ -135,7 +126,7 @@ impl System {
 }
 
 impl DataForm {
-    fn new(jacobian: MatRef<'_, f64>, penalty: &Penalty) -> Result<Self, ReconstructError> {
+    pub(crate) fn new(jacobian: MatRef<'_, f64>, penalty: &Penalty) -> Result<Self, ReconstructError> {
         let smoothed = penalty.solve(jacobian)?;
         let kernel = jacobian * &smoothed;
         let (component, component_count) = penalty.components().unwrap_or((&[], 0));

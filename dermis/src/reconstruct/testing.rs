@@ -32,6 +32,36 @@ pub(crate) fn rows_of_pixels(pieces: &[usize]) -> PixelSpace {
     }
 }
 
+/// A grid of square pixels of some size, m, row by row; with `closed` the last column is beside the first.
+pub(crate) fn grid_of_pixels([rows, columns]: [usize; 2], size_m: f64, closed: bool) -> PixelSpace {
+    let mut space = rows_of_pixels(&[rows * columns]);
+    space.areas.fill(size_m * size_m);
+    for (pixel, neighbours) in space.neighbours.iter_mut().enumerate() {
+        let (row, column) = (pixel / columns, pixel % columns);
+        *neighbours = [(row.wrapping_sub(1), column), (row + 1, column)]
+            .map(|(r, c)| (r < rows, r, c))
+            .to_vec()
+            .into_iter()
+            .chain([column.wrapping_sub(1), column + 1].map(|c| {
+                let inside = if closed { (c.wrapping_add(columns)) % columns } else { c };
+                (inside < columns, row, inside)
+            }))
+            .filter(|&(exists, ..)| exists)
+            .map(|(_, r, c)| r * columns + c)
+            .collect();
+    }
+    let angle = std::f64::consts::TAU / columns as f64;
+    let radius_m = 0.5 * size_m / (0.5 * angle).sin();
+    space.centres_m = (0..rows * columns)
+        .map(|pixel| (size_m * (pixel / columns) as f64, (pixel % columns) as f64))
+        .map(|(y, column)| {
+            let (sin, cos) = (angle * column).sin_cos();
+            if closed { [radius_m * cos, radius_m * sin, y] } else { [size_m * column, y, 0.0] }
+        })
+        .collect();
+    space
+}
+
 /// A smoothing Jacobian: each channel has a Gaussian sensitivity over pixels, with a small random part from the seed.
 pub(crate) fn blurring(channels: usize, pixels: usize, seed: u64) -> Linearised {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
