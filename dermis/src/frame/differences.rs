@@ -17,6 +17,8 @@ pub struct Differences {
     pub frames: Vec<Frame>,
     /// The untouched frames minus their mean; empty if they are not known.
     pub untouched: Vec<Frame>,
+    /// Their mean, ohm; `None` if they are not known.
+    pub rest: Option<Frame>,
 }
 
 impl Differences {
@@ -26,9 +28,10 @@ impl Differences {
     /// If the frames differ in length.
     pub fn new(frames: Vec<Frame>, untouched: Vec<Frame>) -> Self {
         let Some(rest) = mean(&untouched) else {
-            return Differences { frames, untouched };
+            return Differences { frames, ..Differences::default() };
         };
         let minus_rest = |frames: &[Frame]| frames.iter().map(|frame| frame - &rest).collect();
-        Differences { frames: minus_rest(&frames), untouched: minus_rest(&untouched) }
+        let (frames, untouched) = (minus_rest(&frames), minus_rest(&untouched));
+        Differences { frames, untouched, rest: Some(rest) }
     }
 }

@@ -21,7 +21,7 @@ pub use set::MethodSet;
 
 use crate::contact::Contact;
 use crate::detect::{Detector, ImageNoise};
-use crate::frame::Frame;
+use crate::frame::{Differences, Frame};
 use crate::image::Image;
 use crate::reconstruct::{
     AlphaRule, OneStep, OneStepOptions, Reconstruct, ReconstructError, Refined, WithoutChannels, image_noise,
@@ -126,12 +126,14 @@ impl Method {
         Ok(Method { alpha_rule, one_step, ..Method::new(name, label, Arc::new(method)).with_alpha(alpha) })
     }
 
-    /// The same method with its contacts [refined](Refined), once it is [adapted](Self::adapted) to untouched frames.
+    /// The same method with its contacts [refined](Refined) without some channels, once it is [adapted](Self::adapted) to
+    /// untouched frames.
     ///
     /// # Errors
     /// A skin on which contacts cannot be refined.
-    pub fn refined(self, skin: &Skin) -> Result<Self, MethodError> {
-        let refined = Refined::new(self.reconstruct, skin.design(), skin.forward(), RefineOptions::default())?;
+    pub fn refined(self, skin: &Skin, excluded: &[usize]) -> Result<Self, MethodError> {
+        let options = RefineOptions::default();
+        let refined = Refined::new(self.reconstruct, skin.design(), skin.forward(), excluded.to_vec(), options)?;
         let (name, label) = (Methods::REFINED.into(), format!("{}, refined", self.label));
         Ok(Method { name, label, reconstruct: Arc::new(refined), one_step: None, ..self })
     }
@@ -195,13 +197,16 @@ impl Method {
         self.reconstruct.reconstruct(difference)
     }
 
-    /// The method adapted to the untouched skin, from the mean of untouched frames and their differences from it, ohm; see
+    /// The method adapted to the untouched skin, if it depends on it and the untouched frames are known; see
     /// [`Reconstruct::adapted`].
     ///
     /// # Errors
     /// Frames of the wrong length, a forward problem that cannot be solved.
-    pub fn adapted(&self, rest: &Frame, untouched: &[Frame]) -> Result<Method, ReconstructError> {
-        let adapted = self.reconstruct.adapted(rest, untouched)?;
+    pub fn adapted(&self, differences: &Differences) -> Result<Method, ReconstructError> {
+        let adapted = match &differences.rest {
+            Some(rest) => self.reconstruct.adapted(rest, &differences.untouched)?,
+            None => None,
+        };
         Ok(adapted.map_or_else(|| self.clone(), |reconstruct| Method { reconstruct, ..self.clone() }))
     }
 
@@ -332,7 +337,7 @@ impl Methods {
             return self.method(skin, &self.default_name(skin)?, options);
         }
         if name == Self::REFINED {
-            return self.method(skin, "", options)?.refined(skin);
+            return self.method(skin, "", options)?.refined(skin, &options.excluded);
         }
         options.check(skin)?;
         if let Some(method) = linear::method(skin, name, options)? {

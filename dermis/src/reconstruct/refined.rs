@@ -27,12 +27,13 @@ pub struct Refined {
     method: Arc<dyn Reconstruct>,
     identifier: Arc<Identifier>,
     design: Arc<SkinDesign>,
+    excluded: Vec<usize>,
     options: RefineOptions,
     refiner: Option<Arc<Refiner>>,
 }
 
 impl Refined {
-    /// The refinement of a method's contacts on a skin.
+    /// The refinement of a method's contacts on a skin, without some channels.
     ///
     /// # Errors
     /// A skin on which contacts cannot be refined: without a chart, or whose instrument does not record signs.
@@ -40,12 +41,13 @@ impl Refined {
         method: Arc<dyn Reconstruct>,
         design: &SkinDesign,
         model: &ForwardModel,
+        excluded: Vec<usize>,
         options: RefineOptions,
     ) -> crate::Result<Self> {
         let design = Arc::new(design.clone());
         Refiner::check(&design.body, model)?;
         let identifier = Arc::new(Identifier::new(&design, model, IdentifyOptions::default())?);
-        Ok(Refined { method, identifier, design, options, refiner: None })
+        Ok(Refined { method, identifier, design, excluded, options, refiner: None })
     }
 
     fn refiner(&self, rest: &Frame, untouched: &[Frame]) -> crate::Result<Option<Refiner>> {
@@ -64,6 +66,7 @@ impl Refined {
         let channels = self.design.protocol.channels();
         let broken = broken_channels(untouched);
         let own = |channel: usize| match broken.binary_search(&channel) {
+            _ if self.excluded.contains(&channel) => 0.0,
             Ok(_) => 0.0,
             Err(_) => rms(untouched.iter().map(|frame| frame[channel])),
         };
