@@ -3,7 +3,6 @@
 use crate::geom::Point3;
 use crate::linalg::{Matrix, NotPositiveDefinite, cholesky_in_place};
 use crate::mesh::Mesh;
-use std::ops::Fn;
 
 /// Spacing of the field's points over its correlation length. The covariance between points half a length apart is
 /// interpolated to better than 1 % of the variance, below the errors of the identification.

@@ -38,6 +38,7 @@ mod tests;
 use crate::design::{Body, SkinDesign};
 use crate::forward::{ForwardError, ForwardModel};
 use crate::frame::{Frame, quantities};
+use crate::geom::{Point3, Surface};
 use crate::linalg::{Matrix, invert_spd};
 use crate::mesh::Mesh;
 use crate::stats::rms;
@@ -146,7 +147,7 @@ impl Identified {
 #[derive(Debug, Clone)]
 pub struct Identifier {
     model: ForwardModel,
-    surface: crate::geom::Surface,
+    surface: Surface,
     options: IdentifyOptions,
     /// Channels that measure the same quantity, with their signs.
     quantities: Vec<Vec<(usize, f64)>>,
@@ -211,7 +212,7 @@ impl Identifier {
         for _ in 0..STEPS {
             let model = self.model_at(&state)?;
             let residuals = data.residuals(&model.solve(model.rest_conductivity())?);
-            let jacobian = self.jacobian(&state, &model, &data)?;
+            let jacobian = self.jacobian(&model, &data)?;
             x = step(&jacobian, &residuals, &x)?;
             let first = unknown_count - self.displacements.len();
             x[first..].iter_mut().for_each(|value| *value = value.clamp(-MOST_SD, MOST_SD));
@@ -250,7 +251,7 @@ impl Identifier {
         self.options.displacement_m / (displacement.directions as f64).sqrt()
     }
 
-    fn nodes_m(&self, displaced_m: &[f64]) -> Vec<crate::geom::Point3> {
+    fn nodes_m(&self, displaced_m: &[f64]) -> Vec<Point3> {
         let mut nodes_m = self.model.mesh().nodes.clone();
         for (displacement, &by_m) in self.displacements.iter().zip(displaced_m) {
             displacement.apply(&self.surface, by_m, &mut nodes_m);
@@ -268,11 +269,11 @@ impl Identifier {
     }
 
     /// The derivative of the weighted values with respect to the unknowns in standard deviations, values x unknowns.
-    fn jacobian(&self, state: &Unknowns, model: &ForwardModel, data: &Data) -> Result<Matrix, ForwardError> {
+    fn jacobian(&self, model: &ForwardModel, data: &Data) -> Result<Matrix, ForwardError> {
         let mut jacobian = Matrix::zeros(data.values.len(), self.unknown_count());
         self.fill_coating(model, data, &mut jacobian)?;
         self.fill_contacts(model, data, &mut jacobian)?;
-        self.fill_displacements(state, model, data, &mut jacobian)?;
+        self.fill_displacements(model, data, &mut jacobian)?;
         Ok(jacobian)
     }
 
@@ -313,7 +314,6 @@ impl Identifier {
 
     fn fill_displacements(
         &self,
-        state: &Unknowns,
         model: &ForwardModel,
         data: &Data,
         out: &mut Matrix,
@@ -328,7 +328,6 @@ impl Identifier {
         };
         let frames = self.displacements.par_iter().map(moved).collect::<Result<Vec<Frame>, ForwardError>>()?;
         let first = out.columns - self.displacements.len();
-        debug_assert_eq!(state.displaced_m.len(), frames.len());
         for (index, (displacement, frame)) in self.displacements.iter().zip(&frames).enumerate() {
             let sd_m = self.displacement_sd_m(displacement);
             for (row, value) in data.values.iter().enumerate() {

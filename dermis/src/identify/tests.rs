@@ -1,5 +1,4 @@
 use super::*;
-use crate::geom::Surface;
 
 /// The skin of the paper on a coarse mesh, for speed.
 fn skin() -> (SkinDesign, ForwardModel) {
@@ -16,7 +15,7 @@ fn a_known_skin_is_found_again() {
     let (design, model) = skin();
     let identifier = Identifier::new(&design, &model, IdentifyOptions::default()).unwrap().on_equal_mesh();
     let surface = design.body.surface();
-    let wave = |at: crate::geom::Point3| (at[2] / 0.05).sin() + (surface.theta_rad(at).unwrap() * 2.0).cos();
+    let wave = |at: Point3| (at[2] / 0.05).sin() + (surface.theta_rad(at).unwrap() * 2.0).cos();
     let mesh = model.mesh();
     let truth = Unknowns {
         log_conductivity: (0..mesh.cell_count()).map(|cell| 0.05 * wave(mesh.cell_centre(cell))).collect(),
@@ -58,7 +57,7 @@ fn derivatives_are_those_of_differences() {
     let at = identifier.model_at(&state).unwrap();
     let rest = at.solve(at.rest_conductivity()).unwrap();
     let data = identifier.data(&rest, &vec![0.1; rest.len()]).unwrap();
-    let jacobian = identifier.jacobian(&state, &at, &data).unwrap();
+    let jacobian = identifier.jacobian(&at, &data).unwrap();
     let coating = identifier.basis.columns;
     for unknown in [0, 1 + coating / 2, 1 + coating, 2 + coating + 4, count - 7] {
         let frame = |by: f64| {
