@@ -312,12 +312,7 @@ impl Identifier {
         Ok(())
     }
 
-    fn fill_displacements(
-        &self,
-        model: &ForwardModel,
-        data: &Data,
-        out: &mut Matrix,
-    ) -> Result<(), ForwardError> {
+    fn fill_displacements(&self, model: &ForwardModel, data: &Data, out: &mut Matrix) -> Result<(), ForwardError> {
         let conductivity = model.rest_conductivity();
         let rest = model.solve(conductivity)?;
         let moved = |displacement: &Displacement| {

@@ -120,8 +120,9 @@ pub trait Reconstruct: Send + Sync {
     }
 
     /// Corrects the contacts that were detected in the image of a difference: a method that is calibrated on a real
-    /// skin changes positions, forces and deviations. The default leaves them as they are.
-    fn correct(&self, _difference: &[f64], _contacts: &mut [Contact]) {}
+    /// skin changes positions, forces and deviations; one that refines them may add contacts at the end. The default
+    /// leaves them as they are.
+    fn correct(&self, _difference: &[f64], _contacts: &mut Vec<Contact>) {}
 
     /// The method adapted to the untouched skin, from the mean of its untouched frames and their differences from it, ohm;
     /// `None` for a method that does not depend on them, or with too few frames.
@@ -171,7 +172,7 @@ impl<P: Deref<Target: Reconstruct> + Send + Sync> Reconstruct for P {
         (**self).contacts(difference)
     }
 
-    fn correct(&self, difference: &[f64], contacts: &mut [Contact]) {
+    fn correct(&self, difference: &[f64], contacts: &mut Vec<Contact>) {
         (**self).correct(difference, contacts);
     }
 

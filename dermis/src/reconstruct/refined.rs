@@ -104,7 +104,7 @@ impl Reconstruct for Refined {
         self.method.quantity()
     }
 
-    fn correct(&self, difference: &[f64], contacts: &mut [Contact]) {
+    fn correct(&self, difference: &[f64], contacts: &mut Vec<Contact>) {
         self.method.correct(difference, contacts);
         if let Some(refiner) = &self.refiner {
             refiner.refine(difference, contacts);

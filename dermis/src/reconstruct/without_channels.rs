@@ -91,7 +91,7 @@ impl<M: Reconstruct> Reconstruct for WithoutChannels<M> {
         self.method.contacts(&self.complete(difference)?)
     }
 
-    fn correct(&self, difference: &[f64], contacts: &mut [Contact]) {
+    fn correct(&self, difference: &[f64], contacts: &mut Vec<Contact>) {
         if let Ok(completed) = self.complete(difference) {
             self.method.correct(&completed, contacts);
         }

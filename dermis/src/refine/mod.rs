@@ -24,7 +24,7 @@
 //! let noise_ohm = vec![1e-3; model.protocol().channel_count()];
 //! let refiner = Refiner::new(&design.body, &model, &noise_ohm, RefineOptions::default())?;
 //! let change = refiner.change([0.03, 0.02, 0.0], 1e-4); // a touch of 100 mm2 there, ohm
-//! let mut contacts = [Contact::truth([0.027, 0.023, 0.0], [0.0, 0.0, 1.0], f64::NAN)];
+//! let mut contacts = vec![Contact::truth([0.027, 0.023, 0.0], [0.0, 0.0, 1.0], f64::NAN)];
 //! refiner.refine(&change, &mut contacts);
 //! assert!((contacts[0].position_m[0] - 0.03).abs() < 1e-5 && contacts[0].sd_m < 2e-3);
 //! # Ok::<(), dermis::Error>(())
@@ -161,20 +161,27 @@ impl Refiner {
 
     /// Refines the positions of contacts from the difference that they were detected in, ohm, and states their standard
     /// deviations. A contact that does not fit the frame is left as it is: one with a negative strength, or that
-    /// would move by more than 20 mm.
+    /// would move by more than 20 mm. A contact that is far better explained as two touches gets a second one, at the
+    /// end of the list, with the same strength, area and force of both together.
     ///
     /// # Panics
     /// If the difference has another length than the protocol.
-    pub fn refine(&self, difference: &[f64], contacts: &mut [Contact]) {
+    pub fn refine(&self, difference: &[f64], contacts: &mut Vec<Contact>) {
         let values = self.table.weighted(difference);
         let unknowns = Touch::UNKNOWNS * contacts.len();
         if contacts.is_empty() || values.len() < VALUES_PER_UNKNOWN * unknowns {
             return;
         }
-        let places: Vec<[f64; 2]> = contacts.iter().map(|contact| self.table.place(contact.position_m)).collect();
+        let mut places: Vec<[f64; 2]> = contacts.iter().map(|contact| self.table.place(contact.position_m)).collect();
         let fit = Fit { table: &self.table, values: &values, width_spread_m2: self.options.width_spread_m2 };
-        let Some(touches) = fit.run(&places) else { return };
-        for ((contact, touch), before) in contacts.iter_mut().zip(&touches).zip(places) {
+        let Some(mut fitted) = fit.run(&places) else { return };
+        if let Some((index, better)) = fit.split(&fitted) {
+            let id = contacts.iter().map(|contact| contact.id).max().map_or(0, |id| id + 1);
+            contacts.push(Contact { id, ..contacts[index] });
+            places.push(places[index]);
+            fitted = better;
+        }
+        for ((contact, touch), before) in contacts.iter_mut().zip(&fitted.touches).zip(places) {
             let moved_m = self.table.distance_m(touch.place, before);
             let position_m = self.table.position_m(touch.place);
             if !(touch.strength > 0.0 && touch.variance_m2.is_finite() && moved_m <= FARTHEST_M) {

@@ -63,7 +63,7 @@ fn the_covariance_is_that_of_many_frames() {
         for frame in 0..frames {
             let mut rng = sample_rng(31, frame);
             let change: Vec<f64> = clean.iter().map(|value| value + noise_ohm * standard_normal(&mut rng)).collect();
-            let mut contacts = [contact(moved(&surface, place, [1e-3, 1e-3]))];
+            let mut contacts = vec![contact(moved(&surface, place, [1e-3, 1e-3]))];
             refiner.refine(&change, &mut contacts);
             let off_m = surface.distance_m(contacts[0].position_m, place);
             squares += off_m * off_m;
@@ -77,6 +77,33 @@ fn the_covariance_is_that_of_many_frames() {
         // circle, and the true one an ellipse.
         assert!((found / stated - 1.0).abs() < 0.12, "{found}, not {stated}");
         assert!((0.91..0.985).contains(&part), "{part}");
+    }
+}
+
+/// Two touches 25 mm apart that were detected as one come apart; one alone does not.
+#[test]
+fn a_contact_of_two_touches_is_split() {
+    let noise_ohm = 0.2;
+    let (design, refiner) = refiner(noise_ohm, RefineOptions::default());
+    let surface = design.body.surface();
+    for (direction, is_two) in
+        [([0.0125, 0.0], true), ([0.0, 0.0125], true), ([0.0088, -0.0088], true), ([0.0; 2], false)]
+    {
+        let middle = surface.at(0.17, 2.0).unwrap();
+        let places = [1.0, -1.0].map(|sign| moved(&surface, middle, direction.map(|by| sign * by)));
+        let mut rng = sample_rng(32, 0);
+        let sums = refiner.change(places[0], 5e-5).into_iter().zip(refiner.change(places[1], 4e-5));
+        let change: Vec<f64> = sums.map(|(a, b)| a + b + noise_ohm * standard_normal(&mut rng)).collect();
+        let mut contacts = vec![contact(middle)];
+        refiner.refine(&change, &mut contacts);
+        assert_eq!(contacts.len(), if is_two { 2 } else { 1 }, "{direction:?}");
+        if is_two {
+            assert_ne!(contacts[0].id, contacts[1].id);
+            for place in places {
+                let nearest = contacts.iter().map(|contact| surface.distance_m(contact.position_m, place));
+                assert!(nearest.fold(f64::INFINITY, f64::min) < 3e-3, "{direction:?}");
+            }
+        }
     }
 }
 
@@ -107,11 +134,11 @@ fn contacts_that_do_not_fit_are_kept() {
     let place = design.body.surface().at(0.15, 1.0).unwrap();
     let fall: Vec<f64> = refiner.change(place, 5e-5).iter().map(|value| -value).collect();
     for difference in [fall, vec![0.0; 870]] {
-        let mut contacts = [contact(place)];
+        let mut contacts = vec![contact(place)];
         refiner.refine(&difference, &mut contacts);
         assert_eq!(contacts[0].position_m, place);
     }
-    refiner.refine(&vec![0.0; 870], &mut []);
+    refiner.refine(&vec![0.0; 870], &mut Vec::new());
 }
 
 #[test]
