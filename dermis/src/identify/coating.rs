@@ -1,6 +1,7 @@
 //! The coating's unevenness as a Gaussian field with few coefficients.
 
 use crate::geom::Point3;
+use crate::geom::vector::distance;
 use crate::linalg::{Matrix, NotPositiveDefinite, cholesky_in_place};
 use crate::mesh::Mesh;
 
@@ -13,23 +14,20 @@ const MOST_POINTS: usize = 300;
 const JITTER: f64 = 1e-4;
 
 /// A field with the covariance `exp(-d^2 / (2 l^2))` on the cells of a mesh: `basis x`, with independent unit normal
-/// coefficients `x`, cells x coefficients.
+/// coefficients `x`, cells x coefficients. `d` is the straight-line distance: this covariance is positive definite in
+/// space, but not along a closed surface.
 ///
 /// The field is the conditional mean given its values at some cells (a Gaussian process with inducing points:
 /// Quinonero-Candela and Rasmussen, 2005, JMLR 6, Eq. 9).
-pub(super) fn basis(
-    mesh: &Mesh,
-    length_m: f64,
-    distance_m: &dyn Fn(Point3, Point3) -> f64,
-) -> Result<Matrix, NotPositiveDefinite> {
+pub(super) fn basis(mesh: &Mesh, length_m: f64) -> Result<Matrix, NotPositiveDefinite> {
     let centres: Vec<Point3> = (0..mesh.cell_count()).map(|cell| mesh.cell_centre(cell)).collect();
     let mut spacing_m = SPACING * length_m;
-    let mut points = spread(&centres, spacing_m, distance_m);
+    let mut points = spread(&centres, spacing_m);
     while points.len() > MOST_POINTS {
         spacing_m *= 1.2;
-        points = spread(&centres, spacing_m, distance_m);
+        points = spread(&centres, spacing_m);
     }
-    let kernel = |a: Point3, b: Point3| (-0.5 * (distance_m(a, b) / length_m).powi(2)).exp();
+    let kernel = |a: Point3, b: Point3| (-0.5 * (distance(a, b) / length_m).powi(2)).exp();
     let count = points.len();
     let mut factor = Matrix::zeros(count, count);
     for (i, &a) in points.iter().enumerate() {
@@ -50,10 +48,10 @@ pub(super) fn basis(
 }
 
 /// A subset of points, each at least a distance from all before it.
-fn spread(points: &[Point3], spacing_m: f64, distance_m: &dyn Fn(Point3, Point3) -> f64) -> Vec<Point3> {
+fn spread(points: &[Point3], spacing_m: f64) -> Vec<Point3> {
     let mut chosen: Vec<Point3> = Vec::new();
     for &point in points {
-        if chosen.iter().all(|&other| distance_m(point, other) >= spacing_m) {
+        if chosen.iter().all(|&other| distance(point, other) >= spacing_m) {
             chosen.push(point);
         }
     }

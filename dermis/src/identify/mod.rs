@@ -51,7 +51,7 @@ use thiserror::Error;
 pub struct IdentifyOptions {
     /// Standard deviation of the logarithm of the coating's conductance about its mean.
     pub coating_sd: f64,
-    /// Correlation length of the coating along the surface, m: at a distance d the correlation is `exp(-d^2 / (2 l^2))`.
+    /// Correlation length of the coating, m: at a straight-line distance d the correlation is `exp(-d^2 / (2 l^2))`.
     pub correlation_m: f64,
     /// Root mean square of the electrodes' displacements, m.
     pub displacement_m: f64,
@@ -178,9 +178,7 @@ impl Identifier {
             return Err(IdentifyError::AmplitudeOnly.into());
         }
         let surface = design.body.surface();
-        let distance_m = |a, b| surface.distance_m(a, b);
-        let basis =
-            coating::basis(model.mesh(), options.correlation_m, &distance_m).map_err(|_| IdentifyError::Singular)?;
+        let basis = coating::basis(model.mesh(), options.correlation_m).map_err(|_| IdentifyError::Singular)?;
         Ok(Identifier {
             surface,
             options,
