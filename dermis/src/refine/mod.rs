@@ -47,7 +47,8 @@ use thiserror::Error;
 /// The touches of a skin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RefineOptions {
-    /// Standard deviation of a touch's change of conductance along the surface, m.
+    /// Standard deviation of a touch's change of conductance along the surface, m; on a coarse mesh at least 0.6 of the
+    /// edge length of its cells.
     pub width_m: f64,
     /// Standard deviation of `(w'^2 - w^2) / 2` over touches of different widths `w'`, m2.
     pub width_spread_m2: f64,
