@@ -100,8 +100,9 @@ pub enum RefineError {
     Forward(#[from] ForwardError),
 }
 
-/// A contact that moves farther than this in the fit is another one, or none: it is kept as it was detected, m.
-const FARTHEST_M: f64 = crate::detect::GATE_M;
+/// A contact that moves farther than this in the fit is another one, or none: it is kept as it was detected, m. It is the
+/// gate of the scores.
+const FARTHEST_M: f64 = 0.02;
 /// Fewer values than this per unknown of the fit do not determine the contacts of a frame.
 const VALUES_PER_UNKNOWN: usize = 4;
 

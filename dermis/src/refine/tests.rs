@@ -3,6 +3,9 @@ use crate::design::SkinDesign;
 use crate::mesh::Mesh;
 use dermis_sim::random::{sample_rng, standard_normal};
 
+/// The radius that contains 95 % of a two-dimensional Gaussian, `sqrt(-2 ln 0.05)`.
+const REGION_95_SD: f64 = 2.447_746_830_680_816;
+
 fn refiner(noise_ohm: f64, options: RefineOptions) -> (SkinDesign, Refiner) {
     let design = SkinDesign::shipped("cylinder30").unwrap();
     let model = ForwardModel::new(&design, &Mesh::generate(&design).unwrap()).unwrap();
@@ -68,7 +71,7 @@ fn the_covariance_is_that_of_many_frames() {
             let off_m = surface.distance_m(contacts[0].position_m, place);
             squares += off_m * off_m;
             stated += contacts[0].sd_m.powi(2);
-            inside += usize::from(off_m < crate::detect::REGION_95_SD * contacts[0].sd_m);
+            inside += usize::from(off_m < REGION_95_SD * contacts[0].sd_m);
         }
         let (found, stated) = ((0.5 * squares / frames as f64).sqrt(), (stated / frames as f64).sqrt());
         let part = inside as f64 / frames as f64;
