@@ -133,7 +133,7 @@ impl Reconstruct for CorrectedMethod {
         self.base.quantity()
     }
 
-    fn correct(&self, difference: &[f64], contacts: &mut [Contact]) {
+    fn correct(&self, difference: &[f64], contacts: &mut Vec<Contact>) {
         self.correction.apply(&self.base.pixels().surface, difference, contacts);
     }
 

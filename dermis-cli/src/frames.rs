@@ -95,7 +95,7 @@ impl FrameArguments {
             let frames = self.currents.convert(protocol, read_frames_without(&self.frames, protocol, left_out)?)?;
             let model = skin.forward().solve(skin.forward().rest_conductivity())?;
             let frames = model_differences(protocol, &model, &frames, left_out)?.frames;
-            return Ok(Differences { frames, untouched: Vec::new(), baseline: None });
+            return Ok(Differences { frames, ..Differences::default() });
         }
         Ok(self.read_recorded(protocol, left_out)?.into_differences())
     }

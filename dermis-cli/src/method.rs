@@ -20,8 +20,9 @@ use std::str::FromStr;
 
 /// The help of `--method`, the same for every command.
 pub const METHOD_HELP: &str = "Reconstruction method: noser, laplace, tikhonov, gauss-newton, tv or greit; a shipped network \
-    (best or paper for cylinder30, shapes for skin16); or the folder of a trained network or of a calibration, as in \
-    ./my-model [default: the best for the skin: a shipped network, or else a linear method]";
+    (best or paper for cylinder30, shapes for skin16); the folder of a trained network or of a calibration, as in \
+    ./my-model; or refined: the default method, its contacts refined on the skin that the untouched frames identify \
+    [default: the best for the skin: a shipped network, or else a linear method]";
 
 /// The reconstruction method and its options.
 #[derive(Debug, Clone, Args)]
@@ -153,7 +154,8 @@ impl MethodArguments {
     /// Prepares the method for a skin. Rules that choose alpha from data use the differences.
     pub fn prepare(&self, skin: &Skin, differences: &Differences) -> Outcome<Method> {
         let _waiting = Progress::waiting("preparing the method");
-        Ok(dermis_learn::methods().method(skin, self.name(), &self.options(skin, differences)?)?)
+        let method = dermis_learn::methods().method(skin, self.name(), &self.options(skin, differences)?)?;
+        Ok(method.adapted(differences)?)
     }
 
     fn options(&self, skin: &Skin, differences: &Differences) -> Outcome<MethodOptions> {

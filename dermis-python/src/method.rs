@@ -124,12 +124,13 @@ impl Method {
     ) -> Outcome<Bound<'py, PyAny>> {
         let (differences, _) = self.differences(frames, baseline)?;
         let found = worker::run(py, "reconstructing", differences.frames.len(), |watch| {
-            let mut detector = self.method.detector(&differences.untouched)?;
+            let method = self.method.adapted(&differences)?;
+            let mut detector = method.detector(&differences.untouched)?;
             if both_signs {
                 self.method.check_both_signs()?;
                 detector = detector.with_both_signs(self.skin.skin().design().sheet.touch.change());
             }
-            for_each(&differences.frames, watch, |frame| Ok(self.method.contacts(frame, &detector)?))
+            for_each(&differences.frames, watch, |frame| Ok(method.contacts(frame, &detector)?))
         })?;
         contacts::table(py, &found)
     }
@@ -147,10 +148,10 @@ impl Method {
         let frames = &differences.frames;
         let truth = contacts::truth(truth, self.skin.skin(), frames.len())?;
         let score = worker::run(py, "reconstructing", frames.len(), |watch| {
-            let detector = self.method.detector(&differences.untouched)?;
-            let found = for_each(frames, watch, |frame| {
-                Ok((self.method.image(frame)?, self.method.contacts(frame, &detector)?))
-            })?;
+            let method = self.method.adapted(&differences)?;
+            let detector = method.detector(&differences.untouched)?;
+            let found =
+                for_each(frames, watch, |frame| Ok((method.image(frame)?, method.contacts(frame, &detector)?)))?;
             let (images, found): (Vec<_>, Vec<_>) = found.into_iter().unzip();
             Ok(score_contacts(&images, &found, &truth, self.method.label(), self.method.alpha())?)
         })?;
@@ -166,8 +167,9 @@ impl Method {
             return Err(Failure::with_hint("`frame` has rows", "give one frame, (channels,)"));
         };
         worker::run_short(py, || {
-            let image = self.method.image(frame)?;
-            let contacts = self.method.contacts(frame, &self.method.detector(&differences.untouched)?)?;
+            let method = self.method.adapted(&differences)?;
+            let image = method.image(frame)?;
+            let contacts = method.contacts(frame, &method.detector(&differences.untouched)?)?;
             picture::of_image(self.skin.skin(), &image, self.method.reconstruct().quantity(), &contacts)
         })
     }

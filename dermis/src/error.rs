@@ -26,6 +26,12 @@ pub enum Error {
     /// Frames to which a design cannot be fitted.
     #[error(transparent)]
     Fit(#[from] crate::fit::FitError),
+    /// A skin that cannot be identified.
+    #[error(transparent)]
+    Identify(#[from] crate::identify::IdentifyError),
+    /// A skin on which contacts cannot be refined.
+    #[error(transparent)]
+    Refine(#[from] crate::refine::RefineError),
     /// A reconstruction that cannot be set up or carried out.
     #[error(transparent)]
     Reconstruct(#[from] crate::reconstruct::ReconstructError),

@@ -32,6 +32,8 @@ pub mod forward;
 // Layer 6
 pub mod detect;
 pub mod fit;
+pub mod identify;
+pub mod refine;
 pub mod track;
 // Layer 7
 pub mod reconstruct;

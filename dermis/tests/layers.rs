@@ -17,7 +17,7 @@ const LAYERED: &[(&str, &[&[&str]])] = &[
             &["mesh"],
             &["fem", "image"],
             &["forward"],
-            &["detect", "fit", "track"],
+            &["detect", "fit", "identify", "refine", "track"],
             &["reconstruct"],
             &["skin"],
             &["method"],

@@ -17,7 +17,7 @@ pub struct Differences {
     pub frames: Vec<Frame>,
     /// The untouched frames minus their mean; empty if they are not known.
     pub untouched: Vec<Frame>,
-    /// The mean of the untouched frames; `None` if they are not known.
+    /// The mean of the untouched frames, ohm; `None` if they are not known.
     pub baseline: Option<Frame>,
 }
 
@@ -28,7 +28,7 @@ impl Differences {
     /// If the frames differ in length.
     pub fn new(frames: Vec<Frame>, untouched: Vec<Frame>) -> Self {
         let Some(rest) = mean(&untouched) else {
-            return Differences { frames, untouched, baseline: None };
+            return Differences { frames, ..Differences::default() };
         };
         let minus_rest = |frames: &[Frame]| frames.iter().map(|frame| frame - &rest).collect();
         let (frames, untouched) = (minus_rest(&frames), minus_rest(&untouched));

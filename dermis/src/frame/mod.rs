@@ -19,7 +19,7 @@ pub use differences::Differences;
 pub use lines::{FrameLine, FrameLines, LineError};
 pub use npy::npy_header;
 pub use output::write_whole;
-pub use reciprocity::{Screening, twins};
+pub use reciprocity::{Screening, quantities, twins};
 pub use table::{
     Table, read_array, read_conductivities, read_frames, read_frames_without, read_table, write_array, write_frames,
 };

@@ -107,6 +107,14 @@ pub fn twins(protocol: &Protocol) -> Vec<Vec<(usize, f64)>> {
     (0..keys.len()).map(others).collect()
 }
 
+/// The quantities of a protocol, each with the channels that measure it and their signs relative to the first one: a
+/// channel and its reciprocal ones.
+pub fn quantities(protocol: &Protocol) -> Vec<Vec<(usize, f64)>> {
+    let twins = twins(protocol);
+    let own = twins.into_iter().enumerate().filter(|(channel, twins)| twins.iter().all(|(other, _)| other > channel));
+    own.map(|(channel, twins)| std::iter::once((channel, 1.0)).chain(twins).collect()).collect()
+}
+
 /// A key that is equal for channels that measure the same quantity up to a sign, and that sign.
 fn key(channel: &Channel) -> ([usize; 4], f64) {
     let mut sign = 1.0;

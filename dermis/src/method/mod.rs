@@ -21,11 +21,12 @@ pub use set::MethodSet;
 
 use crate::contact::Contact;
 use crate::detect::{Detector, ImageNoise};
-use crate::frame::Frame;
+use crate::frame::{Differences, Frame};
 use crate::image::Image;
 use crate::reconstruct::{
-    AlphaRule, OneStep, OneStepOptions, Reconstruct, ReconstructError, WithoutChannels, image_noise,
+    AlphaRule, OneStep, OneStepOptions, Reconstruct, ReconstructError, Refined, WithoutChannels, image_noise,
 };
+use crate::refine::RefineOptions;
 use crate::skin::Skin;
 use std::fmt;
 use std::sync::Arc;
@@ -125,6 +126,18 @@ impl Method {
         Ok(Method { alpha_rule, one_step, ..Method::new(name, label, Arc::new(method)).with_alpha(alpha) })
     }
 
+    /// The same method with its contacts [refined](Refined) without some channels, once it is [adapted](Self::adapted) to
+    /// untouched frames.
+    ///
+    /// # Errors
+    /// A skin on which contacts cannot be refined.
+    pub fn refined(self, skin: &Skin, excluded: &[usize]) -> Result<Self, MethodError> {
+        let options = RefineOptions::default();
+        let refined = Refined::new(self.reconstruct, skin.design(), skin.forward(), excluded.to_vec(), options)?;
+        let (name, label) = (Methods::REFINED.into(), format!("{}, refined", self.label));
+        Ok(Method { name, label, reconstruct: Arc::new(refined), one_step: None, ..self })
+    }
+
     /// The name by which it is selected: `noser`, `best`, `./my-model`.
     pub fn name(&self) -> &str {
         &self.name
@@ -185,6 +198,19 @@ impl Method {
     /// A difference of another length than the protocol's, or with values that are not finite; an iteration that fails.
     pub fn image(&self, difference: &Frame) -> Result<Image, ReconstructError> {
         self.reconstruct.reconstruct(difference)
+    }
+
+    /// The method adapted to the untouched skin, if it depends on it and the untouched frames are known; see
+    /// [`Reconstruct::adapted`].
+    ///
+    /// # Errors
+    /// Frames of the wrong length, a forward problem that cannot be solved.
+    pub fn adapted(&self, differences: &Differences) -> Result<Method, ReconstructError> {
+        let adapted = match &differences.baseline {
+            Some(baseline) => self.reconstruct.adapted(baseline, &differences.untouched)?,
+            None => None,
+        };
+        Ok(adapted.map_or_else(|| self.clone(), |reconstruct| Method { reconstruct, ..self.clone() }))
     }
 
     /// The noise of its images, from differences of untouched frames and their mean; see [`image_noise`].
@@ -264,6 +290,8 @@ pub struct Methods {
 }
 
 impl Methods {
+    /// The name of the [default](Self::default_name) method with its contacts [refined](Refined).
+    pub const REFINED: &'static str = "refined";
     /// The names of the linear methods, which are available for every skin.
     pub const LINEAR: [&str; 6] = linear::NAMES;
 
@@ -302,14 +330,17 @@ impl Methods {
         Ok(self.names(skin)?.swap_remove(0))
     }
 
-    /// Prepares a method for a skin. `name` is one of [`names`](Self::names), the path of a network's folder
-    /// (`./my-model`), or empty for the [default](Self::default_name).
+    /// Prepares a method for a skin. `name` is one of [`names`](Self::names), [`REFINED`](Self::REFINED), the path of a
+    /// network's folder (`./my-model`), or empty for the [default](Self::default_name).
     ///
     /// # Errors
     /// An unknown name, options that the method does not have, a method that does not fit the skin.
     pub fn method(&self, skin: &Skin, name: &str, options: &MethodOptions) -> Result<Method, MethodError> {
         if name.is_empty() {
             return self.method(skin, &self.default_name(skin)?, options);
+        }
+        if name == Self::REFINED {
+            return self.method(skin, "", options)?.refined(skin, &options.excluded);
         }
         options.check(skin)?;
         if let Some(method) = linear::method(skin, name, options)? {

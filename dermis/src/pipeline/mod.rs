@@ -210,6 +210,7 @@ impl Pipeline {
             name: self.method.name().into(),
             masked: self.masked_channels(),
             untouched: self.state.phase.untouched().to_vec(),
+            rest: self.state.baseline_ohm().map(<[f64]>::to_vec),
             noise_ohm: self.state.phase.noise_ohm().to_vec(),
         }
     }
@@ -290,8 +291,9 @@ impl Pipeline {
         };
     }
 
-    /// Measures the noise of the method's images, from the image of every frame of the tare.
+    /// Adapts the method to the untouched skin and measures the noise of its images, from the frames of the tare.
     fn measure_noise(&mut self) -> Result<(), PipelineError> {
+        self.method = rebuild::adapted(&self.method, self.state.baseline_ohm(), self.state.phase.untouched())?;
         self.noise = rebuild::noise_without(&self.method, self.state.phase.untouched(), &self.state.method_masked)?;
         self.prepare_detector();
         Ok(())

@@ -262,11 +262,20 @@ fn mask(difference: &mut [f64], masked: &[bool]) {
     difference.iter_mut().zip(masked).filter(|(_, masked)| **masked).for_each(|(value, _)| *value = 0.0);
 }
 
-/// Corrects detected contacts by the method.
-fn correct(method: &dyn Reconstruct, difference: &[f64], found: &mut [(Contact, Circumstances)]) {
+/// Corrects detected contacts by the method. A contact that it adds has the circumstances of the nearest one.
+fn correct(method: &dyn Reconstruct, difference: &[f64], found: &mut Vec<(Contact, Circumstances)>) {
     let mut contacts: Vec<Contact> = found.iter().map(|(contact, _)| *contact).collect();
     method.correct(difference, &mut contacts);
+    let surface = method.pixels().surface;
+    let nearest = |contact: &Contact| {
+        let distance_m = |other: &Contact| surface.distance_m(contact.position_m, other.position_m);
+        let before = found.iter().zip(&contacts);
+        let nearest = before.min_by(|a, b| distance_m(a.1).total_cmp(&distance_m(b.1)))?;
+        Some((*contact, Circumstances { next_m: distance_m(nearest.1), ..nearest.0.1 }))
+    };
+    let added: Vec<(Contact, Circumstances)> = contacts.iter().skip(found.len()).filter_map(nearest).collect();
     found.iter_mut().zip(contacts).for_each(|((contact, _), corrected)| *contact = corrected);
+    found.extend(added);
 }
 
 /// Detected contacts, each with its signal relative to the threshold at its position. If the touch detector has not

@@ -1,7 +1,7 @@
 //! The method prepared again without the masked channels, and the noise of its images.
 
 use crate::detect::ImageNoise;
-use crate::frame::Frame;
+use crate::frame::{Differences, Frame};
 use crate::method::{Method, MethodSet};
 use crate::pipeline::degradation::Cost;
 use crate::pipeline::error::PipelineError;
@@ -14,6 +14,7 @@ pub struct RebuildJob {
     pub(super) name: String,
     pub(super) masked: Vec<usize>,
     pub(super) untouched: Vec<Vec<f64>>,
+    pub(super) rest: Option<Vec<f64>>,
     pub(super) noise_ohm: Vec<f64>,
 }
 
@@ -32,13 +33,21 @@ impl RebuildJob {
     /// # Errors
     /// Too few channels left.
     pub fn run(self) -> Result<RebuiltMethod, PipelineError> {
-        let RebuildJob { methods, name, masked, untouched, noise_ohm } = self;
+        let RebuildJob { methods, name, masked, untouched, rest, noise_ohm } = self;
         let method = methods.method(&name)?.without_channels(methods.skin(), &masked)?;
+        let method = adapted(&method, rest.as_deref(), &untouched)?;
         let noise = noise_without(&method, &untouched, &masked)?;
         let is_known = !masked.is_empty() && !noise_ohm.is_empty();
         let cost = is_known.then(|| Cost::of(methods.skin(), &noise_ohm, &masked)).transpose()?;
         Ok(RebuiltMethod { method, masked, noise, cost })
     }
+}
+
+/// A method adapted to the untouched skin; the same during a tare.
+pub(super) fn adapted(method: &Method, baseline: Option<&[f64]>, untouched: &[Vec<f64>]) -> Result<Method, PipelineError> {
+    let untouched = untouched.iter().map(|frame| Frame(frame.clone())).collect();
+    let baseline = baseline.map(|baseline| Frame(baseline.to_vec()));
+    Ok(method.adapted(&Differences { frames: Vec::new(), untouched, baseline })?)
 }
 
 /// The noise of a method's images, from differences of untouched frames in which some channels are masked.

@@ -9,6 +9,7 @@ mod merit;
 mod noise_figure;
 mod one_step;
 mod prior;
+mod refined;
 mod sensitivity;
 mod system;
 #[cfg(test)]
@@ -25,6 +26,7 @@ pub use merit::{FiguresOfMerit, figures_of_merit};
 pub use noise_figure::noise_figure;
 pub use one_step::{OneStep, OneStepOptions};
 pub use prior::{Prior, default_prior};
+pub use refined::Refined;
 pub use total_variation::{TotalVariation, TotalVariationOptions};
 pub use without_channels::WithoutChannels;
 
@@ -118,8 +120,18 @@ pub trait Reconstruct: Send + Sync {
     }
 
     /// Corrects the contacts that were detected in the image of a difference: a method that is calibrated on a real
-    /// skin changes positions, forces and deviations. The default leaves them as they are.
-    fn correct(&self, _difference: &[f64], _contacts: &mut [Contact]) {}
+    /// skin changes positions, forces and deviations; one that refines them may add contacts at the end. The default
+    /// leaves them as they are.
+    fn correct(&self, _difference: &[f64], _contacts: &mut Vec<Contact>) {}
+
+    /// The method adapted to the untouched skin, from the mean of its untouched frames and their differences from it, ohm;
+    /// `None` for a method that does not depend on them, or with too few frames.
+    ///
+    /// # Errors
+    /// Frames of the wrong length, a forward problem that cannot be solved.
+    fn adapted(&self, _rest: &Frame, _untouched: &[Frame]) -> Result<Option<Arc<dyn Reconstruct>>, ReconstructError> {
+        Ok(None)
+    }
 
     /// How unlike the presses of its calibration the difference of a touched frame is: the mean square of its residual
     /// over the one that 99 % of the calibration's presses do not exceed. `None` for methods without a calibration, and
@@ -160,8 +172,12 @@ impl<P: Deref<Target: Reconstruct> + Send + Sync> Reconstruct for P {
         (**self).contacts(difference)
     }
 
-    fn correct(&self, difference: &[f64], contacts: &mut [Contact]) {
+    fn correct(&self, difference: &[f64], contacts: &mut Vec<Contact>) {
         (**self).correct(difference, contacts);
+    }
+
+    fn adapted(&self, rest: &Frame, untouched: &[Frame]) -> Result<Option<Arc<dyn Reconstruct>>, ReconstructError> {
+        (**self).adapted(rest, untouched)
     }
 
     fn novelty(&self, difference: &[f64]) -> Option<f64> {

@@ -3,6 +3,7 @@
 use crate::contact::Contact;
 use crate::detect::DetectOptions;
 use crate::forward::Matrix;
+use crate::frame::Frame;
 use crate::image::PixelSpace;
 use crate::reconstruct::{Linearised, OneStep, OneStepOptions, Prior, Quantity, Reconstruct, ReconstructError};
 use std::sync::Arc;
@@ -90,10 +91,25 @@ impl<M: Reconstruct> Reconstruct for WithoutChannels<M> {
         self.method.contacts(&self.complete(difference)?)
     }
 
-    fn correct(&self, difference: &[f64], contacts: &mut [Contact]) {
+    fn correct(&self, difference: &[f64], contacts: &mut Vec<Contact>) {
         if let Ok(completed) = self.complete(difference) {
             self.method.correct(&completed, contacts);
         }
+    }
+
+    fn adapted(&self, rest: &Frame, untouched: &[Frame]) -> Result<Option<Arc<dyn Reconstruct>>, ReconstructError> {
+        // A channel that does not vary is not used.
+        let still = |frame: &Frame| {
+            let mut frame = frame.clone();
+            self.broken.iter().for_each(|&channel| frame[channel] = 0.0);
+            frame
+        };
+        let untouched: Vec<Frame> = untouched.iter().map(still).collect();
+        let adapted = self.method.adapted(&still(rest), &untouched)?;
+        Ok(adapted.map(|method| {
+            let (broken, fill, matrix) = (self.broken.clone(), self.fill.clone(), self.matrix.clone());
+            Arc::new(WithoutChannels { method, broken, fill, matrix }) as Arc<dyn Reconstruct>
+        }))
     }
 
     fn novelty(&self, difference: &[f64]) -> Option<f64> {

@@ -18,7 +18,7 @@ use dermis::contact::Contact;
 use dermis::design::SkinDesign;
 use dermis::detect::{Detector, ImageNoise};
 use dermis::forward::ForwardModel;
-use dermis::frame::{Frame, broken_channels};
+use dermis::frame::{Differences, Frame, broken_channels};
 use dermis::geom::Point3;
 use dermis::image::{Image, PixelSpace};
 use dermis::mesh::Mesh;
@@ -221,11 +221,20 @@ impl Benchmark<'_> {
         Ok(options)
     }
 
-    /// The images of a recording, and the contacts in them.
+    /// The images of a recording, and the contacts in them, by the method adapted to its untouched frames.
     fn seen(&self, recording: &Recording, detector: &Detector) -> crate::Result<Seen> {
-        let image = |frame: &Frame| Ok(self.method.reconstruct(&(frame - &recording.baseline))?);
-        let images = recording.frames.par_iter().map(image).collect::<crate::Result<Vec<Image>>>()?;
-        let contacts = images.par_iter().map(|image| detector.detect(image)).collect();
+        let Differences { frames, untouched, baseline } =
+            Differences::new(recording.frames.clone(), recording.untouched.clone());
+        let adapted = baseline.map(|baseline| self.method.adapted(&baseline, &untouched)).transpose()?.flatten();
+        let method = adapted.as_deref().unwrap_or(self.method);
+        let seen = |difference: &Frame| -> crate::Result<(Image, Vec<Contact>)> {
+            let image = method.reconstruct(difference)?;
+            let mut contacts = detector.detect(&image);
+            method.correct(difference, &mut contacts);
+            Ok((image, contacts))
+        };
+        let seen = frames.par_iter().map(seen).collect::<crate::Result<Vec<(Image, Vec<Contact>)>>>()?;
+        let (images, contacts) = seen.into_iter().unzip();
         Ok(Seen { images, contacts })
     }
 

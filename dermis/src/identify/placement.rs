@@ -1,0 +1,97 @@
+//! Displacements of electrodes as displacements of the mesh's nodes.
+
+use crate::design::{Body, SkinDesign};
+use crate::geom::{Point3, Surface};
+use crate::mesh::{ElectrodePatch, Mesh};
+
+/// The nodes within this many radii of an electrode's centre move with it.
+const RIGID_RADII: f64 = 1.2;
+/// Those beyond this many stay; those between move in part.
+const REACH_RADII: f64 = 4.5;
+/// At most this fraction of the distance to the next electrode.
+const REACH_SHARE: f64 = 0.45;
+/// An electrode whose centre is this close to the body's edge lies on it, m.
+const ON_EDGE_M: f64 = 1e-6;
+
+/// One possible displacement of one electrode.
+#[derive(Debug, Clone)]
+pub(super) struct Displacement {
+    /// The electrode.
+    pub electrode: usize,
+    /// Its direction in the surface's chart.
+    pub direction: [f64; 2],
+    /// Number of directions in which the electrode may be displaced.
+    pub directions: usize,
+    /// The nodes that move, with the fraction of the displacement.
+    nodes: Vec<(usize, f64)>,
+}
+
+impl Displacement {
+    /// Adds a displacement by a distance to the nodes.
+    pub(super) fn apply(&self, surface: &Surface, by_m: f64, nodes_m: &mut [Point3]) {
+        for &(node, part) in &self.nodes {
+            nodes_m[node] = surface.walk(nodes_m[node], self.direction.map(|axis| axis * by_m * part));
+        }
+    }
+}
+
+/// The displacements of all electrodes that are patches of cells on a body with a chart: in both directions, or along
+/// the edge that they are on.
+pub(super) fn displacements(design: &SkinDesign, mesh: &Mesh) -> Vec<Displacement> {
+    let surface = design.body.surface();
+    if surface == Surface::Free {
+        return Vec::new();
+    }
+    let mut all = Vec::new();
+    for (electrode, patch) in mesh.electrodes.iter().enumerate() {
+        if !matches!(patch, ElectrodePatch::Cells(_)) {
+            continue;
+        }
+        let nodes = moving(design, mesh, electrode);
+        let directions = directions(&design.body, design.electrodes[electrode].centre_m);
+        all.extend(directions.iter().map(|&direction| Displacement {
+            electrode,
+            direction,
+            directions: directions.len(),
+            nodes: nodes.clone(),
+        }));
+    }
+    all
+}
+
+/// The directions in which an electrode may be displaced.
+fn directions(body: &Body, [x, y, z]: Point3) -> Vec<[f64; 2]> {
+    let near = |a: f64, b: f64| (a - b).abs() <= ON_EDGE_M;
+    match *body {
+        Body::Cylinder { length_m, .. } if near(z, 0.0) || near(z, length_m) => vec![[1.0, 0.0]],
+        Body::Disk { diameter_m } if near(x.hypot(y), diameter_m / 2.0) => {
+            let radius = x.hypot(y);
+            vec![[-y / radius, x / radius]]
+        }
+        Body::Rectangle { width_m, height_m } => {
+            let (on_x, on_y) = (near(x, 0.0) || near(x, width_m), near(y, 0.0) || near(y, height_m));
+            [([1.0, 0.0], on_x), ([0.0, 1.0], on_y)].iter().filter(|(_, on)| !on).map(|(along, _)| *along).collect()
+        }
+        _ => vec![[1.0, 0.0], [0.0, 1.0]],
+    }
+}
+
+/// The nodes that move with an electrode: fully within it, and less with the distance, so that cells stay valid.
+fn moving(design: &SkinDesign, mesh: &Mesh, electrode: usize) -> Vec<(usize, f64)> {
+    let surface = design.body.surface();
+    let centre_m = design.electrodes[electrode].centre_m;
+    let distance_m = |point: Point3| surface.distance_m(centre_m, point);
+    let own = mesh.electrode_nodes(electrode).into_iter();
+    let radius_m = own.map(|node| distance_m(mesh.nodes[node])).fold(0.0, f64::max);
+    let others = design.electrodes.iter().enumerate().filter(|(other, _)| *other != electrode);
+    let next_m = others.map(|(_, other)| distance_m(other.centre_m)).fold(f64::INFINITY, f64::min);
+    let edge_m = design.body.edge_distance_m(centre_m).filter(|&edge_m| edge_m > ON_EDGE_M);
+    let reach_m = (REACH_RADII * radius_m).min(REACH_SHARE * next_m).min(edge_m.unwrap_or(f64::INFINITY));
+    let rigid_m = (RIGID_RADII * radius_m).min(0.5 * (radius_m + reach_m));
+    let part = |distance_m: f64| {
+        let t = ((distance_m - rigid_m) / (reach_m - rigid_m)).clamp(0.0, 1.0);
+        1.0 - t * t * (3.0 - 2.0 * t)
+    };
+    let nodes = mesh.nodes.iter().enumerate().map(|(node, &at)| (node, part(distance_m(at))));
+    nodes.filter(|(_, part)| *part > 0.0).collect()
+}

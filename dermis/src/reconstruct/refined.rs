@@ -1,0 +1,129 @@
+//! A method whose contacts are refined on the skin that its untouched frames identify.
+
+use crate::contact::Contact;
+use crate::design::SkinDesign;
+use crate::detect::DetectOptions;
+use crate::forward::{ForwardModel, Matrix};
+use crate::frame::{Frame, broken_channels};
+use crate::identify::{Identifier, IdentifyOptions};
+use crate::image::PixelSpace;
+use crate::reconstruct::{FEWEST_UNTOUCHED_FRAMES, Quantity, Reconstruct, ReconstructError};
+use crate::refine::{RefineOptions, Refiner};
+use crate::stats::rms;
+use std::sync::Arc;
+
+/// The noise of a channel that uses a driven electrode is at least this many times that of the others: its converter
+/// has a coarser step, in which the noise of a steady value may vanish.
+const DRIVEN_NOISE: f64 = 2.0;
+/// A skin whose misfit is larger than this is not one that the model describes: its contacts are not refined.
+const MOST_MISFIT: f64 = 2.0;
+
+/// A method whose contacts are [refined](Refiner) on the skin that its untouched frames [identify](Identifier).
+///
+/// Before it is [adapted](Reconstruct::adapted) to untouched frames, and on a skin that the model does not describe, its
+/// contacts are those of the method.
+#[derive(Clone)]
+pub struct Refined {
+    method: Arc<dyn Reconstruct>,
+    identifier: Arc<Identifier>,
+    design: Arc<SkinDesign>,
+    excluded: Vec<usize>,
+    options: RefineOptions,
+    refiner: Option<Arc<Refiner>>,
+}
+
+impl Refined {
+    /// The refinement of a method's contacts on a skin, without some channels.
+    ///
+    /// # Errors
+    /// A skin on which contacts cannot be refined: without a chart, or whose instrument does not record signs.
+    pub fn new(
+        method: Arc<dyn Reconstruct>,
+        design: &SkinDesign,
+        model: &ForwardModel,
+        excluded: Vec<usize>,
+        options: RefineOptions,
+    ) -> crate::Result<Self> {
+        let design = Arc::new(design.clone());
+        Refiner::check(&design.body, model)?;
+        let identifier = Arc::new(Identifier::new(&design, model, IdentifyOptions::default())?);
+        Ok(Refined { method, identifier, design, excluded, options, refiner: None })
+    }
+
+    fn refiner(&self, rest: &Frame, untouched: &[Frame]) -> crate::Result<Option<Refiner>> {
+        let sd_ohm = self.noise_ohm(untouched);
+        let of_mean: Vec<f64> = sd_ohm.iter().map(|sd| sd / (untouched.len() as f64).sqrt()).collect();
+        let skin = self.identifier.identify(rest, &of_mean)?;
+        if skin.misfit > MOST_MISFIT {
+            return Ok(None);
+        }
+        Ok(Some(Refiner::new(&self.design.body, skin.model(), &sd_ohm, self.options)?))
+    }
+
+    /// The standard deviation of each channel in untouched frames, ohm; 0 for one that is broken or does not vary. Those
+    /// without a driven electrode share one, as the scatter of few frames is uncertain.
+    fn noise_ohm(&self, untouched: &[Frame]) -> Vec<f64> {
+        let channels = self.design.protocol.channels();
+        let broken = broken_channels(untouched);
+        let own = |channel: usize| match broken.binary_search(&channel) {
+            _ if self.excluded.contains(&channel) => 0.0,
+            Ok(_) => 0.0,
+            Err(_) => rms(untouched.iter().map(|frame| frame[channel])),
+        };
+        let own: Vec<f64> = (0..channels.len()).map(own).collect();
+        let varying = |channel: &usize| own[*channel] > 0.0 && own[*channel].is_finite();
+        let free: Vec<usize> = (0..own.len()).filter(|&channel| !channels[channel].touches_driven()).collect();
+        let pooled = rms(free.iter().filter(|channel| varying(channel)).map(|&channel| own[channel]));
+        let sd = |channel: usize| match (varying(&channel), channels[channel].touches_driven()) {
+            (false, _) => 0.0,
+            (true, true) => own[channel].max(if pooled.is_finite() { DRIVEN_NOISE * pooled } else { 0.0 }),
+            (true, false) => pooled,
+        };
+        (0..own.len()).map(sd).collect()
+    }
+}
+
+impl Reconstruct for Refined {
+    fn name(&self) -> String {
+        format!("{}, refined", self.method.name())
+    }
+
+    fn pixels(&self) -> &Arc<PixelSpace> {
+        self.method.pixels()
+    }
+
+    fn reconstruct_into(&self, difference: &[f64], values: &mut [f64]) -> Result<(), ReconstructError> {
+        self.method.reconstruct_into(difference, values)
+    }
+
+    fn matrix(&self) -> Option<&Matrix> {
+        self.method.matrix()
+    }
+
+    fn quantity(&self) -> Quantity {
+        self.method.quantity()
+    }
+
+    fn correct(&self, difference: &[f64], contacts: &mut Vec<Contact>) {
+        self.method.correct(difference, contacts);
+        if let Some(refiner) = &self.refiner {
+            refiner.refine(difference, contacts);
+        }
+    }
+
+    fn novelty(&self, difference: &[f64]) -> Option<f64> {
+        self.method.novelty(difference)
+    }
+
+    fn detection(&self) -> DetectOptions {
+        self.method.detection()
+    }
+
+    fn adapted(&self, rest: &Frame, untouched: &[Frame]) -> Result<Option<Arc<dyn Reconstruct>>, ReconstructError> {
+        if untouched.len() < FEWEST_UNTOUCHED_FRAMES {
+            return Ok(None);
+        }
+        let refiner = self.refiner(rest, untouched).map_err(|error| ReconstructError::Singular(error.to_string()))?;
+        Ok(Some(Arc::new(Refined { refiner: refiner.map(Arc::new), ..self.clone() })))
+    }
+}
