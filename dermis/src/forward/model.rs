@@ -1,7 +1,7 @@
 //! The forward model of one skin on one mesh.
 
 use super::assembly::Assembly;
-use super::{ElectrodeNetwork, ForwardError, near_field};
+use super::{ElectrodeNetwork, ForwardError, arc_ends, near_field};
 use crate::design::{RegionPlace, SkinDesign};
 use crate::frame::Frame;
 use crate::geom::{Point3, Surface};
@@ -25,6 +25,8 @@ struct Shared {
     protocol: Protocol,
     contact_impedances: Vec<f64>,
     rest_conductivity: Vec<f64>,
+    /// Multiply the stiffness of each cell: the correction at the ends of arcs.
+    stiffness_factors: Vec<f64>,
     assembly: Assembly,
     symbolic: Arc<Symbolic>,
 }
@@ -57,6 +59,10 @@ impl ForwardModel {
         let impedances: Vec<f64> = design.electrodes.iter().map(|electrode| electrode.contact_impedance).collect();
         let model = Self::from_parts(mesh, &impedances, &design.protocol, rest_conductivity)?;
         let series = near_field::series_resistances(design, mesh, model.rest_conductivity())?;
+        let model = match arc_ends::stiffness_factors(&model)? {
+            Some(factors) => model.with_stiffness_factors(factors),
+            None => model,
+        };
         Ok(model.with_series_resistances(&series)?)
     }
 
@@ -96,7 +102,8 @@ impl ForwardModel {
         check_count("electrodes of the mesh", mesh.electrodes.len(), protocol.electrode_count())?;
         check_contact_impedances(mesh, contact_impedances)?;
         check_conductivity(mesh, rest_conductivity)?;
-        let assembly = Assembly::new(mesh, contact_impedances)?;
+        let stiffness_factors = vec![1.0; mesh.cell_count()];
+        let assembly = Assembly::new(mesh, &stiffness_factors, contact_impedances)?;
         let pattern = &assembly.pattern;
         let symbolic = Symbolic::new(pattern.unknown_count, mesh.electrodes.len(), &pattern.entries);
         Ok(ForwardModel {
@@ -106,6 +113,7 @@ impl ForwardModel {
                 protocol: protocol.clone(),
                 contact_impedances: contact_impedances.to_vec(),
                 rest_conductivity: rest_conductivity.to_vec(),
+                stiffness_factors,
                 assembly,
                 symbolic: Arc::new(symbolic),
             }),
@@ -132,7 +140,8 @@ impl ForwardModel {
         check_nodes(&mesh)?;
         check_contact_impedances(&mesh, contact_impedances)?;
         check_conductivity(&mesh, rest_conductivity)?;
-        let assembly = Assembly::of_pattern(self.assembly().pattern.clone(), &mesh, contact_impedances);
+        let factors = self.stiffness_factors();
+        let assembly = Assembly::of_pattern(self.assembly().pattern.clone(), &mesh, factors, contact_impedances);
         let mean = |values: &[f64], cells: &[usize]| cells.iter().map(|&cell| values[cell]).sum::<f64>();
         let series = |(resistance, patch): (&f64, &ElectrodePatch)| match patch {
             ElectrodePatch::Cells(cells) => {
@@ -146,11 +155,35 @@ impl ForwardModel {
                 protocol: self.protocol().clone(),
                 contact_impedances: contact_impedances.to_vec(),
                 rest_conductivity: rest_conductivity.to_vec(),
+                stiffness_factors: factors.to_vec(),
                 assembly,
                 symbolic: self.shared.symbolic.clone(),
                 mesh,
             }),
         })
+    }
+
+    /// The same model with a factor of the stiffness of each cell.
+    pub(super) fn with_stiffness_factors(&self, factors: Vec<f64>) -> Self {
+        let shared = &self.shared;
+        let pattern = self.assembly().pattern.clone();
+        ForwardModel {
+            series_resistances: self.series_resistances.clone(),
+            shared: Arc::new(Shared {
+                mesh: shared.mesh.clone(),
+                protocol: shared.protocol.clone(),
+                contact_impedances: shared.contact_impedances.clone(),
+                rest_conductivity: shared.rest_conductivity.clone(),
+                assembly: Assembly::of_pattern(pattern, &shared.mesh, &factors, &shared.contact_impedances),
+                symbolic: shared.symbolic.clone(),
+                stiffness_factors: factors,
+            }),
+        }
+    }
+
+    /// The factor of the stiffness of each cell: below 1 at the ends of arcs, 1 elsewhere.
+    pub(super) fn stiffness_factors(&self) -> &[f64] {
+        &self.shared.stiffness_factors
     }
 
     /// Whether both are instances of one skin on one mesh.

@@ -9,6 +9,7 @@ pub mod import;
 mod limits;
 mod place;
 pub mod quality;
+mod refine;
 mod remesh;
 mod validate;
 
