@@ -75,22 +75,12 @@ impl Pattern {
 }
 
 impl Assembly {
-    /// `stiffness_factors` multiplies the stiffness of each cell.
-    pub(super) fn new(
-        mesh: &Mesh,
-        stiffness_factors: &[f64],
-        contact_impedances: &[f64],
-    ) -> Result<Self, ForwardError> {
-        Ok(Self::of_pattern(Arc::new(Pattern::new(mesh)?), mesh, stiffness_factors, contact_impedances))
+    pub(super) fn new(mesh: &Mesh, contact_impedances: &[f64]) -> Result<Self, ForwardError> {
+        Ok(Self::of_pattern(Arc::new(Pattern::new(mesh)?), mesh, contact_impedances))
     }
 
     /// The entries of a mesh whose node positions and contacts may have changed since its pattern was computed.
-    pub(super) fn of_pattern(
-        pattern: Arc<Pattern>,
-        mesh: &Mesh,
-        stiffness_factors: &[f64],
-        contact_impedances: &[f64],
-    ) -> Self {
+    pub(super) fn of_pattern(pattern: Arc<Pattern>, mesh: &Mesh, contact_impedances: &[f64]) -> Self {
         let mut coefficients = vec![0.0; pattern.cells.len()];
         let (mut terms, mut last) = (pattern.term_of_stiffness.iter(), None);
         for_each_pair(mesh, |cell, [i, j]| {
@@ -100,7 +90,7 @@ impl Assembly {
             };
             last = Some((cell, gradients));
             let term = terms.next().expect("a term for each pair of corners");
-            coefficients[*term] = stiffness_factors[cell] * gradients.stiffness(i, j);
+            coefficients[*term] = gradients.stiffness(i, j);
         });
         let mut fixed = vec![0.0; pattern.entries.len()];
         let mut entries = pattern.entry_of_contact.iter();

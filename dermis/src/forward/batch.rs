@@ -143,8 +143,14 @@ impl BatchSolver {
         }
     }
 
-    /// As [`ElectrodeNetwork::with_series`](super::ElectrodeNetwork) does it.
+    /// As [`ElectrodeNetwork::with_series`](super::ElectrodeNetwork) does it; the part of the corrections of arcs that is
+    /// common to a row or column has no effect on a frame.
     fn add_series(&mut self) {
+        if let Some(added) = self.model.added_impedances() {
+            for (lanes, value) in self.impedances.iter_mut().zip(&added.values) {
+                lanes.iter_mut().for_each(|lane| *lane += value);
+            }
+        }
         let resistances = self.model.series_resistances();
         let count = resistances.len();
         if resistances.iter().all(|&resistance| resistance == 0.0) {

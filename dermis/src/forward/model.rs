@@ -17,6 +17,8 @@ use std::sync::Arc;
 pub struct ForwardModel {
     shared: Arc<Shared>,
     series_resistances: Vec<f64>,
+    /// Corrections at the ends of arcs, added to the transfer impedances.
+    added_impedances: Option<Arc<Matrix>>,
 }
 
 #[derive(Debug)]
@@ -25,8 +27,6 @@ struct Shared {
     protocol: Protocol,
     contact_impedances: Vec<f64>,
     rest_conductivity: Vec<f64>,
-    /// Multiply the stiffness of each cell: the correction at the ends of arcs.
-    stiffness_factors: Vec<f64>,
     assembly: Assembly,
     symbolic: Arc<Symbolic>,
 }
@@ -59,11 +59,8 @@ impl ForwardModel {
         let impedances: Vec<f64> = design.electrodes.iter().map(|electrode| electrode.contact_impedance).collect();
         let model = Self::from_parts(mesh, &impedances, &design.protocol, rest_conductivity)?;
         let series = near_field::series_resistances(design, mesh, model.rest_conductivity())?;
-        let model = match arc_ends::stiffness_factors(&model)? {
-            Some(factors) => model.with_stiffness_factors(factors),
-            None => model,
-        };
-        Ok(model.with_series_resistances(&series)?)
+        let added_impedances = arc_ends::added_impedances(&model)?.map(Arc::new);
+        Ok(ForwardModel { added_impedances, ..model.with_series_resistances(&series)? })
     }
 
     /// The same model with a resistance in series with each electrode, ohm.
@@ -102,18 +99,17 @@ impl ForwardModel {
         check_count("electrodes of the mesh", mesh.electrodes.len(), protocol.electrode_count())?;
         check_contact_impedances(mesh, contact_impedances)?;
         check_conductivity(mesh, rest_conductivity)?;
-        let stiffness_factors = vec![1.0; mesh.cell_count()];
-        let assembly = Assembly::new(mesh, &stiffness_factors, contact_impedances)?;
+        let assembly = Assembly::new(mesh, contact_impedances)?;
         let pattern = &assembly.pattern;
         let symbolic = Symbolic::new(pattern.unknown_count, mesh.electrodes.len(), &pattern.entries);
         Ok(ForwardModel {
             series_resistances: vec![0.0; mesh.electrodes.len()],
+            added_impedances: None,
             shared: Arc::new(Shared {
                 mesh: mesh.clone(),
                 protocol: protocol.clone(),
                 contact_impedances: contact_impedances.to_vec(),
                 rest_conductivity: rest_conductivity.to_vec(),
-                stiffness_factors,
                 assembly,
                 symbolic: Arc::new(symbolic),
             }),
@@ -123,8 +119,8 @@ impl ForwardModel {
     /// Another instance of the same skin: other node positions, contact impedances and coating (S per cell on surfaces,
     /// S/m in volumes). The nodes of the cells and electrodes stay the same, so the expensive setup is reused.
     ///
-    /// The series resistances are scaled with the inverse of the conductance of the electrode's own cells, like a near
-    /// field.
+    /// The series resistances, and the corrections at the ends of arcs, are scaled with the inverse of the conductance of
+    /// the electrode's own cells, like a near field.
     ///
     /// # Errors
     /// Lists of the wrong length, values that are not positive; nodes that are not finite, cells without an extent.
@@ -140,22 +136,16 @@ impl ForwardModel {
         check_nodes(&mesh)?;
         check_contact_impedances(&mesh, contact_impedances)?;
         check_conductivity(&mesh, rest_conductivity)?;
-        let factors = self.stiffness_factors();
-        let assembly = Assembly::of_pattern(self.assembly().pattern.clone(), &mesh, factors, contact_impedances);
-        let mean = |values: &[f64], cells: &[usize]| cells.iter().map(|&cell| values[cell]).sum::<f64>();
-        let series = |(resistance, patch): (&f64, &ElectrodePatch)| match patch {
-            ElectrodePatch::Cells(cells) => {
-                resistance * mean(self.rest_conductivity(), cells) / mean(rest_conductivity, cells)
-            }
-            _ => *resistance,
-        };
+        let assembly = Assembly::of_pattern(self.assembly().pattern.clone(), &mesh, contact_impedances);
+        let ratios: Vec<f64> = self.resistance_ratios(rest_conductivity);
+        let series_resistances = self.series_resistances.iter().zip(&ratios).map(|(ohm, ratio)| ohm * ratio).collect();
         Ok(ForwardModel {
-            series_resistances: self.series_resistances.iter().zip(&mesh.electrodes).map(series).collect(),
+            series_resistances,
+            added_impedances: self.added_impedances.as_ref().map(|added| Arc::new(scaled(added, &ratios))),
             shared: Arc::new(Shared {
                 protocol: self.protocol().clone(),
                 contact_impedances: contact_impedances.to_vec(),
                 rest_conductivity: rest_conductivity.to_vec(),
-                stiffness_factors: factors.to_vec(),
                 assembly,
                 symbolic: self.shared.symbolic.clone(),
                 mesh,
@@ -163,27 +153,28 @@ impl ForwardModel {
         })
     }
 
-    /// The same model with a factor of the stiffness of each cell.
-    pub(super) fn with_stiffness_factors(&self, factors: Vec<f64>) -> Self {
-        let shared = &self.shared;
-        let pattern = self.assembly().pattern.clone();
-        ForwardModel {
-            series_resistances: self.series_resistances.clone(),
-            shared: Arc::new(Shared {
-                mesh: shared.mesh.clone(),
-                protocol: shared.protocol.clone(),
-                contact_impedances: shared.contact_impedances.clone(),
-                rest_conductivity: shared.rest_conductivity.clone(),
-                assembly: Assembly::of_pattern(pattern, &shared.mesh, &factors, &shared.contact_impedances),
-                symbolic: shared.symbolic.clone(),
-                stiffness_factors: factors,
-            }),
-        }
+    /// For each electrode the conductance of its cells over that with another coating: the patch itself, or the cells
+    /// next to edges; 1 for points.
+    fn resistance_ratios(&self, rest_conductivity: &[f64]) -> Vec<f64> {
+        let mesh = self.mesh();
+        let sum = |values: &[f64], cells: &[usize]| cells.iter().map(|&cell| values[cell]).sum::<f64>();
+        let ratio = |cells: &[usize]| sum(self.rest_conductivity(), cells) / sum(rest_conductivity, cells);
+        let next_to = |electrode: usize| -> Vec<usize> {
+            let nodes = mesh.electrode_nodes(electrode);
+            let touches = |cell: &usize| mesh.cells.corners(*cell).iter().any(|node| nodes.binary_search(node).is_ok());
+            (0..mesh.cell_count()).filter(touches).collect()
+        };
+        let of = |(electrode, patch): (usize, &ElectrodePatch)| match patch {
+            ElectrodePatch::Cells(cells) => ratio(cells),
+            ElectrodePatch::Edges(_) if self.added_impedances.is_some() => ratio(&next_to(electrode)),
+            _ => 1.0,
+        };
+        mesh.electrodes.iter().enumerate().map(of).collect()
     }
 
-    /// The factor of the stiffness of each cell: below 1 at the ends of arcs, 1 elsewhere.
-    pub(super) fn stiffness_factors(&self) -> &[f64] {
-        &self.shared.stiffness_factors
+    /// The corrections at the ends of arcs, electrodes x electrodes, ohm.
+    pub(super) fn added_impedances(&self) -> Option<&Matrix> {
+        self.added_impedances.as_deref()
     }
 
     /// Whether both are instances of one skin on one mesh.
@@ -236,9 +227,13 @@ impl ForwardModel {
 
     /// The network of the mesh with the model's series resistances.
     pub(super) fn with_own_series(&self, bare: ElectrodeNetwork) -> Result<ElectrodeNetwork, ForwardError> {
+        let network = match &self.added_impedances {
+            None => bare,
+            Some(added) => bare.with_impedances(added)?,
+        };
         match self.series_resistances.iter().all(|&resistance| resistance == 0.0) {
-            true => Ok(bare),
-            false => bare.with_series(&self.series_resistances),
+            true => Ok(network),
+            false => network.with_series(&self.series_resistances),
         }
     }
 
@@ -357,6 +352,15 @@ impl Solver {
         let node = self.model.unknown_of_node().iter().position(|&unknown| unknown == error.unknown);
         ForwardError::Singular { place: node.map_or("an electrode".into(), |node| format!("node {node}")) }
     }
+}
+
+/// Impedances times the geometric mean of the factors of their two electrodes.
+fn scaled(impedances: &Matrix, factors: &[f64]) -> Matrix {
+    let mut scaled = impedances.clone();
+    for (i, a) in factors.iter().enumerate() {
+        scaled.row_mut(i).iter_mut().zip(factors).for_each(|(value, b)| *value *= (a * b).sqrt());
+    }
+    scaled
 }
 
 /// The untouched conductance of each cell in the design: that of the region that contains its centre, or that of the

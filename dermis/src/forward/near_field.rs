@@ -134,7 +134,7 @@ impl NearField<'_> {
     fn discrete(&self, conductance: f64, fraction: f64) -> Result<f64, ForwardError> {
         let cells = self.cells();
         let (mesh, nodes, outer) = self.part(&cells);
-        let assembly = Assembly::new(&mesh, &vec![1.0; mesh.cell_count()], &[self.contact_impedance])?;
+        let assembly = Assembly::new(&mesh, &[self.contact_impedance])?;
         let mut values = vec![0.0; assembly.pattern.entries.len()];
         assembly.values_into(&vec![conductance; mesh.cell_count()], &mut values);
 

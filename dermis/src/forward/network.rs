@@ -48,6 +48,23 @@ impl ElectrodeNetwork {
         Ok(self)
     }
 
+    /// The network with other impedances added: `S' = S + P C P`, `C` symmetric.
+    ///
+    /// # Errors
+    /// Impedances with which the network is not positive.
+    pub(super) fn with_impedances(mut self, added: &Matrix) -> Result<Self, ForwardError> {
+        let count = added.rows;
+        let means: Vec<f64> = (0..count).map(|i| added.row(i).iter().sum::<f64>() / count as f64).collect();
+        let mean = means.iter().sum::<f64>() / count as f64;
+        for i in 0..count {
+            for j in 0..count {
+                *self.transfer_impedance.at_mut(i, j) += added.at(i, j) - (means[i] + means[j] - mean);
+            }
+        }
+        self.admittance = pseudo_inverse(&self.transfer_impedance)?;
+        Ok(self)
+    }
+
     /// The network of a skin whose conductances are all multiplied by a factor.
     pub fn scaled(&self, factor: f64) -> Self {
         let mut scaled = self.clone();

@@ -13,6 +13,8 @@ mod refine;
 mod remesh;
 mod validate;
 
+pub(crate) use refine::Refined;
+
 use crate::geom::vector::{self, Point3};
 use std::path::PathBuf;
 use thiserror::Error;

@@ -13,6 +13,15 @@ pub(crate) struct Refined {
     pub parents: Vec<usize>,
 }
 
+impl Refined {
+    /// The mesh refined once more; the parents are those of the first mesh.
+    pub(crate) fn refined(&self, divides: impl Fn([usize; 2]) -> bool) -> Option<Refined> {
+        let finer = self.mesh.refined(divides)?;
+        let parents = finer.parents.iter().map(|&cell| self.parents[cell]).collect();
+        Some(Refined { parents, ..finer })
+    }
+}
+
 impl Mesh {
     /// Divides edges at their midpoints: a triangle becomes two, three or four by the number of its divided edges, so
     /// that no node is inside an edge of a neighbour. The patches of electrodes stay where they are; named regions are
