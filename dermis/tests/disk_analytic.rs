@@ -57,7 +57,7 @@ fn errors(mesh: MeshOptions) -> (usize, [f64; 3]) {
 /// ends of the electrodes, where the field is singular down to the width `s z` of the contact layer.
 #[test]
 fn errors_on_the_exact_disk_fall_with_second_order() {
-    let options = MeshOptions { max_edge_m: 0.15, electrode_edge_m: 0.006, growth: 0.17 };
+    let options = MeshOptions { max_edge_m: 0.15, electrode_edge_m: 0.006, growth: 0.17, correct_arc_ends: true };
     let levels = [2.0, 1.0, 0.5].map(|factor| errors(options.scaled(factor)));
     for (nodes, [own, driven, rest]) in levels {
         let percent = [own, driven, rest].map(|error| error * 100.0);

@@ -17,8 +17,8 @@ use std::sync::Arc;
 pub struct ForwardModel {
     shared: Arc<Shared>,
     series_resistances: Vec<f64>,
-    /// Corrections at the ends of arcs, added to the transfer impedances.
-    added_impedances: Option<Arc<Matrix>>,
+    /// Between the electrodes and the mesh: the correction at the ends of arcs.
+    transform: Option<Arc<Matrix>>,
 }
 
 #[derive(Debug)]
@@ -59,8 +59,11 @@ impl ForwardModel {
         let impedances: Vec<f64> = design.electrodes.iter().map(|electrode| electrode.contact_impedance).collect();
         let model = Self::from_parts(mesh, &impedances, &design.protocol, rest_conductivity)?;
         let series = near_field::series_resistances(design, mesh, model.rest_conductivity())?;
-        let added_impedances = arc_ends::added_impedances(&model)?.map(Arc::new);
-        Ok(ForwardModel { added_impedances, ..model.with_series_resistances(&series)? })
+        let transform = match design.mesh.correct_arc_ends {
+            true => arc_ends::transform(&model)?.map(Arc::new),
+            false => None,
+        };
+        Ok(ForwardModel { transform, ..model.with_series_resistances(&series)? })
     }
 
     /// The same model with a resistance in series with each electrode, ohm.
@@ -104,7 +107,7 @@ impl ForwardModel {
         let symbolic = Symbolic::new(pattern.unknown_count, mesh.electrodes.len(), &pattern.entries);
         Ok(ForwardModel {
             series_resistances: vec![0.0; mesh.electrodes.len()],
-            added_impedances: None,
+            transform: None,
             shared: Arc::new(Shared {
                 mesh: mesh.clone(),
                 protocol: protocol.clone(),
@@ -119,8 +122,8 @@ impl ForwardModel {
     /// Another instance of the same skin: other node positions, contact impedances and coating (S per cell on surfaces,
     /// S/m in volumes). The nodes of the cells and electrodes stay the same, so the expensive setup is reused.
     ///
-    /// The series resistances, and the corrections at the ends of arcs, are scaled with the inverse of the conductance of
-    /// the electrode's own cells, like a near field.
+    /// The series resistances are scaled with the inverse of the conductance of the electrode's own cells, like a near
+    /// field. The correction at the ends of arcs is kept.
     ///
     /// # Errors
     /// Lists of the wrong length, values that are not positive; nodes that are not finite, cells without an extent.
@@ -137,11 +140,16 @@ impl ForwardModel {
         check_contact_impedances(&mesh, contact_impedances)?;
         check_conductivity(&mesh, rest_conductivity)?;
         let assembly = Assembly::of_pattern(self.assembly().pattern.clone(), &mesh, contact_impedances);
-        let ratios: Vec<f64> = self.resistance_ratios(rest_conductivity);
-        let series_resistances = self.series_resistances.iter().zip(&ratios).map(|(ohm, ratio)| ohm * ratio).collect();
+        let mean = |values: &[f64], cells: &[usize]| cells.iter().map(|&cell| values[cell]).sum::<f64>();
+        let series = |(resistance, patch): (&f64, &ElectrodePatch)| match patch {
+            ElectrodePatch::Cells(cells) => {
+                resistance * mean(self.rest_conductivity(), cells) / mean(rest_conductivity, cells)
+            }
+            _ => *resistance,
+        };
         Ok(ForwardModel {
-            series_resistances,
-            added_impedances: self.added_impedances.as_ref().map(|added| Arc::new(scaled(added, &ratios))),
+            series_resistances: self.series_resistances.iter().zip(&mesh.electrodes).map(series).collect(),
+            transform: self.transform.clone(),
             shared: Arc::new(Shared {
                 protocol: self.protocol().clone(),
                 contact_impedances: contact_impedances.to_vec(),
@@ -153,28 +161,10 @@ impl ForwardModel {
         })
     }
 
-    /// For each electrode the conductance of its cells over that with another coating: the patch itself, or the cells
-    /// next to edges; 1 for points.
-    fn resistance_ratios(&self, rest_conductivity: &[f64]) -> Vec<f64> {
-        let mesh = self.mesh();
-        let sum = |values: &[f64], cells: &[usize]| cells.iter().map(|&cell| values[cell]).sum::<f64>();
-        let ratio = |cells: &[usize]| sum(self.rest_conductivity(), cells) / sum(rest_conductivity, cells);
-        let next_to = |electrode: usize| -> Vec<usize> {
-            let nodes = mesh.electrode_nodes(electrode);
-            let touches = |cell: &usize| mesh.cells.corners(*cell).iter().any(|node| nodes.binary_search(node).is_ok());
-            (0..mesh.cell_count()).filter(touches).collect()
-        };
-        let of = |(electrode, patch): (usize, &ElectrodePatch)| match patch {
-            ElectrodePatch::Cells(cells) => ratio(cells),
-            ElectrodePatch::Edges(_) if self.added_impedances.is_some() => ratio(&next_to(electrode)),
-            _ => 1.0,
-        };
-        mesh.electrodes.iter().enumerate().map(of).collect()
-    }
-
-    /// The corrections at the ends of arcs, electrodes x electrodes, ohm.
-    pub(super) fn added_impedances(&self) -> Option<&Matrix> {
-        self.added_impedances.as_deref()
+    /// The correction at the ends of arcs, electrodes x electrodes: the potentials of the electrodes are those of the mesh
+    /// times this matrix; its transpose gives the currents of the mesh.
+    pub(super) fn transform(&self) -> Option<&Matrix> {
+        self.transform.as_deref()
     }
 
     /// Whether both are instances of one skin on one mesh.
@@ -225,11 +215,11 @@ impl ForwardModel {
         &self.shared.assembly.pattern.unknown_of_node
     }
 
-    /// The network of the mesh with the model's series resistances.
+    /// The network of the mesh with the model's corrections: at the ends of arcs, and series resistances.
     pub(super) fn with_own_series(&self, bare: ElectrodeNetwork) -> Result<ElectrodeNetwork, ForwardError> {
-        let network = match &self.added_impedances {
+        let network = match &self.transform {
             None => bare,
-            Some(added) => bare.with_impedances(added)?,
+            Some(transform) => bare.transformed(transform)?,
         };
         match self.series_resistances.iter().all(|&resistance| resistance == 0.0) {
             true => Ok(network),
@@ -331,7 +321,7 @@ impl Solver {
         Ok(self.fields(conductivity)?.0)
     }
 
-    /// The potentials of all nodes and of all electrodes, without the series resistances; columns as in
+    /// The potentials of all nodes and of all electrodes on the mesh, without the series resistances; columns as in
     /// [`potentials`](Self::potentials).
     pub(super) fn fields(&mut self, conductivity: &[f64]) -> Result<(Matrix, Matrix), ForwardError> {
         let network = self.bare_network(conductivity)?;
@@ -345,22 +335,19 @@ impl Solver {
         for (node, &unknown) in self.model.unknown_of_node().iter().enumerate() {
             potentials.row_mut(node).copy_from_slice(unknowns.row(unknown));
         }
-        Ok((potentials, network.transfer_impedance))
+        match self.model.transform() {
+            None => Ok((potentials, network.transfer_impedance)),
+            Some(transform) => {
+                let currents = transform.transposed();
+                Ok((potentials.times(&currents), network.transfer_impedance.times(&currents)))
+            }
+        }
     }
 
     fn name_singular(&self, error: NotPositiveDefinite) -> ForwardError {
         let node = self.model.unknown_of_node().iter().position(|&unknown| unknown == error.unknown);
         ForwardError::Singular { place: node.map_or("an electrode".into(), |node| format!("node {node}")) }
     }
-}
-
-/// Impedances times the geometric mean of the factors of their two electrodes.
-fn scaled(impedances: &Matrix, factors: &[f64]) -> Matrix {
-    let mut scaled = impedances.clone();
-    for (i, a) in factors.iter().enumerate() {
-        scaled.row_mut(i).iter_mut().zip(factors).for_each(|(value, b)| *value *= (a * b).sqrt());
-    }
-    scaled
 }
 
 /// The untouched conductance of each cell in the design: that of the region that contains its centre, or that of the

@@ -48,21 +48,19 @@ impl ElectrodeNetwork {
         Ok(self)
     }
 
-    /// The network with other impedances added: `S' = S + P C P`, `C` symmetric.
+    /// The network of electrodes whose potentials are those of these times a matrix `M`: `S' = M S M'`. `M` keeps the
+    /// constant, and so does its transpose.
     ///
     /// # Errors
-    /// Impedances with which the network is not positive.
-    pub(super) fn with_impedances(mut self, added: &Matrix) -> Result<Self, ForwardError> {
-        let count = added.rows;
-        let means: Vec<f64> = (0..count).map(|i| added.row(i).iter().sum::<f64>() / count as f64).collect();
-        let mean = means.iter().sum::<f64>() / count as f64;
-        for i in 0..count {
-            for j in 0..count {
-                *self.transfer_impedance.at_mut(i, j) += added.at(i, j) - (means[i] + means[j] - mean);
-            }
-        }
-        self.admittance = pseudo_inverse(&self.transfer_impedance)?;
-        Ok(self)
+    /// A singular matrix.
+    pub(super) fn transformed(&self, transform: &Matrix) -> Result<Self, ForwardError> {
+        let transfer_impedance = self.transformed_impedance(transform);
+        Ok(ElectrodeNetwork { admittance: pseudo_inverse(&transfer_impedance)?, transfer_impedance })
+    }
+
+    /// `M S M'`.
+    pub(super) fn transformed_impedance(&self, transform: &Matrix) -> Matrix {
+        transform.times(&self.transfer_impedance).times(&transform.transposed())
     }
 
     /// The network of a skin whose conductances are all multiplied by a factor.
