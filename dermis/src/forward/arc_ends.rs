@@ -81,9 +81,8 @@ fn graded(mesh: &Mesh, ends: &BTreeMap<usize, usize>) -> Option<Refined> {
 /// The mesh with all edges near the ends halved.
 fn halved(graded: &Refined, ends: &BTreeMap<usize, usize>) -> Option<Refined> {
     let Mesh { nodes, .. } = &graded.mesh;
-    let reach_m: Vec<(Point3, f64)> = (ends.iter())
-        .map(|(&end, &electrode)| (nodes[end], REACH * graded.mesh.electrode_size(electrode)))
-        .collect();
+    let reach_m: Vec<(Point3, f64)> =
+        (ends.iter()).map(|(&end, &electrode)| (nodes[end], REACH * graded.mesh.electrode_size(electrode))).collect();
     graded.refined(|[a, b]| {
         let middle = scale(add(nodes[a], nodes[b]), 0.5);
         reach_m.iter().any(|&(end, reach_m)| distance(end, middle) < reach_m)

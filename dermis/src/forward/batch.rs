@@ -2,7 +2,7 @@
 
 use super::assembly::Assembly;
 use super::{ForwardError, ForwardModel};
-use crate::linalg::{AlignedVec, BatchFactor, BatchPlan, BatchWorkspace, Entries, LANES, SimdLevel};
+use crate::linalg::{AlignedVec, BatchFactor, BatchPlan, BatchWorkspace, Entries, LANES, Matrix, SimdLevel};
 use pulp::Simd;
 use std::borrow::Cow;
 use std::sync::Arc;

@@ -100,9 +100,10 @@ mod tests {
                 [[a, b], [b, c], [c, a]].into_iter().for_each(|side| *sides.entry(side).or_default() += 1);
             }
             assert!(sides.values().all(|&count| count == 1), "every directed side belongs to one triangle");
-            let rim = sides.keys().filter(|[a, b]| !sides.contains_key(&[*b, *a])).map(|&[a, b]| {
-                distance(fine.nodes[a], fine.nodes[b])
-            });
+            let rim = sides
+                .keys()
+                .filter(|[a, b]| !sides.contains_key(&[*b, *a]))
+                .map(|&[a, b]| distance(fine.nodes[a], fine.nodes[b]));
             assert!((rim.sum::<f64>() / (std::f64::consts::PI * 0.2) - 1.0).abs() < 1e-3, "no gaps");
             for electrode in 0..16 {
                 assert!((fine.electrode_size(electrode) / mesh.electrode_size(electrode) - 1.0).abs() < 1e-12);

@@ -103,7 +103,8 @@ impl DiskArcs {
             let (sin, cos) = (TAU * (mode * lag) as f64 / self.count as f64).sin_cos();
             for i in 0..count {
                 for j in 0..count {
-                    let (even, odd) = (right[i * count + j] + left[i * count + j], right[i * count + j] - left[i * count + j]);
+                    let (even, odd) =
+                        (right[i * count + j] + left[i * count + j], right[i * count + j] - left[i * count + j]);
                     system[i * 2 * count + j] += cos * even;
                     system[i * 2 * count + count + j] -= sin * odd;
                     system[(count + i) * 2 * count + j] += sin * even;
