@@ -14,7 +14,7 @@ const DIRECTIONS: usize = 20_000;
 /// contact layer `l = s z` much shorter than the edges; an edge shorter than `l` is as good as one of second order. They
 /// are measured against the exact disk from 2 to 25 edges per arc (`dermis/tests/rim_arcs.rs`), where the estimate is
 /// within a factor of two of the error: with the correction of the forward model, and without.
-const CORRECTED: f64 = 0.015;
+const CORRECTED: f64 = 0.012;
 const UNCORRECTED: f64 = 0.6;
 
 /// Statistics of a mesh.
