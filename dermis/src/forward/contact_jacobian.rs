@@ -13,7 +13,7 @@ use crate::protocol::Channel;
 impl ForwardModel {
     /// The derivative of the frame with respect to the contact impedance of each electrode, channels x electrodes, ohm
     /// per ohm m2 (on cells and faces) or per ohm m (on edges); zero for a point electrode. The [series
-    /// resistances](Self::series_resistances) are held constant.
+    /// resistances](Self::series_resistances) and the correction at the ends of arcs are held constant.
     ///
     /// # Errors
     /// As [`solve`](Self::solve).
