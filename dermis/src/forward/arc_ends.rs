@@ -4,7 +4,7 @@
 //! At the end of an electrode on an edge the potential behaves like `r^(1/2)` down to the length `l = s z` of the
 //! contact. Linear elements of size `h` represent it with an error of the order `h`, so that the resistances between the
 //! electrodes are too low. An arc has no exact near field like a disc. So the untouched skin is solved on the mesh, with
-//! the transfer impedance `S`, and on copies that are refined at the ends and around them, with `S_fine`. From then on the
+//! the transfer impedance `S`, and on copies that are refined at the ends and then everywhere, with `S_fine`. From then on the
 //! matrix `M` with
 //!
 //! `M S M' = S_fine`
@@ -14,7 +14,6 @@
 //! its resistances; of other changes it corrects the part of first order.
 
 use super::{ElectrodeNetwork, ForwardModel};
-use crate::geom::vector::{Point3, add, distance, scale};
 use crate::linalg::Matrix;
 use crate::mesh::{Mesh, Refined};
 use std::collections::BTreeMap;
@@ -22,9 +21,6 @@ use std::collections::BTreeMap;
 /// Halvings of the edges at an end. Each halves the error of the end, which is 7 % of the voltages of driven electrodes
 /// for edges of a twelfth of the electrode's length (`dermis/tests/rim_arcs.rs`): 0.05 % are left.
 const HALVINGS: usize = 7;
-/// Distance from an end, in lengths of its electrode, within which all edges are halved once more: with one length 0.25 %
-/// of the voltages of undriven electrodes are left on the default mesh, with two 0.13 %, with all edges 0.07 %.
-const REACH: f64 = 2.0;
 /// Iterations for `M`; each multiplies the misfit by the deviation of `M` from 1, a few per cent.
 const ITERATIONS: usize = 8;
 
@@ -35,7 +31,7 @@ pub(super) fn transform(model: &ForwardModel) -> crate::Result<Option<Matrix>> {
         return Ok(None);
     }
     let Some(graded) = graded(model.mesh(), &ends) else { return Ok(None) };
-    let Some(finer) = halved(&graded, &ends) else { return Ok(None) };
+    let Some(finer) = graded.refined(|_| true) else { return Ok(None) };
     let own = || model.network(model.rest_conductivity());
     let (own, (graded, finer)) =
         rayon::join(own, || rayon::join(|| impedances(model, &graded), || impedances(model, &finer)));
@@ -76,15 +72,4 @@ fn graded(mesh: &Mesh, ends: &BTreeMap<usize, usize>) -> Option<Refined> {
         graded = graded.refined(|edge| edge.iter().any(|node| ends.contains_key(node)))?;
     }
     Some(graded)
-}
-
-/// The mesh with all edges near the ends halved.
-fn halved(graded: &Refined, ends: &BTreeMap<usize, usize>) -> Option<Refined> {
-    let Mesh { nodes, .. } = &graded.mesh;
-    let reach_m: Vec<(Point3, f64)> =
-        (ends.iter()).map(|(&end, &electrode)| (nodes[end], REACH * graded.mesh.electrode_size(electrode))).collect();
-    graded.refined(|[a, b]| {
-        let middle = scale(add(nodes[a], nodes[b]), 0.5);
-        reach_m.iter().any(|&(end, reach_m)| distance(end, middle) < reach_m)
-    })
 }
