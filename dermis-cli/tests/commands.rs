@@ -383,3 +383,16 @@ fn results_that_cannot_be_written_are_said() {
         assert!(at.refused("forward disk.toml -o /dev/full").contains("/dev/full: No space left"));
     }
 }
+
+#[test]
+fn a_mesh_that_is_coarse_at_the_ends_of_arcs_is_named() {
+    let at = Workplace::new();
+    at.write("plain.toml", format!("{DISK}correct_arc_ends = false\n"));
+    let output = at.run("mesh plain.toml");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && said.contains("at its ends are long for its 5.000 mm"), "{said}");
+    let report = at.json("mesh disk.toml --json");
+    let ends = &report["electrodes"][0]["ends"];
+    let error = ends["voltage_error"].as_f64().unwrap();
+    assert!(error > 0.001 && error < 0.01 && ends["edge_m"].as_f64().unwrap() > 0.0025, "{ends}");
+}

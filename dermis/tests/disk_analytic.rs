@@ -52,12 +52,10 @@ fn errors(mesh: MeshOptions) -> (usize, [f64; 3]) {
     (mesh.node_count(), [error(2), error(1), error(0)])
 }
 
-/// The accuracy of linear elements with 5,000 nodes: their error is the energy of the interpolation error, which
-/// decreases only with the number of nodes. Finer meshes should converge with second order, a little slower next to the
-/// ends of the electrodes, where the field is singular down to the width `s z` of the contact layer.
+/// The corrected accuracy of linear elements with 5,000 nodes. Finer meshes should converge with at least second order.
 #[test]
 fn errors_on_the_exact_disk_fall_with_second_order() {
-    let options = MeshOptions { max_edge_m: 0.15, electrode_edge_m: 0.006, growth: 0.17 };
+    let options = MeshOptions { max_edge_m: 0.15, electrode_edge_m: 0.006, growth: 0.17, correct_arc_ends: true };
     let levels = [2.0, 1.0, 0.5].map(|factor| errors(options.scaled(factor)));
     for (nodes, [own, driven, rest]) in levels {
         let percent = [own, driven, rest].map(|error| error * 100.0);
@@ -70,8 +68,8 @@ fn errors_on_the_exact_disk_fall_with_second_order() {
     for kind in 0..3 {
         let rate = (levels[1].1[kind] / levels[2].1[kind]).log2();
         println!("  rate {rate:.2}");
-        assert!((1.6..2.2).contains(&rate));
+        assert!(rate > 1.6);
     }
     let [own, driven, rest] = levels[1].1;
-    assert!(own < 0.012 && driven < 0.015 && rest < 0.005);
+    assert!(own < 0.005 && driven < 0.005 && rest < 0.001);
 }

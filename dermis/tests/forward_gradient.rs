@@ -104,7 +104,8 @@ fn by_contact_impedance_it_is_the_transposed_jacobian_times_the_derivative() {
         let scale = largest((0..jacobian.columns).map(expected));
         for electrode in 0..jacobian.columns {
             let off = (gradient.contact_impedances[electrode][2] - expected(electrode)).abs();
-            assert!(off <= 1e-9 * scale, "{name}, electrode {electrode}: {off} of {scale}");
+            // Of arcs the drops at the contact are differences of nearly equal potentials.
+            assert!(off <= 5e-9 * scale, "{name}, electrode {electrode}: {off} of {scale}");
         }
     }
 }

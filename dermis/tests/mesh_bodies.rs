@@ -45,7 +45,7 @@ fn design(path: &Path, electrodes: &[(Point3, ElectrodeShape)], max_edge_m: f64)
         _ => f64::INFINITY,
     };
     let smallest_m = design.electrodes.iter().map(radius_m).fold(f64::INFINITY, f64::min);
-    design.mesh = MeshOptions { max_edge_m, electrode_edge_m: smallest_m / 5.0, growth: 0.3 };
+    design.mesh = MeshOptions { max_edge_m, electrode_edge_m: smallest_m / 5.0, growth: 0.3, correct_arc_ends: true };
     design
 }
 

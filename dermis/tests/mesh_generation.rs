@@ -99,7 +99,7 @@ fn the_seam_closes_wherever_the_electrodes_are() {
 /// Discs of eight corners without a point inside are all ties: their copies must be divided in the same way.
 #[test]
 fn tiny_discs_on_the_seam_close() {
-    let mesh = MeshOptions { max_edge_m: 0.006, electrode_edge_m: 0.002, growth: 0.4 };
+    let mesh = MeshOptions { max_edge_m: 0.006, electrode_edge_m: 0.002, growth: 0.4, correct_arc_ends: true };
     let body = Body::Cylinder { length_m: 0.06, diameter_m: 0.04 };
     for turn in 0..20 {
         let at = |k: usize| {
@@ -114,7 +114,7 @@ fn tiny_discs_on_the_seam_close() {
 
 #[test]
 fn outlines_are_clipped_at_edges_and_corners() {
-    let mesh = MeshOptions { max_edge_m: 0.006, electrode_edge_m: 0.0008, growth: 0.3 };
+    let mesh = MeshOptions { max_edge_m: 0.006, electrode_edge_m: 0.0008, growth: 0.3, correct_arc_ends: true };
     let sheet = Body::Rectangle { width_m: 0.1, height_m: 0.06 };
     let electrodes = [
         disc(0.0, 0.0, 0.0, 0.005),

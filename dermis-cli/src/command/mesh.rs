@@ -41,7 +41,23 @@ impl Arguments {
             }
         }
         let report = MeshReport::new(&design, &mesh);
+        warn_of_coarse_ends(&report);
         if self.json { print_json(&as_json(&mesh, &report)) } else { print(&table(&design.name, &mesh, &report)) }
+    }
+}
+
+/// Voltages should be this accurate, relative; a mesh that is not gets a warning.
+const ACCURACY: f64 = 0.01;
+
+fn warn_of_coarse_ends(report: &MeshReport) {
+    if let Some((electrode, ends)) = report.least_accurate_arc().filter(|(_, ends)| ends.voltage_error > ACCURACY) {
+        warn(&format!(
+            "electrode {electrode}: edges of {:.3} mm at its ends are long for its {:.3} mm; voltages while it is driven \
+             have an error of about {:.1} %: make the mesh finer at the ends of electrodes",
+            ends.edge_m * 1e3,
+            report.electrodes[electrode].size * 1e3,
+            ends.voltage_error * 1e2
+        ));
     }
 }
 
@@ -49,7 +65,10 @@ fn as_json(mesh: &Mesh, report: &MeshReport) -> serde_json::Value {
     let electrodes: Vec<serde_json::Value> = report
         .electrodes
         .iter()
-        .map(|electrode| json!({ "size": electrode.size, "designed_size": electrode.designed_size }))
+        .map(|electrode| {
+            let ends = electrode.ends.map(|ends| json!({ "edge_m": ends.edge_m, "voltage_error": ends.voltage_error }));
+            json!({ "size": electrode.size, "designed_size": electrode.designed_size, "ends": ends })
+        })
         .collect();
     json!({
         "nodes": report.node_count,

@@ -41,6 +41,7 @@ columns = 8
 [mesh]
 max_edge_m = 0.03
 electrode_edge_m = 0.01
+correct_arc_ends = false
 "#;
 
 const ROWS: usize = 12;

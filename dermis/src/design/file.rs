@@ -358,4 +358,6 @@ pub(super) struct MeshTable {
     pub electrode_edge_m: Option<At<f64>>,
     /// Growth of the edge length per distance from the nearest electrode outline.
     pub growth: Option<At<f64>>,
+    /// Whether forward models correct the error of the mesh at the ends of arcs.
+    pub correct_arc_ends: Option<bool>,
 }

@@ -298,7 +298,7 @@ pub enum ImageLayout {
     Cells,
 }
 
-/// Resolution of the generated mesh. Lengths in m.
+/// Resolution and accuracy of the mesh. Lengths in m.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeshOptions {
     /// Longest edge allowed.
@@ -307,6 +307,9 @@ pub struct MeshOptions {
     pub electrode_edge_m: f64,
     /// Growth of the edge length per distance from the nearest electrode outline.
     pub growth: f64,
+    /// Whether forward models correct the error of the mesh at the ends of arcs (`docs/theory.md`); without, their values
+    /// are those of plain linear elements.
+    pub correct_arc_ends: bool,
 }
 
 impl MeshOptions {
@@ -316,6 +319,7 @@ impl MeshOptions {
             max_edge_m: self.max_edge_m * factor,
             electrode_edge_m: self.electrode_edge_m * factor,
             growth: self.growth * factor,
+            ..self
         }
     }
 }

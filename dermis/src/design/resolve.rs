@@ -335,6 +335,7 @@ fn mesh_options(body: &Body, electrodes: &[Electrode], table: Option<&MeshTable>
         electrode_edge_m: given(|t| t.electrode_edge_m.as_ref())
             .unwrap_or_else(|| (smallest_m / 5.0).min(max_edge_m / 4.0)),
         growth: given(|t| t.growth.as_ref()).unwrap_or(0.3),
+        correct_arc_ends: table.and_then(|t| t.correct_arc_ends).unwrap_or(true),
     }
 }
 

@@ -113,7 +113,8 @@ fn stated_deviations_hold() {
             100.0 * two,
             errors.len()
         );
-        assert!((0.90..=0.99).contains(&two), "{contacts:?}: {two} within 2 sd");
+        // Of 120 values at 95.4 %, one or none outside has a probability of 3 %: 99.2 %.
+        assert!((0.90..=0.995).contains(&two), "{contacts:?}: {two} within 2 sd");
         assert!((0.55..=0.80).contains(&one), "{contacts:?}: {one} within 1 sd");
     }
 }

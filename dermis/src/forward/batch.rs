@@ -2,7 +2,7 @@
 
 use super::assembly::Assembly;
 use super::{ForwardError, ForwardModel};
-use crate::linalg::{AlignedVec, BatchFactor, BatchPlan, BatchWorkspace, Entries, LANES, SimdLevel};
+use crate::linalg::{AlignedVec, BatchFactor, BatchPlan, BatchWorkspace, Entries, LANES, Matrix, SimdLevel};
 use pulp::Simd;
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -128,9 +128,12 @@ impl BatchSolver {
         solved.map_err(|bad| self.name_singular(bad.0))
     }
 
-    /// The frames of the transfer impedances, to which the series resistances are added.
+    /// The frames of the transfer impedances, to which the model's corrections are applied.
     pub(super) fn read_frames(&mut self, frames: &mut [[f64; LANES]]) {
         assert_eq!(frames.len(), self.model.protocol().channel_count(), "a value per channel");
+        if let Some(transform) = self.model.transform() {
+            self.impedances = transformed(transform, &self.impedances);
+        }
         self.add_series();
         let count = self.plan.kept_count();
         for (value, channel) in frames.iter_mut().zip(self.model.protocol().channels()) {
@@ -169,6 +172,28 @@ impl BatchSolver {
             Ok(_) => ForwardError::Singular { place: "the electrodes".into() },
         }
     }
+}
+
+/// `M X M'`, a lane for each `X`.
+pub(super) fn transformed(transform: &Matrix, values: &[[f64; LANES]]) -> Vec<[f64; LANES]> {
+    let count = transform.columns;
+    let mut half = vec![[0.0; LANES]; count * count];
+    let mut whole = half.clone();
+    for i in 0..count {
+        let (half, whole) = (&mut half[i * count..(i + 1) * count], &mut whole[i * count..(i + 1) * count]);
+        for (factor, row) in transform.row(i).iter().zip(values.chunks_exact(count)) {
+            half.iter_mut().zip(row).for_each(|(sum, value)| add(sum, *factor, value));
+        }
+        for (j, sum) in whole.iter_mut().enumerate() {
+            half.iter().zip(transform.row(j)).for_each(|(value, factor)| add(sum, *factor, value));
+        }
+    }
+    whole
+}
+
+#[inline(always)]
+pub(super) fn add(target: &mut [f64; LANES], factor: f64, values: &[f64; LANES]) {
+    (0..LANES).for_each(|lane| target[lane] += factor * values[lane]);
 }
 
 /// The entries of the system in the order of the factorisation: each `fixed + sum of coefficient * conductivity[cell]`.

@@ -8,8 +8,10 @@
 //! element matrices: with `g_i` the gradients of the basis functions, a corner `a` that moves by `v` changes
 //! `K_ij = |e| g_i . g_j` by `|e| ((g_i . g_j)(g_a . v) - (g_i . g_a)(g_j . v) - (g_j . g_a)(g_i . v))`.
 //!
-//! The [series resistances](super::ForwardModel::series_resistances) are held constant.
+//! The [series resistances](super::ForwardModel::series_resistances) and the correction at the ends of arcs are held
+//! constant.
 
+use super::batch::{add, transformed};
 use super::{BatchSolver, ForwardError, ForwardModel};
 use crate::fem::Gradients;
 use crate::geom::Point3;
@@ -127,6 +129,9 @@ impl BatchSolver {
                 }
             }
         }
+        if let Some(transform) = self.model.transform() {
+            by_impedance = transformed(&transform.transposed(), &by_impedance);
+        }
         let half = product(&kept.impedances, &by_impedance, count);
         let mut by_admittance = product(&half, &kept.impedances, count);
         by_admittance.iter_mut().flatten().for_each(|value| *value = -*value);
@@ -151,11 +156,6 @@ impl BatchSolver {
         }
         gradient
     }
-}
-
-#[inline(always)]
-fn add(target: &mut [f64; LANES], factor: f64, values: &[f64; LANES]) {
-    (0..LANES).for_each(|lane| target[lane] += factor * values[lane]);
 }
 
 /// The products of square matrices, a lane for each.

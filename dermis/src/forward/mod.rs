@@ -7,6 +7,7 @@
 //! Linear elements give a symmetric system in the nodes' and the electrodes' potentials. Elimination of the nodes gives
 //! the `L x L` admittance of the equivalent resistor network, stored in [`ElectrodeNetwork`].
 
+mod arc_ends;
 mod assembly;
 mod batch;
 mod conductors;

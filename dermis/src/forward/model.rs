@@ -1,7 +1,7 @@
 //! The forward model of one skin on one mesh.
 
 use super::assembly::Assembly;
-use super::{ElectrodeNetwork, ForwardError, near_field};
+use super::{ElectrodeNetwork, ForwardError, arc_ends, near_field};
 use crate::design::{RegionPlace, SkinDesign};
 use crate::frame::Frame;
 use crate::geom::{Point3, Surface};
@@ -17,6 +17,8 @@ use std::sync::Arc;
 pub struct ForwardModel {
     shared: Arc<Shared>,
     series_resistances: Vec<f64>,
+    /// Between the electrodes and the mesh: the correction at the ends of arcs.
+    transform: Option<Arc<Matrix>>,
 }
 
 #[derive(Debug)]
@@ -57,7 +59,11 @@ impl ForwardModel {
         let impedances: Vec<f64> = design.electrodes.iter().map(|electrode| electrode.contact_impedance).collect();
         let model = Self::from_parts(mesh, &impedances, &design.protocol, rest_conductivity)?;
         let series = near_field::series_resistances(design, mesh, model.rest_conductivity())?;
-        Ok(model.with_series_resistances(&series)?)
+        let transform = match design.mesh.correct_arc_ends {
+            true => arc_ends::transform(&model)?.map(Arc::new),
+            false => None,
+        };
+        Ok(ForwardModel { transform, ..model.with_series_resistances(&series)? })
     }
 
     /// The same model with a resistance in series with each electrode, ohm.
@@ -101,6 +107,7 @@ impl ForwardModel {
         let symbolic = Symbolic::new(pattern.unknown_count, mesh.electrodes.len(), &pattern.entries);
         Ok(ForwardModel {
             series_resistances: vec![0.0; mesh.electrodes.len()],
+            transform: None,
             shared: Arc::new(Shared {
                 mesh: mesh.clone(),
                 protocol: protocol.clone(),
@@ -116,7 +123,7 @@ impl ForwardModel {
     /// S/m in volumes). The nodes of the cells and electrodes stay the same, so the expensive setup is reused.
     ///
     /// The series resistances are scaled with the inverse of the conductance of the electrode's own cells, like a near
-    /// field.
+    /// field. The correction at the ends of arcs is kept.
     ///
     /// # Errors
     /// Lists of the wrong length, values that are not positive; nodes that are not finite, cells without an extent.
@@ -142,6 +149,7 @@ impl ForwardModel {
         };
         Ok(ForwardModel {
             series_resistances: self.series_resistances.iter().zip(&mesh.electrodes).map(series).collect(),
+            transform: self.transform.clone(),
             shared: Arc::new(Shared {
                 protocol: self.protocol().clone(),
                 contact_impedances: contact_impedances.to_vec(),
@@ -151,6 +159,12 @@ impl ForwardModel {
                 mesh,
             }),
         })
+    }
+
+    /// The correction at the ends of arcs, electrodes x electrodes: the potentials of the electrodes are those of the mesh
+    /// times this matrix; its transpose gives the currents of the mesh.
+    pub(super) fn transform(&self) -> Option<&Matrix> {
+        self.transform.as_deref()
     }
 
     /// Whether both are instances of one skin on one mesh.
@@ -201,11 +215,15 @@ impl ForwardModel {
         &self.shared.assembly.pattern.unknown_of_node
     }
 
-    /// The network of the mesh with the model's series resistances.
+    /// The network of the mesh with the model's corrections: at the ends of arcs, and series resistances.
     pub(super) fn with_own_series(&self, bare: ElectrodeNetwork) -> Result<ElectrodeNetwork, ForwardError> {
+        let network = match &self.transform {
+            None => bare,
+            Some(transform) => bare.transformed(transform)?,
+        };
         match self.series_resistances.iter().all(|&resistance| resistance == 0.0) {
-            true => Ok(bare),
-            false => bare.with_series(&self.series_resistances),
+            true => Ok(network),
+            false => network.with_series(&self.series_resistances),
         }
     }
 
@@ -303,7 +321,7 @@ impl Solver {
         Ok(self.fields(conductivity)?.0)
     }
 
-    /// The potentials of all nodes and of all electrodes, without the series resistances; columns as in
+    /// The potentials of all nodes and of all electrodes on the mesh, without the series resistances; columns as in
     /// [`potentials`](Self::potentials).
     pub(super) fn fields(&mut self, conductivity: &[f64]) -> Result<(Matrix, Matrix), ForwardError> {
         let network = self.bare_network(conductivity)?;
@@ -317,7 +335,13 @@ impl Solver {
         for (node, &unknown) in self.model.unknown_of_node().iter().enumerate() {
             potentials.row_mut(node).copy_from_slice(unknowns.row(unknown));
         }
-        Ok((potentials, network.transfer_impedance))
+        match self.model.transform() {
+            None => Ok((potentials, network.transfer_impedance)),
+            Some(transform) => {
+                let currents = transform.transposed();
+                Ok((potentials.times(&currents), network.transfer_impedance.times(&currents)))
+            }
+        }
     }
 
     fn name_singular(&self, error: NotPositiveDefinite) -> ForwardError {

@@ -48,6 +48,21 @@ impl ElectrodeNetwork {
         Ok(self)
     }
 
+    /// The network of electrodes whose potentials are those of these times a matrix `M`: `S' = M S M'`. `M` keeps the
+    /// constant, and so does its transpose.
+    ///
+    /// # Errors
+    /// A singular matrix.
+    pub(super) fn transformed(&self, transform: &Matrix) -> Result<Self, ForwardError> {
+        let transfer_impedance = self.transformed_impedance(transform);
+        Ok(ElectrodeNetwork { admittance: pseudo_inverse(&transfer_impedance)?, transfer_impedance })
+    }
+
+    /// `M S M'`.
+    pub(super) fn transformed_impedance(&self, transform: &Matrix) -> Matrix {
+        transform.times(&self.transfer_impedance).times(&transform.transposed())
+    }
+
     /// The network of a skin whose conductances are all multiplied by a factor.
     pub fn scaled(&self, factor: f64) -> Self {
         let mut scaled = self.clone();

@@ -44,6 +44,28 @@ impl Matrix {
         &mut self.values[row * self.columns + column]
     }
 
+    /// The transposed matrix.
+    pub(crate) fn transposed(&self) -> Matrix {
+        let mut transposed = Matrix::zeros(self.columns, self.rows);
+        for i in 0..self.rows {
+            self.row(i).iter().enumerate().for_each(|(j, value)| *transposed.at_mut(j, i) = *value);
+        }
+        transposed
+    }
+
+    /// The product with a matrix of as many rows as this has columns.
+    pub(crate) fn times(&self, other: &Matrix) -> Matrix {
+        assert_eq!(self.columns, other.rows, "the sizes match");
+        let mut product = Matrix::zeros(self.rows, other.columns);
+        for i in 0..self.rows {
+            let target = product.row_mut(i);
+            for (factor, row) in self.row(i).iter().zip(other.values.chunks_exact(other.columns)) {
+                target.iter_mut().zip(row).for_each(|(sum, value)| *sum += factor * value);
+            }
+        }
+        product
+    }
+
     /// The product with a vector, written to `out`.
     ///
     /// # Panics

@@ -9,8 +9,11 @@ pub mod import;
 mod limits;
 mod place;
 pub mod quality;
+mod refine;
 mod remesh;
 mod validate;
+
+pub(crate) use refine::Refined;
 
 use crate::geom::vector::{self, Point3};
 use std::path::PathBuf;
