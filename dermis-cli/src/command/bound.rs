@@ -6,16 +6,17 @@ use crate::range::{count, number};
 use crate::skin;
 use clap::Args;
 use dermis::frame::write_whole;
+use dermis::image::PixelSpace;
 use dermis::skin::Skin;
 use dermis::stats::quantile;
 use dermis::text::counted;
+use dermis_plot::chart::Cumulative;
 use dermis_plot::{Drawing, Key, Picture, Scale, View};
 use dermis_sim::bound::{BoundOptions, Bounds, DriftSpread};
 use dermis_sim::twin::TwinOptions;
 use dermis_study::report::Table;
 use rayon::prelude::*;
 use serde::Serialize;
-use std::f64::consts::FRAC_PI_2;
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -48,6 +49,9 @@ pub struct Arguments {
     /// Standard deviation of the relative drift of each contact's resistance.
     #[arg(long, value_name = "SHARE", value_parser = number(0.0..=10.0), requires = "coat_drift")]
     contact_drift: Option<f64>,
+    /// Take it as known where the patches lie on the coat.
+    #[arg(long)]
+    known_patches: bool,
     /// Compute the separation of two presses at every N-th place; 0: nowhere.
     #[arg(long, value_name = "N", default_value_t = 13, value_parser = count(0..=1_000_000usize))]
     separation_step: usize,
@@ -63,6 +67,9 @@ pub struct Arguments {
     /// Write a map of the distance at which two presses are told from one (SVG).
     #[arg(long, value_name = "FILE")]
     separation_map: Option<PathBuf>,
+    /// Write the share of the places at which two presses are told from one against their distance (SVG).
+    #[arg(long, value_name = "FILE")]
+    separation_curve: Option<PathBuf>,
     /// Print JSON (SI units) instead of a table.
     #[arg(long)]
     json: bool,
@@ -118,17 +125,90 @@ impl Spread {
 impl Arguments {
     /// Computes the bounds at every pixel.
     pub fn run(self) -> Outcome {
-        if self.separation_map.is_some() && self.separation_step == 0 {
-            return Err(Failure::given("--separation-map needs distances", Some("leave out --separation-step 0")));
-        }
+        self.check()?;
         let skin = skin::load(&self.design)?;
         let mut twin = TwinOptions::load(&self.twin)?;
         twin.electronics.snr_db = self.noise.or(twin.electronics.snr_db);
         let long = ((LONG_S * twin.electronics.frame_rate_hz).round() as usize).max(1);
-        let [one, mean] = [1, long].map(|frames| self.summary(&skin, &twin, frames));
-        let (one, mean) = (one?, mean?);
+        let waiting = Progress::waiting("preparing");
+        let bounds = Bounds::new(skin.design(), &twin, &self.options())?;
+        drop(waiting);
+        let one = self.summary(&skin, &bounds, 1)?;
+        let mean = self.summary(&skin, &bounds.averaged(long)?, long)?;
+        self.write_files(&skin, &one)?;
+        if self.json {
+            let (design, twin) = (&skin.design().name, &twin.name);
+            return print_json(&serde_json::json!({ "design": design, "twin": twin, "bounds": [one, mean] }));
+        }
+        print(&format!(
+            "{}, presses of {} N with a tip of {} mm, noise of `{}`, {}\n\n{}",
+            skin.design().name,
+            self.force,
+            1e3 * self.tip_radius,
+            twin.name,
+            counted(one.places.len(), "place"),
+            table(&one, &mean).to_text()
+        ))
+    }
+
+    fn check(&self) -> Outcome {
+        let pictures = [("--separation-map", &self.separation_map), ("--separation-curve", &self.separation_curve)];
+        match pictures.into_iter().find(|(_, path)| path.is_some() && self.separation_step == 0) {
+            Some((option, _)) => {
+                Err(Failure::given(format!("{option} needs distances"), Some("leave out --separation-step 0")))
+            }
+            None => Ok(()),
+        }
+    }
+
+    fn options(&self) -> BoundOptions {
+        let drift = self.coat_drift.zip(self.contact_drift).map(|(coat, contact)| DriftSpread { coat, contact });
+        BoundOptions {
+            force_n: self.force,
+            tip_radius_m: self.tip_radius,
+            frames: 1,
+            drift,
+            known_patches: self.known_patches,
+        }
+    }
+
+    /// The bounds at every pixel, for the mean of some frames.
+    fn summary(&self, skin: &Skin, bounds: &Bounds, frames: usize) -> Outcome<Summary> {
+        let pixels = skin.pixels();
+        let progress = Progress::new(&format!("bounds of {}", counted(frames, "frame")), pixels.len());
+        let at = |pixel: usize| {
+            let place = self.place(bounds, pixels, pixel);
+            progress.step();
+            place
+        };
+        let places: Vec<Place> = (0..pixels.len()).into_par_iter().map(at).collect::<dermis_sim::Result<_>>()?;
+        Ok(Summary {
+            frames,
+            sd_m: Spread::of(&places, |place| place.sd_m),
+            force_sd_n: Spread::of(&places, |place| place.force_sd_n),
+            smallest_force_n: Spread::of(&places, |place| place.smallest_force_n),
+            separation_m: Spread::of(&places, |place| place.separation_m),
+            places,
+        })
+    }
+
+    fn place(&self, bounds: &Bounds, pixels: &PixelSpace, pixel: usize) -> dermis_sim::Result<Place> {
+        let (position_m, normal) = (pixels.centres_m[pixel], pixels.normals[pixel]);
+        let position = bounds.position(position_m, normal)?;
+        let is_separated = bounds.has_chart() && self.separation_step > 0 && pixel % self.separation_step == 0;
+        let separation_m = if is_separated { bounds.worst_separation_m(position_m, normal)? } else { None };
+        Ok(Place {
+            position_m,
+            sd_m: position.map(|bound| bound.sd_m),
+            force_sd_n: position.map(|bound| bound.force_sd_n),
+            smallest_force_n: bounds.smallest_force_n(position_m, pixels.len())?,
+            separation_m,
+        })
+    }
+
+    fn write_files(&self, skin: &Skin, bounds: &Summary) -> Outcome {
         if let Some(path) = &self.output {
-            write_whole(path, |out| write_places(out, &one.places))?;
+            write_whole(path, |out| write_places(out, &bounds.places))?;
         }
         let maps: [(&Option<PathBuf>, &str, &str, fn(&Place) -> Option<f64>); 3] = [
             (&self.map, "Bound of the position", "standard deviation of the position (mm)", |place| {
@@ -145,66 +225,36 @@ impl Arguments {
             ),
         ];
         for (path, title, label, value) in maps {
-            if let Some(path) = path {
-                let values: Vec<f64> = one.places.iter().map(|place| value(place).unwrap_or(f64::NAN)).collect();
-                let picture = self.draw(&skin, &values, title, label)?;
-                write_whole(path, |out| out.write_all(picture.to_svg().as_bytes()))?;
-            }
+            let Some(path) = path else { continue };
+            let values: Vec<f64> = bounds.places.iter().map(|place| value(place).unwrap_or(f64::NAN)).collect();
+            let picture = self.draw(skin, &values, title, label)?;
+            write_whole(path, |out| out.write_all(picture.to_svg().as_bytes()))?;
         }
-        if self.json {
-            let (design, twin) = (&skin.design().name, &twin.name);
-            return print_json(&serde_json::json!({ "design": design, "twin": twin, "bounds": [one, mean] }));
+        if let Some(path) = &self.separation_curve {
+            write_whole(path, |out| out.write_all(self.curve(&bounds.places).to_svg().as_bytes()))?;
         }
-        print(&format!(
-            "{}, presses of {} N with a tip of {} mm, noise of `{}`, {}\n\n{}",
-            skin.design().name,
-            self.force,
-            1e3 * self.tip_radius,
-            twin.name,
-            counted(one.places.len(), "place"),
-            table(&one, &mean).to_text()
-        ))
+        Ok(())
     }
 
-    fn summary(&self, skin: &Skin, twin: &TwinOptions, frames: usize) -> Outcome<Summary> {
-        let drift = self.coat_drift.zip(self.contact_drift).map(|(coat, contact)| DriftSpread { coat, contact });
-        let options = BoundOptions { force_n: self.force, tip_radius_m: self.tip_radius, frames, drift };
-        let waiting = Progress::waiting("preparing");
-        let bounds = Bounds::new(skin.design(), twin, &options)?;
-        drop(waiting);
-        let pixels = skin.pixels();
-        let progress = Progress::new(&format!("bounds of {}", counted(frames, "frame")), pixels.len());
-        let place = |pixel: usize| -> Outcome<Place> {
-            let (position_m, normal) = (pixels.centres_m[pixel], pixels.normals[pixel]);
-            let position = bounds.position(position_m, normal)?;
-            let is_separated = bounds.has_chart() && self.separation_step > 0 && pixel % self.separation_step == 0;
-            let separation_m = match is_separated {
-                true => {
-                    // In the worse direction.
-                    let both = [0.0, FRAC_PI_2].map(|direction| bounds.separation_m(position_m, normal, direction));
-                    let [round, along] = both;
-                    round?.zip(along?).map(|(round, along)| round.max(along))
-                }
-                false => None,
-            };
-            progress.step();
-            Ok(Place {
-                position_m,
-                sd_m: position.map(|bound| bound.sd_m),
-                force_sd_n: position.map(|bound| bound.force_sd_n),
-                smallest_force_n: bounds.smallest_force_n(position_m, pixels.len())?,
-                separation_m,
-            })
-        };
-        let places: Vec<Place> = (0..pixels.len()).into_par_iter().map(place).collect::<Outcome<_>>()?;
-        Ok(Summary {
-            frames,
-            sd_m: Spread::of(&places, |place| place.sd_m),
-            force_sd_n: Spread::of(&places, |place| place.force_sd_n),
-            smallest_force_n: Spread::of(&places, |place| place.smallest_force_n),
-            separation_m: Spread::of(&places, |place| place.separation_m),
-            places,
-        })
+    /// The share of the places at which two presses are told from one, against their distance.
+    fn curve(&self, places: &[Place]) -> Picture {
+        let is_tried = |pixel: &usize| pixel % self.separation_step == 0;
+        let tried = (0..places.len()).filter(is_tried).count();
+        let values: Vec<f64> = places.iter().filter_map(|place| place.separation_m.map(|value| 1e3 * value)).collect();
+        Cumulative {
+            title: "Bound of the separation",
+            subtitle: &self.conditions(),
+            below: "distance of two presses that are told from one in 90 % of frames (mm)",
+            left: "fraction of the places",
+            values: &values,
+            total: tried,
+            marks: Vec::new(),
+        }
+        .draw()
+    }
+
+    fn conditions(&self) -> String {
+        format!("presses of {} N, noise of `{}`, one frame", self.force, self.twin)
     }
 
     fn draw(&self, skin: &Skin, values: &[f64], title: &str, label: &str) -> Outcome<Picture> {
@@ -212,7 +262,7 @@ impl Arguments {
         let key = Key { scale: Scale::sequential(values.iter().copied()), label: label.into() };
         let mut scene = drawing.field(skin.pixels(), values, key);
         scene.title = title.into();
-        scene.subtitle = format!("presses of {} N, noise of `{}`, one frame", self.force, self.twin);
+        scene.subtitle = self.conditions();
         let drawn = View::of(skin.design()).draw(&scene, skin.design());
         drawn.map_err(|error| Failure::Ours(error.to_string()))
     }

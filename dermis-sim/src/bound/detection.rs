@@ -1,6 +1,6 @@
 //! The smallest force that is found.
 
-use super::Bounds;
+use super::{Bounds, difference};
 use crate::elementary::erfc;
 use crate::twin::Press;
 use dermis::geom::Point3;
@@ -11,7 +11,7 @@ const FOUND: f64 = 0.9;
 /// Forces between which the smallest is sought, N.
 const FORCES_N: [f64; 2] = [1e-4, 20.0];
 /// Relative accuracy of the smallest force.
-const ACCURACY: f64 = 0.01;
+const ACCURACY: f64 = 1e-3;
 
 impl Bounds {
     /// The smallest force at a place that is found in 90 % of the frames at one false alarm an hour; `None` if 20 N are
@@ -24,15 +24,16 @@ impl Bounds {
     /// # Errors
     /// A place off the skin.
     pub fn smallest_force_n(&self, place_m: Point3, places: usize) -> crate::Result<Option<f64>> {
-        let alarm = normal_quantile(1.0 / (self.frames_per_hour * places as f64));
+        let alarm = normal_quantile(1.0 / (self.frames_per_hour() * places as f64));
         let needed = alarm + normal_quantile(1.0 - FOUND);
         let visible = |force_n: f64| -> crate::Result<bool> {
-            let change = self.change(&[Press { force_n, ..self.press(place_m) }])?;
+            let frame = self.clean(&[Press { force_n, ..self.press(place_m) }])?;
+            let change = self.precision.whiten(difference(&frame, &self.physics.untouched));
             Ok(self.precision.inner(&change, &change).sqrt() >= needed)
         };
         // Foam that a strong press would crush: the largest force that it bears.
         let [mut low, mut high] = FORCES_N;
-        while self.twin.clean(&[Press { force_n: high, ..self.press(place_m) }]).is_err() && high > low {
+        while self.clean(&[Press { force_n: high, ..self.press(place_m) }]).is_err() && high > low {
             high *= 0.7;
         }
         if high <= low || !visible(high)? {
@@ -43,6 +44,11 @@ impl Bounds {
             if visible(middle)? { high = middle } else { low = middle }
         }
         Ok(Some(high))
+    }
+
+    /// Number of means of frames an hour.
+    fn frames_per_hour(&self) -> f64 {
+        3600.0 * self.physics.twin.options().electronics.frame_rate_hz / self.options.frames as f64
     }
 }
 

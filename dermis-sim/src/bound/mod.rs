@@ -24,20 +24,30 @@ mod separation;
 
 pub use precision::DriftSpread;
 
+use crate::noise::Noise;
 use crate::twin::{Press, TouchOptions, Twin, TwinError, TwinOptions};
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
+use dermis::frame::Frame;
 use dermis::geom::vector::{add, cross, normalize, scale};
 use dermis::geom::{Point3, Surface};
-use dermis::linalg::{Matrix, invert_spd};
+use dermis::linalg::invert_spd;
 use precision::{Precision, Whitened, frame_of};
+use std::f64::consts::PI;
+use std::sync::Arc;
 
 /// Step of central differences along the skin and of the patches, m.
 const STEP_M: f64 = 2e-4;
 /// Step of the logarithms of force and tip radius.
 const LOG_STEP: f64 = 0.01;
+/// Angles of a mean over directions.
+const ANGLES: u32 = 64;
 /// Standard deviation of the logarithm of the tip radius of an unknown object: a factor of 1.6.
 const LOG_RADIUS_SD: f64 = 0.5;
+/// Parameters of a press: two of its position, the logarithms of its force and of its tip radius.
+const PARAMETERS: usize = 4;
+/// The index of the tip radius.
+const LOG_RADIUS: usize = 3;
 
 /// What the bounds are for.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,12 +60,14 @@ pub struct BoundOptions {
     pub frames: usize,
     /// Drift since the untouched frame; that of the twin without it.
     pub drift: Option<DriftSpread>,
+    /// Whether it is known where the patches lie on the coat.
+    pub known_patches: bool,
 }
 
 impl Default for BoundOptions {
     /// A press of 2 N with a tip of 5 mm in one frame.
     fn default() -> Self {
-        BoundOptions { force_n: 2.0, tip_radius_m: 0.005, frames: 1, drift: None }
+        BoundOptions { force_n: 2.0, tip_radius_m: 0.005, frames: 1, drift: None, known_patches: false }
     }
 }
 
@@ -70,16 +82,41 @@ pub struct PositionBound {
     pub force_sd_n: f64,
 }
 
+impl PositionBound {
+    /// The mean distance of a normal estimate with this covariance from the press, m: by Jensen's inequality at most
+    /// `sd_m`, at least `sqrt(2 / pi)` of it.
+    pub fn mean_error_m(&self) -> f64 {
+        let [[xx, xy], [_, yy]] = self.covariance_m2;
+        // In polar coordinates the radius of the standard normal distribution has the mean sqrt(pi / 2); the mean over the
+        // angle converges faster than any power of the number of points.
+        let turned = |step: u32| {
+            let (sin, cos) = (f64::from(step) * PI / f64::from(ANGLES)).sin_cos();
+            // `|L (cos, sin)|` with the factor `L` of the covariance.
+            let l = xx.sqrt();
+            let (m, n) = (xy / l, (yy - xy * xy / xx).max(0.0).sqrt());
+            (l * cos).hypot(m * cos + n * sin)
+        };
+        (PI / 2.0).sqrt() * (0..ANGLES).map(turned).sum::<f64>() / f64::from(ANGLES)
+    }
+}
+
 /// The bounds of a design under the physics and the noise of a twin.
 #[derive(Debug)]
 pub struct Bounds {
     options: BoundOptions,
+    physics: Arc<Physics>,
+    precision: Precision,
+}
+
+/// What does not depend on the number of frames.
+#[derive(Debug)]
+struct Physics {
     twin: Twin,
     shifted: Vec<Shift>,
     untouched: Vec<f64>,
-    precision: Precision,
-    /// Frames an hour.
-    frames_per_hour: f64,
+    model: ForwardModel,
+    noise: Noise,
+    drift: DriftSpread,
 }
 
 impl Bounds {
@@ -97,82 +134,101 @@ impl Bounds {
             must: "finite".into(),
             fix: "without noise every bound is zero; give the noise of the instrument".into(),
         })?;
-        let model = ForwardModel::new(skin.design(), skin.mesh())?;
         let of_twin =
             skin.options().drift.map(|drift| DriftSpread { coat: drift.conductance_rms, contact: drift.contact_rms });
-        let drift = options.drift.or(of_twin).unwrap_or(DriftSpread { coat: 0.0, contact: 0.0 });
-        Ok(Bounds {
-            options: *options,
-            precision: Precision::new(&model, skin.untouched(), noise, drift, options.frames)?,
-            shifted: shifted_patches(design, &sound, skin.options())?,
+        let physics = Physics {
+            shifted: if options.known_patches { Vec::new() } else { shifted_patches(design, &sound, skin.options())? },
             untouched: frame_of(skin.untouched(), &skin.design().protocol),
-            frames_per_hour: 3600.0 * skin.options().electronics.frame_rate_hz / options.frames as f64,
+            model: ForwardModel::new(skin.design(), skin.mesh())?,
+            noise,
+            drift: options.drift.or(of_twin).unwrap_or(DriftSpread { coat: 0.0, contact: 0.0 }),
             twin: skin,
-        })
+        };
+        Bounds::of(Arc::new(physics), options)
+    }
+
+    fn of(physics: Arc<Physics>, options: &BoundOptions) -> crate::Result<Self> {
+        let Physics { model, twin, noise, drift, .. } = &*physics;
+        let precision = Precision::new(model, twin.untouched(), *noise, *drift, options.frames)?;
+        Ok(Bounds { options: *options, precision, physics })
+    }
+
+    /// The bounds of the same skin for the mean of another number of frames; they share all computed currents.
+    ///
+    /// # Errors
+    /// None for a skin that has bounds.
+    pub fn averaged(&self, frames: usize) -> crate::Result<Self> {
+        Bounds::of(self.physics.clone(), &BoundOptions { frames, ..self.options })
     }
 
     /// Whether the body has a chart, on which distances along the skin are known.
     pub fn has_chart(&self) -> bool {
-        self.twin.design().body.surface() != Surface::Free
+        self.surface() != Surface::Free
     }
 
-    /// The bound of the position of a press at a place with an outward normal; `None` if the press changes no reading:
-    /// no current flows there.
+    /// The bound of the position of a press with the force and the tip of the options, at a place with an outward normal;
+    /// `None` if the press changes no reading: no current flows there.
     ///
     /// # Errors
     /// A press that the twin cannot simulate.
     pub fn position(&self, place_m: Point3, normal: Point3) -> crate::Result<Option<PositionBound>> {
-        let press = self.press(place_m);
-        let mut columns = self.derivatives(&press, normal)?;
-        let mut priors = vec![0.0, 0.0, 0.0, LOG_RADIUS_SD.powi(-2)];
-        for shift in &self.shifted {
-            let [forward, back] = &shift.twins;
-            columns.push(self.precision.whiten(quotient(&forward.clean(&[press])?, &back.clean(&[press])?, STEP_M)));
-            priors.push(shift.sd_m.powi(-2));
-        }
-        let Some(covariance) = self.covariance(&columns, &priors) else { return Ok(None) };
+        self.position_of(&self.press(place_m), normal)
+    }
+
+    /// The bound of the position of a press, at a place with an outward normal; `None` as for [`position`](Self::position).
+    ///
+    /// # Errors
+    /// A press that the twin cannot simulate.
+    pub fn position_of(&self, press: &Press, normal: Point3) -> crate::Result<Option<PositionBound>> {
+        let precision = self.with_unknown_phase(&[*press])?;
+        let columns = self.derivatives(&precision, press, normal)?;
+        let Ok(covariance) = invert_spd(&precision.information(&columns)) else { return Ok(None) };
         let at = |i: usize, j: usize| covariance.at(i, j);
         Ok(Some(PositionBound {
             covariance_m2: [[at(0, 0), at(0, 1)], [at(1, 0), at(1, 1)]],
             sd_m: (at(0, 0) + at(1, 1)).sqrt(),
-            force_sd_n: self.options.force_n * at(2, 2).sqrt(),
+            force_sd_n: press.force_n * at(2, 2).sqrt(),
         }))
     }
 
-    /// The inverse of the information about parameters along which a frame changes by `columns`, each with the inverse
-    /// variance that is known before; `None` if a parameter changes nothing.
-    fn covariance(&self, columns: &[Whitened], priors: &[f64]) -> Option<Matrix> {
-        let mut information = Matrix::zeros(columns.len(), columns.len());
-        for (i, a) in columns.iter().enumerate() {
-            columns.iter().enumerate().for_each(|(j, b)| *information.at_mut(i, j) = self.precision.inner(a, b));
-            *information.at_mut(i, i) += priors[i];
-        }
-        invert_spd(&information).ok()
+    /// The precision of the frame of some presses, if the phase of the patches is unknown: the frame's change by one
+    /// standard deviation of the phase is one more disturbance.
+    fn with_unknown_phase(&self, presses: &[Press]) -> crate::Result<Precision> {
+        let of_shift = |shift: &Shift| -> crate::Result<Vec<f64>> {
+            let [forward, back] = &shift.twins;
+            let per_m = quotient(&forward.clean(presses)?, &back.clean(presses)?, STEP_M);
+            Ok(per_m.into_iter().map(|value| shift.sd_m * value).collect())
+        };
+        let phases = self.physics.shifted.iter().map(of_shift).collect::<crate::Result<_>>()?;
+        Ok(self.precision.with_disturbances(phases))
     }
 
     /// The change of the frame of a press along two tangents of the skin (per m), and by the logarithms of its force and
     /// of its tip radius.
-    fn derivatives(&self, press: &Press, normal: Point3) -> crate::Result<Vec<Whitened>> {
+    fn derivatives(
+        &self,
+        precision: &Precision,
+        press: &Press,
+        normal: Point3,
+    ) -> crate::Result<[Whitened; PARAMETERS]> {
         let moved = |step_m: [f64; 2]| Press { centre_m: self.moved(press.centre_m, normal, step_m), ..*press };
         let grown = |factor: f64| Press { force_n: press.force_n * factor, ..*press };
         let wider = |factor: f64| Press { tip_radius_m: press.tip_radius_m * factor, ..*press };
         let ratio = LOG_STEP.exp();
-        let pairs = [
-            ([moved([STEP_M, 0.0]), moved([-STEP_M, 0.0])], STEP_M),
-            ([moved([0.0, STEP_M]), moved([0.0, -STEP_M])], STEP_M),
-            ([grown(ratio), grown(1.0 / ratio)], LOG_STEP),
-            ([wider(ratio), wider(1.0 / ratio)], LOG_STEP),
-        ];
-        let column = |([forward, back], step): ([Press; 2], f64)| {
-            let change = quotient(&self.twin.clean(&[forward])?, &self.twin.clean(&[back])?, step);
-            Ok(self.precision.whiten(change))
+        let column = |[forward, back]: [Press; 2], step: f64| -> crate::Result<Whitened> {
+            Ok(precision.whiten(quotient(&self.clean(&[forward])?, &self.clean(&[back])?, step)))
         };
-        pairs.into_iter().map(column).collect()
+        Ok([
+            column([moved([STEP_M, 0.0]), moved([-STEP_M, 0.0])], STEP_M)?,
+            column([moved([0.0, STEP_M]), moved([0.0, -STEP_M])], STEP_M)?,
+            column([grown(ratio), grown(1.0 / ratio)], LOG_STEP)?,
+            column([wider(ratio), wider(1.0 / ratio)], LOG_STEP)?,
+        ])
     }
 
     /// A point moved along the skin: [around, along] on a cylinder, [x, y] on a flat skin, else along two tangents.
     fn moved(&self, place_m: Point3, normal: Point3, step_m: [f64; 2]) -> Point3 {
-        match self.twin.design().body.surface() {
+        match self.surface() {
             Surface::Free => {
                 let [u, v] = tangents(normal);
                 add(place_m, add(scale(u, step_m[0]), scale(v, step_m[1])))
@@ -181,10 +237,13 @@ impl Bounds {
         }
     }
 
-    /// The change of the untouched frame by some presses.
-    fn change(&self, presses: &[Press]) -> crate::Result<Whitened> {
-        let frame = self.twin.clean(presses)?;
-        Ok(self.precision.whiten(frame.iter().zip(&self.untouched).map(|(touched, rest)| touched - rest).collect()))
+    fn surface(&self) -> Surface {
+        self.physics.twin.design().body.surface()
+    }
+
+    /// The frame of some presses without noise.
+    fn clean(&self, presses: &[Press]) -> crate::Result<Frame> {
+        self.physics.twin.clean(presses)
     }
 
     fn press(&self, centre_m: Point3) -> Press {
@@ -225,7 +284,30 @@ fn tangents(normal: Point3) -> [Point3; 2] {
     [first, cross(normal, first)]
 }
 
+/// One frame minus another.
+fn difference(minuend: &[f64], subtrahend: &[f64]) -> Vec<f64> {
+    minuend.iter().zip(subtrahend).map(|(a, b)| a - b).collect()
+}
+
 /// Central difference quotient.
 fn quotient(forward: &[f64], back: &[f64], step: f64) -> Vec<f64> {
     forward.iter().zip(back).map(|(forward, back)| (forward - back) / (2.0 * step)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mean_error_of_a_normal_estimate() {
+        let bound = |[a, b, c]: [f64; 3]| {
+            let sd_m = (a + c).sqrt();
+            PositionBound { covariance_m2: [[a, b], [b, c]], sd_m, force_sd_n: 0.0 }.mean_error_m()
+        };
+        // Round: Rayleigh's distribution; almost along a line: half of a normal one.
+        assert!((bound([4.0, 0.0, 4.0]) - 2.0 * (PI / 2.0).sqrt()).abs() < 1e-12);
+        assert!((bound([1.0, 1.0, 1.0]) - 2f64.sqrt() * (2.0 / PI).sqrt()).abs() < 1e-3);
+        // sqrt(2 / pi) 2 E(3 / 4), with the complete elliptic integral of the second kind: scipy.special.ellipe(0.75).
+        assert!((bound([1.0, 0.0, 4.0]) - (2.0 / PI).sqrt() * 2.0 * 1.211_056_027_568_459_5).abs() < 1e-9);
+    }
 }

@@ -1,5 +1,6 @@
 //! The precision of a frame: its inverse covariance, from white noise, the noise of the drives' currents, and drift.
 
+use super::{LOG_RADIUS, LOG_RADIUS_SD, PARAMETERS};
 use crate::noise::Noise;
 use dermis::forward::{ElectrodeNetwork, ForwardModel};
 use dermis::linalg::{Matrix, invert_spd};
@@ -62,6 +63,15 @@ impl Precision {
                 disturbances.push(changed.iter().zip(&rest).map(|(changed, rest)| changed - rest).collect());
             }
         }
+        Ok(Precision::with_covariance(sd_ohm, disturbances))
+    }
+
+    /// The precision of a frame with more disturbances.
+    pub(super) fn with_disturbances(&self, more: Vec<Vec<f64>>) -> Precision {
+        Precision::with_covariance(self.sd_ohm, self.disturbances.iter().cloned().chain(more).collect())
+    }
+
+    fn with_covariance(sd_ohm: f64, disturbances: Vec<Vec<f64>>) -> Precision {
         let count = disturbances.len();
         let mut gram = Matrix::zeros(count, count);
         for (i, row) in gram.values.chunks_exact_mut(count.max(1)).enumerate() {
@@ -69,7 +79,7 @@ impl Precision {
             row[i] += sd_ohm * sd_ohm;
         }
         let inverse = invert_spd(&gram).expect("a Gram matrix plus a positive diagonal");
-        Ok(Precision { sd_ohm, disturbances, inverse })
+        Precision { sd_ohm, disturbances, inverse }
     }
 
     pub(super) fn whiten(&self, change: Vec<f64>) -> Whitened {
@@ -77,6 +87,17 @@ impl Precision {
         let mut removed = vec![0.0; along.len()];
         self.inverse.product_into(&along, &mut removed);
         Whitened { change, along, removed }
+    }
+
+    /// The information about the parameters of a press along which the frame changes by `columns`, with what is known of
+    /// the tip radius before.
+    pub(super) fn information(&self, columns: &[Whitened; PARAMETERS]) -> Matrix {
+        let mut information = Matrix::zeros(PARAMETERS, PARAMETERS);
+        for (i, a) in columns.iter().enumerate() {
+            columns.iter().enumerate().for_each(|(j, b)| *information.at_mut(i, j) = self.inner(a, b));
+        }
+        *information.at_mut(LOG_RADIUS, LOG_RADIUS) += LOG_RADIUS_SD.powi(-2);
+        information
     }
 
     /// `a' R^-1 b` for the covariance `R`.

@@ -1,12 +1,12 @@
 //! The distance at which two presses are told from one.
 
-use super::precision::Whitened;
-use super::{Bounds, LOG_RADIUS_SD};
+use super::precision::{Precision, Whitened};
+use super::{Bounds, LOG_RADIUS, LOG_RADIUS_SD, PARAMETERS, difference};
 use crate::elementary::{erf, exp};
 use crate::twin::Press;
 use dermis::geom::Point3;
 use dermis::linalg::{Matrix, invert_spd};
-use std::f64::consts::{PI, SQRT_2};
+use std::f64::consts::{FRAC_PI_2, PI, SQRT_2};
 
 /// Two presses are told from one in this share of the cases...
 const POWER: f64 = 0.9;
@@ -19,9 +19,8 @@ const ACCURACY_M: f64 = 5e-4;
 /// Most steps of the fit of one press, and the relative decrease at which it ends.
 const STEPS: usize = 20;
 const LEAST_DECREASE: f64 = 1e-3;
-
-/// Parameters of one press: two of its place, the logarithms of its force and of its tip radius.
-const PARAMETERS: usize = 4;
+/// Damping at which a step is given up.
+const MOST_DAMPING: f64 = 1e9;
 
 impl Bounds {
     /// The probability that two equal presses at a distance, symmetric about a place, are told from one, if one press is
@@ -50,7 +49,7 @@ impl Bounds {
         let is_resolved = |distance_m: f64| -> crate::Result<bool> {
             Ok(self.misfit_of_one(place_m, normal, distance_m, direction_rad)? >= needed)
         };
-        while high > low && self.twin.clean(&self.pair(place_m, normal, high, direction_rad)).is_err() {
+        while high > low && self.clean(&self.pair(place_m, normal, high, direction_rad)).is_err() {
             high *= 0.8;
         }
         if high <= low || !is_resolved(high)? {
@@ -61,6 +60,15 @@ impl Bounds {
             if is_resolved(middle)? { high = middle } else { low = middle }
         }
         Ok(Some(high))
+    }
+
+    /// The larger of the smallest distances in two perpendicular directions; `None` if either has none.
+    ///
+    /// # Errors
+    /// As [`resolved`](Self::resolved).
+    pub fn worst_separation_m(&self, place_m: Point3, normal: Point3) -> crate::Result<Option<f64>> {
+        let [first, second] = [0.0, FRAC_PI_2].map(|direction| self.separation_m(place_m, normal, direction));
+        Ok(first?.zip(second?).map(|(first, second)| first.max(second)))
     }
 
     fn pair(&self, place_m: Point3, normal: Point3, distance_m: f64, direction_rad: f64) -> [Press; 2] {
@@ -77,62 +85,88 @@ impl Bounds {
         direction_rad: f64,
     ) -> crate::Result<f64> {
         let pair = self.pair(place_m, normal, distance_m, direction_rad);
-        let target = self.twin.clean(&pair)?.0;
+        let fit = SingleFit {
+            bounds: self,
+            precision: self.with_unknown_phase(&pair)?,
+            target: self.clean(&pair)?.0,
+            normal,
+        };
         // From between both, and from each of them: one press may hide the other.
         let both = Press { force_n: 2.0 * self.options.force_n, ..self.press(place_m) };
-        let starts = [both, pair[0], pair[1]];
-        let fits = starts.into_iter().filter_map(|start| self.fit_one(&target, start, normal).transpose());
-        let misfits = fits.collect::<crate::Result<Vec<f64>>>()?;
-        Ok(misfits.into_iter().fold(f64::INFINITY, f64::min))
+        let misfits = [both, pair[0], pair[1]].into_iter().filter_map(|start| fit.least_misfit(start));
+        Ok(misfits.fold(f64::INFINITY, f64::min))
     }
+}
 
-    /// The smallest misfit of one press from a start, by Gauss-Newton steps with damping (Levenberg and Marquardt); `None`
-    /// if the skin does not bear the start.
-    fn fit_one(&self, target: &[f64], start: Press, normal: Point3) -> crate::Result<Option<f64>> {
-        let misfit = |press: &Press| -> Option<(f64, Whitened)> {
-            let frame = self.twin.clean(&[*press]).ok()?;
-            let rest = self.precision.whiten(target.iter().zip(frame.iter()).map(|(a, b)| a - b).collect());
-            let log_radius = (press.tip_radius_m / self.options.tip_radius_m).ln() / LOG_RADIUS_SD;
-            Some((self.precision.inner(&rest, &rest) + log_radius * log_radius, rest))
-        };
-        let (mut press, mut damping) = (start, 1e-3);
-        let Some((mut value, mut rest)) = misfit(&press) else { return Ok(None) };
+/// The fit of one press to a frame by Gauss-Newton steps with damping (Levenberg and Marquardt).
+struct SingleFit<'a> {
+    bounds: &'a Bounds,
+    precision: Precision,
+    target: Vec<f64>,
+    normal: Point3,
+}
+
+/// A press and its misfit: squared and in units of the noise, with the tip radius as one more reading.
+struct Candidate {
+    press: Press,
+    misfit: f64,
+    residual: Whitened,
+}
+
+impl SingleFit<'_> {
+    /// The smallest misfit from a start; `None` if the skin does not bear the start.
+    fn least_misfit(&self, start: Press) -> Option<f64> {
+        let (mut best, mut damping) = (self.candidate(start)?, 1e-3);
         for _ in 0..STEPS {
-            // A place at the edge has no differences.
-            let Ok(columns) = self.derivatives(&press, normal) else { break };
-            let log_radius = (press.tip_radius_m / self.options.tip_radius_m).ln();
-            let mut slope: [f64; PARAMETERS] = std::array::from_fn(|i| self.precision.inner(&columns[i], &rest));
-            slope[3] -= log_radius / LOG_RADIUS_SD.powi(2);
-            let mut information = Matrix::zeros(PARAMETERS, PARAMETERS);
-            for (i, a) in columns.iter().enumerate() {
-                columns.iter().enumerate().for_each(|(j, b)| *information.at_mut(i, j) = self.precision.inner(a, b));
-            }
-            *information.at_mut(3, 3) += LOG_RADIUS_SD.powi(-2);
-            let before = value;
-            while damping < 1e9 {
-                let mut damped = information.clone();
-                (0..PARAMETERS).for_each(|i| *damped.at_mut(i, i) *= 1.0 + damping);
-                let Ok(covariance) = invert_spd(&damped) else { break };
-                let mut step = [0.0; PARAMETERS];
-                covariance.product_into(&slope, &mut step);
-                let tried = Press {
-                    centre_m: self.moved(press.centre_m, normal, [step[0], step[1]]),
-                    force_n: press.force_n * exp(step[2].clamp(-1.0, 1.0)),
-                    tip_radius_m: press.tip_radius_m * exp(step[3].clamp(-1.0, 1.0)),
-                };
-                match misfit(&tried).filter(|(tried, _)| *tried < value) {
-                    Some((lower, remaining)) => {
-                        (press, value, rest, damping) = (tried, lower, remaining, damping * 0.1);
+            let before = best.misfit;
+            // A place at the edge has no derivatives.
+            let Ok((information, slope)) = self.normal_equations(&best) else { break };
+            while damping < MOST_DAMPING {
+                match self.stepped(&best.press, &information, &slope, damping).filter(|next| next.misfit < best.misfit)
+                {
+                    Some(next) => {
+                        (best, damping) = (next, damping * 0.1);
                         break;
                     }
                     None => damping *= 10.0,
                 }
             }
-            if value > (1.0 - LEAST_DECREASE) * before {
+            if best.misfit > (1.0 - LEAST_DECREASE) * before {
                 break;
             }
         }
-        Ok(Some(value))
+        Some(best.misfit)
+    }
+
+    /// The misfit of a press; `None` if the skin does not bear it.
+    fn candidate(&self, press: Press) -> Option<Candidate> {
+        let frame = self.bounds.clean(&[press]).ok()?;
+        let residual = self.precision.whiten(difference(&self.target, &frame));
+        let misfit = self.precision.inner(&residual, &residual) + (self.log_radius(&press) / LOG_RADIUS_SD).powi(2);
+        Some(Candidate { press, misfit, residual })
+    }
+
+    fn log_radius(&self, press: &Press) -> f64 {
+        (press.tip_radius_m / self.bounds.options.tip_radius_m).ln()
+    }
+
+    fn normal_equations(&self, at: &Candidate) -> crate::Result<(Matrix, [f64; PARAMETERS])> {
+        let columns = self.bounds.derivatives(&self.precision, &at.press, self.normal)?;
+        let mut slope = columns.each_ref().map(|column| self.precision.inner(column, &at.residual));
+        slope[LOG_RADIUS] -= self.log_radius(&at.press) / LOG_RADIUS_SD.powi(2);
+        Ok((self.precision.information(&columns), slope))
+    }
+
+    fn stepped(&self, from: &Press, information: &Matrix, slope: &[f64], damping: f64) -> Option<Candidate> {
+        let mut damped = information.clone();
+        (0..PARAMETERS).for_each(|i| *damped.at_mut(i, i) *= 1.0 + damping);
+        let mut step = [0.0; PARAMETERS];
+        invert_spd(&damped).ok()?.product_into(slope, &mut step);
+        self.candidate(Press {
+            centre_m: self.bounds.moved(from.centre_m, self.normal, [step[0], step[1]]),
+            force_n: from.force_n * exp(step[2].clamp(-1.0, 1.0)),
+            tip_radius_m: from.tip_radius_m * exp(step[3].clamp(-1.0, 1.0)),
+        })
     }
 }
 
