@@ -21,6 +21,7 @@ pub mod twin;
 pub mod dataset;
 pub mod experiment;
 // Layer 6
+pub mod bound;
 pub mod evaluate;
 
 mod error;

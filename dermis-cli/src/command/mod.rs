@@ -1,6 +1,7 @@
 //! The commands: one module each, with its arguments.
 
 pub mod benchmark;
+mod bound;
 pub mod calibrate;
 mod characterise;
 mod check_frames;
@@ -49,6 +50,8 @@ pub enum Command {
     Evaluate(evaluate::Arguments),
     /// Benchmark a method on digital twins: localisation, two and four touches, smallest force.
     Benchmark(benchmark::Arguments),
+    /// Compute bounds of a design before it is built: position, smallest force, separation of two presses.
+    Bound(bound::Arguments),
     /// Calibrate a real skin with measured presses.
     Calibrate(calibrate::Arguments),
     /// Check a recording: late, dead or saturated channels, their order, signs, units, drift; writes a page.
@@ -106,6 +109,7 @@ impl Command {
             Command::Contacts(arguments) => arguments.run(),
             Command::Evaluate(arguments) => arguments.run(),
             Command::Benchmark(arguments) => arguments.run(),
+            Command::Bound(arguments) => arguments.run(),
             Command::Calibrate(arguments) => arguments.run(),
             Command::CheckFrames(arguments) => arguments.run(),
             Command::Fit(arguments) => arguments.run(),

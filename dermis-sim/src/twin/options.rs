@@ -178,6 +178,18 @@ impl TwinOptions {
         self
     }
 
+    /// The same without manufacturing errors and faults: even coat, electrodes in their places, the design's own mesh.
+    #[must_use]
+    pub fn as_designed(&self) -> Self {
+        TwinOptions {
+            mesh_scale: 1.0,
+            coat: CoatOptions { rms: 0.0, ..self.coat },
+            electrodes: ElectrodeOptions { displacement_rms_m: 0.0, contact_impedance_rms: 0.0 },
+            faults: FaultOptions::default(),
+            ..self.clone()
+        }
+    }
+
     /// An error of this twin with its place in the file, if it was read from one.
     pub(super) fn locate(&self, error: TwinError) -> crate::Error {
         match &self.source {

@@ -1,0 +1,75 @@
+//! The smallest force that is found.
+
+use super::{Bounds, difference};
+use crate::elementary::erfc;
+use crate::twin::Press;
+use dermis::geom::Point3;
+use std::f64::consts::SQRT_2;
+
+/// Probability that a press of the smallest force is found in a frame.
+const FOUND: f64 = 0.9;
+/// Forces between which the smallest is sought, N.
+const FORCES_N: [f64; 2] = [1e-4, 20.0];
+/// Relative accuracy of the smallest force.
+const ACCURACY: f64 = 1e-3;
+
+impl Bounds {
+    /// The smallest force at a place that is found in 90 % of the frames at one false alarm an hour; `None` if 20 N are
+    /// not.
+    ///
+    /// For a known change `d` of the frame the best test compares `d' R^-1 x` with a threshold (Neyman and Pearson; Kay,
+    /// Fundamentals of Statistical Signal Processing: Detection Theory, 1998, section 4.4): `sqrt(d' R^-1 d)` must be the
+    /// sum of both normal quantiles. One test is made for each of `places` places.
+    ///
+    /// # Errors
+    /// A place off the skin.
+    pub fn smallest_force_n(&self, place_m: Point3, places: usize) -> crate::Result<Option<f64>> {
+        let alarm = normal_quantile(1.0 / (self.frames_per_hour() * places as f64));
+        let needed = alarm + normal_quantile(1.0 - FOUND);
+        let visible = |force_n: f64| -> crate::Result<bool> {
+            let frame = self.clean(&[Press { force_n, ..self.press(place_m) }])?;
+            let change = self.precision.whiten(difference(&frame, &self.physics.untouched));
+            Ok(self.precision.inner(&change, &change).sqrt() >= needed)
+        };
+        // Foam that a strong press would crush: the largest force that it bears.
+        let [mut low, mut high] = FORCES_N;
+        while self.clean(&[Press { force_n: high, ..self.press(place_m) }]).is_err() && high > low {
+            high *= 0.7;
+        }
+        if high <= low || !visible(high)? {
+            return Ok(None);
+        }
+        while high > low * (1.0 + ACCURACY) {
+            let middle = (low * high).sqrt();
+            if visible(middle)? { high = middle } else { low = middle }
+        }
+        Ok(Some(high))
+    }
+
+    /// Number of means of frames an hour.
+    fn frames_per_hour(&self) -> f64 {
+        3600.0 * self.physics.twin.options().electronics.frame_rate_hz / self.options.frames as f64
+    }
+}
+
+/// The value that a standard normal variable exceeds with a probability below one half.
+pub(super) fn normal_quantile(probability: f64) -> f64 {
+    let (mut low, mut high) = (0.0, 40.0);
+    for _ in 0..100 {
+        let middle = 0.5 * (low + high);
+        if 0.5 * erfc(middle / SQRT_2) > probability { low = middle } else { high = middle }
+    }
+    high
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_of_the_normal_distribution() {
+        for (probability, quantile) in [(0.5, 0.0), (0.158_655_253_931_457, 1.0), (1e-9, 5.997_807_015)] {
+            assert!((normal_quantile(probability) - quantile).abs() < 1e-8, "{probability}");
+        }
+    }
+}

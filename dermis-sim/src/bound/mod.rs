@@ -1,0 +1,313 @@
+//! Bounds of a skin: how well any method can do, before the skin is built.
+//!
+//! For a place on the skin: the standard deviation of a press's position that no unbiased method goes below (Cramer and
+//! Rao; Kay, Fundamentals of Statistical Signal Processing: Estimation Theory, 1993, section 3.8), the smallest force
+//! that is found at one false alarm an hour, and the smallest distance at which two presses are told from one. The skin
+//! is that of the design: an even coat, electrodes in their places. What is not known is estimated with the position:
+//! force, tip radius, the phase of the patches, drift of coat and contacts.
+//!
+//! ```no_run
+//! use dermis::design::SkinDesign;
+//! use dermis_sim::bound::{BoundOptions, Bounds};
+//! use dermis_sim::twin::TwinOptions;
+//!
+//! let design = SkinDesign::shipped("cylinder30").unwrap();
+//! let bounds = Bounds::new(&design, &TwinOptions::shipped("lab").unwrap(), &BoundOptions::default())?;
+//! let place = bounds.position([0.05, 0.0, 0.15], [1.0, 0.0, 0.0])?.expect("current flows there");
+//! println!("{:.2} mm, {:.3} N", 1e3 * place.sd_m, place.force_sd_n);
+//! # Ok::<(), dermis_sim::Error>(())
+//! ```
+
+mod detection;
+mod precision;
+mod separation;
+
+pub use precision::DriftSpread;
+
+use crate::noise::Noise;
+use crate::twin::{Press, TouchOptions, Twin, TwinError, TwinOptions};
+use dermis::design::SkinDesign;
+use dermis::forward::ForwardModel;
+use dermis::frame::Frame;
+use dermis::geom::vector::{add, cross, normalize, scale};
+use dermis::geom::{Point3, Surface};
+use dermis::linalg::invert_spd;
+use precision::{Precision, Whitened, frame_of};
+use std::f64::consts::PI;
+use std::sync::Arc;
+
+/// Step of central differences along the skin and of the patches, m.
+const STEP_M: f64 = 2e-4;
+/// Step of the logarithms of force and tip radius.
+const LOG_STEP: f64 = 0.01;
+/// Angles of a mean over directions.
+const ANGLES: u32 = 64;
+/// Standard deviation of the logarithm of the tip radius of an unknown object: a factor of 1.6.
+const LOG_RADIUS_SD: f64 = 0.5;
+/// Parameters of a press: two of its position, the logarithms of its force and of its tip radius.
+const PARAMETERS: usize = 4;
+/// The index of the tip radius.
+const LOG_RADIUS: usize = 3;
+
+/// What the bounds are for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BoundOptions {
+    /// Force of a press, N.
+    pub force_n: f64,
+    /// Radius of the tip, m.
+    pub tip_radius_m: f64,
+    /// Number of frames whose mean is used.
+    pub frames: usize,
+    /// Drift since the untouched frame; that of the twin without it.
+    pub drift: Option<DriftSpread>,
+    /// Whether it is known where the patches lie on the coat.
+    pub known_patches: bool,
+}
+
+impl Default for BoundOptions {
+    /// A press of 2 N with a tip of 5 mm in one frame.
+    fn default() -> Self {
+        BoundOptions { force_n: 2.0, tip_radius_m: 0.005, frames: 1, drift: None, known_patches: false }
+    }
+}
+
+/// The bound of the position at a place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PositionBound {
+    /// Covariance along [around, along] on a cylinder, [x, y] on a flat skin, else along two tangents, m2.
+    pub covariance_m2: [[f64; 2]; 2],
+    /// Standard deviation: root of the sum of the variances along both, m.
+    pub sd_m: f64,
+    /// Standard deviation of the force, N.
+    pub force_sd_n: f64,
+}
+
+impl PositionBound {
+    /// The mean distance of a normal estimate with this covariance from the press, m: by Jensen's inequality at most
+    /// `sd_m`, at least `sqrt(2 / pi)` of it.
+    pub fn mean_error_m(&self) -> f64 {
+        let [[xx, xy], [_, yy]] = self.covariance_m2;
+        // In polar coordinates the radius of the standard normal distribution has the mean sqrt(pi / 2); the mean over the
+        // angle converges faster than any power of the number of points.
+        let turned = |step: u32| {
+            let (sin, cos) = (f64::from(step) * PI / f64::from(ANGLES)).sin_cos();
+            // `|L (cos, sin)|` with the factor `L` of the covariance.
+            let l = xx.sqrt();
+            let (m, n) = (xy / l, (yy - xy * xy / xx).max(0.0).sqrt());
+            (l * cos).hypot(m * cos + n * sin)
+        };
+        (PI / 2.0).sqrt() * (0..ANGLES).map(turned).sum::<f64>() / f64::from(ANGLES)
+    }
+}
+
+/// The bounds of a design under the physics and the noise of a twin.
+#[derive(Debug)]
+pub struct Bounds {
+    options: BoundOptions,
+    physics: Arc<Physics>,
+    precision: Precision,
+}
+
+/// What does not depend on the number of frames.
+#[derive(Debug)]
+struct Physics {
+    twin: Twin,
+    shifted: Vec<Shift>,
+    untouched: Vec<f64>,
+    model: ForwardModel,
+    noise: Noise,
+    drift: DriftSpread,
+}
+
+impl Bounds {
+    /// The bounds of a design with the presses, the noise and the drift of a twin, whose manufacturing errors and faults
+    /// are left out.
+    ///
+    /// # Errors
+    /// Presses that the twin cannot simulate; a twin without noise; a design without a solution.
+    pub fn new(design: &SkinDesign, twin: &TwinOptions, options: &BoundOptions) -> crate::Result<Self> {
+        let sound = twin.as_designed();
+        let skin = Twin::new(design, &sound, 0)?;
+        let noise = skin.noise().ok_or_else(|| TwinError::OutOfRange {
+            field: "electronics.snr_db",
+            value: f64::INFINITY,
+            must: "finite".into(),
+            fix: "without noise every bound is zero; give the noise of the instrument".into(),
+        })?;
+        let of_twin =
+            skin.options().drift.map(|drift| DriftSpread { coat: drift.conductance_rms, contact: drift.contact_rms });
+        let physics = Physics {
+            shifted: if options.known_patches { Vec::new() } else { shifted_patches(design, &sound, skin.options())? },
+            untouched: frame_of(skin.untouched(), &skin.design().protocol),
+            model: ForwardModel::new(skin.design(), skin.mesh())?,
+            noise,
+            drift: options.drift.or(of_twin).unwrap_or(DriftSpread { coat: 0.0, contact: 0.0 }),
+            twin: skin,
+        };
+        Bounds::of(Arc::new(physics), options)
+    }
+
+    fn of(physics: Arc<Physics>, options: &BoundOptions) -> crate::Result<Self> {
+        let Physics { model, twin, noise, drift, .. } = &*physics;
+        let precision = Precision::new(model, twin.untouched(), *noise, *drift, options.frames)?;
+        Ok(Bounds { options: *options, precision, physics })
+    }
+
+    /// The bounds of the same skin for the mean of another number of frames; they share all computed currents.
+    ///
+    /// # Errors
+    /// None for a skin that has bounds.
+    pub fn averaged(&self, frames: usize) -> crate::Result<Self> {
+        Bounds::of(self.physics.clone(), &BoundOptions { frames, ..self.options })
+    }
+
+    /// Whether the body has a chart, on which distances along the skin are known.
+    pub fn has_chart(&self) -> bool {
+        self.surface() != Surface::Free
+    }
+
+    /// The bound of the position of a press with the force and the tip of the options, at a place with an outward normal;
+    /// `None` if the press changes no reading: no current flows there.
+    ///
+    /// # Errors
+    /// A press that the twin cannot simulate.
+    pub fn position(&self, place_m: Point3, normal: Point3) -> crate::Result<Option<PositionBound>> {
+        self.position_of(&self.press(place_m), normal)
+    }
+
+    /// The bound of the position of a press, at a place with an outward normal; `None` as for [`position`](Self::position).
+    ///
+    /// # Errors
+    /// A press that the twin cannot simulate.
+    pub fn position_of(&self, press: &Press, normal: Point3) -> crate::Result<Option<PositionBound>> {
+        let precision = self.with_unknown_phase(&[*press])?;
+        let columns = self.derivatives(&precision, press, normal)?;
+        let Ok(covariance) = invert_spd(&precision.information(&columns)) else { return Ok(None) };
+        let at = |i: usize, j: usize| covariance.at(i, j);
+        Ok(Some(PositionBound {
+            covariance_m2: [[at(0, 0), at(0, 1)], [at(1, 0), at(1, 1)]],
+            sd_m: (at(0, 0) + at(1, 1)).sqrt(),
+            force_sd_n: press.force_n * at(2, 2).sqrt(),
+        }))
+    }
+
+    /// The precision of the frame of some presses, if the phase of the patches is unknown: the frame's change by one
+    /// standard deviation of the phase is one more disturbance.
+    fn with_unknown_phase(&self, presses: &[Press]) -> crate::Result<Precision> {
+        let of_shift = |shift: &Shift| -> crate::Result<Vec<f64>> {
+            let [forward, back] = &shift.twins;
+            let per_m = quotient(&forward.clean(presses)?, &back.clean(presses)?, STEP_M);
+            Ok(per_m.into_iter().map(|value| shift.sd_m * value).collect())
+        };
+        let phases = self.physics.shifted.iter().map(of_shift).collect::<crate::Result<_>>()?;
+        Ok(self.precision.with_disturbances(phases))
+    }
+
+    /// The change of the frame of a press along two tangents of the skin (per m), and by the logarithms of its force and
+    /// of its tip radius.
+    fn derivatives(
+        &self,
+        precision: &Precision,
+        press: &Press,
+        normal: Point3,
+    ) -> crate::Result<[Whitened; PARAMETERS]> {
+        let moved = |step_m: [f64; 2]| Press { centre_m: self.moved(press.centre_m, normal, step_m), ..*press };
+        let grown = |factor: f64| Press { force_n: press.force_n * factor, ..*press };
+        let wider = |factor: f64| Press { tip_radius_m: press.tip_radius_m * factor, ..*press };
+        let ratio = LOG_STEP.exp();
+        let column = |[forward, back]: [Press; 2], step: f64| -> crate::Result<Whitened> {
+            Ok(precision.whiten(quotient(&self.clean(&[forward])?, &self.clean(&[back])?, step)))
+        };
+        Ok([
+            column([moved([STEP_M, 0.0]), moved([-STEP_M, 0.0])], STEP_M)?,
+            column([moved([0.0, STEP_M]), moved([0.0, -STEP_M])], STEP_M)?,
+            column([grown(ratio), grown(1.0 / ratio)], LOG_STEP)?,
+            column([wider(ratio), wider(1.0 / ratio)], LOG_STEP)?,
+        ])
+    }
+
+    /// A point moved along the skin: [around, along] on a cylinder, [x, y] on a flat skin, else along two tangents.
+    fn moved(&self, place_m: Point3, normal: Point3, step_m: [f64; 2]) -> Point3 {
+        match self.surface() {
+            Surface::Free => {
+                let [u, v] = tangents(normal);
+                add(place_m, add(scale(u, step_m[0]), scale(v, step_m[1])))
+            }
+            surface => surface.walk(place_m, step_m),
+        }
+    }
+
+    fn surface(&self) -> Surface {
+        self.physics.twin.design().body.surface()
+    }
+
+    /// The frame of some presses without noise.
+    fn clean(&self, presses: &[Press]) -> crate::Result<Frame> {
+        self.physics.twin.clean(presses)
+    }
+
+    fn press(&self, centre_m: Point3) -> Press {
+        Press { centre_m, force_n: self.options.force_n, tip_radius_m: self.options.tip_radius_m }
+    }
+}
+
+/// The skin with its patches shifted by a step forward and back along one direction, and the standard deviation of an
+/// unknown phase, m.
+#[derive(Debug)]
+struct Shift {
+    twins: [Twin; 2],
+    sd_m: f64,
+}
+
+/// The shifts along both directions; none without patches.
+fn shifted_patches(design: &SkinDesign, sound: &TwinOptions, of_design: &TwinOptions) -> crate::Result<Vec<Shift>> {
+    let TouchOptions::Patches(patches) = &of_design.touch else { return Ok(Vec::new()) };
+    let pitch_m = patches.on_body(&design.body)?.pitch_m();
+    let shift = |axis: usize| {
+        let twin = |step_m: f64| {
+            let mut shifted = patches.clone();
+            shifted.offset_m[axis] += step_m;
+            let mut options = sound.clone();
+            options.touch = TouchOptions::Patches(shifted);
+            Twin::new(design, &options, 0)
+        };
+        // Any phase is equally likely: a uniform distribution over the pitch.
+        Ok(Shift { twins: [twin(STEP_M)?, twin(-STEP_M)?], sd_m: pitch_m[axis] / 12f64.sqrt() })
+    };
+    (0..2).map(shift).collect()
+}
+
+/// Two unit vectors that are perpendicular to a normal and to each other.
+fn tangents(normal: Point3) -> [Point3; 2] {
+    let axis = if normal[2].abs() < 0.9 { [0.0, 0.0, 1.0] } else { [1.0, 0.0, 0.0] };
+    let first = normalize(cross(normal, axis));
+    [first, cross(normal, first)]
+}
+
+/// One frame minus another.
+fn difference(minuend: &[f64], subtrahend: &[f64]) -> Vec<f64> {
+    minuend.iter().zip(subtrahend).map(|(a, b)| a - b).collect()
+}
+
+/// Central difference quotient.
+fn quotient(forward: &[f64], back: &[f64], step: f64) -> Vec<f64> {
+    forward.iter().zip(back).map(|(forward, back)| (forward - back) / (2.0 * step)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mean_error_of_a_normal_estimate() {
+        let bound = |[a, b, c]: [f64; 3]| {
+            let sd_m = (a + c).sqrt();
+            PositionBound { covariance_m2: [[a, b], [b, c]], sd_m, force_sd_n: 0.0 }.mean_error_m()
+        };
+        // Round: Rayleigh's distribution; almost along a line: half of a normal one.
+        assert!((bound([4.0, 0.0, 4.0]) - 2.0 * (PI / 2.0).sqrt()).abs() < 1e-12);
+        assert!((bound([1.0, 1.0, 1.0]) - 2f64.sqrt() * (2.0 / PI).sqrt()).abs() < 1e-3);
+        // sqrt(2 / pi) 2 E(3 / 4), with the complete elliptic integral of the second kind: scipy.special.ellipe(0.75).
+        assert!((bound([1.0, 0.0, 4.0]) - (2.0 / PI).sqrt() * 2.0 * 1.211_056_027_568_459_5).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,223 @@
+//! The distance at which two presses are told from one.
+
+use super::precision::{Precision, Whitened};
+use super::{Bounds, LOG_RADIUS, LOG_RADIUS_SD, PARAMETERS, difference};
+use crate::elementary::{erf, exp};
+use crate::twin::Press;
+use dermis::geom::Point3;
+use dermis::linalg::{Matrix, invert_spd};
+use std::f64::consts::{FRAC_PI_2, PI, SQRT_2};
+
+/// Two presses are told from one in this share of the cases...
+const POWER: f64 = 0.9;
+/// ... and one is taken for two in this share.
+const FALSE_SPLITS: f64 = 0.01;
+/// Distances between which the smallest is sought, m.
+const DISTANCES_M: [f64; 2] = [0.002, 0.2];
+/// Absolute accuracy of the distance, m.
+const ACCURACY_M: f64 = 5e-4;
+/// Most steps of the fit of one press, and the relative decrease at which it ends.
+const STEPS: usize = 20;
+const LEAST_DECREASE: f64 = 1e-3;
+/// Damping at which a step is given up.
+const MOST_DAMPING: f64 = 1e9;
+
+impl Bounds {
+    /// The probability that two equal presses at a distance, symmetric about a place, are told from one, if one press is
+    /// taken for two in 1 % of the cases.
+    ///
+    /// The generalised likelihood ratio (Kay, Detection Theory, 1998, section 6.5) compares two presses with one of any
+    /// place, force and tip radius. The second press adds three parameters, its place and its force, so twice the
+    /// logarithm of the ratio has a chi-square distribution with three degrees of freedom; its noncentrality is the misfit
+    /// of the best single press.
+    ///
+    /// # Errors
+    /// Presses that the twin cannot simulate; a body without a chart.
+    pub fn resolved(&self, place_m: Point3, normal: Point3, distance_m: f64, direction_rad: f64) -> crate::Result<f64> {
+        let misfit = self.misfit_of_one(place_m, normal, distance_m, direction_rad)?;
+        Ok(1.0 - noncentral_chi_square_3(threshold(), misfit))
+    }
+
+    /// The smallest distance at which two equal presses are told from one in 90 % of the cases; `None` if 200 mm is not
+    /// enough, or if no such presses lie on the skin.
+    ///
+    /// # Errors
+    /// As [`resolved`](Self::resolved).
+    pub fn separation_m(&self, place_m: Point3, normal: Point3, direction_rad: f64) -> crate::Result<Option<f64>> {
+        let needed = needed_misfit();
+        let [mut low, mut high] = DISTANCES_M;
+        let is_resolved = |distance_m: f64| -> crate::Result<bool> {
+            Ok(self.misfit_of_one(place_m, normal, distance_m, direction_rad)? >= needed)
+        };
+        while high > low && self.clean(&self.pair(place_m, normal, high, direction_rad)).is_err() {
+            high *= 0.8;
+        }
+        if high <= low || !is_resolved(high)? {
+            return Ok(None);
+        }
+        while high > low + ACCURACY_M {
+            let middle = 0.5 * (low + high);
+            if is_resolved(middle)? { high = middle } else { low = middle }
+        }
+        Ok(Some(high))
+    }
+
+    /// The larger of the smallest distances in two perpendicular directions; `None` if either has none.
+    ///
+    /// # Errors
+    /// As [`resolved`](Self::resolved).
+    pub fn worst_separation_m(&self, place_m: Point3, normal: Point3) -> crate::Result<Option<f64>> {
+        let [first, second] = [0.0, FRAC_PI_2].map(|direction| self.separation_m(place_m, normal, direction));
+        Ok(first?.zip(second?).map(|(first, second)| first.max(second)))
+    }
+
+    fn pair(&self, place_m: Point3, normal: Point3, distance_m: f64, direction_rad: f64) -> [Press; 2] {
+        let half = [0.5 * distance_m * direction_rad.cos(), 0.5 * distance_m * direction_rad.sin()];
+        [half, half.map(|step| -step)].map(|step| self.press(self.moved(place_m, normal, step)))
+    }
+
+    /// The squared distance of the frame of two presses from that of the best single one, in units of the noise.
+    fn misfit_of_one(
+        &self,
+        place_m: Point3,
+        normal: Point3,
+        distance_m: f64,
+        direction_rad: f64,
+    ) -> crate::Result<f64> {
+        let pair = self.pair(place_m, normal, distance_m, direction_rad);
+        let fit = SingleFit {
+            bounds: self,
+            precision: self.with_unknown_phase(&pair)?,
+            target: self.clean(&pair)?.0,
+            normal,
+        };
+        // From between both, and from each of them: one press may hide the other.
+        let both = Press { force_n: 2.0 * self.options.force_n, ..self.press(place_m) };
+        let misfits = [both, pair[0], pair[1]].into_iter().filter_map(|start| fit.least_misfit(start));
+        Ok(misfits.fold(f64::INFINITY, f64::min))
+    }
+}
+
+/// The fit of one press to a frame by Gauss-Newton steps with damping (Levenberg and Marquardt).
+struct SingleFit<'a> {
+    bounds: &'a Bounds,
+    precision: Precision,
+    target: Vec<f64>,
+    normal: Point3,
+}
+
+/// A press and its misfit: squared and in units of the noise, with the tip radius as one more reading.
+struct Candidate {
+    press: Press,
+    misfit: f64,
+    residual: Whitened,
+}
+
+impl SingleFit<'_> {
+    /// The smallest misfit from a start; `None` if the skin does not bear the start.
+    fn least_misfit(&self, start: Press) -> Option<f64> {
+        let (mut best, mut damping) = (self.candidate(start)?, 1e-3);
+        for _ in 0..STEPS {
+            let before = best.misfit;
+            // A place at the edge has no derivatives.
+            let Ok((information, slope)) = self.normal_equations(&best) else { break };
+            while damping < MOST_DAMPING {
+                match self.stepped(&best.press, &information, &slope, damping).filter(|next| next.misfit < best.misfit)
+                {
+                    Some(next) => {
+                        (best, damping) = (next, damping * 0.1);
+                        break;
+                    }
+                    None => damping *= 10.0,
+                }
+            }
+            if best.misfit > (1.0 - LEAST_DECREASE) * before {
+                break;
+            }
+        }
+        Some(best.misfit)
+    }
+
+    /// The misfit of a press; `None` if the skin does not bear it.
+    fn candidate(&self, press: Press) -> Option<Candidate> {
+        let frame = self.bounds.clean(&[press]).ok()?;
+        let residual = self.precision.whiten(difference(&self.target, &frame));
+        let misfit = self.precision.inner(&residual, &residual) + (self.log_radius(&press) / LOG_RADIUS_SD).powi(2);
+        Some(Candidate { press, misfit, residual })
+    }
+
+    fn log_radius(&self, press: &Press) -> f64 {
+        (press.tip_radius_m / self.bounds.options.tip_radius_m).ln()
+    }
+
+    fn normal_equations(&self, at: &Candidate) -> crate::Result<(Matrix, [f64; PARAMETERS])> {
+        let columns = self.bounds.derivatives(&self.precision, &at.press, self.normal)?;
+        let mut slope = columns.each_ref().map(|column| self.precision.inner(column, &at.residual));
+        slope[LOG_RADIUS] -= self.log_radius(&at.press) / LOG_RADIUS_SD.powi(2);
+        Ok((self.precision.information(&columns), slope))
+    }
+
+    fn stepped(&self, from: &Press, information: &Matrix, slope: &[f64], damping: f64) -> Option<Candidate> {
+        let mut damped = information.clone();
+        (0..PARAMETERS).for_each(|i| *damped.at_mut(i, i) *= 1.0 + damping);
+        let mut step = [0.0; PARAMETERS];
+        invert_spd(&damped).ok()?.product_into(slope, &mut step);
+        self.candidate(Press {
+            centre_m: self.bounds.moved(from.centre_m, self.normal, [step[0], step[1]]),
+            force_n: from.force_n * exp(step[2].clamp(-1.0, 1.0)),
+            tip_radius_m: from.tip_radius_m * exp(step[3].clamp(-1.0, 1.0)),
+        })
+    }
+}
+
+/// The value that the test exceeds for one press in 1 % of the cases.
+fn threshold() -> f64 {
+    bisect(0.0, 100.0, |value| noncentral_chi_square_3(value, 0.0) > 1.0 - FALSE_SPLITS)
+}
+
+/// The misfit that exceeds the threshold in 90 % of the cases.
+fn needed_misfit() -> f64 {
+    let threshold = threshold();
+    bisect(0.0, 1000.0, |misfit| noncentral_chi_square_3(threshold, misfit) < 1.0 - POWER)
+}
+
+fn bisect(mut low: f64, mut high: f64, is_high: impl Fn(f64) -> bool) -> f64 {
+    for _ in 0..100 {
+        let middle = 0.5 * (low + high);
+        if is_high(middle) { high = middle } else { low = middle }
+    }
+    high
+}
+
+/// The distribution function of the noncentral chi-square distribution with three degrees of freedom: the probability
+/// that a point with a normal distribution in space, its mean at the distance `sqrt(noncentrality)`, is nearer to the
+/// origin than `sqrt(value)`.
+fn noncentral_chi_square_3(value: f64, noncentrality: f64) -> f64 {
+    let (radius, mean) = (value.sqrt(), noncentrality.sqrt());
+    let inside = 0.5 * (erf((radius - mean) / SQRT_2) + erf((radius + mean) / SQRT_2));
+    let density = |at: f64| exp(-0.5 * at * at) / (2.0 * PI).sqrt();
+    // The limit for a mean at the origin.
+    if mean < 1e-6 {
+        return inside - 2.0 * radius * density(radius);
+    }
+    inside - (density(radius - mean) - density(radius + mean)) / mean
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_noncentral_chi_square_distribution_of_three_degrees() {
+        // scipy.stats.chi2.ppf(0.99, 3) and ncx2.cdf(value, 3, noncentrality).
+        assert!((threshold() - 11.344_866_730_144_373).abs() < 1e-9);
+        let cases = [
+            (threshold(), 5.0, 0.777_220_531_604_868_5),
+            (threshold(), 17.4, 0.141_678_724_652_405_3),
+            (2.0, 4.0, 0.111_254_374_579_325_74),
+        ];
+        for (value, noncentrality, probability) in cases {
+            assert!((noncentral_chi_square_3(value, noncentrality) - probability).abs() < 1e-9, "{noncentrality}");
+        }
+    }
+}
