@@ -235,10 +235,10 @@ fn the_smallest_force_is_found_in_nine_of_ten_frames() {
 
 #[test]
 fn two_presses_are_told_from_one_in_nine_of_ten_frames() {
-    let bench = Bench::new("ideal", 60.0, 0.003);
+    let bench = Bench::new("ideal", 50.0, 0.003);
     let (x, y, force_n) = (0.02, 0.01, BoundOptions::default().force_n);
-    let distance_m = bench.bounds().separation_m([x, y, 0.0], 0.0).unwrap().unwrap();
-    println!("{:.1} mm", 1e3 * distance_m);
+    let bounds = bench.bounds();
+    let distance_m = bounds.separation_m([x, y, 0.0], 0.0).unwrap().unwrap();
     let pair = [-0.5, 0.5].map(|side| press([x + side * distance_m, y, 0.0], force_n));
     let single = press([x, y, 0.0], 2.0 * force_n);
     let ratio = |frame: &[f64]| {
@@ -249,7 +249,11 @@ fn two_presses_are_told_from_one_in_nine_of_ten_frames() {
     // The 99th percentile of the chi-square distribution with three degrees of freedom.
     let told = |presses: &[Press]| share(|draw| ratio(&bench.frame(presses, draw)) > 11.344_866_730);
     let (two, one) = (told(&pair), told(&[single]));
-    println!("told from one: {two}; one taken for two: {one}");
-    assert!((0.87..0.94).contains(&two), "{two}");
+    let predicted = bounds.told_apart(&pair).unwrap();
+    println!("{:.1} mm: told from one {two}, predicted {predicted}; one taken for two {one}", 1e3 * distance_m);
+    assert!((0.9..0.93).contains(&predicted), "{predicted}");
+    // Near one press the place of the second hardly changes the frame at first order, so the ratio has fewer than the
+    // three degrees of freedom of the prediction: with one, 79 % would be told from one.
+    assert!((0.79..predicted + 0.03).contains(&two), "{two}, {predicted}");
     assert!(one < 0.02, "{one}");
 }

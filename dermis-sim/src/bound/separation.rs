@@ -13,9 +13,9 @@ const POWER: f64 = 0.9;
 /// ... and one is taken for two in this share.
 const FALSE_SPLITS: f64 = 0.01;
 /// Distances between which the smallest is sought, m.
-const DISTANCES_M: [f64; 2] = [0.002, 0.2];
-/// Absolute accuracy of the distance, m.
-const ACCURACY_M: f64 = 5e-4;
+const DISTANCES_M: [f64; 2] = [0.001, 0.2];
+/// Relative accuracy of the distance. The misfit grows with its fourth power.
+const ACCURACY: f64 = 0.02;
 /// Most steps of the fit of one press, and the relative decrease at which it ends.
 const STEPS: usize = 20;
 const LEAST_DECREASE: f64 = 1e-3;
@@ -53,8 +53,8 @@ impl Bounds {
         if high <= low || !is_resolved(high)? {
             return Ok(None);
         }
-        while high > low + ACCURACY_M {
-            let middle = 0.5 * (low + high);
+        while high > (1.0 + ACCURACY) * low {
+            let middle = (low * high).sqrt();
             if is_resolved(middle)? { high = middle } else { low = middle }
         }
         Ok(Some(high))

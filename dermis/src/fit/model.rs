@@ -6,7 +6,7 @@ use crate::forward::{ForwardModel, Matrix, ModelFamily};
 use crate::mesh::Mesh;
 use std::sync::Arc;
 
-/// Step of the logarithm in the difference quotients of the series resistances and of the correction at the ends of arcs.
+/// Step of the logarithm in the difference quotients of the series resistances.
 const STEP: f64 = 1e-4;
 
 /// A design whose resistances are multiplied by `exp` of the unknowns: the first belongs to the sheet, the others to
@@ -119,8 +119,8 @@ impl<'a> Model<'a> {
         let design = self.design_at(unknowns);
         let model = self.family.model(&design)?;
         let mut frame = model.solve(model.rest_conductivity())?.0;
-        let contacts = model.contact_jacobian(model.rest_conductivity())?;
-        let near = self.near_electrodes(&design, &model)?;
+        let contacts = self.family.contact_jacobian(&model)?;
+        let series_ohm = self.series_derivatives(&design, &model)?;
         let mut jacobian = Matrix::zeros(frame.len(), self.unknowns());
         for (channel, value) in frame.iter().enumerate() {
             jacobian.row_mut(channel)[0] = *value;
@@ -128,8 +128,7 @@ impl<'a> Model<'a> {
         for &electrode in &self.electrodes {
             let impedance = design.electrodes[electrode].contact_impedance;
             for (channel, gain) in design.protocol.contact_gains(electrode).enumerate() {
-                let by_end = near.ends.as_ref().map_or(0.0, |ends| ends.at(channel, electrode) / STEP);
-                let change = impedance * contacts.at(channel, electrode) + gain * near.series_ohm[electrode] + by_end;
+                let change = impedance * contacts.at(channel, electrode) + gain * series_ohm[electrode];
                 let row = jacobian.row_mut(channel);
                 row[0] -= change;
                 if let Some(unknown) = self.unknown_of(electrode) {
@@ -143,26 +142,17 @@ impl<'a> Model<'a> {
         Ok(Linear { frame, jacobian })
     }
 
-    /// The derivatives of what is corrected near each electrode.
-    fn near_electrodes(&self, design: &SkinDesign, model: &ForwardModel) -> crate::Result<NearElectrodes> {
+    /// The derivative of each series resistance by the logarithm of the contact impedances, ohm.
+    fn series_derivatives(&self, design: &SkinDesign, model: &ForwardModel) -> crate::Result<Vec<f64>> {
         let series = model.series_resistances();
-        if series.iter().all(|&resistance| resistance == 0.0) && !self.family.has_arcs() {
-            return Ok(NearElectrodes { series_ohm: series.to_vec(), ends: None });
+        if series.iter().all(|&resistance| resistance == 0.0) {
+            return Ok(series.to_vec());
         }
         let mut other = design.clone();
         other.electrodes.iter_mut().for_each(|electrode| electrode.contact_impedance *= STEP.exp());
         let other = self.family.model(&other)?;
-        let quotients = other.series_resistances().iter().zip(series).map(|(above, value)| (above - value) / STEP);
-        Ok(NearElectrodes { series_ohm: quotients.collect(), ends: ModelFamily::changes_by_ends(model, &other)? })
+        Ok(other.series_resistances().iter().zip(series).map(|(above, value)| (above - value) / STEP).collect())
     }
-}
-
-/// The derivatives by the logarithm of the contact impedances of what is corrected near the electrodes.
-struct NearElectrodes {
-    /// Of each series resistance, ohm.
-    series_ohm: Vec<f64>,
-    /// The change of the frame by the ends of each electrode over a step of the logarithm, channels x electrodes, ohm.
-    ends: Option<Matrix>,
 }
 
 /// The amplitudes of a frame: `d|V| = sign(V) dV`.

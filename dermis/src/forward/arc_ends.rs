@@ -58,11 +58,18 @@ impl ArcEnds {
         let (own, (graded, finest)) =
             rayon::join(own, || rayon::join(|| self.graded.impedances(model), || self.finest.impedances(model)));
         let (own, graded, mut target) = (own?, graded?, finest?);
-        // Without the ends the error is that of smooth fields, of second order: the finest mesh has a quarter of it.
-        for (value, graded) in target.values.iter_mut().zip(&graded.values) {
-            *value += (*value - graded) / 3.0;
-        }
+        extrapolate(&mut target, &graded);
         Ok(matching(&own, &target))
+    }
+
+    /// The derivatives of the untouched frame by the contact impedances: channels x electrodes. The corrected untouched
+    /// frame is that of the finer meshes, so these are theirs.
+    pub(super) fn contact_jacobian(&self, model: &ForwardModel) -> crate::Result<Matrix> {
+        let (graded, finest) =
+            rayon::join(|| self.graded.contact_jacobian(model), || self.finest.contact_jacobian(model));
+        let (graded, mut target) = (graded?, finest?);
+        extrapolate(&mut target, &graded);
+        Ok(target)
     }
 }
 
@@ -73,37 +80,33 @@ impl Finer {
         Ok(Finer { model: fine, parents: refined.parents.clone() })
     }
 
-    /// The transfer impedances with the resistances of a model on the coarse mesh.
-    fn impedances(&self, model: &ForwardModel) -> crate::Result<Matrix> {
+    /// The model with the resistances of that on the coarse mesh.
+    fn with_resistances(&self, model: &ForwardModel) -> crate::Result<ForwardModel> {
         let rest = of_parents(model.rest_conductivity(), &self.parents);
-        let nodes = &self.model.mesh().nodes;
-        let fine = self.model.with_parameters(nodes, model.contact_impedances(), &rest)?;
-        Ok(fine.network(&rest)?.transfer_impedance)
+        Ok(self.model.with_parameters(&self.model.mesh().nodes, model.contact_impedances(), &rest)?)
+    }
+
+    fn impedances(&self, model: &ForwardModel) -> crate::Result<Matrix> {
+        let fine = self.with_resistances(model)?;
+        Ok(fine.network(fine.rest_conductivity())?.transfer_impedance)
+    }
+
+    fn contact_jacobian(&self, model: &ForwardModel) -> crate::Result<Matrix> {
+        let fine = self.with_resistances(model)?;
+        Ok(fine.contact_jacobian(fine.rest_conductivity())?)
+    }
+}
+
+/// The limit for ever finer meshes: without the ends the error is that of smooth fields, of second order, and the finest
+/// mesh has a quarter of it.
+fn extrapolate(finest: &mut Matrix, graded: &Matrix) {
+    for (value, graded) in finest.values.iter_mut().zip(&graded.values) {
+        *value += (*value - graded) / 3.0;
     }
 }
 
 fn of_parents(values: &[f64], parents: &[usize]) -> Vec<f64> {
     parents.iter().map(|&parent| values[parent]).collect()
-}
-
-/// The derivative of the untouched frame by a change of each row of the transform: channels x electrodes, from the change
-/// of the whole transform. With `W = dM S M'` the change of row `e` adds row `e` of `W` to row `e` of the transfer
-/// impedances, and to their column `e`.
-pub(super) fn row_derivatives(model: &ForwardModel, change: &Matrix) -> crate::Result<Matrix> {
-    let electrodes = model.solver().fields(model.rest_conductivity())?.1;
-    let added = change.times(&electrodes);
-    let mut derivatives = Matrix::zeros(model.protocol().channel_count(), change.rows);
-    for (index, channel) in model.protocol().channels().iter().enumerate() {
-        let ([source, sink], [plus, minus]) = (channel.drive, channel.measure);
-        let between = |e: usize, [a, b]: [usize; 2]| added.at(e, a) - added.at(e, b);
-        let terms = [(source, 1.0, channel.measure), (sink, -1.0, channel.measure)];
-        for (electrode, sign, pair) in
-            terms.into_iter().chain([(plus, 1.0, channel.drive), (minus, -1.0, channel.drive)])
-        {
-            *derivatives.at_mut(index, electrode) += sign * between(electrode, pair);
-        }
-    }
-    Ok(derivatives)
 }
 
 /// `M` with `M S M' = target`, from `M = 1` by adding half of the misfit times `Y`: to first order in the misfit both

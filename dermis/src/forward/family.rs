@@ -1,6 +1,6 @@
 //! The models of one skin with other resistances, as a fit needs them.
 
-use super::arc_ends::{ArcEnds, row_derivatives};
+use super::arc_ends::ArcEnds;
 use super::{ForwardModel, near_field, rest_conductivity};
 use crate::design::SkinDesign;
 use crate::linalg::Matrix;
@@ -44,21 +44,16 @@ impl ModelFamily {
         Ok(model.with_series_resistances(&series)?.with_transform(transform))
     }
 
-    /// Whether the correction depends on the contact impedances.
-    pub(crate) fn has_arcs(&self) -> bool {
-        self.ends.is_some()
-    }
-
-    /// The change of the untouched frame from a model to another by the correction at the ends of each electrode alone, to
-    /// first order, channels x electrodes; `None` without a correction.
+    /// The derivatives of the untouched frame of a model of this family by the contact impedances, with the correction at
+    /// the ends of arcs: channels x electrodes, in ohm per ohm m (on surfaces) or ohm m^2 (in solids).
     ///
     /// # Errors
     /// A forward problem without a solution.
-    pub(crate) fn changes_by_ends(from: &ForwardModel, to: &ForwardModel) -> crate::Result<Option<Matrix>> {
-        let (Some(before), Some(after)) = (from.transform(), to.transform()) else { return Ok(None) };
-        let mut change = after.clone();
-        change.values.iter_mut().zip(&before.values).for_each(|(after, before)| *after -= before);
-        row_derivatives(from, &change).map(Some)
+    pub(crate) fn contact_jacobian(&self, model: &ForwardModel) -> crate::Result<Matrix> {
+        match &self.ends {
+            Some(ends) => ends.contact_jacobian(model),
+            None => Ok(model.contact_jacobian(model.rest_conductivity())?),
+        }
     }
 }
 
