@@ -99,7 +99,7 @@ impl SkinMaker {
         let drawn = self.spread.electrodes.draw(&self.design, seed)?;
         let (nodes, shifts_m) = self.moved(&drawn);
         self.check_folds(&nodes)?;
-        let impedances: Vec<f64> = drawn.electrodes.iter().map(|electrode| electrode.contact_impedance).collect();
+        let impedances = drawn.contact_impedances();
         let mut rest = self.base.rest_conductivity().to_vec();
         if let Some(coat) = &self.coat {
             let field = coat.draw(&mut sample_rng(seed, SKIN_STREAMS));

@@ -114,6 +114,11 @@ impl SkinDesign {
     pub fn json_schema() -> serde_json::Value {
         schemars::schema_for!(file::DesignFile).to_value()
     }
+
+    /// The contact impedance of each electrode: ohm m2 for discs and faces, ohm m for arcs, unused for points.
+    pub fn contact_impedances(&self) -> Vec<f64> {
+        self.electrodes.iter().map(|electrode| electrode.contact_impedance).collect()
+    }
 }
 
 /// The body that the skin covers.

@@ -22,7 +22,7 @@ impl ModelFamily {
     pub(crate) fn new(design: &SkinDesign, mesh: &Mesh) -> crate::Result<Self> {
         mesh.check_fits(design)?;
         let rest = rest_conductivity(design, mesh);
-        let model = ForwardModel::from_parts(mesh, &contact_impedances(design), &design.protocol, &rest)?;
+        let model = ForwardModel::from_parts(mesh, &design.contact_impedances(), &design.protocol, &rest)?;
         Ok(ModelFamily { ends: ModelFamily::ends(design, &model)?, model })
     }
 
@@ -38,9 +38,18 @@ impl ModelFamily {
     pub(crate) fn model(&self, design: &SkinDesign) -> crate::Result<ForwardModel> {
         let mesh = self.model.mesh();
         let rest = rest_conductivity(design, mesh);
-        let model = self.model.with_parameters(&mesh.nodes, &contact_impedances(design), &rest)?;
-        let series = near_field::series_resistances(design, mesh, &rest)?;
-        let transform = self.ends.as_ref().map(|ends| ends.transform(&model)).transpose()?;
+        let model = self.model.with_parameters(&mesh.nodes, &design.contact_impedances(), &rest)?;
+        ModelFamily::corrected(model, design, self.ends.as_ref())
+    }
+
+    /// A model with the corrections of its mesh near the electrodes: series resistances of discs, and ends of arcs.
+    pub(super) fn corrected(
+        model: ForwardModel,
+        design: &SkinDesign,
+        ends: Option<&ArcEnds>,
+    ) -> crate::Result<ForwardModel> {
+        let series = near_field::series_resistances(design, model.mesh(), model.rest_conductivity())?;
+        let transform = ends.map(|ends| ends.transform(&model)).transpose()?;
         Ok(model.with_series_resistances(&series)?.with_transform(transform))
     }
 
@@ -55,8 +64,4 @@ impl ModelFamily {
             None => Ok(model.contact_jacobian(model.rest_conductivity())?),
         }
     }
-}
-
-fn contact_impedances(design: &SkinDesign) -> Vec<f64> {
-    design.electrodes.iter().map(|electrode| electrode.contact_impedance).collect()
 }

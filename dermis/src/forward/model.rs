@@ -1,7 +1,7 @@
 //! The forward model of one skin on one mesh.
 
 use super::assembly::Assembly;
-use super::{ElectrodeNetwork, ForwardError, ModelFamily, near_field};
+use super::{ElectrodeNetwork, ForwardError, ModelFamily};
 use crate::design::{RegionPlace, SkinDesign};
 use crate::frame::Frame;
 use crate::geom::{Point3, Surface};
@@ -56,12 +56,9 @@ impl ForwardModel {
     /// As [`new`](Self::new); conductivities of the wrong number or not positive.
     pub fn with_coat(design: &SkinDesign, mesh: &Mesh, rest_conductivity: &[f64]) -> crate::Result<Self> {
         mesh.check_fits(design)?;
-        let impedances: Vec<f64> = design.electrodes.iter().map(|electrode| electrode.contact_impedance).collect();
-        let model = Self::from_parts(mesh, &impedances, &design.protocol, rest_conductivity)?;
-        let series = near_field::series_resistances(design, mesh, model.rest_conductivity())?;
+        let model = Self::from_parts(mesh, &design.contact_impedances(), &design.protocol, rest_conductivity)?;
         let ends = ModelFamily::ends(design, &model)?;
-        let transform = ends.map(|ends| ends.transform(&model)).transpose()?.map(Arc::new);
-        Ok(ForwardModel { transform, ..model.with_series_resistances(&series)? })
+        ModelFamily::corrected(model, design, ends.as_ref())
     }
 
     /// The model with another correction at the ends of arcs.
