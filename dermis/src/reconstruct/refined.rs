@@ -10,7 +10,7 @@ use crate::image::PixelSpace;
 use crate::reconstruct::{FEWEST_UNTOUCHED_FRAMES, Quantity, Reconstruct, ReconstructError};
 use crate::refine::{RefineOptions, Refiner};
 use crate::stats::rms;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// The noise of a channel that uses a driven electrode is at least this many times that of the others: its converter
 /// has a coarser step, in which the noise of a steady value may vanish.
@@ -25,8 +25,10 @@ const MOST_MISFIT: f64 = 2.0;
 #[derive(Clone)]
 pub struct Refined {
     method: Arc<dyn Reconstruct>,
-    identifier: Arc<Identifier>,
     design: Arc<SkinDesign>,
+    model: ForwardModel,
+    /// Prepared when it is first needed.
+    identifier: Arc<OnceLock<Identifier>>,
     excluded: Vec<usize>,
     options: RefineOptions,
     refiner: Option<Arc<Refiner>>,
@@ -44,16 +46,23 @@ impl Refined {
         excluded: Vec<usize>,
         options: RefineOptions,
     ) -> crate::Result<Self> {
-        let design = Arc::new(design.clone());
         Refiner::check(&design.body, model)?;
-        let identifier = Arc::new(Identifier::new(&design, model, IdentifyOptions::default())?);
-        Ok(Refined { method, identifier, design, excluded, options, refiner: None })
+        let (design, model, identifier) = (Arc::new(design.clone()), model.clone(), Arc::default());
+        Ok(Refined { method, design, model, identifier, excluded, options, refiner: None })
+    }
+
+    fn identifier(&self) -> crate::Result<&Identifier> {
+        if let Some(identifier) = self.identifier.get() {
+            return Ok(identifier);
+        }
+        let identifier = Identifier::new(&self.design, &self.model, IdentifyOptions::default())?;
+        Ok(self.identifier.get_or_init(|| identifier))
     }
 
     fn refiner(&self, rest: &Frame, untouched: &[Frame]) -> crate::Result<Option<Refiner>> {
         let sd_ohm = self.noise_ohm(untouched);
         let of_mean: Vec<f64> = sd_ohm.iter().map(|sd| sd / (untouched.len() as f64).sqrt()).collect();
-        let skin = self.identifier.identify(rest, &of_mean)?;
+        let skin = self.identifier()?.identify(rest, &of_mean)?;
         if skin.misfit > MOST_MISFIT {
             return Ok(None);
         }
@@ -117,6 +126,10 @@ impl Reconstruct for Refined {
 
     fn detection(&self) -> DetectOptions {
         self.method.detection()
+    }
+
+    fn is_adaptable(&self) -> bool {
+        true
     }
 
     fn adapted(&self, rest: &Frame, untouched: &[Frame]) -> Result<Option<Arc<dyn Reconstruct>>, ReconstructError> {
