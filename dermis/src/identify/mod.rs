@@ -40,7 +40,7 @@ use crate::forward::{ForwardError, ForwardModel};
 use crate::frame::{Frame, quantities};
 use crate::geom::{Point3, Surface};
 use crate::linalg::{Matrix, invert_spd};
-use crate::mesh::Mesh;
+use crate::mesh::Refined;
 use crate::stats::rms;
 use placement::{Displacement, displacements};
 use thiserror::Error;
@@ -113,8 +113,6 @@ pub enum IdentifyError {
 const STEPS: usize = 3;
 /// Longest displacement, in standard deviations of its prior, so that cells stay valid.
 const MOST_SD: f64 = 5.0;
-/// Edge lengths of the mesh on which the discretisation error is measured, over those of the design's.
-const FINER: f64 = 0.5;
 
 /// A skin as it was made.
 #[derive(Debug, Clone)]
@@ -409,14 +407,19 @@ fn step(jacobian: &Matrix, residuals: &[f64], x: &[f64]) -> Result<Vec<f64>, Ide
     Ok(solution)
 }
 
-/// The untouched frame of a design on a finer mesh minus that of its model; zero on a body that is a mesh file.
+/// The untouched frame of a design on a finer mesh minus that of its model; zero on a body that is a mesh file. The cells
+/// of the finer mesh are quarters of the model's, with their new corners on the surface.
 fn discretisation_ohm(design: &SkinDesign, model: &ForwardModel) -> crate::Result<Vec<f64>> {
-    if matches!(design.body, Body::Mesh { .. }) {
+    let surface = design.body.surface();
+    let finer = match design.body {
+        Body::Mesh { .. } => None,
+        _ => model.mesh().refined(|_| true),
+    };
+    let Some(Refined { mesh: mut finer, .. }) = finer else {
         return Ok(vec![0.0; design.protocol.channel_count()]);
-    }
-    let mut finer = design.clone();
-    finer.mesh = finer.mesh.scaled(FINER);
-    let finer = ForwardModel::new(&finer, &Mesh::generate(&finer)?)?;
+    };
+    finer.nodes.iter_mut().for_each(|node| *node = surface.walk(*node, [0.0; 2]));
+    let finer = ForwardModel::new(design, &finer)?;
     let exact = finer.solve(finer.rest_conductivity())?;
     Ok((&exact - &model.solve(model.rest_conductivity())?).0)
 }

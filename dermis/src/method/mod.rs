@@ -321,6 +321,14 @@ impl Methods {
         Ok(names)
     }
 
+    /// The name of the best method without refinement.
+    ///
+    /// # Errors
+    /// As [`names`](Self::names).
+    pub fn unrefined_name(&self, skin: &Skin) -> Result<String, MethodError> {
+        Ok(self.own_names(skin)?.swap_remove(0))
+    }
+
     /// The names without refinement.
     fn own_names(&self, skin: &Skin) -> Result<Vec<String>, MethodError> {
         let mut names = Vec::new();
@@ -351,7 +359,7 @@ impl Methods {
             return self.method(skin, &self.default_name(skin)?, options);
         }
         if name == Self::REFINED {
-            return self.method(skin, &self.own_names(skin)?[0], options)?.refined(skin, &options.excluded);
+            return self.method(skin, &self.unrefined_name(skin)?, options)?.refined(skin, &options.excluded);
         }
         options.check(skin)?;
         if let Some(method) = linear::method(skin, name, options)? {

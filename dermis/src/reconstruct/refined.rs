@@ -1,7 +1,7 @@
 //! A method whose contacts are refined on the skin that its untouched frames identify.
 
 use crate::contact::Contact;
-use crate::design::SkinDesign;
+use crate::design::{SkinDesign, TouchEffect};
 use crate::detect::DetectOptions;
 use crate::forward::{ForwardModel, Matrix};
 use crate::frame::{Frame, broken_channels};
@@ -115,8 +115,13 @@ impl Reconstruct for Refined {
 
     fn correct(&self, difference: &[f64], contacts: &mut Vec<Contact>) {
         self.method.correct(difference, contacts);
-        if let Some(refiner) = &self.refiner {
-            refiner.refine(difference, contacts);
+        let Some(refiner) = &self.refiner else { return };
+        match self.design.sheet.touch {
+            TouchEffect::ConductanceRises => refiner.refine(difference, contacts),
+            TouchEffect::ConductanceFalls => {
+                let negated: Vec<f64> = difference.iter().map(|value| -value).collect();
+                refiner.refine(&negated, contacts);
+            }
         }
     }
 

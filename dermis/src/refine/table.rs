@@ -10,7 +10,6 @@ use crate::mesh::Mesh;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 use std::f64::consts::TAU;
-use std::ops::Range;
 
 /// Step of the grid over the width of a touch. A Gaussian sampled at this step has no visible spectrum beyond a fifth of
 /// the sampling rate, where cubic interpolation is exact to a thousandth.
@@ -171,7 +170,7 @@ impl ResponseTable {
         let width = self.values.len();
         let [round, along] = [0, 1].map(|axis: usize| self.axes[axis].stencil(place[axis]));
         let Response { value, by_place: [by_round, by_along], laplacian } = response;
-        for out in [&mut *value, &mut *by_round, &mut *by_along, &mut *laplacian] {
+        for out in [value, by_round, by_along, laplacian] {
             out.clear();
             out.resize(width, 0.0);
         }
@@ -182,17 +181,11 @@ impl ResponseTable {
                 let [a, by_a, twice_a] = round.weights.map(|weights| weights[i]);
                 let [b, by_b, twice_b] = along.weights.map(|weights| weights[j]);
                 let weights = [a * b, by_a * b, a * by_b, twice_a * b + a * twice_b];
-                let at: Range<usize> = start..start + width;
-                let rows = self.responses[at].iter().zip(value.iter_mut().zip(by_round.iter_mut()));
-                for ((&table, (value, by_round)), (by_along, laplacian)) in
-                    rows.zip(by_along.iter_mut().zip(laplacian.iter_mut()))
-                {
-                    let table = f64::from(table);
-                    *value += weights[0] * table;
-                    *by_round += weights[1] * table;
-                    *by_along += weights[2] * table;
-                    *laplacian += weights[3] * table;
-                }
+                pulp::Arch::new().dispatch(AddWeighted {
+                    row: &self.responses[start..start + width],
+                    weights,
+                    response,
+                });
             }
         }
     }
@@ -329,6 +322,26 @@ impl Cells {
             (square <= REACH * REACH).then(|| (index, change()))
         };
         (first..last).filter_map(weight).collect()
+    }
+}
+
+/// Adds a tabulated response to a response and its derivatives, each with a weight.
+struct AddWeighted<'a> {
+    row: &'a [f32],
+    weights: [f64; 4],
+    response: &'a mut Response,
+}
+
+impl WithSimd for AddWeighted<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let AddWeighted { row, weights, response } = self;
+        let Response { value, by_place: [by_round, by_along], laplacian } = response;
+        for (out, weight) in [value, by_round, by_along, laplacian].into_iter().zip(weights) {
+            out.iter_mut().zip(row).for_each(|(sum, &table)| *sum += weight * f64::from(table));
+        }
     }
 }
 
