@@ -149,3 +149,28 @@ fn lane_dot(a: &[f64], b: &[f64]) -> f64 {
     }
     lanes.iter().sum::<f64>() + tail
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Sizes below, at and above those of the blocks.
+    #[test]
+    fn products_are_sums_in_order() {
+        let matrix = |rows: usize, columns: usize| {
+            let values = (0..rows * columns).map(|k| (k as f64 * 0.7).sin()).collect();
+            Matrix { rows, columns, values }
+        };
+        for (rows, inner, columns) in [(3, 1, 5), (2, 64, 7), (5, 67, 9), (1, 131, 1), (4, 0, 3), (0, 5, 2)] {
+            let (a, b) = (matrix(rows, inner), matrix(inner, columns));
+            let product = a.times(&b);
+            assert_eq!((product.rows, product.columns), (rows, columns));
+            for i in 0..rows {
+                for j in 0..columns {
+                    let expected = (0..inner).fold(0.0, |sum, k| sum + a.at(i, k) * b.at(k, j));
+                    assert_eq!(product.at(i, j), expected, "{rows} x {inner} x {columns}");
+                }
+            }
+        }
+    }
+}
