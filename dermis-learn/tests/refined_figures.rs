@@ -201,7 +201,7 @@ fn harsh() {
 fn other_physics(name: &str) {
     for snr_db in [52.0, 42.0] {
         let mut options = twin(name);
-        options.electronics.snr_db = snr_db;
+        options.electronics.snr_db = Some(snr_db);
         println!("{snr_db} dB");
         let means_m = measure(&options, 0, &few(), &["paper", BEST, REFINED]);
         assert!(means_m[2] < means_m[0] && means_m[2] < means_m[1], "{name}, {snr_db} dB: {means_m:?}");
