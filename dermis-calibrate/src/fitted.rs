@@ -69,7 +69,8 @@ impl Fitted {
         labels: &[Label],
         map: &Quality,
     ) -> Result<Option<Correction>, CalibrateError> {
-        let correction = match correct(methods, skin, frames, labels, "") {
+        // A correction has no untouched frames to which a refined method could be adapted.
+        let correction = match correct(methods, skin, frames, labels, &methods.unrefined_name(skin)?) {
             Err(CalibrateError::TooFewFound { .. }) => return Ok(None),
             fitted => fitted?,
         };

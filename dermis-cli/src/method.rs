@@ -21,8 +21,8 @@ use std::str::FromStr;
 /// The help of `--method`, the same for every command.
 pub const METHOD_HELP: &str = "Reconstruction method: noser, laplace, tikhonov, gauss-newton, tv or greit; a shipped network \
     (best or paper for cylinder30, shapes for skin16); the folder of a trained network or of a calibration, as in \
-    ./my-model; or refined: the default method, its contacts refined on the skin that the untouched frames identify \
-    [default: the best for the skin: a shipped network, or else a linear method]";
+    ./my-model; or refined: the best of these, its contacts refined on the skin that the untouched frames identify \
+    [default: the best for the skin: refined for cylinder30, or else a shipped network or a linear method]";
 
 /// The reconstruction method and its options.
 #[derive(Debug, Clone, Args)]

@@ -16,7 +16,7 @@ use std::sync::Arc;
 ///
 /// let skin = Skin::load("cylinder30")?;
 /// let methods = dermis_learn::methods();
-/// assert_eq!(methods.default_name(&skin)?, "best");
+/// assert_eq!(methods.default_name(&skin)?, "refined"); // the contacts of `best`, refined
 /// let method = methods.method(&skin, "paper", &MethodOptions::default())?;
 /// assert_eq!(method.label(), "shipped network `paper`");
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -82,7 +82,7 @@ mod tests {
     fn networks_come_first_and_a_name_is_no_folder() {
         let skin = Skin::load("cylinder30").unwrap();
         let names = methods().names(&skin).unwrap();
-        assert_eq!(names[..4], ["best", "paper", "noser", "laplace"]);
+        assert_eq!(names[..5], ["refined", "best", "paper", "noser", "laplace"]);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("paper");
         let shipped = Model::named("best", &skin).unwrap();

@@ -60,19 +60,6 @@ fn refined_contacts_are_nearer_and_their_deviations_true() {
     }
 }
 
-/// The whole experiment on several twins: the figures of `docs/validation.md`.
-#[test]
-#[ignore = "minutes"]
-fn refined_contacts_on_whole_experiments() {
-    for (twin, most_m) in [("lab", 0.85e-3), ("harsh", 1.8e-3)] {
-        for seed in [1001, 1002, 1003] {
-            let sizes = || Sizes { grid_step: 2, random: 450, pairs: 20, fours: 100, ..Sizes::default() };
-            let [_, refined] = ["best", Methods::REFINED].map(|method| benchmark(twin, method, seed, sizes()));
-            assert!(refined.single_m.mean < most_m);
-        }
-    }
-}
-
 /// The time of one frame's refinement, on one core.
 #[test]
 fn the_time_of_a_refinement() {

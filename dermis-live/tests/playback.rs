@@ -1,6 +1,6 @@
 //! Playback of a recording in place of its device.
 
-use dermis::method::MethodSet;
+use dermis::method::{MethodSet, Methods};
 use dermis::pipeline::{Command, Settings, TrackedContact};
 use dermis::skin::Skin;
 use dermis_live::device::Address;
@@ -37,9 +37,10 @@ fn record(methods: &Arc<MethodSet>, path: &Path) {
     let address = Address::Tcp(listener.local_addr().unwrap().to_string());
     let served = Arc::clone(&emulator);
     std::thread::spawn(move || served.serve(Port::Tcp(listener)).unwrap());
-    let options = LiveOptions { address, device: Default::default(), settings: Settings::default(), state: None };
+    let settings = Settings { method: Methods::REFINED.into(), ..Settings::default() };
+    let options = LiveOptions { address, device: Default::default(), settings, state: None };
     let live = Live::start(Arc::clone(methods), options).unwrap();
-    let mailbox = live.shared().subscribe(WAITING);
+    let [mailbox, whole] = [(), ()].map(|()| live.shared().subscribe(WAITING));
     live.begin();
     await_frame(&mailbox, 200);
     let taping = RecordingSink::start(live.shared(), path, None, RecordingLimits::default()).unwrap();
@@ -54,6 +55,20 @@ fn record(methods: &Arc<MethodSet>, path: &Path) {
     assert!(taping.stop().problem.is_none());
     live.stop();
     emulator.stop();
+    assert!(frames_during_adaptation(&whole) > 0, "frames do not wait for the method to be adapted");
+}
+
+/// Number of frames with contacts between the end of the tare and the first preparation of the method.
+fn frames_during_adaptation(mailbox: &Mailbox<Event>) -> usize {
+    let mut count = 0;
+    while let Popped::Item(event) = mailbox.take(Duration::ZERO) {
+        match event {
+            Event::Frame(frame) => count += usize::from(frame.result.validity.is_usable()),
+            Event::Done(Command::Rebuild) => return count,
+            _ => {}
+        }
+    }
+    panic!("the method was not adapted");
 }
 
 fn await_frame(mailbox: &Mailbox<Event>, sequence: u64) {

@@ -1,7 +1,7 @@
 //! A device and a pipeline without a connection between them, frame by frame, at full speed.
 
 use dermis::geom::{Point3, Surface};
-use dermis::method::MethodSet;
+use dermis::method::{MethodSet, Methods};
 use dermis::pipeline::{Pipeline, PipelineFrame, Settings};
 use dermis::skin::Skin;
 use dermis_live::emulator::{EmulatorOptions, Place, Script, Stroke};
@@ -13,7 +13,8 @@ use std::sync::{Arc, OnceLock};
 /// The paper's skin and its methods, prepared once.
 pub fn methods() -> Arc<MethodSet> {
     static METHODS: OnceLock<Arc<MethodSet>> = OnceLock::new();
-    let prepare = || MethodSet::new(&dermis_learn::methods(), Skin::load("cylinder30").unwrap(), None).unwrap();
+    let skin = || Skin::load("cylinder30").unwrap();
+    let prepare = || MethodSet::new(&dermis_learn::methods(), skin(), Some(Methods::REFINED)).unwrap();
     Arc::clone(METHODS.get_or_init(|| Arc::new(prepare())))
 }
 

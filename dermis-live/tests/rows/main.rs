@@ -1,6 +1,7 @@
 //! Requirements of the pipeline, tested without a connection between device and host and at full speed. Run the long
 //! tests with `cargo test --release -p dermis-live --test rows -- --ignored --nocapture`.
 
+mod adapted;
 mod bench;
 mod faults;
 mod gaps;

@@ -6,6 +6,7 @@
 //! `1/z_l^2 integral over E_l of (u_d - U_d)(u_m - U_m)` per unit of `z_l`.
 
 use super::assembly::patch_parts;
+use super::displacement_jacobian::add_outer;
 use super::{ForwardError, ForwardModel, Matrix};
 use crate::fem::mass;
 use crate::protocol::Channel;
@@ -24,11 +25,10 @@ impl ForwardModel {
         for electrode in 0..electrodes.rows {
             let products = self.contact_products(electrode, &nodes, electrodes.row(electrode));
             let admittance_squared = self.contact_impedances()[electrode].powi(-2);
-            for (channel, Channel { drive: [source, sink], measure: [plus, minus] }) in channels.iter().enumerate() {
-                let at = |drive: &usize| products.at(*drive, *plus) - products.at(*drive, *minus);
+            for (channel, value) in channels.iter().enumerate() {
                 // A point has no contact impedance: its products are zero, and its value is arbitrary.
                 if self.mesh().electrode_size(electrode) > 0.0 {
-                    *jacobian.at_mut(channel, electrode) = admittance_squared * (at(source) - at(sink));
+                    *jacobian.at_mut(channel, electrode) = admittance_squared * of_channel(&products, value);
                 }
             }
         }
@@ -40,20 +40,30 @@ impl ForwardModel {
         let count = own.len();
         let mut products = Matrix::zeros(count, count);
         for (corners, measure) in patch_parts(self.mesh(), &self.mesh().electrodes[electrode]) {
-            let drops: Vec<Vec<f64>> = (corners.iter())
-                .map(|&node| nodes.row(node).iter().zip(own).map(|(u, own)| u - own).collect())
-                .collect();
-            for (i, a) in drops.iter().enumerate() {
-                for (j, b) in drops.iter().enumerate() {
-                    let weight = mass(corners.len(), measure, i, j);
-                    for (k, a) in a.iter().enumerate() {
-                        let row = products.row_mut(k);
-                        row.iter_mut().zip(b).for_each(|(product, b)| *product += weight * a * b);
-                    }
-                }
-            }
+            add_drops(&corners, measure, nodes, own, &mut products);
         }
         products
+    }
+}
+
+/// The value of a channel, of products of the fields of all electrodes.
+pub(super) fn of_channel(
+    products: &Matrix,
+    &Channel { drive: [source, sink], measure: [plus, minus] }: &Channel,
+) -> f64 {
+    let at = |drive: usize| products.at(drive, plus) - products.at(drive, minus);
+    at(source) - at(sink)
+}
+
+/// Adds the integrals over a simplex of an electrode of the products of the drops `u - U` of all electrodes' fields.
+/// `own`: the electrode's potential in each field.
+pub(super) fn add_drops(corners: &[usize], measure: f64, nodes: &Matrix, own: &[f64], products: &mut Matrix) {
+    let drop = |&node: &usize| nodes.row(node).iter().zip(own).map(|(u, own)| u - own).collect();
+    let drops: Vec<Vec<f64>> = corners.iter().map(drop).collect();
+    for (i, a) in drops.iter().enumerate() {
+        for (j, b) in drops.iter().enumerate() {
+            add_outer(mass(corners.len(), measure, i, j), a, b, products);
+        }
     }
 }
 

@@ -186,7 +186,7 @@ fn add_contacts(model: &ForwardModel, of_entry: &[[f64; LANES]], gradient: &mut 
 }
 
 /// The derivative of the logarithm of the measure of a segment or triangle with respect to each corner.
-fn logarithmic_slopes(corners: &[usize], nodes: &[Point3]) -> [Point3; 3] {
+pub(super) fn logarithmic_slopes(corners: &[usize], nodes: &[Point3]) -> [Point3; 3] {
     match *corners {
         [a, b] => {
             let along = sub(nodes[b], nodes[a]);

@@ -39,13 +39,7 @@ impl ForwardModel {
     /// The derivative with respect to the conductivity of regions, each a list of cells with the fraction of each that
     /// changes.
     fn derivative_by(&self, parts: &[Vec<(usize, f64)>], conductivity: &[f64]) -> Result<Matrix, ForwardError> {
-        Ok(self.region_jacobian(parts, &self.potentials(conductivity)?))
-    }
-
-    /// The derivative of the frame with respect to the conductivity of regions, each a list of cells with the weight of
-    /// each one's change, channels x regions, from the [potentials](Self::potentials); ohm per S.
-    pub(crate) fn region_jacobian(&self, parts: &[Vec<(usize, f64)>], potentials: &Matrix) -> Matrix {
-        let fields = Fields::new(self.mesh(), potentials);
+        let fields = Fields::new(self.mesh(), &self.potentials(conductivity)?);
         let mut jacobian = Matrix::zeros(self.protocol().channel_count(), parts.len());
         let jacobian_values = &mut jacobian;
         pulp::Arch::new().dispatch(Fill {
@@ -54,7 +48,7 @@ impl ForwardModel {
             protocol: self.protocol(),
             jacobian: jacobian_values,
         });
-        jacobian
+        Ok(jacobian)
     }
 }
 

@@ -40,10 +40,9 @@ use crate::forward::{ForwardError, ForwardModel};
 use crate::frame::{Frame, quantities};
 use crate::geom::{Point3, Surface};
 use crate::linalg::{Matrix, invert_spd};
-use crate::mesh::Mesh;
+use crate::mesh::Refined;
 use crate::stats::rms;
 use placement::{Displacement, displacements};
-use rayon::prelude::*;
 use thiserror::Error;
 
 /// What is known of a skin before it is measured, and of the instrument.
@@ -112,12 +111,8 @@ pub enum IdentifyError {
 /// Gauss-Newton steps. The frame is nearly linear in the logarithms: after the second step what is left of the step is
 /// below a hundredth of the noise on skins with 20 % of unevenness.
 const STEPS: usize = 3;
-/// Step of the difference quotient of displacements, m.
-const STEP_M: f64 = 1e-4;
 /// Longest displacement, in standard deviations of its prior, so that cells stay valid.
 const MOST_SD: f64 = 5.0;
-/// Edge lengths of the mesh on which the discretisation error is measured, over those of the design's.
-const FINER: f64 = 0.5;
 
 /// A skin as it was made.
 #[derive(Debug, Clone)]
@@ -278,22 +273,20 @@ impl Identifier {
     fn fill_coating(&self, model: &ForwardModel, data: &Data, out: &mut Matrix) -> Result<(), ForwardError> {
         let conductivity = model.rest_conductivity();
         let by_cell = model.jacobian(conductivity)?;
-        let columns = self.basis.columns;
-        let fill = |(value, row): (&Value, &mut [f64])| {
+        let mut by_log = Matrix::zeros(data.values.len(), conductivity.len());
+        for (value, row) in data.values.iter().zip(by_log.values.chunks_exact_mut(conductivity.len())) {
             // Reciprocal channels have the same derivative.
-            let &(channel, _) = value.channels.first().expect("a quantity has a channel");
-            let (first, coating) = row[..1 + columns].split_first_mut().expect("the scale");
-            for ((derivative, s), basis) in
-                by_cell.row(channel).iter().zip(conductivity).zip(self.basis.values.chunks_exact(columns))
-            {
-                let change = value.sign() * derivative * s / value.sd;
-                *first += self.options.scale_sd * change;
-                let change = self.options.coating_sd * change;
-                coating.iter_mut().zip(basis).for_each(|(sum, basis)| *sum += change * basis);
-            }
-        };
-        let width = out.columns;
-        data.values.par_iter().zip(out.values.par_chunks_mut(width)).for_each(fill);
+            let factor = value.sign() / value.sd;
+            let changes = by_cell.row(value.channels[0].0).iter().zip(conductivity);
+            row.iter_mut().zip(changes).for_each(|(change, (derivative, s))| *change = factor * derivative * s);
+        }
+        let by_coefficient = by_log.times(&self.basis);
+        for row in 0..by_log.rows {
+            let (first, coating) = out.row_mut(row)[..1 + self.basis.columns].split_first_mut().expect("the scale");
+            *first = self.options.scale_sd * by_log.row(row).iter().sum::<f64>();
+            let changes = coating.iter_mut().zip(by_coefficient.row(row));
+            changes.for_each(|(out, change)| *out = self.options.coating_sd * change);
+        }
         Ok(())
     }
 
@@ -311,21 +304,15 @@ impl Identifier {
     }
 
     fn fill_displacements(&self, model: &ForwardModel, data: &Data, out: &mut Matrix) -> Result<(), ForwardError> {
-        let conductivity = model.rest_conductivity();
-        let rest = model.solve(conductivity)?;
-        let moved = |displacement: &Displacement| {
-            let mut nodes_m = model.mesh().nodes.clone();
-            displacement.apply(&self.surface, STEP_M, &mut nodes_m);
-            let contacts = model.contact_impedances();
-            self.model.with_parameters(&nodes_m, contacts, conductivity)?.solve(conductivity)
-        };
-        let frames = self.displacements.par_iter().map(moved).collect::<Result<Vec<Frame>, ForwardError>>()?;
+        let nodes_m = &model.mesh().nodes;
+        let velocities: Vec<_> =
+            self.displacements.iter().map(|displacement| displacement.velocities(&self.surface, nodes_m)).collect();
+        let by_m = model.displacement_jacobian(model.rest_conductivity(), &velocities)?;
         let first = out.columns - self.displacements.len();
-        for (index, (displacement, frame)) in self.displacements.iter().zip(&frames).enumerate() {
-            let sd_m = self.displacement_sd_m(displacement);
-            for (row, value) in data.values.iter().enumerate() {
-                let change = value.of(&|channel| frame[channel] - rest[channel]) / STEP_M;
-                *out.at_mut(row, first + index) = sd_m * change / value.sd;
+        for (row, value) in data.values.iter().enumerate() {
+            for (index, displacement) in self.displacements.iter().enumerate() {
+                let change = value.of(&|channel| by_m.at(channel, index));
+                *out.at_mut(row, first + index) = self.displacement_sd_m(displacement) * change / value.sd;
             }
         }
         Ok(())
@@ -420,14 +407,19 @@ fn step(jacobian: &Matrix, residuals: &[f64], x: &[f64]) -> Result<Vec<f64>, Ide
     Ok(solution)
 }
 
-/// The untouched frame of a design on a finer mesh minus that of its model; zero on a body that is a mesh file.
+/// The untouched frame of a design on a finer mesh minus that of its model; zero on a body that is a mesh file. The cells
+/// of the finer mesh are quarters of the model's, with their new corners on the surface.
 fn discretisation_ohm(design: &SkinDesign, model: &ForwardModel) -> crate::Result<Vec<f64>> {
-    if matches!(design.body, Body::Mesh { .. }) {
+    let surface = design.body.surface();
+    let finer = match design.body {
+        Body::Mesh { .. } => None,
+        _ => model.mesh().refined(|_| true),
+    };
+    let Some(Refined { mesh: mut finer, .. }) = finer else {
         return Ok(vec![0.0; design.protocol.channel_count()]);
-    }
-    let mut finer = design.clone();
-    finer.mesh = finer.mesh.scaled(FINER);
-    let finer = ForwardModel::new(&finer, &Mesh::generate(&finer)?)?;
+    };
+    finer.nodes.iter_mut().for_each(|node| *node = surface.walk(*node, [0.0; 2]));
+    let finer = ForwardModel::new(design, &finer)?;
     let exact = finer.solve(finer.rest_conductivity())?;
     Ok((&exact - &model.solve(model.rest_conductivity())?).0)
 }

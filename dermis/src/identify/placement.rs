@@ -1,6 +1,8 @@
 //! Displacements of electrodes as displacements of the mesh's nodes.
 
 use crate::design::{Body, SkinDesign};
+use crate::forward::NodeVelocities;
+use crate::geom::vector::{scale, sub};
 use crate::geom::{Point3, Surface};
 use crate::mesh::{ElectrodePatch, Mesh};
 
@@ -12,6 +14,9 @@ const REACH_RADII: f64 = 4.5;
 const REACH_SHARE: f64 = 0.45;
 /// An electrode whose centre is this close to the body's edge lies on it, m.
 const ON_EDGE_M: f64 = 1e-6;
+/// Step of the difference quotient of a displacement along the surface, m: its square over that of a radius is far below
+/// the error of the model.
+const STEP_M: f64 = 1e-4;
 
 /// One possible displacement of one electrode.
 #[derive(Debug, Clone)]
@@ -27,6 +32,15 @@ pub(super) struct Displacement {
 }
 
 impl Displacement {
+    /// The velocities of the nodes, m per m of displacement.
+    pub(super) fn velocities(&self, surface: &Surface, nodes_m: &[Point3]) -> NodeVelocities {
+        let velocity = |&(node, part): &(usize, f64)| {
+            let at = |by_m: f64| surface.walk(nodes_m[node], self.direction.map(|axis| axis * by_m * part));
+            (node, scale(sub(at(STEP_M), at(-STEP_M)), 0.5 / STEP_M))
+        };
+        self.nodes.iter().map(velocity).collect()
+    }
+
     /// Adds a displacement by a distance to the nodes.
     pub(super) fn apply(&self, surface: &Surface, by_m: f64, nodes_m: &mut [Point3]) {
         for &(node, part) in &self.nodes {

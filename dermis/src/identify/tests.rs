@@ -1,4 +1,5 @@
 use super::*;
+use crate::mesh::Mesh;
 
 /// The skin of the paper on a coarse mesh, for speed.
 fn skin() -> (SkinDesign, ForwardModel) {

@@ -57,12 +57,7 @@ impl Matrix {
     pub(crate) fn times(&self, other: &Matrix) -> Matrix {
         assert_eq!(self.columns, other.rows, "the sizes match");
         let mut product = Matrix::zeros(self.rows, other.columns);
-        for i in 0..self.rows {
-            let target = product.row_mut(i);
-            for (factor, row) in self.row(i).iter().zip(other.values.chunks_exact(other.columns)) {
-                target.iter_mut().zip(row).for_each(|(sum, value)| *sum += factor * value);
-            }
-        }
+        pulp::Arch::new().dispatch(Times { a: self, b: other, product: &mut product });
         product
     }
 
@@ -74,6 +69,53 @@ impl Matrix {
         assert_eq!(vector.len(), self.columns, "vector length");
         assert_eq!(out.len(), self.rows, "output length");
         pulp::Arch::new().dispatch(Product { matrix: self, vector, out });
+    }
+}
+
+/// Rows of the second factor that are used for all rows of the product while they are in the cache.
+const BLOCK: usize = 64;
+
+struct Times<'a> {
+    a: &'a Matrix,
+    b: &'a Matrix,
+    product: &'a mut Matrix,
+}
+
+impl WithSimd for Times<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let columns = self.b.columns.max(1);
+        for (block, rows) in self.b.values.chunks(BLOCK * columns).enumerate() {
+            let rows_of_product = self.product.values.chunks_exact_mut(columns);
+            for (sums, factors) in rows_of_product.zip(self.a.values.chunks_exact(self.a.columns.max(1))) {
+                let factors = &factors[block * BLOCK..];
+                for (factors, rows) in factors.chunks(UNROLLED).zip(rows.chunks(UNROLLED * columns)) {
+                    add_rows(sums, factors, rows);
+                }
+            }
+        }
+    }
+}
+
+/// Rows that are added in one pass over the sums.
+const UNROLLED: usize = 4;
+
+/// Adds rows times factors in their order, as one after the other.
+#[inline(always)]
+fn add_rows(sums: &mut [f64], factors: &[f64], rows: &[f64]) {
+    let columns = sums.len();
+    if let &[a, b, c, d] = factors {
+        let (first, second) = rows.split_at(2 * columns);
+        let ((r, s), (t, u)) = (first.split_at(columns), second.split_at(columns));
+        for ((((sum, r), s), t), u) in sums.iter_mut().zip(r).zip(s).zip(t).zip(u) {
+            *sum = (((*sum + a * r) + b * s) + c * t) + d * u;
+        }
+    } else {
+        for (factor, row) in factors.iter().zip(rows.chunks_exact(columns)) {
+            sums.iter_mut().zip(row).for_each(|(sum, value)| *sum += factor * value);
+        }
     }
 }
 
@@ -106,4 +148,29 @@ fn lane_dot(a: &[f64], b: &[f64]) -> f64 {
         }
     }
     lanes.iter().sum::<f64>() + tail
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Sizes below, at and above those of the blocks.
+    #[test]
+    fn products_are_sums_in_order() {
+        let matrix = |rows: usize, columns: usize| {
+            let values = (0..rows * columns).map(|k| (k as f64 * 0.7).sin()).collect();
+            Matrix { rows, columns, values }
+        };
+        for (rows, inner, columns) in [(3, 1, 5), (2, 64, 7), (5, 67, 9), (1, 131, 1), (4, 0, 3), (0, 5, 2)] {
+            let (a, b) = (matrix(rows, inner), matrix(inner, columns));
+            let product = a.times(&b);
+            assert_eq!((product.rows, product.columns), (rows, columns));
+            for i in 0..rows {
+                for j in 0..columns {
+                    let expected = (0..inner).fold(0.0, |sum, k| sum + a.at(i, k) * b.at(k, j));
+                    assert_eq!(product.at(i, j), expected, "{rows} x {inner} x {columns}");
+                }
+            }
+        }
+    }
 }

@@ -26,7 +26,7 @@ use crate::image::Image;
 use crate::reconstruct::{
     AlphaRule, OneStep, OneStepOptions, Reconstruct, ReconstructError, Refined, WithoutChannels, image_noise,
 };
-use crate::refine::RefineOptions;
+use crate::refine::{RefineOptions, Refiner};
 use crate::skin::Skin;
 use std::fmt;
 use std::sync::Arc;
@@ -290,7 +290,7 @@ pub struct Methods {
 }
 
 impl Methods {
-    /// The name of the [default](Self::default_name) method with its contacts [refined](Refined).
+    /// The name of the best other method of a skin with its contacts [refined](Refined).
     pub const REFINED: &'static str = "refined";
     /// The names of the linear methods, which are available for every skin.
     pub const LINEAR: [&str; 6] = linear::NAMES;
@@ -307,11 +307,30 @@ impl Methods {
         self
     }
 
-    /// The names of all methods for a skin, the preferred one first.
+    /// The names of all methods for a skin, the preferred one first: [`REFINED`](Self::REFINED) on a skin with methods of
+    /// other sources whose contacts can be refined.
     ///
     /// # Errors
     /// A source whose names cannot be read.
     pub fn names(&self, skin: &Skin) -> Result<Vec<String>, MethodError> {
+        let mut names = self.own_names(skin)?;
+        if Refiner::check(&skin.design().body, skin.forward()).is_ok() {
+            let is_linear = Self::LINEAR.contains(&names[0].as_str());
+            names.insert(if is_linear { names.len() } else { 0 }, Self::REFINED.into());
+        }
+        Ok(names)
+    }
+
+    /// The name of the best method without refinement.
+    ///
+    /// # Errors
+    /// As [`names`](Self::names).
+    pub fn unrefined_name(&self, skin: &Skin) -> Result<String, MethodError> {
+        Ok(self.own_names(skin)?.swap_remove(0))
+    }
+
+    /// The names without refinement.
+    fn own_names(&self, skin: &Skin) -> Result<Vec<String>, MethodError> {
         let mut names = Vec::new();
         for source in self.sources.iter().rev() {
             names.extend(source.names(skin)?);
@@ -330,8 +349,8 @@ impl Methods {
         Ok(self.names(skin)?.swap_remove(0))
     }
 
-    /// Prepares a method for a skin. `name` is one of [`names`](Self::names), [`REFINED`](Self::REFINED), the path of a
-    /// network's folder (`./my-model`), or empty for the [default](Self::default_name).
+    /// Prepares a method for a skin. `name` is one of [`names`](Self::names), the path of a network's folder
+    /// (`./my-model`), or empty for the [default](Self::default_name).
     ///
     /// # Errors
     /// An unknown name, options that the method does not have, a method that does not fit the skin.
@@ -340,7 +359,7 @@ impl Methods {
             return self.method(skin, &self.default_name(skin)?, options);
         }
         if name == Self::REFINED {
-            return self.method(skin, "", options)?.refined(skin, &options.excluded);
+            return self.method(skin, &self.unrefined_name(skin)?, options)?.refined(skin, &options.excluded);
         }
         options.check(skin)?;
         if let Some(method) = linear::method(skin, name, options)? {

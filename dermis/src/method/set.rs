@@ -17,19 +17,17 @@ pub struct MethodSet {
 const READY: [&str; 2] = ["noser", "laplace"];
 
 impl MethodSet {
-    /// Prepares the methods of other sources (the shipped networks), NOSER and Laplace, and the method `extra` if it is
-    /// not one of these: another linear one, or the folder of a network.
+    /// Prepares the default method, the methods of other sources (the shipped networks), NOSER and Laplace, and the method
+    /// `extra` if it is not one of these: another linear one, or the folder of a network.
     ///
     /// # Errors
     /// A method that cannot be prepared.
     pub fn new(methods: &Methods, skin: Skin, extra: Option<&str>) -> Result<Self, MethodError> {
         let known = methods.names(&skin)?;
         let default_name = known[0].clone();
-        let is_ready = |name: &&String| !Methods::LINEAR.contains(&name.as_str()) || READY.contains(&name.as_str());
-        let mut names: Vec<&str> = known.iter().filter(is_ready).map(String::as_str).collect();
-        if !names.contains(&default_name.as_str()) {
-            names.insert(0, &default_name);
-        }
+        let is_own = |name: &str| name == Methods::REFINED || Methods::LINEAR.contains(&name);
+        let is_ready = |name: &&str| *name == default_name || !is_own(name) || READY.contains(name);
+        let mut names: Vec<&str> = known.iter().map(String::as_str).filter(is_ready).collect();
         let extra = extra.filter(|extra| !extra.is_empty() && !names.contains(extra));
         names.extend(extra);
         let prepared = names.iter().map(|name| methods.method(&skin, name, &MethodOptions::default()));

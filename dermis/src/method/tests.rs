@@ -1,5 +1,8 @@
 use super::*;
+use crate::contact::Contact;
+use crate::design::{SkinDesign, TouchEffect};
 use crate::reconstruct::{Alpha, Difference};
+use dermis_sim::random::{sample_rng, standard_normal};
 
 fn skin() -> Skin {
     Skin::load("tank16").unwrap()
@@ -57,4 +60,48 @@ fn a_set_has_the_default_and_the_method_that_is_asked_for() {
     assert_eq!(set.names().collect::<Vec<_>>(), ["noser", "laplace", "greit"]);
     assert_eq!((set.default_method().name(), set.extra().unwrap().name()), ("noser", "greit"));
     assert!(set.method("tv").unwrap_err().to_string().contains("noser, laplace, greit"));
+}
+
+/// The default of a skin without other methods is not refined, but contacts can be.
+#[test]
+fn refined_is_the_last_name_where_all_methods_are_linear() {
+    let skin = skin();
+    let names = Methods::linear().names(&skin).unwrap();
+    assert_eq!((names[0].as_str(), names.last().unwrap().as_str()), ("noser", Methods::REFINED));
+    let method = Methods::linear().method(&skin, Methods::REFINED, &MethodOptions::default()).unwrap();
+    assert_eq!((method.name(), method.label()), (Methods::REFINED, "one-step NOSER, refined"));
+    assert_eq!(Methods::linear().unrefined_name(&skin).unwrap(), "noser");
+}
+
+/// Touches that lower the conductance are refined as those that raise it: a contact 4 mm off moves to the touch.
+#[test]
+fn contacts_are_refined_whichever_way_a_touch_changes_the_conductance() {
+    for touch in [TouchEffect::ConductanceRises, TouchEffect::ConductanceFalls] {
+        let mut design = SkinDesign::shipped("cylinder30").unwrap();
+        design.sheet.touch = touch;
+        let skin = Skin::new(design).unwrap();
+        let (forward, surface) = (skin.forward(), skin.design().body.surface());
+        let place = surface.at(0.14, 1.0).unwrap();
+        let touched: Vec<f64> = (forward.rest_conductivity().iter().enumerate())
+            .map(|(cell, s)| {
+                let d = surface.distance_m(skin.mesh().cell_centre(cell), place) / 4e-3;
+                s * (1.0 + touch.sign() * 0.3 * (-0.5 * d * d).exp())
+            })
+            .collect();
+        let rest = forward.solve(forward.rest_conductivity()).unwrap();
+        let noisy = |frame: u64| {
+            let mut rng = sample_rng(71, frame);
+            Frame(rest.iter().map(|value| value + 0.1 * standard_normal(&mut rng)).collect())
+        };
+        let frame = forward.solve(&touched).unwrap();
+        let differences = Differences::new(vec![frame], (0..20).map(noisy).collect());
+        let method = Methods::linear().method(&skin, Methods::REFINED, &MethodOptions::default()).unwrap();
+        let mut contacts = vec![Contact::truth(surface.walk(place, [3e-3, -2.6e-3]), [f64::NAN; 3], f64::NAN)];
+        method.reconstruct().correct(&differences.frames[0], &mut contacts);
+        assert!(surface.distance_m(contacts[0].position_m, place) > 3.9e-3, "before it is adapted");
+        let adapted = method.adapted(&differences).unwrap();
+        adapted.reconstruct().correct(&differences.frames[0], &mut contacts);
+        let off_m = surface.distance_m(contacts[0].position_m, place);
+        assert!(off_m < 5e-4, "{touch:?}: {off_m}");
+    }
 }

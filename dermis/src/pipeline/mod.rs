@@ -3,6 +3,9 @@
 //! The output of a [`Pipeline`] depends only on its frames and commands: it has no input or output of its own, no
 //! threads and no clock. The same frames and commands in the same order give the same contacts, to the last bit.
 //!
+//! Work that takes longer than a frame is given to the caller: a pipeline that [wants it](Pipeline::wants_rebuild) has its
+//! method prepared again by a [job](Pipeline::rebuild_job), on any thread.
+//!
 //! A robot prepares a skin and a pipeline once, and passes each frame to it as it is measured. In this example a
 //! simulated press replaces the instrument:
 //!
@@ -121,7 +124,16 @@ impl Pipeline {
         let phase = Phase::Taring { frames: Vec::new() };
         let (pixels, design) = (methods.skin().pixels(), methods.skin().design());
         let tracker = Tracker::on(pixels, TrackOptions::for_skin(pixels, design.electrodes.len()));
-        let state = State { settings, phase, start: None, last: None, frames: 0, method_masked: Vec::new(), tracker };
+        let state = State {
+            settings,
+            phase,
+            start: None,
+            last: None,
+            frames: 0,
+            method_masked: Vec::new(),
+            method_adapted: false,
+            tracker,
+        };
         Self::resume(methods, state)
     }
 
@@ -157,10 +169,12 @@ impl Pipeline {
             state,
             methods,
         };
-        match pipeline.state.method_masked.clone() {
-            masked if masked.is_empty() => pipeline.measure_noise()?,
-            masked => {
-                let rebuilt = RebuildJob { masked, ..pipeline.rebuild_job() }.run()?;
+        let masked = pipeline.state.method_masked.clone();
+        let rest_ohm = pipeline.rebuild_job().rest_ohm.filter(|_| pipeline.state.method_adapted);
+        match masked.is_empty() && rest_ohm.is_none() {
+            true => pipeline.measure_noise()?,
+            false => {
+                let rebuilt = RebuildJob { masked, rest_ohm, ..pipeline.rebuild_job() }.run()?;
                 pipeline.use_method(rebuilt);
             }
         }
@@ -197,9 +211,12 @@ impl Pipeline {
         marked(&self.masked)
     }
 
-    /// Whether the method should be [prepared again](Command::Rebuild), because the masked channels have changed.
+    /// Whether the method should be [prepared again](Command::Rebuild): the masked channels have changed, or a tare has
+    /// ended and the method [depends on it](crate::reconstruct::Reconstruct::is_adaptable). Until then the frames are
+    /// processed with the method as it is.
     pub fn wants_rebuild(&self) -> bool {
-        self.state.method_masked != self.masked_channels()
+        let is_due = self.adaptation_ohm().is_some() && !self.state.method_adapted;
+        is_due || self.state.method_masked != self.masked_channels()
     }
 
     /// The job of [`Command::Rebuild`], to be run outside the pipeline; pass its result to
@@ -210,24 +227,32 @@ impl Pipeline {
             name: self.method.name().into(),
             masked: self.masked_channels(),
             untouched: self.state.phase.untouched().to_vec(),
-            rest: self.state.baseline_ohm().map(<[f64]>::to_vec),
+            rest_ohm: self.adaptation_ohm().map(<[f64]>::to_vec),
             noise_ohm: self.state.phase.noise_ohm().to_vec(),
         }
     }
 
-    /// Uses a method that was prepared again, unless the method or the masked channels have changed since; returns
-    /// whether it is used.
+    /// Uses a method that was prepared again, unless the method, the masked channels or the tare have changed since;
+    /// returns whether it is used.
     pub fn install_method(&mut self, rebuilt: RebuiltMethod) -> bool {
-        let is_wanted = rebuilt.masked == self.masked_channels() && rebuilt.method.name() == self.method.name();
+        let is_wanted = rebuilt.masked == self.masked_channels()
+            && rebuilt.method.name() == self.method.name()
+            && rebuilt.rest_ohm.as_deref() == self.adaptation_ohm();
         if is_wanted {
             self.use_method(rebuilt);
         }
         is_wanted
     }
 
+    /// The mean of the tare's frames, ohm, if the method depends on it.
+    fn adaptation_ohm(&self) -> Option<&[f64]> {
+        self.state.phase.rest_ohm().filter(|_| self.method.reconstruct().is_adaptable())
+    }
+
     fn use_method(&mut self, rebuilt: RebuiltMethod) {
         self.method = rebuilt.method;
         self.state.method_masked = rebuilt.masked;
+        self.state.method_adapted = rebuilt.rest_ohm.is_some();
         self.noise = rebuilt.noise;
         self.cost = rebuilt.cost;
         self.prepare_detector();
@@ -259,8 +284,7 @@ impl Pipeline {
             Command::Zones { zones } => self.set(Settings { zones: zones.clone(), ..self.state.settings.clone() })?,
             Command::Method { name } => {
                 self.method = self.state.settings.method_of(&self.methods, name)?.clone();
-                self.state.method_masked.clear();
-                self.cost = None;
+                self.forget_preparation();
                 self.state.settings.method.clone_from(name);
                 self.measure_noise()?;
             }
@@ -291,12 +315,18 @@ impl Pipeline {
         };
     }
 
-    /// Adapts the method to the untouched skin and measures the noise of its images, from the frames of the tare.
+    /// Measures the noise of the method's images, from the frames of the tare.
     fn measure_noise(&mut self) -> Result<(), PipelineError> {
-        self.method = rebuild::adapted(&self.method, self.state.baseline_ohm(), self.state.phase.untouched())?;
         self.noise = rebuild::noise_without(&self.method, self.state.phase.untouched(), &self.state.method_masked)?;
         self.prepare_detector();
         Ok(())
+    }
+
+    /// The method in use is one for all channels and of no tare.
+    fn forget_preparation(&mut self) {
+        self.state.method_masked.clear();
+        self.state.method_adapted = false;
+        self.cost = None;
     }
 }
 

@@ -132,6 +132,7 @@ impl Pipeline {
         self.topology.mark_channels_of(electrodes.confirmed(), &mut self.masked);
         self.state.phase = Phase::Reading(Box::new(Reading {
             untouched: values.iter().map(|values| difference(values, &statistics.mean)).collect(),
+            rest_ohm: statistics.mean.clone(),
             touch_detector: TouchDetector::of(&values, &self.masked),
             baseline: Baseline::new(statistics.mean),
             electrodes,
@@ -144,6 +145,11 @@ impl Pipeline {
         }));
         self.notice(Severity::Info, format!("tared with {} frames", frames.len()), at);
         self.warn_after_tare(at);
+        if self.state.method_adapted {
+            // To the tare before.
+            self.method = self.state.settings.method_of(&self.methods, &self.state.settings.method)?.clone();
+            self.forget_preparation();
+        }
         self.measure_noise()
     }
 

@@ -1,4 +1,4 @@
-//! The method prepared again without the masked channels, and the noise of its images.
+//! The method prepared again, without the masked channels and for the untouched skin, and the noise of its images.
 
 use crate::detect::ImageNoise;
 use crate::frame::{Differences, Frame};
@@ -7,14 +7,15 @@ use crate::pipeline::degradation::Cost;
 use crate::pipeline::error::PipelineError;
 use std::sync::Arc;
 
-/// A job that prepares a method without some channels. It may run on any thread.
+/// A job that prepares a method without some channels, adapted to the untouched skin. It may run on any thread.
 #[derive(Debug, Clone)]
 pub struct RebuildJob {
     pub(super) methods: Arc<MethodSet>,
     pub(super) name: String,
     pub(super) masked: Vec<usize>,
     pub(super) untouched: Vec<Vec<f64>>,
-    pub(super) rest: Option<Vec<f64>>,
+    /// The mean of the tare's frames to which the method is adapted, if it is.
+    pub(super) rest_ohm: Option<Vec<f64>>,
     pub(super) noise_ohm: Vec<f64>,
 }
 
@@ -23,6 +24,7 @@ pub struct RebuildJob {
 pub struct RebuiltMethod {
     pub(super) method: Method,
     pub(super) masked: Vec<usize>,
+    pub(super) rest_ohm: Option<Vec<f64>>,
     pub(super) noise: Option<ImageNoise>,
     pub(super) cost: Option<Cost>,
 }
@@ -33,25 +35,18 @@ impl RebuildJob {
     /// # Errors
     /// Too few channels left.
     pub fn run(self) -> Result<RebuiltMethod, PipelineError> {
-        let RebuildJob { methods, name, masked, untouched, rest, noise_ohm } = self;
-        let method = methods.method(&name)?.without_channels(methods.skin(), &masked)?;
-        let method = adapted(&method, rest.as_deref(), &untouched)?;
+        let RebuildJob { methods, name, masked, untouched, rest_ohm, noise_ohm } = self;
+        let mut method = methods.method(&name)?.without_channels(methods.skin(), &masked)?;
+        if let Some(rest_ohm) = &rest_ohm {
+            let untouched = untouched.iter().map(|frame| Frame(frame.clone())).collect();
+            let baseline = Some(Frame(rest_ohm.clone()));
+            method = method.adapted(&Differences { frames: Vec::new(), untouched, baseline })?;
+        }
         let noise = noise_without(&method, &untouched, &masked)?;
         let is_known = !masked.is_empty() && !noise_ohm.is_empty();
         let cost = is_known.then(|| Cost::of(methods.skin(), &noise_ohm, &masked)).transpose()?;
-        Ok(RebuiltMethod { method, masked, noise, cost })
+        Ok(RebuiltMethod { method, masked, rest_ohm, noise, cost })
     }
-}
-
-/// A method adapted to the untouched skin; the same during a tare.
-pub(super) fn adapted(
-    method: &Method,
-    baseline: Option<&[f64]>,
-    untouched: &[Vec<f64>],
-) -> Result<Method, PipelineError> {
-    let untouched = untouched.iter().map(|frame| Frame(frame.clone())).collect();
-    let baseline = baseline.map(|baseline| Frame(baseline.to_vec()));
-    Ok(method.adapted(&Differences { frames: Vec::new(), untouched, baseline })?)
 }
 
 /// The noise of a method's images, from differences of untouched frames in which some channels are masked.

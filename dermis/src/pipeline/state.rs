@@ -37,6 +37,9 @@ pub struct State {
     /// Channels that the method was prepared without.
     #[serde(rename = "made_without")]
     pub(super) method_masked: Vec<usize>,
+    /// Whether the method is adapted to the untouched frames of the tare.
+    #[serde(default)]
+    pub(super) method_adapted: bool,
     pub(super) tracker: Tracker,
 }
 
@@ -66,6 +69,9 @@ pub(super) struct Reading {
     pub masked_time: MaskedTime,
     /// Differences of the tare's frames from their mean, ohm.
     pub untouched: Vec<Vec<f64>>,
+    /// Their mean, ohm; empty in older states.
+    #[serde(default)]
+    pub rest_ohm: Vec<f64>,
     /// Start of the time without a touch, s.
     pub quiet_since_s: Option<f64>,
     /// Start of the time in which frames differ from the baseline without a contact, s.
@@ -133,7 +139,7 @@ impl State {
                     && reading.electrodes.fits(topology)
                     && reading.instrument.fits(topology)
                     && reading.trials.fits(channel_count)
-                    && reading.untouched.iter().all(|frame| frame.len() == channel_count)
+                    && reading.untouched.iter().chain([&reading.rest_ohm]).all(|frame| frame.len() == channel_count)
             }
         };
         match fits && self.method_masked.iter().all(|&channel| channel < channel_count) {
@@ -144,9 +150,12 @@ impl State {
 }
 
 impl State {
-    /// Completes a state that was written before the instrument was monitored.
+    /// Completes a state that was written before the instrument was monitored, or before methods were adapted.
     pub(super) fn restore(&mut self, topology: &ElectrodeTopology) {
         let Phase::Reading(reading) = &mut self.phase else { return };
+        if reading.rest_ohm.is_empty() {
+            reading.rest_ohm = reading.baseline.values_ohm().to_vec();
+        }
         if reading.instrument == InstrumentMonitor::default() {
             reading.instrument = InstrumentMonitor::unmonitored(topology);
             reading.trials = TrialMeans::new(topology.channel_count());
@@ -166,6 +175,14 @@ impl Phase {
         match self {
             Phase::Taring { .. } => &[],
             Phase::Reading(reading) => reading.electrodes.noise_ohm(),
+        }
+    }
+
+    /// The mean of the tare's frames, ohm; `None` during a tare.
+    pub(super) fn rest_ohm(&self) -> Option<&[f64]> {
+        match self {
+            Phase::Taring { .. } => None,
+            Phase::Reading(reading) => Some(&reading.rest_ohm),
         }
     }
 

@@ -124,6 +124,11 @@ pub trait Reconstruct: Send + Sync {
     /// leaves them as they are.
     fn correct(&self, _difference: &[f64], _contacts: &mut Vec<Contact>) {}
 
+    /// Whether the method can be [adapted](Self::adapted) to untouched frames.
+    fn is_adaptable(&self) -> bool {
+        false
+    }
+
     /// The method adapted to the untouched skin, from the mean of its untouched frames and their differences from it, ohm;
     /// `None` for a method that does not depend on them, or with too few frames.
     ///
@@ -174,6 +179,10 @@ impl<P: Deref<Target: Reconstruct> + Send + Sync> Reconstruct for P {
 
     fn correct(&self, difference: &[f64], contacts: &mut Vec<Contact>) {
         (**self).correct(difference, contacts);
+    }
+
+    fn is_adaptable(&self) -> bool {
+        (**self).is_adaptable()
     }
 
     fn adapted(&self, rest: &Frame, untouched: &[Frame]) -> Result<Option<Arc<dyn Reconstruct>>, ReconstructError> {

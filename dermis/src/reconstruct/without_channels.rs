@@ -97,6 +97,10 @@ impl<M: Reconstruct> Reconstruct for WithoutChannels<M> {
         }
     }
 
+    fn is_adaptable(&self) -> bool {
+        self.method.is_adaptable()
+    }
+
     fn adapted(&self, rest: &Frame, untouched: &[Frame]) -> Result<Option<Arc<dyn Reconstruct>>, ReconstructError> {
         // A channel that does not vary is not used.
         let still = |frame: &Frame| {

@@ -3,6 +3,7 @@
 use super::VALUES_PER_UNKNOWN;
 use super::table::{Response, ResponseTable};
 use crate::linalg::{Matrix, cholesky_in_place, invert_spd};
+use pulp::{Simd, WithSimd};
 use std::f64::consts::PI;
 
 /// Levenberg-Marquardt steps. From contacts that are a few millimetres off, three are usually enough.
@@ -114,17 +115,19 @@ impl Fit<'_> {
         if fitted.cost < expected + LEAST_EXCESS || count > MOST_CONTACTS || !enough {
             return None;
         }
-        let tried = (0..count * DIRECTIONS).filter_map(|index| {
+        let apart = |index: usize| {
             let (touch, direction) = (index / DIRECTIONS, index % DIRECTIONS);
             let (sine, cosine) = (PI * direction as f64 / DIRECTIONS as f64).sin_cos();
             let mut places: Vec<[f64; 2]> = fitted.touches.iter().map(|touch| touch.place).collect();
             let [u, v] = places[touch];
-            let apart = |by: f64| self.table.bounded([u + by * cosine, v + by * sine]);
-            places[touch] = apart(-HALF_APART_M);
-            places.push(apart(HALF_APART_M));
-            Some((touch, self.run(&places)?))
-        });
-        let best = tried.min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))?;
+            let by = |by: f64| self.table.bounded([u + by * cosine, v + by * sine]);
+            places[touch] = by(-HALF_APART_M);
+            places.push(by(HALF_APART_M));
+            places
+        };
+        let tried = (0..count * DIRECTIONS).filter_map(|index| Some((index, self.at(apart(index))?.cost)));
+        let (index, _) = tried.min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let best = (index / DIRECTIONS, self.run(&apart(index))?);
         self.are_two(&best.1, best.0, fitted.cost).then_some(best)
     }
 
@@ -209,21 +212,36 @@ fn damped(normal: &Matrix, damping: f64) -> Matrix {
 fn gram(columns: &[&[f64]], first: usize, step: usize) -> Matrix {
     let chosen: Vec<&[f64]> = columns.iter().skip(first).step_by(step).copied().collect();
     let mut gram = Matrix::zeros(chosen.len(), chosen.len());
-    for i in 0..chosen.len() {
-        for j in 0..=i {
-            let product = dot(chosen[i], chosen[j]);
-            *gram.at_mut(i, j) = product;
-            *gram.at_mut(j, i) = product;
+    pulp::Arch::new().dispatch(Gram { columns: &chosen, gram: &mut gram });
+    gram
+}
+
+struct Gram<'a> {
+    columns: &'a [&'a [f64]],
+    gram: &'a mut Matrix,
+}
+
+impl WithSimd for Gram<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        for (i, a) in self.columns.iter().enumerate() {
+            for (j, b) in self.columns[..=i].iter().enumerate() {
+                let product = dot(a, b);
+                *self.gram.at_mut(i, j) = product;
+                *self.gram.at_mut(j, i) = product;
+            }
         }
     }
-    gram
 }
 
 fn products(columns: &[&[f64]], values: &[f64], first: usize, step: usize) -> Vec<f64> {
     columns.iter().skip(first).step_by(step).map(|column| dot(column, values)).collect()
 }
 
-/// A scalar product in eight independent sums.
+/// A scalar product in eight independent sums, with the same bits on every instruction set.
+#[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let (a, b) = (a.as_chunks::<8>(), b.as_chunks::<8>());
     let mut sums = [0.0; 8];
