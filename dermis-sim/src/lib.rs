@@ -23,6 +23,8 @@ pub mod experiment;
 // Layer 6
 pub mod bound;
 pub mod evaluate;
+// Layer 7
+pub mod optimise;
 
 mod error;
 pub use error::{Error, Result};

@@ -1,0 +1,179 @@
+//! A layout of electrodes on candidate places, and what a move does to its bound.
+
+use super::Objective;
+use super::fields::{Fields, PARAMETERS, PressCells};
+use super::information::{Readings, Rest, position_sd_m};
+
+/// Electrodes at candidates.
+pub(super) struct Layout<'a> {
+    fields: &'a Fields,
+    readings: &'a Readings,
+    exponent: i32,
+    chosen: Vec<usize>,
+    presses: Vec<PressState>,
+    /// The presses, the least certain first: a bad move shows there.
+    order: Vec<usize>,
+    /// Sum of the powers of the standard deviations.
+    total: f64,
+}
+
+/// What the electrodes read of a press.
+struct PressState {
+    /// The electrodes' fields on the cells of the press: by component, then by electrode.
+    fields: Vec<f32>,
+    /// The change of the transfer impedance of each pair by each parameter.
+    change: Vec<[f32; PARAMETERS]>,
+    power: f64,
+}
+
+/// A change of a layout.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Move {
+    /// An electrode goes to a candidate.
+    To {
+        /// The electrode's number.
+        electrode: usize,
+        /// The candidate.
+        candidate: usize,
+    },
+    /// Two electrodes exchange their numbers.
+    Swap(usize, usize),
+}
+
+impl<'a> Layout<'a> {
+    pub(super) fn new(fields: &'a Fields, readings: &'a Readings, objective: Objective, chosen: Vec<usize>) -> Self {
+        let rest = readings.rest(&fields.impedance_ohm, &chosen);
+        let exponent = objective.exponent();
+        let state = |press: &PressCells| {
+            let mut state = PressState::new(fields, press, &chosen);
+            state.power = state.power_of(readings, &rest, exponent);
+            state
+        };
+        let presses: Vec<PressState> = fields.presses().iter().map(state).collect();
+        let total = presses.iter().map(|press| press.power).sum();
+        let mut layout =
+            Layout { order: (0..presses.len()).collect(), fields, readings, exponent, chosen, presses, total };
+        layout.sort();
+        layout
+    }
+
+    pub(super) fn chosen(&self) -> &[usize] {
+        &self.chosen
+    }
+
+    /// The generalised mean of the standard deviations, m.
+    pub(super) fn objective_m(&self) -> f64 {
+        (self.total / self.presses.len() as f64).powf(1.0 / f64::from(self.exponent))
+    }
+
+    /// For each press the change of the transfer impedance of each pair of electrodes by each parameter.
+    pub(super) fn changes(&self) -> impl Iterator<Item = &[[f32; PARAMETERS]]> {
+        self.presses.iter().map(|press| &press.change[..])
+    }
+
+    /// The index of a press that no reading locates.
+    pub(super) fn unlocated(&self) -> Option<usize> {
+        self.presses.iter().position(|press| !press.power.is_finite())
+    }
+
+    /// Makes a move if the objective does not exceed a limit, m; returns whether it did.
+    pub(super) fn try_move(&mut self, change: Move, limit_m: f64) -> bool {
+        let most = limit_m.powi(self.exponent) * self.presses.len() as f64;
+        let before = self.chosen.clone();
+        apply(&mut self.chosen, change);
+        let rest = self.readings.rest(&self.fields.impedance_ohm, &self.chosen);
+        let (mut total, mut done, mut powers) = (0.0, 0, Vec::with_capacity(self.presses.len()));
+        for &press in &self.order {
+            let cells = &self.fields.presses()[press];
+            let state = &mut self.presses[press];
+            state.apply(self.fields, cells, change);
+            powers.push(state.power_of(self.readings, &rest, self.exponent));
+            total += powers[done];
+            done += 1;
+            if total.is_nan() || total > most {
+                break;
+            }
+        }
+        if total <= most {
+            self.order.iter().zip(&powers).for_each(|(&press, &power)| self.presses[press].power = power);
+            self.total = total;
+            self.sort();
+            return true;
+        }
+        let back = match change {
+            Move::To { electrode, .. } => Move::To { electrode, candidate: before[electrode] },
+            swap => swap,
+        };
+        for &press in &self.order[..done] {
+            self.presses[press].apply(self.fields, &self.fields.presses()[press], back);
+        }
+        self.chosen = before;
+        false
+    }
+
+    fn sort(&mut self) {
+        let presses = &self.presses;
+        self.order.sort_by(|&a, &b| presses[b].power.total_cmp(&presses[a].power));
+    }
+}
+
+fn apply(chosen: &mut [usize], change: Move) {
+    match change {
+        Move::To { electrode, candidate } => chosen[electrode] = candidate,
+        Move::Swap(a, b) => chosen.swap(a, b),
+    }
+}
+
+impl PressState {
+    fn new(fields: &Fields, press: &PressCells, chosen: &[usize]) -> Self {
+        let count = chosen.len();
+        let mut state = PressState {
+            fields: vec![0.0; press.len() * count],
+            change: vec![[0.0; PARAMETERS]; count * count],
+            power: 0.0,
+        };
+        for (electrode, &candidate) in chosen.iter().enumerate() {
+            state.apply(fields, press, Move::To { electrode, candidate });
+        }
+        state
+    }
+
+    fn count(&self) -> usize {
+        self.change.len().isqrt()
+    }
+
+    fn power_of(&self, readings: &Readings, rest: &Rest, exponent: i32) -> f64 {
+        position_sd_m(&readings.information(&self.change, rest)).powi(exponent)
+    }
+
+    fn apply(&mut self, fields: &Fields, press: &PressCells, change: Move) {
+        let count = self.count();
+        match change {
+            Move::To { electrode, candidate } => {
+                let mut row = vec![[0.0f32; PARAMETERS]; count];
+                for ((component, own), value) in
+                    self.fields.chunks_exact_mut(count).enumerate().zip(fields.field(press, candidate))
+                {
+                    own[electrode] = value;
+                    let weighted = press.weight(component).map(|weight| weight * value);
+                    for (sum, &other) in row.iter_mut().zip(own.iter()) {
+                        for parameter in 0..PARAMETERS {
+                            sum[parameter] += weighted[parameter] * other;
+                        }
+                    }
+                }
+                for (other, &change) in row.iter().enumerate() {
+                    self.change[electrode * count + other] = change;
+                    self.change[other * count + electrode] = change;
+                }
+            }
+            Move::Swap(a, b) => {
+                self.fields.chunks_exact_mut(count).for_each(|row| row.swap(a, b));
+                for other in 0..count {
+                    self.change.swap(a * count + other, b * count + other);
+                }
+                self.change.chunks_exact_mut(count).for_each(|row| row.swap(a, b));
+            }
+        }
+    }
+}
