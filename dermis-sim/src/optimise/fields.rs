@@ -1,30 +1,21 @@
 //! The fields of currents from candidate places, and what a weak press changes.
 
 use super::places::with_points;
-use crate::bound::tangents;
+use super::touch::{PARAMETERS, TouchPoint};
 use crate::elementary::{exp, ln};
 use dermis::design::{ElectrodeShape, SkinDesign};
 use dermis::fem::Gradients;
 use dermis::forward::ForwardModel;
-use dermis::geom::vector::{Point3, cross, distance, dot, normalize, sub};
-use dermis::geom::{Point2, Surface};
+use dermis::geom::Point2;
+use dermis::geom::vector::{Point3, cross, distance, dot, normalize, scale, sub};
 use dermis::linalg::Matrix;
 use dermis::mesh::{ElectrodePatch, Mesh};
-use std::f64::consts::PI;
 
-/// Parameters of a press: two of its position, the logarithms of its strength and of its width.
-pub(super) const PARAMETERS: usize = 4;
-/// Standard deviations of a press beyond which its change is left out: 4 % of its strength.
+/// Standard deviation of the kernel that makes a smooth field of the constant gradients of the cells, over their edges:
+/// sums over a lattice of this spacing differ from the integral by less than a thousandth.
+const KERNEL: f64 = 0.6;
+/// Standard deviations after which the kernel ends.
 const REACH: f64 = 2.5;
-
-/// A weak press: a Gaussian rise of the coat's conductance.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Touch {
-    /// The relative rise integrated over the surface, m2.
-    pub(super) strength_m2: f64,
-    /// Standard deviation, m.
-    pub(super) width_m: f64,
-}
 
 /// The fields of unit currents from candidate places.
 ///
@@ -35,31 +26,34 @@ pub(super) struct Fields {
     pub(super) positions_m: Vec<Point3>,
     /// Potential of each place per ampere into each, ohm; differences of rows and of columns have a meaning.
     pub(super) impedance_ohm: Matrix,
-    /// Two components per cell, V/m; by place, then by cell.
-    gradients: Vec<f32>,
-    cell_count: usize,
-    presses: Vec<PressCells>,
+    presses: Vec<PressFields>,
 }
 
-/// A press on the cells around its place.
+/// The fields of all candidates at the points of a press.
 #[derive(Debug)]
-pub(super) struct PressCells {
+pub(super) struct PressFields {
     pub(super) place_m: Point3,
-    cells: Vec<u32>,
-    /// Derivatives of the change of conductance by the parameters times the area, S m2 (per m for the position).
-    weights: Vec<[f32; PARAMETERS]>,
+    /// By candidate, then by point: two components, V/m.
+    fields: Vec<f32>,
+    /// For each point the derivatives of the change of conductance, S m2 (per m for lengths), along each pair of
+    /// directions.
+    weights: Vec<[[f32; 3]; PARAMETERS]>,
 }
 
-/// Places of presses and their outward normals.
-pub(super) type Targets<'a> = &'a [(Point3, Point3)];
+/// A place of a press, two tangents there, and the points at which it changes the conductance.
+#[derive(Debug)]
+pub(super) struct PressPoints {
+    pub(super) place_m: Point3,
+    pub(super) axes: [Point3; 2],
+    pub(super) points: Vec<TouchPoint>,
+}
 
 impl Fields {
     /// The fields of candidates on a mesh with edges of `edge_m`.
     pub(super) fn new(
         design: &SkinDesign,
         positions_m: &[Point3],
-        targets: Targets<'_>,
-        touch: Touch,
+        presses: &[PressPoints],
         edge_m: f64,
     ) -> crate::Result<Self> {
         let points = with_points(design, positions_m, edge_m)?;
@@ -79,36 +73,28 @@ impl Fields {
                 *impedance_ohm.at_mut(a, a) = surroundings.self_impedance_ohm(a, node, contact, edge_m);
             }
         }
-        let surface = design.body.surface();
+        let cells = CellFields::new(&model, &potentials, &nodes, radius_m, edge_m);
         Ok(Fields {
-            gradients: gradients(&mesh, &potentials, &nodes, radius_m),
-            cell_count: mesh.cell_count(),
-            presses: targets.iter().map(|target| press(&model, surface, *target, touch)).collect(),
+            presses: presses.iter().map(|press| cells.at(press)).collect(),
             impedance_ohm,
             positions_m: nodes.iter().map(|&node| mesh.nodes[node]).collect(),
         })
     }
 
-    pub(super) fn presses(&self) -> &[PressCells] {
+    pub(super) fn presses(&self) -> &[PressFields] {
         &self.presses
-    }
-
-    /// The field of a candidate on the cells of a press, two components each.
-    pub(super) fn field<'a>(&'a self, press: &'a PressCells, candidate: usize) -> impl Iterator<Item = f32> + 'a {
-        let own = &self.gradients[2 * candidate * self.cell_count..][..2 * self.cell_count];
-        press.cells.iter().flat_map(|&cell| [own[2 * cell as usize], own[2 * cell as usize + 1]])
     }
 }
 
-impl PressCells {
-    /// Number of components of a field on its cells.
-    pub(super) fn len(&self) -> usize {
-        2 * self.cells.len()
+impl PressFields {
+    /// The field of a candidate at the points, two components each.
+    pub(super) fn field(&self, candidate: usize) -> &[f32] {
+        let count = 2 * self.weights.len();
+        &self.fields[candidate * count..][..count]
     }
 
-    /// The weights of a component of the field.
-    pub(super) fn weight(&self, component: usize) -> [f32; PARAMETERS] {
-        self.weights[component / 2]
+    pub(super) fn weights(&self) -> &[[[f32; 3]; PARAMETERS]] {
+        &self.weights
     }
 }
 
@@ -187,52 +173,83 @@ impl Surroundings<'_> {
     }
 }
 
-/// The field of every candidate on every cell. Within an electrode's radius the field is that of a current that enters
-/// evenly over its area: the part of the current within the distance `d`, `(d / r)^2`, times that of the point.
-fn gradients(mesh: &Mesh, potentials: &Matrix, nodes: &[usize], radius_m: f64) -> Vec<f32> {
-    let (cell_count, count) = (mesh.cell_count(), nodes.len());
-    let mut fields = vec![0.0f32; 2 * cell_count * count];
-    for cell in 0..cell_count {
-        let (corners, gradients) = (mesh.cells.corners(cell), Gradients::new(mesh, cell));
-        let [a, b, c] = [0, 1, 2].map(|corner| mesh.nodes[corners[corner]]);
-        let along = normalize(sub(b, a));
-        let across = cross(normalize(cross(sub(b, a), sub(c, a))), along);
-        let slopes: [Point2; 3] =
-            [0, 1, 2].map(|corner| [along, across].map(|axis| dot(axis, gradients.of_corner[corner])));
-        let centre = mesh.cell_centre(cell);
-        for candidate in 0..count {
-            let away_m = distance(centre, mesh.nodes[nodes[candidate]]);
-            let inside = if away_m < radius_m { (away_m / radius_m).powi(2) } else { 1.0 };
-            for axis in 0..2 {
-                let slope: f64 =
-                    (0..3).map(|corner| slopes[corner][axis] * potentials.at(corners[corner], candidate)).sum();
-                fields[2 * (candidate * cell_count + cell) + axis] = (inside * slope) as f32;
-            }
-        }
-    }
-    fields
+/// The fields on the cells of a mesh.
+struct CellFields<'a> {
+    model: &'a ForwardModel,
+    potentials: &'a Matrix,
+    nodes: &'a [usize],
+    radius_m: f64,
+    kernel_m: f64,
+    centres_m: Vec<Point3>,
 }
 
-fn press(model: &ForwardModel, surface: Surface, (place_m, normal): (Point3, Point3), touch: Touch) -> PressCells {
-    let mesh = model.mesh();
-    let Touch { strength_m2, width_m } = touch;
-    let [u, v] = tangents(normal);
-    let from = |centre: Point3| match surface {
-        Surface::Free => [dot(u, sub(centre, place_m)), dot(v, sub(centre, place_m))],
-        surface => surface.chart(place_m, centre),
-    };
-    let (mut cells, mut weights) = (Vec::new(), Vec::new());
-    for cell in 0..mesh.cell_count() {
-        let centre = mesh.cell_centre(cell);
-        if distance(centre, place_m) > REACH * width_m {
-            continue;
-        }
-        let [x, y] = from(centre).map(|along| along / width_m);
-        let square = x * x + y * y;
-        let rise = strength_m2 / (2.0 * PI * width_m * width_m) * exp(-0.5 * square);
-        let change = rise * model.rest_conductivity()[cell] * mesh.cell_measure(cell);
-        cells.push(cell as u32);
-        weights.push([x / width_m, y / width_m, 1.0, square - 2.0].map(|factor| (change * factor) as f32));
+/// A cell near a point, and its share of the field there.
+type Share = (usize, f64);
+
+impl<'a> CellFields<'a> {
+    fn new(model: &'a ForwardModel, potentials: &'a Matrix, nodes: &'a [usize], radius_m: f64, edge_m: f64) -> Self {
+        let centres_m = (0..model.mesh().cell_count()).map(|cell| model.mesh().cell_centre(cell)).collect();
+        CellFields { model, potentials, nodes, radius_m, kernel_m: KERNEL * edge_m, centres_m }
     }
-    PressCells { place_m, cells, weights }
+
+    fn at(&self, press: &PressPoints) -> PressFields {
+        let reach_m = press.points.iter().map(|point| distance(point.place_m, press.place_m)).fold(0.0, f64::max);
+        let around: Vec<usize> = (0..self.centres_m.len())
+            .filter(|&cell| distance(self.centres_m[cell], press.place_m) <= reach_m + REACH * self.kernel_m)
+            .collect();
+        let own: Vec<Vec<f32>> = around.iter().map(|&cell| self.of_cell(cell, press.axes)).collect();
+        let shares: Vec<Vec<Share>> = press.points.iter().map(|point| self.shares(&around, point.place_m)).collect();
+        let mut fields = Vec::with_capacity(2 * self.nodes.len() * shares.len());
+        for candidate in 0..self.nodes.len() {
+            for shares in &shares {
+                for axis in 0..2 {
+                    let part = |&(cell, share): &Share| share * f64::from(own[cell][2 * candidate + axis]);
+                    fields.push(shares.iter().map(part).sum::<f64>() as f32);
+                }
+            }
+        }
+        let weight = |(point, shares): (&TouchPoint, &Vec<Share>)| {
+            let part = |&(cell, share): &Share| share * self.model.rest_conductivity()[around[cell]];
+            let conductance_s: f64 = shares.iter().map(part).sum();
+            point.weights.map(|parts| parts.map(|part| (conductance_s * part) as f32))
+        };
+        let weights = press.points.iter().zip(&shares).map(weight).collect();
+        PressFields { place_m: press.place_m, fields, weights }
+    }
+
+    /// The shares of the cells around a point: a Gaussian kernel times their areas.
+    fn shares(&self, around: &[usize], place_m: Point3) -> Vec<Share> {
+        let share = |(index, &cell): (usize, &usize)| {
+            let away = distance(self.centres_m[cell], place_m) / self.kernel_m;
+            (away <= REACH).then(|| (index, exp(-0.5 * away * away) * self.model.mesh().cell_measure(cell)))
+        };
+        let mut shares: Vec<Share> = around.iter().enumerate().filter_map(share).collect();
+        let whole: f64 = shares.iter().map(|share| share.1).sum();
+        shares.iter_mut().for_each(|share| share.1 /= whole);
+        shares
+    }
+
+    /// The field of every candidate on a cell, along two tangents. Within an electrode's radius the field is
+    /// that of a current that enters evenly over its area: the part of the current within the distance `d`, `(d / r)^2`,
+    /// times that of the point.
+    fn of_cell(&self, cell: usize, [u, v]: [Point3; 2]) -> Vec<f32> {
+        let mesh = self.model.mesh();
+        let (corners, gradients) = (mesh.cells.corners(cell), Gradients::new(mesh, cell));
+        let [a, b, c] = [0, 1, 2].map(|corner| mesh.nodes[corners[corner]]);
+        let own_normal = normalize(cross(sub(b, a), sub(c, a)));
+        let first = normalize(sub(u, scale(own_normal, dot(u, own_normal))));
+        let axes = [first, scale(cross(own_normal, first), dot(cross(own_normal, first), v).signum())];
+        let slopes: [Point2; 3] = [0, 1, 2].map(|corner| axes.map(|axis| dot(axis, gradients.of_corner[corner])));
+        let mut fields = Vec::with_capacity(2 * self.nodes.len());
+        for (candidate, &node) in self.nodes.iter().enumerate() {
+            let away_m = distance(self.centres_m[cell], mesh.nodes[node]);
+            let inside = if away_m < self.radius_m { (away_m / self.radius_m).powi(2) } else { 1.0 };
+            for axis in 0..2 {
+                let slope: f64 =
+                    (0..3).map(|corner| slopes[corner][axis] * self.potentials.at(corners[corner], candidate)).sum();
+                fields.push((inside * slope) as f32);
+            }
+        }
+        fields
+    }
 }

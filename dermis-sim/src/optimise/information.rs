@@ -1,12 +1,9 @@
 //! The information of the readings of a layout about a weak press.
 
-use super::fields::PARAMETERS;
+use super::touch::PARAMETERS;
 use crate::noise::undriven_rms;
 use dermis::linalg::Matrix;
 use dermis::protocol::{Channel, Protocol};
-
-/// Standard deviation of the logarithm of a press's width, as for the tip radius of [`bound`](crate::bound).
-const LOG_WIDTH_SD: f64 = 0.5;
 
 /// A symmetric matrix of the parameters of a press.
 pub(super) type Square = [[f64; PARAMETERS]; PARAMETERS];
@@ -29,6 +26,8 @@ pub(super) struct Readings {
     pub(super) drive_count: usize,
     level: NoiseLevel,
     reference_ohm: f64,
+    /// What is known of each parameter before: the inverse of its variance.
+    known: [f64; PARAMETERS],
 }
 
 /// The untouched frame of a layout.
@@ -41,9 +40,9 @@ pub(super) struct Rest {
 }
 
 impl Readings {
-    pub(super) fn new(protocol: &Protocol, level: NoiseLevel, reference_ohm: f64) -> Self {
+    pub(super) fn new(protocol: &Protocol, level: NoiseLevel, reference_ohm: f64, known: [f64; PARAMETERS]) -> Self {
         let (drives, drive_of) = protocol.drives();
-        Readings { drive_count: drives.len(), drive_of, protocol: protocol.clone(), level, reference_ohm }
+        Readings { drive_count: drives.len(), drive_of, protocol: protocol.clone(), level, reference_ohm, known }
     }
 
     pub(super) fn channels(&self) -> &[Channel] {
@@ -71,7 +70,7 @@ impl Readings {
         Rest { values_ohm, sd_ohm, scales }
     }
 
-    /// The information about a press, with what is known of its width before. `change` has for each pair of electrodes
+    /// The information about a press, with what is known before. `change` has for each pair of electrodes
     /// the change of the transfer impedance by each parameter.
     ///
     /// The noise of a drive's current is common to its values: by the formula of Sherman and Morrison it takes
@@ -96,15 +95,15 @@ impl Readings {
                 }
             }
         }
-        with_prior(all, rest.sd_ohm)
+        self.with_prior(all, rest.sd_ohm)
     }
-}
 
-/// In units of the noise, with what is known of the width.
-pub(super) fn with_prior(mut information: Square, sd_ohm: f64) -> Square {
-    information.iter_mut().flatten().for_each(|value| *value /= sd_ohm * sd_ohm);
-    information[PARAMETERS - 1][PARAMETERS - 1] += LOG_WIDTH_SD.powi(-2);
-    information
+    /// In units of the noise, with what is known before.
+    pub(super) fn with_prior(&self, mut information: Square, sd_ohm: f64) -> Square {
+        information.iter_mut().flatten().for_each(|value| *value /= sd_ohm * sd_ohm);
+        (0..PARAMETERS).for_each(|i| information[i][i] += self.known[i]);
+        information
+    }
 }
 
 /// The change of a reading by each parameter.

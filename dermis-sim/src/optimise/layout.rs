@@ -1,8 +1,9 @@
 //! A layout of electrodes on candidate places, and what a move does to its bound.
 
 use super::Objective;
-use super::fields::{Fields, PARAMETERS, PressCells};
+use super::fields::{Fields, PressFields};
 use super::information::{Readings, Rest, position_sd_m};
+use super::touch::PARAMETERS;
 
 /// Electrodes at candidates.
 pub(super) struct Layout<'a> {
@@ -19,7 +20,7 @@ pub(super) struct Layout<'a> {
 
 /// What the electrodes read of a press.
 struct PressState {
-    /// The electrodes' fields on the cells of the press: by component, then by electrode.
+    /// The electrodes' fields at the points of the press: by point and component, then by electrode.
     fields: Vec<f32>,
     /// The change of the transfer impedance of each pair by each parameter.
     change: Vec<[f32; PARAMETERS]>,
@@ -44,8 +45,8 @@ impl<'a> Layout<'a> {
     pub(super) fn new(fields: &'a Fields, readings: &'a Readings, objective: Objective, chosen: Vec<usize>) -> Self {
         let rest = readings.rest(&fields.impedance_ohm, &chosen);
         let exponent = objective.exponent();
-        let state = |press: &PressCells| {
-            let mut state = PressState::new(fields, press, &chosen);
+        let state = |press: &PressFields| {
+            let mut state = PressState::new(press, &chosen);
             state.power = state.power_of(readings, &rest, exponent);
             state
         };
@@ -86,7 +87,7 @@ impl<'a> Layout<'a> {
         for &press in &self.order {
             let cells = &self.fields.presses()[press];
             let state = &mut self.presses[press];
-            state.apply(self.fields, cells, change);
+            state.apply(cells, change);
             powers.push(state.power_of(self.readings, &rest, self.exponent));
             total += powers[done];
             done += 1;
@@ -105,7 +106,7 @@ impl<'a> Layout<'a> {
             swap => swap,
         };
         for &press in &self.order[..done] {
-            self.presses[press].apply(self.fields, &self.fields.presses()[press], back);
+            self.presses[press].apply(&self.fields.presses()[press], back);
         }
         self.chosen = before;
         false
@@ -125,15 +126,15 @@ fn apply(chosen: &mut [usize], change: Move) {
 }
 
 impl PressState {
-    fn new(fields: &Fields, press: &PressCells, chosen: &[usize]) -> Self {
+    fn new(press: &PressFields, chosen: &[usize]) -> Self {
         let count = chosen.len();
         let mut state = PressState {
-            fields: vec![0.0; press.len() * count],
+            fields: vec![0.0; 2 * press.weights().len() * count],
             change: vec![[0.0; PARAMETERS]; count * count],
             power: 0.0,
         };
         for (electrode, &candidate) in chosen.iter().enumerate() {
-            state.apply(fields, press, Move::To { electrode, candidate });
+            state.apply(press, Move::To { electrode, candidate });
         }
         state
     }
@@ -146,19 +147,20 @@ impl PressState {
         position_sd_m(&readings.information(&self.change, rest)).powi(exponent)
     }
 
-    fn apply(&mut self, fields: &Fields, press: &PressCells, change: Move) {
+    fn apply(&mut self, press: &PressFields, change: Move) {
         let count = self.count();
         match change {
             Move::To { electrode, candidate } => {
                 let mut row = vec![[0.0f32; PARAMETERS]; count];
-                for ((component, own), value) in
-                    self.fields.chunks_exact_mut(count).enumerate().zip(fields.field(press, candidate))
-                {
-                    own[electrode] = value;
-                    let weighted = press.weight(component).map(|weight| weight * value);
-                    for (sum, &other) in row.iter_mut().zip(own.iter()) {
+                let pairs = self.fields.chunks_exact_mut(2 * count).zip(press.field(candidate).as_chunks::<2>().0);
+                for ((point, &[first, second]), weights) in pairs.zip(press.weights()) {
+                    let (along, across) = point.split_at_mut(count);
+                    (along[electrode], across[electrode]) = (first, second);
+                    // `M g` for each parameter.
+                    let turned = weights.map(|[xx, xy, yy]| [xx * first + xy * second, xy * first + yy * second]);
+                    for ((sum, &x), &y) in row.iter_mut().zip(along.iter()).zip(across.iter()) {
                         for parameter in 0..PARAMETERS {
-                            sum[parameter] += weighted[parameter] * other;
+                            sum[parameter] += turned[parameter][0] * x + turned[parameter][1] * y;
                         }
                     }
                 }

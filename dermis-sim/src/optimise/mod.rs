@@ -28,6 +28,7 @@ mod search;
 #[cfg(test)]
 mod tests;
 mod text;
+mod touch;
 
 pub use error::OptimiseError;
 pub use places::{PlaceRules, Zone};
@@ -35,18 +36,19 @@ pub use text::design_text;
 
 use crate::bound::BoundOptions;
 use crate::random::sample_rng;
-use crate::twin::{Press, Twin, TwinError, TwinOptions};
+use crate::twin::{TwinError, TwinOptions};
 use dermis::design::SkinDesign;
 use dermis::geom::Point3;
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
 use dermis::protocol::Channel;
-use fields::{Fields, Touch};
+use fields::{Fields, PressPoints};
 use information::{NoiseLevel, Readings};
 use layout::Layout;
 use places::{Places, farthest_points};
 use rand::RngExt;
 use search::{Neighbourhood, Schedule, tour};
+use touch::{Touches, coarse_skin};
 use serde::{Deserialize, Serialize};
 
 /// Candidates over the whole body, and around a layout. A design has at most 1024 electrodes.
@@ -55,11 +57,6 @@ const CANDIDATES: usize = 800;
 const PRESSES: usize = 250;
 /// Cells of the mesh of the fields, about.
 const CELLS: f64 = 10_000.0;
-/// Places at which the strength of a press is computed; it depends on where the patches lie.
-const STRENGTHS: usize = 9;
-/// Edges of the touched mesh over those of the design, for the strength alone.
-const COARSE: f64 = 2.0;
-
 /// What is made small.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -135,8 +132,7 @@ pub struct Optimiser {
     /// The given electrodes, if they are as many as wanted.
     given_m: Option<Vec<Point3>>,
     places: Places,
-    targets: Vec<(Point3, Point3)>,
-    touch: Touch,
+    presses: Vec<PressPoints>,
     edge_m: f64,
     readings: Readings,
     coarse: Fields,
@@ -154,18 +150,13 @@ impl Optimiser {
         let places = Places::new(&given, &options.rules)?;
         let spread = places.spread(options.electrode_count)?;
         let design = SkinDesign::parse(&design_text(text, path, &given.name, &spread, None)?, path)?;
-        let touch = touch(&given, twin, &options.bound)?;
-        let edge_m = touch.width_m.max((2.0 * places.area_m2 / CELLS).sqrt());
-        let touch = Touch { width_m: edge_m, ..touch };
-        let level = noise_level(&given, twin, options.same_noise)?;
-        let readings = Readings::new(&design.protocol, level, twin.electronics.reference_ohm);
-        let targets = targets(&given, places.surface)?;
+        let Prepared { presses, edge_m, readings } = Prepared::new(&given, &design, &places, twin, options)?;
         let candidates = farthest_points(places.surface, &places.allowed_m, 0, CANDIDATES, 0.0);
         let candidates: Vec<Point3> = candidates.into_iter().map(|place| places.allowed_m[place]).collect();
-        let coarse = Fields::new(&design, &candidates, &targets, touch, edge_m)?;
+        let coarse = Fields::new(&design, &candidates, &presses, edge_m)?;
         let is_as_many = given.electrodes.len() == options.electrode_count;
         let given_m = is_as_many.then(|| given.electrodes.iter().map(|electrode| electrode.centre_m).collect());
-        Ok(Optimiser { options: options.clone(), design, given_m, places, targets, touch, edge_m, readings, coarse })
+        Ok(Optimiser { options: options.clone(), design, given_m, places, presses, edge_m, readings, coarse })
     }
 
     /// The layout of a start: annealed over the whole body, then on finer places around what was found. Start 0 begins at
@@ -183,7 +174,7 @@ impl Optimiser {
         let schedule = Schedule { moves, temperatures: [0.03, 5e-4] };
         let found = self.annealed(&self.coarse, first, schedule, &mut rng)?;
         let found_m: Vec<Point3> = found.iter().map(|&place| self.coarse.positions_m[place]).collect();
-        let fine = Fields::new(&self.design, &self.around(&found_m), &self.targets, self.touch, self.edge_m)?;
+        let fine = Fields::new(&self.design, &self.around(&found_m), &self.presses, self.edge_m)?;
         let schedule = Schedule { moves: moves / 2, temperatures: [2e-3, 1e-4] };
         let chosen = self.annealed(&fine, (0..found_m.len()).collect(), schedule, &mut rng)?;
         let layout = Layout::new(&fine, &self.readings, self.options.objective, chosen.clone());
@@ -199,11 +190,11 @@ impl Optimiser {
     /// # Errors
     /// Electrodes off the body.
     pub fn model_bounds(&self, electrodes_m: &[Point3]) -> crate::Result<Vec<(Point3, f64)>> {
-        let fields = Fields::new(&self.design, electrodes_m, &self.targets, self.touch, self.edge_m)?;
+        let fields = Fields::new(&self.design, electrodes_m, &self.presses, self.edge_m)?;
         let chosen = (0..electrodes_m.len()).collect();
         let layout = Layout::new(&fields, &self.readings, Objective::Mean, chosen);
         let rest = self.readings.rest(&fields.impedance_ohm, layout.chosen());
-        let sd = |change: &[[f32; fields::PARAMETERS]]| {
+        let sd = |change: &[[f32; touch::PARAMETERS]]| {
             information::position_sd_m(&self.readings.information(change, &rest))
         };
         Ok(fields.presses().iter().map(|press| press.place_m).zip(layout.changes().map(sd)).collect())
@@ -218,7 +209,7 @@ impl Optimiser {
     ) -> crate::Result<Vec<usize>> {
         let mut layout = Layout::new(fields, &self.readings, self.options.objective, first);
         if let Some(press) = layout.unlocated() {
-            return Err(OptimiseError::NoCurrent { place_m: self.targets[press].0 }.into());
+            return Err(OptimiseError::NoCurrent { place_m: self.presses[press].place_m }.into());
         }
         Ok(Neighbourhood::new(&self.places, &fields.positions_m).anneal(&mut layout, schedule, rng))
     }
@@ -281,13 +272,10 @@ pub fn select_readings(
     slots: usize,
 ) -> crate::Result<Vec<Channel>> {
     let places = Places::new(design, &PlaceRules::default())?;
-    let touch = touch(design, twin, bound)?;
-    let edge_m = touch.width_m.max((2.0 * places.area_m2 / CELLS).sqrt());
-    let level = noise_level(design, twin, false)?;
-    let readings = Readings::new(&design.protocol, level, twin.electronics.reference_ohm);
+    let options = OptimiseOptions { bound: *bound, objective, ..OptimiseOptions::default() };
+    let Prepared { presses, edge_m, readings } = Prepared::new(design, design, &places, twin, &options)?;
     let electrodes_m: Vec<Point3> = design.electrodes.iter().map(|electrode| electrode.centre_m).collect();
-    let touch = Touch { width_m: edge_m, ..touch };
-    let fields = Fields::new(design, &electrodes_m, &targets(design, places.surface)?, touch, edge_m)?;
+    let fields = Fields::new(design, &electrodes_m, &presses, edge_m)?;
     let layout = Layout::new(&fields, &readings, objective, (0..electrodes_m.len()).collect());
     if let Some(press) = layout.unlocated() {
         return Err(OptimiseError::NoCurrent { place_m: fields.presses()[press].place_m }.into());
@@ -296,29 +284,34 @@ pub fn select_readings(
     Ok(pattern::select(&layout, &readings, rest, objective, slots)?)
 }
 
-/// Pixels that are spread over the body, and their normals.
-fn targets(design: &SkinDesign, surface: dermis::geom::Surface) -> crate::Result<Vec<(Point3, Point3)>> {
-    let pixels = PixelSpace::for_design(design, &Mesh::generate(design)?)?;
-    let spread = farthest_points(surface, &pixels.centres_m, 0, PRESSES, 0.0);
-    Ok(spread.into_iter().map(|pixel| (pixels.centres_m[pixel], pixels.normals[pixel])).collect())
+/// The presses of the search and the readings.
+struct Prepared {
+    presses: Vec<PressPoints>,
+    edge_m: f64,
+    readings: Readings,
 }
 
-/// The weak press with the strength of a press of the twin, as wide as its tip.
-fn touch(design: &SkinDesign, twin: &TwinOptions, bound: &BoundOptions) -> crate::Result<Touch> {
-    let options = TwinOptions { mesh_scale: COARSE, ..twin.as_designed() };
-    let skin = Twin::new(design, &options, 0)?;
-    let pixels = PixelSpace::for_design(design, &Mesh::generate(design)?)?;
-    let mut strengths = Vec::new();
-    for pixel in farthest_points(design.body.surface(), &pixels.centres_m, 0, STRENGTHS, 0.0) {
-        let press = Press {
-            centre_m: pixels.centres_m[pixel],
-            force_n: bound.force_n,
-            tip_radius_m: bound.tip_radius_m,
-        };
-        strengths.push(skin.strength_m2(&[press])?.abs());
+impl Prepared {
+    /// For the protocol of `design`, and the skin and the noise of `given`.
+    fn new(
+        given: &SkinDesign,
+        design: &SkinDesign,
+        places: &Places,
+        twin: &TwinOptions,
+        options: &OptimiseOptions,
+    ) -> crate::Result<Self> {
+        let edge_m = (0.5 * options.bound.tip_radius_m).max((2.0 * places.area_m2 / CELLS).sqrt());
+        let pixels = PixelSpace::for_design(given, &Mesh::generate(given)?)?;
+        let spread = farthest_points(places.surface, &pixels.centres_m, 0, PRESSES, 0.0);
+        let touches = Touches::new(given, twin, &options.bound, edge_m, pixels.centres_m[spread[0]])?;
+        let press = |pixel: usize| touches.points(pixels.centres_m[pixel], pixels.normals[pixel]);
+        let level = noise_level(given, twin, options.same_noise)?;
+        Ok(Prepared {
+            presses: spread.into_iter().map(press).collect::<crate::Result<_>>()?,
+            edge_m,
+            readings: Readings::new(&design.protocol, level, twin.electronics.reference_ohm, touches.known()),
+        })
     }
-    let strength_m2 = strengths.iter().sum::<f64>() / strengths.len() as f64;
-    Ok(Touch { strength_m2, width_m: bound.tip_radius_m })
 }
 
 fn noise_level(design: &SkinDesign, twin: &TwinOptions, same_noise: bool) -> crate::Result<NoiseLevel> {
@@ -331,6 +324,6 @@ fn noise_level(design: &SkinDesign, twin: &TwinOptions, same_noise: bool) -> cra
     if !same_noise {
         return Ok(NoiseLevel::Ratio(crate::elementary::powf(10.0, snr_db / 20.0)));
     }
-    let skin = Twin::new(design, &TwinOptions { mesh_scale: COARSE, ..twin.as_designed() }, 0)?;
+    let skin = coarse_skin(design, twin)?;
     Ok(NoiseLevel::Fixed(skin.noise().map_or(f64::INFINITY, |noise| noise.sd_ohm)))
 }

@@ -1,14 +1,14 @@
 //! Which readings to take, for a number of readings.
 
-use super::fields::PARAMETERS;
-use super::information::{Readings, Rest, Square, position_sd_m, reading, with_prior};
+use super::information::{Readings, Rest, Square, position_sd_m, reading};
 use super::layout::Layout;
+use super::touch::{PARAMETERS, UNKNOWNS};
 use super::{Objective, OptimiseError};
 use dermis::linalg::{Matrix, invert_spd};
 use dermis::protocol::Channel;
 
 /// Fewest readings of a press: a value for each unknown, and a current.
-const LEAST_SLOTS: usize = PARAMETERS + 1;
+const LEAST_SLOTS: usize = UNKNOWNS + 1;
 
 /// Readings of a protocol, some of them taken.
 struct Pattern<'a> {
@@ -93,7 +93,7 @@ impl Pattern<'_> {
                 }
             }
         }
-        with_prior(all, self.rest.sd_ohm)
+        self.readings.with_prior(all, self.rest.sd_ohm)
     }
 
     fn objective(&self) -> f64 {

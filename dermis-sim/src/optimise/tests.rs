@@ -13,7 +13,7 @@ fn scratch() {
     let options = OptimiseOptions { moves, same_noise, ..OptimiseOptions::default() };
     let optimiser = Optimiser::new(text, "cylinder30", &twin, &options).unwrap();
     at("prepared");
-    eprintln!("{} allowed, {:?}", optimiser.places.allowed_m.len(), optimiser.touch);
+    eprintln!("{} allowed, {} points", optimiser.places.allowed_m.len(), optimiser.presses.iter().map(|p| p.points.len()).sum::<usize>());
     let given = SkinDesign::shipped("cylinder30").unwrap();
     let old: Vec<Point3> = given.electrodes.iter().map(|e| e.centre_m).collect();
     let exact = |design: &SkinDesign, places: &[(Point3, f64)]| {
