@@ -1,21 +1,14 @@
 //! The fields of currents from candidate places, and what a weak press changes.
 
+use super::local::COMPONENTS;
 use super::places::with_points;
-use super::touch::{PARAMETERS, TouchPoint};
-use crate::elementary::{exp, ln};
+use super::touch::{PARAMETERS, Response};
+use crate::elementary::ln;
 use dermis::design::{ElectrodeShape, SkinDesign};
-use dermis::fem::Gradients;
 use dermis::forward::ForwardModel;
-use dermis::geom::Point2;
-use dermis::geom::vector::{Point3, cross, distance, dot, normalize, scale, sub};
+use dermis::geom::vector::{Point3, distance, dot, normalize, sub};
 use dermis::linalg::Matrix;
 use dermis::mesh::{ElectrodePatch, Mesh};
-
-/// Standard deviation of the kernel that makes a smooth field of the constant gradients of the cells, over their edges:
-/// sums over a lattice of this spacing differ from the integral by less than a thousandth.
-const KERNEL: f64 = 0.6;
-/// Standard deviations after which the kernel ends.
-const REACH: f64 = 2.5;
 
 /// The fields of unit currents from candidate places.
 ///
@@ -29,23 +22,13 @@ pub(super) struct Fields {
     presses: Vec<PressFields>,
 }
 
-/// The fields of all candidates at the points of a press.
+/// The fields of all candidates around a press, and its answers.
 #[derive(Debug)]
 pub(super) struct PressFields {
     pub(super) place_m: Point3,
-    /// By candidate, then by point: two components, V/m.
-    fields: Vec<f32>,
-    /// For each point the derivatives of the change of conductance, S m2 (per m for lengths), along each pair of
-    /// directions.
-    weights: Vec<[[f32; 3]; PARAMETERS]>,
-}
-
-/// A place of a press, two tangents there, and the points at which it changes the conductance.
-#[derive(Debug)]
-pub(super) struct PressPoints {
-    pub(super) place_m: Point3,
-    pub(super) axes: [Point3; 2],
-    pub(super) points: Vec<TouchPoint>,
+    /// By candidate the coefficients of its field.
+    fields: Vec<[f32; COMPONENTS]>,
+    matrix: [[[f32; PARAMETERS]; COMPONENTS]; COMPONENTS],
 }
 
 impl Fields {
@@ -53,7 +36,7 @@ impl Fields {
     pub(super) fn new(
         design: &SkinDesign,
         positions_m: &[Point3],
-        presses: &[PressPoints],
+        responses: &[Response],
         edge_m: f64,
     ) -> crate::Result<Self> {
         let points = with_points(design, positions_m, edge_m)?;
@@ -73,9 +56,17 @@ impl Fields {
                 *impedance_ohm.at_mut(a, a) = surroundings.self_impedance_ohm(a, node, contact, edge_m);
             }
         }
-        let cells = CellFields::new(&model, &potentials, &nodes, radius_m, edge_m);
+        let press = |response: &Response| {
+            let found = response.around.coefficients(&mesh.nodes, &potentials);
+            let of = |candidate: usize| std::array::from_fn(|component| found.at(component, candidate) as f32);
+            PressFields {
+                place_m: response.around.place_m,
+                fields: (0..count).map(of).collect(),
+                matrix: response.matrix.map(|row| row.map(|values| values.map(|value| value as f32))),
+            }
+        };
         Ok(Fields {
-            presses: presses.iter().map(|press| cells.at(press)).collect(),
+            presses: responses.iter().map(press).collect(),
             impedance_ohm,
             positions_m: nodes.iter().map(|&node| mesh.nodes[node]).collect(),
         })
@@ -87,14 +78,20 @@ impl Fields {
 }
 
 impl PressFields {
-    /// The field of a candidate at the points, two components each.
-    pub(super) fn field(&self, candidate: usize) -> &[f32] {
-        let count = 2 * self.weights.len();
-        &self.fields[candidate * count..][..count]
+    /// The coefficients of a candidate's field.
+    pub(super) fn field(&self, candidate: usize) -> &[f32; COMPONENTS] {
+        &self.fields[candidate]
     }
 
-    pub(super) fn weights(&self) -> &[[[f32; 3]; PARAMETERS]] {
-        &self.weights
+    /// `M g` for every parameter.
+    pub(super) fn answered(&self, field: &[f32; COMPONENTS]) -> [[f32; PARAMETERS]; COMPONENTS] {
+        let mut answered = [[0.0; PARAMETERS]; COMPONENTS];
+        for (sum, row) in answered.iter_mut().zip(&self.matrix) {
+            for (values, &part) in row.iter().zip(field) {
+                sum.iter_mut().zip(values).for_each(|(sum, value)| *sum += value * part);
+            }
+        }
+        answered
     }
 }
 
@@ -170,86 +167,5 @@ impl Surroundings<'_> {
             weighted += angle * self.conductance[cell];
         }
         (angle_rad, weighted / angle_rad)
-    }
-}
-
-/// The fields on the cells of a mesh.
-struct CellFields<'a> {
-    model: &'a ForwardModel,
-    potentials: &'a Matrix,
-    nodes: &'a [usize],
-    radius_m: f64,
-    kernel_m: f64,
-    centres_m: Vec<Point3>,
-}
-
-/// A cell near a point, and its share of the field there.
-type Share = (usize, f64);
-
-impl<'a> CellFields<'a> {
-    fn new(model: &'a ForwardModel, potentials: &'a Matrix, nodes: &'a [usize], radius_m: f64, edge_m: f64) -> Self {
-        let centres_m = (0..model.mesh().cell_count()).map(|cell| model.mesh().cell_centre(cell)).collect();
-        CellFields { model, potentials, nodes, radius_m, kernel_m: KERNEL * edge_m, centres_m }
-    }
-
-    fn at(&self, press: &PressPoints) -> PressFields {
-        let reach_m = press.points.iter().map(|point| distance(point.place_m, press.place_m)).fold(0.0, f64::max);
-        let around: Vec<usize> = (0..self.centres_m.len())
-            .filter(|&cell| distance(self.centres_m[cell], press.place_m) <= reach_m + REACH * self.kernel_m)
-            .collect();
-        let own: Vec<Vec<f32>> = around.iter().map(|&cell| self.of_cell(cell, press.axes)).collect();
-        let shares: Vec<Vec<Share>> = press.points.iter().map(|point| self.shares(&around, point.place_m)).collect();
-        let mut fields = Vec::with_capacity(2 * self.nodes.len() * shares.len());
-        for candidate in 0..self.nodes.len() {
-            for shares in &shares {
-                for axis in 0..2 {
-                    let part = |&(cell, share): &Share| share * f64::from(own[cell][2 * candidate + axis]);
-                    fields.push(shares.iter().map(part).sum::<f64>() as f32);
-                }
-            }
-        }
-        let weight = |(point, shares): (&TouchPoint, &Vec<Share>)| {
-            let part = |&(cell, share): &Share| share * self.model.rest_conductivity()[around[cell]];
-            let conductance_s: f64 = shares.iter().map(part).sum();
-            point.weights.map(|parts| parts.map(|part| (conductance_s * part) as f32))
-        };
-        let weights = press.points.iter().zip(&shares).map(weight).collect();
-        PressFields { place_m: press.place_m, fields, weights }
-    }
-
-    /// The shares of the cells around a point: a Gaussian kernel times their areas.
-    fn shares(&self, around: &[usize], place_m: Point3) -> Vec<Share> {
-        let share = |(index, &cell): (usize, &usize)| {
-            let away = distance(self.centres_m[cell], place_m) / self.kernel_m;
-            (away <= REACH).then(|| (index, exp(-0.5 * away * away) * self.model.mesh().cell_measure(cell)))
-        };
-        let mut shares: Vec<Share> = around.iter().enumerate().filter_map(share).collect();
-        let whole: f64 = shares.iter().map(|share| share.1).sum();
-        shares.iter_mut().for_each(|share| share.1 /= whole);
-        shares
-    }
-
-    /// The field of every candidate on a cell, along two tangents. Within an electrode's radius the field is
-    /// that of a current that enters evenly over its area: the part of the current within the distance `d`, `(d / r)^2`,
-    /// times that of the point.
-    fn of_cell(&self, cell: usize, [u, v]: [Point3; 2]) -> Vec<f32> {
-        let mesh = self.model.mesh();
-        let (corners, gradients) = (mesh.cells.corners(cell), Gradients::new(mesh, cell));
-        let [a, b, c] = [0, 1, 2].map(|corner| mesh.nodes[corners[corner]]);
-        let own_normal = normalize(cross(sub(b, a), sub(c, a)));
-        let first = normalize(sub(u, scale(own_normal, dot(u, own_normal))));
-        let axes = [first, scale(cross(own_normal, first), dot(cross(own_normal, first), v).signum())];
-        let slopes: [Point2; 3] = [0, 1, 2].map(|corner| axes.map(|axis| dot(axis, gradients.of_corner[corner])));
-        let mut fields = Vec::with_capacity(2 * self.nodes.len());
-        for (candidate, &node) in self.nodes.iter().enumerate() {
-            let away_m = distance(self.centres_m[cell], mesh.nodes[node]);
-            let inside = if away_m < self.radius_m { (away_m / self.radius_m).powi(2) } else { 1.0 };
-            for axis in 0..2 {
-                let slope: f64 =
-                    (0..3).map(|corner| slopes[corner][axis] * self.potentials.at(corners[corner], candidate)).sum();
-                fields.push((inside * slope) as f32);
-            }
-        }
-        fields
     }
 }

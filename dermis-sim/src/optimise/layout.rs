@@ -3,6 +3,7 @@
 use super::Objective;
 use super::fields::{Fields, PressFields};
 use super::information::{Readings, Rest, position_sd_m};
+use super::local::COMPONENTS;
 use super::touch::PARAMETERS;
 
 /// Electrodes at candidates.
@@ -20,8 +21,8 @@ pub(super) struct Layout<'a> {
 
 /// What the electrodes read of a press.
 struct PressState {
-    /// The electrodes' fields at the points of the press: by point and component, then by electrode.
-    fields: Vec<f32>,
+    /// The electrodes' fields around the press.
+    fields: Vec<[f32; COMPONENTS]>,
     /// The change of the transfer impedance of each pair by each parameter.
     change: Vec<[f32; PARAMETERS]>,
     power: f64,
@@ -129,7 +130,7 @@ impl PressState {
     fn new(press: &PressFields, chosen: &[usize]) -> Self {
         let count = chosen.len();
         let mut state = PressState {
-            fields: vec![0.0; 2 * press.weights().len() * count],
+            fields: vec![[0.0; COMPONENTS]; count],
             change: vec![[0.0; PARAMETERS]; count * count],
             power: 0.0,
         };
@@ -151,26 +152,23 @@ impl PressState {
         let count = self.count();
         match change {
             Move::To { electrode, candidate } => {
-                let mut row = vec![[0.0f32; PARAMETERS]; count];
-                let pairs = self.fields.chunks_exact_mut(2 * count).zip(press.field(candidate).as_chunks::<2>().0);
-                for ((point, &[first, second]), weights) in pairs.zip(press.weights()) {
-                    let (along, across) = point.split_at_mut(count);
-                    (along[electrode], across[electrode]) = (first, second);
-                    // `M g` for each parameter.
-                    let turned = weights.map(|[xx, xy, yy]| [xx * first + xy * second, xy * first + yy * second]);
-                    for ((sum, &x), &y) in row.iter_mut().zip(along.iter()).zip(across.iter()) {
-                        for parameter in 0..PARAMETERS {
-                            sum[parameter] += turned[parameter][0] * x + turned[parameter][1] * y;
-                        }
+                self.fields[electrode] = *press.field(candidate);
+                let answered = press.answered(&self.fields[electrode]);
+                let of = |field: &[f32; COMPONENTS]| {
+                    let mut sum = [0.0f32; PARAMETERS];
+                    for (values, &part) in answered.iter().zip(field) {
+                        sum.iter_mut().zip(values).for_each(|(sum, value)| *sum += value * part);
                     }
-                }
+                    sum
+                };
+                let row: Vec<[f32; PARAMETERS]> = self.fields.iter().map(of).collect();
                 for (other, &change) in row.iter().enumerate() {
                     self.change[electrode * count + other] = change;
                     self.change[other * count + electrode] = change;
                 }
             }
             Move::Swap(a, b) => {
-                self.fields.chunks_exact_mut(count).for_each(|row| row.swap(a, b));
+                self.fields.swap(a, b);
                 for other in 0..count {
                     self.change.swap(a * count + other, b * count + other);
                 }

@@ -22,6 +22,7 @@ mod error;
 mod fields;
 mod information;
 mod layout;
+mod local;
 mod pattern;
 mod places;
 mod search;
@@ -36,19 +37,20 @@ pub use text::design_text;
 
 use crate::bound::BoundOptions;
 use crate::random::sample_rng;
-use crate::twin::{TwinError, TwinOptions};
+use crate::twin::{Twin, TwinError, TwinOptions};
 use dermis::design::SkinDesign;
 use dermis::geom::Point3;
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
 use dermis::protocol::Channel;
-use fields::{Fields, PressPoints};
+use fields::Fields;
 use information::{NoiseLevel, Readings};
 use layout::Layout;
 use places::{Places, farthest_points};
 use rand::RngExt;
+use rayon::prelude::*;
 use search::{Neighbourhood, Schedule, tour};
-use touch::{Touches, coarse_skin};
+use touch::{Response, Touches};
 use serde::{Deserialize, Serialize};
 
 /// Candidates over the whole body, and around a layout. A design has at most 1024 electrodes.
@@ -132,7 +134,7 @@ pub struct Optimiser {
     /// The given electrodes, if they are as many as wanted.
     given_m: Option<Vec<Point3>>,
     places: Places,
-    presses: Vec<PressPoints>,
+    presses: Vec<Response>,
     edge_m: f64,
     readings: Readings,
     coarse: Fields,
@@ -209,7 +211,7 @@ impl Optimiser {
     ) -> crate::Result<Vec<usize>> {
         let mut layout = Layout::new(fields, &self.readings, self.options.objective, first);
         if let Some(press) = layout.unlocated() {
-            return Err(OptimiseError::NoCurrent { place_m: self.presses[press].place_m }.into());
+            return Err(OptimiseError::NoCurrent { place_m: self.presses[press].around.place_m }.into());
         }
         Ok(Neighbourhood::new(&self.places, &fields.positions_m).anneal(&mut layout, schedule, rng))
     }
@@ -286,7 +288,7 @@ pub fn select_readings(
 
 /// The presses of the search and the readings.
 struct Prepared {
-    presses: Vec<PressPoints>,
+    presses: Vec<Response>,
     edge_m: f64,
     readings: Readings,
 }
@@ -303,11 +305,11 @@ impl Prepared {
         let edge_m = (0.5 * options.bound.tip_radius_m).max((2.0 * places.area_m2 / CELLS).sqrt());
         let pixels = PixelSpace::for_design(given, &Mesh::generate(given)?)?;
         let spread = farthest_points(places.surface, &pixels.centres_m, 0, PRESSES, 0.0);
-        let touches = Touches::new(given, twin, &options.bound, edge_m, pixels.centres_m[spread[0]])?;
-        let press = |pixel: usize| touches.points(pixels.centres_m[pixel], pixels.normals[pixel]);
+        let touches = Touches::new(given, twin, &options.bound, (2.0 * options.bound.tip_radius_m).max(2.0 * edge_m))?;
+        let press = |pixel: usize| touches.response(pixels.centres_m[pixel], pixels.normals[pixel]);
         let level = noise_level(given, twin, options.same_noise)?;
         Ok(Prepared {
-            presses: spread.into_iter().map(press).collect::<crate::Result<_>>()?,
+            presses: spread.into_par_iter().map(press).collect::<crate::Result<_>>()?,
             edge_m,
             readings: Readings::new(&design.protocol, level, twin.electronics.reference_ohm, touches.known()),
         })
@@ -324,6 +326,6 @@ fn noise_level(design: &SkinDesign, twin: &TwinOptions, same_noise: bool) -> cra
     if !same_noise {
         return Ok(NoiseLevel::Ratio(crate::elementary::powf(10.0, snr_db / 20.0)));
     }
-    let skin = coarse_skin(design, twin)?;
+    let skin = Twin::new(design, &twin.as_designed(), 0)?;
     Ok(NoiseLevel::Fixed(skin.noise().map_or(f64::INFINITY, |noise| noise.sd_ohm)))
 }

@@ -13,7 +13,7 @@ fn scratch() {
     let options = OptimiseOptions { moves, same_noise, ..OptimiseOptions::default() };
     let optimiser = Optimiser::new(text, "cylinder30", &twin, &options).unwrap();
     at("prepared");
-    eprintln!("{} allowed, {} points", optimiser.places.allowed_m.len(), optimiser.presses.iter().map(|p| p.points.len()).sum::<usize>());
+    
     let given = SkinDesign::shipped("cylinder30").unwrap();
     let old: Vec<Point3> = given.electrodes.iter().map(|e| e.centre_m).collect();
     let exact = |design: &SkinDesign, places: &[(Point3, f64)]| {
@@ -22,6 +22,8 @@ fn scratch() {
             .iter()
             .map(|(place, _)| bounds.position(*place, [place[0] / 0.05, place[1] / 0.05, 0.0]).unwrap().unwrap().sd_m)
             .collect();
+        let text: String = places.iter().zip(&exact).map(|((p, m), e)| format!("{} {} {} {m} {e}\n", p[0], p[1], p[2])).collect();
+        std::fs::write(format!("/tmp/places-{}.txt", design.name), text).unwrap();
         let n = exact.len() as f64;
         let lx: Vec<f64> = exact.iter().map(|v| v.ln()).collect();
         let ly: Vec<f64> = places.iter().map(|v| v.1.ln()).collect();
@@ -41,7 +43,7 @@ fn scratch() {
     at("model of the old");
     exact(&given, &model);
     at("exact of the old");
-    for index in 0..2 {
+    for index in 0..std::env::var("STARTS").map_or(0, |v| v.parse().unwrap()) {
         let start = optimiser.start(index).unwrap();
         at(&format!("start {index}: {:.4} mm", 1e3 * start.objective_m));
         let text = design_text(text, "cylinder30", "better", &start.electrodes_m, None).unwrap();

@@ -1,15 +1,14 @@
-//! What a press changes, apart from the electrodes: points of the coat and their weights.
+//! What a press answers to a field, whatever the electrodes.
 
-use super::fields::PressPoints;
-use super::places::with_points;
+use super::local::{COMPONENTS, Neighbourhood};
 use crate::bound::{BoundOptions, tangents};
 use crate::elementary::exp;
 use crate::twin::{Press, TouchOptions, Twin, TwinOptions};
 use dermis::design::SkinDesign;
-use dermis::geom::vector::{Point3, distance, dot, normalize, sub};
+use dermis::forward::ForwardModel;
+use dermis::geom::vector::{Point3, add, scale};
 use dermis::geom::{Point2, Surface};
-use dermis::mesh::Mesh;
-use std::f64::consts::PI;
+use dermis::linalg::{Matrix, invert_spd};
 
 /// Parameters of a press: two of its position, the logarithms of its force and of its tip radius, the phase of the patches
 /// along both directions.
@@ -19,166 +18,137 @@ pub(super) const UNKNOWNS: usize = 4;
 /// Standard deviation of the logarithm of the tip radius, as in [`bound`](crate::bound).
 const LOG_RADIUS_SD: f64 = 0.5;
 /// Steps of central differences: along the skin, m, and of logarithms.
-const STEP_M: f64 = 5e-4;
-const LOG_STEP: f64 = 0.02;
-/// Standard deviations of a Gaussian press beyond which its change is left out: 4 % of its strength.
-const REACH: f64 = 2.5;
-/// Edges of the touched mesh over those of the design: strengths hardly depend on it.
-const COARSE: f64 = 2.0;
+const STEP_M: f64 = 2e-4;
+const LOG_STEP: f64 = 0.01;
+/// Diagonal of the normal equations of a response over their mean: the square of the error of the fields of a mesh.
+const RIDGE: f64 = 1e-5;
 
-/// A point of the coat, and the derivatives of its relative change of conductance by each parameter, integrated over its
-/// area, m2 (per m for lengths), along each pair of tangents (11, 12, 22).
+/// The answers of a press to fields: for each parameter the symmetric matrix `M` by which the transfer impedance of two
+/// electrodes changes, `f' M g` with the coefficients `f` and `g` of their fields.
 #[derive(Debug, Clone)]
-pub(super) struct TouchPoint {
-    pub(super) place_m: Point3,
-    pub(super) weights: [[f64; 3]; PARAMETERS],
+pub(super) struct Response {
+    pub(super) around: Neighbourhood,
+    /// By row and column of the coefficients, then by parameter, S (per m for lengths).
+    pub(super) matrix: [[[f64; PARAMETERS]; COMPONENTS]; COMPONENTS],
 }
 
-/// How a twin's presses change the coat.
+/// The presses of a twin, with the fields of its electrodes as probes.
 #[derive(Debug)]
 pub(super) struct Touches {
+    skin: Twin,
+    /// With the patches shifted forward and back along two directions.
+    shifted: Vec<[Twin; 2]>,
+    pitch_m: [f64; 2],
+    potentials: Matrix,
     press: Press,
-    surface: Surface,
-    change: Change,
-}
-
-#[derive(Debug)]
-enum Change {
-    /// Contacts of patches; the twins with patches shifted forward and back along two directions, and their pitch.
-    Patches { skin: Box<Twin>, shifted: Vec<[Twin; 2]>, pitch_m: [f64; 2] },
-    /// A Gaussian of a strength (m2), a width (m), and the derivative of the logarithm of the width by that of the tip's
-    /// radius.
-    Gaussian { strength_m2: f64, width_m: f64, growth: f64, points: Vec<(Point3, f64)> },
+    radius_m: f64,
 }
 
 impl Touches {
-    /// The presses of a twin on a design; `edge_m` is the edge of the cells of smooth presses.
+    /// The presses of a twin on a design; fields are described within about `radius_m`.
     pub(super) fn new(
         design: &SkinDesign,
         twin: &TwinOptions,
         bound: &BoundOptions,
-        edge_m: f64,
-        at_m: Point3,
+        radius_m: f64,
     ) -> crate::Result<Self> {
-        let skin = coarse_skin(design, twin)?;
-        let press = Press { centre_m: at_m, force_n: bound.force_n, tip_radius_m: bound.tip_radius_m };
-        let change = match skin.options().touch.clone() {
-            TouchOptions::Patches(patches) => {
-                let shifted = |axis: usize, step_m: f64| {
-                    let mut shifted = patches.clone();
-                    shifted.offset_m[axis] += step_m;
-                    let mut options = twin.clone();
-                    options.touch = TouchOptions::Patches(shifted);
-                    coarse_skin(design, &options)
-                };
-                let both = |axis: usize| Ok::<_, crate::Error>([shifted(axis, STEP_M)?, shifted(axis, -STEP_M)?]);
-                let shifted = if bound.known_patches { Vec::new() } else { vec![both(0)?, both(1)?] };
-                Change::Patches { shifted, pitch_m: patches.on_body(&design.body)?.pitch_m(), skin: Box::new(skin) }
-            }
-            smooth => {
-                let (width_m, growth) = match smooth {
-                    TouchOptions::Gaussian(gaussian) => (gaussian.width_m, 0.0),
-                    _ => (press.tip_radius_m, 1.0),
-                };
-                let centres: Vec<Point3> = design.electrodes.iter().map(|electrode| electrode.centre_m).collect();
-                let mesh = Mesh::generate(&with_points(design, &centres, edge_m)?)?;
-                let points = (0..mesh.cell_count()).map(|cell| (mesh.cell_centre(cell), mesh.cell_measure(cell)));
-                let strength_m2 = skin.strength_m2(&[press])?;
-                Change::Gaussian { strength_m2, width_m: width_m.max(edge_m), growth, points: points.collect() }
-            }
-        };
-        Ok(Touches { press, surface: design.body.surface(), change })
+        let sound = twin.as_designed();
+        let skin = Twin::new(design, &sound, 0)?;
+        let (mut shifted, mut pitch_m) = (Vec::new(), [1.0; 2]);
+        if let (TouchOptions::Patches(patches), false) = (&skin.options().touch, bound.known_patches) {
+            pitch_m = patches.on_body(&design.body)?.pitch_m();
+            let with = |axis: usize, step_m: f64| {
+                let mut moved = patches.clone();
+                moved.offset_m[axis] += step_m;
+                let mut options = sound.clone();
+                options.touch = TouchOptions::Patches(moved);
+                Twin::new(design, &options, 0)
+            };
+            shifted = vec![[with(0, STEP_M)?, with(0, -STEP_M)?], [with(1, STEP_M)?, with(1, -STEP_M)?]];
+        }
+        let model = ForwardModel::new(skin.design(), skin.mesh())?;
+        let potentials = model.potentials(model.rest_conductivity())?;
+        let press = Press { centre_m: [0.0; 3], force_n: bound.force_n, tip_radius_m: bound.tip_radius_m };
+        Ok(Touches { skin, shifted, pitch_m, potentials, press, radius_m })
     }
 
-    /// What is known of each parameter before: the inverse of its variance. A phase that does not exist, or is known, has
-    /// no effect, and any value serves.
+    /// What is known of each parameter before: the inverse of its variance. Any phase of the patches is equally likely; a
+    /// phase that does not exist has no effect, and any value serves.
     pub(super) fn known(&self) -> [f64; PARAMETERS] {
-        let of_phase = |axis: usize| match &self.change {
-            // Any phase is equally likely.
-            Change::Patches { pitch_m, .. } => 12.0 / (pitch_m[axis] * pitch_m[axis]),
-            Change::Gaussian { .. } => 1.0,
-        };
-        [0.0, 0.0, 0.0, LOG_RADIUS_SD.powi(-2), of_phase(0), of_phase(1)]
+        let [first, second] = self.pitch_m.map(|pitch_m| 12.0 / (pitch_m * pitch_m));
+        [0.0, 0.0, 0.0, LOG_RADIUS_SD.powi(-2), first, second]
     }
 
-    /// The points of a press at a place with a normal.
-    pub(super) fn points(&self, place_m: Point3, normal: Point3) -> crate::Result<PressPoints> {
-        let points = match &self.change {
-            Change::Patches { skin, shifted, .. } => self.contacts(skin, shifted, place_m)?,
-            Change::Gaussian { strength_m2, width_m, growth, points } => {
-                let near = points.iter().filter(|(point, _)| distance(*point, place_m) < REACH * width_m);
-                let point = |&(point, area_m2): &(Point3, f64)| {
-                    let [x, y] = self.chart(place_m, normal, point).map(|along| along / width_m);
-                    let square = x * x + y * y;
-                    let rise = area_m2 * strength_m2 / (2.0 * PI * width_m * width_m) * exp(-0.5 * square);
-                    let changes = [x / width_m, y / width_m, 1.0, growth * (square - 2.0), 0.0, 0.0];
-                    TouchPoint { place_m: point, weights: changes.map(|change| [rise * change, 0.0, rise * change]) }
-                };
-                near.map(point).collect()
+    /// The answers of a press at a place with a normal, from those of the probes `D = F' M F`: `M` by least squares. Probes
+    /// beside the press are left out, as their fields are no polynomials there.
+    ///
+    /// # Errors
+    /// A press that the twin cannot simulate.
+    pub(super) fn response(&self, place_m: Point3, normal: Point3) -> crate::Result<Response> {
+        let surface = self.skin.design().body.surface();
+        let around = Neighbourhood { surface, place_m, tangents: tangents(normal), radius_m: self.radius_m };
+        let electrodes = &self.skin.design().electrodes;
+        let probes: Vec<usize> =
+            (0..electrodes.len()).filter(|&probe| !around.holds(electrodes[probe].centre_m)).collect();
+        let all = around.coefficients(&self.skin.mesh().nodes, &self.potentials);
+        let mut fields = Matrix::zeros(COMPONENTS, probes.len());
+        for component in 0..COMPONENTS {
+            let mean = probes.iter().map(|&probe| all.at(component, probe)).sum::<f64>() / probes.len() as f64;
+            let row = fields.row_mut(component);
+            row.iter_mut().zip(&probes).for_each(|(value, &probe)| *value = all.at(component, probe) - mean);
+        }
+        let transposed = fields.transposed();
+        let mut normal_matrix = fields.times(&transposed);
+        let trace: f64 = (0..COMPONENTS).map(|i| normal_matrix.at(i, i)).sum();
+        (0..COMPONENTS).for_each(|i| *normal_matrix.at_mut(i, i) += RIDGE * trace / COMPONENTS as f64);
+        let mut matrix = [[[0.0; PARAMETERS]; COMPONENTS]; COMPONENTS];
+        let Ok(inverse) = invert_spd(&normal_matrix) else { return Ok(Response { around, matrix }) };
+        let solve = inverse.times(&fields);
+        for (parameter, change) in self.changes(&around)?.iter().enumerate() {
+            let mut own = Matrix::zeros(probes.len(), probes.len());
+            for (i, &a) in probes.iter().enumerate() {
+                probes.iter().enumerate().for_each(|(j, &b)| *own.at_mut(i, j) = change.at(a, b));
             }
-        };
-        Ok(PressPoints { place_m, axes: self.axes(place_m, normal), points })
+            // The centred fields see the differences of the changes alone.
+            let found = solve.times(&own).times(&solve.transposed());
+            for i in 0..COMPONENTS {
+                (0..COMPONENTS).for_each(|j| matrix[i][j][parameter] = 0.5 * (found.at(i, j) + found.at(j, i)));
+            }
+        }
+        Ok(Response { around, matrix })
     }
 
-    /// The contacts of the patches under a press that is displaced, stronger, wider, under shifted patches: a point for
-    /// each, with the weight of its step in the difference quotient.
-    fn contacts(&self, skin: &Twin, shifted: &[[Twin; 2]], place_m: Point3) -> crate::Result<Vec<TouchPoint>> {
-        let here = Press { centre_m: place_m, ..self.press };
-        let moved = |step_m: Point2| Press { centre_m: self.surface.walk(place_m, step_m), ..here };
+    /// The derivatives of the transfer impedance of the probes by each parameter that there is.
+    fn changes(&self, around: &Neighbourhood) -> crate::Result<Vec<Matrix>> {
+        let here = Press { centre_m: around.place_m, ..self.press };
+        let moved = |step_m: Point2| Press { centre_m: walk(around, step_m), ..here };
         let stronger = |sign: f64| Press { force_n: here.force_n * exp(sign * LOG_STEP), ..here };
         let wider = |sign: f64| Press { tip_radius_m: here.tip_radius_m * exp(sign * LOG_STEP), ..here };
-        let mut points = Vec::new();
-        for sign in [1.0, -1.0] {
-            let along = sign / (2.0 * STEP_M);
-            let cases = [
-                (skin, moved([sign * STEP_M, 0.0]), along),
-                (skin, moved([0.0, sign * STEP_M]), along),
-                (skin, stronger(sign), sign / (2.0 * LOG_STEP)),
-                (skin, wider(sign), sign / (2.0 * LOG_STEP)),
-            ];
-            let side = usize::from(sign < 0.0);
-            let phases = shifted.iter().map(|both| (&both[side], here, along));
-            for (parameter, (twin, press, quotient)) in cases.into_iter().chain(phases).enumerate() {
-                for dipole in twin.dipoles(&[press])?.unwrap_or_default() {
-                    let mut weights = [[0.0; 3]; PARAMETERS];
-                    weights[parameter] = dipole.shape.map(|part| quotient * dipole.strength_m2 * part);
-                    let step = self.surface.chart(place_m, self.at(dipole.centre_m));
-                    points.push(TouchPoint { place_m: self.surface.walk(place_m, step), weights });
-                }
-            }
+        let of = |twins: [&Twin; 2], presses: [Press; 2], step: f64| -> crate::Result<Matrix> {
+            let mut change = twins[0].network(&[presses[0]])?.transfer_impedance;
+            let back = twins[1].network(&[presses[1]])?.transfer_impedance;
+            change.values.iter_mut().zip(&back.values).for_each(|(a, b)| *a = (*a - b) / (2.0 * step));
+            Ok(change)
+        };
+        let own = [&self.skin; 2];
+        let mut changes = vec![
+            of(own, [moved([STEP_M, 0.0]), moved([-STEP_M, 0.0])], STEP_M)?,
+            of(own, [moved([0.0, STEP_M]), moved([0.0, -STEP_M])], STEP_M)?,
+            of(own, [stronger(1.0), stronger(-1.0)], LOG_STEP)?,
+            of(own, [wider(1.0), wider(-1.0)], LOG_STEP)?,
+        ];
+        for [forward, back] in &self.shifted {
+            changes.push(of([forward, back], [here, here], STEP_M)?);
         }
-        Ok(points)
-    }
-
-    /// The point of the surface at a place of the chart (around, along), or (x, y).
-    fn at(&self, [round_m, along_m]: Point2) -> Point3 {
-        match self.surface {
-            Surface::Cylinder { radius_m, .. } => {
-                self.surface.at(along_m, round_m / radius_m).expect("a cylinder has angles")
-            }
-            Surface::Plane | Surface::Free => [round_m, along_m, 0.0],
-        }
-    }
-
-    /// The directions of the chart at a place; two tangents on a body without one.
-    fn axes(&self, place_m: Point3, normal: Point3) -> [Point3; 2] {
-        match self.surface {
-            Surface::Free => tangents(normal),
-            surface => [[STEP_M, 0.0], [0.0, STEP_M]].map(|step| normalize(sub(surface.walk(place_m, step), place_m))),
-        }
-    }
-
-    fn chart(&self, place_m: Point3, normal: Point3, point: Point3) -> Point2 {
-        match self.surface {
-            Surface::Free => tangents(normal).map(|tangent| dot(tangent, sub(point, place_m))),
-            surface => surface.chart(place_m, point),
-        }
+        Ok(changes)
     }
 }
 
-/// The design as a twin without manufacturing errors, on a coarse mesh.
-pub(super) fn coarse_skin(design: &SkinDesign, twin: &TwinOptions) -> crate::Result<Twin> {
-    let mut options = twin.as_designed();
-    options.mesh_scale = COARSE;
-    Twin::new(design, &options, 0)
+/// A point moved along the skin, as in [`bound`](crate::bound).
+fn walk(around: &Neighbourhood, step_m: Point2) -> Point3 {
+    let [u, v] = around.tangents;
+    match around.surface {
+        Surface::Free => add(around.place_m, add(scale(u, step_m[0]), scale(v, step_m[1]))),
+        surface => surface.walk(around.place_m, step_m),
+    }
 }

@@ -221,12 +221,6 @@ impl PatchedSkin {
     /// # Errors
     /// As [`network`](Self::network).
     pub fn strength_m2(&self, presses: &[Press]) -> Result<f64, TwinError> {
-        Ok(self.dipoles(presses)?.iter().map(|dipole| dipole.strength_m2).sum())
-    }
-
-    /// The contacts that some presses make, each as the dipole by which it changes the field around it. Their strengths
-    /// are those of [`strength_m2`](Self::strength_m2).
-    pub(crate) fn dipoles(&self, presses: &[Press]) -> Result<Vec<Dipole>, TwinError> {
         let preload_pa = self.contact.preload_pa;
         let footprints = self.footprints(presses)?;
         let load = Load::new(&footprints, self.grid.surface, preload_pa);
@@ -234,14 +228,12 @@ impl PatchedSkin {
             let conductance_s = |&(point, area_m2): &(Point2, f64)| {
                 (point, area_m2 * self.contact.conductance_s_per_m2(pressure_pa(point)))
             };
-            Dipole::new(Moments::of(cover.points.iter().map(conductance_s)), self.coat_s)
+            let (whole_s, moment_s_m2) = moments(cover.points.iter().map(conductance_s));
+            strength::of_contact(whole_s, moment_s_m2, self.coat_s)
         };
         let covers = patches_near(&self.grid, load.reaches_m()).into_iter().filter_map(|patch| self.covers[patch].as_ref());
-        let rise = |cover: &Cover| {
-            let pressed = of_patch(cover, &|point| load.pressure_pa(point));
-            Dipole { strength_m2: pressed.strength_m2 - of_patch(cover, &|_| preload_pa).strength_m2, ..pressed }
-        };
-        Ok(covers.map(rise).filter(|dipole| dipole.strength_m2 != 0.0).collect())
+        let rise = |cover: &Cover| of_patch(cover, &|point| load.pressure_pa(point)) - of_patch(cover, &|_| preload_pa);
+        Ok(covers.map(rise).sum())
     }
 
     fn contacts_under(
@@ -267,49 +259,15 @@ impl PatchedSkin {
     }
 }
 
-/// A contact as the dipole by which it changes the field around it.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Dipole {
-    /// Its centre in the chart, m.
-    pub(crate) centre_m: Point2,
-    /// The relative rise of the coating's conductance, integrated over the surface, m2.
-    pub(crate) strength_m2: f64,
-    /// Its part along each pair of directions of the chart (11, 12, 22), with a mean of one along both: a weak contact
-    /// changes the power of a field `g` by `g' M g`, `M` being its second moment.
-    pub(crate) shape: [f64; 3],
-}
-
-impl Dipole {
-    fn new(Moments { whole, centre, square: [xx, xy, yy] }: Moments, coat_s: f64) -> Self {
-        let trace = xx + yy;
-        let shape = if trace > 0.0 { [xx, xy, yy].map(|part| 2.0 * part / trace) } else { [1.0, 0.0, 1.0] };
-        Dipole { centre_m: centre, strength_m2: strength::of_contact(whole, trace, coat_s), shape }
-    }
-}
-
-/// The sum of some weights, their centre and their second moments about it.
-struct Moments {
-    whole: f64,
-    centre: Point2,
-    square: [f64; 3],
-}
-
-impl Moments {
-    fn of(points: impl Iterator<Item = (Point2, f64)> + Clone) -> Self {
-        let (whole, x, y) = points.clone().fold((0.0, 0.0, 0.0), |(whole, x, y), (point, weight)| {
-            (whole + weight, x + weight * point[0], y + weight * point[1])
-        });
-        if whole <= 0.0 {
-            return Moments { whole: 0.0, centre: [0.0; 2], square: [0.0; 3] };
-        }
-        let centre = [x / whole, y / whole];
-        let mut square = [0.0; 3];
-        for ([x, y], weight) in points {
-            let [x, y] = [x - centre[0], y - centre[1]];
-            square.iter_mut().zip([x * x, x * y, y * y]).for_each(|(sum, part)| *sum += weight * part);
-        }
-        Moments { whole, centre, square }
-    }
+/// The sum of some weights and their second moment about their centre.
+fn moments(points: impl Iterator<Item = (Point2, f64)> + Clone) -> (f64, f64) {
+    let (whole, x, y) = points.clone().fold((0.0, 0.0, 0.0), |(whole, x, y), (point, weight)| {
+        (whole + weight, x + weight * point[0], y + weight * point[1])
+    });
+    let centre = [x / whole, y / whole];
+    let square = |[x, y]: Point2| (x - centre[0]).powi(2) + (y - centre[1]).powi(2);
+    let moment = points.map(|(point, weight)| weight * square(point)).sum();
+    (whole, if whole > 0.0 { moment } else { 0.0 })
 }
 
 /// The patches that some presses may reach, in order, from their centres in the chart and reaches, m.

@@ -3,7 +3,6 @@
 use super::electronics::{Electronics, ElectronicsReport, Readings, not_negative};
 use super::imperfections::Drift;
 use super::sheet::TouchedSheet;
-use super::patched::Dipole;
 use super::{ContactHistory, PatchedSkin, Press, TouchOptions, TwinError, TwinOptions};
 use crate::noise::Noise;
 use dermis::design::SkinDesign;
@@ -272,14 +271,6 @@ impl Twin {
         match &self.skin.touch {
             Touch::Patches(patched) => Ok(patched.strength_m2(presses)?),
             Touch::Sheet(sheet) => sheet.strength_m2(&self.skin.forward, presses),
-        }
-    }
-
-    /// The contacts of patches that some presses make; `None` without patches.
-    pub(crate) fn dipoles(&self, presses: &[Press]) -> crate::Result<Option<Vec<Dipole>>> {
-        match &self.skin.touch {
-            Touch::Patches(patched) => Ok(Some(patched.dipoles(presses)?)),
-            Touch::Sheet(_) => Ok(None),
         }
     }
 
