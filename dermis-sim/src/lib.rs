@@ -18,10 +18,10 @@ pub mod noise;
 // Layer 4
 pub mod twin;
 // Layer 5
+pub mod bound;
 pub mod dataset;
 pub mod experiment;
 // Layer 6
-pub mod bound;
 pub mod evaluate;
 // Layer 7
 pub mod optimise;

@@ -10,7 +10,7 @@
 
 use crate::report::Table;
 use dermis::stats::mean;
-use dermis_sim::evaluate::{BenchmarkOptions, BenchmarkResult, FORCES_PER_POSITION};
+use dermis_sim::evaluate::{BenchmarkBound, BenchmarkOptions, BenchmarkResult, FORCES_PER_POSITION};
 use dermis_sim::experiment::Sizes;
 
 /// One figure of a result.
@@ -143,6 +143,22 @@ impl Figure {
         if value.is_nan() { "none".into() } else { format!("{:.*}", self.decimals, self.factor * value) }
     }
 
+    /// What the skin allows any unbiased method, in SI units; `None` for figures without a bound.
+    pub fn bound(&self, bound: &BenchmarkBound) -> Option<f64> {
+        let value = match self.key {
+            "grid_localisation_mean_m" | "random_localisation_mean_m" => bound.localisation_m,
+            "two_resolved_from_m" => bound.resolved_from_m(),
+            "two_resolved_at_20_mm" => bound.resolved_at(0.02),
+            "two_resolved_at_40_mm" => bound.resolved_at(0.04),
+            "two_resolved_at_60_mm" => bound.resolved_at(0.06),
+            "two_resolved_at_80_mm" => bound.resolved_at(0.08),
+            "least_force_median_n" => bound.least_force_n[0],
+            "least_force_p95_n" => bound.least_force_n[1],
+            _ => f64::NAN,
+        };
+        value.is_finite().then_some(value)
+    }
+
     /// The worst of some values; `NaN` if one of them is `NaN`.
     pub fn worst(&self, values: &[f64]) -> f64 {
         let worse = |a: f64, b: f64| match self.worse {
@@ -154,12 +170,20 @@ impl Figure {
     }
 }
 
-/// Every figure: its mean over the twins and the worst twin.
-pub fn table(twins: &[BenchmarkResult]) -> Table {
-    let mut table = Table::new(&["figure", "mean of twins", "worst twin"]);
+/// Every figure: its mean over the twins and the worst twin; where it has a bound, the bound and the mean over it.
+pub fn table(twins: &[BenchmarkResult], bound: Option<&BenchmarkBound>) -> Table {
+    let mut table = Table::new(&["figure", "mean of twins", "worst twin", "bound", "mean / bound"]);
     for figure in FIGURES {
         let values: Vec<f64> = twins.iter().map(figure.of).collect();
-        table.row([figure.name.to_string(), figure.show(mean(&values)), figure.show(figure.worst(&values))]);
+        let of_twins = mean(&values);
+        let limit = bound.and_then(|bound| figure.bound(bound));
+        table.row([
+            figure.name.to_string(),
+            figure.show(of_twins),
+            figure.show(figure.worst(&values)),
+            limit.map(|limit| figure.show(limit)).unwrap_or_default(),
+            limit.map(|limit| format!("{:.2}", of_twins / limit)).unwrap_or_default(),
+        ]);
     }
     table
 }
@@ -193,5 +217,19 @@ mod tests {
         assert!(figure("grid_misses").worst(&[1.0, f64::NAN, 2.0]).is_nan());
         assert_eq!(figure("four_all_found").show(0.905), "90.5");
         assert_eq!(figure("two_resolved_from_m").show(f64::NAN), "none");
+    }
+
+    #[test]
+    fn figures_with_a_bound_show_it() {
+        let bound = BenchmarkBound {
+            localisation_m: 5e-4,
+            least_force_n: [0.01, 0.02],
+            two_resolved: vec![(0.02, 0.7), (0.04, 0.95), (0.06, 1.0)],
+        };
+        let of = |key: &str| FIGURES.iter().find(|figure| figure.key == key).expect("a figure").bound(&bound);
+        assert_eq!(of("random_localisation_mean_m"), Some(5e-4));
+        assert_eq!(of("two_resolved_from_m"), Some(0.04));
+        assert_eq!(of("two_resolved_at_20_mm"), Some(0.7));
+        assert_eq!((of("two_resolved_at_80_mm"), of("grid_misses")), (None, None));
     }
 }

@@ -32,7 +32,7 @@ const LAYERED: &[(&str, &[&[&str]])] = &[
             &["touch"],
             &["noise"],
             &["twin"],
-            &["dataset", "experiment"],
+            &["bound", "dataset", "experiment"],
             &["evaluate"],
         ],
     ),

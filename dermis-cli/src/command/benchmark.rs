@@ -12,7 +12,7 @@ use dermis::skin::Skin;
 use dermis::text::counted;
 use dermis_plot::chart::Curves;
 use dermis_plot::{Drawing, Key, Picture, Scale, View};
-use dermis_sim::evaluate::{Benchmark, BenchmarkOptions, BenchmarkResult};
+use dermis_sim::evaluate::{Benchmark, BenchmarkBound, BenchmarkOptions, BenchmarkResult};
 use dermis_sim::experiment::Sizes;
 use dermis_sim::twin::TwinOptions;
 use dermis_study::metrics;
@@ -41,7 +41,7 @@ pub struct Arguments {
     /// Write a map of the smallest detectable force, averaged over the twins (SVG).
     #[arg(long, value_name = "FILE")]
     map: Option<PathBuf>,
-    /// Write the share of resolved pairs of touches against their distance, over all twins (SVG).
+    /// Write the share of resolved pairs of touches against their distance, over all twins, and its bound (SVG).
     #[arg(long, value_name = "FILE")]
     curve: Option<PathBuf>,
     /// Number of disconnected electrodes of each twin, drawn from its seed.
@@ -65,6 +65,8 @@ struct Summary<'a> {
     twin: &'a str,
     method: &'a str,
     alpha: Option<f64>,
+    /// What the skin allows any method; none for twins without noise.
+    bound: Option<&'a BenchmarkBound>,
     twins: &'a [BenchmarkResult],
 }
 
@@ -90,12 +92,15 @@ impl Arguments {
         let twins = seeds.map(|seed| benchmark.run(seed, &size, |done| progress.steps(done as u64)));
         let twins: Vec<BenchmarkResult> = twins.collect::<dermis_sim::Result<_>>()?;
         drop(progress);
+        let waiting = Progress::waiting("computing the bounds");
+        let bound = benchmark.bound(self.seed, &size)?;
+        drop(waiting);
         if let Some(path) = &self.map {
             let picture = self.map(&skin, pixels, &size, &twins)?;
             write_whole(path, |out| out.write_all(picture.to_svg().as_bytes()))?;
         }
         if let Some(path) = &self.curve {
-            let picture = self.curve(method.description(), &twins);
+            let picture = self.curve(method.description(), &twins, bound.as_ref());
             write_whole(path, |out| out.write_all(picture.to_svg().as_bytes()))?;
         }
         if self.json {
@@ -104,6 +109,7 @@ impl Arguments {
                 twin: &options.name,
                 method: method.label(),
                 alpha: method.alpha(),
+                bound: bound.as_ref(),
                 twins: &twins,
             });
         }
@@ -116,7 +122,7 @@ impl Arguments {
             self.seed,
             self.seed + self.twins - 1,
             method.description(),
-            metrics::table(&twins).to_text(),
+            metrics::table(&twins, bound.as_ref()).to_text(),
             advice.map(|advice| format!("\nnote: {advice}\n")).unwrap_or_default()
         ))
     }
@@ -134,11 +140,17 @@ impl Arguments {
         }
     }
 
-    /// The fraction of resolved pairs of touches against their distance, with a line at 90 %.
-    fn curve(&self, method: String, twins: &[BenchmarkResult]) -> Picture {
+    /// The fraction of resolved pairs of touches against their distance and that which the skin allows, with a line at
+    /// 90 %.
+    fn curve(&self, method: String, twins: &[BenchmarkResult], bound: Option<&BenchmarkBound>) -> Picture {
         let places = resolved(twins);
         let bar = places.iter().map(|[distance_m, _]| [1e3 * distance_m, 90.0]).collect();
-        let curve = places.iter().map(|[distance_m, part]| [1e3 * distance_m, 100.0 * part]).collect();
+        let in_percent = |[distance_m, part]: [f64; 2]| [1e3 * distance_m, 100.0 * part];
+        let mut curves = vec![(method, places.iter().copied().map(in_percent).collect()), ("90 %".into(), bar)];
+        if let Some(bound) = bound {
+            let steps = bound.two_resolved.iter().map(|&(distance_m, part)| in_percent([distance_m, part]));
+            curves.push(("bound".into(), steps.collect()));
+        }
         Curves {
             title: "Two-point resolution",
             subtitle: &format!("{} `{}`", counted(twins.len(), "twin"), self.twin),
@@ -146,7 +158,7 @@ impl Arguments {
             left: "resolved pairs (%)",
             logarithmic: false,
             shown: vec![0.0, 100.0],
-            curves: vec![(method, curve), ("90 %".into(), bar)],
+            curves,
         }
         .draw()
     }

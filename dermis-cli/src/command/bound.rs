@@ -96,6 +96,10 @@ struct Summary {
     places: Vec<Place>,
 }
 
+/// A value of a place, and the statistics of such values.
+type OfPlace = fn(&Place) -> Option<f64>;
+type OfSummary = fn(&Summary) -> Option<Spread>;
+
 /// Statistics over places.
 #[derive(Debug, Clone, Copy, Serialize)]
 struct Spread {
@@ -134,6 +138,13 @@ impl Arguments {
         let bounds = Bounds::new(skin.design(), &twin, &self.options())?;
         drop(waiting);
         let one = self.summary(&skin, &bounds, 1)?;
+        if one.sd_m.is_none() {
+            let values = counted(skin.design().protocol.channel_count(), "value");
+            return Err(Failure::given(
+                format!("the frame does not tell the place of a press anywhere on the skin: it has {values}"),
+                Some("read more values: a press has four unknowns, two of its place, its force and its tip"),
+            ));
+        }
         let mean = self.summary(&skin, &bounds.averaged(long)?, long)?;
         self.write_files(&skin, &one)?;
         if self.json {
@@ -195,8 +206,8 @@ impl Arguments {
     fn place(&self, bounds: &Bounds, pixels: &PixelSpace, pixel: usize) -> dermis_sim::Result<Place> {
         let (position_m, normal) = (pixels.centres_m[pixel], pixels.normals[pixel]);
         let position = bounds.position(position_m, normal)?;
-        let is_separated = bounds.has_chart() && self.separation_step > 0 && pixel % self.separation_step == 0;
-        let separation_m = if is_separated { bounds.worst_separation_m(position_m, normal)? } else { None };
+        let is_separated = bounds.has_chart() && self.separation_step > 0 && pixel.is_multiple_of(self.separation_step);
+        let separation_m = if is_separated { bounds.worst_separation_m(position_m)? } else { None };
         Ok(Place {
             position_m,
             sd_m: position.map(|bound| bound.sd_m),
@@ -210,7 +221,7 @@ impl Arguments {
         if let Some(path) = &self.output {
             write_whole(path, |out| write_places(out, &bounds.places))?;
         }
-        let maps: [(&Option<PathBuf>, &str, &str, fn(&Place) -> Option<f64>); 3] = [
+        let maps: [(&Option<PathBuf>, &str, &str, OfPlace); 3] = [
             (&self.map, "Bound of the position", "standard deviation of the position (mm)", |place| {
                 place.sd_m.map(|sd_m| 1e3 * sd_m)
             }),
@@ -238,7 +249,7 @@ impl Arguments {
 
     /// The share of the places at which two presses are told from one, against their distance.
     fn curve(&self, places: &[Place]) -> Picture {
-        let is_tried = |pixel: &usize| pixel % self.separation_step == 0;
+        let is_tried = |pixel: &usize| pixel.is_multiple_of(self.separation_step);
         let tried = (0..places.len()).filter(is_tried).count();
         let values: Vec<f64> = places.iter().filter_map(|place| place.separation_m.map(|value| 1e3 * value)).collect();
         Cumulative {
@@ -271,7 +282,7 @@ impl Arguments {
 fn table(one: &Summary, mean: &Summary) -> Table {
     let columns = ["bound", "frames", "mean", "median", "95th percentile", "largest", "places"];
     let mut table = Table::new(&columns);
-    let quantities: [(&str, f64, fn(&Summary) -> Option<Spread>); 4] = [
+    let quantities: [(&str, f64, OfSummary); 4] = [
         ("position, standard deviation (mm)", 1e3, |summary| summary.sd_m),
         ("force, standard deviation (N)", 1.0, |summary| summary.force_sd_n),
         ("smallest force, 90 % found (N)", 1.0, |summary| summary.smallest_force_n),

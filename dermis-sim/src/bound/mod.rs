@@ -29,7 +29,7 @@ use crate::twin::{Press, TouchOptions, Twin, TwinError, TwinOptions};
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
 use dermis::frame::Frame;
-use dermis::geom::vector::{add, cross, normalize, scale};
+use dermis::geom::vector::{add, cross, distance, normalize, scale};
 use dermis::geom::{Point3, Surface};
 use dermis::linalg::invert_spd;
 use precision::{Precision, Whitened, frame_of};
@@ -114,6 +114,8 @@ struct Physics {
     twin: Twin,
     shifted: Vec<Shift>,
     untouched: Vec<f64>,
+    /// Greatest distance of two points of the mesh's bounding box, m.
+    size_m: f64,
     model: ForwardModel,
     noise: Noise,
     drift: DriftSpread,
@@ -139,6 +141,7 @@ impl Bounds {
         let physics = Physics {
             shifted: if options.known_patches { Vec::new() } else { shifted_patches(design, &sound, skin.options())? },
             untouched: frame_of(skin.untouched(), &skin.design().protocol),
+            size_m: size_m(&skin.mesh().nodes),
             model: ForwardModel::new(skin.design(), skin.mesh())?,
             noise,
             drift: options.drift.or(of_twin).unwrap_or(DriftSpread { coat: 0.0, contact: 0.0 }),
@@ -167,7 +170,7 @@ impl Bounds {
     }
 
     /// The bound of the position of a press with the force and the tip of the options, at a place with an outward normal;
-    /// `None` if the press changes no reading: no current flows there.
+    /// `None` if the readings do not tell the place: no current flows there, or they are fewer than the unknowns.
     ///
     /// # Errors
     /// A press that the twin cannot simulate.
@@ -184,9 +187,11 @@ impl Bounds {
         let columns = self.derivatives(&precision, press, normal)?;
         let Ok(covariance) = invert_spd(&precision.information(&columns)) else { return Ok(None) };
         let at = |i: usize, j: usize| covariance.at(i, j);
-        Ok(Some(PositionBound {
+        let sd_m = (at(0, 0) + at(1, 1)).sqrt();
+        // Rounding may hide that the information is singular.
+        Ok((sd_m < self.physics.size_m).then(|| PositionBound {
             covariance_m2: [[at(0, 0), at(0, 1)], [at(1, 0), at(1, 1)]],
-            sd_m: (at(0, 0) + at(1, 1)).sqrt(),
+            sd_m,
             force_sd_n: press.force_n * at(2, 2).sqrt(),
         }))
     }
@@ -275,6 +280,14 @@ fn shifted_patches(design: &SkinDesign, sound: &TwinOptions, of_design: &TwinOpt
         Ok(Shift { twins: [twin(STEP_M)?, twin(-STEP_M)?], sd_m: pitch_m[axis] / 12f64.sqrt() })
     };
     (0..2).map(shift).collect()
+}
+
+/// The diagonal of the box around some points, m.
+fn size_m(points: &[Point3]) -> f64 {
+    let extreme = |start: f64, of: fn(f64, f64) -> f64| {
+        [0, 1, 2].map(|axis| points.iter().map(|point| point[axis]).fold(start, of))
+    };
+    distance(extreme(f64::INFINITY, f64::min), extreme(f64::NEG_INFINITY, f64::max))
 }
 
 /// Two unit vectors that are perpendicular to a normal and to each other.

@@ -3,7 +3,7 @@
 use super::precision::{Precision, Whitened};
 use super::{Bounds, LOG_RADIUS, LOG_RADIUS_SD, PARAMETERS, difference};
 use crate::elementary::{erf, exp};
-use crate::twin::Press;
+use crate::twin::{Press, TwinError};
 use dermis::geom::Point3;
 use dermis::linalg::{Matrix, invert_spd};
 use std::f64::consts::{FRAC_PI_2, PI, SQRT_2};
@@ -13,9 +13,9 @@ const POWER: f64 = 0.9;
 /// ... and one is taken for two in this share.
 const FALSE_SPLITS: f64 = 0.01;
 /// Distances between which the smallest is sought, m.
-const DISTANCES_M: [f64; 2] = [0.002, 0.2];
-/// Absolute accuracy of the distance, m.
-const ACCURACY_M: f64 = 5e-4;
+const DISTANCES_M: [f64; 2] = [0.001, 0.2];
+/// Relative accuracy of the distance. The misfit grows with its fourth power.
+const ACCURACY: f64 = 0.02;
 /// Most steps of the fit of one press, and the relative decrease at which it ends.
 const STEPS: usize = 20;
 const LEAST_DECREASE: f64 = 1e-3;
@@ -23,8 +23,7 @@ const LEAST_DECREASE: f64 = 1e-3;
 const MOST_DAMPING: f64 = 1e9;
 
 impl Bounds {
-    /// The probability that two equal presses at a distance, symmetric about a place, are told from one, if one press is
-    /// taken for two in 1 % of the cases.
+    /// The probability that two presses are told from one, if one press is taken for two in 1 % of the cases.
     ///
     /// The generalised likelihood ratio (Kay, Detection Theory, 1998, section 6.5) compares two presses with one of any
     /// place, force and tip radius. The second press adds three parameters, its place and its force, so twice the
@@ -33,30 +32,29 @@ impl Bounds {
     ///
     /// # Errors
     /// Presses that the twin cannot simulate; a body without a chart.
-    pub fn resolved(&self, place_m: Point3, normal: Point3, distance_m: f64, direction_rad: f64) -> crate::Result<f64> {
-        let misfit = self.misfit_of_one(place_m, normal, distance_m, direction_rad)?;
-        Ok(1.0 - noncentral_chi_square_3(threshold(), misfit))
+    pub fn told_apart(&self, pair: &[Press; 2]) -> crate::Result<f64> {
+        Ok(1.0 - noncentral_chi_square_3(threshold(), self.misfit_of_one(pair)?))
     }
 
     /// The smallest distance at which two equal presses are told from one in 90 % of the cases; `None` if 200 mm is not
     /// enough, or if no such presses lie on the skin.
     ///
     /// # Errors
-    /// As [`resolved`](Self::resolved).
-    pub fn separation_m(&self, place_m: Point3, normal: Point3, direction_rad: f64) -> crate::Result<Option<f64>> {
+    /// As [`told_apart`](Self::told_apart).
+    pub fn separation_m(&self, place_m: Point3, direction_rad: f64) -> crate::Result<Option<f64>> {
         let needed = needed_misfit();
         let [mut low, mut high] = DISTANCES_M;
         let is_resolved = |distance_m: f64| -> crate::Result<bool> {
-            Ok(self.misfit_of_one(place_m, normal, distance_m, direction_rad)? >= needed)
+            Ok(self.misfit_of_one(&self.pair(place_m, distance_m, direction_rad))? >= needed)
         };
-        while high > low && self.clean(&self.pair(place_m, normal, high, direction_rad)).is_err() {
+        while high > low && self.clean(&self.pair(place_m, high, direction_rad)).is_err() {
             high *= 0.8;
         }
         if high <= low || !is_resolved(high)? {
             return Ok(None);
         }
-        while high > low + ACCURACY_M {
-            let middle = 0.5 * (low + high);
+        while high > (1.0 + ACCURACY) * low {
+            let middle = (low * high).sqrt();
             if is_resolved(middle)? { high = middle } else { low = middle }
         }
         Ok(Some(high))
@@ -65,35 +63,30 @@ impl Bounds {
     /// The larger of the smallest distances in two perpendicular directions; `None` if either has none.
     ///
     /// # Errors
-    /// As [`resolved`](Self::resolved).
-    pub fn worst_separation_m(&self, place_m: Point3, normal: Point3) -> crate::Result<Option<f64>> {
-        let [first, second] = [0.0, FRAC_PI_2].map(|direction| self.separation_m(place_m, normal, direction));
+    /// As [`told_apart`](Self::told_apart).
+    pub fn worst_separation_m(&self, place_m: Point3) -> crate::Result<Option<f64>> {
+        let [first, second] = [0.0, FRAC_PI_2].map(|direction| self.separation_m(place_m, direction));
         Ok(first?.zip(second?).map(|(first, second)| first.max(second)))
     }
 
-    fn pair(&self, place_m: Point3, normal: Point3, distance_m: f64, direction_rad: f64) -> [Press; 2] {
+    /// Two presses of the options' force at a distance, symmetric about a place.
+    fn pair(&self, place_m: Point3, distance_m: f64, direction_rad: f64) -> [Press; 2] {
         let half = [0.5 * distance_m * direction_rad.cos(), 0.5 * distance_m * direction_rad.sin()];
-        [half, half.map(|step| -step)].map(|step| self.press(self.moved(place_m, normal, step)))
+        [half, half.map(|step| -step)].map(|step| self.press(self.surface().walk(place_m, step)))
     }
 
     /// The squared distance of the frame of two presses from that of the best single one, in units of the noise.
-    fn misfit_of_one(
-        &self,
-        place_m: Point3,
-        normal: Point3,
-        distance_m: f64,
-        direction_rad: f64,
-    ) -> crate::Result<f64> {
-        let pair = self.pair(place_m, normal, distance_m, direction_rad);
-        let fit = SingleFit {
-            bounds: self,
-            precision: self.with_unknown_phase(&pair)?,
-            target: self.clean(&pair)?.0,
-            normal,
-        };
-        // From between both, and from each of them: one press may hide the other.
-        let both = Press { force_n: 2.0 * self.options.force_n, ..self.press(place_m) };
-        let misfits = [both, pair[0], pair[1]].into_iter().filter_map(|start| fit.least_misfit(start));
+    fn misfit_of_one(&self, pair: &[Press; 2]) -> crate::Result<f64> {
+        if !self.has_chart() {
+            return Err(TwinError::NoChart.into());
+        }
+        let fit = SingleFit { bounds: self, precision: self.with_unknown_phase(pair)?, target: self.clean(pair)?.0 };
+        // From the centre of force, and from each of them: one press may hide the other.
+        let [a, b] = pair;
+        let force_n = a.force_n + b.force_n;
+        let step = self.surface().chart(a.centre_m, b.centre_m).map(|step| step * b.force_n / force_n);
+        let both = Press { centre_m: self.surface().walk(a.centre_m, step), force_n, ..*a };
+        let misfits = [both, *a, *b].into_iter().filter_map(|start| fit.least_misfit(start));
         Ok(misfits.fold(f64::INFINITY, f64::min))
     }
 }
@@ -103,7 +96,6 @@ struct SingleFit<'a> {
     bounds: &'a Bounds,
     precision: Precision,
     target: Vec<f64>,
-    normal: Point3,
 }
 
 /// A press and its misfit: squared and in units of the noise, with the tip radius as one more reading.
@@ -151,7 +143,8 @@ impl SingleFit<'_> {
     }
 
     fn normal_equations(&self, at: &Candidate) -> crate::Result<(Matrix, [f64; PARAMETERS])> {
-        let columns = self.bounds.derivatives(&self.precision, &at.press, self.normal)?;
+        let normal = self.bounds.surface().normal(at.press.centre_m).ok_or(TwinError::NoChart)?;
+        let columns = self.bounds.derivatives(&self.precision, &at.press, normal)?;
         let mut slope = columns.each_ref().map(|column| self.precision.inner(column, &at.residual));
         slope[LOG_RADIUS] -= self.log_radius(&at.press) / LOG_RADIUS_SD.powi(2);
         Ok((self.precision.information(&columns), slope))
@@ -163,7 +156,7 @@ impl SingleFit<'_> {
         let mut step = [0.0; PARAMETERS];
         invert_spd(&damped).ok()?.product_into(slope, &mut step);
         self.candidate(Press {
-            centre_m: self.bounds.moved(from.centre_m, self.normal, [step[0], step[1]]),
+            centre_m: self.bounds.surface().walk(from.centre_m, [step[0], step[1]]),
             force_n: from.force_n * exp(step[2].clamp(-1.0, 1.0)),
             tip_radius_m: from.tip_radius_m * exp(step[3].clamp(-1.0, 1.0)),
         })

@@ -27,7 +27,7 @@ mod tests;
 
 pub use align::Alignment;
 pub use benchmark::{
-    Benchmark, BenchmarkOptions, BenchmarkResult, Covered, FORCES_PER_POSITION, ForceScore, FourScore,
+    Benchmark, BenchmarkBound, BenchmarkOptions, BenchmarkResult, Covered, FORCES_PER_POSITION, ForceScore, FourScore,
 };
 pub use calibration_run::CalibrationRun;
 pub use explained::GainFit;

@@ -231,7 +231,8 @@ impl PatchedSkin {
             let (whole_s, moment_s_m2) = moments(cover.points.iter().map(conductance_s));
             strength::of_contact(whole_s, moment_s_m2, self.coat_s)
         };
-        let covers = patches_near(&self.grid, load.reaches_m()).into_iter().filter_map(|patch| self.covers[patch].as_ref());
+        let covers =
+            patches_near(&self.grid, load.reaches_m()).into_iter().filter_map(|patch| self.covers[patch].as_ref());
         let rise = |cover: &Cover| of_patch(cover, &|point| load.pressure_pa(point)) - of_patch(cover, &|_| preload_pa);
         Ok(covers.map(rise).sum())
     }

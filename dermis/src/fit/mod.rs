@@ -231,7 +231,7 @@ pub struct Fit {
 /// Frames that do not fit the protocol or are unlike the model, too few channels, a forward problem without a solution.
 pub fn fit(design: &SkinDesign, mesh: &Mesh, frames: &[Frame], options: &FitOptions) -> crate::Result<Fit> {
     check(&design.protocol, frames, &options.left_out)?;
-    let model = Model::new(design, mesh, options.contacts);
+    let model = Model::new(design, mesh, options.contacts)?;
     let data = Data::new(&design.protocol, frames, &options.left_out);
     if data.channels.len() < model.unknowns() {
         return Err(FitError::TooFewChannels { channels: data.channels.len(), unknowns: model.unknowns() }.into());

@@ -2,17 +2,18 @@
 
 use crate::design::{ElectrodeShape, SkinDesign};
 use crate::fit::{Contacts, Quantity, UNDETERMINED_SD, UNREAD_SD};
-use crate::forward::{ForwardModel, Matrix};
+use crate::forward::{ForwardModel, Matrix, ModelFamily};
 use crate::mesh::Mesh;
+use std::sync::Arc;
 
-/// Step of the logarithm in the difference quotient of the series resistances.
+/// Step of the logarithm in the difference quotients of the series resistances.
 const STEP: f64 = 1e-4;
 
 /// A design whose resistances are multiplied by `exp` of the unknowns: the first belongs to the sheet, the others to
 /// the contact impedances.
 pub(super) struct Model<'a> {
     design: &'a SkinDesign,
-    mesh: &'a Mesh,
+    family: Arc<ModelFamily>,
     contacts: Contacts,
     /// The electrodes with a contact impedance.
     electrodes: Vec<usize>,
@@ -25,15 +26,16 @@ pub(super) struct Linear {
 }
 
 impl<'a> Model<'a> {
-    pub(super) fn new(design: &'a SkinDesign, mesh: &'a Mesh, contacts: Contacts) -> Self {
+    pub(super) fn new(design: &'a SkinDesign, mesh: &Mesh, contacts: Contacts) -> crate::Result<Self> {
         let has_contact = |&electrode: &usize| design.electrodes[electrode].shape != ElectrodeShape::Point;
         let has_contact = |electrode: &usize| has_contact(electrode) && mesh.electrode_size(*electrode) > 0.0;
-        Model { design, mesh, contacts, electrodes: (0..design.electrodes.len()).filter(has_contact).collect() }
+        let electrodes = (0..design.electrodes.len()).filter(has_contact).collect();
+        Ok(Model { design, family: Arc::new(ModelFamily::new(design, mesh)?), contacts, electrodes })
     }
 
     /// The same model with one factor for all contact impedances.
     pub(super) fn with_common(&self) -> Model<'a> {
-        Model { contacts: Contacts::Common, electrodes: self.electrodes.clone(), ..*self }
+        Model { contacts: Contacts::Common, electrodes: self.electrodes.clone(), family: self.family.clone(), ..*self }
     }
 
     /// The largest standard deviation at which each unknown counts as determined by some channels.
@@ -103,7 +105,7 @@ impl<'a> Model<'a> {
 
     /// The untouched frame at some unknowns.
     pub(super) fn frame(&self, unknowns: &[f64]) -> crate::Result<Vec<f64>> {
-        let model = ForwardModel::new(&self.design_at(unknowns), self.mesh)?;
+        let model = self.family.model(&self.design_at(unknowns))?;
         let mut frame = model.solve(model.rest_conductivity())?.0;
         self.design.protocol.drop_signs(&mut frame);
         Ok(frame)
@@ -111,17 +113,14 @@ impl<'a> Model<'a> {
 
     /// The untouched frame at some unknowns, with its derivative.
     ///
-    /// In the derivative the correction at the ends of arcs is held constant: it depends on the contact impedances only where
-    /// their layer is as wide as an edge, by about 1 % of a voltage.
-    ///
     /// A frame is homogeneous of degree one in the resistances of the sheet and the contacts together, so by Euler's
     /// theorem its derivative by the logarithm of the former is the frame less its derivatives by those of the latter.
     pub(super) fn linear(&self, unknowns: &[f64]) -> crate::Result<Linear> {
         let design = self.design_at(unknowns);
-        let model = ForwardModel::new(&design, self.mesh)?;
+        let model = self.family.model(&design)?;
         let mut frame = model.solve(model.rest_conductivity())?.0;
-        let contacts = model.contact_jacobian(model.rest_conductivity())?;
-        let series = self.series_derivatives(&design, &model)?;
+        let contacts = self.family.contact_jacobian(&model)?;
+        let series_ohm = self.series_derivatives(&design, &model)?;
         let mut jacobian = Matrix::zeros(frame.len(), self.unknowns());
         for (channel, value) in frame.iter().enumerate() {
             jacobian.row_mut(channel)[0] = *value;
@@ -129,7 +128,7 @@ impl<'a> Model<'a> {
         for &electrode in &self.electrodes {
             let impedance = design.electrodes[electrode].contact_impedance;
             for (channel, gain) in design.protocol.contact_gains(electrode).enumerate() {
-                let change = impedance * contacts.at(channel, electrode) + gain * series[electrode];
+                let change = impedance * contacts.at(channel, electrode) + gain * series_ohm[electrode];
                 let row = jacobian.row_mut(channel);
                 row[0] -= change;
                 if let Some(unknown) = self.unknown_of(electrode) {
@@ -143,7 +142,7 @@ impl<'a> Model<'a> {
         Ok(Linear { frame, jacobian })
     }
 
-    /// The derivative of each series resistance by the logarithm of its electrode's contact impedance, ohm.
+    /// The derivative of each series resistance by the logarithm of the contact impedances, ohm.
     fn series_derivatives(&self, design: &SkinDesign, model: &ForwardModel) -> crate::Result<Vec<f64>> {
         let series = model.series_resistances();
         if series.iter().all(|&resistance| resistance == 0.0) {
@@ -151,7 +150,7 @@ impl<'a> Model<'a> {
         }
         let mut other = design.clone();
         other.electrodes.iter_mut().for_each(|electrode| electrode.contact_impedance *= STEP.exp());
-        let other = ForwardModel::new(&other, self.mesh)?;
+        let other = self.family.model(&other)?;
         Ok(other.series_resistances().iter().zip(series).map(|(above, value)| (above - value) / STEP).collect())
     }
 }

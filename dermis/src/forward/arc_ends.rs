@@ -24,23 +24,89 @@ const HALVINGS: usize = 7;
 /// Iterations for `M`; each multiplies the misfit by the deviation of `M` from 1, a few per cent.
 const ITERATIONS: usize = 8;
 
-/// The transform `M`, electrodes x electrodes; `None` without arcs.
-pub(super) fn transform(model: &ForwardModel) -> crate::Result<Option<Matrix>> {
-    let ends = model.mesh().arc_ends();
-    if ends.is_empty() {
-        return Ok(None);
+/// The models on the finer meshes, for a skin and its instances with other resistances.
+#[derive(Debug)]
+pub(super) struct ArcEnds {
+    graded: Finer,
+    finest: Finer,
+}
+
+/// A model on a finer mesh.
+#[derive(Debug)]
+struct Finer {
+    model: ForwardModel,
+    /// The coarse cell that contains each cell.
+    parents: Vec<usize>,
+}
+
+impl ArcEnds {
+    /// The finer meshes of a model's; `None` without arcs.
+    pub(super) fn new(model: &ForwardModel) -> crate::Result<Option<Self>> {
+        let ends = model.mesh().arc_ends();
+        if ends.is_empty() {
+            return Ok(None);
+        }
+        let Some(graded) = graded(model.mesh(), &ends) else { return Ok(None) };
+        let Some(finest) = graded.refined(|_| true) else { return Ok(None) };
+        let (graded, finest) = rayon::join(|| Finer::new(model, &graded), || Finer::new(model, &finest));
+        Ok(Some(ArcEnds { graded: graded?, finest: finest? }))
     }
-    let Some(graded) = graded(model.mesh(), &ends) else { return Ok(None) };
-    let Some(finer) = graded.refined(|_| true) else { return Ok(None) };
-    let own = || model.network(model.rest_conductivity());
-    let (own, (graded, finer)) =
-        rayon::join(own, || rayon::join(|| impedances(model, &graded), || impedances(model, &finer)));
-    let (own, graded, mut finer) = (own?, graded?, finer?);
-    // Without the ends the error is that of smooth fields, of second order: the finer mesh has a quarter of it.
-    for (value, graded) in finer.values.iter_mut().zip(&graded.values) {
+
+    /// The transform `M`, electrodes x electrodes, of the skin or an instance of it with other resistances.
+    pub(super) fn transform(&self, model: &ForwardModel) -> crate::Result<Matrix> {
+        let own = || model.network(model.rest_conductivity());
+        let (own, (graded, finest)) =
+            rayon::join(own, || rayon::join(|| self.graded.impedances(model), || self.finest.impedances(model)));
+        let (own, graded, mut target) = (own?, graded?, finest?);
+        extrapolate(&mut target, &graded);
+        Ok(matching(&own, &target))
+    }
+
+    /// The derivatives of the untouched frame by the contact impedances: channels x electrodes. The corrected untouched
+    /// frame is that of the finer meshes, so these are theirs.
+    pub(super) fn contact_jacobian(&self, model: &ForwardModel) -> crate::Result<Matrix> {
+        let (graded, finest) =
+            rayon::join(|| self.graded.contact_jacobian(model), || self.finest.contact_jacobian(model));
+        let (graded, mut target) = (graded?, finest?);
+        extrapolate(&mut target, &graded);
+        Ok(target)
+    }
+}
+
+impl Finer {
+    fn new(model: &ForwardModel, refined: &Refined) -> crate::Result<Self> {
+        let rest = of_parents(model.rest_conductivity(), &refined.parents);
+        let fine = ForwardModel::from_parts(&refined.mesh, model.contact_impedances(), model.protocol(), &rest)?;
+        Ok(Finer { model: fine, parents: refined.parents.clone() })
+    }
+
+    /// The model with the resistances of that on the coarse mesh.
+    fn with_resistances(&self, model: &ForwardModel) -> crate::Result<ForwardModel> {
+        let rest = of_parents(model.rest_conductivity(), &self.parents);
+        Ok(self.model.with_parameters(&self.model.mesh().nodes, model.contact_impedances(), &rest)?)
+    }
+
+    fn impedances(&self, model: &ForwardModel) -> crate::Result<Matrix> {
+        let fine = self.with_resistances(model)?;
+        Ok(fine.network(fine.rest_conductivity())?.transfer_impedance)
+    }
+
+    fn contact_jacobian(&self, model: &ForwardModel) -> crate::Result<Matrix> {
+        let fine = self.with_resistances(model)?;
+        Ok(fine.contact_jacobian(fine.rest_conductivity())?)
+    }
+}
+
+/// The limit for ever finer meshes: without the ends the error is that of smooth fields, of second order, and the finest
+/// mesh has a quarter of it.
+fn extrapolate(finest: &mut Matrix, graded: &Matrix) {
+    for (value, graded) in finest.values.iter_mut().zip(&graded.values) {
         *value += (*value - graded) / 3.0;
     }
-    Ok(Some(matching(&own, &finer)))
+}
+
+fn of_parents(values: &[f64], parents: &[usize]) -> Vec<f64> {
+    parents.iter().map(|&parent| values[parent]).collect()
 }
 
 /// `M` with `M S M' = target`, from `M = 1` by adding half of the misfit times `Y`: to first order in the misfit both
@@ -56,13 +122,6 @@ fn matching(own: &ElectrodeNetwork, target: &Matrix) -> Matrix {
         transform.values.iter_mut().zip(&step.values).for_each(|(value, step)| *value += step);
     }
     transform
-}
-
-/// The transfer impedances on a finer mesh.
-fn impedances(model: &ForwardModel, finer: &Refined) -> crate::Result<Matrix> {
-    let rest: Vec<f64> = finer.parents.iter().map(|&parent| model.rest_conductivity()[parent]).collect();
-    let fine = ForwardModel::from_parts(&finer.mesh, model.contact_impedances(), model.protocol(), &rest)?;
-    Ok(fine.network(&rest)?.transfer_impedance)
 }
 
 /// The mesh with the edges at the ends halved again and again.

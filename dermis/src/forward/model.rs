@@ -1,7 +1,7 @@
 //! The forward model of one skin on one mesh.
 
 use super::assembly::Assembly;
-use super::{ElectrodeNetwork, ForwardError, arc_ends, near_field};
+use super::{ElectrodeNetwork, ForwardError, ModelFamily, near_field};
 use crate::design::{RegionPlace, SkinDesign};
 use crate::frame::Frame;
 use crate::geom::{Point3, Surface};
@@ -59,11 +59,14 @@ impl ForwardModel {
         let impedances: Vec<f64> = design.electrodes.iter().map(|electrode| electrode.contact_impedance).collect();
         let model = Self::from_parts(mesh, &impedances, &design.protocol, rest_conductivity)?;
         let series = near_field::series_resistances(design, mesh, model.rest_conductivity())?;
-        let transform = match design.mesh.correct_arc_ends {
-            true => arc_ends::transform(&model)?.map(Arc::new),
-            false => None,
-        };
+        let ends = ModelFamily::ends(design, &model)?;
+        let transform = ends.map(|ends| ends.transform(&model)).transpose()?.map(Arc::new);
         Ok(ForwardModel { transform, ..model.with_series_resistances(&series)? })
+    }
+
+    /// The model with another correction at the ends of arcs.
+    pub(super) fn with_transform(self, transform: Option<Matrix>) -> Self {
+        ForwardModel { transform: transform.map(Arc::new), ..self }
     }
 
     /// The same model with a resistance in series with each electrode, ohm.

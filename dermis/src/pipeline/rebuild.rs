@@ -44,7 +44,11 @@ impl RebuildJob {
 }
 
 /// A method adapted to the untouched skin; the same during a tare.
-pub(super) fn adapted(method: &Method, baseline: Option<&[f64]>, untouched: &[Vec<f64>]) -> Result<Method, PipelineError> {
+pub(super) fn adapted(
+    method: &Method,
+    baseline: Option<&[f64]>,
+    untouched: &[Vec<f64>],
+) -> Result<Method, PipelineError> {
     let untouched = untouched.iter().map(|frame| Frame(frame.clone())).collect();
     let baseline = baseline.map(|baseline| Frame(baseline.to_vec()));
     Ok(method.adapted(&Differences { frames: Vec::new(), untouched, baseline })?)

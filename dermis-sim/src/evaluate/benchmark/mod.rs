@@ -1,11 +1,13 @@
 //! Benchmark of a method on a digital twin: scores of the paper's experiment, and the smallest force that is detected.
 
+mod bound;
 mod coverage;
 mod edges;
 mod force;
 mod least_force;
 mod separation;
 
+pub use bound::BenchmarkBound;
 pub use coverage::Covered;
 pub use force::{FORCES_PER_POSITION, ForceScore};
 
@@ -269,8 +271,7 @@ impl BenchmarkResult {
 
     /// The fraction of the pairs that was resolved at a tested distance (m), `NaN` at any other.
     pub fn resolved_at(&self, separation_m: f64) -> f64 {
-        let tried = self.two_resolved.iter().find(|(tried_m, _)| (tried_m - separation_m).abs() < 1e-6);
-        tried.map_or(f64::NAN, |(_, part)| *part)
+        separation::resolved_at(&self.two_resolved, separation_m)
     }
 
     /// Median and 95th percentile over the positions of the smallest detected force, N; a position without one counts

@@ -35,6 +35,12 @@ pub(super) fn resolved_from_m(two_resolved: &[(f64, f64)]) -> f64 {
     good.last().map_or(f64::NAN, |(separation_m, _)| *separation_m)
 }
 
+/// The share at a tested distance (m), `NaN` at any other.
+pub(super) fn resolved_at(two_resolved: &[(f64, f64)], separation_m: f64) -> f64 {
+    let tried = two_resolved.iter().find(|(tried_m, _)| (tried_m - separation_m).abs() < 1e-6);
+    tried.map_or(f64::NAN, |(_, part)| *part)
+}
+
 pub(super) fn four(surface: &Surface, contacts: &[Vec<Contact>], truths: &[Vec<Contact>]) -> FourScore {
     let (mut all, mut misses, mut false_positives, mut distances) = (0, 0, 0, Vec::new());
     for (contacts, touches) in contacts.iter().zip(truths) {

@@ -1,0 +1,86 @@
+//! What the bounds of a skin allow for the figures of a benchmark.
+
+use super::{Benchmark, BenchmarkOptions, least_force, separation};
+use crate::bound::{BoundOptions, Bounds};
+use crate::experiment::Presses;
+use crate::twin::Press;
+use dermis::stats::mean;
+use rayon::prelude::*;
+use serde::Serialize;
+
+/// Most single presses, and most pairs at each distance: the mean over them is within a few per cent of that over all.
+const SINGLES: usize = 200;
+const PAIRS: usize = 20;
+
+/// The bounds of the figures of a benchmark: for single frames of the skin as designed, without its manufacturing errors
+/// and with all electrodes.
+#[derive(Debug, Clone, Serialize)]
+pub struct BenchmarkBound {
+    /// Mean localisation error of single presses, m.
+    pub localisation_m: f64,
+    /// Median and 95th percentile of the smallest force that is found, N.
+    pub least_force_n: [f64; 2],
+    /// For each distance of two touches: the distance (m) and the mean probability with which they are told from one.
+    pub two_resolved: Vec<(f64, f64)>,
+}
+
+impl BenchmarkBound {
+    /// The smallest distance such that at least 90 % of the pairs are told from one at this and every greater tested
+    /// distance, m; `NaN` if there is none.
+    pub fn resolved_from_m(&self) -> f64 {
+        separation::resolved_from_m(&self.two_resolved)
+    }
+
+    /// The share of the pairs that is told from one at a tested distance (m), `NaN` at any other.
+    pub fn resolved_at(&self, separation_m: f64) -> f64 {
+        separation::resolved_at(&self.two_resolved, separation_m)
+    }
+}
+
+impl Benchmark<'_> {
+    /// The bounds for presses as [`run`](Self::run) draws them from a seed; `None` for twins without noise, whose bounds
+    /// are zero. Does not depend on the method.
+    ///
+    /// # Errors
+    /// As [`Bounds::new`]; presses that the twin cannot simulate.
+    pub fn bound(&self, seed: u64, options: &BenchmarkOptions) -> crate::Result<Option<BenchmarkBound>> {
+        if self.options.electronics.snr_db.is_none() {
+            return Ok(None);
+        }
+        let tip_radius_m = self.options.press.tip_radius_m;
+        let bounds = Bounds::new(self.design, self.options, &BoundOptions { tip_radius_m, ..BoundOptions::default() })?;
+        let presses = Presses::new(self.design, self.mesh, self.pixels, self.options.press, seed);
+        let step = self.pixels.len().div_ceil(SINGLES).max(options.sizes.grid_step);
+        Ok(Some(BenchmarkBound {
+            localisation_m: self.mean_error_m(&bounds, &presses.on_grid(step).presses, step)?,
+            least_force_n: self.least_forces(&bounds, step)?,
+            two_resolved: told_apart(&bounds, &presses, options)?,
+        }))
+    }
+
+    /// The mean error of presses at every `step`-th pixel.
+    fn mean_error_m(&self, bounds: &Bounds, presses: &[Vec<Press>], step: usize) -> crate::Result<f64> {
+        let normals: Vec<_> = self.pixels.normals.iter().copied().step_by(step).collect();
+        let error_m = |(presses, normal): (&Vec<Press>, &_)| {
+            Ok(bounds.position_of(&presses[0], *normal)?.map_or(f64::NAN, |bound| bound.mean_error_m()))
+        };
+        Ok(mean(&presses.par_iter().zip(&normals).map(error_m).collect::<crate::Result<Vec<f64>>>()?))
+    }
+
+    fn least_forces(&self, bounds: &Bounds, step: usize) -> crate::Result<[f64; 2]> {
+        let places: Vec<_> = self.pixels.centres_m.iter().copied().step_by(step).collect();
+        let least = |&place| Ok(bounds.smallest_force_n(place, self.pixels.len())?.unwrap_or(f64::NAN));
+        let forces_n = places.par_iter().map(least).collect::<crate::Result<Vec<f64>>>()?;
+        Ok(least_force::median_and_p95(&forces_n))
+    }
+}
+
+/// The mean probability at each distance with which pairs are told from one.
+fn told_apart(bounds: &Bounds, presses: &Presses<'_>, options: &BenchmarkOptions) -> crate::Result<Vec<(f64, f64)>> {
+    let at_distance = |&separation_m: &f64| {
+        let pairs = presses.in_pairs(&[separation_m], options.sizes.pairs.min(PAIRS)).presses;
+        let probability = |pair: &Vec<Press>| bounds.told_apart(&[pair[0], pair[1]]);
+        Ok((separation_m, mean(&pairs.par_iter().map(probability).collect::<crate::Result<Vec<f64>>>()?)))
+    };
+    options.sizes.separations_m.iter().map(at_distance).collect()
+}
