@@ -58,7 +58,10 @@ const CANDIDATES: usize = 800;
 /// Places of presses in the search.
 const PRESSES: usize = 250;
 /// Cells of the mesh of the fields, about.
-const CELLS: f64 = 10_000.0;
+const CELLS: f64 = 40_000.0;
+/// Point electrodes with which the answers of presses are computed.
+const PROBES: usize = 48;
+
 /// What is made small.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -305,7 +308,10 @@ impl Prepared {
         let edge_m = (0.5 * options.bound.tip_radius_m).max((2.0 * places.area_m2 / CELLS).sqrt());
         let pixels = PixelSpace::for_design(given, &Mesh::generate(given)?)?;
         let spread = farthest_points(places.surface, &pixels.centres_m, 0, PRESSES, 0.0);
-        let touches = Touches::new(given, twin, &options.bound, (2.0 * options.bound.tip_radius_m).max(2.0 * edge_m))?;
+        let probes = farthest_points(places.surface, &places.allowed_m, 0, PROBES, 0.0);
+        let probes_m: Vec<Point3> = probes.into_iter().map(|place| places.allowed_m[place]).collect();
+        let radius_m = options.bound.tip_radius_m.max(2.0 * edge_m);
+        let touches = Touches::new(given, &probes_m, twin, &options.bound, radius_m)?;
         let press = |pixel: usize| touches.response(pixels.centres_m[pixel], pixels.normals[pixel]);
         let level = noise_level(given, twin, options.same_noise)?;
         Ok(Prepared {

@@ -13,6 +13,26 @@ fn scratch() {
     let options = OptimiseOptions { moves, same_noise, ..OptimiseOptions::default() };
     let optimiser = Optimiser::new(text, "cylinder30", &twin, &options).unwrap();
     at("prepared");
+    for name in ["better0", "given"] {
+        let Ok(saved) = std::fs::read_to_string(format!("/tmp/exact-{name}.txt")) else { continue };
+        let design = SkinDesign::parse(&std::fs::read_to_string(format!("/tmp/{name}.toml")).unwrap(), name).unwrap();
+        let electrodes: Vec<Point3> = design.electrodes.iter().map(|e| e.centre_m).collect();
+        let model = optimiser.model_bounds(&electrodes).unwrap();
+        let mut out = String::new();
+        let (mut sum, mut square, mut worst) = (0.0, 0.0, [0.0f64; 2]);
+        for (line, (p, m)) in saved.lines().zip(&model) {
+            let e: f64 = line.split(' ').last().unwrap().parse().unwrap();
+            out += &format!("{} {} {} {m} {e}\n", p[0], p[1], p[2]);
+            let r = (m / e).ln();
+            sum += r; square += r * r;
+            worst = [worst[0].max(*m), worst[1].max(e)];
+        }
+        let n = model.len() as f64;
+        eprintln!("{name}: log ratio mean {:.3} rms {:.3}; worst model {:.3} exact {:.3}", sum / n, (square / n).sqrt(), 1e3 * worst[0], 1e3 * worst[1]);
+        std::fs::write(format!("/tmp/places-model-{name}.txt"), out).unwrap();
+    }
+    at("compared");
+    if std::env::var("STARTS").is_err() { return; }
     
     let given = SkinDesign::shipped("cylinder30").unwrap();
     let old: Vec<Point3> = given.electrodes.iter().map(|e| e.centre_m).collect();

@@ -1,12 +1,13 @@
 //! What a press answers to a field, whatever the electrodes.
 
 use super::local::{COMPONENTS, Neighbourhood};
+use super::places::with_points;
 use crate::bound::{BoundOptions, tangents};
 use crate::elementary::exp;
 use crate::twin::{Press, TouchOptions, Twin, TwinOptions};
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
-use dermis::geom::vector::{Point3, add, scale};
+use dermis::geom::vector::{Point3, add, distance, scale};
 use dermis::geom::{Point2, Surface};
 use dermis::linalg::{Matrix, invert_spd};
 
@@ -22,6 +23,8 @@ const STEP_M: f64 = 2e-4;
 const LOG_STEP: f64 = 0.01;
 /// Diagonal of the normal equations of a response over their mean: the square of the error of the fields of a mesh.
 const RIDGE: f64 = 1e-5;
+/// Least distance of a probe from a press, in radii of its neighbourhood: nearer fields are no polynomials there.
+const AWAY: f64 = 3.0;
 
 /// The answers of a press to fields: for each parameter the symmetric matrix `M` by which the transfer impedance of two
 /// electrodes changes, `f' M g` with the coefficients `f` and `g` of their fields.
@@ -32,7 +35,7 @@ pub(super) struct Response {
     pub(super) matrix: [[[f64; PARAMETERS]; COMPONENTS]; COMPONENTS],
 }
 
-/// The presses of a twin, with the fields of its electrodes as probes.
+/// The presses of a twin, with the fields of some point electrodes as probes.
 #[derive(Debug)]
 pub(super) struct Touches {
     skin: Twin,
@@ -45,14 +48,19 @@ pub(super) struct Touches {
 }
 
 impl Touches {
-    /// The presses of a twin on a design; fields are described within about `radius_m`.
+    /// The presses of a twin on the body and the coat of a design, with probes at some places; fields are described
+    /// within about `radius_m`.
     pub(super) fn new(
         design: &SkinDesign,
+        probes_m: &[Point3],
         twin: &TwinOptions,
         bound: &BoundOptions,
         radius_m: f64,
     ) -> crate::Result<Self> {
-        let sound = twin.as_designed();
+        let mut sound = twin.as_designed();
+        // Every pair of probes can be read in this time.
+        sound.electronics.frame_rate_hz = sound.electronics.slot_rate_hz / (probes_m.len() * probes_m.len()) as f64;
+        let design = &with_points(design, probes_m, design.mesh.max_edge_m)?;
         let skin = Twin::new(design, &sound, 0)?;
         let (mut shifted, mut pitch_m) = (Vec::new(), [1.0; 2]);
         if let (TouchOptions::Patches(patches), false) = (&skin.options().touch, bound.known_patches) {
@@ -79,8 +87,7 @@ impl Touches {
         [0.0, 0.0, 0.0, LOG_RADIUS_SD.powi(-2), first, second]
     }
 
-    /// The answers of a press at a place with a normal, from those of the probes `D = F' M F`: `M` by least squares. Probes
-    /// beside the press are left out, as their fields are no polynomials there.
+    /// The answers of a press at a place with a normal, from those of the probes `D = F' M F`: `M` by least squares.
     ///
     /// # Errors
     /// A press that the twin cannot simulate.
@@ -88,8 +95,8 @@ impl Touches {
         let surface = self.skin.design().body.surface();
         let around = Neighbourhood { surface, place_m, tangents: tangents(normal), radius_m: self.radius_m };
         let electrodes = &self.skin.design().electrodes;
-        let probes: Vec<usize> =
-            (0..electrodes.len()).filter(|&probe| !around.holds(electrodes[probe].centre_m)).collect();
+        let is_far = |probe: &usize| distance(electrodes[*probe].centre_m, place_m) > AWAY * self.radius_m;
+        let probes: Vec<usize> = (0..electrodes.len()).filter(is_far).collect();
         let all = around.coefficients(&self.skin.mesh().nodes, &self.potentials);
         let mut fields = Matrix::zeros(COMPONENTS, probes.len());
         for component in 0..COMPONENTS {
@@ -97,6 +104,10 @@ impl Touches {
             let row = fields.row_mut(component);
             row.iter_mut().zip(&probes).for_each(|(value, &probe)| *value = all.at(component, probe) - mean);
         }
+        // All probes count alike, near and far.
+        let weight = |probe: usize| 1.0 / (0..COMPONENTS).map(|i| fields.at(i, probe).powi(2)).sum::<f64>().sqrt();
+        let weights: Vec<f64> = (0..probes.len()).map(weight).collect();
+        (0..COMPONENTS).for_each(|i| fields.row_mut(i).iter_mut().zip(&weights).for_each(|(value, weight)| *value *= weight));
         let transposed = fields.transposed();
         let mut normal_matrix = fields.times(&transposed);
         let trace: f64 = (0..COMPONENTS).map(|i| normal_matrix.at(i, i)).sum();
@@ -105,11 +116,7 @@ impl Touches {
         let Ok(inverse) = invert_spd(&normal_matrix) else { return Ok(Response { around, matrix }) };
         let solve = inverse.times(&fields);
         for (parameter, change) in self.changes(&around)?.iter().enumerate() {
-            let mut own = Matrix::zeros(probes.len(), probes.len());
-            for (i, &a) in probes.iter().enumerate() {
-                probes.iter().enumerate().for_each(|(j, &b)| *own.at_mut(i, j) = change.at(a, b));
-            }
-            // The centred fields see the differences of the changes alone.
+            let own = weighted_differences(change, &probes, &weights);
             let found = solve.times(&own).times(&solve.transposed());
             for i in 0..COMPONENTS {
                 (0..COMPONENTS).for_each(|j| matrix[i][j][parameter] = 0.5 * (found.at(i, j) + found.at(j, i)));
@@ -142,6 +149,21 @@ impl Touches {
         }
         Ok(changes)
     }
+}
+
+/// The changes of some probes against their mean, each times the weights of both.
+fn weighted_differences(change: &Matrix, probes: &[usize], weights: &[f64]) -> Matrix {
+    let count = probes.len();
+    let means: Vec<f64> =
+        probes.iter().map(|&a| probes.iter().map(|&b| change.at(a, b)).sum::<f64>() / count as f64).collect();
+    let mean = means.iter().sum::<f64>() / count as f64;
+    let mut differences = Matrix::zeros(count, count);
+    for (i, &a) in probes.iter().enumerate() {
+        for (j, &b) in probes.iter().enumerate() {
+            *differences.at_mut(i, j) = weights[i] * weights[j] * (change.at(a, b) - means[i] - means[j] + mean);
+        }
+    }
+    differences
 }
 
 /// A point moved along the skin, as in [`bound`](crate::bound).
