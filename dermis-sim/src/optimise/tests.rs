@@ -18,10 +18,13 @@ fn scratch() {
         let design = SkinDesign::parse(&std::fs::read_to_string(format!("/tmp/{name}.toml")).unwrap(), name).unwrap();
         let electrodes: Vec<Point3> = design.electrodes.iter().map(|e| e.centre_m).collect();
         let model = optimiser.model_bounds(&electrodes).unwrap();
+        let csv: Vec<String> = std::fs::read_to_string(format!("/tmp/opt/fine-{name}.csv")).unwrap().lines().skip(1).map(String::from).collect();
         let mut out = String::new();
         let (mut sum, mut square, mut worst) = (0.0, 0.0, [0.0f64; 2]);
         for (line, (p, m)) in saved.lines().zip(&model) {
-            let e: f64 = line.split(' ').last().unwrap().parse().unwrap();
+            let _ = line;
+            let near = |l: &&String| { let v: Vec<f64> = l.split(',').take(3).map(|v| v.parse().unwrap()).collect(); (0..3).all(|i| (v[i] - p[i]).abs() < 1e-6) };
+            let e: f64 = csv.iter().find(near).unwrap().split(',').nth(3).unwrap().parse().unwrap();
             out += &format!("{} {} {} {m} {e}\n", p[0], p[1], p[2]);
             let r = (m / e).ln();
             sum += r; square += r * r;
