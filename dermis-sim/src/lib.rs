@@ -23,7 +23,6 @@ pub mod dataset;
 pub mod experiment;
 // Layer 6
 pub mod evaluate;
-// Layer 7
 pub mod optimise;
 
 mod error;

@@ -47,7 +47,8 @@ impl Fields {
         let electrode = &design.electrodes[0];
         let radius_m = effective_radius_m(electrode.shape);
         let contact = Contact { radius_m, impedance: electrode.contact_impedance, shape: electrode.shape };
-        let surroundings = Surroundings { mesh: &mesh, conductance: model.rest_conductivity(), potentials: &potentials };
+        let surroundings =
+            Surroundings { mesh: &mesh, conductance: model.rest_conductivity(), potentials: &potentials };
         let count = positions_m.len();
         let mut impedance_ohm = Matrix::zeros(count, count);
         for (a, &node) in nodes.iter().enumerate() {
@@ -159,9 +160,7 @@ impl Surroundings<'_> {
         for cell in 0..self.mesh.cell_count() {
             let corners = self.mesh.cells.corners(cell);
             let Some(own) = corners.iter().position(|&corner| corner == node) else { continue };
-            let to = |step: usize| {
-                normalize(sub(self.mesh.nodes[corners[(own + step) % 3]], self.mesh.nodes[node]))
-            };
+            let to = |step: usize| normalize(sub(self.mesh.nodes[corners[(own + step) % 3]], self.mesh.nodes[node]));
             let angle = dot(to(1), to(2)).clamp(-1.0, 1.0).acos();
             angle_rad += angle;
             weighted += angle * self.conductance[cell];

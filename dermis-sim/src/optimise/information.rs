@@ -8,26 +8,25 @@ use dermis::protocol::{Channel, Protocol};
 /// A symmetric matrix of the parameters of a press.
 pub(super) type Square = [[f64; PARAMETERS]; PARAMETERS];
 
-/// What the noise of a reading is.
+/// The noise of the readings, and what is known of a press.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum NoiseLevel {
-    /// Relative to the untouched frame: the root mean square of its values without a driven electrode over the noise.
-    Ratio(f64),
-    /// The same for every layout, ohm.
-    Fixed(f64),
+pub(super) struct Instrument {
+    /// Root mean square of the untouched frame's values without a driven electrode, over the noise of a reading.
+    pub(super) signal_to_noise: f64,
+    /// The resistor across which the currents are read, ohm.
+    pub(super) reference_ohm: f64,
+    /// What is known of each parameter before: the inverse of its variance.
+    pub(super) known: [f64; PARAMETERS],
 }
 
-/// The readings of a frame and their noise.
+/// The readings of a frame.
 #[derive(Debug, Clone)]
 pub(super) struct Readings {
     protocol: Protocol,
     /// For each channel the index of its drive.
     pub(super) drive_of: Vec<usize>,
     pub(super) drive_count: usize,
-    level: NoiseLevel,
-    reference_ohm: f64,
-    /// What is known of each parameter before: the inverse of its variance.
-    known: [f64; PARAMETERS],
+    instrument: Instrument,
 }
 
 /// The untouched frame of a layout.
@@ -40,9 +39,9 @@ pub(super) struct Rest {
 }
 
 impl Readings {
-    pub(super) fn new(protocol: &Protocol, level: NoiseLevel, reference_ohm: f64, known: [f64; PARAMETERS]) -> Self {
+    pub(super) fn new(protocol: &Protocol, instrument: Instrument) -> Self {
         let (drives, drive_of) = protocol.drives();
-        Readings { drive_count: drives.len(), drive_of, protocol: protocol.clone(), level, reference_ohm, known }
+        Readings { drive_count: drives.len(), drive_of, protocol: protocol.clone(), instrument }
     }
 
     pub(super) fn channels(&self) -> &[Channel] {
@@ -61,11 +60,9 @@ impl Readings {
             (at(plus, source) - at(minus, source)) - (at(plus, sink) - at(minus, sink))
         };
         let values_ohm: Vec<f64> = self.channels().iter().map(value).collect();
-        let sd_ohm = match self.level {
-            NoiseLevel::Fixed(sd_ohm) => sd_ohm,
-            NoiseLevel::Ratio(ratio) => undriven_rms(&self.protocol, &values_ohm).unwrap_or(0.0) / ratio,
-        };
-        let mut scales = vec![self.reference_ohm * self.reference_ohm; self.drive_count];
+        let Instrument { signal_to_noise, reference_ohm, .. } = self.instrument;
+        let sd_ohm = undriven_rms(&self.protocol, &values_ohm).unwrap_or(0.0) / signal_to_noise;
+        let mut scales = vec![reference_ohm * reference_ohm; self.drive_count];
         self.drive_of.iter().zip(&values_ohm).for_each(|(&drive, value)| scales[drive] += value * value);
         Rest { values_ohm, sd_ohm, scales }
     }
@@ -101,7 +98,7 @@ impl Readings {
     /// In units of the noise, with what is known before.
     pub(super) fn with_prior(&self, mut information: Square, sd_ohm: f64) -> Square {
         information.iter_mut().flatten().for_each(|value| *value /= sd_ohm * sd_ohm);
-        (0..PARAMETERS).for_each(|i| information[i][i] += self.known[i]);
+        (0..PARAMETERS).for_each(|i| information[i][i] += self.instrument.known[i]);
         information
     }
 }
@@ -109,7 +106,8 @@ impl Readings {
 /// The change of a reading by each parameter.
 pub(super) fn reading(change: &[[f32; PARAMETERS]], count: usize, channel: &Channel) -> [f64; PARAMETERS] {
     let ([source, sink], [plus, minus]) = (channel.drive, channel.measure);
-    let [a, b, c, d] = [(source, plus), (source, minus), (sink, plus), (sink, minus)].map(|(i, j)| change[i * count + j]);
+    let [a, b, c, d] =
+        [(source, plus), (source, minus), (sink, plus), (sink, minus)].map(|(i, j)| change[i * count + j]);
     let mut row = [0.0; PARAMETERS];
     for (parameter, value) in row.iter_mut().enumerate() {
         *value = f64::from((a[parameter] - b[parameter]) - (c[parameter] - d[parameter]));

@@ -1,10 +1,10 @@
 //! A layout of electrodes on candidate places, and what a move does to its bound.
 
-use super::Objective;
 use super::fields::{Fields, PressFields};
 use super::information::{Readings, Rest, position_sd_m};
 use super::local::COMPONENTS;
 use super::touch::PARAMETERS;
+use super::{Objective, OptimiseError};
 
 /// Electrodes at candidates.
 pub(super) struct Layout<'a> {
@@ -73,9 +73,24 @@ impl<'a> Layout<'a> {
         self.presses.iter().map(|press| &press.change[..])
     }
 
-    /// The index of a press that no reading locates.
-    pub(super) fn unlocated(&self) -> Option<usize> {
-        self.presses.iter().position(|press| !press.power.is_finite())
+    /// The untouched frame.
+    pub(super) fn rest(&self) -> Rest {
+        self.readings.rest(&self.fields.impedance_ohm, &self.chosen)
+    }
+
+    /// The bound at each press, m.
+    pub(super) fn bounds_m(&self) -> Vec<f64> {
+        let rest = self.rest();
+        self.presses.iter().map(|press| position_sd_m(&self.readings.information(&press.change, &rest))).collect()
+    }
+
+    /// # Errors
+    /// A press that no reading locates.
+    pub(super) fn check(&self) -> Result<(), OptimiseError> {
+        match self.presses.iter().position(|press| !press.power.is_finite()) {
+            Some(press) => Err(OptimiseError::NoCurrent { place_m: self.fields.presses()[press].place_m }),
+            None => Ok(()),
+        }
     }
 
     /// Makes a move if the objective does not exceed a limit, m; returns whether it did.
@@ -83,7 +98,7 @@ impl<'a> Layout<'a> {
         let most = limit_m.powi(self.exponent) * self.presses.len() as f64;
         let before = self.chosen.clone();
         apply(&mut self.chosen, change);
-        let rest = self.readings.rest(&self.fields.impedance_ohm, &self.chosen);
+        let rest = self.rest();
         let (mut total, mut done, mut powers) = (0.0, 0, Vec::with_capacity(self.presses.len()));
         for &press in &self.order {
             let cells = &self.fields.presses()[press];

@@ -83,8 +83,12 @@ mod tests {
 
     #[test]
     fn a_harmonic_potential_has_its_own_coefficients() {
-        let around =
-            Neighbourhood { surface: Surface::Plane, place_m: [0.05, 0.04, 0.0], tangents: [[0.0; 3]; 2], radius_m: 0.01 };
+        let around = Neighbourhood {
+            surface: Surface::Plane,
+            place_m: [0.05, 0.04, 0.0],
+            tangents: [[0.0; 3]; 2],
+            radius_m: 0.01,
+        };
         let nodes: Vec<Point3> =
             (0..900).map(|k| [0.03 + 0.0015 * f64::from(k % 30), 0.02 + 0.0015 * f64::from(k / 30), 0.0]).collect();
         let mut potentials = Matrix::zeros(nodes.len(), 1);

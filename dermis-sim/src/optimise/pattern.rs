@@ -29,7 +29,6 @@ struct Pattern<'a> {
 pub(super) fn select(
     layout: &Layout<'_>,
     readings: &Readings,
-    rest: Rest,
     objective: Objective,
     slots: usize,
 ) -> Result<Vec<Channel>, OptimiseError> {
@@ -41,10 +40,12 @@ pub(super) fn select(
     if slots > most {
         return Err(OptimiseError::TooManySlots { slots, most });
     }
-    let rows = layout.changes().map(|change| channels.iter().map(|c| reading(change, readings.electrode_count(), c)).collect());
+    let rows = layout
+        .changes()
+        .map(|change| channels.iter().map(|c| reading(change, readings.electrode_count(), c)).collect());
     let exponent = objective.exponent();
     let mut pattern =
-        Pattern { rows: rows.collect(), readings, rest, exponent, taken: vec![true; channels.len()] };
+        Pattern { rows: rows.collect(), readings, rest: layout.rest(), exponent, taken: vec![true; channels.len()] };
     while pattern.slots() > slots {
         let Some(least) = pattern.least(&pattern.worth()) else { break };
         pattern.taken[least] = false;
@@ -143,7 +144,11 @@ impl Pattern<'_> {
                 self.taken[into] = true;
                 let next = self.objective();
                 let is_better = self.slots() <= slots && next < best * (1.0 - 1e-9);
-                if is_better { best = next } else { self.taken[into] = false }
+                if is_better {
+                    best = next
+                } else {
+                    self.taken[into] = false
+                }
                 is_better
             });
             if !improved {

@@ -76,32 +76,35 @@ impl Places {
         Ok(Places { surface, least_distance_m: distance_m, allowed_m, area_m2 })
     }
 
-    /// Some places that are spread over the body.
+    /// At most `count` places that are spread over the body, no nearer than `least_m`.
+    pub(super) fn spread(&self, count: usize, least_m: f64) -> Vec<Point3> {
+        let spread = farthest_points(self.surface, &self.allowed_m, count, least_m);
+        spread.into_iter().map(|place| self.allowed_m[place]).collect()
+    }
+
+    /// Places for some electrodes.
     ///
     /// # Errors
     /// Fewer places than `count` that keep the least distance.
-    pub(super) fn spread(&self, count: usize) -> Result<Vec<Point3>, OptimiseError> {
-        let spread = farthest_points(self.surface, &self.allowed_m, 0, count, self.least_distance_m);
-        if spread.len() < count {
-            let (fitting, distance_m) = (spread.len(), self.least_distance_m);
-            return Err(OptimiseError::TooFewPlaces { fitting, wanted: count, distance_m });
+    pub(super) fn fitting(&self, count: usize) -> Result<Vec<Point3>, OptimiseError> {
+        let spread = self.spread(count, self.least_distance_m);
+        match spread.len() < count {
+            true => Err(OptimiseError::TooFewPlaces {
+                fitting: spread.len(),
+                wanted: count,
+                distance_m: self.least_distance_m,
+            }),
+            false => Ok(spread),
         }
-        Ok(spread.into_iter().map(|place| self.allowed_m[place]).collect())
     }
 }
 
 /// The indices of at most `count` points, each the farthest from those before (Gonzalez, 1985, DOI
 /// 10.1016/0304-3975(85)90224-5); it ends before two are nearer than `least_m`.
-pub(super) fn farthest_points(
-    surface: Surface,
-    points: &[Point3],
-    first: usize,
-    count: usize,
-    least_m: f64,
-) -> Vec<usize> {
+pub(super) fn farthest_points(surface: Surface, points: &[Point3], count: usize, least_m: f64) -> Vec<usize> {
     let mut nearest_m = vec![f64::INFINITY; points.len()];
-    let (mut chosen, mut next) = (Vec::new(), first);
-    while chosen.len() < count {
+    let (mut chosen, mut next) = (Vec::new(), 0);
+    while chosen.len() < count.min(points.len()) {
         chosen.push(next);
         let mut farthest = (0, f64::NEG_INFINITY);
         for (index, (point, nearest)) in points.iter().zip(&mut nearest_m).enumerate() {
@@ -159,7 +162,8 @@ impl<'a> Edge<'a> {
                 *cells_of.entry([a.min(b), a.max(b)]).or_insert(0) += 1;
             }
         }
-        let mut nodes: Vec<usize> = cells_of.into_iter().filter(|(_, count)| *count == 1).flat_map(|(edge, _)| edge).collect();
+        let mut nodes: Vec<usize> =
+            cells_of.into_iter().filter(|(_, count)| *count == 1).flat_map(|(edge, _)| edge).collect();
         nodes.sort_unstable();
         nodes.dedup();
         Edge::Nodes(nodes.into_iter().map(|node| mesh.nodes[node]).collect())
@@ -169,9 +173,7 @@ impl<'a> Edge<'a> {
     fn allows(&self, node: Point3, shape: ElectrodeShape, least_m: f64) -> bool {
         let (away_m, may_be_cut) = match self {
             Edge::Known(body) => (body.edge_distance_m(node).unwrap_or(f64::INFINITY), true),
-            Edge::Nodes(edge) => {
-                (edge.iter().map(|other| distance(*other, node)).fold(f64::INFINITY, f64::min), false)
-            }
+            Edge::Nodes(edge) => (edge.iter().map(|other| distance(*other, node)).fold(f64::INFINITY, f64::min), false),
         };
         let is_on_edge = away_m <= ON_EDGE_M;
         match shape {

@@ -1,5 +1,6 @@
 //! What a press answers to a field, whatever the electrodes.
 
+use super::judge::refined;
 use super::local::{COMPONENTS, Neighbourhood};
 use super::places::with_points;
 use crate::bound::{BoundOptions, tangents};
@@ -23,8 +24,6 @@ const STEP_M: f64 = 2e-4;
 const LOG_STEP: f64 = 0.01;
 /// Diagonal of the normal equations of a response over their mean: the square of the error of the fields of a mesh.
 const RIDGE: f64 = 1e-5;
-/// Edges of the mesh over the tip radius, before the twin's own scale.
-const EDGE: f64 = 0.6;
 /// Least distance of a probe from a press, in radii of its neighbourhood: nearer fields are no polynomials there.
 const AWAY: f64 = 3.0;
 
@@ -62,8 +61,7 @@ impl Touches {
         let mut sound = twin.as_designed();
         // Every pair of probes can be read in this time.
         sound.electronics.frame_rate_hz = sound.electronics.slot_rate_hz / (probes_m.len() * probes_m.len()) as f64;
-        let edge_m = (EDGE * bound.tip_radius_m).min(design.mesh.max_edge_m);
-        let design = &with_points(design, probes_m, edge_m)?;
+        let design = &with_points(design, probes_m, refined(design, bound).mesh.max_edge_m)?;
         let skin = Twin::new(design, &sound, 0)?;
         let (mut shifted, mut pitch_m) = (Vec::new(), [1.0; 2]);
         if let (TouchOptions::Patches(patches), false) = (&skin.options().touch, bound.known_patches) {
@@ -110,7 +108,8 @@ impl Touches {
         // All probes count alike, near and far.
         let weight = |probe: usize| 1.0 / (0..COMPONENTS).map(|i| fields.at(i, probe).powi(2)).sum::<f64>().sqrt();
         let weights: Vec<f64> = (0..probes.len()).map(weight).collect();
-        (0..COMPONENTS).for_each(|i| fields.row_mut(i).iter_mut().zip(&weights).for_each(|(value, weight)| *value *= weight));
+        (0..COMPONENTS)
+            .for_each(|i| fields.row_mut(i).iter_mut().zip(&weights).for_each(|(value, weight)| *value *= weight));
         let transposed = fields.transposed();
         let mut normal_matrix = fields.times(&transposed);
         let trace: f64 = (0..COMPONENTS).map(|i| normal_matrix.at(i, i)).sum();
