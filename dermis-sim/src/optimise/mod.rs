@@ -60,7 +60,7 @@ use touch::{Response, Touches};
 /// Candidates over the whole body, and around a layout.
 const CANDIDATES: usize = 800;
 /// Places of presses in the search.
-const PRESSES: usize = 250;
+const PRESSES: usize = 900;
 /// Cells of the mesh of the fields, about.
 const CELLS: f64 = 40_000.0;
 /// Point electrodes with which the answers of presses are computed.
