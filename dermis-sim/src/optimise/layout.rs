@@ -6,6 +6,9 @@ use super::local::COMPONENTS;
 use super::touch::PARAMETERS;
 use super::{Objective, OptimiseError};
 
+/// The bound of a press that no reading locates: larger than any other, and finite, so that a search finds out of it, m.
+const UNLOCATED_M: f64 = 1.0;
+
 /// Electrodes at candidates.
 pub(super) struct Layout<'a> {
     fields: &'a Fields,
@@ -87,7 +90,7 @@ impl<'a> Layout<'a> {
     /// # Errors
     /// A press that no reading locates.
     pub(super) fn check(&self) -> Result<(), OptimiseError> {
-        match self.presses.iter().position(|press| !press.power.is_finite()) {
+        match self.presses.iter().position(|press| press.power >= UNLOCATED_M) {
             Some(press) => Err(OptimiseError::NoCurrent { place_m: self.fields.presses()[press].place_m }),
             None => Ok(()),
         }
@@ -160,7 +163,7 @@ impl PressState {
     }
 
     fn power_of(&self, readings: &Readings, rest: &Rest, exponent: i32) -> f64 {
-        position_sd_m(&readings.information(&self.change, rest)).powi(exponent)
+        position_sd_m(&readings.information(&self.change, rest)).min(UNLOCATED_M).powi(exponent)
     }
 
     fn apply(&mut self, press: &PressFields, change: Move) {

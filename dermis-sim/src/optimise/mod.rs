@@ -29,6 +29,8 @@ mod options;
 mod pattern;
 mod places;
 mod search;
+#[cfg(test)]
+mod tests;
 mod text;
 mod touch;
 
@@ -41,7 +43,7 @@ pub use text::design_text;
 use crate::bound::BoundOptions;
 use crate::elementary::powf;
 use crate::random::sample_rng;
-use crate::twin::{TwinError, TwinOptions};
+use crate::twin::{TouchOptions, TwinError, TwinOptions};
 use dermis::design::SkinDesign;
 use dermis::geom::Point3;
 use dermis::image::PixelSpace;
@@ -157,6 +159,7 @@ impl Layouts<'_> {
         let fine = Fields::new(given, &self.shared.around(&found_m), &presses.responses, presses.edge_m)?;
         let schedule = Schedule { moves: moves / 2, temperatures: [2e-3, 1e-4] };
         let layout = self.annealed(&fine, (0..found_m.len()).collect(), schedule, &mut rng)?;
+        layout.check()?;
         let electrodes_m = layout.chosen().iter().map(|&place| fine.positions_m[place]).collect();
         Ok(Start { index, objective_m: layout.objective_m(), electrodes_m })
     }
@@ -180,7 +183,6 @@ impl Layouts<'_> {
         rng: &mut ChaCha8Rng,
     ) -> crate::Result<Layout<'a>> {
         let mut layout = Layout::new(fields, &self.readings, self.shared.options.objective, first);
-        layout.check()?;
         let best = Neighbourhood::new(&self.shared.places, &fields.positions_m).anneal(&mut layout, schedule, rng);
         Ok(Layout::new(fields, &self.readings, self.shared.options.objective, best))
     }
@@ -213,6 +215,14 @@ impl Layouts<'_> {
         }
         let positions: Vec<Point3> = chosen.iter().map(|&index| coarse.positions_m[index]).collect();
         tour(places, &positions, 0).into_iter().map(|index| chosen[index]).collect()
+    }
+}
+
+/// The extent of a press, m.
+fn touch_radius_m(twin: &TwinOptions, bound: &BoundOptions) -> f64 {
+    match &twin.touch {
+        TouchOptions::Gaussian(gaussian) => gaussian.width_m,
+        _ => bound.tip_radius_m,
     }
 }
 
@@ -256,7 +266,7 @@ impl Presses {
         let edge_m = (0.5 * bound.tip_radius_m).max((2.0 * places.area_m2 / CELLS).sqrt());
         let pixels = PixelSpace::for_design(design, &Mesh::generate(design)?)?;
         let spread = farthest_points(places.surface, &pixels.centres_m, PRESSES, 0.0);
-        let radius_m = bound.tip_radius_m.max(2.0 * edge_m);
+        let radius_m = touch_radius_m(twin, bound).max(2.0 * edge_m);
         let touches = Touches::new(design, &places.spread(PROBES, 0.0), twin, bound, radius_m)?;
         let press = |pixel: usize| touches.response(pixels.centres_m[pixel], pixels.normals[pixel]);
         let responses = spread.into_par_iter().map(press).collect::<crate::Result<_>>()?;

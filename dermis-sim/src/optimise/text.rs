@@ -41,10 +41,13 @@ pub fn design_text(
     if let Some(shape) = old.as_ref().and_then(|old| first_shape(old)) {
         new.insert("shape".into(), shape);
     }
-    let mean = design.electrodes.iter().map(|one| one.contact_impedance).sum::<f64>() / design.electrodes.len() as f64;
     for key in ["contact_impedance_ohm_m2", "contact_impedance_ohm_m"] {
-        if old.as_ref().is_some_and(|old| old.get(key).is_some()) {
-            new.insert(key.into(), mean.into());
+        let mean = || {
+            let sum: f64 = design.electrodes.iter().map(|one| one.contact_impedance).sum();
+            toml::Value::from(sum / design.electrodes.len() as f64)
+        };
+        if let Some(value) = old.as_ref().and_then(|old| old.get(key)) {
+            new.insert(key.into(), if value.is_array() { mean() } else { value.clone() });
         }
     }
     file.insert("electrodes".into(), new.into());

@@ -1,0 +1,150 @@
+use super::*;
+use crate::bound::Bounds;
+use dermis::geom::Surface;
+
+/// A plate with six discs in two rows, whose middle is far from all of them.
+const PLATE: &str = r#"
+name = "plate"
+[body.rectangle]
+width_m = 0.1
+height_m = 0.06
+[sheet]
+sheet_resistance_ohm = 1000
+touch = "conductance_rises"
+[electrodes]
+shape.disc.radius_m = 0.004
+contact_impedance_ohm_m2 = 2e-5
+[electrodes.layout]
+positions = [
+    { x_m = 0.01, y_m = 0.01 },
+    { x_m = 0.03, y_m = 0.01 },
+    { x_m = 0.05, y_m = 0.01 },
+    { x_m = 0.05, y_m = 0.05 },
+    { x_m = 0.03, y_m = 0.05 },
+    { x_m = 0.01, y_m = 0.05 },
+]
+[protocol]
+pattern = "adjacent"
+[image.grid]
+rows = 6
+columns = 10
+[mesh]
+max_edge_m = 0.005
+electrode_edge_m = 0.002
+"#;
+
+fn twin() -> TwinOptions {
+    let mut twin = TwinOptions::shipped("ideal").unwrap();
+    twin.electronics.snr_db = Some(50.0);
+    twin
+}
+
+fn optimiser(options: &OptimiseOptions) -> Optimiser {
+    Optimiser::new(PLATE, "plate", &twin(), options).unwrap()
+}
+
+fn moved(electrodes_m: &[Point3]) -> SkinDesign {
+    SkinDesign::parse(&design_text(PLATE, "plate", "moved", electrodes_m, None).unwrap(), "moved").unwrap()
+}
+
+/// Discs shield what is beside them, which the fast model leaves out: presses within two radii of a disc are not compared.
+#[test]
+fn the_fast_model_has_the_exact_bounds() {
+    let options = OptimiseOptions { moves: 5, ..OptimiseOptions::default() };
+    let optimiser = optimiser(&options);
+    let layouts = optimiser.layouts(10).unwrap();
+    for index in [0, 1] {
+        let electrodes_m = layouts.start(index).unwrap().electrodes_m;
+        let design = refined(&moved(&electrodes_m), &options.bound);
+        let bounds = Bounds::new(&design, &twin(), &options.bound).unwrap();
+        let mut logarithms = Vec::new();
+        for (place_m, model_m) in layouts.model_bounds(&electrodes_m).unwrap() {
+            let away = |centre: &Point3| Surface::Plane.distance_m(*centre, place_m);
+            if electrodes_m.iter().map(away).fold(f64::INFINITY, f64::min) > 0.012 {
+                let exact_m = bounds.position(place_m, [0.0, 0.0, 1.0]).unwrap().unwrap().sd_m;
+                logarithms.push([model_m.ln(), exact_m.ln()]);
+            }
+        }
+        let (correlation, ratio) = compared(&logarithms);
+        println!("{} places: correlation {correlation:.3}, ratio {ratio:.3}", logarithms.len());
+        assert!(correlation > 0.95 && (0.9..1.1).contains(&ratio), "{correlation} {ratio}");
+    }
+}
+
+/// Correlation, and the geometric mean of the ratios.
+fn compared(logarithms: &[[f64; 2]]) -> (f64, f64) {
+    let count = logarithms.len() as f64;
+    let mean = [0, 1].map(|k| logarithms.iter().map(|pair| pair[k]).sum::<f64>() / count);
+    let sum = |i: usize, j: usize| logarithms.iter().map(|pair| (pair[i] - mean[i]) * (pair[j] - mean[j])).sum::<f64>();
+    (sum(0, 1) / (sum(0, 0) * sum(1, 1)).sqrt(), (mean[0] - mean[1]).exp())
+}
+
+#[test]
+fn a_bad_layout_becomes_better_and_obeys_the_rules() {
+    let zone = Zone { centre_m: [0.05, 0.03, 0.0], radius_m: 0.015 };
+    let rules = PlaceRules { least_distance_m: Some(0.015), edge_m: 0.006, forbidden: vec![zone] };
+    let options = OptimiseOptions { moves: 30, rules, ..OptimiseOptions::default() };
+    let start = optimiser(&options).layouts(6).unwrap().start(0).unwrap();
+    let judged = |design: &SkinDesign| judge(design, &twin(), &options.bound).unwrap().worst_m;
+    let (before, after) = (judged(&SkinDesign::parse(PLATE, "plate").unwrap()), judged(&moved(&start.electrodes_m)));
+    println!("{:.3} mm, {:.3} mm", 1e3 * before, 1e3 * after);
+    assert!(after < 0.5 * before, "{before} {after}: the right half of the plate has no electrodes");
+    for (index, &[x, y, _]) in start.electrodes_m.iter().enumerate() {
+        assert!((0.006 - 1e-9..=0.094 + 1e-9).contains(&x) && (0.006 - 1e-9..=0.054 + 1e-9).contains(&y), "{x} {y}");
+        assert!((x - 0.05).hypot(y - 0.03) >= 0.015 - 1e-9, "{x} {y}");
+        for other in &start.electrodes_m[..index] {
+            assert!((x - other[0]).hypot(y - other[1]) >= 0.015 - 1e-9, "{other:?} {x} {y}");
+        }
+    }
+}
+
+#[test]
+fn a_start_depends_on_its_index_and_the_seed_alone() {
+    let options = OptimiseOptions { moves: 3, ..OptimiseOptions::default() };
+    let start = |index: usize| optimiser(&options).layouts(10).unwrap().start(index).unwrap();
+    assert_eq!(start(2), start(2));
+    assert_ne!(start(1).electrodes_m, start(2).electrodes_m);
+}
+
+/// Half of the readings of an adjacent pattern repeat the others by reciprocity.
+#[test]
+fn reciprocal_readings_are_left_out_first() {
+    let options = OptimiseOptions { moves: 5, ..OptimiseOptions::default() };
+    let design = moved(&optimiser(&options).layouts(10).unwrap().start(0).unwrap().electrodes_m);
+    let select = |slots: usize| select_readings(&design, &twin(), &options.bound, Objective::Mean, slots);
+    // 10 drives x 9 measures and 10 currents.
+    let all = select(100).unwrap();
+    assert_eq!(all, design.protocol.channels());
+    let half = select(45 + 10).unwrap();
+    let repeated = half.iter().filter(|channel| half.contains(&channel.reciprocal())).count();
+    let mean = |channels: &[Channel]| {
+        let protocol = dermis::protocol::Protocol::new(10, channels.to_vec()).unwrap();
+        let part = SkinDesign { protocol, ..design.clone() };
+        judge(&part, &with_noise_of(&twin(), &part, &design).unwrap(), &options.bound).unwrap().mean_m
+    };
+    let [full, chosen, first] = [mean(&all), mean(&half), mean(&all[..half.len()])];
+    println!(
+        "mean {:.3} mm, half {:.3} mm, first half {:.3} mm; {repeated} of {} are read both ways",
+        1e3 * full,
+        1e3 * chosen,
+        1e3 * first,
+        half.len()
+    );
+    assert!(full < chosen && chosen < 1.6 * full && chosen < first, "{full} {chosen} {first}");
+    for slots in [4, 101] {
+        let message = select(slots).unwrap_err().to_string();
+        assert!(message.contains(&slots.to_string()), "{message}");
+    }
+}
+
+#[test]
+fn the_text_of_a_design_keeps_all_but_the_electrodes() {
+    let given = SkinDesign::parse(PLATE, "plate").unwrap();
+    let mut electrodes_m = centres_m(&given);
+    electrodes_m[0] = [0.08, 0.03, 0.0];
+    let new = moved(&electrodes_m);
+    assert_eq!(centres_m(&new), electrodes_m);
+    assert_eq!((&new.body, &new.sheet, &new.mesh), (&given.body, &given.sheet, &given.mesh));
+    assert_eq!(new.electrodes[0].contact_impedance, 2e-5);
+    assert_eq!(new.electrodes[5], given.electrodes[5]);
+}
