@@ -74,6 +74,9 @@ pub struct Arguments {
     /// Moves of a start for each electrode.
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = count(1..=10_000_000usize))]
     moves: usize,
+    /// Rounds in which a start is improved by its exact bounds.
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = count(0..=1000usize))]
+    rounds: usize,
     /// Seed of the starts.
     #[arg(long, value_name = "SEED", default_value = "1", value_parser = seed)]
     seed: u64,
@@ -197,23 +200,24 @@ impl Arguments {
         counts.sort_unstable();
         counts.dedup();
         let options = self.options();
-        let mut state = State::open(self.state.as_deref(), format!("{text}\n{twin:?}\n{options:?}"))?;
+        let mut state =
+            State::open(self.state.as_deref(), format!("{text}\n{twin:?}\n{options:?}\n{} rounds", self.rounds))?;
         let waiting = Progress::waiting("preparing");
         let optimiser = Optimiser::new(text, &self.design, twin, &options)?;
         // What does not fit is refused before any start.
         let layouts: Vec<Layouts<'_>> =
             counts.iter().map(|&count| optimiser.layouts(count)).collect::<dermis_sim::Result<_>>()?;
         drop(waiting);
-        let progress = Progress::new("starts", counts.len() * self.starts);
+        let progress = Progress::new("layouts", counts.len() * self.starts * (1 + self.rounds));
         let mut best = Vec::new();
         for (&count, layouts) in counts.iter().zip(&layouts) {
             for index in 0..self.starts {
                 if !state.has(count, index) {
-                    let start = layouts.start(index)?;
-                    let judgement = self.judge(&self.parsed(text, &start.electrodes_m)?, twin)?;
+                    let (start, judgement) = layouts.refine(layouts.start(index)?, self.rounds, || progress.step())?;
                     state.add(Found::new(start, &judgement))?;
+                } else {
+                    progress.steps(1 + self.rounds as u64);
                 }
-                progress.step();
             }
             best.extend(state.best(count, self.starts, options.objective));
         }

@@ -28,6 +28,8 @@ struct PressState {
     fields: Vec<[f32; COMPONENTS]>,
     /// The change of the transfer impedance of each pair by each parameter.
     change: Vec<[f32; PARAMETERS]>,
+    weight: f64,
+    /// The power of the weighted standard deviation.
     power: f64,
 }
 
@@ -47,14 +49,26 @@ pub(super) enum Move {
 
 impl<'a> Layout<'a> {
     pub(super) fn new(fields: &'a Fields, readings: &'a Readings, objective: Objective, chosen: Vec<usize>) -> Self {
+        let weights = vec![1.0; fields.presses().len()];
+        Self::weighted(fields, readings, objective, chosen, &weights)
+    }
+
+    /// The same with a factor for the bound of each press.
+    pub(super) fn weighted(
+        fields: &'a Fields,
+        readings: &'a Readings,
+        objective: Objective,
+        chosen: Vec<usize>,
+        weights: &[f64],
+    ) -> Self {
         let rest = readings.rest(&fields.impedance_ohm, &chosen);
         let exponent = objective.exponent();
-        let state = |press: &PressFields| {
-            let mut state = PressState::new(press, &chosen);
+        let state = |(press, &weight): (&PressFields, &f64)| {
+            let mut state = PressState::new(press, &chosen, weight);
             state.power = state.power_of(readings, &rest, exponent);
             state
         };
-        let presses: Vec<PressState> = fields.presses().iter().map(state).collect();
+        let presses: Vec<PressState> = fields.presses().iter().zip(weights).map(state).collect();
         let total = presses.iter().map(|press| press.power).sum();
         let mut layout =
             Layout { order: (0..presses.len()).collect(), fields, readings, exponent, chosen, presses, total };
@@ -90,7 +104,7 @@ impl<'a> Layout<'a> {
     /// # Errors
     /// A press that no reading locates.
     pub(super) fn check(&self) -> Result<(), OptimiseError> {
-        match self.presses.iter().position(|press| press.power >= UNLOCATED_M) {
+        match self.bounds_m().iter().position(|&bound_m| bound_m >= UNLOCATED_M) {
             Some(press) => Err(OptimiseError::NoCurrent { place_m: self.fields.presses()[press].place_m }),
             None => Ok(()),
         }
@@ -145,11 +159,12 @@ fn apply(chosen: &mut [usize], change: Move) {
 }
 
 impl PressState {
-    fn new(press: &PressFields, chosen: &[usize]) -> Self {
+    fn new(press: &PressFields, chosen: &[usize], weight: f64) -> Self {
         let count = chosen.len();
         let mut state = PressState {
             fields: vec![[0.0; COMPONENTS]; count],
             change: vec![[0.0; PARAMETERS]; count * count],
+            weight,
             power: 0.0,
         };
         for (electrode, &candidate) in chosen.iter().enumerate() {
@@ -163,7 +178,7 @@ impl PressState {
     }
 
     fn power_of(&self, readings: &Readings, rest: &Rest, exponent: i32) -> f64 {
-        position_sd_m(&readings.information(&self.change, rest)).min(UNLOCATED_M).powi(exponent)
+        (self.weight * position_sd_m(&readings.information(&self.change, rest)).min(UNLOCATED_M)).powi(exponent)
     }
 
     fn apply(&mut self, press: &PressFields, change: Move) {

@@ -65,6 +65,10 @@ const CANDIDATES: usize = 800;
 const PRESSES: usize = 900;
 /// Cells of the mesh of the fields, about.
 const CELLS: f64 = 40_000.0;
+/// Largest factor by which the exact bound of a press corrects that of the fast model.
+const MOST_WEIGHT: f64 = 3.0;
+/// Streams of random numbers of the refinement, apart from those of the starts.
+const REFINING: u64 = 1;
 /// Point electrodes with which the answers of presses are computed.
 const PROBES: usize = 48;
 
@@ -75,6 +79,7 @@ pub struct Optimiser {
     text: String,
     path: String,
     given: SkinDesign,
+    twin: TwinOptions,
     places: Places,
     presses: Presses,
     coarse: Fields,
@@ -93,7 +98,8 @@ impl Optimiser {
         let candidates = places.spread(CANDIDATES, 0.0);
         let coarse = Fields::new(&given, &candidates, &presses.responses, presses.edge_m)?;
         let (text, path) = (text.to_string(), path.to_string());
-        Ok(Optimiser { options: options.clone(), text, path, given, places, presses, coarse })
+        let twin = twin.clone();
+        Ok(Optimiser { options: options.clone(), text, path, given, twin, places, presses, coarse })
     }
 
     /// The search for layouts of a number of electrodes.
@@ -154,11 +160,54 @@ impl Layouts<'_> {
         };
         let moves = options.moves * self.electrode_count;
         let schedule = Schedule { moves, temperatures: [0.03, 5e-4] };
-        let found = self.annealed(coarse, first, schedule, &mut rng)?;
+        let weights = vec![1.0; presses.responses.len()];
+        let found = self.annealed(coarse, first, &weights, schedule, &mut rng);
         let found_m: Vec<Point3> = found.chosen().iter().map(|&place| coarse.positions_m[place]).collect();
-        let fine = Fields::new(given, &self.shared.around(&found_m), &presses.responses, presses.edge_m)?;
-        let schedule = Schedule { moves: moves / 2, temperatures: [2e-3, 1e-4] };
-        let layout = self.annealed(&fine, (0..found_m.len()).collect(), schedule, &mut rng)?;
+        self.near(index, &found_m, &weights, &mut rng)
+    }
+
+    /// A start improved in rounds: where the exact bound exceeds that of the fast model, presses count more in the next
+    /// search near the layout. The exact bounds of the best of all are returned with it; `judged` is what to do after
+    /// each round.
+    ///
+    /// # Errors
+    /// As [`start`](Self::start) and [`judge`].
+    pub fn refine(&self, start: Start, rounds: usize, mut judged: impl FnMut()) -> crate::Result<(Start, Judgement)> {
+        let Optimiser { options, text, path, given, twin, presses, .. } = self.shared;
+        let exact = |start: &Start| {
+            let text = design_text(text, path, &given.name, &start.electrodes_m, None)?;
+            judge(&SkinDesign::parse(&text, path)?, twin, &options.bound)
+        };
+        let mut rng = sample_rng(options.seed, (REFINING << 32) + start.index as u64);
+        let judgement = exact(&start)?;
+        let mut weights = vec![1.0f64; presses.responses.len()];
+        let (mut next, mut best) = ((start.clone(), judgement.clone()), (start, judgement));
+        judged();
+        for _ in 0..rounds {
+            let model = self.model_bounds(&next.0.electrodes_m)?;
+            for (weight, (place_m, model_m)) in weights.iter_mut().zip(&model) {
+                let exact_m =
+                    next.1.places.iter().find(|(other, _)| other == place_m).map_or(*model_m, |place| place.1);
+                *weight = weight.max((exact_m / model_m).clamp(1.0, MOST_WEIGHT));
+            }
+            let start = self.near(best.0.index, &best.0.electrodes_m, &weights, &mut rng)?;
+            let judgement = exact(&start)?;
+            next = (start, judgement);
+            if next.1.of(options.objective) < best.1.of(options.objective) {
+                best = next.clone();
+            }
+            judged();
+        }
+        Ok(best)
+    }
+
+    /// The best layout near another, on finer places.
+    fn near(&self, index: usize, found_m: &[Point3], weights: &[f64], rng: &mut ChaCha8Rng) -> crate::Result<Start> {
+        let Optimiser { options, given, presses, .. } = self.shared;
+        let fine = Fields::new(given, &self.shared.around(found_m), &presses.responses, presses.edge_m)?;
+        let moves = options.moves * self.electrode_count / 2;
+        let schedule = Schedule { moves, temperatures: [2e-3, 1e-4] };
+        let layout = self.annealed(&fine, (0..found_m.len()).collect(), weights, schedule, rng);
         layout.check()?;
         let electrodes_m = layout.chosen().iter().map(|&place| fine.positions_m[place]).collect();
         Ok(Start { index, objective_m: layout.objective_m(), electrodes_m })
@@ -179,12 +228,13 @@ impl Layouts<'_> {
         &'a self,
         fields: &'a Fields,
         first: Vec<usize>,
+        weights: &[f64],
         schedule: Schedule,
         rng: &mut ChaCha8Rng,
-    ) -> crate::Result<Layout<'a>> {
-        let mut layout = Layout::new(fields, &self.readings, self.shared.options.objective, first);
-        let best = Neighbourhood::new(&self.shared.places, &fields.positions_m).anneal(&mut layout, schedule, rng);
-        Ok(Layout::new(fields, &self.readings, self.shared.options.objective, best))
+    ) -> Layout<'a> {
+        let of = |chosen| Layout::weighted(fields, &self.readings, self.shared.options.objective, chosen, weights);
+        let best = Neighbourhood::new(&self.shared.places, &fields.positions_m).anneal(&mut of(first), schedule, rng);
+        of(best)
     }
 
     /// The candidates nearest to some places, each once.

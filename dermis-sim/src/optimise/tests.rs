@@ -2,7 +2,7 @@ use super::*;
 use crate::bound::Bounds;
 use dermis::geom::Surface;
 
-/// A plate with six discs in two rows, whose middle is far from all of them.
+/// A plate with ten discs in two rows, none of them in the right third.
 const PLATE: &str = r#"
 name = "plate"
 [body.rectangle]
@@ -16,12 +16,16 @@ shape.disc.radius_m = 0.004
 contact_impedance_ohm_m2 = 2e-5
 [electrodes.layout]
 positions = [
-    { x_m = 0.01, y_m = 0.01 },
-    { x_m = 0.03, y_m = 0.01 },
-    { x_m = 0.05, y_m = 0.01 },
-    { x_m = 0.05, y_m = 0.05 },
-    { x_m = 0.03, y_m = 0.05 },
-    { x_m = 0.01, y_m = 0.05 },
+    { x_m = 0.010, y_m = 0.01 },
+    { x_m = 0.022, y_m = 0.01 },
+    { x_m = 0.034, y_m = 0.01 },
+    { x_m = 0.046, y_m = 0.01 },
+    { x_m = 0.058, y_m = 0.01 },
+    { x_m = 0.058, y_m = 0.05 },
+    { x_m = 0.046, y_m = 0.05 },
+    { x_m = 0.034, y_m = 0.05 },
+    { x_m = 0.022, y_m = 0.05 },
+    { x_m = 0.010, y_m = 0.05 },
 ]
 [protocol]
 pattern = "adjacent"
@@ -33,9 +37,12 @@ max_edge_m = 0.005
 electrode_edge_m = 0.002
 "#;
 
+/// `lab`, with patches of 10 mm on the plate.
 fn twin() -> TwinOptions {
-    let mut twin = TwinOptions::shipped("ideal").unwrap();
-    twin.electronics.snr_db = Some(50.0);
+    let mut twin = TwinOptions::shipped("lab").unwrap();
+    if let TouchOptions::Patches(patches) = &mut twin.touch {
+        (patches.rows, patches.columns) = (6, 10);
+    }
     twin
 }
 
@@ -67,7 +74,7 @@ fn the_fast_model_has_the_exact_bounds() {
         }
         let (correlation, ratio) = compared(&logarithms);
         println!("{} places: correlation {correlation:.3}, ratio {ratio:.3}", logarithms.len());
-        assert!(correlation > 0.95 && (0.9..1.1).contains(&ratio), "{correlation} {ratio}");
+        assert!(correlation > 0.9 && (0.75..1.3).contains(&ratio), "{correlation} {ratio}");
     }
 }
 
@@ -84,11 +91,11 @@ fn a_bad_layout_becomes_better_and_obeys_the_rules() {
     let zone = Zone { centre_m: [0.05, 0.03, 0.0], radius_m: 0.015 };
     let rules = PlaceRules { least_distance_m: Some(0.015), edge_m: 0.006, forbidden: vec![zone] };
     let options = OptimiseOptions { moves: 30, rules, ..OptimiseOptions::default() };
-    let start = optimiser(&options).layouts(6).unwrap().start(0).unwrap();
+    let start = optimiser(&options).layouts(10).unwrap().start(0).unwrap();
     let judged = |design: &SkinDesign| judge(design, &twin(), &options.bound).unwrap().worst_m;
     let (before, after) = (judged(&SkinDesign::parse(PLATE, "plate").unwrap()), judged(&moved(&start.electrodes_m)));
     println!("{:.3} mm, {:.3} mm", 1e3 * before, 1e3 * after);
-    assert!(after < 0.5 * before, "{before} {after}: the right half of the plate has no electrodes");
+    assert!(after < 0.5 * before, "{before} {after}: the right third of the plate has no electrodes");
     for (index, &[x, y, _]) in start.electrodes_m.iter().enumerate() {
         assert!((0.006 - 1e-9..=0.094 + 1e-9).contains(&x) && (0.006 - 1e-9..=0.054 + 1e-9).contains(&y), "{x} {y}");
         assert!((x - 0.05).hypot(y - 0.03) >= 0.015 - 1e-9, "{x} {y}");
@@ -106,9 +113,10 @@ fn a_start_depends_on_its_index_and_the_seed_alone() {
     assert_ne!(start(1).electrodes_m, start(2).electrodes_m);
 }
 
-/// Half of the readings of an adjacent pattern repeat the others by reciprocity.
+/// Half of the readings of an adjacent pattern repeat the others by reciprocity: the best half costs less than the noise
+/// of half the frames, and it is not any half.
 #[test]
-fn reciprocal_readings_are_left_out_first() {
+fn the_best_half_of_the_readings_is_chosen() {
     let options = OptimiseOptions { moves: 5, ..OptimiseOptions::default() };
     let design = moved(&optimiser(&options).layouts(10).unwrap().start(0).unwrap().electrodes_m);
     let select = |slots: usize| select_readings(&design, &twin(), &options.bound, Objective::Mean, slots);
@@ -130,7 +138,7 @@ fn reciprocal_readings_are_left_out_first() {
         1e3 * first,
         half.len()
     );
-    assert!(full < chosen && chosen < 1.6 * full && chosen < first, "{full} {chosen} {first}");
+    assert!(full < chosen && chosen < 2f64.sqrt() * full && chosen < first, "{full} {chosen} {first}");
     for slots in [4, 101] {
         let message = select(slots).unwrap_err().to_string();
         assert!(message.contains(&slots.to_string()), "{message}");
