@@ -4,7 +4,7 @@ use super::Objective;
 use crate::bound::{BoundOptions, Bounds};
 use crate::elementary::ln;
 use crate::twin::{Twin, TwinOptions};
-use dermis::design::SkinDesign;
+use dermis::design::{Electrode, ElectrodeShape, SkinDesign};
 use dermis::geom::Point3;
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 /// square 1.25) from those with 3 mm.
 const EDGE: f64 = 0.6;
 
-/// The bounds of the position at every pixel.
+/// The bounds of the position at every pixel that no electrode covers: no current flows in the coat under a disc.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Judgement {
     /// The largest, m; infinite where a place has none.
@@ -44,7 +44,7 @@ pub fn refined(design: &SkinDesign, bound: &BoundOptions) -> SkinDesign {
     refined
 }
 
-/// The [`Bounds`] of a design at every pixel, on a [`refined`] mesh.
+/// The [`Bounds`] of a design at every pixel that no electrode covers, on a [`refined`] mesh.
 ///
 /// # Errors
 /// As [`Bounds::new`].
@@ -57,7 +57,18 @@ pub fn judge(design: &SkinDesign, twin: &TwinOptions, bound: &BoundOptions) -> c
         let bound = bounds.position(place_m, pixels.normals[pixel])?;
         Ok((place_m, bound.map_or(f64::INFINITY, |bound| bound.sd_m)))
     };
-    let places: Vec<(Point3, f64)> = (0..pixels.len()).into_par_iter().map(at).collect::<crate::Result<_>>()?;
+    let surface = design.body.surface();
+    let is_free = |&pixel: &usize| {
+        let covers = |electrode: &Electrode| match electrode.shape {
+            ElectrodeShape::Disc { radius_m } => {
+                surface.distance_m(electrode.centre_m, pixels.centres_m[pixel]) < radius_m
+            }
+            _ => false,
+        };
+        !design.electrodes.iter().any(covers)
+    };
+    let places: Vec<(Point3, f64)> =
+        (0..pixels.len()).into_par_iter().filter(is_free).map(at).collect::<crate::Result<_>>()?;
     let values = || places.iter().map(|place| place.1);
     Ok(Judgement { worst_m: values().fold(0.0, f64::max), mean_m: values().sum::<f64>() / places.len() as f64, places })
 }
