@@ -70,7 +70,7 @@ const MOST_WEIGHT: f64 = 3.0;
 /// Streams of random numbers of the refinement, apart from those of the starts.
 const REFINING: u64 = 1;
 /// Point electrodes with which the answers of presses are computed.
-const PROBES: usize = 48;
+const PROBES: usize = 64;
 
 /// The search for layouts on a body: what all numbers of electrodes share.
 #[derive(Debug)]
@@ -316,7 +316,7 @@ impl Presses {
         let edge_m = (0.5 * bound.tip_radius_m).max((2.0 * places.area_m2 / CELLS).sqrt());
         let pixels = PixelSpace::for_design(design, &Mesh::generate(design)?)?;
         let spread = farthest_points(places.surface, &pixels.centres_m, PRESSES, 0.0);
-        let radius_m = touch_radius_m(twin, bound).max(2.0 * edge_m);
+        let radius_m = (2.0 * touch_radius_m(twin, bound)).max(2.0 * edge_m);
         let touches = Touches::new(design, &places.spread(PROBES, 0.0), twin, bound, radius_m)?;
         let press = |pixel: usize| touches.response(pixels.centres_m[pixel], pixels.normals[pixel]);
         let responses = spread.into_par_iter().map(press).collect::<crate::Result<_>>()?;

@@ -23,7 +23,7 @@ const LOG_RADIUS_SD: f64 = 0.5;
 const STEP_M: f64 = 2e-4;
 const LOG_STEP: f64 = 0.01;
 /// Diagonal of the normal equations of a response over their mean: the square of the error of the fields of a mesh.
-const RIDGE: f64 = 1e-5;
+const RIDGE: f64 = 1e-6;
 /// Least distance of a probe from a press, in radii of its neighbourhood: nearer fields are no polynomials there.
 const AWAY: f64 = 3.0;
 
