@@ -125,11 +125,10 @@ pub(super) fn position_sd_m(information: &Square) -> f64 {
         if pivot.is_nan() || pivot <= f64::EPSILON * information[last][last] {
             return f64::INFINITY;
         }
-        for i in 0..last {
-            let factor = left[i][last] / pivot;
-            for j in 0..last {
-                left[i][j] -= factor * left[last][j];
-            }
+        let eliminated = left[last];
+        for row in &mut left[..last] {
+            let factor = row[last] / pivot;
+            row.iter_mut().zip(&eliminated).for_each(|(value, other)| *value -= factor * other);
         }
     }
     let [a, b, d] = [left[0][0], left[0][1], left[1][1]];

@@ -38,7 +38,7 @@ pub fn design_text(
     }
     let old = file.remove("electrodes");
     let mut new = toml::Table::new();
-    if let Some(shape) = old.as_ref().and_then(|old| first_shape(old)) {
+    if let Some(shape) = old.as_ref().and_then(first_shape) {
         new.insert("shape".into(), shape);
     }
     for key in ["contact_impedance_ohm_m2", "contact_impedance_ohm_m"] {

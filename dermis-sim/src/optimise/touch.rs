@@ -120,8 +120,10 @@ impl Touches {
         for (parameter, change) in self.changes(&around)?.iter().enumerate() {
             let own = weighted_differences(change, &probes, &weights);
             let found = solve.times(&own).times(&solve.transposed());
-            for i in 0..COMPONENTS {
-                (0..COMPONENTS).for_each(|j| matrix[i][j][parameter] = 0.5 * (found.at(i, j) + found.at(j, i)));
+            for (i, row) in matrix.iter_mut().enumerate() {
+                for (j, values) in row.iter_mut().enumerate() {
+                    values[parameter] = 0.5 * (found.at(i, j) + found.at(j, i));
+                }
             }
         }
         Ok(Response { around, matrix })
