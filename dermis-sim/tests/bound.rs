@@ -119,7 +119,7 @@ impl Bench {
     fn normal_equations(&self, frame: &[f64], at: &[f64]) -> dermis_sim::Result<(Matrix, Vec<f64>)> {
         let rest = difference(frame, &self.twin.clean(&presses(at))?);
         let column = |index: usize| -> dermis_sim::Result<Vec<f64>> {
-            let step = if index == 0 || index % 3 == 0 { 0.01 } else { 1e-4 };
+            let step = if index.is_multiple_of(3) { 0.01 } else { 1e-4 };
             let moved = |step: f64| {
                 let mut moved = at.to_vec();
                 moved[index] += step;
@@ -195,8 +195,8 @@ fn the_spread_of_estimates_is_the_bound(bench: &Bench) {
         };
         let squares =
             (0..DRAWS).into_par_iter().map(squared_errors).reduce(|| [0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
-        for axis in 0..2 {
-            let ratio = (squares[axis] / bound.covariance_m2[axis][axis]).sqrt();
+        for (axis, square) in squares.iter().enumerate() {
+            let ratio = (square / bound.covariance_m2[axis][axis]).sqrt();
             println!("{} {centre_m:?}: bound {:.3} mm, ratio {ratio:.3}", bench.options.name, 1e3 * bound.sd_m);
             assert!((0.9..1.1).contains(&ratio), "{ratio} at {centre_m:?}");
         }
