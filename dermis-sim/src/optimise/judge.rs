@@ -23,7 +23,7 @@ pub struct Judgement {
     pub worst_m: f64,
     /// The mean, m.
     pub mean_m: f64,
-    /// Each place, and its bound, m.
+    /// Every pixel, and its bound, m; NaN where an electrode covers it.
     pub places: Vec<(Point3, f64)>,
 }
 
@@ -52,25 +52,29 @@ pub fn judge(design: &SkinDesign, twin: &TwinOptions, bound: &BoundOptions) -> c
     // The pixels are those of the design, whatever the mesh.
     let pixels = PixelSpace::for_design(design, &Mesh::generate(design)?)?;
     let bounds = Bounds::new(&refined(design, bound), twin, bound)?;
+    let surface = design.body.surface();
+    let is_covered = |place_m: Point3| {
+        let covers = |electrode: &Electrode| match electrode.shape {
+            ElectrodeShape::Disc { radius_m } => surface.distance_m(electrode.centre_m, place_m) < radius_m,
+            _ => false,
+        };
+        design.electrodes.iter().any(covers)
+    };
     let at = |pixel: usize| -> crate::Result<(Point3, f64)> {
         let place_m = pixels.centres_m[pixel];
+        if is_covered(place_m) {
+            return Ok((place_m, f64::NAN));
+        }
         let bound = bounds.position(place_m, pixels.normals[pixel])?;
         Ok((place_m, bound.map_or(f64::INFINITY, |bound| bound.sd_m)))
     };
-    let surface = design.body.surface();
-    let is_free = |&pixel: &usize| {
-        let covers = |electrode: &Electrode| match electrode.shape {
-            ElectrodeShape::Disc { radius_m } => {
-                surface.distance_m(electrode.centre_m, pixels.centres_m[pixel]) < radius_m
-            }
-            _ => false,
-        };
-        !design.electrodes.iter().any(covers)
-    };
-    let places: Vec<(Point3, f64)> =
-        (0..pixels.len()).into_par_iter().filter(is_free).map(at).collect::<crate::Result<_>>()?;
-    let values = || places.iter().map(|place| place.1);
-    Ok(Judgement { worst_m: values().fold(0.0, f64::max), mean_m: values().sum::<f64>() / places.len() as f64, places })
+    let places: Vec<(Point3, f64)> = (0..pixels.len()).into_par_iter().map(at).collect::<crate::Result<_>>()?;
+    let values: Vec<f64> = places.iter().map(|place| place.1).filter(|value| !value.is_nan()).collect();
+    Ok(Judgement {
+        worst_m: values.iter().copied().fold(0.0, f64::max),
+        mean_m: values.iter().sum::<f64>() / values.len() as f64,
+        places,
+    })
 }
 
 /// A twin whose noise on one design is that on another in ohm: an instrument that leaves readings out has the same noise

@@ -28,6 +28,7 @@ mod local;
 mod options;
 mod pattern;
 mod places;
+mod presses;
 mod search;
 #[cfg(test)]
 mod tests;
@@ -41,36 +42,26 @@ pub use places::{PlaceRules, Zone};
 pub use text::design_text;
 
 use crate::bound::BoundOptions;
-use crate::elementary::powf;
 use crate::random::sample_rng;
-use crate::twin::{TouchOptions, TwinError, TwinOptions};
+use crate::twin::TwinOptions;
 use dermis::design::SkinDesign;
 use dermis::geom::Point3;
-use dermis::image::PixelSpace;
-use dermis::mesh::Mesh;
 use dermis::protocol::Channel;
 use fields::Fields;
-use information::{Instrument, Readings};
+use information::Readings;
 use layout::Layout;
 use places::{Places, farthest_points};
+use presses::Presses;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
-use rayon::prelude::*;
 use search::{Neighbourhood, Schedule, tour};
-use touch::{Response, Touches};
 
 /// Candidates over the whole body, and around a layout.
 const CANDIDATES: usize = 800;
-/// Places of presses in the search.
-const PRESSES: usize = 900;
-/// Cells of the mesh of the fields, about.
-const CELLS: f64 = 40_000.0;
 /// Largest factor by which the exact bound of a press corrects that of the fast model.
 const MOST_WEIGHT: f64 = 3.0;
 /// Streams of random numbers of the refinement, apart from those of the starts.
 const REFINING: u64 = 1;
-/// Point electrodes with which the answers of presses are computed.
-const PROBES: usize = 64;
 
 /// The search for layouts on a body: what all numbers of electrodes share.
 #[derive(Debug)]
@@ -268,14 +259,6 @@ impl Layouts<'_> {
     }
 }
 
-/// The extent of a press, m.
-fn touch_radius_m(twin: &TwinOptions, bound: &BoundOptions) -> f64 {
-    match &twin.touch {
-        TouchOptions::Gaussian(gaussian) => gaussian.width_m,
-        _ => bound.tip_radius_m,
-    }
-}
-
 fn centres_m(design: &SkinDesign) -> Vec<Point3> {
     design.electrodes.iter().map(|electrode| electrode.centre_m).collect()
 }
@@ -300,37 +283,4 @@ pub fn select_readings(
     let layout = Layout::new(&fields, &readings, objective, (0..electrodes_m.len()).collect());
     layout.check()?;
     Ok(pattern::select(&layout, &readings, objective, slots)?)
-}
-
-/// The presses of the search and the instrument.
-#[derive(Debug)]
-struct Presses {
-    responses: Vec<Response>,
-    /// Edge of the mesh of the fields, m.
-    edge_m: f64,
-    instrument: Instrument,
-}
-
-impl Presses {
-    fn new(design: &SkinDesign, places: &Places, twin: &TwinOptions, bound: &BoundOptions) -> crate::Result<Self> {
-        let edge_m = (0.5 * bound.tip_radius_m).max((2.0 * places.area_m2 / CELLS).sqrt());
-        let pixels = PixelSpace::for_design(design, &Mesh::generate(design)?)?;
-        let spread = farthest_points(places.surface, &pixels.centres_m, PRESSES, 0.0);
-        let radius_m = (2.0 * touch_radius_m(twin, bound)).max(2.0 * edge_m);
-        let touches = Touches::new(design, &places.spread(PROBES, 0.0), twin, bound, radius_m)?;
-        let press = |pixel: usize| touches.response(pixels.centres_m[pixel], pixels.normals[pixel]);
-        let responses = spread.into_par_iter().map(press).collect::<crate::Result<_>>()?;
-        let snr_db = twin.electronics.snr_db.ok_or_else(|| TwinError::OutOfRange {
-            field: "electronics.snr_db",
-            value: f64::INFINITY,
-            must: "finite".into(),
-            fix: "without noise every bound is zero; give the noise of the instrument".into(),
-        })?;
-        let instrument = Instrument {
-            signal_to_noise: powf(10.0, snr_db / 20.0),
-            reference_ohm: twin.electronics.reference_ohm,
-            known: touches.known(),
-        };
-        Ok(Presses { responses, edge_m, instrument })
-    }
 }

@@ -1,6 +1,9 @@
 use super::*;
 use crate::bound::Bounds;
+use crate::twin::TouchOptions;
 use dermis::geom::vector::distance;
+use dermis::image::PixelSpace;
+use dermis::mesh::Mesh;
 
 /// A tube with ten discs in two rings, none of them in the upper half.
 const TUBE: &str = r#"
@@ -106,6 +109,19 @@ fn a_bad_layout_becomes_better_and_obeys_the_rules() {
             assert!(surface.distance_m(*other, *place_m) >= 0.015 - 1e-9, "{other:?} {place_m:?}");
         }
     }
+}
+
+/// A map of the bounds needs a value for each pixel.
+#[test]
+fn a_pixel_under_an_electrode_has_no_bound_and_keeps_its_place() {
+    let given = SkinDesign::parse(TUBE, "tube").unwrap();
+    let pixels = PixelSpace::for_design(&given, &Mesh::generate(&given).unwrap()).unwrap();
+    let mut electrodes_m = centres_m(&given);
+    electrodes_m[9] = pixels.centres_m[70];
+    let judgement = judge(&moved(&electrodes_m), &twin(), &BoundOptions::default()).unwrap();
+    let places_m: Vec<Point3> = judgement.places.iter().map(|place| place.0).collect();
+    assert_eq!(places_m, pixels.centres_m);
+    assert!(judgement.places[70].1.is_nan() && judgement.mean_m.is_finite());
 }
 
 #[test]

@@ -181,10 +181,15 @@ fn compared(result: &Result<'_>) -> Table {
 }
 
 fn table(rows: &[Row], what: &str) -> Table {
-    let mut table = Table::new(&[what, "frames a second", "worst place (mm)", "mean (mm)"]);
+    let rates = rows.iter().any(|row| row.rate_hz.is_some()).then_some("frames a second");
+    let columns: Vec<&str> = [what].into_iter().chain(rates).chain(["worst place (mm)", "mean (mm)"]).collect();
+    let mut table = Table::new(&columns);
     for Row { count, rate_hz, worst_m, mean_m } in rows {
-        let rate = rate_hz.map_or(String::new(), |rate_hz| format!("{rate_hz:.1}"));
-        table.row([count.to_string(), rate, millimetres(*worst_m), millimetres(*mean_m)]);
+        let (count, [worst, mean]) = (count.to_string(), [*worst_m, *mean_m].map(millimetres));
+        match rate_hz {
+            Some(rate_hz) => table.row([count, format!("{rate_hz:.1}"), worst, mean]),
+            None => table.row([count, worst, mean]),
+        }
     }
     table
 }
