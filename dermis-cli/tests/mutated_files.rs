@@ -89,6 +89,11 @@ const KINDS: &[Kind] = &[
         "reconstruct ../disk.toml --method noser --frames ../ohm.csv --baseline ../rest.csv --channel-noise {} -o o.npy",
     ),
     kind(OWN, OWN, "contacts ../disk.toml --method ./own --frames ../ohm.csv --baseline ../rest.csv -o out.csv"),
+    kind(
+        &["starts.json"],
+        &[],
+        "optimise ../disk.toml --twin ideal --noise 60 --starts 1 --rounds 0 --moves 1 --state {} -o o.toml",
+    ),
     kind(NET, NET, "export skin16 --method ./net --onnx out.onnx"),
 ];
 
@@ -114,6 +119,8 @@ fn valid() -> Workplace {
     let design = std::fs::read_to_string(at.path("disk.toml")).unwrap();
     at.write("table.toml", design.replace("\"adjacent_undriven\"", "{ table = \"channels.csv\" }"));
     at.good("scan-table disk.toml -o channels.csv");
+    let search = "--twin ideal --noise 60 --starts 1 --rounds 0 --moves 1";
+    at.good(&format!("optimise disk.toml {search} --state starts.json -o optimised.toml"));
     at.write(
         "script.toml",
         "repeat_s = 10.0\n[[touch]]\nat_s = 0.1\nfor_s = 2.0\nfrom = [0.01, 0.01, 0]\nforce_n = 2.0\n",

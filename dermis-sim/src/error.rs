@@ -23,6 +23,9 @@ pub enum Error {
     /// A score that cannot be computed.
     #[error(transparent)]
     Evaluate(#[from] crate::evaluate::EvaluateError),
+    /// A design that cannot be optimised.
+    #[error(transparent)]
+    Optimise(#[from] crate::optimise::OptimiseError),
 }
 
 // Boxed: its paths and values would make every result of the crate larger.

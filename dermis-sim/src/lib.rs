@@ -23,6 +23,7 @@ pub mod dataset;
 pub mod experiment;
 // Layer 6
 pub mod evaluate;
+pub mod optimise;
 
 mod error;
 pub use error::{Error, Result};

@@ -33,7 +33,7 @@ const LAYERED: &[(&str, &[&[&str]])] = &[
             &["noise"],
             &["twin"],
             &["bound", "dataset", "experiment"],
-            &["evaluate"],
+            &["evaluate", "optimise"],
         ],
     ),
 ];

@@ -19,6 +19,7 @@ mod jacobian;
 mod live;
 mod mesh;
 mod new;
+mod optimise;
 pub mod plot;
 mod reconstruct;
 mod recover;
@@ -52,6 +53,8 @@ pub enum Command {
     Benchmark(benchmark::Arguments),
     /// Compute bounds of a design before it is built: position, smallest force, separation of two presses.
     Bound(bound::Arguments),
+    /// Search for a better design: places of the electrodes, and which values are read.
+    Optimise(optimise::Arguments),
     /// Calibrate a real skin with measured presses.
     Calibrate(calibrate::Arguments),
     /// Check a recording: late, dead or saturated channels, their order, signs, units, drift; writes a page.
@@ -110,6 +113,7 @@ impl Command {
             Command::Evaluate(arguments) => arguments.run(),
             Command::Benchmark(arguments) => arguments.run(),
             Command::Bound(arguments) => arguments.run(),
+            Command::Optimise(arguments) => arguments.run(),
             Command::Calibrate(arguments) => arguments.run(),
             Command::CheckFrames(arguments) => arguments.run(),
             Command::Fit(arguments) => arguments.run(),

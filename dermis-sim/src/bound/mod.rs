@@ -291,7 +291,7 @@ fn size_m(points: &[Point3]) -> f64 {
 }
 
 /// Two unit vectors that are perpendicular to a normal and to each other.
-fn tangents(normal: Point3) -> [Point3; 2] {
+pub(crate) fn tangents(normal: Point3) -> [Point3; 2] {
     let axis = if normal[2].abs() < 0.9 { [0.0, 0.0, 1.0] } else { [1.0, 0.0, 0.0] };
     let first = normalize(cross(normal, axis));
     [first, cross(normal, first)]

@@ -45,7 +45,7 @@ impl Matrix {
     }
 
     /// The transposed matrix.
-    pub(crate) fn transposed(&self) -> Matrix {
+    pub fn transposed(&self) -> Matrix {
         let mut transposed = Matrix::zeros(self.columns, self.rows);
         for i in 0..self.rows {
             self.row(i).iter().enumerate().for_each(|(j, value)| *transposed.at_mut(j, i) = *value);
@@ -54,7 +54,7 @@ impl Matrix {
     }
 
     /// The product with a matrix of as many rows as this has columns.
-    pub(crate) fn times(&self, other: &Matrix) -> Matrix {
+    pub fn times(&self, other: &Matrix) -> Matrix {
         assert_eq!(self.columns, other.rows, "the sizes match");
         let mut product = Matrix::zeros(self.rows, other.columns);
         pulp::Arch::new().dispatch(Times { a: self, b: other, product: &mut product });

@@ -1,0 +1,286 @@
+//! Better designs: where the electrodes go, and which values are read.
+//!
+//! A fast model of the bound of a press's position ([`bound`](crate::bound)) is searched by simulated annealing from many
+//! starts: the fields of currents from candidate places are computed once, and a layout's readings of a weak press follow
+//! from them. `docs/optimise.md` has the formulas. What comes out is a design file, to be judged by the exact bounds.
+//!
+//! ```no_run
+//! use dermis::design::SkinDesign;
+//! use dermis_sim::optimise::{OptimiseOptions, Optimiser, design_text};
+//! use dermis_sim::twin::TwinOptions;
+//!
+//! let text = SkinDesign::shipped_text("cylinder30").unwrap();
+//! let twin = TwinOptions::shipped("lab").unwrap();
+//! let optimiser = Optimiser::new(text, "cylinder30", &twin, &OptimiseOptions::default())?;
+//! let layouts = optimiser.layouts(20)?;
+//! let starts = [layouts.start(0)?, layouts.start(1)?];
+//! let best = if starts[0].objective_m < starts[1].objective_m { &starts[0] } else { &starts[1] };
+//! println!("{}", design_text(text, "cylinder30", "better20", &best.electrodes_m, None).unwrap());
+//! # Ok::<(), dermis_sim::Error>(())
+//! ```
+
+mod error;
+mod fields;
+mod information;
+mod judge;
+mod layout;
+mod local;
+mod options;
+mod pattern;
+mod places;
+mod presses;
+mod search;
+#[cfg(test)]
+mod tests;
+mod text;
+mod touch;
+
+pub use error::OptimiseError;
+pub use judge::{Judgement, judge, refined, with_noise_of};
+pub use options::{Objective, OptimiseOptions, Start};
+pub use places::{PlaceRules, Zone};
+pub use text::design_text;
+
+use crate::bound::BoundOptions;
+use crate::random::sample_rng;
+use crate::twin::TwinOptions;
+use dermis::design::SkinDesign;
+use dermis::geom::Point3;
+use dermis::protocol::Channel;
+use fields::Fields;
+use information::Readings;
+use layout::Layout;
+use places::{Places, farthest_points};
+use presses::Presses;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use search::{Neighbourhood, Schedule, tour};
+
+/// Candidates over the whole body, and around a layout.
+const CANDIDATES: usize = 800;
+/// Largest factor by which the exact bound of a press corrects that of the fast model.
+const MOST_WEIGHT: f64 = 3.0;
+/// Streams of random numbers of the refinement, apart from those of the starts.
+const REFINING: u64 = 1;
+
+/// The search for layouts on a body: what all numbers of electrodes share.
+#[derive(Debug)]
+pub struct Optimiser {
+    options: OptimiseOptions,
+    text: String,
+    path: String,
+    given: SkinDesign,
+    twin: TwinOptions,
+    places: Places,
+    presses: Presses,
+    coarse: Fields,
+}
+
+impl Optimiser {
+    /// Prepares the search from the text of a design: its body, its coat, the shape of its first electrode and its
+    /// protocol are kept. `path` is that of the design's file.
+    ///
+    /// # Errors
+    /// A design that cannot be read or whose electrodes cannot be moved; rules that leave no place; a twin without noise.
+    pub fn new(text: &str, path: &str, twin: &TwinOptions, options: &OptimiseOptions) -> crate::Result<Self> {
+        let given = SkinDesign::parse(text, path)?;
+        let places = Places::new(&given, &options.rules)?;
+        let presses = Presses::new(&given, &places, twin, &options.bound)?;
+        let candidates = places.spread(CANDIDATES, 0.0);
+        let coarse = Fields::new(&given, &candidates, &presses.responses, presses.edge_m)?;
+        let (text, path) = (text.to_string(), path.to_string());
+        let twin = twin.clone();
+        Ok(Optimiser { options: options.clone(), text, path, given, twin, places, presses, coarse })
+    }
+
+    /// The search for layouts of a number of electrodes.
+    ///
+    /// # Errors
+    /// More electrodes than fit on the body; a protocol that does not fit their number.
+    pub fn layouts(&self, electrode_count: usize) -> crate::Result<Layouts<'_>> {
+        let spread = self.places.fitting(electrode_count)?;
+        let design =
+            SkinDesign::parse(&design_text(&self.text, &self.path, &self.given.name, &spread, None)?, &self.path)?;
+        Ok(Layouts {
+            shared: self,
+            electrode_count,
+            readings: Readings::new(&design.protocol, self.presses.instrument),
+        })
+    }
+
+    /// The given places, and allowed places around them.
+    fn around(&self, found_m: &[Point3]) -> Vec<Point3> {
+        let reach_m = (self.places.area_m2 / self.coarse.positions_m.len() as f64).sqrt();
+        let nearest_m = |place: &Point3| {
+            let away = |other: &Point3| self.places.surface.distance_m(*place, *other);
+            found_m.iter().map(away).fold(f64::INFINITY, f64::min)
+        };
+        let near: Vec<Point3> = self
+            .places
+            .allowed_m
+            .iter()
+            .copied()
+            .filter(|place| (1e-9..=reach_m).contains(&nearest_m(place)))
+            .collect();
+        let most = CANDIDATES.saturating_sub(found_m.len());
+        let thinned = farthest_points(self.places.surface, &near, most, 0.0);
+        found_m.iter().copied().chain(thinned.into_iter().map(|place| near[place])).collect()
+    }
+}
+
+/// The search for layouts of a number of electrodes.
+#[derive(Debug)]
+pub struct Layouts<'a> {
+    shared: &'a Optimiser,
+    electrode_count: usize,
+    readings: Readings,
+}
+
+impl Layouts<'_> {
+    /// The layout of a start: annealed over the whole body, then on finer places around what was found. Start 0 begins at
+    /// the given layout if it has as many electrodes, the others at random places.
+    ///
+    /// # Errors
+    /// A place that no reading locates.
+    pub fn start(&self, index: usize) -> crate::Result<Start> {
+        let Optimiser { options, given, coarse, presses, .. } = self.shared;
+        let mut rng = sample_rng(options.seed, index as u64);
+        let first = match index == 0 && given.electrodes.len() == self.electrode_count {
+            true => self.nearest(&centres_m(given)),
+            false => self.random(&mut rng),
+        };
+        let moves = options.moves * self.electrode_count;
+        let schedule = Schedule { moves, temperatures: [0.03, 5e-4] };
+        let weights = vec![1.0; presses.responses.len()];
+        let found = self.annealed(coarse, first, &weights, schedule, &mut rng);
+        let found_m: Vec<Point3> = found.chosen().iter().map(|&place| coarse.positions_m[place]).collect();
+        self.near(index, &found_m, &weights, &mut rng)
+    }
+
+    /// A start improved in rounds: where the exact bound exceeds that of the fast model, presses count more in the next
+    /// search near the layout. The exact bounds of the best of all are returned with it; `judged` is what to do after
+    /// each round.
+    ///
+    /// # Errors
+    /// As [`start`](Self::start) and [`judge`].
+    pub fn refine(&self, start: Start, rounds: usize, mut judged: impl FnMut()) -> crate::Result<(Start, Judgement)> {
+        let Optimiser { options, text, path, given, twin, presses, .. } = self.shared;
+        let exact = |start: &Start| {
+            let text = design_text(text, path, &given.name, &start.electrodes_m, None)?;
+            judge(&SkinDesign::parse(&text, path)?, twin, &options.bound)
+        };
+        let mut rng = sample_rng(options.seed, (REFINING << 32) + start.index as u64);
+        let judgement = exact(&start)?;
+        let mut weights = vec![1.0f64; presses.responses.len()];
+        let (mut next, mut best) = ((start.clone(), judgement.clone()), (start, judgement));
+        judged();
+        for _ in 0..rounds {
+            let model = self.model_bounds(&next.0.electrodes_m)?;
+            for (weight, (place_m, model_m)) in weights.iter_mut().zip(&model) {
+                let exact_m =
+                    next.1.places.iter().find(|(other, _)| other == place_m).map_or(*model_m, |place| place.1);
+                *weight = weight.max((exact_m / model_m).clamp(1.0, MOST_WEIGHT));
+            }
+            let start = self.near(best.0.index, &best.0.electrodes_m, &weights, &mut rng)?;
+            let judgement = exact(&start)?;
+            next = (start, judgement);
+            if next.1.of(options.objective) < best.1.of(options.objective) {
+                best = next.clone();
+            }
+            judged();
+        }
+        Ok(best)
+    }
+
+    /// The best layout near another, on finer places.
+    fn near(&self, index: usize, found_m: &[Point3], weights: &[f64], rng: &mut ChaCha8Rng) -> crate::Result<Start> {
+        let Optimiser { options, given, presses, .. } = self.shared;
+        let fine = Fields::new(given, &self.shared.around(found_m), &presses.responses, presses.edge_m)?;
+        let moves = options.moves * self.electrode_count / 2;
+        let schedule = Schedule { moves, temperatures: [2e-3, 1e-4] };
+        let layout = self.annealed(&fine, (0..found_m.len()).collect(), weights, schedule, rng);
+        layout.check()?;
+        let electrodes_m = layout.chosen().iter().map(|&place| fine.positions_m[place]).collect();
+        Ok(Start { index, objective_m: layout.objective_m(), electrodes_m })
+    }
+
+    /// The bound of the fast model for electrodes at some places, m, at each place of its presses.
+    ///
+    /// # Errors
+    /// Electrodes off the body.
+    pub fn model_bounds(&self, electrodes_m: &[Point3]) -> crate::Result<Vec<(Point3, f64)>> {
+        let Optimiser { given, presses, .. } = self.shared;
+        let fields = Fields::new(given, electrodes_m, &presses.responses, presses.edge_m)?;
+        let layout = Layout::new(&fields, &self.readings, Objective::Mean, (0..electrodes_m.len()).collect());
+        Ok(fields.presses().iter().map(|press| press.place_m).zip(layout.bounds_m()).collect())
+    }
+
+    fn annealed<'a>(
+        &'a self,
+        fields: &'a Fields,
+        first: Vec<usize>,
+        weights: &[f64],
+        schedule: Schedule,
+        rng: &mut ChaCha8Rng,
+    ) -> Layout<'a> {
+        let of = |chosen| Layout::weighted(fields, &self.readings, self.shared.options.objective, chosen, weights);
+        let best = Neighbourhood::new(&self.shared.places, &fields.positions_m).anneal(&mut of(first), schedule, rng);
+        of(best)
+    }
+
+    /// The candidates nearest to some places, each once.
+    fn nearest(&self, given_m: &[Point3]) -> Vec<usize> {
+        let positions_m = &self.shared.coarse.positions_m;
+        let mut chosen: Vec<usize> = Vec::new();
+        for &place in given_m {
+            let away = |&index: &usize| self.shared.places.surface.distance_m(place, positions_m[index]);
+            let free = (0..positions_m.len()).filter(|index| !chosen.contains(index));
+            chosen.extend(free.min_by(|a, b| away(a).total_cmp(&away(b))));
+        }
+        chosen
+    }
+
+    /// Places that are spread over a random half of the candidates, numbered along a tour.
+    fn random(&self, rng: &mut ChaCha8Rng) -> Vec<usize> {
+        let Optimiser { coarse, places, .. } = self.shared;
+        let all: Vec<usize> = (0..coarse.positions_m.len()).collect();
+        let half: Vec<usize> = all.iter().copied().filter(|_| rng.random::<f64>() < 0.5).collect();
+        let spread = |from: &[usize]| -> Vec<usize> {
+            let positions: Vec<Point3> = from.iter().map(|&index| coarse.positions_m[index]).collect();
+            let chosen = farthest_points(places.surface, &positions, self.electrode_count, places.least_distance_m);
+            chosen.into_iter().map(|place| from[place]).collect()
+        };
+        let mut chosen = spread(&half);
+        if chosen.len() < self.electrode_count {
+            chosen = spread(&all);
+        }
+        let positions: Vec<Point3> = chosen.iter().map(|&index| coarse.positions_m[index]).collect();
+        tour(places, &positions, 0).into_iter().map(|index| chosen[index]).collect()
+    }
+}
+
+fn centres_m(design: &SkinDesign) -> Vec<Point3> {
+    design.electrodes.iter().map(|electrode| electrode.centre_m).collect()
+}
+
+/// The readings of a design's protocol that are worth most for a number of readings, those of the currents included:
+/// channels in the protocol's order.
+///
+/// # Errors
+/// Fewer readings than unknowns, or more than the protocol has; a twin without noise; electrodes in groups of a file.
+pub fn select_readings(
+    design: &SkinDesign,
+    twin: &TwinOptions,
+    bound: &BoundOptions,
+    objective: Objective,
+    slots: usize,
+) -> crate::Result<Vec<Channel>> {
+    let places = Places::new(design, &PlaceRules::default())?;
+    let presses = Presses::new(design, &places, twin, bound)?;
+    let electrodes_m = centres_m(design);
+    let fields = Fields::new(design, &electrodes_m, &presses.responses, presses.edge_m)?;
+    let readings = Readings::new(&design.protocol, presses.instrument);
+    let layout = Layout::new(&fields, &readings, objective, (0..electrodes_m.len()).collect());
+    layout.check()?;
+    Ok(pattern::select(&layout, &readings, objective, slots)?)
+}
