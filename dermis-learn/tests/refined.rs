@@ -23,7 +23,7 @@ fn benchmark(twin: &str, method: &str, seed: u64, sizes: Sizes) -> BenchmarkResu
     let result = benchmark.run(seed, &options, |_| {}).unwrap();
     println!(
         "{twin} {seed} {}: grid {:.3} mm, random {:.3} mm (95th percentile {:.2} mm), four {:.3} mm; covered {:.3}, {:.3}, {:.3}; \
-         missed {} {}, false {} {}; resolved from {:.0} mm; {:.0} s",
+         missed {} {}, false {} {}; resolved from {:.0} mm; strength per newton {:.3} {:.3}, true {:.3} {:.3}; {:.0} s",
         method.name(),
         result.grid.localisation_m.mean * 1e3,
         result.random.localisation_m.mean * 1e3,
@@ -37,6 +37,10 @@ fn benchmark(twin: &str, method: &str, seed: u64, sizes: Sizes) -> BenchmarkResu
         result.random.false_positives,
         result.four.false_positives,
         result.resolved_from_m() * 1e3,
+        result.grid.strength_spread,
+        result.random.strength_spread,
+        result.force.true_spread[0],
+        result.force.true_spread[1],
         start.elapsed().as_secs_f64(),
     );
     result
@@ -57,6 +61,12 @@ fn refined_contacts_are_nearer_and_their_deviations_true() {
         assert!(refined.four.localisation_m.mean < least_gain * plain.four.localisation_m.mean);
         // The standard error of the part over 150 touches is 1.8 %.
         assert!((0.88..=1.0).contains(&refined.covered.single), "{twin}: {}", refined.covered.single);
+        // Strengths spread hardly more than those of the presses themselves, and forces have no bias of a third.
+        assert!(refined.random.strength_spread < plain.random.strength_spread);
+        assert!(refined.random.strength_spread < 1.2 * refined.force.true_spread[1]);
+        let force = refined.random.force.expect("the method states forces");
+        println!("{twin}: forces {:.2}, {:.2} before", force.error, plain.random.force.expect("as it does").error);
+        assert!(force.error < 0.33, "{twin}: {}", force.error);
     }
 }
 

@@ -58,6 +58,9 @@ pub const FIGURES: &[Figure] = &[
     figure!("grid_misses", "grid: misses", 1.0, 1, More, |t| t.grid.misses as f64),
     figure!("grid_ghosts", "grid: false positives", 1.0, 1, More, |t| t.grid.false_positives as f64),
     figure!("grid_sensitivity_spread", "grid: sensitivity spread", 1.0, 2, More, |t| t.grid.sensitivity_spread),
+    figure!("grid_strength_spread", "grid: spread of the contact's strength per newton", 1.0, 2, More, |t| {
+        t.grid.strength_spread
+    }),
     figure!("random_localisation_mean_m", "random: localisation, mean, mm", 1e3, 2, More, |t| {
         t.random.localisation_m.mean
     }),
@@ -72,6 +75,9 @@ pub const FIGURES: &[Figure] = &[
     figure!("random_misses", "random: misses", 1.0, 1, More, |t| t.random.misses as f64),
     figure!("random_ghosts", "random: false positives", 1.0, 1, More, |t| t.random.false_positives as f64),
     figure!("random_sensitivity_spread", "random: sensitivity spread", 1.0, 2, More, |t| t.random.sensitivity_spread),
+    figure!("random_strength_spread", "random: spread of the contact's strength per newton", 1.0, 2, More, |t| {
+        t.random.strength_spread
+    }),
     figure!("rim_and_seam_mean_m", "rim and seam: localisation, mean, mm", 1e3, 2, More, |t| t.rim_and_seam_m.mean),
     figure!("rim_and_seam_p95_m", "rim and seam: localisation, 95th percentile, mm", 1e3, 2, More, |t| {
         t.rim_and_seam_m.p95

@@ -29,8 +29,9 @@ fn frames_are_processed_without_it_until_it_is_ready() {
     let [without, after] = [&mut plain, &mut bench].map(|bench| until(bench, 3.0));
     let last = |frames: &[PipelineFrame]| frames.last().unwrap().contacts[0].position_m;
     assert_ne!(last(&without), last(&after));
+    // Twice the 95th percentile over all places.
     let off_m = surface_distance(last(&after), along(&press(), 3.0));
-    assert!(off_m < 2e-3, "{off_m}");
+    assert!(off_m < 4e-3, "{off_m}");
 }
 
 #[test]
@@ -38,6 +39,8 @@ fn a_stored_state_goes_on_with_it() {
     let mut bench = bench(Methods::REFINED);
     bench.rebuild();
     until(&mut bench, 1.5);
+    // The health is computed at once while there are notices, and otherwise every few frames.
+    bench.pipeline.take_notices();
     let kept = serde_json::to_string(bench.pipeline.state()).unwrap();
     let state: State = serde_json::from_str(&kept).unwrap();
     let mut resumed = Pipeline::resume(methods(), state).unwrap();
@@ -48,7 +51,8 @@ fn a_stored_state_goes_on_with_it() {
         let input = bench.receive(&packet, next).pop().expect("a whole frame").input;
         bench.next += 1;
         let (frame, again) = (bench.pipeline.process(input.clone()).unwrap(), resumed.process(input).unwrap());
-        assert!(frame.contacts.len() == 1 && frame == again, "the same, to the last bit");
+        assert_eq!(frame.contacts.len(), 1, "{:?}", frame.contacts);
+        assert!(frame == again, "the same, to the last bit");
     }
 }
 

@@ -311,6 +311,7 @@ impl Candidate {
             localisation_m: errors(&self.places, alignment),
             eq11_m: errors(&self.centroids, &of_centroids),
             sensitivity_spread: f64::NAN,
+            strength_spread: f64::NAN,
             force: None,
             method: self.method.clone(),
             alpha: self.alpha,

@@ -25,6 +25,9 @@ pub struct Score {
     /// Standard deviation over mean of the image's peak per newton (the paper's Eq. 12), over all frames with one touch
     /// of known force; `NaN` (in JSON `null`) if there are none.
     pub sensitivity_spread: f64,
+    /// Standard deviation over mean of the contact's strength per newton, over the pairs of frames with one touch of known
+    /// force; `NaN` (in JSON `null`) if there are none.
+    pub strength_spread: f64,
     /// Forces of the contacts against those of their touches; `None` (in JSON `null`) if either are not known.
     pub force: Option<ForceErrors>,
     /// The method's name.
@@ -93,7 +96,7 @@ pub fn score_contacts(
     }
     let (mut misses, mut false_positives) = (0, 0);
     let (mut distances, mut eq11, mut sensitivities) = (Vec::new(), Vec::new(), Vec::new());
-    let mut force_ratios = Vec::new();
+    let (mut strengths, mut force_ratios) = (Vec::new(), Vec::new());
     for ((image, contacts), touches) in images.iter().zip(contacts).zip(truth) {
         let surface = &image.space.surface;
         let found = match_contacts(touches, contacts, surface);
@@ -105,7 +108,9 @@ pub fn score_contacts(
         if let [touch] = touches[..] {
             eq11.extend(whole_image_centroid(image).map(|centre| surface.distance_m(centre, touch.position_m)));
             let peak = image.peak().map_or(f64::NAN, |(_, value)| value);
-            sensitivities.extend(Some(peak / touch.force_n).filter(|_| touch.force_n > 0.0));
+            let known_force = |value: f64| Some(value / touch.force_n).filter(|_| touch.force_n > 0.0);
+            sensitivities.extend(known_force(peak));
+            strengths.extend(found.pairs.iter().filter_map(|pair| known_force(contacts[pair.1].strength)));
         }
     }
     Ok(Score {
@@ -115,6 +120,7 @@ pub fn score_contacts(
         localisation_m: Summary::of(&distances),
         eq11_m: Summary::of(&eq11),
         sensitivity_spread: coefficient_of_variation(&sensitivities),
+        strength_spread: coefficient_of_variation(&strengths),
         force: ForceErrors::of(&force_ratios),
         method: method.to_string(),
         alpha,

@@ -75,7 +75,8 @@ fn the_score_of_a_small_experiment_is_known() {
             "method",
             "misses",
             "presses",
-            "sensitivity_spread"
+            "sensitivity_spread",
+            "strength_spread"
         ]
     );
     for key in ["localisation_m", "eq11_m"] {

@@ -92,6 +92,7 @@ mod tests {
             localisation_m: summary(mean),
             eq11_m: summary(0.0),
             sensitivity_spread: 0.0,
+            strength_spread: 0.0,
             force: None,
             method: String::new(),
             alpha: None,

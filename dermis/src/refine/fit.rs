@@ -34,6 +34,9 @@ const LEAST_APART_M: f64 = 14e-3;
 const LEAST_SHARE: f64 = 0.12;
 /// Directions in which they may lie, over a half turn.
 const DIRECTIONS: usize = 4;
+/// Steps from each of them, after which the best one goes on. At the start, one across the touches may be better than one
+/// along them: the width of a touch explains much.
+const FIRST_STEPS: usize = 2;
 /// Contacts beyond this number are not split.
 const MOST_CONTACTS: usize = 4;
 
@@ -84,9 +87,13 @@ struct State {
 impl Fit<'_> {
     /// The touches of greatest likelihood near some places; `None` where the equations have no solution.
     pub(super) fn run(&self, places: &[[f64; 2]]) -> Option<Fitted> {
-        let mut state = self.at(places.to_vec())?;
+        self.fitted(&self.descended(self.at(places.to_vec())?, STEPS)?)
+    }
+
+    /// A state after some steps; `None` where the equations have no solution.
+    fn descended(&self, mut state: State, steps: usize) -> Option<State> {
         let mut damping = DAMPING;
-        for _ in 0..STEPS {
+        for _ in 0..steps {
             let (normal, right) = self.equations(&state);
             let step = solve(&damped(&normal, damping), &right)?;
             let step: Vec<[f64; 2]> = step.as_chunks::<{ Touch::UNKNOWNS }>().0.iter().map(|s| [s[0], s[1]]).collect();
@@ -103,7 +110,7 @@ impl Fit<'_> {
                 break;
             }
         }
-        Some(Fitted { touches: self.touches(&state)?, cost: state.cost })
+        Some(state)
     }
 
     /// One of the touches as two, if two explain the values far better: its index, and all touches with its other half
@@ -125,10 +132,11 @@ impl Fit<'_> {
             places.push(by(HALF_APART_M));
             places
         };
-        let tried = (0..count * DIRECTIONS).filter_map(|index| Some((index, self.at(apart(index))?.cost)));
-        let (index, _) = tried.min_by(|a, b| a.1.total_cmp(&b.1))?;
-        let best = (index / DIRECTIONS, self.run(&apart(index))?);
-        self.are_two(&best.1, best.0, fitted.cost).then_some(best)
+        let first = |index: usize| Some((index / DIRECTIONS, self.descended(self.at(apart(index))?, FIRST_STEPS)?));
+        let tried = (0..count * DIRECTIONS).filter_map(first);
+        let (touch, best) = tried.min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))?;
+        let two = self.fitted(&self.descended(best, STEPS)?)?;
+        self.are_two(&two, touch, fitted.cost).then_some((touch, two))
     }
 
     /// Whether a touch and the last one are two touches.
@@ -189,7 +197,7 @@ impl Fit<'_> {
     }
 
     /// The touches with their variances. Residuals above the noise are errors of the model, by which the variances grow.
-    fn touches(&self, state: &State) -> Option<Vec<Touch>> {
+    fn fitted(&self, state: &State) -> Option<Fitted> {
         let covariance = invert_spd(&self.equations(state).0).ok()?;
         let freedom = self.values.len() - Touch::UNKNOWNS * state.places.len();
         let misfit = (dot(&state.residuals, &state.residuals) / freedom as f64).max(1.0);
@@ -198,7 +206,8 @@ impl Fit<'_> {
             let trace = covariance.at(first, first) + covariance.at(first + 1, first + 1);
             Touch { place, strength: strength[0], variance_m2: 0.5 * trace * misfit }
         };
-        Some(state.places.iter().zip(&state.strengths).enumerate().map(touch).collect())
+        let touches = state.places.iter().zip(&state.strengths).enumerate().map(touch).collect();
+        Some(Fitted { touches, cost: state.cost })
     }
 }
 

@@ -161,10 +161,11 @@ impl Refiner {
         self.table.change(self.table.place(position_m), strength_m2)
     }
 
-    /// Refines the positions of contacts from the difference that they were detected in, ohm, and states their standard
-    /// deviations. A contact that does not fit the frame is left as it is: one with a negative strength, or that
+    /// Refines the positions and strengths of contacts from the difference that they were detected in, ohm, and states
+    /// the standard deviations of the positions. The force of a refined contact is `NaN`, as its strength is that of the
+    /// fit and no longer the integral of an image. A contact that does not fit the frame is left as it is: one with a negative strength, or that
     /// would move by more than 20 mm. A contact that is far better explained as two touches gets a second one, at the
-    /// end of the list, with the same strength, area and force of both together.
+    /// end of the list, with the area of both together.
     ///
     /// # Panics
     /// If the difference has another length than the protocol.
@@ -191,6 +192,8 @@ impl Refiner {
             }
             contact.position_m = position_m;
             contact.normal = self.surface.normal(position_m).unwrap_or(contact.normal);
+            contact.strength = touch.strength;
+            (contact.force_n, contact.force_sd_n) = (f64::NAN, f64::NAN);
             contact.sd_m = touch.variance_m2.sqrt().hypot(self.options.offset_sd_m);
         }
     }
