@@ -25,7 +25,7 @@ pattern = "adjacent"
 rows = 8
 columns = 8
 [mesh]
-max_edge_m = 0.006
+max_edge_m = 0.003
 electrode_edge_m = 0.0025
 "#;
 const DRAWS: u64 = 400;

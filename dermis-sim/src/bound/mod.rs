@@ -26,7 +26,7 @@ pub use precision::DriftSpread;
 
 use crate::noise::Noise;
 use crate::twin::{Press, TouchOptions, Twin, TwinError, TwinOptions};
-use dermis::design::SkinDesign;
+use dermis::design::{SheetKind, SkinDesign};
 use dermis::forward::ForwardModel;
 use dermis::frame::Frame;
 use dermis::geom::vector::{add, cross, distance, normalize, scale};
@@ -40,6 +40,12 @@ use std::sync::Arc;
 const STEP_M: f64 = 2e-4;
 /// Step of the logarithms of force and tip radius.
 const LOG_STEP: f64 = 0.01;
+/// Longest edge of the mesh over the radius of the tip, before the twin's own scale. The contact of a tip is smaller than
+/// the tip; with edges of 6 mm on `cylinder30` the bounds at single places differ by a factor of up to 2.7 (root mean
+/// square 1.25) from those with 3 mm.
+const EDGE: f64 = 0.6;
+/// Shortest edge over that of the design: 16 times as many cells.
+const FINEST: f64 = 0.25;
 /// Angles of a mean over directions.
 const ANGLES: u32 = 64;
 /// Standard deviation of the logarithm of the tip radius of an unknown object: a factor of 1.6.
@@ -123,11 +129,12 @@ struct Physics {
 
 impl Bounds {
     /// The bounds of a design with the presses, the noise and the drift of a twin, whose manufacturing errors and faults
-    /// are left out.
+    /// are left out. The mesh is the design's, or a finer one if its cells are large for the tip ([`refined`]).
     ///
     /// # Errors
     /// Presses that the twin cannot simulate; a twin without noise; a design without a solution.
     pub fn new(design: &SkinDesign, twin: &TwinOptions, options: &BoundOptions) -> crate::Result<Self> {
+        let design = &refined(design, options);
         let sound = twin.as_designed();
         let skin = Twin::new(design, &sound, 0)?;
         let noise = skin.noise().ok_or_else(|| TwinError::OutOfRange {
@@ -254,6 +261,17 @@ impl Bounds {
     fn press(&self, centre_m: Point3) -> Press {
         Press { centre_m, force_n: self.options.force_n, tip_radius_m: self.options.tip_radius_m }
     }
+}
+
+/// A design with a mesh that is fine enough for the contact of a tip on its coating: edges of at most 0.6 of its radius,
+/// but no shorter than a quarter of the design's. The mesh of a volume is kept.
+pub fn refined(design: &SkinDesign, options: &BoundOptions) -> SkinDesign {
+    let mut refined = design.clone();
+    if design.sheet.kind == SheetKind::Surface {
+        let given_m = design.mesh.max_edge_m;
+        refined.mesh.max_edge_m = (EDGE * options.tip_radius_m).clamp(FINEST * given_m, given_m);
+    }
+    refined
 }
 
 /// The skin with its patches shifted by a step forward and back along one direction, and the standard deviation of an

@@ -11,11 +11,6 @@ use dermis::mesh::Mesh;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Longest edge of the mesh over the radius of the tip, before the twin's own scale. The contact of a tip is smaller than
-/// the tip; with edges of 6 mm on `cylinder30` the bounds at single places differ by a factor of up to 2.7 (root mean
-/// square 1.25) from those with 3 mm.
-const EDGE: f64 = 0.6;
-
 /// The bounds of the position at every pixel that no electrode covers: no current flows in the coat under a disc.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Judgement {
@@ -37,21 +32,14 @@ impl Judgement {
     }
 }
 
-/// The design on a mesh that is fine enough for the contact of a tip.
-pub fn refined(design: &SkinDesign, bound: &BoundOptions) -> SkinDesign {
-    let mut refined = design.clone();
-    refined.mesh.max_edge_m = refined.mesh.max_edge_m.min(EDGE * bound.tip_radius_m);
-    refined
-}
-
-/// The [`Bounds`] of a design at every pixel that no electrode covers, on a [`refined`] mesh.
+/// The [`Bounds`] of a design at every pixel that no electrode covers.
 ///
 /// # Errors
 /// As [`Bounds::new`].
 pub fn judge(design: &SkinDesign, twin: &TwinOptions, bound: &BoundOptions) -> crate::Result<Judgement> {
     // The pixels are those of the design, whatever the mesh.
     let pixels = PixelSpace::for_design(design, &Mesh::generate(design)?)?;
-    let bounds = Bounds::new(&refined(design, bound), twin, bound)?;
+    let bounds = Bounds::new(design, twin, bound)?;
     let surface = design.body.surface();
     let is_covered = |place_m: Point3| {
         let covers = |electrode: &Electrode| match electrode.shape {

@@ -36,7 +36,7 @@ mod text;
 mod touch;
 
 pub use error::OptimiseError;
-pub use judge::{Judgement, judge, refined, with_noise_of};
+pub use judge::{Judgement, judge, with_noise_of};
 pub use options::{Objective, OptimiseOptions, Start};
 pub use places::{PlaceRules, Zone};
 pub use text::design_text;

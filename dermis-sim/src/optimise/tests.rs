@@ -65,7 +65,7 @@ fn the_fast_model_has_the_exact_bounds() {
     let layouts = optimiser.layouts(10).unwrap();
     for index in [0, 1] {
         let electrodes_m = layouts.start(index).unwrap().electrodes_m;
-        let design = refined(&moved(&electrodes_m), &options.bound);
+        let design = moved(&electrodes_m);
         let bounds = Bounds::new(&design, &twin(), &options.bound).unwrap();
         let mut logarithms = Vec::new();
         for (place_m, model_m) in layouts.model_bounds(&electrodes_m).unwrap() {

@@ -1,9 +1,8 @@
 //! What a press answers to a field, whatever the electrodes.
 
-use super::judge::refined;
 use super::local::{COMPONENTS, Neighbourhood};
 use super::places::with_points;
-use crate::bound::{BoundOptions, tangents};
+use crate::bound::{BoundOptions, refined, tangents};
 use crate::elementary::exp;
 use crate::twin::{Press, TouchOptions, Twin, TwinOptions};
 use dermis::design::SkinDesign;
