@@ -73,7 +73,7 @@ impl WithSimd for Update<'_> {
 
 /// `[1 + X' X, Q']`, later `R` with `R' R = 1 + X' X` and `R^-T Q'`; the upper triangle.
 struct System<'a> {
-    /// Columns of all additions, each filled up to its stride.
+    /// Columns of all additions, each filled up to whole vectors.
     order: usize,
     rows: &'a mut Rows,
 }
@@ -81,7 +81,7 @@ struct System<'a> {
 impl<'a> System<'a> {
     #[inline(always)]
     fn new<S: Simd>(simd: S, parts: &[Substituted], kept_count: usize, rows: &'a mut Rows) -> Self {
-        let order = parts.iter().map(|part| part.solution.stride).sum();
+        let order = parts.iter().map(|part| part.width).sum();
         rows.resize(order, order + kept_count);
         let mut system = System { order, rows };
         let mut column = 0;
@@ -89,11 +89,11 @@ impl<'a> System<'a> {
             let mut row = 0;
             for other in &parts[..=index] {
                 system.add_gram(simd, [other, part], [row, column]);
-                row += other.solution.stride;
+                row += other.width;
             }
-            let width = part.solution.stride;
-            for (kept, values) in part.kept().chunks_exact(width).enumerate() {
-                for (offset, &value) in values.iter().enumerate() {
+            let width = part.width;
+            for (kept, values) in part.kept().chunks_exact(part.solution.stride).enumerate() {
+                for (offset, &value) in values[..width].iter().enumerate() {
                     system.rows.row_mut(column + offset)[order + kept] = value;
                 }
             }
@@ -112,10 +112,10 @@ impl<'a> System<'a> {
         let (a, a_stride) = (left.solution.values.values(), left.solution.stride);
         let b = S::as_simd_f64s(right.solution.values.values()).0;
         let b_stride = right.solution.stride / S::F64_LANES;
-        for offset in (0..a_stride).step_by(ROWS) {
+        for offset in (0..left.width).step_by(ROWS) {
             // Of a symmetric block the upper triangle.
             let first = if row == column { offset / S::F64_LANES } else { 0 };
-            column_tiles!(first, b_stride, |at, N| {
+            column_tiles!(first, right.width / S::F64_LANES, |at, N| {
                 let mut sums = [[simd.splat_f64s(0.0); N]; ROWS];
                 let zeros = [left.starts[offset], right.starts[at * S::F64_LANES]];
                 for &[a_row, b_row, count] in &runs {

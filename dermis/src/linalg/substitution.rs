@@ -4,6 +4,7 @@
 //! Peierls, 1988, DOI 10.1137/0909058). Columns whose first entries come in the order of elimination are zero in the steps
 //! before their own first entry.
 
+use super::batch::LANES;
 use super::factor::Factor;
 use super::matrix::Matrix;
 use super::symbolic::{NONE, Symbolic};
@@ -96,6 +97,8 @@ pub(super) struct Substituted {
     /// `X`, the columns of the path x right-hand sides; below it `b_k - A_ki A_ii^-1 b_i`, kept unknowns x right-hand
     /// sides.
     pub solution: Rows,
+    /// Right-hand sides, filled up to whole vectors of any instruction set.
+    pub width: usize,
     /// The first row of `X` that is not zero, for each right-hand side.
     pub starts: Vec<usize>,
 }
@@ -118,10 +121,11 @@ impl Substituted {
         rows: &mut Vec<usize>,
     ) {
         self.path = Path::new(symbolic, right);
-        let Substituted { path, solution, starts } = self;
+        self.width = right.values.columns.next_multiple_of(LANES);
+        let Substituted { path, solution, starts, width } = self;
         solution.resize(path.height + symbolic.kept_count(), right.values.columns);
         solution.values.values_mut().fill(0.0);
-        *starts = path.starts(solution.stride);
+        *starts = path.starts(*width);
         // The rows of the path and of the kept unknowns, by their places in the order of elimination.
         let interior = symbolic.unknown_count() - symbolic.kept_count();
         rows.resize(symbolic.unknown_count(), 0);
