@@ -1,7 +1,7 @@
 //! Pivoted Cholesky of a semidefinite matrix.
 //!
-//! A pivot is not the largest remainder but the first that is not far below it, so that the columns of the root begin in
-//! the order of the rows as far as the rank permits.
+//! A pivot is not the largest remainder but the first that is not far below it, relative to the diagonal, so that the
+//! columns of the root begin in the order of the rows as far as the rank permits.
 
 use super::matrix::Matrix;
 use pulp::{Simd, WithSimd};
@@ -9,9 +9,11 @@ use pulp::{Simd, WithSimd};
 /// The remainder's diagonal is below this fraction of the largest value where the matrix has no more rank: rounding.
 /// What is left out changes the result by less than this fraction.
 const RANK_TOLERANCE: f64 = 1e-14;
-/// A row is the next pivot if its remainder is above this fraction of the largest. A pivot smaller by a factor `f` raises
-/// the effect of rounding by `f^(-1/2)`, here by 100.
-const FIRST_SHARE: f64 = 1e-4;
+/// A row may be the next pivot if the share of its diagonal that is left is above this fraction of the largest such share.
+/// A pivot smaller by a factor `f` raises the effect of rounding by `1 / f`.
+const FIRST_SHARE: f64 = 1.0;
+/// Entries of the root below this fraction of the square root of the largest value are rounding, and are zero.
+const ROUNDING: f64 = 1e-15;
 /// A remainder below zero by more than this fraction is not rounding.
 const LOSS_TOLERANCE: f64 = 1e-9;
 
@@ -37,6 +39,7 @@ impl WithSimd for Root<'_> {
         let Root { matrix, scale } = self;
         let order = matrix.rows;
         let mut left: Vec<f64> = (0..order).map(|k| matrix.at(k, k)).collect();
+        let diagonal = left.clone();
         let mut largest = scale;
         for &value in &left {
             if !value.is_finite() {
@@ -47,19 +50,11 @@ impl WithSimd for Root<'_> {
         // The columns of `U` one after the other.
         let mut columns: Vec<f64> = Vec::with_capacity(order * order);
         let mut pivots: Vec<usize> = Vec::with_capacity(order);
-        for rank in 0..=order {
-            let (mut most, mut least) = (f64::NEG_INFINITY, 0.0f64);
-            for &rest in &left {
-                least = least.min(rest);
-                most = most.max(rest);
-            }
-            if least < -LOSS_TOLERANCE * largest {
+        for rank in 0..order {
+            if left.iter().any(|rest| *rest < -LOSS_TOLERANCE * largest) {
                 return None;
             }
-            if rank == order || most <= RANK_TOLERANCE * largest {
-                break;
-            }
-            let Some(pivot) = left.iter().position(|&rest| rest > FIRST_SHARE * most) else { return None };
+            let Some(pivot) = next_pivot(&left, &diagonal, RANK_TOLERANCE * largest) else { break };
             let value = left[pivot];
             columns.extend_from_slice(matrix.row(pivot));
             let (done, column) = columns.split_at_mut(rank * order);
@@ -83,8 +78,12 @@ impl WithSimd for Root<'_> {
             pivots.iter().for_each(|&done| column[done] = 0.0);
             pivots.push(pivot);
             let inverse = 1.0 / value.sqrt();
+            let rounding = ROUNDING * largest.sqrt();
             for (entry, rest) in column.iter_mut().zip(&mut left) {
                 *entry *= inverse;
+                if entry.abs() <= rounding {
+                    *entry = 0.0;
+                }
                 *rest -= *entry * *entry;
             }
             // Of a finite diagonal, a value that is not finite makes a remainder that is not a number.
@@ -100,6 +99,17 @@ impl WithSimd for Root<'_> {
         }
         Some(root)
     }
+}
+
+/// The first row whose remainder is not far below the largest, relative to the diagonal; `None` if all are rounding.
+#[inline(always)]
+fn next_pivot(left: &[f64], diagonal: &[f64], rounding: f64) -> Option<usize> {
+    let mut most = 0.0f64;
+    for (&rest, &whole) in left.iter().zip(diagonal) {
+        most = most.max(if rest > rounding { rest / whole } else { 0.0 });
+    }
+    let may_follow = |(&rest, &whole): (&f64, &f64)| rest > rounding && rest >= FIRST_SHARE * most * whole;
+    left.iter().zip(diagonal).position(may_follow)
 }
 
 #[cfg(test)]
