@@ -11,7 +11,7 @@ use pulp::{Simd, WithSimd};
 const RANK_TOLERANCE: f64 = 1e-14;
 /// A row may be the next pivot if the share of its diagonal that is left is above this fraction of the largest such share.
 /// A pivot smaller by a factor `f` raises the effect of rounding by `1 / f`.
-const FIRST_SHARE: f64 = 1.0;
+const FIRST_SHARE: f64 = 0.1;
 /// Entries of the root below this fraction of the square root of the largest value are rounding, and are zero.
 const ROUNDING: f64 = 1e-15;
 /// A remainder below zero by more than this fraction is not rounding.
