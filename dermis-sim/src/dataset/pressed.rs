@@ -11,7 +11,7 @@ use crate::random::{log_uniform, sample_rng, uniform};
 use crate::twin::{Footprint, PatchOptions, PatchedSkin, Press, TwinError};
 use crate::unrolled::Unrolled;
 use dermis::design::{Body, SkinDesign};
-use dermis::forward::ForwardModel;
+use dermis::forward::{ForwardModel, OnceMemory};
 use dermis::geom::Point3;
 use dermis::image::PixelSpace;
 use rand::RngExt;
@@ -44,6 +44,7 @@ pub(super) struct PressWorker<'a> {
     maker: &'a PressMaker,
     frame: Vec<f64>,
     image: Vec<f64>,
+    memory: OnceMemory,
 }
 
 impl PressMaker {
@@ -84,7 +85,12 @@ impl PressMaker {
     }
 
     pub(super) fn worker(&self) -> PressWorker<'_> {
-        PressWorker { maker: self, frame: vec![0.0; self.channel_count], image: vec![0.0; self.pixel_count] }
+        PressWorker {
+            maker: self,
+            frame: vec![0.0; self.channel_count],
+            image: vec![0.0; self.pixel_count],
+            memory: OnceMemory::default(),
+        }
     }
 
     /// The untouched frame of the design with its patches.
@@ -166,19 +172,19 @@ impl PressWorker<'_> {
                 let model = &instance.skin.forward;
                 // All samples of the skin, even if fewer were requested: a sample's bits must not depend on their
                 // number.
-                let all: Vec<Press> = (0..UNIT as u64).flat_map(|row| maker.draw(first + row)).collect();
+                let drawn: Vec<Vec<Press>> = (0..UNIT as u64).map(|row| maker.draw(first + row)).collect();
                 let options = maker.patches(spread, instance.skin.seed);
                 let coat = model.rest_conductivity();
-                let skin = PatchedSkin::for_presses(&options, &maker.body, model, coat, &all)?;
-                skin.network_once(&[])?.frame_into(model.protocol(), &mut self.frame);
-                for row in 0..count {
-                    write_row(rows.rest, row, self.frame.iter().copied());
+                let skin = PatchedSkin::for_presses(&options, &maker.body, model, coat, &drawn.concat())?;
+                let mut footprints = vec![Vec::new()];
+                for presses in &drawn[..count] {
+                    footprints.push(maker.footprints(presses)?);
                 }
+                let frames = skin.frames_under(&footprints, &mut self.memory)?;
                 for row in 0..count {
-                    let presses = maker.draw(first + row as u64);
-                    let footprints = maker.footprints(&presses)?;
-                    skin.network_under(&footprints)?.frame_into(model.protocol(), &mut self.frame);
-                    self.write(row, &presses, &footprints, rows);
+                    write_row(rows.rest, row, frames[0].iter().copied());
+                    self.frame.copy_from_slice(&frames[row + 1]);
+                    self.write(row, &drawn[row], &footprints[row + 1], rows);
                 }
             }
             (OnSkins::One(skin), _) => {
@@ -243,7 +249,9 @@ mod tests {
                 let contacts = skin.contacts(&presses).unwrap();
                 let moments = skin.conductors().moments();
                 let direct = model.network_with_conductors(coat, moments, &contacts).unwrap().frame(model.protocol());
-                let frame = skin.network_once(&presses).unwrap().frame(model.protocol());
+                let footprints = maker.footprints(&presses).unwrap();
+                let mut memory = OnceMemory::default();
+                let frame = &skin.frames_under(&[footprints.clone(), Vec::new(), footprints], &mut memory).unwrap()[2];
                 let largest = direct.iter().fold(0.0f64, |largest, value| largest.max(value.abs()));
                 let off = frame.iter().zip(direct.iter()).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
                 worst = worst.max(off / largest);

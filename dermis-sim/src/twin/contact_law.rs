@@ -2,7 +2,8 @@
 
 use super::TwinError;
 use super::error::{check_between, check_positive};
-use crate::elementary::powf;
+use crate::elementary::{Lanes, powf, powf_lanes};
+use pulp::{Simd, WithSimd};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -44,6 +45,28 @@ impl ContactLaw {
         free / (1.0 + free / self.saturation_s_per_m2)
     }
 
+    /// Replaces pressures, Pa, by the [conductances](Self::conductance_s_per_m2) there, eight at a time; the relative
+    /// difference is below 1e-14.
+    pub(crate) fn replace_by_conductances(&self, values: &mut [f64]) {
+        pulp::Arch::new().dispatch(Conductances { law: self, values });
+    }
+
+    #[inline(always)]
+    fn conductance_lanes(&self, pressures_pa: &Lanes) -> Lanes {
+        let mut ratios = *pressures_pa;
+        for ratio in &mut ratios {
+            *ratio /= self.reference_pressure_pa;
+        }
+        let free = powf_lanes(&ratios, self.exponent);
+        let mut conductances = [0.0; 8];
+        for lane in 0..8 {
+            let free = self.conductance_s_per_m2 * free[lane];
+            let limited = free / (1.0 + free / self.saturation_s_per_m2);
+            conductances[lane] = if pressures_pa[lane] > 0.0 { limited } else { 0.0 };
+        }
+        conductances
+    }
+
     /// Conductance per area at a pressure after a higher one, S/m2. A pure function: `highest_pa` is the highest
     /// pressure since the contact closed, the present one included; the caller stores it.
     pub(super) fn conductance_after_s_per_m2(&self, pressure_pa: f64, highest_pa: f64) -> f64 {
@@ -68,6 +91,27 @@ impl ContactLaw {
         check_between("exponent", self.exponent, [0.2, 1.5], "contacts have 0.5 to 1")?;
         check_between("preload_pa", self.preload_pa, [0.0, 1e6], "0 where patches lie loose")?;
         check_between("hysteresis", self.hysteresis, [0.0, 0.99], "0 switches it off")
+    }
+}
+
+struct Conductances<'a> {
+    law: &'a ContactLaw,
+    values: &'a mut [f64],
+}
+
+impl WithSimd for Conductances<'_> {
+    type Output = ();
+
+    /// Compiled once per instruction set, with the same bits: no operation is fused.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let (eights, rest) = self.values.as_chunks_mut::<8>();
+        for eight in eights {
+            *eight = self.law.conductance_lanes(eight);
+        }
+        let mut last = [0.0; 8];
+        last[..rest.len()].copy_from_slice(rest);
+        rest.copy_from_slice(&self.law.conductance_lanes(&last)[..rest.len()]);
     }
 }
 
@@ -97,6 +141,17 @@ mod tests {
         assert!((LAW.conductance_s_per_m2(half_way) - 100.0).abs() < 1e-9);
         assert!(LAW.conductance_s_per_m2(1e12) < 200.0 && LAW.conductance_s_per_m2(1e12) > 199.9);
         assert_eq!(LAW.conductance_s_per_m2(0.0), 0.0);
+    }
+
+    #[test]
+    fn eight_pressures_at_once_have_the_same_conductances() {
+        let pressures: Vec<f64> = (-3..240).map(|k| if k < 0 { f64::from(k) } else { 1.13f64.powi(k - 130) }).collect();
+        let mut values = pressures.clone();
+        LAW.replace_by_conductances(&mut values);
+        for (value, pressure) in values.iter().zip(&pressures) {
+            let exact = LAW.conductance_s_per_m2(*pressure);
+            assert!((value - exact).abs() <= 1e-14 * exact, "{pressure} Pa: {value} S/m2, {exact} one by one");
+        }
     }
 
     #[test]

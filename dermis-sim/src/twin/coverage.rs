@@ -54,14 +54,17 @@ impl Functions {
 impl Cover {
     /// `C_kl = integral of g phi_k phi_l`, S, from the conductance per area at each point.
     pub(super) fn conductance(&self, mut conductance_s_per_m2: impl FnMut(usize, Point2) -> f64) -> Matrix {
+        let points = self.points.iter().enumerate();
+        self.conductance_of(
+            &points.map(|(index, (point, _))| conductance_s_per_m2(index, *point)).collect::<Vec<f64>>(),
+        )
+    }
+
+    /// The same from a list of the conductances per area.
+    pub(super) fn conductance_of(&self, conductances_s_per_m2: &[f64]) -> Matrix {
         let Functions { count, products } = &*self.functions;
         let mut sums = vec![0.0; products.columns];
-        for (index, &(point, area)) in self.points.iter().enumerate() {
-            let conductance_s = area * conductance_s_per_m2(index, point);
-            if conductance_s != 0.0 {
-                sums.iter_mut().zip(products.row(index)).for_each(|(sum, product)| *sum += conductance_s * product);
-            }
-        }
+        Arch::new().dispatch(Sums { points: &self.points, conductances_s_per_m2, products, sums: &mut sums });
         let mut matrix = Matrix::zeros(*count, *count);
         let pairs = (0..*count).flat_map(|k| (0..=k).map(move |l| (k, l)));
         for ((k, l), sum) in pairs.zip(sums) {
@@ -69,6 +72,33 @@ impl Cover {
             *matrix.at_mut(l, k) = sum;
         }
         matrix
+    }
+}
+
+/// The integrals of a conductance per area times each product.
+struct Sums<'a> {
+    points: &'a [(Point2, f64)],
+    conductances_s_per_m2: &'a [f64],
+    products: &'a Matrix,
+    sums: &'a mut [f64],
+}
+
+impl WithSimd for Sums<'_> {
+    type Output = ();
+
+    /// Compiled once per instruction set, with the same bits: no operation is fused.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let columns = self.products.columns;
+        let rows = self.products.values.chunks_exact(columns.max(1));
+        for ((&(_, area), value), products) in self.points.iter().zip(self.conductances_s_per_m2).zip(rows) {
+            let conductance_s = area * value;
+            if conductance_s != 0.0 {
+                for (sum, product) in self.sums.iter_mut().zip(products) {
+                    *sum += conductance_s * product;
+                }
+            }
+        }
     }
 }
 

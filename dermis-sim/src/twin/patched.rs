@@ -8,7 +8,8 @@ use super::press::{Footprint, Press};
 use super::strength;
 use super::{Foam, TwinError};
 use dermis::design::Body;
-use dermis::forward::{ConductorContact, ElectrodeNetwork, FloatingConductors, ForwardModel};
+use dermis::forward::{ConductorContact, ElectrodeNetwork, FloatingConductors, ForwardModel, Matrix, OnceMemory};
+use dermis::frame::Frame;
 use dermis::geom::Point2;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -161,13 +162,14 @@ impl PatchedSkin {
     /// # Errors
     /// As [`network`](Self::network).
     pub fn network_once(&self, presses: &[Press]) -> crate::Result<ElectrodeNetwork> {
-        self.network_under(&self.footprints(presses)?)
+        Ok(self.conductors.network_once(&self.contacts(presses)?)?)
     }
 
-    /// [`network_once`](Self::network_once) from the footprints of the presses.
-    pub(crate) fn network_under(&self, footprints: &[Footprint]) -> crate::Result<ElectrodeNetwork> {
-        let contacts = self.contacts_under(footprints, |_, pressure| self.contact.conductance_s_per_m2(pressure));
-        Ok(self.conductors.network_once(&contacts)?)
+    /// The frames of [`network_once`](Self::network_once) under the footprints of some presses together, for several
+    /// such lists; contacts without hysteresis.
+    pub(crate) fn frames_under(&self, lists: &[Vec<Footprint>], memory: &mut OnceMemory) -> crate::Result<Vec<Frame>> {
+        let contacts = lists.iter().map(|footprints| self.contacts_without_history(footprints)).collect::<Vec<_>>();
+        Ok(self.conductors.frames_once(&contacts, memory)?)
     }
 
     fn footprints(&self, presses: &[Press]) -> Result<Vec<Footprint>, TwinError> {
@@ -237,18 +239,38 @@ impl PatchedSkin {
         Ok(covers.map(rise).sum())
     }
 
+    /// The contacts of [`contacts_under`](Self::contacts_under) without hysteresis, up to rounding, in less time.
+    fn contacts_without_history(&self, footprints: &[Footprint]) -> Vec<ConductorContact> {
+        let mut values = Vec::new();
+        self.contacts_of(footprints, |_, cover, load| {
+            values.clear();
+            values.extend(cover.points.iter().map(|(point, _)| load.pressure_pa(*point)));
+            self.contact.replace_by_conductances(&mut values);
+            cover.conductance_of(&values)
+        })
+    }
+
     fn contacts_under(
         &self,
         footprints: &[Footprint],
         mut conductance_s_per_m2: impl FnMut((usize, usize), f64) -> f64,
     ) -> Vec<ConductorContact> {
+        self.contacts_of(footprints, |conductor, cover, load| {
+            cover.conductance(|index, point| conductance_s_per_m2((conductor, index), load.pressure_pa(point)))
+        })
+    }
+
+    /// The patches that some presses bring into contact, from the conductance of a patch under the load near it.
+    fn contacts_of(
+        &self,
+        footprints: &[Footprint],
+        mut conductance: impl FnMut(usize, &Cover, &Load<'_>) -> Matrix,
+    ) -> Vec<ConductorContact> {
         let load = Load::new(footprints, self.grid.surface, self.contact.preload_pa);
         let mut contacts = Vec::new();
         for conductor in patches_near(&self.grid, load.reaches_m()) {
             let Some(cover) = &self.covers[conductor] else { continue };
-            let near = load.near(self.grid.bounds_m(conductor));
-            let conductance =
-                cover.conductance(|index, point| conductance_s_per_m2((conductor, index), near.pressure_pa(point)));
+            let conductance = conductance(conductor, cover, &load.near(self.grid.bounds_m(conductor)));
             // The first moment is the mean, so that the first value is the total conductance.
             let resting = self.at_rest.binary_search_by_key(&conductor, |contact| contact.conductor);
             let resting_s = resting.map_or(0.0, |index| self.at_rest[index].conductance.at(0, 0));

@@ -3,7 +3,7 @@
 use super::assembly::Assembly;
 use super::{ForwardError, ForwardModel};
 use crate::linalg::{AlignedVec, BatchFactor, BatchPlan, BatchWorkspace, Entries, LANES, Matrix, SimdLevel};
-use pulp::Simd;
+use pulp::{Simd, WithSimd};
 use std::borrow::Cow;
 use std::sync::Arc;
 
@@ -40,6 +40,42 @@ impl ForwardModel {
             impedances: vec![[0.0; LANES]; plan.kept_count() * plan.kept_count()],
             plan,
             model: self.clone(),
+        }
+    }
+}
+
+impl ForwardModel {
+    /// The frames of the mesh's transfer impedances, a lane for each skin, to which the model's corrections are applied.
+    pub(super) fn read_frames(&self, impedances: &mut Vec<[f64; LANES]>, frames: &mut [[f64; LANES]]) {
+        assert_eq!(frames.len(), self.protocol().channel_count(), "a value per channel");
+        if let Some(transform) = self.transform() {
+            *impedances = transformed(transform, impedances);
+        }
+        add_series(self.series_resistances(), impedances);
+        let count = self.mesh().electrodes.len();
+        for (value, channel) in frames.iter_mut().zip(self.protocol().channels()) {
+            let ([source, sink], [plus, minus]) = (channel.drive, channel.measure);
+            let [a, b, c, d] = [[source, plus], [source, minus], [sink, plus], [sink, minus]]
+                .map(|[row, column]| &impedances[row * count + column]);
+            for lane in 0..LANES {
+                value[lane] = (a[lane] - b[lane]) - (c[lane] - d[lane]);
+            }
+        }
+    }
+}
+
+/// As [`ElectrodeNetwork::with_series`](super::ElectrodeNetwork) does it.
+fn add_series(resistances: &[f64], impedances: &mut [[f64; LANES]]) {
+    let count = resistances.len();
+    if resistances.iter().all(|&resistance| resistance == 0.0) {
+        return;
+    }
+    let mean = resistances.iter().sum::<f64>() / count as f64;
+    for (i, row) in impedances.chunks_exact_mut(count).enumerate() {
+        for (j, lanes) in row.iter_mut().enumerate() {
+            let own = if i == j { resistances[i] } else { 0.0 };
+            let series = own - (resistances[i] + resistances[j] - mean) / count as f64;
+            lanes.iter_mut().for_each(|value| *value += series);
         }
     }
 }
@@ -130,37 +166,7 @@ impl BatchSolver {
 
     /// The frames of the transfer impedances, to which the model's corrections are applied.
     pub(super) fn read_frames(&mut self, frames: &mut [[f64; LANES]]) {
-        assert_eq!(frames.len(), self.model.protocol().channel_count(), "a value per channel");
-        if let Some(transform) = self.model.transform() {
-            self.impedances = transformed(transform, &self.impedances);
-        }
-        self.add_series();
-        let count = self.plan.kept_count();
-        for (value, channel) in frames.iter_mut().zip(self.model.protocol().channels()) {
-            let ([source, sink], [plus, minus]) = (channel.drive, channel.measure);
-            let [a, b, c, d] = [[source, plus], [source, minus], [sink, plus], [sink, minus]]
-                .map(|[row, column]| &self.impedances[row * count + column]);
-            for lane in 0..LANES {
-                value[lane] = (a[lane] - b[lane]) - (c[lane] - d[lane]);
-            }
-        }
-    }
-
-    /// As [`ElectrodeNetwork::with_series`](super::ElectrodeNetwork) does it.
-    fn add_series(&mut self) {
-        let resistances = self.model.series_resistances();
-        let count = resistances.len();
-        if resistances.iter().all(|&resistance| resistance == 0.0) {
-            return;
-        }
-        let mean = resistances.iter().sum::<f64>() / count as f64;
-        for (i, row) in self.impedances.chunks_exact_mut(count).enumerate() {
-            for (j, lanes) in row.iter_mut().enumerate() {
-                let own = if i == j { resistances[i] } else { 0.0 };
-                let series = own - (resistances[i] + resistances[j] - mean) / count as f64;
-                lanes.iter_mut().for_each(|value| *value += series);
-            }
-        }
+        self.model.read_frames(&mut self.impedances, frames);
     }
 
     /// The error of the plain solver for the first lane that failed.
@@ -177,23 +183,47 @@ impl BatchSolver {
 /// `M X M'`, a lane for each `X`.
 pub(super) fn transformed(transform: &Matrix, values: &[[f64; LANES]]) -> Vec<[f64; LANES]> {
     let count = transform.columns;
-    let mut half = vec![[0.0; LANES]; count * count];
-    let mut whole = half.clone();
-    for i in 0..count {
-        let (half, whole) = (&mut half[i * count..(i + 1) * count], &mut whole[i * count..(i + 1) * count]);
-        for (factor, row) in transform.row(i).iter().zip(values.chunks_exact(count)) {
-            half.iter_mut().zip(row).for_each(|(sum, value)| add(sum, *factor, value));
-        }
-        for (j, sum) in whole.iter_mut().enumerate() {
-            half.iter().zip(transform.row(j)).for_each(|(value, factor)| add(sum, *factor, value));
+    let mut whole = vec![[0.0; LANES]; count * count];
+    pulp::Arch::new().dispatch(Transform { transform, values, whole: &mut whole });
+    whole
+}
+
+struct Transform<'a> {
+    transform: &'a Matrix,
+    values: &'a [[f64; LANES]],
+    whole: &'a mut [[f64; LANES]],
+}
+
+impl WithSimd for Transform<'_> {
+    type Output = ();
+
+    /// Compiled once per instruction set, with the same bits: no operation is fused.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Transform { transform, values, whole } = self;
+        let count = transform.columns;
+        let mut half = vec![[0.0; LANES]; count];
+        for (i, whole) in whole.chunks_exact_mut(count).enumerate() {
+            half.fill([0.0; LANES]);
+            for (factor, row) in transform.row(i).iter().zip(values.chunks_exact(count)) {
+                for (sum, value) in half.iter_mut().zip(row) {
+                    add(sum, *factor, value);
+                }
+            }
+            for (j, sum) in whole.iter_mut().enumerate() {
+                for (value, factor) in half.iter().zip(transform.row(j)) {
+                    add(sum, *factor, value);
+                }
+            }
         }
     }
-    whole
 }
 
 #[inline(always)]
 pub(super) fn add(target: &mut [f64; LANES], factor: f64, values: &[f64; LANES]) {
-    (0..LANES).for_each(|lane| target[lane] += factor * values[lane]);
+    for lane in 0..LANES {
+        target[lane] += factor * values[lane];
+    }
 }
 
 /// The entries of the system in the order of the factorisation: each `fixed + sum of coefficient * conductivity[cell]`.

@@ -17,7 +17,7 @@ mod symbolic;
 mod tile;
 
 pub use assignment::smallest_total;
-pub(crate) use batch::AlignedVec;
+pub(crate) use batch::{AlignedVec, pseudo_inverses};
 pub use batch::{BadLanes, BatchFactor, BatchPlan, BatchWorkspace, Entries, LANES};
 pub(crate) use dense::eliminate_in_place;
 pub use dense::{cholesky_in_place, invert_spd};

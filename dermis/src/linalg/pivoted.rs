@@ -1,4 +1,7 @@
 //! Pivoted Cholesky of a semidefinite matrix.
+//!
+//! A pivot is not the largest remainder but the first that is not far below it, relative to the diagonal, so that the
+//! columns of the root begin in the order of the rows as far as the rank permits.
 
 use super::matrix::Matrix;
 use pulp::{Simd, WithSimd};
@@ -6,11 +9,16 @@ use pulp::{Simd, WithSimd};
 /// The remainder's diagonal is below this fraction of the largest value where the matrix has no more rank: rounding.
 /// What is left out changes the result by less than this fraction.
 const RANK_TOLERANCE: f64 = 1e-14;
+/// A row may be the next pivot if the share of its diagonal that is left is above this fraction of the largest such share.
+/// A pivot smaller by a factor `f` raises the effect of rounding by `1 / f`.
+const FIRST_SHARE: f64 = 0.1;
+/// Entries of the root below this fraction of the square root of the largest value are rounding, and are zero.
+const ROUNDING: f64 = 1e-15;
 /// A remainder below zero by more than this fraction is not rounding.
 const LOSS_TOLERANCE: f64 = 1e-9;
 
-/// `U` with `U U' = C`, order x rank, for a symmetric positive semidefinite matrix: Cholesky with the largest pivot first
-/// (Higham, 1990, "Analysis of the Cholesky decomposition of a semi-definite matrix", algorithm of section 1). `None` if
+/// `U` with `U U' = C`, order x rank, for a symmetric positive semidefinite matrix: Cholesky with pivots (Higham, 1990,
+/// "Analysis of the Cholesky decomposition of a semi-definite matrix", section 1, where the largest is first). `None` if
 /// it is not finite or not semidefinite.
 ///
 /// `scale` is the size of the numbers that the matrix is a difference of, at least its own largest: they are rounded.
@@ -31,6 +39,7 @@ impl WithSimd for Root<'_> {
         let Root { matrix, scale } = self;
         let order = matrix.rows;
         let mut left: Vec<f64> = (0..order).map(|k| matrix.at(k, k)).collect();
+        let diagonal = left.clone();
         let mut largest = scale;
         for &value in &left {
             if !value.is_finite() {
@@ -40,20 +49,13 @@ impl WithSimd for Root<'_> {
         }
         // The columns of `U` one after the other.
         let mut columns: Vec<f64> = Vec::with_capacity(order * order);
-        for rank in 0..=order {
-            let (mut pivot, mut value, mut least) = (0, f64::NEG_INFINITY, 0.0f64);
-            for (k, &rest) in left.iter().enumerate() {
-                least = least.min(rest);
-                if rest > value {
-                    (pivot, value) = (k, rest);
-                }
-            }
-            if least < -LOSS_TOLERANCE * largest {
+        let mut pivots: Vec<usize> = Vec::with_capacity(order);
+        for rank in 0..order {
+            if left.iter().any(|rest| *rest < -LOSS_TOLERANCE * largest) {
                 return None;
             }
-            if rank == order || value <= RANK_TOLERANCE * largest {
-                break;
-            }
+            let Some(pivot) = next_pivot(&left, &diagonal, RANK_TOLERANCE * largest) else { break };
+            let value = left[pivot];
             columns.extend_from_slice(matrix.row(pivot));
             let (done, column) = columns.split_at_mut(rank * order);
             // Four at a time, so that the column is read and written less often.
@@ -72,9 +74,16 @@ impl WithSimd for Root<'_> {
                 let factor = before[pivot];
                 column.iter_mut().zip(before).for_each(|(sum, value)| *sum -= factor * value);
             }
+            // Zero but for rounding.
+            pivots.iter().for_each(|&done| column[done] = 0.0);
+            pivots.push(pivot);
             let inverse = 1.0 / value.sqrt();
+            let rounding = ROUNDING * largest.sqrt();
             for (entry, rest) in column.iter_mut().zip(&mut left) {
                 *entry *= inverse;
+                if entry.abs() <= rounding {
+                    *entry = 0.0;
+                }
                 *rest -= *entry * *entry;
             }
             // Of a finite diagonal, a value that is not finite makes a remainder that is not a number.
@@ -90,6 +99,17 @@ impl WithSimd for Root<'_> {
         }
         Some(root)
     }
+}
+
+/// The first row whose remainder is not far below the largest, relative to the diagonal; `None` if all are rounding.
+#[inline(always)]
+fn next_pivot(left: &[f64], diagonal: &[f64], rounding: f64) -> Option<usize> {
+    let mut most = 0.0f64;
+    for (&rest, &whole) in left.iter().zip(diagonal) {
+        most = most.max(if rest > rounding { rest / whole } else { 0.0 });
+    }
+    let may_follow = |(&rest, &whole): (&f64, &f64)| rest > rounding && rest >= FIRST_SHARE * most * whole;
+    left.iter().zip(diagonal).position(may_follow)
 }
 
 #[cfg(test)]
@@ -118,6 +138,8 @@ mod tests {
                 let product: f64 = root.row(row).iter().zip(root.row(column)).map(|(a, b)| a * b).sum();
                 assert!((product - matrix.at(row, column)).abs() < 1e-13 * largest);
             }
+            let first = |k: usize| (0..order).find(|&row| root.at(row, k) != 0.0);
+            assert!((0..root.columns).is_sorted_by_key(first), "columns begin in the order of the rows");
         }
         assert_eq!(semidefinite_root(&Matrix::zeros(4, 4), 0.0).unwrap().columns, 0);
     }

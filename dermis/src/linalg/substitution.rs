@@ -1,14 +1,23 @@
 //! Forward substitution of right-hand sides with few entries.
 //!
 //! `L^-1 b` is nonzero only on the way from the entries of `b` up to the root of the elimination tree (Gilbert and
-//! Peierls, 1988, DOI 10.1137/0909058).
+//! Peierls, 1988, DOI 10.1137/0909058). Columns whose first entries come in the order of elimination are zero in the steps
+//! before their own first entry.
 
+use super::batch::LANES;
 use super::factor::Factor;
 use super::matrix::Matrix;
 use super::symbolic::{NONE, Symbolic};
 use super::tile::{ROWS, Rows, column_tiles, load, store, subtract_product};
 use pulp::Simd;
 use std::ops::Range;
+
+impl Symbolic {
+    /// The place of an unknown in the order of elimination.
+    pub(crate) fn place(&self, unknown: usize) -> usize {
+        self.position[unknown]
+    }
+}
 
 /// Right-hand sides that are zero except in some rows.
 #[derive(Debug, Clone)]
@@ -22,59 +31,62 @@ pub(crate) struct SparseColumns {
 /// The supernodes that right-hand sides reach, in the order of elimination.
 #[derive(Debug, Default)]
 pub(super) struct Path {
-    /// Rows of the right-hand sides in the order of elimination.
-    order: Vec<usize>,
     pub steps: Vec<Step>,
     /// Columns eliminated by all steps together.
-    height: usize,
-    /// The largest number of rows below that wait for their parents.
-    waiting_max: usize,
+    pub height: usize,
 }
 
 /// One supernode of a path.
 #[derive(Debug)]
 pub(super) struct Step {
     pub supernode: usize,
-    /// Index of the parent's step; `NONE` at a root.
-    parent: usize,
     /// Its columns among those of all steps.
     pub columns: Range<usize>,
-    /// Its rows of the right-hand sides, as a range of [`Path::order`].
-    own: Range<usize>,
+    /// The first so many right-hand sides may be nonzero here, the others are zero.
+    active: usize,
 }
 
 impl Path {
-    fn new(symbolic: &Symbolic, unknowns: &[usize]) -> Self {
+    fn new(symbolic: &Symbolic, right: &SparseColumns) -> Self {
         let interior = symbolic.unknown_count() - symbolic.kept_count();
-        let position = |row: usize| symbolic.position[unknowns[row]];
-        let mut order: Vec<usize> = (0..unknowns.len()).collect();
-        order.sort_unstable_by_key(|&row| position(row));
+        let mut rows: Vec<(usize, usize)> = (right.unknowns.iter().enumerate())
+            .map(|(row, &unknown)| (symbolic.position[unknown], row))
+            .filter(|&(place, _)| place < interior)
+            .collect();
+        rows.sort_unstable();
         let mut supernodes: Vec<usize> = Vec::new();
-        for place in order.iter().map(|&row| position(row)).filter(|&place| place < interior) {
+        let mut reached = vec![false; symbolic.supernodes.len()];
+        for &(place, _) in &rows {
             let mut at = symbolic.supernode_of[place];
-            while at != NONE && !supernodes.contains(&at) {
+            while at != NONE && !std::mem::replace(&mut reached[at], true) {
                 supernodes.push(at);
                 at = symbolic.parent_of[at];
             }
         }
         supernodes.sort_unstable();
-        let mut path = Path { order, steps: Vec::with_capacity(supernodes.len()), height: 0, waiting_max: 0 };
-        let (mut next, mut waiting) = (0, 0);
+        let mut path = Path { steps: Vec::with_capacity(supernodes.len()), height: 0 };
+        let (mut rows, mut active) = (rows.into_iter().peekable(), 0);
         for &supernode in &supernodes {
             let columns = symbolic.supernodes[supernode].columns.clone();
-            let end = next + path.order[next..].iter().take_while(|&&row| position(row) < columns.end).count();
-            let parent = supernodes.binary_search(&symbolic.parent_of[supernode]).unwrap_or(NONE);
+            while let Some((_, row)) = rows.next_if(|(place, _)| *place < columns.end) {
+                let last = right.values.row(row).iter().rposition(|value| *value != 0.0);
+                active = active.max(last.map_or(0, |last| last + 1));
+            }
             let height = path.height + columns.len();
-            path.steps.push(Step { supernode, parent, columns: path.height..height, own: next..end });
-            (path.height, next) = (height, end);
-            let below = |child: &usize| symbolic.supernodes[*child].rows.len();
-            let reached = |child: &&usize| supernodes.binary_search(child).is_ok();
-            let children = &symbolic.children[symbolic.supernodes[supernode].children.clone()];
-            waiting += below(&supernode);
-            path.waiting_max = path.waiting_max.max(waiting);
-            waiting -= children.iter().filter(reached).map(below).sum::<usize>();
+            path.steps.push(Step { supernode, columns: path.height..height, active });
+            path.height = height;
         }
         path
+    }
+
+    /// For each of `count` right-hand sides the first column of the path at which it may be nonzero.
+    fn starts(&self, count: usize) -> Vec<usize> {
+        let mut starts = Vec::with_capacity(count);
+        for step in &self.steps {
+            starts.resize(step.active.max(starts.len()), step.columns.start);
+        }
+        starts.resize(count, self.height);
+        starts
     }
 }
 
@@ -82,13 +94,23 @@ impl Path {
 #[derive(Debug, Default)]
 pub(super) struct Substituted {
     pub path: Path,
-    /// `X`, the columns of the path x right-hand sides.
-    pub eliminated: Rows,
-    /// `b_k - A_ki A_ii^-1 b_i`, kept unknowns x right-hand sides.
-    pub kept: Rows,
+    /// `X`, the columns of the path x right-hand sides; below it `b_k - A_ki A_ii^-1 b_i`, kept unknowns x right-hand
+    /// sides.
+    pub solution: Rows,
+    /// Right-hand sides, filled up to whole vectors of any instruction set.
+    pub width: usize,
+    /// The first row of `X` that is not zero, for each right-hand side.
+    pub starts: Vec<usize>,
 }
 
 impl Substituted {
+    /// The rows of the kept unknowns.
+    #[inline(always)]
+    pub(super) fn kept(&self) -> &[f64] {
+        &self.solution.values.values()[self.path.height * self.solution.stride..]
+    }
+
+    /// `rows` is memory for the row of each unknown.
     #[inline(always)]
     pub(super) fn compute<S: Simd>(
         &mut self,
@@ -96,45 +118,42 @@ impl Substituted {
         symbolic: &Symbolic,
         factor: &Factor,
         right: &SparseColumns,
-        [front, stack]: &mut [Rows; 2],
+        rows: &mut Vec<usize>,
     ) {
-        self.path = Path::new(symbolic, &right.unknowns);
-        let Substituted { path, eliminated, kept } = self;
-        let columns = right.values.columns;
-        eliminated.resize(path.height, columns);
-        kept.resize(symbolic.kept_count(), columns);
-        kept.values.values_mut().fill(0.0);
-        front.resize(symbolic.front_max, columns);
-        stack.resize(path.waiting_max, columns);
-        let stride = kept.stride;
-        let (mut top, mut waiting) = (0, Vec::new());
-        for (index, step) in path.steps.iter().enumerate() {
-            let supernode = &symbolic.supernodes[step.supernode];
-            let (count, height) = (supernode.width(), supernode.height());
-            let front = &mut front.values.values_mut()[..height * stride];
-            front.fill(0.0);
-            for &row in &path.order[step.own.clone()] {
-                let local = symbolic.position[right.unknowns[row]] - supernode.columns.start;
-                add(&mut front[local * stride..], right.values.row(row));
-            }
-            while let Some(child) = waiting.pop_if(|&mut child: &mut usize| path.steps[child].parent == index) {
-                top -= add_below(symbolic, &path.steps[child], &stack.values.values()[..top], front, stride);
-            }
-            solve_front(simd, factor.block(supernode), [count, height], front, stride);
-            let (solved, below) = front.split_at(count * stride);
-            eliminated.values.values_mut()[step.columns.start * stride..][..solved.len()].copy_from_slice(solved);
-            stack.values.values_mut()[top..top + below.len()].copy_from_slice(below);
-            top += below.len();
-            waiting.push(index);
-        }
-        while let Some(root) = waiting.pop() {
-            top -=
-                add_below(symbolic, &path.steps[root], &stack.values.values()[..top], kept.values.values_mut(), stride);
-        }
+        self.path = Path::new(symbolic, right);
+        self.width = right.values.columns.next_multiple_of(LANES);
+        let Substituted { path, solution, starts, width } = self;
+        solution.resize(path.height + symbolic.kept_count(), right.values.columns);
+        solution.values.values_mut().fill(0.0);
+        *starts = path.starts(*width);
+        // The rows of the path and of the kept unknowns, by their places in the order of elimination.
         let interior = symbolic.unknown_count() - symbolic.kept_count();
-        for &row in path.order.iter().rev() {
-            let Some(local) = symbolic.position[right.unknowns[row]].checked_sub(interior) else { break };
-            add(kept.row_mut(local), right.values.row(row));
+        rows.resize(symbolic.unknown_count(), 0);
+        for step in &path.steps {
+            let columns = symbolic.supernodes[step.supernode].columns.clone();
+            columns.zip(step.columns.clone()).for_each(|(place, row)| rows[place] = row);
+        }
+        (interior..symbolic.unknown_count()).zip(path.height..).for_each(|(place, row)| rows[place] = row);
+        for (index, &unknown) in right.unknowns.iter().enumerate() {
+            add(solution.row_mut(rows[symbolic.position[unknown]]), right.values.row(index));
+        }
+        let stride = solution.stride / S::F64_LANES;
+        let values = S::as_mut_simd_f64s(solution.values.values_mut()).0;
+        for step in &path.steps {
+            let supernode = &symbolic.supernodes[step.supernode];
+            let front = Front {
+                block: factor.block(supernode),
+                width: supernode.width(),
+                height: supernode.height(),
+                below: &symbolic.rows[supernode.rows.clone()],
+                rows,
+            };
+            let (above, later) = values.split_at_mut(step.columns.end * stride);
+            let own = &mut above[step.columns.start * stride..];
+            column_tiles!(0, step.active.div_ceil(S::F64_LANES), |at, N| {
+                front.solve_own::<S, N>(simd, own, stride, at);
+                front.subtract_below::<S, N>(simd, own, later, [stride, at], step.columns.end);
+            });
         }
     }
 }
@@ -144,65 +163,109 @@ fn add(target: &mut [f64], source: &[f64]) {
     target.iter_mut().zip(source).for_each(|(target, value)| *target += value);
 }
 
-/// Adds the rows on top of the stack, those below a child, to its parent's front; returns their size.
-#[inline(always)]
-fn add_below(symbolic: &Symbolic, child: &Step, stack: &[f64], front: &mut [f64], stride: usize) -> usize {
-    let places = &symbolic.row_in_parent[symbolic.supernodes[child.supernode].row_in_parent.clone()];
-    let size = places.len() * stride;
-    for (&place, source) in places.iter().zip(stack[stack.len() - size..].chunks_exact(stride)) {
-        add(&mut front[place * stride..], source);
-    }
-    size
+/// A supernode with the places of its rows below, and the row of each place in the solution.
+struct Front<'a> {
+    block: &'a [f64],
+    width: usize,
+    height: usize,
+    below: &'a [usize],
+    rows: &'a [usize],
 }
 
-/// Solves the rows of a front that its supernode eliminates, and subtracts their contribution from those below.
-#[inline(always)]
-fn solve_front<S: Simd>(simd: S, block: &[f64], [count, height]: [usize; 2], front: &mut [f64], stride: usize) {
-    let (front, stride) = (S::as_mut_simd_f64s(front).0, stride / S::F64_LANES);
-    column_tiles!(0, stride, |at, N| {
+impl Front<'_> {
+    /// Solves the rows that the supernode eliminates.
+    #[inline(always)]
+    fn solve_own<S: Simd, const N: usize>(&self, simd: S, own: &mut [S::f64s], stride: usize, at: usize) {
         let mut row = 0;
-        while row + ROWS <= height {
-            solve_rows::<S, ROWS, N>(simd, block, [count, height], front, [stride, at], row);
+        while row + ROWS <= self.width {
+            self.solve_rows::<S, ROWS, N>(simd, own, [stride, at], row);
             row += ROWS;
         }
-        while row < height {
-            solve_rows::<S, 1, N>(simd, block, [count, height], front, [stride, at], row);
-            row += 1;
-        }
-    });
-}
-
-/// Some rows of a front, after those before.
-#[inline(always)]
-fn solve_rows<S: Simd, const R: usize, const N: usize>(
-    simd: S,
-    block: &[f64],
-    [count, height]: [usize; 2],
-    front: &mut [S::f64s],
-    [stride, at]: [usize; 2],
-    row: usize,
-) {
-    let (above, own) = front.split_at_mut(row * stride);
-    let own = &mut own[at..];
-    let sums = load::<S, R, N>(simd, own, stride);
-    let before = if row > 0 { &above[at..] } else { &[] };
-    let mut sums = subtract_product(simd, sums, (&block[row..], height), (before, stride), row.min(count));
-    for pivot in 0..R {
-        if row + pivot >= count {
-            break;
-        }
-        let column = &block[(row + pivot) * height + row..][..R];
-        let inverse = simd.splat_f64s(1.0 / column[pivot]);
-        for value in &mut sums[pivot] {
-            *value = simd.mul_f64s(*value, inverse);
-        }
-        let solved = sums[pivot];
-        for later in pivot + 1..R {
-            let factor = simd.splat_f64s(column[later]);
-            for (target, &value) in sums[later].iter_mut().zip(&solved) {
-                *target = simd.negate_mul_add_e_f64s(factor, value, *target);
-            }
+        match self.width - row {
+            3 => self.solve_rows::<S, 3, N>(simd, own, [stride, at], row),
+            2 => self.solve_rows::<S, 2, N>(simd, own, [stride, at], row),
+            1 => self.solve_rows::<S, 1, N>(simd, own, [stride, at], row),
+            _ => {}
         }
     }
-    store(&sums, own, stride);
+
+    /// Some of them, after those before.
+    #[inline(always)]
+    fn solve_rows<S: Simd, const R: usize, const N: usize>(
+        &self,
+        simd: S,
+        own: &mut [S::f64s],
+        [stride, at]: [usize; 2],
+        row: usize,
+    ) {
+        let (before, rows) = own.split_at_mut(row * stride);
+        let rows = &mut rows[at..];
+        let sums = load::<S, R, N>(simd, rows, stride);
+        let before = if row > 0 { &before[at..] } else { &[] };
+        let mut sums = subtract_product(simd, sums, (&self.block[row..], self.height), (before, stride), row);
+        for pivot in 0..R {
+            let column = &self.block[(row + pivot) * self.height + row..][..R];
+            let inverse = simd.splat_f64s(1.0 / column[pivot]);
+            for value in &mut sums[pivot] {
+                *value = simd.mul_f64s(*value, inverse);
+            }
+            let solved = sums[pivot];
+            for later in pivot + 1..R {
+                let factor = simd.splat_f64s(column[later]);
+                for (target, &value) in sums[later].iter_mut().zip(&solved) {
+                    *target = simd.negate_mul_add_e_f64s(factor, value, *target);
+                }
+            }
+        }
+        store(&sums, rows, stride);
+    }
+
+    /// Subtracts their contribution from the rows below, where these are: `later` begins with the row `first`.
+    #[inline(always)]
+    fn subtract_below<S: Simd, const N: usize>(
+        &self,
+        simd: S,
+        own: &[S::f64s],
+        later: &mut [S::f64s],
+        [stride, at]: [usize; 2],
+        first: usize,
+    ) {
+        let starts = |place: &usize| (self.rows[*place] - first) * stride + at;
+        let (fours, rest) = self.below.as_chunks::<ROWS>();
+        let mut row = self.width;
+        for four in fours {
+            self.subtract_rows::<S, ROWS, N>(simd, &own[at..], later, stride, (row, four.each_ref().map(starts)));
+            row += ROWS;
+        }
+        match *rest {
+            [a, b, c] => {
+                self.subtract_rows::<S, 3, N>(simd, &own[at..], later, stride, (row, [a, b, c].each_ref().map(starts)));
+            }
+            [a, b] => {
+                self.subtract_rows::<S, 2, N>(simd, &own[at..], later, stride, (row, [a, b].each_ref().map(starts)));
+            }
+            [a] => self.subtract_rows::<S, 1, N>(simd, &own[at..], later, stride, (row, [starts(&a)])),
+            _ => {}
+        }
+    }
+
+    /// Some of them, from a row of the front on, which start at these places of `later`.
+    #[inline(always)]
+    fn subtract_rows<S: Simd, const R: usize, const N: usize>(
+        &self,
+        simd: S,
+        own: &[S::f64s],
+        later: &mut [S::f64s],
+        stride: usize,
+        (row, starts): (usize, [usize; R]),
+    ) {
+        let mut sums = [[simd.splat_f64s(0.0); N]; R];
+        for (sums, &start) in sums.iter_mut().zip(&starts) {
+            sums.copy_from_slice(&later[start..start + N]);
+        }
+        let sums = subtract_product(simd, sums, (&self.block[row..], self.height), (own, stride), self.width);
+        for (sums, &start) in sums.iter().zip(&starts) {
+            later[start..start + N].copy_from_slice(sums);
+        }
+    }
 }

@@ -21,6 +21,7 @@ mod system;
 mod table;
 
 pub use moments::{PotentialMoment, PotentialMoments};
+pub use once::OnceMemory;
 
 use super::{ElectrodeNetwork, ForwardError, ForwardModel};
 use crate::linalg::{Matrix, NotPositiveDefinite, UpdateMemory, eliminate_in_place, invert_spd};

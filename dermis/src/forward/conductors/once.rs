@@ -7,8 +7,15 @@
 
 use super::{ConductorContact, FloatingConductors, check_fits, difference, dot, name_contact, root};
 use crate::forward::{ElectrodeNetwork, ForwardError};
-use crate::linalg::{Matrix, SparseColumns, semidefinite_root};
+use crate::frame::Frame;
+use crate::linalg::{
+    BadLanes, LANES, Matrix, SparseColumns, Symbolic, UpdateMemory, pseudo_inverses, semidefinite_root,
+};
 use std::sync::PoisonError;
+
+/// Work memory of [`FloatingConductors::frames_once`], for any number of skins one after the other.
+#[derive(Debug, Default)]
+pub struct OnceMemory(UpdateMemory);
 
 impl FloatingConductors {
     /// [`network`](Self::network) without a table, by a forward substitution for the touched conductors: for a skin
@@ -20,9 +27,46 @@ impl FloatingConductors {
     /// # Panics
     /// As [`network`](Self::network).
     pub fn network_once(&self, contacts: &[ConductorContact]) -> Result<ElectrodeNetwork, ForwardError> {
+        let idle = self.memories.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        let mut memory = idle.unwrap_or_default();
+        let admittance = self.admittance_once(contacts, &mut memory);
+        self.memories.lock().unwrap_or_else(PoisonError::into_inner).push(memory);
+        self.model.with_own_series(ElectrodeNetwork::new(admittance?)?)
+    }
+
+    /// The frames of [`network_once`](Self::network_once) for some lists of contacts, eight of them at once.
+    ///
+    /// # Errors
+    /// As [`network`](Self::network).
+    ///
+    /// # Panics
+    /// As [`network`](Self::network).
+    pub fn frames_once(
+        &self,
+        lists: &[Vec<ConductorContact>],
+        memory: &mut OnceMemory,
+    ) -> Result<Vec<Frame>, ForwardError> {
+        let mut frames = Vec::with_capacity(lists.len());
+        let mut lanes = vec![[0.0; LANES]; self.model.protocol().channel_count()];
+        for lists in lists.chunks(LANES) {
+            let admittance = |contacts: &Vec<ConductorContact>| self.admittance_once(contacts, &mut memory.0);
+            let admittances = lists.iter().map(admittance).collect::<Result<Vec<Matrix>, ForwardError>>()?;
+            let mut impedances = pseudo_inverses(&admittances).map_err(|bad| name_singular(&admittances, bad))?;
+            self.model.read_frames(&mut impedances, &mut lanes);
+            frames.extend((0..lists.len()).map(|lane| Frame(lanes.iter().map(|values| values[lane]).collect())));
+        }
+        Ok(frames)
+    }
+
+    /// The admittance between the electrodes of the mesh's own network.
+    fn admittance_once(
+        &self,
+        contacts: &[ConductorContact],
+        memory: &mut UpdateMemory,
+    ) -> Result<Matrix, ForwardError> {
         let symbolic = self.base.symbolic(&self.model);
         let forms = contacts.iter().map(|contact| self.form(contact)).collect::<Vec<Form>>();
-        let additions = joined(&forms, symbolic.unknown_count())
+        let additions = joined(&forms, symbolic)
             .into_iter()
             .map(|form| match semidefinite_root(&form.values, form.scale) {
                 Some(root) => Ok(SparseColumns { unknowns: form.unknowns, values: root }),
@@ -30,11 +74,7 @@ impl FloatingConductors {
             })
             .filter(|addition| !matches!(addition, Ok(addition) if addition.values.columns == 0))
             .collect::<Result<Vec<SparseColumns>, ForwardError>>()?;
-        let idle = self.memories.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        let mut memory = idle.unwrap_or_default();
-        let admittance = self.base.factor.schur_with(symbolic, &additions, &mut memory);
-        self.memories.lock().unwrap_or_else(PoisonError::into_inner).push(memory);
-        self.model.with_own_series(ElectrodeNetwork::new(admittance.map_err(name_contact)?)?)
+        self.base.factor.schur_with(symbolic, &additions, memory).map_err(name_contact)
     }
 
     /// The quadratic form that a contact adds to that at rest.
@@ -107,6 +147,13 @@ impl FloatingConductors {
     }
 }
 
+/// The error of the first matrix that has no pseudo-inverse.
+fn name_singular(admittances: &[Matrix], bad: BadLanes) -> ForwardError {
+    let first = admittances.iter().zip(bad.0).find(|(_, bad)| *bad).map(|(admittance, _)| admittance.clone());
+    let error = first.and_then(|admittance| ElectrodeNetwork::new(admittance).err());
+    error.unwrap_or_else(|| ForwardError::Singular { place: "the electrodes".into() })
+}
+
 /// A quadratic form on some unknowns.
 struct Form {
     unknowns: Vec<usize>,
@@ -121,8 +168,8 @@ fn largest(matrix: &Matrix) -> f64 {
 }
 
 impl Form {
-    /// The sum of some forms.
-    fn sum(forms: &[&Form], place: &mut [usize]) -> Form {
+    /// The sum of some forms, its unknowns in the order of elimination.
+    fn sum(forms: &[&Form], symbolic: &Symbolic, place: &mut [usize]) -> Form {
         let mut unknowns: Vec<usize> = Vec::new();
         for &unknown in forms.iter().flat_map(|form| &form.unknowns) {
             // The places of other sums are not in this list, or hold another unknown.
@@ -131,6 +178,8 @@ impl Form {
                 unknowns.push(unknown);
             }
         }
+        unknowns.sort_unstable_by_key(|&unknown| symbolic.place(unknown));
+        unknowns.iter().enumerate().for_each(|(index, &unknown)| place[unknown] = index);
         let mut values = Matrix::zeros(unknowns.len(), unknowns.len());
         for form in forms {
             for (row, unknown) in form.unknowns.iter().enumerate() {
@@ -145,10 +194,10 @@ impl Form {
 }
 
 /// The sums of those forms that have unknowns in common, directly or by others between them.
-fn joined(forms: &[Form], unknown_count: usize) -> Vec<Form> {
+fn joined(forms: &[Form], symbolic: &Symbolic) -> Vec<Form> {
     // The group of each form, and the last form of each unknown.
     let mut groups: Vec<usize> = (0..forms.len()).collect();
-    let mut form_of = vec![usize::MAX; unknown_count];
+    let mut form_of = vec![usize::MAX; symbolic.unknown_count()];
     for (index, form) in forms.iter().enumerate() {
         for &unknown in &form.unknowns {
             if let Some(&other) = groups.get(form_of[unknown])
@@ -166,6 +215,6 @@ fn joined(forms: &[Form], unknown_count: usize) -> Vec<Form> {
     (0..forms.len())
         .map(|group| of_group(group).collect::<Vec<&Form>>())
         .filter(|members| !members.is_empty())
-        .map(|members| Form::sum(&members, &mut place))
+        .map(|members| Form::sum(&members, symbolic, &mut place))
         .collect()
 }

@@ -14,6 +14,7 @@ mod front;
 mod network;
 mod plan;
 
+pub(crate) use network::pseudo_inverses;
 pub use plan::BatchPlan;
 
 use super::Symbolic;

@@ -1,7 +1,68 @@
 //! The pseudo-inverse of the kept unknowns' matrices, eight simultaneously.
 
 use super::plan::update_column;
-use pulp::Simd;
+use super::{AlignedVec, BadLanes, LANES};
+use crate::linalg::Matrix;
+use pulp::{Simd, WithSimd};
+
+/// The pseudo-inverses of some matrices as [`BatchPlan::transfer_impedances`](super::BatchPlan::transfer_impedances) gives
+/// them, row-major with a lane per matrix; lanes without a matrix repeat the last.
+///
+/// # Errors
+/// Matrices that are not positive definite beside the constant.
+///
+/// # Panics
+/// If there is no matrix or more than [`LANES`], or if their sizes differ.
+pub(crate) fn pseudo_inverses(matrices: &[Matrix]) -> Result<Vec<[f64; LANES]>, BadLanes> {
+    assert!((1..=LANES).contains(&matrices.len()), "at least one matrix and at most one per lane");
+    let order = matrices[0].rows;
+    let mut lower = AlignedVec::new(order * (order + 1) / 2 * LANES);
+    let mut places = lower.values_mut().as_chunks_mut::<LANES>().0.iter_mut();
+    for (column, row) in (0..order).flat_map(|column| (column..order).map(move |row| (column, row))) {
+        let place = places.next().expect("a place for each pair of rows");
+        for (lane, value) in place.iter_mut().enumerate() {
+            *value = matrices[lane.min(matrices.len() - 1)].at(row, column);
+        }
+    }
+    let mut memory = AlignedVec::new(2 * order * order * LANES);
+    let mut inverses = vec![[0.0; LANES]; order * order];
+    let all = PseudoInverses { order, lower: lower.values(), memory: memory.values_mut(), inverses: &mut inverses };
+    let good = pulp::Arch::new().dispatch(all);
+    if good.iter().all(|&good| good) { Ok(inverses) } else { Err(BadLanes(good.map(|good| !good))) }
+}
+
+struct PseudoInverses<'a> {
+    order: usize,
+    lower: &'a [f64],
+    memory: &'a mut [f64],
+    inverses: &'a mut [[f64; LANES]],
+}
+
+impl WithSimd for PseudoInverses<'_> {
+    type Output = [bool; LANES];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+        let PseudoInverses { order, lower, memory, inverses } = self;
+        let (width, memory) = (S::F64_LANES, S::as_mut_simd_f64s(memory).0);
+        let mut good = [true; LANES];
+        let mut own = vec![simd.splat_f64s(0.0); order * (order + 1) / 2];
+        for pass in 0..LANES / width {
+            let lanes = S::as_simd_f64s(lower).0.iter().skip(pass).step_by(LANES / width);
+            own.iter_mut().zip(lanes).for_each(|(own, value)| *own = *value);
+            let least = pseudo_inverse(simd, &own, order, memory);
+            let least: &[f64] = pulp::bytemuck::cast_slice(std::slice::from_ref(&least));
+            for (good, pivot) in good[pass * width..].iter_mut().zip(least) {
+                *good = *pivot > 0.0;
+            }
+            for (target, value) in inverses.iter_mut().zip(&*memory) {
+                let value: &[f64] = pulp::bytemuck::cast_slice(std::slice::from_ref(value));
+                target[pass * width..][..width].copy_from_slice(value);
+            }
+        }
+        good
+    }
+}
 
 /// The pseudo-inverse of symmetric matrices of order `L` whose null vector is the constant: with `c = trace(Y) / L` and
 /// `P = 1 1' / L`, `(Y + c P)^-1 - P / c`. Gives the smallest pivots.
