@@ -1,11 +1,22 @@
 //! Placeholder
 use dermis_firmware::{Instrument, Settling, TimedSlot};
 pub const INSTRUMENT: Instrument<'static> = Instrument {
-    design_sha256: [0; 32], electrode_count: 30, reference_ohm: 1000.0, source_v: 5.0, volts_per_count: [1e-4; 3], full_scale: 32767,
+    design_sha256: [0; 32],
+    electrode_count: 30,
+    reference_ohm: 1000.0,
+    source_v: 5.0,
+    volts_per_count: [1e-4; 3],
+    full_scale: 32767,
     settling: Settling { slots: &SLOTS, otherwise_ns: 20000 },
-    rate_millihertz: 120000, name: "", baud: 0, serial: 0, boot: 0,
+    rate_millihertz: 120000,
+    name: "",
+    baud: 0,
+    serial: 0,
+    boot: 0,
 };
-const fn t(source: u16, sink: u16, measure: Option<[u16; 2]>, wait_ns: u32) -> TimedSlot { TimedSlot::new(source, sink, measure, wait_ns) }
+const fn t(source: u16, sink: u16, measure: Option<[u16; 2]>, wait_ns: u32) -> TimedSlot {
+    TimedSlot::new(source, sink, measure, wait_ns)
+}
 #[rustfmt::skip]
 static SLOTS: [TimedSlot; 900] = [
     t(0, 1, None, 3000),

@@ -21,14 +21,14 @@ const MOST_SLOTS: usize = 1024;
 
 #[entry]
 fn main() -> ! {
-    let (mut complete, mut arriving, mut scanned) = ([TimedSlot::NONE; MOST_SLOTS], [TimedSlot::NONE; MOST_SLOTS], [TimedSlot::NONE; MOST_SLOTS]);
+    let (mut complete, mut arriving, mut scanned) =
+        ([TimedSlot::NONE; MOST_SLOTS], [TimedSlot::NONE; MOST_SLOTS], [TimedSlot::NONE; MOST_SLOTS]);
     let (mut tested, mut readings) = ([0; MOST_SLOTS], [0; MOST_SLOTS]);
     let mut outbox = [0; Memory::outbox_bytes(MOST_SLOTS)];
     let (mut uart, mut timer) = (Uart::open(), Timer::start());
     // The emulated clock starts at zero with every power-up: there is no source of random numbers for `boot`.
     let instrument = Instrument { name: "dermis mps2-an386", serial: 386, boot: 1, ..skin::INSTRUMENT };
-    let memory =
-        Memory { tables: [&mut complete, &mut arriving], readings: &mut tested, outbox: &mut outbox };
+    let memory = Memory { tables: [&mut complete, &mut arriving], readings: &mut tested, outbox: &mut outbox };
     let mut device = Device::new(instrument, memory);
     let mut scanner = SlotScanner::new(Replay::new(), &mut scanned, &mut readings);
     loop {
