@@ -144,6 +144,7 @@ impl FrontEnd {
         config.set_in_pins(&[&data]);
         config.shift_out = ShiftConfig { auto_fill: true, threshold: 32, direction: ShiftDirection::Right };
         config.shift_in = ShiftConfig { auto_fill: true, threshold: 16, direction: ShiftDirection::Left };
+        machine.restart();
         machine.set_config(&config);
         machine.set_pins(Level::Low, &outputs);
         machine.set_pins(Level::Low, &side);

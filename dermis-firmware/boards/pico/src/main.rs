@@ -20,11 +20,11 @@ use crate::reader::Reader;
 use crate::supervisor::Supervisor;
 use dermis_firmware::{Device, Instrument, Memory, TimedSlot};
 use embassy_executor::{Executor, InterruptExecutor};
-use embassy_futures::yield_now;
 use embassy_rp::clocks::RoscRng;
 use embassy_rp::interrupt::{self, InterruptExt, Priority};
 use embassy_rp::watchdog::Watchdog;
 use embassy_rp::{bind_interrupts, dma, peripherals, pio, usb};
+use embassy_time::{Duration, Timer};
 use panic_halt as _;
 use static_cell::{ConstStaticCell, StaticCell};
 
@@ -33,6 +33,9 @@ bind_interrupts!(struct Interrupts {
     PIO0_IRQ_0 => pio::InterruptHandler<peripherals::PIO0>;
     USBCTRL_IRQ => usb::InterruptHandler<peripherals::USB>;
 });
+
+/// Time between two polls: the processor sleeps meanwhile. A poll passes up to 1,024 bytes to USB.
+const REST: Duration = Duration::from_micros(50);
 
 /// Slots of the largest scan table.
 const MOST_SLOTS: usize = 1024;
@@ -95,6 +98,6 @@ async fn run(mut supervisor: Supervisor) {
     let (mut reader, mut link) = (Reader::new(), UsbLink::new());
     loop {
         device.poll(&mut reader, &mut link, &mut supervisor);
-        yield_now().await;
+        Timer::after(REST).await;
     }
 }
