@@ -205,7 +205,9 @@ impl<'a> Session<'a> {
         let _ = write!(text, "at most {}.{:03} frames a second: ", most / 1000, most % 1000);
         let _ = match by_line {
             true => write!(text, "the line carries {baud} bits a second"),
-            false => write!(text, "{} slots settle in up to {}.{:03} us", slots.len(), longest_ns / 1000, longest_ns % 1000),
+            false => {
+                write!(text, "{} slots settle in up to {}.{:03} us", slots.len(), longest_ns / 1000, longest_ns % 1000)
+            }
         };
         self.refuse(if by_line { FaultCode::Line } else { FaultCode::Rate }, &text);
     }

@@ -76,7 +76,7 @@ mod tests {
         // 45 us less 20 between frames: the slow slot takes 10, the others share 15.
         assert_eq!(shared_slot_ns(&table, LIMITS, 45_000), Some(7500));
         assert_eq!(shared_slot_ns(&table, LIMITS, 80_000), Some(20_000), "all the same where that is enough");
-        assert_eq!(shared_slot_ns(&table, LIMITS, 35_000), Some(2500), "no spare time for the slow two");
+        assert_eq!(shared_slot_ns(&table, LIMITS, 35_000), Some(2000), "no spare time");
         assert_eq!(shared_slot_ns(&table, LIMITS, 34_999), None);
         assert_eq!(shared_slot_ns(&table, LIMITS, u64::MAX / 8), Some(61_000), "as long as the board can wait");
     }
