@@ -4,7 +4,7 @@
 // 3. Its USB IN packets take no time: here as long as on a full-speed bus.
 // 4. Its host sets DTR as a request to the device, once and for all: here to the interface, when a program opens the port.
 
-import { readFileSync } from 'node:fs';
+import { readElf } from '../../elf.mjs';
 import {
   ConsoleLogger, createSetupPacket, DataDirection, LogLevel, RP2040, SetupRecipient, SetupType, USBCDC,
 } from 'rp2040js';
@@ -18,15 +18,10 @@ const PACKET_NS = 1e6 / 19;
 const AVAILABLE = 1 << 10;
 const OUT_CONTROL = 0x84;
 
-/** Copies the loadable segments of an ELF file with 32-bit words into the flash. */
+/** Copies the loadable segments of an ELF file into the flash. */
 function load(chip, path) {
-  const elf = readFileSync(path);
-  if (elf.toString('latin1', 0, 4) !== '\x7fELF' || elf[4] !== 1) throw new Error(`${path} is no 32-bit ELF file`);
-  const [at, size, count] = [elf.readUInt32LE(28), elf.readUInt16LE(42), elf.readUInt16LE(44)];
-  for (let header = at; header < at + size * count; header += size) {
-    const [type, offset, , address, bytes] = [0, 4, 8, 12, 16].map((field) => elf.readUInt32LE(header + field));
-    if (type === 1 && bytes > 0) chip.flash.set(elf.subarray(offset, offset + bytes), address - FLASH);
-  }
+  const { elf, segments } = readElf(path);
+  for (const { offset, address, bytes } of segments) chip.flash.set(elf.subarray(offset, offset + bytes), address - FLASH);
 }
 
 export class Chip {

@@ -4,9 +4,9 @@
 //! how long a slot settles, opens all switches before it closes others, and may change them too early: the converter
 //! holds its input some time after the start of a conversion. Each closing switch injects a charge into its line.
 
-use super::settling::{MINUS, PLUS, Slot, Source};
 use super::Electronics;
-use crate::elementary::sin;
+use super::settling::{MINUS, PLUS, Slot, Source};
+use crate::elementary::{ln, sin};
 use crate::random::sample_rng;
 use dermis::forward::ElectrodeNetwork;
 use dermis::protocol::Pair;
@@ -89,6 +89,25 @@ impl Electronics {
         }
         let farthest_v = self.options.source_v + switching.charge_c.abs() / capacitance_f;
         self.circuit(network, connection).settling_s(capacitance_f, error_v / farthest_v)
+    }
+
+    /// A settling time that is enough for any slot, whatever its electrodes, s: with the slowest time constant that the
+    /// resistances between the electrodes allow, and errors of all three lines that add up, to half of the smallest
+    /// step.
+    pub fn longest_settling_s(&self, network: &ElectrodeNetwork, switching: Switching) -> f64 {
+        let capacitance_f = self.options.line_capacitance_f;
+        let Some(adc) = self.options.adc.filter(|_| capacitance_f > 0.0) else { return 0.0 };
+        let s = &network.transfer_impedance;
+        let electrodes = || 0..self.protocol.electrode_count();
+        let between_ohm = |a: usize, b: usize| s.at(a, a) - s.at(a, b) - s.at(b, a) + s.at(b, b);
+        let skin_ohm = electrodes().flat_map(|a| electrodes().map(move |b| between_ohm(a, b))).fold(0.0, f64::max);
+        let on_ohm = self.on_ohm.iter().flatten().copied().fold(0.0, f64::max);
+        // The trace of the lines' resistances bounds the largest time constant.
+        let slowest_s = capacitance_f * 3.0 * (skin_ohm + 2.0 * on_ohm);
+        let gain = adc.gain.max(adc.gain_driven).max(adc.gain_reference);
+        let farthest_v = self.options.source_v + switching.charge_c.abs() / capacitance_f;
+        // Norms of the difference of two lines and of the errors of three.
+        slowest_s * ln(6f64.sqrt() * farthest_v / (0.5 * adc.step_v(gain)))
     }
 
     /// Half a step of the converter for a reading of a connection, V; `None` without a converter.
