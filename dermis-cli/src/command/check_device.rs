@@ -23,7 +23,7 @@ pub struct Arguments {
     #[arg(long, value_name = "DEVICE")]
     source: String,
     /// Frames to read.
-    #[arg(long, value_name = "N", default_value_t = 120, value_parser = count(2..=60_000))]
+    #[arg(long, value_name = "N", default_value_t = 120, value_parser = count(2..=60_000usize))]
     frames: usize,
     /// Frame rate, Hz; by default the device's own.
     #[arg(long, value_name = "HZ", value_parser = number(0.001..=1e6))]
