@@ -18,13 +18,18 @@ const LONGEST_STEP_M: f64 = 5e-3;
 const SHORTEST_STEP_M: f64 = 1e-5;
 
 /// Two touches near each other are detected as one. One is split where two explain the values better by this much in
-/// the sum of squares, whose standard deviation due to noise is 4 for the four more unknowns; the patches under a single
-/// press explain the rest. Of 150 single presses on the twin `lab` with the seed 2001 none was split; at 30, one was.
-const LEAST_GAIN: f64 = 60.0;
-/// And by this part of the sum: where the frame contains drift, a second touch always explains some of it, up to 0.15
-/// of the sum on the twin `harsh` with the seed 2002. Two touches 25 mm apart leave two thirds on `lab`.
-const LEAST_PART: f64 = 0.25;
-/// It is tried where one leaves this much more than its expectation.
+/// the sum of squares, whose standard deviation due to noise is 4 for the four more unknowns.
+const SPLIT_GAIN: f64 = 40.0;
+/// Between two touches a third may be detected. One is left out where the sum of squares grows by less than this: its
+/// unknowns alone make it smaller by 4, and by this much in one of 20,000 frames.
+const KEEP_GAIN: f64 = 25.0;
+/// The gain is at least this part of what noise does not explain: a further touch always explains a part of what the model
+/// cannot, which are above all the patches under a press. Two touches 25 mm apart leave two thirds on `lab`.
+const LEAST_PART: f64 = 0.2;
+/// A touch is tried without where its significance is below this many times that gain: the places of the others adapt,
+/// which the significance knows to first order only.
+const MOST_SIGNIFICANCE: f64 = 2.0;
+/// A split is tried where one touch leaves this much more than its expectation.
 const LEAST_EXCESS: f64 = 40.0;
 /// Distance of both from the middle at the start, m, and the least distance between them: that of the patches that one
 /// press may touch.
@@ -49,6 +54,8 @@ pub(super) struct Touch {
     pub strength: f64,
     /// Variance of its place per axis due to noise and misfit, m2.
     pub variance_m2: f64,
+    /// Its strength squared over the variance due to noise: without it, the sum of squares is larger by about this.
+    significance: f64,
 }
 
 impl Touch {
@@ -113,6 +120,23 @@ impl Fit<'_> {
         Some(state)
     }
 
+    /// The touches without one that hardly explains anything, and its index: between two touches that overlap in the
+    /// image a third may be detected.
+    pub(super) fn without_excess(&self, fitted: &Fitted) -> Option<(usize, Fitted)> {
+        if fitted.touches.len() < 2 {
+            return None;
+        }
+        let by_significance = |a: &(usize, &Touch), b: &(usize, &Touch)| a.1.significance.total_cmp(&b.1.significance);
+        let (index, weakest) = fitted.touches.iter().enumerate().min_by(by_significance)?;
+        if weakest.significance > MOST_SIGNIFICANCE * self.least_gain(KEEP_GAIN, fitted.cost + weakest.significance) {
+            return None;
+        }
+        let mut places: Vec<[f64; 2]> = fitted.touches.iter().map(|touch| touch.place).collect();
+        places.remove(index);
+        let fewer = self.run(&places)?;
+        (fewer.cost - fitted.cost < self.least_gain(KEEP_GAIN, fewer.cost)).then_some((index, fewer))
+    }
+
     /// One of the touches as two, if two explain the values far better: its index, and all touches with its other half
     /// as the last one.
     pub(super) fn split(&self, fitted: &Fitted) -> Option<(usize, Fitted)> {
@@ -139,11 +163,16 @@ impl Fit<'_> {
         self.are_two(&two, touch, fitted.cost).then_some((touch, two))
     }
 
+    /// The least decrease of a sum of squares by one more touch.
+    fn least_gain(&self, of_noise: f64, cost: f64) -> f64 {
+        of_noise.max(LEAST_PART * (cost - self.values.len() as f64))
+    }
+
     /// Whether a touch and the last one are two touches.
     fn are_two(&self, two: &Fitted, touch: usize, cost_of_one: f64) -> bool {
         let (Some(last), own) = (two.touches.last(), &two.touches[touch]) else { return false };
         let (weaker, stronger) = (last.strength.min(own.strength), last.strength.max(own.strength));
-        cost_of_one - two.cost >= LEAST_GAIN.max(LEAST_PART * cost_of_one)
+        cost_of_one - two.cost >= self.least_gain(SPLIT_GAIN, cost_of_one)
             && weaker >= LEAST_SHARE * stronger
             && weaker > 0.0
             && self.table.distance_m(last.place, own.place) >= LEAST_APART_M
@@ -204,7 +233,8 @@ impl Fit<'_> {
         let touch = |(index, (&place, strength)): (usize, (&[f64; 2], &[f64; 2]))| {
             let first = Touch::UNKNOWNS * index;
             let trace = covariance.at(first, first) + covariance.at(first + 1, first + 1);
-            Touch { place, strength: strength[0], variance_m2: 0.5 * trace * misfit }
+            let significance = strength[0] * strength[0] / covariance.at(first + 2, first + 2);
+            Touch { place, strength: strength[0], variance_m2: 0.5 * trace * misfit, significance }
         };
         let touches = state.places.iter().zip(&state.strengths).enumerate().map(touch).collect();
         Some(Fitted { touches, cost: state.cost })

@@ -7,7 +7,7 @@
 //!
 //! `|W (y - sum_i q_i (g(p_i) + t_i laplace g(p_i)))|^2 + sum_i (t_i / s)^2`,
 //!
-//! with `W` the inverse standard deviations of the noise and `s` that of `t` (Levenberg-Marquardt steps from the
+//! with `W' W` the inverse covariance of noise and drift and `s` the standard deviation of `t` (Levenberg-Marquardt steps from the
 //! detected contacts; Kay, 1993, "Fundamentals of Statistical Signal Processing: Estimation Theory", section 7.7). The
 //! inverse of the normal matrix is the covariance due to noise, which for a noise of that size is the Cramer-Rao bound.
 //!
@@ -34,6 +34,7 @@ mod fit;
 mod table;
 #[cfg(test)]
 mod tests;
+mod whitening;
 
 use crate::contact::Contact;
 use crate::design::Body;
@@ -54,6 +55,10 @@ pub struct RefineOptions {
     pub width_spread_m2: f64,
     /// Standard deviation per axis of the centre of a touch's change of conductance about the place that is pressed, m.
     pub offset_sd_m: f64,
+    /// Standard deviation of the relative change of the whole coating's conductance since the untouched frames.
+    pub coating_drift: f64,
+    /// Standard deviation of the relative change of each contact impedance since the untouched frames.
+    pub contact_drift: f64,
 }
 
 impl Default for RefineOptions {
@@ -61,7 +66,13 @@ impl Default for RefineOptions {
     /// frames of an even twin are best, with the range of widths of contacts under these forces; and the offset of the
     /// contact, which lies under the patches and not in their gaps.
     fn default() -> Self {
-        RefineOptions { width_m: 3e-3, width_spread_m2: 3e-6, offset_sd_m: 5e-4 }
+        RefineOptions {
+            width_m: 3e-3,
+            width_spread_m2: 3e-6,
+            offset_sd_m: 6e-4,
+            coating_drift: 0.02,
+            contact_drift: 0.2,
+        }
     }
 }
 
@@ -88,7 +99,7 @@ pub enum RefineError {
     #[error("no channel has a finite and positive standard deviation: give untouched frames with their noise")]
     NoChannel,
     /// Options out of their range.
-    #[error("`{field}` is {value}: it must be positive")]
+    #[error("`{field}` is {value}: it must be finite and positive (0 is possible for an offset and a drift)")]
     Option {
         /// The field.
         field: &'static str,
@@ -126,21 +137,25 @@ impl Refiner {
         noise_ohm: &[f64],
         options: RefineOptions,
     ) -> Result<Self, RefineError> {
-        let RefineOptions { width_m, width_spread_m2, offset_sd_m } = options;
+        let RefineOptions { width_m, width_spread_m2, offset_sd_m, coating_drift, contact_drift } = options;
         for (field, value) in [("width_m", width_m), ("width_spread_m2", width_spread_m2)] {
             if !(value > 0.0 && value.is_finite()) {
                 return Err(RefineError::Option { field, value });
             }
         }
-        if !(offset_sd_m >= 0.0 && offset_sd_m.is_finite()) {
-            return Err(RefineError::Option { field: "offset_sd_m", value: offset_sd_m });
+        for (field, value) in
+            [("offset_sd_m", offset_sd_m), ("coating_drift", coating_drift), ("contact_drift", contact_drift)]
+        {
+            if !(value >= 0.0 && value.is_finite()) {
+                return Err(RefineError::Option { field, value });
+            }
         }
         Self::check(body, model)?;
         let expected = model.protocol().channel_count();
         if noise_ohm.len() != expected {
             return Err(RefineError::Length { got: noise_ohm.len(), expected });
         }
-        let table = ResponseTable::new(body, model, noise_ohm, width_m)?;
+        let table = ResponseTable::new(body, model, noise_ohm, &options)?;
         Ok(Refiner { surface: body.surface(), table, options })
     }
 
@@ -164,13 +179,13 @@ impl Refiner {
     /// Refines the positions and strengths of contacts from the difference that they were detected in, ohm, and states
     /// the standard deviations of the positions. The force of a refined contact is `NaN`, as its strength is that of the
     /// fit and no longer the integral of an image. A contact that does not fit the frame is left as it is: one with a negative strength, or that
-    /// would move by more than 20 mm. A contact that is far better explained as two touches gets a second one, at the
-    /// end of the list, with the area of both together.
+    /// would move by more than 20 mm. A contact without which the others explain the frame as well is removed. One that is
+    /// far better explained as two touches gets a second one, at the end of the list, with the area of both together.
     ///
     /// # Panics
     /// If the difference has another length than the protocol.
     pub fn refine(&self, difference: &[f64], contacts: &mut Vec<Contact>) {
-        let values = self.table.weighted(difference);
+        let values = self.table.whitened(difference);
         let unknowns = Touch::UNKNOWNS * contacts.len();
         if contacts.is_empty() || values.len() < VALUES_PER_UNKNOWN * unknowns {
             return;
@@ -178,11 +193,18 @@ impl Refiner {
         let mut places: Vec<[f64; 2]> = contacts.iter().map(|contact| self.table.place(contact.position_m)).collect();
         let fit = Fit { table: &self.table, values: &values, width_spread_m2: self.options.width_spread_m2 };
         let Some(mut fitted) = fit.run(&places) else { return };
-        if let Some((index, better)) = fit.split(&fitted) {
+        while let Some((index, fewer)) = fit.without_excess(&fitted) {
+            contacts.remove(index);
+            places.remove(index);
+            fitted = fewer;
+        }
+        if let Some((index, two)) = fit.split(&fitted) {
             let id = contacts.iter().map(|contact| contact.id).max().map_or(0, |id| id + 1);
             contacts.push(Contact { id, ..contacts[index] });
-            places.push(places[index]);
-            fitted = better;
+            // Either may be far from where both were detected as one.
+            places[index] = two.touches[index].place;
+            places.extend(two.touches.last().map(|touch| touch.place));
+            fitted = two;
         }
         for ((contact, touch), before) in contacts.iter_mut().zip(&fitted.touches).zip(places) {
             let moved_m = self.table.distance_m(touch.place, before);

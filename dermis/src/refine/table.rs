@@ -1,6 +1,7 @@
 //! The responses of a frame to touches on a grid of places, and between them.
 
-use super::RefineError;
+use super::whitening::{Whitening, drifts};
+use super::{RefineError, RefineOptions};
 use crate::design::Body;
 use crate::forward::ForwardModel;
 use crate::frame::quantities;
@@ -38,7 +39,7 @@ struct Stencil {
     weights: [[f64; 4]; 3],
 }
 
-/// A response and its derivatives, over the noise: per unit of strength, per m, and the Laplacian per m2.
+/// A whitened response and its derivatives: per unit of strength, per m, and the Laplacian per m2.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Response {
     pub value: Vec<f64>,
@@ -46,7 +47,7 @@ pub(super) struct Response {
     pub laplacian: Vec<f64>,
 }
 
-/// The change of the weighted values of a frame by a touch of unit strength at each place of a grid.
+/// The change of the whitened values of a frame by a touch of unit strength at each place of a grid.
 #[derive(Debug, Clone)]
 pub(super) struct ResponseTable {
     surface: Surface,
@@ -58,17 +59,24 @@ pub(super) struct ResponseTable {
     values: Vec<Vec<(usize, f64)>>,
     /// Standard deviation of each value, ohm.
     sd_ohm: Vec<f64>,
+    /// Of values over their standard deviations.
+    whitening: Whitening,
     channel_count: usize,
 }
 
 impl ResponseTable {
-    pub(super) fn new(body: &Body, model: &ForwardModel, noise_ohm: &[f64], width_m: f64) -> Result<Self, RefineError> {
+    pub(super) fn new(
+        body: &Body,
+        model: &ForwardModel,
+        noise_ohm: &[f64],
+        options: &RefineOptions,
+    ) -> Result<Self, RefineError> {
         let surface = body.surface();
         let (values, sd_ohm) = values(model, noise_ohm);
         if values.is_empty() {
             return Err(RefineError::NoChannel);
         }
-        let width_m = width_m.max(LEAST_WIDTH * edge_m(model.mesh()));
+        let width_m = options.width_m.max(LEAST_WIDTH * edge_m(model.mesh()));
         let step_m = STEP * width_m;
         let (origin_m, axes) = grid(body, step_m)?;
         let mut table = ResponseTable {
@@ -78,8 +86,11 @@ impl ResponseTable {
             responses: Vec::new(),
             values,
             sd_ohm,
+            whitening: Whitening::default(),
             channel_count: noise_ohm.len(),
         };
+        let drifts = drifts(model, options.coating_drift, options.contact_drift)?;
+        table.whitening = Whitening::new(drifts.iter().map(|change| table.over_noise(change)));
         table.fill(model, width_m)?;
         Ok(table)
     }
@@ -94,6 +105,9 @@ impl ResponseTable {
             let place = [round.at(place % round.count), along.at(place / round.count)];
             let part = cells.touch(&self.axes, place, width_m);
             pulp::Arch::new().dispatch(Sum { part: &part, by_cell: &by_cell, sum: response });
+            let mut whitened: Vec<f64> = response.iter().map(|&value| f64::from(value)).collect();
+            self.whitening.apply(&mut whitened);
+            response.iter_mut().zip(whitened).for_each(|(value, whitened)| *value = whitened as f32);
         };
         responses.par_chunks_exact_mut(width).enumerate().for_each(fill);
         self.responses = responses;
@@ -118,12 +132,19 @@ impl ResponseTable {
         by_cell
     }
 
-    /// The values of a difference over their noise.
+    /// The values of a difference, whitened: noise and drift have unit covariance.
     ///
     /// # Panics
     /// If the difference has another length than the protocol.
-    pub(super) fn weighted(&self, difference: &[f64]) -> Vec<f64> {
+    pub(super) fn whitened(&self, difference: &[f64]) -> Vec<f64> {
         assert_eq!(difference.len(), self.channel_count, "a value per channel");
+        let mut values = self.over_noise(difference);
+        self.whitening.apply(&mut values);
+        values
+    }
+
+    /// The values of a difference over their noise.
+    fn over_noise(&self, difference: &[f64]) -> Vec<f64> {
         let value = |(value, sd): (&Vec<(usize, f64)>, &f64)| {
             value.iter().map(|&(channel, weight)| weight * difference[channel]).sum::<f64>() / sd
         };
@@ -156,6 +177,7 @@ impl ResponseTable {
     pub(super) fn change(&self, place: [f64; 2], strength_m2: f64) -> Vec<f64> {
         let mut response = Response::default();
         self.response_into(place, &mut response);
+        self.whitening.undo(&mut response.value);
         let mut change = vec![0.0; self.channel_count];
         for ((value, sd), response) in self.values.iter().zip(&self.sd_ohm).zip(&response.value) {
             for &(channel, weight) in value {

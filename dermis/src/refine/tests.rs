@@ -104,11 +104,61 @@ fn a_contact_of_two_touches_is_split() {
         if is_two {
             assert_ne!(contacts[0].id, contacts[1].id);
             for place in places {
-                let nearest = contacts.iter().map(|contact| surface.distance_m(contact.position_m, place));
-                assert!(nearest.fold(f64::INFINITY, f64::min) < 3e-3, "{direction:?}");
+                let off_m = |contact: &Contact| surface.distance_m(contact.position_m, place);
+                let nearest = contacts.iter().min_by(|a, b| off_m(a).total_cmp(&off_m(b))).unwrap();
+                println!("{direction:?}: {:.2e} m, stated {:.2e} m", off_m(nearest), nearest.sd_m);
+                // In one of 500 draws, a distance exceeds 3.5 deviations per axis.
+                assert!(off_m(nearest) < 3.5 * nearest.sd_m && nearest.sd_m < 3e-3, "{direction:?}");
             }
         }
     }
+}
+
+/// Between two touches 30 mm apart a third contact is left out.
+#[test]
+fn a_contact_that_explains_nothing_is_left_out() {
+    let noise_ohm = 0.06;
+    let (design, refiner) = refiner(noise_ohm, RefineOptions::default());
+    let surface = design.body.surface();
+    let middle = surface.at(0.17, 2.0).unwrap();
+    let places = [1.0, -1.0].map(|sign| moved(&surface, middle, [0.0, sign * 0.015]));
+    let mut rng = sample_rng(33, 0);
+    let sums = refiner.change(places[0], 5e-5).into_iter().zip(refiner.change(places[1], 4e-5));
+    let change: Vec<f64> = sums.map(|(a, b)| a + b + noise_ohm * standard_normal(&mut rng)).collect();
+    let mut contacts: Vec<Contact> = [places[0], middle, places[1]].into_iter().map(contact).collect();
+    refiner.refine(&change, &mut contacts);
+    assert_eq!(contacts.len(), 2);
+    for (contact, place) in contacts.iter().zip(places) {
+        let off_m = surface.distance_m(contact.position_m, place);
+        // In one of 500 draws, a distance exceeds 3.5 deviations per axis.
+        assert!(off_m < 3.5 * contact.sd_m && contact.sd_m < 2e-3, "{off_m}, stated {}", contact.sd_m);
+    }
+}
+
+/// The coating and the contacts have drifted since the untouched frame: a contact hardly moves, unless drift is left out
+/// of the noise.
+#[test]
+fn drift_hardly_moves_a_contact() {
+    let off_m = |options: RefineOptions| {
+        let (design, refiner) = refiner(0.06, options);
+        let model = ForwardModel::new(&design, &Mesh::generate(&design).unwrap()).unwrap();
+        let coating: Vec<f64> = model.rest_conductivity().iter().map(|s| 1.01 * s).collect();
+        let impedances = model.contact_impedances().iter().enumerate();
+        let contacts: Vec<f64> = impedances.map(|(k, z)| z * (1.0 + 0.1 * (1.7 * k as f64).sin())).collect();
+        let drifted = model.with_parameters(&model.mesh().nodes, &contacts, &coating).unwrap();
+        let drift = &drifted.solve(&coating).unwrap() - &model.solve(model.rest_conductivity()).unwrap();
+        let surface = design.body.surface();
+        let place = surface.at(0.16, 2.5).unwrap();
+        let change: Vec<f64> = refiner.change(place, 5e-5).iter().zip(drift.iter()).map(|(a, b)| a + b).collect();
+        let mut contacts = vec![contact(moved(&surface, place, [2e-3, 1e-3]))];
+        refiner.refine(&change, &mut contacts);
+        surface.distance_m(contacts[0].position_m, place)
+    };
+    let options = RefineOptions::default();
+    let (with, without) = (off_m(options), off_m(RefineOptions { coating_drift: 0.0, contact_drift: 0.0, ..options }));
+    println!("{with:.1e} m, {without:.1e} m without drift in the noise");
+    // The drift is 1 % of the coating; what is left of it is of second order, 1e-4 of the values.
+    assert!(with < 3e-4 && without > 5.0 * with, "{with}, {without}");
 }
 
 /// The tabulated response is that of the full model for a weak touch of the width.
@@ -159,6 +209,7 @@ fn bad_input_is_refused_with_its_name() {
     assert!(
         refused(&noise, RefineOptions { width_spread_m2: f64::NAN, ..good }).starts_with("`width_spread_m2` is NaN")
     );
+    assert!(refused(&noise, RefineOptions { contact_drift: -0.1, ..good }).starts_with("`contact_drift` is -0.1"));
     assert!(refused(&noise, RefineOptions { offset_sd_m: -1.0, ..good }).starts_with("`offset_sd_m` is -1"));
     assert!(refused(&[0.1; 3], good).contains("3 standard deviations, but the protocol has 208 channels"));
     assert!(refused(&[0.0; 208], good).contains("no channel has a finite and positive"));

@@ -1,0 +1,108 @@
+//! Drift between the untouched frame and a frame, as a part of the noise.
+
+use crate::forward::{ForwardError, ForwardModel};
+
+/// A linear transform of values with the covariance `I + sum_k u_k u_k'` to values with the covariance `I`.
+///
+/// Each step makes one disturbance part of the white noise: `I - a u u'` is the inverse square root of `I + u u'` for
+/// `a = (1 - 1 / sqrt(1 + u'u)) / u'u`. The disturbances that follow are transformed by it first.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Whitening {
+    /// Of each disturbance `u`, and `a`.
+    steps: Vec<(Vec<f64>, f64)>,
+}
+
+impl Whitening {
+    pub(super) fn new(disturbances: impl IntoIterator<Item = Vec<f64>>) -> Self {
+        let mut whitening = Whitening::default();
+        for mut disturbance in disturbances {
+            whitening.apply(&mut disturbance);
+            let square: f64 = disturbance.iter().map(|value| value * value).sum();
+            if square > 0.0 && square.is_finite() {
+                let factor = (1.0 - (1.0 + square).sqrt().recip()) / square;
+                whitening.steps.push((disturbance, factor));
+            }
+        }
+        whitening
+    }
+
+    /// Whitens values.
+    pub(super) fn apply(&self, values: &mut [f64]) {
+        for (disturbance, factor) in &self.steps {
+            add(values, disturbance, -factor);
+        }
+    }
+
+    /// The values before they were whitened.
+    pub(super) fn undo(&self, values: &mut [f64]) {
+        for (disturbance, factor) in self.steps.iter().rev() {
+            let square: f64 = disturbance.iter().map(|value| value * value).sum();
+            add(values, disturbance, factor / (1.0 - factor * square));
+        }
+    }
+}
+
+/// Adds a direction times the product with it.
+fn add(values: &mut [f64], direction: &[f64], factor: f64) {
+    let along: f64 = values.iter().zip(direction).map(|(value, direction)| value * direction).sum();
+    values.iter_mut().zip(direction).for_each(|(value, direction)| *value += factor * along * direction);
+}
+
+/// The changes of a frame by one standard deviation of the drift of the whole coating, and of each contact impedance;
+/// ohm. Deviations are relative; those that are 0 have no change.
+pub(super) fn drifts(model: &ForwardModel, coating: f64, contact: f64) -> Result<Vec<Vec<f64>>, ForwardError> {
+    let mut changes = Vec::new();
+    if coating > 0.0 {
+        let rest = model.solve(model.rest_conductivity())?;
+        changes.push(rest.iter().map(|value| coating * value).collect());
+    }
+    if contact > 0.0 {
+        let by_contact = model.contact_jacobian(model.rest_conductivity())?;
+        for (electrode, impedance) in model.contact_impedances().iter().enumerate() {
+            let change = |channel: usize| contact * impedance * by_contact.at(channel, electrode);
+            changes.push((0..by_contact.rows).map(change).collect());
+        }
+    }
+    Ok(changes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Applied to the columns of a square root of the covariance, the transform gives those of an orthogonal matrix:
+    /// `T (I + U U') T' = I`.
+    #[test]
+    fn the_covariance_becomes_the_identity() {
+        let count = 7_usize;
+        let disturbances: Vec<Vec<f64>> = (0..3)
+            .map(|k: i32| (0..count).map(|i| (3.0 * i as f64 + f64::from(k)).sin() * 10f64.powi(k)).collect())
+            .collect();
+        let whitening = Whitening::new(disturbances.clone());
+        let unit = |i: usize| (0..count).map(move |j| f64::from(u8::from(i == j))).collect::<Vec<f64>>();
+        let columns: Vec<Vec<f64>> = (0..count).map(unit).chain(disturbances).collect();
+        let transformed: Vec<Vec<f64>> = (columns.into_iter())
+            .map(|mut column| {
+                whitening.apply(&mut column);
+                column
+            })
+            .collect();
+        for i in 0..count {
+            for j in 0..count {
+                let product: f64 = transformed.iter().map(|column| column[i] * column[j]).sum();
+                assert!((product - f64::from(u8::from(i == j))).abs() < 1e-10, "{i} {j}: {product}");
+            }
+        }
+    }
+
+    #[test]
+    fn whitening_is_undone() {
+        let values: Vec<f64> = (0..5).map(|i| f64::from(i) - 1.7).collect();
+        let whitening = Whitening::new([vec![1.0, 2.0, 0.0, -1.0, 3.0], vec![0.0; 5], vec![0.1, 0.0, 50.0, 2.0, 0.0]]);
+        let mut there = values.clone();
+        whitening.apply(&mut there);
+        assert!((there[2] - values[2]).abs() > 0.1);
+        whitening.undo(&mut there);
+        assert!(there.iter().zip(&values).all(|(a, b)| (a - b).abs() < 1e-12));
+    }
+}
