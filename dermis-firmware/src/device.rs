@@ -74,10 +74,12 @@ impl<'a> Device<'a> {
         if connected && !self.connected {
             self.session.greet(scanner.limits());
         }
-        if !connected && self.connected || connected && self.converse(scanner, link, system).is_err() {
+        let is_lost = connected && self.converse(scanner, link, system).is_err();
+        if is_lost || (!connected && self.connected) {
             self.disconnect(scanner);
         }
-        self.connected = connected && self.connected || connected && link.connected();
+        // A host that connects after a lost one is greeted.
+        self.connected = connected && !is_lost;
     }
 
     fn converse(
@@ -119,6 +121,5 @@ impl<'a> Device<'a> {
         self.session.outbox.clear();
         self.decoder.reset();
         self.arrived = 0..0;
-        self.connected = false;
     }
 }
