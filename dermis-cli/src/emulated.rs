@@ -6,8 +6,14 @@ use clap::Args;
 use dermis::design::SkinDesign;
 use dermis::files::{MOST_SETTINGS_BYTES, read_text_at_most};
 use dermis_live::emulator::{Emulator, EmulatorOptions, MOST_PRERENDERED, Script, TimedFault};
+use dermis_live::firmware::{FirmwareDevice, FirmwareOptions};
 use dermis_sim::twin::TwinOptions;
+use dermis_sim::twin::electronics::Switching;
 use std::sync::Arc;
+
+/// Charge of a closing switch, C, and aperture delay of the converter, s, as docs/firmware.md has them.
+const CHARGE_C: f64 = 1e-12;
+const APERTURE_S: f64 = 2e-9;
 
 /// The emulated device.
 #[derive(Debug, Clone, Args)]
@@ -59,6 +65,19 @@ impl EmulatorArguments {
             unpaced: self.unpaced,
         };
         Ok(Emulator::new(design, options)?)
+    }
+
+    /// Starts a device that runs the firmware.
+    pub fn firmware(&self, design: &SkinDesign) -> Outcome<Arc<FirmwareDevice>> {
+        let twin = TwinOptions::load(&self.twin)?;
+        let options = FirmwareOptions {
+            script: Script::load(&self.touch, design, &twin, self.seed)?,
+            twin,
+            seed: self.seed,
+            switching: Switching { charge_c: CHARGE_C, aperture_s: APERTURE_S },
+            speed: self.speed,
+        };
+        Ok(FirmwareDevice::new(design, options)?)
     }
 
     /// Speed as a multiple of real time.

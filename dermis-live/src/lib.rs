@@ -4,9 +4,11 @@
 
 pub mod campaign;
 pub mod clock;
+pub mod conformance;
 pub mod device;
 pub mod emulator;
 mod error;
+pub mod firmware;
 pub mod guide;
 pub mod offline;
 pub mod recording;

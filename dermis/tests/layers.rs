@@ -50,7 +50,8 @@ const CRATES: &[(&str, &[&str])] = &[
     ("dermis-learn", &["dermis", "dermis-calibrate", "dermis-sim"]),
     ("dermis-study", &["dermis", "dermis-learn", "dermis-plot", "dermis-sim"]),
     ("dermis-wire", &[]),
-    ("dermis-live", &["dermis", "dermis-learn", "dermis-sim", "dermis-wire"]),
+    ("dermis-firmware", &["dermis-wire"]),
+    ("dermis-live", &["dermis", "dermis-firmware", "dermis-learn", "dermis-sim", "dermis-wire"]),
     (
         "dermis-cli",
         &[

@@ -4,6 +4,7 @@ pub mod benchmark;
 mod bound;
 pub mod calibrate;
 mod characterise;
+mod check_device;
 mod check_frames;
 mod contacts;
 mod convert;
@@ -59,6 +60,8 @@ pub enum Command {
     Calibrate(calibrate::Arguments),
     /// Check a recording: late, dead or saturated channels, their order, signs, units, drift; writes a page.
     CheckFrames(check_frames::Arguments),
+    /// Check a device's answers and frames against the wire protocol.
+    CheckDevice(check_device::Arguments),
     /// Fit sheet resistance and contact impedances to frames of the untouched skin.
     Fit(fit::Arguments),
     /// Measure a method on simulated touches: standard deviation of positions, force per strength.
@@ -87,7 +90,7 @@ pub enum Command {
     Recover(recover::Arguments),
     /// Convert a recording to CSV and NPZ.
     Convert(convert::Arguments),
-    /// Write the scan table of a skin for firmware: CSV or a C header.
+    /// Write the scan table of a skin for firmware: CSV, a C header, or settling times in Rust.
     ScanTable(scan_table::Arguments),
     /// Write a commented design file.
     New(new::Arguments),
@@ -116,6 +119,7 @@ impl Command {
             Command::Optimise(arguments) => arguments.run(),
             Command::Calibrate(arguments) => arguments.run(),
             Command::CheckFrames(arguments) => arguments.run(),
+            Command::CheckDevice(arguments) => arguments.run(),
             Command::Fit(arguments) => arguments.run(),
             Command::Characterise(arguments) => arguments.run(),
             Command::Experiment(arguments) => arguments.run(),

@@ -1,6 +1,6 @@
 //! One digital twin: a skin drawn from a seed, its presses and its frames.
 
-use super::electronics::{Electronics, ElectronicsReport, Readings, not_negative};
+use super::electronics::{Electronics, ElectronicsReport, Readings, SlotReader, Switching, not_negative};
 use super::imperfections::Drift;
 use super::sheet::TouchedSheet;
 use super::{ContactHistory, PatchedSkin, Press, TouchOptions, TwinError, TwinOptions};
@@ -219,6 +219,31 @@ impl Twin {
         history: &mut ContactHistory,
         index: u64,
     ) -> crate::Result<Readings> {
+        Ok(self.electronics.readings(&self.network_of_frame(presses, history, index)?, index))
+    }
+
+    /// Frame `index` for firmware that reads slot by slot at its own times, of presses that follow those of earlier
+    /// frames as in [`readings_after`](Self::readings_after).
+    ///
+    /// # Errors
+    /// As [`network`](Self::network).
+    pub fn slot_reader_after(
+        &self,
+        presses: &[Press],
+        history: &mut ContactHistory,
+        index: u64,
+        switching: Switching,
+    ) -> crate::Result<SlotReader<'_>> {
+        Ok(self.electronics.slot_reader(self.network_of_frame(presses, history, index)?, index, switching))
+    }
+
+    /// The network of frame `index`, with its drift.
+    fn network_of_frame(
+        &self,
+        presses: &[Press],
+        history: &mut ContactHistory,
+        index: u64,
+    ) -> crate::Result<ElectrodeNetwork> {
         let network = match presses {
             [] => {
                 *history = ContactHistory::default();
@@ -226,7 +251,7 @@ impl Twin {
             }
             _ => self.network_after(presses, history)?,
         };
-        Ok(self.electronics.readings(&self.drift.at(network, self.electronics.time_s(index))?, index))
+        Ok(self.drift.at(network, self.electronics.time_s(index))?)
     }
 
     /// Sets a resistance in series with an electrode from now on, ohm: a contact that becomes loose during a recording,

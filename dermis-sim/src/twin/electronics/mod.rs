@@ -14,12 +14,14 @@
 mod options;
 mod report;
 mod settling;
+mod slots;
 #[cfg(test)]
 mod tests;
 
 pub use options::{AdcOptions, ElectronicsOptions, HumOptions};
 pub(super) use options::{not_negative, out_of_range, positive};
 pub use report::{ElectronicsReport, ErrorPart};
+pub use slots::{Connection, SlotReader, Switching};
 
 use crate::elementary::sin;
 use crate::noise::{Noise, undriven_rms};

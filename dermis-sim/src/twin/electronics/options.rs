@@ -1,7 +1,7 @@
 //! Options of an instrument, as in a twin's file.
 
 use crate::twin::TwinError;
-use dermis::protocol::Protocol;
+use dermis::protocol::{Pair, Protocol};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -63,6 +63,15 @@ impl AdcOptions {
     /// Voltage at the amplifier's input from one code to the next.
     pub(super) fn step_v(&self, gain: f64) -> f64 {
         self.range_v / gain / 2f64.powi(self.bits as i32 - 1)
+    }
+
+    /// The gain with which a drive is read between two inputs; `None` for the reference resistor.
+    pub(super) fn gain_of(&self, drive: Pair, measure: Option<Pair>) -> f64 {
+        match measure {
+            None => self.gain_reference,
+            Some(inputs) if inputs.iter().any(|input| drive.contains(input)) => self.gain_driven,
+            Some(_) => self.gain,
+        }
     }
 
     /// The voltage of a reading's code (from `-2^(bits - 1)` to `2^(bits - 1) - 1`), and whether it was out of range.

@@ -109,6 +109,39 @@ impl Slot {
     }
 }
 
+impl Slot {
+    /// The time after which the voltage between the inputs is off by at most this share of the largest initial error of
+    /// a line, whatever the errors of the three lines were at first; s.
+    pub(super) fn settling_s(&self, capacitance_f: f64, share: f64) -> f64 {
+        // Row sum of the difference of two rows of the exponential: the largest error for initial errors up to one.
+        let error = |duration_s: f64| {
+            let rate = duration_s / capacitance_f;
+            let decay = exponential(&self.conductance.map(|row| row.map(|value| -value * rate)));
+            (0..3).map(|k| (decay[PLUS][k] - decay[MINUS][k]).abs()).sum::<f64>()
+        };
+        // Downwards in small steps to the last crossing, then between the two steps.
+        let mut above_s = DECAYED * capacitance_f * self.slowest_ohm;
+        while error(above_s / STEP) <= share {
+            above_s /= STEP;
+            if above_s < LEAST_S {
+                return LEAST_S;
+            }
+        }
+        let mut below_s = above_s / STEP;
+        for _ in 0..HALVINGS {
+            let middle_s = 0.5 * (below_s + above_s);
+            if error(middle_s) <= share { above_s = middle_s } else { below_s = middle_s }
+        }
+        above_s
+    }
+}
+
+/// Ratio of two steps of the search for the settling time, and the bisections after it: 0.1 %.
+const STEP: f64 = 1.1;
+const HALVINGS: u32 = 7;
+/// The shortest settling time, s: no switch is faster.
+const LEAST_S: f64 = 1e-9;
+
 /// The inverse of a symmetric positive definite matrix by its cofactors.
 fn inverse(m: &Matrix3) -> Matrix3 {
     let minor = |i: usize, j: usize| {
