@@ -23,7 +23,13 @@ pub(super) struct Data {
 
 impl Data {
     /// The data of some frames; `None` where their sign is opposite to that of the model, or where they are zero.
-    pub(super) fn new(protocol: &Protocol, frames: &[Frame], model: &[f64]) -> Option<Self> {
+    /// `discretisation_ohm` is what the mesh of the model may be off in each channel.
+    pub(super) fn new(
+        protocol: &Protocol,
+        frames: &[Frame],
+        model: &[f64],
+        discretisation_ohm: &[f64],
+    ) -> Option<Self> {
         let mean = mean(frames)?;
         let scale = scale(protocol, &mean, model)?;
         let values: Vec<f64> = mean.iter().map(|value| value / scale).collect();
@@ -41,7 +47,7 @@ impl Data {
         let sd = |(channel, value): (usize, &f64)| {
             let driven = protocol.channels()[channel].touches_driven();
             let own = if driven { DRIVEN_ERROR * value.abs().max(model[channel].abs()) } else { 0.0 };
-            noise_ohm[usize::from(driven)].hypot(RELATIVE_ERROR * size).hypot(own)
+            noise_ohm[usize::from(driven)].hypot(RELATIVE_ERROR * size).hypot(own).hypot(discretisation_ohm[channel])
         };
         let sd = values.iter().enumerate().map(sd).collect();
         Some(Data { values, sd, scale, noise_ohm })

@@ -41,6 +41,8 @@ pub(super) struct Model {
     jacobian: Matrix,
     /// The even skin's untouched frame, ohm.
     pub(super) frame: Vec<f64>,
+    /// What the discretisation changes of it, ohm.
+    pub(super) discretisation: Vec<f64>,
     /// Resistance of a typical pair of electrodes, ohm.
     pub(super) typical_ohm: f64,
     pub(super) surface: Surface,
@@ -91,6 +93,7 @@ impl Model {
             surface: design.body.surface(),
             even: Matrix::zeros(0, 0),
             frame: Vec::new(),
+            discretisation: Vec::new(),
             typical_ohm: 0.0,
             drives: drives.len(),
             protocol,
@@ -101,6 +104,8 @@ impl Model {
         model.even = model.with_discretisation(&values);
         let network = Network::sound(model.even.clone(), model.drives);
         model.frame = network.frame(&model.protocol, &model.drive_of);
+        let off = model.impedance_from(model.identifier.discretisation_ohm().iter().copied());
+        model.discretisation = model.values(&off, &[]);
         let pair = |[a, b]: [usize; 2]| model.even.at(a, a) - 2.0 * model.even.at(a, b) + model.even.at(b, b);
         model.typical_ohm = rms(drives.into_iter().map(pair));
         model.sound = model.rows(&network);
@@ -109,11 +114,14 @@ impl Model {
 
     /// The impedances from the values of all pairs.
     fn with_discretisation(&self, values: &Frame) -> Matrix {
+        self.impedance_from(values.iter().zip(self.identifier.discretisation_ohm()).map(|(value, off)| value + off))
+    }
+
+    fn impedance_from(&self, values: impl Iterator<Item = f64>) -> Matrix {
         let count = self.protocol.electrode_count();
         let mut impedance = Matrix::zeros(count, count);
-        let exact = values.iter().zip(self.identifier.discretisation_ohm()).map(|(value, off)| value + off);
         let pairs = (1..count).flat_map(|k| (k..count).map(move |m| (k, m)));
-        for ((k, m), value) in pairs.zip(exact) {
+        for ((k, m), value) in pairs.zip(values) {
             *impedance.at_mut(k, m) = value;
             *impedance.at_mut(m, k) = value;
         }

@@ -24,38 +24,81 @@
 mod cut;
 mod data;
 mod fault;
+mod finding;
 mod fit;
 mod screen;
 
 pub use fault::{Cut, Fault};
+pub use finding::BuildFinding;
 
+use crate::calibration::LabelFrame;
+use crate::checks::{FindingKind, Recording, Severity, check_recording};
 use crate::error::CalibrateError;
+use cut::remaining;
 use data::Data;
-use dermis::frame::Frame;
+use dermis::frame::{Frame, mean};
 use dermis::identify::IdentifyOptions;
 use dermis::skin::Skin;
 use fit::{Fit, Model};
+use serde::Serialize;
 
 /// Gain of the logarithm of the evidence from which a fault is named.
 const LEAST_GAIN: f64 = 20.0;
 /// A frame with a smaller misfit is explained: no further gross fault or cut is looked for.
 const EXPLAINED: f64 = 1.2;
+/// A frame with a larger misfit is not explained by the faults that were found.
+const UNEXPLAINED: f64 = 2.0;
 /// Gain of a small fault, to first order, from which it is fitted.
 const SMALL_GAIN: f64 = 15.0;
 /// Most faults that are named.
 const MOST_FAULTS: usize = 4;
+/// The frame determines a contact impedance whose standard deviation is at most this share of its prior.
+const DETERMINED: f64 = 0.5;
 
-/// What was found.
-#[derive(Debug, Clone)]
+/// What was found on a built skin.
+#[derive(Debug, Clone, Serialize)]
 pub struct BuildCheck {
-    /// The faults.
+    /// The findings: faults first, then notes. Empty for a sound skin.
+    pub findings: Vec<BuildFinding>,
+    /// The faults of the network and of the coat among them.
     pub faults: Vec<Fault>,
-    /// Gain of the logarithm of the evidence by each fault.
-    pub gains: Vec<f64>,
+    /// All resistances of the skin over those of the design: a factor on the sheet resistance, or on the reference
+    /// resistor of all drives.
+    pub resistance_factor: f64,
+    /// Standard deviation of the logarithm of the coat's conductance.
+    pub unevenness: f64,
+    /// Conductance of the coat over its mean, a value per cell of the skin's mesh.
+    pub conductance: Vec<f64>,
+    /// The contact of each electrode.
+    pub contacts: Vec<BuiltContact>,
     /// Root mean square of what is left of the frame over what noise and workmanship explain.
     pub misfit: f64,
-    /// That of a sound skin.
+    /// The same for the skin without faults.
     pub sound_misfit: f64,
+    /// Noise of the mean frame in the channels without and with a driven electrode, ohm.
+    pub noise_ohm: [f64; 2],
+    /// Number of frames.
+    pub frames: usize,
+}
+
+/// The contact of an electrode.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct BuiltContact {
+    /// Contact impedance, ohm m2 (ohm m of an arc).
+    pub contact_impedance: f64,
+    /// Whether the frame determines it; if not, it is what the other contacts and the design say.
+    pub is_determined: bool,
+    /// Displacement from its place in the chart of the surface, m.
+    pub displacement_m: [f64; 2],
+    /// Whether a fault was found at it.
+    pub is_faulty: bool,
+}
+
+impl BuildCheck {
+    /// The findings that are to be mended.
+    pub fn problems(&self) -> impl Iterator<Item = &BuildFinding> {
+        self.findings.iter().filter(|finding| finding.severity == Severity::Fault)
+    }
 }
 
 /// The checks of one design.
@@ -71,15 +114,23 @@ impl BuildChecker {
     /// # Errors
     /// A design without signs (`amplitude_only`), or that cannot be solved.
     pub fn new(skin: &Skin) -> Result<Self, CalibrateError> {
-        let options = IdentifyOptions { scale_sd: 1.1, ..IdentifyOptions::default() };
+        // Sheet resistance and contacts are known within a factor of three.
+        let options = IdentifyOptions { scale_sd: 3f64.ln(), ..IdentifyOptions::default() };
         Ok(BuildChecker { model: Model::new(skin, options)?, skin: skin.clone() })
     }
 
     /// Checks the skin by frames of it untouched, ohm.
+    ///
+    /// # Errors
+    /// No frame; frames of another number of channels; values that are not finite.
     pub fn check(&self, frames: &[Frame]) -> Result<BuildCheck, CalibrateError> {
-        let data = Data::new(&self.model.protocol, frames, &self.model.frame).expect("scale");
-        let start = vec![0.0; self.model.identifier.unknown_count()];
-        let mut fit = self.model.fit(&data, &[], &start).expect("fit");
+        let recorded = self.recorded(frames)?;
+        let model = &self.model;
+        let even = vec![0.0; model.identifier.unknown_count()];
+        let data = Data::new(&model.protocol, frames, &model.frame, &model.discretisation);
+        let Some((data, mut fit)) = data.and_then(|data| model.fit(&data, &[], &even).map(|fit| (data, fit))) else {
+            return Ok(self.unlike(frames.len(), recorded));
+        };
         let sound_misfit = fit.misfit;
         let mut gains = Vec::new();
         while fit.faults.len() < MOST_FAULTS {
@@ -87,7 +138,46 @@ impl BuildChecker {
             fit = better;
             gains.push(gain);
         }
-        Ok(BuildCheck { faults: fit.faults, gains, misfit: fit.misfit, sound_misfit })
+        if fit.misfit > UNEXPLAINED && recorded.iter().any(|finding| finding.severity == Severity::Fault) {
+            return Ok(BuildCheck { misfit: fit.misfit, sound_misfit, ..self.unlike(frames.len(), recorded) });
+        }
+        Ok(self.found(&data, fit, &gains, sound_misfit, frames.len()))
+    }
+
+    /// What the values alone show, and their order: of use where the model does not explain the frame.
+    fn recorded(&self, frames: &[Frame]) -> Result<Vec<BuildFinding>, CalibrateError> {
+        let one: Vec<Frame> = mean_checked(frames, self.model.protocol.channel_count())?.into_iter().collect();
+        let recording = Recording { frames: &one, untouched: &one, positions_m: None, label_frame: LabelFrame::Skin };
+        let checked = check_recording(&self.skin, &recording)?;
+        let of_frame = [
+            FindingKind::Order,
+            FindingKind::UnlikeModel,
+            FindingKind::SignTurned,
+            FindingKind::SignLost,
+            FindingKind::SignPresent,
+            FindingKind::Magnitude,
+        ];
+        let used = checked.findings.iter().filter(|finding| of_frame.contains(&finding.kind));
+        Ok(used.map(BuildFinding::of_recording).collect())
+    }
+
+    /// A frame that is unlike the model.
+    fn unlike(&self, frames: usize, mut findings: Vec<BuildFinding>) -> BuildCheck {
+        if findings.is_empty() {
+            findings.push(BuildFinding::unexplained(f64::INFINITY));
+        }
+        BuildCheck {
+            findings,
+            faults: Vec::new(),
+            resistance_factor: f64::NAN,
+            unevenness: f64::NAN,
+            conductance: Vec::new(),
+            contacts: Vec::new(),
+            misfit: f64::INFINITY,
+            sound_misfit: f64::INFINITY,
+            noise_ohm: [f64::NAN; 2],
+            frames,
+        }
     }
 
     /// The fit with the one more fault that explains the frame best, if it does so clearly.
@@ -101,8 +191,7 @@ impl BuildChecker {
         }
         let even = vec![0.0; fit.x.len()];
         let with = |fault: Fault| {
-            let mut faults = fit.faults.clone();
-            faults.push(fault);
+            let faults: Vec<Fault> = fit.faults.iter().copied().chain([fault]).collect();
             model.fit(data, &faults, &even)
         };
         let mut fits: Vec<Fit> = candidates.into_iter().filter_map(with).collect();
@@ -121,4 +210,99 @@ impl BuildChecker {
         let gain = (best.log_evidence - fit.log_evidence) / best.misfit.max(1.0).powi(2);
         (gain > LEAST_GAIN).then_some((best, gain))
     }
+
+    /// The result of a fit.
+    fn found(&self, data: &Data, fit: Fit, gains: &[f64], sound_misfit: f64, frames: usize) -> BuildCheck {
+        let model = &self.model;
+        let faults: Vec<Fault> = fit.faults.iter().map(|fault| fault.scaled(data.scale)).collect();
+        let (conductance, mean_log, unevenness) = self.coat(&fit);
+        let resistance_factor = data.scale * (-mean_log).exp();
+        let low = conductance.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = conductance.iter().copied().fold(0.0, f64::max);
+        let named = faults.iter().zip(gains);
+        let mut findings: Vec<BuildFinding> =
+            named.map(|(fault, &gain)| BuildFinding::of_fault(fault, gain, &model.protocol)).collect();
+        if fit.misfit > UNEXPLAINED {
+            findings.push(BuildFinding::unexplained(fit.misfit));
+        }
+        findings.extend(BuildFinding::of_resistance(resistance_factor));
+        findings.extend(BuildFinding::of_coat(unevenness, [low, high]));
+        let contacts = self.contacts(data, &fit, &findings);
+        let conductance = self.with_cuts(conductance, &faults);
+        BuildCheck {
+            findings,
+            faults,
+            resistance_factor,
+            unevenness,
+            conductance,
+            contacts,
+            misfit: fit.misfit,
+            sound_misfit,
+            noise_ohm: data.noise_ohm.map(|noise| noise * data.scale),
+            frames,
+        }
+    }
+
+    /// The conductance of the coat over its mean, without cuts; the mean of the logarithm of its factor from the design,
+    /// and its standard deviation over the area.
+    fn coat(&self, fit: &Fit) -> (Vec<f64>, f64, f64) {
+        let designed = self.skin.forward().rest_conductivity();
+        let Ok(built) = self.model.identifier.model_of(&fit.x) else {
+            return (vec![1.0; designed.len()], 0.0, 0.0);
+        };
+        let logs: Vec<f64> =
+            built.rest_conductivity().iter().zip(designed).map(|(built, designed)| (built / designed).ln()).collect();
+        let areas = (0..designed.len()).map(|cell| self.skin.mesh().cell_measure(cell));
+        let (sum, area) = areas.clone().zip(&logs).fold((0.0, 0.0), |(sum, all), (one, log)| (sum + one * log, all + one));
+        let mean_log = sum / area;
+        let variance = areas.zip(&logs).map(|(one, log)| one * (log - mean_log).powi(2)).sum::<f64>() / area;
+        (logs.into_iter().map(|log| (log - mean_log).exp()).collect(), mean_log, variance.sqrt())
+    }
+
+    /// The conductance of a coat with its cuts.
+    fn with_cuts(&self, mut conductance: Vec<f64>, faults: &[Fault]) -> Vec<f64> {
+        for fault in faults {
+            if let Fault::Cut(cut) = fault {
+                let parts = remaining(self.skin.mesh(), &self.model.surface, cut);
+                conductance.iter_mut().zip(parts).for_each(|(value, part)| *value *= part);
+            }
+        }
+        conductance
+    }
+
+    fn contacts(&self, data: &Data, fit: &Fit, findings: &[BuildFinding]) -> Vec<BuiltContact> {
+        let identifier = &self.model.identifier;
+        let built = identifier.model_of(&fit.x).ok();
+        let count = self.model.protocol.electrode_count();
+        let impedance = |electrode: usize| built.as_ref().map_or(f64::NAN, |built| built.contact_impedances()[electrode]);
+        let sd = |electrode: usize| {
+            let unknown = identifier.unknown_of_contact(electrode);
+            fit.linear.inverse.at(unknown, unknown).sqrt()
+        };
+        let displacements_m = identifier.displacements_m(&fit.x);
+        let contact = |electrode: usize| BuiltContact {
+            contact_impedance: data.scale * impedance(electrode),
+            is_determined: sd(electrode) <= DETERMINED,
+            displacement_m: displacements_m[electrode],
+            is_faulty: findings.iter().any(|finding| finding.electrodes.contains(&electrode)),
+        };
+        (0..count).map(contact).collect()
+    }
+}
+
+/// The mean of some frames.
+fn mean_checked(frames: &[Frame], channels: usize) -> Result<Option<Frame>, CalibrateError> {
+    if frames.is_empty() {
+        return Err(CalibrateError::Label("there is no untouched frame".into()));
+    }
+    for (row, frame) in frames.iter().enumerate() {
+        if frame.len() != channels {
+            return Err(CalibrateError::Channels { got: frame.len(), expected: channels });
+        }
+        if let Some(channel) = frame.iter().position(|value| !value.is_finite()) {
+            let message = format!("frame {row}, channel {channel} is {}: it must be finite", frame[channel]);
+            return Err(CalibrateError::Label(message));
+        }
+    }
+    Ok(mean(frames))
 }

@@ -10,6 +10,11 @@ impl Identifier {
         1 + self.basis.columns + 1 + self.model.contact_impedances().len() + self.displacements.len()
     }
 
+    /// The unknown that is the contact impedance of an electrode over the common factor of all.
+    pub fn unknown_of_contact(&self, electrode: usize) -> usize {
+        2 + self.basis.columns + electrode
+    }
+
     /// The model at some unknowns, in standard deviations of their priors. Displacements are limited to five of them, so
     /// that cells stay valid.
     ///
