@@ -130,8 +130,7 @@ impl<'a> Search<'a> {
         let strength = PI * SMALL_M * SMALL_M * skin.rest_conductivity()[cell];
         let [along_u, along_v] = slopes.map(|axis| self.pair_slopes(&axis));
         let products = |a: &[[f64; 2]], b: &[[f64; 2]]| -> Vec<f64> {
-            let weights = self.fit.residuals.iter().zip(&self.data.sd);
-            a.iter().zip(b).zip(weights).map(|((a, b), (_, sd))| strength * a[0] * b[1] / sd).collect()
+            a.iter().zip(b).zip(&self.data.sd).map(|((a, b), sd)| strength * a[0] * b[1] / sd).collect()
         };
         let mut changes = [products(&along_u, &along_u), products(&along_v, &along_v), products(&along_u, &along_v)];
         let other = products(&along_v, &along_u);

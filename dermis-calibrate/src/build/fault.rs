@@ -182,7 +182,7 @@ impl Fault {
     pub(super) fn with_size(self, size: f64, typical_ohm: f64) -> Self {
         let ohm = (size * typical_ohm).max(0.0);
         match self {
-            Fault::PoorContact { electrode, .. } => Fault::PoorContact { electrode, ohm: size * typical_ohm },
+            Fault::PoorContact { electrode, .. } => Fault::PoorContact { electrode, ohm },
             Fault::Short { electrodes, .. } => Fault::Short { electrodes, ohm },
             Fault::Reference { drive, .. } => Fault::Reference { drive, factor: (FACTOR_SD * size).exp() },
             other => other,

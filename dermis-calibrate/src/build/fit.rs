@@ -17,6 +17,9 @@ use std::f64::consts::TAU;
 /// Steps of a fit. The derivatives are those of the even skin, so each step leaves a part of the error that is like the
 /// unevenness.
 const STEPS: usize = 10;
+/// A fit is given up after this many steps if what it leaves is larger than the least misfit by this factor.
+const TRIAL_STEPS: usize = 3;
+const HOPELESS: f64 = 2.0;
 /// A shorter step ends a fit, standard deviations of the prior.
 const SHORTEST_STEP: f64 = 0.02;
 /// Longest distance of an unknown from the design in its standard deviations.
@@ -231,8 +234,9 @@ impl Model {
         residuals
     }
 
-    /// The fit under some faults, from some unknowns; `None` where the model has no solution.
-    pub(super) fn fit(&self, data: &Data, faults: &[Fault], start: &[f64]) -> Option<Fit> {
+    /// The fit under some faults, from some unknowns; `None` where the model has no solution, and where the fit cannot
+    /// become as good as one with the misfit `least`.
+    pub(super) fn fit(&self, data: &Data, faults: &[Fault], start: &[f64], least: f64) -> Option<Fit> {
         let mut faults = faults.to_vec();
         let mut x = start.to_vec();
         let mut impedance = self.impedance(&x, &faults)?;
@@ -241,7 +245,7 @@ impl Model {
         x.extend(sized.iter().filter_map(|&at| faults[at].size(self.typical_ohm)));
         let count = start.len();
         let mut residuals = self.residuals(data, &impedance, &faults);
-        for _ in 0..STEPS {
+        for step in 0..STEPS {
             let next = linear.step(&residuals, &x);
             let longest = next.iter().zip(&x).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             x = next;
@@ -252,6 +256,9 @@ impl Model {
             residuals = self.residuals(data, &impedance, &faults);
             if longest < SHORTEST_STEP {
                 break;
+            }
+            if step + 1 == TRIAL_STEPS && rms(residuals.iter().copied()) > HOPELESS * least {
+                return None;
             }
         }
         let squares: f64 = residuals.iter().chain(&x).map(|value| value * value).sum();

@@ -124,12 +124,13 @@ impl BuildChecker {
     /// # Errors
     /// No frame; frames of another number of channels; values that are not finite.
     pub fn check(&self, frames: &[Frame]) -> Result<BuildCheck, CalibrateError> {
-        let recorded = self.recorded(frames)?;
+        let mean = mean_of(frames, self.model.protocol.channel_count())?;
         let model = &self.model;
         let even = vec![0.0; model.identifier.unknown_count()];
         let data = Data::new(&model.protocol, frames, &model.frame, &model.discretisation);
-        let Some((data, mut fit)) = data.and_then(|data| model.fit(&data, &[], &even).map(|fit| (data, fit))) else {
-            return Ok(self.unlike(frames.len(), recorded));
+        let fit = data.as_ref().and_then(|data| model.fit(data, &[], &even, f64::INFINITY));
+        let (Some(data), Some(mut fit)) = (data, fit) else {
+            return Ok(self.unlike(frames.len(), self.recorded(mean)?));
         };
         let sound_misfit = fit.misfit;
         let mut gains = Vec::new();
@@ -138,15 +139,18 @@ impl BuildChecker {
             fit = better;
             gains.push(gain);
         }
-        if fit.misfit > UNEXPLAINED && recorded.iter().any(|finding| finding.severity == Severity::Fault) {
-            return Ok(BuildCheck { misfit: fit.misfit, sound_misfit, ..self.unlike(frames.len(), recorded) });
+        if fit.misfit > UNEXPLAINED {
+            let recorded = self.recorded(mean)?;
+            if recorded.iter().any(|finding| finding.severity == Severity::Fault) {
+                return Ok(BuildCheck { misfit: fit.misfit, sound_misfit, ..self.unlike(frames.len(), recorded) });
+            }
         }
         Ok(self.found(&data, fit, &gains, sound_misfit, frames.len()))
     }
 
     /// What the values alone show, and their order: of use where the model does not explain the frame.
-    fn recorded(&self, frames: &[Frame]) -> Result<Vec<BuildFinding>, CalibrateError> {
-        let one: Vec<Frame> = mean_checked(frames, self.model.protocol.channel_count())?.into_iter().collect();
+    fn recorded(&self, mean: Frame) -> Result<Vec<BuildFinding>, CalibrateError> {
+        let one = [mean];
         let recording = Recording { frames: &one, untouched: &one, positions_m: None, label_frame: LabelFrame::Skin };
         let checked = check_recording(&self.skin, &recording)?;
         let of_frame = [
@@ -190,15 +194,20 @@ impl BuildChecker {
             candidates.extend(screen::gross(model, data, &fit.faults));
         }
         let even = vec![0.0; fit.x.len()];
-        let with = |fault: Fault| {
+        let with = |fault: Fault, least: f64| {
             let faults: Vec<Fault> = fit.faults.iter().copied().chain([fault]).collect();
-            model.fit(data, &faults, &even)
+            model.fit(data, &faults, &even, least)
         };
-        let mut fits: Vec<Fit> = candidates.into_iter().filter_map(with).collect();
-        let least = fits.iter().map(|one| one.misfit).fold(fit.misfit, f64::min);
+        let mut least = fit.misfit;
+        let mut fits: Vec<Fit> = Vec::new();
+        for fault in candidates {
+            let one = with(fault, least);
+            least = one.as_ref().map_or(least, |one| least.min(one.misfit));
+            fits.extend(one);
+        }
         if least > EXPLAINED {
             let cut = cut::best_cut(model, data, fit);
-            fits.extend(cut.and_then(|cut| with(Fault::Cut(cut))));
+            fits.extend(cut.and_then(|cut| with(Fault::Cut(cut), least)));
         }
         if std::env::var("DEBUG").is_ok() {
             eprintln!("base {:?} misfit {:.3} E {:.1}", fit.faults, fit.misfit, fit.log_evidence);
@@ -291,10 +300,7 @@ impl BuildChecker {
 }
 
 /// The mean of some frames.
-fn mean_checked(frames: &[Frame], channels: usize) -> Result<Option<Frame>, CalibrateError> {
-    if frames.is_empty() {
-        return Err(CalibrateError::Label("there is no untouched frame".into()));
-    }
+fn mean_of(frames: &[Frame], channels: usize) -> Result<Frame, CalibrateError> {
     for (row, frame) in frames.iter().enumerate() {
         if frame.len() != channels {
             return Err(CalibrateError::Channels { got: frame.len(), expected: channels });
@@ -304,5 +310,5 @@ fn mean_checked(frames: &[Frame], channels: usize) -> Result<Option<Frame>, Cali
             return Err(CalibrateError::Label(message));
         }
     }
-    Ok(mean(frames))
+    mean(frames).ok_or_else(|| CalibrateError::Label("there is no untouched frame".into()))
 }

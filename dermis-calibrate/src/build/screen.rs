@@ -92,5 +92,9 @@ fn gain(model: &Model, data: &Data, fit: &Fit, impedance: &Matrix, fault: Fault)
     let mut adapted = vec![0.0; passed.len()];
     fit.linear.inverse.product_into(&passed, &mut adapted);
     let score = dot(&change, &fit.residuals);
+    // A contact has no negative resistance.
+    if score < 0.0 && matches!(fault, Fault::PoorContact { .. }) {
+        return 0.0;
+    }
     0.5 * score * score / (1.0 + dot(&change, &change) - dot(&passed, &adapted))
 }

@@ -5,11 +5,13 @@ use dermis::frame::Frame;
 use dermis::geom::Point3;
 use dermis::skin::Skin;
 use dermis_calibrate::build::{BuildCheck, BuildChecker, Fault};
+use dermis_sim::random::{log_uniform, sample_rng};
 use dermis_sim::twin::{CutOptions, FaultOptions, ReferenceOptions, ShortOptions, Twin, TwinOptions};
-use rand::{Rng, RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
+use rand::{Rng, RngExt};
 use std::f64::consts::{PI, TAU};
 
+/// The random stream of a fault; those of the twin are others.
+const CASE_STREAM: u64 = 1 << 61;
 /// Untouched frames of each skin.
 const FRAMES: u64 = 32;
 /// Largest factor of the sheet resistance from that of the design.
@@ -32,10 +34,6 @@ pub struct Case {
     pub kind: &'static str,
     pub faults: FaultOptions,
     pub cut_m: Option<Point3>,
-}
-
-fn log_uniform(rng: &mut impl Rng, [low, high]: [f64; 2]) -> f64 {
-    low * (high / low).powf(rng.random::<f64>())
 }
 
 /// A fault of a kind on the paper's skin.
@@ -79,7 +77,7 @@ fn random_cut(rng: &mut impl Rng) -> (CutOptions, Point3) {
 
 /// The untouched frames of a twin with a fault, drawn from a seed.
 pub fn frames(twin: &str, design: &SkinDesign, kind: &'static str, seed: u64) -> (Case, Vec<Frame>) {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut rng = sample_rng(seed, CASE_STREAM);
     let mut built = design.clone();
     built.sheet.conductance *= log_uniform(&mut rng, [1.0 / SHEET_FACTOR, SHEET_FACTOR]);
     let case = case(kind, design, &mut rng);
