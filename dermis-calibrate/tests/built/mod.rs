@@ -81,7 +81,8 @@ pub fn frames(twin: &str, design: &SkinDesign, kind: &'static str, seed: u64) ->
     let mut built = design.clone();
     built.sheet.conductance *= log_uniform(&mut rng, [1.0 / SHEET_FACTOR, SHEET_FACTOR]);
     let case = case(kind, design, &mut rng);
-    let options = TwinOptions { faults: case.faults.clone(), ..TwinOptions::shipped(twin).expect("a shipped twin") };
+    let mut options = TwinOptions::shipped(twin).expect("a shipped twin");
+    options.faults = case.faults.clone();
     let twin = Twin::new(&built, &options, seed).expect("a twin");
     let frames = (0..FRAMES).map(|index| twin.frame(&[], index).expect("a frame")).collect();
     (case, frames)
