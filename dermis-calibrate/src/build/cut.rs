@@ -21,6 +21,8 @@ const STARTS: usize = 3;
 const APART_M: f64 = 0.03;
 /// Longest and shortest step of that search along the surface, m; turns and changes of the length are in proportion.
 const STEPS_M: [f64; 2] = [0.012, 0.002];
+/// The middle of a cut is this close to the middle of a cell, m.
+const ON_BODY_M: f64 = 0.008;
 /// Shortest and longest cut, m.
 const LENGTHS_M: [f64; 2] = [0.008, 0.25];
 
@@ -59,15 +61,21 @@ struct Candidate {
     gain: f64,
 }
 
-/// The best cut, given a fit without it; `None` on a body without a chart, or where no cut helps.
-pub(super) fn best_cut(model: &Model, data: &Data, fit: &Fit) -> Option<Cut> {
-    let skin = model.identifier.model_of(&fit.x).ok()?;
+/// The best cut beside some faults, near others or anywhere, for a skin near some unknowns; `None` on a body without a
+/// chart, or where no cut helps.
+pub(super) fn best_cut(model: &Model, data: &Data, faults: &[Fault], x: &[f64], near: Option<Cut>) -> Option<Cut> {
+    let skin = model.identifier.model_of(x).ok()?;
     if model.surface == Surface::Free || !matches!(skin.mesh().cells, Cells::Triangles(_)) {
         return None;
     }
-    let mut search = Search::new(model, data, fit, &skin)?;
+    let fit = model.at(data, faults, x)?;
+    let mut search = Search::new(model, data, &fit, &skin)?;
+    let starts = match near {
+        Some(cut) => vec![cut],
+        None => search.starts(&skin)?,
+    };
     let mut best: Option<Candidate> = None;
-    for start in search.starts(&skin)? {
+    for start in starts {
         let found = search.refine(start);
         if best.is_none_or(|best| found.gain > best.gain) {
             best = Some(found);
@@ -86,6 +94,8 @@ struct Search<'a> {
     network: Network,
     /// `A x`.
     moved: Vec<f64>,
+    /// What the adapted skin leaves of the data without a cut, standard deviations.
+    left: Vec<f64>,
 }
 
 impl<'a> Search<'a> {
@@ -94,7 +104,8 @@ impl<'a> Search<'a> {
         let network = model.network(&model.impedance_of(&mut solver, &fit.faults)?, &fit.faults);
         let mut moved = vec![0.0; fit.residuals.len()];
         fit.linear.a.product_into(&fit.all_unknowns(model), &mut moved);
-        Some(Search { model, data, fit, solver, network, moved })
+        let left = fit.linear.left(&fit.residuals, &moved);
+        Some(Search { model, data, fit, solver, network, moved, left })
     }
 
     /// The places where a small cut explains most.
@@ -164,7 +175,7 @@ impl<'a> Search<'a> {
             self.fit.linear.inverse.product_into(one, &mut out);
             out
         });
-        let scores = used.each_ref().map(|change| dot(change, &self.fit.residuals));
+        let scores = used.each_ref().map(|change| dot(change, &self.left));
         let information =
             std::array::from_fn(|i| std::array::from_fn(|j| dot(&used[i], &used[j]) - dot(&passed[i], &adapted[j])));
         (scores, information)
@@ -196,6 +207,11 @@ impl<'a> Search<'a> {
 
     /// The gain of a cut, with the skin adapted to first order.
     fn gain(&mut self, cut: Cut) -> f64 {
+        let mesh = self.solver.model().mesh();
+        let near = |cell: usize| self.model.surface.distance_m(mesh.cell_centre(cell), cut.centre_m) < ON_BODY_M;
+        if !(0..mesh.cell_count()).any(near) {
+            return f64::NEG_INFINITY;
+        }
         let mut faults = self.fit.faults.clone();
         faults.push(Fault::Cut(cut));
         let Some(impedance) = self.model.impedance_of(&mut self.solver, &faults) else { return f64::NEG_INFINITY };

@@ -237,6 +237,15 @@ impl Model {
     /// The fit under some faults, from some unknowns; `None` where the model has no solution, and where the fit cannot
     /// become as good as one with the misfit `least`.
     pub(super) fn fit(&self, data: &Data, faults: &[Fault], start: &[f64], least: f64) -> Option<Fit> {
+        self.fit_in(STEPS, data, faults, start, least)
+    }
+
+    /// A fit without a step: the skin at some unknowns.
+    pub(super) fn at(&self, data: &Data, faults: &[Fault], x: &[f64]) -> Option<Fit> {
+        self.fit_in(0, data, faults, x, f64::INFINITY)
+    }
+
+    fn fit_in(&self, steps: usize, data: &Data, faults: &[Fault], start: &[f64], least: f64) -> Option<Fit> {
         let mut faults = faults.to_vec();
         let mut x = start.to_vec();
         let mut impedance = self.impedance(&x, &faults)?;
@@ -245,7 +254,7 @@ impl Model {
         x.extend(sized.iter().filter_map(|&at| faults[at].size(self.typical_ohm)));
         let count = start.len();
         let mut residuals = self.residuals(data, &impedance, &faults);
-        for step in 0..STEPS {
+        for step in 0..steps {
             let next = linear.step(&residuals, &x);
             let longest = next.iter().zip(&x).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             x = next;
@@ -312,6 +321,16 @@ impl Linear {
             out.iter_mut().zip(row).for_each(|(sum, a)| *sum += a * value);
         }
         out
+    }
+
+    /// What the best unknowns to first order leave of the data: residuals `r` at some unknowns, and `A x`.
+    pub(super) fn left(&self, residuals: &[f64], moved: &[f64]) -> Vec<f64> {
+        let target: Vec<f64> = residuals.iter().zip(moved).map(|(residual, moved)| residual + moved).collect();
+        let mut unknowns = vec![0.0; self.a.columns];
+        self.inverse.product_into(&self.transposed_product(&target), &mut unknowns);
+        let mut explained = vec![0.0; target.len()];
+        self.a.product_into(&unknowns, &mut explained);
+        target.iter().zip(explained).map(|(target, explained)| target - explained).collect()
     }
 
     /// Half of the least squares of residuals and unknowns about a fit: residuals `r` there, and `A x`.

@@ -206,8 +206,14 @@ impl BuildChecker {
             fits.extend(one);
         }
         if least > EXPLAINED {
-            let cut = cut::best_cut(model, data, fit);
-            fits.extend(cut.and_then(|cut| with(Fault::Cut(cut), least)));
+            // A sound skin adapts to a cut: its unknowns are far from those of the skin with it.
+            let cut = cut::best_cut(model, data, &fit.faults, &even, None);
+            let first = cut.and_then(|cut| Some((cut, with(Fault::Cut(cut), f64::INFINITY)?)));
+            if let Some((cut, first)) = first {
+                let again = cut::best_cut(model, data, &fit.faults, &first.x, Some(cut));
+                fits.extend(again.and_then(|cut| with(Fault::Cut(cut), f64::INFINITY)));
+                fits.push(first);
+            }
         }
         if std::env::var("DEBUG").is_ok() {
             eprintln!("base {:?} misfit {:.3} E {:.1}", fit.faults, fit.misfit, fit.log_evidence);
