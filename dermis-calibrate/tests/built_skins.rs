@@ -26,7 +26,10 @@ fn score(twin: &str, first: u64, [faulty, sound]: [u64; 2]) -> Vec<(&'static str
             let (case, check) = checked(&checker, &skin, twin, kind, seed);
             let right = is_right(&case, &skin, &check);
             if !right {
-                println!("{twin} {kind} {seed}: {:?} found {:?}, misfit {:.2}", case.faults, check.faults, check.misfit);
+                println!(
+                    "{twin} {kind} {seed}: {:?} found {:?}, misfit {:.2}",
+                    case.faults, check.faults, check.misfit
+                );
             }
             right
         });
@@ -56,33 +59,4 @@ fn one_twin_of_each_kind() {
     for (kind, right, of) in score("lab", 6001, [1, 1]) {
         assert_eq!(right as u64, of, "{kind}");
     }
-}
-
-#[test]
-#[ignore = "debugging"]
-fn debug() {
-    let text = std::env::var("CASES").unwrap();
-    let parts: Vec<&str> = text.split(',').collect();
-    let skin = Skin::load("cylinder30").unwrap();
-    let start = std::time::Instant::now();
-    let checker = BuildChecker::new(&skin).unwrap();
-    println!("prepared in {:?}", start.elapsed());
-    let (from, to): (u64, u64) = (parts[2].parse().unwrap(), parts[3].parse().unwrap());
-    for kind in KINDS.iter().filter(|kind| parts[1] == "all" || parts[1] == **kind) {
-        for seed in from..to {
-            let start = std::time::Instant::now();
-            let (case, frames) = built::frames(parts[0], skin.design(), kind, seed);
-            let made = start.elapsed();
-            let check = checker.check(&frames).unwrap();
-            println!(
-                "{kind} {seed} {} sound {:.2} misfit {:.2} r {:.2} u {:.3} {:?} {:.0?} made {made:.1?} total {:.1?} {}",
-                if is_right(&case, &skin, &check) { "ok" } else { "WRONG" },
-                check.sound_misfit, check.misfit, check.resistance_factor, check.unevenness,
-                check.findings.iter().map(|f| f.kind.as_str()).collect::<Vec<_>>(),
-                check.findings.iter().map(|f| f.value).collect::<Vec<_>>(), start.elapsed(),
-                if is_right(&case, &skin, &check) { String::new() } else { format!("{:?} {:?} {:?}", case.cut_m, case.faults, check.faults) },
-            );
-        }
-    }
-    let _ = checked;
 }

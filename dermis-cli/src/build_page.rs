@@ -119,7 +119,8 @@ fn contacts(skin: &Skin, check: &BuildCheck) -> Outcome<(Picture, String)> {
         let distances = others.map(|(index, &centre)| (index, surface.distance_m(centre, point)));
         distances.min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, f64::INFINITY))
     };
-    let spacing_m = (0..centres.len()).map(|index| nearest(centres[index], Some(index)).1).fold(f64::INFINITY, f64::min);
+    let spacing_m =
+        (0..centres.len()).map(|index| nearest(centres[index], Some(index)).1).fold(f64::INFINITY, f64::min);
     let ratio = |electrode: usize| {
         check.contacts[electrode].contact_impedance / skin.design().electrodes[electrode].contact_impedance
     };
@@ -129,9 +130,16 @@ fn contacts(skin: &Skin, check: &BuildCheck) -> Outcome<(Picture, String)> {
     };
     let values: Vec<f64> = (0..skin.mesh().cell_count()).map(value).collect();
     let space = PixelSpace::cells(skin.mesh(), surface);
-    let key = Key { scale: Scale::diverging(values.iter().copied()), label: "log10 of contact impedance over the design's".into() };
+    let key = Key {
+        scale: Scale::diverging(values.iter().copied()),
+        label: "log10 of contact impedance over the design's".into(),
+    };
     let scene = Drawing::new(skin.design(), skin.mesh()).field(&space, &values, key);
-    draw(skin, &scene.titled("Contacts", ""), "Contact impedance of each electrode; its colour is that of a disc around it.")
+    draw(
+        skin,
+        &scene.titled("Contacts", ""),
+        "Contact impedance of each electrode; its colour is that of a disc around it.",
+    )
 }
 
 fn draw(skin: &Skin, scene: &dermis_plot::Scene, caption: &str) -> Outcome<(Picture, String)> {

@@ -57,8 +57,7 @@ impl Data {
 /// The median ratio of a frame to the model, over the larger half of the channels without a driven electrode: wrong
 /// values of some electrodes do not change it.
 fn scale(protocol: &Protocol, frame: &[f64], model: &[f64]) -> Option<f64> {
-    let free: Vec<usize> =
-        (0..frame.len()).filter(|&channel| !protocol.channels()[channel].touches_driven()).collect();
+    let free: Vec<usize> = (0..frame.len()).filter(|&channel| !protocol.channels()[channel].touches_driven()).collect();
     let channels = if free.is_empty() { (0..frame.len()).collect() } else { free };
     let sizes: Vec<f64> = channels.iter().map(|&channel| model[channel].abs()).collect();
     let least = upper_median(&sizes)?;

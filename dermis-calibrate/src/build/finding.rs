@@ -70,10 +70,15 @@ impl BuildFinding {
                 "exchange the two wires at the reader, or the two electrodes in the design",
             )
             .at_electrodes(vec![a, b]),
-            Fault::Reference { drive, factor } => BuildFinding { drive: Some(drive), ..reference(gain, drive, factor, protocol) },
+            Fault::Reference { drive, factor } => {
+                BuildFinding { drive: Some(drive), ..reference(gain, drive, factor, protocol) }
+            }
             Fault::Cut(Cut { centre_m, length_m, .. }) => {
                 let evidence = format!("a cut of about {:.0} mm explains the frame", 1e3 * length_m);
-                BuildFinding { place_m: Some(centre_m), ..found(evidence, "look for a cut, a crack or a scratch there; spray the coat again") }
+                BuildFinding {
+                    place_m: Some(centre_m),
+                    ..found(evidence, "look for a cut, a crack or a scratch there; spray the coat again")
+                }
             }
         }
     }
@@ -135,7 +140,10 @@ impl BuildFinding {
 
 fn reference(gain: f64, drive: usize, factor: f64, protocol: &Protocol) -> BuildFinding {
     let [source, sink] = protocol.drives().0[drive];
-    let evidence = format!("the values of drive {drive} (electrodes {source} and {sink}) are {:.3} times those of the others", 1.0 / factor);
+    let evidence = format!(
+        "the values of drive {drive} (electrodes {source} and {sink}) are {:.3} times those of the others",
+        1.0 / factor
+    );
     let fix = "check the reference resistor and the reading of the current of this drive";
     BuildFinding::new("reference", Severity::Fault, gain, evidence, fix).at_electrodes(vec![source, sink])
 }

@@ -7,7 +7,7 @@ use dermis::design::SkinDesign;
 use dermis::forward::{ForwardModel, Solver};
 use dermis::frame::Frame;
 use dermis::geom::Surface;
-use dermis::identify::{IdentifyOptions, Identifier};
+use dermis::identify::{Identifier, IdentifyOptions};
 use dermis::linalg::{Matrix, invert_spd};
 use dermis::protocol::{Channel, Protocol};
 use dermis::skin::Skin;

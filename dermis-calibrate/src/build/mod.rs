@@ -188,8 +188,7 @@ impl BuildChecker {
     fn better(&self, data: &Data, fit: &Fit) -> Option<(Fit, f64)> {
         let model = &self.model;
         let small = screen::small(model, data, fit, &fit.impedance).into_iter();
-        let mut candidates: Vec<Fault> =
-            small.filter(|(gain, _)| *gain > SMALL_GAIN).map(|(_, fault)| fault).collect();
+        let mut candidates: Vec<Fault> = small.filter(|(gain, _)| *gain > SMALL_GAIN).map(|(_, fault)| fault).collect();
         if fit.misfit > EXPLAINED {
             candidates.extend(screen::gross(model, data, &fit.faults));
         }
@@ -213,12 +212,6 @@ impl BuildChecker {
                 let again = cut::best_cut(model, data, &fit.faults, &first.x, Some(cut));
                 fits.extend(again.and_then(|cut| with(Fault::Cut(cut), f64::INFINITY)));
                 fits.push(first);
-            }
-        }
-        if std::env::var("DEBUG").is_ok() {
-            eprintln!("base {:?} misfit {:.3} E {:.1}", fit.faults, fit.misfit, fit.log_evidence);
-            for one in &fits {
-                eprintln!("   {:?} misfit {:.3} gain {:.1}", one.faults.last(), one.misfit, one.log_evidence - fit.log_evidence);
             }
         }
         let best = fits.into_iter().max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))?;
@@ -268,7 +261,8 @@ impl BuildChecker {
         let logs: Vec<f64> =
             built.rest_conductivity().iter().zip(designed).map(|(built, designed)| (built / designed).ln()).collect();
         let areas = (0..designed.len()).map(|cell| self.skin.mesh().cell_measure(cell));
-        let (sum, area) = areas.clone().zip(&logs).fold((0.0, 0.0), |(sum, all), (one, log)| (sum + one * log, all + one));
+        let (sum, area) =
+            areas.clone().zip(&logs).fold((0.0, 0.0), |(sum, all), (one, log)| (sum + one * log, all + one));
         let mean_log = sum / area;
         let variance = areas.zip(&logs).map(|(one, log)| one * (log - mean_log).powi(2)).sum::<f64>() / area;
         (logs.into_iter().map(|log| (log - mean_log).exp()).collect(), mean_log, variance.sqrt())
@@ -289,7 +283,8 @@ impl BuildChecker {
         let identifier = &self.model.identifier;
         let built = identifier.model_of(&fit.x).ok();
         let count = self.model.protocol.electrode_count();
-        let impedance = |electrode: usize| built.as_ref().map_or(f64::NAN, |built| built.contact_impedances()[electrode]);
+        let impedance =
+            |electrode: usize| built.as_ref().map_or(f64::NAN, |built| built.contact_impedances()[electrode]);
         let sd = |electrode: usize| {
             let unknown = identifier.unknown_of_contact(electrode);
             fit.linear.inverse.at(unknown, unknown).sqrt()

@@ -99,9 +99,7 @@ pub fn is_right(case: &Case, skin: &Skin, check: &BuildCheck) -> bool {
             case.faults.dead_electrodes.iter().chain(&case.faults.torn_wires).eq([electrode])
         }
         ("short", [Fault::Short { electrodes, .. }]) => *electrodes == sorted(case.faults.shorts[0].electrodes),
-        ("exchanged", [Fault::ExchangedWires { electrodes }]) => {
-            *electrodes == sorted(case.faults.exchanged_wires[0])
-        }
+        ("exchanged", [Fault::ExchangedWires { electrodes }]) => *electrodes == sorted(case.faults.exchanged_wires[0]),
         ("reference", [Fault::Reference { drive, .. }]) => case.faults.references[0].drive == Some(*drive),
         ("cut", [Fault::Cut(cut)]) => {
             let surface = skin.design().body.surface();

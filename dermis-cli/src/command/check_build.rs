@@ -134,10 +134,25 @@ impl Arguments {
         let mut text = format!("{}: {}, ", skin.design().name, counted(check.frames, "untouched frame"));
         match (faults, notes) {
             (0, 0) => text += "sound, no findings\n",
-            _ => _ = writeln!(text, "{}, {}\n\n{}", counted(faults, "fault"), counted(notes, "note"), findings_table(check).to_text()),
+            _ => {
+                _ = writeln!(
+                    text,
+                    "{}, {}\n\n{}",
+                    counted(faults, "fault"),
+                    counted(notes, "note"),
+                    findings_table(check).to_text()
+                )
+            }
         }
         for finding in &check.findings {
-            let _ = writeln!(text, "\n{}{}\n  evidence: {}\n  fix: {}", finding.kind, place(finding), finding.evidence, finding.fix);
+            let _ = writeln!(
+                text,
+                "\n{}{}\n  evidence: {}\n  fix: {}",
+                finding.kind,
+                place(finding),
+                finding.evidence,
+                finding.fix
+            );
         }
         let _ = writeln!(
             text,

@@ -79,7 +79,8 @@ impl ElectrodeNetwork {
         let exchanged = |matrix: &Matrix| {
             let mut out = matrix.clone();
             for row in 0..matrix.rows {
-                (0..matrix.columns).for_each(|column| *out.at_mut(row, column) = matrix.at(number(row), number(column)));
+                (0..matrix.columns)
+                    .for_each(|column| *out.at_mut(row, column) = matrix.at(number(row), number(column)));
             }
             out
         };
