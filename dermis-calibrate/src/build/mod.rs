@@ -134,12 +134,13 @@ impl BuildChecker {
         };
         let sound_misfit = fit.misfit;
         let mut gains = Vec::new();
-        while fit.faults.len() < MOST_FAULTS {
+        // A cut on the mesh is coarse: what it leaves would be named as other faults.
+        while fit.faults.len() < MOST_FAULTS && !has_cut(&fit.faults) {
             let Some((better, gain)) = self.better(&data, &fit) else { break };
             fit = better;
             gains.push(gain);
         }
-        if fit.misfit > UNEXPLAINED {
+        if is_unexplained(&fit, sound_misfit) {
             let recorded = self.recorded(mean)?;
             if recorded.iter().any(|finding| finding.severity == Severity::Fault) {
                 return Ok(BuildCheck { misfit: fit.misfit, sound_misfit, ..self.unlike(frames.len(), recorded) });
@@ -230,7 +231,7 @@ impl BuildChecker {
         let named = faults.iter().zip(gains);
         let mut findings: Vec<BuildFinding> =
             named.map(|(fault, &gain)| BuildFinding::of_fault(fault, gain, &model.protocol)).collect();
-        if fit.misfit > UNEXPLAINED {
+        if is_unexplained(&fit, sound_misfit) {
             findings.push(BuildFinding::unexplained(fit.misfit));
         }
         findings.extend(BuildFinding::of_resistance(resistance_factor));
@@ -298,6 +299,16 @@ impl BuildChecker {
         };
         (0..count).map(contact).collect()
     }
+}
+
+fn has_cut(faults: &[Fault]) -> bool {
+    faults.iter().any(|fault| matches!(fault, Fault::Cut(_)))
+}
+
+/// Whether a frame is not explained by a fit. A cut, which is coarse on the mesh, explains enough if it halves the misfit.
+fn is_unexplained(fit: &Fit, sound_misfit: f64) -> bool {
+    let enough = has_cut(&fit.faults) && fit.misfit < 0.5 * sound_misfit;
+    fit.misfit > UNEXPLAINED && !enough
 }
 
 /// The mean of some frames.
