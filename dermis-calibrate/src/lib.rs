@@ -7,6 +7,7 @@
 
 #![warn(unreachable_pub)]
 
+pub mod build;
 mod calibration;
 pub mod checks;
 mod correction;

@@ -5,6 +5,7 @@
 //! # let _ = code;
 //! ```
 
+mod build_page;
 mod calibrated;
 mod channels;
 mod check_page;

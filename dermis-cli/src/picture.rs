@@ -1,4 +1,4 @@
-//! Files of pictures.
+//! Files of pictures and pages.
 
 use crate::failure::{Failure, Outcome};
 use dermis::frame::write_whole;
@@ -12,6 +12,15 @@ pub enum PictureFormat {
     Svg,
     /// Pixels.
     Png,
+}
+
+/// Refuses another ending than that of a page.
+pub fn check_page_ending(path: &Path) -> Outcome {
+    if path.extension().is_some_and(|extension| extension == "html") {
+        return Ok(());
+    }
+    let message = format!("{}: the page is written as .html", path.display());
+    Err(Failure::given(message, Some("choose this ending")))
 }
 
 /// Dots per pixel of a PNG, for high-resolution screens and print.

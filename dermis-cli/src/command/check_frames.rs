@@ -3,8 +3,9 @@
 use crate::calibrated::Presses;
 use crate::check_page::{findings_table, page, place};
 use crate::console::{Progress, print, print_json};
-use crate::failure::{Failure, Outcome};
+use crate::failure::Outcome;
 use crate::frames::{FrameArguments, Recorded};
+use crate::picture::check_page_ending;
 use crate::skin;
 use clap::Args;
 use dermis::frame::{write_frames, write_whole};
@@ -14,7 +15,7 @@ use dermis_calibrate::LabelFrame;
 use dermis_calibrate::checks::{Checked, Recording, check_recording, realigned};
 use serde_json::json;
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// The arguments of `dermis check-frames`.
 #[derive(Debug, Args)]
@@ -43,7 +44,7 @@ impl Arguments {
     /// Checks the frames and prints the findings.
     pub fn run(self) -> Outcome {
         if let Some(path) = &self.output {
-            check_ending(path)?;
+            check_page_ending(path)?;
         }
         let skin = skin::load(&self.design)?;
         let Recorded { frames, untouched } = self.frames.read_recorded(&skin.design().protocol, &[])?;
@@ -114,12 +115,4 @@ impl Arguments {
         }
         text
     }
-}
-
-fn check_ending(path: &Path) -> Outcome {
-    if path.extension().is_some_and(|extension| extension == "html") {
-        return Ok(());
-    }
-    let message = format!("{}: the page is written as .html", path.display());
-    Err(Failure::given(message, Some("choose this ending")))
 }

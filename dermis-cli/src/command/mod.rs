@@ -4,6 +4,8 @@ pub mod benchmark;
 mod bound;
 pub mod calibrate;
 mod characterise;
+
+mod check_build;
 mod check_device;
 mod check_frames;
 mod contacts;
@@ -58,6 +60,8 @@ pub enum Command {
     Optimise(optimise::Arguments),
     /// Calibrate a real skin with measured presses.
     Calibrate(calibrate::Arguments),
+    /// Check a built skin by its untouched frame: open electrodes, shorts, exchanged wires, cuts; writes a report.
+    CheckBuild(check_build::Arguments),
     /// Check a recording: late, dead or saturated channels, their order, signs, units, drift; writes a page.
     CheckFrames(check_frames::Arguments),
     /// Check a device's answers and frames against the wire protocol.
@@ -118,6 +122,7 @@ impl Command {
             Command::Bound(arguments) => arguments.run(),
             Command::Optimise(arguments) => arguments.run(),
             Command::Calibrate(arguments) => arguments.run(),
+            Command::CheckBuild(arguments) => arguments.run(),
             Command::CheckFrames(arguments) => arguments.run(),
             Command::CheckDevice(arguments) => arguments.run(),
             Command::Fit(arguments) => arguments.run(),

@@ -1,8 +1,10 @@
 //! Faults of a skin.
 
 use super::TwinError;
+use super::electronics::{out_of_range, positive};
 use crate::elementary::atan2;
 use dermis::design::{Body, SkinDesign};
+use dermis::forward::ElectrodeNetwork;
 use dermis::geom::Point2;
 use dermis::geom::Surface;
 use dermis::geom::surface::angle_difference;
@@ -24,6 +26,32 @@ pub struct FaultOptions {
     pub torn_wires: Vec<usize>,
     /// Cuts through the coating.
     pub cuts: Vec<CutOptions>,
+    /// Pairs of wires that touch.
+    pub shorts: Vec<ShortOptions>,
+    /// Pairs of wires, by electrode, that are exchanged at the instrument.
+    pub exchanged_wires: Vec<[usize; 2]>,
+    /// Reference resistors of another value than the instrument expects.
+    pub references: Vec<ReferenceOptions>,
+}
+
+/// Two wires that touch.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ShortOptions {
+    /// Their electrodes, by number.
+    pub electrodes: [usize; 2],
+    /// Resistance between them, ohm.
+    pub ohm: f64,
+}
+
+/// A reference resistor of another value than the instrument expects.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ReferenceOptions {
+    /// The drive that uses it, by its place in the protocol; that of all drives if this is missing.
+    pub drive: Option<usize>,
+    /// Its resistance over the expected one. The values of the drive are divided by it.
+    pub factor: f64,
 }
 
 /// A straight cut through the coating, as thin as the cells of the mesh allow.
@@ -50,16 +78,21 @@ impl FaultOptions {
     /// Whether there is no fault.
     pub fn none(&self) -> bool {
         let lists = [&self.dead_electrodes, &self.loose_electrodes, &self.torn_wires];
-        lists.iter().all(|list| list.is_empty()) && self.cuts.is_empty()
+        let wires = self.shorts.is_empty() && self.exchanged_wires.is_empty() && self.references.is_empty();
+        lists.iter().all(|list| list.is_empty()) && self.cuts.is_empty() && wires
     }
 
     pub(super) fn check(&self, design: &SkinDesign) -> Result<(), TwinError> {
         self.check_ranges()?;
         let electrode_count = design.electrodes.len();
+        let shorted: Vec<usize> = self.shorts.iter().flat_map(|short| short.electrodes).collect();
+        let exchanged: Vec<usize> = self.exchanged_wires.iter().flatten().copied().collect();
         for (field, list) in [
             ("faults.dead_electrodes", &self.dead_electrodes),
             ("faults.loose_electrodes", &self.loose_electrodes),
             ("faults.torn_wires", &self.torn_wires),
+            ("faults.shorts", &shorted),
+            ("faults.exchanged_wires", &exchanged),
         ] {
             if let Some(&electrode) = list.iter().find(|&&electrode| electrode >= electrode_count) {
                 return Err(TwinError::NoSuchElectrode { field, electrode, electrode_count });
@@ -67,6 +100,11 @@ impl FaultOptions {
         }
         if !self.cuts.is_empty() && matches!(design.body, Body::Mesh { .. }) {
             return Err(TwinError::CutOnMesh);
+        }
+        let drives = design.protocol.drives().0.len();
+        if let Some(drive) = self.references.iter().filter_map(|one| one.drive).find(|&drive| drive >= drives) {
+            let must = format!("a drive from 0 to {}", drives - 1);
+            return Err(out_of_range("faults.references", drive as f64, must, "leave `drive` out for all drives"));
         }
         Ok(())
     }
@@ -80,6 +118,18 @@ impl FaultOptions {
                 must: "1 or more, and finite".into(),
                 fix: "how many times the contact impedance of a sound electrode".into(),
             });
+        }
+        for short in &self.shorts {
+            positive("faults.shorts", short.ohm)?;
+        }
+        for reference in &self.references {
+            positive("faults.references", reference.factor)?;
+        }
+        let pairs = self.shorts.iter().map(|short| ("faults.shorts", short.electrodes));
+        let pairs = pairs.chain(self.exchanged_wires.iter().map(|&pair| ("faults.exchanged_wires", pair)));
+        if let Some((field, [electrode, _])) = pairs.into_iter().find(|(_, [a, b])| a == b) {
+            let fix = "name the two electrodes";
+            return Err(out_of_range(field, electrode as f64, "a pair of two different electrodes".into(), fix));
         }
         let coordinates = self.cuts.iter().flat_map(|cut| cut.from_m.into_iter().chain(cut.to_m));
         match coordinates.into_iter().find(|coordinate| !coordinate.is_finite()) {
@@ -107,6 +157,20 @@ impl FaultOptions {
     /// The series resistance of an electrode, ohm.
     pub(super) fn series_ohm(&self, electrode: usize) -> f64 {
         if self.torn_wires.contains(&electrode) { TORN_OHM } else { 0.0 }
+    }
+
+    /// The network of the skin at the instrument's terminals: with its wires.
+    pub(super) fn wired(&self, mut network: ElectrodeNetwork) -> ElectrodeNetwork {
+        for short in &self.shorts {
+            network = network.with_resistance_between(short.electrodes, short.ohm);
+        }
+        self.exchanged_wires.iter().fold(network, |network, &pair| network.exchanged(pair))
+    }
+
+    /// The reference resistor of a drive over the expected one.
+    pub(super) fn reference_factor(&self, drive: usize) -> f64 {
+        let used = self.references.iter().filter(|one| one.drive.is_none_or(|own| own == drive));
+        used.map(|one| one.factor).product()
     }
 
     /// Cuts the coating: reduces the conductance of each cell on the cut.

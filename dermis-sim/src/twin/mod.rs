@@ -40,7 +40,7 @@ mod strength;
 
 pub use contact_law::ContactLaw;
 pub use error::TwinError;
-pub use faults::{CutOptions, FaultOptions};
+pub use faults::{CutOptions, FaultOptions, ReferenceOptions, ShortOptions};
 pub(crate) use field::FieldPlaces;
 pub use foam::{Foam, Indentation};
 pub use imperfections::{CoatOptions, DriftOptions, ElectrodeOptions, TemperatureOptions};

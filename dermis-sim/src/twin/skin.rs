@@ -117,6 +117,7 @@ impl Twin {
         if !faults.torn_wires.is_empty() {
             self.series_ohm = (0..self.design.electrodes.len()).map(|index| faults.series_ohm(index)).collect();
         }
+        self.electronics.replace_references(|drive| faults.reference_factor(drive));
         self.skin = Skin::new(&self.design, mesh, &coat, &self.options)?;
         self.untouched = self.network(&[])?;
         Ok(())
@@ -176,7 +177,8 @@ impl Twin {
     /// closed. `history` contains it, and is updated.
     fn network_after(&self, presses: &[Press], history: &mut ContactHistory) -> crate::Result<ElectrodeNetwork> {
         let network = self.skin.network(presses, history)?;
-        Ok(if self.series_ohm.is_empty() { network } else { network.with_series(&self.series_ohm)? })
+        let network = if self.series_ohm.is_empty() { network } else { network.with_series(&self.series_ohm)? };
+        Ok(self.options.faults.wired(network))
     }
 
     /// The frame of an instrument without errors, before any drift; ohm.

@@ -229,8 +229,30 @@ fn faults_do_what_their_names_say() {
     assert!(between(&cut([0.15, 0.5 * round_m], [0.15, 1.5 * round_m]), [2, 27]) > 1e6, "over the seam");
     let partial = between(&cut([0.15, 0.1], [0.15, 0.15]), [2, 27]) / between(&sound, [2, 27]);
     assert!(partial > 1.001 && partial < 2.0, "{partial}");
+    let shorts = vec![ShortOptions { electrodes: [7, 19], ohm: 2.0 }];
+    let short = with_faults(FaultOptions { shorts, ..FaultOptions::default() });
+    assert!((1.0 / between(&short, [7, 19]) - 1.0 / between(&sound, [7, 19]) - 0.5).abs() < 1e-9);
+    let exchanged = with_faults(FaultOptions { exchanged_wires: vec![[7, 19]], ..FaultOptions::default() });
+    assert!((between(&exchanged, [7, 8]) / between(&sound, [19, 8]) - 1.0).abs() < 1e-9);
     for twin in [&dead, &torn] {
         assert!(twin.frame(&[], 0).unwrap().iter().all(|value| value.is_finite()));
+    }
+}
+
+/// The instrument takes a resistor of another value for the expected one: the current is read wrongly by their ratio, and
+/// so are the values of the drive, whatever the current is.
+#[test]
+fn another_reference_resistor_divides_the_values_of_its_drive() {
+    let sound = with_faults(FaultOptions::default()).frame(&[], 0).unwrap();
+    let references = vec![ReferenceOptions { drive: Some(4), factor: 1.25 }];
+    let one = with_faults(FaultOptions { references, ..FaultOptions::default() }).frame(&[], 0).unwrap();
+    let references = vec![ReferenceOptions { drive: None, factor: 1.25 }];
+    let all = with_faults(FaultOptions { references, ..FaultOptions::default() }).frame(&[], 0).unwrap();
+    // The adjacent protocol has 29 values for each drive.
+    for (channel, value) in sound.iter().enumerate() {
+        let expected = if channel / 29 == 4 { value / 1.25 } else { *value };
+        assert!((one[channel] - expected).abs() < 1e-9 * value.abs(), "channel {channel}");
+        assert!((all[channel] - value / 1.25).abs() < 1e-9 * value.abs(), "channel {channel}");
     }
 }
 

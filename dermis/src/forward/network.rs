@@ -48,6 +48,48 @@ impl ElectrodeNetwork {
         Ok(self)
     }
 
+    /// The network with a resistance between two electrodes, ohm: `Y' = Y + d d' / r` with `d = e_a - e_b`, so that
+    /// `S' = S - S d d' S / (r + d' S d)` (Sherman and Morrison, 1950, DOI 10.1214/aoms/1177729893).
+    ///
+    /// # Panics
+    /// If the resistance is not positive, or if both electrodes are the same.
+    #[must_use]
+    pub fn with_resistance_between(mut self, [a, b]: [usize; 2], resistance_ohm: f64) -> Self {
+        assert!(resistance_ohm > 0.0 && a != b, "a positive resistance between two electrodes");
+        let s = &mut self.transfer_impedance;
+        let across: Vec<f64> = (0..s.rows).map(|row| s.at(row, a) - s.at(row, b)).collect();
+        let total_ohm = resistance_ohm + across[a] - across[b];
+        for (row, left) in across.iter().enumerate() {
+            s.row_mut(row).iter_mut().zip(&across).for_each(|(value, right)| *value -= left * right / total_ohm);
+        }
+        for (row, column, sign) in [(a, a, 1.0), (b, b, 1.0), (a, b, -1.0), (b, a, -1.0)] {
+            *self.admittance.at_mut(row, column) += sign / resistance_ohm;
+        }
+        self
+    }
+
+    /// The network with two electrodes exchanged: each has the number of the other.
+    #[must_use]
+    pub fn exchanged(self, [a, b]: [usize; 2]) -> Self {
+        let number = |electrode: usize| match electrode {
+            electrode if electrode == a => b,
+            electrode if electrode == b => a,
+            electrode => electrode,
+        };
+        let exchanged = |matrix: &Matrix| {
+            let mut out = matrix.clone();
+            for row in 0..matrix.rows {
+                (0..matrix.columns)
+                    .for_each(|column| *out.at_mut(row, column) = matrix.at(number(row), number(column)));
+            }
+            out
+        };
+        ElectrodeNetwork {
+            admittance: exchanged(&self.admittance),
+            transfer_impedance: exchanged(&self.transfer_impedance),
+        }
+    }
+
     /// The network of electrodes whose potentials are those of these times a matrix `M`: `S' = M S M'`. `M` keeps the
     /// constant, and so does its transpose.
     ///
@@ -100,4 +142,50 @@ fn pseudo_inverse(matrix: &Matrix) -> Result<Matrix, ForwardError> {
         .map_err(|error| ForwardError::Singular { place: format!("electrode {}", error.unknown) })?;
     inverse.values.iter_mut().for_each(|value| *value -= 1.0 / (scale * count as f64));
     Ok(inverse)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Resistors of 1, 2, 3, 4 and 5 ohm between some of four electrodes.
+    fn network() -> ElectrodeNetwork {
+        let mut admittance = Matrix::zeros(4, 4);
+        for (a, b, ohm) in [(0, 1, 1.0), (1, 2, 2.0), (2, 3, 3.0), (3, 0, 4.0), (0, 2, 5.0)] {
+            for (row, column, sign) in [(a, a, 1.0), (b, b, 1.0), (a, b, -1.0), (b, a, -1.0)] {
+                *admittance.at_mut(row, column) += sign / ohm;
+            }
+        }
+        ElectrodeNetwork::new(admittance).unwrap()
+    }
+
+    fn assert_equal(a: &Matrix, b: &Matrix) {
+        a.values.iter().zip(&b.values).for_each(|(a, b)| assert!((a - b).abs() < 1e-12, "{a} {b}"));
+    }
+
+    #[test]
+    fn a_resistance_between_two_electrodes_is_in_parallel() {
+        let across = |network: &ElectrodeNetwork| {
+            let s = &network.transfer_impedance;
+            s.at(1, 1) - 2.0 * s.at(1, 3) + s.at(3, 3)
+        };
+        let (before, after) = (network(), network().with_resistance_between([1, 3], 0.7));
+        assert!((1.0 / across(&after) - 1.0 / across(&before) - 1.0 / 0.7).abs() < 1e-12);
+        // Both forms of the network agree.
+        assert_equal(&after.transfer_impedance, &pseudo_inverse(&after.admittance).unwrap());
+    }
+
+    #[test]
+    fn exchanged_electrodes_have_the_voltages_of_each_other() {
+        let (before, after) = (network(), network().exchanged([1, 3]));
+        let moved = [0, 3, 2, 1];
+        for row in 0..4 {
+            for column in 0..4 {
+                let there = before.transfer_impedance.at(moved[row], moved[column]);
+                assert_eq!(after.transfer_impedance.at(row, column), there);
+            }
+        }
+        assert_equal(&after.transfer_impedance, &pseudo_inverse(&after.admittance).unwrap());
+        assert_equal(&after.exchanged([3, 1]).admittance, &before.admittance);
+    }
 }

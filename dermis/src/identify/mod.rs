@@ -31,6 +31,7 @@
 //! ```
 
 mod coating;
+mod linear;
 mod placement;
 #[cfg(test)]
 mod tests;
@@ -214,17 +215,8 @@ impl Identifier {
         let model = self.model_at(&state)?;
         let residuals = data.residuals(&model.solve(model.rest_conductivity())?);
         let squares = residuals.iter().chain(&x).map(|value| value * value).sum::<f64>();
-        let mut displacements_m = vec![[0.0; 2]; model.contact_impedances().len()];
-        for (displacement, by_m) in self.displacements.iter().zip(&state.displaced_m) {
-            let target = &mut displacements_m[displacement.electrode];
-            (0..2).for_each(|axis| target[axis] += by_m * displacement.direction[axis]);
-        }
+        let displacements_m = self.displacements_m(&x);
         Ok(Identified { model, displacements_m, misfit: (squares / residuals.len() as f64).sqrt() })
-    }
-
-    /// Scale, coating, common contact, contacts, displacements.
-    fn unknown_count(&self) -> usize {
-        1 + self.basis.columns + 1 + self.model.contact_impedances().len() + self.displacements.len()
     }
 
     /// The unknowns from their values in standard deviations of the prior.

@@ -60,6 +60,8 @@ struct Drive {
     channels: Vec<usize>,
     /// The current for the definition of its noise: that through the untouched skin, A.
     calibration_a: f64,
+    /// Its reference resistor, ohm; the instrument takes it for that of the options.
+    reference_ohm: f64,
 }
 
 /// Index of the ground multiplexer; the others are in the order of the lines.
@@ -112,6 +114,7 @@ impl Electronics {
             pair,
             channels: (0..drive_of.len()).filter(|&channel| drive_of[channel] == index).collect(),
             calibration_a: 0.0,
+            reference_ohm: options.reference_ohm,
         };
         let clean = untouched.frame(protocol);
         let noise = options.snr_db.map(|snr_db| Noise::at_snr_db(snr_db, &clean, protocol, options.reference_ohm));
@@ -126,9 +129,16 @@ impl Electronics {
             signal_ohm: undriven_rms(protocol, &clean).unwrap_or(f64::NAN),
         };
         for index in 0..electronics.drives.len() {
-            electronics.drives[index].calibration_a = electronics.current_a(untouched, electronics.drives[index].pair);
+            electronics.drives[index].calibration_a = electronics.current_a(untouched, &electronics.drives[index]);
         }
         Ok(electronics)
+    }
+
+    /// Other reference resistors than the options say, unknown to the instrument: each drive's over the expected one.
+    pub(super) fn replace_references(&mut self, factor: impl Fn(usize) -> f64) {
+        for (index, drive) in self.drives.iter_mut().enumerate() {
+            drive.reference_ohm = factor(index) * self.options.reference_ohm;
+        }
     }
 
     /// Its options.
@@ -196,10 +206,11 @@ impl Electronics {
     }
 
     /// The current of a drive in the settled state, A.
-    fn current_a(&self, network: &ElectrodeNetwork, [source, sink]: Pair) -> f64 {
+    fn current_a(&self, network: &ElectrodeNetwork, drive: &Drive) -> f64 {
+        let [source, sink] = drive.pair;
         let s = &network.transfer_impedance;
         let skin_ohm = (s.at(source, source) - s.at(source, sink)) - (s.at(sink, source) - s.at(sink, sink));
-        let way_ohm = self.on_ohm[SOURCE][source] + self.on_ohm[GROUND][sink] + self.options.reference_ohm;
+        let way_ohm = self.on_ohm[SOURCE][source] + self.on_ohm[GROUND][sink] + drive.reference_ohm;
         self.options.source_v / (way_ohm + skin_ohm)
     }
 
@@ -208,8 +219,8 @@ impl Electronics {
         let mut values_v = network.frame(&self.protocol).0;
         let mut references_v = Vec::with_capacity(self.drives.len());
         for drive in &self.drives {
-            let current_a = self.current_a(network, drive.pair);
-            references_v.push(current_a * self.options.reference_ohm);
+            let current_a = self.current_a(network, drive);
+            references_v.push(current_a * drive.reference_ohm);
             drive.channels.iter().for_each(|&channel| values_v[channel] *= current_a);
         }
         Readings { values_v, references_v, saturated: 0 }
@@ -217,13 +228,13 @@ impl Electronics {
 
     /// The readings at the ends of their slots.
     fn settling(&self, network: &ElectrodeNetwork) -> Readings {
-        let source = Source { voltage_v: self.options.source_v, reference_ohm: self.options.reference_ohm };
         let (capacitance_f, slot_s) = (self.options.line_capacitance_f, 1.0 / self.options.slot_rate_hz);
         let channels = self.protocol.channels();
         let mut values_v = vec![0.0; channels.len()];
         let mut references_v = Vec::with_capacity(self.drives.len());
         let mut lines_v = None;
         for drive in &self.drives {
+            let source = Source { voltage_v: self.options.source_v, reference_ohm: drive.reference_ohm };
             let slot = Slot::referring(network, source, &self.joined(drive.pair, None));
             let settled = slot.settle(lines_v.unwrap_or(slot.steady_v), capacitance_f, slot_s);
             references_v.push(settled[PLUS] - settled[MINUS]);

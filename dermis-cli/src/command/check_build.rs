@@ -1,0 +1,193 @@
+//! `dermis check-build`: whether a skin was built as designed.
+
+use crate::build_page::{findings_table, page, place};
+use crate::console::{Progress, notice_line, print, print_json, warn};
+use crate::failure::{Failure, Outcome};
+use crate::frames::{CURRENTS_HELP, divided};
+use crate::picture::check_page_ending;
+use crate::range::count;
+use crate::skin;
+use crate::source::SourceArguments;
+use clap::Args;
+use dermis::frame::{Frame, read_frames, write_whole};
+use dermis::method::MethodSet;
+use dermis::pipeline::{Settings, Severity as Level};
+use dermis::skin::Skin;
+use dermis::text::counted;
+use dermis_calibrate::build::{BuildCheck, BuildChecker};
+use dermis_live::device::DeviceOptions;
+use dermis_live::{Event, Live, LiveOptions, Popped};
+use serde_json::json;
+use std::fmt::Write;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Events that can wait.
+const WAITING: usize = 1 << 10;
+/// A source that sends no frame for this time is given up.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// The arguments of `dermis check-build`.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Design: the path of a file, or a shipped name.
+    design: String,
+    /// Frames of the untouched skin, one per row (CSV, NPY or NPZ; ohm), in place of a --source.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["source", "take"])]
+    frames: Option<PathBuf>,
+    #[arg(long, value_name = "FILE", requires = "frames", help = CURRENTS_HELP)]
+    currents: Option<PathBuf>,
+    /// Frames to take from the source.
+    #[arg(long, value_name = "N", default_value_t = 32, value_parser = count(1..=100_000usize))]
+    take: usize,
+    /// Report to write: findings, map of the coat, contacts (.html).
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Print JSON (SI units) instead of a table.
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    source: SourceArguments,
+}
+
+impl Arguments {
+    /// Checks the skin and prints the findings.
+    pub fn run(self) -> Outcome {
+        if let Some(path) = &self.output {
+            check_page_ending(path)?;
+        }
+        let skin = skin::load(&self.design)?;
+        let (frames, source) = match &self.frames {
+            Some(path) => {
+                let frames = read_frames(path, &skin.design().protocol)?;
+                (divided(self.currents.as_deref(), &skin.design().protocol, frames)?, path.display().to_string())
+            }
+            None => self.read_source(&skin)?,
+        };
+        let check = {
+            let _waiting = Progress::waiting("checking the skin");
+            BuildChecker::new(&skin)?.check(&frames)?
+        };
+        if let Some(path) = &self.output {
+            let html = page(&skin, &check, &source)?.to_html();
+            write_whole(path, |out| out.write_all(html.as_bytes()))?;
+        }
+        if self.json { print_json(&as_json(&skin, &check, &source)) } else { print(&self.text(&skin, &check)) }
+    }
+
+    /// Frames of the source, and its description.
+    fn read_source(&self, skin: &Skin) -> Outcome<(Vec<Frame>, String)> {
+        if self.source.recording().is_some() {
+            let fix = "convert it with dermis convert, and give its untouched frames with --frames";
+            return Err(Failure::given("a recording is no device", Some(fix)));
+        }
+        let (address, emulator) = self.source.address(skin.design())?;
+        let methods = Arc::new(MethodSet::new(&dermis_learn::methods(), skin.clone(), None)?);
+        let device = DeviceOptions { rate_hz: self.source.rate, difference: false };
+        let live = Live::start(methods, LiveOptions { address, device, settings: Settings::default(), state: None })?;
+        let read = self.take_frames(&live);
+        let name = live.shared().facts().map(|facts| format!("{}, serial number {}", facts.name, facts.serial));
+        let failure = live.take_failure();
+        live.stop();
+        emulator.into_iter().for_each(|emulator| emulator.stop());
+        if let Some(failure) = failure {
+            return Err(failure.into());
+        }
+        Ok((read?, name.unwrap_or_else(|| "rows of values".into())))
+    }
+
+    fn take_frames(&self, live: &Live) -> Outcome<Vec<Frame>> {
+        let mailbox = live.shared().subscribe(WAITING);
+        let progress = Progress::new("reading frames", self.take);
+        live.begin();
+        let mut frames = Vec::with_capacity(self.take);
+        let mut heard_at = Instant::now();
+        while frames.len() < self.take && heard_at.elapsed() < PATIENCE {
+            match mailbox.take(Duration::from_millis(100)) {
+                Popped::Item(Event::Frame(frame)) => {
+                    heard_at = Instant::now();
+                    frames.push(Frame(frame.result.values_ohm.clone()));
+                    progress.step();
+                }
+                Popped::Item(Event::Notice(notice)) if notice.level == Level::Error => {
+                    eprintln!("{}", notice_line(notice.level, &notice.text));
+                }
+                Popped::Item(_) | Popped::TimedOut => {}
+                Popped::Closed => break,
+            }
+        }
+        match frames.len() {
+            0 => Err(Failure::given("the source sends no frame", Some("check its connection, or try dermis live"))),
+            count => {
+                if count < self.take {
+                    warn(&format!("the source has sent {} and stopped", counted(count, "frame")));
+                }
+                Ok(frames)
+            }
+        }
+    }
+
+    fn text(&self, skin: &Skin, check: &BuildCheck) -> String {
+        let faults = check.problems().count();
+        let notes = check.findings.len() - faults;
+        let mut text = format!("{}: {}, ", skin.design().name, counted(check.frames, "untouched frame"));
+        match (faults, notes) {
+            (0, 0) => text += "sound, no findings\n",
+            _ => {
+                _ = writeln!(
+                    text,
+                    "{}, {}\n\n{}",
+                    counted(faults, "fault"),
+                    counted(notes, "note"),
+                    findings_table(check).to_text()
+                )
+            }
+        }
+        for finding in &check.findings {
+            let _ = writeln!(
+                text,
+                "\n{}{}\n  evidence: {}\n  fix: {}",
+                finding.kind,
+                place(finding),
+                finding.evidence,
+                finding.fix
+            );
+        }
+        let _ = writeln!(
+            text,
+            "\nresistances over the design's: {:.3}; unevenness of the coat: {:.1} %; misfit: {:.2}",
+            check.resistance_factor,
+            100.0 * check.unevenness,
+            check.misfit
+        );
+        if let Some(path) = &self.output {
+            let _ = writeln!(text, "written to {}", path.display());
+        }
+        text
+    }
+}
+
+/// A number that JSON has; its `null` for one that is not known.
+fn known(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
+}
+
+fn as_json(skin: &Skin, check: &BuildCheck, source: &str) -> serde_json::Value {
+    json!({
+        "skin": skin.design().name,
+        "protocol_sha256": skin.design().protocol.sha256(),
+        "source": source,
+        "frames": check.frames,
+        "sound": check.problems().next().is_none(),
+        "findings": check.findings,
+        "faults": check.faults,
+        "resistance_factor": known(check.resistance_factor),
+        "unevenness": known(check.unevenness),
+        "misfit": known(check.misfit),
+        "sound_misfit": known(check.sound_misfit),
+        "noise_ohm": check.noise_ohm.map(known),
+        "contacts": check.contacts,
+        "conductance": check.conductance,
+    })
+}
