@@ -12,6 +12,7 @@ mod emulate;
 mod evaluate;
 mod experiment;
 mod export;
+mod fabricate;
 mod fault_campaign;
 mod fit;
 mod forward;
@@ -89,6 +90,8 @@ pub enum Command {
     Convert(convert::Arguments),
     /// Write the scan table of a skin for firmware: CSV or a C header.
     ScanTable(scan_table::Arguments),
+    /// Write the files of a workshop: base to print, cut patterns, drill template, manifest.
+    Fabricate(fabricate::Arguments),
     /// Write a commented design file.
     New(new::Arguments),
     /// Draw a mesh, electrodes, sensitivity, an image or localisation errors.
@@ -131,6 +134,7 @@ impl Command {
             Command::Recover(arguments) => arguments.run(),
             Command::Convert(arguments) => arguments.run(),
             Command::ScanTable(arguments) => arguments.run(),
+            Command::Fabricate(arguments) => arguments.run(),
             Command::New(arguments) => arguments.run(),
             Command::Plot(arguments) => arguments.run(),
             Command::Schema(arguments) => arguments.run(),
