@@ -165,7 +165,7 @@ impl BodyMesh {
     /// a point of curvature `K` is `2 pi r (1 - K r^2 / 6 + ...)` long (Bertrand, Diguet and Puiseux, 1848), and
     /// `pi r^2 K` is the curvature below the disc. That of nodes is spread over their thirds of the triangles around.
     pub(crate) fn disc_strain(&self, centre_m: Point3, radius_m: f64) -> f64 {
-        self.curvature_per_m2(centre_m, radius_m) * radius_m * radius_m / 6.0
+        -self.curvature_per_m2(centre_m, radius_m) * radius_m * radius_m / 6.0
     }
 
     /// Mean Gaussian curvature of the surface within a radius, but at least of the triangle there with its neighbours.
@@ -250,7 +250,7 @@ mod tests {
         assert!((body.defects_rad.iter().sum::<f64>() - 4.0 * PI).abs() < 1e-9);
         for radius_m in [0.008, 0.015] {
             let x = radius_m / 0.05f64;
-            let exact = 1.0 - x.sin() / x;
+            let exact = x.sin() / x - 1.0;
             let strain = body.disc_strain(body.nearest([0.03, 0.02, 0.01]).0, radius_m);
             assert!((strain / exact - 1.0).abs() < 0.05, "{strain} {exact}");
         }

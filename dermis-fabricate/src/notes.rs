@@ -29,7 +29,7 @@ fn strain(fabrication: &Fabrication) -> Option<String> {
         "the body does not unroll: its {} patches are round and cut one by one; laid on, their edges change by {:.2} to \
          {:.2} %",
         fabrication.patches.len(),
-        -100.0 * of(f64::max, f64::NEG_INFINITY),
-        -100.0 * of(f64::min, f64::INFINITY)
+        100.0 * of(f64::min, f64::INFINITY),
+        100.0 * of(f64::max, f64::NEG_INFINITY)
     ))
 }

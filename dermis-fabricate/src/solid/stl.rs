@@ -6,7 +6,7 @@ use dermis::geom::vector::{cross, normalize, sub};
 /// The file. The header must not begin with `solid`, by which programs know text.
 pub(crate) fn bytes(solid: &Solid) -> Vec<u8> {
     let mut bytes = b"binary STL, mm".to_vec();
-    bytes.resize(80, b' ');
+    bytes.resize(80, 0);
     bytes.extend((solid.triangles.len() as u32).to_le_bytes());
     for triangle in 0..solid.triangles.len() {
         let [a, b, c] = solid.triangle_mm(triangle);
