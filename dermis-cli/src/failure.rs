@@ -253,6 +253,7 @@ impl From<dermis_fabricate::FabricateError> for Failure {
         match error {
             FabricateError::Design(error) => error.into(),
             FabricateError::Mesh(error) => error.into(),
+            FabricateError::Dermis(error) => error.into(),
             FabricateError::Internal(message) => Failure::Ours(message),
             error => Failure::given(&error, error.fix()),
         }

@@ -14,6 +14,9 @@ pub enum FabricateError {
     /// A body that cannot be read.
     #[error(transparent)]
     Mesh(#[from] MeshError),
+    /// A skin that cannot be solved.
+    #[error(transparent)]
+    Dermis(#[from] dermis::Error),
     /// A part that cannot be made.
     #[error("{message}")]
     Part {

@@ -1,5 +1,5 @@
 //! All that a workshop needs to build a skin, from its design: the printed base, cut patterns of fabric and foam, a drill
-//! template.
+//! template, tables for wiring and first tests, robot descriptions.
 //!
 //! A [`Fabrication`] is what is to be made. Each module of outputs gives [files](OutputFile) of it; [`write_folder`]
 //! writes them all, or nothing.
@@ -8,12 +8,14 @@
 
 mod body;
 mod chart;
+pub mod electrical;
 mod error;
 mod folder;
 mod model;
 mod notes;
 pub mod outline;
 mod patches;
+pub mod robot;
 pub mod sheet;
 pub mod solid;
 
@@ -29,4 +31,9 @@ pub use patches::Patch;
 pub type Part = (&'static str, fn(&Fabrication) -> Result<Vec<OutputFile>, FabricateError>);
 
 /// Every kind of outputs, in the order of the manifest.
-pub const PARTS: [Part; 2] = [("base", solid::files), ("cut patterns", sheet::files)];
+pub const PARTS: [Part; 4] = [
+    ("base", solid::files),
+    ("cut patterns", sheet::files),
+    ("tables", electrical::files),
+    ("robot description", robot::files),
+];

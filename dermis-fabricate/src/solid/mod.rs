@@ -2,6 +2,7 @@
 
 mod base;
 mod channel;
+mod clean;
 mod cutter;
 mod shell;
 mod stl;
@@ -24,16 +25,34 @@ pub struct Solid {
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// Edges shorter than this are removed, mm: a tenth of what a printer resolves, and longer than the rounding of `f32` to
-/// half a metre, so that no two corners become one.
-const SHORTEST_EDGE_MM: f64 = 1e-4;
+/// Corners that are closer to each other or to an edge are removed, mm: a fiftieth of what a printer resolves, and far more
+/// than `f32` rounds, so that no two corners become one and no normal is lost in rounding.
+const FINEST_MM: f64 = 1e-3;
 
 impl Solid {
     fn of(manifold: &Manifold) -> Self {
-        let mesh = manifold.simplify(SHORTEST_EDGE_MM).get_mesh_gl(-1);
+        let mesh = manifold.simplify(FINEST_MM).get_mesh_gl64(-1);
         let stride = mesh.num_prop as usize;
-        let corners_mm = mesh.vert_properties.chunks(stride).map(|corner| [corner[0], corner[1], corner[2]]).collect();
-        let triangles = mesh.tri_verts.chunks(3).map(|corners| [corners[0], corners[1], corners[2]]).collect();
+        let corners: Vec<Point3> =
+            mesh.vert_properties.chunks(stride).map(|corner| [corner[0], corner[1], corner[2]]).collect();
+        let mut triangles: Vec<[u32; 3]> =
+            mesh.tri_verts.chunks(3).map(|corners| [corners[0], corners[1], corners[2]].map(|k| k as u32)).collect();
+        clean::without_short_edges(&corners, &mut triangles, FINEST_MM);
+        Solid::of_used(&corners, triangles)
+    }
+
+    /// The solid with the corners that its triangles use, in their order.
+    fn of_used(corners: &[Point3], mut triangles: Vec<[u32; 3]>) -> Self {
+        let mut number = vec![u32::MAX; corners.len()];
+        let mut corners_mm = Vec::with_capacity(corners.len());
+        for corner in triangles.iter_mut().flatten() {
+            let place = *corner as usize;
+            if number[place] == u32::MAX {
+                number[place] = corners_mm.len() as u32;
+                corners_mm.push(corners[place].map(|value| value as f32));
+            }
+            *corner = number[place];
+        }
         Solid { corners_mm, triangles }
     }
 
