@@ -11,6 +11,7 @@ mod chart;
 pub mod electrical;
 mod error;
 mod folder;
+pub mod guide;
 mod model;
 mod notes;
 pub mod outline;
@@ -31,9 +32,10 @@ pub use patches::Patch;
 pub type Part = (&'static str, fn(&Fabrication) -> Result<Vec<OutputFile>, FabricateError>);
 
 /// Every kind of outputs, in the order of the manifest.
-pub const PARTS: [Part; 4] = [
+pub const PARTS: [Part; 5] = [
     ("base", solid::files),
     ("cut patterns", sheet::files),
     ("tables", electrical::files),
     ("robot description", robot::files),
+    ("guide", guide::files),
 ];

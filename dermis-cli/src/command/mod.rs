@@ -90,7 +90,7 @@ pub enum Command {
     Convert(convert::Arguments),
     /// Write the scan table of a skin for firmware: CSV or a C header.
     ScanTable(scan_table::Arguments),
-    /// Write the files of a workshop: base to print, cut patterns, drill template, manifest.
+    /// Write the files of a workshop: base to print, cut patterns, wiring and expected readings, robot description.
     Fabricate(fabricate::Arguments),
     /// Write a commented design file.
     New(new::Arguments),

@@ -341,6 +341,91 @@ def disk_part(low, high, radius):
     return sum(0.5 * (b - a) * (weights * height(0.5 * (a + b) + 0.5 * (b - a) * points)).sum() for a, b in parts)
 
 
+def table(name):
+    return np.genfromtxt(FOLDER / name, delimiter=",", names=True, dtype=None, encoding=None)
+
+
+def check_tables():
+    """Electrodes at the places of the design; the readings by a network solver of its own, and by ngspice."""
+    listed = table("tables/electrodes.csv")
+    centres = list(electrodes())
+    assert len(listed) == len(centres) == len(table("tables/wiring.csv"))
+    if KIND != "mesh":
+        for row, centre in zip(listed, centres):
+            assert np.abs(np.array([row["x_mm"], row["y_mm"], row["z_mm"]]) - centre).max() < 1e-5
+    for row, (point, normal) in zip(listed, bores()):
+        assert np.abs(np.array([row["bore_x_mm"], row["bore_y_mm"], row["bore_z_mm"]]) - point).max() < 1e-5
+    wiring = table("tables/wiring.csv")
+    assert len({(row["multiplexer"], row["input"]) for row in wiring}) == len(wiring)
+    netlist = (FOLDER / "tables/skin.cir").read_text()
+    readings = table("tables/readings.csv")
+    volts = solve(netlist, len(centres), readings)
+    worst = np.abs(volts - readings["volt"]).max() / np.abs(readings["volt"]).max()
+    assert worst < 1e-7, worst
+    print(f"readings: {len(readings)}, the netlist by its own solver within {worst:.1e} of the largest")
+    check_ngspice(netlist, readings)
+
+
+def solve(netlist, count, readings):
+    """Voltages of the netlist by nodal analysis: the electrodes, the supply behind the reference resistor, ground."""
+    value = lambda name: float(re.search(rf"^{name} .* (\S+)$", netlist, re.M).group(1))
+    source_v, reference, on = value("V1"), value("Rreference"), float(re.search(r"alter Rsource\d+ (\S+)", netlist).group(1))
+    skin = np.zeros((count, count))
+    for a, b, ohm in re.findall(r"^Rskin(\d+)_(\d+) \S+ \S+ (\S+)$", netlist, re.M):
+        a, b, siemens = int(a), int(b), 1.0 / float(ohm)
+        skin[[a, b], [a, b]] += siemens
+        skin[[a, b], [b, a]] -= siemens
+    volts = np.empty(len(readings))
+    for index, row in enumerate(readings):
+        system, currents = skin.copy(), np.zeros(count)
+        system[row["drive_source"], row["drive_source"]] += 1.0 / (reference + on)
+        currents[row["drive_source"]] = source_v / (reference + on)
+        system[row["drive_sink"], row["drive_sink"]] += 1.0 / on
+        potentials = np.linalg.solve(system, currents)
+        volts[index] = potentials[row["measure_plus"]] - potentials[row["measure_minus"]]
+    return np.abs(volts) if design["protocol"].get("amplitude_only") else volts
+
+
+def check_ngspice(netlist, readings):
+    if shutil.which("ngspice") is None:
+        print("ngspice: skipped, it is not installed")
+        return
+    said = subprocess.run(["ngspice", "-b", str(FOLDER / "tables/skin.cir")], capture_output=True, text=True).stdout
+    printed = np.array([float(value) for value in re.findall(r"^v\(e\d+\)-v\(e\d+\) = (\S+)$", said, re.M)])
+    assert len(printed) == len(readings), (len(printed), said[-1000:])
+    drives = list(dict.fromkeys((row["drive_source"], row["drive_sink"]) for row in readings))
+    order = sorted(range(len(readings)), key=lambda i: (drives.index((readings[i]["drive_source"], readings[i]["drive_sink"])), i))
+    volts = np.empty(len(readings))
+    volts[order] = np.abs(printed) if design["protocol"].get("amplitude_only") else printed
+    worst = np.abs(volts - readings["volt"]).max() / np.abs(readings["volt"]).max()
+    assert worst < 1e-5, worst
+    print(f"ngspice: all {len(readings)} readings within {worst:.1e} of the largest")
+
+
+def check_robot():
+    """The z axis of every electrode's frame is the outward normal."""
+    root = ElementTree.parse(FOLDER / "robot/skin.urdf").getroot()
+    listed = table("tables/electrodes.csv")
+    joints = root.findall("joint")
+    sites = ElementTree.parse(FOLDER / "robot/skin.xml").getroot().findall(".//site")
+    assert len(joints) == len(sites) == len(listed)
+    for row, joint, site in zip(listed, joints, sites):
+        place = np.array([float(value) for value in joint.find("origin").get("xyz").split()])
+        roll, pitch, yaw = (float(value) for value in joint.find("origin").get("rpy").split())
+        axis = np.array([math.cos(yaw) * math.sin(pitch), math.sin(yaw) * math.sin(pitch), math.cos(pitch)])
+        normal = np.array([row["normal_x"], row["normal_y"], row["normal_z"]])
+        assert roll == 0.0 and np.abs(axis - normal).max() < 1e-5
+        assert np.abs(1e3 * place - [row["x_mm"], row["y_mm"], row["z_mm"]]).max() < 1e-5
+        assert np.abs(np.array([float(value) for value in site.get("zaxis").split()]) - normal).max() < 1e-5
+    if shutil.which("check_urdf") is not None:
+        said = subprocess.run(["check_urdf", str(FOLDER / "robot/skin.urdf")], capture_output=True, text=True, check=True)
+        assert "Successfully Parsed XML" in said.stdout, said.stdout
+        print("check_urdf: parsed")
+    print(f"robot: {len(joints)} electrode frames along the normals")
+
+
 check_manifest()
 check_base()
 check_patterns()
+check_tables()
+check_robot()
