@@ -62,7 +62,10 @@ fn what_no_workshop_can_make_is_an_error_with_its_line() {
         assert!(said.contains(&format!("wrong.toml:{line}:")), "{key}: {said}");
     }
     // Without the table the same is found, but only where it is made.
-    let narrow = DISK.replace("diameter_m = 0.1", "diameter_m = 0.006").replace("0.005", "0.001").replace("[mesh]\nmax_edge_m = 0.01\nelectrode_edge_m = 0.0025\n", "");
+    let narrow = DISK
+        .replace("diameter_m = 0.1", "diameter_m = 0.006")
+        .replace("0.005", "0.001")
+        .replace("[mesh]\nmax_edge_m = 0.01\nelectrode_edge_m = 0.0025\n", "");
     at.write("narrow.toml", narrow);
     assert!(at.refused("fabricate narrow.toml -o out").contains("meet"));
     at.good("mesh narrow.toml -o narrow.vtu");

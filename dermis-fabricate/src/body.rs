@@ -62,7 +62,14 @@ impl BodyMesh {
         let mut defects_rad: Vec<f64> = angles_rad.into_iter().map(|angle| TAU - angle).collect();
         boundary.iter().flatten().for_each(|&node| defects_rad[node] = 0.0);
         let tree = TriangleTree::new(triangles.iter().map(|triangle| triangle.map(|node| nodes[node])));
-        BodyMesh { normals: normals.into_iter().map(normalize).collect(), nodes, triangles, boundary, defects_rad, tree }
+        BodyMesh {
+            normals: normals.into_iter().map(normalize).collect(),
+            nodes,
+            triangles,
+            boundary,
+            defects_rad,
+            tree,
+        }
     }
 
     fn corners(&self, triangle: usize) -> [Point3; 3] {

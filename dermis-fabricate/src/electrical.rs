@@ -77,16 +77,16 @@ fn between_ohm(network: &ElectrodeNetwork, a: usize, b: usize) -> f64 {
 fn readings(fabrication: &Fabrication, network: &ElectrodeNetwork) -> String {
     let protocol = &fabrication.design.protocol;
     let mut text = String::from("channel,drive_source,drive_sink,measure_plus,measure_minus,ohm,current_a,volt\n");
-    let values = network.frame(protocol);
-    for (index, (channel, ohm)) in protocol.channels().iter().zip(values.iter()).enumerate() {
+    let mut values = vec![0.0; protocol.channel_count()];
+    network.frame_into(protocol, &mut values);
+    // An instrument that loses the signs shows none.
+    protocol.drop_signs(&mut values);
+    for (index, (channel, ohm)) in protocol.channels().iter().zip(values).enumerate() {
         let ([source, sink], [plus, minus]) = (channel.drive, channel.measure);
         let loop_ohm = REFERENCE_OHM + 2.0 * ON_RESISTANCE_OHM + between_ohm(network, source, sink);
         let current_a = SOURCE_V / loop_ohm;
-        let _ = writeln!(
-            text,
-            "{index},{source},{sink},{plus},{minus},{ohm:.9e},{current_a:.9e},{:.9e}",
-            ohm * current_a
-        );
+        let _ =
+            writeln!(text, "{index},{source},{sink},{plus},{minus},{ohm:.9e},{current_a:.9e},{:.9e}", ohm * current_a);
     }
     text
 }

@@ -123,7 +123,8 @@ fn on_mesh(design: &SkinDesign, mesh: &BodyMesh) -> Result<Places, FabricateErro
     let edge_m = design.fabrication_options().edge_m();
     let place = |(number, electrode): (usize, &dermis::design::Electrode)| {
         let wanted_m = meshed.as_ref().map_or(electrode.centre_m, |meshed| {
-            let nodes: Vec<Point3> = meshed.electrode_nodes(number).into_iter().map(|node| meshed.nodes[node]).collect();
+            let nodes: Vec<Point3> =
+                meshed.electrode_nodes(number).into_iter().map(|node| meshed.nodes[node]).collect();
             centroid(&nodes)
         });
         let (centre_m, own) = mesh.nearest(wanted_m);

@@ -72,9 +72,7 @@ impl Outline {
     pub fn moved(&self, [dx, dy]: Point2) -> Self {
         match self {
             Outline::Polygon(corners) => Outline::Polygon(corners.iter().map(|[x, y]| [x + dx, y + dy]).collect()),
-            &Outline::Circle { centre_m: [x, y], radius_m } => {
-                Outline::Circle { centre_m: [x + dx, y + dy], radius_m }
-            }
+            &Outline::Circle { centre_m: [x, y], radius_m } => Outline::Circle { centre_m: [x + dx, y + dy], radius_m },
         }
     }
 

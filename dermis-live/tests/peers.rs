@@ -10,11 +10,11 @@ use dermis::contact::ConductanceChange;
 use dermis_live::LiveFrame;
 use dermis_live::recording::{Event, Recorder, Session};
 use dermis_live::sinks::ros2::{self as ros, CONTACT_FIELDS, Reference};
+use interpreter::run;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
-use interpreter::run;
 use synthetic::SyntheticSkin;
 
 const FRAMES: u64 = 300;

@@ -125,7 +125,10 @@ fn tables(file: &mut Writer, sheet: &Sheet) {
         let layers = sheet.layers.iter().map(|layer| (layer.name, layer.colour.1));
         for (name, colour) in [("0", 7), ("LABELS", 7)].into_iter().chain(layers) {
             file.record("LAYER", own, "AcDbLayerTableRecord", name);
-            file.pair(62, colour).pair(6, "Continuous").pair(370, -3).pair(390, format_args!("{:X}", handle::PLOT_STYLE));
+            file.pair(62, colour)
+                .pair(6, "Continuous")
+                .pair(370, -3)
+                .pair(390, format_args!("{:X}", handle::PLOT_STYLE));
         }
     });
     file.table("STYLE", 1, |file, own| {

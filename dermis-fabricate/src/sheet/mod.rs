@@ -140,7 +140,11 @@ fn ascii(text: &str) -> String {
 /// None; the type is that of all kinds of outputs.
 pub fn files(fabrication: &Fabrication) -> Result<Vec<OutputFile>, FabricateError> {
     let mut files: Vec<OutputFile> = patterns::sheets(fabrication).iter().flat_map(Sheet::files).collect();
-    files.push(OutputFile::new("patterns/patches.csv", "place, area and strain of each patch", patch_table(fabrication)));
+    files.push(OutputFile::new(
+        "patterns/patches.csv",
+        "place, area and strain of each patch",
+        patch_table(fabrication),
+    ));
     Ok(files)
 }
 

@@ -54,7 +54,10 @@ pub fn base(fabrication: &Fabrication) -> Result<Solid, FabricateError> {
             "the base has {parts} parts and {genus} holes, but one part and {designed} holes are designed: bores or \
              channels break through the wall or meet"
         );
-        return Err(FabricateError::part(message, "make the bores smaller, the channels shallower or the wall thinner"));
+        return Err(FabricateError::part(
+            message,
+            "make the bores smaller, the channels shallower or the wall thinner",
+        ));
     }
     Ok(solid)
 }
@@ -88,5 +91,9 @@ fn body(fabrication: &Fabrication) -> Result<Manifold, FabricateError> {
 fn bore(bore: &Bore, fabrication: &Fabrication) -> Manifold {
     let frame = Frame::along(scale(bore.centre_m, 1e3), bore.normal);
     let beyond = mm(bore.diameter_m);
-    prism(&circle(0.5 * mm(bore.diameter_m), CHORD_ERROR_MM), &frame, [-mm(fabrication.options.wall_m) - beyond, beyond])
+    prism(
+        &circle(0.5 * mm(bore.diameter_m), CHORD_ERROR_MM),
+        &frame,
+        [-mm(fabrication.options.wall_m) - beyond, beyond],
+    )
 }

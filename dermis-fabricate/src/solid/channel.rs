@@ -46,8 +46,7 @@ fn lines(bores: impl Iterator<Item = Bore>) -> Vec<Bore> {
 }
 
 fn along_axis(bore: Bore, diameter_m: f64, options: &FabricationOptions) -> Manifold {
-    let (half, wall, depth) =
-        (0.5 * mm(options.channel_width_m), mm(options.wall_m), mm(options.channel_depth_m));
+    let (half, wall, depth) = (0.5 * mm(options.channel_width_m), mm(options.wall_m), mm(options.channel_depth_m));
     let inner = 0.5 * mm(diameter_m) - wall;
     // Below the inner face at the corners of the profile, too, but not beyond the axis.
     let low = ((inner * inner - half * half).max(0.0).sqrt() - 1.0).max(0.0);
@@ -58,8 +57,7 @@ fn along_axis(bore: Bore, diameter_m: f64, options: &FabricationOptions) -> Mani
 }
 
 fn to_lower_edge(bore: Bore, body: &Body, options: &FabricationOptions) -> Manifold {
-    let (half, wall, depth) =
-        (0.5 * mm(options.channel_width_m), mm(options.wall_m), mm(options.channel_depth_m));
+    let (half, wall, depth) = (0.5 * mm(options.channel_width_m), mm(options.wall_m), mm(options.channel_depth_m));
     let lowest = match *body {
         Body::Disk { diameter_m } => -0.5 * mm(diameter_m),
         _ => 0.0,

@@ -55,15 +55,8 @@ mod tests {
     #[test]
     fn a_split_corner_becomes_one_and_the_surface_stays_closed() {
         let (x, e) = (1.0, 1e-6);
-        let corners = [
-            [x, 0.0, 0.0],
-            [0.0, x, 0.0],
-            [-x, 0.0, 0.0],
-            [0.0, -x, 0.0],
-            [0.0, 0.0, x],
-            [0.0, 0.0, -x],
-            [0.0, e, x],
-        ];
+        let corners =
+            [[x, 0.0, 0.0], [0.0, x, 0.0], [-x, 0.0, 0.0], [0.0, -x, 0.0], [0.0, 0.0, x], [0.0, 0.0, -x], [0.0, e, x]];
         let mut triangles = vec![
             [0, 1, 6],
             [1, 2, 6],
@@ -78,8 +71,7 @@ mod tests {
         ];
         without_short_edges(&corners, &mut triangles, 1e-3);
         assert_eq!(triangles.len(), 8);
-        let edges: BTreeSet<[u32; 2]> =
-            triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).collect();
+        let edges: BTreeSet<[u32; 2]> = triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).collect();
         assert_eq!(edges.len(), 24);
         assert!(edges.iter().all(|&[a, b]| edges.contains(&[b, a])));
     }

@@ -62,7 +62,10 @@ pub(crate) fn prism(profile: &[Point2], frame: &Frame, [low, high]: [f64; 2]) ->
 /// Corners of a circle round the origin.
 pub(crate) fn circle(radius: f64, chord_error: f64) -> Vec<Point2> {
     let count = crate::outline::chords(radius, chord_error);
-    (0..count).map(|k| TAU * k as f64 / count as f64).map(|angle| [radius * angle.cos(), radius * angle.sin()]).collect()
+    (0..count)
+        .map(|k| TAU * k as f64 / count as f64)
+        .map(|angle| [radius * angle.cos(), radius * angle.sin()])
+        .collect()
 }
 
 /// A box in a frame.

@@ -111,7 +111,9 @@ fn bores(design: &SkinDesign, options: &FabricationOptions) -> Result<(), Proble
     let Some(bores) = design.bores() else { return Ok(()) };
     let Some((i, j, land_m)) = closest_bores(&bores, options) else { return Ok(()) };
     match land_m < FabricationOptions::LEAST_LAND_M {
-        true => Err(wrong("bore_m", bores_meet(i, j, land_m)).fix("make the bores smaller or move the electrodes apart")),
+        true => {
+            Err(wrong("bore_m", bores_meet(i, j, land_m)).fix("make the bores smaller or move the electrodes apart"))
+        }
         false => Ok(()),
     }
 }

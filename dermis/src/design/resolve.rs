@@ -1,16 +1,16 @@
 //! Conversion of the tables of a design file to a skin.
 
-use crate::design::{check, check_fabrication};
 use crate::design::error::{DesignError, closest_name, explain_toml_error};
 use crate::design::file::{
-    At, BodyTable, DesignFile, ElectrodesTable, FabricationTable, ImageTable, LayoutTable, MeasuresStart, MeshTable, OneOrEach,
-    PatternTable, ProtocolTable, ShapeTable, SheetTable, TouchName,
+    At, BodyTable, DesignFile, ElectrodesTable, FabricationTable, ImageTable, LayoutTable, MeasuresStart, MeshTable,
+    OneOrEach, PatternTable, ProtocolTable, ShapeTable, SheetTable, TouchName,
 };
 use crate::design::layout;
 use crate::design::{
-    Body, Electrode, ElectrodeShape, FabricationOptions, ImageLayout, MeshOptions, Region, RegionPlace, Sheet, SheetKind, SkinDesign,
-    TouchEffect, shipped,
+    Body, Electrode, ElectrodeShape, FabricationOptions, ImageLayout, MeshOptions, Region, RegionPlace, Sheet,
+    SheetKind, SkinDesign, TouchEffect, shipped,
 };
+use crate::design::{check, check_fabrication};
 use crate::files::read_text_at_most;
 use crate::protocol::{Channel, Protocol};
 use crate::text::printable;
