@@ -247,6 +247,19 @@ impl From<dermis_study::Error> for Failure {
     }
 }
 
+impl From<dermis_fabricate::FabricateError> for Failure {
+    fn from(error: dermis_fabricate::FabricateError) -> Self {
+        use dermis_fabricate::FabricateError;
+        match error {
+            FabricateError::Design(error) => error.into(),
+            FabricateError::Mesh(error) => error.into(),
+            FabricateError::Dermis(error) => error.into(),
+            FabricateError::Internal(message) => Failure::Ours(message),
+            error => Failure::given(&error, error.fix()),
+        }
+    }
+}
+
 /// Marks only the beginning of a long table.
 fn first_line_of(span: std::ops::Range<usize>) -> SourceSpan {
     const MOST: usize = 80;

@@ -3,12 +3,14 @@
 //! They are installed into a virtual environment under `target/`, at the versions in `python/requirements.txt`. If that
 //! is not possible, the tests print a message and pass, unless `DERMIS_REQUIRE_PYTHON` is set.
 
+mod interpreter;
 mod synthetic;
 
 use dermis::contact::ConductanceChange;
 use dermis_live::LiveFrame;
 use dermis_live::recording::{Event, Recorder, Session};
 use dermis_live::sinks::ros2::{self as ros, CONTACT_FIELDS, Reference};
+use interpreter::run;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -24,39 +26,7 @@ fn scripts() -> PathBuf {
 /// The interpreter with the peers installed; `None` if it is not available.
 fn python() -> Option<&'static Path> {
     static PYTHON: OnceLock<Option<PathBuf>> = OnceLock::new();
-    let found = PYTHON.get_or_init(|| match install() {
-        Ok(python) => Some(python),
-        Err(why) if std::env::var_os("DERMIS_REQUIRE_PYTHON").is_some() => panic!("{why}"),
-        Err(why) => {
-            eprintln!("skipped: {why} (set DERMIS_REQUIRE_PYTHON to make this a failure)");
-            None
-        }
-    });
-    found.as_deref()
-}
-
-fn install() -> Result<PathBuf, String> {
-    let requirements =
-        std::fs::read(scripts().join("requirements.txt")).expect("the requirements are in the repository");
-    // A separate folder for each version of the requirements.
-    let name = format!("peers-{:08x}", crc32fast::hash(&requirements));
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
-    let python = folder.join(if cfg!(windows) { "Scripts/python.exe" } else { "bin/python" });
-    let done = folder.join("installed");
-    if !done.exists() {
-        run(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&folder))?;
-        let mut pip = Command::new(&python);
-        pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--requirement"]);
-        run(pip.arg(scripts().join("requirements.txt")))?;
-        std::fs::write(done, "").map_err(|error| error.to_string())?;
-    }
-    Ok(python)
-}
-
-fn run(command: &mut Command) -> Result<String, String> {
-    let output = command.output().map_err(|error| format!("{:?}: {error}", command.get_program()))?;
-    let said = String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
-    if output.status.success() { Ok(said) } else { Err(format!("{command:?}: {}\n{said}", output.status)) }
+    PYTHON.get_or_init(|| interpreter::with(&scripts().join("requirements.txt"))).as_deref()
 }
 
 fn skin() -> &'static SyntheticSkin {

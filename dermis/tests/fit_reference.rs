@@ -27,6 +27,7 @@ fn guess(disk: &Reference) -> SkinDesign {
         protocol: disk.protocol.clone(),
         image: ImageLayout::Grid { rows: 32, columns: 32 },
         mesh: MeshOptions { max_edge_m: 0.1, electrode_edge_m: 0.1, growth: 0.0, correct_arc_ends: false },
+        fabrication: None,
     }
 }
 

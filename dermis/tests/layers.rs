@@ -46,6 +46,7 @@ const CRATES: &[(&str, &[&str])] = &[
     ("dermis", &[]),
     ("dermis-plot", &["dermis"]),
     ("dermis-calibrate", &["dermis"]),
+    ("dermis-fabricate", &["dermis"]),
     ("dermis-sim", &["dermis"]),
     ("dermis-learn", &["dermis", "dermis-calibrate", "dermis-sim"]),
     ("dermis-study", &["dermis", "dermis-learn", "dermis-plot", "dermis-sim"]),
@@ -57,6 +58,7 @@ const CRATES: &[(&str, &[&str])] = &[
         &[
             "dermis",
             "dermis-calibrate",
+            "dermis-fabricate",
             "dermis-learn",
             "dermis-live",
             "dermis-plot",

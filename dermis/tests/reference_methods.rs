@@ -153,6 +153,7 @@ fn greit_is_even_and_right() {
         protocol: disk.protocol.clone(),
         image: ImageLayout::Grid { rows: 32, columns: 32 },
         mesh: MeshOptions { max_edge_m: 0.1, electrode_edge_m: 0.1, growth: 0.0, correct_arc_ends: false },
+        fabrication: None,
     };
     let pixels = Arc::new(PixelSpace::for_design(&design, &disk.mesh).unwrap());
     let greit = Greit::new(&forward, Arc::clone(&pixels), &GreitOptions::default()).unwrap();

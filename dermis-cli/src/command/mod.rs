@@ -4,7 +4,6 @@ pub mod benchmark;
 mod bound;
 pub mod calibrate;
 mod characterise;
-
 mod check_build;
 mod check_device;
 mod check_frames;
@@ -15,6 +14,7 @@ mod emulate;
 mod evaluate;
 mod experiment;
 mod export;
+mod fabricate;
 mod fault_campaign;
 mod fit;
 mod forward;
@@ -96,6 +96,8 @@ pub enum Command {
     Convert(convert::Arguments),
     /// Write the scan table of a skin for firmware: CSV, a C header, or settling times in Rust.
     ScanTable(scan_table::Arguments),
+    /// Write the files of a workshop: base to print, cut patterns, wiring and expected readings, robot description.
+    Fabricate(fabricate::Arguments),
     /// Write a commented design file.
     New(new::Arguments),
     /// Draw a mesh, electrodes, sensitivity, an image or localisation errors.
@@ -140,6 +142,7 @@ impl Command {
             Command::Recover(arguments) => arguments.run(),
             Command::Convert(arguments) => arguments.run(),
             Command::ScanTable(arguments) => arguments.run(),
+            Command::Fabricate(arguments) => arguments.run(),
             Command::New(arguments) => arguments.run(),
             Command::Plot(arguments) => arguments.run(),
             Command::Schema(arguments) => arguments.run(),

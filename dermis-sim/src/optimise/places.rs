@@ -128,6 +128,7 @@ pub(super) fn with_points(design: &SkinDesign, places_m: &[Point3], edge_m: f64)
         electrodes: places_m.iter().map(point).collect(),
         protocol: Protocol::adjacent(places_m.len())?,
         mesh: MeshOptions { max_edge_m: edge_m, electrode_edge_m: edge_m, growth: 0.5, correct_arc_ends: false },
+        fabrication: None,
         ..design.clone()
     })
 }

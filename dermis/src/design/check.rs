@@ -13,12 +13,12 @@ pub(super) struct Problem {
     pub fix: Option<String>,
 }
 
-fn problem(place: Place, message: impl Into<String>) -> Problem {
+pub(super) fn problem(place: Place, message: impl Into<String>) -> Problem {
     Problem { place, message: message.into(), fix: None }
 }
 
 impl Problem {
-    fn fix(mut self, fix: impl Into<String>) -> Self {
+    pub(super) fn fix(mut self, fix: impl Into<String>) -> Self {
         self.fix = Some(fix.into());
         self
     }
@@ -349,7 +349,7 @@ fn cell_estimate(design: &SkinDesign) -> f64 {
 }
 
 /// A length in mm for messages.
-fn millimetres(length_m: f64) -> String {
+pub(super) fn millimetres(length_m: f64) -> String {
     let text = format!("{:.3}", length_m * 1000.0);
     text.trim_end_matches('0').trim_end_matches('.').to_string()
 }

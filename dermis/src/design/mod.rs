@@ -1,7 +1,9 @@
 //! Skin designs: body, sheet, electrodes, protocol and image.
 
 mod check;
+mod check_fabrication;
 mod error;
+mod fabrication;
 mod file;
 mod layout;
 mod resolve;
@@ -10,8 +12,10 @@ mod rim;
 mod shipped;
 
 pub(crate) use check::LARGEST_BODY_M;
+pub use check_fabrication::bores_meet;
 pub use error::DesignError;
 pub use error::{closest_name, explain_toml_error};
+pub use fabrication::{FabricationOptions, closest_bores};
 pub use layout::MOST_ELECTRODES;
 
 use crate::contact::ConductanceChange;
@@ -36,6 +40,8 @@ pub struct SkinDesign {
     pub image: ImageLayout,
     /// Resolution of the generated mesh.
     pub mesh: MeshOptions,
+    /// What a workshop makes, if the design states it.
+    pub fabrication: Option<FabricationOptions>,
 }
 
 impl SkinDesign {
@@ -93,6 +99,14 @@ impl SkinDesign {
     /// As [`parse`](Self::parse), without a line.
     pub fn check(&self) -> Result<(), DesignError> {
         check::check(self).map_err(|problem| DesignError::new(problem.message, problem.fix))
+    }
+
+    /// Checks what a workshop makes, as [`parse`](Self::parse) does if the file has the table `[fabrication]`.
+    ///
+    /// # Errors
+    /// Sizes that cannot be made: a wall thinner than a bore, bores that meet, patches that do not fit. Without a line.
+    pub fn check_fabrication(&self) -> Result<(), DesignError> {
+        check_fabrication::fabrication(self).map_err(|problem| DesignError::new(problem.message, problem.fix))
     }
 
     /// Identifies a skin: SHA-256 of the body and the electrodes' positions and shapes (rounded to 0.01 mm). The

@@ -1,16 +1,16 @@
 //! Conversion of the tables of a design file to a skin.
 
-use crate::design::check;
 use crate::design::error::{DesignError, closest_name, explain_toml_error};
 use crate::design::file::{
-    At, BodyTable, DesignFile, ElectrodesTable, ImageTable, LayoutTable, MeasuresStart, MeshTable, OneOrEach,
-    PatternTable, ProtocolTable, ShapeTable, SheetTable, TouchName,
+    At, BodyTable, DesignFile, ElectrodesTable, FabricationTable, ImageTable, LayoutTable, MeasuresStart, MeshTable,
+    OneOrEach, PatternTable, ProtocolTable, ShapeTable, SheetTable, TouchName,
 };
 use crate::design::layout;
 use crate::design::{
-    Body, Electrode, ElectrodeShape, ImageLayout, MeshOptions, Region, RegionPlace, Sheet, SheetKind, SkinDesign,
-    TouchEffect, shipped,
+    Body, Electrode, ElectrodeShape, FabricationOptions, ImageLayout, MeshOptions, Region, RegionPlace, Sheet,
+    SheetKind, SkinDesign, TouchEffect, shipped,
 };
+use crate::design::{check, check_fabrication};
 use crate::files::read_text_at_most;
 use crate::protocol::{Channel, Protocol};
 use crate::text::printable;
@@ -29,6 +29,7 @@ pub(super) enum Place {
     Protocol,
     Image,
     Mesh,
+    Fabrication(Option<&'static str>),
 }
 
 /// A design by name or by path.
@@ -70,6 +71,7 @@ pub(super) fn read(text: &str, name: &str) -> Result<(DesignFile, SkinDesign), D
     })?;
     let design = source.resolve(&file)?;
     check::check(&design)
+        .and_then(|()| design.fabrication.map_or(Ok(()), |_| check_fabrication::fabrication(&design)))
         .map_err(|problem| source.fail(Some(locate(&file, problem.place)), problem.message, problem.fix))?;
     Ok((file, design))
 }
@@ -97,6 +99,10 @@ fn locate(file: &DesignFile, place: Place) -> Range<usize> {
         Place::Protocol => file.protocol.value.pattern.span.clone(),
         Place::Image => file.image.as_ref().map_or(file.body.span.clone(), |image| image.span.clone()),
         Place::Mesh => file.mesh.as_ref().map_or(file.body.span.clone(), |mesh| mesh.span.clone()),
+        Place::Fabrication(key) => file.fabrication.as_ref().map_or(file.body.span.clone(), |table| {
+            let of_key = fabrication_keys(&table.value).into_iter().find(|(name, _)| Some(*name) == key);
+            of_key.and_then(|(_, value)| value.as_ref()).map_or(table.span.clone(), |value| value.span.clone())
+        }),
     }
 }
 
@@ -149,6 +155,7 @@ impl Source<'_> {
             sheet: self.sheet(&file.sheet)?,
             protocol: self.protocol(&file.protocol.value, electrodes.len())?,
             mesh: mesh_options(&body, &electrodes, file.mesh.as_ref().map(|mesh| &mesh.value)),
+            fabrication: file.fabrication.as_ref().map(|table| fabrication_options(&table.value)),
             body,
             electrodes,
             image,
@@ -336,6 +343,41 @@ fn mesh_options(body: &Body, electrodes: &[Electrode], table: Option<&MeshTable>
             .unwrap_or_else(|| (smallest_m / 5.0).min(max_edge_m / 4.0)),
         growth: given(|t| t.growth.as_ref()).unwrap_or(0.3),
         correct_arc_ends: table.and_then(|t| t.correct_arc_ends).unwrap_or(true),
+    }
+}
+
+/// The keys of the table `[fabrication]`.
+fn fabrication_keys(table: &FabricationTable) -> [(&'static str, &Option<At<f64>>); 11] {
+    [
+        ("wall_m", &table.wall_m),
+        ("bore_m", &table.bore_m),
+        ("channel_width_m", &table.channel_width_m),
+        ("channel_depth_m", &table.channel_depth_m),
+        ("flange_m", &table.flange_m),
+        ("patch_pitch_m", &table.patch_pitch_m),
+        ("patch_gap_m", &table.patch_gap_m),
+        ("foam_thickness_m", &table.foam_thickness_m),
+        ("kerf_m", &table.kerf_m),
+        ("seam_theta_rad", &table.seam_theta_rad),
+        ("overlap_m", &table.overlap_m),
+    ]
+}
+
+fn fabrication_options(table: &FabricationTable) -> FabricationOptions {
+    let usual = FabricationOptions::default();
+    let or = |given: &Option<At<f64>>, usual: f64| given.as_ref().map_or(usual, |at| at.value);
+    FabricationOptions {
+        wall_m: or(&table.wall_m, usual.wall_m),
+        bore_m: or(&table.bore_m, usual.bore_m),
+        channel_width_m: or(&table.channel_width_m, usual.channel_width_m),
+        channel_depth_m: or(&table.channel_depth_m, usual.channel_depth_m),
+        flange_m: or(&table.flange_m, usual.flange_m),
+        patch_pitch_m: or(&table.patch_pitch_m, usual.patch_pitch_m),
+        patch_gap_m: or(&table.patch_gap_m, usual.patch_gap_m),
+        foam_thickness_m: or(&table.foam_thickness_m, usual.foam_thickness_m),
+        kerf_m: or(&table.kerf_m, usual.kerf_m),
+        seam_theta_rad: or(&table.seam_theta_rad, usual.seam_theta_rad),
+        overlap_m: or(&table.overlap_m, usual.overlap_m),
     }
 }
 

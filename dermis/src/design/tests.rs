@@ -1,6 +1,6 @@
 //! Valid designs, and the error messages of invalid ones.
 
-use crate::design::{Body, ElectrodeShape, ImageLayout, SkinDesign, TouchEffect};
+use crate::design::{Body, ElectrodeShape, FabricationOptions, ImageLayout, SkinDesign, TouchEffect};
 use crate::geom::vector::distance;
 use crate::protocol::{Channel, Protocol};
 use std::f64::consts::TAU;
@@ -285,10 +285,48 @@ fn electrodes_on_the_rim_of_a_disk_run_either_way_from_a_given_angle() {
 fn the_schema_knows_the_tables() {
     let schema = SkinDesign::json_schema();
     let properties = schema["properties"].as_object().unwrap();
-    for table in ["name", "body", "sheet", "electrodes", "protocol", "image", "mesh"] {
+    for table in ["name", "body", "sheet", "electrodes", "protocol", "image", "mesh", "fabrication"] {
         assert!(properties.contains_key(table), "{table}");
     }
     assert!(schema.to_string().contains("length_m"));
+}
+
+#[test]
+fn what_no_workshop_can_make_is_named_with_its_line() {
+    let line = line_of("wall_m");
+    let error = broken("wall_m = 0.005", "wall_m = 0.0025");
+    assert!(
+        error.starts_with(&format!("skin.toml:{line}: the wall (2.5 mm) is thinner than a bore (3 mm)")),
+        "{error}"
+    );
+    let error = broken("wall_m = 0.005", "wall_m = 5");
+    assert!(error.contains("wall_m is 5 m") && error.contains("lengths are in metres"), "{error}");
+    let error = broken("wall_m = 0.005", "wall_m = 0.0495");
+    assert!(error.contains("a wall of 49.5 mm fills a cylinder of 100 mm diameter"), "{error}");
+    // 62.8 mm apart on the surface, and 25.1 mm at the inner face of a wall of 30 mm: chords of 58.8 and 23.5 mm.
+    let error = broken("wall_m = 0.005\nbore_m = 0.003", "wall_m = 0.030\nbore_m = 0.024");
+    assert!(error.contains("meet: they overlap by 0.489 mm"), "{error}");
+    let error = broken("channel_depth_m = 0.002", "channel_depth_m = 0.0045");
+    assert!(error.contains("leave 0.5 mm of the wall"), "{error}");
+    let error = broken("kerf_m = 0.0002", "kerf_m = 0.0002\nflange_m = 0.002");
+    assert!(error.contains("too short for bores on the edge, which need 2.5 mm"), "{error}");
+    assert!(broken("patch_gap_m = 0.001", "patch_gap_m = 0.01").contains("nothing is left of patches 10 mm apart"));
+    assert!(broken("patch_pitch_m = 0.010", "patch_pitch_m = 0.31").contains("do not fit on a body of 300 mm"));
+    assert!(broken("kerf_m = 0.0002", "kerf_m = 0.002").contains("wider than the gaps of 1 mm"));
+    assert!(broken("kerf_m = 0.0002", "kerf_mm = 0.2").contains("did you mean `kerf_m`?"));
+}
+
+#[test]
+fn bores_on_a_rim_move_inward_unless_there_is_a_flange() {
+    let mut design = SkinDesign::shipped("cylinder30").unwrap();
+    let heights = |design: &SkinDesign| -> Vec<f64> {
+        let bores = design.bores().unwrap();
+        [0, 5, 29].map(|electrode: usize| bores[electrode].0[2]).to_vec()
+    };
+    assert_eq!(heights(&design), [0.0025, 0.06, 0.3 - 0.0025]);
+    let options = FabricationOptions { flange_m: 0.01, ..design.fabrication_options() };
+    design.fabrication = Some(options);
+    assert_eq!(heights(&design), [0.0, 0.06, 0.3]);
 }
 
 proptest::proptest! {

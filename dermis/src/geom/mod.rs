@@ -3,10 +3,10 @@
 mod place_limits;
 pub mod polygon;
 pub mod surface;
-pub(crate) mod triangle_tree;
+mod triangle_tree;
 pub mod vector;
 
 pub use place_limits::PlaceLimits;
 pub use surface::Surface;
-pub(crate) use triangle_tree::TriangleTree;
+pub use triangle_tree::{Nearest, TriangleTree};
 pub use vector::{Point2, Point3};

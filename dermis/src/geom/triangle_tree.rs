@@ -5,7 +5,7 @@ use super::vector::{Point3, distance};
 
 /// A binary tree of bounding boxes of triangles, for the point of a surface that is nearest to a given one.
 #[derive(Debug, Clone)]
-pub(crate) struct TriangleTree {
+pub struct TriangleTree {
     corners: Vec<[Point3; 3]>,
     /// Original indices of the triangles, in the order of `corners`.
     numbers: Vec<usize>,
@@ -32,7 +32,7 @@ const LEAF: usize = 8;
 
 /// A point of a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Nearest {
+pub struct Nearest {
     /// Its position, m.
     pub point: Point3,
     /// The triangle that contains it.
@@ -46,7 +46,7 @@ impl TriangleTree {
     ///
     /// # Panics
     /// If there is no triangle.
-    pub(crate) fn new(triangles: impl IntoIterator<Item = [Point3; 3]>) -> Self {
+    pub fn new(triangles: impl IntoIterator<Item = [Point3; 3]>) -> Self {
         let mut items: Vec<(usize, [Point3; 3])> = triangles.into_iter().enumerate().collect();
         assert!(!items.is_empty(), "a surface has triangles");
         let mut boxes = Vec::new();
@@ -56,7 +56,7 @@ impl TriangleTree {
     }
 
     /// The point of the surface nearest to `point`.
-    pub(crate) fn nearest(&self, point: Point3) -> Nearest {
+    pub fn nearest(&self, point: Point3) -> Nearest {
         let mut best = Nearest { point, triangle: 0, distance_m: f64::INFINITY };
         let mut stack = vec![0];
         while let Some(at) = stack.pop() {

@@ -21,6 +21,7 @@ fn design(body: Body, image: ImageLayout) -> SkinDesign {
         protocol: Protocol::adjacent(4).unwrap(),
         image,
         mesh: MeshOptions { max_edge_m: 6e-3, electrode_edge_m: 1e-3, growth: 0.2, correct_arc_ends: true },
+        fabrication: None,
     }
 }
 

@@ -1,0 +1,81 @@
+//! Folders for a workshop: their files, and what is refused.
+
+mod workplace;
+
+use serde_json::Value;
+use workplace::{DISK, Workplace};
+
+fn count(at: &Workplace) -> usize {
+    std::fs::read_dir(at.folder()).unwrap().count()
+}
+
+#[test]
+fn a_folder_holds_what_its_manifest_lists_and_is_the_same_each_time() {
+    let at = Workplace::new();
+    let shown = at.good("fabricate disk.toml -o one");
+    for part in ["base.stl", "base to print", "patterns/patches.dxf", "note: the bores of E0, E1"] {
+        assert!(shown.contains(part), "{part} in\n{shown}");
+    }
+    let manifest: Value = serde_json::from_str(&at.good("fabricate disk.toml -o two --json")).unwrap();
+    let files = manifest["files"].as_array().unwrap();
+    assert!(files.len() > 10);
+    for name in files.iter().map(|file| file["path"].as_str().unwrap()).chain(["manifest.json"]) {
+        let [one, two] = ["one", "two"].map(|folder| std::fs::read(at.path(folder).join(name)).unwrap());
+        assert!(one == two && !one.is_empty(), "{name}");
+    }
+    assert!(at.refused("fabricate disk.toml -o one").contains("--force"));
+    at.good("fabricate disk.toml -o one --force");
+    assert_eq!(count(&at), 3);
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_and_one_with_other_files_are_left_alone() {
+    let at = Workplace::new();
+    assert!(at.refused("fabricate disk.toml -o no/such/folder").contains("no/such/folder cannot be written"));
+    std::fs::create_dir(at.path("mine")).unwrap();
+    at.write("mine/letter.txt", "dear");
+    assert!(at.refused("fabricate disk.toml -o mine --force").contains("mine exists already"));
+    assert_eq!(std::fs::read_to_string(at.path("mine/letter.txt")).unwrap(), "dear");
+    assert_eq!(count(&at), 2);
+}
+
+#[test]
+fn what_no_workshop_can_make_is_an_error_with_its_line() {
+    let at = Workplace::empty();
+    let line = DISK.lines().count() + 2;
+    let cases = [
+        ("wall_m = 0.002", "thinner than a bore"),
+        ("wall_m = 5", "between 0.0002 and 1 m"),
+        ("bore_m = 0.04\nwall_m = 0.05", "meet: they overlap by"),
+        ("channel_depth_m = 0.0045", "leave 0.5 mm of the wall"),
+        ("flange_m = 0.001", "too short for bores on the edge, which need 2.5 mm"),
+        ("patch_pitch_m = 0.2", "do not fit on a body of 100 mm"),
+        ("patch_gap_m = 0.01", "nothing is left of patches"),
+        ("kerf_m = 0.002", "wider than the gaps"),
+        ("seam_theta_rad = 90", "between -2 pi and 2 pi"),
+        ("wall_mm = 5", "did you mean `wall_m`?"),
+    ];
+    for (key, message) in cases {
+        at.write("wrong.toml", format!("{DISK}[fabrication]\n{key}\n"));
+        let said = at.refused("fabricate wrong.toml -o out");
+        assert!(said.contains(message), "{key}: {said}");
+        assert!(said.contains(&format!("wrong.toml:{line}:")), "{key}: {said}");
+    }
+    // Without the table the same is found, but only where it is made.
+    let narrow = DISK
+        .replace("diameter_m = 0.1", "diameter_m = 0.006")
+        .replace("0.005", "0.001")
+        .replace("[mesh]\nmax_edge_m = 0.01\nelectrode_edge_m = 0.0025\n", "");
+    at.write("narrow.toml", narrow);
+    assert!(at.refused("fabricate narrow.toml -o out").contains("meet"));
+    at.good("mesh narrow.toml -o narrow.vtu");
+}
+
+#[test]
+fn new_designs_can_be_made() {
+    let at = Workplace::empty();
+    for body in ["cylinder", "disk", "rectangle"] {
+        at.good(&format!("new {body}"));
+        at.good(&format!("fabricate {body}.toml -o {body}"));
+    }
+}

@@ -1,0 +1,153 @@
+//! What is to be made: the one model from which every output is written.
+
+use crate::body::BodyMesh;
+use crate::chart::Chart;
+use crate::error::FabricateError;
+use crate::outline::Outline;
+use crate::patches::{self, Patch};
+use dermis::design::{Body, ElectrodeShape, FabricationOptions, SkinDesign, closest_bores};
+use dermis::geom::Point3;
+use dermis::geom::vector::{centroid, distance};
+use dermis::mesh::Mesh;
+
+/// What a workshop makes of a design. Lengths in m, in the frame of the design.
+#[derive(Debug, Clone)]
+pub struct Fabrication {
+    /// The design.
+    pub design: SkinDesign,
+    /// Sizes of the parts: the design's, or the default.
+    pub options: FabricationOptions,
+    /// The electrodes with their bores, in the order of their numbers.
+    pub electrodes: Vec<FabricatedElectrode>,
+    /// The surface of a body from a mesh file.
+    pub body_mesh: Option<BodyMesh>,
+    /// The unrolled coat; `None` for a body from a mesh file.
+    pub chart: Option<Chart>,
+    /// The edge of the unrolled coat; `None` for a body from a mesh file.
+    pub coat: Option<Outline>,
+    /// The fabric patches.
+    pub patches: Vec<Patch>,
+}
+
+/// An electrode, and the bore below it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FabricatedElectrode {
+    /// Its number, from 0.
+    pub number: usize,
+    /// Its label on drawings and tables: `E0`, `E1`, ...; as many digits as the largest number has.
+    pub label: String,
+    /// Its centre on the coat, m.
+    pub centre_m: Point3,
+    /// The outward unit normal at its centre.
+    pub normal: Point3,
+    /// Its shape.
+    pub shape: ElectrodeShape,
+    /// Its bore.
+    pub bore: Bore,
+}
+
+/// A round hole through the wall along the normal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bore {
+    /// The place of its axis on the coat's surface, m.
+    pub centre_m: Point3,
+    /// The outward unit normal there: the direction of the axis.
+    pub normal: Point3,
+    /// Its diameter, m.
+    pub diameter_m: f64,
+    /// Distance from the electrode's centre, m: not 0 where the electrode is too close to the edge of the base.
+    pub moved_m: f64,
+}
+
+impl Fabrication {
+    /// The parts of a design.
+    ///
+    /// # Errors
+    /// Sizes that cannot be made (see [`SkinDesign::check_fabrication`]); a body file that cannot be read; bores that
+    /// meet.
+    pub fn new(design: &SkinDesign) -> Result<Self, FabricateError> {
+        design.check_fabrication()?;
+        let options = design.fabrication_options();
+        let body_mesh = match &design.body {
+            Body::Mesh { path, unit_m } => Some(BodyMesh::load(path, *unit_m)?),
+            _ => None,
+        };
+        let places = match &body_mesh {
+            Some(mesh) => on_mesh(design, mesh)?,
+            None => on_known_surface(design),
+        };
+        check_bores(&places, &options)?;
+        let digits = design.electrodes.len().saturating_sub(1).to_string().len();
+        let electrodes = design.electrodes.iter().zip(places).enumerate();
+        let electrodes = electrodes.map(|(number, (electrode, (centre_m, normal, bore)))| FabricatedElectrode {
+            number,
+            label: format!("E{number:0digits$}"),
+            centre_m,
+            normal,
+            shape: electrode.shape,
+            bore,
+        });
+        let chart = Chart::of(&design.body, &options);
+        let coat = chart.as_ref().map(Chart::coat);
+        Ok(Fabrication {
+            design: design.clone(),
+            options,
+            electrodes: electrodes.collect(),
+            patches: patches::of(chart.as_ref(), body_mesh.as_ref(), &options)?,
+            body_mesh,
+            chart,
+            coat,
+        })
+    }
+}
+
+/// Centre, normal and bore of each electrode.
+type Places = Vec<(Point3, Point3, Bore)>;
+
+fn on_known_surface(design: &SkinDesign) -> Places {
+    let bores = design.bores().expect("only a mesh file has no known surface");
+    let surface = design.body.surface();
+    let place = |(electrode, (centre_m, normal)): (&dermis::design::Electrode, (Point3, Point3))| {
+        let moved_m = distance(electrode.centre_m, centre_m);
+        let own = surface.normal(electrode.centre_m).expect("a known surface");
+        (electrode.centre_m, own, bore(design, centre_m, normal, moved_m))
+    };
+    design.electrodes.iter().zip(bores).map(place).collect()
+}
+
+/// The electrodes on the surface of a file: their centres are brought onto it, groups are at the mean of their nodes, and
+/// bores are moved away from the edges.
+fn on_mesh(design: &SkinDesign, mesh: &BodyMesh) -> Result<Places, FabricateError> {
+    let grouped = design.electrodes.iter().any(|electrode| electrode.shape == ElectrodeShape::Group);
+    let meshed = grouped.then(|| Mesh::generate(design)).transpose()?;
+    let edge_m = design.fabrication_options().edge_m();
+    let place = |(number, electrode): (usize, &dermis::design::Electrode)| {
+        let wanted_m = meshed.as_ref().map_or(electrode.centre_m, |meshed| {
+            let nodes: Vec<Point3> =
+                meshed.electrode_nodes(number).into_iter().map(|node| meshed.nodes[node]).collect();
+            centroid(&nodes)
+        });
+        let (centre_m, own) = mesh.nearest(wanted_m);
+        let (bore_m, normal) = mesh.away_from_edges(centre_m, edge_m).ok_or_else(|| {
+            let message = format!("there is no place for the bore of electrode {number}: every edge is too near");
+            FabricateError::part(message, "make `bore_m` smaller, or move the electrode")
+        })?;
+        Ok((centre_m, own, bore(design, bore_m, normal, distance(bore_m, centre_m))))
+    };
+    design.electrodes.iter().enumerate().map(place).collect()
+}
+
+fn bore(design: &SkinDesign, centre_m: Point3, normal: Point3, moved_m: f64) -> Bore {
+    Bore { centre_m, normal, diameter_m: design.fabrication_options().bore_m, moved_m }
+}
+
+fn check_bores(places: &Places, options: &FabricationOptions) -> Result<(), FabricateError> {
+    let bores: Vec<(Point3, Point3)> = places.iter().map(|(_, _, bore)| (bore.centre_m, bore.normal)).collect();
+    match closest_bores(&bores, options) {
+        Some((i, j, land_m)) if land_m < FabricationOptions::LEAST_LAND_M => {
+            let message = dermis::design::bores_meet(i, j, land_m);
+            Err(FabricateError::part(message, "make the bores smaller or move the electrodes apart"))
+        }
+        _ => Ok(()),
+    }
+}
