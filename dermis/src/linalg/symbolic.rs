@@ -1,8 +1,6 @@
 //! The part of a sparse Cholesky factorisation that depends only on the pattern.
 
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::sparse::SymbolicSparseColMat;
-use faer::sparse::linalg::amd;
+use super::dissection::nested_dissection;
 
 /// No supernode.
 pub(super) const NONE: usize = usize::MAX;
@@ -45,9 +43,9 @@ impl Supernode {
 
 /// Elimination order, supernodes and assembly plan of a symmetric pattern whose last unknowns are kept.
 ///
-/// The first `n - kept` unknowns are eliminated in a fill-reducing order (approximate minimum degree: Amestoy, Davis
-/// and Duff, 1996, DOI 10.1137/S0895479894278952) by the multifrontal method (Duff and Reid, 1983, DOI
-/// 10.1145/356044.356047); for the last `kept` the Schur complement is computed.
+/// The first `n - kept` unknowns are eliminated in a fill-reducing order (nested dissection: George, 1973, DOI
+/// 10.1137/0710032) by the multifrontal method (Duff and Reid, 1983, DOI 10.1145/356044.356047); for the last `kept` the
+/// Schur complement is computed.
 #[derive(Debug, Clone)]
 pub struct Symbolic {
     pub(super) unknown_count: usize,
@@ -84,7 +82,12 @@ impl Symbolic {
     pub fn new(unknown_count: usize, kept_count: usize, entries: &[[usize; 2]]) -> Self {
         assert!(kept_count <= unknown_count, "more unknowns kept than there are");
         let interior = unknown_count - kept_count;
-        let order = elimination_order(interior, unknown_count, entries);
+        Self::in_order(unknown_count, kept_count, entries, elimination_order(interior, unknown_count, entries))
+    }
+
+    /// The same for a given order of elimination, the kept unknowns last and in order.
+    pub(super) fn in_order(unknown_count: usize, kept_count: usize, entries: &[[usize; 2]], order: Vec<usize>) -> Self {
+        let interior = unknown_count - kept_count;
         let columns = Columns::new(unknown_count, interior, &order, entries);
         let order = postorder(&order, &columns);
         let columns = Columns::new(unknown_count, interior, &order, entries);
@@ -262,23 +265,8 @@ impl Symbolic {
 
 /// A fill-reducing order of the interior unknowns, followed by the kept ones.
 fn elimination_order(interior: usize, unknown_count: usize, entries: &[[usize; 2]]) -> Vec<usize> {
-    let mut columns = vec![Vec::new(); interior];
-    for &[i, j] in entries.iter().filter(|[i, j]| i != j && *i < interior && *j < interior) {
-        columns[i.max(j)].push(i.min(j));
-    }
-    let mut column_start = vec![0];
-    let mut row_indices = Vec::new();
-    for column in &mut columns {
-        column.sort_unstable();
-        row_indices.append(column);
-        column_start.push(row_indices.len());
-    }
-    let nonzero_count = row_indices.len();
-    let pattern = SymbolicSparseColMat::new_checked(interior, interior, column_start, None, row_indices);
-    let (mut order, mut position) = (vec![0usize; interior], vec![0usize; interior]);
-    let mut memory = MemBuffer::new(amd::order_scratch::<usize>(interior, nonzero_count));
-    amd::order(&mut order, &mut position, pattern.as_ref(), amd::Control::default(), MemStack::new(&mut memory))
-        .expect("indices of a mesh fit a usize");
+    let pairs = entries.iter().copied().filter(|[i, j]| i != j);
+    let mut order = nested_dissection(interior, unknown_count, pairs);
     order.extend(interior..unknown_count);
     order
 }
