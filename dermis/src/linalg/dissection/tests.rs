@@ -3,9 +3,7 @@
 use super::graph::Graph;
 use super::nested_dissection;
 use crate::linalg::Symbolic;
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::sparse::SymbolicSparseColMat;
-use faer::sparse::linalg::amd;
+use crate::linalg::symbolic::minimum_degree;
 
 /// Vertices and pairs of adjacent ones.
 #[derive(Clone)]
@@ -52,27 +50,10 @@ impl Pattern {
         Symbolic::in_order(self.count, 0, &entries, order)
     }
 
-    fn minimum_degree(&self) -> Vec<usize> {
-        let mut columns = vec![Vec::new(); self.count];
-        self.pairs.iter().for_each(|&[i, j]| columns[i.max(j)].push(i.min(j)));
-        let (mut starts, mut rows) = (vec![0], Vec::new());
-        for column in &mut columns {
-            column.sort_unstable();
-            rows.append(column);
-            starts.push(rows.len());
-        }
-        let pattern = SymbolicSparseColMat::new_checked(self.count, self.count, starts, None, rows);
-        let (mut order, mut position) = (vec![0; self.count], vec![0; self.count]);
-        let mut memory = MemBuffer::new(amd::order_scratch::<usize>(self.count, self.pairs.len()));
-        let stack = MemStack::new(&mut memory);
-        amd::order(&mut order, &mut position, pattern.as_ref(), amd::Control::default(), stack).unwrap();
-        order
-    }
-
     /// Multiply-adds with nested dissection over those with minimum degree.
     fn ratio(&self) -> f64 {
         let count = |order| self.analysed(order).multiply_add_count() as f64;
-        count(self.order(self.count)) / count(self.minimum_degree())
+        count(self.order(self.count)) / count(minimum_degree(self.count, &self.pairs))
     }
 }
 
