@@ -47,8 +47,8 @@ impl Supernode {
 /// Elimination order, supernodes and assembly plan of a symmetric pattern whose last unknowns are kept.
 ///
 /// The first `n - kept` unknowns are eliminated in a fill-reducing order (nested dissection: George, 1973, DOI
-/// 10.1137/0710032) by the multifrontal method (Duff and Reid, 1983, DOI 10.1145/356044.356047); for the last `kept` the
-/// Schur complement is computed.
+/// 10.1137/0710032; or approximate minimum degree, if it is better) by the multifrontal method (Duff and Reid, 1983, DOI
+/// 10.1145/356044.356047); for the last `kept` the Schur complement is computed.
 #[derive(Debug, Clone)]
 pub struct Symbolic {
     pub(super) unknown_count: usize,
@@ -85,13 +85,23 @@ impl Symbolic {
     pub fn new(unknown_count: usize, kept_count: usize, entries: &[[usize; 2]]) -> Self {
         assert!(kept_count <= unknown_count, "more unknowns kept than there are");
         let interior = unknown_count - kept_count;
-        Self::in_order(unknown_count, kept_count, entries, elimination_order(interior, unknown_count, entries))
+        Self::in_best_order(unknown_count, kept_count, entries, elimination_orders(interior, unknown_count, entries))
     }
 
-    /// The same for a given order of elimination, the kept unknowns last and in order.
-    pub(super) fn in_order(unknown_count: usize, kept_count: usize, entries: &[[usize; 2]], order: Vec<usize>) -> Self {
+    /// The same by the order of elimination that needs the fewest multiply-adds, the kept unknowns last and in order.
+    pub(super) fn in_best_order(
+        unknown_count: usize,
+        kept_count: usize,
+        entries: &[[usize; 2]],
+        orders: Vec<Vec<usize>>,
+    ) -> Self {
         let interior = unknown_count - kept_count;
-        let columns = Columns::new(unknown_count, interior, &order, entries);
+        let columns = |order: &Vec<usize>| Columns::new(unknown_count, interior, order, entries);
+        let (columns, order) = orders
+            .into_iter()
+            .map(|order| (columns(&order), order))
+            .min_by_key(|(columns, _)| columns.multiply_add_count())
+            .expect("there is an order");
         let sequence = postorder(&columns);
         let columns = columns.renumbered(&sequence);
         let order = sequence.iter().map(|&place| order[place]).chain(order[interior..].iter().copied()).collect();
@@ -270,14 +280,16 @@ impl Symbolic {
 /// Up to so many unknowns, minimum degree is about as good as dissection and is found faster.
 const SMALL: usize = 1000;
 
-/// A fill-reducing order of the interior unknowns, followed by the kept ones.
-fn elimination_order(interior: usize, unknown_count: usize, entries: &[[usize; 2]]) -> Vec<usize> {
-    let mut order = match interior {
-        ..=SMALL => minimum_degree(interior, entries),
-        _ => nested_dissection(interior, unknown_count, entries.iter().copied().filter(|[i, j]| i != j)),
-    };
-    order.extend(interior..unknown_count);
-    order
+/// Fill-reducing orders of the interior unknowns, each followed by the kept ones. Dissection is better on most large
+/// meshes, minimum degree on long strips.
+fn elimination_orders(interior: usize, unknown_count: usize, entries: &[[usize; 2]]) -> Vec<Vec<usize>> {
+    let mut orders = vec![minimum_degree(interior, entries)];
+    if interior > SMALL {
+        let pairs = entries.iter().copied().filter(|[i, j]| i != j);
+        orders.push(nested_dissection(interior, unknown_count, pairs));
+    }
+    orders.iter_mut().for_each(|order| order.extend(interior..unknown_count));
+    orders
 }
 
 /// The first `interior` unknowns by approximate minimum degree (Amestoy, Davis and Duff, 1996, DOI
@@ -350,6 +362,11 @@ impl Columns {
             below[j] = rows;
         }
         Columns { below, parent }
+    }
+
+    /// Multiply-adds of one factorisation without stored zeros.
+    fn multiply_add_count(&self) -> usize {
+        self.below.iter().map(|rows| rows.len() * (rows.len() + 1) / 2).sum()
     }
 
     /// The columns in another sequence of elimination, with descendants before their ancestors as before.

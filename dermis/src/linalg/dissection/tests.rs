@@ -47,7 +47,7 @@ impl Pattern {
     fn analysed(&self, order: Vec<usize>) -> Symbolic {
         let diagonal = (0..self.count).map(|vertex| [vertex, vertex]);
         let entries: Vec<[usize; 2]> = diagonal.chain(self.pairs.iter().copied()).collect();
-        Symbolic::in_order(self.count, 0, &entries, order)
+        Symbolic::in_best_order(self.count, 0, &entries, vec![order])
     }
 
     /// Multiply-adds with nested dissection over those with minimum degree.
@@ -86,14 +86,26 @@ fn fill_on_a_square_grows_as_george_derived() {
 #[test]
 fn meshes_need_fewer_multiply_adds_than_with_minimum_degree() {
     for (name, pattern, most) in [
-        ("40 x 40 triangles", Pattern::triangles(40), 1.0),
-        ("100 x 100 triangles", Pattern::triangles(100), 0.8),
-        ("300 x 30 triangles", Pattern::grid([300, 30, 1], &[[1, 0, 0], [0, 1, 0], [1, 1, 0]]), 1.0),
-        ("12^3 tetrahedra", Pattern::tetrahedra(12), 1.0),
-        ("18^3 tetrahedra", Pattern::tetrahedra(18), 0.8),
+        ("100 x 100 triangles", Pattern::triangles(100), 1.0),
+        ("12^3 tetrahedra", Pattern::tetrahedra(12), 0.95),
+        ("18^3 tetrahedra", Pattern::tetrahedra(18), 0.65),
     ] {
         let ratio = pattern.ratio();
         assert!(ratio < most, "{name}: {ratio}");
+    }
+}
+
+/// On a long strip minimum degree is better: the analysis takes it.
+#[test]
+fn the_better_order_is_taken() {
+    for pattern in [Pattern::grid([300, 30, 1], &[[1, 0, 0], [0, 1, 0], [1, 1, 0]]), Pattern::triangles(100)] {
+        let diagonal = (0..pattern.count).map(|vertex| [vertex, vertex]);
+        let entries: Vec<[usize; 2]> = diagonal.chain(pattern.pairs.iter().copied()).collect();
+        let chosen = Symbolic::new(pattern.count, 0, &entries).multiply_add_count();
+        let orders = [pattern.order(pattern.count), minimum_degree(pattern.count, &pattern.pairs)];
+        // Stored zeros are added after the choice: a few percent.
+        let least = orders.map(|order| pattern.analysed(order).multiply_add_count()).into_iter().min().unwrap();
+        assert!(chosen as f64 <= 1.05 * least as f64, "{chosen}, {least}");
     }
 }
 
@@ -121,9 +133,10 @@ fn every_vertex_is_ordered_once_and_always_in_the_same_place() {
 fn trees_have_little_fill() {
     let star = Pattern { count: 3000, pairs: (1..3000).map(|leaf| [0, leaf]).collect() };
     assert_eq!(star.order(3000).last(), Some(&0), "the centre is last");
-    // Minimum degree has no fill on a path; each of its few separators adds at most one entry to the columns beside it.
+    // Without fill a column of a path has one entry below its diagonal; between two separators it has two, which are
+    // three multiply-adds instead of one.
     let path = Pattern::grid([5000, 1, 1], &[[1, 0, 0]]);
-    assert!(path.ratio() < 1.1, "{}", path.ratio());
+    assert!(path.ratio() < 3.0, "{}", path.ratio());
 }
 
 /// Vertices that are eliminated later count as neighbours: here they make the middle of a path the better start.
