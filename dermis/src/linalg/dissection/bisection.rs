@@ -213,17 +213,21 @@ pub(super) fn cover(graph: &Graph, sides: &[u8]) -> Vec<bool> {
             reached.iter().for_each(|&end| is_in_cover[end] = true);
             continue;
         };
-        let mut end = free;
-        loop {
-            let vertex = reached_from[end] as usize;
-            let former = std::mem::replace(&mut mate[vertex], index(end));
-            mate[end] = index(vertex);
-            if former == NONE {
-                break;
-            }
-            end = former as usize;
-        }
+        augment(&mut mate, &reached_from, free);
         reached.iter().for_each(|&end| reached_from[end] = NONE);
     }
     is_in_cover
+}
+
+/// Exchanges the edges of a path, from a vertex of side 1 back to the start of the search.
+fn augment(mate: &mut [u32], reached_from: &[u32], mut end: usize) {
+    loop {
+        let vertex = reached_from[end] as usize;
+        let former = std::mem::replace(&mut mate[vertex], index(end));
+        mate[end] = index(vertex);
+        if former == NONE {
+            return;
+        }
+        end = former as usize;
+    }
 }
