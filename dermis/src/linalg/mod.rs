@@ -7,6 +7,7 @@
 mod assignment;
 mod batch;
 mod dense;
+mod dissection;
 mod factor;
 mod matrix;
 mod pivoted;

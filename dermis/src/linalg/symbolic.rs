@@ -1,5 +1,6 @@
 //! The part of a sparse Cholesky factorisation that depends only on the pattern.
 
+use super::dissection::nested_dissection;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::SymbolicSparseColMat;
 use faer::sparse::linalg::amd;
@@ -45,8 +46,8 @@ impl Supernode {
 
 /// Elimination order, supernodes and assembly plan of a symmetric pattern whose last unknowns are kept.
 ///
-/// The first `n - kept` unknowns are eliminated in a fill-reducing order (approximate minimum degree: Amestoy, Davis
-/// and Duff, 1996, DOI 10.1137/S0895479894278952) by the multifrontal method (Duff and Reid, 1983, DOI
+/// The first `n - kept` unknowns are eliminated in a fill-reducing order (nested dissection: George, 1973, DOI
+/// 10.1137/0710032; or approximate minimum degree, if it is better) by the multifrontal method (Duff and Reid, 1983, DOI
 /// 10.1145/356044.356047); for the last `kept` the Schur complement is computed.
 #[derive(Debug, Clone)]
 pub struct Symbolic {
@@ -84,10 +85,26 @@ impl Symbolic {
     pub fn new(unknown_count: usize, kept_count: usize, entries: &[[usize; 2]]) -> Self {
         assert!(kept_count <= unknown_count, "more unknowns kept than there are");
         let interior = unknown_count - kept_count;
-        let order = elimination_order(interior, unknown_count, entries);
-        let columns = Columns::new(unknown_count, interior, &order, entries);
-        let order = postorder(&order, &columns);
-        let columns = Columns::new(unknown_count, interior, &order, entries);
+        Self::in_best_order(unknown_count, kept_count, entries, elimination_orders(interior, unknown_count, entries))
+    }
+
+    /// The same by the order of elimination that needs the fewest multiply-adds, the kept unknowns last and in order.
+    pub(super) fn in_best_order(
+        unknown_count: usize,
+        kept_count: usize,
+        entries: &[[usize; 2]],
+        orders: Vec<Vec<usize>>,
+    ) -> Self {
+        let interior = unknown_count - kept_count;
+        let columns = |order: &Vec<usize>| Columns::new(unknown_count, interior, order, entries);
+        let (columns, order) = orders
+            .into_iter()
+            .map(|order| (columns(&order), order))
+            .min_by_key(|(columns, _)| columns.multiply_add_count())
+            .expect("there is an order");
+        let sequence = postorder(&columns);
+        let columns = columns.renumbered(&sequence);
+        let order = sequence.iter().map(|&place| order[place]).chain(order[interior..].iter().copied()).collect();
         Self::from_columns(unknown_count, kept_count, order, &columns, entries)
     }
 
@@ -260,8 +277,24 @@ impl Symbolic {
     }
 }
 
-/// A fill-reducing order of the interior unknowns, followed by the kept ones.
-fn elimination_order(interior: usize, unknown_count: usize, entries: &[[usize; 2]]) -> Vec<usize> {
+/// Up to so many unknowns, minimum degree is about as good as dissection and is found faster.
+const SMALL: usize = 1000;
+
+/// Fill-reducing orders of the interior unknowns, each followed by the kept ones. Dissection is better on most large
+/// meshes, minimum degree on long strips.
+fn elimination_orders(interior: usize, unknown_count: usize, entries: &[[usize; 2]]) -> Vec<Vec<usize>> {
+    let mut orders = vec![minimum_degree(interior, entries)];
+    if interior > SMALL {
+        let pairs = entries.iter().copied().filter(|[i, j]| i != j);
+        orders.push(nested_dissection(interior, unknown_count, pairs));
+    }
+    orders.iter_mut().for_each(|order| order.extend(interior..unknown_count));
+    orders
+}
+
+/// The first `interior` unknowns by approximate minimum degree (Amestoy, Davis and Duff, 1996, DOI
+/// 10.1137/S0895479894278952).
+pub(super) fn minimum_degree(interior: usize, entries: &[[usize; 2]]) -> Vec<usize> {
     let mut columns = vec![Vec::new(); interior];
     for &[i, j] in entries.iter().filter(|[i, j]| i != j && *i < interior && *j < interior) {
         columns[i.max(j)].push(i.min(j));
@@ -279,7 +312,6 @@ fn elimination_order(interior: usize, unknown_count: usize, entries: &[[usize; 2
     let mut memory = MemBuffer::new(amd::order_scratch::<usize>(interior, nonzero_count));
     amd::order(&mut order, &mut position, pattern.as_ref(), amd::Control::default(), MemStack::new(&mut memory))
         .expect("indices of a mesh fit a usize");
-    order.extend(interior..unknown_count);
     order
 }
 
@@ -331,11 +363,27 @@ impl Columns {
         }
         Columns { below, parent }
     }
+
+    /// Multiply-adds of one factorisation without stored zeros.
+    fn multiply_add_count(&self) -> usize {
+        self.below.iter().map(|rows| rows.len() * (rows.len() + 1) / 2).sum()
+    }
+
+    /// The columns in another sequence of elimination, with descendants before their ancestors as before.
+    fn renumbered(mut self, sequence: &[usize]) -> Self {
+        let place = inverse(sequence);
+        let renumber = |row: usize| place.get(row).copied().unwrap_or(row);
+        // The rows below a diagonal are ancestors of the column: they stay sorted.
+        self.below.iter_mut().flatten().for_each(|row| *row = renumber(*row));
+        let below: Vec<Vec<usize>> = sequence.iter().map(|&old| std::mem::take(&mut self.below[old])).collect();
+        let parent = below.iter().map(|rows| rows.first().copied().unwrap_or(NONE)).collect();
+        Columns { below, parent }
+    }
 }
 
-/// The same elimination order with every subtree contiguous and the child with the largest update last, so that it can
-/// be merged into its parent.
-fn postorder(order: &[usize], columns: &Columns) -> Vec<usize> {
+/// The columns in a sequence with every subtree contiguous and the child with the largest update last, so that it can be
+/// merged into its parent.
+fn postorder(columns: &Columns) -> Vec<usize> {
     let interior = columns.parent.len();
     let mut children = vec![Vec::new(); interior];
     let mut stack = Vec::new();
@@ -354,7 +402,8 @@ fn postorder(order: &[usize], columns: &Columns) -> Vec<usize> {
         reversed.push(j);
         stack.extend(children[j].iter().copied());
     }
-    reversed.iter().rev().map(|&j| order[j]).chain(order[interior..].iter().copied()).collect()
+    reversed.reverse();
+    reversed
 }
 
 /// Sequences of columns in which each column has the pattern of the one before without its first entry.
