@@ -26,7 +26,7 @@ fn a_sound_skin_has_no_findings_and_a_report_to_sign() {
     let text = at.good("check-build disk.toml --frames untouched.csv -o report.html");
     assert!(text.starts_with("disk: 1 untouched frame, sound, no findings\n"), "{text}");
     let page = std::fs::read_to_string(at.path("report.html")).unwrap();
-    assert!(page.contains("is sound") && page.contains("signature") && page.matches("<svg").count() == 2);
+    assert!(page.contains("is sound") && page.contains("signature") && page.matches("<figure").count() == 2);
     assert!(!page.contains("src=") && !page.contains("href="), "the page needs nothing from elsewhere");
     let json = at.json("check-build disk.toml --frames untouched.csv --json");
     assert_eq!((json["sound"].as_bool(), json["contacts"].as_array().unwrap().len()), (Some(true), 8));
@@ -76,7 +76,7 @@ fn what_cannot_be_checked_is_refused_with_its_place() {
     broken[7] = f64::NAN;
     write_frame(&at, "broken.csv", &broken);
     let error = refused("check-build disk.toml --frames broken.csv");
-    assert!(error.contains("broken.csv") && error.contains("column 8"), "{error}");
+    assert!(error.contains("broken.csv") && error.contains("row 1: channel 7 is NaN"), "{error}");
     at.write("empty.csv", "");
     let error = refused("check-build disk.toml --frames empty.csv");
     assert!(error.contains("empty.csv"), "{error}");
