@@ -39,7 +39,7 @@ fn score(twin: &str, first: u64, [faulty, sound]: [u64; 2]) -> Vec<(&'static str
 }
 
 #[test]
-#[ignore = "takes half an hour: 800 twins"]
+#[ignore = "slow: half an hour, 800 twins"]
 fn faults_of_twins_are_named_with_their_places() {
     for (twin, first) in SEEDS {
         let table = score(twin, first, [FAULTY, SOUND]);

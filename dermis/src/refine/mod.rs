@@ -7,9 +7,10 @@
 //!
 //! `|W (y - sum_i q_i (g(p_i) + t_i laplace g(p_i)))|^2 + sum_i (t_i / s)^2`,
 //!
-//! with `W' W` the inverse covariance of noise and drift and `s` the standard deviation of `t` (Levenberg-Marquardt steps from the
-//! detected contacts; Kay, 1993, "Fundamentals of Statistical Signal Processing: Estimation Theory", section 7.7). The
-//! inverse of the normal matrix is the covariance due to noise, which for a noise of that size is the Cramer-Rao bound.
+//! with `W' W` the inverse covariance of noise and drift and `s` the standard deviation of `t` (Levenberg-Marquardt steps
+//! from the detected contacts; Kay, 1993, "Fundamentals of Statistical Signal Processing: Estimation Theory", section 7.7).
+//! The inverse of the normal matrix is the covariance due to noise and drift, which for those of that size is the
+//! Cramer-Rao bound.
 //!
 //! ```
 //! use dermis::contact::Contact;
