@@ -1,7 +1,7 @@
 //! Pivoted Cholesky of a semidefinite matrix.
 //!
-//! A pivot is not the largest remainder but the first that is not far below it, relative to the diagonal, so that the
-//! columns of the root begin in the order of the rows as far as the rank permits.
+//! A pivot is not the largest remainder but the first that is not far below it, so that the columns of the root begin in the
+//! order of the rows as far as the rank permits.
 
 use super::matrix::Matrix;
 use pulp::{Simd, WithSimd};
@@ -12,6 +12,9 @@ const RANK_TOLERANCE: f64 = 1e-14;
 /// A row may be the next pivot if the share of its diagonal that is left is above this fraction of the largest such share.
 /// A pivot smaller by a factor `f` raises the effect of rounding by `1 / f`.
 const FIRST_SHARE: f64 = 0.1;
+/// Nor is a pivot smaller than this fraction `f` of the largest remainder, though all of a small diagonal is left: entries
+/// are rounded relative to the largest value, and the other remainders of their rows would be wrong by `1 / sqrt(f)` of that.
+const FIRST_SIZE: f64 = 1e-4;
 /// Entries of the root below this fraction of the square root of the largest value are rounding, and are zero.
 const ROUNDING: f64 = 1e-15;
 /// A remainder below zero by more than this fraction is not rounding.
@@ -101,14 +104,16 @@ impl WithSimd for Root<'_> {
     }
 }
 
-/// The first row whose remainder is not far below the largest, relative to the diagonal; `None` if all are rounding.
+/// The first row whose remainder is not far below the largest, of all and relative to the diagonal; `None` if all are
+/// rounding.
 #[inline(always)]
 fn next_pivot(left: &[f64], diagonal: &[f64], rounding: f64) -> Option<usize> {
+    let least = left.iter().fold(rounding, |least, rest| least.max(FIRST_SIZE * rest));
     let mut most = 0.0f64;
     for (&rest, &whole) in left.iter().zip(diagonal) {
-        most = most.max(if rest > rounding { rest / whole } else { 0.0 });
+        most = most.max(if rest > least { rest / whole } else { 0.0 });
     }
-    let may_follow = |(&rest, &whole): (&f64, &f64)| rest > rounding && rest >= FIRST_SHARE * most * whole;
+    let may_follow = |(&rest, &whole): (&f64, &f64)| rest > least && rest >= FIRST_SHARE * most * whole;
     left.iter().zip(diagonal).position(may_follow)
 }
 
@@ -142,6 +147,33 @@ mod tests {
             assert!((0..root.columns).is_sorted_by_key(first), "columns begin in the order of the rows");
         }
         assert_eq!(semidefinite_root(&Matrix::zeros(4, 4), 0.0).unwrap().columns, 0);
+    }
+
+    /// The first rows are almost in the null space of the others: their diagonal is small, and what is rounded is not.
+    #[test]
+    fn small_rows_whose_entries_are_rounded_as_large_ones_do_not_spoil_the_root() {
+        let (order, count) = (12, 5);
+        let mut matrix = gram(order, count);
+        for row in 0..3 {
+            for column in 0..order {
+                let scale = if column < 3 { 1e-12 } else { 1e-6 };
+                *matrix.at_mut(row, column) *= scale;
+                *matrix.at_mut(column, row) = matrix.at(row, column);
+            }
+        }
+        let largest = (0..order).fold(0.0f64, |largest, k| largest.max(matrix.at(k, k)));
+        // Rounded relative to the largest value.
+        let rounded = |value: f64| (value + 4.0 * largest) - 4.0 * largest;
+        for (row, column) in (0..order).flat_map(|row| (0..order).map(move |column| (row, column))) {
+            if row != column {
+                *matrix.at_mut(row, column) = rounded(matrix.at(row, column));
+            }
+        }
+        let root = semidefinite_root(&matrix, 0.0).expect("semidefinite but for rounding");
+        for (row, column) in (0..order).flat_map(|row| (0..order).map(move |column| (row, column))) {
+            let product: f64 = root.row(row).iter().zip(root.row(column)).map(|(a, b)| a * b).sum();
+            assert!((product - matrix.at(row, column)).abs() < 1e-12 * largest, "{row} {column}");
+        }
     }
 
     #[test]
