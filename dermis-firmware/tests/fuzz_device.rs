@@ -50,7 +50,7 @@ fn requests() -> Vec<Vec<u8>> {
         ToDevice::SelfTest,
         ToDevice::Start,
         part(0, 2, &slots[..2]),
-        part(1, 1, &absent),
+        part(1, 2, &absent),
         part(0, 1, &absent),
         part(0, 0, &[]),
         part(0, 17, &slots[..1]),
@@ -92,7 +92,7 @@ fn conversation(seeds: &[Vec<u8>], requests: &[Vec<u8>], random: &mut ChaCha8Rng
 fn random_conversations_are_survived() {
     let runs = std::env::var("DERMIS_FUZZ_RUNS").ok().and_then(|text| text.parse().ok()).unwrap_or(RUNS);
     let (seeds, requests) = (seeds(), requests());
-    seeds.iter().for_each(|bytes| fuzz_firmware(bytes));
+    seeds.iter().for_each(|seed| fuzz_firmware(seed));
     for run in 0..runs {
         let mut random = ChaCha8Rng::seed_from_u64(386);
         random.set_stream(run as u64);
@@ -112,7 +112,10 @@ fn unplugging_at_every_byte_is_survived() {
         let length = dermis_wire::encode(&request, &mut packet).unwrap();
         for (cut, room) in (0..=length).flat_map(|cut| (0..8).map(move |room| (cut, room))) {
             let before = [step(0, 7, &message(&ToDevice::Start)), step(RAW, room, &packet[..cut.min(255)])].concat();
-            for after in [step(UNPLUGGED, 0, &[]), [step(UNPLUGGED, 0, &[]), step(RAW, 7, &packet[cut..length.min(cut + 255)])].concat()] {
+            for after in [
+                step(UNPLUGGED, 0, &[]),
+                [step(UNPLUGGED, 0, &[]), step(RAW, 7, &packet[cut..length.min(cut + 255)])].concat(),
+            ] {
                 fuzz_firmware(&[&before[..], &after[..]].concat());
             }
         }

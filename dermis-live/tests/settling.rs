@@ -61,7 +61,8 @@ impl Reader {
     fn netlist(&self, slot: Slot, lines_v: [f64; 3], times_ns: &[u32]) -> String {
         let ElectronicsOptions { source_v, reference_ohm, on_resistance_ohm, line_capacitance_f, .. } =
             self.electronics;
-        let mut text = format!("* slot of a reader\nV1 supply 0 {source_v}\nRreference supply source {reference_ohm}\n");
+        let mut text =
+            format!("* slot of a reader\nV1 supply 0 {source_v}\nRreference supply source {reference_ohm}\n");
         for (line, volts) in ["source", "plus", "minus"].iter().zip(lines_v) {
             let _ = writeln!(text, "C{line} {line} 0 {line_capacitance_f:e} ic={volts}");
         }
@@ -135,8 +136,13 @@ fn slots_have_settled_when_they_are_read() {
     let mut worst_at_120_hz = 0.0f64;
     for TimedSlot { slot, wait_ns } in some_slots(&reader.plan) {
         let worst = reader.worst(slot, &[wait_ns, wait_ns / 2, at_120_hz_ns]);
-        println!("{slot:?}: {:.3} us, off by {:.2e} half steps; {:.2e} in half of the time, {:.2e} at 120 Hz",
-            f64::from(wait_ns) * 1e-3, worst[0], worst[1], worst[2]);
+        println!(
+            "{slot:?}: {:.3} us, off by {:.2e} half steps; {:.2e} in half of the time, {:.2e} at 120 Hz",
+            f64::from(wait_ns) * 1e-3,
+            worst[0],
+            worst[1],
+            worst[2]
+        );
         assert!(worst[0] <= 1.0, "{slot:?} has not settled in {wait_ns} ns: {} half steps", worst[0]);
         assert!(worst[1] > 1.0, "{slot:?} settles in half of its time: the table wastes time");
         worst_at_120_hz = worst_at_120_hz.max(worst[2]);

@@ -231,9 +231,7 @@ impl Conversation<'_> {
     fn settle(&mut self) -> Result<(), Problem> {
         self.exchange.send(&ToDevice::Stop)?;
         self.exchange.send(&ToDevice::Rate(0))?;
-        let refuses = |message: &ToHost<'_>| {
-            matches!(message, ToHost::Fault(fault) if matches!(fault.code, FaultCode::Rate | FaultCode::Line))
-        };
+        let refuses = |message: &ToHost<'_>| matches!(message, ToHost::Fault(fault) if matches!(fault.code, FaultCode::Rate | FaultCode::Line));
         match self.exchange.seek(refuses)? {
             Some(_) => Ok(()),
             None => Err(wrong("no fault came for a rate of zero, which was asked for after a stop")),
