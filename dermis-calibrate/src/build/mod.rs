@@ -50,6 +50,8 @@ const EXPLAINED: f64 = 1.2;
 const UNEXPLAINED: f64 = 2.0;
 /// Gain of a small fault, to first order, from which it is fitted.
 const SMALL_GAIN: f64 = 15.0;
+/// Most searches for the place of a cut, each about the skin that the last one left.
+const CUT_ROUNDS: usize = 4;
 /// Most faults that are named.
 const MOST_FAULTS: usize = 4;
 /// The frame determines a contact impedance whose standard deviation is at most this share of its prior.
@@ -209,15 +211,28 @@ impl BuildChecker {
             // A sound skin adapts to a cut: its unknowns are far from those of the skin with it.
             let cut = cut::best_cut(model, data, &fit.faults, &even, None);
             let first = cut.and_then(|cut| Some((cut, with(Fault::Cut(cut), f64::INFINITY)?)));
-            if let Some((cut, first)) = first {
-                let again = cut::best_cut(model, data, &fit.faults, &first.x, Some(cut));
-                fits.extend(again.and_then(|cut| with(Fault::Cut(cut), f64::INFINITY)));
-                fits.push(first);
-            }
+            fits.extend(first.and_then(|(cut, first)| self.refined(data, fit, cut, first)));
         }
         let best = fits.into_iter().max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))?;
         let gain = (best.log_evidence - fit.log_evidence) / best.misfit.max(1.0).powi(2);
         (gain > LEAST_GAIN).then_some((best, gain))
+    }
+
+    /// The best cut near another, beside the faults of a fit: place and skin are improved in turn.
+    fn refined(&self, data: &Data, fit: &Fit, mut cut: Cut, mut best: Fit) -> Option<Fit> {
+        for _ in 0..CUT_ROUNDS {
+            cut = cut::best_cut(&self.model, data, &fit.faults, &best.x, Some(cut))?;
+            let faults: Vec<Fault> = fit.faults.iter().copied().chain([Fault::Cut(cut)]).collect();
+            let next = self.model.fit(data, &faults, &vec![0.0; fit.x.len()], f64::INFINITY)?;
+            let gain = next.log_evidence - best.log_evidence;
+            if gain > 0.0 {
+                best = next;
+            }
+            if gain < LEAST_GAIN {
+                break;
+            }
+        }
+        Some(best)
     }
 
     /// The result of a fit.
