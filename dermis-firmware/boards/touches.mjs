@@ -40,8 +40,7 @@ for (const { at, until, place } of presses) {
   let largest = -1;
   for (let frame = Math.ceil((at + AFTER_S) * RATE); frame < (until - AFTER_S) * RATE; frame += 1) {
     const lines = [before.get(frame), after.get(frame)];
-    // Three channels are out of the converter's range. A method is prepared without them meanwhile.
-    if (!lines.every((line) => line?.contacts.length === 1 && line.validity.cost !== null)) continue;
+    if (!lines.every((line) => line?.contacts.length === 1)) continue;
     const [a, b] = lines.map((line) => line.contacts[0].position_m);
     const apart = distance(a, b);
     largest = Math.max(largest, apart);
