@@ -11,12 +11,17 @@ use dermis_calibrate::build::BuildChecker;
 use rayon::prelude::*;
 
 /// First seed of the tables, of each twin.
-const SEEDS: [(&str, u64); 2] = [("lab", 7001), ("harsh", 7001)];
-/// Skins with each fault, and sound ones.
+const SEEDS: [(&str, u64); 2] = [("lab", 8001), ("harsh", 8001)];
+/// Skins with each fault. `DERMIS_BUILT_SKINS` sets another number.
 const FAULTY: u64 = 40;
-const SOUND: u64 = 200;
+/// Sound skins for each of these.
+const SOUND: u64 = 5;
 
-/// The skins of each kind that are right, of those checked; prints the others.
+fn faulty() -> u64 {
+    std::env::var("DERMIS_BUILT_SKINS").ok().and_then(|text| text.parse().ok()).unwrap_or(FAULTY)
+}
+
+/// The skins of each kind that are right, of those checked; prints each row, and the skins that are not right.
 fn score(twin: &str, first: u64, [faulty, sound]: [u64; 2]) -> Vec<(&'static str, usize, u64)> {
     let skin = Skin::load("cylinder30").unwrap();
     let checker = BuildChecker::new(&skin).unwrap();
@@ -26,31 +31,37 @@ fn score(twin: &str, first: u64, [faulty, sound]: [u64; 2]) -> Vec<(&'static str
             let (case, check) = checked(&checker, &skin, twin, kind, seed);
             let right = is_right(&case, &skin, &check);
             if !right {
-                println!(
+                eprintln!(
                     "{twin} {kind} {seed}: {:?} found {:?}, misfit {:.2}",
                     case.faults, check.faults, check.misfit
                 );
             }
             right
         });
-        (kind, right.count(), count)
+        let right = right.count();
+        println!("| {twin} | {kind} | {right} | {count} |");
+        (kind, right, count)
     };
-    KINDS.into_iter().map(of_kind).collect()
+    // Sound skins last: they are the most.
+    KINDS.into_iter().rev().map(of_kind).collect()
 }
 
 #[test]
 #[ignore = "slow: half an hour, 800 twins"]
 fn faults_of_twins_are_named_with_their_places() {
+    println!("| twin | kind | right | of |\n|---|---|---|---|");
+    let mut short = Vec::new();
     for (twin, first) in SEEDS {
-        let table = score(twin, first, [FAULTY, SOUND]);
-        println!("| twin | kind | right | of |\n|---|---|---|---|");
-        table.iter().for_each(|(kind, right, of)| println!("| {twin} | {kind} | {right} | {of} |"));
+        let table = score(twin, first, [faulty(), SOUND * faulty()]);
         let (sound, faulty): (Vec<_>, Vec<_>) = table.into_iter().partition(|(kind, ..)| *kind == "sound");
         let right: usize = faulty.iter().map(|(_, right, _)| right).sum();
         let of: u64 = faulty.iter().map(|(.., of)| of).sum();
-        assert!(100 * right as u64 >= 95 * of, "{twin}: {right} of {of}");
-        assert!(100 * (SOUND - sound[0].1 as u64) <= SOUND, "{twin}: false alarms");
+        let (_, silent, checked) = sound[0];
+        if 100 * (right as u64) < 95 * of || 100 * (checked - silent as u64) > checked {
+            short.push(format!("{twin}: {right} of {of} faults are right, {silent} of {checked} sound skins"));
+        }
     }
+    assert!(short.is_empty(), "{short:?}");
 }
 
 /// One skin of each kind, in every run of the tests.

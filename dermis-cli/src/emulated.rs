@@ -76,6 +76,7 @@ impl EmulatorArguments {
             seed: self.seed,
             switching: Switching { charge_c: CHARGE_C, aperture_s: APERTURE_S },
             speed: self.speed,
+            unpaced: self.unpaced,
         };
         Ok(FirmwareDevice::new(design, options)?)
     }

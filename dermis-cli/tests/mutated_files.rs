@@ -70,6 +70,9 @@ const KINDS: &[Kind] = &[
     kind(FRAMES, &[], "contacts ../disk.toml --method noser --frames {} --baseline ../rest.csv -o out.csv"),
     kind(FRAMES, &[], "contacts ../disk.toml --method noser --frames ../ohm.csv --baseline {} -o out.csv"),
     kind(FRAMES, &[], "check-frames ../disk.toml --frames {} --baseline ../rest.csv"),
+    kind(FRAMES, &[], "check-build ../disk.toml --frames {} -o out.html"),
+    kind(&["currents.csv"], &[], "check-build ../disk.toml --frames ../rest.csv --currents {} --json"),
+    kind(&["disk.toml"], &[], "check-build {} --frames ../rest.csv"),
     kind(&["rest.csv"], &[], "fit ../disk.toml --frames {} -o out.toml"),
     kind(
         &["truth.csv"],

@@ -19,7 +19,8 @@ const SMALL_M: f64 = 0.01;
 /// Places from which the best cut is searched, at least this far from each other, m.
 const STARTS: usize = 3;
 const APART_M: f64 = 0.03;
-/// Longest and shortest step of that search along the surface, m; turns and changes of the length are in proportion.
+/// Neighbours of a cut in that search, and its longest and shortest step along the surface, m.
+const NEIGHBOURS: usize = 12;
 const STEPS_M: [f64; 2] = [0.012, 0.002];
 /// The middle of a cut is this close to the middle of a cell, m.
 const ON_BODY_M: f64 = 0.008;
@@ -219,13 +220,13 @@ impl<'a> Search<'a> {
         -self.fit.linear.least_squares(&residuals, &self.moved)
     }
 
-    /// The best cut near another: steps along the surface, turns and changes of the length, each shorter after the last.
+    /// The best cut near another: steps of the whole cut and of its ends along the surface, each shorter after the last.
     fn refine(&mut self, start: Cut) -> Candidate {
         let mut best = Candidate { gain: self.gain(start), cut: start };
         let mut step_m = STEPS_M[0];
         while step_m >= STEPS_M[1] {
             let before = best.gain;
-            for change in 0..8 {
+            for change in 0..NEIGHBOURS {
                 let cut = self.neighbour(best.cut, change, step_m);
                 let gain = self.gain(cut);
                 if gain > best.gain {
@@ -240,19 +241,22 @@ impl<'a> Search<'a> {
         best
     }
 
-    /// One of the eight neighbours of a cut. A turn moves the ends of a cut of 40 mm by a step.
+    /// One of the neighbours of a cut: moved as a whole, or at one end, along itself or across. (A cut whose one end is
+    /// right grows at the other alone.)
     fn neighbour(&self, cut: Cut, change: usize, step_m: f64) -> Cut {
-        let sign = if change.is_multiple_of(2) { 1.0 } else { -1.0 };
+        let step_m = if change.is_multiple_of(2) { step_m } else { -step_m };
         let (sine, cosine) = cut.angle_rad.sin_cos();
-        let walk = |u: f64, v: f64| self.model.surface.walk(cut.centre_m, [sign * step_m * u, sign * step_m * v]);
-        match change / 2 {
-            0 => Cut { centre_m: walk(cosine, sine), ..cut },
-            1 => Cut { centre_m: walk(-sine, cosine), ..cut },
-            2 => Cut { angle_rad: (cut.angle_rad + sign * step_m / 0.02).rem_euclid(PI), ..cut },
-            _ => {
-                let length_m = (cut.length_m * (sign * 2.0 * step_m / 0.04).exp()).clamp(LENGTHS_M[0], LENGTHS_M[1]);
-                Cut { length_m, ..cut }
-            }
-        }
+        let axis = if (change / 2).is_multiple_of(2) { [cosine, sine] } else { [-sine, cosine] };
+        let step = axis.map(|part| step_m * part);
+        let moved = |part: f64| self.model.surface.walk(cut.centre_m, step.map(|one| part * one));
+        // The vector from the middle to the end that moves.
+        let half = match change / 4 {
+            0 => return Cut { centre_m: moved(1.0), ..cut },
+            1 => 0.5 * cut.length_m,
+            _ => -0.5 * cut.length_m,
+        };
+        let [u, v] = [half * cosine + 0.5 * step[0], half * sine + 0.5 * step[1]];
+        let length_m = (2.0 * u.hypot(v)).clamp(LENGTHS_M[0], LENGTHS_M[1]);
+        Cut { centre_m: moved(0.5), angle_rad: v.atan2(u).rem_euclid(PI), length_m }
     }
 }

@@ -60,7 +60,9 @@ pub(super) struct Fit {
     /// The unknowns of the skin.
     pub x: Vec<f64>,
     /// Logarithm of the probability of the frame.
-    pub log_evidence: f64,
+    log_evidence: f64,
+    /// Channels without open electrodes.
+    used: usize,
     /// Root mean square of residuals and unknowns over what is expected: 1 for a skin that the model describes.
     pub misfit: f64,
     /// What the fit leaves of each channel, in standard deviations; 0 for those of open electrodes.
@@ -275,8 +277,9 @@ impl Model {
         let log_evidence = self.log_evidence(data, &open, squares, &linear);
         let used = self.protocol.channels().iter().filter(|one| !open.is_open(one)).count();
         x.truncate(count);
-        let misfit = (squares / used.max(1) as f64).sqrt();
-        Some(Fit { faults, x, log_evidence, misfit, residuals, impedance, linear })
+        let used = used.max(1);
+        let misfit = (squares / used as f64).sqrt();
+        Some(Fit { faults, x, log_evidence, used, misfit, residuals, impedance, linear })
     }
 
     /// The logarithm of the probability of the data, by Laplace's approximation about the fit; the values of open
@@ -296,6 +299,14 @@ impl Model {
 }
 
 impl Fit {
+    /// The logarithm of the probability of the frame if residuals and unknowns were this many times as large as expected.
+    /// Explanations that all leave more than expected are compared at what the best one leaves: otherwise an open
+    /// electrode, whose values may be anything, explains every other fault nearby.
+    pub(super) fn log_evidence_at(&self, times: f64) -> f64 {
+        let used = self.used as f64;
+        self.log_evidence + used * (0.5 * self.misfit.powi(2) * (1.0 - times.powi(-2)) - times.ln())
+    }
+
     /// The unknowns of the skin and the sizes of the faults.
     pub(super) fn all_unknowns(&self, model: &Model) -> Vec<f64> {
         let sizes = self.faults.iter().filter_map(|fault| fault.size(model.typical_ohm));

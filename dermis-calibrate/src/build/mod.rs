@@ -50,6 +50,8 @@ const EXPLAINED: f64 = 1.2;
 const UNEXPLAINED: f64 = 2.0;
 /// Gain of a small fault, to first order, from which it is fitted.
 const SMALL_GAIN: f64 = 15.0;
+/// Most searches for the place of a cut, each about the skin that the last one left.
+const CUT_ROUNDS: usize = 4;
 /// Most faults that are named.
 const MOST_FAULTS: usize = 4;
 /// The frame determines a contact impedance whose standard deviation is at most this share of its prior.
@@ -137,8 +139,8 @@ impl BuildChecker {
         // A cut on the mesh is coarse: what it leaves would be named as other faults.
         while fit.faults.len() < MOST_FAULTS && !has_cut(&fit.faults) {
             let Some((better, gain)) = self.better(&data, &fit) else { break };
-            fit = better;
             gains.push(gain);
+            fit = self.pruned(&data, better, &mut gains);
         }
         if is_unexplained(&fit, sound_misfit) {
             let recorded = self.recorded(mean)?;
@@ -194,10 +196,7 @@ impl BuildChecker {
             candidates.extend(screen::gross(model, data, &fit.faults));
         }
         let even = vec![0.0; fit.x.len()];
-        let with = |fault: Fault, least: f64| {
-            let faults: Vec<Fault> = fit.faults.iter().copied().chain([fault]).collect();
-            model.fit(data, &faults, &even, least)
-        };
+        let with = |fault: Fault, least: f64| self.with(data, &fit.faults, fault, least);
         let mut least = fit.misfit;
         let mut fits: Vec<Fit> = Vec::new();
         for fault in candidates {
@@ -209,15 +208,56 @@ impl BuildChecker {
             // A sound skin adapts to a cut: its unknowns are far from those of the skin with it.
             let cut = cut::best_cut(model, data, &fit.faults, &even, None);
             let first = cut.and_then(|cut| Some((cut, with(Fault::Cut(cut), f64::INFINITY)?)));
-            if let Some((cut, first)) = first {
-                let again = cut::best_cut(model, data, &fit.faults, &first.x, Some(cut));
-                fits.extend(again.and_then(|cut| with(Fault::Cut(cut), f64::INFINITY)));
-                fits.push(first);
+            fits.extend(first.and_then(|(cut, first)| self.refined(data, &fit.faults, cut, first)));
+        }
+        let left = fits.iter().map(|one| one.misfit).fold(f64::INFINITY, f64::min).max(1.0);
+        let best = fits.into_iter().max_by(|a, b| a.log_evidence_at(left).total_cmp(&b.log_evidence_at(left)))?;
+        let gain = best.log_evidence_at(left) - fit.log_evidence_at(left);
+        (gain > LEAST_GAIN).then_some((best, gain))
+    }
+
+    /// The best fit with a cut near another beside some faults: place and skin are improved in turn.
+    fn refined(&self, data: &Data, others: &[Fault], mut cut: Cut, mut best: Fit) -> Option<Fit> {
+        for _ in 0..CUT_ROUNDS {
+            cut = cut::best_cut(&self.model, data, others, &best.x, Some(cut))?;
+            let next = self.with(data, others, Fault::Cut(cut), f64::INFINITY)?;
+            let left = next.misfit.max(1.0);
+            let gain = next.log_evidence_at(left) - best.log_evidence_at(left);
+            if gain > 0.0 {
+                best = next;
+            }
+            if gain < LEAST_GAIN {
+                break;
             }
         }
-        let best = fits.into_iter().max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))?;
-        let gain = (best.log_evidence - fit.log_evidence) / best.misfit.max(1.0).powi(2);
-        (gain > LEAST_GAIN).then_some((best, gain))
+        Some(best)
+    }
+
+    /// A fit with one more fault, from the even skin.
+    fn with(&self, data: &Data, others: &[Fault], fault: Fault, least: f64) -> Option<Fit> {
+        let faults: Vec<Fault> = others.iter().copied().chain([fault]).collect();
+        self.model.fit(data, &faults, &vec![0.0; self.model.identifier.unknown_count()], least)
+    }
+
+    /// A fit without the faults that its last one has made needless, and their gains.
+    fn pruned(&self, data: &Data, mut fit: Fit, gains: &mut Vec<f64>) -> Fit {
+        for at in (0..fit.faults.len().saturating_sub(1)).rev() {
+            let mut others = fit.faults.clone();
+            others.remove(at);
+            let Some(last) = others.pop() else { break };
+            let without = self.with(data, &others, last, f64::INFINITY);
+            let without = match last {
+                Fault::Cut(cut) => without.and_then(|one| self.refined(data, &others, cut, one)),
+                _ => without,
+            };
+            let left = fit.misfit.max(1.0);
+            let needless = |one: &Fit| fit.log_evidence_at(left) - one.log_evidence_at(left) < LEAST_GAIN;
+            if let Some(without) = without.filter(needless) {
+                fit = without;
+                gains.remove(at);
+            }
+        }
+        fit
     }
 
     /// The result of a fit.

@@ -11,6 +11,8 @@ const UNEVEN_SHARE: f64 = 0.2;
 const UNEVEN_SIZE: f64 = 0.05;
 /// Faults of each kind that are fitted.
 const KEPT: usize = 2;
+/// Factor by which the values of a drive without current are off, at least half of them.
+const WITHOUT_CURRENT: f64 = 3.0;
 /// A value of an open electrode counts like one that is this many standard deviations off.
 const OPEN_SD: f64 = 3.0;
 
@@ -19,7 +21,9 @@ const OPEN_SD: f64 = 3.0;
 pub(super) fn gross(model: &Model, data: &Data, found: &[Fault]) -> Vec<Fault> {
     let count = model.protocol.electrode_count();
     let pairs = || (0..count).flat_map(|a| (a + 1..count).map(move |b| [a, b]));
-    let open = (0..count).map(|electrode| Fault::OpenElectrode { electrode }).collect();
+    let even = model.values(&model.even, found);
+    let without_current = (0..count).filter(|&electrode| may_be_open(model, data, &even, electrode));
+    let open = without_current.map(|electrode| Fault::OpenElectrode { electrode }).collect();
     let shorts = pairs().map(|electrodes| Fault::Short { electrodes, ohm: 0.0 }).collect();
     let exchanged = pairs().map(|electrodes| Fault::ExchangedWires { electrodes }).collect();
     let references = (0..model.drives).filter_map(|drive| reference(model, data, found, drive)).collect();
@@ -32,6 +36,17 @@ pub(super) fn gross(model: &Model, data: &Data, found: &[Fault]) -> Vec<Fault> {
         all.extend(costs.into_iter().take(KEPT).map(|(_, fault)| fault));
     }
     all
+}
+
+/// Whether an electrode may be open: its drives carry no current, so that their values are far from those of the model.
+/// (The values of an open electrode may be anything: it explains any other fault beside it, such as a cut.)
+fn may_be_open(model: &Model, data: &Data, even: &[f64], electrode: usize) -> bool {
+    let channels = model.protocol.channels().iter().enumerate();
+    let driven = channels.filter(|(_, one)| one.drive.contains(&electrode));
+    let factors: Vec<f64> = driven
+        .map(|(channel, _)| (data.values[channel].abs().max(f64::MIN_POSITIVE) / even[channel].abs()).ln().abs())
+        .collect();
+    upper_median(&factors).is_none_or(|factor| factor > WITHOUT_CURRENT.ln())
 }
 
 /// How badly the even skin with a fault fits.

@@ -28,7 +28,7 @@ pub struct Arguments {
     /// Frame rate, Hz; by default the device's own.
     #[arg(long, value_name = "HZ", value_parser = number(0.001..=1e6))]
     rate: Option<f64>,
-    /// Time to wait for an answer, s.
+    /// Longest time to wait for an answer, s.
     #[arg(long, value_name = "SECONDS", default_value_t = 0.5, value_parser = number(0.05..=60.0))]
     patience: f64,
     /// File to write: the device's messages, a line each in hexadecimal, without the fields that are its own (name,

@@ -21,7 +21,7 @@ pub struct Arguments {
     tcp: String,
     /// Run the firmware of a reader (dermis-firmware) in front of the twin. It reads slot by slot at its own times, with 1
     /// pC of charge per switch. The twin needs a converter of at most 16 bits.
-    #[arg(long, conflicts_with_all = ["pty", "fault", "prerender", "unpaced"])]
+    #[arg(long, conflicts_with_all = ["pty", "fault", "prerender"])]
     firmware: bool,
     /// Serve a serial port instead of TCP: a pseudo terminal, whose path is printed.
     #[arg(long, conflicts_with = "tcp")]

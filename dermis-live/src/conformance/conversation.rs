@@ -8,7 +8,7 @@ use dermis::design::SkinDesign;
 use dermis::text::printable;
 use dermis_wire::{Fault, FaultCode, Frame, FrameFlags, Hello, ScanPart, Slot, Slots, ToDevice, ToHost, VERSION};
 use serde::Serialize;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Options of the conversation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,7 +17,7 @@ pub struct ConformanceOptions {
     pub frames: usize,
     /// Frame rate; `None` for the device's own.
     pub rate_hz: Option<f64>,
-    /// Time to wait for an answer, and to see that there is none.
+    /// Time to wait for an answer.
     pub patience: Duration,
 }
 
@@ -226,9 +226,23 @@ impl Conversation<'_> {
         self.options.rate_hz.map_or(self.rate_millihertz, |rate_hz| (rate_hz * 1e3).round() as u32)
     }
 
-    fn identify(&mut self, step: &'static str) -> Result<(), Problem> {
+    /// Stops the device and discards what was on its way: answers come in the order of the requests, so the refusal of an
+    /// impossible rate ends it, however busy the computer is.
+    fn settle(&mut self) -> Result<(), Problem> {
         self.exchange.send(&ToDevice::Stop)?;
-        self.exchange.drain()?;
+        self.exchange.send(&ToDevice::Rate(0))?;
+        let refuses = |message: &ToHost<'_>| matches!(message, ToHost::Fault(fault) if matches!(fault.code, FaultCode::Rate | FaultCode::Line));
+        match self.exchange.seek(refuses)? {
+            Some(_) => Ok(()),
+            None => Err(wrong("no fault came for a rate of zero, which was asked for after a stop")),
+        }
+    }
+
+    fn identify(&mut self, step: &'static str) -> Result<(), Problem> {
+        // What the device has sent before may be anything.
+        self.exchange.listen()?;
+        self.settle()?;
+        self.exchange.forgive();
         self.exchange.send(&ToDevice::Identify)?;
         self.hello(step, false)
     }
@@ -397,7 +411,8 @@ impl Conversation<'_> {
         self.exchange.send(&ToDevice::SelfTest)?;
         self.exchange.send(&ToDevice::Identify)?;
         let (mut tested, mut followed) = (false, false);
-        for _ in 0..1000 {
+        let begun = Instant::now();
+        while begun.elapsed() < 10 * self.options.patience {
             let message = self.next("test frame between frames")?;
             match ToHost::parse(&message) {
                 Ok(ToHost::Frame(frame)) if frame.flags.has(FrameFlags::TEST) => {
@@ -414,12 +429,11 @@ impl Conversation<'_> {
                 _ => return Err(unexpected("a test frame, a status and a hello, in this order", &message)),
             }
         }
-        Err(wrong("1,000 messages came, but no test frame, hello and frame in this order"))
+        Err(wrong("many messages came, but no test frame, hello and frame in this order"))
     }
 
     fn stop(&mut self, step: &'static str) -> Result<(), Problem> {
-        self.exchange.send(&ToDevice::Stop)?;
-        self.exchange.drain()?;
+        self.settle()?;
         let late = self.exchange.listen()?;
         if let Some(message) = late.first() {
             return Err(unexpected("silence after the stop", message));

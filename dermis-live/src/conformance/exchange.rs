@@ -2,8 +2,11 @@
 
 use crate::LiveError;
 use crate::device::{Address, Line, open};
-use dermis_wire::{Decoder, LONGEST_MESSAGE, Received, ToDevice, encode, packet_bytes};
+use dermis_wire::{Decoder, LONGEST_MESSAGE, Received, ToDevice, ToHost, encode, packet_bytes};
 use std::time::{Duration, Instant};
+
+/// Longest time in which silence is checked: a device that goes on sends several frames in it.
+const LISTEN: Duration = Duration::from_millis(500);
 
 /// A connection to a device under test.
 pub(super) struct Exchange {
@@ -76,25 +79,28 @@ impl Exchange {
         Ok(self.arrived.pop_front())
     }
 
-    /// Discards what arrives until nothing has come for the patience of an answer, or for ten times as long in all.
-    /// Returns what came in its last part.
-    pub(super) fn drain(&mut self) -> Result<Vec<Vec<u8>>, LiveError> {
-        let (begun, mut quiet, mut last) = (Instant::now(), Instant::now(), Vec::new());
-        while quiet.elapsed() < self.patience && begun.elapsed() < 10 * self.patience {
-            self.receive()?;
-            if !self.arrived.is_empty() {
-                last = self.arrived.drain(..).collect();
-                quiet = Instant::now();
+    /// Discards messages up to one that is sought and returns it; `None` if it does not come within ten times the
+    /// patience of an answer.
+    pub(super) fn seek(&mut self, is_sought: impl Fn(&ToHost<'_>) -> bool) -> Result<Option<Vec<u8>>, LiveError> {
+        let begun = Instant::now();
+        while begun.elapsed() < 10 * self.patience {
+            let Some(message) = self.next()? else { return Ok(None) };
+            if ToHost::parse(&message).is_ok_and(|parsed| is_sought(&parsed)) {
+                return Ok(Some(message));
             }
         }
-        self.damaged = 0;
-        Ok(last)
+        Ok(None)
     }
 
-    /// What arrives in the time of an answer.
+    /// Forgets packets that were damaged until now.
+    pub(super) fn forgive(&mut self) {
+        self.damaged = 0;
+    }
+
+    /// What arrives in the time of an answer, or in [`LISTEN`] if that is shorter.
     pub(super) fn listen(&mut self) -> Result<Vec<Vec<u8>>, LiveError> {
         let begun = Instant::now();
-        while begun.elapsed() < self.patience {
+        while begun.elapsed() < self.patience.min(LISTEN) {
             self.receive()?;
         }
         Ok(self.arrived.drain(..).collect())

@@ -13,10 +13,10 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use std::time::{Duration, Instant};
 
-/// A frame that is later than this is skipped.
+/// A frame that is later than this, in the device's time if that is slower, is skipped.
 const MOST_LATE: Duration = Duration::from_millis(250);
-/// Interval of status messages, s of real time.
-const STATUS_S: f64 = 1.0;
+/// Interval of status messages, us of the device's time.
+const STATUS_US: f64 = 1e6;
 
 /// Why a session ended.
 pub(super) enum SessionEnd {
@@ -50,7 +50,8 @@ pub(super) struct HostSession<'a> {
     began: (Instant, u64),
     dropped: u32,
     damaged: u32,
-    status_at: Instant,
+    /// The device's time of the last status, us.
+    status_at_us: f64,
     packet: Vec<u8>,
     rng: ChaCha8Rng,
 }
@@ -68,7 +69,7 @@ impl<'a> HostSession<'a> {
             began: (Instant::now(), 0),
             dropped: 0,
             damaged: 0,
-            status_at: Instant::now(),
+            status_at_us: emulator.timing().time_us(emulator.next_index()),
             packet: vec![0; Frame::packet_bytes(slot_count, 4).max(Hello::PACKET_BYTES).max(WireFault::PACKET_BYTES)],
             rng: sample_rng(emulator.options().seed, BYTES_STREAM),
             emulator,
@@ -205,7 +206,7 @@ impl<'a> HostSession<'a> {
             let due = self.began.0 + Duration::from_secs_f64((index - self.began.1) as f64 * frame_s);
             match due.checked_duration_since(Instant::now()) {
                 Some(wait) => std::thread::sleep(wait),
-                None if due.elapsed() > MOST_LATE => {
+                None if due.elapsed() > MOST_LATE.div_f64(emulator.options().speed.min(1.0)) => {
                     // The twin is too slow: late frames are skipped, as an instrument does on a slow line.
                     let skipped = (due.elapsed().as_secs_f64() / frame_s) as u64;
                     self.dropped = self.dropped.wrapping_add(skipped as u32);
@@ -227,8 +228,9 @@ impl<'a> HostSession<'a> {
             self.send_frame(index, time_s, counts, flags)?;
         }
         emulator.set_next_index(index + 1);
-        if self.status_at.elapsed().as_secs_f64() > STATUS_S {
-            self.status_at = Instant::now();
+        let time_us = emulator.timing().time_us(index + 1);
+        if time_us - self.status_at_us >= STATUS_US {
+            self.status_at_us = time_us;
             self.status()?;
         }
         Ok(())

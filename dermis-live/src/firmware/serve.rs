@@ -28,6 +28,8 @@ pub struct FirmwareOptions {
     pub switching: Switching,
     /// Seconds of device time per second of real time.
     pub speed: f64,
+    /// Frames as fast as the twin computes and the host takes them: the device's time stands still meanwhile.
+    pub unpaced: bool,
 }
 
 /// A device that runs the firmware.
@@ -47,8 +49,8 @@ const TABLE_BYTES: usize = 64 << 20;
 /// Slots of the largest scan table.
 const MOST_SLOTS: usize = 4096;
 
-/// Rest between two polls of the device.
-const REST: Duration = Duration::from_micros(200);
+/// Time between two polls of the device, us.
+const REST_US: u64 = 200;
 
 impl FirmwareDevice {
     /// A device of a design.
@@ -94,8 +96,8 @@ impl FirmwareDevice {
     pub fn serve(&self, listener: TcpListener) -> Result<(), LiveError> {
         let broken = |error: std::io::Error| LiveError::Given(format!("the port of the firmware's device: {error}"));
         listener.set_nonblocking(true).map_err(broken)?;
-        let mut link = TcpLink { listener, stream: None, failure: None };
-        let mut clock = RealTime { began: Instant::now(), speed: self.options.speed };
+        let mut link = TcpLink { listener, stream: None, is_full: false, failure: None };
+        let mut clock = Clock::new(&self.options);
         let mut tables = [vec![TimedSlot::NONE; MOST_SLOTS], vec![TimedSlot::NONE; MOST_SLOTS]];
         let (mut slots, mut readings) = (vec![TimedSlot::NONE; MOST_SLOTS], vec![0; MOST_SLOTS]);
         let (mut tested, mut outbox) = (vec![0; MOST_SLOTS], vec![0; Memory::outbox_bytes(MOST_SLOTS)]);
@@ -113,21 +115,43 @@ impl FirmwareDevice {
             if let Some(error) = link.failure.take() {
                 return Err(broken(error));
             }
-            std::thread::sleep(REST);
+            clock.pass(device.is_running(), link.is_full);
         }
         Ok(())
     }
 }
 
-/// Real time, faster or slower.
-struct RealTime {
-    began: Instant,
-    speed: f64,
+/// The device's time.
+enum Clock {
+    /// Real time, faster or slower.
+    Real { began: Instant, speed: f64 },
+    /// Time that passes between polls alone, us.
+    Polled(u64),
 }
 
-impl System for RealTime {
+impl Clock {
+    fn new(options: &FirmwareOptions) -> Self {
+        match options.unpaced {
+            true => Clock::Polled(0),
+            false => Clock::Real { began: Instant::now(), speed: options.speed },
+        }
+    }
+
+    /// Lets the time between two polls pass.
+    fn pass(&mut self, is_running: bool, is_line_full: bool) {
+        match self {
+            Clock::Polled(now_us) if is_running && !is_line_full => *now_us += REST_US,
+            _ => std::thread::sleep(Duration::from_micros(REST_US)),
+        }
+    }
+}
+
+impl System for Clock {
     fn now_us(&mut self) -> u64 {
-        (self.began.elapsed().as_secs_f64() * 1e6 * self.speed) as u64
+        match self {
+            Clock::Real { began, speed } => (began.elapsed().as_secs_f64() * 1e6 * *speed) as u64,
+            Clock::Polled(now_us) => *now_us,
+        }
     }
 }
 
@@ -135,6 +159,8 @@ impl System for RealTime {
 struct TcpLink {
     listener: TcpListener,
     stream: Option<TcpStream>,
+    /// Whether it took less than it was given.
+    is_full: bool,
     failure: Option<std::io::Error>,
 }
 
@@ -145,7 +171,7 @@ impl TcpLink {
             Ok(count) => Ok(count),
             Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => Ok(0),
             Err(_) => {
-                self.stream = None;
+                (self.stream, self.is_full) = (None, false);
                 Err(Gone)
             }
         }
@@ -179,6 +205,8 @@ impl Link for TcpLink {
     fn send(&mut self, bytes: &[u8]) -> Result<usize, Gone> {
         let Some(stream) = &mut self.stream else { return Err(Gone) };
         let result = stream.write(bytes);
-        self.result(result)
+        let sent = self.result(result)?;
+        self.is_full = sent < bytes.len();
+        Ok(sent)
     }
 }

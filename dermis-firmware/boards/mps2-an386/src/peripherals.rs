@@ -78,7 +78,8 @@ const TIMER_RELOAD: Register = Register::at(0x4000_0008);
 /// Ticks of the timer per microsecond: the system clock has 25 MHz.
 const TICKS_PER_US: u64 = 25;
 
-/// The clock. It must be read once in 171 s, after which the timer wraps around.
+/// The clock. It must be read once in 171 s, after which the timer wraps around. It stands still while the serial line is
+/// full: QEMU does not time the line, so this happens only while the host's computer is busy, and no frame is lost then.
 pub struct Timer {
     last: u32,
     ticks: u64,
@@ -96,8 +97,10 @@ impl Timer {
 impl System for Timer {
     fn now_us(&mut self) -> u64 {
         let now = TIMER_VALUE.read();
-        // It counts down.
-        self.ticks += u64::from(self.last.wrapping_sub(now));
+        if UART_STATE.read() & TRANSMITTER_FULL == 0 {
+            // It counts down.
+            self.ticks += u64::from(self.last.wrapping_sub(now));
+        }
         self.last = now;
         self.ticks / TICKS_PER_US
     }
