@@ -1,8 +1,10 @@
 //! The drive and measure electrodes of every value of a frame.
 
+mod scan;
 mod table;
 
 pub(crate) use table::CHANNEL_COLUMNS;
+pub use scan::{MultiplexerInput, ScanSlot};
 pub use table::SCAN_COLUMNS;
 
 use serde::{Deserialize, Serialize};
