@@ -51,6 +51,21 @@ pub(super) fn code(text: &str) -> String {
     format!("<code>{}</code>", escaped(text))
 }
 
+/// A text in which code is between grave accents.
+pub(super) fn marked(text: &str) -> String {
+    let part = |(number, part): (usize, &str)| if number % 2 == 1 { code(part) } else { escaped(part) };
+    text.split('`').enumerate().map(part).collect()
+}
+
+/// A number with some decimals, and no sign before zero.
+pub(super) fn rounded(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    match text.strip_prefix('-') {
+        Some(rest) if rest.chars().all(|letter| "0.".contains(letter)) => rest.into(),
+        _ => text,
+    }
+}
+
 /// A length in mm with at most three decimals.
 pub(super) fn mm(length_m: f64) -> String {
     let text = format!("{:.3}", 1e3 * length_m);

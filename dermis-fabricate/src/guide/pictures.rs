@@ -9,7 +9,7 @@ use dermis_plot::{Drawing, View};
 use std::fmt::Write as _;
 
 /// Width and greatest height of a drawing on the page, mm.
-const BOX_MM: [f64; 2] = [172.0, 150.0];
+const BOX_MM: [f64; 2] = [172.0, 118.0];
 
 /// The skin with its electrodes, from enough sides.
 pub(super) fn skin(fabrication: &Fabrication) -> Result<String, FabricateError> {

@@ -1,6 +1,6 @@
 //! The steps and what they need, in words, tables and pictures.
 
-use super::html::{code, figure, list, mm, section, table, table_in_halves};
+use super::html::{code, figure, list, marked, mm, rounded, section, table, table_in_halves};
 use super::pictures;
 use crate::electrical;
 use crate::error::FabricateError;
@@ -38,7 +38,7 @@ pub(super) fn overview(fabrication: &Fabrication) -> Result<String, FabricateErr
     ];
     let rows: Vec<Vec<String>> = rows.into_iter().map(|(what, value)| vec![what.to_string(), value]).collect();
     let warnings: String =
-        notes(fabrication).iter().map(|note| format!("<p class=\"note\">Note: {}</p>\n", escaped(note))).collect();
+        notes(fabrication).iter().map(|note| format!("<p class=\"note\">Note: {}</p>\n", marked(note))).collect();
     let caption = "The skin: electrodes with their numbers, seen from enough sides to show all of them.";
     Ok(format!(
         "<p class=\"subtitle\">Made from the design by dermis {}. Lengths are in mm; drawings show the outer side. The files \
@@ -108,7 +108,7 @@ pub(super) fn electrodes(fabrication: &Fabrication) -> String {
         "Solder or crimp a wire to each, and mark its free end with the electrode's label.".into(),
         wires,
     ];
-    let places = |[x, y, z]: [f64; 3]| [x, y, z].map(|value| format!("{:.1}", 1e3 * value + 0.0));
+    let places = |[x, y, z]: [f64; 3]| [x, y, z].map(|value| rounded(1e3 * value, 1));
     let row = |one: &crate::model::FabricatedElectrode| {
         let [x, y, z] = places(one.bore.centre_m);
         vec![one.label.clone(), x, y, z]
@@ -213,7 +213,7 @@ pub(super) fn test(fabrication: &Fabrication) -> Result<String, FabricateError> 
             None => "reference resistor".into(),
         };
         let [low, high] = one.volt.limits();
-        let volts = [low, one.volt.nominal, high].map(|value| format!("{:.2}", 1e3 * value + 0.0));
+        let volts = [low, one.volt.nominal, high].map(|value| rounded(1e3 * value, 2));
         [vec![slot.to_string(), between], volts.to_vec()].concat()
     };
     let of_first = electrical.readings.iter().enumerate().filter(|(_, one)| one.slot.drive == first);

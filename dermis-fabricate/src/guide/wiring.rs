@@ -84,7 +84,7 @@ fn controller(fabrication: &Fabrication) -> String {
 }
 
 /// Places of the diagram, mm.
-const ROW_MM: f64 = 4.3;
+const ROW_MM: f64 = 4.1;
 const TOP_MM: f64 = 12.0;
 const FIRST_MM: f64 = 42.0;
 const STEP_MM: f64 = 34.0;

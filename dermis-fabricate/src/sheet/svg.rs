@@ -40,6 +40,8 @@ pub(super) fn text(sheet: &Sheet) -> String {
 /// Smallest capitals that are read on paper, mm, and most labels that are enlarged to them.
 const READABLE_MM: f64 = 1.6;
 const MOST_ENLARGED: usize = 120;
+/// Width of a letter over the height of capitals, at most.
+const LETTER: f64 = 1.0;
 
 /// The drawing of a sheet alone, for a page, as large as a box (width and height on paper, mm) allows. Labels that would be
 /// too small are enlarged, or left out where there are many.
@@ -55,15 +57,19 @@ pub(crate) fn figure(sheet: &Sheet, box_mm: [f64; 2]) -> String {
     let labels: Vec<&Label> = sheet.labels.iter().filter(inside).collect();
     let least_mm = 1e3 * labels.iter().map(|label| label.height_m).fold(f64::INFINITY, f64::min);
     let factor = (READABLE_MM / (scale * least_mm)).max(1.0);
-    // Room for the lines at the edge, and for labels of what is at the right edge.
     let shown = factor == 1.0 || labels.len() <= MOST_ENLARGED;
-    let (line, room) = (0.25 / scale, if shown && !labels.is_empty() { 8.0 / scale } else { 1.0 / scale });
+    let line = 0.25 / scale;
+    // Room for labels of what is at the right edge.
+    let end = |label: &&Label| {
+        1e3 * (label.at_m[0] + LETTER * factor * label.height_m * label.text.chars().count() as f64 - high[0])
+    };
+    let room = if shown { labels.iter().map(end).fold(0.0, f64::max) } else { 0.0 } + 1.0 / scale;
     let (left, top) = (1e3 * low[0] - 1.0 / scale, 1e3 * (sheet.size_m[1] - high[1]) - 1.0 / scale);
     let (wide, tall) = (width + 1.0 / scale + room, height + 2.0 / scale);
     let mut text = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{:.1}mm\" viewBox=\"{left:.3} {top:.3} {wide:.3} {tall:.3}\" \
          role=\"img\">\n<title>{}</title>\n",
-        wide * scale * (box_mm[0] / (box_mm[0] + 8.0)).min(1.0),
+        (wide * scale).min(box_mm[0]),
         escaped(&sheet.purpose)
     );
     for layer in layers {
