@@ -64,7 +64,7 @@ pub(super) fn parts(fabrication: &Fabrication) -> Result<String, FabricateError>
         code("tables/parts.csv"),
         table(&columns, &rows)
     );
-    Ok(section("Parts and materials", &text, false))
+    Ok(section("Parts and materials", &text, true))
 }
 
 pub(super) fn base(fabrication: &Fabrication) -> String {
@@ -155,7 +155,7 @@ pub(super) fn coat(fabrication: &Fabrication) -> String {
 pub(super) fn cover(fabrication: &Fabrication) -> String {
     let options = &fabrication.options;
     let count = fabrication.patches.len();
-    let foam = format!("foam {} mm thick", mm(options.foam_thickness_m));
+    let foam = format!("foam {} mm thick{}", mm(options.foam_thickness_m), foam_size(fabrication));
     let glue = match fabrication.design.body {
         Body::Mesh { .. } => format!(
             "Glue each patch to its place in {}, film outwards, on the inner face of {foam} that is cut on the body.",
@@ -197,6 +197,14 @@ pub(super) fn cover(fabrication: &Fabrication) -> String {
         text += &figure(&picture, rows);
     }
     section("4. Cover", &text, true)
+}
+
+/// Size of the foam's outline: `` (W x H mm)``; nothing for a body that does not unroll.
+fn foam_size(fabrication: &Fabrication) -> String {
+    let Some(coat) = &fabrication.coat else { return String::new() };
+    let [[x0, y0], [x1, y1]] = coat.bounds_m();
+    let overlap_m = if matches!(fabrication.design.body, Body::Cylinder { .. }) { fabrication.options.overlap_m } else { 0.0 };
+    format!(" ({:.1} x {:.1} mm)", 1e3 * (x1 - x0 + overlap_m), 1e3 * (y1 - y0))
 }
 
 /// Readings of the first drive that the page shows.

@@ -67,10 +67,11 @@ fn xacro(fabrication: &Fabrication) -> String {
     format!(
         "<?xml version=\"1.0\"?>\n\
          <!-- <xacro:include filename=\"skin.urdf.xacro\"/>\n     \
-         <xacro:{frame} prefix=\"left_\" parent=\"forearm\"><origin xyz=\"0 0 0.1\" rpy=\"0 0 0\"/></xacro:{frame}>\n     \
+         <xacro:dermis_{frame} prefix=\"left_\" parent=\"forearm\" mesh=\"package://my_robot/meshes/base.stl\">\n       \
+         <origin xyz=\"0 0 0.1\" rpy=\"0 0 0\"/>\n     </xacro:dermis_{frame}>\n     \
          The frame of its contacts is then left_{frame}: give this name to dermis live as its frame-id. -->\n\
          <robot xmlns:xacro=\"http://www.ros.org/wiki/xacro\">\n  \
-         <xacro:macro name=\"{frame}\" params=\"prefix:='' parent mesh:='file://$(dirname)/../base.stl' *origin\">\n    \
+         <xacro:macro name=\"dermis_{frame}\" params=\"prefix:='' parent mesh *origin\">\n    \
          <joint name=\"${{prefix}}{frame}_mount\" type=\"fixed\">\n      <parent link=\"${{parent}}\"/>\n      \
          <child link=\"${{prefix}}{frame}\"/>\n      <xacro:insert_block name=\"origin\"/>\n    </joint>\n{}  \
          </xacro:macro>\n</robot>\n",

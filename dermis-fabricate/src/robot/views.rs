@@ -82,6 +82,14 @@ pub(super) fn rviz(fabrication: &Fabrication) -> String {
 /// A layout of Foxglove: the scene, and the total force.
 pub(super) fn foxglove(fabrication: &Fabrication) -> String {
     let [x, y, z] = middle_m(fabrication);
+    let paths = ["x", "y", "z"].map(|axis| {
+        json!({
+            "value": format!("{WRENCH}.wrench.force.{axis}"),
+            "label": format!("force {axis}, N"),
+            "enabled": true,
+            "timestampMethod": "headerStamp"
+        })
+    });
     let layout = json!({
         "configById": {
             "3D!skin": {
@@ -113,12 +121,7 @@ pub(super) fn foxglove(fabrication: &Fabrication) -> String {
                 "topics": { MARKERS: { "visible": true } }
             },
             "Plot!force": {
-                "paths": ["x", "y", "z"].map(|axis| json!({
-                    "value": format!("{WRENCH}.wrench.force.{axis}"),
-                    "label": format!("force {axis}, N"),
-                    "enabled": true,
-                    "timestampMethod": "headerStamp"
-                })),
+                "paths": paths,
                 "showLegend": true,
                 "isSynced": true,
                 "xAxisVal": "timestamp",

@@ -55,8 +55,8 @@ pub(crate) fn figure(sheet: &Sheet, box_mm: [f64; 2]) -> String {
     let scale = (box_mm[0] / width).min(box_mm[1] / height);
     let inside = |label: &&Label| label.at_m[1] >= low[1] && label.at_m[1] <= high[1] && label.at_m[0] <= high[0];
     let labels: Vec<&Label> = sheet.labels.iter().filter(inside).collect();
-    let least_mm = 1e3 * labels.iter().map(|label| label.height_m).fold(f64::INFINITY, f64::min);
-    let factor = (READABLE_MM / (scale * least_mm)).max(1.0);
+    let usual_mm = 1e3 * labels.iter().map(|label| label.height_m).fold(f64::MIN_POSITIVE, f64::max);
+    let factor = (READABLE_MM / (scale * usual_mm)).max(1.0);
     let shown = factor == 1.0 || labels.len() <= MOST_ENLARGED;
     let line = 0.25 / scale;
     // Room for labels of what is at the right edge.
