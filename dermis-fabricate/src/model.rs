@@ -125,10 +125,7 @@ impl Fabrication {
     }
 }
 
-fn made_once<T>(
-    cell: &OnceLock<T>,
-    make: impl FnOnce() -> Result<T, FabricateError>,
-) -> Result<&T, FabricateError> {
+fn made_once<T>(cell: &OnceLock<T>, make: impl FnOnce() -> Result<T, FabricateError>) -> Result<&T, FabricateError> {
     match cell.get() {
         Some(made) => Ok(made),
         None => make().map(|made| cell.get_or_init(|| made)),

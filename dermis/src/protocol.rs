@@ -3,8 +3,8 @@
 mod scan;
 mod table;
 
-pub(crate) use table::CHANNEL_COLUMNS;
 pub use scan::{MultiplexerInput, ScanSlot};
+pub(crate) use table::CHANNEL_COLUMNS;
 pub use table::SCAN_COLUMNS;
 
 use serde::{Deserialize, Serialize};

@@ -316,7 +316,8 @@ fn wait_a_moment(thread: &JoinHandle<()>) {
 
 #[cfg(feature = "ros2")]
 fn publish(control: &Control, namespace: &str, frame_id: Option<String>) -> Outcome<JoinHandle<()>> {
-    let options = dermis_live::sinks::ros2::dds::PublisherOptions { domain: None, namespace: namespace.into(), frame_id };
+    let options =
+        dermis_live::sinks::ros2::dds::PublisherOptions { domain: None, namespace: namespace.into(), frame_id };
     Ok(dermis_live::sinks::ros2::dds::publish(control.shared(), &options)?)
 }
 

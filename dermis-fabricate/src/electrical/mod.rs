@@ -10,8 +10,8 @@ mod tables;
 pub use model::{Electrical, Reading};
 pub use parts::{Part, parts};
 pub use reader::{REFERENCE_TOLERANCE, electronics};
-pub(crate) use tables::amount;
 pub use spread::{Loop, Sensitivities, Value};
+pub(crate) use tables::amount;
 
 use crate::error::FabricateError;
 use crate::folder::OutputFile;
@@ -28,12 +28,28 @@ pub fn files(fabrication: &Fabrication) -> Result<Vec<OutputFile>, FabricateErro
     let header = design.protocol.scan_c_header(&design.name, design.sha256(), places);
     let parts = tables::parts(&parts(fabrication)?);
     Ok(vec![
-        OutputFile::new("tables/electrodes.csv", "place, normal and bore of each electrode", tables::electrodes(fabrication)),
-        OutputFile::new("tables/wiring.csv", "multiplexer input of each electrode", tables::wiring(fabrication, places)),
+        OutputFile::new(
+            "tables/electrodes.csv",
+            "place, normal and bore of each electrode",
+            tables::electrodes(fabrication),
+        ),
+        OutputFile::new(
+            "tables/wiring.csv",
+            "multiplexer input of each electrode",
+            tables::wiring(fabrication, places),
+        ),
         OutputFile::new("tables/scan-table.csv", "order of the readings", design.protocol.scan_csv(places)),
         OutputFile::new("tables/scan_table.h", "order of the readings, for firmware in C", header),
-        OutputFile::new("tables/readings.csv", "expected readings, untouched, with limits", tables::readings(electrical)),
+        OutputFile::new(
+            "tables/readings.csv",
+            "expected readings, untouched, with limits",
+            tables::readings(electrical),
+        ),
         OutputFile::new("tables/parts.csv", "parts and materials", parts),
-        OutputFile::new("tables/skin.cir", "SPICE netlist that gives the readings", netlist::netlist(fabrication, electrical)),
+        OutputFile::new(
+            "tables/skin.cir",
+            "SPICE netlist that gives the readings",
+            netlist::netlist(fabrication, electrical),
+        ),
     ])
 }

@@ -69,7 +69,13 @@ fn materials(fabrication: &Fabrication) -> Result<Vec<Part>, FabricateError> {
     let ohm = 1.0 / fabrication.design.sheet.conductance;
     let foam = format!("{} mm thick", 1e3 * fabrication.options.foam_thickness_m);
     Ok(vec![
-        of("printed base", String::new(), 1e-3 * fabrication.base()?.volume_mm3(), "cm3", "solid volume without supports"),
+        of(
+            "printed base",
+            String::new(),
+            1e-3 * fabrication.base()?.volume_mm3(),
+            "cm3",
+            "solid volume without supports",
+        ),
         of("coat", format!("{ohm:.0} ohm per square"), 1e4 * coat_m2(fabrication), "cm2", "sprayed on the base"),
         of("conductive fabric", String::new(), 1e4 * fabric_m2, "cm2", "patches; without what is cut away"),
         of("stretchable film", String::new(), 1e4 * fabric_m2, "cm2", "ironed on the fabric"),

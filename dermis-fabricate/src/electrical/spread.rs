@@ -112,7 +112,13 @@ impl Sensitivities {
 
 impl Loop {
     /// The voltage across a part of the circuit whose resistance is `part`: `v = part I`, `dv = I dpart - v dloop / loop`.
-    fn value(&self, part: &Sensitivities, part_by_reference: f64, options: &FabricationOptions, tolerance: f64) -> Value {
+    fn value(
+        &self,
+        part: &Sensitivities,
+        part_by_reference: f64,
+        options: &FabricationOptions,
+        tolerance: f64,
+    ) -> Value {
         let current_a = self.source_v / self.loop_ohm;
         let volt = part.ohm * current_a;
         let slope = |part: f64, of_loop: f64| current_a * part - volt * of_loop / self.loop_ohm;

@@ -86,7 +86,8 @@ pub(super) fn base(fabrication: &Fabrication) -> String {
                  bar, and lay it on the outer side.</p>\n",
                 code("patterns/drill-template.svg")
             );
-            figure(&picture, "The base, unrolled: bores (red) and, on the inner side, channels for wires (grey).") + &tube
+            figure(&picture, "The base, unrolled: bores (red) and, on the inner side, channels for wires (grey).")
+                + &tube
         }
         None => "<p>The body does not unroll: there is no drill template.</p>\n".into(),
     };
@@ -190,7 +191,9 @@ pub(super) fn cover(fabrication: &Fabrication) -> String {
     ];
     let mut text = list(&steps);
     let rows = match fabrication.chart {
-        Some(_) => "Patches as they lie on the coat, unrolled: R0C0 is at the lower left, R counts upwards, C to the right.",
+        Some(_) => {
+            "Patches as they lie on the coat, unrolled: R0C0 is at the lower left, R counts upwards, C to the right."
+        }
         None => "Patches, all alike; patches.csv has the place of each.",
     };
     if let Some(picture) = pictures::sheet(fabrication, "patches") {
@@ -203,7 +206,8 @@ pub(super) fn cover(fabrication: &Fabrication) -> String {
 fn foam_size(fabrication: &Fabrication) -> String {
     let Some(coat) = &fabrication.coat else { return String::new() };
     let [[x0, y0], [x1, y1]] = coat.bounds_m();
-    let overlap_m = if matches!(fabrication.design.body, Body::Cylinder { .. }) { fabrication.options.overlap_m } else { 0.0 };
+    let overlap_m =
+        if matches!(fabrication.design.body, Body::Cylinder { .. }) { fabrication.options.overlap_m } else { 0.0 };
     format!(" ({:.1} x {:.1} mm)", 1e3 * (x1 - x0 + overlap_m), 1e3 * (y1 - y0))
 }
 

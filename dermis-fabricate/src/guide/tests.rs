@@ -42,7 +42,13 @@ fn the_page_has_every_electrode_and_the_sizes_of_the_design() {
         // Places, wiring, diagram.
         assert!(page.matches(&format!(">E{electrode:02}<")).count() >= 3, "{electrode}");
     }
-    for part in ["a &lt;b&gt; &amp; c", "disk, 80 mm in diameter", "1000 ohm per square", "wall 4<", "bores with a drill of 2 mm"] {
+    for part in [
+        "a &lt;b&gt; &amp; c",
+        "disk, 80 mm in diameter",
+        "1000 ohm per square",
+        "wall 4<",
+        "bores with a drill of 2 mm",
+    ] {
         assert!(page.contains(part), "{part}");
     }
 }

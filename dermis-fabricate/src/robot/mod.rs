@@ -15,11 +15,19 @@ use std::fmt::Write as _;
 pub fn files(fabrication: &Fabrication) -> Result<Vec<OutputFile>, FabricateError> {
     Ok(vec![
         OutputFile::new("robot/skin.urdf", "base and electrode frames for a robot (URDF)", urdf(fabrication)),
-        OutputFile::new("robot/skin.urdf.xacro", "the same as a macro with prefix and parent (xacro)", xacro(fabrication)),
+        OutputFile::new(
+            "robot/skin.urdf.xacro",
+            "the same as a macro with prefix and parent (xacro)",
+            xacro(fabrication),
+        ),
         OutputFile::new("robot/skin.xml", "base and electrode sites for MuJoCo (MJCF)", mjcf(fabrication)),
         OutputFile::new("robot/skin.launch.py", "skin and contacts in RViz (ROS 2 launch)", views::launch(fabrication)),
         OutputFile::new("robot/skin.rviz", "view of skin and contacts (RViz 2)", views::rviz(fabrication)),
-        OutputFile::new("robot/foxglove.json", "view of skin and contacts (Foxglove layout)", views::foxglove(fabrication)),
+        OutputFile::new(
+            "robot/foxglove.json",
+            "view of skin and contacts (Foxglove layout)",
+            views::foxglove(fabrication),
+        ),
     ])
 }
 

@@ -140,9 +140,8 @@ pub(super) fn foxglove(fabrication: &Fabrication) -> String {
 fn box_m(fabrication: &Fabrication) -> [[f64; 3]; 2] {
     let start = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
     fabrication.electrodes.iter().fold(start, |[low, high], one| {
-        let with = |so_far: [f64; 3], pick: fn(f64, f64) -> f64| {
-            [0, 1, 2].map(|axis| pick(so_far[axis], one.centre_m[axis]))
-        };
+        let with =
+            |so_far: [f64; 3], pick: fn(f64, f64) -> f64| [0, 1, 2].map(|axis| pick(so_far[axis], one.centre_m[axis]));
         [with(low, f64::min), with(high, f64::max)]
     })
 }

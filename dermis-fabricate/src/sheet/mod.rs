@@ -119,7 +119,11 @@ fn furniture([x, y]: Point2, kerf_m: f64, labels: &mut Vec<Label>) -> [Layer; 2]
     labels.push(Label { at_m: [x, y + 0.011], height_m: TEXT_M, text });
     [
         Layer { name: FURNITURE[0], colour: BLACK, outlines: vec![bar] },
-        Layer { name: FURNITURE[1], colour: ([230, 120, 0], 30), outlines: vec![piece.grown(half_m), hole.grown(-half_m)] },
+        Layer {
+            name: FURNITURE[1],
+            colour: ([230, 120, 0], 30),
+            outlines: vec![piece.grown(half_m), hole.grown(-half_m)],
+        },
     ]
 }
 

@@ -1,8 +1,8 @@
 //! What a workshop makes of a design: sizes of base, patches and foam, and the bores below the electrodes.
 
 use crate::design::{Body, SkinDesign};
-use crate::protocol::MultiplexerInput;
 use crate::geom::vector::{Point3, distance, normalize, scale, sub};
+use crate::protocol::MultiplexerInput;
 
 /// Sizes of the parts that a workshop makes. Lengths in m.
 ///

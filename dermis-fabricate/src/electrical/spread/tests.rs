@@ -64,7 +64,9 @@ fn the_spread_is_that_of_finite_differences() {
         at(1.0).iter().zip(at(-1.0)).map(|(high, low)| (high - low) / (2.0 * step)).collect()
     };
     let mut variance = vec![0.0; design.protocol.channel_count()];
-    let mut add = |slopes: Vec<f64>, sd: f64| variance.iter_mut().zip(slopes).for_each(|(sum, slope)| *sum += (slope * sd).powi(2));
+    let mut add = |slopes: Vec<f64>, sd: f64| {
+        variance.iter_mut().zip(slopes).for_each(|(sum, slope)| *sum += (slope * sd).powi(2))
+    };
     add(slopes(&|skin, by| skin.sheet += by), options.sheet_spread);
     for electrode in 0..16 {
         add(slopes(&|skin, by| skin.contacts[electrode] += by), options.contact_spread);
