@@ -13,6 +13,7 @@ mod command;
 mod console;
 mod emulated;
 mod failure;
+mod findings;
 mod fitted;
 mod frames;
 mod guided;

@@ -12,7 +12,7 @@
 
 mod lanes;
 
-pub use lanes::{Lanes, exp_lanes, powf_lanes};
+pub use lanes::{Lanes, exp_lanes, powf_lanes, replace_in_lanes};
 pub use libm::{
     acos, atan2, cos, erf, erfc, exp, expf as exp_f32, expm1 as exp_m1, hypot, log as ln, log1p as ln_1p, log2,
     pow as powf, powf as powf_f32, sin, sincos as sin_cos, tanh,

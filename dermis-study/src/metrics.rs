@@ -54,6 +54,14 @@ pub const FIGURES: &[Figure] = &[
     figure!("grid_localisation_p95_m", "grid: localisation, 95th percentile, mm", 1e3, 2, More, |t| {
         t.grid.localisation_m.p95
     }),
+    figure!(
+        "grid_localisation_largest_tenth_m",
+        "grid: localisation, mean of the largest tenth, mm",
+        1e3,
+        2,
+        More,
+        |t| { t.grid.localisation_m.largest_tenth }
+    ),
     figure!("grid_eq11_mean_m", "grid: whole image (Eq. 11), mean, mm", 1e3, 1, More, |t| t.grid.eq11_m.mean),
     figure!("grid_misses", "grid: misses", 1.0, 1, More, |t| t.grid.misses as f64),
     figure!("grid_ghosts", "grid: false positives", 1.0, 1, More, |t| t.grid.false_positives as f64),
@@ -71,6 +79,14 @@ pub const FIGURES: &[Figure] = &[
     figure!("random_localisation_p95_m", "random: localisation, 95th percentile, mm", 1e3, 2, More, |t| {
         t.random.localisation_m.p95
     }),
+    figure!(
+        "random_localisation_largest_tenth_m",
+        "random: localisation, mean of the largest tenth, mm",
+        1e3,
+        2,
+        More,
+        |t| { t.random.localisation_m.largest_tenth }
+    ),
     figure!("random_eq11_mean_m", "random: whole image (Eq. 11), mean, mm", 1e3, 1, More, |t| t.random.eq11_m.mean),
     figure!("random_misses", "random: misses", 1.0, 1, More, |t| t.random.misses as f64),
     figure!("random_ghosts", "random: false positives", 1.0, 1, More, |t| t.random.false_positives as f64),

@@ -19,7 +19,8 @@
 use serde::Serialize;
 use std::cmp::Ordering;
 
-/// Mean, standard deviation, median and 95th percentile of a sample; `NaN` (in JSON `null`) if it is empty.
+/// Mean, standard deviation, median, 95th percentile and mean of the largest tenth of a sample; `NaN` (in JSON `null`) if
+/// it is empty.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Summary {
     /// The mean.
@@ -30,18 +31,21 @@ pub struct Summary {
     pub median: f64,
     /// The 95th percentile, by [`quantile`].
     pub p95: f64,
+    /// The mean of the largest tenth of the values, of at least one.
+    pub largest_tenth: f64,
 }
 
 impl Summary {
     /// The summary of a sample.
     pub fn of(values: &[f64]) -> Self {
         if values.is_empty() {
-            return Summary { mean: f64::NAN, sd: f64::NAN, median: f64::NAN, p95: f64::NAN };
+            return Summary { mean: f64::NAN, sd: f64::NAN, median: f64::NAN, p95: f64::NAN, largest_tenth: f64::NAN };
         }
         let (mean, sd) = mean_and_sd(values);
         let mut sorted = values.to_vec();
         sorted.sort_by(f64::total_cmp);
-        Summary { mean, sd, median: quantile(&sorted, 0.5), p95: quantile(&sorted, 0.95) }
+        let largest_tenth = self::mean(&sorted[sorted.len() - sorted.len().div_ceil(10)..]);
+        Summary { mean, sd, median: quantile(&sorted, 0.5), p95: quantile(&sorted, 0.95), largest_tenth }
     }
 }
 
@@ -163,6 +167,8 @@ mod tests {
         assert!((summary.sd - 1.25_f64.sqrt()).abs() < 1e-12);
         assert!(Summary::of(&[]).mean.is_nan());
         assert_eq!(Summary::of(&[7.0]).p95, 7.0);
+        let twenty: Vec<f64> = (1..=20).rev().map(f64::from).collect();
+        assert_eq!([summary.largest_tenth, Summary::of(&twenty).largest_tenth], [4.0, 19.5]);
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use crate::build_page::{findings_table, page, place};
 use crate::console::{Progress, notice_line, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
+use crate::findings::{FindingText, findings_text};
 use crate::frames::{CURRENTS_HELP, divided};
 use crate::picture::check_page_ending;
 use crate::range::count;
@@ -14,7 +15,7 @@ use dermis::method::MethodSet;
 use dermis::pipeline::{Settings, Severity as Level};
 use dermis::skin::Skin;
 use dermis::text::counted;
-use dermis_calibrate::build::{BuildCheck, BuildChecker};
+use dermis_calibrate::build::{BuildCheck, BuildChecker, BuildFinding};
 use dermis_live::device::DeviceOptions;
 use dermis_live::{Event, Live, LiveOptions, Popped};
 use serde_json::json;
@@ -129,31 +130,19 @@ impl Arguments {
     }
 
     fn text(&self, skin: &Skin, check: &BuildCheck) -> String {
-        let faults = check.problems().count();
-        let notes = check.findings.len() - faults;
-        let mut text = format!("{}: {}, ", skin.design().name, counted(check.frames, "untouched frame"));
-        match (faults, notes) {
-            (0, 0) => text += "sound, no findings\n",
-            _ => {
-                _ = writeln!(
-                    text,
-                    "{}, {}\n\n{}",
-                    counted(faults, "fault"),
-                    counted(notes, "note"),
-                    findings_table(check).to_text()
-                )
-            }
-        }
-        for finding in &check.findings {
-            let _ = writeln!(
-                text,
-                "\n{}{}\n  evidence: {}\n  fix: {}",
-                finding.kind,
-                place(finding),
-                finding.evidence,
-                finding.fix
-            );
-        }
+        let of_finding = |finding: &BuildFinding| FindingText {
+            title: format!("{}{}", finding.kind, place(finding)),
+            severity: finding.severity,
+            evidence: &finding.evidence,
+            fix: &finding.fix,
+        };
+        let findings: Vec<FindingText<'_>> = check.findings.iter().map(of_finding).collect();
+        let mut text = format!(
+            "{}: {}, {}",
+            skin.design().name,
+            counted(check.frames, "untouched frame"),
+            findings_text(&findings, &findings_table(check), "sound, no findings")
+        );
         let _ = writeln!(
             text,
             "\nresistances over the design's: {:.3}; unevenness of the coat: {:.1} %; misfit: {:.2}",

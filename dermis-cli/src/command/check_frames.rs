@@ -4,6 +4,7 @@ use crate::calibrated::Presses;
 use crate::check_page::{findings_table, page, place};
 use crate::console::{Progress, print, print_json};
 use crate::failure::Outcome;
+use crate::findings::{FindingText, findings_text};
 use crate::frames::{FrameArguments, Recorded};
 use crate::picture::check_page_ending;
 use crate::skin;
@@ -12,7 +13,7 @@ use dermis::frame::{write_frames, write_whole};
 use dermis::skin::Skin;
 use dermis::text::counted;
 use dermis_calibrate::LabelFrame;
-use dermis_calibrate::checks::{Checked, Recording, check_recording, realigned};
+use dermis_calibrate::checks::{Checked, Finding, Recording, check_recording, realigned};
 use serde_json::json;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -85,31 +86,19 @@ impl Arguments {
     }
 
     fn text(&self, skin: &Skin, frames: usize, checked: &Checked) -> String {
-        let mut text = format!("{}: {}, ", skin.design().name, counted(frames, "frame"));
-        let faults = checked.faults().count();
-        let notes = checked.findings.len() - faults;
-        match (faults, notes) {
-            (0, 0) => text += "no findings\n",
-            _ => {
-                _ = writeln!(
-                    text,
-                    "{}, {}\n\n{}",
-                    counted(faults, "fault"),
-                    counted(notes, "note"),
-                    findings_table(checked).to_text()
-                )
-            }
-        }
-        for finding in &checked.findings {
-            let _ = writeln!(
-                text,
-                "\n{}, {}\n  evidence: {}\n  fix: {}",
-                finding.kind.name(),
-                place(finding),
-                finding.evidence,
-                finding.fix
-            );
-        }
+        let of_finding = |finding: &Finding| FindingText {
+            title: format!("{}, {}", finding.kind.name(), place(finding)),
+            severity: finding.severity,
+            evidence: &finding.evidence,
+            fix: &finding.fix,
+        };
+        let findings: Vec<FindingText<'_>> = checked.findings.iter().map(of_finding).collect();
+        let mut text = format!(
+            "{}: {}, {}",
+            skin.design().name,
+            counted(frames, "frame"),
+            findings_text(&findings, &findings_table(checked), "no findings")
+        );
         for path in [&self.realign, &self.output].into_iter().flatten() {
             let _ = writeln!(text, "written to {}", path.display());
         }

@@ -206,10 +206,13 @@ impl Bounds {
     /// The precision of the frame of some presses, if the phase of the patches is unknown: the frame's change by one
     /// standard deviation of the phase is one more disturbance.
     fn with_unknown_phase(&self, presses: &[Press]) -> crate::Result<Precision> {
+        if self.physics.shifted.is_empty() {
+            return Ok(self.precision.clone());
+        }
+        let unshifted = self.clean(presses)?;
         let of_shift = |shift: &Shift| -> crate::Result<Vec<f64>> {
-            let [forward, back] = &shift.twins;
-            let per_m = quotient(&forward.clean(presses)?, &back.clean(presses)?, STEP_M);
-            Ok(per_m.into_iter().map(|value| shift.sd_m * value).collect())
+            let change = difference(&shift.twin.clean(presses)?, &unshifted);
+            Ok(change.into_iter().map(|value| shift.sd_m / STEP_M * value).collect())
         };
         let phases = self.physics.shifted.iter().map(of_shift).collect::<crate::Result<_>>()?;
         Ok(self.precision.with_disturbances(phases))
@@ -274,11 +277,11 @@ pub fn refined(design: &SkinDesign, options: &BoundOptions) -> SkinDesign {
     refined
 }
 
-/// The skin with its patches shifted by a step forward and back along one direction, and the standard deviation of an
-/// unknown phase, m.
+/// The skin with its patches shifted by a step along one direction, and the standard deviation of an unknown phase, m.
+/// Forward differences: a second skin, shifted back, would cost as much again.
 #[derive(Debug)]
 struct Shift {
-    twins: [Twin; 2],
+    twin: Twin,
     sd_m: f64,
 }
 
@@ -287,15 +290,12 @@ fn shifted_patches(design: &SkinDesign, sound: &TwinOptions, of_design: &TwinOpt
     let TouchOptions::Patches(patches) = &of_design.touch else { return Ok(Vec::new()) };
     let pitch_m = patches.on_body(&design.body)?.pitch_m();
     let shift = |axis: usize| {
-        let twin = |step_m: f64| {
-            let mut shifted = patches.clone();
-            shifted.offset_m[axis] += step_m;
-            let mut options = sound.clone();
-            options.touch = TouchOptions::Patches(shifted);
-            Twin::new(design, &options, 0)
-        };
+        let mut shifted = patches.clone();
+        shifted.offset_m[axis] += STEP_M;
+        let mut options = sound.clone();
+        options.touch = TouchOptions::Patches(shifted);
         // Any phase is equally likely: a uniform distribution over the pitch.
-        Ok(Shift { twins: [twin(STEP_M)?, twin(-STEP_M)?], sd_m: pitch_m[axis] / 12f64.sqrt() })
+        Ok(Shift { twin: Twin::new(design, &options, 0)?, sd_m: pitch_m[axis] / 12f64.sqrt() })
     };
     (0..2).map(shift).collect()
 }

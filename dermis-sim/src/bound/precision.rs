@@ -19,7 +19,7 @@ pub struct DriftSpread {
 ///
 /// The covariance is `s^2 I + M M'`: white noise, and a column of `M` for every disturbance, as long as its standard
 /// deviation. By the formula of Woodbury its inverse is `(I - M C^-1 M') / s^2` with `C = s^2 I + M' M`.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Precision {
     sd_ohm: f64,
     disturbances: Vec<Vec<f64>>,

@@ -33,7 +33,7 @@ impl Bounds {
     /// # Errors
     /// Presses that the twin cannot simulate; a body without a chart.
     pub fn told_apart(&self, pair: &[Press; 2]) -> crate::Result<f64> {
-        Ok(1.0 - noncentral_chi_square_3(threshold(), self.misfit_of_one(pair)?))
+        Ok(1.0 - noncentral_chi_square_3(threshold(), self.misfit_of_one(pair, 0.0)?))
     }
 
     /// The smallest distance at which two equal presses are told from one in 90 % of the cases; `None` if 200 mm is not
@@ -45,7 +45,7 @@ impl Bounds {
         let needed = needed_misfit();
         let [mut low, mut high] = DISTANCES_M;
         let is_resolved = |distance_m: f64| -> crate::Result<bool> {
-            Ok(self.misfit_of_one(&self.pair(place_m, distance_m, direction_rad))? >= needed)
+            Ok(self.misfit_of_one(&self.pair(place_m, distance_m, direction_rad), needed)? >= needed)
         };
         while high > low && self.clean(&self.pair(place_m, high, direction_rad)).is_err() {
             high *= 0.8;
@@ -75,19 +75,26 @@ impl Bounds {
         [half, half.map(|step| -step)].map(|step| self.press(self.surface().walk(place_m, step)))
     }
 
-    /// The squared distance of the frame of two presses from that of the best single one, in units of the noise.
-    fn misfit_of_one(&self, pair: &[Press; 2]) -> crate::Result<f64> {
+    /// The squared distance of the frame of two presses from that of the best single one, in units of the noise. The search
+    /// ends where it is below `enough`.
+    fn misfit_of_one(&self, pair: &[Press; 2], enough: f64) -> crate::Result<f64> {
         if !self.has_chart() {
             return Err(TwinError::NoChart.into());
         }
-        let fit = SingleFit { bounds: self, precision: self.with_unknown_phase(pair)?, target: self.clean(pair)?.0 };
+        let (precision, target) = (self.with_unknown_phase(pair)?, self.clean(pair)?.0);
+        let fit = SingleFit { bounds: self, precision, target, enough };
         // From the centre of force, and from each of them: one press may hide the other.
         let [a, b] = pair;
         let force_n = a.force_n + b.force_n;
         let step = self.surface().chart(a.centre_m, b.centre_m).map(|step| step * b.force_n / force_n);
         let both = Press { centre_m: self.surface().walk(a.centre_m, step), force_n, ..*a };
-        let misfits = [both, *a, *b].into_iter().filter_map(|start| fit.least_misfit(start));
-        Ok(misfits.fold(f64::INFINITY, f64::min))
+        let mut least = f64::INFINITY;
+        for start in [both, *a, *b] {
+            if least >= enough {
+                least = least.min(fit.least_misfit(start).unwrap_or(f64::INFINITY));
+            }
+        }
+        Ok(least)
     }
 }
 
@@ -96,6 +103,8 @@ struct SingleFit<'a> {
     bounds: &'a Bounds,
     precision: Precision,
     target: Vec<f64>,
+    /// The misfit below which the fit ends.
+    enough: f64,
 }
 
 /// A press and its misfit: squared and in units of the noise, with the tip radius as one more reading.
@@ -123,7 +132,7 @@ impl SingleFit<'_> {
                     None => damping *= 10.0,
                 }
             }
-            if best.misfit > (1.0 - LEAST_DECREASE) * before {
+            if best.misfit > (1.0 - LEAST_DECREASE) * before || best.misfit < self.enough {
                 break;
             }
         }

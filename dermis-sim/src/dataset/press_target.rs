@@ -8,14 +8,13 @@
 //! position of a press and not the patches under it, because the positions of the patches are unknown in use.
 
 use crate::dataset::quadrature::Rule;
-use crate::elementary::{Lanes, exp_lanes};
+use crate::elementary::{Lanes, exp_lanes, replace_in_lanes};
 use crate::twin::{ContactLaw, Footprint, PatchOptions, TwinError};
 use crate::unrolled::Unrolled;
 use dermis::design::{Body, ImageLayout, SkinDesign};
 use dermis::geom::{Point3, Surface};
 use dermis::image::{PixelSpace, chart_box};
 use dermis::mesh::{Cells, Mesh};
-use pulp::{Simd, WithSimd};
 
 /// Points along each side of a pixel: midpoints of equal parts.
 const POINTS_PER_SIDE: usize = 6;
@@ -120,29 +119,7 @@ impl PressTarget {
     /// Replaces pressures, Pa, by the relative changes of conductance under them.
     fn replace_by_changes(&self, values: &mut [f64]) {
         self.contact.replace_by_conductances(values);
-        pulp::Arch::new().dispatch(Rises { half_side: self.half_side, values });
-    }
-}
-
-/// Replaces conductances per area by `k coth k - 1`.
-struct Rises<'a> {
-    half_side: f64,
-    values: &'a mut [f64],
-}
-
-impl WithSimd for Rises<'_> {
-    type Output = ();
-
-    /// Compiled once per instruction set, with the same bits: no operation is fused.
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let (eights, rest) = self.values.as_chunks_mut::<8>();
-        for eight in eights {
-            *eight = rises(self.half_side, eight);
-        }
-        let mut last = [0.0; 8];
-        last[..rest.len()].copy_from_slice(rest);
-        rest.copy_from_slice(&rises(self.half_side, &last)[..rest.len()]);
+        replace_in_lanes(values, |conductances| rises(self.half_side, conductances));
     }
 }
 

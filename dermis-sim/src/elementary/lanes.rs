@@ -1,12 +1,41 @@
 //! Elementary functions of eight numbers at once, with the same bits on every system: no operation is fused, and none comes
 //! from a library.
 //!
-//! They are compiled into vector instructions where their caller is (`pulp::WithSimd`).
+//! They are compiled into vector instructions where their caller is: [`replace_in_lanes`], or `pulp::WithSimd` of another.
 
+use pulp::{Simd, WithSimd};
 use std::f64::consts::{LN_2, LOG2_E};
 
 /// Eight numbers.
 pub type Lanes = [f64; 8];
+
+/// Replaces values by a function of them, eight at a time; the last ones together with zeros.
+pub fn replace_in_lanes(values: &mut [f64], of: impl Fn(&Lanes) -> Lanes) {
+    pulp::Arch::new().dispatch(Replaced { values, of });
+}
+
+struct Replaced<'a, F> {
+    values: &'a mut [f64],
+    of: F,
+}
+
+impl<F: Fn(&Lanes) -> Lanes> WithSimd for Replaced<'_, F> {
+    type Output = ();
+
+    /// Compiled once per instruction set, with the same bits: no operation is fused.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let (eights, rest) = self.values.as_chunks_mut::<8>();
+        for eight in eights {
+            *eight = (self.of)(eight);
+        }
+        if !rest.is_empty() {
+            let mut last = [0.0; 8];
+            last[..rest.len()].copy_from_slice(rest);
+            rest.copy_from_slice(&(self.of)(&last)[..rest.len()]);
+        }
+    }
+}
 
 /// The bits of 1/2^(1/2): mantissas are between it and its double.
 const ROOT_OF_HALF: u64 = 0x3fe6_a09e_667f_3bcd;

@@ -2,8 +2,7 @@
 
 use super::TwinError;
 use super::error::{check_between, check_positive};
-use crate::elementary::{Lanes, powf, powf_lanes};
-use pulp::{Simd, WithSimd};
+use crate::elementary::{Lanes, powf, powf_lanes, replace_in_lanes};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -48,7 +47,7 @@ impl ContactLaw {
     /// Replaces pressures, Pa, by the [conductances](Self::conductance_s_per_m2) there, eight at a time; the relative
     /// difference is below 1e-14.
     pub(crate) fn replace_by_conductances(&self, values: &mut [f64]) {
-        pulp::Arch::new().dispatch(Conductances { law: self, values });
+        replace_in_lanes(values, |pressures_pa| self.conductance_lanes(pressures_pa));
     }
 
     #[inline(always)]
@@ -91,27 +90,6 @@ impl ContactLaw {
         check_between("exponent", self.exponent, [0.2, 1.5], "contacts have 0.5 to 1")?;
         check_between("preload_pa", self.preload_pa, [0.0, 1e6], "0 where patches lie loose")?;
         check_between("hysteresis", self.hysteresis, [0.0, 0.99], "0 switches it off")
-    }
-}
-
-struct Conductances<'a> {
-    law: &'a ContactLaw,
-    values: &'a mut [f64],
-}
-
-impl WithSimd for Conductances<'_> {
-    type Output = ();
-
-    /// Compiled once per instruction set, with the same bits: no operation is fused.
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let (eights, rest) = self.values.as_chunks_mut::<8>();
-        for eight in eights {
-            *eight = self.law.conductance_lanes(eight);
-        }
-        let mut last = [0.0; 8];
-        last[..rest.len()].copy_from_slice(rest);
-        rest.copy_from_slice(&self.law.conductance_lanes(&last)[..rest.len()]);
     }
 }
 

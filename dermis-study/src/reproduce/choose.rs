@@ -84,7 +84,7 @@ mod tests {
 
     #[test]
     fn a_miss_and_a_false_positive_cost_as_much_as_the_gate() {
-        let summary = |mean| Summary { mean, sd: 0.0, median: mean, p95: mean };
+        let summary = |mean| Summary { mean, sd: 0.0, median: mean, p95: mean, largest_tenth: mean };
         let score = |misses, false_positives, mean| Score {
             presses: 10,
             misses,
