@@ -130,13 +130,7 @@ impl Arguments {
     }
 
     fn text(&self, skin: &Skin, check: &BuildCheck) -> String {
-        let of_finding = |finding: &BuildFinding| FindingText {
-            title: format!("{}{}", finding.kind, place(finding)),
-            severity: finding.severity,
-            evidence: &finding.evidence,
-            fix: &finding.fix,
-        };
-        let findings: Vec<FindingText<'_>> = check.findings.iter().map(of_finding).collect();
+        let findings: Vec<FindingText<'_>> = check.findings.iter().map(in_words).collect();
         let mut text = format!(
             "{}: {}, {}",
             skin.design().name,
@@ -154,6 +148,16 @@ impl Arguments {
             let _ = writeln!(text, "written to {}", path.display());
         }
         text
+    }
+}
+
+/// A finding as it is printed.
+fn in_words(finding: &BuildFinding) -> FindingText<'_> {
+    FindingText {
+        title: format!("{}{}", finding.kind, place(finding)),
+        severity: finding.severity,
+        evidence: &finding.evidence,
+        fix: &finding.fix,
     }
 }
 

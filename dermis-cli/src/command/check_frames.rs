@@ -86,13 +86,7 @@ impl Arguments {
     }
 
     fn text(&self, skin: &Skin, frames: usize, checked: &Checked) -> String {
-        let of_finding = |finding: &Finding| FindingText {
-            title: format!("{}, {}", finding.kind.name(), place(finding)),
-            severity: finding.severity,
-            evidence: &finding.evidence,
-            fix: &finding.fix,
-        };
-        let findings: Vec<FindingText<'_>> = checked.findings.iter().map(of_finding).collect();
+        let findings: Vec<FindingText<'_>> = checked.findings.iter().map(in_words).collect();
         let mut text = format!(
             "{}: {}, {}",
             skin.design().name,
@@ -103,5 +97,15 @@ impl Arguments {
             let _ = writeln!(text, "written to {}", path.display());
         }
         text
+    }
+}
+
+/// A finding as it is printed.
+fn in_words(finding: &Finding) -> FindingText<'_> {
+    FindingText {
+        title: format!("{}, {}", finding.kind.name(), place(finding)),
+        severity: finding.severity,
+        evidence: &finding.evidence,
+        fix: &finding.fix,
     }
 }
