@@ -58,14 +58,8 @@ fn what_no_workshop_can_make_is_an_error_with_its_line() {
         ("multiplexers = 0", "8 electrodes are more than 0 free inputs of 0"),
         ("inputs = [0, 1]", "2 inputs for 8 electrodes"),
         ("inputs = [0, 1, 2, 3, 4, 5, 6, 3]", "electrodes 3 and 7 are both on input 3"),
-        (
-            "inputs = [0, 1, 2, 3, 4, 5, 6, 31]",
-            "electrode 7 is on input 31, which the reference resistor takes",
-        ),
-        (
-            "multiplexers = 1\ninputs = [0, 1, 2, 3, 4, 5, 6, 32]",
-            "electrode 7 is on input 32, but the last is 31",
-        ),
+        ("inputs = [0, 1, 2, 3, 4, 5, 6, 31]", "electrode 7 is on input 31, which the reference resistor takes"),
+        ("multiplexers = 1\ninputs = [0, 1, 2, 3, 4, 5, 6, 32]", "electrode 7 is on input 32, but the last is 31"),
     ];
     for (key, message) in cases {
         at.write("wrong.toml", format!("{DISK}[fabrication]\n{key}\n"));
