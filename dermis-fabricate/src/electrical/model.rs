@@ -6,7 +6,7 @@ use crate::error::FabricateError;
 use dermis::design::SkinDesign;
 use dermis::forward::{ElectrodeNetwork, ForwardModel};
 use dermis::mesh::Mesh;
-use dermis::protocol::{MultiplexerInput, Pair, Protocol, ScanSlot};
+use dermis::protocol::{Channel, MultiplexerInput, Protocol, ScanSlot};
 use dermis_sim::twin::electronics::{ElectronicsOptions, SettlingPlan};
 
 /// An untouched skin, its reader, and what it reads.
@@ -94,42 +94,31 @@ fn readings(
     electronics: &ElectronicsOptions,
     waits_s: &[f64],
 ) -> Result<Vec<Reading>, FabricateError> {
-    let protocol = &design.protocol;
-    let options = design.fabrication_options();
-    let drives: Vec<dermis::protocol::Channel> =
-        protocol.drives().0.iter().map(|&pair| dermis::protocol::Channel { drive: pair, measure: pair }).collect();
+    let (protocol, options) = (&design.protocol, design.fabrication_options());
+    let drives = protocol.drives().0.iter().map(|&pair| Channel { drive: pair, measure: pair }).collect();
     let of_drives = Sensitivities::of(design, mesh, drives)?;
+    let mut circuits = of_drives.iter().map(|skin| skin.in_loop(electronics));
     let mut of_channels = Vec::with_capacity(protocol.channel_count());
     for channels in protocol.channels().chunks(block(protocol.electrode_count())) {
         of_channels.extend(Sensitivities::of(design, mesh, channels.to_vec())?);
     }
-    let number_of = |drive: Pair| protocol.drives().0.iter().position(|pair| *pair == drive);
-    let mut reading = Vec::with_capacity(waits_s.len());
-    let mut current: Option<(Pair, crate::electrical::spread::Loop)> = None;
-    for (slot, &wait_s) in protocol.scan().into_iter().zip(waits_s) {
-        if current.as_ref().is_none_or(|(drive, _)| *drive != slot.drive) {
-            let number = number_of(slot.drive).expect("a slot's drive is one of the protocol's");
-            current = Some((slot.drive, of_drives[number].in_loop(electronics)));
-        }
-        let (_, circuit) = current.as_ref().expect("set above");
-        reading.push(match slot.measure {
-            None => Reading { slot, ohm: None, volt: circuit.reference(&options, REFERENCE_TOLERANCE), wait_s },
-            Some((_, channel)) => {
-                let own = &of_channels[channel];
-                let shown = |value: Value| if protocol.amplitude_only() { value.without_sign() } else { value };
-                Reading {
-                    slot,
-                    ohm: Some(shown(own.ohm(&options, REFERENCE_TOLERANCE))),
-                    volt: shown(circuit.voltage(own, &options, REFERENCE_TOLERANCE)),
-                    wait_s,
-                }
-            }
-        });
-    }
-    Ok(reading)
+    let shown = |value: Value| if protocol.amplitude_only() { value.without_sign() } else { value };
+    let mut circuit = None;
+    let reading = |(slot, &wait_s): (ScanSlot, &f64)| {
+        let Some((_, channel)) = slot.measure else {
+            // The first slot of a drive; drives follow in their order.
+            let own = circuit.insert(circuits.next().expect("a circuit for each drive"));
+            return Reading { slot, ohm: None, volt: own.reference(&options, REFERENCE_TOLERANCE), wait_s };
+        };
+        let circuit = circuit.as_ref().expect("a drive begins with its current");
+        let own = &of_channels[channel];
+        let ohm = Some(shown(own.ohm(&options, REFERENCE_TOLERANCE)));
+        Reading { slot, ohm, volt: shown(circuit.voltage(own, &options, REFERENCE_TOLERANCE)), wait_s }
+    };
+    Ok(protocol.scan().into_iter().zip(waits_s).map(reading).collect())
 }
 
 /// A protocol of some channels.
-pub(super) fn protocol_of(design: &SkinDesign, channels: Vec<dermis::protocol::Channel>) -> Protocol {
+pub(super) fn protocol_of(design: &SkinDesign, channels: Vec<Channel>) -> Protocol {
     Protocol::new(design.electrodes.len(), channels).expect("pairs of a valid protocol")
 }

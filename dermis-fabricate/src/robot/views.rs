@@ -1,7 +1,7 @@
 //! Views of a skin and its contacts: a ROS 2 launch file, a configuration of RViz, a layout of Foxglove.
 
 use crate::model::Fabrication;
-use serde_json::json;
+use serde_json::{Value, json};
 
 /// The topics of contacts (`dermis live --ros2`).
 const MARKERS: &str = "/dermis/markers";
@@ -81,7 +81,50 @@ pub(super) fn rviz(fabrication: &Fabrication) -> String {
 
 /// A layout of Foxglove: the scene, and the total force.
 pub(super) fn foxglove(fabrication: &Fabrication) -> String {
-    let [x, y, z] = middle_m(fabrication);
+    let layout = json!({
+        "configById": { "3D!skin": scene(fabrication), "Plot!force": plot() },
+        "globalVariables": {},
+        "userNodes": {},
+        "playbackConfig": { "speed": 1 },
+        "layout": { "direction": "row", "first": "3D!skin", "second": "Plot!force", "splitPercentage": 70 }
+    });
+    serde_json::to_string_pretty(&layout).expect("text and numbers are JSON") + "\n"
+}
+
+/// Foxglove's panel of the skin and its contacts.
+fn scene(fabrication: &Fabrication) -> Value {
+    json!({
+        "cameraState": {
+            "perspective": true,
+            "distance": 3.0 * extent_m(fabrication),
+            "phi": 60,
+            "thetaOffset": 45,
+            "targetOffset": middle_m(fabrication),
+            "target": [0, 0, 0],
+            "targetOrientation": [0, 0, 0, 1],
+            "fovy": 45,
+            "near": 0.01,
+            "far": 100
+        },
+        "followMode": "follow-pose",
+        "followTf": fabrication.design.frame_id(),
+        "layers": {
+            "skin": {
+                "layerId": "foxglove.Urdf",
+                "instanceId": "skin",
+                "label": "Skin",
+                "visible": true,
+                "sourceType": "topic",
+                "topic": "/robot_description",
+                "opacity": 0.6
+            }
+        },
+        "topics": { MARKERS: { "visible": true } }
+    })
+}
+
+/// Foxglove's panel of the total force over time.
+fn plot() -> Value {
     let paths = ["x", "y", "z"].map(|axis| {
         json!({
             "value": format!("{WRENCH}.wrench.force.{axis}"),
@@ -90,50 +133,13 @@ pub(super) fn foxglove(fabrication: &Fabrication) -> String {
             "timestampMethod": "headerStamp"
         })
     });
-    let layout = json!({
-        "configById": {
-            "3D!skin": {
-                "cameraState": {
-                    "perspective": true,
-                    "distance": 3.0 * extent_m(fabrication),
-                    "phi": 60,
-                    "thetaOffset": 45,
-                    "targetOffset": [x, y, z],
-                    "target": [0, 0, 0],
-                    "targetOrientation": [0, 0, 0, 1],
-                    "fovy": 45,
-                    "near": 0.01,
-                    "far": 100
-                },
-                "followMode": "follow-pose",
-                "followTf": fabrication.design.frame_id(),
-                "layers": {
-                    "skin": {
-                        "layerId": "foxglove.Urdf",
-                        "instanceId": "skin",
-                        "label": "Skin",
-                        "visible": true,
-                        "sourceType": "topic",
-                        "topic": "/robot_description",
-                        "opacity": 0.6
-                    }
-                },
-                "topics": { MARKERS: { "visible": true } }
-            },
-            "Plot!force": {
-                "paths": paths,
-                "showLegend": true,
-                "isSynced": true,
-                "xAxisVal": "timestamp",
-                "followingViewWidth": 10
-            }
-        },
-        "globalVariables": {},
-        "userNodes": {},
-        "playbackConfig": { "speed": 1 },
-        "layout": { "direction": "row", "first": "3D!skin", "second": "Plot!force", "splitPercentage": 70 }
-    });
-    serde_json::to_string_pretty(&layout).expect("text and numbers are JSON") + "\n"
+    json!({
+        "paths": paths,
+        "showLegend": true,
+        "isSynced": true,
+        "xAxisVal": "timestamp",
+        "followingViewWidth": 10
+    })
 }
 
 /// Box of the electrodes, m: lower and upper corner.
