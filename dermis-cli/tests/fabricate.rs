@@ -54,12 +54,26 @@ fn what_no_workshop_can_make_is_an_error_with_its_line() {
         ("kerf_m = 0.002", "wider than the gaps"),
         ("seam_theta_rad = 90", "between -2 pi and 2 pi"),
         ("wall_mm = 5", "did you mean `wall_m`?"),
+        ("sheet_spread = 20", "sheet_spread is 20: it must be between 0 and 0.33"),
+        ("multiplexers = 0", "8 electrodes are more than 0 free inputs of 0"),
+        ("inputs = [0, 1]", "2 inputs for 8 electrodes"),
+        ("inputs = [0, 1, 2, 3, 4, 5, 6, 3]", "electrodes 3 and 7 are both on input 3"),
+        (
+            "inputs = [0, 1, 2, 3, 4, 5, 6, 31]",
+            "electrode 7 is on input 31, which the reference resistor takes",
+        ),
+        (
+            "multiplexers = 1\ninputs = [0, 1, 2, 3, 4, 5, 6, 32]",
+            "electrode 7 is on input 32, but the last is 31",
+        ),
     ];
     for (key, message) in cases {
         at.write("wrong.toml", format!("{DISK}[fabrication]\n{key}\n"));
         let said = at.refused("fabricate wrong.toml -o out");
         assert!(said.contains(message), "{key}: {said}");
+        let line = line + key.lines().position(|one| one.starts_with("inputs")).unwrap_or(0);
         assert!(said.contains(&format!("wrong.toml:{line}:")), "{key}: {said}");
+        assert_eq!(count(&at), 1, "{key}: something was written");
     }
     // Without the table the same is found, but only where it is made.
     let narrow = DISK
@@ -69,6 +83,40 @@ fn what_no_workshop_can_make_is_an_error_with_its_line() {
     at.write("narrow.toml", narrow);
     assert!(at.refused("fabricate narrow.toml -o out").contains("meet"));
     at.good("mesh narrow.toml -o narrow.vtu");
+}
+
+#[test]
+fn a_coat_that_does_not_settle_and_electrodes_without_an_input_are_refused() {
+    let at = Workplace::empty();
+    let coat = |ohm: &str| DISK.replace("sheet_resistance_ohm = 1000", &format!("sheet_resistance_ohm = {ohm}"));
+    assert_ne!(coat("2000"), DISK);
+    at.write("slow.toml", coat("1e8"));
+    let said = at.refused("fabricate slow.toml -o out");
+    assert!(said.contains("with a sheet resistance of 100000000 ohm per square the reading of slot"), "{said}");
+    assert!(said.contains("and the reader waits 10 ms at most"), "{said}");
+    let many = DISK.replace("count = 8", "count = 32").replace("length_m = 0.005", "length_m = 0.003");
+    at.write("many.toml", format!("{many}[fabrication]\nbore_m = 0.001\nmultiplexers = 1\n"));
+    let said = at.refused("fabricate many.toml -o out");
+    assert!(said.contains("32 electrodes are more than 31 free inputs of 32"), "{said}");
+    assert_eq!(count(&at), 2);
+}
+
+#[test]
+fn the_scan_table_of_the_folder_is_that_of_the_command() {
+    let at = Workplace::empty();
+    let inputs = "inputs = [40, 1, 2, 3, 4, 5, 6, 0]";
+    at.write("other.toml", format!("{DISK}[fabrication]\n{inputs}\n"));
+    at.good("fabricate other.toml -o out");
+    at.good("scan-table other.toml -o scan.csv");
+    at.good("scan-table other.toml --header -o scan.h");
+    for (ours, theirs) in [("scan.csv", "out/tables/scan-table.csv"), ("scan.h", "out/tables/scan_table.h")] {
+        assert_eq!(std::fs::read_to_string(at.path(ours)).unwrap(), std::fs::read_to_string(at.path(theirs)).unwrap());
+    }
+    // Electrode 0 is on input 8 of multiplexer 1.
+    let scan = std::fs::read_to_string(at.path("scan.csv")).unwrap();
+    assert!(scan.lines().nth(1).unwrap().starts_with("0,0,1,,,,1,8,0,1,0,31,0,31"), "{scan}");
+    let parts = std::fs::read_to_string(at.path("out/tables/parts.csv")).unwrap();
+    assert!(parts.contains("multiplexer,ADG732 (32 to 1),8,pieces"), "{parts}");
 }
 
 #[test]

@@ -111,6 +111,16 @@ impl BodyMesh {
         self.boundary.iter().map(on).min_by(|a, b| a.0.total_cmp(&b.0))
     }
 
+    /// Distance of a point from the nearest edge of the surface, m; `None` for a closed surface.
+    pub(crate) fn edge_distance_m(&self, point_m: Point3) -> Option<f64> {
+        self.edge(point_m).map(|(distance_m, _)| distance_m)
+    }
+
+    /// Area of the surface, m2.
+    pub fn area_m2(&self) -> f64 {
+        (0..self.triangles.len()).map(|triangle| triangle_area(self.corners(triangle))).sum()
+    }
+
     /// The place nearest to a point of the surface, within steps of a tenth, that is at least a distance from every edge,
     /// and its normal; `None` if none is found.
     pub(crate) fn away_from_edges(&self, point_m: Point3, least_m: f64) -> Option<(Point3, Point3)> {

@@ -17,6 +17,9 @@ pub enum FabricateError {
     /// A skin that cannot be solved.
     #[error(transparent)]
     Dermis(#[from] dermis::Error),
+    /// Electronics that cannot read a skin.
+    #[error(transparent)]
+    Electronics(#[from] dermis_sim::Error),
     /// A part that cannot be made.
     #[error("{message}")]
     Part {

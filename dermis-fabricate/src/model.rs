@@ -2,13 +2,16 @@
 
 use crate::body::BodyMesh;
 use crate::chart::Chart;
+use crate::electrical::Electrical;
 use crate::error::FabricateError;
 use crate::outline::Outline;
 use crate::patches::{self, Patch};
+use crate::solid::{self, Solid};
 use dermis::design::{Body, ElectrodeShape, FabricationOptions, SkinDesign, closest_bores};
 use dermis::geom::Point3;
 use dermis::geom::vector::{centroid, distance};
 use dermis::mesh::Mesh;
+use std::sync::OnceLock;
 
 /// What a workshop makes of a design. Lengths in m, in the frame of the design.
 #[derive(Debug, Clone)]
@@ -27,6 +30,9 @@ pub struct Fabrication {
     pub coat: Option<Outline>,
     /// The fabric patches.
     pub patches: Vec<Patch>,
+    /// What is made once and used by several outputs.
+    base: OnceLock<Solid>,
+    electrical: OnceLock<Electrical>,
 }
 
 /// An electrode, and the bore below it.
@@ -91,13 +97,38 @@ impl Fabrication {
         let coat = chart.as_ref().map(Chart::coat);
         Ok(Fabrication {
             design: design.clone(),
+            patches: patches::of(chart.as_ref(), body_mesh.as_ref(), &options)?,
             options,
             electrodes: electrodes.collect(),
-            patches: patches::of(chart.as_ref(), body_mesh.as_ref(), &options)?,
             body_mesh,
             chart,
             coat,
+            base: OnceLock::new(),
+            electrical: OnceLock::new(),
         })
+    }
+
+    /// The base; made at the first call.
+    ///
+    /// # Errors
+    /// As [`solid::base`].
+    pub fn base(&self) -> Result<&Solid, FabricateError> {
+        made_once(&self.base, || solid::base(self))
+    }
+
+    /// The electrical model; made at the first call.
+    ///
+    /// # Errors
+    /// As [`Electrical::new`].
+    pub fn electrical(&self) -> Result<&Electrical, FabricateError> {
+        made_once(&self.electrical, || Electrical::new(&self.design))
+    }
+}
+
+fn made_once<T>(cell: &OnceLock<T>, make: impl FnOnce() -> Result<T, FabricateError>) -> Result<&T, FabricateError> {
+    match cell.get() {
+        Some(made) => Ok(made),
+        None => make().map(|made| cell.get_or_init(|| made)),
     }
 }
 

@@ -1,5 +1,6 @@
-//! Other programs read what a workshop gets: trimesh and ezdxf from PyPI, admesh where it is installed. A script checks the
-//! folder against the design's file, with formulas of its own.
+//! Other programs read what a workshop gets: trimesh, ezdxf, xacro and MuJoCo from PyPI, admesh, ngspice, check_urdf and a C
+//! compiler where they are installed. Scripts check the folder against the design's file with formulas of their own, the
+//! tables against each other, and the robot descriptions.
 //!
 //! The programs are installed into a virtual environment under `target/`, at the versions in `python/requirements.txt`.
 //! If that is not possible, the tests print a message and pass, unless `DERMIS_REQUIRE_PYTHON` is set.
@@ -31,8 +32,12 @@ fn check(design: &Path) {
     let folder = at.path().join("workshop");
     write_folder(&folder, false, &Manifest::new(&made.design, notes(&made), &files), &files).unwrap();
     let Some(python) = python() else { return };
-    let said = interpreter::run(Command::new(python).arg(scripts().join("check_folder.py")).arg(&folder).arg(design));
-    println!("{}", said.unwrap_or_else(|why| panic!("{why}")));
+    for (script, needs_design) in [("check_folder.py", true), ("check_tables.py", false), ("check_robot.py", false)] {
+        let mut command = Command::new(python);
+        command.arg(scripts().join(script)).arg(&folder);
+        let said = interpreter::run(if needs_design { command.arg(design) } else { &mut command });
+        println!("{}", said.unwrap_or_else(|why| panic!("{why}")));
+    }
 }
 
 fn shipped(name: &str) -> PathBuf {

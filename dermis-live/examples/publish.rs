@@ -12,7 +12,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let domain = arguments.next().map(|text| text.parse()).transpose()?;
     let namespace = arguments.next().unwrap_or_default();
     let skin = synthetic::SyntheticSkin::shipped("skin16");
-    let mut publisher = Publisher::new(skin.reference.clone(), &PublisherOptions { domain, namespace })?;
+    let mut publisher =
+        Publisher::new(skin.reference.clone(), &PublisherOptions { domain, namespace, frame_id: None })?;
     let begun = Instant::now();
     let mut index = 0;
     while begun.elapsed().as_secs_f64() < seconds {

@@ -138,7 +138,7 @@ fn cyclone_receives_what_is_published() {
     let expected = expected(folder.path());
     // A separate domain per process, so that parallel tests do not receive each other's messages.
     let domain = 100 + (std::process::id() % 100) as u16;
-    let options = PublisherOptions { domain: Some(domain), namespace: "/left_arm".into() };
+    let options = PublisherOptions { domain: Some(domain), namespace: "/left_arm".into(), frame_id: None };
     let mut publisher = Publisher::new(skin().reference.clone(), &options).unwrap();
     let (over, stop) = (AtomicBool::new(false), folder.path().join("stop"));
     let said = std::thread::scope(|scope| {

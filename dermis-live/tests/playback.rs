@@ -40,11 +40,12 @@ fn record(methods: &Arc<MethodSet>, path: &Path) {
     let settings = Settings { method: Methods::REFINED.into(), ..Settings::default() };
     let options = LiveOptions { address, device: Default::default(), settings, state: None };
     let live = Live::start(Arc::clone(methods), options).unwrap();
-    let [mailbox, whole] = [(), ()].map(|()| live.shared().subscribe(WAITING));
+    let [mailbox, adapted, whole] = [(), (), ()].map(|()| live.shared().subscribe(WAITING));
     live.begin();
     await_frame(&mailbox, 200);
     let taping = RecordingSink::start(live.shared(), path, None, RecordingLimits::default()).unwrap();
     await_frame(&mailbox, 700);
+    await_adaptation(&adapted);
     live.shared().command(Command::Threshold { value: 0.9 });
     await_frame(&mailbox, 800);
     // Two commands between the same two frames.
@@ -66,6 +67,16 @@ fn frames_during_adaptation(mailbox: &Mailbox<Event>) -> usize {
             Event::Frame(frame) => count += usize::from(frame.result.validity.is_usable()),
             Event::Done(Command::Rebuild) => return count,
             _ => {}
+        }
+    }
+    panic!("the method was not adapted");
+}
+
+fn await_adaptation(mailbox: &Mailbox<Event>) {
+    let begun = Instant::now();
+    while begun.elapsed() < Duration::from_secs(60) {
+        if let Popped::Item(Event::Done(Command::Rebuild)) = mailbox.take(Duration::from_secs(1)) {
+            return;
         }
     }
     panic!("the method was not adapted");

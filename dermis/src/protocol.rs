@@ -1,7 +1,9 @@
 //! The drive and measure electrodes of every value of a frame.
 
+mod scan;
 mod table;
 
+pub use scan::{MultiplexerInput, ScanSlot};
 pub(crate) use table::CHANNEL_COLUMNS;
 pub use table::SCAN_COLUMNS;
 

@@ -65,6 +65,9 @@ pub struct Arguments {
     /// Namespace of the ROS 2 topics, as in /left_arm.
     #[arg(long, value_name = "NAME", default_value = "", hide_default_value = true, requires = "ros2")]
     namespace: String,
+    /// Name of the frame of the ROS 2 messages, as in left_cylinder30 [default: the design's name, as in its URDF]
+    #[arg(long, value_name = "NAME", requires = "ros2", value_parser = frame_id)]
+    frame_id: Option<String>,
     /// Write a line of JSON per frame: `-` to standard output, tcp:127.0.0.1:PORT to every program on this machine that
     /// connects.
     #[arg(long, value_name = "WHERE")]
@@ -182,7 +185,7 @@ impl Arguments {
         let shared = control.shared();
         let mut sinks = Sinks::default();
         if self.ros2 {
-            sinks.threads.push(publish(control, &self.namespace)?);
+            sinks.threads.push(publish(control, &self.namespace, self.frame_id.clone())?);
         }
         sinks.server = self.page.serve(control)?;
         if let Some(path) = &self.record {
@@ -312,15 +315,24 @@ fn wait_a_moment(thread: &JoinHandle<()>) {
 }
 
 #[cfg(feature = "ros2")]
-fn publish(control: &Control, namespace: &str) -> Outcome<JoinHandle<()>> {
-    let options = dermis_live::sinks::ros2::dds::PublisherOptions { domain: None, namespace: namespace.into() };
+fn publish(control: &Control, namespace: &str, frame_id: Option<String>) -> Outcome<JoinHandle<()>> {
+    let options =
+        dermis_live::sinks::ros2::dds::PublisherOptions { domain: None, namespace: namespace.into(), frame_id };
     Ok(dermis_live::sinks::ros2::dds::publish(control.shared(), &options)?)
 }
 
 #[cfg(not(feature = "ros2"))]
-fn publish(_: &Control, _: &str) -> Outcome<JoinHandle<()>> {
+fn publish(_: &Control, _: &str, _: Option<String>) -> Outcome<JoinHandle<()>> {
     let fix = "install it with ROS 2: cargo install --locked --path dermis-cli --features ros2";
     Err(Failure::given("--ros2: this program was built without ROS 2", Some(fix)))
+}
+
+/// The name of a frame: tf2 refuses empty names and a slash at the beginning.
+fn frame_id(text: &str) -> Result<String, String> {
+    match text.is_empty() || text.starts_with('/') || text.contains(char::is_whitespace) {
+        true => Err("the name of a frame is not empty, has no spaces, and does not begin with a slash".into()),
+        false => Ok(text.into()),
+    }
 }
 
 /// A zone from `NAME=X,Y,Z,RADIUS,TIMES`.

@@ -38,11 +38,13 @@ impl Arguments {
     /// Writes the table.
     pub fn run(self) -> Outcome {
         let design = SkinDesign::load(&self.design)?;
-        let table = ScanTable::new(&design.protocol).map_err(dermis_live::LiveError::from)?;
+        // Refuses what no device can be sent.
+        ScanTable::new(&design.protocol).map_err(dermis_live::LiveError::from)?;
+        let (protocol, places) = (&design.protocol, design.multiplexer_inputs());
         let text = match (self.firmware, self.header) {
             (true, _) => self.plan(&design)?.to_rust(),
-            (_, true) => table.to_c_header(&design.name, design.sha256()),
-            _ => table.to_csv(),
+            (_, true) => protocol.scan_c_header(&design.name, design.sha256(), &places),
+            _ => protocol.scan_csv(&places),
         };
         match &self.output {
             Some(path) => Ok(write_whole(path, |out| out.write_all(text.as_bytes()))?),

@@ -4,6 +4,9 @@ mod dxf;
 mod patterns;
 mod svg;
 
+pub(crate) use patterns::sheets;
+pub(crate) use svg::figure;
+
 use crate::error::FabricateError;
 use crate::folder::OutputFile;
 use crate::model::Fabrication;
@@ -56,6 +59,9 @@ const SCALE_M: f64 = 0.100;
 const COUPON_M: f64 = 0.020;
 const COUPON_HOLE_M: f64 = 0.010;
 const TEXT_M: f64 = 0.003;
+
+/// Layers that every sheet has, whatever is on it.
+pub(crate) const FURNITURE: [&str; 2] = ["SCALE", "COUPON"];
 
 const BLACK: ([u8; 3], u8) = ([0, 0, 0], 7);
 
@@ -112,13 +118,17 @@ fn furniture([x, y]: Point2, kerf_m: f64, labels: &mut Vec<Label>) -> [Layer; 2]
     let text = "side 20.00 mm, hole 10.00 mm ->".into();
     labels.push(Label { at_m: [x, y + 0.011], height_m: TEXT_M, text });
     [
-        Layer { name: "SCALE", colour: BLACK, outlines: vec![bar] },
-        Layer { name: "COUPON", colour: ([230, 120, 0], 30), outlines: vec![piece.grown(half_m), hole.grown(-half_m)] },
+        Layer { name: FURNITURE[0], colour: BLACK, outlines: vec![bar] },
+        Layer {
+            name: FURNITURE[1],
+            colour: ([230, 120, 0], 30),
+            outlines: vec![piece.grown(half_m), hole.grown(-half_m)],
+        },
     ]
 }
 
 /// A length in mm with at most seven decimals: tenths of a nanometre.
-fn mm(length_m: f64) -> String {
+pub(crate) fn mm(length_m: f64) -> String {
     let text = format!("{:.7}", 1e3 * length_m);
     let text = text.trim_end_matches('0').trim_end_matches('.');
     if text == "-0" { "0".into() } else { text.into() }

@@ -11,10 +11,11 @@ use std::f64::consts::PI;
 const RED: ([u8; 3], u8) = ([220, 0, 0], 1);
 const GREEN: ([u8; 3], u8) = ([0, 130, 0], 3);
 const BLUE: ([u8; 3], u8) = ([0, 0, 220], 5);
+const GREY: ([u8; 3], u8) = ([140, 140, 140], 8);
 const MAGENTA: ([u8; 3], u8) = ([190, 0, 190], 6);
 
 /// All sheets of a fabrication. A body from a mesh file does not unroll: it has the sheet of its patches alone.
-pub(super) fn sheets(fabrication: &Fabrication) -> Vec<Sheet> {
+pub(crate) fn sheets(fabrication: &Fabrication) -> Vec<Sheet> {
     let mut sheets = vec![patches(fabrication)];
     if let (Some(chart), Some(coat)) = (&fabrication.chart, &fabrication.coat) {
         sheets.extend([foam(fabrication, coat), coat_mask(fabrication, chart, coat), template(fabrication, chart)]);
@@ -170,6 +171,19 @@ fn regions(fabrication: &Fabrication, chart: &Chart, coat: &Outline) -> Vec<Outl
     outlines
 }
 
+/// The wire channels on the inner side, as far as the template goes: from each bore to the lower edge.
+fn channels(fabrication: &Fabrication, chart: &Chart, template: &Outline) -> Vec<Outline> {
+    let options = &fabrication.options;
+    if options.channel_depth_m == 0.0 {
+        return Vec::new();
+    }
+    let half_m = 0.5 * options.channel_width_m;
+    let low_m = template.bounds_m()[0][1];
+    let places = fabrication.electrodes.iter().flat_map(|one| chart.places_within_m(one.bore.centre_m, half_m));
+    let band = |[s, t]: Point2| Outline::rectangle([s - half_m, low_m], [s + half_m, t]).clipped(template);
+    places.filter_map(band).collect()
+}
+
 /// The drill template: a print that is laid round the base; lines are drawn where they are, without the kerf.
 fn template(fabrication: &Fabrication, chart: &Chart) -> Sheet {
     let options = &fabrication.options;
@@ -186,9 +200,9 @@ fn template(fabrication: &Fabrication, chart: &Chart) -> Sheet {
             bores.push(Outline::Circle { centre_m, radius_m });
         }
     }
-    let layers = vec![
-        Layer { name: "TEMPLATE", colour: BLUE, outlines: vec![outline] },
-        Layer { name: "DRILL", colour: RED, outlines: bores },
-    ];
+    let channels = channels(fabrication, chart, &outline);
+    let mut layers = vec![Layer { name: "TEMPLATE", colour: BLUE, outlines: vec![outline] }];
+    layers.extend((!channels.is_empty()).then_some(Layer { name: "CHANNELS", colour: GREY, outlines: channels }));
+    layers.push(Layer { name: "DRILL", colour: RED, outlines: bores });
     sheet(fabrication, "drill-template", "drill template to print at 100 %", layers, labels)
 }

@@ -1,7 +1,7 @@
 //! SVG with its size and its coordinates in mm, y down.
 
 use crate::outline::Outline;
-use crate::sheet::{Sheet, escaped, mm};
+use crate::sheet::{FURNITURE, Label, Layer, Sheet, escaped, mm};
 use std::fmt::Write as _;
 
 /// Width of a line, mm: cutters read it as a hairline.
@@ -33,6 +33,63 @@ pub(super) fn text(sheet: &Sheet) -> String {
         let [x, y] = [label.at_m[0], sheet.size_m[1] - label.at_m[1]].map(mm);
         let size = mm(label.height_m / CAPITALS);
         let _ = writeln!(text, "<text x=\"{x}\" y=\"{y}\" font-size=\"{size}\">{}</text>", escaped(&label.text));
+    }
+    text + "</g>\n</svg>\n"
+}
+
+/// Smallest capitals that are read on paper, mm, and most labels that are enlarged to them.
+const READABLE_MM: f64 = 1.6;
+const MOST_ENLARGED: usize = 120;
+/// Width of a letter over the height of capitals, at most.
+const LETTER: f64 = 1.0;
+
+/// The drawing of a sheet alone, for a page, as large as a box (width and height on paper, mm) allows. Labels that would be
+/// too small are enlarged, or left out where there are many.
+pub(crate) fn figure(sheet: &Sheet, box_mm: [f64; 2]) -> String {
+    let layers: Vec<&Layer> = sheet.layers.iter().filter(|layer| !FURNITURE.contains(&layer.name)).collect();
+    let bounds = layers.iter().flat_map(|layer| &layer.outlines).map(Outline::bounds_m);
+    let [low, high] = bounds.fold([[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]], |[low, high], [a, b]| {
+        [[low[0].min(a[0]), low[1].min(a[1])], [high[0].max(b[0]), high[1].max(b[1])]]
+    });
+    let (width, height) = (1e3 * (high[0] - low[0]), 1e3 * (high[1] - low[1]));
+    let scale = (box_mm[0] / width).min(box_mm[1] / height);
+    let inside = |label: &&Label| label.at_m[1] >= low[1] && label.at_m[1] <= high[1] && label.at_m[0] <= high[0];
+    let labels: Vec<&Label> = sheet.labels.iter().filter(inside).collect();
+    let usual_mm = 1e3 * labels.iter().map(|label| label.height_m).fold(f64::MIN_POSITIVE, f64::max);
+    let factor = (READABLE_MM / (scale * usual_mm)).max(1.0);
+    let shown = factor == 1.0 || labels.len() <= MOST_ENLARGED;
+    let line = 0.25 / scale;
+    // Room for labels of what is at the right edge.
+    let end = |label: &&Label| {
+        1e3 * (label.at_m[0] + LETTER * factor * label.height_m * label.text.chars().count() as f64 - high[0])
+    };
+    let room = if shown { labels.iter().map(end).fold(0.0, f64::max) } else { 0.0 } + 1.0 / scale;
+    let (left, top) = (1e3 * low[0] - 1.0 / scale, 1e3 * (sheet.size_m[1] - high[1]) - 1.0 / scale);
+    let (wide, tall) = (width + 1.0 / scale + room, height + 2.0 / scale);
+    let mut text = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{:.1}mm\" viewBox=\"{left:.3} {top:.3} {wide:.3} {tall:.3}\" \
+         role=\"img\">\n<title>{}</title>\n",
+        (wide * scale).min(box_mm[0]),
+        escaped(&sheet.purpose)
+    );
+    for layer in layers {
+        let [red, green, blue] = layer.colour.0;
+        let colour = format!("#{red:02x}{green:02x}{blue:02x}");
+        let _ = writeln!(
+            text,
+            "<g fill=\"{colour}\" fill-opacity=\"{}\" stroke=\"{colour}\" stroke-width=\"{line:.3}\">",
+            if layer.outlines.len() > 1 { 0.15 } else { 0.04 }
+        );
+        for outline in &layer.outlines {
+            let _ = writeln!(text, "<path d=\"{}\"/>", path(outline, sheet.size_m[1]));
+        }
+        text += "</g>\n";
+    }
+    text += "<g fill=\"#1c2330\" font-family=\"'DejaVu Sans', Verdana, sans-serif\">\n";
+    for label in labels.into_iter().filter(|_| shown) {
+        let [x, y] = [label.at_m[0], sheet.size_m[1] - label.at_m[1]].map(mm);
+        let size = factor * 1e3 * label.height_m / CAPITALS;
+        let _ = writeln!(text, "<text x=\"{x}\" y=\"{y}\" font-size=\"{size:.3}\">{}</text>", escaped(&label.text));
     }
     text + "</g>\n</svg>\n"
 }

@@ -96,11 +96,11 @@ impl Solid {
 /// # Errors
 /// A base that cannot be made as designed.
 pub fn files(fabrication: &Fabrication) -> Result<Vec<OutputFile>, FabricateError> {
-    let solid = base(fabrication)?;
+    let solid = fabrication.base()?;
     let name = &fabrication.design.name;
     Ok(vec![
-        OutputFile::new("base.stl", "base to print: binary STL, mm", stl::bytes(&solid)),
-        OutputFile::new("base.3mf", "base to print: 3MF with its unit", threemf::bytes(&solid, name)?),
+        OutputFile::new("base.stl", "base to print: binary STL, mm", stl::bytes(solid)),
+        OutputFile::new("base.3mf", "base to print: 3MF with its unit", threemf::bytes(solid, name)?),
     ])
 }
 

@@ -359,15 +359,38 @@ def check_tables():
     assert len({(row["multiplexer"], row["input"]) for row in wiring}) == len(wiring)
     netlist = (FOLDER / "tables/skin.cir").read_text()
     readings = table("tables/readings.csv")
+    check_currents(netlist, len(centres), readings[readings["channel"] < 0])
+    # Readings of the reference resistor have no channel.
+    readings = readings[readings["channel"] >= 0]
     volts = solve(netlist, len(centres), readings)
     worst = np.abs(volts - readings["volt"]).max() / np.abs(readings["volt"]).max()
     assert worst < 1e-7, worst
+    ohm = np.abs(readings["ohm"] - volts / currents(netlist, len(centres), readings)).max() / np.abs(readings["ohm"]).max()
+    assert ohm < 1e-7, ohm
     print(f"readings: {len(readings)}, the netlist by its own solver within {worst:.1e} of the largest")
     check_ngspice(netlist, readings)
 
 
+def check_currents(netlist, count, references):
+    """The voltages across the reference resistor, one for each drive."""
+    reference = float(re.search(r"^Rreference .* (\S+)$", netlist, re.M).group(1))
+    assert np.abs(references["volt"] / (reference * currents(netlist, count, references)) - 1.0).max() < 1e-7
+
+
 def solve(netlist, count, readings):
-    """Voltages of the netlist by nodal analysis: the electrodes, the supply behind the reference resistor, ground."""
+    """Voltages of the netlist between the measured electrodes."""
+    potentials, _ = potentials_and_currents(netlist, count, readings)
+    rows = np.arange(len(readings))
+    volts = potentials[rows, readings["measure_plus"]] - potentials[rows, readings["measure_minus"]]
+    return np.abs(volts) if design["protocol"].get("amplitude_only") else volts
+
+
+def currents(netlist, count, readings):
+    return potentials_and_currents(netlist, count, readings)[1]
+
+
+def potentials_and_currents(netlist, count, readings):
+    """Nodal analysis of each drive: the electrodes, the supply behind the reference resistor, ground."""
     value = lambda name: float(re.search(rf"^{name} .* (\S+)$", netlist, re.M).group(1))
     source_v, reference, on = value("V1"), value("Rreference"), float(re.search(r"alter Rsource\d+ (\S+)", netlist).group(1))
     skin = np.zeros((count, count))
@@ -375,15 +398,15 @@ def solve(netlist, count, readings):
         a, b, siemens = int(a), int(b), 1.0 / float(ohm)
         skin[[a, b], [a, b]] += siemens
         skin[[a, b], [b, a]] -= siemens
-    volts = np.empty(len(readings))
+    all_potentials, all_currents = np.empty((len(readings), count)), np.empty(len(readings))
     for index, row in enumerate(readings):
         system, currents = skin.copy(), np.zeros(count)
         system[row["drive_source"], row["drive_source"]] += 1.0 / (reference + on)
         currents[row["drive_source"]] = source_v / (reference + on)
         system[row["drive_sink"], row["drive_sink"]] += 1.0 / on
-        potentials = np.linalg.solve(system, currents)
-        volts[index] = potentials[row["measure_plus"]] - potentials[row["measure_minus"]]
-    return np.abs(volts) if design["protocol"].get("amplitude_only") else volts
+        all_potentials[index] = np.linalg.solve(system, currents)
+        all_currents[index] = (source_v - all_potentials[index, row["drive_source"]]) / (reference + on)
+    return all_potentials, all_currents
 
 
 def check_ngspice(netlist, readings):

@@ -1,10 +1,9 @@
 //! The scan table of a protocol: the channel of each reading of a frame.
 
-use dermis::protocol::{Protocol, SCAN_COLUMNS};
+use dermis::protocol::{Pair, Protocol, ScanSlot};
 use dermis_wire::{ScanPart, Slot, Slots};
 
-/// The meaning of the readings of a frame, slot by slot: for each drive, in order of first use, one reading of the
-/// reference resistor and then the drive's channels in their order.
+/// The slots of a [scan](Protocol::scan) in the wire format, and the meaning of each.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScanTable {
     slots: Vec<Slot>,
@@ -27,26 +26,22 @@ impl ScanTable {
     /// # Errors
     /// More electrodes or slots than the wire format supports.
     pub fn new(protocol: &Protocol) -> Result<Self, TooLarge> {
-        let (drives, drive_of) = protocol.drives();
-        let slot_count = drives.len() + drive_of.len();
-        if slot_count > usize::from(u16::MAX) || protocol.electrode_count() >= usize::from(u16::MAX) {
-            return Err(TooLarge { slot_count, electrode_count: protocol.electrode_count() });
+        let scan = protocol.scan();
+        let (slot_count, electrode_count) = (scan.len(), protocol.electrode_count());
+        if slot_count > usize::from(u16::MAX) || electrode_count >= usize::from(u16::MAX) {
+            return Err(TooLarge { slot_count, electrode_count });
         }
-        let short = |electrode: usize| electrode as u16;
-        let mut table = ScanTable { slots: Vec::with_capacity(slot_count), roles: Vec::with_capacity(slot_count) };
-        let mut channels_of = vec![Vec::new(); drives.len()];
-        drive_of.iter().enumerate().for_each(|(channel, &drive)| channels_of[drive].push(channel));
-        for (drive, (&[source, sink], channels)) in drives.iter().zip(channels_of).enumerate() {
-            let mut add = |measure: Option<[u16; 2]>, role: Role| {
-                table.slots.push(Slot { source: short(source), sink: short(sink), measure });
-                table.roles.push(role);
-            };
-            add(None, Role::Current(drive));
-            for channel in channels {
-                add(Some(protocol.channels()[channel].measure.map(short)), Role::Channel(channel));
-            }
-        }
-        Ok(table)
+        let short = |pair: Pair| pair.map(|electrode| electrode as u16);
+        let slot = |ScanSlot { drive, measure }: &ScanSlot| {
+            let [source, sink] = short(*drive);
+            Slot { source, sink, measure: measure.map(|(pair, _)| short(pair)) }
+        };
+        let mut drives = 0..;
+        let role = |slot: &ScanSlot| match slot.measure {
+            Some((_, channel)) => Role::Channel(channel),
+            None => Role::Current(drives.next().expect("a range without an end")),
+        };
+        Ok(ScanTable { slots: scan.iter().map(slot).collect(), roles: scan.iter().map(role).collect() })
     }
 
     /// The slots, as sent to a device.
@@ -67,45 +62,6 @@ impl ScanTable {
             total,
             slots: Slots::Given(slots),
         })
-    }
-
-    /// The table as CSV with the columns [`SCAN_COLUMNS`]; readings of the reference resistor have no measure pair and
-    /// no channel. A design reads it as its protocol (`pattern.table`).
-    pub fn to_csv(&self) -> String {
-        let mut text = SCAN_COLUMNS.join(",") + "\n";
-        for (index, (slot, role)) in self.slots.iter().zip(&self.roles).enumerate() {
-            let Slot { source, sink, measure } = slot;
-            text += &match (measure, role) {
-                (Some([plus, minus]), Role::Channel(channel)) => {
-                    format!("{index},{source},{sink},{plus},{minus},{channel}\n")
-                }
-                _ => format!("{index},{source},{sink},,,\n"),
-            };
-        }
-        text
-    }
-
-    /// The table as a C header for firmware: an array of `{source, sink, plus, minus}`, with `0xFFFF` for an input that
-    /// is on the reference resistor, and the design hash that the device must send in its hello.
-    pub fn to_c_header(&self, design: &str, design_sha256: [u8; 32]) -> String {
-        let hash: Vec<String> = design_sha256.iter().map(|byte| format!("0x{byte:02x}")).collect();
-        let mut text = format!(
-            "/* Scan table of the skin `{design}`, made by `dermis scan-table`. */\n#ifndef DERMIS_SCAN_TABLE_H\n\
-             #define DERMIS_SCAN_TABLE_H\n\n#include <stdint.h>\n\n#define DERMIS_SLOT_COUNT {}\n\
-             #define DERMIS_ON_REFERENCE 0xFFFFu\n\n\
-             static const uint8_t dermis_design_sha256[32] = {{\n    {},\n    {}}};\n\n\
-             /* source, sink, plus, minus */\nstatic const uint16_t dermis_scan_table[DERMIS_SLOT_COUNT][4] = {{\n",
-            self.slots.len(),
-            hash[..16].join(", "),
-            hash[16..].join(", "),
-        );
-        for Slot { source, sink, measure } in &self.slots {
-            text += &match measure {
-                Some([plus, minus]) => format!("    {{{source}, {sink}, {plus}, {minus}}},\n"),
-                None => format!("    {{{source}, {sink}, DERMIS_ON_REFERENCE, DERMIS_ON_REFERENCE}},\n"),
-            };
-        }
-        text + "};\n\n#endif\n"
     }
 }
 
@@ -143,9 +99,5 @@ mod tests {
         }
         let whole: Vec<Slot> = table.parts().flat_map(|part| part.slots.iter().collect::<Vec<_>>()).collect();
         assert_eq!(whole, table.slots());
-        assert_eq!(table.to_csv().lines().count(), 901);
-        assert_eq!(table.to_csv().lines().nth(2), Some("1,0,1,1,2,0"));
-        assert_eq!(Protocol::parse_csv(&table.to_csv(), "scan.csv", 30).unwrap(), design.protocol);
-        assert!(table.to_c_header("x", [7; 32]).contains("#define DERMIS_SLOT_COUNT 900\n"));
     }
 }

@@ -7,12 +7,9 @@ use dermis::forward::ForwardModel;
 use dermis::mesh::Mesh;
 use dermis_firmware::{Instrument, Settling, TimedSlot};
 use dermis_sim::twin::TwinOptions;
-use dermis_sim::twin::electronics::{Electronics, ElectronicsOptions, Switching};
+use dermis_sim::twin::electronics::{ElectronicsOptions, SettlingPlan, Switching};
 use dermis_wire::Slot;
 use std::fmt::Write;
-
-/// Settling times are those of the design times this: coats and contacts of a built skin differ from it.
-const MARGIN: f64 = 1.25;
 
 /// Bits of the firmware's readings.
 const MOST_BITS: u32 = 16;
@@ -50,33 +47,20 @@ impl ReaderPlan {
         let mesh = Mesh::generate(design).map_err(dermis::Error::from)?;
         let forward = ForwardModel::new(design, &mesh)?;
         let network = forward.network(forward.rest_conductivity()).map_err(dermis::Error::from)?;
-        // All switches of the greatest resistance that three standard deviations allow.
-        let on_resistance_ohm = electronics.on_resistance_ohm + 3.0 * electronics.on_resistance_spread_ohm;
-        let slowest = ElectronicsOptions {
-            on_resistance_ohm,
-            on_resistance_spread_ohm: 0.0,
-            snr_db: None,
-            ..electronics.clone()
-        };
-        let built = Electronics::new(&slowest, &design.protocol, &network, 0)?;
-        let wait_ns = |slot: &Slot| {
-            let drive = [usize::from(slot.source), usize::from(slot.sink)];
-            let connection = (drive, slot.measure.map(|inputs| inputs.map(usize::from)));
-            let half_step_v = built.half_step_v(connection).unwrap_or(f64::INFINITY);
-            nanoseconds(MARGIN * built.settling_s(&network, connection, switching, half_step_v))
-        };
+        let plan = SettlingPlan::new(electronics, &design.protocol, &network, switching)?;
         let scan = ScanTable::new(&design.protocol)?;
-        let slots = scan.slots().iter().map(|slot| TimedSlot { slot: *slot, wait_ns: wait_ns(slot) }).collect();
+        let timed = |(slot, wait_s): (&Slot, &f64)| TimedSlot { slot: *slot, wait_ns: nanoseconds(*wait_s) };
+        let slots = scan.slots().iter().zip(&plan.waits_s).map(timed).collect();
         Ok(ReaderPlan {
             design: design.name.clone(),
             twin: twin.name.clone(),
             design_sha256: design.sha256(),
             electrode_count: design.electrodes.len() as u16,
-            volts_per_count: built.volts_per_count().unwrap_or([f64::NAN; 3]),
+            volts_per_count: plan.electronics.volts_per_count().unwrap_or([f64::NAN; 3]),
             full_scale: ((1u32 << (adc.bits - 1)) - 1) as u16,
             electronics: electronics.clone(),
             slots,
-            otherwise_ns: nanoseconds(MARGIN * built.longest_settling_s(&network, switching)),
+            otherwise_ns: nanoseconds(plan.otherwise_s),
         })
     }
 

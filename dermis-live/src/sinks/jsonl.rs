@@ -96,7 +96,7 @@ pub fn write_lines(shared: &LiveHandle, mailbox: &Arc<Mailbox<Event>>, out: &mut
 }
 
 fn write_until_closed(shared: &LiveHandle, mailbox: &Mailbox<Event>, out: &mut dyn Write) -> std::io::Result<()> {
-    let frame_id = &shared.skin().design().name;
+    let frame_id = &shared.skin().design().frame_id();
     loop {
         match mailbox.take(Duration::from_secs(1)) {
             Popped::Item(Event::Frame(frame) | Event::Stale(frame)) => {

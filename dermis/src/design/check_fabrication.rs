@@ -4,14 +4,19 @@ use crate::design::check::{Problem, millimetres, problem};
 use crate::design::fabrication::closest_bores;
 use crate::design::resolve::Place;
 use crate::design::{Body, FabricationOptions, SheetKind, SkinDesign};
+use crate::protocol::MultiplexerInput;
 use std::f64::consts::PI;
 
 /// Largest wall, bore, channel, flange, pitch, foam, kerf or overlap, m: larger ones are in another unit than metres.
 const LARGEST_M: f64 = 1.0;
 /// Smallest wall, bore, channel and pitch, m: no printer makes a thinner wall, no cutter a smaller patch.
 const SMALLEST_M: f64 = 2e-4;
+/// Inputs on a line: as many as a scan table can name.
+const MOST_INPUTS: usize = 0xFFFF;
 /// Maximum number of patches: a thousand times those of the paper's skin.
 const MOST_PATCHES: f64 = 1e6;
+/// Largest spread of resistances: three of it are less than the resistance itself.
+const LARGEST_SPREAD: f64 = 0.33;
 
 fn wrong(key: &'static str, message: impl Into<String>) -> Problem {
     problem(Place::Fabrication(Some(key)), message)
@@ -28,6 +33,7 @@ pub(super) fn fabrication(design: &SkinDesign) -> Result<(), Problem> {
     wall(&design.body, &options)?;
     flange(&design.body, &options)?;
     bores(design, &options)?;
+    multiplexers(design, &options)?;
     patches(&design.body, &options)
 }
 
@@ -48,6 +54,12 @@ fn sizes(options: &FabricationOptions) -> Result<(), Problem> {
         if !(least..=LARGEST_M).contains(&value) {
             let message = format!("{key} is {value} m: it must be between {least} and {LARGEST_M} m");
             return Err(wrong(key, message).fix("lengths are in metres"));
+        }
+    }
+    for (key, value) in [("sheet_spread", options.sheet_spread), ("contact_spread", options.contact_spread)] {
+        if !(0.0..=LARGEST_SPREAD).contains(&value) {
+            let message = format!("{key} is {value}: it must be between 0 and {LARGEST_SPREAD}");
+            return Err(wrong(key, message).fix("a spread is relative: 0.2 is 20 %"));
         }
     }
     if !options.seam_theta_rad.is_finite() || options.seam_theta_rad.abs() > 2.0 * PI {
@@ -128,6 +140,39 @@ pub fn bores_meet(i: usize, j: usize, land_m: f64) -> String {
         millimetres(land_m),
         millimetres(FabricationOptions::LEAST_LAND_M)
     )
+}
+
+/// Electrodes without an input of the multiplexers, and inputs with two.
+fn multiplexers(design: &SkinDesign, options: &FabricationOptions) -> Result<(), Problem> {
+    let (count, per_one) = (design.electrodes.len(), MultiplexerInput::PER_MULTIPLEXER);
+    if let Some(given) = options.inputs.as_ref().map(Vec::len).filter(|given| *given != count) {
+        let message = format!("{given} inputs for {count} electrodes");
+        return Err(wrong("inputs", message).fix("give one for each electrode, in the order of their numbers"));
+    }
+    let most = options.multiplexers.map_or(usize::MAX, |multiplexers| multiplexers.saturating_mul(per_one));
+    if count >= most {
+        let message = format!(
+            "{count} electrodes are more than {} free inputs of {most}: the reference resistor takes one",
+            most.saturating_sub(1)
+        );
+        return Err(wrong("multiplexers", message).fix("give more multiplexers, or leave `multiplexers` out"));
+    }
+    let mut electrode_at = std::collections::HashMap::new();
+    for (electrode, place) in design.multiplexer_inputs().into_iter().enumerate() {
+        let number = place.number();
+        let message = match electrode_at.insert(number, electrode) {
+            Some(other) => format!("electrodes {other} and {electrode} are both on input {number}"),
+            None if place == MultiplexerInput::REFERENCE => {
+                format!("electrode {electrode} is on input {number}, which the reference resistor takes")
+            }
+            None if number >= most.min(MOST_INPUTS) => {
+                format!("electrode {electrode} is on input {number}, but the last is {}", most.min(MOST_INPUTS) - 1)
+            }
+            None => continue,
+        };
+        return Err(wrong("inputs", message).fix("give each electrode an input of its own"));
+    }
+    Ok(())
 }
 
 fn patches(body: &Body, options: &FabricationOptions) -> Result<(), Problem> {

@@ -2,12 +2,13 @@
 
 use crate::design::{Body, SkinDesign};
 use crate::geom::vector::{Point3, distance, normalize, scale, sub};
+use crate::protocol::MultiplexerInput;
 
 /// Sizes of the parts that a workshop makes. Lengths in m.
 ///
 /// The paper prints the base, embeds the electrodes in it and leads the wires away underneath; it cuts fabric with a
 /// laser and glues neoprene foam on it. It states no sizes of these parts: the defaults are common ones.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct FabricationOptions {
     /// Thickness of the base below the coat.
     pub wall_m: f64,
@@ -31,6 +32,15 @@ pub struct FabricationOptions {
     pub seam_theta_rad: f64,
     /// Width by which foam and drill template pass beyond the seam of a cylinder.
     pub overlap_m: f64,
+    /// Relative standard deviation of the sheet resistance that a coat reaches.
+    pub sheet_spread: f64,
+    /// Relative standard deviation of the contact impedances, one from the other.
+    pub contact_spread: f64,
+    /// Multiplexers on each of the four lines (source, sink, plus, minus); `None`: as many as needed.
+    pub multiplexers: Option<usize>,
+    /// The [place](MultiplexerInput::numbered) of each electrode on the multiplexers; `None`: the
+    /// [usual](MultiplexerInput::usual) one.
+    pub inputs: Option<Vec<usize>>,
 }
 
 impl Default for FabricationOptions {
@@ -53,6 +63,12 @@ impl Default for FabricationOptions {
             kerf_m: 0.0002,
             seam_theta_rad: 0.0,
             overlap_m: 0.0,
+            // Sprayed coats differ by a few ten per cent from one to the next.
+            sheet_spread: 0.2,
+            // As the shipped twin `lab`.
+            contact_spread: 0.3,
+            multiplexers: None,
+            inputs: None,
         }
     }
 }
@@ -107,7 +123,21 @@ pub fn closest_bores(bores: &[(Point3, Point3)], options: &FabricationOptions) -
 impl SkinDesign {
     /// What a workshop makes: the design's, or the default.
     pub fn fabrication_options(&self) -> FabricationOptions {
-        self.fabrication.unwrap_or_default()
+        self.fabrication.clone().unwrap_or_default()
+    }
+
+    /// The place of each electrode on the multiplexers.
+    pub fn multiplexer_inputs(&self) -> Vec<MultiplexerInput> {
+        match self.fabrication.as_ref().and_then(|options| options.inputs.as_ref()) {
+            Some(inputs) => inputs.iter().map(|&number| MultiplexerInput::numbered(number)).collect(),
+            None => (0..self.electrodes.len()).map(MultiplexerInput::usual).collect(),
+        }
+    }
+
+    /// Name of the frame that positions are in, for robots: the design's name with `_` for what is neither a letter or
+    /// digit of ASCII nor `_`.
+    pub fn frame_id(&self) -> String {
+        self.name.replace(|letter: char| !letter.is_ascii_alphanumeric() && letter != '_', "_")
     }
 
     /// The bores of a body whose surface is known: the centre on the surface and the outward normal of each. `None` for

@@ -391,4 +391,13 @@ pub(super) struct FabricationTable {
     pub seam_theta_rad: Option<At<f64>>,
     /// Width by which the foam and the drill template pass beyond the seam of a cylinder, m; default: 0.
     pub overlap_m: Option<At<f64>>,
+    /// Relative standard deviation of the sheet resistance that a coat reaches; default: 0.2.
+    pub sheet_spread: Option<At<f64>>,
+    /// Relative standard deviation of the contact impedances, one from the other; default: 0.3.
+    pub contact_spread: Option<At<f64>>,
+    /// Multiplexers of 32 inputs on each of the four lines; default: as many as needed.
+    pub multiplexers: Option<At<usize>>,
+    /// Place of each electrode on the multiplexers: 32 times the multiplexer, and its input; default: the electrode's
+    /// number, and one more from 31 on, where the reference resistor is.
+    pub inputs: Option<At<Vec<usize>>>,
 }

@@ -71,7 +71,7 @@ pub(super) fn read(text: &str, name: &str) -> Result<(DesignFile, SkinDesign), D
     })?;
     let design = source.resolve(&file)?;
     check::check(&design)
-        .and_then(|()| design.fabrication.map_or(Ok(()), |_| check_fabrication::fabrication(&design)))
+        .and_then(|()| design.fabrication.as_ref().map_or(Ok(()), |_| check_fabrication::fabrication(&design)))
         .map_err(|problem| source.fail(Some(locate(&file, problem.place)), problem.message, problem.fix))?;
     Ok((file, design))
 }
@@ -101,7 +101,7 @@ fn locate(file: &DesignFile, place: Place) -> Range<usize> {
         Place::Mesh => file.mesh.as_ref().map_or(file.body.span.clone(), |mesh| mesh.span.clone()),
         Place::Fabrication(key) => file.fabrication.as_ref().map_or(file.body.span.clone(), |table| {
             let of_key = fabrication_keys(&table.value).into_iter().find(|(name, _)| Some(*name) == key);
-            of_key.and_then(|(_, value)| value.as_ref()).map_or(table.span.clone(), |value| value.span.clone())
+            of_key.and_then(|(_, span)| span).unwrap_or(table.span.clone())
         }),
     }
 }
@@ -347,19 +347,26 @@ fn mesh_options(body: &Body, electrodes: &[Electrode], table: Option<&MeshTable>
 }
 
 /// The keys of the table `[fabrication]`.
-fn fabrication_keys(table: &FabricationTable) -> [(&'static str, &Option<At<f64>>); 11] {
+fn fabrication_keys(table: &FabricationTable) -> [(&'static str, Option<Range<usize>>); 15] {
+    fn span<T>(at: &Option<At<T>>) -> Option<Range<usize>> {
+        at.as_ref().map(|at| at.span.clone())
+    }
     [
-        ("wall_m", &table.wall_m),
-        ("bore_m", &table.bore_m),
-        ("channel_width_m", &table.channel_width_m),
-        ("channel_depth_m", &table.channel_depth_m),
-        ("flange_m", &table.flange_m),
-        ("patch_pitch_m", &table.patch_pitch_m),
-        ("patch_gap_m", &table.patch_gap_m),
-        ("foam_thickness_m", &table.foam_thickness_m),
-        ("kerf_m", &table.kerf_m),
-        ("seam_theta_rad", &table.seam_theta_rad),
-        ("overlap_m", &table.overlap_m),
+        ("wall_m", span(&table.wall_m)),
+        ("bore_m", span(&table.bore_m)),
+        ("channel_width_m", span(&table.channel_width_m)),
+        ("channel_depth_m", span(&table.channel_depth_m)),
+        ("flange_m", span(&table.flange_m)),
+        ("patch_pitch_m", span(&table.patch_pitch_m)),
+        ("patch_gap_m", span(&table.patch_gap_m)),
+        ("foam_thickness_m", span(&table.foam_thickness_m)),
+        ("kerf_m", span(&table.kerf_m)),
+        ("seam_theta_rad", span(&table.seam_theta_rad)),
+        ("overlap_m", span(&table.overlap_m)),
+        ("sheet_spread", span(&table.sheet_spread)),
+        ("contact_spread", span(&table.contact_spread)),
+        ("multiplexers", span(&table.multiplexers)),
+        ("inputs", span(&table.inputs)),
     ]
 }
 
@@ -378,6 +385,10 @@ fn fabrication_options(table: &FabricationTable) -> FabricationOptions {
         kerf_m: or(&table.kerf_m, usual.kerf_m),
         seam_theta_rad: or(&table.seam_theta_rad, usual.seam_theta_rad),
         overlap_m: or(&table.overlap_m, usual.overlap_m),
+        sheet_spread: or(&table.sheet_spread, usual.sheet_spread),
+        contact_spread: or(&table.contact_spread, usual.contact_spread),
+        multiplexers: table.multiplexers.as_ref().map(|at| at.value),
+        inputs: table.inputs.as_ref().map(|at| at.value.clone()),
     }
 }
 

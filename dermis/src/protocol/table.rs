@@ -12,14 +12,14 @@ pub(crate) const CHANNEL_COLUMNS: [&str; 5] =
     ["channel", "drive_source", "drive_sink", "measure_plus", "measure_minus"];
 
 /// The columns of a scan table, in which readings have slots and may be no channel: `dermis scan-table` writes it for
-/// firmware.
+/// firmware. Further columns are its own.
 pub const SCAN_COLUMNS: [&str; 6] =
     ["slot", CHANNEL_COLUMNS[1], CHANNEL_COLUMNS[2], CHANNEL_COLUMNS[3], CHANNEL_COLUMNS[4], CHANNEL_COLUMNS[0]];
 
 impl Protocol {
     /// A protocol from a channel table, a CSV file with the columns
     /// `channel,drive_source,drive_sink,measure_plus,measure_minus` and a row per value of a frame, or from a scan
-    /// table, whose columns are `slot,drive_source,drive_sink,measure_plus,measure_minus,channel`.
+    /// table, whose columns are `slot,drive_source,drive_sink,measure_plus,measure_minus,channel`, and more that are not read.
     ///
     /// # Errors
     /// A file that cannot be read; the errors of [`parse_csv`](Self::parse_csv).
@@ -53,8 +53,8 @@ impl Protocol {
         let rows = lines.filter(|(_, row)| !row.is_empty());
         let channels = if is(&CHANNEL_COLUMNS) {
             channel_rows(rows).map_err(wrong)?
-        } else if is(&SCAN_COLUMNS) {
-            scan_rows(rows).map_err(wrong)?
+        } else if header.split(',').map(str::trim).take(SCAN_COLUMNS.len()).eq(SCAN_COLUMNS) {
+            scan_rows(rows, header.split(',').count()).map_err(wrong)?
         } else {
             let [channels, scan] = [CHANNEL_COLUMNS.join(","), SCAN_COLUMNS.join(",")];
             let message = format!("the header is `{header}`, but it must be `{channels}`, or `{scan}` of a scan table");
@@ -75,17 +75,19 @@ fn numbers(line: usize, fields: &[&str]) -> Result<Vec<usize>, Wrong> {
 }
 
 /// The fields of a row of some columns.
-fn fields<const COLUMNS: usize>(line: usize, row: &str) -> Result<[&str; COLUMNS], Wrong> {
+fn fields(line: usize, row: &str, columns: usize) -> Result<Vec<&str>, Wrong> {
     let fields: Vec<&str> = row.split(',').map(str::trim).collect();
-    let count = fields.len();
-    fields.try_into().map_err(|_| (line, format!("{count} values, but there are {COLUMNS} columns")))
+    match fields.len() {
+        count if count == columns => Ok(fields),
+        count => Err((line, format!("{count} values, but there are {columns} columns"))),
+    }
 }
 
 /// The rows of a channel table.
 fn channel_rows<'a>(rows: impl Iterator<Item = (usize, &'a str)>) -> Result<Vec<Channel>, Wrong> {
     let mut channels = Vec::new();
     for (line, row) in rows {
-        let numbers = numbers(line, &fields::<5>(line, row)?)?;
+        let numbers = numbers(line, &fields(line, row, CHANNEL_COLUMNS.len())?)?;
         if numbers[0] != channels.len() {
             return Err((line, format!("channel {}, but {} comes next", numbers[0], channels.len())));
         }
@@ -95,10 +97,10 @@ fn channel_rows<'a>(rows: impl Iterator<Item = (usize, &'a str)>) -> Result<Vec<
 }
 
 /// The rows of a scan table.
-fn scan_rows<'a>(rows: impl Iterator<Item = (usize, &'a str)>) -> Result<Vec<Channel>, Wrong> {
+fn scan_rows<'a>(rows: impl Iterator<Item = (usize, &'a str)>, columns: usize) -> Result<Vec<Channel>, Wrong> {
     let mut found: Vec<(usize, usize, Channel)> = Vec::new();
     for (next, (line, row)) in rows.enumerate() {
-        let fields = fields::<6>(line, row)?;
+        let fields = &fields(line, row, columns)?[..SCAN_COLUMNS.len()];
         let first = numbers(line, &fields[..3])?;
         if first[0] != next {
             return Err((line, format!("slot {}, but {next} comes next", first[0])));

@@ -63,6 +63,8 @@ pub struct PublisherOptions {
     pub domain: Option<u16>,
     /// Namespace of node and topics, such as `/left_arm`; empty for none.
     pub namespace: String,
+    /// Name of the frame of positions; `None` for [that of the design](dermis::design::SkinDesign::frame_id).
+    pub frame_id: Option<String>,
 }
 
 impl PublisherOptions {
@@ -239,7 +241,8 @@ const ROS2: &str = "ROS 2";
 /// A domain that cannot be joined.
 pub fn publish(shared: &Arc<LiveHandle>, options: &PublisherOptions) -> Result<JoinHandle<()>, LiveError> {
     let skin = shared.skin();
-    let reference = Reference { frame_id: skin.design().name.clone(), space: Arc::clone(skin.pixels()) };
+    let frame_id = options.frame_id.clone().unwrap_or_else(|| skin.design().frame_id());
+    let reference = Reference { frame_id, space: Arc::clone(skin.pixels()) };
     let given = |error: PublishError| LiveError::Given(error.to_string());
     let mut publisher = Publisher::new(reference, options).map_err(given)?;
     let shared = Arc::clone(shared);
@@ -274,7 +277,7 @@ mod tests {
 
     #[test]
     fn domains_and_namespaces_that_there_are_not_are_named() {
-        let given = |domain, namespace: &str| PublisherOptions { domain, namespace: namespace.into() };
+        let given = |domain, namespace: &str| PublisherOptions { domain, namespace: namespace.into(), frame_id: None };
         let (reference, _) = synthetic::pressed();
         let error = Publisher::new(reference.clone(), &given(Some(233), "")).err().expect("refused");
         assert!(matches!(&error, PublishError::Domain { given } if given == "233"), "{error}");

@@ -38,7 +38,7 @@ pub(super) fn scene(skin: &Skin, quantity: Quantity, methods: &[String], emulate
         "type": "scene",
         "version": env!("CARGO_PKG_VERSION"),
         "design": design.name,
-        "frame_id": design.name,
+        "frame_id": design.frame_id(),
         "touch": match design.sheet.touch {
             TouchEffect::ConductanceRises => "conductance_rises",
             TouchEffect::ConductanceFalls => "conductance_falls",

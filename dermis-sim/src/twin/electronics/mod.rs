@@ -12,6 +12,7 @@
 //! multiplexers are in the position of its first slot, so that no frame depends on another.
 
 mod options;
+mod plan;
 mod report;
 mod settling;
 mod slots;
@@ -20,6 +21,7 @@ mod tests;
 
 pub use options::{AdcOptions, ElectronicsOptions, HumOptions};
 pub(super) use options::{not_negative, out_of_range, positive};
+pub use plan::SettlingPlan;
 pub use report::{ElectronicsReport, ErrorPart};
 pub use slots::{Connection, SlotReader, Switching};
 

@@ -1,0 +1,150 @@
+//! Parts of the reader, and materials of the skin.
+
+use crate::error::FabricateError;
+use crate::model::Fabrication;
+use dermis::design::Body;
+
+/// A row of the list of parts.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Part {
+    /// What it is.
+    pub part: String,
+    /// Its type; empty where any will do.
+    pub kind: String,
+    /// How much.
+    pub quantity: f64,
+    /// Of which unit: `pieces`, `cm3`, `cm2`, `m`.
+    pub unit: &'static str,
+    /// What it is for.
+    pub purpose: &'static str,
+}
+
+/// Length of a wire from the edge of the base to the reader, m: an arm's length from a shelf beside the robot, to be cut.
+const LEAD_M: f64 = 0.3;
+/// Lines with multiplexers: source, sink, plus, minus.
+const LINES: usize = 4;
+
+/// The parts: those of the reader as `docs/firmware.md` names them, and the materials as the design's sizes demand.
+///
+/// # Errors
+/// A base that cannot be made; a design without an electrical model.
+pub fn parts(fabrication: &Fabrication) -> Result<Vec<Part>, FabricateError> {
+    let electrical = fabrication.electrical()?;
+    let multiplexers = LINES * electrical.multiplexers;
+    let piece = |part: &str, kind: &str, count: usize, purpose| Part {
+        part: part.into(),
+        kind: kind.into(),
+        quantity: count as f64,
+        unit: "pieces",
+        purpose,
+    };
+    let kohm = 1e-3 * electrical.electronics.reference_ohm;
+    let mut parts = vec![
+        piece("controller", "Raspberry Pi Pico", 1, "drives the multiplexers and sends frames"),
+        piece("multiplexer", "ADG732 (32 to 1)", multiplexers, "source; ground; plus and minus input"),
+        piece("amplifier", "AD8253", 1, "gain 1 or 10"),
+        piece("driver", "fully differential; unity gain", 1, "between amplifier and converter"),
+        piece("converter", "MCP33131D-10", 1, "16 bits"),
+        piece("reference resistor", &format!("{kohm} kohm; 0.1 %; 10 ppm/K"), 1, "in series with the source"),
+        piece("bias resistor", "10 Mohm", 2, "amplifier inputs to half the supply"),
+        piece("electrode", &bore_kind(fabrication), fabrication.electrodes.len(), "pin or screw in each bore"),
+    ];
+    parts.extend(materials(fabrication)?);
+    Ok(parts)
+}
+
+fn bore_kind(fabrication: &Fabrication) -> String {
+    format!("{} mm", 1e3 * fabrication.options.bore_m)
+}
+
+fn materials(fabrication: &Fabrication) -> Result<Vec<Part>, FabricateError> {
+    let of = |part: &str, kind: String, quantity: f64, unit, purpose| Part {
+        part: part.into(),
+        kind,
+        quantity,
+        unit,
+        purpose,
+    };
+    let fabric_m2: f64 = fabrication.patches.iter().map(|patch| patch.outline.area_m2()).sum();
+    let ohm = 1.0 / fabrication.design.sheet.conductance;
+    let foam = format!("{} mm thick", 1e3 * fabrication.options.foam_thickness_m);
+    Ok(vec![
+        of(
+            "printed base",
+            String::new(),
+            1e-3 * fabrication.base()?.volume_mm3(),
+            "cm3",
+            "solid volume without supports",
+        ),
+        of("coat", format!("{ohm:.0} ohm per square"), 1e4 * coat_m2(fabrication), "cm2", "sprayed on the base"),
+        of("conductive fabric", String::new(), 1e4 * fabric_m2, "cm2", "patches; without what is cut away"),
+        of("stretchable film", String::new(), 1e4 * fabric_m2, "cm2", "ironed on the fabric"),
+        of("foam", foam, 1e4 * foam_m2(fabrication), "cm2", "over the patches"),
+        of("wire", String::new(), wire_m(fabrication), "m", "channels and 0.3 m to the reader for each electrode"),
+    ])
+}
+
+/// Area of the coat, m2.
+fn coat_m2(fabrication: &Fabrication) -> f64 {
+    match (&fabrication.coat, &fabrication.body_mesh) {
+        (Some(coat), _) => coat.area_m2(),
+        (None, Some(mesh)) => mesh.area_m2(),
+        (None, None) => 0.0,
+    }
+}
+
+/// Area of the foam, m2: the coat, and the overlap of a cylinder.
+fn foam_m2(fabrication: &Fabrication) -> f64 {
+    let overlap_m2 = match fabrication.design.body {
+        Body::Cylinder { length_m, .. } => length_m * fabrication.options.overlap_m,
+        _ => 0.0,
+    };
+    coat_m2(fabrication) + overlap_m2
+}
+
+/// Length of all wires, m: each as far as its channel's end (on a body from a mesh file, to the nearest edge) and to the
+/// reader.
+fn wire_m(fabrication: &Fabrication) -> f64 {
+    let flange_m = fabrication.options.flange_m;
+    let channel_m = |[x, y, z]: [f64; 3]| match (&fabrication.design.body, &fabrication.body_mesh) {
+        (Body::Cylinder { .. }, _) => z + flange_m,
+        (Body::Disk { diameter_m }, _) => y + (0.25 * diameter_m * diameter_m - x * x).max(0.0).sqrt() + flange_m,
+        (Body::Rectangle { .. }, _) => y + flange_m,
+        (_, mesh) => mesh.as_ref().and_then(|mesh| mesh.edge_distance_m([x, y, z])).unwrap_or(0.0),
+    };
+    fabrication.electrodes.iter().map(|one| channel_m(one.bore.centre_m) + LEAD_M).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dermis::design::SkinDesign;
+    use std::f64::consts::PI;
+
+    fn amount_of(parts: &[Part], name: &str) -> f64 {
+        parts.iter().find(|part| part.part == name).unwrap().quantity
+    }
+
+    /// The paper's skin: a coat of 942 cm2, 30 x 31 patches, a tube less 30 bores and 10 channels.
+    #[test]
+    fn the_papers_skin_needs_what_its_sizes_say() {
+        let design = SkinDesign::shipped("cylinder30").unwrap();
+        let parts = parts(&Fabrication::new(&design).unwrap()).unwrap();
+        let coat_cm2 = PI * 10.0 * 30.0;
+        assert!((amount_of(&parts, "coat") - coat_cm2).abs() < 1e-9);
+        assert!((amount_of(&parts, "foam") - coat_cm2).abs() < 1e-9);
+        let patch_cm2 = 0.9 * (PI * 10.0 / 31.0 - 0.1);
+        assert!((amount_of(&parts, "conductive fabric") - 930.0 * patch_cm2).abs() < 1e-9);
+        // Rings at 0, 60, ..., 300 mm, the outer ones moved 2.5 mm inward.
+        let heights_m = 5.0 * (0.0025 + 0.06 + 0.12 + 0.18 + 0.24 + 0.2975);
+        assert!((amount_of(&parts, "wire") - heights_m - 30.0 * 0.3).abs() < 1e-9);
+        assert_eq!((amount_of(&parts, "multiplexer"), amount_of(&parts, "electrode")), (4.0, 30.0));
+        // Each channel takes 3 x 2 mm off: five of 240 mm and five of 297.5 mm; bores take the wall above them.
+        let tube = PI * (25.0 - 20.25) * 30.0;
+        let channels = 0.3 * 0.2 * 5.0 * (24.0 + 29.75);
+        let bores = 30.0 * PI * 0.15 * 0.15 * 0.3;
+        let least = tube - channels - bores;
+        let volume = amount_of(&parts, "printed base");
+        assert!(volume < tube && (volume / least - 1.0).abs() < 0.003, "{volume} cm3, about {least} cm3");
+    }
+}
