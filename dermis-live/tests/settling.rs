@@ -96,7 +96,7 @@ impl Reader {
         let ends_v = [-injected_v, self.electronics.source_v + injected_v];
         let mut worst = vec![0.0f64; times_ns.len()];
         for corner in 0..8 {
-            let lines_v = [0, 1, 2].map(|line| ends_v[corner >> line & 1]);
+            let lines_v = [0, 1, 2].map(|line| ends_v[(corner >> line) & 1]);
             let values_v = ngspice(&self.netlist(slot, lines_v, times_ns));
             assert_eq!(values_v.len(), 1 + times_ns.len(), "one value of each run");
             for (worst, value_v) in worst.iter_mut().zip(&values_v[1..]) {
