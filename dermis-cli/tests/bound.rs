@@ -31,7 +31,7 @@ fn the_bounds_of_a_skin_are_told_in_a_table_and_in_files() {
 fn more_noise_makes_every_bound_worse() {
     let at = Workplace::new();
     let of = |noise: &str| -> serde_json::Value {
-        serde_json::from_str(&at.good(&format!("bound disk.toml --noise {noise} --separation-step 29 --json"))).unwrap()
+        serde_json::from_str(&at.good(&format!("bound disk.toml --noise {noise} --separation-step 20 --json"))).unwrap()
     };
     let (quiet, loud) = (of("70"), of("50"));
     for key in ["sd_m", "smallest_force_n", "separation_m"] {

@@ -82,7 +82,7 @@ fn the_score_of_a_small_experiment_is_known() {
     for key in ["localisation_m", "eq11_m"] {
         let mut keys: Vec<&str> = json[key].as_object().unwrap().keys().map(String::as_str).collect();
         keys.sort_unstable();
-        assert_eq!(keys, ["mean", "median", "p95", "sd"]);
+        assert_eq!(keys, ["largest_tenth", "mean", "median", "p95", "sd"]);
     }
 }
 

@@ -1,6 +1,7 @@
 //! Detection of broken channels in frames of the untouched skin.
 
 use crate::frame::{Frame, mean};
+use crate::protocol::Protocol;
 use crate::stats::upper_median;
 
 /// A channel is broken if its noise is this many times that of the median channel: for some channels, range switching
@@ -23,6 +24,22 @@ pub fn broken_channels(untouched: &[Frame]) -> Vec<usize> {
     (0..sd.len()).filter(|&channel| is_broken(sd[channel])).collect()
 }
 
+/// The electrodes that carry no current, ascending: most channels of each of their drives are unusable. Where two electrodes
+/// are driven with each other alone, it is both of them.
+pub fn disconnected_electrodes(protocol: &Protocol, is_usable: impl Fn(usize) -> bool) -> Vec<usize> {
+    let (drives, drive_of) = protocol.drives();
+    let mut counts = vec![[0usize; 2]; drives.len()];
+    for (channel, &drive) in drive_of.iter().enumerate() {
+        counts[drive][usize::from(is_usable(channel))] += 1;
+    }
+    let has_current = |drive: usize| counts[drive][1] >= counts[drive][0];
+    let is_disconnected = |electrode: &usize| {
+        let mut own = (0..drives.len()).filter(|&drive| drives[drive].contains(electrode)).peekable();
+        own.peek().is_some() && !own.any(has_current)
+    };
+    (0..protocol.electrode_count()).filter(is_disconnected).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -39,5 +56,18 @@ mod tests {
         assert_eq!(broken_channels(&frames), vec![0, 18, 19, 38, 39]);
         assert!(broken_channels(&frames[..1]).is_empty() && broken_channels(&[]).is_empty());
         assert!(broken_channels(&vec![Frame(vec![1.0, 2.0]); 5]).is_empty());
+    }
+    #[test]
+    fn an_electrode_whose_drives_have_no_current_is_disconnected() {
+        let protocol = Protocol::adjacent(8).unwrap();
+        let channels = protocol.channels();
+        for electrode in 0..8 {
+            let driven = |channel: usize| channels[channel].drive.contains(&electrode);
+            // A single broken channel elsewhere, and one that looks usable, change nothing.
+            let [other, own] = [false, true].map(|own| (0..channels.len()).find(|&channel| driven(channel) == own));
+            let is_usable = |channel| Some(channel) != other && (Some(channel) == own || !driven(channel));
+            assert_eq!(disconnected_electrodes(&protocol, is_usable), [electrode]);
+        }
+        assert!(disconnected_electrodes(&protocol, |_| true).is_empty());
     }
 }

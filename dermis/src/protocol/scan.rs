@@ -166,7 +166,8 @@ mod tests {
         assert!(text.contains(",30,31,32,33,") && text.contains(",0,30,1,0,1,1,1,2\n"), "{text}");
         assert_eq!(Protocol::parse_csv(&text, "scan.csv", 34).unwrap(), protocol);
         let header = protocol.scan_c_header("a */ b", [7; 32], &places);
-        assert!(header.contains("#define DERMIS_SLOT_COUNT 1122\n") && header.contains("`a * / b`"));
+        // 34 drives of 33 measure pairs and the reference resistor.
+        assert!(header.contains("#define DERMIS_SLOT_COUNT 1156\n") && header.contains("`a * / b`"), "{header}");
         assert_eq!(header.matches("DERMIS_ON_REFERENCE, DERMIS_ON_REFERENCE}").count(), 34);
     }
 }

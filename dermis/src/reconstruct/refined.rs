@@ -4,7 +4,7 @@ use crate::contact::Contact;
 use crate::design::{SkinDesign, TouchEffect};
 use crate::detect::{DetectOptions, Forces};
 use crate::forward::{ForwardModel, Matrix};
-use crate::frame::{Frame, broken_channels};
+use crate::frame::{Frame, broken_channels, disconnected_electrodes};
 use crate::identify::{Identifier, IdentifyOptions};
 use crate::image::PixelSpace;
 use crate::reconstruct::{FEWEST_UNTOUCHED_FRAMES, Quantity, Reconstruct, ReconstructError};
@@ -66,15 +66,17 @@ impl Refined {
     fn refiner(&self, rest: &Frame, untouched: &[Frame]) -> crate::Result<Option<Refiner>> {
         let sd_ohm = self.noise_ohm(untouched);
         let of_mean: Vec<f64> = sd_ohm.iter().map(|sd| sd / (untouched.len() as f64).sqrt()).collect();
-        let skin = self.identifier()?.identify(rest, &of_mean)?;
-        if skin.misfit > MOST_MISFIT {
+        // The search of a skin that explains other values leads to ones that cannot be solved.
+        let Some(skin) = self.identifier()?.identify(rest, &of_mean).ok().filter(|skin| skin.misfit <= MOST_MISFIT)
+        else {
             return Ok(None);
-        }
+        };
         Ok(Some(Refiner::new(&self.design.body, skin.model(), &sd_ohm, self.options)?))
     }
 
-    /// The standard deviation of each channel in untouched frames, ohm; 0 for one that is broken or does not vary. Those
-    /// without a driven electrode share one, as the scatter of few frames is uncertain.
+    /// The standard deviation of each channel in untouched frames, ohm; 0 for one that is broken, does not vary, or uses a
+    /// disconnected electrode, whose voltage does not settle. Those without a driven electrode share one, as the scatter of
+    /// few frames is uncertain.
     fn noise_ohm(&self, untouched: &[Frame]) -> Vec<f64> {
         let channels = self.design.protocol.channels();
         let broken = broken_channels(untouched);
@@ -83,7 +85,13 @@ impl Refined {
             Ok(_) => 0.0,
             Err(_) => rms(untouched.iter().map(|frame| frame[channel])),
         };
-        let own: Vec<f64> = (0..channels.len()).map(own).collect();
+        let mut own: Vec<f64> = (0..channels.len()).map(own).collect();
+        let disconnected = disconnected_electrodes(&self.design.protocol, |channel| own[channel] > 0.0);
+        for (own, channel) in own.iter_mut().zip(channels) {
+            if channel.drive.iter().chain(&channel.measure).any(|electrode| disconnected.contains(electrode)) {
+                *own = 0.0;
+            }
+        }
         let varying = |channel: &usize| own[*channel] > 0.0 && own[*channel].is_finite();
         let free: Vec<usize> = (0..own.len()).filter(|&channel| !channels[channel].touches_driven()).collect();
         let pooled = rms(free.iter().filter(|channel| varying(channel)).map(|&channel| own[channel]));
