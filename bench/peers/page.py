@@ -36,11 +36,17 @@ class Program:
 
 
 def machine(names):
-    """The machine, and the versions of packages."""
-    model = next(
-        (line.split(":")[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")),
-        platform.processor(),
-    )
+    """The machine with its widest instructions, and the versions of packages."""
+    processor = {}
+    for line in reversed(open("/proc/cpuinfo").readlines()):
+        key, _, value = line.partition(":")
+        processor[key.strip()] = value.strip()
+    model = processor.get("model name", platform.processor())
+    if "cpu family" in processor:
+        model += f" (family {processor['cpu family']}, model {processor['model']})"
+    flags = processor.get("flags", "").split()
+    widest = next((name for flag, name in (("avx512f", "AVX-512"), ("avx2", "AVX2")) if flag in flags), None)
+    model += f", {widest}" if widest else ""
     versions = ", ".join(f"{name} {version(name)}" for name in names)
     return f"{model}, {len(CORES)} cores; Python {platform.python_version()}, {versions}."
 

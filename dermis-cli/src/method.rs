@@ -1,7 +1,7 @@
 //! The reconstruction method of a command.
 
 use crate::channels::{Channels, LEAVE_OUT_HELP};
-use crate::console::Progress;
+use crate::console::{Progress, warn};
 use crate::failure::{Failure, Outcome};
 use crate::range::number;
 use clap::{Args, ValueEnum};
@@ -155,7 +155,11 @@ impl MethodArguments {
     pub fn prepare(&self, skin: &Skin, differences: &Differences) -> Outcome<Method> {
         let _waiting = Progress::waiting("preparing the method");
         let method = dermis_learn::methods().method(skin, self.name(), &self.options(skin, differences)?)?;
-        Ok(method.adapted(differences)?)
+        let method = method.adapted(differences)?;
+        if let Some(text) = method.reconstruct().warning() {
+            warn(&text);
+        }
+        Ok(method)
     }
 
     fn options(&self, skin: &Skin, differences: &Differences) -> Outcome<MethodOptions> {

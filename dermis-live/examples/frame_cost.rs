@@ -23,6 +23,7 @@ fn main() {
         for touches in [Vec::new(), four.clone()] {
             let settings = Settings { method: method.clone(), ..Settings::default() };
             let mut bench = Bench::new(lab(), 1, touches, settings);
+            bench.rebuild();
             let first = bench.next;
             let packets: Vec<Vec<u8>> =
                 (first..first + FRAMES).map(|index| bench.emulator.frame_packet(index).expect("a frame")).collect();

@@ -29,6 +29,11 @@ impl Channel {
         self.measure.iter().any(|electrode| self.drive.contains(electrode))
     }
 
+    /// Whether an electrode is driven or measured.
+    pub fn uses(&self, electrode: usize) -> bool {
+        self.drive.contains(&electrode) || self.measure.contains(&electrode)
+    }
+
     /// The channel with drive and measure exchanged; by reciprocity it reads the same value.
     pub fn reciprocal(&self) -> Channel {
         Channel { drive: self.measure, measure: self.drive }

@@ -130,9 +130,7 @@ impl Skin {
     /// Channels that drive or measure at an electrode.
     pub fn channels_of(&self, electrode: usize) -> impl Iterator<Item = usize> {
         let channels = self.design().protocol.channels().iter().enumerate();
-        channels
-            .filter(move |(_, channel)| channel.drive.contains(&electrode) || channel.measure.contains(&electrode))
-            .map(|(index, _)| index)
+        channels.filter(move |(_, channel)| channel.uses(electrode)).map(|(index, _)| index)
     }
 }
 
@@ -161,7 +159,7 @@ mod tests {
         let protocol = &skin.design().protocol;
         for channel in skin.channels_of(7) {
             let channel = protocol.channels()[channel];
-            assert!(channel.drive.contains(&7) || channel.measure.contains(&7));
+            assert!(channel.uses(7));
         }
         // Two drives of 29 channels each, and two channels of each of the other 28 drives.
         assert_eq!(skin.channels_of(7).count(), 2 * 29 + 28 * 2);

@@ -138,7 +138,7 @@ impl Network {
 
     /// Whether a channel uses an electrode without connection.
     pub(super) fn is_open(&self, channel: &Channel) -> bool {
-        channel.drive.iter().chain(&channel.measure).any(|electrode| self.open.contains(electrode))
+        self.open.iter().any(|&electrode| channel.uses(electrode))
     }
 }
 

@@ -7,7 +7,7 @@ use crate::error::FabricateError;
 use crate::model::Fabrication;
 use crate::notes::notes;
 use crate::sheet::escaped;
-use dermis::design::{Body, ElectrodeShape};
+use dermis::design::{Body, ElectrodeShape, SkinDesign};
 
 pub(super) fn overview(fabrication: &Fabrication) -> Result<String, FabricateError> {
     let (design, options) = (&fabrication.design, &fabrication.options);
@@ -232,11 +232,11 @@ pub(super) fn test(fabrication: &Fabrication) -> Result<String, FabricateError> 
     let rows: Vec<Vec<String>> = of_first.take(SHOWN).map(row).collect();
     let columns =
         [("Slot", true), ("Between", false), ("Least, mV", true), ("Expected, mV", true), ("Greatest, mV", true)];
-    let name = if is_plain(&fabrication.design.name) { fabrication.design.name.as_str() } else { "skin" };
+    let design = argument(&fabrication.design);
     let port = "--source serial:/dev/ttyACM0";
     let commands = format!(
-        "dermis check-device {name}.toml {port}\ndermis check-build {name}.toml {port} -o report.html\n\
-         dermis live {name}.toml {port}"
+        "dermis check-device {design} {port}\ndermis check-build {design} {port} -o report.html\n\
+         dermis live {design} {port}"
     );
     let text = format!(
         "<p>Read the skin untouched and compare with {}. Limits are three standard deviations: the sheet resistance differs by \
@@ -256,6 +256,15 @@ pub(super) fn test(fabrication: &Fabrication) -> Result<String, FabricateError> 
         escaped(&commands)
     );
     Ok(section("6. First test", &text, true))
+}
+
+/// A design as an argument of a command: the name of a shipped one, else a file.
+fn argument(design: &SkinDesign) -> String {
+    let name = if is_plain(&design.name) { design.name.as_str() } else { "skin" };
+    match SkinDesign::shipped(name).is_some_and(|shipped| shipped == *design) {
+        true => name.into(),
+        false => format!("{name}.toml"),
+    }
 }
 
 /// Whether a name needs no quotes in a shell.

@@ -52,3 +52,12 @@ fn the_page_has_every_electrode_and_the_sizes_of_the_design() {
         assert!(page.contains(part), "{part}");
     }
 }
+
+/// A shipped design is named in commands as it is; a changed one is a file.
+#[test]
+fn the_commands_of_the_page_name_the_design() {
+    let mut design = SkinDesign::shipped("skin16").unwrap();
+    assert!(page_of(&design).contains("dermis live skin16 --source"));
+    design.sheet.conductance *= 2.0;
+    assert!(page_of(&design).contains("dermis live skin16.toml --source"));
+}

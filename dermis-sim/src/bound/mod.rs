@@ -190,7 +190,7 @@ impl Bounds {
     /// # Errors
     /// A press that the twin cannot simulate.
     pub fn position_of(&self, press: &Press, normal: Point3) -> crate::Result<Option<PositionBound>> {
-        let precision = self.with_unknown_phase(&[*press])?;
+        let precision = self.with_unknown_phase(&[*press], &self.clean(&[*press])?)?;
         let columns = self.derivatives(&precision, press, normal)?;
         let Ok(covariance) = invert_spd(&precision.information(&columns)) else { return Ok(None) };
         let at = |i: usize, j: usize| covariance.at(i, j);
@@ -205,13 +205,12 @@ impl Bounds {
 
     /// The precision of the frame of some presses, if the phase of the patches is unknown: the frame's change by one
     /// standard deviation of the phase is one more disturbance.
-    fn with_unknown_phase(&self, presses: &[Press]) -> crate::Result<Precision> {
+    fn with_unknown_phase(&self, presses: &[Press], frame: &Frame) -> crate::Result<Precision> {
         if self.physics.shifted.is_empty() {
             return Ok(self.precision.clone());
         }
-        let unshifted = self.clean(presses)?;
         let of_shift = |shift: &Shift| -> crate::Result<Vec<f64>> {
-            let change = difference(&shift.twin.clean(presses)?, &unshifted);
+            let change = difference(&shift.twin.clean(presses)?, frame);
             Ok(change.into_iter().map(|value| shift.sd_m / STEP_M * value).collect())
         };
         let phases = self.physics.shifted.iter().map(of_shift).collect::<crate::Result<_>>()?;

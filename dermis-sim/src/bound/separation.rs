@@ -81,8 +81,9 @@ impl Bounds {
         if !self.has_chart() {
             return Err(TwinError::NoChart.into());
         }
-        let (precision, target) = (self.with_unknown_phase(pair)?, self.clean(pair)?.0);
-        let fit = SingleFit { bounds: self, precision, target, enough };
+        let target = self.clean(pair)?;
+        let precision = self.with_unknown_phase(pair, &target)?;
+        let fit = SingleFit { bounds: self, precision, target: target.0, enough };
         // From the centre of force, and from each of them: one press may hide the other.
         let [a, b] = pair;
         let force_n = a.force_n + b.force_n;

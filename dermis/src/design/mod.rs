@@ -24,7 +24,7 @@ use crate::protocol::Protocol;
 use std::path::PathBuf;
 
 /// A skin, complete and checked.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct SkinDesign {
     /// Name for tables and plots.
     pub name: String,

@@ -106,3 +106,25 @@ fn contacts_are_refined_whichever_way_a_touch_changes_the_conductance() {
         assert!(off_m < 5e-4, "{touch:?}: {off_m}");
     }
 }
+
+/// The frames of another skin, here with its electrodes in the reverse order, are not those of the model: the method says so
+/// and keeps the contacts.
+#[test]
+fn frames_that_the_model_does_not_explain_are_named_in_a_warning() {
+    let skin = Skin::load("cylinder30").unwrap();
+    let rest = skin.forward().solve(skin.forward().rest_conductivity()).unwrap();
+    let noisy = |frame: u64| {
+        let mut rng = sample_rng(72, frame);
+        Frame(rest.iter().rev().map(|value| value + 0.03 * standard_normal(&mut rng)).collect())
+    };
+    let differences = Differences::new(vec![rest.clone()], (0..20).map(noisy).collect());
+    let method = Methods::linear().method(&skin, Methods::REFINED, &MethodOptions::default()).unwrap();
+    assert_eq!(method.reconstruct().warning(), None, "before it is adapted");
+    let adapted = method.adapted(&differences).unwrap();
+    let warning = adapted.without_channels(&skin, &[]).unwrap().reconstruct().warning().unwrap();
+    assert!(warning.starts_with("contacts are not refined: no skin of the model explains"), "{warning}");
+    let mut contacts = vec![Contact::truth([0.05, 0.0, 0.1], [f64::NAN; 3], f64::NAN)];
+    let before = contacts.clone();
+    adapted.reconstruct().correct(&differences.frames[0], &mut contacts);
+    assert_eq!(contacts, before);
+}

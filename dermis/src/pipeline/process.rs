@@ -53,9 +53,8 @@ impl Pipeline {
         if !validity.is_usable() {
             self.image.values.fill(0.0);
         }
-        if let Some((level, text)) = self.reports.validity(&validity) {
-            self.notice(level, text, time.at);
-        }
+        let texts = [self.reports.validity(&validity), self.reports.method(self.method.reconstruct().warning())];
+        texts.into_iter().flatten().for_each(|(level, text)| self.notice(level, text, time.at));
         self.update_health(&input);
         Ok(PipelineFrame {
             sequence: input.sequence,

@@ -1,4 +1,4 @@
-//! Notices of changes of state: of the validity of frames, of electrodes, drives and channels.
+//! Notices of changes of state: of the validity of frames, of the method, of electrodes, drives and channels.
 
 use crate::pipeline::electrodes::{Change, ElectrodeTopology};
 use crate::pipeline::health::{ElectrodeState, Severity};
@@ -18,6 +18,8 @@ pub(super) struct Reports {
     reason: Option<InvalidReason>,
     bad_drives: Vec<usize>,
     are_channels_bad: bool,
+    /// The warning of the method.
+    method: Option<String>,
 }
 
 impl Reports {
@@ -33,6 +35,13 @@ impl Reports {
             Some(reason) => (Severity::Error, format!("frames are invalid: {}", reason.text())),
             None => (Severity::Info, "frames are valid again".into()),
         })
+    }
+
+    /// Reports the warning of a method.
+    pub(super) fn method(&mut self, warning: Option<String>) -> Option<Text> {
+        let before = std::mem::replace(&mut self.method, warning);
+        let text = self.method.clone().filter(|_| self.method != before)?;
+        Some((Severity::Warning, text))
     }
 
     /// Reports drives that become bad or sound again.

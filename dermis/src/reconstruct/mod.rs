@@ -138,6 +138,11 @@ pub trait Reconstruct: Send + Sync {
         Ok(None)
     }
 
+    /// Why the method does less than it could on the skin to which it is [adapted](Self::adapted); `None` if it does not.
+    fn warning(&self) -> Option<String> {
+        None
+    }
+
     /// How unlike the presses of its calibration the difference of a touched frame is: the mean square of its residual
     /// over the one that 99 % of the calibration's presses do not exceed. `None` for methods without a calibration, and
     /// where the frame is untouched.
@@ -187,6 +192,10 @@ impl<P: Deref<Target: Reconstruct> + Send + Sync> Reconstruct for P {
 
     fn adapted(&self, rest: &Frame, untouched: &[Frame]) -> Result<Option<Arc<dyn Reconstruct>>, ReconstructError> {
         (**self).adapted(rest, untouched)
+    }
+
+    fn warning(&self) -> Option<String> {
+        (**self).warning()
     }
 
     fn novelty(&self, difference: &[f64]) -> Option<f64> {

@@ -35,7 +35,16 @@ pub struct Refined {
     identifier: Arc<OnceLock<Identifier>>,
     excluded: Vec<usize>,
     options: RefineOptions,
-    refiner: Option<Arc<Refiner>>,
+    refinement: Refinement,
+}
+
+#[derive(Clone)]
+enum Refinement {
+    /// The method has not been adapted to untouched frames.
+    NotAdapted,
+    Prepared(Arc<Refiner>),
+    /// The skin is not one that the model describes.
+    Impossible { reason: String },
 }
 
 impl Refined {
@@ -52,7 +61,7 @@ impl Refined {
     ) -> crate::Result<Self> {
         Refiner::check(&design.body, model)?;
         let (design, model, identifier) = (Arc::new(design.clone()), model.clone(), Arc::default());
-        Ok(Refined { method, design, model, identifier, excluded, options, refiner: None })
+        Ok(Refined { method, design, model, identifier, excluded, options, refinement: Refinement::NotAdapted })
     }
 
     fn identifier(&self) -> crate::Result<&Identifier> {
@@ -63,15 +72,19 @@ impl Refined {
         Ok(self.identifier.get_or_init(|| identifier))
     }
 
-    fn refiner(&self, rest: &Frame, untouched: &[Frame]) -> crate::Result<Option<Refiner>> {
+    fn refinement(&self, rest: &Frame, untouched: &[Frame]) -> crate::Result<Refinement> {
         let sd_ohm = self.noise_ohm(untouched);
         let of_mean: Vec<f64> = sd_ohm.iter().map(|sd| sd / (untouched.len() as f64).sqrt()).collect();
-        // The search of a skin that explains other values leads to ones that cannot be solved.
-        let Some(skin) = self.identifier()?.identify(rest, &of_mean).ok().filter(|skin| skin.misfit <= MOST_MISFIT)
-        else {
-            return Ok(None);
+        let reason = match self.identifier()?.identify(rest, &of_mean) {
+            Ok(skin) if skin.misfit <= MOST_MISFIT => {
+                let refiner = Refiner::new(&self.design.body, skin.model(), &sd_ohm, self.options)?;
+                return Ok(Refinement::Prepared(Arc::new(refiner)));
+            }
+            Ok(skin) => format!("their misfit is {:.1}, the limit {MOST_MISFIT}", skin.misfit),
+            // The search of a skin that explains other values leads to ones that cannot be solved.
+            Err(error) => error.to_string(),
         };
-        Ok(Some(Refiner::new(&self.design.body, skin.model(), &sd_ohm, self.options)?))
+        Ok(Refinement::Impossible { reason })
     }
 
     /// The standard deviation of each channel in untouched frames, ohm; 0 for one that is broken, does not vary, or uses a
@@ -88,7 +101,7 @@ impl Refined {
         let mut own: Vec<f64> = (0..channels.len()).map(own).collect();
         let disconnected = disconnected_electrodes(&self.design.protocol, |channel| own[channel] > 0.0);
         for (own, channel) in own.iter_mut().zip(channels) {
-            if channel.drive.iter().chain(&channel.measure).any(|electrode| disconnected.contains(electrode)) {
+            if disconnected.iter().any(|&electrode| channel.uses(electrode)) {
                 *own = 0.0;
             }
         }
@@ -127,7 +140,7 @@ impl Reconstruct for Refined {
 
     fn correct(&self, difference: &[f64], contacts: &mut Vec<Contact>) {
         self.method.correct(difference, contacts);
-        let Some(refiner) = &self.refiner else { return };
+        let Refinement::Prepared(refiner) = &self.refinement else { return };
         match self.design.sheet.touch {
             TouchEffect::ConductanceRises => refiner.refine(difference, contacts),
             TouchEffect::ConductanceFalls => {
@@ -158,7 +171,13 @@ impl Reconstruct for Refined {
         if untouched.len() < FEWEST_UNTOUCHED_FRAMES {
             return Ok(None);
         }
-        let refiner = self.refiner(rest, untouched).map_err(|error| ReconstructError::Singular(error.to_string()))?;
-        Ok(Some(Arc::new(Refined { refiner: refiner.map(Arc::new), ..self.clone() })))
+        let refinement =
+            self.refinement(rest, untouched).map_err(|error| ReconstructError::Singular(error.to_string()))?;
+        Ok(Some(Arc::new(Refined { refinement, ..self.clone() })))
+    }
+
+    fn warning(&self) -> Option<String> {
+        let Refinement::Impossible { reason } = &self.refinement else { return None };
+        Some(format!("contacts are not refined: no skin of the model explains the untouched frames ({reason})"))
     }
 }

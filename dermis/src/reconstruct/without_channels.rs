@@ -116,6 +116,10 @@ impl<M: Reconstruct> Reconstruct for WithoutChannels<M> {
         }))
     }
 
+    fn warning(&self) -> Option<String> {
+        self.method.warning()
+    }
+
     fn novelty(&self, difference: &[f64]) -> Option<f64> {
         self.method.novelty(&self.complete(difference).ok()?)
     }

@@ -42,6 +42,8 @@ const DIRECTIONS: usize = 4;
 /// Steps from each of them, after which the best one goes on. At the start, one across the touches may be better than one
 /// along them: the width of a touch explains much.
 const FIRST_STEPS: usize = 2;
+/// A split is given up where its gain after them, without the other touches' steps, is below this part of the one needed.
+const LEAST_FIRST_GAIN: f64 = 0.25;
 /// Contacts beyond this number are not split.
 const MOST_CONTACTS: usize = 4;
 
@@ -64,14 +66,19 @@ impl Touch {
 }
 
 /// The touches of a frame.
-#[derive(Debug, Clone)]
 pub(super) struct Fitted {
     pub touches: Vec<Touch>,
-    /// Sum of the squares of the residuals and of the widths, in standard deviations.
-    cost: f64,
+    state: State,
+}
+
+impl Fitted {
+    fn cost(&self) -> f64 {
+        self.state.cost
+    }
 }
 
 /// The data of a fit.
+#[derive(Clone, Copy)]
 pub(super) struct Fit<'a> {
     pub table: &'a ResponseTable,
     /// The values over their noise.
@@ -88,13 +95,28 @@ struct State {
     /// Square root of the weight of the prior on the latter.
     prior: Vec<f64>,
     residuals: Vec<f64>,
+    /// Sum of the squares of the residuals and of the widths, in standard deviations.
     cost: f64,
+}
+
+impl State {
+    /// The values that one touch explains, and what none does.
+    fn without_others(&self, touch: usize) -> Vec<f64> {
+        let (Response { value, laplacian, .. }, [strength, width]) = (&self.responses[touch], self.strengths[touch]);
+        let own = value.iter().zip(laplacian).map(|(value, laplacian)| strength * value + width * laplacian);
+        self.residuals.iter().zip(own).map(|(left, own)| left + own).collect()
+    }
+
+    /// The square of the width of a touch, in standard deviations.
+    fn penalty(&self, touch: usize) -> f64 {
+        (self.strengths[touch][1] * self.prior[touch]).powi(2)
+    }
 }
 
 impl Fit<'_> {
     /// The touches of greatest likelihood near some places; `None` where the equations have no solution.
     pub(super) fn run(&self, places: &[[f64; 2]]) -> Option<Fitted> {
-        self.fitted(&self.descended(self.at(places.to_vec())?, STEPS)?)
+        self.fitted(self.descended(self.at(places.to_vec())?, STEPS)?)
     }
 
     /// A state after some steps; `None` where the equations have no solution.
@@ -128,13 +150,13 @@ impl Fit<'_> {
         }
         let by_significance = |a: &(usize, &Touch), b: &(usize, &Touch)| a.1.significance.total_cmp(&b.1.significance);
         let (index, weakest) = fitted.touches.iter().enumerate().min_by(by_significance)?;
-        if weakest.significance > MOST_SIGNIFICANCE * self.least_gain(KEEP_GAIN, fitted.cost + weakest.significance) {
+        if weakest.significance > MOST_SIGNIFICANCE * self.least_gain(KEEP_GAIN, fitted.cost() + weakest.significance) {
             return None;
         }
         let mut places: Vec<[f64; 2]> = fitted.touches.iter().map(|touch| touch.place).collect();
         places.remove(index);
         let fewer = self.run(&places)?;
-        (fewer.cost - fitted.cost < self.least_gain(KEEP_GAIN, fewer.cost)).then_some((index, fewer))
+        (fewer.cost() - fitted.cost() < self.least_gain(KEEP_GAIN, fewer.cost())).then_some((index, fewer))
     }
 
     /// One of the touches as two, if two explain the values far better: its index, and all touches with its other half
@@ -143,24 +165,34 @@ impl Fit<'_> {
         let count = fitted.touches.len();
         let expected = self.values.len() as f64 - (Touch::UNKNOWNS * count) as f64;
         let enough = self.values.len() >= VALUES_PER_UNKNOWN * Touch::UNKNOWNS * (count + 1);
-        if fitted.cost < expected + LEAST_EXCESS || count > MOST_CONTACTS || !enough {
+        if fitted.cost() < expected + LEAST_EXCESS || count > MOST_CONTACTS || !enough {
             return None;
         }
-        let apart = |index: usize| {
-            let (touch, direction) = (index / DIRECTIONS, index % DIRECTIONS);
-            let (sine, cosine) = (PI * direction as f64 / DIRECTIONS as f64).sin_cos();
-            let mut places: Vec<[f64; 2]> = fitted.touches.iter().map(|touch| touch.place).collect();
-            let [u, v] = places[touch];
-            let by = |by: f64| self.table.bounded([u + by * cosine, v + by * sine]);
-            places[touch] = by(-HALF_APART_M);
-            places.push(by(HALF_APART_M));
-            places
+        let gain = |touch: usize| {
+            let own = fitted.state.without_others(touch);
+            let halves = Fit { values: &own, ..*self }.halves(fitted.touches[touch].place)?;
+            let of_one = dot(&fitted.state.residuals, &fitted.state.residuals) + fitted.state.penalty(touch);
+            Some((of_one - halves.cost, touch, halves))
         };
-        let first = |index: usize| Some((index / DIRECTIONS, self.descended(self.at(apart(index))?, FIRST_STEPS)?));
-        let tried = (0..count * DIRECTIONS).filter_map(first);
-        let (touch, best) = tried.min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))?;
-        let two = self.fitted(&self.descended(best, STEPS)?)?;
-        self.are_two(&two, touch, fitted.cost).then_some((touch, two))
+        let (gain, touch, halves) = (0..count).filter_map(gain).max_by(|a, b| a.0.total_cmp(&b.0))?;
+        if gain < LEAST_FIRST_GAIN * self.least_gain(SPLIT_GAIN, fitted.cost()) {
+            return None;
+        }
+        let mut places: Vec<[f64; 2]> = fitted.touches.iter().map(|touch| touch.place).collect();
+        places[touch] = halves.places[0];
+        places.push(halves.places[1]);
+        let two = self.run(&places)?;
+        self.are_two(&two, touch, fitted.cost()).then_some((touch, two))
+    }
+
+    /// Two touches about a place, in the best of some directions, after a few steps.
+    fn halves(&self, [u, v]: [f64; 2]) -> Option<State> {
+        let in_direction = |direction: usize| {
+            let (sine, cosine) = (PI * direction as f64 / DIRECTIONS as f64).sin_cos();
+            let by = |by: f64| self.table.bounded([u + by * cosine, v + by * sine]);
+            self.descended(self.at(vec![by(-HALF_APART_M), by(HALF_APART_M)])?, FIRST_STEPS)
+        };
+        (0..DIRECTIONS).filter_map(in_direction).min_by(|a, b| a.cost.total_cmp(&b.cost))
     }
 
     /// The least decrease of a sum of squares by one more touch.
@@ -172,7 +204,7 @@ impl Fit<'_> {
     fn are_two(&self, two: &Fitted, touch: usize, cost_of_one: f64) -> bool {
         let (Some(last), own) = (two.touches.last(), &two.touches[touch]) else { return false };
         let (weaker, stronger) = (last.strength.min(own.strength), last.strength.max(own.strength));
-        cost_of_one - two.cost >= self.least_gain(SPLIT_GAIN, cost_of_one)
+        cost_of_one - two.cost() >= self.least_gain(SPLIT_GAIN, cost_of_one)
             && weaker >= LEAST_SHARE * stronger
             && weaker > 0.0
             && self.table.distance_m(last.place, own.place) >= LEAST_APART_M
@@ -200,9 +232,10 @@ impl Fit<'_> {
             residuals.iter_mut().zip(*column).for_each(|(left, value)| *left -= strength * value);
         }
         let strengths = solution.as_chunks::<2>().0.to_vec();
-        let penalty = strengths.iter().zip(&prior).map(|(strength, prior)| (strength[1] * prior).powi(2)).sum::<f64>();
-        let cost = dot(&residuals, &residuals) + penalty;
-        Some(State { places, responses, strengths, prior, residuals, cost })
+        let mut state = State { places, responses, strengths, prior, residuals, cost: 0.0 };
+        let penalty: f64 = (0..state.places.len()).map(|touch| state.penalty(touch)).sum();
+        state.cost = dot(&state.residuals, &state.residuals) + penalty;
+        Some(state)
     }
 
     /// The normal matrix and the right-hand side of a Gauss-Newton step of places, strengths and widths.
@@ -226,8 +259,8 @@ impl Fit<'_> {
     }
 
     /// The touches with their variances. Residuals above the noise are errors of the model, by which the variances grow.
-    fn fitted(&self, state: &State) -> Option<Fitted> {
-        let covariance = invert_spd(&self.equations(state).0).ok()?;
+    fn fitted(&self, state: State) -> Option<Fitted> {
+        let covariance = invert_spd(&self.equations(&state).0).ok()?;
         let freedom = self.values.len() - Touch::UNKNOWNS * state.places.len();
         let misfit = (dot(&state.residuals, &state.residuals) / freedom as f64).max(1.0);
         let touch = |(index, (&place, strength)): (usize, (&[f64; 2], &[f64; 2]))| {
@@ -237,7 +270,7 @@ impl Fit<'_> {
             Touch { place, strength: strength[0], variance_m2: 0.5 * trace * misfit, significance }
         };
         let touches = state.places.iter().zip(&state.strengths).enumerate().map(touch).collect();
-        Some(Fitted { touches, cost: state.cost })
+        Some(Fitted { touches, state })
     }
 }
 

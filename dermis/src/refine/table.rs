@@ -196,20 +196,16 @@ impl ResponseTable {
             out.clear();
             out.resize(width, 0.0);
         }
-        for j in 0..4 {
-            let row = self.axes[1].index(along.first + j as i64) * self.axes[0].count;
-            for i in 0..4 {
-                let start = (row + self.axes[0].index(round.first + i as i64)) * width;
-                let [a, by_a, twice_a] = round.weights.map(|weights| weights[i]);
-                let [b, by_b, twice_b] = along.weights.map(|weights| weights[j]);
-                let weights = [a * b, by_a * b, a * by_b, twice_a * b + a * twice_b];
-                pulp::Arch::new().dispatch(AddWeighted {
-                    row: &self.responses[start..start + width],
-                    weights,
-                    response,
-                });
-            }
-        }
+        let row = |k: usize| {
+            let (i, j) = (k % 4, k / 4);
+            let place = self.axes[1].index(along.first + j as i64) * self.axes[0].count
+                + self.axes[0].index(round.first + i as i64);
+            let [a, by_a, twice_a] = round.weights.map(|weights| weights[i]);
+            let [b, by_b, twice_b] = along.weights.map(|weights| weights[j]);
+            let weights = [a * b, by_a * b, a * by_b, twice_a * b + a * twice_b];
+            (&self.responses[place * width..][..width], weights)
+        };
+        pulp::Arch::new().dispatch(Interpolate { rows: std::array::from_fn(row), response });
     }
 }
 
@@ -347,23 +343,46 @@ impl Cells {
     }
 }
 
-/// Adds a tabulated response to a response and its derivatives, each with a weight.
-struct AddWeighted<'a> {
-    row: &'a [f32],
-    weights: [f64; 4],
+/// Interpolates a response and its derivatives between tabulated responses: each row with its weights.
+struct Interpolate<'a> {
+    rows: [(&'a [f32], [f64; 4]); 16],
     response: &'a mut Response,
 }
 
-impl WithSimd for AddWeighted<'_> {
+impl Interpolate<'_> {
+    /// The values from one on, and their derivatives.
+    #[inline(always)]
+    fn block<const WIDTH: usize>(&self, from: usize) -> [[f64; WIDTH]; 4] {
+        let mut sums = [[0.0; WIDTH]; 4];
+        for (row, weights) in &self.rows {
+            let row: &[f32; WIDTH] = row[from..][..WIDTH].try_into().expect("WIDTH values");
+            for (sums, weight) in sums.iter_mut().zip(weights) {
+                sums.iter_mut().zip(row).for_each(|(sum, &table)| *sum += weight * f64::from(table));
+            }
+        }
+        sums
+    }
+
+    #[inline(always)]
+    fn put<const WIDTH: usize>(&mut self, from: usize) {
+        let sums = self.block::<WIDTH>(from);
+        let Response { value, by_place: [by_round, by_along], laplacian } = &mut *self.response;
+        for (out, sums) in [value, by_round, by_along, laplacian].into_iter().zip(sums) {
+            out[from..][..WIDTH].copy_from_slice(&sums);
+        }
+    }
+}
+
+impl WithSimd for Interpolate<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let AddWeighted { row, weights, response } = self;
-        let Response { value, by_place: [by_round, by_along], laplacian } = response;
-        for (out, weight) in [value, by_round, by_along, laplacian].into_iter().zip(weights) {
-            out.iter_mut().zip(row).for_each(|(sum, &table)| *sum += weight * f64::from(table));
-        }
+    fn with_simd<S: Simd>(mut self, _: S) {
+        const WIDTH: usize = 8;
+        let count = self.response.value.len();
+        let whole = count - count % WIDTH;
+        (0..whole).step_by(WIDTH).for_each(|from| self.put::<WIDTH>(from));
+        (whole..count).for_each(|from| self.put::<1>(from));
     }
 }
 
