@@ -44,7 +44,9 @@ enum Refinement {
     NotAdapted,
     Prepared(Arc<Refiner>),
     /// The skin is not one that the model describes.
-    Impossible { reason: String },
+    Impossible {
+        reason: String,
+    },
 }
 
 impl Refined {
