@@ -1,6 +1,7 @@
 //! The findings on a built skin as a table and as a page with pictures.
 
 use crate::failure::{Failure, Outcome};
+use crate::findings::FindingText;
 use dermis::image::PixelSpace;
 use dermis::skin::Skin;
 use dermis::text::{counted, number_of};
@@ -14,8 +15,18 @@ const QUANTILES: [f64; 2] = [0.005, 0.995];
 /// The colour of a contact reaches this far, in distances to the next electrode.
 const CONTACT_SHARE: f64 = 0.25;
 
+/// A finding in words.
+pub fn in_words(finding: &BuildFinding) -> FindingText<'_> {
+    FindingText {
+        title: format!("{}{}", finding.kind, place(finding)),
+        severity: finding.severity,
+        evidence: &finding.evidence,
+        fix: &finding.fix,
+    }
+}
+
 /// The electrodes, drive and place of a finding, in words, after a comma; empty without any.
-pub fn place(finding: &BuildFinding) -> String {
+fn place(finding: &BuildFinding) -> String {
     let mut words = String::new();
     if let Some(drive) = finding.drive {
         words += &format!(", drive {drive}");

@@ -6,6 +6,7 @@
 //! ```
 
 mod build_page;
+mod build_watch;
 mod calibrated;
 mod channels;
 mod check_page;

@@ -96,3 +96,16 @@ fn a_device_is_read_and_checked() {
     let json: serde_json::Value = serde_json::from_str(&text).unwrap();
     assert_eq!((json["sound"].as_bool(), json["frames"].as_u64()), (Some(true), Some(8)), "{text}");
 }
+
+#[test]
+fn live_reports_the_findings_as_notices() {
+    let at = Workplace::new();
+    let live = "live disk.toml --source emulate --twin ideal --check-build --serve off --for 6";
+    let said = |arguments: &str| String::from_utf8(at.run(arguments).stderr).unwrap();
+    let text = said(live);
+    assert!(text.contains("the skin is as designed"), "{text}");
+    let text = said(&format!("{live} --fault reference:3:0.5@0"));
+    assert!(text.contains("reference, drive 3") && text.contains("Fix: "), "{text}");
+    let error = at.refused("live disk.toml --source replay:none.mcap --check-build");
+    assert!(error.contains("check-build"), "{error}");
+}

@@ -1,6 +1,7 @@
 //! `dermis check-build`: whether a skin was built as designed.
 
-use crate::build_page::{findings_table, page, place};
+use crate::build_page::{findings_table, in_words, page};
+use crate::build_watch::FRAMES;
 use crate::console::{Progress, notice_line, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
 use crate::findings::{FindingText, findings_text};
@@ -15,7 +16,7 @@ use dermis::method::MethodSet;
 use dermis::pipeline::{Settings, Severity as Level};
 use dermis::skin::Skin;
 use dermis::text::counted;
-use dermis_calibrate::build::{BuildCheck, BuildChecker, BuildFinding};
+use dermis_calibrate::build::{BuildCheck, BuildChecker};
 use dermis_live::device::DeviceOptions;
 use dermis_live::{Event, Live, LiveOptions, Popped};
 use serde_json::json;
@@ -40,7 +41,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", requires = "frames", help = CURRENTS_HELP)]
     currents: Option<PathBuf>,
     /// Frames to take from the source.
-    #[arg(long, value_name = "N", default_value_t = 32, value_parser = count(1..=100_000usize))]
+    #[arg(long, value_name = "N", default_value_t = FRAMES, value_parser = count(1..=100_000usize))]
     take: usize,
     /// Report to write: findings, map of the coat, contacts (.html).
     #[arg(short, long, value_name = "FILE")]
@@ -148,16 +149,6 @@ impl Arguments {
             let _ = writeln!(text, "written to {}", path.display());
         }
         text
-    }
-}
-
-/// A finding as it is printed.
-fn in_words(finding: &BuildFinding) -> FindingText<'_> {
-    FindingText {
-        title: format!("{}{}", finding.kind, place(finding)),
-        severity: finding.severity,
-        evidence: &finding.evidence,
-        fix: &finding.fix,
     }
 }
 

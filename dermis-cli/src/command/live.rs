@@ -1,5 +1,6 @@
 //! `dermis live`: processing of a live skin.
 
+use crate::build_watch::check_first_frames;
 use crate::console::{notice_line, on_interrupt};
 use crate::failure::{Failure, Outcome, check_folder};
 use crate::latency::Latencies;
@@ -68,6 +69,9 @@ pub struct Arguments {
     /// Name of the frame of the ROS 2 messages, as in left_cylinder30 [default: the design's name, as in its URDF]
     #[arg(long, value_name = "NAME", requires = "ros2", value_parser = frame_id)]
     frame_id: Option<String>,
+    /// Compare the first frames, of the untouched skin, with the design, as dermis check-build does: findings are notices.
+    #[arg(long)]
+    check_build: bool,
     /// Write a line of JSON per frame: `-` to standard output, tcp:127.0.0.1:PORT to every program on this machine that
     /// connects.
     #[arg(long, value_name = "WHERE")]
@@ -129,6 +133,10 @@ impl Arguments {
 
     /// Plays a recording. Options given here override the recorded settings.
     fn play(&self, methods: &Arc<MethodSet>, recording: &Path) -> Outcome<Live> {
+        if self.check_build {
+            let fix = "check its untouched frames with dermis check-build DESIGN --frames FILE";
+            return Err(Failure::given("a recording takes no --check-build", Some(fix)));
+        }
         if self.state.is_some() || self.source.rate.is_some() || self.both_signs {
             let fix = "leave --state, --rate and --both-signs out: a recording has its own";
             return Err(Failure::given("a recording takes no --state, no --rate and no --both-signs", Some(fix)));
@@ -184,6 +192,9 @@ impl Arguments {
     fn open(&self, control: &Arc<Control>) -> Outcome<Sinks> {
         let shared = control.shared();
         let mut sinks = Sinks::default();
+        if self.check_build {
+            check_first_frames(shared);
+        }
         if self.ros2 {
             sinks.threads.push(publish(control, &self.namespace, self.frame_id.clone())?);
         }

@@ -236,7 +236,7 @@ pub(super) fn test(fabrication: &Fabrication) -> Result<String, FabricateError> 
     let port = "--source serial:/dev/ttyACM0";
     let commands = format!(
         "dermis check-device {design} {port}\ndermis check-build {design} {port} -o report.html\n\
-         dermis live {design} {port}"
+         dermis live {design} {port} --check-build"
     );
     let text = format!(
         "<p>Read the skin untouched and compare with {}. Limits are three standard deviations: the sheet resistance differs by \

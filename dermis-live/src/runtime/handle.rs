@@ -242,7 +242,8 @@ impl LiveHandle {
         lock(&self.subscribers).iter().for_each(|subscriber| subscriber.mailbox.put(event.clone()));
     }
 
-    pub(super) fn notice(&self, level: Severity, text: String) {
+    /// Publishes a notice of now.
+    pub fn notice(&self, level: Severity, text: String) {
         self.publish(&Event::Notice(Notice { level, text, at: clock::now() }));
     }
 

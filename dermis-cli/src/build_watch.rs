@@ -1,0 +1,64 @@
+//! The check of a built skin while it is read: its findings as notices, for `dermis live --check-build`.
+
+use crate::build_page::in_words;
+use dermis::frame::Frame;
+use dermis::pipeline::Severity as Level;
+use dermis_calibrate::CalibrateError;
+use dermis_calibrate::build::{BuildCheck, BuildChecker};
+use dermis_calibrate::checks::Severity;
+use dermis_live::{Event, LiveHandle, Mailbox, Popped};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Untouched frames that are enough for a check.
+pub const FRAMES: usize = 32;
+/// Events that can wait.
+const WAITING: usize = 256;
+
+/// Checks the first frames, which must be untouched, in a thread of its own. The frames meanwhile are processed.
+pub fn check_first_frames(shared: &Arc<LiveHandle>) {
+    let (shared, mailbox) = (Arc::clone(shared), shared.subscribe(WAITING));
+    std::thread::spawn(move || {
+        let Some(frames) = first_frames(&mailbox) else { return };
+        drop(mailbox);
+        match BuildChecker::new(shared.skin()).and_then(|checker| checker.check(&frames)) {
+            Ok(check) => notices(&check).into_iter().for_each(|(level, text)| shared.notice(level, text)),
+            Err(error) => shared.notice(Level::Warning, not_checked(&error)),
+        }
+    });
+}
+
+/// The first frames; `None` if the source ends before.
+fn first_frames(mailbox: &Mailbox<Event>) -> Option<Vec<Frame>> {
+    let mut frames = Vec::with_capacity(FRAMES);
+    while frames.len() < FRAMES {
+        match mailbox.take(Duration::from_millis(100)) {
+            Popped::Item(Event::Frame(frame)) => frames.push(Frame(frame.result.values_ohm.clone())),
+            Popped::Item(_) | Popped::TimedOut => {}
+            Popped::Closed => return None,
+        }
+    }
+    Some(frames)
+}
+
+fn not_checked(error: &CalibrateError) -> String {
+    format!("the skin is not compared with its design: {error}")
+}
+
+/// The findings, or that there are none.
+fn notices(check: &BuildCheck) -> Vec<(Level, String)> {
+    if check.findings.is_empty() {
+        let text = format!(
+            "the skin is as designed: its resistances are {:.2} times the design's, its coat is uneven by {:.0} %",
+            check.resistance_factor,
+            100.0 * check.unevenness
+        );
+        return vec![(Level::Info, text)];
+    }
+    let notice = |finding| {
+        let words = in_words(finding);
+        let level = if words.severity == Severity::Fault { Level::Warning } else { Level::Info };
+        (level, format!("{}: {}. Fix: {}", words.title, words.evidence, words.fix))
+    };
+    check.findings.iter().map(notice).collect()
+}
