@@ -85,6 +85,9 @@ fn what_cannot_be_checked_is_refused_with_its_place() {
     at.write("bare.toml", workplace::DISK.replace("contact_impedance_ohm_m = 0.01\n", ""));
     let error = refused("check-build bare.toml --frames rest.csv");
     assert!(error.contains("contact_impedance"), "{error}");
+    at.good("forward skin16 -o amplitudes.csv");
+    let error = refused("check-build skin16 --frames amplitudes.csv");
+    assert!(error.contains("amplitude_only"), "{error}");
     let error = refused("check-build disk.toml --frames rest.csv --source tcp:127.0.0.1:9");
     assert!(error.contains("--source"), "{error}");
 }

@@ -7,7 +7,7 @@ use dermis::design::SkinDesign;
 use dermis::forward::{ForwardModel, Solver};
 use dermis::frame::Frame;
 use dermis::geom::Surface;
-use dermis::identify::{Identifier, IdentifyOptions};
+use dermis::identify::{Identifier, IdentifyError, IdentifyOptions};
 use dermis::linalg::{Matrix, invert_spd};
 use dermis::protocol::{Channel, Protocol};
 use dermis::skin::Skin;
@@ -87,6 +87,10 @@ impl Model {
     /// # Errors
     /// A design that cannot be solved, or without signs.
     pub(super) fn new(skin: &Skin, options: IdentifyOptions) -> dermis::Result<Self> {
+        // Not refused by the identifier, which gets a protocol of its own.
+        if skin.design().protocol.amplitude_only() {
+            return Err(IdentifyError::AmplitudeOnly.into());
+        }
         let design = SkinDesign { protocol: pairs(skin.design().protocol.electrode_count())?, ..skin.design().clone() };
         let forward = ForwardModel::new(&design, skin.mesh())?;
         let identifier = Identifier::new(&design, &forward, options)?;
