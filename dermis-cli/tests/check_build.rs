@@ -107,7 +107,7 @@ fn live_reports_the_findings_as_notices() {
     let said = |arguments: &str| String::from_utf8(at.run(arguments).stderr).unwrap();
     let text = said(live);
     assert!(text.contains("the skin is as designed"), "{text}");
-    let text = said(&format!("{live} --fault reference:3:0.5@0"));
+    let text = said(&format!("{live} --fault reference:3:0.5@0+60"));
     assert!(text.contains("reference, drive 3") && text.contains("Fix: "), "{text}");
     let error = at.refused("live disk.toml --source replay:none.mcap --check-build");
     assert!(error.contains("check-build"), "{error}");

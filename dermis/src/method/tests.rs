@@ -124,7 +124,6 @@ fn frames_that_the_model_does_not_explain_are_named_in_a_warning() {
     let warning = adapted.without_channels(&skin, &[]).unwrap().reconstruct().warning().unwrap();
     assert!(warning.starts_with("contacts are not refined: no skin of the model explains"), "{warning}");
     let mut contacts = vec![Contact::truth([0.05, 0.0, 0.1], [f64::NAN; 3], f64::NAN)];
-    let before = contacts.clone();
     adapted.reconstruct().correct(&differences.frames[0], &mut contacts);
-    assert_eq!(contacts, before);
+    assert_eq!((contacts.len(), contacts[0].position_m), (1, [0.05, 0.0, 0.1]));
 }
