@@ -8,7 +8,7 @@ use dermis_calibrate::build::{BuildCheck, BuildChecker};
 use dermis_calibrate::checks::Severity;
 use dermis_live::{Event, LiveHandle, Mailbox, Popped};
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Untouched frames that are enough for a check.
 pub const FRAMES: usize = 32;
@@ -19,8 +19,11 @@ const WAITING: usize = 256;
 pub fn check_first_frames(shared: &Arc<LiveHandle>) {
     let (shared, mailbox) = (Arc::clone(shared), shared.subscribe(WAITING));
     std::thread::spawn(move || {
-        let Some(frames) = first_frames(&mailbox) else { return };
+        let frames = take_frames(&mailbox, FRAMES, Duration::MAX, |_| ());
         drop(mailbox);
+        if frames.len() < FRAMES {
+            return;
+        }
         match BuildChecker::new(shared.skin()).and_then(|checker| checker.check(&frames)) {
             Ok(check) => notices(&check).into_iter().for_each(|(level, text)| shared.notice(level, text)),
             Err(error) => shared.notice(Level::Warning, not_checked(&error)),
@@ -28,17 +31,29 @@ pub fn check_first_frames(shared: &Arc<LiveHandle>) {
     });
 }
 
-/// The first frames; `None` if the source ends before.
-fn first_frames(mailbox: &Mailbox<Event>) -> Option<Vec<Frame>> {
-    let mut frames = Vec::with_capacity(FRAMES);
-    while frames.len() < FRAMES {
+/// The next frames of a source: fewer than `count` if none comes for the time `patience`, or the source ends. `seen` is
+/// called with each event.
+pub fn take_frames(
+    mailbox: &Mailbox<Event>,
+    count: usize,
+    patience: Duration,
+    mut seen: impl FnMut(&Event),
+) -> Vec<Frame> {
+    let (mut frames, mut last) = (Vec::new(), Instant::now());
+    while frames.len() < count && last.elapsed() < patience {
         match mailbox.take(Duration::from_millis(100)) {
-            Popped::Item(Event::Frame(frame)) => frames.push(Frame(frame.result.values_ohm.clone())),
-            Popped::Item(_) | Popped::TimedOut => {}
-            Popped::Closed => return None,
+            Popped::Item(event) => {
+                seen(&event);
+                if let Event::Frame(frame) = event {
+                    last = Instant::now();
+                    frames.push(Frame(frame.result.values_ohm.clone()));
+                }
+            }
+            Popped::TimedOut => {}
+            Popped::Closed => break,
         }
     }
-    Some(frames)
+    frames
 }
 
 fn not_checked(error: &CalibrateError) -> String {

@@ -157,7 +157,7 @@ impl MethodArguments {
         let method = dermis_learn::methods().method(skin, self.name(), &self.options(skin, differences)?)?;
         let method = method.adapted(differences)?;
         if let Some(text) = method.reconstruct().warning() {
-            warn(&text);
+            warn(text);
         }
         Ok(method)
     }

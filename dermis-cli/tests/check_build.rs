@@ -111,4 +111,6 @@ fn live_reports_the_findings_as_notices() {
     assert!(text.contains("reference, drive 3") && text.contains("Fix: "), "{text}");
     let error = at.refused("live disk.toml --source replay:none.mcap --check-build");
     assert!(error.contains("check-build"), "{error}");
+    let error = at.refused("live disk.toml --source csv:- --difference --check-build");
+    assert!(error.contains("'--difference' cannot be used with '--check-build'"), "{error}");
 }

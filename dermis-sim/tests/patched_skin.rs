@@ -133,8 +133,10 @@ fn the_low_rank_update_equals_the_direct_solve() {
     }
 }
 
-/// The limit is 2 ms for a press that touches several patches; the fastest of many runs is used, because other
-/// processes may run too.
+/// Most time of a frame with the table over that of one without it.
+const MOST_OF_HALF_SOLVE: f64 = 0.6;
+
+/// The limit is a ratio of two times measured in turns: absolute times depend on the machine and on what else runs on it.
 #[test]
 fn a_frame_costs_little() {
     let start = Instant::now();
@@ -143,28 +145,30 @@ fn a_frame_costs_little() {
     let start = Instant::now();
     skin.network(&places()[..1]).unwrap();
     println!("first touch: {:.1} ms", start.elapsed().as_secs_f64() * 1e3);
-    let time = |count: usize, action: &dyn Fn()| {
+    let time = |action: &dyn Fn()| {
+        let start = Instant::now();
         action();
-        let run = || {
-            let start = Instant::now();
-            action();
-            start.elapsed().as_secs_f64() * 1e3
-        };
-        let runs: Vec<f64> = (0..count).map(|_| run()).collect();
-        (runs.iter().copied().fold(f64::INFINITY, f64::min), median(runs))
+        start.elapsed().as_secs_f64() * 1e3
     };
     let protocol = skin.conductors().model().protocol();
     for presses in [&places()[..1], &places()[1..3], &places()] {
         let patches = skin.contacts(presses).unwrap().len();
-        let contacts = time(21, &|| drop(skin.contacts(presses).unwrap())).1;
-        // Many, since other tests run at the same time.
-        let (fastest, fast) = time(301, &|| drop(skin.network(presses).unwrap().frame(protocol)));
-        let once = time(21, &|| drop(skin.network_once(presses).unwrap())).1;
+        let measure = || {
+            [
+                time(&|| drop(skin.contacts(presses).unwrap())),
+                time(&|| drop(skin.network(presses).unwrap().frame(protocol))),
+                time(&|| drop(skin.network_once(presses).unwrap().frame(protocol))),
+            ]
+        };
+        measure();
+        let runs: Vec<[f64; 3]> = (0..61).map(|_| measure()).collect();
+        let [contacts, table, half_solve] =
+            [0, 1, 2].map(|which: usize| median(runs.iter().map(|run| run[which]).collect()));
         println!(
-            "{} presses, {patches} patches: frame {fast:.2} ms (contacts {contacts:.2} ms), without a table {once:.2} ms",
+            "{} presses, {patches} patches: frame {table:.2} ms (contacts {contacts:.2} ms), without a table {half_solve:.2} ms",
             presses.len()
         );
-        assert!(cfg!(debug_assertions) || fastest < 2.0, "{fastest} ms");
+        assert!(cfg!(debug_assertions) || table < MOST_OF_HALF_SOLVE * half_solve, "{table} ms of {half_solve} ms");
     }
     let start = Instant::now();
     skin.conductors().prepare();

@@ -1,7 +1,7 @@
 //! `dermis check-build`: whether a skin was built as designed.
 
 use crate::build_page::{findings_table, in_words, page};
-use crate::build_watch::FRAMES;
+use crate::build_watch::{FRAMES, take_frames};
 use crate::console::{Progress, notice_line, print, print_json, warn};
 use crate::failure::{Failure, Outcome};
 use crate::findings::{FindingText, findings_text};
@@ -18,12 +18,12 @@ use dermis::skin::Skin;
 use dermis::text::counted;
 use dermis_calibrate::build::{BuildCheck, BuildChecker};
 use dermis_live::device::DeviceOptions;
-use dermis_live::{Event, Live, LiveOptions, Popped};
+use dermis_live::{Event, Live, LiveOptions};
 use serde_json::json;
 use std::fmt::Write;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Events that can wait.
 const WAITING: usize = 1 << 10;
@@ -88,7 +88,7 @@ impl Arguments {
         let methods = Arc::new(MethodSet::new(&dermis_learn::methods(), skin.clone(), None)?);
         let device = DeviceOptions { rate_hz: self.source.rate, difference: false };
         let live = Live::start(methods, LiveOptions { address, device, settings: Settings::default(), state: None })?;
-        let read = self.take_frames(&live);
+        let read = self.read_frames(&live);
         let name = live.shared().facts().map(|facts| format!("{}, serial number {}", facts.name, facts.serial));
         let failure = live.take_failure();
         live.stop();
@@ -99,26 +99,17 @@ impl Arguments {
         Ok((read?, name.unwrap_or_else(|| "rows of values".into())))
     }
 
-    fn take_frames(&self, live: &Live) -> Outcome<Vec<Frame>> {
+    fn read_frames(&self, live: &Live) -> Outcome<Vec<Frame>> {
         let mailbox = live.shared().subscribe(WAITING);
         let progress = Progress::new("reading frames", self.take);
         live.begin();
-        let mut frames = Vec::with_capacity(self.take);
-        let mut heard_at = Instant::now();
-        while frames.len() < self.take && heard_at.elapsed() < PATIENCE {
-            match mailbox.take(Duration::from_millis(100)) {
-                Popped::Item(Event::Frame(frame)) => {
-                    heard_at = Instant::now();
-                    frames.push(Frame(frame.result.values_ohm.clone()));
-                    progress.step();
-                }
-                Popped::Item(Event::Notice(notice)) if notice.level == Level::Error => {
-                    eprintln!("{}", notice_line(notice.level, &notice.text));
-                }
-                Popped::Item(_) | Popped::TimedOut => {}
-                Popped::Closed => break,
+        let frames = take_frames(&mailbox, self.take, PATIENCE, |event| match event {
+            Event::Frame(_) => progress.step(),
+            Event::Notice(notice) if notice.level == Level::Error => {
+                eprintln!("{}", notice_line(notice.level, &notice.text));
             }
-        }
+            _ => {}
+        });
         match frames.len() {
             0 => Err(Failure::given("the source sends no frame", Some("check its connection, or try dermis live"))),
             count => {

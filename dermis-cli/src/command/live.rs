@@ -70,7 +70,7 @@ pub struct Arguments {
     #[arg(long, value_name = "NAME", requires = "ros2", value_parser = frame_id)]
     frame_id: Option<String>,
     /// Compare the first frames, of the untouched skin, with the design, as dermis check-build does: findings are notices.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "difference")]
     check_build: bool,
     /// Write a line of JSON per frame: `-` to standard output, tcp:127.0.0.1:PORT to every program on this machine that
     /// connects.

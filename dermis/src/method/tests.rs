@@ -121,7 +121,8 @@ fn frames_that_the_model_does_not_explain_are_named_in_a_warning() {
     let method = Methods::linear().method(&skin, Methods::REFINED, &MethodOptions::default()).unwrap();
     assert_eq!(method.reconstruct().warning(), None, "before it is adapted");
     let adapted = method.adapted(&differences).unwrap();
-    let warning = adapted.without_channels(&skin, &[]).unwrap().reconstruct().warning().unwrap();
+    let without_channels = adapted.without_channels(&skin, &[]).unwrap();
+    let warning = without_channels.reconstruct().warning().unwrap();
     assert!(warning.starts_with("contacts are not refined: no skin of the model explains"), "{warning}");
     let mut contacts = vec![Contact::truth([0.05, 0.0, 0.1], [f64::NAN; 3], f64::NAN)];
     adapted.reconstruct().correct(&differences.frames[0], &mut contacts);

@@ -2,7 +2,7 @@
 
 use crate::contact::Contact;
 use crate::detect::Circumstances;
-use crate::geom::Point3;
+use crate::geom::{Point3, Surface};
 use crate::pipeline::baseline::TouchedFrame;
 use crate::pipeline::common_mode::CommonMode;
 use crate::pipeline::condition::PartMonitor;
@@ -21,7 +21,6 @@ use crate::pipeline::timestamp::Timestamp;
 use crate::pipeline::touch_detector::statistic;
 use crate::pipeline::validity::{InvalidReason, Validity};
 use crate::pipeline::{Pipeline, marked, reports};
-use crate::reconstruct::Reconstruct;
 use crate::track::Sighting;
 
 /// Maximum signal of a sighting that cannot start a contact.
@@ -131,9 +130,11 @@ impl Pipeline {
         Ok(match method.contacts(difference)? {
             Some(contacts) => sightings_of(contacts, felt),
             None => {
-                let mut found = self.detector.detect_under(&self.image);
-                correct(method, difference, &mut found);
-                sightings(found, self.noise_factor, &self.state.settings, felt)
+                let detected = self.detector.detect_under(&self.image);
+                let mut contacts: Vec<Contact> = detected.iter().map(|(contact, _)| *contact).collect();
+                method.correct(difference, &mut contacts);
+                let contacts = with_signals(&method.pixels().surface, contacts, &detected);
+                sightings(contacts, self.noise_factor, &self.state.settings, felt)
             }
         })
     }
@@ -262,42 +263,57 @@ fn mask(difference: &mut [f64], masked: &[bool]) {
     difference.iter_mut().zip(masked).filter(|(_, masked)| **masked).for_each(|(value, _)| *value = 0.0);
 }
 
-/// Corrects detected contacts by the method. A contact that it adds has the circumstances of the nearest one.
-fn correct(method: &dyn Reconstruct, difference: &[f64], found: &mut Vec<(Contact, Circumstances)>) {
-    let mut contacts: Vec<Contact> = found.iter().map(|(contact, _)| *contact).collect();
-    method.correct(difference, &mut contacts);
-    let surface = method.pixels().surface;
-    let nearest = |contact: &Contact| {
+/// Contacts after a correction by the method, each with the signal-to-noise ratio with which it was detected. The method may
+/// have removed some; one that it has added has the ratio of the nearest detected one.
+fn with_signals(
+    surface: &Surface,
+    contacts: Vec<Contact>,
+    detected: &[(Contact, Circumstances)],
+) -> Vec<(Contact, f64)> {
+    let signal = |contact: &Contact| {
         let distance_m = |other: &Contact| surface.distance_m(contact.position_m, other.position_m);
-        let before = found.iter().zip(&contacts);
-        let nearest = before.min_by(|a, b| distance_m(a.1).total_cmp(&distance_m(b.1)))?;
-        Some((*contact, Circumstances { next_m: distance_m(nearest.1), ..nearest.0.1 }))
+        let same = detected.iter().find(|(other, _)| other.id == contact.id);
+        let nearest = || detected.iter().min_by(|a, b| distance_m(&a.0).total_cmp(&distance_m(&b.0)));
+        Some(same.or_else(nearest)?.1.signal)
     };
-    let added: Vec<(Contact, Circumstances)> = contacts.iter().skip(found.len()).filter_map(nearest).collect();
-    found.iter_mut().zip(contacts).for_each(|((contact, _), corrected)| *contact = corrected);
-    found.extend(added);
+    contacts.into_iter().filter_map(|contact| Some((contact, signal(&contact)?))).collect()
 }
 
-/// Detected contacts, each with its signal relative to the threshold at its position. If the touch detector has not
-/// detected a touch in the frame (`felt`), a contact may continue but none can start.
-fn sightings(
-    found: Vec<(Contact, Circumstances)>,
-    noise_factor: f64,
-    settings: &Settings,
-    felt: bool,
-) -> Vec<Sighting> {
-    let sighting = |(contact, under): (Contact, Circumstances)| {
+/// Contacts with their signal-to-noise ratios as sightings, whose signal is relative to the threshold at their positions.
+/// If the touch detector has not detected a touch in the frame (`felt`), a contact may continue but none can start.
+fn sightings(contacts: Vec<(Contact, f64)>, noise_factor: f64, settings: &Settings, felt: bool) -> Vec<Sighting> {
+    let sighting = |(contact, ratio): (Contact, f64)| {
         let needed = noise_factor * settings.threshold_at(contact.position_m);
-        let signal = if needed > 0.0 { under.signal / needed } else { f64::INFINITY };
+        let signal = if needed > 0.0 { ratio / needed } else { f64::INFINITY };
         // In an image without noise the signal-to-noise ratio is not defined.
         let signal = if signal.is_nan() { settings.lowest_threshold() } else { signal };
         Sighting { contact, signal: if felt { signal } else { signal.min(NOT_TO_BEGIN) } }
     };
-    found.into_iter().map(sighting).collect()
+    contacts.into_iter().map(sighting).collect()
 }
 
 /// Contacts that the method located itself. It gives no noise level, so only the touch detector decides.
 fn sightings_of(contacts: Vec<Contact>, felt: bool) -> Vec<Sighting> {
     let signal = if felt { f64::INFINITY } else { NOT_TO_BEGIN };
     contacts.into_iter().map(|contact| Sighting { contact, signal }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn contacts_that_the_method_removes_and_adds_keep_the_signals_of_the_others() {
+        let contact = |id: u64, x_m: f64| Contact { id, ..Contact::truth([x_m, 0.0, 0.0], [0.0, 0.0, 1.0], 1.0) };
+        let detected = [(0, 0.0, 9.0), (1, 0.02, 8.0), (2, 0.10, 7.0)].map(|(id, x_m, signal)| {
+            (contact(id, x_m), Circumstances { signal, noise_m: 1e-3, radius_m: 5e-3, next_m: 0.02 })
+        });
+        // The one in the middle is removed, the first one moves past its place, and the last one is split.
+        let corrected = vec![contact(0, 0.021), contact(2, 0.09), contact(3, 0.12)];
+        let signals: Vec<(u64, f64)> = with_signals(&Surface::Plane, corrected, &detected)
+            .iter()
+            .map(|(contact, signal)| (contact.id, *signal))
+            .collect();
+        assert_eq!(signals, [(0, 9.0), (2, 7.0), (3, 7.0)]);
+    }
 }

@@ -38,10 +38,12 @@ impl Reports {
     }
 
     /// Reports the warning of a method.
-    pub(super) fn method(&mut self, warning: Option<String>) -> Option<Text> {
-        let before = std::mem::replace(&mut self.method, warning);
-        let text = self.method.clone().filter(|_| self.method != before)?;
-        Some((Severity::Warning, text))
+    pub(super) fn method(&mut self, warning: Option<&str>) -> Option<Text> {
+        if self.method.as_deref() == warning {
+            return None;
+        }
+        self.method = warning.map(String::from);
+        Some((Severity::Warning, self.method.clone()?))
     }
 
     /// Reports drives that become bad or sound again.

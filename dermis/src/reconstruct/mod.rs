@@ -120,8 +120,8 @@ pub trait Reconstruct: Send + Sync {
     }
 
     /// Corrects the contacts that were detected in the image of a difference: a method that is calibrated on a real
-    /// skin changes positions, forces and deviations; one that refines them may add contacts at the end. The default
-    /// leaves them as they are.
+    /// skin changes positions, forces and deviations; one that refines them may also remove contacts, and add contacts
+    /// with new ids at the end. The default leaves them as they are.
     fn correct(&self, _difference: &[f64], _contacts: &mut Vec<Contact>) {}
 
     /// Whether the method can be [adapted](Self::adapted) to untouched frames.
@@ -139,7 +139,7 @@ pub trait Reconstruct: Send + Sync {
     }
 
     /// Why the method does less than it could on the skin to which it is [adapted](Self::adapted); `None` if it does not.
-    fn warning(&self) -> Option<String> {
+    fn warning(&self) -> Option<&str> {
         None
     }
 
@@ -194,7 +194,7 @@ impl<P: Deref<Target: Reconstruct> + Send + Sync> Reconstruct for P {
         (**self).adapted(rest, untouched)
     }
 
-    fn warning(&self) -> Option<String> {
+    fn warning(&self) -> Option<&str> {
         (**self).warning()
     }
 

@@ -45,7 +45,7 @@ enum Refinement {
     Prepared(Arc<Refiner>),
     /// The skin is not one that the model describes.
     Impossible {
-        reason: String,
+        warning: String,
     },
 }
 
@@ -86,7 +86,9 @@ impl Refined {
             // The search of a skin that explains other values leads to ones that cannot be solved.
             Err(error) => error.to_string(),
         };
-        Ok(Refinement::Impossible { reason })
+        let warning =
+            format!("contacts are not refined: no skin of the model explains the untouched frames ({reason})");
+        Ok(Refinement::Impossible { warning })
     }
 
     /// The standard deviation of each channel in untouched frames, ohm; 0 for one that is broken, does not vary, or uses a
@@ -178,8 +180,10 @@ impl Reconstruct for Refined {
         Ok(Some(Arc::new(Refined { refinement, ..self.clone() })))
     }
 
-    fn warning(&self) -> Option<String> {
-        let Refinement::Impossible { reason } = &self.refinement else { return None };
-        Some(format!("contacts are not refined: no skin of the model explains the untouched frames ({reason})"))
+    fn warning(&self) -> Option<&str> {
+        match &self.refinement {
+            Refinement::Impossible { warning } => Some(warning),
+            Refinement::NotAdapted | Refinement::Prepared(_) => None,
+        }
     }
 }

@@ -116,7 +116,7 @@ impl<M: Reconstruct> Reconstruct for WithoutChannels<M> {
         }))
     }
 
-    fn warning(&self) -> Option<String> {
+    fn warning(&self) -> Option<&str> {
         self.method.warning()
     }
 

@@ -168,11 +168,11 @@ impl Fit<'_> {
         if fitted.cost() < expected + LEAST_EXCESS || count > MOST_CONTACTS || !enough {
             return None;
         }
+        let misfit = dot(&fitted.state.residuals, &fitted.state.residuals);
         let gain = |touch: usize| {
             let own = fitted.state.without_others(touch);
             let halves = Fit { values: &own, ..*self }.halves(fitted.touches[touch].place)?;
-            let of_one = dot(&fitted.state.residuals, &fitted.state.residuals) + fitted.state.penalty(touch);
-            Some((of_one - halves.cost, touch, halves))
+            Some((misfit + fitted.state.penalty(touch) - halves.cost, touch, halves))
         };
         let (gain, touch, halves) = (0..count).filter_map(gain).max_by(|a, b| a.0.total_cmp(&b.0))?;
         if gain < LEAST_FIRST_GAIN * self.least_gain(SPLIT_GAIN, fitted.cost()) {

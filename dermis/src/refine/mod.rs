@@ -179,9 +179,10 @@ impl Refiner {
 
     /// Refines the positions and strengths of contacts from the difference that they were detected in, ohm, and states
     /// the standard deviations of the positions. The force of a refined contact is `NaN`, as its strength is that of the
-    /// fit and no longer the integral of an image. A contact that does not fit the frame is left as it is: one with a negative strength, or that
-    /// would move by more than 20 mm. A contact without which the others explain the frame as well is removed. One that is
-    /// far better explained as two touches gets a second one, at the end of the list, with the area of both together.
+    /// fit and no longer the integral of an image. A contact that does not fit the frame is left as it is: one with a
+    /// negative strength, or that would move by more than 20 mm. A contact without which the others explain the frame as
+    /// well is removed. One that is far better explained as two touches gets a second one, at the end of the list, with the
+    /// area of both together and an id that no detected contact has.
     ///
     /// # Panics
     /// If the difference has another length than the protocol.
@@ -194,14 +195,14 @@ impl Refiner {
         let mut places: Vec<[f64; 2]> = contacts.iter().map(|contact| self.table.place(contact.position_m)).collect();
         let fit = Fit { table: &self.table, values: &values, width_spread_m2: self.options.width_spread_m2 };
         let Some(mut fitted) = fit.run(&places) else { return };
+        let new_id = contacts.iter().map(|contact| contact.id).max().map_or(0, |id| id + 1);
         while let Some((index, fewer)) = fit.without_excess(&fitted) {
             contacts.remove(index);
             places.remove(index);
             fitted = fewer;
         }
         if let Some((index, two)) = fit.split(&fitted) {
-            let id = contacts.iter().map(|contact| contact.id).max().map_or(0, |id| id + 1);
-            contacts.push(Contact { id, ..contacts[index] });
+            contacts.push(Contact { id: new_id, ..contacts[index] });
             // Either may be far from where both were detected as one.
             places[index] = two.touches[index].place;
             places.extend(two.touches.last().map(|touch| touch.place));

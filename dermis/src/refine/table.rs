@@ -192,10 +192,8 @@ impl ResponseTable {
         let width = self.values.len();
         let [round, along] = [0, 1].map(|axis: usize| self.axes[axis].stencil(place[axis]));
         let Response { value, by_place: [by_round, by_along], laplacian } = response;
-        for out in [value, by_round, by_along, laplacian] {
-            out.clear();
-            out.resize(width, 0.0);
-        }
+        // All of them are overwritten below.
+        [value, by_round, by_along, laplacian].into_iter().for_each(|out| out.resize(width, 0.0));
         let row = |k: usize| {
             let (i, j) = (k % 4, k / 4);
             let place = self.axes[1].index(along.first + j as i64) * self.axes[0].count
