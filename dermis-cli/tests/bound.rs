@@ -41,6 +41,27 @@ fn more_noise_makes_every_bound_worse() {
 }
 
 #[test]
+fn a_disconnected_electrode_makes_every_bound_worse() {
+    let at = Workplace::new();
+    let of = |without: &str| -> serde_json::Value {
+        let told = at.good(&format!("bound disk.toml --noise 60 --separation-step 0 --json {without}"));
+        serde_json::from_str(&told).unwrap()
+    };
+    let (all, fewer) = (of(""), of("--without-electrode 3"));
+    for key in ["sd_m", "smallest_force_n"] {
+        let at = |told: &serde_json::Value, place: usize| told["bounds"][0]["places"][place][key].as_f64().unwrap();
+        let worse = |place: usize| at(&fewer, place) >= at(&all, place) * (1.0 - 1e-9);
+        let places = all["bounds"][0]["places"].as_array().unwrap().len();
+        assert!((0..places).all(worse) && (0..places).any(|place| at(&fewer, place) > 1.5 * at(&all, place)), "{key}");
+    }
+    let error = at.refused("bound disk.toml --without-electrode 8");
+    assert!(error.contains("no electrode 8") && error.contains("0 to 7"), "{error}");
+    let five = "--without-electrode ".to_string() + &["0", "1", "2", "3", "4"].join(" --without-electrode ");
+    let error = at.refused(&format!("bound disk.toml {five}"));
+    assert!(error.contains("no value is left"), "{error}");
+}
+
+#[test]
 fn bounds_that_do_not_exist_are_refused() {
     let at = Workplace::new();
     let rows = "channel,drive_source,drive_sink,measure_plus,measure_minus\n0,0,1,2,3\n1,0,1,4,5\n";

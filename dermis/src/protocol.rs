@@ -131,6 +131,16 @@ impl Protocol {
         Ok(Protocol { electrode_count, channels, amplitude_only: false })
     }
 
+    /// The protocol without the channels that use some electrodes, as when these are disconnected.
+    ///
+    /// # Errors
+    /// No channel left.
+    pub fn without_electrodes(&self, electrodes: &[usize]) -> Result<Self, ProtocolError> {
+        let is_left = |channel: &&Channel| !electrodes.iter().any(|&electrode| channel.uses(electrode));
+        let channels: Vec<Channel> = self.channels.iter().filter(is_left).copied().collect();
+        Ok(Protocol::new(self.electrode_count, channels)?.with_amplitude_only(self.amplitude_only))
+    }
+
     /// Adjacent drive, adjacent measure, all pairs except the driven one: `L (L - 1)` values, drive-major.
     ///
     /// # Errors
@@ -279,6 +289,16 @@ mod tests {
         assert_eq!(protocol.channels().iter().filter(|c| c.touches_driven()).count(), 60);
         assert_eq!(protocol.channels()[0], Channel { drive: [0, 1], measure: [1, 2] });
         assert_eq!(protocol.channels()[869], Channel { drive: [29, 0], measure: [28, 29] });
+    }
+
+    #[test]
+    fn a_protocol_without_an_electrode_has_no_channel_of_it() {
+        let protocol = Protocol::adjacent(30).unwrap().without_electrodes(&[7]).unwrap();
+        // 28 drives; of each the measuring pairs without two, and without the driven one.
+        assert_eq!((protocol.electrode_count(), protocol.channel_count()), (30, 28 * 27));
+        assert!(!protocol.channels().iter().any(|channel| channel.uses(7)));
+        let all: Vec<usize> = (0..30).step_by(2).collect();
+        assert_eq!(Protocol::adjacent(30).unwrap().without_electrodes(&all), Err(ProtocolError::Empty));
     }
 
     #[test]

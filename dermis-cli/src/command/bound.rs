@@ -5,6 +5,7 @@ use crate::failure::{Failure, Outcome};
 use crate::range::{count, number};
 use crate::skin;
 use clap::Args;
+use dermis::design::SkinDesign;
 use dermis::frame::write_whole;
 use dermis::image::PixelSpace;
 use dermis::skin::Skin;
@@ -52,6 +53,9 @@ pub struct Arguments {
     /// Take it as known where the patches lie on the coat.
     #[arg(long)]
     known_patches: bool,
+    /// Leave out the values that use an electrode, as if it were disconnected. May be given more than once.
+    #[arg(long, value_name = "E")]
+    without_electrode: Vec<usize>,
     /// Compute the separation of two presses at every N-th place; 0: nowhere.
     #[arg(long, value_name = "N", default_value_t = 13, value_parser = count(0..=1_000_000usize))]
     separation_step: usize,
@@ -135,7 +139,7 @@ impl Arguments {
         twin.electronics.snr_db = self.noise.or(twin.electronics.snr_db);
         let long = ((LONG_S * twin.electronics.frame_rate_hz).round() as usize).max(1);
         let waiting = Progress::waiting("preparing");
-        let bounds = Bounds::new(skin.design(), &twin, &self.options())?;
+        let bounds = Bounds::new(&self.read_design(skin.design())?, &twin, &self.options())?;
         drop(waiting);
         let one = self.summary(&skin, &bounds, 1)?;
         if one.sd_m.is_none() {
@@ -170,6 +174,18 @@ impl Arguments {
             }
             None => Ok(()),
         }
+    }
+
+    /// The design with the values that are read.
+    fn read_design(&self, design: &SkinDesign) -> Outcome<SkinDesign> {
+        let (count, mut design) = (design.electrodes.len(), design.clone());
+        if let Some(electrode) = self.without_electrode.iter().find(|electrode| **electrode >= count) {
+            let fix = format!("the electrodes of {} are 0 to {}", design.name, count - 1);
+            return Err(Failure::given(format!("there is no electrode {electrode}"), Some(&fix)));
+        }
+        design.protocol = (design.protocol.without_electrodes(&self.without_electrode))
+            .map_err(|_| Failure::given("no value is left", Some("leave out fewer electrodes")))?;
+        Ok(design)
     }
 
     fn options(&self) -> BoundOptions {

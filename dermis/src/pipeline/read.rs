@@ -25,6 +25,8 @@ use crate::track::Sighting;
 
 /// Maximum signal of a sighting that cannot start a contact.
 const NOT_TO_BEGIN: f64 = 0.99;
+/// A contact that the method adds is a part of a detected one within this distance, m.
+const PART_OF_CONTACT_M: f64 = 0.02;
 
 /// The contacts of a frame.
 pub(super) struct Outcome {
@@ -133,7 +135,7 @@ impl Pipeline {
                 let detected = self.detector.detect_under(&self.image);
                 let mut contacts: Vec<Contact> = detected.iter().map(|(contact, _)| *contact).collect();
                 method.correct(difference, &mut contacts);
-                let contacts = with_signals(&method.pixels().surface, contacts, &detected);
+                let contacts = with_signals(&method.pixels().surface, contacts, &detected, self.noise_factor);
                 sightings(contacts, self.noise_factor, &self.state.settings, felt)
             }
         })
@@ -264,19 +266,22 @@ fn mask(difference: &mut [f64], masked: &[bool]) {
 }
 
 /// Contacts after a correction by the method, each with the signal-to-noise ratio with which it was detected. The method may
-/// have removed some; one that it has added has the ratio of the nearest detected one.
+/// have removed some. One that it has added has the ratio of the nearest detected one if it is a part of that, and
+/// `threshold`, the least ratio of a contact, if it was not detected.
 fn with_signals(
     surface: &Surface,
     contacts: Vec<Contact>,
     detected: &[(Contact, Circumstances)],
+    threshold: f64,
 ) -> Vec<(Contact, f64)> {
     let signal = |contact: &Contact| {
-        let distance_m = |other: &Contact| surface.distance_m(contact.position_m, other.position_m);
         let same = detected.iter().find(|(other, _)| other.id == contact.id);
-        let nearest = || detected.iter().min_by(|a, b| distance_m(&a.0).total_cmp(&distance_m(&b.0)));
-        Some(same.or_else(nearest)?.1.signal)
+        let apart_m = |(other, _): &&(Contact, Circumstances)| surface.distance_m(contact.position_m, other.position_m);
+        let nearest = || detected.iter().min_by(|a, b| apart_m(a).total_cmp(&apart_m(b)));
+        let of = same.or_else(|| nearest().filter(|near| apart_m(near) <= PART_OF_CONTACT_M));
+        of.map_or(threshold, |(_, under)| under.signal)
     };
-    contacts.into_iter().filter_map(|contact| Some((contact, signal(&contact)?))).collect()
+    contacts.into_iter().map(|contact| (contact, signal(&contact))).collect()
 }
 
 /// Contacts with their signal-to-noise ratios as sightings, whose signal is relative to the threshold at their positions.
@@ -308,12 +313,10 @@ mod tests {
         let detected = [(0, 0.0, 9.0), (1, 0.02, 8.0), (2, 0.10, 7.0)].map(|(id, x_m, signal)| {
             (contact(id, x_m), Circumstances { signal, noise_m: 1e-3, radius_m: 5e-3, next_m: 0.02 })
         });
-        // The one in the middle is removed, the first one moves past its place, and the last one is split.
-        let corrected = vec![contact(0, 0.021), contact(2, 0.09), contact(3, 0.12)];
-        let signals: Vec<(u64, f64)> = with_signals(&Surface::Plane, corrected, &detected)
-            .iter()
-            .map(|(contact, signal)| (contact.id, *signal))
-            .collect();
-        assert_eq!(signals, [(0, 9.0), (2, 7.0), (3, 7.0)]);
+        // The one in the middle is removed, the first one moves past its place, the last one is split, and one is added.
+        let corrected = vec![contact(0, 0.021), contact(2, 0.09), contact(3, 0.115), contact(4, 0.2)];
+        let signals = with_signals(&Surface::Plane, corrected, &detected, 4.0);
+        let signals: Vec<(u64, f64)> = signals.iter().map(|(contact, signal)| (contact.id, *signal)).collect();
+        assert_eq!(signals, [(0, 9.0), (2, 7.0), (3, 7.0), (4, 4.0)]);
     }
 }

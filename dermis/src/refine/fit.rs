@@ -35,6 +35,8 @@ const LEAST_EXCESS: f64 = 40.0;
 /// press may touch.
 const HALF_APART_M: f64 = 12e-3;
 const LEAST_APART_M: f64 = 14e-3;
+/// What two touches have in common is neglected below this part of the weaker one.
+const LEAST_SHARED: f64 = 0.01;
 /// The weaker one has at least this share of the stronger one's strength.
 const LEAST_SHARE: f64 = 0.12;
 /// Directions in which they may lie, over a half turn.
@@ -44,8 +46,13 @@ const DIRECTIONS: usize = 4;
 const FIRST_STEPS: usize = 2;
 /// A split is given up where its gain after them, without the other touches' steps, is below this part of the one needed.
 const LEAST_FIRST_GAIN: f64 = 0.25;
-/// Contacts beyond this number are not split.
+/// Touches beyond this number are not split, and none is added.
 const MOST_CONTACTS: usize = 4;
+/// A touch is added where it explains at least this part of what noise does not explain: where a touch was missed, it is
+/// most of it.
+const LEAST_ADDED_PART: f64 = 0.5;
+/// Touches explain a frame if they leave at most this part of what noise does not explain.
+const MOST_LEFT: f64 = 0.1;
 
 /// A fitted touch.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,8 +61,9 @@ pub(super) struct Touch {
     pub place: [f64; 2],
     /// Its strength, m2.
     pub strength: f64,
-    /// Variance of its place per axis due to noise and misfit, m2.
-    pub variance_m2: f64,
+    /// Covariance of its place due to noise, misfit and effects that are not fitted, m2: of the first axis, of both, of the
+    /// second.
+    covariance_m2: [f64; 3],
     /// Its strength squared over the variance due to noise: without it, the sum of squares is larger by about this.
     significance: f64,
 }
@@ -63,6 +71,25 @@ pub(super) struct Touch {
 impl Touch {
     /// Place, strength and width.
     pub(super) const UNKNOWNS: usize = 4;
+
+    /// Whether its place is known well enough to tell it from other touches.
+    fn is_located(&self) -> bool {
+        self.sd_m(0.0) <= LEAST_APART_M
+    }
+
+    /// The standard deviation per axis of a round distribution whose circle of 95 % is as large as that of the place, with
+    /// an independent deviation of `offset_sd_m` per axis, m; `NaN` without a covariance. The squared distance has nearly a
+    /// chi-square distribution with between one (a line) and two degrees of freedom (Satterthwaite, 1946, DOI
+    /// 10.2307/3002019), whose quantile is that of Wilson and Hilferty (1931, DOI 10.1073/pnas.17.12.684).
+    pub(super) fn sd_m(&self, offset_sd_m: f64) -> f64 {
+        const QUANTILE: f64 = 1.6449;
+        let [first, both, second] = self.covariance_m2;
+        let [first, second] = [first, second].map(|variance| variance + offset_sd_m * offset_sd_m);
+        let freedom = (first + second).powi(2) / (first * first + second * second + 2.0 * both * both);
+        let over_mean =
+            |freedom: f64| (1.0 - 2.0 / (9.0 * freedom) + QUANTILE * (2.0 / (9.0 * freedom)).sqrt()).powi(3);
+        (0.5 * (first + second) * over_mean(freedom) / over_mean(2.0)).sqrt()
+    }
 }
 
 /// The touches of a frame.
@@ -74,6 +101,10 @@ pub(super) struct Fitted {
 impl Fitted {
     fn cost(&self) -> f64 {
         self.state.cost
+    }
+
+    fn places(&self) -> Vec<[f64; 2]> {
+        self.state.places.clone()
     }
 }
 
@@ -107,6 +138,15 @@ impl State {
         self.residuals.iter().zip(own).map(|(left, own)| left + own).collect()
     }
 
+    /// The derivatives of the values by the unknowns of each touch: place, strength, width.
+    fn derivatives(&self) -> Vec<Vec<f64>> {
+        let of_touch = |(Response { value, by_place, laplacian }, strength): (&Response, &[f64; 2])| {
+            let [round, along] = [0, 1].map(|axis: usize| by_place[axis].iter().map(|by| strength[0] * by).collect());
+            [round, along, value.clone(), laplacian.clone()]
+        };
+        self.responses.iter().zip(&self.strengths).flat_map(of_touch).collect()
+    }
+
     /// The square of the width of a touch, in standard deviations.
     fn penalty(&self, touch: usize) -> f64 {
         (self.strengths[touch][1] * self.prior[touch]).powi(2)
@@ -114,8 +154,12 @@ impl State {
 }
 
 impl Fit<'_> {
-    /// The touches of greatest likelihood near some places; `None` where the equations have no solution.
+    /// The touches of greatest likelihood near some places; `None` where the values are too few or the equations have no
+    /// solution.
     pub(super) fn run(&self, places: &[[f64; 2]]) -> Option<Fitted> {
+        if self.values.len() < VALUES_PER_UNKNOWN * Touch::UNKNOWNS * places.len().max(1) {
+            return None;
+        }
         self.fitted(self.descended(self.at(places.to_vec())?, STEPS)?)
     }
 
@@ -153,7 +197,7 @@ impl Fit<'_> {
         if weakest.significance > MOST_SIGNIFICANCE * self.least_gain(KEEP_GAIN, fitted.cost() + weakest.significance) {
             return None;
         }
-        let mut places: Vec<[f64; 2]> = fitted.touches.iter().map(|touch| touch.place).collect();
+        let mut places = fitted.places();
         places.remove(index);
         let fewer = self.run(&places)?;
         (fewer.cost() - fitted.cost() < self.least_gain(KEEP_GAIN, fewer.cost())).then_some((index, fewer))
@@ -162,10 +206,7 @@ impl Fit<'_> {
     /// One of the touches as two, if two explain the values far better: its index, and all touches with its other half
     /// as the last one.
     pub(super) fn split(&self, fitted: &Fitted) -> Option<(usize, Fitted)> {
-        let count = fitted.touches.len();
-        let expected = self.values.len() as f64 - (Touch::UNKNOWNS * count) as f64;
-        let enough = self.values.len() >= VALUES_PER_UNKNOWN * Touch::UNKNOWNS * (count + 1);
-        if fitted.cost() < expected + LEAST_EXCESS || count > MOST_CONTACTS || !enough {
+        if !self.may_be_more(fitted) {
             return None;
         }
         let misfit = dot(&fitted.state.residuals, &fitted.state.residuals);
@@ -174,15 +215,48 @@ impl Fit<'_> {
             let halves = Fit { values: &own, ..*self }.halves(fitted.touches[touch].place)?;
             Some((misfit + fitted.state.penalty(touch) - halves.cost, touch, halves))
         };
-        let (gain, touch, halves) = (0..count).filter_map(gain).max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let (gain, touch, halves) = (0..fitted.touches.len()).filter_map(gain).max_by(|a, b| a.0.total_cmp(&b.0))?;
         if gain < LEAST_FIRST_GAIN * self.least_gain(SPLIT_GAIN, fitted.cost()) {
             return None;
         }
-        let mut places: Vec<[f64; 2]> = fitted.touches.iter().map(|touch| touch.place).collect();
+        let mut places = fitted.places();
         places[touch] = halves.places[0];
         places.push(halves.places[1]);
         let two = self.run(&places)?;
         self.are_two(&two, touch, fitted.cost()).then_some((touch, two))
+    }
+
+    /// Whether touches explain most of what noise does not explain.
+    pub(super) fn is_explained(&self, fitted: &Fitted) -> bool {
+        let noise = self.values.len() as f64;
+        fitted.cost() - noise <= MOST_LEFT * (dot(self.values, self.values) - noise)
+    }
+
+    /// The touches and one more as the last one, where that explains most of what they leave.
+    pub(super) fn added(&self, fitted: &Fitted) -> Option<Fitted> {
+        if !self.may_be_more(fitted) {
+            return None;
+        }
+        let mut places = fitted.places();
+        places.push(self.table.likeliest(&fitted.state.residuals)?);
+        let more = self.run(&places)?;
+        let (added, others) = more.touches.split_last()?;
+        let unexplained = fitted.cost() - self.values.len() as f64;
+        let strongest = others.iter().map(|other| other.strength).fold(0.0, f64::max);
+        let is_apart = |other: &Touch| self.table.distance_m(other.place, added.place) >= LEAST_APART_M;
+        let is_touch = fitted.cost() - more.cost() >= SPLIT_GAIN.max(LEAST_ADDED_PART * unexplained)
+            && added.strength > LEAST_SHARE * strongest
+            && added.is_located()
+            && others.iter().all(is_apart);
+        is_touch.then_some(more)
+    }
+
+    /// Whether touches leave more than noise, and there are enough values for one more.
+    fn may_be_more(&self, fitted: &Fitted) -> bool {
+        let (count, values) = (fitted.touches.len(), self.values.len());
+        let expected = values as f64 - (Touch::UNKNOWNS * count) as f64;
+        let enough = values >= VALUES_PER_UNKNOWN * Touch::UNKNOWNS * (count + 1);
+        fitted.cost() >= expected + LEAST_EXCESS && count <= MOST_CONTACTS && enough
     }
 
     /// Two touches about a place, in the best of some directions, after a few steps.
@@ -207,17 +281,14 @@ impl Fit<'_> {
         cost_of_one - two.cost() >= self.least_gain(SPLIT_GAIN, cost_of_one)
             && weaker >= LEAST_SHARE * stronger
             && weaker > 0.0
+            && last.is_located()
+            && own.is_located()
             && self.table.distance_m(last.place, own.place) >= LEAST_APART_M
     }
 
     /// The strengths at some places.
     fn at(&self, places: Vec<[f64; 2]>) -> Option<State> {
-        let respond = |&place: &[f64; 2]| {
-            let mut response = Response::default();
-            self.table.response_into(place, &mut response);
-            response
-        };
-        let responses: Vec<Response> = places.iter().map(respond).collect();
+        let responses: Vec<Response> = places.iter().map(|&place| self.table.response(place)).collect();
         let columns: Vec<&[f64]> = responses.iter().flat_map(|r| [&r.value[..], &r.laplacian[..]]).collect();
         // The prior is on t, the ratio of both strengths; the first is that without a width.
         let first = solve(&gram(&columns, 0, 2), &products(&columns, self.values, 0, 2))?;
@@ -240,13 +311,7 @@ impl Fit<'_> {
 
     /// The normal matrix and the right-hand side of a Gauss-Newton step of places, strengths and widths.
     fn equations(&self, state: &State) -> (Matrix, Vec<f64>) {
-        let scaled = |values: &[f64], by: f64| values.iter().map(|value| by * value).collect::<Vec<f64>>();
-        let columns: Vec<Vec<f64>> = (state.responses.iter().zip(&state.strengths))
-            .flat_map(|(Response { value, by_place, laplacian }, strength)| {
-                let [round, along] = [0, 1].map(|axis: usize| scaled(&by_place[axis], strength[0]));
-                [round, along, value.clone(), laplacian.clone()]
-            })
-            .collect();
+        let columns = state.derivatives();
         let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
         let mut normal = gram(&columns, 0, 1);
         let mut right = products(&columns, &state.residuals, 0, 1);
@@ -263,15 +328,59 @@ impl Fit<'_> {
         let covariance = invert_spd(&self.equations(&state).0).ok()?;
         let freedom = self.values.len() - Touch::UNKNOWNS * state.places.len();
         let misfit = (dot(&state.residuals, &state.residuals) / freedom as f64).max(1.0);
+        let errors = self.systematic_errors(&state, &covariance);
         let touch = |(index, (&place, strength)): (usize, (&[f64; 2], &[f64; 2]))| {
             let first = Touch::UNKNOWNS * index;
-            let trace = covariance.at(first, first) + covariance.at(first + 1, first + 1);
+            let of = |i: usize, j: usize| {
+                let systematic: f64 = errors.iter().map(|error| error[first + i] * error[first + j]).sum();
+                covariance.at(first + i, first + j) * misfit + systematic
+            };
+            let covariance_m2 = [of(0, 0), of(0, 1), of(1, 1)];
             let significance = strength[0] * strength[0] / covariance.at(first + 2, first + 2);
-            Touch { place, strength: strength[0], variance_m2: 0.5 * trace * misfit, significance }
+            Touch { place, strength: strength[0], covariance_m2, significance }
         };
         let touches = state.places.iter().zip(&state.strengths).enumerate().map(touch).collect();
         Some(Fitted { touches, state })
     }
+
+    /// The errors of the unknowns by one standard deviation of each effect that is not fitted.
+    fn systematic_errors(&self, state: &State, covariance: &Matrix) -> Vec<Vec<f64>> {
+        let columns = state.derivatives();
+        let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
+        let error = |change: Vec<f64>| {
+            let mut error = vec![0.0; covariance.rows];
+            covariance.product_into(&products(&columns, &change, 0, 1), &mut error);
+            error
+        };
+        self.by_forms(state).chain(self.by_shared_patches(state)).map(error).collect()
+    }
+
+    /// The changes of the values by the oblong forms of the touches.
+    fn by_forms(&self, state: &State) -> impl Iterator<Item = Vec<f64>> {
+        let of_touch = |(&place, [strength, _]): (&[f64; 2], &[f64; 2])| {
+            self.table.by_form(place).map(|change| scaled(change, self.width_spread_m2 * strength))
+        };
+        state.places.iter().zip(&state.strengths).flat_map(of_touch)
+    }
+
+    /// The changes of the values by what touches on the same patches have in common, which do not add up: a touch in their
+    /// middle, as strong as the weaker one where they meet.
+    fn by_shared_patches(&self, state: &State) -> impl Iterator<Item = Vec<f64>> {
+        let pairs = (0..state.places.len()).flat_map(|a| (0..a).map(move |b| [a, b]));
+        pairs.filter_map(|pair| {
+            let [a, b] = pair.map(|touch| state.places[touch]);
+            let apart = self.table.distance_m(a, b) / LEAST_APART_M;
+            let weaker = pair.map(|touch| state.strengths[touch][0].abs()).into_iter().fold(f64::INFINITY, f64::min);
+            // The overlap of two Gaussians of that width.
+            let share = (-0.25 * apart * apart).exp();
+            (share > LEAST_SHARED).then(|| scaled(self.table.response(self.table.middle(a, b)).value, share * weaker))
+        })
+    }
+}
+
+fn scaled(mut values: Vec<f64>, by: f64) -> Vec<f64> {
+    values.iter_mut().for_each(|value| *value *= by);
+    values
 }
 
 fn damped(normal: &Matrix, damping: f64) -> Matrix {

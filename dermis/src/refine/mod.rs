@@ -43,6 +43,7 @@ use crate::forward::{ForwardError, ForwardModel};
 use crate::geom::{Point3, Surface};
 use crate::mesh::Cells;
 use fit::{Fit, Touch};
+use std::f64::consts::{LN_2, TAU};
 use table::ResponseTable;
 use thiserror::Error;
 
@@ -112,9 +113,11 @@ pub enum RefineError {
     Forward(#[from] ForwardError),
 }
 
-/// A contact that moves farther than this in the fit is another one, or none: it is kept as it was detected, m. It is the
-/// gate of the scores.
+/// A contact that moves farther than this in a fit that does not explain the frame is another one, or none: it is kept as it
+/// was detected, m. It is the gate of the scores.
 const FARTHEST_M: f64 = 0.02;
+/// Touches that are added to those detected.
+const MOST_ADDED: usize = 3;
 /// Fewer values than this per unknown of the fit do not determine the contacts of a frame.
 const VALUES_PER_UNKNOWN: usize = 4;
 
@@ -179,46 +182,84 @@ impl Refiner {
 
     /// Refines the positions and strengths of contacts from the difference that they were detected in, ohm, and states
     /// the standard deviations of the positions. The force of a refined contact is `NaN`, as its strength is that of the
-    /// fit and no longer the integral of an image. A contact that does not fit the frame is left as it is: one with a
-    /// negative strength, or that would move by more than 20 mm. A contact without which the others explain the frame as
-    /// well is removed. One that is far better explained as two touches gets a second one, at the end of the list, with the
-    /// area of both together and an id that no detected contact has.
+    /// fit and no longer the integral of an image.
+    ///
+    /// - A contact without which the others explain the frame as well is removed.
+    /// - One that is far better explained as two touches gets a second one, with the area of both together.
+    /// - A touch that explains most of what the contacts leave is added, wherever it is: where electrodes are disconnected,
+    ///   images miss touches.
+    /// - A contact that does not fit the frame is left as it is: one with a negative strength, or that would move by more
+    ///   than 20 mm although the frame is not explained.
+    ///
+    /// New contacts are at the end of the list, with ids that no detected contact has.
     ///
     /// # Panics
     /// If the difference has another length than the protocol.
     pub fn refine(&self, difference: &[f64], contacts: &mut Vec<Contact>) {
         let values = self.table.whitened(difference);
-        let unknowns = Touch::UNKNOWNS * contacts.len();
-        if contacts.is_empty() || values.len() < VALUES_PER_UNKNOWN * unknowns {
-            return;
-        }
-        let mut places: Vec<[f64; 2]> = contacts.iter().map(|contact| self.table.place(contact.position_m)).collect();
         let fit = Fit { table: &self.table, values: &values, width_spread_m2: self.options.width_spread_m2 };
+        let mut before: Vec<Detected> = contacts.iter().map(|contact| self.detected(contact)).collect();
+        let places: Vec<[f64; 2]> = before.iter().map(|detected| detected.place).collect();
         let Some(mut fitted) = fit.run(&places) else { return };
-        let new_id = contacts.iter().map(|contact| contact.id).max().map_or(0, |id| id + 1);
-        while let Some((index, fewer)) = fit.without_excess(&fitted) {
-            contacts.remove(index);
-            places.remove(index);
-            fitted = fewer;
-        }
-        if let Some((index, two)) = fit.split(&fitted) {
-            contacts.push(Contact { id: new_id, ..contacts[index] });
-            // Either may be far from where both were detected as one.
-            places[index] = two.touches[index].place;
-            places.extend(two.touches.last().map(|touch| touch.place));
-            fitted = two;
-        }
-        for ((contact, touch), before) in contacts.iter_mut().zip(&fitted.touches).zip(places) {
-            let moved_m = self.table.distance_m(touch.place, before);
-            let position_m = self.table.position_m(touch.place);
-            if !(touch.strength > 0.0 && touch.variance_m2.is_finite() && moved_m <= FARTHEST_M) {
-                continue;
+        let mut next_id = contacts.iter().map(|contact| contact.id).max().map_or(0, |id| id + 1);
+        let mut new = |contact: Contact, touch: &Touch| {
+            next_id += 1;
+            Detected { contact: Contact { id: next_id - 1, ..contact }, place: touch.place }
+        };
+        for attempt in 0..MOST_ADDED {
+            while let Some((index, fewer)) = fit.without_excess(&fitted) {
+                before.remove(index);
+                fitted = fewer;
             }
-            contact.position_m = position_m;
-            contact.normal = self.surface.normal(position_m).unwrap_or(contact.normal);
-            contact.strength = touch.strength;
-            (contact.force_n, contact.force_sd_n) = (f64::NAN, f64::NAN);
-            contact.sd_m = touch.variance_m2.sqrt().hypot(self.options.offset_sd_m);
+            if let Some((index, two)) = fit.split(&fitted).filter(|_| attempt == 0) {
+                // Either may be far from where both were detected as one.
+                before[index].place = two.touches[index].place;
+                before.extend(two.touches.last().map(|touch| new(before[index].contact, touch)));
+                fitted = two;
+            }
+            let Some(more) = fit.added(&fitted) else { break };
+            before.extend(more.touches.last().map(|touch| new(self.unseen(touch), touch)));
+            fitted = more;
+        }
+        let is_explained = fit.is_explained(&fitted);
+        let refined = |(detected, touch): (Detected, &Touch)| {
+            let moved_m = self.table.distance_m(touch.place, detected.place);
+            let fits = touch.strength > 0.0 && touch.sd_m(0.0).is_finite();
+            let is_near = is_explained || moved_m <= FARTHEST_M;
+            if fits && is_near { self.refined(detected.contact, touch) } else { detected.contact }
+        };
+        *contacts = before.into_iter().zip(&fitted.touches).map(refined).collect();
+    }
+
+    fn detected(&self, contact: &Contact) -> Detected {
+        Detected { contact: *contact, place: self.table.place(contact.position_m) }
+    }
+
+    /// A contact that was not detected, where a touch explains the frame.
+    fn unseen(&self, touch: &Touch) -> Contact {
+        let position_m = self.table.position_m(touch.place);
+        let half_height_m2 = TAU * LN_2 * self.options.width_m.powi(2);
+        let normal = self.surface.normal(position_m).unwrap_or_default();
+        Contact { area_m2: half_height_m2, ..Contact::truth(position_m, normal, f64::NAN) }
+    }
+
+    /// A contact with the place, strength and deviation of a touch.
+    fn refined(&self, contact: Contact, touch: &Touch) -> Contact {
+        let position_m = self.table.position_m(touch.place);
+        Contact {
+            position_m,
+            normal: self.surface.normal(position_m).unwrap_or(contact.normal),
+            strength: touch.strength,
+            force_n: f64::NAN,
+            force_sd_n: f64::NAN,
+            sd_m: touch.sd_m(self.options.offset_sd_m),
+            ..contact
         }
     }
+}
+
+/// A contact before it is refined, and its place in the chart.
+struct Detected {
+    contact: Contact,
+    place: [f64; 2],
 }

@@ -20,6 +20,8 @@ const REACH: f64 = 4.0;
 /// Least width of a touch over the edge length of the cells: a Gaussian is sampled at the centres of the cells. That of
 /// 3 mm on the mesh of `cylinder30` (edges of 4.6 mm) places contacts as well as one on a mesh of half the size.
 const LEAST_WIDTH: f64 = 0.6;
+/// Steps of the grid between the places at which a touch is looked for: a fit finds one from there.
+const SEARCH_STRIDE: usize = 3;
 /// Number of cells whose responses are transposed together, so that they stay in the cache.
 const BLOCK: usize = 64;
 
@@ -55,6 +57,8 @@ pub(super) struct ResponseTable {
     axes: [Axis; 2],
     /// By place (the second axis first), the response of each value.
     responses: Vec<f32>,
+    /// The places at which a touch is looked for, with the norm of the response of each.
+    searched: Vec<(usize, f32)>,
     /// The channels of each value, with their weights.
     values: Vec<Vec<(usize, f64)>>,
     /// Standard deviation of each value, ohm.
@@ -84,6 +88,7 @@ impl ResponseTable {
             origin_m,
             axes,
             responses: Vec::new(),
+            searched: Vec::new(),
             values,
             sd_ohm,
             whitening: Whitening::default(),
@@ -111,7 +116,22 @@ impl ResponseTable {
         };
         responses.par_chunks_exact_mut(width).enumerate().for_each(fill);
         self.responses = responses;
+        let is_searched = |place: &usize| {
+            (place % round.count).is_multiple_of(SEARCH_STRIDE) && (place / round.count).is_multiple_of(SEARCH_STRIDE)
+        };
+        let with_norm = |place: usize| (place, norm(&self.responses[place * width..][..width]));
+        let searched = (0..round.count * along.count).filter(is_searched).map(with_norm);
+        self.searched = searched.filter(|(_, norm)| *norm > 0.0).collect();
         Ok(())
+    }
+
+    /// The place at which a touch explains whitened values best, among those searched; `None` if none does.
+    pub(super) fn likeliest(&self, values: &[f64]) -> Option<[f64; 2]> {
+        let values: Vec<f32> = values.iter().map(|&value| value as f32).collect();
+        let mut best = (0.0, None);
+        pulp::Arch::new().dispatch(Search { table: self, values: &values, best: &mut best });
+        let ([round, along], place) = (self.axes, best.1?);
+        Some([round.at(place % round.count), along.at(place / round.count)])
     }
 
     /// The change of each value, over its noise, by the conductivity of each cell in an order, cells x values.
@@ -151,6 +171,12 @@ impl ResponseTable {
         self.values.iter().zip(&self.sd_ohm).map(value).collect()
     }
 
+    /// The place halfway between two places.
+    pub(super) fn middle(&self, from: [f64; 2], to: [f64; 2]) -> [f64; 2] {
+        let half = |axis: usize| from[axis] + 0.5 * self.axes[axis].difference(to[axis], from[axis]);
+        self.bounded([0, 1].map(half))
+    }
+
     /// The place of a point in the chart.
     pub(super) fn place(&self, point_m: Point3) -> [f64; 2] {
         self.bounded(self.surface.chart(self.origin_m, point_m))
@@ -175,8 +201,7 @@ impl ResponseTable {
 
     /// The change of a frame by a touch of a strength, ohm.
     pub(super) fn change(&self, place: [f64; 2], strength_m2: f64) -> Vec<f64> {
-        let mut response = Response::default();
-        self.response_into(place, &mut response);
+        let mut response = self.response(place);
         self.whitening.undo(&mut response.value);
         let mut change = vec![0.0; self.channel_count];
         for ((value, sd), response) in self.values.iter().zip(&self.sd_ohm).zip(&response.value) {
@@ -188,22 +213,47 @@ impl ResponseTable {
     }
 
     /// The response at a place, by cubic interpolation.
-    pub(super) fn response_into(&self, place: [f64; 2], response: &mut Response) {
+    pub(super) fn response(&self, place: [f64; 2]) -> Response {
+        let mut response = Response::default();
+        let Response { value, by_place: [by_round, by_along], laplacian } = &mut response;
+        self.interpolate(place, [value, by_round, by_along, laplacian], |[[a, by_a, twice_a], [b, by_b, twice_b]]| {
+            [a * b, by_a * b, a * by_b, twice_a * b + a * twice_b]
+        });
+        response
+    }
+
+    /// The changes of the response at a place, per m2, by an oblong form of the touch: along the axes, and along the
+    /// diagonals between them.
+    pub(super) fn by_form(&self, place: [f64; 2]) -> [Vec<f64>; 2] {
+        let mut by_form = [Vec::new(), Vec::new()];
+        self.interpolate(place, by_form.each_mut(), |[[a, by_a, twice_a], [b, by_b, twice_b]]| {
+            [twice_a * b - a * twice_b, 2.0 * by_a * by_b]
+        });
+        by_form
+    }
+
+    /// Sums of the tabulated responses about a place, with the weights of the two axes' stencils combined.
+    fn interpolate<const COUNT: usize>(
+        &self,
+        place: [f64; 2],
+        out: [&mut Vec<f64>; COUNT],
+        combined: impl Fn([[f64; 3]; 2]) -> [f64; COUNT],
+    ) {
         let width = self.values.len();
         let [round, along] = [0, 1].map(|axis: usize| self.axes[axis].stencil(place[axis]));
-        let Response { value, by_place: [by_round, by_along], laplacian } = response;
-        // All of them are overwritten below.
-        [value, by_round, by_along, laplacian].into_iter().for_each(|out| out.resize(width, 0.0));
+        // All values are overwritten below.
+        let out = out.map(|out| {
+            out.resize(width, 0.0);
+            &mut out[..]
+        });
         let row = |k: usize| {
             let (i, j) = (k % 4, k / 4);
             let place = self.axes[1].index(along.first + j as i64) * self.axes[0].count
                 + self.axes[0].index(round.first + i as i64);
-            let [a, by_a, twice_a] = round.weights.map(|weights| weights[i]);
-            let [b, by_b, twice_b] = along.weights.map(|weights| weights[j]);
-            let weights = [a * b, by_a * b, a * by_b, twice_a * b + a * twice_b];
+            let weights = combined([round.weights.map(|weights| weights[i]), along.weights.map(|weights| weights[j])]);
             (&self.responses[place * width..][..width], weights)
         };
-        pulp::Arch::new().dispatch(Interpolate { rows: std::array::from_fn(row), response });
+        pulp::Arch::new().dispatch(Interpolate { rows: std::array::from_fn(row), out });
     }
 }
 
@@ -341,17 +391,17 @@ impl Cells {
     }
 }
 
-/// Interpolates a response and its derivatives between tabulated responses: each row with its weights.
-struct Interpolate<'a> {
-    rows: [(&'a [f32], [f64; 4]); 16],
-    response: &'a mut Response,
+/// Sums of tabulated responses: each row with its weight in every sum.
+struct Interpolate<'a, const COUNT: usize> {
+    rows: [(&'a [f32], [f64; COUNT]); 16],
+    out: [&'a mut [f64]; COUNT],
 }
 
-impl Interpolate<'_> {
-    /// The values from one on, and their derivatives.
+impl<const COUNT: usize> Interpolate<'_, COUNT> {
+    /// Some values of the sums, from one on.
     #[inline(always)]
-    fn block<const WIDTH: usize>(&self, from: usize) -> [[f64; WIDTH]; 4] {
-        let mut sums = [[0.0; WIDTH]; 4];
+    fn block<const WIDTH: usize>(&self, from: usize) -> [[f64; WIDTH]; COUNT] {
+        let mut sums = [[0.0; WIDTH]; COUNT];
         for (row, weights) in &self.rows {
             let row: &[f32; WIDTH] = row[from..][..WIDTH].try_into().expect("WIDTH values");
             for (sums, weight) in sums.iter_mut().zip(weights) {
@@ -364,24 +414,58 @@ impl Interpolate<'_> {
     #[inline(always)]
     fn put<const WIDTH: usize>(&mut self, from: usize) {
         let sums = self.block::<WIDTH>(from);
-        let Response { value, by_place: [by_round, by_along], laplacian } = &mut *self.response;
-        for (out, sums) in [value, by_round, by_along, laplacian].into_iter().zip(sums) {
-            out[from..][..WIDTH].copy_from_slice(&sums);
-        }
+        self.out.iter_mut().zip(sums).for_each(|(out, sums)| out[from..][..WIDTH].copy_from_slice(&sums));
     }
 }
 
-impl WithSimd for Interpolate<'_> {
+impl<const COUNT: usize> WithSimd for Interpolate<'_, COUNT> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, _: S) {
         const WIDTH: usize = 8;
-        let count = self.response.value.len();
+        let count = self.out[0].len();
         let whole = count - count % WIDTH;
         (0..whole).step_by(WIDTH).for_each(|from| self.put::<WIDTH>(from));
         (whole..count).for_each(|from| self.put::<1>(from));
     }
+}
+
+/// The place, of those searched, where values are most like the response of a touch.
+struct Search<'a> {
+    table: &'a ResponseTable,
+    values: &'a [f32],
+    best: &'a mut (f32, Option<usize>),
+}
+
+impl WithSimd for Search<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let width = self.values.len();
+        for &(place, norm) in &self.table.searched {
+            let explained = dot(&self.table.responses[place * width..][..width], self.values) / norm;
+            if explained > self.best.0 {
+                *self.best = (explained, Some(place));
+            }
+        }
+    }
+}
+
+/// A scalar product in sixteen independent sums.
+#[inline(always)]
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    let (a, b) = (a.as_chunks::<16>(), b.as_chunks::<16>());
+    let mut sums = [0.0; 16];
+    for (a, b) in a.0.iter().zip(b.0) {
+        (0..16).for_each(|lane| sums[lane] += a[lane] * b[lane]);
+    }
+    sums.iter().sum::<f32>() + a.1.iter().zip(b.1).map(|(a, b)| a * b).sum::<f32>()
+}
+
+fn norm(values: &[f32]) -> f32 {
+    dot(values, values).sqrt()
 }
 
 /// The sum of the responses of cells, each times its weight.

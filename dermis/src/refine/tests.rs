@@ -108,7 +108,9 @@ fn a_contact_of_two_touches_is_split() {
                 let nearest = contacts.iter().min_by(|a, b| off_m(a).total_cmp(&off_m(b))).unwrap();
                 println!("{direction:?}: {:.2e} m, stated {:.2e} m", off_m(nearest), nearest.sd_m);
                 // In one of 500 draws, a distance exceeds 3.5 deviations per axis.
-                assert!(off_m(nearest) < 3.5 * nearest.sd_m && nearest.sd_m < 3e-3, "{direction:?}");
+                assert!(off_m(nearest) < 3.5 * nearest.sd_m && off_m(nearest) < 4e-3, "{direction:?}");
+                // What touches so near each other may share is added to the noise.
+                assert!(nearest.sd_m < 7e-3, "{direction:?}: {}", nearest.sd_m);
             }
         }
     }
@@ -131,7 +133,41 @@ fn a_contact_that_explains_nothing_is_left_out() {
     for (contact, place) in contacts.iter().zip(places) {
         let off_m = surface.distance_m(contact.position_m, place);
         // In one of 500 draws, a distance exceeds 3.5 deviations per axis.
-        assert!(off_m < 3.5 * contact.sd_m && contact.sd_m < 2e-3, "{off_m}, stated {}", contact.sd_m);
+        assert!(off_m < 3.5 * contact.sd_m && off_m < 4e-3 && contact.sd_m < 7e-3, "{off_m}, stated {}", contact.sd_m);
+    }
+}
+
+/// Touches that were not detected are added, beside one that was and alone; noise adds none.
+#[test]
+fn a_touch_that_was_not_detected_is_added() {
+    let noise_ohm = 0.06;
+    let (design, refiner) = refiner(noise_ohm, RefineOptions::default());
+    let surface = design.body.surface();
+    let places = [surface.at(0.09, 1.0).unwrap(), surface.at(0.22, 4.0).unwrap()];
+    let noisy = |frame: u64, touches: &[Point3]| -> Vec<f64> {
+        let mut rng = sample_rng(34, frame);
+        let mut change: Vec<f64> = (0..870).map(|_| noise_ohm * standard_normal(&mut rng)).collect();
+        for touch in touches {
+            change.iter_mut().zip(refiner.change(*touch, 5e-5)).for_each(|(sum, value)| *sum += value);
+        }
+        change
+    };
+    for detected in [vec![], vec![contact(places[1])]] {
+        let mut contacts = detected.clone();
+        refiner.refine(&noisy(1, &places), &mut contacts);
+        assert_eq!(contacts.len(), 2, "{} detected", detected.len());
+        assert_ne!(contacts[0].id, contacts[1].id);
+        for place in places {
+            let off_m = |contact: &Contact| surface.distance_m(contact.position_m, place);
+            let nearest = contacts.iter().min_by(|a, b| off_m(a).total_cmp(&off_m(b))).unwrap();
+            // In one of 500 draws, a distance exceeds 3.5 deviations per axis.
+            assert!(off_m(nearest) < 3.5 * nearest.sd_m && off_m(nearest) < 3e-3, "{:.2e} m", off_m(nearest));
+        }
+    }
+    for frame in 0..2000 {
+        let mut contacts = Vec::new();
+        refiner.refine(&noisy(100 + frame, &[]), &mut contacts);
+        assert!(contacts.is_empty(), "frame {frame}");
     }
 }
 
