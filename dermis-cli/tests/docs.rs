@@ -305,7 +305,7 @@ fn runs<'a>(table: &'a Table<'a>) -> (Vec<&'a str>, usize) {
 fn the_rows_of_benchmark_tables_are_figures() {
     let validation = page("docs/validation.md");
     let tables = benchmark_tables(&validation);
-    assert_eq!(tables.len(), 4, "linear methods, networks, refined contacts, other twins");
+    assert_eq!(tables.len(), 3, "linear methods, networks, refined contacts");
     for table in tables {
         for row in &table.rows {
             let known = dermis_study::metrics::FIGURES.iter().any(|figure| figure.name == row[0]);
