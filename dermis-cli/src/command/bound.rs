@@ -139,11 +139,12 @@ impl Arguments {
         twin.electronics.snr_db = self.noise.or(twin.electronics.snr_db);
         let long = ((LONG_S * twin.electronics.frame_rate_hz).round() as usize).max(1);
         let waiting = Progress::waiting("preparing");
-        let bounds = Bounds::new(&self.read_design(skin.design())?, &twin, &self.options())?;
+        let design = self.read_design(skin.design())?;
+        let bounds = Bounds::new(&design, &twin, &self.options())?;
         drop(waiting);
         let one = self.summary(&skin, &bounds, 1)?;
         if one.sd_m.is_none() {
-            let values = counted(skin.design().protocol.channel_count(), "value");
+            let values = counted(design.protocol.channel_count(), "value");
             return Err(Failure::given(
                 format!("the frame does not tell the place of a press anywhere on the skin: it has {values}"),
                 Some("read more values: a press has four unknowns, two of its place, its force and its tip"),
@@ -153,14 +154,20 @@ impl Arguments {
         self.write_files(&skin, &one)?;
         if self.json {
             let (design, twin) = (&skin.design().name, &twin.name);
-            return print_json(&serde_json::json!({ "design": design, "twin": twin, "bounds": [one, mean] }));
+            return print_json(&serde_json::json!({
+                "design": design,
+                "twin": twin,
+                "without_electrodes": self.without_electrode,
+                "bounds": [one, mean],
+            }));
         }
         print(&format!(
-            "{}, presses of {} N with a tip of {} mm, noise of `{}`, {}\n\n{}",
+            "{}, presses of {} N with a tip of {} mm, noise of `{}`{}, {}\n\n{}",
             skin.design().name,
             self.force,
             1e3 * self.tip_radius,
             twin.name,
+            self.disconnected(),
             counted(one.places.len(), "place"),
             table(&one, &mean).to_text()
         ))
@@ -280,8 +287,14 @@ impl Arguments {
         .draw()
     }
 
+    /// The disconnected electrodes, after a comma; empty without any.
+    fn disconnected(&self) -> String {
+        let numbers: Vec<String> = self.without_electrode.iter().map(usize::to_string).collect();
+        if numbers.is_empty() { String::new() } else { format!(", without electrode {}", numbers.join(", ")) }
+    }
+
     fn conditions(&self) -> String {
-        format!("presses of {} N, noise of `{}`, one frame", self.force, self.twin)
+        format!("presses of {} N, noise of `{}`, one frame{}", self.force, self.twin, self.disconnected())
     }
 
     fn draw(&self, skin: &Skin, values: &[f64], title: &str, label: &str) -> Outcome<Picture> {

@@ -100,7 +100,7 @@ impl Pipeline {
             self.judge_again(reading, since_s);
         }
         let felt = reading.touch_detector.update(signal.statistic);
-        let sightings = self.sightings(&signal.difference, felt)?;
+        let sightings = self.sightings(signal, felt)?;
         let tracked = self.state.tracker.update(&sightings, time.time_s);
         let (settings, start) = (&self.state.settings, self.state.start.unwrap_or_default());
         let positive = self.methods.skin().design().sheet.touch.change();
@@ -126,8 +126,8 @@ impl Pipeline {
 
     /// What the method finds in a difference from the baseline; updates the image. `felt`: the result of the touch
     /// detector.
-    fn sightings(&mut self, difference: &[f64], felt: bool) -> Result<Vec<Sighting>, PipelineError> {
-        let method = self.method.reconstruct();
+    fn sightings(&mut self, signal: &Signal<'_>, felt: bool) -> Result<Vec<Sighting>, PipelineError> {
+        let (method, difference) = (self.method.reconstruct(), &signal.difference);
         method.reconstruct_into(difference, &mut self.image.values)?;
         Ok(match method.contacts(difference)? {
             Some(contacts) => sightings_of(contacts, felt),
@@ -135,7 +135,12 @@ impl Pipeline {
                 let detected = self.detector.detect_under(&self.image);
                 let mut contacts: Vec<Contact> = detected.iter().map(|(contact, _)| *contact).collect();
                 method.correct(difference, &mut contacts);
-                let contacts = with_signals(&method.pixels().surface, contacts, &detected, self.noise_factor);
+                let masked = &self.state.method_masked;
+                // On a sound skin every touch is in the image; a residual alone is none.
+                let is_missed =
+                    felt && marked(&signal.masked) == *masked && !(detected.is_empty() && masked.is_empty());
+                let threshold = is_missed.then_some(self.noise_factor);
+                let contacts = with_signals(&method.pixels().surface, contacts, &detected, threshold);
                 sightings(contacts, self.noise_factor, &self.state.settings, felt)
             }
         })
@@ -266,22 +271,22 @@ fn mask(difference: &mut [f64], masked: &[bool]) {
 }
 
 /// Contacts after a correction by the method, each with the signal-to-noise ratio with which it was detected. The method may
-/// have removed some. One that it has added has the ratio of the nearest detected one if it is a part of that, and
-/// `threshold`, the least ratio of a contact, if it was not detected.
+/// have removed some. One that it has added has the ratio of the nearest detected one if it is a part of that. One that was
+/// not detected has the ratio `threshold`; without, it is left out.
 fn with_signals(
     surface: &Surface,
     contacts: Vec<Contact>,
     detected: &[(Contact, Circumstances)],
-    threshold: f64,
+    threshold: Option<f64>,
 ) -> Vec<(Contact, f64)> {
     let signal = |contact: &Contact| {
         let same = detected.iter().find(|(other, _)| other.id == contact.id);
         let apart_m = |(other, _): &&(Contact, Circumstances)| surface.distance_m(contact.position_m, other.position_m);
         let nearest = || detected.iter().min_by(|a, b| apart_m(a).total_cmp(&apart_m(b)));
         let of = same.or_else(|| nearest().filter(|near| apart_m(near) <= PART_OF_CONTACT_M));
-        of.map_or(threshold, |(_, under)| under.signal)
+        of.map(|(_, under)| under.signal).or(threshold)
     };
-    contacts.into_iter().map(|contact| (contact, signal(&contact))).collect()
+    contacts.into_iter().filter_map(|contact| Some((contact, signal(&contact)?))).collect()
 }
 
 /// Contacts with their signal-to-noise ratios as sightings, whose signal is relative to the threshold at their positions.
@@ -315,8 +320,11 @@ mod tests {
         });
         // The one in the middle is removed, the first one moves past its place, the last one is split, and one is added.
         let corrected = vec![contact(0, 0.021), contact(2, 0.09), contact(3, 0.115), contact(4, 0.2)];
-        let signals = with_signals(&Surface::Plane, corrected, &detected, 4.0);
-        let signals: Vec<(u64, f64)> = signals.iter().map(|(contact, signal)| (contact.id, *signal)).collect();
-        assert_eq!(signals, [(0, 9.0), (2, 7.0), (3, 7.0), (4, 4.0)]);
+        let signals = |threshold: Option<f64>| -> Vec<(u64, f64)> {
+            let signals = with_signals(&Surface::Plane, corrected.clone(), &detected, threshold);
+            signals.iter().map(|(contact, signal)| (contact.id, *signal)).collect()
+        };
+        assert_eq!(signals(Some(4.0)), [(0, 9.0), (2, 7.0), (3, 7.0), (4, 4.0)]);
+        assert_eq!(signals(None), [(0, 9.0), (2, 7.0), (3, 7.0)]);
     }
 }

@@ -46,12 +46,13 @@ const DIRECTIONS: usize = 4;
 const FIRST_STEPS: usize = 2;
 /// A split is given up where its gain after them, without the other touches' steps, is below this part of the one needed.
 const LEAST_FIRST_GAIN: f64 = 0.25;
-/// Touches beyond this number are not split, and none is added.
+/// With more touches than this, none is split or added.
 const MOST_CONTACTS: usize = 4;
 /// A touch is added where it explains at least this part of what noise does not explain: where a touch was missed, it is
 /// most of it.
 const LEAST_ADDED_PART: f64 = 0.5;
-/// Touches explain a frame if they leave at most this part of what noise does not explain.
+/// Touches explain a frame that differs from noise by this much if they leave at most this part of it, or no more than noise.
+const LEAST_EXPLAINED: f64 = 150.0;
 const MOST_LEFT: f64 = 0.1;
 
 /// A fitted touch.
@@ -229,7 +230,9 @@ impl Fit<'_> {
     /// Whether touches explain most of what noise does not explain.
     pub(super) fn is_explained(&self, fitted: &Fitted) -> bool {
         let noise = self.values.len() as f64;
-        fitted.cost() - noise <= MOST_LEFT * (dot(self.values, self.values) - noise)
+        let excess = dot(self.values, self.values) - noise;
+        let left = fitted.cost() - noise + (Touch::UNKNOWNS * fitted.touches.len()) as f64;
+        excess >= LEAST_EXPLAINED && left <= LEAST_EXCESS.max(MOST_LEFT * excess)
     }
 
     /// The touches and one more as the last one, where that explains most of what they leave.

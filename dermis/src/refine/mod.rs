@@ -42,7 +42,7 @@ use crate::design::Body;
 use crate::forward::{ForwardError, ForwardModel};
 use crate::geom::{Point3, Surface};
 use crate::mesh::Cells;
-use fit::{Fit, Touch};
+use fit::{Fit, Fitted, Touch};
 use std::f64::consts::{LN_2, TAU};
 use table::ResponseTable;
 use thiserror::Error;
@@ -53,7 +53,7 @@ pub struct RefineOptions {
     /// Standard deviation of a touch's change of conductance along the surface, m; on a coarse mesh at least 0.6 of the
     /// edge length of its cells.
     pub width_m: f64,
-    /// Standard deviation of `(w'^2 - w^2) / 2` over touches of different widths `w'`, m2.
+    /// Standard deviation of `(w'^2 - w^2) / 2` over touches of different widths `w'`, and of their oblong forms, m2.
     pub width_spread_m2: f64,
     /// Standard deviation per axis of the centre of a touch's change of conductance about the place that is pressed, m.
     pub offset_sd_m: f64,
@@ -116,7 +116,7 @@ pub enum RefineError {
 /// A contact that moves farther than this in a fit that does not explain the frame is another one, or none: it is kept as it
 /// was detected, m. It is the gate of the scores.
 const FARTHEST_M: f64 = 0.02;
-/// Touches that are added to those detected.
+/// At most this many touches are added to those detected.
 const MOST_ADDED: usize = 3;
 /// Fewer values than this per unknown of the fit do not determine the contacts of a frame.
 const VALUES_PER_UNKNOWN: usize = 4;
@@ -191,6 +191,7 @@ impl Refiner {
     /// - A contact that does not fit the frame is left as it is: one with a negative strength, or that would move by more
     ///   than 20 mm although the frame is not explained.
     ///
+    /// The stated deviations contain noise, drift, the forms of the touches and what touches on the same patches share.
     /// New contacts are at the end of the list, with ids that no detected contact has.
     ///
     /// # Panics
@@ -198,49 +199,59 @@ impl Refiner {
     pub fn refine(&self, difference: &[f64], contacts: &mut Vec<Contact>) {
         let values = self.table.whitened(difference);
         let fit = Fit { table: &self.table, values: &values, width_spread_m2: self.options.width_spread_m2 };
-        let mut before: Vec<Detected> = contacts.iter().map(|contact| self.detected(contact)).collect();
-        let places: Vec<[f64; 2]> = before.iter().map(|detected| detected.place).collect();
+        let mut starts: Vec<Start> = contacts.iter().map(|contact| self.detected(contact)).collect();
+        let places: Vec<[f64; 2]> = starts.iter().map(|start| start.place).collect();
         let Some(mut fitted) = fit.run(&places) else { return };
         let mut next_id = contacts.iter().map(|contact| contact.id).max().map_or(0, |id| id + 1);
         let mut new = |contact: Contact, touch: &Touch| {
             next_id += 1;
-            Detected { contact: Contact { id: next_id - 1, ..contact }, place: touch.place }
+            Start { contact: Contact { id: next_id - 1, ..contact }, place: touch.place, is_new: true }
         };
-        for attempt in 0..MOST_ADDED {
-            while let Some((index, fewer)) = fit.without_excess(&fitted) {
-                before.remove(index);
-                fitted = fewer;
+        let prune = |starts: &mut Vec<Start>, fitted: &mut Fitted| {
+            while let Some((index, fewer)) = fit.without_excess(fitted) {
+                starts.remove(index);
+                *fitted = fewer;
             }
-            if let Some((index, two)) = fit.split(&fitted).filter(|_| attempt == 0) {
-                // Either may be far from where both were detected as one.
-                before[index].place = two.touches[index].place;
-                before.extend(two.touches.last().map(|touch| new(before[index].contact, touch)));
-                fitted = two;
-            }
+        };
+        prune(&mut starts, &mut fitted);
+        if let Some((index, two)) = fit.split(&fitted) {
+            // Either may be far from where both were detected as one.
+            starts[index].place = two.touches[index].place;
+            starts.extend(two.touches.last().map(|touch| new(starts[index].contact, touch)));
+            fitted = two;
+        }
+        for _ in 0..MOST_ADDED {
             let Some(more) = fit.added(&fitted) else { break };
-            before.extend(more.touches.last().map(|touch| new(self.unseen(touch), touch)));
+            starts.extend(more.touches.last().map(|touch| new(self.unseen(touch), touch)));
             fitted = more;
+            prune(&mut starts, &mut fitted);
         }
         let is_explained = fit.is_explained(&fitted);
-        let refined = |(detected, touch): (Detected, &Touch)| {
-            let moved_m = self.table.distance_m(touch.place, detected.place);
+        let refined = |(start, touch): (Start, &Touch)| {
+            let moved_m = self.table.distance_m(touch.place, start.place);
             let fits = touch.strength > 0.0 && touch.sd_m(0.0).is_finite();
-            let is_near = is_explained || moved_m <= FARTHEST_M;
-            if fits && is_near { self.refined(detected.contact, touch) } else { detected.contact }
+            match fits && (is_explained || moved_m <= FARTHEST_M) {
+                true => Some(self.refined(start.contact, touch)),
+                false => (!start.is_new).then_some(start.contact),
+            }
         };
-        *contacts = before.into_iter().zip(&fitted.touches).map(refined).collect();
+        *contacts = starts.into_iter().zip(&fitted.touches).filter_map(refined).collect();
     }
 
-    fn detected(&self, contact: &Contact) -> Detected {
-        Detected { contact: *contact, place: self.table.place(contact.position_m) }
+    fn detected(&self, contact: &Contact) -> Start {
+        Start { contact: *contact, place: self.table.place(contact.position_m), is_new: false }
     }
 
     /// A contact that was not detected, where a touch explains the frame.
     fn unseen(&self, touch: &Touch) -> Contact {
         let position_m = self.table.position_m(touch.place);
-        let half_height_m2 = TAU * LN_2 * self.options.width_m.powi(2);
         let normal = self.surface.normal(position_m).unwrap_or_default();
-        Contact { area_m2: half_height_m2, ..Contact::truth(position_m, normal, f64::NAN) }
+        let far = FARTHEST_M / touch.sd_m(self.options.offset_sd_m);
+        Contact {
+            area_m2: TAU * LN_2 * self.options.width_m.powi(2),
+            confidence: 1.0 - (-0.5 * far * far).exp(),
+            ..Contact::truth(position_m, normal, f64::NAN)
+        }
     }
 
     /// A contact with the place, strength and deviation of a touch.
@@ -259,7 +270,9 @@ impl Refiner {
 }
 
 /// A contact before it is refined, and its place in the chart.
-struct Detected {
+struct Start {
     contact: Contact,
     place: [f64; 2],
+    /// Whether the fit has found it.
+    is_new: bool,
 }

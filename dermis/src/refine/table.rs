@@ -97,6 +97,7 @@ impl ResponseTable {
         let drifts = drifts(model, options.coating_drift, options.contact_drift)?;
         table.whitening = Whitening::new(drifts.iter().map(|change| table.over_noise(change)));
         table.fill(model, width_m)?;
+        table.searched = table.searched(body);
         Ok(table)
     }
 
@@ -116,13 +117,23 @@ impl ResponseTable {
         };
         responses.par_chunks_exact_mut(width).enumerate().for_each(fill);
         self.responses = responses;
+        Ok(())
+    }
+
+    /// Every third place along each axis that is on the body, with the norm of its response.
+    fn searched(&self, body: &Body) -> Vec<(usize, f32)> {
+        let ([round, along], width) = (self.axes, self.values.len());
         let is_searched = |place: &usize| {
-            (place % round.count).is_multiple_of(SEARCH_STRIDE) && (place / round.count).is_multiple_of(SEARCH_STRIDE)
+            let [i, j] = [place % round.count, place / round.count];
+            let is_on_body = match *body {
+                Body::Disk { diameter_m } => round.at(i).hypot(along.at(j)) <= 0.5 * diameter_m,
+                _ => true,
+            };
+            is_on_body && i.is_multiple_of(SEARCH_STRIDE) && j.is_multiple_of(SEARCH_STRIDE)
         };
         let with_norm = |place: usize| (place, norm(&self.responses[place * width..][..width]));
         let searched = (0..round.count * along.count).filter(is_searched).map(with_norm);
-        self.searched = searched.filter(|(_, norm)| *norm > 0.0).collect();
-        Ok(())
+        searched.filter(|(_, norm)| *norm > 0.0).collect()
     }
 
     /// The place at which a touch explains whitened values best, among those searched; `None` if none does.
