@@ -36,7 +36,7 @@ const WRONG: &[(&str, &str, &[&str])] = &[
     ("bound disk.toml", "--tip-radius", &["0", "nan", "1"]),
     ("bound disk.toml --contact-drift 0", "--coat-drift", &["-1", "nan", "1e300"]),
     ("bound disk.toml --coat-drift 0", "--contact-drift", &["-1", "nan", "1e300"]),
-    ("bound disk.toml", "--without-electrode", &["-1", "18446744073709551616"]),
+    ("bound disk.toml", "--without-electrode", &["-1", "1024"]),
     ("bound disk.toml", "--separation-step", &["-1", "18446744073709551615"]),
     ("optimise disk.toml -o x.toml", "--electrodes", &["3", "1025", "1e300"]),
     ("optimise disk.toml -o x.toml", "--counts", &["3", "1025", "-1"]),

@@ -54,7 +54,7 @@ pub struct Arguments {
     #[arg(long)]
     known_patches: bool,
     /// Leave out the values that use an electrode, as if it were disconnected. May be given more than once.
-    #[arg(long, value_name = "E")]
+    #[arg(long, value_name = "N", value_parser = count(0..=1023usize))]
     without_electrode: Vec<usize>,
     /// Compute the separation of two presses at every N-th place; 0: nowhere.
     #[arg(long, value_name = "N", default_value_t = 13, value_parser = count(0..=1_000_000usize))]
