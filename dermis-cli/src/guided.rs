@@ -74,7 +74,7 @@ impl GuidedArguments {
         let session = Session::open(&skin, folder, self.places(&skin)?)?;
         let (address, emulator) = self.source.address(skin.design())?;
         let methods = Arc::new(MethodSet::new(&dermis_learn::methods(), skin, None)?);
-        let device = DeviceOptions { rate_hz: self.source.rate, difference };
+        let device = DeviceOptions { rate_hz: self.source.rate, difference, ..DeviceOptions::default() };
         let live = Live::start(methods, LiveOptions { address, device, settings: Settings::default(), state: None })?;
         let guide = Arc::new(Guide::default());
         let control =

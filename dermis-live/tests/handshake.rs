@@ -126,7 +126,7 @@ fn served(serve: impl Fn(TcpStream) + Send + 'static) -> Address {
 }
 
 fn meet_at(address: &Address, rate_hz: Option<f64>) -> Result<Device, LiveError> {
-    Device::connect(address, skin(), DeviceOptions { rate_hz, difference: false }, None)
+    Device::connect(address, skin(), DeviceOptions { rate_hz, ..DeviceOptions::default() }, None)
 }
 
 fn met(fake: Fake, rate_hz: Option<f64>) -> Device {

@@ -86,7 +86,7 @@ impl Arguments {
         }
         let (address, emulator) = self.source.address(skin.design())?;
         let methods = Arc::new(MethodSet::new(&dermis_learn::methods(), skin.clone(), None)?);
-        let device = DeviceOptions { rate_hz: self.source.rate, difference: false };
+        let device = DeviceOptions { rate_hz: self.source.rate, ..DeviceOptions::default() };
         let live = Live::start(methods, LiveOptions { address, device, settings: Settings::default(), state: None })?;
         let read = self.read_frames(&live);
         let name = live.shared().facts().map(|facts| format!("{}, serial number {}", facts.name, facts.serial));

@@ -72,6 +72,9 @@ pub struct Arguments {
     /// Compare the first frames, of the untouched skin, with the design, as dermis check-build does: findings are notices.
     #[arg(long, conflicts_with = "difference")]
     check_build: bool,
+    /// Take the times of frames from the device's clock alone, for a device in a simulator that is slower than real time.
+    #[arg(long)]
+    device_time: bool,
     /// Write a line of JSON per frame: `-` to standard output, tcp:127.0.0.1:PORT to every program on this machine that
     /// connects.
     #[arg(long, value_name = "WHERE")]
@@ -137,9 +140,10 @@ impl Arguments {
             let fix = "check its untouched frames with dermis check-build DESIGN --frames FILE";
             return Err(Failure::given("a recording takes no --check-build", Some(fix)));
         }
-        if self.state.is_some() || self.source.rate.is_some() || self.both_signs {
-            let fix = "leave --state, --rate and --both-signs out: a recording has its own";
-            return Err(Failure::given("a recording takes no --state, no --rate and no --both-signs", Some(fix)));
+        if self.state.is_some() || self.source.rate.is_some() || self.both_signs || self.device_time {
+            let fix = "leave --state, --rate, --both-signs and --device-time out: a recording has its own";
+            let what = "a recording takes no --state, --rate, --both-signs and --device-time";
+            return Err(Failure::given(what, Some(fix)));
         }
         let zones = self.zone.clone();
         let player = Player::open(recording, methods, self.source.emulator.speed())?;
@@ -161,7 +165,8 @@ impl Arguments {
         let method = self.method.clone().unwrap_or_default();
         let threshold = self.threshold.unwrap_or(1.0);
         let settings = Settings { method, threshold, zones, both_signs: self.both_signs, ..Settings::default() };
-        let device = DeviceOptions { rate_hz: self.source.rate, difference: self.difference };
+        let (rate_hz, difference, device_time) = (self.source.rate, self.difference, self.device_time);
+        let device = DeviceOptions { rate_hz, difference, device_time };
         LiveOptions { address, device, settings, state }
     }
 

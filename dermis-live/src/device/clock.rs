@@ -12,6 +12,8 @@ use std::time::Duration;
 /// ahead of the host's, is that of a faulty clock: the time of arrival replaces it.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct DeviceClock {
+    /// Only the first message is set to the host's clock: the device may be slower than real time.
+    pub is_free: bool,
     /// Host time minus device time at the smallest delay, ns, and the device time of that message, us.
     least: Option<(i128, u64)>,
     /// Time since which messages are late by more than one second.
@@ -45,21 +47,29 @@ impl DeviceClock {
         self.before = Some((time_us, received_at));
         let device_ns = i128::from(time_us) * 1000;
         let offset_ns = i128::from(received_at.unix_ns) - device_ns;
+        let offset_ns = match self.least {
+            Some((first_ns, _)) if self.is_free => first_ns,
+            _ => self.least_offset_ns(offset_ns, time_us, received_at),
+        };
+        let moment = Timestamp { unix_ns: u64::try_from(device_ns + offset_ns).unwrap_or(0) };
+        self.last = self.last.max(moment);
+        self.last
+    }
+
+    /// The offset of the smallest delay, after a message with the offset `offset_ns`.
+    fn least_offset_ns(&mut self, offset_ns: i128, time_us: u64, received_at: Timestamp) -> i128 {
         let allowed_ns = self.least.map(|(least_ns, at_us)| {
             let since_s = Duration::from_micros(time_us.saturating_sub(at_us)).as_secs_f64();
             least_ns + (since_s * DRIFT * 1e9) as i128
         });
         let allowed_ns = allowed_ns.filter(|allowed_ns| !self.was_set(offset_ns - allowed_ns, received_at));
-        let offset_ns = match allowed_ns {
+        match allowed_ns {
             Some(allowed_ns) if allowed_ns < offset_ns => allowed_ns,
             _ => {
                 self.least = Some((offset_ns, time_us));
                 offset_ns
             }
-        };
-        let moment = Timestamp { unix_ns: u64::try_from(device_ns + offset_ns).unwrap_or(0) };
-        self.last = self.last.max(moment);
-        self.last
+        }
     }
 
     /// Whether the device time of a message cannot follow that of the message before.
@@ -91,7 +101,7 @@ impl DeviceClock {
 
     /// Resets the relation between the clocks, after the device was restarted or disconnected.
     pub(super) fn restart(&mut self) {
-        *self = DeviceClock { last: self.last, faults: self.faults, ..Self::default() };
+        *self = DeviceClock { last: self.last, faults: self.faults, is_free: self.is_free, ..Self::default() };
     }
 }
 
@@ -139,6 +149,19 @@ mod tests {
             late_s(|device_s| if (4.0..7.0).contains(&device_s) { 7.0 + 1e-4 * device_s } else { device_s });
         assert!((stood_still[400] - 3.0).abs() < 0.01 && (stood_still[600] - 1.0).abs() < 0.01);
         assert!(stood_still[701].abs() < 1e-3);
+    }
+
+    #[test]
+    fn a_free_clock_keeps_its_rate_whatever_the_host_shows() {
+        let mut clock = DeviceClock { is_free: true, ..DeviceClock::default() };
+        let start = Timestamp { unix_ns: 1_800_000_000_000_000_000 };
+        // The device takes three seconds of the host for one of its own.
+        for frame in 0..1000u64 {
+            let device = Duration::from_micros(frame * 8333);
+            let time = clock.moment(frame * 8333, start.after(3 * device));
+            assert_eq!(time, start.after(device), "frame {frame}");
+        }
+        assert_eq!(clock.faults(), 0);
     }
 
     #[test]

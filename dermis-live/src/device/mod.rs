@@ -40,6 +40,9 @@ pub struct DeviceOptions {
     pub rate_hz: Option<f64>,
     /// Rows of values are differences from the untouched skin.
     pub difference: bool,
+    /// The times of frames follow the device's clock alone, from the first frame on: for a device in a simulator that is
+    /// slower than real time. Without effect on rows of values.
+    pub device_time: bool,
 }
 
 /// The facts of a device.
@@ -320,6 +323,7 @@ impl Device {
         };
         let scan = &stream.scan;
         let connected = Handshake { address, line: line.as_mut(), decoder: &mut decoder, skin, scan, options }.run()?;
+        stream.clock.is_free = options.device_time;
         let facts = stream.connect(connected.hello, connected.tested);
         Ok(Device {
             address: address.to_string(),
