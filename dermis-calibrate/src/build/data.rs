@@ -8,6 +8,14 @@ use dermis::stats::{rms, upper_median};
 /// Error of the model and the instrument, relative to the root mean square of the values without a driven electrode.
 const RELATIVE_ERROR: f64 = 2e-3;
 
+/// Difference of reciprocal values that errors of the currents may explain, relative, and how often their noise.
+const UNLIKE_SHARE: f64 = 5e-3;
+const UNLIKE_NOISE: f64 = 6.0;
+/// Values that are this close to the largest of their drive are as large, relative.
+const AS_LARGE: f64 = 2e-3;
+/// Standard deviation of a value without weight, relative.
+const WITHOUT_WEIGHT: f64 = 1e6;
+
 /// The mean untouched frame, divided by one factor.
 #[derive(Debug, Clone)]
 pub(super) struct Data {
@@ -49,9 +57,37 @@ impl Data {
             let own = if driven { DRIVEN_ERROR * value.abs().max(model[channel].abs()) } else { 0.0 };
             noise_ohm[usize::from(driven)].hypot(RELATIVE_ERROR * size).hypot(own).hypot(discretisation_ohm[channel])
         };
-        let sd = values.iter().enumerate().map(sd).collect();
+        let mut sd: Vec<f64> = values.iter().enumerate().map(sd).collect();
+        for channel in out_of_range(protocol, &values, &noise_ohm) {
+            sd[channel] = WITHOUT_WEIGHT * values[channel].abs().max(size);
+        }
         Some(Data { values, sd, scale, noise_ohm })
     }
+}
+
+/// The channels whose value seems to be out of the converter's range: it is the largest of its drive with the same gain (with
+/// or without a driven electrode), and unlike that of a reciprocal channel. By faults, such as exchanged wires, values become
+/// much larger than those of the design.
+fn out_of_range(protocol: &Protocol, values: &[f64], noise_ohm: &[f64; 2]) -> Vec<usize> {
+    let (drives, drive_of) = protocol.drives();
+    let is_driven = |channel: usize| usize::from(protocol.channels()[channel].touches_driven());
+    let mut largest = vec![[0.0f64; 2]; drives.len()];
+    for (channel, value) in values.iter().enumerate() {
+        let of_gain = &mut largest[drive_of[channel]][is_driven(channel)];
+        *of_gain = of_gain.max(value.abs());
+    }
+    let is_largest =
+        |channel: usize| values[channel].abs() >= (1.0 - AS_LARGE) * largest[drive_of[channel]][is_driven(channel)];
+    let noise = |channel: usize| noise_ohm[is_driven(channel)];
+    let twins = twins(protocol);
+    let is_unlike = |channel: usize| {
+        twins[channel].iter().any(|&(twin, sign)| {
+            let noise = UNLIKE_NOISE * noise(channel).hypot(noise(twin));
+            let size = values[channel].abs().max(values[twin].abs());
+            (values[channel] - sign * values[twin]).abs() > noise.max(UNLIKE_SHARE * size)
+        })
+    };
+    (0..values.len()).filter(|&channel| is_largest(channel) && is_unlike(channel)).collect()
 }
 
 /// The median ratio of a frame to the model, over the larger half of the channels without a driven electrode: wrong
@@ -90,4 +126,41 @@ fn disagreement(protocol: &Protocol, values: &[f64], channels: &[usize]) -> f64 
         .collect();
     // Of a normal distribution: 1.4826 times the median of the absolute values.
     1.4826 * upper_median(&differences).unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Values of a network with random symmetric impedances.
+    fn values(protocol: &Protocol) -> Vec<f64> {
+        let impedance = |a: usize, b: usize| (1.7 * (a.min(b) as f64) + 0.3 * (a.max(b) as f64).powi(2)).sin();
+        let value = |one: &dermis::protocol::Channel| {
+            let ([a, b], [c, d]) = (one.drive, one.measure);
+            impedance(a, c) - impedance(a, d) - impedance(b, c) + impedance(b, d)
+        };
+        protocol.channels().iter().map(value).collect()
+    }
+
+    #[test]
+    fn a_clipped_value_is_out_of_range_and_a_reciprocal_frame_has_none() {
+        let protocol = Protocol::adjacent(12).unwrap();
+        let mut values = values(&protocol);
+        let noise_ohm = [1e-4; 2];
+        assert_eq!(out_of_range(&protocol, &values, &noise_ohm), Vec::<usize>::new());
+        // The largest value of a drive that is not the largest of the reciprocal one's drive.
+        let channels = protocol.channels();
+        let of_drive = |drive: [usize; 2]| {
+            (0..values.len()).filter(move |&c| channels[c].drive == drive && !channels[c].touches_driven())
+        };
+        let largest =
+            |drive: [usize; 2]| of_drive(drive).max_by(|&a, &b| values[a].abs().total_cmp(&values[b].abs())).unwrap();
+        let clipped = (0..12).map(|k| largest([k, (k + 1) % 12])).find(|&c| {
+            let twin = twins(&protocol)[c][0].0;
+            largest(channels[twin].drive) != twin
+        });
+        let clipped = clipped.unwrap();
+        values[clipped] *= 0.99;
+        assert_eq!(out_of_range(&protocol, &values, &noise_ohm), [clipped]);
+    }
 }

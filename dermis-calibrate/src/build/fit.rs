@@ -16,9 +16,12 @@ use std::f64::consts::TAU;
 
 /// Steps of a fit. The derivatives are those of the even skin, so each step leaves a part of the error that is like the
 /// unevenness.
-const STEPS: usize = 10;
+const STEPS: usize = 14;
+/// A step takes the errors of the values to be at least this part of what the last one has left: far from the solution,
+/// unknowns whose priors are narrow would explain what the sheet resistance and the contacts do.
+const LEAST_ERROR: f64 = 0.1;
 /// A fit is given up after this many steps if what it leaves is larger than the least misfit by this factor.
-const TRIAL_STEPS: usize = 3;
+const TRIAL_STEPS: usize = 6;
 const HOPELESS: f64 = 2.0;
 /// A shorter step ends a fit, standard deviations of the prior.
 const SHORTEST_STEP: f64 = 0.02;
@@ -73,10 +76,11 @@ pub(super) struct Fit {
     pub linear: Linear,
 }
 
-/// The derivatives of the weighted channels, channels x unknowns, and the inverse of `1 + A'A`.
+/// The derivatives of the weighted channels, channels x unknowns, and the normal matrix `1 + A'A` with its inverse.
 #[derive(Debug, Clone)]
 pub(super) struct Linear {
     pub a: Matrix,
+    normal: Matrix,
     pub inverse: Matrix,
     log_determinant: f64,
 }
@@ -261,7 +265,8 @@ impl Model {
         let count = start.len();
         let mut residuals = self.residuals(data, &impedance, &faults);
         for step in 0..steps {
-            let next = linear.step(&residuals, &x);
+            let times = (LEAST_ERROR * rms(residuals.iter().copied())).max(1.0);
+            let next = linear.step(&residuals, &x, times)?;
             let longest = next.iter().zip(&x).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             x = next;
             for (&at, size) in sized.iter().zip(&x[count..]) {
@@ -326,7 +331,7 @@ impl Linear {
         dermis::linalg::cholesky_in_place(&mut factor).ok()?;
         let log_determinant = 2.0 * (0..factor.rows).map(|i| factor.at(i, i).ln()).sum::<f64>();
         let inverse = invert_spd(&normal).ok()?;
-        Some(Linear { a, inverse, log_determinant })
+        Some(Linear { a, normal, inverse, log_determinant })
     }
 
     /// `A' v`.
@@ -358,15 +363,17 @@ impl Linear {
         0.5 * (squares - passed.iter().zip(unknowns).map(|(a, b)| a * b).sum::<f64>())
     }
 
-    /// The next unknowns of a fit: `(1 + A'A)^-1 A' (r + A x)`.
-    fn step(&self, residuals: &[f64], x: &[f64]) -> Vec<f64> {
+    /// The next unknowns of a fit if the errors have `times` their standard deviations: `(times^2 + A'A)^-1 A' (r + A x)`.
+    fn step(&self, residuals: &[f64], x: &[f64], times: f64) -> Option<Vec<f64>> {
         let mut target = vec![0.0; self.a.rows];
         self.a.product_into(x, &mut target);
         target.iter_mut().zip(residuals).for_each(|(sum, residual)| *sum += residual);
+        let mut normal = self.normal.clone();
+        (0..normal.rows).for_each(|i| *normal.at_mut(i, i) += times * times - 1.0);
         let mut next = vec![0.0; x.len()];
-        self.inverse.product_into(&self.transposed_product(&target), &mut next);
+        invert_spd(&normal).ok()?.product_into(&self.transposed_product(&target), &mut next);
         next.iter_mut().for_each(|value| *value = value.clamp(-MOST_SD, MOST_SD));
-        next
+        Some(next)
     }
 }
 

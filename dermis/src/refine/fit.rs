@@ -34,7 +34,7 @@ const LEAST_EXCESS: f64 = 40.0;
 /// Distance of both from the middle at the start, m, and the least distance between them: that of the patches that one
 /// press may touch.
 const HALF_APART_M: f64 = 12e-3;
-const LEAST_APART_M: f64 = 14e-3;
+pub(super) const LEAST_APART_M: f64 = 14e-3;
 /// What two touches have in common is neglected below this part of the weaker one.
 const LEAST_SHARED: f64 = 0.01;
 /// The weaker one has at least this share of the stronger one's strength.
@@ -48,9 +48,11 @@ const FIRST_STEPS: usize = 2;
 const LEAST_FIRST_GAIN: f64 = 0.25;
 /// With more touches than this, none is split or added.
 const MOST_CONTACTS: usize = 4;
-/// A touch is added where it explains at least this part of what noise does not explain: where a touch was missed, it is
-/// most of it.
-const LEAST_ADDED_PART: f64 = 0.5;
+/// A touch is added where it explains this much of the sum of squares, and this part of what noise does not explain: alone,
+/// and beside others. Noise exceeds 40 in one of 100,000 frames, and 20 in one of seven (chi-square with four degrees of
+/// freedom, at some 300 separate places): without another touch the frame may be noise.
+const LEAST_ADDED_GAIN: [f64; 2] = [40.0, 20.0];
+const LEAST_ADDED_PART: [f64; 2] = [0.5, 0.3];
 /// Touches explain a frame that differs from noise by this much if they leave at most this part of it, or no more than noise.
 const LEAST_EXPLAINED: f64 = 150.0;
 const MOST_LEFT: f64 = 0.1;
@@ -168,7 +170,7 @@ impl Fit<'_> {
     fn descended(&self, mut state: State, steps: usize) -> Option<State> {
         let mut damping = DAMPING;
         for _ in 0..steps {
-            let (normal, right) = self.equations(&state);
+            let (normal, right) = self.equations(&state, &columns(&state.derivatives()));
             let step = solve(&damped(&normal, damping), &right)?;
             let step: Vec<[f64; 2]> = step.as_chunks::<{ Touch::UNKNOWNS }>().0.iter().map(|s| [s[0], s[1]]).collect();
             let step = step.iter().map(|step| step.map(|by| by.clamp(-LONGEST_STEP_M, LONGEST_STEP_M)));
@@ -207,7 +209,7 @@ impl Fit<'_> {
     /// One of the touches as two, if two explain the values far better: its index, and all touches with its other half
     /// as the last one.
     pub(super) fn split(&self, fitted: &Fitted) -> Option<(usize, Fitted)> {
-        if !self.may_be_more(fitted) {
+        if !self.may_be_more(fitted, LEAST_EXCESS) {
             return None;
         }
         let misfit = dot(&fitted.state.residuals, &fitted.state.residuals);
@@ -237,7 +239,9 @@ impl Fit<'_> {
 
     /// The touches and one more as the last one, where that explains most of what they leave.
     pub(super) fn added(&self, fitted: &Fitted) -> Option<Fitted> {
-        if !self.may_be_more(fitted) {
+        let beside = usize::from(!fitted.touches.is_empty());
+        let (least_gain, least_part) = (LEAST_ADDED_GAIN[beside], LEAST_ADDED_PART[beside]);
+        if !self.may_be_more(fitted, least_gain) {
             return None;
         }
         let mut places = fitted.places();
@@ -247,19 +251,19 @@ impl Fit<'_> {
         let unexplained = fitted.cost() - self.values.len() as f64;
         let strongest = others.iter().map(|other| other.strength).fold(0.0, f64::max);
         let is_apart = |other: &Touch| self.table.distance_m(other.place, added.place) >= LEAST_APART_M;
-        let is_touch = fitted.cost() - more.cost() >= SPLIT_GAIN.max(LEAST_ADDED_PART * unexplained)
+        let is_touch = fitted.cost() - more.cost() >= least_gain.max(least_part * unexplained)
             && added.strength > LEAST_SHARE * strongest
             && added.is_located()
             && others.iter().all(is_apart);
         is_touch.then_some(more)
     }
 
-    /// Whether touches leave more than noise, and there are enough values for one more.
-    fn may_be_more(&self, fitted: &Fitted) -> bool {
+    /// Whether touches leave this much more than noise, and there are enough values for one more.
+    fn may_be_more(&self, fitted: &Fitted, excess: f64) -> bool {
         let (count, values) = (fitted.touches.len(), self.values.len());
         let expected = values as f64 - (Touch::UNKNOWNS * count) as f64;
         let enough = values >= VALUES_PER_UNKNOWN * Touch::UNKNOWNS * (count + 1);
-        fitted.cost() >= expected + LEAST_EXCESS && count <= MOST_CONTACTS && enough
+        fitted.cost() >= expected + excess && count <= MOST_CONTACTS && enough
     }
 
     /// Two touches about a place, in the best of some directions, after a few steps.
@@ -312,12 +316,11 @@ impl Fit<'_> {
         Some(state)
     }
 
-    /// The normal matrix and the right-hand side of a Gauss-Newton step of places, strengths and widths.
-    fn equations(&self, state: &State) -> (Matrix, Vec<f64>) {
-        let columns = state.derivatives();
-        let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
-        let mut normal = gram(&columns, 0, 1);
-        let mut right = products(&columns, &state.residuals, 0, 1);
+    /// The normal matrix and the right-hand side of a Gauss-Newton step of places, strengths and widths, from the derivatives
+    /// of the values.
+    fn equations(&self, state: &State, derivatives: &[&[f64]]) -> (Matrix, Vec<f64>) {
+        let mut normal = gram(derivatives, 0, 1);
+        let mut right = products(derivatives, &state.residuals, 0, 1);
         for (touch, (prior, strength)) in state.prior.iter().zip(&state.strengths).enumerate() {
             let width = Touch::UNKNOWNS * touch + 3;
             *normal.at_mut(width, width) += prior * prior;
@@ -328,10 +331,12 @@ impl Fit<'_> {
 
     /// The touches with their variances. Residuals above the noise are errors of the model, by which the variances grow.
     fn fitted(&self, state: State) -> Option<Fitted> {
-        let covariance = invert_spd(&self.equations(&state).0).ok()?;
+        let derivatives = state.derivatives();
+        let derivatives = columns(&derivatives);
+        let covariance = invert_spd(&self.equations(&state, &derivatives).0).ok()?;
         let freedom = self.values.len() - Touch::UNKNOWNS * state.places.len();
         let misfit = (dot(&state.residuals, &state.residuals) / freedom as f64).max(1.0);
-        let errors = self.systematic_errors(&state, &covariance);
+        let errors = self.systematic_errors(&state, &derivatives, &covariance);
         let touch = |(index, (&place, strength)): (usize, (&[f64; 2], &[f64; 2]))| {
             let first = Touch::UNKNOWNS * index;
             let of = |i: usize, j: usize| {
@@ -347,12 +352,10 @@ impl Fit<'_> {
     }
 
     /// The errors of the unknowns by one standard deviation of each effect that is not fitted.
-    fn systematic_errors(&self, state: &State, covariance: &Matrix) -> Vec<Vec<f64>> {
-        let columns = state.derivatives();
-        let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
+    fn systematic_errors(&self, state: &State, derivatives: &[&[f64]], covariance: &Matrix) -> Vec<Vec<f64>> {
         let error = |change: Vec<f64>| {
             let mut error = vec![0.0; covariance.rows];
-            covariance.product_into(&products(&columns, &change, 0, 1), &mut error);
+            covariance.product_into(&products(derivatives, &change, 0, 1), &mut error);
             error
         };
         self.by_forms(state).chain(self.by_shared_patches(state)).map(error).collect()
@@ -379,6 +382,10 @@ impl Fit<'_> {
             (share > LEAST_SHARED).then(|| scaled(self.table.response(self.table.middle(a, b)).value, share * weaker))
         })
     }
+}
+
+fn columns(values: &[Vec<f64>]) -> Vec<&[f64]> {
+    values.iter().map(Vec::as_slice).collect()
 }
 
 fn scaled(mut values: Vec<f64>, by: f64) -> Vec<f64> {

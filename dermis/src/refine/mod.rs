@@ -31,6 +31,7 @@
 //! # Ok::<(), dermis::Error>(())
 //! ```
 
+mod axis;
 mod fit;
 mod table;
 #[cfg(test)]
@@ -42,7 +43,7 @@ use crate::design::Body;
 use crate::forward::{ForwardError, ForwardModel};
 use crate::geom::{Point3, Surface};
 use crate::mesh::Cells;
-use fit::{Fit, Fitted, Touch};
+use fit::{Fit, Fitted, LEAST_APART_M, Touch};
 use std::f64::consts::{LN_2, TAU};
 use table::ResponseTable;
 use thiserror::Error;
@@ -72,8 +73,8 @@ impl Default for RefineOptions {
             width_m: 3e-3,
             width_spread_m2: 3e-6,
             offset_sd_m: 6e-4,
-            coating_drift: 0.02,
-            contact_drift: 0.2,
+            coating_drift: 0.01,
+            contact_drift: 0.1,
         }
     }
 }
@@ -188,8 +189,8 @@ impl Refiner {
     /// - One that is far better explained as two touches gets a second one, with the area of both together.
     /// - A touch that explains most of what the contacts leave is added, wherever it is: where electrodes are disconnected,
     ///   images miss touches.
-    /// - A contact that does not fit the frame is left as it is: one with a negative strength, or that would move by more
-    ///   than 20 mm although the frame is not explained.
+    /// - A contact that does not fit the frame is left as it is, unless another one is there: one with a negative strength, or
+    ///   that would move by more than 20 mm although the frame is not explained.
     ///
     /// The stated deviations contain noise, drift, the forms of the touches and what touches on the same patches share.
     /// New contacts are at the end of the list, with ids that no detected contact has.
@@ -227,15 +228,21 @@ impl Refiner {
             prune(&mut starts, &mut fitted);
         }
         let is_explained = fit.is_explained(&fitted);
-        let refined = |(start, touch): (Start, &Touch)| {
+        let fits = |(start, touch): (&Start, &Touch)| {
             let moved_m = self.table.distance_m(touch.place, start.place);
-            let fits = touch.strength > 0.0 && touch.sd_m(0.0).is_finite();
-            match fits && (is_explained || moved_m <= FARTHEST_M) {
-                true => Some(self.refined(start.contact, touch)),
-                false => (!start.is_new).then_some(start.contact),
-            }
+            touch.strength > 0.0 && touch.sd_m(0.0).is_finite() && (is_explained || moved_m <= FARTHEST_M)
         };
-        *contacts = starts.into_iter().zip(&fitted.touches).filter_map(refined).collect();
+        let fits: Vec<bool> = starts.iter().zip(&fitted.touches).map(fits).collect();
+        // Where another contact is now, none is kept as it was detected.
+        let is_taken = |place: [f64; 2]| {
+            let mut others = fitted.touches.iter().zip(&fits).filter(|(_, fits)| **fits);
+            others.any(|(other, _)| self.table.distance_m(other.place, place) < LEAST_APART_M)
+        };
+        let refined = |((start, touch), fits): ((Start, &Touch), &bool)| match fits {
+            true => Some(self.refined(start.contact, touch)),
+            false => (!start.is_new && !is_taken(start.place)).then_some(start.contact),
+        };
+        *contacts = starts.into_iter().zip(&fitted.touches).zip(&fits).filter_map(refined).collect();
     }
 
     fn detected(&self, contact: &Contact) -> Start {
@@ -248,7 +255,7 @@ impl Refiner {
         let normal = self.surface.normal(position_m).unwrap_or_default();
         let far = FARTHEST_M / touch.sd_m(self.options.offset_sd_m);
         Contact {
-            area_m2: TAU * LN_2 * self.options.width_m.powi(2),
+            area_m2: TAU * LN_2 * self.table.width_m().powi(2),
             confidence: 1.0 - (-0.5 * far * far).exp(),
             ..Contact::truth(position_m, normal, f64::NAN)
         }

@@ -1,5 +1,6 @@
 //! The responses of a frame to touches on a grid of places, and between them.
 
+use super::axis::Axis;
 use super::whitening::{Whitening, drifts};
 use super::{RefineError, RefineOptions};
 use crate::design::Body;
@@ -25,22 +26,6 @@ const SEARCH_STRIDE: usize = 3;
 /// Number of cells whose responses are transposed together, so that they stay in the cache.
 const BLOCK: usize = 64;
 
-/// One axis of the grid, in the chart of the surface.
-#[derive(Debug, Clone, Copy)]
-struct Axis {
-    low_m: f64,
-    high_m: f64,
-    step_m: f64,
-    count: usize,
-    is_closed: bool,
-}
-
-/// Interpolation at a place: the first of four grid points, with their weights for the value and two derivatives.
-struct Stencil {
-    first: i64,
-    weights: [[f64; 4]; 3],
-}
-
 /// A whitened response and its derivatives: per unit of strength, per m, and the Laplacian per m2.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Response {
@@ -55,6 +40,10 @@ pub(super) struct ResponseTable {
     surface: Surface,
     origin_m: Point3,
     axes: [Axis; 2],
+    /// Of a disk.
+    radius_m: Option<f64>,
+    /// Standard deviation of a touch's change of conductance along the surface, m.
+    width_m: f64,
     /// By place (the second axis first), the response of each value.
     responses: Vec<f32>,
     /// The places at which a touch is looked for, with the norm of the response of each.
@@ -87,6 +76,8 @@ impl ResponseTable {
             surface,
             origin_m,
             axes,
+            radius_m: if let Body::Disk { diameter_m } = *body { Some(0.5 * diameter_m) } else { None },
+            width_m,
             responses: Vec::new(),
             searched: Vec::new(),
             values,
@@ -96,20 +87,20 @@ impl ResponseTable {
         };
         let drifts = drifts(model, options.coating_drift, options.contact_drift)?;
         table.whitening = Whitening::new(drifts.iter().map(|change| table.over_noise(change)));
-        table.fill(model, width_m)?;
-        table.searched = table.searched(body);
+        table.fill(model)?;
+        table.searched = table.searched();
         Ok(table)
     }
 
     /// Computes the responses: each the sum of those of the cells under the touch.
-    fn fill(&mut self, model: &ForwardModel, width_m: f64) -> Result<(), RefineError> {
+    fn fill(&mut self, model: &ForwardModel) -> Result<(), RefineError> {
         let cells = Cells::new(self, model);
         let by_cell = self.cell_responses(&model.jacobian(model.rest_conductivity())?, &cells.order);
         let ([round, along], width) = (self.axes, self.values.len());
         let mut responses = vec![0.0; round.count * along.count * width];
         let fill = |(place, response): (usize, &mut [f32])| {
             let place = [round.at(place % round.count), along.at(place / round.count)];
-            let part = cells.touch(&self.axes, place, width_m);
+            let part = cells.touch(&self.axes, place, self.width_m);
             pulp::Arch::new().dispatch(Sum { part: &part, by_cell: &by_cell, sum: response });
             let mut whitened: Vec<f64> = response.iter().map(|&value| f64::from(value)).collect();
             self.whitening.apply(&mut whitened);
@@ -121,14 +112,11 @@ impl ResponseTable {
     }
 
     /// Every third place along each axis that is on the body, with the norm of its response.
-    fn searched(&self, body: &Body) -> Vec<(usize, f32)> {
+    fn searched(&self) -> Vec<(usize, f32)> {
         let ([round, along], width) = (self.axes, self.values.len());
         let is_searched = |place: &usize| {
             let [i, j] = [place % round.count, place / round.count];
-            let is_on_body = match *body {
-                Body::Disk { diameter_m } => round.at(i).hypot(along.at(j)) <= 0.5 * diameter_m,
-                _ => true,
-            };
+            let is_on_body = self.radius_m.is_none_or(|radius_m| round.at(i).hypot(along.at(j)) <= radius_m);
             is_on_body && i.is_multiple_of(SEARCH_STRIDE) && j.is_multiple_of(SEARCH_STRIDE)
         };
         let with_norm = |place: usize| (place, norm(&self.responses[place * width..][..width]));
@@ -202,8 +190,18 @@ impl ResponseTable {
         self.surface.distance_m(self.position_m(a), self.position_m(b))
     }
 
-    /// The nearest place within the bounding box of the body.
+    /// The standard deviation of a touch's change of conductance along the surface, m: that of the options, or more on a
+    /// coarse mesh.
+    pub(super) fn width_m(&self) -> f64 {
+        self.width_m
+    }
+
+    /// The nearest place on the body.
     pub(super) fn bounded(&self, place: [f64; 2]) -> [f64; 2] {
+        if let Some(radius_m) = self.radius_m {
+            let part = (radius_m / place[0].hypot(place[1])).min(1.0);
+            return place.map(|at| part * at);
+        }
         [0, 1].map(|axis: usize| match self.axes[axis] {
             Axis { is_closed: true, .. } => place[axis],
             Axis { low_m, high_m, .. } => place[axis].clamp(low_m, high_m),
@@ -307,61 +305,6 @@ fn grid(body: &Body, step_m: f64) -> Result<(Point3, [Axis; 2]), RefineError> {
             Ok(([0.0; 3], [open(-radius_m, radius_m), open(-radius_m, radius_m)]))
         }
         Body::Mesh { .. } => Err(RefineError::NoChart),
-    }
-}
-
-impl Axis {
-    fn closed(period_m: f64, step_m: f64) -> Self {
-        let count = (period_m / step_m).ceil().max(4.0);
-        let (low_m, high_m) = (-0.5 * period_m, 0.5 * period_m);
-        Axis { low_m, high_m, step_m: period_m / count, count: count as usize, is_closed: true }
-    }
-
-    fn open(low_m: f64, high_m: f64, step_m: f64) -> Self {
-        let steps = ((high_m - low_m) / step_m).ceil().max(3.0);
-        Axis { low_m, high_m, step_m: (high_m - low_m) / steps, count: steps as usize + 1, is_closed: false }
-    }
-
-    fn at(&self, index: usize) -> f64 {
-        self.low_m + index as f64 * self.step_m
-    }
-
-    /// The shorter way from one place to another.
-    fn difference(&self, to_m: f64, from_m: f64) -> f64 {
-        let period_m = self.high_m - self.low_m;
-        match self.is_closed {
-            true => (to_m - from_m + 0.5 * period_m).rem_euclid(period_m) - 0.5 * period_m,
-            false => to_m - from_m,
-        }
-    }
-
-    fn index(&self, index: i64) -> usize {
-        index.rem_euclid(self.count as i64) as usize
-    }
-
-    /// Lagrange's cubic through the four nearest grid points; at an edge through the last four.
-    fn stencil(&self, place_m: f64) -> Stencil {
-        let place = (place_m - self.low_m) / self.step_m;
-        let mut middle = place.floor() as i64;
-        if !self.is_closed {
-            middle = middle.clamp(1, self.count as i64 - 3);
-        }
-        let (t, h) = (place - middle as f64, self.step_m);
-        let value = [
-            -t * (t - 1.0) * (t - 2.0) / 6.0,
-            (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0,
-            -(t + 1.0) * t * (t - 2.0) / 2.0,
-            (t + 1.0) * t * (t - 1.0) / 6.0,
-        ];
-        let first = [
-            -(3.0 * t * t - 6.0 * t + 2.0) / 6.0,
-            (3.0 * t * t - 4.0 * t - 1.0) / 2.0,
-            -(3.0 * t * t - 2.0 * t - 2.0) / 2.0,
-            (3.0 * t * t - 1.0) / 6.0,
-        ];
-        let second = [1.0 - t, 3.0 * t - 2.0, 1.0 - 3.0 * t, t];
-        let weights = [value, first.map(|weight| weight / h), second.map(|weight| weight / (h * h))];
-        Stencil { first: middle - 1, weights }
     }
 }
 
