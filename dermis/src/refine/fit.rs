@@ -48,14 +48,24 @@ const FIRST_STEPS: usize = 2;
 const LEAST_FIRST_GAIN: f64 = 0.25;
 /// With more touches than this, none is split or added.
 const MOST_CONTACTS: usize = 4;
-/// A touch is added where it explains this much of the sum of squares, and this part of what noise does not explain: alone,
-/// and beside others. Noise exceeds 40 in one of 100,000 frames, and 20 in one of seven (chi-square with four degrees of
-/// freedom, at some 300 separate places): without another touch the frame may be noise.
-const LEAST_ADDED_GAIN: [f64; 2] = [40.0, 20.0];
-const LEAST_ADDED_PART: [f64; 2] = [0.5, 0.3];
+/// A touch is added where it explains this much of the sum of squares, and this part of what noise does not explain: where
+/// one was missed, it is most of it.
+const LEAST_ADDED: Limits = Limits { gain: 40.0, part: 0.5 };
+/// The same beside another touch where electrodes are disconnected, whose neighbourhood images do not show. (By noise alone a
+/// touch explains 40 in one of 100,000 frames and 20 in one of seven: chi-square with four degrees of freedom, at some 300
+/// separate places. A frame with another touch is more than noise.)
+const LEAST_ADDED_UNSEEN: Limits = Limits { gain: 20.0, part: 0.3 };
 /// Touches explain a frame that differs from noise by this much if they leave at most this part of it, or no more than noise.
 const LEAST_EXPLAINED: f64 = 150.0;
 const MOST_LEFT: f64 = 0.1;
+
+/// What a further touch explains at least.
+struct Limits {
+    /// Decrease of the sum of squares.
+    gain: f64,
+    /// Part of what noise does not explain.
+    part: f64,
+}
 
 /// A fitted touch.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -239,9 +249,9 @@ impl Fit<'_> {
 
     /// The touches and one more as the last one, where that explains most of what they leave.
     pub(super) fn added(&self, fitted: &Fitted) -> Option<Fitted> {
-        let beside = usize::from(!fitted.touches.is_empty());
-        let (least_gain, least_part) = (LEAST_ADDED_GAIN[beside], LEAST_ADDED_PART[beside]);
-        if !self.may_be_more(fitted, least_gain) {
+        let may_be_unseen = self.table.lacks_electrodes() && !fitted.touches.is_empty();
+        let least = if may_be_unseen { LEAST_ADDED_UNSEEN } else { LEAST_ADDED };
+        if !self.may_be_more(fitted, least.gain) {
             return None;
         }
         let mut places = fitted.places();
@@ -251,7 +261,7 @@ impl Fit<'_> {
         let unexplained = fitted.cost() - self.values.len() as f64;
         let strongest = others.iter().map(|other| other.strength).fold(0.0, f64::max);
         let is_apart = |other: &Touch| self.table.distance_m(other.place, added.place) >= LEAST_APART_M;
-        let is_touch = fitted.cost() - more.cost() >= least_gain.max(least_part * unexplained)
+        let is_touch = fitted.cost() - more.cost() >= least.gain.max(least.part * unexplained)
             && added.strength > LEAST_SHARE * strongest
             && added.is_located()
             && others.iter().all(is_apart);

@@ -5,7 +5,7 @@ use super::whitening::{Whitening, drifts};
 use super::{RefineError, RefineOptions};
 use crate::design::Body;
 use crate::forward::ForwardModel;
-use crate::frame::quantities;
+use crate::frame::{disconnected_electrodes, quantities};
 use crate::geom::{Point3, Surface};
 use crate::linalg::Matrix;
 use crate::mesh::Mesh;
@@ -55,6 +55,8 @@ pub(super) struct ResponseTable {
     /// Of values over their standard deviations.
     whitening: Whitening,
     channel_count: usize,
+    /// Whether electrodes are disconnected.
+    lacks_electrodes: bool,
 }
 
 impl ResponseTable {
@@ -84,6 +86,8 @@ impl ResponseTable {
             sd_ohm,
             whitening: Whitening::default(),
             channel_count: noise_ohm.len(),
+            lacks_electrodes: !disconnected_electrodes(model.protocol(), |channel| is_usable(noise_ohm[channel]))
+                .is_empty(),
         };
         let drifts = drifts(model, options.coating_drift, options.contact_drift)?;
         table.whitening = Whitening::new(drifts.iter().map(|change| table.over_noise(change)));
@@ -196,6 +200,11 @@ impl ResponseTable {
         self.width_m
     }
 
+    /// Whether electrodes are disconnected: most channels of their drives are not usable.
+    pub(super) fn lacks_electrodes(&self) -> bool {
+        self.lacks_electrodes
+    }
+
     /// The nearest place on the body.
     pub(super) fn bounded(&self, place: [f64; 2]) -> [f64; 2] {
         if let Some(radius_m) = self.radius_m {
@@ -272,13 +281,18 @@ fn edge_m(mesh: &Mesh) -> f64 {
     (4.0 / 3f64.sqrt() * area_m2 / mesh.cell_count() as f64).sqrt()
 }
 
+/// Whether a channel with this noise is used.
+fn is_usable(noise_ohm: f64) -> bool {
+    noise_ohm.is_finite() && noise_ohm > 0.0
+}
+
 /// The values of a frame that are fitted: each the mean of the usable channels of a quantity, with its standard
 /// deviation.
 fn values(model: &ForwardModel, noise_ohm: &[f64]) -> (Vec<Vec<(usize, f64)>>, Vec<f64>) {
-    let is_usable = |channel: usize| noise_ohm[channel].is_finite() && noise_ohm[channel] > 0.0;
     let mut all = (Vec::new(), Vec::new());
     for group in quantities(model.protocol()) {
-        let channels: Vec<(usize, f64)> = group.into_iter().filter(|&(channel, _)| is_usable(channel)).collect();
+        let channels: Vec<(usize, f64)> =
+            group.into_iter().filter(|&(channel, _)| is_usable(noise_ohm[channel])).collect();
         if channels.is_empty() {
             continue;
         }
