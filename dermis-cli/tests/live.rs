@@ -185,8 +185,9 @@ fn arguments_that_cannot_be_name_themselves_and_the_fix() {
     wrong("--source replay:none.mcap", &["none.mcap"]);
     wrong("--record nowhere/a.mcap", &["nowhere/a.mcap", "there is no folder nowhere"]);
     wrong("--source replay:there.mcap", &["there.mcap", "no MCAP recording", "empty"]);
-    wrong("--source replay:there.mcap --state x.json", &["leave --state, --rate and --both-signs out"]);
-    wrong("--source replay:there.mcap --both-signs", &["no --both-signs"]);
+    wrong("--source replay:there.mcap --state x.json", &["leave --state, --rate, --both-signs and --device-time out"]);
+    wrong("--source replay:there.mcap --both-signs", &["--both-signs and --device-time"]);
+    wrong("--source replay:there.mcap --device-time", &["--device-time"]);
 }
 
 /// A recording of some presses.
