@@ -159,7 +159,7 @@ fn draw(skin: &Skin, scene: &dermis_plot::Scene, caption: &str) -> Outcome<(Pict
 }
 
 fn contact_table(check: &BuildCheck) -> Table {
-    let mut table = Table::new(&["electrode", "contact impedance", "displacement, mm", "state"]);
+    let mut table = Table::new(&["electrode", "contact impedance, ohm m2 (arcs: ohm m)", "displacement, mm", "state"]);
     for (electrode, contact) in check.contacts.iter().enumerate() {
         let [u, v] = contact.displacement_m.map(|by_m| 1e3 * by_m);
         let state = match (contact.is_faulty, contact.is_determined) {
