@@ -45,9 +45,10 @@ impl Data {
             let channels = protocol.channels().iter().enumerate();
             channels.filter(|(_, one)| one.touches_driven() == driven).map(|(at, _)| at).collect::<Vec<usize>>()
         });
+        let twins = twins(protocol);
         let noise_ohm = [0, 1].map(|group: usize| {
             let scatter = scatter(frames, &mean, &groups[group]) / scale;
-            scatter.max(disagreement(protocol, &values, &groups[group]))
+            scatter.max(disagreement(&twins, &values, &groups[group]))
         });
         // A wrong value must not widen what is allowed for the others: the model gives the size of the frame.
         let part = if groups[0].is_empty() { &groups[1] } else { &groups[0] };
@@ -58,7 +59,7 @@ impl Data {
             noise_ohm[usize::from(driven)].hypot(RELATIVE_ERROR * size).hypot(own).hypot(discretisation_ohm[channel])
         };
         let mut sd: Vec<f64> = values.iter().enumerate().map(sd).collect();
-        for channel in out_of_range(protocol, &values, &noise_ohm) {
+        for channel in out_of_range(protocol, &twins, &values, &noise_ohm) {
             sd[channel] = WITHOUT_WEIGHT * values[channel].abs().max(size);
         }
         Some(Data { values, sd, scale, noise_ohm })
@@ -68,7 +69,7 @@ impl Data {
 /// The channels whose value seems to be out of the converter's range: it is the largest of its drive with the same gain (with
 /// or without a driven electrode), and unlike that of a reciprocal channel. By faults, such as exchanged wires, values become
 /// much larger than those of the design.
-fn out_of_range(protocol: &Protocol, values: &[f64], noise_ohm: &[f64; 2]) -> Vec<usize> {
+fn out_of_range(protocol: &Protocol, twins: &[Vec<(usize, f64)>], values: &[f64], noise_ohm: &[f64; 2]) -> Vec<usize> {
     let (drives, drive_of) = protocol.drives();
     let is_driven = |channel: usize| usize::from(protocol.channels()[channel].touches_driven());
     let mut largest = vec![[0.0f64; 2]; drives.len()];
@@ -79,7 +80,6 @@ fn out_of_range(protocol: &Protocol, values: &[f64], noise_ohm: &[f64; 2]) -> Ve
     let is_largest =
         |channel: usize| values[channel].abs() >= (1.0 - AS_LARGE) * largest[drive_of[channel]][is_driven(channel)];
     let noise = |channel: usize| noise_ohm[is_driven(channel)];
-    let twins = twins(protocol);
     let is_unlike = |channel: usize| {
         twins[channel].iter().any(|&(twin, sign)| {
             let noise = UNLIKE_NOISE * noise(channel).hypot(noise(twin));
@@ -117,8 +117,7 @@ fn scatter(frames: &[Frame], mean: &[f64], channels: &[usize]) -> f64 {
 
 /// Robust standard deviation of a value from the difference of channels that measure the same quantity: it contains
 /// what the scatter does not, as the steps of the converter.
-fn disagreement(protocol: &Protocol, values: &[f64], channels: &[usize]) -> f64 {
-    let twins = twins(protocol);
+fn disagreement(twins: &[Vec<(usize, f64)>], values: &[f64], channels: &[usize]) -> f64 {
     let differences: Vec<f64> = channels
         .iter()
         .flat_map(|&channel| twins[channel].iter().map(move |&(twin, sign)| (channel, twin, sign)))
@@ -145,9 +144,10 @@ mod tests {
     #[test]
     fn a_clipped_value_is_out_of_range_and_a_reciprocal_frame_has_none() {
         let protocol = Protocol::adjacent(12).unwrap();
+        let twins = twins(&protocol);
         let mut values = values(&protocol);
         let noise_ohm = [1e-4; 2];
-        assert_eq!(out_of_range(&protocol, &values, &noise_ohm), Vec::<usize>::new());
+        assert_eq!(out_of_range(&protocol, &twins, &values, &noise_ohm), Vec::<usize>::new());
         // The largest value of a drive that is not the largest of the reciprocal one's drive.
         let channels = protocol.channels();
         let of_drive = |drive: [usize; 2]| {
@@ -156,11 +156,11 @@ mod tests {
         let largest =
             |drive: [usize; 2]| of_drive(drive).max_by(|&a, &b| values[a].abs().total_cmp(&values[b].abs())).unwrap();
         let clipped = (0..12).map(|k| largest([k, (k + 1) % 12])).find(|&c| {
-            let twin = twins(&protocol)[c][0].0;
+            let twin = twins[c][0].0;
             largest(channels[twin].drive) != twin
         });
         let clipped = clipped.unwrap();
         values[clipped] *= 0.99;
-        assert_eq!(out_of_range(&protocol, &values, &noise_ohm), [clipped]);
+        assert_eq!(out_of_range(&protocol, &twins, &values, &noise_ohm), [clipped]);
     }
 }

@@ -363,15 +363,21 @@ impl Linear {
         0.5 * (squares - passed.iter().zip(unknowns).map(|(a, b)| a * b).sum::<f64>())
     }
 
+    /// `(times^2 + A'A)^-1`.
+    fn inverse_with_errors(&self, times: f64) -> Option<Matrix> {
+        let mut normal = self.normal.clone();
+        (0..normal.rows).for_each(|i| *normal.at_mut(i, i) += times * times - 1.0);
+        invert_spd(&normal).ok()
+    }
+
     /// The next unknowns of a fit if the errors have `times` their standard deviations: `(times^2 + A'A)^-1 A' (r + A x)`.
     fn step(&self, residuals: &[f64], x: &[f64], times: f64) -> Option<Vec<f64>> {
         let mut target = vec![0.0; self.a.rows];
         self.a.product_into(x, &mut target);
         target.iter_mut().zip(residuals).for_each(|(sum, residual)| *sum += residual);
-        let mut normal = self.normal.clone();
-        (0..normal.rows).for_each(|i| *normal.at_mut(i, i) += times * times - 1.0);
+        let inverse = if times > 1.0 { &self.inverse_with_errors(times)? } else { &self.inverse };
         let mut next = vec![0.0; x.len()];
-        invert_spd(&normal).ok()?.product_into(&self.transposed_product(&target), &mut next);
+        inverse.product_into(&self.transposed_product(&target), &mut next);
         next.iter_mut().for_each(|value| *value = value.clamp(-MOST_SD, MOST_SD));
         Some(next)
     }
