@@ -44,6 +44,22 @@ fn a_better_design_is_written_with_its_bounds() {
     assert!(other.contains("state.json") && other.contains("another design"), "{other}");
 }
 
+/// Ten moves cannot improve a layout that a search has found.
+#[test]
+fn a_layout_that_is_not_improved_is_kept() {
+    let at = Workplace::new();
+    at.write("discs.toml", discs());
+    at.good("optimise discs.toml --twin ideal --noise 60 --moves 60 --starts 1 --rounds 3 -o good.toml");
+    let again = "optimise good.toml --twin ideal --noise 60 --moves 1 --starts 1 --rounds 0 -o kept.toml";
+    let told = at.json(&format!("{again} --json"));
+    assert_eq!((&told["given_kept"], &told["optimised"]["worst_m"]), (&true.into(), &told["given"]["worst_m"]));
+    assert!(at.good(again).contains("No better layout was found"));
+    // A zone about an electrode forbids the given layout.
+    let electrode = SkinDesign::load(at.path("good.toml").to_str().unwrap()).unwrap().electrodes[0].centre_m;
+    let zone = format!("{},{},0,0.002", electrode[0], electrode[1]);
+    assert_eq!(at.json(&format!("{again} --forbid {zone} --json"))["given_kept"], false);
+}
+
 #[test]
 fn readings_are_chosen_for_the_given_electrodes() {
     let at = Workplace::new();

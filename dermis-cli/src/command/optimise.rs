@@ -17,10 +17,12 @@ use dermis_sim::optimise::{
     with_noise_of,
 };
 use dermis_sim::twin::TwinOptions;
+use rayon::prelude::*;
 use result::{Pattern, Result};
 use state::{Found, State};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
+use std::sync::{Mutex, PoisonError};
 
 /// The arguments of `dermis optimise`.
 #[derive(Debug, Args)]
@@ -68,8 +70,8 @@ pub struct Arguments {
     /// Radius of the tip, m.
     #[arg(long, value_name = "M", default_value_t = 0.005, value_parser = number(1e-4..=0.1))]
     tip_radius: f64,
-    /// Number of starts; the first begins at the given layout.
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = count(1..=100_000usize))]
+    /// Number of starts; the first begins at the given layout. Starts run in parallel, one on each core.
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = count(1..=100_000usize))]
     starts: usize,
     /// Moves of a start for each electrode.
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = count(1..=10_000_000usize))]
@@ -200,7 +202,7 @@ impl Arguments {
         counts.sort_unstable();
         counts.dedup();
         let options = self.options();
-        let mut state =
+        let state =
             State::open(self.state.as_deref(), format!("{text}\n{twin:?}\n{options:?}\n{} rounds", self.rounds))?;
         let waiting = Progress::waiting("preparing");
         let optimiser = Optimiser::new(text, &self.design, twin, &options)?;
@@ -209,19 +211,20 @@ impl Arguments {
             counts.iter().map(|&count| optimiser.layouts(count)).collect::<dermis_sim::Result<_>>()?;
         drop(waiting);
         let progress = Progress::new("layouts", counts.len() * self.starts * (1 + self.rounds));
-        let mut best = Vec::new();
-        for (&count, layouts) in counts.iter().zip(&layouts) {
-            for index in 0..self.starts {
-                if !state.has(count, index) {
-                    let (start, judgement) = layouts.refine(layouts.start(index)?, self.rounds, || progress.step())?;
-                    state.add(Found::new(start, &judgement))?;
-                } else {
-                    progress.steps(1 + self.rounds as u64);
-                }
+        let state = Mutex::new(state);
+        let locked = || state.lock().unwrap_or_else(PoisonError::into_inner);
+        let all: Vec<(usize, &Layouts<'_>, usize)> = (counts.iter().zip(&layouts))
+            .flat_map(|(&count, layouts)| (0..self.starts).map(move |index| (count, layouts, index)))
+            .collect();
+        all.into_par_iter().with_max_len(1).try_for_each(|(count, layouts, index)| -> Outcome {
+            if locked().has(count, index) {
+                progress.steps(1 + self.rounds as u64);
+                return Ok(());
             }
-            best.extend(state.best(count, self.starts, options.objective));
-        }
-        Ok(best)
+            let (start, judgement) = layouts.refine(layouts.start(index)?, self.rounds, || progress.step())?;
+            locked().add(Found::new(start, &judgement))
+        })?;
+        Ok(counts.iter().filter_map(|&count| locked().best(count, self.starts, options.objective)).collect())
     }
 
     fn judge(&self, design: &SkinDesign, twin: &TwinOptions) -> Outcome<Judgement> {

@@ -4,9 +4,16 @@ use super::touch::PARAMETERS;
 use crate::noise::undriven_rms;
 use dermis::linalg::Matrix;
 use dermis::protocol::{Channel, Protocol};
+use pulp::{Simd, WithSimd};
 
 /// A symmetric matrix of the parameters of a press.
 pub(super) type Square = [[f64; PARAMETERS]; PARAMETERS];
+
+/// The parameters of a press, filled up with zeros for wide instructions.
+pub(super) const LANES: usize = 8;
+
+/// The change of a transfer impedance by each parameter.
+pub(super) type Change = [f32; LANES];
 
 /// The noise of the readings, and what is known of a press.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,6 +32,8 @@ pub(super) struct Readings {
     protocol: Protocol,
     /// For each channel the index of its drive.
     pub(super) drive_of: Vec<usize>,
+    /// For each channel its four pairs of electrodes, as indices in a list of all pairs.
+    pairs: Vec<[usize; 4]>,
     pub(super) drive_count: usize,
     instrument: Instrument,
 }
@@ -41,15 +50,16 @@ pub(super) struct Rest {
 impl Readings {
     pub(super) fn new(protocol: &Protocol, instrument: Instrument) -> Self {
         let (drives, drive_of) = protocol.drives();
-        Readings { drive_count: drives.len(), drive_of, protocol: protocol.clone(), instrument }
+        let count = protocol.electrode_count();
+        let pairs = |Channel { drive: [source, sink], measure: [plus, minus] }: &Channel| {
+            [(source, plus), (source, minus), (sink, plus), (sink, minus)].map(|(a, b)| a * count + b)
+        };
+        let pairs = protocol.channels().iter().map(pairs).collect();
+        Readings { drive_count: drives.len(), drive_of, pairs, protocol: protocol.clone(), instrument }
     }
 
     pub(super) fn channels(&self) -> &[Channel] {
         self.protocol.channels()
-    }
-
-    pub(super) fn electrode_count(&self) -> usize {
-        self.protocol.electrode_count()
     }
 
     /// The untouched frame of the electrodes at some candidates.
@@ -72,27 +82,14 @@ impl Readings {
     ///
     /// The noise of a drive's current is common to its values: by the formula of Sherman and Morrison it takes
     /// `a a' / (R_ref^2 + z' z)` from the information of a drive, with `a = J' z`.
-    pub(super) fn information(&self, change: &[[f32; PARAMETERS]], rest: &Rest) -> Square {
-        let count = self.electrode_count();
-        let mut all = [[0.0f64; PARAMETERS]; PARAMETERS];
-        let mut along = vec![[0.0f64; PARAMETERS]; self.drive_count];
-        for ((channel, &drive), &value) in self.channels().iter().zip(&self.drive_of).zip(&rest.values_ohm) {
-            let row = reading(change, count, channel);
-            for i in 0..PARAMETERS {
-                for j in 0..PARAMETERS {
-                    all[i][j] += row[i] * row[j];
-                }
-                along[drive][i] += row[i] * value;
-            }
-        }
-        for (a, scale) in along.iter().zip(&rest.scales) {
-            for i in 0..PARAMETERS {
-                for j in 0..PARAMETERS {
-                    all[i][j] -= a[i] * a[j] / scale;
-                }
-            }
-        }
-        self.with_prior(all, rest.sd_ohm)
+    pub(super) fn information(&self, change: &[Change], rest: &Rest) -> Square {
+        let sums = pulp::Arch::new().dispatch(Sums { readings: self, change, rest });
+        self.with_prior(sums, rest.sd_ohm)
+    }
+
+    /// The change of each reading by each parameter.
+    pub(super) fn rows(&self, change: &[Change]) -> Vec<[f64; PARAMETERS]> {
+        self.pairs.iter().map(|&pairs| std::array::from_fn(|parameter| row(change, pairs)[parameter])).collect()
     }
 
     /// In units of the noise, with what is known before.
@@ -104,15 +101,52 @@ impl Readings {
 }
 
 /// The change of a reading by each parameter.
-pub(super) fn reading(change: &[[f32; PARAMETERS]], count: usize, channel: &Channel) -> [f64; PARAMETERS] {
-    let ([source, sink], [plus, minus]) = (channel.drive, channel.measure);
-    let [a, b, c, d] =
-        [(source, plus), (source, minus), (sink, plus), (sink, minus)].map(|(i, j)| change[i * count + j]);
-    let mut row = [0.0; PARAMETERS];
-    for (parameter, value) in row.iter_mut().enumerate() {
-        *value = f64::from((a[parameter] - b[parameter]) - (c[parameter] - d[parameter]));
+#[inline(always)]
+fn row(change: &[Change], pairs: [usize; 4]) -> [f64; LANES] {
+    let [a, b, c, d] = [&change[pairs[0]], &change[pairs[1]], &change[pairs[2]], &change[pairs[3]]];
+    let mut row = [0.0; LANES];
+    for lane in 0..LANES {
+        row[lane] = f64::from((a[lane] - b[lane]) - (c[lane] - d[lane]));
     }
     row
+}
+
+/// The information in units of an ohm: the sum over the readings of the products of their changes, without that along each
+/// drive's current. The sums have the same bits on every instruction set.
+struct Sums<'a> {
+    readings: &'a Readings,
+    change: &'a [Change],
+    rest: &'a Rest,
+}
+
+impl WithSimd for Sums<'_> {
+    type Output = Square;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Square {
+        let Sums { readings, change, rest } = self;
+        let mut all = [[0.0f64; LANES]; PARAMETERS];
+        let mut along = vec![[0.0f64; LANES]; readings.drive_count];
+        for ((&pairs, &drive), &value) in readings.pairs.iter().zip(&readings.drive_of).zip(&rest.values_ohm) {
+            let row = row(change, pairs);
+            add_product(&mut all, &row, 1.0);
+            along[drive].iter_mut().zip(&row).for_each(|(sum, change)| *sum += change * value);
+        }
+        for (a, scale) in along.iter().zip(&rest.scales) {
+            add_product(&mut all, a, -1.0 / scale);
+        }
+        all.map(|row| std::array::from_fn(|parameter| row[parameter]))
+    }
+}
+
+/// Adds the product of a row with itself, times a factor.
+#[inline(always)]
+fn add_product(sum: &mut [[f64; LANES]; PARAMETERS], row: &[f64; LANES], factor: f64) {
+    for (sum, value) in sum.iter_mut().zip(row) {
+        for lane in 0..LANES {
+            sum[lane] += factor * value * row[lane];
+        }
+    }
 }
 
 /// The standard deviation of the position, m: the root of the trace of the first block of the inverse; infinite where

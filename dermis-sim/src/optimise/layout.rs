@@ -1,9 +1,8 @@
 //! A layout of electrodes on candidate places, and what a move does to its bound.
 
 use super::fields::{Fields, PressFields};
-use super::information::{Readings, Rest, position_sd_m};
+use super::information::{Change, LANES, Readings, Rest, position_sd_m};
 use super::local::COMPONENTS;
-use super::touch::PARAMETERS;
 use super::{Objective, OptimiseError};
 
 /// The bound of a press that no reading locates: larger than any other, and finite, so that a search finds out of it, m.
@@ -27,7 +26,7 @@ struct PressState {
     /// The electrodes' fields around the press.
     fields: Vec<[f32; COMPONENTS]>,
     /// The change of the transfer impedance of each pair by each parameter.
-    change: Vec<[f32; PARAMETERS]>,
+    change: Vec<Change>,
     weight: f64,
     /// The power of the weighted standard deviation.
     power: f64,
@@ -86,7 +85,7 @@ impl<'a> Layout<'a> {
     }
 
     /// For each press the change of the transfer impedance of each pair of electrodes by each parameter.
-    pub(super) fn changes(&self) -> impl Iterator<Item = &[[f32; PARAMETERS]]> {
+    pub(super) fn changes(&self) -> impl Iterator<Item = &[Change]> {
         self.presses.iter().map(|press| &press.change[..])
     }
 
@@ -163,7 +162,7 @@ impl PressState {
         let count = chosen.len();
         let mut state = PressState {
             fields: vec![[0.0; COMPONENTS]; count],
-            change: vec![[0.0; PARAMETERS]; count * count],
+            change: vec![[0.0; LANES]; count * count],
             weight,
             power: 0.0,
         };
@@ -188,13 +187,13 @@ impl PressState {
                 self.fields[electrode] = *press.field(candidate);
                 let answered = press.answered(&self.fields[electrode]);
                 let of = |field: &[f32; COMPONENTS]| {
-                    let mut sum = [0.0f32; PARAMETERS];
+                    let mut sum = [0.0f32; LANES];
                     for (values, &part) in answered.iter().zip(field) {
                         sum.iter_mut().zip(values).for_each(|(sum, value)| *sum += value * part);
                     }
                     sum
                 };
-                let row: Vec<[f32; PARAMETERS]> = self.fields.iter().map(of).collect();
+                let row: Vec<Change> = self.fields.iter().map(of).collect();
                 for (other, &change) in row.iter().enumerate() {
                     self.change[electrode * count + other] = change;
                     self.change[other * count + electrode] = change;

@@ -159,7 +159,7 @@ impl Layouts<'_> {
 
     /// A start improved in rounds: where the exact bound exceeds that of the fast model, presses count more in the next
     /// search near the layout. The exact bounds of the best of all are returned with it; `judged` is what to do after
-    /// each round.
+    /// each round. Start 0 continues from the given layout if that has a better bound.
     ///
     /// # Errors
     /// As [`start`](Self::start) and [`judge`].
@@ -170,9 +170,16 @@ impl Layouts<'_> {
             judge(&SkinDesign::parse(&text, path)?, twin, &options.bound)
         };
         let mut rng = sample_rng(options.seed, (REFINING << 32) + start.index as u64);
-        let judgement = exact(&start)?;
+        let judged_exactly = |start: Start| Ok::<_, crate::Error>((start.clone(), exact(&start)?));
+        let mut best = judged_exactly(start)?;
+        if let (0, Some(given)) = (best.0.index, self.given()?) {
+            let given = judged_exactly(given)?;
+            if given.1.of(options.objective) <= best.1.of(options.objective) {
+                best = given;
+            }
+        }
         let mut weights = vec![1.0f64; presses.responses.len()];
-        let (mut next, mut best) = ((start.clone(), judgement.clone()), (start, judgement));
+        let mut next = best.clone();
         judged();
         for _ in 0..rounds {
             let model = self.model_bounds(&next.0.electrodes_m)?;
@@ -181,9 +188,7 @@ impl Layouts<'_> {
                     next.1.places.iter().find(|(other, _)| other == place_m).map_or(*model_m, |place| place.1);
                 *weight = weight.max((exact_m / model_m).clamp(1.0, MOST_WEIGHT));
             }
-            let start = self.near(best.0.index, &best.0.electrodes_m, &weights, &mut rng)?;
-            let judgement = exact(&start)?;
-            next = (start, judgement);
+            next = judged_exactly(self.near(best.0.index, &best.0.electrodes_m, &weights, &mut rng)?)?;
             if next.1.of(options.objective) < best.1.of(options.objective) {
                 best = next.clone();
             }
@@ -192,11 +197,25 @@ impl Layouts<'_> {
         Ok(best)
     }
 
+    /// The given layout, as the start 0, if it has as many electrodes and obeys the rules.
+    ///
+    /// # Errors
+    /// As [`model_bounds`](Self::model_bounds).
+    pub fn given(&self) -> crate::Result<Option<Start>> {
+        let Optimiser { options, given, places, .. } = self.shared;
+        if given.electrodes.len() != self.electrode_count || !places.allow_given {
+            return Ok(None);
+        }
+        let electrodes_m = centres_m(given);
+        let fields = self.fields(&electrodes_m)?;
+        let objective_m = self.numbered(&fields, options.objective).objective_m();
+        Ok(Some(Start { index: 0, objective_m, electrodes_m }))
+    }
+
     /// The best layout near another, on finer places.
     fn near(&self, index: usize, found_m: &[Point3], weights: &[f64], rng: &mut ChaCha8Rng) -> crate::Result<Start> {
-        let Optimiser { options, given, presses, .. } = self.shared;
-        let fine = Fields::new(given, &self.shared.around(found_m), &presses.responses, presses.edge_m)?;
-        let moves = options.moves * self.electrode_count / 2;
+        let fine = self.fields(&self.shared.around(found_m))?;
+        let moves = self.shared.options.moves * self.electrode_count / 2;
         let schedule = Schedule { moves, temperatures: [2e-3, 1e-4] };
         let layout = self.annealed(&fine, (0..found_m.len()).collect(), weights, schedule, rng);
         layout.check()?;
@@ -209,10 +228,19 @@ impl Layouts<'_> {
     /// # Errors
     /// Electrodes off the body.
     pub fn model_bounds(&self, electrodes_m: &[Point3]) -> crate::Result<Vec<(Point3, f64)>> {
+        let fields = self.fields(electrodes_m)?;
+        let bounds_m = self.numbered(&fields, Objective::Mean).bounds_m();
+        Ok(fields.presses().iter().map(|press| press.place_m).zip(bounds_m).collect())
+    }
+
+    fn fields(&self, candidates_m: &[Point3]) -> crate::Result<Fields> {
         let Optimiser { given, presses, .. } = self.shared;
-        let fields = Fields::new(given, electrodes_m, &presses.responses, presses.edge_m)?;
-        let layout = Layout::new(&fields, &self.readings, Objective::Mean, (0..electrodes_m.len()).collect());
-        Ok(fields.presses().iter().map(|press| press.place_m).zip(layout.bounds_m()).collect())
+        Fields::new(given, candidates_m, &presses.responses, presses.edge_m)
+    }
+
+    /// The layout of all candidates, in their order.
+    fn numbered<'a>(&'a self, fields: &'a Fields, objective: Objective) -> Layout<'a> {
+        Layout::new(fields, &self.readings, objective, (0..fields.positions_m.len()).collect())
     }
 
     fn annealed<'a>(

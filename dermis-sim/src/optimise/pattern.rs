@@ -1,6 +1,6 @@
 //! Which readings to take, for a number of readings.
 
-use super::information::{Readings, Rest, Square, position_sd_m, reading};
+use super::information::{Readings, Rest, Square, position_sd_m};
 use super::layout::Layout;
 use super::touch::{PARAMETERS, UNKNOWNS};
 use super::{Objective, OptimiseError};
@@ -40,9 +40,7 @@ pub(super) fn select(
     if slots > most {
         return Err(OptimiseError::TooManySlots { slots, most });
     }
-    let rows = layout
-        .changes()
-        .map(|change| channels.iter().map(|c| reading(change, readings.electrode_count(), c)).collect());
+    let rows = layout.changes().map(|change| readings.rows(change));
     let exponent = objective.exponent();
     let mut pattern =
         Pattern { rows: rows.collect(), readings, rest: layout.rest(), exponent, taken: vec![true; channels.len()] };

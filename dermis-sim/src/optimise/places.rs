@@ -43,6 +43,8 @@ pub(super) struct Places {
     pub(super) least_distance_m: f64,
     pub(super) allowed_m: Vec<Point3>,
     pub(super) area_m2: f64,
+    /// Whether the design's own electrodes obey the rules.
+    pub(super) allow_given: bool,
 }
 
 impl Places {
@@ -73,7 +75,11 @@ impl Places {
             return Err(OptimiseError::NoPlace { zones: rules.forbidden.len(), edge_m: rules.edge_m }.into());
         }
         let surface = design.body.surface();
-        Ok(Places { surface, least_distance_m: distance_m, allowed_m, area_m2 })
+        let is_apart = |(index, centre): (usize, &Point3)| {
+            centres[..index].iter().all(|other| surface.distance_m(*other, *centre) >= distance_m)
+        };
+        let allow_given = centres.iter().all(is_allowed) && centres.iter().enumerate().all(is_apart);
+        Ok(Places { surface, least_distance_m: distance_m, allowed_m, area_m2, allow_given })
     }
 
     /// At most `count` places that are spread over the body, no nearer than `least_m`.

@@ -67,11 +67,12 @@ fn first_shape(electrodes: &toml::Value) -> Option<toml::Value> {
     own.or(electrodes.get("shape")).cloned()
 }
 
-/// A place as a design states it. Twelve digits keep the centre of an arc on the edge.
+/// A place as a design states it. Twelve digits keep the centre of an arc on the edge, and the mesh that of the place.
 fn place(surface: Surface, position_m: Point3) -> String {
-    let [x, y, z] = position_m.map(|value| (1e12 * value).round() / 1e12 + 0.0);
+    let rounded = |value: f64| (1e12 * value).round() / 1e12 + 0.0;
+    let [x, y, z] = position_m.map(rounded);
     match surface.theta_rad(position_m) {
-        Some(theta_rad) => format!("{{ z_m = {z:?}, theta_rad = {:?} }}", (1e6 * theta_rad).round() / 1e6),
+        Some(theta_rad) => format!("{{ z_m = {z:?}, theta_rad = {:?} }}", rounded(theta_rad)),
         None if surface == Surface::Plane => format!("{{ x_m = {x:?}, y_m = {y:?} }}"),
         None => format!("{{ x_m = {x:?}, y_m = {y:?}, z_m = {z:?} }}"),
     }

@@ -93,6 +93,12 @@ impl Result<'_> {
         self.patterns.iter().map(row).collect()
     }
 
+    /// Whether a search has ended at the given places.
+    fn keeps_given(&self) -> bool {
+        let given_m: Vec<[f64; 3]> = self.given.electrodes.iter().map(|electrode| electrode.centre_m).collect();
+        self.found.iter().any(|found| found.start.electrodes_m == given_m)
+    }
+
     fn to_json(&self) -> serde_json::Value {
         let bounds = |index: usize, design: &SkinDesign| {
             let Judgement { worst_m, mean_m, places } = &self.bounds[index];
@@ -108,6 +114,7 @@ impl Result<'_> {
         serde_json::json!({
             "given": bounds(0, self.given),
             "optimised": bounds(1, self.new),
+            "given_kept": self.keeps_given(),
             "electrodes": self.electrode_rows(),
             "readings": self.pattern_rows(),
         })
@@ -135,6 +142,10 @@ impl Arguments {
             if rows.len() > 1 {
                 text += &format!("\n{}", table(&rows, what).to_text());
             }
+        }
+        if result.keeps_given() {
+            text += "\nNo better layout was found: the electrodes are those of the given design. More --starts, --moves and \
+                     --rounds search longer.\n";
         }
         print(&format!("{text}\nwritten to {}\n", self.output.display()))
     }

@@ -79,6 +79,8 @@ impl State {
     /// The best of the first starts with a number of electrodes.
     pub(super) fn best(&self, count: usize, starts: usize, objective: Objective) -> Option<Found> {
         let first = self.of(count).filter(|found| found.start.index < starts);
-        first.min_by(|a, b| a.objective_m(objective).total_cmp(&b.objective_m(objective))).cloned()
+        // Starts that ran in parallel are in no particular order.
+        let by_objective = |a: &&Found, b: &&Found| a.objective_m(objective).total_cmp(&b.objective_m(objective));
+        first.min_by(|a, b| by_objective(a, b).then(a.start.index.cmp(&b.start.index))).cloned()
     }
 }
