@@ -7,7 +7,7 @@
 //! `beta = (q - k) / (q + k)`, `q = x I_k'(x) / I_k(x)`, `x = a sqrt(g)`: 0 without contact, 1 for a perfect one. At
 //! the rim `u = (1 - beta a^(2k)) / (k (1 + beta a^(2k))) cos(k theta)`.
 
-use dermis::forward::{ConductorContact, FloatingConductors, ForwardModel, Matrix, PotentialMoment, PotentialMoments};
+use dermis::forward::{ConductorContact, ConductorMoments, FloatingConductors, ForwardModel, Matrix, PotentialMoments};
 use dermis::mesh::{Cells, ElectrodePatch, Mesh};
 use dermis::protocol::{Channel, Protocol};
 use std::f64::consts::TAU;
@@ -49,8 +49,10 @@ fn disk(refinement: usize) -> (FloatingConductors, Vec<f64>) {
     let protocol = Protocol::new(sectors, vec![Channel { drive: [0, 1], measure: [0, 1] }]).unwrap();
     let rest = vec![1.0; mesh.cell_count()];
     let model = ForwardModel::from_parts(&mesh, &vec![1.0; sectors], &protocol, &rest).unwrap();
-    let moments = (0..patch_nodes).map(|node| PotentialMoment { conductor: 0, nodes: vec![(node, 1.0)] }).collect();
-    (FloatingConductors::new(&model, &rest, Arc::new(PotentialMoments::new(moments)), &[]).unwrap(), areas)
+    let mut weights = Matrix::zeros(patch_nodes, patch_nodes);
+    (0..patch_nodes).for_each(|node| *weights.at_mut(node, node) = 1.0);
+    let moments = PotentialMoments::new(vec![ConductorMoments { nodes: (0..patch_nodes).collect(), weights }]);
+    (FloatingConductors::new(&model, &rest, Arc::new(moments), &[]).unwrap(), areas)
 }
 
 fn contact(areas: &[f64], conductance_s_per_m2: f64) -> ConductorContact {

@@ -3,12 +3,11 @@
 use super::TwinError;
 use super::patches::PatchGrid;
 use crate::quadrature::{gauss_legendre, triangle_points};
-use dermis::forward::{PotentialMoment, PotentialMoments};
-use dermis::geom::{Point2, polygon};
+use dermis::forward::{ConductorMoments, PotentialMoments};
+use dermis::geom::{Point2, Point3, polygon};
 use dermis::linalg::Matrix;
 use dermis::mesh::{Cells, Mesh};
 use pulp::{Arch, Simd, WithSimd};
-use std::array::from_fn;
 use std::sync::Arc;
 
 /// A patch with less than this fraction of its area on the body has no contact.
@@ -21,6 +20,9 @@ const LEAST_OWN: f64 = 1e-10;
 /// Points along each side of a patch at which the pressure is evaluated. With the patches of `lab` on `cylinder30`, 8
 /// differ from 16 by 0.3 % of a press's change of the frame (0.7 % at worst), 5 by 0.7 % (1.9 %).
 const POINTS_PER_SIDE: usize = 8;
+
+/// Memory for the pieces of a patch: as many as those under a patch of twice the size of a cell.
+const USUAL_PIECES: usize = 24;
 
 /// The points of a patch at which the pressure is evaluated.
 #[derive(Debug, Clone)]
@@ -142,13 +144,13 @@ pub(super) fn cover(
         let whole = grid.area_m2(patch);
         let area: f64 = pieces.iter().map(|piece| polygon::signed_area(&piece.part).abs()).sum();
         if area < SMALLEST_SHARE * whole {
+            moments.push(ConductorMoments::none());
             covers.push(None);
             continue;
         }
         let points = ((area / whole - 1.0).abs() < WHOLE).then(|| grid.points(patch)).flatten();
         let basis = Basis::new(pieces, area, points, &rectangle, &mut polynomials);
-        let nodes = basis.moments(pieces, &mut polynomials);
-        moments.extend(nodes.into_iter().map(|nodes| PotentialMoment { conductor: patch, nodes }));
+        moments.push(basis.moments(pieces, &mut polynomials));
         covers.push(Some(basis.cover(&rectangle, &mut polynomials)));
     }
     Ok((PotentialMoments::new(moments), covers))
@@ -180,7 +182,11 @@ fn cut(
         for pair in part.windows(2).skip(1) {
             let part = [origin, pair[0], pair[1]];
             if polygon::signed_area(&part) != 0.0 {
-                pieces[patch].push(Piece { nodes: *nodes, triangle, part });
+                let pieces = &mut pieces[patch];
+                if pieces.is_empty() {
+                    pieces.reserve(USUAL_PIECES);
+                }
+                pieces.push(Piece { nodes: *nodes, triangle, part });
             }
         }
     }
@@ -192,18 +198,21 @@ fn bounds<'a>(points: impl Iterator<Item = &'a Point2>) -> (Point2, Point2) {
     })
 }
 
-/// Eight points at once: the seven of a triangle.
-type Lanes = [f64; 8];
+/// Eight pieces at once.
+const LANES: usize = 8;
+type Lanes = [f64; LANES];
 
-/// Products of Legendre polynomials up to a degree, orthonormal in the mean over a square, evaluated in the same memory.
+/// Products `P_i(x) P_j(y)` of Legendre polynomials up to a degree, by `i + j`, then by `j`, orthonormal in the mean over a
+/// square, evaluated in the same memory.
 struct Polynomials {
     degree: usize,
     along: [Vec<Lanes>; 2],
-    /// `P_i(x) P_j(y)`, by `i + j`, then by `j`.
-    lanes: Vec<Lanes>,
-    /// At one point; and sums.
+    /// At the points of [`PieceSums`], points x products.
+    values: Vec<Lanes>,
+    /// The integrals of [`PieceSums`].
+    sums: Vec<Lanes>,
+    /// At one point.
     products: Vec<f64>,
-    sums: Vec<f64>,
 }
 
 impl Polynomials {
@@ -211,95 +220,125 @@ impl Polynomials {
         let count = (degree + 1) * (degree + 2) / 2;
         Polynomials {
             degree,
-            along: [0, 1].map(|_| vec![[0.0; 8]; degree + 1]),
-            lanes: vec![[0.0; 8]; count],
+            along: [0, 1].map(|_| vec![[0.0; LANES]; degree + 1]),
+            values: vec![[0.0; LANES]; POINTS * count],
+            sums: vec![[0.0; LANES]; 3 * count],
             products: vec![0.0; count],
-            sums: vec![0.0; 3 * count],
         }
     }
 
     /// The products at a point of the square from -1 to 1.
     fn at(&mut self, point: Point2) -> &[f64] {
-        self.at_lanes(point.map(|t| [t; 8]));
-        self.products.iter_mut().zip(&self.lanes).for_each(|(product, lanes)| *product = lanes[0]);
-        &self.products
+        let Polynomials { degree, along, values, products: own, .. } = self;
+        let count = own.len();
+        products(*degree, &point.map(|t| [t; LANES]), along, &mut values[..count]);
+        own.iter_mut().zip(&*values).for_each(|(product, lanes)| *product = lanes[0]);
+        own
     }
+}
 
-    #[inline(always)]
-    fn at_lanes(&mut self, point: [Lanes; 2]) {
-        for (values, t) in self.along.iter_mut().zip(&point) {
-            legendre(t, values);
-        }
-        let [x, y] = &self.along;
-        let mut lanes = self.lanes.iter_mut();
-        for total in 0..=self.degree {
-            for (product, j) in lanes.by_ref().take(total + 1).zip(0..) {
-                let (x, y) = (&x[total - j], &y[j]);
-                (0..8).for_each(|lane| product[lane] = x[lane] * y[lane]);
+/// The products at some points.
+#[inline(always)]
+fn products(degree: usize, point: &[Lanes; 2], along: &mut [Vec<Lanes>; 2], products: &mut [Lanes]) {
+    for (values, t) in along.iter_mut().zip(point) {
+        legendre(t, values);
+    }
+    let [x, y] = along;
+    let mut index = 0;
+    for total in 0..=degree {
+        for j in 0..=total {
+            let (x, y) = (&x[total - j], &y[j]);
+            for lane in 0..LANES {
+                products[index][lane] = x[lane] * y[lane];
             }
+            index += 1;
         }
     }
 }
 
-/// The rule of [`triangle_points`] in lanes; the last lane has no weight.
-struct TriangleRule {
-    /// Barycentric coordinates of the points.
-    corners: [Lanes; 3],
-    weights: Lanes,
+/// Some pieces in lanes. Those without a piece repeat the last one.
+struct PieceLanes {
+    /// Corners x axes.
+    part: [[Lanes; 2]; 3],
+    triangle: [[Lanes; 2]; 3],
+    /// The area of the part over that of the patch and over twice the signed area of the triangle.
+    scale: Lanes,
 }
 
-impl TriangleRule {
-    fn new() -> Self {
-        let points = triangle_points(&[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
-        TriangleRule {
-            corners: from_fn(|corner| from_fn(|lane| points[lane.min(points.len() - 1)].0[corner])),
-            weights: from_fn(|lane| points.get(lane).map_or(0.0, |point| point.1)),
+impl PieceLanes {
+    /// Compiled without wide instructions, whose gathers are slow.
+    fn new(pieces: &[Piece], patch_area_m2: f64) -> Self {
+        let mut lanes = PieceLanes { part: [[[0.0; 8]; 2]; 3], triangle: [[[0.0; 8]; 2]; 3], scale: [0.0; 8] };
+        for lane in 0..LANES {
+            let Piece { part, triangle, .. } = &pieces[lane.min(pieces.len() - 1)];
+            for corner in 0..3 {
+                for axis in 0..2 {
+                    lanes.part[corner][axis][lane] = part[corner][axis];
+                    lanes.triangle[corner][axis][lane] = triangle[corner][axis];
+                }
+            }
+            lanes.scale[lane] =
+                polygon::signed_area(part).abs() / patch_area_m2 / (2.0 * polygon::signed_area(triangle));
         }
+        lanes
     }
 }
 
-/// The integrals over a piece of the products times each of the shape functions of its triangle, over the patch's area.
+/// Points of a triangle, [`triangle_points`].
+const POINTS: usize = 7;
+
+/// The integrals over pieces of the products times each of the shape functions of their triangles, over the patch's area.
 struct PieceSums<'a> {
     polynomials: &'a mut Polynomials,
-    rule: &'a TriangleRule,
+    /// Barycentric coordinates of the points of a triangle, and their weights.
+    rule: &'a [(Point3, f64); POINTS],
     basis: &'a Basis,
-    piece: &'a Piece,
+    pieces: &'a PieceLanes,
 }
 
 impl<'a> WithSimd for PieceSums<'a> {
-    type Output = &'a [f64];
+    /// Shape functions x products.
+    type Output = &'a [Lanes];
 
     /// Compiled once per instruction set, with the same bits: no operation is fused.
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Self::Output {
-        let PieceSums { polynomials, rule: TriangleRule { corners, weights }, basis, piece } = self;
-        let Piece { part, triangle, .. } = piece;
-        let (mut points, mut inside) = ([[0.0; 8]; 2], [[0.0; 8]; 2]);
-        for axis in 0..2 {
-            let inverse = 1.0 / basis.half[axis];
-            for lane in 0..8 {
-                points[axis][lane] = part[0][axis] * corners[0][lane]
-                    + part[1][axis] * corners[1][lane]
-                    + part[2][axis] * corners[2][lane];
-                inside[axis][lane] = (points[axis][lane] - basis.middle[axis]) * inverse;
+        let PieceSums { polynomials, rule, basis, pieces: PieceLanes { part, triangle, scale } } = self;
+        let Polynomials { degree, along, values, sums, .. } = polynomials;
+        let count = values.len() / POINTS;
+        let inverse = basis.half.map(f64::recip);
+        let mut factors = [[[0.0; LANES]; 3]; POINTS];
+        for (point, &(corners, weight)) in rule.iter().enumerate() {
+            let (mut at, mut inside) = ([[0.0; LANES]; 2], [[0.0; LANES]; 2]);
+            for axis in 0..2 {
+                for lane in 0..LANES {
+                    at[axis][lane] = part[0][axis][lane] * corners[0]
+                        + part[1][axis][lane] * corners[1]
+                        + part[2][axis][lane] * corners[2];
+                    inside[axis][lane] = (at[axis][lane] - basis.middle[axis]) * inverse[axis];
+                }
+            }
+            products(*degree, &inside, along, &mut values[point * count..][..count]);
+            for corner in 0..3 {
+                // Twice the area of the triangle of the point and the other two corners, over that of the whole.
+                let ([ax, ay], [bx, by]) = (&triangle[(corner + 1) % 3], &triangle[(corner + 2) % 3]);
+                for lane in 0..LANES {
+                    let (x, y) = (at[0][lane], at[1][lane]);
+                    let twice = (ax[lane] - x) * (by[lane] - y) - (bx[lane] - x) * (ay[lane] - y);
+                    factors[point][corner][lane] = twice * (scale[lane] * weight);
+                }
             }
         }
-        polynomials.at_lanes(inside);
-        let Polynomials { lanes, sums, .. } = polynomials;
-        let scale = polygon::signed_area(part).abs() / basis.area / (2.0 * polygon::signed_area(triangle));
-        for (corner, sums) in sums.chunks_exact_mut(lanes.len()).enumerate() {
-            // Twice the area of the triangle of the point and the other two corners, over that of the whole.
-            let ([ax, ay], [bx, by]) = (triangle[(corner + 1) % 3], triangle[(corner + 2) % 3]);
-            let mut factors = [0.0; 8];
-            for lane in 0..8 {
-                let (x, y) = (points[0][lane], points[1][lane]);
-                factors[lane] = ((ax - x) * (by - y) - (bx - x) * (ay - y)) * (scale * weights[lane]);
-            }
-            for (sum, values) in sums.iter_mut().zip(&*lanes) {
-                let mut terms = [0.0; 8];
-                (0..8).for_each(|lane| terms[lane] = factors[lane] * values[lane]);
-                let halves: [f64; 4] = from_fn(|lane| terms[lane] + terms[lane + 4]);
-                *sum = (halves[0] + halves[2]) + (halves[1] + halves[3]);
+        for corner in 0..3 {
+            for product in 0..count {
+                let mut sum = [0.0; LANES];
+                for (point, factors) in factors.iter().enumerate() {
+                    let value = &values[point * count + product];
+                    for lane in 0..LANES {
+                        sum[lane] += factors[corner][lane] * value[lane];
+                    }
+                }
+                sums[corner * count + product] = sum;
             }
         }
         sums
@@ -406,29 +445,32 @@ impl Basis {
         (0..combinations.rows).map(combine).collect()
     }
 
-    /// The mean of each function times the potential, as weights of the nodes.
-    fn moments(&self, pieces: &[Piece], polynomials: &mut Polynomials) -> Vec<Vec<(usize, f64)>> {
+    /// The mean of each function times the potential.
+    fn moments(&self, pieces: &[Piece], polynomials: &mut Polynomials) -> ConductorMoments {
         let count = polynomials.products.len();
+        let mut nodes: Vec<usize> = pieces.iter().flat_map(|piece| piece.nodes).collect();
+        nodes.sort_unstable();
+        nodes.dedup();
         // The integrals of the products times each node's shape function, node by node.
-        let (mut nodes, mut integrals): (Vec<usize>, Vec<f64>) = (Vec::new(), Vec::new());
-        let rule = TriangleRule::new();
-        for piece in pieces {
-            let places = piece.nodes.map(|node| {
-                nodes.iter().position(|&known| known == node).unwrap_or_else(|| {
-                    nodes.push(node);
-                    integrals.resize(nodes.len() * count, 0.0);
-                    nodes.len() - 1
-                })
-            });
-            let sums = Arch::new().dispatch(PieceSums { polynomials, rule: &rule, basis: self, piece });
-            for (place, sums) in places.into_iter().zip(sums.chunks_exact(count)) {
-                integrals[place * count..][..count].iter_mut().zip(sums).for_each(|(sum, value)| *sum += value);
+        let mut integrals = Matrix::zeros(nodes.len(), count);
+        let rule = triangle_points(&[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+        for pieces in pieces.chunks(LANES) {
+            let lanes = PieceLanes::new(pieces, self.area);
+            let sums = Arch::new().dispatch(PieceSums { polynomials, rule: &rule, basis: self, pieces: &lanes });
+            for (lane, piece) in pieces.iter().enumerate() {
+                for (node, sums) in piece.nodes.iter().zip(sums.chunks_exact(count)) {
+                    let row = nodes.partition_point(|other| other < node);
+                    integrals.row_mut(row).iter_mut().zip(sums).for_each(|(sum, value)| *sum += value[lane]);
+                }
             }
         }
-        let mut weights: Vec<(usize, Vec<f64>)> =
-            nodes.into_iter().zip(integrals.chunks_exact(count).map(|products| self.combine(products))).collect();
-        weights.sort_unstable_by_key(|(node, _)| *node);
-        (0..count).map(|k| weights.iter().map(|(node, weights)| (*node, weights[k])).collect()).collect()
+        if self.combinations.is_some() {
+            (0..nodes.len()).for_each(|row| {
+                let combined = self.combine(integrals.row(row));
+                integrals.row_mut(row).copy_from_slice(&combined);
+            });
+        }
+        ConductorMoments { nodes, weights: integrals }
     }
 
     fn cover(self, rectangle: &Rectangle, polynomials: &mut Polynomials) -> Cover {
@@ -447,11 +489,11 @@ impl Basis {
 /// Legendre polynomials, orthonormal in the mean over -1 to 1, one for each place of the list.
 #[inline(always)]
 fn legendre(t: &Lanes, values: &mut [Lanes]) {
-    let (mut before, mut now) = ([0.0; 8], [1.0; 8]);
+    let (mut before, mut now) = ([0.0; LANES], [1.0; LANES]);
     for (n, value) in values.iter_mut().enumerate() {
         let n = n as f64;
         let (norm, inverse) = ((2.0 * n + 1.0).sqrt(), 1.0 / (n + 1.0));
-        for lane in 0..8 {
+        for lane in 0..LANES {
             value[lane] = now[lane] * norm;
             let next = ((2.0 * n + 1.0) * t[lane] * now[lane] - n * before[lane]) * inverse;
             (before[lane], now[lane]) = (now[lane], next);

@@ -76,28 +76,36 @@ impl Pattern {
 
 impl Assembly {
     pub(super) fn new(mesh: &Mesh, contact_impedances: &[f64]) -> Result<Self, ForwardError> {
-        Ok(Self::of_pattern(Arc::new(Pattern::new(mesh)?), mesh, contact_impedances))
+        let pattern = Arc::new(Pattern::new(mesh)?);
+        let coefficients = vec![0.0; pattern.cells.len()];
+        let fixed = fixed(&pattern, mesh, contact_impedances);
+        let mut assembly = Assembly { pattern, fixed, coefficients };
+        assembly.set_stiffness(mesh, |_| true);
+        Ok(assembly)
     }
 
-    /// The entries of a mesh whose node positions and contacts may have changed since its pattern was computed.
-    pub(super) fn of_pattern(pattern: Arc<Pattern>, mesh: &Mesh, contact_impedances: &[f64]) -> Self {
-        let mut coefficients = vec![0.0; pattern.cells.len()];
-        let (mut terms, mut last) = (pattern.term_of_stiffness.iter(), None);
-        for_each_pair(mesh, |cell, [i, j]| {
-            let gradients = match last {
-                Some((known, gradients)) if known == cell => gradients,
-                _ => Gradients::new(mesh, cell),
-            };
-            last = Some((cell, gradients));
-            let term = terms.next().expect("a term for each pair of corners");
-            coefficients[*term] = gradients.stiffness(i, j);
-        });
-        let mut fixed = vec![0.0; pattern.entries.len()];
-        let mut entries = pattern.entry_of_contact.iter();
-        for_each_contact(mesh, contact_impedances, |_, _, _, value| {
-            fixed[*entries.next().expect("an entry for each part of a contact")] += value;
-        });
-        Assembly { pattern, fixed, coefficients }
+    /// The same cells and electrodes with nodes at other positions, and other contacts; `before` is the mesh of this one.
+    pub(super) fn moved(&self, before: &Mesh, mesh: &Mesh, contact_impedances: &[f64]) -> Self {
+        let fixed = fixed(&self.pattern, mesh, contact_impedances);
+        let mut assembly = Assembly { fixed, ..self.clone() };
+        let has_moved = |node: &usize| before.nodes[*node] != mesh.nodes[*node];
+        assembly.set_stiffness(mesh, |cell| mesh.cells.corners(cell).iter().any(has_moved));
+        assembly
+    }
+
+    /// Computes the coefficients of some cells.
+    fn set_stiffness(&mut self, mesh: &Mesh, is_wanted: impl Fn(usize) -> bool) {
+        let mut terms = &self.pattern.term_of_stiffness[..];
+        for cell in 0..mesh.cell_count() {
+            let count = mesh.cells.corners(cell).len();
+            let (own, others) = terms.split_at(count * (count + 1) / 2);
+            terms = others;
+            if is_wanted(cell) {
+                let gradients = Gradients::new(mesh, cell);
+                let pairs = (0..count).flat_map(|i| (0..=i).map(move |j| (i, j)));
+                own.iter().zip(pairs).for_each(|(&term, (i, j))| self.coefficients[term] = gradients.stiffness(i, j));
+            }
+        }
     }
 
     /// An entry's constant part, and cells with their coefficients.
@@ -138,6 +146,16 @@ impl Assembly {
             *value = fixed + terms.map(|(cell, coefficient)| coefficient * conductivity[cell]).sum::<f64>();
         }
     }
+}
+
+/// The parts of the entries that do not depend on the conductivity.
+fn fixed(pattern: &Pattern, mesh: &Mesh, contact_impedances: &[f64]) -> Vec<f64> {
+    let mut fixed = vec![0.0; pattern.entries.len()];
+    let mut entries = pattern.entry_of_contact.iter();
+    for_each_contact(mesh, contact_impedances, |_, _, _, value| {
+        fixed[*entries.next().expect("an entry for each part of a contact")] += value;
+    });
+    fixed
 }
 
 /// Calls the closure for every pair of corners of every cell, each once.

@@ -23,7 +23,7 @@ mod network;
 
 pub use crate::linalg::Matrix;
 pub use batch::BatchSolver;
-pub use conductors::{ConductorContact, FloatingConductors, OnceMemory, PotentialMoment, PotentialMoments};
+pub use conductors::{ConductorContact, ConductorMoments, FloatingConductors, OnceMemory, PotentialMoments};
 pub use displacement_jacobian::NodeVelocities;
 pub(crate) use family::ModelFamily;
 pub use gradient::{Gradient, KeptSolution};

@@ -139,7 +139,7 @@ impl ForwardModel {
         check_nodes(&mesh)?;
         check_contact_impedances(&mesh, contact_impedances)?;
         check_conductivity(&mesh, rest_conductivity)?;
-        let assembly = Assembly::of_pattern(self.assembly().pattern.clone(), &mesh, contact_impedances);
+        let assembly = self.assembly().moved(self.mesh(), &mesh, contact_impedances);
         let mean = |values: &[f64], cells: &[usize]| cells.iter().map(|&cell| values[cell]).sum::<f64>();
         let series = |(resistance, patch): (&f64, &ElectrodePatch)| match patch {
             ElectrodePatch::Cells(cells) => {

@@ -20,7 +20,7 @@ mod once;
 mod system;
 mod table;
 
-pub use moments::{PotentialMoment, PotentialMoments};
+pub use moments::{ConductorMoments, PotentialMoments};
 pub use once::OnceMemory;
 
 use super::{ElectrodeNetwork, ForwardError, ForwardModel};
@@ -28,7 +28,7 @@ use crate::linalg::{Matrix, NotPositiveDefinite, UpdateMemory, eliminate_in_plac
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, OnceLock};
-use system::System;
+use system::{System, Voltages};
 use table::Table;
 
 /// The remainder of a contact's matrix below this fraction of it is rounding error.
@@ -121,7 +121,7 @@ impl FloatingConductors {
         Ok(FloatingConductors {
             model: model.clone(),
             at_rest: at_rest.iter().map(|contact| (contact.conductor, contact.conductance.clone())).collect(),
-            columns: Table::new(moments.of_conductor.len()),
+            columns: Table::new(moments.conductors().len()),
             moments,
             base,
             potentials: OnceLock::new(),
@@ -137,7 +137,7 @@ impl FloatingConductors {
             let mut unknowns = Matrix::zeros(symbolic.unknown_count(), count);
             (0..count).for_each(|electrode| *unknowns.at_mut(interior + electrode, electrode) = 1.0);
             self.base.factor.extend_homogeneous(symbolic, &mut unknowns);
-            self.base.moments_of(&self.moments.all, &unknowns)
+            self.base.moments_of(&self.moments, 0, &unknowns)
         })
     }
 
@@ -178,8 +178,8 @@ impl FloatingConductors {
 
     /// Memory of the stored Green's functions, and of all of them, bytes.
     pub fn table_bytes(&self) -> [usize; 2] {
-        let count = self.moments.all.len();
-        let whole = self.moments.of_conductor.iter().map(|own| (count - own.start) * own.len());
+        let whole = (0..self.columns.len()).map(|conductor| self.moments.range(conductor));
+        let whole = whole.map(|own| (self.moments.count() - own.start) * own.len());
         [self.columns.bytes(), whole.sum::<usize>() * size_of::<f64>()]
     }
 
@@ -239,7 +239,7 @@ impl FloatingConductors {
         let of_touch = |touch: &Touch| {
             let own = &y[touch.start..touch.start + touch.root.columns];
             let current = (0..touch.root.rows).map(|k| dot(touch.root.row(k), own)).collect();
-            [current, self.moments.of_conductor(touch.conductor).iter().map(PotentialMoment::of_one).collect()]
+            [current, self.moments.conductors()[touch.conductor].of_one()]
         };
         Ok(update.touches.iter().map(of_touch).collect())
     }
@@ -273,13 +273,14 @@ impl FloatingConductors {
         let (potentials, mut conductor) = (self.potentials(), update.rank);
         for touch in &update.touches {
             let range = self.moments.range(touch.conductor);
+            let of_one = self.moments.conductors()[touch.conductor].of_one();
             for k in 0..touch.root.columns {
                 let column = &mut front[(touch.start + k) * order..(touch.start + k + 1) * order];
                 column[touch.start + k] += 1.0;
                 for (moment, index) in range.clone().enumerate() {
                     let factor = touch.root.at(moment, k);
                     if touch.floating {
-                        column[conductor] += factor * self.moments.all[index].of_one();
+                        column[conductor] += factor * of_one[moment];
                     }
                     let target = &mut column[order - self.electrode_count()..];
                     target.iter_mut().zip(potentials.row(index)).for_each(|(sum, value)| *sum += factor * value);
@@ -344,16 +345,14 @@ impl FloatingConductors {
     /// The Green's functions of a conductor.
     fn column(&self, conductor: usize) -> Arc<Matrix> {
         self.columns.column(conductor, || {
-            let own = self.moments.range(conductor);
             let symbolic = self.base.symbolic(&self.model);
-            let mut fields = Matrix::zeros(symbolic.unknown_count(), own.len());
-            for (column, moment) in self.moments.all[own.clone()].iter().enumerate() {
-                for (unknown, weight) in self.base.voltage(moment) {
-                    *fields.at_mut(unknown, column) += weight;
-                }
+            let Voltages { unknowns, weights } = self.base.voltages(&self.moments, conductor);
+            let mut fields = Matrix::zeros(symbolic.unknown_count(), weights.columns);
+            for (row, &unknown) in unknowns.iter().enumerate() {
+                fields.row_mut(unknown).iter_mut().zip(weights.row(row)).for_each(|(sum, weight)| *sum += weight);
             }
             self.base.factor.solve_grounded(symbolic, &mut fields);
-            self.base.moments_of(&self.moments.all[own.start..], &fields)
+            self.base.moments_of(&self.moments, conductor, &fields)
         })
     }
 }

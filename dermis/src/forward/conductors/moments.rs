@@ -1,57 +1,70 @@
 //! Moments of the sheet's potential under floating conductors.
 
+use crate::linalg::Matrix;
 use std::ops::Range;
 
-/// One moment of the sheet's potential under a conductor.
+/// The moments of the sheet's potential under one conductor: weighted sums of the potentials of the same nodes.
 #[derive(Debug, Clone, PartialEq)]
-pub struct PotentialMoment {
-    /// Index of the conductor.
-    pub conductor: usize,
-    /// Nodes with their weights: the moment is the weighted sum of their potentials.
-    pub nodes: Vec<(usize, f64)>,
+pub struct ConductorMoments {
+    /// The nodes.
+    pub nodes: Vec<usize>,
+    /// Their weights, nodes x moments.
+    pub weights: Matrix,
 }
 
-impl PotentialMoment {
-    /// The moment of a potential of 1 V.
-    pub(super) fn of_one(&self) -> f64 {
-        self.nodes.iter().map(|(_, weight)| weight).sum()
+impl ConductorMoments {
+    /// A conductor without a moment, which has no contact.
+    pub fn none() -> Self {
+        ConductorMoments { nodes: Vec::new(), weights: Matrix::zeros(0, 0) }
+    }
+
+    /// The moments of a potential of 1 V.
+    pub(super) fn of_one(&self) -> Vec<f64> {
+        let mut sums = vec![0.0; self.weights.columns];
+        for row in self.weights.values.chunks_exact(self.weights.columns.max(1)) {
+            sums.iter_mut().zip(row).for_each(|(sum, weight)| *sum += weight);
+        }
+        sums
     }
 }
 
-/// The moments of all conductors, sorted by conductor.
+/// The moments of all conductors, in the order of their indices.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PotentialMoments {
-    pub(super) all: Vec<PotentialMoment>,
-    pub(super) of_conductor: Vec<Range<usize>>,
+    conductors: Vec<ConductorMoments>,
+    /// The index of the first moment of each conductor, and the number of all.
+    starts: Vec<usize>,
 }
 
 impl PotentialMoments {
-    /// Moments in ascending order of their conductors.
+    /// The moments of each conductor.
     ///
     /// # Panics
-    /// If they are in another order.
-    pub fn new(all: Vec<PotentialMoment>) -> Self {
-        assert!(all.is_sorted_by_key(|moment| moment.conductor), "moments in the order of their conductors");
-        let count = all.last().map_or(0, |moment| moment.conductor + 1);
-        let mut of_conductor = vec![0..0; count];
-        for (index, moment) in all.iter().enumerate() {
-            let range: &mut Range<usize> = &mut of_conductor[moment.conductor];
-            *range = if range.end == 0 { index..index + 1 } else { range.start..index + 1 };
+    /// If a conductor's weights do not have a row for each of its nodes.
+    pub fn new(conductors: Vec<ConductorMoments>) -> Self {
+        let mut starts = vec![0];
+        for (index, ConductorMoments { nodes, weights }) in conductors.iter().enumerate() {
+            assert_eq!(nodes.len(), weights.rows, "a row of weights for each node of conductor {index}");
+            starts.push(starts[index] + weights.columns);
         }
-        PotentialMoments { all, of_conductor }
+        PotentialMoments { conductors, starts }
     }
 
-    /// All moments.
-    pub fn all(&self) -> &[PotentialMoment] {
-        &self.all
+    /// The moments of each conductor.
+    pub fn conductors(&self) -> &[ConductorMoments] {
+        &self.conductors
     }
 
-    /// The moments of one conductor; none if the conductor does not exist.
-    pub(crate) fn of_conductor(&self, conductor: usize) -> &[PotentialMoment] {
-        &self.all[self.range(conductor)]
+    /// The number of all moments.
+    pub(super) fn count(&self) -> usize {
+        self.starts[self.conductors.len()]
     }
 
+    /// The indices of a conductor's moments; none if the conductor does not exist.
     pub(super) fn range(&self, conductor: usize) -> Range<usize> {
-        self.of_conductor.get(conductor).cloned().unwrap_or(0..0)
+        match self.conductors.get(conductor) {
+            Some(_) => self.starts[conductor]..self.starts[conductor + 1],
+            None => 0..0,
+        }
     }
 }

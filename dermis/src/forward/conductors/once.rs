@@ -5,6 +5,7 @@
 //! factorisation with pivots. Its rank is at most the number of the touched nodes, which is less than that of the moments
 //! where conductors are not much larger than cells.
 
+use super::system::Voltages;
 use super::{ConductorContact, FloatingConductors, check_fits, difference, dot, name_contact, root};
 use crate::forward::{ElectrodeNetwork, ForwardError};
 use crate::frame::Frame;
@@ -80,13 +81,13 @@ impl FloatingConductors {
     /// The quadratic form that a contact adds to that at rest.
     fn form(&self, contact: &ConductorContact) -> Form {
         check_fits(&self.moments, contact);
-        let moments = self.moments.of_conductor(contact.conductor);
+        let Voltages { unknowns, weights } = self.base.voltages(&self.moments, contact.conductor);
         let mut added = match self.at_rest.get(&contact.conductor) {
             Some(resting) => difference(&contact.conductance, resting),
             None => contact.conductance.clone(),
         };
         if !self.base.unknown_of_conductor.contains_key(&contact.conductor) {
-            let ones: Vec<f64> = moments.iter().map(|moment| moment.of_one()).collect();
+            let ones = self.moments.conductors()[contact.conductor].of_one();
             let currents: Vec<f64> = (0..added.rows).map(|k| dot(added.row(k), &ones)).collect();
             let whole = dot(&currents, &ones);
             for (k, current) in currents.iter().enumerate().filter(|_| whole != 0.0) {
@@ -94,35 +95,17 @@ impl FloatingConductors {
                 added.row_mut(k).iter_mut().zip(&currents).for_each(|(value, other)| *value -= factor * other);
             }
         }
-        let order = moments.len();
-        let mut unknowns: Vec<usize> = Vec::with_capacity(moments[0].nodes.len() + 1);
-        // Unknowns x moments.
-        let mut weights: Vec<f64> = Vec::with_capacity(unknowns.capacity() * order);
-        for (k, moment) in moments.iter().enumerate() {
-            for (index, (unknown, weight)) in self.base.voltage(moment).enumerate() {
-                // The moments of one conductor have mostly the same nodes in the same order.
-                let place = match unknowns.get(index) {
-                    Some(&same) if same == unknown => Some(index),
-                    _ => unknowns.iter().position(|&other| other == unknown),
-                };
-                let place = place.unwrap_or_else(|| {
-                    unknowns.push(unknown);
-                    weights.resize(unknowns.len() * order, 0.0);
-                    unknowns.len() - 1
-                });
-                weights[place * order + k] += weight;
-            }
-        }
         // The contact is rounded, of which the form may be a small part.
         let [whole, part] = [largest(&contact.conductance), largest(&added)];
+        let order = weights.columns;
         let mut values = Matrix::zeros(unknowns.len(), unknowns.len());
         let mut product = vec![0.0; order];
-        for (row, weights_of_row) in weights.chunks_exact(order).enumerate() {
+        for (row, weights_of_row) in weights.values.chunks_exact(order).enumerate() {
             product.fill(0.0);
             for (weight, row) in weights_of_row.iter().zip(added.values.chunks_exact(order)) {
                 product.iter_mut().zip(row).for_each(|(sum, value)| *sum += weight * value);
             }
-            for (column, other) in weights.chunks_exact(order).take(row + 1).enumerate() {
+            for (column, other) in weights.values.chunks_exact(order).take(row + 1).enumerate() {
                 let value = dot(&product, other);
                 *values.at_mut(row, column) = value;
                 *values.at_mut(column, row) = value;

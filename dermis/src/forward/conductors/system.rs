@@ -1,6 +1,6 @@
 //! The system of a sheet with some conductors in contact.
 
-use super::{ConductorContact, PotentialMoment, PotentialMoments, check_fits, dot, root};
+use super::{ConductorContact, PotentialMoments, check_fits, dot, root};
 use crate::forward::assembly::Assembly;
 use crate::forward::model::check_conductivity;
 use crate::forward::{ForwardError, ForwardModel};
@@ -46,7 +46,7 @@ impl System {
             return Ok(System { extended: None, factor, unknown_of_node, unknown_of_conductor: BTreeMap::new() });
         }
         let mut system = Extended::new(model, assembly, &values, &touching);
-        touching.iter().for_each(|contact| system.add(moments.of_conductor(contact.conductor), contact));
+        touching.iter().for_each(|contact| system.add(moments, contact));
         let (entries, values): (Vec<[usize; 2]>, Vec<f64>) = system.entries.into_iter().unzip();
         let symbolic = Symbolic::new(system.unknown_count, model.mesh().electrodes.len(), &entries);
         let factor = symbolic.factor(&values).map_err(singular)?;
@@ -62,11 +62,32 @@ impl System {
         self.extended.as_ref().unwrap_or(model.symbolic())
     }
 
-    /// The unknowns of a moment of `u - v` with their weights; of `u` only if the system has no `v`.
-    pub(super) fn voltage(&self, moment: &PotentialMoment) -> impl Iterator<Item = (usize, f64)> {
-        let nodes = moment.nodes.iter().map(|&(node, weight)| (self.unknown_of_node[node], weight));
-        let own = self.unknown_of_conductor.get(&moment.conductor);
-        nodes.chain(own.map(|&unknown| (unknown, -moment.of_one())))
+    /// The moments of `u - v` of a conductor; of `u` only if the system has no `v`.
+    pub(super) fn voltages(&self, moments: &PotentialMoments, conductor: usize) -> Voltages {
+        let own = self.unknown_of_conductor.get(&conductor).copied();
+        Voltages::new(moments, conductor, &self.unknown_of_node, own)
+    }
+}
+
+/// The moments of `u - v` of a conductor as weighted sums of unknowns.
+pub(super) struct Voltages {
+    /// The unknowns of its nodes and, if there is one, of its potential.
+    pub unknowns: Vec<usize>,
+    /// Unknowns x moments.
+    pub weights: Matrix,
+}
+
+impl Voltages {
+    fn new(moments: &PotentialMoments, conductor: usize, unknown_of_node: &[usize], own: Option<usize>) -> Self {
+        let moments = &moments.conductors()[conductor];
+        let mut unknowns: Vec<usize> = moments.nodes.iter().map(|&node| unknown_of_node[node]).collect();
+        let mut weights = moments.weights.clone();
+        if let Some(own) = own {
+            unknowns.push(own);
+            weights.rows += 1;
+            weights.values.extend(moments.of_one().into_iter().map(|moment| -moment));
+        }
+        Voltages { unknowns, weights }
     }
 }
 
@@ -99,35 +120,34 @@ impl Extended {
     }
 
     /// Adds `(M'u - v e)' C (M'u - v e)` of one contact.
-    fn add(&mut self, moments: &[PotentialMoment], contact: &ConductorContact) {
-        // `W C W'` by the unknowns that the moments share: `W` has a row per unknown.
-        let mut weights: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
-        let conductor = self.unknown_of_conductor[&contact.conductor];
-        for (k, moment) in moments.iter().enumerate() {
-            let nodes = moment.nodes.iter().map(|&(node, weight)| (self.unknown_of_node[node], weight));
-            for (unknown, weight) in nodes.chain([(conductor, -moment.of_one())]) {
-                weights.entry(unknown).or_insert_with(|| vec![0.0; moments.len()])[k] += weight;
-            }
-        }
-        let rows: Vec<(usize, Vec<f64>)> = weights.into_iter().collect();
-        let mut product = vec![0.0; moments.len()];
-        for (index, (a, first)) in rows.iter().enumerate() {
-            contact.conductance.product_into(first, &mut product);
-            for (b, second) in &rows[..=index] {
-                *self.entries.entry([*a, *b]).or_default() += dot(second, &product);
+    fn add(&mut self, moments: &PotentialMoments, contact: &ConductorContact) {
+        let own = self.unknown_of_conductor[&contact.conductor];
+        let Voltages { unknowns, weights } =
+            Voltages::new(moments, contact.conductor, &self.unknown_of_node, Some(own));
+        // `W C W'`, its lower triangle by the unknowns.
+        let mut product = vec![0.0; weights.columns];
+        for (row, &a) in unknowns.iter().enumerate() {
+            contact.conductance.product_into(weights.row(row), &mut product);
+            for (column, &b) in unknowns.iter().enumerate().filter(|(_, b)| **b <= a) {
+                *self.entries.entry([a, b]).or_default() += dot(weights.row(column), &product);
             }
         }
     }
 }
 
 impl System {
-    /// The moments of some fields, moments x fields, from their values at the unknowns.
-    pub(super) fn moments_of(&self, moments: &[PotentialMoment], fields: &Matrix) -> Matrix {
-        let mut out = Matrix::zeros(moments.len(), fields.columns);
-        for (index, moment) in moments.iter().enumerate() {
-            let target = out.row_mut(index);
-            for (unknown, weight) in self.voltage(moment) {
-                target.iter_mut().zip(fields.row(unknown)).for_each(|(sum, value)| *sum += weight * value);
+    /// The moments of some fields of the conductors from `first` on, moments x fields, from their values at the unknowns.
+    pub(super) fn moments_of(&self, moments: &PotentialMoments, first: usize, fields: &Matrix) -> Matrix {
+        let before = moments.range(first).start;
+        let mut out = Matrix::zeros(moments.count() - before, fields.columns);
+        for conductor in first..moments.conductors().len() {
+            let range = moments.range(conductor);
+            let Voltages { unknowns, weights } = self.voltages(moments, conductor);
+            for (row, &unknown) in unknowns.iter().enumerate() {
+                for (moment, &weight) in range.clone().zip(weights.row(row)) {
+                    let target = out.row_mut(moment - before);
+                    target.iter_mut().zip(fields.row(unknown)).for_each(|(sum, value)| *sum += weight * value);
+                }
             }
         }
         out
