@@ -2,8 +2,7 @@
 
 use super::VALUES_PER_UNKNOWN;
 use super::table::{Response, ResponseTable};
-use crate::linalg::{Matrix, cholesky_in_place, invert_spd};
-use pulp::{Simd, WithSimd};
+use crate::linalg::{Matrix, add_scaled, dot, gram, invert_spd, products, solve_scaled};
 use std::f64::consts::PI;
 
 /// Levenberg-Marquardt steps. From contacts that are a few millimetres off, three are usually enough.
@@ -14,8 +13,9 @@ const DAMPING_DOWN: f64 = 0.3;
 const DAMPING_UP: f64 = 10.0;
 /// Longest step along an axis, m: the responses are nearly linear over this distance.
 const LONGEST_STEP_M: f64 = 5e-3;
-/// A step that is shorter ends the fit, m: a hundredth of the accuracy of a position.
-const SHORTEST_STEP_M: f64 = 1e-5;
+/// A step that is shorter is the last one, m: the next would be of the order of its square over the width of a touch, a
+/// thousandth of the accuracy of a position.
+const SHORTEST_STEP_M: f64 = 1e-4;
 
 /// Two touches near each other are detected as one. One is split where two explain the values better by this much in
 /// the sum of squares, whose standard deviation due to noise is 4 for the four more unknowns.
@@ -181,7 +181,7 @@ impl Fit<'_> {
         let mut damping = DAMPING;
         for _ in 0..steps {
             let (normal, right) = self.equations(&state, &columns(&state.derivatives()));
-            let step = solve(&damped(&normal, damping), &right)?;
+            let step = solve_scaled(&damped(&normal, damping), &right)?;
             let step: Vec<[f64; 2]> = step.as_chunks::<{ Touch::UNKNOWNS }>().0.iter().map(|s| [s[0], s[1]]).collect();
             let step = step.iter().map(|step| step.map(|by| by.clamp(-LONGEST_STEP_M, LONGEST_STEP_M)));
             let moved = state.places.iter().zip(step).map(|(place, step)| [place[0] + step[0], place[1] + step[1]]);
@@ -307,17 +307,17 @@ impl Fit<'_> {
     fn at(&self, places: Vec<[f64; 2]>) -> Option<State> {
         let responses: Vec<Response> = places.iter().map(|&place| self.table.response(place)).collect();
         let columns: Vec<&[f64]> = responses.iter().flat_map(|r| [&r.value[..], &r.laplacian[..]]).collect();
+        let (mut normal, right) = (gram(&columns), products(&columns, self.values));
         // The prior is on t, the ratio of both strengths; the first is that without a width.
-        let first = solve(&gram(&columns, 0, 2), &products(&columns, self.values, 0, 2))?;
+        let first = solve_scaled(&every_other(&normal), &right.iter().copied().step_by(2).collect::<Vec<f64>>())?;
         let prior: Vec<f64> = first.iter().map(|strength| 1.0 / (strength.abs() * self.width_spread_m2)).collect();
-        let mut normal = gram(&columns, 0, 1);
         for (touch, prior) in prior.iter().enumerate() {
             *normal.at_mut(2 * touch + 1, 2 * touch + 1) += prior * prior;
         }
-        let solution = solve(&normal, &products(&columns, self.values, 0, 1))?;
+        let solution = solve_scaled(&normal, &right)?;
         let mut residuals = self.values.to_vec();
         for (column, strength) in columns.iter().zip(&solution) {
-            residuals.iter_mut().zip(*column).for_each(|(left, value)| *left -= strength * value);
+            add_scaled(&mut residuals, -strength, column);
         }
         let strengths = solution.as_chunks::<2>().0.to_vec();
         let mut state = State { places, responses, strengths, prior, residuals, cost: 0.0 };
@@ -329,8 +329,8 @@ impl Fit<'_> {
     /// The normal matrix and the right-hand side of a Gauss-Newton step of places, strengths and widths, from the derivatives
     /// of the values.
     fn equations(&self, state: &State, derivatives: &[&[f64]]) -> (Matrix, Vec<f64>) {
-        let mut normal = gram(derivatives, 0, 1);
-        let mut right = products(derivatives, &state.residuals, 0, 1);
+        let mut normal = gram(derivatives);
+        let mut right = products(derivatives, &state.residuals);
         for (touch, (prior, strength)) in state.prior.iter().zip(&state.strengths).enumerate() {
             let width = Touch::UNKNOWNS * touch + 3;
             *normal.at_mut(width, width) += prior * prior;
@@ -365,7 +365,7 @@ impl Fit<'_> {
     fn systematic_errors(&self, state: &State, derivatives: &[&[f64]], covariance: &Matrix) -> Vec<Vec<f64>> {
         let error = |change: Vec<f64>| {
             let mut error = vec![0.0; covariance.rows];
-            covariance.product_into(&products(derivatives, &change, 0, 1), &mut error);
+            covariance.product_into(&products(derivatives, &change), &mut error);
             error
         };
         self.by_forms(state).chain(self.by_shared_patches(state)).map(error).collect()
@@ -403,77 +403,18 @@ fn scaled(mut values: Vec<f64>, by: f64) -> Vec<f64> {
     values
 }
 
+/// The matrix of the first of each two unknowns.
+fn every_other(normal: &Matrix) -> Matrix {
+    let count = normal.rows / 2;
+    let mut own = Matrix::zeros(count, count);
+    for i in 0..count {
+        (0..count).for_each(|j| *own.at_mut(i, j) = normal.at(2 * i, 2 * j));
+    }
+    own
+}
+
 fn damped(normal: &Matrix, damping: f64) -> Matrix {
     let mut damped = normal.clone();
     (0..normal.rows).for_each(|i| *damped.at_mut(i, i) *= 1.0 + damping);
     damped
-}
-
-/// The scalar products of every `step`-th column from the first on.
-fn gram(columns: &[&[f64]], first: usize, step: usize) -> Matrix {
-    let chosen: Vec<&[f64]> = columns.iter().skip(first).step_by(step).copied().collect();
-    let mut gram = Matrix::zeros(chosen.len(), chosen.len());
-    pulp::Arch::new().dispatch(Gram { columns: &chosen, gram: &mut gram });
-    gram
-}
-
-struct Gram<'a> {
-    columns: &'a [&'a [f64]],
-    gram: &'a mut Matrix,
-}
-
-impl WithSimd for Gram<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        for (i, a) in self.columns.iter().enumerate() {
-            for (j, b) in self.columns[..=i].iter().enumerate() {
-                let product = dot(a, b);
-                *self.gram.at_mut(i, j) = product;
-                *self.gram.at_mut(j, i) = product;
-            }
-        }
-    }
-}
-
-fn products(columns: &[&[f64]], values: &[f64], first: usize, step: usize) -> Vec<f64> {
-    columns.iter().skip(first).step_by(step).map(|column| dot(column, values)).collect()
-}
-
-/// A scalar product in eight independent sums, with the same bits on every instruction set.
-#[inline(always)]
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let (a, b) = (a.as_chunks::<8>(), b.as_chunks::<8>());
-    let mut sums = [0.0; 8];
-    for (a, b) in a.0.iter().zip(b.0) {
-        (0..8).for_each(|lane| sums[lane] += a[lane] * b[lane]);
-    }
-    sums.iter().sum::<f64>() + a.1.iter().zip(b.1).map(|(a, b)| a * b).sum::<f64>()
-}
-
-/// The solution of a symmetric positive definite system, scaled to a unit diagonal first: its unknowns have different
-/// units.
-fn solve(normal: &Matrix, right: &[f64]) -> Option<Vec<f64>> {
-    let count = normal.rows;
-    let scale: Vec<f64> = (0..count).map(|i| normal.at(i, i).sqrt().recip()).collect();
-    if scale.iter().any(|scale| !scale.is_finite()) {
-        return None;
-    }
-    let mut factor = normal.clone();
-    for i in 0..count {
-        (0..count).for_each(|j| *factor.at_mut(i, j) *= scale[i] * scale[j]);
-    }
-    cholesky_in_place(&mut factor).ok()?;
-    let mut x: Vec<f64> = right.iter().zip(&scale).map(|(value, scale)| value * scale).collect();
-    for i in 0..count {
-        let known: f64 = (0..i).map(|j| factor.at(i, j) * x[j]).sum();
-        x[i] = (x[i] - known) / factor.at(i, i);
-    }
-    for i in (0..count).rev() {
-        let known: f64 = (i + 1..count).map(|j| factor.at(j, i) * x[j]).sum();
-        x[i] = (x[i] - known) / factor.at(i, i);
-    }
-    x.iter_mut().zip(&scale).for_each(|(value, scale)| *value *= scale);
-    x.iter().all(|value| value.is_finite()).then_some(x)
 }

@@ -1,6 +1,7 @@
 //! Drift between the untouched frame and a frame, as a part of the noise.
 
 use crate::forward::{ForwardError, ForwardModel};
+use crate::linalg::{add_scaled, dot};
 
 /// A linear transform of values with the covariance `I + sum_k u_k u_k'` to values with the covariance `I`.
 ///
@@ -44,8 +45,7 @@ impl Whitening {
 
 /// Adds a direction times the product with it.
 fn add(values: &mut [f64], direction: &[f64], factor: f64) {
-    let along: f64 = values.iter().zip(direction).map(|(value, direction)| value * direction).sum();
-    values.iter_mut().zip(direction).for_each(|(value, direction)| *value += factor * along * direction);
+    add_scaled(values, factor * dot(values, direction), direction);
 }
 
 /// The changes of a frame by one standard deviation of the drift of the whole coating, and of each contact impedance;
