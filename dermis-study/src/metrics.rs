@@ -169,6 +169,8 @@ impl Figure {
     pub fn bound(&self, bound: &BenchmarkBound) -> Option<f64> {
         let value = match self.key {
             "grid_localisation_mean_m" | "random_localisation_mean_m" => bound.localisation_m,
+            "grid_misses" => bound.misses.map_or(f64::NAN, |misses| misses[0]),
+            "random_misses" => bound.misses.map_or(f64::NAN, |misses| misses[1]),
             "two_resolved_from_m" => bound.resolved_from_m(),
             "two_resolved_at_20_mm" => bound.resolved_at(0.02),
             "two_resolved_at_40_mm" => bound.resolved_at(0.04),
@@ -244,6 +246,7 @@ mod tests {
     #[test]
     fn figures_with_a_bound_show_it() {
         let bound = BenchmarkBound {
+            misses: None,
             localisation_m: 5e-4,
             least_force_n: [0.01, 0.02],
             two_resolved: vec![(0.02, 0.7), (0.04, 0.95), (0.06, 1.0)],
@@ -253,5 +256,8 @@ mod tests {
         assert_eq!(of("two_resolved_from_m"), Some(0.04));
         assert_eq!(of("two_resolved_at_20_mm"), Some(0.7));
         assert_eq!((of("two_resolved_at_80_mm"), of("grid_misses")), (None, None));
+        let bound = BenchmarkBound { misses: Some([2.5, 1.0]), ..bound };
+        let misses = FIGURES.iter().find(|figure| figure.key == "random_misses").expect("a figure");
+        assert_eq!(misses.bound(&bound), Some(1.0));
     }
 }

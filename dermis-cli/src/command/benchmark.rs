@@ -93,7 +93,7 @@ impl Arguments {
         let twins: Vec<BenchmarkResult> = twins.collect::<dermis_sim::Result<_>>()?;
         drop(progress);
         let waiting = Progress::waiting("computing the bounds");
-        let bound = benchmark.bound(self.seed, &size)?;
+        let bound = benchmark.bound(self.seed..self.seed + self.twins, &size)?;
         drop(waiting);
         if let Some(path) = &self.map {
             let picture = self.map(&skin, pixels, &size, &twins)?;

@@ -24,12 +24,9 @@ impl Bounds {
     /// # Errors
     /// A place off the skin.
     pub fn smallest_force_n(&self, place_m: Point3, places: usize) -> crate::Result<Option<f64>> {
-        let alarm = normal_quantile(1.0 / (self.frames_per_hour() * places as f64));
-        let needed = alarm + normal_quantile(1.0 - FOUND);
+        let needed = self.threshold(places) + normal_quantile(1.0 - FOUND);
         let visible = |force_n: f64| -> crate::Result<bool> {
-            let frame = self.clean(&[Press { force_n, ..self.press(place_m) }])?;
-            let change = self.precision.whiten(difference(&frame, &self.physics.untouched));
-            Ok(self.precision.inner(&change, &change).sqrt() >= needed)
+            Ok(self.deflection(&Press { force_n, ..self.press(place_m) })? >= needed)
         };
         // Foam that a strong press would crush: the largest force that it bears.
         let [mut low, mut high] = FORCES_N;
@@ -44,6 +41,27 @@ impl Bounds {
             if visible(middle)? { high = middle } else { low = middle }
         }
         Ok(Some(high))
+    }
+
+    /// The probability with which a press is found in a frame at one false alarm an hour, by the test of
+    /// [`smallest_force_n`](Self::smallest_force_n).
+    ///
+    /// # Errors
+    /// A press that the twin cannot simulate.
+    pub fn probability_found(&self, press: &Press, places: usize) -> crate::Result<f64> {
+        Ok(0.5 * erfc((self.threshold(places) - self.deflection(press)?) / SQRT_2))
+    }
+
+    /// `sqrt(d' R^-1 d)` of a press: the mean of the test in units of its standard deviation.
+    fn deflection(&self, press: &Press) -> crate::Result<f64> {
+        let frame = self.clean(std::slice::from_ref(press))?;
+        let change = self.precision.whiten(difference(&frame, &self.physics.untouched));
+        Ok(self.precision.inner(&change, &change).sqrt())
+    }
+
+    /// The threshold of the test for one false alarm an hour in tests for some places.
+    fn threshold(&self, places: usize) -> f64 {
+        normal_quantile(1.0 / (self.frames_per_hour() * places as f64))
     }
 
     /// Number of means of frames an hour.

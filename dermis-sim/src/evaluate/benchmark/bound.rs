@@ -4,9 +4,11 @@ use super::{Benchmark, BenchmarkOptions, least_force, separation};
 use crate::bound::{BoundOptions, Bounds};
 use crate::experiment::Presses;
 use crate::twin::Press;
+use dermis::design::SkinDesign;
 use dermis::stats::mean;
 use rayon::prelude::*;
 use serde::Serialize;
+use std::ops::Range;
 
 /// The bounds are those of every n-th press on the grid, and of one in some pairs: their mean is within a few per cent of
 /// that of all.
@@ -15,10 +17,13 @@ const PAIRS_STEP: usize = 10;
 /// Touches that are told from one with this probability at one distance are so at all greater ones, too.
 const CERTAIN: f64 = 0.9999;
 
-/// The bounds of the figures of a benchmark: for single frames of the skin as designed, without its manufacturing errors
-/// and with all electrodes.
+/// The bounds of the figures of a benchmark: for single frames of the skin as designed, without its manufacturing errors;
+/// but for the misses, with all electrodes.
 #[derive(Debug, Clone, Serialize)]
 pub struct BenchmarkBound {
+    /// Expected number of the single presses on the grid and at random places that one frame does not show without the
+    /// disconnected electrodes, at one false alarm an hour; mean of the twins. `None` with all electrodes.
+    pub misses: Option<[f64; 2]>,
     /// Mean localisation error of single presses, m.
     pub localisation_m: f64,
     /// Median and 95th percentile of the smallest force that is found, N.
@@ -41,24 +46,48 @@ impl BenchmarkBound {
 }
 
 impl Benchmark<'_> {
-    /// The bounds for presses as [`run`](Self::run) draws them from a seed; `None` for twins without noise, whose bounds
-    /// are zero. Does not depend on the method.
+    /// The bounds for presses as [`run`](Self::run) draws them from seeds: the misses for those of all, the others for
+    /// those of the first. `None` for twins without noise, whose bounds are zero. Does not depend on the method.
     ///
     /// # Errors
     /// As [`Bounds::new`]; presses that the twin cannot simulate.
-    pub fn bound(&self, seed: u64, options: &BenchmarkOptions) -> crate::Result<Option<BenchmarkBound>> {
+    pub fn bound(&self, seeds: Range<u64>, options: &BenchmarkOptions) -> crate::Result<Option<BenchmarkBound>> {
         if self.options.electronics.snr_db.is_none() {
             return Ok(None);
         }
         let tip_radius_m = self.options.press.tip_radius_m;
         let bounds = Bounds::new(self.design, self.options, &BoundOptions { tip_radius_m, ..BoundOptions::default() })?;
-        let presses = Presses::new(self.design, self.mesh, self.pixels, self.options.press, seed);
+        let presses = Presses::new(self.design, self.mesh, self.pixels, self.options.press, seeds.start);
         let step = SINGLES_STEP * options.sizes.grid_step;
         Ok(Some(BenchmarkBound {
             localisation_m: self.mean_error_m(&bounds, &presses.on_grid(step).presses, step)?,
             least_force_n: self.least_forces(&bounds, step)?,
             two_resolved: told_apart(&bounds, &presses, options)?,
+            misses: self.misses(seeds, options)?,
         }))
+    }
+
+    /// The misses of the best test, without the disconnected electrodes of each twin.
+    fn misses(&self, seeds: Range<u64>, options: &BenchmarkOptions) -> crate::Result<Option<[f64; 2]>> {
+        let mut sums = [0.0; 2];
+        for seed in seeds.clone() {
+            let dead = self.with_dead_electrodes(seed, options.dead_electrodes)?.faults.dead_electrodes;
+            if dead.is_empty() {
+                return Ok(None);
+            }
+            let protocol = self.design.protocol.without_electrodes(&dead).map_err(dermis::Error::from)?;
+            let design = SkinDesign { protocol, ..self.design.clone() };
+            // A known press has known patches.
+            let bounds = BoundOptions { known_patches: true, ..BoundOptions::default() };
+            let bounds = Bounds::new(&design, self.options, &bounds)?;
+            let presses = Presses::new(self.design, self.mesh, self.pixels, self.options.press, seed);
+            let sets = [presses.on_grid(options.sizes.grid_step), presses.at_random(options.sizes.random)];
+            for (sum, set) in sums.iter_mut().zip(sets) {
+                let missed = |press: &Vec<Press>| Ok(1.0 - bounds.probability_found(&press[0], self.pixels.len())?);
+                *sum += set.presses.par_iter().map(missed).collect::<crate::Result<Vec<f64>>>()?.iter().sum::<f64>();
+            }
+        }
+        Ok(Some(sums.map(|sum| sum / (seeds.end - seeds.start) as f64)))
     }
 
     /// The mean error of presses at every `step`-th pixel.
