@@ -105,6 +105,9 @@ pub struct Arguments {
     json: bool,
 }
 
+/// Steps of the progress bar for each number of readings.
+const STEPS_PER_PATTERN: usize = 100;
+
 /// What is made small.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum ObjectiveChoice {
@@ -255,13 +258,19 @@ impl Arguments {
             return Ok(Vec::new());
         }
         let whole = self.parsed(text, electrodes_m)?;
-        let progress = Progress::new("patterns", self.slots.len());
+        let progress = Progress::new("patterns", STEPS_PER_PATTERN * self.slots.len());
         let pattern = |&slots: &usize| {
-            let channels = select_readings(&whole, twin, &self.bound(), self.objective.into(), slots)?;
+            let mut done = 0;
+            let advance = |share: f64| {
+                let now = (share * STEPS_PER_PATTERN as f64) as u64;
+                progress.steps(now - done);
+                done = now;
+            };
+            let channels = select_readings(&whole, twin, &self.bound(), self.objective.into(), slots, advance)?;
             let protocol = Protocol::new(whole.electrodes.len(), channels).map_err(dermis::Error::from)?;
             let design = SkinDesign { protocol: protocol.clone(), ..whole.clone() };
             let judgement = self.judge(&design, &with_noise_of(twin, &design, &whole)?)?;
-            progress.step();
+            progress.steps(STEPS_PER_PATTERN as u64 - done);
             let rate_hz = twin.electronics.slot_rate_hz / slots as f64;
             Ok(Pattern { slots, rate_hz, protocol, judgement })
         };

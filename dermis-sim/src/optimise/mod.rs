@@ -292,7 +292,7 @@ fn centres_m(design: &SkinDesign) -> Vec<Point3> {
 }
 
 /// The readings of a design's protocol that are worth most for a number of readings, those of the currents included:
-/// channels in the protocol's order.
+/// channels in the protocol's order. `progress` is called with the share of the work that is done.
 ///
 /// # Errors
 /// Fewer readings than unknowns, or more than the protocol has; a twin without noise; electrodes in groups of a file.
@@ -302,6 +302,7 @@ pub fn select_readings(
     bound: &BoundOptions,
     objective: Objective,
     slots: usize,
+    progress: impl FnMut(f64),
 ) -> crate::Result<Vec<Channel>> {
     let places = Places::new(design, &PlaceRules::default())?;
     let presses = Presses::new(design, &places, twin, bound)?;
@@ -310,5 +311,5 @@ pub fn select_readings(
     let readings = Readings::new(&design.protocol, presses.instrument);
     let layout = Layout::new(&fields, &readings, objective, (0..electrodes_m.len()).collect());
     layout.check()?;
-    Ok(pattern::select(&layout, &readings, objective, slots)?)
+    Ok(pattern::select(&layout, &readings, objective, slots, progress)?)
 }

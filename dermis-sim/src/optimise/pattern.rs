@@ -6,9 +6,13 @@ use super::touch::{PARAMETERS, UNKNOWNS};
 use super::{Objective, OptimiseError};
 use dermis::linalg::{Matrix, invert_spd};
 use dermis::protocol::Channel;
+use rayon::prelude::*;
 
 /// Fewest readings of a press: a value for each unknown, and a current.
 const LEAST_SLOTS: usize = UNKNOWNS + 1;
+
+/// Presses whose worth one thread sums.
+const PRESSES: usize = 32;
 
 /// Readings of a protocol, some of them taken.
 struct Pattern<'a> {
@@ -22,7 +26,8 @@ struct Pattern<'a> {
 
 /// The readings of a layout that are worth most, in the protocol's order: all of them without those that are worth least,
 /// one by one; then exchanges while they help (Fedorov, Theory of Optimal Experiments, 1972). `slots` counts values and,
-/// for each drive in use, the reading of its current.
+/// for each drive in use, the reading of its current. `left_out` is called with the share of the work that is done, whenever
+/// a reading is left out.
 ///
 /// # Errors
 /// Too few or too many slots.
@@ -31,6 +36,7 @@ pub(super) fn select(
     readings: &Readings,
     objective: Objective,
     slots: usize,
+    mut left_out: impl FnMut(f64),
 ) -> Result<Vec<Channel>, OptimiseError> {
     let channels = readings.channels();
     let most = channels.len() + readings.drive_count;
@@ -47,6 +53,8 @@ pub(super) fn select(
     while pattern.slots() > slots {
         let Some(least) = pattern.least(&pattern.worth()) else { break };
         pattern.taken[least] = false;
+        // The last reading of a drive saves that of its current, too.
+        left_out(((most - pattern.slots()) as f64 / (most - slots) as f64).min(1.0));
     }
     pattern.exchange(slots);
     if !pattern.objective().is_finite() {
@@ -106,8 +114,19 @@ impl Pattern<'_> {
     /// presses, with `G = F^-1 E F^-1` for the block `E` of the position and `b` the reading's change without what the
     /// noise of its current takes: `b = row - a z / (R_ref^2 + z' z)`.
     fn worth(&self) -> Vec<f64> {
+        // Parts of a fixed size, summed in their order: the same bits on any number of threads.
+        let parts: Vec<Vec<f64>> = self.rows.par_chunks(PRESSES).map(|presses| self.worth_for(presses)).collect();
         let mut worth = vec![0.0; self.taken.len()];
-        for rows in &self.rows {
+        for part in parts {
+            worth.iter_mut().zip(part).for_each(|(sum, value)| *sum += value);
+        }
+        worth
+    }
+
+    /// The worth for some presses.
+    fn worth_for(&self, presses: &[Vec<[f64; PARAMETERS]>]) -> Vec<f64> {
+        let mut worth = vec![0.0; self.taken.len()];
+        for rows in presses {
             let along = self.along(rows);
             let information = self.information(rows, &along);
             let sd_m = position_sd_m(&information);

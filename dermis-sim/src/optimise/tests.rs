@@ -138,7 +138,7 @@ fn a_start_depends_on_its_index_and_the_seed_alone() {
 fn the_best_half_of_the_readings_is_chosen() {
     let options = OptimiseOptions { moves: 5, ..OptimiseOptions::default() };
     let design = moved(&optimiser(&options).layouts(10).unwrap().start(0).unwrap().electrodes_m);
-    let select = |slots: usize| select_readings(&design, &twin(), &options.bound, Objective::Mean, slots);
+    let select = |slots: usize| select_readings(&design, &twin(), &options.bound, Objective::Mean, slots, |_| {});
     // 10 drives x 9 measures and 10 currents.
     let all = select(100).unwrap();
     assert_eq!(all, design.protocol.channels());
