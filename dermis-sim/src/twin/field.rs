@@ -12,6 +12,7 @@ use dermis::geom::{Point3, Surface};
 use dermis::mesh::Mesh;
 use pulp::{Simd, WithSimd};
 use rand_chacha::ChaCha8Rng;
+use std::ops::Range;
 
 /// Grid points per correlation length: with two, the effect of the grid on the covariance is 3e-9
 /// (`exp(-2 pi^2 (l / 2h)^2)`, Poisson's summation formula).
@@ -88,26 +89,35 @@ fn axes_over(surface: Surface, mesh: &Mesh, length_m: f64) -> Option<(Vec<Axis>,
 #[derive(Debug, Clone)]
 pub(crate) struct FieldPlaces {
     noise_count: usize,
-    /// For each point its runs of weights.
-    runs_of_point: Vec<std::ops::Range<usize>>,
-    /// The start of a run in the noise and in the weights of the last axis, its length, and its weight.
-    runs: Vec<(usize, usize, usize, f64)>,
-    last_weights: Vec<f64>,
+    points: Vec<NoiseUnder>,
+    /// The starts of rows of noise, and their weights.
+    rows: Vec<(usize, f64)>,
+    /// Weights along the rows, in whole lanes: zeros follow those of each point.
+    along: Vec<Lanes>,
 }
+
+/// The noise that a point sees: some rows, with the same weights along each.
+#[derive(Debug, Clone)]
+struct NoiseUnder {
+    rows: Range<usize>,
+    along: Range<usize>,
+}
+
+/// Numbers that are added at once.
+type Lanes = [f64; LANES];
+const LANES: usize = 8;
 
 impl FieldPlaces {
     /// The weights of some points, for fields over the nodes of a mesh; `None` if the correlation length is too short.
     pub(crate) fn new(surface: Surface, mesh: &Mesh, length_m: f64, points: &[Point3]) -> Option<Self> {
         let (axes, noise_count) = axes_over(surface, mesh, length_m)?;
         let (last, before) = axes.split_last()?;
-        let mut places =
-            FieldPlaces { noise_count, runs_of_point: Vec::new(), runs: Vec::new(), last_weights: Vec::new() };
+        let mut places = FieldPlaces { noise_count, points: Vec::new(), rows: Vec::new(), along: Vec::new() };
         for &point in points {
             let place = Unrolled::of(&surface).place(point);
             // The last axis is never periodic, so that its points are contiguous.
             let along = last.weights(place[before.len()], length_m);
-            let (first, start) = (along.first()?.0, places.last_weights.len());
-            places.last_weights.extend(along.iter().map(|entry| entry.1));
+            let first = along.first()?.0;
             let mut rows = vec![(0, 1.0)];
             for (axis, place) in before.iter().zip(place) {
                 let across = axis.weights(place, length_m);
@@ -116,18 +126,24 @@ impl FieldPlaces {
                 });
                 rows = next.collect();
             }
-            let from = places.runs.len();
-            let run = |(row, weight): (usize, f64)| (row * last.count + first, start, along.len(), weight);
-            places.runs.extend(rows.into_iter().map(run));
-            places.runs_of_point.push(from..places.runs.len());
+            let (from, along_from) = (places.rows.len(), places.along.len());
+            places.rows.extend(rows.into_iter().map(|(row, weight)| (row * last.count + first, weight)));
+            places.along.extend(along.chunks(LANES).map(|part| {
+                let mut lanes = [0.0; LANES];
+                lanes.iter_mut().zip(part).for_each(|(lane, (_, weight))| *lane = *weight);
+                lanes
+            }));
+            places.points.push(NoiseUnder { rows: from..places.rows.len(), along: along_from..places.along.len() });
         }
         Some(places)
     }
 
     /// A new field at all of the points.
     pub(crate) fn draw(&self, rng: &mut ChaCha8Rng) -> Vec<f64> {
-        let noise: Vec<f64> = (0..self.noise_count).map(|_| standard_normal(rng)).collect();
-        let mut values = vec![0.0; self.runs_of_point.len()];
+        let mut noise: Vec<f64> = (0..self.noise_count).map(|_| standard_normal(rng)).collect();
+        // The last lanes of the last row.
+        noise.resize(self.noise_count + LANES, 0.0);
+        let mut values = vec![0.0; self.points.len()];
         pulp::Arch::new().dispatch(Smooth { places: self, noise: &noise, values: &mut values });
         values
     }
@@ -143,31 +159,28 @@ struct Smooth<'a> {
 impl WithSimd for Smooth<'_> {
     type Output = ();
 
-    /// Compiled once per instruction set, with the same bits: no operation is fused, and the sums have four parts
+    /// Compiled once per instruction set, with the same bits: no operation is fused, and the sums have eight parts
     /// everywhere.
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let FieldPlaces { runs, runs_of_point, last_weights, .. } = self.places;
-        for (value, own) in self.values.iter_mut().zip(runs_of_point) {
-            for &(first, start, len, weight) in &runs[own.clone()] {
-                *value += weight * dot(&self.noise[first..first + len], &last_weights[start..start + len]);
+        let FieldPlaces { points, rows, along, .. } = self.places;
+        for (value, point) in self.values.iter_mut().zip(points) {
+            let mut sums = [0.0; LANES];
+            for (part, weights) in along[point.along.clone()].iter().enumerate() {
+                let mut across = [0.0; LANES];
+                for &(first, weight) in &rows[point.rows.clone()] {
+                    let noise: &Lanes = self.noise[first + part * LANES..].first_chunk().unwrap_or(&[0.0; LANES]);
+                    for lane in 0..LANES {
+                        across[lane] += weight * noise[lane];
+                    }
+                }
+                for lane in 0..LANES {
+                    sums[lane] += weights[lane] * across[lane];
+                }
             }
+            *value = ((sums[0] + sums[1]) + (sums[2] + sums[3])) + ((sums[4] + sums[5]) + (sums[6] + sums[7]));
         }
     }
-}
-
-/// A scalar product in four independent sums.
-#[inline(always)]
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sums = [0.0; 4];
-    let (a_fours, b_fours) = (a.chunks_exact(4), b.chunks_exact(4));
-    let rest: f64 = a_fours.remainder().iter().zip(b_fours.remainder()).map(|(a, b)| a * b).sum();
-    for (a, b) in a_fours.zip(b_fours) {
-        for lane in 0..4 {
-            sums[lane] += a[lane] * b[lane];
-        }
-    }
-    (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
 }
 
 impl Axis {

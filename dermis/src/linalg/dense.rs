@@ -1,47 +1,67 @@
 //! Dense kernels: the partial factorisation of a front, and small symmetric matrices.
 
+use super::AlignedVec;
 use super::factor::NotPositiveDefinite;
 use super::matrix::Matrix;
+use super::tile::{ROWS, Rows, column_tiles, load, store, subtract_product};
 use pulp::{Simd, WithSimd};
-
-/// Number of pivots applied to a column together: the column's values are loaded once per four updates, so that the
-/// speed is limited by arithmetic and not by memory.
-const PANEL: usize = 4;
+use std::ops::Range;
 
 /// Eliminates the first `width` unknowns of a symmetric front in place.
 ///
-/// `front` is column-major of order `height`; only its lower triangle is read and written. Afterwards its first `width`
-/// columns contain the factor, and the rest the Schur complement. If a pivot is not positive, its index is returned.
+/// `front` is column-major of order `height`, its columns [`Rows::stride`] apart, with zeros below. Only its lower triangle is
+/// read; the upper one is overwritten. Afterwards its first `width` columns contain the factor, and the rest the Schur
+/// complement. If a pivot is not positive, its index is returned.
 #[inline(always)]
-pub(super) fn eliminate(front: &mut [f64], height: usize, width: usize) -> Result<(), usize> {
-    let mut first = 0;
-    while first < width {
-        let end = (first + PANEL).min(width);
-        factor_panel(front, height, first, end)?;
-        let (panel, rest) = front.split_at_mut(end * height);
-        let panel = &panel[first * height..];
-        if end - first == PANEL {
-            for (column, target) in rest.chunks_exact_mut(height).enumerate() {
-                subtract_four(panel, height, end + column, target);
-            }
-        } else {
-            for (column, target) in rest.chunks_exact_mut(height).enumerate() {
-                for pivot in panel.chunks_exact(height) {
-                    subtract_one(pivot, end + column, target);
-                }
-            }
-        }
-        first = end;
+pub(super) fn eliminate<S: Simd>(simd: S, front: &mut [f64], height: usize, width: usize) -> Result<(), usize> {
+    let stride = Rows::stride(height);
+    for first in (0..width).step_by(ROWS) {
+        let end = (first + ROWS).min(width);
+        subtract_pivots(simd, front, [height, stride], first..end, first);
+        factor_panel(front, stride, first..end)?;
+    }
+    for first in (width..height).step_by(ROWS) {
+        subtract_pivots(simd, front, [height, stride], first..(first + ROWS).min(height), width);
     }
     Ok(())
 }
 
-/// Factors the columns `first..end` as a block.
+/// Subtracts the contributions of the first `pivots` columns from one to four later columns.
 #[inline(always)]
-fn factor_panel(front: &mut [f64], height: usize, first: usize, end: usize) -> Result<(), usize> {
-    for pivot in first..end {
-        let (head, tail) = front.split_at_mut((pivot + 1) * height);
-        let column = &mut head[pivot * height..];
+fn subtract_pivots<S: Simd>(simd: S, front: &mut [f64], size: [usize; 2], columns: Range<usize>, pivots: usize) {
+    match columns.len() {
+        4 => subtract_pivots_from::<S, 4>(simd, front, size, columns.start, pivots),
+        3 => subtract_pivots_from::<S, 3>(simd, front, size, columns.start, pivots),
+        2 => subtract_pivots_from::<S, 2>(simd, front, size, columns.start, pivots),
+        _ => subtract_pivots_from::<S, 1>(simd, front, size, columns.start, pivots),
+    }
+}
+
+#[inline(always)]
+fn subtract_pivots_from<S: Simd, const COUNT: usize>(
+    simd: S,
+    front: &mut [f64],
+    [height, stride]: [usize; 2],
+    first: usize,
+    pivots: usize,
+) {
+    let (done, own) = front.split_at_mut(first * stride);
+    let Some(factors) = done.get(first..).filter(|_| pivots > 0) else { return };
+    let vectors = stride / S::F64_LANES;
+    let (done, own) = (S::as_simd_f64s(done).0, S::as_mut_simd_f64s(own).0);
+    column_tiles!(first / S::F64_LANES, height.div_ceil(S::F64_LANES), |at, N| {
+        let sums = load::<S, COUNT, N>(simd, &own[at..], vectors);
+        let sums = subtract_product(simd, sums, (factors, stride), (&done[at..], vectors), pivots);
+        store(&sums, &mut own[at..], vectors);
+    });
+}
+
+/// Factors some columns as a block.
+#[inline(always)]
+fn factor_panel(front: &mut [f64], stride: usize, columns: Range<usize>) -> Result<(), usize> {
+    for pivot in columns.clone() {
+        let (head, tail) = front.split_at_mut((pivot + 1) * stride);
+        let column = &mut head[pivot * stride..];
         let diagonal = column[pivot];
         if diagonal.is_nan() || diagonal <= 0.0 {
             return Err(pivot);
@@ -52,33 +72,14 @@ fn factor_panel(front: &mut [f64], height: usize, first: usize, end: usize) -> R
         for value in &mut column[pivot + 1..] {
             *value *= inverse;
         }
-        for (offset, target) in tail.chunks_exact_mut(height).take(end - pivot - 1).enumerate() {
-            subtract_one(column, pivot + 1 + offset, target);
+        for (row, target) in (pivot + 1..columns.end).zip(tail.chunks_exact_mut(stride)) {
+            let factor = column[row];
+            for (value, below) in target[row..].iter_mut().zip(&column[row..]) {
+                *value -= factor * below;
+            }
         }
     }
     Ok(())
-}
-
-/// `target[row..] -= pivot[row] * pivot[row..]`
-#[inline(always)]
-fn subtract_one(pivot: &[f64], row: usize, target: &mut [f64]) {
-    let factor = pivot[row];
-    for (value, below) in target[row..].iter_mut().zip(&pivot[row..]) {
-        *value -= factor * below;
-    }
-}
-
-/// [`subtract_one`] for four pivots.
-#[inline(always)]
-fn subtract_four(panel: &[f64], height: usize, row: usize, target: &mut [f64]) {
-    let (a, rest) = panel.split_at(height);
-    let (b, rest) = rest.split_at(height);
-    let (c, d) = rest.split_at(height);
-    let factors = [a[row], b[row], c[row], d[row]];
-    let (a, b, c, d) = (&a[row..], &b[row..], &c[row..], &d[row..height]);
-    for ((((value, a), b), c), d) in target[row..].iter_mut().zip(a).zip(b).zip(c).zip(d) {
-        *value -= factors[0] * a + factors[1] * b + (factors[2] * c + factors[3] * d);
-    }
 }
 
 /// Eliminates the first `width` unknowns of a symmetric matrix of the given order in place: the rest becomes the Schur
@@ -124,8 +125,21 @@ impl WithSimd for EliminateDense<'_> {
     type Output = Result<(), usize>;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
-        eliminate(self.values, self.order, self.width)
+    fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+        let EliminateDense { values, order, width } = self;
+        let stride = Rows::stride(order);
+        let mut front = AlignedVec::new(order * stride);
+        let columns =
+            || (0..order).map(|column| (column * order + column..(column + 1) * order, column * stride + column));
+        for (own, at) in columns() {
+            front.values_mut()[at..at + own.len()].copy_from_slice(&values[own]);
+        }
+        let outcome = eliminate(simd, front.values_mut(), order, width);
+        for (own, at) in columns() {
+            let count = own.len();
+            values[own].copy_from_slice(&front.values()[at..at + count]);
+        }
+        outcome
     }
 }
 

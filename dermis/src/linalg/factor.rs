@@ -1,8 +1,10 @@
 //! The numeric part of a sparse Cholesky factorisation.
 
+use super::AlignedVec;
 use super::dense::eliminate;
 use super::matrix::Matrix;
 use super::symbolic::{Supernode, Symbolic};
+use super::tile::Rows;
 use pulp::{Simd, WithSimd};
 use thiserror::Error;
 
@@ -21,7 +23,7 @@ pub struct NotPositiveDefinite {
 /// Work memory shared by factorisations of one pattern.
 #[derive(Debug, Clone)]
 pub(crate) struct Workspace {
-    front: Vec<f64>,
+    front: AlignedVec,
     stack: Vec<f64>,
 }
 
@@ -36,7 +38,8 @@ pub struct Factor {
 impl Symbolic {
     /// Work memory for [`factor_into`](Self::factor_into).
     pub(crate) fn workspace(&self) -> Workspace {
-        Workspace { front: vec![0.0; self.front_max * self.front_max], stack: vec![0.0; self.stack_max] }
+        let front = AlignedVec::new(self.front_max * Rows::stride(self.front_max));
+        Workspace { front, stack: vec![0.0; self.stack_max] }
     }
 
     /// A factor to be filled by [`factor_into`](Self::factor_into).
@@ -77,8 +80,9 @@ impl Symbolic {
     }
 
     #[inline(always)]
-    fn eliminate_all(
+    fn eliminate_all<S: Simd>(
         &self,
+        simd: S,
         values: &[f64],
         factor: &mut Factor,
         workspace: &mut Workspace,
@@ -87,20 +91,24 @@ impl Symbolic {
         let mut top = 0;
         for supernode in &self.supernodes {
             let (width, height) = (supernode.width(), supernode.height());
-            let front = &mut front[..height * height];
+            let stride = Rows::stride(height);
+            let front = &mut front.values_mut()[..height * stride];
             front.fill(0.0);
-            for &(entry, target) in &self.entry_plan[supernode.entries.clone()] {
-                front[target] += values[entry];
+            for &(entry, [column, row]) in &self.entry_plan[supernode.entries.clone()] {
+                front[column * stride + row] += values[entry];
             }
             for &child in self.children[supernode.children.clone()].iter().rev() {
-                top -= self.extend_add(&self.supernodes[child], &stack[..top], front, height);
+                top -= self.extend_add(&self.supernodes[child], &stack[..top], front, stride);
             }
-            eliminate(front, height, width)
+            eliminate(simd, front, height, width)
                 .map_err(|pivot| NotPositiveDefinite { unknown: self.order[supernode.columns.start + pivot] })?;
-            factor.values[supernode.start..supernode.start + width * height].copy_from_slice(&front[..width * height]);
+            let block = &mut factor.values[supernode.start..supernode.start + width * height];
+            for (target, column) in block.chunks_exact_mut(height).zip(front.chunks_exact(stride)) {
+                target.copy_from_slice(&column[..height]);
+            }
             let rows = height - width;
             for column in 0..rows {
-                let from = (width + column) * height + width;
+                let from = (width + column) * stride + width;
                 stack[top + column * rows + column..top + (column + 1) * rows]
                     .copy_from_slice(&front[from + column..from + rows]);
             }
@@ -110,14 +118,15 @@ impl Symbolic {
         Ok(())
     }
 
-    /// Adds the update on top of the stack, which belongs to `child`, to a front; returns its size.
+    /// Adds the update on top of the stack, which belongs to `child`, to a front whose columns are `stride` apart; returns
+    /// its size.
     #[inline(always)]
-    fn extend_add(&self, child: &Supernode, stack: &[f64], front: &mut [f64], height: usize) -> usize {
+    fn extend_add(&self, child: &Supernode, stack: &[f64], front: &mut [f64], stride: usize) -> usize {
         let rows = child.rows.len();
         let update = &stack[stack.len() - rows * rows..];
         let place = &self.row_in_parent[child.row_in_parent.clone()];
         for (column, &target_column) in place.iter().enumerate() {
-            let target = &mut front[target_column * height..(target_column + 1) * height];
+            let target = &mut front[target_column * stride..(target_column + 1) * stride];
             let source = &update[column * rows + column..(column + 1) * rows];
             for (&row, value) in place[column..].iter().zip(source) {
                 target[row] += value;
@@ -225,8 +234,8 @@ impl WithSimd for Eliminate<'_> {
     type Output = Result<(), NotPositiveDefinite>;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
-        self.symbolic.eliminate_all(self.values, self.factor, self.workspace)
+    fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+        self.symbolic.eliminate_all(simd, self.values, self.factor, self.workspace)
     }
 }
 

@@ -65,8 +65,8 @@ pub struct Symbolic {
     pub(super) rows: Vec<usize>,
     pub(super) children: Vec<usize>,
     pub(super) row_in_parent: Vec<usize>,
-    /// (index of the entry in the caller's list, position in the column-major front).
-    pub(super) entry_plan: Vec<(usize, usize)>,
+    /// (index of the entry in the caller's list, column and row of the front).
+    pub(super) entry_plan: Vec<(usize, [usize; 2])>,
     /// The supernodes without a parent, whose updates go to the kept block; and the block's own entries.
     pub(super) roots: Vec<usize>,
     pub(super) kept_entries: Vec<(usize, usize)>,
@@ -255,9 +255,8 @@ impl Symbolic {
             for (local, row) in self.front_rows(index).enumerate().collect::<Vec<_>>() {
                 place[row] = local;
             }
-            let height = self.supernodes[index].height();
             let start = self.entry_plan.len();
-            self.entry_plan.extend(list.iter().map(|&(entry, low, high)| (entry, place[low] * height + place[high])));
+            self.entry_plan.extend(list.iter().map(|&(entry, low, high)| (entry, [place[low], place[high]])));
             self.supernodes[index].entries = start..self.entry_plan.len();
         }
     }

@@ -123,7 +123,7 @@ impl BatchPlan {
             let (width, height) = (supernode.width(), supernode.height());
             let entries = symbolic.entry_plan[supernode.entries.clone()]
                 .iter()
-                .map(|&(entry, at)| (entry, panel_row(at % height, width) + panel_column(at / height)));
+                .map(|&(entry, [column, row])| (entry, panel_row(row, width) + panel_column(column)));
             let children = &symbolic.children[supernode.children.clone()];
             plan.push(symbolic, &mut memory, [width, height - width], entries, children);
         }
