@@ -49,7 +49,11 @@ impl Unrolled {
     pub fn step(&self, from: Point3, to: Point3) -> Point3 {
         let mut step = sub(to, from);
         if let Some(period_m) = self.period_m() {
-            step[0] -= period_m * (step[0] / period_m).round();
+            let periods = step[0] / period_m;
+            // Most steps are shorter than half a period.
+            if periods.abs() >= 0.5 {
+                step[0] -= period_m * periods.round();
+            }
         }
         step
     }

@@ -79,7 +79,7 @@ impl PressTarget {
         let presses: Vec<(Point3, &Footprint)> =
             footprints.iter().map(|footprint| (self.surface.place(footprint.centre_m()), footprint)).collect();
         strengths_m2.fill(0.0);
-        let (mut near, mut values) = (Vec::with_capacity(presses.len()), Vec::new());
+        let (mut near, mut memory) = (Vec::with_capacity(presses.len()), [Vec::new(), Vec::new()]);
         for (value, pixel) in image.iter_mut().zip(&self.pixels) {
             let reaches = |&(_, (centre, footprint)): &(usize, (Point3, &Footprint))| {
                 let bound_m = pixel.radius_m + footprint.reach_m();
@@ -88,11 +88,11 @@ impl PressTarget {
             };
             near.clear();
             near.extend(presses.iter().copied().enumerate().filter(reaches));
-            *value = self.mean_change(pixel, &near, &mut values);
+            *value = self.mean_change(pixel, &near, &mut memory);
             for only in &near {
                 let own = match near.len() {
                     1 => *value,
-                    _ => self.mean_change(pixel, std::slice::from_ref(only), &mut values),
+                    _ => self.mean_change(pixel, std::slice::from_ref(only), &mut memory),
                 };
                 strengths_m2[only.0] += own * pixel.area_m2;
             }
@@ -100,18 +100,24 @@ impl PressTarget {
     }
 
     /// The mean over a pixel of the change by some presses.
-    fn mean_change(&self, pixel: &Pixel, presses: &[(usize, (Point3, &Footprint))], values: &mut Vec<f64>) -> f64 {
+    fn mean_change(
+        &self,
+        pixel: &Pixel,
+        presses: &[(usize, (Point3, &Footprint))],
+        [values, own]: &mut [Vec<f64>; 2],
+    ) -> f64 {
         if presses.is_empty() {
             return 0.0;
         }
-        let pressure = |&point: &Point3| {
-            let of_press = |(_, (centre, footprint)): &(usize, (Point3, &Footprint))| {
-                footprint.pressure_pa(self.surface.distance_m(point, *centre))
-            };
-            self.contact.preload_pa + presses.iter().map(of_press).sum::<f64>()
-        };
         values.clear();
-        values.extend(pixel.points.iter().map(pressure));
+        values.resize(pixel.points.len(), 0.0);
+        for (_, (centre, footprint)) in presses {
+            own.clear();
+            own.extend(pixel.points.iter().map(|&point| self.surface.distance_m(point, *centre)));
+            footprint.replace_by_pressures(own);
+            values.iter_mut().zip(&*own).for_each(|(sum, pressure)| *sum += pressure);
+        }
+        values.iter_mut().for_each(|sum| *sum += self.contact.preload_pa);
         self.replace_by_changes(values);
         values.iter().sum::<f64>() / values.len() as f64 - self.at_rest
     }

@@ -139,6 +139,7 @@ pub(super) fn cover(
     }
     let mut polynomials = Polynomials::new(degree);
     let rectangle = Rectangle::new(&mut polynomials);
+    let mut row_of_node = vec![usize::MAX; mesh.nodes.len()];
     let (mut moments, mut covers) = (Vec::new(), Vec::new());
     for (patch, pieces) in pieces.iter().enumerate() {
         let whole = grid.area_m2(patch);
@@ -150,7 +151,7 @@ pub(super) fn cover(
         }
         let points = ((area / whole - 1.0).abs() < WHOLE).then(|| grid.points(patch)).flatten();
         let basis = Basis::new(pieces, area, points, &rectangle, &mut polynomials);
-        moments.push(basis.moments(pieces, &mut polynomials));
+        moments.push(basis.moments(pieces, &mut polynomials, &mut row_of_node));
         covers.push(Some(basis.cover(&rectangle, &mut polynomials)));
     }
     Ok((PotentialMoments::new(moments), covers))
@@ -205,7 +206,8 @@ type Lanes = [f64; LANES];
 /// Products `P_i(x) P_j(y)` of Legendre polynomials up to a degree, by `i + j`, then by `j`, orthonormal in the mean over a
 /// square, evaluated in the same memory.
 struct Polynomials {
-    degree: usize,
+    /// The norm of each polynomial of one variable, and the inverse of its degree plus 1.
+    factors: Vec<[f64; 2]>,
     along: [Vec<Lanes>; 2],
     /// At the points of [`PieceSums`], points x products.
     values: Vec<Lanes>,
@@ -218,8 +220,9 @@ struct Polynomials {
 impl Polynomials {
     fn new(degree: usize) -> Self {
         let count = (degree + 1) * (degree + 2) / 2;
+        let factors = |n: usize| [(2.0 * n as f64 + 1.0).sqrt(), 1.0 / (n as f64 + 1.0)];
         Polynomials {
-            degree,
+            factors: (0..=degree).map(factors).collect(),
             along: [0, 1].map(|_| vec![[0.0; LANES]; degree + 1]),
             values: vec![[0.0; LANES]; POINTS * count],
             sums: vec![[0.0; LANES]; 3 * count],
@@ -229,9 +232,9 @@ impl Polynomials {
 
     /// The products at a point of the square from -1 to 1.
     fn at(&mut self, point: Point2) -> &[f64] {
-        let Polynomials { degree, along, values, products: own, .. } = self;
+        let Polynomials { factors, along, values, products: own, .. } = self;
         let count = own.len();
-        products(*degree, &point.map(|t| [t; LANES]), along, &mut values[..count]);
+        products(factors, &point.map(|t| [t; LANES]), along, &mut values[..count]);
         own.iter_mut().zip(&*values).for_each(|(product, lanes)| *product = lanes[0]);
         own
     }
@@ -239,13 +242,13 @@ impl Polynomials {
 
 /// The products at some points.
 #[inline(always)]
-fn products(degree: usize, point: &[Lanes; 2], along: &mut [Vec<Lanes>; 2], products: &mut [Lanes]) {
+fn products(factors: &[[f64; 2]], point: &[Lanes; 2], along: &mut [Vec<Lanes>; 2], products: &mut [Lanes]) {
     for (values, t) in along.iter_mut().zip(point) {
-        legendre(t, values);
+        legendre(factors, t, values);
     }
     let [x, y] = along;
     let mut index = 0;
-    for total in 0..=degree {
+    for total in 0..factors.len() {
         for j in 0..=total {
             let (x, y) = (&x[total - j], &y[j]);
             for lane in 0..LANES {
@@ -304,7 +307,7 @@ impl<'a> WithSimd for PieceSums<'a> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Self::Output {
         let PieceSums { polynomials, rule, basis, pieces: PieceLanes { part, triangle, scale } } = self;
-        let Polynomials { degree, along, values, sums, .. } = polynomials;
+        let Polynomials { factors: degrees, along, values, sums, .. } = polynomials;
         let count = values.len() / POINTS;
         let inverse = basis.half.map(f64::recip);
         let mut factors = [[[0.0; LANES]; 3]; POINTS];
@@ -318,7 +321,7 @@ impl<'a> WithSimd for PieceSums<'a> {
                     inside[axis][lane] = (at[axis][lane] - basis.middle[axis]) * inverse[axis];
                 }
             }
-            products(*degree, &inside, along, &mut values[point * count..][..count]);
+            products(degrees, &inside, along, &mut values[point * count..][..count]);
             for corner in 0..3 {
                 // Twice the area of the triangle of the point and the other two corners, over that of the whole.
                 let ([ax, ay], [bx, by]) = (&triangle[(corner + 1) % 3], &triangle[(corner + 2) % 3]);
@@ -445,12 +448,18 @@ impl Basis {
         (0..combinations.rows).map(combine).collect()
     }
 
-    /// The mean of each function times the potential.
-    fn moments(&self, pieces: &[Piece], polynomials: &mut Polynomials) -> ConductorMoments {
+    /// The mean of each function times the potential. `row_of_node` is memory: no node has a row before and after.
+    fn moments(&self, pieces: &[Piece], polynomials: &mut Polynomials, row_of_node: &mut [usize]) -> ConductorMoments {
         let count = polynomials.products.len();
-        let mut nodes: Vec<usize> = pieces.iter().flat_map(|piece| piece.nodes).collect();
+        let mut nodes: Vec<usize> = Vec::with_capacity(pieces.len());
+        for &node in pieces.iter().flat_map(|piece| &piece.nodes) {
+            if row_of_node[node] == usize::MAX {
+                row_of_node[node] = nodes.len();
+                nodes.push(node);
+            }
+        }
         nodes.sort_unstable();
-        nodes.dedup();
+        nodes.iter().enumerate().for_each(|(row, &node)| row_of_node[node] = row);
         // The integrals of the products times each node's shape function, node by node.
         let mut integrals = Matrix::zeros(nodes.len(), count);
         let rule = triangle_points(&[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
@@ -458,12 +467,16 @@ impl Basis {
             let lanes = PieceLanes::new(pieces, self.area);
             let sums = Arch::new().dispatch(PieceSums { polynomials, rule: &rule, basis: self, pieces: &lanes });
             for (lane, piece) in pieces.iter().enumerate() {
-                for (node, sums) in piece.nodes.iter().zip(sums.chunks_exact(count)) {
-                    let row = nodes.partition_point(|other| other < node);
-                    integrals.row_mut(row).iter_mut().zip(sums).for_each(|(sum, value)| *sum += value[lane]);
+                for (&node, sums) in piece.nodes.iter().zip(sums.chunks_exact(count)) {
+                    integrals
+                        .row_mut(row_of_node[node])
+                        .iter_mut()
+                        .zip(sums)
+                        .for_each(|(sum, value)| *sum += value[lane]);
                 }
             }
         }
+        nodes.iter().for_each(|&node| row_of_node[node] = usize::MAX);
         if self.combinations.is_some() {
             (0..nodes.len()).for_each(|row| {
                 let combined = self.combine(integrals.row(row));
@@ -486,13 +499,12 @@ impl Basis {
     }
 }
 
-/// Legendre polynomials, orthonormal in the mean over -1 to 1, one for each place of the list.
+/// Legendre polynomials, orthonormal in the mean over -1 to 1: one for each degree with its [`Polynomials::factors`].
 #[inline(always)]
-fn legendre(t: &Lanes, values: &mut [Lanes]) {
+fn legendre(factors: &[[f64; 2]], t: &Lanes, values: &mut [Lanes]) {
     let (mut before, mut now) = ([0.0; LANES], [1.0; LANES]);
-    for (n, value) in values.iter_mut().enumerate() {
+    for (n, (&[norm, inverse], value)) in factors.iter().zip(values).enumerate() {
         let n = n as f64;
-        let (norm, inverse) = ((2.0 * n + 1.0).sqrt(), 1.0 / (n + 1.0));
         for lane in 0..LANES {
             value[lane] = now[lane] * norm;
             let next = ((2.0 * n + 1.0) * t[lane] * now[lane] - n * before[lane]) * inverse;

@@ -92,27 +92,27 @@ pub(crate) struct FieldPlaces {
     points: Vec<NoiseUnder>,
     /// The starts of rows of noise, and their weights.
     rows: Vec<(usize, f64)>,
-    /// Weights along the rows, in whole lanes: zeros follow those of each point.
-    along: Vec<Lanes>,
 }
 
 /// The noise that a point sees: some rows, with the same weights along each.
 #[derive(Debug, Clone)]
 struct NoiseUnder {
     rows: Range<usize>,
-    along: Range<usize>,
+    /// Followed by zeros.
+    along: Lanes,
 }
 
-/// Numbers that are added at once.
+/// At least the number of grid points within the reach of a kernel along an axis that is not periodic.
 type Lanes = [f64; LANES];
-const LANES: usize = 8;
+const LANES: usize = 16;
+const _: () = assert!(2.0 * REACH_LENGTHS * POINTS_PER_LENGTH + 1.0 <= LANES as f64);
 
 impl FieldPlaces {
     /// The weights of some points, for fields over the nodes of a mesh; `None` if the correlation length is too short.
     pub(crate) fn new(surface: Surface, mesh: &Mesh, length_m: f64, points: &[Point3]) -> Option<Self> {
         let (axes, noise_count) = axes_over(surface, mesh, length_m)?;
         let (last, before) = axes.split_last()?;
-        let mut places = FieldPlaces { noise_count, points: Vec::new(), rows: Vec::new(), along: Vec::new() };
+        let mut places = FieldPlaces { noise_count, points: Vec::new(), rows: Vec::new() };
         for &point in points {
             let place = Unrolled::of(&surface).place(point);
             // The last axis is never periodic, so that its points are contiguous.
@@ -126,14 +126,11 @@ impl FieldPlaces {
                 });
                 rows = next.collect();
             }
-            let (from, along_from) = (places.rows.len(), places.along.len());
+            let from = places.rows.len();
             places.rows.extend(rows.into_iter().map(|(row, weight)| (row * last.count + first, weight)));
-            places.along.extend(along.chunks(LANES).map(|part| {
-                let mut lanes = [0.0; LANES];
-                lanes.iter_mut().zip(part).for_each(|(lane, (_, weight))| *lane = *weight);
-                lanes
-            }));
-            places.points.push(NoiseUnder { rows: from..places.rows.len(), along: along_from..places.along.len() });
+            let mut lanes = [0.0; LANES];
+            lanes.iter_mut().zip(&along).for_each(|(lane, (_, weight))| *lane = *weight);
+            places.points.push(NoiseUnder { rows: from..places.rows.len(), along: lanes });
         }
         Some(places)
     }
@@ -163,20 +160,18 @@ impl WithSimd for Smooth<'_> {
     /// everywhere.
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let FieldPlaces { points, rows, along, .. } = self.places;
-        for (value, point) in self.values.iter_mut().zip(points) {
-            let mut sums = [0.0; LANES];
-            for (part, weights) in along[point.along.clone()].iter().enumerate() {
-                let mut across = [0.0; LANES];
-                for &(first, weight) in &rows[point.rows.clone()] {
-                    let noise: &Lanes = self.noise[first + part * LANES..].first_chunk().unwrap_or(&[0.0; LANES]);
-                    for lane in 0..LANES {
-                        across[lane] += weight * noise[lane];
-                    }
-                }
+        let FieldPlaces { points, rows, .. } = self.places;
+        for (value, NoiseUnder { rows: own, along }) in self.values.iter_mut().zip(points) {
+            let mut across = [0.0; LANES];
+            for &(first, weight) in &rows[own.clone()] {
+                let noise: &Lanes = self.noise[first..].first_chunk().unwrap_or(&[0.0; LANES]);
                 for lane in 0..LANES {
-                    sums[lane] += weights[lane] * across[lane];
+                    across[lane] += weight * noise[lane];
                 }
+            }
+            let mut sums = [0.0; 8];
+            for lane in 0..LANES {
+                sums[lane % 8] += along[lane] * across[lane];
             }
             *value = ((sums[0] + sums[1]) + (sums[2] + sums[3])) + ((sums[4] + sums[5]) + (sums[6] + sums[7]));
         }

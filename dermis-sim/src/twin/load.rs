@@ -38,10 +38,27 @@ impl<'a> Load<'a> {
 
     /// The pressure at a point of the chart, Pa.
     pub(super) fn pressure_pa(&self, point: Point2) -> f64 {
-        let of_press = |(centre, footprint): &(Point2, &Footprint)| {
-            let [round, along] = self.surface.chart_step(*centre, point);
-            footprint.pressure_pa((round * round + along * along).sqrt())
-        };
+        let of_press = |(centre, footprint): &(Point2, &Footprint)| footprint.pressure_pa(self.away_m(*centre, point));
         self.preload_pa + self.footprints.iter().map(of_press).sum::<f64>()
+    }
+
+    /// The pressures at some points of the chart, Pa.
+    pub(super) fn pressures_pa(&self, points: impl ExactSizeIterator<Item = Point2> + Clone) -> Vec<f64> {
+        let mut sums = vec![0.0; points.len()];
+        let mut own = Vec::with_capacity(points.len());
+        for (centre, footprint) in &self.footprints {
+            own.clear();
+            own.extend(points.clone().map(|point| self.away_m(*centre, point)));
+            footprint.replace_by_pressures(&mut own);
+            sums.iter_mut().zip(&own).for_each(|(sum, pressure)| *sum += pressure);
+        }
+        sums.iter_mut().for_each(|sum| *sum += self.preload_pa);
+        sums
+    }
+
+    /// The distance of two points of the chart along the surface, m.
+    fn away_m(&self, from: Point2, to: Point2) -> f64 {
+        let [round, along] = self.surface.chart_step(from, to);
+        (round * round + along * along).sqrt()
     }
 }

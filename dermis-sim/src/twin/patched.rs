@@ -241,10 +241,8 @@ impl PatchedSkin {
 
     /// The contacts of [`contacts_under`](Self::contacts_under) without hysteresis, up to rounding, in less time.
     fn contacts_without_history(&self, footprints: &[Footprint]) -> Vec<ConductorContact> {
-        let mut values = Vec::new();
         self.contacts_of(footprints, |_, cover, load| {
-            values.clear();
-            values.extend(cover.points.iter().map(|(point, _)| load.pressure_pa(*point)));
+            let mut values = load.pressures_pa(cover.points.iter().map(|(point, _)| *point));
             self.contact.replace_by_conductances(&mut values);
             cover.conductance_of(&values)
         })

@@ -181,13 +181,13 @@ impl Lines {
     /// The lines that overlap an interval, each with its shift by whole periods, m.
     fn lines_between(&self, low_m: f64, high_m: f64) -> impl Iterator<Item = (usize, f64)> + use<> {
         let Lines { start_m, pitch_m, count, period_m, .. } = *self;
-        let line = |value: f64| ((value - start_m) / pitch_m).floor() as i64;
+        let line = |value: f64| floor((value - start_m) / pitch_m);
         let (mut first, mut last) = (line(low_m), line(high_m));
         if period_m.is_none() {
             (first, last) = (first.max(0), last.min(count as i64 - 1));
         }
         (first..=last).map(move |line| {
-            let inside = line.rem_euclid(count as i64);
+            let inside = if (0..count as i64).contains(&line) { line } else { line.rem_euclid(count as i64) };
             (inside as usize, (line - inside) as f64 * pitch_m)
         })
     }
@@ -197,6 +197,12 @@ impl Lines {
         let start = self.start_m + line as f64 * self.pitch_m;
         [start + 0.5 * gap_m, start + self.pitch_m - 0.5 * gap_m]
     }
+}
+
+/// The largest integer that is not above a number: that of the standard library is a call without SSE 4.1.
+fn floor(value: f64) -> i64 {
+    let truncated = value as i64;
+    truncated - i64::from(value < truncated as f64)
 }
 
 /// The patches of one body.

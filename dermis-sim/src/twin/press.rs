@@ -2,7 +2,7 @@
 
 use super::error::{check_between, check_positive};
 use super::{Foam, TwinError};
-use crate::elementary::{acos, atan2, cos, hypot};
+use crate::elementary::{acos, atan2, cos, hypot, replace_in_lanes};
 use crate::quadrature::gauss_legendre;
 use dermis::design::Body;
 use dermis::geom::Point3;
@@ -96,8 +96,9 @@ impl Press {
 pub(crate) struct Footprint {
     centre_m: Point3,
     reach_m: f64,
-    /// Pressures at equal steps from the centre to the outer radius, where it is zero, Pa.
-    profile_pa: Vec<f64>,
+    /// Pressures at equal steps from the centre to the outer radius, where it is zero, Pa; before them the second one (the
+    /// profile is even), behind them a zero.
+    profile_pa: [f64; PROFILE_STEPS + 3],
 }
 
 impl Footprint {
@@ -109,7 +110,10 @@ impl Footprint {
     pub(crate) fn new(press: &Press, foam: &Foam, body: &Body) -> Result<Self, TwinError> {
         let radius_m = contact_radius_m(press, foam, body)?;
         let reach_m = radius_m + REACH_THICKNESSES * foam.thickness_m;
-        let profile_pa = spread(press.force_n, radius_m, reach_m, foam);
+        let spread = spread(press.force_n, radius_m, reach_m, foam);
+        let mut profile_pa = [0.0; PROFILE_STEPS + 3];
+        profile_pa[0] = spread[1];
+        profile_pa[1..PROFILE_STEPS + 2].copy_from_slice(&spread);
         let mut footprint = Footprint { centre_m: press.centre_m, reach_m, profile_pa };
         let scale = press.force_n / footprint.integral(body);
         footprint.profile_pa.iter_mut().for_each(|pressure| *pressure *= scale);
@@ -144,19 +148,31 @@ impl Footprint {
 
     /// The pressure at a distance from the centre along the surface, Pa.
     pub(crate) fn pressure_pa(&self, distance_m: f64) -> f64 {
-        let place = distance_m / self.reach_m * PROFILE_STEPS as f64;
-        if place >= PROFILE_STEPS as f64 {
-            return 0.0;
+        let [pressure] = self.pressures_pa(&[distance_m]);
+        pressure
+    }
+
+    /// Replaces distances from the centre along the surface, m, by the pressures there, Pa.
+    pub(crate) fn replace_by_pressures(&self, values: &mut [f64]) {
+        replace_in_lanes(values, |distances_m| self.pressures_pa(distances_m));
+    }
+
+    /// Pressures at some distances: Lagrange's cubic through the four nearest values of the profile.
+    #[inline(always)]
+    fn pressures_pa<const COUNT: usize>(&self, distances_m: &[f64; COUNT]) -> [f64; COUNT] {
+        let places = distances_m.map(|distance_m| distance_m / self.reach_m * PROFILE_STEPS as f64);
+        let steps = places.map(|place| (place as usize).min(PROFILE_STEPS - 1));
+        let nearest = steps.map(|step| [0, 1, 2, 3].map(|k| self.profile_pa[step + k]));
+        let mut pressures = [0.0; COUNT];
+        for lane in 0..COUNT {
+            let t = places[lane] - steps[lane] as f64;
+            let (one, [a, b, c, d]) = (t + 1.0, nearest[lane]);
+            let value = -t * (t - 1.0) * (t - 2.0) / 6.0 * a + one * (t - 1.0) * (t - 2.0) / 2.0 * b
+                - one * t * (t - 2.0) / 2.0 * c
+                + one * t * (t - 1.0) / 6.0 * d;
+            pressures[lane] = if places[lane] < PROFILE_STEPS as f64 { value.max(0.0) } else { 0.0 };
         }
-        let step = place as usize;
-        let t = place - step as f64;
-        // Lagrange's cubic through the four nearest values; the profile is even, and zero beyond its end.
-        let at = |k: isize| self.profile_pa.get(k.unsigned_abs()).copied().unwrap_or(0.0);
-        let (k, one) = (step as isize, t + 1.0);
-        let value = -t * (t - 1.0) * (t - 2.0) / 6.0 * at(k - 1) + one * (t - 1.0) * (t - 2.0) / 2.0 * at(k)
-            - one * t * (t - 2.0) / 2.0 * at(k + 1)
-            + one * t * (t - 1.0) / 6.0 * at(k + 2);
-        value.max(0.0)
+        pressures
     }
 
     /// The integral over the part of the surface on the body, N.
@@ -164,12 +180,15 @@ impl Footprint {
         let edges = Edge::of(body, self.centre_m);
         let nearest_m = edges.iter().map(Edge::distance_m).fold(f64::INFINITY, f64::min);
         let step = self.reach_m / RIM_STEPS as f64;
-        let ring = |k: usize| {
-            let radius = (k as f64 + 0.5) * step;
+        let radius = |k: usize| (k as f64 + 0.5) * step;
+        let mut pressures: Vec<f64> = (0..RIM_STEPS).map(radius).collect();
+        self.replace_by_pressures(&mut pressures);
+        let ring = |(k, pressure): (usize, f64)| {
+            let radius = radius(k);
             let share = if radius <= nearest_m { 1.0 } else { share_inside(&edges, radius) };
-            self.pressure_pa(radius) * TAU * radius * share * step
+            pressure * TAU * radius * share * step
         };
-        (0..RIM_STEPS).map(ring).sum()
+        pressures.into_iter().enumerate().map(ring).sum()
     }
 }
 

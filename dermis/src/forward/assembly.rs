@@ -88,8 +88,8 @@ impl Assembly {
     pub(super) fn moved(&self, before: &Mesh, mesh: &Mesh, contact_impedances: &[f64]) -> Self {
         let fixed = fixed(&self.pattern, mesh, contact_impedances);
         let mut assembly = Assembly { fixed, ..self.clone() };
-        let has_moved = |node: &usize| before.nodes[*node] != mesh.nodes[*node];
-        assembly.set_stiffness(mesh, |cell| mesh.cells.corners(cell).iter().any(has_moved));
+        let has_moved: Vec<bool> = before.nodes.iter().zip(&mesh.nodes).map(|(before, now)| before != now).collect();
+        assembly.set_stiffness(mesh, |cell| mesh.cells.corners(cell).iter().any(|&node| has_moved[node]));
         assembly
     }
 

@@ -135,7 +135,9 @@ impl ForwardModel {
     ) -> Result<Self, ForwardError> {
         check_count("nodes", nodes_m.len(), self.mesh().node_count())?;
         check_count("contact impedances", contact_impedances.len(), self.mesh().electrodes.len())?;
-        let mesh = Mesh { nodes: nodes_m.to_vec(), ..self.mesh().clone() };
+        let Mesh { cells, electrodes, regions, .. } = self.mesh();
+        let (cells, electrodes, regions) = (cells.clone(), electrodes.clone(), regions.clone());
+        let mesh = Mesh { nodes: nodes_m.to_vec(), cells, electrodes, regions };
         check_nodes(&mesh)?;
         check_contact_impedances(&mesh, contact_impedances)?;
         check_conductivity(&mesh, rest_conductivity)?;

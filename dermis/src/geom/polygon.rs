@@ -49,15 +49,16 @@ pub fn clip_box(corners: &[Point2], low: Point2, high: Point2) -> Vec<Point2> {
 
 /// [`clip_box`] in the caller's memory: the result is in the first list.
 pub fn clip_box_in(corners: &[Point2], low: Point2, high: Point2, [kept, other]: &mut [Vec<Point2>; 2]) {
-    if corners.iter().all(|corner| (0..2).all(|axis| (low[axis]..=high[axis]).contains(&corner[axis]))) {
-        kept.clear();
-        kept.extend_from_slice(corners);
-        return;
+    kept.clear();
+    kept.extend_from_slice(corners);
+    let sides = [([1.0, 0.0], high[0]), ([-1.0, 0.0], -low[0]), ([0.0, 1.0], high[1]), ([0.0, -1.0], -low[1])];
+    for (normal, offset) in sides {
+        // Most sides cut nothing off.
+        if kept.iter().any(|corner| normal[0] * corner[0] + normal[1] * corner[1] > offset) {
+            clip_half_plane_into(kept, normal, offset, other);
+            std::mem::swap(kept, other);
+        }
     }
-    clip_half_plane_into(corners, [1.0, 0.0], high[0], other);
-    clip_half_plane_into(other, [-1.0, 0.0], -low[0], kept);
-    clip_half_plane_into(kept, [0.0, 1.0], high[1], other);
-    clip_half_plane_into(other, [0.0, -1.0], -low[1], kept);
 }
 
 #[cfg(test)]
