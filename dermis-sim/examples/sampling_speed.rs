@@ -11,8 +11,8 @@ use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Samples per measurement: 256 skins, so that a thread without work at the end hardly counts.
-const SAMPLES: u64 = 4096;
+/// Samples per measurement: 128 skins, so that a thread without work at the end hardly counts.
+const SAMPLES: u64 = 2048;
 /// The best of several measurements: other programs may run too.
 const RUNS: u64 = 3;
 const SEED: u64 = 1;
