@@ -52,7 +52,7 @@ def test_other_threads_run_during_a_long_call(skin):
     assert max(waits) < 0.05, f"a thread waited {max(waits):.3f} s"
 
 
-def test_an_interrupt_ends_a_long_call(skin):
+def test_an_interrupt_ends_a_long_call(interruptible, skin):
     conductivity = frames_for(skin, 1.0)
     conductivity = np.tile(conductivity, (8, 1))
     timer = threading.Timer(0.3, os.kill, [os.getpid(), signal.SIGINT])

@@ -106,7 +106,7 @@ def test_files_of_another_process_are_refused_or_waited_for(tmp_path):
     assert not timer.is_alive()
 
 
-def test_an_interrupt_ends_a_simulation(tmp_path):
+def test_an_interrupt_ends_a_simulation(interruptible, tmp_path):
     simulation = dermis.Skin.load("skin16").simulation(tomllib.loads(RECIPE), seed=7, samples=10**6)
     timer = threading.Timer(0.5, os.kill, [os.getpid(), signal.SIGINT])
     timer.start()
