@@ -112,10 +112,8 @@ impl PressTarget {
         values.clear();
         values.resize(pixel.points.len(), 0.0);
         for (_, (centre, footprint)) in presses {
-            own.clear();
-            own.extend(pixel.points.iter().map(|&point| self.surface.distance_m(point, *centre)));
-            footprint.replace_by_pressures(own);
-            values.iter_mut().zip(&*own).for_each(|(sum, pressure)| *sum += pressure);
+            let distances_m = pixel.points.iter().map(|&point| self.surface.distance_m(point, *centre));
+            footprint.add_pressures(distances_m, own, values);
         }
         values.iter_mut().for_each(|sum| *sum += self.contact.preload_pa);
         self.replace_by_changes(values);

@@ -164,7 +164,7 @@ impl WithSimd for Smooth<'_> {
         for (value, NoiseUnder { rows: own, along }) in self.values.iter_mut().zip(points) {
             let mut across = [0.0; LANES];
             for &(first, weight) in &rows[own.clone()] {
-                let noise: &Lanes = self.noise[first..].first_chunk().unwrap_or(&[0.0; LANES]);
+                let noise = &self.noise[first..first + LANES];
                 for lane in 0..LANES {
                     across[lane] += weight * noise[lane];
                 }

@@ -45,12 +45,9 @@ impl<'a> Load<'a> {
     /// The pressures at some points of the chart, Pa.
     pub(super) fn pressures_pa(&self, points: impl ExactSizeIterator<Item = Point2> + Clone) -> Vec<f64> {
         let mut sums = vec![0.0; points.len()];
-        let mut own = Vec::with_capacity(points.len());
+        let mut own = Vec::new();
         for (centre, footprint) in &self.footprints {
-            own.clear();
-            own.extend(points.clone().map(|point| self.away_m(*centre, point)));
-            footprint.replace_by_pressures(&mut own);
-            sums.iter_mut().zip(&own).for_each(|(sum, pressure)| *sum += pressure);
+            footprint.add_pressures(points.clone().map(|point| self.away_m(*centre, point)), &mut own, &mut sums);
         }
         sums.iter_mut().for_each(|sum| *sum += self.preload_pa);
         sums

@@ -152,8 +152,16 @@ impl Footprint {
         pressure
     }
 
-    /// Replaces distances from the centre along the surface, m, by the pressures there, Pa.
-    pub(crate) fn replace_by_pressures(&self, values: &mut [f64]) {
+    /// Adds the pressures at some distances from the centre along the surface, m, to sums, Pa. `own` is memory.
+    pub(crate) fn add_pressures(&self, distances_m: impl Iterator<Item = f64>, own: &mut Vec<f64>, sums: &mut [f64]) {
+        own.clear();
+        own.extend(distances_m);
+        self.replace_by_pressures(own);
+        sums.iter_mut().zip(own).for_each(|(sum, pressure)| *sum += *pressure);
+    }
+
+    /// Replaces distances by pressures.
+    fn replace_by_pressures(&self, values: &mut [f64]) {
         replace_in_lanes(values, |distances_m| self.pressures_pa(distances_m));
     }
 

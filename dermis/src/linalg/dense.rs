@@ -45,9 +45,11 @@ fn subtract_pivots_from<S: Simd, const COUNT: usize>(
     first: usize,
     pivots: usize,
 ) {
+    if pivots == 0 {
+        return;
+    }
     let (done, own) = front.split_at_mut(first * stride);
-    let Some(factors) = done.get(first..).filter(|_| pivots > 0) else { return };
-    let vectors = stride / S::F64_LANES;
+    let (factors, vectors) = (&done[first..], stride / S::F64_LANES);
     let (done, own) = (S::as_simd_f64s(done).0, S::as_mut_simd_f64s(own).0);
     column_tiles!(first / S::F64_LANES, height.div_ceil(S::F64_LANES), |at, N| {
         let sums = load::<S, COUNT, N>(simd, &own[at..], vectors);
@@ -95,8 +97,7 @@ fn factor_panel(front: &mut [f64], stride: usize, columns: Range<usize>) -> Resu
 pub(crate) fn eliminate_in_place(values: &mut [f64], order: usize, width: usize) -> Result<(), NotPositiveDefinite> {
     assert_eq!(values.len(), order * order, "a square matrix");
     assert!(width <= order, "no more unknowns than there are");
-    let outcome = pulp::Arch::new().dispatch(EliminateDense { values, order, width });
-    outcome.map_err(|unknown| NotPositiveDefinite { unknown })
+    eliminate_lower(values, order, width, |column, row| column * order + row)
 }
 
 /// The Cholesky factor of a symmetric positive definite matrix, in its lower triangle; the upper one is not changed.
@@ -109,14 +110,30 @@ pub(crate) fn eliminate_in_place(values: &mut [f64], order: usize, width: usize)
 pub fn cholesky_in_place(matrix: &mut Matrix) -> Result<(), NotPositiveDefinite> {
     assert_eq!(matrix.rows, matrix.columns, "a square matrix");
     let order = matrix.rows;
-    transpose(matrix);
-    let outcome = pulp::Arch::new().dispatch(EliminateDense { values: &mut matrix.values, order, width: order });
-    transpose(matrix);
+    eliminate_lower(&mut matrix.values, order, order, |column, row| row * order + column)
+}
+
+/// Eliminates unknowns of a symmetric matrix whose lower triangle has the value of a column and a row at the given index.
+fn eliminate_lower(
+    values: &mut [f64],
+    order: usize,
+    width: usize,
+    index: impl Fn(usize, usize) -> usize,
+) -> Result<(), NotPositiveDefinite> {
+    let stride = Rows::stride(order);
+    let mut front = AlignedVec::new(order * stride);
+    for (column, target) in front.values_mut().chunks_exact_mut(stride).enumerate() {
+        (column..order).for_each(|row| target[row] = values[index(column, row)]);
+    }
+    let outcome = pulp::Arch::new().dispatch(EliminateDense { front: front.values_mut(), order, width });
+    for (column, source) in front.values().chunks_exact(stride).enumerate() {
+        (column..order).for_each(|row| values[index(column, row)] = source[row]);
+    }
     outcome.map_err(|unknown| NotPositiveDefinite { unknown })
 }
 
 struct EliminateDense<'a> {
-    values: &'a mut [f64],
+    front: &'a mut [f64],
     order: usize,
     width: usize,
 }
@@ -126,29 +143,7 @@ impl WithSimd for EliminateDense<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
-        let EliminateDense { values, order, width } = self;
-        let stride = Rows::stride(order);
-        let mut front = AlignedVec::new(order * stride);
-        let columns =
-            || (0..order).map(|column| (column * order + column..(column + 1) * order, column * stride + column));
-        for (own, at) in columns() {
-            front.values_mut()[at..at + own.len()].copy_from_slice(&values[own]);
-        }
-        let outcome = eliminate(simd, front.values_mut(), order, width);
-        for (own, at) in columns() {
-            let count = own.len();
-            values[own].copy_from_slice(&front.values()[at..at + count]);
-        }
-        outcome
-    }
-}
-
-fn transpose(matrix: &mut Matrix) {
-    let order = matrix.rows;
-    for i in 0..order {
-        for j in 0..i {
-            matrix.values.swap(i * order + j, j * order + i);
-        }
+        eliminate(simd, self.front, self.order, self.width)
     }
 }
 
