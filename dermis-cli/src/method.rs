@@ -6,6 +6,7 @@ use crate::failure::{Failure, Outcome};
 use crate::range::number;
 use clap::{Args, ValueEnum};
 use dermis::detect::{DetectOptions, Detector};
+use dermis::estimate::noise::ChannelNoise;
 use dermis::frame::{Differences, Frame, read_frames_without};
 use dermis::method::{Method, MethodOptions, Methods, is_path};
 use dermis::reconstruct::{Alpha, Difference, FEWEST_UNTOUCHED_FRAMES, Reconstruct};
@@ -84,19 +85,6 @@ impl DetectArguments {
 
 /// The value of `--channel-noise` for the noise of the untouched frames; a file of that name is `./measured`.
 const MEASURED: &str = "measured";
-
-/// The standard deviation of each channel over differences from their mean; at least a tenth of the median, as few
-/// frames may have nearly equal values.
-fn channel_sd(untouched: &[Frame]) -> Vec<f64> {
-    let variance = |channel: usize| {
-        untouched.iter().map(|frame| frame[channel] * frame[channel]).sum::<f64>() / (untouched.len() - 1) as f64
-    };
-    let sd: Vec<f64> = (0..untouched[0].len()).map(|channel| variance(channel).sqrt()).collect();
-    // Channels that are left out are 0.
-    let varying: Vec<f64> = sd.iter().copied().filter(|sd| *sd > 0.0).collect();
-    let least = 0.1 * upper_median(&varying).unwrap_or(0.0);
-    sd.into_iter().map(|sd| sd.max(least)).collect()
-}
 
 /// Scaling and weighting of the channels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -191,7 +179,8 @@ impl MethodArguments {
                         format!("--channel-noise measured needs at least {FEWEST_UNTOUCHED_FRAMES} untouched frames");
                     return Err(Failure::given(message, Some("give them with --baseline")));
                 }
-                Ok(channel_sd(untouched))
+                let noise = ChannelNoise::of(untouched, &skin.design().protocol).expect("untouched frames");
+                Ok(noise.sd_ohm().to_vec())
             }
             Some(path) => {
                 let rows = read_frames_without(path, &skin.design().protocol, self.left_out())?;

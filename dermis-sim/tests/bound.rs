@@ -1,8 +1,9 @@
 //! Bounds against Monte Carlo: the spread of maximum-likelihood estimates, and the share of presses that are found.
 
 use dermis::design::SkinDesign;
-use dermis::linalg::{Matrix, invert_spd};
-use dermis_sim::bound::{BoundOptions, Bounds, DriftSpread};
+use dermis::estimate::drift::DriftSpread;
+use dermis::linalg::{Cholesky, Matrix};
+use dermis_sim::bound::{BoundOptions, Bounds};
 use dermis_sim::noise::Noise;
 use dermis_sim::random::{sample_rng, standard_normal};
 use dermis_sim::twin::{Press, TouchOptions, Twin, TwinOptions};
@@ -54,8 +55,8 @@ impl Bench {
         }
         let twin = Twin::new(&design, &options.as_designed(), 0).unwrap();
         let noise = twin.noise().unwrap();
-        let drift = DriftSpread { coat: coat_drift, contact: 0.0 };
-        let precision = invert_spd(&covariance(&twin, noise, drift)).unwrap();
+        let drift = DriftSpread { sheet: coat_drift, ..DriftSpread::default() };
+        let precision = Cholesky::new(&covariance(&twin, noise, drift)).unwrap().inverse();
         Bench { design, options, twin, noise, drift, precision }
     }
 
@@ -68,7 +69,7 @@ impl Bench {
     fn frame(&self, presses: &[Press], draw: u64) -> Vec<f64> {
         let mut rng = sample_rng(7, draw);
         let (_, drive_of) = self.twin.design().protocol.drives();
-        let drift = self.drift.coat * standard_normal(&mut rng);
+        let drift = self.drift.sheet * standard_normal(&mut rng);
         let noisy = self.noise.apply(&self.twin.clean(presses).unwrap(), &drive_of, &mut rng);
         noisy.iter().zip(self.twin.clean(&[]).unwrap().iter()).map(|(value, rest)| value + drift * rest).collect()
     }
@@ -99,8 +100,7 @@ impl Bench {
             while damping < 1e6 {
                 let mut damped = information.clone();
                 (0..best.len()).for_each(|i| *damped.at_mut(i, i) *= 1.0 + damping);
-                let mut step = vec![0.0; best.len()];
-                invert_spd(&damped).unwrap().product_into(&slope, &mut step);
+                let step = Cholesky::new(&damped).unwrap().solve(&slope);
                 let tried: Vec<f64> = best.iter().zip(&step).map(|(a, b)| a + b.clamp(-0.5, 0.5)).collect();
                 let reached = self.misfit(frame, &tried);
                 if reached < misfit {
@@ -170,7 +170,7 @@ fn covariance(twin: &Twin, noise: Noise, drift: DriftSpread) -> Matrix {
         for j in 0..rest.len() {
             let drive = if drive_of[i] == drive_of[j] { variance / noise.reference_ohm.powi(2) } else { 0.0 };
             let white = if i == j { variance } else { 0.0 };
-            *covariance.at_mut(i, j) = white + rest[i] * rest[j] * (drive + drift.coat.powi(2));
+            *covariance.at_mut(i, j) = white + rest[i] * rest[j] * (drive + drift.sheet.powi(2));
         }
     }
     covariance

@@ -30,18 +30,20 @@ pub mod image;
 // Layer 5
 pub mod forward;
 // Layer 6
+pub mod estimate;
+// Layer 7
 pub mod detect;
 pub mod fit;
 pub mod identify;
 pub mod refine;
 pub mod track;
-// Layer 7
-pub mod reconstruct;
 // Layer 8
-pub mod skin;
+pub mod reconstruct;
 // Layer 9
-pub mod method;
+pub mod skin;
 // Layer 10
+pub mod method;
+// Layer 11
 pub mod pipeline;
 
 mod error;

@@ -232,6 +232,12 @@ impl Protocol {
         &self.channels
     }
 
+    /// The channels that read no voltage at a driven electrode, and those that do.
+    pub fn channels_by_drive(&self) -> [Vec<usize>; 2] {
+        let (driven, others) = (0..self.channels.len()).partition(|&one| self.channels[one].touches_driven());
+        [others, driven]
+    }
+
     /// The distinct drive pairs in order of first use, and for each channel the index of its drive pair.
     pub fn drives(&self) -> (Vec<Pair>, Vec<usize>) {
         distinct(self.channels.iter().map(|channel| channel.drive))

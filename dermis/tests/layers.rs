@@ -17,6 +17,7 @@ const LAYERED: &[(&str, &[&[&str]])] = &[
             &["mesh"],
             &["fem", "image"],
             &["forward"],
+            &["estimate"],
             &["detect", "fit", "identify", "refine", "track"],
             &["reconstruct"],
             &["skin"],

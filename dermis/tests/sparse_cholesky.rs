@@ -1,6 +1,6 @@
 //! The sparse factorisation compared with dense algebra, on random patterns.
 
-use dermis::linalg::{Matrix, Symbolic, cholesky_in_place, invert_spd};
+use dermis::linalg::{Cholesky, Matrix, Symbolic};
 use proptest::prelude::*;
 
 /// A random symmetric, diagonally dominant matrix: as pattern entries, and dense.
@@ -49,7 +49,7 @@ proptest! {
     #[test]
     fn the_schur_complement_is_the_inverse_of_a_block_of_the_inverse(sample in sample()) {
         let factor = Symbolic::new(sample.count, sample.kept, &sample.entries).factor(&sample.values).unwrap();
-        let inverse = invert_spd(&sample.dense()).unwrap();
+        let inverse = Cholesky::new(&sample.dense()).unwrap().inverse();
         let interior = sample.count - sample.kept;
         for i in 0..sample.kept {
             for j in 0..sample.kept {
@@ -104,6 +104,6 @@ fn a_pivot_that_is_not_positive_is_named() {
     let entries = [[0, 0], [1, 1], [2, 2], [1, 0]];
     let error = Symbolic::new(3, 0, &entries).factor(&[1.0, 1.0, -1.0, 0.5]).unwrap_err();
     assert_eq!(error.unknown, 2);
-    let mut indefinite = Matrix { rows: 2, columns: 2, values: vec![1.0, 2.0, 2.0, 1.0] };
-    assert_eq!(cholesky_in_place(&mut indefinite).unwrap_err().unknown, 1);
+    let indefinite = Matrix { rows: 2, columns: 2, values: vec![1.0, 2.0, 2.0, 1.0] };
+    assert_eq!(Cholesky::new(&indefinite).unwrap_err().unknown, 1);
 }

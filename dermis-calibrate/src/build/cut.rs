@@ -5,7 +5,7 @@ use super::fault::{Cut, Fault, Network};
 use super::fit::{Fit, Model};
 use dermis::forward::{ForwardModel, Solver};
 use dermis::geom::{Point2, Surface};
-use dermis::linalg::Matrix;
+use dermis::linalg::{Matrix, dot};
 use dermis::mesh::{Cells, Mesh};
 use std::f64::consts::PI;
 
@@ -166,16 +166,11 @@ impl<'a> Search<'a> {
     /// The scores of some changes of the weighted channels, and their information after the skin has adapted.
     fn scores(&self, changes: &[Vec<f64>; 3]) -> ([f64; 3], [[f64; 3]; 3]) {
         let open: Vec<bool> = self.model.protocol.channels().iter().map(|one| self.network.is_open(one)).collect();
-        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let used = changes.each_ref().map(|change| {
             change.iter().zip(&open).map(|(value, open)| if *open { 0.0 } else { *value }).collect::<Vec<f64>>()
         });
         let passed = used.each_ref().map(|change| self.fit.linear.transposed_product(change));
-        let adapted = passed.each_ref().map(|one| {
-            let mut out = vec![0.0; one.len()];
-            self.fit.linear.inverse.product_into(one, &mut out);
-            out
-        });
+        let adapted = passed.each_ref().map(|one| self.fit.linear.factor.solve(one));
         let scores = used.each_ref().map(|change| dot(change, &self.left));
         let information =
             std::array::from_fn(|i| std::array::from_fn(|j| dot(&used[i], &used[j]) - dot(&passed[i], &adapted[j])));

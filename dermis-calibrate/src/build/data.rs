@@ -1,9 +1,11 @@
 //! The mean untouched frame, and what is known of its errors.
 
+use dermis::estimate::noise::{ChannelNoise, disagreement};
+use dermis::estimate::scale::robust;
 use dermis::frame::{Frame, mean, twins};
 use dermis::identify::DRIVEN_ERROR;
 use dermis::protocol::Protocol;
-use dermis::stats::{rms, upper_median};
+use dermis::stats::rms;
 
 /// Error of the model and the instrument, relative to the root mean square of the values without a driven electrode.
 const RELATIVE_ERROR: f64 = 2e-3;
@@ -25,8 +27,8 @@ pub(super) struct Data {
     pub sd: Vec<f64>,
     /// Ohm of the frame per ohm of the design.
     pub scale: f64,
-    /// Noise of the mean frame in the channels without and with a driven electrode, over the factor, ohm.
-    pub noise_ohm: [f64; 2],
+    /// Noise of one frame.
+    pub noise: ChannelNoise,
 }
 
 impl Data {
@@ -41,15 +43,13 @@ impl Data {
         let mean = mean(frames)?;
         let scale = scale(protocol, &mean, model)?;
         let values: Vec<f64> = mean.iter().map(|value| value / scale).collect();
-        let groups = [false, true].map(|driven| {
-            let channels = protocol.channels().iter().enumerate();
-            channels.filter(|(_, one)| one.touches_driven() == driven).map(|(at, _)| at).collect::<Vec<usize>>()
-        });
+        let groups = protocol.channels_by_drive();
         let twins = twins(protocol);
-        let noise_ohm = [0, 1].map(|group: usize| {
-            let scatter = scatter(frames, &mean, &groups[group]) / scale;
-            scatter.max(disagreement(&twins, &values, &groups[group]))
-        });
+        let noise = ChannelNoise::of(frames, protocol)?;
+        // That of the mean; reciprocal channels also contain what the scatter does not, as the steps of the converter.
+        let of_mean_ohm = noise.by_group_ohm().map(|sd| sd / (frames.len() as f64).sqrt() / scale);
+        let noise_ohm =
+            [0, 1].map(|group: usize| of_mean_ohm[group].max(disagreement(&twins, &values, &groups[group])));
         // A wrong value must not widen what is allowed for the others: the model gives the size of the frame.
         let part = if groups[0].is_empty() { &groups[1] } else { &groups[0] };
         let size = rms(part.iter().map(|&channel| model[channel]));
@@ -62,7 +62,7 @@ impl Data {
         for channel in out_of_range(protocol, &twins, &values, &noise_ohm) {
             sd[channel] = WITHOUT_WEIGHT * values[channel].abs().max(size);
         }
-        Some(Data { values, sd, scale, noise_ohm })
+        Some(Data { values, sd, scale, noise })
     }
 }
 
@@ -90,41 +90,11 @@ fn out_of_range(protocol: &Protocol, twins: &[Vec<(usize, f64)>], values: &[f64]
     (0..values.len()).filter(|&channel| is_largest(channel) && is_unlike(channel)).collect()
 }
 
-/// The median ratio of a frame to the model, over the larger half of the channels without a driven electrode: wrong
-/// values of some electrodes do not change it.
+/// The factor from the model to a frame, of the channels without a driven electrode if there are any; `None` where it is not
+/// positive.
 fn scale(protocol: &Protocol, frame: &[f64], model: &[f64]) -> Option<f64> {
-    let free: Vec<usize> = (0..frame.len()).filter(|&channel| !protocol.channels()[channel].touches_driven()).collect();
-    let channels = if free.is_empty() { (0..frame.len()).collect() } else { free };
-    let sizes: Vec<f64> = channels.iter().map(|&channel| model[channel].abs()).collect();
-    let least = upper_median(&sizes)?;
-    let large = channels.iter().filter(|&&channel| model[channel].abs() >= least && model[channel] != 0.0);
-    let ratios: Vec<f64> = large.map(|&channel| frame[channel] / model[channel]).collect();
-    upper_median(&ratios).filter(|&scale| scale > 0.0)
-}
-
-/// Standard deviation of the mean of the frames from their scatter, the median over some channels; 0 for one frame.
-fn scatter(frames: &[Frame], mean: &[f64], channels: &[usize]) -> f64 {
-    let count = frames.len() as f64;
-    if frames.len() < 2 {
-        return 0.0;
-    }
-    let variance = |&channel: &usize| {
-        let squares: f64 = frames.iter().map(|frame| (frame[channel] - mean[channel]).powi(2)).sum();
-        squares / (count - 1.0) / count
-    };
-    upper_median(&channels.iter().map(variance).collect::<Vec<f64>>()).unwrap_or(0.0).sqrt()
-}
-
-/// Robust standard deviation of a value from the difference of channels that measure the same quantity: it contains
-/// what the scatter does not, as the steps of the converter.
-fn disagreement(twins: &[Vec<(usize, f64)>], values: &[f64], channels: &[usize]) -> f64 {
-    let differences: Vec<f64> = channels
-        .iter()
-        .flat_map(|&channel| twins[channel].iter().map(move |&(twin, sign)| (channel, twin, sign)))
-        .map(|(channel, twin, sign)| (values[channel] - sign * values[twin]).abs() / 2f64.sqrt())
-        .collect();
-    // Of a normal distribution: 1.4826 times the median of the absolute values.
-    1.4826 * upper_median(&differences).unwrap_or(0.0)
+    let [free, driven] = protocol.channels_by_drive();
+    Some(robust(frame, model, if free.is_empty() { driven } else { free })).filter(|&scale| scale > 0.0)
 }
 
 #[cfg(test)]

@@ -4,27 +4,26 @@ use super::cut::remaining;
 use super::data::Data;
 use super::fault::{Fault, Network};
 use dermis::design::SkinDesign;
+use dermis::estimate::least_squares::{Control, End, LeastSquares, Normal, Steps, minimise};
 use dermis::forward::{ForwardModel, Solver};
 use dermis::frame::Frame;
 use dermis::geom::Surface;
 use dermis::identify::{Identifier, IdentifyError, IdentifyOptions};
-use dermis::linalg::{Matrix, invert_spd};
+use dermis::linalg::{Cholesky, Matrix, NotPositiveDefinite, dot};
 use dermis::protocol::{Channel, Protocol};
 use dermis::skin::Skin;
 use dermis::stats::rms;
 use std::f64::consts::TAU;
 
-/// Steps of a fit. The derivatives are those of the even skin, so each step leaves a part of the error that is like the
-/// unevenness.
-const STEPS: usize = 14;
+/// The derivatives are those of the even skin, so each step leaves a part of the error that is like the unevenness. A step
+/// shorter than a fiftieth of the standard deviations of the prior ends a fit.
+const STEPS: Steps = Steps { most: 14, control: Control::Full, shortest: 0.02, least_decrease: 0.0 };
 /// A step takes the errors of the values to be at least this part of what the last one has left: far from the solution,
 /// unknowns whose priors are narrow would explain what the sheet resistance and the contacts do.
 const LEAST_ERROR: f64 = 0.1;
 /// A fit is given up after this many steps if what it leaves is larger than the least misfit by this factor.
 const TRIAL_STEPS: usize = 6;
 const HOPELESS: f64 = 2.0;
-/// A shorter step ends a fit, standard deviations of the prior.
-const SHORTEST_STEP: f64 = 0.02;
 /// Longest distance of an unknown from the design in its standard deviations.
 const MOST_SD: f64 = 6.0;
 /// Step of the derivative by the size of a fault, standard deviations of its prior.
@@ -72,17 +71,16 @@ pub(super) struct Fit {
     pub residuals: Vec<f64>,
     /// The impedances of the skin without faults of the wires, ohm.
     pub impedance: Matrix,
-    /// The derivatives of the channels, and the inverse of `1 + A'A`.
+    /// The derivatives of the channels.
     pub linear: Linear,
 }
 
-/// The derivatives of the weighted channels, channels x unknowns, and the normal matrix `1 + A'A` with its inverse.
+/// The derivatives of the weighted channels, channels x unknowns, and the normal matrix `1 + A'A` with its factor.
 #[derive(Debug, Clone)]
 pub(super) struct Linear {
     pub a: Matrix,
     normal: Matrix,
-    pub inverse: Matrix,
-    log_determinant: f64,
+    pub factor: Cholesky,
 }
 
 impl Model {
@@ -247,7 +245,7 @@ impl Model {
     /// The fit under some faults, from some unknowns; `None` where the model has no solution, and where the fit cannot
     /// become as good as one with the misfit `least`.
     pub(super) fn fit(&self, data: &Data, faults: &[Fault], start: &[f64], least: f64) -> Option<Fit> {
-        self.fit_in(STEPS, data, faults, start, least)
+        self.fit_in(STEPS.most, data, faults, start, least)
     }
 
     /// A fit without a step: the skin at some unknowns.
@@ -255,38 +253,22 @@ impl Model {
         self.fit_in(0, data, faults, x, f64::INFINITY)
     }
 
-    fn fit_in(&self, steps: usize, data: &Data, faults: &[Fault], start: &[f64], least: f64) -> Option<Fit> {
-        let mut faults = faults.to_vec();
-        let mut x = start.to_vec();
-        let mut impedance = self.impedance(&x, &faults)?;
-        let linear = self.linear(data, &impedance, &faults)?;
-        let sized: Vec<usize> = self.sized(&faults).collect();
-        x.extend(sized.iter().filter_map(|&at| faults[at].size(self.typical_ohm)));
-        let count = start.len();
-        let mut residuals = self.residuals(data, &impedance, &faults);
-        for step in 0..steps {
-            let times = (LEAST_ERROR * rms(residuals.iter().copied())).max(1.0);
-            let next = linear.step(&residuals, &x, times)?;
-            let longest = next.iter().zip(&x).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-            x = next;
-            for (&at, size) in sized.iter().zip(&x[count..]) {
-                faults[at] = faults[at].with_size(*size, self.typical_ohm);
-            }
-            impedance = self.impedance(&x[..count], &faults)?;
-            residuals = self.residuals(data, &impedance, &faults);
-            if longest < SHORTEST_STEP {
-                break;
-            }
-            if step + 1 == TRIAL_STEPS && rms(residuals.iter().copied()) > HOPELESS * least {
-                return None;
-            }
+    fn fit_in(&self, most: usize, data: &Data, faults: &[Fault], start: &[f64], least: f64) -> Option<Fit> {
+        let linear = self.linear(data, &self.impedance(start, faults)?, faults)?;
+        let search = Search { model: self, data, linear: &linear, count: start.len(), least };
+        let sizes = faults.iter().filter_map(|fault| fault.size(self.typical_ohm));
+        let start = search.point(start.iter().copied().chain(sizes).collect(), faults)?;
+        let found = minimise(&search, start, &Steps { most, ..STEPS }).ok()?;
+        // A skin without a solution, or one that will not become good enough.
+        if found.end == End::NoDecrease || search.is_hopeless(&found.point, found.costs.len() - 1) {
+            return None;
         }
-        let squares: f64 = residuals.iter().chain(&x).map(|value| value * value).sum();
+        let Point { mut x, faults, impedance, residuals } = found.point;
+        let squares = dot(&residuals, &residuals) + dot(&x, &x);
         let open = self.network(&impedance, &faults);
         let log_evidence = self.log_evidence(data, &open, squares, &linear);
-        let used = self.protocol.channels().iter().filter(|one| !open.is_open(one)).count();
-        x.truncate(count);
-        let used = used.max(1);
+        let used = self.protocol.channels().iter().filter(|one| !open.is_open(one)).count().max(1);
+        x.truncate(search.count);
         let misfit = (squares / used as f64).sqrt();
         Some(Fit { faults, x, log_evidence, used, misfit, residuals, impedance, linear })
     }
@@ -303,7 +285,7 @@ impl Model {
             false => -(data.sd[channel] * TAU.sqrt()).ln(),
         };
         let channels: f64 = self.protocol.channels().iter().enumerate().map(channel).sum();
-        channels - 0.5 * (squares + linear.log_determinant)
+        channels - 0.5 * (squares + linear.factor.log_determinant())
     }
 }
 
@@ -323,15 +305,86 @@ impl Fit {
     }
 }
 
+/// The search of the skin under some faults, with the derivatives at the start.
+struct Search<'a> {
+    model: &'a Model,
+    data: &'a Data,
+    linear: &'a Linear,
+    /// Unknowns of the skin; those that follow are sizes of faults.
+    count: usize,
+    /// The least misfit so far.
+    least: f64,
+}
+
+/// A skin with faults of some sizes.
+struct Point {
+    x: Vec<f64>,
+    faults: Vec<Fault>,
+    impedance: Matrix,
+    residuals: Vec<f64>,
+}
+
+impl Search<'_> {
+    fn point(&self, x: Vec<f64>, faults: &[Fault]) -> Option<Point> {
+        let mut faults = faults.to_vec();
+        let sized: Vec<usize> = self.model.sized(&faults).collect();
+        for (at, size) in sized.into_iter().zip(&x[self.count..]) {
+            faults[at] = faults[at].with_size(*size, self.model.typical_ohm);
+        }
+        let impedance = self.model.impedance(&x[..self.count], &faults)?;
+        let residuals = self.model.residuals(self.data, &impedance, &faults);
+        Some(Point { x, faults, impedance, residuals })
+    }
+
+    /// Whether a fit cannot become as good as the best one.
+    fn is_hopeless(&self, point: &Point, steps: usize) -> bool {
+        steps == TRIAL_STEPS && rms(point.residuals.iter().copied()) > HOPELESS * self.least
+    }
+}
+
+impl LeastSquares for Search<'_> {
+    type Point = Point;
+    type Equations = Normal;
+    type Error = NotPositiveDefinite;
+
+    fn cost(&self, point: &Point) -> f64 {
+        dot(&point.residuals, &point.residuals) + dot(&point.x, &point.x)
+    }
+
+    fn equations(&self, point: &Point) -> Result<Normal, NotPositiveDefinite> {
+        let times = (LEAST_ERROR * rms(point.residuals.iter().copied())).max(1.0);
+        let right = self.linear.transposed_product(&point.residuals);
+        let mut normal = Normal { matrix: self.linear.normal.clone(), right };
+        for (unknown, value) in point.x.iter().enumerate() {
+            // The normal matrix has a prior of one standard deviation.
+            normal.add_prior(unknown, times * times - 1.0, *value);
+            normal.right[unknown] -= value;
+        }
+        Ok(normal)
+    }
+
+    fn step(&self, equations: &Normal, damping: f64) -> Result<Vec<f64>, NotPositiveDefinite> {
+        equations.step(damping)
+    }
+
+    fn limit(&self, from: &Point, step: &mut [f64]) {
+        step.iter_mut().zip(&from.x).for_each(|(part, x)| *part = (x + *part).clamp(-MOST_SD, MOST_SD) - x);
+    }
+
+    fn moved(&self, from: &Point, step: &[f64]) -> Option<Point> {
+        self.point(from.x.iter().zip(step).map(|(x, part)| x + part).collect(), &from.faults)
+    }
+
+    fn is_enough(&self, point: &Point, steps: usize) -> bool {
+        self.is_hopeless(point, steps)
+    }
+}
+
 impl Linear {
     fn new(a: Matrix) -> Option<Self> {
-        let mut normal = a.transposed().times(&a);
-        (0..normal.rows).for_each(|i| *normal.at_mut(i, i) += 1.0);
-        let mut factor = normal.clone();
-        dermis::linalg::cholesky_in_place(&mut factor).ok()?;
-        let log_determinant = 2.0 * (0..factor.rows).map(|i| factor.at(i, i).ln()).sum::<f64>();
-        let inverse = invert_spd(&normal).ok()?;
-        Some(Linear { a, normal, inverse, log_determinant })
+        let Normal { matrix: normal, .. } = Normal::of(&a, &vec![0.0; a.rows]).with_unit_priors(&vec![0.0; a.columns]);
+        let factor = Cholesky::new(&normal).ok()?;
+        Some(Linear { a, normal, factor })
     }
 
     /// `A' v`.
@@ -346,10 +399,8 @@ impl Linear {
     /// What the best unknowns to first order leave of the data: residuals `r` at some unknowns, and `A x`.
     pub(super) fn left(&self, residuals: &[f64], moved: &[f64]) -> Vec<f64> {
         let target: Vec<f64> = residuals.iter().zip(moved).map(|(residual, moved)| residual + moved).collect();
-        let mut unknowns = vec![0.0; self.a.columns];
-        self.inverse.product_into(&self.transposed_product(&target), &mut unknowns);
         let mut explained = vec![0.0; target.len()];
-        self.a.product_into(&unknowns, &mut explained);
+        self.a.product_into(&self.factor.solve(&self.transposed_product(&target)), &mut explained);
         target.iter().zip(explained).map(|(target, explained)| target - explained).collect()
     }
 
@@ -357,29 +408,7 @@ impl Linear {
     pub(super) fn least_squares(&self, residuals: &[f64], moved: &[f64]) -> f64 {
         let target: Vec<f64> = residuals.iter().zip(moved).map(|(residual, moved)| residual + moved).collect();
         let passed = self.transposed_product(&target);
-        let mut unknowns = vec![0.0; passed.len()];
-        self.inverse.product_into(&passed, &mut unknowns);
-        let squares: f64 = target.iter().map(|value| value * value).sum();
-        0.5 * (squares - passed.iter().zip(unknowns).map(|(a, b)| a * b).sum::<f64>())
-    }
-
-    /// `(times^2 + A'A)^-1`.
-    fn inverse_with_errors(&self, times: f64) -> Option<Matrix> {
-        let mut normal = self.normal.clone();
-        (0..normal.rows).for_each(|i| *normal.at_mut(i, i) += times * times - 1.0);
-        invert_spd(&normal).ok()
-    }
-
-    /// The next unknowns of a fit if the errors have `times` their standard deviations: `(times^2 + A'A)^-1 A' (r + A x)`.
-    fn step(&self, residuals: &[f64], x: &[f64], times: f64) -> Option<Vec<f64>> {
-        let mut target = vec![0.0; self.a.rows];
-        self.a.product_into(x, &mut target);
-        target.iter_mut().zip(residuals).for_each(|(sum, residual)| *sum += residual);
-        let inverse = if times > 1.0 { &self.inverse_with_errors(times)? } else { &self.inverse };
-        let mut next = vec![0.0; x.len()];
-        inverse.product_into(&self.transposed_product(&target), &mut next);
-        next.iter_mut().for_each(|value| *value = value.clamp(-MOST_SD, MOST_SD));
-        Some(next)
+        0.5 * (dot(&target, &target) - dot(&passed, &self.factor.solve(&passed)))
     }
 }
 

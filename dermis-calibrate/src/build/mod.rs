@@ -81,7 +81,7 @@ pub struct BuildCheck {
     pub misfit: f64,
     /// The same for the skin without faults.
     pub sound_misfit: f64,
-    /// Noise of the mean frame in the channels without and with a driven electrode, ohm.
+    /// Noise of one frame in the channels without and with a driven electrode ([`ChannelNoise`]), ohm.
     pub noise_ohm: [f64; 2],
     /// Number of frames.
     pub frames: usize,
@@ -291,7 +291,7 @@ impl BuildChecker {
             contacts,
             misfit: fit.misfit,
             sound_misfit,
-            noise_ohm: data.noise_ohm.map(|noise| noise * data.scale),
+            noise_ohm: data.noise.by_group_ohm(),
             frames,
         }
     }
@@ -328,11 +328,12 @@ impl BuildChecker {
         let identifier = &self.model.identifier;
         let built = identifier.model_of(&fit.x).ok();
         let count = self.model.protocol.electrode_count();
+        let covariance = fit.linear.factor.inverse();
         let impedance =
             |electrode: usize| built.as_ref().map_or(f64::NAN, |built| built.contact_impedances()[electrode]);
         let sd = |electrode: usize| {
             let unknown = identifier.unknown_of_contact(electrode);
-            fit.linear.inverse.at(unknown, unknown).sqrt()
+            covariance.at(unknown, unknown).sqrt()
         };
         let displacements_m = identifier.displacements_m(&fit.x);
         let contact = |electrode: usize| BuiltContact {

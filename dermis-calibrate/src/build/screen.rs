@@ -3,7 +3,7 @@
 use super::data::Data;
 use super::fault::Fault;
 use super::fit::{Fit, Model};
-use dermis::linalg::Matrix;
+use dermis::linalg::{Matrix, dot};
 use dermis::stats::{rms, upper_median};
 
 /// What an uneven skin may change of a value, and of all values relative to the root mean square of the frame.
@@ -102,10 +102,8 @@ fn gain(model: &Model, data: &Data, fit: &Fit, impedance: &Matrix, fault: Fault)
     for (channel, one) in model.protocol.channels().iter().enumerate() {
         change[channel] = if network.is_open(one) { 0.0 } else { change[channel] / data.sd[channel] };
     }
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let passed = fit.linear.transposed_product(&change);
-    let mut adapted = vec![0.0; passed.len()];
-    fit.linear.inverse.product_into(&passed, &mut adapted);
+    let adapted = fit.linear.factor.solve(&passed);
     let score = dot(&change, &fit.residuals);
     // A contact has no negative resistance.
     if score < 0.0 && matches!(fault, Fault::PoorContact { .. }) {

@@ -6,6 +6,7 @@ use crate::range::{count, number};
 use crate::skin;
 use clap::Args;
 use dermis::design::SkinDesign;
+use dermis::estimate::drift::DriftSpread;
 use dermis::frame::write_whole;
 use dermis::image::PixelSpace;
 use dermis::skin::Skin;
@@ -13,7 +14,7 @@ use dermis::stats::quantile;
 use dermis::text::counted;
 use dermis_plot::chart::Cumulative;
 use dermis_plot::{Drawing, Key, Picture, Scale, View};
-use dermis_sim::bound::{BoundOptions, Bounds, DriftSpread};
+use dermis_sim::bound::{BoundOptions, Bounds};
 use dermis_sim::twin::TwinOptions;
 use dermis_study::report::Table;
 use rayon::prelude::*;
@@ -196,7 +197,11 @@ impl Arguments {
     }
 
     fn options(&self) -> BoundOptions {
-        let drift = self.coat_drift.zip(self.contact_drift).map(|(coat, contact)| DriftSpread { coat, contact });
+        let drift = self.coat_drift.zip(self.contact_drift).map(|(sheet, contact)| DriftSpread {
+            sheet,
+            contact,
+            ..DriftSpread::default()
+        });
         BoundOptions {
             force_n: self.force,
             tip_radius_m: self.tip_radius,

@@ -4,6 +4,7 @@ use super::{Bounds, difference};
 use crate::elementary::erfc;
 use crate::twin::Press;
 use dermis::geom::Point3;
+use dermis::linalg::dot;
 use std::f64::consts::SQRT_2;
 
 /// Probability that a press of the smallest force is found in a frame.
@@ -56,7 +57,7 @@ impl Bounds {
     fn deflection(&self, press: &Press) -> crate::Result<f64> {
         let frame = self.clean(std::slice::from_ref(press))?;
         let change = self.precision.whiten(difference(&frame, &self.physics.untouched));
-        Ok(self.precision.inner(&change, &change).sqrt())
+        Ok(dot(&change, &change).sqrt())
     }
 
     /// The threshold of the test for one false alarm an hour in tests for some places.

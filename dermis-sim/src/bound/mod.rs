@@ -22,17 +22,16 @@ mod detection;
 mod precision;
 mod separation;
 
-pub use precision::DriftSpread;
-
 use crate::noise::Noise;
 use crate::twin::{Press, TouchOptions, Twin, TwinError, TwinOptions};
 use dermis::design::{SheetKind, SkinDesign};
+use dermis::estimate::drift::DriftSpread;
+use dermis::estimate::least_squares::Normal;
 use dermis::forward::ForwardModel;
 use dermis::frame::Frame;
 use dermis::geom::vector::{add, cross, distance, normalize, scale};
 use dermis::geom::{Point3, Surface};
-use dermis::linalg::invert_spd;
-use precision::{Precision, Whitened, frame_of};
+use precision::{Precision, frame_of};
 use std::f64::consts::PI;
 use std::sync::Arc;
 
@@ -143,15 +142,18 @@ impl Bounds {
             must: "finite".into(),
             fix: "without noise every bound is zero; give the noise of the instrument".into(),
         })?;
-        let of_twin =
-            skin.options().drift.map(|drift| DriftSpread { coat: drift.conductance_rms, contact: drift.contact_rms });
+        let of_twin = skin.options().drift.map(|drift| DriftSpread {
+            sheet: drift.conductance_rms,
+            contact: drift.contact_rms,
+            ..DriftSpread::default()
+        });
         let physics = Physics {
             shifted: if options.known_patches { Vec::new() } else { shifted_patches(design, &sound, skin.options())? },
             untouched: frame_of(skin.untouched(), &skin.design().protocol),
             size_m: size_m(&skin.mesh().nodes),
             model: ForwardModel::new(skin.design(), skin.mesh())?,
             noise,
-            drift: options.drift.or(of_twin).unwrap_or(DriftSpread { coat: 0.0, contact: 0.0 }),
+            drift: options.drift.or(of_twin).unwrap_or_default(),
             twin: skin,
         };
         Bounds::of(Arc::new(physics), options)
@@ -192,7 +194,8 @@ impl Bounds {
     pub fn position_of(&self, press: &Press, normal: Point3) -> crate::Result<Option<PositionBound>> {
         let precision = self.with_unknown_phase(&[*press], &self.clean(&[*press])?)?;
         let columns = self.derivatives(&precision, press, normal)?;
-        let Ok(covariance) = invert_spd(&precision.information(&columns)) else { return Ok(None) };
+        let information = equations(&columns, &vec![0.0; columns[0].len()], 0.0);
+        let Ok(covariance) = information.factor().map(|factor| factor.inverse()) else { return Ok(None) };
         let at = |i: usize, j: usize| covariance.at(i, j);
         let sd_m = (at(0, 0) + at(1, 1)).sqrt();
         // Rounding may hide that the information is singular.
@@ -214,7 +217,7 @@ impl Bounds {
             Ok(change.into_iter().map(|value| shift.sd_m / STEP_M * value).collect())
         };
         let phases = self.physics.shifted.iter().map(of_shift).collect::<crate::Result<_>>()?;
-        Ok(self.precision.with_disturbances(phases))
+        Ok(self.precision.clone().with_disturbances(phases))
     }
 
     /// The change of the frame of a press along two tangents of the skin (per m), and by the logarithms of its force and
@@ -224,12 +227,12 @@ impl Bounds {
         precision: &Precision,
         press: &Press,
         normal: Point3,
-    ) -> crate::Result<[Whitened; PARAMETERS]> {
+    ) -> crate::Result<[Vec<f64>; PARAMETERS]> {
         let moved = |step_m: [f64; 2]| Press { centre_m: self.moved(press.centre_m, normal, step_m), ..*press };
         let grown = |factor: f64| Press { force_n: press.force_n * factor, ..*press };
         let wider = |factor: f64| Press { tip_radius_m: press.tip_radius_m * factor, ..*press };
         let ratio = LOG_STEP.exp();
-        let column = |[forward, back]: [Press; 2], step: f64| -> crate::Result<Whitened> {
+        let column = |[forward, back]: [Press; 2], step: f64| -> crate::Result<Vec<f64>> {
             Ok(precision.whiten(quotient(&self.clean(&[forward])?, &self.clean(&[back])?, step)))
         };
         Ok([
@@ -263,6 +266,14 @@ impl Bounds {
     fn press(&self, centre_m: Point3) -> Press {
         Press { centre_m, force_n: self.options.force_n, tip_radius_m: self.options.tip_radius_m }
     }
+}
+
+/// The equations of the parameters of a press from the whitened changes of a frame by each, what is left of the frame
+/// (zeros, for the information alone), and the distance of the logarithm of the tip radius from the usual one.
+fn equations(columns: &[Vec<f64>; PARAMETERS], residuals: &[f64], log_radius: f64) -> Normal {
+    let mut normal = Normal::new(&columns.each_ref().map(Vec::as_slice), residuals);
+    normal.add_prior(LOG_RADIUS, LOG_RADIUS_SD.powi(-2), log_radius);
+    normal
 }
 
 /// A design with a mesh that is fine enough for the contact of a tip on its coating: edges of at most 0.6 of its radius,

@@ -1,11 +1,13 @@
 //! The distance at which two presses are told from one.
 
-use super::precision::{Precision, Whitened};
-use super::{Bounds, LOG_RADIUS, LOG_RADIUS_SD, PARAMETERS, difference};
+use super::precision::Precision;
+use super::{Bounds, LOG_RADIUS_SD, PARAMETERS, difference, equations};
 use crate::elementary::{erf, exp};
 use crate::twin::{Press, TwinError};
+use dermis::estimate::least_squares::{Control, LeastSquares, Normal, Steps, minimise};
 use dermis::geom::Point3;
-use dermis::linalg::{Matrix, invert_spd};
+use dermis::linalg::dot;
+use std::convert::Infallible;
 use std::f64::consts::{FRAC_PI_2, PI, SQRT_2};
 
 /// Two presses are told from one in this share of the cases...
@@ -16,11 +18,13 @@ const FALSE_SPLITS: f64 = 0.01;
 const DISTANCES_M: [f64; 2] = [0.001, 0.2];
 /// Relative accuracy of the distance. The misfit grows with its fourth power.
 const ACCURACY: f64 = 0.02;
-/// Most steps of the fit of one press, and the relative decrease at which it ends.
-const STEPS: usize = 20;
-const LEAST_DECREASE: f64 = 1e-3;
-/// Damping at which a step is given up.
-const MOST_DAMPING: f64 = 1e9;
+/// The steps of the fit of one press. A step whose parts are a nanometre and a billionth of the force is none.
+const STEPS: Steps = Steps {
+    most: 40,
+    control: Control::Damping { first: 1e-3, down: 0.1, up: 10.0 },
+    shortest: 1e-9,
+    least_decrease: 1e-3,
+};
 
 impl Bounds {
     /// The probability that two presses are told from one, if one press is taken for two in 1 % of the cases.
@@ -92,14 +96,14 @@ impl Bounds {
         let mut least = f64::INFINITY;
         for start in [both, *a, *b] {
             if least >= enough {
-                least = least.min(fit.least_misfit(start).unwrap_or(f64::INFINITY));
+                least = least.min(fit.least_misfit(start));
             }
         }
         Ok(least)
     }
 }
 
-/// The fit of one press to a frame by Gauss-Newton steps with damping (Levenberg and Marquardt).
+/// The fit of one press to a frame.
 struct SingleFit<'a> {
     bounds: &'a Bounds,
     precision: Precision,
@@ -112,64 +116,70 @@ struct SingleFit<'a> {
 struct Candidate {
     press: Press,
     misfit: f64,
-    residual: Whitened,
+    residuals: Vec<f64>,
 }
 
 impl SingleFit<'_> {
-    /// The smallest misfit from a start; `None` if the skin does not bear the start.
-    fn least_misfit(&self, start: Press) -> Option<f64> {
-        let (mut best, mut damping) = (self.candidate(start)?, 1e-3);
-        for _ in 0..STEPS {
-            let before = best.misfit;
-            // A place at the edge has no derivatives.
-            let Ok((information, slope)) = self.normal_equations(&best) else { break };
-            while damping < MOST_DAMPING {
-                match self.stepped(&best.press, &information, &slope, damping).filter(|next| next.misfit < best.misfit)
-                {
-                    Some(next) => {
-                        (best, damping) = (next, damping * 0.1);
-                        break;
-                    }
-                    None => damping *= 10.0,
-                }
-            }
-            if best.misfit > (1.0 - LEAST_DECREASE) * before || best.misfit < self.enough {
-                break;
-            }
-        }
-        Some(best.misfit)
+    /// The smallest misfit from a start; infinite if the skin does not bear the start.
+    fn least_misfit(&self, start: Press) -> f64 {
+        let Some(start) = self.candidate(start) else { return f64::INFINITY };
+        let Ok(found) = minimise(self, start, &STEPS);
+        found.point.misfit
     }
 
     /// The misfit of a press; `None` if the skin does not bear it.
     fn candidate(&self, press: Press) -> Option<Candidate> {
         let frame = self.bounds.clean(&[press]).ok()?;
-        let residual = self.precision.whiten(difference(&self.target, &frame));
-        let misfit = self.precision.inner(&residual, &residual) + (self.log_radius(&press) / LOG_RADIUS_SD).powi(2);
-        Some(Candidate { press, misfit, residual })
+        let residuals = self.precision.whiten(difference(&self.target, &frame));
+        let misfit = dot(&residuals, &residuals) + (self.log_radius(&press) / LOG_RADIUS_SD).powi(2);
+        Some(Candidate { press, misfit, residuals })
     }
 
     fn log_radius(&self, press: &Press) -> f64 {
         (press.tip_radius_m / self.bounds.options.tip_radius_m).ln()
     }
+}
 
-    fn normal_equations(&self, at: &Candidate) -> crate::Result<(Matrix, [f64; PARAMETERS])> {
-        let normal = self.bounds.surface().normal(at.press.centre_m).ok_or(TwinError::NoChart)?;
-        let columns = self.bounds.derivatives(&self.precision, &at.press, normal)?;
-        let mut slope = columns.each_ref().map(|column| self.precision.inner(column, &at.residual));
-        slope[LOG_RADIUS] -= self.log_radius(&at.press) / LOG_RADIUS_SD.powi(2);
-        Ok((self.precision.information(&columns), slope))
+impl LeastSquares for SingleFit<'_> {
+    type Point = Candidate;
+    /// `None` at an edge, where a place has no derivatives.
+    type Equations = Option<Normal>;
+    type Error = Infallible;
+
+    fn cost(&self, point: &Candidate) -> f64 {
+        point.misfit
     }
 
-    fn stepped(&self, from: &Press, information: &Matrix, slope: &[f64], damping: f64) -> Option<Candidate> {
-        let mut damped = information.clone();
-        (0..PARAMETERS).for_each(|i| *damped.at_mut(i, i) *= 1.0 + damping);
-        let mut step = [0.0; PARAMETERS];
-        invert_spd(&damped).ok()?.product_into(slope, &mut step);
+    fn equations(&self, at: &Candidate) -> Result<Option<Normal>, Infallible> {
+        let columns = self
+            .bounds
+            .surface()
+            .normal(at.press.centre_m)
+            .and_then(|normal| self.bounds.derivatives(&self.precision, &at.press, normal).ok());
+        Ok(columns.map(|columns| equations(&columns, &at.residuals, self.log_radius(&at.press))))
+    }
+
+    /// Without a solution the press stays where it is.
+    fn step(&self, equations: &Option<Normal>, damping: f64) -> Result<Vec<f64>, Infallible> {
+        let step = equations.as_ref().and_then(|normal| normal.step(damping).ok());
+        Ok(step.unwrap_or_else(|| vec![0.0; PARAMETERS]))
+    }
+
+    /// Force and tip radius change by at most a factor of e.
+    fn limit(&self, _: &Candidate, step: &mut [f64]) {
+        step[2..].iter_mut().for_each(|part| *part = part.clamp(-1.0, 1.0));
+    }
+
+    fn moved(&self, Candidate { press, .. }: &Candidate, step: &[f64]) -> Option<Candidate> {
         self.candidate(Press {
-            centre_m: self.bounds.surface().walk(from.centre_m, [step[0], step[1]]),
-            force_n: from.force_n * exp(step[2].clamp(-1.0, 1.0)),
-            tip_radius_m: from.tip_radius_m * exp(step[3].clamp(-1.0, 1.0)),
+            centre_m: self.bounds.surface().walk(press.centre_m, [step[0], step[1]]),
+            force_n: press.force_n * exp(step[2]),
+            tip_radius_m: press.tip_radius_m * exp(step[3]),
         })
+    }
+
+    fn is_enough(&self, point: &Candidate, _: usize) -> bool {
+        point.misfit < self.enough
     }
 }
 

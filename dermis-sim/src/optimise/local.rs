@@ -3,7 +3,7 @@
 use crate::elementary::exp;
 use dermis::geom::vector::{Point3, distance, dot, sub};
 use dermis::geom::{Point2, Surface};
-use dermis::linalg::{Matrix, invert_spd};
+use dermis::linalg::{Cholesky, Matrix};
 
 /// Real and imaginary parts of the powers 1 to 3 of the place: the field, its slope and its curvature. What a press
 /// answers to higher powers falls with the size of its contact over the distance of the electrodes.
@@ -52,11 +52,12 @@ impl Neighbourhood {
         let trace: f64 = (0..order).map(|i| normal.at(i, i)).sum();
         (0..order).for_each(|i| *normal.at_mut(i, i) += RIDGE * trace.max(f64::MIN_POSITIVE));
         let mut coefficients = Matrix::zeros(COMPONENTS, potentials.columns);
-        let Ok(inverse) = invert_spd(&normal) else { return coefficients };
+        let Ok(factor) = Cholesky::new(&normal) else { return coefficients };
         for (&node, (row, weight)) in near.iter().zip(&rows) {
-            for component in 0..COMPONENTS {
-                // The first power is the constant, which drives no current.
-                let factor = weight * (0..order).map(|j| inverse.at(component + 1, j) * row[j]).sum::<f64>();
+            let solved = factor.solve(row);
+            // The first power is the constant, which drives no current.
+            for (component, solved) in solved[1..].iter().enumerate() {
+                let factor = weight * solved;
                 let target = coefficients.row_mut(component);
                 target.iter_mut().zip(potentials.row(node)).for_each(|(sum, value)| *sum += factor * value);
             }

@@ -4,7 +4,7 @@ use super::information::{Readings, Rest, Square, position_sd_m};
 use super::layout::Layout;
 use super::touch::{PARAMETERS, UNKNOWNS};
 use super::{Objective, OptimiseError};
-use dermis::linalg::{Matrix, invert_spd};
+use dermis::linalg::{Cholesky, Matrix};
 use dermis::protocol::Channel;
 use rayon::prelude::*;
 
@@ -180,7 +180,7 @@ impl Pattern<'_> {
 fn gain(information: &Square) -> Option<Square> {
     let mut matrix = Matrix::zeros(PARAMETERS, PARAMETERS);
     matrix.values.copy_from_slice(information.as_flattened());
-    let inverse = invert_spd(&matrix).ok()?;
+    let inverse = Cholesky::new(&matrix).ok()?.inverse();
     let mut gain = [[0.0; PARAMETERS]; PARAMETERS];
     for (i, row) in gain.iter_mut().enumerate() {
         for (j, value) in row.iter_mut().enumerate() {

@@ -9,7 +9,7 @@ use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
 use dermis::geom::vector::{Point3, add, distance, scale};
 use dermis::geom::{Point2, Surface};
-use dermis::linalg::{Matrix, invert_spd};
+use dermis::linalg::{Cholesky, Matrix};
 
 /// Parameters of a press: two of its position, the logarithms of its force and of its tip radius, the phase of the patches
 /// along both directions.
@@ -114,8 +114,10 @@ impl Touches {
         let trace: f64 = (0..COMPONENTS).map(|i| normal_matrix.at(i, i)).sum();
         (0..COMPONENTS).for_each(|i| *normal_matrix.at_mut(i, i) += RIDGE * trace / COMPONENTS as f64);
         let mut matrix = [[[0.0; PARAMETERS]; COMPONENTS]; COMPONENTS];
-        let Ok(inverse) = invert_spd(&normal_matrix) else { return Ok(Response { around, matrix }) };
-        let solve = inverse.times(&fields);
+        let Ok(factor) = Cholesky::new(&normal_matrix) else { return Ok(Response { around, matrix }) };
+        // Rows of the transposed matrix are the columns of the fields.
+        let columns: Vec<Vec<f64>> = (0..transposed.rows).map(|row| factor.solve(transposed.row(row))).collect();
+        let solve = Matrix { rows: transposed.rows, columns: COMPONENTS, values: columns.concat() }.transposed();
         for (parameter, change) in self.changes(&around)?.iter().enumerate() {
             let own = weighted_differences(change, &probes, &weights);
             let found = solve.times(&own).times(&solve.transposed());

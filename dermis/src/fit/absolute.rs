@@ -1,5 +1,6 @@
 //! Differences from the untouched frame of the model, where no untouched frame was measured.
 
+use crate::estimate::scale::robust;
 use crate::fit::{FitError, factor};
 use crate::frame::{Frame, mean};
 use crate::protocol::Protocol;
@@ -41,27 +42,13 @@ pub fn model_differences(
     let measured = mean(&frames).ok_or(FitError::NoFrame)?;
     let used: Vec<usize> = (0..model.len()).filter(|channel| !left_out.contains(channel)).collect();
     factor(&measured, &model, &used)?;
-    let ratios = used.iter().filter(|&&channel| model[channel] != 0.0);
-    let scale = weighted_median(ratios.map(|&channel| (measured[channel] / model[channel], model[channel].abs())));
+    let scale = robust(&measured, &model, used.iter().copied());
     let difference = |frame: &Frame| {
         let mut difference = Frame(vec![0.0; model.len()]);
         used.iter().for_each(|&channel| difference[channel] = frame[channel] / scale - model[channel]);
         difference
     };
     Ok(ModelDifferences { frames: frames.iter().map(difference).collect(), scale })
-}
-
-/// The value at which half of the weight is reached.
-fn weighted_median(values: impl Iterator<Item = (f64, f64)>) -> f64 {
-    let mut values: Vec<(f64, f64)> = values.collect();
-    values.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let half = 0.5 * values.iter().map(|(_, weight)| weight).sum::<f64>();
-    let mut sum = 0.0;
-    let found = values.iter().find(|(_, weight)| {
-        sum += weight;
-        sum >= half
-    });
-    found.map_or(f64::NAN, |(value, _)| *value)
 }
 
 #[cfg(test)]

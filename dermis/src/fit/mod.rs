@@ -31,14 +31,16 @@
 
 mod absolute;
 mod model;
-mod noise;
 mod solve;
 #[cfg(test)]
 mod tests;
+mod variance;
 
 pub use absolute::{ModelDifferences, model_differences};
 
 use crate::design::SkinDesign;
+use crate::estimate::noise::ChannelNoise;
+use crate::estimate::scale::{Scale, least_squares};
 use crate::frame::Frame;
 use crate::mesh::Mesh;
 use crate::protocol::Protocol;
@@ -190,7 +192,7 @@ pub struct Misfit {
     pub rms_ohm: f64,
     /// Root mean square of the mean frame minus the model's, ohm.
     pub misfit_ohm: f64,
-    /// Root mean square of the standard deviation of the mean, from the scatter of the frames, ohm; 0 for one frame.
+    /// Root mean square of the standard deviation of one frame ([`ChannelNoise`]), ohm.
     pub noise_ohm: f64,
     /// Standard deviation of a channel's model, ohm.
     pub model_sd_ohm: f64,
@@ -232,7 +234,8 @@ pub struct Fit {
 pub fn fit(design: &SkinDesign, mesh: &Mesh, frames: &[Frame], options: &FitOptions) -> crate::Result<Fit> {
     check(&design.protocol, frames, &options.left_out)?;
     let model = Model::new(design, mesh, options.contacts)?;
-    let data = Data::new(&design.protocol, frames, &options.left_out);
+    let noise = ChannelNoise::of(frames, &design.protocol).ok_or(FitError::NoFrame)?;
+    let data = Data::new(&design.protocol, frames, &noise, &options.left_out);
     if data.channels.len() < model.unknowns() {
         return Err(FitError::TooFewChannels { channels: data.channels.len(), unknowns: model.unknowns() }.into());
     }
@@ -264,11 +267,9 @@ fn quantities(model: &Model<'_>, estimate: &Estimate, determinations: &[Determin
 /// # Errors
 /// Values that are unlike the model.
 fn factor(measured: &[f64], model: &[f64], channels: &[usize]) -> Result<f64, FitError> {
-    let sum = |a: &[f64], b: &[f64]| channels.iter().map(|&channel| a[channel] * b[channel]).sum::<f64>();
-    let (both, squares) = (sum(measured, model), sum(model, model));
-    // 0 where all values are zero.
-    let correlation = both / (sum(measured, measured) * squares).sqrt().max(f64::MIN_POSITIVE);
-    if correlation < LEAST_CORRELATION { Err(FitError::Unlike { correlation }) } else { Ok(both / squares) }
+    let used = |values: &[f64]| channels.iter().map(|&channel| values[channel]).collect::<Vec<f64>>();
+    let Scale { factor, correlation } = least_squares(&used(measured), &used(model));
+    if correlation < LEAST_CORRELATION { Err(FitError::Unlike { correlation }) } else { Ok(factor) }
 }
 
 /// Refuses frames that do not fit the protocol.

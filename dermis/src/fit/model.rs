@@ -19,12 +19,6 @@ pub(super) struct Model<'a> {
     electrodes: Vec<usize>,
 }
 
-/// The untouched frame at some unknowns, and its derivative, channels x unknowns.
-pub(super) struct Linear {
-    pub frame: Vec<f64>,
-    pub jacobian: Matrix,
-}
-
 impl<'a> Model<'a> {
     pub(super) fn new(design: &'a SkinDesign, mesh: &Mesh, contacts: Contacts) -> crate::Result<Self> {
         let has_contact = |&electrode: &usize| design.electrodes[electrode].shape != ElectrodeShape::Point;
@@ -111,14 +105,14 @@ impl<'a> Model<'a> {
         Ok(frame)
     }
 
-    /// The untouched frame at some unknowns, with its derivative.
+    /// The derivative of the untouched frame at some unknowns, channels x unknowns.
     ///
     /// A frame is homogeneous of degree one in the resistances of the sheet and the contacts together, so by Euler's
     /// theorem its derivative by the logarithm of the former is the frame less its derivatives by those of the latter.
-    pub(super) fn linear(&self, unknowns: &[f64]) -> crate::Result<Linear> {
+    pub(super) fn derivatives(&self, unknowns: &[f64]) -> crate::Result<Matrix> {
         let design = self.design_at(unknowns);
         let model = self.family.model(&design)?;
-        let mut frame = model.solve(model.rest_conductivity())?.0;
+        let frame = model.solve(model.rest_conductivity())?.0;
         let contacts = self.family.contact_jacobian(&model)?;
         let series_ohm = self.series_derivatives(&design, &model)?;
         let mut jacobian = Matrix::zeros(frame.len(), self.unknowns());
@@ -137,9 +131,9 @@ impl<'a> Model<'a> {
             }
         }
         if design.protocol.amplitude_only() {
-            drop_signs(&mut frame, &mut jacobian);
+            drop_signs(&frame, &mut jacobian);
         }
-        Ok(Linear { frame, jacobian })
+        Ok(jacobian)
     }
 
     /// The derivative of each series resistance by the logarithm of the contact impedances, ohm.
@@ -155,10 +149,9 @@ impl<'a> Model<'a> {
     }
 }
 
-/// The amplitudes of a frame: `d|V| = sign(V) dV`.
-fn drop_signs(frame: &mut [f64], jacobian: &mut Matrix) {
-    for (channel, value) in frame.iter_mut().enumerate().filter(|(_, value)| **value < 0.0) {
-        *value = -*value;
+/// The derivatives of the amplitudes of a frame: `d|V| = sign(V) dV`.
+fn drop_signs(frame: &[f64], jacobian: &mut Matrix) {
+    for (channel, _) in frame.iter().enumerate().filter(|(_, value)| **value < 0.0) {
         jacobian.row_mut(channel).iter_mut().for_each(|entry| *entry = -*entry);
     }
 }

@@ -1,23 +1,21 @@
 //! Gauss-Newton steps with the variances of the channels estimated between them.
 
-use crate::fit::model::{Linear, Model};
-use crate::fit::noise::{least_variance, model_variance, variances_of_mean};
+use crate::estimate::least_squares::{Control, LeastSquares, Normal, Steps, minimise};
+use crate::estimate::noise::{ChannelNoise, NoiseSource};
+use crate::fit::model::Model;
+use crate::fit::variance::{least_variance, model_variance};
 use crate::fit::{Contacts, Determination, FitError, Misfit, Offset, PRIOR_SD, factor};
 use crate::frame::{Frame, mean};
-use crate::linalg::{Matrix, invert_spd};
+use crate::linalg::Matrix;
 use crate::protocol::Protocol;
 use crate::stats::rms;
 
-/// Steps at given variances, halvings of a step, and estimates of the variances; the equations are nearly linear in the
-/// logarithms, and few of each are used.
-const MOST_STEPS: usize = 25;
-const MOST_HALVINGS: usize = 10;
-const MOST_VARIANCES: usize = 12;
+/// Steps at given variances; the equations are nearly linear in the logarithms, and few are used.
+const STEPS: Steps = Steps { most: 25, control: Control::Halving(10), shortest: 1e-8, least_decrease: 0.0 };
 /// Longest step of a logarithm.
 const LONGEST_STEP: f64 = 2.0;
-/// A step that is shorter ends the iteration.
-const SHORTEST_STEP: f64 = 1e-8;
-/// Relative change of the variances that ends their estimation.
+/// Maximum number of estimates of the variances, and the relative change that ends them.
+const MOST_VARIANCES: usize = 12;
 const VARIANCE_CHANGE: f64 = 0.01;
 /// Fewer channels give no scale of their own.
 const LEAST_GROUP: usize = 3;
@@ -27,6 +25,8 @@ pub(super) struct Data {
     /// The channels in use.
     pub channels: Vec<usize>,
     values: Vec<f64>,
+    /// Standard deviation of each channel of one frame.
+    frame_sd_ohm: Vec<f64>,
     /// Variance of the mean from the scatter of the frames.
     noise: Vec<f64>,
     /// The channels in use that read no voltage at a driven electrode, and those that do.
@@ -53,7 +53,7 @@ struct Search {
 }
 
 impl Data {
-    pub(super) fn new(protocol: &Protocol, frames: &[Frame], left_out: &[usize]) -> Self {
+    pub(super) fn new(protocol: &Protocol, frames: &[Frame], noise: &ChannelNoise, left_out: &[usize]) -> Self {
         let amplitudes = |frame: &Frame| {
             let mut frame = frame.clone();
             protocol.drop_signs(&mut frame);
@@ -61,14 +61,17 @@ impl Data {
         };
         let frames: Vec<Frame> = frames.iter().map(amplitudes).collect();
         let values = mean(&frames).expect("a frame").0;
-        let mut used = vec![true; values.len()];
-        left_out.iter().for_each(|&channel| used[channel] = false);
-        let channels: Vec<usize> = (0..values.len()).filter(|&channel| used[channel]).collect();
-        let (driven, others) = channels.iter().partition(|&&channel| protocol.channels()[channel].touches_driven());
-        let groups: [Vec<usize>; 2] = [others, driven];
-        let noise = variances_of_mean(&frames, &values, &groups);
+        let used = |channel: &usize| !left_out.contains(channel);
+        let channels: Vec<usize> = (0..values.len()).filter(used).collect();
+        let groups = protocol.channels_by_drive().map(|group| group.into_iter().filter(used).collect::<Vec<usize>>());
+        let frame_sd_ohm = noise.sd_ohm().to_vec();
+        // Of frames without scatter, the variance of the model contains that of the noise.
+        let noise = match noise.source() {
+            NoiseSource::Scatter => noise.sd_of_mean_ohm().into_iter().map(|sd| sd * sd).collect(),
+            NoiseSource::Reciprocity | NoiseSource::Assumed => vec![0.0; values.len()],
+        };
         let least = [0, 1].map(|group: usize| least_variance(groups[group].iter().map(|&channel| values[channel])));
-        Data { channels, values, noise, groups, least }
+        Data { channels, values, frame_sd_ohm, noise, groups, least }
     }
 
     /// The mean of the frames minus a frame of the model; 0 in channels that are left out.
@@ -123,7 +126,7 @@ impl Data {
             channels: channels.len(),
             rms_ohm: of(&self.values),
             misfit_ohm: of(&estimate.residuals),
-            noise_ohm: rms(channels.iter().map(|&channel| self.noise[channel].sqrt())),
+            noise_ohm: rms(channels.iter().map(|&channel| self.frame_sd_ohm[channel])),
             model_sd_ohm: estimate.model_variances[group].sqrt(),
         })
     }
@@ -160,7 +163,8 @@ pub(super) fn determined(model: &Model<'_>, data: &Data) -> crate::Result<(Estim
     let mut at_design = estimate.unknowns.clone();
     vague.iter().for_each(|&one| at_design[one] = search.centres[one]);
     let weights = data.weights(estimate.model_variances);
-    let there = search.information(&model.linear(&at_design)?, &weights)?.sd(search.centres.len(), &search.free);
+    let information = search.information(&model.derivatives(&at_design)?, data, &weights)?;
+    let there = information.sd(search.centres.len(), &search.free);
     for &one in &vague {
         let limit = there[one] <= limits[one];
         determinations[one] = if limit { Determination::Limit } else { Determination::Kept };
@@ -185,7 +189,7 @@ fn start(model: &Model<'_>, data: &Data) -> crate::Result<Vec<f64>> {
     Ok(start)
 }
 
-/// The equations of a step, of the free unknowns.
+/// The information of the data about the free unknowns.
 struct Information {
     /// Of each group, without the prior.
     parts: [Matrix; 2],
@@ -214,16 +218,15 @@ impl Search {
     }
 
     fn run(&self, model: &Model<'_>, data: &Data, start: &[f64]) -> crate::Result<Estimate> {
-        let mut unknowns = start.to_vec();
         let counts = [data.groups[0].len() as f64, data.groups[1].len() as f64];
-        let mut linear = model.linear(&unknowns)?;
-        let mut variances = data.model_variances(&data.residuals(&linear.frame), counts);
+        let mut point = Point::new(model, data, start.to_vec())?;
+        let mut variances = data.model_variances(&point.residuals, counts);
         for _ in 0..MOST_VARIANCES {
             let weights = data.weights(variances);
-            linear = self.converge(model, data, &weights, &mut unknowns, linear)?;
-            let information = self.information_by_group(&linear, data, &weights)?;
+            point = minimise(&Weighted { search: self, model, data, weights: &weights }, point, &STEPS)?.point;
+            let information = self.information(&model.derivatives(&point.unknowns)?, data, &weights)?;
             let freedom = [0, 1].map(|group: usize| information.freedom(group, data.groups[group].len()));
-            let next = data.model_variances(&data.residuals(&linear.frame), freedom);
+            let next = data.model_variances(&point.residuals, freedom);
             let settled = |group: usize| {
                 let scale = next[group].max(variances[group]).max(data.least[group]);
                 (next[group] - variances[group]).abs() <= VARIANCE_CHANGE * scale
@@ -234,96 +237,96 @@ impl Search {
                 break;
             }
         }
-        let weights = data.weights(variances);
-        let sd = self.information(&linear, &weights)?.sd(unknowns.len(), &self.free);
-        Ok(Estimate { residuals: data.residuals(&linear.frame), unknowns, sd, model_variances: variances })
+        let Point { unknowns, residuals } = point;
+        let information = self.information(&model.derivatives(&unknowns)?, data, &data.weights(variances))?;
+        let sd = information.sd(unknowns.len(), &self.free);
+        Ok(Estimate { residuals, unknowns, sd, model_variances: variances })
     }
 
-    /// Gauss-Newton steps at given weights; the model at the last unknowns.
-    fn converge(
-        &self,
-        model: &Model<'_>,
-        data: &Data,
-        weights: &[f64],
-        unknowns: &mut Vec<f64>,
-        mut linear: Linear,
-    ) -> crate::Result<Linear> {
-        for _ in 0..MOST_STEPS {
-            let step = self.step(&linear, data, weights, unknowns)?;
-            let longest = step.iter().map(|change| change.abs()).fold(0.0, f64::max);
-            if longest < SHORTEST_STEP {
-                break;
-            }
-            let before = self.objective(&data.residuals(&linear.frame), weights, unknowns);
-            let mut share = (LONGEST_STEP / longest).min(1.0);
-            let mut better = None;
-            for _ in 0..MOST_HALVINGS {
-                let there: Vec<f64> = unknowns.iter().zip(&step).map(|(one, change)| one + share * change).collect();
-                let residuals = data.residuals(&model.frame(&there)?);
-                if self.objective(&residuals, weights, &there) < before {
-                    better = Some(there);
-                    break;
-                }
-                share *= 0.5;
-            }
-            let Some(there) = better else { break };
-            *unknowns = there;
-            linear = model.linear(unknowns)?;
-        }
-        Ok(linear)
+    fn information(&self, derivatives: &Matrix, data: &Data, weights: &[f64]) -> crate::Result<Information> {
+        let of_group = |channels: &Vec<usize>| self.normal(derivatives, weights, channels, &[]);
+        let [others, driven] = data.groups.each_ref().map(of_group);
+        let mut all = others.clone();
+        all.matrix.values.iter_mut().zip(&driven.matrix.values).for_each(|(value, other)| *value += other);
+        self.free.iter().enumerate().for_each(|(index, &one)| all.add_prior(index, self.prior(one), 0.0));
+        let covariance = all.factor().map_err(|_| FitError::Singular)?.inverse();
+        Ok(Information { parts: [others.matrix, driven.matrix], covariance })
     }
 
-    /// Weighted squares of the residuals, and of the distances from the priors' centres.
-    fn objective(&self, residuals: &[f64], weights: &[f64], unknowns: &[f64]) -> f64 {
-        let misfit: f64 = residuals.iter().zip(weights).map(|(residual, weight)| weight * residual * residual).sum();
-        let prior = |&one: &usize| self.prior(one) * (unknowns[one] - self.centres[one]).powi(2);
-        misfit + self.free.iter().map(prior).sum::<f64>()
-    }
-
-    /// The Gauss-Newton step; 0 for unknowns that are not free.
-    fn step(&self, linear: &Linear, data: &Data, weights: &[f64], unknowns: &[f64]) -> crate::Result<Vec<f64>> {
-        let information = self.information(linear, weights)?;
-        let residuals = data.residuals(&linear.frame);
-        let gradient = |&one: &usize| {
-            let terms = residuals.iter().zip(weights).enumerate();
-            let data: f64 = terms.map(|(channel, (r, w))| w * r * linear.jacobian.at(channel, one)).sum();
-            data - self.prior(one) * (unknowns[one] - self.centres[one])
+    /// The equations of a step of the free unknowns from some channels, without the prior; without residuals those of the
+    /// information.
+    fn normal(&self, derivatives: &Matrix, weights: &[f64], channels: &[usize], residuals: &[f64]) -> Normal {
+        let used: Vec<usize> = channels.iter().copied().filter(|&channel| weights[channel] > 0.0).collect();
+        let weighted = |value: &dyn Fn(usize) -> f64| -> Vec<f64> {
+            used.iter().map(|&channel| weights[channel].sqrt() * value(channel)).collect()
         };
-        let gradient: Vec<f64> = self.free.iter().map(gradient).collect();
-        let mut short = vec![0.0; self.free.len()];
-        information.covariance.product_into(&gradient, &mut short);
-        let mut step = vec![0.0; unknowns.len()];
-        self.free.iter().zip(short).for_each(|(&one, change)| step[one] = change);
-        Ok(step)
+        let columns: Vec<Vec<f64>> =
+            self.free.iter().map(|&one| weighted(&|channel| derivatives.at(channel, one))).collect();
+        let residual = |channel: usize| residuals.get(channel).copied().unwrap_or(0.0);
+        Normal::new(&columns.iter().map(Vec::as_slice).collect::<Vec<&[f64]>>(), &weighted(&residual))
+    }
+}
+
+/// Some unknowns, and what they leave of the mean of the frames.
+struct Point {
+    unknowns: Vec<f64>,
+    residuals: Vec<f64>,
+}
+
+impl Point {
+    fn new(model: &Model<'_>, data: &Data, unknowns: Vec<f64>) -> crate::Result<Self> {
+        let residuals = data.residuals(&model.frame(&unknowns)?);
+        Ok(Point { unknowns, residuals })
+    }
+}
+
+/// The search at given weights of the channels.
+struct Weighted<'a> {
+    search: &'a Search,
+    model: &'a Model<'a>,
+    data: &'a Data,
+    weights: &'a [f64],
+}
+
+impl Weighted<'_> {
+    fn from_prior(&self, point: &Point, unknown: usize) -> f64 {
+        point.unknowns[unknown] - self.search.centres[unknown]
+    }
+}
+
+impl LeastSquares for Weighted<'_> {
+    type Point = Point;
+    type Equations = Normal;
+    type Error = crate::Error;
+
+    fn cost(&self, point: &Point) -> f64 {
+        let squares = point.residuals.iter().zip(self.weights).map(|(residual, weight)| weight * residual * residual);
+        let prior = |&one: &usize| self.search.prior(one) * self.from_prior(point, one).powi(2);
+        squares.sum::<f64>() + self.search.free.iter().map(prior).sum::<f64>()
     }
 
-    /// The information of all channels as one group.
-    fn information(&self, linear: &Linear, weights: &[f64]) -> crate::Result<Information> {
-        let all: Vec<usize> = (0..weights.len()).collect();
-        self.gather(linear, weights, [&all, &[]])
-    }
-
-    fn information_by_group(&self, linear: &Linear, data: &Data, weights: &[f64]) -> crate::Result<Information> {
-        self.gather(linear, weights, [&data.groups[0], &data.groups[1]])
-    }
-
-    fn gather(&self, linear: &Linear, weights: &[f64], groups: [&[usize]; 2]) -> crate::Result<Information> {
-        let count = self.free.len();
-        let mut parts = [Matrix::zeros(count, count), Matrix::zeros(count, count)];
-        for (part, channels) in parts.iter_mut().zip(groups) {
-            for &channel in channels.iter().filter(|&&channel| weights[channel] > 0.0) {
-                let row = linear.jacobian.row(channel);
-                for (i, &one) in self.free.iter().enumerate() {
-                    let factor = weights[channel] * row[one];
-                    let target = part.row_mut(i).iter_mut().zip(&self.free);
-                    target.for_each(|(value, &other)| *value += factor * row[other]);
-                }
-            }
+    fn equations(&self, point: &Point) -> crate::Result<Normal> {
+        let derivatives = self.model.derivatives(&point.unknowns)?;
+        let mut normal = self.search.normal(&derivatives, self.weights, &self.data.channels, &point.residuals);
+        for (index, &one) in self.search.free.iter().enumerate() {
+            normal.add_prior(index, self.search.prior(one), self.from_prior(point, one));
         }
-        let mut sum = parts[0].clone();
-        sum.values.iter_mut().zip(&parts[1].values).for_each(|(value, other)| *value += other);
-        (0..count).for_each(|i| *sum.at_mut(i, i) += self.prior(self.free[i]));
-        let covariance = invert_spd(&sum).map_err(|_| FitError::Singular)?;
-        Ok(Information { parts, covariance })
+        Ok(normal)
+    }
+
+    fn step(&self, equations: &Normal, damping: f64) -> crate::Result<Vec<f64>> {
+        Ok(equations.step(damping).map_err(|_| FitError::Singular)?)
+    }
+
+    fn limit(&self, _: &Point, step: &mut [f64]) {
+        let longest = step.iter().map(|change| change.abs()).fold(0.0, f64::max);
+        let share = (LONGEST_STEP / longest).min(1.0);
+        step.iter_mut().for_each(|change| *change *= share);
+    }
+
+    fn moved(&self, from: &Point, step: &[f64]) -> Option<Point> {
+        let mut unknowns = from.unknowns.clone();
+        self.search.free.iter().zip(step).for_each(|(&one, change)| unknowns[one] += change);
+        Point::new(self.model, self.data, unknowns).ok()
     }
 }

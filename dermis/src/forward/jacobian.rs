@@ -38,7 +38,14 @@ impl ForwardModel {
 
     /// The derivative with respect to the conductivity of regions, each a list of cells with the fraction of each that
     /// changes.
-    fn derivative_by(&self, parts: &[Vec<(usize, f64)>], conductivity: &[f64]) -> Result<Matrix, ForwardError> {
+    ///
+    /// # Errors
+    /// As [`solve`](Self::solve).
+    pub(crate) fn derivative_by(
+        &self,
+        parts: &[Vec<(usize, f64)>],
+        conductivity: &[f64],
+    ) -> Result<Matrix, ForwardError> {
         let fields = Fields::new(self.mesh(), &self.potentials(conductivity)?);
         let mut jacobian = Matrix::zeros(self.protocol().channel_count(), parts.len());
         let jacobian_values = &mut jacobian;

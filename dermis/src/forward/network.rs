@@ -2,7 +2,7 @@
 
 use super::ForwardError;
 use crate::frame::Frame;
-use crate::linalg::{Matrix, invert_spd};
+use crate::linalg::{Cholesky, Matrix};
 use crate::protocol::Protocol;
 
 /// The skin as a network between its electrodes: `I = Y U` and `U = S I`.
@@ -138,8 +138,9 @@ fn pseudo_inverse(matrix: &Matrix) -> Result<Matrix, ForwardError> {
     let scale = trace / count as f64;
     let mut shifted = matrix.clone();
     shifted.values.iter_mut().for_each(|value| *value += scale / count as f64);
-    let mut inverse = invert_spd(&shifted)
+    let factor = Cholesky::new(&shifted)
         .map_err(|error| ForwardError::Singular { place: format!("electrode {}", error.unknown) })?;
+    let mut inverse = factor.inverse();
     inverse.values.iter_mut().for_each(|value| *value -= 1.0 / (scale * count as f64));
     Ok(inverse)
 }

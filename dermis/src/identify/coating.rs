@@ -2,7 +2,7 @@
 
 use crate::geom::Point3;
 use crate::geom::vector::distance;
-use crate::linalg::{Matrix, NotPositiveDefinite, cholesky_in_place};
+use crate::linalg::{Cholesky, Matrix, NotPositiveDefinite};
 use crate::mesh::Mesh;
 
 /// Spacing of the field's points over its correlation length. The covariance between points half a length apart is
@@ -29,20 +29,18 @@ pub(super) fn basis(mesh: &Mesh, length_m: f64) -> Result<Matrix, NotPositiveDef
     }
     let kernel = |a: Point3, b: Point3| (-0.5 * (distance(a, b) / length_m).powi(2)).exp();
     let count = points.len();
-    let mut factor = Matrix::zeros(count, count);
+    let mut covariance = Matrix::zeros(count, count);
     for (i, &a) in points.iter().enumerate() {
         for (j, &b) in points.iter().enumerate() {
-            *factor.at_mut(i, j) = kernel(a, b) + if i == j { JITTER } else { 0.0 };
+            *covariance.at_mut(i, j) = kernel(a, b) + if i == j { JITTER } else { 0.0 };
         }
     }
-    cholesky_in_place(&mut factor)?;
+    let factor = Cholesky::new(&covariance)?;
     let mut basis = Matrix::zeros(centres.len(), count);
     for (row, &centre) in basis.values.chunks_exact_mut(count).zip(&centres) {
-        // Forward substitution: row L' = k.
-        for i in 0..count {
-            let known: f64 = factor.row(i)[..i].iter().zip(&row[..i]).map(|(l, x)| l * x).sum();
-            row[i] = (kernel(centre, points[i]) - known) / factor.at(i, i);
-        }
+        // Row L' = k.
+        row.iter_mut().zip(&points).for_each(|(value, &point)| *value = kernel(centre, point));
+        factor.forward_substitute(row);
     }
     Ok(basis)
 }

@@ -37,10 +37,11 @@ mod placement;
 mod tests;
 
 use crate::design::{Body, SkinDesign};
+use crate::estimate::least_squares::{Control, LeastSquares, Normal, Steps, minimise};
 use crate::forward::{ForwardError, ForwardModel};
 use crate::frame::{Frame, quantities};
 use crate::geom::{Point3, Surface};
-use crate::linalg::{Matrix, invert_spd};
+use crate::linalg::Matrix;
 use crate::mesh::Refined;
 use crate::stats::rms;
 use placement::{Displacement, displacements};
@@ -109,13 +110,9 @@ pub enum IdentifyError {
     Singular,
 }
 
-/// Most Gauss-Newton steps. The frame is nearly linear in the logarithms: after the second step what is left of the step is
-/// below a hundredth of the noise on most skins with 20 % of unevenness.
-const STEPS: usize = 12;
-/// A step that lowers the sum of squares by less than this share is the last one.
-const LEAST_DECREASE: f64 = 1e-3;
-/// A step that does not lower it is halved, at most this many times.
-const HALVINGS: i32 = 6;
+/// The frame is nearly linear in the logarithms: after the second step what is left of the step is below a hundredth of the
+/// noise on most skins with 20 % of unevenness.
+const STEPS: Steps = Steps { most: 12, control: Control::Halving(6), shortest: 0.0, least_decrease: 1e-3 };
 /// Longest displacement, in standard deviations of its prior, so that cells stay valid.
 const MOST_SD: f64 = 5.0;
 
@@ -203,41 +200,11 @@ impl Identifier {
     /// # Errors
     /// Lists of the wrong length, no usable channel, a forward problem without a solution.
     pub fn identify(&self, untouched: &Frame, sd_ohm: &[f64]) -> crate::Result<Identified> {
-        let data = self.data(untouched, sd_ohm)?;
-        let mut best = self.candidate(&data, vec![0.0; self.unknown_count()])?;
-        for _ in 0..STEPS {
-            let jacobian = self.jacobian(&best.model, &data)?;
-            let target = step(&jacobian, &best.residuals, &best.x)?;
-            let Some(next) = self.towards(&data, &best, &target) else { break };
-            let is_last = next.squares > (1.0 - LEAST_DECREASE) * best.squares;
-            best = next;
-            if is_last {
-                break;
-            }
-        }
-        let Candidate { x, model, residuals, squares } = best;
+        let search = Search { identifier: self, data: self.data(untouched, sd_ohm)? };
+        let start = search.candidate(vec![0.0; self.unknown_count()])?;
+        let Candidate { x, model, residuals, squares } = minimise(&search, start, &STEPS)?.point;
         let displacements_m = self.displacements_m(&x);
         Ok(Identified { model, displacements_m, misfit: (squares / residuals.len() as f64).sqrt() })
-    }
-
-    /// The first better candidate on the way to a target: at all of the way, half of it, and so on; `None` if there is none.
-    fn towards(&self, data: &Data, from: &Candidate, target: &[f64]) -> Option<Candidate> {
-        (0..=HALVINGS).find_map(|halvings| {
-            let part = 0.5f64.powi(halvings);
-            let x = from.x.iter().zip(target).map(|(from, to)| from + part * (to - from)).collect();
-            // A long step may lead to a skin that cannot be solved.
-            self.candidate(data, x).ok().filter(|next| next.squares < from.squares)
-        })
-    }
-
-    /// The skin of some unknowns, in standard deviations of their priors, with displacements that keep cells valid.
-    fn candidate(&self, data: &Data, mut x: Vec<f64>) -> Result<Candidate, ForwardError> {
-        let first = x.len() - self.displacements.len();
-        x[first..].iter_mut().for_each(|value| *value = value.clamp(-MOST_SD, MOST_SD));
-        let model = self.model_at(&self.unknowns(&x))?;
-        let residuals = data.residuals(&model.solve(model.rest_conductivity())?);
-        let squares = residuals.iter().chain(&x).map(|value| value * value).sum();
-        Ok(Candidate { x, model, residuals, squares })
     }
 
     /// The unknowns from their values in standard deviations of the prior.
@@ -332,6 +299,53 @@ impl Identifier {
     }
 }
 
+/// The search of the skin that explains some data.
+struct Search<'a> {
+    identifier: &'a Identifier,
+    data: Data,
+}
+
+impl Search<'_> {
+    /// The skin of some unknowns, in standard deviations of their priors.
+    fn candidate(&self, x: Vec<f64>) -> Result<Candidate, ForwardError> {
+        let model = self.identifier.model_at(&self.identifier.unknowns(&x))?;
+        let residuals = self.data.residuals(&model.solve(model.rest_conductivity())?);
+        let squares = residuals.iter().chain(&x).map(|value| value * value).sum();
+        Ok(Candidate { x, model, residuals, squares })
+    }
+}
+
+impl LeastSquares for Search<'_> {
+    type Point = Candidate;
+    type Equations = Normal;
+    type Error = crate::Error;
+
+    fn cost(&self, point: &Candidate) -> f64 {
+        point.squares
+    }
+
+    fn equations(&self, point: &Candidate) -> crate::Result<Normal> {
+        let derivatives = self.identifier.jacobian(&point.model, &self.data)?;
+        Ok(Normal::of(&derivatives, &point.residuals).with_unit_priors(&point.x))
+    }
+
+    fn step(&self, equations: &Normal, damping: f64) -> crate::Result<Vec<f64>> {
+        Ok(equations.step(damping).map_err(|_| IdentifyError::Singular)?)
+    }
+
+    /// Displacements keep cells valid.
+    fn limit(&self, from: &Candidate, step: &mut [f64]) {
+        let first = step.len() - self.identifier.displacements.len();
+        for (part, from) in step.iter_mut().zip(&from.x).skip(first) {
+            *part = (from + *part).clamp(-MOST_SD, MOST_SD) - from;
+        }
+    }
+
+    fn moved(&self, from: &Candidate, step: &[f64]) -> Option<Candidate> {
+        self.candidate(from.x.iter().zip(step).map(|(from, by)| from + by).collect()).ok()
+    }
+}
+
 /// A skin that may be the measured one.
 struct Candidate {
     /// The unknowns, in standard deviations of their priors.
@@ -405,30 +419,6 @@ impl Identifier {
         let values: Vec<Value> = groups.map(value).filter(|value| value.sd > 0.0).collect();
         if values.is_empty() { Err(IdentifyError::NoChannel) } else { Ok(Data { values }) }
     }
-}
-
-/// One Gauss-Newton step: `(A'A + I) x = A' (r + A x0)`.
-fn step(jacobian: &Matrix, residuals: &[f64], x: &[f64]) -> Result<Vec<f64>, IdentifyError> {
-    let count = jacobian.columns;
-    let mut target = vec![0.0; jacobian.rows];
-    jacobian.product_into(x, &mut target);
-    target.iter_mut().zip(residuals).for_each(|(sum, residual)| *sum += residual);
-    let mut normal = Matrix::zeros(count, count);
-    let mut right = vec![0.0; count];
-    for (row, target) in jacobian.values.chunks_exact(count).zip(&target) {
-        for (i, &a) in row.iter().enumerate() {
-            right[i] += a * target;
-            normal.row_mut(i)[..=i].iter_mut().zip(row).for_each(|(sum, b)| *sum += a * b);
-        }
-    }
-    for i in 0..count {
-        *normal.at_mut(i, i) += 1.0;
-        (0..i).for_each(|j| *normal.at_mut(j, i) = normal.at(i, j));
-    }
-    let inverse = invert_spd(&normal).map_err(|_| IdentifyError::Singular)?;
-    let mut solution = vec![0.0; count];
-    inverse.product_into(&right, &mut solution);
-    Ok(solution)
 }
 
 /// The untouched frame of a design on a finer mesh minus that of its model; zero on a body that is a mesh file. The cells

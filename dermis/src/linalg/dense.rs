@@ -107,7 +107,7 @@ pub(crate) fn eliminate_in_place(values: &mut [f64], order: usize, width: usize)
 ///
 /// # Panics
 /// If the matrix is not square.
-pub fn cholesky_in_place(matrix: &mut Matrix) -> Result<(), NotPositiveDefinite> {
+pub(super) fn factor_lower(matrix: &mut Matrix) -> Result<(), NotPositiveDefinite> {
     assert_eq!(matrix.rows, matrix.columns, "a square matrix");
     let order = matrix.rows;
     eliminate_lower(&mut matrix.values, order, order, |column, row| row * order + column)
@@ -145,36 +145,4 @@ impl WithSimd for EliminateDense<'_> {
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
         eliminate(simd, self.front, self.order, self.width)
     }
-}
-
-/// The inverse of a symmetric positive definite matrix, both triangles.
-///
-/// # Errors
-/// The index of a pivot that is not positive.
-///
-/// # Panics
-/// If the matrix is not square.
-pub fn invert_spd(matrix: &Matrix) -> Result<Matrix, NotPositiveDefinite> {
-    let order = matrix.rows;
-    let mut factor = matrix.clone();
-    cholesky_in_place(&mut factor)?;
-    // Rows of `inverse` are the solutions for the unit vectors; the matrix is symmetric, so rows are columns.
-    let mut inverse = Matrix::zeros(order, order);
-    for unit in 0..order {
-        let x = inverse.row_mut(unit);
-        x[unit] = 1.0;
-        for i in unit..order {
-            let row = factor.row(i);
-            let sum: f64 = (unit..i).map(|j| row[j] * x[j]).sum();
-            x[i] = (x[i] - sum) / row[i];
-        }
-        for i in (0..order).rev() {
-            x[i] /= factor.at(i, i);
-            let value = x[i];
-            for (j, x) in x[..i].iter_mut().enumerate() {
-                *x -= factor.at(i, j) * value;
-            }
-        }
-    }
-    Ok(inverse)
 }

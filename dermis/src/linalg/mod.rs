@@ -6,6 +6,7 @@
 
 mod assignment;
 mod batch;
+mod cholesky;
 mod dense;
 mod dissection;
 mod factor;
@@ -21,12 +22,13 @@ mod tile;
 pub use assignment::smallest_total;
 pub(crate) use batch::{AlignedVec, pseudo_inverses};
 pub use batch::{BadLanes, BatchFactor, BatchPlan, BatchWorkspace, Entries, LANES};
+pub use cholesky::Cholesky;
 pub(crate) use dense::eliminate_in_place;
-pub use dense::{cholesky_in_place, invert_spd};
 pub(crate) use factor::Workspace;
 pub use factor::{Factor, NotPositiveDefinite};
 pub use matrix::Matrix;
-pub(crate) use normal::{add_scaled, dot, gram, products, solve_scaled};
+pub use normal::dot;
+pub(crate) use normal::{add_scaled, gram, products};
 pub(crate) use pivoted::semidefinite_root;
 pub(crate) use schur_update::UpdateMemory;
 pub use simd_level::SimdLevel;

@@ -2,7 +2,6 @@
 //!
 //! Scalar products have eight sums each, so that they have the same bits on every instruction set.
 
-use super::dense::cholesky_in_place;
 use super::matrix::Matrix;
 use pulp::{Arch, Simd, WithSimd};
 
@@ -25,8 +24,8 @@ pub(crate) fn products(columns: &[&[f64]], values: &[f64]) -> Vec<f64> {
     products
 }
 
-/// The scalar product of two columns.
-pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+/// The scalar product of two lists of one length, in eight sums.
+pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut product = [0.0];
     Arch::new().dispatch(Products { columns: &[a], values: b, products: &mut product });
     product[0]
@@ -102,32 +101,6 @@ impl WithSimd for AddScaled<'_> {
     }
 }
 
-/// The solution of a symmetric positive definite system, scaled to a unit diagonal first: its unknowns may have different
-/// units. `None` where the matrix is not positive definite.
-pub(crate) fn solve_scaled(normal: &Matrix, right: &[f64]) -> Option<Vec<f64>> {
-    let count = normal.rows;
-    let scale: Vec<f64> = (0..count).map(|i| normal.at(i, i).sqrt().recip()).collect();
-    if scale.iter().any(|scale| !scale.is_finite()) {
-        return None;
-    }
-    let mut factor = normal.clone();
-    for i in 0..count {
-        (0..count).for_each(|j| *factor.at_mut(i, j) *= scale[i] * scale[j]);
-    }
-    cholesky_in_place(&mut factor).ok()?;
-    let mut x: Vec<f64> = right.iter().zip(&scale).map(|(value, scale)| value * scale).collect();
-    for i in 0..count {
-        let known: f64 = (0..i).map(|j| factor.at(i, j) * x[j]).sum();
-        x[i] = (x[i] - known) / factor.at(i, i);
-    }
-    for i in (0..count).rev() {
-        let known: f64 = (i + 1..count).map(|j| factor.at(j, i) * x[j]).sum();
-        x[i] = (x[i] - known) / factor.at(i, i);
-    }
-    x.iter_mut().zip(&scale).for_each(|(value, scale)| *value *= scale);
-    x.iter().all(|value| value.is_finite()).then_some(x)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -150,24 +123,5 @@ mod tests {
             }
             assert_eq!(gram(&own).rows, count);
         }
-    }
-
-    /// Columns of units that differ by 1e9.
-    #[test]
-    fn the_solution_satisfies_the_normal_equations() {
-        let mut all = columns(5, 40);
-        all[1].iter_mut().for_each(|value| *value *= 1e9);
-        let values = all.pop().unwrap();
-        let own: Vec<&[f64]> = all.iter().map(Vec::as_slice).collect();
-        let solution = solve_scaled(&gram(&own), &products(&own, &values)).unwrap();
-        let mut residuals = values.clone();
-        for (column, factor) in own.iter().zip(&solution) {
-            add_scaled(&mut residuals, -factor, column);
-        }
-        for column in &own {
-            assert!(dot(column, &residuals).abs() < 1e-9 * dot(column, column).sqrt());
-        }
-        let dependent = [own[0], own[0]];
-        assert!(solve_scaled(&gram(&dependent), &products(&dependent, &values)).is_none());
     }
 }

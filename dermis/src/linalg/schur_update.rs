@@ -216,7 +216,7 @@ fn shared(left: &Path, right: &Path) -> Vec<[usize; 3]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::linalg::cholesky_in_place;
+    use crate::linalg::Cholesky;
 
     /// The matrix of a square grid of resistors with grounded nodes, the last unknowns kept.
     fn grid(side: usize) -> (Vec<[usize; 2]>, Vec<f64>) {
@@ -239,14 +239,13 @@ mod tests {
 
     /// The Schur complement of the last unknowns of a dense matrix, by its inverse's block.
     fn dense_schur(matrix: &Matrix, kept: usize) -> Matrix {
-        let inverse = crate::linalg::invert_spd(matrix).unwrap();
+        let inverse = Cholesky::new(matrix).unwrap().inverse();
         let first = matrix.rows - kept;
         let mut block = Matrix::zeros(kept, kept);
         for (row, column) in (0..kept).flat_map(|row| (0..kept).map(move |column| (row, column))) {
             *block.at_mut(row, column) = inverse.at(first + row, first + column);
         }
-        assert!(cholesky_in_place(&mut block.clone()).is_ok());
-        crate::linalg::invert_spd(&block).unwrap()
+        Cholesky::new(&block).unwrap().inverse()
     }
 
     #[test]

@@ -1,10 +1,9 @@
-//! Drift of a frame without a touch: of the coating's conductance as a whole and along each axis, and of each
-//! electrode's contact.
+//! Drift of a frame without a touch.
 
+use crate::estimate::drift::{DriftSpread, directions};
 use crate::forward::Matrix;
 use crate::geom::Point3;
-use crate::geom::vector::centroid;
-use crate::linalg::invert_spd;
+use crate::linalg::{Cholesky, dot, gram};
 use crate::pipeline::error::PipelineError;
 use crate::skin::Skin;
 use std::sync::Arc;
@@ -13,42 +12,8 @@ use std::sync::Arc;
 const REACH_M: f64 = 0.035;
 /// Standard deviation of the relative change of a touched pixel.
 const TOUCH_SD: f64 = 0.5;
-/// Standard deviation of the relative drift of a coating.
-const COATING_SD: f64 = 0.03;
-/// Standard deviation of the drift of a contact resistance, relative to itself, and its minimum, ohm.
-const CONTACT_SD: f64 = 0.5;
-const CONTACT_LEAST_OHM: f64 = 0.5;
-
-/// The drift modes of a skin, modes x channels: the change of a frame for one standard deviation of each, ohm. First
-/// the coating's, then each electrode's.
-fn drift_modes(skin: &Skin) -> crate::Result<Matrix> {
-    let jacobian = &skin.linearised()?.jacobian;
-    let pixels = skin.pixels();
-    let extent_m = 0.5 * pixels.extent_m();
-    let mut modes: Vec<Vec<f64>> = Vec::new();
-    let shapes: [Box<dyn Fn(Point3) -> f64>; 4] = [
-        Box::new(|_| 1.0),
-        Box::new(|[x, _, _]| x / extent_m),
-        Box::new(|[_, y, _]| y / extent_m),
-        Box::new(|[_, _, z]| z / extent_m),
-    ];
-    let centre = centroid(&pixels.centres_m);
-    for shape in shapes {
-        // A body without extent along an axis does not have this mode: its weights are not finite.
-        let weights: Vec<f64> = (pixels.centres_m.iter())
-            .map(|position| COATING_SD * shape([0, 1, 2].map(|axis| position[axis] - centre[axis])))
-            .map(|weight| if weight.is_finite() { weight } else { 0.0 })
-            .collect();
-        let mode = |channel: usize| jacobian.row(channel).iter().zip(&weights).map(|(j, w)| j * w).sum();
-        modes.push((0..jacobian.rows).map(mode).collect());
-    }
-    for electrode in 0..skin.design().electrodes.len() {
-        let sd_ohm = (CONTACT_SD * skin.forward().contact_resistance_ohm(electrode)).max(CONTACT_LEAST_OHM);
-        modes.push(skin.design().protocol.contact_gains(electrode).map(|gain| sd_ohm * gain).collect());
-    }
-    let values: Vec<f64> = modes.iter().flatten().copied().collect();
-    Ok(Matrix { rows: modes.len(), columns: jacobian.rows, values })
-}
+/// The drift that is separated from a touch: of the sheet as a whole and along each axis, and of each contact.
+const SPREAD: DriftSpread = DriftSpread { sheet: 0.03, gradient: 0.03, contact: 0.5, contact_least_ohm: 0.5 };
 
 /// The input of a fit.
 #[derive(Debug, Clone, PartialEq)]
@@ -99,7 +64,7 @@ impl DriftFitJob {
 impl DriftFitter {
     /// For a skin.
     pub(super) fn new(skin: Skin) -> Result<Self, PipelineError> {
-        let modes = Arc::new(drift_modes(&skin)?);
+        let modes = Arc::new(directions(skin.forward(), &SPREAD).map_err(crate::Error::from)?);
         Ok(DriftFitter { skin, modes, requested: None, installed: None })
     }
 
@@ -162,27 +127,19 @@ fn fit(
         }
     }
     let mut fit = Matrix::zeros(channel_count, drift_count);
+    let rows: Vec<&[f64]> = columns.values.chunks_exact(channel_count).collect();
+    let mut normal = gram(&rows);
+    (0..count).for_each(|i| *normal.at_mut(i, i) += 1.0);
     // The identity matrix keeps it positive definite, if the noise is finite.
-    let Ok(inverse) = invert_spd(&gram_plus_one(&columns)) else { return Ok(fit) };
-    for (channel, row) in fit.values.chunks_exact_mut(drift_count).enumerate() {
-        for (mode, value) in row.iter_mut().enumerate() {
-            let sum: f64 = (0..count).map(|other| inverse.at(mode, other) * columns.at(other, channel)).sum();
-            *value = sum / sd_ohm[channel];
+    let Ok(factor) = Cholesky::new(&normal) else { return Ok(fit) };
+    let effects = columns.transposed();
+    for mode in 0..drift_count {
+        let mut unit = vec![0.0; count];
+        unit[mode] = 1.0;
+        let of_mode = factor.solve(&unit);
+        for channel in 0..channel_count {
+            *fit.at_mut(channel, mode) = dot(&of_mode, effects.row(channel)) / sd_ohm[channel];
         }
     }
     Ok(fit)
-}
-
-/// `A A' + 1`.
-fn gram_plus_one(rows: &Matrix) -> Matrix {
-    let mut gram = Matrix::zeros(rows.rows, rows.rows);
-    for i in 0..rows.rows {
-        for j in 0..=i {
-            let product: f64 = rows.row(i).iter().zip(rows.row(j)).map(|(a, b)| a * b).sum();
-            *gram.at_mut(i, j) = product;
-            *gram.at_mut(j, i) = product;
-        }
-        *gram.at_mut(i, i) += 1.0;
-    }
-    gram
 }

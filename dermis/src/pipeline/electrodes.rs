@@ -235,11 +235,16 @@ pub(super) struct ContactFrame<'a> {
 }
 
 impl ElectrodeMonitor {
-    /// From untouched frames and the statistics of their values.
+    /// From untouched frames, the statistics of their values and their noise.
     ///
     /// # Panics
     /// If there are fewer than two frames.
-    pub(super) fn new(topology: &ElectrodeTopology, untouched: &[Measurement], values: &Statistics) -> Self {
+    pub(super) fn new(
+        topology: &ElectrodeTopology,
+        untouched: &[Measurement],
+        values: &Statistics,
+        noise_ohm: &[f64],
+    ) -> Self {
         let loops = loop_statistics(topology, untouched);
         let usual_ohm = upper_median(&loops.mean).unwrap_or(f64::NAN);
         let electrode = |drives: &Vec<usize>| {
@@ -251,7 +256,7 @@ impl ElectrodeMonitor {
             loops_ohm: loops.mean,
             loop_noise_ohm: loops.variance.into_iter().map(f64::sqrt).collect(),
             variance: values.variance.clone(),
-            noise_ohm: values.deviations(),
+            noise_ohm: noise_ohm.to_vec(),
             tare_variance: values.variance.clone(),
             last_ohm: untouched[untouched.len() - 1].values_ohm.clone(),
             reciprocity: 1.0,

@@ -105,7 +105,12 @@ struct Jumps {
 
 impl InstrumentMonitor {
     /// From untouched frames.
-    pub(super) fn new(topology: &ElectrodeTopology, untouched: &[Measurement], statistics: &Statistics) -> Self {
+    pub(super) fn new(
+        topology: &ElectrodeTopology,
+        untouched: &[Measurement],
+        statistics: &Statistics,
+        noise_ohm: &[f64],
+    ) -> Self {
         let is_bounded = |channel: usize| {
             !untouched.is_empty()
                 && untouched.iter().all(|frame| {
@@ -120,10 +125,8 @@ impl InstrumentMonitor {
             drives: vec![PartMonitor::default(); topology.drive_count()],
             channels: vec![PartMonitor::default(); topology.channel_count()],
             bounded: (0..topology.channel_count()).map(is_bounded).collect(),
-            scaled: (statistics.mean.iter().zip(statistics.deviations()))
-                .map(|(mean, sd)| mean.abs() > SCALED_NOISES * sd)
-                .collect(),
-            unlike_ohm: unlike_limits_ohm(topology, statistics),
+            scaled: (statistics.mean.iter().zip(noise_ohm)).map(|(mean, sd)| mean.abs() > SCALED_NOISES * sd).collect(),
+            unlike_ohm: unlike_limits_ohm(topology, statistics, noise_ohm),
             unlike_frames: vec![0; topology.reciprocal_pairs().len()],
             last_frames: Some(last_frames).filter(|_| !repeats),
             same_time_frames: 0,
@@ -341,9 +344,8 @@ impl InstrumentMonitor {
 
 /// For each pair of reciprocal channels the limit of the difference between their changes, ohm. A channel can be
 /// constant at the tare, with a coarse converter: the median noise of all channels is the least.
-fn unlike_limits_ohm(topology: &ElectrodeTopology, statistics: &Statistics) -> Vec<f64> {
-    let noise_ohm = statistics.deviations();
-    let least_ohm = upper_median(&noise_ohm).unwrap_or(0.0);
+fn unlike_limits_ohm(topology: &ElectrodeTopology, statistics: &Statistics, noise_ohm: &[f64]) -> Vec<f64> {
+    let least_ohm = upper_median(noise_ohm).unwrap_or(0.0);
     let noise = |channel: usize| noise_ohm[channel].max(least_ohm);
     let limit = |&[a, b]: &[usize; 2]| {
         let value_ohm = statistics.mean[a].abs().max(statistics.mean[b].abs());

@@ -1,5 +1,6 @@
 //! Processing of one frame in the pipeline: the tare, and what every frame reports.
 
+use crate::estimate::noise::ChannelNoise;
 use crate::pipeline::baseline::Baseline;
 use crate::pipeline::electrodes::ElectrodeMonitor;
 use crate::pipeline::error::PipelineError;
@@ -125,14 +126,16 @@ impl Pipeline {
     fn finish_tare(&mut self, frames: &[Measurement], at: Timestamp) -> Result<(), PipelineError> {
         let values: Vec<&[f64]> = frames.iter().map(|frame| frame.values_ohm.as_slice()).collect();
         let statistics = Statistics::of(values.iter().copied());
-        let electrodes = ElectrodeMonitor::new(&self.topology, frames, &statistics);
-        let instrument = InstrumentMonitor::new(&self.topology, frames, &statistics);
+        let protocol = &self.methods.skin().design().protocol;
+        let noise = ChannelNoise::of(&values, protocol).expect("a tare has frames");
+        let electrodes = ElectrodeMonitor::new(&self.topology, frames, &statistics, noise.sd_ohm());
+        let instrument = InstrumentMonitor::new(&self.topology, frames, &statistics, noise.sd_ohm());
         self.masked = vec![false; self.topology.channel_count()];
         self.topology.mark_channels_of(electrodes.confirmed(), &mut self.masked);
         self.state.phase = Phase::Reading(Box::new(Reading {
             untouched: values.iter().map(|values| difference(values, &statistics.mean)).collect(),
             rest_ohm: statistics.mean.clone(),
-            touch_detector: TouchDetector::of(&values, &self.masked),
+            touch_detector: TouchDetector::of(&values, &self.masked, protocol),
             baseline: Baseline::new(statistics.mean),
             electrodes,
             instrument,
@@ -142,7 +145,7 @@ impl Pipeline {
             quiet_since_s: None,
             unexplained_since_s: None,
         }));
-        self.notice(Severity::Info, format!("tared with {} frames", frames.len()), at);
+        self.notice(Severity::Info, format!("tared with {} frames; {noise}", frames.len()), at);
         self.warn_after_tare(at);
         if self.state.method_adapted {
             // To the tare before.

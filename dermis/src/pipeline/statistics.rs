@@ -1,9 +1,4 @@
-//! Mean and noise of untouched frames.
-
-use crate::stats::upper_median;
-
-/// Minimum noise of a channel as a fraction of that of the median channel.
-const LEAST_NOISE: f64 = 0.5;
+//! Mean and variance of untouched frames.
 
 /// Mean and variance of each value over several frames.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,13 +23,6 @@ impl Statistics {
             variance.iter_mut().zip(squares).for_each(|(variance, square)| *variance += square);
         }
         Statistics { mean, variance }
-    }
-
-    /// Standard deviations of the noise, each at least a fraction of their median: a channel whose value is in the
-    /// middle of a step of the converter shows no noise until the noise is large.
-    pub(super) fn deviations(&self) -> Vec<f64> {
-        let least = (LEAST_NOISE * LEAST_NOISE * upper_median(&self.variance).unwrap_or(0.0)).max(f64::MIN_POSITIVE);
-        self.variance.iter().map(|variance| variance.max(least).sqrt()).collect()
     }
 }
 

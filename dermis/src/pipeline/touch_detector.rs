@@ -1,6 +1,8 @@
 //! Touch detection from the voltages only, without an image.
 
+use crate::estimate::noise::ChannelNoise;
 use crate::pipeline::statistics::{Statistics, difference};
+use crate::protocol::Protocol;
 use serde::{Deserialize, Serialize};
 
 /// Detects touched frames by the size of their difference from the baseline.
@@ -33,12 +35,13 @@ impl TouchDetector {
     ///
     /// # Panics
     /// If there are fewer than four frames.
-    pub(super) fn of(untouched: &[&[f64]], masked: &[bool]) -> Self {
+    pub(super) fn of(untouched: &[&[f64]], masked: &[bool], protocol: &Protocol) -> Self {
         let half = |first: usize| untouched.iter().copied().skip(first).step_by(2);
         let statistics = |own: usize| {
-            let other = Statistics::of(half(1 - own));
-            let noise_ohm = other.deviations();
-            let of = move |frame| statistic(&difference(frame, &other.mean), &noise_ohm, masked);
+            let other: Vec<&[f64]> = half(1 - own).collect();
+            let noise = ChannelNoise::of(&other, protocol).expect("a half of four frames");
+            let mean = Statistics::of(other.into_iter()).mean;
+            let of = move |frame| statistic(&difference(frame, &mean), noise.sd_ohm(), masked);
             half(own).map(of).collect::<Vec<f64>>()
         };
         Self::new(&[statistics(0), statistics(1)].concat())
@@ -112,14 +115,16 @@ mod tests {
 
     #[test]
     fn a_single_bad_reading_is_no_touch() {
+        let protocol = Protocol::adjacent_undriven(16).unwrap();
+        let count = protocol.channel_count();
         let mut rng = sample_rng(8, 0);
-        let mut frame = || (0..200).map(|_| standard_normal(&mut rng)).collect::<Vec<f64>>();
+        let mut frame = || (0..count).map(|_| standard_normal(&mut rng)).collect::<Vec<f64>>();
         let untouched: Vec<Vec<f64>> = (0..100).map(|_| frame()).collect();
         let untouched: Vec<&[f64]> = untouched.iter().map(Vec::as_slice).collect();
-        let mut detector = TouchDetector::of(&untouched, &[false; 200]);
+        let mut detector = TouchDetector::of(&untouched, &vec![false; count], &protocol);
         let (one, many) = (frame(), frame().iter().map(|value| value + 4.0).collect::<Vec<f64>>());
         let bad: Vec<f64> = one.iter().enumerate().map(|(at, value)| if at == 7 { 1e6 } else { *value }).collect();
-        assert!(!detector.update(statistic(&bad, &[1.0; 200], &[false; 200])));
-        assert!(detector.update(statistic(&many, &[1.0; 200], &[false; 200])));
+        assert!(!detector.update(statistic(&bad, &vec![1.0; count], &vec![false; count])));
+        assert!(detector.update(statistic(&many, &vec![1.0; count], &vec![false; count])));
     }
 }

@@ -1,5 +1,7 @@
 //! Iterative Gauss-Newton: the nonlinear least-squares image of a difference or of a single frame.
 
+use crate::estimate::least_squares::{Control, LeastSquares, Minimum, Steps, minimise};
+use crate::estimate::scale::{Scale, least_squares};
 use crate::forward::{ForwardModel, Matrix};
 use crate::frame::Frame;
 use crate::image::PixelSpace;
@@ -195,48 +197,21 @@ impl GaussNewton {
 
     /// Steps from a uniform change until the objective stops decreasing.
     fn minimise(&self, target: &[f64], change: f64) -> crate::Result<Solution> {
+        /// A millionth of a step has no effect.
+        const HALVINGS: i32 = 20;
         let origin = self.options.unknowns.of_change(change);
-        let mut point = self.point(vec![origin; self.pixels.len()], target, origin)?;
-        let mut objectives = vec![point.objective];
-        for _ in 0..self.options.max_iterations {
-            let Some(next) = self.step(&point, target, origin)? else { break };
-            let gain = point.objective - next.objective;
-            point = next;
-            objectives.push(point.objective);
-            if gain <= self.options.tolerance * point.objective {
-                break;
-            }
-        }
+        let steps = Steps {
+            most: self.options.max_iterations,
+            control: Control::Halving(HALVINGS),
+            shortest: 0.0,
+            // The objective lowered by a share of what is left.
+            least_decrease: self.options.tolerance / (1.0 + self.options.tolerance),
+        };
+        let start = self.point(vec![origin; self.pixels.len()], target, origin)?;
+        let search = Search { method: self, target, origin };
+        let Minimum { point, costs: objectives, .. } = minimise(&search, start, &steps)?;
         let misfit = point.residual.iter().map(|r| r * r).sum::<f64>().sqrt();
         Ok(Solution { change: point.change, conductivity: point.conductivity, misfit, objectives })
-    }
-
-    /// A Gauss-Newton step, halved until the objective decreases; `None` if it does not.
-    fn step(&self, point: &Point, target: &[f64], origin: f64) -> crate::Result<Option<Point>> {
-        /// Minimum fraction of a pixel's conductance after a step; of logarithms also the inverse of the maximum.
-        const KEPT: f64 = 0.1;
-        /// Maximum number of halvings: a millionth of a step has no effect.
-        const HALVINGS: usize = 20;
-        let system = System::new(self.jacobian(point)?, self.penalty.clone())?;
-        let shift: Vec<f64> = point.unknowns.iter().map(|u| u - origin).collect();
-        let explained = system.jacobian() * faer::ColRef::from_slice(&shift);
-        let data: Vec<f64> = point.residual.iter().zip(explained.iter()).map(|(r, e)| r + e).collect();
-        let goal = system.solve(&data, self.mu)?;
-        let step: Vec<f64> = goal.iter().zip(&shift).map(|(goal, from)| goal - from).collect();
-        let mut factor = 1.0;
-        for _ in 0..HALVINGS {
-            let moved = |(u, step): (&f64, &f64)| match self.options.unknowns {
-                Unknowns::Conductance => (u + factor * step).max(KEPT * (1.0 + u) - 1.0),
-                Unknowns::LogConductance => u + (factor * step).clamp(KEPT.ln(), -KEPT.ln()),
-            };
-            let moved = point.unknowns.iter().zip(&step).map(moved).collect();
-            let next = self.point(moved, target, origin)?;
-            if next.objective < point.objective {
-                return Ok(Some(next));
-            }
-            factor *= 0.5;
-        }
-        Ok(None)
     }
 
     /// The objective for a single frame at some relative changes `x`, with `u0` zero.
@@ -279,14 +254,61 @@ impl GaussNewton {
     }
 }
 
+/// The search of the image of a frame.
+struct Search<'a> {
+    method: &'a GaussNewton,
+    /// The weighted frame.
+    target: &'a [f64],
+    /// `u0`.
+    origin: f64,
+}
+
+impl LeastSquares for Search<'_> {
+    type Point = Point;
+    /// The step: that of pixels and channels in the smaller form.
+    type Equations = Vec<f64>;
+    type Error = crate::Error;
+
+    fn cost(&self, point: &Point) -> f64 {
+        point.objective
+    }
+
+    fn equations(&self, point: &Point) -> crate::Result<Vec<f64>> {
+        let system = System::new(self.method.jacobian(point)?, self.method.penalty.clone())?;
+        let shift: Vec<f64> = point.unknowns.iter().map(|u| u - self.origin).collect();
+        let explained = system.jacobian() * faer::ColRef::from_slice(&shift);
+        let data: Vec<f64> = point.residual.iter().zip(explained.iter()).map(|(r, e)| r + e).collect();
+        let goal = system.solve(&data, self.method.mu)?;
+        Ok(goal.iter().zip(&shift).map(|(goal, from)| goal - from).collect())
+    }
+
+    fn step(&self, equations: &Vec<f64>, _: f64) -> crate::Result<Vec<f64>> {
+        Ok(equations.clone())
+    }
+
+    fn limit(&self, from: &Point, step: &mut [f64]) {
+        /// Minimum fraction of a pixel's conductance after a step; of logarithms also the inverse of the maximum.
+        const KEPT: f64 = 0.1;
+        for (step, u) in step.iter_mut().zip(&from.unknowns) {
+            *step = match self.method.options.unknowns {
+                Unknowns::Conductance => step.max((KEPT - 1.0) * (1.0 + u)),
+                Unknowns::LogConductance => step.clamp(KEPT.ln(), -KEPT.ln()),
+            };
+        }
+    }
+
+    fn moved(&self, from: &Point, step: &[f64]) -> Option<Point> {
+        let unknowns = from.unknowns.iter().zip(step).map(|(u, step)| u + step).collect();
+        self.method.point(unknowns, self.target, self.origin).ok()
+    }
+}
+
 /// The factor from the model's untouched frame to a measured one, by least squares.
 fn frame_scale(channels: &Channels, rest: &[f64], measured: &[f64]) -> Result<f64, ReconstructError> {
     check_lengths(measured, rest.len(), &[], 0)?;
-    let (rest, measured) = (channels.gather(rest), channels.gather(measured));
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let scale = dot(&rest, &measured) / dot(&rest, &rest);
-    if scale.is_finite() && scale > 0.0 {
-        Ok(scale)
+    let Scale { factor, .. } = least_squares(&channels.gather(measured), &channels.gather(rest));
+    if factor.is_finite() && factor > 0.0 {
+        Ok(factor)
     } else {
         let message = "the frame has the opposite sign of the model's: is a drive or a measure turned round?";
         Err(ReconstructError::Parameter(message.into()))

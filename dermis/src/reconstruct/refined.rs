@@ -3,13 +3,13 @@
 use crate::contact::Contact;
 use crate::design::{SkinDesign, TouchEffect};
 use crate::detect::{DetectOptions, Forces};
+use crate::estimate::noise::ChannelNoise;
 use crate::forward::{ForwardModel, Matrix};
 use crate::frame::{Frame, broken_channels, disconnected_electrodes};
 use crate::identify::{Identifier, IdentifyOptions};
 use crate::image::PixelSpace;
 use crate::reconstruct::{FEWEST_UNTOUCHED_FRAMES, Quantity, Reconstruct, ReconstructError};
 use crate::refine::{RefineOptions, Refiner};
-use crate::stats::rms;
 use std::sync::{Arc, OnceLock};
 
 /// The noise of a channel that uses a driven electrode is at least this many times that of the others: its converter
@@ -91,33 +91,34 @@ impl Refined {
         Ok(Refinement::Impossible { warning })
     }
 
-    /// The standard deviation of each channel in untouched frames, ohm; 0 for one that is broken, does not vary, or uses a
-    /// disconnected electrode, whose voltage does not settle. Those without a driven electrode share one, as the scatter of
-    /// few frames is uncertain.
+    /// The standard deviation of each channel in untouched frames, ohm; 0 for one that is left out, broken, constant, or uses a
+    /// disconnected electrode, whose voltage does not settle. That of a channel at a driven electrode is at least a multiple
+    /// of the others'.
     fn noise_ohm(&self, untouched: &[Frame]) -> Vec<f64> {
-        let channels = self.design.protocol.channels();
+        let protocol = &self.design.protocol;
         let broken = broken_channels(untouched);
-        let own = |channel: usize| match broken.binary_search(&channel) {
-            _ if self.excluded.contains(&channel) => 0.0,
-            Ok(_) => 0.0,
-            Err(_) => rms(untouched.iter().map(|frame| frame[channel])),
+        let varies = |channel: usize| untouched.iter().any(|frame| frame[channel] != 0.0);
+        let is_used = |channel: usize| {
+            varies(channel) && !self.excluded.contains(&channel) && broken.binary_search(&channel).is_err()
         };
-        let mut own: Vec<f64> = (0..channels.len()).map(own).collect();
-        let disconnected = disconnected_electrodes(&self.design.protocol, |channel| own[channel] > 0.0);
-        for (own, channel) in own.iter_mut().zip(channels) {
-            if disconnected.iter().any(|&electrode| channel.uses(electrode)) {
-                *own = 0.0;
-            }
-        }
-        let varying = |channel: &usize| own[*channel] > 0.0 && own[*channel].is_finite();
-        let free: Vec<usize> = (0..own.len()).filter(|&channel| !channels[channel].touches_driven()).collect();
-        let pooled = rms(free.iter().filter(|channel| varying(channel)).map(|&channel| own[channel]));
-        let sd = |channel: usize| match (varying(&channel), channels[channel].touches_driven()) {
-            (false, _) => 0.0,
-            (true, true) => own[channel].max(if pooled.is_finite() { DRIVEN_NOISE * pooled } else { 0.0 }),
-            (true, false) => pooled,
+        let disconnected = disconnected_electrodes(protocol, is_used);
+        let is_usable = |channel: usize| {
+            is_used(channel) && !disconnected.iter().any(|&electrode| protocol.channels()[channel].uses(electrode))
         };
-        (0..own.len()).map(sd).collect()
+        // Channels that are not used have no part in the noise of the others.
+        let masked = |frame: &Frame| -> Vec<f64> {
+            let value = |(channel, &value)| if is_usable(channel) { value } else { f64::NAN };
+            frame.iter().enumerate().map(value).collect()
+        };
+        let masked: Vec<Vec<f64>> = untouched.iter().map(masked).collect();
+        let Some(noise) = ChannelNoise::of(&masked, protocol) else { return vec![0.0; protocol.channel_count()] };
+        let least = Some(DRIVEN_NOISE * noise.by_group_ohm()[0]).filter(|least| least.is_finite()).unwrap_or(0.0);
+        let sd = |(channel, &sd): (usize, &f64)| match protocol.channels()[channel].touches_driven() {
+            _ if !sd.is_finite() => 0.0,
+            true => sd.max(least),
+            false => sd,
+        };
+        noise.sd_ohm().iter().enumerate().map(sd).collect()
     }
 }
 

@@ -2,20 +2,21 @@
 
 use super::VALUES_PER_UNKNOWN;
 use super::table::{Response, ResponseTable};
-use crate::linalg::{Matrix, add_scaled, dot, gram, invert_spd, products, solve_scaled};
+use crate::estimate::least_squares::{Control, LeastSquares, Normal, Steps, minimise};
+use crate::linalg::{Matrix, NotPositiveDefinite, add_scaled, dot, products};
 use std::f64::consts::PI;
 
-/// Levenberg-Marquardt steps. From contacts that are a few millimetres off, three are usually enough.
-const STEPS: usize = 8;
-/// The first damping and its factors after a good and a bad step (Marquardt, 1963, DOI 10.1137/0111030).
-const DAMPING: f64 = 1e-3;
-const DAMPING_DOWN: f64 = 0.3;
-const DAMPING_UP: f64 = 10.0;
+/// From contacts that are a few millimetres off, three steps are usually enough. A step that is shorter than 0.1 mm is the
+/// last one: the next would be of the order of its square over the width of a touch, a thousandth of the accuracy of a
+/// position.
+const STEPS: Steps = Steps {
+    most: 8,
+    control: Control::Damping { first: 1e-3, down: 0.3, up: 10.0 },
+    shortest: 1e-4,
+    least_decrease: 0.0,
+};
 /// Longest step along an axis, m: the responses are nearly linear over this distance.
 const LONGEST_STEP_M: f64 = 5e-3;
-/// A step that is shorter is the last one, m: the next would be of the order of its square over the width of a touch, a
-/// thousandth of the accuracy of a position.
-const SHORTEST_STEP_M: f64 = 1e-4;
 
 /// Two touches near each other are detected as one. One is split where two explain the values better by this much in
 /// the sum of squares, whose standard deviation due to noise is 4 for the four more unknowns.
@@ -131,7 +132,7 @@ pub(super) struct Fit<'a> {
 }
 
 /// Touches at some places, with the strengths that explain the values best.
-struct State {
+pub(super) struct State {
     places: Vec<[f64; 2]>,
     responses: Vec<Response>,
     /// Of each touch its strength, and its strength times `t`.
@@ -160,9 +161,50 @@ impl State {
         self.responses.iter().zip(&self.strengths).flat_map(of_touch).collect()
     }
 
+    /// The equations of a step of places, strengths and widths, from the derivatives of the values.
+    fn equations(&self, derivatives: &[&[f64]]) -> Normal {
+        let mut normal = Normal::new(derivatives, &self.residuals);
+        for (touch, (prior, strength)) in self.prior.iter().zip(&self.strengths).enumerate() {
+            normal.add_prior(Touch::UNKNOWNS * touch + 3, prior * prior, strength[1]);
+        }
+        normal
+    }
+
     /// The square of the width of a touch, in standard deviations.
     fn penalty(&self, touch: usize) -> f64 {
         (self.strengths[touch][1] * self.prior[touch]).powi(2)
+    }
+}
+
+impl LeastSquares for Fit<'_> {
+    type Point = State;
+    type Equations = Normal;
+    type Error = NotPositiveDefinite;
+
+    fn cost(&self, state: &State) -> f64 {
+        state.cost
+    }
+
+    fn equations(&self, state: &State) -> Result<Normal, NotPositiveDefinite> {
+        Ok(state.equations(&columns(&state.derivatives())))
+    }
+
+    fn step(&self, equations: &Normal, damping: f64) -> Result<Vec<f64>, NotPositiveDefinite> {
+        equations.step(damping)
+    }
+
+    /// Touches stay on the body; the strengths and widths are solved for wherever they are.
+    fn limit(&self, state: &State, step: &mut [f64]) {
+        for (place, step) in state.places.iter().zip(step.as_chunks_mut::<{ Touch::UNKNOWNS }>().0) {
+            let by = [0, 1].map(|axis: usize| step[axis].clamp(-LONGEST_STEP_M, LONGEST_STEP_M));
+            let bounded = self.table.bounded([place[0] + by[0], place[1] + by[1]]);
+            *step = [bounded[0] - place[0], bounded[1] - place[1], 0.0, 0.0];
+        }
+    }
+
+    fn moved(&self, state: &State, step: &[f64]) -> Option<State> {
+        let steps = step.as_chunks::<{ Touch::UNKNOWNS }>().0;
+        self.at(state.places.iter().zip(steps).map(|(place, by)| [place[0] + by[0], place[1] + by[1]]).collect())
     }
 }
 
@@ -173,30 +215,12 @@ impl Fit<'_> {
         if self.values.len() < VALUES_PER_UNKNOWN * Touch::UNKNOWNS * places.len().max(1) {
             return None;
         }
-        self.fitted(self.descended(self.at(places.to_vec())?, STEPS)?)
+        self.fitted(self.descended(self.at(places.to_vec())?, STEPS.most)?)
     }
 
     /// A state after some steps; `None` where the equations have no solution.
-    fn descended(&self, mut state: State, steps: usize) -> Option<State> {
-        let mut damping = DAMPING;
-        for _ in 0..steps {
-            let (normal, right) = self.equations(&state, &columns(&state.derivatives()));
-            let step = solve_scaled(&damped(&normal, damping), &right)?;
-            let step: Vec<[f64; 2]> = step.as_chunks::<{ Touch::UNKNOWNS }>().0.iter().map(|s| [s[0], s[1]]).collect();
-            let step = step.iter().map(|step| step.map(|by| by.clamp(-LONGEST_STEP_M, LONGEST_STEP_M)));
-            let moved = state.places.iter().zip(step).map(|(place, step)| [place[0] + step[0], place[1] + step[1]]);
-            let moved: Vec<[f64; 2]> = moved.map(|place| self.table.bounded(place)).collect();
-            let longest = moved.iter().zip(&state.places).map(|(a, b)| (a[0] - b[0]).abs().max((a[1] - b[1]).abs()));
-            let is_small = longest.fold(0.0, f64::max) < SHORTEST_STEP_M;
-            match self.at(moved).filter(|next| next.cost < state.cost) {
-                Some(next) => (state, damping) = (next, damping * DAMPING_DOWN),
-                None => damping *= DAMPING_UP,
-            }
-            if is_small {
-                break;
-            }
-        }
-        Some(state)
+    fn descended(&self, state: State, most: usize) -> Option<State> {
+        Some(minimise(self, state, &Steps { most, ..STEPS }).ok()?.point)
     }
 
     /// The touches without one that hardly explains anything, and its index: between two touches that overlap in the
@@ -307,14 +331,12 @@ impl Fit<'_> {
     fn at(&self, places: Vec<[f64; 2]>) -> Option<State> {
         let responses: Vec<Response> = places.iter().map(|&place| self.table.response(place)).collect();
         let columns: Vec<&[f64]> = responses.iter().flat_map(|r| [&r.value[..], &r.laplacian[..]]).collect();
-        let (mut normal, right) = (gram(&columns), products(&columns, self.values));
+        let mut normal = Normal::new(&columns, self.values);
         // The prior is on t, the ratio of both strengths; the first is that without a width.
-        let first = solve_scaled(&every_other(&normal), &right.iter().copied().step_by(2).collect::<Vec<f64>>())?;
+        let first = every_other(&normal).step(0.0).ok()?;
         let prior: Vec<f64> = first.iter().map(|strength| 1.0 / (strength.abs() * self.width_spread_m2)).collect();
-        for (touch, prior) in prior.iter().enumerate() {
-            *normal.at_mut(2 * touch + 1, 2 * touch + 1) += prior * prior;
-        }
-        let solution = solve_scaled(&normal, &right)?;
+        (prior.iter().enumerate()).for_each(|(touch, prior)| normal.add_prior(2 * touch + 1, prior * prior, 0.0));
+        let solution = normal.step(0.0).ok()?;
         let mut residuals = self.values.to_vec();
         for (column, strength) in columns.iter().zip(&solution) {
             add_scaled(&mut residuals, -strength, column);
@@ -326,24 +348,11 @@ impl Fit<'_> {
         Some(state)
     }
 
-    /// The normal matrix and the right-hand side of a Gauss-Newton step of places, strengths and widths, from the derivatives
-    /// of the values.
-    fn equations(&self, state: &State, derivatives: &[&[f64]]) -> (Matrix, Vec<f64>) {
-        let mut normal = gram(derivatives);
-        let mut right = products(derivatives, &state.residuals);
-        for (touch, (prior, strength)) in state.prior.iter().zip(&state.strengths).enumerate() {
-            let width = Touch::UNKNOWNS * touch + 3;
-            *normal.at_mut(width, width) += prior * prior;
-            right[width] -= prior * prior * strength[1];
-        }
-        (normal, right)
-    }
-
     /// The touches with their variances. Residuals above the noise are errors of the model, by which the variances grow.
     fn fitted(&self, state: State) -> Option<Fitted> {
         let derivatives = state.derivatives();
         let derivatives = columns(&derivatives);
-        let covariance = invert_spd(&self.equations(&state, &derivatives).0).ok()?;
+        let covariance = state.equations(&derivatives).factor().ok()?.inverse();
         let freedom = self.values.len() - Touch::UNKNOWNS * state.places.len();
         let misfit = (dot(&state.residuals, &state.residuals) / freedom as f64).max(1.0);
         let errors = self.systematic_errors(&state, &derivatives, &covariance);
@@ -403,18 +412,13 @@ fn scaled(mut values: Vec<f64>, by: f64) -> Vec<f64> {
     values
 }
 
-/// The matrix of the first of each two unknowns.
-fn every_other(normal: &Matrix) -> Matrix {
-    let count = normal.rows / 2;
-    let mut own = Matrix::zeros(count, count);
+/// The equations of the first of each two unknowns.
+fn every_other(normal: &Normal) -> Normal {
+    let count = normal.matrix.rows / 2;
+    let mut own = Normal { matrix: Matrix::zeros(count, count), right: vec![0.0; count] };
     for i in 0..count {
-        (0..count).for_each(|j| *own.at_mut(i, j) = normal.at(2 * i, 2 * j));
+        own.right[i] = normal.right[2 * i];
+        (0..count).for_each(|j| *own.matrix.at_mut(i, j) = normal.matrix.at(2 * i, 2 * j));
     }
     own
-}
-
-fn damped(normal: &Matrix, damping: f64) -> Matrix {
-    let mut damped = normal.clone();
-    (0..normal.rows).for_each(|i| *damped.at_mut(i, i) *= 1.0 + damping);
-    damped
 }

@@ -36,7 +36,6 @@ mod fit;
 mod table;
 #[cfg(test)]
 mod tests;
-mod whitening;
 
 use crate::contact::Contact;
 use crate::design::Body;

@@ -1,9 +1,10 @@
 //! The responses of a frame to touches on a grid of places, and between them.
 
 use super::axis::Axis;
-use super::whitening::{Whitening, drifts};
 use super::{RefineError, RefineOptions};
 use crate::design::Body;
+use crate::estimate::drift::{DriftSpread, directions};
+use crate::estimate::whitening::Whitening;
 use crate::forward::ForwardModel;
 use crate::frame::{disconnected_electrodes, quantities};
 use crate::geom::{Point3, Surface};
@@ -89,8 +90,10 @@ impl ResponseTable {
             lacks_electrodes: !disconnected_electrodes(model.protocol(), |channel| is_usable(noise_ohm[channel]))
                 .is_empty(),
         };
-        let drifts = drifts(model, options.coating_drift, options.contact_drift)?;
-        table.whitening = Whitening::new(drifts.iter().map(|change| table.over_noise(change)));
+        let spread =
+            DriftSpread { sheet: options.coating_drift, contact: options.contact_drift, ..DriftSpread::default() };
+        let drifts = directions(model, &spread)?;
+        table.whitening = Whitening::new((0..drifts.rows).map(|row| table.over_noise(drifts.row(row))));
         table.fill(model)?;
         table.searched = table.searched();
         Ok(table)

@@ -5,7 +5,7 @@ use super::*;
 use crate::twin::{Twin, TwinError, TwinOptions};
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
-use dermis::linalg::{Matrix, invert_spd};
+use dermis::linalg::{Cholesky, Matrix};
 use dermis::mesh::Mesh;
 use std::sync::LazyLock;
 
@@ -114,7 +114,7 @@ impl Nodal<'_> {
         }
         let mut inner = Matrix::zeros(count, count);
         (0..count).for_each(|i| inner.row_mut(i).copy_from_slice(&g.row(i)[..count]));
-        let inverse = invert_spd(&inner).unwrap();
+        let inverse = Cholesky::new(&inner).unwrap().inverse();
         let mut reduced = Matrix::zeros(3, 3);
         for a in 0..3 {
             for b in 0..3 {
@@ -150,7 +150,7 @@ impl Nodal<'_> {
             for slot in slots {
                 let measure = slot.map(|channel| protocol().channels()[channel].measure);
                 let (g, fed) = self.states(drive.pair, measure);
-                let mut v = state.take().unwrap_or_else(|| invert_spd(&g).unwrap().multiply_vector(&fed));
+                let mut v = state.take().unwrap_or_else(|| Cholesky::new(&g).unwrap().solve(&fed));
                 integrate(&g, &fed, &capacitance, slot_s, steps, &mut v);
                 let read_v = v[lines + PLUS] - v[lines + MINUS];
                 match slot {

@@ -24,7 +24,7 @@ pub use moments::{ConductorMoments, PotentialMoments};
 pub use once::OnceMemory;
 
 use super::{ElectrodeNetwork, ForwardError, ForwardModel};
-use crate::linalg::{Matrix, NotPositiveDefinite, UpdateMemory, eliminate_in_place, invert_spd};
+use crate::linalg::{Cholesky, Matrix, NotPositiveDefinite, UpdateMemory, dot, eliminate_in_place};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, OnceLock};
@@ -227,15 +227,15 @@ impl FloatingConductors {
             *system.at_mut(row, column) = front[column * order + row];
             *system.at_mut(column, row) = front[column * order + row];
         }
-        let inverse = invert_spd(&system).map_err(name_contact)?;
+        let factor = Cholesky::new(&system).map_err(name_contact)?;
         let below = |column: usize, first: usize, count: usize| &front[column * order + first..][..count];
         let mut driving: Vec<f64> =
             (0..rank).map(|k| dot(below(k, order - potentials_v.len(), potentials_v.len()), potentials_v)).collect();
         let conductors = update.floating_count;
         let joins: Vec<&[f64]> = (0..rank).map(|k| below(k, rank, conductors)).collect();
-        let potentials = conductor_potentials(&inverse, &joins, &driving)?;
+        let potentials = conductor_potentials(&factor, &joins, &driving)?;
         driving.iter_mut().zip(&joins).for_each(|(value, joined)| *value -= dot(joined, &potentials));
-        let y: Vec<f64> = (0..rank).map(|k| dot(inverse.row(k), &driving)).collect();
+        let y = factor.solve(&driving);
         let of_touch = |touch: &Touch| {
             let own = &y[touch.start..touch.start + touch.root.columns];
             let current = (0..touch.root.rows).map(|k| dot(touch.root.row(k), own)).collect();
@@ -390,29 +390,22 @@ fn root(conductor: usize, conductance: &Matrix, whole: &Matrix) -> Result<Matrix
 }
 
 /// `v` with `P' A^-1 P v = P' A^-1 Q U`: the potentials at which the net current of every conductor is zero.
-fn conductor_potentials(inverse: &Matrix, joins: &[&[f64]], driving: &[f64]) -> Result<Vec<f64>, ForwardError> {
+fn conductor_potentials(factor: &Cholesky, joins: &[&[f64]], driving: &[f64]) -> Result<Vec<f64>, ForwardError> {
     let conductors = joins.first().map_or(0, |joined| joined.len());
-    let (mut net, mut free) = (Matrix::zeros(conductors, conductors), vec![0.0; conductors]);
-    for (i, left) in joins.iter().enumerate() {
-        let current = dot(inverse.row(i), driving);
-        for (k, share) in left.iter().enumerate().filter(|(_, share)| **share != 0.0) {
-            free[k] += share * current;
-            for (value, right) in inverse.row(i).iter().zip(joins) {
-                net.row_mut(k).iter_mut().zip(*right).for_each(|(sum, other)| *sum += share * value * other);
-            }
-        }
+    let column = |k: usize| joins.iter().map(|joined| joined[k]).collect::<Vec<f64>>();
+    let columns: Vec<Vec<f64>> = (0..conductors).map(column).collect();
+    let (mut net, free) = (Matrix::zeros(conductors, conductors), factor.solve(driving));
+    for (k, own) in columns.iter().enumerate() {
+        let solved = factor.solve(own);
+        net.row_mut(k).iter_mut().zip(&columns).for_each(|(value, other)| *value = dot(&solved, other));
     }
-    let inverse = invert_spd(&net).map_err(name_contact)?;
-    Ok((0..conductors).map(|k| dot(inverse.row(k), &free)).collect())
+    let free: Vec<f64> = columns.iter().map(|own| dot(own, &free)).collect();
+    Ok(Cholesky::new(&net).map_err(name_contact)?.solve(&free))
 }
 
 fn difference(a: &Matrix, b: &Matrix) -> Matrix {
     let values = a.values.iter().zip(&b.values).map(|(a, b)| a - b).collect();
     Matrix { rows: a.rows, columns: a.columns, values }
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(x, y)| x * y).sum()
 }
 
 fn name_contact(error: NotPositiveDefinite) -> ForwardError {

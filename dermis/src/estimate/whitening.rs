@@ -1,6 +1,5 @@
-//! Drift between the untouched frame and a frame, as a part of the noise.
+//! Whitening of values with white noise and disturbances.
 
-use crate::forward::{ForwardError, ForwardModel};
 use crate::linalg::{add_scaled, dot};
 
 /// A linear transform of values with the covariance `I + sum_k u_k u_k'` to values with the covariance `I`.
@@ -8,37 +7,49 @@ use crate::linalg::{add_scaled, dot};
 /// Each step makes one disturbance part of the white noise: `I - a u u'` is the inverse square root of `I + u u'` for
 /// `a = (1 - 1 / sqrt(1 + u'u)) / u'u`. The disturbances that follow are transformed by it first.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Whitening {
+pub struct Whitening {
     /// Of each disturbance `u`, and `a`.
     steps: Vec<(Vec<f64>, f64)>,
 }
 
 impl Whitening {
-    pub(super) fn new(disturbances: impl IntoIterator<Item = Vec<f64>>) -> Self {
-        let mut whitening = Whitening::default();
+    /// For white noise of 1 and disturbances, each as long as its standard deviation. One that is zero or not finite has no
+    /// effect.
+    pub fn new(disturbances: impl IntoIterator<Item = Vec<f64>>) -> Self {
+        Whitening::default().with(disturbances)
+    }
+
+    /// With more disturbances.
+    #[must_use]
+    pub fn with(mut self, disturbances: impl IntoIterator<Item = Vec<f64>>) -> Self {
         for mut disturbance in disturbances {
-            whitening.apply(&mut disturbance);
-            let square: f64 = disturbance.iter().map(|value| value * value).sum();
+            self.apply(&mut disturbance);
+            let square = dot(&disturbance, &disturbance);
             if square > 0.0 && square.is_finite() {
                 let factor = (1.0 - (1.0 + square).sqrt().recip()) / square;
-                whitening.steps.push((disturbance, factor));
+                self.steps.push((disturbance, factor));
             }
         }
-        whitening
+        self
     }
 
     /// Whitens values.
-    pub(super) fn apply(&self, values: &mut [f64]) {
+    ///
+    /// # Panics
+    /// If a disturbance has more values.
+    pub fn apply(&self, values: &mut [f64]) {
         for (disturbance, factor) in &self.steps {
             add(values, disturbance, -factor);
         }
     }
 
     /// The values before they were whitened.
-    pub(super) fn undo(&self, values: &mut [f64]) {
+    ///
+    /// # Panics
+    /// As [`apply`](Self::apply).
+    pub fn undo(&self, values: &mut [f64]) {
         for (disturbance, factor) in self.steps.iter().rev() {
-            let square: f64 = disturbance.iter().map(|value| value * value).sum();
-            add(values, disturbance, factor / (1.0 - factor * square));
+            add(values, disturbance, factor / (1.0 - factor * dot(disturbance, disturbance)));
         }
     }
 }
@@ -47,25 +58,6 @@ impl Whitening {
 fn add(values: &mut [f64], direction: &[f64], factor: f64) {
     add_scaled(values, factor * dot(values, direction), direction);
 }
-
-/// The changes of a frame by one standard deviation of the drift of the whole coating, and of each contact impedance;
-/// ohm. Deviations are relative; those that are 0 have no change.
-pub(super) fn drifts(model: &ForwardModel, coating: f64, contact: f64) -> Result<Vec<Vec<f64>>, ForwardError> {
-    let mut changes = Vec::new();
-    if coating > 0.0 {
-        let rest = model.solve(model.rest_conductivity())?;
-        changes.push(rest.iter().map(|value| coating * value).collect());
-    }
-    if contact > 0.0 {
-        let by_contact = model.contact_jacobian(model.rest_conductivity())?;
-        for (electrode, impedance) in model.contact_impedances().iter().enumerate() {
-            let change = |channel: usize| contact * impedance * by_contact.at(channel, electrode);
-            changes.push((0..by_contact.rows).map(change).collect());
-        }
-    }
-    Ok(changes)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

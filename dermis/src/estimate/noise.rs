@@ -1,0 +1,281 @@
+//! The noise of each channel, from untouched frames.
+
+use crate::frame::twins;
+use crate::protocol::Protocol;
+use crate::stats::{rms, upper_median};
+use serde::Serialize;
+
+/// The floor: least standard deviation of a channel over that of the median channel of its group. A channel whose value is
+/// in the middle of a step of the converter shows no noise until the noise is large.
+const FLOOR: f64 = 0.5;
+/// Standard deviation where nothing tells it, over the root mean square of the values: 60 dB.
+const ASSUMED: f64 = 1e-3;
+/// With fewer frames a touched one cannot be told from the others.
+const FEWEST_FOR_WEIGHTS: usize = 4;
+/// Weights are computed this many times; after a touch as strong as the whole frame they change by less than 1 %.
+const PASSES: usize = 8;
+/// Robust standard deviation of a normal distribution over the median of its absolute values.
+const NORMAL_MEDIAN: f64 = 1.4826;
+
+/// What the noise rests on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NoiseSource {
+    /// The scatter of several frames.
+    Scatter,
+    /// The differences of reciprocal channels, of a single frame or of frames without scatter: not only noise.
+    Reciprocity,
+    /// Nothing: 60 dB.
+    Assumed,
+}
+
+/// The noise of each channel of a frame.
+///
+/// The variance of a channel over few frames is uncertain, so it is shrunk towards those of its group: the channels that
+/// read no voltage at a driven electrode, or those that do. How far follows from how much the variances of the group differ
+/// beyond chance (empirical Bayes; Smyth, 2004, DOI 10.2202/1544-6115.1027, section 6.2): equal channels share one
+/// variance, different ones with many frames keep their own. At least it is a quarter of the group's median.
+///
+/// A frame whose deviations are larger than those of most, because it is touched, counts as much less: its weight is the
+/// inverse of its mean square deviation over the median of all frames (a scale mixture of normal distributions; Lange,
+/// Little and Taylor, 1989, DOI 10.1080/01621459.1989.10478852).
+///
+/// ```
+/// use dermis::estimate::noise::ChannelNoise;
+/// use dermis::protocol::Protocol;
+///
+/// let protocol = Protocol::adjacent(8)?;
+/// let frame = |k: usize| (0..56).map(|c| 5.0 + 0.01 * ((7 * k * k + 13 * c * (k + 1)) as f64).sin()).collect::<Vec<f64>>();
+/// let frames: Vec<Vec<f64>> = (0..20).map(frame).collect();
+/// let noise = ChannelNoise::of(&frames, &protocol).expect("frames");
+/// assert!(noise.sd_ohm().iter().all(|sd| (sd - 0.01 / 2f64.sqrt()).abs() < 1e-3)); // ohm
+/// # Ok::<(), dermis::protocol::ProtocolError>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct ChannelNoise {
+    sd_ohm: Vec<f64>,
+    frames: usize,
+    source: NoiseSource,
+    /// The channels that read no voltage at a driven electrode, and those that do.
+    groups: [Vec<usize>; 2],
+}
+
+impl ChannelNoise {
+    /// The noise of untouched frames, or of their differences from one frame; `None` without a frame.
+    ///
+    /// # Panics
+    /// If a frame does not fit the protocol.
+    pub fn of<F: AsRef<[f64]>>(untouched: &[F], protocol: &Protocol) -> Option<Self> {
+        let frames: Vec<&[f64]> = untouched.iter().map(AsRef::as_ref).collect();
+        let first = frames.first()?;
+        assert!(frames.iter().all(|frame| frame.len() == protocol.channel_count()), "frames of the protocol");
+        let is_finite = |channel: usize| frames.iter().all(|frame| frame[channel].is_finite());
+        let finite: Vec<bool> = (0..first.len()).map(is_finite).collect();
+        let groups = protocol.channels_by_drive().map(|group| group.into_iter().filter(|&one| finite[one]).collect());
+        let mut noise = ChannelNoise {
+            sd_ohm: vec![f64::NAN; first.len()],
+            frames: frames.len(),
+            source: NoiseSource::Scatter,
+            groups,
+        };
+        let (mean, variance, freedom) = moments(&frames, &finite);
+        let pooled = noise.groups.clone().map(|group| noise.shrink(&group, &variance, freedom));
+        match pooled {
+            [None, None] => noise.without_scatter(&mean, protocol),
+            // A group without scatter has that of the other.
+            [own, other] => {
+                for (group, pooled) in [(0, own), (1, other)] {
+                    if let (None, Some(sd)) = (pooled, own.or(other)) {
+                        noise.set(group, sd);
+                    }
+                }
+            }
+        }
+        Some(noise)
+    }
+
+    /// The standard deviation of each channel of one frame, ohm; `NaN` for a channel with a value that is not finite.
+    pub fn sd_ohm(&self) -> &[f64] {
+        &self.sd_ohm
+    }
+
+    /// The same of the mean of the frames.
+    pub fn sd_of_mean_ohm(&self) -> Vec<f64> {
+        self.sd_ohm.iter().map(|sd| sd / (self.frames as f64).sqrt()).collect()
+    }
+
+    /// Root mean square of the deviations of the channels that read no voltage at a driven electrode, and of those that do,
+    /// ohm; `NaN` without such a channel.
+    pub fn by_group_ohm(&self) -> [f64; 2] {
+        self.groups.each_ref().map(|group| rms(group.iter().map(|&channel| self.sd_ohm[channel])))
+    }
+
+    /// Number of frames.
+    pub fn frames(&self) -> usize {
+        self.frames
+    }
+
+    /// What the noise rests on.
+    pub fn source(&self) -> NoiseSource {
+        self.source
+    }
+
+    fn set(&mut self, group: usize, sd_ohm: f64) {
+        self.groups[group].iter().for_each(|&channel| self.sd_ohm[channel] = sd_ohm);
+    }
+
+    /// Sets the deviations of a group from its variances, and returns the median; `None` without scatter.
+    fn shrink(&mut self, group: &[usize], variance: &[f64], freedom: f64) -> Option<f64> {
+        let scattered: Vec<f64> = group.iter().map(|&channel| variance[channel]).filter(|one| *one > 0.0).collect();
+        if scattered.is_empty() {
+            return None;
+        }
+        let (usual, weight) = prior(&scattered, freedom);
+        let own = |&channel: &usize| weight * usual + (1.0 - weight) * variance[channel];
+        let shrunk: Vec<f64> = group.iter().map(own).collect();
+        let median = upper_median(&shrunk)?;
+        for (&channel, variance) in group.iter().zip(&shrunk) {
+            self.sd_ohm[channel] = variance.max(FLOOR * FLOOR * median).sqrt();
+        }
+        Some(median.sqrt())
+    }
+
+    /// The noise of frames that do not scatter, from their mean.
+    fn without_scatter(&mut self, mean: &[f64], protocol: &Protocol) {
+        let twins = twins(protocol);
+        let found = self.groups.each_ref().map(|group| disagreement(&twins, mean, group));
+        self.source = NoiseSource::Reciprocity;
+        let [own, other] = found.map(|sd| Some(sd).filter(|sd| *sd > 0.0));
+        let fallback = own.or(other).unwrap_or_else(|| {
+            self.source = NoiseSource::Assumed;
+            let group = if self.groups[0].is_empty() { &self.groups[1] } else { &self.groups[0] };
+            ASSUMED * rms(group.iter().map(|&channel| mean[channel]))
+        });
+        self.set(0, own.unwrap_or(fallback));
+        self.set(1, other.unwrap_or(fallback));
+    }
+}
+
+impl std::fmt::Display for ChannelNoise {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let parts = self.by_group_ohm().into_iter().zip(["", " at driven electrodes"]);
+        let known: Vec<String> =
+            parts.filter(|(sd, _)| !sd.is_nan()).map(|(sd, place)| format!("{sd:.3e} ohm{place}")).collect();
+        let source = match self.source {
+            NoiseSource::Scatter => "",
+            NoiseSource::Reciprocity => ", from reciprocal channels alone",
+            NoiseSource::Assumed => ", assumed",
+        };
+        write!(f, "noise of the channels {}{source}", known.join(" and "))
+    }
+}
+
+/// Robust standard deviation of a value in some channels, from its differences to the reciprocal channels; 0 where there are
+/// none.
+pub fn disagreement(reciprocal: &[Vec<(usize, f64)>], values: &[f64], channels: &[usize]) -> f64 {
+    let pairs = channels.iter().flat_map(|&own| reciprocal[own].iter().map(move |&(other, sign)| (own, other, sign)));
+    let differences = pairs.map(|(own, other, sign)| (values[own] - sign * values[other]).abs() / 2f64.sqrt());
+    let finite: Vec<f64> = differences.filter(|difference| difference.is_finite()).collect();
+    NORMAL_MEDIAN * upper_median(&finite).unwrap_or(0.0)
+}
+
+/// Weighted mean and variance of each channel, and the degrees of freedom of the variances. Channels that are not finite
+/// have no weight.
+fn moments(frames: &[&[f64]], finite: &[bool]) -> (Vec<f64>, Vec<f64>, f64) {
+    let count = frames.len() as f64;
+    let mut weights = vec![1.0; frames.len()];
+    let passes = if frames.len() < FEWEST_FOR_WEIGHTS { 1 } else { PASSES };
+    let (mut mean, mut variance) = (Vec::new(), Vec::new());
+    for pass in 0..passes {
+        if pass > 0 {
+            weights = self::weights(frames, finite, &mean, &variance);
+        }
+        let total: f64 = weights.iter().sum();
+        mean = weighted(frames, &weights, |_, value| value / total);
+        let unbiased = total * (count - 1.0) / count;
+        variance = weighted(frames, &weights, |channel, value| (value - mean[channel]).powi(2) / unbiased);
+    }
+    if frames.len() < 2 {
+        variance.fill(0.0);
+    }
+    (mean, variance, (weights.iter().sum::<f64>() - 1.0).max(1.0))
+}
+
+/// The weighted sum of a function of each value.
+fn weighted(frames: &[&[f64]], weights: &[f64], of: impl Fn(usize, f64) -> f64) -> Vec<f64> {
+    let mut sums = vec![0.0; frames[0].len()];
+    for (frame, weight) in frames.iter().zip(weights) {
+        sums.iter_mut()
+            .zip(*frame)
+            .enumerate()
+            .for_each(|(channel, (sum, &value))| *sum += weight * of(channel, value));
+    }
+    sums
+}
+
+/// 1 for a frame whose mean square deviation is at most the median of all frames, less for a larger one in proportion.
+fn weights(frames: &[&[f64]], finite: &[bool], mean: &[f64], variance: &[f64]) -> Vec<f64> {
+    let used: Vec<usize> = (0..mean.len()).filter(|&channel| finite[channel] && variance[channel] > 0.0).collect();
+    let square = |frame: &&[f64]| {
+        used.iter().map(|&channel| (frame[channel] - mean[channel]).powi(2) / variance[channel]).sum::<f64>()
+    };
+    let squares: Vec<f64> = frames.iter().map(square).collect();
+    let median = upper_median(&squares).unwrap_or(0.0);
+    squares.iter().map(|square| if *square > median { median / square } else { 1.0 }).collect()
+}
+
+/// The usual variance of a group, and its weight beside a channel's own with some degrees of freedom.
+///
+/// If the variances of a group are distributed as `d0 s0^2 / chi^2(d0)`, their logarithms have the variance
+/// `trigamma(d / 2) + trigamma(d0 / 2)`, which gives `d0`; the expectation of a variance is then that of `d0` degrees of
+/// freedom with the value `s0^2` and `d` with its own.
+fn prior(variances: &[f64], freedom: f64) -> (f64, f64) {
+    let count = variances.len() as f64;
+    let average = variances.iter().sum::<f64>() / count;
+    let logs: Vec<f64> = variances.iter().map(|variance| variance.ln()).collect();
+    let mean_log = logs.iter().sum::<f64>() / count;
+    let excess = logs.iter().map(|log| (log - mean_log).powi(2)).sum::<f64>() / (count - 1.0) - trigamma(0.5 * freedom);
+    // A single channel has no spread.
+    if excess.is_nan() || excess <= 0.0 {
+        return (average, 1.0);
+    }
+    let prior_freedom = 2.0 * trigamma_inverse(excess);
+    let bias = |freedom: f64| digamma(0.5 * freedom) - (0.5 * freedom).ln();
+    let usual = (mean_log - bias(freedom) + bias(prior_freedom)).exp();
+    (usual, prior_freedom / (prior_freedom + freedom))
+}
+
+/// Arguments from which the asymptotic series of digamma and trigamma are accurate to 1e-10.
+const ASYMPTOTIC: f64 = 10.0;
+
+/// The logarithmic derivative of the gamma function (Abramowitz and Stegun, 1964, 6.3.5 and 6.3.18).
+fn digamma(x: f64) -> f64 {
+    if x < ASYMPTOTIC {
+        return digamma(x + 1.0) - 1.0 / x;
+    }
+    let inverse = 1.0 / (x * x);
+    x.ln() - 0.5 / x - inverse * (1.0 / 12.0 - inverse * (1.0 / 120.0 - inverse * (1.0 / 252.0 - inverse / 240.0)))
+}
+
+/// Its derivative (6.4.6 and 6.4.12).
+fn trigamma(x: f64) -> f64 {
+    if x < ASYMPTOTIC {
+        return trigamma(x + 1.0) + 1.0 / (x * x);
+    }
+    let inverse = 1.0 / (x * x);
+    (1.0 + 0.5 / x + inverse * (1.0 / 6.0 - inverse * (1.0 / 30.0 - inverse * (1.0 / 42.0 - inverse / 30.0)))) / x
+}
+
+/// The argument at which trigamma has a value, by halving: it falls from infinity to 0.
+fn trigamma_inverse(value: f64) -> f64 {
+    // trigamma(x) is between 1 / x and 1 / x + 1 / x^2.
+    let (mut low, mut high) = (1.0 / value, 1.0 / value + 1.0 / value.sqrt());
+    while high - low > 1e-9 * high {
+        let middle = 0.5 * (low + high);
+        if trigamma(middle) > value { low = middle } else { high = middle }
+    }
+    high
+}
+
+#[cfg(test)]
+mod tests;
