@@ -9,9 +9,8 @@ use dermis::detect::{DetectOptions, Detector};
 use dermis::estimate::noise::ChannelNoise;
 use dermis::frame::{Differences, Frame, read_frames_without};
 use dermis::method::{Method, MethodOptions, Methods, is_path};
-use dermis::reconstruct::{Alpha, Difference, FEWEST_UNTOUCHED_FRAMES, Reconstruct};
+use dermis::reconstruct::{Alpha, Difference, Reconstruct};
 use dermis::skin::Skin;
-use dermis::stats::upper_median;
 use dermis::text::counted;
 use dermis_calibrate::Calibration;
 use dermis_learn::Model;
@@ -173,13 +172,10 @@ impl MethodArguments {
         match &self.channel_noise {
             None => Ok(Vec::new()),
             Some(path) if path.as_os_str() == MEASURED => {
-                let untouched = &differences.untouched;
-                if untouched.len() < FEWEST_UNTOUCHED_FRAMES {
-                    let message =
-                        format!("--channel-noise measured needs at least {FEWEST_UNTOUCHED_FRAMES} untouched frames");
-                    return Err(Failure::given(message, Some("give them with --baseline")));
-                }
-                let noise = ChannelNoise::of(untouched, &skin.design().protocol).expect("untouched frames");
+                let noise = ChannelNoise::of(&differences.rest(), &skin.design().protocol).ok_or_else(|| {
+                    let message = "--channel-noise measured needs untouched frames";
+                    Failure::given(message, Some("give them with --baseline"))
+                })?;
                 Ok(noise.sd_ohm().to_vec())
             }
             Some(path) => {

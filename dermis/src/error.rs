@@ -23,6 +23,9 @@ pub enum Error {
     /// A forward problem without a solution.
     #[error(transparent)]
     Forward(#[from] crate::forward::ForwardError),
+    /// Equations of an estimation that do not determine an unknown.
+    #[error("the equations of the estimation have no solution ({0}): check that the values are of an untouched skin")]
+    Estimate(#[from] crate::linalg::NotPositiveDefinite),
     /// Frames to which a design cannot be fitted.
     #[error(transparent)]
     Fit(#[from] crate::fit::FitError),

@@ -363,10 +363,6 @@ impl LeastSquares for Search<'_> {
         Ok(normal)
     }
 
-    fn step(&self, equations: &Normal, damping: f64) -> Result<Vec<f64>, NotPositiveDefinite> {
-        equations.step(damping)
-    }
-
     fn limit(&self, from: &Point, step: &mut [f64]) {
         step.iter_mut().zip(&from.x).for_each(|(part, x)| *part = (x + *part).clamp(-MOST_SD, MOST_SD) - x);
     }

@@ -170,9 +170,8 @@ fn misfits(fit: &Fit) -> Table {
     let mut table = Table::new(&["values", "channels", "rms, ohm", "misfit, ohm", "noise, ohm"]);
     for (name, misfit) in [("at driven electrodes", fit.driven), ("others", fit.others)] {
         if let Some(Misfit { channels, rms_ohm, misfit_ohm, noise_ohm, .. }) = misfit {
-            // A single frame has no scatter.
-            let noise = if fit.frames > 1 { significant(noise_ohm) } else { "-".to_string() };
-            table.row([name.to_string(), channels.to_string(), significant(rms_ohm), significant(misfit_ohm), noise]);
+            let [rms, misfit, noise] = [rms_ohm, misfit_ohm, noise_ohm].map(significant);
+            table.row([name.to_string(), channels.to_string(), rms, misfit, noise]);
         }
     }
     table

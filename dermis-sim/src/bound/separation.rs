@@ -6,8 +6,7 @@ use crate::elementary::{erf, exp};
 use crate::twin::{Press, TwinError};
 use dermis::estimate::least_squares::{Control, LeastSquares, Normal, Steps, minimise};
 use dermis::geom::Point3;
-use dermis::linalg::dot;
-use std::convert::Infallible;
+use dermis::linalg::{NotPositiveDefinite, dot};
 use std::f64::consts::{FRAC_PI_2, PI, SQRT_2};
 
 /// Two presses are told from one in this share of the cases...
@@ -123,8 +122,7 @@ impl SingleFit<'_> {
     /// The smallest misfit from a start; infinite if the skin does not bear the start.
     fn least_misfit(&self, start: Press) -> f64 {
         let Some(start) = self.candidate(start) else { return f64::INFINITY };
-        let Ok(found) = minimise(self, start, &STEPS);
-        found.point.misfit
+        minimise(self, start, &STEPS).map_or(f64::INFINITY, |found| found.point.misfit)
     }
 
     /// The misfit of a press; `None` if the skin does not bear it.
@@ -142,27 +140,20 @@ impl SingleFit<'_> {
 
 impl LeastSquares for SingleFit<'_> {
     type Point = Candidate;
-    /// `None` at an edge, where a place has no derivatives.
-    type Equations = Option<Normal>;
-    type Error = Infallible;
+    type Equations = Normal;
+    type Error = NotPositiveDefinite;
 
     fn cost(&self, point: &Candidate) -> f64 {
         point.misfit
     }
 
-    fn equations(&self, at: &Candidate) -> Result<Option<Normal>, Infallible> {
-        let columns = self
-            .bounds
-            .surface()
-            .normal(at.press.centre_m)
-            .and_then(|normal| self.bounds.derivatives(&self.precision, &at.press, normal).ok());
-        Ok(columns.map(|columns| equations(&columns, &at.residuals, self.log_radius(&at.press))))
-    }
-
-    /// Without a solution the press stays where it is.
-    fn step(&self, equations: &Option<Normal>, damping: f64) -> Result<Vec<f64>, Infallible> {
-        let step = equations.as_ref().and_then(|normal| normal.step(damping).ok());
-        Ok(step.unwrap_or_else(|| vec![0.0; PARAMETERS]))
+    /// Where the place has no derivatives, at an edge, or no effect, the press stays where it is.
+    fn equations(&self, at: &Candidate) -> Result<Normal, NotPositiveDefinite> {
+        let normal = self.bounds.surface().normal(at.press.centre_m);
+        let columns = normal.and_then(|normal| self.bounds.derivatives(&self.precision, &at.press, normal).ok());
+        let found = columns.map(|columns| equations(&columns, &at.residuals, self.log_radius(&at.press)));
+        let still = || Normal::new(&[&[][..]; PARAMETERS], &[]).with_unit_priors(&[0.0; PARAMETERS]);
+        Ok(found.filter(|found| found.factor().is_ok()).unwrap_or_else(still))
     }
 
     /// Force and tip radius change by at most a factor of e.

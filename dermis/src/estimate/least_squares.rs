@@ -38,10 +38,6 @@
 //!         Ok(Normal::new(&[&columns[0], &columns[1]], &residuals))
 //!     }
 //!
-//!     fn step(&self, normal: &Normal, damping: f64) -> Result<Vec<f64>, NotPositiveDefinite> {
-//!         normal.step(damping)
-//!     }
-//!
 //!     fn moved(&self, from: &[f64; 2], step: &[f64]) -> Option<[f64; 2]> {
 //!         Some([from[0] + step[0], from[1] + step[1]])
 //!     }
@@ -61,9 +57,9 @@ pub trait LeastSquares {
     /// Values of the unknowns, with what the model gives there.
     type Point;
     /// The equations of a step: [`Normal`], but where another form is cheaper.
-    type Equations;
+    type Equations: Equations;
     /// Why a step cannot be computed.
-    type Error;
+    type Error: From<NotPositiveDefinite>;
 
     /// The sum of the squares of the residuals and of the distances from the prior.
     fn cost(&self, point: &Self::Point) -> f64;
@@ -74,12 +70,6 @@ pub trait LeastSquares {
     /// Derivatives that cannot be computed.
     fn equations(&self, point: &Self::Point) -> Result<Self::Equations, Self::Error>;
 
-    /// Their solution; `damping` is 0 but with [`Control::Damping`].
-    ///
-    /// # Errors
-    /// Equations that do not determine the step.
-    fn step(&self, equations: &Self::Equations, damping: f64) -> Result<Vec<f64>, Self::Error>;
-
     /// Limits a step to where the model is valid.
     fn limit(&self, _from: &Self::Point, _step: &mut [f64]) {}
 
@@ -89,6 +79,22 @@ pub trait LeastSquares {
     /// Whether the search may end at a point after a number of steps.
     fn is_enough(&self, _point: &Self::Point, _steps: usize) -> bool {
         false
+    }
+}
+
+/// The equations of a step.
+pub trait Equations {
+    /// Their solution, with the diagonal increased by a share, which is 0 but with [`Control::Damping`].
+    ///
+    /// # Errors
+    /// The first unknown that is not determined.
+    fn step(&self, damping: f64) -> Result<Vec<f64>, NotPositiveDefinite>;
+}
+
+/// A step that is solved already.
+impl Equations for Vec<f64> {
+    fn step(&self, _: f64) -> Result<Vec<f64>, NotPositiveDefinite> {
+        Ok(self.clone())
     }
 }
 
@@ -185,7 +191,7 @@ pub fn minimise<P: LeastSquares>(problem: &P, start: P::Point, steps: &Steps) ->
             Some(here) => here,
             None => problem.equations(&point)?,
         };
-        let mut step = problem.step(&here, damping)?;
+        let mut step = here.step(damping)?;
         problem.limit(&point, &mut step);
         let mut is_last = step.iter().all(|part| part.abs() < steps.shortest);
         match (control.taken(problem, &point, cost, &step), control) {
@@ -253,15 +259,10 @@ impl Normal {
     pub fn factor(&self) -> Result<Cholesky, NotPositiveDefinite> {
         Cholesky::determined(&self.matrix)
     }
+}
 
-    /// The step, with the diagonal increased by a share.
-    ///
-    /// # Errors
-    /// As [`factor`](Self::factor).
-    pub fn step(&self, damping: f64) -> Result<Vec<f64>, NotPositiveDefinite> {
-        if damping == 0.0 {
-            return Ok(self.factor()?.solve(&self.right));
-        }
+impl Equations for Normal {
+    fn step(&self, damping: f64) -> Result<Vec<f64>, NotPositiveDefinite> {
         let mut damped = self.matrix.clone();
         (0..damped.rows).for_each(|i| *damped.at_mut(i, i) *= 1.0 + damping);
         Ok(Cholesky::determined(&damped)?.solve(&self.right))

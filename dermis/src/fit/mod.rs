@@ -136,9 +136,6 @@ pub enum FitError {
         /// Correlation with the untouched frame of the model, about zero.
         correlation: f64,
     },
-    /// A numerical failure.
-    #[error("the equations of the fit cannot be solved: leave out channels that are dead, or fit fewer contacts")]
-    Singular,
 }
 
 /// Whether the frames determine a quantity.

@@ -249,7 +249,7 @@ impl Search {
         let mut all = others.clone();
         all.matrix.values.iter_mut().zip(&driven.matrix.values).for_each(|(value, other)| *value += other);
         self.free.iter().enumerate().for_each(|(index, &one)| all.add_prior(index, self.prior(one), 0.0));
-        let covariance = all.factor().map_err(|_| FitError::Singular)?.inverse();
+        let covariance = all.factor()?.inverse();
         Ok(Information { parts: [others.matrix, driven.matrix], covariance })
     }
 
@@ -312,10 +312,6 @@ impl LeastSquares for Weighted<'_> {
             normal.add_prior(index, self.search.prior(one), self.from_prior(point, one));
         }
         Ok(normal)
-    }
-
-    fn step(&self, equations: &Normal, damping: f64) -> crate::Result<Vec<f64>> {
-        Ok(equations.step(damping).map_err(|_| FitError::Singular)?)
     }
 
     fn limit(&self, _: &Point, step: &mut [f64]) {

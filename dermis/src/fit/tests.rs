@@ -166,7 +166,7 @@ fn offsets_and_misfit_are_found() {
     let (at_driven, rest) = (fit.driven.unwrap(), fit.others.unwrap());
     assert_eq!((at_driven.channels, rest.channels), (driven.len(), others.len()));
     assert!((rest.misfit_ohm / 5.0 - 1.0).abs() < 0.05 && at_driven.misfit_ohm < 0.5, "{at_driven:?} {rest:?}");
-    assert!((rest.noise_ohm / (0.1 / 20_f64.sqrt()) - 1.0).abs() < 0.1, "{rest:?}");
+    assert!((rest.noise_ohm / 0.1 - 1.0).abs() < 0.1, "{rest:?}");
     let right = |channel: &usize| (fit.offsets[*channel].offset_ohm.abs() - 5.0).abs() < 1.0;
     assert!(others.iter().filter(|channel| right(channel)).count() * 20 > others.len() * 19);
 }

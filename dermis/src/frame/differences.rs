@@ -34,4 +34,11 @@ impl Differences {
         let (frames, untouched) = (minus_rest(&frames), minus_rest(&untouched));
         Differences { frames, untouched, baseline: Some(rest) }
     }
+
+    /// The untouched frames, ohm; empty if they are not known.
+    pub fn rest(&self) -> Vec<Frame> {
+        let Some(rest) = &self.baseline else { return Vec::new() };
+        let whole = |difference: &Frame| Frame(difference.iter().zip(rest.iter()).map(|(a, b)| a + b).collect());
+        self.untouched.iter().map(whole).collect()
+    }
 }

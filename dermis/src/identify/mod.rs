@@ -105,9 +105,6 @@ pub enum IdentifyError {
         "no channel has a finite value and a finite, positive standard deviation: give frames of the untouched skin"
     )]
     NoChannel,
-    /// A numerical failure.
-    #[error("the equations of the identification cannot be solved: check that the values are of an untouched skin")]
-    Singular,
 }
 
 /// The frame is nearly linear in the logarithms: after the second step what is left of the step is below a hundredth of the
@@ -175,7 +172,7 @@ impl Identifier {
             return Err(IdentifyError::AmplitudeOnly.into());
         }
         let surface = design.body.surface();
-        let basis = coating::basis(model.mesh(), options.correlation_m).map_err(|_| IdentifyError::Singular)?;
+        let basis = coating::basis(model.mesh(), options.correlation_m)?;
         Ok(Identifier {
             surface,
             options,
@@ -327,10 +324,6 @@ impl LeastSquares for Search<'_> {
     fn equations(&self, point: &Candidate) -> crate::Result<Normal> {
         let derivatives = self.identifier.jacobian(&point.model, &self.data)?;
         Ok(Normal::of(&derivatives, &point.residuals).with_unit_priors(&point.x))
-    }
-
-    fn step(&self, equations: &Normal, damping: f64) -> crate::Result<Vec<f64>> {
-        Ok(equations.step(damping).map_err(|_| IdentifyError::Singular)?)
     }
 
     /// Displacements keep cells valid.

@@ -282,10 +282,6 @@ impl LeastSquares for Search<'_> {
         Ok(goal.iter().zip(&shift).map(|(goal, from)| goal - from).collect())
     }
 
-    fn step(&self, equations: &Vec<f64>, _: f64) -> crate::Result<Vec<f64>> {
-        Ok(equations.clone())
-    }
-
     fn limit(&self, from: &Point, step: &mut [f64]) {
         /// Minimum fraction of a pixel's conductance after a step; of logarithms also the inverse of the maximum.
         const KEPT: f64 = 0.1;

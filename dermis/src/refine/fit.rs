@@ -2,7 +2,7 @@
 
 use super::VALUES_PER_UNKNOWN;
 use super::table::{Response, ResponseTable};
-use crate::estimate::least_squares::{Control, LeastSquares, Normal, Steps, minimise};
+use crate::estimate::least_squares::{Control, Equations, LeastSquares, Normal, Steps, minimise};
 use crate::linalg::{Matrix, NotPositiveDefinite, add_scaled, dot, products};
 use std::f64::consts::PI;
 
@@ -187,10 +187,6 @@ impl LeastSquares for Fit<'_> {
 
     fn equations(&self, state: &State) -> Result<Normal, NotPositiveDefinite> {
         Ok(state.equations(&columns(&state.derivatives())))
-    }
-
-    fn step(&self, equations: &Normal, damping: f64) -> Result<Vec<f64>, NotPositiveDefinite> {
-        equations.step(damping)
     }
 
     /// Touches stay on the body; the strengths and widths are solved for wherever they are.

@@ -19,10 +19,6 @@ impl LeastSquares for Valley {
         Ok(Normal::of(&derivatives, &[10.0 * (y - x * x), 1.0 - x]))
     }
 
-    fn step(&self, normal: &Normal, damping: f64) -> Result<Vec<f64>, NotPositiveDefinite> {
-        normal.step(damping)
-    }
-
     fn limit(&self, _: &[f64; 2], step: &mut [f64]) {
         step.iter_mut().for_each(|part| *part = part.clamp(-2.0, 2.0));
     }
