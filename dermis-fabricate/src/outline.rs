@@ -1,6 +1,6 @@
 //! Closed outlines of flat parts, and the paths that cut them.
 
-use dermis::geom::{Point2, polygon};
+use dermis::geom::{Chart, Point2, Shape, polygon};
 use std::f64::consts::{PI, TAU};
 
 /// A closed outline. Lengths in m.
@@ -30,6 +30,17 @@ impl Outline {
     /// A rectangle with sides along the axes.
     pub fn rectangle([x0, y0]: Point2, [x1, y1]: Point2) -> Self {
         Outline::Polygon(vec![[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+    }
+
+    /// The edge of a body in its chart.
+    pub(crate) fn of_chart(chart: &Chart) -> Self {
+        match chart.shape() {
+            Shape::Disk { radius_m } => Outline::Circle { centre_m: [0.0; 2], radius_m },
+            _ => {
+                let [low_m, high_m] = chart.bounds_m();
+                Outline::rectangle(low_m, high_m)
+            }
+        }
     }
 
     /// Corners of the outline; a circle is given by chords.

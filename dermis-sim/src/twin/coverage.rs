@@ -132,7 +132,7 @@ pub(super) fn cover(
 ) -> Result<(PotentialMoments, Vec<Option<Cover>>), TwinError> {
     let Cells::Triangles(triangles) = &mesh.cells else { return Err(TwinError::NoChart) };
     let mut pieces: Vec<Vec<Piece>> = (0..grid.patch_count()).map(|_| Vec::new()).collect();
-    let places: Vec<Point2> = mesh.nodes.iter().map(|&node| grid.surface.chart(node)).collect();
+    let places: Vec<Point2> = mesh.nodes.iter().map(|&node| grid.chart.unroll(node)).collect();
     let mut memory = [Vec::new(), Vec::new()];
     for triangle in triangles {
         cut(grid, &places, triangle, wanted, &mut memory, &mut pieces);
@@ -168,7 +168,7 @@ fn cut(
 ) {
     let first = places[nodes[0]];
     let corners = nodes.map(|node| {
-        let step = grid.surface.chart_step(first, places[node]);
+        let step = grid.chart.difference(first, places[node]);
         [first[0] + step[0], first[1] + step[1]]
     });
     let ([left, bottom], [right, top]) = bounds(corners.iter());

@@ -5,7 +5,7 @@ mod grid;
 #[cfg(test)]
 pub(crate) mod tests;
 
-use crate::design::{Body, ImageLayout, SkinDesign};
+use crate::design::{ImageLayout, SkinDesign};
 use crate::geom::vector::{dot, sub};
 use crate::geom::{Point3, Surface};
 use crate::mesh::{Mesh, MeshError};
@@ -117,17 +117,6 @@ impl PixelSpace {
             dot(away, away) <= square
         };
         self.centres_m.iter().enumerate().filter(is_near).map(|(pixel, _)| pixel)
-    }
-}
-
-/// The extent of a body's chart: the lower corner and the size of its bounding box in the chart (x, y) of a flat skin,
-/// or (theta, z) of a cylinder.
-pub fn chart_box(body: &Body) -> Option<([f64; 2], [f64; 2])> {
-    match *body {
-        Body::Cylinder { length_m, .. } => Some(([0.0, 0.0], [std::f64::consts::TAU, length_m])),
-        Body::Disk { diameter_m } => Some(([-0.5 * diameter_m; 2], [diameter_m; 2])),
-        Body::Rectangle { width_m, height_m } => Some(([0.0; 2], [width_m, height_m])),
-        Body::Mesh { .. } => None,
     }
 }
 
