@@ -7,8 +7,8 @@ use crate::outline::Outline;
 use crate::patches::{self, Patch};
 use crate::solid::{self, Solid};
 use dermis::design::{Body, ElectrodeShape, FabricationOptions, SkinDesign, closest_bores};
-use dermis::geom::{Chart, Point3};
 use dermis::geom::vector::{centroid, distance};
+use dermis::geom::{Chart, Point3};
 use dermis::mesh::Mesh;
 use std::sync::OnceLock;
 

@@ -1,5 +1,6 @@
 //! Closed outlines of flat parts, and the paths that cut them.
 
+use dermis::geom::vector::bounding_box;
 use dermis::geom::{Chart, Point2, Shape, polygon};
 use std::f64::consts::{PI, TAU};
 
@@ -70,12 +71,7 @@ impl Outline {
     pub fn bounds_m(&self) -> [Point2; 2] {
         match self {
             &Outline::Circle { centre_m: [x, y], radius_m: r } => [[x - r, y - r], [x + r, y + r]],
-            Outline::Polygon(corners) => {
-                let of = |start: f64, pick: fn(f64, f64) -> f64| {
-                    [0, 1].map(|axis| corners.iter().map(|corner| corner[axis]).fold(start, pick))
-                };
-                [of(f64::INFINITY, f64::min), of(f64::NEG_INFINITY, f64::max)]
-            }
+            Outline::Polygon(corners) => bounding_box(corners.iter().copied()),
         }
     }
 

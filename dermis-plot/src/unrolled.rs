@@ -6,6 +6,7 @@ use crate::scene::{Scene, Tile};
 use crate::svg::{Anchor, Picture, Place, Style, Text};
 use crate::{PlotError, solid};
 use dermis::design::{Body, SkinDesign};
+use dermis::geom::vector::bounding_box;
 use dermis::geom::{Chart, Point2, Point3, Shape};
 
 /// Largest extent of the plot, pixels.
@@ -33,12 +34,7 @@ impl Layout {
 
     /// The projection on the two axes along which some tiles extend most.
     fn projected(tiles: &[Tile]) -> Self {
-        let corners = || tiles.iter().flat_map(|tile| &tile.corners);
-        let bound = |axis: usize, start: f64, choose: fn(f64, f64) -> f64| {
-            corners().map(|corner| corner[axis]).fold(start, choose)
-        };
-        let low_m = [0, 1, 2].map(|axis| bound(axis, f64::INFINITY, f64::min));
-        let high_m = [0, 1, 2].map(|axis| bound(axis, f64::NEG_INFINITY, f64::max));
+        let [low_m, high_m] = bounding_box(tiles.iter().flat_map(|tile| &tile.corners).copied());
         let mut axes = [0, 1, 2];
         axes.sort_by(|&a, &b| (high_m[b] - low_m[b]).total_cmp(&(high_m[a] - low_m[a])));
         let axes = [axes[0].min(axes[1]), axes[0].max(axes[1])];

@@ -17,7 +17,11 @@ const MAGENTA: ([u8; 3], u8) = ([190, 0, 190], 6);
 pub(crate) fn sheets(fabrication: &Fabrication) -> Vec<Sheet> {
     let mut sheets = vec![patches(fabrication)];
     if let (Some(chart), Some(coat)) = (&fabrication.chart, &fabrication.coat) {
-        sheets.extend([foam(fabrication, coat), coat_mask(fabrication, chart, coat), template(fabrication, chart, coat)]);
+        sheets.extend([
+            foam(fabrication, coat),
+            coat_mask(fabrication, chart, coat),
+            template(fabrication, chart, coat),
+        ]);
     }
     sheets
 }

@@ -112,11 +112,7 @@ fn checksum_of_presses(twin: &str) -> String {
     let (mesh, rest) = (forward.mesh(), forward.rest_conductivity());
     let chart = unrolled(&design.body.surface());
     let presses: Vec<Press> = [([0.01, 0.003], 2.0), ([-0.155, 0.2985], 1.0), ([0.06, 0.14], 5.0), ([0.07, 0.15], 0.3)]
-        .map(|(step_m, force_n)| Press {
-            centre_m: chart.walk([0.05, 0.0, 0.0], step_m),
-            force_n,
-            tip_radius_m: 0.005,
-        })
+        .map(|(step_m, force_n)| Press { centre_m: chart.walk([0.05, 0.0, 0.0], step_m), force_n, tip_radius_m: 0.005 })
         .to_vec();
     let values: Vec<f64> = match TwinOptions::shipped(twin).unwrap().touch {
         TouchOptions::Patches(options) => {

@@ -103,8 +103,8 @@ fn outer_triangles(mesh: &Mesh) -> Vec<[usize; 3]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::sample_rng;
     use crate::elementary::unrolled;
+    use crate::random::sample_rng;
     use dermis::geom::Surface;
     use dermis::geom::vector::distance;
 

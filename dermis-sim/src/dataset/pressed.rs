@@ -128,8 +128,7 @@ impl PressMaker {
         {
             let (distance_m, way_rad) = (uniform(rng, together.distance_m), uniform(rng, [0.0, 2.0 * PI]));
             let (sine, cosine) = sin_cos(way_rad);
-            let beside =
-                unrolled(&self.body.surface()).walk(before.centre_m, [distance_m * cosine, distance_m * sine]);
+            let beside = unrolled(&self.body.surface()).walk(before.centre_m, [distance_m * cosine, distance_m * sine]);
             if self.body.holds(beside) {
                 return beside;
             }

@@ -6,9 +6,9 @@
 
 use crate::dataset::DatasetError;
 use crate::dataset::quadrature::Rule;
-use crate::touch::GaussianTouch;
 use crate::elementary::{Chart, unrolled};
-use dermis::geom::vector::longest_edge;
+use crate::touch::GaussianTouch;
+use dermis::geom::vector::{bounding_box, longest_edge};
 use dermis::geom::{Point3, Surface};
 use dermis::linalg::{LANES, SimdLevel};
 use dermis::mesh::{Cells, Mesh};
@@ -72,8 +72,9 @@ impl CellRaster {
         let flat_sheet = surface == Surface::Plane && mesh.nodes.iter().all(|node| node[2] == 0.0);
         let dimensions = if flat_sheet || matches!(surface, Surface::Cylinder { .. }) { 2 } else { 3 };
         let chart = unrolled(&surface);
-        let mut items: Vec<Item> =
-            (0..mesh.cell_count()).map(|cell| Item { cell, centre: chart.unroll_in_space(mesh.cell_centre(cell)) }).collect();
+        let mut items: Vec<Item> = (0..mesh.cell_count())
+            .map(|cell| Item { cell, centre: chart.unroll_in_space(mesh.cell_centre(cell)) })
+            .collect();
         sort_by_place(&mut items, dimensions);
         let mut raster = CellRaster {
             chart,
@@ -187,10 +188,8 @@ fn sort_by_place(items: &mut [Item], dimensions: usize) {
     if items.len() <= LANES {
         return;
     }
-    let extent = |axis: usize| {
-        let values = || items.iter().map(|item| item.centre[axis]);
-        values().fold(f64::NEG_INFINITY, f64::max) - values().fold(f64::INFINITY, f64::min)
-    };
+    let [low, high] = bounding_box(items.iter().map(|item| item.centre));
+    let extent = |axis: usize| high[axis] - low[axis];
     let axis = (0..dimensions).max_by(|&a, &b| extent(a).total_cmp(&extent(b))).unwrap_or(0);
     let half = items.len().div_ceil(LANES).div_ceil(2) * LANES;
     let half = half.min(items.len() - 1);

@@ -194,13 +194,13 @@ fn followers(design: &SkinDesign, mesh: &Mesh, rms_m: f64) -> Result<Vec<Vec<(us
     }
     let chart = unrolled(&design.body.surface());
     let distance_m = |a: Point3, b: Point3| chart.squared_distance_m2(a, b).sqrt();
-    let centres: Vec<Point3> = design.electrodes.iter().map(|electrode| chart.unroll_in_space(electrode.centre_m)).collect();
+    let centres: Vec<Point3> =
+        design.electrodes.iter().map(|electrode| chart.unroll_in_space(electrode.centre_m)).collect();
     let places: Vec<Point3> = mesh.nodes.iter().map(|&node| chart.unroll_in_space(node)).collect();
     let mut all = Vec::with_capacity(centres.len());
     for (index, &centre) in centres.iter().enumerate() {
-        let radius_m = (mesh.electrode_nodes(index).into_iter())
-            .map(|node| distance_m(centre, places[node]))
-            .fold(0.0, f64::max);
+        let radius_m =
+            (mesh.electrode_nodes(index).into_iter()).map(|node| distance_m(centre, places[node])).fold(0.0, f64::max);
         let others = centres.iter().enumerate().filter(|(other, _)| *other != index);
         let next_m = others.map(|(_, &other)| distance_m(centre, other)).fold(f64::INFINITY, f64::min);
         let around_m = radius_m.max(FARTHEST * rms_m);

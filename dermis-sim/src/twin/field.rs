@@ -7,6 +7,7 @@
 
 use crate::elementary::{Chart, exp, unrolled};
 use crate::random::standard_normal;
+use dermis::geom::vector::bounding_box;
 use dermis::geom::{Point3, Surface};
 use dermis::mesh::Mesh;
 use pulp::{Simd, WithSimd};
@@ -66,17 +67,12 @@ impl CorrelatedField {
 /// The grid over the nodes of a mesh, and the number of its points.
 fn axes_over(surface: Surface, mesh: &Mesh, length_m: f64) -> Option<(Vec<Axis>, usize)> {
     let dimensions = if surface == Surface::Free { 3 } else { 2 };
-    let mut bounds = vec![[f64::INFINITY, f64::NEG_INFINITY]; dimensions];
     let chart = unrolled(&surface);
-    for &node in &mesh.nodes {
-        for (bound, place) in bounds.iter_mut().zip(chart.unroll_in_space(node)) {
-            *bound = [bound[0].min(place), bound[1].max(place)];
-        }
-    }
-    let axes: Vec<Axis> = (bounds.iter().enumerate())
-        .map(|(index, &[low, high])| match (index, chart.period_m()) {
+    let [low_m, high_m] = bounding_box(mesh.nodes.iter().map(|&node| chart.unroll_in_space(node)));
+    let axes: Vec<Axis> = (0..dimensions)
+        .map(|index| match (index, chart.period_m()) {
             (0, Some(period_m)) => Axis::round(period_m, length_m),
-            _ => Axis::between(low, high, length_m),
+            _ => Axis::between(low_m[index], high_m[index], length_m),
         })
         .collect();
     let points = axes.iter().map(|axis| axis.count as f64).product::<f64>();

@@ -149,7 +149,8 @@ fn electrode(body: &Body, index: usize, electrode: &Electrode) -> Result<(), Pro
     }
     match shape {
         ElectrodeShape::Disc { radius_m } => {
-            let room_m = body.chart().map_or(f64::INFINITY, |chart| chart.size_m().into_iter().fold(f64::INFINITY, f64::min));
+            let room_m =
+                body.chart().map_or(f64::INFINITY, |chart| chart.size_m().into_iter().fold(f64::INFINITY, f64::min));
             if 2.0 * radius_m >= room_m {
                 let message = format!(
                     "is larger than the body: {} mm across on a body of {} mm",

@@ -1,6 +1,7 @@
 //! Pixels in a grid of rows and columns, and their exact overlaps with the triangles of a mesh.
 
 use crate::design::Body;
+use crate::geom::vector::bounding_box;
 use crate::geom::{Chart, Point2, Point3, Shape, Surface, polygon};
 use crate::image::PixelSpace;
 use crate::mesh::{Cells, Mesh, MeshError};
@@ -121,9 +122,8 @@ impl Grid {
             let line = ((value - self.low[axis]) / self.step[axis]).floor() as i64;
             if wraps { line } else { line.clamp(0, count as i64 - 1) }
         };
-        let low = corners.iter().map(|p| p[axis]).fold(f64::INFINITY, f64::min);
-        let high = corners.iter().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max);
-        (line(low), line(high))
+        let [low, high] = bounding_box(corners.iter().copied());
+        (line(low[axis]), line(high[axis]))
     }
 
     /// The part of a polygon in one line of pixels along an axis; with a count the outer lines are unbounded outwards.

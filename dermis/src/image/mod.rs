@@ -6,7 +6,7 @@ mod grid;
 pub(crate) mod tests;
 
 use crate::design::{ImageLayout, SkinDesign};
-use crate::geom::vector::{dot, sub};
+use crate::geom::vector::{bounding_box, dot, sub};
 use crate::geom::{Point3, Surface};
 use crate::mesh::{Mesh, MeshError};
 use std::sync::Arc;
@@ -97,10 +97,8 @@ impl PixelSpace {
 
     /// The bounding box of the pixels' centres: the minimum and maximum coordinate along x, y and z, m.
     pub fn box_m(&self) -> [[f64; 2]; 3] {
-        [0, 1, 2].map(|axis| {
-            let along = self.centres_m.iter().map(|centre| centre[axis]);
-            [along.clone().fold(f64::INFINITY, f64::min), along.fold(f64::NEG_INFINITY, f64::max)]
-        })
+        let [low_m, high_m] = bounding_box(self.centres_m.iter().copied());
+        [0, 1, 2].map(|axis| [low_m[axis], high_m[axis]])
     }
 
     /// The longest side of the bounding box of the pixels' centres, m.

@@ -40,11 +40,7 @@ impl Layout {
             let marking = match *outline {
                 Outline::Disc { centre, radius, ref arcs, whole, step } => {
                     let disc = Disc { electrode, centre, radius, step };
-                    if whole {
-                        layout.lay_circle(chart, disc)
-                    } else {
-                        layout.lay_arcs(chart, disc, arcs, &curves)?
-                    }
+                    if whole { layout.lay_circle(chart, disc) } else { layout.lay_arcs(chart, disc, arcs, &curves)? }
                 }
                 Outline::Arc { edge, from, to } => Marking::Along(curves[edge].between(from, to)),
                 Outline::Point { at } => match curves.iter().find_map(|curve| curve.at(chart, at)) {
@@ -185,9 +181,7 @@ impl Curve {
     /// The division point nearest to an arc length.
     fn index_at(&self, s: f64) -> usize {
         let apart = |index: usize| self.edge.arc_m(s, self.lengths[index]);
-        (0..self.lengths.len())
-            .min_by(|&a, &b| apart(a).total_cmp(&apart(b)))
-            .expect("a curve has points")
+        (0..self.lengths.len()).min_by(|&a, &b| apart(a).total_cmp(&apart(b))).expect("a curve has points")
     }
 
     /// The edges from one arc length to another.
