@@ -1,7 +1,7 @@
 //! Pose of a flat skin in the coordinate frame of a robot.
 
 use crate::calibration::Label;
-use dermis::geom::vector::sub;
+use dermis::geom::vector::{bounding_box, sub};
 use dermis::geom::{Point2, Point3};
 use dermis::skin::Skin;
 use rayon::prelude::*;
@@ -92,12 +92,8 @@ impl Pose {
 
 /// The middle of the skin in its own frame.
 fn middle(skin: &Skin) -> Point2 {
-    let centres = &skin.pixels().centres_m;
-    let range = |axis: usize| {
-        let values = centres.iter().map(|centre| centre[axis]);
-        0.5 * (values.clone().fold(f64::INFINITY, f64::min) + values.fold(f64::NEG_INFINITY, f64::max))
-    };
-    [range(0), range(1)]
+    let [low_m, high_m] = bounding_box(skin.pixels().centres_m.iter().copied());
+    [0, 1].map(|axis| 0.5 * (low_m[axis] + high_m[axis]))
 }
 
 /// The predicted change of all channels by a touch at each pixel.
@@ -141,11 +137,7 @@ impl Grid {
     fn new(skin: &Skin) -> Self {
         const SIDE: usize = 64;
         let centres = &skin.pixels().centres_m;
-        let bound = |axis: usize, start: f64, choose: fn(f64, f64) -> f64| {
-            centres.iter().map(|centre| centre[axis]).fold(start, choose)
-        };
-        let low_m = [0, 1].map(|axis| bound(axis, f64::INFINITY, f64::min));
-        let high_m = [0, 1].map(|axis| bound(axis, f64::NEG_INFINITY, f64::max));
+        let [low_m, high_m] = bounding_box(centres.iter().map(|&[x, y, _]| [x, y]));
         let edge_m = (high_m[0] - low_m[0]).max(high_m[1] - low_m[1]) / (SIDE - 1) as f64;
         let nearest = |square: usize| {
             let at = [low_m[0] + (square % SIDE) as f64 * edge_m, low_m[1] + (square / SIDE) as f64 * edge_m];

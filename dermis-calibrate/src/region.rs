@@ -4,7 +4,7 @@ use crate::calibration::Label;
 use crate::error::CalibrateError;
 use dermis::design::Body;
 use dermis::geom::Point3;
-use dermis::geom::vector::{cross, norm, normalize, sub};
+use dermis::geom::vector::{bounding_box, cross, norm, normalize, sub};
 use dermis::mesh::{Cells, Mesh};
 use dermis::skin::Skin;
 use rayon::prelude::*;
@@ -182,10 +182,8 @@ impl Region {
 
 /// The middle of the bounding box of some points.
 fn middle_of(points: &[Point3]) -> Point3 {
-    let bound = |axis: usize, start: f64, choose: fn(f64, f64) -> f64| {
-        points.iter().map(|point| point[axis]).fold(start, choose)
-    };
-    [0, 1, 2].map(|axis| 0.5 * (bound(axis, f64::INFINITY, f64::min) + bound(axis, f64::NEG_INFINITY, f64::max)))
+    let [low, high] = bounding_box(points.iter().copied());
+    [0, 1, 2].map(|axis| 0.5 * (low[axis] + high[axis]))
 }
 
 /// The distance of two points in the plane of x and y.

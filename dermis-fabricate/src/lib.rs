@@ -7,7 +7,6 @@
 #![warn(unreachable_pub)]
 
 mod body;
-mod chart;
 pub mod electrical;
 mod error;
 mod folder;
@@ -21,7 +20,6 @@ pub mod sheet;
 pub mod solid;
 
 pub use body::BodyMesh;
-pub use chart::Chart;
 pub use error::FabricateError;
 pub use folder::{Manifest, ManifestEntry, OutputFile, check_free, write_folder};
 pub use model::{Bore, FabricatedElectrode, Fabrication};

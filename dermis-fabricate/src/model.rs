@@ -1,15 +1,14 @@
 //! What is to be made: the one model from which every output is written.
 
 use crate::body::BodyMesh;
-use crate::chart::Chart;
 use crate::electrical::Electrical;
 use crate::error::FabricateError;
 use crate::outline::Outline;
 use crate::patches::{self, Patch};
 use crate::solid::{self, Solid};
 use dermis::design::{Body, ElectrodeShape, FabricationOptions, SkinDesign, closest_bores};
-use dermis::geom::Point3;
 use dermis::geom::vector::{centroid, distance};
+use dermis::geom::{Chart, Point3};
 use dermis::mesh::Mesh;
 use std::sync::OnceLock;
 
@@ -24,7 +23,7 @@ pub struct Fabrication {
     pub electrodes: Vec<FabricatedElectrode>,
     /// The surface of a body from a mesh file.
     pub body_mesh: Option<BodyMesh>,
-    /// The unrolled coat; `None` for a body from a mesh file.
+    /// The chart of the coat, cut open at the seam; `None` for a body from a mesh file.
     pub chart: Option<Chart>,
     /// The edge of the unrolled coat; `None` for a body from a mesh file.
     pub coat: Option<Outline>,
@@ -93,11 +92,11 @@ impl Fabrication {
             shape: electrode.shape,
             bore,
         });
-        let chart = Chart::of(&design.body, &options);
-        let coat = chart.as_ref().map(Chart::coat);
+        let chart = design.body.chart().map(|chart| chart.with_seam(options.seam_theta_rad));
+        let coat = chart.as_ref().map(Outline::of_chart);
         Ok(Fabrication {
             design: design.clone(),
-            patches: patches::of(chart.as_ref(), body_mesh.as_ref(), &options)?,
+            patches: patches::of(&design.body.surface(), chart.as_ref(), body_mesh.as_ref(), &options)?,
             options,
             electrodes: electrodes.collect(),
             body_mesh,

@@ -1,6 +1,7 @@
 //! Closed outlines of flat parts, and the paths that cut them.
 
-use dermis::geom::{Point2, polygon};
+use dermis::geom::vector::bounding_box;
+use dermis::geom::{Chart, Point2, Shape, polygon};
 use std::f64::consts::{PI, TAU};
 
 /// A closed outline. Lengths in m.
@@ -32,6 +33,17 @@ impl Outline {
         Outline::Polygon(vec![[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
     }
 
+    /// The edge of a body in its chart.
+    pub(crate) fn of_chart(chart: &Chart) -> Self {
+        match chart.shape() {
+            Shape::Disk { radius_m } => Outline::Circle { centre_m: [0.0; 2], radius_m },
+            _ => {
+                let [low_m, high_m] = chart.bounds_m();
+                Outline::rectangle(low_m, high_m)
+            }
+        }
+    }
+
     /// Corners of the outline; a circle is given by chords.
     pub fn corners(&self) -> Vec<Point2> {
         match self {
@@ -59,12 +71,7 @@ impl Outline {
     pub fn bounds_m(&self) -> [Point2; 2] {
         match self {
             &Outline::Circle { centre_m: [x, y], radius_m: r } => [[x - r, y - r], [x + r, y + r]],
-            Outline::Polygon(corners) => {
-                let of = |start: f64, pick: fn(f64, f64) -> f64| {
-                    [0, 1].map(|axis| corners.iter().map(|corner| corner[axis]).fold(start, pick))
-                };
-                [of(f64::INFINITY, f64::min), of(f64::NEG_INFINITY, f64::max)]
-            }
+            Outline::Polygon(corners) => bounding_box(corners.iter().copied()),
         }
     }
 

@@ -1,11 +1,10 @@
 //! The fabric patches.
 
 use crate::body::BodyMesh;
-use crate::chart::Chart;
 use crate::error::FabricateError;
 use crate::outline::Outline;
 use dermis::design::FabricationOptions;
-use dermis::geom::Point3;
+use dermis::geom::{Chart, Point3, Surface};
 
 /// A piece of conductive fabric.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,12 +24,13 @@ pub struct Patch {
 
 /// The patches of a skin.
 pub(crate) fn of(
+    surface: &Surface,
     chart: Option<&Chart>,
     mesh: Option<&BodyMesh>,
     options: &FabricationOptions,
 ) -> Result<Vec<Patch>, FabricateError> {
     let patches = match (chart, mesh) {
-        (Some(chart), _) => in_rows(chart, options),
+        (Some(chart), _) => in_rows(surface, chart, options),
         (None, Some(mesh)) => round_ones(mesh, options),
         (None, None) => Vec::new(),
     };
@@ -41,21 +41,21 @@ pub(crate) fn of(
 }
 
 /// Rows and columns over the unrolled coat, cut at its edge.
-fn in_rows(chart: &Chart, options: &FabricationOptions) -> Vec<Patch> {
-    let (low, size) = chart.patch_box_m();
-    let [(columns, column_m), (rows, row_m)] = size.map(|length_m| options.patches_along(length_m));
-    let (coat, half_gap_m) = (chart.coat(), 0.5 * options.patch_gap_m);
+fn in_rows(surface: &Surface, chart: &Chart, options: &FabricationOptions) -> Vec<Patch> {
+    let [low, _] = chart.bounds_m();
+    let [(columns, column_m), (rows, row_m)] = chart.size_m().map(|length_m| options.patches_along(length_m));
+    let (coat, half_gap_m) = (Outline::of_chart(chart), 0.5 * options.patch_gap_m);
     let patch = |(row, column): (usize, usize)| {
         let at = |column: usize, row: usize| [low[0] + column as f64 * column_m, low[1] + row as f64 * row_m];
         let ([x0, y0], [x1, y1]) = (at(column, row), at(column + 1, row + 1));
         let whole = Outline::rectangle([x0 + half_gap_m, y0 + half_gap_m], [x1 - half_gap_m, y1 - half_gap_m]);
         let outline = if inside(&whole, &coat) { whole } else { whole.clipped(&coat)? };
-        let centre_m = chart.point_m([0.5 * (x0 + x1), 0.5 * (y0 + y1)]);
+        let centre_m = chart.roll([0.5 * (x0 + x1), 0.5 * (y0 + y1)]);
         Some(Patch {
             label: format!("R{row}C{column}"),
             outline,
             centre_m,
-            normal: chart.normal(centre_m),
+            normal: surface.normal(centre_m).expect("a body with a chart has a known surface"),
             strain: 0.0,
         })
     };

@@ -9,9 +9,8 @@ use dermis::forward::ForwardModel;
 use dermis::geom::Point3;
 use dermis::image::PixelSpace;
 use dermis_sim::dataset::{Sample, SampleTouch};
-use dermis_sim::elementary::{exp_f32, powf_f32};
+use dermis_sim::elementary::{Chart, exp_f32, powf_f32, unrolled};
 use dermis_sim::random::{Normal, sample_rng};
-use dermis_sim::unrolled::Unrolled;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -107,7 +106,7 @@ pub struct Samples {
     /// The change of a difference by each contact's drift, for one standard deviation.
     contacts: Vec<Vec<f32>>,
     target: Target,
-    surface: Unrolled,
+    chart: Chart,
     pixels: Vec<Point3>,
     /// Whether the instrument reports amplitudes.
     amplitude_only: bool,
@@ -134,16 +133,16 @@ impl Samples {
         pixels: &PixelSpace,
         preset: &TrainingPreset,
     ) -> Result<Self, LearnError> {
-        let surface = Unrolled::of(&pixels.surface);
+        let chart = unrolled(&pixels.surface);
         Ok(Samples {
             source: Box::new(source),
             symmetries: preset.symmetries.clone().filter(|_| preset.target != Target::Conductance),
             contacts: contact_patterns(forward, preset.noise.contact_drift)?,
             noise: preset.noise.clone(),
             target: preset.target,
-            surface,
+            chart,
             amplitude_only: forward.protocol().amplitude_only(),
-            pixels: pixels.centres_m.iter().map(|&centre| surface.place(centre)).collect(),
+            pixels: pixels.centres_m.iter().map(|&centre| chart.unroll_in_space(centre)).collect(),
         })
     }
 
@@ -162,9 +161,9 @@ impl Samples {
         &self.contacts
     }
 
-    /// The unrolled surface, and the centres of the pixels in its coordinates, m.
-    pub fn pixels(&self) -> (&Unrolled, &[Point3]) {
-        (&self.surface, &self.pixels)
+    /// The chart of the skin, and the centres of the pixels in its coordinates, m.
+    pub fn pixels(&self) -> (&Chart, &[Point3]) {
+        (&self.chart, &self.pixels)
     }
 
     /// The undisturbed difference of a prepared sample, ohm.
@@ -298,11 +297,11 @@ impl Samples {
             if let Some(symmetries) = &self.symmetries {
                 place = symmetries.point(element, place);
             }
-            let place = self.surface.place(place);
+            let place = self.chart.unroll_in_space(place);
             let height = (Target::size(touch) / whole).sqrt();
             let per = -0.5 / (width_m * width_m);
             for (value, &pixel) in target.iter_mut().zip(&self.pixels) {
-                let exponent = per * self.surface.squared_distance_m2(place, pixel);
+                let exponent = per * self.chart.squared_distance_m2(place, pixel);
                 if exponent > -16.0 {
                     *value += height * exp_f32(exponent as f32);
                 }

@@ -3,10 +3,10 @@
 use crate::colour::{BLACK, Colour, ELECTRODE, ESTIMATE, FALSE_POSITIVE, INK, SKIN, Scale, mix};
 use crate::scene::{Dot, Key, LABEL_SIZE, Label, LabelPosition, Mark, Scene, Stroke, Tile, normal_of};
 use dermis::contact::Contact;
-use dermis::design::{Body, SkinDesign};
+use dermis::design::SkinDesign;
 use dermis::geom::polygon::clip_half_plane;
 use dermis::geom::vector::{add, centroid, cross, dot, normalize, sub};
-use dermis::geom::{Point3, Surface};
+use dermis::geom::{Chart, Point2, Point3, Shape, Surface};
 use dermis::image::PixelSpace;
 use dermis::mesh::{Cells, ElectrodePatch, Mesh};
 use std::collections::HashMap;
@@ -155,86 +155,30 @@ impl<'a> Drawing<'a> {
 
     /// The bare body as a few tiles.
     pub(crate) fn body_tiles(&self) -> Vec<Tile> {
-        let tile = |corners: Vec<Point3>| Tile { corners, fill: mix(SKIN, [255, 255, 255], 0.45), edge: None };
-        match self.design.body {
-            Body::Cylinder { length_m, .. } => {
-                let rows = 12;
-                let columns = (TAU / TILE_ANGLE_RAD).round() as usize;
-                let place = |row: usize, column: usize| {
-                    let (z, theta) = (row as f64 / rows as f64 * length_m, column as f64 / columns as f64 * TAU);
-                    self.surface().at(z, theta).expect("a cylinder has angles")
-                };
-                let corner = |row, column| {
-                    tile(vec![
-                        place(row, column),
-                        place(row, column + 1),
-                        place(row + 1, column + 1),
-                        place(row + 1, column),
-                    ])
-                };
-                (0..rows)
-                    .flat_map(|row| (0..columns).map(move |column| (row, column)))
-                    .map(|(r, c)| corner(r, c))
-                    .collect()
-            }
-            Body::Disk { diameter_m } => vec![tile(flat(&round(diameter_m / 2.0)))],
-            Body::Rectangle { width_m: w, height_m: h } => {
-                vec![tile(flat(&[[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]]))]
-            }
-            Body::Mesh { .. } => self.cell_tiles(|_| SKIN, None),
-        }
+        let Some(chart) = self.design.body.chart() else { return self.cell_tiles(|_| SKIN, None) };
+        let [low_m, high_m] = chart.bounds_m();
+        let rows = if chart.period_m().is_some() { 12 } else { 1 };
+        let row = |row| box_polygons(&chart, [low_m[0], high_m[0]], part(row, rows, low_m[1], high_m[1]));
+        let tile = |corners| Tile { corners, fill: mix(SKIN, [255, 255, 255], 0.45), edge: None };
+        (0..rows).flat_map(row).map(tile).collect()
     }
 
     fn pixel_tiles(&self, space: &PixelSpace, values: &[f64], scale: &Scale) -> Vec<Tile> {
-        let (Some([rows, columns]), false) = (space.grid, matches!(self.design.body, Body::Mesh { .. })) else {
+        let (Some([rows, columns]), Some(chart)) = (space.grid, self.design.body.chart()) else {
             let cell_values = self.spread_over_cells(space, values);
             return self.cell_tiles(|cell| scale.colour(cell_values[cell]), None);
         };
+        let [low_m, high_m] = chart.bounds_m();
         let mut tiles = Vec::new();
         for (&position, &value) in space.position_in_grid.iter().zip(values) {
             let fill = scale.colour(value);
-            for corners in self.pixel_polygons(position / columns, position % columns, rows, columns) {
+            let across_m = part(position % columns, columns, low_m[0], high_m[0]);
+            let along_m = part(position / columns, rows, low_m[1], high_m[1]);
+            for corners in box_polygons(&chart, across_m, along_m) {
                 tiles.push(Tile { corners, fill, edge: None });
             }
         }
         tiles
-    }
-
-    /// The part of one pixel of the grid on the body, as flat polygons.
-    fn pixel_polygons(&self, row: usize, column: usize, rows: usize, columns: usize) -> Vec<Vec<Point3>> {
-        let part = |index: usize, count: usize, low: f64, high: f64| {
-            [index, index + 1].map(|end| low + (high - low) * end as f64 / count as f64)
-        };
-        let square = |[x0, x1]: [f64; 2], [y0, y1]: [f64; 2]| [[x0, y0], [x1, y0], [x1, y1], [x0, y1]];
-        match self.design.body {
-            Body::Cylinder { length_m, .. } => {
-                let [z0, z1] = part(row, rows, 0.0, length_m);
-                let [from, to] = part(column, columns, 0.0, TAU);
-                let slices = ((to - from) / TILE_ANGLE_RAD).ceil().max(1.0) as usize;
-                let at = |z, theta| self.surface().at(z, theta).expect("a cylinder has angles");
-                let slice = |index| {
-                    let [a, b] = part(index, slices, from, to);
-                    vec![at(z0, a), at(z0, b), at(z1, b), at(z1, a)]
-                };
-                (0..slices).map(slice).collect()
-            }
-            Body::Disk { diameter_m } => {
-                let radius = diameter_m / 2.0;
-                let mut corners =
-                    square(part(column, columns, -radius, radius), part(row, rows, -radius, radius)).to_vec();
-                let outline = round(radius);
-                for (index, &from) in outline.iter().enumerate() {
-                    let to = outline[(index + 1) % outline.len()];
-                    let normal = [to[1] - from[1], from[0] - to[0]];
-                    corners = clip_half_plane(&corners, normal, normal[0] * from[0] + normal[1] * from[1]);
-                }
-                if corners.len() < 3 { vec![] } else { vec![flat(&corners)] }
-            }
-            Body::Rectangle { width_m, height_m } => {
-                vec![flat(&square(part(column, columns, 0.0, width_m), part(row, rows, 0.0, height_m)))]
-            }
-            Body::Mesh { .. } => vec![],
-        }
     }
 
     /// The value of each cell: that of its pixel, or the mean of the pixels that contain it.
@@ -361,14 +305,41 @@ fn estimate_dot(estimate: &Contact, radius: f64) -> Dot {
     Dot { at: estimate.position_m, normal: estimate.normal, radius, mark: Mark::Ring(ESTIMATE) }
 }
 
+/// The ends of one of some equal parts of an interval.
+fn part(index: usize, count: usize, low: f64, high: f64) -> [f64; 2] {
+    [index, index + 1].map(|end| low + (high - low) * end as f64 / count as f64)
+}
+
+/// The part of a box of the chart on the body, as flat polygons.
+fn box_polygons(chart: &Chart, [x0, x1]: [f64; 2], [y0, y1]: [f64; 2]) -> Vec<Vec<Point3>> {
+    let flat = |corners: &[Point2]| corners.iter().map(|&corner| chart.roll(corner)).collect();
+    match chart.shape() {
+        Shape::Wall { radius_m, .. } => {
+            // Rounding must not add a slice.
+            let slices = ((x1 - x0) / (radius_m * TILE_ANGLE_RAD) - 1e-9).ceil().max(1.0) as usize;
+            let slice = |index| {
+                let [a, b] = part(index, slices, x0, x1);
+                flat(&[[a, y0], [b, y0], [b, y1], [a, y1]])
+            };
+            (0..slices).map(slice).collect()
+        }
+        Shape::Disk { radius_m } => {
+            let mut corners = vec![[x0, y0], [x1, y0], [x1, y1], [x0, y1]];
+            let outline = round(radius_m);
+            for (from, to) in outline.iter().zip(outline.iter().cycle().skip(1)) {
+                let normal = [to[1] - from[1], from[0] - to[0]];
+                corners = clip_half_plane(&corners, normal, normal[0] * from[0] + normal[1] * from[1]);
+            }
+            if corners.len() < 3 { vec![] } else { vec![flat(&corners)] }
+        }
+        _ => vec![flat(&[[x0, y0], [x1, y0], [x1, y1], [x0, y1]])],
+    }
+}
+
 /// A circle around the origin as a polygon, counter-clockwise.
 fn round(radius_m: f64) -> Vec<[f64; 2]> {
     const CORNERS: usize = 180;
     (0..CORNERS).map(|k| TAU * k as f64 / CORNERS as f64).map(|a| [radius_m * a.cos(), radius_m * a.sin()]).collect()
-}
-
-fn flat(corners: &[[f64; 2]]) -> Vec<Point3> {
-    corners.iter().map(|&[x, y]| [x, y, 0.0]).collect()
 }
 
 /// The triangles of a surface, or the faces that belong to one tetrahedron only.

@@ -5,7 +5,7 @@ use crate::colour::{BLACK, Colour, SKIN, mix};
 use crate::scene::Tile;
 use crate::svg::Place;
 use dermis::geom::Point3;
-use dermis::geom::vector::{add, centroid, dot, normalize, scale};
+use dermis::geom::vector::{add, bounding_box, centroid, dot, normalize, scale};
 use std::collections::HashMap;
 
 /// Largest extent of the body in a picture, pixels.
@@ -55,14 +55,8 @@ impl Projection {
     /// The projection in which the body fills the plot.
     pub(crate) fn new(camera: &Camera, tiles: &[Tile]) -> Self {
         let axes = camera.axes();
-        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for corner in tiles.iter().flat_map(|tile| &tile.corners) {
-            for axis in 0..2 {
-                let value = dot(axes[axis], *corner);
-                low[axis] = low[axis].min(value);
-                high[axis] = high[axis].max(value);
-            }
-        }
+        let corners = tiles.iter().flat_map(|tile| &tile.corners);
+        let [low, high] = bounding_box(corners.map(|&corner| [0, 1].map(|axis| dot(axes[axis], corner))));
         let extent = (high[0] - low[0]).max(high[1] - low[1]);
         Projection { axes, low, high, pixels_per_m: if extent > 0.0 { PLOT_SIZE / extent } else { 1.0 } }
     }
@@ -115,13 +109,7 @@ impl Projection {
     pub(crate) fn see(&self, tile: &Tile, light: Light) -> Seen {
         let places: Vec<Place> = tile.corners.iter().map(|&corner| self.place(corner)).collect();
         let normal = tile.normal();
-        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for place in &places {
-            for axis in 0..2 {
-                low[axis] = low[axis].min(place[axis]);
-                high[axis] = high[axis].max(place[axis]);
-            }
-        }
+        let [low, high] = bounding_box(places.iter().copied());
         Seen {
             depth: self.depth(centroid(&tile.corners)),
             fill: self.lit(tile.fill, normal, light),

@@ -6,8 +6,8 @@ use crate::scene::{Scene, Tile};
 use crate::svg::{Anchor, Picture, Place, Style, Text};
 use crate::{PlotError, solid};
 use dermis::design::{Body, SkinDesign};
-use dermis::geom::{Point3, Surface};
-use std::f64::consts::TAU;
+use dermis::geom::vector::bounding_box;
+use dermis::geom::{Chart, Point2, Point3, Shape};
 
 /// Largest extent of the plot, pixels.
 const PLOT_SIZE: f64 = 540.0;
@@ -20,91 +20,59 @@ const ABOVE: f64 = 44.0;
 
 /// The flat layout of a body: lengths in m, the second axis upwards.
 #[derive(Debug, Clone, Copy)]
-struct Chart {
-    surface: Surface,
-    low_m: [f64; 2],
-    high_m: [f64; 2],
-    /// Circumference of a cylinder; positions wrap around at the seam.
-    around_m: Option<f64>,
-    /// Axes of a flat layout, to the right and upwards.
+struct Layout {
+    chart: Chart,
+    bounds_m: [Point2; 2],
+    /// Axes in space of a flat layout, to the right and upwards.
     axes: [usize; 2],
-    labels: [&'static str; 2],
 }
 
-/// Labels of the axes in space.
-const LABELS: [&str; 3] = ["x (mm)", "y (mm)", "z (mm)"];
-
-impl Chart {
+impl Layout {
     fn of(body: &Body) -> Option<Self> {
-        let flat = |low_m, high_m| Chart {
-            surface: Surface::Plane,
-            low_m,
-            high_m,
-            around_m: None,
-            axes: [0, 1],
-            labels: [LABELS[0], LABELS[1]],
-        };
-        match *body {
-            Body::Cylinder { length_m, diameter_m } => Some(Chart {
-                surface: body.surface(),
-                low_m: [0.0, 0.0],
-                high_m: [diameter_m / 2.0 * TAU, length_m],
-                around_m: Some(diameter_m / 2.0 * TAU),
-                axes: [0, 1],
-                labels: ["arc length s = r \u{3b8} (mm)", "z (mm)"],
-            }),
-            Body::Disk { diameter_m } => Some(flat([-diameter_m / 2.0; 2], [diameter_m / 2.0; 2])),
-            Body::Rectangle { width_m, height_m } => Some(flat([0.0; 2], [width_m, height_m])),
-            Body::Mesh { .. } => None,
-        }
+        body.chart().map(|chart| Layout { chart, bounds_m: chart.bounds_m(), axes: [0, 1] })
     }
 
     /// The projection on the two axes along which some tiles extend most.
     fn projected(tiles: &[Tile]) -> Self {
-        let corners = || tiles.iter().flat_map(|tile| &tile.corners);
-        let bound = |axis: usize, start: f64, choose: fn(f64, f64) -> f64| {
-            corners().map(|corner| corner[axis]).fold(start, choose)
-        };
-        let low_m = [0, 1, 2].map(|axis| bound(axis, f64::INFINITY, f64::min));
-        let high_m = [0, 1, 2].map(|axis| bound(axis, f64::NEG_INFINITY, f64::max));
+        let [low_m, high_m] = bounding_box(tiles.iter().flat_map(|tile| &tile.corners).copied());
         let mut axes = [0, 1, 2];
         axes.sort_by(|&a, &b| (high_m[b] - low_m[b]).total_cmp(&(high_m[a] - low_m[a])));
         let axes = [axes[0].min(axes[1]), axes[0].max(axes[1])];
-        let on = |values: [f64; 3]| axes.map(|axis| values[axis]);
-        let labels = axes.map(|axis| LABELS[axis]);
-        Chart { surface: Surface::Free, low_m: on(low_m), high_m: on(high_m), around_m: None, axes, labels }
+        let bounds_m = [low_m, high_m].map(|corner| axes.map(|axis| corner[axis]));
+        Layout { chart: Chart::new(Shape::Plane), bounds_m, axes }
+    }
+
+    fn is_closed(&self) -> bool {
+        self.chart.period_m().is_some()
+    }
+
+    fn labels(&self) -> [&'static str; 2] {
+        match self.is_closed() {
+            true => ["arc length s = r \u{3b8} (mm)", "z (mm)"],
+            false => self.axes.map(|axis| ["x (mm)", "y (mm)", "z (mm)"][axis]),
+        }
     }
 
     /// A point of the skin, m.
-    fn point(&self, at: Point3) -> [f64; 2] {
-        match self.surface {
-            Surface::Cylinder { radius_m, .. } => {
-                [radius_m * self.surface.theta_rad(at).expect("a cylinder has angles"), at[2]]
-            }
-            _ => self.axes.map(|axis| at[axis]),
-        }
+    fn point(&self, at: Point3) -> Point2 {
+        self.chart.unroll([at[self.axes[0]], at[self.axes[1]], at[2]])
     }
 
     /// The points of one element (a tile, a line), repeated where it crosses the seam.
-    fn together(&self, points: &[Point3]) -> Vec<Vec<[f64; 2]>> {
-        let Some(around) = self.around_m else { return vec![points.iter().map(|&point| self.point(point)).collect()] };
-        let anchor = self.point(points[0]);
-        let placed: Vec<[f64; 2]> = points
-            .iter()
-            .map(|&point| {
-                let [dx, dy] = self.surface.chart(points[0], point);
-                [anchor[0] + dx, anchor[1] + dy]
-            })
-            .collect();
-        let mut copies = vec![placed.clone()];
-        // A small tolerance, so that an element that only touches the seam is not drawn twice.
-        let tolerance = 1e-9 * around;
-        let moved = |by: f64| placed.iter().map(|[x, y]| [x + by, *y]).collect();
-        if placed.iter().any(|[x, _]| *x < -tolerance) {
-            copies.push(moved(around));
-        }
-        if placed.iter().any(|[x, _]| *x > around + tolerance) {
-            copies.push(moved(-around));
+    fn together(&self, points: &[Point3]) -> Vec<Vec<Point2>> {
+        let first = self.point(points[0]);
+        let beside = |&at: &Point3| {
+            let [x, y] = self.chart.difference(first, self.point(at));
+            [first[0] + x, first[1] + y]
+        };
+        let mut copies = vec![points.iter().map(beside).collect::<Vec<_>>()];
+        if let Some(period_m) = self.chart.period_m() {
+            // A small tolerance, so that an element that only touches the seam is not drawn twice.
+            let tolerance_m = 1e-9 * period_m;
+            let moved = |by_m: f64| copies[0].iter().map(|[x, y]| [x + by_m, *y]).collect();
+            let below = copies[0].iter().any(|[x, _]| *x < -tolerance_m).then(|| moved(period_m));
+            let above = copies[0].iter().any(|[x, _]| *x > period_m + tolerance_m).then(|| moved(-period_m));
+            copies.extend([below, above].into_iter().flatten());
         }
         copies
     }
@@ -112,24 +80,25 @@ impl Chart {
 
 /// Position and scale of the plot.
 struct Plot {
-    chart: Chart,
-    low_m: [f64; 2],
+    layout: Layout,
+    low_m: Point2,
     pixels_per_m: f64,
     width: f64,
     height: f64,
 }
 
 impl Plot {
-    fn new(chart: Chart) -> Self {
-        let extent = [chart.high_m[0] - chart.low_m[0], chart.high_m[1] - chart.low_m[1]];
+    fn new(layout: Layout) -> Self {
+        let [low_m, high_m] = layout.bounds_m;
+        let extent = [high_m[0] - low_m[0], high_m[1] - low_m[1]];
         let room = MARGIN * extent[0].max(extent[1]);
         // A cylinder fills the plot from seam to seam.
-        let room = [if chart.around_m.is_some() { 0.0 } else { room }, room];
+        let room = [if layout.is_closed() { 0.0 } else { room }, room];
         let full = [extent[0] + 2.0 * room[0], extent[1] + 2.0 * room[1]];
         let pixels_per_m = PLOT_SIZE / full[0].max(full[1]);
         Plot {
-            chart,
-            low_m: [chart.low_m[0] - room[0], chart.low_m[1] - room[1]],
+            layout,
+            low_m: [low_m[0] - room[0], low_m[1] - room[1]],
             pixels_per_m,
             width: full[0] * pixels_per_m,
             height: full[1] * pixels_per_m,
@@ -147,7 +116,7 @@ impl Plot {
 
     fn tiles(&self, picture: &mut Picture, tiles: &[Tile]) {
         for tile in tiles {
-            for copy in self.chart.together(&tile.corners) {
+            for copy in self.layout.together(&tile.corners) {
                 let mut places: Vec<Place> = copy.into_iter().map(|at| self.place(at)).collect();
                 // Of a projected body, the back has the other orientation: together they would be a hole.
                 if doubled_area(&places) < 0.0 {
@@ -160,7 +129,7 @@ impl Plot {
 
     /// The two sides of the seam, or the outline of a flat body.
     fn outline(&self, picture: &mut Picture, body: &Body) {
-        let Chart { low_m: [x0, y0], high_m: [x1, y1], .. } = self.chart;
+        let [[x0, y0], [x1, y1]] = self.layout.bounds_m;
         let style = Style::line(FAINT, 1.0);
         match *body {
             Body::Disk { diameter_m } => {
@@ -178,24 +147,19 @@ impl Plot {
         self.outline(&mut picture, body);
         self.tiles(&mut picture, &scene.patches);
         for stroke in &scene.strokes {
-            for copy in self.chart.together(&stroke.ends) {
+            for copy in self.layout.together(&stroke.ends) {
                 let places: Vec<Place> = copy.into_iter().map(|at| self.place(at)).collect();
                 picture.line(&places, Style::line(stroke.colour, stroke.width));
             }
         }
         for dot in &scene.dots {
-            let at = self.place(self.chart.point(dot.at));
-            let around = self.chart.around_m.map(|around| around * self.pixels_per_m);
-            let copies = around.map_or(vec![0.0], |around| vec![0.0, around, -around]);
-            for dx in copies {
-                let x = at[0] + dx;
-                if x > -dot.radius && x < self.width + dot.radius {
-                    frame::draw_mark(&mut picture, [x, at[1]], dot.radius, dot.mark);
-                }
+            let copies = self.layout.chart.copies_within(self.layout.point(dot.at), dot.radius / self.pixels_per_m);
+            for place in copies {
+                frame::draw_mark(&mut picture, self.place(place), dot.radius, dot.mark);
             }
         }
         for label in &scene.labels {
-            let anchor = self.place(self.chart.point(label.at));
+            let anchor = self.place(self.layout.point(label.at));
             let at = label.baseline(anchor, [self.width, self.height], self.pixels_per_m);
             picture.text(at, &label.text, Text::new(label.size, Anchor::Middle).rimmed());
         }
@@ -214,19 +178,19 @@ fn doubled_area(places: &[Place]) -> f64 {
 /// # Errors
 /// A body that is defined by its mesh only has no flat layout.
 pub(crate) fn draw(scene: &Scene, design: &SkinDesign) -> Result<Picture, PlotError> {
-    let chart = Chart::of(&design.body).ok_or(PlotError::NoFlatLayout)?;
-    Ok(draw_chart(scene, design, chart))
+    let layout = Layout::of(&design.body).ok_or(PlotError::NoFlatLayout)?;
+    Ok(draw_layout(scene, design, layout))
 }
 
 /// The same; a body without a flat layout is projected on its two longest axes.
 pub(crate) fn draw_flat(scene: &Scene, design: &SkinDesign) -> Picture {
-    let chart = Chart::of(&design.body).unwrap_or_else(|| Chart::projected(&scene.tiles));
-    draw_chart(scene, design, chart)
+    let layout = Layout::of(&design.body).unwrap_or_else(|| Layout::projected(&scene.tiles));
+    draw_layout(scene, design, layout)
 }
 
-fn draw_chart(scene: &Scene, design: &SkinDesign, chart: Chart) -> Picture {
-    let plot = Plot::new(chart);
-    let above = if chart.around_m.is_some() { ABOVE } else { 6.0 };
+fn draw_layout(scene: &Scene, design: &SkinDesign, layout: Layout) -> Picture {
+    let plot = Plot::new(layout);
+    let above = if layout.is_closed() { ABOVE } else { 6.0 };
     let right = if scene.key.is_some() { frame::KEY_WIDTH + 24.0 } else { 24.0 };
     let top = frame::title_height(&scene.title, &scene.subtitle) + above;
     let legend_height = frame::legend_height(&scene.legend, plot.width);
@@ -237,12 +201,12 @@ fn draw_chart(scene: &Scene, design: &SkinDesign, chart: Chart) -> Picture {
     let corner = [LEFT, top + plot.height];
     let wanted = |pixels: f64| ((pixels / 70.0) as usize).max(2);
     let below =
-        Axis { range: plot.range_mm(0), logarithmic: false, label: chart.labels[0], wanted: wanted(plot.width) };
+        Axis { range: plot.range_mm(0), logarithmic: false, label: layout.labels()[0], wanted: wanted(plot.width) };
     frame::axis_below(&mut picture, corner, plot.width, &below);
     let left =
-        Axis { range: plot.range_mm(1), logarithmic: false, label: chart.labels[1], wanted: wanted(plot.height) };
+        Axis { range: plot.range_mm(1), logarithmic: false, label: layout.labels()[1], wanted: wanted(plot.height) };
     frame::axis_left(&mut picture, corner, plot.height, &left);
-    if chart.around_m.is_some() {
+    if layout.is_closed() {
         angles(&mut picture, [LEFT, top], plot.width);
     }
     if let Some(key) = &scene.key {

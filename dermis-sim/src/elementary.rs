@@ -17,3 +17,32 @@ pub use libm::{
     acos, atan2, cos, erf, erfc, exp, expf as exp_f32, expm1 as exp_m1, hypot, log as ln, log1p as ln_1p, log2,
     pow as powf, powf as powf_f32, sin, sincos as sin_cos, tanh,
 };
+
+use dermis::geom::{Elementary, Surface};
+use std::f64::consts::PI;
+
+/// The functions of this module as those of a chart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Portable;
+
+impl Elementary for Portable {
+    fn atan2(y: f64, x: f64) -> f64 {
+        atan2(y, x)
+    }
+
+    fn sin_cos(angle_rad: f64) -> (f64, f64) {
+        sin_cos(angle_rad)
+    }
+
+    fn hypot(x: f64, y: f64) -> f64 {
+        hypot(x, y)
+    }
+}
+
+/// A chart with the same bits on every system.
+pub type Chart = dermis::geom::Chart<Portable>;
+
+/// The chart of a surface, with the seam opposite to theta = 0: places are up to half a turn from there.
+pub fn unrolled(surface: &Surface) -> Chart {
+    dermis::geom::Chart::of(surface).with_seam(-PI).with_functions()
+}

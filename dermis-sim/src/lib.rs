@@ -10,7 +10,6 @@ pub mod elementary;
 // Layer 1
 mod quadrature;
 pub mod random;
-pub mod unrolled;
 // Layer 2
 pub mod touch;
 // Layer 3

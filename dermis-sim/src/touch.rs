@@ -13,9 +13,8 @@
 //! assert!((touch.value(&Surface::Plane, [0.018, 0.0, 0.0]) - 0.5 * (-0.5f64).exp()).abs() < 1e-12);
 //! ```
 
-use crate::elementary::exp;
+use crate::elementary::{exp, unrolled};
 use crate::quadrature::LocalFunction;
-use crate::unrolled::Unrolled;
 use dermis::design::TouchEffect;
 use dermis::geom::vector::{distance, longest_edge};
 use dermis::geom::{Point3, Surface};
@@ -69,8 +68,9 @@ pub(crate) const TETRAHEDRON_EDGE_WIDTHS: f64 = 0.5;
 impl GaussianTouch {
     /// The relative change of conductance at a point of the surface.
     pub fn value(&self, surface: &Surface, point_m: Point3) -> f64 {
-        let surface = Unrolled::of(surface);
-        let squared_m2 = surface.squared_distance_m2(surface.place(self.centre_m), surface.place(point_m));
+        let chart = unrolled(surface);
+        let [centre, point] = [self.centre_m, point_m].map(|point_m| chart.unroll_in_space(point_m));
+        let squared_m2 = chart.squared_distance_m2(centre, point);
         self.amplitude * exp(-0.5 * squared_m2 / (self.width_m * self.width_m))
     }
 

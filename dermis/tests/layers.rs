@@ -29,7 +29,7 @@ const LAYERED: &[(&str, &[&[&str]])] = &[
         "dermis-sim",
         &[
             &["elementary"],
-            &["quadrature", "random", "unrolled"],
+            &["quadrature", "random"],
             &["touch"],
             &["noise"],
             &["twin"],

@@ -6,10 +6,11 @@ use crate::checks::model::{ModelChannels, compressed};
 use crate::forward_map::spread_over;
 use dermis::design::Body;
 use dermis::geom::vector::distance;
-use dermis::geom::{Point2, Point3};
+use dermis::geom::{Chart, Point3, Shape};
 use dermis::stats::mean;
 use faer::Mat;
 use rayon::prelude::*;
+use std::f64::consts::PI;
 
 /// Fewest presses that are judged.
 const FEWEST: usize = 20;
@@ -30,70 +31,46 @@ struct Axes {
     reversed: [bool; 2],
 }
 
-/// The coordinates of the positions on a body, with their range; reversed ones are mirrored in the middle of it.
+/// The coordinates of the positions on a body; reversed ones are mirrored in the middle of their range.
 struct Coordinates {
+    chart: Chart,
     names: [&'static str; 2],
     /// How the reversed coordinates are written.
     reversed: [&'static str; 2],
-    low: Point2,
-    high: Point2,
-    /// Radius of a cylinder, m.
-    radius_m: Option<f64>,
 }
 
 impl Coordinates {
     /// The coordinates of a body; `None` for a mesh, whose symmetries are not known.
     fn of(body: &Body) -> Option<Self> {
-        let flat = |reversed, low, high| Coordinates { names: ["x_m", "y_m"], reversed, low, high, radius_m: None };
-        match *body {
-            Body::Disk { diameter_m } => Some(flat(["-x_m", "-y_m"], [-0.5 * diameter_m; 2], [0.5 * diameter_m; 2])),
-            Body::Rectangle { width_m, height_m } => {
-                Some(flat(["width_m - x_m", "height_m - y_m"], [0.0; 2], [width_m, height_m]))
-            }
-            Body::Cylinder { length_m, diameter_m } => Some(Coordinates {
-                names: ["z_m", "theta_rad"],
-                reversed: ["length_m - z_m", "-theta_rad"],
-                low: [0.0, -std::f64::consts::PI],
-                high: [length_m, std::f64::consts::PI],
-                radius_m: Some(0.5 * diameter_m),
-            }),
-            Body::Mesh { .. } => None,
-        }
+        let chart = body.chart()?.with_seam(-PI);
+        let (names, reversed) = match chart.shape() {
+            Shape::Wall { .. } => (["theta_rad", "z_m"], ["-theta_rad", "length_m - z_m"]),
+            Shape::Disk { .. } => (["x_m", "y_m"], ["-x_m", "-y_m"]),
+            _ => (["x_m", "y_m"], ["width_m - x_m", "height_m - y_m"]),
+        };
+        Some(Coordinates { chart, names, reversed })
     }
 
     /// All changes of the axes but none.
     fn changes(&self) -> impl Iterator<Item = Axes> {
-        let exchanged = if self.radius_m.is_some() { &[false][..] } else { &[false, true] };
+        let exchanged = if self.chart.period_m().is_some() { &[false][..] } else { &[false, true] };
         let all = exchanged.iter().flat_map(|&exchanged| {
             [[false, false], [true, false], [false, true], [true, true]].map(|reversed| Axes { exchanged, reversed })
         });
         all.filter(|axes| axes.exchanged || axes.reversed != [false; 2])
     }
 
-    fn get(&self, position_m: Point3) -> Point2 {
-        match self.radius_m {
-            Some(_) => [position_m[2], position_m[1].atan2(position_m[0])],
-            None => [position_m[0], position_m[1]],
-        }
-    }
-
-    fn position_m(&self, [a, b]: Point2) -> Point3 {
-        match self.radius_m {
-            Some(radius_m) => [radius_m * b.cos(), radius_m * b.sin(), a],
-            None => [a, b, 0.0],
-        }
-    }
-
     /// Positions with other axes; `None` where one of them is off the body.
     fn changed(&self, axes: &Axes, positions_m: &[Point3]) -> Option<Vec<Point3>> {
+        let [low, high] = self.chart.bounds_m();
         let change = |position_m: &Point3| {
-            let [a, b] = self.get(*position_m);
+            let [a, b] = self.chart.unroll(*position_m);
             let given = if axes.exchanged { [b, a] } else { [a, b] };
-            let mirror = |k: usize| if axes.reversed[k] { self.low[k] + self.high[k] - given[k] } else { given[k] };
+            let mirror = |k: usize| if axes.reversed[k] { low[k] + high[k] - given[k] } else { given[k] };
             let changed = [mirror(0), mirror(1)];
-            let slack = |k: usize| 1e-6 * (self.high[k] - self.low[k]);
-            let inside = (0..2).all(|k| changed[k] >= self.low[k] - slack(k) && changed[k] <= self.high[k] + slack(k));
-            inside.then(|| self.position_m(changed))
+            let slack = |k: usize| 1e-6 * (high[k] - low[k]);
+            let inside = (0..2).all(|k| changed[k] >= low[k] - slack(k) && changed[k] <= high[k] + slack(k));
+            inside.then(|| self.chart.roll(changed))
         };
         positions_m.iter().map(change).collect()
     }

@@ -1,6 +1,7 @@
 //! Views of a skin and its contacts: a ROS 2 launch file, a configuration of RViz, a layout of Foxglove.
 
 use crate::model::Fabrication;
+use dermis::geom::vector::bounding_box;
 use serde_json::{Value, json};
 
 /// The topics of contacts (`dermis live --ros2`).
@@ -144,12 +145,7 @@ fn plot() -> Value {
 
 /// Box of the electrodes, m: lower and upper corner.
 fn box_m(fabrication: &Fabrication) -> [[f64; 3]; 2] {
-    let start = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
-    fabrication.electrodes.iter().fold(start, |[low, high], one| {
-        let with =
-            |so_far: [f64; 3], pick: fn(f64, f64) -> f64| [0, 1, 2].map(|axis| pick(so_far[axis], one.centre_m[axis]));
-        [with(low, f64::min), with(high, f64::max)]
-    })
+    bounding_box(fabrication.electrodes.iter().map(|one| one.centre_m))
 }
 
 fn extent_m(fabrication: &Fabrication) -> f64 {

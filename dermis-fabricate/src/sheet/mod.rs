@@ -12,6 +12,7 @@ use crate::folder::OutputFile;
 use crate::model::Fabrication;
 use crate::outline::Outline;
 use dermis::geom::Point2;
+use dermis::geom::vector::bounding_box;
 use std::fmt::Write as _;
 
 /// A layer: the outlines of one operation.
@@ -75,10 +76,8 @@ impl Sheet {
         mut labels: Vec<Label>,
         kerf_m: f64,
     ) -> Self {
-        let boxes = layers.iter().flat_map(|layer| &layer.outlines).map(Outline::bounds_m);
-        let [low, mut high] = boxes.fold([[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]], |[low, high], [a, b]| {
-            [[low[0].min(a[0]), low[1].min(a[1])], [high[0].max(b[0]), high[1].max(b[1])]]
-        });
+        let outlines = layers.iter().flat_map(|layer| &layer.outlines);
+        let [low, mut high] = bounding_box(outlines.flat_map(Outline::bounds_m));
         high[0] = high[0].max(low[0] + SCALE_M + MARGIN_M + COUPON_M + MARGIN_M);
         let foot = [low[0], low[1] - MARGIN_M - COUPON_M];
         layers.extend(furniture(foot, kerf_m, &mut labels));

@@ -1,11 +1,10 @@
 //! What is on each sheet.
 
-use crate::chart::Chart;
 use crate::model::{FabricatedElectrode, Fabrication};
 use crate::outline::Outline;
 use crate::sheet::{Label, Layer, Sheet};
 use dermis::design::{Body, ElectrodeShape, FabricationOptions, RegionPlace};
-use dermis::geom::Point2;
+use dermis::geom::{Chart, Point2, Point3};
 use std::f64::consts::PI;
 
 const RED: ([u8; 3], u8) = ([220, 0, 0], 1);
@@ -18,7 +17,11 @@ const MAGENTA: ([u8; 3], u8) = ([190, 0, 190], 6);
 pub(crate) fn sheets(fabrication: &Fabrication) -> Vec<Sheet> {
     let mut sheets = vec![patches(fabrication)];
     if let (Some(chart), Some(coat)) = (&fabrication.chart, &fabrication.coat) {
-        sheets.extend([foam(fabrication, coat), coat_mask(fabrication, chart, coat), template(fabrication, chart)]);
+        sheets.extend([
+            foam(fabrication, coat),
+            coat_mask(fabrication, chart, coat),
+            template(fabrication, chart, coat),
+        ]);
     }
     sheets
 }
@@ -112,20 +115,25 @@ fn pads_of(
 ) -> Vec<Outline> {
     match electrode.shape {
         ElectrodeShape::Disc { radius_m } => {
-            let at = chart.places_within_m(electrode.centre_m, radius_m).into_iter();
+            let at = places_within(chart, electrode.centre_m, radius_m);
             at.filter_map(|centre_m| Outline::Circle { centre_m, radius_m }.clipped(coat)).collect()
         }
         ElectrodeShape::Arc { length_m } => {
             let width_m = options.edge_m() + 0.5 * options.bore_m;
             if let Outline::Circle { radius_m, .. } = coat {
-                let [x, y] = chart.place_m(electrode.centre_m);
+                let [x, y] = chart.unroll(electrode.centre_m);
                 return vec![ring_part(*radius_m, y.atan2(x), length_m, width_m)];
             }
-            let at = chart.places_within_m(electrode.centre_m, 0.5 * length_m).into_iter();
+            let at = places_within(chart, electrode.centre_m, 0.5 * length_m);
             at.filter_map(|centre| strip(centre, length_m, width_m, coat).clipped(coat)).collect()
         }
         ElectrodeShape::Point | ElectrodeShape::Group => Vec::new(),
     }
+}
+
+/// The place of a point in the chart with those beyond the seam, as far as a reach.
+fn places_within(chart: &Chart, point_m: Point3, reach_m: f64) -> impl Iterator<Item = Point2> {
+    chart.copies_within(chart.unroll(point_m), reach_m)
 }
 
 /// A strip inside a rectangle along the side on which its middle lies.
@@ -158,14 +166,13 @@ fn regions(fabrication: &Fabrication, chart: &Chart, coat: &Outline) -> Vec<Outl
     let mut outlines = Vec::new();
     for region in &fabrication.design.sheet.regions {
         let RegionPlace::Box { low_m, high_m } = region.place else { continue };
-        match (chart.around_m(), &fabrication.design.body) {
-            (Some(around_m), &Body::Cylinder { diameter_m, .. }) => {
-                let seam_m = 0.5 * diameter_m * fabrication.options.seam_theta_rad;
-                let whole = Outline::rectangle([low_m[1] - seam_m, low_m[0]], [high_m[1] - seam_m, high_m[0]]);
-                let copies = (-2..=2).map(|turn| whole.moved([f64::from(turn) * around_m, 0.0]));
+        match chart.period_m() {
+            Some(period_m) => {
+                let whole = Outline::rectangle([low_m[1], low_m[0]], [high_m[1], high_m[0]]);
+                let copies = (-2..=2).map(|turn| whole.moved([f64::from(turn) * period_m, 0.0]));
                 outlines.extend(copies.filter_map(|copy| copy.clipped(coat)));
             }
-            _ => outlines.extend(Outline::rectangle(low_m, high_m).clipped(coat)),
+            None => outlines.extend(Outline::rectangle(low_m, high_m).clipped(coat)),
         }
     }
     outlines
@@ -179,21 +186,22 @@ fn channels(fabrication: &Fabrication, chart: &Chart, template: &Outline) -> Vec
     }
     let half_m = 0.5 * options.channel_width_m;
     let low_m = template.bounds_m()[0][1];
-    let places = fabrication.electrodes.iter().flat_map(|one| chart.places_within_m(one.bore.centre_m, half_m));
+    let places = fabrication.electrodes.iter().flat_map(|one| places_within(chart, one.bore.centre_m, half_m));
     let band = |[s, t]: Point2| Outline::rectangle([s - half_m, low_m], [s + half_m, t]).clipped(template);
     places.filter_map(band).collect()
 }
 
 /// The drill template: a print that is laid round the base; lines are drawn where they are, without the kerf.
-fn template(fabrication: &Fabrication, chart: &Chart) -> Sheet {
+fn template(fabrication: &Fabrication, chart: &Chart, coat: &Outline) -> Sheet {
     let options = &fabrication.options;
-    let outline = with_overlap(fabrication, &chart.coat(), options.flange_m);
+    let outline = with_overlap(fabrication, coat, options.flange_m);
+    let [[low_m, _], _] = coat.bounds_m();
     let (mut bores, mut labels) = (Vec::new(), Vec::new());
     for electrode in &fabrication.electrodes {
         let radius_m = 0.5 * electrode.bore.diameter_m;
-        let overlap_m = if chart.around_m().is_some() { options.overlap_m } else { 0.0 };
-        for centre_m in chart.places_within_m(electrode.bore.centre_m, radius_m.max(overlap_m)) {
-            if centre_m[0] < -radius_m && chart.around_m().is_some() {
+        let overlap_m = if chart.period_m().is_some() { options.overlap_m } else { 0.0 };
+        for centre_m in places_within(chart, electrode.bore.centre_m, radius_m.max(overlap_m)) {
+            if centre_m[0] < low_m - radius_m && chart.period_m().is_some() {
                 continue;
             }
             labels.push(label([centre_m[0] + radius_m + 0.001, centre_m[1] - 0.001], 0.0025, &electrode.label));

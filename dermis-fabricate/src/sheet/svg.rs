@@ -2,6 +2,7 @@
 
 use crate::outline::Outline;
 use crate::sheet::{FURNITURE, Label, Layer, Sheet, escaped, mm};
+use dermis::geom::vector::bounding_box;
 use std::fmt::Write as _;
 
 /// Width of a line, mm: cutters read it as a hairline.
@@ -47,10 +48,7 @@ const LETTER: f64 = 1.0;
 /// too small are enlarged, or left out where there are many.
 pub(crate) fn figure(sheet: &Sheet, box_mm: [f64; 2]) -> String {
     let layers: Vec<&Layer> = sheet.layers.iter().filter(|layer| !FURNITURE.contains(&layer.name)).collect();
-    let bounds = layers.iter().flat_map(|layer| &layer.outlines).map(Outline::bounds_m);
-    let [low, high] = bounds.fold([[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]], |[low, high], [a, b]| {
-        [[low[0].min(a[0]), low[1].min(a[1])], [high[0].max(b[0]), high[1].max(b[1])]]
-    });
+    let [low, high] = bounding_box(layers.iter().flat_map(|layer| &layer.outlines).flat_map(Outline::bounds_m));
     let (width, height) = (1e3 * (high[0] - low[0]), 1e3 * (high[1] - low[1]));
     let scale = (box_mm[0] / width).min(box_mm[1] / height);
     let inside = |label: &&Label| label.at_m[1] >= low[1] && label.at_m[1] <= high[1] && label.at_m[0] <= high[0];

@@ -29,7 +29,7 @@ use dermis::estimate::drift::DriftSpread;
 use dermis::estimate::least_squares::Normal;
 use dermis::forward::ForwardModel;
 use dermis::frame::Frame;
-use dermis::geom::vector::{add, cross, distance, normalize, scale};
+use dermis::geom::vector::{add, bounding_box, cross, distance, normalize, scale};
 use dermis::geom::{Point3, Surface};
 use precision::{Precision, frame_of};
 use std::f64::consts::PI;
@@ -312,10 +312,8 @@ fn shifted_patches(design: &SkinDesign, sound: &TwinOptions, of_design: &TwinOpt
 
 /// The diagonal of the box around some points, m.
 fn size_m(points: &[Point3]) -> f64 {
-    let extreme = |start: f64, of: fn(f64, f64) -> f64| {
-        [0, 1, 2].map(|axis| points.iter().map(|point| point[axis]).fold(start, of))
-    };
-    distance(extreme(f64::INFINITY, f64::min), extreme(f64::NEG_INFINITY, f64::max))
+    let [low_m, high_m] = bounding_box(points.iter().copied());
+    distance(low_m, high_m)
 }
 
 /// Two unit vectors that are perpendicular to a normal and to each other.

@@ -7,10 +7,9 @@
 
 use super::record::sha256;
 use super::{GaussianTouches, Generator, Recipe, SkinSpread, Skins, Touch};
-use crate::elementary::sin_cos;
+use crate::elementary::{sin_cos, unrolled};
 use crate::touch::{GaussianTouch, touched_conductivity};
 use crate::twin::{PatchedSkin, Press, TouchOptions, TwinOptions};
-use crate::unrolled::Unrolled;
 use dermis::design::SkinDesign;
 use dermis::forward::ForwardModel;
 use dermis::linalg::SimdLevel;
@@ -111,13 +110,9 @@ fn a_dataset_of_random_skins_has_its_checksum() {
 fn checksum_of_presses(twin: &str) -> String {
     let (design, forward) = skin();
     let (mesh, rest) = (forward.mesh(), forward.rest_conductivity());
-    let surface = Unrolled::of(&design.body.surface());
+    let chart = unrolled(&design.body.surface());
     let presses: Vec<Press> = [([0.01, 0.003], 2.0), ([-0.155, 0.2985], 1.0), ([0.06, 0.14], 5.0), ([0.07, 0.15], 0.3)]
-        .map(|(step_m, force_n)| Press {
-            centre_m: surface.walk([0.05, 0.0, 0.0], step_m),
-            force_n,
-            tip_radius_m: 0.005,
-        })
+        .map(|(step_m, force_n)| Press { centre_m: chart.walk([0.05, 0.0, 0.0], step_m), force_n, tip_radius_m: 0.005 })
         .to_vec();
     let values: Vec<f64> = match TwinOptions::shipped(twin).unwrap().touch {
         TouchOptions::Patches(options) => {
@@ -160,9 +155,9 @@ fn presses_on_the_shipped_twins_have_their_checksums() {
 #[test]
 fn the_mesh_of_the_checksums_lies_on_its_body() {
     let (design, forward) = skin();
-    let surface = Unrolled::of(&design.body.surface());
+    let chart = unrolled(&design.body.surface());
     for node in &forward.mesh().nodes {
-        assert!(surface.distance_m(surface.place(*node), surface.place(surface.walk(*node, [0.0; 2]))) < 1e-15);
+        assert!(chart.distance_m(chart.unroll(*node), chart.unroll(chart.walk(*node, [0.0; 2]))) < 1e-15);
     }
     assert!((forward.mesh().electrode_size(0) - 4.0 * 0.05 * (TAU / 32.0).sin()).abs() < 1e-12);
 }

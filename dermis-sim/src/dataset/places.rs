@@ -103,8 +103,8 @@ fn outer_triangles(mesh: &Mesh) -> Vec<[usize; 3]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::elementary::unrolled;
     use crate::random::sample_rng;
-    use crate::unrolled::Unrolled;
     use dermis::geom::Surface;
     use dermis::geom::vector::distance;
 
@@ -122,9 +122,9 @@ mod tests {
     fn places_are_uniform_by_area_with_rim_and_seam() {
         let none = Mesh { nodes: vec![], cells: Cells::Triangles(vec![]), electrodes: vec![], regions: vec![] };
         let cylinder = Places::new(&Body::Cylinder { length_m: 0.3, diameter_m: 0.1 }, &none);
-        let surface = Unrolled::of(&Surface::Cylinder { radius_m: 0.05, length_m: 0.3 });
+        let chart = unrolled(&Surface::Cylinder { radius_m: 0.05, length_m: 0.3 });
         let rim = share(&cylinder, |p| p[2] < 0.02 || p[2] > 0.28);
-        let seam = share(&cylinder, |p| surface.place(p)[0].abs() < 0.015);
+        let seam = share(&cylinder, |p| chart.unroll(p)[0].abs() < 0.015);
         println!("rim {rim:.4} for {:.4}, seam {seam:.4} for {:.4}", 0.04 / 0.3, 0.03 / (TAU * 0.05));
         assert!((rim - 0.04 / 0.3).abs() < TOLERANCE && (seam - 0.03 / (TAU * 0.05)).abs() < TOLERANCE);
         let disk = Places::new(&Body::Disk { diameter_m: 0.2 }, &none);

@@ -8,12 +8,11 @@
 //! position of a press and not the patches under it, because the positions of the patches are unknown in use.
 
 use crate::dataset::quadrature::Rule;
-use crate::elementary::{Lanes, exp_lanes, replace_in_lanes};
+use crate::elementary::{Chart, Lanes, exp_lanes, replace_in_lanes, unrolled};
 use crate::twin::{ContactLaw, Footprint, PatchOptions, TwinError};
-use crate::unrolled::Unrolled;
 use dermis::design::{Body, ImageLayout, SkinDesign};
-use dermis::geom::{Point3, Surface};
-use dermis::image::{PixelSpace, chart_box};
+use dermis::geom::{self, Point3};
+use dermis::image::PixelSpace;
 use dermis::mesh::{Cells, Mesh};
 
 /// Points along each side of a pixel: midpoints of equal parts.
@@ -22,7 +21,7 @@ const POINTS_PER_SIDE: usize = 6;
 /// How the image of some presses is made.
 #[derive(Debug, Clone)]
 pub(super) struct PressTarget {
-    surface: Unrolled,
+    chart: Chart,
     contact: ContactLaw,
     /// Half of a patch's side over the square root of the coating's conductance: `k / sqrt(c)`.
     half_side: f64,
@@ -47,16 +46,14 @@ impl PressTarget {
         space: &PixelSpace,
         patches: &PatchOptions,
     ) -> Result<Self, TwinError> {
-        let surface = design.body.surface();
-        let pixels = match (&design.image, &mesh.cells, chart_box(&design.body)) {
-            (&ImageLayout::Grid { rows, columns }, _, Some(area)) => {
-                grid_pixels(&design.body, surface, space, [rows, columns], area)
-            }
-            (_, Cells::Triangles(_), _) => cell_pixels(Unrolled::of(&surface), mesh),
+        let chart = unrolled(&design.body.surface());
+        let pixels = match (&design.image, &mesh.cells, design.body.chart()) {
+            (&ImageLayout::Grid { rows, columns }, _, Some(body)) => grid_pixels(&body, space, [rows, columns]),
+            (_, Cells::Triangles(_), _) => cell_pixels(&chart, mesh),
             _ => return Err(TwinError::NoChart),
         };
         let mut target = PressTarget {
-            surface: Unrolled::of(&surface),
+            chart,
             contact: patches.contact,
             half_side: 0.5 * (mean_side_m(patches, &design.body)?.powi(2) / design.sheet.conductance).sqrt(),
             at_rest: 0.0,
@@ -67,24 +64,28 @@ impl PressTarget {
         target.at_rest = at_rest[0];
         let pixel = |(points, &area_m2): (Vec<Point3>, &f64)| {
             let centre = points[points.len() / 2];
-            let radius_m = points.iter().map(|&point| target.surface.distance_m(centre, point)).fold(0.0, f64::max);
+            let radius_m = points.iter().map(|&point| target.distance_m(centre, point)).fold(0.0, f64::max);
             Pixel { centre, radius_m, area_m2, points }
         };
         target.pixels = pixels.into_iter().zip(&space.areas).map(pixel).collect();
         Ok(target)
     }
 
+    fn distance_m(&self, a: Point3, b: Point3) -> f64 {
+        self.chart.squared_distance_m2(a, b).sqrt()
+    }
+
     /// The image of some presses together, and the strength of each alone: the integral of its own image, m2.
     pub(super) fn image_into(&self, footprints: &[Footprint], image: &mut [f64], strengths_m2: &mut [f64]) {
         let presses: Vec<(Point3, &Footprint)> =
-            footprints.iter().map(|footprint| (self.surface.place(footprint.centre_m()), footprint)).collect();
+            footprints.iter().map(|footprint| (self.chart.unroll_in_space(footprint.centre_m()), footprint)).collect();
         strengths_m2.fill(0.0);
         let (mut near, mut memory) = (Vec::with_capacity(presses.len()), [Vec::new(), Vec::new()]);
         for (value, pixel) in image.iter_mut().zip(&self.pixels) {
             let reaches = |&(_, (centre, footprint)): &(usize, (Point3, &Footprint))| {
                 let bound_m = pixel.radius_m + footprint.reach_m();
                 // A coordinate first, which is less work.
-                (pixel.centre[1] - centre[1]).abs() < bound_m && self.surface.distance_m(pixel.centre, centre) < bound_m
+                (pixel.centre[1] - centre[1]).abs() < bound_m && self.distance_m(pixel.centre, centre) < bound_m
             };
             near.clear();
             near.extend(presses.iter().copied().enumerate().filter(reaches));
@@ -112,7 +113,7 @@ impl PressTarget {
         values.clear();
         values.resize(pixel.points.len(), 0.0);
         for (_, (centre, footprint)) in presses {
-            let distances_m = pixel.points.iter().map(|&point| self.surface.distance_m(point, *centre));
+            let distances_m = pixel.points.iter().map(|&point| self.distance_m(point, *centre));
             footprint.add_pressures(distances_m, own, values);
         }
         values.iter_mut().for_each(|sum| *sum += self.contact.preload_pa);
@@ -160,15 +161,8 @@ fn mean_side_m(patches: &PatchOptions, body: &Body) -> Result<f64, TwinError> {
     Ok((0.5 * ((high[0] - low[0]).powi(2) + (high[1] - low[1]).powi(2))).sqrt())
 }
 
-fn grid_pixels(
-    body: &Body,
-    surface: Surface,
-    space: &PixelSpace,
-    [rows, columns]: [usize; 2],
-    (low, size): ([f64; 2], [f64; 2]),
-) -> Vec<Vec<Point3>> {
-    // The grid's chart on a cylinder is (theta, z); flat coordinates use the arc length instead of theta.
-    let per_chart = if let Surface::Cylinder { radius_m, .. } = surface { radius_m } else { 1.0 };
+fn grid_pixels(body: &geom::Chart, space: &PixelSpace, [rows, columns]: [usize; 2]) -> Vec<Vec<Point3>> {
+    let ([low, _], size) = (body.bounds_m(), body.size_m());
     let middle = |line: usize, part: usize, count: usize| {
         (line as f64 + (part as f64 + 0.5) / POINTS_PER_SIDE as f64) / count as f64
     };
@@ -176,12 +170,9 @@ fn grid_pixels(
         let point = |part: usize| {
             let across = middle(position % columns, part % POINTS_PER_SIDE, columns);
             let along = middle(position / columns, part / POINTS_PER_SIDE, rows);
-            [per_chart * (low[0] + size[0] * across), low[1] + size[1] * along, 0.0]
+            [low[0] + size[0] * across, low[1] + size[1] * along, 0.0]
         };
-        let inside = |point: &Point3| match *body {
-            Body::Disk { diameter_m } => point[0].hypot(point[1]) <= 0.5 * diameter_m,
-            _ => true,
-        };
+        let inside = |&[x, y, _]: &Point3| body.depth_m([x, y]) >= 0.0;
         let points: Vec<Point3> = (0..POINTS_PER_SIDE * POINTS_PER_SIDE).map(point).filter(inside).collect();
         // A narrow part of a pixel at the rim that contains none of the points.
         if points.is_empty() {
@@ -193,12 +184,12 @@ fn grid_pixels(
     space.position_in_grid.iter().map(pixel).collect()
 }
 
-fn cell_pixels(surface: Unrolled, mesh: &Mesh) -> Vec<Vec<Point3>> {
+fn cell_pixels(chart: &Chart, mesh: &Mesh) -> Vec<Vec<Point3>> {
     let points = |cell: usize| {
         let corners: Vec<Point3> = mesh.cells.corners(cell).iter().map(|&node| mesh.nodes[node]).collect();
         // The midpoints of 16 equal parts, with equal weights.
         let points = Rule::Triangle.points(&corners, 2);
-        points.chunks_exact(Rule::Triangle.weights().len()).map(|part| surface.place(part[0])).collect()
+        points.chunks_exact(Rule::Triangle.weights().len()).map(|part| chart.unroll_in_space(part[0])).collect()
     };
     (0..mesh.cell_count()).map(points).collect()
 }
@@ -254,7 +245,7 @@ mod tests {
     #[test]
     fn an_image_peaks_under_its_press_and_wraps_at_the_seam() {
         let target = target();
-        let surface = Surface::Cylinder { radius_m: 0.05, length_m: 0.3 };
+        let surface = SkinDesign::shipped("cylinder30").unwrap().body.surface();
         let (body, foam) = (SkinDesign::shipped("cylinder30").unwrap().body, PatchTouches::usual().patches.foam);
         let (mut image, mut strengths) = (vec![0.0; 900], [0.0; 2]);
         let press = |theta_rad: f64| Press {

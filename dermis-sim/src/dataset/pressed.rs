@@ -6,10 +6,9 @@ use crate::dataset::press_target::PressTarget;
 use crate::dataset::recipe::{MOST_TOUCHES, PatchTouches, Recipe, SkinSpread, Skins};
 use crate::dataset::sample::{SampleTouch, TouchKind, single};
 use crate::dataset::skins::SkinInstance;
-use crate::elementary::sin_cos;
+use crate::elementary::{sin_cos, unrolled};
 use crate::random::{log_uniform, sample_rng, uniform};
 use crate::twin::{Footprint, PatchOptions, PatchedSkin, Press, TwinError};
-use crate::unrolled::Unrolled;
 use dermis::design::{Body, SkinDesign};
 use dermis::forward::{ForwardModel, OnceMemory};
 use dermis::geom::Point3;
@@ -129,8 +128,7 @@ impl PressMaker {
         {
             let (distance_m, way_rad) = (uniform(rng, together.distance_m), uniform(rng, [0.0, 2.0 * PI]));
             let (sine, cosine) = sin_cos(way_rad);
-            let beside =
-                Unrolled::of(&self.body.surface()).walk(before.centre_m, [distance_m * cosine, distance_m * sine]);
+            let beside = unrolled(&self.body.surface()).walk(before.centre_m, [distance_m * cosine, distance_m * sine]);
             if self.body.holds(beside) {
                 return beside;
             }
@@ -143,13 +141,8 @@ impl PressMaker {
         let mut rng = sample_rng(skin_seed, PATCH_STREAM);
         let mut count = |[fewest, most]: [usize; 2]| fewest + rng.random_range(0..=(most - fewest) as u32) as usize;
         let (rows, columns) = (count(spread.patch_rows), count(spread.patch_columns));
-        let size_m = match self.body {
-            Body::Cylinder { length_m, diameter_m } => [length_m, PI * diameter_m],
-            Body::Rectangle { width_m, height_m } => [height_m, width_m],
-            Body::Disk { diameter_m } => [diameter_m; 2],
-            Body::Mesh { .. } => [0.0; 2],
-        };
-        let offset_m = [size_m[0] / rows as f64, size_m[1] / columns as f64].map(|pitch| pitch * rng.random::<f64>());
+        let [round_m, along_m] = self.body.chart().map_or([0.0; 2], |chart| chart.size_m());
+        let offset_m = [along_m / rows as f64, round_m / columns as f64].map(|pitch| pitch * rng.random::<f64>());
         PatchOptions { rows, columns, offset_m, pitch_m: None, ..self.options.patches.clone() }
     }
 }

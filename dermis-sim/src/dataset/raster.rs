@@ -6,9 +6,9 @@
 
 use crate::dataset::DatasetError;
 use crate::dataset::quadrature::Rule;
+use crate::elementary::{Chart, unrolled};
 use crate::touch::GaussianTouch;
-use crate::unrolled::Unrolled;
-use dermis::geom::vector::longest_edge;
+use dermis::geom::vector::{bounding_box, longest_edge};
 use dermis::geom::{Point3, Surface};
 use dermis::linalg::{LANES, SimdLevel};
 use dermis::mesh::{Cells, Mesh};
@@ -26,7 +26,7 @@ const NO_CELL: u32 = u32::MAX;
 /// The cells of a mesh, prepared for Gaussian touches.
 #[derive(Debug, Clone)]
 pub(crate) struct CellRaster {
-    surface: Unrolled,
+    chart: Chart,
     /// Coordinates of a point: two on a surface that can be unrolled, three in space.
     dimensions: usize,
     rule: Rule,
@@ -71,12 +71,13 @@ impl CellRaster {
         };
         let flat_sheet = surface == Surface::Plane && mesh.nodes.iter().all(|node| node[2] == 0.0);
         let dimensions = if flat_sheet || matches!(surface, Surface::Cylinder { .. }) { 2 } else { 3 };
-        let surface = Unrolled::of(&surface);
-        let mut items: Vec<Item> =
-            (0..mesh.cell_count()).map(|cell| Item { cell, centre: surface.place(mesh.cell_centre(cell)) }).collect();
+        let chart = unrolled(&surface);
+        let mut items: Vec<Item> = (0..mesh.cell_count())
+            .map(|cell| Item { cell, centre: chart.unroll_in_space(mesh.cell_centre(cell)) })
+            .collect();
         sort_by_place(&mut items, dimensions);
         let mut raster = CellRaster {
-            surface,
+            chart,
             dimensions,
             rule,
             weights: rule.weights(),
@@ -108,7 +109,7 @@ impl CellRaster {
             *lane = u32::try_from(item.cell).expect("a mesh has fewer cells than 32 bits count");
         }
         let centre = items[items.len() / 2].centre;
-        let away = |corner: &Point3| self.surface.squared_distance_m2(centre, self.surface.place(*corner));
+        let away = |corner: &Point3| self.chart.squared_distance_m2(centre, self.chart.unroll_in_space(*corner));
         let radius_m = corners.iter().flatten().map(away).fold(0.0, f64::max).sqrt();
         let mut starts = Vec::with_capacity(levels + 1);
         for level in 0..=levels {
@@ -116,7 +117,7 @@ impl CellRaster {
             let points: Vec<Vec<Point3>> = corners.iter().map(|corners| self.rule.points(corners, level)).collect();
             for point in 0..points[0].len() {
                 // Lanes without a cell repeat the first cell.
-                let of_lane = |lane: usize| self.surface.place(points.get(lane).unwrap_or(&points[0])[point]);
+                let of_lane = |lane: usize| self.chart.unroll_in_space(points.get(lane).unwrap_or(&points[0])[point]);
                 let lanes: [Point3; LANES] = std::array::from_fn(of_lane);
                 for axis in 0..self.dimensions {
                     self.points.push(lanes.map(|point| point[axis]));
@@ -175,7 +176,7 @@ impl CellRaster {
     ///
     /// Equal to [`GaussianTouch::add_cell_means`] within 5e-6 of the amplitude.
     pub(crate) fn for_each_mean(&self, touch: &GaussianTouch, mut add: impl FnMut(usize, f64)) {
-        let centre = self.surface.place(touch.centre_m);
+        let centre = self.chart.unroll_in_space(touch.centre_m);
         let reach_m = REACH_WIDTHS * touch.width_m;
         let run = Means { raster: self, centre, reach_m, touch, add: &mut add };
         self.level.arch().dispatch(run);
@@ -187,10 +188,8 @@ fn sort_by_place(items: &mut [Item], dimensions: usize) {
     if items.len() <= LANES {
         return;
     }
-    let extent = |axis: usize| {
-        let values = || items.iter().map(|item| item.centre[axis]);
-        values().fold(f64::NEG_INFINITY, f64::max) - values().fold(f64::INFINITY, f64::min)
-    };
+    let [low, high] = bounding_box(items.iter().map(|item| item.centre));
+    let extent = |axis: usize| high[axis] - low[axis];
     let axis = (0..dimensions).max_by(|&a, &b| extent(a).total_cmp(&extent(b))).unwrap_or(0);
     let half = items.len().div_ceil(LANES).div_ceil(2) * LANES;
     let half = half.min(items.len() - 1);
@@ -218,14 +217,14 @@ impl<F: FnMut(usize, f64)> WithSimd for Means<'_, F> {
         let mut sums = [0.0; LANES];
         for block in &raster.blocks {
             let reach_m = self.reach_m + block.radius_m;
-            if raster.surface.squared_distance_m2(block.centre, self.centre) > reach_m * reach_m {
+            if raster.chart.squared_distance_m2(block.centre, self.centre) > reach_m * reach_m {
                 continue;
             }
             let level = raster.rule.level(block.longest_edge_m, self.touch.width_m);
             let count = raster.rule.part_count(level) * raster.weights.len();
             let start = block.starts[level];
             let points = &raster.points[start..start + count * raster.dimensions];
-            match (raster.dimensions, raster.surface.period_m()) {
+            match (raster.dimensions, raster.chart.period_m()) {
                 (2, Some(period_m)) => {
                     block_sums(simd, Wrapped { centre: self.centre, period_m }, points, raster, per_square, &mut sums)
                 }

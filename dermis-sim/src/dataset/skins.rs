@@ -3,10 +3,9 @@
 use crate::dataset::DatasetError;
 use crate::dataset::generator::UNIT;
 use crate::dataset::recipe::SkinSpread;
-use crate::elementary::{cos, hypot};
+use crate::elementary::{Chart, cos, hypot, unrolled};
 use crate::random::{log_normal, sample_rng};
 use crate::twin::FieldPlaces;
-use crate::unrolled::Unrolled;
 use dermis::design::{Body, ElectrodeShape, SkinDesign};
 use dermis::forward::{ForwardError, ForwardModel, Solver};
 use dermis::geom::Point3;
@@ -113,12 +112,12 @@ impl SkinMaker {
     /// The node positions of a skin.
     fn moved(&self, drawn: &SkinDesign) -> (Vec<Point3>, Vec<[f64; 2]>) {
         let mesh = self.base.mesh();
-        let surface = Unrolled::of(&self.design.body.surface());
+        let chart = unrolled(&self.design.body.surface());
         let farthest_m = FARTHEST * self.spread.electrodes.displacement_rms_m;
         let mut shifts = vec![[0.0; 2]; mesh.node_count()];
         let pairs = self.design.electrodes.iter().zip(&drawn.electrodes).zip(&self.followers);
         for ((from, to), followers) in pairs {
-            let step = surface.step(surface.place(from.centre_m), surface.place(to.centre_m));
+            let step = chart.difference(chart.unroll(from.centre_m), chart.unroll(to.centre_m));
             let cut = (farthest_m / hypot(step[0], step[1])).min(1.0);
             for &(node, share) in followers {
                 shifts[node][0] += share * cut * step[0];
@@ -128,7 +127,7 @@ impl SkinMaker {
         let mut nodes = mesh.nodes.clone();
         for (node, shift) in nodes.iter_mut().zip(&mut shifts) {
             if *shift != [0.0; 2] {
-                *node = stay_on(&self.design.body, surface, *node, shift);
+                *node = stay_on(&self.design.body, chart, *node, shift);
             }
         }
         (nodes, shifts)
@@ -158,7 +157,7 @@ fn too_far(rms_m: f64) -> DatasetError {
 }
 
 /// Moves a node by a shift in the chart, without the components that would leave the edges of the body.
-fn stay_on(body: &Body, surface: Unrolled, node: Point3, shift: &mut [f64; 2]) -> Point3 {
+fn stay_on(body: &Body, chart: Chart, node: Point3, shift: &mut [f64; 2]) -> Point3 {
     let [x, y, z] = node;
     match *body {
         Body::Cylinder { length_m, .. } if z == 0.0 || z == length_m => shift[1] = 0.0,
@@ -180,7 +179,7 @@ fn stay_on(body: &Body, surface: Unrolled, node: Point3, shift: &mut [f64; 2]) -
         }
         _ => {}
     }
-    surface.walk(node, *shift)
+    chart.walk(node, *shift)
 }
 
 /// The nodes that move with each electrode: completely on it, then decreasing (a half cosine).
@@ -193,16 +192,17 @@ fn followers(design: &SkinDesign, mesh: &Mesh, rms_m: f64) -> Result<Vec<Vec<(us
             must: "0 on bodies from mesh files and in volumes, where electrodes cannot be moved".into(),
         });
     }
-    let surface = Unrolled::of(&design.body.surface());
-    let centres: Vec<Point3> = design.electrodes.iter().map(|electrode| surface.place(electrode.centre_m)).collect();
-    let places: Vec<Point3> = mesh.nodes.iter().map(|&node| surface.place(node)).collect();
+    let chart = unrolled(&design.body.surface());
+    let distance_m = |a: Point3, b: Point3| chart.squared_distance_m2(a, b).sqrt();
+    let centres: Vec<Point3> =
+        design.electrodes.iter().map(|electrode| chart.unroll_in_space(electrode.centre_m)).collect();
+    let places: Vec<Point3> = mesh.nodes.iter().map(|&node| chart.unroll_in_space(node)).collect();
     let mut all = Vec::with_capacity(centres.len());
     for (index, &centre) in centres.iter().enumerate() {
-        let radius_m = (mesh.electrode_nodes(index).into_iter())
-            .map(|node| surface.distance_m(centre, places[node]))
-            .fold(0.0, f64::max);
+        let radius_m =
+            (mesh.electrode_nodes(index).into_iter()).map(|node| distance_m(centre, places[node])).fold(0.0, f64::max);
         let others = centres.iter().enumerate().filter(|(other, _)| *other != index);
-        let next_m = others.map(|(_, &other)| surface.distance_m(centre, other)).fold(f64::INFINITY, f64::min);
+        let next_m = others.map(|(_, &other)| distance_m(centre, other)).fold(f64::INFINITY, f64::min);
         let around_m = radius_m.max(FARTHEST * rms_m);
         let reach_m = (radius_m + FOLLOWING_RADII * around_m).min(0.5 * next_m);
         // The maximum slope of a half cosine is pi / 2 over its length.
@@ -213,7 +213,7 @@ fn followers(design: &SkinDesign, mesh: &Mesh, rms_m: f64) -> Result<Vec<Vec<(us
             true => 1.0,
             false => 0.5 + 0.5 * cos(PI * (away_m - radius_m) / (reach_m - radius_m)),
         };
-        let near = places.iter().enumerate().map(|(node, &place)| (node, surface.distance_m(centre, place)));
+        let near = places.iter().enumerate().map(|(node, &place)| (node, distance_m(centre, place)));
         all.push(near.filter(|&(_, away_m)| away_m < reach_m).map(|(node, away_m)| (node, share(away_m))).collect());
     }
     Ok(all)

@@ -1,12 +1,12 @@
 //! Target images of networks: the mean of each pixel's relative change of conductance.
 
-use crate::elementary::{atan2, erf};
+use crate::elementary::{Chart, erf};
 use crate::touch::GaussianTouch;
-use dermis::design::{Body, ImageLayout, SkinDesign};
-use dermis::geom::Point3;
+use dermis::design::{ImageLayout, SkinDesign};
+use dermis::geom::Shape;
 use dermis::image::PixelSpace;
 use dermis::mesh::Mesh;
-use std::f64::consts::{FRAC_PI_2, SQRT_2, TAU};
+use std::f64::consts::{FRAC_PI_2, PI, SQRT_2};
 
 /// How the image of some touches is made.
 #[derive(Debug, Clone)]
@@ -23,20 +23,14 @@ pub(super) enum Target {
 pub(super) struct Rectangles {
     rows: usize,
     columns: usize,
-    /// Extent of the surface along the rows' and the columns' axis, m.
-    size_m: [f64; 2],
-    wraps: bool,
+    chart: Chart,
 }
 
 impl Target {
     pub(super) fn new(design: &SkinDesign, mesh: &Mesh, space: &PixelSpace) -> Self {
-        let rectangles = |rows, columns, size_m, wraps| Rectangles { rows, columns, size_m, wraps };
-        match (&design.image, &design.body) {
-            (&ImageLayout::Grid { rows, columns }, &Body::Cylinder { length_m, diameter_m }) => {
-                Target::Rectangles(rectangles(rows, columns, [length_m, 0.5 * TAU * diameter_m], true))
-            }
-            (&ImageLayout::Grid { rows, columns }, &Body::Rectangle { width_m, height_m }) => {
-                Target::Rectangles(rectangles(rows, columns, [height_m, width_m], false))
+        match (&design.image, design.body.chart()) {
+            (&ImageLayout::Grid { rows, columns }, Some(chart)) if !matches!(chart.shape(), Shape::Disk { .. }) => {
+                Target::Rectangles(Rectangles { rows, columns, chart: chart.with_seam(-PI).with_functions() })
             }
             _ => Target::Cells(shares(space, mesh)),
         }
@@ -72,25 +66,14 @@ fn shares(space: &PixelSpace, mesh: &Mesh) -> Vec<Vec<(usize, f64)>> {
 impl Rectangles {
     /// Adds the pixel means of a touch, row-major.
     fn add(&self, touch: &GaussianTouch, image: &mut [f64]) {
-        let [along_m, round_m] = self.place(touch.centre_m);
-        let rows = means(self.size_m[0], self.rows, along_m, touch.width_m, false);
-        let columns = means(self.size_m[1], self.columns, round_m, touch.width_m, self.wraps);
+        let ([round_m, along_m], [width_m, height_m]) = (self.chart.unroll(touch.centre_m), self.chart.size_m());
+        let rows = means(height_m, self.rows, along_m, touch.width_m, false);
+        let columns = means(width_m, self.columns, round_m, touch.width_m, self.chart.period_m().is_some());
         for (line, row) in image.chunks_exact_mut(self.columns).zip(rows) {
             let height = touch.amplitude * row;
             if height != 0.0 {
                 line.iter_mut().zip(&columns).for_each(|(value, column)| *value += height * column);
             }
-        }
-    }
-
-    /// The coordinates of a point along the rows' and the columns' axis, m.
-    fn place(&self, point: Point3) -> [f64; 2] {
-        match self.wraps {
-            true => {
-                let radius_m = self.size_m[1] / TAU;
-                [point[2], radius_m * atan2(point[1], point[0])]
-            }
-            false => [point[1], point[0]],
         }
     }
 }
@@ -124,13 +107,16 @@ fn means(size_m: f64, count: usize, centre_m: f64, width_m: f64, wraps: bool) ->
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::elementary::unrolled;
+    use dermis::design::Body;
     use dermis::geom::Surface;
     use dermis::mesh::Cells;
+    use std::f64::consts::TAU;
 
     const CYLINDER: Body = Body::Cylinder { length_m: 0.3, diameter_m: 0.1 };
 
     fn grid() -> Rectangles {
-        Rectangles { rows: 30, columns: 30, size_m: [0.3, 0.5 * TAU * 0.1], wraps: true }
+        Rectangles { rows: 30, columns: 30, chart: unrolled(&CYLINDER.surface()) }
     }
 
     /// The pixel means by the midpoint rule, with distances along the surface.

@@ -1,9 +1,8 @@
 //! The presses of experiments: positions and forces.
 
-use crate::elementary::{ln, sin_cos};
+use crate::elementary::{ln, sin_cos, unrolled};
 use crate::random::sample_rng;
 use crate::twin::{Press, PressOptions};
-use crate::unrolled::Unrolled;
 use dermis::design::SkinDesign;
 use dermis::geom::Surface;
 use dermis::geom::vector::{Point3, add, scale};
@@ -151,7 +150,7 @@ impl<'a> Presses<'a> {
         (0..MOST_DRAWS).find_map(|_| {
             let first = self.place(rng);
             let (sine, cosine) = sin_cos(rng.random::<f64>() * TAU);
-            let second = Unrolled::of(&self.surface).walk(first, [separation_m * cosine, separation_m * sine]);
+            let second = unrolled(&self.surface).walk(first, [separation_m * cosine, separation_m * sine]);
             let reached_m = self.surface.distance_m(first, second);
             let fits = self.design.body.holds(second) && (reached_m - separation_m).abs() < 1e-6 * separation_m;
             fits.then_some([first, second])

@@ -4,6 +4,7 @@ use super::TwinError;
 use super::patches::PatchGrid;
 use crate::quadrature::{gauss_legendre, triangle_points};
 use dermis::forward::{ConductorMoments, PotentialMoments};
+use dermis::geom::vector::bounding_box;
 use dermis::geom::{Point2, Point3, polygon};
 use dermis::linalg::Matrix;
 use dermis::mesh::{Cells, Mesh};
@@ -132,7 +133,7 @@ pub(super) fn cover(
 ) -> Result<(PotentialMoments, Vec<Option<Cover>>), TwinError> {
     let Cells::Triangles(triangles) = &mesh.cells else { return Err(TwinError::NoChart) };
     let mut pieces: Vec<Vec<Piece>> = (0..grid.patch_count()).map(|_| Vec::new()).collect();
-    let places: Vec<Point2> = mesh.nodes.iter().map(|&node| grid.surface.chart(node)).collect();
+    let places: Vec<Point2> = mesh.nodes.iter().map(|&node| grid.chart.unroll(node)).collect();
     let mut memory = [Vec::new(), Vec::new()];
     for triangle in triangles {
         cut(grid, &places, triangle, wanted, &mut memory, &mut pieces);
@@ -168,11 +169,11 @@ fn cut(
 ) {
     let first = places[nodes[0]];
     let corners = nodes.map(|node| {
-        let step = grid.surface.chart_step(first, places[node]);
+        let step = grid.chart.difference(first, places[node]);
         [first[0] + step[0], first[1] + step[1]]
     });
-    let ([left, bottom], [right, top]) = bounds(corners.iter());
-    for (patch, shift) in grid.patches_between([left, bottom], [right, top]) {
+    let [low, high] = bounding_box(corners);
+    for (patch, shift) in grid.patches_between(low, high) {
         if wanted.is_some_and(|wanted| !wanted[patch]) {
             continue;
         }
@@ -191,12 +192,6 @@ fn cut(
             }
         }
     }
-}
-
-fn bounds<'a>(points: impl Iterator<Item = &'a Point2>) -> (Point2, Point2) {
-    points.fold(([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]), |(low, high), point| {
-        ([low[0].min(point[0]), low[1].min(point[1])], [high[0].max(point[0]), high[1].max(point[1])])
-    })
 }
 
 /// Eight pieces at once.
@@ -385,7 +380,7 @@ impl Basis {
         rectangle: &Rectangle,
         polynomials: &mut Polynomials,
     ) -> Self {
-        let (low, high) = bounds(pieces.iter().flat_map(|piece| &piece.part));
+        let [low, high] = bounding_box(pieces.iter().flat_map(|piece| piece.part));
         let half = [0.5 * (high[0] - low[0]), 0.5 * (high[1] - low[1])];
         let middle = [low[0] + half[0], low[1] + half[1]];
         let mut basis = Basis { area, middle, half, points: Vec::new(), combinations: None };

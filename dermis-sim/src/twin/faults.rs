@@ -2,12 +2,10 @@
 
 use super::TwinError;
 use super::electronics::{out_of_range, positive};
-use crate::elementary::atan2;
+use crate::elementary::unrolled;
 use dermis::design::{Body, SkinDesign};
 use dermis::forward::ElectrodeNetwork;
-use dermis::geom::Point2;
-use dermis::geom::Surface;
-use dermis::geom::surface::angle_difference;
+use dermis::geom::{Point2, Point3, Surface};
 use dermis::mesh::{Cells, Mesh};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -188,19 +186,17 @@ impl FaultOptions {
 
 impl CutOptions {
     /// Whether the cut crosses a triangle, in the chart of the surface.
-    fn crosses(&self, surface: Surface, corners: [dermis::geom::Point3; 3]) -> bool {
-        let Surface::Cylinder { radius_m, .. } = surface else {
-            return segment_intersects([self.from_m, self.to_m], corners.map(|[x, y, _]| [x, y]));
-        };
-        let theta = |corner: dermis::geom::Point3| atan2(corner[1], corner[0]);
-        let first = theta(corners[0]);
-        let unrolled = corners.map(|corner| [corner[2], radius_m * (first + angle_difference(theta(corner), first))]);
-        let round_m = std::f64::consts::TAU * radius_m;
+    fn crosses(&self, surface: Surface, corners: [Point3; 3]) -> bool {
+        let chart = unrolled(&surface);
+        let first = chart.unroll(corners[0]);
+        let corners = corners.map(|corner| chart.unroll_beside(first, corner));
+        let Some(round_m) = chart.period_m() else { return segment_intersects([self.from_m, self.to_m], corners) };
+        let corners = corners.map(|[round, along]| [along, round]);
         let low = ((self.from_m[1].min(self.to_m[1]) - round_m) / round_m).floor() as i64;
         let high = ((self.from_m[1].max(self.to_m[1]) + round_m) / round_m).ceil() as i64;
         (low..=high).any(|turn| {
             let shifted = [self.from_m, self.to_m].map(|[z, s]| [z, s - turn as f64 * round_m]);
-            segment_intersects(shifted, unrolled)
+            segment_intersects(shifted, corners)
         })
     }
 }

@@ -5,9 +5,9 @@
 //! `exp(-d^2 / (2 l^2))`. Distances are along the surface, across the seam of a cylinder; on a body known only by its
 //! mesh they are straight-line distances in space.
 
-use crate::elementary::exp;
+use crate::elementary::{Chart, exp, unrolled};
 use crate::random::standard_normal;
-use crate::unrolled::Unrolled;
+use dermis::geom::vector::bounding_box;
 use dermis::geom::{Point3, Surface};
 use dermis::mesh::Mesh;
 use pulp::{Simd, WithSimd};
@@ -25,7 +25,7 @@ const MOST_POINTS: f64 = 2e7;
 /// A Gaussian field of mean 0 and variance 1.
 #[derive(Debug, Clone)]
 pub(crate) struct CorrelatedField {
-    surface: Unrolled,
+    chart: Chart,
     axes: Vec<Axis>,
     length_m: f64,
     noise: Vec<f64>,
@@ -45,12 +45,12 @@ impl CorrelatedField {
     pub(super) fn new(surface: Surface, mesh: &Mesh, length_m: f64, rng: &mut ChaCha8Rng) -> Option<Self> {
         let (axes, count) = axes_over(surface, mesh, length_m)?;
         let noise = (0..count).map(|_| standard_normal(rng)).collect();
-        Some(CorrelatedField { surface: Unrolled::of(&surface), axes, length_m, noise })
+        Some(CorrelatedField { chart: unrolled(&surface), axes, length_m, noise })
     }
 
     /// The field at a point.
     pub(super) fn at(&self, point_m: Point3) -> f64 {
-        let place = self.surface.place(point_m);
+        let place = self.chart.unroll_in_space(point_m);
         let weights: Vec<Vec<(usize, f64)>> =
             self.axes.iter().zip(place).map(|(axis, place)| axis.weights(place, self.length_m)).collect();
         self.sum(&weights, 0)
@@ -67,16 +67,12 @@ impl CorrelatedField {
 /// The grid over the nodes of a mesh, and the number of its points.
 fn axes_over(surface: Surface, mesh: &Mesh, length_m: f64) -> Option<(Vec<Axis>, usize)> {
     let dimensions = if surface == Surface::Free { 3 } else { 2 };
-    let mut bounds = vec![[f64::INFINITY, f64::NEG_INFINITY]; dimensions];
-    for &node in &mesh.nodes {
-        for (bound, place) in bounds.iter_mut().zip(Unrolled::of(&surface).place(node)) {
-            *bound = [bound[0].min(place), bound[1].max(place)];
-        }
-    }
-    let axes: Vec<Axis> = (bounds.iter().enumerate())
-        .map(|(index, &[low, high])| match surface {
-            Surface::Cylinder { radius_m, .. } if index == 0 => Axis::round(std::f64::consts::TAU * radius_m, length_m),
-            _ => Axis::between(low, high, length_m),
+    let chart = unrolled(&surface);
+    let [low_m, high_m] = bounding_box(mesh.nodes.iter().map(|&node| chart.unroll_in_space(node)));
+    let axes: Vec<Axis> = (0..dimensions)
+        .map(|index| match (index, chart.period_m()) {
+            (0, Some(period_m)) => Axis::round(period_m, length_m),
+            _ => Axis::between(low_m[index], high_m[index], length_m),
         })
         .collect();
     let points = axes.iter().map(|axis| axis.count as f64).product::<f64>();
@@ -114,7 +110,7 @@ impl FieldPlaces {
         let (last, before) = axes.split_last()?;
         let mut places = FieldPlaces { noise_count, points: Vec::new(), rows: Vec::new() };
         for &point in points {
-            let place = Unrolled::of(&surface).place(point);
+            let place = unrolled(&surface).unroll_in_space(point);
             // The last axis is never periodic, so that its points are contiguous.
             let along = last.weights(place[before.len()], length_m);
             let first = along.first()?.0;

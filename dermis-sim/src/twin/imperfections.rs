@@ -3,9 +3,8 @@
 use super::TwinError;
 use super::electronics::{not_negative, out_of_range, positive};
 use super::field::CorrelatedField;
-use crate::elementary::{atan2, exp_m1, hypot, sin_cos};
+use crate::elementary::{atan2, exp_m1, hypot, sin_cos, unrolled};
 use crate::random::{log_normal, sample_rng, standard_normal};
-use crate::unrolled::Unrolled;
 use dermis::design::{Body, Electrode, ElectrodeShape, SkinDesign};
 use dermis::forward::{ElectrodeNetwork, ForwardError};
 use dermis::geom::{Point3, Surface};
@@ -130,11 +129,11 @@ fn displaced(body: &Body, electrode: &Electrode, step_m: [f64; 3]) -> Point3 {
     // The distance has two components; along a rim only one.
     let [x, y, z] = electrode.centre_m;
     let half = step_m.map(|s| s * 0.5f64.sqrt());
-    let surface = Unrolled::of(&body.surface());
+    let chart = unrolled(&body.surface());
     match *body {
-        Body::Cylinder { length_m, .. } if z == 0.0 || z == length_m => surface.walk([x, y, z], [step_m[0], 0.0]),
+        Body::Cylinder { length_m, .. } if z == 0.0 || z == length_m => chart.walk([x, y, z], [step_m[0], 0.0]),
         Body::Cylinder { length_m, .. } => {
-            let [x, y, z] = surface.walk([x, y, z], [half[0], half[1]]);
+            let [x, y, z] = chart.walk([x, y, z], [half[0], half[1]]);
             [x, y, z.clamp(0.0, length_m)]
         }
         Body::Disk { diameter_m } => {

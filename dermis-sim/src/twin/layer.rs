@@ -4,8 +4,8 @@ use super::error::{check_between, check_positive};
 use super::load::Load;
 use super::press::{Footprint, Press};
 use super::{Foam, TwinError};
+use crate::elementary::unrolled;
 use crate::quadrature::LocalFunction;
-use crate::unrolled::Unrolled;
 use dermis::design::Body;
 use dermis::geom::Point3;
 use dermis::geom::vector::{distance, longest_edge};
@@ -62,15 +62,15 @@ impl LayerOptions {
     ) -> Result<Vec<f64>, TwinError> {
         let mut rises = vec![0.0; rest.len()];
         let footprints = Footprint::of_all(presses, &self.foam, body)?;
-        let surface = Unrolled::of(&body.surface());
-        let load = Load::new(&footprints, surface, 0.0);
+        let chart = unrolled(&body.surface());
+        let load = Load::new(&footprints, chart, 0.0);
         let rise = LocalFunction {
             // A distance in space is at most the distance along the surface.
             reaches: |corners: &[Point3]| {
                 let size_m = longest_edge(corners);
                 footprints.iter().any(|press| distance(corners[0], press.centre_m()) <= press.reach_m() + size_m)
             },
-            value: |point_m| self.rise(load.pressure_pa(surface.chart(point_m))),
+            value: |point_m| self.rise(load.pressure_pa(chart.unroll(point_m))),
             longest_edge_m: LONGEST_EDGE_THICKNESSES.map(|thicknesses| thicknesses * self.foam.thickness_m),
         };
         rise.add_cell_means(mesh, &mut rises);
@@ -136,7 +136,7 @@ mod tests {
         for (z_m, theta_rad, force_n) in [(0.15, 0.0, 2.0), (0.1437, 2.0, 0.2), (0.081, 4.4, 5.0)] {
             let press = press(z_m, theta_rad, force_n);
             let footprints = [Footprint::new(&press, &LAYER.foam, &skin.0.body).unwrap()];
-            let load = Load::new(&footprints, Unrolled::of(&skin.0.body.surface()), 0.0);
+            let load = Load::new(&footprints, unrolled(&skin.0.body.surface()), 0.0);
             let (centre, reach_m) = load.reaches_m().next().unwrap();
             let panels = 200;
             let width = reach_m / f64::from(panels);
@@ -157,7 +157,7 @@ mod tests {
         let press = press(0.15, 0.0, 2.0);
         let body = SkinDesign::shipped("cylinder30").unwrap().body;
         let footprints = [Footprint::new(&press, &LAYER.foam, &body).unwrap()];
-        let load = Load::new(&footprints, Unrolled::of(&body.surface()), 0.0);
+        let load = Load::new(&footprints, unrolled(&body.surface()), 0.0);
         let value = |point: Point3| LAYER.rise(load.pressure_pa([point[0], point[1] + 0.15]));
         let of_edge =
             |longest_m: f64| LocalFunction { reaches: |_: &[Point3]| true, value, longest_edge_m: [longest_m; 2] };

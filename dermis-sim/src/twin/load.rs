@@ -1,13 +1,13 @@
 //! The pressure of several presses together.
 
 use super::press::Footprint;
-use crate::unrolled::Unrolled;
+use crate::elementary::Chart;
 use dermis::geom::Point2;
 
 /// The pressure of all presses together below the foam.
 #[derive(Debug)]
 pub(super) struct Load<'a> {
-    surface: Unrolled,
+    chart: Chart,
     /// With their centres in the chart.
     footprints: Vec<(Point2, &'a Footprint)>,
     preload_pa: f64,
@@ -15,9 +15,9 @@ pub(super) struct Load<'a> {
 
 impl<'a> Load<'a> {
     /// Presses on a body, added to a pressure everywhere.
-    pub(super) fn new(footprints: &'a [Footprint], surface: Unrolled, preload_pa: f64) -> Self {
-        let footprints = footprints.iter().map(|footprint| (surface.chart(footprint.centre_m()), footprint)).collect();
-        Load { surface, footprints, preload_pa }
+    pub(super) fn new(footprints: &'a [Footprint], chart: Chart, preload_pa: f64) -> Self {
+        let footprints = footprints.iter().map(|footprint| (chart.unroll(footprint.centre_m()), footprint)).collect();
+        Load { chart, footprints, preload_pa }
     }
 
     /// The centre of each press in the chart [around, along], and the distance beyond which its pressure is zero, m.
@@ -30,7 +30,7 @@ impl<'a> Load<'a> {
         let half = [0.5 * (high[0] - low[0]), 0.5 * (high[1] - low[1])];
         let middle = [low[0] + half[0], low[1] + half[1]];
         let reaches = |(centre, footprint): &&(Point2, &Footprint)| {
-            let step = self.surface.chart_step(*centre, middle);
+            let step = self.chart.difference(*centre, middle);
             (0..2).all(|axis| step[axis].abs() < half[axis] + footprint.reach_m())
         };
         Load { footprints: self.footprints.iter().filter(reaches).copied().collect(), ..*self }
@@ -55,7 +55,7 @@ impl<'a> Load<'a> {
 
     /// The distance of two points of the chart along the surface, m.
     fn away_m(&self, from: Point2, to: Point2) -> f64 {
-        let [round, along] = self.surface.chart_step(from, to);
+        let [round, along] = self.chart.difference(from, to);
         (round * round + along * along).sqrt()
     }
 }

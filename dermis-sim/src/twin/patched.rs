@@ -90,7 +90,7 @@ impl PatchedSkin {
             true => None,
             false => {
                 let reach = |press: &Press| {
-                    Ok((grid.surface.chart(press.centre_m), Footprint::reach_of(press, &options.foam, &grid.body)?))
+                    Ok((grid.chart.unroll(press.centre_m), Footprint::reach_of(press, &options.foam, &grid.body)?))
                 };
                 let reaches = presses.iter().map(reach).collect::<Result<Vec<(Point2, f64)>, TwinError>>()?;
                 let mut wanted = vec![false; grid.patch_count()];
@@ -225,7 +225,7 @@ impl PatchedSkin {
     pub fn strength_m2(&self, presses: &[Press]) -> Result<f64, TwinError> {
         let preload_pa = self.contact.preload_pa;
         let footprints = self.footprints(presses)?;
-        let load = Load::new(&footprints, self.grid.surface, preload_pa);
+        let load = Load::new(&footprints, self.grid.chart, preload_pa);
         let of_patch = |cover: &Cover, pressure_pa: &dyn Fn(Point2) -> f64| {
             let conductance_s = |&(point, area_m2): &(Point2, f64)| {
                 (point, area_m2 * self.contact.conductance_s_per_m2(pressure_pa(point)))
@@ -264,7 +264,7 @@ impl PatchedSkin {
         footprints: &[Footprint],
         mut conductance: impl FnMut(usize, &Cover, &Load<'_>) -> Matrix,
     ) -> Vec<ConductorContact> {
-        let load = Load::new(footprints, self.grid.surface, self.contact.preload_pa);
+        let load = Load::new(footprints, self.grid.chart, self.contact.preload_pa);
         let mut contacts = Vec::new();
         for conductor in patches_near(&self.grid, load.reaches_m()) {
             let Some(cover) = &self.covers[conductor] else { continue };

@@ -4,12 +4,11 @@ use super::contact_law::ContactLaw;
 use super::error::{check_between, check_positive};
 use super::patch_shape::{self, PatchLattice, PatchShape, is_default};
 use super::{Foam, TwinError};
-use crate::unrolled::Unrolled;
+use crate::elementary::{Chart, unrolled};
 use dermis::design::Body;
 use dermis::geom::{Point2, polygon};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::f64::consts::PI;
 
 /// Maximum number of rows or columns: larger numbers are probably typing errors.
 const MOST_LINES: usize = 1000;
@@ -86,12 +85,11 @@ impl PatchOptions {
     /// that do not close around a cylinder, a body known only by its mesh.
     pub(crate) fn on_body(&self, body: &Body) -> Result<PatchGrid, TwinError> {
         self.check()?;
-        let (low, size, wraps) = match *body {
-            Body::Cylinder { length_m, diameter_m } => ([0.0; 2], [length_m, PI * diameter_m], true),
-            Body::Rectangle { width_m, height_m } => ([0.0; 2], [height_m, width_m], false),
-            Body::Disk { diameter_m } => ([-diameter_m / 2.0; 2], [diameter_m; 2], false),
-            Body::Mesh { .. } => return Err(TwinError::NoChart),
-        };
+        let chart = body.chart().ok_or(TwinError::NoChart)?;
+        let ([mut low, _], mut size, wraps) = (chart.bounds_m(), chart.size_m(), chart.period_m().is_some());
+        // Rows are along the second axis of the chart.
+        low.reverse();
+        size.reverse();
         let counts = [self.rows, self.columns];
         let mut lines = Vec::with_capacity(2);
         for axis in 0..2 {
@@ -122,8 +120,8 @@ impl PatchOptions {
         };
         let overhang_m = [beyond(0, round.pitch_m), beyond(1, along.pitch_m)];
         let (gap_m, lattice) = (self.gap_m, self.lattice);
-        let surface = Unrolled::of(&body.surface());
-        Ok(PatchGrid { along, round, lattice, gap_m, corners_m, overhang_m, body: body.clone(), surface })
+        let chart = unrolled(&body.surface());
+        Ok(PatchGrid { along, round, lattice, gap_m, corners_m, overhang_m, body: body.clone(), chart })
     }
 
     fn check_fits(&self, axis: usize, pitch_m: f64, size_m: f64, closed: bool) -> Result<(), TwinError> {
@@ -219,7 +217,7 @@ pub(crate) struct PatchGrid {
     /// How far a patch extends beyond its cell [around, along], m.
     overhang_m: Point2,
     pub(super) body: Body,
-    pub(super) surface: Unrolled,
+    pub(super) chart: Chart,
 }
 
 impl PatchGrid {
@@ -308,6 +306,7 @@ impl PatchGrid {
 pub(super) mod tests {
     use super::super::Indentation;
     use super::*;
+    use std::f64::consts::PI;
 
     pub(in crate::twin) fn options() -> PatchOptions {
         PatchOptions {

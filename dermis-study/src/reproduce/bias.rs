@@ -9,11 +9,10 @@ use crate::Result;
 use crate::comparison::{Named, Shown};
 use dermis::contact::Contact;
 use dermis::detect::whole_image_centroid;
-use dermis::geom::Surface;
+use dermis::geom::{Chart, Shape, Surface};
 use dermis::stats::mean_and_sd;
 use dermis_sim::evaluate::match_contacts;
 use serde::{Deserialize, Serialize};
-use std::f64::consts::TAU;
 
 /// Number of bins of a profile.
 const BINS: usize = 15;
@@ -201,13 +200,10 @@ struct Extent {
 
 impl Extent {
     fn of(bench: &Bench<'_>) -> Self {
-        match bench.skin.design().body {
-            dermis::design::Body::Cylinder { length_m, diameter_m } => {
-                Extent { round_m: TAU * diameter_m / 2.0, along_m: length_m }
-            }
-            dermis::design::Body::Rectangle { width_m, height_m } => Extent { round_m: width_m, along_m: height_m },
-            _ => Extent { round_m: f64::NAN, along_m: f64::NAN },
-        }
+        let with_ends = |chart: &Chart| !matches!(chart.shape(), Shape::Disk { .. });
+        let chart = bench.skin.design().body.chart().filter(with_ends);
+        let [round_m, along_m] = chart.map_or([f64::NAN; 2], |chart| chart.size_m());
+        Extent { round_m, along_m }
     }
 }
 

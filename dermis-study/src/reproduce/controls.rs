@@ -2,7 +2,7 @@
 //! open.
 
 use dermis::design::{Body, Electrode, ElectrodeShape, SkinDesign};
-use dermis::geom::{Point3, Surface};
+use dermis::geom::{Chart, Point3, Surface};
 use std::f64::consts::TAU;
 
 /// A design that differs from the design under study in one aspect.
@@ -37,15 +37,14 @@ pub(super) struct Controls {
 /// `None` for a body that is not a cylinder, for electrodes that are not discs, and for electrodes without room for a
 /// cut.
 pub(super) fn controls(design: &SkinDesign) -> Option<Controls> {
-    let Body::Cylinder { length_m, diameter_m } = design.body else { return None };
-    let radius_m = diameter_m / 2.0;
+    let Surface::Cylinder { radius_m, length_m } = design.body.surface() else { return None };
     let cut_rad = cut(design, radius_m)?;
     let own = |key, name, design| Control { key, name, design };
     let designs = vec![
         own("designed", "as designed", design.clone()),
         own("rims", "rims only, driven along", rims(design, length_m, Numbering::RimByRim)?),
         own("rims-across", "rims only, driven across", rims(design, length_m, Numbering::ToAndFro)?),
-        own("cut", "cut open", opened(design, length_m, radius_m, cut_rad)?),
+        own("cut", "cut open", opened(design, cut_rad)?),
     ];
     Some(Controls { designs, cut_rad })
 }
@@ -102,17 +101,18 @@ fn rims(design: &SkinDesign, length_m: f64, numbering: Numbering) -> Option<Skin
 }
 
 /// The cut cylinder as a flat skin: x is the arc from the cut, y is z.
-fn opened(design: &SkinDesign, length_m: f64, radius_m: f64, cut_rad: f64) -> Option<SkinDesign> {
+fn opened(design: &SkinDesign, cut_rad: f64) -> Option<SkinDesign> {
     if !design.sheet.regions.is_empty() {
         return None;
     }
     let surface = design.body.surface();
     let moved = |electrode: &Electrode| {
-        let centre_m = [from_cut_m(&surface, electrode.centre_m, cut_rad)?, electrode.centre_m[2], 0.0];
-        Some(Electrode { centre_m, ..electrode.clone() })
+        let [x, y] = place_m(&surface, electrode.centre_m, cut_rad);
+        Electrode { centre_m: [x, y, 0.0], ..electrode.clone() }
     };
-    let electrodes = design.electrodes.iter().map(moved).collect::<Option<_>>()?;
-    let body = Body::Rectangle { width_m: TAU * radius_m, height_m: length_m };
+    let electrodes = design.electrodes.iter().map(moved).collect();
+    let [width_m, height_m] = Chart::of(&surface).size_m();
+    let body = Body::Rectangle { width_m, height_m };
     checked(SkinDesign { name: format!("{}-cut", design.name), body, electrodes, ..design.clone() })
 }
 
@@ -120,19 +120,12 @@ fn checked(design: SkinDesign) -> Option<SkinDesign> {
     design.check().is_ok().then_some(design)
 }
 
-/// The arc from the cut to a position on the cylinder, m, from 0 to the circumference.
-fn from_cut_m(surface: &Surface, place: Point3, cut_rad: f64) -> Option<f64> {
-    let Surface::Cylinder { radius_m, .. } = *surface else { return None };
-    Some(radius_m * (surface.theta_rad(place)? - cut_rad).rem_euclid(TAU))
-}
-
 /// A position for the comparison of the controls: the arc from the cut and the height, m. On the opened skin these are
 /// x and y.
 pub(super) fn place_m(surface: &Surface, place: Point3, cut_rad: f64) -> [f64; 2] {
-    match from_cut_m(surface, place, cut_rad) {
-        Some(arc_m) => [arc_m, place[2]],
-        None => [place[0], place[1]],
-    }
+    let chart = Chart::of(surface).with_seam(cut_rad);
+    let [x, y] = chart.unroll(place);
+    [if chart.period_m().is_some() { x - chart.bounds_m()[0][0] } else { x }, y]
 }
 
 #[cfg(test)]

@@ -3,8 +3,8 @@
 use crate::design::layout::{MOST_ELECTRODES, name};
 use crate::design::resolve::Place;
 use crate::design::{Body, Electrode, ElectrodeShape, ImageLayout, RegionPlace, SkinDesign};
-use crate::geom::surface::angle_difference;
-use crate::geom::vector::distance;
+use crate::geom::Edge;
+use std::f64::consts::PI;
 
 /// The errors of a design, and their places.
 pub(super) struct Problem {
@@ -149,7 +149,8 @@ fn electrode(body: &Body, index: usize, electrode: &Electrode) -> Result<(), Pro
     }
     match shape {
         ElectrodeShape::Disc { radius_m } => {
-            let room_m = extent_m(body);
+            let room_m =
+                body.chart().map_or(f64::INFINITY, |chart| chart.size_m().into_iter().fold(f64::INFINITY, f64::min));
             if 2.0 * radius_m >= room_m {
                 let message = format!(
                     "is larger than the body: {} mm across on a body of {} mm",
@@ -176,22 +177,18 @@ fn impedance(index: usize, value: f64) -> Result<(), Problem> {
 /// Checks that an arc is on an edge and shorter than it.
 fn arc(body: &Body, index: usize, electrode: &Electrode, length_m: f64) -> Result<(), Problem> {
     let wrong = |message: String| problem(Place::Electrode(index), format!("electrode {index} {message}"));
-    let [x, y, z] = electrode.centre_m;
-    let (on_edge, edge_m) = match *body {
-        Body::Cylinder { length_m, diameter_m } => (z == 0.0 || z == length_m, std::f64::consts::PI * diameter_m),
-        Body::Disk { diameter_m } => {
-            ((x.hypot(y) - 0.5 * diameter_m).abs() <= ROUNDING * diameter_m, std::f64::consts::PI * diameter_m)
-        }
-        Body::Rectangle { width_m, height_m } => {
-            let near = |a: f64, b: f64| (a - b).abs() <= ROUNDING * width_m.max(height_m);
-            let on_edge = near(x, 0.0) || near(x, width_m) || near(y, 0.0) || near(y, height_m);
-            (on_edge, 2.0 * (width_m + height_m))
-        }
-        Body::Mesh { .. } => {
-            return Err(wrong("is an arc, which a mesh file cannot hold".into())
-                .fix("use a disc or a point, or groups of edges in the file"));
-        }
+    let Some(chart) = body.chart() else {
+        return Err(wrong("is an arc, which a mesh file cannot hold".into())
+            .fix("use a disc or a point, or groups of edges in the file"));
     };
+    let [width_m, height_m] = chart.size_m();
+    // A centre on a cylinder's rim is exactly there.
+    let rounding_m = if chart.period_m().is_some() { 0.0 } else { ROUNDING * width_m.max(height_m) };
+    let centre = chart.unroll(electrode.centre_m);
+    let nearest = |edge: &Edge| edge.nearest(centre).1;
+    let edges = Edge::all(&chart);
+    let on_edge = edges.iter().any(|edge| nearest(edge) <= rounding_m);
+    let edge_m = edges.iter().map(|edge| edge.length).fold(0.0, f64::max);
     if !on_edge {
         return Err(wrong("is an arc, but its centre is not on an edge of the body".into()));
     }
@@ -216,16 +213,6 @@ fn off_body(body: &Body, [x, y, z]: [f64; 3]) -> Option<(String, String)> {
         Body::Rectangle { width_m, height_m } => (beyond(x, width_m) || beyond(y, height_m))
             .then(|| (format!("({x}, {y})"), format!("reaches from (0, 0) to ({width_m}, {height_m})"))),
         Body::Mesh { .. } => None,
-    }
-}
-
-/// The smallest width of a body.
-fn extent_m(body: &Body) -> f64 {
-    match *body {
-        Body::Cylinder { length_m, diameter_m } => length_m.min(std::f64::consts::PI * diameter_m),
-        Body::Disk { diameter_m } => diameter_m,
-        Body::Rectangle { width_m, height_m } => width_m.min(height_m),
-        Body::Mesh { .. } => f64::INFINITY,
     }
 }
 
@@ -261,26 +248,14 @@ fn reach_m(shape: ElectrodeShape) -> f64 {
 /// place, so their distance is `NaN`, which never counts as overlap.
 fn distance_m(body: &Body, a: &Electrode, b: &Electrode) -> f64 {
     let both_arcs = matches!((a.shape, b.shape), (ElectrodeShape::Arc { .. }, ElectrodeShape::Arc { .. }));
-    let ([ax, ay, _], [bx, by, _]) = (a.centre_m, b.centre_m);
-    match *body {
-        Body::Disk { diameter_m } if both_arcs => 0.5 * diameter_m * angle_difference(ay.atan2(ax), by.atan2(bx)).abs(),
-        Body::Rectangle { width_m, height_m } if both_arcs => {
-            let round_m = 2.0 * (width_m + height_m);
-            let apart_m = (perimeter_m([ax, ay], width_m, height_m) - perimeter_m([bx, by], width_m, height_m)).abs();
-            apart_m.min(round_m - apart_m)
+    match body.chart() {
+        Some(chart) if both_arcs && chart.period_m().is_none() => {
+            let [edge] = &Edge::all(&chart)[..] else { unreachable!("a flat body has one edge") };
+            let [a, b] = [a, b].map(|electrode| edge.nearest(chart.unroll(electrode.centre_m)).0);
+            edge.arc_m(a, b)
         }
-        Body::Mesh { .. } => distance(a.centre_m, b.centre_m),
         _ => body.surface().distance_m(a.centre_m, b.centre_m),
     }
-}
-
-/// The arc length along a rectangle's edge of a point on it, counter-clockwise from the origin.
-fn perimeter_m([x, y]: [f64; 2], width_m: f64, height_m: f64) -> f64 {
-    let sides =
-        [(y.abs(), x), ((x - width_m).abs(), width_m + y), ((y - height_m).abs(), 2.0 * width_m + height_m - x)];
-    let last = (x.abs(), 2.0 * (width_m + height_m) - y);
-    let nearest = sides.into_iter().fold(last, |best, side| if side.0 < best.0 { side } else { best });
-    nearest.1
 }
 
 fn image(design: &SkinDesign) -> Result<(), Problem> {
@@ -335,14 +310,8 @@ fn mesh(design: &SkinDesign) -> Result<(), Problem> {
 
 /// Approximate number of cells of the mesh: the body with its longest edges, the electrodes with theirs.
 fn cell_estimate(design: &SkinDesign) -> f64 {
-    use std::f64::consts::PI;
-    let area_m2 = match design.body {
-        Body::Cylinder { length_m, diameter_m } => PI * diameter_m * length_m,
-        Body::Disk { diameter_m } => 0.25 * PI * diameter_m * diameter_m,
-        Body::Rectangle { width_m, height_m } => width_m * height_m,
-        Body::Mesh { .. } => 0.0,
-    };
-    let fine_m2: f64 = design.electrodes.iter().map(|electrode| reach_m(electrode.shape).powi(2) * PI).sum();
+    let area_m2 = design.body.chart().map_or(0.0, |chart| chart.area_m2());
+    let fine_m2: f64 = design.electrodes.iter().map(|electrode| PI * reach_m(electrode.shape).powi(2)).sum();
     // An equilateral triangle of side h has the area sqrt(3)/4 h^2.
     let per_area = |edge_m: f64| 1.0 / (0.433 * edge_m * edge_m);
     area_m2 * per_area(design.mesh.max_edge_m) + fine_m2 * per_area(design.mesh.electrode_edge_m)

@@ -193,12 +193,7 @@ fn patches(body: &Body, options: &FabricationOptions) -> Result<(), Problem> {
         );
         return Err(wrong("kerf_m", message).fix("make the gaps at least as wide as the cut"));
     }
-    let sides_m = match *body {
-        Body::Cylinder { length_m, diameter_m } => [length_m, PI * diameter_m],
-        Body::Disk { diameter_m } => [diameter_m, diameter_m],
-        Body::Rectangle { width_m, height_m } => [width_m, height_m],
-        Body::Mesh { .. } => return Ok(()),
-    };
+    let Some(sides_m) = body.chart().map(|chart| chart.size_m()) else { return Ok(()) };
     let least_m = sides_m[0].min(sides_m[1]);
     if patch_pitch_m > least_m {
         let message = format!(

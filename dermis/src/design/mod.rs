@@ -19,7 +19,7 @@ pub use fabrication::{FabricationOptions, closest_bores};
 pub use layout::MOST_ELECTRODES;
 
 use crate::contact::ConductanceChange;
-use crate::geom::{Point3, Surface};
+use crate::geom::{Chart, Point3, Shape, Surface};
 use crate::protocol::Protocol;
 use std::path::PathBuf;
 
@@ -176,24 +176,31 @@ impl Body {
         }
     }
 
+    /// The chart of the body, with the seam of a cylinder at theta = 0; `None` for a body known only by its mesh.
+    pub fn chart(&self) -> Option<Chart> {
+        let shape = match *self {
+            Body::Cylinder { length_m, diameter_m } => Shape::Wall { radius_m: diameter_m / 2.0, length_m },
+            Body::Disk { diameter_m } => Shape::Disk { radius_m: diameter_m / 2.0 },
+            Body::Rectangle { width_m, height_m } => Shape::Rectangle { width_m, height_m },
+            Body::Mesh { .. } => return None,
+        };
+        Some(Chart::new(shape))
+    }
+
+    /// The distance of a point of the surface from the body's edge, m, negative off the body; `None` for a body known
+    /// only by its mesh.
+    fn depth_m(&self, point_m: Point3) -> Option<f64> {
+        self.chart().map(|chart| chart.depth_m(chart.unroll(point_m)))
+    }
+
     /// Whether a point of the unbounded surface is on the body; always true on a body known only by its mesh.
-    pub fn holds(&self, [x, y, z]: Point3) -> bool {
-        match *self {
-            Body::Cylinder { length_m, .. } => (0.0..=length_m).contains(&z),
-            Body::Disk { diameter_m } => x.hypot(y) <= diameter_m / 2.0,
-            Body::Rectangle { width_m, height_m } => (0.0..=width_m).contains(&x) && (0.0..=height_m).contains(&y),
-            Body::Mesh { .. } => true,
-        }
+    pub fn holds(&self, point_m: Point3) -> bool {
+        self.depth_m(point_m).is_none_or(|depth_m| depth_m >= 0.0)
     }
 
     /// The distance from a point of the surface to the body's edge, m; `None` for a body known only by its mesh.
-    pub fn edge_distance_m(&self, [x, y, z]: Point3) -> Option<f64> {
-        match *self {
-            Body::Cylinder { length_m, .. } => Some(z.min(length_m - z).abs()),
-            Body::Disk { diameter_m } => Some((diameter_m / 2.0 - x.hypot(y).hypot(z)).abs()),
-            Body::Rectangle { width_m, height_m } => Some(x.min(width_m - x).min(y).min(height_m - y).abs()),
-            Body::Mesh { .. } => None,
-        }
+    pub fn edge_distance_m(&self, point_m: Point3) -> Option<f64> {
+        self.depth_m(point_m).map(f64::abs)
     }
 }
 

@@ -394,15 +394,8 @@ fn fabrication_options(table: &FabricationTable) -> FabricationOptions {
 
 /// A fiftieth of the side of a square with the body's area: 6 mm on the paper's skin.
 fn default_edge_m(body: &Body) -> f64 {
-    use std::f64::consts::PI;
-    let area_m2 = match *body {
-        Body::Cylinder { length_m, diameter_m } => PI * diameter_m * length_m,
-        Body::Disk { diameter_m } => PI * diameter_m * diameter_m / 4.0,
-        Body::Rectangle { width_m, height_m } => width_m * height_m,
-        // The mesh of a file keeps its own edges.
-        Body::Mesh { .. } => return f64::INFINITY,
-    };
-    area_m2.sqrt() / 50.0
+    // The mesh of a file keeps its own edges.
+    body.chart().map_or(f64::INFINITY, |chart| chart.area_m2().sqrt() / 50.0)
 }
 
 impl From<ShapeTable> for ElectrodeShape {

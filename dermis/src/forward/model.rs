@@ -4,7 +4,7 @@ use super::assembly::Assembly;
 use super::{ElectrodeNetwork, ForwardError, ModelFamily};
 use crate::design::{RegionPlace, SkinDesign};
 use crate::frame::Frame;
-use crate::geom::{Point3, Surface};
+use crate::geom::{Chart, Point3};
 use crate::linalg::{Factor, Matrix, NotPositiveDefinite, Symbolic, Workspace};
 use crate::mesh::{ElectrodePatch, Mesh};
 use crate::protocol::Protocol;
@@ -356,6 +356,7 @@ impl Solver {
 /// sheet (S on surfaces, S/m in volumes).
 pub fn rest_conductivity(design: &SkinDesign, mesh: &Mesh) -> Vec<f64> {
     let mut values = vec![design.sheet.conductance; mesh.cell_count()];
+    let chart = Chart::of(&design.body.surface());
     for region in &design.sheet.regions {
         match region.place {
             RegionPlace::Group => {
@@ -366,7 +367,10 @@ pub fn rest_conductivity(design: &SkinDesign, mesh: &Mesh) -> Vec<f64> {
             }
             RegionPlace::Box { low_m, high_m } => {
                 for (cell, value) in values.iter_mut().enumerate() {
-                    let place = region_coordinates(design.body.surface(), mesh, cell);
+                    let mut place = chart.unroll(mesh.cell_centre(cell));
+                    if chart.period_m().is_some() {
+                        place.reverse();
+                    }
                     if (0..2).all(|axis| (low_m[axis]..=high_m[axis]).contains(&place[axis])) {
                         *value = region.conductance;
                     }
@@ -375,15 +379,6 @@ pub fn rest_conductivity(design: &SkinDesign, mesh: &Mesh) -> Vec<f64> {
         }
     }
     values
-}
-
-/// A cell's centre in the coordinates of regions: (z, radius * theta) on a cylinder, (x, y) elsewhere.
-fn region_coordinates(surface: Surface, mesh: &Mesh, cell: usize) -> [f64; 2] {
-    let centre = mesh.cell_centre(cell);
-    match (surface, surface.theta_rad(centre)) {
-        (Surface::Cylinder { radius_m, .. }, Some(theta)) => [centre[2], radius_m * theta],
-        _ => [centre[0], centre[1]],
-    }
 }
 
 pub(super) fn check_count(what: &'static str, got: usize, expected: usize) -> Result<(), ForwardError> {

@@ -1,11 +1,15 @@
-//! Points, polygons and surfaces.
+//! Points, polygons, surfaces and their charts.
 
+mod chart;
+mod edge;
 mod place_limits;
 pub mod polygon;
 pub mod surface;
 mod triangle_tree;
 pub mod vector;
 
+pub use chart::{Chart, Elementary, Shape, System};
+pub(crate) use edge::Edge;
 pub use place_limits::PlaceLimits;
 pub use surface::Surface;
 pub use triangle_tree::{Nearest, TriangleTree};

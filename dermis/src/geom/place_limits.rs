@@ -2,7 +2,7 @@
 
 use super::surface::Surface;
 use super::triangle_tree::TriangleTree;
-use super::vector::{Point3, distance, norm};
+use super::vector::{Point3, bounding_box, distance, norm};
 use std::f64::consts::TAU;
 
 /// The allowed positions of touches on a body: on it, or off it by less than a margin.
@@ -41,13 +41,7 @@ impl PlaceLimits {
 
     /// The limits of a body that fills the bounding box of some points.
     pub fn of_box(surface: Surface, points: impl IntoIterator<Item = Point3>, margin_m: f64) -> Self {
-        let (mut low_m, mut high_m) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-        for point in points {
-            for axis in 0..3 {
-                low_m[axis] = low_m[axis].min(point[axis]);
-                high_m[axis] = high_m[axis].max(point[axis]);
-            }
-        }
+        let [low_m, high_m] = bounding_box(points);
         PlaceLimits { surface, margin_m, low_m, high_m, tree: None }
     }
 

@@ -1,5 +1,6 @@
 //! The surface of a body: distances along it, normals, means.
 
+use super::chart::{Chart, System, on_wall, wrapped};
 use crate::geom::vector::{Point3, add, distance, dot, normalize, scale, sub};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
@@ -26,13 +27,12 @@ pub enum Surface {
 
 /// An angle reduced to `[0, 2 pi)`.
 pub fn wrap_angle(angle_rad: f64) -> f64 {
-    let wrapped = angle_rad.rem_euclid(TAU);
-    if wrapped < TAU { wrapped } else { 0.0 }
+    wrapped(angle_rad, 0.0, TAU)
 }
 
 /// The difference of two angles, reduced to `[-pi, pi)`.
 pub fn angle_difference(a_rad: f64, b_rad: f64) -> f64 {
-    wrap_angle(a_rad - b_rad + PI) - PI
+    wrapped(a_rad - b_rad, -PI, TAU)
 }
 
 impl Surface {
@@ -47,7 +47,7 @@ impl Surface {
     /// The point of a cylinder at `(z, theta)`; `None` for other surfaces.
     pub fn at(&self, z_m: f64, theta_rad: f64) -> Option<Point3> {
         match *self {
-            Surface::Cylinder { radius_m, .. } => Some([radius_m * theta_rad.cos(), radius_m * theta_rad.sin(), z_m]),
+            Surface::Cylinder { radius_m, .. } => Some(on_wall::<System>(radius_m, theta_rad, z_m)),
             _ => None,
         }
     }
@@ -105,13 +105,7 @@ impl Surface {
 
     /// The point reached from `origin` by a [`chart`](Self::chart) vector.
     pub fn walk(&self, origin: Point3, step_m: [f64; 2]) -> Point3 {
-        match *self {
-            Surface::Cylinder { radius_m, .. } => {
-                let theta = origin[1].atan2(origin[0]) + step_m[0] / radius_m;
-                [radius_m * theta.cos(), radius_m * theta.sin(), origin[2] + step_m[1]]
-            }
-            Surface::Plane | Surface::Free => [origin[0] + step_m[0], origin[1] + step_m[1], origin[2]],
-        }
+        Chart::of(self).walk(origin, step_m)
     }
 
     /// The outward unit normal; `None` if the surface is known only by its mesh.

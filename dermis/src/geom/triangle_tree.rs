@@ -1,7 +1,7 @@
 //! Nearest points on a surface of many triangles.
 
 use super::surface::nearest_on_triangle;
-use super::vector::{Point3, distance};
+use super::vector::{Point3, bounding_box, distance};
 
 /// A binary tree of bounding boxes of triangles, for the point of a surface that is nearest to a given one.
 #[derive(Debug, Clone)]
@@ -97,11 +97,7 @@ impl Node {
 }
 
 fn build(items: &mut [(usize, [Point3; 3])], start: usize, boxes: &mut Vec<Node>) {
-    let points = || items.iter().flat_map(|item| item.1);
-    let bound = |pick: fn(f64, f64) -> f64, from: f64| {
-        points().fold([from; 3], |b, p| [pick(b[0], p[0]), pick(b[1], p[1]), pick(b[2], p[2])])
-    };
-    let (low, high) = (bound(f64::min, f64::INFINITY), bound(f64::max, f64::NEG_INFINITY));
+    let [low, high] = bounding_box(items.iter().flat_map(|item| item.1));
     let at = boxes.len();
     boxes.push(Node { low, high, kind: Kind::Leaf { start, end: start + items.len() } });
     if items.len() <= LEAF {

@@ -60,6 +60,17 @@ pub fn centroid(points: &[Point3]) -> Point3 {
     scale(sum, 1.0 / points.len() as f64)
 }
 
+/// The lower and the upper corner of the box around some points.
+pub fn bounding_box<const N: usize>(points: impl IntoIterator<Item = [f64; N]>) -> [[f64; N]; 2] {
+    points.into_iter().fold([[f64::INFINITY; N], [f64::NEG_INFINITY; N]], |[mut low, mut high], point| {
+        for axis in 0..N {
+            low[axis] = low[axis].min(point[axis]);
+            high[axis] = high[axis].max(point[axis]);
+        }
+        [low, high]
+    })
+}
+
 /// The longest distance between any two of some points: the longest edge of a triangle or a tetrahedron.
 pub fn longest_edge(corners: &[Point3]) -> f64 {
     let others =

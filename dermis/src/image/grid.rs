@@ -1,10 +1,9 @@
 //! Pixels in a grid of rows and columns, and their exact overlaps with the triangles of a mesh.
 
 use crate::design::Body;
-use crate::geom::surface::{angle_difference, wrap_angle};
-use crate::geom::vector::{Point2, Point3};
-use crate::geom::{Surface, polygon};
-use crate::image::{PixelSpace, chart_box};
+use crate::geom::vector::bounding_box;
+use crate::geom::{Chart, Point2, Point3, Shape, Surface, polygon};
+use crate::image::PixelSpace;
 use crate::mesh::{Cells, Mesh, MeshError};
 
 /// Overlaps below this fraction of a cell are rounding errors at a shared edge.
@@ -13,13 +12,14 @@ const SMALLEST_FRACTION: f64 = 1e-12;
 /// A pixel grid on a body: the unrolled wall of a cylinder, or the bounding box of a flat skin.
 struct Grid {
     surface: Surface,
+    chart: Chart,
     rows: usize,
     columns: usize,
     /// Corner of pixel (0, 0) in the chart.
     low: Point2,
     /// Extent of a pixel in the chart.
     step: Point2,
-    /// Whether the last column is adjacent to the first.
+    /// Whether the last column is adjacent to the first, around a cylinder.
     wraps: bool,
 }
 
@@ -31,16 +31,16 @@ struct Piece {
 }
 
 pub(super) fn pixels(body: &Body, [rows, columns]: [usize; 2], mesh: &Mesh) -> Result<PixelSpace, MeshError> {
-    let (Some((low, size)), Cells::Triangles(triangles)) = (chart_box(body), &mesh.cells) else {
+    let (Some(chart), Cells::Triangles(triangles)) = (body.chart(), &mesh.cells) else {
         let message = "a picture of rows and columns needs a cylinder, disk or rectangle; use an image per cell";
         return Err(MeshError::Invalid(message.into()));
     };
     if rows == 0 || columns == 0 {
         return Err(MeshError::Invalid(format!("a picture of {rows} rows and {columns} columns holds no pixel")));
     }
-    let step = [size[0] / columns as f64, size[1] / rows as f64];
-    let wraps = matches!(body, Body::Cylinder { .. });
-    let grid = Grid { surface: body.surface(), rows, columns, low, step, wraps };
+    let ([low, _], [width, height]) = (chart.bounds_m(), chart.size_m());
+    let step = [width / columns as f64, height / rows as f64];
+    let grid = Grid { surface: body.surface(), chart, rows, columns, low, step, wraps: chart.period_m().is_some() };
     Ok(grid.collect(mesh, triangles))
 }
 
@@ -52,7 +52,8 @@ impl Grid {
         let mut chart_areas = vec![0.0; count];
         let mut moments = vec![[0.0; 2]; count];
         for (cell, triangle) in triangles.iter().enumerate() {
-            let corners = self.unroll(triangle.map(|node| mesh.nodes[node]));
+            let first = self.chart.unroll(mesh.nodes[triangle[0]]);
+            let corners = triangle.map(|node| self.chart.unroll_beside(first, mesh.nodes[node]));
             let pieces = self.cut(&corners);
             let total: f64 = pieces.iter().map(|piece| piece.area).sum();
             for Piece { position, area, moment } in pieces {
@@ -79,16 +80,6 @@ impl Grid {
             normals,
             position_in_grid,
         }
-    }
-
-    /// The corners of a triangle in the chart; on a cylinder without a jump of the angle relative to the first corner.
-    fn unroll(&self, corners: [Point3; 3]) -> [Point2; 3] {
-        if !self.wraps {
-            return corners.map(|p| [p[0], p[1]]);
-        }
-        let angle = |p: Point3| p[1].atan2(p[0]);
-        let first = angle(corners[0]);
-        corners.map(|p| [wrap_angle(first) + angle_difference(angle(p), first), p[2]])
     }
 
     /// The parts of a triangle in each pixel. The outermost pixels extend beyond the box, so that rounding at the
@@ -131,9 +122,8 @@ impl Grid {
             let line = ((value - self.low[axis]) / self.step[axis]).floor() as i64;
             if wraps { line } else { line.clamp(0, count as i64 - 1) }
         };
-        let low = corners.iter().map(|p| p[axis]).fold(f64::INFINITY, f64::min);
-        let high = corners.iter().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max);
-        (line(low), line(high))
+        let [low, high] = bounding_box(corners.iter().copied());
+        (line(low[axis]), line(high[axis]))
     }
 
     /// The part of a polygon in one line of pixels along an axis; with a count the outer lines are unbounded outwards.
@@ -154,15 +144,12 @@ impl Grid {
     /// The centre of the part of a pixel inside the body.
     fn centre(&self, position: usize, moment: Point2, area: f64) -> Point3 {
         let (row, column) = (position / self.columns, position % self.columns);
-        match self.surface {
+        let middle = |axis: usize, line: usize| self.low[axis] + (line as f64 + 0.5) * self.step[axis];
+        self.chart.roll(match self.chart.shape() {
             // A pixel of the wall is entirely inside.
-            Surface::Cylinder { .. } => {
-                let z_m = self.low[1] + (row as f64 + 0.5) * self.step[1];
-                let theta_rad = (column as f64 + 0.5) * self.step[0];
-                self.surface.at(z_m, theta_rad).expect("a cylinder has points by z and theta")
-            }
-            _ => [moment[0] / area, moment[1] / area, 0.0],
-        }
+            Shape::Wall { .. } => [middle(0, column), middle(1, row)],
+            _ => moment.map(|moment| moment / area),
+        })
     }
 
     /// The up to four existing pixels of the grid that share an edge with each pixel.

@@ -5,8 +5,8 @@ mod grid;
 #[cfg(test)]
 pub(crate) mod tests;
 
-use crate::design::{Body, ImageLayout, SkinDesign};
-use crate::geom::vector::{dot, sub};
+use crate::design::{ImageLayout, SkinDesign};
+use crate::geom::vector::{bounding_box, dot, sub};
 use crate::geom::{Point3, Surface};
 use crate::mesh::{Mesh, MeshError};
 use std::sync::Arc;
@@ -97,10 +97,8 @@ impl PixelSpace {
 
     /// The bounding box of the pixels' centres: the minimum and maximum coordinate along x, y and z, m.
     pub fn box_m(&self) -> [[f64; 2]; 3] {
-        [0, 1, 2].map(|axis| {
-            let along = self.centres_m.iter().map(|centre| centre[axis]);
-            [along.clone().fold(f64::INFINITY, f64::min), along.fold(f64::NEG_INFINITY, f64::max)]
-        })
+        let [low_m, high_m] = bounding_box(self.centres_m.iter().copied());
+        [0, 1, 2].map(|axis| [low_m[axis], high_m[axis]])
     }
 
     /// The longest side of the bounding box of the pixels' centres, m.
@@ -117,17 +115,6 @@ impl PixelSpace {
             dot(away, away) <= square
         };
         self.centres_m.iter().enumerate().filter(is_near).map(|(pixel, _)| pixel)
-    }
-}
-
-/// The extent of a body's chart: the lower corner and the size of its bounding box in the chart (x, y) of a flat skin,
-/// or (theta, z) of a cylinder.
-pub fn chart_box(body: &Body) -> Option<([f64; 2], [f64; 2])> {
-    match *body {
-        Body::Cylinder { length_m, .. } => Some(([0.0, 0.0], [std::f64::consts::TAU, length_m])),
-        Body::Disk { diameter_m } => Some(([-0.5 * diameter_m; 2], [diameter_m; 2])),
-        Body::Rectangle { width_m, height_m } => Some(([0.0; 2], [width_m, height_m])),
-        Body::Mesh { .. } => None,
     }
 }
 

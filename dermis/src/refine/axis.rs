@@ -4,7 +4,6 @@
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Axis {
     pub low_m: f64,
-    pub high_m: f64,
     pub step_m: f64,
     pub count: usize,
     pub is_closed: bool,
@@ -17,28 +16,18 @@ pub(super) struct Stencil {
 }
 
 impl Axis {
-    pub(super) fn closed(period_m: f64, step_m: f64) -> Self {
+    pub(super) fn closed(low_m: f64, period_m: f64, step_m: f64) -> Self {
         let count = (period_m / step_m).ceil().max(4.0);
-        let (low_m, high_m) = (-0.5 * period_m, 0.5 * period_m);
-        Axis { low_m, high_m, step_m: period_m / count, count: count as usize, is_closed: true }
+        Axis { low_m, step_m: period_m / count, count: count as usize, is_closed: true }
     }
 
     pub(super) fn open(low_m: f64, high_m: f64, step_m: f64) -> Self {
         let steps = ((high_m - low_m) / step_m).ceil().max(3.0);
-        Axis { low_m, high_m, step_m: (high_m - low_m) / steps, count: steps as usize + 1, is_closed: false }
+        Axis { low_m, step_m: (high_m - low_m) / steps, count: steps as usize + 1, is_closed: false }
     }
 
     pub(super) fn at(&self, index: usize) -> f64 {
         self.low_m + index as f64 * self.step_m
-    }
-
-    /// The shorter way from one place to another.
-    pub(super) fn difference(&self, to_m: f64, from_m: f64) -> f64 {
-        let period_m = self.high_m - self.low_m;
-        match self.is_closed {
-            true => (to_m - from_m + 0.5 * period_m).rem_euclid(period_m) - 0.5 * period_m,
-            false => to_m - from_m,
-        }
     }
 
     pub(super) fn index(&self, index: i64) -> usize {

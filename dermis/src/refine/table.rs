@@ -7,12 +7,12 @@ use crate::estimate::drift::{DriftSpread, directions};
 use crate::estimate::whitening::Whitening;
 use crate::forward::ForwardModel;
 use crate::frame::{disconnected_electrodes, quantities};
-use crate::geom::{Point3, Surface};
+use crate::geom::{Chart, Point3};
 use crate::linalg::Matrix;
 use crate::mesh::Mesh;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 /// Step of the grid over the width of a touch. A Gaussian sampled at this step has no visible spectrum beyond a fifth of
 /// the sampling rate, where cubic interpolation is exact to a thousandth.
@@ -24,6 +24,8 @@ const REACH: f64 = 4.0;
 const LEAST_WIDTH: f64 = 0.6;
 /// Steps of the grid between the places at which a touch is looked for: a fit finds one from there.
 const SEARCH_STRIDE: usize = 3;
+/// The last places of a grid may be off the body by rounding.
+const ROUNDING_M: f64 = 1e-12;
 /// Number of cells whose responses are transposed together, so that they stay in the cache.
 const BLOCK: usize = 64;
 
@@ -38,11 +40,8 @@ pub(super) struct Response {
 /// The change of the whitened values of a frame by a touch of unit strength at each place of a grid.
 #[derive(Debug, Clone)]
 pub(super) struct ResponseTable {
-    surface: Surface,
-    origin_m: Point3,
+    chart: Chart,
     axes: [Axis; 2],
-    /// Of a disk.
-    radius_m: Option<f64>,
     /// Standard deviation of a touch's change of conductance along the surface, m.
     width_m: f64,
     /// By place (the second axis first), the response of each value.
@@ -67,19 +66,16 @@ impl ResponseTable {
         noise_ohm: &[f64],
         options: &RefineOptions,
     ) -> Result<Self, RefineError> {
-        let surface = body.surface();
         let (values, sd_ohm) = values(model, noise_ohm);
         if values.is_empty() {
             return Err(RefineError::NoChannel);
         }
         let width_m = options.width_m.max(LEAST_WIDTH * edge_m(model.mesh()));
         let step_m = STEP * width_m;
-        let (origin_m, axes) = grid(body, step_m)?;
+        let chart = body.chart().ok_or(RefineError::NoChart)?.with_seam(-PI);
         let mut table = ResponseTable {
-            surface,
-            origin_m,
-            axes,
-            radius_m: if let Body::Disk { diameter_m } = *body { Some(0.5 * diameter_m) } else { None },
+            chart,
+            axes: axes(&chart, step_m),
             width_m,
             responses: Vec::new(),
             searched: Vec::new(),
@@ -107,7 +103,7 @@ impl ResponseTable {
         let mut responses = vec![0.0; round.count * along.count * width];
         let fill = |(place, response): (usize, &mut [f32])| {
             let place = [round.at(place % round.count), along.at(place / round.count)];
-            let part = cells.touch(&self.axes, place, self.width_m);
+            let part = cells.touch(&self.chart, place, self.width_m);
             pulp::Arch::new().dispatch(Sum { part: &part, by_cell: &by_cell, sum: response });
             let mut whitened: Vec<f64> = response.iter().map(|&value| f64::from(value)).collect();
             self.whitening.apply(&mut whitened);
@@ -123,7 +119,7 @@ impl ResponseTable {
         let ([round, along], width) = (self.axes, self.values.len());
         let is_searched = |place: &usize| {
             let [i, j] = [place % round.count, place / round.count];
-            let is_on_body = self.radius_m.is_none_or(|radius_m| round.at(i).hypot(along.at(j)) <= radius_m);
+            let is_on_body = self.chart.depth_m([round.at(i), along.at(j)]) >= -ROUNDING_M;
             is_on_body && i.is_multiple_of(SEARCH_STRIDE) && j.is_multiple_of(SEARCH_STRIDE)
         };
         let with_norm = |place: usize| (place, norm(&self.responses[place * width..][..width]));
@@ -179,22 +175,27 @@ impl ResponseTable {
 
     /// The place halfway between two places.
     pub(super) fn middle(&self, from: [f64; 2], to: [f64; 2]) -> [f64; 2] {
-        let half = |axis: usize| from[axis] + 0.5 * self.axes[axis].difference(to[axis], from[axis]);
-        self.bounded([0, 1].map(half))
+        let step = self.chart.difference(from, to);
+        self.bounded([0, 1].map(|axis| from[axis] + 0.5 * step[axis]))
     }
 
-    /// The place of a point in the chart.
+    /// The place on the body of a point.
     pub(super) fn place(&self, point_m: Point3) -> [f64; 2] {
-        self.bounded(self.surface.chart(self.origin_m, point_m))
+        self.bounded(self.chart.unroll(point_m))
     }
 
     /// The point of a place.
     pub(super) fn position_m(&self, place: [f64; 2]) -> Point3 {
-        self.surface.walk(self.origin_m, place)
+        self.chart.roll(place)
     }
 
     pub(super) fn distance_m(&self, a: [f64; 2], b: [f64; 2]) -> f64 {
-        self.surface.distance_m(self.position_m(a), self.position_m(b))
+        self.chart.distance_m(a, b)
+    }
+
+    /// The nearest place on the body.
+    pub(super) fn bounded(&self, place: [f64; 2]) -> [f64; 2] {
+        self.chart.nearest(place)
     }
 
     /// The standard deviation of a touch's change of conductance along the surface, m: that of the options, or more on a
@@ -206,18 +207,6 @@ impl ResponseTable {
     /// Whether electrodes are disconnected: most channels of their drives are not usable.
     pub(super) fn lacks_electrodes(&self) -> bool {
         self.lacks_electrodes
-    }
-
-    /// The nearest place on the body.
-    pub(super) fn bounded(&self, place: [f64; 2]) -> [f64; 2] {
-        if let Some(radius_m) = self.radius_m {
-            let part = (radius_m / place[0].hypot(place[1])).min(1.0);
-            return place.map(|at| part * at);
-        }
-        [0, 1].map(|axis: usize| match self.axes[axis] {
-            Axis { is_closed: true, .. } => place[axis],
-            Axis { low_m, high_m, .. } => place[axis].clamp(low_m, high_m),
-        })
     }
 
     /// The change of a frame by a touch of a strength, ohm.
@@ -307,21 +296,13 @@ fn values(model: &ForwardModel, noise_ohm: &[f64]) -> (Vec<Vec<(usize, f64)>>, V
     all
 }
 
-/// The origin of the chart and the axes of the grid of a body.
-fn grid(body: &Body, step_m: f64) -> Result<(Point3, [Axis; 2]), RefineError> {
-    let open = |low_m: f64, high_m: f64| Axis::open(low_m, high_m, step_m);
-    match *body {
-        Body::Cylinder { length_m, diameter_m } => {
-            let radius_m = diameter_m / 2.0;
-            let round = Axis::closed(TAU * radius_m, step_m);
-            Ok(([radius_m, 0.0, 0.0], [round, open(0.0, length_m)]))
-        }
-        Body::Rectangle { width_m, height_m } => Ok(([0.0; 3], [open(0.0, width_m), open(0.0, height_m)])),
-        Body::Disk { diameter_m } => {
-            let radius_m = diameter_m / 2.0;
-            Ok(([0.0; 3], [open(-radius_m, radius_m), open(-radius_m, radius_m)]))
-        }
-        Body::Mesh { .. } => Err(RefineError::NoChart),
+/// The axes of the grid of a body.
+fn axes(chart: &Chart, step_m: f64) -> [Axis; 2] {
+    let [low_m, high_m] = chart.bounds_m();
+    let open = |axis: usize| Axis::open(low_m[axis], high_m[axis], step_m);
+    match chart.period_m() {
+        Some(period_m) => [Axis::closed(low_m[0], period_m, step_m), open(1)],
+        None => [open(0), open(1)],
     }
 }
 
@@ -336,7 +317,7 @@ struct Cells {
 impl Cells {
     fn new(table: &ResponseTable, model: &ForwardModel) -> Self {
         let mesh = model.mesh();
-        let place = |cell: usize| table.surface.chart(table.origin_m, mesh.cell_centre(cell));
+        let place = |cell: usize| table.chart.unroll(mesh.cell_centre(cell));
         let mut sorted: Vec<([f64; 2], usize)> = (0..mesh.cell_count()).map(|cell| (place(cell), cell)).collect();
         sorted.sort_by(|(a, _), (b, _)| a[1].total_cmp(&b[1]));
         let (places, order): (Vec<_>, Vec<_>) = sorted.into_iter().unzip();
@@ -346,15 +327,13 @@ impl Cells {
 
     /// The cells of a touch of unit strength, by their place in the order, with the change of each one's conductivity: a
     /// Gaussian with the integral of 1 over the plane.
-    fn touch(&self, axes: &[Axis; 2], [u, v]: [f64; 2], width_m: f64) -> Vec<(usize, f32)> {
+    fn touch(&self, chart: &Chart, centre: [f64; 2], width_m: f64) -> Vec<(usize, f32)> {
         let reach_m = REACH * width_m;
-        let first = self.places.partition_point(|place| place[1] < v - reach_m);
-        let last = self.places.partition_point(|place| place[1] <= v + reach_m);
+        let first = self.places.partition_point(|place| place[1] < centre[1] - reach_m);
+        let last = self.places.partition_point(|place| place[1] <= centre[1] + reach_m);
         let height = 1.0 / (TAU * width_m * width_m);
         let weight = |index: usize| {
-            let place = self.places[index];
-            let (du, dv) = (axes[0].difference(place[0], u), place[1] - v);
-            let square = (du * du + dv * dv) / (width_m * width_m);
+            let square = chart.squared_distance_m2(centre, self.places[index]) / (width_m * width_m);
             let change = || (self.conductivity[index] * height * (-0.5 * square).exp()) as f32;
             (square <= REACH * REACH).then(|| (index, change()))
         };

@@ -1,8 +1,8 @@
 //! The skin as drawn by the page.
 
-use dermis::design::{Body, ElectrodeShape, SkinDesign, TouchEffect};
+use dermis::design::{ElectrodeShape, SkinDesign, TouchEffect};
 use dermis::geom::vector::{Point3, add, cross, normalize, scale, sub};
-use dermis::geom::{Surface, surface::wrap_angle};
+use dermis::geom::{Chart, Surface};
 use dermis::image::PixelSpace;
 use dermis::mesh::{Cells, Mesh};
 use dermis::reconstruct::Quantity;
@@ -71,26 +71,17 @@ pub(super) fn scene(skin: &Skin, quantity: Quantity, methods: &[String], emulate
 
 /// The position of a point on the flat layout, m; `None` on a body without one.
 pub(super) fn flat_m(surface: &Surface, place: Point3) -> Option<[f64; 2]> {
-    match *surface {
-        Surface::Cylinder { radius_m, .. } => Some([radius_m * wrap_angle(place[1].atan2(place[0])), place[2]]),
-        Surface::Plane => Some([place[0], place[1]]),
-        Surface::Free => None,
-    }
+    (*surface != Surface::Free).then(|| Chart::of(surface).unroll(place))
 }
 
 fn unrolled(skin: &Skin) -> Value {
     let surface = &skin.pixels().surface;
-    let (size_m, wraps, labels) = match (&skin.design().body, surface) {
-        (_, Surface::Cylinder { radius_m, length_m }) => {
-            ([std::f64::consts::TAU * radius_m, *length_m], true, ["round (mm)", "along z (mm)"])
-        }
-        (Body::Disk { diameter_m }, _) => ([*diameter_m; 2], false, ["x (mm)", "y (mm)"]),
-        (Body::Rectangle { width_m, height_m }, _) => ([*width_m, *height_m], false, ["x (mm)", "y (mm)"]),
-        _ => return Value::Null,
-    };
+    let Some(chart) = skin.design().body.chart() else { return Value::Null };
+    let wraps = chart.period_m().is_some();
+    let labels = if wraps { ["round (mm)", "along z (mm)"] } else { ["x (mm)", "y (mm)"] };
     let places: Vec<_> =
         (0..skin.design().electrodes.len()).map(|index| flat_m(surface, electrode(skin, index).0)).collect();
-    json!({ "size_m": size_m, "wraps": wraps, "labels": labels, "electrodes_m": places })
+    json!({ "size_m": chart.size_m(), "wraps": wraps, "labels": labels, "electrodes_m": places })
 }
 
 /// The position of an electrode, and the outward normal there.

@@ -1,10 +1,10 @@
 //! Localisation at the rims and at the seam, where errors are largest.
 
+use crate::elementary::unrolled;
 use crate::evaluate::match_contacts;
 use dermis::contact::Contact;
 use dermis::design::Body;
 use dermis::geom::{Point3, Surface};
-use std::f64::consts::TAU;
 
 /// Width of a rim, and of a seam to both sides, m.
 const RIM_M: f64 = 0.02;
@@ -12,11 +12,8 @@ const SEAM_M: f64 = 0.015;
 
 /// Whether a position is within 20 mm of an end or 15 mm of the seam.
 pub(super) fn is_at_edge(body: &Body, place: Point3) -> bool {
-    let surface = body.surface();
-    let at_seam = match (surface, surface.theta_rad(place)) {
-        (Surface::Cylinder { radius_m, .. }, Some(theta)) => radius_m * theta.min(TAU - theta) <= SEAM_M,
-        _ => false,
-    };
+    let chart = unrolled(&body.surface());
+    let at_seam = chart.period_m().is_some() && chart.unroll(place)[0].abs() <= SEAM_M;
     at_seam || body.edge_distance_m(place).is_some_and(|distance_m| distance_m <= RIM_M)
 }
 

@@ -1,6 +1,7 @@
 //! Gmsh .msh version 4.1, ASCII.
 
 use super::{Part, electrode_parts, electrodes_of_cells};
+use crate::geom::vector::bounding_box;
 use crate::mesh::import::{ELECTRODE, UNGROUPED};
 use crate::mesh::{Cells, ElectrodePatch, Mesh};
 use std::collections::BTreeMap;
@@ -99,10 +100,7 @@ fn physical_names(mesh: &Mesh, dimension: usize, out: &mut dyn Write) -> io::Res
 
 /// The entities with their groups; Gmsh requires a bounding box for each; that of the mesh is used for all.
 fn entity_table(entities: &Entities<'_>, mesh: &Mesh, out: &mut dyn Write) -> io::Result<()> {
-    let bound = |pick: fn(f64, f64) -> f64, start: f64| {
-        mesh.nodes.iter().fold([start; 3], |b, n| [pick(b[0], n[0]), pick(b[1], n[1]), pick(b[2], n[2])])
-    };
-    let (low, high) = (bound(f64::min, f64::INFINITY), bound(f64::max, f64::NEG_INFINITY));
+    let [low, high] = bounding_box(mesh.nodes.iter().copied());
     let count = |dimension: usize| entities.keys().filter(|key| key.0 == dimension).count();
     writeln!(out, "$Entities\n{} {} {} {}", count(0), count(1), count(2), count(3))?;
     for (tag, ((dimension, groups), elements)) in entities.iter().enumerate() {

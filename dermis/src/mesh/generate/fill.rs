@@ -1,9 +1,8 @@
 //! Insertion of points between the fixed ones with the target density, and their relaxation.
 
-use super::domain::Domain;
 use super::sizing::Sizing;
 use super::triangulate::triangulate;
-use crate::geom::vector::Point2;
+use crate::geom::{Chart, Point2};
 use crate::mesh::MeshError;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -33,10 +32,10 @@ struct Cells {
 }
 
 impl Cells {
-    fn new(domain: &Domain, size: f64) -> Self {
-        let (low, high) = domain.bounds();
+    fn new(chart: &Chart, size: f64) -> Self {
+        let [low, high] = chart.bounds_m();
         let columns = (((high[0] - low[0]) / size).floor() as i64).max(1);
-        Cells { size, columns, wraps: domain.period().is_some(), points: HashMap::new() }
+        Cells { size, columns, wraps: chart.period_m().is_some(), points: HashMap::new() }
     }
 
     fn key(&self, point: Point2) -> (i64, i64) {
@@ -61,24 +60,24 @@ impl Cells {
 }
 
 /// Adds points to the fixed ones: a regular lattice where the longest edges are allowed, random ones elsewhere.
-pub(super) fn fill(domain: &Domain, sizing: &Sizing, points: &mut Vec<Point2>) {
-    let mut cells = Cells::new(domain, sizing.largest);
+pub(super) fn fill(chart: &Chart, sizing: &Sizing, points: &mut Vec<Point2>) {
+    let mut cells = Cells::new(chart, sizing.largest);
     for (index, &point) in points.iter().enumerate() {
         cells.insert(point, index);
     }
     let mut offer = |point: Point2, closest: f64, points: &mut Vec<Point2>| {
         let wanted = sizing.at(point);
-        if domain.depth(point) < CLOSEST_TO_EDGE * wanted {
+        if chart.depth_m(point) < CLOSEST_TO_EDGE * wanted {
             return false;
         }
-        let crowded = cells.near(point).any(|other| domain.distance(points[other], point) < closest * wanted);
+        let crowded = cells.near(point).any(|other| chart.distance_m(points[other], point) < closest * wanted);
         if !crowded {
             cells.insert(point, points.len());
             points.push(point);
         }
         !crowded
     };
-    for point in lattice(domain, sizing.largest) {
+    for point in lattice(chart, sizing.largest) {
         if sizing.at(point) >= sizing.largest {
             offer(point, CLOSEST, points);
         }
@@ -91,7 +90,7 @@ pub(super) fn fill(domain: &Domain, sizing: &Sizing, points: &mut Vec<Point2>) {
         for _ in 0..20 {
             let distance = sizing.at(centre) * random.random_range(CLOSEST..2.0 * CLOSEST);
             let (sin, cos) = random.random_range(0.0..std::f64::consts::TAU).sin_cos();
-            let point = domain.wrap([centre[0] + distance * cos, centre[1] + distance * sin]);
+            let point = chart.wrap([centre[0] + distance * cos, centre[1] + distance * sin]);
             if offer(point, CLOSEST, points) {
                 seeds.push(points.len() - 1);
             }
@@ -100,8 +99,8 @@ pub(super) fn fill(domain: &Domain, sizing: &Sizing, points: &mut Vec<Point2>) {
 }
 
 /// Equilateral triangles that are periodic around a cylinder.
-fn lattice(domain: &Domain, side: f64) -> Vec<Point2> {
-    let (low, high) = domain.bounds();
+fn lattice(chart: &Chart, side: f64) -> Vec<Point2> {
+    let [low, high] = chart.bounds_m();
     let columns = ((high[0] - low[0]) / side).round().max(1.0);
     let rows = ((high[1] - low[1]) / (side * 0.75f64.sqrt())).round().max(1.0);
     let mut points = Vec::new();
@@ -120,7 +119,7 @@ fn lattice(domain: &Domain, side: f64) -> Vec<Point2> {
 /// Moves the free points (from `fixed` on) to the centres of their triangles, divides edges that are too long and
 /// contracts those too short; returns the triangles.
 pub(super) fn relax(
-    domain: &Domain,
+    chart: &Chart,
     sizing: &Sizing,
     points: &mut Vec<Point2>,
     fixed: usize,
@@ -129,17 +128,17 @@ pub(super) fn relax(
 ) -> Result<Vec<[usize; 3]>, MeshError> {
     let reach = 6.0 * sizing.largest;
     for round in 0..ROUNDS {
-        let triangles = triangulate(domain, points, constraints, reach)?;
-        move_to_centres(domain, sizing, points, |point| point >= fixed, &triangles);
+        let triangles = triangulate(chart, points, constraints, reach)?;
+        move_to_centres(chart, sizing, points, |point| point >= fixed, &triangles);
         if round + 10 < ROUNDS && round % 5 == 4 {
-            let triangles = triangulate(domain, points, constraints, reach)?;
-            adapt(domain, sizing, points, fixed, &triangles);
+            let triangles = triangulate(chart, points, constraints, reach)?;
+            adapt(chart, sizing, points, fixed, &triangles);
         }
     }
     for round in 0..LENGTH_ROUNDS {
-        let triangles = triangulate(domain, points, constraints, reach)?;
+        let triangles = triangulate(chart, points, constraints, reach)?;
         let first = points.len();
-        divide_longest(domain, points, &triangles, longest);
+        divide_longest(chart, points, &triangles, longest);
         if points.len() == first {
             return Ok(triangles);
         }
@@ -147,42 +146,42 @@ pub(super) fn relax(
             continue;
         }
         // Only points near the new points move: elsewhere edges stay as short as they are.
-        let movable = near(domain, points, first, 2.5 * longest);
+        let movable = near(chart, points, first, 2.5 * longest);
         for _ in 0..2 {
-            let triangles = triangulate(domain, points, constraints, reach)?;
-            move_to_centres(domain, sizing, points, |point| point >= fixed && movable[point], &triangles);
+            let triangles = triangulate(chart, points, constraints, reach)?;
+            move_to_centres(chart, sizing, points, |point| point >= fixed && movable[point], &triangles);
         }
     }
-    triangulate(domain, points, constraints, reach)
+    triangulate(chart, points, constraints, reach)
 }
 
 /// The points within `reach` of one of those from `first` on.
-fn near(domain: &Domain, points: &[Point2], first: usize, reach: f64) -> Vec<bool> {
-    let mut cells = Cells::new(domain, reach);
+fn near(chart: &Chart, points: &[Point2], first: usize, reach: f64) -> Vec<bool> {
+    let mut cells = Cells::new(chart, reach);
     (first..points.len()).for_each(|point| cells.insert(points[point], point));
-    let within = |point: Point2| cells.near(point).any(|new| domain.distance(points[new], point) < reach);
+    let within = |point: Point2| cells.near(point).any(|new| chart.distance_m(points[new], point) < reach);
     points.iter().map(|&point| within(point)).collect()
 }
 
 /// Adds the midpoints of the edges that are too long, longest first, no two of them near each other.
-fn divide_longest(domain: &Domain, points: &mut Vec<Point2>, triangles: &[[usize; 3]], longest: f64) {
-    let length = |&[a, b]: &[usize; 2]| domain.distance(points[a], points[b]);
+fn divide_longest(chart: &Chart, points: &mut Vec<Point2>, triangles: &[[usize; 3]], longest: f64) {
+    let length = |&[a, b]: &[usize; 2]| chart.distance_m(points[a], points[b]);
     let mut long: Vec<[usize; 2]> = edges(triangles).into_iter().filter(|edge| length(edge) > longest).collect();
     long.sort_by(|a, b| length(b).total_cmp(&length(a)));
     let mut middles: Vec<Point2> = Vec::new();
     for [a, b] in long {
-        let place = middle(domain, points[a], points[b]);
-        let alone = middles.iter().all(|&other| domain.distance(other, place) > 1.5 * longest);
-        if alone && domain.depth(place) > 0.1 * longest {
+        let place = middle(chart, points[a], points[b]);
+        let alone = middles.iter().all(|&other| chart.distance_m(other, place) > 1.5 * longest);
+        if alone && chart.depth_m(place) > 0.1 * longest {
             middles.push(place);
         }
     }
     points.extend(&middles);
 }
 
-fn middle(domain: &Domain, a: Point2, b: Point2) -> Point2 {
-    let [x, y] = domain.offset(a, b);
-    domain.wrap([a[0] + 0.5 * x, a[1] + 0.5 * y])
+fn middle(chart: &Chart, a: Point2, b: Point2) -> Point2 {
+    let [x, y] = chart.difference(a, b);
+    chart.wrap([a[0] + 0.5 * x, a[1] + 0.5 * y])
 }
 
 /// The edges of some triangles, each once.
@@ -199,7 +198,7 @@ pub(super) fn edges(triangles: &[[usize; 3]]) -> Vec<[usize; 2]> {
 /// the target length; the theoretical `h^-4`, for equilateral triangles, pulls points out of the coarse parts on meshes
 /// with this steep grading (edges 19 % too short next to electrodes and 12 % too long elsewhere on `cylinder30`).
 fn move_to_centres(
-    domain: &Domain,
+    chart: &Chart,
     sizing: &Sizing,
     points: &mut [Point2],
     is_free: impl Fn(usize) -> bool,
@@ -208,13 +207,13 @@ fn move_to_centres(
     let mut sums = vec![[0.0; 3]; points.len()];
     for &corners in triangles {
         let [a, b, c] = corners.map(|corner| points[corner]);
-        let (ab, ac) = (domain.offset(a, b), domain.offset(a, c));
+        let (ab, ac) = (chart.difference(a, b), chart.difference(a, c));
         let centre = [(ab[0] + ac[0]) / 3.0, (ab[1] + ac[1]) / 3.0];
         let area = 0.5 * (ab[0] * ac[1] - ab[1] * ac[0]).abs();
         let place = [a[0] + centre[0], a[1] + centre[1]];
-        let weight = area * sizing.at(domain.wrap(place)).powi(-2);
+        let weight = area * sizing.at(chart.wrap(place)).powi(-2);
         for corner in corners.into_iter().filter(|&corner| is_free(corner)) {
-            let [x, y] = domain.offset(points[corner], place);
+            let [x, y] = chart.difference(points[corner], place);
             sums[corner][0] += weight * x;
             sums[corner][1] += weight * y;
             sums[corner][2] += weight;
@@ -222,13 +221,13 @@ fn move_to_centres(
     }
     for (point, [x, y, weight]) in points.iter_mut().zip(sums) {
         if weight > 0.0 {
-            *point = domain.wrap([point[0] + x / weight, point[1] + y / weight]);
+            *point = chart.wrap([point[0] + x / weight, point[1] + y / weight]);
         }
     }
 }
 
 /// Divides edges between free points that are too long and removes a free end of those too short.
-fn adapt(domain: &Domain, sizing: &Sizing, points: &mut Vec<Point2>, fixed: usize, triangles: &[[usize; 3]]) {
+fn adapt(chart: &Chart, sizing: &Sizing, points: &mut Vec<Point2>, fixed: usize, triangles: &[[usize; 3]]) {
     let mut touched = HashSet::new();
     let mut removed = HashSet::new();
     let mut added = Vec::new();
@@ -236,12 +235,12 @@ fn adapt(domain: &Domain, sizing: &Sizing, points: &mut Vec<Point2>, fixed: usiz
         if touched.contains(&a) || touched.contains(&b) {
             continue;
         }
-        let place = middle(domain, points[a], points[b]);
-        let ratio = domain.distance(points[a], points[b]) / sizing.at(place);
+        let place = middle(chart, points[a], points[b]);
+        let ratio = chart.distance_m(points[a], points[b]) / sizing.at(place);
         if ratio < TOO_SHORT && b >= fixed {
             removed.insert(b);
             touched.extend([a, b]);
-        } else if ratio > TOO_LONG && domain.depth(place) > CLOSEST_TO_EDGE * sizing.at(place) {
+        } else if ratio > TOO_LONG && chart.depth_m(place) > CLOSEST_TO_EDGE * sizing.at(place) {
             added.push(place);
             touched.extend([a, b]);
         }

@@ -1,9 +1,8 @@
 //! The fixed points: the body's edges and the electrodes' outlines.
 
-use super::domain::Domain;
 use super::outline::Outline;
 use super::sizing::Sizing;
-use crate::geom::vector::Point2;
+use crate::geom::{Chart, Edge, Point2};
 use crate::mesh::MeshError;
 
 /// Two arc lengths closer than this fraction of the curve are one point.
@@ -34,21 +33,17 @@ pub(super) enum Marking {
 }
 
 impl Layout {
-    pub(super) fn new(domain: &Domain, outlines: &[Outline], sizing: &Sizing) -> Result<Self, MeshError> {
+    pub(super) fn new(chart: &Chart, outlines: &[Outline], sizing: &Sizing) -> Result<Self, MeshError> {
         let mut layout = Layout::default();
-        let curves = layout.lay_edges(domain, outlines, sizing);
+        let curves = layout.lay_edges(chart, outlines, sizing);
         for (electrode, outline) in outlines.iter().enumerate() {
             let marking = match *outline {
                 Outline::Disc { centre, radius, ref arcs, whole, step } => {
                     let disc = Disc { electrode, centre, radius, step };
-                    if whole {
-                        layout.lay_circle(domain, disc)
-                    } else {
-                        layout.lay_arcs(domain, disc, arcs, &curves)?
-                    }
+                    if whole { layout.lay_circle(chart, disc) } else { layout.lay_arcs(chart, disc, arcs, &curves)? }
                 }
                 Outline::Arc { edge, from, to } => Marking::Along(curves[edge].between(from, to)),
-                Outline::Point { at } => match curves.iter().find_map(|curve| curve.at(domain, at)) {
+                Outline::Point { at } => match curves.iter().find_map(|curve| curve.at(chart, at)) {
                     Some(index) => Marking::At(index),
                     None => Marking::At(layout.push(at)),
                 },
@@ -64,9 +59,9 @@ impl Layout {
     }
 
     /// Divides the body's edges, with points where outlines intersect them.
-    fn lay_edges(&mut self, domain: &Domain, outlines: &[Outline], sizing: &Sizing) -> Vec<Curve> {
+    fn lay_edges(&mut self, chart: &Chart, outlines: &[Outline], sizing: &Sizing) -> Vec<Curve> {
         let mut curves = Vec::new();
-        for (index, edge) in domain.edges().into_iter().enumerate() {
+        for (index, edge) in Edge::all(chart).into_iter().enumerate() {
             let mut stops = edge.corners.clone();
             for outline in outlines {
                 match outline {
@@ -95,19 +90,19 @@ impl Layout {
                 lengths.push(from);
                 lengths.extend(sizing.divide(from, to, |s| edge.point(s)));
             }
-            let nodes: Vec<usize> = lengths.iter().map(|&s| self.push(domain.wrap(edge.point(s)))).collect();
+            let nodes: Vec<usize> = lengths.iter().map(|&s| self.push(chart.wrap(edge.point(s)))).collect();
             self.constraints.extend((0..nodes.len()).map(|k| [nodes[k], nodes[(k + 1) % nodes.len()]]));
             curves.push(Curve { edge, lengths, nodes });
         }
         curves
     }
 
-    fn lay_circle(&mut self, domain: &Domain, disc: Disc) -> Marking {
+    fn lay_circle(&mut self, chart: &Chart, disc: Disc) -> Marking {
         let count = (std::f64::consts::TAU / disc.step).round() as usize;
         let ring: Vec<usize> = (0..count)
-            .map(|k| self.push(domain.wrap(on_circle(disc.centre, disc.radius, k as f64 * disc.step))))
+            .map(|k| self.push(chart.wrap(on_circle(disc.centre, disc.radius, k as f64 * disc.step))))
             .collect();
-        self.lay_inner_ring(domain, disc, [0.0, std::f64::consts::TAU], count);
+        self.lay_inner_ring(chart, disc, [0.0, std::f64::consts::TAU], count);
         let outline: Vec<[usize; 2]> = (0..count).map(|k| [ring[k], ring[(k + 1) % count]]).collect();
         self.constraints.extend(&outline);
         Marking::Inside(outline)
@@ -115,7 +110,7 @@ impl Layout {
 
     fn lay_arcs(
         &mut self,
-        domain: &Domain,
+        chart: &Chart,
         disc: Disc,
         arcs: &[[f64; 2]],
         curves: &[Curve],
@@ -124,7 +119,7 @@ impl Layout {
         for &[from, to] in arcs {
             let end = |angle: f64| {
                 let point = on_circle(disc.centre, disc.radius, angle);
-                curves.iter().find_map(|curve| curve.at(domain, point)).ok_or_else(|| {
+                curves.iter().find_map(|curve| curve.at(chart, point)).ok_or_else(|| {
                     MeshError::Generate(format!(
                         "the outline of electrode {} meets the body's edge where no point of the mesh can be placed",
                         disc.electrode
@@ -135,24 +130,24 @@ impl Layout {
             let mut nodes = vec![end(from)?];
             for k in 1..count {
                 let angle = from + (to - from) * k as f64 / count as f64;
-                nodes.push(self.push(domain.wrap(on_circle(disc.centre, disc.radius, angle))));
+                nodes.push(self.push(chart.wrap(on_circle(disc.centre, disc.radius, angle))));
             }
             nodes.push(end(to)?);
             outline.extend(nodes.windows(2).map(|pair| [pair[0], pair[1]]));
-            self.lay_inner_ring(domain, disc, [from, to], count);
+            self.lay_inner_ring(chart, disc, [from, to], count);
         }
         self.constraints.extend(&outline);
         Ok(Marking::Inside(outline))
     }
 
-    fn lay_inner_ring(&mut self, domain: &Domain, disc: Disc, [from, to]: [f64; 2], count: usize) {
+    fn lay_inner_ring(&mut self, chart: &Chart, disc: Disc, [from, to]: [f64; 2], count: usize) {
         let step = (to - from) / count as f64;
         let side = disc.radius * step;
         let radius = disc.radius - INNER_RING * side;
         for k in 0..count {
             let point = on_circle(disc.centre, radius, from + (k as f64 + 0.5) * step);
-            if domain.depth(point) > 0.3 * side {
-                self.push(domain.wrap(point));
+            if chart.depth_m(point) > 0.3 * side {
+                self.push(chart.wrap(point));
             }
         }
     }
@@ -170,29 +165,23 @@ struct Disc {
 
 /// A divided boundary curve.
 struct Curve {
-    edge: super::domain::Edge,
+    edge: Edge,
     lengths: Vec<f64>,
     nodes: Vec<usize>,
 }
 
 impl Curve {
     /// The node at a point of the curve; `None` if the point is not on it.
-    fn at(&self, domain: &Domain, point: Point2) -> Option<usize> {
-        let k = self.index_at(self.edge.nearest(domain.wrap(point)).0);
-        let place = domain.wrap(self.edge.point(self.lengths[k]));
-        (domain.distance(place, point) < 1e-6 * self.edge.length).then_some(self.nodes[k])
+    fn at(&self, chart: &Chart, point: Point2) -> Option<usize> {
+        let k = self.index_at(self.edge.nearest(chart.wrap(point)).0);
+        let place = chart.wrap(self.edge.point(self.lengths[k]));
+        (chart.distance_m(place, point) < 1e-6 * self.edge.length).then_some(self.nodes[k])
     }
 
     /// The division point nearest to an arc length.
     fn index_at(&self, s: f64) -> usize {
-        let length = self.edge.length;
-        let apart = |other: f64| {
-            let difference = (other - s).rem_euclid(length);
-            difference.min(length - difference)
-        };
-        (0..self.lengths.len())
-            .min_by(|&a, &b| apart(self.lengths[a]).total_cmp(&apart(self.lengths[b])))
-            .expect("a curve has points")
+        let apart = |index: usize| self.edge.arc_m(s, self.lengths[index]);
+        (0..self.lengths.len()).min_by(|&a, &b| apart(a).total_cmp(&apart(b))).expect("a curve has points")
     }
 
     /// The edges from one arc length to another.

@@ -4,17 +4,15 @@
 //! [sizing](sizing). Points are inserted between them and relaxed on their Delaunay triangulation. The result is
 //! deterministic.
 
-mod domain;
 mod fill;
 mod layout;
 mod outline;
 mod sizing;
 mod triangulate;
 
-use crate::design::{Body, MeshOptions, SkinDesign};
-use crate::geom::vector::Point2;
+use crate::design::{MeshOptions, SkinDesign};
+use crate::geom::{Chart, Point2};
 use crate::mesh::{Cells, ElectrodePatch, Mesh, MeshError, import};
-use domain::Domain;
 use layout::{Layout, Marking};
 use outline::Outline;
 use sizing::Sizing;
@@ -30,16 +28,15 @@ impl Mesh {
     /// Electrodes or options for which no mesh can be generated; a file without a usable mesh.
     pub fn generate(design: &SkinDesign) -> Result<Self, MeshError> {
         design.check().map_err(|error| MeshError::Generate(error.to_string()))?;
-        match (&design.body, Domain::new(&design.body)) {
-            (_, Some(domain)) => lay(&domain, design, &design.mesh),
-            (Body::Mesh { .. }, None) => import::from_design(design),
-            (_, None) => unreachable!("every body that is not a file can be unrolled"),
+        match design.body.chart() {
+            Some(chart) => lay(&chart, design, &design.mesh),
+            None => import::from_design(design),
         }
     }
 }
 
-fn lay(domain: &Domain, design: &SkinDesign, options: &MeshOptions) -> Result<Mesh, MeshError> {
-    let smallest = domain.area() / (options.max_edge_m * options.max_edge_m);
+fn lay(chart: &Chart, design: &SkinDesign, options: &MeshOptions) -> Result<Mesh, MeshError> {
+    let smallest = chart.area_m2() / (options.max_edge_m * options.max_edge_m);
     if smallest > NODES_AT_MOST {
         return Err(MeshError::Generate(format!(
             "edges of {} m make a mesh of more than {smallest:.0} nodes: make max_edge_m longer",
@@ -51,24 +48,24 @@ fn lay(domain: &Domain, design: &SkinDesign, options: &MeshOptions) -> Result<Me
         .iter()
         .enumerate()
         .map(|(index, electrode)| {
-            Outline::new(domain, electrode, options.electrode_edge_m).ok_or_else(|| {
+            Outline::new(chart, electrode, options.electrode_edge_m).ok_or_else(|| {
                 MeshError::Generate(format!("electrode {index} is a group of a mesh file, but the body is not a file"))
             })
         })
         .collect::<Result<Vec<_>, _>>()?;
-    let sizing = Sizing::new(domain, &outlines, options);
-    let layout = Layout::new(domain, &outlines, &sizing)?;
+    let sizing = Sizing::new(chart, &outlines, options);
+    let layout = Layout::new(chart, &outlines, &sizing)?;
     let mut points = layout.points.clone();
     let fixed = points.len();
-    fill::fill(domain, &sizing, &mut points);
-    let triangles = fill::relax(domain, &sizing, &mut points, fixed, &layout.constraints, options.max_edge_m)?;
-    let mesh = assemble(domain, &points, triangles, &layout.electrodes);
-    check_whole(domain, &mesh)?;
+    fill::fill(chart, &sizing, &mut points);
+    let triangles = fill::relax(chart, &sizing, &mut points, fixed, &layout.constraints, options.max_edge_m)?;
+    let mesh = assemble(chart, &points, triangles, &layout.electrodes);
+    check_whole(chart, &mesh)?;
     Ok(mesh)
 }
 
 /// Checks a finished mesh: valid cells, and nodes - edges + cells as of a tube (0) or a disk (1).
-fn check_whole(domain: &Domain, mesh: &Mesh) -> Result<(), MeshError> {
+fn check_whole(chart: &Chart, mesh: &Mesh) -> Result<(), MeshError> {
     let crowded = |what: String| {
         MeshError::Generate(format!(
             "no mesh fits between the electrodes and edges of the body ({what}): move electrodes apart that nearly touch \
@@ -79,11 +76,11 @@ fn check_whole(domain: &Domain, mesh: &Mesh) -> Result<(), MeshError> {
     let Cells::Triangles(triangles) = &mesh.cells else { unreachable!("bodies are laid with triangles") };
     let edges = fill::edges(triangles).len() as isize;
     let euler = mesh.node_count() as isize - edges + triangles.len() as isize;
-    let expected = isize::from(domain.period().is_none());
+    let expected = isize::from(chart.period_m().is_none());
     if euler == expected { Ok(()) } else { Err(crowded(format!("its Euler characteristic is {euler}"))) }
 }
 
-fn assemble(domain: &Domain, points: &[Point2], triangles: Vec<[usize; 3]>, markings: &[Marking]) -> Mesh {
+fn assemble(chart: &Chart, points: &[Point2], triangles: Vec<[usize; 3]>, markings: &[Marking]) -> Mesh {
     let neighbours = Neighbours::new(&triangles);
     let electrodes = markings
         .iter()
@@ -94,7 +91,7 @@ fn assemble(domain: &Domain, points: &[Point2], triangles: Vec<[usize; 3]>, mark
         })
         .collect();
     Mesh {
-        nodes: points.iter().map(|&point| domain.roll(point)).collect(),
+        nodes: points.iter().map(|&point| chart.roll(point)).collect(),
         cells: Cells::Triangles(triangles),
         electrodes,
         regions: Vec::new(),

@@ -1,8 +1,7 @@
 //! The outlines of electrodes in the unrolled body.
 
-use super::domain::Domain;
 use crate::design::{Electrode, ElectrodeShape};
-use crate::geom::vector::Point2;
+use crate::geom::{Chart, Edge, Point2};
 use std::f64::consts::TAU;
 
 /// Number of directions in which a circle is searched for the body's edge. Intersections closer together than a
@@ -22,13 +21,12 @@ pub(super) enum Outline {
 
 impl Outline {
     /// The outline of an electrode, its edges about `edge_length` long.
-    pub(super) fn new(domain: &Domain, electrode: &Electrode, edge_length: f64) -> Option<Self> {
-        let centre = domain.unroll(electrode.centre_m);
+    pub(super) fn new(chart: &Chart, electrode: &Electrode, edge_length: f64) -> Option<Self> {
+        let centre = chart.unroll(electrode.centre_m);
         match electrode.shape {
-            ElectrodeShape::Disc { radius_m } => Some(disc(domain, centre, radius_m, edge_length)),
+            ElectrodeShape::Disc { radius_m } => Some(disc(chart, centre, radius_m, edge_length)),
             ElectrodeShape::Arc { length_m } => {
-                let (edge, (s, _)) = domain
-                    .edges()
+                let (edge, (s, _)) = Edge::all(chart)
                     .iter()
                     .map(|edge| edge.nearest(centre))
                     .enumerate()
@@ -42,21 +40,21 @@ impl Outline {
 }
 
 /// A disc as a polygon of the same area: with `n` sides of angle `d` the corners are at the radius `r sqrt(d / sin d)`.
-fn disc(domain: &Domain, centre: Point2, radius: f64, edge_length: f64) -> Outline {
-    let nominal = arcs_inside(domain, centre, radius);
+fn disc(chart: &Chart, centre: Point2, radius: f64, edge_length: f64) -> Outline {
+    let nominal = arcs_inside(chart, centre, radius);
     let sides = |span: f64| ((span * radius / edge_length).round() as usize).max((span / (TAU / 8.0)).ceil() as usize);
     let span: f64 = nominal.iter().map(|[from, to]| to - from).sum();
     let count: usize = nominal.iter().map(|[from, to]| sides(to - from)).sum();
     let step = span / count as f64;
     let radius = radius * (step / step.sin()).sqrt();
-    let arcs = arcs_inside(domain, centre, radius);
+    let arcs = arcs_inside(chart, centre, radius);
     let whole = arcs.len() == 1 && arcs[0][1] - arcs[0][0] > TAU - 1e-9;
     Outline::Disc { centre, radius, arcs, whole, step }
 }
 
 /// The parts of a circle inside the body, as angles from..to with `to > from`.
-fn arcs_inside(domain: &Domain, centre: Point2, radius: f64) -> Vec<[f64; 2]> {
-    let depth = |angle: f64| domain.depth([centre[0] + radius * angle.cos(), centre[1] + radius * angle.sin()]);
+fn arcs_inside(chart: &Chart, centre: Point2, radius: f64) -> Vec<[f64; 2]> {
+    let depth = |angle: f64| chart.depth_m([centre[0] + radius * angle.cos(), centre[1] + radius * angle.sin()]);
     let angle = |k: usize| TAU * (k as f64 + 0.5) / DIRECTIONS as f64;
     let inside = |k: usize| depth(angle(k)) > 0.0;
     let Some(start) = (0..DIRECTIONS).find(|&k| !inside(k)) else { return vec![[0.0, TAU]] };

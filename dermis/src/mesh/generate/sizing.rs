@@ -1,9 +1,8 @@
 //! Target edge lengths as a function of position.
 
-use super::domain::Domain;
 use super::outline::Outline;
 use crate::design::MeshOptions;
-use crate::geom::vector::Point2;
+use crate::geom::{Chart, Edge, Point2};
 
 /// Mean edge length as a fraction of the longest allowed: a relaxed mesh has edges up to a fifth longer than the mean.
 const MEAN_OF_LONGEST: f64 = 0.87;
@@ -17,7 +16,7 @@ const SQUARES: f64 = 4096.0;
 /// error of linear elements is uniform over the mesh if `h` is proportional to `r`, hence the linear growth.
 #[derive(Debug)]
 pub(super) struct Sizing {
-    domain: Domain,
+    chart: Chart,
     features: Vec<Feature>,
     /// The relevant features, by square of a grid over the body.
     nearby: Vec<Vec<usize>>,
@@ -42,9 +41,9 @@ enum Feature {
 }
 
 impl Sizing {
-    pub(super) fn new(domain: &Domain, outlines: &[Outline], options: &MeshOptions) -> Self {
+    pub(super) fn new(chart: &Chart, outlines: &[Outline], options: &MeshOptions) -> Self {
         let mut features = Vec::new();
-        let edges = domain.edges();
+        let edges = Edge::all(chart);
         for outline in outlines {
             match *outline {
                 Outline::Disc { centre, radius, step, .. } => {
@@ -59,7 +58,7 @@ impl Sizing {
             }
         }
         let mut sizing = Sizing {
-            domain: domain.clone(),
+            chart: *chart,
             features,
             nearby: Vec::new(),
             columns: 0,
@@ -75,7 +74,7 @@ impl Sizing {
     /// Lists for every square of a grid the features that can limit the edge length there; elsewhere edges have the
     /// maximum length.
     fn sort_features(&mut self) {
-        let (low, high) = self.domain.bounds();
+        let [low, high] = self.chart.bounds_m();
         let size = [high[0] - low[0], high[1] - low[1]];
         let side = (size[0] * size[1] / SQUARES).sqrt();
         (self.columns, self.rows) = ((size[0] / side).ceil() as usize, (size[1] / side).ceil() as usize);
@@ -97,14 +96,14 @@ impl Sizing {
     fn allowed(&self, feature: usize, point: Point2) -> f64 {
         match self.features[feature] {
             Feature::Circle { centre, radius, side } => {
-                side + self.growth * (self.domain.distance(point, centre) - radius).abs()
+                side + self.growth * (self.chart.distance_m(point, centre) - radius).abs()
             }
-            Feature::Point { at } => self.at_electrode + self.growth * self.domain.distance(point, at),
+            Feature::Point { at } => self.at_electrode + self.growth * self.chart.distance_m(point, at),
         }
     }
 
     fn square(&self, point: Point2) -> usize {
-        let (low, high) = self.domain.bounds();
+        let [low, high] = self.chart.bounds_m();
         let index = |axis: usize, count: usize| {
             let share = (point[axis] - low[axis]) / (high[axis] - low[axis]);
             ((share * count as f64).max(0.0) as usize).min(count - 1)
@@ -114,7 +113,7 @@ impl Sizing {
 
     /// The target edge length at a point.
     pub(super) fn at(&self, point: Point2) -> f64 {
-        let nearby = &self.nearby[self.square(self.domain.wrap(point))];
+        let nearby = &self.nearby[self.square(self.chart.wrap(point))];
         nearby.iter().map(|&feature| self.allowed(feature, point)).fold(self.largest, f64::min)
     }
 

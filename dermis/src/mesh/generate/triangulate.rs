@@ -1,7 +1,6 @@
 //! Delaunay triangulation of points in the unrolled body, periodic around a cylinder.
 
-use super::domain::Domain;
-use crate::geom::vector::Point2;
+use crate::geom::{Chart, Point2};
 use crate::mesh::MeshError;
 use spade::{ConstrainedDelaunayTriangulation, Point2 as SpadePoint, Triangulation};
 
@@ -11,13 +10,13 @@ use spade::{ConstrainedDelaunayTriangulation, Point2 as SpadePoint, Triangulatio
 /// set is periodic if the copies are exact and no four points are on a circle. Of a triangle's copies the one whose
 /// first point is the original is kept.
 pub(super) fn triangulate(
-    domain: &Domain,
+    chart: &Chart,
     points: &[Point2],
     constraints: &[[usize; 2]],
     reach: f64,
 ) -> Result<Vec<[usize; 3]>, MeshError> {
-    let (copies, copied_edges) = match domain.period() {
-        Some(period) => unrolled(domain, points, constraints, period, reach),
+    let (copies, copied_edges) = match chart.period_m() {
+        Some(period) => unrolled(chart, points, constraints, period, reach),
         None => {
             let copies = points.iter().zip(0..).map(|(&place, point)| Placed { place, point, turn: 0 }).collect();
             (copies, constraints.to_vec())
@@ -57,7 +56,7 @@ const NUDGE: u64 = 64;
 
 /// Points, in these units, and constraints with their copies one period away, within `reach` of the seam.
 fn unrolled(
-    domain: &Domain,
+    chart: &Chart,
     points: &[Point2],
     constraints: &[[usize; 2]],
     period: f64,
@@ -69,7 +68,7 @@ fn unrolled(
         let shift = f64::from(turn) * period;
         for (index, &point) in points.iter().enumerate() {
             if turn == 0 || (-reach..period + reach).contains(&(point[0] + shift)) {
-                let [x, y] = nudged(point, index, period, domain.depth(point) > 0.0);
+                let [x, y] = nudged(point, index, period, chart.depth_m(point) > 0.0);
                 index_of[index][slot] = Some(copies.len());
                 copies.push(Placed { place: [x + f64::from(turn) * PARTS, y], point: index, turn });
             }

@@ -13,6 +13,7 @@ mod stl;
 
 use crate::design::{Body, ElectrodeShape, LARGEST_BODY_M, SkinDesign};
 use crate::files::read_at_most;
+use crate::geom::vector::bounding_box;
 use crate::mesh::{Mesh, MeshError, place};
 use cursor::Problem;
 use std::path::Path;
@@ -91,14 +92,14 @@ pub fn from_design(design: &SkinDesign) -> Result<Mesh, MeshError> {
 
 /// Refuses a body that is larger than any skin: nodes far away would be meshed for minutes.
 fn check_size(mesh: &Mesh) -> Result<(), String> {
+    let used = (0..mesh.cell_count()).flat_map(|cell| mesh.cells.corners(cell)).map(|&node| mesh.nodes[node]);
+    let [low_m, high_m] = bounding_box(used);
     for axis in 0..3 {
-        let used = (0..mesh.cell_count()).flat_map(|cell| mesh.cells.corners(cell)).map(|&node| mesh.nodes[node][axis]);
-        let (least, most) =
-            used.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)));
-        if most - least > LARGEST_BODY_M {
+        let length_m = high_m[axis] - low_m[axis];
+        if length_m > LARGEST_BODY_M {
             return Err(format!(
                 "the body is {:.3} m long in {}, and a skin has at most {LARGEST_BODY_M} m: check `unit_m` and the nodes",
-                most - least,
+                length_m,
                 ["x", "y", "z"][axis]
             ));
         }

@@ -4,7 +4,7 @@ use super::cursor::Problem;
 use super::orient;
 use super::shape::is_flat_triangle;
 use crate::geom::Point3;
-use crate::geom::vector::{self, distance};
+use crate::geom::vector::{self, bounding_box, distance};
 use crate::mesh::{Cells, Mesh};
 use std::collections::HashMap;
 
@@ -75,10 +75,7 @@ impl Soup {
 
     /// Merges all points at the same position, drops triangles that become degenerate and unused points.
     fn weld(&mut self) -> Result<(), Problem> {
-        let bound = |pick: fn(f64, f64) -> f64, from: f64| {
-            self.points.iter().fold([from; 3], |b, p| [pick(b[0], p[0]), pick(b[1], p[1]), pick(b[2], p[2])])
-        };
-        let (low, high) = (bound(f64::min, f64::INFINITY), bound(f64::max, f64::NEG_INFINITY));
+        let [low, high] = bounding_box(self.points.iter().copied());
         let tolerance = WELD * distance(low, high);
         if !self.points.is_empty() && !tolerance.is_normal() {
             return Err(Problem::new("the body has no extent, or one that overflows"));
