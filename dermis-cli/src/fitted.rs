@@ -9,7 +9,7 @@ use dermis::skin::Skin;
 use dermis_calibrate::{
     CalibrateError, Calibration, Correction, CorrectionQuality, Fitted, Label, LabelFrame, Quality,
 };
-use dermis_study::report::Table;
+use dermis_plot::report::Table;
 use serde_json::json;
 
 /// Fits a calibration; without a method whichever is better. Shows that the program works.

@@ -8,7 +8,7 @@ use dermis::stats::nearest_quantiles;
 use dermis::text::counted;
 use dermis_live::{LiveFrame, LiveHandle};
 use dermis_plot::chart::Histogram;
-use dermis_study::report::Table;
+use dermis_plot::report::Table;
 use serde_json::json;
 use std::path::Path;
 use std::sync::Arc;

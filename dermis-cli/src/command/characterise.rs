@@ -10,9 +10,9 @@ use dermis::detect::{DetectOptions, Forces, Misplacement, PositionSpread, REGION
 use dermis::frame::{Differences, write_whole};
 use dermis::skin::Skin;
 use dermis::text::counted;
+use dermis_plot::report::Table;
 use dermis_sim::dataset::{Generator, PatchTouches, Recipe, SkinSpread, Skins, Touch};
 use dermis_sim::evaluate::CalibrationRun;
-use dermis_study::report::Table;
 use serde_json::json;
 use std::io::Write;
 use std::path::PathBuf;

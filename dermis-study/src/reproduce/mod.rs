@@ -32,7 +32,7 @@ pub use scale::Scale;
 pub use training::Step;
 
 use crate::comparison::{Named, shipped_networks};
-use crate::report::to_json;
+use crate::to_json;
 use crate::{Error, Progress, Result, StudyOutput};
 use bench::Bench;
 use benchmarked::Benchmarked;

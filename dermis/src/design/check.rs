@@ -5,6 +5,7 @@ use crate::design::resolve::Place;
 use crate::design::{Body, Electrode, ElectrodeShape, ImageLayout, RegionPlace, SkinDesign};
 use crate::geom::surface::angle_difference;
 use crate::geom::vector::distance;
+use crate::text::decimal;
 
 /// The errors of a design, and their places.
 pub(super) struct Problem {
@@ -350,6 +351,5 @@ fn cell_estimate(design: &SkinDesign) -> f64 {
 
 /// A length in mm for messages.
 pub(super) fn millimetres(length_m: f64) -> String {
-    let text = format!("{:.3}", length_m * 1000.0);
-    text.trim_end_matches('0').trim_end_matches('.').to_string()
+    decimal(1e3 * length_m, 3)
 }

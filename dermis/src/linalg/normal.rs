@@ -26,7 +26,7 @@ pub(crate) fn products(columns: &[&[f64]], values: &[f64]) -> Vec<f64> {
 }
 
 /// The scalar product of two columns.
-pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut product = [0.0];
     Arch::new().dispatch(Products { columns: &[a], values: b, products: &mut product });
     product[0]
