@@ -37,14 +37,13 @@ pub fn page(skin: &Skin, check: &BuildCheck, source: &str) -> Outcome<Report> {
 
 fn figures(check: &BuildCheck) -> Table {
     let mut table = Table::new(&["figure", "value"]);
-    let mut row = |name: &str, value: String| table.row([name.to_string(), value]);
-    row("resistances over those of the design", format!("{:.3}", check.resistance_factor));
-    row("unevenness of the coat (rms)", format!("{:.1} %", 100.0 * check.unevenness));
-    row("left of the frame, over noise and workmanship", format!("{:.2}", check.misfit));
-    row("the same without faults", format!("{:.2}", check.sound_misfit));
-    row("noise without a driven electrode, ohm", format!("{:.4}", check.noise_ohm[0]));
-    row("noise at driven electrodes, ohm", format!("{:.4}", check.noise_ohm[1]));
-    row("frames", check.frames.to_string());
+    table.pair("resistances over those of the design", format!("{:.3}", check.resistance_factor));
+    table.pair("unevenness of the coat (rms)", format!("{:.1} %", 100.0 * check.unevenness));
+    table.pair("left of the frame, over noise and workmanship", format!("{:.2}", check.misfit));
+    table.pair("the same without faults", format!("{:.2}", check.sound_misfit));
+    table.pair("noise without a driven electrode, ohm", format!("{:.4}", check.noise_ohm[0]));
+    table.pair("noise at driven electrodes, ohm", format!("{:.4}", check.noise_ohm[1]));
+    table.pair("frames", check.frames);
     table
 }
 
@@ -129,14 +128,11 @@ fn contact_table(check: &BuildCheck) -> Table {
 
 fn sign_off(skin: &Skin, check: &BuildCheck, source: &str, sound: bool) -> Table {
     let mut table = Table::new(&["entry", "value"]);
-    let mut row = |name: &str, value: String| table.row([name.to_string(), value]);
-    row("result", if sound { "sound".into() } else { "not as designed".into() });
-    row("design", skin.design().name.clone());
-    row("SHA-256 of its protocol", skin.design().protocol.sha256());
-    row("source", source.to_string());
-    row("frames", check.frames.to_string());
-    row("checked by", String::new());
-    row("date", String::new());
-    row("signature", String::new());
+    table.pair("result", if sound { "sound" } else { "not as designed" });
+    table.pair("design", &skin.design().name);
+    table.pair("SHA-256 of its protocol", skin.design().protocol.sha256());
+    table.pair("source", source);
+    table.pair("frames", check.frames);
+    ["checked by", "date", "signature"].into_iter().for_each(|entry| table.pair(entry, ""));
     table
 }

@@ -230,7 +230,10 @@ mod tests {
             ("reference, drive 3, electrodes 2, 4", "31.000 nat")
         );
         let note = Finding::new(FindingKind::UnevenCoat, f64::NAN, "evidence", "fix");
-        assert_eq!((note.title().as_str(), &*note.value_text(), is_sound(&[note.clone()])), ("uneven_coat", "", true));
+        assert_eq!(
+            (note.title().as_str(), &*note.value_text(), is_sound(std::slice::from_ref(&note))),
+            ("uneven_coat", "", true)
+        );
         assert_eq!(note.severity.to_string(), "info");
     }
 }

@@ -11,7 +11,7 @@ use crate::skin;
 use crate::source::SourceArguments;
 use clap::Args;
 use dermis::finding::{Severity, is_sound};
-use dermis::frame::{Frame, read_frames, write_whole};
+use dermis::frame::{Frame, read_frames};
 use dermis::method::MethodSet;
 use dermis::pipeline::Settings;
 use dermis::skin::Skin;
@@ -73,8 +73,7 @@ impl Arguments {
             BuildChecker::new(&skin)?.check(&frames)?
         };
         if let Some(path) = &self.output {
-            let html = page(&skin, &check, &source)?.to_html();
-            write_whole(path, |out| out.write_all(html.as_bytes()))?;
+            page(&skin, &check, &source)?.write(path)?;
         }
         if self.json { print_json(&as_json(&skin, &check, &source)) } else { print(&self.text(&skin, &check)) }
     }

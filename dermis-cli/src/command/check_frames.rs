@@ -8,7 +8,7 @@ use crate::frames::{FrameArguments, Recorded};
 use crate::picture::check_page_ending;
 use crate::skin;
 use clap::Args;
-use dermis::frame::{write_frames, write_whole};
+use dermis::frame::write_frames;
 use dermis::skin::Skin;
 use dermis::text::counted;
 use dermis_calibrate::LabelFrame;
@@ -60,8 +60,7 @@ impl Arguments {
             write_frames(path, &realigned(&frames, &checked.lags)?)?;
         }
         if let Some(path) = &self.output {
-            let html = page(&skin, frames.len(), &checked).to_html();
-            write_whole(path, |out| out.write_all(html.as_bytes()))?;
+            page(&skin, frames.len(), &checked).write(path)?;
         }
         if self.json {
             self.print_json(&skin, frames.len(), &checked)

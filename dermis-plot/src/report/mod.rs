@@ -17,8 +17,10 @@ pub use table::Table;
 
 use crate::Picture;
 use dermis::finding::Finding;
+use dermis::frame::{TableError, write_whole};
 use dermis::text::{counted, escaped};
 use std::fmt::Write as _;
+use std::path::Path;
 
 const STYLE: &str = include_str!("style.css");
 
@@ -72,6 +74,14 @@ impl Report {
             self.body += &figure(&picture.to_svg(), caption);
         }
         self.body += "</div>\n";
+    }
+
+    /// Writes the page as HTML, completely or not at all.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn write(&self, path: &Path) -> Result<(), TableError> {
+        write_whole(path, |out| out.write_all(self.to_html().as_bytes()))
     }
 
     /// The page as HTML.

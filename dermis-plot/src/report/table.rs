@@ -40,6 +40,11 @@ impl Table {
         self.rows.push(cells.into());
     }
 
+    /// Adds a row of a name and a value.
+    pub fn pair(&mut self, name: &str, value: impl std::fmt::Display) {
+        self.row([name.into(), value.to_string()]);
+    }
+
     /// The table with aligned columns: the first to the left, the others to the right.
     pub fn to_text(&self) -> String {
         let columns = self.header.len() - usize::from(self.remarks);

@@ -12,7 +12,6 @@ mod tank;
 
 use crate::to_json;
 use crate::{Error, Progress, Result, StudyOutput};
-use dermis::frame::write_whole;
 use dermis_plot::report::Report;
 use dermis_sim::evaluate::Score;
 use presses::Demo;
@@ -66,7 +65,7 @@ fn write_page(path: &Path, report: &Report) -> Result<()> {
     if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         std::fs::create_dir_all(folder).map_err(|source| Error::Folder { folder: folder.to_path_buf(), source })?;
     }
-    Ok(write_whole(path, |writer| writer.write_all(report.to_html().as_bytes()))?)
+    Ok(report.write(path)?)
 }
 
 /// The demonstration as JSON.
